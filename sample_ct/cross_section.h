@@ -1,13 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
 // Ground truth, against which errors of contours are measured: the exact outline of the bone at any
-// height, computed as the level set of a smooth function of the plane.
+// height. It is the curve in the plane at this height on which a smooth function has the value 0.
 //
 // There are two ground truths:
 //  - surface_section: the anatomy, that is, the bone's outer surface;
-//  - iso_section: the curve on which a noiseless scanner measures the iso-value. The scanner has
-//    the given apertures of pixel and slice, and the phantom's point spread. A perfect contouring
-//    program would find this curve in the scan. For 226 HU this curve lies a few tenths of a mm
-//    outside the anatomy, because 226 HU is below the mean of bone and soft tissue.
+//  - iso_section: the curve on which a noiseless scanner measures the iso-value. The scanner
+//    averages over the area of a pixel and the thickness of a slice, after the phantom's blur
+//    (point spread). A perfect contouring program would find this curve in the scan. For 226 HU
+//    this curve lies a few tenths of a mm outside the anatomy, because 226 HU is below the mean of
+//    bone and soft tissue.
 //
 // Method: A quadtree discards squares that are too far from the bone's surface to meet the level
 // set. Marching squares traces the curve in the remaining squares. Every crossing of the curve with
@@ -67,8 +68,8 @@ Result<CrossSection> surface_section(const PhantomOptions& phantom, double z_mm,
 
 /// The curve on which a noiseless scanner measures iso_hu in a slice whose middle is at height z.
 /// Errors: kUsage if iso_hu is not above all soft tissue (110 HU), or not below all of the
-/// cancellous core (the core's mean minus its texture). With such an iso_hu the level set would
-/// follow the texture and not the bone.
+/// cancellous core (the core's mean minus its texture); the curve would then follow the texture and
+/// not the bone.
 Result<CrossSection> iso_section(const PhantomOptions& phantom, const ScanGeometry& scan,
                                  double z_mm, double iso_hu = 226,
                                  const SectionOptions& options = {});

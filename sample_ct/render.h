@@ -21,9 +21,9 @@
 
 namespace trocar::sample {
 
-/// The grid and the apertures of a scan. The pixel in column i and row j of slice k has its centre
-/// at first_pixel_mm + (i * pixel_mm, j * pixel_mm, k * slice_step_mm) in the scan frame (LPS). So
-/// i grows to the patient's left, j to the back, and k upwards.
+/// The grid of a scan, and the box over which each pixel averages. The pixel in column i and row j
+/// of slice k has its centre at first_pixel_mm + (i * pixel_mm, j * pixel_mm, k * slice_step_mm) in
+/// the scan frame (LPS). So i grows to the patient's left, j to the back, and k upwards.
 struct ScanGeometry {
   int columns = 512;
   int rows = 512;

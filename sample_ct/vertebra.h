@@ -25,7 +25,7 @@ struct BoneSample {
 
 /// The bone (all vertebrae) at a point of the anatomical frame. The distance is 1-Lipschitz
 /// (sdf.h). It has the sign of the exact distance, and its magnitude never exceeds that of the
-/// exact distance. At the walls of the body the magnitude is at most 4 % too small.
+/// exact distance. At the side walls of a vertebral body the magnitude is at most 4 % too small.
 BoneSample sample_bone(Vec3 p);
 
 /// sample_bone(p).distance_mm.

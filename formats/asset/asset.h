@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-// The asset: one .glb for a scan, with one primitive for each material of each slice. Draco
-// compresses the triangles and the HU at their vertices, without loss for lattice coordinates.
-// Planes of HU are compressed separately (hu_volume.h); all other data are in the JSON. An outline
-// is the boundary of its mesh, so outlines are stored only on request, for viewers. With the index
-// at the start of the binary chunk (asset_index.h), a reader can read some slices and skip the rest
-// of the file. asset.md specifies the format to the byte. Files of schema 1 can be read but are no
-// longer written.
+// The asset: one .glb file for a scan, with one mesh for each material of each slice. Draco
+// compresses the triangles and the HU at their vertices; lattice coordinates stay exact. Planes of
+// HU are compressed separately (hu_volume.h); all other data are in the JSON. An outline is the
+// boundary of its mesh, so outlines are stored only on request, for viewers. The file has an index
+// of its slices (asset_index.h), so a reader can read some slices and skip the rest of the file.
+// asset.md specifies the format to the byte. The format has two versions, called schemas. Files of
+// schema 1 can be read but are no longer written.
 #pragma once
 
 #include <Eigen/Geometry>
@@ -42,7 +42,7 @@ inline constexpr std::int64_t kMaxAssetSpan = (1 << 23) - 1;
 /// index and plane.
 struct AssetSlice {
   int index = 0;    ///< number of the slice in the scan; ascends along the slice normal
-  double z_mm = 0;  ///< position of the plane's origin along the first slice's normal (LPS)
+  double z_mm = 0;  ///< LPS position of the plane's origin, measured along the first slice's normal
   /// Maps the slice plane (u along a row, v along a column, origin at the centre of the first
   /// pixel, mm) to the patient (DICOM LPS, mm). Column 2 is the normal u x v.
   Eigen::Affine3d T_lps_plane = Eigen::Affine3d::Identity();
@@ -79,8 +79,8 @@ struct Asset {
   /// because it would identify the scan.
   std::string input_digest = {};
   std::vector<AssetMaterial> materials = {{"material", {}}};  ///< at least one
-  /// Digest of the input with the user's key, hexadecimal; empty without a key. digest_input() in
-  /// pipeline/read computes it.
+  /// Keyed digest of the input, hexadecimal; empty without a key. With this digest, only a holder
+  /// of the user's key can recognise the input (digest_input() in pipeline/read).
   std::string input_key_digest = {};
   std::vector<AssetSurface> surfaces = {};
   HuVolume hu = {};           ///< HU of the material and a margin around it; no planes if absent
@@ -110,15 +110,15 @@ struct AssetSizes {
 /// stored, and `mean_hu` to 0.1; all other measures and `input_digest` are dropped. If `sizes` is
 /// not null, sets `*sizes` to the result of asset_sizes(). Errors: those of asset_grid(),
 /// encode_slice() and assemble_asset(); kBug if a plane of HU does not fit the outlines of its
-/// slice; kRefused if a plane of HU has too many samples.
+/// slice; kRefused if hu_mask() (hu_codec.h) refuses a plane of HU.
 Result<std::vector<std::uint8_t>> encode_asset(const Asset& asset, AssetSizes* sizes = nullptr);
 
 // The next functions encode step by step, for scans of thousands of slices: asset_grid(), then
 // encode_slice() for each slice, then assemble_asset(). Several threads may call encode_slice(),
 // and a mesh may be freed once its slice is encoded.
 
-/// Returns Draco's quantisation grid for a scan. Precondition: `box` holds all vertices of the
-/// scan. Errors: kRefused if the box exceeds kMaxAssetCoordinate or kMaxAssetSpan.
+/// Returns the grid on which Draco stores the coordinates of a scan. Precondition: `box` holds all
+/// vertices of the scan. Errors: kRefused if the box exceeds kMaxAssetCoordinate or kMaxAssetSpan.
 Result<DracoGrid> asset_grid(const Lattice& lattice, const LatticeBox& box);
 
 /// An AssetSlice with its triangles compressed, ready for the file.
@@ -133,7 +133,7 @@ struct EncodedSlice {
   LatticeBox bounds;  ///< box around the vertices
   int material = 0;
   bool has_hu = false, has_colours = false;
-  /// Offset in `draco` of a float: the common z of all vertices. This float is 0 until
+  /// Offset in `draco` of a float, which is the z of all vertices. The float is 0 until
   /// assemble_asset() sets it.
   std::size_t draco_z_at = 0;
 };
@@ -165,8 +165,8 @@ Result<std::vector<std::uint8_t>> assemble_asset(const Asset& head,
                                                  AssetSizes* sizes = nullptr,
                                                  const std::vector<EncodedHuVolume>& hu = {});
 
-/// Counts the bytes of each kind of content in a .glb. Errors: kRefused if the container is not
-/// valid.
+/// Counts the bytes of each kind of content in a .glb. Errors: kRefused if parse_gltf()
+/// (gltf_document.h) refuses the file.
 Result<AssetSizes> asset_sizes(std::span<const std::uint8_t> glb, const std::string& name);
 
 /// Selects the slices to decode. A slice that is not selected has its metadata, but no mesh and no
@@ -185,7 +185,8 @@ Result<Asset> read_asset(const std::filesystem::path& file);
 
 /// Some slices of a file.
 struct AssetPart {
-  Asset asset;                   ///< only the requested slices; `generator` may be left empty
+  /// Only the requested slices. `generator` is empty if the file has a slice index.
+  Asset asset;
   std::size_t asset_slices = 0;  ///< slice_count() of the complete asset
   std::uint64_t file_bytes = 0, read_bytes = 0;
 };

@@ -2,14 +2,15 @@
 // The slice index of an asset locates each slice's bytes in the file, so that a reader can read the
 // slices of a scene and nothing else. Internal to formats/. asset.md has the layout to the byte.
 //
-// The index is at the start of the binary chunk. It consists of a header and one record of fixed
-// size for each entry (one material of one slice). A reader finds any slice with a few short reads:
-// the file's first 20 bytes give the start of the binary chunk, the index header gives the number
-// of records, and the records are in ascending order of slices. A record has the offsets of the
-// entry's payload and of the text of its glTF node, but not the entry's plane, which plane_of()
-// (slice_payload.h) computes from node, frame and payload. Other glTF readers ignore the index,
-// because no buffer view covers its bytes. (glTF also allows a further chunk after the binary
-// chunk, but validators warn of such a chunk, and tools that rewrite a file drop it.)
+// A .glb consists of two chunks, the JSON chunk and the binary chunk. The index is at the start of
+// the binary chunk. It consists of a header and one record of fixed size for each entry (one
+// material of one slice). A reader finds any slice with a few short reads: the file's first 20
+// bytes give the start of the binary chunk, the index header gives the number of records, and the
+// records are in ascending order of slices. A record has the offsets of the entry's Draco payload
+// and of the text of its glTF node. The entry's plane is not in the record; plane_of()
+// (slice_payload.h) computes the plane. Other glTF readers ignore the index, because no buffer view
+// covers its bytes. (glTF also allows a further chunk after the binary chunk, but validators warn
+// of such a chunk, and tools that rewrite a file drop it.)
 //
 // Contract (tests/formats/asset/asset_part_test.cpp):
 //  1. The index counts as absent if its version is unknown, or if the sizes of the chunks in its
@@ -17,7 +18,7 @@
 //  2. If there is an index, decode_asset() refuses the file unless every record, and every text to
 //     which a record points, agrees with the JSON. So a reader gets the same slices by the index as
 //     by decoding the complete file.
-//  3. Every offset and size of a record is compared with the chunks' sizes before it is used.
+//  3. A record with an offset or a size that points outside its chunk is refused.
 //  4. A checksum (CRC-32) covers all bytes of an entry, so an entry with a changed byte is refused
 //     even if it would still decode. The checksum does not cover the outlines that an asset may
 //     hold as lines for viewers.
@@ -60,7 +61,7 @@ struct IndexHeader {
   std::uint32_t entries = 0;                       ///< number of records
   std::uint32_t json_bytes = 0, binary_bytes = 0;  ///< the chunks' sizes
   std::uint32_t extras_offset = 0,
-                extras_bytes = 0;  ///< location of the document's extras in the JSON text
+                extras_bytes = 0;  ///< location of the asset's data (extras) in the JSON text
   std::uint32_t checksum = 0;      ///< CRC-32 of the extras and the frame
   /// AssetSlice::index in the first and in the last record; 0 if there are no records.
   std::int32_t first_index = 0, last_index = 0;
@@ -70,7 +71,7 @@ struct IndexHeader {
 };
 
 /// Locates an entry's bytes: the text of its node, and its Draco payload, which holds the
-/// triangles. If the slice is empty, both Draco numbers are 0.
+/// triangles. If the slice is empty, draco_offset and draco_bytes are 0.
 struct EntryRecord {
   std::int32_t index = 0;         ///< AssetSlice::index
   std::uint32_t node_offset = 0;  ///< counted from the start of the JSON text
@@ -90,7 +91,7 @@ struct SliceRecord1 {
   LatticePoint low, high;                                  ///< box around the vertices
   std::uint32_t outline_offset = 0, outline_vertices = 0;  ///< 12 bytes for each vertex
   std::uint32_t segments_offset = 0,
-                segment_index_bytes = 0;  ///< bytes of one vertex index: 2 or 4
+                segment_index_bytes = 0;  ///< size of an index in the outline's segments: 2 or 4
   std::uint32_t checksum = 0;
 };
 inline constexpr std::size_t kIndexHeader1Bytes = 44;  ///< size of the header in version 2
@@ -98,8 +99,8 @@ static_assert(sizeof(IndexHeader) == 52 && std::is_trivially_copyable_v<IndexHea
 static_assert(sizeof(EntryRecord) == 24 && std::is_trivially_copyable_v<EntryRecord>);
 static_assert(sizeof(SliceRecord1) == 64 && std::is_trivially_copyable_v<SliceRecord1>);
 
-/// A record of schema 1 or 2. The index of schema 2 has neither counts nor box nor outline: these
-/// members are 0.
+/// A record of schema 1 or 2. If the index is of schema 2, the numbers of vertices and triangles,
+/// the box, and all numbers of outline and segments are 0, because EntryRecord lacks them.
 struct SliceRecord : SliceRecord1 {
   std::uint16_t material = 0;
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The de-identification check: it refuses an asset that holds something, apart from its geometry
-// and the HU near its material, by which the patient could be identified.
+// The de-identification check refuses an asset with data by which the patient could be identified.
+// The geometry and the HU near the material are always allowed.
 #pragma once
 
 #include <cstdint>
@@ -21,9 +21,10 @@ bool is_plain_name(std::string_view name);
 
 /// Checks that `glb` is an asset of schema 2 as encode_asset() writes it, and that all of these
 /// conditions hold:
-///  1. The JSON has only paths that assets have. Every string is a term of glTF, the program and
-///     its version, a choice of a parameter, the statement of use, the digest of the input with the
-///     user's key, or a material's name that passes is_plain_name().
+///  1. Every key of the JSON is one that assets have at this position. Every string is a term of
+///     glTF, the program and its version, one of a parameter's fixed values (such as "coronal"),
+///     the statement of use, the keyed digest of the input, or a material's name that passes
+///     is_plain_name().
 ///  2. The JSON text has no characters that its contents do not need, such as escapes or spaces
 ///     between elements; only padding at its end is allowed. No object has a key twice.
 ///  3. Every byte of the binary chunk belongs to the slice index, a Draco payload, lines or a

@@ -2,12 +2,12 @@
 // A slice mesh, and the HU at its vertices, as a Draco (Edgebreaker) payload. The payload is
 // lossless for coordinates on the lattice and for HU that are multiples of kHuStep.
 //
-// Positions are stored in lattice steps. Draco quantises positions to whole multiples of a quantum.
-// The range of quantisation is 2^quantization_bits - 1 steps, so the quantum is one step. Draco
-// computes q = x - origin when it encodes, and x = q + origin when it decodes. This float
-// arithmetic is exact as long as all numbers fit into a float's 24 bits. All vertices have the same
-// z, which the payload states as the third number of its origin. HU are stored as integers in units
-// of kHuStep, so they need no quantisation.
+// Positions are stored in lattice steps. Draco quantises positions to whole multiples of a quantum:
+// it divides a range into 2^quantization_bits - 1 quanta. encode_draco() gives Draco a range of as
+// many lattice steps, so the quantum is one step. Draco computes q = x - origin when it encodes,
+// and x = q + origin when it decodes. This float arithmetic is exact as long as all numbers fit
+// into a float's 24 bits. All vertices have the same z. The payload stores this z as the third
+// coordinate of the origin. HU are stored as integers in units of kHuStep, so HU need no quantum.
 // Tests: tests/formats/asset/asset_test.cpp
 #pragma once
 
@@ -37,7 +37,7 @@ inline constexpr std::uint32_t kDracoPositionId = 0;
 inline constexpr std::uint32_t kDracoHuId = 1;
 inline constexpr const char* kHuAttribute = "_HU";  ///< name of the HU attribute in glTF
 /// HU at vertices are multiples of kHuStep from kMinHu to kMaxHu. This range is wider than that of
-/// voxels, because the values of a least-squares fit may lie outside the range of the voxels.
+/// voxels, because HU at vertices are fitted to the voxels and may lie beyond the voxels' values.
 inline constexpr int kMinHu = -8192, kMaxHu = 24568, kHuStep = 8;
 /// The multiple of kHuStep from kMinHu to kMaxHu nearest to `hu`. Precondition: `hu` is finite.
 float stored_hu(float hu);
@@ -57,7 +57,7 @@ HuColour hu_colour(float hu);
 Result<std::vector<std::uint8_t>> encode_draco(const SliceMesh& mesh, const DracoGrid& grid,
                                                std::span<const float> hu = {});
 /// Returns the offset, in a payload of encode_draco(), of the float that is the z of all vertices.
-/// Errors: kBug if the last bytes are not those that encode_draco() writes with this grid.
+/// Errors: kBug if the payload does not end with the origin and the range of `grid`.
 Result<std::size_t> draco_z_at(std::span<const std::uint8_t> payload, const DracoGrid& grid);
 
 /// The contents of a payload.
@@ -78,9 +78,9 @@ Result<DracoSlice> decode_draco(std::span<const std::uint8_t> bytes, std::uint64
 
 /// Checks the numbers of vertices and triangles in a payload's header, because Draco allocates
 /// memory for these numbers before it reads further. Errors: kRefused if the header is not that of
-/// an Edgebreaker mesh, or if the header states more than `max_vertices` vertices, more than
-/// `max_triangles` triangles, or more triangles than a payload of this size may have: 2^22 or 64
-/// for each byte, whichever is more.
+/// an Edgebreaker mesh, or if the header states more than `max_vertices` vertices or more than
+/// `max_triangles` triangles. More than 2^22 triangles are also refused if there are more than 64
+/// triangles for each byte of the payload.
 Result<void> check_draco_counts(std::span<const std::uint8_t> bytes, std::uint64_t max_vertices,
                                 std::uint64_t max_triangles);
 

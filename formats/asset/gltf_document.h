@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// An asset's container as tinygltf reads it, and checked access to its accessors and buffer views.
-// Internal to formats/; includes tinygltf. Debian's libdraco exports a second tinygltf, built with
-// other options. To keep the two apart, every file that includes this header is compiled with
-// hidden visibility (formats/CMakeLists.txt).
+// The glTF document of an asset as tinygltf reads it, and checked access to the document's
+// accessors and buffer views. Internal to formats/; includes tinygltf. Debian's libdraco exports a
+// second tinygltf, built with other options. To keep the two apart, every file that includes this
+// header is compiled with hidden visibility (formats/CMakeLists.txt).
 // Tests: tests/formats/asset/asset_test.cpp
 #pragma once
 

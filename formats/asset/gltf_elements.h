@@ -22,7 +22,7 @@ nlohmann::json number(double value);
 /// node's JSON.
 void put_transform(const Eigen::Affine3d& T_mm, const Lattice& lattice, nlohmann::json& node);
 
-/// Returns the primitive of a slice's triangles, all at the height of z steps. Adds the Draco
+/// Returns the primitive of a slice's triangles, which lie at a height of z steps. Adds the Draco
 /// payload and the accessors to `gltf`, counts the triangles and the payload's bytes in `sizes`,
 /// and stores the payload's location in `record`.
 nlohmann::json triangles_primitive(GltfWriter& gltf, const EncodedSlice& slice, std::int32_t z,
@@ -34,9 +34,9 @@ nlohmann::json lines_primitive(GltfWriter& gltf, const Pslg& pslg, std::int32_t 
 /// Returns the glTF materials: one for each material of the asset and, if the file holds outlines
 /// as lines, one for the outlines.
 nlohmann::json gltf_materials(const Asset& head);
-/// Adds a surface and returns the number of its node. This node is not below node 0, so readers of
-/// slices ignore the surface. Errors: those of encode_surface(); kBug if the payload does not
-/// decode to a valid surface.
+/// Adds a surface and returns the number of its node. All slices are below node 0. The surface's
+/// node is not, so readers of slices ignore the surface. Errors: those of encode_surface(); kBug if
+/// the payload does not decode to a valid surface.
 Result<int> add_surface(GltfWriter& gltf, const AssetSurface& one, AssetSizes& sizes);
 
 }  // namespace trocar

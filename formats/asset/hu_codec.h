@@ -4,12 +4,13 @@
 // for the functions that encode.
 //
 // Contract (tests/formats/asset/hu_volume_test.cpp):
-//  1. A sample is stored if its distance from the material is at most the margin. This is decided
-//     exactly, on the lattice. Without a margin, all samples of the grid are stored.
+//  1. A sample is stored if its distance from the material is at most HuGrid::margin_steps, the
+//     margin. This is decided exactly, on the lattice. If the margin is negative, all samples of
+//     the grid are stored.
 //  2. decode_hu_plane() restores what encode_hu_plane() stored. It refuses bytes with fewer or more
-//     samples than the outlines require, and values out of range. Two numbers bound its memory and
-//     time: the number of edges, and the number of samples in the box around outlines and margin.
-//     The latter is at most kMaxHuSamples.
+//     samples than the outlines require, and values out of range. Its memory and time are bounded
+//     by the number of edges and the number of samples in the box around outlines and margin. The
+//     box has at most kMaxHuSamples samples.
 // Tests: tests/formats/asset/hu_volume_test.cpp
 #pragma once
 
@@ -46,8 +47,8 @@ struct HuMask {
   std::vector<char> is_stored;  ///< one flag for each sample, row by row; not 0: stored
 };
 /// Determines the samples of a slice that are stored. Errors: kRefused if the box has more than
-/// kMaxHuSamples samples, or if so many edges are close together that the search takes more than
-/// 1024 steps of computation for each edge plus 1024 for each sample.
+/// kMaxHuSamples samples, or if too many edges are close together: finding the samples near edges
+/// may take at most 1024 steps of computation for each edge plus 1024 for each sample.
 Result<HuMask> hu_mask(const HuGrid& grid, const Lattice& lattice, Outlines outlines);
 
 /// Encodes the HU of the stored samples of a mask; value(column, row) must return the HU of

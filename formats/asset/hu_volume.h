@@ -15,7 +15,7 @@ namespace trocar {
 /// The grid of samples, the same in all planes of a volume.
 struct HuGrid {
   Eigen::Vector2d origin_mm = Eigen::Vector2d::Zero();  ///< position of sample (0, 0) in the plane
-  Eigen::Vector2d pitch_mm = Eigen::Vector2d::Ones();   ///< distance between columns, between rows
+  Eigen::Vector2d pitch_mm = Eigen::Vector2d::Ones();   ///< distances of columns (x) and rows (y)
   int columns = 0, rows = 0;
   int step_hu = 8;  ///< stored HU are multiples of this step
   /// Samples are stored up to this distance from the material, in lattice steps. A negative value

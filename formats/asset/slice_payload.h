@@ -61,9 +61,9 @@ struct EntryNode {
 /// Reads a node of schema 2. Errors: kRefused if a value is wrong.
 Result<EntryNode> entry_of_node(const nlohmann::json& node, const Lattice& lattice);
 
-/// The plane (AssetSlice::T_lps_plane) of an entry whose vertices are at the height z_mm. This is
-/// the product frame * transform * (translation by z_mm along z), where `transform` is that of the
-/// entry's node.
+/// The plane (AssetSlice::T_lps_plane) of an entry whose vertices have the third coordinate z_mm.
+/// This is the product frame * transform * (translation by z_mm along z), where `transform` is that
+/// of the entry's node.
 Eigen::Affine3d plane_of(const Eigen::Affine3d& frame, const Eigen::Affine3d& transform,
                          double z_mm);
 /// The coordinate of a plane's origin (LPS, mm) along the plane's own normal.

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// How all programs treat their command line, standard output, signals and errors. This is a
-// separate library (trocar_command_line), so that the library trocar_formats does not need CLI11.
+// Functions for the main() of every program: they treat the command line, standard output, signals
+// and errors. These functions are a separate library (trocar_command_line), so that the library
+// trocar_formats does not need CLI11.
 #pragma once
 
 #include <atomic>
@@ -27,8 +28,9 @@ void stop_on_signals();
 /// Writes "PROGRAM: MESSAGE" to stderr and returns the error's exit code.
 int report_error(const std::string& program, const Error& error);
 
-/// Declares --help and --version. Precondition: `app` has no subcommands yet, because a subcommand
-/// inherits --help at the time it is added. `version` is the text that --version prints.
+/// Declares --help and --version. `version` is the text that --version prints. Precondition: `app`
+/// has no subcommands yet, because a subcommand copies --help from `app` at the moment when the
+/// subcommand is added.
 void add_help_and_version(CLI::App& app, const std::string& version);
 
 /// Name of the CLI11 group for options that only --help-all shows.

@@ -15,10 +15,11 @@ struct EmbeddedDocument {
 };
 
 /// Returns the template with each mark `{{name}}` replaced by the JSON document of that name. Each
-/// `<` of a document is written as \u003c, so that no document can end the script element around
-/// it. Preconditions: each mark stands in a `<script type="application/json">`; the marks have the
-/// same order in the template as the documents in `documents`; the template's script sets texts by
-/// `textContent` only. Throws std::logic_error if the template has no mark for a document.
+/// `<` of a document is written as \u003c, so that no document can end its own script element.
+/// Preconditions: each mark stands in a `<script type="application/json">`; the marks have the same
+/// order in the template as the documents in `documents`; the template's script sets texts by
+/// `textContent` only, so that no text becomes HTML. Throws std::logic_error if the template has no
+/// mark for a document.
 std::string html_page(std::string_view page_template,
                       std::initializer_list<EmbeddedDocument> documents);
 

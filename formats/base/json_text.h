@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Writes a JSON value as text; the value's strings need not be UTF-8. Include this header in .cpp
-// files only, because nlohmann/json must not be reachable from headers of runtime/.
+// files only, because a public header must not include nlohmann/json.
 // Tests: tests/pipeline/scan/label_names_test.cpp
 #pragma once
 

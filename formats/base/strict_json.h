@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Strict reading of JSON documents: each value is checked for its type and range, unknown keys are
 // refused, and the first error is reported with file and JSON path. Include this header in .cpp
-// files only, like json_text.h.
+// files and internal headers only, because a public header must not include nlohmann/json.
 // Tests: tests/formats/session/scene_test.cpp
 #pragma once
 
@@ -25,7 +25,7 @@ namespace trocar {
 Result<nlohmann::json> parse_strict_json(std::string_view text, const std::string& name);
 
 /// Keeps the first error found in a document; later errors are dropped. Reading goes on after an
-/// error, with the default values that the getters of StrictObject return.
+/// error, because the getters of StrictObject return a substitute for a wrong value.
 struct JsonErrors {
   std::string file;  ///< name of the file in messages
   std::optional<Error> first;
@@ -34,7 +34,8 @@ struct JsonErrors {
 
 /// Reads one JSON object. Each getter, such as number() or string(), returns the value under a key.
 /// If the value is wrong, or is required and missing, the getter adds an error to `errors` and
-/// returns `lowest` or an empty value. Call finish() after the last getter.
+/// returns a substitute: for a number the lower end of its range, otherwise an empty text, 0, false
+/// or null. Call finish() after the last getter.
 class StrictObject {
  public:
   /// `value` and `errors` must outlive this object.

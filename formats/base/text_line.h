@@ -29,7 +29,8 @@ inline std::string apart_from(double value, double limit, int decimals) {
   return text_line("%.*f", decimals, value);
 }
 
-/// Returns, for example, "WHAT 2.31 m/s; the limit is 2 m/s", where `unit` is " m/s".
+/// Returns, for example, "plate speed 2.31 m/s; the limit is 2 m/s", where `what` is "plate speed"
+/// and `unit` is " m/s".
 inline std::string describe_beyond(const char* what, double value, double limit, const char* unit,
                                    int decimals) {
   return text_line("%s %s%s; the limit is %.4g%s", what, apart_from(value, limit, decimals).c_str(),

@@ -60,9 +60,10 @@ class CanonicalRotation {
   int quarters_ = 0;  // 0 .. 3
 };
 
-/// The vector 2 n (m - c), where n is the number of points, m their mean, and c the centre of the
-/// box around them. The vector is exact. It depends neither on the order of the points nor on a
-/// translation of all points.
+/// A vector that turns with a set of points and so determines a canonical orientation: 2 n (m - c),
+/// where n is the number of points, m their mean, and c the centre of the box around them. The
+/// vector is exact. It depends neither on the order of the points nor on a translation of all
+/// points together.
 class CentroidOffset {
  public:
   void add(LatticePoint p) noexcept {
@@ -103,12 +104,12 @@ inline CanonicalRotation rotation_by_centroid(const Pslg& pslg) noexcept {
   return offset.empty() ? CanonicalRotation() : CanonicalRotation::of(offset.x(), offset.y());
 }
 
-/// Like rotation_by_centroid(), but if the offset is zero, the vector (sum of x^3, sum of y^3) over
-/// all points takes its place, with x and y relative to the centre of the box. If this vector is
-/// zero too, the vector (sum of x y^2, sum of y x^2) is used. If all three vectors are zero, the
-/// result is the identity. Apart from sets of points that a rotation maps onto themselves, this is
-/// rare. Exact. `for_each(visit)` must call visit(point) for all points. rotation_by_moments() may
-/// call `for_each` twice; both calls must visit the same points.
+/// Like rotation_by_centroid(), but uses the first of three vectors that is not zero: the points'
+/// CentroidOffset, then (sum of x^3, sum of y^3), then (sum of x y^2, sum of y x^2). The sums run
+/// over all points; x and y are a point's coordinates relative to the centre of the box. If all
+/// three vectors are zero, the result is the identity. This case is rare, except for sets of points
+/// that a rotation maps onto themselves. Exact. `for_each(visit)` must call visit(point) for all
+/// points. rotation_by_moments() may call `for_each` twice; both calls must visit the same points.
 template <typename ForEach>
 CanonicalRotation rotation_by_moments(const ForEach& for_each) {
   CentroidOffset offset;

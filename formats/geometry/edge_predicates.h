@@ -39,10 +39,10 @@ inline bool may_split(LatticePoint a, LatticePoint b, LatticePoint c, LatticePoi
 }
 
 /// Returns true if the edge bc between the triangles abc and dcb is locally Delaunay. This is the
-/// case if the sum of the two angles opposite bc is at most 180 degrees. The function computes the
-/// sine of this sum, times the lengths of the other four edges. This product equals the determinant
-/// in in_circle() with the opposite sign, and takes fewer multiplications. The code has no
-/// branches, because a processor cannot predict the result.
+/// case if the sum of the two angles opposite bc is at most 180 degrees, which means that the sine
+/// of the sum is at least 0. The function computes this sine times the lengths of the other four
+/// edges. The product equals the determinant in in_circle() with the opposite sign, and takes fewer
+/// multiplications. The code has no branches, because a processor cannot predict the result.
 inline bool is_locally_delaunay(LatticePoint a, LatticePoint b, LatticePoint c,
                                 LatticePoint d) noexcept {
   return Int128{orient2d(a, b, c)} * diametral_dot(b, c, d) +

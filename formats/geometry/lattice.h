@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The integer lattice in the slice plane and the exact predicates on it. Every coordinate that is
-// stored or enters a decision lies on the lattice.
+// stored, or on which a decision of an algorithm depends, lies on the lattice.
 //
 // Laws (tests/formats/geometry/lattice_test.cpp compares the results with wide-integer arithmetic):
 //  1. orient2d(a,b,c) > 0 iff a,b,c turn counter-clockwise; 0 iff collinear;

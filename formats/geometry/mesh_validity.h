@@ -39,8 +39,9 @@ Result<void> check_delaunay_mesh(const SliceMesh& mesh, const ProvedOutline& out
 ///  - every ring has at least 3 vertices, no ring has a vertex twice, and every vertex is on the
 ///    lattice (|coordinates| of at most kMaxCoordinate);
 ///  - no two edges cross or coincide (rings may touch at vertices);
-///  - rings nest: every outer ring lies in no ring or directly in a hole, every hole lies directly
-///    in an outer ring, and rings that touch do not cross at the common vertex.
+///  - rings nest: every outer ring lies in no ring or directly in a hole (without a ring between
+///    them), every hole lies directly in an outer ring, and rings that touch do not cross at the
+///    common vertex.
 /// A valid outline winds once around every point of the material, and 0 times around every other
 /// point. O(n log n).
 Result<void> check_pslg(const Pslg& pslg);

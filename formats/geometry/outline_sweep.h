@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // A sweep line that passes over closed loops of edges. The sweep finds out whether any two edges
-// cross, and how often the loops wind around the points next to each edge. After Shamos and Hoey
-// (1976), exact in integers. In this header, n is the number of edges.
+// cross, and how often the loops wind around the points next to each edge. The algorithm follows
+// Shamos and Hoey (1976) and computes in exact integers. In this header, n is the number of edges.
 #pragma once
 
 #include <cstdint>
@@ -33,8 +33,8 @@ std::vector<std::uint32_t> in_sweep_order(std::span<const LatticePoint> points);
 struct SweepResult {
   bool crosses = false;  ///< two edges cross (segments_cross()); the sweep has then stopped early
   std::uint32_t first = 0, second = 0;  ///< the two edges that cross
-  /// True if the loops wind 0 times around the points just right of every edge. They then wind once
-  /// around the points just left of every edge, and 0 times or once around every point of the
+  /// True if the loops wind 0 times around the points just right of every edge. Then they also wind
+  /// once around the points just left of every edge, and 0 times or once around every point of the
   /// plane. This member has no meaning if two edges cross, or if some edges were not swept.
   bool winds_once = true;
   std::uint64_t tests = 0;  ///< number of orientation tests, at most 10 n + 3 n log2(n)
@@ -55,11 +55,11 @@ inline constexpr std::uint32_t kNoRing = 0xffffffff;
 /// if rings cross at a common vertex. O(n log n).
 std::optional<std::vector<std::uint32_t>> enclosing_rings(const std::vector<Ring>& rings);
 
-/// `swept` must be the result of a sweep over all edges. Errors: if two edges cross, kRefused with
-/// the message "`what` cross near lattice point (x, y)". To choose this point, the function sorts
-/// the edges by their smallest x, then by start point, then by end point. In this order, it finds
-/// the first edge that crosses an earlier edge; the point is the start of this edge. O(n log^2 n)
-/// if two edges cross, else O(1).
+/// Makes an Error if a sweep found two edges that cross. Precondition: `swept` is the result of a
+/// sweep over all edges. Errors: kRefused with the message "`what` cross near lattice point
+/// (x, y)". To choose this point, the function sorts the edges by their smallest x, then by start
+/// point, then by end point. In this order, it finds the first edge that crosses an earlier edge;
+/// the point is the start of this edge. O(n log^2 n) if two edges cross, else O(1).
 Result<void> check_no_crossing(const EdgeLoops& loops, std::span<const std::uint32_t> order,
                                const SweepResult& swept, const char* what);
 

@@ -46,8 +46,8 @@ class SplitCell {
 
   /// A point is inside if it lies on ab or on the left of ab, and outside if it lies strictly on
   /// the right of ab. nearest_inside() returns the number of that inside point which is nearest to
-  /// the wanted point. If there is no inside point, the result is the number of any point, so check
-  /// the result with is_inside().
+  /// the wanted point. If there is no inside point, the number is that of a point on the other side
+  /// or of an excluded point. So check the number with is_inside().
   std::size_t nearest_inside() const noexcept {
     constexpr std::array kPenalty{0.0, kFar};
     std::array<double, 4> far{};
@@ -117,9 +117,9 @@ std::optional<LatticePoint> split_on_edge(LatticePoint a, LatticePoint b, SplitA
 
 /// Returns a lattice point near the aim, less than a step from the edge ab of the triangle abc, at
 /// which this edge may be split (may_split()). If there are several such points and the aim has a
-/// shell, the result is the point nearest to the shell. Without a shell, it is the point nearest to
-/// the edge. (If the aim is the midpoint, this point is at most half a step from the edge.)
-/// Returns std::nullopt if there is no such point.
+/// shell, the result is the point nearest to the shell. If the aim has no shell, the result is the
+/// point nearest to the edge. (If the aim is the midpoint, this point is at most half a step from
+/// the edge.) Returns std::nullopt if there is no such point.
 std::optional<LatticePoint> split_beside_edge(LatticePoint a, LatticePoint b, LatticePoint c,
                                               SplitAim aim) noexcept;
 

@@ -23,9 +23,10 @@ namespace trocar {
 ///    check_pslg() and therefore winds around every point at most once. So all regions together
 ///    cover every point at most once, and no two regions overlap.
 ///  - The areas of the regions sum to the area within the outline of the union.
-/// Returns the outline of the union. Each of its rings begins at the ring's smallest vertex, and
-/// the rings are in ascending order. Errors: kRefused if a property fails; the message names the
-/// property and, for the first two properties, the position. Typically O(n log n).
+/// Returns the outline of the union. Each of its rings begins at the vertex with the smallest x
+/// and, among those, the smallest y. The rings are sorted lexicographically by their vertices.
+/// Errors: kRefused if a property fails; the message names the property and, for the first two
+/// properties, the position. Typically O(n log n).
 Result<Pslg> check_shared_borders(std::span<const Pslg> regions, std::span<const Pslg> stored);
 
 }  // namespace trocar

@@ -40,9 +40,9 @@ std::int64_t doubled_area(const SliceMesh& mesh);
 void split_at_pinches(const Ring& path, std::vector<Ring>& out);
 
 /// The boundary of a valid mesh as simple rings with the material on the left. A closed path of
-/// boundary edges that passes a point twice becomes several rings. Each ring starts at its smallest
-/// vertex, and the rings are in ascending order, so the result does not depend on the order of the
-/// triangles. O(n log n).
+/// boundary edges that passes a point twice becomes several rings. Each ring starts at the vertex
+/// with the smallest x and, among those, the smallest y. The rings are sorted lexicographically by
+/// their vertices. So the result does not depend on the order of the triangles. O(n log n).
 Pslg boundary_rings(const SliceMesh& mesh);
 
 inline constexpr std::uint32_t kNotOnBoundary = 0xffffffff;

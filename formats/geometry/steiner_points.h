@@ -84,16 +84,16 @@ struct AngleCircle {
   /// Distance of the off-centre from the edge. The off-centre is the point of the circle that is
   /// farthest from the edge; it lies on the edge's bisector.
   double off_centre_distance() const noexcept { return centre + radius; }
-  /// The point of the circle at an angle from the off-centre, measured at the circle's centre.
-  /// `sine` and `cosine` are those of the angle.
+  /// The point of the circle at an angle from the off-centre, measured at the circle's centre. A
+  /// positive angle leads in the direction of the edge. `sine` and `cosine` are those of the angle.
   EdgeOffset at(double sine, double cosine) const noexcept {
     return {radius * sine, centre + radius * cosine};
   }
 };
 
-/// Factor below 1 by which the distance of a Steiner point from an edge is multiplied. From this
-/// smaller distance the edge subtends a large enough angle even after the point is rounded to the
-/// lattice. `length` is the length of the edge in steps.
+/// Factor below 1 by which to multiply the distance of a Steiner point from an edge. Rounding to
+/// the lattice may move the point away from the edge, and the triangle's angle at the point would
+/// then be too small. The factor makes up for the rounding. `length` is the edge's length in steps.
 inline double rounding_allowance(double length) noexcept {
   constexpr double kSteps = 1.5;
   return 1 - std::min(0.4, kSteps / length);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The numbering of a triangle's edges in every mesh of both programs:
+// The numbering of a triangle's edges, the same in every mesh:
 //
 //   Edge i of a triangle runs from corner i to corner i + 1 (mod 3). The triangle lies on the left
 //   of the edge. Corner i + 2 (mod 3), the apex, lies opposite the edge.

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The measures by which refinement judges a counter-clockwise triangle. Squared lengths and areas
-// are computed as exact integers.
+// Measures of a counter-clockwise triangle. From them, mesh refinement decides whether to improve
+// the triangle. Squared lengths and areas are computed as exact integers.
 // Tests: tests/formats/geometry/triangle_operations_test.cpp
 #pragma once
 
@@ -50,7 +50,7 @@ struct TriangleShape {
   std::int64_t doubled_area;
   double ca2;        ///< squared length of the edge from c to a
   double shortest2;  ///< squared length of the shortest edge
-  bool is_sharp;     ///< the smallest angle is below the smallest angle allowed
+  bool is_sharp;     ///< the triangle's smallest angle is below the limit
   bool is_large;     ///< the area is above the largest area allowed
   bool is_bad() const noexcept { return is_sharp | is_large; }
 };

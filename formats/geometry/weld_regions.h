@@ -22,7 +22,7 @@ struct WeldedRegions {
 /// ends. Vertices that merely have the same position stay separate. Triangles and vertices keep
 /// their order, region by region. If each region is valid by check_mesh() and all outlines are
 /// valid by check_shared_borders(), the result is valid by check_mesh(), and its boundary is the
-/// outline of the union. O(n log n).
+/// outline of all regions together. O(n log n).
 /// Errors: kRefused if two boundary edges run from a to b, or if a triangle has a vertex that
 /// does not exist.
 Result<WeldedRegions> weld_regions(std::span<const SliceMesh* const> regions);

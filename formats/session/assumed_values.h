@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The section "assumed" of a device description. It names values of the file that nobody has
-// measured, each with a reason. Include this header in .cpp files only, like strict_json.h.
+// measured, each with a reason. Include this header in .cpp files only, because a public header
+// must not include nlohmann/json.
 // Tests: tests/formats/session/device_description_test.cpp
 #pragma once
 

@@ -33,9 +33,9 @@ struct DeviceGeometry {
   double H_B_m = 0;   ///< vertical distance from the axes of theta1 down to the lower motors' links
   double z_A_m = 0;   ///< height of the axes of theta1 above {B}'s origin
   double d_rad = 0;   ///< azimuth of the axis of theta4 in its leg's frame
-  /// A pose of the plate allows two values of theta1, and two of theta4, which differ in the sign
-  /// of an arc cosine (runtime/mechanism/kinematics.cpp). These signs, 1 or -1, select the value
-  /// that the real mechanism has.
+  /// At a pose of the plate, theta1 and theta4 can have two values each, because their formulas
+  /// contain +acos or -acos (runtime/mechanism/kinematics.h). These signs, 1 or -1, select the
+  /// value that the real mechanism has.
   int branch_theta1 = 1;
   int branch_theta4 = 1;
   friend bool operator==(const DeviceGeometry&, const DeviceGeometry&) = default;
@@ -68,9 +68,9 @@ struct DeviceDescription {
   std::array<double, 3> plate_inertia_kg_m2{};
   double plate_stiffness_max_N_per_m = 0;  ///< largest stiffness to render; 0: not given
 
-  // The members below describe the simulated device. The haptic loop, too, uses the first three:
-  // the friction gives the device's damping and is compensated; the encoder counts determine the
-  // velocity filter; gravity gives the weight to be compensated.
+  // The members below describe the simulated device. The haptic loop also uses the first three.
+  // From the friction the loop computes the device's damping and a torque that compensates the
+  // friction; from the encoder counts, the velocity filter; from gravity, the weight to be carried.
   double joint_viscous_friction_Nms_per_rad = 0;  ///< at each of the eight motor joints
   /// Counts per revolution of a joint; 0: exact encoders.
   int encoder_counts_per_revolution = 0;

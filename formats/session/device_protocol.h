@@ -8,8 +8,8 @@
 // and takes a wrench (PoseStatePacket, WrenchCommandPacket).
 //
 // Contract (tests/formats/session/device_protocol_test.cpp, pose_packets_test.cpp):
-//  1. A packet that decode() accepts was made with the key. (Denials are an exception: they are not
-//     authenticated.) From the decoded packet, encode() makes the same bytes again.
+//  1. A packet that decode() accepts was made with the key that decode() was given. (Denials are
+//     not authenticated.) From the decoded packet, encode() makes the same bytes again.
 //  2. A command or state is accepted only once, in its own link session and direction, and never
 //     after a newer packet was accepted.
 //  3. A refused packet changes nothing.
@@ -75,10 +75,10 @@ enum class CommandMode : std::uint8_t {
 enum class DriveMode : std::uint8_t {
   kReady = 1,          ///< torques are zero; a torque command is accepted
   kTorque = 2,         ///< the last command's torques are applied
-  kWatchdog = 3,       ///< commands stopped arriving: torques are zero until a command with zero
-                       ///< torques acknowledges this mode
-  kEmergencyStop = 4,  ///< the emergency stop is pressed, or no command has acknowledged its
-                       ///< release yet: commands have no effect, torques are zero
+  kWatchdog = 3,       ///< commands stopped arriving: torques are zero until a command has zero
+                       ///< torques and names a state with this mode in `state_seen`
+  kEmergencyStop = 4,  ///< the emergency stop is pressed, or it is released but no command has
+                       ///< acknowledged this mode yet: commands have no effect, torques are zero
 };
 
 // In all packets, `time_ns` is a time of the sender's clock. In each link session, the sequence
@@ -88,7 +88,7 @@ struct HelloPacket {
   std::int64_t time_ns = 0;
   LinkNonce host_nonce{};
   double period_s = 0;
-  /// The host requests that a simulated world restart from its initial state.
+  /// True: a simulated drive shall restart its simulation from the initial state.
   bool resets_world = true;
   LinkContents contents = LinkContents::kAngles;  ///< the kind of drive that the host expects
   friend bool operator==(const HelloPacket&, const HelloPacket&) = default;
@@ -133,7 +133,7 @@ struct PoseStatePacket {
   std::uint64_t session = 0, sequence = 0;
   std::int64_t time_ns = 0;
   DriveMode mode = DriveMode::kReady;
-  /// Not 0: the device has reported a fault in this session. Its maker defines the bits.
+  /// Not 0: the device has reported a fault in this session. The device's maker defines the bits.
   std::uint8_t faults = 0;
   std::uint32_t buttons = 0;        ///< bit i: button i is pressed
   std::uint64_t command_taken = 0;  ///< same meaning as StatePacket::command_taken
@@ -159,7 +159,7 @@ struct DenialPacket {
 };
 
 /// The reason why a packet was refused: the first check that fails. The checks are made in this
-/// order, except that the size of the expected kind is checked after the kind.
+/// order. But kSize is checked again after kKind, against the size of the expected kind.
 enum class LinkRefusal : std::uint8_t {
   kNone,      ///< accepted
   kSize,      ///< the size is not that of the expected kind, or not that in the packet's header

@@ -18,8 +18,9 @@ enum class FaultQuantity : std::uint8_t {
   kTimeWithoutData,      ///< time without data from the device, s
   kEncoderAngle,         ///< angle of an encoder, rad; index: encoder
   kEncoderStep,          ///< change of angle since the last data, rad; index: encoder
-  kEncoderResidual,      ///< difference between an angle and the fitted pose, rad; index: encoder
-  kPoseResidual,         ///< residual of the fitted pose, m
+  kEncoderResidual,      ///< difference between a measured angle and its value at the pose that is
+                         ///< fitted to the encoders, rad; index: encoder
+  kPoseResidual,         ///< root mean square error of the pose fitted to the encoders, m
   kInverseCondition,     ///< inverse condition number of the Jacobian
   kBranchDistance,       ///< distance of a leg from the edge of its workspace, m; index: leg
   kTickGap,              ///< time between the starts of two ticks, s
@@ -38,7 +39,7 @@ enum class FaultQuantity : std::uint8_t {
   kMotorHeat,            ///< i2t state as a fraction of its limit; index: motor
   kWeakForceTime,        ///< time for which too little of the wanted force was rendered, s
   kMotor,                ///< no value; index: motor
-  kReleasedEnergy,       ///< energy released to the hand within 0.1 s beyond the stored energy, J
+  kReleasedEnergy,       ///< energy that the hand got in 0.1 s, beyond the energy stored before, J
   kMeasuredPosition,     ///< position that a pose device measured, m; index: axis
   kMeasuredRotation,     ///< length of the quaternion that a pose device measured
   kPositionStep,         ///< change of the measured position since the last data, m
@@ -80,9 +81,9 @@ struct FaultWords {
 /// The words for a fault. No pointer in them is null.
 const FaultWords& words_of(Fault fault);
 
-/// Returns true if the fault and the quantity exist and the index is valid for the quantity. The
-/// functions below have this as a precondition. Call is_known() for each detail that comes from
-/// outside the program.
+/// Returns true if the fault and the quantity are enumerators and the index is valid for the
+/// quantity. The functions below have this as a precondition. Call is_known() for each detail that
+/// comes from outside the program.
 bool is_known(const FaultDetail& detail);
 
 /// Name of the quantity with its index and, at the end, its unit, such as "th_2_3_step_rad";

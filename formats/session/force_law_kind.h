@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The names of the force laws in scenes and on the command line, and what the reader of a scene
-// must know about each law. The laws themselves are in runtime/force_law.
+// The names of the force laws in scenes and on the command line, and the traits of each law that a
+// program needs to read a scene. The laws themselves are in runtime/force_law.
 // Tests: tests/runtime/force_law/force_law_table_test.cpp
 #pragma once
 
@@ -22,7 +22,8 @@ enum class ForceLawKind : std::uint8_t {
 
 struct ForceLawTraits {
   const char* name;  ///< name in scenes and on the command line
-  /// True if the law accepts a scene's `body` and reads HU under the tool (Sheet::field).
+  /// True if the law uses a bone volume: the law accepts a scene's `body`, and reads the HU under
+  /// the tool from Sheet::field.
   bool uses_bone_volume = false;
 };
 

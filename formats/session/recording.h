@@ -92,7 +92,7 @@ struct RecordingRow {
   std::array<double, 3> tool_m{};
   std::array<double, 6> wrench_wanted{};     ///< wrench before motor limits, N, N*m
   std::array<double, 6> wrench_delivered{};  ///< wrench that the torques tau_Nm produce
-  std::array<double, 8> tau_Nm{};            ///< leg by leg: th1, th4 of leg 1, ...
+  std::array<double, 8> tau_Nm{};            ///< motor torques: th1, th4 of leg 1, of leg 2, ...
   std::array<double, 16> encoder_rad{};      ///< leg by leg: th1, th2, th3, th4 of leg 1, ...
   ContactPhase phase = ContactPhase::kFree;
   std::int32_t active_slice = -1;  ///< index of the slice in the asset; -1: none
@@ -122,12 +122,11 @@ struct RecordingRow {
   // Results of the tick.
   SafetyState safety = SafetyState::kIdle;
   double authority = 1;    ///< factor on the force law's wrench; rises from 0 to 1 after a recovery
-  double passivity_J = 0;  ///< energy of the passivity observer; < 0: the hand received more energy
-                           ///< than it gave
+  double passivity_J = 0;  ///< energy balance of the passivity controller; < 0: the hand received
+                           ///< more energy than it gave
   double passivity_N_s_per_m = 0;  ///< damping added by the passivity controller
   double motor_heat_max = 0;       ///< largest i2t thermal state of a motor; 1 is its limit
-  /// Values of the tissue before they are multiplied by the scene's force scale (force
-  /// law `cutting`).
+  /// Results of the force law `cutting`, before they are multiplied by the scene's force scale.
   struct Cutting {
     std::array<double, 6> wrench_tissue{};  ///< wrench on the plate, N, N*m
     /// Height of the cutting front: down to this height bone has been cut. If the tip is above the
@@ -141,7 +140,7 @@ struct RecordingRow {
     double cut_J = 0;        ///< work of cutting since the session began
     double absorbed_J = 0;   ///< work of the hand on the tissue since the session began
     double stored_J = 0;     ///< elastic energy that tissue and coupling store
-    std::int32_t steps = 0;  ///< number of Newton steps in this tick
+    std::int32_t steps = 0;  ///< Newton steps with which the law solved this tick
   } cutting;
   /// Measured pose and commanded wrench of a device that measures its own pose, in the device's
   /// frame. In recordings they take the place of torques and encoder angles.
@@ -222,10 +221,10 @@ class RecordingWriter {
 /// Reads a complete recording. Columns that older versions did not write may be absent. If `origin`
 /// is not null, sets `*origin` to the recording's origin, or to an origin without entries if the
 /// recording has none. Errors: kRefused for an unknown header, a missing or surplus field, text
-/// that is not a number, t_s that does not ascend, an unknown name, or no rows. Also kRefused for a
-/// number that is not finite. (Encoder angles, measured poses and prefetched stiffness may be
-/// infinite or nan: this is a fault of the session, which the recording must show.) Messages have
-/// the line and, if there is one, the column.
+/// that is not a number, t_s that does not ascend, an unknown name, or no rows. An infinite or nan
+/// number is also refused, except in encoder angles, measured poses and prefetched stiffness, where
+/// it is a fault of the session that the recording must show. Messages have the line and, if there
+/// is one, the column.
 Result<std::vector<RecordingRow>> parse_recording(std::string_view csv, const std::string& name,
                                                   RecordingOrigin* origin = nullptr);
 Result<std::vector<RecordingRow>> read_recording(const std::filesystem::path& file,

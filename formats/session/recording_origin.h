@@ -25,7 +25,8 @@ inline constexpr const char* kOriginDevice = "device";  ///< a digest, "built-in
 /// Key and value of the entry for the kind of device. Only recordings of a pose device have it.
 inline constexpr const char* kOriginDeviceKind = "device-kind";
 inline constexpr const char* kPoseDeviceKind = "pose";
-/// Key of an entry that only recordings with the operator's X-ray have; its value is "counted".
+/// Key of an entry that only recordings with the operator's X-ray have. The value "counted" means
+/// that the rows have the column `xray`, from which X-ray is counted.
 inline constexpr const char* kOriginXray = "xray";
 
 struct RecordingOrigin {

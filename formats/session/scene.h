@@ -37,8 +37,8 @@ inline constexpr double kMinSliceGap_m = 1e-4;
 struct ShaftTissue {
   double dry_friction_N = 0;
   double viscous_friction_N_s_per_m = 0;
-  /// Displacement over which dry friction builds up like the force of a spring. So the friction has
-  /// a defined value even while the shaft does not move.
+  /// Displacement of the shaft over which dry friction builds up, like the force of a spring. So
+  /// the friction has a defined value even while the shaft does not move.
   double presliding_m = 2e-4;
   /// Stiffness of the spring that pulls the shaft to the point at which it entered the hole.
   double rim_stiffness_N_per_m = 0;
@@ -66,8 +66,9 @@ struct CutTissue {
   double tearing_N_per_m = 0;    ///< additional force per length of the outline
   /// Pressure under a flat tip that cuts, divided by the strength of the material.
   double pressure_over_yield = 1;
-  /// Elastic modulus, from which the stiffness under the tip is computed. 0: not given; then see
-  /// Tissue::stiffness_is_given.
+  /// Elastic modulus, from which the stiffness under the tip is computed. 0: not given. The modulus
+  /// then follows from `bone` if the scene gives `bone` and no stiffness_N_per_m. Otherwise the
+  /// stiffness is Tissue::stiffness_N_per_m.
   double modulus_MPa = 0;
   /// Coulomb friction coefficient of the tip's faces, and of the shaft on the wall of its hole. The
   /// pressure of the wall on the shaft is the strength times pressure_over_yield.
@@ -123,7 +124,7 @@ struct SceneLayer {
   /// is that part of puncture_N which tears the tissue.
   double toughness_J_per_m2 = 0;
   bool cutting_is_given = false;  ///< the scene gives cutting_N
-  double friction_N_per_m = 0;    ///< friction on the shaft per length of cut depth
+  double friction_N_per_m = 0;    ///< friction on the shaft for each metre of depth cut
 };
 inline constexpr std::size_t kMaxLayers = 8;
 
@@ -147,7 +148,7 @@ struct SceneForceLaw {
   // kNetwork:
   NetworkSolver solver = NetworkSolver::kAuto;
   double decay_length_m = 0.01;  ///< decay length lambda of the sheet's displacement field
-  double error_bound = 0.01;     ///< kAuto: largest relative error of force and displacement
+  double error_bound = 0.01;     ///< solver kAuto: largest relative error of force and displacement
   double radius_m = 0.04;        ///< kLocal: radius of the region around the tool
   int depth = 6;                 ///< kPropagation: number of rings of vertices around the tool
   // kCutting:
@@ -164,9 +165,9 @@ struct SceneForceLaw {
 };
 
 /// The position of the slice planes in {B}. A point of a slice plane has the coordinates u and v in
-/// mm (asset.md, Frames). The point's x and y in {B} are at_m + R_z(rotation_deg) *
-/// ((u, v) - anchor_mm), with all lengths in one unit. Without rotation, u points along x, v along
-/// y and the slice normal along z, so slices are never mirrored.
+/// mm (asset.md, Frames). The point's x and y in {B} are at_m + R * ((u, v) - anchor_mm). R is the
+/// rotation about z by rotation_deg; the difference is converted from mm to m. Without rotation, u
+/// points along x, v along y and the slice normal along z, so slices are never mirrored.
 struct Placement {
   /// The point of the slice plane that lies at `at_m`; if absent, the centroid of the material in
   /// the scene's first slice. All slices have the same anchor, so that they stay aligned.
@@ -182,14 +183,14 @@ struct SceneBody {
   double top_z_m = 0;       ///< height in {B} of the highest slice
   double shell_m = 0;       ///< thickness of the cortical shell; 0: none
   double shell_factor = 1;  ///< ratio of the shell's strength to that of the bone under the tool
-  /// Radius around the tool within which nothing supports the shell, wherever the tool is. The
-  /// shell then breaks as a thin wall (runtime/bone_cutting/material/thin_wall.h) if breaking needs less
-  /// force than cutting. 0: bone supports the shell everywhere.
+  /// At every position of the tool, the shell counts as unsupported within this radius around the
+  /// tool. The shell then breaks as a thin wall (runtime/bone_cutting/material/thin_wall.h) if
+  /// breaking needs less force than cutting. 0: bone supports the shell everywhere.
   double shell_free_radius_m = 0;
   /// HU of cortical bone. If a slice is thicker than a cortical wall, its HU are the mean of the
   /// wall and of the bone behind it. From cortex_HU and this mean, the law computes the thickness
   /// of the wall (runtime/bone_cutting/material/cortical_wall.h). 0: no walls are computed, so the
-  /// strength follows the HU of each slice. Absent: kAssumedCortex_HU, or 0 if there is a shell.
+  /// strength follows the HU of each slice. Absent: 1200 (kAssumedCortex_HU), or 0 with a shell.
   std::optional<double> cortex_HU = std::nullopt;
 };
 
@@ -214,8 +215,8 @@ struct SceneTool {
   /// If not empty, a simple polygon, counter-clockwise seen from +z, that replaces `sides` and
   /// `radius_m`.
   std::vector<std::array<double, 2>> outline_m;
-  /// Rotation of the cross-section about the axis. The rotation also turns a bevel, whose face
-  /// looks along the cross-section's x axis.
+  /// Rotation of the cross-section about the axis. The slanted face of a tip `needle-bevel` looks
+  /// along the cross-section's x axis, so this face turns too.
   double rotation_deg = 0;
   std::array<double, 3> tip_in_plate_m{0, 0, 0};  ///< lower end of the axis in the plate's frame
   /// The tool's axis is the plate's z axis, tilted by tilt_deg. The direction of the tilt has the

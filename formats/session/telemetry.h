@@ -14,7 +14,7 @@
 //  3. Events are numbered from 1. A reader gets each event, or the number of events that it lost.
 //  4. A reader validates everything that it uses. It can write only to one page, which holds the
 //     commands and the live hand. The memory is sealed, so neither side can shrink the memory.
-//     (This would kill the other side by SIGBUS.)
+//     (A shrunk memory would kill the other side by SIGBUS.)
 //  5. The live hand is a simulated hand that a person moves: another process writes the pose that
 //     the hand shall have. In each tick the session tries once to read this pose. It gets a
 //     complete value or none, provided that only one process writes. If several processes write, or
@@ -61,8 +61,8 @@ const char* to_string(TelemetryCommand command);
 enum class TelemetryEventKind : std::uint8_t {
   kPuncture = 1,  ///< a sheet was punctured (sheet, slice, cut, positions and forces)
   kFault,         ///< a fault was detected (found)
-  kNotRecovered,  ///< recovery failed because of the fault in `found`; if that is kNone, because
-                  ///< the tool is still in material (found, retract_distance_m)
+  kNotRecovered,  ///< recovery failed; the cause is the fault in `found` or, if that is kNone, the
+                  ///< tool, which is still in material (found, retract_distance_m)
   kRecovered,     ///< the session recovered (found: the fault that it recovered from)
   kCutShown,      ///< a new mesh of a sheet, with `cut` holes, was published (sheet, slice, cut)
   kPaused,        ///< time stopped
@@ -91,7 +91,7 @@ struct TelemetryEvent {
   double t_s = 0;           ///< session time
   std::int32_t sheet = -1;  ///< index of the sheet, 0 for the topmost; -1: none
   std::int32_t slice = -1;  ///< AssetSlice::index of the sheet's slice; -1: none
-  std::uint32_t cut = 0;    ///< number of the hole in this sheet, counted from 1
+  std::uint32_t cut = 0;    ///< number of the sheet's newest hole, counted from 1
   /// Only of kPuncture. force_N is the force at the tip in the tick before the puncture.
   /// trial_force_N is the force that exceeded the threshold (glossary: trial force). With the force
   /// law `cutting`, trial_force_N is the largest strength of the slabs that were passed in this
@@ -141,7 +141,7 @@ struct TelemetrySizes {
     bool has_hu = false;
   };
   std::string about;        ///< description of the session, JSON
-  std::size_t columns = 0;  ///< count of numbers in a snapshot, the values of one tick
+  std::size_t columns = 0;  ///< number of values in a snapshot; a snapshot shows one tick
   /// Sizes of the sheets' initial meshes. The region of a sheet has space for twice its initial
   /// mesh plus 64 KiB.
   std::vector<Mesh> sheets;
@@ -204,7 +204,7 @@ class TelemetryWriter {
   struct Region {
     Word* words = nullptr;
     std::size_t data_words = 0;  ///< capacity of the region, words
-    std::uint64_t sequence = 0;  ///< never read back from the memory
+    std::uint64_t sequence = 0;  ///< the writer's own count; the memory is not read back
   };
   struct MeshHead {
     std::size_t vertices;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// How much X-ray a session used, counted from the rows of the ticks. So the live page, the
-// recording, the report and a replay agree.
+// How much X-ray a session used. Live page, report and replay all count it from the rows of the
+// ticks, so they agree with each other and with the recording.
 // Tests: tests/formats/session/xray_use_test.cpp
 #pragma once
 

@@ -13,7 +13,8 @@
 namespace trocar::archive {
 
 /// Is the text a UID of DICOM: 1 to 64 characters, numbers separated by single dots? Leading zeros
-/// are accepted, because some scanners write them. Every UID can be used as the name of a file.
+/// are accepted, because some scanners write them. Each text that is accepted can be used as the
+/// name of a file.
 bool is_uid(std::string_view text);
 
 /// Is the text an AE title: 1 to 16 printable ASCII characters, without a backslash and without

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// What follows when a study is complete (`--then COLLECTION STORE`): its usable scans are added to
-// a collection (a list of scans to mesh), and `trocar-mesh batch` makes their assets.
+// What follows when `trocar-mesh receive --then COLLECTION STORE` has got a complete study: its
+// usable scans are added to a collection (a list of scans to mesh), and `trocar-mesh batch`
+// makes their assets.
 // Tests: tests/pipeline/archive/follow_up_test.cpp, tests/e2e/archive_test.py
 #pragma once
 
@@ -19,14 +20,15 @@
 
 namespace trocar::archive {
 
-/// Adds the usable scans of a study, except localisers, to a collection and returns the new
-/// collection. `text` is the old collection as JSON, or empty if there is none. `list` is the
-/// result of list_scans() for `folder`, the study's folder. `study` is the study's UID. The paths
-/// of the added scans are relative to `base`. The names of these scans are appended to `names`. A
-/// name consists of the study's UID and a digest: that of the series' UID or, if the scan is a
-/// single file, that of the file's name. If the collection has a scan of this name, that scan is
-/// replaced, but its `parameters` are kept. All other scans and the collection's `defaults` stay as
-/// they are. Errors: kUsage if `text` is not a collection; the message names `file`.
+/// Adds those scans of a study that `list` marks as usable, except localisers, to a collection and
+/// returns the new collection. `text` is the old collection as JSON, or empty if there is none.
+/// `list` is the result of list_scans() for `folder`, the study's folder. `study` is the study's
+/// UID. The paths of the added scans are relative to `base`, the folder of the collection. The
+/// names of these scans are appended to `names`. A name consists of the study's UID and a digest:
+/// the digest of the series' UID or, for a scan in a single file, the digest of the file's name. If
+/// the collection has a scan of this name, that scan is replaced, but its `parameters` are kept.
+/// All other scans and the collection's `defaults` stay as they are. Errors: kUsage if `text` is
+/// not a collection; the message names `file`.
 Result<nlohmann::ordered_json> with_study(std::string_view text, const std::filesystem::path& file,
                                           const nlohmann::json& list,
                                           const std::filesystem::path& folder,

@@ -17,19 +17,21 @@
 
 namespace trocar::archive {
 
-/// UIDs by which the sender announces an instance: its kind, the instance itself and its encoding.
-/// The texts come from the network and are not checked yet.
+/// UIDs with which the sender announces an instance: `sop_class` is the kind of the instance,
+/// `sop_instance` its own UID, and `transfer_syntax` the encoding of its bytes. The texts come from
+/// the network and are not checked yet.
 struct InstanceName {
   std::string sop_class, sop_instance, transfer_syntax;
 };
 
-/// The status in the answer to a C-STORE request (DICOM PS3.4, table B.2-1).
+/// The status in the answer to a C-STORE request (DICOM PS3.4, table B.2-1). Every status except
+/// kStored refuses the instance.
 enum class StoreStatus : std::uint16_t {
   kStored = 0x0000,
-  kDuplicate = 0x0111,       ///< other bytes with this UID have come in the same association
+  kDuplicate = 0x0111,       ///< this association has sent other bytes with the same instance UID
   kOutOfResources = 0xA700,  ///< a limit is exceeded, or the file cannot be written
-  /// The UIDs differ from those of the request, trocar-mesh does not read this kind of instance, or
-  /// there are no pixels.
+  /// The UIDs in the dataset differ from those in the request, trocar-mesh does not read this kind
+  /// of instance, or the dataset has no pixels.
   kMismatch = 0xA900,
   kNotUnderstood = 0xC000,  ///< the dataset is missing or damaged, or lacks a valid UID
 };
@@ -37,7 +39,7 @@ enum class StoreStatus : std::uint16_t {
 struct StoreOutcome {
   StoreStatus status = StoreStatus::kStored;
   std::string why = {};    ///< the reason for a refusal; contains no text of the dataset
-  bool is_ours = false;    ///< true if the refusal is due to this computer's disk
+  bool is_ours = false;    ///< true: the disk of this computer, not the sender, is the cause
   std::string study = {};  ///< the study's UID; empty if the UIDs are not valid or not read
 };
 
@@ -50,8 +52,9 @@ struct StudySize {
 /// call begin(), then write() for each fragment of the dataset, then finish().
 class InstanceStore {
  public:
-  /// Precondition: `folder` exists and no other association uses it. The limits apply to a whole
-  /// study, so `present` must return the size of the instances that other associations have sent.
+  /// Precondition: `folder` exists and no other association uses it. `present` returns the size of
+  /// the instances of a study that are stored outside `folder`. Those instances count too, because
+  /// the limits apply to the whole study. Without `present`, only the instances in `folder` count.
   InstanceStore(std::filesystem::path folder, const ArchiveLimits& limits,
                 std::function<StudySize(const std::string& study)> present = {});
   InstanceStore(const InstanceStore&) = delete;
@@ -60,12 +63,14 @@ class InstanceStore {
 
   /// Begins the file of an instance. Errors are reported by finish().
   void begin(const InstanceName& name);
-  /// Appends bytes of the dataset. After an error, or beyond `instance_bytes` of `limits`, the
-  /// bytes are dropped and finish() reports the refusal. Returns false if more than twice
-  /// `instance_bytes` have arrived; the caller must then abort the association.
+  /// Appends bytes of the dataset. If a write fails, or if the dataset is larger than
+  /// `instance_bytes` of `limits`, the further bytes are dropped and finish() refuses the instance.
+  /// Returns false only if more than twice `instance_bytes` have arrived; the caller must then
+  /// abort the association.
   bool write(std::span<const std::uint8_t> bytes);
-  /// Closes the file and checks it. If the instance is accepted, gives the file its final name;
-  /// otherwise removes it. A copy of a stored instance is accepted, but the copy's file is removed.
+  /// Closes the file and checks it. If the instance is accepted, its file gets its final name;
+  /// otherwise the file is removed. If this association has already stored an instance with the
+  /// same UID and the same bytes, the new file is removed too, but the outcome is kStored.
   StoreOutcome finish();
 
   /// Syncs all files to the disk. Errors: kUnwritable; the message names the folder.

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Lines that the receiver and its processes print. Each line is one call of write(), so that lines
-// of several processes do not mix.
+// Prints the messages of the receiver and of its processes. Each line is one call of write(), so
+// that lines of several processes do not mix.
 // Tests: tests/e2e/archive_test.py
 #pragma once
 

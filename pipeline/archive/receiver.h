@@ -20,20 +20,23 @@ struct ReceiverSettings {
   std::string address = "127.0.0.1";  ///< numeric, IPv4 or IPv6
   int port = 0;                       ///< 0: the system chooses a free port
   AssociationSettings association;
-  /// Largest number of associations at the same time. Further ones wait in the system's queue.
+  /// Largest number of associations at the same time. Further connections wait in
+  /// the system's queue.
   int max_associations = 16;
   /// A study is published after this time without a new instance, unless an open association has
   /// instances of it.
   double settle_s = 10;
   double keep_hours = 0;  ///< a study is removed this many hours after it last grew; 0: never
-  /// Settings of `--then`; std::nullopt without it. The receiver sets `studies` and `marks` itself.
+  /// Settings for meshing each complete study (option --then); std::nullopt: studies are not
+  /// meshed. The receiver itself sets the members `studies` and `marks` of these settings.
   std::optional<FollowUpSettings> then;
 };
 
 /// Receives until `stop` is set. At the end, open associations are dropped, and the instances of
-/// all released associations are published. Standard output gets the port at the start, and a line
-/// for each study. Errors: kUnwritable if the folder cannot be used, or another receiver uses it;
-/// kUsage if the address is not numeric; kRefused if the address or the port cannot be used.
+/// all released associations are published. Standard output gets the port at the start, and later a
+/// line for each study that is published, meshed or removed. Errors: kUnwritable if the folder
+/// cannot be used, or another receiver uses it; kUsage if the address is not numeric; kRefused if
+/// the address or the port cannot be used.
 Result<void> run_receiver(const ReceiverSettings& settings, const std::atomic<bool>& stop);
 
 }  // namespace trocar::archive

@@ -9,8 +9,8 @@
 
 namespace trocar::archive {
 
-/// UIDs of the SOP classes, as DCMTK's functions take them: CT, enhanced CT, segmentations, and
-/// volumes of other modalities.
+/// UIDs of the SOP classes, in the form that DCMTK's functions take: CT, MR, PET, 3D X-ray,
+/// and DICOM segmentations.
 std::vector<const char*> storage_classes();
 
 bool is_storage_class(std::string_view uid);

@@ -1,16 +1,19 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // The folder of received studies. A complete study appears by one rename as FOLDER/STUDY_UID/. An
-// instance is a DICOM file, and an association is a DICOM connection over which instances come. An
-// instance moves through the following folders of FOLDER/.incoming/, which is on the same file
-// system, in this order:
-//   associations/OWNER/STUDY/   instances of an association that is still open. OWNER is the
-//                               identity of the process that made the folder (`trocar-mesh receive`
-//                               or `fetch`), and a number
-//   released/OWNER/STUDY/       the same after the other side has ended the association
-//   studies/STUDY/              instances of all ended associations, until the study is published
+// instance is a DICOM file, and an association is a DICOM connection over which instances come.
+// Until its study is complete, an instance is in one of these folders of FOLDER/.incoming/.
+// `trocar-mesh receive` moves the instance from each folder to the next; `trocar-mesh fetch` uses
+// only the first folder:
+//   associations/OWNER/STUDY/   instances of an association that is still open. OWNER names the
+//                               process that made the folder (`trocar-mesh receive` or `fetch`),
+//                               and ends with a number that counts the folders of this process
+//   released/OWNER/STUDY/       instances of an association that the sender has released, which
+//                               is the regular end of an association
+//   studies/STUDY/              instances of all released associations, until the study appears
 // FOLDER/.incoming/ also has:
 //   replaced/                   studies that are being extended or removed
-//   following/STUDY             empty file for each study that `receive --then` must still mesh
+//   following/STUDY             empty file for each study that is still to be meshed (option
+//                               --then of `trocar-mesh receive`)
 //   received/STUDY              empty file; its modification time is when the study last grew
 // Tests: tests/pipeline/archive/study_folders_test.cpp
 #pragma once
@@ -44,15 +47,16 @@ struct PublishedStudy {
 
 class StudyFolders {
  public:
-  /// Creates missing folders with mode 0700. Clears away what killed processes left behind in
-  /// .incoming. Errors: kUnwritable; the message names the folder.
+  /// Creates missing folders with mode 0700. Clears associations/ and replaced/ of what killed
+  /// processes have left there. Errors: kUnwritable; the message names the folder.
   static Result<StudyFolders> open(const std::filesystem::path& folder);
   StudyFolders(StudyFolders&& other) noexcept;
   StudyFolders& operator=(StudyFolders&&) = delete;
   ~StudyFolders();
 
   /// Locks the folder against other receivers until this object is destroyed. A fetch needs no
-  /// lock. Errors: kUnwritable if another receiver uses the folder.
+  /// lock, because it writes to a folder of its own and publish() takes its own lock. Errors:
+  /// kUnwritable if another receiver uses the folder.
   Result<void> reserve();
 
   /// Removes the folder with its .incoming, if open() created it and no study has been stored.
@@ -67,8 +71,8 @@ class StudyFolders {
   /// The size of a study: its published instances and those in studies/.
   StudySize size_of(const std::string& study) const;
 
-  /// Moves the folder of a released association to released/. From then on its instances are kept,
-  /// even if the receiver is killed.
+  /// Moves the folder of a released association to released/. From then on the instances in it are
+  /// kept, even if the receiver is killed.
   Result<void> release(const std::filesystem::path& association) const;
   /// The folders in released/. Pass each of them to take().
   std::vector<std::filesystem::path> released() const;
@@ -82,15 +86,17 @@ class StudyFolders {
   std::filesystem::path follow_up_marks() const { return incoming_ / "following"; }
 
   /// Publishes the instances in `source`, a folder within .incoming, and removes `source`. If the
-  /// study is published already, its folder is exchanged for one that also has the new instances;
-  /// a published instance is never replaced. Errors: kUnwritable if a file cannot be written; kBug
-  /// if `study` is not a UID. After an error the study is unchanged, with one exception: if
-  /// only the file in received/ or the last sync failed, the study has been published.
+  /// study is published already, its folder is exchanged for one that also has the new instances; a
+  /// published instance is never replaced. Errors: kUnwritable if a file cannot be written; kBug if
+  /// `study` is not a UID. After an error the study is unchanged, with two exceptions: the study
+  /// has been published if only the last sync failed, and a published study has been extended if
+  /// only the file in received/ could not be written.
   Result<PublishedStudy> publish(const std::filesystem::path& source,
                                  const std::string& study) const;
 
-  /// Removes the studies that last grew more than `hours` ago, except those in `busy`. Other
-  /// folders are never removed. Returns the UIDs of the removed studies.
+  /// Removes the published studies that last grew more than `hours` ago, except those whose UIDs
+  /// are in `busy` (studies that are still to be meshed). Folders that were not received as studies
+  /// are never removed. Returns the UIDs of the removed studies.
   std::vector<std::string> remove_older(double hours, const std::set<std::string>& busy) const;
 
  private:

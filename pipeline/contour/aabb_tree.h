@@ -46,8 +46,8 @@ class AabbTree {
   void inspect_box(Point p, std::size_t level, std::size_t i, Nearest& best) const;
 
   std::vector<Edge> edges_;
-  // Each box encloses kFan consecutive edges, or kFan boxes of the level below. The last level has
-  // one box.
+  // A box of level 0 encloses up to kFan consecutive edges; a box of a higher level encloses up to
+  // kFan boxes of the level below. The last level has one box.
   std::vector<std::vector<Box>> levels_;
 };
 

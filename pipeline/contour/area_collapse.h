@@ -11,11 +11,11 @@
 
 namespace trocar::pipeline {
 
-/// Returns one ring for each ring of `contours`, in the same order; see simplify(). Precondition:
-/// `contours` passes check_pslg(). Each step replaces two to seven consecutive vertices of a ring
-/// by one lattice point, so that the ring keeps its area. Rounding the point to the lattice changes
-/// the area a little; the next steps of the ring correct this error. A step is made only if three
-/// conditions hold:
+/// Returns one ring for each ring of `contours`, in the same order. simplify() (simplification.h)
+/// calls this function. Precondition: `contours` passes check_pslg(). Each step replaces two to
+/// seven consecutive vertices of a ring by one lattice point, so that the ring keeps its area.
+/// Rounding the point to the lattice changes the area a little; the next steps of the ring correct
+/// this error. A step is made only if three conditions hold:
 ///  - The new edges cross nothing.
 ///  - No vertex lies in the area between the old edges and the new ones.
 ///  - The two-sided Hausdorff distance between the new edges and the part of the contour that they

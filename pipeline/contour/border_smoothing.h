@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Smooths the borders between labels. A border is given by the points at which it crosses the grid
-// lines between pixels.
+// Smooths the borders between labels. A border is given by its crossings, the points at which it
+// crosses grid lines. A grid line joins the centres of two neighbouring pixels.
 // Tests: tests/pipeline/contour/label_borders_test.cpp
 #pragma once
 
@@ -30,8 +30,8 @@ struct BorderEnds {
 /// G(s) is a Gaussian with standard deviation s along the section. Lengths are counted in
 /// crossings: s is a fourteenth of the section's length, but at most 3 crossings. Each crossing
 /// stays between its two pixels, so borders cannot cross. If this limit allows it, the areas on
-/// both sides of the border stay the same. If the border is closed, `ends` has no value, and the
-/// border may afterwards start at another of its crossings. O(n).
+/// both sides of the border stay the same. For a closed border `ends` has no value. A closed border
+/// with fixed crossings afterwards starts at a fixed one. O(n).
 void smooth_border(std::vector<Crossing>& border, const std::optional<BorderEnds>& ends);
 
 }  // namespace trocar::pipeline

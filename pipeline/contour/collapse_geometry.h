@@ -38,8 +38,9 @@ struct Span {
   std::int64_t doubled() const { return abc + acd; }
 };
 
-// A point that keeps the area if it replaces the edge bc. `displacement` is the area that would
-// change from one side of the outline to the other; it is kNever if no point keeps the area.
+// A point that keeps the area if it replaces the edge bc. `displacement` is the area, in squared
+// lattice steps, that would pass from one side of the outline to the other; both directions are
+// added. It is kNever if no point keeps the area.
 struct Ideal {
   Point at;
   double displacement = kNever;
@@ -57,8 +58,9 @@ inline Ideal ideal_on_ray(LatticePoint end, LatticePoint near, LatticePoint far,
   if (!(t > 0)) return {};
   const Point from = point(end), n = point(near);
   const Point e{from.x + t * (n.x - from.x), from.y + t * (n.y - from.y)};
-  // The new edge from e to `other` crosses near-far at near + u (far - near). The areas on both
-  // sides of that point are equal.
+  // The new edge from e to `other` crosses the edge near-far at x = near + u (far - near). The
+  // triangles (e, near, x) and (x, far, other) pass to the other side of the outline, in opposite
+  // directions. Their areas are equal.
   const Point f = point(far), o = point(other);
   const double at_near = (o.x - e.x) * (n.y - e.y) - (o.y - e.y) * (n.x - e.x),
                at_far = (o.x - e.x) * (f.y - e.y) - (o.y - e.y) * (f.x - e.x);
@@ -89,11 +91,12 @@ struct Path {
   LatticePoint e() const { return points[size]; }
 };
 
-// The point that replaces the inner nodes of a path of more than three edges. It lies on the normal
-// of the line a-d through the path's vertex farthest from that line. The point's distance from the
-// line is chosen so that the ring's area stays the same and `area_error`, twice the area that the
-// ring lacks, is corrected. The correction is at most the area of a triangle with the base a-d and
-// a height of one lattice step. `base2` is the squared length of a-d.
+// The point that replaces the inner nodes of a path of more than three edges. It lies on a line
+// that is perpendicular to a-d and passes through the vertex of the path farthest from a-d. The
+// point's distance from a-d is chosen so that the step keeps the area of the ring and makes up for
+// the error of earlier steps: `area_error` is twice the area that the ring lacks. The correction is
+// at most the area of a triangle with the base a-d and a height of one lattice step. `base2` is the
+// squared length of a-d.
 struct RunIdeal {
   Point at;
   double area;           // twice the area between the path a, `at`, d and the line a-d
@@ -140,16 +143,16 @@ inline bool crosses(LatticePoint a, LatticePoint b, LatticePoint c, LatticePoint
 }
 
 // Returns true if the edge pq of the outline prevents the step: if pq crosses one of the new edges
-// a-e and e-d, or if p lies between the path and the new edges. Precondition: pq is not an edge of
-// the path, and `box` encloses the path and e. If `is_end` is true, p is the last point of an open
-// contour, and q equals p.
+// a-e and e-d, or if p lies between the path and the new edges. (The caller also passes the edge
+// that starts at q, which tests q.) Precondition: pq is not an edge of the path, and `box` encloses
+// the path and e. If `is_end` is true, p is the last point of an open contour, and q equals p.
 inline bool meets(const Path& path, const LatticeBox& box, LatticePoint p, LatticePoint q,
                   bool is_end) {
   const LatticePoint a = path.a(), d = path.d(), e = path.e();
   const bool at_end = p == a || p == d;
   if (at_end && is_end) return false;
-  // If another ring that touches this one has an edge from a to d, the new edges might pass over it
-  // without a crossing.
+  // If an edge joins a and d, it belongs to another ring, which touches this one. The new edges
+  // have the same ends, so they could pass to the other side of that edge without crossing it.
   if (at_end && (q == a || q == d)) return true;
   if (!at_end && !apart({p, p}, box)) {
     for (std::size_t k = 1; k <= path.size; ++k)
@@ -169,7 +172,7 @@ inline std::optional<LatticePoint> nearest(Point p) {
 
 // Chooses among `near` and the eight lattice points around it, except a and d. Returns the point e
 // for which twice the signed area of the triangle a, e, d is nearest to `area`. If several are
-// equally good, returns the one nearest to `ideal`.
+// equally good, returns the one nearest to `ideal`. The result always has a value.
 inline std::optional<LatticePoint> rounded(LatticePoint a, LatticePoint d, LatticePoint near,
                                            Point ideal, double area) {
   const std::int64_t per_x = std::int64_t{d.y} - a.y, per_y = std::int64_t{a.x} - d.x,
@@ -201,12 +204,17 @@ struct Node {
   LatticePoint p;
   std::uint32_t previous, next;
 };
-// The other data of a node. They are separate from Node because they are needed less often.
+// The data of a node that are needed less often. They are not part of Node, so that more nodes fit
+// into the processor's cache.
 struct NodeState {
-  std::uint32_t ring, k;  // k and t: a position on the contour, within the tolerance of Node::p
+  // `ring` is the index of the ring and of its contour. k and t are a position on this contour,
+  // within the tolerance of Node::p.
+  std::uint32_t ring, k;
   double t = 0;
   double displacement = kUnknown;  // displacement if the edge to the next node collapses
-  double queued = kNever;          // the smallest displacement with which the node is in the queue
+  // The smallest displacement among the node's entries in the queue of collapses; kNever if the
+  // node has no entry.
+  double queued = kNever;
   ContourPosition position() const { return {k, t}; }
   void put(ContourPosition position) { k = position.k, t = position.t; }
 };
@@ -230,9 +238,10 @@ inline std::uint32_t along(std::uint32_t from, std::uint32_t k, std::uint32_t n)
 // the function returns no value. `tolerance2` is the squared tolerance.
 //
 // The function checks only that e is near its position, and that each vertex of the contour is near
-// the edge that replaces it. This suffices: while a point runs along the contour, its nearest point
-// on the edge runs along the whole edge, except perhaps near the edge's ends. Each end is near its
-// own position on the contour.
+// the edge that replaces it. It need not check that each point of the edge is near the contour.
+// This follows: while a point runs along the contour, its nearest point on the edge runs along the
+// edge. Only a stretch at either end of the edge may be left out, and each end is near its own
+// position on the contour.
 inline std::optional<ContourPosition> position_within(const ContourPart& part, LatticePoint a,
                                                       LatticePoint d, LatticePoint e,
                                                       double tolerance2) {

@@ -28,10 +28,10 @@ inline constexpr int kMinStepsPerPixel = 8;
 /// reasons). Everything outside the image is treated as outside the material. Precondition: pixels
 /// are at least kMinStepsPerPixel steps wide. O(pixels + vertices log vertices).
 ///
-/// SolidBone and ScannerTable (pipeline/segment) move the values of some pixels across the
-/// iso-value (Field::changed). Between a changed and an unchanged pixel, the values do not say
-/// where the border lies. With kSubpixel, the border there is a smooth curve (border_smoothing.h)
-/// that joins the crossings computed from values.
+/// SolidBone and ScannerTable (pipeline/segment) add pixels to the material or remove them. For
+/// this they move values across the iso-value (Field::changed). Between a changed and an unchanged
+/// pixel, the values do not say where the border lies. With kSubpixel, the border there is a smooth
+/// curve (border_smoothing.h) that joins the crossings computed from values.
 Pslg contours(const Field& field, const PixelGrid& grid, ContourKind kind);
 
 /// Removes rings with an area below `min_area_mm2`: small islands vanish and small holes are

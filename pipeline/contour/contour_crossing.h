@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Finds the point at which an iso-contour crosses the grid line between two pixels, more accurately
-// than linear interpolation. Also moves such crossings so that the polygon through them has the
-// area that the curve encloses.
+// Finds the point at which an iso-contour crosses a grid line, which joins the centres of two
+// neighbouring pixels. The result is more accurate than linear interpolation. Also moves such
+// crossings so that the polygon through them has the area that the curve encloses.
 #pragma once
 
 #include <array>
@@ -19,9 +19,10 @@ struct GridLine {
 
 /// The crossing as a fraction in [0, 1] of the way from sample 3 to sample 4. There are two cases:
 ///  - The samples rise or fall monotonically from one constant value to another, and the iso-value
-///    is about half-way between the two constants. The samples are then those of a
-///    blurred edge. The crossing is the position of the sharp edge with the same sum of samples.
-///    This is exact for every sharp straight edge, because a pixel is the average over its area.
+///    is about half-way between the two constants. The samples are then those of a blurred edge.
+///    Each pixel is the average over its area, so the sum of the samples says where a sharp
+///    straight edge lies, exactly. The crossing is the position of the sharp edge whose samples
+///    have the same sum.
 ///  - Otherwise a cubic interpolates between samples 3 and 4 (Steffen, Astronomy and Astrophysics
 ///    239, 1990), and the crossing is its only zero there. The cubic is monotone, and linear if the
 ///    samples are linear.

@@ -17,7 +17,7 @@ namespace trocar::pipeline {
 class ContourGrid {
  public:
   /// An entry in the list of a cell: the consecutive edges `first` to `last` of one ring.
-  /// `next_in_cell` is the index of the cell's next run.
+  /// `next_in_cell` is the index of the cell's next run, or kNone.
   struct Run {
     std::uint32_t first, last, next_in_cell;
   };

@@ -44,19 +44,21 @@ struct LabelBorders {
 /// Traces smooth borders (border_smoothing.h) on the lattice. Precondition: pixels are at least
 /// kMinStepsPerPixel steps wide. No two borders cross, whatever the pixels are:
 ///  - Between the centres of two neighbouring pixels of different materials lies exactly one point
-///    of a border, called a crossing. Outside the image every pixel counts as background. The
-///    crossings at the image's border stay on the outer edges of the pixels.
+///    of a border, called a crossing. Outside the image every pixel counts as background.
+///    Smoothing does not move the crossings at the image's border: they lie on the outer edges of
+///    the pixels.
 ///  - A cell is the square between the centres of four pixels. If it has two crossings, a segment
 ///    joins them. If it has three or four, a node in the cell's middle is joined to all of them.
-///    There is one exception: if the pixels of a diagonal belong together (connected_diagonal()),
-///    two segments cut off the pixels of the other diagonal.
+///    There is one exception: if connected_diagonal() (label_pixels.h) connects two diagonal pixels
+///    of the same material, two segments cut off the other two pixels.
 ///  - Within a cell no two segments intersect, and segments of two cells meet only at crossings.
-/// Every material therefore has the topology of its pixels, and no ring of a material passes a
-/// point twice. O(pixels + crossings).
+/// Every material therefore has the topology of its pixels, which are connected along their edges
+/// and by connected_diagonal(). No ring of a material passes a point twice. O(pixels + crossings).
 LabelBorders label_borders(const MaterialImage& image, const PixelGrid& grid);
 
-/// The outline of the union of all materials for which is_wanted() holds; see contours(). Where the
-/// outline passes a node twice, it is divided into rings that touch.
+/// The outline of the union of all materials for which is_wanted() holds. Its rings have the
+/// properties stated at contours() (contour.h): where the outline passes a node twice, it is
+/// divided into rings that touch.
 Pslg outline_of(const LabelBorders& borders, const std::function<bool(MaterialNumber)>& is_wanted);
 
 /// One outline for each material; the first belongs to material number 1. The outlines of two
@@ -66,9 +68,10 @@ std::vector<Pslg> material_outlines(const LabelBorders& borders);
 /// Proves in exact integers that no point of the plane is in two materials, and that every point
 /// within the outline of their union is in one. For this the function checks that each material's
 /// outline and the union's outline pass check_pslg(), and that the areas of the materials add up to
-/// the area of the union. This suffices: in the sum of the materials' winding numbers, the chains
-/// between two materials cancel. The sum is therefore the winding number of the union's outline,
-/// which is 0 or 1. Errors: kBug; the message names the condition that does not hold.
+/// the area of the union. This suffices. The outlines of two neighbours contain their common chain
+/// in opposite directions, so it cancels in the sum of all materials' winding numbers. At each
+/// point the sum is therefore the winding number of the union's outline, which is 0 or 1. Errors:
+/// kBug; the message names the condition that does not hold.
 Result<void> check_label_borders(const LabelBorders& borders);
 
 /// Simplifies each chain; nodes do not move. The two-sided Hausdorff distance between each chain

@@ -2,28 +2,29 @@
 // Removes features at the scale of the lattice from a simplified outline: edges of a few lattice
 // steps, and parts of the outline that come within a few lattice steps of each other.
 // Simplification leaves or creates such features, although the scan contains nothing of that size.
-// At that scale the angles of triangles depend on rounding to the lattice.
+// At that scale the angles of triangles depend on rounding to the lattice, and some become small.
 //
 // Definitions, with the clearance c = clearance_steps(tolerance), at most 12 lattice steps:
 //  - A tight spot is an edge shorter than c, or two edges without a common end whose distance is
 //    less than c (tight_spots.h).
-//  - The scan forces a tight spot if every change that clear_outline() tries there would leave the
-//    tolerance, change the topology or leave at least as many tight spots as before.
-//  - A small input angle is an angle below 60 degrees of the outline itself. A free angle is any
-//    angle of a triangle that lies at no small input angle. (SharpTriangle in
-//    triangulation/mesh_quality.h says which triangles lie at an input angle.)
+//  - The scan forces a tight spot if clear_outline() finds no change there that stays within the
+//    tolerance, keeps the topology and reduces the number of tight spots.
+//  - A small input angle is an angle of the outline itself that is below 60 degrees. Some triangles
+//    lie at a small input angle (SharpTriangle in triangulation/mesh_quality.h). The angles of all
+//    other triangles are free angles.
 //
 // Effect: with rare exceptions, the mesh of an outline without tight spots has no free angle below
 // 30 degrees. The reason is that refinement makes no edge much shorter than the clearance, while
-// rounding to the lattice moves a point by only one or two lattice steps. The test bounds how often
-// an exception occurs.
+// rounding to the lattice moves a point by only one or two lattice steps.
+// outline_clearance_test.cpp bounds how often an exception occurs.
 //
 // The following are not changed:
 //  - Sharp corners: two neighbouring edges may meet at any angle.
 //  - Tight spots of an outline that has many more tight spots than vertices. Such an outline is a
 //    figure at the scale of the lattice.
 //  - Outlines that a rotation by right angles may map to themselves, if the method is
-//    Douglas-Peucker. Their meshes can have free angles below 30 degrees.
+//    Douglas-Peucker. For such an outline, the order of changes would depend on its orientation.
+//    The meshes can have free angles below 30 degrees.
 #pragma once
 
 #include <cstdint>
@@ -60,14 +61,14 @@ double clearance_steps(double tolerance);
 ///  - The two-sided Hausdorff distance between the new edges and the part of the contour that they
 ///    replace is at most `tolerance` (lattice steps).
 ///  - Fewer tight spots remain.
-/// Rings, their nesting and shared ends are therefore preserved. Finally vertices move by up to two
-/// lattice steps in x and y at a time to restore the area of each ring. This is also done if the
-/// outline has no tight spot but its area is wrong by more than 0.02 %. If is_open[i] is true,
-/// contour i is a line, and its ends stay. If there are no lines, `is_open` may be empty. The
-/// result does not depend on the order of rings. If the outline is moved or rotated by right
-/// angles, the result moves and rotates with it. If `tolerance` is less than two lattice steps,
-/// nothing changes. `positions` and `area_errors` of `simplified` are not updated. O(n log n)
-/// typically; without tight spots the function takes a fraction of the time of simplification.
+/// The rings, their nesting and the common ends of lines are therefore preserved. Finally vertices
+/// move by up to two lattice steps in x and y at a time to restore the area of each ring. This is
+/// also done if the outline has no tight spot but its area is wrong by more than 0.02 %. If
+/// is_open[i] is true, contour i is a line, and its ends stay. If there are no lines, `is_open` may
+/// be empty. The result does not depend on the order of rings. If the outline is moved or rotated
+/// by right angles, the result moves and rotates with it. If `tolerance` is less than two lattice
+/// steps, nothing changes. `positions` and `area_errors` of `simplified` are not updated. O(n log
+/// n) typically; without tight spots the function takes a fraction of the time of simplification.
 void clear_outline(const Pslg& contours, const std::vector<bool>& is_open, double tolerance,
                    SimplifiedOutline& simplified);
 

@@ -20,8 +20,8 @@ struct LatticeSegment {
   LatticePoint a, b;
 };
 
-/// The grid has at most four times as many cells as there are segments. A segment across the whole
-/// grid passes through about as many cells as a row and a column have together.
+/// Memory: the grid has at most four times as many cells as there are segments. Time: a segment
+/// across the whole grid passes through about as many cells as a row and a column have together.
 class SegmentGrid {
  public:
   SegmentGrid() = default;
@@ -52,8 +52,8 @@ class SegmentGrid {
     });
   }
 
-  /// Calls visit(j) for every segment j that comes within `max_distance` of the box along both
-  /// axes, and possibly for others. A segment may be visited several times.
+  /// Calls visit(j) for every segment j that comes within the constructor's `max_distance` of the
+  /// box along both axes, and possibly for others. A segment may be visited several times.
   template <typename Visit>
   void for_each_near(const LatticeBox& box, const Visit& visit) const {
     if (newest_.empty()) return;
@@ -79,8 +79,8 @@ class SegmentGrid {
     std::uint32_t segment, older;  // older: the next entry of the same cell, or kNone
   };
 
-  // Widens the segment by the margin and calls visit(cell) for the cells that it then passes
-  // through, row by row.
+  // Widens the segment by margin_ (half of `max_distance`, and one step for rounding). Calls
+  // visit(cell) for the cells that the wider segment passes through, row by row.
   template <typename Visit>
   void for_each_cell(const LatticeSegment& segment, const Visit& visit) const {
     const auto [a, b] = segment;

@@ -32,19 +32,20 @@ Pslg simplify(const Pslg& contours, const Lattice& lattice, const Simplification
 
 /// Like simplify(), but also for open lines, which may share ends. If is_open[i] is true, ring i is
 /// a line: its first and last vertex stay and are not joined. If there are no lines, `is_open` and
-/// `mark_misplaced` may be empty. When no lines cross any more, Douglas-Peucker calls
-/// `mark_misplaced`. The callback must mark, by index, the simplified lines whose topology still
-/// differs from that of the original lines; Douglas-Peucker gives these lines more vertices and
-/// calls the callback again. Segment collapse never changes the topology, so it does not call
-/// `mark_misplaced` at all.
+/// `mark_misplaced` may be empty. Douglas-Peucker first adds vertices until no lines cross, and
+/// then calls `mark_misplaced`. The callback must mark, by index, the simplified lines whose
+/// topology differs from that of the original lines. Douglas-Peucker gives these lines more
+/// vertices and repeats both steps. Segment collapse never changes the topology, so it does not
+/// call `mark_misplaced` at all.
 using MarkMisplaced =
     std::function<void(const std::vector<Ring>& simplified, std::vector<char>& marks)>;
 Pslg simplify_lines(const Pslg& lines, const std::vector<bool>& is_open, const Lattice& lattice,
                     const SimplificationOptions& options, const MarkMisplaced& mark_misplaced);
 
-/// How far from an outline edge, in lattice steps, refinement may place a new point of this edge
-/// when it rounds the point to the lattice. The outline then stays within the tolerance. The result
-/// is infinite if the method does not reserve a part of the tolerance, or if the tolerance is 0.
+/// Refinement adds points to the edges of the outline and rounds them to the lattice. Returns how
+/// far, in lattice steps, rounding may move a point away from its edge if the outline is to stay
+/// within the tolerance. The result is infinite for Douglas-Peucker, which reserves no part of the
+/// tolerance for refinement, and for a tolerance of 0.
 double left_for_refinement_steps(const Lattice& lattice, const SimplificationOptions& options);
 
 /// Two-sided Hausdorff distance between a contour and the ring of the same index, in mm, with a

@@ -13,8 +13,9 @@
 namespace trocar::farm {
 
 /// The action as a JSON object: "schema", "program", "parameters", and one array for each role
-/// (NamedFile::of). The array of a role has the digests of its files, in the order of `wanted`.
-/// Precondition: `files` has the digest of every wanted file.
+/// (NamedFile::of). `program` is the digest of the program. The array of a role has the digests of
+/// those files in `wanted` that have this role, in their order. Precondition: `files` has the
+/// digest of every wanted file.
 nlohmann::json action_of(const std::string& program, const nlohmann::json& parameters,
                          const std::vector<NamedFile>& wanted, const std::vector<ScanFile>& files);
 

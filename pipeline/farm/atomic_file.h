@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // Atomic files: a file of a store appears complete or not at all. Its bytes are written to a
-// temporary file in the store's tmp/, synced, read back and checked. Then the temporary file is
-// renamed to its final path, and the folder there is synced. The rename commits the file, also over
-// NFS. After each step there is a failpoint, at which a test can kill the process (failpoint.h).
+// temporary file in the store's tmp/, synced, read back and checked. Then the temporary file
+// is renamed to its final path, and the folder there is synced. The file appears at the moment
+// of the rename, also over NFS. After each step there is a failpoint, at which a test can kill
+// the process (failpoint.h).
 // Tests: tests/pipeline/farm/store_test.cpp
 #pragma once
 
@@ -24,7 +25,7 @@ std::filesystem::path temporary_name(const std::filesystem::path& folder);
 
 struct AtomicFile {
   std::filesystem::path target;
-  std::filesystem::path tmp;  ///< the folder of temporary files, in the same file system
+  std::filesystem::path tmp;  ///< folder of temporary files, in the same file system as the target
   mode_t mode = 0666;         ///< permissions of the file, reduced by the process's umask
   bool is_synced = true;      ///< false if the file may be lost in a power failure
   /// An optional check of the bytes that were read back, in addition to the comparison with the
@@ -34,8 +35,9 @@ struct AtomicFile {
 
 /// Writes or replaces the target. If the target's folder is missing, creates it, but not the
 /// folder's parents. Errors: kUnwritable if the target cannot be written (the message names the
-/// path); those of `prove`. After an error the temporary file is removed and the target is
-/// unchanged, unless only the last sync, that of the folder, failed.
+/// path); those of `prove`. After an error the temporary file is removed, and the target is
+/// unchanged unless the error is that of the last step: if the folder cannot be synced, the target
+/// has the new bytes.
 Result<void> write_atomically(const AtomicFile& file, std::span<const std::uint8_t> bytes);
 Result<void> write_atomically(const AtomicFile& file, const std::string& text);
 

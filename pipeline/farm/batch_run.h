@@ -28,12 +28,13 @@ namespace trocar::farm {
 
 struct BatchSettings {
   std::filesystem::path store;
-  /// {I, N}: of the collection, only the scans I, I+N, I+2N and so on are selected, counted from 0.
+  /// {I, N}: of the collection, only the scans with the numbers I, I+N, I+2N and so on are
+  /// selected; the first scan has the number 0. std::nullopt: no scan is excluded.
   std::optional<std::pair<int, int>> shard;
-  std::optional<std::set<std::string>> only;  ///< names of the scans to select
+  std::optional<std::set<std::string>> only;  ///< names of the scans to select; std::nullopt: all
   int jobs = 1;  ///< largest number of scans that are worked on at the same time, at least 1
-  /// rehash: read all inputs, even those whose state (scan_files.h) is unchanged.
-  /// verify: verify the stored outputs of all selected scans.
+  /// rehash: read all inputs, even those with unchanged size, time and inode.
+  /// verify: check the stored outputs of all selected scans, and make damaged ones again.
   bool rehash = false, verify = false;
   bool retry = false;  ///< try known failures (see BatchSummary::known) again
   /// After this number of failures, no further scan is started; 0: no limit. Known failures are
@@ -58,13 +59,13 @@ struct BatchSummary {
   std::size_t scans = 0;           ///< all selected scans
   std::size_t unchanged = 0;       ///< done by an earlier run
   std::size_t made = 0;            ///< computed by this run
-  std::size_t found = 0;           ///< changed, but the store had the outputs under the new key
+  std::size_t found = 0;           ///< changed, but the store already had the new outputs
   std::size_t left = 0;            ///< not finished, because of a signal or of `max_failures`
   std::vector<FailedScan> failed;  ///< scans that failed in this run, in the collection's order
   /// Known failures (store.md), in the collection's order: scans that were refused in an earlier
   /// run and have not changed since. They were not tried again.
   std::vector<FailedScan> known;
-  std::uint64_t asset_bytes = 0;  ///< total size of the assets of all scans whose asset is done
+  std::uint64_t asset_bytes = 0;  ///< total size of the assets of all selected scans that have one
   bool has_unrecorded = false;    ///< true: a failure could not be written to the index
   bool has_journal = true;        ///< false: a line of the journal could not be written
   std::size_t products_made = 0;  ///< number of products (product.h) that this run made
@@ -77,7 +78,7 @@ struct NamedState {
 };
 
 /// The selected scans of a collection. Precondition: the collection's folder is the working
-/// directory.
+/// directory, because the paths of the scans are relative to it.
 class Batch {
  public:
   /// Selects the scans, and checks the parameters of all scans of the collection. `collection`,
@@ -90,13 +91,13 @@ class Batch {
   /// The states of the selected scans. A run would work on those that are stale. Errors: those of
   /// Store::open_for_reading().
   Result<std::vector<NamedState>> dry_run() const;
-  /// The state of one selected scan. Files whose state has changed are read, to find out whether
-  /// their bytes have changed. Errors: kUsage if there is no such scan; those of
-  /// Store::open_for_reading().
+  /// The state of one selected scan. Input files whose time or inode has changed are read, to
+  /// find out whether their bytes have changed too. Errors: kUsage if there is no such scan;
+  /// those of Store::open_for_reading().
   Result<ScanState> explain(const std::string& scan) const;
-  /// Works on the stale scans. Precondition: the process has no other threads yet, because it
-  /// forks. Errors: those of Store::open_for_writing(); kBug if no process can be created. If there
-  /// is nothing to do, a store that cannot be written is no error.
+  /// Works on the stale scans. Precondition: the process has no other threads yet, because this
+  /// function starts processes by fork(). Errors: those of Store::open_for_writing(); kBug if no
+  /// process can be created. If there is nothing to do, a store that cannot be written is no error.
   Result<BatchSummary> run() const;
 
  private:
@@ -105,7 +106,8 @@ class Batch {
   const ScanProgram* program_;
   BatchSettings settings_;
   std::vector<WantedScan> wanted_;
-  /// Each set of parameters once. Sets that name a refused file are left out.
+  /// The parameters of the scans. Scans with equal parameters share one element. Parameters that
+  /// name a refused file have no element.
   std::vector<std::unique_ptr<Parameters>> parameters_;
 };
 

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// A collection of scans with their parameters (formats/session/collection.schema.json).
+// Reads a collection, the list of scans and parameters that `trocar-mesh batch`
+// works through (formats/session/collection.schema.json).
 #pragma once
 
 #include <filesystem>
@@ -16,12 +17,12 @@ namespace trocar::farm {
 struct CollectionScan {
   std::string name;
   std::vector<std::string> paths;  ///< a file or folder, or several files
-  std::string glob;                ///< pattern for file names, if no paths are given
-  /// UID, number or description of a series in a folder. If it is empty, the series is chosen as by
-  /// trocar-mesh without --series.
+  std::string glob;                ///< pattern for the scan's files; empty if `paths` is given
+  /// UID, number or description of a series in a folder. If it is empty, trocar-mesh
+  /// chooses the series.
   std::string series;
-  /// The collection's defaults, overridden by the scan's own parameters. Parameters that are set to
-  /// false or null are left out.
+  /// The collection's defaults, overridden by the scan's own parameters. If the scan sets a
+  /// parameter to false or null, the parameter is left out, even if the defaults have it.
   nlohmann::json parameters = nlohmann::json::object();
   std::vector<WantedProduct> products = {};  ///< in the order of kProductKinds
 };
@@ -42,8 +43,8 @@ Result<Collection> parse_collection(std::string_view text, const std::filesystem
 Result<Collection> read_collection(const std::filesystem::path& file);
 
 /// Makes a first collection for the scans in `folder`. `list` is the result of list_scans() for the
-/// folder. The collection has every usable scan except localisers, with paths relative to
-/// `relative_to`.
+/// folder. The collection has every scan that `list` marks as usable, except localisers. The paths
+/// of the scans are relative to `relative_to`.
 nlohmann::json first_collection(const nlohmann::json& list, const std::filesystem::path& folder,
                                 const std::filesystem::path& relative_to);
 

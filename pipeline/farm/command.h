@@ -15,16 +15,16 @@ namespace trocar::farm {
 struct Command {
   std::vector<std::string> words;     ///< the program's path, then its arguments
   std::filesystem::path folder = {};  ///< working directory; empty: that of this process
-  std::filesystem::path output;       ///< file for its standard output
-  std::filesystem::path errors;       ///< file for its standard error
+  std::filesystem::path output;       ///< file for the command's standard output
+  std::filesystem::path errors;       ///< file for the command's standard error
 };
 
 /// Runs the command and waits for its end. The command is killed if this process dies or `stop` is
-/// set. Errors: kUsage, kRefused or kUnwritable if the command ended with exit code 2, 3 or 4; kBug
-/// if it ended in another way or cannot be started. kUnwritable and kBug are temporary
-/// (Error::is_temporary). The message is the last line of the command's standard error, without the
-/// program's name in front. If a signal ended the command, or this line is empty, the message says
-/// how the command ended.
+/// set; `stop` may be null. Errors: kUsage if the command ended with exit code 2; kRefused with
+/// exit code 3; kUnwritable with exit code 4; kBug if it ended in another way or cannot be started.
+/// After kUnwritable and kBug another try may succeed (Error::is_temporary is set). The message is
+/// the last line of the command's standard error, without the program's name in front. If a signal
+/// ended the command, or this line is empty, the message says how the command ended.
 Result<void> run_command(const Command& command, const std::atomic<bool>* stop);
 
 }  // namespace trocar::farm

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // The journal of a store: times and outcomes of the work on scans. Each batch writes a file of its
 // own, with one line of JSON for each scan. People read the journal, for example to choose the size
-// of tasks on a cluster. The store's correctness does not depend on it.
+// of tasks on a cluster; the program never reads it.
 // Tests: tests/e2e/batch_test.py
 #pragma once
 
@@ -17,8 +17,8 @@ class Journal {
   Journal(const Journal&) = delete;
   Journal& operator=(const Journal&) = delete;
   ~Journal();
-  /// Adds `time`, `host` and `pid` to the line and writes it. Returns false if the line could not
-  /// be written.
+  /// Adds the current time and this process's host and pid to the line (as `time`, `host` and
+  /// `pid`) and writes the line. Returns false if the line could not be written.
   bool add(nlohmann::json line);
 
  private:

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// The numbers of a run for a monitoring system, in the text format of Prometheus, version 0.0.4
-// (https://prometheus.io/docs/instrumenting/exposition_formats).
+// The numbers of a batch for a monitoring system, in the text format of Prometheus,
+// version 0.0.4 (https://prometheus.io/docs/instrumenting/exposition_formats).
 // Tests: tests/pipeline/farm/metrics_test.cpp
 #pragma once
 
@@ -13,8 +13,8 @@ namespace trocar::farm {
 
 /// The metrics as text. All metrics are gauges with the label `store`: the number of scans in each
 /// class of BatchSummary, the size of the assets of all scans that are done, the run's duration,
-/// and the time at which the run ended. From this time the monitoring system computes how long ago
-/// the run was.
+/// and the time at which the run ended. The monitoring system can compute from the end time how
+/// long ago the run was.
 std::string metrics_text(const BatchSummary& summary, const std::string& store,
                          std::chrono::system_clock::time_point end);
 

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// The identity of the process that made a temporary file or holds a lease, and whether it is alive.
+// Identifies the process that made a temporary file or holds a lease, and finds out whether this
+// process is still alive.
 // Tests: tests/pipeline/farm/store_test.cpp
 #pragma once
 
@@ -12,9 +13,9 @@ namespace trocar::farm {
 
 struct ProcessIdentity {
   std::string host;
-  /// The first 12 digits of a digest of two texts: the kernel's boot id, which changes with each
-  /// start of the system, and the process namespace. Of the processes with the same `boot`, no two
-  /// have the same `pid` at the same time.
+  /// Identifies one start of the system and, in it, one process namespace (for example that of a
+  /// container). The text is the first 12 digits of a digest of the kernel's boot id and the
+  /// namespace's name. At any time, no two processes with the same `boot` have the same `pid`.
   std::string boot;
   int pid = 0;
   std::uint64_t start = 0;  ///< start of the process, in kernel ticks since the boot
@@ -24,7 +25,7 @@ struct ProcessIdentity {
   std::string text() const;
 };
 
-/// The identity of this process. It is also correct directly after fork().
+/// The identity of this process. After fork(), the new process gets an identity of its own.
 ProcessIdentity this_process();
 
 /// Reads the identity from a text of the form HOST.BOOT.PID.START.REST, such as the name of a

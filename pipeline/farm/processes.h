@@ -35,13 +35,14 @@ class Processes {
   /// Kills the running processes and waits for them.
   ~Processes();
 
-  /// Starts a process for a task by fork(). The new process calls work(), sends the text that it
-  /// returns to this process, and ends. If this process dies, the new one is killed. Errors: kBug
-  /// if no process can be created.
+  /// Starts a process for a task by fork(). The new process calls work(), sends the result to the
+  /// calling process, and ends. If the calling process dies, the new one is killed. Errors: kBug if
+  /// no process can be created.
   Result<void> start(std::size_t task, const std::function<std::string()>& work);
   std::size_t running() const { return running_.size(); }
-  /// Waits for a process to end, at most for the given time, and returns it. Returns no value if
-  /// none has ended. This can happen before the time is over, so call the function in a loop.
+  /// Waits for a process to end, at most for the given time, and returns it. Returns no value
+  /// if none has ended. This can happen even before the given time is over, so call the
+  /// function in a loop.
   std::optional<Ended> wait(std::chrono::milliseconds most);
   /// Sends a signal to all running processes.
   void signal_all(int signal) const;

@@ -28,7 +28,8 @@ bool is_made_by_run(ProductKind kind);
 
 struct WantedProduct {
   ProductKind kind = ProductKind::kPreview;
-  /// Options of the command that makes the product, as a collection gives them.
+  /// Options of the command that makes the product: names without -- and their values, as
+  /// in a collection.
   nlohmann::json parameters = nlohmann::json::object();
 };
 

@@ -30,10 +30,10 @@ struct ProductPrograms {
 /// overridden by the product's own.
 nlohmann::json product_parameters(const CollectionScan& scan, const WantedProduct& product);
 
-/// The scan whose products are to be made, and how.
+/// The scan whose products are to be made, and what is needed to make them.
 struct ProductWork {
   const CollectionScan& scan;
-  const std::vector<std::filesystem::path>& inputs;  ///< result of inputs_of(scan)
+  const std::vector<std::filesystem::path>& inputs;  ///< result of inputs_of(scan), scan_files.h
   const nlohmann::json& action;                      ///< the action of the scan's asset
   const ProductPrograms& programs;
   const Store& store;
@@ -50,11 +50,11 @@ struct ProductsDone {
 };
 
 /// Makes the wanted products and lists them in entry.products. Precondition: the asset of `entry`
-/// is done. A product is made only if the store does not have it under its key. The key is a digest
-/// of the program's digest, the product's parameters, and what the product is made of:
+/// is done. A product is made only if the store does not have it under the product's key. The key
+/// is a digest of the program's digest, the product's parameters, and what the product is made of:
 ///  - preview and surface: the action of the scan's asset;
 ///  - scene: the scan's name and the digest of the asset;
-///  - check: the same as for the scene, and the digest of the scene.
+///  - check: the scan's name and the digests of the asset and of the scene.
 /// A product that fails is recorded in `entry` and in ProductsDone::failure. Errors: kUnwritable if
 /// a file of the store cannot be written; kRefused if `stop` was set.
 Result<ProductsDone> make_products(const ProductWork& work, ScanEntry& entry);

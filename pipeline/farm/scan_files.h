@@ -17,7 +17,7 @@
 namespace trocar::farm {
 
 struct ScanFile {
-  std::string of;  ///< role of the file, as NamedFile::of
+  std::string of;  ///< role of the file: "input", or the name of an option (NamedFile::of)
   std::string path;
   std::uint64_t size = 0;
   std::int64_t mtime_ns = 0;
@@ -25,19 +25,20 @@ struct ScanFile {
   std::string sha256 = {};  ///< digest of the bytes; empty if they were not read
 };
 
-/// Compares role, path, size, time and inode, but not the digest. If they are equal, the bytes are
-/// taken to be the same.
+/// Are role, path, size, time and inode equal? The digests are not compared. The callers take the
+/// bytes of two files with the same state to be the same.
 bool same_state(const ScanFile& a, const ScanFile& b);
 bool same_state(const std::vector<ScanFile>& a, const std::vector<ScanFile>& b);
 
-/// The scan's input paths as they are given. If the scan has a pattern instead, the paths that
-/// match it, in natural order ("s2" before "s10"). Errors: kRefused if no path matches, or if the
-/// pattern's folders cannot be read.
+/// The scan's input paths: the paths as they are given or, if the scan has a pattern, the paths
+/// that match the pattern, in natural order ("s2" before "s10"). Errors: kRefused if no path
+/// matches, or if the pattern's folders cannot be read.
 Result<std::vector<std::filesystem::path>> inputs_of(const CollectionScan& scan);
 
 /// The files of all paths, in the order of the paths. For a folder, these are all files that
-/// files_below() (open/scan_folder.h) finds in it. No file is read. Errors: kRefused if a path does
-/// not exist, cannot be searched, or is neither a file nor a folder.
+/// files_below() (open/scan_folder.h) finds in it. No file is read, so the digests are
+/// empty. Errors: kRefused if a path does not exist, cannot be searched, or is neither a
+/// file nor a folder.
 Result<std::vector<ScanFile>> list_files(const std::vector<NamedFile>& paths);
 
 /// File systems record times of modification in steps of up to two seconds, so two changes within

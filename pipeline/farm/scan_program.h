@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// The farm's interface to meshing, which the program implements (program/farm_scans.h). The farm
-// itself deals with files, keys and processes only.
+// The interface through which a batch opens and meshes scans; program/farm_scans.h implements it.
+// The rest of this folder deals only with files, digests and processes.
 // Tests: tests/pipeline/farm/worker_test.cpp
 #pragma once
 
@@ -15,8 +15,8 @@
 
 namespace trocar::farm {
 
-/// A file or folder with its role `of`: "input", or the name of the option that names it, such as
-/// "hu".
+/// A file or folder that a scan needs. Its role `of` is "input", or the name of the option that
+/// gives it, such as "hu" for --hu.
 struct NamedFile {
   std::string of;
   std::filesystem::path path;
@@ -44,7 +44,7 @@ class OpenedScan {
   OpenedScan(const OpenedScan&) = delete;
   OpenedScan& operator=(const OpenedScan&) = delete;
   virtual ~OpenedScan() = default;
-  /// The files that the scan consists of, in the order in which they enter its key.
+  /// The files that the scan consists of, in the order of their digests in its key (action_key.h).
   virtual std::vector<NamedFile> files() const = 0;
   /// Meshes the scan.
   virtual Result<ScanOutputs> mesh() = 0;
@@ -59,14 +59,14 @@ class ScanProgram {
   /// Checks parameters as a collection gives them: names of options with their values. Errors:
   /// kUsage if the parameters are wrong; kRefused if a file that they name cannot be used.
   virtual Result<Parameters> parameters(const nlohmann::json& given) const = 0;
-  /// Must the scan be opened before its key can be computed? It must in two cases: if only opening
-  /// shows which files of a folder belong to the scan, or whether the parameters apply to the scan.
+  /// Must the scan be opened before its key (action_key.h) can be computed? True if only opening
+  /// shows which files of a folder belong to the scan, or whether the parameters suit the scan.
   virtual bool opens_first(const std::vector<std::filesystem::path>& inputs,
                            const Parameters& parameters) const = 0;
-  /// Opens a scan. `given` are parameters as in parameters(). `inputs` are files, or one folder; in
-  /// messages they have the names given here. `series` selects a series in the folder. Meshing uses
-  /// `threads` threads. Errors: those of parameters() and of the reader; kUsage if the scan needs
-  /// other parameters.
+  /// Opens a scan. `given` are parameters as in parameters(). `inputs` are files, or one folder;
+  /// messages name them as they are given here. `series` selects a DICOM series in the folder;
+  /// empty: the default choice. Meshing uses `threads` threads. Errors: those of parameters() and
+  /// of reading the scan; kUsage if the scan needs other parameters.
   virtual Result<std::unique_ptr<OpenedScan>> open(const nlohmann::json& given,
                                                    const std::vector<std::filesystem::path>& inputs,
                                                    const std::string& series,

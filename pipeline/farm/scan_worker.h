@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// The work on one scan in its process, from reading the input to writing the index entry.
+// The work of a batch on one scan, from reading the input to writing the index entry. The work is
+// done in a process of its own.
 // Tests: tests/pipeline/farm/worker_test.cpp
 #pragma once
 
@@ -17,7 +18,7 @@ namespace trocar::farm {
 struct Work {
   WantedScan wanted;
   bool rehash = false;  ///< read all inputs, even those with unchanged size, time and inode
-  bool verify = false;  ///< verify the stored outputs, and make damaged ones again
+  bool verify = false;  ///< check the stored outputs, and make damaged ones again
   bool retry = false;   ///< try a known failure again; if it fails, the outcome is kFailed
   int threads = 1;
   /// A flag that a signal handler sets; may be null. Once it is set, an error is not a failure: the
@@ -36,11 +37,13 @@ struct Outcome {
     kInterrupted,   ///< a signal ended the batch
   };
   Kind kind = Kind::kFailed;
-  /// key: the key of the scan's action, empty if it is not known. reason: the failure's message.
+  /// key: the key of the scan's action (action_key.h), empty if it is not known. reason: the
+  /// message of the failure.
   std::string key, reason;
   /// signal: the signal that killed the scan's process; 0 if none did.
   int exit_code = 0, signal = 0;
-  /// bytes: size of the asset. input_bytes: total size of the input files whose digests are known.
+  /// bytes: size of the asset. input_bytes: total size of the input files whose digests were
+  /// computed or taken from the index.
   std::uint64_t bytes = 0, input_bytes = 0;
   std::size_t products_made = 0;
   std::uint64_t memory_bytes = 0;  ///< largest resident memory of the scan's process

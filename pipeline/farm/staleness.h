@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // The state of a scan: done, a known failure, or stale. A known failure is a scan that was refused
-// in an earlier run for a lasting reason and has not changed since (store.md). A scan is stale if
-// its program, its parameters, its input, its products or its files in the store have changed.
+// in an earlier run and would be refused again, because it has not changed since (store.md). A scan
+// is stale if it is new, if it failed for a passing reason, or if its program, its parameters, its
+// input, its products or its files in the store have changed.
 // Tests: tests/pipeline/farm/worker_test.cpp
 #pragma once
 
@@ -26,9 +27,10 @@ struct WantedScan {
 
 /// How thoroughly a scan is compared with its index entry.
 struct Comparison {
-  bool rehash = false;  ///< true: compares the bytes of all inputs
-  /// True: compares the bytes of inputs whose state (scan_files.h) has changed. If the bytes are
-  /// the same, the input does not make the scan stale.
+  bool rehash = false;  ///< true: compares the bytes of all inputs with their digests in the index
+  /// True: compares the bytes of inputs whose time or inode has changed. If the bytes are the same,
+  /// the input does not make the scan stale. If this member and `rehash` are false, a changed time
+  /// or inode makes the scan stale.
   bool compare_bytes = false;
   bool retry = false;  ///< true: a scan that has failed is always stale
 };
@@ -41,14 +43,14 @@ struct ScanState {
     kStale,         ///< neither done nor a known failure: a run must make the scan
   };
   Kind kind = Kind::kStale;
-  /// The causes of the state as --json shows them (store.md): changes, and recorded failures of the
-  /// scan or of its products. Empty if the scan is done.
+  /// The causes of the state, as `trocar-mesh batch --json` prints them (store.md): changes, and
+  /// recorded failures of the scan or of its products. Empty if the scan is done.
   std::vector<nlohmann::json> why;
   std::uint64_t asset_bytes = 0;  ///< size of the asset in the index; 0 if there is none
 };
 
-/// Compares a scan with its index entry and the states of its files. Without `how.rehash` and
-/// `how.compare_bytes`, no file of the scan is read.
+/// Compares a scan with its entry in the store's index. The bytes of the input files are read only
+/// if `how.rehash` or `how.compare_bytes` is true; otherwise size, time and inode are compared.
 ScanState state_of(const WantedScan& wanted, const ScanProgram& program, const Store& store,
                    const Comparison& how);
 

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// The store of a batch; store.md describes its layout. Its files, except journal and leases, are
-// written atomically (atomic_file.h).
+// The store into which `trocar-mesh batch` writes; store.md describes the store's layout. The
+// store's index has an entry for each scan. All files of the store except the journal and the
+// leases are written atomically (atomic_file.h).
 #pragma once
 
 #include <chrono>
@@ -20,9 +21,9 @@
 
 namespace trocar::farm {
 
-/// If it cannot be checked whether a file's process is alive, for example because the process runs
-/// on another host, the file counts as abandoned when it reaches this age. kStrayAge is the age for
-/// a temporary file, kLeaseDuration for a lease.
+/// The ages at which a temporary file (kStrayAge) and a lease (kLeaseDuration) count as abandoned.
+/// The age decides only if it cannot be checked whether the process that made the file is alive,
+/// for example because the process runs on another host.
 inline constexpr std::chrono::seconds kStrayAge{600}, kLeaseDuration{60};
 
 /// A file of the store that is named by its digest.
@@ -36,19 +37,20 @@ struct Outputs {
   bool operator==(const Outputs&) const = default;
 };
 
-/// A product of a scan (product.h), as the index has it.
+/// A product of a scan (product.h), as the index entry of the scan records it.
 struct StoredProduct {
   std::string key;      ///< empty if the product was not tried, because its scene failed
   std::string program;  ///< digest of the program that makes the product
   nlohmann::json parameters;
   std::optional<Object> file = {};  ///< present if the product is done
-  // Set if the product failed, with the same meanings as in ScanEntry:
+  // Set if the product failed. ScanEntry, below, explains these members.
   std::string reason = {};
   int exit_code = 0;
   bool is_lasting = false;
 };
 
-/// The index's entry of a scan.
+/// The entry of a scan in the index: the last outcome, and the program, parameters and files that
+/// led to it.
 struct ScanEntry {
   std::string name;
   std::string key;      ///< key of the scan's action (action_key.h); empty if it is not known
@@ -94,18 +96,19 @@ class Store {
   /// Do the files exist with the recorded sizes? The files are not read.
   bool has(const Outputs& outputs) const;
   bool has(const Object& object) const;
-  /// Sets the modification times of the action and its outputs to now, so that --gc keeps them.
-  /// Returns false if one of these files no longer exists.
+  /// Sets the modification times of the action and its outputs to now, so that garbage collection
+  /// (garbage.h) keeps them. Returns false if one of these files no longer exists.
   bool renew(const std::string& key, const Outputs& outputs) const;
 
-  /// Writes an output. If the store has a file with the output's digest and size already, only
-  /// renews the file's time. `prove` checks the bytes that are read back (AtomicFile::prove).
-  /// Errors: kUnwritable if the output cannot be written; those of `prove`.
+  /// Writes the bytes of an asset, a report or a product. If the store already has a file with this
+  /// digest and size, only renews the file's time. `prove` checks the bytes that are read back
+  /// (AtomicFile::prove). Errors: kUnwritable if the bytes cannot be written; those of `prove`.
   Result<Object> put_content(
       std::span<const std::uint8_t> bytes,
       const std::function<Result<void>(std::span<const std::uint8_t>)>& prove) const;
-  /// find_product() does for a product what find() does for the outputs of a scan, and also sets
-  /// the times of the product's action and file to now. put_product() corresponds to put_action().
+  /// find_product() returns the file of the product whose action has this key, if the store
+  /// has both, and sets the modification times of both to now. put_product() records the file
+  /// of a product's action.
   std::optional<Object> find_product(const std::string& key) const;
   Result<void> put_product(const std::string& key, const nlohmann::json& action,
                            const Object& file) const;
@@ -125,7 +128,8 @@ class Store {
   /// The names of all scans in the index, sorted.
   std::vector<std::string> names() const;
 
-  /// The current time by the clock of the store's file system. Errors: kUnwritable if no file can
+  /// The current time by the clock of the store's file system. The ages of files are measured by
+  /// this clock, because the clocks of two hosts may differ. Errors: kUnwritable if no file can
   /// be written there.
   Result<std::chrono::nanoseconds> now() const;
   /// Removes temporary files and leases of dead processes, and those that count as abandoned

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// A label map and the CT from which it was made, on the same grid of voxels.
+// Opens a label map together with the CT from which it was made. Both must have the same
+// grid of voxels.
 #pragma once
 
 #include <filesystem>
@@ -17,10 +18,11 @@ struct LabelsWithCt {
 };
 
 /// Opens the label map `inputs` and the CT `ct`. options.axis applies to both, the other options
-/// only to the label map. If the label map is a DICOM segmentation, it gets the slices of the CT
-/// (OpenOptions::segmented_ct). The CT's warnings are added to those of the label map. Nothing is
-/// resampled. Errors: those of open_stack(); kRefused if the CT's values are not HU, or if its grid
-/// differs from the label map's grid (same_grid.h).
+/// only to the label map. If the label map is a DICOM segmentation, it gets all slices of the CT,
+/// because its file may leave out slices without labels (OpenOptions::segmented_ct). The CT's
+/// warnings are added to those of the label map. Nothing is resampled. Errors: those of
+/// open_stack(); kRefused if the CT's values are not HU, or if its grid differs from the label
+/// map's grid (same_grid.h).
 Result<LabelsWithCt> open_labels_with_ct(const std::vector<std::filesystem::path>& inputs,
                                          const std::filesystem::path& ct,
                                          const OpenOptions& options);

@@ -15,13 +15,12 @@ namespace trocar::pipeline {
 /// Opens a list of files, or the scan that search_folder() finds in one folder. Warnings:
 /// those of the readers, and other_input if other scans in the folder are left out.
 ///
-/// Errors: kRefused if an input does not exist, a file is broken, nothing is usable, slices differ
+/// Errors: kRefused if an input does not exist, a file is broken, no file is usable, slices differ
 /// in size, or an axis (option --axis) is given for DICOM slices that do not form a regular volume.
-/// kUsage if the
-/// inputs and the options do not fit together, for example:
+/// kUsage if the inputs and the options do not fit together, for example:
 ///  - No spacing is given for images, or for a NIfTI file that states none.
 ///  - Images are given with an axis other than axial.
-///  - A volume's index is given for input that is not NIfTI.
+///  - The index of a volume (OpenOptions::volume) is given for input that is not NIfTI.
 ///  - A series is given for input that is not DICOM, or the input does not have the series.
 ///  - The folder contains several NIfTI files, or several folders of images.
 ///  - A folder or a NIfTI file is given together with other inputs.

@@ -17,20 +17,20 @@ namespace trocar::pipeline {
 /// The list as JSON:
 ///  - `schema`, `program`, `folder` (the folder's name)
 ///  - `other_files`: the number of files that belong to no scan
-///  - `why`: the reason why one DICOM series is taken rather than another, or null
+///  - `why`: the reason why one of several DICOM series is taken; null if there is no such choice
 ///  - `scans[]`: first the DICOM series by number, then NIfTI files, then folders of images
 ///
 /// Each scan has `kind` ("dicom", "nifti", "images"), `path` (relative to the folder), `slices`,
-/// `width_px`, `height_px`, `spacing_mm` (x, y, z), `evenly_spaced`, `tilt_deg`, `usable`,
-/// `problem` (the reason why the scan is not usable) and `taken`. The scan with `taken` = true is
-/// meshed if the folder is given without --series. A DICOM series also has `uid`, `study_uid`,
-/// `study_date`, `number`, `description`, `kernel`, `modality`, `image_type`, `localiser` and
-/// `files`. A segmentation also has `segments` (`label`, `name`); it is usable with --labels.
-/// Values that are not known are null.
+/// `width_px`, `height_px`, `spacing_mm` (x, y, z), `evenly_spaced`, `tilt_deg` (of the gantry),
+/// `usable`, `problem` (the reason why the scan is not usable) and `taken`. The scan with `taken` =
+/// true is meshed if the folder is given without --series. A DICOM series also has `uid`,
+/// `study_uid`, `study_date`, `number`, `description`, `kernel`, `modality`, `image_type`,
+/// `localiser` and `files`. A segmentation also has `segments` (`label`, `name`); it is usable with
+/// --labels. Values that are not known are null.
 ///
-/// If `folder` is a file, it is listed like the only file of a folder. If it is a DICOMDIR, the
-/// folder of this file is listed. Errors: kRefused if `folder` does not exist, cannot be read, or
-/// contains no scan.
+/// If `folder` is a file, the list is that of a folder with this file alone. If the file is a
+/// DICOMDIR, the folder of the file is listed. Errors: kRefused if `folder` does not exist, cannot
+/// be read, or contains no scan.
 Result<nlohmann::json> list_scans(const std::filesystem::path& folder,
                                   std::vector<Warning>& warnings);
 

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Computes the data of `trocar-mesh preview`: some slices with the outlines that a run with the
-// same options would mesh, a histogram of their values, and the areas at other thresholds.
+// Computes the data of `trocar-mesh preview`: some slices with the outlines that trocar-mesh would
+// mesh with the same options, a histogram of the slices' values, and the areas that the material
+// would have at other thresholds.
 // Tests: tests/e2e/preview_test.py
 #pragma once
 
@@ -14,9 +15,9 @@
 
 namespace trocar::pipeline {
 
-/// The patient directions towards the four edges of the image, as letters R, L, A, P, I, S. If a
-/// direction is oblique by more than 15 degrees, it has two or three letters, the nearest patient
-/// axis first.
+/// The patient directions towards the four edges of the image, as letters R, L, A, P, I, S. The
+/// first letter is that of the nearest patient axis. Each further axis towards which the direction
+/// is inclined by more than 15 degrees adds a letter.
 struct EdgeLetters {
   std::string left, right, top, bottom;
 };
@@ -25,15 +26,16 @@ EdgeLetters edge_letters(const SlicePlane& plane);
 struct PreviewSlice {
   int index = 0;
   SlicePlane plane;
-  Image image;    ///< pixels within the crop
-  Pslg contours;  ///< the contours that a run would simplify and mesh
+  Image image;    ///< pixels within Preview::crop
+  Pslg contours;  ///< the contours that trocar-mesh would simplify and mesh
   double area_mm2 = 0;
-  EdgeLetters letters;  ///< empty if the stack's pixel_unit() is kGrey, as it is for images
+  EdgeLetters letters;  ///< empty if the stack's pixel_unit() is kGrey (image files, labels)
 };
 
-/// The material that all slices shown would have together, if the threshold (or, with equalisation,
-/// the level) were changed by `change`. It is computed as in a run, except that solid bone is not
-/// made and the scanner's table is not removed.
+/// The material that all slices shown would have together, if the threshold were changed by
+/// `change`. With equalisation (--equalize), the grey level that serves as the threshold is
+/// changed. The material is computed as for an asset, except that solid bone (segment/solid_bone.h)
+/// is not made and the scanner's table is not removed.
 struct Change {
   /// `threshold` is the changed threshold or level, `area_mm2` the area of the material.
   double change = 0, threshold = 0, area_mm2 = 0;
@@ -56,26 +58,28 @@ struct Preview {
   double step_mm = 0;                     ///< mean distance between the scan's slices
   std::vector<PreviewSlice> shown;
   double low = 0, high = 0;  ///< range of the values in the slices shown
-  /// Only with equalisation, where the same level is a different value in each slice. Each slice
-  /// shown has a lowest value that is material. `lowest_cut` is the smallest of these values,
-  /// `highest_cut` the largest. If no slice has material, lowest_cut > highest_cut.
+  /// Used only with equalisation, where one level stands for a different value in each slice. Each
+  /// slice shown has a lowest value that is still material. `lowest_cut` is the smallest of these
+  /// values, `highest_cut` the largest. If no slice has material, lowest_cut > highest_cut.
   double lowest_cut = 0, highest_cut = 0;
   Histogram histogram;          ///< empty for labels
   std::vector<Change> changes;  ///< five, of which the third has change 0; empty for labels
-  /// Number of voxels of each label in the slices shown: of all wanted labels, and of all others
-  /// that occur, except 0. In one slice, at most 4096 different labels are counted.
+  /// Number of voxels of each label in the slices shown: of all labels that are material,
+  /// and of all other labels that occur, except 0. In one slice, at most 4096 different
+  /// labels are counted.
   std::map<int, std::int64_t> label_voxels;
-  bool has_solid = false;  ///< true: the run would make solid bone (segment/solid_bone.h)
+  bool has_solid = false;  ///< true: trocar-mesh would make solid bone (segment/solid_bone.h)
   bool has_table = false;  ///< true: a scanner's table was found and left out
   bool is_filled = false;  ///< true: the inside of the bone is filled (SolidOptions::fill_mm2)
   std::vector<Warning> warnings;
 };
 
 /// Previews `count` slices, evenly spread from the first to the last slice with material. If the
-/// scan has more than 64 slices, these two are found by bisection, so that not all slices need to
-/// be read. All slices are read if solid bone is made, if samples of the scan show a scanner's
-/// table, or if none of the first 64 slices inspected has material. The number of threads does not
-/// change the result. Errors: those of mesh_stack() up to the contours.
+/// scan has more than 64 slices, 64 of them are inspected, and bisection between these finds the
+/// first and the last slice with material, so that not all slices need to be read. All slices are
+/// read if solid bone is made, if a scanner's table shows in samples of the scan, or if none of the
+/// 64 slices has material. The number of threads does not change the result. Errors: those that
+/// mesh_stack() can find before it simplifies contours.
 Result<Preview> make_preview(const SliceStack& stack, const StackOptions& options, int count);
 
 /// The unit of the values, in words: "HU", "grey levels", "labels", or "values" if uncalibrated.

@@ -23,15 +23,15 @@ std::string options_text(const StackOptions& options, const OpenOptions& input, 
 /// A phrase for sentences: "the slice shown" or "the N slices shown".
 std::string slices_shown(const Preview& preview);
 
-/// Sizes of the scan and of the region shown.
+/// The sizes of the scan and of `view`, the region shown.
 std::string size_text(const Preview& preview, const Crop& view);
 
 /// The preview's warnings, each once, without file names. A sentence that may contain names or
 /// texts of the input is replaced by one that refers to the messages on the terminal.
 std::vector<Warning> shown_warnings(const Preview& preview);
 
-/// Explains the numbers in Preview::changes: over which contours they are summed. If the bone is
-/// filled, also says what fraction of a vertebra or rib filled bone usually covers.
+/// Says which contours the numbers in Preview::changes include. If the bone is filled, also says
+/// how much of a vertebra or a rib is usually covered by filled bone.
 std::string changes_text(const Preview& preview);
 
 /// A number with up to `digits` significant digits. If its integer part has more digits, the number

@@ -18,9 +18,9 @@ int panel_height(const Preview& preview);
 /// Draws the panel with its upper edge at y.
 void draw_panel(cv::Mat& sheet, const Preview& preview, int y);
 
-/// Colour of a wanted label, RGB; grey for other labels. The seven colours (Okabe and Ito) can be
-/// distinguished by people with the usual kinds of colour blindness. From the eighth label on,
-/// colours are repeated.
+/// Colour of a label that is material, RGB; grey for other labels. There are seven colours (of
+/// Okabe and Ito), which people with the usual kinds of colour blindness can distinguish. From the
+/// eighth label on, colours are repeated.
 std::array<std::uint8_t, 3> label_colour(const Preview& preview, int label);
 
 }  // namespace trocar::pipeline

@@ -15,8 +15,8 @@
 
 namespace trocar::pipeline {
 
-/// The picture as a PNG file. Errors: kRefused if there is not enough memory; kBug if it cannot be
-/// encoded.
+/// The picture as a PNG file. Errors: kRefused if there is not enough memory; kBug if the picture
+/// cannot be encoded.
 Result<std::vector<std::uint8_t>> png_of(const Picture& picture);
 
 /// Was the file written by png_of()? Only such a file may be overwritten by a new preview.

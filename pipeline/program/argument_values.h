@@ -39,10 +39,10 @@ Result<std::vector<T>> numbers(const std::string& text, std::string_view pattern
   return out;
 }
 
-/// Adds the labels of `list`, such as "7,20-24" for 7 and 20 to 24, to `labels`. If `joined` is
-/// given, the list may also join labels by +, as in "20+21". Joined labels are added to `joined`
-/// as one set, and not to `labels`. Errors: kUsage if the list is wrong; the message names
-/// `option`.
+/// Adds the labels of `list`, such as "7,20-24" for 7 and 20 to 24, to `labels`. If `joined` is not
+/// null, the list may also join labels by +, as in "20+21", so that they form one material. Joined
+/// labels are added to `joined` as one set, and not to `labels`. Errors: kUsage if the list is
+/// wrong; the message names `option`.
 Result<void> add_labels(const std::string& option, const std::string& list, std::set<int>& labels,
                         std::vector<std::set<int>>* joined = nullptr);
 

@@ -78,8 +78,10 @@ void add_material_options(CLI::App& app, Arguments& a) {
   std::vector<std::string> names;
   for (const Preset& preset : presets())
     names.emplace_back(preset.name);
-  group.choice("--preset", a.preset, std::move(names),
-               "use this set of options; --explain prints what is in it");
+  group.choice(
+      "--preset", a.preset, std::move(names),
+      "use the options that suit this material; --explain prints them. (paper: for images, the\n"
+      "method of the publication that Trocar follows)");
   group.flag("--explain", a.explain, "print the options of --preset, or of all presets");
   a.threshold_given =
       group.number("--threshold", a.threshold, "HU", -1e6, 1e6,
@@ -87,8 +89,9 @@ void add_material_options(CLI::App& app, Arguments& a) {
                    "density, -300: skin). If INPUT is images: a grey level from 0 to 255");
   a.equalize_given = group.number(
       "--equalize", a.equalize, "LEVEL", 0.0, 255.0,
-      "instead of --threshold, and only if this option is given: equalise the histogram of\n"
-      "grey levels, then apply this threshold from 0 to 255");
+      "instead of --threshold, and only if this option is given: spread the grey levels of each\n"
+      "slice evenly over 0 to 255 (histogram equalisation), then mesh all pixels of at least\n"
+      "this level");
   a.labels_given = group
                        .value("--labels", a.labels, "L",
                               "INPUT is a label map: its voxels hold numbers of structures. Mesh "
@@ -97,13 +100,14 @@ void add_material_options(CLI::App& app, Arguments& a) {
                               "material; 20+21 joins\n"
                               "two structures to one material")
                        ->allow_extra_args(false);
-  group.value("--names", a.names, "FILE",
-              "names of the labels: a JSON file such as {\"20\": \"L1\"}, or one of the built-in\n"
-              "tables 'verse' and 'totalsegmentator'");
+  group.value(
+      "--names", a.names, "FILE",
+      "names of the labels: a JSON file such as {\"20\": \"L1\"}; or verse, for label maps of\n"
+      "the data set VerSe; or totalsegmentator, for those of the program TotalSegmentator");
   group.number(
       "--min-region", a.min_region_mm2, "MM2", 0.0, 1e12,
-      "in each slice, drop islands of material that are smaller than this area, mm^2, and fill\n"
-      "holes that are smaller");
+      "in each slice, drop islands of material and fill holes whose area is smaller than this,\n"
+      "mm^2");
   group.flag("--keep-table", a.keep_table,
              "mesh the scanner's table, too. Without this option, the table is left out if it\n"
              "is separate from the patient's bone");
@@ -159,8 +163,8 @@ void add_stage_options(CLI::App& app, Arguments& a) {
   group
       .choice(
           "--simplify", a.simplify, {"area", "dp"},
-          "how outlines are simplified. area: edges are collapsed so that the enclosed area is\n"
-          "kept; dp: vertices are left out, by the method of Douglas and Peucker")
+          "how outlines are simplified. area: vertices are merged so that each outline keeps its\n"
+          "area; dp: vertices are left out (method of Douglas and Peucker), and areas change")
       ->capture_default_str();
   group.number("--tolerance", a.tolerance_mm, "MM", 0.0, 1e4,
                "largest distance of the simplified outline from the original one, mm");
@@ -190,8 +194,8 @@ void add_output_options(CLI::App& app, Arguments& a, const char* output) {
   a.surface_triangles_given = group.number(
       "--surface-triangles", a.surface_triangles, "N", 100, 5'000'000,
       "largest number of triangles of the surface. The surface gets more triangles if it would\n"
-      "intersect itself with this number. The default, 50000, is also exceeded if the surface\n"
-      "would be too far from the material");
+      "otherwise intersect itself. Without this option, it also gets more than 50000 if it\n"
+      "would otherwise be too far from the material");
   group.number("--jobs", a.jobs, "N", 0, 1024, "number of threads; 0: one for each core");
   group.flag("--quiet", a.quiet, "print errors only");
 }
@@ -239,7 +243,7 @@ void add_mesh_options(CLI::App& app, Arguments& a) {
 
 void add_preview_options(CLI::App& app, Arguments& a) {
   add_common_options(app, a,
-                     "the picture to write (.png, or .html with its areas and thresholds as text)");
+                     "the picture to write: .png, or .html with the picture's numbers as tables");
   Group(app, "Output")
       .number("--count", a.count, "N", 1, 100,
               "number of slices shown, evenly spread over those with material");

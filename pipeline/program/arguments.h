@@ -10,8 +10,9 @@
 
 namespace trocar::pipeline {
 
-/// The values of the options. If neither the command line nor a preset gives option X, its value
-/// is the default, and X_given->count() is 0. If the command has no option X, X_given is null.
+/// The values of the options. For some options X, X_given says whether X was given: if neither the
+/// command line nor a preset gives X, X_given->count() is 0, and X has its default. X_given is null
+/// if the command has no option X.
 struct Arguments {
   std::vector<std::filesystem::path> inputs;
   std::filesystem::path output, report, dump_stages, hu, input_key;

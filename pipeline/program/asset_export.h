@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// The files that `trocar-mesh export` writes for other programs.
+// Writes the files of `trocar-mesh export`, for other programs.
 // Tests: tests/e2e/assets_e2e_test.py
 #pragma once
 
@@ -16,15 +16,15 @@ namespace trocar::pipeline {
 /// Writes three files for each slice with material: `slice_NNNN.poly` (triangle_poly.h),
 /// `slice_NNNN.obj` (mm, in the patient's LPS frame) and `slice_NNNN.svg`. NNNN is the slice's
 /// index. If the asset has several materials, the files of material M are `slice_NNNN_M.poly` and
-/// so on. The folder is created if needed, and files of the same names are replaced. All files are
-/// made before the first one appears in the folder.
+/// so on. The folder is created if needed, and files of the same names are replaced. If one of the
+/// files cannot be made, the function changes no file of the folder.
 ///
-/// Returns the names of files in the folder that an export of other slices has written. The
-/// function keeps these files. The caller should warn the user, who could take them for files of
-/// this asset.
+/// Returns the names of files in the folder that are named like exported slices, but do not belong
+/// to this export: an earlier export of other slices has written them. The function keeps these
+/// files. The caller should warn the user, who could take them for files of this asset.
 ///
 /// Errors: kUnwritable if a file cannot be written or `stop` was set; kRefused if a mesh is not
-/// manifold; those of poly_text().
+/// manifold (for example, if an edge has more than two triangles); those of poly_text().
 Result<std::vector<std::string>> export_asset(const Asset& asset,
                                               const std::filesystem::path& folder,
                                               const std::atomic<bool>* stop = nullptr);
@@ -40,9 +40,9 @@ Result<std::string> surface_text(const TriangleSurface& surface, const std::stri
 
 /// Writes each surface in the three formats of surface_text(), to `surface.stl`, `surface.ply` and
 /// `surface.obj`. If the asset has several surfaces, the files of material M are `surface_M.stl`
-/// and so on. All files are made before the first one appears in the folder. Errors: kUnwritable
-/// if a file cannot be written or `stop` was set; kRefused if the asset has no surface, or if a
-/// surface is not manifold.
+/// and so on. If one of the files cannot be made, the function changes no file of the folder.
+/// Errors: kUnwritable if a file cannot be written or `stop` was set; kRefused if the asset has no
+/// surface, or if a surface is not manifold.
 Result<void> export_surfaces(const Asset& asset, const std::filesystem::path& folder,
                              const std::atomic<bool>* stop = nullptr);
 

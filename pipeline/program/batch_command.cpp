@@ -410,7 +410,7 @@ void add_batch_options(CLI::App& app, BatchArguments& a) {
   app.add_flag("--retry", a.retry,
                "try failed scans again, even if nothing about them has changed");
   app.add_option("--max-failures", a.max_failures,
-                 "start no further scan after this many new failures; 0: no limit")
+                 "start no further scan after this many failures in this run; 0: no limit")
       ->capture_default_str()
       ->check(option_range(0, 1000000));
   app.add_flag("--strict", a.strict,
@@ -418,8 +418,9 @@ void add_batch_options(CLI::App& app, BatchArguments& a) {
                "again in this run");
   app.add_option(
       "--run-program", a.run_program,
-      "path of trocar-run, which is needed if the collection asks for scenes or for checks\n"
-      "of scenes (default: the trocar-run beside this program, else the one in PATH)");
+      "path of trocar-run. It is needed if the collection asks for scenes, from which\n"
+      "trocar-run runs sessions, or for checks of scenes (default: the trocar-run beside this\n"
+      "program, else the one in PATH)");
   app.add_flag(
       "--rehash", a.rehash,
       "read all inputs again, even if their size, time of change and inode (the number of\n"

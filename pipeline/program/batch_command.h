@@ -22,10 +22,13 @@ struct BatchArguments {
 /// Declares the options. Parsing writes their values to `a`, which must outlive `app`.
 void add_batch_options(CLI::App& app, BatchArguments& a);
 
-/// Runs the batch and returns the exit code: 0; 2 for wrong options or a wrong collection; 3 if a
-/// scan failed in this run, if all scans of the collection failed in earlier runs and none has an
-/// asset, or, with --strict, if a failure of an earlier run was not tried again; 4 if the store or
-/// the file of --metrics could not be written, or a signal interrupted the run.
+/// Runs the batch and returns the exit code:
+///  - 2: the options or the collection are wrong.
+///  - 3: a scan failed in this run.
+///  - 3: all scans of the collection failed in earlier runs, and none of them has an asset.
+///  - 3, only with --strict: a failure of an earlier run was not tried again.
+///  - 4: the store or the file of --metrics could not be written, or a signal interrupted the run.
+///  - 0: none of these applies.
 int run_batch(const BatchArguments& a);
 
 }  // namespace trocar::pipeline

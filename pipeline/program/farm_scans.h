@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Implements the interface by which the build farm opens and meshes scans (farm/scan_program.h).
+// Opens and meshes the scans of `trocar-mesh batch`, through the interface farm/scan_program.h.
 // The parameters of a scan in a collection are options of trocar-mesh. The parser of the command
 // line reads them.
 // Tests: tests/pipeline/program/parameters_test.cpp
@@ -18,7 +18,8 @@ class FarmScans : public farm::ScanProgram {
   /// Errors: kUsage if `given` names an option that trocar-mesh does not have, or one that a
   /// collection must not give; otherwise the errors of the same options on the command line.
   Result<farm::Parameters> parameters(const nlohmann::json& given) const override;
-  /// False if all inputs, and the CT of --hu if there is one, are NIfTI files.
+  /// False if all inputs, and the CT of --hu if there is one, are NIfTI files, because the paths
+  /// alone then determine the files of the scan.
   bool opens_first(const std::vector<std::filesystem::path>& inputs,
                    const farm::Parameters& parameters) const override;
   Result<std::unique_ptr<farm::OpenedScan>> open(const nlohmann::json& given,

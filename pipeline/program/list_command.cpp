@@ -40,7 +40,7 @@ void add_list_options(CLI::App& app, ListArguments& a) {
   app.add_flag("--json", a.as_json, "print JSON");
   app.add_flag(
          "--manifest", a.as_collection,
-         "print these scans as a collection, the JSON file that batch reads; paths are relative\n"
+         "print the scans as a collection, the JSON file that batch reads; paths are relative\n"
          "to the current folder")
       ->excludes("--json");
 }

@@ -10,7 +10,7 @@ namespace trocar::pipeline {
 
 struct ListArguments {
   std::filesystem::path folder;
-  bool as_json = false, as_collection = false;  ///< as_collection: --manifest
+  bool as_json = false, as_collection = false;  ///< as_collection: print a collection (--manifest)
 };
 
 /// Declares the options. Parsing writes their values to `a`, which must outlive `app`.

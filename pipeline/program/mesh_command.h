@@ -7,9 +7,10 @@
 
 namespace trocar::pipeline {
 
-/// Meshes the scan, writes the output and returns the exit code. The ending of `a.output` decides
-/// whether the output is the asset or only its surface. With --report, a report is written too, and
-/// with --dump-stages the intermediate results of one slice.
+/// Meshes the scan, writes the output and returns the exit code. If the name `a.output` ends in
+/// .glb, the output is the asset; if it ends in .stl, .ply or .obj, the output is only the
+/// surface. With --report, a report is written too, and with --dump-stages the intermediate
+/// results of one slice.
 int run_mesh(const Arguments& a);
 
 }  // namespace trocar::pipeline

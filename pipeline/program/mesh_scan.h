@@ -13,19 +13,20 @@
 
 namespace trocar::pipeline {
 
-/// Opens the scan. If --hu is given, the scan is a label map, and the CT of --hu is opened too; the
-/// two must have the same voxel grid. Errors: those of open_stack() and open_labels_with_ct().
+/// Opens the scan. If --hu is given, the scan is a label map, and the CT of --hu is opened too;
+/// both must have the same voxel grid. Errors: those of open_stack() and open_labels_with_ct().
 Result<LabelsWithCt> open_scan(const Arguments& a, const OpenOptions& options);
 
-/// The files of the scan, of the CT of --hu, of --names, of --input-key and of --mask. The caller must
-/// not write an output over one of them.
+/// All files that a run reads: those of the scan, those of the CT of --hu, and the files of
+/// --names, --input-key and --mask. The caller must not write an output over one of them.
 std::vector<std::filesystem::path> files_read(const Arguments& a, const LabelsWithCt& scan);
 
 /// Checks whether the threshold suits a scan whose values are not HU. The default threshold and the
-/// thresholds of presets are meant for HU only. With --labels or --equalize nothing is checked.
-///  - Images: a missing threshold is an error (kUsage), and so is a preset. A threshold outside
-///    0..255 selects all pixels or none; the function then adds the warning threshold_out_of_range
-///    to the stack.
+/// thresholds of presets are meant for HU only. With --labels or --equalize nothing is checked,
+/// because these options replace the threshold.
+///  - Image files: a missing threshold is an error (kUsage), and so is a preset. A threshold
+///    outside 0..255 selects all pixels or none; the function then adds the warning
+///    threshold_out_of_range to the stack.
 ///  - DICOM other than CT: if there is a preset or no threshold, the function adds the warning
 ///    default_threshold to the stack.
 Result<void> check_threshold(const Arguments& a, SliceStack& stack);

@@ -23,8 +23,9 @@ struct Preset {
 std::span<const Preset> presets();
 
 /// Returns the words of a command line together with the options of its `--preset`. An option that
-/// the command line gives itself is not added. `--max-area` also excludes the preset's
-/// `--max-area-px`. If no preset has the name that `--preset` gives, nothing is added.
+/// the command line gives itself is not added. If the command line gives `--max-area`, the preset's
+/// `--max-area-px` is not added either, because both limit the area of triangles. If no preset has
+/// the name that `--preset` gives, nothing is added.
 std::vector<std::string> with_preset_options(const std::vector<std::string>& words);
 
 /// A text with the options and the purpose of the preset `name`, or of all presets if `name` is

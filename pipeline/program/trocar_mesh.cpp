@@ -122,8 +122,10 @@ struct CommandLine {
     add_mesh_options(app, mesh);
     add_list_options(add("list", "list the scans in a folder"), list);
     add_preview_options(
-        add("preview", "draw the slices that a run with the same options would mesh"), preview);
-    add_verify_options(add("verify", "check every triangle, edge and area of an asset"), verify);
+        add("preview",
+            "draw the slices that a run with the same options would mesh; make no asset"),
+        preview);
+    add_verify_options(add("verify", "check that the meshes in an asset are valid"), verify);
     add_info_options(add("info", "show what is in an asset"), info);
     add_export_options(
         add("export", "write the slices of an asset as .poly, .obj and .svg, or its surface"),

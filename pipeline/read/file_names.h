@@ -16,7 +16,7 @@ bool has_ending(const std::filesystem::path& file, std::initializer_list<const c
 bool is_nifti(const std::filesystem::path& file);
 bool is_image(const std::filesystem::path& file);
 bool is_dicomdir(const std::filesystem::path& file);
-/// Is the file a DICOMDIR, or one that an operating system leaves in folders (Thumbs.db,
+/// Is the file a DICOMDIR, or a file that an operating system leaves in folders (Thumbs.db,
 /// desktop.ini)?
 bool is_left_by_system(const std::filesystem::path& file);
 

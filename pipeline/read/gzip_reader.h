@@ -36,7 +36,7 @@ class GzipReader {
   std::string name_;
   std::int64_t at_ = 0;  ///< offset in the file of the bytes that follow `packed_`
   std::vector<char> packed_;
-  std::unique_ptr<inflate_state> state_;  ///< 88 kB
+  std::unique_ptr<inflate_state> state_;  ///< state of ISA-L's decoder, 88 kB
   bool ended_ = false;
 };
 

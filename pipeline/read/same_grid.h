@@ -27,9 +27,12 @@ double slice_step_mm(const SliceStack& stack, int slice);
 
 /// The first difference between the grids of two stacks.
 struct GridDifference {
-  int slice = -1;    ///< index of the slice; -1 if sizes, first slices or slice distances differ
+  /// Index of the first slice that differs; -1 if the difference seems to concern all slices, that
+  /// is, if sizes, slice distances or already the first slices differ.
+  int slice = -1;
   std::string what;  ///< description, such as "size is ... voxels, not ..."
 };
+/// Returns no value if the grids are equal.
 std::optional<GridDifference> grid_difference(const SliceStack& stack, const SliceStack& other);
 
 }  // namespace trocar::pipeline

@@ -44,7 +44,8 @@ struct Warning {
 
 /// The attributes by which a DICOM series describes itself, in UTF-8. Missing ones are empty.
 struct SeriesInfo {
-  std::string uid;  ///< if the files state none: made of size, orientation, frame of reference
+  /// If no file states a UID, it is made of frame of reference, size and orientation.
+  std::string uid;
   std::string study_uid, study_date;
   std::optional<int> number;
   std::string description, kernel, modality;
@@ -64,7 +65,7 @@ struct SlicePlane {
   double spacing_u_mm = 0, spacing_v_mm = 0;
   /// Maps plane coordinates to LPS (DICOM's patient coordinates), mm. Its axes are orthonormal.
   Eigen::Affine3d T_lps_plane = Eigen::Affine3d::Identity();
-  double z_mm = 0;  ///< coordinate of the origin along the first slice's normal
+  double z_mm = 0;  ///< position of pixel (0, 0) along the first slice's normal
 };
 
 /// A stack of slices. It is read-only, and several threads may read it at the same time.
@@ -108,7 +109,7 @@ enum class SliceAxis { kAxial, kCoronal, kSagittal };
 struct OpenOptions {
   /// Pixel sizes x and y, and slice distance z, for input that states none.
   std::optional<std::array<double, 3>> spacing_mm;
-  std::string series;  ///< UID, number or description; see named_series()
+  std::string series;  ///< wanted series (see named_series()); empty: choose_series() chooses
   /// The wanted labels if as_labels is set; empty: all. Wanted segments of a DICOM segmentation
   /// must not overlap.
   std::set<int> labels;
@@ -116,7 +117,7 @@ struct OpenOptions {
   /// the opened segmentation has all slices of the CT, even those for which the file has no frame.
   const SliceStack* segmented_ct = nullptr;
   std::optional<SliceAxis> axis;  ///< std::nullopt: the stored axis, or axial for a NIfTI volume
-  std::optional<int> volume;      ///< index of the wanted volume in a NIfTI that holds several
+  std::optional<int> volume;      ///< index of the wanted volume; required if a NIfTI has several
   bool as_labels = false;         ///< read grey levels as stored, and accept DICOM segmentations
   bool any_modality = false;      ///< accept DICOM that is not CT (MR, localisers) as kUncalibrated
   /// Unpack a gzipped volume on another thread, while its first slices are already read. If the

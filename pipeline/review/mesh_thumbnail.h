@@ -21,8 +21,8 @@ struct Thumbnail {
 
 /// Draws the slice whose AssetSlice::index is `slice` into a square of size_px x size_px pixels.
 /// The picture shows the triangles, their edges, and the outline. Materials have different colours,
-/// which repeat after six. If the asset has HU, triangles with higher HU are brighter.
-/// Precondition: the slice has triangles.
+/// which repeat after six. If the asset has HU, a triangle with higher HU at its centroid is
+/// brighter. Precondition: the slice has triangles.
 Thumbnail draw_thumbnail(const Asset& asset, int slice, int size_px);
 
 }  // namespace trocar::pipeline

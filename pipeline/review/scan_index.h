@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// The index on the first page of a review. By this index the page searches, filters and sorts the
-// scans of all pages.
+// The index on the first page of a review. With this index, a reader of the page can search, filter
+// and sort the scans of all pages.
 // Tests: tests/e2e/review_test.py, tests/e2e/review_page_test.py
 #pragma once
 
@@ -20,8 +20,8 @@ class ScanIndex {
  public:
   struct Row {
     /// kDone: the asset could be read. kFailed: the scan failed. kDamaged: the asset, or the scan's
-    /// entry in the store's index, cannot be read. kDifferent: the scan differs from that of the
-    /// store to compare with. kFailedProduct: a product of the scan failed.
+    /// entry in the store's index, cannot be read. kDifferent: the scan differs between the two
+    /// stores that the review compares. kFailedProduct: a product of the scan failed.
     enum Flag : std::uint8_t {
       kDone = 1,
       kFailed = 2,

@@ -22,9 +22,10 @@ struct Both {
 /// The differences between two assets. Slices with material correspond to each other if their index
 /// and material are equal. In the numbers of slices, each material of a slice counts as a slice.
 struct AssetDifference {
-  /// The largest two-sided Hausdorff distance between the outlines of corresponding slices. If the
-  /// planes of two slices differ, the outline of `before` is projected onto the plane of `now`, and
-  /// its largest distance from that plane counts too. Accurate to 0.001 mm.
+  /// The largest two-sided Hausdorff distance between the outlines of corresponding slices,
+  /// accurate to 0.001 mm. If the planes of two slices differ, the outline of `before` is projected
+  /// onto the plane of `now`. The distance of these two slices is then at least the largest
+  /// distance between a point and its projection.
   double hausdorff_mm = 0;
   int worst_slice = -1;    ///< index of the slice with hausdorff_mm; -1 if no slices correspond
   int slices_changed = 0;  ///< corresponding slices whose outlines or numbers of triangles differ
@@ -44,7 +45,8 @@ struct ScanDifference {
   Both<std::uint64_t> bytes;  ///< sizes of the assets
 };
 /// The name of a kind:
-///  - "damaged": the scan's entry in the reviewed store or one of its two assets cannot be read.
+///  - "damaged": the scan's entry in the reviewed store cannot be read, or its asset in one of
+///    the two stores.
 ///  - "failed": the scan failed, but not in the store to compare with.
 ///  - "gone": only the store to compare with has the scan.
 ///  - "changed": the two assets differ.
@@ -57,9 +59,9 @@ struct StoreDiff {
   std::vector<ScanDifference> differences;
 };
 /// Compares two stores. Only assets whose digests differ are read. The differences are ordered by
-/// kind, then by the number of slices without a corresponding slice, by hausdorff_mm, and by the
-/// differences of area, triangles and bytes, always the largest first, and last by name. Errors:
-/// kUnwritable if `stop` was set; the comparison then ends early.
+/// kind. Within a kind, they are ordered by these numbers, the largest first: slices without a
+/// corresponding slice, hausdorff_mm, and the differences of area, triangles and bytes. Equal ones
+/// are ordered by name. Errors: kUnwritable if `stop` was set; the comparison then ends early.
 Result<StoreDiff> compare_stores(const farm::Store& now, const farm::Store& before,
                                  const std::atomic<bool>* stop = nullptr);
 

@@ -12,7 +12,8 @@
 
 namespace trocar::farm {
 
-/// The data of a scan in the store's index. The data of all scans together fit into memory.
+/// The data of a scan in the store's index. An entry is small, so that the entries of all scans fit
+/// into memory together.
 struct IndexedScan {
   enum class Status { kDone, kFailed, kDamaged };
   std::string name;

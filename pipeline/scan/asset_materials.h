@@ -18,8 +18,9 @@ namespace trocar::pipeline {
 using MaterialIndices = std::map<int, int>;
 
 /// Returns the name of the material with this first label. A material of one label has that label's
-/// name. A material of joined labels has their names, with " + " between them. If not all names fit
-/// into kMaxNameBytes, the text ends with the number of the missing ones, as in "L1 + L2 + 3 more".
+/// name. A material of several labels (Labels::joined) has their names, with " + " between them. If
+/// not all names fit into kMaxNameBytes, the text ends with the number of the missing ones, as in
+/// "L1 + L2 + 3 more".
 std::string material_name(const LabelNames& names, const Labels& wanted, int first_label);
 
 /// Makes Asset::materials: one entry for each entry of `indices`, in the same order.

@@ -7,10 +7,10 @@
 // pixels. It minimises
 //   sum_p (HU(p) - h(p))^2 + smoothing * sum_ab (h(a) - h(b))^2
 // where p are all pixels with their centre in the mesh, and ab are all edges of the mesh. In the
-// second sum a boundary edge has half the weight. This sum determines h at vertices with few pixels
-// around them, and makes the field cheaper to store. It does not change if a constant is added to h
-// on a connected component of the mesh. The mean of h over the pixels of a component therefore
-// equals the mean of their HU.
+// second sum a boundary edge has half the weight. The second sum determines h at vertices with few
+// pixels around them, and makes the field cheaper to store. If a constant is added to h on a
+// connected component of the mesh, only the first sum changes. The mean of h over the pixels of a
+// component therefore equals the mean of their HU.
 #pragma once
 
 #include <cstdint>
@@ -23,9 +23,9 @@
 namespace trocar::pipeline {
 
 struct HuFieldOptions {
-  /// The factor in the formula above. With 0.01 instead of 0.001, the error of the field is larger:
-  /// by less than 4 % for a scan of the vertebra L3, which has only as many pixels as vertices, and
-  /// by less than 0.1 % for other scans.
+  /// The factor in the formula above. A larger factor makes the field cheaper to store, but less
+  /// exact. With 0.01 instead of 0.001, the error grows by less than 4 % for a scan of the vertebra
+  /// L3, which has only as many pixels as vertices, and by less than 0.1 % for other scans.
   double smoothing = 0.01;
   int step = kHuStep;  ///< values are rounded to multiples of it; 0: not rounded
 };

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // Samples and compresses the HU of slices for the asset (formats/asset/hu_volume.h). If pixels are
 // wider than about 0.57 mm, every pixel is a sample. If they are narrower, every second, third, ...
-// pixel is a sample, so that samples are about 1 mm apart.
+// pixel is a sample, so that samples are between 0.7 and 1.15 mm apart.
 // Tests: tests/pipeline/scan/hu_planes_test.cpp, tests/e2e/hu_volume_test.py
 #pragma once
 
@@ -30,13 +30,14 @@ struct HuSampling {
 /// is 1.5 mm, or one pitch if that is larger.
 ///
 /// Stored HU are multiples of a step. The step in HU is about 72 divided by the pitch in mm, but at
-/// least 8 and at most 96. With this step, the rounding error of a mean over 3 mm is 2 to 5 HU,
-/// whatever the pitch.
+/// least 8 and at most 96. With this step, the rounding error of the mean over a needle's
+/// cross-section (3 mm wide) is 2 to 5 HU, whatever the pitch.
 HuSampling hu_sampling(const SlicePlane& plane, int width, int height, const MeshOptions& options);
 
-/// Computes the samples inside the box, row by row. If every pixel is a sample, the result has the
-/// values of the pixels. Otherwise the samples are a least-squares fit: their bilinear
-/// interpolation approximates the pixels in and around the box.
+/// Computes the samples in a rectangle, row by row. `box` has the rectangle's first column, first
+/// row and size, in samples. If every pixel is a sample, the result has the values of the pixels.
+/// Otherwise the samples are a least-squares fit: their bilinear interpolation approximates the
+/// pixels in and around the box.
 std::vector<float> hu_samples(const Image& hu, const HuSampling& sampling, const HuMask& box);
 
 /// Encodes the plane of the slice `index`. The plane has no bytes if no sample is stored. Errors:

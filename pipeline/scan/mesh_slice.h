@@ -32,7 +32,7 @@ struct MeshOptions : MaterialOptions {
   /// Stores the HU of the slices in the asset. This has no effect unless the input is in HU or is a
   /// label map with its CT.
   bool hu_volume = true;
-  /// Fits a field of HU to each mesh (hu_field.h). Needs the same input as hu_volume.
+  /// Fits a field of HU to each mesh (hu_field.h). This option needs the same input as hu_volume.
   bool hu_field = false;
   /// Makes triangles smaller where HU change: GradedArea's `hu_per_edge` (graded_area.h). 0: off.
   /// Only for a scan in HU: check_ranges() of mesh_stack.h refuses it for other input.
@@ -57,14 +57,14 @@ struct MeshedMaterial {
   ProvedOutline outline;  ///< boundary of the refined mesh: `pslg` with its Steiner points
   MeshQuality quality;
   /// The mean HU of the material's pixels. It includes small regions that are dropped later.
-  /// Present for input in HU that is segmented by a threshold, and for a label map with its CT.
+  /// There is a value for input in HU with a threshold, and for a label map with its CT.
   std::optional<double> mean_hu;
   std::optional<HuField> hu;  ///< field over refined.mesh, if MeshOptions::hu_field is set
   /// The largest two-sided Hausdorff distance between a ring of `contours` and its simplified ring
   /// in `pslg`. If the slice has several materials, the chains of their borders
-  /// (contour/label_borders.h) are compared instead of rings. If areas are kept
-  /// (SimplificationMethod::kArea), the distance is the one between `contours` and `outline`,
-  /// because refinement then also moves the outline.
+  /// (contour/label_borders.h) are compared instead of rings. With SimplificationMethod::kArea,
+  /// `contours` are compared with `outline` and not with `pslg`, because refinement moves the
+  /// outline as well.
   double simplification_error_mm = 0;
   double area_mm2 = 0;
   int holes = 0;
@@ -80,7 +80,8 @@ struct MeshedSlice {
   std::set<int> labels;         ///< the wanted labels that occur in the slice
   std::size_t not_numbers = 0;  ///< number of NaN pixels in the slice and in the label map's CT
   ValueTally values;            ///< statistics of HU or labels; empty for other input
-  /// The wanted bound on the area of triangles. The bound that was used is Refined::max_area_mm2.
+  /// The wanted bound on the area of triangles. If it would give too many triangles, refinement
+  /// uses a larger bound (Refined::max_area_mm2).
   double max_area_bound_mm2 = 0;
   std::optional<Image> hu;  ///< HU of all pixels in the crop, for MeshOptions::hu_volume
   StageTimes times;

@@ -24,18 +24,18 @@ struct StackOptions {
   bool keep_table = false;  ///< false: the scanner's table is removed (scanner_table.h)
   LabelNames names;         ///< a label without a name here gets its name from the scan
   std::optional<SurfaceOptions> surface;      ///< if set, surfaces for display are added
-  std::optional<SliceAxis> axis;              ///< axis along which the stack was opened
+  std::optional<SliceAxis> axis;              ///< OpenOptions::axis with which the stack was opened
   std::optional<std::pair<int, int>> slices;  ///< first and last index; no value: all
   int threads = 0;                            ///< 0: all cores
   std::vector<std::uint8_t> input_key;        ///< key for the input's digest; empty: no digest
-  bool lines = false;                         ///< value for Asset::lines
-  bool colours = false;                       ///< value for Asset::colours
+  bool lines = false;                         ///< store the outlines as lines, for viewers
+  bool colours = false;                       ///< store the HU as vertex colours, for viewers
   /// Pitch of Asset::context, mm. 0: default_context_mm(); no value: the asset gets no context.
   std::optional<double> context_mm;
   std::optional<int> dump_slice;  ///< slice whose StackResult::stages are wanted
   /// Called after each slice by the thread that meshed it; never by two threads at the same time.
   std::function<void(int done, int total)> progress;
-  const std::atomic<bool>* stop = nullptr;  ///< set by a signal handler to stop early
+  const std::atomic<bool>* stop = nullptr;  ///< if not null: mesh_stack() stops once it is true
   /// The report's total_ms begins at this time. Set it before opening the scan to
   /// include the opening.
   std::chrono::steady_clock::time_point start = std::chrono::steady_clock::now();

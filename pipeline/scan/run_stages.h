@@ -15,7 +15,8 @@ class RunStages {
  public:
   explicit RunStages(Stopwatch::TimePoint start) : watch_(start) {}
 
-  /// Adds the time since the last lap, or since `start`, to the stage.
+  /// Ends a lap and adds its duration to the stage. The first lap begins at `start`, every other
+  /// one when the lap before ends.
   void lap(const char* stage) { ms_[stage] += watch_.lap_ms(); }
 
   /// Ends a lap in which several threads worked on several stages. `thread_ms` has the time of each

@@ -28,8 +28,8 @@ struct SliceBorders {
 };
 
 /// Traces the contours of all materials of a slice. If there are several materials, the function
-/// first merges small components in pixels.several. A material that vanishes because of this is
-/// removed from `materials`, which keeps at least one entry.
+/// first merges small components of pixels.several into their neighbours. A material that vanishes
+/// because of this is removed from `materials`, which keeps at least one entry.
 SliceBorders slice_contours(const SliceStack& stack, int slice, const MeshOptions& options,
                             SlicePixels& pixels, std::vector<MeshedMaterial>& materials);
 

@@ -2,7 +2,7 @@
 // Finds canals, such as the spinal canal. A canal is a soft tunnel through bone that leads along an
 // axis from one opening to another. (Marrow is also enclosed by bone, but bone closes its ends.)
 //
-// The search works in the planes across the axis, in five steps.
+// The search works in the planes perpendicular to the axis, in five steps.
 //  1. Sections: a section is a connected set of pixels of one plane. Each of these pixels is
 //     enclosed by bone (plane_flood.h), and a disc of radius kCanalDisc_mm around it contains no
 //     bone. A section is soft if its mean is between -200 HU and kMaxCanal_HU and its area is 15
@@ -12,10 +12,10 @@
 //  3. Following: the search follows each tube from plane to plane beyond both of its ends, for up
 //     to 15 mm, even where the section merges with other regions or the ring of bone is open. If
 //     this leads to a section of another tube, the two tubes are joined. An end of a tube is open
-//     if following it leads to the volume's border, or to a plane in which bone does not enclose a
-//     part of the section (35 % of the tube's median area).
-//  4. Choice: a tube is a canal if both ends are open. A tube of at least 60 mm, which is longer
-//     than a vertebra, needs only one open end.
+//     if following it leads to the volume's border, or to a plane in which the part of the section
+//     that bone does not enclose has at least 35 % of the tube's median area.
+//  4. Choice: a tube is a canal if both ends are open. One open end suffices for a tube of at least
+//     60 mm, because hardly any marrow is so long without bone across it.
 //  5. Growth: in each plane a canal takes the pixels without bone within 5.5 mm of its section,
 //     except those that are nearer to a section that belongs to no canal. These distances are
 //     lengths of paths that avoid bone.
@@ -55,9 +55,9 @@ struct Canal {
 };
 
 /// Finds the canals along the axis of `planes`, sets the result flags and returns the canals, the
-/// longest first. `material` is nonzero in bone. `hu` holds packed_hu() of each voxel; its lower
-/// two bits are ignored. If the scan is not in HU, `hu` is empty and the HU of sections are not
-/// checked. O(voxels + planes * sections).
+/// longest first. `material` is nonzero in bone. `hu` has packed_hu() of each voxel in the upper
+/// six bits; the caller may use the lower two bits for flags. If the scan is not in HU, `hu` is
+/// empty and the HU of sections are not checked. O(voxels + planes * sections).
 std::vector<Canal> find_canals(const VoxelPlanes& planes, std::span<const std::uint8_t> material,
                                std::span<const std::uint8_t> hu, std::vector<std::uint8_t>& flags);
 

@@ -26,7 +26,8 @@ struct ValueTally {
   std::int64_t steps = 0;      ///< number of pairs that differ, but by at most 1
   std::int64_t jumps = 0;      ///< number of pairs that differ by more than 1
   bool has_negative = false;
-  std::int64_t offset_soft_tissue = 0;  ///< number of pixels with values from 964 to 1,124
+  /// Number of pixels with values from 964 to 1,124: soft tissue whose HU have 1,024 added.
+  std::int64_t offset_soft_tissue = 0;
 
   void add(const ValueTally& other);
 };
@@ -46,9 +47,9 @@ ValueTally tally_values(const Image& image, bool as_labels);
 ///  - All values are whole numbers, none is negative, and at most 256 are different. (A CT has air
 ///    or fat, below 0. A crop inside the body may have neither, but its noise gives more than 256
 ///    different values.)
-///  - At least two different values are not 0. In a mask of 0 and one other value, this value is
-///    sufficient if it is at most 255 and the threshold is not half of it. (If the threshold is
-///    half of it, the mesh is the same as with --labels.)
+///  - At least two different values are not 0. Exception: in a mask, which has only 0 and one other
+///    value, this one suffices if it is at most 255 and the threshold is not half of it. (If the
+///    threshold is half of it, the mesh is the same as with --labels.)
 ///  - No value is above 255, or two labels differ by 1. Labels are small or numbered one after
 ///    another, whereas the HU of a phantom's materials are neither.
 ///  - The values form uniform regions: at least 55 % of the pairs are equal. If there are more

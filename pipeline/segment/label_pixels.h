@@ -37,8 +37,8 @@ MaterialImage material_image(const Image& labels, std::span<const Labels> materi
 /// The materials of a label map (Labels::joined) that occur in an image.
 struct LabelMaterials {
   MaterialImage image;
-  /// The smallest label of each material, ascending, even if that label does not occur. It
-  /// identifies the material in every slice.
+  /// The smallest label of each material, even if this label does not occur in the image. It
+  /// identifies the material in every slice. The list is in ascending order.
   std::vector<int> first_labels;
 };
 /// Assigns each pixel to its material of `wanted`. Errors: kRefused if more than kMaxMaterials
@@ -54,9 +54,9 @@ enum class Diagonal : std::uint8_t {
 };
 
 /// A diagonal is connected if both of its pixels have the same material. If this holds for both
-/// diagonals, only the diagonal of the material with the lower number is connected. Background is
-/// never connected. If background is on one diagonal and two different materials are on the other,
-/// these materials touch in a point.
+/// diagonals, only the diagonal of the material with the lower number is connected. A diagonal of
+/// background is never connected. If background is on one diagonal and two different materials are
+/// on the other, these materials touch in a point.
 inline Diagonal connected_diagonal(MaterialNumber a, MaterialNumber b, MaterialNumber c,
                                    MaterialNumber d) {
   const bool ac = a == c && a != kNoMaterial, bd = b == d && b != kNoMaterial;
@@ -65,14 +65,15 @@ inline Diagonal connected_diagonal(MaterialNumber a, MaterialNumber b, MaterialN
 }
 
 /// Merges small components into their neighbours. A component consists of connected pixels of one
-/// material. If its area is less than `min_pixels`, it becomes a part of the material with which it
-/// has the longest border, or of the background. If two borders are equally long, the material with
-/// the lowest number is chosen, and background last. The smallest component is merged first. A hole
-/// (connected background that does not extend to the image's border) is treated as a component, so
-/// small holes are filled. Every pixel belongs to one component before and after the merging, so no
-/// gap or overlap arises. The area of a component is the area within its outline half-way between
-/// pixels (half a pixel for a single pixel), without its holes. The area of a merged component is
-/// the sum of the areas of its components. O(pixels + n log n) for n components.
+/// material. If its area is less than `min_pixels`, it becomes a part of the neighbour with which
+/// it has the longest border: another material or the background. If two borders are equally long,
+/// the material with the lowest number is chosen, and background last. The smallest component is
+/// merged first. A hole (connected background that does not extend to the image's border) is
+/// treated as a component, so small holes are filled. Every pixel belongs to one component before
+/// and after the merging, so no gap or overlap arises. The area of a component is the area within
+/// its outline, without holes. This outline runs half-way between pixels and cuts off corners, so a
+/// single pixel has an area of half a pixel. The area of a merged component is the sum of the areas
+/// of its components. O(pixels + n log n) for n components.
 void merge_small_components(MaterialImage& image, double min_pixels);
 
 }  // namespace trocar::pipeline

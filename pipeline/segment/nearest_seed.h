@@ -17,9 +17,9 @@ void keep_near(const VoxelGrid& grid, std::vector<std::uint8_t>& near, double ma
 
 /// Keeps the material that belongs to the first seed. Each seed is the index of a voxel. A path
 /// leads from voxel to voxel through faces and stays in the material. A voxel belongs to the
-/// seed to which it has the shortest path; if two paths are equally long, to the earlier seed.
-/// Because paths lead through faces, the border between two seeds one above the other is level.
-/// O(voxels log voxels).
+/// seed to which it has the shortest path; if two paths are equally long, to the earlier seed. The
+/// length of such a path adds up steps along x, y and z. If a seed lies straight above another, the
+/// border between them is therefore horizontal. O(voxels log voxels).
 void keep_nearest_to_first(const VoxelGrid& grid, const std::vector<std::size_t>& seeds,
                            std::vector<std::uint8_t>& material);
 

@@ -34,9 +34,10 @@ void squared_distances(const std::array<std::vector<double>, 3>& at_mm,
 /// border. If `near_mm2` is given, it receives squared_distances() of `solid`, but distances beyond
 /// `near_mm` may be infinite. O(pixels * (1 + max(radius_mm, near_mm) / spacing)).
 ///
-/// The background is eroded by the disc and flooded from the border. Then only the flooded pixels
-/// are dilated. (Connectivity after a morphological closing would be a wrong test, because it leaks
-/// where a disc inside touches a disc outside.)
+/// Method: the background is eroded by the disc and flooded from the border; then the flooded
+/// pixels are dilated. (It would be wrong to flood the background that a morphological closing of
+/// `solid` leaves. This background consists of discs, and the flood would leak in where a disc
+/// inside touches a disc outside.)
 void find_enclosed(const PlaneGrid& grid, std::span<const std::uint8_t> solid, double radius_mm,
                    double largest_mm2, std::vector<std::uint8_t>& enclosed, double near_mm = 0,
                    std::vector<float>* near_mm2 = nullptr);

@@ -7,8 +7,9 @@
 // is the region above -300 HU into which a disc of radius 10 mm fits. The cross-section of a table
 // is everything above -300 HU that lies on one side of the body and more than 5 mm from it. It must
 // be at least 150 mm wide and on average at most 40 mm thick. At least half of the samples must
-// show such a cross-section on the same side. In at least nine of ten samples, including those in
-// which the body lies on the table, most of the cross-section must be above -300 HU.
+// show such a cross-section on the same side. (In the others, the body may lie on the table.) The
+// area that most of these cross-sections have in common is then compared with all samples: in at
+// least nine of ten, most of this area must be above -300 HU.
 //
 // A connected component of the material is part of the table under two conditions. First, at least
 // 80 % of its volume lies in the cross-section. Second, at least 30 % of its surface in the

@@ -27,8 +27,8 @@ struct Labels {
   /// material by itself.
   std::vector<std::set<int>> joined = {};
 };
-/// Do the labels form several materials? With `all` the result is false, because their number then
-/// depends on the label map.
+/// Is it certain, without reading the label map, that the labels form several materials? With `all`
+/// it is not, and the result is false.
 inline bool are_several(const Labels& labels) {
   return !labels.all && labels.labels.size() > 1 &&
          !(labels.joined.size() == 1 && labels.joined[0] == labels.labels);

@@ -50,7 +50,9 @@ class BlockMeans {
   std::array<std::size_t, 3> size_{};  // size of a block along each axis, in voxels
   std::array<std::size_t, 3> voxels_{};
   VoxelGrid blocks_;
-  std::vector<float> hu_;  // until finish(): a plane of blocks for each slice
+  // The mean of each block. Until finish() averages over slices, each slice has its own plane of
+  // blocks.
+  std::vector<float> hu_;
 };
 
 struct SoftRegions {

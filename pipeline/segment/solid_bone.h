@@ -36,15 +36,16 @@ namespace trocar::pipeline {
 
 inline constexpr float kAir_HU = -200;
 inline constexpr double kMaskMargin_mm = 1.5;
-/// The option `column` measures distances from the middle of the spinal canal, in planes across the
-/// canal. It first removes the material beyond kColumn_mm, so that ribs are cut off there. Then it
-/// keeps the components that come within kColumnCore_mm.
+/// The option `column` measures distances from the middle of the spinal canal, in planes
+/// perpendicular to the patient's long axis. It first removes the material beyond kColumn_mm, so
+/// that ribs are cut off there. Then it keeps the components that come within kColumnCore_mm.
 inline constexpr double kColumn_mm = 75, kColumnCore_mm = 20;
 /// A seed farther than this from any material is refused.
 inline constexpr double kMaxSeedDistance_mm = 10;
 
 struct SolidOptions {
-  /// Radius of the disc of find_enclosed(). A gap of up to twice this radius counts as closed.
+  /// A gap of up to twice this distance counts as closed. It is the radius of the disc that
+  /// find_enclosed() (plane_flood.h) moves in from outside.
   double close_mm = 0;
   /// Largest area that is filled in a plane, or infinite. No value: nothing is filled.
   std::optional<double> fill_mm2;

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// The planes of a volume across one of its axes. Each plane can be read and written as an image.
+// The planes of a volume that are perpendicular to one of its axes. Each plane can be read and
+// written as an image.
 // Tests: tests/pipeline/segment/canals_test.cpp
 #pragma once
 
@@ -10,8 +11,8 @@
 
 namespace trocar::pipeline {
 
-/// The planes across the axis `across`. Column x of a plane is voxel x along the axis `u`, and row
-/// y is voxel y along the axis `v`.
+/// The planes perpendicular to the axis `across`. Column x of a plane is voxel x along the axis
+/// `u`, and row y is voxel y along the axis `v`.
 struct VoxelPlanes {
   const VoxelGrid& grid;
   std::size_t across, u, v;

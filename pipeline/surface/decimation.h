@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Decimation of a closed surface by quadrics.
+// Decimation: approximates a closed surface by fewer triangles.
 // Tests: tests/pipeline/surface/decimation_test.cpp
 #pragma once
 
@@ -14,13 +14,15 @@
 namespace trocar::pipeline {
 
 /// Reduces the number of triangles of a closed surface. It collapses vertices into neighbours,
-/// roughly in ascending order of error. The error is the sum, over the original triangles around a
-/// vertex, of area times squared distance from the triangle's plane (Garland and Heckbert 1997),
-/// plus a small multiple of the fourth power of the edge's length. A collapse removes two
-/// triangles, keeps the surface closed and manifold, turns no triangle by more than 60 degrees, and
-/// creates no triangle that intersects a triangle nearby. Triangles may still intersect, mostly
-/// those of distant parts of the surface. The caller must find such triangles and call undo() and
-/// decimated() again. Deterministic. Memory: 250 bytes for each vertex.
+/// roughly in ascending order of error. The error of a collapse is a sum over the original
+/// triangles around the two vertices: the area of each triangle times the squared distance of the
+/// remaining vertex from the triangle's plane (Garland and Heckbert 1997). A small multiple of
+/// the fourth power of the edge's length is added, so that short edges come first where the
+/// surface is flat. A collapse removes two triangles, keeps the surface closed and manifold,
+/// turns no triangle by more than 60 degrees, and creates no triangle that intersects a triangle
+/// nearby. Triangles may still intersect, mostly those of distant parts of the surface. The
+/// caller must find such triangles and call undo() and decimated() again. Deterministic. Memory:
+/// 250 bytes for each vertex.
 class Decimation {
  public:
   /// The vertex `from` was merged into the vertex `to`.
@@ -38,10 +40,10 @@ class Decimation {
   TriangleSurface decimated(std::size_t triangles);
 
   /// Undoes collapses near some triangles, with effect on the next call of decimated(). `triangles`
-  /// has indices into the last result of decimated(). For each corner of these triangles, the
-  /// function undoes the last collapses that led to this corner, at most `most` of them. The
-  /// vertices `from` of these collapses are never collapsed again. Returns false if there was no
-  /// such collapse.
+  /// has indices into the last result of decimated(). Each corner of these triangles is a vertex
+  /// into which other vertices were collapsed, directly or through further vertices. The function
+  /// undoes the last of these collapses, at most `most` for each corner. The vertices `from` of
+  /// these collapses are never collapsed again. Returns false if there was no such collapse.
   bool undo(const std::vector<std::size_t>& triangles, std::size_t most);
 
  private:

@@ -1,13 +1,14 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // Makes a closed triangle surface of the material for display, in three steps.
 //
-//  1. The isosurface of the volume is computed (isosurface.h). Its vertices lie on a lattice, which
-//     the asset stores.
-//  2. The isosurface is decimated by quadrics to the wanted number of triangles (decimation.h).
-//     Where triangles then intersect, the last collapses near them are undone.
+//  1. The isosurface is computed (isosurface.h). It follows the zero level of the volume, that is,
+//     the points at which the values of SurfaceVolume are zero. The vertices lie on a lattice,
+//     which the asset stores.
+//  2. The isosurface is decimated to the wanted number of triangles (decimation.h). Where triangles
+//     then intersect, the last collapses near them are undone.
 //  3. The resulting surface is proved to be closed, manifold and oriented
-//     (formats/geometry/triangle_surface.h), and free of self-intersections by CGAL's exact
-//     predicates. The distances between the surface and the zero level of the volume are measured.
+//     (formats/geometry/triangle_surface.h). CGAL's exact predicates prove that it does not
+//     intersect itself. The distances between the surface and the zero level are measured.
 // Tests: tests/pipeline/surface/display_surface_test.cpp
 #pragma once
 
@@ -24,8 +25,8 @@ namespace trocar::pipeline {
 struct SurfaceOptions {
   int triangles = 50'000;  ///< wanted number of triangles; fewer if the isosurface has fewer
   /// False: the number of triangles is doubled until the distances are within
-  /// DisplaySurface::bound_mm. True: the number is not doubled. In both cases the surface has more
-  /// triangles than this number if it would otherwise intersect itself.
+  /// DisplaySurface::bound_mm. True: the number is not doubled. In both cases the surface gets more
+  /// triangles where it would otherwise intersect itself.
   bool at_most = false;
   const std::atomic<bool>* stop = nullptr;  ///< set by a signal handler to stop early
 };
@@ -52,8 +53,8 @@ struct DisplaySurface {
 /// as many triangles as wanted, the isosurface is computed again from averages of voxels
 /// (DisplaySurface::coarsened). Deterministic. Errors: kRefused if the surface is outside the range
 /// of coordinates, or if it intersects itself even without collapses, because slices are too close
-/// together for its lattice; kUnwritable if SurfaceOptions::stop was set. Memory: 350 bytes for
-/// each vertex of the isosurface.
+/// together for the lattice of its vertices; kUnwritable if SurfaceOptions::stop was set. Memory:
+/// 350 bytes for each vertex of the isosurface.
 Result<DisplaySurface> make_display_surface(const SurfaceVolume& volume,
                                             const SurfaceOptions& options);
 

@@ -16,9 +16,9 @@ struct SurfaceDistance {
   double p50_mm = 0, p99_mm = 0, max_mm = 0;
 };
 
-/// Measures the distances from 20,000 points of the surface to the zero level of the trilinear
-/// interpolation. No measured distance is smaller than the true one. The surface is in the
-/// patient's frame.
+/// Measures the distances from 20,000 points of the surface to the zero level of the volume, whose
+/// values are interpolated trilinearly. No measured distance is smaller than the true one. The
+/// surface is in the patient's frame.
 SurfaceDistance distance_from(const TriangleSurface& surface, const SurfaceVolume& volume);
 
 /// Measures the distances from the points, which are in the volume's frame, to the surface.

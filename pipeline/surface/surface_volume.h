@@ -97,7 +97,7 @@ inline int SurfaceVolume::slice_below(double z_mm) const {
   const double first = origin_mm.front().z(), last = origin_mm.back().z();
   if (!(z_mm >= first)) return -1;
   if (z_mm >= last) return size[2] - 1;
-  // This is exact if slices are evenly spaced.
+  // The first value of k is exact if slices are evenly spaced. Otherwise the loops correct it.
   auto k = static_cast<int>((z_mm - first) / (last - first) * (size[2] - 1));
   k = std::clamp(k, 0, size[2] - 2);
   while (origin_mm[static_cast<std::size_t>(k)].z() > z_mm)

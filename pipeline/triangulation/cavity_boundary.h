@@ -1,10 +1,11 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// The triangles between a new point and the edges of the boundary of its cavity. (A cavity is the
-// set of triangles that the insertion of the point replaces.) The triangles are evaluated four at a
-// time and without branches, because a processor cannot predict whether a triangle violates the
-// limits of shape (is bad). Refinement spends most of its time here. Nearly always, the whole
-// boundary lies within kMaxBoundaryOffset of the point for which the cavity was found. Coordinates
-// relative to this point then fit into 16 bits, and one instruction computes four dot products.
+// Measures the triangles between a new point and the edges of its cavity's boundary, four triangles
+// at a time. (A cavity is the set of triangles that the insertion of the point replaces.)
+// Refinement spends most of its time in these functions. They have no branches, because a processor
+// cannot predict whether a triangle violates the limits of shape (is bad), and each wrong
+// prediction costs time. Nearly always, the whole boundary lies within kMaxBoundaryOffset of the
+// point for which the cavity was found. Coordinates relative to this point then fit into 16 bits,
+// and one instruction computes four dot products.
 #pragma once
 
 #include <algorithm>
@@ -19,8 +20,8 @@
 
 namespace trocar::pipeline {
 
-// GCC's and clang's vector types: operations apply to all elements. A mask is a Four whose elements
-// are -1 (true) or 0 (false).
+// Vectors of four numbers, an extension of GCC and clang. Each operation applies to all elements. A
+// mask is a Four whose elements are -1 (true) or 0 (false).
 using Four = std::int32_t __attribute__((vector_size(16)));
 using FourReal = float __attribute__((vector_size(16)));
 /// The coordinates of four points: x0, y0, x1, y1, ...
@@ -35,7 +36,7 @@ inline FourReal four_of(float x) {
 inline FourReal larger(FourReal a, FourReal b) {
   return a < b ? b : a;
 }
-/// Returns a mask as a number whose lowest four bits are the elements of the mask.
+/// Returns a mask as a number: bit k (0 to 3) is 1 if element k of the mask is true.
 inline unsigned bits_of(Four mask) {
 #ifdef __SSE2__
   return static_cast<unsigned>(_mm_movemask_ps(reinterpret_cast<__m128>(mask)));
@@ -46,12 +47,13 @@ inline unsigned bits_of(Four mask) {
 inline bool is_any(Four mask) {
   return bits_of(mask) != 0;
 }
-/// The number of true elements in a mask, or in several masks if `mask` is their sum.
+/// The number of true elements in a mask. If `mask` is the sum of several masks, the total number
+/// in all of them.
 inline int count_of(Four mask) {
   return -(mask[0] + mask[1] + mask[2] + mask[3]);
 }
 
-/// The dot products of four pairs of vectors; exact if coordinates are below 2^15.
+/// The dot products of four pairs of vectors; exact if all |coordinates| are below 2^15.
 [[gnu::always_inline]] inline Four dots(FourPoints a, FourPoints b) {
 #ifdef __SSE2__
   return reinterpret_cast<Four>(
@@ -92,8 +94,9 @@ inline int count_of(Four mask) {
   return (__builtin_shufflevector(p, p, 1, 0, 3, 2, 5, 4, 7, 6) ^ sign) - sign;
 }
 
-/// Bound on the distance of a point from the origin along each axis, in lattice steps. Coordinates
-/// of two such points differ by at most 2^14, so dot products of their differences are below 2^30.
+/// Largest distance of a point from the origin along each axis, in lattice steps, for which the
+/// 16-bit measures are used. The coordinates of two points within this distance differ by at most
+/// 2^14, so dot products of such differences are below 2^30.
 inline constexpr std::int32_t kMaxBoundaryOffset = 1 << 13;
 
 /// Returns a mask of the points that are farther than kMaxBoundaryOffset from the origin
@@ -110,24 +113,25 @@ inline Four is_beyond_max_offset(FourPoints p) {
   return reinterpret_cast<FourPoints>(four_of(reinterpret_cast<Four>(p)[k]));
 }
 
-/// Four edges ab of a cavity's boundary. If fewer than four are left, the last one is repeated.
+/// Four edges ab of a cavity's boundary. If fewer than four edges remain for the last quad, copies
+/// of the last edge fill it.
 struct BoundaryQuad {
   FourPoints a, b;  ///< relative to the cavity's origin; valid if InsertionCavity::is_near_origin()
-  Four is_edge;     ///< false for the repeated copies
-  Four is_outline;
-  /// Used if the new point splits an edge of the outline. `is_before` marks the edge that ends
+  Four is_edge;     ///< false for the copies that fill the last quad
+  Four is_outline;  ///< the edge is on the outline
+  /// Valid if the new point splits an edge of the outline. `is_before` marks the edge that ends
   /// where the split edge starts, and `is_after` the edge that starts where the split edge ends.
   Four is_before, is_after;
   Four is_bad;  ///< the triangle of the edge and the new point is bad; set by InsertionTrial
-  /// Set by InsertionTrial. If the new point lies in the material: this edge is on the outline, and
-  /// the point encroaches upon it or lies beyond it. If the new point splits an edge: after the
-  /// split, this edge is on the outline and encroached upon, or the half of the split edge next to
-  /// it is encroached upon.
+  /// Set by InsertionTrial. If the new point lies in the material, this marks an edge of the
+  /// outline that the point encroaches upon or lies beyond. If the new point splits an edge, this
+  /// marks two kinds of edges: edges of the outline that are encroached upon after the split, and
+  /// neighbours of a half of the split edge if that half is encroached upon.
   Four is_blocked;
 };
 
-/// Measures of the four triangles abp between edges ab of a cavity's boundary and points p. All
-/// measures are exact, because the points are within kMaxBoundaryOffset of their origin.
+/// Measures of four triangles abp. Each triangle has an edge ab of a cavity's boundary and a point
+/// p. The measures are exact if all points are within kMaxBoundaryOffset of their common origin.
 struct BoundaryTriangles {
   Four doubled_area, pa2, pb2;  ///< pa2 and pb2 are the squared lengths of the edges pa and pb
   Four at_p, at_a, at_b;        ///< dot product of a corner's two edges; negative: obtuse angle
@@ -135,10 +139,12 @@ struct BoundaryTriangles {
   Four ab2() const { return at_a + at_b; }
 };
 
-/// ShapeLimits for four triangles at a time. A triangle beyond one of the limits is bad.
+/// ShapeLimits for four triangles at a time. A triangle beyond one of the limits is bad; it is
+/// sharp if its smallest angle is beyond the limit on angles.
 struct QuickShapeLimits {
-  /// Limits on the squared sine of the smallest angle. Below `surely_sharp` a triangle is sharp,
-  /// and above `perhaps_sharp` it is not. Between the two limits, floats cannot decide.
+  /// Limits on the squared sine of the smallest angle. If the value is below `surely_sharp`, the
+  /// triangle is sharp. If it is above `perhaps_sharp`, the triangle is not sharp. In between,
+  /// floats are too inaccurate to decide.
   FourReal surely_sharp, perhaps_sharp;
   Four doubled_area;  ///< largest doubled area allowed
 

@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
+// Divides a mesh into groups of connected components that are small enough for a processor's cache.
 #pragma once
 
 #include <cstdint>
@@ -10,8 +11,9 @@
 namespace trocar::pipeline {
 
 /// Divides a mesh into groups of whole connected components (triangles that share a vertex are
-/// connected). Use it for work on components that do not depend on each other. The data of a group
-/// fit into a processor's cache, and the memory of a group is reused for the next one.
+/// connected). Use it for a computation that can treat each component without the others: the
+/// computation is faster if it treats one group after another. The data of a group fit into a
+/// processor's cache, unless the group is a single large component. All groups use the same memory.
 class ComponentGroups {
  public:
   /// A group has at most this many vertices unless it is a single component.
@@ -20,8 +22,8 @@ class ComponentGroups {
   struct Group {
     std::span<const std::uint32_t> vertices, triangles;  ///< indices in the whole mesh, ascending
     SliceMesh mesh;  ///< these vertices and triangles, in the same order
-    /// One entry for each vertex of `mesh`: the smallest vertex of its component. Vertices are
-    /// indices in `mesh`.
+    /// One entry for each vertex of `mesh`: the vertex with the lowest index in its component. This
+    /// vertex identifies the component. Both vertices are indices in `mesh`.
     std::vector<std::uint32_t> component;
   };
 
@@ -34,7 +36,7 @@ class ComponentGroups {
   const Group& group(std::size_t g);
 
  private:
-  struct List {  // the items of all groups; those of group g begin at first[g]
+  struct List {  // vertices or triangles of all groups; those of group g begin at items[first[g]]
     std::vector<std::uint32_t> items, first;
     std::span<const std::uint32_t> of(std::size_t g) const {
       return std::span(items).subspan(first[g], first[g + 1] - first[g]);

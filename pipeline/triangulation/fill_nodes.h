@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
+// Lists the points at which refinement may insert vertices to divide triangles that are too large.
 // Tests: tests/pipeline/triangulation/meshing_test.cpp
 #pragma once
 
@@ -15,16 +16,16 @@ struct FillNode {
   LatticePoint p;
 };
 
-/// Lists points of a regular grid of equilateral triangles that covers the mesh. Each
-/// equilateral triangle has the area doubled_area / 2, in lattice steps squared. A grid point
-/// is listed if it lies in a triangle of the mesh that is larger than this area, or on a side
-/// of such a triangle. A point on a side of two triangles may appear twice. If the mesh is
+/// Lists points of a regular grid of equilateral triangles that covers the mesh. `doubled_area` is
+/// twice the area of one equilateral triangle, in steps^2. A grid point is listed if it lies in a
+/// triangle of the mesh that is larger than an equilateral triangle of the grid, or on a side of
+/// such a large triangle. A point on a side of two triangles may appear twice. If the mesh is
 /// moved, the points move with it.
 ///
-/// `triangles` is the caller's estimate of how many equilateral triangles fill the mesh. It limits
-/// the work: the function visits at most 16 * (triangles + vertices of the mesh) rows of grid
-/// points. A row that crosses several triangles of the mesh counts once for each of them. For some
-/// outlines the function therefore does not find all points. Precondition: the edges of the
+/// `triangles` is the caller's estimate of how many equilateral triangles fill the mesh. The
+/// estimate limits the work: the function stops after 16 * (triangles + vertices of the mesh) rows
+/// of grid points. A row that crosses several large triangles counts once for each of them. For
+/// some outlines the function stops before it has found all points. Precondition: the edges of the
 /// equilateral triangles have at least 2 steps.
 void list_fill_nodes(const RefinementMesh& mesh, double doubled_area, double triangles,
                      std::vector<FillNode>& nodes);

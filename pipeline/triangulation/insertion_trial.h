@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Evaluates what an insertion would change, without making it. The evaluation uses the triangles
-// between a cavity's boundary and the new point, four at a time.
+// Evaluates what the insertion of a vertex would change, without inserting it. The insertion would
+// replace the triangles of a cavity by new triangles between the cavity's boundary and the point.
+// This header evaluates the new triangles, four at a time.
 // Tests: tests/pipeline/triangulation/cavity_boundary_test.cpp
 #pragma once
 
@@ -22,25 +23,28 @@ namespace trocar::pipeline {
 struct Candidate {
   LatticePoint p;
   InsertionCavity cavity;
-  int growth = 0;  ///< `flaws` minus the number of removed bad triangles, or kImpossible
-  /// Number of bad triangles that the insertion creates. If the point splits an edge, the edges
-  /// that are then encroached upon are counted too.
+  /// `flaws` minus the number of bad triangles that the insertion removes. kImpossible: the point
+  /// cannot be inserted.
+  int growth = 0;
+  /// Number of bad triangles that the insertion creates. If the point splits an edge, the number
+  /// includes the edges that are encroached upon after the split.
   int flaws = 0;
 };
+/// A value of Candidate::growth: the point cannot be inserted.
 inline constexpr int kImpossible = std::numeric_limits<int>::max();
 
 /// Evaluates insertions of points.
 class InsertionTrial {
  public:
-  /// Evaluates insertions into `mesh`, which may grow, against `bounds`. Both must outlive this
-  /// object.
+  /// Evaluates insertions into `mesh` by the limits in `bounds`. The mesh may grow between two
+  /// evaluations. Both objects must outlive this object.
   InsertionTrial(const RefinementMesh& mesh, const TriangleBounds& bounds)
       : mesh_(mesh), bounds_(bounds), anywhere_(bounds.anywhere()) {}
 
   /// Results for all triangles between a cavity's boundary and a point.
   struct Tally {
     int flaws = 0;            ///< see Candidate::flaws
-    bool is_turned = false;   ///< some edge of the boundary does not have the point on its left
+    bool is_turned = false;   ///< the point lies on or beyond an edge of the boundary: not allowed
     bool is_near = false;     ///< the point is too near to a vertex of the boundary
     bool is_blocked = false;  ///< an edge is blocked (BoundaryQuad::is_blocked)
   };
@@ -48,10 +52,10 @@ class InsertionTrial {
     kFree,   ///< a point in the material
     kSplit,  ///< a point that splits an edge of the outline
   };
-  /// Evaluates the insertion of the candidate. Precondition: its cavity has been found.
-  /// `min_distance2` is the square of the least allowed distance from other vertices. Sets the
-  /// candidate's flaws and growth, and marks the edges of the boundary (BoundaryQuad::is_bad,
-  /// is_blocked).
+  /// Evaluates the insertion of the candidate. Precondition: the candidate's cavity has been
+  /// found. `min_distance2` is the square of the smallest distance that is allowed between the
+  /// point and other vertices. Sets the candidate's flaws and growth, and marks edges of the
+  /// boundary (BoundaryQuad::is_bad, is_blocked).
   template <PointKind kKind>
   [[gnu::always_inline]] Tally evaluate(Candidate& candidate, double min_distance2) const {
     InsertionCavity& cavity = candidate.cavity;
@@ -90,16 +94,17 @@ class InsertionTrial {
     return out;
   }
 
-  /// Four positions at which the same point may be inserted. They are evaluated with the cavity of
-  /// another position nearby, because positions close to each other have nearly the same cavity.
-  /// (All four are evaluated even if the first is good enough, because a branch on this condition
-  /// would be unpredictable.)
+  /// Four alternative positions for one new point. They are evaluated with the cavity of another
+  /// position nearby, because positions close to each other have nearly the same cavity. (All four
+  /// are evaluated even if the first is good enough, because a processor could not predict a branch
+  /// on this condition.)
   using Positions = std::array<LatticePoint, 4>;
 
-  /// Returns for each position the Candidate::flaws of an insertion there into this cavity. The
-  /// result is at least kManyFlaws if some edge of the boundary does not have the position on its
-  /// left, if the position is too near to a vertex or, for a point in the material, if it
-  /// encroaches upon the outline.
+  /// Returns the number of flaws (Candidate::flaws) for each position, if a point there
+  /// replaces this cavity. For positions that are not allowed, the number is at least
+  /// kManyFlaws. A position is not allowed if it lies on or beyond an edge of the boundary, or
+  /// is too near to a vertex. For a point in the material, a position that encroaches upon the
+  /// outline is not allowed either.
   static constexpr std::int32_t kManyFlaws = 1 << 20;
   template <PointKind kKind>
   [[gnu::always_inline]] Four flaws_of(const Positions& positions, const InsertionCavity& cavity,
@@ -130,8 +135,8 @@ class InsertionTrial {
     }
     return -flaws | (is_excluded & four_of(kManyFlaws));
   }
-  /// Finds the position with the fewest flaws among those that the mask allows. If several have
-  /// equally few flaws, the result is the first of them.
+  /// The result of fewest_of(): among the positions that `is_allowed_position` marks, the one with
+  /// the fewest flaws. If several have equally few flaws, it is the first of them.
   struct Fewest {
     std::int32_t flaws;
     std::size_t position;
@@ -141,7 +146,8 @@ class InsertionTrial {
     const std::int32_t key = std::min(std::min(keys[0], keys[1]), std::min(keys[2], keys[3]));
     return {key >> 2, static_cast<std::size_t>(key & 3)};
   }
-  /// Calls visit(k) for each edge of the boundary for which the mask is set.
+  /// Calls visit(k) for each edge k of the boundary that `mask` marks. `mask` is a member of
+  /// BoundaryQuad, for example is_bad.
   template <typename Visit>
   [[gnu::always_inline]] static void for_each_edge(const InsertionCavity& cavity,
                                                    Four BoundaryQuad::*mask, Visit visit) {
@@ -160,7 +166,7 @@ class InsertionTrial {
     Four is_bad, is_turned, is_near, is_obtuse_at_p, is_obtuse_at_a, is_obtuse_at_b;
   };
   using FourTriangles = std::array<TriangleCorners, 4>;
-  // Evaluates triangles one by one, with any coordinates; slow.
+  // Evaluates triangles one by one. This is slow, but sets no limit on the coordinates.
   [[gnu::noinline]] FourResults evaluate_each(const FourTriangles& triangles,
                                               double min_distance2) const {
     FourResults out{};
@@ -193,8 +199,8 @@ class InsertionTrial {
     double exact;
     std::int32_t whole;  // `exact`, rounded up
   };
-  // Evaluates four triangles. `triangles` is a function that returns the same four triangles as
-  // `from`, `to` and `p` define. It is called only if 16-bit coordinates or floats do not suffice.
+  // Evaluates the four triangles from[k], to[k], p[k]. If 16-bit coordinates or floats do not
+  // suffice, it calls `triangles`, which returns the same four triangles with full coordinates.
   template <typename Triangles>
   [[gnu::always_inline]] FourResults evaluate_four(bool is_near_origin, FourPoints from,
                                                    FourPoints to, FourPoints p,

@@ -11,8 +11,8 @@
 
 namespace trocar::pipeline {
 
-/// One entry for each triangle and each of its edges (triangle_edge.h): the number of the same edge
-/// in the neighbouring triangle, or kNoEdge if the edge is on the boundary.
+/// Element [t][i] belongs to edge i of triangle t (numbered as in triangle_edge.h). It identifies
+/// the same edge in the neighbouring triangle. It is kNoEdge if the edge is on the boundary.
 using Neighbours = std::vector<std::array<EdgeId, 3>>;
 
 /// Finds the neighbours in a mesh. Precondition: the mesh is valid. O(n).

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// The steps of refinement at the outline. OutlineSplitter keeps lists of the bad triangles and of
-// the encroached edges, and splits edges of the outline. (An edge of the outline is encroached upon
-// if the apex of its triangle lies in the circle around the edge, with the edge as diameter.)
+// The part of refinement that concerns the outline. OutlineSplitter keeps lists of the bad
+// triangles and of the encroached edges, and splits edges of the outline. (An edge of the outline
+// is encroached upon if the apex of its triangle lies in the circle whose diameter is the edge.)
 // Tests: tests/pipeline/triangulation/meshing_test.cpp
 #pragma once
 
@@ -25,17 +25,18 @@
 
 namespace trocar::pipeline {
 
-// Shortest edge in lattice steps. An edge shorter than twice this length is not split. A triangle
-// with an edge shorter than this length is improved only if it is too large, because its angles
-// depend on rounding to the lattice.
+// An edge of the outline that is shorter than twice this length, in lattice steps, is not split. A
+// triangle with an edge shorter than this length is improved only if it is too large, because its
+// angles depend on rounding to the lattice.
 inline constexpr std::int64_t kMinEdge_steps = 4;
 
 // Positions for a split of an edge of the outline, as fractions of the edge, the preferred one
 // first.
 inline constexpr std::array kSplits = {0.5, 0.42, 0.58, 0.34, 0.66};
-// Edges shorter than this can be split only a few times before they reach kMinEdge_steps, so each
-// split decides which angles remain. The value comes from a trial on outlines with a grid of holes,
-// 1 to 40 steps wide: with half of this value, the meshes had more sharp angles.
+// If a split creates flaws, an edge shorter than this is always tried at the other positions of
+// kSplits. Such an edge can be split only a few times before its parts reach kMinEdge_steps, so
+// each split decides which angles remain. The value comes from a trial on outlines with a grid of
+// holes, 1 to 40 steps wide: with half of this value, the meshes had more sharp angles.
 inline constexpr std::int64_t kFewSplitsLeft_steps = 32 * kMinEdge_steps;
 
 // An edge of the outline that is to be split. The entry is stale if the generation of the edge's
@@ -45,8 +46,8 @@ struct EncroachedEdge {
   std::uint32_t generation;
 };
 
-// Memory that is reused for all slices. (Without this reuse, fresh memory pages took a fifth of the
-// time.)
+// Memory that is reused for all slices. (Without this reuse, a fifth of the time of refinement went
+// into fresh memory pages.)
 struct RefinementWorkspace {
   RefinementMesh mesh;
   RefinementOutline outline;
@@ -59,9 +60,9 @@ struct RefinementWorkspace {
   Candidate best_beyond, trial_beyond;
 };
 
-/// The part of the refinement algorithm that concerns the outline. Refiner (refinement.cpp)
-/// adds the points in the material. This part is a header so that the compiler can inline the
-/// steps of both.
+/// The part of the refinement algorithm that concerns the outline. The derived class Refiner
+/// (refinement.cpp) adds the points in the material. This class is defined in a header so that the
+/// compiler can inline its functions into those of Refiner.
 class OutlineSplitter {
  protected:
   using PointKind = InsertionTrial::PointKind;
@@ -111,8 +112,8 @@ class OutlineSplitter {
   bool is_encroached(std::uint32_t segment, std::uint32_t a, std::uint32_t b,
                      std::uint32_t apex) const {
     if (!encroaches(at(a), at(b), at(apex))) return false;
-    // A shell is a circle around a corner. The apex is not counted if it lies on the other segment
-    // of a small input angle and on the same shell as a or b. Without rounding it would not
+    // A shell is a circle around a corner. The apex is ignored if it lies on the other segment of a
+    // small input angle and on the same shell as a or b. Without rounding, such an apex would not
     // encroach upon the edge.
     const std::uint32_t corner =
         outline_.small_corner(static_cast<std::int32_t>(segment), origins_[apex].segment);
@@ -161,9 +162,9 @@ class OutlineSplitter {
     return !insertion_.evaluate<PointKind::kSplit>(out, 0).is_turned;
   }
 
-  // An input segment, and the largest distance from it that the points of its splits may have.
-  // Splits are rounded to lattice points, so points of repeated splits can move away from the
-  // segment.
+  // An input segment, with a limit on the distance of split points from it. Split points are
+  // rounded to lattice points, so after repeated splits they can lie farther and farther
+  // from the segment.
   struct Segment {
     LatticePoint from, to;
     double length2, max_area2;
@@ -184,10 +185,11 @@ class OutlineSplitter {
     return {from, to, length2, max_distance2_ * length2};
   }
 
-  // Finds the position at which to split the edge ab of triangle t = abc near this fraction of the
-  // way from a to b. Returns false if there is none. Four lattice points surround the exact
-  // position. The function chooses the nearest one on the material's side. With keep_area_, and if
-  // the segment has clearance, it chooses the one of the four that keeps the area of the loop best.
+  // Finds a lattice point at which to split the edge ab of triangle t = abc, near the given
+  // fraction of the way from a to b. Returns false if there is none. Four lattice points surround
+  // the exact position. The function chooses the nearest one on the material's side. If keep_area_
+  // is set and the segment has clearance (RefinementOutline::has_clearance()), it chooses from all
+  // four the one that keeps the area of the loop best.
   bool find_split_position(std::uint32_t t, std::uint32_t segment, const Segment& input,
                            const TriangleCorners& v, double fraction, LatticePoint& out) {
     const LatticePoint a = v[0], b = v[1], c = v[2];
@@ -213,8 +215,9 @@ class OutlineSplitter {
     return false;
   }
 
-  // Splits an edge of the outline: on a shell if its segment has shells, otherwise at the fraction
-  // `wanted`, or at the best position if `wanted` is 0. Returns false if the edge cannot be split.
+  // Splits an edge of the outline. If the edge's segment has shells, the split lies on a shell.
+  // Otherwise it lies at the fraction `wanted` of the edge, or at the best position if `wanted` is
+  // 0. Returns false if the edge cannot be split.
   bool split_edge(EdgeId s, double wanted = 0) {
     if (has_shared_) {
       if (const EdgeId beyond = shared_.beyond(s, mesh_, outline_); beyond != kNoEdge)
@@ -244,8 +247,8 @@ class OutlineSplitter {
         if (++k == kSplits.size()) return false;
       }
       // If the split creates flaws, other fractions are tried, unless the flaws are temporary. They
-      // are temporary if the apex is nearer to the edge than half the edge's length and the edge is
-      // long, because the halves will then be split again.
+      // are temporary if the edge is long and its apex is nearer to it than half its length,
+      // because the halves will then be split again.
       const std::int64_t ab2 = distance2(a, b);
       if (best_.flaws > 0 &&
           (2 * orient2d(a, b, c) >= ab2 || ab2 < kFewSplitsLeft_steps * kFewSplitsLeft_steps)) {
@@ -293,7 +296,8 @@ class OutlineSplitter {
   }
 
   // Splits a shared edge at one point for both sides. Returns false if there is no such point.
-  // (Without the attribute here and that of insert(), slices without shared edges took 2 % longer.)
+  // (Without noinline here and always_inline at insert(), slices without shared edges took
+  // 2 % longer.)
   [[gnu::noinline]] bool split_shared_edge(EdgeId s, EdgeId t) {
     const auto [ia, ib] = mesh_.ends(s);
     const LatticePoint a = at(ia), b = at(ib), c = at(mesh_.apex(s)), d = at(mesh_.apex(t));

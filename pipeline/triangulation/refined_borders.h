@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// The borders between several materials, with the points that refinement inserted.
+// Adds to the borders between several materials the points that refinement inserted on them.
 // Tests: tests/pipeline/triangulation/regions_test.cpp
 #pragma once
 
@@ -10,11 +10,11 @@
 
 namespace trocar::pipeline {
 
-/// Returns the borders with the points by which refinement split their edges. Precondition:
-/// `outlines` are material_outlines(borders), and `stored` are these outlines with the vertices
-/// that refinement inserted on their edges. `outlines` and `stored` have the same rings in the same
-/// order, and a ring has the same first vertex in both. (check_shared_borders() of
-/// formats/geometry/shared_borders.h verifies this.) O(n log n).
+/// Returns the borders with the points at which refinement split their edges. `outlines` are the
+/// materials' outlines before refinement, made by material_outlines(borders). `stored` are the same
+/// outlines with the vertices that refinement inserted on their edges. Precondition: `outlines` and
+/// `stored` have the same rings in the same order, and each ring has the same first vertex in both.
+/// (check_shared_borders() of formats/geometry/shared_borders.h verifies this.) O(n log n).
 LabelBorders refined_borders(const LabelBorders& borders, std::span<const Pslg> outlines,
                              std::span<const Pslg> stored);
 

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// The mesh during refinement: flat arrays, and insertion of points by cavities (Bowyer; Watson,
-// 1981). The cavity of a point consists of the triangles whose circumcircles contain it.
+// The mesh during refinement, stored in flat arrays, and the insertion of points into it. The
+// triangles whose circumcircles contain a new point form the point's cavity. An insertion replaces
+// the cavity by triangles around the point (Bowyer; Watson, 1981).
 // Tests: tests/pipeline/triangulation/meshing_test.cpp
 #pragma once
 
@@ -19,14 +20,15 @@
 
 namespace trocar::pipeline {
 
-/// WorkingTriangle::beyond has one entry for each edge. If the edge is on the outline, the entry
-/// consists of this flag and the input segment's number. Otherwise it is the EdgeId of the same
-/// edge in the neighbouring triangle.
+/// A flag in the elements of WorkingTriangle::beyond, which has one element for each edge. If the
+/// edge is on the outline, the element consists of this flag and the input segment's number.
+/// Otherwise the element is the EdgeId of the same edge in the neighbouring triangle.
 inline constexpr std::uint32_t kOutline = 0x80000000;
 
-/// A triangle's circumcircle, prepared for tests of many points. It stores the determinant of
-/// in_circle() as a function of the point's coordinates. Results are exact. 64 bits suffice if all
-/// differences of coordinates are below kMaxDifference, which is nearly always the case.
+/// A triangle's circumcircle, prepared for tests of many points. It stores the coefficients with
+/// which in_circle() becomes a polynomial in the coordinates of the tested point. Results are
+/// exact. 64 bits suffice if all differences of coordinates are below kMaxDifference, which is
+/// nearly always the case.
 class Circumcircle {
  public:
   Circumcircle() = default;
@@ -45,8 +47,9 @@ class Circumcircle {
   bool is_near(LatticePoint p) const {
     return is_near_origin(std::int64_t{p.x} - origin_.x, std::int64_t{p.y} - origin_.y);
   }
-  /// Returns 1 if p lies strictly inside, and 0 otherwise, without a comparison that a compiler
-  /// might turn into a branch. Precondition: is_near(p).
+  /// Returns 1 if p lies strictly inside, and 0 otherwise. The function has no comparison, because
+  /// a compiler might turn a comparison into a branch, and a processor could not predict this
+  /// branch. Precondition: is_near(p).
   std::uint32_t contains(LatticePoint p) const {
     const auto dx = static_cast<std::uint64_t>(std::int64_t{p.x} - origin_.x),
                dy = static_cast<std::uint64_t>(std::int64_t{p.y} - origin_.y);
@@ -66,13 +69,13 @@ class Circumcircle {
   }
 
   std::int64_t x_ = 0, y_ = 0, area2_ = 0;
-  // The default is far outside the lattice, so that is_near() is false for every point if the
-  // triangle is too large for 64 bits.
+  // If the triangle is too large for 64 bits, the origin keeps this value far outside the lattice,
+  // so that is_near() is false for every point.
   LatticePoint origin_{std::numeric_limits<std::int32_t>::max(),
                        std::numeric_limits<std::int32_t>::max()};
 };
 
-/// A triangle, in one cache line.
+/// A triangle. It occupies exactly one cache line, so that one access to memory reads all of it.
 struct alignas(64) WorkingTriangle {
   Circumcircle circle;
   std::array<std::uint32_t, 3> v{};       ///< vertices, counter-clockwise
@@ -125,7 +128,9 @@ class InsertionCavity {
   std::uint32_t triangles_ = 0, edges_ = 0;
   int bad_ = 0;
   bool is_near_origin_ = false;
-  std::vector<EdgeId> entries_;  // for each triangle: the edge through which the search entered it
+  // One entry for each triangle of the cavity: the edge through which the search entered it.
+  // fill_cavity() appends an edge of each triangle that it adds to the mesh.
+  std::vector<EdgeId> entries_;
   // One entry for each boundary edge: BoundaryEdge::beyond in the upper 32 bits,
   // BoundaryEdge::inside in the lower ones.
   std::vector<std::uint64_t> sides_;
@@ -142,8 +147,8 @@ class RefinementMesh {
   /// number of the input segment for the outline's edge from a to b.
   template <typename Segment>
   void assign(const Triangulation& from, Segment segment) {
-    // Meshes of long outlines grow to about this multiple. Reserving this memory avoids copies, and
-    // pages that stay unused cost nothing.
+    // The meshes of long outlines grow to about this multiple of their first size. Reserving memory
+    // for this size avoids copies, and reserved pages that stay unused cost nothing.
     constexpr std::size_t kGrowth = 2;
     points.reserve(kGrowth * from.mesh.vertices.size());
     star_.reserve(kGrowth * from.mesh.vertices.size());
@@ -154,8 +159,8 @@ class RefinementMesh {
       set(t, from.mesh.triangles[t], from.beyond[t]);
       triangles[t].visit = triangles[t].generation = triangles[t].is_bad = 0;
     }
-    // Number the edges on the outline. They are first listed without branches for a block of
-    // triangles, because their positions are unpredictable.
+    // Number the edges on the outline. A processor cannot predict which edges are on the outline,
+    // so they are first listed, without branches, for one block of triangles after another.
     constexpr std::uint32_t kBlock = 64;
     std::array<EdgeId, 3 * kBlock + 1> outline;
     for (std::uint32_t first = 0; first < triangles.size(); first += kBlock) {
@@ -192,8 +197,9 @@ class RefinementMesh {
   }
 
   static constexpr std::uint32_t kNone = 0xffffffff;
-  /// Returns the triangle that contains p, found by a walk from `start`. Returns kNone if the
-  /// outline blocks the walk, or if p has not been found after 64 triangles.
+  /// Returns the triangle that contains p. The search goes from `start` through neighbouring
+  /// triangles towards p. Returns kNone if the search meets the outline, or has not found p
+  /// after 64 triangles.
   std::uint32_t find(std::uint32_t start, LatticePoint p) const {
     std::uint32_t t = start;
     for (int step = 0; step < 64; ++step) {
@@ -210,22 +216,22 @@ class RefinementMesh {
 
   /// Finds the cavity of p: `start`, all triangles connected with `start` whose circumcircles
   /// contain p, and the edges around these triangles. Precondition: p lies in `start` or in its
-  /// circumcircle. Whether a neighbour belongs to the cavity is unpredictable, so no branch
-  /// depends on this.
+  /// circumcircle. No branch depends on whether a neighbour belongs to the cavity, because a
+  /// processor could not predict the branch.
   void find_cavity(std::uint32_t start, LatticePoint p, InsertionCavity& cavity) {
     find<false>(start, kNoEdge, p, cavity);
   }
-  /// The same for a point p that splits an edge of the outline. The boundary then does not list
-  /// that edge.
+  /// Finds the cavity of a point p that splits the edge `split` of the outline. The cavity's
+  /// boundary then does not list the split edge.
   void find_split_cavity(EdgeId split, LatticePoint p, InsertionCavity& cavity) {
     find<true>(triangle_of(split), split, p, cavity);
   }
 
   /// Replaces the triangles of the cavity by triangles around a new vertex p. Edge k of the
   /// boundary becomes edge 0 of cavity.fresh_triangle(k). `split` is the edge of the outline that p
-  /// splits, or kNoEdge. Precondition: p lies to the left of all edges of the boundary. Returns
-  /// false and changes nothing if the boundary is not one closed loop or, with `split`, one loop
-  /// that is open at that edge.
+  /// splits, or kNoEdge. Precondition: p lies to the left of all edges of the boundary. Without
+  /// `split`, the boundary must be one closed loop; with `split`, one loop that is open at the
+  /// split edge. If it is not, the function returns false and changes nothing.
   bool fill_cavity(InsertionCavity& cavity, LatticePoint p, EdgeId split) {
     return split == kNoEdge ? fill<false>(cavity, p, split) : fill<true>(cavity, p, split);
   }
@@ -234,9 +240,9 @@ class RefinementMesh {
   template <bool kIsSplit>
   [[gnu::noinline]] void find(std::uint32_t start, EdgeId split, LatticePoint p,
                               InsertionCavity& cavity) {
-    // Each edge is written before it is known whether it counts, so the arrays always have space
-    // for the edges of one more triangle. (A cavity has at most two more boundary edges than
-    // triangles.)
+    // Each edge is written before it is known whether it belongs to the boundary, which avoids a
+    // branch. The arrays therefore always need space for the edges of one more triangle. (A cavity
+    // has at most two more boundary edges than triangles.)
     constexpr std::uint32_t kMargin = 6;
     if (cavity.capacity() < kMargin) cavity.grow();
     const std::uint32_t visit = ++visits_;
@@ -259,7 +265,7 @@ class RefinementMesh {
       sides[edges] = std::uint64_t{beyond} << 32 | edge_id(t, i);
       reached += is_in & static_cast<std::uint32_t>(next.visit != visit);
       edges += (is_in ^ 1) | is_outline;
-      next.visit = visit;  // has no effect on a triangle outside the cavity, for which is_in is 0
+      next.visit = visit;  // no effect on a triangle outside the cavity: its is_in is always 0
     };
     all[start].visit = visit;
     entries[0] = kIsSplit ? split : edge_id(start, 0);
@@ -287,7 +293,8 @@ class RefinementMesh {
 
   template <bool kIsSplit>
   [[gnu::noinline]] bool fill(InsertionCavity& cavity, LatticePoint p, EdgeId split) {
-    // A closed boundary of n triangles has n + 2 edges, an open one n + 1.
+    // The boundary of n triangles has n + 2 edges if it is closed, and n + 1 without
+    // the split edge.
     constexpr std::uint32_t kMore = kIsSplit ? 1 : 2;
     const std::uint32_t kept = cavity.size(), n = kept + kMore;
     if (cavity.boundary().size() != n) return false;
@@ -321,8 +328,8 @@ class RefinementMesh {
       all[triangle_of(target)].beyond[index_of(target)] = edge_id(t, 0);
       tri.beyond = {r.beyond, open, open};
     }
-    // Join the triangle of each edge to that of the next edge. An open boundary is joined as if it
-    // were closed, and separated again.
+    // Join the triangle of each edge to the triangle of the next edge. A boundary that is open at
+    // the split edge is first joined as if it were closed; then its two ends are separated again.
     if (kIsSplit) star[last] = star[first];
     for (std::uint32_t k = 0; k < n; ++k) {
       const std::uint32_t t = cavity.fresh_triangle(k), next = star[boundary[k].b];
@@ -337,8 +344,8 @@ class RefinementMesh {
     return true;
   }
 
-  // Fills in the boundary from the sides that were found. `split` is the edge of the outline that
-  // is to be split, or kNoEdge.
+  // Makes the list of boundary edges from sides_, in which find() has collected them. `split` is
+  // the edge of the outline that is to be split, or kNoEdge.
   template <bool kIsSplit>
   [[gnu::always_inline]] void list_boundary(EdgeId split, InsertionCavity& cavity) const {
     const std::uint32_t n = cavity.edges_;

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// The input of refinement: its segments, the angles between them, and the positions of splits near
-// an acute corner. These positions lie on shells, which are concentric circles around the corner
+// Holds the input of refinement: the segments of the outline and the angles between them.
+// Near an acute corner, this header also determines where segments are split: on shells,
+// which are concentric circles around the corner. The two segments that meet at the corner
+// are thus split at equal distances from it, and their parts do not encroach upon each other
 // (Ruppert, 1995; Shewchuk).
 // Tests: tests/pipeline/triangulation/meshing_test.cpp
 #pragma once
@@ -32,46 +34,47 @@ class RefinementOutline {
     return twins_.empty() ? kNoTwin : twins_[segment];
   }
 
-  /// Finds the loops that the segments form. If regions share borders, a loop is divided where the
-  /// region on its other side changes. Each part then has only one region, or only the void (no
-  /// material), on its other side.
+  /// Finds the loops that the segments form. Each loop keeps its area (lost_of_loop()). If regions
+  /// share borders, a loop is divided where the region on its other side changes. Each part then
+  /// has only one region, or only the void (the area without material), on its other side.
   void find_loops();
   /// Prepares has_clearance().
   void start_clearance(const std::vector<LatticePoint>& points);
-  /// Returns true if no other part of the outline can meet this segment even after splits. Rounding
-  /// may move the points of splits by up to one step to the void's side, and by up to three steps
-  /// to the material's side. Valid after start_clearance(). The answer is computed when it is first
-  /// needed, because most segments are never split.
+  /// Returns true if no other part of the outline can meet this segment even after splits. When the
+  /// points of splits are rounded, they may move by up to one step to the void's side, and by up to
+  /// three steps to the material's side. Valid after start_clearance(). The answer is computed when
+  /// it is first needed, because most segments are never split.
   bool has_clearance(std::uint32_t segment) {
     if (clearance_[segment] == Clearance::kUnknown) [[unlikely]]
       find_clearance(segment);
     return clearance_[segment] == Clearance::kYes;
   }
-  /// Twice the area that splits have removed from the segment's loop so far. Valid after
-  /// find_loops().
+  /// Twice the area, in steps^2, by which splits have reduced the segment's loop so far; negative
+  /// if the loop has grown. The caller adds the effect of each split. Valid after find_loops().
   std::int64_t& lost_of_loop(std::uint32_t segment) { return lost_[loop_[segment]]; }
 
   const std::vector<Refined::Segment>& segments() const { return segments_; }
-  /// The angle of an input vertex in the material, in degrees. An angle of 90 degrees or more plays
-  /// no role in refinement, and is returned as 360.
+  /// The angle in the material at an input vertex, in degrees. 360 stands for all angles of 90
+  /// degrees or more, because they play no role in refinement.
   double angle_deg(std::uint32_t vertex) const { return angle_deg_[vertex]; }
 
-  /// The corner at which two segments meet under an angle below 60 degrees in the material, or
-  /// kNoCorner. A negative s or t is no segment, as in VertexOrigin.
+  /// Returns the corner at which the segments s and t meet under an angle below 60 degrees in the
+  /// material. Returns kNoCorner if there is no such corner, or if s or t is negative. (A negative
+  /// number is no segment, as in VertexOrigin.)
   std::uint32_t small_corner(std::int32_t s, std::int32_t t) const {
     return s < 0 || t < 0 || s == t ? kNoCorner : small_corner_of_two(s, t);
   }
 
   /// Returns true if a segment starts or ends in an acute corner (below kAcuteCorner_deg of
-  /// segment_split.h), so that its splits must lie on shells. If two regions share the segment, a
-  /// corner that is acute in one of them suffices.
+  /// segment_split.h). The segment's splits must then lie on shells. If two regions share the
+  /// segment, it suffices that the corner is acute in one of them.
   bool has_shells(std::uint32_t segment) const {
     return is_acute_from(segment) || is_acute_to(segment);
   }
   /// The position at which to split the edge ab of a segment that has shells, as a fraction of the
-  /// way from a to b. It lies on a shell of the segment's acute corner. If both ends of the segment
-  /// are acute corners, the one nearer to the edge is chosen. The edges of the two segments that
-  /// meet in this corner then end at equal distances from it.
+  /// way from a to b. The position lies on a shell around the segment's acute corner. If both ends
+  /// of the segment are acute corners, the corner nearer to the edge is chosen. The two segments
+  /// that meet in this corner are thus split at equal distances from it.
   double shell_fraction(std::uint32_t segment, LatticePoint a, LatticePoint b,
                         const std::vector<LatticePoint>& points) const;
 

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// The triangles to be improved, those with the shortest edges first. They are kept in buckets by
-// the square of their shortest edge, four buckets for each power of two. Within a bucket the newest
-// triangle comes first. An entry whose triangle has been replaced is dropped when it is popped.
+// A priority queue of the triangles that refinement has to improve. Triangles with the shortest
+// edges come first, in approximate order: the queue has buckets for intervals of the squared length
+// of the shortest edge, four intervals for each power of two. Within a bucket the newest triangle
+// comes first. If a triangle is replaced, its entry stays in the queue until pop() drops it.
 // Tests: tests/pipeline/triangulation/meshing_test.cpp
 #pragma once
 
@@ -15,7 +16,8 @@ namespace trocar::pipeline {
 
 class RefinementQueue {
  public:
-  /// A reference to a triangle. It becomes stale when the triangle is replaced.
+  /// A triangle, and the generation that it had when the entry was made. When the triangle is
+  /// replaced, its generation changes (WorkingTriangle::generation), and the entry becomes stale.
   struct Entry {
     std::uint32_t triangle, generation;
   };

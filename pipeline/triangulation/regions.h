@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Triangulation and refinement of several regions (materials of one slice) that share borders, so
-// that their meshes leave no gap and do not overlap.
+// Triangulates and refines several regions (materials of one slice) that share borders, so that
+// their meshes leave no gap and do not overlap.
 #pragma once
 
 #include <span>
@@ -18,21 +18,23 @@ namespace trocar::pipeline {
 /// formats/geometry/shared_borders.h has succeeded. Errors: those of triangulate().
 Result<std::vector<Triangulation>> triangulate_regions(std::span<const Pslg> regions);
 
-/// Refines all regions together, like refine(). An edge that two regions share is split in both at
-/// the same lattice point, or in neither. That point lies less than three steps from the segment,
-/// on either side. Both regions keep their area along each border, even without options.keep_area.
-/// Only the rounding of about one point remains as an error. The results of refined_rings() for the
-/// regions pass check_shared_borders() with the regions' outlines.
+/// Refines all regions together, like refine(). If two regions share an edge, the edge is split
+/// in both regions at the same lattice point, or in neither. The point may lie on either side of
+/// the segment, nearer to it than options.max_distance_steps. Where possible, the side is
+/// chosen that makes up for the area that earlier points have cost one of the regions. So both
+/// regions keep their area along each border up to the rounding of about one point, even
+/// without options.keep_area. The regions' outlines and the results of refined_rings() for the
+/// regions pass check_shared_borders().
 ///
-/// Each result has the properties stated at refine(). `outcome`, the bounds that were used
-/// and `bad_at_lattice_step` are those of all regions together. options.max_vertices limits
-/// the sum of the vertices of all regions. A split of a shared edge adds two vertices, so
-/// the sum may exceed the limit by one. options.shared_borders is ignored. One region gives
-/// the same result as refine().
+/// Each result has the properties stated at refine(). Its members outcome, angle_deg,
+/// max_area_mm2 and bad_at_lattice_step describe all regions together. options.max_vertices
+/// limits the sum of the vertices of all regions. A split of a shared edge adds two vertices, so
+/// the sum may exceed the limit by one. options.shared_borders is ignored. For one region, the
+/// result is that of refine().
 ///
-/// Known limitation: for a wanted angle above 30 degrees, a border of a few pixels between acute
-/// nodes (points where borders meet) is divided down to the lattice step more often than by
-/// refine() for one region.
+/// Known limitation: a node is a point where borders meet. If options.min_angle_deg is above 30, a
+/// border of a few pixels between two nodes with acute angles is divided down to the lattice step
+/// more often than by refine() for one region.
 std::vector<Refined> refine_regions(std::span<const Triangulation> regions, const Lattice& lattice,
                                     const RefinementOptions& options);
 

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// The edges that two regions share during refinement. Each region has its own vertices, so a shared
-// edge exists twice. SharedEdges finds the other region's edge for a given one. For this purpose it
-// records which vertices of the two regions are copies of each other.
+// Finds, for an edge that two regions share during refinement, the same edge in the other region.
+// Each region has its own vertices, so a shared edge exists twice. SharedEdges therefore records
+// which vertices of the two regions are copies of each other. The header also chooses the points at
+// which a shared edge is split.
 // Tests: tests/pipeline/triangulation/regions_test.cpp
 #pragma once
 
@@ -15,18 +16,20 @@
 
 namespace trocar::pipeline {
 
-/// Returns up to two positions at which to split a shared edge ab near the given fraction of
-/// the way from a to b. The triangles on the two sides of the edge are (a, b, c) and (b, a, d).
-/// The positions are the nearest lattice points on either side of ab. The position that keeps
-/// the areas better comes first. `lost` is twice the area that the side of c has lost along
-/// this border so far.
+/// Returns up to two positions at which to split a shared edge ab near the given fraction of the
+/// way from a to b. The triangles on the two sides of the edge are (a, b, c) and (b, a, d). The
+/// positions are the nearest lattice points on either side of ab at which the edge may be split. A
+/// split beside the edge takes area from one region and gives it to the other. `lost` is twice the
+/// area, in steps^2, that the region of c has lost along this border so far; it is negative if that
+/// region has gained area. The position that leaves the smaller loss or gain comes first.
 std::array<std::optional<LatticePoint>, 2> shared_split_points(LatticePoint a, LatticePoint b,
                                                                LatticePoint c, LatticePoint d,
                                                                double fraction, std::int64_t lost);
 
-/// Returns true if the edge on the outline may be split at p, which may lie on the edge's inner
-/// side or beyond the edge. A point beyond the edge must lie in the circumcircle of the edge's
-/// triangle, so that the mesh stays Delaunay.
+/// Returns true if an edge of the outline may be split at p. If p lies on the edge or on its
+/// inner side, may_split() decides. If p lies beyond the edge, p must lie in the circle whose
+/// diameter is the edge, and in the circumcircle of the edge's triangle. (The mesh would
+/// otherwise cease to be Delaunay.)
 bool may_split_either_way(const RefinementMesh& mesh, EdgeId edge, LatticePoint p);
 
 class SharedEdges {
@@ -63,7 +66,7 @@ class SharedEdges {
 
  private:
   std::vector<EdgeId> leaving_;  // for each vertex: the outline's edge that starts there
-  // One entry for each vertex that splits a shared edge: the new vertex on the other side.
+  // The copy, in the other region, of each vertex at which a shared edge was split.
   std::vector<std::uint32_t> copies_;
 };
 

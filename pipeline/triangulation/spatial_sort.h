@@ -7,10 +7,12 @@
 
 namespace trocar::pipeline {
 
-/// Renumbers the vertices along the rows of a grid, cell by cell, and orders the triangles by their
-/// smallest vertex. The mesh is otherwise unchanged, including the order of corners within each
-/// triangle. Refinement numbers points in the order of insertion. Without this sort, later stages
-/// spend their time on cache misses in a large mesh. O(n).
+/// Divides the plane into the cells of a square grid, numbers the vertices cell by cell along
+/// the rows of the grid, and orders the triangles by their smallest vertex number. The mesh is
+/// otherwise unchanged: each triangle keeps the order of its corners. Refinement numbers
+/// vertices in the order of insertion, so vertices that are neighbours in the mesh can be far
+/// apart in memory. Without this sort, later stages are slow on a large mesh, because they wait
+/// for memory. O(n).
 void sort_by_position(Refined& refined);
 
 }  // namespace trocar::pipeline

@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
+// Decides whether a triangle is within the bounds on angle and area that refinement must meet.
 // Tests: tests/pipeline/triangulation/meshing_test.cpp
 #pragma once
 
@@ -14,8 +15,8 @@
 
 namespace trocar::pipeline {
 
-/// The bounds on angle and area that refinement must meet. Areas are doubled, in lattice
-/// steps squared.
+/// The bounds on angle and area that refinement must meet. All areas are doubled and in steps^2,
+/// because twice the area of a triangle on the lattice is an integer.
 class TriangleBounds {
  public:
   /// `options` must outlive this object.
@@ -32,7 +33,9 @@ class TriangleBounds {
   bool has_area_at() const { return has_area_at_; }
   /// The bounds on angle and area, without the bound that depends on the position.
   const ShapeLimits& everywhere() const { return everywhere_; }
-  /// Triangles within these limits are within the bounds at any position.
+  /// Limits that suffice at every position: a triangle within these limits is within the
+  /// bounds, wherever it lies. (Where the bound on the area is larger, larger triangles are
+  /// within the bounds too.)
   QuickShapeLimits anywhere() const {
     return {everywhere_.sine2, has_area_at_
                                    ? std::min(least_doubled_area_, everywhere_.doubled_area)
@@ -47,6 +50,8 @@ class TriangleBounds {
     return std::min(everywhere_.doubled_area,
                     std::max(least_doubled_area_, area_mm2_at_(centroid) * doubled_per_mm2_));
   }
+  /// The shape of the triangle abc. Its is_sharp and is_large say whether the triangle
+  /// violates the bounds.
   TriangleShape shape(LatticePoint a, LatticePoint b, LatticePoint c) const {
     TriangleShape out = shape_of(a, b, c, everywhere_);
     if (has_area_at_ && static_cast<double>(out.doubled_area) > least_doubled_area_)

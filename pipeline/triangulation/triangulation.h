@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// The constrained Delaunay triangulation of an outline, without the triangles outside the material
-// (which the paper removes by a "triangle-eating virus").
+// Triangulates the material inside an outline. The result is the constrained Delaunay
+// triangulation: it contains every edge of the outline, and apart from this its smallest angle is
+// as large as possible. Triangles outside the material are never made. (The paper makes them and
+// then removes them by a "triangle-eating virus".)
 #pragma once
 
 #include "formats/base/result.h"
@@ -11,18 +13,21 @@ namespace trocar::pipeline {
 
 struct Triangulation {
   SliceMesh mesh;
-  Neighbours beyond;
+  Neighbours beyond;  ///< the neighbour beyond each edge of each triangle
 };
 
-/// Returns all triangles of the constrained Delaunay triangulation that lie in the material. They
-/// form a valid mesh whose boundary is exactly the PSLG. Where rings touch in a point, the
-/// triangles around this point form several fans; each fan has its own vertex. Precondition: `pslg`
-/// is valid by check_pslg. O(n log n) typically; the flips are O(n^2) at worst. Errors: kBug if
-/// `pslg` is found to be invalid.
+/// Returns the constrained Delaunay triangulation of the material, which is a valid mesh. The
+/// mesh's boundary is exactly the PSLG. If rings touch at a point, the triangles around this point
+/// form several fans (in a fan, each triangle shares an edge with the next). The mesh then has one
+/// vertex at this point for each fan. Precondition: `pslg` is valid by check_pslg(). The time is
+/// O(n log n) typically, and O(n^2) at worst, because edges are flipped until they are Delaunay.
+/// Errors: kBug if `pslg` is found to be invalid.
 ///
-/// All decisions are exact, in a canonical orientation (formats/geometry/canonical_rotation.h). So
-/// if the outline is moved or rotated by right angles, the mesh moves and rotates with it. The only
-/// exception is an outline that a rotation maps onto itself and that has four points on one circle.
+/// The function computes in exact integers, and first rotates the outline into a canonical
+/// orientation (formats/geometry/canonical_rotation.h). So if the outline is moved or rotated by
+/// right angles, the mesh moves and rotates with it. The only exception is an outline that has no
+/// unique canonical orientation, for example because it is symmetric under a rotation, and that has
+/// four points on one circle, between which two Delaunay triangulations are possible.
 Result<Triangulation> triangulate(const Pslg& pslg);
 
 }  // namespace trocar::pipeline

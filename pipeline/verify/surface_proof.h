@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Finds the self-intersections of a triangle surface by exact predicates of the library CGAL.
+// Finds the triangles of a surface that intersect each other, with the library CGAL.
 // Tests: tests/pipeline/surface/display_surface_test.cpp
 #pragma once
 
@@ -9,10 +9,10 @@
 
 namespace trocar::pipeline {
 
-/// The triangles that intersect another triangle in more than a common vertex or edge, in ascending
-/// order without repetition. The list is empty if the surface has no self-intersection. Coordinates
-/// are integers, so nothing is rounded. Precondition: all indices are in range. O(n log n) for most
-/// surfaces.
+/// The indices of the triangles that intersect another triangle in more than a common vertex or
+/// edge, in ascending order without repetition. The list is empty if the surface has no
+/// self-intersection. Coordinates are integers, so nothing is rounded. Precondition: the triangles
+/// refer only to vertices that exist. The time is O(n log n) for most surfaces with n triangles.
 std::vector<std::size_t> self_intersecting_triangles(const TriangleSurface& surface);
 
 }  // namespace trocar::pipeline

@@ -1,12 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
-// The force that the law `cutting` (runtime/bone_cutting/law/cutting_law.h) gives if a testing machine pushes a tool
-// into uniform tissue, and pulls it out again. For this motion the law has a solution
-// in closed form:
-//  - The cutting front is the depth down to which tissue has been cut. The tip is a spring against
-//    the front until the tip's force equals the strength. From then on the front follows the tip,
-//    and the tip's force is the strength kCutting + kDrift * (cut depth - middle_mm).
-//  - A hard layer at the surface has a constant strength of its own. Where the layer ends, the
-//    force falls over the length `fall_mm`; in the law itself the force falls immediately.
+// Computes the force on a tool that a testing machine pushes into uniform tissue and pulls out
+// again. The force follows from the force law `cutting` (runtime/bone_cutting/law/cutting_law.h),
+// which has a solution in closed form for this motion:
+//  - The cutting front is the depth down to which tissue has been cut. A spring acts between the
+//    tip and the front. When the spring's force reaches the strength of the tissue, cutting begins:
+//    the front then follows the tip, and the tip's force is the strength, which is
+//    kCutting + kDrift * (cut depth - middle_mm).
+//  - A hard layer at the surface has a constant strength of its own. In the law the force falls
+//    immediately where the layer ends. Here, however, the force falls over the length `fall_mm`.
 //  - The shaft adds the friction kFriction * cut depth. During a withdrawal the friction has the
 //    other sign and acts on the whole length below the surface. The tip then adds no force.
 // Tests: tests/runtime/calibration/curve_fit_test.cpp
@@ -31,7 +32,7 @@ enum CurveParameter : std::uint8_t {
 using CurveParameters = std::array<double, kCurveParameters>;
 
 struct CurveShape {
-  double middle_mm = 0;  ///< cut depth at which kCutting holds
+  double middle_mm = 0;  ///< cut depth at which the strength is kCutting
   bool has_layer = false;
   double fall_mm = 0.1;  ///< length of the stretch in which the layer's force falls; above 0
 };

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Evaluates a force-depth curve before a model is fitted: means over short stretches of depth, the
-// load cell's noise, and rough values from which the fit starts. Curves to which no model can be
-// fitted are refused here.
+// Evaluates a curve of force over depth before a model is fitted to it. The results are means over
+// short stretches of depth, the load cell's noise, and rough values from which the fit starts.
+// rough_curve() refuses curves to which no model can be fitted.
 // Tests: tests/runtime/calibration/curve_fit_test.cpp
 #pragma once
 
@@ -20,7 +20,8 @@ struct CurveMean {
 
 /// Returns means over at most `most` stretches of depth, in the order of depth. The stretches have
 /// equal length, except where the force changes quickly: there the stretches are shorter. Stretches
-/// without a point are left out. `noise_N`: standard deviation of the noise of one point.
+/// without a point are left out. `noise_N`: standard deviation of the noise of one point; changes
+/// that the noise can explain do not count as quick.
 std::vector<CurveMean> means_of(const std::vector<CurvePoint>& points, std::size_t most,
                                 double noise_N);
 
@@ -31,17 +32,18 @@ struct RoughCurve {
   bool has_baseline = false;   ///< the curve has enough points before contact
   double contact_mm = 0;       ///< depth at which the tool touches the tissue
   double spacing_mm = 0;       ///< mean difference in depth between neighbours in `insertion`
-  double rise_spacing_mm = 0;  ///< the same mean over the stretch in which the force first rises
-  /// Straight line through the deeper part of the curve: its force above the baseline at the
-  /// contact's depth, and its slope.
+  double rise_spacing_mm = 0;  ///< like spacing_mm, but only where the force first rises
+  /// A straight line is laid through the deeper part of the curve and continued up to contact_mm.
+  /// cutting_N is its force there, less baseline_N, and slope_N_per_mm is its slope.
   double cutting_N = 0, slope_N_per_mm = 0;
-  double stiffness_N_per_mm = 0;  ///< mean slope from the contact to half of cutting_N
+  double stiffness_N_per_mm = 0;  ///< mean slope between the contact and half of cutting_N
   double deepest_mm = 0;
 };
 
 /// Computes the rough values. Errors: kRefused if the force never rises above its noise, if the
-/// force falls instead of rising, if the curve has too few depths or begins in contact, or if too
-/// little of the curve lies behind the contact. The messages do not contain the file's name.
+/// force falls instead of rising, if the curve has too few different depths, if it begins in
+/// contact, or if too little of it is deeper than the contact. The messages do not contain the
+/// file's name.
 Result<RoughCurve> rough_curve(const ForceCurve& curve);
 
 }  // namespace trocar::runtime

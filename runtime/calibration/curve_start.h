@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The values from which the fit of a curve starts.
+// Chooses the values from which the fit of a curve of force over depth (curve_fit.h) starts.
 // Tests: tests/runtime/calibration/curve_fit_test.cpp
 #pragma once
 
@@ -14,12 +14,13 @@ namespace trocar::runtime {
 struct CurveSolution {
   CurveParameters parameters{};
   CurveShape shape;
-  double cost = HUGE_VAL;  ///< sum of squares of the residuals after whiten() (residual_noise.h)
+  double cost = HUGE_VAL;  ///< sum of squares of the residuals that whiten() has decorrelated
 };
 
-/// Returns starting values that differ in stiffness. If `has_layer` is true, they also differ in
-/// kLayerEnd and CurveShape::fall_mm. If `has_layer` is true and the force does not fall in the
-/// upper half of the cut, the result is empty.
+/// Returns several starts; the fit keeps the best of their results. The starts differ in stiffness.
+/// If `has_layer` is true, they also differ in kLayerEnd, kLayerForce and CurveShape::fall_mm. If
+/// `has_layer` is true and the force does not fall in the upper half of the cut, the result is
+/// empty.
 std::vector<CurveSolution> starts_of(const RoughCurve& rough, bool has_layer);
 
 }  // namespace trocar::runtime

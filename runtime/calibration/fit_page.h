@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The result of fitting a tissue to a measured curve of force over depth (curve_fit.h), as lines for the terminal and as one HTML page. The page shows the curve
-// with the fit, the residuals, and the table of parameters. It needs no other file and no network.
+// Writes the result of fitting a tissue to a measured curve of force over depth (curve_fit.h), as
+// lines for the terminal and as one HTML page. The page shows the curve with the fit, the
+// residuals, and the table of parameters. It needs no other file and no network.
 // Tests: tests/runtime/calibration/fitted_tissue_test.cpp
 #pragma once
 
@@ -10,8 +11,8 @@
 
 namespace trocar::runtime {
 
-/// Returns the parameters with their 90 % intervals, one per line, and notes, for example on
-/// quantities of which the curve determines only the product.
+/// Returns the parameters with their 90 % intervals, one per line, and notes. A note says, for
+/// example, of which quantities the curve determines only the product.
 std::string fit_text(const CurveFit& fit);
 
 /// Returns the page. `name`: the curve's file name. `tissue`: the fitted tissue as JSON

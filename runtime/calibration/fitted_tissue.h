@@ -3,13 +3,14 @@
 // formats/session/scene.schema.json.
 //
 // tool_in_tissue.h computes forces from a tissue and a tool. This file inverts that computation for
-// the tool with which the curve was measured. strength_MPa is the cutting force divided by the
-// displaced area. The cutting force includes tearing and face friction, so the tissue has no
-// separate values for these.
-// friction_kPa is the friction per length divided by the circumference. modulus_MPa follows from
-// the stiffness with Poisson's ratio 0.3, and stiffness_N_per_m is the stiffness itself.
-// threshold_N is the cutting force. Such a curve does not show how stiff the walls of the hole are,
-// so bed_N_per_mm3 is left out. The tissue is valid for tools of a similar shape and size.
+// the tool with which the curve was measured. The tissue has these members:
+//  - strength_MPa: the cutting force divided by the area that the tool displaces. The cutting force
+//    includes tearing and friction on the tip's faces, so the tissue has no values for these two.
+//  - friction_kPa: the friction per length divided by the tool's circumference
+//  - modulus_MPa: computed from the stiffness with Poisson's ratio 0.3
+//  - stiffness_N_per_m and threshold_N: the stiffness and the cutting force of the fit
+// The tissue has no member bed_N_per_mm3, because the curve does not show how stiff the walls of
+// the hole are. The tissue is valid for tools of a similar shape and size.
 // Tests: tests/runtime/calibration/fitted_tissue_test.cpp
 #pragma once
 
@@ -30,9 +31,9 @@ Result<SceneTool> read_fit_tool(const std::filesystem::path& file);
 /// scene allows. The messages do not contain the file's name.
 Result<std::string> fitted_tissue(const CurveFit& fit, const SceneTool& tool);
 
-/// Returns the hard layer as the object `shell` of a scene's `body`, in one line of JSON.
-/// Returns an empty text if the curve shows no hard layer, or if the layer is outside the range
-/// that a scene allows.
+/// Returns the hard layer of the fit as the object `shell` of a scene's `body`, in one line of
+/// JSON. Returns an empty text if the curve shows no hard layer, or if the thickness or strength of
+/// the layer is outside the range that a scene allows.
 std::string fitted_shell(const CurveFit& fit);
 
 }  // namespace trocar::runtime

@@ -1,23 +1,30 @@
 // SPDX-License-Identifier: Apache-2.0
-// The covariance of a curve's residuals, estimated from the residuals themselves. Bone is not uniform, so the
-// residuals of a real curve are correlated over about a millimetre. If they were taken as
-// independent, the claimed uncertainty would be several times too small.
+// Estimates the covariance of a curve's residuals (measured minus fitted forces) from the residuals
+// themselves. Bone is not uniform, so the residuals of a real curve are correlated over about a
+// millimetre. If they were taken as independent, the claimed uncertainty would be several times too
+// small.
 //
-// A branch of the curve is a stretch without gaps, for example the withdrawal. The residuals of one
-// branch have the covariance
+// Each residual is the sum of noise and of a correlated part. A branch of the curve is a stretch
+// without gaps, for example the withdrawal. The residuals of one branch have the covariance
 //   scale^2 (diag(1 / samples) + ratio^2 a_i a_j k(|z_i - z_j| / length)).
-// Here z_i is the depth of point i, and a_i is the fitted force at this point divided by the
-// largest fitted force, but at least 0.03. The fitted force is that of the tip alone or includes
-// friction, measured from the baseline in both cases. The correlation k is an exponential or a
-// Matern-5/2 function. Residuals of different branches are independent. Many combinations of ratio,
-// length, a and k are tried. The weight of a combination is the product of three factors:
-//  - its restricted likelihood (H. Patterson, R. Thompson, Biometrika 58, 1971), which accounts for
-//    the residuals that the fit has absorbed
-//  - a prior for the integral of the correlation: log-normal, median 0.6 mm, geometric standard
-//    deviation 1.6
-//  - a prior that disfavours a scale above the noise of neighbouring points
-// The covariance of the parameters is that of generalised least squares, averaged with these
-// weights over the combinations. So this covariance includes the uncertainty of the correlation.
+// The symbols are:
+//  - scale: standard deviation of the noise of one sample (a measured point of the curve)
+//  - samples: number of samples whose mean is point i
+//  - ratio: size of the correlated part relative to the noise
+//  - a_i: fitted force at point i divided by the largest fitted force, but at least 0.03. Both
+//    forces are measured from the baseline. Two variants of a_i exist, with and without friction.
+//  - k: correlation, an exponential or a Matern-5/2 function; z_i: depth of point i; length: the
+//    distance in depth by which k is scaled
+// Residuals of different branches are independent. Many combinations of ratio, length, a and k are
+// tried. The weight of a combination is the product of three factors:
+//  - its restricted likelihood (H. Patterson, R. Thompson, Biometrika 58, 1971), which takes into
+//    account that the fit itself has made the residuals smaller
+//  - a prior for the integral of the correlation over depth: log-normal, median 0.6 mm, geometric
+//    standard deviation 1.6
+//  - a prior that makes a scale above NoisePoints::noise_N less probable
+// For each combination, generalised least squares gives a covariance of the fitted parameters. The
+// result is the weighted mean over the combinations. So it includes the uncertainty about the
+// correlation of the residuals.
 // Tests: tests/runtime/calibration/curve_fit_test.cpp
 #pragma once
 
@@ -32,15 +39,16 @@ struct NoiseBranch {
 };
 
 struct NoisePoints {
-  Eigen::VectorXd depth_mm, samples;  ///< samples: number of the curve's points in each mean
-  /// The factors a_i of the formula above, which are the expected sizes of correlated residuals:
-  /// `amplitude` if tip force and friction vary alike, `tip_amplitude` if only the tip force does.
+  Eigen::VectorXd depth_mm, samples;  ///< samples: number of the curve's samples in each point
+  /// The factors a_i of the formula above. `amplitude`: the fitted force includes friction.
+  /// `tip_amplitude`: during the insertion, the fitted force is that of the tip alone.
   Eigen::VectorXd amplitude, tip_amplitude;
   std::vector<NoiseBranch> branches;
-  double noise_N = 0;  ///< standard deviation of one sample, from differences of neighbours
+  /// Standard deviation of the noise of one sample, computed from differences of neighbours.
+  double noise_N = 0;
 };
 
-/// One combination of the values in the formula above.
+/// One combination of ratio, length, correlation k and factors a in the formula above.
 struct NoiseModel {
   double ratio = 1, length_mm = 0.6;
   bool is_smooth = false;  ///< true: Matern-5/2 correlation; false: exponential
@@ -61,14 +69,15 @@ struct NoiseEstimate {
   NoiseModel best;         ///< the combination with the largest weight
   double scale_N = 0;      ///< scale of `best`
   double integral_mm = 0;  ///< weighted mean of NoiseModel::integral_mm()
-  /// Weighted mean of the correlated part's standard deviation at amplitude 1.
+  /// Weighted mean of the correlated part's standard deviation where a_i is 1, that is, at the
+  /// largest fitted force.
   double structure_N = 0;
   Eigen::MatrixXd covariance;  ///< covariance of the fitted parameters
 };
 
 /// Estimates the covariance. `residuals`: measured minus fitted. `jacobian`: derivatives of the
-/// fitted force by the parameters, of full rank.
-/// `is_rough`: only the exponential correlation with `amplitude` is tried.
+/// fitted force by the parameters, of full rank. `is_rough`: only the exponential correlation with
+/// `amplitude` is tried, to save time.
 NoiseEstimate estimate_noise(const NoisePoints& points, const Eigen::VectorXd& residuals,
                              const Eigen::MatrixXd& jacobian, bool is_rough = false);
 

@@ -26,14 +26,15 @@ struct ContactFeel {
   /// Depth of the plate's tip below the front while the front bears force, m. The plate's tip is
   /// where the tool's tip would be if the tool were fixed to the plate.
   Peak past_front;
-  /// Distance by which the front moves down in one tick, m. If the front reaches a gap, the
-  /// distance counts only down to the tip.
+  /// Distance by which the front moves down in one tick, m. When the front comes out of a bone, it
+  /// goes on at the next bone below. Then only the distance down to the tool's tip counts.
   Peak front_jump;
   // Every force law. The wanted force is the force that the device should render.
-  /// Force that alternates from tick to tick, N. If kAlternations successive changes of a component
-  /// of the wanted force have alternating signs, the smallest of these changes counts.
+  /// Force that alternates from tick to tick, N. For each component of the wanted force, the last
+  /// kAlternations changes from tick to tick are kept. If their signs alternate, the smallest
+  /// magnitude among these changes counts.
   Peak alternation;
-  double wanted_least_N = 0;  ///< smallest wanted force along z; 0: never below 0
+  double wanted_least_N = 0;  ///< most negative wanted force along z; 0: none was negative
   Peak wanted_most;           ///< largest wanted force along z, N
   /// First and last time with a wanted force above 0.5 N; -1: none.
   double contact_from_s = -1, contact_to_s = -1;
@@ -51,7 +52,7 @@ class ContactFeelMeter {
   ContactFeelMeter(const Eigen::Vector3d& tip_plate_m, std::optional<double> let_go_t_s)
       : tip_plate_m_(tip_plate_m), let_go_t_s_(let_go_t_s) {}
 
-  /// Takes a row of the state `running`. The rows must be in order.
+  /// Call this for each row of a session in order, up to the first fault.
   void add(const RecordingRow& row) noexcept;
   const ContactFeel& feel() const noexcept { return feel_; }
 

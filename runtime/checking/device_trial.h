@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tries a device without force: reads the device at the rate of a session, commands zero torques,
-// and measures times, losses, resolution, noise and the pose at the end. describe() says in words
-// whether a session at this rate would run undisturbed.
+// Tries a device without force: reads the device at the rate of a session and commands zero
+// torques. The trial measures the times between the device's states, lost data, resolution, noise
+// and the last pose. describe() says in words whether a session at this rate would run undisturbed.
 // Tests: tests/runtime/checking/device_trial_test.cpp, tests/e2e/device_trial_test.py
 #pragma once
 
@@ -24,9 +24,9 @@ namespace trocar::runtime {
 
 struct DeviceTrialOptions {
   double rate_Hz = 1000, duration_s = 5;
-  int cpu = -1;               ///< RealtimeOptions::cpu
+  int cpu = -1;               ///< the processor on which the trial runs; -1: any
   bool is_simulated = false;  ///< the device has no motors, so late ticks do no harm
-  /// SafetyLimits::no_data_max_s of a session with this device.
+  /// Longest time without a new device state that a session with this device allows.
   double no_data_max_s = SafetyLimits{}.no_data_max_s;
   const std::atomic<bool>* stop = nullptr;  ///< if set to true, ends the trial between two ticks
 };
@@ -53,7 +53,8 @@ class NoiseMeter {
   std::uint64_t count_ = 0;
 };
 
-/// The measurements of a trial.
+/// The measurements of a trial. A measured value is one that the device itself measures, such as an
+/// encoder angle.
 struct DeviceTrial {
   std::uint64_t ticks = 0, readings = 0;  ///< readings: ticks with a new state of the device
   RealtimeReport realtime;
@@ -76,7 +77,7 @@ struct DeviceTrial {
 /// the end. Errors: those of HandDevice::start().
 Result<DeviceTrial> try_device(HandDevice& device, const DeviceTrialOptions& options);
 
-/// The trial in words.
+/// A description of a trial in words.
 struct DeviceVerdict {
   std::string text;  ///< lines about the measurements; each line ends with a line feed
   /// Reasons why a session would end or be disturbed, with advice; empty: it would run undisturbed.

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// A dry run: a session over the scene with the simulated device, in virtual time and without
-// outputs (`trocar-run --check`). Up to kMaxDryRunTicks ticks, the result of a dry run is exactly
+// A dry run: a session over the scene with the simulated device, in virtual time, which writes no
+// files (`trocar-run --check`). Up to kMaxDryRunTicks ticks, the result of a dry run is exactly
 // that of a session in virtual time with the same options.
 // Tests: tests/e2e/scene_check_e2e_test.py
 #pragma once
@@ -43,8 +43,8 @@ struct SheetDryRun {
   bool touched = false;    ///< the sheet was loaded or punctured
   double touched_t_s = 0;  ///< time at which the sheet was first loaded or punctured
   double loaded_t_s = 0;   ///< last time at which the sheet was loaded
-  /// Largest of these forces: the wanted force along z while the sheet was loaded, and
-  /// PunctureEvent::force_N at the sheet's punctures.
+  /// Largest of these forces: the wanted force along z while the sheet was loaded, and the rendered
+  /// force on the tip in the tick before each puncture of the sheet.
   double force_max_N = 0;
   double punctured_t_s = -1;  ///< time of the first puncture; -1: none
   bool missed = false;        ///< the tool passed the sheet with too little material under the tool
@@ -59,7 +59,7 @@ struct DryRun {
   double fault_t_s = 0;
   RecordingRow at_fault;            ///< row of the tick in which the fault was found
   double tip_lowest_m = 0;          ///< lowest height of the tip before any fault
-  std::vector<SheetDryRun> sheets;  ///< results in the order of the sheets given
+  std::vector<SheetDryRun> sheets;  ///< one result for each sheet, in the order of the argument
   /// Largest force delivered to the hand, and largest motor torque.
   double force_max_N = 0, torque_max_Nm = 0;
   std::uint64_t scaled_ticks = 0;   ///< ticks in which the device could not render the whole wrench
@@ -83,8 +83,8 @@ inline constexpr double kLetGoAfter_s = 0.4;
 /// Does kLetGoMoments dry runs in which the hand lets go during the contact that `dry_run` had. In
 /// the first run the hand lets go at the largest force along z. In the other runs the hand lets go
 /// at evenly spaced times of the contact. Each run ends kLetGoAfter_s after the hand has let go, or
-/// at the session's end if that is earlier. Returns none if `dry_run` has a fault, or no contact
-/// while the scene's hand holds the tool. Errors: those of run_dry_run(); kRefused if
+/// at the session's end if that is earlier. Returns none if `dry_run` has a fault, or if `dry_run`
+/// has no contact before the scene's hand lets go. Errors: those of run_dry_run(); kRefused if
 /// SessionOptions::stop was set.
 Result<std::optional<LetGoTrial>> try_letting_go(
     const Scene& scene, const DeviceToCheck& device,

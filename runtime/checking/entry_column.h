@@ -36,10 +36,11 @@ struct EntryColumn {
 
 /// Returns the column with the thickest bone. A column is at most `height_mm` high, and spans at
 /// most kMaxSceneSlices slices. Its consecutive levels are at most `max_gap_mm` apart. `radius_mm`:
-/// the radius of the tool. `levels`: sorted, the topmost first. Among equally thick columns, the
-/// one with the thickest bone for a tool of three times the radius is chosen. If there are still
-/// several, the one nearest to the middle of the material is chosen. None: the bone is nowhere as
-/// wide as the tool.
+/// the radius of the tool. `levels`: sorted, the topmost first. If several columns have equally
+/// thick bone, the search prefers the one with the thickest bone for a tool of three times the
+/// radius, because there the bone around the tool is wider. If several columns are still equal, the
+/// search prefers the one nearest to the middle of the material. None: the bone is nowhere as wide
+/// as the tool.
 std::optional<EntryColumn> find_entry_column(const Asset& asset, const std::vector<Level>& levels,
                                              double radius_mm, double height_mm, double max_gap_mm);
 

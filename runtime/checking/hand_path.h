@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Follows the path of the scene's hand, and finds the points where the path exceeds a limit of the
-// device or of the safety layer, and the points where the path crosses a sheet. The tool is assumed
+// device or of the haptic loop, and the points where the path crosses a sheet. The tool is assumed
 // to follow the hand exactly. The dry run (dry_run.h) shows how the tool moves if forces act on it.
 // Tests: tests/runtime/checking/hand_path_test.cpp
 #pragma once
@@ -19,14 +19,15 @@
 
 namespace trocar::runtime {
 
-/// Describes how a pose exceeds the limit that belongs to a fault, with value and limit. The faults
-/// are kWorkspace, kToolTilt, and those of the device's own checks. Returns an empty text for other
-/// faults, and if the pose does not exceed the limit.
+/// If `fault` is raised because a pose exceeds a limit, returns a text with the pose's value and
+/// the limit. Returns an empty text if the pose does not exceed the limit, or if `fault` has
+/// another cause. Faults with a limit on the pose are kWorkspace, kToolTilt, and those of the
+/// device's own checks.
 std::string describe_pose_fault(Fault fault, const DeviceSpecification& device,
                                 const SafetyLimits& limits, const Tool& tool,
                                 const Pose& T_device_plate);
 
-/// The first point of a path at which the limit that belongs to a fault is exceeded.
+/// The first point of a path at which the haptic loop would raise `fault`.
 struct PathBreach {
   Fault fault = Fault::kNone;
   double t_s = 0;
@@ -37,12 +38,14 @@ struct PathBreach {
 struct PathReport {
   double end_s = 0;  ///< time of the last point that was evaluated
   Eigen::Vector3d tip_min_m = Eigen::Vector3d::Zero(), tip_max_m = Eigen::Vector3d::Zero();
-  /// Smallest distance of the plate from a side of the workspace (negative: outside), largest tilt.
+  /// box_min_m: smallest distance from the plate's origin to a side of the workspace; negative:
+  /// outside. tilt_max_rad: largest angle between the z axes of the plate and of {B}.
   double box_min_m = 0, tilt_max_rad = 0;
   double speed_max_m_per_s = 0;  ///< speed of the plate's origin
   double rotation_rate_max_rad_per_s = 0;
-  /// Margins of the device. `is_reachable`: every point is reachable. The other members: the
-  /// smallest values over the reachable points.
+  /// Distances of the path from the limits that the device itself checks. `is_reachable`: the
+  /// device's geometry allows every point. Joints and inverse condition: the smallest values over
+  /// the points that the geometry allows.
   DeviceMargins device;
   std::vector<PathBreach> breaches;  ///< the first breach of each fault, in ascending time
 };

@@ -24,13 +24,14 @@ struct ChosenPoints {
   std::optional<std::array<double, 3>> target_mm;
 };
 
-/// Positions are (u, v, z) in mm, with z as in Level::z_mm.
+/// Positions are (u, v, z) in mm; z is the height in the stack of slices, as in Level::z_mm.
 struct NeedlePath {
   /// The point where the needle meets the bone.
   Eigen::Vector3d entry_mm = Eigen::Vector3d::Zero();
   Eigen::Vector3d direction = -Eigen::Vector3d::UnitZ();  ///< unit vector, points down
   bool has_target = false;
-  Eigen::Vector3d end_mm = Eigen::Vector3d::Zero();  ///< the target, or the point at the last level
+  /// The target. Without a target: the point of the path at the level `last`.
+  Eigen::Vector3d end_mm = Eigen::Vector3d::Zero();
   std::size_t first = 0, last = 0;  ///< first and last level that the needle crosses
   double thickness_mm = 0;          ///< total thickness of the material on the path
   /// Largest distance between consecutive levels of the path. Only plan_needle_path() sets it.
@@ -45,12 +46,13 @@ NeedlePath path_through(const EntryColumn& column, const std::vector<Level>& lev
 
 /// Plans a path through chosen points. `levels`: sorted, the topmost first.
 ///  - Entry: the path enters the bone in which the chosen entry lies. If the chosen entry lies in
-///    no bone, the path enters the first bone below that point. If the chosen entry lies between
-///    the topmost level of this bone and half a slice spacing above it, NeedlePath::entry_mm is the
-///    chosen entry. Otherwise entry_mm is the path's point at that level.
-///  - End without a target: the path ends at the lowest level with material that is at
-///    most `height_mm` below the first level, with no gap of more than `max_gap_mm`
-///    between these levels.
+///    no bone, the path enters the first bone below that point. The surface of this bone lies
+///    between its topmost level and half a slice spacing above this level. If the chosen entry lies
+///    in the same range, NeedlePath::entry_mm is the chosen entry. Otherwise entry_mm is the path's
+///    point at the topmost level of the bone.
+///  - End without a target: the path follows the levels downwards from the first level, until the
+///    next level is more than `max_gap_mm` below the previous one, or more than `height_mm` below
+///    the first one. The path ends at the lowest of these levels that has material on the path.
 ///  - Thickness: a gap of more than `max_gap_mm` between two levels counts as `max_gap_mm`.
 /// Errors: kRefused if the slices are shifted or turned against each other (for example by a tilted
 /// gantry), if the target is less than 1 mm below the entry or not below the top of the bone, if

@@ -20,7 +20,7 @@ namespace trocar::runtime {
 
 struct NewScene {
   std::string json;  ///< the scene (scene.schema.json), with a line feed at its end
-  std::string text;  ///< reasons for the choice, in one line
+  std::string text;  ///< one line that says why this scene was chosen
 };
 
 enum class NewSceneHand : std::uint8_t { kScripted, kLive };
@@ -30,9 +30,10 @@ struct NewSceneChoices {
   std::optional<ChosenPoints> points;  ///< none: the needle goes through the thickest bone
 };
 
-/// Proposes a scene. Precondition: `asset` was read from `asset_file`, and weld_materials() was
-/// applied to it. `scene_file`: the file to which the caller will write the scene. The folder of
-/// this file determines how the scene names the asset (SceneDraft::name_files()).
+/// Proposes a scene. Precondition: `asset` was read from `asset_file`, and weld_materials() has
+/// joined the materials of each slice. `scene_file`: the file to which the caller will write the
+/// scene. The folder of this file determines how the scene names the asset, as
+/// SceneDraft::name_files() describes.
 ///  - Candidates: the first candidates are scenes with the force law `cutting`, through one bone
 ///    volume with a strength computed from HU. These scenes need HU in every slice with material,
 ///    and slices at most 3 mm apart. The next candidates are scenes with the law `hooke`, with
@@ -41,17 +42,18 @@ struct NewSceneChoices {
 ///  - Choice: the candidates are checked one after another, as `--check --strict` with `options`
 ///    would do. The first candidate that has no warning and punctures a slice is returned.
 ///  - Live hand: if `choices.hand` is kLive, a candidate is checked twice, first with a scripted
-///    hand, then with a live hand that starts at the first pose of the scripted hand. The result
-///    has the live hand.
+///    hand, then with a live hand that starts at the first pose of the scripted hand. The scene
+///    that is returned has the live hand.
 ///  - Chosen points: the scene has goals for the points. If there is a target and the hand is
 ///    scripted, the lowest height of the tip must be within 1.5 mm of the target's height. If every
 ///    candidate has a warning, the one with the fewest warnings is returned.
 /// Errors: kRefused if no slice of the asset has material, if two slices are less than 0.1 mm
 /// apart, if the bone is nowhere as wide as the tool, if the device reaches no height, or if
-/// `options.stop` was set. Without chosen points, also if every candidate is refused, has a warning
-/// or punctures no slice. With chosen points, also if no needle can take the path (needle_path.h),
-/// if the device cannot turn or move as far as the path requires, or if every candidate is refused,
-/// punctures no slice or leaves the tip too far from the target.
+/// `options.stop` was set. Without chosen points, the error is also kRefused if every candidate is
+/// refused, has a warning or punctures no slice. With chosen points, the error is also kRefused if
+/// no needle can take the path (needle_path.h), if the device cannot turn or move as far as the
+/// path requires, or if every candidate is refused, punctures no slice or leaves the tip too far
+/// from the target.
 Result<NewScene> propose_scene(const Asset& asset, const std::filesystem::path& asset_file,
                                const std::filesystem::path& scene_file, const DeviceToCheck& device,
                                const SessionOptions& options, const NewSceneChoices& choices = {});

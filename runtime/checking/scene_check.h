@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Checks a scene (`trocar-run --check`): its requirements, the hand's path, the workspace of the tip,
-// a dry run, and warnings of problems in a session.
+// Checks a scene before a session (`trocar-run --check`). The text of the check describes the
+// scene's requirements, the tip's workspace, the hand's path and a dry run. Warnings describe
+// problems that a session would have.
 //
 // There is no warning if and only if all of these hold:
 //  1. The dry run, a session with the simulated device in virtual time and with the same options,
@@ -10,13 +11,14 @@
 //  3. The device renders every wrench of the dry run in full.
 //  4. One of the scene's tissues fits each slice, or the scene has a `tissue` for the
 //     remaining slices (tissue_assignment.h).
-//  5. If the scene's goals have a target, the tip of the upright plate can reach the target.
+//  5. If the scene's goals have a target, the tip can reach it while the plate is not tilted.
 //  6. The contact feels like bone (contact_feel.h). No force of more than 5 N alternates from tick
-//     to tick. With the force law `cutting`, three more conditions hold. The tip is at most 3 mm
-//     below the cutting front while the front bears force. The front moves by at most 1.5 mm in a
-//     tick. If the hand lets go, at any of ten moments of the contact, no fault follows, and the
-//     plate moves by at most 3 mm, at no more than 0.25 m/s.
-//  7. With the law `cutting`, the rendered stiffness is known to be passive (device_coupling.h).
+//     to tick. With the force law `cutting`, three more conditions hold. While the cutting front
+//     bears force, the plate's tip (contact_feel.h) is at most 3 mm below the front. The front
+//     moves by at most 1.5 mm in a tick. If the hand lets go, at any of ten moments of the contact,
+//     no fault follows, and the plate moves by at most 3 mm, at no more than 0.25 m/s.
+//  7. With the law `cutting`, the rendered stiffness is so low, and the rate so high, that the loop
+//     is known to give no energy to the hand (device_coupling.h).
 //
 // If the scene has a live hand, the person's motion is not known, and there is no dry run. There
 // is then no warning if and only if a session can start, the live hand can reach the height of
@@ -49,7 +51,7 @@ struct SceneCheck {
 
 /// Checks a scene. `sheets`: result of place_slices(). `tissues`: result of choose_tissues().
 /// `options`: the options of the session. Errors: those of evaluate_scene() (scene_evaluation.h)
-/// and describe_requirements(); among them kRefused if SessionOptions::stop was set meanwhile.
+/// and describe_requirements(), such as kRefused if SessionOptions::stop is set during the check.
 Result<SceneCheck> check_scene(const Scene& scene, const DeviceToCheck& device,
                                const std::vector<std::unique_ptr<const Sheet>>& sheets,
                                const std::vector<SliceTissue>& tissues, const LoadedBytes& bytes,

@@ -13,11 +13,12 @@
 
 namespace trocar::runtime {
 
-/// Radius of the tool in SceneDraft::cutting(), and in SceneDraft::sheets().
+/// Radius of the tool: kNeedleRadius_m in the scene of SceneDraft::cutting(), kPaperToolRadius_m in
+/// the scene of SceneDraft::sheets().
 inline constexpr double kNeedleRadius_m = 0.0015, kPaperToolRadius_m = 0.003;
 
-/// Returns the height in m that the hand's motion needs in addition to the path: above the entry
-/// and below the end of the path, together.
+/// The hand's motion begins above the entry of a path and ends below the path's end. Returns the
+/// sum of these two additional heights in m.
 double height_outside_bone_m(const NeedlePath& path);
 
 /// Returns the indices of at most 5 levels at which the path goes through material, from the top
@@ -27,28 +28,29 @@ std::vector<std::size_t> separable_levels(const std::vector<Level>& levels, cons
 class SceneDraft {
  public:
   /// `levels`: the levels of the asset, the topmost first. `is_chosen`: a person has chosen the
-  /// path. The scene then has goals for the path, and its bone volume includes connected slices
-  /// above and below the path. `heights`: heights of the tip in {B} that the draft may use. Levels
-  /// and path must outlive the draft.
+  /// path. If so, the scene has the path, and the target if there is one, as goals, and its bone
+  /// volume includes connected slices above and below the path. `heights`: heights of the tip in
+  /// {B} that the draft may use. Levels and path must outlive the draft.
   SceneDraft(const std::vector<Level>& levels, const NeedlePath& path, bool is_chosen,
              WorkspaceHeights heights);
 
-  /// Sets the scene's name, and the path by which the scene names the asset. This path is relative
-  /// to the scene's folder. Only an absolute path to a file outside that folder stays absolute.
+  /// Sets the scene's name, and the file name by which the scene names the asset. This file name is
+  /// relative to the scene's folder, unless `asset_file` is absolute and lies outside that folder.
   void name_files(const std::filesystem::path& asset_file, const std::filesystem::path& scene_file);
-  /// Sets the height by which the scripted hand's path ends below the target, because the tip lags
-  /// behind the hand. The height may be negative. Without a target this call has no effect.
+  /// Makes the path of the scripted hand end `beyond_target_m` below the target (negative: above).
+  /// This compensates for the tip's lag behind the hand. Without a target this call has no effect.
   void set_overshoot(double beyond_target_m) { beyond_target_m_ = beyond_target_m; }
 
   /// Gives the scenes a live hand, which begins at the pose where the scripted hand would begin.
   void set_live_hand() { has_live_hand_ = true; }
 
   /// Returns a scene with one bone volume, made of the levels along the path, with a strength
-  /// computed from HU, and with a hand that goes in and out.
+  /// computed from HU, and with a hand that moves in along the path and back out. `force_scale`:
+  /// the scene's factor on the tissue's forces.
   std::string cutting(double force_scale) const;
   /// Returns a scene with a single sheet at each of separable_levels(). `threshold_N`: puncture
-  /// threshold of the tissue. `share`: the fraction of this force that the device can render. A
-  /// share below 1 becomes the scene's force scale.
+  /// threshold of the tissue. `share`: the fraction of `threshold_N` that the device can render. If
+  /// this fraction is below 1, it becomes the scene's factor on the tissue's forces.
   std::string sheets(double threshold_N, double share) const;
   bool has_target() const { return path_.has_target; }
   /// Returns the height of the target in {B}, in m. Precondition: the path has a target.

@@ -18,16 +18,16 @@ namespace trocar::runtime {
 
 /// Reason why the tool does not touch a slice.
 enum class Miss : std::uint8_t {
-  kTouched,      ///< touched, or not known because a fault or the end of the dry run came first
+  kTouched,      ///< touched, or unknown because the dry run had a fault or ended too early
   kBeginsBelow,  ///< the path begins below the slice and never comes from above
   kStaysAbove,   ///< the path never goes below the slice
   kTooLate,      ///< the path goes below the slice only after the session's end
   kLetGo,        ///< the path goes below the slice only after the hand has let go
   kMissed,       ///< too little material is under the tool where the path crosses the slice
-  kHeld,         ///< the tool does not follow the path down to the slice
+  kHeld,         ///< forces keep the tool from following the path down to the slice
 };
 
-/// The crossing of the hand's path with one sheet, and the reason why the tool does not touch it.
+/// The crossing of the hand's path with a sheet, and why the tool does not touch this sheet.
 struct SheetView {
   /// The first crossing before the hand lets go that has enough material under the tool. If there
   /// is no such crossing, the first of all crossings. None: the path does not cross the sheet.
@@ -52,7 +52,7 @@ struct SceneEvaluation {
   std::optional<LetGoTrial> let_go{};
   std::vector<SheetView> views{};
 
-  /// True also if there is no dry run.
+  /// Returns true if the dry run had a fault, or if there is no dry run.
   bool has_fault() const { return !dry_run || dry_run->fault != Fault::kNone; }
   /// Time at which the dry run ended; 0: there was none.
   double dry_run_end_s() const {
@@ -60,10 +60,10 @@ struct SceneEvaluation {
   }
 };
 
-/// Follows the path and does a dry run. With a live hand there is no dry run, and no sheet counts
-/// as missed. The arguments must outlive the result. Errors: those of run_dry_run(); kRefused if
-/// SessionOptions::stop was set. A device that cannot reach the hand's first pose is no error: the
-/// result then has no dry run.
+/// Follows the path and does a dry run. With a live hand there is no dry run, and SheetView::miss
+/// is kTouched for every sheet. The arguments must outlive the result. Errors: those of
+/// run_dry_run(); kRefused if SessionOptions::stop was set. If the device cannot reach the hand's
+/// first pose, this is no error, but the result has no dry run.
 Result<SceneEvaluation> evaluate_scene(const Scene& scene, const DeviceToCheck& device,
                                        const std::vector<std::unique_ptr<const Sheet>>& sheets,
                                        const SessionOptions& options);

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The requirements of a scene, a part of `trocar-run --check`: bytes loaded and kept, torques at the
-// threshold force and, with the force law `network`, the time to prepare the prefetched stiffness.
+// The requirements of a scene, a part of `trocar-run --check`: the bytes that are loaded and kept
+// in memory, the motor torques that the tissues' threshold forces need and, with the force law
+// `network`, the time to prepare the prefetched stiffness.
 // Tests: tests/e2e/scene_check_e2e_test.py
 #pragma once
 
@@ -31,7 +32,8 @@ struct SliceRequirements {
 struct SceneRequirements {
   std::string scene;  ///< lines about the whole scene
   std::vector<SliceRequirements> slices;
-  std::string stability_warning;  ///< ForceLaw::stability_warning()
+  /// Why the loop may oscillate or give energy to the hand; empty: no such reason is known.
+  std::string stability_warning;
 };
 
 /// Describes the requirements. `sheets`: result of place_slices(). `T_device_plate`:
@@ -43,9 +45,9 @@ Result<SceneRequirements> describe_requirements(
     const std::vector<Pose>& T_device_plate, const LoadedBytes& bytes,
     const SessionOptions& options);
 
-/// Returns the number of bytes that a sheet's mesh and its two grids need during the session. The
-/// sheet's replicas (runtime/workers/remesher.h) share this memory. The bytes that a replica needs
-/// in addition, because holes change the mesh, are not counted.
+/// Returns the number of bytes that a sheet needs during the session, for its mesh and for two
+/// grids in which triangles are searched. The sheet's replicas (runtime/workers/remesher.h) share
+/// this memory. If holes change the mesh, a replica needs more bytes, which are not counted.
 std::uint64_t kept_bytes(const Sheet& sheet) noexcept;
 
 }  // namespace trocar::runtime

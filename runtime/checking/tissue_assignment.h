@@ -17,7 +17,7 @@ namespace trocar::runtime {
 std::string name_slices(std::vector<int> slices);
 
 struct SliceTissue {
-  int slice = 0;  ///< AssetSlice::index
+  int slice = 0;  ///< slice index in the asset
   double z_m = 0;
   TissueChoice choice;
 };
@@ -29,9 +29,9 @@ std::vector<SliceTissue> choose_tissues(const Scene& scene, const Asset& asset);
 /// Returns a text such as: tissue "bone": mean HU 412.
 std::string describe_choice(const Scene& scene, const TissueChoice& choice);
 
-/// Returns a warning if some slice gets the default tissue although the scene does not ask for this
-/// tissue. That happens if the scene has tissues by label or HU, none of them fits the slice, and
-/// the scene has no `tissue` for the remaining slices.
+/// Returns a warning if some slice gets Trocar's default tissue although the scene gives tissues by
+/// label or HU. That happens if none of these tissues fits the slice, and the scene has no `tissue`
+/// for the remaining slices.
 std::optional<std::string> warn_of_unfitting(const Scene& scene,
                                              const std::vector<SliceTissue>& tissues);
 

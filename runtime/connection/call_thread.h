@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// A separate thread for calls into a foreign library, which may never return. The caller waits for
-// each call up to a time limit, and then continues without the result. One thread makes all calls,
-// one after the other, because a library may store data per thread, such as the last error.
+// A separate thread for calls into a foreign library. Because a call may never return, the caller
+// waits for it only up to a time limit, and then continues without the result. One thread makes all
+// calls, one after the other, because a library may store data per thread, such as the last error.
 // Tests: tests/runtime/connection/call_thread_test.cpp
 #pragma once
 
@@ -21,7 +21,7 @@ class CallThread {
  public:
   CallThread();
   /// If a call is still running, waits for it at most `kPatience_s`. If the call has not returned
-  /// by then, the thread is left running.
+  /// by then, the thread continues to run after the CallThread is destroyed.
   ~CallThread();
   CallThread(const CallThread&) = delete;
   CallThread& operator=(const CallThread&) = delete;

@@ -35,15 +35,15 @@ namespace trocar::runtime {
 /// zero force instead.
 inline constexpr double kStaleCommand_s = 0.01;
 
-/// Realtime priority of the connection's thread, if the process may set one. It is below that of the
-/// haptic thread.
+/// Realtime priority of the connection's thread, if the process may set one. It is below the
+/// priority of the haptic thread.
 inline constexpr int kConnectionPriority = 75;
 
 class ConnectedDevice final : public PoseDevice {
  public:
   /// `period_s`: shortest time from the start of an exchange to the start of the next. `say`
-  /// receives each error that occurs after start(), but a repeated error only once. It is called on
-  /// the connection's thread.
+  /// receives each error that occurs after start(), but a repeated error only once. The
+  /// connection's thread calls `say`.
   ConnectedDevice(std::unique_ptr<PoseConnection> connection, double period_s, SayLine say);
   ~ConnectedDevice() override;
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// A device of Force Dimension (omega, delta, sigma, lambda), or a Novint Falcon, driven through Force
-// Dimension's SDK, which the user installs (force_dimension_library.h).
+// The connection to a haptic device of Force Dimension (omega, delta, sigma, lambda) or to a Novint
+// Falcon. It uses Force Dimension's SDK, which the user installs (force_dimension_library.h).
 // Tests: tests/runtime/connection/force_dimension_test.cpp
 #pragma once
 
@@ -19,7 +19,8 @@ struct ForceDimensionOptions {
   SayLine say;                 ///< called only inside open(); may be empty
   bool wants_rotation = true;  ///< measure the orientation if the device can
   bool wants_moment = true;    ///< render the moment if the device can
-  /// open() fails if the device cannot do what wants_rotation and wants_moment ask for.
+  /// True: open() fails if the device cannot do what wants_rotation and wants_moment ask for.
+  /// False: open() succeeds, and senses_rotation() and renders_moment() say what the device can do.
   bool needs_all = false;
 };
 
@@ -30,10 +31,10 @@ Result<int> parse_force_dimension_address(std::string_view address);
 /// Positions and wrenches are in the SDK's frame, whose origin is near the middle of the workspace.
 /// The sign of the orientation's quaternion is arbitrary.
 ///
-/// The SDK compensates the weight of the device as long as forces are commanded, even if they are
-/// zero. After close() the SDK no longer compensates the weight. If the device's own protection
-/// (speed limit, button on the base, watchdog) turns the forces off, exchange() cannot detect this,
-/// and the training session continues without forces.
+/// While exchange() is called, the SDK compensates the weight of the device, even if the commanded
+/// forces are zero. After close() the SDK no longer compensates the weight. If the device's own
+/// protection (speed limit, button on the base, watchdog) turns the forces off, exchange() cannot
+/// detect this, and the training session continues without forces.
 class ForceDimension final : public PoseConnection {
  public:
   explicit ForceDimension(ForceDimensionOptions options);
@@ -41,8 +42,8 @@ class ForceDimension final : public PoseConnection {
 
   /// Loads the library, opens the device, enables the device's forces and commands zero force.
   /// ForceDimensionOptions::say receives lines about the device, such as its name. Errors, in
-  /// addition to those of PoseConnection::open(): a call of an earlier exchange does not return in
-  /// time, or the device lacks what needs_all demands.
+  /// addition to those of PoseConnection::open(): the SDK's calls do not return in time, for
+  /// example because an earlier call still hangs; or the device lacks what needs_all demands.
   Result<void> open() override;
   /// Moments are ignored if renders_moment() is false. Errors, in addition to those of
   /// PoseConnection::exchange(): the wrench is not finite, or the SDK's calls do not

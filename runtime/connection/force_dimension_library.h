@@ -14,9 +14,9 @@ namespace trocar::runtime {
 
 /// The SDK's functions. `id` is the number of a device that open() or open_id() has returned. A
 /// negative result is an error. error_get_last_str(), called in the same thread, then returns
-/// the error's text. Results above 0 are not errors. The result 1 means that the SDK returned its
-/// last measurement again, because that measurement is recent enough. The result 2 means that a
-/// motor cannot give the whole force.
+/// the error's text. Results above 0 are not errors. A function that measures returns 1 if the SDK
+/// gave its last measurement again, because that measurement is recent enough. A function that
+/// sets forces returns 2 if a motor cannot give the whole force.
 struct ForceDimensionLibrary {
   const char* (*error_get_last_str)();
   int (*get_device_count)();
@@ -37,12 +37,13 @@ struct ForceDimensionLibrary {
                               double z_Nm, char id);
 };
 
-/// Index into the array of get_status(). This entry is not 0 if the device waits for calibration.
+/// Index of the entry in the array of get_status() that is not 0 if the device is not calibrated.
 inline constexpr int kStatusReset = 3;
 /// Length of the array for get_status(), which is more than any release of the SDK fills.
 inline constexpr int kStatusLength = 64;
 
-/// The environment variable that names the library's file. If it is not set, the system's search path is used.
+/// The environment variable that names the library's file. If the variable is not set, the library
+/// is searched for in the system's search path.
 inline constexpr const char* kForceDimensionVariable = "TROCAR_FORCEDIMENSION_LIBRARY";
 
 /// Returns an error of the library or of a device, without the device's URI, which the caller adds.
@@ -50,10 +51,10 @@ inline Error sdk_error(std::string message) {
   return {ExitCode::kDeviceFault, std::move(message)};
 }
 
-/// Loads the library for the rest of the process. The library is never unloaded, because it starts threads, and
-/// because a call that hangs would later return into unloaded code. Errors: kDeviceFault if the
-/// library or one of its functions is missing, or if the library cannot be loaded. The message says
-/// what to install or what is wrong.
+/// Loads the library for the rest of the process. The library is never unloaded, because it starts
+/// threads, and because a call that hangs would later return into unloaded code. Errors:
+/// kDeviceFault if the library or one of its functions is missing, or if the library cannot be
+/// loaded. The message says what to install or what is wrong.
 Result<ForceDimensionLibrary> load_force_dimension_library();
 
 }  // namespace trocar::runtime

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Text from a device or a library, made fit for one line of a message.
+// Cleans a text from a device or a library, so that it can stand in one line of a message.
 // Tests: tests/runtime/connection/foreign_text_test.cpp
 #pragma once
 
@@ -8,8 +8,9 @@
 
 namespace trocar::runtime {
 
-/// Returns `text` with "?" in place of each character that is not printable ASCII. A text of more
-/// than `max_chars` characters is cut there and ends with "...". An empty text becomes "(no text)".
+/// Returns `text` with "?" in place of each character that is not printable ASCII. If the text has
+/// more than `max_chars` characters, the rest is replaced by "...". An empty text becomes
+/// "(no text)".
 inline std::string foreign_text(std::string_view text, std::size_t max_chars = 300) {
   if (text.empty()) return "(no text)";
   std::string line(text.substr(0, max_chars));

@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-// A connection to a Haply Inverse3 through the Haply Inverse service, versions 3.1 and 3.5.
-// Messages go through a WebSocket. An exchange sends a message with a force, and the service
-// answers with the state of the devices (haply_messages.h). The haptic thread must not call these
-// functions, because they block. The class has no thread of its own. Its asynchronous operations
-// run only within open(), exchange() and close(), and with time limits, so that each of these
-// functions returns in time.
+// The connection to a Haply Inverse3, a desktop haptic device. The maker's program, the Haply
+// Inverse service (versions 3.1 and 3.5), drives the device and exchanges messages with this class
+// through a WebSocket. An exchange sends a message with a force, and the service answers with the
+// state of the devices (haply_messages.h). The haptic thread must not call these functions, because
+// they block. The class has no thread of its own. Its asynchronous operations run only within
+// open(), exchange() and close(). Each operation has a time limit, so that these functions return.
 #pragma once
 
 #include <array>
@@ -21,20 +21,23 @@
 
 namespace trocar::runtime {
 
+/// The address of the service. `host` is the host's name as the user gave it, for messages;
+/// `endpoint` is the resolved address with the port.
 struct HaplyAddress {
   std::string host = "localhost";
   Endpoint endpoint{0x7f000001, 10001};
 };
 
-/// Parses what follows "haply:" in a URI: [HOST[:PORT]], by default localhost:10001. Resolves HOST to an IPv4 address.
-/// Errors: kUsage if the text has another form or HOST is unknown. The message is one line that
-/// begins with the URI.
+/// Parses what follows "haply:" in a URI: [HOST[:PORT]], by default localhost:10001. Resolves HOST
+/// to an IPv4 address. Errors: kUsage if the text has another form or HOST is unknown. The message
+/// is one line that begins with the URI.
 Result<HaplyAddress> parse_haply_address(std::string_view text);
 
 struct HaplyOptions {
   HaplyAddress address;
-  SayLine say;  ///< receives lines on what was found or is waited for
-  /// True: open() fails without a VerseGrip, a handle that measures its orientation.
+  SayLine say;  ///< receives lines about devices that were found, or for which open() waits
+  /// True: open() fails without a VerseGrip, a handle that measures its orientation. False: a
+  /// VerseGrip is used only if it is ready when open() is first called.
   bool wants_rotation = false;
   double open_timeout_s = kOpenTimeout_s;
 };
@@ -50,13 +53,14 @@ class HaplyConnection final : public PoseConnection {
   HaplyConnection(const HaplyConnection&) = delete;
   HaplyConnection& operator=(const HaplyConnection&) = delete;
 
-  /// Chooses the first arm (an Inverse3), and the first grip (a VerseGrip) that is ready. Waits at
-  /// most open_timeout_s until the chosen devices are ready. Unless wants_rotation is set, no grip
-  /// is needed. A later call chooses the same devices again.
+  /// Chooses the first arm (an Inverse3) of the service's list, and the first grip (a VerseGrip)
+  /// that is ready. Waits at most open_timeout_s until the chosen devices are ready. If no grip is
+  /// ready and wants_rotation is false, open() continues without a grip. A later call chooses the
+  /// same devices again.
   Result<void> open() override;
-  /// If the service's answer is unusable, the force is sent again immediately. Errors, in addition
-  /// to those of PoseConnection::exchange(): five unusable answers in a row; the arm or the grip is
-  /// no longer ready; the force is not finite.
+  /// If the service's answer is unusable (HaplyAnswer), the force is sent again immediately.
+  /// Errors, in addition to those of PoseConnection::exchange(): five unusable answers in a row;
+  /// the arm or the grip is no longer ready; the force is not finite.
   Result<PoseReading> exchange(const HandleWrench& wrench) override;
   void close() noexcept override;
 
@@ -74,7 +78,7 @@ class HaplyConnection final : public PoseConnection {
   Result<HaplyDevices> find_devices(Instant until);
   /// Chooses the devices. Returns the reason why they cannot be used yet; empty: they can be used.
   std::string choose(const HaplyInventory& inventory, HaplyDevices& chosen) const;
-  /// Reports what the user should know about the devices.
+  /// Passes lines about the devices to HaplyOptions::say, such as their ids and unusual settings.
   void describe(const HaplyInventory& inventory, const HaplyDevices& chosen) const;
   Result<PoseReading> command(const HaplyDevices& devices, const std::array<double, 3>& force_N);
 

@@ -1,14 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
-// The JSON messages of the Haply Inverse service, versions 3.1 and 3.5, as plain data. Text from the service
-// is not trusted: sizes, nesting, types, numbers and ids are checked here. Members of a message
-// that are not used here may have any form.
+// Reads and writes the JSON messages of the Haply Inverse service, versions 3.1 and 3.5. Text from
+// the service is not trusted: the functions check sizes, nesting, types, numbers and ids. Members
+// of a message that are not used here may have any form.
 //
 // When a client connects, the service sends one inventory, the list of its devices. Then it
 // sends exactly one state for each message that it receives. A commanded force holds until the
 // next message. Positions are in m and forces in N, in the frame that the service calls
 // application space: by default x points to the right, y forward and z up, and the origin is at
 // the base of the device.
-// Source: docs.haply.co/inverseSDK/service, pages "WebSocket Protocol", "Control Commands", "Device Configuration".
+// Source: docs.haply.co/inverseSDK/service, pages "WebSocket Protocol", "Control Commands" and
+// "Device Configuration".
 #pragma once
 
 #include <array>
@@ -28,8 +29,8 @@ inline constexpr std::size_t kMaxHaplyMessageBytes = 256 << 10;
 /// Longest message to the service.
 inline constexpr std::size_t kMaxHaplyCommandBytes = 512;
 
-/// Spelling of the member that holds the force in a message: {"values": ...} in version 3.1,
-/// {"vector": ...} in version 3.5, or both members.
+/// Name of the member that holds the force in a message: "values" in version 3.1, "vector" in
+/// version 3.5. With kBoth, the message contains both members.
 enum class HaplySpelling : std::uint8_t { kValues, kVector, kBoth };
 
 /// A device, as messages name it.
@@ -47,9 +48,10 @@ struct HaplyArm {
   /// the version is not recognised, the spelling is kBoth.
   HaplySpelling spelling = HaplySpelling::kBoth;
   std::string handedness;  ///< "left" or "right"; empty: not stated
-  /// False: the service rotates, moves, scales or mirrors the arm's coordinates.
+  /// False if the service rotates, moves, scales or mirrors the arm's coordinates.
   bool has_default_frame = true;
-  /// Gain of the filter with which the service reduces forces when it detects an oscillation.
+  /// Gain of the filter with which the service reduces forces when it detects an oscillation;
+  /// nullopt if the service states none.
   std::optional<double> force_gate_gain;
   std::string problem;  ///< why the arm cannot be used yet, and what to do; empty: the arm is ready
 };
@@ -74,7 +76,7 @@ Result<HaplyInventory> parse_haply_inventory(std::string_view text);
 /// The devices that a connection uses.
 struct HaplyDevices {
   HaplyDevice arm;
-  std::optional<HaplyDevice> grip;
+  std::optional<HaplyDevice> grip;  ///< nullopt: the connection uses no grip
   HaplySpelling spelling = HaplySpelling::kVector;
 };
 

@@ -14,13 +14,14 @@
 
 namespace trocar::runtime {
 
-/// Longest time that exchange() may take. If the device is silent for longer, exchange() returns an error.
+/// Longest time that exchange() may take. If the device is silent for longer, exchange() returns an
+/// error.
 inline constexpr double kExchangeTimeout_s = 0.1;
 /// Longest time that open() may take.
 inline constexpr double kOpenTimeout_s = 5;
 
-/// Receives one line for the operator, such as "haply:localhost:10001: a second device was found; the first
-/// one is used".
+/// Receives one line for the operator, such as "haply:localhost:10001: a second device was found;
+/// the first one is used".
 using SayLine = std::function<void(const std::string& line)>;
 
 /// The caller calls open(), then exchange() repeatedly, then close(), and possibly open() again.
@@ -35,12 +36,12 @@ class PoseConnection {
   virtual Result<void> open() = 0;
   /// Commands the wrench and returns the newest reading of the device. The times of readings
   /// ascend. The implementation does not trust data from the device: it checks sizes, types and
-  /// numbers. If the connection can continue after an unusable message, this message is not an
-  /// error: the implementation waits for the next message, but exchange() still ends within
-  /// kExchangeTimeout_s. Errors: kDeviceFault. The message is one clear line. After an error the
-  /// caller must call close().
+  /// numbers. An unusable message from the device need not be an error: the implementation may wait
+  /// for the next message, as long as exchange() ends within kExchangeTimeout_s. Errors:
+  /// kDeviceFault, with a message of one clear line. After an error the caller must call close().
   virtual Result<PoseReading> exchange(const HandleWrench& wrench) = 0;
-  /// Commands zero force if the connection still exists, and disconnects. Also allowed after an error.
+  /// Commands zero force if the connection still exists, and disconnects. Also allowed after an
+  /// error.
   virtual void close() noexcept = 0;
 };
 

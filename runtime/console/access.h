@@ -22,7 +22,8 @@ enum class Role : std::uint8_t {
 };
 const char* to_string(Role role) noexcept;
 
-/// Two tokens of 128 random bits each, in hexadecimal.
+/// The operator's token and the audience's token (role kView). Each has 128 random bits, in
+/// hexadecimal. A client shows by its token which role it has.
 class Tokens {
  public:
   Tokens();
@@ -39,10 +40,11 @@ class Tokens {
   std::string operator_, view_;
 };
 
-/// The values of the Host header to which the server answers: names of this machine's loopback, the
+/// The values of the Host header to which the server answers: 127.0.0.1, localhost, [::1], the
 /// address on which the server listens, and the host of the public URL. The check protects against
-/// DNS rebinding, in which a foreign name resolves to this machine: a page from there sends the
-/// foreign name as Host, so the page gets no answer.
+/// DNS rebinding, in which a foreign server makes its own host name resolve to this machine. The
+/// requests of that server's pages then reach this machine, but with the foreign name as Host, so
+/// they get no answer.
 class HostNames {
  public:
   /// `public_url`: a result of public_url_of(), or empty.
@@ -55,7 +57,8 @@ class HostNames {
  private:
   std::vector<std::string> names_;
   std::string port_;
-  /// The public URL with its scheme, and its host; both are empty if there is no public URL.
+  /// public_url_: the public URL with its scheme. public_host_: the public URL without the scheme.
+  /// Both are empty if there is no public URL.
   std::string public_url_, public_host_;
   bool any_address_ = false;  ///< listens on all addresses, so every numerical host is accepted
 };
@@ -75,14 +78,14 @@ enum class HandShare : std::uint8_t { kYours, kOther, kFree };
 /// "yours", "other", "free".
 const char* to_string(HandShare share) noexcept;
 
-/// Decides which client (page or script) holds the live hand of a session, and which messages of
-/// this client, the holder, are used. Contract (tests/runtime/console/hand_holder_test.cpp):
+/// Decides which client (page or script) holds the live hand of a session, and which of the
+/// holder's messages go to the session. Contract (tests/runtime/console/hand_holder_test.cpp):
 ///  1. At most one client holds the hand. If nobody holds the hand, the first client that moves the
-///     hand becomes the holder. The holder keeps the hand until the holder lets go, leaves, or has
+///     hand becomes the holder. The holder keeps the hand until it lets go, disconnects, or has
 ///     been silent for 1 s. Messages of other clients have no effect.
-///  2. On average at most 125 messages a second are used, and at most 4 in immediate
-///     succession; further messages are dropped. If the number of a message is not above the
-///     number of the holder's previous message, the message is dropped and counts as silence.
+///  2. At most 4 messages go to the session at once, and on average at most 125 in a second.
+///     Further messages are dropped. If the number of a message is not above the number of the
+///     holder's previous message, the message is dropped, and the holder still counts as silent.
 ///     Letting go is never dropped.
 class HandHolder {
  public:
@@ -91,9 +94,9 @@ class HandHolder {
   using Client = const void*;
 
   /// Call this for each message with which a client moves the hand. `number`: the message's number.
-  /// Returns true if the message is to be used.
+  /// Returns true if the caller is to pass the message on to the session.
   bool move(Client client, std::uint64_t number, Clock::time_point now) noexcept;
-  /// Call this when a client lets go or leaves. Returns true if this client held the hand.
+  /// Call this when a client lets go or disconnects. Returns true if this client held the hand.
   bool let_go(Client client) noexcept;
   /// If the holder has been silent for 1 s, takes the hand from the holder and returns true.
   bool lose_silent(Clock::time_point now) noexcept;
@@ -107,7 +110,7 @@ class HandHolder {
   Client holder_ = nullptr;
   std::uint64_t number_ = 0;  ///< number of the holder's last message
   Clock::time_point heard_at_, credited_at_;
-  double credit_ = 0;  ///< number of messages that could be used at the time `credited_at_`
+  double credit_ = 0;  ///< number of messages that could be passed on at the time `credited_at_`
 };
 
 }  // namespace trocar::runtime

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Answers the requests whose path begins with /api/ (protocol.md). Precondition: the caller has
-// checked who asks. This code does not use sockets.
+// checked the request's Host, Origin and token. This code does not use sockets.
 // Tests: tests/e2e/console_server_test.py
 #pragma once
 
@@ -27,7 +27,7 @@ struct Answer {
   unsigned status = 200;  ///< HTTP status
   std::string type = "application/json", body;
   std::string policy = kPolicyOfData;  ///< Content-Security-Policy
-  /// A body that several answers share. If it is not null, it is sent instead of `body`.
+  /// If not null, this body is sent instead of `body`. Several answers can share it without a copy.
   std::shared_ptr<const std::string> shared = {};
 };
 

@@ -4,7 +4,7 @@
 // Tests: tests/e2e/console_hostile_test.py
 #pragma once
 
-#include <utility>  // before asio, which uses std::exchange without it
+#include <utility>  // must come before asio, which uses std::exchange without including it
 
 #include <boost/asio.hpp>
 #include <boost/beast/core.hpp>

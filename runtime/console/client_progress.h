@@ -27,19 +27,20 @@ class ClientProgress {
  public:
   using Clock = std::chrono::steady_clock;
 
-  /// Call this before the first next() if the client connects again and already has the events of
-  /// this session up to the number `last_event`.
+  /// Call this before the first next() if the client connects again. `last_event`: number of the
+  /// last event (such as a puncture or a fault) of this session that the client already has.
   void resume_after(std::uint64_t last_event) noexcept { first_cursor_ = last_event; }
-  /// Returns the next message for the client, or nullopt if no message is due. Events come
-  /// before the state, and the state comes before binary messages. `hand`: who holds the live
-  /// hand; ignored if the session has no live hand. `has_new_snapshot`: the last poll has
-  /// read a new snapshot.
+  /// Returns the next message for the client, or nullopt if no message is due. If several messages
+  /// are due, the order is: description of the session, holder of the live hand, events, state of
+  /// the session, binary messages. `hand`: who holds the live hand; ignored if the session has no
+  /// live hand. `has_new_snapshot`: the last Supervisor::poll() has read a new snapshot.
   std::optional<ClientMessage> next(const Supervisor& session, Role role, HandShare hand,
                                     bool has_new_snapshot, Clock::time_point now);
   /// Call this when the client reports that it has drawn the binary messages up to `number`. While
   /// four binary messages are not reported as drawn, the client gets no further binary message.
   void acknowledge(std::uint64_t number);
   /// Returns true if a binary message has been waiting for its acknowledgement for more than 6 s.
+  /// The caller then closes the connection.
   bool is_stalled(Clock::time_point now) const;
 
  private:
@@ -55,7 +56,7 @@ class ClientProgress {
 
   bool said_hello_ = false, has_history_ = false;
   std::uint64_t session_ = 0, state_ = 0, cursor_ = 0, first_cursor_ = 0, snapshot_ = 0;
-  /// Holder of the live hand that the client was told last; nullopt: not told yet.
+  /// The holder of the live hand that was last reported to the client; nullopt: none reported yet.
   std::optional<HandShare> hand_;
   std::vector<std::uint64_t> sheet_versions_;
   std::uint64_t shape_version_ = 0;

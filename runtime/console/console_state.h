@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The state that all connections of one console share. Only the network thread uses this state. Two
-// parts belong to the worker thread instead: the bone caches and Files::list().
+// The state that all connections of one console share. Only the network thread uses this state,
+// except for two parts: only the worker thread uses the members `bone` and `volume`, and only the
+// worker thread calls Files::list().
 // Tests: tests/e2e/console_clients_test.py
 #pragma once
 
@@ -35,8 +36,9 @@ class RefusalLog {
   std::optional<std::chrono::steady_clock::time_point> last_stop_;
 };
 
-/// The answer to the last request for a bone, or to the last request for a volume of HU. The answer
-/// is kept because all pages of a session ask for the same bone.
+/// Keeps the answer to one request, because all pages of a session ask for the same bone.
+/// ConsoleState has two caches: one for the last request for a bone, and one for the last request
+/// for a volume of HU.
 struct BoneCache {
   std::string key;  ///< names and modification times of the answer's source files
   std::shared_ptr<const std::string> answer;
@@ -66,8 +68,8 @@ struct ConsoleState {
   RefusalLog log;
   std::vector<std::weak_ptr<HttpConnection>> connections;
   std::vector<std::weak_ptr<TelemetryClient>> clients;
-  std::function<void()> poll_soon;  ///< makes the server poll the session immediately
-  bool has_new_snapshot = false;    ///< the last poll has read a new snapshot
+  std::function<void()> poll_soon;  ///< makes the server call Supervisor::poll() immediately
+  bool has_new_snapshot = false;    ///< the last Supervisor::poll() has read a new snapshot
   /// The worker thread reads files of any size, so that reading them never delays live data.
   boost::asio::thread_pool worker{1};
   BoneCache bone, volume;

@@ -16,10 +16,11 @@
 
 namespace trocar::runtime {
 
-/// Lists and finds files. The folder is searched two levels deep, without following links. The
-/// names of files in the folder of sessions begin with "sessions/", wherever the folder of sessions
-/// is. If the folder of sessions is not the subfolder sessions/, both folders are searched. Only
-/// one thread at a time may call list(); any thread may call find().
+/// Lists and finds the files of two folders: the console's folder with scenes and assets, and the
+/// folder of sessions. Links are not followed. The names of files in the console's folder are
+/// relative to this folder. The names of files in the folder of sessions begin with "sessions/",
+/// wherever this folder is. A listed name contains at most two folders. Only one thread at a time
+/// may call list(); any thread may call find().
 class Files {
  public:
   /// Uses the files of a folder. `sessions`: the folder of sessions, which need not exist yet. If
@@ -37,12 +38,13 @@ class Files {
   /// list(), but list() need not contain this name. Errors: kRefused if the name leads out of the
   /// folder, if a link is on the way, or if there is no such file.
   Result<std::filesystem::path> find(std::string_view name) const;
-  /// The folder of of_folder(); empty for playback.
+  /// The folder that was given to of_folder(); empty for a playback.
   const std::filesystem::path& folder() const noexcept { return folder_; }
   const std::filesystem::path& sessions() const noexcept { return sessions_; }
-  /// Returns a JSON object with the keys `scenes`, `assets` and `recordings` (protocol.md). If
-  /// there are too many files to list all of them, the object also has the key `truncated`. A file
-  /// is read again only if its size or its modification time has changed since the previous call.
+  /// Returns a JSON object with the keys `scenes`, `assets` and `recordings` (protocol.md). At most
+  /// 2000 files of each kind are listed, and at most 20,000 entries of a folder are searched. If
+  /// files are left out for this reason, the object also has the key `truncated`. A file is read
+  /// again only if its size or its modification time has changed since the previous call.
   std::string list();
 
  private:

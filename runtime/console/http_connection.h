@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// One HTTP connection: reads requests one after the other, checks who asks, and sends the answers.
+// One HTTP connection: reads requests one after the other, checks whether they may be answered, and
+// sends the answers.
 // Tests: tests/e2e/console_hostile_test.py
 #pragma once
 
@@ -19,8 +20,8 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
   HttpConnection(ConsoleState& console, tcp::socket socket, std::string from);
   /// Reads and answers one request after the other until the connection ends.
   void read();
-  /// True while the connection waits for a request. If there are already 64 connections, the server
-  /// closes an idle connection when another client connects.
+  /// True while the connection waits for a request. When a client connects and there are already 64
+  /// connections, the server closes an idle one.
   bool is_idle() const noexcept { return is_idle_; }
   void close();
 

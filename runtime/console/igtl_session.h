@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Passes poses, forces, state and surface of the console's session to OpenIGTLink clients, such as
-// 3D Slicer (docs/openigtlink.md).
+// Passes data of the console's session to OpenIGTLink clients, such as 3D Slicer: the tool's pose,
+// the force, the session's state, and the bone's surface (docs/openigtlink.md).
 // Tests: tests/e2e/console_igtl_test.py
 #pragma once
 
@@ -16,8 +16,8 @@
 
 namespace trocar::runtime {
 
-/// Gives an IgtlServer the telemetry that the supervisor has read. The bone of a session is loaded
-/// only if there is a client, and on the worker thread.
+/// Gives an IgtlServer the telemetry that the supervisor has read. If there is a client, the worker
+/// thread (ConsoleState::worker) also loads the bone of the session.
 class IgtlSession {
  public:
   using Clock = std::chrono::steady_clock;
@@ -28,8 +28,8 @@ class IgtlSession {
   void poll(Clock::time_point now);
 
  private:
-  /// The position of the session's bone in the patient, and the packed message
-  /// with the bone's surface.
+  /// T_patient_device: the member of PatientBone (answers/bone.h). surface: the message with the
+  /// bone's surface; null: no surface.
   struct Position {
     std::optional<Eigen::Affine3d> T_patient_device;
     IgtlBytes surface;
@@ -41,9 +41,9 @@ class IgtlSession {
   ConsoleState& console_;
   std::unique_ptr<IgtlServer> server_;
   IgtlState state_;
-  std::optional<std::uint64_t> asked_;  ///< the session whose position is loaded or being loaded
+  std::optional<std::uint64_t> asked_;  ///< number of the session for which loading has begun
   std::optional<Position> position_;    ///< nullopt: not loaded yet
-  double shown_ticks_ = 0;              ///< tick count of the pose that was sent last
+  double shown_ticks_ = 0;              ///< number of ticks done when the last sent pose was taken
   std::pair<RunState, int> shown_status_{RunState::kIdle, -1};  ///< state and fault sent last
 };
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Encodes the messages to clients (protocol.md): events as JSON with a text for the operator,
-// values and meshes as bytes. A binary message begins with its kind and its number. The functions
+// Encodes the messages to clients (protocol.md): events as JSON with a text for the operator, ticks
+// and meshes as bytes. A binary message begins with its kind and its number. The functions
 // below encode only the contents that follow; TelemetryClient sends kind and number before them.
 // Tests: tests/e2e/console_server_test.py
 #pragma once
@@ -24,7 +24,9 @@ std::string snapshot_message(const std::vector<double>& values);
 std::string history_message(const std::vector<ForceHistory::Point>& points);
 
 /// Returns the contents of a message of kind 2 (a sheet with its holes, two floats per vertex) or
-/// of kind 3 (shape: the deformed sheet around the tool, three floats per vertex).
+/// of kind 3 (shape: the deformed sheet around the tool, three floats per vertex). `sheet`: index
+/// of the sheet. `cuts`: number of its holes. `slice`: its slice index. `hu`: one value for each
+/// vertex; empty: none.
 std::string mesh_message(std::int32_t sheet, std::uint32_t cuts, std::int32_t slice,
                          const std::vector<float>& positions, std::size_t floats_of_vertex,
                          const std::vector<float>& hu, const std::vector<std::uint32_t>& triangles);

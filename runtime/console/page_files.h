@@ -28,9 +28,9 @@ class PageFiles {
   /// Returns the file for the path of a request, such as "/" or "/vendor/uPlot.esm.js". Returns
   /// null if there is no such file.
   const PageFile* find(std::string_view target) const;
-  /// Returns the page's Content-Security-Policy. It allows every script file of this server. By
-  /// their hashes, it also allows the page's import map and the inline scripts of two pages that
-  /// appear in frames of this page: the session report and the history of sessions.
+  /// Returns the page's Content-Security-Policy. It allows every script file of this server. It
+  /// also lists the hashes of the inline scripts that may run: the page's import map, and the
+  /// scripts of the session report and of the history of sessions, which appear in frames.
   const std::string& security_policy() const noexcept { return policy_; }
   /// Returns false if vendor/ is empty.
   bool is_complete() const noexcept { return complete_; }
@@ -41,19 +41,19 @@ class PageFiles {
   bool complete_ = true;
 };
 
-/// Returns the folder with the page's files. For an installed program, this is
-/// share/trocar/console next to the program's folder bin/. Otherwise it is the folder in the
-/// sources from which the program was built.
+/// Returns the folder with the page's files. If the program is installed in PREFIX/bin, this is
+/// PREFIX/share/trocar/console. Otherwise it is the folder runtime/console/page of the sources.
 std::filesystem::path page_folder();
 
 /// The Content-Security-Policy of session reports, and the Content-Security-Policy of the history
-/// of sessions. Reports in the console's folder are not trusted, so only the script of this
-/// version's template may run.
+/// of sessions. Others may have changed the reports in the console's folder. Therefore only the
+/// script that this version of Trocar writes into its reports may run.
 const std::string& report_policy();
 const std::string& history_policy();
 
-/// Returns the hashes of those scripts in an HTML page that begin with the tag `tag`. Each hash has
-/// the form 'sha256-HASH' of a Content-Security-Policy, and a blank before it.
+/// Returns the hashes of the scripts in an HTML page that have the opening tag `tag`, such as
+/// "<script>". Before each hash is a blank, and each hash has the form 'sha256-HASH' of a
+/// Content-Security-Policy.
 std::string script_hashes(std::string_view html, std::string_view tag);
 
 }  // namespace trocar::runtime

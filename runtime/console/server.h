@@ -19,20 +19,24 @@ struct ServerSettings {
   std::string listen = "127.0.0.1";  ///< numerical address on which the server listens
   std::uint16_t port = 0;            ///< 0: any free port
   Supervisor::Settings session;
-  /// Address with which the printed links begin: a result of public_url_of(). If empty, the links
-  /// begin with the address on which the console listens.
+  /// Address of the tunnel or proxy through which browsers reach the console, a result of
+  /// public_url_of(). The printed links begin with this address. If it is empty, they begin with
+  /// the address on which the console listens.
   std::string public_url;
-  /// The scene of --start, as JSON for /api/folder, or empty if there is none. The page starts a
-  /// session with this scene.
+  /// The scene of the option --start, with which the page starts a session; empty: none. It is a
+  /// file name as JSON text, which the answer of /api/folder contains.
   std::string start;
-  std::string playback;  ///< the files of a playback, as JSON for /api/folder; empty: no playback
+  /// The file names of a playback, as JSON text, which the answer of /api/folder contains. If the
+  /// text is empty, there is no playback.
+  std::string playback;
   /// Address for OpenIGTLink clients. If nullopt, they are not served.
   std::optional<IgtlAddress> igtl;
 };
 
-/// Prints the links and serves until SIGINT, SIGTERM or SIGHUP. Then ends the programs that the
-/// console runs (Supervisor::end_all()) and returns. Errors: kUsage if ServerSettings::listen is
-/// not numerical; kUnwritable if the server cannot listen on an address.
+/// Prints a link with a token for the operator and one for the audience, and serves until SIGINT,
+/// SIGTERM or SIGHUP. Then ends the programs that the console runs (Supervisor::end_all()) and
+/// returns. Errors: kUsage if ServerSettings::listen is not numerical; kUnwritable if the server
+/// cannot listen on an address.
 Result<void> serve(const ServerSettings& settings, Files files, PageFiles page);
 
 }  // namespace trocar::runtime

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// The console's copy of one session's shared-memory telemetry: description, events, the latest
-// snapshot (the numbers of one tick) and the meshes. Every part is stored in the form in which
-// clients get it. After the session has ended, the copy is kept until the next session begins.
+// The console's copy of one session's shared-memory telemetry: the description, the events (such as
+// punctures and faults), the latest snapshot (the numbers of one tick) and the meshes. Every part
+// is stored in the form in which clients get it. After the session has ended, the copy is kept
+// until the next session begins.
 // Tests: tests/e2e/console_server_test.py
 #pragma once
 
@@ -33,25 +34,27 @@ class SessionTelemetry {
     Frame frame;                ///< result of mesh_message() (messages.h); null: nothing to show
   };
 
-  /// Forgets the present session and begins to copy the session of `reader`.
+  /// Forgets the present session and begins to copy the session whose memory `reader` reads.
   void attach(std::unique_ptr<TelemetryReader> reader);
   /// Forgets the session. Called when another session is about to begin.
   void clear();
   bool is_attached() const noexcept { return reader_ != nullptr; }
-  /// Reads new events, the latest snapshot and changed meshes. One call reads at most two sheets.
-  /// The rest of the call takes less than a millisecond.
+  /// Reads new events, the latest snapshot and changed meshes. To keep the call short, it reads at
+  /// most two sheets; everything else takes less than a millisecond.
   void poll();
   /// Passes a command on to the session. Precondition: is_attached().
   void command(TelemetryCommand command) { reader_->command(command); }
-  /// Keeps X-ray screening on or ends it (TelemetryReader::screen()). Precondition: is_attached().
+  /// Keeps X-ray screening on for another second if `is_held` is true, otherwise ends screening.
+  /// Precondition: is_attached() is true.
   void screen(bool is_held) { reader_->screen(is_held); }
   /// True if the session has a live hand and has not ended.
   bool has_hand() const noexcept { return reader_ && reader_->has_hand() && !has_ended_; }
-  /// Moves the live hand to a target (TelemetryHand::target). If `target` is nullopt, the hand lets
-  /// go. Precondition: has_hand().
+  /// Moves the live hand to a target: the position of the tip in {B} in m, and the rotation vector
+  /// of the plate in rad. If `target` is nullopt, the hand lets go. Precondition: has_hand().
   void move_hand(const std::optional<std::array<double, 6>>& target);
 
-  std::uint64_t sessions() const noexcept { return sessions_; }  ///< changes with each new session
+  /// A number that identifies the present session: it increases with each new session.
+  std::uint64_t sessions() const noexcept { return sessions_; }
   /// The description of the session. If there is no session yet, SessionAbout::json is empty.
   const SessionAbout& about() const noexcept { return about_; }
   /// The latest 20,000 events, in the order of their numbers.
@@ -62,8 +65,8 @@ class SessionTelemetry {
   std::uint64_t snapshots() const noexcept { return snapshots_; }  ///< number of snapshots read
   const Frame& snapshot() const noexcept { return snapshot_; }     ///< null: no snapshot yet
   const ForceHistory& history() const noexcept { return history_; }
-  /// Returns the value with index `at` in a column of the latest snapshot, or 0 if
-  /// there is no such value.
+  /// Returns a value of the latest snapshot, or 0 if there is no such value. `column`: name of a
+  /// group of values, such as "tau_Nm". `at`: index of the value in this group.
   double value(const char* column, std::size_t at = 0) const;
   const std::vector<Mesh>& sheets() const noexcept { return sheets_; }
   const Mesh& shape() const noexcept { return shape_; }

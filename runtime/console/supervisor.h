@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The supervisor of the one session that a console shows. The supervisor starts the programs of the
-// session, or finds a session that already runs. It then follows this session, and passes the
-// commands of pages on to the session.
+// The supervisor of the one session that a console shows. The supervisor starts trocar-run (and, if
+// a page asks for it, the simulated device trocar-device-sim), or finds a session that already
+// runs. It then follows this session, and passes the commands of pages on to the session.
 // Tests: tests/e2e/console_server_test.py, tests/e2e/console_kill_test.py
 #pragma once
 
@@ -25,9 +25,10 @@
 
 namespace trocar::runtime {
 
-/// The state of the session. kSilent: the session's process runs, but no new telemetry
-/// has come for kSilentAfter. kLost: the process is gone, and neither the event `ended`
-/// nor an exit code is known.
+/// The state of the session. kIdle: no session was started, or its start failed. kStarting: a
+/// program was started, but there is no telemetry yet. kSilent: the session's process runs, but no
+/// new telemetry has come for kSilentAfter. kLost: the process is gone, and neither the event
+/// `ended` nor an exit code is known.
 enum class RunState : std::uint8_t { kIdle, kStarting, kRunning, kSilent, kPaused, kEnded, kLost };
 inline constexpr auto kSilentAfter = std::chrono::milliseconds(200);
 const char* to_string(RunState state) noexcept;
@@ -50,21 +51,22 @@ class Supervisor {
  public:
   using Clock = std::chrono::steady_clock;
   struct Settings {
-    /// The folder of the scenes; empty: the console only plays recordings.
+    /// The folder of the scenes; empty: the console only plays a recording.
     std::filesystem::path folder;
     std::filesystem::path sessions;  ///< folder of the sessions' folders; need not exist yet
-    /// The telemetry link (trocar-run --live) of a session to follow. If it is set, the console
-    /// only watches this session and starts none. If it is empty, the console starts sessions.
+    /// The link to the shared memory of a running session (trocar-run --live). If it is set, the
+    /// console only shows and commands this session. If it is empty, the console starts sessions.
     std::filesystem::path attach;
     std::filesystem::path programs;  ///< folder of trocar-run and trocar-device-sim
     /// The devices that pages may choose, at least one. The first device is the default.
     std::vector<DeviceChoice> devices = {DeviceChoice{}};
-    std::optional<double> stiffness_limit_N_per_m;  ///< --stiffness-limit of all sessions
+    /// Value of trocar-run's option --stiffness-limit in all sessions; none: without this option.
+    std::optional<double> stiffness_limit_N_per_m;
   };
   explicit Supervisor(Settings settings);
 
-  /// Starts a session. Errors: kRefused if this console starts no programs, if a session, the test
-  /// of a device or the making of a scene already runs, or if a program cannot be started;
+  /// Starts a session. Errors: kRefused if this console starts no sessions (Settings), if a session
+  /// or a device test runs, if a scene is being made, or if a program cannot be started;
   /// kUnwritable if a file of the session cannot be written.
   Result<void> start(const StartRequest& request);
   /// Starts the test of a device. The device gets no force in the test. Errors: those of start();
@@ -76,8 +78,8 @@ class Supervisor {
   Result<void> make_scene(const NewSceneRequest& request);
   const SceneMaker& scene_maker() const noexcept { return scene_maker_; }
   const std::vector<DeviceChoice>& devices() const noexcept { return settings_.devices; }
-  /// Hides texts that pages must not see: the console's folders, and the files in
-  /// the devices' options.
+  /// Replaces texts that pages must not see: the names of the console's folders, and the file names
+  /// in the devices' options.
   const HiddenTexts& hidden() const noexcept { return hidden_; }
   /// Takes an X-ray picture, or switches screening on or off. Screening ends after 1 s unless
   /// kScreen is requested again. Errors: kRefused if no session runs, if the session takes no
@@ -85,9 +87,9 @@ class Supervisor {
   Result<void> xray(XrayRequest request);
   /// Passes a command on to the session. The command `stop` also ends the test of a device and the
   /// making of a scene. If the device process of the session has ended, the command `recover` first
-  /// starts this process again. Errors: kRefused if no session runs and `stop` has ended nothing,
-  /// or if the device process cannot be started; kUnwritable if the note about this process cannot
-  /// be written.
+  /// starts this process again. Errors: kRefused if there is nothing to command or to stop, or if
+  /// the device process cannot be started; kUnwritable if the note about this process (DeviceNote)
+  /// cannot be written.
   Result<void> command(TelemetryCommand command);
   /// True if the session runs and has a live hand, so that move_hand() may be called.
   bool has_hand() const noexcept { return telemetry_.has_hand() && is_live(); }
@@ -97,20 +99,21 @@ class Supervisor {
     telemetry_.move_hand(target);
   }
   /// Sends the emergency stop. If the telemetry does not show zero torques within 100 ms, poll()
-  /// kills the session. A session that has been started but shows no telemetry yet is killed
-  /// immediately. The test of a device is stopped. Errors: kRefused if no session and no test runs.
+  /// kills the session's process. If the session was started but has no telemetry yet, its process
+  /// is killed immediately. The test of a device is stopped. Errors: kRefused if neither a session
+  /// nor a test runs.
   Result<void> emergency_stop();
   /// Ends the session, the device process, a test and the making of a scene. A session that this
-  /// console only watches (Settings::attach) goes on. The first call asks the programs to end,
-  /// except for the device process, which is asked when the session has ended. Calls later than
-  /// `patience` after the first call kill what is left of session and device process. Call this
-  /// repeatedly until it returns true: all have then ended.
+  /// console only watches (Settings::attach) goes on. The first call asks the session, the test and
+  /// the making of a scene to end. When the session has ended, the device process is asked to end.
+  /// If the session's process or the device process still runs after the time `patience`, the next
+  /// call kills it. Call this function repeatedly until it returns true. All have then ended.
   bool end_all(Clock::time_point now, Clock::duration patience);
   /// Reads telemetry, follows the console's processes, and checks the effect of an emergency stop.
   /// The caller must call this every few milliseconds.
   void poll(Clock::time_point now);
 
-  /// Telemetry of the present session, or of the last one.
+  /// Telemetry of the present session. If no session runs, telemetry of the last session.
   const SessionTelemetry& telemetry() const noexcept { return telemetry_; }
   RunState state() const noexcept { return state_; }
   /// Returns true if the session is starting, runs, is silent or is paused.
@@ -126,15 +129,15 @@ class Supervisor {
   std::filesystem::path log_file() const;
 
  private:
-  /// The check of an emergency stop: before the time `until`, a tick with a number above `ticks`
-  /// must show zero torques.
+  /// The check of an emergency stop. `ticks`: number of ticks done when the stop was sent. Before
+  /// the time `until`, a later tick must show zero torques.
   struct StopCheck {
     Clock::time_point until;
     double ticks = 0;
   };
 
-  /// Checks that a program may be started. Errors: kRefused if this console starts no programs, or
-  /// if a session, a test or the making of a scene already runs.
+  /// Checks that a program may be started. Errors: kRefused if this console starts no sessions
+  /// (Settings), or if a session, a test or the making of a scene already runs.
   Result<void> check_free();
   Result<void> start_run();
   Result<void> start_device(const std::string& endpoint);
@@ -165,9 +168,9 @@ class Supervisor {
   std::vector<Process> ending_devices_;  ///< device processes that were asked to end
   bool waits_for_device_ = false, recover_when_ready_ = false;
   std::string device_endpoint_;
-  std::uint64_t device_log_from_ = 0;  ///< size of the log when the device process was started
+  std::uint64_t device_log_from_ = 0;  ///< byte of the log at which the device's output begins
   Clock::time_point started_at_, searched_at_, polled_at_;
-  std::uint64_t heard_ = 0;  ///< SessionTelemetry::snapshots() at the last poll
+  std::uint64_t heard_ = 0;  ///< SessionTelemetry::snapshots() at the last poll, to detect silence
   Clock::duration silence_{};
   std::optional<Clock::time_point> ending_since_;
   std::optional<StopCheck> stop_check_;

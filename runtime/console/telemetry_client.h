@@ -20,8 +20,10 @@ namespace trocar::runtime {
 
 /// A client's message for the live hand.
 struct HandRequest {
-  std::optional<std::array<double, 6>> target;  ///< nullopt: the client lets go of the hand
-  std::uint64_t number = 0;                     ///< increases with each message of the client
+  /// The target of the hand (Supervisor::move_hand()); nullopt: the client lets go of the hand.
+  std::optional<std::array<double, 6>> target;
+  /// Number of the message, higher than in the client's previous message; 0: the client lets go.
+  std::uint64_t number = 0;
 };
 
 class TelemetryClient : public std::enable_shared_from_this<TelemetryClient> {
@@ -31,7 +33,7 @@ class TelemetryClient : public std::enable_shared_from_this<TelemetryClient> {
       : console_(console), socket_(std::move(stream)), from_(std::move(from)) {}
 
   /// Answers the handshake and begins to read messages. If the client does not send its token
-  /// within 5 s, the connection is closed.
+  /// (Tokens in access.h) within 5 s, the connection is closed.
   void run(const Request& request);
   /// Sends the next message, if the previous message has been sent and a message is due. If the
   /// client has stalled (ClientProgress::is_stalled()), closes the connection. The server calls
@@ -49,8 +51,8 @@ class TelemetryClient : public std::enable_shared_from_this<TelemetryClient> {
   bool on_later(const std::string& text);
   bool on_hand(const HandRequest& request);
   void release_hand();
-  /// True if the number of clients with this client's role, including this client,
-  /// is within the limit.
+  /// True if the number of clients with this client's role, including this client, is at most 16
+  /// for kView, or 8 for kOperator.
   bool has_place() const;
   void close(websocket::close_code code);
   std::function<void(beast::error_code, std::size_t)> written();

@@ -61,7 +61,7 @@ struct ForceLawInput {
   PrefetchedStiffness prefetched;        ///< latest result of the law's prefetch worker
   Pose T_device_plate;                   ///< latest pose of the plate
   double pose_interval_s = 0;            ///< time since the previous new pose; 0: pose is not new
-  PreviousPose previous;  ///< earlier pose from which velocities are computed, if there is one
+  PreviousPose previous;  ///< earlier pose for velocities; age 0: use the previous new pose
 };
 
 /// Stiffness and threshold of a sheet at the tip, for checks before a session and for
@@ -88,11 +88,13 @@ class ForceLaw {
   /// without load, velocity and friction. Holes are kept.
   virtual void reset_motion() noexcept = 0;
   /// The loop calls this at the end of every tick. The function writes the law's own columns of the
-  /// recording, if the law has any. With the law `cutting`, the tool in the tissue is displaced
-  /// from the tool on the plate. The function adds this displacement to RecordingRow::tool_m.
+  /// recording, if the law has any. With the law `cutting`, the coupling spring displaces the tool
+  /// in the tissue from the tool on the plate. The function adds this displacement to
+  /// RecordingRow::tool_m.
   virtual void finish_tick(RecordingRow& /*row*/) noexcept {}
-  /// Height by which the tip must be raised before the state `running` can begin. Without this, the
-  /// tissue would push the tool as soon as the session runs. 0: the tip need not be raised.
+  /// Height by which the tip must be raised before the state `running` can begin. If the tip
+  /// were not raised, the tissue would push the tool as soon as the session runs. 0: the tip
+  /// need not be raised.
   virtual double retract_distance_m(std::span<const Sheet* const> sheets,
                                     const Pose& T_device_plate) const noexcept = 0;
   /// True if the law itself guarantees passivity. The loop then only observes the energy, and the

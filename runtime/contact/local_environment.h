@@ -17,11 +17,12 @@ struct LocalEnvironment {
   double sheet_N = 0;  ///< force of the sheet's spring
   double sheet_N_per_m = 0, sheet_N_s_per_m = 0;
   // Friction acts along `axis` on the shaft, in all holes that the shaft is in. Dry friction is a
-  // spring that slides at a maximum (shaft.h).
+  // spring that slides at its maximum force (shaft.h).
   Eigen::Vector3d axis = Eigen::Vector3d::UnitZ();
   double dry_N = 0, dry_max_N = 0;  ///< dry friction and its maximum, summed over the holes
   /// Stiffness of dry friction against a small motion of the shaft inwards (`in`) and outwards
-  /// (`out`). Friction springs that slide in this direction are not counted.
+  /// (`out`). A friction spring that slides in this direction is not counted, because its force
+  /// no longer grows.
   double dry_in_N_per_m = 0, dry_out_N_per_m = 0;
   double viscous_N_s_per_m = 0;
   // The rims (boundaries) of the holes push the shaft sideways. Each rim acts in the plane of its

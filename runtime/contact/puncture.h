@@ -15,7 +15,7 @@
 //     of dx since the previous new pose, divided by the time between the two poses on the device's
 //     clock. If update_contact() is given the argument `previous`, this earlier pose and its age
 //     are used instead of the previous new pose. In a tick without a new pose dx' keeps its value,
-//     so that the next new pose causes no force spike. The stiffness k depends on the force law:
+//     because a fall to 0 would make the force jump. The stiffness k depends on the force law:
 //      - `hooke`: k = c K, where K is the tissue's stiffness. F acts at the centroid of the covered
 //        area.
 //      - `network`: k and the point of action come from a prefetched stiffness, which a worker has
@@ -41,7 +41,8 @@
 //     from the next tick on, as after a puncture.
 //  8. The forces of a hole are multiplied by the hole's coverage, which is set at the puncture. It
 //     is c + p h, but at most 1. Here c is the coverage of the tool, p is the fraction of the
-//     tool's outline in older holes, and h is the coverage of the nearest older hole.
+//     tool's outline in older holes, and h is the coverage of the nearest older hole. The term p h
+//     counts the material that older holes have removed.
 // Tests: tests/runtime/contact/contact_test.cpp
 #pragma once
 
@@ -105,7 +106,7 @@ struct SheetTrack {
   bool has_last = false;             ///< last_penetration_m can be used
   double rate_m_per_s = 0;           ///< dx' in the previous tick; meaningful in kContact
   PrefetchedStiffness blended;       ///< stiffness in use with the law `network`; only in kContact
-  ShaftState shaft;                  ///< the shaft is in a hole only in kPunctured or kMissed
+  ShaftState shaft;                  ///< shaft in the hole; used only in kPunctured or kMissed
   double hole_coverage = 0;          ///< RememberedHole::coverage of the hole that the shaft is in
   std::uint32_t cuts_requested = 0;  ///< number of holes requested so far
   /// Hole k (the first hole of the sheet is hole 0) has the index k % kMaxHoles.
@@ -158,7 +159,7 @@ struct ContactOutput {
   std::int32_t active_sheet = -1;
   ContactPhase phase = ContactPhase::kFree;
   bool punctured_now = false;  ///< a sheet is punctured in this tick
-  /// In the tick of a puncture: the force F that would exceed the threshold; it is not applied. Law
+  /// In the tick of a puncture: the force F that would exceed the threshold; F is not applied. Law
   /// `cutting`: the largest strength of the slabs that the front passed in this tick.
   double trial_force_N = 0;
   CutRequest cut;  ///< hole of the puncture, unless `cut_list` is used
@@ -179,7 +180,7 @@ struct ContactOutput {
   /// from 0 to 1, the authority.
   Wrench wrench_plate = Wrench::Zero();
   double stored_J = 0;  ///< elastic energy of tissue and coupling, not multiplied by the authority
-  bool is_released = false;  ///< stored energy was released on purpose, as at a puncture
+  bool is_released = false;  ///< the law released stored energy on purpose, as at a puncture
   /// In the tick of a puncture: the rendered force on the tip one tick earlier.
   double force_before_N = 0;
   /// Law `cutting` only: how far the rendered force on the tip fell in this tick because bone or a

@@ -10,9 +10,9 @@
 //     spring slides with this force (after P. Dahl, 1968, with a linear rise). The work of the
 //     force on the shaft over a closed motion is never positive.
 //  2. The rim's force lies in the sheet's plane. It opposes the displacement of the shaft's axis
-//     from the position at which the shaft entered the hole, which happens at the puncture or when
-//     the shaft returns to an old hole. Entering a hole therefore neither stores nor releases
-//     energy.
+//     from the position at which the shaft entered the hole. (The shaft enters a hole at the
+//     puncture, or when it returns to an old hole.) The displacement begins at 0, so entering a
+//     hole neither stores nor releases energy.
 #pragma once
 
 #include <Eigen/Core>
@@ -25,7 +25,7 @@ namespace trocar::runtime {
 /// State kept between ticks.
 struct ShaftState {
   Eigen::Vector2d hole_m = Eigen::Vector2d::Zero();  ///< axis position at entry into the hole
-  double last_m = 0;                                 ///< inserted length in the last tick
+  double last_m = 0;                                 ///< ShaftSection::inserted_m of the last tick
   double spring_m = 0;   ///< deflection of the friction spring, within +-presliding_m
   double viscous_N = 0;  ///< viscous friction along the axis in the last tick
   bool in_hole = false;
@@ -39,16 +39,17 @@ struct ShaftSection {
   double inserted_m = 0;                            ///< length of the shaft below the plane
 };
 
-/// Puts the shaft into a hole at its present position. Friction and the rim's force start at 0.
+/// Puts the shaft into a hole at the shaft's present position. Friction and the rim's
+/// force start at 0.
 void enter_hole(const ShaftSection& section, ShaftState& state) noexcept;
 
 /// Call this in ticks without shaft_force(). The shaft stays in its hole, and friction restarts at 0.
 void reset_motion(ShaftState& state) noexcept;
 
-/// Inserted length at an earlier pose.
+/// ShaftSection::inserted_m at an earlier pose.
 struct PreviousShaft {
   double inserted_m = 0;
-  double ago_s = 0;  ///< PreviousPose::ago_s
+  double ago_s = 0;  ///< time since that pose; 0: there is no earlier pose
 };
 
 /// Returns the force on the tool at `section.at_m`, in {B}. If the shaft is not in a hole, the
@@ -62,8 +63,8 @@ Eigen::Vector3d shaft_force(const ShaftTissue& tissue, const ShaftSection& secti
 void add_shaft(const ShaftTissue& tissue, const ShaftSection& section, const ShaftState& state,
                LocalEnvironment& local) noexcept;
 
-/// Call this after the shaft has jumped inwards by `inserted_m` although no force moved it.
-/// Friction then ignores this jump.
+/// Call this after the tool was set to another position (shift_tool() in puncture.h), so that the
+/// shaft's inserted length grew by `inserted_m`. Friction then ignores this jump.
 void shift_shaft(double inserted_m, ShaftState& state) noexcept;
 
 }  // namespace trocar::runtime

@@ -39,8 +39,8 @@ struct Tool {
   std::array<ConvexPiece, kMaxToolPieces> piece;
 };
 
-/// Makes the tool of a scene. The convex parts are found by ear clipping. Parts whose union is
-/// convex are then merged (Hertel and Mehlhorn). O(sides^3).
+/// Makes the tool of a scene. To find its convex parts, the cross-section is divided into triangles
+/// (by ear clipping), and parts whose union is convex are merged (Hertel and Mehlhorn). O(sides^3).
 Tool make_tool(const SceneTool& scene_tool);
 
 /// Placement of a slice in {B} (formats/session/scene.h, Placement).
@@ -78,9 +78,10 @@ Eigen::Vector3d axis_at(const Tool& tool, const Pose& T_device_plate, double z_m
 /// Returns the section of the prism with the plane z = z_m, with each corner rounded to the
 /// lattice. The section of a tilted tool is stretched along the tilt, by a factor of at most
 /// sqrt(2). The outline is a simple polygon if smallest_clearance_m() is at least kMinClearance
-/// lattice steps. (The section is nowhere narrower than the cross-section, and rounding moves a
-/// corner by at most sqrt(1/2) steps.) If the tool is not upright, or if a coordinate of a corner
-/// exceeds kMaxCoordinate / 2, the outline has size 0. No allocation.
+/// lattice steps. (The section is nowhere narrower than the cross-section. Rounding moves a corner
+/// by at most sqrt(1/2) steps, so it reduces a clearance by less than kMinClearance.) If the tool
+/// is not upright, or if a coordinate of a corner exceeds kMaxCoordinate / 2, the outline has size
+/// 0. No allocation.
 LatticeOutline outline_on_lattice(const Tool& tool, const Pose& T_device_plate,
                                   const PlanarTransform& transform, double z_m) noexcept;
 inline constexpr double kMinClearance = 1.5;  ///< smallest clearance, in lattice steps

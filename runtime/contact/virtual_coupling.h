@@ -45,8 +45,8 @@ struct CouplingState {
 };
 
 /// Returns the pose of the proxy, which the caller uses instead of the plate's pose in this tick.
-/// `pose_interval_s`, `previous`: as for update_contact(). In a tick without a new pose the proxy
-/// keeps its offset from the plate, and spring and damper keep their forces.
+/// `pose_interval_s`, `previous`: as for update_contact() (puncture.h). In a tick without a new
+/// pose the proxy keeps its offset from the plate, and spring and damper keep their forces.
 Pose move_proxy(const CouplingOptions& options, double pose_interval_s, const Pose& T_device_plate,
                 CouplingState& state, const PreviousPose& previous = {}) noexcept;
 
@@ -55,10 +55,10 @@ PreviousPose previous_proxy(double pose_interval_s, const PreviousPose& previous
                             const CouplingState& state) noexcept;
 
 /// Returns the wrench on the plate. `wrench_device`: wrench of the environment on the proxy.
-/// `environment`: the elements that this wrench consists of. `punctured`: a sheet was punctured in
-/// this tick. In the tick of a puncture, or if no force acts, the function sets `state.offset_m` to
-/// the offset at rest under the environment's force, so the proxy jumps. The moment on the plate is
-/// the moment of the environment.
+/// `environment`: the elements whose forces add up to this wrench. `punctured`: a sheet was
+/// punctured in this tick. In the tick of a puncture, or if no force acts, the function sets
+/// `state.offset_m` to the offset at rest under the environment's force, so the proxy jumps. The
+/// moment on the plate is the moment of the environment.
 Wrench coupling_wrench(const CouplingOptions& options, const Wrench& wrench_device,
                        const LocalEnvironment& environment, bool punctured,
                        CouplingState& state) noexcept;

@@ -10,9 +10,9 @@
 //     outwards, and only while the tip moves inwards.
 //  2. Right after a break the damping coefficient is the lost force divided by
 //     kBreakSpeed_m_per_s. At the time t after the break this value is multiplied by
-//     1 - (t / kBreakDamping_s)^2, so it is 0 after kBreakDamping_s. A later break can only raise
-//     the coefficient. The damper never uses a coefficient above damping_max() (passivity.h), up to
-//     which a sampled damper is stable.
+//     1 - (t / kBreakDamping_s)^2, so it is 0 after kBreakDamping_s. A later break starts this
+//     course anew if that raises the coefficient; otherwise it changes nothing. The damper never
+//     uses a coefficient above damping_max() (passivity.h), up to which a sampled damper is stable.
 //  3. Without a break the damper has no force.
 #pragma once
 
@@ -32,7 +32,8 @@ struct BreakInput {
   /// Time since the previous new pose, on the device's clock; 0 if the pose is not new. The
   /// damper's force then stays as it is.
   double pose_interval_s = 0;
-  /// If its age is not 0, start of the interval for the tip's velocity.
+  /// Start of the interval for the tip's velocity; age 0: the interval starts at the
+  /// previous new pose.
   PreviousPose previous = {};
   double lost_force_N = 0;  ///< ContactOutput::lost_force_N
 };

@@ -19,8 +19,8 @@
 //
 // Contract (tests/runtime/control/energy_limit_test.cpp):
 //  1. An environment that does not generate energy never raises the fault: from tick to tick, its
-//     work on the plate is at most the fall of its stored energy. Because S is the unscaled energy,
-//     the same holds if the wrench is rendered with a constant factor below 1.
+//     work on the plate is at most the fall of its stored energy. If the wrench is rendered with a
+//     constant factor below 1, the fault is not raised either, because S is the unscaled energy.
 //  2. A puncture, or another release of stored energy that the force law intends, does no work on
 //     the hand by itself. The tick of such a release may be t, but is never taken as s, because S
 //     of this tick is too small: S no longer contains the energy of the punctured sheet, and does

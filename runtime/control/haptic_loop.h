@@ -5,21 +5,23 @@
 //
 // Contract (tests/runtime/control/loop_test.cpp), in addition to the contracts of safety.h, limits.h,
 // energy_limit.h and passivity.h:
-//  1. Every command written was prepared by the device, within the device's limits (hand_device.h).
+//  1. The loop writes only commands that the device has prepared (hand_device.h), so all commands
+//     are within the device's limits.
 //  2. When a fault ends the state `running` (safety.h), the command follows the ramp of safety.h,
-//     which starts from the last command written. If the fault is that a command could not be
-//     written, the ramp starts in the next tick, from the command that could not be written. The
+//     which starts from the last command written. If writing a command fails, this is a fault, too.
+//     In this case the ramp starts in the next tick, from the command that was not written. The
 //     force is zero once the ramp has ended, and in the states `idle`, `ready` and `recovering`.
 //  3. The row holds every input of the tick, so replaying the rows gives the same commands.
 //  4. Four times are measured on the device's clock, as differences of its time stamps: the
-//     interval between two poses, the interval of a velocity, the interval that limits how far a
-//     reading may differ from the one before, and the time for which a late tick heated the motors.
-//     The differences are rounded to nanoseconds, except in velocity_window.h. In `running`, a
-//     device state is new if its time stamp is finite and later than the previous time stamp. After
-//     no_data_max_s without a new device state, the fault kNoData is raised. If a time stamp lies
-//     more than gap_max_s after the previous one, kNoData is raised immediately. In all other
-//     states of the safety state machine, the device's clock may restart, for example after the
-//     link was restored. The velocity estimation then restarts too.
+//     interval between two poses, the interval over which a velocity is computed, the time in which
+//     the device can have moved since the last reading, and the additional time for which the
+//     motors hold a command if a tick is late. The differences are rounded to nanoseconds, except
+//     in velocity_window.h. In `running`, a device state is new if its time stamp is finite and
+//     later than the previous time stamp. After no_data_max_s without a new device state, the
+//     fault kNoData is raised. If a time stamp lies more than gap_max_s after the previous one,
+//     kNoData is raised immediately. In all other states of the safety state machine, the
+//     device's clock may restart, for example after the link was restored. The velocity
+//     estimation then restarts too.
 //  5. Some changes take a fixed number of ticks, so late ticks make these changes slower. They are
 //     the ramp after a fault, the rise of authority and compensation after a recovery, and the
 //     change from one prefetched stiffness to the next.
@@ -49,7 +51,7 @@ struct LoopModel {
   /// If the force law is passive, these options affect only the damping after a break
   /// (break_damper.h).
   PassivityOptions passivity;
-  CompensationOptions compensation;  ///< forces that the device compensates, in `running`
+  CompensationOptions compensation;  ///< compensation of friction and weight, in `running`
   double rate_Hz = 1000;
 };
 
@@ -66,15 +68,15 @@ struct LoopState {
   std::uint64_t tick = 0;  ///< number of ticks done
   /// Time between the previous new pose and the pose of this tick, on the device's clock; 0 if the
   /// pose of this tick is not new, or is the first pose. While no pose is new, the last velocity is
-  /// kept, so that the next new pose causes no force spike.
+  /// kept, because a fall to 0 would make the force jump.
   double pose_interval_s = 0;
-  /// Time by which the device's clock has advanced more than the counted ticks last, as far as
-  /// HandDevice::account_held_time() has not received it yet.
+  /// Time by which the device's clock is ahead of the counted ticks. If it exceeds half a tick, it
+  /// is passed to HandDevice::account_held_time() and set to 0.
   double ahead_s = 0;
   Safety safety;
-  double reading_t_s = 0;    ///< time of the last reading that was kept
+  double reading_t_s = 0;    ///< time of the last reading that the device kept
   int no_data_ticks = 0;     ///< ticks since the last new reading
-  bool has_reading = false;  ///< a reading was kept
+  bool has_reading = false;  ///< HandDevice::keep_reading() has kept a reading
 };
 
 struct TickResult {

@@ -1,14 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
-// The safety limits of the loop: on the plate's pose and speed, on released energy, and on times. A
-// fault with a name is raised when a limit is exceeded, and the forces then go to zero. The haptic
-// thread calls the check functions. They keep no state of their own. Each implementation of
-// HandDevice checks the limits of the device's own parts.
+// The safety limits of the loop: on the plate's pose and speed, on released energy, and on times.
+// If a limit is exceeded, the fault that belongs to this limit is raised, and the forces go to
+// zero. The haptic thread calls the check functions. They keep no state of their own. Each
+// implementation of HandDevice checks the limits of the device's own parts.
 //
 // Contract (limits_test.cpp in tests/runtime/control/):
-//  1. If its limit is not exceeded, a check returns kNone. Otherwise the check returns its fault
-//     with the quantity, the quantity's value and the limit. A value that is not finite exceeds
-//     every limit. A limit of nan is always exceeded. If a quantity cannot be negative, a negative
-//     limit is always exceeded, too.
+//  1. A check returns kNone if no limit is exceeded. Otherwise the check returns its fault with the
+//     quantity, the quantity's value and the limit. A value that is not finite exceeds every limit.
+//     A limit of nan is always exceeded. If a quantity cannot be negative, a negative limit is
+//     always exceeded, too.
 //  2. Before speeds are checked, they go through a first-order low-pass filter with the
 //     time constant `speed_window_s`. Without the filter, a step of one encoder count could
 //     look like a high speed.

@@ -16,9 +16,9 @@
 //
 // Contract (tests/runtime/control/passivity_test.cpp):
 //  1. The balance equals the absorbed work minus the stored energy, up to rounding, for any motion.
-//  2. While the balance is not negative, or the environment only absorbs energy, the wrench is
-//     unchanged to the last bit. A push that ends in a puncture therefore feels exactly the wrench
-//     of the force law.
+//  2. While the balance is not negative, the wrench is unchanged to the last bit. The wrench is
+//     also unchanged if the environment's wrench opposed the last motion of the plate. A push that
+//     ends in a puncture therefore feels exactly the wrench of the force law.
 //  3. The damping is at most damping_max() and opposes the plate's motion. Along the direction of
 //     the environment's force, the damping can at most cancel this force, so the damping never
 //     pulls the hand into a sheet. If part of a negative balance remains, later ticks of the
@@ -31,7 +31,8 @@
 //     records the largest excess of the returned over the absorbed energy.
 //  6. A positive balance is capped at credit_max_J. Without the cap, a dissipative environment,
 //     such as friction on the shaft, could accumulate a balance that later feeds oscillations.
-//     Precondition: stored energy that the caller does not report is less than credit_max_J.
+//     Precondition: the environment stores less than credit_max_J that is not contained in
+//     PassivityInput::stored_J.
 #pragma once
 
 #include "runtime/device/pose.h"
@@ -46,7 +47,7 @@ struct PassivityOptions {
   /// interval. A sampled damper is stable while this value is below 2.
   double damping_share = 0.25;
   double damping_max_N_s_per_m = 100;  ///< second bound on the damping
-  double length_m = 0.05;              ///< lever that converts an angular velocity to a velocity
+  double length_m = 0.05;              ///< the rotational damping is damping * length_m^2
 };
 
 /// Inputs of a tick.
@@ -67,7 +68,8 @@ struct PassivityState {
   double stored_J = 0;
   double balance_J = 0;          ///< energy balance since the contact began
   double damping_N_s_per_m = 0;  ///< damping of this tick
-  /// The wrench of a damper of 1 N s/m at the velocity of the last motion, with opposite sign.
+  /// The wrench with which the last motion would act on a damper of 1 N s/m. (The damper's wrench
+  /// on the plate has the opposite sign.)
   Wrench unit_damper = Wrench::Zero();
   double released_max_J = 0;  ///< largest net energy that a contact released to the hand
 };
@@ -75,10 +77,10 @@ struct PassivityState {
 /// Returns the bound of item 3. `dt_s`: interval over which the damper's velocity is computed.
 double damping_max(const PassivityOptions& options, double plate_mass_kg, double dt_s) noexcept;
 
-/// Returns the wrench to render instead of `input.wrench_device`. Then render the wrench and call
-/// note_delivered(). `pose_interval_s`: time between the previous new pose and this pose, on the
-/// device's clock. If the pose is not new, `pose_interval_s` is 0, and the damper of the last tick
-/// stays unchanged.
+/// Returns the wrench that the caller must render instead of `input.wrench_device`. After that the
+/// caller must call note_delivered(). `pose_interval_s`: time between the previous new pose and
+/// this pose, on the device's clock. If the pose is not new, `pose_interval_s` is 0, and the damper
+/// of the last tick stays unchanged.
 Wrench keep_passive(const PassivityOptions& options, double plate_mass_kg, double pose_interval_s,
                     const PassivityInput& input, PassivityState& state) noexcept;
 

@@ -57,7 +57,7 @@ struct Safety {
   Fault fault = Fault::kNone;         ///< latched fault; none except in `fault` and `recovering`
   double fault_t_s = 0;               ///< time at which `fault` was latched
   std::uint64_t faults = 0;           ///< number of faults that were latched
-  std::uint64_t ramp_ticks_done = 0;  ///< ticks since `running` ended; huge: there is no ramp
+  std::uint64_t ramp_ticks_done = 0;  ///< ticks since `running` ended; 1'000'000 or more: no ramp
   std::uint64_t quiet_ticks = 0;      ///< ticks that count towards `quiet_s` (item 3)
   bool recovered = false;             ///< the next `running` begins with authority 0 (item 4)
   double authority = 1;               ///< factor on the force in `running` (item 4)

@@ -22,9 +22,10 @@
 //     the straight line.
 //  4. A device state is late if it came more than a period after the previous state. If the newest
 //     state is late and the motion is not steady, the velocity is computed for the time half a
-//     period before the newest state, as it would be for a state on time. For this, the mean
-//     velocity of each of the last two intervals is taken as the velocity in the middle of the
-//     interval, and the line through these two velocities is extrapolated.
+//     period before the newest state. (For a state on time, this is the middle of the last
+//     interval, for which the last two states give the velocity.) For this, the mean velocity of
+//     each of the last two intervals is taken as the velocity in the middle of the interval, and
+//     the line through these two velocities is extrapolated.
 #pragma once
 
 #include <array>
@@ -44,11 +45,11 @@ class VelocityWindow {
   void add(const Measurement& measured, const Pose& T_device_plate) noexcept;
   void clear() noexcept { count_ = 0; }
   /// Returns the pose and age of the first state of the window that ends at the newest state. In
-  /// the case of item 4, the returned pose is computed instead: the displacement from it to the
-  /// newest pose, divided by the age, is the velocity of item 4. If the result has the age 0, the
-  /// caller must use the pose of the previous state. `resolution`:
-  /// DeviceSpecification::resolution(), the resolution of the measured values. `period_s`: period
-  /// of the loop.
+  /// the case of item 4, the function instead returns a computed pose: the displacement from
+  /// this pose to the newest pose, divided by the age, is the velocity of item 4. If the result
+  /// has the age 0, the caller must use the pose of the previous state. `resolution`:
+  /// DeviceSpecification::resolution(), the resolution of the measured values. `period_s`:
+  /// period of the loop.
   PreviousPose begin(double resolution, double period_s) const noexcept;
 
  private:

@@ -1,13 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
-// The spring network of a sheet. It has one out-of-plane displacement w_i per
-// node i, and the energy
+// The spring network of a sheet. Each node i has one displacement w_i, perpendicular to the sheet.
+// The network has the energy
 //   E(w) = 1/2 sum over springs k_ij (w_i - w_j)^2 + 1/2 sum over nodes f_i w_i^2.
-// Here k_ij = T (cot a + cot b) / 2, where a and b are the angles opposite to the edge ij. A
-// boundary edge has only one opposite angle, and k_ij = T (cot a) / 2. Further f_i = f A_i, where
-// A_i is a third of the area of the triangles around i. The network is the linear finite element
-// model of a membrane of tension T on a Winkler foundation of stiffness f per area, with the
-// foundation lumped at the nodes. Sources: Pinkall and Polthier 1993 for the cotangents, MacNeal
-// 1949 for the network.
+// Here k_ij = T (cot a + cot b) / 2 is the stiffness of the spring between the nodes i and j, where
+// T is the membrane tension, and a and b are the angles opposite to the edge ij. A boundary edge
+// has only one opposite angle, and k_ij = T (cot a) / 2. Further, f_i = f A_i is the stiffness of
+// the Winkler foundation at node i, where f is the foundation's stiffness per area, and A_i is a
+// third of the area of the triangles around i. The network is the linear finite element model of a
+// membrane on a Winkler foundation that acts only at the nodes. Sources: Pinkall and Polthier 1993
+// for the cotangents, MacNeal 1949 for the network.
 //
 // Laws (each is tested in tests/runtime/deformation/deformation_network_test.cpp):
 //  1. The sum of all f_i is f times the mesh's area.
@@ -15,12 +16,15 @@
 //     integral of the squared gradient of w, where w is linear in each triangle. The matrix of the
 //     springs is therefore positive semidefinite, whatever the angles. The sum of this matrix and
 //     the foundation's matrix is positive definite, so a Cholesky factorisation always exists.
-//  3. The spring of an inner edge is non-negative if and only if the edge is locally Delaunay. The
-//     spring of a boundary edge is non-negative if and only if the angle opposite to the edge is at
-//     most 90 degrees. make_network() decides these signs exactly, in integers (SpringSigns).
-//  4. Maximum principle: if no spring is negative, then in an equilibrium without load a positive
-//     maximum and a negative minimum of w can occur only at nodes that are held (NodeKind). The
-//     error bounds of local_solver.h follow from this principle.
+//  3. The spring of an inner edge has a non-negative stiffness if and only if the edge is locally
+//     Delaunay, which means that the two angles opposite to the edge add up to at most 180
+//     degrees. The spring of a boundary edge has a non-negative stiffness if and only if the
+//     angle opposite to the edge is at most 90 degrees. make_network() decides these signs
+//     exactly, in integers (SpringSigns).
+//  4. Maximum principle: consider an equilibrium without load, in a network in which no
+//     spring has a negative stiffness. A positive maximum and a negative minimum of w can
+//     then occur only at nodes that are held (NodeKind). The error bounds of local_solver.h
+//     follow from this principle.
 // Tests: tests/runtime/deformation/deformation_network_test.cpp
 #pragma once
 
@@ -44,12 +48,15 @@ double decay_length_m(const Membrane& membrane) noexcept;
 
 /// Says how a node is held.
 enum class NodeKind : std::uint8_t {
-  kFree,    ///< not held; moves until the forces are in equilibrium
-  kTool,    ///< held by the tool, at the tool's depth
-  kBorder,  ///< held at 0, on the region's border to the rest of the sheet (the ring)
+  kFree,  ///< not held; moves until the forces are in equilibrium
+  kTool,  ///< held by the tool, at the tool's depth
+  /// A node of the ring, held at 0. The ring is the border between a region (the part of a sheet
+  /// around the tool, region.h) and the rest of the sheet.
+  kBorder,
 };
 
-/// Number of springs at inner edges and at boundary edges, and how many of them are negative.
+/// Number of springs at inner edges and at boundary edges, and how many of them have
+/// a negative stiffness.
 struct SpringSigns {
   std::uint32_t interior = 0, boundary = 0;
   std::uint32_t negative_interior = 0, negative_boundary = 0;
@@ -73,9 +80,9 @@ struct Network {
 /// (formats/geometry/mesh_validity.h). O(vertices).
 Network make_network(const SliceMesh& mesh, const Lattice& lattice, const Membrane& membrane);
 
-/// Returns the number of negative springs with at least one free node. Only these springs
-/// matter, because springs between held nodes do not affect an equilibrium. `kind`: kind of
-/// each node. O(springs).
+/// Returns the number of springs with a negative stiffness and at least one free node. Only these
+/// negative springs matter, because a spring between two held nodes does not affect the equilibrium
+/// of the free nodes. `kind`: kind of each node. O(springs).
 std::uint32_t negative_at_free_nodes(const Network& network,
                                      std::span<const NodeKind> kind) noexcept;
 

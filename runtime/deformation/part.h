@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Copies the part of a sheet around the tool into a separate mesh, from which
-// region.h makes a region.
+// Copies the part of a sheet around the tool into a separate mesh. region.h makes a region from it,
+// on which the stiffness under the tool is computed.
 // Tests: tests/runtime/deformation/deformation_region_test.cpp
 #pragma once
 
@@ -25,8 +25,8 @@ struct Circle {
 /// `tool` must not be empty.
 Circle circle_around(const Ring& tool) noexcept;
 
-/// A directed edge of the sheet with the copied part on its left and the rest of
-/// the sheet on its right.
+/// A directed edge of the sheet with the copied part on its left and the rest of the sheet
+/// on its right.
 struct OuterEdge {
   LatticePoint from, to;
   // NOLINTNEXTLINE(modernize-use-nullptr): clang-tidy 14 takes the comparison with 0 for a pointer
@@ -40,11 +40,11 @@ struct SheetPart {
   std::vector<OuterEdge> outer;  ///< the part's border to the rest of the sheet, in ascending order
 };
 
-/// Returns the part of the sheet around `circle`: the triangles `seeds`, and every triangle that
-/// is near the circle and connected with the seeds through near triangles. A triangle is near if
-/// it has a point nearer than `radius` steps to the circle's disc. The search is breadth first
-/// from the seeds, in their order, so the same arguments give the same part. `queue` is scratch
-/// memory. O(part log part).
+/// Returns the part of the sheet around `circle`. The part consists of the triangles `seeds`, and
+/// of every near triangle that is connected with the seeds through near triangles. A triangle is
+/// near if it has a point nearer than `radius` steps to the circle's disc. The search starts at the
+/// seeds, in their order, and goes outwards from triangle to triangle (breadth first). So the same
+/// arguments give the same part, in the same order. `queue` is scratch memory. O(part log part).
 SheetPart part_around(const SheetMesh& sheet, std::span<const std::uint32_t> seeds,
                       const Circle& circle, double radius, std::vector<std::uint32_t>& queue);
 

@@ -1,7 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// Force propagation, an approximate solver that a scene can choose instead of the default solver.
-// Sources: paper, II.C, after its reference [5]; Choi, Sun, Heng and Zou, "Deformable simulation
-// using force propagation model with finite element optimization", Computers & Graphics 28, 2004.
+// Computes the shape of a sheet and the force on the tool by force propagation. A scene can choose
+// this approximate method instead of the default solver.
+// Sources: the paper (II.C, which follows its reference [5]); Choi, Sun, Heng and Zou,
+// "Deformable simulation using force propagation model with finite element optimization",
+// Computers & Graphics 28, 2004.
 //
 // The published descriptions agree on the following. The object is a network of mass points and
 // springs. A node that the tool moves passes force on to its neighbours, and each neighbour passes
@@ -10,16 +12,17 @@
 // to a given depth move, so the cost depends on this depth and not on the size of the object. The
 // active nodes move by an explicit step with damping.
 //
-// The following is chosen here:
-//  - Springs and Winkler foundation are those of network.h, so the result differs from the
-//    network's equilibrium only because depth and time are limited.
+// The published descriptions leave the following open. It is chosen here:
+//  - Springs and Winkler foundation are those of network.h. So the result differs from the
+//    network's equilibrium only because the depth and the number of steps are limited.
 //  - The tool's nodes have depth 0. Nodes deeper than the given depth do not move (w = 0).
-//  - The step is the semi-implicit Euler step. A sweep applies the step to the active nodes in the
-//    order of activation, and uses the new positions of nodes activated earlier. In one sweep the
-//    force therefore travels outwards through all active nodes.
-//  - The mass of a node is proportional to its stiffness k_i = f_i + sum of k_ij over j, with the
-//    mass m_i = k_i dt^2, where dt is the duration of a sweep. Every node then has the same
-//    stability limit, and the transient is numerical, not physical.
+//  - The step is the semi-implicit Euler step, which moves a node with its new velocity. A
+//    sweep applies the step to the active nodes in the order of activation, and uses the new
+//    positions of nodes activated earlier. In one sweep the force therefore travels outwards
+//    through all active nodes.
+//  - The mass of node i is m_i = k_i dt^2, where k_i = f_i + sum of k_ij over j is the stiffness
+//    at the node, and dt is the duration of a sweep. Every node then has the same stability limit.
+//    The motion before the equilibrium is numerical: it does not show how tissue would move.
 // With these choices the step of node i is
 //   v_i <- (1 - damping) v_i - r_i / k_i,   w_i <- w_i + v_i   (v in m per sweep)
 // where r_i is reaction_N() of network.h. A fixed point of this step is the equilibrium with
@@ -35,19 +38,19 @@
 
 namespace trocar::runtime {
 
-/// Smallest damping: plan_propagation() raises a smaller one to this value. If the damping were 0.5
-/// or less, the mode whose sign alternates from node to node would be unstable (von Neumann's
-/// stability analysis).
+/// Smallest damping: plan_propagation() raises a smaller one to this value. If the damping were
+/// 0.5 or less, a motion in which the sign alternates from node to node would grow (von
+/// Neumann's stability analysis).
 inline constexpr double kMinDamping = 0.55;
 
 struct PropagationOptions {
   int depth = 6;   ///< largest depth of a node that moves; >= 1
-  int sweeps = 4;  ///< number of sweeps per tick; >= 1
+  int sweeps = 4;  ///< number of sweeps per call of propagate(); >= 1
   /// Fraction of its velocity that a node loses in a sweep; clamped to [kMinDamping, 1].
   double damping = 0.7;
 };
 
-/// The nodes that move, in the order of activation. The plan does not change from tick to tick.
+/// The nodes that move, in the order of activation. All calls of propagate() use the same plan.
 struct PropagationPlan {
   std::vector<std::uint32_t> tool;                ///< nodes of depth 0
   std::vector<std::uint32_t> active;              ///< nodes of depth 1 .. options.depth
@@ -55,7 +58,7 @@ struct PropagationPlan {
   PropagationOptions options;
 };
 
-/// State that changes from tick to tick. make_propagation_state() makes it.
+/// State that changes with each call of propagate(). make_propagation_state() makes it.
 struct PropagationState {
   std::vector<double> w_m;                   ///< displacement of each node of the network
   std::vector<double> velocity_m_per_sweep;  ///< one value per active node
@@ -68,9 +71,9 @@ PropagationPlan plan_propagation(const Network& network, std::span<const NodeKin
 /// Makes a state in which nothing is deformed. Allocates.
 PropagationState make_propagation_state(const Network& network, const PropagationPlan& plan);
 
-/// Runs the sweeps of one tick with the tool at `depth_m`. Returns the sum of the tool nodes'
-/// reactions in N. This sum does not contain the force of the foundation under the tool. Does not
-/// allocate. O(springs of active nodes) per sweep.
+/// Runs options.sweeps sweeps with the tool at `depth_m`. Returns the sum of the tool nodes'
+/// reactions in N. This sum does not contain the force of the foundation under the tool, which the
+/// caller has to add. Does not allocate. O(springs of active nodes) per sweep.
 double propagate(const Network& network, const PropagationPlan& plan, double depth_m,
                  PropagationState& state) noexcept;
 

@@ -6,23 +6,24 @@
 //
 // Contract (tests/runtime/deformation/deformation_region_test.cpp and
 // tests/properties/properties_sheet_test.cpp test each point):
-//  1. With radius R, the mesh contains every point of the sheet that is nearer than R to the tool's
-//     circle (circle_around(), part.h), that is connected with the tool through such points, and
-//     that is not under the tool.
+//  1. With radius R, the mesh contains every point of the sheet that meets three conditions. The
+//     point is nearer than R to the tool's circle (circle_around(), part.h). It is connected with
+//     the tool through such points. And it is not under the tool.
 //  2. The ring is the border between the region and the rest of the sheet. Each boundary edge of
 //     the mesh lies on the tool, on the ring, or on the sheet's outline. Nodes on the tool are
-//     kTool, nodes on the ring are kBorder, and all other nodes are kFree. If a node of the sheet's
-//     outline is nearer to the tool than 2 lattice steps or 2 % of the tool's circumradius, this
-//     node is kTool as well, because the gap between outline and tool is a thin wedge there. No
-//     ring node is nearer to the circle than R. With infinite R there is no ring. Edges on the ring
-//     are whole edges of the sheet, so the region's mesh fits the rest of the sheet.
+//     kTool, nodes on the ring are kBorder, and all other nodes are kFree (NodeKind). A node of
+//     the sheet's outline is kTool as well if it is nearer to the tool than 2 lattice steps or 2 %
+//     of the tool's circumradius, because the gap between outline and tool is a thin wedge there.
+//     No ring node is nearer to the circle than R. With infinite R there is no ring. Edges on the
+//     ring are whole edges of the sheet, so there is no gap between the region's mesh and the rest
+//     of the sheet.
 //  3. `under_tool` is the material under the tool. Its area is exactly the area that was removed
 //     when the tool was cut out.
 //  4. The time is proportional to the size of the region, not to the size of the sheet.
-//  5. If sheet and tool are moved by lattice steps or rotated by right angles, the region is moved
-//     and rotated with them, and is otherwise the same to the bit. This does not hold if the
-//     moments of the tool and the sheet around it do not determine a unique canonical rotation
-//     (formats/geometry/canonical_rotation.h).
+//  5. If sheet and tool are moved by lattice steps or rotated by right angles, the region is
+//     moved and rotated with them, and is otherwise the same to the bit. This does not hold if
+//     the tool and the sheet around it have no unique canonical rotation, for example because
+//     they are symmetric (formats/geometry/canonical_rotation.h).
 // Tests: tests/runtime/deformation/deformation_region_test.cpp
 #pragma once
 
@@ -43,12 +44,12 @@
 
 namespace trocar::runtime {
 
-/// Size of the triangles. The edge length at the tool is `at_tool` times the tool's circumradius.
-/// At the distance d from the tool, the edge length is larger by `grade` times d. If the
-/// membrane is calibrated (calibration.h) and the decay length is at least 1.5 circumradii, the
-/// defaults give about 200 free nodes. The stiffness under a hexagon then differs by at most 1 %
-/// from the exact stiffness. Near edges and holes it mostly differs by at most 1.5 %
-/// (deformation_accuracy_test.cpp).
+/// Size of the triangles. At the tool, the edge length is `at_tool` times the tool's circumradius.
+/// At the distance d from the tool, the edge length is larger by `grade` times d. If the membrane
+/// is calibrated (calibration.h) and the decay length is at least 1.5 circumradii, the defaults
+/// give about 200 free nodes. The stiffness under a hexagon then differs by at most 1 % from the
+/// exact stiffness. If the hexagon is near an edge or a hole of the sheet, the difference is mostly
+/// at most 1.5 % (deformation_accuracy_test.cpp).
 struct Grading {
   bool graded = true;  ///< if false, no refinement: only the cut changes the sheet's triangles
   double at_tool = 0.33;
@@ -65,7 +66,7 @@ struct RegionOptions {
 /// acts on the tool directly.
 struct MaterialUnderTool {
   double area_steps2 = 0;
-  /// Area times the vector from RegionMesh::origin to the centroid of the area.
+  /// First moment of the area: the area times the vector from RegionMesh::origin to its centroid.
   Eigen::Vector2d moment_steps3 = Eigen::Vector2d::Zero();
 };
 
@@ -76,10 +77,10 @@ struct RegionMesh {
   MaterialUnderTool under_tool;
 };
 
-/// Scratch memory that is reused from one region to the next, so that only the first regions
-/// allocate much. Only one thread at a time may use a workspace.
+/// Scratch memory that is reused from one region to the next, so that later regions allocate
+/// little. Only one thread at a time may use a workspace.
 struct RegionWorkspace {
-  std::vector<std::uint32_t> queue;
+  std::vector<std::uint32_t> queue;                  ///< slots of triangles
   std::size_t vertex_slots = 0, triangle_slots = 0;  ///< capacity of the three members below
   SheetEdit edit;
   CutWorkspace cut;
@@ -89,9 +90,9 @@ struct RegionWorkspace {
 /// Makes the region of a tool position. Preconditions: `sheet` is valid, and `seeds` includes the
 /// slots of all triangles that contain a point of the tool (triangle_grid.h finds these triangles).
 /// Seeds that do not overlap the tool are ignored. `tool`: as for cut()
-/// (runtime/hole_cutting/cut.h). If no part of the tool lies over material, mesh and `under_tool`
-/// are empty. Errors: those of cut(); also kRefused if the tool has fewer than three corners, or if
-/// the radius is not positive.
+/// (runtime/hole_cutting/cut.h). If no part of the tool lies over material, the mesh is empty, and
+/// the area of `under_tool` is 0. Errors: those of cut(); also kRefused if the tool has fewer than
+/// three corners, or if the radius is not positive.
 Result<RegionMesh> make_region(const SheetMesh& sheet, std::span<const std::uint32_t> seeds,
                                const Ring& tool, const Lattice& lattice,
                                const RegionOptions& options, RegionWorkspace& workspace);

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Computes the response of a sheet to the tool at one position: a stiffness, the point where the
-// force acts, the shape of the sheet, and bounds on the errors of stiffness and shape. A worker
+// Computes the response of a sheet to the tool at one position: the stiffness under the tool, the
+// point where the force acts, and the shape of the sheet. Only a region of the sheet around the
+// tool is computed, so the response also has bounds on the errors of stiffness and shape. A worker
 // computes the response in advance. The force is linear in the depth, so a haptic tick only
 // multiplies the stiffness by the depth.
 // Tests: tests/runtime/deformation/deformation_accuracy_test.cpp
@@ -31,8 +32,8 @@ struct RegionResponse {
   Eigen::Vector2d centre_steps = Eigen::Vector2d::Zero();
   double radius_m = 0;  ///< radius of the region; infinite if it is the whole sheet
   RingBounds bounds;    ///< `force` is relative to stiffness_N_per_m
-  std::uint32_t nodes = 0, free_nodes = 0;
-  std::uint32_t negative_springs = 0;  ///< number of negative springs at free nodes
+  std::uint32_t nodes = 0, free_nodes = 0;  ///< number of all nodes, and of the free ones (kFree)
+  std::uint32_t negative_springs = 0;       ///< number of negative springs at free nodes
 };
 
 /// Mesh, network, solution and response for one position of the tool.

@@ -1,15 +1,17 @@
 // SPDX-License-Identifier: Apache-2.0
-// The factorisation L D L^T of the matrix of a network's free nodes. The method is an up-looking
+// Factors the matrix of a network's free nodes as L D L^T (L is lower triangular, D diagonal), so
+// that the equations for the displacements can be solved quickly. The method is an up-looking
 // factorisation along the elimination tree (Davis, "Algorithm 849", 2005), in the approximate
 // minimum degree order that Eigen computes.
 //
-// The alternative is Eigen's SimplicialLDLT. Its results differ from those of this class in the
-// last bits. Recordings with the force law `network` contain these results, and a recording in
-// virtual time must have the same bytes in every version of the program. This is why the class is
-// kept. Its speed alone would not justify it: Eigen takes 1.1 to 1.2 times as long as this class to
-// factor 100 to 10,000 nodes, the same time for 40,000 nodes, and 1.2 to 1.4 times as long to
-// solve. With Eigen, a response at a new position would take 1.03 times as long, and a calibration
-// 1.02 times as long (medians of one run of deformation_bench --benchmark_filter=none).
+// Eigen's SimplicialLDLT could replace this class, but its results differ from those of this
+// class in the last bits. Recordings with the force law `network` contain these results, and a
+// recording in virtual time must have the same bytes in every version of the program. This is why
+// the class is kept. Its speed alone would not justify it. To factor the matrix of 100 to 10,000
+// nodes, Eigen takes 1.1 to 1.2 times as long as this class. For 40,000 nodes it takes the same
+// time. To solve the equations, it takes 1.2 to 1.4 times as long. With Eigen, a response at a
+// new position would take 1.03 times as long, and a calibration 1.02 times as long (medians of
+// one run of deformation_bench --benchmark_filter=none).
 // Tests: tests/runtime/deformation/deformation_springs_test.cpp
 #pragma once
 
@@ -30,9 +32,9 @@ class SparseFactor {
 
   /// Factors the rows and columns of the network's matrix that belong to free nodes. `kind`: kind
   /// of each node, network.size() elements. The matrix is positive definite for springs of any sign
-  /// (network.h, law 2). If nevertheless a pivot is not positive, because of rounding or of a
-  /// foundation of stiffness 0, returns false, and the factor is empty. Otherwise returns true.
-  /// Allocates. O(n^1.5) for the n free nodes of a planar mesh.
+  /// (network.h, law 2). Rounding, or a foundation of stiffness 0, can nevertheless make a pivot
+  /// (an element of D) zero or negative. The function then returns false, and the factor is empty.
+  /// Otherwise it returns true. Allocates. O(n^1.5) for the n free nodes of a planar mesh.
   bool make(const Network& network, std::span<const NodeKind> kind);
 
   std::size_t size() const noexcept { return inverse_pivot_.size(); }
@@ -48,11 +50,11 @@ class SparseFactor {
   void solve(std::span<double> x) const noexcept;
 
  private:
-  std::vector<std::uint32_t> node_;   ///< node of each unknown
-  std::vector<std::uint32_t> first_;  ///< column k of L: elements first_[k] to first_[k + 1] - 1
-  std::vector<std::uint32_t> row_;
-  std::vector<double> value_;
-  std::vector<double> inverse_pivot_;
+  std::vector<std::uint32_t> node_;    ///< node of each unknown
+  std::vector<std::uint32_t> first_;   ///< column k of L: elements first_[k] to first_[k + 1] - 1
+  std::vector<std::uint32_t> row_;     ///< row of each element of L below the diagonal
+  std::vector<double> value_;          ///< value of each element of L below the diagonal
+  std::vector<double> inverse_pivot_;  ///< 1 / D for each unknown
 };
 
 }  // namespace trocar::runtime

@@ -21,7 +21,8 @@ inline constexpr int kMotors = 2 * kLegs;    ///< in this order: joints 1 and 4 
 inline constexpr int kEncoders = 4 * kLegs;  ///< in this order: joints 1 to 4 of each leg
 
 struct DeviceState {
-  double t_s = 0;  ///< time of reading the encoders, on the device's clock; ascends
+  /// Time at which the encoders were read, on the device's clock. It ascends from state to state.
+  double t_s = 0;
   std::array<double, kEncoders> encoder_rad{};
 };
 
@@ -36,12 +37,14 @@ class Device {
  public:
   virtual ~Device() = default;
 
-  /// Connects to the device. May block. After a successful start() the device may require a command
-  /// in each period of the loop. Precondition: start() was not called before.
+  /// Connects to the device. May block. After a successful start() the caller must send a command
+  /// in each period of the loop, because the device may have a watchdog. Precondition: start() was
+  /// not called before.
   virtual Result<void> start() { return {}; }
   /// Reads the latest state. `state` changes only if the result is kOk.
   virtual DeviceStatus read(DeviceState& state) = 0;
-  /// Sends the torques that the motors hold until the next write(). Never returns kEndOfData.
+  /// Sends the torques that the motors hold until the next write(). Never returns kEndOfData,
+  /// because only read() reports the end of a replay.
   virtual DeviceStatus write(const DeviceCommand& command) = 0;
   /// After a read() that returned kMotorFault, bit i is set if motor i does not apply its torque.
   /// The value 0 means that the faulty motors are not known.
@@ -55,7 +58,7 @@ class Device {
   /// Ends the connection to the device.
   virtual void close() {}
 
-  /// True if the device's time advances only in advance(), so that a late tick does no harm.
+  /// True if the device's time advances only in advance(). Such a device waits for a late tick.
   virtual bool is_paced_by_loop() const { return false; }
   /// Returns the counts of the link, or nullopt if there is no link. Call this only after close().
   virtual std::optional<LinkReport> link_report() const { return std::nullopt; }

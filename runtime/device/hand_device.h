@@ -5,14 +5,15 @@
 // on top of the interface to encoders and motors (device.h).
 //
 // A session calls start() once, and close() at its end. A tick calls the functions that it needs,
-// in this order: read() and find_pose(); account_held_time() for the last command; render() for a
-// new wrench, or fade() for the last command; write(); describe(); advance(). Functions of the
-// haptic thread do not allocate, lock, throw or block.
+// in this order: read(), find_pose(), account_held_time(), then render() if forces are to be
+// rendered or fade() if they are to go to zero, write(), describe() and advance(). Of the functions
+// that the haptic thread calls, only advance() may block; the others do not allocate, lock, throw
+// or block.
 //
 // Contract:
 //  1. The result of a tick depends only on the construction arguments, on the readings, and on the
-//     sequence of calls. A replay of the readings therefore gives the same bits.
-//  2. Whatever wrench is wanted, the command that write() sends is finite and within the device's limits.
+//     sequence of calls. A replay of the readings therefore gives the same result, bit for bit.
+//  2. Whatever wrench is wanted, the command of write() is finite and within the device's limits.
 //  3. delivered() is the wrench that the last command renders to the hand. The energy account
 //     (runtime/control/energy_limit.h) uses this wrench, not the wrench that was wanted.
 // Tests: tests/runtime/mechanism/four_legs_test.cpp, tests/runtime/control/loop_test.cpp
@@ -36,7 +37,7 @@
 
 namespace trocar::runtime {
 
-/// The largest number of measured values in a tick, and the largest number of values in a command.
+/// No device has more than kMaxMeasured values in a Measurement, or kMaxCommanded in a command.
 inline constexpr int kMaxMeasured = 16, kMaxCommanded = 8;
 
 /// Values measured at one time, in the device's own coordinates, such as encoder angles.
@@ -55,12 +56,13 @@ struct DeviceMargins {
   bool is_reachable = true;
   /// Smallest distance of a joint from its limit; negative if a joint is beyond its limit.
   double joint_rad = std::numeric_limits<double>::infinity();
-  int joint = -1;  ///< index in Measurement::value of the joint with the distance `joint_rad`
+  /// Index in Measurement::value of the joint with the distance `joint_rad`; -1: no joint.
+  int joint = -1;
   /// Smallest over largest singular value of the Jacobian: 1 is best, 0 is a singularity.
   double inverse_condition = 1;
 };
 
-/// A box in {B} that holds positions of the plate's origin.
+/// A box in {B}, for positions of the plate's origin.
 struct WorkspaceBox {
   std::array<double, 3> min_m{}, max_m{};
 };
@@ -89,8 +91,8 @@ class DeviceSpecification {
   /// False if the device renders only forces. A wanted moment is then dropped.
   virtual bool renders_moment() const noexcept = 0;
   virtual int buttons() const noexcept { return 0; }
-  /// Workspace that the maker states. If nullopt, only the safety limits and the device's own
-  /// checks bound the workspace.
+  /// Workspace that the maker states; nullopt if the maker states none. Then only the safety limits
+  /// and the device's own checks bound the workspace.
   virtual std::optional<WorkspaceBox> workspace() const noexcept { return std::nullopt; }
   virtual MotorsAndJoints motors_and_joints() const { return {}; }
 
@@ -100,7 +102,8 @@ class DeviceSpecification {
   virtual std::array<double, 3> inertia_kg_m2() const noexcept = 0;
   /// Largest stiffness at the tip that the maker states; 0 if the maker states none.
   virtual double stiffness_max_N_per_m() const noexcept = 0;
-  /// Resolution of every value of a Measurement, in the unit of the value; 0 if values are exact.
+  /// Smallest step by which a value of a Measurement can change, in the unit of the value; the same
+  /// for all values. 0 if the values are exact.
   virtual double resolution() const noexcept = 0;
   /// Damping that the device's own friction gives the plate at a pose: the matrix that maps the
   /// plate's twist to the wrench that opposes this twist. Nullopt if the pose is unreachable.
@@ -117,7 +120,7 @@ class DeviceSpecification {
   /// The margins of this pose from the limits that HandDevice::find_pose() checks.
   virtual DeviceMargins margins(const Pose& /*T_device_plate*/) const noexcept { return {}; }
   /// Describes, as text for `--check`, the smallest margins over several reachable poses. The text
-  /// is empty if the device has no such limits.
+  /// is empty if the device itself limits neither joints nor the inverse condition.
   virtual std::string describe_margins(const DeviceMargins& /*smallest*/) const { return {}; }
   /// Describes how the pose exceeds the limit that belongs to `fault`: the value at the pose,
   /// and the limit. `fault` is one that margins() can return. The text is empty if the pose
@@ -130,11 +133,13 @@ class DeviceSpecification {
   virtual std::optional<Pose> pose_of(const RecordingRow& row) const = 0;
 };
 
-/// The time since the reading that keep_reading() kept last. The longer this time, the more the
-/// present reading may differ from the kept one.
+/// The time since the reading that keep_reading() kept last. find_pose() uses it to detect jumps:
+/// after a longer time, it allows a larger difference between the present and the kept reading.
 struct ReadingInterval {
   bool has_last = false;  ///< true if a reading was kept
-  double step_s = 0;      ///< time since the kept reading; the loop caps it after a long pause
+  /// Time since the kept reading. The loop limits this value, so that jumps are detected even after
+  /// a long pause.
+  double step_s = 0;
 };
 
 struct PlatePose {
@@ -149,16 +154,18 @@ struct CompensationOptions {
   /// Fraction of the friction that is compensated. Keep the fraction below 1, because an
   /// overcompensated device moves by itself.
   double friction_fraction = 0.8;
-  /// Below this joint rate, the compensation of Coulomb friction is proportional to the joint rate.
+  /// Below this joint rate, the compensation of Coulomb friction is proportional to the joint rate,
+  /// so that it does not jump when the motion reverses.
   double still_rad_per_s = 0.05;
 };
 
 struct RenderInput {
   Wrench wanted = Wrench::Zero();      ///< wanted wrench on the plate about its origin, in {B}
-  Twist twist_device = Twist::Zero();  ///< the plate's smoothed twist
+  Twist twist_device = Twist::Zero();  ///< the plate's smoothed twist, to compensate friction
   double dt_s = 0;                     ///< period of the loop
   CompensationOptions compensation;
-  /// The compensation is multiplied by a factor that rises by this much in each tick, up to 1.
+  /// The compensation is multiplied by a factor that begins at 0 and rises by authority_rise in
+  /// each tick, up to 1.
   double authority_rise = 0;
 };
 
@@ -166,7 +173,8 @@ struct RenderInput {
 struct DeviceReadout {
   /// Largest absolute value that each value of the command can have now; 0 if not known.
   std::array<double, kMaxCommanded> command_limit{};
-  /// Smallest distance of a measured value from its limit; negative if a value exceeds its limit.
+  /// Smallest distance of a measured value from its limit, in the unit of the value. Negative if a
+  /// value exceeds its limit.
   double margin = 0;
 };
 
@@ -176,19 +184,22 @@ class HandDevice {
 
   virtual const DeviceSpecification& specification() const noexcept = 0;
 
-  /// Connects to the device. May block. After a successful start() the device may require a command
-  /// in each period of the loop. Precondition: start() was not called before.
+  /// Connects to the device. May block. After a successful start() the caller must send a command
+  /// in each period of the loop, because the device may have a watchdog. Precondition: start() was
+  /// not called before.
   virtual Result<void> start() { return {}; }
 
   // The haptic thread calls these functions.
 
   /// Reads the device's newest state. If the result is kOk, sets `t_s` to the state's time on the
-  /// device's clock; otherwise `t_s` is unchanged. Times ascend within a connection.
+  /// device's clock; otherwise `t_s` is unchanged. Within a connection, newer states have later
+  /// times.
   virtual DeviceStatus read(double& t_s) noexcept = 0;
-  /// Takes the last kept reading as the reading of this tick. Called if read() gave no new reading.
+  /// Makes the reading that keep_reading() kept last the reading of this tick. The caller does this
+  /// if read() gave no new reading.
   virtual void use_last_reading() noexcept = 0;
   /// Checks this tick's reading against the device's limits and computes the pose. Returns the
-  /// first fault found, or none. `pose` changes only if there is no fault.
+  /// first fault found, or kNone. `pose` changes only if there is no fault.
   virtual FaultDetail find_pose(const ReadingInterval& interval, PlatePose& pose) noexcept = 0;
   /// This tick's reading, from which velocities are computed.
   virtual const Measurement& measured() const noexcept = 0;
@@ -208,16 +219,17 @@ class HandDevice {
   /// Stores the last command that write() sent or tried to send, so that fade() can start from this
   /// command. Sends nothing.
   virtual void stop() noexcept = 0;
-  /// Prepares the command that stop() stored, multiplied by `share`. The next calls of render() let
-  /// the compensation rise from zero again.
+  /// Prepares the command that stop() stored, multiplied by the factor `share`, 0 to 1. Resets the
+  /// factor on the compensation to 0 (RenderInput::authority_rise).
   virtual void fade(double share) noexcept = 0;
-  /// Sends the prepared command, which the device holds until the next write().
-  /// Never returns kEndOfData.
+  /// Sends the prepared command, which the device holds until the next write(). Never returns
+  /// kEndOfData, because only read() reports the end of a replay.
   virtual DeviceStatus write() noexcept = 0;
-  /// Sends a command of zero force. Used outside of ticks.
+  /// Sends a command of zero force. The caller does this outside of ticks: while a session is
+  /// paused, and at its end.
   virtual void write_zero() noexcept = 0;
-  /// The wrench that the last command renders to the hand. The part of the command that compensates
-  /// the device's own forces does not count.
+  /// The wrench that the last command renders to the hand, without the part of the command that
+  /// compensates the device's own forces.
   virtual Wrench delivered() const noexcept = 0;
   /// After a read() that returned kMotorFault, bit i is set if motor i does not apply its torque.
   /// The value 0 means that the faulty motors are not known.
@@ -234,7 +246,7 @@ class HandDevice {
   /// Ends the connection to the device.
   virtual void close() {}
 
-  /// True if the device's time advances only in advance(), so that a late tick does no harm.
+  /// True if the device's time advances only in advance(). Such a device waits for a late tick.
   virtual bool is_paced_by_loop() const { return false; }
   /// Returns the counts of the link, or nullopt if there is no link. Call this only after close().
   virtual std::optional<LinkReport> link_report() const { return std::nullopt; }

@@ -14,19 +14,20 @@ namespace trocar::runtime {
 
 /// Counts of the packets that arrived over the device link.
 struct LinkPackets {
-  LinkCounts counts;
-  /// Number of states that were lost, or that arrived after a newer state. The count begins with
-  /// the first command to the device.
+  LinkCounts counts;  ///< packets accepted, and packets refused for each reason
+  /// Number of states (packets with the device's measurements) that were lost, or that arrived
+  /// after a newer state. The count begins with the first command to the device.
   std::uint64_t states_missed = 0;
 };
 
 /// Counts of the link to a device, over all connections that were established during the session.
 struct LinkReport {
-  std::uint64_t sessions = 0;          ///< number of connections that were established
-  std::optional<LinkPackets> packets;  ///< nullopt for a maker's SDK or service
-  /// Time from a command to the first state that acknowledges this command. A maker's SDK or
-  /// service does not acknowledge commands, so for these the time ends when the loop reads the pose
-  /// that the SDK or service returned in reply to the command. Measured with the real clock only.
+  std::uint64_t sessions = 0;  ///< number of connections that were established
+  /// Nullopt if the device is reached through a maker's SDK or service instead of the device link.
+  std::optional<LinkPackets> packets;
+  /// Times from a command to the first state that acknowledges this command. A maker's SDK or
+  /// service acknowledges no commands, but it returns a pose in reply to each command. The time
+  /// then ends when the loop reads this pose. In lock-step, no times are measured.
   Histogram round_trip;
   std::optional<Error> restore_error;  ///< set if the last attempt to reconnect failed
 };

@@ -16,6 +16,8 @@ using Twist = Eigen::Matrix<double, 6, 1>;
 /// A wrench [f; n]: force in N, and moment in N*m about a frame's origin.
 using Wrench = Eigen::Matrix<double, 6, 1>;
 
+/// A pose T_a_b of the frame {b} in the frame {a}: `p_m` is the position of the origin of {b}, and
+/// `q` rotates coordinates of {b} into {a}.
 struct Pose {
   Eigen::Vector3d p_m = Eigen::Vector3d::Zero();
   Eigen::Quaterniond q = Eigen::Quaterniond::Identity();  ///< unit quaternion
@@ -23,10 +25,12 @@ struct Pose {
 
 /// An earlier pose from which the present velocity is computed. The velocity is the displacement
 /// from the earlier pose to the present one, divided by `ago_s`. runtime/control/velocity_window.h
-/// chooses the pose.
+/// chooses the earlier pose.
 struct PreviousPose {
   Pose T_device_plate;
-  double ago_s = 0;  ///< time since this pose; 0: none was chosen, so use the last new pose
+  /// Time since T_device_plate. 0 means that no pose was chosen; use the pose of the last new
+  /// reading instead.
+  double ago_s = 0;
 };
 
 /// Composition: T_a_c = T_a_b * T_b_c.

@@ -24,7 +24,7 @@ namespace trocar::runtime {
 /// A measured pose. The struct is plain data, so that threads can pass it to each other.
 struct PoseReading {
   double t_s = 0;                       ///< time of the measurement, on any clock that never jumps
-  std::array<double, 3> p_m{};          ///< position of the handle's point at which the wrench acts
+  std::array<double, 3> p_m{};          ///< position of the point at which the wrench acts
   std::array<double, 4> q{1, 0, 0, 0};  ///< orientation, w x y z; ignored if it is not measured
   std::uint32_t buttons = 0;            ///< bit i: button i is pressed
 };
@@ -39,24 +39,26 @@ class PoseDevice {
  public:
   virtual ~PoseDevice() = default;
 
-  /// Connects to the device. May block. After a successful start() the device may require a command
-  /// in each period of the loop. Precondition: start() was not called before.
+  /// Connects to the device. May block. After a successful start() the caller must send a command
+  /// in each period of the loop, because the device may have a watchdog. Precondition: start() was
+  /// not called before.
   virtual Result<void> start() { return {}; }
   /// Reads the latest pose. `reading` changes only if the result is kOk. The caller checks the
   /// numbers, so an implementation need not check them.
   virtual DeviceStatus read(PoseReading& reading) noexcept = 0;
-  /// Sends the wrench that the device holds until the next write(). Never returns kEndOfData.
+  /// Sends the wrench that the device holds until the next write(). Never returns kEndOfData,
+  /// because only read() reports the end of a replay.
   virtual DeviceStatus write(const HandleWrench& wrench) noexcept = 0;
-  /// After a read() that returned kLinkLost or kMotorFault, requests a new connection. Returns immediately; read() returns
-  /// kLinkLost until the connection is established.
+  /// After a read() that returned kLinkLost or kMotorFault, requests a new connection. Returns
+  /// immediately; read() returns kLinkLost until the connection is established.
   virtual void restore() noexcept {}
   /// Ends a tick of length `dt_s`. If is_paced_by_loop() is true, the device advances its time by
-  /// the same length.
+  /// `dt_s`.
   virtual void advance(double /*dt_s*/) {}
   /// Commands zero force and ends the connection to the device.
   virtual void close() {}
 
-  /// True if the device's time advances only in advance(), so that a late tick does no harm.
+  /// True if the device's time advances only in advance(). Such a device waits for a late tick.
   virtual bool is_paced_by_loop() const { return false; }
   /// Returns the counts of the link, or nullopt if there is no link. Call this only after close().
   virtual std::optional<LinkReport> link_report() const { return std::nullopt; }

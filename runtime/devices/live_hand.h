@@ -10,15 +10,16 @@
 //     the target's velocity.
 //  2. While the person holds the hand, the target stays in the box of LiveHandLimits and within
 //     LiveHandLimits::turn_max_rad of the rotation at the start. The target also keeps the distance
-//     kHandMargin from poses of the plate at which the loop would raise a fault. Exception: when
-//     the person takes hold, the target starts at the tip. If a force has pushed the tip outside
-//     these bounds, the target is outside until it has come back.
-//  3. A message is ignored if a number of its pose is not finite, or is larger than 1 m or 7 rad.
+//     kHandMargin from poses of the plate at which the loop would raise a fault. Exception: while
+//     nobody holds the hand, the target follows the tip (contract 4), and a force may push the tip
+//     outside these bounds. If the person then takes hold, the target comes back from outside.
+//  3. While the person holds the hand, a message is ignored if a number of its pose is not finite,
+//     or if its magnitude exceeds 1 m or 7 rad.
 //  4. When the person lets go, or 250 ms after the last new message, the target follows the tip
-//     at no more than 0.3 m/s and 1 rad/s, so that the hand no longer pushes. So within 300 ms
-//     after the last message even the force of a soft tissue, which needs the longest way back,
-//     falls below a tenth of its value. Until the person holds the hand for the first time, the
-//     target rests at the start.
+//     at no more than 0.3 m/s and 1 rad/s, so that the hand no longer pushes. Therefore the force
+//     of the tissue falls below a tenth of its value within 300 ms after the last message, even if
+//     the tissue is soft and the tip has a long way back. Until the person holds the hand for the
+//     first time, the target rests at the start.
 //  5. The same calls give the same targets.
 #pragma once
 
@@ -47,12 +48,13 @@ struct LiveHandLimits {
   /// slice, or less if the device cannot reach so far.
   Eigen::Vector3d min_m = Eigen::Vector3d::Zero(), max_m = Eigen::Vector3d::Zero();
   double turn_max_rad = 0;  ///< largest angle from the rotation at the start
+  /// Largest speed and rotation rate of the target while the person holds the hand.
   double speed_max_m_per_s = 0.15, rotation_rate_max_rad_per_s = 1;
 };
 
 /// Returns the limits for a scene with a live hand. Precondition: place_body() has placed the
-/// slices of the scene. Errors: kRefused if the device can reach no such box at the height
-/// of the start, or if the start is not in the box.
+/// slices of the scene. Errors: kRefused if no box at the height of the start is at least 20 mm
+/// wide, or if the start is not in the box.
 Result<LiveHandLimits> live_hand_limits(const Scene& scene, const DeviceSpecification& device,
                                         const SafetyLimits& limits);
 
@@ -63,9 +65,9 @@ PublishedHand published_hand(const SceneHand& hand, const LiveHandLimits& limits
 /// keyframes for a scene. The haptic thread may call add(), because add() does not allocate.
 class TargetPath {
  public:
-  /// Keeps one target in each `interval_s`, for the first `duration_s`. At most 2^18 targets are
-  /// kept: if the duration is too long for this number, the interval is longer than `interval_s`.
-  /// If the duration is 0, no target is kept.
+  /// Keeps one target in each interval of `interval_s` during the first `duration_s` of the
+  /// session. At most 2^18 targets are kept. If the duration is too long for this number, the
+  /// interval is longer than `interval_s`. If the duration is 0, no target is kept.
   explicit TargetPath(double duration_s, double interval_s = 0.004);
   /// Adds the target at the time `t_s`. Precondition: times ascend from call to call.
   void add(double t_s, const Pose& T_device_tool) noexcept;
@@ -120,7 +122,8 @@ class LiveHand final : public UnscriptedHand, public HandReceiver {
 
 /// Distances that the target keeps from the limits at which the loop raises a fault.
 struct HandMargin {
-  /// `box_m`: from the sides of the workspace. `angle_rad`: from the limits of joints and tilts.
+  /// `box_m`: distance from the sides of the workspace. `angle_rad`: distance from the limits of
+  /// the joint angles and of the tilts of plate and tool.
   double box_m = 1e-3, angle_rad = 0.0175;
 };
 inline constexpr HandMargin kHandMargin;

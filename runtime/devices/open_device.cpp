@@ -158,12 +158,13 @@ constexpr DeviceKind kDevices[] = {
     {"udp:HOST:PORT", "another process that drives the device, such as trocar-device-sim", true,
      true, DescriptionKind::kFourLegs, "", nullptr, open_udp},
     {"pose:HOST:PORT",
-     "such a process for a device that measures its own pose (position and rotation)", true, true,
-     DescriptionKind::kPoseDevice, "", nullptr, open_pose_drive},
+     "another process that drives a device that measures its own pose (position and rotation)",
+     true, true, DescriptionKind::kPoseDevice, "", nullptr, open_pose_drive},
     {"haply:[HOST[:PORT]]", "a Haply Inverse3 through the Haply Inverse service", false, true,
      DescriptionKind::kPoseDevice, "haply_inverse3", haply_senses_rotation, open_haply},
-    {"forcedimension:[ID]", "a device of Force Dimension through its installed SDK", false, true,
-     DescriptionKind::kPoseDevice, "force_dimension", force_dimension_senses_rotation,
+    {"forcedimension:[ID]",
+     "a device of Force Dimension, through the maker's library (SDK), which must be installed",
+     false, true, DescriptionKind::kPoseDevice, "force_dimension", force_dimension_senses_rotation,
      open_force_dimension},
 };
 

@@ -25,10 +25,10 @@ namespace trocar::runtime {
 inline constexpr std::string_view kDefaultDevice = "inproc";
 
 struct OpenDeviceOptions {
-  const Scene& scene;      ///< its hand holds a simulated device
+  const Scene& scene;      ///< the scene, whose hand holds a device simulated in this process
   std::string scene_name;  ///< name of the scene in error messages
   const AnyDeviceDescription& description;
-  std::filesystem::path key_file;  ///< key of the link to a device process
+  std::filesystem::path key_file;  ///< key for a device process (is_device_process()); empty: none
   bool is_simulated = false;       ///< the user states that the device process has no motors
   Clock clock = Clock::kReal;      ///< the session's clock
   double rate_Hz = 1000;           ///< the session's rate
@@ -40,12 +40,12 @@ struct OpenDeviceOptions {
   SayLine say;
 };
 
-/// True if the device of this URI may have motors: false for the device that is simulated in this
-/// process, true for every other device, whatever the device reports.
+/// True if the device of this URI may have motors. Only the device that is simulated in this
+/// process surely has none. The function does not ask the device.
 bool may_have_motors(std::string_view uri);
 
-/// Longest allowed gap in the data from a device process that has no motors. The gap is long
-/// because other work on the machine can delay the process.
+/// Longest allowed gap in the data from a device process that has no motors. It is longer than for
+/// a device with motors, because other work on the machine can delay the process.
 inline constexpr double kSimulatedNoData_s = 0.25;
 
 /// True if the URI names a device process, to which the session connects by the
@@ -62,11 +62,11 @@ Result<void> check_device_uri(std::string_view uri, bool has_key_file);
 std::string_view built_in_description(std::string_view uri);
 /// Like built_in_description(), but connects to the device and asks whether the device measures the
 /// orientation of its handle. If so, the returned name ends with kWithRotation. Blocks up to
-/// kOpenTimeout_s. Errors: kUsage if the address in the URI is wrong; those of the device's
+/// kOpenTimeout_s. Errors: kUsage if the address in the URI is wrong, and the errors of
 /// PoseConnection::open().
 Result<std::string> find_built_in_description(std::string_view uri);
-/// A device that is ready for HandDevice::start(). A replayed recording is also ready for its first
-/// tick without start().
+/// A device whose HandDevice::start() has not been called yet. A replayed recording needs no
+/// start() before its first tick.
 struct OpenedDevice {
   std::unique_ptr<Device> encoders_and_motors;  ///< set for the four-legged device
   std::unique_ptr<PoseDevice> pose_device;      ///< set for a device that measures its own pose
@@ -87,15 +87,16 @@ OpenedDevice make_pose_hand(const PoseDeviceDescription& description, const Scen
 Result<std::shared_ptr<HandDevice>> simulate_device(const Scene& scene,
                                                     const AnyDeviceDescription& description);
 
-/// Makes the specification of a device with this description that is placed in the scene.
+/// Makes the specification of a device with this description. The scene determines where a pose
+/// device lies (pose_frame()).
 std::unique_ptr<DeviceSpecification> make_specification(const AnyDeviceDescription& description,
                                                         const Scene& scene);
 
 /// Opens the device of a URI. Errors: those of check_device_uri() and of the device; kUsage if the
-/// description and the URI are for different kinds of device; for a device with its own clock,
-/// kUsage unless the session's clock is Clock::kReal. For the device that is simulated in this
-/// process: kBug if the scene's hand is live and OpenDeviceOptions::hand is null, or if the hand is
-/// not live and OpenDeviceOptions::hand is set.
+/// description and the URI are for different kinds of device; kUsage if the device has its own
+/// clock and the session's clock is not Clock::kReal. For the device that is simulated in this
+/// process, OpenDeviceOptions::hand must be set if the scene's hand is live, and null if the
+/// scene's hand is not live. If this does not hold, the error is kBug.
 Result<OpenedDevice> open_device(std::string_view uri, const OpenDeviceOptions& options);
 
 /// Returns the URIs of all devices with an explanation of each, as text for `--help`.

@@ -13,7 +13,8 @@ namespace trocar::runtime {
 
 inline constexpr double kDegreesPerRadian = 180 / std::numbers::pi;
 
-/// Distances of a pose from the limits. The two tilts are the angles themselves, not distances.
+/// Distances of a pose from the limits. `tilt_rad` and `tool_tilt_rad`, however, are the tilts
+/// themselves, not their distances from the limits.
 struct PoseMargins {
   DeviceMargins device;
   /// Distance from the plate's origin to the nearest side of the workspace; negative outside.

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a session with a pose device (runtime/device/pose_device.h) needs besides the device itself:
-// built-in descriptions, the limits and the force scale that fit a device and a scene, the entries
-// about the device in a recording, and a device that replays a recording.
+// The parts that a session with a pose device (runtime/device/pose_device.h) needs besides the
+// device itself: built-in descriptions, the limits and the force scale that fit a device and a
+// scene, the entries about the device in a recording, and a device that replays a recording.
 // Tests: tests/runtime/devices/pose_session_test.cpp
 #pragma once
 
@@ -31,41 +31,42 @@ inline constexpr std::string_view kWithRotation = "+rotation";
 Result<PoseDeviceDescription> built_in_pose_device(std::string_view name);
 
 /// Sets the options that depend on the pose device:
-///  - The box around the device's workspace becomes the workspace limit.
-///  - In the tick that finds a fault, the force goes to zero without a ramp.
+///  - The smallest box in {B} around the device's workspace becomes the workspace limit.
+///  - After a fault there is no ramp: the force goes to zero in the tick that finds the fault.
 ///  - When a session begins, the force rises from zero.
 ///  - The rendered stiffness is at most StiffnessLimits::max_N_per_m. If the description
 ///    states a largest stiffness, this stiffness divided by StiffnessLimits::margin is a
-///    second limit. If the force law treats slices as separate sheets, a virtual coupling is
-///    switched on to keep these limits.
+///    second limit. If the force law treats slices as separate sheets, the virtual coupling is
+///    switched on. Its spring keeps the rendered stiffness within these limits.
 void set_pose_device_options(const PoseDeviceDescription& description, const Scene& scene,
                              SessionOptions& options);
 
 /// Returns the largest force scale (factor on all forces of a scene) with which the device can
-/// render the forces at which the scene's tissues break. With the force law `cutting`, these forces
-/// include a margin for friction on the shaft. The result is at most the force scale that the scene
-/// states. Errors: those of the law's factory.
+/// render the forces at which the scene's tissues break. With the force law `cutting`, the forces
+/// of the slices are increased by a margin for friction on the shaft. The result is at most the
+/// force scale that the scene states. Errors: those of make_force_law().
 Result<double> fitting_force_scale(const PoseDeviceDescription& description, const Scene& scene,
                                    std::span<const std::unique_ptr<const Sheet>> sheets,
                                    double rate_Hz);
 
-/// Writes the entries about the pose device into the origin of a recording. `device`: the digest of
-/// the device's description, or "built-in/NAME" for a built-in description.
+/// Writes the entries about the pose device into the origin of a recording, which says how the
+/// recording was made. `device`: the digest of the device's description, or "built-in/NAME" for a
+/// built-in description.
 void write_pose_device_origin(const std::string& device, const PoseDeviceDescription& description,
                               const Scene& scene, const SessionOptions& options,
                               RecordingOrigin& origin);
 
 /// The entries about a pose device in a recording's origin.
 struct PoseDeviceOrigin {
-  std::optional<std::string> built_in;  ///< name of the description; nullopt: it is not built in
+  std::optional<std::string> built_in;  ///< name of a built-in description; nullopt: not built in
   double force_scale = 1, force_max_N = 0, stiffness_margin = 1;
 };
 /// Reads the entries that write_pose_device_origin() wrote. Returns nullopt if the recording was
 /// not made with a pose device.
 std::optional<PoseDeviceOrigin> read_pose_device_origin(const RecordingOrigin& recorded);
 
-/// A pose device that replays a recording: each read() returns the reading and the
-/// status of the next row.
+/// A pose device that replays a recording: each read() returns the device's reading and status from
+/// the next row of the recording.
 class ReplayPoseDevice final : public PoseDevice {
  public:
   /// `rows` must outlive the device.

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Plays back a recording of the four-legged device: each read() returns the state and the
-// status of the next row.
+// Plays back a recording of the four-legged device: each read() returns the device's state and
+// status from the next row of the recording.
 // Tests: tests/runtime/session/puncture_experiment_test.cpp
 #pragma once
 

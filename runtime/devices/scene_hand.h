@@ -8,11 +8,12 @@
 
 namespace trocar::runtime {
 
-/// Returns the path of the target to which the scene's hand pulls the tool's tip.
+/// Returns the keyframes of the scene's hand as the path of a target. The simulated hand pulls the
+/// tool's tip to this target.
 HandTrajectory hand_trajectory(const Scene& scene);
 
-/// Returns the impedance of the scene's hand: the values that the scene states, and otherwise those
-/// of the hand's grip.
+/// Returns the impedance of the scene's hand (stiffness, damping and mass). A value that the scene
+/// does not state is taken from the hand's grip.
 HandImpedance hand_impedance(const SceneHand& hand);
 
 }  // namespace trocar::runtime

@@ -14,8 +14,8 @@
 namespace trocar::runtime {
 
 /// Makes a simulated four-legged device. The scene's hand holds the device, beginning at the hand's
-/// first keyframe. If `mechanics` is nullopt, the device is the light model of simulated_device.h.
-/// Errors: those of SimulatedDevice::make().
+/// first keyframe. If `mechanics` is nullopt, the device is the light model of simulated_device.h,
+/// in which only the plate has mass. Errors: those of SimulatedDevice::make().
 Result<SimulatedDevice> make_simulated_device(
     const Scene& scene, const DeviceDescription& description,
     const std::optional<MechanicsOptions>& mechanics = std::nullopt);
@@ -26,8 +26,9 @@ Result<SimulatedDevice> make_simulated_device(const Scene& scene,
                                               const DeviceDescription& description,
                                               UnscriptedHand& hand);
 
-/// Returns where a pose device lies in a scene: the middle of the device's workspace is placed at
-/// the middle of the box around the plate's positions at the keyframes of the scene's hand.
+/// Returns the frame that places a pose device in a scene. The keyframes of the scene's hand give
+/// positions of the plate; the middle of the box around these positions is the middle of the
+/// device's workspace.
 PoseFrame pose_frame(const PoseDeviceDescription& description, const Scene& scene);
 
 /// Makes a simulated pose device, which the scene's hand holds. If `hand` is not null, the targets

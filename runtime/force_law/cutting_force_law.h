@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The force law `cutting`. The tool cuts through one bone volume (runtime/bone_cutting). A spring
-// connects the tool in the bone to the plate, or the two are fixed to each other
+// The force law `cutting`. The tool cuts through one bone volume (runtime/bone_cutting). The tool
+// in the bone is connected to the plate by a spring, or is rigidly fixed to the plate
 // (device_coupling.h). The law itself is passive (cutting_law.h, contract 1).
 // Tests: tests/runtime/session/cutting_session_test.cpp
 #pragma once
@@ -21,12 +21,13 @@ namespace trocar::runtime {
 struct CuttingReport {
   DeviceCoupling coupling;
   double force_scale = 1;
-  /// Largest force on the tip along the shaft; largest force of the tissue on the plate.
+  /// `tip_max_N`: largest force on the tip along the shaft. `force_max_N`: largest force of the
+  /// tissue on the plate.
   double tip_max_N = 0, force_max_N = 0;
   BoneEnergyAccount energy;             ///< energies after the last tick
   std::uint64_t unconverged_ticks = 0;  ///< ticks in which Newton's method did not converge
   int steps_max = 0;                    ///< largest number of Newton steps in a tick
-  std::uint64_t side_cuts = 0;          ///< number of holes requested because a wall yielded
+  std::uint64_t side_cuts = 0;          ///< holes requested where the shaft pushed a wall aside
 };
 
 class CuttingForceLaw final : public ForceLaw {

@@ -4,8 +4,9 @@
 //
 // The forces of the network are proportional to the depth of the tool. So the haptic thread needs
 // only two results: the stiffness, which is the force per depth, and the point where the force
-// acts. If the scene names the solver `propagation` (runtime/deformation/propagation.h), the
-// stiffness is the force per depth to which this solver converges.
+// acts. A direct solver computes the stiffness. If the scene names the solver `propagation`
+// (runtime/deformation/propagation.h), this solver computes it instead, by iterating until the
+// force per depth converges.
 // Tests: tests/runtime/session/network_session_test.cpp
 #pragma once
 
@@ -32,22 +33,26 @@ namespace trocar::runtime {
 /// A failure is a request for which the solver failed.
 struct PrefetchReport {
   std::uint64_t answers = 0, failures = 0;
-  std::uint32_t calibrations = 0;  ///< number of distinct stiffnesses of the sheets' tissues
+  std::uint32_t calibrations = 0;  ///< number of calls of calibrate() (see make())
   Histogram prepare;               ///< wall times that the answers took
-  /// Number of nodes that the solver could move: maximum of all answers, and last answer.
+  /// Number of nodes of the spring network that the solver could move: maximum of all answers, and
+  /// value of the last answer.
   std::uint32_t free_nodes_max = 0, free_nodes_last = 0;
-  /// Largest error bounds (RingBounds) of all answers.
+  /// Bounds of the relative errors of force and displacement (RingBounds): maximum of all answers.
   double force_bound_max = 0, displacement_bound_max = 0;
-  /// Number of negative springs (RegionResponse::negative_springs): maximum of all answers.
+  /// Number of springs of negative stiffness (RegionResponse::negative_springs): maximum
+  /// of all answers.
   std::uint32_t negative_springs_max = 0;
 };
 
 class NetworkPrefetch final : public PrefetchWorker {
  public:
   /// Creates the worker. `tissue_of_sheet` has one tissue per sheet, in the order of
-  /// place_slices(). `lattice`: the lattice of the asset. The function calls calibrate() once for
-  /// each distinct stiffness of the tissues. One call takes tens of milliseconds, or hundreds if
-  /// the tool has many corners. Errors: those of calibrate() (runtime/deformation/calibration.h).
+  /// place_slices(). `lattice`: the lattice of the asset. For each distinct stiffness of the
+  /// tissues, the function calls calibrate() once, which finds the membrane tension and the
+  /// foundation stiffness that give a sheet this stiffness. One call takes tens of milliseconds, or
+  /// hundreds if the tool has many corners. Errors: those of calibrate()
+  /// (runtime/deformation/calibration.h).
   static Result<std::unique_ptr<NetworkPrefetch>> make(const Scene& scene,
                                                        const std::vector<Tissue>& tissue_of_sheet,
                                                        const Lattice& lattice);

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Makes an HDF5 file in memory. The file has no time stamps, so that the same calls give the same bytes.
+// Makes an HDF5 file in memory. The file contains no time stamps, so that the same calls always
+// give the same bytes.
 // Tests: tests/e2e/hdf5_export_test.py
 #pragma once
 
@@ -16,20 +17,21 @@ namespace trocar::runtime {
 /// The type of a dataset's elements. All types are little-endian in the file.
 enum class Hdf5Type : std::uint8_t { kFloat64, kInt32, kInt64, kUint8, kUint32 };
 
-/// A table of numbers, one row for each tick.
+/// A table of numbers, one row for each tick. Hdf5File::add() stores it as a dataset.
 struct Hdf5Table {
   std::string name;
   Hdf5Type type = Hdf5Type::kFloat64;
-  /// Number of values in a row. If it is 1, the dataset has one dimension (rows), otherwise two.
+  /// Number of values in a row. If it is 1, the dataset has one dimension (rows). Otherwise it has
+  /// two (rows and values).
   std::size_t width = 1;
-  /// Empty if the dataset has plain numbers. Otherwise the dataset is an enumeration, element i is
-  /// the name of value i, and `type` must be kUint8.
+  /// If empty, the dataset has plain numbers. Otherwise the dataset is an enumeration:
+  /// enumerators[i] is the name of the value i, and `type` must be kUint8.
   std::vector<std::string> enumerators;
   std::vector<std::byte> data;  ///< row by row, in the machine's byte order
 };
 
-/// A file with datasets in its root group. Only bytes() reports errors, including the errors of
-/// earlier calls of the other functions.
+/// A file whose root group contains all datasets. Only bytes() reports errors. It reports errors of
+/// earlier calls of the other functions, too.
 class Hdf5File {
  public:
   Hdf5File();
@@ -37,7 +39,8 @@ class Hdf5File {
   Hdf5File& operator=(const Hdf5File&) = delete;
   ~Hdf5File();
 
-  /// Adds a dataset, stored in compressed chunks. The table must have at least one row.
+  /// Adds a dataset, stored in compressed chunks (blocks of rows). The table must have at
+  /// least one row.
   void add(const Hdf5Table& table);
   /// Adds an attribute to a dataset or to the root group. Its value is a text or a list of texts.
   /// `object`: the name of the dataset, or "/" for the root group.

@@ -18,10 +18,10 @@ struct RecordingHdf5 {
   std::size_t ticks = 0, datasets = 0;  ///< number of rows, number of datasets
 };
 
-/// Converts `csv`, the text of a recording. Every number keeps all its bits. A column that the
-/// recording lacks, because an older version wrote it, gets no dataset. Errors: those of
-/// parse_recording(), with `name` in the message; those of Hdf5File::bytes(); kBug if the table in
-/// recording_hdf5.cpp lacks a column of the recording.
+/// Converts `csv`, the text of a recording. Every number keeps all its bits. If the recording lacks
+/// a column, because an older version of Trocar wrote it, the file lacks the column's dataset.
+/// Errors: those of parse_recording(), with `name` in the message; those of Hdf5File::bytes(); kBug
+/// if the recording has a column that recording_hdf5.cpp does not know.
 Result<RecordingHdf5> recording_hdf5(std::string_view csv, const std::string& name);
 
 }  // namespace trocar::runtime

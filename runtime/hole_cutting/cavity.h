@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-// The first stage of a cut finds the cavity: the triangles that the tool overlaps or touches. (The
-// paper describes it in II.C as "search all meshes that are across the hexagon by intersection test
-// and all vertices inside the hexagon". There, meshes are triangles, and the hexagon is the tool's
-// outline.) This stage also finds the boundary of the cavity, which the code calls `rim`. The
-// triangles outside the cavity are the kept triangles. All decisions are exact, because they use
-// 64-bit and 128-bit integers.
+// Finds the cavity of a cut, which consists of the triangles that the tool overlaps or touches.
+// This is the first stage of a cut. (The paper describes it in II.C as "search all meshes that are
+// across the hexagon by intersection test and all vertices inside the hexagon". In the paper,
+// meshes are triangles, and the hexagon is the tool's outline.) This stage also finds the boundary
+// of the cavity, which the code calls `rim`. The triangles outside the cavity are the kept
+// triangles. All intersection tests are exact, because they use 64-bit and 128-bit integers.
 // Tests: tests/runtime/hole_cutting/cut_test.cpp
 #pragma once
 
@@ -20,9 +20,10 @@
 
 namespace trocar::runtime {
 
+/// Largest number of corners of a tool's outline.
 inline constexpr std::size_t kMaxToolCorners = 32;
 
-/// A simple polygon, counter-clockwise.
+/// A tool's outline: a counter-clockwise polygon that does not cross itself.
 using Outline = std::span<const LatticePoint>;
 
 /// An edge of an outline, with its bounding box.
@@ -31,16 +32,18 @@ struct OutlineEdge {
   LatticeBox box;
 };
 
-/// The result of a stage of a cut.
+/// How a stage of a cut has ended.
 enum class StageOutcome : std::uint8_t {
   kDone,
-  kAgain,     ///< rounding new points would spoil kept triangles: add these, and repeat
+  /// Rounding would change kept triangles. The caller adds the triangles that the stage lists in
+  /// `absorb` to the cavity, and repeats the stages.
+  kAgain,
   kCapacity,  ///< the scratch memory is too small
   kBug,       ///< an invariant does not hold
 };
 
 enum class ToolIntersection : std::uint8_t {
-  kApart,     ///< triangle and tool, each with its boundary, have no point in common
+  kApart,     ///< triangle and tool have no point in common, not even on their boundaries
   kTouches,   ///< they have common points, but no common area
   kOverlaps,  ///< they have a common area
 };
@@ -49,8 +52,8 @@ enum class ToolIntersection : std::uint8_t {
 ToolIntersection intersect_tool(const std::array<LatticePoint, 3>& triangle,
                                 std::span<const OutlineEdge> tool) noexcept;
 
-/// The same, for a tool given by its corners: each call computes the edges again. Precondition: the
-/// tool has at most kMaxToolCorners corners.
+/// The same for a tool given by its corners; slower, because each call computes the edges again.
+/// Precondition: the tool has at most kMaxToolCorners corners.
 ToolIntersection intersect_tool(const std::array<LatticePoint, 3>& triangle, Outline tool) noexcept;
 
 /// Returns true if p is outside the tool and not on the tool's boundary. O(tool size).
@@ -72,7 +75,9 @@ struct Cavity {
   std::vector<std::uint32_t> rim_vertices;  ///< vertices on the cavity's boundary, each once
   std::vector<std::uint32_t> inner;         ///< the other vertices of the cavity's triangles
   FlatTable members;                        ///< `triangles` as a set
-  FlatTable vertices;                       ///< key: vertex; value: index in rim_vertices or kInner
+  /// All vertices of the cavity's triangles. Key: vertex; value: index in rim_vertices, or kInner
+  /// for a vertex in `inner`.
+  FlatTable vertices;
   static constexpr std::uint32_t kInner = kNone - 1;
 
   void allocate(std::size_t max_triangles);
@@ -80,8 +85,8 @@ struct Cavity {
 };
 
 /// Finds the triangles that the tool overlaps or touches, so that the tool has no point in common
-/// with a kept triangle. But if the tool touches triangles and overlaps none, the cavity is empty.
-/// The time is proportional to the number of triangles near the tool.
+/// with a kept triangle. If the tool only touches triangles and overlaps none, there is nothing to
+/// cut, and the cavity is empty. The time is proportional to the number of triangles near the tool.
 StageOutcome find_cavity(const SheetMesh& mesh, const TriangleGrid& grid, Outline tool,
                          Cavity& cavity) noexcept;
 

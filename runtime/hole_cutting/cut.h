@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Cuts the hole of a puncture: replaces triangles near the tool so that the mesh covers exactly the
-// sheet minus the tool's polygon (paper, Fig. 13).
+// Cuts the hole of a puncture into a sheet: replaces triangles near the tool so that the mesh then
+// covers the sheet minus the tool's polygon (paper, Fig. 13).
 #pragma once
 
 #include <cstdint>
@@ -31,15 +31,17 @@ std::string_view to_string(CutOutcome outcome) noexcept;
 struct CutReport {
   CutOutcome outcome = CutOutcome::kNoOverlap;
   const char* bug = nullptr;  ///< the violated condition if the outcome is kBug, else null
-  /// Twice the removed area in steps^2. It is exactly twice the sheet's area before the cut minus
-  /// twice the area after the cut.
+  /// Twice the removed area, in steps^2, which is an integer. It is exactly twice the sheet's area
+  /// before the cut minus twice the area after the cut.
   std::int64_t doubled_area_removed = 0;
   std::uint32_t triangles_removed = 0;
   std::uint32_t triangles_created = 0;
-  std::uint32_t flips = 0;  ///< number of edges flipped to make all edges Delaunay again
-  /// Number of boundary edges that lie opposite an angle above 90 degrees, counted only in the
-  /// triangles that the cut has written. The spring of such an edge has a
-  /// negative stiffness (runtime/deformation/network.h).
+  /// Number of flips. A flip replaces the edge between two triangles by the other diagonal of the
+  /// quadrangle that they form. Flips make all edges locally Delaunay (contract 2).
+  std::uint32_t flips = 0;
+  /// Number of boundary edges that lie opposite an angle above 90 degrees. The spring of such an
+  /// edge has a negative stiffness (runtime/deformation/network.h). Only edges of triangles that
+  /// the cut has written are counted.
   std::uint32_t obtuse_boundary_edges = 0;
 };
 
@@ -47,23 +49,28 @@ struct CutReport {
 /// (check_sheet_mesh()), `grid` indexes its triangles, and `work` and `edit` were made for a sheet
 /// with at least as many slots as `mesh` has. A slot is a place for a vertex or a triangle
 /// (sheet_mesh.h). Contract:
-///  1. The cut replaces the triangles that the tool overlaps or touches, and triangles near them
-///     where rounding requires it. In the rest of the sheet the cut changes two things. It flips
-///     edges that are no longer locally Delaunay (item 2). And where only a vertex still
-///     joins several parts of the remaining sheet, each part gets a vertex of its own.
-///  2. If all inner edges are locally Delaunay before the cut, all are locally Delaunay after the
-///     cut. Vertices under the tool are removed. Other vertices of the replaced triangles stay,
-///     unless a bent edge runs through them (item 3).
-///  3. Where a tool edge crosses the sheet's boundary, both edges are bent through a lattice point
-///     less than sqrt(2) steps from the crossing. The point lies on the material's side, so bends
-///     do not extend the material. Exception: if the remaining material is thinner than a lattice
-///     step, a bend may go outwards by the same small distance, and the rings of the hole can cross
-///     themselves there. doubled_area_removed is exact in any case.
+///  1. The cut replaces the triangles that the tool overlaps or touches. Where rounding requires
+///     it, the cut also replaces triangles near them. In the rest of the sheet the cut changes two
+///     things. It flips edges that are no longer locally Delaunay (item 2). And if parts of the
+///     remaining sheet are joined only by a vertex, each part gets a vertex of its own, because a
+///     valid mesh does not join parts in this way.
+///  2. An edge between two triangles is locally Delaunay if the two angles opposite the edge
+///     add up to at most 180 degrees. If all inner edges are locally Delaunay before the cut,
+///     all inner edges are locally Delaunay after the cut. Vertices under the tool are removed.
+///     Other vertices of the replaced triangles stay, unless an edge that is bent by item 3
+///     runs through them.
+///  3. If a tool edge crosses the sheet's boundary, the crossing need not be a lattice point. Both
+///     edges are therefore bent through a lattice point less than sqrt(2) steps from the crossing.
+///     The lattice point lies on the material's side, so bends do not extend the material.
+///     Exception: if the remaining material is thinner than a lattice step, the lattice point may
+///     lie outside the material, and the rings of the hole can cross themselves there.
+///     doubled_area_removed is exact in any case.
 ///  4. If the tool has no area in common with the sheet, nothing changes.
 ///  5. With every outcome other than kCut the sheet is unchanged. With kCut the new sheet was
 ///     proved valid (patch_proof.h) before the first slot was written.
-///  6. The function allocates in two cases only: it writes to more pages that a copy of the mesh
-///     shares (paged_array.h) than SheetMesh::reserve_pages() has reserved, or it frees more than
+///  6. The function allocates memory in two cases only. First, the cut writes to more shared pages
+///     than SheetMesh::reserve_pages() has reserved. (A shared page is a block of array elements
+///     that a copy of the mesh uses too, paged_array.h.) Second, the cut frees more than
 ///     SheetMesh::kReservedFree slots. The time depends on the mesh near the tool, not on the size
 ///     of the sheet.
 /// After the cut, `edit` lists the slots written, work.stitch.created lists the slots of the new
@@ -92,7 +99,7 @@ std::vector<Ring> to_rings(const HoleOutline& hole);
 /// Cuts a copy of the sheet, for use where neither time nor memory matters. Precondition: `sheet`
 /// is valid (check_mesh()). Errors: kRefused if the tool is invalid (CutOutcome::kInvalidTool) or
 /// if make_sheet_mesh() refuses `sheet`; kBug if cut_in_place() returns kBug, or returns kCapacity
-/// even with a million spare slots.
+/// even with more than a million spare slots.
 Result<CutResult> cut(const SliceMesh& sheet, const Ring& tool);
 
 }  // namespace trocar::runtime

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The scratch memory that a cut needs. It is allocated once.
+// The scratch memory that a cut needs. It is allocated before the first cut, so that cuts
+// need not allocate.
 // Tests: tests/runtime/hole_cutting/cut_capacity_test.cpp
 #pragma once
 
@@ -15,15 +16,17 @@
 
 namespace trocar::runtime {
 
-/// The largest numbers for which the scratch memory of a cut has space.
+/// The largest numbers of triangles, points and edges for which the scratch memory of a
+/// cut has space.
 struct CutCapacity {
   std::size_t triangles = 0;  ///< triangles in a cavity; also triangles that are tested for flips
   std::size_t points = 0;     ///< points of the overlay: vertices, tool corners, bends
   std::size_t edges = 0;      ///< edges of the overlay, including edges that were split
 };
 
-/// Returns a capacity for a tool of any size over a sheet with these slots (sheet_mesh.h). It
-/// suffices for about 2000 bends, which are the points where crossing edges are bent (overlay.h).
+/// Returns a capacity that suffices for a sheet with these numbers of slots (sheet_mesh.h), for a
+/// tool of any size, and for about 2000 bends. (A bend is the point through which two crossing
+/// edges are bent, overlay.h.)
 inline CutCapacity capacity_for(std::size_t vertex_slots, std::size_t triangle_slots) noexcept {
   return {triangle_slots, vertex_slots + 2048, triangle_slots + 8192};
 }
@@ -31,8 +34,9 @@ inline CutCapacity capacity_for(const SheetMesh& mesh) noexcept {
   return capacity_for(mesh.vertices.size(), mesh.triangles.size());
 }
 
-/// The scratch memory of one thread. One workspace can serve many sheets. The headers of the stages
-/// describe what its members contain after a cut.
+/// The scratch memory of all stages of a cut. One workspace can serve many sheets, but only
+/// one thread at a time. The header of each stage describes what the stage's member contains
+/// after a cut.
 struct CutWorkspace {
   Cavity cavity;
   Overlay overlay;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Fourth stage of a cut: the rings around the removed material.
+// Finds the rings around the material that a cut removes. This is the fourth stage of a cut.
 // Tests: tests/runtime/hole_cutting/cut_test.cpp
 #pragma once
 
@@ -12,10 +12,10 @@
 
 namespace trocar::runtime {
 
-/// Rings with exactly the removed material (the cavity minus the patch) on their left. The rings
-/// may touch at vertices. Each ring is simple, except where cut.h, contract 3, lets rings cross
-/// themselves. Each ring starts at its smallest vertex (by x, then y), and the rings are in
-/// ascending order.
+/// Rings with exactly the removed material on their left. The removed material is the cavity (the
+/// replaced triangles) without the patch (the new triangles). The rings may touch at vertices. No
+/// ring crosses itself, except where cut.h, contract 3, permits it. Each ring starts at its
+/// smallest vertex (by x, then y), and the rings are in ascending order.
 struct HoleOutline {
   std::vector<LatticePoint> points;     ///< the points of all rings, ring by ring
   std::vector<std::uint32_t> ring_end;  ///< index after the last point of each ring
@@ -27,7 +27,7 @@ struct HoleOutline {
   }
 
   // The remaining members are scratch memory.
-  /// All edges between the same two points. Edges in opposite directions cancel.
+  /// All edges between two points a and b. An edge from a to b and an edge from b to a cancel.
   struct CountedEdge {
     std::uint32_t a, b;  ///< indices into Overlay::points, a < b
     std::int32_t count;  ///< number of edges from a to b minus the number from b to a
@@ -39,14 +39,16 @@ struct HoleOutline {
   std::vector<CountedEdge> edges;
   FlatTable edge_at;  ///< key: a and b of a CountedEdge; value: index into `edges`
   std::vector<Out> out;
-  /// One entry per point of the overlay. `first_out`: index in `out` of the first element of the
-  /// point's list. `path_index`: index of the point in `path`. kNone: there is none.
+  /// One entry per point of the overlay. `first_out`: the first element of the point's list, as an
+  /// index in `out`; kNone if no edge starts at the point. `path_index`: the index of the point in
+  /// `path`; kNone if the point is not in `path`.
   std::vector<std::uint32_t> first_out, path_index;
   /// Points, as indices into Overlay::points. `starts`: points at which edges start. `path`: points
-  /// of the present walk along the edges. `stops`: ends and inner points of one edge that was bent.
-  /// `unsorted`: points of the rings found so far.
+  /// of the current walk along the edges. `stops`: the overlay's points on one edge of the cavity's
+  /// boundary. `unsorted`: points of the rings found so far, before the rings are sorted.
   std::vector<std::uint32_t> starts, path, stops, unsorted;
-  std::vector<std::pair<std::uint32_t, std::uint32_t>> unsorted_rings;  ///< ranges of `unsorted`
+  /// Begin and end of each ring in `unsorted`.
+  std::vector<std::pair<std::uint32_t, std::uint32_t>> unsorted_rings;
 
   void allocate(std::size_t max_points, std::size_t max_edges);
 };

@@ -1,7 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-// Constrained Delaunay triangulation of a small PSLG (planar straight-line graph) in exact
-// integers. Points are inserted one by one with Lawson's flips (Lawson 1977), and constraints with
-// Sloan's flips (Sloan 1993). The same input gives the same triangles.
+// Makes the constrained Delaunay triangulation of a small PSLG (planar straight-line graph): every
+// edge of the PSLG is an edge of a triangle, and the other edges are locally Delaunay (the two
+// angles opposite the edge add up to at most 180 degrees). All computations are in exact integers.
+// A flip replaces the edge between two triangles by the other diagonal of their quadrangle. Points
+// are inserted one by one with Lawson's flips (Lawson 1977), and edges of the PSLG (constraints)
+// with Sloan's flips (Sloan 1993). The same input always gives the same triangles.
 // Tests: tests/runtime/hole_cutting/cut_property_test.cpp
 #pragma once
 
@@ -21,35 +24,39 @@ namespace trocar::runtime {
 struct Cell {
   std::array<std::uint32_t, 3> vertex;
   std::array<std::uint32_t, 3> across;      ///< cell beyond edge i; kNone: there is no cell
-  std::array<std::uint32_t, 3> constraint;  ///< name that constrain() gave edge i; kNone: no name
+  std::array<std::uint32_t, 3> constraint;  ///< number that constrain() gave edge i; kNone: none
 };
 
-/// A triangulation of a box around the given points. Call triangulate(), then constrain() for each
-/// edge that must exist, then restore_delaunay(). The box's corners are the last four of points().
+/// A triangulation of a box around the given points, so that every point lies in a triangle when it
+/// is inserted. Call triangulate(), then constrain() for each edge that must exist, then
+/// restore_delaunay(). The box's corners are the last four of points().
 class LocalTriangulation {
  public:
+  /// kCapacity: there are more points than allocate() has allowed for. kNotPlanar: the input is
+  /// not a PSLG.
   enum class Status : std::uint8_t { kDone, kCapacity, kNotPlanar };
 
   /// Allocates memory for this number of points. No other function allocates.
   void allocate(std::size_t max_points);
 
-  /// Makes the Delaunay triangulation of the points. Precondition: |coordinate| <= kMaxCoordinate.
-  /// Returns kNotPlanar if two points are equal. The time is typically O(n^1.5), and less if
-  /// consecutive points are near each other. `first_corner`: which of the box's corners is the
-  /// first of the last four points(). 0 is the lower left corner, and 1 to 3 follow
-  /// counter-clockwise. If the caller
-  /// rotates points and first corner together by right angles, the cells are the same.
+  /// Makes the Delaunay triangulation of the points. Precondition: |coordinate| <= kMaxCoordinate
+  /// (lattice.h). Returns kNotPlanar if two points are equal. The time is typically O(n^1.5) for n
+  /// points, and less if consecutive points are near each other. `first_corner` says which corner
+  /// of the box becomes the first of the last four points(): 0 is the lower left corner, and 1 to 3
+  /// follow counter-clockwise. If the caller rotates points and first corner together by right
+  /// angles, the cells are the same.
   Status triangulate(std::span<const LatticePoint> points, int first_corner = 0) noexcept;
 
-  /// Makes the segment between the points with the indices a and b (a != b) an edge with this name.
-  /// Afterwards some cells may not be Delaunay; see restore_delaunay(). If another constraint or a
-  /// point blocks the segment, returns kNotPlanar, and the triangulation must not be used any more.
+  /// Makes the segment between the points with the indices a and b (a != b) an edge, and gives it
+  /// the number `name`. Afterwards some cells may not be Delaunay; see restore_delaunay(). If
+  /// another constraint crosses the segment, or if a point lies on it, the function returns
+  /// kNotPlanar, and the triangulation must not be used any more.
   Status constrain(std::uint32_t a, std::uint32_t b, std::uint32_t name) noexcept;
 
-  /// `region` has one entry per cell. The function flips edges until every edge between two cells
-  /// of the same region is locally Delaunay, except in region 0. A constraint is
-  /// preserved only if it separates two regions or lies in region 0; another constraint may be
-  /// flipped, too.
+  /// Flips edges until every edge between two cells of the same region is locally Delaunay.
+  /// `region` has one number per cell; edges between cells of region 0 are not flipped. A
+  /// constraint is preserved if it separates two regions or lies in region 0. Any other constraint
+  /// may be flipped, too.
   void restore_delaunay(std::span<const std::uint8_t> region) noexcept;
 
   std::span<const LatticePoint> points() const noexcept { return points_; }

@@ -1,29 +1,32 @@
 // SPDX-License-Identifier: Apache-2.0
-// Second stage of a cut: the overlay. It is one PSLG (planar straight-line graph) of the boundary
-// of the cavity and the tool's outline, on the lattice and without crossings. The code calls the
-// boundary of the cavity `rim`.
+// Builds the overlay, which is the second stage of a cut. The overlay combines the boundary of the
+// cavity and the tool's outline into one PSLG (planar straight-line graph), whose points are on the
+// lattice and whose edges do not cross. The code calls the boundary of the cavity `rim`.
 //
-// Where a tool edge crosses the sheet's boundary, both edges are bent through a lattice point next
-// to the crossing (iterated snap rounding after Hobby 1999 and Halperin and Packer 2002, but only
-// edges that cross are bent). Contract:
+// If a tool edge crosses the sheet's boundary, the crossing need not be a lattice point. Both
+// edges are therefore bent through a lattice point next to the crossing. The method is iterated
+// snap rounding after Hobby 1999 and Halperin and Packer 2002, except that only edges that cross
+// are bent. Contract:
 //  1. The four lattice points around a crossing are candidates for the bend. The bend is the
 //     nearest candidate on the material's side of the sheet's boundary, so that the boundary only
-//     recedes. If two bent boundary edges cross each other, there may be no such candidate, because
-//     the material is thinner than a lattice step there. Then the bend is the nearest candidate.
+//     recedes. If no candidate lies on the material's side, the bend is the nearest candidate.
+//     (This can happen if two bent boundary edges cross each other, because the material between
+//     them is thinner than a lattice step.)
 //  2. The algorithm terminates. A bend replaces an edge by two edges in the edge's bounding box.
-//     The Manhattan lengths of the two edges are positive and add up to that of the replaced edge.
+//     The Manhattan length of an edge is the sum of its horizontal and its vertical extent. The
+//     Manhattan lengths of the two new edges are positive and add up to that of the replaced edge.
 //     So the sum of the squares of all Manhattan lengths, an integer, decreases with every bend.
 //  3. Edges shared with kept triangles (triangles outside the cavity) are never bent. If a bend
-//     would affect a kept triangle, `absorb` lists the triangle, and the caller adds it to the
-//     cavity and starts again.
+//     would move an edge of a kept triangle, or would cover a part of this triangle, `absorb` lists
+//     the triangle, and the caller adds it to the cavity and starts again.
 //  4. If no edges cross, nothing is bent.
 //  5. If sheet and tool are moved by lattice steps or rotated by right angles, the overlay moves
 //     and rotates with them and is otherwise the same. The overlay is also the same if the
-//     triangles of the sheet or the corners of the tool are listed in another order. The reason:
-//     the order in which edges are treated, and the choice between equally near candidates (item
-//     1), are decided in the canonical rotation of cavity and tool (rotation_by_moments()). Item 5
-//     does not hold if the canonical rotation is ambiguous, for example because cavity and tool are
-//     symmetric under a rotation.
+//     triangles of the sheet or the corners of the tool are listed in another order. To achieve
+//     this, two things are decided in the canonical rotation of cavity and tool
+//     (rotation_by_moments()): the order in which edges are treated, and the choice between equally
+//     near candidates (item 1). Item 5 does not hold if the canonical rotation is ambiguous, for
+//     example because cavity and tool are symmetric under a rotation.
 // Tests: tests/runtime/hole_cutting/cut_property_test.cpp
 #pragma once
 
@@ -35,8 +38,9 @@
 
 namespace trocar::runtime {
 
-/// A straight edge of the overlay from point `a` to point `b`. It stands for all edges of the
-/// cavity's boundary and of the tool's outline, or parts of them, between these two points.
+/// A straight edge of the overlay from point `a` to point `b`. Several edges of the cavity's
+/// boundary and of the tool's outline, or parts of such edges, can run between these two points;
+/// one strand stands for all of them.
 struct Strand {
   LatticePoint first, second;  ///< points[a] and points[b]; `first` is smaller (by x, then y)
   std::uint32_t a, b;          ///< indices into Overlay::points
@@ -55,14 +59,14 @@ struct Overlay {
   std::vector<LatticePoint> points;
   /// Strands that are not `gone` do not cross, and no point lies inside one of them.
   std::vector<Strand> strands;
-  CanonicalRotation rotation;          ///< canonical rotation (contract 5)
+  CanonicalRotation rotation;          ///< canonical rotation of cavity and tool (contract 5)
   std::vector<std::uint32_t> absorb;   ///< after kAgain: triangles to add to the cavity
   FlatTable point_at;                  ///< key: coordinates; value: index into `points`
   FlatTable strand_at;                 ///< key: a and b; value: the latest strand between them
   std::vector<std::uint32_t> pending;  ///< scratch: strands to be tested for crossings
 
   std::vector<std::uint32_t> rim_point;   ///< the Cavity::rim_vertices, as indices in `points`
-  std::vector<std::uint32_t> rim_strand;  ///< strand of each edge of Cavity::rim, before any split
+  std::vector<std::uint32_t> rim_strand;  ///< first strand of each edge of Cavity::rim; may be gone
 
   void allocate(std::size_t max_triangles, std::size_t max_points, std::size_t max_strands);
   static std::uint64_t key(LatticePoint p) noexcept {
@@ -70,8 +74,8 @@ struct Overlay {
   }
 };
 
-/// Builds the overlay. After kAgain only `absorb` is valid. O(c^2), where c is the number of edges
-/// of the cavity's boundary and of the tool together; for a puncture c is a few dozen.
+/// Builds the overlay. If it returns kAgain, only `absorb` is valid. O(c^2), where c is the number
+/// of edges of the cavity's boundary and of the tool together; for a puncture c is a few dozen.
 StageOutcome build_overlay(const SheetMesh& mesh, const TriangleGrid& grid, const Cavity& cavity,
                            Overlay& out) noexcept;
 

@@ -1,17 +1,19 @@
 // SPDX-License-Identifier: Apache-2.0
-// Fifth stage of a cut: proves that a valid sheet stays valid when the patch (the new triangles)
-// replaces the cavity. Triangles outside the cavity are kept. The proof uses only the cavity and
-// its neighbourhood.
+// Proves that a valid sheet stays valid when the patch (the new triangles) replaces the cavity.
+// This is the fifth stage of a cut. Triangles outside the cavity are kept. The proof uses only the
+// cavity and its neighbourhood.
 //
 // The following statements are proved exactly. Together they imply that the mesh is
 // valid (formats/geometry/mesh_validity.h):
 //  1. Every new triangle is strictly counter-clockwise.
-//  2. An edge of a new triangle either becomes a boundary edge of the sheet, or exactly one other
-//     triangle has the same edge. The other triangle is new, or it is a kept triangle on the other
-//     side of the cavity's boundary. Each edge of a kept triangle is used by at most one new
-//     triangle. So no directed edge occurs twice. (That the triangles of each vertex are connected
-//     across edges is not proved here. It follows from the way in which stitch() numbers vertices.)
-//  3. Edges between two new triangles are locally Delaunay.
+//  2. Each edge of a new triangle becomes a boundary edge of the sheet, or exactly one other
+//     triangle has the same edge. The other triangle is new, or it is a kept triangle on the
+//     other side of the cavity's boundary. Each edge of a kept triangle is used by at most one
+//     new triangle. It follows that no directed edge occurs twice. (That the triangles of each
+//     vertex are connected across edges is not proved here. It follows from the way in which
+//     stitch() numbers vertices.)
+//  3. Edges between two new triangles are locally Delaunay: the two angles opposite the edge add up
+//     to at most 180 degrees.
 //  4. Boundary edges that the cut creates cross neither each other nor any old boundary edge near
 //     them. (Old boundary edges were edges of the valid sheet before the cut, so they do not cross
 //     each other.)
@@ -26,6 +28,7 @@
 
 namespace trocar::runtime {
 
+/// The scratch memory of the proof.
 struct ProofSpace {
   struct Segment {
     LatticePoint a, b;

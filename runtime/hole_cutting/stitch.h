@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Sixth stage of a cut: replaces the cavity by the patch in the sheet.
+// Replaces the cavity in the sheet by the patch (the new triangles). This is the sixth stage
+// of a cut.
 // Tests: tests/runtime/hole_cutting/cut_test.cpp
 #pragma once
 
@@ -16,26 +17,27 @@ struct StitchSpace {
   struct Corner {
     std::uint32_t triangle, corner;
   };
-  /// A longest sequence of kept triangles around a vertex on the cavity's boundary, in which each
-  /// triangle shares an edge with the next.
+  /// A sequence of kept triangles around a vertex on the cavity's boundary. Each triangle shares an
+  /// edge with the next, and the sequence is as long as possible.
   struct Run {
     std::uint32_t vertex;
     /// The triangles' corners at the vertex are the elements first to end - 1 of `corners`.
     std::uint32_t first, end;
   };
-  /// A vertex to be created. All corners of one group get this vertex.
+  /// A vertex to be created. All corners in the group (see `parent`) get this vertex.
   struct NewVertex {
     std::uint32_t group;
     LatticePoint point;
   };
   std::vector<Corner> corners;
   std::vector<Run> runs;
-  /// Key: first or last triangle of a run, and the run's vertex; value: index into `runs`.
+  /// Finds the run to which a triangle belongs. Key: first or last triangle of the run, and the
+  /// run's vertex; value: index into `runs`.
   FlatTable run_at;
   /// Union-find structure. Its elements are the runs, followed by the corners of the patch's
-  /// triangles. All elements of a group become one vertex.
+  /// triangles. It joins elements to groups; all elements of a group become one vertex.
   std::vector<std::uint32_t> parent;
-  std::vector<std::uint32_t> vertex;  ///< vertex slot of each group, indexed by the group's root
+  std::vector<std::uint32_t> vertex;  ///< vertex slot of each group; index: the group's root
   FlatTable taken;                    ///< vertices on the cavity's boundary that keep their slots
   std::vector<NewVertex> fresh;
   std::vector<std::uint32_t> created;   ///< result: slots of the patch's triangles in the sheet
@@ -45,10 +47,11 @@ struct StitchSpace {
 };
 
 /// Replaces the cavity's triangles by the patch (the new triangles). Kept triangles keep their
-/// vertices, with one exception: if the triangles around a vertex form several fans after the cut,
-/// and the fans share only this vertex, each fan but the first gets a new vertex, so that the mesh
-/// stays manifold. Vertices that no triangle uses any more are released. If the scratch memory or
-/// the sheet's free slots do not suffice, the function returns kCapacity and changes nothing.
+/// vertices, with one exception. A fan is a sequence of triangles around a vertex in which each
+/// triangle shares an edge with the next. If the triangles around a vertex form several fans after
+/// the cut, each fan but the first gets a new vertex, because a valid mesh has only one fan at a
+/// vertex. Vertices that no triangle uses any more are released. If the scratch memory or the
+/// sheet's free slots do not suffice, the function returns kCapacity and changes nothing.
 StageOutcome stitch(SheetMesh& mesh, const Cavity& cavity, const Overlay& overlay,
                     const Patch& patch, StitchSpace& space, SheetEdit& edit) noexcept;
 

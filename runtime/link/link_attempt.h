@@ -14,14 +14,18 @@ namespace trocar::runtime {
 
 struct LinkAttempt {
   LinkNonce nonce{};  ///< nonce of the host's hello, the first packet of the handshake
-  // Each flag says whether one kind of answer has arrived. welcomed: the drive accepted the hello.
-  // wrong_key, busy, other_kind: the drive denied the hello, because the keys differ, because it
-  // serves another host, or because the host wanted angles and the drive has poses (or conversely).
-  // other_program, other_version: the answer is not of the protocol, or of another version of it.
+  // Each flag says whether one kind of answer has arrived.
+  //  - welcomed: the drive accepted the hello.
+  //  - wrong_key: the drive denied the hello, because it has another key.
+  //  - busy: the drive denied the hello, because it serves another host.
+  //  - other_kind: the drive denied the hello. The host wanted angles and the drive has poses, or
+  //    the host wanted poses and the drive has angles.
+  //  - other_program: the answer does not come from a drive of the device link.
+  //  - other_version: the answer is of another version of the protocol.
   bool welcomed = false, wrong_key = false, busy = false, other_kind = false;
   bool other_program = false, other_version = false;
-  /// Why the last packet after the welcome was refused. kNone: that packet was accepted, or there
-  /// was no such packet.
+  /// The reason for which the host refused the last packet after the welcome. kNone: the host
+  /// accepted this packet, or no packet arrived after the welcome.
   LinkRefusal state_refusal = LinkRefusal::kNone;
 
   /// Sets the flags for a datagram other than a welcome. (The caller itself evaluates a welcome and

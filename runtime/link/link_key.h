@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Reads and writes the file with the key that host and drive of the device link share. The file
-// contains 64 hexadecimal digits and a line feed. Only the file's owner may have access to the
-// file (mode 0600 or 0400).
+// Reads and writes the file with the key that host and drive of the device link share. With the
+// key, each end checks that packets come from the other end. The file contains 64 hexadecimal
+// digits and a line feed. Only the file's owner may have access to the file (mode 0600 or 0400).
 #pragma once
 
 #include <filesystem>

@@ -1,15 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
 // The host's end of the device link, the UDP protocol between the haptic loop and a drive (the
-// electronics with the motors; formats/session/device_link.md). There are two kinds of drives, and
-// one derived class for each: UdpDevice (udp_device.h) and UdpPoseDevice (udp_pose_device.h).
+// electronics with the motors; formats/session/device_link.md). The host sends commands, and the
+// drive sends states, which contain its measurements. There are two kinds of drives, with one
+// derived class for each kind: UdpDevice (udp_device.h) and UdpPoseDevice (udp_pose_device.h).
 // read() and write() do not block, allocate, lock or throw. Packets that are old or not authentic
 // are counted and otherwise ignored.
 //
 // In this header, "session" means a session of the link. It begins with the handshake (hello,
 // welcome, first state), and ends when it is closed or lost. After a loss, restore() requests a new
-// session. With the real clock, a separate thread establishes the new session, and only this thread
-// uses the socket meanwhile. In lock-step (the drive's time advances only by the loop's commands)
-// advance() establishes the new session.
+// session. With the real clock, a separate thread establishes the new session. Until it has done
+// so, no other thread uses the socket. In lock-step (the drive's time advances only by the loop's
+// commands) advance() establishes the new session.
 // Tests: tests/runtime/link/udp_device_test.cpp, tests/runtime/link/udp_pose_device_test.cpp
 #pragma once
 
@@ -32,13 +33,15 @@ namespace trocar::runtime {
 struct UdpLinkOptions {
   Endpoint peer;
   LinkKey key;
-  double period_s = 1e-3;              ///< period of the loop; in lock-step also the drive's step
+  /// Period of the loop. In lock-step, each command advances the drive's time by this period.
+  double period_s = 1e-3;
   LinkClock clock = LinkClock::kReal;  ///< the drive must use the same clock
-  bool resets_world = true;            ///< start() asks a simulated drive to reset its world
+  bool resets_world = true;            ///< start() asks a simulated drive to restart its simulation
   double connect_timeout_s = 5;
-  double no_state_s = 0.01;  ///< real clock: without a state for this time, the link is lost
-  /// Lock-step: longest wait for the drive's answer to a command. After a missed answer, each wait
-  /// lasts at most no_state_s until an answer arrives in time again.
+  /// Longest time without a state; after it the link is lost. Used with the real clock.
+  double no_state_s = 0.01;
+  /// In lock-step, the longest wait for the drive's answer to a command. If an answer is missed,
+  /// the longest wait is only no_state_s until an answer arrives in time again.
   double answer_s = 2;
 };
 
@@ -83,9 +86,9 @@ class UdpLink : public Kind::Interface {
 
   /// Establishes a session: hello, welcome and a first state. Blocks for at most connect_timeout_s.
   /// Errors: kDeviceFault if the drive does not answer, has another key or protocol version, is in
-  /// a session with another host, is of the other kind or sends no valid state, or if another
+  /// a session with another host, is not of the kind `Kind` or sends no valid state, or if another
   /// program answers; kUsage if the drive uses another clock; kBug if start() was called before
-  /// (detected only with the real clock).
+  /// (with the real clock only; in lock-step the function does not detect this).
   Result<void> start() override;
   /// Ends the session on both sides, and stops a restore() in progress. The counts of packets can
   /// still be read afterwards.
@@ -93,17 +96,17 @@ class UdpLink : public Kind::Interface {
 
   /// Reads the newest state that has arrived since the last call.
   ///  - kNoData: no state has arrived since the last call, but one has arrived within no_state_s.
-  ///    Or at least kLongQueue states were queued, for example after a slow start of the loop, so
-  ///    that the socket may have dropped the newest.
-  ///  - kLinkLost: no state has arrived for no_state_s (in lock-step: since the last call); the
-  ///    other end is closed; the drive has received none of the torques of the last no_state_s (or
-  ///    of the last 2.5 periods, whichever is longer); the drive's watchdog has tripped; or a
-  ///    restore() is in progress.
+  ///    read() also returns kNoData if at least kLongQueue states were queued, for example after a
+  ///    slow start of the loop. The socket may then have dropped newer states than the queued ones.
+  ///  - kLinkLost, in five cases: no state has arrived for no_state_s (in lock-step: since the last
+  ///    call); the other end is closed; the drive has received none of the torques that were sent
+  ///    within no_state_s or within 2.5 periods, whichever is longer; the drive's watchdog has set
+  ///    the torques to zero, because commands stopped arriving; or a restore() is in progress.
   ///  - kEmergencyStop, kMotorFault: the drive reports this condition.
   DeviceStatus read(Reading& reading) noexcept override;
   /// Sends torques. Returns kLinkLost if the other end is closed or a restore() is in progress.
-  /// Returns kNoData, and sends nothing, if a torque is not finite or is too large, or if the
-  /// socket's buffer is full.
+  /// Returns kNoData, and sends nothing, if a torque is not finite or exceeds the protocol's limit,
+  /// or if the socket's buffer is full.
   DeviceStatus write(const Output& torques) noexcept override;
   /// In lock-step, calls wait_for_answer().
   void advance(double /*dt_s*/) noexcept override {
@@ -111,19 +114,20 @@ class UdpLink : public Kind::Interface {
   }
   bool is_paced_by_loop() const noexcept override { return options_.clock == LinkClock::kLockStep; }
 
-  /// Lock-step: waits for the answer to the last write(). UdpLinkOptions::answer_s defines the
-  /// longest wait. Returns false if no answer arrives. The next read() returns the answer, or
-  /// kLinkLost if there is none. If restore() has requested a new session, the function instead
-  /// establishes this session within connect_timeout_s. If that fails, the function returns false.
+  /// Call this in lock-step only. Waits for the answer to the last write(), for at most the time
+  /// that UdpLinkOptions::answer_s defines. Returns false if no answer arrives. The next read()
+  /// returns the answer, or kLinkLost if there is none. If restore() has requested a new session,
+  /// there is no answer to wait for: the function then establishes the session within
+  /// connect_timeout_s, or returns false.
   bool wait_for_answer() noexcept;
 
-  /// Requests a new session with the drive at the same address. A simulated world continues in its
-  /// present state. With the real clock, attempts are repeated until one succeeds, with a pause
-  /// after each failure. In lock-step there is one attempt of at most connect_timeout_s. If this
-  /// attempt fails, further requests have no effect. Until the new session begins, torques are
-  /// zero, and read() and write() return kLinkLost. The request has an effect only if the last
-  /// read() returned kLinkLost or kMotorFault. (A motor fault also needs a new session, because the
-  /// drive reports the fault until the present session ends.)
+  /// Requests a new session with the drive at the same address. A simulated drive continues its
+  /// simulation without a restart. With the real clock, attempts are repeated until one succeeds,
+  /// with a pause after each failure. In lock-step there is one attempt of at most
+  /// connect_timeout_s. If this attempt fails, further requests have no effect. Until the new
+  /// session begins, torques are zero, and read() and write() return kLinkLost. The request has an
+  /// effect only if the last read() returned kLinkLost or kMotorFault. (A motor fault also needs a
+  /// new session, because the drive reports the fault until the present session ends.)
   void restore() noexcept override;
 
   // Call the following functions only while no restore() is in progress, or after close().
@@ -159,7 +163,8 @@ class UdpLink : public Kind::Interface {
   /// If at least this many states were queued, the socket may have dropped the newest. A socket's
   /// buffer holds about 270 states.
   static constexpr int kLongQueue = 128;
-  /// Number of commands whose round trip can be measured at the same time.
+  /// Number of the latest commands whose sending times are kept. If a state acknowledges an older
+  /// command, no round trip is measured.
   static constexpr std::size_t kRoundTrips = 256;
 
   UdpLinkOptions options_;
@@ -177,7 +182,7 @@ class UdpLink : public Kind::Interface {
   Histogram round_trip_;                             ///< LinkReport::round_trip
   std::array<std::int64_t, kRoundTrips> sent_ns_{};  ///< sending times of the latest commands
   std::uint64_t last_acknowledged_ = 0;              ///< number of the latest acknowledged command
-  bool counts_missed_ = false;                       ///< true: missed states are counted
+  bool counts_missed_ = false;                       ///< true: states_missed_ counts missed states
   bool answers_come_ = true;                         ///< lock-step: the last answer arrived in time
   bool is_lost_ = false;   ///< the last read() returned kLinkLost or kMotorFault
   bool given_up_ = false;  ///< lock-step: restore() failed

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // A PoseDevice that exchanges data with a drive over the device link (udp_link.h). The drive
-// reports the pose of a handle, and takes a wrench. If the drive reports a fault of its own, read()
-// returns kMotorFault. restore() then requests a new link session, as after kLinkLost.
+// reports the pose of a handle, and takes a wrench. If the drive reports a fault, read() returns
+// kMotorFault. After kMotorFault, as after kLinkLost, restore() requests a new session of the link.
 #pragma once
 
 #include <memory>

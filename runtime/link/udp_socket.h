@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// A non-blocking IPv4 datagram socket and its addresses. Once the socket exists, only its function
-// wait() blocks, and no function of the socket allocates or throws: each makes one system call.
+// A non-blocking IPv4 datagram socket (UDP), and its addresses. After a socket has been made, each
+// of its functions makes one system call, and none allocates or throws. Only wait() blocks.
 #pragma once
 
 #include <cstddef>
@@ -23,8 +23,8 @@ std::string to_string(const Endpoint& endpoint);
 
 /// Parses HOST:PORT. HOST is a dotted IPv4 address, or a name whose IPv4 address is looked up.
 /// Errors: kUsage if `text` has another form, the name is unknown, or the port is below
-/// `lowest_port`; the message quotes `text`. Port 0, which is allowed if `lowest_port` is 0, lets
-/// the system choose a port to listen on.
+/// `lowest_port`; the message quotes `text`. If `lowest_port` is 0, port 0 is allowed: the system
+/// then chooses a port to listen on.
 Result<Endpoint> parse_endpoint(std::string_view text, int lowest_port);
 
 class UdpSocket {
@@ -53,7 +53,7 @@ class UdpSocket {
   bool wait(double seconds) noexcept;
   /// Returns the address and port to which the socket is bound.
   Endpoint local() const noexcept;
-  /// errno of the last Outcome::kGone; 0 if there was none.
+  /// errno of the last operation that returned Outcome::kGone; 0 if none did.
   int error() const noexcept { return error_; }
 
  private:

@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// Inserts a point into a SheetMesh that is constrained Delaunay, and keeps the mesh constrained
-// Delaunay. The triangles whose circumcircles contain the point form the cavity. The star of the
-// point replaces the cavity: triangles that join the point to the edges of the cavity's boundary
-// (Bowyer; Watson, 1981). The code calls the boundary of the cavity `rim`. All decisions are exact.
+// Inserts a point into a SheetMesh. If the mesh is constrained Delaunay (the two angles opposite
+// each inner edge add up to at most 180 degrees), it stays so. The triangles whose circumcircles
+// contain the point form the cavity. They are replaced by the star of the point, which consists of
+// the triangles between the point and the edges of the cavity's boundary (Bowyer; Watson, 1981).
+// The code calls the boundary of the cavity `rim`. All geometric tests are exact.
 #pragma once
 
 #include <cstddef>
@@ -24,8 +25,10 @@ struct CavityEdge {
 
 enum class InsertionOutcome {
   kDone,
-  kNotVisible,  ///< a part of the cavity's boundary is not visible from the point
-  kCapacity,    ///< the mesh has too few free slots
+  /// A part of the cavity's boundary is hidden from the point by another part, so that the
+  /// triangles of the star would overlap.
+  kNotVisible,
+  kCapacity,  ///< the mesh has too few free slots
 };
 
 /// find() finds a cavity, and insert() fills the cavity found last. Both take time proportional to
@@ -43,10 +46,10 @@ class PointInsertion {
   std::span<const CavityEdge> rim() const noexcept { return rim_; }
   std::span<const std::uint32_t> cavity() const noexcept { return cavity_; }
 
-  /// Replaces the cavity by the star of p. `split`: index in rim() of a boundary edge of the sheet
-  /// that p splits, or kNone. If p splits an edge, p must lie on the edge or on its inner side. Two
-  /// edges that meet at p then replace the split edge, and the area between the split edge
-  /// and these two edges is no longer part of the sheet. If the result is not kDone,
+  /// Replaces the cavity by the star of p. `split` is kNone, or the index in rim() of a boundary
+  /// edge of the sheet that p splits. In the second case p must lie on that edge or on the edge's
+  /// inner side. Two edges that meet at p then replace the split edge, and the area between the
+  /// split edge and the two new edges no longer belongs to the sheet. If the result is not kDone,
   /// nothing is changed.
   InsertionOutcome insert(SheetMesh& mesh, SheetEdit& edit, LatticePoint p,
                           std::uint32_t split) noexcept;
@@ -59,7 +62,7 @@ class PointInsertion {
   std::vector<std::uint32_t> cavity_, star_;
   std::vector<CavityEdge> rim_;
   std::uint32_t vertex_ = kNone;
-  std::vector<std::uint32_t> visited_;   // per triangle slot: search_ if it is in the cavity
+  std::vector<std::uint32_t> visited_;   // per triangle slot: last search with it in the cavity
   std::vector<std::uint32_t> starting_;  // per vertex slot: star triangle whose edge 0 starts there
   std::uint32_t search_ = 0;             // number of the last call of find()
 };

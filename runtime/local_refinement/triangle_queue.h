@@ -14,9 +14,9 @@
 
 namespace trocar::runtime {
 
-/// The smallest key comes first. If keys are equal, the lowest slot comes first. Only the
-/// constructor allocates. For n slots in the queue, put() and remove() are O(log n), and
-/// clear() is O(n).
+/// The slot with the smallest key comes first; the caller chooses the keys. If keys are equal, the
+/// lowest slot comes first. Only the constructor allocates. For n slots in the queue, put() and
+/// remove() are O(log n), and clear() is O(n).
 class TriangleQueue {
  public:
   explicit TriangleQueue(std::size_t triangle_slots) : position_(triangle_slots, kNone) {

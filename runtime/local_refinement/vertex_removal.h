@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// Removes an inner vertex from a SheetMesh that is constrained Delaunay, and keeps the mesh
-// constrained Delaunay. The polygon around the vertex is filled by ears, which are triangles of
-// three successive corners of the polygon. An ear is used only if its circumcircle contains no
-// other corner (the simple form of Devillers, 1999). All decisions are exact.
+// Removes an inner vertex from a SheetMesh. If the mesh is constrained Delaunay (the two angles
+// opposite each inner edge add up to at most 180 degrees), it stays so. The triangles around the
+// vertex form a polygon. It is filled by ears: an ear is a triangle of three successive corners of
+// the polygon. An ear is used only if its circumcircle contains no other corner (the simple form of
+// Devillers, 1999). All geometric tests are exact.
 // Tests: tests/runtime/local_refinement/local_refinement_test.cpp
 #pragma once
 
@@ -20,7 +21,7 @@ namespace trocar::runtime {
 /// O(k^3) for k triangles around the vertex.
 class VertexRemoval {
  public:
-  /// Largest number of triangles around a vertex that can be removed.
+  /// A vertex with more triangles around it than this is not removed.
   static constexpr std::size_t kMaxDegree = 24;
 
   /// Plans the removal of the vertex at corner `corner` of triangle t. Returns false if the vertex
@@ -41,8 +42,9 @@ class VertexRemoval {
   std::span<const std::uint32_t> freed() const noexcept { return {&star_[degree_ - 2], 2}; }
 
  private:
-  // The neighbour beyond an edge. If is_ear, the neighbour is the ear `number`, and the common edge
-  // is edge 2 of that ear. Otherwise it is the triangle `number` of the mesh; kNone: there is none.
+  // The neighbour beyond an edge. If is_ear is true, the neighbour is the ear `number`, and the
+  // common edge is edge 2 of that ear. If is_ear is false, the neighbour is the triangle `number`
+  // of the mesh, or there is none (kNone).
   struct Beyond {
     bool is_ear;
     std::uint32_t number;
@@ -58,8 +60,8 @@ class VertexRemoval {
   std::size_t degree_ = 0;
   std::uint32_t vertex_ = kNone;
   std::array<std::uint32_t, kMaxDegree> star_{};  // triangle slots
-  // The polygon that is not filled yet, counter-clockwise, and the neighbour beyond the edge from
-  // each corner to the next.
+  // The part of the polygon that is not filled yet: its corners, counter-clockwise, and for each
+  // corner the neighbour beyond the edge to the next corner.
   std::array<std::uint32_t, kMaxDegree> polygon_{};
   std::array<Beyond, kMaxDegree> beyond_{};
   std::array<Ear, kMaxDegree> ears_{};

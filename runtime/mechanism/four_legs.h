@@ -3,13 +3,15 @@
 // motor torques render a wrench. A Device (device.h) gives access to encoders and motors. The
 // encoders and motors can be simulated, connected by a link, or replayed from a recording.
 //
-// Contract, in addition to those of hand_device.h and mechanism_limits.h:
+// Contract, in addition to the contracts of hand_device.h and mechanism_limits.h:
 //  1. Every torque written is finite and within what its motor's thermal state allows.
-//  2. The pose is fitted to theta1, theta2 and theta3 of each leg (README.md). Theta4 follows from
-//     the pose, and a further check compares this theta4 with the measured one.
-//  3. Compensation torques cancel the device's own friction and weight. They rise from zero after
-//     stop(). The motors' limits apply to the sum of compensation and rendered torques, but
-//     delivered() contains only the wrench of the rendered torques.
+//  2. The pose is fitted to the joint angles theta1, theta2 and theta3 of each leg (kinematics.h).
+//     The encoder of theta4 serves as a check: find_pose() computes theta4 from the pose and
+//     compares it with the measured theta4.
+//  3. Compensation torques cancel the device's own friction and weight. They rise from zero at the
+//     start and after stop() and fade(), so that they do not jump. The motors' limits apply to the
+//     sum of compensation and rendered torques. delivered() returns the wrench of the rendered
+//     torques without the compensation.
 // Tests: tests/runtime/mechanism/four_legs_test.cpp, tests/runtime/control/loop_motors_test.cpp
 #pragma once
 

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The facts about the four-legged device that the force laws and the checks of a scene use. They
-// are computed from the device's description.
+// The DeviceSpecification of the four-legged device: its mass, damping, largest wrenches and the
+// margins of a pose, computed from the device's description. The force laws and the checks of a
+// scene use it.
 // Tests: tests/runtime/mechanism/four_legs_test.cpp
 #pragma once
 
@@ -12,7 +13,8 @@ namespace trocar::runtime {
 
 class FourLegsSpecification final : public DeviceSpecification {
  public:
-  /// `limits`: the limits that the device's own checks use. The programs use the defaults.
+  /// `limits`: the limits for margins() and describe_fault(). The device (FourLegs) checks the same
+  /// limits in every tick. The programs use the defaults.
   explicit FourLegsSpecification(const DeviceDescription& description,
                                  const MechanismLimits& limits = {})
       : description_(description), limits_(limits) {}
@@ -30,7 +32,7 @@ class FourLegsSpecification final : public DeviceSpecification {
   double stiffness_max_N_per_m() const noexcept override {
     return description_.plate_stiffness_max_N_per_m;
   }
-  /// Angle of one encoder count; 0: the encoders are exact.
+  /// Angle of one encoder count in rad; 0 if the encoders are exact.
   double resolution() const noexcept override;
   std::optional<Eigen::Matrix<double, 6, 6>> damping(const Pose& T_device_plate) const override;
   double renderable_fraction(const Pose& T_device_plate,
@@ -39,8 +41,8 @@ class FourLegsSpecification final : public DeviceSpecification {
                               const Wrench& wrench_device) const override;
   DeviceMargins margins(const Pose& T_device_plate) const noexcept override;
   std::string describe_margins(const DeviceMargins& smallest) const override;
-  /// `fault` is kJointLimit, kSingularity or kPoseResidual. Here kPoseResidual means that the
-  /// device cannot be at this pose.
+  /// `fault` is kJointLimit, kSingularity or kPoseResidual. margins() returns kPoseResidual for a
+  /// pose that the device cannot reach.
   std::string describe_fault(Fault fault, const Pose& T_device_plate) const override;
   std::optional<Pose> pose_of(const RecordingRow& row) const override;
 

@@ -1,7 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 // Position kinematics of the four-legged device (paper, section III.B): joint angles from a pose
-// (inverse), and a pose from joint angles (forward). README.md defines the points, lengths and
-// angles. The haptic thread may call all functions: no allocation, no exception, bounded loops.
+// (inverse), and a pose from joint angles (forward). Each leg has two chains of two links: the
+// upper chain with the joint angles th1 to th3, and the lower chain with th4 to th6 (also theta1 to
+// theta6). Motors turn th1 and th4; encoders measure th1 to th4. README.md of this folder defines
+// the points A to F and the lengths. The haptic thread may call all functions: no allocation, no
+// exception, bounded loops.
 #pragma once
 
 #include <Eigen/Core>
@@ -17,8 +20,8 @@ namespace trocar::runtime {
 /// One value per motor: th1 and th4 of leg 1, then of leg 2, and so on (as in DeviceCommand).
 using MotorVector = Eigen::Matrix<double, kMotors, 1>;
 
-/// Indices into MotorVector and into the array of encoders. `leg` counts from 0; `which` is 0 for
-/// th1 and 1 for th4; `joint` is 0..3 for th1..th4.
+/// Indices into MotorVector and into the array of encoders. `leg` counts from 0. `which` is 0 for
+/// th1 and 1 for th4. `joint` is 0 for th1, 1 for th2, 2 for th3 and 3 for th4.
 constexpr int motor_index(int leg, int which) noexcept {
   return 2 * leg + which;
 }
@@ -28,12 +31,12 @@ constexpr int encoder_index(int leg, int joint) noexcept {
 
 enum class KinematicsFailure : std::uint8_t {
   kOk,
-  kBadInput,      ///< not finite, or a quaternion that is not of unit length
+  kBadInput,      ///< a number is not finite, or a quaternion is not of unit length
   kOutOfReach,    ///< the pose is outside the workspace: a chain's links cannot connect its ends
-  kSingular,      ///< an angle, a rate or the pose is not determined
+  kSingular,      ///< the input does not determine an angle, a rate or the pose uniquely
   kBeyondLimit,   ///< an angle is outside the description's joint limits
   kNotConverged,  ///< the iteration did not converge in the allowed number of steps
-  kOtherBranch,   ///< a leg is on another branch (LegBranch), or this cannot be excluded
+  kOtherBranch,   ///< a leg is, or may be, on another branch (LegBranch) than the description says
 };
 /// Name for logs and messages, such as "out of reach".
 const char* to_string(KinematicsFailure failure) noexcept;
@@ -53,12 +56,13 @@ struct JointAngles {
 MotorVector motor_angles(const JointAngles& joints) noexcept;
 /// The angles th1..th4 of each leg, as in DeviceState::encoder_rad.
 std::array<double, kEncoders> encoder_angles(const JointAngles& joints) noexcept;
-/// The angles of the motors' encoders.
+/// Selects the angles of the motors' encoders, th1 and th4 of each leg, from all encoder angles.
 MotorVector motor_angles(const std::array<double, kEncoders>& encoder_rad) noexcept;
 
 struct InverseResult {
   KinematicsStatus status;
-  /// Valid only if status is kOk. Each angle is within half a turn of the middle of its limits.
+  /// Valid only if status is kOk. Full turns are added to each angle so that it lies within half a
+  /// turn of the middle of its joint's limits.
   JointAngles joints;
 };
 
@@ -69,8 +73,8 @@ InverseResult inverse_kinematics(const DeviceDescription& device,
                                  const Pose& T_device_plate) noexcept;
 
 /// The assembly branch of a leg. A leg has up to four shapes with the same pose of the plate,
-/// because the formulas for th1 and for th4 contain +acos or -acos. A branch is these two signs, +1
-/// or -1 (DeviceGeometry).
+/// because the formulas for th1 and for th4 contain +acos or -acos. `theta1` and `theta4` are these
+/// two signs, +1 or -1. DeviceGeometry contains the signs of the real device.
 struct LegBranch {
   int theta1 = 1, theta4 = 1;
   friend bool operator==(const LegBranch&, const LegBranch&) = default;
@@ -84,40 +88,43 @@ KinematicsStatus check_joint_limits(const DeviceDescription& device,
 struct ForwardResult {
   KinematicsStatus status;
   Pose T_device_plate;    ///< valid only if status is kOk
-  double residual_m = 0;  ///< disagreement of the encoders, as the called function defines it
+  double residual_m = 0;  ///< disagreement of the encoders; each function below defines it
   int iterations = 0;
 };
 
-/// Computes the pose from th1, th2 and th3 of every leg (th4 is not used). These angles determine
-/// the positions of the ball joints C_m. The pose is the least-squares rigid fit to these points
-/// (Kabsch), which has a closed form because the C_m form a square on the plate. residual_m is the
-/// root mean square distance between measured and fitted C_m. If the encoders agree, it is zero.
+/// Computes the pose from th1, th2 and th3 of every leg (th4 is not used). The angles of leg m
+/// determine the position C_m of its ball joint at the plate. The result is the pose at which the
+/// plate's four ball joints fit the points C_m best (least squares, Kabsch). This pose has a closed
+/// form, because the ball joints form a square on the plate. residual_m is the root mean square
+/// distance between the points C_m and the plate's ball joints; it is zero if the encoders agree.
 ForwardResult forward_kinematics(const DeviceDescription& device,
                                  const std::array<double, kEncoders>& encoder_rad) noexcept;
 
 struct GaussNewtonOptions {
   int max_iterations = 20;
-  double step_m = 1e-12;  ///< largest step component at convergence; 1 rad counts as 0.05 m
-  /// If the plate moved more than travel_max_m, or if the residual exceeds residual_max_m, the
-  /// result is kOtherBranch. In tests with the defaults, every pose with status kOk was right, even
-  /// from starts up to 100 mm and 60 deg away (tests/runtime/mechanism/kinematics_test.cpp). To
-  /// allow larger motions, increase travel_max_m.
+  /// The iteration ends after a step with no component above step_m; 1 rad counts as 0.05 m.
+  double step_m = 1e-12;
+  /// If the plate moved more than travel_max_m since the last pose, or if residual_m exceeds
+  /// residual_max_m, the result is kOtherBranch. In tests with the defaults, no wrong pose had the
+  /// status kOk, even if the iteration started up to 100 mm and 60 deg from the true pose
+  /// (tests/runtime/mechanism/kinematics_test.cpp). To allow larger motions, increase travel_max_m.
   double travel_max_m = 0.01;  ///< largest plate motion since the last pose; 1 rad counts as 0.05 m
-  double residual_max_m = 3e-4;
+  double residual_max_m = 3e-4;  ///< largest ForwardResult::residual_m
 };
 /// Computes the pose from the eight motor angles alone, for a device without encoders at its
-/// passive joints, by Gauss-Newton on the constraints |C - E| = l2 and |D - F| = l4 of the four
-/// legs. The iteration starts at the last pose, which selects one of the solutions. The system is
-/// overdetermined (eight equations, six unknowns): it has few exact solutions but many
-/// near-solutions, and an iteration from a distant start may converge to a near-solution.
-/// kOtherBranch means that the iteration has converged to a wrong solution, or that this cannot be
-/// excluded. The pose is then still the result of the iteration, and `status` gives the reason:
+/// passive joints. In each leg, the distance from E to C must be the link length l2, and the
+/// distance from F to D the link length l4. Gauss-Newton solves these eight equations for the six
+/// unknowns of the pose. The iteration starts at the last pose, which selects one of the solutions.
+/// Because there are more equations than unknowns, few poses fulfil the equations exactly, but many
+/// poses nearly fulfil them. From a distant start, the iteration may converge to a pose that only
+/// nearly fulfils them. kOtherBranch means that the pose found is wrong, or may be wrong. The
+/// result then still contains this pose, and `status` gives the reason:
 ///  - If status.leg and status.joint are not 0, the chain of this joint is not on the branch that
 ///    the description specifies.
-///  - If status.leg is 0, the plate has moved too far since the last pose, or the angles fit the
-///    pose too badly (an encoder may be wrong).
-/// residual_m is the root mean square of the constraints' errors at the end. Each iteration moves
-/// the pose by at most 20 mm and 0.4 rad per axis.
+///  - If status.leg is 0, the plate has moved too far since the last pose, or residual_m is too
+///    large (an encoder may be wrong).
+/// residual_m is the root mean square error of the eight distances at the last pose of the
+/// iteration. Each iteration moves the pose by at most 20 mm and 0.4 rad per axis.
 ForwardResult forward_kinematics_from_motors(const DeviceDescription& device,
                                              const MotorVector& motor_rad,
                                              const Pose& T_device_plate_last,

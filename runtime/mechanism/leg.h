@@ -1,10 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 // One leg of the mechanism in the leg's own frame: x points radially outward, y is tangential, z
-// points up, and the origin is that of {B}. README.md defines the points A, B, C, D, E and F.
-// Outside of this folder, only runtime/simulation and tests use this header. The haptic thread
-// calls its functions: no allocation, no exception. The azimuth of a leg is its direction about the
-// z axis. The device's legs are at kAzimuth. Some functions also take any other azimuth, so that
-// tests can compute devices that do not have four legs (tests/reference/mechanism/leg_ring.h).
+// points up, and the origin is that of {B}. A leg has two chains of two links: the upper chain from
+// A over the elbow E to the ball joint C, and the lower chain from B over F to D (README.md of this
+// folder). Outside of this folder, only runtime/simulation and tests use this header. The haptic
+// thread calls its functions: no allocation, no exception. The azimuth of a leg is its direction
+// about the z axis. The device's legs are at kAzimuth. The functions with an Azimuth parameter let
+// tests compute devices that do not have four legs (tests/reference/mechanism/leg_ring.h).
 // Tests: tests/runtime/mechanism/kinematics_test.cpp
 #pragma once
 
@@ -18,14 +19,15 @@
 
 namespace trocar::runtime::leg {
 
-/// If the distance between the ends of a chain is less than kMinSpan_m, the direction from one end
-/// to the other is undefined (kSingular).
+/// If the distance between the ends of a chain is less than kMinSpan_m, the functions fail with
+/// kSingular, because the direction from one end to the other is then undefined.
 inline constexpr double kMinSpan_m = 1e-9;
 
 struct Azimuth {
   double cosine = 1, sine = 0;
 };
-/// The azimuths of the device's legs: multiples of a right angle, so that the rotation is exact.
+/// The azimuths of the device's legs. They are multiples of a right angle, so that rotations into
+/// and out of a leg's frame have no rounding error.
 inline constexpr std::array<Azimuth, kLegs> kAzimuth = {Azimuth{1, 0}, Azimuth{0, 1},
                                                         Azimuth{-1, 0}, Azimuth{0, -1}};
 
@@ -105,9 +107,9 @@ struct LegStatus {
 LegStatus inverse(const DeviceDescription& device, const Eigen::Vector3d& C, LegBranch branch,
                   std::array<double, kJointsPerLeg>& theta) noexcept;
 
-/// Finds the branch on which each of the two chains is assembled. For this branch, inverse()
-/// returns these th1 and th4. If a chain is stretched or folded, its branch is 0, because its
-/// two branches coincide.
+/// Finds the assembly branch of each chain: the branch for which inverse() computes the given th1
+/// and th4 from C. If a chain is stretched or folded, its two branches coincide, and the function
+/// returns 0 for this chain.
 LegBranch branch_of(const DeviceGeometry& g, const Eigen::Vector3d& C, double th1,
                     double th4) noexcept;
 
@@ -118,12 +120,13 @@ LegStatus motor_rates(const DeviceGeometry& g, const Eigen::Vector3d& C, double 
                       Eigen::Vector3d& w1, Eigen::Vector3d& w4) noexcept;
 
 /// Returns the distance in m of a chain's end point to the nearest point at which the chain's two
-/// branches coincide. The end point is given relative to the motor's end of the chain: (px, py) in
-/// the plane in which the first link (length a) turns, pn along the plane's normal. The second link
-/// (length b) ends on a sphere about the end of the first link. Let r = |(px, py)|. In the half
-/// plane with coordinates (r, pn), the reachable points therefore lie inside the circle of radius b
-/// about (a, 0) and outside the circle of radius b about (-a, 0). The branches coincide on these
-/// two circles. For a point that cannot be reached, the distance is negative.
+/// branches coincide. The coordinates of the end point are relative to the chain's motor: px and py
+/// lie in the plane in which the first link (length a) turns, and pn is along the plane's normal.
+/// The second link (length b) ends on a sphere of radius b about the end of the first link. Let r
+/// be the length of (px, py). Then, in a diagram with the axes r and pn, the chain reaches the
+/// points inside the circle of radius b about (a, 0) and outside the circle of radius b about
+/// (-a, 0). The branches coincide on these two circles. If the chain cannot reach the end point,
+/// the distance is negative.
 inline double branch_distance(double px, double py, double pn, double a, double b) noexcept {
   const double span = std::hypot(px, py);
   return std::min(b - std::hypot(span - a, pn), std::hypot(span + a, pn) - b);

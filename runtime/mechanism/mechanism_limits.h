@@ -1,30 +1,31 @@
 // SPDX-License-Identifier: Apache-2.0
 // Safety limits of the four-legged device's encoders, pose and motors. A check that finds a limit
 // exceeded returns a named fault, after which the loop renders no torques. To keep the limits of
-// items 2 to 4, torques are reduced first. A fault follows only if the reduction lasts too long, or
-// if a limit is exceeded in spite of it. The haptic thread calls these functions. They have no
-// state of their own.
+// items 2 to 4 below, torques are reduced first. A fault follows only if the reduction lasts too
+// long, or if a limit is exceeded in spite of it. The haptic thread calls these functions. The
+// caller keeps their state in a MotorState.
 //
 // Contract (tests/runtime/mechanism/mechanism_limits_test.cpp and, in the loop,
 // tests/runtime/control/loop_motors_test.cpp):
 //  1. A check returns kNone if its limit is not exceeded, and otherwise its own fault, with the
 //     quantity, the quantity's value and the limit. A value that is not finite is beyond every
-//     limit. A limit of nan always trips, and so does a negative limit of a quantity that
-//     cannot be negative.
+//     limit. A limit that is nan counts as exceeded. So does a negative upper limit on a quantity
+//     that cannot be negative.
 //  2. The heat of a motor is computed by the model of motor.h, which sums the squared current over
 //     time. As the motor warms up, the torque that is available from it falls smoothly from the
 //     peak to the continuous torque. The wrench is scaled down along its own direction so that no
 //     motor exceeds its thermal limit. This is not a fault, because a force that falls slowly is
 //     less surprising than one that vanishes. The fault kMotorOverload is raised in two cases. The
-//     first is a motor beyond its thermal limit, which can happen only if torques other than those
-//     of item 4 were written. The second is a long overload: for `overload_time_max_s` without a
-//     break, some motor was too warm for its peak torque, and less than `overload_scale_min` of the
-//     wanted wrench was rendered.
-//  3. No motor's torque rises faster than `torque_rise_max_Nm_per_s`. If one would, the whole step
-//     from the last torques is shortened by one factor, so that the change of the wrench keeps its
-//     direction. The rise of a torque is the growth of its magnitude or, if the torque changes its
-//     sign, its new magnitude. A fall towards zero, as at a puncture, is not limited. Exception: in
-//     a tick in which the largest of the eight magnitudes grows, every change counts as a rise.
+//     first case is a motor beyond its thermal limit. It can occur only if the written torques do
+//     not come from limit_torques() (item 4). The second case is a long overload: without a break
+//     for `overload_time_max_s`, some motor was too warm for its peak torque, and less than
+//     `overload_scale_min` of the wanted wrench was rendered.
+//  3. No motor's torque rises faster than `torque_rise_max_Nm_per_s`. If a torque would rise
+//     faster, the changes of all eight torques are multiplied by one factor below 1, so that the
+//     change of the wrench keeps its direction. The rise of a torque is the growth of its magnitude
+//     or, if the torque changes its sign, its new magnitude. A fall towards zero, as at a puncture,
+//     is not limited. Exception: if the largest of the eight magnitudes grows in a tick, a fall in
+//     this tick is limited like a rise.
 //  4. The torques that limit_torques() returns are within every motor's limit. If a torque still
 //     exceeds its motor's limit after item 3, all torques are scaled down by one factor.
 #pragma once
@@ -37,64 +38,66 @@
 namespace trocar::runtime {
 
 struct MechanismLimits {
-  double encoder_rate_max_rad_per_s = 60;  ///< largest rate of an encoder between two ticks
+  double encoder_rate_max_rad_per_s = 60;  ///< largest mean rate of an encoder between two readings
   double pose_residual_max_m =
-      0.5e-3;  ///< largest residual of fitting the pose to the legs' upper links
+      0.5e-3;  ///< largest ForwardResult::residual_m of forward_kinematics()
   double theta4_residual_max_rad =
       0.01;  ///< largest |measured theta4 - theta4 that follows from the pose|
   double inverse_condition_min =
       0.02;  ///< smallest inverse condition of the Jacobian (lengths divided by 0.05 m)
   /// Smallest allowed Singularity::nearest_branch_m, the distance to a pose in which a leg can
   /// change its branch (LegBranch). If this limit were smaller than the error that a pose may have
-  /// (pose_residual_max_m), a leg could change its branch undetected. Among 100,000 poses of the
-  /// stated workspace the smallest distance is 0.749 mm
+  /// (pose_residual_max_m), a leg could change its branch undetected. Among 100,000 random poses of
+  /// the workspace in tests/support/device_workspace.h the smallest distance is 0.749 mm
   /// (tests/runtime/mechanism/mechanism_limits_test.cpp).
   double branch_distance_min_m = 0.5e-3;
   double torque_max_Nm = 0;  ///< largest torque of a motor; 0: only its thermal state limits it
   double torque_rise_max_Nm_per_s = 5000;  ///< rate limit of item 3
-  /// Longest time for which item 3 may shorten steps. MotorState::rise_s counts the time. This
-  /// time restarts at 0 in a tick in which no torque changes by more than half of what the
-  /// rate limit allows.
+  /// Longest time for which item 3 may reduce changes without a fault. MotorState::rise_s is the
+  /// sum of these times. The sum restarts at 0 in a tick in which no wanted torque differs from the
+  /// last torque by more than half of what the rate limit allows.
   double torque_rise_time_max_s = 0.02;
-  double overload_scale_min = 0.5;  ///< item 2: a smaller rendered fraction is an overload
+  double overload_scale_min = 0.5;  ///< item 2: least fraction of the wrench to be rendered
   double overload_time_max_s = 1;   ///< item 2: longest overload without a fault
 };
 
 /// State of the motors that is kept between ticks.
 struct MotorState {
-  double rise_s = 0;      ///< time for which item 3 has shortened steps
+  double rise_s = 0;      ///< time for which item 3 has reduced changes (torque_rise_time_max_s)
   MotorLoad load;         ///< thermal state of item 2
   double overload_s = 0;  ///< time for which too little of the wanted wrench was rendered (item 2)
 };
 
-/// Returns kSingularity if the pose is too close to a singularity, or none.
+/// Returns kSingularity if the pose is too close to a singularity, and kNone otherwise.
 FaultDetail check_singularity(const MechanismLimits& limits,
                               const Singularity& singularity) noexcept;
 
 /// Updates the thermal state for torques that were held for dt_s. Returns kMotorOverload if a
-/// thermal limit is exceeded (item 2), or none.
+/// thermal limit is exceeded (item 2), and kNone otherwise.
 FaultDetail check_heat(const MotorModel& motor, const MotorVector& tau_motor_Nm, double dt_s,
                        MotorState& state) noexcept;
 
-/// Returns kMotorOverload if a motor's thermal state is above `share_max` times its limit, or none.
+/// Returns kMotorOverload if a motor's thermal state is above `share_max` times the motor's i2t
+/// capacity (motor.h), and kNone otherwise.
 FaultDetail check_motor_heat(const MotorModel& motor, const MotorLoad& load,
                              double share_max) noexcept;
 
 /// Call this once in a tick of length dt_s that renders `scale` times the wanted wrench. Returns
-/// kMotorOverload if too little has been rendered for too long (item 2), or none.
+/// kMotorOverload if too little has been rendered for too long (item 2), and kNone otherwise.
 FaultDetail check_overload(const MechanismLimits& limits, const MotorModel& motor, double scale,
                            double dt_s, MotorState& state) noexcept;
 
-/// Applies item 3 and returns the torques. `rise_max_Nm`: largest rise in this tick. Sets
-/// `shortened` to true if the step was shortened, and otherwise to false.
+/// Applies item 3 to the change from the torques `last` to the torques `wanted`, and returns the
+/// new torques. `rise_max_Nm`: largest rise in this tick. Sets `shortened` to true if the change
+/// was reduced, and otherwise to false.
 MotorVector limit_rise(const MotorVector& last, const MotorVector& wanted, double rise_max_Nm,
                        bool& shortened) noexcept;
 
 /// Applies items 3 and 4: changes `wanted_Nm` to the torques that may be written. Returns
-/// kTorqueLimit if a wanted torque exceeds its limit (the caller should have scaled the wrench),
-/// kTorqueRate if item 3 has shortened steps for too long, kTorqueNotFinite if a wanted torque is
-/// not finite, or none. `limit_Nm`: the motors' limits, for example available_torque(); each must
-/// be positive.
+/// kTorqueLimit if a wanted torque exceeds its limit (the caller must scale the wrench down first),
+/// kTorqueRate if item 3 has reduced changes for too long, kTorqueNotFinite if a wanted torque is
+/// not finite, and kNone otherwise. `limit_Nm`: the motors' limits, for example available_torque();
+/// each must be positive.
 FaultDetail limit_torques(const MechanismLimits& limits, const MotorVector& limit_Nm,
                           const MotorVector& last_Nm, double dt_s, MotorVector& wanted_Nm,
                           MotorState& state) noexcept;

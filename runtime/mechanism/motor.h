@@ -1,13 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
-// The motors. The functions convert joint torques to motor currents (by torque constant, gear and
-// bevel ratio), limit the currents by an i2t thermal model, and compute the torques that compensate
-// friction and weight. The haptic thread calls them: no allocation, no exception.
+// A model of the motors. The functions convert joint torques to motor currents, limit the currents
+// by an i2t thermal model, and compute the torques that compensate friction and weight. The haptic
+// thread calls them: no allocation, no exception.
 //
-// The following laws hold if a current never exceeds available_current()
-// (tests/runtime/mechanism/motor_test.cpp):
-//  1. Over any interval of length T the integral of I^2 is at most continuous^2 T + capacity, where
-//     the i2t capacity is (peak^2 - continuous^2) peak_time. A cold motor can draw the peak current
-//     for three quarters of peak_time.
+// Laws (tests/runtime/mechanism/motor_test.cpp). They hold while no current exceeds
+// available_current(). `peak`, `continuous` and `peak_time` are the values of MotorModel.
+//  1. Over any interval of length T the integral of the squared current is at most
+//     continuous^2 T + capacity. The i2t capacity is (peak^2 - continuous^2) peak_time. A cold
+//     motor can draw the peak current for three quarters of peak_time. Then the available current
+//     begins to fall (kFoldBack).
 //  2. The available current lies between continuous and peak, changes without jumps, and is the
 //     peak again once the motor has cooled.
 #pragma once
@@ -19,20 +20,22 @@
 namespace trocar::runtime {
 
 /// The available current falls from peak to continuous while the last quarter (kFoldBack) of the
-/// i2t capacity is used up. A tick must be shorter than kFoldBack times peak_time.
+/// i2t capacity is used up. A tick must be shorter than kFoldBack times peak_time; otherwise a
+/// single tick could use up more than the remaining capacity.
 inline constexpr double kFoldBack = 0.25;
 
 /// Constants of the motors, in the order of MotorVector.
 struct MotorModel {
-  MotorVector Nm_per_A = MotorVector::Zero();  ///< joint torque per motor current
+  /// Joint torque per motor current: the motor's torque constant times the gear and bevel ratios.
+  MotorVector Nm_per_A = MotorVector::Zero();
   /// The drive's peak current, or the current that gives the joint's peak torque if that is less.
   MotorVector peak_A = MotorVector::Zero();
   /// The drive's continuous current, or the current that gives the joint's continuous torque if
   /// that is less.
   MotorVector continuous_A = MotorVector::Zero();
   MotorVector peak_Nm = MotorVector::Zero();  ///< peak torque at the joint
-  double peak_time_s = 0;
-  double coulomb_Nm = 0;  ///< Coulomb friction at the joint
+  double peak_time_s = 0;                     ///< defines the i2t capacity (law 1)
+  double coulomb_Nm = 0;                      ///< Coulomb friction at the joint
   double viscous_Nms_per_rad = 0;
 };
 MotorModel make_motor_model(const DeviceDescription& device) noexcept;
@@ -60,22 +63,22 @@ double i2t_fraction_used(const MotorModel& model, const MotorLoad& load,
 
 /// Returns the largest current that each motor may draw in this thermal state.
 MotorVector available_current(const MotorModel& model, const MotorLoad& load) noexcept;
-/// Returns the joint torque of the available current: the limit for allocate_torques(). For a cold
-/// motor this is exactly peak_Nm.
+/// Returns the joint torque of the available current, which the caller passes to allocate_torques()
+/// as the limit. For a cold motor this is exactly peak_Nm.
 MotorVector available_torque(const MotorModel& model, const MotorLoad& load) noexcept;
 
 /// Returns the torques that compensate friction and weight. The caller adds them to the rendered
-/// torques. Weight is not compensated if G lacks full rank; friction is not compensated if a rate
-/// is not finite.
+/// torques. Weight is not compensated if G lacks full rank. Friction is not compensated if a motor
+/// rate is not finite.
 MotorVector compensation_torques(const DeviceDescription& device, const MotorModel& model,
                                  const Jacobian& G, const MotorVector& motor_rad_per_s,
                                  const CompensationOptions& options) noexcept;
 
 /// Like allocate_torques(), but the motors also apply bias torques, such as compensation torques.
-/// The rendered torques are allocated within limit - |bias|, so the rendered wrench keeps its
-/// direction, and the sum of bias and rendered torques is within the limits. In the result,
-/// tau_motor_Nm is this sum, but wrench_device and scale describe the rendered torques only. The
-/// result is kRefused if |bias| reaches a motor's limit.
+/// The limit for the rendered torques is what the bias leaves of the motor's limit: limit - |bias|.
+/// So the rendered wrench keeps its direction, and the sum of bias and rendered torques is within
+/// the limits. In the result, tau_motor_Nm is this sum, but wrench_device and scale describe the
+/// rendered torques only. The result is kRefused if |bias| reaches a motor's limit.
 AllocationResult allocate_torques_with_bias(const Jacobian& G, const Wrench& wrench_device,
                                             const MotorVector& limit_Nm,
                                             const MotorVector& bias_Nm) noexcept;

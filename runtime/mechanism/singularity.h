@@ -3,9 +3,9 @@
 // Angeles). The haptic thread calls these functions: no allocation, no exception, bounded time.
 //  - Loss of stiffness: the motors cannot resist some motion of the plate. The smallest singular
 //    value of the Jacobian goes to 0.
-//  - Limit of a leg's workspace: a motor's row of the Jacobian grows without bound, and the two
-//    assembly branches (kinematics.h) of the motor's chain coincide. The distance from this limit
-//    is measured in metres.
+//  - Limit of a leg's workspace: one of the leg's two chains (kinematics.h) is stretched or folded.
+//    The chain's two assembly branches then coincide, and its motor's row of the Jacobian grows
+//    without bound. The distance from this limit is measured in metres.
 #pragma once
 
 #include <array>
@@ -15,26 +15,28 @@
 namespace trocar::runtime {
 
 struct BranchDistance {
-  /// theta1_m is the distance of the ball joint C to the nearest point at which th1's branches
-  /// coincide. theta4_m is the distance of D to the nearest point at which th4's branches coincide.
-  /// While C moves by less than theta1_m, in any direction, th1's branch cannot change; the same
-  /// holds for D and th4. A negative distance means that the point is outside the workspace.
+  /// theta1_m belongs to the upper chain, which ends at the ball joint C. It is the distance of C
+  /// to the nearest point at which the chain's two branches coincide. While C moves by less than
+  /// theta1_m, in any direction, the chain cannot change its branch. theta4_m is the corresponding
+  /// distance of D, the end of the lower chain. A negative distance means that the chain cannot
+  /// reach the point.
   double theta1_m = 0, theta4_m = 0;
 };
 
 struct Singularity {
-  /// Smallest norm of the motor rates, in rad/s, over all plate motions of 1 m/s. For a rotation, a
-  /// radian counts as the characteristic length. By duality this value is also the force in N that
-  /// a torque vector of length 1 N*m can resist in the weakest direction. The value is 0 at a loss
-  /// of stiffness and if G is not finite. Its error is about 1e-13 of the largest singular value.
+  /// The smallest singular value of the Jacobian: if the plate moves at 1 m/s in any direction, the
+  /// vector of motor rates in rad/s is at least this long. In a rotation, 1 rad counts as
+  /// characteristic_length_m. The value is also a force in N: in the weakest direction, motor
+  /// torques with a vector of length 1 N*m resist this force. The value is 0 at a loss of stiffness
+  /// and if G is not finite. Its error is about 1e-13 of the largest singular value.
   double smallest_singular_value_per_m = 0;
   /// Smallest singular value divided by the largest one: at most 1; 0 at a singularity and if G
   /// is not finite.
   double inverse_condition = 0;
   std::array<BranchDistance, kLegs> branch;
   double nearest_branch_m = 0;    ///< the smallest distance in `branch`
-  std::int8_t nearest_leg = 0;    ///< leg with this distance, 1..4
-  std::int8_t nearest_joint = 0;  ///< motor joint with this distance, 1 or 4
+  std::int8_t nearest_leg = 0;    ///< leg with the distance nearest_branch_m, 1..4
+  std::int8_t nearest_joint = 0;  ///< its chain: 1 for the upper (theta1), 4 for the lower (theta4)
 };
 
 /// Computes all measures at a pose. Precondition: `joints` and `G` are those of the

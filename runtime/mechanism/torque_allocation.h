@@ -3,31 +3,33 @@
 // The haptic thread calls these functions: no allocation, no exception, bounded time.
 //
 // Laws (tests/runtime/mechanism/torque_allocation_test.cpp). Let tau be the computed torques,
-// `wanted` the wanted wrench, and c = (G^T)^+ wanted the minimum-norm torques that produce it. The
-// working limits are (1 - kTorqueReserve) limit. P projects torques onto the null space of G^T.
-// |limit| is the norm of the vector of limits, and limit_min is the smallest limit.
+// `wanted` the wanted wrench, and G the Jacobian (jacobian.h). Let c be the torques with the
+// smallest norm that produce `wanted`. The working limit of motor i is
+// working_i = (1 - kTorqueReserve) limit_i. P projects torques onto the null space of G^T. |limit|
+// is the norm of the vector of limits, and limit_min is the smallest limit.
 //  1. |tau_i| <= limit_i, always.
 //  2. G^T tau = scale * wanted, 0 < scale <= 1: the wrench keeps its direction.
 //  3. If c is within the working limits, tau = c and scale = 1.
 //  4. Otherwise, if any torques within the working limits produce `wanted`, then scale = 1. If none
 //     do, scale is the largest factor for which some torques within the working limits produce
 //     scale * wanted.
-//  5. Among the torques that produce scale * wanted, tau minimises |tau|^2 + sum_i stiffness_i
-//     max(0, |tau_i| - working_i)^2, where working_i is the working limit of motor i and
-//     stiffness_i = (|limit| / (kTorqueReserve limit_i))^2.
-//  6. Let dc and dP be small changes of c and P along any path of wrench and pose. Then tau changes
-//     by at most K (|dc| + |limit| |dP|), with
+//  5. Among the torques that produce scale * wanted, tau minimises |tau|^2 plus a penalty on
+//     torques above their working limits. The penalty is sum_i stiffness_i
+//     max(0, |tau_i| - working_i)^2 with stiffness_i = (|limit| / (kTorqueReserve limit_i))^2.
+//  6. If the wrench or the pose changes a little, c changes by dc, and P by dP. Then tau changes by
+//     at most K (|dc| + |limit| |dP|), with
 //     K = (2 + 1.5 sqrt(max stiffness)) (1 + |limit| / limit_min). If scale = 1 and the
 //     pose is constant, tau changes by at most sqrt(1 + max stiffness / 4) |dc|. For eight equal
 //     motors the factor of |dc| is then below 142.
 //
-// The reserve is needed because, at the boundary of the feasible wrenches, only a single torque
-// vector produces the wrench. If several rows of the null space are nearly parallel (such as those
-// of the four upper motors at any upright, centred pose), this vector changes arbitrarily fast with
-// the pose. With a reserve the rate has a bound, which is inversely proportional to the reserve.
+// The reserve bounds the rate at which tau changes. If a wrench is just feasible without a reserve,
+// only a single torque vector produces it. In the basis of the null space each motor has one row.
+// If several rows are nearly parallel (such as those of the four upper motors at any upright,
+// centred pose), this torque vector changes arbitrarily fast with the pose. With a reserve the rate
+// has a bound, which is inversely proportional to the reserve.
 //
 // Law 1 follows from law 5. Some torques y0 within the working limits produce scale * wanted. For
-// them |y0| < |limit|, and the penalty (the sum in law 5) is 0. Therefore the optimum satisfies
+// them |y0| < |limit|, and the penalty is 0. Therefore the optimum satisfies
 // stiffness_i excess_i^2 <= |y0|^2, where excess_i = |tau_i| - working_i, and it follows that
 // excess_i < kTorqueReserve limit_i.
 #pragma once
@@ -45,9 +47,9 @@ namespace trocar::runtime {
 inline constexpr double kTorqueReserve = 0.01;
 
 enum class AllocationKind : std::uint8_t {
-  kMinimumNorm,  ///< case of law 3
-  kNullSpace,    ///< case of law 4 with scale = 1
-  kScaled,       ///< case of law 4 with scale < 1: the device cannot render the full wrench
+  kMinimumNorm,  ///< law 3: the torques with the smallest norm are within the working limits
+  kNullSpace,    ///< law 4 with scale = 1: other torques render the full wrench
+  kScaled,       ///< law 4 with scale < 1: the device cannot render the full wrench
   /// G or the wrench is not finite, a limit is not positive and finite, or G lacks full rank. The
   /// torques are zero.
   kRefused,

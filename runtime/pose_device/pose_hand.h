@@ -4,11 +4,11 @@
 //
 // Contract, in addition to that of hand_device.h:
 //  1. A reading raises a fault in three cases: a number is not finite, the length of the quaternion
-//     is not 1, or the motion since the last reading is faster than a hand can move. The pose of
-//     such a reading is not used. The quaternion is checked only if the device senses rotation.
+//     is not 1, or the motion since the last reading is faster than a hand can move. The reading
+//     then gives no pose. The quaternion is checked only if the device senses rotation.
 //  2. Every command is finite. Its force and its moment do not exceed the maxima that the
-//     description states. If necessary, force and moment of the wanted wrench are scaled down by
-//     the same factor. If the device renders no moment, commands and delivered() contain no moment.
+//     description states. If the wanted wrench exceeds them, its force and moment are scaled down
+//     by the same factor. If the device renders no moment, commands and delivered() contain none.
 // Tests: tests/runtime/pose_device/pose_hand_test.cpp
 #pragma once
 
@@ -20,7 +20,7 @@
 namespace trocar::runtime {
 
 /// Largest speed and rotation rate of a hand. If two successive readings show a faster motion,
-/// find_pose() returns kEncoderJump.
+/// find_pose() returns kEncoderJump, the fault for measurements that jump.
 inline constexpr double kMaxHandSpeed_m_per_s = 5, kMaxHandRate_rad_per_s = 60;
 
 class PoseHand final : public HandDevice {

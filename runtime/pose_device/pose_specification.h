@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The facts about a pose device (runtime/device/pose_device.h) that force laws and checks use. They
-// are taken from the device's description.
+// The DeviceSpecification of a pose device (runtime/device/pose_device.h), a device that measures
+// the pose of its handle itself. The values are taken from the device's description. Force laws
+// and the checks of a scene use them.
 // Tests: tests/runtime/pose_device/pose_hand_test.cpp
 #pragma once
 
@@ -34,8 +35,8 @@ class PoseSpecification final : public DeviceSpecification {
   double stiffness_max_N_per_m() const noexcept override {
     return description_.stiffness_max_N_per_m;
   }
-  /// Returns 0 if the description says that the readings are exact. Otherwise returns 1, because
-  /// PoseHand::measured() is then in multiples of the device's resolution.
+  /// Returns 0 if the description states a resolution of 0 (exact readings). Otherwise returns 1,
+  /// because PoseHand::measured() is then in multiples of the device's resolution.
   double resolution() const noexcept override;
   std::optional<Eigen::Matrix<double, 6, 6>> damping(const Pose& T_device_plate) const override;
   double renderable_fraction(const Pose& T_device_plate,

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The versions of Eigen, nlohmann-json and CLI11, as a part of the text of --version.
+// States the versions of Eigen, nlohmann-json and CLI11 in one text, which --version prints.
 // Tests: tests/install/install_test.py
 #pragma once
 

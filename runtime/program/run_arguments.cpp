@@ -54,9 +54,9 @@ void declare_session_options(CLI::App& app, RunArguments& a) {
       "are not those of the recording");
   session.option(
       "--live", a.live,
-      "let other programs, such as trocar-console --attach, show and command the session\n"
-      "through shared memory. While the session runs, the file of this name is a symbolic link\n"
-      "to that memory");
+      "let other programs show and command the session. They get the same file name, as in\n"
+      "trocar-console --attach NAME. While the session runs, the file is a symbolic link to\n"
+      "shared memory");
   session.flag(
       "--xray", a.xray,
       "with --live: let the other programs ask for simulated X-ray pictures, single ones or a\n"
@@ -80,15 +80,17 @@ void declare_session_options(CLI::App& app, RunArguments& a) {
       "code that stands for the trainee in recording, summary and report: 1 to 32 letters,\n"
       "digits, - or _. It need not be a name");
   recording.option("--course", a.trainee.course,
-                   "name of the course; 1 to 32 of the same characters");
+                   "name of the course: 1 to 32 letters, digits, - or _");
   recording.option("--attempt", a.trainee.attempt, "number of the attempt, 1 to 9999");
   recording.option(
       "--history", a.history,
       "run no session; read all session reports in this folder and its subfolders. Write\n"
       "the learning curves of each trainee, course and scene to the page -o NAME.html, and\n"
       "their numbers to NAME.history.csv");
-  recording.option("--hand-path", a.hand_path,
-                   "write the motion of a live hand as JSON, for use as the `hand` of a scene");
+  recording.option(
+      "--hand-path", a.hand_path,
+      "write the motion of a live hand (see --live-hand) as JSON, for use as the `hand` of a\n"
+      "scene");
 }
 
 void declare_safety_options(CLI::App& app, RunArguments& a) {
@@ -138,12 +140,14 @@ void declare_safety_options(CLI::App& app, RunArguments& a) {
                      "write the sheet around the tool 30 times a second, as lines of JSON");
   diagnostics.option(
       "--passivity", a.passivity,
-      "on or off: damping that is added where the loop would generate energy (passivity\n"
-      "controller), or, with the force law cutting, after a break-through (default: on)");
+      "on: add damping. With hooke and network, it removes energy that the loop generates\n"
+      "(passivity controller). With cutting, it slows the tool after a break-through. off: add\n"
+      "no damping (default: on)");
   diagnostics.option(
       "--coupling", a.coupling_N_per_m,
-      "put a spring of this stiffness, 100 to 1000000 N/m, between the device and a virtual\n"
-      "tool (proxy), which then touches the sheets instead (default: no spring)");
+      "with hooke and network: put a spring of this stiffness, 100 to 1000000 N/m, between the\n"
+      "device and a virtual tool (proxy). Only the virtual tool then touches the sheets\n"
+      "(default: no spring; for a device that measures its own pose, a stiffness is chosen)");
   diagnostics.option("--cpu", a.cpu,
                      "number of the processor on which the haptic loop stays (default: any)");
   app.add_option("--energy-budget", a.energy_budget)->group("");
@@ -245,8 +249,9 @@ Result<void> check_scene_arguments(const RunArguments& a) {
 void declare_run_options(CLI::App& app, RunArguments& a) {
   app.add_option(
       "SCENE", a.scene,
-      "the scene: a JSON file that names the asset (meshes of a scan), tissues, tool and motion\n"
-      "of the simulated hand; its schema is formats/session/scene.schema.json. Not needed\n"
+      "the scene: a JSON file that names the asset (meshes of a scan), the tissues, the tool and\n"
+      "the motion of the simulated hand, which holds the simulated device.\n"
+      "formats/session/scene.schema.json describes each field. SCENE is not needed\n"
       "with --new-scene, --explain, --history and --test");
   Group scene(app, "Scene");
   scene.option("--asset", a.asset,
@@ -265,16 +270,16 @@ void declare_run_options(CLI::App& app, RunArguments& a) {
                    "instead of the scene's");
   scene.option(
       "--strength", a.strength,
-      "with --procedure: use the low, median or high value of each published range of values\n"
-      "(default: median)");
+      "with --procedure: how strongly the tissue resists. low: the 5th percentile of each range\n"
+      "that --explain prints; median; high: the 95th percentile (default: median)");
   scene.flag("--explain", a.explain,
              "run no session; print the values of --procedure, or of all procedures, with\n"
              "their ranges and sources");
   scene.flag(
       "--check", a.check,
       "run no session; print the motor torques that the scene needs and the region that the\n"
-      "tip can reach. Then do a dry run with the simulated device, and warn of faults and of\n"
-      "slices that the tool never touches");
+      "tip can reach. Then do a dry run with the simulated device, and warn of faults (failed\n"
+      "checks, which stop the forces) and of slices that the tool never touches");
   scene.flag("--strict", a.strict, "with --check: end with exit code 3 if there is a warning");
   scene.option(
       "--new-scene", a.new_scene,
@@ -298,12 +303,13 @@ void declare_run_options(CLI::App& app, RunArguments& a) {
                 device_uri_help() + "\n(default: " + std::string(kDefaultDevice) + ")");
   device.flag(
       "--simulated", a.simulated,
-      "for a device process (any --device but inproc): it only simulates a device. Then late\n"
-      "ticks are no fault. With the devices 'udp' and 'pose', data may be missing for 250 ms\n"
-      "instead of 10 ms. (A value of --late-ticks-in-row above 0 restores the fault and the 10\n"
-      "ms.) Without --simulated, a device process is assumed to have motors. Then contact gets\n"
-      "half the stiffness that the device's description permits: if the mass in the description\n"
-      "is too high, the full stiffness would make the device unstable");
+      "say that the device of --device has no motors, because it is only simulated. Then late\n"
+      "ticks (missed deadlines) are no fault, and with udp and pose, data may be missing for\n"
+      "250 ms instead of 10 ms. (If --late-ticks-in-row is above 0, late ticks are a fault, and\n"
+      "10 ms apply.)\n"
+      "Without --simulated, every device but inproc is assumed to have motors. Contact then\n"
+      "gets half the stiffness that the device's description permits. The reason: if the\n"
+      "description states too high a mass, the full stiffness would make the device unstable");
   device.flag(
       "--test", a.test_device,
       "run no session; read the device for --duration (default: 5 s), command no force, and say\n"
@@ -312,8 +318,9 @@ void declare_run_options(CLI::App& app, RunArguments& a) {
       "--key-file", a.key_file,
       "file with the secret key by which this program and the device process recognise each\n"
       "other; both need the same key");
-  device.option("--device-description", a.description,
-                "use this device description (JSON) instead of the scene's");
+  device.option(
+      "--device-description", a.description,
+      "JSON file with the device's geometry and limits, instead of the one that the scene names");
   device.option(
       "--compensate", a.compensate,
       "which of the device's own forces the motors cancel: none, friction, weight or both\n"

@@ -20,8 +20,8 @@ namespace trocar::runtime {
 
 inline constexpr const char* kProgram = "trocar-run";
 inline constexpr double kDefaultRate_Hz = 1000;
-/// Default of --late-ticks-in-row for a device with motors: this number of missed deadlines in a
-/// row is a fault.
+/// Default of --late-ticks-in-row for a device with motors: if this number of deadlines is missed
+/// in a row, a fault is raised.
 inline constexpr int kDefaultLateTicks = 3;
 
 /// The values of the options. declare_run_options() has the help text of each option. An empty
@@ -29,7 +29,7 @@ inline constexpr int kDefaultLateTicks = 3;
 struct RunArguments {
   std::string scene, asset, force_law, new_scene, output;
   std::string entry, target;
-  std::string procedure, strength;  ///< formats/session/procedures.h
+  std::string procedure, strength;  ///< names that procedures.h defines
   bool explain = false;
   bool check = false, strict = false, live_hand = false, xray = false;
   std::string device{kDefaultDevice}, key_file, description, compensate = "none";
@@ -43,10 +43,10 @@ struct RunArguments {
   std::string black_box, recover = "never", passivity = "on";
   std::optional<double> energy_limit_J, coupling_N_per_m, stiffness_limit_N_per_m;
   std::optional<double> force_limit_N, force_scale;
-  /// Number of missed deadlines in a row that is a fault; 0: missed deadlines are never a fault.
+  /// If this number of deadlines is missed in a row, a fault is raised; 0: no fault is raised.
   /// None: kDefaultLateTicks for a device with motors, 0 for a simulated device.
   std::optional<int> late_ticks_in_row;
-  int cpu = -1;
+  int cpu = -1;               ///< the processor on which the haptic thread runs; -1: any
   std::string energy_budget;  ///< former name of --energy-limit, refused with a hint
 };
 
@@ -61,10 +61,10 @@ Result<void> check_run_arguments(const RunArguments& arguments);
 /// kUsage if a point is not three numbers in mm.
 Result<std::optional<ChosenPoints>> chosen_points(const RunArguments& arguments);
 
-/// Returns the limit SafetyLimits::no_data_max_s for a session with these arguments.
+/// Returns the longest time without a new device state that a session with these arguments allows.
 double no_data_max_s(const RunArguments& arguments);
 
-/// Sets the members of `options` that concern the haptic loop, its safety layer and black boxes.
+/// Sets the members of `options` that concern the haptic loop, its safety limits and black boxes.
 void set_loop_options(const RunArguments& arguments, SessionOptions& options);
 
 }  // namespace trocar::runtime

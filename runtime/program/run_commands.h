@@ -12,12 +12,12 @@ namespace trocar::runtime {
 
 // Each function prints its errors and returns the exit code.
 
-/// Runs or replays a session; with --check, checks the scene instead. `recover`: the flag that
-/// requests a recovery (SessionOptions::recover).
+/// Runs or replays a session; with --check, checks the scene instead. `recover`: the flag that the
+/// handler of SIGUSR1 sets to request a recovery (SessionOptions::recover).
 int run_scene(const RunArguments& arguments, std::atomic<bool>& recover);
 
-/// Prints the values of one procedure, or of all procedures, with the ranges and sources of the
-/// values (--explain).
+/// A procedure is an intervention with its tool, soft layers and resistance of the bone. Prints the
+/// values of one procedure, or of all, with the ranges and sources of the values (--explain).
 int explain_procedures(const RunArguments& arguments);
 
 /// Reads the reports and summaries of the sessions in a folder, and writes their history as a page

@@ -22,10 +22,13 @@ namespace trocar::runtime {
 
 struct SessionInputs {
   Scene scene;                    ///< the scene, with the changes that the command line makes
-  DeviceDescription description;  ///< description of the four-legged device
-  /// Description of the session's device if this device measures its own pose, else none.
+  DeviceDescription description;  ///< the four-legged device; not used if `pose_device` is set
+  /// Description of the session's device if this device itself measures the pose of its plate.
+  /// None: the session's device is the four-legged device, which measures joint angles.
   std::optional<PoseDeviceDescription> pose_device;
-  std::string pose_device_origin;  ///< digest of the file of pose_device, or "built-in/NAME"
+  /// The digest of the file from which `pose_device` was read, or "built-in/NAME" for a built-in
+  /// description; empty: `pose_device` is none.
+  std::string pose_device_origin;
   std::vector<std::unique_ptr<const Sheet>> sheets;
   std::vector<SliceTissue> tissues;  ///< tissue of each sheet
   std::vector<RecordingRow> replay;  ///< rows of the recording to replay; empty: no replay

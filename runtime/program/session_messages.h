@@ -15,7 +15,7 @@
 
 namespace trocar::runtime {
 
-/// Prints the error and returns its exit code.
+/// Prints the error, and returns the exit code that belongs to this error.
 int fail(const Error& error);
 
 /// Prints a warning with the name of the scene's file.
@@ -45,10 +45,9 @@ void print_message(const RunArguments& arguments, const OperatorMessage& message
 void print_outcome(const SessionResult& report, const SessionOptions& options);
 
 /// Prints one line for each problem and each black box, and returns the exit code. `errors`: the
-/// errors of writing the outputs. If a fault ended the session, the exit code is kDeviceFault
-/// whatever else failed, because the operator of the device must learn of the fault. Exception: if
-/// the torques of a replay differ from the recording's, the exit code is kRefused even after a
-/// fault, because a replay has no device.
+/// errors of writing the outputs. If the torques of a replay differ from those of the recording,
+/// the exit code is kRefused whatever else failed. Otherwise, if a fault ended the session, the
+/// exit code is kDeviceFault, because the operator must learn of the fault first of all.
 int conclude(const SessionResult& report, std::vector<Error> errors, const Remesher& remesher);
 
 }  // namespace trocar::runtime

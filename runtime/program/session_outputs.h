@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The files that trocar-run writes in addition to the recording: summary, meshes, frames (the row
-// and the deformed sheet around the tool, 30 times a second), path of a live hand, session report.
+// The files that trocar-run writes in addition to the recording: summary, meshes, frames, path of a
+// live hand, and session report. A frame holds the values of a tick and, with the force law
+// `network`, the deformed sheet around the tool; 30 frames are written for each second.
 // Tests: tests/e2e/session_report_test.py
 #pragma once
 
@@ -33,9 +34,10 @@ class SessionOutputs {
   /// ask for frames, sets SessionOptions::on_frame. If they ask for a report, sets
   /// SessionOptions::on_tick.
   void collect(SessionOptions& options);
-  /// Writes every output, even if another output could not be written. Returns the errors,
-  /// including an error of the recording. `hand`: the hand that a person moved; null: the scene has
-  /// no live hand. `link`: numbers of packets on the device link; none: the device has no link.
+  /// Writes every output, even if another output could not be written. Returns the errors, and also
+  /// the error of the recording, which the session has written. `hand`: the hand that a person
+  /// moved; null: the scene has no live hand. `link`: counts of the packets on the device link;
+  /// none: the device has no link.
   std::vector<Error> write(const SessionOptions& options, const SessionResult& report,
                            const Remesher& remesher, const LiveHand* hand,
                            const std::optional<LinkReport>& link);

@@ -72,8 +72,9 @@ void declare(CLI::App& app, Arguments& arguments) {
       ->allow_extra_args(false);
   app.add_option("--start", arguments.start,
                  "a scene in FOLDER; its session starts when the operator's page is first opened");
-  app.add_option("--page", arguments.page,
-                 "folder with the files of the page (default: the installed one)");
+  app.add_option(
+      "--page", arguments.page,
+      "to change the page itself: folder with its files (default: the installed folder)");
   app.add_option(
       "--igtl", arguments.igtl,
       "let 3D Slicer and other programs show the session, by the protocol OpenIGTLink at\n"
@@ -81,8 +82,10 @@ void declare(CLI::App& app, Arguments& arguments) {
       "127.0.0.1; any other than 127.0.0.1 or [::1] lets other machines watch");
   app.add_option("--recording", arguments.recording,
                  "play this recording, and start no sessions; needs --scene");
-  app.add_option("--stiffness-limit", arguments.stiffness_limit_N_per_m,
-                 "largest stiffness of contact at the tool's tip in any session, N/m")
+  app.add_option(
+         "--stiffness-limit", arguments.stiffness_limit_N_per_m,
+         "largest stiffness of contact at the tool's tip in any session, N/m (default: the value\n"
+         "of the device's description)")
       ->check(option_range(10.0, 1e8));
   app.add_option("--against", arguments.against,
                  "with --recording: a second recording, to show beside the first");

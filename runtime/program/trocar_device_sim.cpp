@@ -63,7 +63,7 @@ void declare(CLI::App& app, Arguments& a) {
   app.add_option(
       "--listen", a.listen,
       "ADDRESS:PORT to listen on; port 0: any free one (default: 127.0.0.1:4840). If ADDRESS\n"
-      "is not a loopback address, the key file must exist already");
+      "does not begin with 127 (this computer), the key file must exist already");
   app.add_option("--key-file", a.key_file,
                  "file with the secret key by which this program and trocar-run recognise each "
                  "other; both\n"
@@ -101,12 +101,14 @@ void declare(CLI::App& app, Arguments& a) {
   app.add_option("--sessions", a.sessions,
                  "end after this many sessions of trocar-run; 0: run until stopped (default: 0)")
       ->check(not_negative);
-  app.add_option("--device-description", a.description,
-                 "use this device description (JSON) instead of the scene's");
+  app.add_option(
+      "--device-description", a.description,
+      "JSON file with the device's geometry and limits, instead of the one that the scene names");
   app.add_option(
       "--record", a.record,
-      "write the drive's mode, its torques and the tip position as CSV, a row for each of the\n"
-      "first million steps (periods of --rate)");
+      "write the drive's mode (ready, torque, watchdog or emergency_stop), its largest torque\n"
+      "and the tip position as CSV, a row for each of the first million steps (a step takes\n"
+      "1 / --rate)");
   app.add_option(
       "--summary", a.summary,
       "write counts (sessions, packets, watchdog trips) and forces on the hand, as JSON");

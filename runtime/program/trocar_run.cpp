@@ -22,9 +22,10 @@ std::atomic<bool> recovery_requested{false};
 int run_command_line(int argc, char** argv) {
   RunArguments arguments;
   CLI::App app(
-      "Lets a hand feel the force of tissue on a needle or another tool, by a haptic device.\n"
-      "A session is a run of the haptic loop, which reads the device and computes this force in\n"
-      "every tick, by default 1000 times a second.",
+      "Lets a hand feel the force of tissue on a needle or another tool: a haptic device, a\n"
+      "machine with motors, pushes the hand with this force. A session is a run of the haptic\n"
+      "loop, which reads the device and computes the force in every tick, by default 1000 times\n"
+      "a second.",
       kProgram);
   add_help_and_version(app, "trocar-run " TROCAR_VERSION " (" + library_versions() +
                                 ", Draco and tinygltf for assets)");

@@ -1,11 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-// Counts the allocations of realtime code, so that tests can demand that there are none. Calls of
-// malloc, calloc, realloc, aligned_alloc, posix_memalign and free count if the calling thread is
-// inside a NoAllocationScope. Calls of new and delete count too, because they use these functions.
+// Counts the allocations of realtime code, so that tests can demand that there are none. If the
+// calling thread is inside a NoAllocationScope, calls of malloc, calloc, realloc, aligned_alloc,
+// posix_memalign and free are counted. Calls of new and delete are counted too, because they use
+// these functions.
 //
 // Only programs that link the target trocar_allocation_hooks (tests/reference/hooks) count
-// allocations. In the shipped programs and in sanitizer builds nothing is counted. There a
-// scope costs only two thread-local stores: one at its beginning and one at its end.
+// allocations. In the shipped programs and in sanitizer builds nothing is counted. There, a scope
+// costs almost no time: it writes a thread-local variable at its beginning and at its end.
 // Tests: tests/runtime/realtime/handover_test.cpp
 #pragma once
 

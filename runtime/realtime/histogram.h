@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// A histogram of durations up to 18 minutes. Below 128 ns each nanosecond has a bucket. From 128 ns
-// on, each octave (a factor of 2) has 64 buckets, so a bucket is at most 1.6 % wide. The histogram
-// has a fixed size and does not allocate.
+// A histogram of durations up to 18 minutes; longer durations are counted in the last bucket. Below
+// 128 ns each nanosecond has a bucket. From 128 ns on, each octave (a factor of 2) has 64 buckets,
+// so a bucket is at most 1.6 % wide. The histogram has a fixed size and does not allocate.
 // Tests: tests/runtime/realtime/handover_test.cpp
 #pragma once
 
@@ -39,8 +39,8 @@ class Histogram {
   }
 
   /// Calls `found(upper_us, count)` for each quarter of an octave that has samples, in ascending
-  /// order. (Below 64 ns, ranges of 16 ns take the place of quarters.) `count` is the number of
-  /// samples in this quarter, and `upper_us` is the longest duration in us that belongs to it.
+  /// order. Below 64 ns, a range of 16 ns takes the place of a quarter. `count` is the number of
+  /// samples in the quarter, and `upper_us` is the quarter's longest duration in us.
   template <typename Found>
   void each_quarter_octave(Found&& found) const {
     constexpr std::size_t kPerQuarter = (std::size_t{1} << kBits) / 4;

@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
+// Reads the system's monotonic clock in nanoseconds.
 // Tests: tests/runtime/session/session_test.cpp
 #pragma once
 
@@ -7,7 +8,7 @@
 
 namespace trocar::runtime {
 
-/// Returns the time of CLOCK_MONOTONIC in ns. Most Linux kernels give it without a system call.
+/// Returns the time of CLOCK_MONOTONIC in ns. On most Linux kernels this needs no system call.
 inline std::int64_t monotonic_ns() noexcept {
   timespec now{};
   ::clock_gettime(CLOCK_MONOTONIC, &now);

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // A background thread that calls a function again and again, and sleeps for a fixed interval after
-// each call. In this way a worker thread looks for work from the haptic thread. The haptic thread
-// does not wake the worker thread, because that would need a system call.
+// each call. The function checks whether the haptic thread has left work to do. The haptic thread
+// does not wake the background thread, because that would need a system call.
 // Tests: tests/runtime/telemetry/black_box_test.cpp
 #pragma once
 

@@ -28,13 +28,13 @@ struct RealtimeReport {
   bool memory_locked = false;       ///< mlockall was granted
   std::string scheduling;           ///< policy and priority, such as "SCHED_FIFO 80"
   std::string cpus;                 ///< processors that the thread may use, such as "0-3,5"
-  bool kernel_is_realtime = false;  ///< /sys/kernel/realtime holds 1 (PREEMPT_RT)
+  bool kernel_is_realtime = false;  ///< the kernel is PREEMPT_RT: /sys/kernel/realtime holds 1
   /// Time in ns by which the kernel may delay a wake-up; -1: unknown. The thread requests 1 ns
   /// (Linux's default is 50000 ns). Threads with realtime priority have 0.
   int timer_slack_ns = -1;
   std::string note;  ///< requests that were not granted, with the reasons; empty: all were granted
-  /// Number of calls that did not start when they were due, because the previous call still ran or
-  /// the thread had not woken up. Example: if a call takes between three and four periods, three
+  /// Number of deadlines at which no call started, because the previous call still ran or the
+  /// thread had not woken up. Example: if a call takes between three and four periods, three
   /// deadlines are missed. The three calls are skipped and not made up for.
   std::uint64_t missed_deadlines = 0;
   int missed_in_row_max = 0;      ///< largest number of deadlines missed directly in a row

@@ -8,8 +8,8 @@
 // Values are stored as atomic 64-bit words. Therefore it is no data race if the reader reads a
 // value while the writer overwrites it. On x86 atomic words cost as much as plain words. Words are
 // stored with memory order release and loaded with memory order acquire. Therefore the reader
-// detects overwriting: once the reader has loaded a word of value number c (counted from 0), its
-// next load of the count of pushed values gives at least c.
+// detects overwriting: if it has loaded a word of a newer value, with number c (counted from 0), it
+// then finds that at least c values have been pushed.
 #pragma once
 
 #include <array>

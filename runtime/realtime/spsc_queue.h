@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // A bounded queue from one writing to one reading thread. It uses no lock, never waits and never
-// allocates. The algorithm is L. Lamport's ring. In addition each thread keeps a copy of the other
-// thread's index, and reads the shared index only if the copy makes the queue look full or empty.
+// allocates. The algorithm is L. Lamport's ring: the writer advances one index, the reader another.
+// To save time, each thread keeps a copy of the other thread's index. It reads the index itself
+// only if the queue is full or empty according to the copy.
 // Tests: tests/runtime/realtime/handover_test.cpp
 #pragma once
 

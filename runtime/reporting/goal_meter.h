@@ -14,19 +14,19 @@
 
 namespace trocar::runtime {
 
-/// Returns the distance in m of a point from a zone, a volume in which the tip must not be. The
-/// distance is negative inside the zone.
+/// A zone is a volume in which the tip must not be. Returns the distance in m of a point from a
+/// zone; negative: the point is inside the zone.
 double zone_distance_m(const ForbiddenZone& zone, const Vector3& p_m);
 
 class GoalMeter {
  public:
   /// The goals must outlive this object.
   explicit GoalMeter(const SceneGoals& goals) : goals_(goals), in_zone_(goals.zones.size()) {}
-  /// Call this for each counted row (definition 1). Precondition: figures.zones has an entry for
-  /// each zone.
+  /// Call this for each counted row (definition 1 of session_figures.h). Precondition:
+  /// figures.zones has an entry for each zone.
   void observe(const RecordingRow& row, SessionFigures& figures);
-  /// Call this for each row that is not counted. Ends all breaches (definition 6), so that the next
-  /// row in a zone begins a new breach.
+  /// Call this for each row that is not counted. It ends all breaches (stays of the tip in zones),
+  /// so that the next row in a zone begins a new breach.
   void interrupt() { in_zone_.assign(in_zone_.size(), false); }
   /// Adds the result of each goal to `figures`. Precondition: all other figures are complete.
   void judge(SessionFigures& figures) const;

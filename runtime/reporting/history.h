@@ -1,9 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-// The history puts together all sessions whose figures are in a folder. The sessions of the same
-// trainee, course and scene form a series, ordered by attempt and then by time. In: the files that
-// `trocar-run --session-report` and `--summary` write. The content of these files is checked, since
-// others may have changed it. Out: JSON (formats/session/history.schema.json), a table and one HTML
-// page. The history is a separate library (trocar_history), because the console uses it too.
+// The history of sessions: one document with the figures of all sessions in a folder. The sessions
+// of the same trainee, course and scene form a series, ordered by attempt and then by time. The
+// history is made from the files that `trocar-run --session-report` and `--summary` write. The
+// content of these files is checked, since others may have changed it. The results are JSON
+// (formats/session/history.schema.json), a table and one HTML page. The history is a separate
+// library (trocar_history), because the console uses it too.
 // Tests: tests/e2e/history_test.py
 #pragma once
 
@@ -39,8 +40,8 @@ Result<History> read_history(const std::filesystem::path& folder);
 std::string history_text(const History& history);
 std::string history_csv(const History& history);
 
-/// Returns an HTML page (history_page.html) that contains the JSON document and needs no other
-/// file.
+/// Returns an HTML page that contains the JSON document and needs no other file. The page is made
+/// from the template history_page.html.
 std::string history_page(const History& history);
 
 }  // namespace trocar::runtime

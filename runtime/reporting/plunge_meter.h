@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Measures the plunge: how far the tip moves down after it has broken through a sheet or a soft
-// layer (definition 4 of session_figures.h).
+// Measures the plunge: how far the tip moves down after it has broken through a sheet or through a
+// layer of soft tissue (definition 4 of session_figures.h).
 // Tests: tests/e2e/session_report_test.py
 #pragma once
 
@@ -19,8 +19,8 @@ class PlungeMeter {
  public:
   /// `scene` and `sheets` must outlive this object.
   PlungeMeter(const Scene& scene, const std::vector<ReportSheet>& sheets, double rate_Hz);
-  /// Call this for each counted row (definition 1). `punctured`: the lowest sheet or layer that is
-  /// punctured in this row; none: nothing is punctured.
+  /// Call this for each counted row (definition 1 of session_figures.h). `punctured`: the lowest
+  /// sheet or layer that is punctured in this row; none: nothing is punctured.
   void observe(const RecordingRow& row, const std::optional<Punctured>& punctured,
                SessionFigures& figures);
   /// Call this for each row that is not counted. If a plunge is being measured, ends the
@@ -35,8 +35,8 @@ class PlungeMeter {
   const Scene& scene_;
   const std::vector<ReportSheet>& sheets_;
   double last_wanted_N_ = 0;
-  /// Two heights in one row: `tip_m` is the height of the tip, and `plate_m` is the height that the
-  /// tip would have if the tool were fixed to the plate.
+  /// Heights in one row. `tip_m`: the height of the tip. `plate_m`: the height that the tip would
+  /// have if the tool were fixed to the plate.
   struct Heights {
     double tip_m = 0, plate_m = 0;
   };

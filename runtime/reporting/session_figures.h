@@ -6,13 +6,15 @@
 // Definitions (formats/session/session_report.schema.json repeats them for its fields):
 //  1. A row is counted if its safety state is `ready` or `running`. In other states the pose may be
 //     that of an earlier tick. The figures are computed from the counted rows only. Exceptions are
-//     the largest force, the faults, the samples, the total time and the stopped time. A duration
-//     is a number of rows divided by the rate. The force is the magnitude of the delivered force.
+//     the largest force, the faults, the samples of the force (ReportSample), the total time, and
+//     the time of the rows that are not counted. A duration is a number of rows divided by the
+//     rate. The force is the magnitude of the delivered force.
 //  2. The insertion begins with the first row in contact. It ends with the row with the lowest tip
 //     among the later rows. Straightness is the distance between the tip's positions in these two
 //     rows, divided by the length of the tip's path between these rows.
 //  3. The force of a puncture is the force of the row before the puncture. The depth of a puncture
-//     is the depth of the tip below the undeformed sheet, or below the top of the soft layer.
+//     is the depth of the tip below the undeformed sheet. If a layer of soft tissue is punctured,
+//     it is the depth of the tip below the top of this layer.
 //  4. A break-through is a puncture at which the wanted force falls to at most half of the wanted
 //     force in the row before. If one row has several punctures, the lowest counts. The plunge is
 //     the distance from the tip's height in the row before the break-through down to the tip's
@@ -40,27 +42,29 @@
 //       low-pass: b0 = b2 = (1 - cos(w)) / 2, b1 = 1 - cos(w).
 //     The output of the low-pass is a vector. Two figures are computed from it: the RMS of its
 //     length, and the RMS of the length of its horizontal part (x and y). Each figure is computed
-//     once over the rows in free space and once over the rows in contact. Each row that is not
-//     counted resets the filters. The first kTremorSettle_s after the start and after each reset
-//     are left out.
+//     once over the rows with the contact state `free`, and once over those with `contact`. Each
+//     row that is not counted resets the filters. The first kTremorSettle_s after the start and
+//     after each reset are left out.
 //  6. The distance to the planned line is measured in rows in which the tip has passed the entry
 //     point in the line's direction. A zone is a volume in which the tip must not be. The
-//     distance of the tip to a zone is negative inside the zone. A breach is a run of rows with
-//     a negative distance.
-//  7. A miss is a run of rows in which the contact state is `beside` at the same slice: the tip has
-//     passed the slice beside its material or through an older hole.
-//  8. A counted row is in bone if its contact state is `contact` or `punctured` and a slice is
-//     active. The tip has left the bone when, in a counted row not in bone, the tip is at least
-//     kLeave_m away from its position in the last row in bone. An attempt begins with the first
-//     row in bone, and with the first row in bone after the tip has left the bone. Exception: if
-//     the tip is higher in this row than in the counted row directly before, no attempt begins,
-//     because the tip comes back into the bone from below. Every attempt after the first one is a
-//     re-entry into the bone.
+//     distance of the tip to a zone is negative inside the zone. A breach consists of successive
+//     rows with a negative distance.
+//  7. A miss consists of successive rows with the contact state `beside` at one slice: the tip has
+//     passed this slice beside its material or through an older hole.
+//  8. A counted row is in bone if its contact state is `contact` or `punctured` and its active
+//     slice (RecordingRow::active_slice) is not -1. The tip has left the bone when, in a counted
+//     row not in bone, the tip is at least kLeave_m away from its position in the last row in bone.
+//     An attempt begins with the first row in bone, and with the first row in bone after the tip
+//     has left the bone. Exception: if the tip moves up from the counted row directly before to
+//     this first row in bone, no attempt begins, because the tip comes back into the bone from
+//     below. Every attempt after the first one is a re-entry into the bone.
 //  9. The force-time integral is the sum of the force over the counted rows, divided by the rate.
-// 10. The final position is the tip's lowest position in a counted row, the first one if there are
-//     several. wall_violation.h defines how far the tool is outside bone at this position.
-// 11. With the force law `cutting`, the force of a puncture or sample has an HU value: front_HU of
-//     the row in which this force occurred.
+// 10. The final position is the tip's position in the counted row in which the tip is lowest. If
+//     several rows have the same height, it is the position in the first of them. wall_violation.h
+//     defines how far the tool is outside bone at this position.
+// 11. With the force law `cutting`, each puncture and each sample has an HU value in addition to
+//     its force: the mean HU of the uncut bone under the tool (RecordingRow::Cutting::front_HU) in
+//     the row of this force.
 // Tests: tests/e2e/session_report_test.py
 #pragma once
 
@@ -81,8 +85,8 @@ inline constexpr double kPlunge_s = 0.5, kPlungeStop_s = 0.05, kPlungeStep_m = 5
 inline constexpr double kTremorLow_Hz = 4, kTremorHigh_Hz = 12, kTremorSettle_s = 0.5;
 inline constexpr double kLeave_m = 1e-3;
 inline constexpr std::size_t kMaxReportPunctures = 1024;
-/// Largest length of each list of breaches (one list for each zone), misses, side cuts, attempts
-/// and faults.
+/// Each of these lists has at most kMaxReportSpans entries: misses, side cuts, attempts, faults,
+/// and the breaches of each zone.
 inline constexpr std::size_t kMaxReportSpans = 64;
 inline constexpr std::size_t kMaxReportSamples = 1024;
 
@@ -100,8 +104,8 @@ struct Punctured {
 };
 struct ReportPuncture {
   Punctured what;
-  // Three values are those of the row before the puncture: force_N, the force on the hand; tip_N,
-  // the force on the tip; and front_HU.
+  // Three values are those of the row before the puncture: force_N (force on the hand), tip_N
+  // (force on the tip) and front_HU (definition 11).
   double t_s = 0, force_N = 0, tip_N = 0, depth_m = 0, tip_z_m = 0;
   std::optional<double> front_HU;
 };
@@ -116,14 +120,14 @@ struct BreakThrough {
   PlungeEnd ended_by = PlungeEnd::kEnd;
 };
 struct Tremor {
-  std::uint64_t ticks = 0;  ///< number of rows that were measured
-  // Sums over the measured rows. squares_m2: squared length of the output of the low-pass.
-  // sideways_m2: squared length of its horizontal part.
+  std::uint64_t ticks = 0;  ///< number of rows in the sums below
+  // Sums over rows (definition 5). squares_m2: sum of the squared length of the low-pass's output.
+  // sideways_m2: sum of the squared length of the horizontal part of this output.
   double squares_m2 = 0, sideways_m2 = 0;
 };
-/// A run of rows.
+/// Successive rows that belong together: a breach, a miss, an attempt or a side cut.
 struct Span {
-  int slice = -1;                     ///< slice index of a miss or a side cut; -1: none
+  int slice = -1;                     ///< slice index of a miss or a side cut; otherwise -1
   double from_s = 0, to_s = 0;        ///< times of the first and the last row
   double depth_m = 0, depth_t_s = 0;  ///< largest depth of a breach, and its time
 };
@@ -136,7 +140,7 @@ struct ZoneFigures {
 struct ReportFault {
   Fault fault = Fault::kNone;
   double t_s = 0;
-  std::optional<double> recovered_s;
+  std::optional<double> recovered_s;  ///< time of the recovery from this fault; none: no recovery
 };
 struct GoalResult {
   std::string goal;
@@ -158,12 +162,14 @@ struct ReportSample {
 
 struct SessionFigures {
   double rate_Hz = 0;
-  // Numbers of rows. ticks: all rows. counted: counted rows. free, contact, through: counted rows
-  // in free space, in contact, and below a sheet that is punctured or missed.
+  // Numbers of rows. ticks: all rows. counted: counted rows. free: counted rows with the contact
+  // state `free`. contact: those with `contact`. through: those with `punctured` or `beside`.
   std::uint64_t ticks = 0, counted = 0, free = 0, contact = 0, through = 0;
-  double top_z_m = 0;   ///< height of the highest sheet or layer, from which depths are measured
+  double top_z_m = 0;   ///< height of the highest sheet or layer; the tip's depth begins here
   double length_m = 0;  ///< length of the tip's path
-  std::optional<double> insertion_m, straight_m;  ///< path length and distance of definition 2
+  // The insertion (definition 2). insertion_m: length of the tip's path between the two rows.
+  // straight_m: distance between the tip's positions in these two rows.
+  std::optional<double> insertion_m, straight_m;
   double lowest_z_m = 0;
   std::array<double, 3> lowest_m{};            ///< position of the lowest tip
   std::array<double, 4> lowest_q{1, 0, 0, 0};  ///< orientation of the plate at lowest_t_s, w x y z
@@ -184,7 +190,7 @@ struct SessionFigures {
   Tremor tremor_free, tremor_contact;
   // The planned line (definition 6). line_ticks: number of rows in which the tip's distance to the
   // line is measured. line_max_m: largest distance. line_squares_m2: sum of the squared distances.
-  // line_entry_m: first distance.
+  // line_entry_m: distance in the first of these rows.
   std::uint64_t line_ticks = 0;
   double line_max_m = 0, line_squares_m2 = 0, line_entry_m = 0;
   // target_m: smallest distance of the tip to the target. target_reached_s: time at which the tip

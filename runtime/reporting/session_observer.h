@@ -46,12 +46,12 @@ class SessionObserver {
   PlungeMeter plunge_;
   TremorMeter tremor_;
   std::optional<GoalMeter> goals_;
-  // The values of the previous row; last_tip_: none if the previous row was not counted.
+  // The values of the previous row. If the previous row was not counted, last_tip_ is none.
   double last_force_N_ = 0, last_t_s_ = 0;
   std::optional<double> last_front_HU_;
   std::optional<Vector3> last_tip_;
-  // Values since the first row in contact. contact_tip_: position of the tip in this row.
-  // length_since_contact_m_: length of the tip's path. lowest_inserted_m_: the tip's lowest height.
+  // contact_tip_: position of the tip in the first row in contact. length_since_contact_m_: length
+  // of the tip's path since that row. lowest_inserted_m_: the tip's lowest height since that row.
   Vector3 contact_tip_{};
   double length_since_contact_m_ = 0, lowest_inserted_m_ = 0;
   /// Position of the tip in the last row in bone; none: the tip has left the bone, or has not

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The session report for the debriefing (`trocar-run --session-report`): figures as JSON and as
-// CSV, and a page that shows these figures. session_figures.h defines the figures. Only some facts
-// come from SessionResult (runtime/session/session_statistics.h), the result of run_session().
+// CSV, and a page that shows these figures. session_figures.h defines the figures. The report also
+// states facts, such as names and the measured values at faults (ReportFacts).
 // Tests: tests/e2e/session_report_test.py
 #pragma once
 
@@ -28,16 +28,16 @@ struct ReportFacts {
   std::string force_law;    ///< name of the force law
   bool is_virtual = false;  ///< the session had a virtual clock or was a replay
   SessionEnd end = SessionEnd::kDone;
-  std::uint64_t lost_ticks = 0;    ///< number of ticks that are missing in the figures
+  std::uint64_t lost_ticks = 0;    ///< ticks that are not in the figures, because a queue was full
   std::vector<FaultEvent> faults;  ///< the session's faults with measured values
   std::vector<ReportSheet> sheets;
   Trainee trainee;
   XrayUse xray;
-  /// Result of measure_wall_violation() at the final position (definition 10).
+  /// Result of measure_wall_violation() at the final position (definition 10 of session_figures.h).
   std::optional<WallViolation> final_wall;
-  /// Material in two vertical sections through the tip's lowest position. material_m[0][i] lists
-  /// the intervals of x, in m, in which the uncut sheet i has material in the section parallel to
-  /// x. material_m[1][i] lists the intervals of y in the section parallel to y.
+  /// Material of the uncut sheets in two vertical planes through the tip's lowest position.
+  /// material_m[0][i]: intervals of x, in m, in which sheet i has material in the plane parallel to
+  /// x. material_m[1][i]: intervals of y, in m, in the plane parallel to y.
   std::array<std::vector<std::vector<std::array<double, 2>>>, 2> material_m;
 };
 
@@ -49,8 +49,8 @@ std::string session_report_json(const Scene& scene, const SessionFigures& figure
 /// for each value. The name of a figure is its path in the document, such as "path/length_m" or
 /// "punctures/0/t_s". The samples are left out.
 std::string session_report_csv(const std::string& report_json);
-/// Returns one HTML page (session_page.html) that contains the document of session_report_json()
-/// and needs no other file.
+/// Returns one HTML page that contains the document of session_report_json() and needs no other
+/// file. The page is made from the template session_page.html.
 std::string session_report_page(const Scene& scene, const SessionFigures& figures,
                                 const ReportFacts& facts);
 

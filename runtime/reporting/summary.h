@@ -11,13 +11,13 @@ namespace trocar::runtime {
 
 /// Returns the document of formats/session/summary.schema.json, which describes the fields and
 /// their units. The text is indented by two spaces and has no line feed at its end. All top-level
-/// fields are present in every session, with four exceptions: `network` and `cutting` are present
-/// only with the force law of this name, `replay` only in a replay, and `link` only if the device
-/// has a link. Numbers are 0 and lists are empty if nothing happened. The field
-/// `allocations_in_loop` is null if the program does not count allocations (allocation_counter.h).
-/// The fields remesh_us and hole_vertices of a puncture are null if its hole was not cut. Instead
-/// of an absolute path only the file's name is written. `link_json`: the object `link` as JSON
-/// text; empty: the device has no link.
+/// fields are present in every session, with four exceptions: `network` is present only with the
+/// force law `network`, `cutting` only with the force law `cutting`, `replay` only in a replay, and
+/// `link` only if the device has a link. If there is nothing to count or to list, a field is 0 or
+/// an empty list. The field `allocations_in_loop` is null if the program does not count allocations
+/// (allocation_counter.h). If the hole of a puncture was not cut, the puncture's fields `remesh_us`
+/// and `hole_vertices` are null. If a path is absolute, only the file's name is written.
+/// `link_json`: the object `link` as JSON text; empty: the device has no link.
 std::string summarize(const Scene& scene, const SessionOptions& options,
                       const SessionResult& report, const Remesher& remesher,
                       const std::string& link_json = {});

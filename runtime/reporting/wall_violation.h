@@ -1,22 +1,23 @@
 // SPDX-License-Identifier: Apache-2.0
-// Measures how far the tool, along its shaft, is outside bone. The result grades the final position
-// of the tool.
+// Measures how far the tool's shaft comes out of the bone in which the tool is inserted. The result
+// grades the final position of the tool.
 //
 // Definitions:
 //  1. Bone is the material of the uncut sheets. The tool is a prism that begins at the tip and
 //     extends upwards. The outline on a slice is the section of this prism with the plane of the
 //     slice. Slices below the tip have no outline.
 //  2. Each corner of an outline has a distance to the bone. If the corner is over material of its
-//     own slice, the distance is 0. Otherwise each slice gives the value sqrt(d^2 + h^2), and the
-//     distance of the corner is the smallest of these values. Here d is the horizontal distance
-//     from the corner to the slice's material, and h is the difference between the heights of the
-//     corner and the slice.
+//     own slice, the distance is 0. Otherwise it is the distance to the nearest material of any
+//     slice, which is the smallest value of sqrt(d^2 + h^2) over all slices. d is the horizontal
+//     distance from the corner to a slice's material, and h is the difference between the heights
+//     of the corner and this slice.
 //  3. The distance of an outline is the largest distance of its corners.
 //  4. The bone begins at the first slice, counted from the top, at which the tool's axis is over
-//     material. The entry is the upper part of the bone, which is not judged. It ends before the
-//     first slice whose outline has the distance 0, and at the latest before the first slice that
-//     is more than kEntry_m below the beginning of the bone. All slices from the end of the entry
-//     down to the tip are judged. If no slice is judged, the tool is not in bone and has no grade.
+//     material. The entry is the upper part of the bone, where the tool comes in from outside. It
+//     ends before the first slice whose outline has the distance 0, and at the latest before the
+//     first slice that is more than kEntry_m below the beginning of the bone. The entry is not
+//     judged. All slices from the end of the entry down to the tip are judged. If no slice is
+//     judged, the tool is not in bone and has no grade.
 //  5. The violation is the largest distance of a judged outline, rounded to 1 nm. The grade is 0
 //     for a violation of 0, 1 for less than 2 mm, 2 for 2 to 4 mm, and 3 for more than 4 mm.
 // Tests: tests/e2e/session_report_test.py

@@ -2,11 +2,11 @@
 // The operator's commands while a session runs: pause, zero, emergency stop, resume, recover.
 //
 // Pause, zero (no forces) and emergency stop are latched: each stays set until it is released.
-// While one of them is set, its fault is raised in every tick, and no recovery begins. `resume`
-// releases the pause. If the pause is the latched fault, `resume` also requests a recovery.
-// `recover` releases all three and requests a recovery. With RecoveryPolicy::kOnRequest, the signal
-// SIGUSR1 does the same as `recover`; the program's signal handler sets the flag
-// SessionOptions::recover.
+// While a command is set, the command's fault is raised in every tick, and no recovery begins.
+// `resume` releases the pause. If the session's latched fault is that of the pause, `resume` also
+// requests a recovery. `recover` releases all three commands and requests a recovery. With
+// RecoveryPolicy::kOnRequest, the signal SIGUSR1 does the same as `recover`; the program's signal
+// handler sets the flag SessionOptions::recover.
 // Tests: tests/runtime/session/live_session_test.cpp
 #pragma once
 
@@ -33,8 +33,8 @@ class OperatorCommands {
   /// this fault in the tick.
   Fault latched_fault() const noexcept;
   bool is_paused() const noexcept { return is_paused_ && !emergency_stop_; }
-  /// Returns true if `latched` is the fault of a pause or of zero, and no emergency stop is set. A
-  /// session with RecoveryPolicy::kNever then waits for the operator instead of ending.
+  /// Returns true if `latched` is the fault of the command pause or zero, and no emergency stop is
+  /// set. A session with RecoveryPolicy::kNever then waits for the operator instead of ending.
   bool waits_for_operator(Fault latched) const noexcept {
     return is_by_operator(latched) && !emergency_stop_;
   }

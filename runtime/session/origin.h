@@ -21,24 +21,26 @@ Result<std::string> digest_of(const std::filesystem::path& file);
 
 /// Makes the origin of a session's recording. `scene_file`: the file from which `scene` was read.
 /// `scene` and `description` include the changes made by the command line. Options that affect
-/// torques get an entry in the origin. Some of them get it only if they differ from the default.
+/// torques get an entry in the origin. Some options have no entry if they have their default value.
 /// Errors: those of digest_of() for the files of scene, asset and device description.
 Result<RecordingOrigin> make_origin(const std::filesystem::path& scene_file, const Scene& scene,
                                     const DeviceDescription& description,
                                     const SessionOptions& options);
 
-// A replay takes the following limits and the rate from the recording.
+// A replay uses limits and the rate of the recorded session. The next four functions return them.
 
-/// Returns the StiffnessLimits::margin of the recorded session: kHardwareMargin if the recording
-/// states this margin, otherwise 1.
+/// Returns the margin by which the recorded session divided its stiffness limit
+/// (StiffnessLimits::margin): kHardwareMargin if the recording states this margin, otherwise 1.
 double stated_stiffness_margin(const RecordingOrigin& recorded);
 
 /// Returns true if the recorded session did not limit the time between two readings of the device
-/// (SafetyLimits::gap_max_s was 0). This is the default for a simulated device in its own process.
+/// (SafetyLimits::gap_max_s was 0). Sessions with a device that another process simulates have no
+/// such limit by default.
 bool allows_any_state_gap(const RecordingOrigin& recorded);
 
-/// Returns the SafetyLimits::no_data_max_s that the recording states. If the recording states none,
-/// or one that is below the default or above 1 s, returns the default.
+/// Returns the longest time without a new device state that the recorded session allowed
+/// (SafetyLimits::no_data_max_s). If the recording does not state this time, or states one that is
+/// below the default or above 1 s, returns the default.
 double stated_no_data_limit_s(const RecordingOrigin& recorded);
 
 /// Returns the rate of the haptic loop that the recording states, or 0 if it states none.

@@ -17,7 +17,7 @@
 
 namespace trocar::runtime {
 
-/// Runs a session and returns its result. After each tick the thread of the ticks calls
+/// Runs a session and returns its result. After each tick, the thread that runs the ticks calls
 /// `advance(dt_s)`, in which a simulated device advances its time. After the last tick, zero
 /// torques are written before the other threads end. `workers`: the result of make_workers() for
 /// the same scene, device, remesher and options.

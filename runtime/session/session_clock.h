@@ -56,8 +56,8 @@ class SessionClock {
 };
 
 /// Returns the clock that `options` ask for: a replay clock if there is a recording to replay,
-/// otherwise the clock of SessionOptions::clock. `prefetch`: the worker of the force law; may be
-/// null. The arguments must outlive the clock.
+/// otherwise the clock of SessionOptions::clock. `prefetch`: the worker that computes prefetched
+/// stiffness; null if the force law has none. The arguments must outlive the clock.
 std::unique_ptr<SessionClock> make_clock(const SessionOptions& options, Remesher& remesher,
                                          PrefetchWorker* prefetch);
 

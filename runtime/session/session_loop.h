@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// One tick of a session. The computation itself is haptic_tick() (runtime/control/haptic_loop.h).
-// The session loop supplies the inputs of this function: the operator's commands, the current
-// meshes and the prefetched stiffness. The loop passes requests for holes to the remesher, and
-// passes the result of the tick to the observers.
+// The session loop, which runs the ticks of a session one by one. haptic_tick()
+// (runtime/control/haptic_loop.h) computes a tick. The loop supplies the inputs of this function:
+// the operator's commands, the current meshes and the prefetched stiffness. The loop passes
+// requests for holes to the remesher, and passes the result of the tick to the observers.
 // Tests: tests/runtime/session/session_test.cpp
 #pragma once
 
@@ -35,8 +35,9 @@ class SessionLoop {
   // The haptic thread calls these functions.
 
   /// Runs one tick. Returns false if the session is over. While the session is paused, no tick is
-  /// counted. The call then only takes the operator's commands and the message of the hand, writes
-  /// zero torques to a device that has a clock of its own, and updates the telemetry.
+  /// counted. The call then only takes the operator's commands and the live hand's message, and
+  /// updates the telemetry. A device with a clock of its own needs commands even during a pause, so
+  /// the call also writes zero torques to such a device.
   bool tick(const TickTiming& timing) noexcept;
   void write_zero_torques() noexcept { device_.write_zero(); }
 
@@ -55,8 +56,8 @@ class SessionLoop {
 
   /// Starts the observers' threads. Call this before the first tick in real time.
   void start_observers();
-  /// Lets the observers process what the tick has queued. Call this after each tick in virtual
-  /// time.
+  /// Calls TickObserver::serve() of each observer, which processes what the tick has queued. Call
+  /// this after each tick in virtual time.
   void serve_observers();
   /// Stops the observers and returns the result. Call this after the last tick.
   SessionResult finish();

@@ -45,8 +45,8 @@ struct SessionOptions {
   double prefetch_period_s = 0.004;
   std::optional<std::filesystem::path> record;  ///< file of the recording; none: no recording
   RecordingOrigin origin;                       ///< written into the recording and the black boxes
-  /// Called if the recording cannot be continued, but never on the realtime haptic thread. The
-  /// session then goes on without a recording.
+  /// If the recording cannot be continued, this function is called, and the session goes on without
+  /// a recording. The call is never on the realtime haptic thread.
   std::function<void(const Error&)> on_recording_error;
   /// Called with each message to the operator, not on the realtime haptic thread.
   std::function<void(const OperatorMessage&)> on_message;

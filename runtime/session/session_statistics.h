@@ -25,8 +25,8 @@ namespace trocar::runtime {
 inline constexpr std::size_t kMaxListedFaults = 256;
 inline constexpr std::size_t kMaxListedPunctures = 4096;
 
-/// kFault: a fault other than the operator's pause or zero was latched at the end. Otherwise kDone
-/// if all ticks were done, and kInterrupted if not.
+/// kFault: when the session ended, a fault was latched that the operator's commands pause and zero
+/// had not raised. Otherwise kDone if all ticks were done, and kInterrupted if not.
 enum class SessionEnd : std::uint8_t { kDone, kInterrupted, kFault };
 
 struct FaultEvent {
@@ -39,7 +39,7 @@ struct FaultEvent {
 
 /// The result of run_session(), for the program and for the summary (runtime/reporting/summary.h).
 /// The session report for the trainee (`--session-report`, runtime/reporting/session_report.h) is
-/// made from SessionFigures and takes only some facts from this result.
+/// made from SessionFigures and from some members of this result.
 struct SessionResult {
   SessionEnd end = SessionEnd::kDone;
   std::uint64_t ticks = 0;
@@ -49,14 +49,14 @@ struct SessionResult {
   std::uint64_t faults_count = 0;        ///< number of all faults
   std::optional<Error> recording_error;  ///< why the recording is incomplete; none: no error
   std::vector<BlackBoxFile> black_boxes;
-  std::uint64_t black_boxes_lost = 0;  ///< number of lost requests for a black box
+  std::uint64_t black_boxes_lost = 0;  ///< requests for a black box lost because a queue was full
   double energy_released_max_J = 0;    ///< largest net energy that the hand received in a contact
   double damping_max_N_s_per_m = 0;    ///< largest damping of the passivity controller
   std::uint64_t damped_ticks = 0;      ///< ticks in which the passivity controller added damping
   RealtimeReport realtime;             ///< empty with a virtual clock
-  LateTicks::Counts late_ticks{};  ///< missed deadlines by the part of the tick that caused them
-  Histogram tick;                  ///< wall time of a tick, without the simulated device's step
-  Histogram device;                ///< part of `tick` for reading, checking and writing the device
+  LateTicks::Counts late_ticks{};      ///< missed deadlines that each part of the tick has caused
+  Histogram tick;                      ///< wall time of a tick, without simulating the device
+  Histogram device;  ///< part of `tick` for reading, checking and writing the device
   std::optional<std::uint64_t> allocations_in_loop;  ///< allocations in ticks; none: not counted
   /// Largest force that was delivered to the hand. It contains all forces that the hand feels:
   /// sheet, shaft, rim of the hole, coupling and damping. It does not contain the compensation of
@@ -64,10 +64,11 @@ struct SessionResult {
   double max_force_N = 0;
   double torque_max_Nm = 0;
   XrayUse xray;
-  // Authority is the factor on the force. After a recovery it rises from 0 to 1. The next two
-  // members are computed from ticks with authority 1 only.
-  /// Largest relative error of the delivered wrench: |delivered - wanted| / |wanted|. In this norm
-  /// torques are divided by 0.05 m.
+  // Authority is the factor on the force. After a recovery it rises from 0 to 1. While authority is
+  // below 1, the force is reduced on purpose. So the next two members are computed only from ticks
+  // with authority 1.
+  /// Largest relative error of the delivered wrench: |delivered - wanted| / |wanted|. In the norm
+  /// |.| of a wrench, torques are divided by 0.05 m, so that they count as forces.
   double wrench_error_max = 0;
   /// Number of ticks in which the device could not render the whole wrench.
   std::uint64_t scaled_ticks = 0;
@@ -90,8 +91,8 @@ class SessionStatistics final : public TickObserver {
 
   void on_puncture(const PunctureEvent& puncture) noexcept override;
   void on_tick(const TickView& tick) noexcept override;
-  /// Adds the durations of one tick. `duration_ns`: the whole tick, without the simulated device's
-  /// step. `device_ns`: the part in which the device was read, checked and written.
+  /// Adds the durations of one tick. `duration_ns`: the whole tick, without the time to simulate
+  /// the device. `device_ns`: the part in which the device was read, checked and written.
   void add_tick_time(std::int64_t duration_ns, std::int64_t device_ns) noexcept {
     report_.tick.add(duration_ns);
     report_.device.add(device_ns);

@@ -24,9 +24,9 @@
 
 namespace trocar::runtime {
 
-/// The comment of an observer names the option that asks for it. Without this option the observer
-/// is null. The force law is the first member, so that it is destroyed after the observers, which
-/// use the prefetch worker of the force law.
+/// The comment of each observer names an option. If this option is not set, the observer is null.
+/// The force law is the first member, so that it is destroyed after the observers, which use the
+/// prefetch worker of the force law.
 struct SessionWorkers {
   std::shared_ptr<ForceLaw> law;                ///< never null
   std::unique_ptr<Recorder> recorder;           ///< SessionOptions::record
@@ -41,8 +41,8 @@ struct SessionWorkers {
 };
 
 /// Creates the workers and observers. Errors: kUnwritable if the recording, the folder of the black
-/// boxes or the telemetry cannot be written; kRefused if the factory of the force law refuses the
-/// scene. Later failures, during the session, are reported in SessionResult.
+/// boxes or the telemetry cannot be written; kRefused if the force law refuses the scene. Later
+/// failures, during the session, are reported in SessionResult.
 Result<SessionWorkers> make_workers(const Scene& scene, const DeviceSpecification& device,
                                     const Remesher& remesher, const SessionOptions& options);
 

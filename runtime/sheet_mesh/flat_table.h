@@ -11,8 +11,8 @@
 
 namespace trocar::runtime {
 
-/// Empties the list, reserves capacity for `size` elements and writes to the whole capacity, so
-/// that no later use causes a page fault.
+/// Empties the list, reserves capacity for `size` elements and writes to the whole capacity. Later
+/// uses then cause no page fault, the delay at the first access to a page of memory.
 template <typename T>
 void reserve_touched(std::vector<T>& list, std::size_t size) {
   list.resize(size);
@@ -27,9 +27,9 @@ bool push_within(std::vector<T>& list, const T& element) noexcept {
   return true;
 }
 
-/// A map from 64-bit keys to 32-bit values. It is a hash table with linear probing. The slots of
-/// the table hold indices into a dense list of entries. A table with few keys uses only a small
-/// part of its memory, which stays in the cache. Single keys cannot be removed.
+/// A map from 64-bit keys to 32-bit values, a hash table with linear probing. Single keys cannot be
+/// removed. The slots of the table hold indices into a dense list of entries. While the table has
+/// few keys, it uses only a small part of its memory, and this part stays in the processor's cache.
 class FlatTable {
  public:
   static constexpr std::uint32_t kAbsent = 0xffffffff;
@@ -94,7 +94,7 @@ class FlatTable {
   }
 
   void grow() noexcept {
-    if (2 * (mask_ + 1) > slots_.size()) return;  // slots_ is used whole; half or more are empty
+    if (2 * (mask_ + 1) > slots_.size()) return;  // all of slots_ is in use; at least half is empty
     use_slots(std::min(8 * (mask_ + 1), slots_.size()));
     for (std::size_t i = 0; i < entries_.size(); ++i) {
       std::size_t slot = home(entries_[i].key);
@@ -106,7 +106,7 @@ class FlatTable {
 
   std::vector<Entry> entries_;
   std::vector<std::uint32_t> slots_ =
-      std::vector<std::uint32_t>(kMinSlots, 0);  ///< index of the entry, plus 1; 0: empty
+      std::vector<std::uint32_t>(kMinSlots, 0);  ///< 0: empty; otherwise 1 + index in entries_
   std::size_t capacity_ = 0;
   std::size_t mask_ = kMinSlots - 1;
   int shift_ = 56;

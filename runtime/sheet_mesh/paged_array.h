@@ -1,14 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
-// An array whose copies share their elements. The elements are stored in pages. A copy of the array
-// refers to the same pages, and the first write to a shared page gives the writer a page of its
-// own. So the two replicas of a sheet (runtime/workers/remesher.h) together take little more memory
-// than one, however large the sheet is.
+// An array whose copies share their elements. The elements are stored in pages (blocks of 256
+// elements). A copy of the array refers to the same pages, and the first write to a shared page
+// gives the writer a page of its own. The remesher (runtime/workers/remesher.h) keeps two copies of
+// each sheet. Because of the shared pages, both together take little more memory than one, however
+// large the sheet is.
 //
 // Contract (tests/runtime/sheet_mesh/paged_array_test.cpp compares with std::vector):
 //  1. A write to an array never changes what another array contains. Reading through a mutable
 //     array counts as a write and can copy a page; reading through a const reference does not.
-//  2. Threads may read an array while another thread writes to a copy of this array. They may not
-//     read an array while another thread writes to this array itself.
+//  2. Threads may read an array while another thread writes to a copy of this array. While a thread
+//     writes to an array, other threads may not read this same array.
 //  3. A write does not allocate if its page is not shared, or if spare pages are left
 //     (reserve_pages()).
 #pragma once
@@ -106,8 +107,8 @@ class PagedArray {
   Iterator begin() const noexcept { return {*this, 0}; }
   Iterator end() const noexcept { return {*this, size_}; }
 
-  /// Changes the size; new elements have this value. Allocates. Pages that contain only new
-  /// elements share their memory until they are written to.
+  /// Changes the size; new elements have this value. Allocates. All pages that contain only new
+  /// elements are stored as one shared page until they are written to.
   void resize(std::size_t size, const T& value = {}) {
     const std::size_t pages = (size + kPage - 1) >> kShift;
     while (pages_.size() > pages) {
@@ -124,8 +125,8 @@ class PagedArray {
     }
     size_ = size;
   }
-  /// Ensures that this many shared pages can be written to without allocation, or all of them if
-  /// there are fewer.
+  /// Ensures that this many shared pages can be written to without allocation. If the array has
+  /// fewer shared pages, this holds for all of them.
   void reserve_pages(std::size_t pages) {
     std::size_t wanted = 0;
     for (std::size_t i = 0; i < pages_.size() && wanted < pages; ++i)
@@ -135,7 +136,7 @@ class PagedArray {
       spare_.push_back(std::make_unique<Page>().release());
   }
   std::size_t pages() const noexcept { return pages_.size(); }
-  /// Memory of the elements in bytes, whether they are shared or not.
+  /// Memory of all pages in bytes, including pages that copies share.
   std::size_t bytes() const noexcept { return (pages_.size() + spare_.size()) * sizeof(Page); }
 
   bool operator==(const PagedArray& other) const {

@@ -6,7 +6,8 @@
 // Contract (tests/runtime/sheet_mesh/sheet_edit_test.cpp):
 //  1. Precondition: a function that edits the mesh calls touch_*() before it writes to a slot. It
 //     takes and releases slots only by take_*() and release_*(), which update the lists.
-//  2. undo() restores the mesh of begin() exactly: every slot and the order of the free slots.
+//  2. undo() restores the mesh exactly as it was at begin(): every slot and the order of
+//     the free slots.
 //  3. If a replica was equal to the mesh at begin(), copy_to() makes the replica equal to the
 //     edited mesh: every slot and the order of the free slots.
 //  4. Only the constructor allocates. Each slot is listed at most once, so the capacity suffices.
@@ -38,9 +39,9 @@ struct SheetChange {
   };
 
   std::vector<OldTriangle> triangles;  ///< each slot once, in the order in which they were listed
-  std::vector<OldVertex> vertices;     ///< likewise
-  /// Number of entries at the bottom of a stack of free slots that the edit has not changed: for
-  /// the stack of triangles, and for that of vertices.
+  std::vector<OldVertex> vertices;     ///< each slot once, in the order in which they were listed
+  /// Number of entries, from the bottom of the stack, that the edit has not changed: in the stack
+  /// of free triangle slots, and in the stack of free vertex slots.
   std::size_t untouched_free_triangles = 0, untouched_free_vertices = 0;
 
   /// Repeats the edit on the replica `to` (contract 3). `from` is the mesh that was edited.
@@ -85,8 +86,9 @@ class SheetEdit {
   void copy_to(const SheetMesh& from, SheetMesh& to) const noexcept { change_.copy_to(from, to); }
 
  private:
-  // Pops a slot from a stack of free slots. `untouched`: SheetChange::untouched_free_triangles or
-  // _vertices. `popped` lists the other entries that the stack had at begin(), topmost first.
+  // Pops a slot from a stack of free slots. `untouched` is SheetChange::untouched_free_triangles or
+  // untouched_free_vertices. `popped` lists the entries that the stack had at begin() and that have
+  // been popped since then, topmost first.
   static std::uint32_t pop(std::vector<std::uint32_t>& stack, std::size_t& untouched,
                            std::vector<std::uint32_t>& popped) noexcept;
 

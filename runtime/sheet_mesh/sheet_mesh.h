@@ -1,16 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
-// The mesh of a sheet, which can be edited in place.
-// Vertices and triangles are stored in slots, which are array elements that are in use or free. The
-// neighbours of each triangle are stored too. Therefore an edit never allocates, and its time is
-// proportional to the number of slots that it reads or writes.
+// The mesh of a sheet, which can be edited in place. Vertices and triangles are stored in slots,
+// which are array elements that are in use or free. An edit uses free slots, so the arrays never
+// grow during an edit. The mesh also stores the neighbours of each triangle, so the time of an edit
+// is proportional to the number of slots that the edit reads or writes.
 //
-// OpenMesh 9 is not used for three reasons. First, it only marks a deleted vertex, edge or face.
-// The slot is reused only after a garbage collection that visits and renumbers the whole mesh. A
-// mesh that is cut repeatedly would need this garbage collection or new memory. Second, its
-// half-edge mesh has one fan of faces (faces connected by edges) at a vertex. If a cut leaves
-// several fans at a vertex, faces would have to be deleted and added again. Third, it keeps no list
-// of the slots that an edit has written. This list is needed to undo the edit and to repeat it on a
-// second copy of the mesh (a replica).
+// OpenMesh 9, a library for meshes, is not used for three reasons. First, it only marks a deleted
+// vertex, edge or face. The slot can be used again only after a garbage collection, which visits
+// and renumbers the whole mesh. A mesh that is cut repeatedly would need this garbage collection or
+// new memory. Second, it allows only one fan of faces (faces connected by edges) at a vertex. If a
+// cut leaves several fans at a vertex, faces would have to be deleted and added again. Third, it
+// keeps no list of the slots that an edit has written. This list is needed to undo the edit and to
+// repeat it on a second copy of the mesh (a replica).
 #pragma once
 
 #include <array>
@@ -33,13 +33,14 @@ inline constexpr Triangle kFreeSlot{kNone, kNone, kNone};
 ///     triangle slot contains kFreeSlot, and `free_triangles` lists it exactly once.
 ///  2. across[t][i] is the triangle beyond edge i of t (triangle_edge.h); kNone on the sheet's
 ///     boundary.
-///  3. A vertex in use belongs to a triangle. Its triangles form one fan: from each of them, all
-///     others can be reached across edges at this vertex. If two fans touch at a point, each fan
-///     has a vertex of its own at this point. `free_vertices` lists exactly once every vertex slot
-///     that is not in use.
-///  4. Edits do not change the size of the first three arrays; only add_slots() does. The stacks
-///     `free_vertices` and `free_triangles` have capacity for kReservedFree further slots, or for
-///     all slots of the mesh if that is less. A copy of the mesh has this capacity, too.
+///  3. A vertex in use belongs to a triangle. Its triangles form one fan: each triangle shares
+///     an edge at this vertex with the next. If two fans touch at a point, each fan has a vertex
+///     of its own at this point. `free_vertices` lists exactly once every vertex slot that is
+///     not in use.
+///  4. Only add_slots() and remove_spare_slots() change the size of `vertices`, `triangles` and
+///     `across`; edits do not. Edits can push kReservedFree further slots to the stacks
+///     `free_vertices` and `free_triangles` without allocation (or all slots of the mesh, if the
+///     mesh has fewer). The same holds for a copy of the mesh.
 /// A copy shares the memory of the arrays until one of the two is written to (paged_array.h).
 struct SheetMesh {
   static constexpr std::size_t kReservedFree = 32'768;
@@ -64,8 +65,8 @@ struct SheetMesh {
   }
   SheetMesh& operator=(const SheetMesh& other) { return *this = SheetMesh(other); }
 
-  /// Gives the stacks the capacity of invariant 4, and writes to all of it, so that no later edit
-  /// causes a page fault.
+  /// Gives the stacks the capacity of invariant 4, and writes to all of it. Later edits then cause
+  /// no page fault, the delay at the first access to a page of memory.
   void reserve_stacks() {
     const std::size_t vertices_free = free_vertices.size(), triangles_free = free_triangles.size();
     free_vertices.resize(std::min(vertices.size(), vertices_free + kReservedFree));
@@ -85,11 +86,12 @@ struct SheetMesh {
     return vertices.bytes() + triangles.bytes() + across.bytes() +
            (free_vertices.capacity() + free_triangles.capacity()) * sizeof(std::uint32_t);
   }
-  /// Adds free slots. Edits use the existing free slots first. Therefore a mesh and its replica use
-  /// slots in the same order, even if the slots are added to them at different times. O(n).
-  /// Allocates. Precondition: no other thread reads the mesh meanwhile.
+  /// Adds free slots. Edits use the older free slots first. Therefore a mesh and its replica use
+  /// slots in the same order, even if slots are added to them at different times. O(n). Allocates.
+  /// Precondition: no other thread reads the mesh meanwhile.
   void add_slots(std::size_t more_vertices, std::size_t more_triangles);
-  /// Removes the free slots of a mesh that make_sheet_mesh() has made and no edit has changed.
+  /// Removes the free slots. Precondition: make_sheet_mesh() has made the mesh, and no edit has
+  /// changed it since.
   void remove_spare_slots();
   bool in_use(std::uint32_t t) const noexcept { return triangles[t][0] != kNone; }
   std::size_t triangles_in_use() const noexcept { return triangles.size() - free_triangles.size(); }

@@ -2,14 +2,14 @@
 // Finds the triangles of a sheet near a box. The time is proportional to the number of these
 // triangles, not to the size of the mesh. A triangle is inserted or removed in constant time.
 //
-// There are several grids of square cells. From each grid to the next coarser grid, the width of
-// the cells doubles; the coarsest grid is a single cell. A triangle is listed in a single cell. The
-// cell belongs to the finest grid whose cells are at least as large as the triangle's bounding box,
-// and contains the lower left corner of this box. Therefore a triangle extends at most into the
-// next cells to the right and above. A triangle has one list entry, however long and thin it is. So
-// one entry is allocated for each slot of the mesh (a place for a triangle, in use or not), and an
-// edit needs no further memory. Source: "loose" grids, after Ulrich's
-// loose octree, 2000.
+// There are several grids of square cells, for triangles of different sizes. From each grid to the
+// next coarser grid, the width of the cells doubles; the coarsest grid is a single cell. Each
+// triangle is listed in exactly one cell. The cell belongs to the finest grid whose cells are at
+// least as large as the triangle's bounding box, and contains the lower left corner of this box.
+// Therefore a triangle extends at most into the next cells to the right and above. However long and
+// thin a triangle is, it has one list entry. It therefore suffices to allocate one entry for each
+// slot of the mesh (a place for a triangle, in use or not), and an edit needs no further memory.
+// Such grids are called loose, after Ulrich's loose octree (2000).
 #pragma once
 
 #include <algorithm>
@@ -36,12 +36,12 @@ enum class GridTriangles : std::uint8_t {
 
 /// Contract (tests/runtime/sheet_mesh/triangle_grid_test.cpp compares with a search of all
 /// triangles):
-///  1. for_each() visits every triangle of GridTriangles whose bounding box is not apart() from the
-///     given box, exactly once, and no other triangle. The order depends only on the mesh given to the
-///     constructor and on the edits since then.
-///  2. The constructor and add_slots() allocate. A copy of the grid shares its pages of memory until
-///     one of the two is updated. An update() allocates only if it writes to more shared pages than
-///     reserve_pages() has reserved.
+///  1. for_each() visits every listed triangle (GridTriangles) whose bounding box has a point in
+///     common with the given box, exactly once, and no other triangle. The order depends only on
+///     the mesh given to the constructor and on the edits since then.
+///  2. The constructor and add_slots() allocate. A copy of the grid shares its pages of memory
+///     (paged_array.h) until one of the two is updated. An update() allocates only if it writes to
+///     more shared pages than reserve_pages() has reserved.
 class TriangleGrid {
  public:
   TriangleGrid() = default;
@@ -49,14 +49,15 @@ class TriangleGrid {
   /// O(slots).
   explicit TriangleGrid(const SheetMesh& mesh, GridTriangles lists = GridTriangles::kAll);
 
-  /// Call this once after each edit of the mesh. `change`: the triangles that the edit has
-  /// written; `mesh`: the edited mesh. The time is proportional to the number of triangles that the edit has written.
+  /// Call this once after each edit of the mesh. `change` lists the triangles that the
+  /// edit has written, and `mesh` is the edited mesh. The time is proportional to the
+  /// number of these triangles.
   void update(const SheetChange& change, const SheetMesh& mesh) noexcept;
   void update(const SheetEdit& edit, const SheetMesh& mesh) noexcept {
     update(edit.change(), mesh);
   }
 
-  /// Adds entries after SheetMesh::add_slots().
+  /// Adds entries for the slots that SheetMesh::add_slots() has added to the mesh.
   void add_slots(const SheetMesh& mesh) { link_.resize(mesh.triangles.size()); }
 
   /// Calls visit(t) for every triangle t near the box, see contract 1. `mesh`: the mesh that this

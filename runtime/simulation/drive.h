@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // The drive's side of the device link, with a simulated device behind it. The host's side is
-// udp_link.h. The drive keeps the link session with a host, has a watchdog, supervises the motors,
-// and can inject faults. It uses no socket: the caller passes received datagrams to the drive, and
-// sends the datagrams that the drive returns.
+// udp_link.h. The drive holds a link session with one host, sets the torques to zero if commands
+// stay away (watchdog), checks whether motors follow their commands, and can inject faults. It uses
+// no socket: the caller passes received datagrams to the drive, and sends the datagrams that the
+// drive returns.
 //
 // Contract (tests/runtime/simulation/drive_test.cpp):
 //  1. Torques are nonzero only while three conditions hold: the newest accepted command has the
@@ -13,9 +14,10 @@
 //     torques. All commands before the acknowledgement have no effect, for example the nonzero
 //     torques of a host that ramps down.
 //  2. A refused datagram only changes a count. There is one exception: a hello, which requests a
-//     session, is answered with a denial if it has another key, is for drives that report poses, or
-//     arrives while a session is alive. At most one denial is sent in kDenialPeriod_s. If a hello
-//     has the same nonce as the last denied one, at most one denial is sent in kRepeatedDenial_s.
+//     session, is answered with a denial if it has another key, asks for a drive that reports poses
+//     instead of encoder angles, or arrives while a session is alive. At most one denial is sent in
+//     kDenialPeriod_s. A repeated hello (one with the random number, the nonce, of the last denied
+//     hello) is denied at most once in kRepeatedDenial_s.
 //  3. While a session is alive, no other session begins. A session is alive as long as its last
 //     command is not older than the watchdog's time (real clock) or session_s (lock-step).
 //  4. In lock-step each command of the mode torque advances time by one period of the host. Nothing

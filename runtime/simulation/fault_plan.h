@@ -4,9 +4,8 @@
 // Tests: tests/runtime/simulation/drive_test.cpp
 //
 // A plan is a text of items separated by commas. Each item has the form
-// KIND[:VALUE[:VALUE]][@FROM[..TO]]. The fault acts from FROM until before TO; by default FROM is 0
-// and the fault does not end. Times are simulated times in s, since
-// the session's start.
+// KIND[:VALUE[:VALUE]][@FROM[..TO]]. The fault begins at FROM (default: 0) and ends at TO (default:
+// never). Times are simulated times in s, since the session's start.
 //   loss:P             packets are lost
 //   delay:P:MS         packets are delayed by MS ms
 //   duplicate:P        packets are delivered twice

@@ -36,8 +36,8 @@ struct HandTrajectory {
   HandInterpolation interpolation = HandInterpolation::kLinear;
 };
 
-/// The impedance of a hand. The defaults are a firm grip. Let K be the stiffness of a
-/// wall, and T the period of rendering. If the hand's damping exceeds K T / 2, the hand does not
+/// The impedance of a hand. The defaults are a firm grip. Let K be the stiffness of a rendered
+/// wall, and T the duration of a tick. If the hand's damping exceeds K T / 2, the hand does not
 /// chatter at the wall. Example: for 5 kN/m at 500 Hz, K T / 2 is 5 N s/m.
 struct HandImpedance {
   double stiffness_N_per_m = 4000;

@@ -8,9 +8,9 @@
 // rotor, G the motors' Jacobian, and J_i the Jacobian of the point mass m_i. Then
 //   M = M_plate + I_rotor G^T G + sum m_i J_i^T J_i,
 //   h = [0; omega x (I omega)] + I_rotor G^T a_motors + sum m_i J_i^T a_i.
-// Here a_motors are the accelerations of the motors' joints and a_i those of the point masses for
-// V' = 0, which are due to the velocity alone. These accelerations are computed in closed form. No
-// function allocates or throws.
+// Here a_motors and a_i are the accelerations that the motors' joints and the point masses have at
+// V' = 0, because the velocity V moves them on curved paths. The accelerations are computed in
+// closed form. No function allocates or throws.
 #pragma once
 
 #include <Eigen/Core>

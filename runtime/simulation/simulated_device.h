@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// A model of the four-legged haptic device that runs in this process. Four things act on the
-// plate: the motors' wrench G^T tau at the true pose (G: Jacobian), the joints' friction, the
-// weight, and a simulated hand. The weight is zero unless the description sets a gravity, because
-// the mechanism is assumed to be balanced. There are two variants of the model. In the light model
-// only the plate has mass, and friction is viscous. The full model of mechanics.h
+// A simulated four-legged haptic device, which runs in this process. Four things act on the plate:
+// the motors' wrench G^T tau at the true pose (G: Jacobian), the joints' friction, the weight, and
+// a simulated hand. The weight is zero unless the description sets a gravity, because the mechanism
+// is assumed to be balanced. There are two variants of the model. In the light model only the plate
+// has mass, and friction is viscous. The full model of mechanics.h
 // (SimulatedDeviceOptions::mechanics) has links, rotors, dry friction, current lag and encoder
 // noise. The model is deterministic: the same calls give the same bits.
 #pragma once

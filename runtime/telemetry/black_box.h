@@ -28,10 +28,10 @@ inline constexpr double kBlackBox_s = 4;  ///< time that the rows of a file cove
 struct BlackBoxFile {
   Fault fault = Fault::kNone;
   double t_s = 0;          ///< time of the fault
-  std::uint64_t rows = 0;  ///< number of rows copied: at most those of the last kBlackBox_s
+  std::uint64_t rows = 0;  ///< number of rows copied from the ring buffer for this file
   std::filesystem::path file;
-  /// None: the file is complete. Otherwise the reason why it is missing. Rows that could be written
-  /// are then in RecordingWriter::partial_file().
+  /// None: the file is complete. Otherwise: the reason why there is no file. If some rows could be
+  /// written, they are in RecordingWriter::partial_file().
   std::optional<Error> error;
 };
 
@@ -39,9 +39,9 @@ class BlackBox final : public TickObserver {
  public:
   /// Makes a black box that writes its files to `folder`. A file's name is
   /// black_box_DATE-TIME_tSECONDSs_FAULT.csv. DATE-TIME is the time of this call in UTC, SECONDS
-  /// the session's time at the fault, and FAULT the name of the fault. Existing files are not
-  /// replaced. `origin` is written into the first row of each file. Errors: kUnwritable if the
-  /// folder does not exist, or if files cannot be created in it.
+  /// the session's time at the fault, and FAULT the name of the fault. If such a file exists, "_2"
+  /// or a higher number is added to the name. `origin` is written into the first row of each file.
+  /// Errors: kUnwritable if the folder does not exist, or if files cannot be created in it.
   static Result<std::unique_ptr<BlackBox>> make(const std::filesystem::path& folder, double rate_Hz,
                                                 const RecordingOrigin& origin = {});
   ~BlackBox() override { stop(); }
@@ -52,8 +52,9 @@ class BlackBox final : public TickObserver {
   /// Requests a file with the last rows pushed so far. If too many requests are waiting, the
   /// request is lost: the function returns false, and lost() counts the request.
   bool save(Fault fault, double t_s) noexcept;
-  /// Pushes the row. After a fault other than the operator's pause or zero, requests a file as soon
-  /// as torques are zero, so that the file contains the whole ramp of the torques to zero.
+  /// Pushes the row. After a fault, the torques fall to zero. When they are zero, requests a file,
+  /// so that the file contains this whole ramp. The faults of the operator's commands pause and
+  /// zero get no file.
   void on_tick(const TickView& tick) noexcept override;
 
   // TickObserver says which thread calls these functions.

@@ -22,8 +22,8 @@ namespace trocar::runtime {
 using FrameFunction =
     std::function<void(const RecordingRow&, const std::shared_ptr<const SheetShape>&)>;
 
-/// Calls a function with each frame, but never on the realtime haptic thread. The frame rate is
-/// measured on the wall clock in real time, and by the number of ticks in virtual time.
+/// Calls a function with each frame, but never on the realtime haptic thread. In real time, the
+/// wall clock determines when a frame is due; in virtual time, the number of ticks determines it.
 class FrameDisplay final : public TickObserver {
  public:
   /// `show`: the function to call. `prefetch`: the worker that supplies the shape; may be null.
@@ -45,17 +45,19 @@ class FrameDisplay final : public TickObserver {
   TripleBuffer<RecordingRow> latest_;
 };
 
-/// Returns the depth to which the tool presses the shape's sheet in the tick of this row: the
-/// penetration if the tool is in contact with this sheet, otherwise 0.
+/// Returns how deep the tool presses the sheet to which the shape belongs, in the tick of this row:
+/// the penetration if the tool is in contact with this sheet, otherwise 0.
 double shape_depth_m(const RecordingRow& row, const SheetShape& shape) noexcept;
 
 /// Writes frames as JSON lines. For each new shape there is a line
 ///   {"shape", "slice", "z_m", "cuts", "vertices_m": [[x, y], ...], "triangles", "w"},
 /// and for each frame a line
 ///   {"t_s", "state", "tip_m", "force_N", "shape", "depth_m"}.
-/// Shapes are numbered from 0. In a frame, "state" is the phase of contact, "force_N" is the z
-/// component of the wanted force, and "shape" is the number of the latest shape, or null if there
-/// is none yet. Vertex i of the latest shape is at the height z_m - depth_m w[i].
+/// Shapes are numbered from 0. In the line of a shape, "cuts" is the number of holes in the sheet,
+/// and "w" says how far each vertex follows the tool: w is 1 at the tool's outline and falls to 0
+/// away from it. In a frame, "state" is the phase of contact, "force_N" is the z component of the
+/// wanted force, and "shape" is the number of the latest shape, or null if there is none yet.
+/// Vertex i of the latest shape is at the height z_m - depth_m w[i].
 class FrameWriter {
  public:
   explicit FrameWriter(std::filesystem::path file) : file_(std::move(file)) {}

@@ -44,12 +44,12 @@ class RecoveryWatch {
   /// A reason is reported only if it still exists this long after the request.
   static constexpr double kPatience_s = 0.1;
 
-  /// Call this when a fault is latched. All reasons can then be reported again.
+  /// Call this when a fault is latched. After that, each reason can be reported once again.
   void fault_latched() noexcept { *this = {}; }
   /// Call this once in each tick. Returns true if the caller is to report the reason now.
   /// `waiting`: recovery was requested, and the state `running` has not begun. If `found` has a
   /// fault, this fault is the reason. Otherwise, if `retract_distance_m` is positive, the reason is
-  /// that the tool is in material.
+  /// that the tool is in material and must first be retracted by this distance.
   bool should_report(bool waiting, double t_s, const FaultDetail& found,
                      double retract_distance_m) noexcept;
 

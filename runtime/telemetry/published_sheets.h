@@ -15,15 +15,16 @@
 
 namespace trocar::runtime {
 
-/// The mesh of a sheet before its first hole. When a hole is cut, vertices are added for which the
-/// asset has no HU. Their HU is interpolated in this first mesh.
+/// The mesh of a sheet before its first hole, from which later versions of the sheet get their HU.
+/// When a hole is cut, vertices are added for which the asset has no HU. Their HU is interpolated
+/// in this first mesh.
 class FirstSheet {
  public:
   explicit FirstSheet(const Sheet& sheet);
 
   bool has_hu() const noexcept { return hu_ != nullptr; }
-  /// Converts a version of the same sheet. If has_hu() is true, the result has the HU of all
-  /// vertices.
+  /// Converts this sheet with the holes that it has now. If has_hu() is true, the result has the HU
+  /// of all vertices.
   TelemetrySheet published(const Sheet& sheet) const;
 
  private:

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Writes the row of every tick to a recording. In real time a thread of its own writes the rows.
+// Writes the row of every tick to a recording. In real time a separate thread writes the rows.
 // Tests: tests/runtime/session/session_test.cpp
 #pragma once
 
@@ -29,9 +29,9 @@ class Recorder final : public TickObserver {
   }
   /// Writes the rows that are now in the queue to the file.
   void serve() override;
-  /// Calls stop() and gives the file its final name. Errors: kUnwritable if a row was lost or could
-  /// not be written, or if the file cannot be renamed. After an error the rows that were written
-  /// are in RecordingWriter::partial_file().
+  /// Calls stop(), and renames the file, which has a temporary name until then. Errors: kUnwritable
+  /// if a row was lost or could not be written, or if the file cannot be renamed. After an error,
+  /// the rows that were written are in RecordingWriter::partial_file().
   Result<void> finish();
 
  private:

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The facts that do not change during a session. They are written as JSON into the session's shared
-// memory, for the programs that read it (formats/session/telemetry.md, section About).
+// The facts that do not change during a session, such as its scene, device, rate and limits. They
+// are written as JSON into the session's shared memory, for the programs that read this memory
+// (formats/session/telemetry.md, section About).
 // Tests: tests/runtime/telemetry/session_facts_test.cpp, tests/runtime/session/live_session_test.cpp
 #pragma once
 
@@ -19,8 +20,8 @@ namespace trocar::runtime {
 
 /// The facts about a live hand, which is a hand that a person moves. Its springs pull the tip to a
 /// target. The target starts at start_tip_m and start_rotation_rad. While a person holds the tool,
-/// the target moves to poses in the box from min_m to max_m, and within turn_max_rad of the start's
-/// rotation. Frame: {B}.
+/// the target stays in the box from min_m to max_m, and its rotation differs from the rotation at
+/// the start by at most turn_max_rad. Frame: {B}.
 struct PublishedHand {
   std::array<double, 3> min_m{}, max_m{}, start_tip_m{}, start_rotation_rad{};
   double stiffness_N_per_m = 0, rotation_stiffness_Nm_per_rad = 0;
@@ -30,6 +31,8 @@ struct PublishedHand {
 /// Facts that the program supplies.
 struct TelemetryOptions {
   std::filesystem::path file;  ///< name of the link to the shared memory
+  /// `device` and `recovery` are the values of the options --device and --recover. In a replay,
+  /// `device` is "replay".
   std::string scene_file, device, recovery;
   std::vector<std::string> tissue_of_sheet;  ///< tissue names, topmost sheet first; "": no name
   std::optional<PublishedHand> hand = {};    ///< none: the session has no live hand

@@ -33,7 +33,7 @@ struct TelemetryCommands {
   bool stop = false, pause = false, resume = false, zero = false, recover = false,
        emergency_stop = false;
   std::uint64_t xray_shots = 0;  ///< number of X-ray pictures requested
-  std::uint64_t screening = 0;   ///< TelemetryWriter::screening()
+  std::uint64_t screening = 0;   ///< counter, odd while screening is requested (TelemetryWriter)
 };
 
 class SessionPublisher final : public TickObserver {
@@ -64,7 +64,7 @@ class SessionPublisher final : public TickObserver {
   /// readers get the number of lost events.
   void push_event(TelemetryEventKind kind, double t_s) noexcept;
 
-  // The remesher's thread calls this function; in virtual time, the thread that runs the session.
+  // The remesher's thread calls this function. In virtual time, the session's thread calls it.
 
   /// Writes each sheet that has got new holes since the last call.
   void publish_sheets(const Remesher& remesher);

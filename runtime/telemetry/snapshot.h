@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // A snapshot holds numbers of the latest tick for other processes, in the columns of
-// formats/session/telemetry.md. A new value for the console needs a line in snapshot.cpp's table.
+// formats/session/telemetry.md. To add a value, add a line to the table in snapshot.cpp.
 // Tests: tests/runtime/session/live_session_test.cpp
 #pragma once
 
@@ -26,11 +26,11 @@ struct TelemetryTick {
   RecordingRow row;
   std::int64_t taken_ns = 0;  ///< start of the tick or paused period, on CLOCK_MONOTONIC
   DeviceReadout readout;
-  std::int32_t active_sheet = -1;  ///< ContactOutput::active_sheet
-  double force_N = 0;              ///< ContactOutput::force_N
+  std::int32_t active_sheet = -1;  ///< sheet at the tip (ContactOutput::active_sheet); -1: none
+  double force_N = 0;              ///< force on the tip (ContactOutput::force_N)
   std::uint64_t ticks = 0, missed_deadlines = 0, punctures = 0, faults = 0;
   LateTicks::Counts late_ticks{};  ///< missed deadlines that each part of the tick has caused
-  std::int64_t late_max_ns = 0;    ///< largest TickTiming::late_ns so far
+  std::int64_t late_max_ns = 0;    ///< longest delay of the haptic thread's wake-up so far
   std::uint64_t xray_shots = 0;
   double xray_screening_s = 0;
   /// Sheets that have been in contact, and sheets that have been punctured. Bit i: sheet i.
@@ -40,8 +40,8 @@ struct TelemetryTick {
 };
 static_assert(kMaxSceneSlices <= kMaxTelemetrySheets && kMaxSceneSlices <= 64);
 
-/// The values from which the columns are computed. `tick_times`: durations of ticks; `wake_times`:
-/// delays of wake-ups; `last_event`: number of the last event written.
+/// The values from which the columns are computed. `tick_times`: durations of ticks. `wake_times`:
+/// delays of the haptic thread's wake-ups. `last_event`: number of the last event written.
 struct SnapshotSource {
   const TelemetryTick& tick;
   const Tool& tool;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A histogram of durations for the console, with four bins for each factor of two.
+// A histogram of durations for the console. Each range from a duration to its double has four bins.
 // Tests: tests/runtime/session/live_session_test.cpp
 #pragma once
 

@@ -19,8 +19,8 @@ namespace trocar::runtime {
 /// or a soft layer, bit 0 for the topmost one.
 struct ObservedTick {
   RecordingRow row;
-  std::uint64_t punctured = 0;  ///< sheets that were punctured or that the cutting front passed
-  std::uint64_t side_cut = 0;   ///< sheets in which a hole's wall yielded (force law `cutting`)
+  std::uint64_t punctured = 0;  ///< sheets that were punctured (law `cutting`: passed by the front)
+  std::uint64_t side_cut = 0;   ///< sheets in which the tool cut a hole's wall (law `cutting`)
   std::uint64_t layers_punctured = 0;  ///< soft layers that were punctured
   /// In the tick of a puncture: rendered force on the tip in the tick before. In other ticks the
   /// value has no meaning.

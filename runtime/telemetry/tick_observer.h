@@ -29,10 +29,12 @@ struct PunctureEvent {
   std::uint32_t cut = 0;    ///< number of the hole in this sheet, counted from 1
   double t_s = 0;
   double tool_z_m = 0;       ///< height of the tip in {B}
-  double penetration_m = 0;  ///< ContactOutput::penetration_m in the tick of the puncture
+  double penetration_m = 0;  ///< depth of the tip below the sheet (law `cutting`: the front)
   double force_N = 0;        ///< rendered force on the tip in the tick before the puncture
   double hand_N = 0;         ///< delivered force in the tick before the puncture
-  double trial_force_N = 0;  ///< tissue force above the threshold, not multiplied by force_scale
+  /// Force that would have exceeded the tissue's threshold (law `cutting`: largest strength of the
+  /// bone that the front passed), without the factor force_scale.
+  double trial_force_N = 0;
 };
 
 /// A message to the operator while a session runs.
@@ -40,8 +42,8 @@ struct OperatorMessage {
   enum class Kind : std::uint8_t {
     kFault,         ///< the fault `detail` was latched
     kNotRecovered,  ///< a requested recovery is delayed by the fault `detail`; if `detail` has no
-                    ///< fault, the recovery is delayed by a tool in material
-    kRecovered,     ///< forces rise again; `detail` only names the fault that has ended
+                    ///< fault, the recovery is delayed because the tool is in material
+    kRecovered,     ///< forces rise again; `detail.fault` is the fault that has ended
   };
   Kind kind = Kind::kFault;
   double t_s = 0;

@@ -26,15 +26,18 @@ namespace trocar::runtime {
 /// (RemesherOptions).
 struct CutRecord {
   CutRequest request;
-  /// If set, the cut failed: the sheet keeps its mesh, but the force law still treats the hole as
-  /// open. The error is kRefused if the capacity of the mesh did not suffice, and otherwise kBug.
+  /// If set, the cut failed, and the sheet keeps its mesh. The force law nevertheless treats
+  /// the hole as open. The error is kRefused if the capacity of the mesh did not suffice,
+  /// and otherwise kBug.
   std::optional<Error> error;
   /// obtuse_boundary_edges is counted after the quality pass.
   CutReport cut;
-  std::int64_t doubled_area_before = 0;     ///< twice the sheet's area before the cut, steps^2
-  std::uint32_t quality_vertices = 0;       ///< vertices that the quality pass added
-  std::uint32_t hole_vertices = 0;          ///< number of vertices of the hole's rings
-  std::uint32_t first_ring = 0, rings = 0;  ///< used by Remesher::hole() to find the rings
+  std::int64_t doubled_area_before = 0;  ///< twice the sheet's area before the cut, steps^2
+  std::uint32_t quality_vertices = 0;    ///< vertices that the quality pass added
+  std::uint32_t hole_vertices = 0;       ///< number of vertices in all rings of the hole
+  /// Tells Remesher::hole() which of the kept rings belong to this hole: the first one, and how
+  /// many. `rings` is 0 if no rings were kept.
+  std::uint32_t first_ring = 0, rings = 0;
   double remesh_us = 0;  ///< wall time from the start of the cut until its version is ready
 };
 
@@ -44,22 +47,23 @@ struct RemesherOptions {
   double min_angle_deg = 20;
 };
 
-/// Cuts holes into sheets. A cut makes a new version of the sheet. There are two replicas of each
-/// sheet: the haptic thread reads one, and the cut is made in the other. One atomic store then
-/// publishes the new version: it swaps the replicas. Once the haptic thread no longer uses the
-/// older replica, the same change is applied to the older replica, too. The replicas, the first
-/// version and the caller's sheet share the memory of their common parts (paged_array.h). No mesh
-/// is copied as a whole, and the time depends on the hole alone. Before a cut, on the thread that
-/// calls serve(), memory is allocated for the pages that the cut will write to. Free slots for
-/// vertices or triangles can run short after some hundred holes or at a large hole. Slots are then
-/// added to each replica while the haptic thread does not use this replica.
+/// Cuts holes into sheets. A cut makes a new version of the sheet. Each sheet has two copies
+/// (replicas): the haptic thread reads one of them, and the cut is made in the other. A single
+/// atomic write then publishes the new version, and from then on the haptic thread reads the
+/// replica with the hole. Once it no longer uses the older replica, the change is applied to the
+/// older replica, too. The replicas, the first version and the caller's sheet share the memory of
+/// their common parts (paged_array.h). So no mesh is copied as a whole, and the time of a cut
+/// depends on the hole alone. Before a cut, the thread that calls serve() allocates memory for the
+/// pages that the cut will write to. After some hundred holes, or for a large hole, the free slots
+/// for vertices or triangles may not suffice. Slots are then added to each replica while the haptic
+/// thread does not use this replica.
 ///
 /// Requests are served in order. If the older replica of a sheet is still in use, a request for
-/// this sheet and all later requests wait; in real time they wait at most one tick.
+/// this sheet waits, and all later requests wait, too. In real time they wait at most one tick.
 class Remesher {
  public:
-  static constexpr std::size_t kMaxRecords = 4096;          ///< only the first records are kept
-  static constexpr std::size_t kMaxHolePoints = 1U << 17U;  ///< points kept, over all holes
+  static constexpr std::size_t kMaxRecords = 4096;          ///< later records are dropped
+  static constexpr std::size_t kMaxHolePoints = 1U << 17U;  ///< points kept for rings of all holes
 
   /// `sheets`: the result of place_slices(), at most kMaxSceneSlices.
   explicit Remesher(const std::vector<std::unique_ptr<const Sheet>>& sheets,
@@ -82,15 +86,16 @@ class Remesher {
   // start(), a thread of the caller.
 
   /// Starts a thread that repeats the following until stop(): it serves the waiting requests,
-  /// publishes the new versions immediately, and calls `between`.
+  /// publishes the new versions immediately, and calls `between` if there is one.
   void start(std::function<void()> between = {});
   /// Call this after the haptic thread's last tick. Serves and publishes the remaining requests.
   void stop();
-  /// Serves the waiting requests without publishing: with a virtual clock the caller decides when
-  /// to publish. A sheet has at most one unpublished version, so a request may have to wait.
+  /// Serves the waiting requests without publishing the new versions. With a virtual clock the
+  /// caller uses this to decide when to publish. A sheet has at most one unpublished version. A
+  /// further request for the sheet waits at least until this version is published.
   void serve();
-  /// Publishes the oldest unpublished version. Returns false if there is none. A failed cut
-  /// makes no version.
+  /// Publishes the oldest unpublished version. Returns false if there is none. (A failed cut
+  /// makes no version.)
   bool publish_next();
   /// Returns the version that was published last.
   const Sheet& published_version(std::size_t sheet) const noexcept {
@@ -105,6 +110,7 @@ class Remesher {
   std::vector<Ring> hole(const CutRecord& record) const;
   /// Returns the sheet as it was before any cut, without free slots.
   const Sheet& first_version(std::size_t sheet) const { return pairs_[sheet]->first; }
+  /// Returns the newest version of the sheet, which may not be published yet.
   const Sheet& last_version(std::size_t sheet) const {
     return pairs_[sheet]->replica[pairs_[sheet]->newer];
   }
@@ -120,20 +126,21 @@ class Remesher {
     SheetChange change;            ///< slots that the last cut has written
     std::int64_t doubled_area;
     std::atomic<const Sheet*> published;
-    /// `cuts` of the version that the haptic thread took last.
+    /// Sheet::cuts of the version that the haptic thread took last.
     std::atomic<std::uint32_t> used_cuts{0};
   };
 
   /// Slots are added if fewer than these are free. A cut and its quality pass use free slots.
   static constexpr std::size_t kMinFreeVertices = 1024, kMinFreeTriangles = 2048;
   static constexpr int kMaxAttempts = 3;  ///< attempts at a cut that exceeds the mesh's capacity
-  /// Number of pages of each array that a cut can write to without allocation. A sheet of a usual
-  /// asset has fewer pages.
+  /// Number of pages of each array that a cut can write to without allocation. The arrays of a
+  /// usual sheet have fewer pages in all.
   static constexpr std::size_t kReservedPages = 40;
-  /// Number of changed triangles, and of changed vertices, that are kept without allocation.
+  /// Number of changed triangles, and of changed vertices, that ReplicaPair::change can
+  /// list without allocation.
   static constexpr std::size_t kReservedChanges = 4096;
-  /// At first the scratch memory of a cut is made for sheets with this many slots. If a hole in a
-  /// dense sheet needs more, larger scratch memory is allocated.
+  /// Number of slots for which the scratch memory of a cut is made at first. If a hole in a dense
+  /// sheet needs more, larger scratch memory is allocated.
   static constexpr std::size_t kFirstWorkSlots = 32'768;
 
   void catch_up(ReplicaPair& pair);
@@ -160,7 +167,7 @@ class Remesher {
   std::vector<LatticePoint> hole_points_;
   std::vector<std::uint32_t> ring_end_;  ///< end of each ring in hole_points_
   std::optional<CutRequest> waiting_;    ///< request from the queue that waits for its replica
-  bool reader_stopped_ = false;
+  bool reader_stopped_ = false;          ///< the haptic thread no longer reads any version
   PollingThread thread_;
 };
 

@@ -45,7 +45,10 @@ void add_receive_options(CLI::App& app, ReceiveArguments& a) {
   app.add_option("--from", a.from, "AE title of a sender that is accepted; may be repeated")
       ->required()
       ->allow_extra_args(false);  // each --from takes one title, and FOLDER may follow
-  app.add_option("--listen", a.listen, "address to listen at")->capture_default_str();
+  app.add_option(
+         "--listen", a.listen,
+         "IP address at which senders connect; 127.0.0.1: only senders on this computer can")
+      ->capture_default_str();
   app.add_option(
          "--settle", a.settle_s,
          "a study is complete if no association (DICOM connection) is sending it, and no instance\n"

@@ -17,7 +17,7 @@ struct ReceiveArguments {
   std::string ae, listen = "127.0.0.1";
   int port = 0, max_associations = 16;
   std::vector<std::string> from;            ///< AE titles of the accepted senders
-  std::vector<std::filesystem::path> then;  ///< collection and store of --then, or empty
+  std::vector<std::filesystem::path> then;  ///< --then: collection and store for meshing; or empty
   double settle_s = 10, keep_hours = 0;
   ArchiveArguments archive;
 };

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// The dictionary of DCMTK, the library that parses DICOM files. Files in implicit VR do not state
-// the type (value representation, VR) of an element, so DCMTK looks it up in the dictionary. The
-// program needs few elements, so it adds them itself and leaves DCMTK's dictionary file out.
+// Fills the dictionary of DCMTK, the library that parses DICOM files, with the few elements that
+// the program needs. DCMTK's own dictionary file is left out. Files in implicit VR do not state the
+// type (value representation, VR) of an element, so DCMTK looks it up in the dictionary.
 // Tests: tests/pipeline/read/dicom/dicom_dictionary_test.cpp
 #pragma once
 

@@ -49,8 +49,9 @@ struct DicomFrame {
   std::string name() const;
 };
 
-/// The plane of the frame, moved so that its origin is `position`. SlicePlane::z_mm is measured
-/// along the frame's own normal, and not along that of the first slice.
+/// A plane with the axes and the spacing of the frame and with the origin `position`. (The origin
+/// of the frame's own plane is frame.position.) SlicePlane::z_mm is measured along the frame's own
+/// normal, and not along that of the first slice.
 SlicePlane plane_of(const DicomFrame& frame, const Eigen::Vector3d& position);
 
 /// The segments of a segmentation (SEG).

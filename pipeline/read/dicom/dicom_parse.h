@@ -46,8 +46,8 @@ DcmPixelData* dicom_pixel_data(DcmFileFormat& format);
 /// Does this transfer syntax store pixels in fragments, as syntaxes for compressed pixels do?
 bool dicom_encapsulated(E_TransferSyntax syntax);
 
-/// The size in bytes of one frame of uncompressed pixels, without padding; 0 if the dataset does
-/// not state it. `compressed` is true if the file stores the pixels in compressed form.
+/// The size in bytes of one frame after decompression, without padding bytes; 0 if the dataset does
+/// not state it. `compressed` tells DCMTK whether the file stores the pixels in compressed form.
 Uint32 dicom_frame_bytes(const DcmPixelData& pixels, DcmDataset& data, bool compressed);
 
 }  // namespace trocar::pipeline

@@ -38,9 +38,9 @@ std::vector<DicomSeries> group_series(const std::vector<DicomFile>& files,
                                       std::vector<Warning>& warnings);
 
 /// The UID of the series that `wanted` names. `wanted` is compared with all UIDs, then with all
-/// numbers, then with all complete descriptions. Unless it is a number, it is compared last with
-/// parts of descriptions, where upper and lower case do not matter. The first of these comparisons
-/// that matches a series counts. Errors: kUsage if `wanted` names no series or several.
+/// numbers, then with all complete descriptions. If `wanted` is not a number, a last comparison is
+/// with parts of descriptions, without regard to upper and lower case. The first of these
+/// comparisons that matches a series counts. Errors: kUsage if `wanted` names no series or several.
 Result<std::string> named_series(const std::vector<DicomSeries>& series, const std::string& wanted);
 
 struct ChosenSeries {
@@ -50,7 +50,7 @@ struct ChosenSeries {
 
 /// Chooses the series with the UID `uid`. If `uid` is empty, chooses among the series whose
 /// DicomSeries::images() is not 0, by these rules in turn:
-///  1. A CT series is preferred to a series without a modality, and that to any other series.
+///  1. A CT series is preferred to any other. Next comes a series without a modality.
 ///  2. A series with a larger DicomSeries::images() is preferred.
 ///  3. A series that comes earlier in `series` is preferred.
 /// If images() is 0 for all series, the first series that is not a localiser is chosen. `where`

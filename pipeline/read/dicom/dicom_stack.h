@@ -15,11 +15,11 @@
 namespace trocar::pipeline {
 
 /// Opens the series that options.series names or, if options.series is empty, the one that
-/// choose_series() prefers. If options.as_labels is set, a segmentation is opened instead, if there
-/// is one. It must be in the series options.series or, if options.series is empty, anywhere in the
-/// input. `headers` are results of read_dicom_headers(). `where` names the input in messages.
-/// Errors: kRefused if there is no usable slice; kUsage if there are several segmentations; those
-/// of dicom_series.h, open_segmentation() and resliced().
+/// choose_series() prefers. Exception: if options.as_labels is set and the input has a
+/// segmentation, the segmentation is opened. If options.series is not empty, only segmentations in
+/// that series count. `headers` are results of read_dicom_headers(). `where` names the input in
+/// messages. Errors: kRefused if there is no usable slice; kUsage if there are several
+/// segmentations; those of dicom_series.h, open_segmentation() and resliced().
 Result<std::unique_ptr<SliceStack>> open_dicom(std::vector<DicomFile> headers,
                                                const std::string& where,
                                                const OpenOptions& options);

@@ -55,9 +55,9 @@ std::string why_not_ct(const ImageContent& content);
 Result<void> settle_localisers(std::vector<DicomFile>& files, const std::string& wanted,
                                bool any_modality);
 
-/// ImageContent::name of the first file in `used` whose content is neither kCt nor kUnknown; empty
-/// if there is none. Warnings: not_hu if the result is not empty; otherwise no_modality if a file
-/// in `used` is kUnknown.
+/// Looks at those of `files` that are in `used`, the files of the opened slices. Returns
+/// ImageContent::name of the first one whose content is neither kCt nor kUnknown; empty if there is
+/// none. Warnings: not_hu if the result is not empty; otherwise no_modality if one is kUnknown.
 std::string other_modality(const std::vector<DicomFile>& files,
                            const std::set<std::filesystem::path>& used,
                            std::vector<Warning>& warnings);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// One image file as grey levels.
+// Reads one image file as grey levels.
 // Tests: tests/pipeline/read/readers_test.cpp
 #pragma once
 

@@ -18,8 +18,8 @@ struct PngRows {
 };
 
 /// Decodes a PNG without interlacing and with samples of 8 or 16 bits. `file` has all bytes of the
-/// file, and `rows` describes the rows as the header does. The pixels are written to `pixels`, row
-/// after row, with interleaved channels. Samples of 16 bits get the host's byte order. The
+/// file. The caller fills `rows` from the header of the PNG. The pixels are written to `pixels`,
+/// row after row, with interleaved channels. Samples of 16 bits get the host's byte order. The
 /// checksums of the data are verified.
 ///
 /// If the data are damaged or unusual, or `pixels` does not have count * row_bytes bytes, returns

@@ -13,8 +13,8 @@ namespace trocar::pipeline {
 
 /// Reads all slices of a stack, writes the voxels to a temporary file, and returns a stack of these
 /// voxels with slices along `axis` (open_voxels()). `where` names the input in messages. Errors:
-/// kRefused if the slices are tilted or not evenly spaced, if there is only one, or if there is no
-/// space for the temporary file; those of SliceStack::read() and open_voxels().
+/// kRefused if the slices are tilted or not evenly spaced, if there is only one slice, or if there
+/// is no space for the temporary file; those of SliceStack::read() and open_voxels().
 Result<std::unique_ptr<SliceStack>> resliced(std::unique_ptr<SliceStack> stack, SliceAxis axis,
                                              const std::string& where);
 

@@ -1,17 +1,17 @@
 // SPDX-License-Identifier: Apache-2.0
-// The admissible region of the tool's axis in a sheet: a convex region around the present position
-// of the axis in which the tool touches no uncut material. The boundary of this region is a wall
-// for a tool that presses on the material from the side.
+// Computes the admissible region of the tool's axis in a sheet, a convex region around the axis.
+// While the axis is in this region, the tool touches no uncut material. The boundary of the region
+// is a wall for a tool that presses on the material from the side.
 //
 // Contract (tests/runtime/bone_cutting/contact/admissible_region_test.cpp):
-//  1. The distance from the region to material is at least the tool's radius. If the tool presses on a wall,
-//     the axis lies outside the region by the depth to which tool and wall overlap.
-//  2. The region is bounded by a square around the axis, whose corners are kSight_m away, and by at
-//     most kMaxWalls lines. Each line keeps away the nearest material that the previous lines do
-//     not keep away. The line is perpendicular to the shortest segment from the axis to this
-//     material. If kMaxWalls lines do not suffice to keep all material away, lines are moved
-//     inwards. The region does not contain all admissible positions near the axis, so the caller
-//     must compute it again when the axis has moved.
+//  1. The distance from the region to material is at least the tool's radius. If the tool has been
+//     pressed into a wall by some depth, the axis lies outside the region by that depth.
+//  2. The region is a square around the axis, with its corners at the distance kSight_m. At most
+//     kMaxWalls lines cut off the parts of the square that are too close to material. Each line
+//     deals with the nearest material to which the region is still too close. The line is
+//     perpendicular to the shortest segment from the axis to this material. If kMaxWalls lines do
+//     not suffice, lines are moved inwards. A straight line cuts off admissible positions, too, so
+//     the caller must compute the region again when the axis has moved.
 //  3. If the axis is inside material or in a gap narrower than the tool, the region is only the
 //     present position of the axis.
 #pragma once

@@ -5,15 +5,15 @@
 //
 // Contract (tests/runtime/bone_cutting/contact/bone_contact_test.cpp):
 //  1. The strength of a slab is the strength of the material under the tool's outline, multiplied
-//     by the coverage. If the scene says so, the strength is computed from HU. Here the coverage is
-//     the fraction of the outline over material that is not yet cut. Friction is multiplied by
-//     another coverage, that of the uncut sheet, so that cutting a hole does not reduce the
-//     friction in it.
+//     by the coverage: the fraction of the outline over material that is not yet cut. The tissue
+//     states the strength of the material, or the strength is computed from HU. Friction is
+//     multiplied by the coverage that the tool would have without any holes, so that cutting a hole
+//     does not reduce the friction in the hole.
 //  2. For each sheet that the cutting front passes completely, one hole is requested. The front can
 //     pass several sheets in one tick. If the coverage is at most 0.1 %, no hole is requested.
 //  3. If the coverage of a sheet is below one half and the tool has not cut a hole in it, the
-//     sheet's edges act as walls (admissible_region.h). Where a wall of an edge or of a hole has
-//     yielded, a hole with the tool's outline is requested.
+//     sheet's edges act as walls (admissible_region.h). Where the shaft has pushed such an edge or
+//     the wall of a hole aside (the wall has yielded), a hole with the tool's outline is requested.
 //  4. All times are those of the device's clock. A tick without a new pose is evaluated at
 //     the previous pose.
 //  5. No allocation, lock or exception.
@@ -37,18 +37,18 @@ struct SheetInContact {
   bool is_known = false;             ///< the values below have been computed
   bool has_hu = false;               ///< material lies under the tool, so `hu` is valid
   bool is_beside = false;            ///< the sheet's edges act as walls (contract 3)
-  bool is_presented = false;  ///< at least half of the tool lies over material of the uncut sheet
+  bool is_presented = false;         ///< `uncut_coverage` is at least one half
   double share = 1;           ///< coverage: fraction of the outline over material not yet cut
-  double uncut_coverage = 1;  ///< coverage of the uncut sheet; multiplies the friction
+  double uncut_coverage = 1;  ///< coverage if the sheet had no holes; factor on friction
   double hu = 0;              ///< mean HU of the material under the tool
   double strength_N = 0;      ///< strength before multiplication by `share`
   Eigen::Vector2d free_at_m =
       Eigen::Vector2d::Zero();  ///< axis position for which `free` was computed
   Eigen::Vector2d cut_at_m = Eigen::Vector2d::Zero();  ///< axis position of the last requested hole
-  /// Outlines of the first holes that were requested in this sheet. SheetTrack::cuts_requested is
-  /// the number of all requested holes. Only the first kMaxPendingHoles outlines are kept.
+  /// Outlines of the first kMaxPendingHoles holes that were requested in this sheet. If fewer holes
+  /// were requested (SheetTrack::cuts_requested), the other outlines are empty.
   std::array<LatticeOutline, kMaxPendingHoles> holes;
-  bool has_cut = false;  ///< the front has passed this sheet in the tool's present hole
+  bool has_cut = false;  ///< in the hole that the tool is in, the front has passed this sheet
   Slot free;             ///< admissible region (CuttingSlab::free)
 };
 
@@ -69,7 +69,7 @@ struct BoneContactState {
   std::vector<CuttingSlab> slabs;
   std::vector<SheetInContact> sheets;
   std::vector<CutRequest> cuts;  ///< hole requests of the last tick; capacity: two per sheet
-  CuttingOptions options;        ///< `tip_N_per_m` comes from the sheet at the tip
+  CuttingOptions options;        ///< BoneVolume::options, adapted to the sheet at the tip
   CuttingResult result;
   BoneEnergyAccount energy;
   double twist_rad_per_s = 0,
@@ -78,7 +78,7 @@ struct BoneContactState {
   double front_m = 0;             ///< depth of the front after the last tick
   double retract_to_depth_m = 0;  ///< if must_retract: depth to which the tip must be raised
   bool must_retract = false;      ///< the tip was under load when reset_motion() was called
-  int next_checked = 0;           ///< index of the sheet whose walls were checked last
+  int next_checked = 0;           ///< index of the sheet whose walls were checked last (contract 3)
   int last_hole = -1;       ///< CuttingState::hole after the last tick; reset_motion() keeps it
   bool has_plate = false;   ///< the following poses and the wrench are valid
   Pose T_device_plate;      ///< last new pose of the plate
@@ -89,17 +89,18 @@ struct BoneContactState {
 BoneContactState make_bone_contact_state(const BoneVolume& bone);
 
 /// Runs one tick. `T_device_plate`: the measured pose. `T_device_evaluated`: the pose at which the
-/// law is evaluated, which is the measured or the predicted one. `tracks`: requested and pending
-/// holes of the sheets. `pose_interval_s`: time since the previous new pose; 0: the pose is not
-/// new. Fills `output` as ContactOutput says for the law `cutting`. The wrench and
-/// the stored energy are those of the tissue, before multiplication by SceneForceLaw::force_scale.
+/// law is evaluated (the predicted pose if DeviceCoupling::predicts_pose is true, otherwise the
+/// measured pose). `tracks`: requested and pending holes of the sheets. `pose_interval_s`: time
+/// since the previous new pose; 0: the pose is not new. Fills `output`; ContactOutput says what its
+/// members mean with the law `cutting`. The wrench and the stored energy are those of the tissue,
+/// before multiplication by SceneForceLaw::force_scale.
 void update_bone_contact(const BoneVolume& bone, std::span<const Sheet* const> sheets,
                          const Pose& T_device_plate, const Pose& T_device_evaluated,
                          double pose_interval_s, std::span<SheetTrack> tracks,
                          BoneContactState& state, ContactOutput& output) noexcept;
 
-/// Call this in ticks without update_bone_contact(). The next tick then starts without load. Holes
-/// are kept.
+/// Call this in ticks without update_bone_contact(). The next tick then starts without force
+/// between tool and tissue. Holes are kept.
 void reset_motion(BoneContactState& state) noexcept;
 
 /// Returns the height by which the tip must be raised after reset_motion(), so that the tip is not

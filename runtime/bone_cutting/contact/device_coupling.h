@@ -3,34 +3,39 @@
 // stiffness that the scene states, within the limits of contract 3. If the scene states no
 // stiffness, the coupling is as stiff as these limits allow.
 //
-// Let T be the duration of a tick, K the rendered stiffness, dx the displacement of the plate in a
-// tick and dx^T its transpose. A wrench that is held for a tick releases at most dx^T K dx / 2
-// (cutting_law.h, contract 1). Let B be the damping matrix that the device's own friction gives the
-// plate (DeviceSpecification::damping()). The damping absorbs that energy if B - K T / 2 has no
-// negative eigenvalue (J. Colgate, G. Schenkel, Passivity of a class of sampled-data systems, J.
-// Robotic Systems 14(1), 1997). If B is too small, the law is evaluated at a pose that is predicted one
-// tick ahead. Let M be the mass of the plate. With prediction, no simulation with K T^2 / M up to 0.5
-// released energy (tests/runtime/bone_cutting/law/cutting_feel_test.cpp).
+// Let T be the duration of a tick, K the stiffness matrix that the device renders at the plate, dx
+// the displacement of the plate in a tick and dx^T its transpose. A wrench that is held for a tick
+// releases at most dx^T K dx / 2 (cutting_law.h, contract 1). Let B be the damping matrix that the
+// device's own friction gives the plate (DeviceSpecification::damping()). The damping absorbs the
+// released energy if B - K T / 2 has no negative eigenvalue (J. Colgate, G. Schenkel, Passivity of
+// a class of sampled-data systems, J. Robotic Systems 14(1), 1997). If B is too small, the law is
+// evaluated at a pose that is predicted one tick ahead. Let M be the mass of the plate. With
+// prediction, the loop released no energy in simulations in which K T^2 / M was at most 0.5
+// (tests/runtime/bone_cutting/law/cutting_feel_test.cpp).
 //
 // Contract (tests/runtime/bone_cutting/contact/device_coupling_test.cpp):
-//  1. If the scene says so, the tool is rigidly fixed to the plate, without a coupling spring. If
-//     the scene leaves the choice open, the tool is rigid if the largest stiffnesses that it can
-//     meet in the bone, in translation and in rotation, are at most those of the coupling.
+//  1. SceneForceLaw::axis says whether the tool is rigidly fixed to the plate or connected by a
+//     coupling spring. If the scene leaves the choice open (kAuto), the tool is rigid if the tissue
+//     can never be stiffer than the coupling spring would be, in translation and in rotation.
 //  2. `damping_share` is the largest factor f for which B - f K T / 2 has no negative eigenvalue.
 //  3. With prediction, the stiffness of the coupling spring is at most 0.5 M / T^2, divided by the
 //     force scale (SceneForceLaw::force_scale) and by StiffnessLimits::margin. The limit in
 //     rotation is the same with the plate's smallest moment of inertia instead of M. If the scene
 //     states no stiffness (the value 0), the coupling gets this limit, whether the pose is
 //     predicted or not. Whatever the scene says, the rendered stiffness at the tip never exceeds
-//     the stiffness that the device states, nor the operator's limit. Where a rigid tool would
-//     exceed one of them, the tool gets a coupling even if the scene declares it rigid.
-//  4. The stiffness of a rigid tool is not limited by 0.5 M / T^2, but `inertia_share` takes
-//     it into account.
-//  5. With prediction, the loop gives energy to a motion if the motion's frequency f is above a
-//     sixth of the loop's rate. A pose that is predicted from the last two poses leads a sinusoidal
-//     motion by the angle atan(sin a / (2 - cos a)), where a = 2 pi f T. The force is held for a
-//     tick and therefore lags by a / 2. Both angles are equal at a = pi / 3, where f is a sixth of
-//     the rate. stability_warning() warns if the rate is below kMinPredictedRate_Hz.
+//     the largest stiffness that the device allows (stiffness_max_N_per_m()), nor the operator's
+//     limit (StiffnessLimits). If a rigid tool would exceed one of these two limits, the tool gets
+//     a coupling even if the scene declares it rigid.
+//  4. A rigid tool has no coupling spring, so the rendered stiffness can exceed the limit of
+//     contract 3. Then `inertia_share` exceeds `inertia_limit`, and stability_warning() warns if
+//     the pose is predicted.
+//  5. With prediction, a motion of the plate whose frequency f is above a sixth of the loop's rate
+//     receives energy from the loop, because the rendered force lags behind the motion. A pose that
+//     is predicted from the last two poses leads a sinusoidal motion by the angle atan(sin a / (2 -
+//     cos a)), where a = 2 pi f T. The force is held for a tick and therefore lags by a / 2. Both
+//     angles are equal at a = pi / 3, where f is a sixth of the rate. At higher f the lag is larger
+//     than the lead. For this reason stability_warning() warns if the pose is predicted and the
+//     rate of the loop is below kMinPredictedRate_Hz.
 //  6. The coupling's largest force is the one that the device can render along the tool at its peak
 //     torques, divided by the force scale.
 #pragma once
@@ -45,11 +50,12 @@ namespace trocar::runtime {
 
 /// The largest K T^2 / M for which the law was tested at a predicted pose.
 inline constexpr double kMaxInertiaShare = 0.5;
-/// Highest frequency of a hand's tremor, taps and shaking that a session must be passive for.
+/// Highest frequency of a hand's motions (tremor, taps and shaking). For motions up to this
+/// frequency a session must be passive.
 inline constexpr double kHandMotion_Hz = 60;
 /// Lowest rate of the loop at which a law that predicts the pose counts as passive for motions of a
-/// hand. It is six times kHandMotion_Hz, plus a ninth of this product, because such motions have
-/// harmonics.
+/// hand. It is six times kHandMotion_Hz (contract 5), plus a ninth of this product as a margin for
+/// the harmonics of such motions.
 inline constexpr double kMinPredictedRate_Hz = 400;
 
 struct DeviceCoupling {

@@ -1,18 +1,21 @@
 // SPDX-License-Identifier: Apache-2.0
-// The slope of the bone's surface under the tip. Each slice gives the signed distance of a point to
-// the slice's outline (edge_distance.h). Between two neighbouring slices the distance is
-// interpolated linearly, and the surface is where the distance is zero (shape-based interpolation:
-// G. Herman, J. Zheng, C. Bucholtz, IEEE Comput. Graph. Appl. 12(3), 1992). So the surface is
-// smooth, although the slices form steps.
+// The slope of the bone's surface under the tip. Each slice gives the distance from the tip's
+// position to the slice's outline, positive inside the material and negative outside
+// (edge_distance.h). Between two neighbouring slices this distance is interpolated linearly, and
+// the surface is where this distance is zero (shape-based interpolation: G. Herman, J. Zheng, C.
+// Bucholtz, IEEE Comput. Graph. Appl. 12(3), 1992). So the surface is smooth, although the
+// slices form steps.
 //
 // Contract (tests/runtime/bone_cutting/contact/surface_slope_test.cpp):
 //  1. On a plane surface the slope is exact up to kMaxSlope. In a segmentation the outline moves by
 //     whole pixels from slice to slice. Therefore the slope is fitted to all slices within
 //     kSlopeWindow_m of the surface. The fitted slope is at most kMostSteeper times as steep as the
 //     slope between the two slices nearest to the surface.
-//  2. The slope is 0 at the top of a bone volume and on a step wider than EdgeDistance::kReach_mm.
-//  3. If there is no surface close below the tip, a face of the tip touches an edge of the bone.
-//     The slope is then that of the tip's face, and the gradient points away from the material.
+//  2. The slope is 0 at the top of a bone volume. It is also 0 on a wide step, where the outline of
+//     the slice above the surface is farther away than EdgeDistance::kReach_mm.
+//  3. If no surface is found within a diameter of the tool below the front, a face of the tip
+//     touches an edge of the bone. In this case the slope is that of the tip's face, and the
+//     gradient points away from the material.
 #pragma once
 
 #include <Eigen/Core>
@@ -31,8 +34,8 @@ inline constexpr double kMostSteeper = 1.5;
 /// Returns the gradient of the surface's depth with respect to x and y. The gradient points
 /// downhill, and its length is at most kMaxSlope. Returns nothing if bone surrounds the tip, or if
 /// all material is far away. `sheet`: index of the sheet that contains the cutting front.
-/// `front_m`: depth of the front. `at_m`: x and y of the tip. No allocation. At most 3 *
-/// kMaxSlopeSheets distances are read.
+/// `front_m`: depth of the front. `at_m`: x and y of the tip. No allocation. The time is bounded:
+/// at most 3 * kMaxSlopeSheets + 1 distances are read.
 std::optional<Eigen::Vector2d> surface_slope(const BoneVolume& bone,
                                              std::span<const Sheet* const> sheets, int sheet,
                                              double front_m, const Eigen::Vector2d& at_m) noexcept;

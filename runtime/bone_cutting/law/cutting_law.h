@@ -10,9 +10,10 @@
 //  - layers of soft tissue over the bone
 // Each element is elastic up to a limit force. At this force the element yields, and yielding only
 // dissipates energy (incremental variational plasticity: Ortiz and Stainier, 1999). In a tick the
-// front moves down to the first equilibrium that it reaches, possibly through several slabs. (A
-// front that moved to the global minimum of the energy would cut through a hard layer, such as a
-// cortical shell, long before the force reaches that layer's strength.)
+// front moves down to its first equilibrium, possibly through several slabs. This is the first
+// depth at which the tip's force no longer exceeds the strength of the bone. (A front that moved to
+// the global minimum of the energy would cut through a hard layer, such as a cortical shell, long
+// before the force reaches that layer's strength.)
 //
 // Contract (tests/runtime/bone_cutting/law/cutting_law_test.cpp, cutting_energy_test.cpp, hole_test.cpp):
 //  1. The law is passive except for the energy introduced by the zero-order hold. Let w be the
@@ -38,17 +39,18 @@
 //  6. On a sloping surface (CuttingOptions::slope) the tip's spring acts along the surface's
 //     normal. The spring's energy depends only on its stretch, and the stretch is carried from tick
 //     to tick. So when the surface under the tip changes its direction, the force changes its
-//     direction, but the energy stays the same. A new slope takes effect at the end of the tick.
-//     With a rigid coupling the wrench is then computed with the new slope, so that this wrench and
-//     the inequality of the next tick (contract 1) refer to the same slope.
+//     direction, but the energy stays the same. A new slope replaces the old one at the end of the
+//     tick. With a rigid coupling the wrench of the tick is computed after that, so that this
+//     wrench and the inequality of the next tick (contract 1) refer to the same slope.
 //  7. Inside bone a bevelled tip (CuttingTool::bevel_plate) is pushed to one side. As on a slope,
 //     the energy of the tip's spring depends only on its stretch, and the stretch grows by the
 //     displacement of the tip along the direction of the force. So when the tip drifts to the side,
-//     the front moves down with the drift, and the spring's energy does the work on the wall.
+//     the stretch falls, and the lost energy of the spring is the work on the wall. The distance
+//     from the front down to the tip is the stretch, so the front moves down during the drift.
 //  8. A tick does not allocate, lock or call the system, and takes at most `max_steps` Newton
 //     steps.
 //
-// Depth is -z of {B}: the tool enters the bone downwards, within kMaxTilt_deg of upright.
+// Depth is -z of {B}: the tool enters the bone downwards, tilted by at most kMaxTilt_deg (scene.h).
 #pragma once
 
 #include <Eigen/Core>
@@ -70,10 +72,10 @@ struct CuttingTool {
   Eigen::Vector3d inward_plate =
       -Eigen::Vector3d::UnitZ();  ///< unit vector along the shaft towards the tip
   double radius_m = 1e-3;         ///< radius at which friction around the shaft acts
-  /// Bevel of the tip: a vector perpendicular to `inward_plate` that points to the side to which the
-  /// bevel's face looks. Its length is the ratio of the tip's lateral force to its force along the
-  /// shaft, at most kMaxSlope. Inside bone the force on the tool acts along
-  /// -(inward_plate + bevel_plate). Zero: the tip is not pushed to one side.
+  /// Bevel of the tip: a vector perpendicular to `inward_plate` that points to the side on which
+  /// the bevel's face is. Its length is the ratio of the tip's lateral force to its force along the
+  /// shaft, at most kMaxSlope. Inside bone the force on the tool acts along -(inward_plate +
+  /// bevel_plate). Zero: the tip is not pushed to one side.
   Eigen::Vector3d bevel_plate = Eigen::Vector3d::Zero();
 };
 
@@ -82,7 +84,7 @@ struct CuttingCoupling {
   bool is_rigid = false;  ///< there is no spring: the proxy has the plate's pose
   double translation_N_per_m = 4000, rotation_Nm_per_rad = 20;
   /// Largest force and moment of the coupling, chosen so that the device can render them. A spring
-  /// that is stretched beyond its limit keeps this force or moment (Huber).
+  /// that is stretched beyond its limit keeps this force or moment (yield_spring.h).
   double max_force_N = std::numeric_limits<double>::infinity();
   double max_moment_Nm = std::numeric_limits<double>::infinity();
 };
@@ -105,8 +107,8 @@ struct CuttingOptions {
   /// tip presses on. On a surface (`slope`) the friction acts in the surface, elsewhere it acts
   /// across the tool's axis. The friction's limit is the coefficient times the normal force at the
   /// end of the last tick. The friction reaches this limit after a displacement of
-  /// `tip_presliding_m`. (The friction of a bevel's face is part of the strength, so inside bone
-  /// `tip_friction` acts across the axis also for a bevelled tip.)
+  /// `tip_presliding_m`. (For a bevelled tip, too, `tip_friction` acts across the axis inside bone,
+  /// because the friction of the bevel's face is already part of the strength.)
   double tip_friction = 0, tip_presliding_m = 1e-4;
   /// Crushed bone holds a tip that is pulled back. The hold is this fraction of the tip's largest
   /// recent force. (Bone under a tip is crushed, not compressed elastically, so it does not push
@@ -117,9 +119,9 @@ struct CuttingOptions {
   /// The core in a hollow tool presses on the bore, like grain in a silo (H. Janssen, 1895). The
   /// longer the core is, the larger is the pressure. The shaft's friction is therefore multiplied
   /// by core_friction_factor(). `core_fraction`: fraction of the shaft's friction that acts on the
-  /// bore if the core is short. `core_growth_per_m`: 2 mu kappa / r, with the radius r of the bore,
-  /// its friction coefficient mu, and the ratio kappa of the pressure across the core to that
-  /// along the core.
+  /// bore while the core is too short to raise the pressure. `core_growth_per_m`: 2 mu kappa / r,
+  /// with the radius r of the bore, its friction coefficient mu, and the ratio kappa of the
+  /// pressure across the core to that along the core.
   double core_fraction = 0, core_growth_per_m = 0;
   /// Moment about the axis at which the tip turns in the material. The material resists rotation
   /// only while the tip is under load. The resistance reaches this moment after a rotation that
@@ -130,15 +132,16 @@ struct CuttingOptions {
   /// Gradient of the depth of the surface that the tip presses on, with respect to x and y of {B}.
   /// The gradient points downhill, and its length is the tangent of the slope. The tip's force acts
   /// along the surface's normal, so that it pushes the tip downhill. None: bone surrounds the tip,
-  /// and the force acts along the shaft. A new value takes effect in the next tick. The tangent of
-  /// the angle between shaft and normal is limited to kMaxSlope.
+  /// and the force acts along the shaft. A new value takes effect at the end of the tick (contract
+  /// 6). The tangent of the angle between shaft and normal is limited to kMaxSlope.
   std::optional<Eigen::Vector2d> slope;
   /// Largest residual force of Newton's method, relative to the larger of 1 N and the coupling
   /// force.
   double tolerance = 1e-6;
   int max_steps = 12;  ///< largest number of Newton steps in a tick
-  /// Number of Gauss points of a hole's wall in each slab, constant during a session. Two points are exact for a rigid rod. The value 1
-  /// exists only for the benchmark that compares one point with two (tests/bench/cutting_sweep.cpp).
+  /// Number of Gauss points of a hole's wall in each slab, constant during a session. Two points
+  /// are exact, because the displacement of a rigid shaft is linear in depth. The value 1 exists
+  /// only for the benchmark that compares one point with two (tests/bench/cutting_sweep.cpp).
   std::size_t wall_points = kMaxWallPoints;
   double interval_s = 1e-3;  ///< time since the last tick, for viscous elements
   /// Soft tissue over the bone, uppermost first. The number of layers is at most that of
@@ -215,8 +218,8 @@ struct CuttingState {
   /// Depth by which the front has moved down because the tip slid down a slope. No bone surrounds the tool over this depth.
   double slid_m = 0;
   double friction_N_per_m = 0;  ///< stiffness of the shaft's friction in the last tick
-  /// Elastic slip of the shaft's friction: along the shaft, and around the shaft at the tool's
-  /// radius.
+  /// Elastic slip of the shaft's friction (the deflection of the friction's spring): along the
+  /// shaft, and around the shaft at the tool's radius.
   Eigen::Vector2d presliding_m = Eigen::Vector2d::Zero();
   double tip_friction_N_per_m = 0;  ///< stiffness of the tip's friction in the last tick
   Eigen::Vector3d tip_slip_m = Eigen::Vector3d::Zero();  ///< elastic slip of the tip's friction
@@ -234,7 +237,8 @@ struct CuttingState {
   std::uint64_t tick = 0;                  ///< number of ticks so far
   std::vector<CuttingHole> holes;  ///< fixed size; a new hole replaces the least recently used one
   std::vector<SoftLayerState> layers;
-  /// Scratch memory for the sums over the walls (walls.h). It affects results only by rounding.
+  /// These two members are memory for the sums over the walls (walls.h). They affect results
+  /// only by rounding.
   std::vector<std::uint32_t> wall_points;  ///< capacity for all points of a hole
   double wall_radius_m = 1e-6;
 };
@@ -247,8 +251,8 @@ inline constexpr double kMaxCoreExponent = 4;
 /// Allocates the state for these numbers of slabs, remembered holes and soft layers.
 CuttingState make_cutting_state(std::size_t slabs, std::size_t holes, std::size_t layers = 0);
 
-/// Removes all load. Afterwards the tool is in no hole, and in the next tick the proxy starts at
-/// the plate. Cuts remain.
+/// Sets all forces on the tool to zero. Afterwards the tool is in no hole, and in the next tick the
+/// proxy starts at the plate. The holes remain.
 void release(CuttingState& state) noexcept;
 
 struct CuttingResult {

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Finds the proxy's pose of minimal potential, and the first equilibrium of the cutting front, by
-// Newton's method. No step raises the potential.
+// Newton's method. The front is in equilibrium if the tip's force does not exceed the strength of
+// the bone at the front. No step raises the potential.
 // Tests: tests/runtime/bone_cutting/law/cutting_energy_test.cpp
 #pragma once
 

@@ -8,30 +8,31 @@
 
 namespace trocar::runtime {
 
-/// Sets `tick.hole` to the hole that the tool is in or would enter.
+/// Sets `tick.hole` to the index of the hole that the tool is in, or would enter at its
+/// present position.
 void choose_hole(Tick& tick) noexcept;
 /// Returns the depth down to which a slab is already cut at the tool's position, or minus infinity
 /// if the slab is uncut.
 double cut_of(const Tick& tick, int slab) noexcept;
 /// Updates whether the tool is in a hole. The tool is in a hole as long as both the tip and the
-/// front are below the top of the hole's first slab.
+/// front are below the top of the hole's uppermost slab.
 void enter_or_leave(Tick& tick) noexcept;
-/// Updates the embedded lengths, and with them the stiffness of friction and walls. If friction or
-/// a wall gets stiffer, its force is kept, so that its energy falls. A new wall starts without
-/// force.
+/// Updates the lengths of the shaft that are embedded in the slabs. The stiffnesses of friction and
+/// walls grow with these lengths. If friction or a wall gets stiffer, its force is kept and its
+/// deflection is reduced, so that its energy falls. A new wall starts without force.
 void embed(Tick& tick) noexcept;
 
 /// Call this at the end of a tick in which the tool is in a hole. `tip`, `axis`: the tool at the
 /// end of the tick. Walls that are loaded beyond their strength stay where the shaft pushed them.
 /// Returns the energy that the walls store (J).
 double yield_walls(Tick& tick, const Eigen::Vector3d& tip, const Eigen::Vector3d& axis) noexcept;
-/// Records as cut what the front has passed in this tick, and sets the range of passed slabs in
-/// `out`. If the tool is not in a hole, a new hole begins at its position.
+/// Records that the bone which the front has passed in this tick is cut, and sets the range of
+/// passed slabs in `out`. If the tool is not in a hole, a new hole begins at the tool's position.
 void record_cut(Tick& tick, const Eigen::Vector3d& tip, const Eigen::Vector3d& axis,
                 CuttingResult& out) noexcept;
-/// Call this at the start of a tick, before enter_or_leave(). A bevelled tip that drifted to the side
-/// in the last tick took the front with it. Records what the front has passed there, like
-/// record_cut().
+/// Call this at the start of a tick, before enter_or_leave(). If a bevelled tip drifted to the side
+/// in the last tick, the front moved down with the tip (cutting_law.h, contract 7). Like
+/// record_cut(), the function records that the bone passed by this motion is cut.
 void record_drift(Tick& tick, CuttingResult& out) noexcept;
 
 }  // namespace trocar::runtime

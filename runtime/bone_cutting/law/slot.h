@@ -6,13 +6,13 @@
 // with the tool would close again behind the tool.)
 //
 // Contract (tests/runtime/bone_cutting/law/slot_test.cpp):
-//  1. reach().distance_m is the distance of the point from the convex hull of the corners, minus
-//     the clearance, but at least 0.
-//  2. include(p) extends the region so that it contains p. The hull gets one more corner: the
-//     point at the distance of the clearance from p, in the direction towards the hull. Without
-//     clearance the result is the convex hull of the region and p. If the hull then has more than
-//     kMaxCorners corners, one edge is removed by extending its two neighbours until they
-//     intersect. The removed edge is the one for which this adds the least area. include() never
+//  1. reach(p).distance_m is the distance of p from the convex hull of the corners, minus the
+//     clearance, but at least 0.
+//  2. include(p) extends the region so that it contains p. The hull gets one more corner, which
+//     lies between p and the hull at the distance of the clearance from p. Without clearance the
+//     result is the convex hull of the region and p. If the hull then has more than kMaxCorners
+//     corners, one edge is removed by extending its two neighbours until they intersect. The
+//     removed edge is the one whose removal adds the least area to the hull. include() never
 //     increases the distance of any point from the region.
 #pragma once
 
@@ -37,9 +37,10 @@ class Slot {
     double distance_m = 0;
     Eigen::Vector2d away =
         Eigen::Vector2d::Zero();  ///< unit vector away from the region; zero inside
-    /// distance_m divided by the radius of curvature of the curve of equal distance through the
-    /// point. It is 1 next to a corner without clearance, and 0 next to an edge. It is also the
-    /// second derivative of distance_m^2 / 2 in the direction perpendicular to `away`.
+    /// distance_m divided by the radius of curvature of the line through the point along which
+    /// distance_m is constant. `bend` is 1 next to a corner without clearance, and 0 next to an
+    /// edge. `bend` is also the second derivative of distance_m^2 / 2 in the direction
+    /// perpendicular to `away`.
     double bend = 0;
   };
   /// Returns the position of `p_m` relative to the region (contract 1).
@@ -51,8 +52,8 @@ class Slot {
     double x_m = 0, y_m = 0;
     bool beside_corner = false;  ///< the nearest point of the hull is a corner
   };
-  /// Returns the offset of `p_m`. The search starts at the edge or corner that was nearest to the
-  /// previous point.
+  /// Returns the offset of `p_m`. To save time, the search starts at the edge or corner that was
+  /// nearest to the previous point.
   Offset offset(const Eigen::Vector2d& p_m) const noexcept {
     if (size_ == 1) return {p_m.x() - corners_[0].x(), p_m.y() - corners_[0].y(), true};
     if (size_ == 2) {
@@ -70,8 +71,10 @@ class Slot {
   /// `reach_m` of `p_m`. If so, calls corner(offset) or edge(offset, edge, squared length of the
   /// edge), and returns the result of that call. Here `offset` is the vector from the corner or
   /// edge to `p_m`, and `edge` is the vector along the edge. If all the points are inside the hull,
-  /// returns true without a call. Returns false if no single corner or edge is nearest to all the
-  /// points, or if the start of the search (see offset()) does not suffice to decide.
+  /// returns true without a call. Returns false if no single corner or edge is nearest to all
+  /// the points. A hull with more than two corners is checked only at the edge or corner where
+  /// the search of offset() would start; if this does not decide the question, the function
+  /// returns false, too.
   template <class Corner, class Edge>
   bool nearest(const Eigen::Vector2d& p_m, double reach_m, Corner&& corner,
                Edge&& edge) const noexcept {

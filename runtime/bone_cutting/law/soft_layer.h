@@ -5,30 +5,30 @@
 // Eng. 51, 2004).
 //
 // Each layer is a spring of its own between the tip and the layer's front, which is the depth
-// down to which the layer is cut. This spring acts in parallel with the tip's spring in the
-// bone, because the layer stretches by millimetres and the bone by micrometres. Let z be the
-// layer's stretch, which is max(0, stretch_m + slide of the tip in this tick). The layer's
-// incremental potential is
+// down to which the layer is cut. The forces of this spring and of the tip's spring in the bone add
+// up. The two springs have separate stretches, because a layer stretches by millimetres and bone by
+// micrometres. Let z be the layer's stretch: stretch_m plus the tip's displacement along the shaft
+// in this tick, but at least 0. The layer's incremental potential is
 //   W(z) = a1 z^2 / 2 + a2 z^3 / 3,
-// which is convex in the slide because a1, a2 >= 0. Two internal variables describe the layer:
-// whether it is punctured, and the depth of its front. The puncture changes no energy. The front
-// only moves down. This motion shortens z, so W can only decrease.
+// which is convex in the displacement because a1, a2 >= 0. Two internal variables describe the
+// layer: whether it is punctured, and the depth of its front. The puncture changes no energy. The
+// front only moves down. This motion shortens z, so W can only decrease.
 //
 // Contract (tests/runtime/bone_cutting/law/soft_layer_test.cpp, cutting_energy_test.cpp):
 //  1. The energy inequality of cutting_law.h (contract 1) holds with `layer_cut_J` added on its left side.
-//  2. Until the puncture, the layer's force is a1 z + a2 z^2 if the tip is at the depth z below
-//     the layer's top.
+//  2. If the tip came from above, the layer's force until the puncture is a1 z + a2 z^2. Here z is
+//     the distance along the shaft from the layer's top down to the tip.
 //  3. The tip presses directly only on the uppermost layer that it has not cut through. It presses
 //     on all lower tissue through that layer. Therefore only that layer can be punctured or cut.
 //     The force that punctures or cuts it is the sum of the layer's own force and the forces of all
 //     tissue below. A thin layer close below a strong one can be cut in the same tick as the strong
-//     one, if the thin layer is stretched enough at that moment.
+//     one, if at that moment the force on the thin layer already exceeds its puncture force.
 //  4. A punctured layer is cut down to its bottom at the force `cutting_N`. When it is cut
 //     through, the layer exerts only friction in this hole. The hole remains after the tool is
 //     withdrawn. A tool that returns within a tool radius of the hole enters the hole again.
 //     Elsewhere the layer is uncut.
-//  5. The stretch of a loaded layer is carried from tick to tick. The stretch of an unloaded layer is
-//     computed from the geometry.
+//  5. While the stretch of a layer is positive (the layer is loaded), it is carried from tick to
+//     tick. Otherwise it is computed from the geometry in each tick.
 //  6. No allocation. In one tick the fronts of layers advance at most kMaxLayerAdvances times. If
 //     more advances are necessary, they follow in the next tick.
 #pragma once
@@ -68,7 +68,7 @@ double stretch_at(const SoftLayer& layer, double force_N) noexcept;
 struct SoftHole {
   Eigen::Vector2d at_m = Eigen::Vector2d::Zero();  ///< position at the layer's top, x and y in {B}
   double cut_m = 0;                                ///< depth down to which the hole is cut
-  std::uint64_t last_used = 0;                     ///< tick of the last use; 0: there is no hole
+  std::uint64_t last_used = 0;                     ///< number of the tick of last use; 0: no hole
 };
 
 struct SoftLayerState {

@@ -7,17 +7,17 @@
 
 namespace trocar::runtime {
 
-/// Determines the front of each layer, which is the depth down to which the layer is cut. A loaded
-/// layer keeps the front of the last tick. The front of an unloaded layer is the bottom of the hole
-/// that the tip is in, or the layer's top if there is no hole.
+/// Determines the front of each layer, which is the depth down to which the layer is cut. A layer
+/// that the tip stretches keeps the front of the last tick. The front of any other layer is the
+/// bottom of the hole that the tip is in, or the layer's top if there is no hole.
 void find_layers(Tick& tick) noexcept;
 
-/// Returns the total force, energy and stiffness of all layers after the tip has slid by `slide_m`
-/// along the shaft.
+/// Returns the total force, energy and stiffness of all layers. `slide_m`, here and below: the
+/// tip's displacement along the shaft since the start of the tick.
 SoftSpring spring_of_layers(const Tick& tick, double slide_m) noexcept;
 
-/// Returns the friction force of the layers on the shaft (N). It is proportional to the cut depth
-/// that the shaft fills.
+/// Returns the friction force of the layers on the shaft (N). Each layer's friction is proportional
+/// to the length of the shaft in the cut part of the layer.
 double friction_of_layers(const Tick& tick) noexcept;
 
 /// Advance of the front of the layer that the tip presses on.
@@ -27,18 +27,19 @@ struct LayerAdvance {
   double stiffness_N_per_m = 0;     ///< stiffness of the layer before the advance
   bool ends_layer = false;          ///< the front reaches the bottom of the layer
 };
-/// If the total force suffices, punctures the layer that the tip presses on. The total force is
-/// `bone_N` plus the force of all layers. If the layer is punctured, computes the advance after
-/// which the total force equals the layer's cutting force. Per metre of advance the force falls by
-/// `falling` times the layer's stiffness. `falling` is 1 if the tip keeps its position, and less
-/// than 1 if the tip follows the front.
+/// Let the total force be `bone_N` (the tip's force on the bone) plus the forces of all layers. If
+/// the total force exceeds puncture_N of the layer that the tip presses on, this layer is
+/// punctured. For a punctured layer, the function computes the advance after which the total force
+/// equals the layer's cutting_N. Per metre of advance the total force falls by `falling` times the
+/// layer's stiffness. `falling` is 1 if the tip keeps its position, and less than 1 if the tip
+/// follows the front.
 LayerAdvance scan_layers(Tick& tick, double slide_m, double bone_N, double falling) noexcept;
 /// Returns the index of the layer that the tip presses on; -1: none.
 int pressed_layer(const Tick& tick, double slide_m) noexcept;
-/// Moves the layer's front by `advance`, and adds the work to `out`.
+/// Moves the front of the layer `advance.layer`, and adds the work of cutting to `out`.
 void take(Tick& tick, const LayerAdvance& advance, CuttingResult& out) noexcept;
 
-/// Updates the layers at the end of a tick in which the tip has slid by `slide_m`.
+/// Call this at the end of a tick. Adds `slide_m` to the stretches, and the layers' force to `out`.
 void finish_layers(Tick& tick, double slide_m, CuttingResult& out) noexcept;
 
 }  // namespace trocar::runtime

@@ -18,16 +18,17 @@ struct Tick {
   CuttingState& state;
   std::span<const SoftLayer> layers;  ///< layers that have an entry in `state`
 
-  /// The proxy's pose at the start of the tick, from which displacements are measured. `axis` and
-  /// `tip` are the tool's axis and tip at this pose, in {B}. `down` is the downward component of
-  /// `axis`, and `back` is the inverse of the pose's rotation.
+  /// The proxy's pose at the start of the tick. The proxy's displacement in the tick is measured
+  /// from this pose. `axis` and `tip` are the tool's axis and tip at this pose, in {B}. `down` is
+  /// the downward component of `axis`, and `back` is the inverse of the pose's rotation.
   Pose start{};
   Eigen::Quaterniond back = Eigen::Quaterniond::Identity();
   Eigen::Vector3d axis = -Eigen::Vector3d::UnitZ(), tip = Eigen::Vector3d::Zero();
   double down = 1;
-  /// The tip's stretch grows by the dot product of this vector and the tip's displacement. The
-  /// vector's component along the axis is 1. Inside bone the vector is the axis, or the sum of the
-  /// axis and CuttingTool::bevel_plate. On a surface the vector is parallel to the inward normal.
+  /// The stretch of the tip's spring (CuttingState::stretch_m) grows by the dot product of this
+  /// vector and the tip's displacement. The vector's component along the axis is 1. Inside bone the
+  /// vector is the axis, or for a bevelled tip the sum of the axis and CuttingTool::bevel_plate. On
+  /// a surface the vector is parallel to the inward normal.
   Eigen::Vector3d press = axis;
   /// The tip's friction acts perpendicular to this vector. On a surface the vector is `press`, and
   /// inside bone it is the axis.
@@ -35,14 +36,14 @@ struct Tick {
 
   int hole = -1;  ///< index of the hole that the tool is in or would enter; -1: none
   double front_m = 0, first_front_m = 0;  ///< depth of the front now, and at the tick's start
-  bool is_free = false;          ///< after the front's last advance the tip presses on nothing
+  bool is_free = false;          ///< the front's last advance ended where no bone bears the tip
   double embedded_m = 0;         ///< embedded length of the shaft in all slabs
   double friction_N = 0;         ///< friction force at which the shaft slides
   double viscous_N_s_per_m = 0;  ///< viscous friction along the shaft
   double tip_friction_N = 0;     ///< force at which the tip slides perpendicular to `normal`
   double hold_N = 0;             ///< force at which the tip slides back out of crushed bone
-  double torsion_N = 0;          ///< force, acting at the tool's radius, at which the tip turns
-  mutable WallModel walls{};     ///< cached sums; call forget() when a wall changes
+  double torsion_N = 0;          ///< moment at which the tip turns, divided by the tool's radius
+  mutable WallModel walls{};     ///< cached sums of wall forces; call forget() if a wall changes
 
   /// Sets the pose `start` and the vectors that follow from it.
   void start_at(const Pose& X) noexcept {
@@ -66,7 +67,7 @@ struct Tick {
   }
 
   /// Removes the component of the tip's slip along `normal`, and limits the slip's length to
-  /// tip_presliding_m. Neither step raises the stored energy.
+  /// tip_presliding_m. Neither step raises the stored energy, so the law stays passive.
   void limit_tip_slip() noexcept {
     Eigen::Vector3d& slip = state.tip_slip_m;
     slip -= normal * (normal.dot(slip) / normal.squaredNorm());
@@ -74,7 +75,7 @@ struct Tick {
     if (length > options.tip_presliding_m) slip *= options.tip_presliding_m / length;
   }
 
-  /// Returns `press` minus `axis` for a surface with this slope.
+  /// Returns the vector that added to `axis` gives `press` on a surface with this slope.
   Eigen::Vector3d tilt_of_surface(const Eigen::Vector2d& slope) const noexcept {
     const Eigen::Vector3d upward(slope.x(), slope.y(), 1);
     const double along = upward.dot(axis);

@@ -9,8 +9,9 @@
 // coefficients are kept. Therefore usually only the first evaluation of a tick visits all points.
 // Later evaluations visit only the few points whose energy is not quadratic.
 //
-// Contract (tests/runtime/bone_cutting/law/walls_test.cpp): add_walls() adds the sum over all points. Apart
-// from rounding, the sum does not depend on earlier poses.
+// Contract (tests/runtime/bone_cutting/law/walls_test.cpp): add_walls() adds the sum over all
+// Gauss points, quadratic or not. Apart from rounding, the sum does not depend on the poses of
+// earlier evaluations.
 #pragma once
 
 #include <Eigen/Core>
@@ -89,17 +90,17 @@ class WallSums {
 };
 
 /// Cached sums over the quadratic points. A point is quadratic if its energy is a quadratic
-/// function while the shaft stays within a radius of its position at the last visit of all points.
-/// The radius, CuttingState::wall_radius_m, is adapted to the motion of the shaft in a tick. With a
-/// larger radius fewer points are quadratic. With a smaller radius all points are visited more
-/// often.
+/// function while the shaft stays within a radius of the position that the shaft had at the last
+/// visit of all points. The radius, CuttingState::wall_radius_m, is adapted to the motion of the
+/// shaft in a tick. With a larger radius fewer points are quadratic. With a smaller radius all
+/// points are visited more often.
 class WallModel {
  public:
   /// Empties the cache. Call this when a wall has changed.
   void forget() noexcept { is_known_ = false; }
-  /// Returns the sums over the quadratic points for the shaft at `line`. The first others() entries
-  /// of CuttingState::wall_points then list the points that are not in the sums. Gauss point g of
-  /// slab i is listed as kMaxWallPoints * i + g.
+  /// Returns the sums over the quadratic points for the shaft at `line`. Afterwards the first
+  /// others() entries of CuttingState::wall_points list the points that are not in the sums. Gauss
+  /// point g of slab i is listed as kMaxWallPoints * i + g.
   WallSums at(const Tick& tick, const ShaftLine& line) noexcept;
   std::size_t others() const noexcept { return others_; }
 

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// A spring that yields: it is elastic up to a limit force, and beyond that its force is constant (Huber, 1964).
+// A spring that yields: it is elastic up to a limit force, and beyond that its force is constant.
+// The spring's energy as a function of its extension is the function of Huber (1964).
 // Tests: tests/runtime/bone_cutting/law/cutting_law_test.cpp
 #pragma once
 
@@ -12,7 +13,8 @@ struct YieldSpring {
 
 /// Evaluates a spring. `most`: the force at which the spring yields. `length`: the spring's
 /// extension, at least 0. If `majorise` is true, the second derivative along the spring is that of
-/// a parabola that touches the energy at `length` and lies above the energy everywhere else.
+/// a parabola that touches the energy at `length` and lies above the energy everywhere else. (If
+/// Newton's method fails with the true derivative, it uses this one.)
 inline YieldSpring yield_spring(double stiffness, double most, double length,
                                 bool majorise) noexcept {
   if (stiffness * length <= most)

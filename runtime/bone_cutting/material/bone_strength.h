@@ -21,10 +21,10 @@
 //    density.
 //
 // Contract (tests/runtime/bone_cutting/material/bone_strength_test.cpp):
-//  1. Values are those of the published formulas. Where a formula is negative, the value is 0.
-//  2. If the calibration gives another kind of density than the law needs, and a conversion is not
-//     allowed or not known, estimate() returns no value. If a conversion was applied, the result
-//     names the conversion.
+//  1. Values are those of the published formulas. If a formula gives less than 0, the value is 0.
+//  2. If the calibration gives another kind of density than the law needs, estimate() converts the
+//     density, and the result names the conversion. If `may_convert` is false or no conversion is
+//     known, estimate() returns no value.
 #pragma once
 
 #include <optional>
@@ -36,8 +36,9 @@ namespace trocar::runtime {
 enum class DensityKind { kQct, kAsh, kApparent };
 std::string_view name_of(DensityKind kind) noexcept;
 
-/// density = at_0_HU + per_HU * HU. The default is typical of scanners at 120 kV (0.8 mg/cm^3 of
-/// K2HPO4 per HU). The default is not a measurement. `is_assumed`: no calibration was given.
+/// density = at_0_HU + per_HU * HU. The default is a typical value for scanners at 120 kV (0.8
+/// mg/cm^3 of K2HPO4 per HU), not a measurement. `is_assumed` is true if no calibration was given,
+/// so that the default is used.
 struct HuCalibration {
   double per_HU = 8e-4, at_0_HU = 0;  ///< g/cm^3 per HU, g/cm^3
   DensityKind kind = DensityKind::kQct;
@@ -90,7 +91,8 @@ std::optional<BoneEstimate> estimate(const BoneLaw& law, const HuCalibration& ca
                                      double HU, bool may_convert = false) noexcept;
 
 /// Returns the force on the tip at which the cutting front advances: the bone's strength times the
-/// tool's area, plus the tearing force along the tool's perimeter.
+/// tool's area, plus the force that tears the bone along the tool's perimeter. `tearing_N_per_m`:
+/// this tearing force per length of the perimeter.
 inline double front_strength_N(double strength_MPa, double area_m2, double tearing_N_per_m,
                                double perimeter_m) noexcept {
   return strength_MPa * 1e6 * area_m2 + tearing_N_per_m * perimeter_m;

@@ -6,29 +6,29 @@
 // from all others is a slab of thickness 0.
 //
 // Contract (tests/runtime/bone_cutting/material/bone_volume_test.cpp):
-//  1. Two slices of a solid are neighbours if no slice without material lies between them. Their
-//     slabs meet half-way, whatever their distance. On a side without a neighbour, a slab
-//     extends as far as on its other side. A slab without any neighbour extends, on each side,
-//     by half the smallest spacing of the solid's slices. So no slab fills the gap that slices
-//     without material leave.
+//  1. Two successive slices of a solid are neighbours, unless the asset has empty slices (slices
+//     without material) between them. The slabs of two neighbours meet half-way, whatever the
+//     distance. On a side without a neighbour, a slab extends as far as on its other side. A slab
+//     without any neighbour extends, on each side, by half the smallest spacing of the solid's
+//     slices. So there is a gap between slabs where slices are empty.
 //  2. If a tissue has a CutTissue (strength per area and so on), tool_in_tissue.h computes the
-//     values for the tool. A tissue without CutTissue states the forces on the scene's tool. Its
-//     threshold and stiffness are those of the tip, whatever the tip's shape. If such a tissue
-//     states no rim stiffness and its slab is not of thickness 0, the slab's walls get their values
-//     per area from the tip. The walls' strength is the threshold, and the walls' stiffness is the
-//     tip's stiffness, both divided by the tool's area.
-//  3. During a session a bevelled tip is always pushed in the same direction relative to the tool.
-//     This direction follows from the lateral force and the strength in the uppermost tissue with
-//     CutTissue and a strength above 0, at its mean HU. Without such a tissue, a bevelled tip is
-//     not pushed to one side.
+//     values for the tool. A tissue without CutTissue states the forces on the scene's tool
+//     itself: the tissue's threshold is the strength against the tip, and the tissue's stiffness
+//     is the stiffness against the tip, whatever the tip's shape. If such a tissue states no rim
+//     stiffness and its slab has a thickness above 0, the hole's walls have the tissue's threshold
+//     and stiffness, each divided by the tool's area, as their strength and stiffness per area.
+//  3. Bone pushes a bevelled tip to one side. The ratio of this lateral force to the strength (the
+//     length of CuttingTool::bevel_plate) is constant during a session. The ratio is that of the
+//     uppermost tissue that has a CutTissue and a strength above 0, at the mean HU of its slice.
+//     Without such a tissue, there is no lateral force.
 //  4. A cortical shell of thickness `shell_m` lies where the tool enters the bone and where the
 //     tool leaves the bone. Slabs within a shell have the shell's strength. Each slice's bone is
-//     divided into slabs at the depths at which a shell can end, so that the slabs stay the same
-//     during a session.
-//  5. If a tissue takes its strength from HU, cortical_wall.h finds the wall in the slab where the
-//     tool enters the bone, and in the slab where the tool leaves the bone. SceneBody::cortex_HU
-//     states the HU of the wall. A scene without a `body` has no such walls, nor does a scene that
-//     states a shell and no cortex_HU.
+//     divided into slabs at all depths at which a shell can end, so that only the strengths of the
+//     slabs change when the tool moves, not their depths.
+//  5. If a tissue takes its strength from HU, the slab where the tool enters the bone and the slab
+//     where the tool leaves the bone can contain a thin cortical wall (cortical_wall.h).
+//     SceneBody::cortex_HU states the HU of such a wall. A scene without a `body` has no such
+//     walls, nor does a scene that states a shell and no cortex_HU.
 #pragma once
 
 #include <cstdint>
@@ -46,7 +46,8 @@
 namespace trocar::runtime {
 
 inline constexpr double kMaxSlabGap_m = 3e-3;
-/// Added to kMaxSlabGap_m, so that rounding does not separate slices at exactly this distance.
+/// Tolerance that is added to kMaxSlabGap_m, so that rounding does not separate two slices whose
+/// distance is exactly kMaxSlabGap_m.
 inline constexpr double kSlabGapRounding_m = 1e-9;
 /// Number of holes that the law `cutting` remembers during a session.
 inline constexpr std::size_t kMaxRememberedHoles = 32;
@@ -56,7 +57,7 @@ struct BoneSheet {
   /// Force on the tip at which the cutting front advances in bone of the slice's mean HU. (This
   /// force is called the strength of the front.)
   double nominal_N = 0;
-  double shell_factor = 1;  ///< strength of the shell divided by that of the bone under the tool
+  double shell_factor = 1;  ///< shell's strength, divided by strength of bone under the tool
   /// Thickness of the shell, and the radius within which no bone supports the shell. Radius 0: bone
   /// supports the shell everywhere.
   double shell_m = 0, shell_free_radius_m = 0;
@@ -65,7 +66,7 @@ struct BoneSheet {
   const BoneLaw* law = nullptr;
   HuCalibration calibration;
   double pressure_over_yield = 1;  ///< pressure under a flat tip divided by the yield strength
-  /// If pressure_Pa() rises by 1 Pa, the shaft's friction per embedded length rises by this value.
+  /// Growth of the shaft's friction per embedded length for each Pa by which pressure_Pa() grows.
   double friction_N_per_m_Pa = 0;
   double cortex_HU = 0;  ///< HU of cortical walls (contract 5); 0: there are no such walls
   CutMaterial material;  ///< values at the slice's mean HU
@@ -85,8 +86,8 @@ struct BoneSheet {
   double shell_N(const ToolShape& shape, double hu, double strength_N) const noexcept;
   /// Strength of the front in bone of this HU. `slice_push`: result of slice_push().
   double strength_N(const ToolShape& shape, double hu, double slice_push = 0) const noexcept;
-  /// Moment that turns the tool in bone of this HU at this slice-push ratio
-  /// (ToolInTissue::torsion_Nm). 0 if the tissue states the tool's forces.
+  /// Moment that is needed to turn the tool in bone of this HU (ToolInTissue::torsion_Nm); 0 if the
+  /// tissue states the tool's forces. `slice_push`: result of slice_push().
   double torsion_Nm(const ToolShape& shape, double hu, double slice_push) const noexcept;
 };
 
@@ -95,10 +96,10 @@ struct BoneVolume {
   double radius_m = 0;  ///< radius of the disc that has the area of the tool's cross-section
   ToolShape shape;
   bool twists = false;             ///< SceneForceLaw::twist
-  CuttingOptions options;          ///< the coupling is the scene's, before the device's limits
+  CuttingOptions options;          ///< coupling as the scene states it; device_coupling.h limits it
   double shell_m = 0;              ///< thickness of the cortical shell; 0: there is none
   std::vector<BoneSheet> sheets;   ///< in the order of the session's sheets: topmost first
-  std::vector<CuttingSlab> slabs;  ///< their strength is BoneSheet::nominal_N
+  std::vector<CuttingSlab> slabs;  ///< strength of each slab: nominal_N of its sheet
   std::vector<int> sheet_of_slab;  ///< index of each slab's sheet
   std::vector<SoftLayer> layers;   ///< uppermost first
   /// Largest stiffness that the tool can meet along its axis (tip, soft layers and friction), and
@@ -116,10 +117,12 @@ Result<ToolShape> tool_shape(const SceneTool& tool);
 Result<void> resolve_layers(Scene& scene);
 
 /// Makes the bone volume. `sheets`: the result of place_slices() for a scene with the force law
-/// `cutting`. Errors: those of tool_shape(). Also kRefused if a bone law does not exist, gives no
-/// strength or is for a kind of density other than that of the calibration; if the strength is to
-/// follow from HU and a slice has no HU; if the scene states a free radius of the shell and a
-/// tissue has no bone law; or if resolve_layers() has not computed the force of a layer.
+/// `cutting`. Errors: those of tool_shape(), and kRefused in these cases:
+///  - A bone law does not exist, gives no strength, or needs another kind of density than that of
+///    the calibration.
+///  - The strength is to follow from HU, and a slice has no HU.
+///  - The scene states a free radius of the shell, and a tissue has no bone law.
+///  - resolve_layers() has not computed the force of a layer.
 Result<BoneVolume> make_bone_volume(const Scene& scene, std::span<const Sheet* const> sheets);
 
 }  // namespace trocar::runtime

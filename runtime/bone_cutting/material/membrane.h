@@ -1,13 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
 // The force with which a tool breaks through a layer of soft tissue, computed from the tissue's
-// fracture toughness. A pointed tip opens a crack. The length of the crack is the width of the tip
-// at one layer thickness behind its point, but at most the length of the crack that the whole tool
-// opens (torn_length_m()). Tearing accounts for 61 % of the force on the tool, and spreading and
-// friction account for the rest (A. Barnett, Y.-S. Lee, J. Moore, J. Manuf. Sci. Eng. 138, 2016).
+// fracture toughness. A pointed tip opens a crack. When the point leaves the layer, the crack is
+// as long as the tip is wide at the top of the layer, but at most as long as the crack that the
+// whole tool opens (torn_length_m()). Tearing accounts for 61 % of the force on the tool, and
+// spreading and friction account for the rest (A. Barnett, Y.-S. Lee, J. Moore, J. Manuf. Sci.
+// Eng. 138, 2016).
 //
 // Contract (tests/runtime/bone_cutting/material/membrane_test.cpp):
-//  1. For a pointed tip and a layer of thickness h, force = toughness * min(torn length, 2 h tan(half angle)) /
-//     0.61. For a flat or hollow tip, force = toughness * torn length / 0.61.
+//  1. Let h be the thickness of the layer, and alpha the half angle of the tip
+//     (ToolShape::half_angle_rad).
+//       pointed tip: force = toughness * min(torn length, 2 h tan(alpha)) / 0.61
+//       flat or hollow tip: force = toughness * torn length / 0.61
 #pragma once
 
 #include "runtime/bone_cutting/material/tool_in_tissue.h"

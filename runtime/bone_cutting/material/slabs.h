@@ -1,19 +1,20 @@
 // SPDX-License-Identifier: Apache-2.0
-// Computes how the strength varies within each slab, from values at the slices. A slab extends
-// half-way to the neighbouring slices. Within a slab the strength is linear in depth, and its mean
-// is the slice's value, wherever the slice lies in the slab. So the work of cutting through the
-// slab is its thickness times the slice's value. A shell has a thickness and strength of its own.
-// A session uses only strength_ends(). Tests and benchmarks call make_slabs().
+// Computes how the strength of bone varies with depth within each slab, from one strength per
+// slice. A slab extends half-way to the neighbouring slices. Within a slab the strength is linear
+// in depth, and the mean of the strength is the slice's value, wherever the slice lies in the slab.
+// So the work of cutting through the slab is the slab's thickness times the slice's value. A
+// cortical shell can replace part of the bone (contract 2). A session uses only strength_ends().
+// Tests and benchmarks call make_slabs().
 //
 // Contract (tests/runtime/bone_cutting/material/slabs_test.cpp):
 //  1. The slabs cover the volume without gaps, from half a spacing above the first slice to half
 //     a spacing below the last. The mean strength of a slab is the value of its slice. In the first
-//     and the last slab the strength is constant. In every other slab the slope of the strength is
-//     that of the straight line through the values of the two neighbouring slices, unless a slope
-//     limiter reduces the slope (B. van Leer, J. Comput. Phys. 23, 1977). At each end of the slab,
-//     the limiter allows the range from the slab's own value to the value of the neighbour on that
-//     side. The strength at that end leaves this range by at most 5 % of the slab's own value, and
-//     is never negative. The range prevents overshoot at a jump, such as a thin cortex next to soft
+//     and the last slab the strength is constant. In every other slab the straight line through the
+//     values of the two neighbouring slices gives the slope of the strength. A slope limiter (B.
+//     van Leer, J. Comput. Phys. 23, 1977) reduces the slope where the strength at an end of the
+//     slab would leave an allowed range. The range extends from the slab's own value to the value
+//     of the neighbour on that side, plus 5 % of the slab's own value at both ends. It contains no
+//     negative values. The range prevents overshoot at a jump, such as a thin cortex next to soft
 //     bone. Because of the 5 %, a strength that varies smoothly keeps its maxima.
 //  2. A shell replaces the bone that it covers. If a slab touches the shell, the value of its slice
 //     contains part of the shell and is not used. The remaining bone of this slab gets the value of
@@ -28,7 +29,7 @@
 
 namespace trocar::runtime {
 
-/// Values at one slice. The last three mean the same as in CuttingSlab.
+/// Values at one slice. The friction and the two wall values mean the same as in CuttingSlab.
 struct BodySlice {
   double depth_m = 0;
   double strength_N = 0;  ///< force on the tip at which the cutting front advances

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Encodes the bone of a scene for display: the sheets and the asset's surface, in {B}. If the scene
-// has moved slices relative to each other, the surface has no defined position and is left out.
+// Encodes the bone of a scene for display, in {B}: the sheets and the surface of the whole bone, if
+// the asset has one. If the scene has moved slices relative to each other, the surface does not fit
+// them, and is left out.
 // Tests: tests/e2e/console_server_test.py
 #pragma once
 

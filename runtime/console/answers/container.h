@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The container of binary answers: JSON followed by arrays (protocol.md).
+// Makes the container in which the console sends binary data: JSON and then arrays (protocol.md).
 // Tests: tests/runtime/console/console_test.cpp
 #pragma once
 

@@ -24,7 +24,7 @@ struct PlacedBone {
   Asset asset;  ///< contains only the scene's slices, with one mesh each
   std::vector<std::unique_ptr<const Sheet>> sheets;
   std::vector<AssetSurface> surfaces;
-  std::vector<AssetSlice> all;  ///< all slices of the asset; empty: only the scene's were read
+  std::vector<AssetSlice> all;  ///< all slices of the asset; empty: only `asset` was read
 };
 
 /// The parts of an asset to load. kForView: the scene's slices, with HU at their vertices. If the
@@ -44,11 +44,12 @@ bool has_surface(std::string_view glb_json);
 Result<PlacedBone> load_bone(const std::filesystem::path& scene_file,
                              const std::filesystem::path& asset, BoneParts parts);
 
-/// Returns the slice of the asset with this AssetSlice::index. Precondition: the slice exists.
+/// Returns the slice of the asset with this slice index. Precondition: the slice exists.
 const AssetSlice& slice_of(const Asset& asset, int index);
 
-/// Returns the transform from the patient's frame (LPS) to the frame of the topmost sheet's slice,
-/// both in mm. Returns nullopt if the sheets do not lie relative to each other as in the scan.
+/// Returns the transform from the patient's frame (LPS) to the frame of the topmost sheet's slice
+/// (u, v and the slice normal), both in mm. Returns nullopt if the sheets do not lie relative to
+/// each other as in the scan.
 std::optional<Eigen::Affine3d> plane_of_surface(const PlacedBone& loaded);
 
 /// Returns the transform from the patient's frame (LPS, mm) to {B} (m), including the scale from mm

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Packs OpenIGTLink messages. The headers are those of version 1, which every client can read.
-// Lengths are in mm, as the protocol requires. The functions return the bytes of a whole message.
+// Packs OpenIGTLink messages. Their headers have the protocol's version 1, which every client can
+// read. Lengths are in mm, as the protocol requires. Each function returns a whole message.
 // Tests: tests/e2e/console_igtl_test.py
 #pragma once
 

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Sends the poses, forces, state and surface of one session to OpenIGTLink clients. Nothing is
-// queued for a client: when the previous messages to the client have been sent, the next messages
-// are chosen from the present state.
+// Sends data of one session to OpenIGTLink clients: the tool's pose, the force, the session's state
+// and the bone's surface. Nothing is queued for a client: when the previous messages to the client
+// have been sent, the next messages are chosen from the present state.
 // Tests: tests/e2e/console_igtl_test.py
 #pragma once
 
@@ -52,8 +52,8 @@ class IgtlServer {
   virtual std::string endpoint() const = 0;
   virtual bool has_clients() const = 0;
   /// Sends the changed parts of the state to each client whose previous messages have been sent. A
-  /// client gets at most 60 ticks in a second. Disconnects clients that have stalled, which means
-  /// that for 6 s they have not read what was sent. Call this every few milliseconds.
+  /// client gets IgtlState::tick at most 60 times in a second. If a client leaves sent data unread
+  /// for 6 s, it is disconnected. Call this every few milliseconds.
   virtual void pump(const IgtlState& state, Clock::time_point now) = 0;
 
  protected:

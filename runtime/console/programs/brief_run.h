@@ -33,7 +33,7 @@ class BriefRun {
   /// Returns the exit code of the program. Returns nullopt if the program was not started, still
   /// runs, or was ended by a signal.
   std::optional<int> exit_code() const;
-  /// Returns how the program ended, such as "exit code 3" or "signal 9". Empty while it runs.
+  /// Returns how the program ended, such as "exit code 3" or "signal 9". Empty if it has not ended.
   std::string end() const { return has_ended_ ? process_->end() : std::string(); }
 
  private:

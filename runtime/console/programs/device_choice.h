@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The devices that trocar-console --device lists. A page chooses one of these devices by its name
-// or its index, or one of Trocar's two simulated devices by its name. A page can never choose
-// another URI, a file or an option.
+// The devices that a page may choose. The person who starts trocar-console lists devices by the
+// option --device. A page chooses one of these devices by its name or its index in the list, or one
+// of Trocar's two simulated devices by its name. It can never choose another URI, a file or option.
 // Tests: tests/runtime/console/device_choice_test.cpp
 #pragma once
 
@@ -34,13 +34,14 @@ struct DeviceChoice {
 /// repeated or without its value.
 Result<DeviceChoice> parse_device_choice(std::string_view text);
 
-/// Replaces texts that pages must not see, such as names of folders. Apply hide() to every text for
-/// pages that may contain such texts.
+/// Replaces texts that pages must not see, such as names of folders. Apply hide() to each text that
+/// may contain them before the text is sent to pages.
 class HiddenTexts {
  public:
   /// Makes hide() replace `text` by `shown`.
   void add(const std::string& text, const std::string& shown);
-  /// Makes hide() replace each file name in the device's options that contains a folder.
+  /// If an option of the device has a file name with a folder as its value, makes hide() replace
+  /// this file name by a text such as "the file of key-file".
   void add(const DeviceChoice& device);
   std::string hide(std::string text) const;
 

@@ -16,9 +16,9 @@
 
 namespace trocar::runtime {
 
-/// Refers to a process by a pidfd (a file descriptor for a process). If the process has ended and
-/// its number was given to another process, no signal can reach this other process. When this
-/// object is destroyed, the process keeps running.
+/// Refers to a process by a pidfd (a file descriptor for a process). A process number can be given
+/// to another process after the end of the first one, but a pidfd never refers to another process,
+/// so a signal cannot reach a wrong one. When this object is destroyed, the process keeps running.
 class Process {
  public:
   /// Starts the program arguments[0]. Its standard output and standard error are appended to `log`,
@@ -27,9 +27,9 @@ class Process {
   /// kRefused if the program cannot be started.
   static Result<Process> start(const std::vector<std::string>& arguments,
                                const std::filesystem::path& log);
-  /// Refers to a process that already runs. Returns nullopt if no process with this
-  /// number runs, or if `start_ticks` is given and is not the start time of the process
-  /// (field 22 of /proc/PID/stat).
+  /// Refers to a process that already runs. `start_ticks`: the start time that the process must
+  /// have (start_ticks()), so that no later process with the same number is taken for it. Returns
+  /// nullopt if no process with this number runs, or if the start time differs.
   static std::optional<Process> adopt(pid_t pid, std::optional<std::uint64_t> start_ticks = {});
 
   Process(Process&& other) noexcept;
@@ -37,11 +37,13 @@ class Process {
   ~Process();
 
   pid_t pid() const noexcept { return pid_; }
-  std::uint64_t start_ticks() const;  ///< start time: field 22 of /proc/PID/stat; 0: unknown
+  /// Start time in clock ticks since the system's start (field 22 of /proc/PID/stat); 0: unknown.
+  std::uint64_t start_ticks() const;
   /// Returns true if the process has ended. Does not wait.
   bool has_ended();
   /// After has_ended() has returned true, returns how the process ended, such as "exit code 3" or
-  /// "signal 9". Empty for a process of adopt(), because the system does not report its end.
+  /// "signal 9". Empty for a process of adopt(), because the system reports the end of a process
+  /// only to the process that started it.
   std::string end() const;
   /// Returns the exit code. Returns nullopt if the process runs, if a signal ended it, or if
   /// its end is not known.
@@ -54,7 +56,7 @@ class Process {
   pid_t pid_ = 0;
   int fd_ = -1;
   bool is_child_ = false, has_ended_ = false;
-  int status_ = -1;  ///< exit code; -1: none
+  int status_ = -1;  ///< exit code; -1: no exit code is known
   int signal_ = 0;   ///< signal that ended the process; 0: none
 };
 

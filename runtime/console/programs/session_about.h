@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Reads the description in a session's shared memory. Reads and writes the note about the session's
-// device. Description and note may be damaged. If a value is missing or has the wrong type, the
-// value counts as empty.
+// Reads two texts about a session: the description that the session publishes in its shared memory,
+// and the console's note about the session's device. Also writes the note. Both texts may be
+// damaged. If a value is missing or has the wrong type, the value counts as empty.
 // Tests: tests/e2e/console_server_test.py, tests/e2e/console_kill_test.py
 #pragma once
 
@@ -20,11 +20,13 @@ namespace trocar::runtime {
 /// The description in a session's shared memory (formats/session/telemetry.md).
 struct SessionAbout {
   std::string json;                  ///< whole description; "{}" if the text is no JSON object
-  std::string id;                    ///< identifies the session: process and time of its start
+  std::string id;                    ///< identifies the session: process number and start time
   std::string scene, asset, record;  ///< names of files as given to the session
   std::string clock, device;
   bool has_live_hand = false, takes_xray = false;
-  std::string columns;  ///< those of the description's `columns` that fit into a snapshot, as JSON
+  /// The columns of a snapshot (named groups of its values), as JSON: the description's `columns`
+  /// without those that do not fit into a snapshot.
+  std::string columns;
   /// Name of each column in `columns`, and index of its first value in a snapshot.
   std::vector<std::pair<std::string, std::size_t>> column_at;
   std::vector<std::int32_t> slices;  ///< slice index of each sheet; -1: not known
@@ -36,15 +38,15 @@ SessionAbout parse_about(std::string_view text, std::size_t snapshot_values);
 /// If the console is started again, it finds the process by this note.
 struct DeviceNote {
   std::int64_t pid = 0;
-  std::uint64_t start_ticks = 0;
-  std::string endpoint;
+  std::uint64_t start_ticks = 0;  ///< Process::start_ticks()
+  std::string endpoint;           ///< HOST:PORT at which the process listens
 };
 /// Writes the file console.json. `device`: the name of the session's device. `process`: nullopt if
 /// the console started no device process. Errors: those of write_file_atomically().
 Result<void> write_device_note(const std::filesystem::path& file, const std::string& device,
                                const std::optional<DeviceNote>& process);
-/// Returns the name of the session's device from the file console.json, or an empty text
-/// if the file has none.
+/// Returns the name of the session's device from the file console.json, or an empty text if the
+/// file does not contain the name.
 std::string noted_device(const std::filesystem::path& file);
 /// Returns the device process from the file console.json, or nullopt if the file names none.
 std::optional<DeviceNote> read_device_note(const std::filesystem::path& file);

@@ -22,22 +22,23 @@ namespace trocar::runtime {
 Result<std::filesystem::path> create_session_folder(const std::filesystem::path& sessions,
                                                     const std::filesystem::path& scene);
 
-/// Searches the log of a device process, from byte `from` on, for the endpoint (HOST:PORT) at which
-/// the process says that it is ready. Returns an empty text if the process is not ready yet.
+/// Searches the log of a device process, from byte `from` on, for the line "ready on HOST:PORT".
+/// Returns HOST:PORT, or an empty text if the process is not ready yet.
 std::string ready_endpoint(const std::filesystem::path& log, std::uint64_t from);
 
 /// Returns the last line with text in the last 64 KiB of a log, shortened to 400 bytes.
 std::string last_line(const std::filesystem::path& log);
 
-/// Returns a text with the reason for the end of a session whose programs printed no reason. The
-/// function derives the reason from the exit code and from the free space on the disk of `folder`,
-/// the session's folder.
+/// Returns a text that says why a session ended. Use it if the session's programs printed no
+/// reason. The function derives the reason from the exit code and from the free space on the disk
+/// of `folder`, the session's folder.
 std::string reason_of(ExitCode code, const std::filesystem::path& folder);
 
 /// Returns the last 64 KiB of a log, or an empty text if there is no such file.
 std::string tail_of(const std::filesystem::path& log);
 
-/// Returns the PID of a link to /proc/PID/fd/N, or 0 if `link` does not point into /proc.
+/// The link to a session's shared memory points to /proc/PID/fd/N. Returns PID, the number of the
+/// session's process, or 0 if `link` does not point into /proc.
 pid_t pid_of_link(const std::filesystem::path& link);
 
 }  // namespace trocar::runtime

@@ -53,9 +53,9 @@ def numbers(kind, low, high):
 
 def arguments(words):
     parser = Parser(prog=NAME, formatter_class=argparse.RawDescriptionHelpFormatter, description="""\
-Makes the missing and the outdated assets (meshes) of a collection of scans on a Slurm cluster (computers that share the
-work), and keeps them in a folder, the store. `trocar-mesh batch COLLECTION -o STORE` does the same on one machine. If you give the
-command again, it makes only what is still missing.""", epilog=f"""\
+Makes the missing and the outdated assets (meshes) of a collection of scans on a Slurm cluster, and keeps them in a
+folder, the store. The computers of the cluster are its nodes. The work is divided into tasks: a task meshes some of the scans on one node.
+`trocar-mesh batch COLLECTION -o STORE` does the same on one machine. If you give the command again, it makes only what is still missing.""", epilog=f"""\
 examples:
   {NAME} scans.json -o /shared/store
   {NAME} scans.json -o store --local-cluster 3     the same on a cluster on this machine; needs Slurm ({GET_SLURM})
@@ -68,26 +68,26 @@ cluster did not answer (give the command again); 1 a bug.""")
     parser.add_argument("collection", nargs="?", metavar="COLLECTION.json", help="the collection: a file with scans and their parameters, as for trocar-mesh batch")
     parser.add_argument("-o", dest="store", metavar="STORE", help="the store: the folder that keeps all results")
     parser.add_argument("--local-cluster", type=number(int, 1, NODES_MAX), metavar="N", dest="local",
-                        help="start a Slurm cluster of N nodes on this machine (munged, slurmctld and N slurmd); it ends with the run")
+                        help="start a Slurm cluster of N nodes on this machine (the programs munged, slurmctld and N slurmd). The cluster ends with the run")
     parser.add_argument("--program", metavar="PATH", help="path of trocar-mesh on the nodes (default: the one built in this clone of the repository, if there is one, else the one in PATH)")
     parser.add_argument("--chunk", type=number(float, 1, 86400), default=60, metavar="S", help="give a task as many scans as take about S seconds (default: 60)")
     parser.add_argument("--jobs", type=number(int, 1, 1024), default=1, metavar="N", help="number of processors and threads of each task (default: 1)")
     parser.add_argument("--throttle", type=number(int, 1, 1 << 20), default=0, metavar="K", help="run at most K tasks at once (default: no limit)")
     parser.add_argument("--time-limit", type=number(int, 1, 100000), default=0, metavar="MIN", dest="limit",
                         help="time limit of a task, minutes; it is doubled for each further try (default: 10 times the estimated time of the longest task, at least 5)")
-    parser.add_argument("--partition", default="", metavar="NAME", help="partition of the cluster (default: that of Slurm)")
-    parser.add_argument("--sbatch", default="", metavar="OPTIONS", help="further options for sbatch, such as --sbatch='--account=x --qos=y'")
+    parser.add_argument("--partition", default="", metavar="NAME", help="part of the cluster (partition) to use (default: Slurm's default partition)")
+    parser.add_argument("--sbatch", default="", metavar="OPTIONS", help="further options for sbatch, Slurm's command that submits tasks, such as --sbatch='--account=x --qos=y'")
     parser.add_argument("--patience", type=number(float, 1, 1e6), default=600, metavar="S",
                         help="how long to wait if the cluster does not answer or takes no tasks, seconds (default: 600)")
     parser.add_argument("--retry", action="store_true", help="try scans again that failed in an earlier run (known failures)")
     parser.add_argument("--strict", action="store_true", help="end with exit code 3 also if only known failures are left")
     parser.add_argument("--max-failures", type=number(int, 1, 10**9), default=0, metavar="N", help="end the run after N new failures (default: no limit)")
     parser.add_argument("--metrics", metavar="FILE", help="write the counts and the duration of the run to this file, in the text format of the monitoring program Prometheus")
-    parser.add_argument("--plan", metavar="COLLECTION.json", help="only estimate time and bytes for this collection on the nodes of --nodes or --local-cluster. The estimate uses a sample of its scans or, with -o, the journal of that store")
+    parser.add_argument("--plan", metavar="COLLECTION.json", help="only estimate time and bytes for this collection on the nodes of --nodes or --local-cluster. The estimate comes from a sample of the scans or, with -o, from the times of earlier runs, which the store keeps (its journal)")
     parser.add_argument("--nodes", type=number(int, 1, 100000), metavar="N", help="for --plan: number of nodes")
     parser.add_argument("--slots", type=number(int, 1, 1024), default=1, metavar="N", help="for --plan: number of tasks at the same time on a node (default: 1)")
     parser.add_argument("--scans", type=numbers(lambda text: int(float(text)), 1, 10**9), default=[], metavar="M[,M]",
-                        help="for --plan: estimate as if the collection had M scans of the same kind")
+                        help="for --plan: estimate for M scans like those of the collection (default: as many as the collection has)")
     parser.add_argument("--json", action="store_true", help="print the summary, or the plan, as JSON")
     parser.add_argument("--version", action="version", version=f"{os.path.basename(NAME)} {VERSION}", help="print the version and exit")
     given = parser.parse_args(words)

@@ -43,6 +43,6 @@ def update_readme(path, sentence, headlines):
     if not begin or not end:
         raise SystemExit(f"{path}: has no {BEGIN} ... {END}")
     body = "\n".join([*(f"- {line}" for line in headlines), "",
-                      f"![Distance of the outlines to the reference and time per slice, for each scan and contour]({PICTURE})", "",
+                      f"![Distance of outlines from the exact or finest contour, and time per slice, for each scan and contouring method]({PICTURE})", "",
                       f"All results: [tests/bench/RESULTS.md](tests/bench/RESULTS.md). (From `scripts/report`: {sentence}.)"])
     write(path, f"{head}{begin}\n{body}\n{end}{tail}")

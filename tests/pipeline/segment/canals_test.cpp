@@ -92,7 +92,8 @@ class ColumnStack final : public SliceStack {
     const Eigen::Vector3d step =
         is_sagittal ? Eigen::Vector3d(b_mm, a_mm, a_mm) : Eigen::Vector3d(a_mm, a_mm, b_mm);
     const auto count = [](double length, double by) { return static_cast<int>(length / by); };
-    const int nx = count(90, step.x()), ny = count(40 - front, step.y()), nz = count(phantom.length_mm, step.z());
+    const int nx = count(90, step.x()), ny = count(40 - front, step.y()),
+              nz = count(phantom.length_mm, step.z());
     width_ = is_sagittal ? ny : nx;
     height_ = is_sagittal ? nz : ny;
     const int slices = is_sagittal ? nx : nz;

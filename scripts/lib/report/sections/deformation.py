@@ -109,5 +109,5 @@ def results(data):
 
 def headline(data):
     rows = [row for row in data["rows"] if row["method"] == "auto" and row["parameter"] == 0.01]
-    return (f"Deformation of a slice as a network of springs: a relative error of the force of 1 % is allowed, and the largest was {100 * max(row['force_error_max'] for row in rows):.2g} %. "
-            f"On every scan the median time of a solution was at most {max(row['solve_us'] for row in rows):.2g} us.")
+    return (f"Deformation of a slice as a network of springs: the error of the force was at most {100 * max(row['force_error_max'] for row in rows):.2g} %, where 1 % is allowed. "
+            f"On every scan the median time to compute one tick's deformation was at most {max(row['solve_us'] for row in rows):.2g} us.")

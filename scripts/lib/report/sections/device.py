@@ -135,5 +135,5 @@ def results(data):
 
 def headline(data):
     four, three = (stated(ring)["torque_for_35N_max_Nm"] for ring in data["rings"])
-    return (f"Device: a force of 35 N in any direction, anywhere in the workspace, needs at most {four:.1f} N m at each motor; "
+    return (f"Device: a force of 35 N in any direction, anywhere in the device's workspace, needs at most {four:.1f} N m at each motor; "
             f"a device with three of the four legs would need {three:.1f} N m.")

@@ -244,4 +244,4 @@ def results(data):
 def headline(data):
     row = find(data, "phantom 12 HU")
     return (f"Outlines: on a synthetic CT with noise, the mean distance of the outlines from the exact cross-section is {row['mean_distance_mm']:.3f} mm. "
-            f"On average a slice has {per_slice(row, 'triangles'):.0f} triangles, and it takes {row['total_ms_per_slice']:.2f} ms from pixels to triangles.")
+            f"On average a slice has {per_slice(row, 'triangles'):.0f} triangles, which are made from its pixels in {row['total_ms_per_slice']:.2f} ms.")
