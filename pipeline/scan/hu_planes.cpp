@@ -26,6 +26,21 @@ int samples_of(int pixels, int each) {
   return (pixels - 1 + each - 1) / each + 1;
 }
 
+// The transposed of a rows x columns matrix, in blocks that fit into the cache.
+std::vector<double> transposed(const std::vector<double>& in, std::size_t rows,
+                               std::size_t columns) {
+  constexpr std::size_t kBlock = 8;
+  std::vector<double> out(in.size());
+  for (std::size_t first = 0; first < columns; first += kBlock) {
+    const std::size_t end = std::min(first + kBlock, columns);
+    for (std::size_t r = 0; r < rows; ++r) {
+      for (std::size_t c = first; c < end; ++c)
+        out[c * rows + r] = in[r * columns + c];
+    }
+  }
+  return out;
+}
+
 // Least squares of a piecewise linear function, with a knot at every `each`-th of n values, to the values along the
 // rows of an n x width matrix, for each of its columns. Returns the width x knots matrix of the values at the knots.
 std::vector<double> fitted(const std::vector<double>& in, int n, int width, int each) {
@@ -52,14 +67,13 @@ std::vector<double> fitted(const std::vector<double>& in, int n, int width, int 
     for (std::size_t c = 0; c < w; ++c)
       right[k * w + c] -= factor * right[(k - 1) * w + c];
   }
-  std::vector<double> out(knots * w);
   for (std::size_t k = knots; k-- > 0;) {
-    for (std::size_t c = 0; c < w; ++c) {
-      const double next = k + 1 < knots ? out[c * knots + k + 1] : 0;
-      out[c * knots + k] = (right[k * w + c] - beside[k] * next) / diagonal[k];
-    }
+    const double* const next = right.data() + std::min(k + 1, knots - 1) * w;
+    const double factor = k + 1 < knots ? beside[k] : 0;
+    for (std::size_t c = 0; c < w; ++c)
+      right[k * w + c] = (right[k * w + c] - factor * next[c]) / diagonal[k];
   }
-  return out;
+  return transposed(right, knots, w);
 }
 
 double finite_hu(float hu) {
@@ -111,11 +125,11 @@ std::vector<float> hu_samples(const Image& hu, const HuSampling& sampling, const
             bottom = std::min(hu.height - 1,
                               (box.first_row + box.rows - 1 + around_y) * sampling.rows_each);
   const int width = right - left + 1, height = bottom - top + 1;
-  std::vector<double> values;
-  values.reserve(static_cast<std::size_t>(width) * static_cast<std::size_t>(height));
+  std::vector<double> values(static_cast<std::size_t>(width) * static_cast<std::size_t>(height));
+  auto next = values.begin();
   for (int y = top; y <= bottom; ++y) {
-    for (int x = left; x <= right; ++x)
-      values.push_back(finite_hu(hu.at(x, y)));
+    const auto row = hu.values.begin() + static_cast<std::ptrdiff_t>(y) * hu.width;
+    next = std::transform(row + left, row + right + 1, next, finite_hu);
   }
   const std::vector<double> by_column = fitted(values, height, width, sampling.rows_each);
   values = fitted(by_column, width, samples_of(height, sampling.rows_each), sampling.columns_each);

@@ -200,17 +200,18 @@ Result<Image> read_dicom_frame(const DicomFrame& h, DcmFileFormat& format) {
   if (!words) return words.error();
   Image out{h.columns, h.rows, {}};
   out.values.resize(words->size());
-  const int shift = h.high_bit - (h.bits_stored - 1);
-  const int mask = (1 << h.bits_stored) - 1, sign = 1 << (h.bits_stored - 1);
-  const bool has_dense_padding = h.has_dense_padding();
-  for (std::size_t i = 0; i < words->size(); ++i) {
-    int value = ((*words)[i] >> shift) & mask;
-    if (h.is_signed && (value & sign) != 0) value -= mask + 1;
-    if (has_dense_padding && value >= (*h.padding)[0] && value <= (*h.padding)[1]) {
-      out.values[i] = kNoData_HU;
-      continue;
-    }
-    out.values[i] = static_cast<float>(value * h.slope + h.intercept);
+  // No branch depends on a sample, so that a compiler can convert several samples at once.
+  const int shift = h.high_bit - (h.bits_stored - 1), mask = (1 << h.bits_stored) - 1,
+            sign = h.is_signed ? 1 << (h.bits_stored - 1) : 0;
+  const auto stored = [&](std::size_t i) {
+    return ((((*words)[i] >> shift) & mask) ^ sign) - sign;
+  };
+  for (std::size_t i = 0; i < words->size(); ++i)
+    out.values[i] = static_cast<float>(stored(i) * h.slope + h.intercept);
+  if (h.has_dense_padding()) {
+    const auto [low, high] = *h.padding;
+    for (std::size_t i = 0; i < words->size(); ++i)
+      if (stored(i) >= low && stored(i) <= high) out.values[i] = kNoData_HU;
   }
   return out;
 }
