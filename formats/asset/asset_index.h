@@ -2,12 +2,12 @@
 // The slice index of an asset locates each slice's bytes in the file, so that a reader can read the
 // slices of a scene and nothing else. Internal to formats/. asset.md has the layout to the byte.
 //
-// A .glb consists of two chunks, the JSON chunk and the binary chunk. The index is at the start of
-// the binary chunk. It consists of a header and one record of fixed size for each entry (one
-// material of one slice). A reader finds any slice with a few short reads: the file's first 20
-// bytes give the start of the binary chunk, the index header gives the number of records, and the
-// records are in ascending order of slices. A record has the offsets of the entry's Draco payload
-// and of the text of its glTF node. The entry's plane is not in the record; plane_of()
+// The .glb of an asset consists of two chunks, the JSON chunk and the binary chunk. The index is at
+// the start of the binary chunk. It consists of a header and one record of fixed size for each
+// entry (one material of one slice). A reader finds any slice with a few short reads: the file's
+// first 20 bytes give the start of the binary chunk, the index header gives the number of records,
+// and the records are in ascending order of slices. A record has the offsets of the entry's Draco
+// payload and of the text of its glTF node. The entry's plane is not in the record; plane_of()
 // (slice_payload.h) computes the plane. Other glTF readers ignore the index, because no buffer view
 // covers its bytes. (glTF also allows a further chunk after the binary chunk, but validators warn
 // of such a chunk, and tools that rewrite a file drop it.)
@@ -99,8 +99,9 @@ static_assert(sizeof(IndexHeader) == 52 && std::is_trivially_copyable_v<IndexHea
 static_assert(sizeof(EntryRecord) == 24 && std::is_trivially_copyable_v<EntryRecord>);
 static_assert(sizeof(SliceRecord1) == 64 && std::is_trivially_copyable_v<SliceRecord1>);
 
-/// A record of schema 1 or 2. If the index is of schema 2, the numbers of vertices and triangles,
-/// the box, and all numbers of outline and segments are 0, because EntryRecord lacks them.
+/// A record of schema 1 or 2. In a record that was read from an index of schema 2, the numbers of
+/// vertices and triangles, the box, and all numbers of outline and segments are 0, because
+/// EntryRecord lacks them.
 struct SliceRecord : SliceRecord1 {
   std::uint16_t material = 0;
 

@@ -47,8 +47,8 @@ struct HuMask {
   std::vector<char> is_stored;  ///< one flag for each sample, row by row; not 0: stored
 };
 /// Determines the samples of a slice that are stored. Errors: kRefused if the box has more than
-/// kMaxHuSamples samples, or if too many edges are close together: finding the samples near edges
-/// may take at most 1024 steps of computation for each edge plus 1024 for each sample.
+/// kMaxHuSamples samples, or if too many edges are close together: finding the stored samples must
+/// take fewer than 1024 steps of computation for each edge plus 1024 for each sample.
 Result<HuMask> hu_mask(const HuGrid& grid, const Lattice& lattice, Outlines outlines);
 
 /// Encodes the HU of the stored samples of a mask; value(column, row) must return the HU of

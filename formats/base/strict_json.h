@@ -35,7 +35,8 @@ struct JsonErrors {
 /// Reads one JSON object. Each getter, such as number() or string(), returns the value under a key.
 /// If the value is wrong, or is required and missing, the getter adds an error to `errors` and
 /// returns a substitute: for a number the lower end of its range, otherwise an empty text, 0, false
-/// or null. Call finish() after the last getter.
+/// or null. Only numbers() has no substitute: the elements of `result` that it has not read stay
+/// unchanged. Call finish() after the last getter.
 class StrictObject {
  public:
   /// `value` and `errors` must outlive this object.

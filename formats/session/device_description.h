@@ -70,7 +70,8 @@ struct DeviceDescription {
 
   // The members below describe the simulated device. The haptic loop also uses the first three.
   // From the friction the loop computes the device's damping and a torque that compensates the
-  // friction; from the encoder counts, the velocity filter; from gravity, the weight to be carried.
+  // friction; from the encoder counts, the velocity filter; from gravity, the weight that is
+  // compensated.
   double joint_viscous_friction_Nms_per_rad = 0;  ///< at each of the eight motor joints
   /// Counts per revolution of a joint; 0: exact encoders.
   int encoder_counts_per_revolution = 0;

@@ -212,8 +212,8 @@ struct NodeState {
   std::uint32_t ring, k;
   double t = 0;
   double displacement = kUnknown;  // displacement if the edge to the next node collapses
-  // The smallest displacement among the node's entries in the queue of collapses; kNever if the
-  // node has no entry.
+  // The displacement of the node's valid entry in the queue of collapses; kNever if the node has no
+  // valid entry. Entries of the node with another displacement are out of date and are ignored.
   double queued = kNever;
   ContourPosition position() const { return {k, t}; }
   void put(ContourPosition position) { k = position.k, t = position.t; }

@@ -140,7 +140,7 @@ struct BoundaryTriangles {
 };
 
 /// ShapeLimits for four triangles at a time. A triangle beyond one of the limits is bad; it is
-/// sharp if its smallest angle is beyond the limit on angles.
+/// sharp if its smallest angle is below the limit on angles.
 struct QuickShapeLimits {
   /// Limits on the squared sine of the smallest angle. If the value is below `surely_sharp`, the
   /// triangle is sharp. If it is above `perhaps_sharp`, the triangle is not sharp. In between,

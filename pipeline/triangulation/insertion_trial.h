@@ -199,8 +199,9 @@ class InsertionTrial {
     double exact;
     std::int32_t whole;  // `exact`, rounded up
   };
-  // Evaluates the four triangles from[k], to[k], p[k]. If 16-bit coordinates or floats do not
-  // suffice, it calls `triangles`, which returns the same four triangles with full coordinates.
+  // Evaluates the four triangles from[k], to[k], p[k]. `triangles` returns the same four triangles
+  // with full coordinates. It is called only if 16-bit coordinates or floats do not suffice, or if
+  // the bound on the area depends on the position and may be violated.
   template <typename Triangles>
   [[gnu::always_inline]] FourResults evaluate_four(bool is_near_origin, FourPoints from,
                                                    FourPoints to, FourPoints p,

@@ -39,9 +39,10 @@ struct MeshQuality {
   /// Number of edges that would have a negative stiffness in a spring network. The stiffness of an
   /// edge is the sum of the cotangents of the angles opposite to it; its sign is computed exactly.
   /// The mesh is Delaunay (triangulation.h), so no edge inside the material is counted. An edge on
-  /// the outline is counted if the angle opposite to it is obtuse. Such an edge remains only if an
+  /// the outline is counted if the angle opposite to it is obtuse. Such an edge remains where an
   /// input angle of a few degrees, or an edge of a few steps, leaves no lattice point at which
-  /// refinement could insert a further vertex.
+  /// refinement could insert a further vertex. It may also remain if refinement stopped at its
+  /// largest number of vertices.
   std::uint32_t negative_stiffness_edges = 0;
 };
 

@@ -33,10 +33,11 @@ inline constexpr std::int64_t kMinEdge_steps = 4;
 // Positions for a split of an edge of the outline, as fractions of the edge, the preferred one
 // first.
 inline constexpr std::array kSplits = {0.5, 0.42, 0.58, 0.34, 0.66};
-// If a split creates flaws, an edge shorter than this is always tried at the other positions of
-// kSplits. Such an edge can be split only a few times before its parts reach kMinEdge_steps, so
-// each split decides which angles remain. The value comes from a trial on outlines with a grid of
-// holes, 1 to 40 steps wide: with half of this value, the meshes had more sharp angles.
+// If a split at one position of kSplits creates flaws, later positions are tried too. For an edge
+// of at least this length, they are tried only if its apex is not near (see split_edge()). A
+// shorter edge can be split only a few times before its parts reach kMinEdge_steps, so each split
+// decides which angles remain. The value comes from a trial on outlines with a grid of holes, 1 to
+// 40 steps wide: with half of this value, the meshes had more sharp angles.
 inline constexpr std::int64_t kFewSplitsLeft_steps = 32 * kMinEdge_steps;
 
 // An edge of the outline that is to be split. The entry is stale if the generation of the edge's
