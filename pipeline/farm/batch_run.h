@@ -34,7 +34,8 @@ struct BatchSettings {
   std::optional<std::set<std::string>> only;  ///< names of the scans to select; std::nullopt: all
   int jobs = 1;  ///< largest number of scans that are worked on at the same time, at least 1
   /// rehash: read all inputs, even those with unchanged size, time and inode.
-  /// verify: check the stored outputs of all selected scans, and make damaged ones again.
+  /// verify: check the stored outputs of the selected scans, and make damaged ones again.
+  /// Outputs of known failures are checked only if `rehash` or `retry` is set.
   bool rehash = false, verify = false;
   bool retry = false;  ///< try known failures (see BatchSummary::known) again
   /// After this number of failures, no further scan is started; 0: no limit. Known failures are
@@ -65,7 +66,9 @@ struct BatchSummary {
   /// Known failures (store.md), in the collection's order: scans that were refused in an earlier
   /// run and have not changed since. They were not tried again.
   std::vector<FailedScan> known;
-  std::uint64_t asset_bytes = 0;  ///< total size of the assets of all selected scans that have one
+  /// Total size of the assets that this run has made or found up to date. Scans in the class `left`
+  /// add nothing.
+  std::uint64_t asset_bytes = 0;
   bool has_unrecorded = false;    ///< true: a failure could not be written to the index
   bool has_journal = true;        ///< false: a line of the journal could not be written
   std::size_t products_made = 0;  ///< number of products (product.h) that this run made
@@ -92,8 +95,8 @@ class Batch {
   /// Store::open_for_reading().
   Result<std::vector<NamedState>> dry_run() const;
   /// The state of one selected scan. Input files whose time or inode has changed are read, to
-  /// find out whether their bytes have changed too. Errors: kUsage if there is no such scan;
-  /// those of Store::open_for_reading().
+  /// find out whether their bytes have changed too. With BatchSettings::rehash all input files are
+  /// read. Errors: kUsage if there is no such scan; those of Store::open_for_reading().
   Result<ScanState> explain(const std::string& scan) const;
   /// Works on the stale scans. Precondition: the process has no other threads yet, because this
   /// function starts processes by fork(). Errors: those of Store::open_for_writing(); kBug if no

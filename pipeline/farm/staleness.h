@@ -43,8 +43,9 @@ struct ScanState {
     kStale,         ///< neither done nor a known failure: a run must make the scan
   };
   Kind kind = Kind::kStale;
-  /// The causes of the state, as `trocar-mesh batch --json` prints them (store.md): changes, and
-  /// recorded failures of the scan or of its products. Empty if the scan is done.
+  /// The causes of the state, as --dry-run and --explain of `trocar-mesh batch` print them with
+  /// --json (store.md): changes, and recorded failures of the scan or of its products. Empty if the
+  /// scan is done.
   std::vector<nlohmann::json> why;
   std::uint64_t asset_bytes = 0;  ///< size of the asset in the index; 0 if there is none
 };

@@ -107,8 +107,8 @@ class Store {
       std::span<const std::uint8_t> bytes,
       const std::function<Result<void>(std::span<const std::uint8_t>)>& prove) const;
   /// find_product() returns the file of the product whose action has this key, if the store
-  /// has both, and sets the modification times of both to now. put_product() records the file
-  /// of a product's action.
+  /// has both, and sets the modification times of both to now. put_product() writes the action of
+  /// a product, and records in it which file is the product.
   std::optional<Object> find_product(const std::string& key) const;
   Result<void> put_product(const std::string& key, const nlohmann::json& action,
                            const Object& file) const;

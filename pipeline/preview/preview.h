@@ -29,7 +29,8 @@ struct PreviewSlice {
   Image image;    ///< pixels within Preview::crop
   Pslg contours;  ///< the contours that trocar-mesh would simplify and mesh
   double area_mm2 = 0;
-  EdgeLetters letters;  ///< empty if the stack's pixel_unit() is kGrey (image files, labels)
+  /// Empty if the stack's pixel_unit() is kGrey (image files, DICOM segmentations).
+  EdgeLetters letters;
 };
 
 /// The material that all slices shown would have together, if the threshold were changed by

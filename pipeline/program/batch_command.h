@@ -28,6 +28,7 @@ void add_batch_options(CLI::App& app, BatchArguments& a);
 ///  - 3: all scans of the collection failed in earlier runs, and none of them has an asset.
 ///  - 3, only with --strict: a failure of an earlier run was not tried again.
 ///  - 4: the store or the file of --metrics could not be written, or a signal interrupted the run.
+///  - 1: there was an internal error, for example if no process could be created.
 ///  - 0: none of these applies.
 int run_batch(const BatchArguments& a);
 

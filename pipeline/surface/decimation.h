@@ -40,10 +40,10 @@ class Decimation {
   TriangleSurface decimated(std::size_t triangles);
 
   /// Undoes collapses near some triangles, with effect on the next call of decimated(). `triangles`
-  /// has indices into the last result of decimated(). Each corner of these triangles is a vertex
-  /// into which other vertices were collapsed, directly or through further vertices. The function
-  /// undoes the last of these collapses, at most `most` for each corner. The vertices `from` of
-  /// these collapses are never collapsed again. Returns false if there was no such collapse.
+  /// has indices into the last result of decimated(). Vertices may have been collapsed into a
+  /// corner of these triangles, directly or through further vertices. The function undoes the last
+  /// of these collapses, at most `most` for each corner. The vertices `from` of the undone
+  /// collapses are never collapsed again. Returns false if there was no such collapse.
   bool undo(const std::vector<std::size_t>& triangles, std::size_t most);
 
  private:
