@@ -4,9 +4,9 @@
 // during the session do not change the raster.
 //
 // Contract (tests/runtime/contact/edge_distance_test.cpp):
-//  1. At the nodes of the raster the distance is exact except for rounding. Distances above
-//     kReach_mm, of either sign, are stored as kReach_mm. Between the nodes the distance is
-//     interpolated bilinearly, which is exact near a straight edge.
+//  1. At the nodes of the raster the distance is exact except for rounding. A distance above
+//     kReach_mm is stored as kReach_mm, and a distance below -kReach_mm as -kReach_mm. Between the
+//     nodes the distance is interpolated bilinearly, which is exact near a straight edge.
 //  2. The distance is positive inside the material and negative outside the material. Outside the
 //     raster it is -kReach_mm.
 #pragma once
@@ -35,9 +35,9 @@ class EdgeDistance {
   /// of the edge's bounding box.
   EdgeDistance(const Pslg& outline, const Lattice& lattice);
 
-  /// Largest amount by which at() can overstate a positive distance: the diagonal of a raster cell.
-  /// (at() takes a mean of the distances at the four nodes of the point's cell. Each of these
-  /// differs from the true distance at the point by at most the length from the node to the point.)
+  /// Bound on the amount by which at() can overstate a positive distance: the diagonal of a raster
+  /// cell. (at() takes a mean of the distances at the four nodes of the point's cell. Each of these
+  /// exceeds the true distance at the point by at most the length from the node to the point.)
   double max_error_m() const noexcept { return 1e-3 * 1.4143 * spacing_mm_; }
 
   struct Sample {

@@ -106,7 +106,7 @@ struct SheetTrack {
   bool has_last = false;             ///< last_penetration_m can be used
   double rate_m_per_s = 0;           ///< dx' in the previous tick; meaningful in kContact
   PrefetchedStiffness blended;       ///< stiffness in use with the law `network`; only in kContact
-  ShaftState shaft;                  ///< shaft in the hole; used only in kPunctured or kMissed
+  ShaftState shaft;                  ///< in_hole is true only in kPunctured or kMissed
   double hole_coverage = 0;          ///< RememberedHole::coverage of the hole that the shaft is in
   std::uint32_t cuts_requested = 0;  ///< number of holes requested so far
   /// Hole k (the first hole of the sheet is hole 0) has the index k % kMaxHoles.

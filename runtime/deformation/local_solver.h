@@ -2,7 +2,7 @@
 // Computes the equilibrium of the spring network of a region, which is the part of a sheet around
 // the tool. The tool nodes (NodeKind::kTool) are held at the tool's depth. The ring is the region's
 // border to the rest of the sheet. Its nodes (NodeKind::kBorder) are held at 0, although they would
-// move a little in the whole sheet. The header also bounds the error that this causes.
+// move a little in the whole sheet. solve_local() also bounds the error that this causes.
 //
 // Let w be the equilibrium of the whole sheet's network and v the equilibrium of the region, both
 // for tool depth 1. Let F_w and F_v be the forces on the tool in these two equilibria. Let g_m be

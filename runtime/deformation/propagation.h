@@ -71,7 +71,7 @@ PropagationPlan plan_propagation(const Network& network, std::span<const NodeKin
 /// Makes a state in which nothing is deformed. Allocates.
 PropagationState make_propagation_state(const Network& network, const PropagationPlan& plan);
 
-/// Runs options.sweeps sweeps with the tool at `depth_m`. Returns the sum of the tool nodes'
+/// Runs plan.options.sweeps sweeps with the tool at `depth_m`. Returns the sum of the tool nodes'
 /// reactions in N. This sum does not contain the force of the foundation under the tool, which the
 /// caller has to add. Does not allocate. O(springs of active nodes) per sweep.
 double propagate(const Network& network, const PropagationPlan& plan, double depth_m,

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // Computes the response of a sheet to the tool at one position: the stiffness under the tool, the
-// point where the force acts, and the shape of the sheet. Only a region of the sheet around the
-// tool is computed, so the response also has bounds on the errors of stiffness and shape. A worker
-// computes the response in advance. The force is linear in the depth, so a haptic tick only
+// point where the force acts, and the shape of the sheet. Usually only a region of the sheet around
+// the tool is computed, so the response also has bounds on the errors of stiffness and shape. A
+// worker computes the response in advance. The force is linear in the depth, so a haptic tick only
 // multiplies the stiffness by the depth.
 // Tests: tests/runtime/deformation/deformation_accuracy_test.cpp
 #pragma once

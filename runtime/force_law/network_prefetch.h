@@ -5,8 +5,8 @@
 // The forces of the network are proportional to the depth of the tool. So the haptic thread needs
 // only two results: the stiffness, which is the force per depth, and the point where the force
 // acts. A direct solver computes the stiffness. If the scene names the solver `propagation`
-// (runtime/deformation/propagation.h), this solver computes it instead, by iterating until the
-// force per depth converges.
+// (runtime/deformation/propagation.h), this solver computes it instead. The solver is then iterated
+// until the force per depth has converged, but at most 500 times.
 // Tests: tests/runtime/session/network_session_test.cpp
 #pragma once
 

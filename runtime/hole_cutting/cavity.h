@@ -23,7 +23,7 @@ namespace trocar::runtime {
 /// Largest number of corners of a tool's outline.
 inline constexpr std::size_t kMaxToolCorners = 32;
 
-/// A tool's outline: a counter-clockwise polygon that does not cross itself.
+/// A tool's outline: a counter-clockwise polygon that neither crosses nor touches itself.
 using Outline = std::span<const LatticePoint>;
 
 /// An edge of an outline, with its bounding box.

@@ -13,9 +13,9 @@
 namespace trocar::runtime {
 
 /// Rings with exactly the removed material on their left. The removed material is the cavity (the
-/// replaced triangles) without the patch (the new triangles). The rings may touch at vertices. No
-/// ring crosses itself, except where cut.h, contract 3, permits it. Each ring starts at its
-/// smallest vertex (by x, then y), and the rings are in ascending order.
+/// replaced triangles) without the patch (the new triangles). Two rings may touch at vertices. No
+/// ring touches or crosses itself, except where cut.h, contract 3, permits it. Each ring starts at
+/// its smallest vertex (by x, then y), and the rings are in ascending order.
 struct HoleOutline {
   std::vector<LatticePoint> points;     ///< the points of all rings, ring by ring
   std::vector<std::uint32_t> ring_end;  ///< index after the last point of each ring

@@ -65,8 +65,10 @@ struct Overlay {
   FlatTable strand_at;                 ///< key: a and b; value: the latest strand between them
   std::vector<std::uint32_t> pending;  ///< scratch: strands to be tested for crossings
 
-  std::vector<std::uint32_t> rim_point;   ///< the Cavity::rim_vertices, as indices in `points`
-  std::vector<std::uint32_t> rim_strand;  ///< first strand of each edge of Cavity::rim; may be gone
+  std::vector<std::uint32_t> rim_point;  ///< the Cavity::rim_vertices, as indices in `points`
+  /// Strand of each edge of Cavity::rim before any split. If the edge was split, the strand is
+  /// `gone`.
+  std::vector<std::uint32_t> rim_strand;
 
   void allocate(std::size_t max_triangles, std::size_t max_points, std::size_t max_strands);
   static std::uint64_t key(LatticePoint p) noexcept {

@@ -62,7 +62,7 @@ struct LocalRefinementOptions {
   /// Wanted length of edges at the point (x, y), for example a GradedSize. Length and coordinates
   /// are in steps. If empty, any length is allowed. A triangle is too large if its circumradius is
   /// above kMaxRadius times the wanted length at its centroid. At the outline, triangles that are
-  /// too large may remain, because no boundary edge is split only to make a triangle smaller.
+  /// too large may remain. Their size alone is no reason to split a boundary edge.
   FunctionRef<double(double x, double y)> size;
   std::uint32_t max_new_vertices = 256;  ///< refinement stops after this many new vertices
   /// True: a boundary edge may be split at a lattice point beside the edge, less than a step from

@@ -25,8 +25,8 @@ struct CavityEdge {
 
 enum class InsertionOutcome {
   kDone,
-  /// A part of the cavity's boundary is hidden from the point by another part, so that the
-  /// triangles of the star would overlap.
+  /// A part of the cavity's boundary is not visible from the point, so that triangles of the star
+  /// would overlap or have no area.
   kNotVisible,
   kCapacity,  ///< the mesh has too few free slots
 };

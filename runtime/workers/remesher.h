@@ -49,14 +49,14 @@ struct RemesherOptions {
 
 /// Cuts holes into sheets. A cut makes a new version of the sheet. Each sheet has two copies
 /// (replicas): the haptic thread reads one of them, and the cut is made in the other. A single
-/// atomic write then publishes the new version, and from then on the haptic thread reads the
-/// replica with the hole. Once it no longer uses the older replica, the change is applied to the
-/// older replica, too. The replicas, the first version and the caller's sheet share the memory of
-/// their common parts (paged_array.h). So no mesh is copied as a whole, and the time of a cut
-/// depends on the hole alone. Before a cut, the thread that calls serve() allocates memory for the
-/// pages that the cut will write to. After some hundred holes, or for a large hole, the free slots
-/// for vertices or triangles may not suffice. Slots are then added to each replica while the haptic
-/// thread does not use this replica.
+/// atomic write then publishes the new version. From its next call of current() on, the haptic
+/// thread reads the replica with the hole. Once it no longer uses the older replica, the change is
+/// applied to the older replica, too. The replicas, the first version and the caller's sheet share
+/// the memory of their common parts (paged_array.h). So no mesh is copied as a whole, and the time
+/// of a cut depends on the hole alone. Before a cut, the thread that calls serve() allocates memory
+/// for the pages that the cut will write to. After some hundred holes, or for a large hole, the
+/// free slots for vertices or triangles may not suffice. Slots are then added to each replica while
+/// the haptic thread does not use this replica.
 ///
 /// Requests are served in order. If the older replica of a sheet is still in use, a request for
 /// this sheet waits, and all later requests wait, too. In real time they wait at most one tick.
@@ -133,8 +133,8 @@ class Remesher {
   /// Slots are added if fewer than these are free. A cut and its quality pass use free slots.
   static constexpr std::size_t kMinFreeVertices = 1024, kMinFreeTriangles = 2048;
   static constexpr int kMaxAttempts = 3;  ///< attempts at a cut that exceeds the mesh's capacity
-  /// Number of pages of each array that a cut can write to without allocation. The arrays of a
-  /// usual sheet have fewer pages in all.
+  /// Number of pages of each array that a cut can write to without allocation. Each array of a
+  /// usual sheet has fewer pages.
   static constexpr std::size_t kReservedPages = 40;
   /// Number of changed triangles, and of changed vertices, that ReplicaPair::change can
   /// list without allocation.

@@ -69,7 +69,9 @@ struct BoneContactState {
   std::vector<CuttingSlab> slabs;
   std::vector<SheetInContact> sheets;
   std::vector<CutRequest> cuts;  ///< hole requests of the last tick; capacity: two per sheet
-  CuttingOptions options;        ///< BoneVolume::options, adapted to the sheet at the tip
+  /// BoneVolume::options. Ticks set tip_N_per_m and torsion_Nm (from the sheet at the tip), `slope`
+  /// and `interval_s`.
+  CuttingOptions options;
   CuttingResult result;
   BoneEnergyAccount energy;
   double twist_rad_per_s = 0,

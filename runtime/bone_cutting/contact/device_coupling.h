@@ -23,12 +23,12 @@
 //     rotation is the same with the plate's smallest moment of inertia instead of M. If the scene
 //     states no stiffness (the value 0), the coupling gets this limit, whether the pose is
 //     predicted or not. Whatever the scene says, the rendered stiffness at the tip never exceeds
-//     the largest stiffness that the device allows (stiffness_max_N_per_m()), nor the operator's
+//     the largest stiffness that the device states (stiffness_max_N_per_m()), nor the operator's
 //     limit (StiffnessLimits). If a rigid tool would exceed one of these two limits, the tool gets
 //     a coupling even if the scene declares it rigid.
-//  4. A rigid tool has no coupling spring, so the rendered stiffness can exceed the limit of
-//     contract 3. Then `inertia_share` exceeds `inertia_limit`, and stability_warning() warns if
-//     the pose is predicted.
+//  4. A rigid tool has no coupling spring, so the rendered stiffness can exceed the limit that
+//     contract 3 derives from 0.5 M / T^2. Then `inertia_share` exceeds `inertia_limit`, and
+//     stability_warning() warns if the pose is predicted.
 //  5. With prediction, a motion of the plate whose frequency f is above a sixth of the loop's rate
 //     receives energy from the loop, because the rendered force lags behind the motion. A pose that
 //     is predicted from the last two poses leads a sinusoidal motion by the angle atan(sin a / (2 -

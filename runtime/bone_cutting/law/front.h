@@ -17,8 +17,8 @@ void find_front(Tick& tick) noexcept;
 struct Advance {
   /// Length and work of the advance, and strength of the material at its lower end.
   double length_m = 0, work_J = 0, strength_N = 0;
-  /// The advance ends in already cut bone or below all bone, so no bone bears the tip. In
-  /// this case strength_N is 0.
+  /// The advance ends where no bone bears the tip: in already cut bone, in a gap between slabs, or
+  /// below all bone. In this case strength_N is 0.
   bool ends_free = false;
 };
 
@@ -33,8 +33,8 @@ int bearing_slab(const Tick& tick) noexcept;
 /// Moves the front by `advance`, and adds the work to `out`.
 void take(Tick& tick, const Advance& advance, CuttingResult& out) noexcept;
 
-/// Copy of the values that take() changes, to undo an advance that went too far. remember() makes
-/// the copy, and take_back() restores the values.
+/// Copy of the values that take() changes, to undo an advance that went too far or raised the
+/// potential. remember() makes the copy, and take_back() restores the values.
 struct FrontMemory {
   double stretch_m, front_m, cut_J;
   bool is_free;

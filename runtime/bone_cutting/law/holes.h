@@ -17,9 +17,9 @@ double cut_of(const Tick& tick, int slab) noexcept;
 /// Updates whether the tool is in a hole. The tool is in a hole as long as both the tip and the
 /// front are below the top of the hole's uppermost slab.
 void enter_or_leave(Tick& tick) noexcept;
-/// Updates the lengths of the shaft that are embedded in the slabs. The stiffnesses of friction and
-/// walls grow with these lengths. If friction or a wall gets stiffer, its force is kept and its
-/// deflection is reduced, so that its energy falls. A new wall starts without force.
+/// Updates the lengths of the shaft that are embedded in the slabs, and the stiffnesses of friction
+/// and walls, which grow with these lengths. If friction or a wall gets stiffer, its force is kept
+/// and its deflection is reduced, so that its energy falls. A new wall starts without force.
 void embed(Tick& tick) noexcept;
 
 /// Call this at the end of a tick in which the tool is in a hole. `tip`, `axis`: the tool at the

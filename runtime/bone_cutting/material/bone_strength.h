@@ -23,8 +23,8 @@
 // Contract (tests/runtime/bone_cutting/material/bone_strength_test.cpp):
 //  1. Values are those of the published formulas. If a formula gives less than 0, the value is 0.
 //  2. If the calibration gives another kind of density than the law needs, estimate() converts the
-//     density, and the result names the conversion. If `may_convert` is false or no conversion is
-//     known, estimate() returns no value.
+//     density, and the result names the conversion. If the conversion is not allowed
+//     (`may_convert`) or not known, estimate() returns no value instead.
 #pragma once
 
 #include <optional>

@@ -23,7 +23,7 @@ struct ThinWall {
   double flow_Pa = 100e6;  ///< flow stress in bending
   double shear_Pa =
       51.6e6;           ///< shear strength of cortex (C. Turner et al., J. Orthop. Res. 19, 2001)
-  double clamping = 3;  ///< factor of the edge's support; 2: simple, 4: clamped, 3: in between
+  double clamping = 3;  ///< edge of the wall; 2: simply supported, 4: clamped, 3: in between
 };
 
 /// Flow stress of cortical bone of this apparent density (contract 2).
