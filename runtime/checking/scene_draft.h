@@ -17,7 +17,7 @@ namespace trocar::runtime {
 /// the scene of SceneDraft::sheets().
 inline constexpr double kNeedleRadius_m = 0.0015, kPaperToolRadius_m = 0.003;
 
-/// The hand's motion begins above the entry of a path and ends below the path's end. Returns the
+/// The hand's motion begins above the entry of a path and reaches below the path's end. Returns the
 /// sum of these two additional heights in m.
 double height_outside_bone_m(const NeedlePath& path);
 

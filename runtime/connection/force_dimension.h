@@ -20,7 +20,7 @@ struct ForceDimensionOptions {
   bool wants_rotation = true;  ///< measure the orientation if the device can
   bool wants_moment = true;    ///< render the moment if the device can
   /// True: open() fails if the device cannot do what wants_rotation and wants_moment ask for.
-  /// False: open() succeeds, and senses_rotation() and renders_moment() say what the device can do.
+  /// False: this is no error; senses_rotation() and renders_moment() say what the device can do.
   bool needs_all = false;
 };
 
@@ -31,8 +31,8 @@ Result<int> parse_force_dimension_address(std::string_view address);
 /// Positions and wrenches are in the SDK's frame, whose origin is near the middle of the workspace.
 /// The sign of the orientation's quaternion is arbitrary.
 ///
-/// While exchange() is called, the SDK compensates the weight of the device, even if the commanded
-/// forces are zero. After close() the SDK no longer compensates the weight. If the device's own
+/// As long as exchange() commands forces, even forces of zero, the SDK compensates the weight of
+/// the device. After close() the SDK no longer compensates the weight. If the device's own
 /// protection (speed limit, button on the base, watchdog) turns the forces off, exchange() cannot
 /// detect this, and the training session continues without forces.
 class ForceDimension final : public PoseConnection {

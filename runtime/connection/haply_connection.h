@@ -37,7 +37,7 @@ struct HaplyOptions {
   HaplyAddress address;
   SayLine say;  ///< receives lines about devices that were found, or for which open() waits
   /// True: open() fails without a VerseGrip, a handle that measures its orientation. False: a
-  /// VerseGrip is used only if it is ready when open() is first called.
+  /// VerseGrip is used only if it is ready when open() first finds an arm that is ready.
   bool wants_rotation = false;
   double open_timeout_s = kOpenTimeout_s;
 };

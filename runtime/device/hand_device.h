@@ -225,8 +225,8 @@ class HandDevice {
   /// Sends the prepared command, which the device holds until the next write(). Never returns
   /// kEndOfData, because only read() reports the end of a replay.
   virtual DeviceStatus write() noexcept = 0;
-  /// Sends a command of zero force. The caller does this outside of ticks: while a session is
-  /// paused, and at its end.
+  /// Sends a command of zero force. The caller does this outside of a session's ticks: while the
+  /// session is paused, at its end, and when it only tries the device (device_trial.h).
   virtual void write_zero() noexcept = 0;
   /// The wrench that the last command renders to the hand, without the part of the command that
   /// compensates the device's own forces.

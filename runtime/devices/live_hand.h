@@ -10,11 +10,12 @@
 //     the target's velocity.
 //  2. While the person holds the hand, the target stays in the box of LiveHandLimits and within
 //     LiveHandLimits::turn_max_rad of the rotation at the start. The target also keeps the distance
-//     kHandMargin from poses of the plate at which the loop would raise a fault. Exception: while
-//     nobody holds the hand, the target follows the tip (contract 4), and a force may push the tip
-//     outside these bounds. If the person then takes hold, the target comes back from outside.
-//  3. While the person holds the hand, a message is ignored if a number of its pose is not finite,
-//     or if its magnitude exceeds 1 m or 7 rad.
+//     kHandMargin from poses of the plate at which the loop would raise a fault. Exception: after
+//     the person has let go, the target follows the tip (contract 4), and after a pause the target
+//     starts at the tip. A force may have pushed the tip outside these bounds. The target is then
+//     outside until it has come back.
+//  3. A message that says that the person holds the hand is ignored if a number of its pose is not
+//     finite, or if the number's magnitude exceeds 1 m or 7 rad.
 //  4. When the person lets go, or 250 ms after the last new message, the target follows the tip
 //     at no more than 0.3 m/s and 1 rad/s, so that the hand no longer pushes. Therefore the force
 //     of the tissue falls below a tenth of its value within 300 ms after the last message, even if
@@ -48,13 +49,15 @@ struct LiveHandLimits {
   /// slice, or less if the device cannot reach so far.
   Eigen::Vector3d min_m = Eigen::Vector3d::Zero(), max_m = Eigen::Vector3d::Zero();
   double turn_max_rad = 0;  ///< largest angle from the rotation at the start
-  /// Largest speed and rotation rate of the target while the person holds the hand.
+  /// speed_max_m_per_s: largest speed of the target while the person holds the hand. Contract 4
+  /// states the largest speed after that. rotation_rate_max_rad_per_s: largest rotation rate of the
+  /// target at all times.
   double speed_max_m_per_s = 0.15, rotation_rate_max_rad_per_s = 1;
 };
 
 /// Returns the limits for a scene with a live hand. Precondition: place_body() has placed the
-/// slices of the scene. Errors: kRefused if no box at the height of the start is at least 20 mm
-/// wide, or if the start is not in the box.
+/// slices of the scene. Errors: kRefused if the device can reach no box that is at least 20 mm wide
+/// at the height of the start, or if the start is not in the box.
 Result<LiveHandLimits> live_hand_limits(const Scene& scene, const DeviceSpecification& device,
                                         const SafetyLimits& limits);
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // A non-blocking IPv4 datagram socket (UDP), and its addresses. After a socket has been made, each
-// of its functions makes one system call, and none allocates or throws. Only wait() blocks.
+// of its functions makes at most one system call, and none allocates or throws. Only wait() blocks.
 #pragma once
 
 #include <cstddef>

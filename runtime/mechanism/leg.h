@@ -19,8 +19,9 @@
 
 namespace trocar::runtime::leg {
 
-/// If the distance between the ends of a chain is less than kMinSpan_m, the functions fail with
+/// If the distance between the ends of a chain is less than kMinSpan_m, inverse() fails with
 /// kSingular, because the direction from one end to the other is then undefined.
+/// forward_kinematics_from_motors() has the same limit for the distances E to C and F to D.
 inline constexpr double kMinSpan_m = 1e-9;
 
 struct Azimuth {

@@ -24,8 +24,8 @@
 //     faster, the changes of all eight torques are multiplied by one factor below 1, so that the
 //     change of the wrench keeps its direction. The rise of a torque is the growth of its magnitude
 //     or, if the torque changes its sign, its new magnitude. A fall towards zero, as at a puncture,
-//     is not limited. Exception: if the largest of the eight magnitudes grows in a tick, a fall in
-//     this tick is limited like a rise.
+//     is not limited. Exception: if the largest of the eight magnitudes grows in a tick, the whole
+//     change of each torque in this tick counts as a rise.
 //  4. The torques that limit_torques() returns are within every motor's limit. If a torque still
 //     exceeds its motor's limit after item 3, all torques are scaled down by one factor.
 #pragma once
@@ -57,7 +57,7 @@ struct MechanismLimits {
   /// sum of these times. The sum restarts at 0 in a tick in which no wanted torque differs from the
   /// last torque by more than half of what the rate limit allows.
   double torque_rise_time_max_s = 0.02;
-  double overload_scale_min = 0.5;  ///< item 2: least fraction of the wrench to be rendered
+  double overload_scale_min = 0.5;  ///< item 2: least rendered fraction that is no overload
   double overload_time_max_s = 1;   ///< item 2: longest overload without a fault
 };
 

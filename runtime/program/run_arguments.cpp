@@ -145,9 +145,10 @@ void declare_safety_options(CLI::App& app, RunArguments& a) {
       "no damping (default: on)");
   diagnostics.option(
       "--coupling", a.coupling_N_per_m,
-      "with hooke and network: put a spring of this stiffness, 100 to 1000000 N/m, between the\n"
-      "device and a virtual tool (proxy). Only the virtual tool then touches the sheets\n"
-      "(default: no spring; for a device that measures its own pose, a stiffness is chosen)");
+      "put a spring of this stiffness, 100 to 1000000 N/m, between the device and a virtual\n"
+      "tool (proxy). Only the virtual tool then touches the tissue. Default with hooke and\n"
+      "network: no spring, but for a device that measures its own pose, a stiffness is chosen.\n"
+      "Default with cutting: the scene and the device determine the spring");
   diagnostics.option("--cpu", a.cpu,
                      "number of the processor on which the haptic loop stays (default: any)");
   app.add_option("--energy-budget", a.energy_budget)->group("");

@@ -26,7 +26,7 @@ struct TelemetryTick {
   RecordingRow row;
   std::int64_t taken_ns = 0;  ///< start of the tick or paused period, on CLOCK_MONOTONIC
   DeviceReadout readout;
-  std::int32_t active_sheet = -1;  ///< sheet at the tip (ContactOutput::active_sheet); -1: none
+  std::int32_t active_sheet = -1;  ///< index of a sheet (ContactOutput::active_sheet); -1: none
   double force_N = 0;              ///< force on the tip (ContactOutput::force_N)
   std::uint64_t ticks = 0, missed_deadlines = 0, punctures = 0, faults = 0;
   LateTicks::Counts late_ticks{};  ///< missed deadlines that each part of the tick has caused
