@@ -41,9 +41,11 @@ std::vector<double> transposed(const std::vector<double>& in, std::size_t rows,
   return out;
 }
 
-// Least squares of a piecewise linear function, with a knot at every `each`-th of n values, to the values along the
-// rows of an n x width matrix, for each of its columns. Returns the width x knots matrix of the values at the knots.
-std::vector<double> fitted(const std::vector<double>& in, int n, int width, int each) {
+// Least squares of a piecewise linear function, with a knot at every `each`-th of n values, to the
+// values along the rows of an n x width matrix, for each of its columns. `row_of(i)` points to row i,
+// until it is called again. Returns the width x knots matrix of the values at the knots.
+template <typename RowOf>
+std::vector<double> fitted(RowOf row_of, int n, int width, int each) {
   const auto knots = static_cast<std::size_t>(samples_of(n, each));
   const auto w = static_cast<std::size_t>(width);
   // The normal equations are tridiagonal: solved by elimination, all columns at once.
@@ -51,7 +53,7 @@ std::vector<double> fitted(const std::vector<double>& in, int n, int width, int 
   for (int i = 0; i < n; ++i) {
     const auto k = static_cast<std::size_t>(i / each);
     const double b = static_cast<double>(i % each) / each, a = 1 - b;
-    const double* const row = in.data() + static_cast<std::size_t>(i) * w;
+    const double* const row = row_of(i);
     diagonal[k] += a * a;
     for (std::size_t c = 0; c < w; ++c)
       right[k * w + c] += a * row[c];
@@ -76,10 +78,11 @@ std::vector<double> fitted(const std::vector<double>& in, int n, int width, int 
   return transposed(right, knots, w);
 }
 
+// Without branches, so that a compiler can convert several values at once.
 double finite_hu(float hu) {
-  constexpr double kMost = 1e9;
-  return std::isnan(hu) ? static_cast<double>(kNoData_HU)
-                        : std::clamp(static_cast<double>(hu), -kMost, kMost);
+  constexpr float kMost = 1e9F;
+  const float known = std::isnan(hu) ? kNoData_HU : hu;
+  return static_cast<double>(std::min(std::max(known, -kMost), kMost));
 }
 
 // The pixels of a box.
@@ -125,14 +128,18 @@ std::vector<float> hu_samples(const Image& hu, const HuSampling& sampling, const
             bottom = std::min(hu.height - 1,
                               (box.first_row + box.rows - 1 + around_y) * sampling.rows_each);
   const int width = right - left + 1, height = bottom - top + 1;
-  std::vector<double> values(static_cast<std::size_t>(width) * static_cast<std::size_t>(height));
-  auto next = values.begin();
-  for (int y = top; y <= bottom; ++y) {
-    const auto row = hu.values.begin() + static_cast<std::ptrdiff_t>(y) * hu.width;
-    next = std::transform(row + left, row + right + 1, next, finite_hu);
-  }
-  const std::vector<double> by_column = fitted(values, height, width, sampling.rows_each);
-  values = fitted(by_column, width, samples_of(height, sampling.rows_each), sampling.columns_each);
+  std::vector<double> pixels(static_cast<std::size_t>(width));
+  const auto row_of_pixels = [&](int y) {
+    const auto row = hu.values.begin() + static_cast<std::ptrdiff_t>(top + y) * hu.width + left;
+    std::transform(row, row + width, pixels.begin(), [](float hu_at) { return finite_hu(hu_at); });
+    return pixels.data();
+  };
+  const std::vector<double> by_column = fitted(row_of_pixels, height, width, sampling.rows_each);
+  const int rows = samples_of(height, sampling.rows_each);
+  const auto row_of_columns = [&](int x) {
+    return by_column.data() + static_cast<std::ptrdiff_t>(x) * rows;
+  };
+  const std::vector<double> values = fitted(row_of_columns, width, rows, sampling.columns_each);
   const int columns = samples_of(width, sampling.columns_each);
   std::vector<float> out;
   out.reserve(static_cast<std::size_t>(box.columns) * static_cast<std::size_t>(box.rows));

@@ -199,19 +199,18 @@ Result<Image> read_dicom_frame(const DicomFrame& h, DcmFileFormat& format) {
   }
   if (!words) return words.error();
   Image out{h.columns, h.rows, {}};
-  out.values.resize(words->size());
   // No branch depends on a sample, so that a compiler can convert several samples at once.
   const int shift = h.high_bit - (h.bits_stored - 1), mask = (1 << h.bits_stored) - 1,
             sign = h.is_signed ? 1 << (h.bits_stored - 1) : 0;
-  const auto stored = [&](std::size_t i) {
-    return ((((*words)[i] >> shift) & mask) ^ sign) - sign;
-  };
+  const auto stored = [=](std::uint16_t word) { return (((word >> shift) & mask) ^ sign) - sign; };
+  out.values.resize(words->size());
   for (std::size_t i = 0; i < words->size(); ++i)
-    out.values[i] = static_cast<float>(stored(i) * h.slope + h.intercept);
+    out.values[i] = static_cast<float>(stored((*words)[i]) * h.slope + h.intercept);
   if (h.has_dense_padding()) {
     const auto [low, high] = *h.padding;
     for (std::size_t i = 0; i < words->size(); ++i)
-      if (stored(i) >= low && stored(i) <= high) out.values[i] = kNoData_HU;
+      if (const int value = stored((*words)[i]); value >= low && value <= high)
+        out.values[i] = kNoData_HU;
   }
   return out;
 }
