@@ -183,10 +183,9 @@ void add_stage_options(CLI::App& app, Arguments& a) {
                "precision: all coordinates are multiples of 2^-N mm");
 }
 
-// The output options that a run and its preview share; `output` is the help of -o.
-void add_output_options(CLI::App& app, Arguments& a, const char* output) {
-  Group group(app, "Output");
-  group.value("-o,--output", a.output, "FILE", output);
+// Options of the asset. A preview accepts them without effect, so that the options of a run can be
+// given to its preview, and hides them from its help.
+void add_asset_options(Group group, Arguments& a) {
   group.flag("--no-hu", a.no_hu, "do not store HU in the asset");
   group.flag(
       "--surface", a.surface,
@@ -196,6 +195,12 @@ void add_output_options(CLI::App& app, Arguments& a, const char* output) {
       "largest number of triangles of the surface. The surface gets more triangles if it would\n"
       "otherwise intersect itself. Without this option, it also gets more than 50000 if it\n"
       "would otherwise be too far from the material");
+}
+
+// The output options that a run and its preview share; `output` is the help of -o.
+void add_output_options(CLI::App& app, Arguments& a, const char* output) {
+  Group group(app, "Output");
+  group.value("-o,--output", a.output, "FILE", output);
   group.number("--jobs", a.jobs, "N", 0, 1024, "number of threads; 0: one for each core");
   group.flag("--quiet", a.quiet, "print errors only");
 }
@@ -213,6 +218,7 @@ void add_common_options(CLI::App& app, Arguments& a, const char* output) {
 void add_mesh_options(CLI::App& app, Arguments& a) {
   add_common_options(app, a, "the asset to write (.glb), or only its surface (.stl, .ply, .obj)");
   Group group(app, "Output");
+  add_asset_options(group, a);
   group.flag("--lines", a.lines, "also store the outlines as lines, for 3D viewers");
   group.flag("--colour", a.colour,
              "also store HU as colours for 3D viewers, from dark (-200 HU) to light (1848 HU)");
@@ -247,6 +253,7 @@ void add_preview_options(CLI::App& app, Arguments& a) {
   Group(app, "Output")
       .number("--count", a.count, "N", 1, 100,
               "number of slices shown, evenly spread over those with material");
+  add_asset_options(Group(app, ""), a);
 }
 
 }  // namespace trocar::pipeline

@@ -38,10 +38,6 @@ void add_archive_options(CLI::App& app, ArchiveArguments& a) {
       ->capture_default_str()
       ->check(option_range(1, 3600))
       ->group("Limits");
-  app.add_option("--dimse-timeout", a.limits.dimse_timeout_s, "longest time for one instance, s")
-      ->capture_default_str()
-      ->check(option_range(1, 86'400))
-      ->group("Limits");
   app.add_option("--idle-timeout", a.limits.idle_timeout_s,
                  "end an association if no byte comes from the other side for this time, s")
       ->capture_default_str()

@@ -71,6 +71,11 @@ void add_receive_options(CLI::App& app, ReceiveArguments& a) {
       ->capture_default_str()
       ->check(option_range(1, 1000))
       ->group("Limits");
+  app.add_option("--dimse-timeout", a.archive.limits.dimse_timeout_s,
+                 "longest time for one instance, s")
+      ->capture_default_str()
+      ->check(option_range(1, 86'400))
+      ->group("Limits");
   add_archive_options(app, a.archive);
 }
 
