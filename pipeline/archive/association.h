@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Serves one association (a connection of the DICOM protocol) of the receiver. The receiver
-// starts a process for each association. A sender that makes DCMTK crash or hang therefore
-// disturbs no other association.
+// Serves one association, that is one connection of the DICOM protocol. The receiver is the program
+// `trocar-mesh receive`. It starts a process for each association, so a sender that makes DCMTK
+// crash or hang disturbs no other association.
 // Tests: tests/e2e/archive_test.py, tests/e2e/archive_fuzz_test.py
 #pragma once
 
@@ -33,12 +33,13 @@ enum class AssociationEnd : int {
 
 /// Answers C-ECHO requests (tests of the connection) and C-STORE requests (each stores an instance)
 /// until the association ends. `connection` is the descriptor of the accepted TCP connection.
-/// Instances are stored in `folder`. If the sender ends the association by a release,
-/// StudyFolders::release() first moves `folder`, so that its instances are kept; only then is the
-/// release acknowledged. `studies` supplies the size that a study has already, because the limits
-/// apply to the whole study. Refusals are reported on standard error. If a time limit of
-/// `settings.limits` passes, SIGALRM may end the process. Call the function only once in a process,
-/// because DCMTK can take over only one accepted connection per process.
+/// Instances are stored in `folder`. When the sender requests the end of the association (DICOM's
+/// A-RELEASE), two steps follow. First StudyFolders::release() moves `folder` to the folder
+/// released/, whose instances are kept even if the receiver is killed. Then the request is
+/// answered. `studies` supplies the size that a study has already, because the limits apply to the
+/// whole study. Refusals are reported on standard error. If a time limit of `settings.limits`
+/// passes, SIGALRM may end the process. Call the function only once in a process, because DCMTK can
+/// take over only one accepted connection per process.
 AssociationEnd serve_association(int connection, const std::filesystem::path& folder,
                                  const StudyFolders& studies, const AssociationSettings& settings);
 

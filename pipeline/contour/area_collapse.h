@@ -23,8 +23,8 @@ namespace trocar::pipeline {
 /// `tolerance` is in lattice steps. O(n log n) typically.
 ///
 /// If is_open[i] is true, contour i is a line. Its first and last vertex stay, are not joined, and
-/// may belong to other lines too. The area between the line and any fixed path between the line's
-/// ends stays the same.
+/// may belong to other lines too. The area of a line is the signed area that the line would enclose
+/// together with the straight segment from its last vertex to its first. A line keeps this area.
 SimplifiedOutline collapse_segments(const Pslg& contours, double tolerance,
                                     const std::vector<bool>& is_open = {});
 

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // Garbage collection of a store (`trocar-mesh batch --gc`): removes actions and outputs that no
-// scan in the store's index needs. Outputs are the files of assets, reports and products.
+// scan in the store's index needs. Outputs are the files that actions have made: assets, reports,
+// and products (further files made from a scan, such as a preview or a scene).
 // Tests: tests/pipeline/farm/store_test.cpp
 #pragma once
 
@@ -14,16 +15,19 @@
 namespace trocar::farm {
 
 struct Collected {
-  std::size_t removed = 0, kept = 0;  ///< numbers of files, of actions and outputs together
-  std::uint64_t bytes = 0;            ///< total size of the removed files
+  /// Number of files that were removed, and number of files that were kept. Both numbers count the
+  /// files of actions and the outputs.
+  std::size_t removed = 0, kept = 0;
+  std::uint64_t bytes = 0;  ///< total size of the removed files
 };
 
 /// Removes the files of actions that no index entry refers to, and outputs that no remaining action
 /// refers to. Files younger than `grace` are kept, and so are actions for which a process holds a
-/// lease (lease.h). Batches may run at the same time, and a batch renews the time of a file that it
-/// finds. An old file is therefore first moved away, so that no batch finds it any more. If a batch
-/// had renewed the file's time just before this move, the file is moved back. Errors: kUnwritable
-/// if no file can be written in the store.
+/// lease (lease.h). Batches may run at the same time. A batch that uses a file of the store sets
+/// the file's time to the present, so that the file counts as young. An old file is therefore
+/// removed in two steps. First it is moved away, so that no batch can use it any more. Then its
+/// time is read again: if a batch had set it to the present just before the move, the file is moved
+/// back, otherwise it is deleted. Errors: kUnwritable if no file can be written in the store.
 Result<Collected> collect_garbage(const Store& store, std::chrono::nanoseconds grace);
 
 }  // namespace trocar::farm

@@ -101,8 +101,9 @@ class Store {
   bool renew(const std::string& key, const Outputs& outputs) const;
 
   /// Writes the bytes of an asset, a report or a product. If the store already has a file with this
-  /// digest and size, only renews the file's time. `prove` checks the bytes that are read back
-  /// (AtomicFile::prove). Errors: kUnwritable if the bytes cannot be written; those of `prove`.
+  /// digest and size, the function only sets the file's time to the present. `prove` checks the
+  /// bytes that are read back (AtomicFile::prove). Errors: kUnwritable if the bytes cannot be
+  /// written; those of `prove`.
   Result<Object> put_content(
       std::span<const std::uint8_t> bytes,
       const std::function<Result<void>(std::span<const std::uint8_t>)>& prove) const;

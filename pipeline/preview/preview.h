@@ -16,8 +16,9 @@
 namespace trocar::pipeline {
 
 /// The patient directions towards the four edges of the image, as letters R, L, A, P, I, S. The
-/// first letter is that of the nearest patient axis. Each further axis towards which the direction
-/// is inclined by more than 15 degrees adds a letter.
+/// first letter names the patient axis nearest to the direction. The letter of another axis follows
+/// if the direction leaves the plane perpendicular to that axis by at least 15 degrees. Example:
+/// "LP" is a direction to the left that is also inclined to the back.
 struct EdgeLetters {
   std::string left, right, top, bottom;
 };
@@ -29,7 +30,8 @@ struct PreviewSlice {
   Image image;    ///< pixels within Preview::crop
   Pslg contours;  ///< the contours that trocar-mesh would simplify and mesh
   double area_mm2 = 0;
-  /// Empty if the stack's pixel_unit() is kGrey (image files, DICOM segmentations).
+  /// Empty if the stack's pixel_unit() is kGrey: for image files, and for a DICOM segmentation in
+  /// its own slices. A label map in a NIfTI file has letters.
   EdgeLetters letters;
 };
 
@@ -65,9 +67,9 @@ struct Preview {
   double lowest_cut = 0, highest_cut = 0;
   Histogram histogram;          ///< empty for labels
   std::vector<Change> changes;  ///< five, of which the third has change 0; empty for labels
-  /// Number of voxels of each label in the slices shown: of all labels that are material,
-  /// and of all other labels that occur, except 0. In one slice, at most 4096 different
-  /// labels are counted.
+  /// Number of voxels of each label in the slices shown. The map has each label that occurs in
+  /// these slices, except the label 0. It also has each label that is material; if such a label
+  /// does not occur, its number is 0. In one slice, at most 4096 different labels are counted.
   std::map<int, std::int64_t> label_voxels;
   bool has_solid = false;  ///< true: trocar-mesh would make solid bone (segment/solid_bone.h)
   bool has_table = false;  ///< true: a scanner's table was found and left out
@@ -75,12 +77,14 @@ struct Preview {
   std::vector<Warning> warnings;
 };
 
-/// Previews `count` slices, evenly spread from the first to the last slice with material. If the
-/// scan has more than 64 slices, 64 of them are inspected, and bisection between these finds the
-/// first and the last slice with material, so that not all slices need to be read. All slices are
-/// read if solid bone is made, if a scanner's table shows in samples of the scan, or if none of the
-/// 64 slices has material. The number of threads does not change the result. Errors: those that
-/// mesh_stack() can find before it simplifies contours.
+/// Previews `count` slices, evenly spread from the first to the last slice with material. A slice
+/// between these two is shown even if it is empty. If the scan has more than 64 slices, 64 of them
+/// are inspected. Bisection then finds the first slice with material between two inspected slices,
+/// and likewise the last, so that not all slices need to be read. (Material in a few slices beyond
+/// these is not found if it lies between two inspected slices.) All slices are read in three cases:
+/// if solid bone is made, if ScannerTable::find() finds a scanner's table in the few slices that it
+/// inspects first, or if none of the 64 slices has material. The number of threads does not change
+/// the result. Errors: those that mesh_stack() can find before it simplifies contours.
 Result<Preview> make_preview(const SliceStack& stack, const StackOptions& options, int count);
 
 /// The unit of the values, in words: "HU", "grey levels", "labels", or "values" if uncalibrated.

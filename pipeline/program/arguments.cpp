@@ -87,11 +87,15 @@ void add_material_options(CLI::App& app, Arguments& a) {
       group.number("--threshold", a.threshold, "HU", -1e6, 1e6,
                    "lowest HU that counts as material (226: dense bone, 180: bone of low\n"
                    "density, -300: skin). If INPUT is images: a grey level from 0 to 255");
-  a.equalize_given = group.number(
-      "--equalize", a.equalize, "LEVEL", 0.0, 255.0,
-      "instead of --threshold, and only if this option is given: spread the grey levels of each\n"
-      "slice evenly over 0 to 255 (histogram equalisation), then mesh all pixels of at least\n"
-      "this level");
+  a.equalize_given =
+      group
+          .number(
+              "--equalize", a.equalize, "LEVEL", 0.0, 255.0,
+              "instead of --threshold: spread the grey levels of each slice evenly over 0 to 255\n"
+              "(histogram equalisation), then mesh all pixels of at least LEVEL. Without this "
+              "option,\n"
+              "grey levels are not spread. The preset paper sets LEVEL to 230")
+          ->default_str("");
   a.labels_given = group
                        .value("--labels", a.labels, "L",
                               "INPUT is a label map: its voxels hold numbers of structures. Mesh "
@@ -124,7 +128,8 @@ void add_solid_options(CLI::App& app, Arguments& a) {
       "mm^2; all: no limit");
   group.number(
       "--close", a.close_mm, "MM", 0.0, 100.0,
-      "with --fill: a gap in the bone counts as closed if it is at most 2 x MM millimetres wide");
+      "with --fill: treat a gap in the bone as closed if it is at most twice as wide as MM, in\n"
+      "mm. What bone encloses except for such gaps is then filled, too");
   group.number(
       "--min-volume", a.min_volume_mm3, "MM3", 0.0, 1e12,
       "drop separate pieces (connected components) of less than this volume, mm^3. This is\n"
@@ -186,15 +191,16 @@ void add_stage_options(CLI::App& app, Arguments& a) {
 // Options of the asset. A preview accepts them without effect, so that the options of a run can be
 // given to its preview, and hides them from its help.
 void add_asset_options(Group group, Arguments& a) {
-  group.flag("--no-hu", a.no_hu, "do not store HU in the asset");
-  group.flag(
-      "--surface", a.surface,
-      "add a closed surface of the material, for display and for trocar-mesh export --surface");
+  group.flag("--no-hu", a.no_hu, "store no HU in the asset");
+  group.flag("--surface", a.surface,
+             "add a closed surface of the material to the asset, for display and for trocar-mesh\n"
+             "export --surface");
   a.surface_triangles_given = group.number(
       "--surface-triangles", a.surface_triangles, "N", 100, 5'000'000,
-      "largest number of triangles of the surface. The surface gets more triangles if it would\n"
-      "otherwise intersect itself. Without this option, it also gets more than 50000 if it\n"
-      "would otherwise be too far from the material");
+      "largest number of triangles of the surface. Without this option, the number is 50000,\n"
+      "and it is doubled until 99 % of the surface are within half a voxel of the material's\n"
+      "boundary. With and without this option, the surface gets more triangles where it would\n"
+      "otherwise intersect itself");
 }
 
 // The output options that a run and its preview share; `output` is the help of -o.
@@ -248,11 +254,14 @@ void add_mesh_options(CLI::App& app, Arguments& a) {
 }
 
 void add_preview_options(CLI::App& app, Arguments& a) {
-  add_common_options(app, a,
-                     "the picture to write: .png, or .html with the picture's numbers as tables");
+  add_common_options(
+      app, a,
+      "the preview to write: .png, a picture; or .html, a page with the picture and\n"
+      "tables of areas and of numbers of outlines (of a label map: of voxels)");
   Group(app, "Output")
-      .number("--count", a.count, "N", 1, 100,
-              "number of slices shown, evenly spread over those with material");
+      .number(
+          "--count", a.count, "N", 1, 100,
+          "number of slices shown, evenly spread from the first to the last slice with material");
   add_asset_options(Group(app, ""), a);
 }
 

@@ -418,9 +418,8 @@ void add_batch_options(CLI::App& app, BatchArguments& a) {
                "again in this run");
   app.add_option(
       "--run-program", a.run_program,
-      "path of trocar-run. It is needed if the collection asks for scenes, from which\n"
-      "trocar-run runs sessions, or for checks of scenes (default: the trocar-run beside this\n"
-      "program, else the one in PATH)");
+      "path of trocar-run (default: the trocar-run beside this program, else the one in PATH).\n"
+      "trocar-run is needed only if the collection asks for scenes or for checks of scenes");
   app.add_flag(
       "--rehash", a.rehash,
       "read all inputs again, even if their size, time of change and inode (the number of\n"

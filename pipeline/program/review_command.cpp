@@ -59,8 +59,10 @@ void add_review_options(CLI::App& app, ReviewArguments& a) {
   app.add_option("-o,--output", a.page,
                  "page to write (NAME.html); with more than 240 scans also NAME-2.html and so on")
       ->required();
-  app.add_option("--against", a.against,
-                 "another store: show how this store differs from it, largest differences first");
+  app.add_option(
+      "--against", a.against,
+      "another store: show how this store differs from it, in this order: damaged scans,\n"
+      "failed, gone, changed, repaired and new ones");
   app.add_flag("--json", a.as_json, "print the numbers as JSON");
   app.add_flag("--quiet", a.quiet, "print errors only");
 }

@@ -54,9 +54,13 @@ struct SeriesInfo {
 
 /// The unit of an image's values.
 enum class PixelUnit {
-  kHounsfield,    ///< HU: CT in DICOM after the rescale, NIfTI after scl_slope and scl_inter
-  kGrey,          ///< grey levels of 0..255 of image files, or labels
-  kUncalibrated,  ///< values of DICOM that is not CT, after the rescale
+  /// HU: CT in DICOM after the rescale, and NIfTI after scl_slope and scl_inter. Two kinds of label
+  /// map have this unit, too, although labels are no HU: a NIfTI file, and a DICOM segmentation
+  /// that is sliced along another axis (OpenOptions::axis).
+  kHounsfield,
+  /// Grey levels of 0..255 of image files, or labels of a DICOM segmentation in its own slices.
+  kGrey,
+  kUncalibrated,  ///< values of DICOM that is not CT, after the rescale; never NIfTI files
 };
 
 /// The plane of a slice. Plane coordinates are (u, v) in mm: u along a row, v along a column, with

@@ -27,10 +27,13 @@ std::string shear_text(const Eigen::Matrix3d& columns);
 
 /// Compares the voxel size of the sform with that of pixdim. The columns of `axes_mm` are the steps
 /// along the axes of the array according to the sform. `pixdim_mm` has the sides of a voxel
-/// according to pixdim. If a side is not positive and finite, the sform's side is taken for it.
-/// There is a conflict if a side by sform differs from the side by pixdim by more than 1 % of the
-/// side by pixdim, or if two columns deviate from a right angle by more than 1e-3 rad (0.06
-/// degrees). The caller must set `pixel_mm2` of the result.
+/// according to pixdim. If a side in `pixdim_mm` is not positive and finite, the sform's side
+/// replaces it. Each of two conditions makes a conflict:
+///  - The two values of a side (the length of the column, and pixdim) differ by more than 1 % of
+///    pixdim.
+///  - The angle between two columns differs from a right angle by more than 1e-3 rad (0.06
+///    degrees).
+/// The caller must set `pixel_mm2` of the result.
 std::optional<VoxelConflict> voxel_conflict(const Eigen::Matrix3d& axes_mm,
                                             const std::array<double, 3>& pixdim_mm);
 

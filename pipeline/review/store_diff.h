@@ -24,8 +24,9 @@ struct Both {
 struct AssetDifference {
   /// The largest two-sided Hausdorff distance between the outlines of corresponding slices,
   /// accurate to 0.001 mm. If the planes of two slices differ, the outline of `before` is projected
-  /// onto the plane of `now`. The distance of these two slices is then at least the largest
-  /// distance between a point and its projection.
+  /// onto the plane of `now`. The distance of these two slices is then the larger of two numbers:
+  /// the Hausdorff distance in the plane of `now`, and the largest distance between a point of the
+  /// outline of `before` and the point's projection.
   double hausdorff_mm = 0;
   int worst_slice = -1;    ///< index of the slice with hausdorff_mm; -1 if no slices correspond
   int slices_changed = 0;  ///< corresponding slices whose outlines or numbers of triangles differ
@@ -44,14 +45,17 @@ struct ScanDifference {
   AssetDifference geometry;   ///< set if the kind is kChanged
   Both<std::uint64_t> bytes;  ///< sizes of the assets
 };
-/// The name of a kind:
-///  - "damaged": the scan's entry in the reviewed store cannot be read, or its asset in one of
-///    the two stores.
-///  - "failed": the scan failed, but not in the store to compare with.
+/// The name of a kind. A scan has the first kind of this list whose condition holds:
+///  - "damaged": the scan's entry in the reviewed store cannot be read. Or both stores name an
+///    asset for the scan, the digests of the two assets differ, and one of the two assets cannot be
+///    read.
+///  - "failed": the scan failed in the reviewed store, but not in the store to compare with.
 ///  - "gone": only the store to compare with has the scan.
-///  - "changed": the two assets differ.
-///  - "repaired": the scan has an asset, but is failed or damaged in the store to compare with.
-///  - "new": the scan has an asset, and is missing in the store to compare with.
+///  - "changed": both stores have an asset, and the digests of the two assets differ.
+///  - "repaired": the reviewed store names an asset for the scan. In the store to compare with, the
+///    scan failed, or its entry cannot be read.
+///  - "new": the reviewed store names an asset for the scan, and the store to compare with does not
+///    have the scan.
 const char* name_of(ScanDifference::Kind kind);
 
 struct StoreDiff {

@@ -20,7 +20,8 @@ struct ForceDimensionOptions {
   bool wants_rotation = true;  ///< measure the orientation if the device can
   bool wants_moment = true;    ///< render the moment if the device can
   /// True: open() fails if the device cannot do what wants_rotation and wants_moment ask for.
-  /// False: this is no error; senses_rotation() and renders_moment() say what the device can do.
+  /// False: this is no error; senses_rotation() and renders_moment() say which of the two wishes are
+  /// fulfilled.
   bool needs_all = false;
 };
 
@@ -31,10 +32,10 @@ Result<int> parse_force_dimension_address(std::string_view address);
 /// Positions and wrenches are in the SDK's frame, whose origin is near the middle of the workspace.
 /// The sign of the orientation's quaternion is arbitrary.
 ///
-/// As long as exchange() commands forces, even forces of zero, the SDK compensates the weight of
-/// the device. After close() the SDK no longer compensates the weight. If the device's own
-/// protection (speed limit, button on the base, watchdog) turns the forces off, exchange() cannot
-/// detect this, and the training session continues without forces.
+/// As long as exchange() is called again and again, the SDK compensates the weight of the device,
+/// even if the commanded forces are zero. After close() the SDK no longer compensates the weight.
+/// If the device's own protection (speed limit, button on the base, watchdog) turns the forces off,
+/// exchange() cannot detect this, and the training session continues without forces.
 class ForceDimension final : public PoseConnection {
  public:
   explicit ForceDimension(ForceDimensionOptions options);
@@ -52,9 +53,11 @@ class ForceDimension final : public PoseConnection {
   /// If a call of the SDK hangs, zero force is commanded as soon as that call returns.
   void close() noexcept override;
 
-  /// True after open() if exchange() returns a measured orientation.
+  /// After open(): true if ForceDimensionOptions::wants_rotation is set and the device measures
+  /// orientation. exchange() then returns the measured orientation.
   bool senses_rotation() const noexcept { return senses_rotation_; }
-  /// True after open() if the device renders the moment of exchange().
+  /// After open(): true if ForceDimensionOptions::wants_moment is set and the device can render
+  /// moments.
   bool renders_moment() const noexcept { return renders_moment_; }
 
  private:

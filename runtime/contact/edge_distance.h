@@ -4,9 +4,9 @@
 // during the session do not change the raster.
 //
 // Contract (tests/runtime/contact/edge_distance_test.cpp):
-//  1. At the nodes of the raster the distance is exact except for rounding. A distance above
-//     kReach_mm is stored as kReach_mm, and a distance below -kReach_mm as -kReach_mm. Between the
-//     nodes the distance is interpolated bilinearly, which is exact near a straight edge.
+//  1. At the nodes of the raster the distance is exact except for rounding. Distances are limited
+//     to the range from -kReach_mm to kReach_mm. Between the nodes the distance is interpolated
+//     bilinearly, which is exact near a straight edge.
 //  2. The distance is positive inside the material and negative outside the material. Outside the
 //     raster it is -kReach_mm.
 #pragma once
@@ -44,7 +44,9 @@ class EdgeDistance {
     double distance_m = -1e-3 * kReach_mm;
     Eigen::Vector2d gradient = Eigen::Vector2d::Zero();  ///< gradient of the distance, in {B}
   };
-  /// Returns the distance and its gradient at a point of {B}. No allocation.
+  /// Returns the distance and its gradient at the point with the coordinates x and y in {B}, the
+  /// frame of the device (ARCHITECTURE.md). `transform` maps between {B} and the slice plane. No
+  /// allocation.
   Sample at(const PlanarTransform& transform, const Eigen::Vector2d& at_m) const noexcept;
 
  private:

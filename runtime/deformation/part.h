@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Copies the part of a sheet around the tool into a separate mesh. region.h makes a region from it,
-// on which the stiffness under the tool is computed.
+// Copies the part of a sheet around the tool into a separate mesh. From this copy, region.h makes a
+// region: it cuts the tool's outline out and refines the mesh. The stiffness under the tool is
+// computed on the region.
 // Tests: tests/runtime/deformation/deformation_region_test.cpp
 #pragma once
 
@@ -42,14 +43,16 @@ struct SheetPart {
 
 /// Returns the part of the sheet around `circle`. The part consists of the triangles `seeds`, and
 /// of every near triangle that is connected with the seeds through near triangles. A triangle is
-/// near if it has a point nearer than `radius` steps to the circle's disc. The search starts at the
-/// seeds, in their order, and goes outwards from triangle to triangle (breadth first). So the same
-/// arguments give the same part, in the same order. `queue` is scratch memory. O(part log part).
+/// near if its distance from the disc within `circle` is less than `radius` lattice steps.
+/// (`radius` is not Circle::radius.) The search starts at the seeds, in their order, and goes
+/// outwards from triangle to triangle (breadth first). So the same arguments give the same part, in
+/// the same order. `queue` is scratch memory. O(part log part).
 SheetPart part_around(const SheetMesh& sheet, std::span<const std::uint32_t> seeds,
                       const Circle& circle, double radius, std::vector<std::uint32_t>& queue);
 
-/// Converts the part to a sheet mesh with vertices and triangles in the same order. The given
-/// numbers of spare slots follow them. O(slots).
+/// Converts the part to a sheet mesh with vertices and triangles in the same order. The mesh also
+/// gets `spare_vertices` free slots for vertices and `spare_triangles` free slots for triangles,
+/// for those that refinement will add. O(slots).
 SheetMesh to_sheet(const SheetPart& part, std::size_t spare_vertices, std::size_t spare_triangles);
 
 }  // namespace trocar::runtime

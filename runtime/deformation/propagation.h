@@ -20,8 +20,10 @@
 //    sweep applies the step to the active nodes in the order of activation, and uses the new
 //    positions of nodes activated earlier. In one sweep the force therefore travels outwards
 //    through all active nodes.
-//  - The mass of node i is m_i = k_i dt^2, where k_i = f_i + sum of k_ij over j is the stiffness
-//    at the node, and dt is the duration of a sweep. Every node then has the same stability limit.
+//  - Let k_ij be the stiffness of the spring between the nodes i and j, and f_i the stiffness of
+//    the Winkler foundation at node i (network.h). The stiffness at node i is then
+//    k_i = f_i + sum of k_ij over j. The mass of node i is m_i = k_i dt^2, where dt is the duration
+//    of a sweep. With this mass every node has the same stability limit.
 //    The motion before the equilibrium is numerical: it does not show how tissue would move.
 // With these choices the step of node i is
 //   v_i <- (1 - damping) v_i - r_i / k_i,   w_i <- w_i + v_i   (v in m per sweep)
@@ -38,8 +40,9 @@
 
 namespace trocar::runtime {
 
-/// Smallest damping: plan_propagation() raises a smaller one to this value. If the damping were
-/// 0.5 or less, a motion in which the sign alternates from node to node would grow (von
+/// Smallest damping: plan_propagation() raises a smaller one to this value. A damping of less than
+/// 0.5 can be unstable. In a long chain of equal springs without foundation, for example, all nodes
+/// can move together, and their velocity is then multiplied by 2 (1 - damping) in each sweep (von
 /// Neumann's stability analysis).
 inline constexpr double kMinDamping = 0.55;
 
@@ -71,9 +74,10 @@ PropagationPlan plan_propagation(const Network& network, std::span<const NodeKin
 /// Makes a state in which nothing is deformed. Allocates.
 PropagationState make_propagation_state(const Network& network, const PropagationPlan& plan);
 
-/// Runs plan.options.sweeps sweeps with the tool at `depth_m`. Returns the sum of the tool nodes'
-/// reactions in N. This sum does not contain the force of the foundation under the tool, which the
-/// caller has to add. Does not allocate. O(springs of active nodes) per sweep.
+/// Runs plan.options.sweeps sweeps. The tool's nodes are held at the displacement `depth_m` (here a
+/// length in m, not a number of springs). Returns the sum of the tool nodes' reactions in N. This
+/// sum does not contain the force of the foundation under the tool, which the caller has to add.
+/// Does not allocate. O(springs of active nodes) per sweep.
 double propagate(const Network& network, const PropagationPlan& plan, double depth_m,
                  PropagationState& state) noexcept;
 

@@ -17,8 +17,8 @@
 namespace trocar::runtime {
 
 inline constexpr int kLegs = 4;
-inline constexpr int kMotors = 2 * kLegs;    ///< in this order: joints 1 and 4 of each leg
-inline constexpr int kEncoders = 4 * kLegs;  ///< in this order: joints 1 to 4 of each leg
+inline constexpr int kMotors = 2 * kLegs;    ///< order: leg by leg, joints 1 and 4 of each leg
+inline constexpr int kEncoders = 4 * kLegs;  ///< order: leg by leg, joints 1 to 4 of each leg
 
 struct DeviceState {
   /// Time at which the encoders were read, on the device's clock. It ascends from state to state.

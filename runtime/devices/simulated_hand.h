@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Makes the simulated devices that the hand of a scene holds.
+// Makes simulated devices. A scene describes a simulated hand (SceneHand), which holds and moves
+// such a device.
 // Tests: tests/runtime/session/session_test.cpp
 #pragma once
 
@@ -27,8 +28,9 @@ Result<SimulatedDevice> make_simulated_device(const Scene& scene,
                                               UnscriptedHand& hand);
 
 /// Returns the frame that places a pose device in a scene. The keyframes of the scene's hand give
-/// positions of the plate; the middle of the box around these positions is the middle of the
-/// device's workspace.
+/// positions of the plate (of a pose device, the plate is its handle). The frame is chosen so that
+/// the middle of the box around these positions coincides with the middle of the device's
+/// workspace.
 PoseFrame pose_frame(const PoseDeviceDescription& description, const Scene& scene);
 
 /// Makes a simulated pose device, which the scene's hand holds. If `hand` is not null, the targets

@@ -117,8 +117,8 @@ class LocalRefinementWorkspace {
   VertexRemoval removal_;
   TriangleQueue queue_;
   // Notes of LocalRefiner. All elements are 0 between refinements.
-  std::vector<std::uint8_t> marks_;   // per triangle slot: bits such as "inspected"
-  std::vector<std::uint8_t> is_new_;  // per vertex slot: 1 if this refinement has added the vertex
+  std::vector<std::uint8_t> marks_;   // marks_[t]: bits of triangle slot t, such as "inspected"
+  std::vector<std::uint8_t> is_new_;  // is_new_[v] is 1 if this refinement added vertex slot v
 };
 
 /// Refines `mesh` around the triangles `seeds`. Seeds whose slots are not in use are skipped.

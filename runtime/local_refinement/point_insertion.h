@@ -1,9 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-// Inserts a point into a SheetMesh. If the mesh is constrained Delaunay (the two angles opposite
-// each inner edge add up to at most 180 degrees), it stays so. The triangles whose circumcircles
-// contain the point form the cavity. They are replaced by the star of the point, which consists of
-// the triangles between the point and the edges of the cavity's boundary (Bowyer; Watson, 1981).
-// The code calls the boundary of the cavity `rim`. All geometric tests are exact.
+// Inserts a point into a SheetMesh. If the mesh is constrained Delaunay, it stays so. A sheet is
+// constrained Delaunay if, for each edge between two triangles, the two angles opposite the edge
+// add up to at most 180 degrees. Only the edges of the sheet's boundary are constraints: a border
+// between two materials inside the sheet is not one. The triangles whose circumcircles contain the
+// point form the cavity. They are replaced by the star of the point, which consists of the
+// triangles between the point and the edges of the cavity's boundary (Bowyer; Watson, 1981). The
+// code calls the boundary of the cavity `rim`. All geometric tests are exact.
 #pragma once
 
 #include <cstddef>
@@ -20,7 +22,7 @@ namespace trocar::runtime {
 struct CavityEdge {
   std::uint32_t from, to;  ///< vertex slots
   std::uint32_t beyond;    ///< the triangle outside the cavity; kNone on the sheet's boundary
-  TriangleEdge inside;     ///< the same edge as an edge of the triangle in the cavity
+  TriangleEdge inside;     ///< the triangle in the cavity, and the index of the edge in it
 };
 
 enum class InsertionOutcome {
@@ -62,9 +64,11 @@ class PointInsertion {
   std::vector<std::uint32_t> cavity_, star_;
   std::vector<CavityEdge> rim_;
   std::uint32_t vertex_ = kNone;
-  std::vector<std::uint32_t> visited_;   // per triangle slot: last search with it in the cavity
-  std::vector<std::uint32_t> starting_;  // per vertex slot: star triangle whose edge 0 starts there
-  std::uint32_t search_ = 0;             // number of the last call of find()
+  // visited_[t]: number of the last call of find() whose cavity contains the triangle of slot t.
+  std::vector<std::uint32_t> visited_;
+  // starting_[v]: the triangle of the star whose edge 0 starts at the vertex of slot v.
+  std::vector<std::uint32_t> starting_;
+  std::uint32_t search_ = 0;  // number of the last call of find()
 };
 
 }  // namespace trocar::runtime

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// Removes an inner vertex from a SheetMesh. If the mesh is constrained Delaunay (the two angles
-// opposite each inner edge add up to at most 180 degrees), it stays so. The triangles around the
-// vertex form a polygon. It is filled by ears: an ear is a triangle of three successive corners of
-// the polygon. An ear is used only if its circumcircle contains no other corner (the simple form of
-// Devillers, 1999). All geometric tests are exact.
+// Removes an inner vertex from a SheetMesh. If the mesh is constrained Delaunay (point_insertion.h
+// has the definition), it stays so. The triangles around the vertex form a polygon. The polygon is
+// then filled by ears: an ear is a triangle of three successive corners of the polygon. An ear is
+// used only if its circumcircle contains no other corner (the simple form of Devillers, 1999). All
+// geometric tests are exact.
 // Tests: tests/runtime/local_refinement/local_refinement_test.cpp
 #pragma once
 

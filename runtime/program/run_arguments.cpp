@@ -54,9 +54,9 @@ void declare_session_options(CLI::App& app, RunArguments& a) {
       "are not those of the recording");
   session.option(
       "--live", a.live,
-      "let other programs show and command the session. They get the same file name, as in\n"
-      "trocar-console --attach NAME. While the session runs, the file is a symbolic link to\n"
-      "shared memory");
+      "let other programs show and command the session. TEXT is the name of a file. Give the\n"
+      "same name to the other program, for example trocar-console --attach TEXT. While the\n"
+      "session runs, the file is a symbolic link to shared memory");
   session.flag(
       "--xray", a.xray,
       "with --live: let the other programs ask for simulated X-ray pictures, single ones or a\n"
@@ -84,9 +84,9 @@ void declare_session_options(CLI::App& app, RunArguments& a) {
   recording.option("--attempt", a.trainee.attempt, "number of the attempt, 1 to 9999");
   recording.option(
       "--history", a.history,
-      "run no session; read all session reports in this folder and its subfolders. Write\n"
-      "the learning curves of each trainee, course and scene to the page -o NAME.html, and\n"
-      "their numbers to NAME.history.csv");
+      "run no session; read all session reports in this folder and its subfolders (in a folder\n"
+      "without a report: the summary). Write the learning curves of each trainee, course and\n"
+      "scene to the page -o NAME.html, and their numbers to NAME.history.csv");
   recording.option(
       "--hand-path", a.hand_path,
       "write the motion of a live hand (see --live-hand) as JSON, for use as the `hand` of a\n"
@@ -103,14 +103,16 @@ void declare_safety_options(CLI::App& app, RunArguments& a) {
   safety.option(
       "--energy-limit", a.energy_limit_J,
       "largest energy in J that the device may give to the hand within 0.1 s, in addition to\n"
-      "the energy that tissue and coupling (the spring between device and virtual tool) had\n"
-      "stored before. If it gives more, the fault energy_limit is raised (default: 0.05)");
+      "the energy that tissue and coupling (the spring between device and virtual tool) stored\n"
+      "at the beginning of this time. If the device gives more, the fault energy_limit is\n"
+      "raised (default: 0.05)");
   safety.option(
       "--stiffness-limit", a.stiffness_limit_N_per_m,
-      "largest stiffness of contact at the tool's tip, 10 to 100000000 N/m. It limits the\n"
-      "force law cutting with every device, and every force law with a device that measures its\n"
-      "own pose. A value above that of the device's description has no effect (default: the\n"
-      "value of the description)");
+      "largest stiffness of contact at the tool's tip, 10 to 100000000 N/m. With a device that\n"
+      "measures its own pose, the option limits every force law. With the four-legged device it\n"
+      "limits only the force law cutting. The limits that Trocar takes from the device's\n"
+      "description (see --simulated) apply, too; the lowest limit counts (default: only the\n"
+      "limits from the description)");
   safety.option(
       "--force-limit", a.force_limit_N,
       "for a device that measures its own pose: largest force that is sent to it, 0.01 to\n"
@@ -128,8 +130,8 @@ void declare_safety_options(CLI::App& app, RunArguments& a) {
   app.add_option("--late-ticks", a.late_ticks_in_row)->group("");  // the option's former name
   safety.option(
       "--black-box", a.black_box,
-      "folder for black boxes. A black box is the recording of the last 4 s before a fault\n"
-      "made the torques zero (default: the folder of --record, or else the current\n"
+      "folder for black boxes. After a fault, a black box is written: the recording of the 4 s\n"
+      "until the torques are zero (default: the folder of --record, or else the current\n"
       "folder, or else the folder for temporary files)");
 
   Group diagnostics(app, kDiagnostics);
@@ -271,8 +273,9 @@ void declare_run_options(CLI::App& app, RunArguments& a) {
                    "instead of the scene's");
   scene.option(
       "--strength", a.strength,
-      "with --procedure: how strongly the tissue resists. low: the 5th percentile of each range\n"
-      "that --explain prints; median; high: the 95th percentile (default: median)");
+      "with --procedure: how strongly the tissue resists: low, median or high (default: median).\n"
+      "--explain prints the range of each quantity: its 5th percentile (low), its median and its\n"
+      "95th percentile (high)");
   scene.flag("--explain", a.explain,
              "run no session; print the values of --procedure, or of all procedures, with\n"
              "their ranges and sources");
@@ -301,16 +304,22 @@ void declare_run_options(CLI::App& app, RunArguments& a) {
 
   Group device(app, "Device");
   device.option("--device", a.device,
-                device_uri_help() + "\n(default: " + std::string(kDefaultDevice) + ")");
+                device_uri_help() +
+                    "\nudp is for the four-legged device. inproc simulates that device, or the "
+                    "one of\n--device-description (default: " +
+                    std::string(kDefaultDevice) + ")");
   device.flag(
       "--simulated", a.simulated,
       "say that the device of --device has no motors, because it is only simulated. Then late\n"
       "ticks (missed deadlines) are no fault, and with udp and pose, data may be missing for\n"
-      "250 ms instead of 10 ms. (If --late-ticks-in-row is above 0, late ticks are a fault, and\n"
-      "10 ms apply.)\n"
-      "Without --simulated, every device but inproc is assumed to have motors. Contact then\n"
-      "gets half the stiffness that the device's description permits. The reason: if the\n"
-      "description states too high a mass, the full stiffness would make the device unstable");
+      "250 ms instead of 10 ms. Exception: if --late-ticks-in-row is above 0, late ticks are a\n"
+      "fault, and data may be missing for only 10 ms.\n"
+      "Without --simulated, every device but inproc is assumed to have motors. Two limits of the\n"
+      "stiffness of contact are then halved: the limit that follows from the mass in the\n"
+      "device's description (force law cutting), and the largest stiffness in the description of\n"
+      "a device that measures its own pose. The reason: if the description states too high a\n"
+      "value, the full stiffness could make the device unstable. The limit of\n"
+      "--stiffness-limit is never halved");
   device.flag(
       "--test", a.test_device,
       "run no session; read the device for --duration (default: 5 s), command no force, and say\n"

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The commands of trocar-run: a session or a replay, the check of a scene, a new scene, the test of
-// a device, the list of procedures, and the history of sessions.
+// What trocar-run does without a subcommand: a session or a replay, the check of a scene, a new
+// scene, the test of a device, the list of procedures, or the history of sessions. The options
+// select one of these. (The subcommands fit and export are in other files.)
 // Tests: tests/e2e/scene_check_e2e_test.py
 #pragma once
 
@@ -20,8 +21,9 @@ int run_scene(const RunArguments& arguments, std::atomic<bool>& recover);
 /// values of one procedure, or of all, with the ranges and sources of the values (--explain).
 int explain_procedures(const RunArguments& arguments);
 
-/// Reads the reports and summaries of the sessions in a folder, and writes their history as a page
-/// and a table (--history).
+/// Reads the session reports in a folder and its subfolders, and writes the history of the sessions
+/// as a page and a table (--history). In a folder without a session report, summaries are read
+/// instead.
 int write_history(const RunArguments& arguments);
 
 /// Tries the device without force (--test), and prints whether a session would run undisturbed. If

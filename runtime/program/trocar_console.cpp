@@ -45,7 +45,8 @@ void declare(CLI::App& app, Arguments& arguments) {
   app.add_option(
       "FOLDER", arguments.folder,
       "folder of the scenes, assets and recordings to choose from. Sessions are kept in its\n"
-      "subfolder sessions/. If FOLDER is installed or cannot be written to, they are kept in\n"
+      "subfolder sessions/. If FOLDER was installed with the program, as\n"
+      "/usr/share/trocar/examples is, or cannot be written to, sessions are kept in\n"
       "~/.local/state/trocar/sessions");
   app.add_option("--port", arguments.port, "TCP port of the page; 0: any free one (default: 4841)")
       ->check(option_range(0, 65535));
@@ -74,31 +75,33 @@ void declare(CLI::App& app, Arguments& arguments) {
                  "a scene in FOLDER; its session starts when the operator's page is first opened");
   app.add_option(
       "--page", arguments.page,
-      "to change the page itself: folder with its files (default: the installed folder)");
+      "for developers of the page: take the page's files (HTML, scripts) from this folder\n"
+      "(default: the folder that was installed with the program)");
   app.add_option(
       "--igtl", arguments.igtl,
       "let 3D Slicer and other programs show the session, by the protocol OpenIGTLink at\n"
-      "[ADDRESS:]PORT, for instance 18944. They cannot command it. The default address is\n"
-      "127.0.0.1; any other than 127.0.0.1 or [::1] lets other machines watch");
+      "[ADDRESS:]PORT, for instance 18944. These programs cannot command the session. The\n"
+      "default address is 127.0.0.1; any other than 127.0.0.1 or [::1] lets other machines\n"
+      "watch");
   app.add_option("--recording", arguments.recording,
                  "play this recording, and start no sessions; needs --scene");
   app.add_option(
          "--stiffness-limit", arguments.stiffness_limit_N_per_m,
-         "largest stiffness of contact at the tool's tip in any session, N/m (default: the value\n"
-         "of the device's description)")
+         "in every session: largest stiffness of contact at the tool's tip, N/m. With a device\n"
+         "that measures its own pose, the option limits every force law. With the four-legged\n"
+         "device it limits only the force law cutting. The limits that Trocar takes from the\n"
+         "device's description (see --simulated of trocar-run) apply, too; the lowest limit\n"
+         "counts (default: only the limits from the description)")
       ->check(option_range(10.0, 1e8));
   app.add_option("--against", arguments.against,
                  "with --recording: a second recording, to show beside the first");
   app.add_option("--scene", arguments.scene,
                  "with --recording: the scene in which it was recorded");
   app.footer(
-      "Prints two links. By the first, the operator commands the device. By the second, an "
-      "audience\n"
-      "watches; it can press only the emergency stop. Ctrl-C also ends the sessions that the "
-      "console\n"
-      "has started. If the console is killed, its sessions go on; a new console for the same "
-      "folder\n"
-      "finds them.\n"
+      "Prints two links. With the first link, the operator commands the device. With the second\n"
+      "link, an audience watches; the audience can press only the emergency stop. Ctrl-C also\n"
+      "ends the sessions that the console has started. If the console is killed, its sessions\n"
+      "go on; a new console for the same folder finds them.\n"
       "Exit codes: 0 done; 2 wrong usage; 3 input refused; 4 the address is not available; 1 a "
       "bug.");
 }

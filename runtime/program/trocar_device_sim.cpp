@@ -106,9 +106,9 @@ void declare(CLI::App& app, Arguments& a) {
       "JSON file with the device's geometry and limits, instead of the one that the scene names");
   app.add_option(
       "--record", a.record,
-      "write the drive's mode (ready, torque, watchdog or emergency_stop), its largest torque\n"
-      "and the tip position as CSV, a row for each of the first million steps (a step takes\n"
-      "1 / --rate)");
+      "write a CSV file with a row for each of the first million steps; a step takes 1 / --rate.\n"
+      "A row has the drive's mode (ready, torque, watchdog or emergency_stop), the largest\n"
+      "torque of the eight motors in this step, and the tip position");
   app.add_option(
       "--summary", a.summary,
       "write counts (sessions, packets, watchdog trips) and forces on the hand, as JSON");
@@ -396,8 +396,8 @@ int serve(const Arguments& arguments) {
 int run_command_line(int argc, char** argv) {
   Arguments arguments;
   CLI::App app(
-      "Simulates the haptic device in a process of its own, to which trocar-run connects with\n"
-      "its option --device udp:HOST:PORT.",
+      "Simulates the four-legged haptic device in a process of its own. trocar-run connects to\n"
+      "this process with its option --device udp:HOST:PORT.",
       kName);
   declare(app, arguments);
   if (const auto done = parse_command_line(app, argc, argv)) return *done;

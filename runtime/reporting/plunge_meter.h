@@ -19,8 +19,9 @@ class PlungeMeter {
  public:
   /// `scene` and `sheets` must outlive this object.
   PlungeMeter(const Scene& scene, const std::vector<ReportSheet>& sheets, double rate_Hz);
-  /// Call this for each counted row (definition 1 of session_figures.h). `punctured`: the lowest
-  /// sheet or layer that is punctured in this row; none: nothing is punctured.
+  /// Call this for each counted row, that is for each row with the safety state `ready` or
+  /// `running` (definition 1 of session_figures.h). `punctured`: the lowest sheet or layer that is
+  /// punctured in this row; none: nothing is punctured.
   void observe(const RecordingRow& row, const std::optional<Punctured>& punctured,
                SessionFigures& figures);
   /// Call this for each row that is not counted. If a plunge is being measured, ends the
@@ -36,7 +37,8 @@ class PlungeMeter {
   const std::vector<ReportSheet>& sheets_;
   double last_wanted_N_ = 0;
   /// Heights in one row. `tip_m`: the height of the tip. `plate_m`: the height that the tip would
-  /// have if the tool were fixed to the plate.
+  /// have at the same pose of the plate if the connection between plate and tool were rigid, that
+  /// is without the coupling.
   struct Heights {
     double tip_m = 0, plate_m = 0;
   };
@@ -48,8 +50,9 @@ class PlungeMeter {
   /// Heights in the row before the break-through, and in the row with the lowest tip since then.
   Heights from_, lowest_;
   std::vector<double> recent_m_;  ///< ring buffer: heights of the tip in the last stop_ticks_ rows
-  // Numbers of rows. ticks_: rows since the break-through. stop_ticks_: rows in kPlungeStop_s.
-  // max_ticks_: rows in kPlunge_s.
+  // ticks_: number of rows since the break-through. stop_ticks_: number of rows in kPlungeStop_s; a
+  // plunge has stopped if the tip hardly moved down in this time. max_ticks_: number of rows in
+  // kPlunge_s, the longest time for which a plunge is measured.
   std::uint64_t ticks_ = 0, stop_ticks_ = 1, max_ticks_ = 1;
 };
 

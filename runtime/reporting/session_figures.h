@@ -26,10 +26,10 @@
 //       fault: a row is not counted;
 //       end: the session ends.
 //     The plunge is the sum of two parts, the motion of the hand and the release. The motion of the
-//     hand is the distance by which the tip would have moved down if the tool were fixed to the
-//     plate, from the row before the break-through to the row with the lowest tip. The release is
-//     the rest of the plunge. It comes from the coupling between plate and tool, which relaxes.
-//     Without a coupling the release is 0.
+//     hand is the distance by which the tip would have moved down if the tool were rigidly
+//     connected to the plate, from the row before the break-through to the row with the lowest tip.
+//     The release is the rest of the plunge. It comes from the coupling between plate and tool,
+//     which relaxes. Without a coupling the release is 0.
 //  5. Tremor is measured with two Butterworth filters of the second order in series: a high-pass
 //     with the corner frequency f = kTremorLow_Hz, followed by a low-pass with f = kTremorHigh_Hz.
 //     The input of the high-pass is the tip's position minus the tip's position in the first row

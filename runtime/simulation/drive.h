@@ -18,10 +18,13 @@
 //     instead of encoder angles, or arrives while a session is alive. At most one denial is sent in
 //     kDenialPeriod_s. A repeated hello (one with the random number, the nonce, of the last denied
 //     hello) is denied at most once in kRepeatedDenial_s.
-//  3. While a session is alive, no other session begins. A session is alive as long as its last
-//     command is not older than the watchdog's time (real clock) or session_s (lock-step).
-//  4. In lock-step each command of the mode torque advances time by one period of the host. Nothing
-//     else advances time.
+//  3. While a session is alive, no other session begins. With the real clock, a session is alive as
+//     long as its last command is not older than the watchdog's time. In lock-step (item 4), a
+//     session is alive as long as its last command is not older than session_s. A session that is
+//     not alive can continue with a later command, unless another session has begun, or (real
+//     clock) session_s have passed.
+//  4. In lock-step, time does not follow a real clock. Each command of the mode torque advances
+//     time by one period of the host, and nothing else advances time.
 #pragma once
 
 #include <array>
@@ -120,7 +123,8 @@ class Drive {
   bool in_session() const noexcept { return session_.has_value(); }
   double session_time_s() const noexcept { return model_.truth().t_s; }
   DriveMode mode() const noexcept { return mode_; }
-  /// Returns true if an injected `kill` is due.
+  /// Returns true if the fault plan says that the drive's process is to be killed now (`kill`,
+  /// fault_plan.h). The caller must then kill the process.
   bool kill_is_due() const noexcept;
   const SimulatedDevice& model() const noexcept { return model_; }
   const DriveReport& report() const noexcept { return report_; }

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // The black box keeps the rows of the last seconds. After a fault, it writes these rows to a new
-// file. The haptic thread pushes rows into a preallocated ring buffer and requests a file when
-// there is a fault. A worker thread copies the rows and writes the file. The ring buffer holds
+// file. The haptic thread pushes rows into a preallocated ring buffer. When the torques have fallen
+// to zero after a fault, the haptic thread requests a file. A worker thread copies the rows and
+// writes the file. The ring buffer holds
 // twice as many rows as a file, so the worker has kBlackBox_s to copy the rows before they are
 // overwritten. If the worker is too late, no file is written, and BlackBoxFile::error is set.
 // Tests: tests/runtime/telemetry/black_box_test.cpp
@@ -53,8 +54,9 @@ class BlackBox final : public TickObserver {
   /// request is lost: the function returns false, and lost() counts the request.
   bool save(Fault fault, double t_s) noexcept;
   /// Pushes the row. After a fault, the torques fall to zero. When they are zero, requests a file,
-  /// so that the file contains this whole ramp. The faults of the operator's commands pause and
-  /// zero get no file.
+  /// so that the file contains this whole ramp. The operator's commands "pause" and "zero forces"
+  /// are raised as faults, too (Fault::kPaused, Fault::kForcesOff), but no file is requested after
+  /// them.
   void on_tick(const TickView& tick) noexcept override;
 
   // TickObserver says which thread calls these functions.

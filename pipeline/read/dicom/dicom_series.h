@@ -16,8 +16,10 @@ namespace trocar::pipeline {
 
 /// The slices and the files of a series.
 struct DicomSeries {
-  SeriesInfo info;       ///< attributes of the first slice's file; the UID is never empty
-  ImageContent content;  ///< content of the first slice's file
+  /// Attributes of the first slice's file. `info.uid` is never empty: if the file states no UID,
+  /// one is made from other attributes (SeriesInfo::uid).
+  SeriesInfo info;
+  ImageContent content;  ///< kind of the images in the first slice's file, such as CT or localiser
   std::vector<DicomFrame> slices;
   std::vector<std::filesystem::path> files;  ///< all files: slices, localisers, unusable files
   std::string problem;                       ///< message about the first of the `unusable` files
