@@ -74,6 +74,7 @@ class MarchingSquares {
 
   // Finds the cells that the outline passes through: compares the inside flags of two neighbouring
   // rows eight columns at a time, and inspects single cells only where the flags are not all equal.
+  // Columns where both rows are outside are skipped at once.
   void scan() {
     std::vector<std::uint8_t> below(static_cast<std::size_t>(columns_) + 8, 0), above = below;
     for (int y = 0; y + 1 < rows_; ++y) {
@@ -88,8 +89,19 @@ class MarchingSquares {
         std::memcpy(&lower, &below[static_cast<std::size_t>(x)], 8);
         std::memcpy(&upper, &above[static_cast<std::size_t>(x)], 8);
         constexpr std::uint64_t kOnes = 0x0101010101010101;
-        if (lower == upper && (lower == 0 || lower == kOnes)) {
+        if (lower == upper && lower == kOnes) {
           x += 7;  // seven cells between eight equal columns
+          continue;
+        }
+        if ((lower | upper) == 0) {
+          const auto first_inside = [this, x](const std::vector<std::uint8_t>& flags) {
+            const void* const found = std::memchr(&flags[static_cast<std::size_t>(x)], 1,
+                                                  static_cast<std::size_t>(columns_ - x));
+            return found == nullptr
+                       ? columns_
+                       : static_cast<int>(static_cast<const std::uint8_t*>(found) - flags.data());
+          };
+          x = std::min(first_inside(below), first_inside(above)) - 1;
           continue;
         }
         // Each byte tells whether the corners of one cell differ. The last column has no cell.

@@ -49,8 +49,7 @@ std::optional<double> mean_of_material(const Field& field, const Image& of) {
   std::array<std::int32_t, kLanes> count{};
   const std::vector<float>&levels = field.image.values, &values = of.values;
   const float iso = field.iso;
-  std::size_t i = 0;
-  for (; i + kLanes <= values.size(); i += kLanes) {
+  const auto add_lanes = [&](std::size_t i) {
     // Masks, because the compiler would make branches of a condition.
     for (std::size_t k = 0; k < kLanes; ++k) {
       const std::uint32_t mask = levels[i + k] >= iso ? ~std::uint32_t{0} : 0;
@@ -58,7 +57,19 @@ std::optional<double> mean_of_material(const Field& field, const Image& of) {
           std::bit_cast<float>(std::bit_cast<std::uint32_t>(values[i + k]) & mask));
       count[k] += static_cast<std::int32_t>(mask & 1);
     }
+  };
+  // Most blocks of pixels have no material.
+  constexpr std::size_t kBlock = 8 * kLanes;
+  std::size_t i = 0;
+  for (; i + kBlock <= values.size(); i += kBlock) {
+    std::uint32_t any = 0;
+    for (std::size_t k = 0; k < kBlock; ++k)
+      any |= levels[i + k] >= iso ? 1U : 0U;
+    for (std::size_t k = 0; any != 0 && k < kBlock; k += kLanes)
+      add_lanes(i + k);
   }
+  for (; i + kLanes <= values.size(); i += kLanes)
+    add_lanes(i);
   for (; i < values.size(); ++i) {
     sum[0] += levels[i] >= iso ? static_cast<double>(values[i]) : 0.0;
     count[0] += levels[i] >= iso ? 1 : 0;
