@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The bone of the phantom: an L3-like lumbar vertebra as a blend of analytic solids. The same
-// vertebra is repeated above and below, so that the facet joints are complete, as in a real scan.
+// vertebra is repeated above and below, so that the facet joints (the small joints between the
+// arches of neighbouring vertebrae) are complete, as in a real scan.
 //
 // Anatomical frame (mm): x to the patient's left, y to the back, z up; origin at the middle of the
 // vertebral body of the middle vertebra. The left half is the mirror image of the right half.
@@ -14,7 +15,8 @@ namespace trocar::sample {
 
 /// Distance between neighbouring vertebrae along z: 28 mm for the body and 10 mm for the disc.
 inline constexpr double kVertebraPitch_mm = 38.0;
-/// Half the height of the vertebral body at the edge of its end plates.
+/// Half the height of the vertebral body, measured at the rim of its end plates (its upper and
+/// lower faces, which are hollow in the middle).
 inline constexpr double kBodyHalfHeight_mm = 14.0;
 
 /// The bone near a point.

@@ -58,8 +58,10 @@ inline LatticePoint point_over(LatticePoint p, LatticePoint q, EdgeOffset offset
 }
 
 /// The circumcentre of the triangle pqr, rounded by round_half_up(). The circumcentre lies on the
-/// perpendicular bisector of pq. If it is farther from pq than `max_away` times the length of pq,
-/// the result is the point of the bisector at this largest distance.
+/// perpendicular bisector of pq. If it lies to the left of pq and farther from pq than `max_away`
+/// times the length of pq, the result is the point of the bisector to the left of pq at this
+/// largest distance. To the right of pq the distance is not limited. Precondition: pqr is
+/// counter-clockwise.
 inline LatticePoint centre_over(LatticePoint p, LatticePoint q, LatticePoint r,
                                 double max_away) noexcept {
   const double qx = static_cast<double>(q.x) - p.x, qy = static_cast<double>(q.y) - p.y;

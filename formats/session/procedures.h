@@ -16,7 +16,8 @@
 
 namespace trocar {
 
-/// Selects the value of each range that a scene uses: 5th percentile, median or 95th percentile.
+/// The option `--strength` of trocar-run: which value of every Range of a procedure a scene gets
+/// (Range::low, Range::median or Range::high). It applies to the tool, the layers and the bone.
 enum class Strength : std::uint8_t { kLow, kMedian, kHigh };
 
 /// Reads "low", "median" or "high". Returns std::nullopt for any other text.
@@ -58,11 +59,12 @@ const Procedure* find_procedure(std::string_view name) noexcept;
 /// All names, separated by commas.
 std::string procedure_names();
 
-/// Replaces the shape of the scene's tool, the scene's tissue and the scene's layers by those of
-/// the procedure, and sets the force law `cutting`. The lowest layer, or the gap below this layer,
-/// ends at the highest slice. Errors: kRefused if the scene's hand begins below the top of the
-/// layers, or if the scene has `tissues`, because their resistance would not be that of the
-/// procedure. The message does not contain the scene's name.
+/// Replaces three parts of a scene by those of the procedure: the shape of the tool, the member
+/// `tissue` and the soft layers. Sets the force law `cutting`. The lowest layer, or the gap below
+/// this layer, ends at the highest slice. Errors: kRefused if the path of the scene's simulated
+/// hand begins below the top of the layers; kRefused also if the scene's member `tissues` is not
+/// empty, because a procedure does not replace the tissues of that list. The message does not
+/// contain the scene's name.
 Result<void> apply_procedure(const Procedure& procedure, Strength strength, Scene& scene);
 
 /// Returns a table of all values with their ranges and sources, as lines of text.

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // The receiver (`trocar-mesh receive`): it listens, starts a process for each association
-// (connection of the DICOM protocol), and publishes the studies that are complete.
+// (connection of the DICOM protocol), and publishes studies. To publish a study is to move the
+// study's folder to the place where other programs find it. A study is published when it seems
+// complete, or when the receiver ends.
 // Tests: tests/e2e/archive_test.py, tests/e2e/archive_fuzz_test.py
 #pragma once
 
@@ -28,15 +30,17 @@ struct ReceiverSettings {
   double settle_s = 10;
   double keep_hours = 0;  ///< a study is removed this many hours after it last grew; 0: never
   /// Settings for meshing each complete study (option --then); std::nullopt: studies are not
-  /// meshed. The receiver itself sets the members `studies` and `marks` of these settings.
+  /// meshed. The caller need not set the members `studies` and `marks`, because run_receiver() sets
+  /// them.
   std::optional<FollowUpSettings> then;
 };
 
-/// Receives until `stop` is set. At the end, open associations are dropped, and the instances of
-/// all released associations are published. Standard output gets the port at the start, and later a
-/// line for each study that is published, meshed or removed. Errors: kUnwritable if the folder
-/// cannot be used, or another receiver uses it; kUsage if the address is not numeric; kRefused if
-/// the address or the port cannot be used.
+/// Receives until `stop` is set. Then open associations are dropped with their instances, and the
+/// instances of all associations that have ended normally (released) are published, even if their
+/// studies are not complete. Standard output gets the port at the start, and later a line for each
+/// study that is published, meshed or removed. Errors: kUnwritable if the folder cannot be used, or
+/// another receiver uses it; kUsage if the address is not numeric; kRefused if the address or the
+/// port cannot be used.
 Result<void> run_receiver(const ReceiverSettings& settings, const std::atomic<bool>& stop);
 
 }  // namespace trocar::archive

@@ -22,15 +22,15 @@ namespace trocar::pipeline {
 ///
 /// Each scan has `kind` ("dicom", "nifti", "images"), `path` (relative to the folder), `slices`,
 /// `width_px`, `height_px`, `spacing_mm` (x, y, z), `evenly_spaced`, `tilt_deg` (of the gantry),
-/// `usable`, `problem` (the reason why the scan is not usable) and `taken`. The scan with `taken` =
-/// true is meshed if the folder is given without --series. A DICOM series also has `uid`,
-/// `study_uid`, `study_date`, `number`, `description`, `kernel`, `modality`, `image_type`,
-/// `localiser` and `files`. A segmentation also has `segments` (`label`, `name`); it is usable with
-/// --labels. Values that are not known are null.
+/// `usable`, `problem` (the reason why the scan is not usable) and `taken`. At most one scan has
+/// `taken` = true. It is the scan that is meshed if the folder is given without --series. A DICOM
+/// series also has `uid`, `study_uid`, `study_date`, `number`, `description`, `kernel`, `modality`,
+/// `image_type`, `localiser` and `files`. A segmentation also has `segments` (`label`, `name`); it
+/// is usable with --labels. Values that are not known are null.
 ///
-/// If `folder` is a file, the list is that of a folder with this file alone. If the file is a
-/// DICOMDIR, the folder of the file is listed. Errors: kRefused if `folder` does not exist, cannot
-/// be read, or contains no scan.
+/// `folder` may also be a file. If the file is a DICOMDIR, the folder that contains it is listed.
+/// For any other file, the list is that of a folder that contains only this file. Errors: kRefused
+/// if `folder` does not exist, cannot be read, or contains no scan.
 Result<nlohmann::json> list_scans(const std::filesystem::path& folder,
                                   std::vector<Warning>& warnings);
 

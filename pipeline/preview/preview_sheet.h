@@ -33,10 +33,11 @@ struct Sheet {
   Picture picture;
   std::vector<Tile> tiles;  ///< one tile for each slice of the preview
   /// The region that the tiles show, the same for all slices. It contains the material of all
-  /// slices shown, and a margin. The edges of a tile are the outer edges of the region's pixels.
+  /// slices shown, and a margin. A tile shows all pixels of this region whole: the edges of the
+  /// tile are the outer edges of the outermost pixels.
   Crop view;
-  /// Values up to window_low are drawn black, values from window_high on white. Not used for
-  /// labels.
+  /// Pixels with values up to window_low are black, and pixels with values of at least window_high
+  /// are white. A sheet of a label map does not use these two numbers.
   double window_low = 0, window_high = 0;
 };
 

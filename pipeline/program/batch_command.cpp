@@ -404,7 +404,7 @@ void add_batch_options(CLI::App& app, BatchArguments& a) {
   app.add_option("--only", a.only,
                  "work only on the scans named in this file, one per line; -: standard input");
   app.add_flag("--dry-run", a.dry_run,
-               "print which scans are stale (asset missing or outdated), and why; write nothing");
+               "print which scans are stale (this run would work on them), and why; write nothing");
   app.add_option("--explain", a.explain,
                  "print whether this scan is stale, and why; write nothing");
   app.add_flag("--retry", a.retry,
@@ -414,8 +414,8 @@ void add_batch_options(CLI::App& app, BatchArguments& a) {
       ->capture_default_str()
       ->check(option_range(0, 1000000));
   app.add_flag("--strict", a.strict,
-               "end with exit code 3 also if scans failed in an earlier run and were not tried\n"
-               "again in this run");
+               "end with exit code 3 also if a scan failed in an earlier run and this run did not\n"
+               "try it again");
   app.add_option(
       "--run-program", a.run_program,
       "path of trocar-run (default: the trocar-run beside this program, else the one in PATH).\n"

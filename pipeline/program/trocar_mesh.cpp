@@ -131,7 +131,7 @@ struct CommandLine {
         add("export", "write the slices of an asset as .poly, .obj and .svg, or its surface"),
         exported);
     add_batch_options(
-        add("batch", "make the missing and the outdated assets of a collection of scans"), batch);
+        add("batch", "make the assets of the stale (new or changed) scans of a collection"), batch);
     add_review_options(
         add("review", "show all assets in a store (the folder of batch), or compare two stores"),
         review);

@@ -5,9 +5,10 @@
 //
 // A table (scanner_table.h) is removed first. Then these steps follow. A step is skipped if its
 // option is not given.
-//  1. min_volume: components smaller than this volume are removed. This precedes filling, because
-//     specks would close gaps.
-//     With `column`, soft tissue above the threshold (soft_regions.h) is removed next.
+//  1. min_volume: components smaller than this volume are removed. This is done before step 2,
+//     because a speck in a gap of the bone could make the gap so narrow that it counts as closed.
+//     With `column`, soft tissue whose values are above the threshold, such as vessels with
+//     contrast medium (soft_regions.h), is removed next.
 //  2. fill, close: a voxel is filled if it is enclosed (plane_flood.h) in at least two of the three
 //     planes of voxels through it. Canals (canals.h) along the patient's long axis stay open. If
 //     the material is given by a threshold in HU, voxels below kAir_HU are never filled.
@@ -44,8 +45,9 @@ inline constexpr double kColumn_mm = 75, kColumnCore_mm = 20;
 inline constexpr double kMaxSeedDistance_mm = 10;
 
 struct SolidOptions {
-  /// A gap of up to twice this distance counts as closed. It is the radius of the disc that
-  /// find_enclosed() (plane_flood.h) moves in from outside.
+  /// A gap in the bone counts as closed if it is at most twice as wide as this distance. (The
+  /// distance is the radius of a disc. Regions that the disc cannot enter from outside are
+  /// enclosed: find_enclosed() in plane_flood.h.)
   double close_mm = 0;
   /// Largest area that is filled in a plane, or infinite. No value: nothing is filled.
   std::optional<double> fill_mm2;
@@ -76,11 +78,13 @@ class SolidBone {
   bool inside(int slice, int x, int y) const {
     return material_[(static_cast<std::size_t>(slice) * height_ + y) * width_ + x] != 0;
   }
-  /// Makes a slice's field agree with the voxels. Values on the wrong side of the iso-value are
-  /// mirrored at it and marked in Field::changed. Where the values alone give the same border as
-  /// the voxels, the outline does not change. Elsewhere the border is a smooth curve (contour.h).
-  /// If the field is cropped, (offset_x, offset_y) is the slice's pixel at which it begins. Returns
-  /// the mean of the original values over the material; no value if nothing is material.
+  /// Changes a slice's field so that exactly the material voxels have values of material. A value
+  /// on the wrong side of the iso-value is mirrored: it gets the same distance from the iso-value
+  /// on the other side. Its pixel is marked in Field::changed. Where the values alone give the same
+  /// border as the voxels, the outline does not change. Elsewhere the border is a smooth curve
+  /// (contour.h). If the field is cropped, (offset_x, offset_y) is the slice's pixel at which it
+  /// begins. Returns the mean of the original values over the material; no value if nothing is
+  /// material.
   std::optional<double> apply(int slice, int offset_x, int offset_y, Field& field) const;
 
   /// Warning: contrast_filled if filling is wanted and there is soft tissue above the threshold.

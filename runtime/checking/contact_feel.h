@@ -23,11 +23,13 @@ struct Peak {
 
 struct ContactFeel {
   // Force law `cutting` only. The cutting front is the depth down to which bone has been cut.
-  /// Depth of the plate's tip below the front while the front bears force, m. The plate's tip is
-  /// where the tool's tip would be if the tool were fixed to the plate.
+  /// Depth of the plate's tip below the front while the front bears force, m. The plate's tip is a
+  /// point that is fixed to the plate: the position that the tool's tip has while the coupling
+  /// spring between plate and virtual tool is not loaded.
   Peak past_front;
   /// Distance by which the front moves down in one tick, m. When the front comes out of a bone, it
-  /// goes on at the next bone below. Then only the distance down to the tool's tip counts.
+  /// jumps across the gap to the next bone below. Only the part of such a jump that is above the
+  /// plate's tip counts.
   Peak front_jump;
   // Every force law. The wanted force is the force that the device should render.
   /// Force that alternates from tick to tick, N. For each component of the wanted force, the last

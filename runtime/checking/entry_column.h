@@ -30,17 +30,18 @@ struct EntryColumn {
   std::array<double, 2> at_mm{};  ///< u, v
   std::size_t first = 0, last = 0;
   double thickness_mm = 0;  ///< total thickness of the material in the column
-  /// One value per level: 1 if the whole cross-section of the tool lies over material, otherwise 0.
+  /// One value for each element of the vector `levels` that find_entry_column() was given: 1 if the
+  /// whole cross-section of the tool lies over material, otherwise 0.
   std::vector<std::uint8_t> has_material;
 };
 
 /// Returns the column with the thickest bone. A column is at most `height_mm` high, and spans at
 /// most kMaxSceneSlices slices. Its consecutive levels are at most `max_gap_mm` apart. `radius_mm`:
 /// the radius of the tool. `levels`: sorted, the topmost first. If several columns have equally
-/// thick bone, the search prefers the one with the thickest bone for a tool of three times the
-/// radius, because there the bone around the tool is wider. If several columns are still equal, the
-/// search prefers the one nearest to the middle of the material. None: the bone is nowhere as wide
-/// as the tool.
+/// thick bone, the search measures them again, as if the tool had three times the radius, and
+/// prefers the column with the thickest bone. There the bone around the tool is wider. If several
+/// columns are still equal, the search prefers the one nearest to the middle of the material. None:
+/// the bone is nowhere as wide as the tool.
 std::optional<EntryColumn> find_entry_column(const Asset& asset, const std::vector<Level>& levels,
                                              double radius_mm, double height_mm, double max_gap_mm);
 

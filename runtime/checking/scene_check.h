@@ -3,22 +3,24 @@
 // scene's requirements, the tip's workspace, the hand's path and a dry run. Warnings describe
 // problems that a session would have.
 //
-// There is no warning if and only if all of these hold:
+// There is no warning if and only if all items of this list hold:
 //  1. The dry run, a session with the simulated device in virtual time and with the same options,
-//     ends without a fault, and every hole in it can be cut.
-//  2. Every slice is touched in the dry run: loaded or punctured. In a bone volume it is enough
-//     that one slice is touched.
+//     ends without a fault, and every hole that it requests can be cut.
+//  2. Every slice is touched in the dry run. A slice is touched if it bears force or is punctured.
+//     In a bone volume (force law `cutting`) it is enough that one slice is touched.
 //  3. The device renders every wrench of the dry run in full.
-//  4. One of the scene's tissues fits each slice, or the scene has a `tissue` for the
-//     remaining slices (tissue_assignment.h).
+//  4. If the scene chooses tissues by label or HU (`tissues`), every slice gets a tissue of the
+//     scene (tissue_assignment.h): one of these, or `tissue`, which is for the remaining slices.
 //  5. If the scene's goals have a target, the tip can reach it while the plate is not tilted.
-//  6. The contact feels like bone (contact_feel.h). No force of more than 5 N alternates from tick
-//     to tick. With the force law `cutting`, three more conditions hold. While the cutting front
-//     bears force, the plate's tip (contact_feel.h) is at most 3 mm below the front. The front
-//     moves by at most 1.5 mm in a tick. If the hand lets go, at any of ten moments of the contact,
-//     no fault follows, and the plate moves by at most 3 mm, at no more than 0.25 m/s.
-//  7. With the law `cutting`, the rendered stiffness is so low, and the rate so high, that the loop
-//     is known to give no energy to the hand (device_coupling.h).
+//  6. The quantities of contact_feel.h are within these limits, so that the contact feels like
+//     bone. No force alternates from tick to tick by more than 5 N. With the force law `cutting`,
+//     three more conditions hold. While the cutting front bears force, the plate's tip (defined at
+//     ContactFeel::past_front) is at most 3 mm below the front. The front moves by at most 1.5 mm
+//     in a tick. If the hand lets go, at any of ten moments of the contact, no fault follows, and
+//     the plate moves by at most 3 mm, at no more than 0.25 m/s.
+//  7. With the law `cutting`, stability_warning() (device_coupling.h) has no reason to warn: the
+//     rendered stiffness is so low, and the rate of the loop so high, that the loop is known to
+//     give no energy to the hand.
 //
 // If the scene has a live hand, the person's motion is not known, and there is no dry run. There
 // is then no warning if and only if a session can start, the live hand can reach the height of
@@ -26,7 +28,8 @@
 //
 // If the session has more than kMaxDryRunTicks ticks, the dry run ends after that number of ticks
 // (dry_run.h). For later times only the path of the hand is evaluated, as if the tool followed the
-// hand exactly. A warning follows if the path exceeds a limit or misses a slice.
+// hand exactly. Item 1 then means also that this path exceeds no limit. Item 2 then holds for a
+// slice, too, if the path first crosses the slice's material after the end of the dry run.
 // Tests: tests/runtime/checking/scene_check_test.cpp, tests/e2e/scene_check_e2e_test.py
 #pragma once
 

@@ -91,7 +91,7 @@ class Supervisor {
   /// the device process cannot be started; kUnwritable if the note about this process (DeviceNote)
   /// cannot be written.
   Result<void> command(TelemetryCommand command);
-  /// True if the session runs and has a live hand, so that move_hand() may be called.
+  /// True if is_live() is true and the session has a live hand. Only then may move_hand() be called.
   bool has_hand() const noexcept { return telemetry_.has_hand() && is_live(); }
   /// Sets the target of the live hand: the position of the tip in {B} in m, and the rotation vector
   /// of the plate in rad. If `target` is nullopt, the hand lets go. Precondition: has_hand().
@@ -103,11 +103,12 @@ class Supervisor {
   /// is killed immediately. The test of a device is stopped. Errors: kRefused if neither a session
   /// nor a test runs.
   Result<void> emergency_stop();
-  /// Ends the session, the device process, a test and the making of a scene. A session that this
-  /// console only watches (Settings::attach) goes on. The first call asks the session, the test and
-  /// the making of a scene to end. When the session has ended, the device process is asked to end.
-  /// If the session's process or the device process still runs after the time `patience`, the next
-  /// call kills it. Call this function repeatedly until it returns true. All have then ended.
+  /// Ends the session, the device process, a test and the making of a scene. But the session of
+  /// Settings::attach goes on. Call this function repeatedly until it returns true; everything that
+  /// it ends has then ended. The first call asks the session, the test and the making of a scene to
+  /// end. When the session has ended, the device process is asked to end. The time `patience`
+  /// begins with the first call. Calls after this time kill the session's process or the device
+  /// process if it still runs.
   bool end_all(Clock::time_point now, Clock::duration patience);
   /// Reads telemetry, follows the console's processes, and checks the effect of an emergency stop.
   /// The caller must call this every few milliseconds.

@@ -18,11 +18,12 @@
 
 namespace trocar::runtime {
 
-/// A client's message for the live hand.
+/// A client's message for the live hand: it moves the hand or lets go of it.
 struct HandRequest {
   /// The target of the hand (Supervisor::move_hand()); nullopt: the client lets go of the hand.
   std::optional<std::array<double, 6>> target;
-  /// Number of the message, higher than in the client's previous message; 0: the client lets go.
+  /// Number of a message that moves the hand, higher than that of the client's previous such
+  /// message. Always 0 if `target` is nullopt.
   std::uint64_t number = 0;
 };
 

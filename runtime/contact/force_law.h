@@ -36,8 +36,10 @@ namespace trocar::runtime {
 /// Limits of the stiffness that a law renders, in addition to the limits that follow from the
 /// scene, the device and the rate.
 struct StiffnessLimits {
-  /// The stiffness limit that follows from the plate's mass is divided by this margin. The margin is 1 for a
-  /// simulated device, whose mass is known exactly, and kHardwareMargin for a device whose mass was measured.
+  /// Two limits are divided by this margin: the stiffness limit that follows from the plate's mass,
+  /// and the largest stiffness in the description of a device that measures its own pose
+  /// (set_pose_device_options()). The margin is 1 for a simulated device, whose description is
+  /// exact, and kHardwareMargin for a device that is assumed to have motors.
   double margin = 1;
   /// Largest stiffness at the tip that the operator or the device's description allows.
   double max_N_per_m = std::numeric_limits<double>::infinity();

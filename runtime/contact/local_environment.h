@@ -9,8 +9,8 @@
 namespace trocar::runtime {
 
 /// Forces on the tool in the device's frame {B}. The unit vector `axis` points up the shaft. If the
-/// tool moves by the vector m without turning, the length of the shaft below each hole grows by
-/// -m_z / axis_z.
+/// tool moves by the vector m without turning, the part of the shaft below the plane of each hole
+/// becomes longer by -m_z / axis_z (measured along the shaft).
 struct LocalEnvironment {
   // The sheet in contact acts along z with a spring and a damper. Together they never pull
   // the tool down.
@@ -21,8 +21,8 @@ struct LocalEnvironment {
   Eigen::Vector3d axis = Eigen::Vector3d::UnitZ();
   double dry_N = 0, dry_max_N = 0;  ///< dry friction and its maximum, summed over the holes
   /// Stiffness of dry friction against a small motion of the shaft inwards (`in`) and outwards
-  /// (`out`). A friction spring that slides in this direction is not counted, because its force
-  /// no longer grows.
+  /// (`out`). A friction spring that already has its maximum force in a direction is not counted
+  /// for that direction, because the motion no longer increases its force.
   double dry_in_N_per_m = 0, dry_out_N_per_m = 0;
   double viscous_N_s_per_m = 0;
   // The rims (boundaries) of the holes push the shaft sideways. Each rim acts in the plane of its

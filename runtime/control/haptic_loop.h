@@ -7,24 +7,27 @@
 // energy_limit.h and passivity.h:
 //  1. The loop writes only commands that the device has prepared (hand_device.h), so all commands
 //     are within the device's limits.
-//  2. When a fault ends the state `running` (safety.h), the command follows the ramp of safety.h,
-//     which starts from the last command written. If writing a command fails, this is a fault, too.
-//     In this case the ramp starts in the next tick, from the command that was not written. The
-//     force is zero once the ramp has ended, and in the states `idle`, `ready` and `recovering`.
+//  2. When a fault ends the state `running` (safety.h), the command goes to zero. It follows the
+//     ramp of safety.h, which starts from the last command written. After the fault kEnergyLimit
+//     there is no ramp: the command is zero in the same tick. If a command cannot be written, this
+//     is a fault, too; the ramp then starts in the next tick, from the command that could not be
+//     written. The force is zero after the ramp. In the states `idle`, `ready` and `recovering` it
+//     is zero, too.
 //  3. The row holds every input of the tick, so replaying the rows gives the same commands.
-//  4. Four times are measured on the device's clock, as differences of its time stamps: the
-//     interval between two poses, the interval over which a velocity is computed, the time in which
-//     the device can have moved since the last reading, and the additional time for which the
-//     motors hold a command if a tick is late. The differences are rounded to nanoseconds, except
-//     in velocity_window.h. In `running`, a device state is new if its time stamp is finite and
-//     later than the previous time stamp. After no_data_max_s without a new device state, the
-//     fault kNoData is raised. If a time stamp lies more than gap_max_s after the previous one,
-//     kNoData is raised immediately. In all other states of the safety state machine, the
-//     device's clock may restart, for example after the link was restored. The velocity
-//     estimation then restarts too.
+//  4. The device gives each reading (a device state) a time stamp of its own clock. The loop
+//     computes four times as differences of these time stamps: the interval between two poses, the
+//     interval over which a velocity is computed, the time in which the device can have moved since
+//     the last reading, and the additional time for which the motors hold a command if a tick is
+//     late. The differences are rounded to nanoseconds, except in velocity_window.h. In `running`,
+//     a device state counts as new if its time stamp is finite and later than that of the state
+//     before. After no_data_max_s without a new device state, the fault kNoData is raised. If a
+//     time stamp lies more than gap_max_s after the previous one, kNoData is raised immediately. In
+//     all other states of the safety state machine, the device's clock may restart, for example
+//     after the link was restored. The velocity estimation then restarts too.
 //  5. Some changes take a fixed number of ticks, so late ticks make these changes slower. They are
-//     the ramp after a fault, the rise of authority and compensation after a recovery, and the
-//     change from one prefetched stiffness to the next.
+//     the ramp after a fault, the rise of two factors after a recovery (the factor on the force,
+//     and the factor on the compensation of friction and weight), and the change from one
+//     prefetched stiffness to the next.
 // Tests: tests/runtime/control/loop_test.cpp
 #pragma once
 
@@ -59,7 +62,8 @@ struct LoopModel {
 struct LoopState {
   Pose T_device_plate;  ///< pose of the last tick whose checks passed
   VelocityWindow window;
-  /// Earlier pose for velocities; if its age is 0, the last new pose is used.
+  /// The earlier pose from which velocities are computed. If PreviousPose::ago_s is 0, no earlier
+  /// pose was chosen, and the pose of the last new reading is used instead.
   PreviousPose previous;
   SpeedState speed;
   PassivityState passivity;
@@ -70,11 +74,12 @@ struct LoopState {
   /// pose of this tick is not new, or is the first pose. While no pose is new, the last velocity is
   /// kept, because a fall to 0 would make the force jump.
   double pose_interval_s = 0;
-  /// Time by which the device's clock is ahead of the counted ticks. If it exceeds half a tick, it
-  /// is passed to HandDevice::account_held_time() and set to 0.
+  /// Time on the device's clock minus the time of the counted ticks, since this difference was last
+  /// set to 0. If it exceeds half a tick, it is passed to HandDevice::account_held_time() and set
+  /// to 0.
   double ahead_s = 0;
   Safety safety;
-  double reading_t_s = 0;    ///< time of the last reading that the device kept
+  double reading_t_s = 0;    ///< time stamp of the reading that keep_reading() kept last
   int no_data_ticks = 0;     ///< ticks since the last new reading
   bool has_reading = false;  ///< HandDevice::keep_reading() has kept a reading
 };
@@ -88,7 +93,8 @@ struct TickResult {
   bool end_of_data = false;        ///< the replayed recording has ended, so there is no row
   Fault new_fault = Fault::kNone;  ///< fault latched in this tick
   /// The first fault found in this tick, with the measured value. If new_fault is set, `found`
-  /// describes this fault. In `recovering` a fault is not latched, but delays the recovery.
+  /// describes this fault. In `fault` and `recovering` only the operator's emergency stop is
+  /// latched. Any other fault is not latched, but delays the recovery.
   FaultDetail found;
   /// Height by which the tip must be raised before `running` can begin
   /// (ForceLaw::retract_distance_m()).

@@ -37,14 +37,17 @@ Result<PoseDeviceDescription> built_in_pose_device(std::string_view name);
 ///  - The rendered stiffness is at most StiffnessLimits::max_N_per_m. If the description
 ///    states a largest stiffness, this stiffness divided by StiffnessLimits::margin is a
 ///    second limit. If the force law treats slices as separate sheets, the virtual coupling is
-///    switched on. Its spring keeps the rendered stiffness within these limits.
+///    switched on. Its spring keeps the rendered stiffness within these limits. If the description
+///    states no largest stiffness, the stiffness of the spring (CouplingOptions) is divided by the
+///    margin instead.
 void set_pose_device_options(const PoseDeviceDescription& description, const Scene& scene,
                              SessionOptions& options);
 
 /// Returns the largest force scale (factor on all forces of a scene) with which the device can
-/// render the forces at which the scene's tissues break. With the force law `cutting`, the forces
-/// of the slices are increased by a margin for friction on the shaft. The result is at most the
-/// force scale that the scene states. Errors: those of make_force_law().
+/// render the forces at which the scene's slices and soft layers break. With the force law
+/// `cutting`, the forces of the slices are first multiplied by 1.5, because friction on the shaft
+/// adds to them; those of the soft layers are not. The result is at most the force scale that the
+/// scene states. Errors: those of make_force_law().
 Result<double> fitting_force_scale(const PoseDeviceDescription& description, const Scene& scene,
                                    std::span<const std::unique_ptr<const Sheet>> sheets,
                                    double rate_Hz);

@@ -1,17 +1,19 @@
 // SPDX-License-Identifier: Apache-2.0
-// Proves that a valid sheet stays valid when the patch (the new triangles) replaces the cavity.
-// This is the fifth stage of a cut. Triangles outside the cavity are kept. The proof uses only the
+// Proves that a valid sheet stays valid when the patch replaces the cavity. The cavity is the set
+// of triangles that the tool overlaps or touches, and the patch is the set of new triangles. This
+// is the fifth stage of a cut. Triangles outside the cavity are kept. The proof uses only the
 // cavity and its neighbourhood.
 //
-// The following statements are proved exactly. Together they imply that the mesh is
-// valid (formats/geometry/mesh_validity.h):
+// The following statements are proved exactly. They and the way in which stitch() numbers vertices
+// together imply that the mesh is valid (formats/geometry/mesh_validity.h):
 //  1. Every new triangle is strictly counter-clockwise.
 //  2. Each edge of a new triangle becomes a boundary edge of the sheet, or exactly one other
 //     triangle has the same edge. The other triangle is new, or it is a kept triangle on the
 //     other side of the cavity's boundary. Each edge of a kept triangle is used by at most one
-//     new triangle. It follows that no directed edge occurs twice. (That the triangles of each
-//     vertex are connected across edges is not proved here. It follows from the way in which
-//     stitch() numbers vertices.)
+//     new triangle. So at most two triangles share an edge. By statement 1 they have the edge in
+//     opposite directions, so no directed edge occurs twice. (In a valid mesh the triangles of each
+//     vertex also form one fan, in which each triangle shares an edge with the next. This is not
+//     proved here, because stitch() ensures it: it gives each fan a vertex of its own.)
 //  3. Edges between two new triangles are locally Delaunay: the two angles opposite the edge add up
 //     to at most 180 degrees.
 //  4. Boundary edges that the cut creates cross neither each other nor any old boundary edge near

@@ -26,9 +26,10 @@ struct JacobianResult {
   Jacobian G = Jacobian::Zero();  ///< valid only if status is kOk
 };
 
-/// Computes the Jacobian by differentiating the constraints |C - E| = l2 and |D - F| = l4
-/// (README.md). Precondition: `joints` are the joint angles of the pose (inverse_kinematics()).
-/// The function needs about 200 multiplications.
+/// Computes the Jacobian by differentiating the constraints |C - E| = l2 and |D - F| = l4, which
+/// say that two links of each leg have constant lengths. (README.md of this folder defines the
+/// points and lengths.) Precondition: `joints` are the joint angles of the pose
+/// (inverse_kinematics()). The function needs about 200 multiplications.
 JacobianResult jacobian(const DeviceDescription& device, const Pose& T_device_plate,
                         const JointAngles& joints) noexcept;
 

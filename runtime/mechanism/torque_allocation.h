@@ -2,11 +2,12 @@
 // Computes eight motor torques from a wanted wrench (paper, Eq. 17-18), within the motors' limits.
 // The haptic thread calls these functions: no allocation, no exception, bounded time.
 //
-// Laws (tests/runtime/mechanism/torque_allocation_test.cpp). Let tau be the computed torques,
-// `wanted` the wanted wrench, and G the Jacobian (jacobian.h). Let c be the torques with the
-// smallest norm that produce `wanted`. The working limit of motor i is
-// working_i = (1 - kTorqueReserve) limit_i. P projects torques onto the null space of G^T. |limit|
-// is the norm of the vector of limits, and limit_min is the smallest limit.
+// Laws (tests/runtime/mechanism/torque_allocation_test.cpp). The laws hold unless the result is
+// kRefused; then the torques and `scale` are 0. Let tau be the computed torques, `wanted` the
+// wanted wrench, and G the Jacobian (jacobian.h). Let c be the torques with the smallest norm that
+// produce `wanted`. The working limit of motor i is working_i = (1 - kTorqueReserve) limit_i. P
+// projects torques onto the null space of G^T. |limit| is the norm of the vector of limits, and
+// limit_min is the smallest limit.
 //  1. |tau_i| <= limit_i, always.
 //  2. G^T tau = scale * wanted, 0 < scale <= 1: the wrench keeps its direction.
 //  3. If c is within the working limits, tau = c and scale = 1.
@@ -16,17 +17,18 @@
 //  5. Among the torques that produce scale * wanted, tau minimises |tau|^2 plus a penalty on
 //     torques above their working limits. The penalty is sum_i stiffness_i
 //     max(0, |tau_i| - working_i)^2 with stiffness_i = (|limit| / (kTorqueReserve limit_i))^2.
-//  6. If the wrench or the pose changes a little, c changes by dc, and P by dP. Then tau changes by
-//     at most K (|dc| + |limit| |dP|), with
-//     K = (2 + 1.5 sqrt(max stiffness)) (1 + |limit| / limit_min). If scale = 1 and the
-//     pose is constant, tau changes by at most sqrt(1 + max stiffness / 4) |dc|. For eight equal
+//  6. Let the wrench or the pose change a little. Let dc be the resulting change of c, and dP that
+//     of P. The norm of the change of tau is at most K (|dc| + |limit| |dP|), with
+//     K = (2 + 1.5 sqrt(max stiffness)) (1 + |limit| / limit_min). If scale = 1 and the pose is
+//     constant, the norm of the change is at most sqrt(1 + max stiffness / 4) |dc|. For eight equal
 //     motors the factor of |dc| is then below 142.
 //
-// The reserve bounds the rate at which tau changes. If a wrench is just feasible without a reserve,
-// only a single torque vector produces it. In the basis of the null space each motor has one row.
-// If several rows are nearly parallel (such as those of the four upper motors at any upright,
-// centred pose), this torque vector changes arbitrarily fast with the pose. With a reserve the rate
-// has a bound, which is inversely proportional to the reserve.
+// The reserve bounds the rate at which tau changes. Without a reserve, a wrench can be so large
+// that only a single torque vector within the limits produces it. Write a basis of the null space
+// as a matrix with one row for each motor. If several of these rows are nearly parallel (such as
+// those of the four upper motors at any upright, centred pose), this torque vector changes
+// arbitrarily fast with the pose. With a reserve the rate has a bound, which is inversely
+// proportional to the reserve.
 //
 // Law 1 follows from law 5. Some torques y0 within the working limits produce scale * wanted. For
 // them |y0| < |limit|, and the penalty is 0. Therefore the optimum satisfies

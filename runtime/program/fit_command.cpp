@@ -80,7 +80,8 @@ CLI::App& declare_fit(CLI::App& app, FitArguments& a) {
                  "kind of tip: needle-bevel, needle-conical, needle-diamond, trocar or\n"
                  "jamshidi (default: a flat tip)");
   fit.add_option("--half-angle", a.half_angle_deg,
-                 "angle between the tip's axis and its faces, degrees (default: 30; jamshidi: 90)")
+                 "angle between the axis and the faces of the tip of --tip, degrees (default: 30;\n"
+                 "jamshidi: 90)")
       ->check(option_range(3.0, 90.0));
   fit.add_flag("--quiet", a.quiet, "print errors only");
   return fit;

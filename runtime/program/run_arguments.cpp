@@ -120,8 +120,10 @@ void declare_safety_options(CLI::App& app, RunArguments& a) {
   safety.option(
       "--force-scale", a.force_scale,
       "factor on the forces of the tissue, 0.001 to 10, instead of the scene's factor.\n"
-      "Without this option, a device that measures its own pose and is too weak for the\n"
-      "strongest slice gets the factor at which it can just produce the force of that slice");
+      "Without this option, the scene's factor is lowered if a device that measures its own\n"
+      "pose is too weak for the scene: so far that the device can just produce the largest\n"
+      "force at which a slice or soft layer breaks. With the force law cutting, the force of a\n"
+      "slice then counts one and a half times, because friction on the shaft adds to it");
   safety.option(
       "--late-ticks-in-row", a.late_ticks_in_row,
       "raise a fault after this many consecutive late ticks (missed deadlines); 0: only count\n"
@@ -274,8 +276,8 @@ void declare_run_options(CLI::App& app, RunArguments& a) {
   scene.option(
       "--strength", a.strength,
       "with --procedure: how strongly the tissue resists: low, median or high (default: median).\n"
-      "--explain prints the range of each quantity: its 5th percentile (low), its median and its\n"
-      "95th percentile (high)");
+      "--explain prints the range of each quantity of tool, layers and bone: its 5th percentile\n"
+      "(low), its median and its 95th percentile (high)");
   scene.flag("--explain", a.explain,
              "run no session; print the values of --procedure, or of all procedures, with\n"
              "their ranges and sources");
@@ -312,14 +314,15 @@ void declare_run_options(CLI::App& app, RunArguments& a) {
       "--simulated", a.simulated,
       "say that the device of --device has no motors, because it is only simulated. Then late\n"
       "ticks (missed deadlines) are no fault, and with udp and pose, data may be missing for\n"
-      "250 ms instead of 10 ms. Exception: if --late-ticks-in-row is above 0, late ticks are a\n"
-      "fault, and data may be missing for only 10 ms.\n"
-      "Without --simulated, every device but inproc is assumed to have motors. Two limits of the\n"
-      "stiffness of contact are then halved: the limit that follows from the mass in the\n"
-      "device's description (force law cutting), and the largest stiffness in the description of\n"
-      "a device that measures its own pose. The reason: if the description states too high a\n"
-      "value, the full stiffness could make the device unstable. The limit of\n"
-      "--stiffness-limit is never halved");
+      "250 ms instead of 10 ms. If --late-ticks-in-row is above 0, neither holds: late ticks\n"
+      "are a fault, and data may be missing for only 10 ms.\n"
+      "Without --simulated, every device but inproc is assumed to have motors. Its description\n"
+      "may then state too high a mass or stiffness, with which contact could become unstable.\n"
+      "Therefore these values are halved: with the force law cutting, the limit of the stiffness\n"
+      "of contact that follows from the mass in the description; with a device that measures\n"
+      "its own pose, the largest stiffness in the description. If that description states no\n"
+      "largest stiffness, hooke and network halve the stiffness of the spring between device\n"
+      "and virtual tool (10000 N/m). The limit of --stiffness-limit is never halved");
   device.flag(
       "--test", a.test_device,
       "run no session; read the device for --duration (default: 5 s), command no force, and say\n"
@@ -339,8 +342,9 @@ void declare_run_options(CLI::App& app, RunArguments& a) {
   declare_safety_options(app, a);
   add_help_for_diagnostics(app);
   app.footer(
-      "Exit codes: 0 done; 2 wrong usage; 3 input refused; 4 output not written; 5 stopped by a\n"
-      "fault; 1 internal error. Ctrl-C ends a session with zero torques and complete files.");
+      "Exit codes: 0 done; 2 wrong usage; 3 input refused; 4 output not written; 5 device\n"
+      "failed, or a fault stopped the session; 1 internal error. Ctrl-C ends a session with\n"
+      "zero torques and complete files.");
 }
 
 Result<void> check_run_arguments(const RunArguments& a) {

@@ -28,11 +28,12 @@ struct History {
   std::vector<std::string> skipped;
 };
 
-/// Reads all files in `folder` and its subfolders whose names end in .json. Links are not followed.
-/// If a folder directly contains a session report, the summaries in this folder are ignored,
-/// because they are assumed to be of the same session. The time of a session is the time at which
-/// its file was last changed. Errors: kRefused if `folder` cannot be read, or if more than
-/// kMaxHistoryFiles names end in .json.
+/// Reads all files whose names end in .json, in `folder` and in its subfolders down to
+/// kMaxHistoryDepth levels. Files in deeper subfolders are ignored. Links are not followed. If a
+/// folder directly contains a session report, the summaries in this folder are ignored, because
+/// they are assumed to be of the same session. The time of a session is the time at which its file
+/// was last changed. Errors: kRefused if `folder` cannot be read, or if more than kMaxHistoryFiles
+/// names end in .json.
 Result<History> read_history(const std::filesystem::path& folder);
 
 /// Returns a table of the sessions: history_text() for a terminal, history_csv() as CSV. Each

@@ -72,7 +72,7 @@ void add_receive_options(CLI::App& app, ReceiveArguments& a) {
       ->check(option_range(1, 1000))
       ->group("Limits");
   app.add_option("--dimse-timeout", a.archive.limits.dimse_timeout_s,
-                 "longest time for one instance, s")
+                 "longest time for receiving one instance, s")
       ->capture_default_str()
       ->check(option_range(1, 86'400))
       ->group("Limits");

@@ -53,7 +53,7 @@ def numbers(kind, low, high):
 
 def arguments(words):
     parser = Parser(prog=NAME, formatter_class=argparse.RawDescriptionHelpFormatter, description="""\
-Makes the missing and the outdated assets (meshes) of a collection of scans on a Slurm cluster, and keeps them in a
+Makes the assets (meshes) of the stale (new or changed) scans of a collection on a Slurm cluster, and keeps them in a
 folder, the store. The computers of the cluster are its nodes. The work is divided into tasks: a task meshes some of the scans on one node.
 `trocar-mesh batch COLLECTION -o STORE` does the same on one machine. If you give the command again, it makes only what is still missing.""", epilog=f"""\
 examples:
