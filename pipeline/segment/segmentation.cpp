@@ -58,7 +58,7 @@ std::optional<double> mean_of_material(const Field& field, const Image& of) {
       count[k] += static_cast<std::int32_t>(mask & 1);
     }
   };
-  // Most blocks of pixels have no material.
+  // In most blocks, all pixels are outside the material.
   constexpr std::size_t kBlock = 8 * kLanes;
   std::size_t i = 0;
   for (; i + kBlock <= values.size(); i += kBlock) {
