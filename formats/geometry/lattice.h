@@ -96,8 +96,8 @@ inline std::int64_t diametral_dot(LatticePoint a, LatticePoint b, LatticePoint p
          (std::int64_t{a.y} - p.y) * (std::int64_t{b.y} - p.y);
 }
 
-/// Returns true if the segments ab and cd share a point that is not an end of both. Segments that
-/// only share end points do not cross. Exact.
+/// Returns true if the segments ab and cd have a common point, and this point lies inside at least
+/// one of them (it is not an end of both). Segments that only share end points do not cross. Exact.
 bool segments_cross(LatticePoint a, LatticePoint b, LatticePoint c, LatticePoint d);
 
 }  // namespace trocar

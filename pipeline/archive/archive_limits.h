@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // Limits on what a sender may send and on how long the sender may take. An instance is one DICOM
-// object, usually one slice. An association is a connection of the DICOM protocol.
+// object: usually the image of one slice, sometimes a file with many images. An association is a
+// connection of the DICOM protocol.
 // Tests: tests/e2e/archive_test.py
 #pragma once
 
@@ -15,7 +16,7 @@ struct ArchiveLimits {
   std::size_t study_instances = 20'000;  ///< largest number of instances in a study
   int max_pdu_bytes = 16'384;  ///< largest protocol data unit (PDU) that the sender may send
   int acse_timeout_s = 30;     ///< longest time until an association is established
-  int dimse_timeout_s = 300;   ///< longest time to receive an instance; not applied by a fetch
+  int dimse_timeout_s = 300;   ///< longest time to receive an instance; fetch does not use it
   int idle_timeout_s = 60;     ///< longest wait for the next request or the next bytes
 };
 

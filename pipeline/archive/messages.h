@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Prints the messages of the receiver and of its processes. Each line is one call of write(), so
-// that lines of several processes do not mix.
+// Prints the messages of `trocar-mesh receive` and `trocar-mesh fetch`. Several processes of one
+// program may print at the same time. Each line is one call of write(), so that lines of several
+// processes do not mix.
 // Tests: tests/e2e/archive_test.py
 #pragma once
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// The work of a batch on one scan, from reading the input to writing the index entry. The work is
-// done in a process of its own.
+// Does the work of `trocar-mesh batch` on one scan: reads the input, makes the asset, and writes
+// the scan's entry in the store's index of scans. Each scan has a process of its own.
 // Tests: tests/pipeline/farm/worker_test.cpp
 #pragma once
 
@@ -30,15 +30,15 @@ struct Work {
 struct Outcome {
   enum class Kind {
     kMade,   ///< this run computed the asset and report, or a product such as a preview
-    kFound,  ///< the store already had the outputs under the scan's key
+    kFound,  ///< the store already had the outputs for the same input, parameters and program
     kFailed,
     kKnownFailure,  ///< not tried again: refused in an earlier run, and unchanged (store.md)
     kLeased,        ///< another process is computing the outputs
     kInterrupted,   ///< a signal ended the batch
   };
   Kind kind = Kind::kFailed;
-  /// key: the key of the scan's action (action_key.h), empty if it is not known. reason: the
-  /// message of the failure.
+  /// key: digest of the input, the parameters and the program (action_key.h), by which the store
+  /// finds outputs; empty if not known. reason: the message of the failure.
   std::string key, reason;
   /// signal: the signal that killed the scan's process; 0 if none did.
   int exit_code = 0, signal = 0;

@@ -46,7 +46,7 @@ Result<std::vector<T>> numbers(const std::string& text, std::string_view pattern
 Result<void> add_labels(const std::string& option, const std::string& list, std::set<int>& labels,
                         std::vector<std::set<int>>* joined = nullptr);
 
-/// The labels that all values of --labels name together. A value is a list or "all". Errors: kUsage
+/// The union of the labels in all values of --labels. A value is a list or "all". Errors: kUsage
 /// if a list is wrong, or if a label would belong to two materials.
 Result<Labels> labels(const std::vector<std::string>& lists);
 

@@ -128,8 +128,8 @@ void add_solid_options(CLI::App& app, Arguments& a) {
       "mm^2; all: no limit");
   group.number(
       "--close", a.close_mm, "MM", 0.0, 100.0,
-      "with --fill: treat a gap in the bone as closed if it is at most twice as wide as MM, in\n"
-      "mm. A region that is open only at such gaps then counts as enclosed and is filled, too");
+      "with --fill: treat a gap in the bone as closed if its width is at most 2 times MM (mm).\n"
+      "A region that is open only at such gaps then counts as enclosed and is filled, too");
   group.number(
       "--min-volume", a.min_volume_mm3, "MM3", 0.0, 1e12,
       "drop separate pieces (connected components) of less than this volume, mm^3. This is\n"
@@ -197,10 +197,10 @@ void add_asset_options(Group group, Arguments& a) {
              "export --surface");
   a.surface_triangles_given = group.number(
       "--surface-triangles", a.surface_triangles, "N", 100, 5'000'000,
-      "largest number of triangles of the surface. Without this option, the surface gets up to\n"
-      "50000 triangles, then twice as many and so on, until 99 % of it lies within half a voxel\n"
-      "of the material's boundary. In both cases, the surface gets more triangles where it\n"
-      "would otherwise intersect itself");
+      "limit on the number of triangles of the surface. With this option, the limit is N.\n"
+      "Without it, the limit is 50000 at first. It is then doubled until 99 % of the surface\n"
+      "lies within half a voxel of the material's boundary. In both cases, the surface gets\n"
+      "more triangles than the limit where it would otherwise intersect itself");
 }
 
 // The output options that a run and its preview share; `output` is the help of -o.
@@ -257,8 +257,8 @@ void add_preview_options(CLI::App& app, Arguments& a) {
   add_common_options(
       app, a,
       "the preview to write: .png, a picture; or .html, a page with the picture and tables.\n"
-      "The tables show areas and numbers of outlines; those of a label map show how many\n"
-      "voxels each label has");
+      "The tables show areas of the material and numbers of outlines. For a label map, one of\n"
+      "the tables shows how many voxels each label has");
   Group(app, "Output")
       .number(
           "--count", a.count, "N", 1, 100,

@@ -408,7 +408,8 @@ void add_batch_options(CLI::App& app, BatchArguments& a) {
   app.add_option("--explain", a.explain,
                  "print whether this scan is stale, and why; write nothing");
   app.add_flag("--retry", a.retry,
-               "try failed scans again, even if nothing about them has changed");
+               "also try scans again that were refused in an earlier run and have not changed\n"
+               "since");
   app.add_option("--max-failures", a.max_failures,
                  "start no further scan after this many failures in this run; 0: no limit")
       ->capture_default_str()

@@ -63,7 +63,7 @@ void add_review_options(CLI::App& app, ReviewArguments& a) {
       "--against", a.against,
       "another store: show how the scans of STORE differ from those of this other store, in\n"
       "this order: damaged, failed, gone, changed, repaired and new scans");
-  app.add_flag("--json", a.as_json, "print the numbers as JSON");
+  app.add_flag("--json", a.as_json, "print the summary as JSON");
   app.add_flag("--quiet", a.quiet, "print errors only");
 }
 

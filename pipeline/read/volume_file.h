@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // The bytes of a volume on disk, which are read block by block. A gzipped volume is unpacked once,
-// as a stream, to a temporary file without a name. Memory therefore does not grow with the size of
-// the volume. The temporary file is never left behind, however the program ends. A separate thread
-// can unpack the volume while its first bytes are already read.
+// as a stream, to a temporary file. Memory therefore does not grow with the size of the volume. The
+// temporary file has no name, so the system removes it however the program ends. A separate thread
+// can unpack the volume. The caller can then read the first bytes before the last are unpacked.
 // Tests: tests/pipeline/read/readers_test.cpp
 #pragma once
 
@@ -28,20 +28,21 @@ class VolumeFile {
   /// unpacks; if the gzip file is damaged, read() and finish() return the error.
   ///
   /// Errors: kRefused if the file cannot be opened or is truncated, if the gzip data are damaged,
-  /// or if the folder for temporary files (TMPDIR) has no space. A gzip file that is too short for
-  /// so many bytes is refused before anything is unpacked.
+  /// or if the folder for temporary files (TMPDIR) has no space. gzip shortens data to no less than
+  /// 1/1032. If the gzip file is too short to hold start + size bytes, it is therefore refused
+  /// before anything is unpacked.
   static Result<VolumeFile> open(const std::filesystem::path& file, std::int64_t start,
                                  std::int64_t size, bool behind = false);
 
-  /// Makes an empty temporary file, which append() fills. Messages name the input `for_file`.
+  /// Makes an empty temporary file, which append() fills. Error messages call the file `for_file`.
   /// Errors: kRefused if the folder for temporary files cannot be used.
   static Result<VolumeFile> temporary(const std::filesystem::path& for_file);
   /// Appends bytes to a file of temporary(). Errors: kRefused if there is no space.
   Result<void> append(std::span<const char> bytes, const std::filesystem::path& for_file);
 
   /// Fills `to` with the bytes from offset `at` on; offset 0 is `start` of open(). Waits until
-  /// these bytes are unpacked. Messages name `name`. Errors: kRefused if the file has become
-  /// shorter; those of open(). Thread-safe.
+  /// these bytes are unpacked. Error messages call the file `name`. Errors: kRefused if the file
+  /// has become shorter; those of open(). Thread-safe.
   Result<void> read(std::int64_t at, std::span<char> to, const std::string& name) const;
 
   /// Waits until everything is unpacked. Returns the error of unpacking, if there was one.

@@ -13,7 +13,8 @@
 namespace trocar::pipeline {
 
 /// Largest number of scans in the index. A scan takes 20 to 35 bytes of text in addition to its
-/// name, so the index has at most about 15 MB.
+/// name, and a name has at most 120 bytes. So the index has at most about 15 MB (155 bytes for each
+/// of 100,000 scans).
 inline constexpr std::size_t kMaxIndexed = 100'000;
 
 class ScanIndex {

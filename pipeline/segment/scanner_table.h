@@ -3,18 +3,25 @@
 // removed from the material.
 //
 // A table is a rigid plate or shell along the scan with the same cross-section in every slice. The
-// search evaluates up to ten slices, the samples, on a grid of about 2.5 mm. In a sample, the body
-// is the region above -300 HU into which a disc of radius 10 mm fits. The cross-section of a table
-// is everything above -300 HU that lies on one side of the body and more than 5 mm from it. It must
-// be at least 150 mm wide and on average at most 40 mm thick. At least half of the samples must
-// show such a cross-section on the same side. (In the others, the body may lie on the table.) The
-// area that most of these cross-sections have in common is then compared with all samples: in at
-// least nine of ten, most of this area must be above -300 HU.
+// search evaluates up to ten slices, the samples, on a grid of blocks of about 2.5 mm:
+//  1. In each sample, the body is what discs of radius 10 mm can cover without leaving the region
+//     above -300 HU. Flat separate parts of this area do not belong to the body.
+//  2. The section of a sample on one side (up, down, left or right) is everything above -300 HU
+//     that lies on this side of the body and more than 5 mm from it. The section counts if it
+//     contains material, is at least 150 mm wide, covers at least 40 % of this width, and is on
+//     average at most 40 mm thick.
+//  3. At least half of the samples must have a section that counts, on the same side. (In the other
+//     samples, the body may be nearer than 5 mm to the table.)
+//  4. The core is the set of blocks that lie in at least half of these sections. In at least 90 %
+//     of all samples, at least 60 % of the core must be above -300 HU.
+//  5. The table's cross-section is the set of blocks that lie in at least a quarter of the sections
+//     of step 3, with a margin of one block.
 //
 // A connected component of the material is part of the table under two conditions. First, at least
-// 80 % of its volume lies in the cross-section. Second, at least 30 % of its surface in the
-// cross-section borders on air; the surface of a bone borders on soft tissue. (Only surface that
-// borders on air or on soft tissue is counted.)
+// 80 % of its volume lies in the table's cross-section. Second, of its surface in this
+// cross-section at least 30 % borders on air, because the surface of a bone borders on soft tissue.
+// (The 30 % refer to the surface that borders on air or on soft tissue within the slice. Any other
+// surface is left out of the count.)
 //
 // No table is found in a scan without a large body, in slices whose sides are both below 150 mm, in
 // slices that are not axial, or if the material is not given by a threshold in HU. In these cases
@@ -45,8 +52,9 @@ class ScannerTable {
   };
   const std::vector<Run>& runs() const { return runs_; }
 
-  /// Lowers the table's pixels in the field of a slice below the iso-value (put_on_side()). If the
-  /// field is cropped, (offset_x, offset_y) is the slice's pixel at which it begins.
+  /// Removes the table from the material of a slice: lowers the values of the table's pixels in
+  /// `field` below the iso-value. If `field` is a part of the slice, (offset_x, offset_y) is the
+  /// slice's pixel at which this part begins.
   void remove(int slice, int offset_x, int offset_y, Field& field) const;
 
   /// Warnings: table_removed if the table or a part of it is removed, table_connected if more than

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // Tries a device without force: reads the device at the rate of a session and commands zero
-// torques. The trial measures the times between the device's states, lost data, resolution, noise
-// and the last pose. describe() says in words whether a session at this rate would run undisturbed.
+// torques. The trial measures the times from each new device state to the next, lost data, and the
+// resolution and noise of the measured values. It also keeps the last pose.
+// describe() says in words whether a session at this rate would run undisturbed.
 // Tests: tests/runtime/checking/device_trial_test.cpp, tests/e2e/device_trial_test.py
 #pragma once
 

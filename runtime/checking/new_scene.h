@@ -34,11 +34,12 @@ struct NewSceneChoices {
 /// joined the materials of each slice. `scene_file`: the file to which the caller will write the
 /// scene. The folder of this file determines how the scene names the asset, as
 /// SceneDraft::name_files() describes.
-///  - Candidates: the first candidates are scenes with the force law `cutting`, through one bone
-///    volume with a strength computed from HU. These scenes need HU in every slice with material,
-///    and slices at most 3 mm apart. The next candidates are scenes with the law `hooke`, with
-///    slices far enough apart for each puncture to be felt separately. In all scenes the slices
-///    keep their true spacing.
+///  - Candidates: the function makes several scenes, the candidates. The first ones have the force
+///    law `cutting`, in which the slices are one bone volume whose strength is computed from HU.
+///    They are made only if every slice with material has HU and slices are at most 3 mm apart. The
+///    next ones have the law `hooke`. They leave out slices, so that those that remain are at least
+///    9.5 mm apart and each puncture is felt separately. In all candidates the distances between
+///    slices are those of the scan.
 ///  - Choice: the candidates are checked one after another, as `--check --strict` with `options`
 ///    would do. The first candidate that has no warning and punctures a slice is returned.
 ///  - Live hand: if `choices.hand` is kLive, a candidate is checked twice, first with a scripted
@@ -48,12 +49,12 @@ struct NewSceneChoices {
 ///    scripted, the lowest height of the tip must be within 1.5 mm of the target's height. If every
 ///    candidate has a warning, the one with the fewest warnings is returned.
 /// Errors: kRefused if no slice of the asset has material, if two slices are less than 0.1 mm
-/// apart, if the bone is nowhere as wide as the tool, if the device reaches no height, or if
-/// `options.stop` was set. Without chosen points, the error is also kRefused if every candidate is
-/// refused, has a warning or punctures no slice. With chosen points, the error is also kRefused if
-/// no needle can take the path (needle_path.h), if the device cannot turn or move as far as the
-/// path requires, or if every candidate is refused, punctures no slice or leaves the tip too far
-/// from the target.
+/// apart, if the bone is nowhere as wide as the tool, if the tip of the device's tool can reach no
+/// point, or if `options.stop` was set. Without chosen points, the error is also kRefused if every
+/// candidate is refused, has a warning or punctures no slice. With chosen points, the error is also
+/// kRefused if no needle can take the path (needle_path.h), if the device cannot turn or move as
+/// far as the path requires, or if every candidate is refused, punctures no slice or leaves the tip
+/// too far from the target.
 Result<NewScene> propose_scene(const Asset& asset, const std::filesystem::path& asset_file,
                                const std::filesystem::path& scene_file, const DeviceToCheck& device,
                                const SessionOptions& options, const NewSceneChoices& choices = {});

@@ -3,11 +3,12 @@
 // the service is not trusted: the functions check sizes, nesting, types, numbers and ids. Members
 // of a message that are not used here may have any form.
 //
-// When a client connects, the service sends one inventory, the list of its devices. Then it
-// sends exactly one state for each message that it receives. A commanded force holds until the
-// next message. Positions are in m and forces in N, in the frame that the service calls
-// application space: by default x points to the right, y forward and z up, and the origin is at
-// the base of the device.
+// When a client connects, the service sends an inventory: the list of its devices with their
+// properties. Then it answers each message with exactly one message. The answer contains the state
+// (measured values) of the devices, or after haply_inventory_request() the inventory. A commanded
+// force holds until the next message. Positions are in m and forces in N, in the frame that the
+// service calls application space: by default x points to the right, y forward and z up, and the
+// origin is at the base of the device.
 // Source: docs.haply.co/inverseSDK/service, pages "WebSocket Protocol", "Control Commands" and
 // "Device Configuration".
 #pragma once
@@ -44,8 +45,9 @@ struct HaplyDevice {
 /// A device that measures a position and renders a force.
 struct HaplyArm {
   HaplyDevice device;
-  /// Spelling that the service's version uses. The version is recognised from the arm's state. If
-  /// the version is not recognised, the spelling is kBoth.
+  /// Spelling that the service's version uses. In the inventory, each arm has an object "state". In
+  /// version 3.1 this object has a member "mode", and in version 3.5 "control_mode" or
+  /// "control_domain". If it has none of them, the spelling is kBoth.
   HaplySpelling spelling = HaplySpelling::kBoth;
   std::string handedness;  ///< "left" or "right"; empty: not stated
   /// False if the service rotates, moves, scales or mirrors the arm's coordinates.
@@ -70,7 +72,7 @@ struct HaplyInventory {
 };
 
 /// Parses an inventory. Errors: kRefused if the text is not an inventory of version 3.1 or 3.5. The
-/// message says in one line why.
+/// error message says in one line why it is not.
 Result<HaplyInventory> parse_haply_inventory(std::string_view text);
 
 /// The devices that a connection uses.

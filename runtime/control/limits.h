@@ -1,11 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-// The safety limits of the loop: on the plate's pose and speed, on released energy, and on times.
+// All safety limits of the loop: on the plate's pose and speed, on released energy, and on times.
 // If a limit is exceeded, the fault that belongs to this limit is raised, and the forces go to
-// zero. The haptic thread calls the check functions. They keep no state of their own. Each
-// implementation of HandDevice checks the limits of the device's own parts.
+// zero. This file has the checks of pose and speed. energy_limit.h has the check of energy, and
+// haptic_loop.cpp has the checks of times. Each implementation of HandDevice checks the limits of
+// the device's own parts. The haptic thread calls the check functions, which keep no state.
 //
 // Contract (limits_test.cpp in tests/runtime/control/):
-//  1. A check returns kNone if no limit is exceeded. Otherwise the check returns its fault with the
+//  1. A check returns kNone if no limit is exceeded. Otherwise it returns its fault with the
 //     quantity, the quantity's value and the limit. A value that is not finite exceeds every limit.
 //     A limit of nan is always exceeded. If a quantity cannot be negative, a negative limit is
 //     always exceeded, too.

@@ -5,13 +5,16 @@
 // minimum degree order that Eigen computes.
 //
 // Eigen's SimplicialLDLT could replace this class, but its results differ from those of this
-// class in the last bits. Recordings with the force law `network` contain these results, and a
-// recording in virtual time must have the same bytes in every version of the program. This is why
-// the class is kept. Its speed alone would not justify it. To factor the matrix of 100 to 10,000
-// nodes, Eigen takes 1.1 to 1.2 times as long as this class. For 40,000 nodes it takes the same
-// time. To solve the equations, it takes 1.2 to 1.4 times as long. With Eigen, a response at a
-// new position would take 1.03 times as long, and a calibration 1.02 times as long (medians of
-// one run of deformation_bench --benchmark_filter=none).
+// class in the last bits. Recordings with the force law `network` depend on these results, and a
+// new version of the program should make the same recordings with the virtual clock as the old
+// version. This is why the class is kept. Its speed alone would not justify it: one run of
+// `deformation_bench --benchmark_filter=none` compared it with Eigen (medians).
+//  - To factor the matrix of 100 to 10,000 nodes, Eigen takes 1.1 to 1.2 times as long as this
+//    class. For 40,000 nodes it takes the same time.
+//  - To solve the equations, Eigen takes 1.2 to 1.4 times as long.
+//  - To compute the response of a sheet to the tool at a new position (response.h), the program
+//    with Eigen would take 1.03 times as long.
+//  - To calibrate a sheet's stiffness (calibration.h), it would take 1.02 times as long.
 // Tests: tests/runtime/deformation/deformation_springs_test.cpp
 #pragma once
 
@@ -31,10 +34,11 @@ class SparseFactor {
   SparseFactor() = default;
 
   /// Factors the rows and columns of the network's matrix that belong to free nodes. `kind`: kind
-  /// of each node, network.size() elements. The matrix is positive definite for springs of any sign
-  /// (network.h, law 2). Rounding, or a foundation of stiffness 0, can nevertheless make a pivot
-  /// (an element of D) zero or negative. The function then returns false, and the factor is empty.
-  /// Otherwise it returns true. Allocates. O(n^1.5) for the n free nodes of a planar mesh.
+  /// of each node, network.size() elements. The matrix is positive definite even if springs have
+  /// negative stiffness (network.h, law 2). Rounding, or a foundation of stiffness 0, can
+  /// nevertheless make a pivot (an element of D) zero or negative. The function then returns false,
+  /// and the factor is empty. Otherwise it returns true. Allocates. O(n^1.5) for the n free nodes
+  /// of a planar mesh.
   bool make(const Network& network, std::span<const NodeKind> kind);
 
   std::size_t size() const noexcept { return inverse_pivot_.size(); }

@@ -97,9 +97,9 @@ void declare_safety_options(CLI::App& app, RunArguments& a) {
   Group safety(app, "Safety");
   safety.option(
       "--recover", a.recover,
-      "what to do after a fault (a failed check, such as of speed or connection). never: end\n"
-      "the session; auto: let the forces rise again; signal: let them rise again when the\n"
-      "signal SIGUSR1 comes (default: never)");
+      "what to do after a fault (a failed check, such as of speed or connection, which takes\n"
+      "the forces away). never: end the session; auto: let the forces rise again; signal: let\n"
+      "them rise again when the signal SIGUSR1 comes (default: never)");
   safety.option(
       "--energy-limit", a.energy_limit_J,
       "largest energy in J that the device may give to the hand within 0.1 s, in addition to\n"
@@ -120,10 +120,10 @@ void declare_safety_options(CLI::App& app, RunArguments& a) {
   safety.option(
       "--force-scale", a.force_scale,
       "factor on the forces of the tissue, 0.001 to 10, instead of the scene's factor.\n"
-      "Without this option, the scene's factor is lowered if a device that measures its own\n"
-      "pose is too weak for the scene: so far that the device can just produce the largest\n"
-      "force at which a slice or soft layer breaks. With the force law cutting, the force of a\n"
-      "slice then counts one and a half times, because friction on the shaft adds to it");
+      "Without this option, the scene's factor is used, with one exception. If a device that\n"
+      "measures its own pose cannot produce the largest force at which a slice or soft layer\n"
+      "of the scene breaks, the factor is lowered until it can. With the force law cutting,\n"
+      "1.5 times the force of a slice must be possible, as friction on the shaft adds to it");
   safety.option(
       "--late-ticks-in-row", a.late_ticks_in_row,
       "raise a fault after this many consecutive late ticks (missed deadlines); 0: only count\n"
@@ -316,17 +316,18 @@ void declare_run_options(CLI::App& app, RunArguments& a) {
       "ticks (missed deadlines) are no fault, and with udp and pose, data may be missing for\n"
       "250 ms instead of 10 ms. If --late-ticks-in-row is above 0, neither holds: late ticks\n"
       "are a fault, and data may be missing for only 10 ms.\n"
-      "Without --simulated, every device but inproc is assumed to have motors. Its description\n"
-      "may then state too high a mass or stiffness, with which contact could become unstable.\n"
-      "Therefore these values are halved: with the force law cutting, the limit of the stiffness\n"
-      "of contact that follows from the mass in the description; with a device that measures\n"
-      "its own pose, the largest stiffness in the description. If that description states no\n"
-      "largest stiffness, hooke and network halve the stiffness of the spring between device\n"
-      "and virtual tool (10000 N/m). The limit of --stiffness-limit is never halved");
+      "Without --simulated, every device but inproc is assumed to have motors. If the mass or\n"
+      "the stiffness in its description is too high, contact can become unstable: the device\n"
+      "vibrates. As a margin, Trocar then halves these limits on the stiffness of contact (a\n"
+      "pose device is a device that measures its own pose):\n"
+      "- with the force law cutting: the limit that Trocar computes from the device's mass\n"
+      "- with a pose device whose description states a largest stiffness: this stiffness\n"
+      "- with any other pose device, and hooke or network: 10000 N/m, which become 5000 N/m.\n"
+      "The limit of --stiffness-limit is never halved");
   device.flag(
       "--test", a.test_device,
       "run no session; read the device for --duration (default: 5 s), command no force, and say\n"
-      "whether a session at --rate would run without faults");
+      "whether a session at --rate would run without faults (exit code 5 if not)");
   device.option(
       "--key-file", a.key_file,
       "file with the secret key by which this program and the device process recognise each\n"
@@ -342,9 +343,10 @@ void declare_run_options(CLI::App& app, RunArguments& a) {
   declare_safety_options(app, a);
   add_help_for_diagnostics(app);
   app.footer(
-      "Exit codes: 0 done; 2 wrong usage; 3 input refused; 4 output not written; 5 device\n"
-      "failed, or a fault stopped the session; 1 internal error. Ctrl-C ends a session with\n"
-      "zero torques and complete files.");
+      "Exit codes: 0 done; 2 wrong usage; 3 input refused, or torques of --replay differ, or\n"
+      "a warning with --check --strict; 4 output not written; 5 device failed, or a fault ended\n"
+      "the session, or --test found trouble; 1 internal error. Ctrl-C ends a session with zero\n"
+      "torques and complete files.");
 }
 
 Result<void> check_run_arguments(const RunArguments& a) {

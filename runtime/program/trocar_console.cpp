@@ -54,10 +54,9 @@ void declare(CLI::App& app, Arguments& arguments) {
       "--listen", arguments.listen,
       "IP address to listen on (default: 127.0.0.1). Any other than 127.0.0.1 or ::1 lets\n"
       "other machines connect, and their connections are not encrypted");
-  app.add_option(
-      "--public-url", arguments.public_url,
-      "if browsers reach the page through a tunnel or proxy: its address, http://HOST:PORT or\n"
-      "https://HOST. The printed links begin with it");
+  app.add_option("--public-url", arguments.public_url,
+                 "address of the page for browsers that reach it through a tunnel or proxy:\n"
+                 "http://HOST:PORT or https://HOST. The printed links begin with this address");
   app.add_option(
       "--attach", arguments.attach,
       "show and command the running session of trocar-run --live FILE; start no sessions");

@@ -22,8 +22,8 @@ class GoalMeter {
  public:
   /// The goals must outlive this object.
   explicit GoalMeter(const SceneGoals& goals) : goals_(goals), in_zone_(goals.zones.size()) {}
-  /// Call this for each counted row (definition 1 of session_figures.h). Precondition:
-  /// figures.zones has an entry for each zone.
+  /// Call this for each counted row: a row in the safety state `ready` or `running`
+  /// (session_figures.h). Precondition: figures.zones has an entry for each zone.
   void observe(const RecordingRow& row, SessionFigures& figures);
   /// Call this for each row that is not counted. It ends all breaches (stays of the tip in zones),
   /// so that the next row in a zone begins a new breach.

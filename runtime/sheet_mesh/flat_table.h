@@ -94,7 +94,7 @@ class FlatTable {
   }
 
   void grow() noexcept {
-    if (2 * (mask_ + 1) > slots_.size()) return;  // all of slots_ is in use; at least half is empty
+    if (2 * (mask_ + 1) > slots_.size()) return;  // full length; at least half stays empty
     use_slots(std::min(8 * (mask_ + 1), slots_.size()));
     for (std::size_t i = 0; i < entries_.size(); ++i) {
       std::size_t slot = home(entries_[i].key);

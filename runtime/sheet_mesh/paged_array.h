@@ -136,7 +136,8 @@ class PagedArray {
       spare_.push_back(std::make_unique<Page>().release());
   }
   std::size_t pages() const noexcept { return pages_.size(); }
-  /// Memory of all pages in bytes, including pages that copies share.
+  /// Memory of the pages in bytes, spare pages included. A page that this array uses several times
+  /// (resize()) counts each time, and a page that copies share counts for each copy.
   std::size_t bytes() const noexcept { return (pages_.size() + spare_.size()) * sizeof(Page); }
 
   bool operator==(const PagedArray& other) const {

@@ -15,7 +15,7 @@ void add_archive_options(CLI::App& app, ArchiveArguments& a) {
   app.add_flag("--insecure", a.insecure, "allow scans to cross the network without encryption")
       ->group("Encryption");
   app.add_option("--max-instance-mb", a.instance_mb,
-                 "largest size of an instance (a DICOM image), MiB")
+                 "largest size of an instance (a DICOM file), MiB")
       ->capture_default_str()
       ->check(option_range(1, 65'536))
       ->group("Limits");

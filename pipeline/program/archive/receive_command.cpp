@@ -52,7 +52,7 @@ void add_receive_options(CLI::App& app, ReceiveArguments& a) {
   app.add_option(
          "--settle", a.settle_s,
          "a study is complete if no association (DICOM connection) is sending it, and no instance\n"
-         "(a DICOM image) has come for this many seconds")
+         "(a DICOM file, usually one slice) has come for this many seconds")
       ->capture_default_str()
       ->check(option_range(0.0, 86'400.0));
   app.add_option("--keep", a.keep_hours,

@@ -17,7 +17,7 @@ void find_front(Tick& tick) noexcept;
 struct Advance {
   /// Length and work of the advance, and strength of the material at its lower end.
   double length_m = 0, work_J = 0, strength_N = 0;
-  /// The advance ends where no bone bears the tip: in already cut bone, in a gap between slabs, or
+  /// The advance ends where no bone holds the tip: in already cut bone, in a gap between slabs, or
   /// below all bone. In this case strength_N is 0.
   bool ends_free = false;
 };

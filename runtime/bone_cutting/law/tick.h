@@ -16,7 +16,7 @@ struct Tick {
   const Pose& plate;
   std::span<const CuttingSlab> slabs;
   CuttingState& state;
-  std::span<const SoftLayer> layers;  ///< layers that have an entry in `state`
+  std::span<const SoftLayer> layers;  ///< soft tissue over the bone; SoftLayerState in `state`
 
   /// The proxy's pose at the start of the tick. The proxy's displacement in the tick is measured
   /// from this pose. `axis` and `tip` are the tool's axis and tip at this pose, in {B}. `down` is
@@ -25,10 +25,11 @@ struct Tick {
   Eigen::Quaterniond back = Eigen::Quaterniond::Identity();
   Eigen::Vector3d axis = -Eigen::Vector3d::UnitZ(), tip = Eigen::Vector3d::Zero();
   double down = 1;
-  /// The stretch of the tip's spring (CuttingState::stretch_m) grows by the dot product of this
-  /// vector and the tip's displacement. The vector's component along the axis is 1. Inside bone the
-  /// vector is the axis, or for a bevelled tip the sum of the axis and CuttingTool::bevel_plate. On
-  /// a surface the vector is parallel to the inward normal.
+  /// Direction in which the tip presses on the front; its component along the axis is 1. If the tip
+  /// moves by the vector d, the stretch of the tip's spring (CuttingState::stretch_m) grows by the
+  /// dot product of `press` and d. Inside bone `press` is the axis, or for a bevelled tip the sum
+  /// of the axis and CuttingTool::bevel_plate. On a surface `press` is parallel to the inward
+  /// normal, up to the slope kMaxSlope (tilt_of_surface()).
   Eigen::Vector3d press = axis;
   /// The tip's friction acts perpendicular to this vector. On a surface the vector is `press`, and
   /// inside bone it is the axis.
@@ -36,14 +37,14 @@ struct Tick {
 
   int hole = -1;  ///< index of the hole that the tool is in or would enter; -1: none
   double front_m = 0, first_front_m = 0;  ///< depth of the front now, and at the tick's start
-  bool is_free = false;          ///< the front's last advance ended where no bone bears the tip
-  double embedded_m = 0;         ///< embedded length of the shaft in all slabs
-  double friction_N = 0;         ///< friction force at which the shaft slides
-  double viscous_N_s_per_m = 0;  ///< viscous friction along the shaft
-  double tip_friction_N = 0;     ///< force at which the tip slides perpendicular to `normal`
-  double hold_N = 0;             ///< force at which the tip slides back out of crushed bone
-  double torsion_N = 0;          ///< moment at which the tip turns, divided by the tool's radius
-  mutable WallModel walls{};     ///< cached sums of wall forces; call forget() if a wall changes
+  bool is_free = false;                   ///< after the front's last move, no bone holds the tip
+  double embedded_m = 0;                  ///< embedded length of the shaft in all slabs
+  double friction_N = 0;                  ///< friction force at which the shaft slides
+  double viscous_N_s_per_m = 0;           ///< viscous friction along the shaft
+  double tip_friction_N = 0;  ///< force at which the tip slides perpendicular to `normal`
+  double hold_N = 0;          ///< force at which the tip slides back out of crushed bone
+  double torsion_N = 0;       ///< moment at which the tip turns, divided by the tool's radius
+  mutable WallModel walls{};  ///< cached sums of wall forces; call forget() if a wall changes
 
   /// Sets the pose `start` and the vectors that follow from it.
   void start_at(const Pose& X) noexcept {
@@ -66,8 +67,9 @@ struct Tick {
     return std::min(front_m - std::max(state.slid_m, 0.0), -tip.z());
   }
 
-  /// Removes the component of the tip's slip along `normal`, and limits the slip's length to
-  /// tip_presliding_m. Neither step raises the stored energy, so the law stays passive.
+  /// Changes CuttingState::tip_slip_m, the stretch of the spring of the tip's friction. Subtracts
+  /// the component along `normal`, and limits the length to tip_presliding_m. Neither step raises
+  /// the stored energy, so the law stays passive.
   void limit_tip_slip() noexcept {
     Eigen::Vector3d& slip = state.tip_slip_m;
     slip -= normal * (normal.dot(slip) / normal.squaredNorm());
@@ -75,7 +77,9 @@ struct Tick {
     if (length > options.tip_presliding_m) slip *= options.tip_presliding_m / length;
   }
 
-  /// Returns the vector that added to `axis` gives `press` on a surface with this slope.
+  /// Returns the difference `press` - `axis` on a surface with this slope. It is perpendicular to
+  /// `axis`. Its length is the tangent of the angle between `axis` and the surface's inward normal,
+  /// but at most kMaxSlope. `slope`: gradient of the surface's depth with respect to x and y.
   Eigen::Vector3d tilt_of_surface(const Eigen::Vector2d& slope) const noexcept {
     const Eigen::Vector3d upward(slope.x(), slope.y(), 1);
     const double along = upward.dot(axis);

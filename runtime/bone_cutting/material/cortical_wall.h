@@ -1,23 +1,25 @@
 // SPDX-License-Identifier: Apache-2.0
-// Finds a wall of cortical bone that is thinner than its slice. The HU of such a slice are the
-// mean of the wall and of the bone behind it, so a strength from these HU would be too low in the
-// wall and too high behind it. If the HU of cortical bone are known, the wall's thickness follows
-// from the slice's mean HU (cortical bone mapping, after G. Treece et al., Med. Image Anal. 14,
-// 2010, but without a model of the scanner's blur).
+// Finds a wall of cortical bone that is thinner than its slab (the bone around one slice). The HU
+// of such a slab are the mean of the wall and of the bone behind the wall. A strength from these HU
+// would be too low in the wall and too high behind it. If the HU of cortical bone are known, the
+// wall's thickness follows from the slab's mean HU (cortical bone mapping, after G. Treece et al.,
+// Med. Image Anal. 14, 2010, but without a model of the scanner's blur).
 //
 // Contract (tests/runtime/bone_cutting/material/cortical_wall_test.cpp):
-//  1. A slab has the mean HU `slab_HU` if it consists of a wall of `cortex_HU` with the returned
-//     thickness, and of bone of `inside_HU` in the rest.
-//  2. If the slab's mean is above `cortex_HU`, the wall fills the slab.
-//  3. There is no wall (thickness 0) unless the slab's mean exceeds `inside_HU` by at least
-//     kMinContrast_HU and the wall is at least kMinWall_m thick. Cancellous bone varies by less
-//     than kMinContrast_HU from slice to slice, so its variation is not taken for a wall.
+//  1. If neither item 2 nor item 3 applies, the result is the thickness t for which `slab_HU` is
+//     the mean of two parts: a wall of thickness t with the HU `cortex_HU`, and the rest of the
+//     slab with the HU `inside_HU`.
+//  2. If `slab_HU` is at least `cortex_HU`, and item 3 does not apply, the wall fills the slab.
+//  3. The result is 0 (no wall) if `slab_HU` exceeds `inside_HU` by less than kMinContrast_HU, or
+//     if the wall would be thinner than kMinWall_m. Cancellous bone (the porous bone inside)
+//     varies by less than kMinContrast_HU from slice to slice, so it is not taken for a wall.
 #pragma once
 
 namespace trocar::runtime {
 
 /// HU of cortical bone that are assumed if the scene states neither SceneBody::cortex_HU nor a
-/// shell. Cortical bone usually has 1,000 to 1,500 HU.
+/// shell (an outer layer of bone with a given thickness). Cortical bone usually has 1,000 to 1,500
+/// HU.
 inline constexpr double kAssumedCortex_HU = 1200;
 inline constexpr double kMinContrast_HU = 200, kMinWall_m = 0.4e-3;
 

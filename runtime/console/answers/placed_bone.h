@@ -21,14 +21,16 @@ namespace trocar::runtime {
 
 struct PlacedBone {
   Scene scene;
-  Asset asset;  ///< contains only the scene's slices, with one mesh each
+  Asset asset;  ///< the part of the asset that the scene uses: its slices, with one mesh each
   std::vector<std::unique_ptr<const Sheet>> sheets;
   std::vector<AssetSurface> surfaces;
-  std::vector<AssetSlice> all;  ///< all slices of the asset; empty: only `asset` was read
+  /// All slices of the asset, also those that the scene does not use. Empty if load_bone() has read
+  /// only the scene's slices (BoneParts).
+  std::vector<AssetSlice> all;
 };
 
-/// The parts of an asset to load. kForView: the scene's slices, with HU at their vertices. If the
-/// asset has a surface, kForView also loads the surface and all other slices. kWithVolumes: the
+/// The parts of an asset that load_bone() reads. kForView: the scene's slices, with HU at their
+/// vertices; if the asset has a surface, also the surface and all other slices. kWithVolumes: the
 /// whole asset, with its volumes of HU.
 enum class BoneParts : std::uint8_t { kForView, kWithVolumes };
 
