@@ -29,6 +29,7 @@ const pid = () => get(page, "trocar.pid");
 
 // ---- the space key presses what has the focus, and never ends a session ----
 await start("scenes/outside.json", 600);
+await until(page, `document.querySelector("#caption").innerText.includes("mm from the tip")`, "the caption with the target");
 const away_mm = /sphere: target, ([0-9.]+) mm from the tip/.exec(await page.innerText("#caption"))?.[1];
 const tip_z_m = await get(page, "trocar.row.tool_m[2]");
 check(Math.abs(away_mm - 1000 * (tip_z_m - 0.11)) < 1, `the target is said to be ${away_mm} mm away, with the tip at ${tip_z_m} m`);
