@@ -53,8 +53,7 @@ class SplitCell {
     std::array<double, 4> far{};
     for (std::size_t k = 0; k < 4; ++k)
       far[k] = distances2_[k] + kPenalty[static_cast<std::size_t>(sides_[k] < 0)];
-    const std::size_t low = far[1] < far[0] ? 1 : 0, high = far[3] < far[2] ? 3 : 2;
-    return std::min(far[2], far[3]) < std::min(far[0], far[1]) ? high : low;
+    return least(far);
   }
   /// Returns the number of the point that has side(k) nearest to `wanted`. Excluded points come
   /// last, so check the result with is_excluded().
@@ -63,8 +62,7 @@ class SplitCell {
     for (std::size_t k = 0; k < 4; ++k)
       far[k] = static_cast<std::uint64_t>(std::abs(sides_[k] - wanted)) |
                static_cast<std::uint64_t>(is_excluded(k)) << 63;
-    const std::size_t low = far[1] < far[0] ? 1 : 0, high = far[3] < far[2] ? 3 : 2;
-    return std::min(far[2], far[3]) < std::min(far[0], far[1]) ? high : low;
+    return least(far);
   }
   bool is_inside(std::size_t k) const noexcept { return sides_[k] >= 0 && !is_excluded(k); }
   bool is_excluded(std::size_t k) const noexcept { return distances2_[k] >= kFar; }
@@ -78,6 +76,12 @@ class SplitCell {
 
  private:
   static constexpr double kFar = 4;
+  // The index of the smallest value; of equal values, of the first.
+  template <typename Value>
+  static std::size_t least(const std::array<Value, 4>& values) noexcept {
+    const std::size_t low = values[1] < values[0] ? 1 : 0, high = values[3] < values[2] ? 3 : 2;
+    return values[high] < values[low] ? high : low;
+  }
   // std::floor() of a number within the lattice's bounds, without a function call.
   static std::int64_t floor_of(double x) noexcept {
     const auto whole = static_cast<std::int64_t>(x);

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "pipeline/scan/hu_planes.h"
 
+#include <Eigen/Core>
 #include <algorithm>
 #include <cmath>
 #include <iterator>
@@ -24,21 +25,6 @@ int pixels_each(double spacing_mm, int pixels) {
 
 int samples_of(int pixels, int each) {
   return (pixels - 1 + each - 1) / each + 1;
-}
-
-// The transposed of a rows x columns matrix, in blocks that fit into the cache.
-std::vector<double> transposed(const std::vector<double>& in, std::size_t rows,
-                               std::size_t columns) {
-  constexpr std::size_t kBlock = 8;
-  std::vector<double> out(in.size());
-  for (std::size_t first = 0; first < columns; first += kBlock) {
-    const std::size_t end = std::min(first + kBlock, columns);
-    for (std::size_t r = 0; r < rows; ++r) {
-      for (std::size_t c = first; c < end; ++c)
-        out[c * rows + r] = in[r * columns + c];
-    }
-  }
-  return out;
 }
 
 // Least squares of a piecewise linear function, with a knot at every `each`-th of n values, to the
@@ -75,14 +61,18 @@ std::vector<double> fitted(RowOf row_of, int n, int width, int each) {
     for (std::size_t c = 0; c < w; ++c)
       right[k * w + c] = (right[k * w + c] - factor * next[c]) / diagonal[k];
   }
-  return transposed(right, knots, w);
+  using Matrix = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
+  const auto rows = static_cast<Eigen::Index>(knots), columns = static_cast<Eigen::Index>(w);
+  std::vector<double> out(right.size());
+  Eigen::Map<Matrix>(out.data(), columns, rows) =
+      Eigen::Map<const Matrix>(right.data(), rows, columns).transpose();
+  return out;
 }
 
-// Without branches, so that a compiler can convert several values at once.
 double finite_hu(float hu) {
-  constexpr float kMost = 1e9F;
-  const float known = std::isnan(hu) ? kNoData_HU : hu;
-  return static_cast<double>(std::min(std::max(known, -kMost), kMost));
+  constexpr double kMost = 1e9;
+  return std::isnan(hu) ? static_cast<double>(kNoData_HU)
+                        : std::clamp(static_cast<double>(hu), -kMost, kMost);
 }
 
 // The pixels of a box.
@@ -131,7 +121,7 @@ std::vector<float> hu_samples(const Image& hu, const HuSampling& sampling, const
   std::vector<double> pixels(static_cast<std::size_t>(width));
   const auto row_of_pixels = [&](int y) {
     const auto row = hu.values.begin() + static_cast<std::ptrdiff_t>(top + y) * hu.width + left;
-    std::transform(row, row + width, pixels.begin(), [](float hu_at) { return finite_hu(hu_at); });
+    std::transform(row, row + width, pixels.begin(), finite_hu);
     return pixels.data();
   };
   const std::vector<double> by_column = fitted(row_of_pixels, height, width, sampling.rows_each);

@@ -78,8 +78,8 @@ double hu_of(Tissue tissue) {
   }
 }
 
-// The phantom within x -45 to 45, y -65 to 40 (-110 with vessels), z 0 to length_mm. Each voxel is the
-// mean of 2 x 2 x 2 points.
+// The phantom within x -45 to 45, y -65 to 40 (-110 with vessels), z 0 to length_mm. Each voxel is
+// the mean of 2 x 2 x 2 points.
 class ColumnStack final : public SliceStack {
  public:
   explicit ColumnStack(const Phantom& phantom) {
