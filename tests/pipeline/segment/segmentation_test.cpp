@@ -43,6 +43,16 @@ TEST(Segmentation, MeanOfAnotherImagesValuesOverTheMaterial) {
   EXPECT_EQ(*mean_of_material(field, image_of(13, 1, hu)), 1400.0 / 3);
 }
 
+TEST(Segmentation, MeanOfMaterialFindsASinglePixelAnywhere) {
+  for (std::size_t i = 0; i < 200; ++i) {
+    std::vector<float> values(200, 99);
+    values[i] = 100;  // the threshold itself is material
+    const Field field = segment(image_of(200, 1, values), PixelUnit::kHounsfield, Threshold{100});
+    ASSERT_TRUE(mean_of_material(field)) << i;
+    EXPECT_EQ(*mean_of_material(field), 100) << i;
+  }
+}
+
 TEST(Segmentation, MeanOfMaterialIsEmptyWithoutMaterial) {
   const Field field = segment(image_of(2, 2, {1, 2, 3, 4}), PixelUnit::kHounsfield, Threshold{100});
   EXPECT_FALSE(mean_of_material(field));

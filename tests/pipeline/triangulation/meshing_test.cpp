@@ -180,6 +180,27 @@ TEST(Refinement, ReachesAnglesAndAreasOnSmoothOutlines) {
   }
 }
 
+// Points of splits are rounded to the lattice, which moves the outline. With keep_area, the areas
+// that the splits of a loop add and remove balance.
+TEST(Refinement, KeepsTheAreaIfWanted) {
+  double kept = 0, rounded = 0;
+  for (int k = 0; k < 20; ++k) {
+    const Pslg disc =
+        simplify(contours(disc_field(64, 31.3, 31.8, 10 + 0.7 * k), kGrid, ContourKind::kSubpixel),
+                 kLattice, {0.1});
+    for (const bool keep_area : {true, false}) {
+      RefinementOptions options;
+      options.max_area_mm2 = 0.5;
+      options.keep_area = keep_area;
+      const Refined refined = refine(*triangulate(disc), kLattice, options);
+      (keep_area ? kept : rounded) +=
+          std::abs(static_cast<double>(doubled_area(refined.mesh) - doubled_area(disc)));
+    }
+  }
+  std::printf("  area error %.3g of that without keep_area\n", kept / rounded);
+  EXPECT_LT(kept, 0.02 * rounded);
+}
+
 // If only the area bound requires triangles, nearly all are equilateral and of that area.
 TEST(Refinement, FillsLargeAreasWithHardlyMoreTrianglesThanTheAreaAsksFor) {
   Pslg pslg = simplify(contours(disc_field(64, 31.3, 31.8, 25), kGrid, ContourKind::kSubpixel),
