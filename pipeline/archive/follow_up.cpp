@@ -65,7 +65,8 @@ Result<std::vector<std::string>> add_to_collection(const fs::path& folder, const
   return names;
 }
 
-// Replaces this process by a batch of the named scans.
+// Replaces this process by a batch of the named scans. This program is in libexec/trocar, and
+// trocar-mesh is in bin beside libexec.
 int run_batch_program(const FollowUpSettings& settings, const std::vector<std::string>& names) {
   const int fd = ::memfd_create("scans", 0);
   std::string text;
@@ -85,7 +86,11 @@ int run_batch_program(const FollowUpSettings& settings, const std::vector<std::s
   std::array<char*, 9> arguments{};
   std::transform(words.begin(), words.end(), arguments.begin(),
                  [](std::string& word) { return word.data(); });
-  ::execv("/proc/self/exe", arguments.data());
+  std::error_code unreadable;
+  const fs::path own = fs::read_symlink("/proc/self/exe", unreadable);
+  const fs::path program = own.parent_path().parent_path().parent_path() / "bin" / "trocar-mesh";
+  ::execv(program.c_str(), arguments.data());
+  report(program.string() + ": cannot be run (" + std::generic_category().message(errno) + ")");
   return static_cast<int>(ExitCode::kBug);
 }
 

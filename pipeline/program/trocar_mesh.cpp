@@ -16,8 +16,8 @@
 #include "formats/base/command_line.h"
 #include "formats/base/nearest_name.h"
 #include "pipeline/base/malloc_tuning.h"
-#include "pipeline/program/archive/fetch_command.h"
-#include "pipeline/program/archive/receive_command.h"
+#include "pipeline/program/archive/archive_options.h"
+#include "pipeline/program/archive/archive_process.h"
 #include "pipeline/program/arguments.h"
 #include "pipeline/program/batch_command.h"
 #include "pipeline/program/export_command.h"
@@ -141,7 +141,8 @@ struct CommandLine {
     add_help_for_diagnostics(app);
   }
 
-  int run() const {
+  // `argv` are the arguments of main(), which a program of its own parses again.
+  int run(char** argv) const {
     if (app.get_subcommands().empty()) {
       if (const auto ok = check_command(app, mesh); !ok) return fail(ok.error());
       return mesh.explain ? explain(mesh.preset) : run_mesh(mesh);
@@ -155,8 +156,7 @@ struct CommandLine {
     if (command == "info") return run_info(info);
     if (command == "export") return run_export(exported);
     if (command == "batch") return run_batch(batch);
-    if (command == "receive") return run_receive(receive);
-    return command == "fetch" ? run_fetch(fetch) : run_review(review);
+    return command == "review" ? run_review(review) : become_trocar_archive(argv);
   }
 
  private:
@@ -189,7 +189,7 @@ int run(int argc, char** argv) {
     return *done;
   // Lack of memory is caused by the input and is not a bug.
   try {
-    return line.run();
+    return line.run(argv);
   } catch (const std::bad_alloc&) {
     return fail(refused_for_now("not enough memory for this input"));
   }

@@ -579,3 +579,12 @@ def test_wrong_usage(programs, place, words, message):
     done = run(programs / "trocar-mesh", *words, expect=2, cwd=place)
     assert message in done.stderr and done.stderr.count("\n") == 1
     assert list(place.iterdir()) == []
+
+
+def test_missing_program_is_named(programs, place):
+    copy = place / "bin" / "trocar-mesh"
+    copy.parent.mkdir()
+    shutil.copy(programs / "trocar-mesh", copy)
+    done = run(copy, "fetch", place / "scans", "--from", "PACS@localhost:104", "--study", "1.2", expect=1)
+    assert done.stderr == (f"trocar-mesh: {place}/libexec/trocar/trocar-archive: cannot be run (No such file or directory); "
+                           "reinstall or rebuild trocar-mesh\n")

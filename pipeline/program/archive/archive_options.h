@@ -1,15 +1,19 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// The options that `trocar-mesh receive` and `trocar-mesh fetch` share: limits, time-outs and TLS.
-// Tests: tests/e2e/archive_test.py
+// The options of `trocar-mesh receive` and `trocar-mesh fetch`.
+// Tests: tests/e2e/archive_test.py, tests/e2e/orthanc_test.py
 #pragma once
 
 #include <CLI/CLI.hpp>
+#include <filesystem>
+#include <string>
+#include <vector>
 
 #include "pipeline/archive/archive_limits.h"
 #include "pipeline/archive/transport.h"
 
 namespace trocar::pipeline {
 
+/// What both commands share: limits, time-outs and TLS.
 struct ArchiveArguments {
   archive::ArchiveLimits limits;
   archive::TlsFiles tls;
@@ -17,8 +21,30 @@ struct ArchiveArguments {
   bool insecure = false;                 ///< allows unencrypted scans on the network
 };
 
-/// Declares the options. Parsing writes their values to `a`, which must outlive `app`.
-void add_archive_options(CLI::App& app, ArchiveArguments& a);
+struct ReceiveArguments {
+  std::filesystem::path folder;
+  std::string ae, listen = "127.0.0.1";
+  int port = 0, max_associations = 16;
+  std::vector<std::string> from;            ///< AE titles of the accepted senders
+  std::vector<std::filesystem::path> then;  ///< --then: collection and store for meshing; or empty
+  double settle_s = 10, keep_hours = 0;
+  ArchiveArguments archive;
+};
+
+struct FetchArguments {
+  std::filesystem::path folder;
+  std::string from, study, ae = "TROCAR";
+  bool quiet = false;
+  ArchiveArguments archive;
+};
+
+/// Declares the options of `trocar-mesh receive`. Parsing writes their values to `a`, which must
+/// outlive `app`.
+void add_receive_options(CLI::App& app, ReceiveArguments& a);
+
+/// Declares the options of `trocar-mesh fetch`. Parsing writes their values to `a`, which must
+/// outlive `app`.
+void add_fetch_options(CLI::App& app, FetchArguments& a);
 
 /// Returns a.limits with the sizes replaced by those of `instance_mb` and `study_gb`, in bytes.
 archive::ArchiveLimits limits_of(const ArchiveArguments& a);

@@ -36,19 +36,6 @@ Result<archive::FetchSettings> settings_of(const FetchArguments& a) {
 
 }  // namespace
 
-void add_fetch_options(CLI::App& app, FetchArguments& a) {
-  app.add_option("FOLDER", a.folder,
-                 "write the study to FOLDER/UID, where UID is the one of --study")
-      ->required();
-  app.add_option("--from", a.from,
-                 "AE title (DICOM name), host and port of the archive: AE@HOST:PORT")
-      ->required();
-  app.add_option("--study", a.study, "Study Instance UID of the study to get")->required();
-  app.add_option("--ae", a.ae, "AE title of this program")->capture_default_str();
-  app.add_flag("--quiet", a.quiet, "print errors only");
-  add_archive_options(app, a.archive);
-}
-
 int run_fetch(const FetchArguments& a) {
   const auto settings = settings_of(a);
   if (!settings) return report_error(archive::kProgram, settings.error());

@@ -6,7 +6,6 @@
 #include <system_error>
 
 #include "formats/base/command_line.h"
-#include "formats/base/option_range.h"
 #include "pipeline/archive/archive_names.h"
 #include "pipeline/archive/messages.h"
 #include "pipeline/archive/receiver.h"
@@ -32,52 +31,6 @@ Result<void> check(const ReceiveArguments& a) {
 }
 
 }  // namespace
-
-void add_receive_options(CLI::App& app, ReceiveArguments& a) {
-  app.add_option("FOLDER", a.folder,
-                 "folder in which each complete study appears as a folder of its own")
-      ->required();
-  app.add_option("--port", a.port, "TCP port; 0: any free port, which is printed")
-      ->required()
-      ->check(option_range(0, 65'535));
-  app.add_option("--ae", a.ae, "AE title (DICOM name) of this program, which senders must call")
-      ->required();
-  app.add_option("--from", a.from, "AE title of a sender that is accepted; may be repeated")
-      ->required()
-      ->allow_extra_args(false);  // each --from takes one title, and FOLDER may follow
-  app.add_option(
-         "--listen", a.listen,
-         "IP address at which senders connect; 127.0.0.1: only senders on this computer can")
-      ->capture_default_str();
-  app.add_option(
-         "--settle", a.settle_s,
-         "a study is complete if no association (DICOM connection) is sending it, and no instance\n"
-         "(a DICOM file, usually one slice) has come for this many seconds")
-      ->capture_default_str()
-      ->check(option_range(0.0, 86'400.0));
-  app.add_option("--keep", a.keep_hours,
-                 "remove studies to which no image was added for this many hours; 0: never")
-      ->capture_default_str()
-      ->check(option_range(0.0, 1e6));
-  app.add_option(
-         "--then", a.then,
-         "add the scans of each complete study to the file COLLECTION, and make their assets in\n"
-         "the folder STORE, as trocar-mesh batch does")
-      ->type_size(2)
-      ->expected(1)
-      ->type_name("COLLECTION STORE");
-  app.add_option("--max-associations", a.max_associations,
-                 "largest number of associations at the same time; others wait")
-      ->capture_default_str()
-      ->check(option_range(1, 1000))
-      ->group("Limits");
-  app.add_option("--dimse-timeout", a.archive.limits.dimse_timeout_s,
-                 "longest time for receiving one instance, s")
-      ->capture_default_str()
-      ->check(option_range(1, 86'400))
-      ->group("Limits");
-  add_archive_options(app, a.archive);
-}
 
 int run_receive(const ReceiveArguments& a) {
   if (const auto ok = check(a); !ok) return report_error(archive::kProgram, ok.error());
