@@ -55,7 +55,7 @@ enum Mesh : std::size_t {
   kMeshHead
 };
 inline constexpr std::uint64_t kIsShown = 1, kHasHu = 2;  ///< bits of kFlags
-/// Word numbers in the region of the live hand, which lies in the page of the commands.
+/// Word numbers in the region of the live hand, which follows the commands in the same kPage bytes.
 enum Hand : std::size_t {
   kHandSequence,
   kHandCount,

@@ -30,8 +30,8 @@ struct BorderEnds {
 /// G(s) is a Gaussian with standard deviation s along the section. Lengths are counted in
 /// crossings: s is a fourteenth of the section's length, but at most 3 crossings. Each crossing
 /// stays between its two pixels, so borders cannot cross. If this limit allows it, the areas on
-/// both sides of the border stay the same. For a closed border `ends` has no value. A closed border
-/// with fixed crossings afterwards starts at a fixed one. O(n).
+/// both sides of the border stay the same. For a closed border `ends` has no value. If a
+/// closed border has fixed crossings, it starts at one of them after the call. O(n).
 void smooth_border(std::vector<Crossing>& border, const std::optional<BorderEnds>& ends);
 
 }  // namespace trocar::pipeline

@@ -26,8 +26,9 @@ struct SimplificationOptions {
 /// Each ring keeps its orientation and stays inside or outside the same other rings. With a
 /// tolerance of 0 both methods remove exactly the vertices on the line between their neighbours.
 /// Where Douglas-Peucker would change the topology, it keeps more vertices, if necessary all of
-/// them. Afterwards clear_outline() (outline_clearance.h) removes edges and gaps of a few lattice
-/// steps. O(n log n) typically.
+/// them. The last step is clear_outline() (outline_clearance.h), which removes edges and gaps of
+/// a few lattice steps. With Douglas-Peucker, or a tolerance of 0, this step is left out if a
+/// rotation may map the outline to itself. O(n log n) typically.
 Pslg simplify(const Pslg& contours, const Lattice& lattice, const SimplificationOptions& options);
 
 /// Like simplify(), but also for open lines, which may share ends. If is_open[i] is true, ring i is
@@ -44,8 +45,8 @@ Pslg simplify_lines(const Pslg& lines, const std::vector<bool>& is_open, const L
 
 /// Refinement adds points to the edges of the outline and rounds them to the lattice. Returns how
 /// far, in lattice steps, rounding may move a point away from its edge if the outline is to stay
-/// within the tolerance. The result is infinite for Douglas-Peucker, which reserves no part of the
-/// tolerance for refinement, and for a tolerance of 0.
+/// within the tolerance. Douglas-Peucker, and any method with a tolerance of 0, reserve no part of
+/// the tolerance for refinement. Their outlines need not stay within it, so the result is infinite.
 double left_for_refinement_steps(const Lattice& lattice, const SimplificationOptions& options);
 
 /// Two-sided Hausdorff distance between a contour and the ring of the same index, in mm, with a

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // The store into which `trocar-mesh batch` writes; store.md describes the store's layout. The
 // store's index has an entry for each scan. All files of the store except the journal and the
-// leases are written atomically (atomic_file.h).
+// leases are written atomically (atomic_file.h). A lease is a file by which a process reserves the
+// work on one asset (lease.h).
 #pragma once
 
 #include <chrono>
@@ -39,7 +40,8 @@ struct Outputs {
 
 /// A product of a scan (product.h), as the index entry of the scan records it.
 struct StoredProduct {
-  std::string key;      ///< empty if the product was not tried, because its scene failed
+  /// Empty if the product is a check, which was not tried because the scene failed.
+  std::string key;
   std::string program;  ///< digest of the program that makes the product
   nlohmann::json parameters;
   std::optional<Object> file = {};  ///< present if the product is done
@@ -64,8 +66,8 @@ struct ScanEntry {
   std::string reason = {};
   int exit_code = 0;
   int signal = 0;  ///< signal that killed the scan's process; 0: none
-  /// True: the failure is a known one (store.md). The same program, parameters and input always
-  /// fail, so the next run does not try again.
+  /// True: the same program, parameters and input always fail, so the next run does not try again
+  /// (a known failure, store.md).
   bool is_lasting = false;
   bool is_done() const { return outputs.has_value(); }
 };
@@ -107,9 +109,9 @@ class Store {
   Result<Object> put_content(
       std::span<const std::uint8_t> bytes,
       const std::function<Result<void>(std::span<const std::uint8_t>)>& prove) const;
-  /// find_product() returns the file of the product whose action has this key, if the store
-  /// has both, and sets the modification times of both to now. put_product() writes the action of
-  /// a product, and records in it which file is the product.
+  /// find_product() looks for the action with this key and for the file of its product. If the
+  /// store has both, it sets their modification times to now and returns the file. put_product()
+  /// writes the action of a product, and records in it which file is the product.
   std::optional<Object> find_product(const std::string& key) const;
   Result<void> put_product(const std::string& key, const nlohmann::json& action,
                            const Object& file) const;

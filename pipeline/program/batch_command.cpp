@@ -251,7 +251,8 @@ Result<void> write_metrics(const BatchArguments& a, const fs::path& store,
       a.metrics, farm::metrics_text(summary, store.string(), std::chrono::system_clock::now()));
 }
 
-// Whether every scan is a known failure and has no asset. An asset of which only a product failed counts.
+// Whether every scan is a known failure and has no asset. An asset of which only a product failed
+// counts.
 bool has_made_none(const fs::path& store, const farm::BatchSummary& summary) {
   std::error_code ignored;
   return summary.scans > 0 && summary.known.size() == summary.scans &&
@@ -414,9 +415,10 @@ void add_batch_options(CLI::App& app, BatchArguments& a) {
                  "start no further scan after this many failures in this run; 0: no limit")
       ->capture_default_str()
       ->check(option_range(0, 1000000));
-  app.add_flag("--strict", a.strict,
-               "end with exit code 3 also if a scan failed in an earlier run and this run did not\n"
-               "try it again");
+  app.add_flag(
+      "--strict", a.strict,
+      "end with exit code 3 not only if a scan fails in this run, but also if a scan failed\n"
+      "in an earlier run and this run did not try it again");
   app.add_option(
       "--run-program", a.run_program,
       "path of trocar-run (default: the trocar-run beside this program, else the one in PATH).\n"

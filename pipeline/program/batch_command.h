@@ -25,7 +25,8 @@ void add_batch_options(CLI::App& app, BatchArguments& a);
 /// Runs the batch and returns the exit code:
 ///  - 2: the options or the collection are wrong.
 ///  - 3: a scan failed in this run.
-///  - 3: all scans of the collection failed in earlier runs, and none of them has an asset.
+///  - 3, without --only and --shard: every scan of the collection failed in an earlier run and was
+///    not tried again, and none of them has an asset.
 ///  - 3, only with --strict: a failure of an earlier run was not tried again.
 ///  - 4: the store or the file of --metrics could not be written, or a signal interrupted the run.
 ///  - 1: there was an internal error, for example if no process could be created.

@@ -40,8 +40,10 @@ Result<std::size_t> verify(const fs::path& file, const VerifyArguments& a) {
 
 void add_verify_options(CLI::App& app, VerifyArguments& a) {
   app.add_option("ASSET", a.assets, "one or more assets (.glb)")->required();
-  app.add_flag("--private", a.deidentified,
-               "also refuse an asset if a text in it may identify the patient");
+  app.add_flag(
+      "--private", a.deidentified,
+      "also refuse an asset if a text in it may identify the patient, or if it has HU around\n"
+      "the material (--context), which can show a face");
   app.add_flag("--independent", a.with_cgal,
                "also compare each slice with the triangulation of the library CGAL");
   app.add_flag("--json", a.as_json, "print JSON");

@@ -9,8 +9,8 @@
 // where p are all pixels with their centre in the mesh, and ab are all edges of the mesh. In the
 // second sum a boundary edge has half the weight. The second sum determines h at vertices with few
 // pixels around them, and makes the field cheaper to store. If a constant is added to h on a
-// connected component of the mesh, only the first sum changes. The mean of h over the pixels of a
-// component therefore equals the mean of their HU.
+// connected component of the mesh, only the first sum changes. At the minimum no such constant
+// makes this sum smaller, so the mean of h over the pixels of a component is the mean of their HU.
 #pragma once
 
 #include <cstdint>

@@ -7,8 +7,9 @@
 // option is not given.
 //  1. min_volume: components smaller than this volume are removed. This is done before step 2,
 //     because a speck in a gap of the bone could make the gap so narrow that it counts as closed.
-//     With `column`, soft tissue whose values are above the threshold, such as vessels with
-//     contrast medium (soft_regions.h), is removed next.
+//     If `column` is given, and the material is given by a threshold in HU, another step follows,
+//     with or without min_volume: soft tissue whose values are above the threshold, such as vessels
+//     with contrast medium (soft_regions.h), is removed, and then small components once more.
 //  2. fill, close: a voxel is filled if it is enclosed (plane_flood.h) in at least two of the three
 //     planes of voxels through it. Canals (canals.h) along the patient's long axis stay open. If
 //     the material is given by a threshold in HU, voxels below kAir_HU are never filled.
@@ -80,11 +81,10 @@ class SolidBone {
   }
   /// Changes a slice's field so that exactly the material voxels have values of material. A value
   /// on the wrong side of the iso-value is mirrored: it gets the same distance from the iso-value
-  /// on the other side. Its pixel is marked in Field::changed. Where the values alone give the same
-  /// border as the voxels, the outline does not change. Elsewhere the border is a smooth curve
-  /// (contour.h). If the field is cropped, (offset_x, offset_y) is the slice's pixel at which it
-  /// begins. Returns the mean of the original values over the material; no value if nothing is
-  /// material.
+  /// on the other side. Its pixel is marked in Field::changed. Between two pixels that are not
+  /// marked, the border stays as it was. Beside a marked pixel it is a smooth curve (contour.h). If
+  /// the field is cropped, (offset_x, offset_y) is the slice's pixel at which it begins. Returns
+  /// the mean of the original values over the material; no value if nothing is material.
   std::optional<double> apply(int slice, int offset_x, int offset_y, Field& field) const;
 
   /// Warning: contrast_filled if filling is wanted and there is soft tissue above the threshold.

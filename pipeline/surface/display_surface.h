@@ -2,10 +2,11 @@
 // Makes a closed triangle surface of the material for display, in three steps.
 //
 //  1. The isosurface is computed (isosurface.h). It follows the zero level of the volume, that is,
-//     the points at which the values of SurfaceVolume are zero. The vertices lie on a lattice,
-//     which the asset stores.
-//  2. The isosurface is decimated to the wanted number of triangles (decimation.h). Where triangles
-//     then intersect, the last collapses near them are undone.
+//     the points at which the values of SurfaceVolume are zero. The vertices lie on an integer
+//     lattice, whose step the asset stores.
+//  2. The isosurface is decimated to the wanted number of triangles by collapses, each of which
+//     merges a vertex into a neighbour (decimation.h). Where triangles then intersect, the last
+//     collapses near them are undone.
 //  3. The resulting surface is proved to be closed, manifold and oriented
 //     (formats/geometry/triangle_surface.h). CGAL's exact predicates prove that it does not
 //     intersect itself. The distances between the surface and the zero level are measured.
@@ -52,8 +53,9 @@ struct DisplaySurface {
 /// Makes the surface. If SurfaceOptions::at_most is set and the isosurface has more than 32 times
 /// as many triangles as wanted, the isosurface is computed again from averages of voxels
 /// (DisplaySurface::coarsened). Deterministic. Errors: kRefused if the surface is outside the range
-/// of coordinates, or if it intersects itself even without collapses, because slices are too close
-/// together for the lattice of its vertices; kUnwritable if SurfaceOptions::stop was set. Memory:
+/// of coordinates. kRefused also if it still intersects itself after all collapses near the
+/// intersections have been undone: slices are then too close together for the lattice of its
+/// vertices. kUnwritable if SurfaceOptions::stop was set, because nothing is then written. Memory:
 /// 350 bytes for each vertex of the isosurface.
 Result<DisplaySurface> make_display_surface(const SurfaceVolume& volume,
                                             const SurfaceOptions& options);

@@ -34,10 +34,10 @@ class RefinementOutline {
     return twins_.empty() ? kNoTwin : twins_[segment];
   }
 
-  /// Finds the loops that the segments form. lost_of_loop() counts the lost area of each loop. If
-  /// regions share borders, a loop is divided where the region on its other side changes. Each part
-  /// then counts as a loop, and has only one region, or only the void (the area without material),
-  /// on its other side.
+  /// Finds the loops that the segments form. lost_of_loop() keeps the area by which splits reduce
+  /// each loop. If regions share borders, a loop is divided where the region on its other side
+  /// changes. Each part then counts as a loop, and has only one region, or only the void (the area
+  /// without material), on its other side.
   void find_loops();
   /// Prepares has_clearance().
   void start_clearance(const std::vector<LatticePoint>& points);

@@ -11,10 +11,11 @@
 //  - scale: standard deviation of the noise of one sample (a measured point of the curve)
 //  - samples: number of samples whose mean is point i
 //  - ratio: size of the correlated part relative to the noise
-//  - a_i: fitted force at point i divided by the largest fitted force, but at least 0.03. Both
-//    forces are measured from the baseline. Two variants of a_i exist, with and without friction.
-//  - k: correlation, an exponential or a Matern-5/2 function; z_i: depth of point i; length: the
-//    distance in depth by which k is scaled
+//  - a_i: fitted force at point i divided by the largest fitted force, but at least 0.03. The
+//    load cell's force before contact is subtracted from both. Two variants of a_i exist, with and
+//    without friction.
+//  - k: correlation, an exponential or a Matern-5/2 function; z_i: depth of point i; length: length
+//    scale of the correlation, in depth
 // Residuals of different branches are independent. Many combinations of ratio, length, a and k are
 // tried. The weight of a combination is the product of three factors:
 //  - its restricted likelihood (H. Patterson, R. Thompson, Biometrika 58, 1971), which takes into
@@ -22,9 +23,10 @@
 //  - a prior for the integral of the correlation over depth: log-normal, median 0.6 mm, geometric
 //    standard deviation 1.6
 //  - a prior that makes a scale above NoisePoints::noise_N less probable
-// For each combination, generalised least squares gives a covariance of the fitted parameters. The
-// result is the weighted mean over the combinations. So it includes the uncertainty about the
-// correlation of the residuals.
+// For each combination, generalised least squares gives parameters and their covariance. The
+// result is the weighted mean, over the combinations, of this covariance plus the outer product of
+// the step from the given parameters to these. So it includes the uncertainty about the correlation
+// of the residuals.
 // Tests: tests/runtime/calibration/curve_fit_test.cpp
 #pragma once
 
@@ -41,7 +43,8 @@ struct NoiseBranch {
 struct NoisePoints {
   Eigen::VectorXd depth_mm, samples;  ///< samples: number of the curve's samples in each point
   /// The factors a_i of the formula above. `amplitude`: the fitted force includes friction.
-  /// `tip_amplitude`: during the insertion, the fitted force is that of the tip alone.
+  /// `tip_amplitude`: the same, but during the insertion the fitted force is that of the tip alone,
+  /// without friction.
   Eigen::VectorXd amplitude, tip_amplitude;
   std::vector<NoiseBranch> branches;
   /// Standard deviation of the noise of one sample, computed from differences of neighbours.
@@ -75,7 +78,8 @@ struct NoiseEstimate {
   Eigen::MatrixXd covariance;  ///< covariance of the fitted parameters
 };
 
-/// Estimates the covariance. `residuals`: measured minus fitted. `jacobian`: derivatives of the
+/// Estimates the noise of the residuals, and from it the covariance of the fitted parameters.
+/// `residuals`: measured minus fitted. `jacobian`: derivatives of the
 /// fitted force by the parameters, of full rank. `is_rough`: only the exponential correlation with
 /// `amplitude` is tried, to save time.
 NoiseEstimate estimate_noise(const NoisePoints& points, const Eigen::VectorXd& residuals,

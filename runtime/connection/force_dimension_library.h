@@ -37,7 +37,7 @@ struct ForceDimensionLibrary {
                               double z_Nm, char id);
 };
 
-/// Index of the entry in the array of get_status() that is not 0 if the device is not calibrated.
+/// Index of the entry for calibration in the array of get_status(): 0 if the device is calibrated.
 inline constexpr int kStatusReset = 3;
 /// Length of the array for get_status(), which is more than any release of the SDK fills.
 inline constexpr int kStatusLength = 64;

@@ -105,9 +105,10 @@ struct GaussNewtonOptions {
   /// The iteration ends after a step with no component above step_m; 1 rad counts as 0.05 m.
   double step_m = 1e-12;
   /// If the plate moved more than travel_max_m since the last pose, or if residual_m exceeds
-  /// residual_max_m, the result is kOtherBranch. In tests with the defaults, no wrong pose had the
-  /// status kOk, even if the iteration started up to 100 mm and 60 deg from the true pose
-  /// (tests/runtime/mechanism/kinematics_test.cpp). To allow larger motions, increase travel_max_m.
+  /// residual_max_m, the result is kOtherBranch. In tests with the defaults, every wrong pose was
+  /// rejected, even if the iteration started up to 100 mm and 60 deg from the true pose, where a
+  /// wrong pose may be near (tests/runtime/mechanism/kinematics_test.cpp). To allow larger motions,
+  /// increase travel_max_m.
   double travel_max_m = 0.01;  ///< largest plate motion since the last pose; 1 rad counts as 0.05 m
   double residual_max_m = 3e-4;  ///< largest ForwardResult::residual_m
 };
@@ -123,8 +124,8 @@ struct GaussNewtonOptions {
 ///    the description specifies.
 ///  - If status.leg is 0, the plate has moved too far since the last pose, or residual_m is too
 ///    large (an encoder may be wrong).
-/// residual_m is the root mean square error of the eight distances at the last pose of the
-/// iteration. Each iteration moves the pose by at most 20 mm and 0.4 rad per axis.
+/// residual_m is the root mean square error of the eight distances at the pose with which the
+/// iteration ended. Each iteration moves the pose by at most 20 mm and 0.4 rad per axis.
 ForwardResult forward_kinematics_from_motors(const DeviceDescription& device,
                                              const MotorVector& motor_rad,
                                              const Pose& T_device_plate_last,

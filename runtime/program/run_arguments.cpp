@@ -123,7 +123,8 @@ void declare_safety_options(CLI::App& app, RunArguments& a) {
       "Without this option, the scene's factor is used, with one exception. If a device that\n"
       "measures its own pose cannot produce the largest force at which a slice or soft layer\n"
       "of the scene breaks, the factor is lowered until it can. With the force law cutting,\n"
-      "1.5 times the force of a slice must be possible, as friction on the shaft adds to it");
+      "the device must produce 1.5 times the force at which a slice breaks, because friction on\n"
+      "the shaft adds to it");
   safety.option(
       "--late-ticks-in-row", a.late_ticks_in_row,
       "raise a fault after this many consecutive late ticks (missed deadlines); 0: only count\n"
@@ -316,10 +317,10 @@ void declare_run_options(CLI::App& app, RunArguments& a) {
       "ticks (missed deadlines) are no fault, and with udp and pose, data may be missing for\n"
       "250 ms instead of 10 ms. If --late-ticks-in-row is above 0, neither holds: late ticks\n"
       "are a fault, and data may be missing for only 10 ms.\n"
-      "Without --simulated, every device but inproc is assumed to have motors. If the mass or\n"
-      "the stiffness in its description is too high, contact can become unstable: the device\n"
-      "vibrates. As a margin, Trocar then halves these limits on the stiffness of contact (a\n"
-      "pose device is a device that measures its own pose):\n"
+      "Without --simulated, every device but inproc is assumed to have motors. Contact with such\n"
+      "a device can become unstable, so that it vibrates, if the mass or the stiffness in its\n"
+      "description is too high. As a margin, Trocar therefore halves these limits on the\n"
+      "stiffness of contact (a pose device is a device that measures its own pose):\n"
       "- with the force law cutting: the limit that Trocar computes from the device's mass\n"
       "- with a pose device whose description states a largest stiffness: this stiffness\n"
       "- with any other pose device, and hooke or network: 10000 N/m, which become 5000 N/m.\n"
@@ -476,7 +477,8 @@ void set_loop_options(const RunArguments& arguments, SessionOptions& options) {
   const int late_ticks = arguments.late_ticks_in_row.value_or(is_simulated ? 0 : kDefaultLateTicks);
   options.limits.missed_deadlines_max =
       late_ticks > 0 ? late_ticks - 1 : std::numeric_limits<int>::max();
-  // A simulated device process is not harmed by a gap or a stall either. (The device in the process has none.)
+  // A simulated device process is not harmed by a gap or a stall either. (The device in the process
+  // has none.)
   if (arguments.simulated && late_ticks == 0) options.limits.gap_max_s = 0;
   options.limits.no_data_max_s = no_data_max_s(arguments);
   if (!arguments.black_box.empty()) {

@@ -59,7 +59,8 @@ void declare(CLI::App& app, Arguments& arguments) {
                  "http://HOST:PORT or https://HOST. The printed links begin with this address");
   app.add_option(
       "--attach", arguments.attach,
-      "show and command the running session of trocar-run --live FILE; start no sessions");
+      "show and command the session that a running trocar-run names by --live; the value is the\n"
+      "file given there. Start no sessions");
   app.add_option(
          "--device", arguments.devices,
          "a device that can be chosen on the page for a session. Repeat the option for several;\n"

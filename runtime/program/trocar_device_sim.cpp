@@ -91,7 +91,7 @@ void declare(CLI::App& app, Arguments& a) {
   app.add_option(
       "--faults", a.faults,
       "faults to inject, separated by commas: KIND[:VALUE[:VALUE]][@FROM[..TO]]. FROM and TO\n"
-      "are s since the session's start. Faults of packets, with probability P: loss:P,\n"
+      "are seconds since the session's start. Faults of packets, with probability P: loss:P,\n"
       "delay:P:MS (by MS ms), duplicate:P, reorder:P, flip:P (one bit is inverted). With the\n"
       "prefix command- or state-, as in command-loss:P, only packets of that kind are affected.\n"
       "Faults of the device: stuck:ENCODER, jump:ENCODER:RAD, dead:MOTOR (ENCODER is 0 to 15,\n"

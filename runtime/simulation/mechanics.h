@@ -8,9 +8,9 @@
 // rotor, G the motors' Jacobian, and J_i the Jacobian of the point mass m_i. Then
 //   M = M_plate + I_rotor G^T G + sum m_i J_i^T J_i,
 //   h = [0; omega x (I omega)] + I_rotor G^T a_motors + sum m_i J_i^T a_i.
-// Here a_motors and a_i are the accelerations that the motors' joints and the point masses have at
-// V' = 0, because the velocity V moves them on curved paths. The accelerations are computed in
-// closed form. No function allocates or throws.
+// Here a_motors and a_i are the accelerations of the motors' joints and of the point masses if
+// V' = 0. In general they are not zero, because the velocity V moves them on curved paths. They are
+// computed in closed form. No function allocates or throws.
 #pragma once
 
 #include <Eigen/Core>
@@ -40,7 +40,7 @@ struct MechanicsOptions {
   double current_lag_s = 3e-4;
   double encoder_noise_rad = 0;  ///< standard deviation of an angle's noise, before quantisation
   std::uint64_t seed = 1;        ///< seed of the noise
-  /// Options without links, rotors, dry friction, lag and noise.
+  /// Options with massless links and rotors, and without dry friction, lag and noise.
   static constexpr MechanicsOptions none() noexcept {
     return {{0, 0, 0, 0}, 0, 0, 5e-4, 1e-3, 0, 0, 1};
   }

@@ -24,7 +24,8 @@ namespace trocar::runtime {
 /// begin with 0 at the start of the session.
 struct TelemetryTick {
   RecordingRow row;
-  std::int64_t taken_ns = 0;  ///< start of the tick or paused period, on CLOCK_MONOTONIC
+  /// Start of the tick or, in a pause, of the loop's latest period, on CLOCK_MONOTONIC.
+  std::int64_t taken_ns = 0;
   DeviceReadout readout;
   std::int32_t active_sheet = -1;  ///< index of a sheet (ContactOutput::active_sheet); -1: none
   double force_N = 0;              ///< force on the tip (ContactOutput::force_N)

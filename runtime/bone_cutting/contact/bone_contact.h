@@ -48,14 +48,16 @@ struct SheetInContact {
   /// Outlines of the first kMaxPendingHoles holes that were requested in this sheet. If fewer holes
   /// were requested (SheetTrack::cuts_requested), the other outlines are empty.
   std::array<LatticeOutline, kMaxPendingHoles> holes;
-  bool has_cut = false;  ///< in the hole that the tool is in, the front has passed this sheet
-  Slot free;             ///< admissible region (CuttingSlab::free)
+  /// A hole was requested in this sheet because the front has passed the sheet. The flag is cleared
+  /// when the tool leaves its hole or enters another.
+  bool has_cut = false;
+  Slot free;  ///< admissible region (CuttingSlab::free)
 };
 
 /// Energies since the session began.
 struct BoneEnergyAccount {
   double cut_J = 0;  ///< work of cutting bone
-  /// Work that the hand has done on the tissue, before multiplication by
+  /// Work that the hand has done on the tissue, computed from the tissue's wrench without the factor
   /// SceneForceLaw::force_scale.
   double absorbed_J = 0;
   double stored_J = 0;  ///< energy that tissue and coupling store now
@@ -69,8 +71,8 @@ struct BoneContactState {
   std::vector<CuttingSlab> slabs;
   std::vector<SheetInContact> sheets;
   std::vector<CutRequest> cuts;  ///< hole requests of the last tick; capacity: two per sheet
-  /// BoneVolume::options. Ticks set tip_N_per_m and torsion_Nm (from the sheet at the tip), `slope`
-  /// and `interval_s`.
+  /// A copy of BoneVolume::options. Ticks set tip_N_per_m and torsion_Nm (from the sheet at the
+  /// tip), `slope` and `interval_s`.
   CuttingOptions options;
   CuttingResult result;
   BoneEnergyAccount energy;

@@ -12,10 +12,11 @@
 //     and the last slab the strength is constant. In every other slab the straight line through the
 //     values of the two neighbouring slices gives the slope of the strength. A slope limiter (B.
 //     van Leer, J. Comput. Phys. 23, 1977) reduces the slope where the strength at an end of the
-//     slab would leave an allowed range. The range extends from the slab's own value to the value
-//     of the neighbour on that side, plus 5 % of the slab's own value at both ends. It contains no
-//     negative values. The range prevents overshoot at a jump, such as a thin cortex next to soft
-//     bone. Because of the 5 %, a strength that varies smoothly keeps its maxima.
+//     slab would leave an allowed range. The range goes from the smaller to the larger of two
+//     values, the slab's own and that of the neighbour on that side, and is then widened by 5 % of
+//     the slab's own value on either side. It contains no negative values. The range prevents
+//     overshoot at a jump, such as a thin cortex next to soft bone. Because of the 5 %, a strength
+//     that varies smoothly keeps its maxima.
 //  2. A shell replaces the bone that it covers. If a slab touches the shell, the value of its slice
 //     contains part of the shell and is not used. The remaining bone of this slab gets the value of
 //     the nearest slice whose slab the shell does not touch.
