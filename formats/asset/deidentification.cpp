@@ -30,6 +30,15 @@ bool matches(const std::string& text, const char* pattern) {
   return std::regex_match(text, std::regex(pattern));
 }
 
+// Is the text a modality of images that DICOM defines (PS3.3, C.7.3.1.1.1)? Any other text could be
+// a name.
+bool is_modality(const std::string& text) {
+  return is_any_of(text, {"BI",  "BMD",   "CR",   "CT", "DG", "DMS", "DX", "ES",     "GM",
+                          "IO",  "IVOCT", "IVUS", "LS", "MG", "MR",  "NM", "OCT",    "OP",
+                          "OPM", "OPT",   "OT",   "PT", "PX", "RF",  "RG", "RTDOSE", "RTIMAGE",
+                          "SC",  "SEG",   "SM",   "ST", "TG", "US",  "XA", "XC"});
+}
+
 // The kind of value allowed at a path of the JSON.
 enum class Kind { kNumber, kFlag, kObject, kList, kText, kNumberOrText };
 struct Allowed {
@@ -128,7 +137,9 @@ const std::map<std::string, Allowed>& allowed_values() {
         "/extras/trocar/parameters/fill_mm2", [](const std::string& text) { return text == "all"; },
         Kind::kNumberOrText);
     add_text("/extras/trocar/parameters/modality", [](const std::string& text) {
-      return matches(text, "[A-Z]{2,8}( LOCALIZER)?");  // DICOM's defined terms
+      constexpr std::string_view kScout = " LOCALIZER";
+      return is_modality(text.ends_with(kScout) ? text.substr(0, text.size() - kScout.size())
+                                                : text);
     });
     return out;
   }();
@@ -231,8 +242,8 @@ Result<void> check_binary(std::span<const std::uint8_t> binary, std::uint64_t in
   return {};
 }
 
-// The words that names of materials consist of, each between blanks: those of the tables of VerSe and
-// TotalSegmentator, and others of anatomy, of implants and of place.
+// The words that names of materials consist of, each between blanks: those of the tables of VerSe
+// and TotalSegmentator, and others of anatomy, of implants and of place.
 constexpr std::string_view kAnatomicalWords =
     " abdomen abdominal accessory acetabulum adrenal air airway all alveolar and aneurysm"
     " ankle annulus anterior aorta appendage arch arteries artery articular ascending atlas"

@@ -23,7 +23,7 @@ bool is_plain_name(std::string_view name);
 /// conditions hold:
 ///  1. Every key of the JSON is one that assets have at this position. Every string is a term of
 ///     glTF, the program and its version, one of a parameter's fixed values (such as "coronal"), a
-///     modality of DICOM (2 to 8 capital letters, with or without " LOCALIZER"), the statement of
+///     modality of images that DICOM defines (with or without " LOCALIZER"), the statement of
 ///     use, the keyed digest of the input, or a material's name that passes is_plain_name().
 ///  2. The JSON text has no characters that its contents do not need, such as escapes or spaces
 ///     between elements; only padding at its end is allowed. No object has a key twice.

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What check_deidentified_asset() refuses: each kind of thing that could tell whose scan it was, planted
-// in an asset that is valid otherwise.
+// What check_deidentified_asset() refuses: each kind of thing that could tell whose scan it was,
+// planted in an asset that is valid otherwise.
 #include "formats/asset/deidentification.h"
 
 #include <gtest/gtest.h>
@@ -52,6 +52,10 @@ TEST(PrivateAsset, AnAssetAsItIsWrittenIsPrivate) {
   EXPECT_EQ(found_in(*encode_asset(asset)), "");
   asset.colours = true;
   EXPECT_EQ(found_in(*encode_asset(asset)), "");
+  for (const char* modality : {"MR", "PT", "RTDOSE", "CT LOCALIZER"}) {
+    asset.parameters_json = std::string(R"({"modality":")") + modality + R"("})";
+    EXPECT_EQ(found_in(*encode_asset(asset)), "");
+  }
   asset.slices[1].measures_json = R"({"mean_hu":300.25,"patient":"DOE"})";
   asset.slices[1].hu.clear();
   EXPECT_EQ(found_in(*encode_asset(asset)), "");
@@ -67,6 +71,8 @@ TEST(PrivateAsset, PlantedTextIsNamed) {
        R"(its JSON has /extras/trocar/parameters/axis "DOE")"},
       {[](Asset& a) { a.parameters_json = R"({"modality":"1.2.826.0.1"})"; },
        R"(its JSON has /extras/trocar/parameters/modality "1.2.826.0.1")"},
+      {[](Asset& a) { a.parameters_json = R"({"modality":"SMITH"})"; },
+       R"(its JSON has /extras/trocar/parameters/modality "SMITH")"},
       {[](Asset& a) { a.parameters_json = R"({"labels":["DOE"]})"; },
        R"(its JSON has /extras/trocar/parameters/labels/[] "DOE")"},
       {[](Asset& a) { a.generator = "trocar-mesh 0.2.0 /home/doe"; },
