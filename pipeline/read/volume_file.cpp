@@ -51,8 +51,8 @@ Result<int> open_nameless(const std::filesystem::path& for_file) {
     if (descriptor >= 0) ::unlink(name.c_str());
   }
   if (descriptor < 0)
-    return refused(for_file.string() + ": no temporary file in " + folder.string() +
-                   " for its voxels (" + system_message(errno) + "); set TMPDIR");
+    return refused_for_now(for_file.string() + ": no temporary file in " + folder.string() +
+                           " for its voxels (" + system_message(errno) + "); set TMPDIR");
   return descriptor;
 }
 
@@ -107,8 +107,8 @@ class VolumeFile::Unpacking {
       if (!n) return n.error();
       if (*n == 0) return truncated(name_, start_ + size_, done);
       if (done >= start_ && !write_all(to_, block.data(), *n)) {
-        return refused(name_ + ": no space for a temporary file to unpack it (" +
-                       system_message(errno) + "); set TMPDIR");
+        return refused_for_now(name_ + ": no space for a temporary file to unpack it (" +
+                               system_message(errno) + "); set TMPDIR");
       }
       done += static_cast<std::int64_t>(*n);
       const std::lock_guard lock(mutex_);
@@ -188,8 +188,8 @@ Result<VolumeFile> VolumeFile::temporary(const std::filesystem::path& for_file) 
 Result<void> VolumeFile::append(std::span<const char> bytes,
                                 const std::filesystem::path& for_file) {
   if (write_all(descriptor_, bytes.data(), bytes.size())) return {};
-  return refused(for_file.string() + ": no space for a temporary file of its voxels (" +
-                 system_message(errno) + "); set TMPDIR");
+  return refused_for_now(for_file.string() + ": no space for a temporary file of its voxels (" +
+                         system_message(errno) + "); set TMPDIR");
 }
 
 Result<void> VolumeFile::read(std::int64_t at, std::span<char> to, const std::string& name) const {

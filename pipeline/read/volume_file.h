@@ -28,16 +28,17 @@ class VolumeFile {
   /// unpacks; if the gzip file is damaged, read() and finish() return the error.
   ///
   /// Errors: kRefused if the file cannot be opened or is truncated, if the gzip data are damaged,
-  /// or if the folder for temporary files (TMPDIR) has no space. gzip shortens data to no less than
-  /// 1/1032. If the gzip file is too short to hold start + size bytes, it is therefore refused
-  /// before anything is unpacked.
+  /// or if the folder for temporary files (TMPDIR) has no space (a temporary error). gzip shortens
+  /// data to no less than 1/1032. If the gzip file is too short to hold start + size bytes, it is
+  /// therefore refused before anything is unpacked.
   static Result<VolumeFile> open(const std::filesystem::path& file, std::int64_t start,
                                  std::int64_t size, bool behind = false);
 
   /// Makes an empty temporary file, which append() fills. Error messages call the file `for_file`.
-  /// Errors: kRefused if the folder for temporary files cannot be used.
+  /// Errors: kRefused if the folder for temporary files cannot be used (a temporary error).
   static Result<VolumeFile> temporary(const std::filesystem::path& for_file);
-  /// Appends bytes to a file of temporary(). Errors: kRefused if there is no space.
+  /// Appends bytes to a file of temporary(). Errors: kRefused if there is no space (a temporary
+  /// error).
   Result<void> append(std::span<const char> bytes, const std::filesystem::path& for_file);
 
   /// Fills `to` with the bytes from offset `at` on; offset 0 is `start` of open(). Waits until

@@ -4,13 +4,16 @@
 
 #include <fcntl.h>
 #include <gtest/gtest.h>
+#include <sys/resource.h>
 #include <unistd.h>
 #include <zlib.h>
 
+#include <csignal>
 #include <fstream>
 #include <optional>
 #include <random>
 #include <string>
+#include <vector>
 
 #include "pipeline/read/volume_file.h"
 #include "tests/support/temporary_folder.h"
@@ -139,6 +142,24 @@ TEST(GzipReader, SaysOfDamagedFilesWhatZlibSays) {
     }
   }
   EXPECT_GT(damaged, 1000);
+}
+
+// Another try may succeed once there is space, so a batch must not keep the failure.
+TEST(VolumeFile, AFullFolderForTemporaryFilesIsATemporaryError) {
+  auto file = VolumeFile::temporary("scan.nii");
+  ASSERT_TRUE(file);
+  rlimit before{};
+  ASSERT_EQ(::getrlimit(RLIMIT_FSIZE, &before), 0);
+  const rlimit small = {1000, before.rlim_max};  // as if the disk were full after 1000 bytes
+  const auto signal_before = ::signal(SIGXFSZ, SIG_IGN);
+  ASSERT_EQ(::setrlimit(RLIMIT_FSIZE, &small), 0);
+  const auto done = file->append(std::vector<char>(2000), "scan.nii");
+  ASSERT_EQ(::setrlimit(RLIMIT_FSIZE, &before), 0);
+  ::signal(SIGXFSZ, signal_before);
+  ASSERT_FALSE(done);
+  EXPECT_EQ(done.error().code, ExitCode::kRefused);
+  EXPECT_TRUE(done.error().is_temporary);
+  EXPECT_NE(done.error().message.find("no space"), std::string::npos) << done.error().message;
 }
 
 TEST(VolumeFile, UnpackedBehindGivesTheSameBytesAndErrors) {
