@@ -22,8 +22,10 @@
 namespace trocar::archive {
 namespace {
 
+constexpr int kNoLimit = 0;
+
 // Ends the process after this time, also if DCMTK waits for a sender that dribbles. The receiver
-// reports SIGALRM as a time-out.
+// reports SIGALRM as a time-out. kNoLimit lets the process run until the next call.
 void allow_seconds(int seconds) {
   ::alarm(static_cast<unsigned>(seconds));
 }
@@ -89,9 +91,13 @@ AssociationEnd serve_requests(T_ASC_Association& association, InstanceStore& sto
                                             &context, &message, nullptr);
     allow_seconds(limits.dimse_timeout_s);
     if (done == DUL_PEERREQUESTEDRELEASE) {
-      // The release is acknowledged only after all is on the disk and is kept, whatever happens to this process.
+      // The release is acknowledged only after all is on the disk and is kept, whatever happens to
+      // this process. A slow disk may take long for a large study, and the sender cannot delay it:
+      // there is no limit for it.
+      allow_seconds(kNoLimit);
       auto kept = store.sync();
       if (kept) kept = release();
+      allow_seconds(limits.dimse_timeout_s);
       if (!kept) {
         report(kept.error().message);
         ASC_abortAssociation(&association);

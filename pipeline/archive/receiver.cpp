@@ -77,14 +77,14 @@ class Receiver {
     while (!stop.load()) {
       wait();
       collect();
-      take_released();
+      if (Clock::now() >= retry_) take_released();
       accept();
       publish_complete(settings_.settle_s);
       remove_old();
       if (follow_up_) follow_up_->step();
     }
     end_associations();
-    take_released();
+    take_released();  // at once, also if the disk was full just before
     publish_complete(0);
   }
 
@@ -174,9 +174,9 @@ class Receiver {
     }
   }
 
-  // Takes the instances of released associations. If the disk is full, it tries again after a while.
+  // Takes the instances of released associations. If the disk is full, run() tries again after a
+  // while.
   void take_released() {
-    if (Clock::now() < retry_) return;
     for (const fs::path& folder : folders_.released())
       if (!take(folder)) retry_ = Clock::now() + kRetry;
   }

@@ -332,6 +332,19 @@ def test_full_disk(programs, place):
         subprocess.run(["umount", "-l", str(disk)], check=False)
 
 
+def test_signal_soon_after_a_failed_attempt_publishes(receiver, place):
+    """An attempt to take a released association is repeated after 5 s, and at the end of the program in any case."""
+    uid, files = study(place / "sent", 1, slices=2)
+    studies = receiver.folder / ".incoming" / "studies"
+    studies.rename(studies.with_name("aside"))
+    assert receiver.send(*files).returncode == 0
+    wait_for(lambda: uid in receiver.complained(), "an attempt has failed")
+    studies.with_name("aside").rename(studies)
+    assert receiver.stop() == 0
+    assert f"study {uid}: 2 instances" in receiver.printed()
+    assert len(list((receiver.folder / uid).glob("*.dcm"))) == 2
+
+
 def test_killed_receiver_leaves_nothing_half(programs, place):
     done_uid, done = study(place / "sent", 1, slices=2)
     data = image("2.25.4711.2", "2.25.4711.2.1", 0)
