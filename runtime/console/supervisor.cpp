@@ -21,7 +21,8 @@ using nlohmann::json;
 
 constexpr auto kZeroWithin = std::chrono::milliseconds(100);
 constexpr auto kSearchEvery = std::chrono::milliseconds(100);
-/// A longer time between two polls counts as this one, because then this console stood still, and perhaps not the session.
+/// A longer time between two polls counts as this one, because then this console stood still, and
+/// perhaps not the session.
 constexpr auto kLongestPoll = std::chrono::milliseconds(20);
 constexpr auto kDeviceWithin = std::chrono::seconds(10);
 constexpr const char* kAnyPort = "127.0.0.1:0";
@@ -431,12 +432,14 @@ bool Supervisor::end_all(Clock::time_point now, Clock::duration patience) {
     test_.stop(now);
     scene_maker_.stop(now);
   }
-  const bool is_late = now - *ending_since_ > patience;
+  bool is_late = now - *ending_since_ > patience;
   if (run_ && is_ours() && !run_->has_ended()) {
     all = false;
     if (is_late) run_->signal(SIGKILL);
-  } else if (is_ours()) {
+  } else if (device_ && is_ours()) {
     release_device(SIGTERM);
+    ending_since_ = now;  // however late the session has ended, the device gets time to end well
+    is_late = false;
   }
   for (const Process& process : ending_devices_) {
     if (is_late) process.signal(SIGKILL);

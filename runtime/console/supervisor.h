@@ -2,7 +2,8 @@
 // The supervisor of the one session that a console shows. The supervisor starts trocar-run (and, if
 // a page asks for it, the simulated device trocar-device-sim), or finds a session that already
 // runs. It then follows this session, and passes the commands of pages on to the session.
-// Tests: tests/e2e/console_server_test.py, tests/e2e/console_kill_test.py
+// Tests: tests/runtime/console/supervisor_test.cpp, tests/e2e/console_server_test.py,
+// tests/e2e/console_kill_test.py
 #pragma once
 
 #include <array>
@@ -91,7 +92,8 @@ class Supervisor {
   /// the device process cannot be started; kUnwritable if the note about this process (DeviceNote)
   /// cannot be written.
   Result<void> command(TelemetryCommand command);
-  /// True if is_live() is true and the session has a live hand. Only then may move_hand() be called.
+  /// True if is_live() is true and the session has a live hand. Only then may move_hand() be
+  /// called.
   bool has_hand() const noexcept { return telemetry_.has_hand() && is_live(); }
   /// Sets the target of the live hand: the position of the tip in {B} in m, and the rotation vector
   /// of the plate in rad. If `target` is nullopt, the hand lets go. Precondition: has_hand().
@@ -107,8 +109,8 @@ class Supervisor {
   /// Settings::attach goes on. Call this function repeatedly until it returns true; everything that
   /// it ends has then ended. The first call asks the session, the test and the making of a scene to
   /// end. When the session has ended, the device process is asked to end. The time `patience`
-  /// begins with the first call. Calls after this time kill the session's process or the device
-  /// process if it still runs.
+  /// begins with the first call, and again when the device process is asked. Calls after this time
+  /// kill the session's process or the device process if it still runs.
   bool end_all(Clock::time_point now, Clock::duration patience);
   /// Reads telemetry, follows the console's processes, and checks the effect of an emergency stop.
   /// The caller must call this every few milliseconds.
