@@ -207,7 +207,7 @@ Result<void> Supervisor::note_device() {
 void Supervisor::release_device(int signal) {
   if (!device_) return;
   device_->signal(signal);
-  ending_devices_.push_back(std::move(*device_));
+  ending_devices_.push_back({std::move(*device_), Clock::now()});
   device_.reset();
 }
 
@@ -365,7 +365,7 @@ void Supervisor::poll_device(Clock::time_point now) {
     (void)command(TelemetryCommand::kRecover);
   }
   // A child that has ended stays in the system's process table until its end is read.
-  std::erase_if(ending_devices_, [](Process& process) { return process.has_ended(); });
+  std::erase_if(ending_devices_, [](EndingDevice& device) { return device.process.has_ended(); });
 }
 
 void Supervisor::poll(Clock::time_point now) {
@@ -432,17 +432,16 @@ bool Supervisor::end_all(Clock::time_point now, Clock::duration patience) {
     test_.stop(now);
     scene_maker_.stop(now);
   }
-  bool is_late = now - *ending_since_ > patience;
+  const bool is_late = now - *ending_since_ > patience;
   if (run_ && is_ours() && !run_->has_ended()) {
     all = false;
     if (is_late) run_->signal(SIGKILL);
-  } else if (device_ && is_ours()) {
+  } else if (is_ours()) {
     release_device(SIGTERM);
-    ending_since_ = now;  // however late the session has ended, the device gets time to end well
-    is_late = false;
   }
-  for (const Process& process : ending_devices_) {
-    if (is_late) process.signal(SIGKILL);
+  // However late the session has ended, a device gets time to end well.
+  for (const EndingDevice& device : ending_devices_) {
+    if (is_late && now - device.asked_at > patience) device.process.signal(SIGKILL);
   }
   return all && ending_devices_.empty() && !test_.is_running() && !scene_maker_.is_running();
 }

@@ -108,8 +108,8 @@ class Supervisor {
   /// Settings::attach goes on. Call this function repeatedly until it returns true; everything that
   /// it ends has then ended. The first call asks the session, the test and the making of a scene to
   /// end. When the session has ended, the device process is asked to end. The time `patience`
-  /// begins with the first call, and again when the device process is asked. Calls after this time
-  /// kill the session's process or the device process if it still runs.
+  /// begins with the first call or, for the device process, when it is asked if that is later.
+  /// Calls after this time kill the session's process or the device process if it still runs.
   bool end_all(Clock::time_point now, Clock::duration patience);
   /// Reads telemetry, follows the console's processes, and checks the effect of an emergency stop.
   /// The caller must call this every few milliseconds.
@@ -160,6 +160,12 @@ class Supervisor {
   std::filesystem::path live_link() const;
   bool is_ours() const noexcept { return settings_.attach.empty(); }
 
+  /// A device process that was asked to end, and the time of that.
+  struct EndingDevice {
+    Process process;
+    Clock::time_point asked_at;
+  };
+
   Settings settings_;
   HiddenTexts hidden_;
   DeviceTest test_;
@@ -167,7 +173,7 @@ class Supervisor {
   StartRequest request_;  ///< request of the present session, or of the last session
   SessionTelemetry telemetry_;
   std::optional<Process> run_, device_;
-  std::vector<Process> ending_devices_;  ///< device processes that were asked to end
+  std::vector<EndingDevice> ending_devices_;
   bool waits_for_device_ = false, recover_when_ready_ = false;
   std::string device_endpoint_;
   std::uint64_t device_log_from_ = 0;  ///< byte of the log at which the device's output begins

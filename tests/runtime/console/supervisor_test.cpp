@@ -50,6 +50,7 @@ TEST(Supervisor, ADeviceEndsWellAlsoIfTheSessionMustBeKilled) {
   Supervisor supervisor(settings);
   StartRequest request;
   request.scene = scene;
+  request.device.name = kSimulator;
   ASSERT_TRUE(supervisor.start(request));
   ASSERT_TRUE(comes_true([&] {
     supervisor.poll(Supervisor::Clock::now());
