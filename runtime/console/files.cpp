@@ -11,11 +11,13 @@
 #include <limits>
 #include <memory>
 #include <nlohmann/json.hpp>
+#include <span>
 #include <system_error>
 #include <vector>
 
 #include "formats/asset/asset.h"
 #include "formats/asset/asset_index.h"
+#include "formats/asset/slice_payload.h"
 #include "formats/base/file_io.h"
 #include "formats/base/json_text.h"
 #include "formats/base/strict_json.h"
@@ -33,6 +35,7 @@ using nlohmann::json;
 constexpr int kMaxDepth = 2;
 constexpr const char* kSessions = "sessions";
 constexpr std::size_t kMaxInspected = 20'000, kMaxShown = 2000;
+constexpr std::size_t kMaxPrimitives = 1'000'000;  // that all nodes of an asset may show together
 constexpr std::uint64_t kMaxSceneBytes = std::uint64_t{4} << 20;
 constexpr std::size_t kHeadBytes = std::size_t{64} << 10, kTailBytes = std::size_t{16} << 10;
 
@@ -95,18 +98,20 @@ const json* positions_of(const json& primitive, const json& accessors) {
   return &accessors[at.get<std::size_t>()];
 }
 
-json member(const json& object, const char* key) {
+/// Returns a reference, because a copy of a large member for each of many nodes would take hours.
+const json& member(const json& object, const char* key) {
+  static const json kNull;
   const auto found = object.is_object() ? object.find(key) : object.end();
-  return object.is_object() && found != object.end() ? *found : json();
+  return object.is_object() && found != object.end() ? *found : kNull;
 }
 
 json describe_asset(const json& document, const std::string& name) {
-  static const json::json_pointer kOurs("/extras/trocar"), kSurface("/extras/trocar/surface");
+  static const json::json_pointer kSurface("/extras/trocar/surface");
   json entry = {{"file", name}};
-  const json ours = document.contains(kOurs) ? document[kOurs] : json();
-  const json stated = member(ours, "slices");
-  const json nodes = member(document, "nodes"), meshes = member(document, "meshes"),
-             accessors = member(document, "accessors");
+  const json& ours = member(member(document, "extras"), "trocar");
+  const json& stated = member(ours, "slices");
+  const json &nodes = member(document, "nodes"), &meshes = member(document, "meshes"),
+             &accessors = member(document, "accessors");
   if (!ours.is_object() || !nodes.is_array() || !meshes.is_array() || !accessors.is_array()) {
     entry["error"] = name + ": is not an asset of trocar-mesh";
     return entry;
@@ -116,28 +121,34 @@ json describe_asset(const json& document, const std::string& name) {
       nodes.empty() ? 0 : std::abs(number_at(member(nodes[0], "matrix"), 0).value_or(0)) * 1e3;
   Extent extent;
   std::uint64_t surface_triangles = 0, slice_nodes = 0;
+  std::size_t seen = 0;  // primitives of all nodes; several nodes may share a mesh
   for (const json& node : nodes) {
-    const json mesh = member(node, "mesh");
+    const json& mesh = member(node, "mesh");
     if (!mesh.is_number_unsigned() || mesh.get<std::uint64_t>() >= meshes.size()) continue;
     const bool is_surface = node.contains(kSurface);
-    const json primitives = member(meshes[mesh.get<std::size_t>()], "primitives");
+    const json& primitives = member(meshes[mesh.get<std::size_t>()], "primitives");
     if (!primitives.is_array()) continue;
+    seen += primitives.size();
+    if (seen > kMaxPrimitives) {
+      entry["error"] = name + ": has more meshes than an asset may have";
+      return entry;
+    }
     slice_nodes += is_surface ? 0 : 1;
     for (const json& primitive : primitives) {
       const json* const positions = positions_of(primitive, accessors);
       if (positions == nullptr) continue;
       if (is_surface) {
-        const json indices = member(primitive, "indices");
+        const json& indices = member(primitive, "indices");
         if (indices.is_number_unsigned() && indices.get<std::uint64_t>() < accessors.size()) {
-          const json count = member(accessors[indices.get<std::size_t>()], "count");
+          const json& count = member(accessors[indices.get<std::size_t>()], "count");
           if (count.is_number_unsigned()) surface_triangles += count.get<std::uint64_t>() / 3;
         }
         continue;
       }
-      const json shift = member(node, "translation"), matrix = member(node, "matrix");
+      const json &shift = member(node, "translation"), &matrix = member(node, "matrix");
       constexpr std::size_t kShiftOfMatrix = 12;
       for (const char* end : {"min", "max"}) {
-        const json bound = member(*positions, end);
+        const json& bound = member(*positions, end);
         for (std::size_t axis = 0; axis < 3; ++axis) {
           if (const auto x = number_at(bound, axis))
             extent.add(axis, *x + number_at(shift, axis).value_or(0) +
@@ -303,9 +314,11 @@ Files::Known Files::read(const std::filesystem::path& file, const std::string& n
       shown("assets", failed(name, refused(name + ": is not a readable asset")));
       return known;
     }
-    const json document = json::parse(*text, nullptr, false);
-    shown("assets", document.is_discarded() ? failed(name, refused(name + ": its JSON is damaged"))
-                                            : describe_asset(document, name));
+    const std::span<const std::uint8_t> bytes(reinterpret_cast<const std::uint8_t*>(text->data()),
+                                              text->size());
+    const auto document = parse_json_text(bytes);
+    shown("assets", document ? describe_asset(*document, name)
+                             : failed(name, refused(name + ": its JSON is damaged")));
   } else if (end == ".csv") {
     constexpr std::string_view kBegin = "t_s,x_m,";
     const auto source = open_file(file);

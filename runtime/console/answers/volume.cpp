@@ -77,6 +77,7 @@ class Coverage {
 
   void add(const Corners& corners) {
     const auto [low, high] = std::minmax({corners[0].y(), corners[1].y(), corners[2].y()});
+    if (!(low <= rows_ - 1.0 && high >= 0)) return;  // a conversion to int could overflow
     const int first = static_cast<int>(std::ceil(std::max(0.0, low)));
     const int last = static_cast<int>(std::floor(std::min(rows_ - 1.0, high)));
     for (int row = first; row <= last; ++row)
@@ -93,6 +94,7 @@ class Coverage {
       left = std::min(left, x);
       right = std::max(right, x);
     }
+    if (!(left <= columns_ - 1.0 && right >= 0)) return;
     const int first = static_cast<int>(std::ceil(std::max(0.0, left)));
     const int last = static_cast<int>(std::floor(std::min(columns_ - 1.0, right)));
     for (int column = first; column <= last; ++column)

@@ -134,6 +134,39 @@ TEST(ConsoleFiles, ListTellsWhatIsWrongWithAFileAndIsReadAnewOnceItChanges) {
   EXPECT_EQ(list["recordings"][1]["ticks"], 4);
 }
 
+void write_glb(const std::filesystem::path& file, std::string text) {
+  text.resize((text.size() + 3) / 4 * 4, ' ');
+  const auto word = [](std::size_t value) {
+    std::string bytes(4, '\0');
+    const auto number = static_cast<std::uint32_t>(value);
+    std::memcpy(bytes.data(), &number, 4);
+    return bytes;
+  };
+  write(file, "glTF" + word(2) + word(20 + text.size()) + word(text.size()) + "JSON" + text);
+}
+
+// Copies of deep JSON took all of the stack, and copies of a list for each node took hours.
+TEST(ConsoleFiles, ListRefusesAssetsThatAreTooDeepOrTooLarge) {
+  const test::TemporaryFolder folder;
+  constexpr std::size_t kDepth = 500'000, kNodes = 50'000, kPrimitives = 50'000;
+  write_glb(folder.path() / "deep.glb",
+            R"({"extras":{"trocar":{}},"accessors":[],"meshes":[],"nodes":)" +
+                std::string(kDepth, '[') + std::string(kDepth, ']') + "}");
+  std::string many = R"({"extras":{"trocar":{}},"accessors":[],"meshes":[{"primitives":[{})";
+  for (std::size_t i = 1; i < kPrimitives; ++i)
+    many += ",{}";
+  many += R"(]}],"nodes":[{"mesh":0})";
+  for (std::size_t i = 1; i < kNodes; ++i)
+    many += R"(,{"mesh":0})";
+  write_glb(folder.path() / "many.glb", many + "]}");
+  Result<Files> files = Files::of_folder(folder.path());
+  ASSERT_TRUE(files);
+  const nlohmann::json list = nlohmann::json::parse(files->list());
+  ASSERT_EQ(list["assets"].size(), 2U);
+  EXPECT_EQ(list["assets"][0]["error"], "deep.glb: its JSON is damaged");
+  EXPECT_EQ(list["assets"][1]["error"], "many.glb: has more meshes than an asset may have");
+}
+
 TEST(ConsoleFiles, SessionsMayBeInAnotherFolder) {
   const test::TemporaryFolder outside, folder;
   const std::string recording = "t_s,x_m,y_m\n0,1,2\n0.5,1,2\n";
