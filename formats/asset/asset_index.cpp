@@ -215,11 +215,21 @@ Result<std::vector<SliceRecord>> find_records(ByteSource& source, const IndexedF
     }
   }
   if (found.empty() || file.is_schema_1()) return found;
+  std::uint64_t geometry = found[0].draco_bytes;
   for (const int step : {-1, 1}) {
     for (std::int64_t i = at + step; i >= 0 && i < end; i += step) {
       const auto record = read_record(source, file, static_cast<std::uint32_t>(i));
       if (!record) return record.error();
       if (record->index != index) break;
+      // So a slice has no more records than the asset has materials.
+      const std::uint32_t last = found.back().material;
+      if (step < 0 ? record->material >= last : record->material <= last)
+        return refused("slice " + std::to_string(index) +
+                       ": the slice index has a material twice, or not in order");
+      geometry += record->draco_bytes;
+      if (geometry > h.binary_bytes)
+        return refused("slice " + std::to_string(index) +
+                       ": the slice index has entries that share their bytes");
       found.push_back(*record);
     }
     if (step < 0) std::reverse(found.begin(), found.end());

@@ -134,7 +134,9 @@ Result<std::optional<IndexedFile>> find_index(ByteSource& source);
 /// outside the file (contract 3).
 Result<SliceRecord> read_record(ByteSource& source, const IndexedFile& file, std::uint32_t i);
 
-/// Finds the records of the slice `index`; none if there is no such slice. Takes O(log entries)
+/// Finds the records of the slice `index`, in order of their materials; none if there is no such
+/// slice. Errors: those of read_record(); also kRefused if a material occurs twice or not in order,
+/// or if the payloads of the slice would be longer than the file's binary data. Takes O(log entries)
 /// reads, plus one for each material of the slice. If the scan has one material and no slice is
 /// missing, at most three reads are needed.
 Result<std::vector<SliceRecord>> find_records(ByteSource& source, const IndexedFile& file,

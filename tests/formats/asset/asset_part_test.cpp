@@ -236,6 +236,21 @@ TEST(AssetPart, TheWholeIsRefusedWhereIndexAndJsonDiffer) {
   EXPECT_FALSE(decode_asset(extras, "test"));
 }
 
+// Otherwise a small file could make a reader decode one payload a hundred thousand times.
+TEST(AssetPart, ASliceHasEachMaterialOnce) {
+  Bytes glb = *encode_asset(discs(8, 0));
+  const IndexedFile file = index_of(glb);
+  const std::size_t first = file.binary_at + sizeof(IndexHeader) + sizeof(EntryRecord);
+  for (std::size_t i = 1; i < 6; ++i)
+    std::memcpy(glb.data() + first + i * sizeof(EntryRecord), glb.data() + first,
+                sizeof(EntryRecord));
+  write_index_checksums(glb);
+  const auto part = decode_asset_part(glb, "test", {1});
+  ASSERT_FALSE(part);
+  EXPECT_EQ(part.error().message,
+            "test: slice 1: the slice index has a material twice, or not in order");
+}
+
 // Contract 4: after a change of any byte, a part is refused or unchanged.
 TEST(AssetPart, AChangedByteIsDetected) {
   const Bytes glb = *encode_asset(discs(3, 0));
