@@ -22,21 +22,12 @@ namespace {
 
 using nlohmann::json;
 
-bool is_any_of(const std::string& text, std::initializer_list<std::string_view> choices) {
+bool is_any_of(std::string_view text, std::initializer_list<std::string_view> choices) {
   return std::find(choices.begin(), choices.end(), text) != choices.end();
 }
 
 bool matches(const std::string& text, const char* pattern) {
   return std::regex_match(text, std::regex(pattern));
-}
-
-// Is the text a modality of images that DICOM defines (PS3.3, C.7.3.1.1.1)? Any other text could be
-// a name.
-bool is_modality(const std::string& text) {
-  return is_any_of(text, {"BI",  "BMD",   "CR",   "CT", "DG", "DMS", "DX", "ES",     "GM",
-                          "IO",  "IVOCT", "IVUS", "LS", "MG", "MR",  "NM", "OCT",    "OP",
-                          "OPM", "OPT",   "OT",   "PT", "PX", "RF",  "RG", "RTDOSE", "RTIMAGE",
-                          "SC",  "SEG",   "SM",   "ST", "TG", "US",  "XA", "XC"});
 }
 
 // The kind of value allowed at a path of the JSON.
@@ -138,8 +129,9 @@ const std::map<std::string, Allowed>& allowed_values() {
         Kind::kNumberOrText);
     add_text("/extras/trocar/parameters/modality", [](const std::string& text) {
       constexpr std::string_view kScout = " LOCALIZER";
-      return is_modality(text.ends_with(kScout) ? text.substr(0, text.size() - kScout.size())
-                                                : text);
+      const std::string_view whole = text;
+      return is_modality(whole.ends_with(kScout) ? whole.substr(0, whole.size() - kScout.size())
+                                                 : whole);
     });
     return out;
   }();
@@ -302,6 +294,13 @@ bool has_known_words(std::string_view name) {
 }
 
 }  // namespace
+
+bool is_modality(std::string_view text) {
+  return is_any_of(text, {"BI",  "BMD",   "CR",   "CT", "DG", "DMS", "DX", "ES",     "GM",
+                          "IO",  "IVOCT", "IVUS", "LS", "MG", "MR",  "NM", "OCT",    "OP",
+                          "OPM", "OPT",   "OT",   "PT", "PX", "RF",  "RG", "RTDOSE", "RTIMAGE",
+                          "SC",  "SEG",   "SM",   "ST", "TG", "US",  "XA", "XC"});
+}
 
 bool is_plain_name(std::string_view name) {
   if (!has_known_words(name)) return false;
