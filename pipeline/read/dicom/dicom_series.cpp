@@ -3,6 +3,7 @@
 
 #include <Eigen/Geometry>
 #include <algorithm>
+#include <array>
 #include <cctype>
 #include <charconv>
 #include <cmath>
@@ -10,11 +11,15 @@
 #include <iterator>
 #include <limits>
 #include <map>
+#include <memory>
 #include <numbers>
+#include <optional>
 #include <set>
 #include <utility>
 
+#include "formats/asset/deidentification.h"
 #include "pipeline/base/number_ranges.h"
+#include "pipeline/read/dicom/dicom_parse.h"
 #include "pipeline/read/dicom/dicom_pixels.h"
 #include "pipeline/read/digest.h"
 #include "pipeline/read/file_names.h"
@@ -34,17 +39,41 @@ std::string substitute_uid(const DicomFile& file) {
 }
 
 bool have_equal_bytes(const std::filesystem::path& a, const std::filesystem::path& b) {
-  if (a == b) return false;  // one file twice in a list, or two frames of it
+  if (a == b) return false;  // one file twice in a list
   const auto first = digest_file(a), second = digest_file(b);
   return first && second && *first == *second;
 }
 
-bool have_equal_pixels(const DicomFrame& a, const DicomFrame& b) {
-  DcmFileFormat format_a, format_b;
-  if (load_dicom(a.file, format_a).bad() || load_dicom(b.file, format_b).bad()) return false;
-  const auto first = read_dicom_frame(a, format_a), second = read_dicom_frame(b, format_b);
-  return first && second && first->values == second->values;
-}
+// Compares the pixels of frames. The last two files stay parsed: if a file were parsed for each of
+// its frames, the time would be quadratic in their number.
+class FrameComparison {
+ public:
+  bool have_equal_pixels(const DicomFrame& a, const DicomFrame& b) {
+    const auto first = read(a), second = read(b);
+    return first && second && first->values == second->values;
+  }
+
+ private:
+  struct Parsed {
+    std::filesystem::path file;
+    std::unique_ptr<DcmFileFormat> format;
+  };
+
+  std::optional<Image> read(const DicomFrame& h) {
+    if (last_[0].file != h.file) std::swap(last_[0], last_[1]);
+    if (last_[0].file != h.file) {
+      last_[0] = {h.file, std::make_unique<DcmFileFormat>()};
+      if (load_dicom(h.file, *last_[0].format).bad()) {
+        last_[0] = {};
+        return std::nullopt;
+      }
+    }
+    auto image = read_dicom_frame(h, *last_[0].format);
+    return image ? std::optional(std::move(*image)) : std::nullopt;
+  }
+
+  std::array<Parsed, 2> last_;
+};
 
 std::string lower(std::string text) {
   std::transform(text.begin(), text.end(), text.begin(),
@@ -73,7 +102,7 @@ std::string shared_name(const DicomSeries& s) {
   return s.info.number ? std::to_string(*s.info.number) : "without number";
 }
 std::string shared_description(const DicomSeries& s) {
-  return shared_name(s) + " (" + s.info.modality + ", " +
+  return shared_name(s) + " (" + (is_modality(s.info.modality) ? s.info.modality : "other") + ", " +
          plural(s.slices.size() + s.unusable, "file") + ")";
 }
 
@@ -428,11 +457,15 @@ Result<void> sort_and_check(std::vector<DicomFrame>& slices, std::vector<Warning
                    });
   std::size_t kept = 1, copies = 0;
   std::string copy;
+  FrameComparison comparison;
   for (std::size_t i = 1; i < slices.size(); ++i) {
     const DicomFrame &a = slices[kept - 1], &b = slices[i];
     if (normal.dot(b.position - a.position) < 1e-3) {
       const bool same = !a.sop_uid.empty() && a.sop_uid == b.sop_uid && a.frame == b.frame;
-      if (!have_equal_bytes(a.file, b.file) && !have_equal_pixels(a, b)) {
+      // Two files of many frames are not compared by their bytes, which would be read anew for each.
+      const bool is_copy =
+          (a.frames == 1 && have_equal_bytes(a.file, b.file)) || comparison.have_equal_pixels(a, b);
+      if (!is_copy) {
         return refused(b.name() + ": at the same position as " + a.name() +
                        (same ? ", and the same SOP instance with other pixels" : ""));
       }

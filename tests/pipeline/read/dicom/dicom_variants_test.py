@@ -498,3 +498,21 @@ def test_broken(case):
     c = case("nothing_usable")
     (c.folder / "text").write_text("no scan")
     c.refuses("/text: not a DICOM image")
+
+
+def test_many_frames_at_one_position(case):
+    """The time is linear in the number of frames. It was quadratic: more than ten minutes for this file, which Case.run() does not allow."""
+    frames = 20_000
+    c = case("copies")
+    ds = make_enhanced()
+    ds.Rows = ds.Columns = 2
+    ds.NumberOfFrames = frames
+    shared = ds.SharedFunctionalGroupsSequence[0]
+    shared.PlanePositionSequence = Sequence([item(ImagePositionPatient=[-10, 20, 5])])
+    shared.PixelValueTransformationSequence = Sequence([item(RescaleIntercept=-1000, RescaleSlope=1, RescaleType="HU")])
+    ds.PerFrameFunctionalGroupsSequence = Sequence([item() for _ in range(frames)])
+    ds.PixelData = bytes(2 * 2 * 2 * frames)
+    c.save(ds, "0")
+    code, out, values = c.run()
+    assert code == 0, out
+    assert len(out["slices"]) == 1 and (values == -1000).all()
