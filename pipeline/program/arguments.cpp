@@ -201,6 +201,22 @@ void add_asset_options(Group group, Arguments& a) {
       "Without it, the limit is 50000 at first. It is then doubled until 99 % of the surface\n"
       "lies within half a voxel of the material's boundary. In both cases, the surface gets\n"
       "more triangles than the limit where it would otherwise intersect itself");
+  group.flag("--lines", a.lines, "also store the outlines as lines, for 3D viewers");
+  group.flag("--colour", a.colour,
+             "also store HU as colours for 3D viewers, from dark (-200 HU) to light (1848 HU)");
+  a.context_given = group
+                        .value("--context", a.context, "[MM]",
+                               "also store the HU around the material, for simulated X-ray "
+                               "pictures: one value every\n"
+                               "MM mm (default: 2 to 4 mm, depending on the size of the scan). In "
+                               "a scan of a head,\n"
+                               "these HU can show the patient's face")
+                        ->expected(0, 1);
+  group.value(
+      "--input-key", a.input_key, "FILE",
+      "store a checksum of the input, by which those who have the key can recognise the scan.\n"
+      "The key is the content of FILE, 16 to 64 bytes. Without this option, no checksum is\n"
+      "stored");
 }
 
 // The output options that a run and its preview share; `output` is the help of -o.
@@ -225,22 +241,6 @@ void add_mesh_options(CLI::App& app, Arguments& a) {
   add_common_options(app, a, "the asset to write (.glb), or only its surface (.stl, .ply, .obj)");
   Group group(app, "Output");
   add_asset_options(group, a);
-  group.flag("--lines", a.lines, "also store the outlines as lines, for 3D viewers");
-  group.flag("--colour", a.colour,
-             "also store HU as colours for 3D viewers, from dark (-200 HU) to light (1848 HU)");
-  a.context_given = group
-                        .value("--context", a.context, "[MM]",
-                               "also store the HU around the material, for simulated X-ray "
-                               "pictures: one value every\n"
-                               "MM mm (default: 2 to 4 mm, depending on the size of the scan). In "
-                               "a scan of a head,\n"
-                               "these HU can show the patient's face")
-                        ->expected(0, 1);
-  group.value(
-      "--input-key", a.input_key, "FILE",
-      "store a checksum of the input, by which those who have the key can recognise the scan.\n"
-      "The key is the content of FILE, 16 to 64 bytes. Without this option, no checksum is\n"
-      "stored");
   group.value("--report", a.report, "FILE",
               "write what was done in each slice, and the warnings, as JSON");
   Group diagnostics(app, kDiagnostics);

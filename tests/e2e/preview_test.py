@@ -328,3 +328,13 @@ def test_preview():
             continue
         for axis in LETTERS if name == "L3" else ("sagittal",):
             check_scan(name, file, axis)
+
+
+def test_options_of_the_asset_have_no_effect():
+    """So that the options of a run, and the parameters of a scan in a collection, can be given to its preview."""
+    key = WORK / "preview.key"
+    key.write_bytes(bytes(32))
+    plain, other = WORK / "plain.png", WORK / "other.png"
+    run(MESH, "preview", SCAN / "dicom", "-o", plain, "--quiet")
+    run(MESH, "preview", SCAN / "dicom", "--lines", "--colour", "--context", "3", "--input-key", key, "-o", other, "--quiet")
+    assert plain.read_bytes() == other.read_bytes()
