@@ -306,7 +306,9 @@ bool UdpLink<Kind>::wait_for_answer() noexcept {
   answers_come_ = false;
   while (newest_.command_taken != last_command_ || !fresh_state_) {
     const double left_s = longest_s - since_s(start_ns);
-    if (left_s <= 0 || !socket_.wait(left_s) || !drain()) return false;
+    if (left_s <= 0) return false;
+    socket_.wait(left_s);  // a signal may end it early
+    if (!drain()) return false;
   }
   answers_come_ = true;
   return true;

@@ -49,7 +49,8 @@ class UdpSocket {
   /// Sends a datagram to the peer of connect().
   Outcome send(std::span<const std::uint8_t> datagram) noexcept;
   Outcome send_to(std::span<const std::uint8_t> datagram, const Endpoint& to) noexcept;
-  /// Waits at most `seconds` for a datagram. Returns false if none has arrived.
+  /// Waits at most `seconds` for a datagram. Returns false if none has arrived, or if a signal
+  /// has interrupted the wait.
   bool wait(double seconds) noexcept;
   /// Returns the address and port to which the socket is bound.
   Endpoint local() const noexcept;

@@ -9,6 +9,7 @@
 #include <atomic>
 #include <chrono>
 #include <cmath>
+#include <csignal>
 #include <cstdlib>
 #include <functional>
 #include <limits>
@@ -71,6 +72,8 @@ class Peer {
   std::atomic<bool> mute{false};
   /// While set, commands are dropped; states are sent.
   std::atomic<bool> drops_commands{false};
+  /// While set, commands are received only after 100 ms.
+  std::atomic<bool> is_slow{false};
   /// Datagrams received.
   std::atomic<int> received{0};
   /// Waits until `count` more states have been sent, however long this machine takes for them.
@@ -94,7 +97,7 @@ class Peer {
     Drive drive(options, held_device());
     Endpoint host;
     while (!done_) {
-      socket_.wait(1e-3);
+      if (socket_.wait(1e-3) && is_slow) sleep_ms(100);
       std::array<std::uint8_t, 512> buffer;
       std::size_t bytes = 0;
       Endpoint from;
@@ -230,6 +233,26 @@ TEST(UdpDevice, InLockStepEachWriteIsAnswered) {
     ASSERT_EQ(state.encoder_rad, expected.encoder_rad);
   }
   EXPECT_EQ(device->link_report()->round_trip.samples(), 0U) << "time that is not the wall clock's";
+}
+
+// SIGUSR1 asks trocar-run for a recovery, and interrupts the thread that waits.
+TEST(UdpDevice, InLockStepASignalDoesNotEndTheWait) {
+  Peer peer(LinkClock::kLockStep);
+  const auto device = connected(to(peer, LinkClock::kLockStep));
+  ASSERT_TRUE(device);
+  DeviceState state;
+  ASSERT_EQ(device->read(state), DeviceStatus::kOk);
+  const auto before = std::signal(SIGUSR1, [](int) {});
+  peer.is_slow = true;
+  ASSERT_EQ(device->write({}), DeviceStatus::kOk);
+  std::thread signaller([waiting = ::pthread_self()] {
+    sleep_ms(20);
+    ::pthread_kill(waiting, SIGUSR1);
+  });
+  EXPECT_TRUE(device->wait_for_answer());
+  signaller.join();
+  std::signal(SIGUSR1, before);
+  EXPECT_EQ(device->read(state), DeviceStatus::kOk);
 }
 
 TEST(UdpDevice, LinkIsLostAfterTheTimeoutWithoutStates) {
