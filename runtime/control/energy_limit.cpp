@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 namespace trocar::runtime {
 
@@ -26,6 +27,10 @@ FaultDetail EnergyAccount::check(const SafetyLimits& limits, double rate_Hz,
     first_ = (first_ + 1) % kEnergyTicks;
     --count_;
   }
+  // Comparisons with nan are false, so the queue would hide finite excesses behind such an entry.
+  if (!std::isfinite(work_J_) || !std::isfinite(input.stored_J))
+    return {Fault::kEnergyLimit, FaultQuantity::kReleasedEnergy, -1,
+            std::numeric_limits<double>::quiet_NaN(), limits.energy_limit_J};
   if (!input.is_released) {
     const double energy_J = work_J_ + input.stored_J;
     while (count_ > 0 && entry(count_ - 1).energy_J >= energy_J)

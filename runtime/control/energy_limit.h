@@ -30,7 +30,8 @@
 //  4. If Safety::authority rises by A within the window, a hand that pushes in and comes back
 //     within the window receives at most A * S more energy than it gave, where S is the stored
 //     energy at the deepest contact. With the default SafetyTiming, A is 0.4.
-//  5. A limit that is nan or negative always raises the fault.
+//  5. A limit that is nan or negative always raises the fault, and so does an energy that is not
+//     finite.
 #pragma once
 
 #include <array>

@@ -29,6 +29,14 @@ struct Moved {
   }
 };
 
+TEST(EnergyLimit, AnEnergyThatIsNotFiniteIsBeyondIt) {
+  for (const double stored_J : {std::nan(""), HUGE_VAL}) {
+    Moved moved;
+    EXPECT_EQ(moved.move(0, 1e-3, 0), Fault::kNone);
+    EXPECT_EQ(moved.move(0, 1e-3, stored_J), Fault::kEnergyLimit);
+  }
+}
+
 // W(t) - W(s) <= S(s) + limit for all s of the window, written out; with rotations, ticks without
 // motion and punctures.
 TEST(EnergyLimit, IsItsDefinition) {
