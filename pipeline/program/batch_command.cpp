@@ -381,6 +381,8 @@ Result<void> check(const BatchArguments& a) {
     return usage("--gc changes the store; --dry-run and --explain do not");
   if (!a.metrics.empty() && (a.dry_run || !a.explain.empty()))
     return usage("--metrics states the numbers of a run; --dry-run and --explain are none");
+  if (a.verify && (a.dry_run || !a.explain.empty()))
+    return usage("--verify makes damaged assets again; --dry-run and --explain make none");
   return {};
 }
 

@@ -42,6 +42,8 @@ Result<SceneTool> tool_of(const FitArguments& a) {
       return usage("--gauge " + std::to_string(*a.gauge) + ": is not known; give --diameter in mm");
     radius_m = *known;
   }
+  if (a.half_angle_deg && a.tip.empty())
+    return usage("--half-angle: needs --tip, because a flat tip has no such angle");
   SceneTool tool;
   tool.kind = a.tip;
   tool.half_angle_deg = a.half_angle_deg.value_or(a.tip == "jamshidi" ? 90 : tool.half_angle_deg);

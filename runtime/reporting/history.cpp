@@ -180,7 +180,8 @@ Result<std::vector<std::string>> json_files(const std::filesystem::path& folder)
       return refused(folder.string() + ": has more than " + std::to_string(kMaxHistoryFiles) +
                      " files that end in .json");
     entry.increment(error);
-    if (error) break;
+    if (error)
+      return refused(folder.string() + ": not all of its folders can be read: " + error.message());
   }
   std::sort(names.begin(), names.end());
   return names;

@@ -58,6 +58,7 @@ def test_fit(programs, work):
             (2, "fit: needs the tool", (file, "-o", refused)),
             (2, "--output is required", (file, "--gauge", "11")),
             (2, "--gauge 12", (file, "--gauge", "12", "-o", refused)),
+            (2, "--half-angle: needs --tip", (file, "--gauge", "11", "--half-angle", "20", "-o", refused)),
             (2, "there are needle-bevel", (file, "--gauge", "11", "--tip", "spoon", "-o", refused)),
             (2, "would write over", (file, "--gauge", "11", "-o", file)),
             (4, "no folder", (file, "--gauge", "11", "-o", work / "nowhere" / "t.json"))):

@@ -169,6 +169,12 @@ def main():
     for words, code in ((("--history", work / "nothing", "-o", page), 3), (("--history", work / "missing", "-o", page), 3), (("--history", folder), 2), (("--history", folder, "-o", work / "x.txt"), 2)):
         done = subprocess.run([str(word) for word in (programs / "trocar-run", *words)], capture_output=True, text=True, check=False)
         check(done.returncode == code and done.stderr.count("\n") == 1, f"{words}: {done}")
+    deep = work / "deep"
+    deep.joinpath(*"abcdefg").mkdir(parents=True)
+    shutil.copy(next(folder.glob("*/session.json")), deep / "session.json")
+    few = subprocess.run(["prlimit", "--nofile=8", programs / "trocar-run", "--history", deep, "-o", work / "deep.html"], capture_output=True, text=True, check=False)
+    check(few.returncode == 3 and "not all of its folders can be read: Too many open files" in few.stderr and not (work / "deep.html").exists(),
+          f"folders that cannot be read: {few}")
     check_recording(programs, source, asset, work)
     return outcome()
 
