@@ -84,7 +84,7 @@ class Receiver {
       if (follow_up_) follow_up_->step();
     }
     end_associations();
-    take_released();  // at once, also if the disk was full just before
+    take_released();  // without waiting for retry_
     publish_complete(0);
   }
 

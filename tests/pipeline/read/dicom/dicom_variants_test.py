@@ -501,7 +501,7 @@ def test_broken(case):
 
 
 def test_many_frames_at_one_position(case):
-    """The time is linear in the number of frames. It was quadratic: more than ten minutes for this file, which Case.run() does not allow."""
+    """The time is linear in the number of frames. It was quadratic, and longer than Case.run() allows."""
     frames = 20_000
     c = case("copies")
     ds = make_enhanced()
