@@ -284,7 +284,7 @@ def part_kills():
     for k in range(ROUNDS):
         store = WORK / "store"
         shutil.rmtree(store, ignore_errors=True)
-        process = subprocess.Popen([MESH, "batch", collection, "-o", store, "--json"], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        process = subprocess.Popen([MESH, "batch", collection, "-o", store, "--json"], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL)
         time.sleep(random.uniform(0, alone))
         victims = [process.pid] if k % 2 else descendants(process.pid)
         for victim in victims[:1]:
@@ -292,7 +292,9 @@ def part_kills():
                 os.kill(victim, signal.SIGKILL)
             except ProcessLookupError:
                 pass
-        process.wait()
+        # The scans' processes hold the same pipe, so it ends with the last of them: one in the middle of a system call when the
+        # batch was killed can still finish that call, and with it a scan.
+        process.communicate()
         what = f"round {k}"
         inside += process.returncode in (-9, 3)
         finished = {path.stem for path in (store / "actions").rglob("*.json")} if store.exists() else set()
