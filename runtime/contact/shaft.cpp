@@ -8,13 +8,13 @@ namespace trocar::runtime {
 void enter_hole(const ShaftSection& section, ShaftState& state) noexcept {
   state.in_hole = true;
   state.hole_m = section.at_m.head<2>();
-  state.has_last = true;
+  state.has_hole_position = state.has_last = true;
   state.last_m = section.inserted_m;
   state.spring_m = state.viscous_N = 0;
 }
 
 void reset_motion(ShaftState& state) noexcept {
-  state.has_last = false;
+  state.has_hole_position = state.has_last = false;
   state.spring_m = state.viscous_N = 0;
 }
 
@@ -22,6 +22,8 @@ Eigen::Vector3d shaft_force(const ShaftTissue& tissue, const ShaftSection& secti
                             double pose_interval_s, ShaftState& state,
                             const PreviousShaft& previous) noexcept {
   if (!state.in_hole) return Eigen::Vector3d::Zero();
+  if (!state.has_hole_position) state.hole_m = section.at_m.head<2>();
+  state.has_hole_position = true;
   const double moved_m = state.has_last ? section.inserted_m - state.last_m : 0;
   const bool is_steady = state.has_last && previous.ago_s > 0;
   state.has_last = true;

@@ -12,7 +12,8 @@
 //  2. The rim's force lies in the sheet's plane. It opposes the displacement of the shaft's axis
 //     from the position at which the shaft entered the hole. (The shaft enters a hole at the
 //     puncture, or when it returns to an old hole.) The displacement begins at 0, so entering a
-//     hole neither stores nor releases energy.
+//     hole neither stores nor releases energy. After ticks without forces (reset_motion()) it
+//     begins at 0 again, wherever the shaft is then.
 #pragma once
 
 #include <Eigen/Core>
@@ -24,12 +25,14 @@ namespace trocar::runtime {
 
 /// State kept between ticks.
 struct ShaftState {
-  Eigen::Vector2d hole_m = Eigen::Vector2d::Zero();  ///< axis position at entry into the hole
-  double last_m = 0;                                 ///< ShaftSection::inserted_m of the last tick
+  /// Axis position from which the rim's displacement is measured.
+  Eigen::Vector2d hole_m = Eigen::Vector2d::Zero();
+  double last_m = 0;     ///< ShaftSection::inserted_m of the last tick
   double spring_m = 0;   ///< deflection of the friction spring, within +-presliding_m
   double viscous_N = 0;  ///< viscous friction along the axis in the last tick
   bool in_hole = false;
-  bool has_last = false;  ///< last_m can be used
+  bool has_last = false;           ///< last_m can be used
+  bool has_hole_position = false;  ///< hole_m can be used
 };
 
 /// The shaft in a sheet's plane, in {B}.
@@ -43,7 +46,8 @@ struct ShaftSection {
 /// force start at 0.
 void enter_hole(const ShaftSection& section, ShaftState& state) noexcept;
 
-/// Call this in ticks without shaft_force(). The shaft stays in its hole, and friction restarts at 0.
+/// Call this in ticks without shaft_force(). The shaft stays in its hole. Friction and the rim's
+/// force restart at 0 in the next shaft_force().
 void reset_motion(ShaftState& state) noexcept;
 
 /// ShaftSection::inserted_m at an earlier pose.

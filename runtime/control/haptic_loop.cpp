@@ -273,8 +273,7 @@ void advance_safety(const LoopModel& model, const TickInputs& inputs, const Forc
   const double late_s = state.ahead_s > dt_s / 2 ? std::exchange(state.ahead_s, 0) : 0;
   const FaultDetail heat = device.account_held_time(dt_s + late_s);
   if (fault == Fault::kNone) fault = heat;
-  if (fault == Fault::kNone && safety.state == SafetyState::kRecovering &&
-      safety.fault == Fault::kMotorOverload) {
+  if (fault == Fault::kNone && safety.state == SafetyState::kRecovering && state.must_rest) {
     fault = device.check_rested();
   }
   if (fault == Fault::kNone && reading.is_known)
@@ -331,6 +330,7 @@ void haptic_tick(const LoopModel& model, const TickInputs& inputs, HandDevice& d
   const std::uint64_t faults_before = safety.faults;
   if (row.outside_fault == Fault::kEmergencyStop) press_stop(safety, row.t_s);
   advance_safety(model, inputs, law, device, state, reading, result);
+  const bool has_run = before == SafetyState::kRunning || safety.state == SafetyState::kRunning;
 
   // Stage 3: prepare the command.
   if (safety.state == SafetyState::kRunning) {
@@ -338,7 +338,8 @@ void haptic_tick(const LoopModel& model, const TickInputs& inputs, HandDevice& d
     if (reading.fault != Fault::kNone) raise(safety, reading.fault, row.t_s);
   }
   if (safety.state != SafetyState::kRunning) {
-    if (before == SafetyState::kRunning) device.stop();
+    // A fault in the first tick of `running` also begins a ramp, from the zero torques before it.
+    if (has_run) device.stop();
     device.fade(ramp_factor(safety, timing, model.rate_Hz));
     reset_contact(law, state);
   }
@@ -348,6 +349,8 @@ void haptic_tick(const LoopModel& model, const TickInputs& inputs, HandDevice& d
   result.law_ns = prepared_ns - read_ns;
   result.device_ns = read_ns - begin_ns + (monotonic_ns() - prepared_ns);
   if (safety.faults != faults_before) result.new_fault = safety.fault;
+  if (safety.state == SafetyState::kRunning) state.must_rest = false;
+  if (result.new_fault == Fault::kMotorOverload) state.must_rest = true;
   result.found = reading.fault;
   result.torques_are_zero = torques_are_zero(safety, timing, model.rate_Hz);
   describe(model, device, state, result);

@@ -82,6 +82,9 @@ struct LoopState {
   double reading_t_s = 0;    ///< time stamp of the reading that keep_reading() kept last
   int no_data_ticks = 0;     ///< ticks since the last new reading
   bool has_reading = false;  ///< HandDevice::keep_reading() has kept a reading
+  /// There was a kMotorOverload since the last `running`. Recovery then waits for
+  /// HandDevice::check_rested(), also if an emergency stop has replaced the fault.
+  bool must_rest = false;
 };
 
 struct TickResult {

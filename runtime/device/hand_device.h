@@ -209,8 +209,8 @@ class HandDevice {
   /// Tells the device for how long the last command was held. A device can compute from this time
   /// how hot its motors are, for example. Returns kMotorOverload if the motors are too hot.
   virtual FaultDetail account_held_time(double /*held_s*/) noexcept { return {}; }
-  /// Called during a recovery from kMotorOverload. Returns kMotorOverload until the motors have
-  /// cooled enough to continue.
+  /// Called during a recovery if kMotorOverload was raised since the last `running`. Returns
+  /// kMotorOverload until the motors have cooled enough to continue.
   virtual FaultDetail check_rested() const noexcept { return {}; }
   /// Prepares the command that renders the wanted wrench. Sets `scale` to the fraction of the
   /// wrench that the device can render. If a fault is returned, no command is prepared, and the

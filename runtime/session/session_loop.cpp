@@ -102,11 +102,14 @@ void SessionLoop::receive_hand(std::int64_t now_ns) noexcept {
 }
 
 /// Returns true if time is paused in this period: the operator has paused the session, and torques
-/// are zero. A drive with a clock of its own meanwhile gets zero torques, because its watchdog
+/// are zero. During a recovery a tick with the fault kPaused comes first: it sets quiet_ticks to 0,
+/// so that the time without fault and contact begins again after the pause. A drive with a clock of its own meanwhile gets zero torques, because its watchdog
 /// waits for commands.
 bool SessionLoop::pauses(std::int64_t now_ns) noexcept {
   const bool is_replay = clock_.recorded(state_.tick) != nullptr;
-  const bool is_idle = result_.torques_are_zero || state_.safety.state == SafetyState::kRecovering;
+  const bool is_recovering = state_.safety.state == SafetyState::kRecovering;
+  const bool is_idle =
+      result_.torques_are_zero || (is_recovering && state_.safety.quiet_ticks == 0);
   const bool was_paused =
       std::exchange(is_paused_, commands_.is_paused() && (is_idle || is_replay));
   if (is_paused_ != was_paused)

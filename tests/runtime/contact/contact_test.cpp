@@ -401,6 +401,15 @@ TEST_F(HoleTest, Contract7FrictionStartsAgainAfterTicksWithoutForce) {
   EXPECT_NEAR(tick(at(0, 0, 0.1145)).wrench_device[2], 3, 1e-12);
 }
 
+TEST_F(HoleTest, Contract7TheRimStartsAgainAfterTicksWithoutForce) {
+  puncture(0);
+  reset_motion(state_);
+  const ContactOutput moved = tick(at(0.01, 0, 0.115));
+  EXPECT_EQ(moved.wrench_device, Wrench::Zero()) << "moved sideways while there were no forces";
+  EXPECT_EQ(moved.local.stored_J, 0);
+  EXPECT_NEAR(tick(at(0.011, 0, 0.115)).wrench_device[0], -2, 1e-9) << "the rim acts from there on";
+}
+
 TEST_F(HoleTest, Contract7HolesThatOverlapAreOne) {
   // Between two holes 3 mm apart a third of the tool is outside of either, and nothing of both.
   publish(puncture(0).cut);

@@ -102,6 +102,7 @@ class LoopFixture : public testing::Test {
     device_.next.t_s += 1 / model_.rate_Hz + device_late_s_;
     TickInputs inputs;
     inputs.sheets = current_;
+    inputs.prefetched = prefetched_;
     inputs.gap_s = gap_s;
     inputs.missed_in_row = missed_in_row_;
     inputs.outside = outside_;
@@ -154,6 +155,7 @@ class LoopFixture : public testing::Test {
   std::optional<FourLegs> four_legs_{std::in_place, description_, device_};
   double device_late_s_ = 0;  ///< beyond a period, from one tick to the next on the device's clock
   DeviceCommand good_;
+  PrefetchedStiffness prefetched_;
   int missed_in_row_ = 0;
   Fault outside_ = Fault::kNone;
   bool recover_ = false;

@@ -11,7 +11,44 @@ namespace trocar::runtime {
 namespace {
 
 using testing_support::largest;
-using LoopMotors = testing_support::LoopFixture;
+
+class LoopMotors : public testing_support::LoopFixture {
+ protected:
+  /// Presses with hot motors until kMotorOverload is raised, and waits until torques are zero.
+  /// Returns the number of ticks to the fault.
+  int overload() {
+    description_.motor_continuous_torque_Nm = 0.3 * largest(good_);
+    description_.motor_peak_torque_Nm = 1.5 * largest(good_);
+    description_.motor_peak_time_s = 0.02;
+    mechanism_.overload_time_max_s = 0.05;
+    int ticks = 0;
+    for (; state_.safety.fault == Fault::kNone && ticks < 1000; ++ticks)
+      tick();
+    EXPECT_EQ(state_.safety.fault, Fault::kMotorOverload);
+    for (int i = 0; i < 10; ++i)
+      tick();
+    return ticks;
+  }
+  /// Requests recovery in free space. It must wait until the motors have cooled.
+  void expect_rest_before_running() {
+    recover_ = true;
+    tick();
+    recover_ = false;
+    EXPECT_EQ(state_.safety.state, SafetyState::kRecovering);
+    allow_jumps(true);
+    go_to(0.121);
+    tick();
+    ASSERT_GT(result_.row.motor_heat_max, 0.6);
+    for (int i = 0; result_.row.motor_heat_max > 0.5; ++i) {
+      ASSERT_LT(i, 5000);
+      ASSERT_EQ(state_.safety.quiet_ticks, 0U) << "still warm: the quiet time has not begun";
+      tick();
+    }
+    for (int i = 0; i < 300; ++i)
+      tick();
+    EXPECT_EQ(state_.safety.state, SafetyState::kRunning);
+  }
+};
 
 // The force falls along its own direction to what the continuous torque gives, without a fault, and
 // returns once the motors have cooled.
@@ -48,36 +85,19 @@ TEST_F(LoopMotors, WarmMotorsAreDeratedSmoothlyAndRecover) {
 }
 
 TEST_F(LoopMotors, MotorOverloadWhenDeratedMotorsRenderTooLittleForTooLong) {
-  description_.motor_continuous_torque_Nm = 0.3 * largest(good_);
-  description_.motor_peak_torque_Nm = 1.5 * largest(good_);
-  description_.motor_peak_time_s = 0.02;
-  mechanism_.overload_time_max_s = 0.05;
-  int ticks = 0;
-  for (; state_.safety.fault == Fault::kNone; ++ticks) {
-    ASSERT_LT(ticks, 1000);
-    tick();
-  }
-  EXPECT_EQ(state_.safety.fault, Fault::kMotorOverload);
+  const int ticks = overload();
   EXPECT_GT(ticks, 50);
   EXPECT_LT(ticks, 150);
-  for (int i = 0; i < 10; ++i)
-    tick();
-  recover_ = true;
+  expect_rest_before_running();
+}
+
+TEST_F(LoopMotors, AnEmergencyStopAfterMotorOverloadLetsTheMotorsCool) {
+  overload();
+  outside_ = Fault::kEmergencyStop;
   tick();
-  recover_ = false;
-  EXPECT_EQ(state_.safety.state, SafetyState::kRecovering);
-  allow_jumps(true);
-  go_to(0.121);
-  tick();
-  ASSERT_GT(result_.row.motor_heat_max, 0.6);
-  for (int i = 0; result_.row.motor_heat_max > 0.5; ++i) {
-    ASSERT_LT(i, 5000);
-    ASSERT_EQ(state_.safety.quiet_ticks, 0U) << "still warm: the quiet time has not begun";
-    tick();
-  }
-  for (int i = 0; i < 300; ++i)
-    tick();
-  EXPECT_EQ(state_.safety.state, SafetyState::kRunning);
+  outside_ = Fault::kNone;
+  ASSERT_EQ(state_.safety.fault, Fault::kEmergencyStop);
+  expect_rest_before_running();
 }
 
 TEST_F(LoopMotors, MotorOverloadWhenAThermalLimitIsExceeded) {

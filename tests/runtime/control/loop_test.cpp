@@ -260,6 +260,22 @@ TEST_F(Loop, RecoveryNeedsARequestAndATimeInFreeSpace) {
   EXPECT_NEAR(last_N, 20, 1e-9);
 }
 
+TEST_F(Loop, AFaultInTheFirstRunningTickCommandsNoTorques) {
+  device_.next.encoder_rad[7] = NAN;
+  expect_fault(Fault::kEncoderNotFinite);  // there were 20 N before it
+  recover_ = true;
+  allow_jumps(true);
+  go_to(0.125);
+  for (int i = 0; state_.safety.state != SafetyState::kReady && i < 1000; ++i)
+    tick();
+  ASSERT_EQ(state_.safety.state, SafetyState::kReady);
+  law_.model().uses_prefetched_stiffness = true;
+  prefetched_.stiffness_N_per_m = INFINITY;
+  tick();
+  EXPECT_EQ(state_.safety.fault, Fault::kTorqueNotFinite);
+  EXPECT_EQ(largest(device_.written), 0) << "the ramp starts from the last command written";
+}
+
 TEST_F(Loop, MotionDuringAStopCausesNoFrictionAfterIt) {
   auto sheet = std::make_unique<Sheet>(*sheets_[0]);
   sheet->tissue.shaft.dry_friction_N = 2;
