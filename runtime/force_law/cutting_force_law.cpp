@@ -57,18 +57,6 @@ Pose CuttingForceLaw::predicted_pose(const ForceLawInput& input) const noexcept 
           (from_rotation_vector(step.tail<3>()) * plate.q).normalized()};
 }
 
-/// Returns the layers that were under load and are punctured now, one bit each. A punctured layer that
-/// was not under load was punctured earlier.
-std::uint64_t CuttingForceLaw::newly_punctured_layers() noexcept {
-  std::uint64_t punctured = 0, loaded = 0;
-  for (std::size_t i = 0; i < state_.law.layers.size(); ++i) {
-    const SoftLayerState& layer = state_.law.layers[i];
-    punctured |= std::uint64_t{layer.is_punctured} << i;
-    loaded |= std::uint64_t{!layer.is_punctured && layer.stretch_m > 0} << i;
-  }
-  return punctured & std::exchange(loaded_layers_, loaded);
-}
-
 FaultDetail CuttingForceLaw::update(const ForceLawInput& input, ContactOutput& output) noexcept {
   const Pose evaluated =
       report_.coupling.predicts_pose ? predicted_pose(input) : input.T_device_plate;
@@ -78,7 +66,7 @@ FaultDetail CuttingForceLaw::update(const ForceLawInput& input, ContactOutput& o
   for (const CutRequest& cut : output.cut_list)
     report_.side_cuts += cut.is_puncture ? 0 : 1;
   if (output.not_upright) return {};
-  output.layers_punctured = newly_punctured_layers();
+  output.layers_punctured = state_.result.layers_punctured;
   const double force_N = law_.force_scale * output.force_N;
   output.force_before_N = std::exchange(last_force_N_, force_N);
   const CuttingResult& result = state_.result;
@@ -97,7 +85,6 @@ FaultDetail CuttingForceLaw::update(const ForceLawInput& input, ContactOutput& o
 void CuttingForceLaw::reset_motion() noexcept {
   runtime::reset_motion(state_);
   last_force_N_ = 0;
-  loaded_layers_ = 0;
 }
 
 /// Returns how far the coupling holds the tip of the tool in the tissue away from the tip of the plate's tool.

@@ -2,7 +2,7 @@
 // The force law `cutting`. The tool cuts through one bone volume (runtime/bone_cutting). The tool
 // in the bone is connected to the plate by a spring, or is rigidly fixed to the plate
 // (device_coupling.h). The law itself is passive (cutting_law.h, contract 1).
-// Tests: tests/runtime/session/cutting_session_test.cpp
+// Tests: tests/runtime/force_law/cutting_force_law_test.cpp, tests/runtime/session/cutting_session_test.cpp
 #pragma once
 
 #include <cstdint>
@@ -57,7 +57,6 @@ class CuttingForceLaw final : public ForceLaw {
 
   Pose predicted_pose(const ForceLawInput& input) const noexcept;
   Eigen::Vector3d tip_from_plate_m() const noexcept;
-  std::uint64_t newly_punctured_layers() noexcept;
 
   BoneVolume bone_;
   BoneContactState state_;
@@ -66,8 +65,6 @@ class CuttingForceLaw final : public ForceLaw {
   double rate_Hz_;
   bool has_unused_damping_ = false;  ///< a tissue has damping_N_s_per_m, which this law ignores
   double last_force_N_ = 0;          ///< rendered force on the tip in the previous tick
-  /// Soft layers that were under load after the previous tick: bit i stands for layer i.
-  std::uint64_t loaded_layers_ = 0;
   CuttingReport report_;
 };
 

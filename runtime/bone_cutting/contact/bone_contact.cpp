@@ -8,6 +8,7 @@
 
 #include "runtime/bone_cutting/contact/admissible_region.h"
 #include "runtime/bone_cutting/contact/surface_slope.h"
+#include "runtime/bone_cutting/law/holes.h"
 #include "runtime/bone_cutting/material/cortical_wall.h"
 #include "runtime/bone_cutting/material/slabs.h"
 #include "runtime/contact/overlap.h"
@@ -28,6 +29,9 @@ constexpr double kNewRegion_m = 2e-4;
 constexpr int kCheckedInTick = 2;  // number of sheets around the shaft evaluated per tick
 constexpr double kTwist_s = 0.02;
 constexpr double kWidening = 0.25;  // a yielded wall is cut in steps of this many radii
+// A sheet has a hole under the tool if holes have removed at least this fraction of the outline's area.
+constexpr double kHole = 0.25;
+constexpr double kRounding_m = 1e-9;
 
 bool has_moved(const LatticeOutline& a, const LatticeOutline& b) noexcept {
   if (a.size != b.size) return true;
@@ -41,17 +45,31 @@ bool has_moved(const LatticeOutline& a, const LatticeOutline& b) noexcept {
 
 class BoneContactTick {
  public:
+  // `T_device_tool`: pose of the tool in the tissue. `plate_tip_m`: depth of the tip on the plate, to which the
+  // coupling can pull the tool within the tick.
   BoneContactTick(const BoneVolume& bone, std::span<const Sheet* const> sheets,
-                  const Pose& T_device_tool, std::span<SheetTrack> tracks,
+                  const Pose& T_device_tool, double plate_tip_m, std::span<SheetTrack> tracks,
                   BoneContactState& state) noexcept
-      : bone_(bone), sheets_(sheets), tool_(T_device_tool), tracks_(tracks), state_(state) {
+      : bone_(bone),
+        sheets_(sheets),
+        tool_(T_device_tool),
+        tracks_(tracks),
+        state_(state),
+        law_{.options = state.options,
+             .plate = T_device_tool,
+             .slabs = state.slabs,
+             .state = state.law,
+             .layers = {}} {
     tip_m_ = -(T_device_tool * bone.tool.tip_plate_m).z();
+    low_m_ = std::max(tip_m_, plate_tip_m);
+    law_.start_at(state.law.has_begun ? state.law.T_device_proxy : T_device_tool);
+    choose_hole(law_);
     if (bone.twists)
       slice_push_ = slice_push(bone.shape, state.twist_rad_per_s, state.feed_m_per_s);
   }
 
   // Evaluates the sheets from the front (or from the tip, if it is not under load) down to kAhead_m below the
-  // tip, and at least kMinSheetsAhead of them.
+  // depth that the tip can reach in the tick, and at least kMinSheetsAhead of them.
   void evaluate_below() noexcept {
     const double front_m = state_.law.stretch_m > 0 ? state_.front_m : tip_m_;
     const int count = static_cast<int>(sheets_.size());
@@ -60,7 +78,7 @@ class BoneContactTick {
       ++first;
     int end = first;
     while (end < count &&
-           (end - first < kMinSheetsAhead || bone_.sheets[end].top_m < tip_m_ + kAhead_m))
+           (end - first < kMinSheetsAhead || bone_.sheets[end].top_m < low_m_ + kAhead_m))
       ++end;
     // Whether a slab is in a cortical shell depends on how far below it the material ends.
     int seen = end;
@@ -93,7 +111,7 @@ class BoneContactTick {
     while (i < count && bone_.sheets[i].bottom_m < state_.front_m - 1e-6)
       ++i;
     if (i == count || bone_.sheets[i].bottom_m <= bone_.sheets[i].top_m) return;
-    if (bone_.sheets[i].top_m > tip_m_ + kAhead_m) return;
+    if (bone_.sheets[i].top_m > low_m_ + kAhead_m) return;
     const Eigen::Vector3d tip = tool_ * bone_.tool.tip_plate_m;
     state_.options.slope = surface_slope(bone_, sheets_, i, state_.front_m, tip.head<2>());
   }
@@ -229,7 +247,8 @@ class BoneContactTick {
   void set_strength(int i) noexcept {
     const BoneSheet& sheet = bone_.sheets[i];
     SheetInContact& own = state_.sheets[i];
-    own.is_beside = own.share < kMostlyMaterial && !own.has_cut;
+    own.is_in_hole = !own.has_cut && own.uncut_coverage - own.share >= kHole && is_cut_through(i);
+    own.is_beside = own.share < kMostlyMaterial && !own.has_cut && !own.is_in_hole;
     const double N = own.strength_N;
     std::array<double, 2> ends{N, N};
     if (sheet.meets_above || sheet.meets_below) {
@@ -250,11 +269,10 @@ class BoneContactTick {
     for (int k = sheet.first_slab; k < sheet.first_slab + sheet.slabs; ++k) {
       CuttingSlab& slab = state_.slabs[k];
       const double down_m = slab.top_m - sheet.top_m, up_m = sheet.bottom_m - slab.bottom_m;
-      constexpr double kRounding_m = 1e-9;
       const double length_m = slab.bottom_m - slab.top_m;
       const bool is_shell =
-          has_shell && (above_m + down_m + length_m <= bone_.shell_m + kRounding_m ||
-                        below_m + up_m + length_m <= bone_.shell_m + kRounding_m);
+          has_shell && (above_m + down_m + length_m <= bone_.shell_m + kMinPart_m ||
+                        below_m + up_m + length_m <= bone_.shell_m + kMinPart_m);
       const double nominal = bone_.slabs[k].friction_N_per_m;
       slab.friction_N_per_m =
           own.uncut_coverage * (own.has_hu ? sheet.friction_N_per_m(own.hu, nominal) : nominal);
@@ -263,9 +281,18 @@ class BoneContactTick {
       slab.strength_bottom_N =
           own.share * (is_shell ? shell_N : ends[0] + slope * (down_m + length_m));
       set_walls(i, slab);
+      // A region of an earlier place must not become the walls of a new hole. Walls in use stay.
+      if (!own.is_beside) slab.free = nullptr;
     }
     // When the tool reaches a sheet from the side, the admissible region is needed in the same tick.
     if (own.is_beside && sheet.bottom_m > sheet.top_m) find_free(i, kNewRegion_m);
+  }
+
+  // Returns whether the law remembers that a sheet is cut through at the tool's position, by the hole that the tool
+  // is in or would enter.
+  bool is_cut_through(int i) const noexcept {
+    const BoneSheet& sheet = bone_.sheets[i];
+    return cut_of(law_, sheet.first_slab + sheet.slabs - 1) >= sheet.bottom_m - kRounding_m;
   }
 
   // Returns the axis position in a sheet, moved back into the slot if the shaft presses on a wall.
@@ -310,8 +337,9 @@ class BoneContactTick {
     if (wall_of(i) == nullptr) return;
     const Eigen::Vector2d wall_m = touching(i);
     if (bone_.sheets[i].bottom_m > state_.front_m) return;  // the front is still in this sheet
-    if (own.has_cut && (wall_m - own.cut_at_m).norm() < kWidening * bone_.radius_m) return;
-    if (!own.has_cut && own.share > kMinCoverage) return;
+    const bool has_hole = own.has_cut || own.is_in_hole;
+    if (has_hole && (wall_m - own.cut_at_m).norm() < kWidening * bone_.radius_m) return;
+    if (!has_hole && own.share > kMinCoverage) return;
     SheetTrack& track = tracks_[i];
     if (track.pending_count == kMaxPendingHoles) return;
     Pose moved = state_.law.T_device_proxy;
@@ -321,7 +349,7 @@ class BoneContactTick {
         overlap(*sheets_[i], bone_.tool, outline,
                 std::span(track.pending.data(), static_cast<std::size_t>(track.pending_count)))
             .coverage;
-    const double least = own.is_beside ? 0.5 * kWidening : 0.1 * kWidening;
+    const double least = (own.is_beside || own.is_in_hole ? 0.5 : 0.1) * kWidening;
     if (share < least) return;
     request(i, outline, false);
     own.cut_at_m = wall_m;
@@ -348,7 +376,10 @@ class BoneContactTick {
   const Pose& tool_;
   std::span<SheetTrack> tracks_;
   BoneContactState& state_;
-  double tip_m_ = 0, slice_push_ = 0;
+  Tick law_;  // the law's view of the tool before this tick, to ask holes.h about the tool's hole
+  // Depth of the tip, and the largest depth that the tip can reach in this tick.
+  double tip_m_ = 0, low_m_ = 0;
+  double slice_push_ = 0;
   bool backlog_ = false;
 };
 
@@ -368,7 +399,7 @@ void follow_twist(const BoneVolume& bone, const Pose& T_device_plate, double int
 // Call this when the tool has left its hole or entered another one. The meshes keep the cuts.
 void forget_hole(const BoneVolume& bone, BoneContactState& state) noexcept {
   for (std::size_t i = 0; i < state.sheets.size(); ++i) {
-    state.sheets[i].has_cut = false;
+    state.sheets[i].has_cut = state.sheets[i].is_in_hole = false;
     const BoneSheet& sheet = bone.sheets[i];
     for (int k = sheet.first_slab; k < sheet.first_slab + sheet.slabs; ++k)
       state.slabs[k].free = nullptr;
@@ -376,21 +407,6 @@ void forget_hole(const BoneVolume& bone, BoneContactState& state) noexcept {
 }
 
 }  // namespace
-
-BoneContactState make_bone_contact_state(const BoneVolume& bone) {
-  BoneContactState state;
-  state.law = make_cutting_state(bone.slabs.size(), kMaxRememberedHoles, bone.layers.size());
-  for (SoftLayerState& layer : state.law.layers)
-    layer.holes.resize(kMaxRememberedHoles);
-  state.slabs = bone.slabs;
-  state.sheets.resize(bone.sheets.size());
-  for (std::size_t i = 0; i < bone.sheets.size(); ++i)
-    state.sheets[i].strength_N = bone.sheets[i].nominal_N;
-  state.cuts.reserve(2 * bone.sheets.size());
-  state.options = bone.options;
-  state.options.layers = bone.layers;
-  return state;
-}
 
 void update_bone_contact(const BoneVolume& bone, std::span<const Sheet* const> sheets,
                          const Pose& T_device_plate, const Pose& T_device_evaluated,
@@ -408,7 +424,13 @@ void update_bone_contact(const BoneVolume& bone, std::span<const Sheet* const> s
   state.must_retract = false;
   if (bone.twists && state.has_plate && pose_interval_s > 0)
     follow_twist(bone, T_device_plate, pose_interval_s, state);
-  BoneContactTick tick(bone, sheets, T_device_evaluated, tracks, state);
+  // The tissue acts on the tool. A coupling can hold the tool far from the plate, so the sheets are evaluated where
+  // the tool was at the end of the last tick.
+  const bool is_apart = state.law.has_begun && !state.options.coupling.is_rigid &&
+                        is_upright(bone.tool, state.law.T_device_proxy);
+  const Pose T_device_tool = is_apart ? state.law.T_device_proxy : T_device_evaluated;
+  BoneContactTick tick(bone, sheets, T_device_tool,
+                       -(T_device_evaluated * bone.tool.tip_plate_m).z(), tracks, state);
   tick.evaluate_below();
   tick.evaluate_around();
   tick.evaluate_surface();
@@ -469,31 +491,6 @@ void update_bone_contact(const BoneVolume& bone, std::span<const Sheet* const> s
     output.phase = state.sheets[output.active_sheet].has_cut ? ContactPhase::kPunctured
                                                              : ContactPhase::kMissed;
   }
-}
-
-void reset_motion(BoneContactState& state) noexcept {
-  if (state.law.stretch_m > 0) {
-    state.must_retract = true;
-    state.retract_to_depth_m = state.front_m;
-  }
-  for (const SoftLayerState& layer : state.law.layers) {
-    if (!(layer.stretch_m > 0)) continue;
-    state.retract_to_depth_m =
-        state.must_retract ? std::min(state.retract_to_depth_m, layer.cut_m) : layer.cut_m;
-    state.must_retract = true;
-  }
-  state.twist_rad_per_s = state.feed_m_per_s = 0;
-  release(state.law);
-  state.has_plate = false;
-  state.wrench_device.setZero();
-  state.result = {};
-}
-
-double retract_distance_m(const BoneVolume& bone, const Pose& T_device_plate,
-                          const BoneContactState& state) noexcept {
-  if (!state.must_retract) return 0;
-  const double tip_m = -(T_device_plate * bone.tool.tip_plate_m).z();
-  return std::max(0.0, tip_m - state.retract_to_depth_m);
 }
 
 }  // namespace trocar::runtime

@@ -3,17 +3,25 @@
 // the slabs at the tool's position, runs the cutting law (cutting_law.h), and requests holes in the
 // meshes.
 //
-// Contract (tests/runtime/bone_cutting/contact/bone_contact_test.cpp):
+// Contract (tests/runtime/bone_cutting/contact/bone_contact_test.cpp, hole_contact_test.cpp):
 //  1. The strength of a slab is the strength of the material under the tool's outline, multiplied
 //     by the coverage: the fraction of the outline over material that is not yet cut. The tissue
 //     states the strength of the material, or the strength is computed from HU. Friction is
 //     multiplied by the coverage that the tool would have without any holes, so that cutting a hole
-//     does not reduce the friction in the hole.
+//     does not reduce the friction in the hole. If a coupling connects the tool to the plate, the
+//     coverage, the HU and the slope of the surface are those at the proxy's pose after the last
+//     tick (CuttingState::T_device_proxy). With a rigid coupling, in the first tick, and if the
+//     proxy is tilted by more than kMaxTilt_deg, they are those at the pose for which the law
+//     computes its forces.
 //  2. For each sheet that the cutting front passes completely, one hole is requested. The front can
 //     pass several sheets in one tick. If the coverage is at most 0.1 %, no hole is requested.
 //  3. If the coverage of a sheet is below one half and the tool has not cut a hole in it, the
-//     sheet's edges act as walls (admissible_region.h). Where the shaft has pushed such an edge or
-//     the wall of a hole aside (the wall has yielded), a hole with the tool's outline is requested.
+//     sheet's edges act as walls (admissible_region.h). The tool has cut a hole in a sheet also
+//     if it is again in a hole, or about to enter one, that it cut through the sheet earlier:
+//     the walls are then those of this hole. A region of free positions that was computed beside
+//     a sheet's material is not used for a hole that begins elsewhere. Where the shaft has
+//     pushed an edge or the wall of a hole aside (the wall has yielded), the law requests a hole
+//     with the tool's outline.
 //  4. All times are those of the device's clock. A tick without a new pose is evaluated at
 //     the previous pose.
 //  5. No allocation, lock or exception.
@@ -51,6 +59,9 @@ struct SheetInContact {
   /// A hole was requested in this sheet because the front has passed the sheet. The flag is cleared
   /// when the tool leaves its hole or enters another.
   bool has_cut = false;
+  /// `has_cut` is false, but the tool is in a hole, or would enter one, that it cut through this
+  /// sheet earlier and left.
+  bool is_in_hole = false;
   Slot free;  ///< admissible region (CuttingSlab::free)
 };
 

@@ -67,14 +67,21 @@ void finish_torsion(Tick& tick, double turned_m, CuttingResult& out) noexcept {
 }
 
 // Keeps the slip of the hold and the force with which the tip has crushed the bone around it. Behind a hard layer
-// that force falls to the present one exponentially, over a diameter of the tool.
+// that force falls to the present one exponentially, over a diameter of the tool. Where no bone is under the tip, there
+// is no such force, whatever lies below.
 void finish_hold(Tick& tick, double pressed_m, CuttingResult& out) noexcept {
   CuttingState& state = tick.state;
   const double presliding_m = std::max(tick.options.tip_presliding_m, 1e-9);
   state.hold_slip_m =
       tick.hold_N > 0 ? std::clamp(state.hold_slip_m + pressed_m, -presliding_m, 0.0) : 0;
   out.stored_J += 0.5 * state.hold_N_per_m * state.hold_slip_m * state.hold_slip_m;
-  const double advance_m = (tick.front_m - tick.first_front_m) / tick.down;
+  if (tick.is_free) {
+    state.hold_tip_N = 0;
+    return;
+  }
+  // Below all bone both depths are infinite.
+  const double advance_m =
+      tick.front_m > tick.first_front_m ? (tick.front_m - tick.first_front_m) / tick.down : 0;
   const double forgotten = -std::expm1(-advance_m / (2 * tick.options.tool.radius_m));
   state.hold_tip_N =
       std::max(out.tip_N, state.hold_tip_N + forgotten * (out.tip_N - state.hold_tip_N));
@@ -158,7 +165,7 @@ void run(Tick& tick, CuttingResult& out) noexcept {
       evaluate(tick, tick.plate, false, e, out);
     }
     for (int k = 0; k < kMaxLayerAdvances; ++k) {
-      const LayerAdvance layer = scan_layers(tick, e.slide[0], e.tip_N, 1);
+      const LayerAdvance layer = scan_layers(tick, e.slide[0], e.tip_N, 1, out);
       if (layer.layer < 0) break;
       take(tick, layer, out);
       evaluate(tick, tick.plate, false, e, out);

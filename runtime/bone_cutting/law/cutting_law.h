@@ -114,7 +114,8 @@ struct CuttingOptions {
   /// recent force. (Bone under a tip is crushed, not compressed elastically, so it does not push
   /// the tip out again; indentation of foams: L. Gibson, M. Ashby, Cellular Solids, 1997.) The hold
   /// is a friction force that resists only withdrawal. The hold yields after a displacement of
-  /// tip_presliding_m, and fades to 0 while the tip is raised by a diameter of the tool.
+  /// tip_presliding_m, and fades to 0 while the tip is raised by a diameter of the tool. A tip that
+  /// has broken through to where no bone holds it has left the crushed bone, so there is no hold.
   double tip_hold = 0;
   /// The core in a hollow tool presses on the bore, like grain in a silo (H. Janssen, 1895). The
   /// longer the core is, the larger is the pressure. The shaft's friction is therefore multiplied
@@ -224,7 +225,8 @@ struct CuttingState {
   double tip_friction_N_per_m = 0;  ///< stiffness of the tip's friction in the last tick
   Eigen::Vector3d tip_slip_m = Eigen::Vector3d::Zero();  ///< elastic slip of the tip's friction
   /// Largest recent force of the tip on the bone. It decays towards the present force while the
-  /// front advances by about a diameter of the tool.
+  /// front advances by about a diameter of the tool. It is 0 after an advance that ends where no
+  /// bone holds the tip: in a gap, in a hole, or below all bone.
   double hold_tip_N = 0;
   double hold_depth_m = 0;  ///< largest depth of the tip since hold_tip_N became positive
   double hold_N_per_m = 0;  ///< stiffness of the hold in the last tick
@@ -262,6 +264,9 @@ struct CuttingResult {
   double cut_J = 0;                       ///< work of cutting bone in this tick
   double layer_N = 0;                     ///< force of the soft layers, along the shaft
   double layer_cut_J = 0;  ///< work of cutting soft layers in this tick, not contained in cut_J
+  /// Soft layers that were punctured in this tick: bit i stands for layer i. A layer in which the
+  /// tool entered a hole again is not among them.
+  std::uint64_t layers_punctured = 0;
   /// Depth of the front. If the tip is not under load: depth of the next uncut bone below the tip,
   /// or infinity if there is none.
   double front_m = 0;

@@ -228,7 +228,7 @@ bool advance_layer(Tick& tick, Evaluation& e, CuttingResult& out) noexcept {
     along = inverse.times(e.along);
     falling = std::clamp(1 - e.pressed_N_per_m * e.along.dot(along), kMinFalling, 1.0);
   }
-  LayerAdvance a = scan_layers(tick, e.slide[0], e.tip_N, falling);
+  LayerAdvance a = scan_layers(tick, e.slide[0], e.tip_N, falling, out);
   if (a.layer < 0) return false;
   if (!a.ends_layer && falling * a.stiffness_N_per_m * a.length_m <= allowed(tick, e)) return false;
   SoftLayerState& state = tick.state.layers[static_cast<std::size_t>(a.layer)];
@@ -241,7 +241,7 @@ bool advance_layer(Tick& tick, Evaluation& e, CuttingResult& out) noexcept {
     state.stretch_m = stretch_m;
     state.cut_m = cut_m;
     out.layer_cut_J = cut_J;
-    a = scan_layers(tick, e.slide[0], e.tip_N, 1);
+    a = scan_layers(tick, e.slide[0], e.tip_N, 1, out);
     take(tick, a, out);
     evaluate(tick, e.X, false, next, out);
   }

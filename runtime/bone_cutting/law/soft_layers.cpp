@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdint>
 #include <limits>
 
 namespace trocar::runtime {
@@ -103,7 +104,8 @@ int pressed_layer(const Tick& tick, double slide_m) noexcept {
   return -1;
 }
 
-LayerAdvance scan_layers(Tick& tick, double slide_m, double bone_N, double falling) noexcept {
+LayerAdvance scan_layers(Tick& tick, double slide_m, double bone_N, double falling,
+                         CuttingResult& out) noexcept {
   LayerAdvance a;
   const int pressed = pressed_layer(tick, slide_m);
   if (pressed < 0) return a;
@@ -117,6 +119,7 @@ LayerAdvance scan_layers(Tick& tick, double slide_m, double bone_N, double falli
   if (!s.is_punctured) {
     if (on_it <= layer.puncture_N) return a;
     s.is_punctured = true;
+    out.layers_punctured |= std::uint64_t{1} << i;
     s.at_m = crossing(tick.tip, tick.axis, layer.top_m);
   }
   const double Y = layer.cutting_N, below = on_it - own.force_N;

@@ -29,11 +29,12 @@ struct LayerAdvance {
 };
 /// Let the total force be `bone_N` (the tip's force on the bone) plus the forces of all layers. If
 /// the total force exceeds puncture_N of the layer that the tip presses on, this layer is
-/// punctured. For a punctured layer, the function computes the advance after which the total force
-/// equals the layer's cutting_N. Per metre of advance the total force falls by `falling` times the
-/// layer's stiffness. `falling` is 1 if the tip keeps its position, and less than 1 if the tip
-/// follows the front.
-LayerAdvance scan_layers(Tick& tick, double slide_m, double bone_N, double falling) noexcept;
+/// punctured, and its bit is set in CuttingResult::layers_punctured. For a punctured layer, the
+/// function computes the advance after which the total force equals the layer's cutting_N. Per
+/// metre of advance the total force falls by `falling` times the layer's stiffness. `falling` is 1
+/// if the tip keeps its position, and less than 1 if the tip follows the front.
+LayerAdvance scan_layers(Tick& tick, double slide_m, double bone_N, double falling,
+                         CuttingResult& out) noexcept;
 /// Returns the index of the layer that the tip presses on; -1: none.
 int pressed_layer(const Tick& tick, double slide_m) noexcept;
 /// Moves the front of the layer `advance.layer`, and adds the work of cutting to `out`.

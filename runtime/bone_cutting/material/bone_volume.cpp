@@ -20,7 +20,6 @@ constexpr double kCorePressureRatio = 0.15;
 constexpr double kSheetHole_m = 1e-3;
 // So strong that nothing of a session breaks it.
 constexpr double kUnbreakable_N = 1e9;
-constexpr double kMinPart_m = 1e-6;
 // The elastic modulus of the tip's contact is at least that of very sparse trabecular bone.
 constexpr double kMinModulus_MPa = 50;
 // Strength of bone whose HU show marrow alone: trabeculae are thinner than a voxel, and fat lowers the HU. It is
@@ -149,13 +148,42 @@ void set_hole(const Tissue& tissue, const BoneSheet& sheet, const ToolShape& sha
   slab.wall_strength_N_per_m += in.wall_strength_N_per_m;
 }
 
-// Depths at which a sheet's slab is divided, from its top to its bottom.
-std::vector<double> parts_of(double thickness_m, double shell_m) {
+// Adds the depths below the top of the i-th sheet at which a shell ends that begins at the top of this sheet or of one
+// above it, or at the bottom of this sheet or of one below it.
+void add_shell_ends(std::span<const BoneSheet> sheets, std::size_t i, double shell_m,
+                    std::vector<double>& ends) {
+  const auto thickness_of = [&](std::size_t k) { return sheets[k].bottom_m - sheets[k].top_m; };
+  const double thickness_m = thickness_of(i);
+  const auto add = [&](double at_m) {
+    const bool is_new = std::all_of(ends.begin(), ends.end(), [&](double end_m) {
+      return std::abs(at_m - end_m) > kMinPart_m;
+    });
+    if (is_new && at_m > 0 && at_m < thickness_m) ends.push_back(at_m);
+  };
+  double left_m = shell_m;  // the part of the shell that is left below the sheets above
+  for (std::size_t k = i; left_m > 0; --k) {
+    add(left_m);
+    if (!sheets[k].meets_above) break;
+    left_m -= thickness_of(k - 1);
+  }
+  left_m = shell_m;
+  for (std::size_t k = i; left_m > 0; ++k) {
+    add(thickness_m - left_m);
+    if (!sheets[k].meets_below) break;
+    left_m -= thickness_of(k + 1);
+  }
+}
+
+// Depths at which the slab of the i-th sheet is divided, from its top to its bottom. The sheets' extents are known.
+std::vector<double> parts_of(std::span<const BoneSheet> sheets, std::size_t i, double shell_m) {
+  const double thickness_m = sheets[i].bottom_m - sheets[i].top_m;
   std::vector<double> ends{0, thickness_m};
   if (shell_m > 0 && thickness_m > 0) {
+    // These are all ends if the sheets are equally thick.
     const double rest = std::fmod(shell_m, thickness_m);
     for (const double at : {rest, thickness_m - rest})
       ends.push_back(at);
+    add_shell_ends(sheets, i, shell_m, ends);
   }
   std::sort(ends.begin(), ends.end());
   std::vector<double> out;
@@ -325,7 +353,7 @@ Result<BoneVolume> make_bone_volume(const Scene& scene, std::span<const Sheet* c
     if (auto ok = set_strength(*sheets[i], bone.shape, outline_share, body, out); !ok)
       return ok.error();
     out.first_slab = static_cast<int>(bone.slabs.size());
-    const std::vector<double> ends = parts_of(out.bottom_m - out.top_m, bone.shell_m);
+    const std::vector<double> ends = parts_of(bone.sheets, i, bone.shell_m);
     for (std::size_t k = 0; k + 1 < ends.size(); ++k) {
       CuttingSlab slab;
       slab.top_m = out.top_m + ends[k];

@@ -24,7 +24,9 @@
 //  4. A cortical shell of thickness `shell_m` lies where the tool enters the bone and where the
 //     tool leaves the bone. Slabs within a shell have the shell's strength. Each slice's bone is
 //     divided into slabs at all depths at which a shell can end, so that only the strengths of the
-//     slabs change when the tool moves, not their depths.
+//     slabs change when the tool moves, not their depths. A shell can begin at the top and at the
+//     bottom of each sheet, and it can extend over several sheets of different thicknesses. Its
+//     end is exact up to kMinPart_m.
 //  5. If a tissue takes its strength from HU, the slab where the tool enters the bone and the slab
 //     where the tool leaves the bone can contain a thin cortical wall (cortical_wall.h).
 //     SceneBody::cortex_HU states the HU of such a wall. A scene without a `body` has no such
@@ -49,6 +51,8 @@ inline constexpr double kMaxSlabGap_m = 3e-3;
 /// Tolerance that is added to kMaxSlabGap_m, so that rounding does not separate two slices whose
 /// distance is exactly kMaxSlabGap_m.
 inline constexpr double kSlabGapRounding_m = 1e-9;
+/// Depths that differ by less are one, where the bone of a slice is divided into slabs.
+inline constexpr double kMinPart_m = 1e-6;
 /// Number of holes that the law `cutting` remembers during a session.
 inline constexpr std::size_t kMaxRememberedHoles = 32;
 

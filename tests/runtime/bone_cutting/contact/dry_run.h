@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// A body, a plate that is put anywhere, and what a session does with the holes, for the tests of bone_contact.h.
+// A body, a plate that is put anywhere, what a session does with the holes, and a scene, for the tests of
+// bone_contact.h.
 #pragma once
 
 #include <gtest/gtest.h>
@@ -7,6 +8,7 @@
 #include <algorithm>
 #include <cmath>
 #include <memory>
+#include <optional>
 #include <utility>
 #include <vector>
 
@@ -17,6 +19,15 @@
 namespace trocar::runtime {
 
 inline constexpr double kTick_s = 1e-3;
+
+/// Ten slices of 1 mm whose walls yield at 0.5 mm.
+inline Scene walled() {
+  Scene scene = test::body_scene(0, 9, 0.12);
+  scene.tissue.cut = CutTissue{0.2, std::nullopt, 0, 1, 0, 0, 0, 10, 5};
+  scene.tissue.stiffness_N_per_m = 50'000;
+  scene.force_law.tip_friction = 0;
+  return scene;
+}
 
 /// A body, a plate that is put anywhere, and what a session does with the holes.
 class DryRun {

@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdint>
 
 #include "tests/runtime/bone_cutting/law/cutting_fixture.h"
 
@@ -189,7 +190,13 @@ TEST(SoftLayer, AThinLayerCloseBehindIsTornToo) {
   b.layers[1] = close;
   b.push(0.0058, 0.0059, 1e-5);
   EXPECT_FALSE(b.state.layers[1].is_punctured);  // the ligament holds
-  b.push(0.0059, 0.0063, 1e-5);
+  std::uint64_t punctured = 0;
+  b.move(plate_at(0, 0.0059), plate_at(0, 0.0063), 1e-5,
+         [&](const CuttingResult& out, const Pose&) {
+           EXPECT_EQ(punctured & out.layers_punctured, 0U) << "reported twice";
+           punctured |= out.layers_punctured;
+         });
+  EXPECT_EQ(punctured, 0b11U);
   EXPECT_TRUE(b.state.layers[0].is_punctured);
   EXPECT_TRUE(b.state.layers[1].is_punctured);
 }

@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <vector>
 
 #include "tests/runtime/bone_cutting/law/cutting_fixture.h"
 
@@ -70,6 +71,28 @@ TEST(TipHold, AHardLayerIsForgottenBehindIt) {
                 0.9);
   });
   EXPECT_NEAR(b.state.hold_tip_N, 10, 0.5);
+}
+
+// Behind the last bone no crushed bone is around the tip, whether there is more bone far below or not.
+TEST(TipHold, ATipThatHasBrokenThroughIsNotHeld) {
+  std::vector<CuttingSlab> slabs = even_slabs(10, 1e-3, 60);
+  Bench last = bench(0.25, slabs);
+  slabs.push_back(slabs.back());
+  slabs.back().top_m = 60e-3;
+  slabs.back().bottom_m = 61e-3;
+  Bench more = bench(0.25, slabs);
+  double most_N = 0, least_N = 0;
+  for (int k = 0; k <= 1400; ++k) {
+    // The plate goes to a depth of 11 mm, and back to 9 mm.
+    const double depth_m = k <= 1200 ? -1e-3 + 1e-5 * k : 11e-3 - 1e-5 * (k - 1200);
+    last.tick(plate_at(0, depth_m));
+    more.tick(plate_at(0, depth_m));
+    ASSERT_NEAR(pull_N(last), pull_N(more), 1e-5) << depth_m;
+    most_N = std::max(most_N, pull_N(last));
+    least_N = std::min(least_N, pull_N(last));
+  }
+  EXPECT_NEAR(most_N, 60, 1e-3);
+  EXPECT_GE(least_N, -1e-5);
 }
 
 // Pushing again after a short withdrawal needs the whole force again, and the front goes on where it was.

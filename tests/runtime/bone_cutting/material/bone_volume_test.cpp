@@ -9,6 +9,7 @@
 #include <algorithm>
 #include <cmath>
 #include <numbers>
+#include <string>
 
 #include "tests/support/body_fixture.h"
 
@@ -366,6 +367,24 @@ TEST(BoneVolume, TheTipsStiffnessIsTheBonesUnlessItIsStated) {
   EXPECT_EQ(bone_volume_of(scene, asset).sheets[0].tip_N_per_m, 20'000);
 }
 
+/// Checks that a slab ends at the shell's depth below the top and above the bottom of every sheet.
+void expect_parts(const BoneVolume& body, double shell_m, const std::string& where) {
+  const auto ends_at = [&](double depth_m) {
+    return std::any_of(body.slabs.begin(), body.slabs.end(), [&](const CuttingSlab& slab) {
+      return std::abs(slab.bottom_m - depth_m) < 2e-6;
+    });
+  };
+  for (const BoneSheet& sheet : body.sheets) {
+    const double down_m = sheet.top_m + shell_m, up_m = sheet.bottom_m - shell_m;
+    if (down_m < body.slabs.back().bottom_m) {
+      EXPECT_TRUE(ends_at(down_m)) << where;
+    }
+    if (up_m > body.slabs.front().top_m + 1e-9) {
+      EXPECT_TRUE(ends_at(up_m)) << where;
+    }
+  }
+}
+
 // Measured from where the tool enters a sheet, and up from where it leaves one, a chunk ends at the
 // shell's depth.
 TEST(BoneVolume, PartsEndAtTheShellsDepthFromEverySheet) {
@@ -376,23 +395,22 @@ TEST(BoneVolume, PartsEndAtTheShellsDepthFromEverySheet) {
       scene.body->shell_factor = 2;
       const BoneVolume body = bone_volume_of(scene, spaced_asset(24, spacing_mm));
       expect_ordered(body);
-      const auto ends_at = [&](double depth_m) {
-        return std::any_of(body.slabs.begin(), body.slabs.end(), [&](const CuttingSlab& slab) {
-          return std::abs(slab.bottom_m - depth_m) < 2e-6;
-        });
-      };
-      for (const BoneSheet& sheet : body.sheets) {
+      for (const BoneSheet& sheet : body.sheets)
         EXPECT_LE(sheet.slabs, 3);
-        const double down_m = sheet.top_m + scene.body->shell_m,
-                     up_m = sheet.bottom_m - scene.body->shell_m;
-        if (down_m < body.slabs.back().bottom_m) {
-          EXPECT_TRUE(ends_at(down_m)) << spacing_mm << " mm, shell " << shell_mm << " mm";
-        }
-        if (up_m > body.slabs.front().top_m + 1e-9) {
-          EXPECT_TRUE(ends_at(up_m)) << spacing_mm << " mm, shell " << shell_mm << " mm";
-        }
-      }
+      expect_parts(body, scene.body->shell_m,
+                   std::to_string(spacing_mm) + " mm, shell " + std::to_string(shell_mm) + " mm");
     }
+  }
+  // Slices at 0, 1, 4, 5 and 8 mm.
+  Asset asset = spaced_asset(5, 1);
+  for (std::size_t i = 2; i < 5; ++i)
+    asset.slices[i].z_mm += i == 4 ? 4 : 2;
+  for (const double shell_mm : {0.4, 1.0, 1.25, 1.5, 2.7, 4.0, 6.3}) {
+    Scene scene = body_scene(0, 4, 0.1237);
+    scene.body->shell_m = shell_mm * 1e-3;
+    const BoneVolume body = bone_volume_of(scene, asset);
+    expect_ordered(body);
+    expect_parts(body, scene.body->shell_m, "uneven, shell " + std::to_string(shell_mm) + " mm");
   }
 }
 

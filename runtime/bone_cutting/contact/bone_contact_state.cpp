@@ -1,0 +1,50 @@
+// SPDX-License-Identifier: Apache-2.0
+// The state of bone_contact.h: how it is made, and how motion ends and may begin again.
+// Tests: tests/runtime/bone_cutting/contact/bone_contact_test.cpp
+#include <algorithm>
+
+#include "runtime/bone_cutting/contact/bone_contact.h"
+
+namespace trocar::runtime {
+
+BoneContactState make_bone_contact_state(const BoneVolume& bone) {
+  BoneContactState state;
+  state.law = make_cutting_state(bone.slabs.size(), kMaxRememberedHoles, bone.layers.size());
+  for (SoftLayerState& layer : state.law.layers)
+    layer.holes.resize(kMaxRememberedHoles);
+  state.slabs = bone.slabs;
+  state.sheets.resize(bone.sheets.size());
+  for (std::size_t i = 0; i < bone.sheets.size(); ++i)
+    state.sheets[i].strength_N = bone.sheets[i].nominal_N;
+  state.cuts.reserve(2 * bone.sheets.size());
+  state.options = bone.options;
+  state.options.layers = bone.layers;
+  return state;
+}
+
+void reset_motion(BoneContactState& state) noexcept {
+  if (state.law.stretch_m > 0) {
+    state.must_retract = true;
+    state.retract_to_depth_m = state.front_m;
+  }
+  for (const SoftLayerState& layer : state.law.layers) {
+    if (!(layer.stretch_m > 0)) continue;
+    state.retract_to_depth_m =
+        state.must_retract ? std::min(state.retract_to_depth_m, layer.cut_m) : layer.cut_m;
+    state.must_retract = true;
+  }
+  state.twist_rad_per_s = state.feed_m_per_s = 0;
+  release(state.law);
+  state.has_plate = false;
+  state.wrench_device.setZero();
+  state.result = {};
+}
+
+double retract_distance_m(const BoneVolume& bone, const Pose& T_device_plate,
+                          const BoneContactState& state) noexcept {
+  if (!state.must_retract) return 0;
+  const double tip_m = -(T_device_plate * bone.tool.tip_plate_m).z();
+  return std::max(0.0, tip_m - state.retract_to_depth_m);
+}
+
+}  // namespace trocar::runtime
