@@ -62,8 +62,6 @@ json describe(const Scene& scene, const std::string& name) {
                 {"slices", slices}};
   if (scene.hand.live) entry["live_hand"] = true;
   if (scene.body) entry["body"] = {{"from", scene.body->from}, {"to", scene.body->to}};
-  std::error_code ignored;
-  if (!std::filesystem::is_regular_file(scene.asset, ignored)) entry["asset_missing"] = true;
   return entry;
 }
 
@@ -308,6 +306,7 @@ Files::Known Files::read(const std::filesystem::path& file, const std::string& n
     known.digest = digest_of(*bytes);
     const Result<Scene> scene = parse_scene(text, name, file.parent_path());
     shown("scenes", scene ? describe(*scene, name) : failed(name, scene.error()));
+    if (scene) known.asset = scene->asset;
   } else if (end == ".glb") {
     const Result<std::string> text = glb_json(file);
     if (!text) {
@@ -403,6 +402,10 @@ std::string Files::list() {
       continue;
     }
     json entry = json::parse(known.json);
+    // The scene does not change when its asset comes or goes.
+    std::error_code ignored;
+    if (!known.asset.empty() && !std::filesystem::is_regular_file(known.asset, ignored))
+      entry["asset_missing"] = true;
     if (known.kind == "recordings") {
       const auto scene = scene_by_digest.find(known.digest);
       if (scene != scene_by_digest.end()) entry["scene"] = scene->second;

@@ -56,6 +56,8 @@ class Files {
     std::string json;    ///< entry in the list
     std::string digest;  ///< digest of the scene, or of a recording's scene
     std::string device;  ///< device of a session's recording; empty: not known
+    std::filesystem::path
+        asset;  ///< asset of a scene; empty: the file is no scene that can be read
   };
   Known read(const std::filesystem::path& file, const std::string& name) const;
 

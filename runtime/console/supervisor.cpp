@@ -28,6 +28,19 @@ constexpr auto kDeviceWithin = std::chrono::seconds(10);
 constexpr const char* kAnyPort = "127.0.0.1:0";
 constexpr std::size_t kMotors = 8, kWrench = 6;
 
+/// The body of /api/start that starts the same session again, without its trainee.
+json request_json(const StartRequest& request, const std::filesystem::path& folder) {
+  const auto name = [&folder](const std::filesystem::path& file) {
+    return file.lexically_relative(folder).generic_string();
+  };
+  json out = {
+      {"scene", name(request.scene)}, {"device", request.device.name}, {"clock", request.clock}};
+  if (!request.asset.empty()) out["asset"] = name(request.asset);
+  if (request.duration_s) out["duration_s"] = *request.duration_s;
+  if (!request.force_law.empty()) out["force_law"] = request.force_law;
+  return out;
+}
+
 }  // namespace
 
 const char* to_string(RunState state) noexcept {
@@ -64,6 +77,8 @@ void Supervisor::set_state(RunState state, const std::string& said) {
   message_ = message;
   json out = {{"state", to_string(state)}, {"message", message}};
   if (state != RunState::kIdle) out["device"] = request_.device.name;
+  // A session that was found has no request.
+  if (!request_.scene.empty()) out["request"] = request_json(request_, settings_.folder);
   if (state == RunState::kEnded || state == RunState::kLost) {
     if (run_ && run_->exit_code()) out["exit_code"] = *run_->exit_code();
     std::error_code ignored;
@@ -118,6 +133,7 @@ Result<void> Supervisor::start(const StartRequest& request) {
   telemetry_.clear();
   device_endpoint_.clear();
   started_at_ = Clock::now();
+  is_start_stopped_ = false;
   waits_for_device_ = request_.device.name == kSimulator;
   Result<void> started = waits_for_device_ ? start_device(kAnyPort) : start_run();
   if (!started) {
@@ -195,7 +211,9 @@ Result<void> Supervisor::start_run() {
   Result<Process> process = Process::start(words, log_file());
   if (!process) return process.error();
   run_ = std::move(*process);
-  return note_device();
+  const Result<void> noted = note_device();
+  if (!noted) run_->signal(SIGKILL);
+  return noted;
 }
 
 Result<void> Supervisor::note_device() {
@@ -279,7 +297,11 @@ Result<void> Supervisor::command(TelemetryCommand command) {
     test_.stop(Clock::now());
     scene_maker_.stop(Clock::now());
   }
-  if (!telemetry_.is_attached() || telemetry_.has_ended() || !run_ || run_->has_ended())
+  if (is_stop && stop_start()) return {};
+  const bool is_over = !run_ || run_->has_ended();
+  // A session whose telemetry has ended still writes its files, and ends by itself.
+  if (is_stop && !is_over && telemetry_.has_ended()) return {};
+  if (!telemetry_.is_attached() || telemetry_.has_ended() || is_over)
     return ends_other ? Result<void>{} : refused("no session runs");
   if (command == TelemetryCommand::kRecover && device_ && device_->has_ended()) {
     // The drive is started first; the command follows when it is ready.
@@ -315,23 +337,27 @@ Result<void> Supervisor::emergency_stop() {
     if (!is_live()) return {};
   }
   recover_when_ready_ = false;
+  if (stop_start()) return {};
+  return command(TelemetryCommand::kEmergencyStop);
+}
+
+bool Supervisor::stop_start() {
   if (run_ && !run_->has_ended() && !telemetry_.is_attached()) {
     run_->signal(SIGKILL);  // the session renders no torques yet, and must not begin to
-    return {};
+    is_start_stopped_ = true;
+    return true;
   }
-  if (waits_for_device_) {
-    waits_for_device_ = false;
-    device_->signal(SIGKILL);
-    set_state(RunState::kIdle, "stopped before it began");
-    return {};
-  }
-  return command(TelemetryCommand::kEmergencyStop);
+  if (!waits_for_device_) return false;
+  waits_for_device_ = false;
+  device_->signal(SIGKILL);
+  set_state(RunState::kIdle, "stopped before it began");
+  return true;
 }
 
 void Supervisor::check_stop(Clock::time_point now) {
   if (!stop_check_) return;
-  bool is_zero = telemetry_.value("ticks") > stop_check_->ticks ||
-                 telemetry_.value("paused") != 0 || telemetry_.value("ended") != 0;
+  // The stop also ends a pause, so ticks go on.
+  bool is_zero = telemetry_.value("ticks") > stop_check_->ticks || telemetry_.value("ended") != 0;
   for (std::size_t motor = 0; motor < kMotors; ++motor)
     is_zero = is_zero && telemetry_.value("tau_Nm", motor) == 0;
   // A device that measures its own pose states no torques of motors.
@@ -389,16 +415,16 @@ void Supervisor::poll(Clock::time_point now) {
 void Supervisor::measure_silence(Clock::time_point now) {
   const bool is_new = telemetry_.snapshots() != heard_ || !telemetry_.snapshot();
   const auto passed = std::min<Clock::duration>(now - polled_at_, kLongestPoll);
-  silence_ = is_new || telemetry_.value("paused") != 0 ? Clock::duration{} : silence_ + passed;
+  silence_ = is_new ? Clock::duration{} : silence_ + passed;
   heard_ = telemetry_.snapshots();
   polled_at_ = now;
 }
 
 void Supervisor::show_running() {
-  if (telemetry_.value("paused") != 0) {
-    set_state(RunState::kPaused, "paused");
-  } else if (silence_ >= kSilentAfter) {
+  if (silence_ >= kSilentAfter) {
     set_state(RunState::kSilent, "the session has stated nothing for more than 0.2 s");
+  } else if (telemetry_.value("paused") != 0) {
+    set_state(RunState::kPaused, "paused");
   } else {
     set_state(RunState::kRunning, "runs");
   }
@@ -408,10 +434,17 @@ void Supervisor::on_end() {
   stop_check_.reset();
   recover_when_ready_ = false;
   release_device(SIGTERM);
+  if (is_start_stopped_) return set_state(RunState::kIdle, "stopped before it began");
   const std::string end = run_->end();
   if (telemetry_.has_ended() || run_->exit_code()) {
     const int code = run_->exit_code().value_or(0);
-    if (code == 0) return set_state(RunState::kEnded, "ended");
+    if (code == 0) {
+      const bool is_killed = !run_->exit_code() && !end.empty();
+      return set_state(RunState::kEnded, is_killed
+                                             ? "ended, but its process was killed (" + end +
+                                                   ") before its recording and report were complete"
+                                             : "ended");
+    }
     const std::string line = last_line(log_file());
     set_state(RunState::kEnded,
               "ended with " + end + ": " +

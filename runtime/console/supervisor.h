@@ -27,7 +27,7 @@ namespace trocar::runtime {
 
 /// The state of the session. kIdle: no session was started, or its start failed. kStarting: a
 /// program was started, but there is no telemetry yet. kSilent: the session's process runs, but no
-/// new telemetry has come for kSilentAfter. kLost: the process is gone, and neither the event
+/// new telemetry has come for kSilentAfter; it also comes in a pause. kLost: the process is gone, and neither the event
 /// `ended` nor an exit code is known.
 enum class RunState : std::uint8_t { kIdle, kStarting, kRunning, kSilent, kPaused, kEnded, kLost };
 inline constexpr auto kSilentAfter = std::chrono::milliseconds(200);
@@ -85,8 +85,8 @@ class Supervisor {
   /// kScreen is requested again. Errors: kRefused if no session runs, if the session takes no
   /// X-ray, or if the session is paused (unless the request is kEnd).
   Result<void> xray(XrayRequest request);
-  /// Passes a command on to the session. The command `stop` also ends the test of a device and the
-  /// making of a scene. If the device process of the session has ended, the command `recover` first
+  /// Passes a command on to the session. The command `stop` also ends the test of a device, the
+  /// making of a scene, and a session that is starting. If the device process of the session has ended, the command `recover` first
   /// starts this process again. Errors: kRefused if there is nothing to command or to stop, or if
   /// the device process cannot be started; kUnwritable if the note about this process (DeviceNote)
   /// cannot be written.
@@ -141,6 +141,8 @@ class Supervisor {
   /// Checks that a program may be started. Errors: kRefused if this console starts no sessions
   /// (Settings), or if a session, a test or the making of a scene already runs.
   Result<void> check_free();
+  /// Kills a session that is starting, and has no telemetry yet. Returns false if there is none.
+  bool stop_start();
   Result<void> start_run();
   Result<void> start_device(const std::string& endpoint);
   /// Writes a note about the device process into the session's folder, so that a later console
@@ -175,6 +177,7 @@ class Supervisor {
   std::optional<Process> run_, device_;
   std::vector<EndingDevice> ending_devices_;
   bool waits_for_device_ = false, recover_when_ready_ = false;
+  bool is_start_stopped_ = false;  ///< stop_start() has killed the session
   std::string device_endpoint_;
   std::uint64_t device_log_from_ = 0;  ///< byte of the log at which the device's output begins
   Clock::time_point started_at_, searched_at_, polled_at_;

@@ -31,8 +31,9 @@ using nlohmann::json;
 
 constexpr const char* kReport = "trocar.session-report/1";
 constexpr const char* kSummary = "trocar.summary/1";
-constexpr const char* kConsoleNote =
-    "trocar.console-session/1";  // beside each session of the console
+// Files of the console that are no sessions: a note beside each session, and tests of devices.
+constexpr const char *kConsoleNote = "trocar.console-session/1",
+                     *kDeviceTest = "trocar.device-test/1";
 constexpr std::uint64_t kMaxFile = std::uint64_t{16} << 20;
 constexpr std::size_t kMaxText = 200;
 
@@ -189,7 +190,7 @@ Result<std::vector<std::string>> json_files(const std::filesystem::path& folder)
 
 struct ReadFile {
   json document;
-  bool is_report = false, is_note = false;
+  bool is_report = false, is_no_session = false;
 };
 
 /// Errors: (refused) why the file is skipped.
@@ -201,10 +202,11 @@ Result<ReadFile> read_figures(const std::filesystem::path& file, const std::stri
   if (!document) return document.error();
   const json* const schema = document->is_object() ? value_at(*document, "/schema") : nullptr;
   const std::string is = schema != nullptr && schema->is_string() ? schema->get<std::string>() : "";
-  if (is != kReport && is != kSummary && is != kConsoleNote)
+  const bool is_no_session = is == kConsoleNote || is == kDeviceTest;
+  if (is != kReport && is != kSummary && !is_no_session)
     return refused(name + ": is not the figures of a session" +
                    (is.empty() ? "" : " but " + json_text(is.substr(0, kMaxText))));
-  return ReadFile{std::move(*document), is == kReport, is == kConsoleNote};
+  return ReadFile{std::move(*document), is == kReport, is_no_session};
 }
 
 /// One line without control characters, for a terminal and a list.
@@ -262,7 +264,7 @@ Result<History> read_history(const std::filesystem::path& folder) {
   for (const std::string& name : *names) {
     const std::filesystem::path file = folder / name;
     const Result<ReadFile> read = read_figures(file, name);
-    if (read && read->is_note) continue;
+    if (read && read->is_no_session) continue;
     Result<Session> session =
         read ? session_of(read->document, read->is_report) : Result<Session>(read.error());
     if (!session) {

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """console_trouble_page_test.py SOURCE PROGRAMS ASSET WORK: what the console's page shows of sessions in trouble, and that its keys do no harm,
-in a headless Chromium (console/drive_trouble.mjs); and pages that the console cannot serve as usual (console/drive_outside.mjs)."""
+in a headless Chromium (console/drive_trouble.mjs); that the emergency stop and Restart do what they say (console/drive_rescue.mjs); and pages that the console cannot serve as usual (console/drive_outside.mjs)."""
 import json
 import pathlib
 import shutil
@@ -79,6 +79,7 @@ def main():
     with (WORK / "console.log").open("w") as log:
         console = Console(PROGRAMS / "trocar-console", folder, page=PAGE, stderr=log)
         drive("drive_trouble.mjs", {**links_of(console), "out": str(WORK / "pictures")})
+        drive("drive_rescue.mjs", {**links_of(console), "pid": console.process.pid, "out": str(WORK / "pictures")})
         check(console.stop() == 0, "the console did not end as it should")
     check_outside(folder)
     return outcome()

@@ -69,6 +69,35 @@ def test_hung_session(console):
     live.close()
 
 
+def test_session_that_hangs_in_a_pause(console):
+    """It is silent, too, and the emergency stop ends it."""
+    live = begin(console, duration_s=60)
+    console.post("/api/command", {"command": "pause"})
+    check(live.until(lambda l: l.state() == "paused", 5), f"{live.state()}")
+    os.kill(live.hello["pid"], signal.SIGSTOP)
+    check(live.until(lambda l: l.state() == "silent", 5), f"a session that was stopped in a pause is {live.state()}")
+    console.post("/api/emergency_stop")
+    check(live.until(lambda l: l.state() == "lost", 5), f"after an emergency stop it is {live.state()}")
+    live.close()
+
+
+def test_stop_while_starting(console):
+    """No session begins after a stop that came before it had begun; the state says how to start the same again."""
+    for device in ("inproc", "sim"):
+        live = console.live()
+        check(live.until(lambda l: l.states), "no state")
+        states = len(live.states)
+        what = {"scene": "scenes/three_slices.json", "device": device, "duration_s": 60, "clock": "real"}
+        check(console.post("/api/start", what)[0] == 200, "the start")
+        status, answer = console.post("/api/command", {"command": "stop"})
+        check(status == 200, f"a stop at once, device {device}: {status} {answer}")
+        check(live.until(lambda l: l.state() in ("idle", "ended"), 10), f"{live.state()}")
+        check(not live.until(lambda l: l.state() == "running", 2), "a session began after its stop")
+        requests = [state.get("request") for state in live.states[states:] if state["state"] == "starting"]
+        check(requests == [what], f"how to start the same again: {requests}")
+        live.close()
+
+
 def test_stop_in_recovery(console):
     """The emergency stop is latched during a recovery, too: it has an event, and recovery begins again only after its release."""
     live = begin(console, duration_s=60)
@@ -124,6 +153,16 @@ def test_failed_start(console, folder):
     status, answer = console.get("/api/bone?scene=scenes/lost.json")
     check(status == 422 and "no_such.glb" in answer["error"] and str(folder) not in answer["error"], f"the bone of a lost asset: {status} {answer}")
     live.close()
+
+    def is_missing():
+        scenes = {scene["file"]: scene for scene in console.get("/api/folder")[1]["scenes"]}
+        return scenes["scenes/lost.json"].get("asset_missing", False)
+
+    check(is_missing(), "a lost asset is not said to be missing")
+    shutil.copy(folder / "scenes" / json.loads((folder / "scenes/one_slice.json").read_text())["asset"], folder / "no_such.glb")
+    check(not is_missing(), "an asset that was put back is said to be missing")
+    (folder / "no_such.glb").unlink()
+    check(is_missing(), "an asset that was taken away is not said to be missing")
     late = console.live()
     check(late.until(lambda l: l.states) and late.hello is None, "a page that comes later sees the session before")
     late.close()
@@ -226,6 +265,8 @@ def main():
     console = Console(programs / "trocar-console", folder, page=source / "runtime/console/page")
     try:
         test_hung_session(console)
+        test_session_that_hangs_in_a_pause(console)
+        test_stop_while_starting(console)
         test_stop_in_recovery(console)
         test_pause_is_no_fault(console, folder)
         test_failed_start(console, folder)

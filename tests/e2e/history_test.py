@@ -141,6 +141,9 @@ def main():
     (folder / "only").mkdir()  # a summary without a report
     shutil.copy(folder / "03" / "session.summary.json", folder / "only" / "summary.json")
 
+    (folder / "device-test").mkdir()  # of the console: no session, and nothing that was skipped
+    (folder / "device-test" / "test.json").write_text('{"schema": "trocar.device-test/1"}')
+
     page = work / "history.html"
     done = subprocess.run([programs / "trocar-run", "--history", folder, "-o", page], capture_output=True, text=True, check=True)
     skipped = done.stderr.splitlines()

@@ -3,7 +3,7 @@
 // Tests: tests/e2e/console_page_test.py
 import { parse_container } from "./container.js";
 
-const KEY = "trocar-token";
+const KEY = "trocar-token", kStopAnswer_ms = 1000;
 
 // The token is in the link's fragment. It is removed from the address, which may be visible on a projector, and kept until the window
 // is closed.
@@ -16,6 +16,8 @@ function take_token() {
   return sessionStorage.getItem(KEY) ?? "";
 }
 export const token = take_token();
+// A link with another token, opened in the tab of this page, changes the fragment only: the browser does not load the page again.
+addEventListener("hashchange", () => { if (location.hash.length > 1) location.reload(); });
 
 async function answer(path, options = {}) {
   const headers = { Authorization: `Bearer ${token}`, ...options.headers };
@@ -37,8 +39,12 @@ export const get_container = async (path) => parse_container(await get_bytes(pat
 export const post = (path, body) =>
   answer(path, { method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify(body) });
 
-/// Sends an emergency stop. It needs no token, and is sent even if the page is closing.
-export const emergency_stop = () => answer("/api/emergency_stop", { method: "POST", keepalive: true });
+/// Sends an emergency stop. It needs no token, and is sent even if the page is closing. Fails if there is no answer within a second; the
+/// request goes on nevertheless.
+export function emergency_stop() {
+  const late = new Promise((_, reject) => setTimeout(() => reject(new Error("the console does not answer")), kStopAnswer_ms));
+  return Promise.race([answer("/api/emergency_stop", { method: "POST", keepalive: true }), late]);
+}
 
 export const file_query = (path, values) => {
   const query = new URLSearchParams();

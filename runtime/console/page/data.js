@@ -93,6 +93,13 @@ export function hu_at(slice, x, y) {
   return at ? hu[at.a] + at.v * (hu[at.b] - hu[at.a]) + at.w * (hu[at.c] - hu[at.a]) : null;
 }
 
+/// Returns the unit vector up the tool's shaft in {B}: the axis in the plate's frame, turned by the plate's quaternion.
+export function axis_of(source) {
+  const [w, x, y, z] = source.values("q"), [a, b, c] = source.bone.tool.axis_in_plate;
+  const t = [2 * (y * c - z * b), 2 * (z * a - x * c), 2 * (x * b - y * a)];
+  return [a + w * t[0] + y * t[2] - z * t[1], b + w * t[1] + z * t[0] - x * t[2], c + w * t[2] + x * t[1] - y * t[0]];
+}
+
 /// Everything that the panels show of one session or recording.
 export class Shown {
   constructor(columns, about) {

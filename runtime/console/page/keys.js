@@ -6,6 +6,11 @@
 /// True where the browser itself has a meaning for the space key.
 const takes_space = (target) => target instanceof Element && target.closest("button, a, input, select, textarea, summary, iframe, [tabindex]:not([tabindex='-1'])") !== null;
 
+/// Takes the focus out of a frame with another page while a session runs, because keys in a frame do not reach this page.
+export function take_keys_back() {
+  if (document.activeElement?.tagName === "IFRAME") document.getElementById("report-close").focus();
+}
+
 /// `act`: {app, is_running, emergency_stop, stop, pause, play, notice}.
 export function listen_to_keys({ app, ...act }) {
   addEventListener("keydown", (event) => {
@@ -31,6 +36,8 @@ export function listen_to_keys({ app, ...act }) {
     if (is_running && is_operator && app.state.state !== "starting") act.pause();
     if (!is_running && app.tab === "playback") act.play();
   }, true);
+  // The frame has the focus only after this event.
+  addEventListener("blur", () => setTimeout(() => { if (act.is_running()) take_keys_back(); }));
   // A button that was clicked keeps no focus, so that a later space key does not press it again. Keys leave the focus where it is.
   addEventListener("click", (event) => {
     const button = event.detail > 0 && event.target instanceof Element ? event.target.closest("button") : null;

@@ -5,6 +5,7 @@
 import { token } from "./api.js";
 
 const kSnapshot = 1, kSheet = 2, kShape = 3, kHistory = 4, kTryAgainLater = 1013;
+const kNoConnection_ms = 2000, kStall_ms = 500;
 
 export class Live {
   /// `on` has the functions {hello, history, snapshot, sheet, shape, events, missed, state, hand, down}.
@@ -33,6 +34,7 @@ export class Live {
     };
     socket.onmessage = ({ data }) => {
       if (this.socket !== socket) return;
+      this.heard_ms = performance.now();
       if (typeof data === "string") this.text(JSON.parse(data));
       else this.binary(data);
     };
@@ -52,6 +54,16 @@ export class Live {
     const socket = this.socket;
     this.socket = null;
     socket?.close();
+  }
+
+  /// The caller calls this once per frame while snapshots must come. If none comes, the console stalls, or the network is broken, and the
+  /// connection itself may say nothing about that for minutes: then it is opened again. `passed_ms`: time since the last frame.
+  watch(passed_ms) {
+    if (passed_ms > kStall_ms) this.heard_ms = performance.now();  // this page stood still
+    if (performance.now() - this.heard_ms < kNoConnection_ms) return;
+    this.close();
+    this.open();
+    this.on.down(false, false);
   }
 
   /// The caller calls this once per frame. It acknowledges what has been shown, so that the console sends less to a slow page.

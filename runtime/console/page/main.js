@@ -11,10 +11,11 @@ import { Goals } from "./goals.js";
 import { Hand } from "./hand/hand.js";
 import { Imaging } from "./imaging/imaging.js";
 import { inspection_of } from "./inspection.js";
-import { listen_to_keys } from "./keys.js";
+import { listen_to_keys, take_keys_back } from "./keys.js";
 import { Live } from "./live.js";
 import { Planning } from "./planning/planning.js";
 import { Playback } from "./playback.js";
+import { Restart } from "./restart.js";
 import { Training } from "./training.js";
 import { View3d } from "./view/view3d.js";
 import { describe, kFault, kRecovering } from "./words.js";
@@ -26,7 +27,8 @@ const app = {
   role: "view", tab: "folder", connected: false, refused: false, state: { state: "idle", message: "" },
   live: null,          // the Shown of the session
   preview: null,       // a Shown that has only the bone of the chosen scene
-  playback: new Playback(), has_moved: true, panels_are_old: true, notice: "", bone_key: "", waiting: null,
+  playback: new Playback(), has_moved: true, panels_are_old: true, notice: "", bone_key: "",
+  refreshes: 0,        // requests for the folder that wait for their answer
 };
 
 /// Requests drawing. The view is drawn in the next frame, and the panels at most kPanels_ms later (kSlowPanels_ms if frames
@@ -117,7 +119,7 @@ const guarded = (act) => async (...values) => {
 
 // ---- folder ----
 const preview = guarded(async (scene, asset) => {
-  if (!scene || app.live && app.state.state !== "ended" && app.state.state !== "idle") return;
+  if (!scene || app.live && is_running()) return;
   const key = `${scene.file} ${asset ?? ""}`;
   if (app.bone_key === key && app.preview && !app.live) return;
   app.bone_key = key;
@@ -151,7 +153,8 @@ const planning = app.planning = new Planning(app, { changed, error: notice, scen
   } });
 const training = new Training(app, { changed, error: notice, show_page: (blob, title) => show_page(blob, title, "") });
 const refresh = guarded(async () => {
-  const data = await get_json("/api/folder");
+  ++app.refreshes;
+  const data = await get_json("/api/folder").finally(() => --app.refreshes);
   set_role(data.role);
   app.folder = data;
   devices.show(data.devices);
@@ -162,13 +165,14 @@ const refresh = guarded(async () => {
   by_id("against").replaceChildren(...options);
   by_id("against").value = options.some(({ value }) => value === against) ? against : "";
   if (!app.live && !data.session) await preview(folder.scene(folder.chosen), folder.asset());
-  if (data.start && data.state === "idle" && !app.last_start) await start({ scene: data.start });
+  if (data.start && data.state === "idle" && !app.has_started) await start({ scene: data.start });
   if (data.playback && !app.playback.first) {
     await play({ file: data.playback.recording, scene: data.playback.scene });
     if (data.playback.against) await compare({ file: data.playback.against, scene: data.playback.scene });
   }
 });
-setInterval(() => { if (!document.hidden && app.tab === "folder") refresh(); }, kRefresh_ms);
+// A request that waits is not repeated: a browser opens few connections to a host, and commands need one.
+setInterval(() => { if (!document.hidden && app.tab === "folder" && !app.refreshes) refresh(); }, kRefresh_ms);
 
 function set_role(role) {
   app.role = role;
@@ -194,7 +198,10 @@ app.link = new Live({
       if (app.tab !== "playback") show_bone();
       return changed();
     }
-    if (!is_new && app.live) return app.live.history.gap();
+    if (!is_new) {
+      app.live?.history.gap();
+      return changed();  // after the end of a session the page may show another bone
+    }
     app.live = new Shown(columns, hello);
     app.live.sheets = new Map();
     app.preview = null;
@@ -232,6 +239,7 @@ app.link = new Live({
   },
   events: (events) => {
     app.live?.events.push(...events);
+    if (events.some(({ kind, fault }) => kind === "fault" && fault === "emergency_stop")) restart.withdraw();
     app.hand?.take_events(events);
     app.imaging.take_events(events);
     changed();
@@ -241,11 +249,10 @@ app.link = new Live({
     app.state = state;
     app.hand?.take_state(state);
     document.body.dataset.session = state.state;
-    if (state.state === "ended" || state.state === "idle") {
-      refresh();
-      const waiting = app.waiting;
-      app.waiting = null;
-      if (waiting) start(waiting);
+    if (is_running()) take_keys_back();
+    else {
+      if (state.state !== "lost") refresh();
+      restart.session_over(state.state);
     }
     changed();
     draw_status();
@@ -253,6 +260,7 @@ app.link = new Live({
   hand: (holder) => app.hand?.set_holder(holder),
   down: (is_refused, is_full) => {
     app.connected = false;
+    restart.withdraw();
     app.hand?.connection_lost();
     app.refused = is_refused;
     app.full = is_full;
@@ -267,9 +275,13 @@ app.imaging = new Imaging({ source: shown, tab: () => app.tab, is_running: () =>
   is_planning: () => planning.is_active, plan: () => planning.needle(), pick: (at_m) => planning.is_active && planning.set(planning.picks, at_m), changed, error: notice });
 
 const is_running = () => ["starting", "running", "silent", "paused"].includes(app.state.state);
-const command = guarded(async (name) => { await post("/api/command", { command: name }); });
+const command = guarded(async (name) => {
+  restart.withdraw();
+  await post("/api/command", { command: name });
+});
 const start = guarded(async (what) => {
-  app.last_start = what;
+  restart.withdraw();
+  app.has_started = true;
   await post("/api/start", what);
   training.started(what);
   notice("");
@@ -284,19 +296,15 @@ by_id("start-form").addEventListener("submit", (event) => {
   if (by_id("start-duration").value) what.duration_s = Number(by_id("start-duration").value);
   start(what);
 });
-by_id("restart").addEventListener("click", () => {
-  const what = app.last_start ?? (app.live?.about.scene?.file ? { scene: app.live.about.scene.file } : null);
-  if (!what) return notice("Nothing was started here yet: choose a scene in Folder.");
-  const { trainee, course, attempt, ...same } = what, next = { ...same, ...training.fields() };
-  if (!is_running()) return start(next);
-  app.waiting = next;
-  command("stop");
-});
+const restart = new Restart({ request: () => app.state.request, fields: () => training.fields(), is_running, start });
+by_id("restart").addEventListener("click", guarded(() => restart.press()));
+document.addEventListener("visibilitychange", () => { if (document.hidden) restart.withdraw(); });
 const toggle_pause = () => command(app.state.state === "paused" || app.live?.value("paused", 0) ? "resume" : "pause");
 by_id("pause").addEventListener("click", toggle_pause);
 for (const name of ["zero", "recover", "stop"]) by_id(name).addEventListener("click", () => command(name));
 
 async function stop_now() {
+  restart.withdraw();
   app.hand?.let_go();
   try {
     await emergency_stop();
@@ -366,7 +374,7 @@ by_id("player-report").addEventListener("click", () => {
 by_id("ended-report").addEventListener("click", () => open_report(app.state.report, app.state.device));
 by_id("ended-play").addEventListener("click", () => {
   const found = app.folder?.recordings.find(({ file }) => file === app.state.recording);
-  play(found ?? { file: app.state.recording, scene: app.live?.about.scene?.file });
+  play(found ?? { file: app.state.recording, scene: app.state.request?.scene });
 });
 
 // ---- drawing ----
@@ -394,7 +402,7 @@ function draw_status() {
   const is_stopped = app.live && (safety === kFault) && app.live.about.faults?.[app.live.value("fault", 0)] === "emergency_stop";
   by_id("recover").textContent = is_stopped ? "Release the stop" : "Recover";
   by_id("recover").disabled = !running || paused || !(safety === kFault || safety === kRecovering || app.live?.value("fault", 0));
-  by_id("restart").disabled = !app.last_start && !app.live;
+  by_id("restart").disabled = !app.state.request;
   by_id("start").disabled = running || !folder.chosen;
   devices.draw(running, folder.scene(folder.chosen));
   return said;
@@ -444,6 +452,8 @@ function frame(now) {
   requestAnimationFrame(frame);
   const passed_s = (now - last) / 1000;
   last = now;
+  // Snapshots come also in a pause, but not while a program loads, nor if the session is silent.
+  if (app.connected && app.live && ["running", "paused"].includes(app.state.state)) app.link.watch(1000 * passed_s);
   app.link.ack();
   app.hand?.frame(now, passed_s);
   const before = app.playback.first?.events.length;

@@ -2,7 +2,7 @@
 // Plays a recording with its scene, and a second one to compare with.
 // Tests: tests/e2e/console_page_test.py
 import { file_query, get_container } from "./api.js";
-import { Shown, is_material, read_bone } from "./data.js";
+import { Shown, axis_of, is_material, read_bone } from "./data.js";
 
 const kContact = 1;  // ContactPhase
 const kMaxCurvePoints = 6000;
@@ -87,6 +87,7 @@ export class Recorded extends Shown {
     const slices = this.bone?.slices ?? [], now = this.row ? this.times[this.index] : 0;
     if (name === "sheet_touched") return slices.map(({ slice }) => Number(this.touched_at.get(slice) <= now || (this.pierced?.has(slice) ?? false)));
     if (name === "sheet_punctured") return slices.map(({ slice }) => Number(this.pierced?.has(slice) ?? false));
+    if (name === "axis" && this.bone && this.row) return axis_of(this).map((x) => -x);  // down the shaft, as a snapshot has it
     return super.values(name);
   }
 }

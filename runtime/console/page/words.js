@@ -61,7 +61,9 @@ export function describe({ shown, state, is_connected, is_refused, is_full }) {
     return { level: "wait", state: "Recovering", words: why };
   }
   if (safety === kFault || shown.value("fault", 0)) {
-    if (event && event.fault in kOperators) return { level: "wait", state: kOperators[event.fault][0], words: kOperators[event.fault][1] };
+    // A pause that has ended leaves the forces off if they were switched off during it.
+    const wanted = kOperators[event?.fault === "paused" ? "forces_off" : event?.fault];
+    if (wanted) return { level: "wait", state: wanted[0], words: wanted[1] };
     if (event?.fault === "emergency_stop") return { level: "bad", state: "Emergency stop", words: "Torques are zero, and stay so. Release the device's own stop if it was that one; then press Release the stop." };
     const name = event?.fault ? `Fault: ${event.fault.replaceAll("_", " ")}` : "Fault";
     return { level: "bad", state: name, words: `${fault_words(event)} Torques are zero. Then press Recover.` };

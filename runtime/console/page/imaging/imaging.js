@@ -3,6 +3,7 @@
 // Tests: tests/e2e/console_imaging_page_test.py
 import { file_query, get_bytes } from "../api.js";
 import { parse_container } from "../container.js";
+import { axis_of } from "../data.js";
 import { CtPlanes } from "./ct_planes.js";
 import { read_volume } from "./volume.js";
 import { Xray } from "./xray.js";
@@ -45,11 +46,7 @@ export class Imaging {
     if (plan) return plan;
     const source = this.act.source();
     if (!source?.row || !source.bone || !source.is_placed()) return null;
-    const [w, x, y, z] = source.values("q"), [a, b, c] = source.bone.tool.axis_in_plate;
-    // The axis of the plate's frame, turned by its quaternion.
-    const t = [2 * (y * c - z * b), 2 * (z * a - x * c), 2 * (x * b - y * a)];
-    const axis = [a + w * t[0] + y * t[2] - z * t[1], b + w * t[1] + z * t[0] - x * t[2], c + w * t[2] + x * t[1] - y * t[0]];
-    return { tip: Array.from(source.values("tool_m")), axis, radius_m: source.bone.tool.radius_m };
+    return { tip: Array.from(source.values("tool_m")), axis: axis_of(source), radius_m: source.bone.tool.radius_m };
   }
 
   /// Loads the scan of what is shown, if a picture is open and it is another scan than before.

@@ -153,7 +153,7 @@ export class Xray {
       this.pictures.delete(old);
     }
     if (this.pending?.key !== key) return;
-    this.#show(this.pending.needle);
+    this.#show(this.pending.needle, key, this.pending.where);
     if (size > kCoarse) this.pending = null;
   }
 
@@ -204,20 +204,23 @@ export class Xray {
     const needle = this.act.needle();
     if (this.pictures.has(this.key)) this.#show(needle);
     if (!this.#is_fine(this.key)) {
-      this.pending = { key: this.key, needle };
+      this.pending = { key: this.key, needle, where: this.#where() };  // the C-arm may move before the fine picture is there
       this.#ask();
     }
   }
 
-  #show(needle) {
-    const picture = this.pictures.get(this.key);
-    if (!picture) return;
+  #where() {
     const name = Object.keys(kPositions).find((each) => kPositions[each][0] === this.turn_deg && kPositions[each][1] === this.tilt_deg);
-    const where = name === "ap" ? "AP" : name === "lateral" ? "Lateral" : `${this.turn_deg}° turned, ${this.tilt_deg}° tilted`;
+    return name === "ap" ? "AP" : name === "lateral" ? "Lateral" : `${this.turn_deg}° turned, ${this.tilt_deg}° tilted`;
+  }
+
+  #show(needle, key = this.key, where = this.#where()) {
+    const picture = this.pictures.get(key);
+    if (!picture) return;
     const tissue = this.volume.context ? "training only" : "bone only; training only";
     ++this.drawn;
-    if (this.live.last && this.live.key !== this.key) this.other.copy_from(this.live, this.is_inverted);
-    this.live.show(picture, needle, this.key, this.drawn, this.is_inverted, `${where}; ${tissue}`);
+    if (this.live.last && this.live.key !== key) this.other.copy_from(this.live, this.is_inverted);
+    this.live.show(picture, needle, key, this.drawn, this.is_inverted, `${where}; ${tissue}`);
     this.tip_px = needle ? project(picture.view, picture.size, needle.tip) : null;
   }
 

@@ -1,0 +1,35 @@
+// SPDX-License-Identifier: Apache-2.0
+// Restart ends the session that runs, and starts the same again once it has ended. Every other command withdraws a Restart that still waits,
+// and so do an emergency stop, a lost connection and a hidden page: no session begins that nobody wants any more.
+// Tests: tests/e2e/console_trouble_page_test.py
+import { post } from "./api.js";
+
+export class Restart {
+  next = null;  // what is started at the end of the session
+
+  /// `act`: {request(): the body of /api/start for the same session or undefined, fields(): its trainee, is_running(), start(body)}.
+  constructor(act) { this.act = act; }
+
+  async press() {
+    const request = this.act.request();
+    if (!request) return;
+    const next = { ...request, ...this.act.fields() };
+    if (!this.act.is_running()) return this.act.start(next);
+    this.next = next;
+    try {
+      await post("/api/command", { command: "stop" });
+    } catch (error) {
+      this.withdraw();
+      throw error;
+    }
+  }
+
+  withdraw() { this.next = null; }
+
+  /// No session runs any more; `state` is that of /live.
+  session_over(state) {
+    const { next } = this;
+    this.withdraw();
+    if (next && state === "ended") this.act.start(next);
+  }
+}
