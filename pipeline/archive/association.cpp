@@ -152,8 +152,11 @@ AssociationEnd serve_association(int connection, const std::filesystem::path& fo
   }
   if (accept_contexts(*association).bad() || ASC_acknowledgeAssociation(association).bad())
     return AssociationEnd::kDropped;
-  InstanceStore store(folder, settings.limits,
-                      [&](const std::string& study) { return studies.size_of(study); });
+  InstanceStore store(
+      folder, settings.limits, [&](const std::string& study) { return studies.size_of(study); },
+      [&](const std::string& study, const std::string& name, std::uint64_t bytes) {
+        return studies.has_instance(study, name, bytes);
+      });
   const AssociationEnd end =
       serve_requests(*association, store, settings.limits, [&] { return studies.release(folder); });
   ASC_dropSCPAssociation(association, 1);

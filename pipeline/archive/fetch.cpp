@@ -56,8 +56,12 @@ class Fetch {
         stop_(stop),
         name_(settings.archive.ae + "@" + settings.archive.host),
         folder_(std::move(folder)),
-        store_(folder_, settings.limits,
-               [&folders](const std::string& study) { return folders.size_of(study); }) {}
+        store_(
+            folder_, settings.limits,
+            [&folders](const std::string& study) { return folders.size_of(study); },
+            [&folders](const std::string& study, const std::string& name, std::uint64_t bytes) {
+              return folders.has_instance(study, name, bytes);
+            }) {}
 
   // Receives all instances. The association is released at the end.
   Result<void> run() {
@@ -234,13 +238,17 @@ class Fetch {
 
   Result<void> result_of(const T_DIMSE_C_GetRSP& response) const {
     const unsigned status = response.DimseStatus;
-    const bool has_failed = (response.opts & O_GET_NUMBEROFFAILEDSUBOPERATIONS) != 0 &&
-                            response.NumberOfFailedSubOperations > 0;
-    if (has_failed)
+    const bool has_number = (response.opts & O_GET_NUMBEROFFAILEDSUBOPERATIONS) != 0;
+    const bool is_warning = (status & 0xf000) == 0xb000;
+    if (has_number && response.NumberOfFailedSubOperations > 0)
       return failure(std::to_string(response.NumberOfFailedSubOperations) +
                      " instances of the study could not be sent");
-    if (status != STATUS_Success && (status & 0xf000) != 0xb000)
+    if (status != STATUS_Success && !is_warning)
       return failure("C-GET refused (status " + hexadecimal(status) + ")");
+    // Instances may be missing, or were sent with warnings: only the number tells which.
+    if (is_warning && !has_number)
+      return failure("it does not say whether it has sent all instances (status " +
+                     hexadecimal(status) + ")");
     return {};
   }
 

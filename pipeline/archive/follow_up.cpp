@@ -33,11 +33,14 @@ using nlohmann::ordered_json;
 constexpr std::size_t kDigestDigits = 12;
 constexpr int kNothingUsable = 30;  // exit code of a follow-up without a scan to mesh
 
-std::string scan_name(const std::string& study, const json& scan) {
-  // A series has its UID in `input`; a file that is a scan by itself is named after its path.
-  const json& input = scan["input"];
-  const std::string of = input.is_object() ? input["series"].get<std::string>()
-                                           : fs::path(input.get<std::string>()).filename().string();
+// `listed` is the scan in the list of the study, and `scan` its entry in a collection. Only DICOM
+// series have a UID. The input of a series with one file is that file, whose name must not matter:
+// more files of the series may arrive later.
+std::string scan_name(const std::string& study, const json& listed, const json& scan) {
+  const auto uid = listed.find("uid");
+  const std::string of = uid != listed.end()
+                             ? uid->get<std::string>()
+                             : fs::path(scan["input"].get<std::string>()).filename().string();
   return study + "_" + farm::sha256_of(of).substr(0, kDigestDigits);
 }
 
@@ -115,11 +118,14 @@ Result<ordered_json> with_study(std::string_view text, const fs::path& file, con
     if (const auto read = farm::parse_collection(text, file); !read) return read.error();
     out = ordered_json::parse(text);
   }
-  const json found = farm::first_collection(list, folder, base);
   ordered_json& scans = out["scans"];
-  for (json scan : found["scans"]) {
-    const std::string name = scan_name(study, scan);
-    scan["name"] = name;
+  for (const json& listed : list["scans"]) {
+    json alone = {{"scans", json::array()}};
+    alone["scans"].push_back(listed);
+    const json found = farm::first_collection(alone, folder, base);
+    if (found["scans"].empty()) continue;  // it is not usable, or a localiser
+    const json& scan = found["scans"][0];
+    const std::string name = scan_name(study, listed, scan);
     names.push_back(name);
     ordered_json entry = {{"name", name}, {"input", scan["input"]}};
     if (scan.contains("parameters")) entry["parameters"] = scan["parameters"];

@@ -89,11 +89,13 @@ std::string file_header(const InstanceName& name) {
 }
 
 InstanceStore::InstanceStore(fs::path folder, const ArchiveLimits& limits,
-                             std::function<StudySize(const std::string&)> present)
+                             std::function<StudySize(const std::string&)> present,
+                             IsStored is_stored)
     : folder_(std::move(folder)),
       part_(folder_ / "arriving.part"),
       limits_(limits),
-      present_(std::move(present)) {
+      present_(std::move(present)),
+      is_stored_(std::move(is_stored)) {
   pipeline::set_up_dcmtk();
 }
 
@@ -180,13 +182,16 @@ StoreOutcome InstanceStore::accept(std::uint64_t bytes, const std::string& study
   const auto [at, is_new] = sizes_.try_emplace(study);
   StudySize& size = at->second;
   if (is_new && present_) size = present_(study);
-  if (size.instances + 1 > limits_.study_instances)
+  const bool is_stored =
+      is_stored_ && is_stored_(study, target.filename().string(), fs::file_size(part_, ignored));
+  if (!is_stored && size.instances + 1 > limits_.study_instances)
     return refusal(StoreStatus::kOutOfResources, "the study has --max-instances already");
-  if (size.bytes + bytes > limits_.study_bytes)
+  if (!is_stored && size.bytes + bytes > limits_.study_bytes)
     return refusal(StoreStatus::kOutOfResources, "the study is larger than --max-study-gb");
   if ((::mkdir(target.parent_path().c_str(), 0700) != 0 && errno != EEXIST) ||
       ::rename(part_.c_str(), target.c_str()) != 0)
     return disk_refusal(errno);
+  if (is_stored) return {};
   size.instances += 1;
   size.bytes += bytes;
   return {};

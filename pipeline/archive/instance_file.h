@@ -52,11 +52,18 @@ struct StudySize {
 /// call begin(), then write() for each fragment of the dataset, then finish().
 class InstanceStore {
  public:
+  /// Is an instance in a file of this name and size stored outside the folder of the InstanceStore?
+  using IsStored =
+      std::function<bool(const std::string& study, const std::string& name, std::uint64_t bytes)>;
+
   /// Precondition: `folder` exists and no other association uses it. `present` returns the size of
   /// the instances of a study that are stored outside `folder`. Those instances count too, because
   /// the limits apply to the whole study. Without `present`, only the instances in `folder` count.
+  /// If one of those instances arrives again, `is_stored` returns true, and it does not count
+  /// twice.
   InstanceStore(std::filesystem::path folder, const ArchiveLimits& limits,
-                std::function<StudySize(const std::string& study)> present = {});
+                std::function<StudySize(const std::string& study)> present = {},
+                IsStored is_stored = {});
   InstanceStore(const InstanceStore&) = delete;
   InstanceStore& operator=(const InstanceStore&) = delete;
   ~InstanceStore();
@@ -84,6 +91,7 @@ class InstanceStore {
   std::filesystem::path folder_, part_;
   ArchiveLimits limits_;
   std::function<StudySize(const std::string&)> present_;
+  IsStored is_stored_;
   std::map<std::string, StudySize> sizes_;
   InstanceName name_;
   int fd_ = -1;

@@ -86,6 +86,10 @@ class Receiver {
     end_associations();
     take_released();  // without waiting for retry_
     publish_complete(0);
+    for (const auto& [study, last] : grown_)
+      if (cut_off_.contains(study))
+        report("study " + study +
+               ": not complete, because a sender was cut off; the next receiver publishes it");
   }
 
  private:
@@ -216,7 +220,8 @@ class Receiver {
     const auto now = Clock::now();
     for (auto at = grown_.begin(); at != grown_.end();) {
       const std::string study = at->first;
-      if (Seconds(now - at->second).count() < settle_s || is_open(study)) {
+      if (Seconds(now - at->second).count() < settle_s || is_open(study) ||
+          cut_off_.contains(study)) {
         ++at;
       } else if (publish(study)) {
         at = grown_.erase(at);
@@ -262,6 +267,8 @@ class Receiver {
       while (::waitpid(pid, nullptr, 0) < 0 && errno == EINTR) {
       }
       ::close(process.pipe);
+      // If the process had released its association, the folder is no longer there.
+      cut_off_.merge(StudyFolders::studies_in(process.folder));
       folders_.drop_association(process.folder);
     }
     processes_.clear();
@@ -273,6 +280,7 @@ class Receiver {
   std::optional<FollowUp> follow_up_;
   std::map<pid_t, Process> processes_;
   std::map<std::string, Clock::time_point> grown_;  // studies to publish, and their last instance
+  std::set<std::string> cut_off_;  // studies that an association was sending when run() ended it
   Clock::time_point kept_ = Clock::now();
   Clock::time_point retry_ = Clock::now();  // when released associations are taken next
 };

@@ -56,14 +56,28 @@ bool is_left_over(const fs::path& association) {
          (owner->host == self.host && owner->boot != self.boot);
 }
 
+// The size of a regular file; std::nullopt if there is none.
+std::optional<std::uint64_t> size_of_file(const fs::path& file) {
+  struct stat state {};
+  if (::lstat(file.c_str(), &state) != 0 || !S_ISREG(state.st_mode)) return {};
+  return static_cast<std::uint64_t>(state.st_size);
+}
+
 StudySize size_of_folder(const fs::path& folder) {
   StudySize out;
   for (const fs::path& file : entries_of(folder)) {
-    struct stat state {};
-    if (::lstat(file.c_str(), &state) != 0 || !S_ISREG(state.st_mode)) continue;
+    const auto bytes = size_of_file(file);
+    if (!bytes) continue;
     ++out.instances;
-    out.bytes += static_cast<std::uint64_t>(state.st_size);
+    out.bytes += *bytes;
   }
+  return out;
+}
+
+std::set<std::string> uids_in(const fs::path& folder) {
+  std::set<std::string> out;
+  for (const fs::path& study : entries_of(folder))
+    if (is_uid(study.filename().string())) out.insert(study.filename().string());
   return out;
 }
 
@@ -178,6 +192,10 @@ Result<fs::path> StudyFolders::new_association() {
   return out;
 }
 
+std::set<std::string> StudyFolders::studies_in(const fs::path& association) {
+  return uids_in(association);
+}
+
 void StudyFolders::drop_association(const fs::path& association) const {
   std::error_code ignored;
   fs::remove_all(association, ignored);
@@ -198,16 +216,24 @@ fs::path StudyFolders::growing_folder(const std::string& study) const {
 }
 
 std::set<std::string> StudyFolders::growing() const {
-  std::set<std::string> out;
-  for (const fs::path& study : entries_of(incoming_ / "studies"))
-    if (is_uid(study.filename().string())) out.insert(study.filename().string());
-  return out;
+  return uids_in(incoming_ / "studies");
 }
 
 StudySize StudyFolders::size_of(const std::string& study) const {
-  const StudySize published = size_of_folder(folder_ / study);
-  const StudySize more = size_of_folder(growing_folder(study));
-  return {published.instances + more.instances, published.bytes + more.bytes};
+  StudySize out = size_of_folder(folder_ / study);
+  for (const fs::path& file : entries_of(growing_folder(study))) {
+    const auto bytes = size_of_file(file);
+    if (!bytes || size_of_file(folder_ / study / file.filename()) == bytes) continue;
+    ++out.instances;
+    out.bytes += *bytes;
+  }
+  return out;
+}
+
+bool StudyFolders::has_instance(const std::string& study, const std::string& name,
+                                std::uint64_t bytes) const {
+  return size_of_file(folder_ / study / name) == bytes ||
+         size_of_file(growing_folder(study) / name) == bytes;
 }
 
 Result<std::vector<TakenStudy>> StudyFolders::take(const fs::path& association,
@@ -226,14 +252,17 @@ Result<std::vector<TakenStudy>> StudyFolders::take(const fs::path& association,
         if (!is_same_file(file, name)) ++taken.different;
         continue;
       }
-      std::error_code error;
-      const std::uint64_t bytes = fs::file_size(file, error);
-      if (size.instances >= limits.study_instances || size.bytes + bytes > limits.study_bytes) {
+      const std::uint64_t bytes = size_of_file(file).value_or(0);
+      // The study may be removed before it is extended, so the instance is kept in any case.
+      const bool is_published = size_of_file(folder_ / taken.uid / file.filename()) == bytes;
+      if (!is_published &&
+          (size.instances >= limits.study_instances || size.bytes + bytes > limits.study_bytes)) {
         ++taken.excess;
         continue;
       }
       if (::rename(file.c_str(), name.c_str()) != 0) return farm::cannot_write(name, errno);
       ++taken.added;
+      if (is_published) continue;
       ++size.instances;
       size.bytes += bytes;
     }

@@ -34,6 +34,25 @@ ScanFile file_of(const NamedFile& file, const struct stat& status) {
           static_cast<std::uint64_t>(status.st_ino)};
 }
 
+bool is_only_one_of_its_role(const NamedFile& file, const std::vector<NamedFile>& paths) {
+  return std::count_if(paths.begin(), paths.end(),
+                       [&file](const NamedFile& other) { return other.of == file.of; }) == 1;
+}
+
+Result<void> append_folder(const NamedFile& folder, std::vector<ScanFile>& files) {
+  pipeline::SearchLimits limits;
+  limits.must_reach_all = true;
+  std::vector<pipeline::Warning> ignored;
+  const auto below = pipeline::files_below(folder.path, ignored, limits);
+  if (!below) return below.error();
+  for (const fs::path& path : *below) {
+    const auto status = status_of(path);
+    if (!status) return status.error();
+    files.push_back(file_of({folder.of, path}, *status));
+  }
+  return {};
+}
+
 }  // namespace
 
 bool same_state(const ScanFile& a, const ScanFile& b) {
@@ -69,16 +88,14 @@ Result<std::vector<ScanFile>> list_files(const std::vector<NamedFile>& paths) {
     const auto status = status_of(one.path);
     if (!status) return status.error();
     if (S_ISREG(status->st_mode)) {
-      out.push_back(file_of(one, *status));
-    } else if (S_ISDIR(status->st_mode)) {
-      std::vector<pipeline::Warning> ignored;
-      const auto below = pipeline::files_below(one.path, ignored);
-      if (!below) return below.error();
-      for (const fs::path& path : *below) {
-        const auto of_file = status_of(path);
-        if (!of_file) return of_file.error();
-        out.push_back(file_of({one.of, path}, *of_file));
+      const auto folder = pipeline::folder_of_dicomdir(one.path);
+      if (!folder || !is_only_one_of_its_role(one, paths)) {
+        out.push_back(file_of(one, *status));
+      } else if (auto ok = append_folder({one.of, *folder}, out); !ok) {
+        return ok.error();
       }
+    } else if (S_ISDIR(status->st_mode)) {
+      if (auto ok = append_folder(one, out); !ok) return ok.error();
     } else {
       return refused(one.path.string() + ": neither a file nor a folder");
     }

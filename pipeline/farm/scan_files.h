@@ -36,9 +36,11 @@ bool same_state(const std::vector<ScanFile>& a, const std::vector<ScanFile>& b);
 Result<std::vector<std::filesystem::path>> inputs_of(const CollectionScan& scan);
 
 /// The files of all paths, in the order of the paths. For a folder, these are all files that
-/// files_below() (open/scan_folder.h) finds in it. No file is read, so the digests are
-/// empty. Errors: kRefused if a path does not exist, cannot be searched, or is neither a
-/// file nor a folder.
+/// files_below() (open/scan_folder.h) finds in it. A DICOMDIR that is the only path of its role
+/// stands for its folder, as for open_stack(). No digest is computed, so the digests are empty.
+/// Errors: kRefused if a path does not exist, cannot be searched, or is neither a file nor a
+/// folder. If only a part of a folder cannot be reached, the error is temporary: the rest must not
+/// be taken for the whole scan.
 Result<std::vector<ScanFile>> list_files(const std::vector<NamedFile>& paths);
 
 /// File systems record times of modification in steps of up to two seconds, so two changes within

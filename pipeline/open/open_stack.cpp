@@ -144,10 +144,8 @@ Result<std::unique_ptr<SliceStack>> open_stack(const std::vector<fs::path>& inpu
     }
     if (!fs::is_regular_file(status)) return refused(input.string() + ": not a regular file");
   }
-  // If a DICOMDIR is given (the file that viewers open), its folder is meant.
-  if (inputs.size() == 1 && is_dicomdir(inputs[0]) && has_dicom_preamble(inputs[0])) {
-    const fs::path folder = inputs[0].parent_path();
-    return open_folder(folder.empty() ? fs::path(".") : folder, options);
+  if (inputs.size() == 1) {
+    if (const auto folder = folder_of_dicomdir(inputs[0])) return open_folder(*folder, options);
   }
   return open_files(inputs, options);
 }

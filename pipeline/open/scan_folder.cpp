@@ -35,6 +35,12 @@ std::string first_names(const std::vector<fs::path>& files) {
   return out + (files.size() > 2 ? ", ..." : "");
 }
 
+// Does this error mean that there is nothing at the end of a link?
+bool is_broken_link(const std::error_code& error) {
+  return error == std::errc::no_such_file_or_directory || error == std::errc::not_a_directory ||
+         error == std::errc::too_many_symbolic_link_levels;
+}
+
 bool same_folder(const fs::path& a, const fs::path& b) {
   return (a / "").lexically_normal() == (b / "").lexically_normal();
 }
@@ -79,25 +85,34 @@ class Search {
            seen_.emplace(status.st_dev, status.st_ino).second;
   }
 
+  static Error out_of_reach(const fs::path& path, const std::error_code& error) {
+    return refused_for_now(path.string() + ": " + error.message() +
+                           "; run again when all of the folder can be read");
+  }
+
   Result<void> list(const Folder& folder) {
     std::error_code error;
     fs::directory_iterator entry(folder.path, error);
     for (; !error && entry != fs::directory_iterator(); entry.increment(error)) {
-      std::error_code ignored;  // broken links are skipped
       if (++entries_ > limits_.entries) {
         return refused(folder.path.string() + ": more than " + std::to_string(limits_.entries) +
                        " files and folders up to here; give the folder of one study");
       }
       if (entry->path().filename().string().front() == '.') continue;
-      if (entry->is_directory(ignored)) {
-        (entry->is_symlink(ignored) ? links_ : folders_)
+      std::error_code unknown;  // why it is not known what the entry is; broken links are skipped
+      const bool is_folder = entry->is_directory(unknown);
+      if (limits_.must_reach_all && unknown && !is_broken_link(unknown))
+        return out_of_reach(entry->path(), unknown);
+      if (is_folder) {
+        (entry->is_symlink(unknown) ? links_ : folders_)
             .push_back({entry->path(), folder.depth + 1});
-      } else if (entry->is_regular_file(ignored)) {
+      } else if (entry->is_regular_file(unknown)) {
         files_.push_back(entry->path());
       }
     }
     if (!error) return {};
     if (folder.depth == 0) return refused(folder.path.string() + ": " + error.message());
+    if (limits_.must_reach_all) return out_of_reach(folder.path, error);
     warnings_.push_back(
         {"folder_left_out", folder.path.string(), error.message() + "; not searched"});
     return {};
@@ -116,6 +131,11 @@ class Search {
 Result<void> check_readable(const fs::path& file) {
   if (::access(file.c_str(), R_OK) == 0 || errno != EACCES) return {};
   return refused(file.string() + ": " + system_message(EACCES));
+}
+
+std::optional<fs::path> folder_of_dicomdir(const fs::path& file) {
+  if (!is_dicomdir(file) || !has_dicom_preamble(file)) return {};
+  return file.has_parent_path() ? file.parent_path() : fs::path(".");
 }
 
 Result<std::vector<fs::path>> files_below(const fs::path& folder, std::vector<Warning>& warnings,

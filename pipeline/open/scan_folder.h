@@ -5,6 +5,7 @@
 
 #include <cstddef>
 #include <filesystem>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -19,12 +20,16 @@ namespace trocar::pipeline {
 struct SearchLimits {
   int depth = 16;                ///< sub-folders below this depth are left out with a warning
   std::size_t entries = 200000;  ///< a folder with more files and folders than this is refused
+  /// True: a sub-folder or file that cannot be reached is refused for now, instead of being left
+  /// out. Then files_below() returns the whole folder or an error.
+  bool must_reach_all = false;
 };
 
 /// The regular files of a folder and its sub-folders, in natural order of their paths ("s2" before
 /// "s10"). Hidden files and folders and broken links are left out. Links to folders are followed,
 /// but every folder is searched only once. Errors: kRefused if `folder` cannot be read or has too
-/// many entries. Warnings: folder_left_out for a sub-folder that cannot be read or lies too deep.
+/// many entries; with SearchLimits::must_reach_all, also if a part of it cannot be reached.
+/// Warnings: folder_left_out for a sub-folder that cannot be read or lies too deep.
 Result<std::vector<std::filesystem::path>> files_below(const std::filesystem::path& folder,
                                                        std::vector<Warning>& warnings,
                                                        const SearchLimits& limits = {});
@@ -62,5 +67,9 @@ Result<ScanFolder> search_folder(const std::filesystem::path& folder, DicomExten
 
 /// Checks that this process has permission to read the file. Errors: kRefused if it has none.
 Result<void> check_readable(const std::filesystem::path& file);
+
+/// If the file is a DICOMDIR (the file that viewers open), the folder for which it stands, which is
+/// the one that contains it. Otherwise std::nullopt.
+std::optional<std::filesystem::path> folder_of_dicomdir(const std::filesystem::path& file);
 
 }  // namespace trocar::pipeline

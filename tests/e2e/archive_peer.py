@@ -17,6 +17,7 @@ from pydicom.uid import ExplicitVRLittleEndian
 
 CT = "1.2.840.10008.5.1.4.1.1.2"
 VERIFICATION = "1.2.840.10008.1.1"
+GET = "1.2.840.10008.5.1.4.1.2.2.3"
 EXPLICIT = "1.2.840.10008.1.2.1"
 IMPLICIT = "1.2.840.10008.1.2"
 PATIENT = "SECRET^NAME"
@@ -211,6 +212,13 @@ class Association:
     def __init__(self, port, seconds=20):
         self.socket = socket.create_connection(("127.0.0.1", port), timeout=seconds)
 
+    @classmethod
+    def of(cls, connection):
+        """The side of an association that has accepted the connection."""
+        out = cls.__new__(cls)
+        out.socket = connection
+        return out
+
     def __enter__(self):
         return self
 
@@ -248,6 +256,63 @@ class Association:
             return None
         at = body.index(struct.pack("<HHI", 0, 0x900, 2)) + 8
         return struct.unpack_from("<H", body, at)[0]
+
+
+def items_in(data):
+    """(kind, body) of the items in a part of a PDU."""
+    out, at = [], 0
+    while at < len(data):
+        kind, _, size = struct.unpack_from(">BBH", data, at)
+        out.append((kind, data[at + 4:at + 4 + size]))
+        at += 4 + size
+    return out
+
+
+def accept(request):
+    """The A-ASSOCIATE-AC to the body of an A-ASSOCIATE-RQ, and the number of the first context of each kind that it accepts: those with
+    explicit representation, in the roles that were proposed."""
+    body, contexts, roles = request[:68] + item(0x10, b"1.2.840.10008.3.1.1.1"), {}, b""
+    for kind, data in items_in(request[68:]):
+        if kind == 0x20:
+            of = [value.rstrip(b"\0").decode() for part, value in items_in(data[4:]) if part == 0x30][0]
+            syntaxes = [value.rstrip(b"\0").decode() for part, value in items_in(data[4:]) if part == 0x40]
+            is_accepted = EXPLICIT in syntaxes
+            if is_accepted:
+                contexts.setdefault(of, data[0])
+            body += item(0x21, bytes([data[0], 0, 0 if is_accepted else 4, 0]) + item(0x40, EXPLICIT.encode()))
+        elif kind == 0x50:
+            roles = b"".join(item(0x54, value) for part, value in items_in(data) if part == 0x54)
+    return pdu(2, body + item(0x50, item(0x51, struct.pack(">I", 16384)) + item(0x52, b"1.2.3.4") + roles)), contexts
+
+
+def read_message(association):
+    """Reads a command with its dataset to the end."""
+    ended = set()
+    while len(ended) < 2:
+        kind, body = association.read()
+        assert kind == 4, f"PDU {kind}"
+        at = 0
+        while at < len(body):
+            size, _, control = struct.unpack_from(">IBB", body, at)
+            if control & 2:
+                ended.add(control & 1)
+            at += 4 + size
+
+
+def answer_get(listening, data, status):
+    """The archive's side of one C-GET: it sends one CT slice, then the status, without any number of instances."""
+    connection, _ = listening.accept()
+    connection.settimeout(20)
+    with Association.of(connection) as association:
+        answer, contexts = accept(association.read()[1])
+        association.send(answer)
+        read_message(association)
+        association.store(CT, data.SOPInstanceUID, dataset_bytes(data), contexts[CT])
+        body = element(0, 2, even(GET)) + element(0, 0x100, struct.pack("<H", 0x8010)) + element(0, 0x120, struct.pack("<H", 1))
+        body += element(0, 0x800, struct.pack("<H", 0x101)) + element(0, 0x900, struct.pack("<H", status))
+        association.send(data_pdus(contexts[GET], True, element(0, 0, struct.pack("<I", len(body))) + body))
+        if association.read()[0] == 5:  # a request to release
+            association.send(pdu(6, bytes(4)))
 
 
 def read_all(sockets, seconds):

@@ -11,8 +11,8 @@ import threading
 import time
 
 import pytest
-from archive_peer import (CT, PATIENT, RELEASE, Association, Receiver, associate, dataset_bytes, data_pdus, dcmtk, free_port, image, save,
-                          store_command, study, wait_for)
+from archive_peer import (CT, PATIENT, RELEASE, Association, Receiver, answer_get, associate, dataset_bytes, data_pdus, dcmtk, free_port,
+                          image, save, store_command, study, wait_for)
 from programs import SANITIZED, run
 
 OUT_OF_RESOURCES, MISMATCH, NOT_UNDERSTOOD, DUPLICATE, STORED = 0xA700, 0xA900, 0xC000, 0x0111, 0
@@ -413,6 +413,23 @@ def test_signals_end_it(programs, place):
             assert receiver.studies() == [uid] and receiver.is_tidy()
 
 
+def test_a_study_that_is_being_sent_does_not_appear_at_the_end(programs, place):
+    uid, files = study(place / "sent", 1)
+    data = image(uid, f"{uid}.1", 7)
+    with Receiver(programs, place / "scans", settle=1000) as receiver:
+        with Association(receiver.port) as open_one:
+            open_one.send(associate())
+            assert open_one.read()[0] == 2
+            assert open_one.store(CT, data.SOPInstanceUID, dataset_bytes(data)) == STORED
+            assert receiver.send(*files).returncode == 0
+            assert receiver.stop() == 0
+        assert receiver.studies() == [], "a part of a study was published"
+        assert f"study {uid}: not complete" in receiver.complained()
+    with Receiver(programs, place / "scans") as receiver:
+        receiver.wait_for_study(uid, 4)
+        assert receiver.studies() == [uid] and receiver.is_tidy()
+
+
 def test_then_meshes_each_complete_study(programs, place):
     collection, store = place / "collection.json", place / "store"
     collection.write_text(json.dumps({"schema": "trocar.collection/1", "defaults": {"tolerance": 0.5},
@@ -520,6 +537,8 @@ def test_fetch(programs, place):
         for path in (place / "got").rglob("*"):
             assert stat.S_IMODE(path.stat().st_mode) == (0o700 if path.is_dir() else 0o600)
         assert "0 of them new" in fetch(programs, place / "got", uid, archive.port).stdout
+        # What is stored already does not count twice.
+        assert "0 of them new" in fetch(programs, place / "got", uid, archive.port, "--max-instances", 4).stdout
         missing = fetch(programs, place / "none", "1.2.3", archive.port, expect=3)
         assert missing.stderr.count("\n") == 1 and "no images of study 1.2.3" in missing.stderr
         wrong = fetch(programs, place / "none", uid, archive.port, title="NOBODY", expect=3)
@@ -564,6 +583,19 @@ def test_fetch_from_an_archive_that_breaks_off(programs, place, after):
         done = fetch(programs, place / "got", uid, listening.getsockname()[1], "--acse-timeout", 5, "--idle-timeout", 5, expect=3)
         assert done.stderr.count("\n") == 1
         assert not (place / "got").exists()
+
+
+@pytest.mark.parametrize("status, code", [(0, 0), (0xB000, 3)])
+def test_fetch_from_an_archive_that_counts_nothing(programs, place, status, code):
+    """The status B000 means that instances failed or were sent with warnings. Without a number of failed instances, some may be missing."""
+    uid = "2.25.4711.7"
+    with socket.socket() as listening:
+        listening.bind(("127.0.0.1", 0))
+        listening.listen()
+        threading.Thread(target=answer_get, args=(listening, image(uid, f"{uid}.1", 0), status), daemon=True).start()
+        done = fetch(programs, place / "got", uid, listening.getsockname()[1], "--acse-timeout", 5, "--idle-timeout", 5, expect=code)
+    assert (place / "got" / uid).exists() == (code == 0)
+    assert code == 0 or "does not say whether it has sent all instances (status B000)" in done.stderr, done.stderr
 
 
 def test_fetch_is_interrupted(programs, place):

@@ -162,6 +162,31 @@ def test_finds_the_slices(s):
     s.refuses(3, ("nothing", "no DICOM images"), nothing, "-o", s.work / "none.glb")
 
 
+def test_dicomdir_in_a_collection(s):
+    """A batch sees all files for which a DICOMDIR stands: it makes the scan once, and again if a slice changes."""
+    slices = s.work / "cd" / "DICOM" / "A"
+    slices.mkdir(parents=True)
+    for k in range(SLICES):
+        shutil.copy(s.scan / "dicom" / f"CT_{k + 1:03}.dcm", slices / f"IM{k:06}")
+    made = subprocess.run(["dcmmkdir", "+r", "-Nxc", "-W", "-Nrc", "-Nec", "+I", "+D", "DICOMDIR", "+id", "DICOM/A", "+p", "IM*"], cwd=s.work / "cd",
+                          check=False, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+    assert (s.work / "cd" / "DICOMDIR").exists(), f"dcmmkdir made none: {made.stdout[-300:]}"
+    collection, store = s.work / "cd.json", s.work / "cd_store"
+    collection.write_text(json.dumps({"schema": "trocar.collection/1", "scans": [{"name": "cd", "input": "cd/DICOMDIR"}]}))
+
+    def counts():
+        summary = json.loads(s.run("batch", collection, "-o", store, "--json").stdout)
+        return summary["made"], summary["unchanged"]
+
+    assert counts() == (1, 0)
+    assert (store / "assets" / "cd.glb").read_bytes() == s.plain, "a DICOMDIR does not stand for its folder"
+    assert counts() == (0, 1)
+    ds = pydicom.dcmread(slices / "IM000003")
+    ds.PixelData = bytes([ds.PixelData[0] ^ 1]) + ds.PixelData[1:]
+    ds.save_as(slices / "IM000003")
+    assert counts() == (1, 0), "a changed slice went unnoticed"
+
+
 def test_chooses(s):
     """One line says which series was taken and why; a CT series comes before larger ones of other modalities."""
     study = s.work / "several"
@@ -179,6 +204,15 @@ def test_chooses(s):
     s.series(secret / "b", 5, "Other", edit=lambda ds, k: setattr(ds, "Modality", "ROE JANE"))
     assert s.warnings(secret)[1] == {"number": 4, "kernel": "", "modality": "CT"}
     assert "JANE" not in (s.work / "out.json").read_text()
+    collection, store = s.work / "secret.json", s.work / "secret_store"
+    collection.write_text(json.dumps({"schema": "trocar.collection/1", "scans": [
+        {"name": "kernel", "input": "secret"},
+        {"name": "modality", "input": {"folder": "secret", "series": 5}, "parameters": {"any-modality": True}}]}))
+    s.run("batch", collection, "-o", store, "--quiet")
+    for name, number, modality in (("kernel", 4, "CT"), ("modality", 5, "")):
+        stored = json.loads((store / "reports" / f"{name}.json").read_text())["input"]["series"]
+        assert stored == {"number": number, "kernel": "", "modality": modality}, f"{name}: {stored}"
+    assert "JANE" not in (store / "reports" / "kernel.json").read_text()
     (study / "c" / "IM000099").write_bytes(b"")
     s.series(study / "d", 3, "Thin", range(SLICES), lambda ds, k: setattr(ds, "Modality", "MR"))
     s.series(study / "e", 1, "Topogram", range(1), ImageType=["ORIGINAL", "PRIMARY", "LOCALIZER"])

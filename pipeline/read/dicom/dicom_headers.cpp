@@ -163,7 +163,7 @@ std::optional<std::string> check_length(DcmFileFormat& format, const DicomFrame&
 }
 
 // Reads a stored value. Its representation in the file (US or SS) may differ from that of the
-// pixels.
+// pixels. std::nullopt if there is none, or if the stored bits cannot hold it.
 std::optional<int> stored_value(DcmItem& data, const DcmTagKey& tag, const DicomFrame& h) {
   Uint16 bits = 0;
   if (Sint16 number = 0; data.findAndGetUint16(tag, bits).bad()) {
@@ -171,8 +171,11 @@ std::optional<int> stored_value(DcmItem& data, const DcmTagKey& tag, const Dicom
     bits = static_cast<Uint16>(number);
   }
   const int mask = (1 << h.bits_stored) - 1, sign = 1 << (h.bits_stored - 1);
-  const int value = bits & mask;
-  return h.is_signed && (value & sign) != 0 ? value - mask - 1 : value;
+  const int value = bits & mask, above = bits & ~mask;
+  const bool is_negative = h.is_signed && (value & sign) != 0;
+  // The bits above the stored ones are zero, or repeat the sign of a negative value.
+  if (above != 0 && !(is_negative && above == (0xffff & ~mask))) return {};
+  return is_negative ? value - mask - 1 : value;
 }
 
 void read_padding(DcmItem& data, DicomFrame& h) {

@@ -4,6 +4,8 @@
 #include <gtest/gtest.h>
 
 #include "pipeline/farm/collection.h"
+#include "tests/pipeline/archive/archive_files.h"
+#include "tests/support/temporary_folder.h"
 
 namespace trocar::archive {
 namespace {
@@ -68,6 +70,32 @@ TEST(FollowUp, KeepsDefaultsOtherScansAndParameters) {
   EXPECT_EQ(result["scans"][0]["name"], "mine");
   EXPECT_EQ(result["scans"][1]["parameters"], json({{"threshold", 180}}));
   EXPECT_EQ(result["scans"][1]["input"]["folder"], "scans/2.25.1");
+}
+
+// The first slice of a slow sender can be published alone.
+TEST(FollowUp, NameOfASeriesStaysTheSameWhenMoreOfItsFilesArrive) {
+  const test::TemporaryFolder base;
+  const std::filesystem::path folder = base / "scans" / kStudy;
+  write_text(folder / "1.dcm", "a slice");
+  json list = kList;
+  list["scans"][0]["path"] = "1.dcm";
+  std::vector<std::string> first, second;
+  const auto one = with_study("", base / "c.json", list, folder, base.path(), kStudy, first);
+  ASSERT_TRUE(one);
+  const json before = json::parse(one->dump());
+  EXPECT_EQ(before["scans"][0]["input"], "scans/2.25.1/1.dcm");
+  write_text(folder / "2.dcm", "another slice");
+  list["scans"][0]["path"] = ".";
+  const auto two =
+      with_study(one->dump(), base / "c.json", list, folder, base.path(), kStudy, second);
+  ASSERT_TRUE(two);
+  const json after = json::parse(two->dump());
+  ASSERT_EQ(after["scans"].size(), 1U);
+  EXPECT_EQ(after["scans"][0]["input"]["series"], "1.2.3");
+  EXPECT_EQ(second, first);
+  std::vector<std::string> as_before;  // the name of a series with several files
+  ASSERT_TRUE(with("", as_before));
+  EXPECT_EQ(second, as_before);
 }
 
 TEST(FollowUp, RefusesWhatIsNoCollection) {

@@ -126,6 +126,23 @@ TEST_F(StoreTest, LimitsTheStudyWithWhatIsThere) {
   EXPECT_EQ(files(), 2U);
 }
 
+TEST_F(StoreTest, InstanceThatIsStoredAlreadyDoesNotCountTwice) {
+  limits.study_instances = 2;
+  const std::uint64_t bytes = file_header(name_of({})).size() + dataset_of({}).size();
+  InstanceStore into(
+      folder.path(), limits,
+      [](const std::string&) {
+        return StudySize{2, 10};
+      },
+      [bytes](const std::string& study, const std::string& name, std::uint64_t size) {
+        return study == kStudy && name == "2.25.1.1.1.dcm" && size == bytes;
+      });
+  ImageText text;
+  EXPECT_EQ(store(into, text, name_of(text)).status, StoreStatus::kStored);
+  text.instance = "2.25.1.1.2";
+  EXPECT_EQ(store(into, text, name_of(text)).status, StoreStatus::kOutOfResources);
+}
+
 TEST_F(StoreTest, LimitsTheBytesOfAStudy) {
   limits.study_bytes = 2 * dataset_of({}).size() - 1;
   InstanceStore into(folder.path(), limits);

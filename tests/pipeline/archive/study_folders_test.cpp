@@ -129,6 +129,37 @@ TEST_F(StudyFoldersTest, ParallelAssociationsTogetherKeepTheLimit) {
   EXPECT_EQ(folders.size_of(kStudy).instances, 3U);
 }
 
+TEST_F(StudyFoldersTest, InstancesThatArePublishedDoNotCountTwice) {
+  StudyFolders folders = opened();
+  ArchiveLimits limits;
+  limits.study_instances = 3;
+  ASSERT_TRUE(folders.take(association(folders, kStudy, {{"1.dcm", "a"}, {"2.dcm", "b"}}), limits));
+  EXPECT_TRUE(folders.has_instance(kStudy, "1.dcm", 1));
+  ASSERT_TRUE(folders.publish(folders.growing_folder(kStudy), kStudy));
+  EXPECT_TRUE(folders.has_instance(kStudy, "1.dcm", 1));
+  EXPECT_FALSE(folders.has_instance(kStudy, "1.dcm", 2));
+  EXPECT_FALSE(folders.has_instance(kStudy, "3.dcm", 1));
+  const auto taken = folders.take(
+      association(folders, kStudy, {{"1.dcm", "a"}, {"2.dcm", "b"}, {"3.dcm", "c"}}), limits);
+  ASSERT_TRUE(taken);
+  EXPECT_EQ((*taken)[0].excess, 0U);
+  EXPECT_EQ(folders.size_of(kStudy).instances, 3U);
+  EXPECT_EQ(folders.size_of(kStudy).bytes, 3U);
+  // Another instance of the same name may be larger, so it counts.
+  ASSERT_TRUE(folders.publish(folders.growing_folder(kStudy), kStudy));
+  const auto larger = folders.take(association(folders, kStudy, {{"1.dcm", "larger"}}), limits);
+  ASSERT_TRUE(larger);
+  EXPECT_EQ((*larger)[0].excess, 1U);
+}
+
+TEST_F(StudyFoldersTest, TellsWhichStudiesAnAssociationSends) {
+  StudyFolders folders = opened();
+  const fs::path sent = association(folders, kStudy, {{"1.dcm", "a"}});
+  write_text(sent / "arriving.part", "half");
+  EXPECT_EQ(StudyFolders::studies_in(sent), std::set<std::string>{kStudy});
+  EXPECT_EQ(StudyFolders::studies_in(folder / "none"), std::set<std::string>());
+}
+
 TEST_F(StudyFoldersTest, LeftoversOfDeadProcessesAreRemoved) {
   { const StudyFolders folders = opened(); }
   const fs::path incoming = folder / ".incoming";

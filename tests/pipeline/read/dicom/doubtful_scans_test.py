@@ -93,6 +93,22 @@ def test_padding(t, padding, warned):
         assert not made[1], made[1]
 
 
+def test_padding_that_the_stored_bits_cannot_hold(t):
+    """The 12 lower bits of -2000 are 2096, which is bone here."""
+    def change(ds):
+        block = np.full((ROWS, COLUMNS), 24, "<u2")
+        block[10:30, 10:40] = 2096
+        ds.PixelData = block.tobytes()
+        ds.BitsAllocated, ds.BitsStored, ds.HighBit, ds.PixelRepresentation = 16, 12, 11, 0
+        ds.RescaleSlope, ds.RescaleIntercept = 1, -1024
+
+    plain, padded = edit(series(t.folder()), change), edit(series(t.folder()), change)
+    edit(padded, lambda ds: ds.add_new("PixelPaddingValue", "US", 0x10000 - 2000))
+    expected, made = t.run(plain), t.run(padded)
+    assert expected[0] == made[0] == 0, made[1]
+    assert made[1] == expected[1] and made[4] == expected[4], made[1]
+
+
 def test_a_range_of_padding(t):
     def change(ds):
         ds.PixelData = stored_block(500, 2990)
