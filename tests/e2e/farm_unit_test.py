@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The parts of scripts/farm on a simulated cluster: limits, time limits, lost tasks, held tasks,
 throttle, and the arithmetic of chunks and plans."""
+import os
+import subprocess
 import sys
 
 import pytest
@@ -8,6 +10,7 @@ from programs import SOURCE
 
 sys.path.insert(0, str(SOURCE / "scripts" / "lib" / "farm"))
 
+import chunk_script  # noqa: E402
 import chunks  # noqa: E402
 import journal  # noqa: E402
 import main  # noqa: E402
@@ -194,11 +197,30 @@ def test_ended_tasks_of_an_earlier_run(folder):
     """Slurm lists ended tasks for some minutes. Those of an earlier run on the store are not taken for tasks of this one."""
     told, one, _ = a_round(folder, 2)
     told.table["9_7"] = slurm.Task("9", 7, "COMPLETED", "None", f"{folder.prefix}0-0")  # as an earlier version named it
-    with RunFolder(folder.path.with_name("store2")) as other:
+    with RunFolder(folder.store.with_name("store2")) as other:
         other.prefix, earlier = folder.prefix, other.own_prefix
     told.table["9_0"] = slurm.Task("9", 0, "TIMEOUT", "None", f"{folder.prefix}{earlier.split('-')[-2]}-0-0")
     finish_all(told, one)
     assert [chunk.end for chunk in one.chunks.values()] == [watch.DONE] * 2, one.chunks
+
+
+@pytest.mark.parametrize("code", [0, 2])
+def test_results_of_a_killed_run_are_not_those_of_the_next(tmp_path, code):
+    """A task of a killed run starts, or ends, after the next run has begun. It had the same round and chunk as a task of the next run."""
+    killed = RunFolder(tmp_path / "store")
+    killed.__enter__()
+    killed.write_chunks(0, [["s0"], ["s1"]])
+    script = chunk_script.text(["sh", "-c", f"exit {code}"], killed.path, 0, 1, 1)
+    killed.lock.close()
+    with RunFolder(tmp_path / "store") as folder:
+        assert folder.was_left
+        subprocess.run(["sh"], input=script, text=True, check=False, stderr=subprocess.DEVNULL,
+                       env=os.environ | {"SLURM_ARRAY_TASK_ID": "0", "SLURM_JOB_ID": "7"})
+        told, one, _ = a_round(folder, 2)
+        one.poll()
+        assert not one.chunks[1].end, "a result of the killed run counts"
+        finish_all(told, one)
+    assert not (tmp_path / "store.farm").exists()
 
 
 class Stale(Program):
