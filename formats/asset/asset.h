@@ -155,11 +155,15 @@ struct EncodedHuVolume {
   std::vector<EncodedHuPlane> planes;  ///< ascending by index
 };
 
+/// Checks the number of elements of `slices` for assemble_asset(). Errors: kRefused if an asset
+/// cannot hold so many; the message does not contain the input's name.
+Result<void> check_entry_count(std::size_t entries);
+
 /// Assembles a .glb and returns its bytes. `slices` and `hu` replace the slices and the HU of
-/// `head`; everything else is taken from `head`. Errors: kBug if the parameters of `head` are not
-/// JSON, if `slices` do not ascend by index and material, if a slice names a material that `head`
-/// does not have, or if a surface is not valid; kRefused if the file would exceed 4 GiB, or if a
-/// surface is too large.
+/// `head`; everything else is taken from `head`. Errors: those of check_entry_count(); kBug if the
+/// parameters of `head` are not JSON, if `slices` do not ascend by index and material, if a slice
+/// names a material that `head` does not have, or if a surface is not valid; kRefused if the file
+/// would exceed 4 GiB, or if a surface is too large.
 Result<std::vector<std::uint8_t>> assemble_asset(const Asset& head,
                                                  std::vector<EncodedSlice> slices,
                                                  AssetSizes* sizes = nullptr,

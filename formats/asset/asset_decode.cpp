@@ -190,7 +190,7 @@ Result<void> decode_hu_volumes(const GltfDocument& document, bool has_index,
     section.bytes = bytes->size();
     if (section.bytes < 8 * std::uint64_t{section.planes})
       return refused("the directory of its HU is damaged");
-    if (auto ok = check_hu_directory(source, 0, section, asset); !ok) return ok;
+    if (auto ok = check_hu_directory(source, 0, section, options.all, asset); !ok) return ok;
   }
   return read_hu_volumes(source, 0, buffer.size(), *sections, options.all, asset);
 }

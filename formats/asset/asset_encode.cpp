@@ -219,12 +219,21 @@ Result<EncodedHuVolume> encode_hu_volume(const HuVolume& volume, const Asset& as
 
 }  // namespace
 
+Result<void> check_entry_count(std::size_t entries) {
+  if (entries <= kMaxSlices) return {};
+  return refused(std::to_string(entries) +
+                 " meshes, one for each material of each slice; an asset holds at most " +
+                 std::to_string(kMaxSlices) +
+                 "; mesh fewer slices at a time, or join labels to one material");
+}
+
 Result<std::vector<std::uint8_t>> assemble_asset(const Asset& head,
                                                  std::vector<EncodedSlice> slices,
                                                  AssetSizes* sizes,
                                                  const std::vector<EncodedHuVolume>& hu) {
   json parameters = json::parse(head.parameters_json, nullptr, false);
   if (parameters.is_discarded()) return bug("the asset's parameters are not JSON");
+  if (auto ok = check_entry_count(slices.size()); !ok) return ok.error();
   if (auto ok = check_order(head, slices); !ok) return ok.error();
   GltfWriter gltf;
   AssetSizes counted;

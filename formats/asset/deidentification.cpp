@@ -8,6 +8,7 @@
 #include <set>
 #include <sstream>
 #include <string_view>
+#include <tuple>
 #include <utility>
 #include <vector>
 
@@ -187,35 +188,83 @@ std::uint64_t unsigned_at(const json& object, const char* key) {
   return found != object.end() && found->is_number_unsigned() ? found->get<std::uint64_t>() : 0;
 }
 
-// The buffer views that a primitive, an accessor or a volume of HU uses.
-std::set<std::uint64_t> used_views(const json& document) {
-  std::set<std::uint64_t> out;
-  for (const json& mesh : document.value("meshes", json::array())) {
-    for (const json& primitive : mesh.value("primitives", json::array())) {
-      const json extensions = primitive.value("extensions", json::object());
-      if (const auto draco = extensions.find(kDracoExtension); draco != extensions.end())
-        out.insert(unsigned_at(*draco, "bufferView"));
-    }
+// Numbers of nodes, meshes, accessors and buffer views.
+struct Used {
+  std::set<std::uint64_t> nodes, meshes, accessors, views;
+};
+
+// The element of the document's list `key`, or an empty object.
+json element(const json& document, const char* key, std::uint64_t number) {
+  const json list = document.value(key, json::array());
+  return number < list.size() ? list[static_cast<std::size_t>(number)] : json::object();
+}
+
+void use_primitive(const json& primitive, Used& used) {
+  if (primitive.contains("indices")) used.accessors.insert(unsigned_at(primitive, "indices"));
+  const json attributes = primitive.value("attributes", json::object());
+  for (const auto& [name, accessor] : attributes.items())
+    used.accessors.insert(unsigned_at(attributes, name.c_str()));
+  const json extensions = primitive.value("extensions", json::object());
+  if (const auto draco = extensions.find(kDracoExtension); draco != extensions.end())
+    used.views.insert(unsigned_at(*draco, "bufferView"));
+}
+
+// The scenes and the volumes of HU refer to these elements, directly or not.
+Used used_by_scenes(const json& document) {
+  Used out;
+  std::vector<std::uint64_t> waiting;
+  const auto wait = [&waiting](const json& numbers) {
+    for (const json& number : numbers)
+      if (number.is_number_unsigned()) waiting.push_back(number.get<std::uint64_t>());
+  };
+  for (const json& scene : document.value("scenes", json::array()))
+    wait(scene.value("nodes", json::array()));
+  const json nodes = document.value("nodes", json::array());
+  while (!waiting.empty()) {
+    const std::uint64_t number = waiting.back();
+    waiting.pop_back();
+    if (number >= nodes.size() || !out.nodes.insert(number).second) continue;
+    const json& node = nodes[static_cast<std::size_t>(number)];
+    if (node.contains("mesh")) out.meshes.insert(unsigned_at(node, "mesh"));
+    wait(node.value("children", json::array()));
   }
-  for (const json& accessor : document.value("accessors", json::array())) {
-    if (accessor.contains("bufferView")) out.insert(unsigned_at(accessor, "bufferView"));
+  for (const std::uint64_t mesh : out.meshes)
+    for (const json& primitive :
+         element(document, "meshes", mesh).value("primitives", json::array()))
+      use_primitive(primitive, out);
+  for (const std::uint64_t number : out.accessors) {
+    const json accessor = element(document, "accessors", number);
+    if (accessor.contains("bufferView")) out.views.insert(unsigned_at(accessor, "bufferView"));
   }
   for (const json& volume : document.at("extras").at("trocar").value("hu_volumes", json::array()))
-    out.insert(unsigned_at(volume, "bufferView"));
+    out.views.insert(unsigned_at(volume, "bufferView"));
   return out;
+}
+
+// Refuses nodes, meshes, accessors and buffer views that no scene and no volume of HU uses: a viewer
+// does not show them, so their bytes could be anything.
+Result<void> check_all_used(const json& document) {
+  const Used used = used_by_scenes(document);
+  const std::tuple<const char*, const char*, const std::set<std::uint64_t>&> lists[] = {
+      {"nodes", "node", used.nodes},
+      {"meshes", "mesh", used.meshes},
+      {"accessors", "accessor", used.accessors},
+      {"bufferViews", "buffer view", used.views}};
+  for (const auto& [key, name, numbers] : lists) {
+    const std::size_t count = document.value(key, json::array()).size();
+    for (std::size_t number = 0; number < count; ++number)
+      if (!numbers.contains(number))
+        return refused(std::string(name) + " " + std::to_string(number) + " is not used");
+  }
+  return {};
 }
 
 Result<void> check_binary(std::span<const std::uint8_t> binary, std::uint64_t index_bytes,
                           const json& document) {
   std::vector<std::pair<std::uint64_t, std::uint64_t>> covered{{0, index_bytes}};
-  const std::set<std::uint64_t> used = used_views(document);
-  std::uint64_t number = 0;
   for (const json& view : document.value("bufferViews", json::array())) {
-    if (!used.contains(number))
-      return refused("buffer view " + std::to_string(number) + " is not used");
     const std::uint64_t offset = unsigned_at(view, "byteOffset");
     covered.emplace_back(offset, offset + unsigned_at(view, "byteLength"));
-    ++number;
   }
   covered.emplace_back(binary.size(), binary.size());
   std::sort(covered.begin(), covered.end());
@@ -342,6 +391,7 @@ Result<void> check_deidentified_asset(std::span<const std::uint8_t> glb, const s
           "it holds HU of everything around its material, which can show a face; make it again "
           "without --context");
   }
+  if (auto ok = check_all_used(*document); !ok) return found(ok.error().message);
   if (auto ok = check_binary(glb.subspan((*index)->binary_at), (*index)->bytes(), *document); !ok)
     return found(ok.error().message);
   return {};

@@ -32,7 +32,8 @@ bool is_modality(std::string_view text);
 ///  2. The JSON text has no characters that its contents do not need, such as escapes or spaces
 ///     between elements; only padding at its end is allowed. No object has a key twice.
 ///  3. Every byte of the binary chunk belongs to the slice index, a Draco payload, lines or a
-///     volume of HU, or to padding of at most 3 zero bytes.
+///     volume of HU, or to padding of at most 3 zero bytes. Every node, mesh, accessor and buffer
+///     view is used by a scene or by a volume of HU.
 ///  4. The file has no further chunk.
 ///  5. No volume holds the HU of everything around the material, which can show a face.
 /// Values of numbers are not checked, and whether the asset can be decoded is not checked either:

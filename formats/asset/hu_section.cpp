@@ -229,7 +229,7 @@ Result<void> read_hu_volumes(ByteSource& source, std::uint64_t binary_at,
 }
 
 Result<void> check_hu_directory(ByteSource& source, std::uint64_t binary_at,
-                                const HuSection& section, const Asset& asset) {
+                                const HuSection& section, bool is_whole, const Asset& asset) {
   const Error damaged = refused("the directory of its HU is damaged");
   std::uint64_t end = directory_bytes(section);
   auto slice = asset.slices.begin();
@@ -240,8 +240,11 @@ Result<void> check_hu_directory(ByteSource& source, std::uint64_t binary_at,
                          [&](const AssetSlice& one) { return one.index >= record->index; });
     if (slice == asset.slices.end() || slice->index != record->index || record->end < end)
       return damaged;
-    while (slice != asset.slices.end() && slice->index == record->index)
-      ++slice;
+    bool has_samples = section.grid.covers_everything() || !is_whole;
+    for (; slice != asset.slices.end() && slice->index == record->index; ++slice)
+      has_samples |= !slice->pslg.rings.empty();
+    if (!has_samples && record->end != end)
+      return refused("a plane of HU without stored samples has bytes");
     end = record->end;
   }
   return end == section.bytes ? Result<void>() : damaged;

@@ -41,9 +41,11 @@ Result<void> read_hu_volumes(ByteSource& source, std::uint64_t binary_at,
                              std::uint64_t binary_bytes, const std::vector<HuSection>& sections,
                              bool with_context, Asset& asset);
 
-/// Checks a whole directory. Errors: kRefused unless its planes ascend by index, belong to
-/// slices of the asset, and fill the buffer view.
+/// Checks a whole directory. `is_whole`: the asset has the outlines of all its slices. Errors:
+/// kRefused unless its planes ascend by index, belong to slices of the asset, and fill the buffer
+/// view; also if `is_whole` is set and a plane has bytes although its slice has no outline, so that
+/// nothing would read them.
 Result<void> check_hu_directory(ByteSource& source, std::uint64_t binary_at,
-                                const HuSection& section, const Asset& asset);
+                                const HuSection& section, bool is_whole, const Asset& asset);
 
 }  // namespace trocar

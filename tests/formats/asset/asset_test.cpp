@@ -10,6 +10,7 @@
 #include <cstring>
 #include <limits>
 #include <random>
+#include <utility>
 
 #include "formats/asset/draco_mesh.h"
 #include "formats/geometry/mesh_validity.h"
@@ -509,6 +510,34 @@ TEST(Asset, RefusesCoordinatesBeyondTheExactRange) {
   const auto mismatch = encode_asset(wrong);
   ASSERT_FALSE(mismatch);
   EXPECT_EQ(mismatch.error().code, ExitCode::kBug);
+}
+
+// assemble_asset() and decode_asset() have the same limit.
+TEST(Asset, HasAtMostAHundredThousandEntries) {
+  const auto assembled = [](int entries) {
+    std::vector<EncodedSlice> slices(static_cast<std::size_t>(entries));
+    for (int i = 0; i < entries; ++i) {
+      EncodedSlice& slice = slices[static_cast<std::size_t>(i)];
+      slice.index = i;
+      slice.z_mm = 0.5 * i;
+      slice.T_lps_plane.translation().z() = slice.z_mm;
+      slice.measures_json = "{}";
+    }
+    Asset head;
+    head.generator = "asset_test";
+    return assemble_asset(head, std::move(slices));
+  };
+  const auto full = assembled(100'000);
+  ASSERT_TRUE(full) << full.error().message;
+  const auto out = decode_asset(*full, "full");
+  ASSERT_TRUE(out) << out.error().message;
+  EXPECT_EQ(out->slices.size(), 100'000U);
+  EXPECT_EQ(out->slices.back().z_mm, 0.5 * 99'999);
+  const auto more = assembled(100'001);
+  ASSERT_FALSE(more);
+  EXPECT_EQ(more.error().code, ExitCode::kRefused);
+  EXPECT_TRUE(more.error().message.starts_with("100001 meshes")) << more.error().message;
+  EXPECT_EQ(more.error().message.find('\n'), std::string::npos);
 }
 
 TEST(Asset, ABinaryChunkThatIsLargerThanTheFileIsRefused) {

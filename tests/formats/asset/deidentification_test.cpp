@@ -7,14 +7,17 @@
 
 #include <cstring>
 #include <functional>
+#include <nlohmann/json.hpp>
 
 #include "formats/asset/asset.h"
 #include "formats/asset/asset_index.h"
+#include "formats/base/json_text.h"
 
 namespace trocar {
 namespace {
 
 using Bytes = std::vector<std::uint8_t>;
+using nlohmann::json;
 
 Asset plain_asset() {
   Asset asset;
@@ -131,6 +134,73 @@ TEST(PrivateAsset, BytesThatBelongToNothingAreFound) {
   put(spaces, 12, file.header.json_bytes + 4);
   put(spaces, file.binary_at + 4 + offsetof(IndexHeader, json_bytes), file.header.json_bytes + 4);
   EXPECT_NE(found_in(spaces).find("more characters"), std::string::npos);
+}
+
+/// The asset with a text in its binary chunk, in a buffer view that `refer` may refer to.
+Bytes with_text(const Bytes& glb, const std::function<void(json&, std::size_t view)>& refer) {
+  MemorySource source(glb);
+  const IndexedFile file = **find_index(source);
+  json document =
+      json::parse(glb.begin() + kGlbHeader, glb.begin() + kGlbHeader + file.header.json_bytes);
+  const std::string hidden = "DOE^JANE 19700101 PID4711...";
+  const std::size_t end = file.header.binary_bytes, view = document["bufferViews"].size();
+  document["bufferViews"].push_back(
+      {{"buffer", 0}, {"byteOffset", end}, {"byteLength", hidden.size()}});
+  document["buffers"][0]["byteLength"] = end + hidden.size();
+  refer(document, view);
+  std::string text = json_text(document);
+  text.resize((text.size() + 3) / 4 * 4, ' ');
+  Bytes out(glb.begin(), glb.begin() + kGlbHeader);
+  out.insert(out.end(), text.begin(), text.end());
+  const std::size_t binary_at = out.size() + kGlbChunkHeader;
+  out.insert(out.end(), glb.begin() + static_cast<std::ptrdiff_t>(file.binary_at - kGlbChunkHeader),
+             glb.end());
+  out.insert(out.end(), hidden.begin(), hidden.end());
+  const auto put = [&out](std::size_t at, std::size_t value) {
+    const auto number = static_cast<std::uint32_t>(value);
+    std::memcpy(out.data() + at, &number, 4);
+  };
+  put(8, out.size());
+  put(12, text.size());
+  put(binary_at - kGlbChunkHeader, end + hidden.size());
+  put(binary_at + offsetof(IndexHeader, json_bytes), text.size());
+  put(binary_at + offsetof(IndexHeader, binary_bytes), end + hidden.size());
+  return out;
+}
+
+TEST(PrivateAsset, ContentThatNoSceneShowsIsFound) {
+  const Bytes glb = *encode_asset(plain_asset());
+  const auto found = [&glb](const std::function<void(json&, std::size_t)>& refer) {
+    const auto ok = check_deidentified_asset(with_text(glb, refer), "x.glb");
+    return ok ? "" : ok.error().message;
+  };
+  const auto mesh_of = [](json& document, std::size_t view) {
+    json mesh = document["meshes"][0];
+    mesh["primitives"][0]["extensions"]["KHR_draco_mesh_compression"]["bufferView"] = view;
+    return mesh;
+  };
+  EXPECT_NE(found([](json&, std::size_t) {}).find("buffer view"), std::string::npos);
+  EXPECT_NE(
+      found([](json& document, std::size_t view) {
+        document["accessors"].push_back(
+            {{"bufferView", view}, {"componentType", 5125}, {"count", 7}, {"type", "SCALAR"}});
+      }).find("accessor "),
+      std::string::npos);
+  EXPECT_NE(found([&](json& document, std::size_t view) {
+              document["meshes"].push_back(mesh_of(document, view));
+            }).find("mesh "),
+            std::string::npos);
+  const auto add_node = [&](json& document, std::size_t view) {
+    document["meshes"].push_back(mesh_of(document, view));
+    document["nodes"].push_back({{"mesh", document["meshes"].size() - 1}});
+  };
+  EXPECT_NE(found(add_node).find("node "), std::string::npos);
+  EXPECT_EQ(found([&](json& document, std::size_t view) {
+              add_node(document, view);
+              document["scenes"][0]["nodes"].push_back(document["nodes"].size() - 1);
+            }),
+            "")
+      << "a mesh that the scene shows is for decode_asset()";
 }
 
 TEST(PrivateAsset, PlainNames) {

@@ -340,6 +340,11 @@ TEST(HuInAsset, RefusesWhatIsDamaged) {
       EXPECT_FALSE(decode_asset(changed, "test")) << i;
     }
   }
+  Bytes moved = *glb;  // the plane of slice 2 becomes that of slice 1, which is empty
+  const std::size_t records = 28 + json_bytes + volumes[0]["byteOffset"].get<std::size_t>();
+  ASSERT_EQ(moved[records + 8], 2);
+  moved[records + 8] = 1;
+  EXPECT_FALSE(decode_asset(moved, "test"));
   const auto with = [&](std::size_t volume, const char* key, const nlohmann::json& value) {
     nlohmann::json other = document;
     other["extras"]["trocar"]["hu_volumes"][volume][key] = value;
