@@ -13,7 +13,8 @@ namespace {
 // The values of the slices within the crop.
 struct Values {
   ValueTally tally;
-  bool has_material = false;  // whether there was material before small regions were dropped
+  bool has_material = false;  // the segmentation finds material
+  bool has_wanted = false;    // some of it is left by ScannerTable and SolidBone
 
   bool is_label_map() const { return !tally.has_fractions && tally.values.size() <= kMaxLabels; }
   // The labels, if the values are those of a label map.
@@ -24,6 +25,11 @@ struct Values {
   }
 };
 
+bool holds_material(const Field& field) {
+  return std::any_of(field.image.values.begin(), field.image.values.end(),
+                     [&field](float value) { return value >= field.iso; });
+}
+
 Result<Values> read_values(const SliceStack& stack, int first, int last,
                            const MeshOptions& options) {
   Values found;
@@ -31,9 +37,8 @@ Result<Values> read_values(const SliceStack& stack, int first, int last,
     auto image = read_cropped(stack, k, options.crop);
     if (!image) return image.error();
     found.tally.add(tally_values(*image, true));
-    const Field field = segment(std::move(*image), stack.pixel_unit(), options.segmentation);
-    found.has_material |= std::any_of(field.image.values.begin(), field.image.values.end(),
-                                      [&field](float value) { return value >= field.iso; });
+    found.has_material |= holds_material(segment(*image, stack.pixel_unit(), options.segmentation));
+    found.has_wanted |= holds_material(slice_field(stack, k, options, std::move(*image)).field);
   }
   return found;
 }
@@ -47,9 +52,14 @@ std::string input_text(const SliceStack& stack, int first, int last) {
 }
 
 std::string reason(const Values& found, const MeshOptions& options, const LabelNames& names) {
-  if (found.has_material)
+  if (found.has_wanted)
     return "all components of material are smaller than --min-region " +
            text_of(options.min_region_mm2) + " mm^2";
+  if (found.has_material)
+    return options.solid == nullptr
+               ? "the material there belongs to the scanner's table, which is left out"
+               : "the material there is left out by the option that keeps a part of the material "
+                 "(--min-volume, --keep, --mask, --seed or --largest)";
   if (const auto* threshold = std::get_if<Threshold>(&options.segmentation))
     return "nothing is at or above the threshold of " + text_of(threshold->value);
   if (const auto* paper = std::get_if<Equalize>(&options.segmentation))
@@ -80,7 +90,9 @@ std::string advice(const Values& found, const SliceStack& stack, bool as_labels,
   const bool is_hu = stack.pixel_unit() == PixelUnit::kHounsfield;
   if (!as_labels && std::holds_alternative<Labels>(options.segmentation))
     return "it without --labels (this is no label map)";
-  if (found.has_material) return "a smaller --min-region";
+  if (found.has_wanted) return "a smaller --min-region";
+  if (found.has_material)
+    return options.solid == nullptr ? "--keep-table" : "it without this option";
   if (as_labels && !found.labels().empty())
     return "--labels " + number_ranges(found.labels(), ",") + " or some of these";
   if (std::holds_alternative<Equalize>(options.segmentation) && found.tally.low < found.tally.high)

@@ -9,6 +9,7 @@
 
 #include "formats/asset/hu_codec.h"
 #include "pipeline/base/parallel_for.h"
+#include "pipeline/read/stack_shape.h"
 #include "pipeline/segment/slice_field.h"
 
 namespace trocar::pipeline {
@@ -45,6 +46,51 @@ Blocks blocks_of(const SlicePlane& plane, int width, int height, double pitch_mm
   grid.columns = (width - 1) / out.columns_each + 1;
   grid.rows = (height - 1) / out.rows_each + 1;
   grid.step_hu = kStep_hu;
+  return out;
+}
+
+// The planes of the grid along the scan: every `each`-th slice of the slices `first` to `last`.
+struct PlaneSpacing {
+  const SliceStack& stack;
+  StackShape shape;
+  int first = 0, last = 0, each = 1;
+  double pitch_mm = 0;  // mean distance of the planes
+};
+
+struct SliceWeight {
+  int slice = 0;
+  double weight = 0;
+};
+
+// The slices that count in the plane at slice `index`, in ascending order. If the slices up to the
+// next planes are evenly spaced, distances are numbers of slices, so that rounded positions do not
+// change the weights. Otherwise distances are in mm.
+std::vector<SliceWeight> weights_near(const PlaneSpacing& planes, int index) {
+  const int before = index - planes.each, after = index + planes.each;  // the next planes
+  const int low = std::max(planes.first, before), high = std::min(planes.last, after);
+  bool is_even = true;
+  for (int k = low; k < high; ++k)
+    is_even = is_even && !planes.shape.is_uneven(static_cast<std::size_t>(k));
+  const auto away_mm = [&planes, index](int k) {
+    return std::abs(planes.stack.plane(k).z_mm - planes.stack.plane(index).z_mm);
+  };
+  // Without a plane on one side, the weights decrease there as on the other side.
+  const bool has_before = before >= planes.first, has_after = after <= planes.last;
+  const double before_mm = has_before  ? away_mm(before)
+                           : has_after ? away_mm(after)
+                                       : planes.pitch_mm;
+  const double after_mm = has_after ? away_mm(after) : before_mm;
+  const auto weight_of = [&](int k) -> double {
+    if (is_even) return planes.each - std::abs(k - index);
+    if (k == index) return 1;
+    const double reach_mm = k < index ? before_mm : after_mm;
+    return reach_mm > 0 ? 1 - away_mm(k) / reach_mm : 0;
+  };
+  std::vector<SliceWeight> out;
+  for (int k = low; k <= high; ++k) {
+    const double weight = weight_of(k);
+    if (weight > 0) out.push_back({k, weight});
+  }
   return out;
 }
 
@@ -93,19 +139,18 @@ Result<EncodedHuVolume> encode_context(const SliceStack& stack, int first, int l
     out.planes.push_back({index, {}});
   const auto mask = hu_mask(blocks.grid, options.lattice, {});
   if (!mask) return mask.error();
+  const PlaneSpacing spacing{stack, stack_shape(stack), first, last, each, each * thick_mm};
   std::vector<std::optional<Error>> errors(out.planes.size());
   parallel_for(static_cast<int>(out.planes.size()), [&](int i) {
     EncodedHuPlane& plane = out.planes[static_cast<std::size_t>(i)];
     std::vector<double> sums(mask->is_stored.size(), 0);
     double weights = 0;
-    for (int k = std::max(first, plane.index - each + 1);
-         k <= std::min(last, plane.index + each - 1); ++k) {
-      const auto image = read_cropped(stack, k, options.crop);
+    for (const auto& [slice, weight] : weights_near(spacing, plane.index)) {
+      const auto image = read_cropped(stack, slice, options.crop);
       if (!image) {
         errors[static_cast<std::size_t>(i)] = image.error();
         return;
       }
-      const double weight = each - std::abs(k - plane.index);
       add_means(*image, blocks, weight, sums);
       weights += weight;
     }

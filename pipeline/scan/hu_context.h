@@ -2,7 +2,7 @@
 // The HU of a whole scan, not only of the material, on a coarse grid for X-ray pictures
 // (--context). These HU of a head can show the patient's face, so an asset that contains them is
 // not anonymous. The pitch is the spacing of the grid.
-// Tests: tests/e2e/hu_volume_test.py
+// Tests: tests/pipeline/scan/hu_context_test.cpp, tests/e2e/hu_volume_test.py
 #pragma once
 
 #include "formats/asset/asset.h"
@@ -24,8 +24,10 @@ double default_context_mm(const SlicePlane& plane, int width, int height);
 ///
 /// The value of a sample is a mean over a block of pixels and over the slices near the sample's
 /// plane. The weight of a slice decreases linearly with its distance from this plane, and is zero
-/// at the next plane of the grid on either side. The result does not depend on the number of
-/// threads. Errors: those of stack.read().
+/// at the next plane of the grid on either side. If there is no next plane on one side, the weight
+/// decreases there as on the other side. Distances are in mm; if slices are evenly spaced within
+/// 1 %, they are counted in slices. The result does not depend on the number of threads. Errors:
+/// those of stack.read().
 Result<EncodedHuVolume> encode_context(const SliceStack& stack, int first, int last,
                                        double pitch_mm, const MeshOptions& options);
 

@@ -435,6 +435,8 @@ Result<StackResult> mesh_stack(const SliceStack& stack, const StackOptions& give
       return refused(input_name(stack) + ": more than " + std::to_string(kMaxMaterials) +
                      " labels; join some to one material, as --labels 1-20+21");
   }
+  if (auto ok = check_entry_count(all.materials.size()); !ok)
+    return ok.error().after(input_name(stack) + ": ");
   std::vector<EncodedSlice> encoded = take_slices(all.materials, indices);
   json surface;
   run.stages.lap("collect");

@@ -60,8 +60,8 @@ Result<void> check_ranges(const SliceStack& stack, const StackOptions& options);
 /// uncalibrated (formats/asset/asset.md). warnings.h describes the warnings in the report. If a
 /// slice fails, there is no asset. If several slices fail, the error of the one with the lowest
 /// index is returned. Errors: those of check_ranges(), SolidBone::make(), encoding_grid(),
-/// mesh_slice() and add_surfaces(); kRefused if no slice has any material, or if there are more
-/// than kMaxMaterials; kUnwritable if StackOptions::stop has interrupted the run.
+/// mesh_slice(), check_entry_count() and add_surfaces(); kRefused if no slice has any material, or
+/// if there are more than kMaxMaterials; kUnwritable if StackOptions::stop has interrupted the run.
 Result<StackResult> mesh_stack(const SliceStack& stack, const StackOptions& options,
                                const nlohmann::json& parameters);
 

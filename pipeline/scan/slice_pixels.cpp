@@ -8,19 +8,19 @@
 namespace trocar::pipeline {
 namespace {
 
-// The materials of a label map. If SolidBone has changed `field`, they follow it.
-Result<LabelMaterials> materials_of_field(const Image& labels, const Labels& wanted, bool is_solid,
-                                          const Field& field) {
+// The materials of a label map. If `solid` is not null, it has changed `field`, and the materials
+// follow the field.
+Result<LabelMaterials> materials_of_field(const Image& labels, const Labels& wanted,
+                                          const SolidBone* solid, const Field& field) {
   auto out = label_materials(labels, wanted);
-  if (!out || !is_solid) return out;
+  if (!out || solid == nullptr) return out;
   std::vector<MaterialNumber>& values = out->image.values;
   for (std::size_t i = 0; i < values.size(); ++i) {
     if (field.image.values[i] < field.iso) {
       values[i] = kNoMaterial;
-    } else if (values[i] == kNoMaterial && out->first_labels.size() == 1) {
+    } else if (values[i] == kNoMaterial) {  // filled, so there is only one material
+      if (out->first_labels.empty()) out->first_labels = {solid->filled_label()};
       values[i] = 1;
-    } else if (values[i] == kNoMaterial) {
-      return usage("--fill fills one material: join the labels with +, as --labels 20+21");
     }
   }
   return out;
@@ -49,8 +49,7 @@ Result<void> list_materials(const SliceStack& stack, const MeshOptions& options,
   if (const auto* labels = std::get_if<Labels>(&options.segmentation)) {
     if (!labels->labels.empty()) only.first_label = *labels->labels.begin();
     if (pixels.original) {
-      auto found =
-          materials_of_field(*pixels.original, *labels, options.solid != nullptr, pixels.field);
+      auto found = materials_of_field(*pixels.original, *labels, options.solid, pixels.field);
       if (!found) return found.error();
       const std::vector<int>& first_labels = found->first_labels;
       if (first_labels.size() == 1) only.first_label = first_labels[0];

@@ -17,6 +17,7 @@ namespace {
 using Bytes = std::vector<std::uint8_t>;
 
 constexpr double kMin_HU = -200, kStep_HU = 12;
+constexpr int kHighestStep = 63;  // of packed HU
 // Areas of a section, where the centre of the disc can be.
 constexpr double kMinSection_mm2 = 15, kMaxSection_mm2 = 400;
 // Sections are linked, and a followed section continues, if this part of the area overlaps.
@@ -457,11 +458,16 @@ std::vector<Canal> find_canals(const VoxelPlanes& planes, std::span<const std::u
 
 std::uint8_t packed_hu(float value) {
   const double step = std::floor((static_cast<double>(value) - kMin_HU) / kStep_HU);
-  return static_cast<std::uint8_t>(static_cast<unsigned>(std::clamp(step, 0.0, 63.0)) << 2);
+  return static_cast<std::uint8_t>(
+      static_cast<unsigned>(std::clamp(step, 0.0, double{kHighestStep})) << 2);
 }
 
 double unpacked_hu(std::uint8_t packed) {
   return kMin_HU + kStep_HU * ((packed >> 2) + 0.5);
+}
+
+bool is_in_highest_step(std::uint8_t packed) {
+  return (packed >> 2) == kHighestStep;
 }
 
 }  // namespace trocar::pipeline

@@ -1,12 +1,14 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Finds canals, such as the spinal canal. A canal is a soft tunnel through bone that leads along an
-// axis from one opening to another. (Marrow is also enclosed by bone, but bone closes its ends.)
+// Finds canals, such as the spinal canal. A canal is a tunnel through bone that leads along an axis
+// from one opening to another, and is filled with soft tissue or air. (Marrow is also enclosed by
+// bone, but bone closes its ends.)
 //
 // The search works in the planes perpendicular to the axis, in five steps.
 //  1. Sections: a section is a connected set of pixels of one plane. Each of these pixels is
 //     enclosed by bone (plane_flood.h), and a disc of radius kCanalDisc_mm around it contains no
-//     bone. A section is soft if its mean is between -200 HU and kMaxCanal_HU and its area is 15
-//     to 400 mm^2.
+//     bone. A section is soft if its mean is below kMaxCanal_HU and its area is 15 to 400 mm^2.
+//     There is no lower bound: a section of air is soft, too. (All values below -200 HU are packed
+//     as the lowest step, so they count as -194 HU in the mean.)
 //  2. Tubes: two soft sections of neighbouring planes belong to one tube if they overlap by at
 //     least 35 % of the larger section.
 //  3. Following: the search follows each tube from plane to plane beyond both of its ends, for up
@@ -66,5 +68,8 @@ std::vector<Canal> find_canals(const VoxelPlanes& planes, std::span<const std::u
 std::uint8_t packed_hu(float value);
 /// Returns the middle of the step of 12 HU in which the packed value lies.
 double unpacked_hu(std::uint8_t packed);
+/// Returns true if the packed value lies in the highest step, which stands for all values of at
+/// least 556 HU.
+bool is_in_highest_step(std::uint8_t packed);
 
 }  // namespace trocar::pipeline

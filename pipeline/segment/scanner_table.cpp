@@ -229,7 +229,8 @@ class Sampler {
 };
 
 // The blocks of a table's cross-section on one side, if half of the samples show one there and nine
-// in ten have it, also where the body lies on it. Else empty.
+// in ten have it, also where the body lies on it. Else empty, also if no block lies in half of the
+// cross-sections.
 Bytes common_section(const std::vector<Sample>& samples, std::size_t side) {
   std::vector<std::size_t> times(samples[0].stuff.size(), 0);
   std::size_t seen = 0, present = 0;
@@ -247,7 +248,7 @@ Bytes common_section(const std::vector<Sample>& samples, std::size_t side) {
       all += 1;
       found += sample.stuff[i];
     }
-    if (found >= kPresent * all) ++present;
+    if (all > 0 && found >= kPresent * all) ++present;
   }
   if (10 * present < 9 * samples.size()) return {};
   Bytes out(times.size());

@@ -12,8 +12,8 @@
 //     average at most 40 mm thick.
 //  3. At least half of the samples must have a section that counts, on the same side. (In the other
 //     samples, the body may be nearer than 5 mm to the table.)
-//  4. The core is the set of blocks that lie in at least half of these sections. In at least 90 %
-//     of all samples, at least 60 % of the core must be above -300 HU.
+//  4. The core is the set of blocks that lie in at least half of these sections. It must not be
+//     empty. In at least 90 % of all samples, at least 60 % of the core must be above -300 HU.
 //  5. The table's cross-section is the set of blocks that lie in at least a quarter of the sections
 //     of step 3, with a margin of one block.
 //

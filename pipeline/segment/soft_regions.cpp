@@ -130,12 +130,14 @@ class Search {
     if (shell_count == 0) return;
     const double mean = sum / count;
     const bool is_soft = mean < kMaxSoft_HU && shell_sum / shell_count < mean;
+    const auto limit_HU =
+        static_cast<std::uint16_t>(is_soft ? std::max(mean + kSpread_HU, 1.0) : 0.0);
     each_in(box, [&](std::size_t here, std::size_t i) {
       if (material_[i] == 0) return;
       const auto apart = static_cast<float>(std::sqrt(double{apart2[here]}) - depth_mm);
       if (!(apart < nearest_[i])) return;
       nearest_[i] = apart;
-      out_.limit_HU[i] = static_cast<std::uint16_t>(is_soft ? mean + kSpread_HU : 0);
+      out_.limit_HU[i] = limit_HU;
     });
     if (!is_soft) return;
     out_.low_HU = out_.count == 0 ? mean : std::min(out_.low_HU, mean);

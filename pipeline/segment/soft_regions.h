@@ -25,6 +25,9 @@ namespace trocar::pipeline {
 
 inline constexpr double kBlock_mm = 2;
 inline constexpr double kMaxSoft_HU = 500;
+/// A threshold below this value is none for bone, and no soft regions are searched for. (Skin and
+/// muscle have 20 to 80 HU, so the body itself would be a soft region.)
+inline constexpr double kMinBone_HU = 100;
 
 /// Means of a scan's values over blocks of voxels.
 class BlockMeans {
@@ -56,8 +59,8 @@ class BlockMeans {
 };
 
 struct SoftRegions {
-  /// One value for each block: the highest HU that count as soft tissue, or 0 if the block is in no
-  /// soft region.
+  /// One value for each block: the highest HU that count as soft tissue, at least 1, or 0 if the
+  /// block is in no soft region.
   std::vector<std::uint16_t> limit_HU;
   int count = 0;                   ///< number of soft regions
   double volume_mm3 = 0;           ///< volume of the blocks of all soft regions

@@ -30,6 +30,13 @@ bool has_hu(const SliceStack& stack, const Segmentation& how) {
   return stack.pixel_unit() == PixelUnit::kHounsfield && std::holds_alternative<Threshold>(how);
 }
 
+// Whether soft tissue above the threshold is searched for.
+bool needs_soft_regions(const SliceStack& stack, const Segmentation& how,
+                        const SolidOptions& options) {
+  return has_hu(stack, how) && options.fill_mm2.has_value() &&
+         std::get<Threshold>(how).value >= kMinBone_HU;
+}
+
 // Calls work(slice) -> Result<void> for every slice, several at once. Returns the lowest slice's
 // error.
 template <typename Work>
@@ -42,17 +49,19 @@ Result<void> for_each_slice(int slices, const Work& work) {
 }
 
 // The VoxelFlags of each voxel, one byte each; the upper six bits are packed_hu() of a scan in HU.
-// Adds all slices to `means` if it is given.
+// Adds all slices to `means`, and the labels found to `labels`, if these are given.
 Result<Bytes> segmented(const SliceStack& stack, const Segmentation& how, const VoxelGrid& grid,
-                        BlockMeans* means = nullptr) {
+                        BlockMeans* means = nullptr, std::set<int>* labels = nullptr) {
   const std::size_t pixels = grid.count(0) * grid.count(1);
+  std::vector<std::set<int>> labels_of(static_cast<std::size_t>(stack.size()));
   Bytes out(grid.size());
   const bool is_hu = has_hu(stack, how);
   const auto ok = for_each_slice(stack.size(), [&](int k) -> Result<void> {
     auto image = stack.read(k);
     if (!image) return image.error();
     if (means != nullptr) means->add(static_cast<std::size_t>(k), *image);
-    const Field field = segment(std::move(*image), stack.pixel_unit(), how);
+    Field field = segment(std::move(*image), stack.pixel_unit(), how);
+    labels_of[static_cast<std::size_t>(k)] = std::move(field.labels);
     std::uint8_t* flags = &out[static_cast<std::size_t>(k) * pixels];
     for (std::size_t i = 0; i < pixels; ++i) {
       const float value = field.image.values[i];
@@ -63,6 +72,9 @@ Result<Bytes> segmented(const SliceStack& stack, const Segmentation& how, const 
     return {};
   });
   if (!ok) return ok.error();
+  if (labels != nullptr)
+    for (std::set<int>& slice : labels_of)
+      labels->merge(slice);
   return out;
 }
 
@@ -209,14 +221,19 @@ Warning contrast_warning(const SliceStack& stack, const SoftRegions& soft, bool 
                           : "--preset column leaves them out, --seed or --mask select bone")};
 }
 
-// Drops soft regions, and keeps them from being filled.
+// Drops soft regions, and keeps them from being filled. Voxels in the highest step of packed HU are
+// never soft, because this step also stands for the higher values of cortex, calcification and
+// metal. So from 556 HU on nothing is dropped, although a region's limit can be as high as 599 HU.
 void drop_soft(const VoxelGrid& grid, const BlockMeans& means, const SoftRegions& soft,
                Bytes& flags, Bytes& material) {
   std::size_t voxel = 0;
   for (std::size_t z = 0; z < grid.count(2); ++z) {
     for (std::size_t y = 0; y < grid.count(1); ++y) {
       for (std::size_t x = 0; x < grid.count(0); ++x, ++voxel) {
-        if (unpacked_hu(flags[voxel]) > soft.limit_HU[means.block(x, y, z)]) continue;
+        const std::uint16_t limit_HU = soft.limit_HU[means.block(x, y, z)];
+        if (limit_HU == 0 || is_in_highest_step(flags[voxel]) ||
+            unpacked_hu(flags[voxel]) > limit_HU)
+          continue;
         material[voxel] = 0;
         flags[voxel] &= static_cast<std::uint8_t>(~kFillable);
       }
@@ -338,6 +355,25 @@ double volume_mm3(const VoxelGrid& grid, const Bytes& voxels) {
   return std::accumulate(volumes.begin(), volumes.end(), 0.0);
 }
 
+bool holds_any(const Bytes& voxels) {
+  return std::find(voxels.begin(), voxels.end(), 1) != voxels.end();
+}
+
+// The error if nothing is left of the material. It names all options that can have removed it.
+Error nothing_left_error(const SolidOptions& options, double before_mm3) {
+  std::vector<const char*> names;
+  if (options.min_volume_mm3 > 0) names.push_back("--min-volume");
+  if (options.column) names.push_back("--keep column");
+  if (!options.mask_file.empty()) names.push_back("--mask");
+  std::string out;
+  for (std::size_t i = 0; i < names.size(); ++i) {
+    const char* const before = i == 0 ? "" : i + 1 < names.size() ? ", " : " and ";
+    out.append(before).append(names[i]);
+  }
+  return refused(out + (names.size() > 1 ? " leave" : " leaves") + " none of the " +
+                 rounded(before_mm3) + " mm^3 of material");
+}
+
 Bytes difference(const Bytes& of, const Bytes& without) {
   Bytes out(of.size());
   for (std::size_t i = 0; i < of.size(); ++i)
@@ -346,6 +382,10 @@ Bytes difference(const Bytes& of, const Bytes& without) {
 }
 
 }  // namespace
+
+Error fill_of_several_error() {
+  return usage("--fill fills one material: join the labels with +, as --labels 20+21");
+}
 
 Result<SolidBone> SolidBone::make(const SliceStack& stack, const Segmentation& segmentation,
                                   std::optional<SliceAxis> axis, const SolidOptions& options,
@@ -358,9 +398,13 @@ Result<SolidBone> SolidBone::make(const SliceStack& stack, const Segmentation& s
   const VoxelGrid grid = grid_of(stack);
   const bool is_hu = has_hu(stack, segmentation);
   std::optional<BlockMeans> means;
-  if (is_hu && options.fill_mm2) means.emplace(grid);
-  auto flags = segmented(stack, segmentation, grid, means ? &*means : nullptr);
+  if (needs_soft_regions(stack, segmentation, options)) means.emplace(grid);
+  std::set<int> labels;
+  auto flags = segmented(stack, segmentation, grid, means ? &*means : nullptr, &labels);
   if (!flags) return flags.error();
+  const auto* wanted = std::get_if<Labels>(&segmentation);
+  const bool fills_all = options.fill_mm2 && wanted != nullptr && wanted->all;
+  if (fills_all && labels.size() > 1) return fill_of_several_error();
   Bytes material(grid.size());
   std::transform(flags->begin(), flags->end(), material.begin(), [](std::uint8_t f) {
     return static_cast<std::uint8_t>((f & kMaterial) != 0 ? 1 : 0);
@@ -371,7 +415,9 @@ Result<SolidBone> SolidBone::make(const SliceStack& stack, const Segmentation& s
                 material.begin() + static_cast<std::ptrdiff_t>(run.end), std::uint8_t{0});
   }
   const Bytes before = material;
+  const auto is_emptied = [&] { return holds_any(before) && !holds_any(material); };
   SolidBone out;
+  if (fills_all && !labels.empty()) out.filled_label_ = *labels.begin();
 
   const auto drop_specks = [&] {
     if (options.min_volume_mm3 > 0) {
@@ -395,12 +441,13 @@ Result<SolidBone> SolidBone::make(const SliceStack& stack, const Segmentation& s
   if (options.fill_mm2) {
     const std::size_t column = column_axis(stack);
     const std::vector<Canal> canals = fill(grid, column, is_hu, options, *flags, material);
-    if (options.column && canals.empty())
+    if (options.column && canals.empty() && !is_emptied())
       return refused(
           input_name(stack) +
           ": no spinal canal found, a soft tunnel in a ring of bone; --keep column needs "
           "one, --seed and --mask do not");
-    if (options.column) keep_column(VoxelPlanes(grid, column), canals.front(), material);
+    if (options.column && !canals.empty())
+      keep_column(VoxelPlanes(grid, column), canals.front(), material);
   }
   *flags = {};
   if (!options.mask_file.empty()) {
@@ -412,16 +459,7 @@ Result<SolidBone> SolidBone::make(const SliceStack& stack, const Segmentation& s
     keep_nearest_to_first(grid, *seeds, material);
   }
   if (options.largest > 0) keep_largest(grid, material, options.largest);
-
-  const auto holds_any = [](const Bytes& voxels) {
-    return std::find(voxels.begin(), voxels.end(), 1) != voxels.end();
-  };
-  if (holds_any(before) && !holds_any(material))
-    return refused(std::string(options.mask_file.empty()    ? "--min-volume leaves"
-                               : options.min_volume_mm3 > 0 ? "--min-volume and --mask leave"
-                                                            : "--mask leaves") +
-                   " none of the " + std::to_string(std::lround(volume_mm3(grid, before))) +
-                   " mm^3 of material");
+  if (is_emptied()) return nothing_left_error(options, volume_mm3(grid, before));
 
   out.width_ = stack.width();
   out.height_ = stack.height();

@@ -7,9 +7,10 @@
 // option is not given.
 //  1. min_volume: components smaller than this volume are removed. This is done before step 2,
 //     because a speck in a gap of the bone could make the gap so narrow that it counts as closed.
-//     If `column` is given, and the material is given by a threshold in HU, another step follows,
-//     with or without min_volume: soft tissue whose values are above the threshold, such as vessels
-//     with contrast medium (soft_regions.h), is removed, and then small components once more.
+//     If `column` is given, and the material is given by a threshold of at least kMinBone_HU,
+//     another step follows, with or without min_volume: soft tissue whose values are above the
+//     threshold, such as vessels with contrast medium (soft_regions.h), is removed, and then small
+//     components once more. Voxels of at least 556 HU are never removed as soft tissue.
 //  2. fill, close: a voxel is filled if it is enclosed (plane_flood.h) in at least two of the three
 //     planes of voxels through it. Canals (canals.h) along the patient's long axis stay open. If
 //     the material is given by a threshold in HU, voxels below kAir_HU are never filled.
@@ -64,13 +65,17 @@ struct SolidOptions {
   }
 };
 
+/// The error if `fill_mm2` is set and there are several materials.
+Error fill_of_several_error();
+
 /// The material of a scan, voxel by voxel.
 class SolidBone {
  public:
-  /// Reads all slices on several threads. Errors: those of reading; kRefused if the slices are not
-  /// parallel or not in ascending order, the mask is unusable or on another grid, a seed is not
-  /// near any material, `column` is set but there is no canal, or nothing is left. O(voxels log
-  /// voxels) with seeds, otherwise O(voxels).
+  /// Reads all slices on several threads. Errors: those of reading; kUsage if `fill_mm2` is set and
+  /// all labels are wanted of a scan with several; kRefused if the slices are not parallel or not
+  /// in ascending order, the mask is unusable or on another grid, a seed is not near any material,
+  /// `column` is set but there is no canal, or nothing is left. O(voxels log voxels) with seeds,
+  /// otherwise O(voxels).
   static Result<SolidBone> make(const SliceStack& stack, const Segmentation& segmentation,
                                 std::optional<SliceAxis> axis, const SolidOptions& options,
                                 const ScannerTable* table = nullptr);
@@ -87,14 +92,19 @@ class SolidBone {
   /// the mean of the original values over the material; no value if nothing is material.
   std::optional<double> apply(int slice, int offset_x, int offset_y, Field& field) const;
 
-  /// Warning: contrast_filled if filling is wanted and there is soft tissue above the threshold.
+  /// The label of all filled voxels if `fill_mm2` is set and all labels are wanted; 0: the scan has
+  /// no label.
+  int filled_label() const { return filled_label_; }
+
+  /// Warning: contrast_filled if filling is wanted and there is soft tissue above the threshold,
+  /// which is at least kMinBone_HU (soft_regions.h).
   const std::vector<Warning>& warnings() const { return warnings_; }
   /// Volumes that were added to the material and removed from it, for the report.
   double filled_mm3() const { return filled_mm3_; }
   double dropped_mm3() const { return dropped_mm3_; }
 
  private:
-  int width_ = 0, height_ = 0;
+  int width_ = 0, height_ = 0, filled_label_ = 0;
   std::vector<std::uint8_t> material_;
   double filled_mm3_ = 0, dropped_mm3_ = 0;
   std::vector<Warning> warnings_;

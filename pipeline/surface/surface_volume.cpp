@@ -174,16 +174,87 @@ void drop_small_components(SurfaceVolume& volume, int min_voxels, double min_mm3
     drop_small(volume, inside, least);
 }
 
+namespace {
+
+// The voxels of a block: along each axis from a first one to before the last.
+struct VoxelBlock {
+  std::array<int, 3> from{}, to{};
+  int voxels() const { return (to[0] - from[0]) * (to[1] - from[1]) * (to[2] - from[2]); }
+};
+
+// Calls visit(value) for each voxel of a block.
+template <typename Visit>
+void each_value(const SurfaceVolume& volume, const VoxelBlock& block, const Visit& visit) {
+  for (int z = block.from[2]; z < block.to[2]; ++z)
+    for (int y = block.from[1]; y < block.to[1]; ++y)
+      for (int x = block.from[0]; x < block.to[0]; ++x)
+        visit(volume.value(x, y, z));
+}
+
+struct BlockMean {
+  float value = 0;
+  // Value of the border beside the block, along x and along y. 0: as with_border() makes it.
+  std::array<float, 2> border{};
+};
+
+// The mean of block (x, y, z). The last block of a row or column can be partial. If material
+// reaches its end, the voxels that it lacks count as well: each is as far below zero as the last
+// voxel of its row or column is away from zero. Otherwise the surface would lie up to a block
+// beyond the end of the scan, because the mean's place is the middle of a full block.
+BlockMean block_mean(const SurfaceVolume& volume, const std::array<int, 3>& factor,
+                     const std::array<int, 3>& at) {
+  VoxelBlock block;
+  for (std::size_t k = 0; k < 3; ++k) {
+    block.from[k] = 1 + at[k] * factor[k];
+    block.to[k] = std::min(block.from[k] + factor[k], volume.size[k] - 1);
+  }
+  BlockMean out;
+  VoxelBlock full = block;
+  for (std::size_t axis = 0; axis < 2; ++axis) {
+    if (block.to[axis] - block.from[axis] == factor[axis]) continue;
+    VoxelBlock end = block;
+    end.from[axis] = end.to[axis] - 1;
+    double sum = 0;
+    bool is_cut = false;
+    each_value(volume, end, [&](float value) {
+      sum += static_cast<double>(outside(value));
+      is_cut = is_cut || value >= 0;
+    });
+    if (!is_cut) continue;
+    full.to[axis] = full.from[axis] + factor[axis];
+    out.border[axis] = static_cast<float>(sum / end.voxels());
+  }
+  double sum = 0;
+  each_value(volume, block, [&sum](float value) { sum += static_cast<double>(value); });
+  if (full.to != block.to) {
+    for (int z = full.from[2]; z < full.to[2]; ++z) {
+      for (int y = full.from[1]; y < full.to[1]; ++y) {
+        for (int x = y < block.to[1] ? block.to[0] : full.from[0]; x < full.to[0]; ++x) {
+          const float last =
+              volume.value(std::min(x, block.to[0] - 1), std::min(y, block.to[1] - 1), z);
+          sum += static_cast<double>(outside(last));
+        }
+      }
+    }
+  }
+  out.value = static_cast<float>(sum / full.voxels());
+  return out;
+}
+
+}  // namespace
+
 SurfaceVolume coarser(const SurfaceVolume& volume, const std::array<int, 3>& factor) {
   const int fx = factor[0], fy = factor[1], fz = factor[2];
   SurfaceVolume out;
   out.u_mm = volume.u_mm * fx;
   out.v_mm = volume.v_mm * fy;
   out.T_lps_volume = volume.T_lps_volume;
-  for (std::size_t k = 0; k < 3; ++k)  // without the border; the last voxels average fewer voxels
+  for (std::size_t k = 0; k < 3; ++k)  // without the border
     out.size[k] = std::max(1, (volume.size[k] - 2 + factor[k] - 1) / factor[k]);
   if (out.size[2] < 2) return volume;
-  out.values.resize(static_cast<std::size_t>(out.size[0]) * out.size[1] * out.size[2]);
+  const auto nx = static_cast<std::size_t>(out.size[0]), ny = static_cast<std::size_t>(out.size[1]),
+             nz = static_cast<std::size_t>(out.size[2]);
+  out.values.resize(nx * ny * nz);
   for (int z = 0; z < out.size[2]; ++z) {
     const int z0 = 1 + z * fz, z1 = std::min(z0 + fz, volume.size[2] - 1);
     Eigen::Vector3d origin = Eigen::Vector3d::Zero();
@@ -192,23 +263,30 @@ SurfaceVolume coarser(const SurfaceVolume& volume, const std::array<int, 3>& fac
     out.origin_mm.emplace_back(
         origin + Eigen::Vector3d((fx - 1) * 0.5 * volume.u_mm, (fy - 1) * 0.5 * volume.v_mm, 0));
   }
+  std::vector<float> right(ny * nz), lower(nx * nz);  // BlockMean::border of the last blocks
   parallel_for(out.size[2], [&](int z) {
-    const int z0 = 1 + z * fz, z1 = std::min(z0 + fz, volume.size[2] - 1);
-    std::size_t i = static_cast<std::size_t>(z) * out.size[0] * out.size[1];
+    const auto slice = static_cast<std::size_t>(z);
+    std::size_t i = slice * nx * ny;
     for (int y = 0; y < out.size[1]; ++y) {
-      const int y0 = 1 + y * fy, y1 = std::min(y0 + fy, volume.size[1] - 1);
       for (int x = 0; x < out.size[0]; ++x) {
-        const int x0 = 1 + x * fx, x1 = std::min(x0 + fx, volume.size[0] - 1);
-        double sum = 0;
-        for (int zz = z0; zz < z1; ++zz)
-          for (int yy = y0; yy < y1; ++yy)
-            for (int xx = x0; xx < x1; ++xx)
-              sum += static_cast<double>(volume.value(xx, yy, zz));
-        out.values[i++] = static_cast<float>(sum / ((x1 - x0) * (y1 - y0) * (z1 - z0)));
+        const BlockMean mean = block_mean(volume, factor, {x, y, z});
+        out.values[i++] = mean.value;
+        if (x == out.size[0] - 1) right[slice * ny + static_cast<std::size_t>(y)] = mean.border[0];
+        if (y == out.size[1] - 1) lower[slice * nx + static_cast<std::size_t>(x)] = mean.border[1];
       }
     }
   });
-  return with_border(std::move(out));
+  SurfaceVolume bordered = with_border(std::move(out));
+  const std::size_t row = nx + 2, layer = row * (ny + 2);
+  for (std::size_t z = 0; z < nz; ++z) {
+    for (std::size_t y = 0; y < ny; ++y)
+      if (right[z * ny + y] < 0)
+        bordered.values[(z + 1) * layer + (y + 2) * row - 1] = right[z * ny + y];
+    for (std::size_t x = 0; x < nx; ++x)
+      if (lower[z * nx + x] < 0)
+        bordered.values[(z + 1) * layer + (ny + 1) * row + x + 1] = lower[z * nx + x];
+  }
+  return bordered;
 }
 
 namespace {

@@ -127,7 +127,7 @@ def test_groups_labels():
                            (("20-22,21+23",), "label 21 is in two materials"), (("20+20",), "label 20 is joined to itself"),
                            (("20+",), "must be all, or labels"), (("20++21",), "must be all, or labels"),
                            (("20,21", "--contour", "pixel"), "join the labels"), (("all", "--contour", "pixel"), "join the labels"),
-                           (("20,21", "--fill", "all"), "--fill fills one material")):
+                           (("20,21", "--fill", "all"), "--fill fills one material"), (("all", "--fill", "all"), "--fill fills one material")):
         said = run(MESH, file, "--labels", *words, "-o", WORK / "none.glb", expect=2).stderr
         assert because in said and len(said.splitlines()) == 1, f"{words}: {said}"
     run(MESH, file, "--labels", "20+21", "--contour", "pixel", "-o", asset, "--quiet")
@@ -138,6 +138,22 @@ def test_groups_labels():
     # Three squares of 12 x 8 pixels that share borders: rounded corners only.
     told = info(asset)["materials"]
     assert all(abs(m["area_mm2"] / (96 * PIXEL_MM ** 2) - 1) < 0.02 for m in told), f"{told}"
+
+
+def test_all_labels_of_a_map_with_one_are_filled_like_this_one():
+    """Also in a slice that lost its labels, which only the filling closes."""
+    slices = [numpy.zeros((30, 30), int) for _ in range(14)]
+    for k in (2, 3, 4, 5, 7, 8, 9, 10):
+        slices[k][10:20, 10:20] = 7
+    file, told = label_map("gap.nii.gz", slices), {}
+    for words in ("7", "all"):
+        asset = WORK / f"gap_{words}.glb"
+        run(MESH, file, "--labels", words, "--fill", "all", "--close", "2", "-o", asset, "--quiet")
+        told[words] = info(asset)
+        assert [s["index"] for s in told[words]["slices"] if s["area_mm2"]] == list(range(2, 11)), told[words]["slices"]
+    assert [m["name"] for m in told["all"]["materials"]] == ["label 7"], told["all"]["materials"]
+    areas = [[m["area_mm2"] for m in one["materials"]] for one in told.values()]
+    assert areas[0] == areas[1], areas
 
 
 def test_is_met_as_one_sheet():

@@ -24,12 +24,13 @@ struct Phantom {
   // is convex towards the back (kyphosis), negative if convex towards the front, 0 if straight.
   double curve_mm = 0;
   bool has_vessels = false;
+  double marrow_HU = 58, vessel_HU = 300, cortex_mm = 1.2;
   SliceAxis axis = SliceAxis::kAxial;
 };
 
 constexpr double kPeriod_mm = 25;
 
-// Vertebrae of thin cortex and dark marrow, 25 mm apart, with a canal of 16 x 15 mm, pedicles,
+// Vertebrae of cortex around dark marrow, 25 mm apart, with a canal of 16 x 15 mm, pedicles,
 // laminae with gaps, foramina and discs. x left, y back, z up, in mm; the canal is at 0, 0.
 Tissue tissue_at(const Phantom& phantom, double x, double y, double z) {
   if (phantom.curve_mm == 0) {
@@ -52,7 +53,7 @@ Tissue tissue_at(const Phantom& phantom, double x, double y, double z) {
       std::max({from_canal - 5, -from_canal, 0.5 - y, std::abs(level + 1) - kPeriod_mm / 2 + 2});
   const double process = std::max({side - 3, std::abs(level + 2) - 6, 8 - y, y - 28});
   const double bone = std::min({body, pedicle, lamina, process});
-  if (bone < 0) return bone > -1.2 ? Tissue::kCortex : Tissue::kMarrow;
+  if (bone < 0) return bone > -phantom.cortex_mm ? Tissue::kCortex : Tissue::kMarrow;
   if (body_side < 0) return Tissue::kDisc;
   if (!phantom.has_vessels) return Tissue::kSoft;
   const bool is_aorta = std::hypot(x - 5, y + 45) < 11.5;
@@ -61,18 +62,18 @@ Tissue tissue_at(const Phantom& phantom, double x, double y, double z) {
   return is_aorta || is_bridge || is_heart ? Tissue::kVessel : Tissue::kSoft;
 }
 
-double hu_of(Tissue tissue) {
+double hu_of(const Phantom& phantom, Tissue tissue) {
   switch (tissue) {
     case Tissue::kCanal:
       return 20;
     case Tissue::kDisc:
       return 100;
     case Tissue::kMarrow:
-      return 58;
+      return phantom.marrow_HU;
     case Tissue::kCortex:
       return 600;
     case Tissue::kVessel:
-      return 300;
+      return phantom.vessel_HU;
     default:
       return 50;
   }
@@ -136,7 +137,7 @@ class ColumnStack final : public SliceStack {
     for (int i = 0; i < 8; ++i) {
       const Eigen::Vector3d part((i & 1) - 0.5, (i >> 1 & 1) - 0.5, (i >> 2 & 1) - 0.5);
       const Eigen::Vector3d p = at + 0.5 * part.cwiseProduct(step);
-      sum += hu_of(tissue_at(phantom, p.x(), p.y(), p.z()));
+      sum += hu_of(phantom, tissue_at(phantom, p.x(), p.y(), p.z()));
     }
     return {sum / 8, tissue_at(phantom, at.x(), at.y(), at.z())};
   }
@@ -247,6 +248,40 @@ TEST(Canals, VesselsAreNamedAndLeftOutOfTheColumn) {
   EXPECT_LE(canal_filled(stack, column), 0.01);
 }
 
+// Marrow below 4 HU, such as fat, and such voxels of noisy marrow.
+TEST(Canals, DarkMarrowIsFilledInTheColumnBesideVesselsToo) {
+  for (const auto& [noise_HU, marrow_HU] : {std::pair(0.0, -40.0), std::pair(45.0, 58.0)}) {
+    const ColumnStack stack(
+        Phantom{.noise_HU = noise_HU, .has_vessels = true, .marrow_HU = marrow_HU});
+    const double all = part_inside(stack, filled(stack), Tissue::kMarrow);
+    EXPECT_GT(all, 0.8) << marrow_HU;
+    EXPECT_GT(part_inside(stack, filled(stack, true), Tissue::kMarrow), all - 0.05) << marrow_HU;
+  }
+}
+
+// The aorta of a CT angiography lies on the vertebrae. Its limit of 580 HU is in the highest step of
+// packed HU, in which all higher values are, too.
+TEST(Canals, CortexBesideABrightVesselStays) {
+  const ColumnStack stack(Phantom{.has_vessels = true, .vessel_HU = 480, .cortex_mm = 4});
+  const SolidBone all = filled(stack), column = filled(stack, true);
+  EXPECT_LT(part_inside(stack, column, Tissue::kVessel), 0.05);
+  EXPECT_GT(part_inside(stack, column, Tissue::kCortex),
+            part_inside(stack, all, Tissue::kCortex) - 0.05);
+  int dense = 0, missing = 0;
+  for (int k = 0; k < stack.size(); ++k) {
+    const Image image = *stack.read(k);
+    for (int v = 0; v < stack.height(); ++v) {
+      for (int u = 0; u < stack.width(); ++u) {
+        if (image.at(u, v) < 599 || !all.inside(k, u, v)) continue;
+        ++dense;
+        missing += column.inside(k, u, v) ? 0 : 1;
+      }
+    }
+  }
+  EXPECT_GT(dense, 1000);
+  EXPECT_EQ(missing, 0) << "of " << dense;
+}
+
 TEST(Canals, WithoutContrastNothingIsNamed) {
   const ColumnStack stack(Phantom{.noise_HU = 20});
   EXPECT_TRUE(filled(stack).warnings().empty());
@@ -259,10 +294,25 @@ TEST(Canals, PackedValuesAreTrueToHalfAStep) {
   }
   EXPECT_GT(unpacked_hu(packed_hu(3000)), 550);
   EXPECT_LT(unpacked_hu(packed_hu(-1000)), -190);
+  for (const unsigned flags : {0U, 3U}) {  // the lower two bits
+    const auto is_highest = [flags](float value) {
+      return is_in_highest_step(static_cast<std::uint8_t>(packed_hu(value) | flags));
+    };
+    EXPECT_TRUE(is_highest(556));
+    EXPECT_TRUE(is_highest(3000));
+    EXPECT_FALSE(is_highest(555));
+    EXPECT_FALSE(is_highest(-1000));
+  }
 }
 
-// The search of a region is confined to a box around its core, which must hold all that is near it.
-TEST(SoftRegions, AFadingBallIsSoftUpToItsSurface) {
+// A ball of 24 mm with a darker rim of 6 mm, in blocks of one voxel.
+struct FadingBall {
+  SoftRegions soft;
+  std::size_t blocks = 0, missed = 0;  // blocks of the ball, and those that are not soft
+  std::uint16_t highest_limit_HU = 0;
+};
+
+FadingBall fading_ball(float inside_HU, float rim_HU, float outside_HU, double threshold_HU) {
   constexpr int kBlocks = 40;
   constexpr double kRadius_mm = 24, kRim_mm = 6;
   VoxelGrid grid;
@@ -280,20 +330,37 @@ TEST(SoftRegions, AFadingBallIsSoftUpToItsSurface) {
         if (r_mm < kRadius_mm)
           ball.push_back(means.block(static_cast<std::size_t>(x), static_cast<std::size_t>(y),
                                      static_cast<std::size_t>(z)));
-        image.values.push_back(r_mm >= kRadius_mm            ? 40.0F
-                               : r_mm > kRadius_mm - kRim_mm ? 270.0F
-                                                             : 330.0F);
+        image.values.push_back(r_mm >= kRadius_mm            ? outside_HU
+                               : r_mm > kRadius_mm - kRim_mm ? rim_HU
+                                                             : inside_HU);
       }
     }
     means.add(static_cast<std::size_t>(z), image);
   }
   means.finish();
-  const SoftRegions soft = find_soft_regions(means, 226);
-  EXPECT_EQ(soft.count, 1);
-  std::size_t missed = 0;
-  for (const std::size_t block : ball)
-    missed += soft.limit_HU[block] == 0 ? 1 : 0;
-  EXPECT_EQ(missed, 0U) << "of " << ball.size();
+  FadingBall out{find_soft_regions(means, threshold_HU), ball.size()};
+  for (const std::size_t block : ball) {
+    out.missed += out.soft.limit_HU[block] == 0 ? 1 : 0;
+    out.highest_limit_HU = std::max(out.highest_limit_HU, out.soft.limit_HU[block]);
+  }
+  return out;
+}
+
+// The search of a region is confined to a box around its core, which must hold all that is near it.
+TEST(SoftRegions, AFadingBallIsSoftUpToItsSurface) {
+  const FadingBall ball = fading_ball(330, 270, 40, 226);
+  EXPECT_EQ(ball.soft.count, 1);
+  EXPECT_EQ(ball.missed, 0U) << "of " << ball.blocks;
+  EXPECT_NEAR(ball.highest_limit_HU, 430, 10);
+}
+
+TEST(SoftRegions, ALimitIsNeverNegative) {
+  for (const float inside_HU : {-100.0F, -120.0F, -290.0F}) {
+    const FadingBall ball = fading_ball(inside_HU, inside_HU - 30, -1000, -300);
+    EXPECT_EQ(ball.soft.count, 1) << inside_HU;
+    EXPECT_EQ(ball.missed, 0U) << inside_HU << ", of " << ball.blocks;
+    EXPECT_EQ(ball.highest_limit_HU, 1) << inside_HU;
+  }
 }
 
 }  // namespace

@@ -228,6 +228,15 @@ TEST(ScannerTable, APlateInAFewSlicesIsNoTable) {
   expect_kept(found_in(trunk(), {within(-50, 0, box(-180, 180, 105, 109, kShell))}));
 }
 
+// Each place of this plate's cross-section is in three or four of ten samples.
+TEST(ScannerTable, APlateThatLiesElsewhereInEachSliceIsNoTable) {
+  const Thing plate = [](double x, double y, double z) {
+    const double from = 98 + 2 * (z + 50) / 5;
+    return std::abs(x) < 180 && y >= from && y < from + 14 ? kShell : kNothing;
+  };
+  expect_kept(found_in(trunk(), {plate}));
+}
+
 TEST(ScannerTable, APlateThatIsNarrowerThanATableStays) {
   expect_kept(found_in(trunk(), {box(-60, 60, 105, 109, kShell)}));
   expect_removed(found_in(trunk(), {box(-90, 90, 105, 109, kShell)}));

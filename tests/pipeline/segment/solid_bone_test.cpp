@@ -5,6 +5,7 @@
 
 #include <cmath>
 #include <functional>
+#include <limits>
 
 #include "pipeline/contour/contour.h"
 
@@ -151,6 +152,47 @@ TEST(SolidBone, NothingLeftIsRefused) {
   const auto out = SolidBone::make(stack, Threshold{226}, SliceAxis::kAxial, options);
   ASSERT_FALSE(out);
   EXPECT_EQ(out.error().code, ExitCode::kRefused);
+  EXPECT_TRUE(out.error().message.starts_with("--min-volume leaves none of the "))
+      << out.error().message;
+  options.fill_mm2 = 2500;
+  options.column = true;
+  const auto column = SolidBone::make(stack, Threshold{226}, SliceAxis::kAxial, options);
+  ASSERT_FALSE(column);
+  EXPECT_EQ(column.error().code, ExitCode::kRefused);
+  EXPECT_TRUE(
+      column.error().message.starts_with("--min-volume and --keep column leave none of the "))
+      << column.error().message;
+}
+
+TEST(SolidBone, AColumnWithoutACanalIsRefused) {
+  SolidOptions options = filling(3, 2500);
+  options.column = true;
+  const auto out = SolidBone::make(two_balls(), Threshold{226}, SliceAxis::kAxial, options);
+  ASSERT_FALSE(out);
+  EXPECT_NE(out.error().message.find("no spinal canal found"), std::string::npos)
+      << out.error().message;
+}
+
+// The body is no vessel with contrast medium if the threshold is one for skin.
+TEST(SolidBone, ContrastIsSearchedForWithAThresholdOfBoneOnly) {
+  const auto ball = [](double inside_HU, double outside_HU) {
+    return BlockStack([=](double x, double y, double z) {
+      return from_middle(x, y, z) < 15 ? inside_HU : outside_HU;
+    });
+  };
+  SolidOptions options = filling(0, std::numeric_limits<double>::infinity());
+  options.min_volume_mm3 = 1000;
+  options.largest = 1;
+  const auto warnings = [&options](const BlockStack& stack, double threshold_HU) {
+    const auto out = SolidBone::make(stack, Threshold{threshold_HU}, SliceAxis::kAxial, options);
+    EXPECT_TRUE(out) << out.error().message;
+    return out ? out->warnings() : std::vector<Warning>();
+  };
+  EXPECT_TRUE(warnings(ball(60, -1000), -300).empty());
+  EXPECT_TRUE(warnings(ball(300, 40), 99).empty());
+  const std::vector<Warning> named = warnings(ball(300, 40), 100);
+  ASSERT_EQ(named.size(), 1U);
+  EXPECT_EQ(named[0].code, "contrast_filled");
 }
 
 TEST(SolidBone, SlicesThatAreNotParallelAreRefused) {

@@ -2,6 +2,7 @@
 // Surfaces for display against shapes whose surface is known: balls, the phantom, labels.
 #include "pipeline/surface/display_surface.h"
 #include "pipeline/open/open_stack.h"
+#include "pipeline/surface/isosurface.h"
 #include "pipeline/verify/surface_proof.h"
 #include "sample_ct/render.h"
 
@@ -174,6 +175,54 @@ TEST(DisplaySurface, HasMoreTrianglesWhereItsBoundNeedsThem) {
   EXPECT_GT(enough->surface.triangles.size(), 40U);
   EXPECT_LT(enough->surface.triangles.size(), enough->mesher_triangles);
   EXPECT_TRUE(enough->is_within_bound());
+}
+
+// Also if the scan ends within the block of voxels that are averaged.
+TEST(DisplaySurface, OfAveragedVoxelsIsClosedWhereTheScanEnds) {
+  for (const int factor : {4, 8}) {
+    for (int n = 2 * factor + 1; n <= 3 * factor; ++n) {
+      const Synthetic stack({n, n, 12}, {1, 1, 1}, 0, [](const Vector3d&) { return 1000.0; });
+      const auto volume = read_surface_volume(stack, 0, stack.size() - 1, {});
+      ASSERT_TRUE(volume) << volume.error().message;
+      const auto surface = isosurface(coarser(*volume, {factor, factor, 1}));
+      ASSERT_TRUE(surface) << surface.error().message;
+      const Eigen::Affine3d back = stack.plane(0).T_lps_plane.inverse();
+      Vector3d low = Vector3d::Constant(1e3), high = -low;
+      for (const Vector3d& p : samples(*surface)) {
+        low = low.cwiseMin(back * p);
+        high = high.cwiseMax(back * p);
+      }
+      for (const int axis : {0, 1}) {
+        EXPECT_NEAR(low[axis], -0.5, 0.05) << n << " voxels, " << factor << " averaged";
+        EXPECT_NEAR(high[axis], n - 0.5, 0.1 * factor) << n << " voxels, " << factor << " averaged";
+      }
+    }
+  }
+}
+
+// Blocks in which the material does not reach the scan's end are plain means.
+TEST(DisplaySurface, AveragedVoxelsAreMeans) {
+  const Synthetic stack({11, 10, 12}, {1, 1, 1}, 0, [i = 0](const Vector3d&) mutable {
+    const int x = i % 11, y = i / 11 % 10;
+    ++i;
+    return x < 10 && y < 9 ? 1000.0 + 8 * x + 16 * y : 200.0 - x - y;
+  });
+  const auto volume = read_surface_volume(stack, 0, stack.size() - 1, {});
+  ASSERT_TRUE(volume) << volume.error().message;
+  ASSERT_EQ(volume->size, (std::array<int, 3>{13, 12, 14}));
+  const SurfaceVolume means = coarser(*volume, {4, 4, 1});
+  ASSERT_EQ(means.size, (std::array<int, 3>{5, 5, 14}));
+  for (int y = 0; y < 3; ++y) {
+    for (int x = 0; x < 3; ++x) {
+      double sum = 0, count = 0;
+      for (int b = 4 * y; b < std::min(4 * y + 4, 10); ++b)
+        for (int a = 4 * x; a < std::min(4 * x + 4, 11); ++a)
+          sum += static_cast<double>(volume->value(a + 1, b + 1, 5)), count += 1;
+      EXPECT_EQ(means.value(x + 1, y + 1, 5), static_cast<float>(sum / count)) << x << ", " << y;
+    }
+    EXPECT_EQ(means.value(4, y + 1, 5), -std::abs(means.value(3, y + 1, 5))) << y;
+    EXPECT_EQ(means.value(y + 1, 4, 5), -std::abs(means.value(y + 1, 3, 5))) << y;
+  }
 }
 
 TEST(DisplaySurface, SaysWhatIsTooSmall) {
