@@ -93,6 +93,30 @@ const std::set<std::string>& reserved_options() {
   return names;
 }
 
+// Why a product cannot have the option; empty if it can. The key of a product has the bytes of the
+// scan's files, but not those of a file that only the product's own options name, so that nobody
+// would notice a change of this file.
+std::string why_not_for_products(const std::string& option, const json& value) {
+  static const std::set<std::string> of_mesh = {"hu", "input-key", "mask"};
+  static const std::set<std::string> of_run = {"black-box",     "device-description",
+                                               "frames",        "hand-path",
+                                               "history",       "key-file",
+                                               "live",          "meshes",
+                                               "replay",        "summary",
+                                               "session-report"};
+  const bool is_word = std::all_of(option.begin(), option.end(), [](char c) {
+    return (c >= 'a' && c <= 'z') || (c >= '0' && c <= '9') || c == '-';
+  });
+  if (!is_word || option.empty() || option[0] == '-' || reserved_options().contains(option))
+    return "is not for products";
+  // --names takes a file or one of the tables of LabelNames::is_table().
+  const bool is_table = value == "verse" || value == "totalsegmentator";
+  if (of_mesh.contains(option) || (option == "names" && !is_table))
+    return "is not for products, because it names a file; give it to the scan as a parameter";
+  if (of_run.contains(option)) return "is not for products, because it names a file";
+  return "";
+}
+
 WantedProduct read_product(const json& given, const std::string& path, JsonErrors& errors) {
   WantedProduct out;
   std::string name;
@@ -105,11 +129,8 @@ WantedProduct read_product(const json& given, const std::string& path, JsonError
       read_parameters(*own, reader.path("parameters"), out.parameters, errors);
     reader.finish();
     for (const auto& [option, value] : out.parameters.items()) {
-      const bool is_word = std::all_of(option.begin(), option.end(), [](char c) {
-        return (c >= 'a' && c <= 'z') || (c >= '0' && c <= '9') || c == '-';
-      });
-      if (!is_word || option.empty() || option[0] == '-' || reserved_options().contains(option))
-        errors.add(reader.path("parameters") + "/" + option, "is not for products");
+      if (const std::string why = why_not_for_products(option, value); !why.empty())
+        errors.add(reader.path("parameters") + "/" + option, why);
     }
   }
   if (const auto kind = product_kind(name)) {

@@ -23,7 +23,8 @@ constexpr std::uint64_t kMaxMessageBytes = std::uint64_t{1} << 20;
 
 // The child's part between fork() and exec(), which may call only functions that are safe after a
 // fork of a process with threads.
-[[noreturn]] void execute(const std::vector<char*>& words, const Command& command, pid_t parent) {
+[[noreturn]] void execute(const std::vector<char*>& words, const std::vector<char*>& environment,
+                          const Command& command, pid_t parent) {
   ::prctl(PR_SET_PDEATHSIG, SIGKILL);
   if (::getppid() != parent) ::_exit(1);  // the parent died before prctl()
   const auto redirect = [](const fs::path& file, int to) {
@@ -33,8 +34,26 @@ constexpr std::uint64_t kMaxMessageBytes = std::uint64_t{1} << 20;
   const bool is_ready = redirect(command.output, STDOUT_FILENO) &&
                         redirect(command.errors, STDERR_FILENO) &&
                         (command.folder.empty() || ::chdir(command.folder.c_str()) == 0);
-  if (is_ready) ::execv(words[0], words.data());
+  if (is_ready) ::execve(words[0], words.data(), environment.data());
   ::_exit(127);
+}
+
+// Pointers to the texts, with a null pointer behind them.
+std::vector<char*> pointers_to(std::vector<std::string>& texts) {
+  std::vector<char*> out;
+  out.reserve(texts.size() + 1);
+  for (std::string& text : texts)
+    out.push_back(text.data());
+  out.push_back(nullptr);
+  return out;
+}
+
+// The environment of this process, and kExitForNowVariable.
+std::vector<std::string> environment_of_command() {
+  std::vector<std::string> out = {std::string(kExitForNowVariable) + "=1"};
+  for (char** one = ::environ; one != nullptr && *one != nullptr; ++one)
+    out.emplace_back(*one);
+  return out;
 }
 
 // The last line of a message of a program, without "NAME: " in front.
@@ -62,6 +81,8 @@ Error error_of(int status, const Command& command) {
       return refused(message);
     case 4:
       return {ExitCode::kUnwritable, message, true};
+    case kExitForNow:
+      return refused_for_now(message);
     default:
       return {ExitCode::kBug, message, true};
   }
@@ -70,18 +91,14 @@ Error error_of(int status, const Command& command) {
 }  // namespace
 
 Result<void> run_command(const Command& command, const std::atomic<bool>* stop) {
-  std::vector<std::string> copies = command.words;
-  std::vector<char*> words;
-  words.reserve(copies.size() + 1);
-  for (std::string& word : copies)
-    words.push_back(word.data());
-  words.push_back(nullptr);
+  std::vector<std::string> copies = command.words, settings = environment_of_command();
+  const std::vector<char*> words = pointers_to(copies), environment = pointers_to(settings);
   const pid_t parent = ::getpid();
   const pid_t pid = ::fork();
   if (pid < 0)
     return Error{ExitCode::kBug, "cannot start " + command.words[0] + ": " + system_message(errno),
                  true};
-  if (pid == 0) execute(words, command, parent);
+  if (pid == 0) execute(words, environment, command, parent);
   int status = 0;
   for (;;) {
     const pid_t ended = ::waitpid(pid, &status, WNOHANG);

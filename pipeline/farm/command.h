@@ -12,6 +12,12 @@
 
 namespace trocar::farm {
 
+/// run_command() sets this variable in the environment of the command. If it is set, trocar-mesh
+/// ends with kExitForNow, and not with exit code 3, if an input was refused for a reason that lies
+/// outside of it (Error::is_temporary), for example because the disk was full.
+inline constexpr const char* kExitForNowVariable = "TROCAR_EXIT_FOR_NOW";
+inline constexpr int kExitForNow = 75;  ///< EX_TEMPFAIL of sysexits.h
+
 struct Command {
   std::vector<std::string> words;     ///< the program's path, then its arguments
   std::filesystem::path folder = {};  ///< working directory; empty: that of this process
@@ -21,10 +27,11 @@ struct Command {
 
 /// Runs the command and waits for its end. The command is killed if this process dies or `stop` is
 /// set; `stop` may be null. Errors: kUsage if the command ended with exit code 2; kRefused with
-/// exit code 3; kUnwritable with exit code 4; kBug if it ended in another way or cannot be started.
-/// After kUnwritable and kBug another try may succeed (Error::is_temporary is set). The message is
-/// the last line of the command's standard error, without the program's name in front. If a signal
-/// ended the command, or this line is empty, the message says how the command ended.
+/// exit code 3 or kExitForNow; kUnwritable with exit code 4; kBug if it ended in another way or
+/// cannot be started. After kExitForNow, kUnwritable and kBug another try may succeed
+/// (Error::is_temporary is set). The message is the last line of the command's standard error,
+/// without the program's name in front. If a signal ended the command, or this line is empty, the
+/// message says how the command ended.
 Result<void> run_command(const Command& command, const std::atomic<bool>* stop);
 
 }  // namespace trocar::farm

@@ -29,7 +29,7 @@ bool is_made_by_run(ProductKind kind);
 struct WantedProduct {
   ProductKind kind = ProductKind::kPreview;
   /// Options of the command that makes the product: names without -- and their values, as
-  /// in a collection.
+  /// in a collection. None of them names a file.
   nlohmann::json parameters = nlohmann::json::object();
 };
 

@@ -125,8 +125,13 @@ Result<Object> make(const ProductWork& work, const WantedProduct& product, const
   } else {
     command.words = mesh_words(work, product, output);
   }
-  if (auto ok = run_command(command, work.stop); !ok)
-    return without(ok.error(), folder.product().string() + "/");
+  const auto done = run_command(command, work.stop);
+  // The command has read the scan's files again. If they have changed, what it made, or why it
+  // failed, does not belong to the product's key.
+  if (!is_made_by_run(product.kind)) {
+    if (auto ok = work.check_inputs(); !ok) return ok.error();
+  }
+  if (!done) return without(done.error(), folder.product().string() + "/");
   const auto bytes = read_file(output);
   if (!bytes) return bug("it wrote no " + output.filename().string());
   return work.store.put_content(*bytes,
@@ -137,7 +142,11 @@ Result<Object> make(const ProductWork& work, const WantedProduct& product, const
 
 json product_parameters(const CollectionScan& scan, const WantedProduct& product) {
   json out = scan.parameters;
-  if (product.kind == ProductKind::kSurface) out["surface"] = true;
+  if (product.kind == ProductKind::kSurface) {
+    for (const char* of_asset : {"lines", "colour", "context"})
+      out.erase(of_asset);
+    out["surface"] = true;
+  }
   out.update(product.parameters);
   return out;
 }

@@ -6,6 +6,7 @@
 
 #include <atomic>
 #include <filesystem>
+#include <functional>
 #include <nlohmann/json.hpp>
 #include <optional>
 #include <vector>
@@ -27,7 +28,8 @@ struct ProductPrograms {
 };
 
 /// The parameters with which `trocar-mesh` makes a preview or a surface: the scan's parameters,
-/// overridden by the product's own.
+/// overridden by the product's own. A surface does not get the scan's parameters that only assets
+/// have a place for.
 nlohmann::json product_parameters(const CollectionScan& scan, const WantedProduct& product);
 
 /// The scan whose products are to be made, and what is needed to make them.
@@ -37,6 +39,8 @@ struct ProductWork {
   const nlohmann::json& action;                      ///< the action of the scan's asset
   const ProductPrograms& programs;
   const Store& store;
+  /// Returns an error if a file of the scan has changed since the scan's files were listed.
+  const std::function<Result<void>()>& check_inputs;
   bool retry = false;                       ///< try known failures (store.md) again
   const std::atomic<bool>* stop = nullptr;  ///< the same flag as Work::stop; may be null
 };
@@ -55,8 +59,10 @@ struct ProductsDone {
 ///  - preview and surface: the action of the scan's asset;
 ///  - scene: the scan's name and the digest of the asset;
 ///  - check: the scan's name and the digests of the asset and of the scene.
-/// A product that fails is recorded in `entry` and in ProductsDone::failure. Errors: kUnwritable if
-/// a file of the store cannot be written; kRefused if `stop` was set.
+/// A preview or a surface fails if check_inputs() returns an error after its command has ended,
+/// because the command reads the scan's files again. A product that fails is recorded in `entry` and
+/// in ProductsDone::failure. Errors: kUnwritable if a file of the store cannot be written; kRefused
+/// if `stop` was set.
 Result<ProductsDone> make_products(const ProductWork& work, ScanEntry& entry);
 
 }  // namespace trocar::farm

@@ -7,6 +7,7 @@
 #include <algorithm>
 #include <array>
 #include <cstring>
+#include <functional>
 #include <memory>
 #include <new>
 #include <optional>
@@ -67,6 +68,20 @@ void remove_damaged(const Store& store, const Object& object, bool is_asset) {
   if (!is_whole) ::unlink(file.c_str());
 }
 
+// Gives an entry of a failure that may pass what the entry before has: the key, so that --gc keeps
+// what belongs to it, and those outputs and products that still exist, so that their links stay. A
+// scan whose key is known to be another one now keeps nothing.
+void keep_results(const Store& store, const std::optional<ScanEntry>& before, ScanEntry& entry) {
+  if (!before || (!entry.key.empty() && entry.key != before->key)) return;
+  entry.key = before->key;
+  if (before->outputs && store.has(*before->outputs)) entry.outputs = before->outputs;
+  entry.products = before->products;
+  std::erase_if(entry.products, [&store](const auto& product) {
+    const std::optional<Object>& file = product.second.file;
+    return file && !store.has(*file);
+  });
+}
+
 // The steps of the work on one scan.
 class Worker {
  public:
@@ -92,7 +107,7 @@ class Worker {
     auto listed = list_files(paths_);
     if (!listed) return listed.error();
     entry_.files = std::move(*listed);
-    is_listed_ = true;
+    is_listed_ = !entry_.files.empty();
     let_times_settle(entry_.files);
     if (known_ && !work_.rehash) reuse_digests(known_->files, entry_.files);
     std::vector<NamedFile> wanted = paths_;
@@ -105,7 +120,8 @@ class Worker {
     if (auto ok = check_unchanged(); !ok) return ok.error();
     action_ = action_of(entry_.program, entry_.parameters, wanted, entry_.files);
     entry_.key = key_of(action_);
-    if (known_ && known_->is_lasting && known_->key == entry_.key && !work_.retry)
+    if (known_ && known_->is_lasting && !work_.retry &&
+        (known_->key == entry_.key || (!opened_ && known_->key == unopened_key())))
       return put_known_failure();
     // Products belong to the key: those of another asset are made again.
     if (known_ && known_->key == entry_.key) entry_.products = known_->products;
@@ -126,6 +142,9 @@ class Worker {
                           known_->parameters == entry_.parameters &&
                           known_->reason == entry_.reason;
     Outcome out;
+    out.key = entry_.key;
+    known_ = store_.entry(scan_.name);  // this run may have written it
+    if (!entry_.is_lasting) keep_results(store_, known_, entry_);
     out.kind = is_known ? Outcome::Kind::kKnownFailure : Outcome::Kind::kFailed;
     out.reason = entry_.reason;
     out.exit_code = entry_.exit_code;
@@ -139,24 +158,44 @@ class Worker {
 
  private:
   // Does the same scan always fail for this reason, and can state_of() see that it is the same? It
-  // lists the files itself, so that it needs no key for a scan whose files cannot be listed. The
-  // key of any other failure is that of all files of the scan, if the scan could not be opened.
+  // lists the files itself, so that it needs no key for a scan whose files cannot be listed. A scan
+  // that could not be opened gets the key of such a failure.
   bool is_lasting(const Error& error) {
     if (error.is_temporary || (error.code != ExitCode::kUsage && error.code != ExitCode::kRefused))
       return false;
     // The input of a scan that was done before is more likely out of reach than gone, for example on
-    // a file system that is not mounted.
+    // a file system that is not mounted. The folder where it would be mounted is empty then.
     if (!is_listed_) return !known_ || known_->is_lasting;
-    if (!entry_.key.empty()) return true;
-    std::vector<NamedFile> all;
-    for (const ScanFile& file : entry_.files)
-      all.push_back({file.of, file.path});
-    if (!digest_files(all, entry_.files) || !check_unchanged()) return false;
-    entry_.key = key_of(action_of(entry_.program, entry_.parameters, all, entry_.files));
+    if (!entry_.key.empty() && !is_unopened_) return true;
+    if (!digest_files(listed_files(), entry_.files) || !check_unchanged()) return false;
+    entry_.key = unopened_key();
     return true;
   }
 
+  std::vector<NamedFile> listed_files() const {
+    std::vector<NamedFile> out;
+    out.reserve(entry_.files.size());
+    for (const ScanFile& file : entry_.files)
+      out.push_back({file.of, file.path});
+    return out;
+  }
+
+  // The key of the failure of a scan that could not be opened. It is not known which files belong
+  // to the scan, so that all of them count. Whether a scan can be opened, and which series of it,
+  // depends on the series that is asked for and on the names of the files, too. Precondition: all
+  // files have digests.
+  std::string unopened_key() const {
+    const std::vector<NamedFile> all = listed_files();
+    json action = action_of(entry_.program, entry_.parameters, all, entry_.files);
+    json names = json::array();
+    for (const NamedFile& file : all)
+      names.push_back(file.path.filename().string());
+    action["unopened"] = {{"series", entry_.series}, {"names", std::move(names)}};
+    return key_of(action);
+  }
+
   Result<Outcome::Kind> put_known_failure() {
+    entry_.key = known_->key;
     entry_.reason = known_->reason;
     entry_.exit_code = known_->exit_code;
     entry_.is_lasting = true;
@@ -170,8 +209,10 @@ class Worker {
     if (work_.verify)
       for (const auto& [name, product] : entry_.products)
         if (product.file) remove_damaged(store_, *product.file, false);
-    auto done = make_products(
-        {scan_, inputs, action_, *work_.wanted.programs, store_, work_.retry, work_.stop}, entry_);
+    const std::function<Result<void>()> check_inputs = [this] { return check_unchanged(); };
+    auto done = make_products({scan_, inputs, action_, *work_.wanted.programs, store_, check_inputs,
+                               work_.retry, work_.stop},
+                              entry_);
     if (!done) return done.error();
     products_ = std::move(*done);
     if (entry_json(entry_) != before || !store_.links_fit(entry_))
@@ -183,6 +224,7 @@ class Worker {
 
   Result<void> open(const std::vector<fs::path>& inputs) {
     auto opened = program_.open(scan_.parameters, inputs, scan_.series, work_.threads);
+    is_unopened_ = !opened;
     if (!opened) return opened.error();
     opened_ = std::move(*opened);
     return {};
@@ -286,7 +328,8 @@ class Worker {
   ScanEntry entry_;
   std::optional<ScanEntry> known_;  // the entry in the index before this run
   std::vector<NamedFile> paths_;    // of all inputs and of the files that options name
-  bool is_listed_ = false;          // true: the entry has the files of all paths
+  bool is_listed_ = false;          // true: the entry has the files of all paths, at least one
+  bool is_unopened_ = false;        // true: the scan could not be opened
   ProductsDone products_;
   json action_, warnings_ = json::array();
   std::unique_ptr<OpenedScan> opened_;
@@ -343,17 +386,18 @@ Outcome work_on(const Work& work, const Store& store, const ScanProgram& program
   Outcome out;
   if (!done && work.stop != nullptr && work.stop->load()) {
     out.kind = Outcome::Kind::kInterrupted;
+    out.key = worker.entry().key;
   } else if (!done) {
     out = worker.fail(done.error());
   } else {
     out.kind = *done;
+    out.key = worker.entry().key;
     const auto& failed = worker.products().failure;
     out.reason = failed ? failed->message : worker.entry().reason;
     out.exit_code = failed ? static_cast<int>(failed->code) : worker.entry().exit_code;
     out.products_made = worker.products().made;
     if (worker.entry().outputs) out.bytes = worker.entry().outputs->asset.bytes;
   }
-  out.key = worker.entry().key;
   out.input_bytes = bytes_read(worker.entry().files);
   out.warnings = worker.warnings();
   return out;
@@ -373,6 +417,7 @@ Outcome record_killed(const Work& work, const Store& store, int signal, int exit
                                    std::to_string(exit_code)
                              : "its process was killed by signal " + std::to_string(signal) +
                                    (name == nullptr ? "" : " (SIG" + std::string(name) + ")");
+  keep_results(store, store.entry(entry.name), entry);
   Outcome out;
   out.reason = entry.reason;
   out.exit_code = entry.exit_code;

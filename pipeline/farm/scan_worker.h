@@ -55,11 +55,13 @@ const char* outcome_name(Outcome::Kind kind);
 nlohmann::json outcome_json(const Outcome& outcome);
 Outcome outcome_from(const nlohmann::json& value);
 
-/// Works on one scan and writes its index entry. Errors and exceptions become an outcome.
+/// Works on one scan and writes its index entry. Errors and exceptions become an outcome. After a
+/// failure for a reason that may pass, the entry keeps the key, outputs and products that the index
+/// had, unless the scan's key is known to be another one now.
 Outcome work_on(const Work& work, const Store& store, const ScanProgram& program);
 
 /// Writes a failure to the index for a scan whose process was killed by a signal, or ended without
-/// an outcome.
+/// an outcome. The entry keeps the key, outputs and products that the index had.
 Outcome record_killed(const Work& work, const Store& store, int signal, int exit_code);
 
 /// Checks that the bytes are a valid asset. Errors: kRefused; the message begins with `name`.

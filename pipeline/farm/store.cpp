@@ -149,10 +149,11 @@ json entry_json(const ScanEntry& entry) {
               {"parameters", entry.parameters},
               {"files", files_json(entry.files)}};
   if (!entry.series.empty()) out["series"] = entry.series;
-  if (entry.is_done()) {
+  if (entry.outputs) {
     out["asset"] = object_json(entry.outputs->asset);
     out["report"] = object_json(entry.outputs->report);
-  } else {
+  }
+  if (!entry.is_done()) {
     out["reason"] = entry.reason;
     out["exit_code"] = entry.exit_code;
     if (entry.signal != 0) out["signal"] = entry.signal;
@@ -179,10 +180,12 @@ std::optional<ScanEntry> entry_from(std::string_view text) {
     auto files = files_from(value.at("files"));
     if (!files || !out.parameters.is_object()) return std::nullopt;
     out.files = std::move(*files);
-    if (value.at("status") == "done") {
+    const bool is_done = value.at("status") == "done";
+    if (is_done || value.contains("asset")) {
       if (out.key.empty()) return std::nullopt;
       out.outputs = Outputs{object_from(value.at("asset")), object_from(value.at("report"))};
-    } else {
+    }
+    if (!is_done) {
       out.reason = value.at("reason").get<std::string>();
       out.exit_code = value.at("exit_code").get<int>();
       out.signal = value.value("signal", 0);
@@ -366,9 +369,9 @@ void Store::for_product_links(
 
 bool Store::links_fit(const ScanEntry& entry) const {
   const fs::path asset = asset_link(folder_, entry.name), report = report_link(folder_, entry.name);
-  bool fit = entry.is_done() ? leads_to(asset, link_target(entry.outputs->asset)) &&
-                                   leads_to(report, link_target(entry.outputs->report))
-                             : is_absent(asset) && is_absent(report);
+  bool fit = entry.outputs ? leads_to(asset, link_target(entry.outputs->asset)) &&
+                                 leads_to(report, link_target(entry.outputs->report))
+                           : is_absent(asset) && is_absent(report);
   for_product_links(entry, [&fit](const fs::path& link, const Object* file) {
     fit = fit && (file != nullptr ? leads_to(link, ".." / link_target(*file)) : is_absent(link));
   });
@@ -383,7 +386,7 @@ Result<void> Store::put_entry(const ScanEntry& entry) const {
       !ok)
     return ok;
   const fs::path asset = asset_link(folder_, entry.name), report = report_link(folder_, entry.name);
-  if (!entry.is_done()) {
+  if (!entry.outputs) {
     for (const fs::path& link : {asset, report})
       if (::unlink(link.c_str()) != 0 && errno != ENOENT) return cannot_write(link, errno);
     return put_product_links(entry);

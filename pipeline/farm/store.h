@@ -52,7 +52,8 @@ struct StoredProduct {
 };
 
 /// The entry of a scan in the index: the last outcome, and the program, parameters and files that
-/// led to it.
+/// led to it. If the scan failed for a reason that may pass, `key`, `outputs` and `products` can be
+/// those of an earlier run (store.md), so that their files and links stay.
 struct ScanEntry {
   std::string name;
   std::string key;      ///< key of the scan's action (action_key.h); empty if it is not known
@@ -60,7 +61,7 @@ struct ScanEntry {
   nlohmann::json parameters;
   std::string series = {};
   std::vector<ScanFile> files = {};
-  std::optional<Outputs> outputs = {};                 ///< present if the scan is done
+  std::optional<Outputs> outputs = {};                 ///< always present if the scan is done
   std::map<std::string, StoredProduct> products = {};  ///< key: the name of the product
   // Set if the scan failed:
   std::string reason = {};
@@ -69,7 +70,7 @@ struct ScanEntry {
   /// True: the same program, parameters and input always fail, so the next run does not try again
   /// (a known failure, store.md).
   bool is_lasting = false;
-  bool is_done() const { return outputs.has_value(); }
+  bool is_done() const { return outputs.has_value() && reason.empty() && exit_code == 0; }
 };
 nlohmann::json entry_json(const ScanEntry& entry);
 /// Reads the result of entry_json(); std::nullopt if it is damaged.

@@ -375,7 +375,6 @@ Result<farm::ProductPrograms> product_programs(const fs::path& run_program,
 }
 
 Result<void> check(const BatchArguments& a) {
-  if (a.prune && !a.gc) return usage("--prune needs --gc");
   if (a.dry_run && !a.explain.empty()) return usage("--dry-run and --explain exclude each other");
   if (a.gc && (a.dry_run || !a.explain.empty()))
     return usage("--gc changes the store; --dry-run and --explain do not");
@@ -406,21 +405,23 @@ void add_batch_options(CLI::App& app, BatchArguments& a) {
                  "share the work; the first scan is number 0");
   app.add_option("--only", a.only,
                  "work only on the scans named in this file, one per line; -: standard input");
-  app.add_flag("--dry-run", a.dry_run,
-               "print which scans are stale (this run would work on them), and why; write nothing");
-  app.add_option("--explain", a.explain,
-                 "print whether this scan is stale, and why; write nothing");
+  auto* const dry_run = app.add_flag(
+      "--dry-run", a.dry_run,
+      "print which scans are stale (this run would work on them), and why; write nothing");
+  auto* const explain = app.add_option("--explain", a.explain,
+                                       "print whether this scan is stale, and why; write nothing");
   app.add_flag("--retry", a.retry,
                "also try scans again that were refused in an earlier run and have not changed\n"
                "since");
   app.add_option("--max-failures", a.max_failures,
                  "start no further scan after this many failures in this run; 0: no limit")
       ->capture_default_str()
-      ->check(option_range(0, 1000000));
-  app.add_flag(
-      "--strict", a.strict,
-      "end with exit code 3 not only if a scan fails in this run, but also if a scan failed\n"
-      "in an earlier run and this run did not try it again");
+      ->check(option_range(0, 1000000))
+      ->excludes(dry_run, explain);
+  app.add_flag("--strict", a.strict,
+               "end with exit code 3 not only if a scan fails in this run, but also if a scan\n"
+               "failed in an earlier run and this run did not try it again")
+      ->excludes(dry_run, explain);
   app.add_option(
       "--run-program", a.run_program,
       "path of trocar-run (default: the trocar-run beside this program, else the one in PATH).\n"
@@ -431,14 +432,15 @@ void add_batch_options(CLI::App& app, BatchArguments& a) {
       "a file) are unchanged");
   app.add_flag("--verify", a.verify,
                "verify every asset in the store, and make damaged ones again");
-  app.add_flag("--gc", a.gc,
-               "after the run, remove files from the store that belong to none of its scans");
-  app.add_flag(
-      "--prune", a.prune,
-      "with --gc: first drop those scans from the store that the collection does not name");
+  auto* const gc = app.add_flag(
+      "--gc", a.gc, "after the run, remove files from the store that belong to none of its scans");
+  app.add_flag("--prune", a.prune,
+               "with --gc: first drop those scans from the store that the collection does not name")
+      ->needs(gc);
   app.add_option("--grace", a.grace_minutes, "with --gc: keep files younger than this many minutes")
       ->capture_default_str()
-      ->check(option_range(0.0, 1e6));
+      ->check(option_range(0.0, 1e6))
+      ->needs(gc);
   app.add_flag("--json", a.as_json, "print the summary as JSON");
   app.add_option(
       "--metrics", a.metrics,

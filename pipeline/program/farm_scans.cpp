@@ -159,8 +159,10 @@ json canonical(const Arguments& a, const StackOptions& o, const OpenOptions& ope
                     ? json({o.mesh.crop->x0, o.mesh.crop->x1, o.mesh.crop->y0, o.mesh.crop->y1})
                     : json();
   out["axis"] = open.axis ? json(axis_name(*open.axis)) : json();
-  // This decides whether the report has a certain warning (check_threshold()).
-  if (a.any_modality) out["threshold-given"] = a.threshold_given->count() > 0 && a.preset.empty();
+  // A given threshold is not the same as the default with these two options: images, which need
+  // --spacing, are refused without one, and other modalities get a warning (check_threshold()).
+  if (a.any_modality || open.spacing_mm)
+    out["threshold-given"] = a.threshold_given->count() > 0 && a.preset.empty();
   return out;
 }
 
@@ -186,12 +188,7 @@ std::string stored_report(json report, const SliceStack& stack) {
   }
   report["input"] = {
       {"slices", stack.size()}, {"width_px", stack.width()}, {"height_px", stack.height()}};
-  if (stack.series) {
-    report["input"]["series"] = {
-        {"number", stack.series->number ? json(*stack.series->number) : json()},
-        {"kernel", stack.series->kernel},
-        {"modality", stack.series->modality}};
-  }
+  if (stack.series) report["input"]["series"] = series_for_report(*stack.series);
   return json_text(report, 1) + "\n";
 }
 

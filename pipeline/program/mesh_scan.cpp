@@ -2,11 +2,30 @@
 #include "pipeline/program/mesh_scan.h"
 
 #include <memory>
+#include <regex>
+#include <string>
 #include <utility>
 
+#include "formats/asset/deidentification.h"
 #include "pipeline/open/open_stack.h"
 
 namespace trocar::pipeline {
+namespace {
+
+using nlohmann::json;
+
+// The kernel for the report, or an empty text if it could identify the patient: DICOM allows any
+// text of 16 characters, and a scanner's kernels, such as "Br40d\\3", have no ^ and no four digits
+// in a row.
+std::string shared_kernel(const std::string& kernel) {
+  constexpr std::size_t kMaxCharacters = 16;
+  static const std::regex allowed(R"([A-Za-z0-9_ .+\/-]*)"), digits("[0-9]{4}");
+  const bool is_plain = kernel.size() <= kMaxCharacters && std::regex_match(kernel, allowed) &&
+                        !std::regex_search(kernel, digits);
+  return is_plain ? kernel : "";
+}
+
+}  // namespace
 
 Result<LabelsWithCt> open_scan(const Arguments& a, const OpenOptions& options) {
   if (!a.hu.empty()) return open_labels_with_ct(a.inputs, a.hu, options);
@@ -51,6 +70,12 @@ Result<void> check_threshold(const Arguments& a, SliceStack& stack) {
                               "threshold all of a slice is material, or nothing"});
   }
   return {};
+}
+
+json series_for_report(const SeriesInfo& series) {
+  return {{"number", series.number ? json(*series.number) : json()},
+          {"kernel", shared_kernel(series.kernel)},
+          {"modality", is_modality(series.modality) ? series.modality : ""}};
 }
 
 }  // namespace trocar::pipeline

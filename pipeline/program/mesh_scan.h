@@ -1,9 +1,11 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Opens a scan with the options of the command line, for meshing, a preview or a batch.
-// Tests: tests/e2e/mesh_program_e2e_test.py
+// Opens a scan with the options of the command line, for meshing, a preview or a batch, and
+// describes its series in reports.
+// Tests: tests/e2e/mesh_program_e2e_test.py, tests/e2e/studies_e2e_test.py
 #pragma once
 
 #include <filesystem>
+#include <nlohmann/json.hpp>
 #include <vector>
 
 #include "formats/base/result.h"
@@ -30,5 +32,10 @@ std::vector<std::filesystem::path> files_read(const Arguments& a, const LabelsWi
 ///  - DICOM other than CT: if there is a preset or no threshold, the function adds the warning
 ///    default_threshold to the stack.
 Result<void> check_threshold(const Arguments& a, SliceStack& stack);
+
+/// The series of a report (its member input.series): number, kernel and modality. Whatever may
+/// identify the patient is left out: the series' UID and description, a kernel that could be a name
+/// or a date, and a modality that DICOM does not define. The last two become empty texts.
+nlohmann::json series_for_report(const SeriesInfo& series);
 
 }  // namespace trocar::pipeline

@@ -4,9 +4,11 @@
 #include <algorithm>
 #include <cctype>
 #include <cstdio>
+#include <cstdlib>
 #include <iostream>
 
 #include "formats/base/command_line.h"
+#include "pipeline/farm/command.h"
 #include "pipeline/program/presets.h"
 
 namespace trocar::pipeline {
@@ -19,7 +21,10 @@ std::string ending_of(const std::filesystem::path& file) {
 }
 
 int fail(const Error& error) {
-  return report_error(kProgram, error);
+  const int code = report_error(kProgram, error);
+  if (error.code != ExitCode::kRefused || !error.is_temporary) return code;
+  // NOLINTNEXTLINE(concurrency-mt-unsafe): nothing changes the environment
+  return std::getenv(farm::kExitForNowVariable) == nullptr ? code : farm::kExitForNow;
 }
 
 void print_warning(const Warning& warning) {

@@ -13,7 +13,9 @@ namespace trocar::pipeline {
 
 inline constexpr const char* kProgram = "trocar-mesh";
 
-/// Prints the error's message to standard error and returns the error's exit code.
+/// Prints the error's message to standard error and returns the error's exit code. A batch that
+/// makes a product sets the variable farm::kExitForNowVariable; then the code of an input that was
+/// refused for a passing reason (Error::is_temporary) is farm::kExitForNow.
 int fail(const Error& error);
 
 /// Prints a warning to standard error.

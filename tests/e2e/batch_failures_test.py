@@ -2,6 +2,7 @@
 """What trocar-mesh batch does about scans that have failed before: known failures, --retry, --strict, --max-failures, and what it says of them.
 Also --metrics, which states the classes of scans."""
 import json
+import shutil
 import time
 
 import pytest
@@ -82,6 +83,38 @@ def test_metrics_state_the_classes(store, tmp_path):
     assert [file.name for file in tmp_path.iterdir()] == ["farm.prom"]
     done = store.run("--metrics", tmp_path / "no" / "such", expect=4)
     assert done.stderr.count("\n") == 1
+
+
+def test_images_refused_for_want_of_a_threshold_are_tried_again_when_it_is_given(store, tmp_path):
+    collection = store.collection.parent / "images.json"
+    scan = {"name": "images", "input": "phantom/png", "parameters": {"spacing": "1,1,1"}}
+    for more, code, said in (({}, 3, "1 failed"), ({"threshold": 226}, 0, "1 made")):  # 226 is the default, which is meant in HU
+        scan["parameters"].update(more)
+        write_collection(collection, [scan])
+        done = run(MESH, "batch", collection, "-o", tmp_path / "store", expect=code)
+        assert said in done.stdout, done.stdout
+
+
+def test_a_wrong_series_or_name_is_tried_again_when_it_is_corrected(store, tmp_path):
+    folder = store.collection.parent
+    collection, named = folder / "corrected.json", folder / "volume"
+    named.mkdir()
+    shutil.copy(folder / "phantom/sample.nii.gz", named / "volume.bin")
+    for k, (wrong, right, said) in enumerate((({"folder": "phantom/dicom", "series": 7}, {"folder": "phantom/dicom", "series": 1}, "no series 7"),
+                                              ({"folder": "phantom/dicom", "series": 7}, "phantom/dicom", "no series 7"),
+                                              ({"folder": "phantom/sample.nii.gz", "series": 7}, "phantom/sample.nii.gz", "--series chooses among DICOM files"),
+                                              ("volume/volume.bin", "volume/volume.nii.gz", "its name is not that of a NIfTI"))):
+        write_collection(collection, [{"name": "a", "input": wrong}])
+        command = (MESH, "batch", collection, "-o", tmp_path / f"store_{k}", "--json")
+        first = json.loads(run(*command, expect=3).stdout)
+        assert said in first["failures"][0]["reason"], first
+        again = json.loads(run(*command, expect=3).stdout)  # 3, because no scan at all could be made
+        assert (again["failed"], again["known"]) == (0, 1), again
+        if wrong == "volume/volume.bin":
+            (named / "volume.bin").rename(named / "volume.nii.gz")
+        write_collection(collection, [{"name": "a", "input": right}])
+        corrected = json.loads(run(*command).stdout)
+        assert (corrected["made"], corrected["known"]) == (1, 0), corrected
 
 
 def test_a_collection_without_any_good_scan_never_ends_well(store, tmp_path):

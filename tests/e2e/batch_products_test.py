@@ -139,10 +139,26 @@ def test_a_product_that_fails_leaves_the_asset_and_is_known(tmp_path, scans):
     assert (mended["made"], mended["products_made"]) == (1, 2), mended
 
 
+def test_a_product_that_fails_for_want_of_space_is_tried_again(tmp_path, scans):
+    collection, store, full = tmp_path / "collection.json", tmp_path / "store", os.environ | {"TMPDIR": "/proc"}
+    write(collection, scans[:1])
+    batch(collection, store)
+    write(collection, scans[:1], ["preview"])
+    failure = json.loads(run(MESH, "batch", collection, "-o", store, "--json", expect=3, env=full).stdout)["failures"][0]
+    assert failure["exit_code"] == 3 and failure["reason"].startswith("preview: ") and "set TMPDIR" in failure["reason"], failure
+    again = batch(collection, store)
+    assert (again["known"], again["products_made"]) == (0, 1), again
+    # Only the batch asks for another exit code.
+    run(MESH, "preview", tmp_path / "phantom/sample.nii.gz", "-o", tmp_path / "preview.png", expect=3, env=full)
+
+
 @pytest.mark.parametrize("products, said", [
     ("preview", "/products: must be an array"), (["x"], "/products/0: must be preview, surface, scene or check"), (["check"], "check needs scene"),
     (["scene", {"product": "scene"}], "scene is given twice"), ([{"product": "preview", "parameters": {"output": "/etc/x"}}], "is not for products"),
     ([{"product": "preview", "parameters": {"-o": "x"}}], "is not for products"), ([{"product": "scene", "parameters": {"threshold": {}}}], "must be a number"),
+    ([{"product": "surface", "parameters": {"mask": "seg.nii.gz:22"}}], "because it names a file; give it to the scan"),
+    ([{"product": "preview", "parameters": {"names": "names.json"}}], "because it names a file; give it to the scan"),
+    (["scene", {"product": "check", "parameters": {"device-description": "device.json"}}], "because it names a file"),
     ([{"product": "preview", "other": 1}], "unknown key"), ([7], "/products/0")])
 def test_wrong_products_are_refused(tmp_path, scans, products, said):
     collection = tmp_path / "collection.json"
@@ -157,6 +173,13 @@ def test_presets_apply_to_products(tmp_path, scans):
         scan["parameters"] = {"preset": "bone"}
     write(collection, scans, ["preview", "surface"])
     assert batch(collection, store)["products_made"] == 4
+
+
+def test_options_of_the_asset_apply_to_the_asset_alone(tmp_path, scans):
+    collection, store = tmp_path / "collection.json", tmp_path / "store"
+    scans[0]["parameters"] = {"lines": True, "colour": True, "context": 3}
+    write(collection, scans[:1], ["preview", "surface"])
+    assert batch(collection, store)["products_made"] == 2
 
 
 def test_without_trocar_run(tmp_path, scans):

@@ -378,6 +378,9 @@ def part_trouble():
     else:
         change_scan(collection, "nifti", lambda scan: scan.pop("parameters"))
 
+    if keys is not None:
+        check_part_out_of_reach(keys)
+
     # Damaged objects: by size a normal run finds them, else --verify.
     for case, damage, options in (
             ("cut", lambda data: data[:-9], ()), ("one bit", lambda data: data[:700] + bytes([data[700] ^ 4]) + data[701:], ("--verify",)),
@@ -444,6 +447,31 @@ def part_trouble():
         failure = batch(collection, WORK / "unreadable", expect=3)["failures"]
         check("Permission denied" in failure[0]["reason"], f"unreadable: {failure}")
         source.chmod(0o644)
+
+
+def check_part_out_of_reach(keys):
+    """If a sub-folder cannot be read for a while, the rest of the folder is not taken for the scan."""
+    folder = WORK / "parts"
+    collection, store, part = folder / "collection.json", folder / "store", folder / "p1/B"
+    for name, slices in (("A", (1, 2)), ("B", (3,))):
+        (folder / "p1" / name).mkdir(parents=True)
+        for k in slices:
+            shutil.copy(WORK / f"scans/phantom/dicom/CT_{k:03}.dcm", folder / "p1" / name)
+    write_collection(collection, [{"name": "a", "input": "p1"}])
+    if keys:
+        for path in [folder, *folder.rglob("*")]:
+            os.chown(path, keys["user"], -1)
+    expect_counts(batch(collection, store, **keys), 0, 1, 0, 0, "a folder with two parts")
+    asset = (store / "assets/a.glb").read_bytes()
+    part.chmod(0)
+    for _ in range(2):  # it does not become a known failure
+        summary = batch(collection, store, expect=3, **keys)
+        expect_counts(summary, 0, 0, 0, 1, "a part that cannot be read")
+        check("p1/B: Permission denied" in str(summary["failures"]), f"a part that cannot be read: {summary['failures']}")
+        check((store / "assets/a.glb").read_bytes() == asset, "a part was taken for the whole")
+    part.chmod(0o755)
+    expect_counts(batch(collection, store, **keys), 0, 0, 1, 0, "a part that can be read again")
+    check((store / "assets/a.glb").read_bytes() == asset, "the asset after the part can be read again")
 
 
 def wait_for_stop(parent):
@@ -600,7 +628,8 @@ def part_hostile():
         check(not store.exists(), f"{parameters}: a store was made")
     write_collection(collection, [one])
     for options in (("--shard", "2/2"), ("--shard", "1"), ("--shard", "-1/2"), ("--shard", "0/0"), ("--jobs", "-1"), ("--jobs", "x"), ("--explain", "b"),
-                    ("--dry-run", "--explain", "a"), ("--prune",), ("--gc", "--dry-run"), ("--only", "nowhere"), ("--grace", "nan")):
+                    ("--dry-run", "--explain", "a"), ("--prune",), ("--gc", "--dry-run"), ("--only", "nowhere"), ("--gc", "--grace", "nan"),
+                    ("--grace", "5"), ("--dry-run", "--strict"), ("--dry-run", "--max-failures", "3")):
         done = run(MESH, "batch", collection, "-o", store, *options, expect=2)
         check(done.stderr.count("\n") == 1, f"{options}: {done.stderr}")
     run(MESH, "batch", collection, expect=2)

@@ -47,6 +47,11 @@ TEST_F(CommandTest, RunsInItsFolderWithItsOutputInFiles) {
   EXPECT_EQ(text("errors"), "warning\n");
 }
 
+TEST_F(CommandTest, ItsEnvironmentIsThatOfThisProcessAndAsksForTheExitCode) {
+  ASSERT_TRUE(shell(std::string("[ -n \"$PATH\" ] && echo \"$") + kExitForNowVariable + "\""));
+  EXPECT_EQ(text("out"), "1\n");
+}
+
 TEST_F(CommandTest, AnErrorHasTheLastLineAndTheCodeOfTheProgram) {
   const auto of = [&](const std::string& script) { return shell(script).error(); };
   const Error refusal = of("echo note >&2; echo 'sh: scan.nii: no bone' >&2; exit 3");
@@ -54,6 +59,10 @@ TEST_F(CommandTest, AnErrorHasTheLastLineAndTheCodeOfTheProgram) {
   EXPECT_EQ(refusal.code, ExitCode::kRefused);
   EXPECT_FALSE(refusal.is_temporary);
   EXPECT_EQ(of("echo wrong >&2; exit 2").code, ExitCode::kUsage);
+  const Error for_now = of("echo 'sh: scan.nii: no space' >&2; exit 75");
+  EXPECT_EQ(for_now.message, "scan.nii: no space");
+  EXPECT_EQ(for_now.code, ExitCode::kRefused);
+  EXPECT_TRUE(for_now.is_temporary);
   const Error full = of("echo full >&2; exit 4");
   EXPECT_EQ(full.code, ExitCode::kUnwritable);
   EXPECT_TRUE(full.is_temporary);

@@ -197,10 +197,16 @@ TEST(Store, EntriesComeBackAndDamagedOnesDoNot) {
   EXPECT_TRUE(store.links_fit(entry));
   EXPECT_EQ(text_in(folder / "store/assets/a.glb"), "asset one");
   EXPECT_EQ(mode_of(store.entry_file("a")), 0600u);
-  entry.outputs.reset();
   entry.reason = std::string("why");
   entry.exit_code = 137;
   entry.signal = 9;
+  ASSERT_TRUE(store.put_entry(entry));
+  EXPECT_FALSE(store.entry("a")->is_done());
+  EXPECT_EQ(store.entry("a")->outputs, outputs);  // those of an earlier run
+  EXPECT_EQ(entry_json(*store.entry("a")), entry_json(entry));
+  EXPECT_TRUE(store.links_fit(entry));
+  EXPECT_EQ(text_in(folder / "store/assets/a.glb"), "asset one");
+  entry.outputs.reset();
   ASSERT_TRUE(store.put_entry(entry));
   EXPECT_EQ(entry_json(*store.entry("a")), entry_json(entry));
   EXPECT_FALSE(fs::is_symlink(folder / "store/assets/a.glb"));

@@ -5,6 +5,7 @@
 #include <unistd.h>
 
 #include <atomic>
+#include <chrono>
 #include <csignal>
 #include <filesystem>
 #include <fstream>
@@ -13,6 +14,7 @@
 
 #include "formats/asset/asset.h"
 #include "pipeline/farm/batch_run.h"
+#include "pipeline/farm/garbage.h"
 #include "tests/support/temporary_folder.h"
 
 namespace trocar::farm {
@@ -70,11 +72,15 @@ class TestProgram : public ScanProgram {
     return Parameters{given, {}};
   }
   bool opens_first(const std::vector<fs::path>&, const Parameters& parameters) const override {
-    return parameters.canonical.value("do", "") == "unopenable";
+    return parameters.canonical.value("do", "") == "unopenable" ||
+           parameters.canonical.value("first", false);
   }
+  // No scan has a series, or is in a folder.
   Result<std::unique_ptr<OpenedScan>> open(const json& given, const std::vector<fs::path>& inputs,
-                                           const std::string&, int) const override {
+                                           const std::string& series, int) const override {
     if (given.value("do", "") == "unopenable") return refused("no image");
+    if (!series.empty() || inputs[0].extension() == ".bin" || fs::is_directory(inputs[0]))
+      return refused("no such image");
     return std::unique_ptr<OpenedScan>(std::make_unique<TestScan>(given, inputs));
   }
 };
@@ -108,6 +114,22 @@ class BatchTest : public testing::Test {
     settings.store = folder_ / "store";
     settings.retry = true;
     return run(settings);
+  }
+  // Removes all files of the store that no scan refers to.
+  void collect() const {
+    const auto store = Store::open_for_writing(folder_ / "store");
+    ASSERT_TRUE(store);
+    ASSERT_TRUE(collect_garbage(*store, std::chrono::seconds(0)));
+  }
+  // Makes a program that makes products: a shell script with these lines, in which $output and
+  // $input are the files of the product and of the scan.
+  void write_program(const std::string& lines) {
+    const fs::path file = folder_ / "program";
+    std::ofstream(file) << "#!/bin/sh\nwhile [ \"$1\" != -o ]; do shift; done\n"
+                        << "output=$2 input=$4\n"
+                        << lines;
+    fs::permissions(file, fs::perms::owner_all);
+    programs_.mesh = file.string();
   }
 
   test::TemporaryFolder folder_;
@@ -214,6 +236,29 @@ TEST_F(BatchTest, ATouchedInputWithTheSameBytesIsTheSameFailure) {
   EXPECT_EQ(run(settings).known.size(), 2u);
 }
 
+// Why a scan cannot be opened may be its series, or the names of its files.
+TEST_F(BatchTest, AFailureToOpenIsNotThatOfAnotherSeriesOrName) {
+  for (const bool opens_first : {false, true}) {
+    const std::string number = opens_first ? "1" : "0";
+    add("series" + number, {{"first", opens_first}, {"n", 1}});
+    collection_.scans.back().series = "7";
+    const std::string input = add("name" + number, {{"first", opens_first}, {"n", 2}});
+    fs::rename(input, input + ".bin");
+    collection_.scans.back().paths = {input + ".bin"};
+  }
+  EXPECT_EQ(run().failed.size(), 4u);
+  EXPECT_EQ(run().known.size(), 4u);
+  for (CollectionScan& scan : collection_.scans) {
+    scan.series.clear();
+    const fs::path wrong = scan.paths[0];
+    if (wrong.extension() != ".bin") continue;
+    const fs::path right = wrong.parent_path() / wrong.stem();
+    fs::rename(wrong, right);
+    scan.paths = {right.string()};
+  }
+  EXPECT_EQ(run().made, 4u);
+}
+
 TEST_F(BatchTest, WhatIsMissingIsAKnownFailureUntilItIsThere) {
   const std::string input = add("input", {{"n", 1}});
   const std::string mask = (folder_ / "mask").string();
@@ -237,6 +282,106 @@ TEST_F(BatchTest, AnInputThatDisappearsFailsInEachRun) {
     EXPECT_EQ(names_of(run().failed), Names{"input"}) << k;
   fs::rename(input + ".away", input);
   EXPECT_EQ(run().found, 1u);
+}
+
+// The file system of the inputs may not be mounted for a while, and --gc may run in this time.
+TEST_F(BatchTest, AnInputOutOfReachCostsNoAsset) {
+  const std::string input = add("input", {{"n", 1}});
+  write_program("echo surface > \"$output\"\n");
+  collection_.scans[0].products.push_back({ProductKind::kSurface});
+  EXPECT_EQ(run().made, 1u);
+  const fs::path links[] = {folder_ / "store/assets/input.glb",
+                            folder_ / "store/reports/input.json",
+                            folder_ / "store/products/input/surface.stl"};
+  fs::rename(input, input + ".away");
+  for (int k = 0; k < 2; ++k) {
+    EXPECT_EQ(names_of(run().failed), Names{"input"}) << k;
+    collect();
+    for (const fs::path& link : links)
+      EXPECT_TRUE(fs::is_regular_file(link)) << link << k;
+    const auto entry = Store::open_for_reading(folder_ / "store")->entry("input");
+    ASSERT_TRUE(entry);
+    EXPECT_FALSE(entry->is_done());
+    EXPECT_FALSE(entry->is_lasting);
+  }
+  fs::rename(input + ".away", input);
+  const BatchSummary back = run();
+  EXPECT_EQ(back.found, 1u);
+  EXPECT_EQ(back.products_made, 0u);
+  EXPECT_EQ(run().unchanged, 1u);
+}
+
+// So looks the folder of a file system that is not mounted.
+TEST_F(BatchTest, AnInputThatIsAnEmptyFolderForAWhileCostsNoAsset) {
+  const std::string input = add("a", {{"first", true}, {"n", 1}});
+  EXPECT_EQ(run().made, 1u);
+  fs::rename(input, input + ".away");
+  fs::create_directory(input);
+  for (int k = 0; k < 2; ++k) {
+    EXPECT_EQ(names_of(run().failed), Names{"a"}) << k;
+    collect();
+  }
+  fs::remove(input);
+  fs::rename(input + ".away", input);
+  EXPECT_EQ(run().found, 1u);
+}
+
+TEST_F(BatchTest, AScanWhoseProcessIsKilledKeepsItsAsset) {
+  add("a", {{"n", 1}});
+  EXPECT_EQ(run().made, 1u);
+  collection_.scans[0].parameters["do"] = "abort";
+  EXPECT_EQ(names_of(run().failed), Names{"a"});
+  collect();
+  EXPECT_TRUE(fs::is_regular_file(folder_ / "store/assets/a.glb"));
+  collection_.scans[0].parameters.erase("do");
+  EXPECT_EQ(run().found, 1u);
+}
+
+TEST_F(BatchTest, AnAssetOfOtherBytesIsNotKeptAfterAFailure) {
+  const std::string input = add("a", {{"n", 1}});
+  EXPECT_EQ(run().made, 1u);
+  std::ofstream(input) << "other bytes";
+  collection_.scans[0].parameters["do"] = "memory";
+  EXPECT_EQ(names_of(run().failed), Names{"a"});
+  EXPECT_FALSE(fs::is_symlink(folder_ / "store/assets/a.glb"));
+}
+
+std::size_t files_below(const fs::path& folder) {
+  std::size_t out = 0;
+  for (const auto& one : fs::recursive_directory_iterator(folder))
+    out += one.is_regular_file() ? 1 : 0;
+  return out;
+}
+
+TEST_F(BatchTest, AnInputThatChangesWhileAProductIsMadeIsAFailureOfTheProduct) {
+  const std::string input = add("a", {{"n", 1}});
+  collection_.scans[0].products.push_back({ProductKind::kSurface});
+  write_program("cat \"$input\" > \"$output\"; echo more >> \"$input\"\n");
+  const BatchSummary first = run();
+  ASSERT_EQ(names_of(first.failed), Names{"a"});
+  EXPECT_EQ(
+      first.failed[0].outcome.reason,
+      "surface: " + input + ": changed while the scan was read; run again when it is complete");
+  EXPECT_EQ(files_below(folder_ / "store/actions"), 1u);  // that of the asset
+  // A command that fails because of the change is no known failure either.
+  write_program("echo more >> \"$input\"; echo refused >&2; exit 3\n");
+  EXPECT_EQ(names_of(run().failed), Names{"a"});
+  EXPECT_EQ(names_of(run().failed), Names{"a"});
+  write_program("cat \"$input\" > \"$output\"\n");
+  const BatchSummary last = run();
+  EXPECT_EQ(last.made, 1u);
+  EXPECT_EQ(last.products_made, 1u);
+}
+
+TEST_F(BatchTest, APassingFailureOfAProductIsTriedAgain) {
+  add("a", {{"n", 1}});
+  collection_.scans[0].products.push_back({ProductKind::kSurface});
+  write_program("exit 75\n");
+  EXPECT_EQ(names_of(run().failed), Names{"a"});
+  EXPECT_EQ(names_of(run().failed), Names{"a"});
+  write_program("exit 3\n");
+  EXPECT_EQ(names_of(run().failed), Names{"a"});
+  EXPECT_EQ(names_of(run().known), Names{"a"});
 }
 
 TEST_F(BatchTest, AFailureThatTheScanDoesNotExplainIsTriedAgain) {

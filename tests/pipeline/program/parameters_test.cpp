@@ -7,6 +7,7 @@
 #include <set>
 #include <string>
 
+#include "pipeline/farm/collection.h"
 #include "pipeline/program/farm_scans.h"
 #include "tests/support/temporary_folder.h"
 
@@ -40,6 +41,14 @@ TEST(Parameters, SayingADefaultChangesNothing) {
     EXPECT_EQ(canonical(given), plain) << given;
 }
 
+// Images without --threshold are refused, so for them it must not be the same as its default.
+TEST(Parameters, AThresholdGivenForImagesIsNotItsDefault) {
+  const json images = {{"spacing", "1,1,1"}};
+  json given = images;
+  given["threshold"] = 226;
+  EXPECT_NE(canonical(given), canonical(images));
+}
+
 TEST(Parameters, TheSameInOtherWordsIsTheSame) {
   EXPECT_EQ(canonical({{"labels", "20-22"}}), canonical({{"labels", {20, "22", 21}}}));
   EXPECT_EQ(canonical({{"labels", "21+20,3"}}), canonical({{"labels", {"3", "20+21"}}}));
@@ -49,6 +58,15 @@ TEST(Parameters, TheSameInOtherWordsIsTheSame) {
   EXPECT_EQ(canonical({{"preset", "vertebra"}}),
             canonical({{"threshold", 180}, {"close", 3}, {"fill", 2500}, {"min-volume", 100}}));
   EXPECT_EQ(canonical({{"preset", "skin"}, {"threshold", 180}})["threshold"], 180);
+}
+
+// Does a collection accept this option as a parameter of a product?
+bool is_for_products(const std::string& option, const json& value) {
+  const json product = {{"product", "preview"}, {"parameters", {{option, value}}}};
+  const json collection = {{"schema", "trocar.collection/1"},
+                           {"products", json::array({product})},
+                           {"scans", json::array()}};
+  return static_cast<bool>(farm::parse_collection(collection.dump(), "c.json"));
 }
 
 // A new option is either in the key, or named here: a missing one would leave stale assets.
@@ -105,6 +123,7 @@ TEST(Parameters, EveryOptionIsInTheKeyOrNamesAFile) {
     given[name] = others.at(name)[1];
     const auto after = FarmScans().parameters(given);
     ASSERT_TRUE(before && after) << name << ": " << (after ? "" : after.error().message);
+    EXPECT_EQ(is_for_products(name, given[name]), name != "mask" && !files.contains(name)) << name;
     if (files.contains(name)) {
       ASSERT_EQ(after->files.size(), 1u) << name;
       EXPECT_EQ(after->files[0].of, name);
@@ -120,6 +139,7 @@ TEST(Parameters, EveryOptionIsInTheKeyOrNamesAFile) {
   ASSERT_EQ(table->files.size(), 1u);
   EXPECT_EQ(table->files[0].of, "names");
   EXPECT_EQ(table->canonical["names"], json());  // its path is not part of the key
+  EXPECT_FALSE(is_for_products("names", (folder / "names.json").string()));
 }
 
 TEST(Parameters, ADefaultOfSurfaceTrianglesMayBeExceededAndTheSameNumberMayNot) {
