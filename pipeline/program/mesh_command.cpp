@@ -7,12 +7,10 @@
 #include <chrono>
 #include <cstdio>
 #include <functional>
-#include <regex>
 #include <set>
 #include <string>
 
 #include "formats/asset/asset.h"
-#include "formats/asset/deidentification.h"
 #include "formats/base/command_line.h"
 #include "formats/base/file_io.h"
 #include "formats/base/json_text.h"
@@ -45,6 +43,14 @@ Result<void> check_outputs(const Arguments& a, const std::vector<fs::path>& read
     return usage("-o " + a.output.string() +
                  ": an asset is a .glb, its surface alone a .stl, .ply or .obj; trocar-mesh export "
                  "writes the slices of an asset as .poly, .obj, .svg");
+  }
+  const bool has_context = a.context_given != nullptr && a.context_given->count() > 0;
+  if (ending != ".glb" && (a.lines || a.colour || has_context)) {
+    return usage("-o " + a.output.string() + ": a surface has no place for " +
+                 (a.lines    ? "--lines"
+                  : a.colour ? "--colour"
+                             : "--context") +
+                 "; an asset (.glb) has");
   }
   return {};
 }
@@ -109,16 +115,6 @@ json deidentified(json report, const std::vector<fs::path>& inputs) {
   return report;
 }
 
-// The kernel for the report, or an empty text if it could identify the patient: DICOM allows any text
-// of 16 characters, and a scanner's kernels, such as "Br40d\\3", have no ^ and no four digits in a row.
-std::string shared_kernel(const std::string& kernel) {
-  constexpr std::size_t kMaxCharacters = 16;
-  static const std::regex allowed(R"([A-Za-z0-9_ .+\/-]*)"), digits("[0-9]{4}");
-  const bool is_plain = kernel.size() <= kMaxCharacters && std::regex_match(kernel, allowed) &&
-                        !std::regex_search(kernel, digits);
-  return is_plain ? kernel : "";
-}
-
 // Adds the input files and the output, which has been written, to the report.
 Result<void> describe_files(const Arguments& a, const SliceStack& stack, StackResult& result) {
   const auto digest = digest_file(a.output);
@@ -138,13 +134,7 @@ Result<void> describe_files(const Arguments& a, const SliceStack& stack, StackRe
   if (!a.hu.empty()) result.report["input"]["hu"] = shared_name(a.hu);
   if (!result.input_key_digest.empty())
     result.report["input"]["key_digest"] = result.input_key_digest;
-  if (stack.series) {
-    const SeriesInfo& s = *stack.series;
-    // The series' UID and description are left out, because they may identify the patient.
-    result.report["input"]["series"] = {{"number", s.number ? json(*s.number) : json()},
-                                        {"kernel", shared_kernel(s.kernel)},
-                                        {"modality", is_modality(s.modality) ? s.modality : ""}};
-  }
+  if (stack.series) result.report["input"]["series"] = series_for_report(*stack.series);
   return {};
 }
 

@@ -96,8 +96,7 @@ Result<void> set_material(const Arguments& a, StackOptions& out) {
       return usage(
           "--contour pixel leaves gaps between materials: join the labels with +, as --labels "
           "20+21");
-    if (solid->fill_mm2)
-      return usage("--fill fills one material: join the labels with +, as --labels 20+21");
+    if (solid->fill_mm2) return fill_of_several_error();
   }
   out.mesh.segmentation = std::move(*how);
   out.solid = std::move(*solid);

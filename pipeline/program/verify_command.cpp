@@ -20,20 +20,32 @@ namespace {
 namespace fs = std::filesystem;
 using nlohmann::json;
 
-// Verifies an asset and returns the number of its slices.
-Result<std::size_t> verify(const fs::path& file, const VerifyArguments& a) {
+// The results of the checks of an asset. The last two checks are made only if they are wanted and
+// the asset is valid.
+struct Checked {
+  Result<void> valid, deidentified, confirmed;
+  std::size_t slices = 0;
+
+  // The first failure, or null.
+  const Error* failure() const {
+    for (const Result<void>* one : {&valid, &deidentified, &confirmed})
+      if (!*one) return &one->error();
+    return nullptr;
+  }
+};
+
+Checked check(const fs::path& file, const VerifyArguments& a) {
+  Checked out;
   const auto bytes = read_file(file, std::numeric_limits<std::uint32_t>::max());
-  if (!bytes) return bytes.error();
+  if (!bytes) return out.valid = bytes.error(), out;
   const auto asset = decode_asset(*bytes, file.string());
-  if (!asset) return asset.error();
-  if (auto ok = verify_asset(*asset, file.string()); !ok) return ok.error();
-  if (a.deidentified) {
-    if (auto ok = check_deidentified_asset(*bytes, file.string()); !ok) return ok.error();
-  }
-  if (a.with_cgal) {
-    if (auto ok = confirm_by_cgal(*asset, file.string()); !ok) return ok.error();
-  }
-  return slice_count(*asset);
+  if (!asset) return out.valid = asset.error(), out;
+  out.valid = verify_asset(*asset, file.string());
+  if (!out.valid) return out;
+  if (a.deidentified) out.deidentified = check_deidentified_asset(*bytes, file.string());
+  if (a.with_cgal) out.confirmed = confirm_by_cgal(*asset, file.string());
+  out.slices = slice_count(*asset);
+  return out;
 }
 
 }  // namespace
@@ -53,16 +65,17 @@ int run_verify(const VerifyArguments& a) {
   int code = 0;
   json out = json::array();
   for (const fs::path& file : a.assets) {
-    const auto slices = verify(file, a);
-    out.push_back({{"file", file.string()}, {"valid", static_cast<bool>(slices)}});
-    if (a.with_cgal) out.back()["independent"] = static_cast<bool>(slices);
-    if (a.deidentified) out.back()["private"] = static_cast<bool>(slices);
-    if (!slices) {
-      out.back()["reason"] = slices.error().message;
-      const int failed = fail(slices.error());
+    const Checked checked = check(file, a);
+    const bool is_valid = static_cast<bool>(checked.valid);
+    out.push_back({{"file", file.string()}, {"valid", is_valid}});
+    if (a.with_cgal) out.back()["independent"] = is_valid && checked.confirmed;
+    if (a.deidentified) out.back()["private"] = is_valid && checked.deidentified;
+    if (const Error* const failure = checked.failure()) {
+      out.back()["reason"] = failure->message;
+      const int failed = fail(*failure);
       if (code == 0) code = failed;
     } else if (!a.as_json) {
-      std::printf("%s: valid, %zu slices%s%s\n", file.c_str(), *slices,
+      std::printf("%s: valid, %zu slices%s%s\n", file.c_str(), checked.slices,
                   a.deidentified ? ", private" : "", a.with_cgal ? ", confirmed by CGAL" : "");
     }
   }

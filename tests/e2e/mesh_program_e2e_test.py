@@ -116,6 +116,8 @@ def test_refuses_an_empty_asset(programs, scan, work):
             ((labelled, "--labels", "20,24", "--slices", "2:2"), ("slice 2: ", "labels 20, 24 are not there", "labels 22-23")),
             ((labelled, "--labels", "20", "--crop", "0:19,0:3"), ("no label", "a larger --crop")),
             ((nothing, "--labels", "1"), ("slices 0-1: ", "the values found are all 0")),
+            ((labelled, "--labels", "21,24", "--largest", "1", "--slices", "3:3"),
+             ("left out by the option that keeps a part", "try it without this option, or other --slices")),
             ((labelled, "--labels", "22", "--min-region", "1000"), ("smaller than --min-region 1000 mm^2", "try a smaller --min-region")),
             ((scan / "png", "--spacing", "0.3125,0.3125,1", "--threshold", "32000"), ("the values found are 0 to 223 (grey levels)", "try a --threshold from 0 to 223")),
     ):
@@ -133,6 +135,9 @@ def test_refuses_other_outputs(programs, scan, work):
     for name in ("x.gltf", "x", "glb", "stl", "x.glb.gz"):
         refuses(2, f"-o {work / name}: an asset is a .glb", mesh, volume, "-o", work / name, "--slices", "3:3")
         assert not (work / name).exists(), f"{name} was written"
+    for words in (("--lines",), ("--colour",), ("--context", "3")):
+        refuses(2, f"x.stl: a surface has no place for {words[0]}", mesh, volume, "-o", work / "x.stl", "--slices", "3:4", *words)
+        assert not (work / "x.stl").exists(), f"{words}: x.stl was written"
     run(mesh, volume, "-o", work / "x.GLB", "--slices", "3:3", "--quiet")
 
 
@@ -174,6 +179,16 @@ def verifies_several(mesh, good, broken):
     found = json.loads(run(mesh, "verify", good, broken, "--json", "--independent", expect=3).stdout)
     assert [f["valid"] for f in found] == [True, False] and "reason" in found[1], f"verify --json: {found}"
     assert [f["independent"] for f in found] == [True, False], f"verify --json --independent: {found}"
+
+
+def test_verify_states_each_check_for_itself(programs, scan, work):
+    """An asset with HU around the material is valid and confirmed, but not private."""
+    mesh, asset = programs / "trocar-mesh", work / "context.glb"
+    run(mesh, scan / "sample.nii.gz", "--slices", "10:12", "--context", "-o", asset, "--quiet")
+    done = run(mesh, "verify", "--private", "--independent", "--json", asset, expect=3)
+    found = json.loads(done.stdout)
+    assert (found["valid"], found["independent"], found["private"]) == (True, True, False) and "--context" in found["reason"], f"{found}"
+    assert len(done.stderr.splitlines()) == 1, done.stderr
 
 
 def test_presets_are_their_options(programs, scan, work):
