@@ -211,7 +211,7 @@ Result<void> Supervisor::start_run() {
   Result<Process> process = Process::start(words, log_file());
   if (!process) return process.error();
   run_ = std::move(*process);
-  const Result<void> noted = note_device();
+  Result<void> noted = note_device();
   if (!noted) run_->signal(SIGKILL);
   return noted;
 }
