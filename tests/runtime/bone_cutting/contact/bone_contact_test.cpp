@@ -128,8 +128,8 @@ TEST(BodyContact, ASlopePushesTheToolSidewaysAndLetsItSlide) {
       if (trial.force_N() < 5) continue;
       ++loaded;
       // While the front cuts the edge of a slice, friction still has the limit of the tick before.
-      if (trial.state_.result.cut_J > 0) continue;
-      ASSERT_NEAR(-trial.side_N() / trial.force_N(), ratio, 0.05 * ratio)
+      const double bound = trial.state_.result.cut_J > 0 ? 0.1 : 0.05;
+      ASSERT_NEAR(-trial.side_N() / trial.force_N(), ratio, bound * ratio)
           << friction << ", " << z_m << ", " << trial.force_N() << " N";
     }
     EXPECT_GT(loaded, 500);
