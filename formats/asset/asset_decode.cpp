@@ -170,8 +170,8 @@ Result<std::vector<Entry>> read_entries(const tinygltf::Model& model,
   return out;
 }
 
-// The HU of the decoded slices. Where there is a slice index, the extras state where the volumes lie, as a reader
-// of some slices relies on.
+// The HU of the decoded slices. Where there is a slice index, the extras state where the volumes
+// lie, as a reader of some slices relies on.
 Result<void> decode_hu_volumes(const GltfDocument& document, bool has_index,
                                const DecodeOptions& options, Asset& asset) {
   auto sections = hu_sections(trocar_extras(document.extras), asset.lattice);

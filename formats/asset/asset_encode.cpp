@@ -193,7 +193,8 @@ Result<void> check_order(const Asset& head, const std::vector<EncodedSlice>& sli
   return {};
 }
 
-// The volume's planes, compressed again. Errors: (bug) a plane that is not stored as its slice's outlines say.
+// The volume's planes, compressed again. Errors: (bug) a plane that is not stored as its slice's
+// outlines say.
 Result<EncodedHuVolume> encode_hu_volume(const HuVolume& volume, const Asset& asset) {
   EncodedHuVolume out{volume.grid, {}};
   for (const HuPlane& plane : volume.planes) {

@@ -241,8 +241,8 @@ Used used_by_scenes(const json& document) {
   return out;
 }
 
-// Refuses nodes, meshes, accessors and buffer views that no scene and no volume of HU uses: a viewer
-// does not show them, so their bytes could be anything.
+// Refuses nodes, meshes, accessors and buffer views that no scene and no volume of HU uses: a
+// viewer does not show them, so their bytes could be anything.
 Result<void> check_all_used(const json& document) {
   const Used used = used_by_scenes(document);
   const std::tuple<const char*, const char*, const std::set<std::uint64_t>&> lists[] = {

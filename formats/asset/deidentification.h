@@ -19,8 +19,8 @@ namespace trocar {
 /// deidentification.cpp, in upper or lower case. So names of persons are excluded.
 bool is_plain_name(std::string_view name);
 
-/// Returns true if the text is a modality of images that DICOM defines (PS3.3, C.7.3.1.1.1), such as
-/// "CT". Any other text could be a name.
+/// Returns true if the text is a modality of images that DICOM defines (PS3.3, C.7.3.1.1.1), such
+/// as "CT". Any other text could be a name.
 bool is_modality(std::string_view text);
 
 /// Checks that `glb` is an asset of schema 2 as encode_asset() writes it, and that all of these

@@ -20,7 +20,8 @@ using nlohmann::json;
 
 constexpr int kHuVersion = 1;
 
-// A record of the directory, little-endian as in the file. A plane's bytes begin where those of the plane before it end.
+// A record of the directory, little-endian as in the file. A plane's bytes begin where those of the
+// plane before it end.
 struct PlaneRecord {
   std::int32_t index = 0;  // AssetSlice::index
   std::uint32_t end = 0;   // offset in the view

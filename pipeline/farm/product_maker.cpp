@@ -74,7 +74,8 @@ std::vector<std::string> mesh_words(const ProductWork& work, const WantedProduct
   return words;
 }
 
-// Removes the path of a temporary folder from a message, so that the store's index is the same in every run.
+// Removes the path of a temporary folder from a message, so that the store's index is the same in
+// every run.
 Error without(Error error, const std::string& path) {
   for (std::size_t at = 0; (at = error.message.find(path, at)) != std::string::npos;)
     error.message.erase(at, path.size());

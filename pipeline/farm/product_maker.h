@@ -60,9 +60,9 @@ struct ProductsDone {
 ///  - scene: the scan's name and the digest of the asset;
 ///  - check: the scan's name and the digests of the asset and of the scene.
 /// A preview or a surface fails if check_inputs() returns an error after its command has ended,
-/// because the command reads the scan's files again. A product that fails is recorded in `entry` and
-/// in ProductsDone::failure. Errors: kUnwritable if a file of the store cannot be written; kRefused
-/// if `stop` was set.
+/// because the command reads the scan's files again. A product that fails is recorded in `entry`
+/// and in ProductsDone::failure. Errors: kUnwritable if a file of the store cannot be written;
+/// kRefused if `stop` was set.
 Result<ProductsDone> make_products(const ProductWork& work, ScanEntry& entry);
 
 }  // namespace trocar::farm

@@ -163,8 +163,8 @@ class Worker {
   bool is_lasting(const Error& error) {
     if (error.is_temporary || (error.code != ExitCode::kUsage && error.code != ExitCode::kRefused))
       return false;
-    // The input of a scan that was done before is more likely out of reach than gone, for example on
-    // a file system that is not mounted. The folder where it would be mounted is empty then.
+    // The input of a scan that was done before is more likely out of reach than gone, for example
+    // on a file system that is not mounted. The folder where it would be mounted is empty then.
     if (!is_listed_) return !known_ || known_->is_lasting;
     if (!entry_.key.empty() && !is_unopened_) return true;
     if (!digest_files(listed_files(), entry_.files) || !check_unchanged()) return false;

@@ -279,8 +279,8 @@ class Finder {
       if (of.pixels[i] != 0) visit(w.x0 + i % w.width(), w.y0 + i / w.width());
   }
 
-  // Replaces a section by its neighbourhood in plane k, as far as a disc fits there. Returns whether
-  // anything is left.
+  // Replaces a section by its neighbourhood in plane k, as far as a disc fits there. Returns
+  // whether anything is left.
   bool step(std::size_t k, const std::vector<float>& apart2, float limit2, Followed& now) const {
     const Window& w = now.window;
     const std::size_t width = w.width(), height = w.y1 - w.y0;

@@ -330,7 +330,8 @@ class SliceFlags {
     return std::max(1, static_cast<int>(std::lround(std::min(kBorder_mm / spacing_mm, 1e6))));
   }
   bool is_material(int x, int y) const { return image_.at(x, y) >= threshold_; }
-  // kBare or kCovered if the material's surface in this direction borders on air or on tissue, else 0.
+  // kBare or kCovered if the material's surface in this direction borders on air or on tissue, else
+  // 0.
   unsigned border(int x, int y, int dx, int dy, int far) const {
     const auto exists = [&](int n) {
       const int a = x + n * dx, b = y + n * dy;

@@ -52,12 +52,11 @@ class Files {
   struct Known {
     std::uint64_t size = 0;
     std::filesystem::file_time_type time;
-    std::string kind;    ///< key in the list; empty: the file is not listed
-    std::string json;    ///< entry in the list
-    std::string digest;  ///< digest of the scene, or of a recording's scene
-    std::string device;  ///< device of a session's recording; empty: not known
-    std::filesystem::path
-        asset;  ///< asset of a scene; empty: the file is no scene that can be read
+    std::string kind;             ///< key in the list; empty: the file is not listed
+    std::string json;             ///< entry in the list
+    std::string digest;           ///< digest of the scene, or of a recording's scene
+    std::string device;           ///< device of a session's recording; empty: not known
+    std::filesystem::path asset;  ///< asset of a scene that can be read
   };
   Known read(const std::filesystem::path& file, const std::string& name) const;
 

@@ -27,8 +27,8 @@ namespace trocar::runtime {
 
 /// The state of the session. kIdle: no session was started, or its start failed. kStarting: a
 /// program was started, but there is no telemetry yet. kSilent: the session's process runs, but no
-/// new telemetry has come for kSilentAfter; it also comes in a pause. kLost: the process is gone, and neither the event
-/// `ended` nor an exit code is known.
+/// new telemetry has come for kSilentAfter; it also comes in a pause. kLost: the process is gone,
+/// and neither the event `ended` nor an exit code is known.
 enum class RunState : std::uint8_t { kIdle, kStarting, kRunning, kSilent, kPaused, kEnded, kLost };
 inline constexpr auto kSilentAfter = std::chrono::milliseconds(200);
 const char* to_string(RunState state) noexcept;
@@ -86,10 +86,10 @@ class Supervisor {
   /// X-ray, or if the session is paused (unless the request is kEnd).
   Result<void> xray(XrayRequest request);
   /// Passes a command on to the session. The command `stop` also ends the test of a device, the
-  /// making of a scene, and a session that is starting. If the device process of the session has ended, the command `recover` first
-  /// starts this process again. Errors: kRefused if there is nothing to command or to stop, or if
-  /// the device process cannot be started; kUnwritable if the note about this process (DeviceNote)
-  /// cannot be written.
+  /// making of a scene, and a session that is starting. If the device process of the session has
+  /// ended, the command `recover` first starts this process again. Errors: kRefused if there is
+  /// nothing to command or to stop, or if the device process cannot be started; kUnwritable if the
+  /// note about this process (DeviceNote) cannot be written.
   Result<void> command(TelemetryCommand command);
   /// True if is_live() is true and the session has a live hand. Only then may move_hand() be
   /// called.

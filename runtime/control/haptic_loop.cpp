@@ -83,8 +83,8 @@ FaultDetail outside_fault(const SafetyLimits& limits, const TickInputs& inputs) 
           static_cast<double>(limits.missed_deadlines_max)};
 }
 
-/// Returns the time in which the device may have moved since the last reading: the time on the device's clock, but
-/// at most the time of the counted ticks or no_data_max_s, whichever is longer.
+/// Returns the time in which the device may have moved since the last reading: the time on the
+/// device's clock, but at most the time of the counted ticks or no_data_max_s, whichever is longer.
 ReadingInterval reading_interval(const LoopModel& model, const LoopState& state) noexcept {
   const double ticks_s = (1 + state.no_data_ticks) / model.rate_Hz;
   const double step_s =
@@ -129,7 +129,8 @@ void put_wrench(const Wrench& wrench, std::array<double, 6>& out) noexcept {
   std::copy(wrench.data(), wrench.data() + 6, out.begin());
 }
 
-/// Computes the wrench to render: the force law's wrench, multiplied by Safety::authority and made passive.
+/// Computes the wrench to render: the force law's wrench, multiplied by Safety::authority and made
+/// passive.
 FaultDetail wanted_wrench(const LoopModel& model, const TickInputs& inputs, double mass_kg,
                           ForceLaw& law, LoopState& state, ContactOutput& contact,
                           Wrench& wanted) noexcept {

@@ -3,8 +3,8 @@
 // pose that a device measures. The outputs are the wrench that the device is to render, and one row
 // of the recording. A tick does not allocate, lock or throw.
 //
-// Contract (tests/runtime/control/loop_test.cpp), in addition to the contracts of safety.h, limits.h,
-// energy_limit.h and passivity.h:
+// Contract (tests/runtime/control/loop_test.cpp), in addition to the contracts of safety.h,
+// limits.h, energy_limit.h and passivity.h:
 //  1. The loop writes only commands that the device has prepared (hand_device.h), so all commands
 //     are within the device's limits.
 //  2. When a fault ends the state `running` (safety.h), the command goes to zero. It follows the
@@ -118,7 +118,8 @@ struct TickInputs {
   bool recover = false;                  ///< the operator asks for recovery
 };
 
-/// Runs one tick: reads and checks the device, computes the wrench, lets the device render it, and fills `result`.
+/// Runs one tick: reads and checks the device, computes the wrench, lets the device render it, and
+/// fills `result`.
 void haptic_tick(const LoopModel& model, const TickInputs& inputs, HandDevice& device,
                  ForceLaw& law, LoopState& state, TickResult& result) noexcept;
 

@@ -87,7 +87,8 @@ void CuttingForceLaw::reset_motion() noexcept {
   last_force_N_ = 0;
 }
 
-/// Returns how far the coupling holds the tip of the tool in the tissue away from the tip of the plate's tool.
+/// Returns how far the coupling holds the tip of the tool in the tissue away from the tip of the
+/// plate's tool.
 Eigen::Vector3d CuttingForceLaw::tip_from_plate_m() const noexcept {
   if (!state_.law.has_begun) return Eigen::Vector3d::Zero();
   const Eigen::Vector3d& tip_plate_m = bone_.tool.tip_plate_m;

@@ -103,8 +103,8 @@ void SessionLoop::receive_hand(std::int64_t now_ns) noexcept {
 
 /// Returns true if time is paused in this period: the operator has paused the session, and torques
 /// are zero. During a recovery a tick with the fault kPaused comes first: it sets quiet_ticks to 0,
-/// so that the time without fault and contact begins again after the pause. A drive with a clock of its own meanwhile gets zero torques, because its watchdog
-/// waits for commands.
+/// so that the time without fault and contact begins again after the pause. A drive with a clock of
+/// its own meanwhile gets zero torques, because its watchdog waits for commands.
 bool SessionLoop::pauses(std::int64_t now_ns) noexcept {
   const bool is_replay = clock_.recorded(state_.tick) != nullptr;
   const bool is_recovering = state_.safety.state == SafetyState::kRecovering;

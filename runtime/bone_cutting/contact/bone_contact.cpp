@@ -21,15 +21,15 @@ constexpr int kMinSheetsAhead = 3;
 constexpr std::int32_t kNewOutline_steps =
     4;  // a sheet is evaluated again after a corner of the outline has moved farther
 constexpr double kMostlyMaterial = 0.5;
-// A surface is level under the tool if at least this fraction of the tool's outline lies over material of the slices
-// below it, and at most the rest over material of the slice above it.
+// A surface is level under the tool if at least this fraction of the tool's outline lies over
+// material of the slices below it, and at most the rest over material of the slice above it.
 constexpr double kLevel = 0.95;
 constexpr double kMinCoverage = 1e-3;  // with less coverage no hole is cut
 constexpr double kNewRegion_m = 2e-4;
 constexpr int kCheckedInTick = 2;  // number of sheets around the shaft evaluated per tick
 constexpr double kTwist_s = 0.02;
 constexpr double kWidening = 0.25;  // a yielded wall is cut in steps of this many radii
-// A sheet has a hole under the tool if holes have removed at least this fraction of the outline's area.
+// A sheet has a hole under the tool if holes have reduced the coverage by at least this value.
 constexpr double kHole = 0.25;
 constexpr double kRounding_m = 1e-9;
 
@@ -45,8 +45,8 @@ bool has_moved(const LatticeOutline& a, const LatticeOutline& b) noexcept {
 
 class BoneContactTick {
  public:
-  // `T_device_tool`: pose of the tool in the tissue. `plate_tip_m`: depth of the tip on the plate, to which the
-  // coupling can pull the tool within the tick.
+  // `T_device_tool`: pose of the tool in the tissue. `plate_tip_m`: depth of the tip on the plate,
+  // to which the coupling can pull the tool within the tick.
   BoneContactTick(const BoneVolume& bone, std::span<const Sheet* const> sheets,
                   const Pose& T_device_tool, double plate_tip_m, std::span<SheetTrack> tracks,
                   BoneContactState& state) noexcept
@@ -68,8 +68,8 @@ class BoneContactTick {
       slice_push_ = slice_push(bone.shape, state.twist_rad_per_s, state.feed_m_per_s);
   }
 
-  // Evaluates the sheets from the front (or from the tip, if it is not under load) down to kAhead_m below the
-  // depth that the tip can reach in the tick, and at least kMinSheetsAhead of them.
+  // Evaluates the sheets from the front (or from the tip, if it is not under load) down to kAhead_m
+  // below the depth that the tip can reach in the tick, and at least kMinSheetsAhead of them.
   void evaluate_below() noexcept {
     const double front_m = state_.law.stretch_m > 0 ? state_.front_m : tip_m_;
     const int count = static_cast<int>(sheets_.size());
@@ -116,8 +116,8 @@ class BoneContactTick {
     state_.options.slope = surface_slope(bone_, sheets_, i, state_.front_m, tip.head<2>());
   }
 
-  // Takes the sheets around the shaft in turn, kCheckedInTick of them in a tick. Updates the admissible region
-  // if the tool is beside the material, and cuts where a wall has yielded.
+  // Takes the sheets around the shaft in turn, kCheckedInTick of them in a tick. Updates the
+  // admissible region if the tool is beside the material, and cuts where a wall has yielded.
   void evaluate_around() noexcept {
     const int count = static_cast<int>(sheets_.size());
     for (int checked = 0, passed = 0; checked < kCheckedInTick && passed < count; ++passed) {
@@ -148,8 +148,9 @@ class BoneContactTick {
     return outline_on_lattice(bone_.tool, T_device_tool, sheets_[i]->transform, sheets_[i]->z_m);
   }
 
-  // Whether the uncut sheet has material under the whole outline, so that only holes reduce the coverage. Here `true`
-  // is certain, `false` is not. The time does not depend on the number of triangles.
+  // Whether the uncut sheet has material under the whole outline, so that only holes reduce the
+  // coverage. Here `true` is certain, `false` is not. The time does not depend on the number of
+  // triangles.
   bool is_deep_inside(int i, const LatticeOutline& outline,
                       const Eigen::Vector2d& at_m) const noexcept {
     const Sheet& sheet = *sheets_[i];
@@ -191,8 +192,9 @@ class BoneContactTick {
     own.has_hu = under.share > 0;
   }
 
-  // Thickness of the material above the slabs of the i-th sheet, up to where the tool entered it; and below
-  // them, down to where the tool would leave it. The sum stops at the thickness of the shell.
+  // Thickness of the material above the slabs of the i-th sheet, up to where the tool entered it;
+  // and below them, down to where the tool would leave it. The sum stops at the thickness of the
+  // shell.
   double material_above_m(int i) const noexcept {
     double sum = 0;
     for (; bone_.sheets[i].meets_above && sum < bone_.shell_m; --i) {
@@ -213,9 +215,9 @@ class BoneContactTick {
   bool is_over_bone(int i) const noexcept { return state_.sheets[i].uncut_coverage >= kLevel; }
   bool is_over_none(int i) const noexcept { return state_.sheets[i].uncut_coverage <= 1 - kLevel; }
 
-  // Puts a cortical wall into the slab of the i-th sheet, at the face where the tool enters the bone or would leave
-  // it. The bone behind the wall is that of the sheet on the other side. On a slope a slice's HU do not tell how thick
-  // the wall is, so there is no wall.
+  // Puts a cortical wall into the slab of the i-th sheet, at the face where the tool enters the
+  // bone or would leave it. The bone behind the wall is that of the sheet on the other side. On a
+  // slope a slice's HU do not tell how thick the wall is, so there is no wall.
   void set_walls(int i, CuttingSlab& slab) const noexcept {
     const BoneSheet& sheet = bone_.sheets[i];
     const SheetInContact& own = state_.sheets[i];
@@ -284,12 +286,12 @@ class BoneContactTick {
       // A region of an earlier place must not become the walls of a new hole. Walls in use stay.
       if (!own.is_beside) slab.free = nullptr;
     }
-    // When the tool reaches a sheet from the side, the admissible region is needed in the same tick.
+    // A tool that reaches a sheet from the side needs the admissible region in the same tick.
     if (own.is_beside && sheet.bottom_m > sheet.top_m) find_free(i, kNewRegion_m);
   }
 
-  // Returns whether the law remembers that a sheet is cut through at the tool's position, by the hole that the tool
-  // is in or would enter.
+  // Returns whether the law remembers that a sheet is cut through at the tool's position, by the
+  // hole that the tool is in or would enter.
   bool is_cut_through(int i) const noexcept {
     const BoneSheet& sheet = bone_.sheets[i];
     return cut_of(law_, sheet.first_slab + sheet.slabs - 1) >= sheet.bottom_m - kRounding_m;
@@ -330,8 +332,8 @@ class BoneContactTick {
     }
   }
 
-  // Cuts a sheet in which the wall has yielded, so that the slot of the axis has grown: requests a hole with the
-  // outline that the tool has at the slot's boundary.
+  // Cuts a sheet in which the wall has yielded, so that the slot of the axis has grown: requests a
+  // hole with the outline that the tool has at the slot's boundary.
   void cut_yielded(int i) noexcept {
     SheetInContact& own = state_.sheets[i];
     if (wall_of(i) == nullptr) return;
@@ -383,8 +385,8 @@ class BoneContactTick {
   bool backlog_ = false;
 };
 
-// Updates the velocities of twist and feed, averaged over about kTwist_s, so that single encoder steps have
-// little effect.
+// Updates the velocities of twist and feed, averaged over about kTwist_s, so that single encoder
+// steps have little effect.
 void follow_twist(const BoneVolume& bone, const Pose& T_device_plate, double interval_s,
                   BoneContactState& state) noexcept {
   const Twist way = displacement(state.T_device_plate, T_device_plate);
@@ -424,8 +426,8 @@ void update_bone_contact(const BoneVolume& bone, std::span<const Sheet* const> s
   state.must_retract = false;
   if (bone.twists && state.has_plate && pose_interval_s > 0)
     follow_twist(bone, T_device_plate, pose_interval_s, state);
-  // The tissue acts on the tool. A coupling can hold the tool far from the plate, so the sheets are evaluated where
-  // the tool was at the end of the last tick.
+  // The tissue acts on the tool. A coupling can hold the tool far from the plate, so the sheets are
+  // evaluated where the tool was at the end of the last tick.
   const bool is_apart = state.law.has_begun && !state.options.coupling.is_rigid &&
                         is_upright(bone.tool, state.law.T_device_proxy);
   const Pose T_device_tool = is_apart ? state.law.T_device_proxy : T_device_evaluated;
@@ -443,7 +445,8 @@ void update_bone_contact(const BoneVolume& bone, std::span<const Sheet* const> s
   tick.request_passed();
   output.backlog = tick.backlog();
 
-  // Energy account: add the work of the last tick's wrench over the displacement of the plate since then.
+  // Energy account: add the work of the last tick's wrench over the displacement of the plate since
+  // then.
   BoneEnergyAccount& energy = state.energy;
   if (state.has_plate && pose_interval_s > 0)
     energy.absorbed_J -=

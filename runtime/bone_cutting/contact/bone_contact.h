@@ -68,8 +68,8 @@ struct SheetInContact {
 /// Energies since the session began.
 struct BoneEnergyAccount {
   double cut_J = 0;  ///< work of cutting bone
-  /// Work that the hand has done on the tissue, computed from the tissue's wrench without the factor
-  /// SceneForceLaw::force_scale.
+  /// Work that the hand has done on the tissue, computed from the tissue's wrench without the
+  /// factor SceneForceLaw::force_scale.
   double absorbed_J = 0;
   double stored_J = 0;  ///< energy that tissue and coupling store now
   /// Largest net energy that the hand has received up to any tick: the maximum of -absorbed_J.

@@ -28,8 +28,8 @@ void hold_tip(Tick& tick) noexcept {
   tick.limit_tip_slip();
 }
 
-// Sets the limit of the hold of crushed bone on the tip, and its stiffness in proportion. If the stiffness grows,
-// the force is kept, so the stored energy falls.
+// Sets the limit of the hold of crushed bone on the tip, and its stiffness in proportion. If the
+// stiffness grows, the force is kept, so the stored energy falls.
 void hold_along(Tick& tick) noexcept {
   CuttingState& state = tick.state;
   const double tip_m = -tick.tip.z(), reach_m = 2 * tick.options.tool.radius_m;
@@ -44,8 +44,8 @@ void hold_along(Tick& tick) noexcept {
   state.hold_slip_m = stiffness > 0 ? std::clamp(state.hold_slip_m, -presliding_m, 0.0) : 0;
 }
 
-// Sets the limit of the tip's resistance to being turned, and its stiffness in proportion. If the stiffness grows,
-// the force is kept, so the stored energy falls.
+// Sets the limit of the tip's resistance to being turned, and its stiffness in proportion. If the
+// stiffness grows, the force is kept, so the stored energy falls.
 void hold_twist(Tick& tick) noexcept {
   CuttingState& state = tick.state;
   tick.torsion_N = state.stretch_m > 0
@@ -66,9 +66,9 @@ void finish_torsion(Tick& tick, double turned_m, CuttingResult& out) noexcept {
   out.stored_J += 0.5 * state.torsion_N_per_m * state.torsion_slip_m * state.torsion_slip_m;
 }
 
-// Keeps the slip of the hold and the force with which the tip has crushed the bone around it. Behind a hard layer
-// that force falls to the present one exponentially, over a diameter of the tool. Where no bone is under the tip, there
-// is no such force, whatever lies below.
+// Keeps the slip of the hold and the force with which the tip has crushed the bone around it.
+// Behind a hard layer that force falls to the present one exponentially, over a diameter of the
+// tool. Where no bone is under the tip, there is no such force, whatever lies below.
 void finish_hold(Tick& tick, double pressed_m, CuttingResult& out) noexcept {
   CuttingState& state = tick.state;
   const double presliding_m = std::max(tick.options.tip_presliding_m, 1e-9);
@@ -87,8 +87,8 @@ void finish_hold(Tick& tick, double pressed_m, CuttingResult& out) noexcept {
       std::max(out.tip_N, state.hold_tip_N + forgotten * (out.tip_N - state.hold_tip_N));
 }
 
-// Keeps the depth by which the front has sunk without a cut, and adopts the slope for the next tick. `tip`, `axis`:
-// the tool at the end of the tick.
+// Keeps the depth by which the front has sunk without a cut, and adopts the slope for the next
+// tick. `tip`, `axis`: the tool at the end of the tick.
 void finish_surface(Tick& tick, const Vector3d& tip, const Vector3d& axis) noexcept {
   CuttingState& state = tick.state;
   if (tick.is_on_surface() && state.stretch_m > 0 && !tick.is_free)

@@ -29,8 +29,9 @@ double allowed(const Tick& tick, const Evaluation& e) noexcept {
   return tick.options.tolerance * std::max(1.0, e.coupling_N);
 }
 
-// Makes one step of Newton's method that lowers the potential; returns false if none was found. If the step
-// from the true second derivative fails, as it can where many elements yield, the majorising parabola is used.
+// Makes one step of Newton's method that lowers the potential; returns false if none was found. If
+// the step from the true second derivative fails, as it can where many elements yield, the
+// majorising parabola is used.
 bool step(const Tick& tick, Evaluation& e, CuttingResult& out) noexcept {
   Evaluation next;
   constexpr double kMinDecrease = 1e-4;
@@ -70,8 +71,9 @@ void minimise(const Tick& tick, Evaluation& e, CuttingResult& out) noexcept {
   }
 }
 
-// Linear model at one evaluation. `press`: displacement of the proxy per unit of the tip's force, at a fixed
-// front. `K_s`: decrease of the tip's force per metre of advance of the front, if the proxy follows.
+// Linear model at one evaluation. `press`: displacement of the proxy per unit of the tip's force,
+// at a fixed front. `K_s`: decrease of the tip's force per metre of advance of the front, if the
+// proxy follows.
 struct Model {
   Vector6 press = Vector6::Zero();
   double K_s = 0;
@@ -83,8 +85,8 @@ Model model_of(const Tick& tick, const Evaluation& e, const BlockInverse& invers
   return m;
 }
 
-// Computes Newton's step `-towards`. If friction is elastic but would slide in that step, the step is computed
-// again with sliding friction, as in most ticks in which the tool moves.
+// Computes Newton's step `-towards`. If friction is elastic but would slide in that step, the step
+// is computed again with sliding friction, as in most ticks in which the tool moves.
 bool newton(const Tick& tick, const Evaluation& e, BlockInverse& inverse,
             Vector6& towards) noexcept {
   if (!inverse.of(e.H)) return false;
@@ -107,8 +109,8 @@ bool newton(const Tick& tick, const Evaluation& e, BlockInverse& inverse,
   return true;
 }
 
-// Moves proxy and front together, by the tip force that the linear model predicts. Returns false if the model
-// does not hold; then `e` and the front are as before the front's last step.
+// Moves proxy and front together, by the tip force that the linear model predicts. Returns false if
+// the model does not hold; then `e` and the front are as before the front's last step.
 bool step_together(Tick& tick, Evaluation& e, CuttingResult& out) noexcept {
   Evaluation before = e;
   FrontMemory was = remember(tick, out);
@@ -157,14 +159,16 @@ bool step_together(Tick& tick, Evaluation& e, CuttingResult& out) noexcept {
   }
 }
 
-// Alternates between Newton's method at a fixed front and steps of the front by the resulting tip force.
+// Alternates between Newton's method at a fixed front and steps of the front by the resulting tip
+// force.
 void step_in_turn(Tick& tick, Evaluation& e, CuttingResult& out) noexcept {
   minimise(tick, e, out);
   constexpr int kMaxAdvances = 24;
   for (int k = 0; k < kMaxAdvances && e.tip_N > 0; ++k) {
-    // While the coupling is at its limit, the force does not fall as the front advances, so the tangent would
-    // miss the point at which the coupling leaves its limit. The majorising parabola acts like a secant, which
-    // stops before that point. It also serves for a tool that is about to tilt over, where H has no inverse.
+    // While the coupling is at its limit, the force does not fall as the front advances, so the
+    // tangent would miss the point at which the coupling leaves its limit. The majorising parabola
+    // acts like a secant, which stops before that point. It also serves for a tool that is about to
+    // tilt over, where H has no inverse.
     BlockInverse inverse;
     bool has_model = !e.is_saturated && inverse.of(e.H);
     if (!has_model) {
@@ -181,7 +185,8 @@ void step_in_turn(Tick& tick, Evaluation& e, CuttingResult& out) noexcept {
     constexpr int kMaxTries = 3;
     for (int tries = 0;; ++tries) {
       if (tries == kMaxTries || out.steps >= tick.options.max_steps || !has_model) {
-        // If the proxy keeps its position, the tip's force falls fastest, so the front never advances too far.
+        // If the proxy keeps its position, the tip's force falls fastest, so the front never
+        // advances too far.
         a = scan(tick, before.tip_N, tick.options.tip_N_per_m);
         take(tick, a, out);
         evaluate(tick, before.X, false, e, out);
@@ -215,9 +220,9 @@ void settle_front(Tick& tick, Evaluation& e, CuttingResult& out) noexcept {
   if (!step_together(tick, e, out)) step_in_turn(tick, e, out);
 }
 
-// Advances the front of the soft layer that the tip presses on; returns false if it stays. The tip follows
-// according to the linear model. If that raises the potential, the step is repeated with the tip held in
-// place, which never raises it.
+// Advances the front of the soft layer that the tip presses on; returns false if it stays. The tip
+// follows according to the linear model. If that raises the potential, the step is repeated with
+// the tip held in place, which never raises it.
 bool advance_layer(Tick& tick, Evaluation& e, CuttingResult& out) noexcept {
   if (pressed_layer(tick, e.slide[0]) < 0) return false;
   constexpr double kMinFalling = 1e-3;

@@ -67,7 +67,8 @@ void find_layers(Tick& tick) noexcept {
     if (s.is_in && !is_in) leave(tick, s);
     if (!s.is_in || !is_in) enter(tick, layer, s);
     s.is_in = is_in;
-    // If the tip is below a layer that it has not cut, it came from the side: the layer is not stretched.
+    // If the tip is below a layer that it has not cut, it came from the side: the layer is not
+    // stretched.
     s.stretch_m = std::min((tip_m - s.cut_m) / tick.down, 0.0);
   }
 }
@@ -140,8 +141,8 @@ LayerAdvance scan_layers(Tick& tick, double slide_m, double bone_N, double falli
     a.work_J = Y * a.length_m;  // the tip follows: the force is at least Y up to the end
     return a;
   }
-  // If the layer's own force is less than its cutting force, the elements below supply the rest. Then only the
-  // layer's own energy is counted.
+  // If the layer's own force is less than its cutting force, the elements below supply the rest.
+  // Then only the layer's own energy is counted.
   const double end = std::clamp(z - a.length_m, 0.0, z);
   const double enough = std::clamp(stretch_at(layer, Y), end, z);
   a.work_J =

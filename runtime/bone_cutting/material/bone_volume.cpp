@@ -22,8 +22,8 @@ constexpr double kSheetHole_m = 1e-3;
 constexpr double kUnbreakable_N = 1e9;
 // The elastic modulus of the tip's contact is at least that of very sparse trabecular bone.
 constexpr double kMinModulus_MPa = 50;
-// Strength of bone whose HU show marrow alone: trabeculae are thinner than a voxel, and fat lowers the HU. It is
-// that of `kopperdahl-power` at 0.02 g/cm^3.
+// Strength of bone whose HU show marrow alone: trabeculae are thinner than a voxel, and fat lowers
+// the HU. It is that of `kopperdahl-power` at 0.02 g/cm^3.
 constexpr double kMinStrength_MPa = 0.16;
 
 // The radius of the disc with the area of the tool's cross-section.
@@ -113,7 +113,8 @@ Result<void> set_strength(const Sheet& sheet, const ToolShape& shape, double out
   return {};
 }
 
-// Contract 3: the bevel of a tool, by the uppermost tissue with CutTissue. Zero without a bevel or such a tissue.
+// Contract 3: the bevel of a tool, by the uppermost tissue with CutTissue. Zero without a bevel or
+// such a tissue.
 Eigen::Vector3d bevel_of(const BoneVolume& bone) {
   const auto decides = std::find_if(
       bone.sheets.begin(), bone.sheets.end(),
@@ -148,8 +149,8 @@ void set_hole(const Tissue& tissue, const BoneSheet& sheet, const ToolShape& sha
   slab.wall_strength_N_per_m += in.wall_strength_N_per_m;
 }
 
-// Adds the depths below the top of the i-th sheet at which a shell ends that begins at the top of this sheet or of one
-// above it, or at the bottom of this sheet or of one below it.
+// Adds the depths below the top of the i-th sheet at which a shell ends that begins at the top of
+// this sheet or of one above it, or at the bottom of this sheet or of one below it.
 void add_shell_ends(std::span<const BoneSheet> sheets, std::size_t i, double shell_m,
                     std::vector<double>& ends) {
   const auto thickness_of = [&](std::size_t k) { return sheets[k].bottom_m - sheets[k].top_m; };
@@ -174,7 +175,8 @@ void add_shell_ends(std::span<const BoneSheet> sheets, std::size_t i, double she
   }
 }
 
-// Depths at which the slab of the i-th sheet is divided, from its top to its bottom. The sheets' extents are known.
+// Depths at which the slab of the i-th sheet is divided, from its top to its bottom. The sheets'
+// extents are known.
 std::vector<double> parts_of(std::span<const BoneSheet> sheets, std::size_t i, double shell_m) {
   const double thickness_m = sheets[i].bottom_m - sheets[i].top_m;
   std::vector<double> ends{0, thickness_m};
@@ -206,7 +208,8 @@ void set_extent(std::span<const double> depth_m, std::size_t i, double spacing_m
   out.bottom_m = depth_m[i] + down;
 }
 
-// The options of the law that follow from the scene and its tool. `tissue`: that of the uppermost sheet.
+// The options of the law that follow from the scene and its tool. `tissue`: that of the uppermost
+// sheet.
 CuttingOptions options_of(const Scene& scene, const BoneVolume& bone, const Tissue& tissue) {
   CuttingOptions options;
   options.tool = {bone.tool.tip_plate_m, -bone.tool.axis_plate, bone.radius_m};

@@ -51,6 +51,7 @@ export const inspection_of = (app) => ({
   get scale() { return app.view?.pace.scale ?? 0; },
   get renderer() { return app.view?.renderer_name ?? ""; },
   get shape() { return { vertices: app.view?.shape ? app.view.shape_w.length : 0, deepest_m: app.view?.shape?.visible ? app.view.shape_depth_m : 0 }; },
+  get playback_axis() { return app.playback.first?.values("axis") ?? null; },
   get playback_row() { return row_of(app.playback.first); },
   get playback() { return { file: app.playback.file, time_s: app.playback.time_s, end_s: app.playback.end_s, events: app.playback.first?.events.length ?? 0, all_events: app.playback.first?.all_events ?? [], second: Boolean(app.playback.first?.second) }; },
 });

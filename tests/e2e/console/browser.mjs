@@ -59,6 +59,15 @@ export class Browser {
     return false;
   }
 
+  /// Starts a session of a scene from the form, and waits until it runs.
+  async start(page, scene, seconds) {
+    await page.click("[data-to=folder]");
+    await page.selectOption("#start-scene", scene);
+    await page.fill("#start-duration", String(seconds));
+    await page.click("#start");
+    await this.until(page, `trocar.state.state === "running" && trocar.row && trocar.row.t_s[0] > 0.1`, `the session of ${scene}`);
+  }
+
   /// Takes a picture, and checks that no text is cut off or covered. `is_scrolled`: a small window in which panels are below its edge.
   async picture(page, name, is_scrolled = false) {
     await page.screenshot({ path: `${this.given.out}/${name}.png` });

@@ -209,6 +209,9 @@ for (const share of [0.9, 0.25, 0.55]) {
   const found = await get(page, "trocar.playback_row.t_s[0]");
   check(Math.abs(found - time_s) < 0.003, `the row at ${time_s} s is of ${found} s`);
 }
+// Recordings have no column for the tool's axis: it follows from the plate's rotation.
+const axis = await get(page, "trocar.playback_axis");
+check(axis !== null && Math.abs(Math.hypot(...axis) - 1) < 1e-9 && axis[2] < -0.5, `the tool's axis in playback is ${axis}`);
 check(await get(page, "trocar.playback.events") > 0, "no puncture of the recording is shown");
 // Each puncture has one time, one force at the tip and one on the hand, live and in playback.
 const played = (await get(page, "trocar.playback.all_events")).filter(({ kind }) => kind === "puncture");

@@ -17,13 +17,7 @@ await Promise.all([page.waitForEvent("load"), page.goto(given.link)]);  // the p
 await until(page, `window.trocar?.role === "operator"`, "the operator's link in the tab of the audience");
 check(await get(page, "location.hash") === "", "the token stays in the address");
 
-async function start(scene, seconds) {
-  await page.click("[data-to=folder]");
-  await page.selectOption("#start-scene", scene);
-  await page.fill("#start-duration", String(seconds));
-  await page.click("#start");
-  await until(page, `trocar.state.state === "running" && trocar.row && trocar.row.t_s[0] > 0.1`, `the session of ${scene}`);
-}
+const start = (scene, seconds) => browser.start(page, scene, seconds);
 const session = () => get(page, "trocar.session");
 const is_over = `["ended", "idle", "lost"].includes(trocar.state.state)`;
 async function expect_none(what) {

@@ -18,13 +18,7 @@ check(/broken\.json/.test(await page.innerText("#scenes")), "a scene with broken
 await browser.accessible(page, "folder");
 await browser.sizes(page, "folder");
 
-async function start(scene, seconds) {
-  await page.click("[data-to=folder]");
-  await page.selectOption("#start-scene", scene);
-  await page.fill("#start-duration", String(seconds));
-  await page.click("#start");
-  await until(page, `trocar.state.state === "running" && trocar.row && trocar.row.t_s[0] > 0.1`, `the session of ${scene}`);
-}
+const start = (scene, seconds) => browser.start(page, scene, seconds);
 const pid = () => get(page, "trocar.pid");
 
 // ---- the space key presses what has the focus, and never ends a session ----

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// HU of slices: which samples are stored, that they survive the file and metal survives with them, means and
-// interpolation against plain formulas, and that damaged bytes are refused.
+// HU of slices: which samples are stored, that they survive the file and metal survives with them,
+// means and interpolation against plain formulas, and that damaged bytes are refused.
 #include "formats/asset/hu_volume.h"
 
 #include <gtest/gtest.h>

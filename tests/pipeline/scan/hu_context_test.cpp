@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// The weights of slices in the planes of the context: linear in their distance, whatever the distances between slices are.
+// The weights of slices in the planes of the context: linear in their distance, whatever the
+// distances between slices are.
 #include "pipeline/scan/hu_context.h"
 
 #include <gtest/gtest.h>

@@ -159,7 +159,8 @@ SolidBone filled(const ColumnStack& stack, bool column = false) {
   return std::move(*out);
 }
 
-// The largest part of the canal that is filled in a slice, of its pixels that touch no other tissue.
+// The largest part of the canal that is filled in a slice, of its pixels that touch no other
+// tissue.
 double canal_filled(const ColumnStack& stack, const SolidBone& solid) {
   double out = 0;
   for (int k = 0; k < stack.size(); ++k) {
@@ -259,8 +260,8 @@ TEST(Canals, DarkMarrowIsFilledInTheColumnBesideVesselsToo) {
   }
 }
 
-// The aorta of a CT angiography lies on the vertebrae. Its limit of 580 HU is in the highest step of
-// packed HU, in which all higher values are, too.
+// The aorta of a CT angiography lies on the vertebrae. Its limit of 580 HU is in the highest step
+// of packed HU, in which all higher values are, too.
 TEST(Canals, CortexBesideABrightVesselStays) {
   const ColumnStack stack(Phantom{.has_vessels = true, .vessel_HU = 480, .cortex_mm = 4});
   const SolidBone all = filled(stack), column = filled(stack, true);

@@ -203,7 +203,8 @@ TEST(SolidBone, SlicesThatAreNotParallelAreRefused) {
   EXPECT_NE(out.error().message.find("slice 7"), std::string::npos);
 }
 
-// The outline is unchanged to the bit where no voxel was changed, and the field agrees with the mask.
+// The outline is unchanged to the bit where no voxel was changed, and the field agrees with the
+// mask.
 TEST(SolidBone, TheOuterOutlineStaysWhereItWas) {
   const BlockStack stack = shell_with_hole();
   const SolidBone solid = made(stack, filling(3, 2500));

@@ -305,8 +305,8 @@ TEST(DisplaySurface, OfThePhantomIsWithinItsBoundOfTheExactSurface) {
   const auto made = surface_of(stack, {}, 50'000);
   ASSERT_TRUE(made) << made.error().message;
   expect_proved(made->surface);
-  // The points at which a noiseless scanner reads 226 HU, along the gradient. Caps at the first and last slice
-  // are no part of the exact surface.
+  // The points at which a noiseless scanner reads 226 HU, along the gradient. Caps at the first and
+  // last slice are no part of the exact surface.
   const auto hu = [&](const Vector3d& p) {
     return sample::scanner_hu(phantom, scan, {p.x(), p.y(), p.z()}) - 226;
   };

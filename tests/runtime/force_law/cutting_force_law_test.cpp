@@ -13,8 +13,8 @@
 namespace trocar::runtime {
 namespace {
 
-// A strong layer breaks at 20 N, and the coupling drives the tip through it and 1.6 mm into a weak layer, which the tip
-// has not touched before.
+// A strong layer breaks at 20 N, and the coupling drives the tip through it and 1.6 mm into a weak
+// layer, which the tip has not touched before.
 TEST(CuttingForceLaw, ALayerThatIsReachedAndPuncturedInOneTickIsReported) {
   Scene scene = test::cutting_scene({0.11});
   SceneLayer strong{.name = "fascia", .top_z_m = 0.12, .thickness_m = 1e-3};

@@ -101,7 +101,8 @@ TEST(BodyContact, TheStrengthIsThatOfTheHuUnderTheTool) {
   }
 }
 
-// A surface of 45 degrees: the force has the direction of the friction cone, and a tool that nobody holds sideways slides.
+// A surface of 45 degrees: the force has the direction of the friction cone, and a tool that nobody
+// holds sideways slides.
 TEST(BodyContact, ASlopePushesTheToolSidewaysAndLetsItSlide) {
   for (const double friction : {0.0, 0.3}) {
     const double ratio = (1 - friction) / (1 + friction);
@@ -141,7 +142,8 @@ TEST(BodyContact, ASlopePushesTheToolSidewaysAndLetsItSlide) {
   }
 }
 
-// The shaft's friction and a shell without support follow the HU under the tool, not the slice's mean.
+// The shaft's friction and a shell without support follow the HU under the tool, not the slice's
+// mean.
 TEST(BodyContact, FrictionAndAThinShellAreThoseOfTheHuUnderTheTool) {
   Scene scene = body_scene(0, 9, 0.12);
   scene.tissue.cut = CutTissue{};

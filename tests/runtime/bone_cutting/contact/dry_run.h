@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// A body, a plate that is put anywhere, what a session does with the holes, and a scene, for the tests of
-// bone_contact.h.
+// A body, a plate that is put anywhere, what a session does with the holes, and a scene, for the
+// tests of bone_contact.h.
 #pragma once
 
 #include <gtest/gtest.h>

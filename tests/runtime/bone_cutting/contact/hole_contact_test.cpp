@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Which walls and which strength the law `cutting` gives the tool in a hole: in a hole elsewhere, in a hole entered
-// again, and with a coupling that holds the tool far from the plate. (Contract of bone_contact.h.)
+// Which walls and which strength the law `cutting` gives the tool in a hole: in a hole elsewhere,
+// in a hole entered again, and with a coupling that holds the tool far from the plate. (Contract of
+// bone_contact.h.)
 #include <gtest/gtest.h>
 
 #include "tests/runtime/bone_cutting/contact/dry_run.h"
@@ -13,8 +14,8 @@ using test::body_scene;
 using test::kHexagon_m2;
 using test::spaced_asset;
 
-// The tool hovers beside the bone, over the topmost slices, before it drills elsewhere. What was free beside the bone
-// is not free in the hole.
+// The tool hovers beside the bone, over the topmost slices, before it drills elsewhere. What was
+// free beside the bone is not free in the hole.
 TEST(HoleContact, AHoleInSolidBoneHasItsWallsWhereverTheToolWasBefore) {
   const auto side_N = [](bool was_beside) {
     DryRun trial(walled(), spaced_asset(10, 1));
@@ -33,7 +34,8 @@ TEST(HoleContact, AWallThatYieldsInAHoleEnteredAgainStaysWhereItWasPushed) {
   trial.move(0, 0.121, 0, 0.1171);
   trial.publish();
   trial.move(0, 0.1171, 0, 0.121);
-  // Beside the old axis by less than CuttingOptions::same_hole_m, so that little material is under the tool.
+  // Beside the old axis by less than CuttingOptions::same_hole_m, so that little material is under
+  // the tool.
   trial.move(0, 0.121, 30e-6, 0.121);
   trial.move(30e-6, 0.121, 30e-6, 0.1171);
   EXPECT_EQ(trial.sides_, 0);
@@ -59,7 +61,8 @@ TEST(HoleContact, AHoleEnteredAgainIsAsWideAsItWasLeft) {
   }
 }
 
-// The walls hold the needle while the hand pulls the plate so far aside that no bone is under the plate's tool.
+// The walls hold the needle while the hand pulls the plate so far aside that no bone is under the
+// plate's tool.
 TEST(HoleContact, ACoupledToolCutsTheBoneUnderItselfNotUnderThePlate) {
   DryRun trial(walled(), spaced_asset(10, 1), false);
   trial.move(16.3e-3, 0.121, 16.3e-3, 0.1172);
@@ -72,7 +75,8 @@ TEST(HoleContact, ACoupledToolCutsTheBoneUnderItselfNotUnderThePlate) {
   EXPECT_EQ(trial.fronts_, fronts + 4);
 }
 
-// The bone's edge holds the needle in the air beside the bone, while the hand pushes the plate over the bone.
+// The bone's edge holds the needle in the air beside the bone, while the hand pushes the plate over
+// the bone.
 TEST(HoleContact, ACoupledToolBesideTheBoneIsNotStoppedByTheBoneUnderThePlate) {
   DryRun trial(walled(), spaced_asset(10, 1), false);
   trial.move(25e-3, 0.121, 25e-3, 0.117);
@@ -83,7 +87,8 @@ TEST(HoleContact, ACoupledToolBesideTheBoneIsNotStoppedByTheBoneUnderThePlate) {
   EXPECT_LT(trial.peak_N_, 0.5) << "a corner of the tool is over the edge";
 }
 
-// Slices at 0, 1 and 4 mm: the bone of the slices is 1, 2 and 3 mm thick, and the shell below ends in the middle one.
+// Slices at 0, 1 and 4 mm: the bone of the slices is 1, 2 and 3 mm thick, and the shell below ends
+// in the middle one.
 TEST(HoleContact, AShellIsAsThickInSlicesOfUnevenSpacing) {
   Asset asset = spaced_asset(3, 1);
   asset.slices[2].z_mm = 4;

@@ -59,8 +59,8 @@ TEST(TipHold, NoneIsNone) {
   EXPECT_GE(least_N, -1e-9);
 }
 
-// Behind a hard layer the force that is remembered falls to that of the soft bone, exponentially over a
-// diameter of the tool.
+// Behind a hard layer the force that is remembered falls to that of the soft bone, exponentially
+// over a diameter of the tool.
 TEST(TipHold, AHardLayerIsForgottenBehindIt) {
   std::vector<CuttingSlab> slabs = even_slabs(20, 1e-3, 10);
   slabs[0].strength_top_N = slabs[0].strength_bottom_N = 100;
@@ -73,7 +73,8 @@ TEST(TipHold, AHardLayerIsForgottenBehindIt) {
   EXPECT_NEAR(b.state.hold_tip_N, 10, 0.5);
 }
 
-// Behind the last bone no crushed bone is around the tip, whether there is more bone far below or not.
+// Behind the last bone no crushed bone is around the tip, whether there is more bone far below or
+// not.
 TEST(TipHold, ATipThatHasBrokenThroughIsNotHeld) {
   std::vector<CuttingSlab> slabs = even_slabs(10, 1e-3, 60);
   Bench last = bench(0.25, slabs);
@@ -95,7 +96,8 @@ TEST(TipHold, ATipThatHasBrokenThroughIsNotHeld) {
   EXPECT_GE(least_N, -1e-5);
 }
 
-// Pushing again after a short withdrawal needs the whole force again, and the front goes on where it was.
+// Pushing again after a short withdrawal needs the whole force again, and the front goes on where
+// it was.
 TEST(TipHold, PushingAgainGoesOnFromTheSamePlace) {
   Bench b = bench(0.25, even_slabs(10, 1e-3, 60));
   b.move(plate_at(0, -0.001), plate_at(0, 0.005), 1e-6);

@@ -237,7 +237,8 @@ TEST(BoneVolume, AShellHasTheStrengthUnderTheToolTimesItsFactor) {
   EXPECT_EQ(bone_volume_of(scene, square_asset(3)).sheets[0].shell_factor, 3);
 }
 
-// A shell without support breaks as a thin wall where that needs less force, by the density under the tool.
+// A shell without support breaks as a thin wall where that needs less force, by the density under
+// the tool.
 TEST(BoneVolume, AShellWithoutSupportBreaksAsAThinWall) {
   Scene scene = body_scene(0, 2, 0.12);
   scene.body->shell_m = 8e-4;
@@ -319,8 +320,8 @@ TEST(BoneVolume, ALayersForceFollowsFromItsToughness) {
   EXPECT_NEAR(scene.layers[2].cutting_N, 0.61 * tear_N, 1e-9) << "the part that tears";
 }
 
-// The shaft's friction follows the strength of the bone under the tool, as far as the friction coefficient
-// makes it, and is the nominal one at the slice's mean HU.
+// The shaft's friction follows the strength of the bone under the tool, as far as the friction
+// coefficient makes it, and is the nominal one at the slice's mean HU.
 TEST(BoneVolume, FrictionFollowsTheStrengthUnderTheTool) {
   Scene scene = cutting_scene(stack(0.12, 1e-3, 3));
   scene.tissue.cut.emplace();
@@ -351,7 +352,8 @@ TEST(BoneVolume, TheTipsStiffnessIsTheBonesUnlessItIsStated) {
   scene.tissue.cut->bone = BoneByHu{"kopperdahl-linear", "qct", 8e-4, 0, false};
   const Asset asset = spaced_asset(3, 1, {200, 400, -500});
   const BoneVolume body = bone_volume_of(scene, asset);
-  // A flat punch of radius a on a half-space: 2 a E / (1 - nu^2) (I. Sneddon, Int. J. Eng. Sci. 3, 1965).
+  // A flat punch of radius a on a half-space: 2 a E / (1 - nu^2) (I. Sneddon, Int. J. Eng. Sci. 3,
+  // 1965).
   const auto modulus_Pa = [&](std::size_t i) {
     return tool_in_tissue(body.shape, body.sheets[i].material).tip_N_per_m;
   };
