@@ -237,7 +237,7 @@ def test_tasks_that_do_nothing(folder, monkeypatch):
     told = Cluster(folder)
     monkeypatch.setattr(farm_run.time, "sleep", lambda _: [told.finish(key, None, "FAILED") for key in told.active()])
     monkeypatch.setattr(watch, "GRACE_POLLS", 0)
-    one = farm_run.Run(Stale(), watch.Options("", 0, 1, 0, 600, [], []), None, 60, 0, 0, said.append)
+    one = farm_run.Run(Stale(), watch.Options("", 0, 1, 0, 600, [], []), None, 60, 0, said.append)
     one.slots = 1
     for chunk in range(1, 5):
         (folder.path / f"log.0.{chunk}").write_text("trocar-mesh: /all.json: Not a directory\n")
@@ -248,7 +248,7 @@ def test_tasks_that_do_nothing(folder, monkeypatch):
 
     # Tasks that were killed have said nothing. They are tried again in smaller chunks, and at last given up.
     folder.clear()
-    killed = farm_run.Run(Stale(), watch.Options("", 0, 1, 0, 600, [], []), None, 60, 0, 0, said.append)
+    killed = farm_run.Run(Stale(), watch.Options("", 0, 1, 0, 600, [], []), None, 60, 0, said.append)
     killed.slots = 1
     killed.make([f"s{k}" for k in range(4)], folder, progress, [])
     assert len(killed.rounds) == 1 + farm_run.TRIES and len(killed.unfinished) == 4, (killed.rounds, killed.unfinished)

@@ -111,9 +111,9 @@ def farm(given):
     tool = program.Program(program.find(given.program, ROOT), os.path.abspath(given.collection), os.path.abspath(given.store))
     options = watch.Options(given.partition, given.throttle, given.jobs, OWN_POLL_S if own else POLL_S, given.patience,
                             [*([f"--partition={given.partition}"] if given.partition else []), *shlex.split(given.sbatch)],
-                            [*(["--retry"] if given.retry else []), *(["--max-failures", str(given.max_failures)] if given.max_failures else [])])
+                            ["--retry"] if given.retry else [], given.max_failures)
     slurm.answer_s = min(slurm.answer_s, max(given.patience, 5))
-    numbers = run.Run(tool, options, own, given.chunk, given.limit, given.max_failures, say).all()
+    numbers = run.Run(tool, options, own, given.chunk, given.limit, say).all()
     print(json.dumps(numbers, indent=1) if given.json else summary.text(numbers))
     if given.metrics:
         metrics.write(pathlib.Path(given.metrics), numbers, tool.store)

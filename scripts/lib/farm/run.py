@@ -75,9 +75,9 @@ class Progress:
 class Run:
     """`own`: the context of a cluster that is started for this run and may be repaired; None: the cluster of SLURM_CONF."""
 
-    def __init__(self, program, options, own, chunk_s, time_limit_minutes, max_failures, say):
+    def __init__(self, program, options, own, chunk_s, time_limit_minutes, say):
         self.program, self.options, self.own, self.chunk_s, self.time_limit_minutes = program, options, own, chunk_s, time_limit_minutes
-        self.max_failures, self.say = max_failures, say
+        self.say = say
         self.repair = Repair(own is not None, options.partition, say)
         self.rounds = []
         self.slots = 0
@@ -150,7 +150,7 @@ class Run:
                 raise FarmError(WRITE, f"no task of the first round has done anything: {next(iter(one.chunks.values())).end}")
             if self.has_enough_failures(progress):
                 self.stopped_early = True
-                self.unfinished = {name: f"not tried, because of --max-failures {self.max_failures}" for name in todo}
+                self.unfinished = {name: f"not tried, because of --max-failures {self.options.max_failures}" for name in todo}
                 return
             # A scan that was refused is a known failure now.
             todo = list(self.program.state().stale)
@@ -158,7 +158,8 @@ class Run:
             tries += 0 if measuring else 1
 
     def has_enough_failures(self, progress):
-        return self.max_failures and len({entry.scan for entry in progress.entries if entry.outcome == "failed"}) >= self.max_failures
+        limit = self.options.max_failures
+        return limit and len({entry.scan for entry in progress.entries if entry.outcome == "failed"}) >= limit
 
 
 def ends(chunks_by_number):

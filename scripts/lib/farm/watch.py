@@ -30,7 +30,12 @@ class Options:
     poll_s: float
     patience_s: float
     sbatch: list
-    batch: list  # further options of trocar-mesh batch
+    batch: list  # further options of trocar-mesh batch, of its dry run too
+    max_failures: int = 0  # new failures, after which a task starts no further scan; 0: no limit
+
+    def of_a_task(self):
+        """The options of the `trocar-mesh batch` that a task runs."""
+        return [*self.batch, *(["--max-failures", str(self.max_failures)] if self.max_failures else [])]
 
 
 @dataclasses.dataclass
@@ -130,7 +135,7 @@ class Round:
         room = self.limits["MaxJobCount"] // 2 - len(active)
         throttle = f"%{self.options.throttle}" if self.options.throttle else ""
         for offset, indices in chunks.arrays(self.waiting, self.limits["MaxArraySize"], room):
-            script = chunk_script.text(self.program.command(*self.options.batch), self.run.path, self.number, offset, self.options.jobs)
+            script = chunk_script.text(self.program.command(*self.options.of_a_task()), self.run.path, self.number, offset, self.options.jobs)
             try:
                 slurm.submit(script, f"--job-name={self.job_name}{offset}", f"--array={chunks.index_text(indices)}{throttle}",
                              f"--time={self.minutes}", f"--cpus-per-task={self.options.jobs}", "--nodes=1", "--ntasks=1", "--requeue",
