@@ -39,6 +39,14 @@ def work():
     return folders_of_test.WORK
 
 
+@pytest.fixture
+def place(work, request):
+    """A new folder for one test."""
+    out = work / request.node.name.replace("/", "_")
+    out.mkdir(parents=True)
+    return out
+
+
 def pytest_sessionfinish(session):
     stats = session.config.pluginmanager.get_plugin("terminalreporter").stats
     if stats.get("skipped") and not any(stats.get(kind) for kind in ("passed", "failed", "error")):

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // The commands `receive` and `fetch` run in a program of their own, trocar-archive, because DCMTK's
 // network libraries and those that they bring would delay the start of every other command.
-// Tests: tests/e2e/archive_test.py
+// Tests: tests/e2e/archive_receive_test.py, tests/e2e/archive_fetch_test.py
 #pragma once
 
 namespace trocar::pipeline {
