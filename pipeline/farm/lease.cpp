@@ -48,7 +48,7 @@ std::optional<Held> read_lease(const Store& store, const fs::path& file) {
   const auto now = store.now();
   const auto time = time_of(file);
   if (!time) return std::nullopt;
-  out.is_valid = now && *now - *time < kLeaseDuration;
+  out.is_valid = now && !is_abandoned(*time, *now, kLeaseDuration);
   return out;
 }
 

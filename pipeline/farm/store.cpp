@@ -467,7 +467,7 @@ std::size_t Store::remove_strays() const {
               now_here = *asked;
             }
             const auto time = time_of(file);
-            if (!time || *now_here - *time < most) continue;
+            if (!time || !is_abandoned(*time, *now_here, most)) continue;
           }
           // A product is made in a folder.
           if (fs::remove_all(file, ignored) > 0 && !ignored) ++removed;

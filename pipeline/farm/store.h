@@ -27,6 +27,14 @@ namespace trocar::farm {
 /// for example because the process runs on another host.
 inline constexpr std::chrono::seconds kStrayAge{600}, kLeaseDuration{60};
 
+/// Does a file with this time count as abandoned? So does a file whose time is that far in the
+/// future: the file server's clock was set back after the file's last change.
+constexpr bool is_abandoned(std::chrono::nanoseconds file_time, std::chrono::nanoseconds now,
+                            std::chrono::nanoseconds most) {
+  const std::chrono::nanoseconds age = now - file_time;
+  return age >= most || age <= -most;
+}
+
 /// A file of the store that is named by its digest.
 struct Object {
   std::string sha256;
