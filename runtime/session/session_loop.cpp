@@ -55,15 +55,13 @@ bool SessionLoop::tick(const TickTiming& timing) noexcept {
     xray_.apply(given, is_paused, start_ns);
     if (is_paused) return true;
   }
-  std::int64_t cuts_published = 0;
-  for (std::size_t i = 0; i < sheets_.size(); ++i) {
-    sheets_[i] = remesher_.current(i);
-    cuts_published += sheets_[i]->cuts;
-  }
+  const std::uint64_t versions = remesher_.versions_published();
+  for (std::size_t i = 0; i < sheets_.size(); ++i)
+    sheets_[i] = remesher_.current(i, versions);
   late_ticks_.begin(timing, 1e9 / model_.rate_Hz);
   haptic_tick(model_, inputs(timing), device_, law_, state_, result_);
   if (result_.end_of_data) return false;
-  result_.row.cuts_published = cuts_published;
+  result_.row.cuts_published = static_cast<std::int64_t>(versions);
   result_.row.xray = xray_of_tick();
   for (const CutRequest& cut : result_.contact.cuts())
     request_hole(cut);

@@ -17,7 +17,8 @@ Remesher::ReplicaPair::ReplicaPair(const Sheet& sheet)
     : first(sheet),
       replica{sheet, sheet},
       doubled_area(trocar::doubled_area(to_slice_mesh(sheet.mesh))),
-      published(replica.data()) {
+      published(replica.data()),
+      used(replica.data()) {
   first.mesh.remove_spare_slots();
   reserve_touched(change.triangles, kReservedChanges);
   reserve_touched(change.vertices, kReservedChanges);
@@ -55,9 +56,14 @@ Remesher::~Remesher() {
   stop();
 }
 
-const Sheet* Remesher::current(std::size_t sheet) noexcept {
+const Sheet* Remesher::current(std::size_t sheet, std::uint64_t versions) noexcept {
   ReplicaPair& pair = *pairs_[sheet];
   const Sheet* latest = pair.published.load(std::memory_order_acquire);
+  // Before the haptic thread has taken a version, no further one of the sheet is made. So
+  // `publication` is that of `latest`, and the version used until now is the one before it.
+  if (latest != pair.used && pair.publication.load(std::memory_order_relaxed) > versions)
+    return pair.used;
+  pair.used = latest;
   // Versions only get newer, so the haptic thread does not read older ones from here on.
   pair.used_cuts.store(latest->cuts, std::memory_order_release);
   return latest;
@@ -211,7 +217,10 @@ bool Remesher::publish_next() {
   if (ready_.empty()) return false;
   ReplicaPair& pair = *pairs_[ready_.front()];
   ready_.erase(ready_.begin());
+  const std::uint64_t publication = versions_published_.load(std::memory_order_relaxed) + 1;
+  pair.publication.store(publication, std::memory_order_relaxed);
   pair.published.store(&pair.replica[pair.newer], std::memory_order_release);
+  versions_published_.store(publication, std::memory_order_release);
   pair.unpublished = false;
   return true;
 }

@@ -78,9 +78,16 @@ class Remesher {
 
   /// Requests a hole. If the queue is full, returns false and drops the request.
   bool request(const CutRequest& request) noexcept { return requests_.push(request); }
-  /// Returns the published version of a sheet. The pointer is valid until the next call for
-  /// the same sheet.
-  const Sheet* current(std::size_t sheet) noexcept;
+  /// Returns the number of versions that are published, over all sheets.
+  std::uint64_t versions_published() const noexcept {
+    return versions_published_.load(std::memory_order_acquire);
+  }
+  /// Returns the newest version of a sheet among the first `versions` published ones. A tick passes
+  /// the same number for all sheets. So it never uses a version without all versions that were
+  /// published before it, and a replay can publish them in the same order. `versions` is a result
+  /// of versions_published(), and never less than in the call before. The pointer is valid until
+  /// the next call for the same sheet.
+  const Sheet* current(std::size_t sheet, std::uint64_t versions) noexcept;
 
   // One other thread calls serve() and publish_next(): the thread that start() creates, or, without
   // start(), a thread of the caller.
@@ -126,6 +133,10 @@ class Remesher {
     SheetChange change;            ///< slots that the last cut has written
     std::int64_t doubled_area;
     std::atomic<const Sheet*> published;
+    /// Which published version of all sheets this one is, counted from 1. Written before
+    /// `published`, and not again before the haptic thread has taken this version.
+    std::atomic<std::uint64_t> publication{0};
+    const Sheet* used;  ///< the version that the haptic thread took last; only this thread uses it
     /// Sheet::cuts of the version that the haptic thread took last.
     std::atomic<std::uint32_t> used_cuts{0};
   };
@@ -162,6 +173,7 @@ class Remesher {
   SheetEdit edit_;  ///< lists the slots of the current cut
   std::unique_ptr<LocalRefinementWorkspace> refinement_;
   std::vector<std::unique_ptr<ReplicaPair>> pairs_;
+  std::atomic<std::uint64_t> versions_published_{0};
   std::vector<std::size_t> ready_;  ///< sheets with an unpublished version, the oldest first
   std::vector<CutRecord> records_;
   std::vector<LatticePoint> hole_points_;

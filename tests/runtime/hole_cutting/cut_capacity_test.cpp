@@ -9,10 +9,13 @@
 #include "tests/support/counted_allocations.h"
 #include "tests/support/random_geometry.h"
 #include "tests/support/same_sheet_mesh.h"
+#include "tests/support/remesher_reader.h"
 #include "tests/support/sheet_fixture.h"
 
 namespace trocar::runtime {
 namespace {
+
+using test::current;
 
 using trocar::test::same;
 
@@ -185,16 +188,16 @@ TEST(CutAllocations, TheRemesherDoesNotAllocate) {
   for (std::uint32_t i = 1; i <= 60; ++i) {
     Pose pose;
     pose.p_m = {-0.02 + 0.0005 * i, 0.001 * (i % 7), 0.1};
-    const Sheet* sheet = remesher.current(0);
+    const Sheet* sheet = current(remesher, 0);
     CutRequest request{0, i, outline_on_lattice(tool, pose, sheet->transform, sheet->z_m)};
     EXPECT_EQ(counted([&] {
                 remesher.request(request);
                 remesher.serve();
                 remesher.publish_next();
-                remesher.current(0);
+                current(remesher, 0);
               }),
               0U);
-    ASSERT_EQ(remesher.current(0)->cuts, i);
+    ASSERT_EQ(current(remesher, 0)->cuts, i);
   }
   EXPECT_TRUE(check_sheet_mesh(remesher.last_version(0).mesh));
 }
@@ -211,16 +214,16 @@ TEST(Remeshing, ASheetGetsMoreSlotsBeforeTheyAreUsedUp) {
     for (int j = 0; j < 26; ++j) {
       Pose pose;
       pose.p_m = {-0.0187 + 0.0015 * i, -0.0186 + 0.0015 * j, 0.1};
-      const Sheet* sheet = remesher.current(0);
+      const Sheet* sheet = current(remesher, 0);
       remesher.request({0, ++cut, outline_on_lattice(tool, pose, sheet->transform, sheet->z_m)});
       remesher.serve();
       const CutRecord& record = remesher.records().back();
       ASSERT_FALSE(record.error) << cut << ": " << record.error->message;
       ASSERT_EQ(record.cut.outcome, CutOutcome::kCut);
       removed += record.cut.doubled_area_removed;
-      ASSERT_EQ(remesher.current(0)->cuts, cut - 1) << "the version that is read must not change";
+      ASSERT_EQ(current(remesher, 0)->cuts, cut - 1) << "the version that is read must not change";
       ASSERT_TRUE(remesher.publish_next());
-      ASSERT_EQ(remesher.current(0)->cuts, cut);
+      ASSERT_EQ(current(remesher, 0)->cuts, cut);
     }
   }
   const SheetMesh last = remesher.last_version(0).mesh;
@@ -231,7 +234,7 @@ TEST(Remeshing, ASheetGetsMoreSlotsBeforeTheyAreUsedUp) {
   // One more cut, which is made in the other replica: that has followed all cuts.
   Pose away;
   away.p_m = {0.5, 0.5, 0.1};
-  const Sheet* sheet = remesher.current(0);
+  const Sheet* sheet = current(remesher, 0);
   remesher.request({0, ++cut, outline_on_lattice(tool, away, sheet->transform, sheet->z_m)});
   remesher.serve();
   EXPECT_TRUE(same(remesher.last_version(0).mesh, last));

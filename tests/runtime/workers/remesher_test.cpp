@@ -9,15 +9,18 @@
 #include <memory>
 
 #include "runtime/workers/remesher.h"
+#include "tests/support/remesher_reader.h"
 #include "tests/support/sheet_fixture.h"
 
 namespace trocar::runtime {
 namespace {
 
+using test::current;
+
 TEST(Remesher, ItsThreadServesAndPublishesRequests) {
   const Scene scene = test::descent_scene({0.12, 0.14}, 0.2, 0.1, 0.015);
   Remesher remesher(*place_slices(scene, test::square_asset(2), "a"));
-  const std::int64_t whole = doubled_area(to_slice_mesh(remesher.current(0)->mesh));
+  const std::int64_t whole = doubled_area(to_slice_mesh(current(remesher, 0)->mesh));
   remesher.start();
   std::int64_t removed = 0;
   for (std::uint32_t i = 0; i < 20; ++i) {
@@ -27,15 +30,15 @@ TEST(Remesher, ItsThreadServesAndPublishesRequests) {
     Pose pose;
     // The holes overlap.
     pose.p_m = {-0.015 + 0.003 * (request.cut - 1), 0.001 * (i % 7), 0.1};
-    const Sheet* before = remesher.current(request.sheet);
+    const Sheet* before = current(remesher, request.sheet);
     request.outline =
         outline_on_lattice(make_tool(scene.tool), pose, before->transform, before->z_m);
     ASSERT_TRUE(remesher.request(request));
     // The haptic thread uses the old version until the new one is published.
     const auto until = std::chrono::steady_clock::now() + std::chrono::seconds(20);
-    while (remesher.current(request.sheet)->cuts < request.cut) {
+    while (current(remesher, request.sheet)->cuts < request.cut) {
       ASSERT_LT(std::chrono::steady_clock::now(), until);
-      ASSERT_GT(remesher.current(request.sheet)->mesh.triangles_in_use(), 0U);
+      ASSERT_GT(current(remesher, request.sheet)->mesh.triangles_in_use(), 0U);
     }
   }
   remesher.stop();
@@ -67,13 +70,13 @@ class TwoReplicas : public testing::Test {
 };
 
 TEST_F(TwoReplicas, TheOlderReplicaIsNotWrittenWhileTheReaderUsesIt) {
-  const Sheet* const first = remesher_->current(0);
+  const Sheet* const first = current(*remesher_, 0);
   const SheetMesh before = first->mesh;
   ask(0, 1);
   ask(0, 2);
   remesher_->serve();
   EXPECT_EQ(remesher_->records().size(), 1U) << "at most one unpublished version";
-  EXPECT_EQ(remesher_->current(0), first);
+  EXPECT_EQ(current(*remesher_, 0), first);
   EXPECT_TRUE(remesher_->publish_next());
   EXPECT_FALSE(remesher_->publish_next());
   for (int i = 0; i < 3; ++i)
@@ -81,13 +84,13 @@ TEST_F(TwoReplicas, TheOlderReplicaIsNotWrittenWhileTheReaderUsesIt) {
   EXPECT_EQ(remesher_->records().size(), 1U) << "the reader still uses the first version";
   EXPECT_EQ(first->mesh.triangles, before.triangles);
   EXPECT_EQ(first->mesh.vertices, before.vertices);
-  const Sheet* const second = remesher_->current(0);
+  const Sheet* const second = current(*remesher_, 0);
   EXPECT_NE(second, first);
   EXPECT_EQ(second->cuts, 1U);
   remesher_->serve();
   ASSERT_EQ(remesher_->records().size(), 2U);
   EXPECT_TRUE(remesher_->publish_next());
-  EXPECT_EQ(remesher_->current(0), first) << "two replicas, not more";
+  EXPECT_EQ(current(*remesher_, 0), first) << "two replicas, not more";
   EXPECT_EQ(first->cuts, 2U);
   for (const Sheet* sheet : {first, second})
     EXPECT_TRUE(check_sheet_mesh(sheet->mesh));
@@ -104,6 +107,29 @@ TEST_F(TwoReplicas, TheOlderReplicaIsNotWrittenWhileTheReaderUsesIt) {
             removed);
 }
 
+// If versions are published while a tick reads the sheets, it uses none of them, or all that came
+// before one that it uses. A replay knows only their number.
+TEST_F(TwoReplicas, ATickUsesVersionsInTheOrderOfTheirPublication) {
+  const Sheet* const first[] = {current(*remesher_, 0), current(*remesher_, 1)};
+  ask(1, 1);
+  ask(0, 1);
+  remesher_->serve();
+  const std::uint64_t before = remesher_->versions_published();
+  EXPECT_EQ(remesher_->current(0, before), first[0]);
+  ASSERT_TRUE(remesher_->publish_next());
+  const std::uint64_t between = remesher_->versions_published();
+  ASSERT_TRUE(remesher_->publish_next());
+  EXPECT_EQ(remesher_->current(1, before), first[1]) << "published after the tick had begun";
+  EXPECT_EQ(remesher_->current(0, between), first[0]);
+  EXPECT_EQ(remesher_->current(1, between)->cuts, 1U);
+  // The version that sheet 0 still uses is not written.
+  ask(0, 2);
+  remesher_->serve();
+  EXPECT_EQ(first[0]->cuts, 0U);
+  EXPECT_EQ(remesher_->versions_published(), 2U);
+  EXPECT_EQ(current(*remesher_, 0)->cuts, 1U);
+}
+
 TEST_F(TwoReplicas, SheetsDoNotWaitForOneAnotherAndStopServesTheRest) {
   ask(0, 1);
   ask(1, 1);
@@ -114,12 +140,12 @@ TEST_F(TwoReplicas, SheetsDoNotWaitForOneAnotherAndStopServesTheRest) {
   ask(0, 2);
   remesher_->stop();
   EXPECT_EQ(remesher_->records().size(), 5U);
-  EXPECT_EQ(remesher_->current(0)->cuts, 2U);
-  EXPECT_EQ(remesher_->current(1)->cuts, 3U);
+  EXPECT_EQ(current(*remesher_, 0)->cuts, 2U);
+  EXPECT_EQ(current(*remesher_, 1)->cuts, 3U);
 }
 
 TEST_F(TwoReplicas, AFailedCutIsRecordedAndTheSheetIsUnchanged) {
-  const SheetMesh before = remesher_->current(0)->mesh;
+  const SheetMesh before = current(*remesher_, 0)->mesh;
   CutRequest not_a_tool;
   not_a_tool.sheet = 0;
   not_a_tool.cut = 1;
@@ -130,8 +156,8 @@ TEST_F(TwoReplicas, AFailedCutIsRecordedAndTheSheetIsUnchanged) {
   ASSERT_EQ(remesher_->records().size(), 2U);
   for (const CutRecord& record : remesher_->records())
     EXPECT_TRUE(record.error);
-  EXPECT_EQ(remesher_->current(0)->cuts, 0U);
-  EXPECT_EQ(remesher_->current(0)->mesh.triangles, before.triangles);
+  EXPECT_EQ(current(*remesher_, 0)->cuts, 0U);
+  EXPECT_EQ(current(*remesher_, 0)->mesh.triangles, before.triangles);
 }
 
 TEST_F(TwoReplicas, TheQualityPassLeavesNoAngleBelowItsBound) {
