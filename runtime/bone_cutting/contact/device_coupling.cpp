@@ -65,7 +65,7 @@ DeviceCoupling choose_coupling(const BoneVolume& bone, const SceneForceLaw& law,
         std::min(coupling.rotation_Nm_per_rad, out.ceiling_N_per_m * tip_m * tip_m);
     out.is_at_ceiling = true;
   }
-  const bool may_be_rigid = tissue_N_per_m <= out.ceiling_N_per_m;
+  const bool may_be_rigid = tissue_N_per_m + bone.yielding_N_per_m <= out.ceiling_N_per_m;
   coupling.is_rigid =
       may_be_rigid && (law.axis == ToolAxis::kRigid ||
                        (law.axis == ToolAxis::kAuto && is_softer(tissue, coupling)));

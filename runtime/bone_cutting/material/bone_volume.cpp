@@ -376,11 +376,15 @@ Result<BoneVolume> make_bone_volume(const Scene& scene, std::span<const Sheet* c
   bone.options.tool.bevel_plate = bevel_of(bone);
   bone.along_N_per_m +=
       friction_N * core_friction_factor(options, embedded_m) / std::max(options.presliding_m, 1e-9);
-  double tip_N_per_m = 0;
-  for (const BoneSheet& sheet : bone.sheets)
+  double tip_N_per_m = 0, strongest_N = 0;
+  for (const BoneSheet& sheet : bone.sheets) {
     tip_N_per_m = std::max(tip_N_per_m, sheet.tip_N_per_m);
+    strongest_N = std::max(strongest_N, sheet.nominal_N);
+  }
   bone.options.tip_N_per_m = bone.sheets.front().tip_N_per_m;
   bone.along_N_per_m += tip_N_per_m;
+  bone.yielding_N_per_m = (options.tip_hold + options.tip_friction) * strongest_N /
+                          std::max(options.tip_presliding_m, 1e-9);
   for (const SceneLayer& layer : scene.layers) {
     if (layer.toughness_J_per_m2 > 0 && !(layer.puncture_N > 0))
       return refused("/layers: the force of \"" + layer.name +
@@ -396,6 +400,8 @@ Result<BoneVolume> make_bone_volume(const Scene& scene, std::span<const Sheet* c
     bone.layers.push_back(soft);
     // At its puncture it is as stiff as it gets.
     bone.along_N_per_m += soft_spring(soft, stretch_at(soft, soft.puncture_N)).stiffness_N_per_m;
+    bone.yielding_N_per_m +=
+        soft.friction_N_per_m * layer.thickness_m / std::max(options.presliding_m, 1e-9);
   }
   return bone;
 }

@@ -106,9 +106,12 @@ struct BoneVolume {
   std::vector<CuttingSlab> slabs;  ///< strength of each slab: nominal_N of its sheet
   std::vector<int> sheet_of_slab;  ///< index of each slab's sheet
   std::vector<SoftLayer> layers;   ///< uppermost first
-  /// Largest stiffness that the tool can meet along its axis (tip, soft layers and friction), and
-  /// across its axis (walls).
+  /// Largest stiffness that the tool can meet along its axis (tip, soft layers and friction in
+  /// bone), and across its axis (walls).
   double along_N_per_m = 0, across_N_per_m = 0;
+  /// Largest stiffness of what yields under a small force: friction and hold of the tip, and
+  /// friction in soft layers. Not contained in the two above.
+  double yielding_N_per_m = 0;
   double viscous_N_s_per_m = 0;  ///< viscous friction along the shaft, summed over all slabs
 };
 

@@ -298,6 +298,19 @@ TEST(DeviceCoupling, NeverStifferThanTheDeviceStatesOrTheOperatorAllows) {
   }
 }
 
+// Friction and hold of a tip of 35 N are springs of more than 100 kN/m until they yield.
+TEST(DeviceCoupling, TheFrictionOfTheTipCountsAgainstAStatedStiffness) {
+  DeviceDescription device = default_device_description();
+  device.plate_stiffness_max_N_per_m = 20'000;
+  SceneForceLaw law = coupled();
+  law.axis = ToolAxis::kRigid;
+  BoneVolume bone = one_sheet();
+  EXPECT_GT(bone.yielding_N_per_m, 100'000);
+  EXPECT_FALSE(choose(bone, law, device).coupling.is_rigid);
+  bone.yielding_N_per_m = 0;
+  EXPECT_TRUE(choose(bone, law, device).coupling.is_rigid);
+}
+
 // A scene that states no stiffness gets the largest that the device holds, in each of both alone as well.
 TEST(DeviceCoupling, WithoutAStiffnessItIsTheLargest) {
   const DeviceDescription device = default_device_description();

@@ -427,6 +427,20 @@ TEST(BoneVolume, ItsStiffestIsThatOfTipShaftAndWalls) {
   EXPECT_NEAR(body.across_N_per_m, 54.563505e6 * 4e-3, 0.1);
   EXPECT_NEAR(body.viscous_N_s_per_m, 12, 1e-9);
   EXPECT_EQ(body.options.presliding_m, 1e-4);
+  // Friction 0.3 and hold 0.25 of the strength, at 0.1 mm, and a layer with 200 N/m over 2 mm.
+  const double of_tip_N_per_m = 0.55 * body.sheets.front().nominal_N / 1e-4;
+  EXPECT_NEAR(body.yielding_N_per_m, of_tip_N_per_m, 1e-6);
+  SceneLayer skin;
+  skin.name = "skin";
+  skin.top_z_m = 0.2;
+  skin.thickness_m = 2e-3;
+  skin.stiffness_N_per_m = 1000;
+  skin.puncture_N = 2;
+  skin.cutting_N = 1;
+  skin.friction_N_per_m = 200;
+  scene.layers = {skin};
+  EXPECT_NEAR(bone_volume_of(scene, square_asset(4)).yielding_N_per_m,
+              of_tip_N_per_m + 200 * 2e-3 / 1e-4, 1e-6);
 }
 
 TEST(BoneVolume, WhatHasNoStrengthIsRefused) {
