@@ -17,12 +17,12 @@ constexpr const char* cause_of(Fault fault) {
     case Fault::kNoData:
       return "the drive is off, a cable is loose, or another program holds up the drive";
     case Fault::kLinkLost:
-      return "the drive has ended, its network failed, or its watchdog tripped because this "
-             "computer was late";
+      return "the drive has ended, its network failed, its states are refused, or its watchdog "
+             "tripped because this computer was late";
     case Fault::kWriteFailed:
       return "the drive refuses commands, or the connection to it has just broken";
     case Fault::kEncoderNotFinite:
-      return "an encoder or its cable is broken, or the drive sent a value without a reading";
+      return "an encoder or its cable is broken, or the device stated a value without a reading";
     case Fault::kEncoderJump:
       return "a plug is loose, counts were lost, or data came from another device";
     case Fault::kJointLimit:
@@ -42,7 +42,8 @@ constexpr const char* cause_of(Fault fault) {
     case Fault::kEmergencyStop:
       return "somebody pressed it";
     case Fault::kMotorFault:
-      return "the drive reports a motor that is broken, too hot or disconnected";
+      return "the drive reports a motor that is broken, too hot or disconnected, or another fault "
+             "of the device";
     case Fault::kWorkspace:
       return "the tool was moved to where the device cannot be held safely";
     case Fault::kSpeed:
@@ -122,8 +123,10 @@ constexpr FaultWords make_words(Fault fault) {
               "the emergency stop is still pressed", "release it when that is safe",
               cause_of(fault)};
     case Fault::kMotorFault:
-      return {"motor_fault", "a motor does not give its torque",
-              "a motor still does not give its torque", "check that motor, its cable and its drive",
+      return {"motor_fault", "a motor does not give its torque, or the device has another fault",
+              "a motor still does not give its torque, or the device still has another fault",
+              "check that motor, its cable and its drive, or what the device's maker says of its "
+              "fault",
               cause_of(fault)};
     case Fault::kWorkspace:
       return {"workspace", "the plate is outside its box, or tilted too far",
@@ -258,6 +261,13 @@ constexpr QuantityWords make_quantity(FaultQuantity quantity) {
       return {"device_step_m", "step of the measured position", " mm", 1e3};
     case FaultQuantity::kRotationStep:
       return {"device_step_rad", "step of the measured orientation", " deg", kDeg};
+    case FaultQuantity::kFaultByte:
+      return {"device_fault", "fault byte of the device:"};
+    case FaultQuantity::kRefusedContents:
+      return {"refused_states",
+              "the device's states arrive, but are refused because of their contents, such as a "
+              "number that is not finite or a quaternion that is not a unit",
+              "", 0};
   }
   return {};
 }
@@ -320,6 +330,13 @@ std::string number(double x, int digits) {
 
 const FaultWords& words_of(Fault fault) {
   return kWords.at(static_cast<std::size_t>(fault));
+}
+
+bool is_new_fault(SafetyState safety_before, Fault fault_before, const RecordingRow& row) {
+  // Within a recovery, a fault that only goes on does not lead back to the state `fault`.
+  const bool is_raised_again =
+      safety_before == SafetyState::kRecovering && row.safety == SafetyState::kFault;
+  return row.fault != Fault::kNone && (row.fault != fault_before || is_raised_again);
 }
 
 bool is_known(const FaultDetail& detail) {

@@ -45,8 +45,11 @@ enum class FaultQuantity : std::uint8_t {
   kMeasuredRotation,     ///< length of the quaternion that a pose device measured
   kPositionStep,         ///< change of the measured position since the last data, m
   kRotationStep,         ///< change of the measured orientation since the last data, rad
+  kFaultByte,            ///< byte with which a pose device reports its fault; its maker chooses the
+                         ///< meaning
+  kRefusedContents,      ///< no value: the device's states are refused because of their contents
 };
-inline constexpr int kFaultQuantities = 29;
+inline constexpr int kFaultQuantities = 31;
 
 /// The result of a check: a fault or none, and the value that was above or below its limit. The
 /// structure has no text, because the haptic thread fills it. Another thread composes the text.
@@ -81,6 +84,11 @@ struct FaultWords {
 };
 /// The words for a fault. No pointer in them is null.
 const FaultWords& words_of(Fault fault);
+
+/// Returns true if a fault was raised in the tick of `row`. `safety_before` and `fault_before` are
+/// those of the row before. If the emergency stop is pressed again during the recovery from an
+/// emergency stop, RecordingRow::fault does not change, but this is a new fault.
+bool is_new_fault(SafetyState safety_before, Fault fault_before, const RecordingRow& row);
 
 /// Returns true if the fault and the quantity are enumerators and the index is valid for the
 /// quantity. The functions below have this as a precondition. Call is_known() for each detail that

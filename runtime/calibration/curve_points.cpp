@@ -134,8 +134,10 @@ std::vector<CurveMean> means_of(const std::vector<CurvePoint>& points, std::size
       const double max_N =
           std::max(kMostChange * (high_N - low_N),
                    4 * noise_N * std::sqrt(1 / before.samples + 1 / after.samples));
+      // Halves of points of one depth would have the same depth.
       const bool splits = std::abs(after.force_N - before.force_N) > 2 * max_N &&
-                          each.end - each.begin > 1 && next.size() + n - i < most;
+                          sorted[each.begin].depth_mm < sorted[each.end - 1].depth_mm &&
+                          next.size() + n - i < most;
       const std::size_t middle = splits ? (each.begin + each.end) / 2 : each.end;
       next.push_back(stretch_of(sorted, each.begin, middle));
       if (splits) next.push_back(stretch_of(sorted, middle, each.end));

@@ -18,10 +18,10 @@ struct CurveMean {
   double samples = 1;  ///< number of points
 };
 
-/// Returns means over at most `most` stretches of depth, in the order of depth. The stretches have
-/// equal length, except where the force changes quickly: there the stretches are shorter. Stretches
-/// without a point are left out. `noise_N`: standard deviation of the noise of one point; changes
-/// that the noise can explain do not count as quick.
+/// Returns means over at most `most` stretches of depth. The depths of the means rise strictly. The
+/// stretches have equal length, except where the force changes quickly: there the stretches are
+/// shorter. Stretches without a point are left out. `noise_N`: standard deviation of the noise of
+/// one point; changes that the noise can explain do not count as quick.
 std::vector<CurveMean> means_of(const std::vector<CurvePoint>& points, std::size_t most,
                                 double noise_N);
 

@@ -105,7 +105,10 @@ std::string describe_pose_fault(Fault fault, const DeviceSpecification& device,
   const PoseMargins margins = pose_margins(device, limits, tool, T_device_plate);
   switch (fault) {
     case Fault::kWorkspace:
-      if (margins.box_m < 0) return describe_box(limits, T_device_plate);
+      if (margins.box_m < 0) {
+        std::string beyond = describe_box(limits, T_device_plate);
+        return beyond.empty() ? device.describe_fault(fault, T_device_plate) : beyond;
+      }
       if (margins.tilt_rad <= limits.plate_tilt_max_rad) return {};
       return describe_beyond("the plate is tilted by", margins.tilt_rad * kDegreesPerRadian,
                              limits.plate_tilt_max_rad * kDegreesPerRadian, " deg", 1);

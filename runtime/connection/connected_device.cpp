@@ -25,6 +25,7 @@ ConnectedDevice::ConnectedDevice(std::unique_ptr<PoseConnection> connection, dou
                                  SayLine say)
     : connection_(std::move(connection)),
       period_ns_(std::llround(period_s * 1e9)),
+      stale_s_(std::max(kStaleCommand_s, kStalePeriods * period_s)),
       say_(std::move(say)) {}
 
 ConnectedDevice::~ConnectedDevice() {
@@ -44,9 +45,13 @@ Result<void> ConnectedDevice::start() {
 }
 
 DeviceStatus ConnectedDevice::read(PoseReading& reading) noexcept {
-  if (state_.load(std::memory_order_acquire) != State::kConnected) return DeviceStatus::kLinkLost;
+  const bool is_connected = state_.load(std::memory_order_acquire) == State::kConnected;
   Answer answer;
-  if (!answers_.read(answer)) return DeviceStatus::kNoData;
+  // An answer that is still there after a loss is dropped: it would be old after the reconnection.
+  const bool is_answered = answers_.read(answer);
+  if (!is_connected) return DeviceStatus::kLinkLost;
+  if (!is_answered || answer.reading.t_s == last_t_s_) return DeviceStatus::kNoData;
+  last_t_s_ = answer.reading.t_s;
   reading = answer.reading;
   if (answer.command_ns > last_answered_ns_) {
     last_answered_ns_ = answer.command_ns;
@@ -88,7 +93,7 @@ void ConnectedDevice::lose(const Error& error) {
 void ConnectedDevice::exchange_once() {
   commands_.read(command_);
   const double age_s = static_cast<double>(monotonic_ns() - command_.at_ns) * 1e-9;
-  const bool is_fresh = age_s < kStaleCommand_s;
+  const bool is_fresh = age_s < stale_s_;
   const Result<PoseReading> reading =
       connection_->exchange(is_fresh ? command_.wrench : HandleWrench{});
   if (!reading) return lose(reading.error());

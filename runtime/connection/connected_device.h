@@ -6,19 +6,22 @@
 //
 // Contract (tests/runtime/connection/connected_device_test.cpp):
 //  1. read() and write() do not allocate, lock or block, whatever the connection does.
-//  2. If the last write() is at least kStaleCommand_s old, exchanges send zero force until the
-//     haptic thread calls write() again.
+//  2. If the last write() is at least kStaleCommand_s or kStalePeriods periods old, whichever is
+//     longer, exchanges send zero force until the haptic thread calls write() again.
 //  3. After an error of the connection, read() returns kLinkLost, and `say` receives the error in
 //     one line. restore() makes the connection's thread connect again. Wrenches that were written
-//     before the new connection exists are not sent.
+//     before the new connection exists are not sent, and poses from before are not read.
 //  4. The round trip of a wrench begins with the write() of this wrench. It ends with the first
 //     read() that returns the pose of an exchange that sent this wrench.
 //  5. close() commands zero force at the end. If a call of the connection is in progress, close()
 //     first waits until the call returns. The connection's own time limits bound this wait.
+//  6. If the connection gives a measurement again (a pose with the time of the one before), read()
+//     returns it once, and then kNoData.
 #pragma once
 
 #include <atomic>
 #include <cstdint>
+#include <limits>
 #include <memory>
 #include <string>
 #include <thread>
@@ -34,6 +37,9 @@ namespace trocar::runtime {
 /// A wrench that was written this long ago, or longer, is no longer sent. Exchanges send
 /// zero force instead.
 inline constexpr double kStaleCommand_s = 0.01;
+/// If the periods are long, a wrench is no longer sent after this number of periods. A loop that
+/// writes in every second period, and is sometimes late, must not be cut off.
+inline constexpr double kStalePeriods = 5;
 
 /// Realtime priority of the connection's thread, if the process may set one. It is below the
 /// priority of the haptic thread.
@@ -76,16 +82,19 @@ class ConnectedDevice final : public PoseDevice {
 
   std::unique_ptr<PoseConnection> connection_;
   std::int64_t period_ns_;
+  double stale_s_;  ///< age of a wrench from which it is no longer sent
   SayLine say_;
   TripleBuffer<Answer> answers_;
   TripleBuffer<Command> commands_;
   std::atomic<State> state_{State::kLost};
   std::atomic<bool> closing_{false};
   std::thread thread_;
-  // The following two members belong to the haptic thread.
+  // The following three members belong to the haptic thread.
   Histogram round_trip_;
   /// Answer::command_ns of the last round trip that was counted.
   std::int64_t last_answered_ns_ = 0;
+  /// Time of the last pose that read() returned; nan before the first one.
+  double last_t_s_ = std::numeric_limits<double>::quiet_NaN();
   // The following members belong to the connection's thread.
   Command command_;
   std::uint64_t sessions_ = 0;

@@ -7,6 +7,7 @@
 #include <charconv>
 #include <chrono>
 #include <cmath>
+#include <cstdint>
 #include <optional>
 #include <utility>
 #include <vector>
@@ -50,15 +51,19 @@ struct FoundDevice {
 struct ForceDimension::Device {
   std::optional<ForceDimensionLibrary> sdk;
   std::optional<char> id;  ///< the open device
+  std::string identity;    ///< name and serial number of the first device opened; empty: none yet
   bool senses_rotation = false;
   bool renders_moment = false;
   bool has_active_wrist = false;
+  std::optional<double> measured_t_s;  ///< time of the last measurement since open()
 
   Result<FoundDevice> open(int index, bool wants_rotation, bool wants_moment);
-  Result<PoseReading> exchange(const HandleWrench& wrench) const;
+  Result<PoseReading> exchange(const HandleWrench& wrench);
   void close();
 
  private:
+  std::string identity_of_open() const;
+  Result<void> choose(int index, int count);
   Result<FoundDevice> open_device(int index, bool wants_rotation, bool wants_moment);
   Result<void> command(const HandleWrench& wrench, bool with_moment) const;
 };
@@ -70,8 +75,44 @@ Result<FoundDevice> ForceDimension::Device::open(int index, bool wants_rotation,
   if (!library) return library.error();
   sdk = *library;
   Result<FoundDevice> found = open_device(index, wants_rotation, wants_moment);
-  if (!found) close();
+  if (found) {
+    identity = identity_of_open();
+  } else {
+    close();
+  }
   return found;
+}
+
+std::string ForceDimension::Device::identity_of_open() const {
+  const std::string name = foreign_text(sdk->get_system_name(*id));
+  std::uint16_t number = 0;
+  const bool has_number =
+      sdk->get_serial_number != nullptr && sdk->get_serial_number(&number, *id) >= 0;
+  return has_number ? name + text_line(" with the serial number %d", int{number}) : name;
+}
+
+/// Opens the device that was opened before, or else the one with this index.
+Result<void> ForceDimension::Device::choose(int index, int count) {
+  if (identity.empty()) {
+    if (index >= count) {
+      return sdk_error(
+          text_line("there is no device %d; %d connected, counted from 0", index, count));
+    }
+    const int opened = index < 0 ? sdk->open() : sdk->open_id(static_cast<char>(index));
+    if (opened < 0) return failed_call(*sdk, index < 0 ? "dhdOpen" : "dhdOpenID", opened);
+    id = static_cast<char>(opened);
+    return {};
+  }
+  for (int i = 0; i < count; ++i) {
+    const int opened = sdk->open_id(static_cast<char>(i));
+    if (opened < 0) continue;  // it is in use, or has just been disconnected
+    id = static_cast<char>(opened);
+    if (identity_of_open() == identity) return {};
+    (void)sdk->close(*id);
+    id.reset();
+  }
+  return sdk_error("the session's device (" + identity +
+                   ") is not connected, or another program uses it; connect it again");
 }
 
 Result<FoundDevice> ForceDimension::Device::open_device(int index, bool wants_rotation,
@@ -83,13 +124,8 @@ Result<FoundDevice> ForceDimension::Device::open_device(int index, bool wants_ro
         "no device is connected; check its power and its USB cable, and that you may use the USB "
         "device (a udev rule for vendor 1451)");
   }
-  if (index >= count) {
-    return sdk_error(
-        text_line("there is no device %d; %d connected, counted from 0", index, count));
-  }
-  const int opened = index < 0 ? sdk->open() : sdk->open_id(static_cast<char>(index));
-  if (opened < 0) return failed_call(*sdk, index < 0 ? "dhdOpen" : "dhdOpenID", opened);
-  id = static_cast<char>(opened);
+  const bool is_first = identity.empty();
+  if (Result<void> chosen = choose(index, count); !chosen) return chosen.error();
 
   has_active_wrist = sdk->has_active_wrist(*id);
   senses_rotation = wants_rotation && sdk->has_wrist(*id);
@@ -97,6 +133,11 @@ Result<FoundDevice> ForceDimension::Device::open_device(int index, bool wants_ro
   std::array<int, kStatusLength> status{};
   if (const int code = sdk->get_status(status.data(), *id); code < 0) {
     return failed_call(*sdk, "dhdGetStatus", code);
+  }
+  if (status[kStatusReset] != 0) {
+    return sdk_error(
+        "the device is not calibrated, so its position is unknown; put its handle to the rest "
+        "position, as its manual says");
   }
   if (const int code = sdk->enable_force(1, *id); code < 0) {
     return failed_call(*sdk, "dhdEnableForce", code);
@@ -107,15 +148,10 @@ Result<FoundDevice> ForceDimension::Device::open_device(int index, bool wants_ro
   found.lines.push_back(foreign_text(sdk->get_system_name(*id)) + " found" +
                         (senses_rotation ? "" : "; its orientation is not measured") +
                         (renders_moment ? "" : "; moments are not rendered"));
-  if (index < 0 && count > 1) {
+  if (is_first && index < 0 && count > 1) {
     found.lines.push_back(text_line(
         "%d devices are connected; the first free one is used, and an index in the URI names one",
         count));
-  }
-  if (status[kStatusReset] != 0) {
-    found.lines.push_back(
-        "the device is not calibrated; put its handle to the rest position, as its manual says, "
-        "before the session");
   }
   return found;
 }
@@ -129,7 +165,7 @@ Result<void> ForceDimension::Device::command(const HandleWrench& wrench, bool wi
   return {};
 }
 
-Result<PoseReading> ForceDimension::Device::exchange(const HandleWrench& wrench) const {
+Result<PoseReading> ForceDimension::Device::exchange(const HandleWrench& wrench) {
   if (!id) return sdk_error("the device is not open");
   for (const double value : wrench) {
     if (!std::isfinite(value)) return sdk_error("a command that is not finite was not sent");
@@ -149,8 +185,11 @@ Result<PoseReading> ForceDimension::Device::exchange(const HandleWrench& wrench)
   } else {
     code = sdk->get_position(&x, &y, &z, *id);
   }
-  const auto now = std::chrono::steady_clock::now().time_since_epoch();
-  reading.t_s = std::chrono::duration<double>(now).count();
+  if (code != kSameMeasurement || !measured_t_s) {
+    const auto now = std::chrono::steady_clock::now().time_since_epoch();
+    measured_t_s = std::chrono::duration<double>(now).count();
+  }
+  reading.t_s = *measured_t_s;
   if (code < 0) return failed_call(*sdk, function, code);
   // Written so that NaN fails.
   if (!(std::hypot(x, y, z) <= kMaxOriginDistance_m)) {
@@ -172,6 +211,7 @@ void ForceDimension::Device::close() {
   (void)sdk->enable_force(0, *id);
   (void)sdk->close(*id);
   id.reset();
+  measured_t_s.reset();
 }
 
 Result<int> parse_force_dimension_address(std::string_view address) {

@@ -34,6 +34,7 @@ Result<int> parse_force_dimension_address(std::string_view address);
 ///
 /// As long as exchange() is called again and again, the SDK compensates the weight of the device,
 /// even if the commanded forces are zero. After close() the SDK no longer compensates the weight.
+/// If the SDK gives its last measurement again, the reading has the time of that measurement.
 /// If the device's own protection (speed limit, button on the base, watchdog) turns the forces off,
 /// exchange() cannot detect this, and the training session continues without forces.
 class ForceDimension final : public PoseConnection {
@@ -42,9 +43,11 @@ class ForceDimension final : public PoseConnection {
   ~ForceDimension() override;
 
   /// Loads the library, opens the device, enables the device's forces and commands zero force.
-  /// ForceDimensionOptions::say receives lines about the device, such as its name. Errors, in
+  /// After a first success, every later call opens the same device again, whatever index it then
+  /// has. ForceDimensionOptions::say receives lines about the device, such as its name. Errors, in
   /// addition to those of PoseConnection::open(): the SDK's calls do not return in time, for
-  /// example because an earlier call still hangs; or the device lacks what needs_all demands.
+  /// example because an earlier call still hangs; the device is not calibrated, so that its
+  /// positions are unknown; or it lacks what needs_all demands.
   Result<void> open() override;
   /// Moments are ignored if renders_moment() is false. Errors, in addition to those of
   /// PoseConnection::exchange(): the wrench is not finite, or the SDK's calls do not

@@ -82,6 +82,8 @@ Result<ForceDimensionLibrary> load_force_dimension_library() {
   find_function(*library, "dhdGetButtonMask", f.get_button_mask, missing);
   find_function(*library, "dhdSetForce", f.set_force, missing);
   find_function(*library, "dhdSetForceAndTorque", f.set_force_and_torque, missing);
+  const char* not_needed = nullptr;
+  find_function(*library, "dhdGetSerialNumber", f.get_serial_number, not_needed);
   if (missing != nullptr) {
     return sdk_error("the library " + library->name + " has no function " + missing +
                      "; install release 3.16 or later of Force Dimension's SDK");

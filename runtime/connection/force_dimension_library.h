@@ -5,6 +5,7 @@
 // Tests: tests/runtime/connection/force_dimension_test.cpp
 #pragma once
 
+#include <cstdint>
 #include <string>
 #include <utility>
 
@@ -14,9 +15,9 @@ namespace trocar::runtime {
 
 /// The SDK's functions. `id` is the number of a device that open() or open_id() has returned. A
 /// negative result is an error. error_get_last_str(), called in the same thread, then returns
-/// the error's text. Results above 0 are not errors. A function that measures returns 1 if the SDK
-/// gave its last measurement again, because that measurement is recent enough. A function that
-/// sets forces returns 2 if a motor cannot give the whole force.
+/// the error's text. Results above 0 are not errors. A function that measures returns
+/// kSameMeasurement if the SDK gave its last measurement again, because that measurement is recent
+/// enough. A function that sets forces returns 2 if a motor cannot give the whole force.
 struct ForceDimensionLibrary {
   const char* (*error_get_last_str)();
   int (*get_device_count)();
@@ -24,6 +25,7 @@ struct ForceDimensionLibrary {
   int (*open_id)(char index);
   int (*close)(char id);
   const char* (*get_system_name)(char id);
+  int (*get_serial_number)(std::uint16_t* number, char id);  ///< null if the library has none
   int (*get_status)(int* status, char id);
   bool (*has_wrist)(char id);
   bool (*has_active_wrist)(char id);
@@ -37,6 +39,8 @@ struct ForceDimensionLibrary {
                               double z_Nm, char id);
 };
 
+/// The result of a function that measures if the SDK gave its last measurement again.
+inline constexpr int kSameMeasurement = 1;
 /// Index of the entry for calibration in the array of get_status(): 0 if the device is calibrated.
 inline constexpr int kStatusReset = 3;
 /// Length of the array for get_status(), which is more than any release of the SDK fills.

@@ -30,15 +30,17 @@ class PoseConnection {
  public:
   virtual ~PoseConnection() = default;
 
-  /// Connects, finds the device and commands zero force. Errors: kDeviceFault. The message is one
-  /// clear line that begins with the device's URI and says what the user can do. After an error the
-  /// caller may call only close() or open().
+  /// Connects, finds the device and commands zero force. After a first success, every later call
+  /// must find the same device again. Errors: kDeviceFault. The message is one clear line that
+  /// begins with the device's URI and says what the user can do. After an error the caller may call
+  /// only close() or open().
   virtual Result<void> open() = 0;
-  /// Commands the wrench and returns the newest reading of the device. The times of readings
-  /// ascend. The implementation does not trust data from the device: it checks sizes, types and
-  /// numbers. An unusable message from the device need not be an error: the implementation may wait
-  /// for the next message, as long as exchange() ends within kExchangeTimeout_s. Errors:
-  /// kDeviceFault, with a message of one clear line. After an error the caller must call close().
+  /// Commands the wrench and returns the newest reading of the device. The times of readings do not
+  /// descend; a reading with the time of the one before is the same measurement, given again. The
+  /// implementation does not trust data from the device: it checks sizes, types and numbers. An
+  /// unusable message from the device need not be an error: the implementation may wait for the
+  /// next message, as long as exchange() ends within kExchangeTimeout_s. Errors: kDeviceFault, with
+  /// a message of one clear line. After an error the caller must call close().
   virtual Result<PoseReading> exchange(const HandleWrench& wrench) = 0;
   /// Commands zero force if the connection still exists, and disconnects. Also allowed after an
   /// error.

@@ -2,7 +2,6 @@
 #include "runtime/control/haptic_loop.h"
 
 #include <algorithm>
-#include <bit>
 #include <cmath>
 #include <limits>
 #include <numbers>
@@ -12,15 +11,6 @@
 
 namespace trocar::runtime {
 namespace {
-
-/// Returns the fault for a status other than kOk and kNoData.
-FaultDetail fault_of(DeviceStatus status, const HandDevice& device) noexcept {
-  if (status == DeviceStatus::kEmergencyStop) return Fault::kEmergencyStop;
-  if (status != DeviceStatus::kMotorFault) return Fault::kLinkLost;
-  const unsigned motors = device.motor_faults();
-  if (motors == 0) return Fault::kMotorFault;
-  return {Fault::kMotorFault, FaultQuantity::kMotor, std::countr_zero(motors), 0, 0};
-}
 
 /// Sets pose_interval_s (contract 4). Returns false if the device state is not new.
 bool take_time(const LoopModel& model, double t_s, LoopState& state, FaultDetail& fault) noexcept {
@@ -41,6 +31,8 @@ bool take_time(const LoopModel& model, double t_s, LoopState& state, FaultDetail
     }
     return since_s > 0;
   }
+  // The hand may have moved anywhere meanwhile, so the kept reading shows no jump.
+  state.has_reading = false;
   state.speed.has_pose = false;
   state.window.clear();
   state.ahead_s = 0;
@@ -62,12 +54,12 @@ FaultDetail read_device(const LoopModel& model, HandDevice& device, LoopState& s
   if (fresh || result.end_of_data) return fault;
   device.use_last_reading();
   ++state.no_data_ticks;
-  if (status != DeviceStatus::kNoData) return fault_of(status, device);
+  if (status != DeviceStatus::kNoData) return device.fault_of(status);
+  const double limit_s = no_data_limit_s(model.limits.no_data_max_s, model.rate_Hz);
   // Half a tick allows for rounding, so that 10 ms are ten ticks at 1 kHz.
   const double no_data_s = static_cast<double>(state.no_data_ticks) / model.rate_Hz;
-  if (no_data_s < model.limits.no_data_max_s - 0.5 / model.rate_Hz) return {};
-  return {Fault::kNoData, FaultQuantity::kTimeWithoutData, -1, no_data_s,
-          model.limits.no_data_max_s};
+  if (no_data_s < limit_s - 0.5 / model.rate_Hz) return {};
+  return {Fault::kNoData, FaultQuantity::kTimeWithoutData, -1, no_data_s, limit_s};
 }
 
 /// Returns a fault of the clock, or one that the caller found.
@@ -121,6 +113,7 @@ FaultDetail check_health(const LoopModel& model, HandDevice& device, bool fresh,
       f != Fault::kNone) {
     return f;
   }
+  if (const FaultDetail f = device.check_own_workspace(); f != Fault::kNone) return f;
   return is_upright(model.tool, state.T_device_plate) ? FaultDetail()
                                                       : tool_tilt(model.tool, state.T_device_plate);
 }
@@ -300,7 +293,7 @@ void write_command(HandDevice& device, LoopState& state, FaultDetail& fault,
     const bool was_running = state.safety.state == SafetyState::kRunning;
     const FaultDetail unwritten = written == DeviceStatus::kNoData
                                       ? FaultDetail(Fault::kWriteFailed)
-                                      : fault_of(written, device);
+                                      : device.fault_of(written);
     raise(state.safety, unwritten, row.t_s);
     if (fault == Fault::kNone) fault = unwritten;
     if (was_running) device.stop();
@@ -308,6 +301,14 @@ void write_command(HandDevice& device, LoopState& state, FaultDetail& fault,
   const Wrench delivered = device.delivered();
   note_delivered(delivered, state.passivity);
   state.energy.note_delivered(delivered);
+}
+
+/// Returns true in the tick that finds the device's own emergency stop newly pressed. A tick without
+/// data or without a link says nothing about the stop.
+bool is_newly_pressed(DeviceStatus status, LoopState& state) noexcept {
+  if (status == DeviceStatus::kNoData || status == DeviceStatus::kLinkLost) return false;
+  const bool was_held = std::exchange(state.stop_is_held, status == DeviceStatus::kEmergencyStop);
+  return state.stop_is_held && !was_held;
 }
 
 }  // namespace
@@ -329,7 +330,11 @@ void haptic_tick(const LoopModel& model, const TickInputs& inputs, HandDevice& d
   const std::int64_t read_ns = monotonic_ns();
   const SafetyState before = safety.state;
   const std::uint64_t faults_before = safety.faults;
-  if (row.outside_fault == Fault::kEmergencyStop) press_stop(safety, row.t_s);
+  // Otherwise a press in `recovering` would be forgotten with its release, and forces would return.
+  const bool is_pressed = is_newly_pressed(row.device_read, state);
+  if (row.outside_fault == Fault::kEmergencyStop ||
+      (is_pressed && before == SafetyState::kRecovering))
+    press_stop(safety, row.t_s);
   advance_safety(model, inputs, law, device, state, reading, result);
   const bool has_run = before == SafetyState::kRunning || safety.state == SafetyState::kRunning;
 

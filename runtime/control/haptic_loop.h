@@ -20,10 +20,11 @@
 //     the last reading, and the additional time for which the motors hold a command if a tick is
 //     late. The differences are rounded to nanoseconds, except in velocity_window.h. In `running`,
 //     a device state counts as new if its time stamp is finite and later than that of the state
-//     before. After no_data_max_s without a new device state, the fault kNoData is raised. If a
+//     before. After no_data_limit_s() without a new device state, the fault kNoData is raised. If a
 //     time stamp lies more than gap_max_s after the previous one, kNoData is raised immediately. In
 //     all other states of the safety state machine, the device's clock may restart, for example
-//     after the link was restored. The velocity estimation then restarts too.
+//     after the link was restored, or leap, for example over a pause. The velocity estimation then
+//     restarts too, and the reading is not compared with the one before.
 //  5. Some changes take a fixed number of ticks, so late ticks make these changes slower. They are
 //     the ramp after a fault, the rise of two factors after a recovery (the factor on the force,
 //     and the factor on the compensation of friction and weight), and the change from one
@@ -82,6 +83,8 @@ struct LoopState {
   double reading_t_s = 0;    ///< time stamp of the reading that keep_reading() kept last
   int no_data_ticks = 0;     ///< ticks since the last new reading
   bool has_reading = false;  ///< HandDevice::keep_reading() has kept a reading
+  /// The device's own emergency stop was pressed when the device last told its state.
+  bool stop_is_held = false;
   /// There was a kMotorOverload since the last `running`. Recovery then waits for
   /// HandDevice::check_rested(), also if an emergency stop has replaced the fault.
   bool must_rest = false;

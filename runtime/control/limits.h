@@ -15,6 +15,7 @@
 //     look like a high speed.
 #pragma once
 
+#include <algorithm>
 #include <array>
 
 #include "formats/session/fault_words.h"
@@ -34,7 +35,8 @@ struct SafetyLimits {
   /// Energy that the hand may receive within 0.1 s, in addition to the energy that was stored at
   /// the beginning of this time (energy_limit.h).
   double energy_limit_J = 0.05;
-  /// Longest time without a new device state. During this time the loop uses the last state.
+  /// Longest time without a new device state. During this time the loop uses the last state. If a
+  /// positive limit is shorter than kNoDataTicks ticks, these ticks count (no_data_limit_s()).
   double no_data_max_s = 0.01;
   /// Longest time between the starts of two ticks, and between two time stamps of the device. If
   /// gap_max_s is 0, neither these two times nor missed deadlines are checked.
@@ -42,6 +44,15 @@ struct SafetyLimits {
   int missed_deadlines_max = 2;  ///< missed deadlines allowed in a row; more are a fault
   SafetyTiming timing;
 };
+
+/// The fewest ticks in a row without a new device state that are a fault. Fewer say nothing: if loop
+/// and device have the same rate, now and then a tick finds no new state, and a packet may be lost.
+inline constexpr double kNoDataTicks = 3;
+/// Returns the longest time without a new device state at a rate of the loop. `no_data_max_s`:
+/// SafetyLimits::no_data_max_s.
+inline double no_data_limit_s(double no_data_max_s, double rate_Hz) noexcept {
+  return no_data_max_s > 0 ? std::max(no_data_max_s, kNoDataTicks / rate_Hz) : no_data_max_s;
+}
 
 /// The plate's motion, kept between ticks.
 struct SpeedState {

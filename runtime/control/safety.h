@@ -4,8 +4,8 @@
 //
 // Contract (tests/runtime/control/safety_test.cpp):
 //  1. A fault in any state but `recovering` leads to `fault`, and the first fault is kept. Only a request for recovery
-//     leaves the state `fault`. The operator's emergency stop leads to `fault` from every state, and replaces the fault
-//     that was kept.
+//     leaves the state `fault`. The operator's emergency stop leads to `fault` from every state, and a new press of the
+//     device's own stop does so in `recovering`. Both replace the fault that was kept.
 //  2. When a fault ends `running`, torques are ramped down, beginning in the tick in which the
 //     fault is found: the last torques are multiplied by a factor that falls linearly to 0 in
 //     ramp_ticks() ticks. The factor is below 1 already in the first of these ticks. At 250 Hz

@@ -54,6 +54,9 @@ struct DeviceMargins {
   /// True if the device's geometry allows this pose, even if the pose is outside the limits. If
   /// false, the members below keep their defaults.
   bool is_reachable = true;
+  /// Smallest distance of the plate's origin from the sides of the workspace that the device itself
+  /// states; negative outside, infinite if it states none.
+  double box_m = std::numeric_limits<double>::infinity();
   /// Smallest distance of a joint from its limit; negative if a joint is beyond its limit.
   double joint_rad = std::numeric_limits<double>::infinity();
   /// Index in Measurement::value of the joint with the distance `joint_rad`; -1: no joint.
@@ -117,14 +120,15 @@ class DeviceSpecification {
   virtual std::string describe_demand(std::string_view what, const Pose& T_device_plate,
                                       const Wrench& wrench_device) const = 0;
 
-  /// The margins of this pose from the limits that HandDevice::find_pose() checks.
+  /// The margins of this pose from the limits that HandDevice::find_pose() and
+  /// HandDevice::check_own_workspace() check.
   virtual DeviceMargins margins(const Pose& /*T_device_plate*/) const noexcept { return {}; }
   /// Describes, as text for `--check`, the smallest margins over several reachable poses. The text
   /// is empty if the device itself limits neither joints nor the inverse condition.
   virtual std::string describe_margins(const DeviceMargins& /*smallest*/) const { return {}; }
   /// Describes how the pose exceeds the limit that belongs to `fault`: the value at the pose,
-  /// and the limit. `fault` is one that margins() can return. The text is empty if the pose
-  /// is within the limit.
+  /// and the limit. `fault` is one that margins() can return, or kWorkspace if
+  /// DeviceMargins::box_m is negative. The text is empty if the pose is within the limit.
   virtual std::string describe_fault(Fault /*fault*/, const Pose& /*T_device_plate*/) const {
     return {};
   }
@@ -206,6 +210,9 @@ class HandDevice {
   /// Keeps this tick's reading for use_last_reading() and for the next find_pose(). If this tick's
   /// reading is not finite, returns false, and the older reading stays the kept one.
   virtual bool keep_reading() noexcept = 0;
+  /// Checks this tick's reading against the workspace that the device itself states. The caller
+  /// does this after find_pose() has found no fault. Returns kWorkspace or none.
+  virtual FaultDetail check_own_workspace() const noexcept { return {}; }
   /// Tells the device for how long the last command was held. A device can compute from this time
   /// how hot its motors are, for example. Returns kMotorOverload if the motors are too hot.
   virtual FaultDetail account_held_time(double /*held_s*/) noexcept { return {}; }
@@ -231,9 +238,12 @@ class HandDevice {
   /// The wrench that the last command renders to the hand, without the part of the command that
   /// compensates the device's own forces.
   virtual Wrench delivered() const noexcept = 0;
-  /// After a read() that returned kMotorFault, bit i is set if motor i does not apply its torque.
-  /// The value 0 means that the faulty motors are not known.
-  virtual std::uint8_t motor_faults() const noexcept { return 0; }
+  /// Returns the fault of a status that read() or write() has just returned, with what the device
+  /// says about it. Precondition: the status is kLinkLost, kEmergencyStop or kMotorFault.
+  virtual FaultDetail fault_of(DeviceStatus status) const noexcept {
+    if (status == DeviceStatus::kEmergencyStop) return Fault::kEmergencyStop;
+    return status == DeviceStatus::kMotorFault ? Fault::kMotorFault : Fault::kLinkLost;
+  }
   /// After a read() that returned kLinkLost or kMotorFault, requests a new connection. Returns
   /// immediately; read() returns kLinkLost until the connection is established.
   virtual void restore() noexcept {}

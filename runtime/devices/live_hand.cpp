@@ -196,6 +196,7 @@ bool LiveHand::is_allowed(const Pose& T_device_tool) const noexcept {
   const PoseMargins margins = pose_margins(device_, margins_, tool_, T_device_plate);
   return pose_fault(margins_, margins) == Fault::kNone &&
          margins.device.joint_rad >= kHandMargin.angle_rad &&
+         margins.device.box_m >= kHandMargin.box_m &&
          margins.tool_tilt_rad + kHandMargin.angle_rad <= kMaxTilt_deg / kDegreesPerRadian;
 }
 

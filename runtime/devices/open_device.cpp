@@ -54,6 +54,7 @@ Result<UdpLinkOptions> link_options(const char* scheme, std::string_view address
   link.period_s = 1 / options.rate_Hz;
   if (options.is_simulated) link.no_state_s = kSimulatedNoData_s;
   link.clock = options.clock == Clock::kReal ? LinkClock::kReal : LinkClock::kLockStep;
+  link.say = options.say;
   return link;
 }
 

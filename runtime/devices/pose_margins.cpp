@@ -26,6 +26,7 @@ PoseMargins pose_margins(const DeviceSpecification& device, const SafetyLimits& 
   margins.tilt_rad = angle_to_z(T_device_plate.q * Eigen::Vector3d::UnitZ());
   margins.tool_tilt_rad = angle_to_z(T_device_plate.q * tool.axis_plate);
   margins.device = device.margins(T_device_plate);
+  margins.box_m = std::min(margins.box_m, margins.device.box_m);
   return margins;
 }
 

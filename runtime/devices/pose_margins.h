@@ -17,7 +17,8 @@ inline constexpr double kDegreesPerRadian = 180 / std::numbers::pi;
 /// themselves, not their distances from the limits.
 struct PoseMargins {
   DeviceMargins device;
-  /// Distance from the plate's origin to the nearest side of the workspace; negative outside.
+  /// Distance from the plate's origin to the nearest side of the workspace, that of the loop or that
+  /// of the device itself; negative outside.
   double box_m = 0;
   double tilt_rad = 0;       ///< angle between the z axes of the plate and of {B}
   double tool_tilt_rad = 0;  ///< angle between the tool's axis and the z axis of {B}

@@ -23,6 +23,7 @@ constexpr std::string_view kBuiltIn = "built-in/";
 constexpr double kShaftHeadroom = 1.5;
 /// Damping of the virtual coupling over its stiffness, as in CouplingOptions.
 constexpr double kCouplingDamping_s = 5e-4;
+constexpr double kMaxCoupling_N_per_m = 1e6;
 
 struct BuiltIn {
   std::string_view name, text;
@@ -58,15 +59,17 @@ void set_pose_device_options(const PoseDeviceDescription& description, const Sce
   if (description.stiffness_max_N_per_m > 0)
     stiffness.max_N_per_m =
         std::min(stiffness.max_N_per_m, description.stiffness_max_N_per_m / stiffness.margin);
-  if (options.coupling.on || traits_of(scene.force_law.kind).uses_bone_volume) return;
+  if (traits_of(scene.force_law.kind).uses_bone_volume) return;
+  CouplingOptions& coupling = options.coupling;
+  const double force_scale = scene.force_law.force_scale;
+  if (coupling.on && force_scale * coupling.stiffness_N_per_m <= stiffness.max_N_per_m) return;
+  const bool is_limited = coupling.on || description.stiffness_max_N_per_m > 0;
   const double rendered_N_per_m =
-      description.stiffness_max_N_per_m > 0
-          ? stiffness.max_N_per_m
-          : std::min(stiffness.max_N_per_m, options.coupling.stiffness_N_per_m / stiffness.margin);
-  options.coupling.on = true;
-  options.coupling.stiffness_N_per_m =
-      std::clamp(rendered_N_per_m / scene.force_law.force_scale, 100.0, 1e6);
-  options.coupling.damping_N_s_per_m = kCouplingDamping_s * options.coupling.stiffness_N_per_m;
+      is_limited ? stiffness.max_N_per_m
+                 : std::min(stiffness.max_N_per_m, coupling.stiffness_N_per_m / stiffness.margin);
+  coupling.on = true;
+  coupling.stiffness_N_per_m = std::min(rendered_N_per_m / force_scale, kMaxCoupling_N_per_m);
+  coupling.damping_N_s_per_m = kCouplingDamping_s * coupling.stiffness_N_per_m;
 }
 
 Result<double> fitting_force_scale(const PoseDeviceDescription& description, const Scene& scene,

@@ -31,7 +31,8 @@ inline constexpr std::string_view kWithRotation = "+rotation";
 Result<PoseDeviceDescription> built_in_pose_device(std::string_view name);
 
 /// Sets the options that depend on the pose device:
-///  - The smallest box in {B} around the device's workspace becomes the workspace limit.
+///  - The smallest box in {B} around the device's workspace becomes the workspace limit. (The device
+///    itself checks its own box, which is smaller if it is turned.)
 ///  - After a fault there is no ramp: the force goes to zero in the tick that finds the fault.
 ///  - When a session begins, the force rises from zero.
 ///  - The rendered stiffness is at most StiffnessLimits::max_N_per_m. If the description
@@ -39,7 +40,8 @@ Result<PoseDeviceDescription> built_in_pose_device(std::string_view name);
 ///    second limit. If the force law treats slices as separate sheets, the virtual coupling is
 ///    switched on. Its spring keeps the rendered stiffness within these limits. If the description
 ///    states no largest stiffness, the stiffness of the spring (CouplingOptions) is divided by the
-///    margin instead.
+///    margin instead. If the coupling is on already (the operator chose its stiffness), its spring
+///    is changed only if it is too stiff for these limits.
 void set_pose_device_options(const PoseDeviceDescription& description, const Scene& scene,
                              SessionOptions& options);
 

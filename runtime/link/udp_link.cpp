@@ -9,6 +9,7 @@
 #include <string>
 #include <utility>
 
+#include "formats/base/text_line.h"
 #include "runtime/link/link_attempt.h"
 
 namespace trocar::runtime {
@@ -102,7 +103,9 @@ bool UdpLink<Kind>::shake_hands_again() {
   if (done) {
     restore_error_.reset();
   } else if (!closing_.load()) {  // it is no error if close() interrupts an attempt
+    const bool is_new = !restore_error_ || restore_error_->message != done.error().message;
     restore_error_ = done.error();
+    if (is_new && options_.say) options_.say(restore_error_->message);
   }
   return static_cast<bool>(done);
 }
@@ -128,6 +131,7 @@ Result<void> UdpLink<Kind>::shake_hands(bool resets_world) {
     return since_s(start_ns) < options_.connect_timeout_s && !closing_.load();
   };
   const auto no_answer = [&] {
+    if (!attempt.welcomed) refuses_contents_.store(false, std::memory_order_relaxed);
     return Error{ExitCode::kDeviceFault,
                  to_string(options_.peer) + ": " + attempt.why(socket_.error(), Kind::kContents)};
   };
@@ -154,9 +158,18 @@ Result<void> UdpLink<Kind>::shake_hands(bool resets_world) {
   if (welcome.clock != options_.clock) {
     return usage(to_string(options_.peer) +
                  (welcome.clock == LinkClock::kLockStep
-                      ? ": this device runs in lock-step; use --clock virtual"
+                      ? ": this device runs in lock-step; use --clock virtual (for --test, start "
+                        "the device with --clock real)"
                       : ": this device runs by its own clock; use --clock real"));
   }
+  const double states = std::round(options_.period_s / welcome.period_s);
+  if (options_.clock == LinkClock::kReal && states > kMostStatesPerPeriod) {
+    return usage(
+        text_line("%s: this device sends %.0f states in each tick, and at most %.0f can "
+                  "be read; use a higher --rate, or let the device send fewer",
+                  to_string(options_.peer).c_str(), states, kMostStatesPerPeriod));
+  }
+  long_queue_ = std::max(double{kLongQueue}, 2 * states);
   session_key_ = session_key(options_.key, welcome.host_nonce, welcome.drive_nonce);
   session_ = session_number(welcome.drive_nonce);
   last_command_ = last_state_ = last_acknowledged_ = 0;
@@ -237,6 +250,8 @@ bool UdpLink<Kind>::drain() noexcept {
     counts_.add(refusal);
     // A late welcome says nothing about the states.
     if (kind != PacketKind::kWelcome) last_refusal_ = refusal;
+    if (refusal == LinkRefusal::kContents || refusal == LinkRefusal::kNone)
+      refuses_contents_.store(refusal == LinkRefusal::kContents, std::memory_order_relaxed);
     if (refusal == LinkRefusal::kNone) {
       if (counts_missed_) states_missed_ += last_state_ - before - 1;
       fresh_state_ = true;
@@ -253,17 +268,23 @@ DeviceStatus UdpLink<Kind>::read(Reading& reading) noexcept {
   if (restoring_.load(std::memory_order_acquire)) return DeviceStatus::kLinkLost;
   const bool open = drain();
   if (!fresh_state_) {
-    is_lost_ = !open || options_.clock == LinkClock::kLockStep ||
-               since_s(newest_ns_) > options_.no_state_s;
+    is_lost_ =
+        !open || options_.clock == LinkClock::kLockStep || since_s(newest_ns_) > silence_max_s();
     return is_lost_ ? DeviceStatus::kLinkLost : DeviceStatus::kNoData;
   }
   fresh_state_ = false;
-  if (queued_ >= kLongQueue) return DeviceStatus::kNoData;
+  if (queued_ >= long_queue_) return DeviceStatus::kNoData;
   const DeviceStatus status = status_of_newest();
   is_lost_ = status == DeviceStatus::kLinkLost || status == DeviceStatus::kMotorFault;
   if (status != DeviceStatus::kOk) return status;
   Kind::unpack(newest_, reading);
   return status;
+}
+
+/// Returns the longest time in which nothing arrives at either end of a link that works.
+template <typename Kind>
+double UdpLink<Kind>::silence_max_s() const noexcept {
+  return std::max(options_.no_state_s, 2.5 * options_.period_s);
 }
 
 template <typename Kind>
@@ -273,8 +294,8 @@ DeviceStatus UdpLink<Kind>::status_of_newest() const noexcept {
   if (!has_written_) return DeviceStatus::kOk;
   // The state contains the number of the last command that the drive has received.
   const std::uint64_t not_received = last_command_ - std::min(last_command_, newest_.command_taken);
-  const bool receives_nothing = static_cast<double>(not_received) * options_.period_s >
-                                std::max(options_.no_state_s, 2.5 * options_.period_s);
+  const bool receives_nothing =
+      static_cast<double>(not_received) * options_.period_s > silence_max_s();
   return receives_nothing || newest_.mode == DriveMode::kWatchdog ? DeviceStatus::kLinkLost
                                                                   : DeviceStatus::kOk;
 }

@@ -17,8 +17,10 @@
 #include <array>
 #include <atomic>
 #include <cstdint>
+#include <functional>
 #include <memory>
 #include <optional>
+#include <string>
 #include <thread>
 #include <utility>
 
@@ -38,11 +40,15 @@ struct UdpLinkOptions {
   LinkClock clock = LinkClock::kReal;  ///< the drive must use the same clock
   bool resets_world = true;            ///< start() asks a simulated drive to restart its simulation
   double connect_timeout_s = 5;
-  /// Longest time without a state; after it the link is lost. Used with the real clock.
+  /// Longest time without a state; after it the link is lost. If 2.5 periods are longer, they count
+  /// instead. Used with the real clock.
   double no_state_s = 0.01;
   /// In lock-step, the longest wait for the drive's answer to a command. If an answer is missed,
   /// the longest wait is only no_state_s until an answer arrives in time again.
   double answer_s = 2;
+  /// Receives the reason, in one line, if an attempt of restore() fails. A repeated reason is said
+  /// only once. Never called in the haptic thread with the real clock. May be empty.
+  std::function<void(const std::string& line)> say;
 };
 
 /// A drive that reports the angles of the four-legged device and takes torques.
@@ -87,21 +93,24 @@ class UdpLink : public Kind::Interface {
   /// Establishes a session: hello, welcome and a first state. Blocks for at most connect_timeout_s.
   /// Errors: kDeviceFault if the drive does not answer, has another key or protocol version, is in
   /// a session with another host, is not of the kind `Kind` or sends no valid state, or if another
-  /// program answers; kUsage if the drive uses another clock; kBug if start() was called before
-  /// (with the real clock only; in lock-step the function does not detect this).
+  /// program answers; kUsage if the drive uses another clock, or sends more than
+  /// kMostStatesPerPeriod states in a period of the loop; kBug if start() was called before (with
+  /// the real clock only; in lock-step the function does not detect this).
   Result<void> start() override;
   /// Ends the session on both sides, and stops a restore() in progress. The counts of packets can
   /// still be read afterwards.
   void close() override;
 
   /// Reads the newest state that has arrived since the last call.
-  ///  - kNoData: no state has arrived since the last call, but one has arrived within no_state_s.
-  ///    read() also returns kNoData if at least kLongQueue states were queued, for example after a
-  ///    slow start of the loop. The socket may then have dropped newer states than the queued ones.
-  ///  - kLinkLost, in five cases: no state has arrived for no_state_s (in lock-step: since the last
+  ///  - kNoData: no state has arrived since the last call, but one has arrived within no_state_s or
+  ///    within 2.5 periods, whichever is longer. read() also returns kNoData if at least kLongQueue
+  ///    states were queued, and at least twice the states of a period, for example after a slow
+  ///    start of the loop. The socket may then have dropped newer states than the queued ones.
+  ///  - kLinkLost, in five cases: no state has arrived for this time (in lock-step: since the last
   ///    call); the other end is closed; the drive has received none of the torques that were sent
-  ///    within no_state_s or within 2.5 periods, whichever is longer; the drive's watchdog has set
-  ///    the torques to zero, because commands stopped arriving; or a restore() is in progress.
+  ///    within this time; the drive's watchdog has set the torques to zero, because commands stopped
+  ///    arriving; or a restore() is in progress. refuses_contents() then says whether states do
+  ///    arrive.
   ///  - kEmergencyStop, kMotorFault: the drive reports this condition.
   DeviceStatus read(Reading& reading) noexcept override;
   /// Sends torques. Returns kLinkLost if the other end is closed or a restore() is in progress.
@@ -130,6 +139,10 @@ class UdpLink : public Kind::Interface {
   /// new session, because the drive reports the fault until the present session ends.)
   void restore() noexcept override;
 
+  bool refuses_contents() const noexcept override {
+    return refuses_contents_.load(std::memory_order_relaxed);
+  }
+
   // Call the following functions only while no restore() is in progress, or after close().
   const std::optional<Error>& restore_error() const noexcept { return restore_error_; }
   const LinkCounts& packets() const noexcept { return counts_; }
@@ -151,6 +164,7 @@ class UdpLink : public Kind::Interface {
   bool shake_hands_again();
   void restore_when_requested();
   DeviceStatus status_of_newest() const noexcept;
+  double silence_max_s() const noexcept;
   /// Receives the datagrams that wait in the socket, at most kMaxDatagrams. Returns false if the
   /// other end is closed.
   bool drain() noexcept;
@@ -161,8 +175,9 @@ class UdpLink : public Kind::Interface {
   /// delay the tick.
   static constexpr int kMaxDatagrams = 512;
   /// If at least this many states were queued, the socket may have dropped the newest. A socket's
-  /// buffer holds about 270 states.
+  /// buffer holds about 270 states, so twice kMostStatesPerPeriod still fit.
   static constexpr int kLongQueue = 128;
+  static constexpr double kMostStatesPerPeriod = 128;
   /// Number of the latest commands whose sending times are kept. If a state acknowledges an older
   /// command, no round trip is measured.
   static constexpr std::size_t kRoundTrips = 256;
@@ -172,6 +187,8 @@ class UdpLink : public Kind::Interface {
   LinkKey session_key_;
   std::uint64_t session_ = 0, last_command_ = 0, last_state_ = 0;
   typename Kind::State newest_;
+  /// The number of queued states from which on read() discards them.
+  double long_queue_ = kLongQueue;
   bool fresh_state_ = false;
   int queued_ = 0;              ///< number of states that the last drain() received
   std::int64_t newest_ns_ = 0;  ///< arrival time of newest_
@@ -187,6 +204,8 @@ class UdpLink : public Kind::Interface {
   bool is_lost_ = false;   ///< the last read() returned kLinkLost or kMotorFault
   bool given_up_ = false;  ///< lock-step: restore() failed
   std::optional<Error> restore_error_;
+  /// The newest authentic state was refused because of its contents.
+  std::atomic<bool> refuses_contents_{false};
   /// While this is true, only the thread that establishes the new session uses the other members.
   /// While this is false, only the haptic thread does.
   std::atomic<bool> restoring_{false};

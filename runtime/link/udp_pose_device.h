@@ -4,6 +4,7 @@
 // kMotorFault. After kMotorFault, as after kLinkLost, restore() requests a new session of the link.
 #pragma once
 
+#include <cstdint>
 #include <memory>
 
 #include "runtime/link/udp_link.h"
@@ -18,6 +19,7 @@ class UdpPoseDevice final : public UdpLink<PoseDrive> {
     if (!socket) return socket.error();
     return std::unique_ptr<UdpPoseDevice>(new UdpPoseDevice(options, std::move(*socket)));
   }
+  std::uint8_t fault_byte() const noexcept override { return newest().faults; }
 
  private:
   using UdpLink::UdpLink;

@@ -2,6 +2,7 @@
 #include "runtime/mechanism/four_legs.h"
 
 #include <algorithm>
+#include <bit>
 #include <cmath>
 #include <limits>
 
@@ -99,6 +100,15 @@ FaultDetail FourLegs::find_pose(const ReadingInterval& interval, PlatePose& pose
   pose = {forward.T_device_plate, forward.residual_m};
   G_ = motion.G;
   return Fault::kNone;
+}
+
+FaultDetail FourLegs::fault_of(DeviceStatus status) const noexcept {
+  const unsigned motors = status == DeviceStatus::kMotorFault ? device_.motor_faults() : 0U;
+  if (motors != 0)
+    return {Fault::kMotorFault, FaultQuantity::kMotor, std::countr_zero(motors), 0, 0};
+  if (status == DeviceStatus::kLinkLost && device_.refuses_contents())
+    return {Fault::kLinkLost, FaultQuantity::kRefusedContents, -1, 0, 0};
+  return HandDevice::fault_of(status);
 }
 
 FaultDetail FourLegs::account_held_time(double held_s) noexcept {

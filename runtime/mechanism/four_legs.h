@@ -49,7 +49,7 @@ class FourLegs final : public HandDevice {
   DeviceStatus write() noexcept override;
   void write_zero() noexcept override { device_.write(DeviceCommand{}); }
   Wrench delivered() const noexcept override;
-  std::uint8_t motor_faults() const noexcept override { return device_.motor_faults(); }
+  FaultDetail fault_of(DeviceStatus status) const noexcept override;
   void restore() noexcept override { device_.restore(); }
   void describe(RecordingRow& row, DeviceReadout& readout) const noexcept override;
   void advance(double dt_s) override { device_.advance(dt_s); }

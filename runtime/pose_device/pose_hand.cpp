@@ -84,11 +84,34 @@ FaultDetail PoseHand::find_pose(const ReadingInterval& interval, PlatePose& pose
   measured_.count = description().senses_rotation ? 7 : 3;
   for (std::size_t i = 0; i < 3; ++i)
     measured_.value[i] = reading_.p_m[i] / count_m;
-  for (std::size_t i = 0; i < 4 && description().senses_rotation; ++i)
-    measured_.value[3 + i] = reading_.q[i] / count_q;
+  if (description().senses_rotation) {
+    double product = 0;
+    for (std::size_t i = 0; i < 4; ++i)
+      product += reading_.q[i] * measured_.value[3 + i];
+    const double sign = product < 0 ? -1 : 1;
+    for (std::size_t i = 0; i < 4; ++i)
+      measured_.value[3 + i] = sign * reading_.q[i] / count_q;
+  }
   if (const FaultDetail f = check(interval); f != Fault::kNone) return f;
   pose = {frame().plate(reading_), 0};
   return {};
+}
+
+FaultDetail PoseHand::check_own_workspace() const noexcept {
+  const std::optional<BoxSide> side = side_beyond(description(), reading_.p_m);
+  if (!side) return {};
+  return {Fault::kWorkspace, FaultQuantity::kMeasuredPosition, side->axis, side->at_m,
+          side->limit_m};
+}
+
+FaultDetail PoseHand::fault_of(DeviceStatus status) const noexcept {
+  const int byte = status == DeviceStatus::kMotorFault ? device_.fault_byte() : 0;
+  if (byte != 0)
+    return {Fault::kMotorFault, FaultQuantity::kFaultByte, -1, static_cast<double>(byte),
+            kAnyFinite};
+  if (status == DeviceStatus::kLinkLost && device_.refuses_contents())
+    return {Fault::kLinkLost, FaultQuantity::kRefusedContents, -1, 0, 0};
+  return HandDevice::fault_of(status);
 }
 
 FaultDetail PoseHand::render(const RenderInput& input, double& scale) noexcept {

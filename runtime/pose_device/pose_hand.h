@@ -5,10 +5,13 @@
 // Contract, in addition to that of hand_device.h:
 //  1. A reading raises a fault in three cases: a number is not finite, the length of the quaternion
 //     is not 1, or the motion since the last reading is faster than a hand can move. The reading
-//     then gives no pose. The quaternion is checked only if the device senses rotation.
+//     then gives no pose. The quaternion is checked only if the device senses rotation. A reading
+//     outside the box of the description gives a pose, but check_own_workspace() returns a fault.
 //  2. Every command is finite. Its force and its moment do not exceed the maxima that the
 //     description states. If the wanted wrench exceeds them, its force and moment are scaled down
 //     by the same factor. If the device renders no moment, commands and delivered() contain none.
+//  3. A quaternion and its negative are the same rotation. measured() has the sign that is nearer
+//     to the reading before, so that a change of the sign is no motion.
 // Tests: tests/runtime/pose_device/pose_hand_test.cpp
 #pragma once
 
@@ -34,6 +37,7 @@ class PoseHand final : public HandDevice {
   DeviceStatus read(double& t_s) noexcept override;
   void use_last_reading() noexcept override { reading_ = last_; }
   FaultDetail find_pose(const ReadingInterval& interval, PlatePose& pose) noexcept override;
+  FaultDetail check_own_workspace() const noexcept override;
   const Measurement& measured() const noexcept override { return measured_; }
   bool keep_reading() noexcept override;
   FaultDetail render(const RenderInput& input, double& scale) noexcept override;
@@ -42,6 +46,7 @@ class PoseHand final : public HandDevice {
   DeviceStatus write() noexcept override;
   void write_zero() noexcept override { device_.write(HandleWrench{}); }
   Wrench delivered() const noexcept override { return frame().from_device(written_); }
+  FaultDetail fault_of(DeviceStatus status) const noexcept override;
   void restore() noexcept override { device_.restore(); }
   void describe(RecordingRow& row, DeviceReadout& readout) const noexcept override;
   void advance(double dt_s) override { device_.advance(dt_s); }

@@ -6,6 +6,11 @@
 #include "formats/base/text_line.h"
 
 namespace trocar::runtime {
+namespace {
+
+constexpr double kBoxRounding_m = 1e-9;
+
+}  // namespace
 
 double renderable_fraction(const PoseDeviceDescription& description,
                            const Wrench& wrench) noexcept {
@@ -15,6 +20,18 @@ double renderable_fraction(const PoseDeviceDescription& description,
   if (description.moment_max_Nm > 0 && moment_Nm > description.moment_max_Nm)
     share = std::min(share, description.moment_max_Nm / moment_Nm);
   return share;
+}
+
+std::optional<BoxSide> side_beyond(const PoseDeviceDescription& description,
+                                   const std::array<double, 3>& p_m) noexcept {
+  for (std::size_t i = 0; i < 3; ++i) {
+    const double at_m = p_m[i], min_m = description.workspace_min_m[i],
+                 max_m = description.workspace_max_m[i];
+    // Written so that nan is beyond a side.
+    if (at_m >= min_m - kBoxRounding_m && at_m <= max_m + kBoxRounding_m) continue;
+    return BoxSide{static_cast<int>(i), at_m, at_m < min_m ? min_m : max_m};
+  }
+  return std::nullopt;
 }
 
 std::string PoseSpecification::describe_strength() const {
@@ -27,6 +44,26 @@ std::optional<WorkspaceBox> PoseSpecification::workspace() const noexcept {
   const PoseFrame::Box box = frame_.workspace();
   return WorkspaceBox{{box.min_m.x(), box.min_m.y(), box.min_m.z()},
                       {box.max_m.x(), box.max_m.y(), box.max_m.z()}};
+}
+
+DeviceMargins PoseSpecification::margins(const Pose& T_device_plate) const noexcept {
+  DeviceMargins out;
+  const PoseReading at = frame_.reading(T_device_plate);
+  for (std::size_t i = 0; i < 3; ++i) {
+    out.box_m = std::min({out.box_m, at.p_m[i] - description_.workspace_min_m[i],
+                          description_.workspace_max_m[i] - at.p_m[i]});
+  }
+  out.box_m += kBoxRounding_m;
+  return out;
+}
+
+std::string PoseSpecification::describe_fault(Fault fault, const Pose& T_device_plate) const {
+  const std::optional<BoxSide> side = side_beyond(description_, frame_.reading(T_device_plate).p_m);
+  if (fault != Fault::kWorkspace || !side) return {};
+  const auto axis = static_cast<std::size_t>(side->axis);
+  return text_line("the handle is at %c %s m in the device's frame; its box is %.4f to %.4f m",
+                   "xyz"[axis], apart_from(side->at_m, side->limit_m, 4).c_str(),
+                   description_.workspace_min_m[axis], description_.workspace_max_m[axis]);
 }
 
 std::optional<Pose> PoseSpecification::pose_of(const RecordingRow& row) const {

@@ -5,6 +5,9 @@
 // Tests: tests/runtime/pose_device/pose_hand_test.cpp
 #pragma once
 
+#include <array>
+#include <optional>
+#include <string>
 #include <utility>
 
 #include "formats/session/pose_device_description.h"
@@ -16,6 +19,16 @@ namespace trocar::runtime {
 /// Returns the fraction of the wrench that a device of this description can render, at most 1. The
 /// moment is ignored if the device renders no moments.
 double renderable_fraction(const PoseDeviceDescription& description, const Wrench& wrench) noexcept;
+
+/// A side of the workspace's box of a description, and a position beyond it.
+struct BoxSide {
+  int axis = 0;                  ///< index of the axis in the device's frame
+  double at_m = 0, limit_m = 0;  ///< coordinates of the position and of the side along the axis
+};
+/// Returns a side of the box beyond which a position in the device's frame lies, or nullopt. A
+/// nanometre is allowed for rounding.
+std::optional<BoxSide> side_beyond(const PoseDeviceDescription& description,
+                                   const std::array<double, 3>& p_m) noexcept;
 
 class PoseSpecification final : public DeviceSpecification {
  public:
@@ -44,6 +57,8 @@ class PoseSpecification final : public DeviceSpecification {
   std::string describe_demand(std::string_view what, const Pose& T_device_plate,
                               const Wrench& wrench_device) const override;
 
+  DeviceMargins margins(const Pose& T_device_plate) const noexcept override;
+  std::string describe_fault(Fault fault, const Pose& T_device_plate) const override;
   std::optional<Pose> pose_of(const RecordingRow& row) const override;
 
   const PoseDeviceDescription& description() const noexcept { return description_; }

@@ -99,7 +99,8 @@ void declare(CLI::App& app, Arguments& a) {
   app.add_option("--seed", a.seed, "seed of the random faults and noise (default: 1)")
       ->check(not_negative);
   app.add_option("--sessions", a.sessions,
-                 "end after this many sessions of trocar-run; 0: run until stopped (default: 0)")
+                 "end after this many sessions of trocar-run; 0: run until stopped. With --clock\n"
+                 "lock-step also end if the last of them sends nothing for 10 s (default: 0)")
       ->check(not_negative);
   app.add_option(
       "--device-description", a.description,
@@ -232,7 +233,7 @@ class Server {
   }
 
   void run_in_lock_step() {
-    while (!stop_requested.load() && !is_done()) {
+    while (!stop_requested.load() && !is_done() && !is_abandoned(now_ns())) {
       socket_.wait(in_.holds_any() || out_.holds_any() ? 1e-3 : 0.1);
       serve(now_ns());
     }
@@ -245,6 +246,7 @@ class Server {
   /// for simulated time.
   static constexpr double kMaxCatchUpPeriods = 200;
   static constexpr int kMaxDatagrams = 512;
+  static constexpr std::int64_t kAbandoned_ns = 10'000'000'000;
 
   void serve(std::int64_t now) {
     const auto handle = [&](const FaultyLink::Datagram& datagram) {
@@ -252,7 +254,10 @@ class Server {
       bool from_host = false;
       drive_.receive(datagram.view(), now, answer, from_host);
       kill_if_due();
-      if (from_host) host_ = datagram.peer;
+      if (from_host) {
+        host_ = datagram.peer;
+        heard_ns_ = now;
+      }
       send(answer, datagram.peer);
     };
     in_.release_due(now, handle);
@@ -286,14 +291,17 @@ class Server {
     (void)write_record(record_, drive_.report());
     ::raise(SIGKILL);
   }
-  bool is_done() const {
-    return sessions_ > 0 && drive_.report().sessions >= sessions_ && !drive_.in_session();
-  }
+  bool is_last() const { return sessions_ > 0 && drive_.report().sessions >= sessions_; }
+  bool is_done() const { return is_last() && !drive_.in_session(); }
+  /// Lock-step: the host of the last session has probably been killed, because time would stand
+  /// still for so long otherwise only if the operator paused the session.
+  bool is_abandoned(std::int64_t now) const { return is_last() && now - heard_ns_ > kAbandoned_ns; }
 
   Drive drive_;
   UdpSocket socket_;
   FaultyLink in_, out_;
   Endpoint host_;
+  std::int64_t heard_ns_ = 0;  ///< time of the host's last accepted command
   std::uint64_t sessions_;
   std::string record_;
   double period_s_;

@@ -6,6 +6,7 @@
 
 #include "runtime/realtime/allocation_counter.h"
 #include "runtime/realtime/monotonic_clock.h"
+#include "runtime/session/tick_rate.h"
 
 namespace trocar::runtime {
 namespace {
@@ -102,7 +103,9 @@ void SessionLoop::receive_hand(std::int64_t now_ns) noexcept {
 /// Returns true if time is paused in this period: the operator has paused the session, and torques
 /// are zero. During a recovery a tick with the fault kPaused comes first: it sets quiet_ticks to 0,
 /// so that the time without fault and contact begins again after the pause. A drive with a clock of
-/// its own meanwhile gets zero torques, because its watchdog waits for commands.
+/// its own meanwhile gets zero torques, because its watchdog waits for commands. If the device's own
+/// emergency stop is pressed meanwhile, the first tick after the pause latches kEmergencyStop, even
+/// if the stop has been released by then: forces return only after the operator releases the stop.
 bool SessionLoop::pauses(std::int64_t now_ns) noexcept {
   const bool is_replay = clock_.recorded(state_.tick) != nullptr;
   const bool is_recovering = state_.safety.state == SafetyState::kRecovering;
@@ -119,7 +122,8 @@ bool SessionLoop::pauses(std::int64_t now_ns) noexcept {
   }
   if (!is_replay && !device_.is_paced_by_loop()) {
     double ignored_t_s = 0;
-    device_.read(ignored_t_s);
+    // The zero torques of a pause acknowledge the device's own stop, so the drive forgets it.
+    if (device_.read(ignored_t_s) == DeviceStatus::kEmergencyStop) outside_ = Fault::kEmergencyStop;
     device_.use_last_reading();
     device_.write_zero();
   }
@@ -139,7 +143,8 @@ TickInputs SessionLoop::inputs(const TickTiming& timing) noexcept {
   inputs.gap_s = timing.gap_s;
   inputs.missed_in_row = timing.missed_in_row;
   inputs.outside = std::exchange(outside_, Fault::kNone);
-  if (const Fault latched = commands_.latched_fault(); latched != Fault::kNone)
+  if (const Fault latched = commands_.latched_fault();
+      latched != Fault::kNone && inputs.outside != Fault::kEmergencyStop)
     inputs.outside = latched;
   inputs.recover = result_.torques_are_zero && commands_.take_recovery();
   return inputs;
@@ -184,7 +189,9 @@ void SessionLoop::serve_observers() {
 SessionResult SessionLoop::finish() {
   for (TickObserver* observer : observers_)
     observer->stop();
-  SessionResult report = statistics_.take(state_, state_.tick == clock_.ticks());
+  // A recording may have fewer ticks than its session was to have.
+  const std::uint64_t all_ticks = tick_count(options_.duration_s, options_.rate_Hz);
+  SessionResult report = statistics_.take(state_, state_.tick >= all_ticks);
   report.late_ticks = late_ticks_.counts();
   return report;
 }

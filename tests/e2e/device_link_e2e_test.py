@@ -9,7 +9,7 @@
  4. A host of another implementation (device_link.py) is served; replays, a second host and other keys
     are refused; the watchdog trips.
  5. A host begins a session only after its preparation, however long that takes.
- 6. Exit codes, messages, a clean end by Ctrl-C.
+ 6. Exit codes, messages, a clean end by Ctrl-C, and in lock-step an end some seconds after its last host has died.
 """
 import csv
 import json
@@ -257,6 +257,17 @@ def test_other_implementation(source, programs, work):
         assert report["packets"]["refused"]["sequence"] >= 1, f"replays: {report['packets']}"
         assert report["packets"]["refused"]["mac"] >= 5, f"other keys: {report['packets']}"
         assert report["watchdog_trips"] >= 1, f"{report['watchdog_trips']} watchdog trips"
+
+
+def test_host_that_dies(source, programs, work):
+    scene = source / "runtime" / "scenes" / "one_slice.json"
+    with Simulator(programs, work, scene, "--clock", "lock-step", "--sessions", "1") as simulator:
+        host = link.Host(simulator.socket(), simulator.key())
+        host.command(link.HOLD)
+        assert host.state() is not None
+        host.socket.close()  # without a stop
+        assert simulator.process.wait(timeout=120) == 0, "it waits for its host for ever"
+        assert json.loads(simulator.summary_file.read_text())["sessions"] == 1
 
 
 def test_contract(source, programs, asset, work):

@@ -66,6 +66,10 @@ TEST(FaultWords, TheLineNamesSensorValueLimitAndWhatToDo) {
   EXPECT_EQ(measured({Fault::kMotorFault, kMotor, 0, 0, 0}), "motor theta 1 of leg 1");
   EXPECT_EQ(measured({Fault::kDeadlineMissed, kMissedDeadlines, -1, 3, 2}),
             "deadlines missed in a row: 3, limit 2");
+  EXPECT_EQ(measured({Fault::kMotorFault, kFaultByte, -1, 4, kNan}), "fault byte of the device: 4");
+  EXPECT_EQ(measured({Fault::kLinkLost, kRefusedContents, -1, 0, 0}),
+            "the device's states arrive, but are refused because of their contents, such as a "
+            "number that is not finite or a quaternion that is not a unit");
   EXPECT_EQ(measured(Fault::kEmergencyStop), "");
 }
 

@@ -7,7 +7,9 @@
 #include <functional>
 #include <map>
 #include <string>
+#include <vector>
 
+#include "runtime/calibration/curve_points.h"
 #include "tests/runtime/calibration/synthetic_curve.h"
 
 namespace trocar::runtime {
@@ -137,6 +139,27 @@ TEST(CurveFit, ExactCurve) {
   ASSERT_TRUE(fit->layer_N);
   EXPECT_NEAR(fit->layer_N->value, 120, 1);
   EXPECT_NEAR(fit->layer_mm->value, 1, 0.08);
+}
+
+// A machine that states its depth in steps of 0.5 mm: the force rises among the samples of one step.
+TEST(CurveFit, ManySamplesOfOneDepth) {
+  std::mt19937_64 random(4);
+  std::normal_distribution<double> noise(0, 0.02);
+  ForceCurve curve;
+  for (int step = 0; step <= 40; ++step) {
+    for (int i = 0; i < 128; ++i) {
+      const double depth_mm = 0.5 * step;
+      double force_N = step < 10 ? 0 : 10 + 0.05 * (depth_mm - 5);
+      if (step == 10) force_N = 10.0 * i / 127;
+      curve.insertion.push_back({depth_mm, force_N + noise(random)});
+    }
+  }
+  const std::vector<CurveMean> means = means_of(curve.insertion, 180, 0.02);
+  for (std::size_t i = 1; i < means.size(); ++i)
+    EXPECT_GT(means[i].depth_mm, means[i - 1].depth_mm);
+  const Result<CurveFit> fit = fit_curve(curve, 3);
+  ASSERT_TRUE(fit) << fit.error().message;
+  EXPECT_NEAR(fit->cutting_N.value, 10, 0.5);
 }
 
 std::string refusal(const std::function<double(double)>& force_N, double noise_N = 0.01) {

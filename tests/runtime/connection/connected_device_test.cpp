@@ -18,10 +18,11 @@ using namespace std::chrono_literals;
 
 /// Behaviour of a connection. The test changes it while the device's thread uses it.
 struct Script {
-  std::atomic<bool> opens{true}, fails{false};
+  std::atomic<bool> opens{true}, fails{false}, repeats{false};
   std::atomic<int> wait_ms{0}, opened{0}, closed{0};
   std::mutex mutex;
   std::vector<HandleWrench> wrenches;  ///< under the mutex
+  /// Time of the newest measurement; under the mutex.
   double t_s = 0;
 
   std::vector<HandleWrench> taken() {
@@ -44,7 +45,8 @@ class ScriptedConnection final : public PoseConnection {
     script_.wrenches.push_back(wrench);
     if (script_.fails) return Error{ExitCode::kDeviceFault, "test: broken"};
     PoseReading reading;
-    reading.t_s = script_.t_s += 1e-3;
+    if (!script_.repeats) script_.t_s += 1e-3;
+    reading.t_s = script_.t_s;
     reading.p_m[2] = wrench[2];
     return reading;
   }
@@ -148,6 +150,45 @@ TEST_F(ConnectedDeviceTest, SilentLoopGivesNoForce) {
   EXPECT_TRUE(gets(2)) << "and force again when the loop goes on";
 }
 
+// A loop of 5 Hz, which writes every second period and sometimes late: 0.5 s are five periods.
+TEST_F(ConnectedDeviceTest, ForceOfASlowLoopIsSentUntilItsNextWrite) {
+  Script slow;
+  ConnectedDevice device(std::make_unique<ScriptedConnection>(slow), 0.1, [](const auto&) {});
+  ASSERT_TRUE(device.start());
+  device.write({0, 0, 4, 0, 0, 0});
+  std::vector<HandleWrench> sent;
+  EXPECT_TRUE(within(5s, [&] {
+    for (const HandleWrench& wrench : slow.taken())
+      if (!sent.empty() || wrench[2] == 4) sent.push_back(wrench);
+    return sent.size() >= 3;
+  }));
+  for (std::size_t i = 0; i < 3 && i < sent.size(); ++i)
+    EXPECT_EQ(sent[i][2], 4) << i;
+  EXPECT_TRUE(within(5s, [&] {
+    const auto wrenches = slow.taken();
+    return !wrenches.empty() && wrenches.back() == HandleWrench{};
+  })) << "but not for ever";
+}
+
+TEST_F(ConnectedDeviceTest, AMeasurementThatIsGivenAgainIsReadOnce) {
+  ASSERT_TRUE(device_.start());
+  EXPECT_TRUE(reads(DeviceStatus::kOk));
+  script_.repeats = true;
+  script_.taken();
+  EXPECT_TRUE(within(5s, [&] { return script_.taken().size() > 0; }));
+  device_.read(reading_);  // the last new one, if it has not been read
+  const double last_s = reading_.t_s;
+  int exchanged = 0;
+  EXPECT_TRUE(within(5s, [&] {
+    exchanged += static_cast<int>(script_.taken().size());
+    EXPECT_EQ(device_.read(reading_), DeviceStatus::kNoData);
+    return exchanged >= 5;
+  }));
+  script_.repeats = false;
+  EXPECT_TRUE(reads(DeviceStatus::kOk));
+  EXPECT_GT(reading_.t_s, last_s);
+}
+
 TEST_F(ConnectedDeviceTest, ErrorIsLinkLostAtOnceAndSaidOnce) {
   ASSERT_TRUE(device_.start());
   EXPECT_TRUE(gets(4));
@@ -178,6 +219,26 @@ TEST_F(ConnectedDeviceTest, RestoresWithoutForce) {
   }));
   EXPECT_EQ(script_.taken().front(), HandleWrench{}) << "not the force from before";
   EXPECT_TRUE(gets(1));
+}
+
+TEST_F(ConnectedDeviceTest, NoPoseFromBeforeALossIsReadAfterIt) {
+  ASSERT_TRUE(device_.start());
+  EXPECT_TRUE(reads(DeviceStatus::kOk));
+  script_.taken();
+  EXPECT_TRUE(within(5s, [&] { return script_.taken().size() > 0; }));  // and nobody reads its pose
+  script_.fails = true;
+  EXPECT_TRUE(within(5s, [&] { return script_.closed > 0; }));
+  const double before_s = script_.t_s;
+  EXPECT_EQ(device_.read(reading_), DeviceStatus::kLinkLost);
+  script_.fails = false;
+  script_.wait_ms = 50;
+  device_.restore();
+  DeviceStatus status = DeviceStatus::kLinkLost;
+  EXPECT_TRUE(within(5s, [&] {
+    status = device_.read(reading_);
+    return status == DeviceStatus::kOk;
+  }));
+  EXPECT_GT(reading_.t_s, before_s);
 }
 
 }  // namespace

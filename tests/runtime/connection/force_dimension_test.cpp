@@ -41,7 +41,7 @@ class ForceDimensionTest : public testing::Test {
   }
   void TearDown() override {
     for (const char* const name : {kForceDimensionVariable, "TROCAR_DHD_LOG", "TROCAR_DHD_MODEL",
-                                   "TROCAR_DHD_FAULT", "TROCAR_DHD_PATH"}) {
+                                   "TROCAR_DHD_FAULT", "TROCAR_DHD_PATH", "TROCAR_DHD_SERIALS"}) {
       unset(name);
     }
   }
@@ -192,6 +192,18 @@ TEST_F(ForceDimensionTest, MissingDeviceSaysWhatToCheck) {
 TEST_F(ForceDimensionTest, DeviceThatCannotBeOpenedHasTheSdksReason) {
   set("TROCAR_DHD_FAULT", "open_fails@0");
   expect_open_fails({"dhdOpen failed: the device is in use (-1)"});
+}
+
+// Its positions would be wrong by an unknown distance, so it must get no force.
+TEST_F(ForceDimensionTest, UncalibratedDeviceIsRefusedBeforeItsForcesAreEnabled) {
+  set("TROCAR_DHD_FAULT", "uncalibrated@0");
+  expect_open_fails({"the device is not calibrated", "rest position"});
+  for (const Logged& entry : log()) {
+    EXPECT_NE(entry.call, "enable_force");
+    EXPECT_EQ(entry.wrench, HandleWrench{});
+  }
+  set("TROCAR_DHD_FAULT", "");
+  EXPECT_TRUE(ForceDimension(options()).open());
 }
 
 TEST_F(ForceDimensionTest, IndexOfNoDeviceIsRefused) {
@@ -416,6 +428,50 @@ TEST_F(ForceDimensionTest, LateAndJumpingAndFrozenStatesPass) {
     std::this_thread::sleep_for(milliseconds(1));
   }
   EXPECT_TRUE(back);
+}
+
+TEST_F(ForceDimensionTest, AMeasurementThatIsGivenAgainHasItsTime) {
+  set("TROCAR_DHD_FAULT", "same@0.1:0.5");
+  ForceDimension device(options());
+  ASSERT_TRUE(device.open());
+  PoseReading last;
+  int same = 0;
+  bool is_new_again = false;
+  for (int i = 0; i < 10'000 && !is_new_again; ++i) {
+    const Result<PoseReading> reading = device.exchange({});
+    ASSERT_TRUE(reading) << reading.error().message;
+    EXPECT_GE(reading->t_s, last.t_s);
+    if (reading->t_s == last.t_s) ++same;
+    is_new_again = same > 0 && reading->t_s > last.t_s;
+    last = *reading;
+    std::this_thread::sleep_for(milliseconds(1));
+  }
+  EXPECT_GT(same, 0);
+  EXPECT_TRUE(is_new_again);
+}
+
+TEST_F(ForceDimensionTest, OpensTheSameDeviceAgainAndNoOther) {
+  for (const int index : {-1, 0}) {
+    set("TROCAR_DHD_SERIALS", "7,8");
+    ForceDimensionOptions chosen = options();
+    chosen.id = index;
+    ForceDimension device(chosen);
+    ASSERT_TRUE(device.open());
+    device.close();
+    set("TROCAR_DHD_SERIALS", "8");  // the first one was disconnected
+    const Result<void> other = device.open();
+    ASSERT_FALSE(other);
+    expect_line(other.error(), {"omega.3 with the serial number 7", "is not connected"});
+    EXPECT_FALSE(device.exchange({}));
+    for (const Logged& entry : log())
+      EXPECT_NE(entry.call, "enable_force") << "of another device";
+    set("TROCAR_DHD_SERIALS", "8,9,7");  // it is back, at another index
+    const Result<void> again = device.open();
+    ASSERT_TRUE(again) << again.error().message;
+    EXPECT_TRUE(device.exchange({0, 0, 1, 0, 0, 0}));
+    device.close();
+    expect_closed_without_force();
+  }
 }
 
 TEST_F(ForceDimensionTest, OpensAgainAfterADisconnection) {

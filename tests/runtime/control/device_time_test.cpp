@@ -219,6 +219,23 @@ TEST_F(DeviceTime, TheClockMayStartAgainWhileNoForcesAreRendered) {
   EXPECT_EQ(state_.safety.state, SafetyState::kRunning);
 }
 
+// A pause reads the device, but keeps nothing. The trainee draws the needle out meanwhile.
+TEST_F(DeviceTime, AMotionDuringAPauseIsNoJumpAfterIt) {
+  outside_ = Fault::kPaused;
+  for (int i = 0; !result_.torques_are_zero && i < 100; ++i)
+    tick();
+  outside_ = Fault::kNone;
+  recover_ = true;
+  go_to(0.14);
+  tick_after(10);
+  recover_ = false;
+  EXPECT_EQ(state_.safety.state, SafetyState::kRecovering);
+  EXPECT_EQ(result_.found.fault, Fault::kNone) << measured(result_.found);
+  device_.next.encoder_rad[4] += 0.3;
+  tick();
+  EXPECT_EQ(result_.found.fault, Fault::kEncoderJump) << "the next reading is compared again";
+}
+
 // A late tick has held its torques for longer: every other one is three periods late here.
 TEST_F(DeviceTime, HeatCountsTheTimeThatPassed) {
   description_.motor_continuous_torque_Nm = 0.5 * largest(good_);

@@ -176,8 +176,12 @@ TEST_F(LoopFound, WhatPreventsARecovery) {
   device_.on_read = DeviceStatus::kEmergencyStop;
   tick();
   EXPECT_EQ(result_.found.fault, Fault::kEmergencyStop);
-  EXPECT_EQ(result_.new_fault, Fault::kNone) << "not latched";
-  EXPECT_EQ(state_.safety.fault, Fault::kEncoderJump);
+  EXPECT_EQ(result_.new_fault, Fault::kEmergencyStop) << "its release alone must not bring forces";
+  EXPECT_EQ(state_.safety.state, SafetyState::kFault);
+  EXPECT_EQ(state_.safety.fault, Fault::kEmergencyStop);
+  tick();
+  EXPECT_EQ(state_.safety.state, SafetyState::kRecovering) << "asked for again";
+  EXPECT_EQ(result_.new_fault, Fault::kNone) << "held since before the request";
   device_.on_read = DeviceStatus::kOk;
   go_to(0.125);
   tick();

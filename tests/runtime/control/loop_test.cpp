@@ -324,9 +324,11 @@ TEST_F(Loop, RestoreIsCalledWhileRecoveringAndTheDeviceIsLost) {
     go_to(0.121);
     for (const DeviceStatus back : {DeviceStatus::kEmergencyStop, DeviceStatus::kOk}) {
       device_.on_read = back;
+      recover_ = back == DeviceStatus::kOk;  // a stop that was pressed meanwhile is a new fault
       for (int i = 0; i < 400; ++i)
         tick();
     }
+    recover_ = false;
     EXPECT_EQ(state_.safety.state, SafetyState::kRunning);
     EXPECT_EQ(device_.restored, 10);
   }

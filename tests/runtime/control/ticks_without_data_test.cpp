@@ -101,5 +101,23 @@ TEST_F(TicksWithoutData, SpeedIsHeldOverThem) {
   }
 }
 
+// Loop and device both run at 100 Hz: now and then a tick finds no new state, and one may be lost.
+TEST_F(TicksWithoutData, AtALowRateThreeInARowAreAFault) {
+  model_.rate_Hz = 100;
+  restart();
+  go_to(0.125);
+  for (int i = 0; i < 5; ++i)
+    tick();
+  ASSERT_EQ(state_.safety.state, SafetyState::kRunning);
+  device_.on_read = DeviceStatus::kNoData;
+  for (int i = 0; i < 2; ++i) {
+    tick();
+    EXPECT_EQ(state_.safety.fault, Fault::kNone) << i;
+  }
+  tick();
+  EXPECT_EQ(state_.safety.fault, Fault::kNoData);
+  EXPECT_EQ(result_.found.limit, 0.03);
+}
+
 }  // namespace
 }  // namespace trocar::runtime

@@ -5,6 +5,7 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <numbers>
 
 #include "runtime/devices/open_device.h"
 #include "runtime/devices/simulated_hand.h"
@@ -81,9 +82,58 @@ TEST(PoseSession, OptionsAreThoseOfTheDevice) {
   EXPECT_NEAR(options.coupling.stiffness_N_per_m, 500, 1e-9) << "half of what is stated";
   EXPECT_EQ(options.stiffness.max_N_per_m, 500) << "with every law";
   SessionOptions chosen;
-  chosen.coupling = {true, 3000, 4};
+  chosen.coupling = {true, 800, 4};
   set_pose_device_options(arm(), scene, chosen);
-  EXPECT_EQ(chosen.coupling.stiffness_N_per_m, 3000) << "the operator's choice stays";
+  EXPECT_EQ(chosen.coupling.stiffness_N_per_m, 800) << "the operator's choice stays";
+  EXPECT_EQ(chosen.coupling.damping_N_s_per_m, 4);
+}
+
+TEST(PoseSession, NoCouplingIsStifferThanTheDeviceAllows) {
+  Scene scene = scene_of(ForceLawKind::kHooke);
+  for (const double force_scale : {0.1, 1.0, 10.0}) {
+    for (const double chosen_N_per_m : {0.0, 3000.0, 1e6}) {
+      scene.force_law.force_scale = force_scale;
+      SessionOptions options;
+      options.stiffness.margin = kHardwareMargin;
+      if (chosen_N_per_m > 0) options.coupling = {true, chosen_N_per_m, 5};
+      set_pose_device_options(arm(), scene, options);
+      EXPECT_TRUE(options.coupling.on);
+      EXPECT_GT(options.coupling.stiffness_N_per_m, 0);
+      EXPECT_LE(force_scale * options.coupling.stiffness_N_per_m, 500 * (1 + 1e-12))
+          << force_scale << ", " << chosen_N_per_m;
+    }
+  }
+}
+
+// The hand moves along the device's x axis, which lies along the diagonal of the scene's x and y: to
+// 99 mm, beyond the 80 mm of the device's box, but within the box of 113 mm around the turned one.
+TEST(PoseSession, LeavingATurnedBoxIsAFault) {
+  PoseDeviceDescription device = arm();
+  device.turn_rad = {0, 0, std::numbers::pi / 4};
+  Scene scene = scene_of(ForceLawKind::kHooke);
+  scene.hand.trajectory = {{0, {0, 0, 0.14}, {}},
+                           {1, {-0.05, -0.05, 0.14}, {}},
+                           {3, {0.07, 0.07, 0.14}, {}},
+                           {3.5, {-0.07, -0.07, 0.14}, {}}};
+  const Asset asset = test::asset_of(test::square_mesh({-25600, -25600}, 5120, 10), 1);
+  const auto sheets = place_slices(scene, asset, "test.glb");
+  ASSERT_TRUE(sheets);
+  SessionOptions options;
+  options.clock = Clock::kVirtual;
+  options.duration_s = 3;
+  set_pose_device_options(device, scene, options);
+  auto simulated = make_simulated_pose_device(scene, device, nullptr);
+  ASSERT_TRUE(simulated);
+  const OpenedDevice opened =
+      make_pose_hand(device, scene, std::make_unique<SimulatedPoseDevice>(std::move(*simulated)));
+  Remesher remesher(*sheets);
+  auto workers = make_workers(scene, opened.device->specification(), remesher, options);
+  ASSERT_TRUE(workers);
+  const SessionResult report = run_session(
+      scene, remesher, *opened.device, [&](double dt_s) { opened.device->advance(dt_s); }, options,
+      std::move(*workers));
+  EXPECT_EQ(report.fault, Fault::kWorkspace) << to_string(report.fault);
+  EXPECT_GT(report.fault_t_s, 2) << "at 14 mm from the middle";
 }
 
 TEST(PoseSession, OriginStatesTheDeviceAndIsReadBack) {

@@ -41,20 +41,22 @@ void sleep_ms(int ms) {
   std::this_thread::sleep_for(std::chrono::milliseconds(ms));
 }
 
-/// A drive on a socket, run by a thread: states every millisecond, or in lock-step.
+/// A drive on a socket, run by a thread: states every millisecond (whatever period it states), or in
+/// lock-step.
 class Peer {
  public:
   /// The watchdog's time is long, so that a short stall of this machine does not trip it.
-  explicit Peer(LinkClock clock, const char* faults = "", double watchdog_s = 10)
-      : Peer(clock, faults, watchdog_s, {0x7f000001, 0}, random_link_key()) {}
+  explicit Peer(LinkClock clock, const char* faults = "", double watchdog_s = 10,
+                double period_s = 1e-3)
+      : Peer(clock, faults, watchdog_s, {0x7f000001, 0}, random_link_key(), period_s) {}
   /// A drive that was restarted: it has the key and the address of the previous one.
   Peer(LinkClock clock, const char* faults, double watchdog_s, const Endpoint& at,
-       const LinkKey& with)
+       const LinkKey& with, double period_s = 1e-3)
       : socket_(std::move(*UdpSocket::listen(at))), key(with) {
     DriveOptions options;
     options.key = key;
     options.clock = clock;
-    options.period_s = 1e-3;
+    options.period_s = period_s;
     options.watchdog_s = watchdog_s;
     options.session_s = 1000;
     options.faults = *parse_fault_plan(faults);
@@ -212,6 +214,47 @@ TEST(UdpDevice, ALongQueueIsDiscardedUntilTheNextState) {
   EXPECT_EQ(state.t_s, 0);
   ASSERT_EQ(next(*device, state), DeviceStatus::kOk);
   EXPECT_GT(state.t_s, 0.4);
+}
+
+// 100 states in each tick are usual for this drive, and 150 after a late tick.
+TEST(UdpDevice, AQueueOfTheStatesOfATickIsNotTooLong) {
+  Peer peer(LinkClock::kReal, "", 10, 1e-4);
+  UdpLinkOptions options = to(peer);
+  options.period_s = 1e-2;
+  const auto device = connected(options);
+  ASSERT_TRUE(device);
+  DeviceState state;
+  ASSERT_EQ(next(*device, state), DeviceStatus::kOk);
+  peer.wait_for_states(150);
+  EXPECT_EQ(device->read(state), DeviceStatus::kOk);
+}
+
+TEST(UdpDevice, ADriveWithMoreStatesThanCanBeReadIsRefused) {
+  Peer peer(LinkClock::kReal, "", 10, 5e-5);
+  UdpLinkOptions options = to(peer);
+  options.period_s = 1e-2;
+  const auto device = UdpDevice::connect(options);
+  ASSERT_FALSE(device);
+  EXPECT_EQ(device.error().code, ExitCode::kUsage);
+  EXPECT_NE(device.error().message.find("sends 200 states in each tick, and at most 128 can"),
+            std::string::npos)
+      << device.error().message;
+}
+
+// At 10 Hz, 30 ms without a state are shorter than a tick.
+TEST(UdpDevice, AtALowRateATickWithoutAStateIsNoLoss) {
+  Peer peer(LinkClock::kReal);
+  UdpLinkOptions options = to(peer);
+  options.no_state_s = 0.01;
+  options.period_s = 0.1;
+  const auto device = connected(options);
+  ASSERT_TRUE(device);
+  peer.mute = true;
+  DeviceState state;
+  while (device->read(state) == DeviceStatus::kOk) {
+  }
+  sleep_ms(30);
+  EXPECT_EQ(device->read(state), DeviceStatus::kNoData);
 }
 
 TEST(UdpDevice, InLockStepEachWriteIsAnswered) {

@@ -12,7 +12,9 @@
 #include <cmath>
 #include <limits>
 #include <mutex>
+#include <string>
 #include <thread>
+#include <vector>
 
 #include "runtime/link/udp_device.h"
 #include "runtime/realtime/allocation_counter.h"
@@ -247,6 +249,49 @@ TEST(UdpPoseDevice, ALostLinkIsRestored) {
   EXPECT_EQ(device->sessions(), 2U);
 }
 
+// An IMU that has lost its lock, or a broken encoder: the link works, and its states do not.
+TEST(UdpPoseDevice, StatesRefusedInASessionAreToldFromALostLink) {
+  PosePeer peer;
+  std::mutex mutex;
+  std::vector<std::string> said;
+  UdpLinkOptions options = to(peer);
+  options.no_state_s = 0.3;
+  options.connect_timeout_s = 0.5;
+  options.say = [&](const std::string& line) {
+    const std::lock_guard lock(mutex);
+    said.push_back(line);
+  };
+  const auto device = connected_pose(options);
+  ASSERT_TRUE(device);
+  PoseReading reading;
+  ASSERT_TRUE(reaches(*device, reading, DeviceStatus::kOk));
+  peer.mute = true;
+  ASSERT_TRUE(reaches(*device, reading, DeviceStatus::kLinkLost));
+  EXPECT_FALSE(device->refuses_contents());
+  peer.mute = false;
+  ASSERT_TRUE(reaches(*device, reading, DeviceStatus::kOk, true));
+
+  peer.is_sealed_again = true;
+  peer.wrong_bits = 0x40;
+  peer.wrong_byte = 55;  // the exponent of x
+  ASSERT_TRUE(reaches(*device, reading, DeviceStatus::kLinkLost));
+  EXPECT_TRUE(device->refuses_contents());
+  const auto count = [&](const char* words) {
+    const std::lock_guard lock(mutex);
+    return std::count_if(said.begin(), said.end(), [&](const std::string& line) {
+      return line.find(words) != std::string::npos;
+    });
+  };
+  device->restore();
+  for (int ms = 0; ms < 5000 && count("refused (contents)") == 0; ++ms)
+    pause_ms(1);
+  pause_ms(1200);  // another attempt at least, with the same reason
+  EXPECT_EQ(count("refused (contents)"), 1);
+  peer.wrong_bits = 0;
+  EXPECT_TRUE(reaches(*device, reading, DeviceStatus::kOk, true));
+  EXPECT_FALSE(device->refuses_contents());
+}
+
 TEST(UdpPoseDevice, RestoreConnectsToARestartedDrive) {
   auto peer = std::make_unique<PosePeer>();
   const Endpoint at = peer->endpoint;
@@ -269,6 +314,7 @@ TEST(UdpPoseDevice, ReportsFaultStopAndWatchdog) {
   PoseReading reading;
   peer.faults = 0x80;
   EXPECT_TRUE(reaches(*device, reading, DeviceStatus::kMotorFault));
+  EXPECT_EQ(device->fault_byte(), 0x80);
   peer.faults = 0;
   EXPECT_TRUE(reaches(*device, reading, DeviceStatus::kOk, true));
   peer.mode = DriveMode::kEmergencyStop;

@@ -19,6 +19,10 @@ class StatedDevice final : public PoseDevice {
   PoseReading next;
   DeviceStatus status = DeviceStatus::kOk;
   HandleWrench written{};
+  std::uint8_t byte = 0;
+  bool refuses = false;
+  std::uint8_t fault_byte() const noexcept override { return byte; }
+  bool refuses_contents() const noexcept override { return refuses; }
   DeviceStatus read(PoseReading& reading) noexcept override {
     if (status == DeviceStatus::kOk) reading = next;
     return status;
@@ -259,6 +263,81 @@ TEST_F(PoseHandTest, MeasuredValuesAreCountsOfTheirResolution) {
   device.rotation_resolution_rad = 0;
   EXPECT_EQ(PoseSpecification(device, PoseFrame(device, kStart)).resolution(), 0)
       << "one value is exact";
+}
+
+TEST_F(PoseHandTest, AQuaternionThatChangesItsSignIsMeasuredAsAtRest) {
+  PoseDeviceDescription device = arm();
+  device.position_resolution_m = 1e-5;
+  device.rotation_resolution_rad = 2e-3;
+  use(device);
+  PoseReading reading;
+  reading.p_m = {0, -0.1, 0.1};
+  reading.q = {-0.6, 0, 0.8, 0};
+  EXPECT_EQ(see(reading), Fault::kNone);
+  const Measurement first = hand_->measured();
+  EXPECT_NEAR(first.value[3], -600, 1e-9) << "the sign of the first one";
+  for (int i = 0; i < 3; ++i) {
+    for (double& value : reading.q)
+      value = -value;
+    EXPECT_EQ(see(reading), Fault::kNone);
+    EXPECT_EQ(hand_->measured().value, first.value) << i;
+    RecordingRow row;
+    DeviceReadout readout;
+    hand_->describe(row, readout);
+    EXPECT_EQ(row.pose_device.q, reading.q) << "as it was stated";
+  }
+}
+
+TEST_F(PoseHandTest, TheBoxIsThatOfTheDeviceAlsoIfItIsTurned) {
+  PoseDeviceDescription device = arm();
+  device.workspace_min_m = {-0.1, -0.1, -0.1};
+  device.workspace_max_m = {0.1, 0.1, 0.1};
+  device.turn_rad = {0, 0, std::numbers::pi / 4};
+  use(device);
+  const DeviceSpecification& specification = hand_->specification();
+  for (std::size_t axis = 0; axis < 3; ++axis) {
+    for (const double side : {-1.0, 1.0}) {
+      PoseReading reading;
+      reading.p_m[axis] = 0.1 * side;
+      has_last_ = false;
+      EXPECT_EQ(see(reading), Fault::kNone);
+      EXPECT_EQ(hand_->check_own_workspace(), Fault::kNone);
+      EXPECT_NEAR(specification.margins(pose_.T_device_plate).box_m, 0, 1e-8);
+      EXPECT_GE(specification.margins(pose_.T_device_plate).box_m, 0);
+      EXPECT_EQ(specification.describe_fault(Fault::kWorkspace, pose_.T_device_plate), "");
+      reading.p_m[axis] = 0.13 * side;
+      has_last_ = false;
+      EXPECT_EQ(see(reading), Fault::kNone) << "it still gives a pose";
+      const FaultDetail found = hand_->check_own_workspace();
+      EXPECT_EQ(found.fault, Fault::kWorkspace);
+      EXPECT_EQ(found.quantity, FaultQuantity::kMeasuredPosition);
+      EXPECT_EQ(found.index, static_cast<int>(axis));
+      EXPECT_EQ(found.value, 0.13 * side);
+      EXPECT_EQ(found.limit, 0.1 * side);
+      EXPECT_NEAR(specification.margins(pose_.T_device_plate).box_m, -0.03, 1e-8);
+      const std::string text =
+          specification.describe_fault(Fault::kWorkspace, pose_.T_device_plate);
+      EXPECT_EQ(text, std::string("the handle is at ") + "xyz"[axis] +
+                          (side < 0 ? " -0.1300" : " 0.1300") +
+                          " m in the device's frame; its box is -0.1000 to 0.1000 m");
+    }
+  }
+}
+
+TEST_F(PoseHandTest, AFaultOfTheDeviceIsStatedWithItsByteAndRefusedStatesAreNamed) {
+  use(arm());
+  EXPECT_EQ(hand_->fault_of(DeviceStatus::kEmergencyStop), Fault::kEmergencyStop);
+  EXPECT_EQ(hand_->fault_of(DeviceStatus::kMotorFault).quantity, FaultQuantity::kNone);
+  EXPECT_EQ(hand_->fault_of(DeviceStatus::kLinkLost).quantity, FaultQuantity::kNone);
+  encoder_.byte = 4;
+  encoder_.refuses = true;
+  const FaultDetail reported = hand_->fault_of(DeviceStatus::kMotorFault);
+  EXPECT_EQ(reported.fault, Fault::kMotorFault);
+  EXPECT_EQ(measured(reported), "fault byte of the device: 4");
+  const FaultDetail refused = hand_->fault_of(DeviceStatus::kLinkLost);
+  EXPECT_EQ(refused.fault, Fault::kLinkLost);
+  EXPECT_EQ(refused.quantity, FaultQuantity::kRefusedContents);
+  EXPECT_EQ(hand_->fault_of(DeviceStatus::kEmergencyStop).quantity, FaultQuantity::kNone);
 }
 
 TEST_F(PoseHandTest, RowHasWhatWasMeasuredAndCommanded) {

@@ -88,6 +88,10 @@ class ClockedDevice final : public Device {
   explicit ClockedDevice(SimulatedDevice& inner) : inner_(inner) {}
   DeviceStatus read(DeviceState& state) noexcept override {
     ++reads;
+    if (stopped_reads > 0) {
+      --stopped_reads;
+      return DeviceStatus::kEmergencyStop;
+    }
     return inner_.read(state);
   }
   DeviceStatus write(const DeviceCommand& command) noexcept override {
@@ -100,6 +104,7 @@ class ClockedDevice final : public Device {
   void advance(double dt_s) noexcept override { inner_.step(dt_s); }
   std::atomic<std::uint64_t> reads{0}, writes{0}, loaded_writes{0};
   std::atomic<bool> is_loaded{false};
+  std::atomic<int> stopped_reads{0};  ///< number of reads for which its emergency stop is pressed
 
  private:
   SimulatedDevice& inner_;
@@ -319,42 +324,76 @@ TEST(TelemetrySession, APauseDuringARecoveryBeginsTheQuietTimeAgain) {
   expect_whole(scene, paused);
 }
 
-TEST(TelemetrySession, ADeviceWithAClockOfItsOwnIsReadAndGetsZeroTorquesWhilePaused) {
+/// A session of 0.5 s in real time, which is paused after 450 ticks and then resumed. `while_paused`
+/// is called in between, with the number of ticks.
+SessionResult run_paused(
+    const Scene& scene, ClockedDevice& device,
+    const std::function<void(Console& console, std::uint64_t ticks)>& while_paused) {
   const test::TemporaryFolder folder;
-  const Scene scene = press_scene();
   Remesher remesher(*place_slices(scene, test::square_asset(3), "a"));
-  auto simulated = make_simulated_device(scene, default_device_description());
-  ASSERT_TRUE(simulated);
-  ClockedDevice device(*simulated);
   SessionOptions options;
   options.duration_s = 0.5;
   options.limits.gap_max_s = 0;
   options.telemetry = TelemetryOptions{folder / "live", "", "", "", {}};
   auto workers = test::make_workers(scene, remesher, options);
-  ASSERT_TRUE(workers);
+  EXPECT_TRUE(workers);
   Console console(options.telemetry->file);
   Console other(options.telemetry->file);
-  std::uint64_t ticks = 0, reads = 0, writes = 0, loaded = 0;
+  std::uint64_t ticks = 0;
   std::thread thread([&] {
     while (!other.has(TelemetryEventKind::kPaused))
       std::this_thread::sleep_for(milliseconds(1));
-    reads = device.reads, writes = device.writes, loaded = device.loaded_writes;
-    while (device.writes < writes + 50)
-      std::this_thread::sleep_for(milliseconds(1));
-    EXPECT_GE(device.reads, reads + 49);
-    EXPECT_EQ(device.loaded_writes, loaded);
-    EXPECT_EQ(other.value("ticks"), static_cast<double>(ticks));
+    while_paused(other, ticks);
     other.give(TelemetryCommand::kResume);
   });
   const auto advance = [&](double dt_s) {
     device.advance(dt_s);
     if (++ticks == 450) console.give(TelemetryCommand::kPause);
   };
-  const SessionResult report = run_session(scene, default_device_description(), remesher, device,
-                                           advance, options, std::move(*workers));
+  SessionResult report = run_session(scene, default_device_description(), remesher, device, advance,
+                                     options, std::move(*workers));
   thread.join();
+  return report;
+}
+
+TEST(TelemetrySession, ADeviceWithAClockOfItsOwnIsReadAndGetsZeroTorquesWhilePaused) {
+  const Scene scene = press_scene();
+  auto simulated = make_simulated_device(scene, default_device_description());
+  ASSERT_TRUE(simulated);
+  ClockedDevice device(*simulated);
+  const SessionResult report =
+      run_paused(scene, device, [&](Console& console, std::uint64_t ticks) {
+        const std::uint64_t reads = device.reads, writes = device.writes,
+                            loaded = device.loaded_writes;
+        while (device.writes < writes + 50)
+          std::this_thread::sleep_for(milliseconds(1));
+        EXPECT_GE(device.reads, reads + 49);
+        EXPECT_EQ(device.loaded_writes, loaded);
+        EXPECT_EQ(console.value("ticks"), static_cast<double>(ticks));
+      });
   EXPECT_EQ(report.ticks, 500U);
   EXPECT_GE(device.writes, 500U + 50U);
+}
+
+// The zero torques of the pause acknowledge the stop, so that later states do not report it.
+TEST(TelemetrySession, TheDevicesOwnStopDuringAPauseIsLatchedAlthoughItWasReleased) {
+  const Scene scene = press_scene();
+  auto simulated = make_simulated_device(scene, default_device_description());
+  ASSERT_TRUE(simulated);
+  ClockedDevice device(*simulated);
+  const SessionResult report = run_paused(scene, device, [&](Console&, std::uint64_t) {
+    device.stopped_reads = 10;
+    while (device.stopped_reads > 0)
+      std::this_thread::sleep_for(milliseconds(1));
+    const std::uint64_t reads = device.reads;
+    while (device.reads < reads + 10)
+      std::this_thread::sleep_for(milliseconds(1));
+  });
+  EXPECT_EQ(report.end, SessionEnd::kFault);
+  EXPECT_EQ(report.fault, Fault::kEmergencyStop);
+  ASSERT_EQ(report.faults.size(), 2U);
+  EXPECT_EQ(report.faults[0].fault, Fault::kPaused);
+  EXPECT_EQ(report.faults[1].fault, Fault::kEmergencyStop);
 }
 
 TEST(TelemetrySession, ZeroTurnsForcesOffUntilRecoveryIsAskedFor) {

@@ -13,7 +13,7 @@
 namespace stand_in {
 namespace {
 
-constexpr std::array<std::pair<std::string_view, FaultKind>, 11> kKinds{{
+constexpr std::array<std::pair<std::string_view, FaultKind>, 13> kKinds{{
     {"silence", FaultKind::kSilence},
     {"late", FaultKind::kLate},
     {"error", FaultKind::kError},
@@ -22,9 +22,11 @@ constexpr std::array<std::pair<std::string_view, FaultKind>, 11> kKinds{{
     {"skew", FaultKind::kSkew},
     {"jump", FaultKind::kJump},
     {"frozen", FaultKind::kFrozen},
+    {"same", FaultKind::kSame},
     {"disconnect", FaultKind::kDisconnect},
     {"no_device", FaultKind::kNoDevice},
     {"open_fails", FaultKind::kOpenFails},
+    {"uncalibrated", FaultKind::kUncalibrated},
 }};
 
 std::string variable(const char* name) {
@@ -88,12 +90,24 @@ std::vector<Keyframe> read_path(const std::string& file, std::string& error) {
   return path;
 }
 
+std::vector<int> read_serials(std::string_view text, std::string& error) {
+  std::vector<int> serials;
+  while (!text.empty()) {
+    const auto [one, rest] = split(text, ',');
+    const std::optional<int> serial = number<int>(one);
+    if (!serial) error = "TROCAR_DHD_SERIALS: " + std::string(one) + " is no number";
+    serials.push_back(serial.value_or(0));
+    text = rest;
+  }
+  return serials;
+}
+
 }  // namespace
 
 std::string environment() {
   std::string all;
-  for (const char* const name :
-       {"TROCAR_DHD_MODEL", "TROCAR_DHD_PATH", "TROCAR_DHD_LOG", "TROCAR_DHD_FAULT"}) {
+  for (const char* const name : {"TROCAR_DHD_MODEL", "TROCAR_DHD_PATH", "TROCAR_DHD_LOG",
+                                 "TROCAR_DHD_FAULT", "TROCAR_DHD_SERIALS"}) {
     all += variable(name) + "\n";
   }
   return all;
@@ -127,6 +141,8 @@ Settings read_settings() {
   if (const std::string path = variable("TROCAR_DHD_PATH"); !path.empty()) {
     settings.path = read_path(path, settings.error);
   }
+  const std::string serials = variable("TROCAR_DHD_SERIALS");
+  settings.serials = read_serials(serials.empty() ? "1" : serials, settings.error);
   settings.log = variable("TROCAR_DHD_LOG");
   settings.faults = parse_faults(variable("TROCAR_DHD_FAULT"), settings.error);
   return settings;

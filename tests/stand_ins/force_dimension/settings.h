@@ -19,9 +19,11 @@ enum class FaultKind {
   kSkew,
   kJump,
   kFrozen,
+  kSame,
   kDisconnect,
   kNoDevice,
-  kOpenFails
+  kOpenFails,
+  kUncalibrated
 };
 
 struct Fault {
@@ -35,6 +37,7 @@ struct Settings {
   std::string model = "omega.3";
   bool has_wrist = false;
   bool has_active_wrist = false;
+  std::vector<int> serials;  ///< serial numbers of the devices that are connected
   std::vector<Keyframe> path;
   std::string log;
   std::vector<Fault> faults;

@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <array>
 #include <chrono>
+#include <cstdint>
 #include <cstdio>
 #include <limits>
 #include <memory>
@@ -24,6 +25,7 @@ namespace {
 constexpr double kLate_s = 0.03;
 constexpr double kJump_m = 0.05;
 constexpr double kSkew = 0.01;
+constexpr int kSameMeasurement = 1;  // the SDK's result if it gives its last measurement again
 
 // Error numbers of the SDK.
 constexpr int kErrorCom = 2;
@@ -74,6 +76,7 @@ struct Device {
   char id =
       0;  ///< differs for each change of the settings, so that a call that hung before finds no device
   bool open = false;
+  std::size_t index = 0;  ///< index of the open device in Settings::serials
   bool enabled = false;
   Eigen::Vector3d force = Eigen::Vector3d::Zero();
   Eigen::Vector3d moment = Eigen::Vector3d::Zero();
@@ -166,13 +169,15 @@ int error_of(char id) {
   return error == nullptr ? 0 : error->code;
 }
 
-int open() {
+int open(std::size_t index) {
   renew();
   if (!device.settings.error.empty()) return fail(kErrorConfiguration);
+  if (index >= device.settings.serials.size()) return fail(kErrorInvalidIndex);
   if (device.fault(FaultKind::kDisconnect) != nullptr) return fail(kErrorCom);
   if (device.fault(FaultKind::kNoDevice) != nullptr) return fail(kErrorNoDevice);
   if (device.fault(FaultKind::kOpenFails) != nullptr) return fail(kErrorInUse);
   device.open = true;
+  device.index = index;
   device.write("open", Eigen::Vector3d::Zero(), Eigen::Vector3d::Zero());
   return device.id;
 }
@@ -194,9 +199,9 @@ struct Pose {
   Eigen::Matrix3d frame;
 };
 
-Pose measure() {
+Pose measure(bool is_same) {
   device.move();
-  if (device.fault(FaultKind::kFrozen) == nullptr) {
+  if (!is_same && device.fault(FaultKind::kFrozen) == nullptr) {
     device.last_position = device.arm.position_m();
     device.last_orientation = device.arm.orientation();
   }
@@ -221,7 +226,8 @@ int get(char id, double* x, double* y, double* z, double (*frame)[3]) {
   const std::lock_guard lock(mutex);
   if (const int error = error_of(id)) return fail(error);
   if (device.fault(FaultKind::kReadError) != nullptr) return fail(kErrorCom);
-  const Pose pose = measure();
+  const bool is_same = device.fault(FaultKind::kSame) != nullptr;
+  const Pose pose = measure(is_same);
   *x = pose.position.x();
   *y = pose.position.y();
   *z = pose.position.z();
@@ -229,7 +235,7 @@ int get(char id, double* x, double* y, double* z, double (*frame)[3]) {
     for (int column = 0; column < 3; ++column)
       frame[row][column] = pose.frame(row, column);
   }
-  return 0;
+  return is_same ? kSameMeasurement : 0;
 }
 
 }  // namespace
@@ -255,13 +261,13 @@ DHD_FUNCTION int dhdGetDeviceCount() {
   stand_in::renew();
   return device.fault(stand_in::FaultKind::kNoDevice) == nullptr &&
                  device.fault(stand_in::FaultKind::kDisconnect) == nullptr
-             ? 1
+             ? static_cast<int>(device.settings.serials.size())
              : 0;
 }
 
 DHD_FUNCTION int dhdOpenID(char index) {
   const std::lock_guard lock(stand_in::mutex);
-  return index == 0 ? stand_in::open() : stand_in::fail(stand_in::kErrorInvalidIndex);
+  return stand_in::open(static_cast<std::size_t>(index));
 }
 
 DHD_FUNCTION int dhdOpen() {
@@ -287,13 +293,21 @@ DHD_FUNCTION const char* dhdGetSystemName(char id) {
   return stand_in::error_of(id) == 0 ? device.settings.model.c_str() : nullptr;
 }
 
+DHD_FUNCTION int dhdGetSerialNumber(std::uint16_t* number, char id) {
+  const std::lock_guard lock(stand_in::mutex);
+  if (const int error = stand_in::error_of(id)) return stand_in::fail(error);
+  *number = static_cast<std::uint16_t>(device.settings.serials[device.index]);
+  return 0;
+}
+
 DHD_FUNCTION int dhdGetStatus(int* status, char id) {
   const std::lock_guard lock(stand_in::mutex);
   if (const int error = stand_in::error_of(id)) return stand_in::fail(error);
   // power, connected, started, reset, idle, force, brake, torque, wrist, error, gravity, time guard, wrist initialised
   const int wrist = device.settings.has_wrist ? 1 : 0;
   const int on = device.enabled ? 1 : 0;
-  const std::array<int, 17> values{1, 1, 1, 0, 0, on, 1 - on, on, wrist, 0, 1, 1, wrist};
+  const int reset = device.fault(stand_in::FaultKind::kUncalibrated) == nullptr ? 0 : 1;
+  const std::array<int, 17> values{1, 1, 1, reset, 0, on, 1 - on, on, wrist, 0, 1, 1, wrist};
   std::copy(values.begin(), values.end(), status);
   return 0;
 }

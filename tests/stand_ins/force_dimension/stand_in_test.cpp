@@ -5,6 +5,7 @@
 
 #include <chrono>
 #include <cmath>
+#include <cstdint>
 #include <cstdlib>
 #include <fstream>
 #include <functional>
@@ -103,8 +104,8 @@ class StandIn : public testing::Test {
     ASSERT_NE(library_, nullptr) << ::dlerror();  // NOLINT(concurrency-mt-unsafe)
   }
   void TearDown() override {
-    for (const char* const name :
-         {"TROCAR_DHD_LOG", "TROCAR_DHD_MODEL", "TROCAR_DHD_FAULT", "TROCAR_DHD_PATH"}) {
+    for (const char* const name : {"TROCAR_DHD_LOG", "TROCAR_DHD_MODEL", "TROCAR_DHD_FAULT",
+                                   "TROCAR_DHD_PATH", "TROCAR_DHD_SERIALS"}) {
       ::unsetenv(name);  // NOLINT(concurrency-mt-unsafe)
     }
   }
@@ -181,10 +182,40 @@ TEST_F(StandIn, AWrongIdIsAnErrorOfItsThread) {
   EXPECT_EQ(set_force(id, 0), -1);
 }
 
+TEST_F(StandIn, EachConnectedDeviceHasItsSerialNumber) {
+  set("TROCAR_DHD_SERIALS", "7,12");
+  EXPECT_EQ(function<int()>("dhdGetDeviceCount")(), 2);
+  for (const auto& [index, serial] : {std::pair{0, 7}, std::pair{1, 12}}) {
+    const int id = function<int(char)>("dhdOpenID")(static_cast<char>(index));
+    ASSERT_GE(id, 0);
+    std::uint16_t number = 0;
+    EXPECT_EQ(
+        function<int(std::uint16_t*, char)>("dhdGetSerialNumber")(&number, static_cast<char>(id)),
+        0);
+    EXPECT_EQ(number, serial);
+    EXPECT_EQ(function<int(char)>("dhdClose")(static_cast<char>(id)), 0);
+  }
+  EXPECT_EQ(function<int(char)>("dhdOpenID")(2), -1);
+}
+
+TEST_F(StandIn, SameIsTheLastMeasurementAndSaysSo) {
+  std::ofstream(folder_ / "path.json") << R"([{"t_s": 0}, {"t_s": 100, "position_m": [0, 0, 1]}])";
+  set("TROCAR_DHD_PATH", (folder_ / "path.json").string());
+  set("TROCAR_DHD_FAULT", "same@0.1");
+  const char id = open();
+  Eigen::Vector3d p = kNone, last = kNone;
+  EXPECT_TRUE(becomes([&] {
+    last = p;
+    return position(id, p) == 1;
+  }));
+  EXPECT_EQ(p, last);
+}
+
 TEST_F(StandIn, BadSettingsMakeOpenFail) {
   for (const auto& [name, value] : std::vector<std::pair<const char*, std::string>>{
            {"TROCAR_DHD_MODEL", "omega.4"},
            {"TROCAR_DHD_FAULT", "noise@1"},
+           {"TROCAR_DHD_SERIALS", "1,x"},
            {"TROCAR_DHD_PATH", (folder_ / "none.json").string()},
            {"TROCAR_DHD_LOG", (folder_ / "none" / "log.csv").string()}}) {
     const char* const before = std::getenv(name);  // NOLINT(concurrency-mt-unsafe)
