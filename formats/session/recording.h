@@ -86,9 +86,9 @@ struct RecordingRow {
   double t_s = 0;                       ///< number of the tick, divided by the loop rate
   std::array<double, 3> p_m{};          ///< position of the plate's origin
   std::array<double, 4> q{1, 0, 0, 0};  ///< orientation of the plate, w x y z
-  /// Position of the tool's tip. With the force law `cutting`, this is the tip of the tool in the
-  /// tissue. If springs (the coupling) connect this tool to the plate, its tip is displaced from
-  /// where a tool fixed to the plate would have its tip.
+  /// Position of the tip of the tool on which the tissue acts. If springs (the coupling) connect this
+  /// tool to the plate, its tip is displaced from where a tool fixed to the plate would have its tip.
+  /// Older recordings may have the tip of a tool fixed to the plate.
   std::array<double, 3> tool_m{};
   std::array<double, 6> wrench_wanted{};     ///< wrench before motor limits, N, N*m
   std::array<double, 6> wrench_delivered{};  ///< wrench that the torques tau_Nm produce
@@ -175,6 +175,9 @@ RecordingKind recording_kind(const RecordingOrigin& origin);
 /// device_qw,...,device_qz,buttons,fx_device_N,...,tz_device_Nm take the place of tau_* and th_*.
 std::string recording_header(const RecordingKind& kind = {});
 
+/// Size in bytes of the largest recording that read_recording() and the export as HDF5 read.
+inline constexpr std::uint64_t kMaxRecordingBytes = std::uint64_t{1} << 32;
+
 /// Suffix of a recording's name while it is being written.
 inline constexpr const char* kPartialSuffix = ".partial";
 
@@ -195,8 +198,9 @@ class RecordingWriter {
   ~RecordingWriter();
 
   /// append() writes rows, and commit() ends the recording. Errors: kUnwritable; the message has
-  /// the number of rows that were kept, and the name of the partial file. After an error of
-  /// append() or commit(), only the destructor may be called.
+  /// the number of rows that were kept, and the name of the partial file. commit() without any row
+  /// is such an error, too: a recording has at least one row, and the target may be an earlier
+  /// recording. After an error of append() or commit(), only the destructor may be called.
   Result<void> append(std::span<const RecordingRow> rows);
   Result<void> commit();
   /// Path of the partial file; empty after commit().
@@ -227,6 +231,8 @@ class RecordingWriter {
 /// is one, the column.
 Result<std::vector<RecordingRow>> parse_recording(std::string_view csv, const std::string& name,
                                                   RecordingOrigin* origin = nullptr);
+/// Like parse_recording() of the file's contents. Also refuses a file of more than
+/// kMaxRecordingBytes.
 Result<std::vector<RecordingRow>> read_recording(const std::filesystem::path& file,
                                                  RecordingOrigin* origin = nullptr);
 

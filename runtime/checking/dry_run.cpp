@@ -11,7 +11,8 @@ namespace trocar::runtime {
 namespace {
 
 /// Returns the sheet of a row's active slice. In contact it lies above the tip by the penetration,
-/// which selects one if the scene has the same slice at several heights.
+/// which selects one if the scene has the same slice at several heights. Precondition: the row has
+/// an active slice.
 std::size_t active_sheet(const RecordingRow& row,
                          const std::vector<std::unique_ptr<const Sheet>>& sheets) {
   const double z_m = row.tool_m[2] + row.penetration_m;
@@ -52,6 +53,7 @@ class DryRunObserver final : public TickObserver {
     }
     const bool missed = row.phase == ContactPhase::kMissed;
     if (!missed && row.phase != ContactPhase::kContact) return;
+    if (row.active_slice < 0) return;  // in contact with a soft layer, and not with a sheet
     SheetDryRun& sheet = dry_run_.sheets[active_sheet(row, sheets_)];
     sheet.missed = sheet.missed || missed;
     if (missed) return;

@@ -139,10 +139,8 @@ std::string describe_slice(const SceneEvaluation& e, std::size_t index,
   const SheetDryRun& sheet = e.dry_run->sheets[index];
   out += text_line("           touched at %.4f s, bears at most %.2f", sheet.touched_t_s,
                    sheet.force_max_N);
-  // A tissue that is cut breaks at the strength under the tool, not at its threshold.
-  const Tissue& tissue = e.sheets[index]->tissue;
-  const bool is_cut = e.scene.force_law.kind == ForceLawKind::kCutting && tissue.cut.has_value();
-  out += is_cut ? std::string(" N") : text_line(" of %.6g N", tissue.threshold_N);
+  const std::optional<double> threshold_N = rendered_threshold_N(e, index);
+  out += threshold_N ? text_line(" of %.6g N", *threshold_N) : std::string(" N");
   return out + (sheet.punctured_t_s >= 0 ? text_line(", punctured at %.4f s\n", sheet.punctured_t_s)
                                          : std::string(", not punctured\n"));
 }

@@ -7,7 +7,8 @@
 //  1. The dry run, a session with the simulated device in virtual time and with the same options,
 //     ends without a fault, and every hole that it requests can be cut.
 //  2. Every slice is touched in the dry run. A slice is touched if it bears force or is punctured.
-//     In a bone volume (force law `cutting`) it is enough that one slice is touched.
+//     In a bone volume (force law `cutting`) it is enough that one slice is touched. Contact with a
+//     soft layer touches no slice.
 //  3. The device renders every wrench of the dry run in full.
 //  4. If the scene chooses tissues by label or HU (`tissues`), every slice gets a tissue of the
 //     scene (tissue_assignment.h): one of these, or `tissue`, which is for the remaining slices.

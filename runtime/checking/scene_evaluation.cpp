@@ -74,6 +74,12 @@ Result<SceneEvaluation> evaluate_scene(const Scene& scene, const DeviceToCheck& 
   return e;
 }
 
+std::optional<double> rendered_threshold_N(const SceneEvaluation& e, std::size_t index) {
+  const Tissue& tissue = e.sheets[index]->tissue;
+  if (e.scene.force_law.kind == ForceLawKind::kCutting && tissue.cut) return std::nullopt;
+  return e.scene.force_law.force_scale * tissue.threshold_N;
+}
+
 std::string describe_rectangle(const WorkspaceRectangle& rectangle) {
   return text_line("x %.3f to %.3f, y %.3f to %.3f m", rectangle.min_m.x(), rectangle.max_m.x(),
                    rectangle.min_m.y(), rectangle.max_m.y());

@@ -3,6 +3,7 @@
 // Tests: tests/e2e/scene_check_e2e_test.py
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
 #include <memory>
 #include <optional>
@@ -67,6 +68,10 @@ struct SceneEvaluation {
 Result<SceneEvaluation> evaluate_scene(const Scene& scene, const DeviceToCheck& device,
                                        const std::vector<std::unique_ptr<const Sheet>>& sheets,
                                        const SessionOptions& options);
+
+/// Returns the force at which a sheet is punctured, as the device renders it. None: the sheet's
+/// tissue is cut, and breaks at the strength under the tool.
+std::optional<double> rendered_threshold_N(const SceneEvaluation& e, std::size_t index);
 
 /// Returns a text such as "x -0.050 to 0.050, y -0.050 to 0.050 m".
 std::string describe_rectangle(const WorkspaceRectangle& rectangle);

@@ -149,12 +149,13 @@ std::string describe_held(const SceneEvaluation& e, std::size_t index) {
   const std::string lowest = text_line("the tool gets no lower than %.4f m", dry_run.tip_lowest_m);
   const std::optional<std::size_t> bearing = find_loaded_sheet(dry_run, index);
   if (!bearing) return lowest + ": use a stiffer hand, or give the path more time";
+  const std::optional<double> threshold_N = rendered_threshold_N(e, *bearing);
   return (dry_run.tip_lowest_m < e.sheets[index]->z_m ? "" : lowest + ", where ") +
          name_sheets(e, {*bearing}) +
-         text_line(
-             " bears it, with up to %.1f of %.6g N: push deeper or with a stiffer hand, or lower "
-             "that slice's threshold_N",
-             dry_run.sheets[*bearing].force_max_N, e.sheets[*bearing]->tissue.threshold_N);
+         text_line(" bears it, with up to %.1f", dry_run.sheets[*bearing].force_max_N) +
+         (threshold_N ? text_line(" of %.6g N", *threshold_N) : std::string(" N")) +
+         ": push deeper or with a stiffer hand, or lower " +
+         (threshold_N ? "that slice's threshold_N" : "force_scale");
 }
 
 /// Describes the first of several sheets whose material the path misses.

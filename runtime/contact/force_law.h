@@ -90,9 +90,8 @@ class ForceLaw {
   /// without load, velocity and friction. Holes are kept.
   virtual void reset_motion() noexcept = 0;
   /// The loop calls this at the end of every tick. The function writes the law's own columns of the
-  /// recording, if the law has any. With the law `cutting`, the coupling spring displaces the tool
-  /// in the tissue from the tool on the plate. The function adds this displacement to
-  /// RecordingRow::tool_m.
+  /// recording, if the law has any. A coupling displaces the tool on which the tissue acts from the
+  /// tool on the plate. A law with a coupling adds this displacement to RecordingRow::tool_m.
   virtual void finish_tick(RecordingRow& /*row*/) noexcept {}
   /// Height by which the tip must be raised before the state `running` can begin. If the tip
   /// were not raised, the tissue would push the tool as soon as the session runs. 0: the tip

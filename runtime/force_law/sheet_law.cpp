@@ -41,6 +41,7 @@ FaultDetail SheetLaw::update(const ForceLawInput& input, ContactOutput& output) 
                                  ? move_proxy(coupling_options_, input.pose_interval_s,
                                               input.T_device_plate, coupling_, input.previous)
                                  : input.T_device_plate;
+  proxy_shift_m_ = coupling_.offset_m;  // coupling_wrench() may let the proxy jump afterwards
   const PreviousPose previous =
       is_coupled ? previous_proxy(input.pose_interval_s, input.previous, coupling_)
                  : input.previous;
@@ -73,8 +74,15 @@ FaultDetail SheetLaw::update(const ForceLawInput& input, ContactOutput& output) 
 void SheetLaw::reset_motion() noexcept {
   runtime::reset_motion(contact_);
   coupling_ = {};
+  proxy_shift_m_.setZero();
   last_force_N_ = 0;
   last_active_sheet_ = -1;
+}
+
+void SheetLaw::finish_tick(RecordingRow& row) noexcept {
+  if (!coupling_options_.on) return;
+  for (int i = 0; i < 3; ++i)
+    row.tool_m[static_cast<std::size_t>(i)] += proxy_shift_m_[i];
 }
 
 double SheetLaw::retract_distance_m(std::span<const Sheet* const> sheets,

@@ -5,6 +5,7 @@
 // laws are the same: runtime/contact/puncture.h defines contact and puncture, and a virtual
 // coupling (runtime/contact/virtual_coupling.h) can connect the tool to the plate.
 // Tests: tests/runtime/force_law/force_law_table_test.cpp
+// Tests: tests/runtime/contact/virtual_coupling_test.cpp
 #pragma once
 
 #include <memory>
@@ -26,6 +27,7 @@ class SheetLaw : public ForceLaw {
 
   FaultDetail update(const ForceLawInput& input, ContactOutput& output) noexcept override;
   void reset_motion() noexcept override;
+  void finish_tick(RecordingRow& row) noexcept override;
   double retract_distance_m(std::span<const Sheet* const> sheets,
                             const Pose& T_device_plate) const noexcept override;
   std::string describe() const override;
@@ -44,6 +46,9 @@ class SheetLaw : public ForceLaw {
   double force_scale_;
   ContactState contact_;
   CouplingState coupling_;
+  /// Position of the proxy minus that of the tool on the plate, in the contact of the last update();
+  /// zero after reset_motion().
+  Eigen::Vector3d proxy_shift_m_ = Eigen::Vector3d::Zero();
   double last_force_N_ = 0;              ///< tip force in the previous tick
   std::int32_t last_active_sheet_ = -1;  ///< index of the sheet that exerted last_force_N_
 };

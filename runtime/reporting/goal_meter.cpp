@@ -130,10 +130,12 @@ void GoalMeter::judge(SessionFigures& figures) const {
     const std::optional<double> end_s =
         goals_.target ? figures.target_reached_s : figures.last_puncture_s;
     std::optional<double> took_s;
-    if (figures.first_contact_s && end_s) took_s = *end_s - *figures.first_contact_s;
+    if (figures.first_contact_s && end_s) took_s = std::max(0.0, *end_s - *figures.first_contact_s);
     add({"time", "", *goals_.time_max_s, false, took_s, "s", false,
-         goals_.target ? "from the first contact until the tip is first within the target's radius"
-                       : "from the first contact until the last puncture"});
+         goals_.target
+             ? "from the first contact until the tip is first within the target's radius, "
+               "or 0 if it was so before the first contact"
+             : "from the first contact until the last puncture"});
   }
   if (goals_.plunge_max_m)
     add({"plunge", "", *goals_.plunge_max_m, false, figures.plunge_max_m, "m", false,

@@ -22,6 +22,7 @@
 #include "formats/base/html_page.h"
 #include "formats/base/json_text.h"
 #include "formats/base/strict_json.h"
+#include "formats/session/recording.h"
 #include "formats/session/trainee.h"
 
 namespace trocar::runtime {
@@ -124,6 +125,19 @@ std::optional<double> zone_entries(const json& document, std::string& why) {
   return sum;
 }
 
+/// Returns how many of a summary's faults are commands of the operator, pauses and forces switched
+/// off. A report counts them apart from the faults.
+double operator_stops(const json& summary) {
+  const json* const faults = value_at(summary, "/faults");
+  if (faults == nullptr || !faults->is_array()) return 0;
+  return static_cast<double>(std::count_if(faults->begin(), faults->end(), [](const json& each) {
+    const json* const fault = value_at(each, "/fault");
+    if (fault == nullptr || !fault->is_string()) return false;
+    const auto name = fault->get<std::string>();
+    return name == to_string(Fault::kPaused) || name == to_string(Fault::kForcesOff);
+  }));
+}
+
 /// Returns the session of a document. Errors: (refused) what is wrong with it.
 Result<Session> session_of(const json& document, bool is_report) {
   std::string why;
@@ -149,6 +163,7 @@ Result<Session> session_of(const json& document, bool is_report) {
     const auto ticks = number_at(document, "/ticks", why),
                rate_Hz = number_at(document, "/rate_Hz", why);
     if (ticks && rate_Hz && *rate_Hz > 0) at("total_s") = *ticks / *rate_Hz;
+    if (auto& faults = at("faults")) *faults = std::max(0.0, *faults - operator_stops(document));
   }
   if (!why.empty()) return refused(why);
   return out;

@@ -9,9 +9,11 @@
 //     the largest force, the faults, the samples of the force (ReportSample), the total time, and
 //     the time of the rows that are not counted. A duration is a number of rows divided by the
 //     rate. The force is the magnitude of the delivered force.
-//  2. The insertion begins with the first row in contact. It ends with the row with the lowest tip
-//     among the later rows. Straightness is the distance between the tip's positions in these two
-//     rows, divided by the length of the tip's path between these rows.
+//  2. The first contact is the first row with the contact state `contact` or with a puncture: a
+//     sheet or layer can be reached and punctured in the same tick. The insertion begins with this
+//     row. It ends with the row with the lowest tip among the later rows. Straightness is the
+//     distance between the tip's positions in these two rows, divided by the length of the tip's
+//     path between these rows.
 //  3. The force of a puncture is the force of the row before the puncture. The depth of a puncture
 //     is the depth of the tip below the undeformed sheet. If a layer of soft tissue is punctured,
 //     it is the depth of the tip below the top of this layer.
@@ -55,9 +57,10 @@
 //     slice (RecordingRow::active_slice) is not -1. The tip has left the bone when, in a counted
 //     row not in bone, the tip is at least kLeave_m away from its position in the last row in bone.
 //     An attempt begins with the first row in bone, and with the first row in bone after the tip
-//     has left the bone. Exception: if the tip moves up from the counted row directly before to
-//     this first row in bone, no attempt begins, because the tip comes back into the bone from
-//     below. Every attempt after the first one is a re-entry into the bone.
+//     has left the bone. Exception: no attempt begins if the tip comes back into the bone from
+//     below. This is so if there was an attempt before, the row directly before is counted and has
+//     the contact state `beside`, and the tip moves up from that row to this first row in bone.
+//     Every attempt after the first one is a re-entry into the bone.
 //  9. The force-time integral is the sum of the force over the counted rows, divided by the rate.
 // 10. The final position is the tip's position in the counted row in which the tip is lowest. If
 //     several rows have the same height, it is the position in the first of them. wall_violation.h
@@ -65,7 +68,8 @@
 // 11. With the force law `cutting`, each puncture and each sample has an HU value in addition to
 //     its force: the mean HU of the uncut bone under the tool (RecordingRow::Cutting::front_HU) in
 //     the row of this force.
-// Tests: tests/e2e/session_report_test.py
+// 12. is_new_fault() (fault_words.h) defines when a fault begins.
+// Tests: tests/runtime/reporting/session_observer_test.cpp, tests/e2e/session_report_test.py
 #pragma once
 
 #include <algorithm>

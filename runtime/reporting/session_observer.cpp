@@ -5,6 +5,8 @@
 #include <limits>
 #include <utility>
 
+#include "formats/session/fault_words.h"
+
 namespace trocar::runtime {
 namespace {
 
@@ -70,7 +72,7 @@ void SessionObserver::observe_counted(const ObservedTick& tick, double force_N) 
   }
   if (row.phase == ContactPhase::kPunctured || row.phase == ContactPhase::kMissed) ++out_.through;
   observe_attempt(row);
-  observe_path(row);
+  observe_path(tick);
   plunge_.observe(row, observe_punctures(tick), out_);
   tremor_.observe(row, out_);
   if (goals_) goals_->observe(row, out_);
@@ -86,7 +88,10 @@ void SessionObserver::observe_gap(const RecordingRow& row) {
   is_missed_ = false;
 }
 
-void SessionObserver::observe_path(const RecordingRow& row) {
+void SessionObserver::observe_path(const ObservedTick& tick) {
+  const RecordingRow& row = tick.row;
+  const bool is_touching =
+      row.phase == ContactPhase::kContact || (tick.punctured | tick.layers_punctured) != 0;
   const Vector3& tip = row.tool_m;
   const double step_m = last_tip_ ? length(minus(tip, *last_tip_)) : 0;
   last_tip_ = tip;
@@ -99,7 +104,7 @@ void SessionObserver::observe_path(const RecordingRow& row) {
   }
   if (out_.first_contact_s) {
     length_since_contact_m_ += step_m;
-  } else if (row.phase == ContactPhase::kContact) {
+  } else if (is_touching) {
     out_.first_contact_s = row.t_s;
     contact_tip_ = tip;
     lowest_inserted_m_ = tip[2];
@@ -116,8 +121,9 @@ void SessionObserver::observe_attempt(const RecordingRow& row) {
       (row.phase == ContactPhase::kContact || row.phase == ContactPhase::kPunctured) &&
       row.active_slice >= 0;
   if (is_in_bone) {
-    const bool is_upward = last_tip_ && row.tool_m[2] > (*last_tip_)[2];
-    if (!in_bone_tip_ && !is_upward)
+    const bool comes_back =
+        out_.attempts_count > 0 && is_missed_ && last_tip_ && row.tool_m[2] > (*last_tip_)[2];
+    if (!in_bone_tip_ && !comes_back)
       keep(out_.attempts, kMaxReportSpans, out_.attempts_count, Span{-1, row.t_s, row.t_s, 0, 0});
     if (out_.attempts_count > 0 && out_.attempts_count <= kMaxReportSpans)
       out_.attempts.back().to_s = row.t_s;
@@ -166,8 +172,9 @@ void SessionObserver::observe_miss(const RecordingRow& row) {
 }
 
 void SessionObserver::observe_fault(const RecordingRow& row) {
-  const bool is_new = row.fault != Fault::kNone && row.fault != last_fault_;
+  const bool is_new = is_new_fault(last_safety_, last_fault_, row);
   last_fault_ = row.fault;
+  last_safety_ = row.safety;
   if (is_new && is_by_operator(row.fault)) {
     ++out_.operator_stops_count;
   } else if (is_new) {

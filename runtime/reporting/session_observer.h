@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Collects the figures of a session (session_figures.h) tick by tick.
-// Tests: tests/e2e/session_report_test.py
+// Tests: tests/runtime/reporting/session_observer_test.cpp, tests/e2e/session_report_test.py
 #pragma once
 
 #include <cstdint>
@@ -32,7 +32,7 @@ class SessionObserver {
  private:
   void observe_counted(const ObservedTick& tick, double force_N);
   void observe_gap(const RecordingRow& row);
-  void observe_path(const RecordingRow& row);
+  void observe_path(const ObservedTick& tick);
   void observe_attempt(const RecordingRow& row);
   std::optional<Punctured> observe_punctures(const ObservedTick& tick);
   void observe_miss(const RecordingRow& row);
@@ -57,9 +57,10 @@ class SessionObserver {
   /// Position of the tip in the last row in bone; none: the tip has left the bone, or has not
   /// reached the bone.
   std::optional<Vector3> in_bone_tip_;
-  bool is_missed_ = false;
+  bool is_missed_ = false;  ///< the previous row was counted and has the contact state `beside`
   std::int32_t missed_slice_ = -1;
   Fault last_fault_ = Fault::kNone;
+  SafetyState last_safety_ = SafetyState::kIdle;
   std::uint64_t rows_sampled_ = 0;
 };
 

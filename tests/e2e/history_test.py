@@ -139,7 +139,9 @@ def main():
     made = make_sessions(programs, source, asset, folder)
     wrong = spoil(folder, made["00/session.json"])
     (folder / "only").mkdir()  # a summary without a report
-    shutil.copy(folder / "03" / "session.summary.json", folder / "only" / "summary.json")
+    alone = json.loads((folder / "03" / "session.summary.json").read_text())
+    alone.update({"faults": [{"fault": fault} for fault in ("paused", "link_lost", "forces_off", "paused")], "faults_count": 4})
+    (folder / "only" / "summary.json").write_text(json.dumps(alone))
 
     (folder / "device-test").mkdir()  # of the console: no session, and nothing that was skipped
     (folder / "device-test" / "test.json").write_text('{"schema": "trocar.device-test/1"}')
@@ -156,6 +158,7 @@ def main():
     summary = json.loads((folder / "only" / "summary.json").read_text())
     alone = next(session for series in history["series"] for session in series["sessions"] if session["file"] == "only/summary.json")
     check(alone["figures"]["force_max_N"] == summary["max_force_N"] and alone["figures"]["path_m"] is None and alone["figures"]["total_s"] == summary["ticks"] / summary["rate_Hz"], f"summary: {alone}")
+    check(alone["figures"]["faults"] == 1, f"pauses are no faults: {alone}")
     check_page("history", page, history)
     with open(page.with_suffix(".history.csv"), newline="") as lines:
         table = list(csv.DictReader(lines))

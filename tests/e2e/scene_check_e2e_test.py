@@ -69,6 +69,9 @@ BROKEN = {
     "starts_below": (descent((0, 0, 0, 0.11), (1, 0, 0, 0.10)), (), 0, [r"slice 17 at 0\.1\d+ m: .*begins below.*0\.1100 m"]),
     "too_weak": (descent(*DOWN, slices=((17, 0.12), (16, 0.105)), hand={"stiffness_N_per_m": 500, "damping_N_s_per_m": 20}), (), 0,
                  [r"slice 16 at 0\.1\d+ m: .*no lower than 0\.11\d+ m.*slice 17 at 0\.1200 m bears it, with up to 9\.\d of 35 N"]),
+    "too_weak_scaled": (descent(*DOWN, slices=((17, 0.12), (16, 0.105)), hand={"stiffness_N_per_m": 500, "damping_N_s_per_m": 20},
+                                force_law={"kind": "hooke", "force_scale": 0.5}), (), 0,
+                        [r"slice 16 at 0\.1\d+ m: .*slice 17 at 0\.1200 m bears it, with up to [89]\.\d of 17\.5 N"]),
     "shielded": (descent((0, 0, 0, 0.14), (1, 0, 0, 0.113), slices=((17, 0.12), (17, 0.119)), hand={"stiffness_N_per_m": 3000}), (), 0,
                  [r"slice 17 at 0\.1190 m: never touched: slice 17 at 0\.1200 m bears it, with up to 1\d\.\d of 35 N"]),
     "lets_go": (descent(*DOWN, hand={"let_go_t_s": 0.3}), (), 0, [r"slice 17 at 0\.1\d+ m: .*lets go at 0\.3 s.*0\.6000 s"]),
@@ -177,7 +180,7 @@ class Judge:
         touched = {event["slice_z_m"] for event in told["punctures"]}
         with open(record, encoding="ascii", newline="") as stream:
             for row in csv.DictReader(stream):
-                if row["state"] == "contact" and heights:  # with --coupling the tip is not exactly the penetration below the slice
+                if row["state"] == "contact" and heights:
                     slice_z = float(row["tool_z_m"]) + float(row["penetration_m"])
                     touched.add(min((z for z, index in heights.items() if index == int(row["active_slice"])), key=lambda z: abs(z - slice_z)))
         # A path may end within a body: of its slices some must be touched, of a list all.
@@ -262,6 +265,25 @@ def check_live_hand(judge, source):
         assert wrong in done.stderr if wrong else "hand       live, begins" in done.stdout, f"live_{name}: {done.stdout}{done.stderr}"
 
 
+def check_cutting(judge):
+    """Forces and advice that differ with the force law `cutting`."""
+    # A needle that stops in soft layers, above the bone.
+    layers = [{"name": "skin", "top_z_m": 0.18, "thickness_m": 0.002, "stiffness_N_per_m": 400, "puncture_N": 1, "cutting_N": 0.5},
+              {"name": "fascia", "top_z_m": 0.168, "thickness_m": 0.001, "stiffness_N_per_m": 1000, "puncture_N": 4, "cutting_N": 0.2}]
+    keyframes = [{"t_s": t, "tip_m": [0, 0, z]} for t, z in ((0, 0.185), (0.1, 0.185), (2.5, 0.1665), (2.8, 0.1665))]
+    soft = needle(layers=layers, force_law={**NEEDLE["force_law"], "axis": "rigid", "prediction": "off"}, duration_s=2.8,
+                  hand={**NEEDLE["hand"], "trajectory": keyframes})
+    _, warnings = judge.judged("soft_only", soft)
+    untouched = r"slices 0-34 at 0\.1\d+ to 0\.1570 m: never touched: the path stays above, with the lowest tip at 0\.1665 m"
+    assert any(re.search(untouched, line) for line in warnings), warnings
+    # A hand too weak for a tissue that is cut. The threshold_N of such a tissue is not used.
+    weak = descent(*DOWN, slices=((17, 0.12), (16, 0.105)), hand={"stiffness_N_per_m": 500, "damping_N_s_per_m": 20},
+                   tissue={"cut": {"strength_MPa": 10, "tearing_N_per_m": 500}}, force_law={"kind": "cutting"})
+    _, warnings = judge.judged("weak_needle", weak)
+    held = r"slice 16 .* bears it, with up to \d+\.\d N: push deeper or with a stiffer hand, or lower force_scale"
+    assert any(re.search(held, line) for line in warnings), warnings
+
+
 def check_text(judge, source):
     """The figures that --check prints of the paper's experiment: the path, the reach, the tissue, what is under the tool."""
     scene = source / "runtime" / "scenes" / "three_slices.json"
@@ -281,7 +303,7 @@ def check_text(judge, source):
     assert "does not get there" in judge.call(judge.work / "held_inside_box.json", "--asset", judge.asset, "--check").stdout, "--check does not say that the path leaves the box"
     # Nothing is written, and --quiet leaves only the judgement.
     before = sorted(judge.work.iterdir())
-    quiet = judge.call(judge.work / "no_material.json", "--asset", judge.asset, "--check", "--strict", "--quiet", "--record", judge.work / "r.csv")
+    quiet = judge.call(judge.work / "no_material.json", "--asset", judge.asset, "--check", "--strict", "--quiet")
     assert quiet.returncode == REFUSED and quiet.stdout == "" and len(quiet.stderr.splitlines()) == 2, f"--quiet: {quiet}"
     assert sorted(judge.work.iterdir()) == before, "--check has written a file"
     lone = judge.call(scene, "--asset", judge.asset, "--strict")
@@ -326,6 +348,7 @@ def test_scene_check(source, programs, scan, work):
         _, warnings = judge.judged(name, scene)
         assert not warnings, f"{name}: {warnings}"
     check_broken(judge)
+    check_cutting(judge)
     check_text(judge, source)
     check_live_hand(judge, source)
     check_beyond_dry_run(judge)

@@ -233,7 +233,8 @@ def attempts_of(rows, counts, tip, t):
     for before, k in zip([None, *at[:-1]], at):
         between = [] if before is None else [j for j in range(before + 1, k) if counts[j] and np.linalg.norm(tip[j] - tip[before]) >= 0.001]
         is_new = before is None or len(between) > 0
-        if is_new and not (k > 0 and counts[k - 1] and tip[k, 2] > tip[k - 1, 2]):
+        comes_back = bool(entries) and k > 0 and counts[k - 1] and rows["state"][k - 1] == "beside" and tip[k, 2] > tip[k - 1, 2]
+        if is_new and not comes_back:
             entries.append({"from_s": t[k], "to_s": t[k]})
         if entries:
             entries[-1]["to_s"] = t[k]
@@ -272,7 +273,9 @@ def expected(scene, rows, asset_info, rate, meshes, layer_punctures=()):
     steps = np.zeros(n)
     together = counts[1:] & counts[:-1]
     steps[1:][together] = np.linalg.norm(np.diff(tip, axis=0)[together], axis=1)
-    first = int(np.flatnonzero(contact)[0]) if contact.any() else None
+    touching = contact.copy()
+    touching[[k for k in struck if counts[k]]] = True
+    first = int(np.flatnonzero(touching)[0]) if touching.any() else None
     path = {"length_m": steps.sum(), "insertion_m": None, "straight_m": None, "straightness": None,
             "lowest_z_m": tip[counts, 2].min(), "depth_max_m": top - tip[counts, 2].min()}
     if first is not None:
@@ -316,7 +319,9 @@ def expected(scene, rows, asset_info, rate, meshes, layer_punctures=()):
     out["attempts"] = attempts_of(rows, counts, tip, t)
     xray = rows["xray"].astype(int) if "xray" in rows else np.zeros(n, int)
     out["xray"] = {"shots": int((xray & 1).sum()), "screening_s": int((xray >> 1).sum()) / rate}
-    stops = [k for k in range(n) if rows["fault"][k] != "none" and (k == 0 or rows["fault"][k] != rows["fault"][k - 1])]
+    again = np.zeros(n, bool)  # raised again within a recovery
+    again[1:] = (rows["safety"][:-1] == "recovering") & (rows["safety"][1:] == "fault")
+    stops = [k for k in range(n) if rows["fault"][k] != "none" and (k == 0 or rows["fault"][k] != rows["fault"][k - 1] or again[k])]
     faults = [k for k in stops if rows["fault"][k] not in ("paused", "forces_off")]
     out["operator_stops_count"] = len(stops) - len(faults)
     out["faults"] = []
@@ -372,7 +377,7 @@ def expected_goals(out, goals, tip, t, counts, force):
     if "time_max_s" in goals:
         end = reached if "target" in goals else out["time"]["last_puncture_s"]
         start = out["time"]["first_contact_s"]
-        judge("time", goals["time_max_s"], end - start if end is not None and start is not None else None, "s")
+        judge("time", goals["time_max_s"], max(0, end - start) if end is not None and start is not None else None, "s")
     if "plunge_max_m" in goals:
         judge("plunge", goals["plunge_max_m"], out["plunge_max_m"])
     for zone in goals.get("zones", []):

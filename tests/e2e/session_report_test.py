@@ -2,10 +2,10 @@
 """session_report_test.py SOURCE PROGRAMS SCAN WORK: every figure of `trocar-run --session-report` computed again.
 
 session_figures.py computes them from recording and scene. Sessions: the paper's three slices, the phantom's vertebra cut through, the
-same three slices with goals that are met and with goals that are broken, one that ends by a fault, one with two faults and recoveries,
-one beside the material and back in its hole, one through soft layers, and one of 90 s whose samples are thinned. A replay and a session
-in real time give what their recordings say, too. The page embeds the same report and refers to nothing outside; rendered in a browser it
-shows the figures, and text of the scene stays text.
+same three slices with goals that are met, with goals that are broken and with a coupling, one slice that is punctured in the tick in which
+it is reached, a session that ends by a fault, one with two faults and recoveries, one beside the material and back in its hole, one through
+soft layers, and one of 90 s whose samples are thinned. A replay and a session in real time give what their recordings say, too. The page
+embeds the same report and refers to nothing outside; rendered in a browser it shows the figures, and text of the scene stays text.
 """
 import csv
 import html.parser
@@ -132,6 +132,9 @@ class Sessions:
         slices = [(each["slice"], each["t_s"]) for each in report["punctures"] if each["layer"] is None]
         check(slices == [(each["slice"], each["t_s"]) for each in summed["punctures"]], f"{name}: punctures are not the summary's")
         for each, other in zip((each for each in report["punctures"] if each["layer"] is None), summed["punctures"]):
+            if "front_z_m" not in rows:  # the tool that the tissue acts on, also if a coupling holds it away from the plate
+                apart_m = max(abs(each["tip_z_m"] - other["tool_z_m"]), abs(each["depth_m"] - other["penetration_m"]))
+                check(apart_m < CLOSE, f"{name}: report and summary differ by {apart_m} m: {each}, {other}")
             check(each["tip_N"] == other["force_N"] and abs(each["force_N"] - other["hand_N"]) <= CLOSE * other["hand_N"], f"{name}: {each}, {other}")
             if "tip_N" in rows:  # of the tick before, before the scene's scale
                 before = rows["tip_N"][np.searchsorted(rows["t_s"], each["t_s"] - 1e-9) - 1] * scene["force_law"].get("force_scale", 1)
@@ -264,6 +267,14 @@ def main():
     report, _ = sessions.run("vertebra", scenes["vertebra"])
     check(report["punctures_count"] >= 20 and report["path"]["straightness"] > 0.9, "vertebra: too little happened")
     sessions.run("network", scenes["network_rim"])
+    report, _ = sessions.run("coupled", three, "--coupling", "5000")
+    released_m = [each["release_m"] for each in report["break_throughs"]]
+    check(len(released_m) >= 2 and all(abs(each - 0.007) < 5e-4 for each in released_m), f"coupled: 35 N relax by {released_m} m")
+    # A slice that breaks 2 um deep, and a tip that moves by 0.3 mm in a tick.
+    thin = {"tissue": {"stiffness_N_per_m": 50000, "threshold_N": 0.1}, "goals": {"time_max_s": 1}, "duration_s": 0.6}
+    report, _ = sessions.run("at_once", descent(scenes["one_slice"], (0, 0, 0, 0.132), (0.4, 0, 0, 0.108), **thin), "--rate", "200")
+    check([each["t_s"] for each in report["punctures"]] == [report["time"]["first_contact_s"]] and report["time"]["contact_s"] == 0 and
+          report["path"]["straightness"] is not None and report["goals_met"] == 1, f"at once: {report['time']}, {report['goals']}")
     grades = {}
     for x_mm in (0, 18, 20, 22):
         moved = [(p["t_s"], p["tip_m"][0] + x_mm / 1e3, p["tip_m"][1], max(p["tip_m"][2], 0.13)) for p in scenes["vertebra"]["hand"]["trajectory"]]

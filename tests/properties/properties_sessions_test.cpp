@@ -211,8 +211,9 @@ double stored_J(const Setting& setting, const ContactState& holes, const TickRes
     out_J += 0.5 * contact.stiffness_N_per_m * std::pow(contact.penetration_m, 2);
   }
   if (setting.coupling.on) {
-    const Eigen::Vector3d tool_m(result.row.tool_m.data());
-    out_J += 0.5 * setting.coupling.stiffness_N_per_m * (tip_m - tool_m).squaredNorm();
+    const Eigen::Vector3d plate_m(result.row.p_m.data());  // proxy and plate have one orientation
+    out_J += 0.5 * setting.coupling.stiffness_N_per_m *
+             (contact.T_device_evaluated.p_m - plate_m).squaredNorm();
   }
   return out_J;
 }

@@ -66,6 +66,14 @@ TEST(SceneCheck, TellsOnlyWhatADeviceHas) {
     EXPECT_FALSE(has(done.text, foreign)) << foreign << ": " << done.text;
 }
 
+TEST(SceneCheck, StatesTheThresholdThatIsRendered) {
+  Handle handle(50);
+  Scene scene = one_sheet();
+  scene.force_law.force_scale = 0.5;
+  const SceneCheck done = check(scene, handle);
+  EXPECT_TRUE(has(done.text, " of 17.5 N, punctured at ")) << done.text;
+}
+
 TEST(SceneCheck, WarnsOfAForceThatTheDeviceDoesNotRender) {
   Handle handle(20);
   const SceneCheck done = check(one_sheet(), handle);

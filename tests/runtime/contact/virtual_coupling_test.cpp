@@ -4,6 +4,8 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
+
 #include "tests/support/loop_rig.h"
 
 namespace trocar::runtime {
@@ -102,6 +104,27 @@ TEST(VirtualCoupling, ASheetWithDampingIsPuncturedAtItsThreshold) {
     EXPECT_NEAR(last_N, 25, 1) << damping;
     EXPECT_LT(rig.result_.contact.trial_force_N, 26) << damping;
   }
+}
+
+TEST(VirtualCoupling, TheRecordedTipIsThatOfTheProxy) {
+  test::RigOptions options = coupled(5000);
+  options.tissue.threshold_N = 25;
+  options.pressed_N = 30;
+  test::Rig rig(options);
+  double apart_m = 0, apart_max_m = 0;
+  int ticks_after = 0;
+  for (int i = 0; i < 1500 && ticks_after < 3; ++i) {
+    const TickResult& result = rig.tick();
+    if (result.row.safety != SafetyState::kRunning) continue;
+    const Eigen::Vector3d tip_m(result.row.tool_m.data());
+    ASSERT_NEAR((tip_m - result.contact.tip_device_m).norm(), 0, 1e-12) << i;
+    apart_m = (tip_m - rig.state_.T_device_plate * rig.model_.tool.tip_plate_m).norm();
+    apart_max_m = std::max(apart_max_m, apart_m);
+    if (ticks_after > 0 || result.contact.punctured_now) ++ticks_after;
+  }
+  ASSERT_EQ(ticks_after, 3) << "the sheet was punctured";
+  EXPECT_NEAR(apart_max_m, 25.0 / 5000, 5e-4) << "the coupling under the threshold's force";
+  EXPECT_NEAR(apart_m, 0, 1e-9) << "after the puncture";
 }
 
 // A tilted shaft is moved in and out of several holes and aside: the coupling renders what acts on

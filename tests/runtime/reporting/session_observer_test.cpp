@@ -1,0 +1,140 @@
+// SPDX-License-Identifier: Apache-2.0
+// Figures of made-up rows that real sessions have rarely.
+#include "runtime/reporting/session_observer.h"
+
+#include <gtest/gtest.h>
+
+#include <cstddef>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "tests/support/sheet_fixture.h"
+
+namespace trocar::runtime {
+namespace {
+
+constexpr double kSheet_m = 0.12;
+constexpr int kSlice = 3;
+
+/// A tick in the state `running`. Slices below a tip that is beside them are not in bone.
+ObservedTick tick(ContactPhase phase, double z_m) {
+  ObservedTick made;
+  made.row.safety = SafetyState::kRunning;
+  made.row.phase = phase;
+  made.row.active_slice = phase == ContactPhase::kFree ? -1 : kSlice;
+  made.row.tool_m = {0, 0, z_m};
+  return made;
+}
+
+ObservedTick stopped(SafetyState safety, Fault fault) {
+  ObservedTick made = tick(ContactPhase::kFault, kSheet_m);
+  made.row.safety = safety;
+  made.row.fault = fault;
+  return made;
+}
+
+Scene scene_with_layer() {
+  Scene scene = test::descent_scene({kSheet_m}, 0.15, 0.1, 0.015);
+  SceneLayer skin;
+  skin.name = "skin";
+  skin.top_z_m = 0.14;
+  skin.thickness_m = 0.002;
+  scene.layers = {skin};
+  return scene;
+}
+
+/// Figures of a session of these ticks, at 1 kHz.
+SessionFigures figures_of(const Scene& scene, std::vector<ObservedTick> ticks) {
+  SessionObserver observer(scene, {{kSlice, kSheet_m, ""}}, 1000);
+  for (std::size_t i = 0; i < ticks.size(); ++i) {
+    ticks[i].row.t_s = static_cast<double>(i) / 1000;
+    observer.observe(ticks[i]);
+  }
+  return observer.figures();
+}
+
+TEST(SessionObserver, ATipThatMovesUpAsItTouchesTheBoneBeginsAnAttempt) {
+  using enum ContactPhase;
+  const SessionFigures found = figures_of(
+      scene_with_layer(),
+      {tick(kFree, 0.1201), tick(kFree, 0.12), tick(kContact, 0.12001), tick(kContact, 0.119),
+       tick(kFree, 0.13), tick(kFree, 0.1199), tick(kContact, 0.11991), tick(kContact, 0.119)});
+  ASSERT_EQ(found.attempts_count, 2U);
+  EXPECT_EQ(found.attempts[0].from_s, 0.002);
+  EXPECT_EQ(found.attempts[0].to_s, 0.003);
+  EXPECT_EQ(found.attempts[1].from_s, 0.006);
+  EXPECT_EQ(found.attempts[1].to_s, 0.007);
+  // Also where slices are above the tip, beside which it has come down.
+  EXPECT_EQ(figures_of(scene_with_layer(), {tick(kMissed, 0.1199), tick(kContact, 0.11991)})
+                .attempts_count,
+            1U);
+}
+
+TEST(SessionObserver, ATipThatIsDrawnBackIntoTheBoneFromBelowBeginsNone) {
+  using enum ContactPhase;
+  const std::vector<ObservedTick> back = {tick(kFree, 0.121),     tick(kContact, 0.119),
+                                          tick(kPunctured, 0.11), tick(kMissed, 0.1),
+                                          tick(kMissed, 0.105),   tick(kPunctured, 0.111)};
+  const SessionFigures drawn_back = figures_of(scene_with_layer(), back);
+  ASSERT_EQ(drawn_back.attempts_count, 1U);
+  EXPECT_EQ(drawn_back.attempts[0].to_s, 0.005);
+  std::vector<ObservedTick> onwards = back;
+  onwards.back().row.tool_m[2] = 0.104;  // further down, into other bone
+  EXPECT_EQ(figures_of(scene_with_layer(), onwards).attempts_count, 2U);
+}
+
+TEST(SessionObserver, WhatIsPuncturedInTheTickInWhichItIsReachedIsTheFirstContact) {
+  using enum ContactPhase;
+  Scene scene = scene_with_layer();
+  scene.goals.emplace();
+  scene.goals->time_max_s = 1;
+  ObservedTick through_skin = tick(kFree, 0.1395), through_slice = tick(kPunctured, 0.119);
+  through_skin.layers_punctured = 1;
+  through_slice.punctured = 1;
+  const std::vector<ObservedTick> slice = {tick(kFree, 0.121), through_slice,
+                                           tick(kPunctured, 0.118)};
+  std::vector<ObservedTick> skin = slice;
+  skin[0] = through_skin;
+  for (const auto& [ticks, first_s] : {std::pair{slice, 0.001}, std::pair{skin, 0.0}}) {
+    const SessionFigures found = figures_of(scene, ticks);
+    ASSERT_TRUE(found.first_contact_s && found.insertion_m && found.last_puncture_s);
+    EXPECT_EQ(*found.first_contact_s, first_s);
+    EXPECT_NEAR(*found.insertion_m, ticks[first_s > 0 ? 1 : 0].row.tool_m[2] - 0.118, 1e-12);
+    ASSERT_EQ(found.goals.size(), 1U);
+    ASSERT_TRUE(found.goals[0].value);
+    EXPECT_EQ(*found.goals[0].value, 0.001 - first_s);
+    EXPECT_TRUE(found.goals[0].met);
+  }
+}
+
+TEST(SessionObserver, ATargetThatIsReachedBeforeTheFirstContactTakesNoTime) {
+  using enum ContactPhase;
+  Scene scene = scene_with_layer();
+  scene.goals.emplace();
+  scene.goals->time_max_s = 1;
+  scene.goals->target = GoalTarget{{0, 0, 0.121}, 0.002};
+  const SessionFigures found = figures_of(
+      scene, {tick(kFree, 0.15), tick(kFree, 0.1215), tick(kFree, 0.1205), tick(kContact, 0.1195)});
+  ASSERT_EQ(found.goals.size(), 2U);
+  EXPECT_EQ(found.goals[1].goal, "time");
+  ASSERT_TRUE(found.goals[1].value);
+  EXPECT_EQ(*found.goals[1].value, 0);
+}
+
+TEST(SessionObserver, AnEmergencyStopDuringTheRecoveryFromAnotherOneIsAnotherFault) {
+  const ObservedTick free = tick(ContactPhase::kFree, 0.13);
+  const auto stop = stopped(SafetyState::kFault, Fault::kEmergencyStop),
+             recovering = stopped(SafetyState::kRecovering, Fault::kEmergencyStop);
+  const SessionFigures found = figures_of(
+      scene_with_layer(), {free, stop, stop, recovering, recovering, stop, recovering, free});
+  ASSERT_EQ(found.faults_count, 2U);
+  EXPECT_EQ(found.faults[0].t_s, 0.001);
+  EXPECT_FALSE(found.faults[0].recovered_s);
+  EXPECT_EQ(found.faults[1].t_s, 0.005);
+  ASSERT_TRUE(found.faults[1].recovered_s);
+  EXPECT_EQ(*found.faults[1].recovered_s, 0.007);
+}
+
+}  // namespace
+}  // namespace trocar::runtime
