@@ -36,6 +36,9 @@ class ClientProgress {
   /// live hand. `has_new_snapshot`: the last Supervisor::poll() has read a new snapshot.
   std::optional<ClientMessage> next(const Supervisor& session, Role role, HandShare hand,
                                     bool has_new_snapshot, Clock::time_point now);
+  /// Call this when the client has let go of the live hand. The client is then told who holds the
+  /// hand, even if it has the same share of it again by the time of its next message.
+  void forget_hand() noexcept { hand_.reset(); }
   /// Call this when the client reports that it has drawn the binary messages up to `number`. While
   /// four binary messages are not reported as drawn, the client gets no further binary message.
   void acknowledge(std::uint64_t number);
@@ -56,7 +59,7 @@ class ClientProgress {
 
   bool said_hello_ = false, has_history_ = false;
   std::uint64_t session_ = 0, state_ = 0, cursor_ = 0, first_cursor_ = 0, snapshot_ = 0;
-  /// The holder of the live hand that was last reported to the client; nullopt: none reported yet.
+  /// The holder of the live hand that was last reported to the client; nullopt: report it next.
   std::optional<HandShare> hand_;
   std::vector<std::uint64_t> sheet_versions_;
   std::uint64_t shape_version_ = 0;

@@ -81,6 +81,7 @@ void Supervisor::set_state(RunState state, const std::string& said) {
   if (!request_.scene.empty()) out["request"] = request_json(request_, settings_.folder);
   if (state == RunState::kEnded || state == RunState::kLost) {
     if (run_ && run_->exit_code()) out["exit_code"] = *run_->exit_code();
+    if (is_emergency_stopped_) out["emergency_stop"] = true;
     std::error_code ignored;
     for (const auto& [key, name] :
          {std::pair("report", "session.html"), std::pair("recording", "session.csv")}) {
@@ -133,7 +134,7 @@ Result<void> Supervisor::start(const StartRequest& request) {
   telemetry_.clear();
   device_endpoint_.clear();
   started_at_ = Clock::now();
-  is_start_stopped_ = false;
+  is_start_stopped_ = is_emergency_stopped_ = false;
   waits_for_device_ = request_.device.name == kSimulator;
   Result<void> started = waits_for_device_ ? start_device(kAnyPort) : start_run();
   if (!started) {
@@ -286,6 +287,7 @@ void Supervisor::attach(std::unique_ptr<TelemetryReader> reader) {
   if (request_.device.name.empty()) request_.device.name = telemetry_.about().device;
   ending_since_.reset();
   stop_check_.reset();
+  is_emergency_stopped_ = false;
   set_state(RunState::kRunning, "runs");
 }
 
@@ -312,6 +314,7 @@ Result<void> Supervisor::command(TelemetryCommand command) {
     return {};
   }
   telemetry_.command(command);
+  if (is_stop) is_emergency_stopped_ = false;
   if (command == TelemetryCommand::kEmergencyStop)
     stop_check_ = StopCheck{Clock::now() + kZeroWithin, telemetry_.value("ticks")};
   return {};
@@ -338,6 +341,7 @@ Result<void> Supervisor::emergency_stop() {
   }
   recover_when_ready_ = false;
   if (stop_start()) return {};
+  is_emergency_stopped_ = true;
   return command(TelemetryCommand::kEmergencyStop);
 }
 

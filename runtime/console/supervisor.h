@@ -178,6 +178,9 @@ class Supervisor {
   std::vector<EndingDevice> ending_devices_;
   bool waits_for_device_ = false, recover_when_ready_ = false;
   bool is_start_stopped_ = false;  ///< stop_start() has killed the session
+  /// An emergency stop came after the last command `stop` of the session. The state of the ended
+  /// session says so, also if the stop came too late for a fault, so that no page restarts it.
+  bool is_emergency_stopped_ = false;
   std::string device_endpoint_;
   std::uint64_t device_log_from_ = 0;  ///< byte of the log at which the device's output begins
   Clock::time_point started_at_, searched_at_, polled_at_;

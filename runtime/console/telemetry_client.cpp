@@ -177,8 +177,9 @@ bool TelemetryClient::on_hand(const HandRequest& request) {
 }
 
 void TelemetryClient::release_hand() {
-  if (console_.hand.let_go(this) && console_.supervisor.has_hand())
-    console_.supervisor.move_hand(std::nullopt);
+  if (!console_.hand.let_go(this)) return;
+  progress_.forget_hand();
+  if (console_.supervisor.has_hand()) console_.supervisor.move_hand(std::nullopt);
 }
 
 bool TelemetryClient::has_place() const {

@@ -22,8 +22,8 @@ class XrayCommands {
   static constexpr std::uint64_t kMaxWaiting = 16;
 
   /// Applies the commands given since the last call. Call this once in each tick period, also in a
-  /// pause, in which there are no ticks. In a pause new and waiting shots are dropped. `now_ns`:
-  /// CLOCK_MONOTONIC.
+  /// pause, in which there are no ticks. A pause drops new and waiting shots, and ends screening
+  /// until its command comes again after the pause. `now_ns`: CLOCK_MONOTONIC.
   void apply(const TelemetryCommands& given, bool is_paused, std::int64_t now_ns) noexcept {
     waiting_ =
         is_paused ? 0 : std::min(waiting_ + std::min(given.xray_shots, kMaxWaiting), kMaxWaiting);
@@ -31,6 +31,7 @@ class XrayCommands {
       word_ = given.screening;
       confirmed_ns_ = now_ns;
     }
+    if (is_paused) confirmed_ns_ = now_ns - kHeld_ns;  // the key may be released in the pause
     is_held_ = (word_ & 1) != 0 && now_ns - confirmed_ns_ < kHeld_ns;
   }
 
@@ -45,7 +46,8 @@ class XrayCommands {
  private:
   // word_: last TelemetryCommands::screening, a counter that changes with each command for
   // screening and is odd while screening is requested. confirmed_ns_: time at which word_ last
-  // changed. waiting_: number of shots that wait for a tick.
+  // changed, or long enough ago if a pause has ended screening. waiting_: number of shots that wait
+  // for a tick.
   std::uint64_t word_ = 0, waiting_ = 0;
   std::int64_t confirmed_ns_ = 0;
   bool is_held_ = false;

@@ -201,6 +201,24 @@ def test_two_holders(console):
     stop(console, watcher)
 
 
+def test_taken_again_untold(console):
+    """A page lets go and takes the hand again while the console cannot send to it. It is told again that the hand is its own."""
+    start(console, "live").close()
+    for _ in range(3000):  # their events are more than a socket takes
+        check(console.post("/api/xray", {"take": "shot"})[0] == 200, "a shot")
+    page, target = Live(console.port, console.token, receive_buffer=16384), [*START_M, 0, 0, 0]
+    page.web.send(json.dumps({"hand": target, "n": 1}))
+    check(page.until(lambda live: "yours" in live.hands), f"the hand is not ours: {page.hands}")
+    told = len(page.hands)
+    time.sleep(0.3)  # nothing is read, so a message of the console's waits
+    for message in ({"hand": None}, {"hand": target, "n": 2}):
+        page.web.send(json.dumps(message))
+    time.sleep(0.1)
+    check(page.until(lambda live: "yours" in live.hands[told:], 10), f"the hand that was taken again is not told: {page.hands}")
+    page.close()
+    stop(console, console.live())
+
+
 def close_code(web, message, opcode=TEXT):
     """What closes the connection after this message."""
     return web.closed_by([(message, opcode)])
@@ -373,6 +391,7 @@ def main():
         test_silence(console, folder)
         test_pause(console)
         test_two_holders(console)
+        test_taken_again_untold(console)
         test_hostile(console, arguments.messages)
     finally:
         check(console.stop() == 0, "the console's exit code")

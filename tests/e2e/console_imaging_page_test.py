@@ -16,6 +16,7 @@ from e2e import check, outcome, run
 
 SOURCE, PROGRAMS, SCAN, WORK = (pathlib.Path(word).resolve() for word in sys.argv[1:5])
 PICTURE_ms, PICTURES_PER_S = 1500, 30
+FOREIGN = "foreign.csv"
 
 
 def make_folder(folder):
@@ -27,6 +28,9 @@ def make_folder(folder):
         for i, placed in enumerate(scene.get("slices", [])):
             placed["z_m"] -= i * change["z_m"]
         (folder / name).write_text(json.dumps(scene))
+    scene = json.loads((folder / "vertebra.json").read_text())  # another scene, of which only the recording is in the folder
+    (folder.parent / "foreign.json").write_text(json.dumps(scene | {"asset": "folder/sample.glb", "duration_s": 8.4}))
+    run(PROGRAMS / "trocar-run", folder.parent / "foreign.json", "--clock", "virtual", "--record", folder / FOREIGN, "--quiet")
 
 
 def check_counts(name, folder, session):
@@ -59,7 +63,8 @@ def main():
     make_folder(folder)
     with (WORK / "console.log").open("w") as log:
         console = Console(PROGRAMS / "trocar-console", folder, page=PAGE, stderr=log)
-        result = drive("drive_imaging.mjs", {**links_of(console), "out": str(WORK / "pictures"), "scene": "vertebra.json", "apart": "apart.json"})
+        result = drive("drive_imaging.mjs", {**links_of(console), "out": str(WORK / "pictures"), "scene": "vertebra.json", "apart": "apart.json",
+                                               "foreign": FOREIGN})
         check(console.stop() == 0, "the console did not end as it should")
     shots = {name: check_counts(name, folder, session) for name, session in result["sessions"].items()}
     check(shots.get("hundred") == 100 and shots.get("vertebra", 0) >= 5 and "apart" in shots, f"{shots}")

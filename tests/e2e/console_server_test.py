@@ -352,6 +352,7 @@ def test_end(console, folder):
     live = console.live()
     start(console, live, scene="scenes/one_slice.json", duration_s=60)
     pid = live.hello["pid"]
+    check(live.until(lambda l: l.values and l.value("t_s") > 0), "no snapshot")
     check(console.stop() == 0, "the console's exit code")
     try:
         os.kill(pid, 0)

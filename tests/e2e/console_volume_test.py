@@ -22,7 +22,7 @@ from new_scene_test import nifti
 from programs import HEAD_CT, L3_SCAN, PROGRAMS, SCAN, SOURCE, WORK, run
 from torso_phantom import SPACING_MM, torso
 
-nibabel = pytest.importorskip("nibabel")
+nibabel, pydicom = pytest.importorskip("nibabel"), pytest.importorskip("pydicom")
 
 VIEWS = {"AP": (0, 0), "lateral": (90, 0), "oblique": (25, -15)}
 SOURCE_TO_MIDDLE_MM, SIZE = 600.0, 160
@@ -346,9 +346,17 @@ def test_no_xray_says_why(console):
     top = scene["slices"][0]["z_m"]
     for slice_, height in zip(scene["slices"], (top, top - 0.02, top - 0.05)):
         slice_["z_m"] = height
+    (WORK / "tilted_scan").mkdir(exist_ok=True)
+    for file in (SCAN / "dicom").iterdir():
+        image = pydicom.dcmread(file)
+        x, y, z = map(float, image.ImagePositionPatient)
+        image.ImagePositionPatient = [x, round(y + 0.25 * z, 3), z]
+        image.save_as(WORK / "tilted_scan" / file.name)
+    run(PROGRAMS / "trocar-mesh", WORK / "tilted_scan", "-o", WORK / "tilted.glb", "--quiet")
     for name, asset, why in (("without", "without.glb", "The asset has no HU."),
-                             ("apart", "with.glb", "The scene's slices are not as far apart as in the scan.")):
-        if name == "without":
+                             ("apart", "with.glb", "The scene's slices are not as far apart as in the scan."),
+                             ("tilted", "tilted.glb", "The scan's slices are not straight above each other (a tilted gantry).")):
+        if name != "apart":
             run(PROGRAMS / "trocar-run", "--new-scene", WORK / asset, "-o", WORK / f"{name}.json")
         else:
             scene["asset"] = asset

@@ -92,23 +92,25 @@ const AssetSlice& slice_of(const Asset& asset, int index) {
                        [index](const AssetSlice& slice) { return slice.index == index; });
 }
 
-std::optional<Eigen::Affine3d> plane_of_surface(const PlacedBone& loaded) {
+Result<Eigen::Affine3d> plane_of_surface(const PlacedBone& loaded) {
   const Sheet& top = *loaded.sheets.front();
   const Eigen::Affine3d T_plane_lps = slice_of(loaded.asset, top.slice_index).T_lps_plane.inverse();
   for (const auto& sheet : loaded.sheets) {
     const Eigen::Affine3d between =
         T_plane_lps * slice_of(loaded.asset, sheet->slice_index).T_lps_plane;
     const Eigen::Vector3d shift = between.translation();
-    if (!between.linear().isIdentity(kMaxTurned) || !(shift.head<2>().norm() < kMaxAside_mm) ||
-        !(std::abs(shift.z() * 1e-3 - (sheet->z_m - top.z_m)) < kMaxApart_m))
-      return std::nullopt;
+    // A scene puts slices straight above each other, so this is the same in all of its scenes.
+    if (!between.linear().isIdentity(kMaxTurned) || !(shift.head<2>().norm() < kMaxAside_mm))
+      return refused("The scan's slices are not straight above each other (a tilted gantry).");
+    if (!(std::abs(shift.z() * 1e-3 - (sheet->z_m - top.z_m)) < kMaxApart_m))
+      return refused("The scene's slices are not as far apart as in the scan.");
   }
   return T_plane_lps;
 }
 
-std::optional<Eigen::Affine3d> device_of_patient(const PlacedBone& loaded) {
+Result<Eigen::Affine3d> device_of_patient(const PlacedBone& loaded) {
   const auto T_plane_lps = plane_of_surface(loaded);
-  if (!T_plane_lps) return std::nullopt;
+  if (!T_plane_lps) return T_plane_lps.error();
   const Sheet& top = *loaded.sheets.front();
   const auto in_device = [&](const Eigen::Vector3d& lps_mm) {
     const Eigen::Vector3d at = *T_plane_lps * lps_mm;

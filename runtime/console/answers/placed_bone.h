@@ -7,7 +7,6 @@
 #include <cstdint>
 #include <filesystem>
 #include <memory>
-#include <optional>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -50,12 +49,12 @@ Result<PlacedBone> load_bone(const std::filesystem::path& scene_file,
 const AssetSlice& slice_of(const Asset& asset, int index);
 
 /// Returns the transform from the patient's frame (LPS) to the frame of the topmost sheet's slice
-/// (u, v and the slice normal), both in mm. Returns nullopt if the sheets do not lie relative to
-/// each other as in the scan.
-std::optional<Eigen::Affine3d> plane_of_surface(const PlacedBone& loaded);
+/// (u, v and the slice normal), both in mm. Errors: kRefused if the sheets do not lie relative to
+/// each other as in the scan; the message is a sentence that says why.
+Result<Eigen::Affine3d> plane_of_surface(const PlacedBone& loaded);
 
 /// Returns the transform from the patient's frame (LPS, mm) to {B} (m), including the scale from mm
-/// to m. Returns nullopt if the sheets do not lie relative to each other as in the scan.
-std::optional<Eigen::Affine3d> device_of_patient(const PlacedBone& loaded);
+/// to m. Errors: those of plane_of_surface().
+Result<Eigen::Affine3d> device_of_patient(const PlacedBone& loaded);
 
 }  // namespace trocar::runtime

@@ -105,7 +105,7 @@ json events_of(const std::vector<RecordingRow>& rows, bool with_punctures) {
         {{"kind", kind}, {"t_s", t_s}, {"text", text_line("%s at %.3f s", what, t_s)}});
   };
   for (const RecordingRow& row : rows) {
-    if (events.size() == kMaxEvents) break;
+    if (events.size() >= kMaxEvents) break;  // one row can add several
     const bool is_punctured =
         with_punctures && row.phase == ContactPhase::kPunctured &&
         (before.phase != ContactPhase::kPunctured || before.active_slice != row.active_slice);
@@ -118,7 +118,7 @@ json events_of(const std::vector<RecordingRow>& rows, bool with_punctures) {
                         {"text", text_line("slice %d punctured at %.3f s: depth %.2f mm",
                                            row.active_slice, row.t_s, row.penetration_m * 1e3)}});
     }
-    if (row.fault != before.fault && row.fault != Fault::kNone) {
+    if (is_new_fault(before.safety, before.fault, row)) {
       const FaultWords& words = words_of(row.fault);
       events.push_back({{"kind", "fault"},
                         {"t_s", row.t_s},

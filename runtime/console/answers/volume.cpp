@@ -7,7 +7,6 @@
 #include <cmath>
 #include <cstdint>
 #include <nlohmann/json.hpp>
-#include <optional>
 #include <span>
 #include <vector>
 
@@ -210,7 +209,7 @@ Result<std::string> volume_of(const std::filesystem::path& scene_file,
   json head = {{"schema", "trocar.volume/1"}, {"bone", nullptr}, {"context", nullptr}};
   Arrays arrays;
   if (const auto T = device_of_patient(*bone); !T) {
-    head["why"] = "The scene's slices are not as far apart as in the scan.";
+    head["why"] = T.error().message;
   } else if (bone->asset.hu.planes.empty()) {
     head["why"] = "The asset has no HU.";
   } else if (!is_stack(bone->asset.hu) || !is_stack(bone->asset.context)) {

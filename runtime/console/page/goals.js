@@ -5,7 +5,7 @@
 // Tests: tests/e2e/console_page_test.py
 import { file_query, get_text } from "./api.js";
 
-const kReady = 1, kRunning = 2, kContact = 1;  // SafetyState, ContactPhase
+const kReady = 1, kRunning = 2, kContact = 1, kPunctured = 2;  // SafetyState, ContactPhase
 const kGap_s = 1;  // between rows that a page gets while it is open and not hidden
 const minus = (a, b) => [a[0] - b[0], a[1] - b[1], a[2] - b[2]];
 const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
@@ -62,7 +62,8 @@ export class GoalMeter {
     }
     if (safety !== kReady && safety !== kRunning) return;
     const tip = Array.from(shown.columns.values(row, "tool_m"));
-    if (shown.columns.value(row, "phase") === kContact) this.first_contact_s ??= this.t_s;
+    // A slice can be reached and punctured in the same tick.
+    if ([kContact, kPunctured].includes(shown.columns.value(row, "phase"))) this.first_contact_s ??= this.t_s;
     if (goals.target) {
       this.distance = length(minus(tip, goals.target.at_m));
       this.closest = Math.min(this.closest ?? Infinity, this.distance);
@@ -103,7 +104,7 @@ export class GoalMeter {
     if (goals.force_max_N !== undefined)
       add("force", this.force_max, goals.force_max_N, most(this.force_max, goals.force_max_N), `${Number.isFinite(this.force) ? this.force.toFixed(1) : "unknown"} N, largest ${(this.force_max ?? 0).toFixed(1)} of ${goals.force_max_N} N`);
     if (goals.time_max_s !== undefined) {
-      const end_s = goals.target ? this.reached_s : last_puncture_s, took = this.first_contact_s === null || end_s === null ? null : end_s - this.first_contact_s;
+      const end_s = goals.target ? this.reached_s : last_puncture_s, took = this.first_contact_s === null || end_s === null ? null : Math.max(0, end_s - this.first_contact_s);
       const since = this.first_contact_s === null ? null : (goals.target && took !== null ? took : this.t_s - this.first_contact_s);
       const state = since === null ? "open" : goals.target ? (took !== null ? (took <= goals.time_max_s ? "met" : "missed") : since <= goals.time_max_s ? "open" : "missed") : most(took, goals.time_max_s);
       add("time", took, goals.time_max_s, state, since === null ? `not begun, at most ${goals.time_max_s} s` : `${since.toFixed(1)} s since contact, at most ${goals.time_max_s} s`);

@@ -28,7 +28,9 @@ export const inspection_of = (app) => ({
   },
   get imaging() {
     const { open, why, xray, volume } = app.imaging;
-    return { open, why, is_ready: Boolean(xray.is_ready), has_context: Boolean(volume?.context), positions: xray.pictures.size, drawn: xray.drawn, tip_px: xray.tip_px ?? null, is_screening: xray.is_screening };
+    return { open, why, is_ready: Boolean(xray.is_ready), has_context: Boolean(volume?.context), positions: xray.pictures.count,
+      has_position: Boolean(xray.volume && xray.pictures.has(xray.key)), drawn: xray.drawn,
+      tip_px: xray.tip_px ?? null, is_screening: xray.is_screening };
   },
   get planning() {
     const { is_open, is_making, picks, result } = app.planning;

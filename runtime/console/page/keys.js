@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The keys of the page. Esc is the emergency stop, Shift and Q end the session, and space pauses it, or plays a recording. Space presses a
-// button that has the focus, as in any page, so no key ends a session by a slip.
-// Tests: tests/e2e/console_trouble_page_test.py
+// button that has the focus, as in any page, so no key ends a session by a slip. Buttons that act while they are pressed are here, too.
+// Tests: tests/e2e/console_trouble_page_test.py, tests/e2e/console_hand_page_test.py, tests/e2e/console_imaging_page_test.py
 
 /// True where the browser itself has a meaning for the space key.
 const takes_space = (target) => target instanceof Element && target.closest("button, a, input, select, textarea, summary, iframe, [tabindex]:not([tabindex='-1'])") !== null;
@@ -9,6 +9,19 @@ const takes_space = (target) => target instanceof Element && target.closest("but
 /// Takes the focus out of a frame with another page while a session runs, because keys in a frame do not reach this page.
 export function take_keys_back() {
   if (document.activeElement?.tagName === "IFRAME") document.getElementById("report-close").focus();
+}
+
+/// Calls set(true) when a button is pressed by the main button of a mouse, a pen or a finger, and set(false) when it is released. A finger
+/// may rest on the button and move, which elsewhere opens a menu, scrolls the page or selects text.
+export function while_pressed(button, set) {
+  button.classList.add("pressed-long");
+  button.addEventListener("pointerdown", (event) => {
+    if (event.button !== 0) return;
+    button.setPointerCapture(event.pointerId);
+    set(true);
+  });
+  for (const end of ["pointerup", "pointercancel", "lostpointercapture"]) button.addEventListener(end, () => set(false));
+  button.addEventListener("contextmenu", (event) => event.preventDefault());  // a long touch
 }
 
 /// `act`: {app, is_running, emergency_stop, stop, pause, play, notice}.

@@ -18,7 +18,7 @@ import { Playback } from "./playback.js";
 import { Restart } from "./restart.js";
 import { Training } from "./training.js";
 import { View3d } from "./view/view3d.js";
-import { describe, kFault, kRecovering } from "./words.js";
+import { describe, is_paused, kFault, kRecovering } from "./words.js";
 
 const by_id = (id) => document.getElementById(id);
 const kPanels_ms = 100, kSlowPanels_ms = 250, kRefresh_ms = 5000, kOld_ms = 300, kViewBesideXray_ms = 150, kViewBesidePictures_ms = 60;
@@ -225,6 +225,7 @@ app.link = new Live({
     training.follow(app.live);
     app.heard_ms = performance.now();
     app.hand?.take_snapshot();
+    app.imaging.take_row();
     app.has_moved ||= has_moved;
     app.panels_are_old = true;
   },
@@ -252,7 +253,7 @@ app.link = new Live({
     if (is_running()) take_keys_back();
     else {
       if (state.state !== "lost") refresh();
-      restart.session_over(state.state);
+      restart.session_over(state);
     }
     changed();
     draw_status();
@@ -299,7 +300,7 @@ by_id("start-form").addEventListener("submit", (event) => {
 const restart = new Restart({ request: () => app.state.request, fields: () => training.fields(), is_running, start });
 by_id("restart").addEventListener("click", guarded(() => restart.press()));
 document.addEventListener("visibilitychange", () => { if (document.hidden) restart.withdraw(); });
-const toggle_pause = () => command(app.state.state === "paused" || app.live?.value("paused", 0) ? "resume" : "pause");
+const toggle_pause = () => command(is_paused(app.state, app.live) ? "resume" : "pause");
 by_id("pause").addEventListener("click", toggle_pause);
 for (const name of ["zero", "recover", "stop"]) by_id(name).addEventListener("click", () => command(name));
 
@@ -396,7 +397,7 @@ function draw_status() {
   by_id("clock").textContent = Number.isFinite(t) ? `${t.toFixed(2)} s${Number.isFinite(end) ? ` of ${Number(end.toFixed(2))} s` : ""}${age_s}` : "";
   by_id("ended-report").hidden = app.state.state !== "ended" || !app.state.report || is_playback;
   by_id("ended-play").hidden = app.state.state !== "ended" || !app.state.recording || is_playback;
-  const running = is_running(), safety = app.live?.value("safety", 0), paused = app.state.state === "paused" || Boolean(app.live?.value("paused", 0));
+  const running = is_running(), safety = app.live?.value("safety", 0), paused = is_paused(app.state, app.live);
   by_id("pause-word").textContent = running && paused ? "Resume" : "Pause";
   for (const name of ["pause", "zero", "stop"]) by_id(name).disabled = !running;
   const is_stopped = app.live && (safety === kFault) && app.live.about.faults?.[app.live.value("fault", 0)] === "emergency_stop";

@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 // Plays a recording with its scene, and a second one to compare with.
-// Tests: tests/e2e/console_page_test.py
+// Tests: tests/runtime/console/hand_page_test.py, tests/e2e/console_page_test.py
 import { file_query, get_container } from "./api.js";
 import { Shown, axis_of, is_material, read_bone } from "./data.js";
 
-const kContact = 1;  // ContactPhase
+const kContact = 1, kRunning = 2;  // ContactPhase, SafetyState
 const kMaxCurvePoints = 6000;
 
 /// A Shown that has all its rows.
@@ -46,19 +46,25 @@ export class Recorded extends Shown {
     this.all_events = this.all_events.filter(({ kind }) => kind !== "puncture");
     const half = (k) => 0.5 * Math.abs(k + 1 < slices.length ? slices[k].z_m - slices[k + 1].z_m : (slices[k - 1]?.z_m ?? Infinity) - slices[k].z_m);
     const scale = this.force_scale ?? this.bone.force_scale;
-    let next = 0, before = Infinity;
+    let next = 0, before = null;  // the front of the row before; null: no row had one so far
     for (let i = 0; i < this.count; ++i) {
       const row = this.row_at(i), front = this.columns.value(row, "front_z_m"), tip = this.columns.values(row, "tool_m");
-      if (front === 0 || !this.is_placed(row)) continue;
-      for (; next < slices.length; ++next) {
-        if (front > slices[next].z_m - half(next) + 1e-7) break;
-        if (before === Infinity || !is_material(slices[next], tip[0], tip[1])) continue;
+      if (!this.is_placed(row)) continue;
+      // In a running session 0 says that no uncut bone is below the tip. The row in which the front left the bone can be missing, because
+      // the console does not send every row of a long recording. Then the slices above the tip through which it came are cut through.
+      const is_through = front === 0 && Boolean(before) && this.columns.value(row, "safety", kRunning) === kRunning;
+      for (let k = next; k < slices.length && (front !== 0 || is_through); ++k) {
+        if (is_through ? tip[2] >= slices[k].z_m : front > slices[k].z_m - half(k) + 1e-7) break;
+        const is_cut = is_material(slices[k], tip[0], tip[1]);
+        if (is_cut || !is_through) next = k + 1;
+        if (before === null || !is_cut) continue;
         // The forces are those before it, as a live session states them.
         const last = this.row_at(Math.max(0, i - 1)), tip_N = scale * this.columns.value(last, "tip_N"), hand_N = this.force(last);
-        const text = `slice ${slices[next].slice} punctured at ${this.times[i].toFixed(3)} s: ${tip_N.toFixed(2)} N at the tip, ${hand_N.toFixed(2)} N on the hand`;
-        this.all_events.push({ kind: "puncture", t_s: this.times[i], slice: slices[next].slice, tool_z_m: tip[2], force_N: tip_N, hand_N, text });
+        const text = `slice ${slices[k].slice} punctured at ${this.times[i].toFixed(3)} s: ${tip_N.toFixed(2)} N at the tip, ${hand_N.toFixed(2)} N on the hand`;
+        this.all_events.push({ kind: "puncture", t_s: this.times[i], slice: slices[k].slice, tool_z_m: tip[2], force_N: tip_N, hand_N, text });
       }
-      before = front;
+      if (front !== 0 || before !== null) before = front;
+      if (front === 0) continue;
       const slice = slices[next];
       if (slice && !this.touched_at.has(slice.slice) && this.columns.value(row, "embedded_m", 0) > 0 && front <= slice.z_m + half(next) && is_material(slice, tip[0], tip[1]))
         this.touched_at.set(slice.slice, this.times[i]);

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Restart ends the session that runs, and starts the same again once it has ended. Every other command withdraws a Restart that still waits,
-// and so do an emergency stop, a lost connection and a hidden page: no session begins that nobody wants any more.
-// Tests: tests/e2e/console_trouble_page_test.py
+// and so do an emergency stop of any page, a lost connection and a hidden page: no session begins that nobody wants any more.
+// Tests: tests/e2e/console_trouble_page_test.py, tests/runtime/console/page_parts_test.mjs
 import { post } from "./api.js";
 
 export class Restart {
@@ -26,10 +26,10 @@ export class Restart {
 
   withdraw() { this.next = null; }
 
-  /// No session runs any more; `state` is that of /live.
-  session_over(state) {
+  /// No session runs any more; the message is that of /live. `emergency_stop`: one came while the session ended, when it gives no fault.
+  session_over({ state, emergency_stop }) {
     const { next } = this;
     this.withdraw();
-    if (next && state === "ended") this.act.start(next);
+    if (next && state === "ended" && !emergency_stop) this.act.start(next);
   }
 }

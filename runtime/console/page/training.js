@@ -18,7 +18,8 @@ export class Training {
       field.value = localStorage.getItem(`trocar-${name}`) ?? "";
       field.addEventListener("input", () => {
         localStorage.setItem(`trocar-${name}`, field.value);
-        if (name !== "attempt") this.set_attempt(field.value ? 1 : "");  // another trainee or course begins anew
+        // Another trainee or course begins anew. Without both there is nothing to count.
+        if (name !== "attempt") this.set_attempt(by_id("start-trainee").value || by_id("start-course").value ? 1 : "");
       });
     }
     by_id("open-history").addEventListener("click", async () => {

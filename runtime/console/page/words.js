@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Describes the state in words, and says what to do.
-// Tests: tests/e2e/console_page_test.py
+// Tests: tests/e2e/console_page_test.py, tests/runtime/console/page_parts_test.mjs
 
 export const kRunning = 2, kFault = 3, kRecovering = 4;  // SafetyState
 const kContact = 1, kPunctured = 2, kMissed = 3;          // ContactPhase
@@ -9,6 +9,13 @@ const kOperators = { paused: ["Paused", "Torques are zero and time is stopped. P
 
 /// True of a stop that the operator wanted: a pause, or forces switched off. It is no fault.
 export const is_by_operator = ({ kind, fault }) => kind === "fault" && fault in kOperators;
+
+/// True if the session is paused. `shown`: its rows and events, or null. After a pause, a row from before it says nothing: until the first
+/// row after it has come, the session still counts as paused.
+export function is_paused(state, shown) {
+  const resumed = shown?.events.findLast?.(({ kind }) => kind === "resumed");
+  return state.state === "paused" || Boolean(shown?.value("paused", 0)) || shown?.value("t_s") <= resumed?.t_s;
+}
 
 /// Returns the last fault that no recovery has ended, or null.
 export function last_fault(events) {
@@ -54,7 +61,7 @@ export function describe({ shown, state, is_connected, is_refused, is_full }) {
   }
   if (state.state === "silent") return { level: "bad", state: "No answer", words: "The session has stated nothing for more than 0.2 s: force and picture are old. Draw the tool out slowly. If this stays, press Emergency stop, which ends a session that does not answer." };
   const safety = shown.value("safety", 0);
-  if (state.state === "paused" || shown.value("paused", 0)) return { level: "wait", state: kOperators.paused[0], words: kOperators.paused[1] };
+  if (is_paused(state, shown)) return { level: "wait", state: kOperators.paused[0], words: kOperators.paused[1] };
   if (safety === kRecovering) {
     const refused = shown.events.findLast?.(({ kind }) => kind === "not_recovered" || kind === "recovered" || kind === "fault");
     const why = refused?.kind === "not_recovered" ? `Not yet: ${refused.text}` : "Torques are zero until the cause is gone.";

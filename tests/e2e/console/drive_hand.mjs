@@ -157,7 +157,7 @@ await page.click("#pause");
 await until(page, `document.getElementById("state").textContent === "Running" && ${events_of("resumed")} === 1`, "going on after the pause");
 await page.waitForTimeout(200);
 check(Math.abs(await get(page, "trocar.row.tool_m[2]") - paused[1][2]) < 3e-4, "the tip moved after the pause");
-// Letting go: by H, by blur, by a hidden page, by another tab of the page, by Esc.
+// Letting go: by H, by blur, by a hidden page, by another tab of the page, by a session that does not answer, by Esc.
 const lets_go = async (what, act) => {
   await take(page, `before ${what}`);
   await act();
@@ -173,6 +173,12 @@ await lets_go("a hidden page", () => page.evaluate(() => {
   delete document.hidden;
   document.dispatchEvent(new Event("visibilitychange"));
 }));
+await lets_go("a session that does not answer", async () => {
+  process.kill(await get(page, "trocar.pid"), "SIGSTOP");
+  await until(page, `trocar.state.state === "silent"`, "a session that does not answer");
+  process.kill(await get(page, "trocar.pid"), "SIGCONT");
+});
+check(/did not answer/.test(await page.innerText("#hand-words")), `the silence is not told: "${await page.innerText("#hand-words")}"`);
 await lets_go("Esc", () => page.keyboard.press("Escape"));
 await until(page, `trocar.events.some((event) => event.fault === "emergency_stop")`, "the emergency stop by Esc while the needle is held");
 await stop(page, "keys");

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// drive_imaging.mjs JSON: X-ray and planes of the CT in the console's page. The argument: {link, view_link, chromium, out, scene, apart}; `scene` is a
-// scene whose asset has a context volume, and `apart` one that has no X-ray. Prints one JSON object: {failures, figures, sessions}.
+// drive_imaging.mjs JSON: X-ray and planes of the CT in the console's page. The argument: {link, view_link, chromium, out, scene, apart,
+// foreign}; `scene` is a scene whose asset has a context volume, `apart` one that has no X-ray, and `foreign` a recording whose scene is not in
+// the folder. Prints one JSON object: {failures, figures, sessions}.
 import { Browser } from "./browser.mjs";
 
 const given = JSON.parse(process.argv[2]);
@@ -77,6 +78,33 @@ await until(page, "trocar.row.xray_shots[0] === 3", "the count of three shots");
 check((await get(page, counts)).shots === 3, `${JSON.stringify(await get(page, counts))} after three shots`);
 await browser.picture(page, "xray");
 await browser.accessible(page, "xray");
+// However fast the C-arm is turned, its present position has a picture soon, and keeps it while others are computed.
+await page.evaluate(() => {
+  window.is_without = false;
+  const turn = document.getElementById("xray-turn");
+  for (let deg = 5; deg <= 85; deg += 5) {
+    turn.value = deg;
+    turn.dispatchEvent(new Event("change"));
+  }
+});
+await until(page, "trocar.imaging.has_position", "the picture of a position to which the C-arm was turned fast");
+await page.evaluate(() => { window.watching = setInterval(() => { window.is_without ||= !trocar.imaging.has_position; }, 5); });
+await shot(page, "a position to which the C-arm was turned fast");
+await until(page, is_fine, "the fine picture of this position");
+await page.waitForTimeout(1000);
+check(!await get(page, "window.is_without"), "the picture of the present position was dropped");
+await page.evaluate(() => { clearInterval(window.watching); });
+// A letter in a list chooses an entry, and takes no picture. Only the main button of the mouse screens, and a finger may move on the button.
+await until(page, "trocar.row.xray_shots[0] === 4", "the count of four shots");
+await page.focus("#ghost");
+await page.keyboard.press("x");
+await page.locator("#xray-screen").click({ button: "right", delay: 300 });
+await page.evaluate(() => document.activeElement.blur());
+await page.waitForTimeout(500);
+check((await get(page, counts)).shots === 4, "a letter in a list took a picture");
+check(await get(page, `${events_of("xray_on")} === 0`), "the right button of the mouse screened");
+const touch_action = await get(page, `getComputedStyle(document.getElementById("xray-screen")).touchAction`);
+check(touch_action === "none", "a finger that moves on the button would end screening");
 
 // ---- screening ----
 await page.click("#xray-ap");
@@ -91,11 +119,11 @@ check(second[0] - first[0] >= 10, `${second[0] - first[0]} pictures in 2 s of sc
 await browser.picture(page, "screening");
 await page.keyboard.up("c");
 await until(page, "!trocar.imaging.is_screening", "the end of screening");
-await until(page, `${events_of("xray_shot")} === 3 && ${events_of("xray_on")} >= 1 && ${events_of("xray_off")} === ${events_of("xray_on")}`, "the events of X-ray");
+await until(page, `${events_of("xray_shot")} === 4 && ${events_of("xray_on")} >= 1 && ${events_of("xray_off")} === ${events_of("xray_on")}`, "the events of X-ray");
 await page.waitForTimeout(600);
 const after = await get(page, counts);
-check(after.screening_s > 1.9 && after.shots === 3, `${JSON.stringify(after)} after screening`);
-check(after.words.includes("3 shots") && after.words.includes(`${after.screening_s.toFixed(1)} s`), `the page counts "${after.words}"`);
+check(after.screening_s > 1.9 && after.shots === 4, `${JSON.stringify(after)} after screening`);
+check(after.words.includes("4 shots") && after.words.includes(`${after.screening_s.toFixed(1)} s`), `the page counts "${after.words}"`);
 // The key is up when the window has lost the focus, and X-ray ends by itself when the page is silent.
 await page.keyboard.down("c");
 await until(page, "trocar.imaging.is_screening", "screening again");
@@ -131,8 +159,10 @@ check(place.tip?.every((x) => x > 0 && x < place.size), `the tip is at ${place.t
 
 // ---- the audience ----
 const before = await get(page, events_of("xray_shot"));
-const viewer = await browser.open(given.view_link);
+const viewer = await browser.open(given.view_link, { viewport: { width: 1920, height: 1080 } });
 await until(viewer, "trocar.row !== null", "the audience's page");
+await viewer.click("[data-picture=ct]");
+await until(viewer, "trocar.imaging.is_ready", "the scan on the audience's page");
 await viewer.click("[data-picture=xray]");
 await until(viewer, "trocar.imaging.positions >= 1", "the audience's sum along the rays");
 check(!await viewer.isVisible("#xray-shot"), "the audience has a button for shots");
@@ -142,6 +172,31 @@ check(await get(page, events_of("xray_shot")) === before, "the audience took a p
 await page.click("#xray-ap");
 await shot(page, "a picture that two pages show");
 await until(viewer, "trocar.imaging.drawn >= 1", "the picture on the audience's page");
+// The monitor is large enough for the fine picture, although its size was not known when the scan came.
+check(await get(viewer, `document.getElementById("xray-live").clientWidth * devicePixelRatio > 300`), "the audience's monitor is small");
+await until(viewer, `document.getElementById("xray-live").width === 512`, "the picture for a large monitor");
+// A page that was hidden during a shot, when it draws no frames, does not show it with the needle of another time.
+await viewer.evaluate(() => {
+  window.real_frame = window.requestAnimationFrame;
+  window.waiting_frames = [];
+  window.requestAnimationFrame = (next) => window.waiting_frames.push(next);
+  Object.defineProperty(document, "hidden", { configurable: true, get: () => true });
+  document.dispatchEvent(new Event("visibilitychange"));
+});
+const [hidden_drawn, hidden_shots] = await get(viewer, `[trocar.imaging.drawn, ${events_of("xray_shot")}]`);
+await shot(page, "a picture that one page misses");
+await page.waitForTimeout(2500);
+await viewer.evaluate(() => {
+  window.requestAnimationFrame = window.real_frame;
+  for (const next of window.waiting_frames) requestAnimationFrame(next);
+  delete document.hidden;
+  document.dispatchEvent(new Event("visibilitychange"));
+});
+await until(viewer, `${events_of("xray_shot")} === ${hidden_shots + 1}`, "the missed shot on the audience's page");
+await viewer.waitForTimeout(1000);
+check(await get(viewer, "trocar.imaging.drawn") === hidden_drawn, "a shot was shown with the needle of another time");
+await shot(page, "a picture after the page was hidden");
+await until(viewer, `trocar.imaging.drawn > ${hidden_drawn}`, "a picture on the audience's page after it was hidden");
 await viewer.close();
 
 // ---- planes of the CT ----
@@ -192,6 +247,14 @@ const drawn = await get(page, "trocar.imaging.drawn");
 await page.evaluate(() => { const seek = document.getElementById("seek"); seek.value = 100; seek.dispatchEvent(new Event("input")); });
 await until(page, `trocar.imaging.drawn > ${drawn}`, "the picture at another time of the playback");
 await browser.picture(page, "playback");
+// The scan of one recording is not shown with another one whose scene is not in the folder.
+await page.click("[data-to=folder]");
+await page.locator("#recordings li", { hasText: given.foreign }).getByRole("button", { name: "Play" }).click();
+await until(page, `trocar.tab === "playback" && trocar.playback.file === "${given.foreign}"`, "the playback without a scene");
+await until(page, "trocar.imaging.positions === 0", "the end of the pictures of another scan");
+await page.waitForTimeout(500);
+check((await greys(page, "xray-live")).high === 0, "a recording without a scene has an X-ray");
+await until(page, `document.getElementById("xray-count").textContent === "No scan is loaded."`, "the words without a scan");
 
 // ---- no X-ray ----
 await page.click("[data-to=folder]");

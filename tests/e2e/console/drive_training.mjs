@@ -35,6 +35,12 @@ await page.click("#start");
 await page.waitForTimeout(500);
 check(await get("trocar.state.state") === "idle", "a session has started with a name instead of a code");
 await page.fill("#start-trainee", "A-17");
+// Another course begins with the first attempt, also no course. Without course and trainee there is nothing to count.
+for (const [name, value, attempt] of [["attempt", "3", "3"], ["course", "", "1"], ["trainee", "", ""], ["trainee", "A-17", "1"],
+  ["attempt", "3", "3"], ["course", "spine_2026", "1"]]) {
+  await page.fill(`#start-${name}`, value);
+  check(await page.inputValue("#start-attempt") === attempt, `after ${name} "${value}" the attempt is "${await page.inputValue("#start-attempt")}"`);
+}
 await browser.picture(page, "form");
 
 // ---- goals, live and at the end; then in playback ----

@@ -3,7 +3,10 @@
 #include "runtime/console/supervisor.h"
 
 #include <gtest/gtest.h>
+#include <sys/wait.h>
+#include <unistd.h>
 
+#include <array>
 #include <chrono>
 #include <filesystem>
 #include <fstream>
@@ -61,6 +64,58 @@ TEST(Supervisor, ADeviceEndsWellAlsoIfTheSessionMustBeKilled) {
     return supervisor.end_all(Supervisor::Clock::now(), std::chrono::seconds(1));
   }));
   EXPECT_TRUE(fs::exists(programs / "trocar-device-sim.ended_well"));
+}
+
+/// The process of a session whose loop has ended. It still writes its files until `pipe` is closed.
+[[noreturn]] void end_session(const fs::path& link, int pipe) {
+  TelemetrySizes sizes;
+  sizes.about = R"({"schema": "trocar.live/1"})";
+  sizes.columns = 1;
+  const auto writer = TelemetryWriter::make(sizes);
+  if (!writer || !(*writer)->link(link)) ::_exit(1);
+  TelemetryEvent ended;
+  ended.kind = TelemetryEventKind::kEnded;
+  (*writer)->event(ended);
+  char none = 0;
+  ::_exit(::read(pipe, &none, 1) == 0 ? 0 : 1);
+}
+
+TEST(Supervisor, TheStateOfAnEndedSessionNamesAnEmergencyStopThatCameTooLateForIt) {
+  const test::TemporaryFolder folder;
+  Supervisor::Settings settings;
+  settings.folder = settings.programs = folder.path();
+  settings.sessions = folder / "sessions";
+  fs::create_directories(settings.sessions);
+  for (const bool is_stopped : {false, true}) {
+    std::array<int, 2> pipe{};
+    ASSERT_EQ(::pipe(pipe.data()), 0);
+    const pid_t session = ::fork();
+    ASSERT_GE(session, 0);
+    if (session == 0) {
+      ::close(pipe[1]);
+      end_session(settings.sessions / "live", pipe[0]);
+    }
+    ::close(pipe[0]);
+    Supervisor supervisor(settings);
+    EXPECT_TRUE(comes_true([&] {
+      supervisor.poll(Supervisor::Clock::now());
+      return supervisor.telemetry().has_ended();
+    }));
+    EXPECT_EQ(supervisor.state(), RunState::kRunning);
+    // There is no force to stop any more, but perhaps a page that waits to restart the session.
+    if (is_stopped) {
+      EXPECT_FALSE(supervisor.emergency_stop());
+    }
+    ::close(pipe[1]);
+    EXPECT_TRUE(comes_true([&] {
+      supervisor.poll(Supervisor::Clock::now());
+      return supervisor.state() == RunState::kEnded;
+    })) << supervisor.state_json();
+    EXPECT_EQ(supervisor.state_json().find(R"("emergency_stop":true)") != std::string::npos,
+              is_stopped)
+        << supervisor.state_json();
+    ::waitpid(session, nullptr, 0);
+  }
 }
 
 }  // namespace

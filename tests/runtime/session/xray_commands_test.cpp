@@ -47,6 +47,16 @@ TEST(XrayCommands, NothingIsTakenWhileTimeStandsStill) {
   EXPECT_EQ(xray.take(), 0);
 }
 
+TEST(XrayCommands, APauseEndsScreeningUntilTheNextCommand) {
+  XrayCommands xray;
+  xray.apply(given(0, 1), false, 0);
+  xray.apply(given(0, 3), true, 100 * kTick_ns);  // whether it was repeated in the pause or not
+  xray.apply(given(0, 3), false, 300 * kTick_ns);
+  EXPECT_EQ(xray.take(), 0);
+  xray.apply(given(0, 5), false, 400 * kTick_ns);
+  EXPECT_EQ(xray.take(), kXrayBeam);
+}
+
 TEST(XrayCommands, ScreeningLastsWhileItIsHeld) {
   XrayCommands xray;
   xray.apply(given(0, 3), false, kTick_ns);

@@ -2,6 +2,7 @@
 // The hand: the operator holds the needle of a live session. While it is held, each frame sends the target of the hand's spring to the
 // console (protocol.md); the tip lags behind the target by force over stiffness.
 // Tests: tests/e2e/console_hand_page_test.py, tests/runtime/console/hand_page_test.py
+import { is_paused } from "../words.js";
 import { HandBar } from "./bar.js";
 import { Feel } from "./feel.js";
 import { HandGamepad } from "./gamepad.js";
@@ -77,7 +78,7 @@ export class Hand {
     const { live, role, connected, tab, state } = this.app;
     return Boolean(this.about && role === "operator" && connected && tab === "session" && live.row && live.is_placed() && ["running", "paused"].includes(state.state));
   }
-  get is_paused() { return this.app.state.state === "paused" || Boolean(this.app.live?.value("paused", 0)); }
+  get is_paused() { return is_paused(this.app.state, this.app.live); }
   axis() { return this.app.live?.values("axis") ?? kDown; }
 
   toggle() {
@@ -172,7 +173,8 @@ export class Hand {
 
   /// The console's message about the state of the session.
   take_state({ state }) {
-    if (!["running", "paused", "starting"].includes(state)) this.let_go();
+    if (state === "silent") this.let_go("The session did not answer for a moment, so the needle was let go. Take it again to continue.");
+    else if (!["running", "paused", "starting"].includes(state)) this.let_go();
   }
 
   /// A new session: whatever was said about the last one is over.

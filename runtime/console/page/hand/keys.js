@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The keys that move the needle, and the buttons on the screen that act like them.
 // Tests: tests/e2e/console_hand_page_test.py
+import { while_pressed } from "../keys.js";
 
 const kMoves = { ArrowRight: ["right", 1], ArrowLeft: ["right", -1], ArrowUp: ["away", 1], ArrowDown: ["away", -1], KeyF: ["along", 1], KeyR: ["along", -1] };
 
@@ -30,12 +31,7 @@ export class HandKeys {
 
   /// Lets `button` act like the key `code` while it is pressed.
   add_button(button, code) {
-    button.addEventListener("pointerdown", (event) => {
-      button.setPointerCapture(event.pointerId);
-      this.#down.add(code);
-    });
-    for (const end of ["pointerup", "pointercancel", "lostpointercapture"]) button.addEventListener(end, () => this.#down.delete(code));
-    button.addEventListener("contextmenu", (event) => event.preventDefault());  // a long touch
+    while_pressed(button, (is_pressed) => (is_pressed ? this.#down.add(code) : this.#down.delete(code)));
   }
 
   release() { this.#down.clear(); }

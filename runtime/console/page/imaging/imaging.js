@@ -49,22 +49,24 @@ export class Imaging {
     return { tip: Array.from(source.values("tool_m")), axis: axis_of(source), radius_m: source.bone.tool.radius_m };
   }
 
-  /// Loads the scan of what is shown, if a picture is open and it is another scan than before.
+  /// Loads the scan of what is shown, if a picture is open and it is another scan than before. Without a bone nothing stays of the scan
+  /// before, which may be another patient's.
   async #load() {
-    const source = this.act.source();
-    if (!this.open || (this.act.tab() === "folder" && !this.act.is_planning()) || !source?.bone || source.bone === this.loaded) return;
-    this.loaded = source.bone;
-    this.#set(null, null, "The scan is being loaded.");
+    const source = this.act.source(), bone = source?.bone ?? null;
+    if (!this.open || (this.act.tab() === "folder" && !this.act.is_planning()) || bone === this.loaded) return;
+    this.loaded = bone;
+    this.#set(null, null, bone ? "The scan is being loaded." : "");
+    if (!bone) return;
     const path = this.act.tab() === "playback" || source.is_preview ? file_query("/api/volume", { scene: this.act.scene(), asset: this.act.asset() }) : "/api/volume?session=1";
     try {
       const container = await get_bytes(path);
-      if (this.loaded !== source.bone) return;
+      if (this.loaded !== bone) return;
       const volume = read_volume(parse_container(container));
       this.#set(volume, container, volume.bone ? "" : `There is no X-ray and no CT. ${volume.why ?? ""}`);
     } catch (error) {
-      if (this.loaded !== source.bone) return;
+      if (this.loaded !== bone) return;
       this.#set(null, null, error.message);
-      this.loaded = null;  // opening the pictures again tries again
+      this.loaded = undefined;  // opening the pictures again tries again
     }
     this.act.changed();
   }
@@ -77,10 +79,19 @@ export class Imaging {
   }
 
   /// Another session has begun.
-  new_session() { this.xray.new_session(); }
+  new_session() {
+    this.xray.new_session();
+    this.#load();
+  }
   /// Another source is shown, or its bone has come.
   changed_source() { this.#load(); }
-  take_events(events) { this.xray.take_events(events); }
+  /// The row of a session may be newer than an event.
+  take_events(events) {
+    this.xray.take_events(events);
+    this.take_row();
+  }
+  /// The session has another row.
+  take_row() { this.xray.take_row(this.act.source()?.value("t_s")); }
   frame(now) {
     if (!this.open) return;
     this.xray.frame(now);
@@ -90,7 +101,8 @@ export class Imaging {
   draw() {
     if (!this.open) return;
     const source = this.act.source(), takes = source?.about.xray !== false || this.mode() !== "live";
-    const why = this.why || (source ? "" : "Start a session, or open a recording.") || (takes ? "" : "This session takes no X-ray: it was started without --xray.");
+    const none = !source ? "Start a session, or open a recording." : this.volume ? "" : "No scan is loaded.";
+    const why = this.why || none || (takes ? "" : "This session takes no X-ray: it was started without --xray.");
     this.xray.draw({ shots: source?.value("xray_shots") ?? NaN, seconds: source?.value("xray_screening_s") ?? NaN, why });
     const target = source?.bone?.goals?.target, tip = this.needle()?.tip;
     const target_mm = target && tip ? 1000 * Math.hypot(...target.at_m.map((at, k) => at - tip[k])) : NaN;

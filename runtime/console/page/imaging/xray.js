@@ -4,11 +4,16 @@
 // is always on and costs nothing.
 // Tests: tests/e2e/console_imaging_page_test.py
 import { post } from "../api.js";
+import { while_pressed } from "../keys.js";
 import { project, view_of } from "./c_arm.js";
 import { Picture } from "./picture.js";
+import { XrayPictures } from "./xray_pictures.js";
 
-const kLarge = 512, kSmall = 320, kCoarse = 160, kKept = 5, kHold_ms = 200, kPulse_ms = 15;
+const kLarge = 512, kSmall = 320, kHold_ms = 200, kPulse_ms = 15;
+const kSameNeedle_s = 1;  // of a row that comes so much later, the needle may be elsewhere than it was in a shot
 const kPositions = { ap: [0, 0], lateral: [90, 0] };
+// The elements in which a letter means something: in a list it chooses an entry. The entries of the list Width begin with digits.
+const kTyping = "input:not([type]), input[type=text], textarea, select:not(#xray-width)";
 const by_id = (id) => document.getElementById(id);
 
 /// One picture on the page: a canvas with a line of text below.
@@ -47,8 +52,7 @@ export class Xray {
     this.act = act;
     this.live = new Monitor("xray-live");
     this.other = new Monitor("xray-other");
-    this.pictures = new Map();  // key: Picture, the latest positions last
-    this.asked = new Set();
+    this.pictures = new XrayPictures();
     this.drawn = 0;
     this.is_screening = this.is_held = this.is_inverted = false;
     this.turn_deg = this.tilt_deg = 0;
@@ -61,15 +65,10 @@ export class Xray {
       for (const monitor of [this.live, this.other]) monitor.copy_from(monitor, this.is_inverted);
     });
     by_id("xray-shot").addEventListener("click", () => this.#take_shot());
-    const screen = by_id("xray-screen");
-    screen.addEventListener("pointerdown", (event) => {
-      screen.setPointerCapture(event.pointerId);
-      this.#hold(true);
-    });
-    for (const end of ["pointerup", "pointercancel", "lostpointercapture"]) screen.addEventListener(end, () => this.#hold(false));
+    while_pressed(by_id("xray-screen"), (is_pressed) => this.#hold(is_pressed));
     addEventListener("keydown", (event) => {
       if (by_id("xray-box").hidden || event.repeat || event.ctrlKey || event.altKey || event.metaKey) return;
-      if (event.target instanceof Element && event.target.closest("input:not([type]), input[type=text], textarea")) return;
+      if (event.target instanceof Element && event.target.closest(kTyping)) return;
       if (event.code === "KeyX") this.#take_shot();
       if (event.code === "KeyC") this.#hold(true);
     });
@@ -83,15 +82,12 @@ export class Xray {
     this.worker?.terminate();
     this.worker = null;
     this.volume = volume?.bone ? volume : null;
-    this.is_ready = false;
+    this.is_ready = this.is_working = false;
     this.failed = "";
     this.pictures.clear();
-    this.asked.clear();
-    this.pending = null;
+    this.shot = this.pending = null;
     for (const monitor of [this.live, this.other]) monitor.clear();
     if (!this.volume) return;
-    // Small monitors need fewer pixels, which are there sooner.
-    this.size = this.live.canvas.clientWidth * devicePixelRatio > 300 ? kLarge : kSmall;
     this.worker = new Worker(new URL("./xray_worker.js", import.meta.url), { type: "module" });
     this.worker.onmessage = ({ data }) => this.#take(data);
     this.worker.onerror = (event) => {
@@ -116,45 +112,41 @@ export class Xray {
     by_id("xray-tilt").value = this.tilt_deg;
     for (const [name, [turn, tilt]] of Object.entries(kPositions))
       by_id(`xray-${name}`).setAttribute("aria-pressed", String(turn === this.turn_deg && tilt === this.tilt_deg));
-    if (!this.volume) return;
     // The sum along the rays depends on the position only, so it is ready when a picture is taken.
-    this.#ask();
+    this.#work();
   }
 
-  /// Asks for the sum along the rays of the present position: first a coarse one, which is there at once.
-  #ask() {
-    if (!this.is_ready || this.#is_fine(this.key) || this.asked.has(this.key)) return;
-    this.#ask_for(this.key, this.view, [kCoarse, this.size]);
+  /// Pixels of a fine picture. Small monitors need fewer, which are there sooner.
+  get size() { return this.live.canvas.clientWidth * devicePixelRatio > 300 ? kLarge : kSmall; }
+
+  /// The positions whose pictures are needed: the present one, that of a shot whose fine picture is not there yet, and the two usual ones,
+  /// whose pictures are computed before anybody asks for them.
+  #wanted() {
+    const usual = Object.values(kPositions).map(([turn, tilt]) => ({ key: this.#key_of(turn, tilt), view: this.#view_of(turn, tilt) }));
+    return [{ key: this.key, view: this.view }, ...(this.pending ? [this.pending] : []), ...usual];
   }
-  #ask_for(key, view, sizes) {
-    this.asked.add(key);
-    for (const size of sizes) this.worker.postMessage({ key, view, size, step: size === kCoarse ? 2 : 0.8 });
+
+  /// Gives the worker what is needed most, if it is idle. A monitor that is not on the page needs nothing, and has no size.
+  #work() {
+    if (!this.is_ready || this.is_working || !this.live.canvas.clientWidth) return;
+    const next = this.pictures.next(this.#wanted(), this.size);
+    if (!next) return;
+    this.is_working = true;
+    this.worker.postMessage(next);
   }
-  #is_fine(key) { return this.pictures.get(key)?.size > kCoarse; }
 
   #take(message) {
-    if (message.ready) {
-      this.is_ready = true;
-      this.#ask();
-      // The two usual positions are computed before anybody asks for them.
-      for (const [turn, tilt] of Object.values(kPositions)) {
-        const key = this.#key_of(turn, tilt);
-        if (!this.asked.has(key)) this.#ask_for(key, this.#view_of(turn, tilt), [this.size]);
+    if (message.ready) this.is_ready = true;
+    else {
+      const { key, size, view, sum, is_covered } = message, { pending } = this;
+      this.is_working = false;
+      this.pictures.put(key, new Picture(view, size, sum, is_covered), this.#wanted());
+      if (pending?.key === key) {
+        this.#show(pending.needle, key, pending.where);
+        if (this.pictures.is_fine(key, this.size)) this.pending = null;
       }
-      return;
     }
-    const { key, size, view, sum, is_covered } = message;
-    if (size > kCoarse) this.asked.delete(key);
-    else if (this.#is_fine(key)) return;
-    this.pictures.delete(key);
-    this.pictures.set(key, new Picture(view, size, sum, is_covered));
-    for (const old of this.pictures.keys()) {
-      if (this.pictures.size <= kKept) break;
-      this.pictures.delete(old);
-    }
-    if (this.pending?.key !== key) return;
-    this.#show(this.pending.needle, key, this.pending.where);
-    if (size > kCoarse) this.pending = null;
+    this.#work();
   }
 
   /// Sends one request after the other, so that the end of screening comes last. What is repeated waits for nothing.
@@ -191,6 +183,7 @@ export class Xray {
   /// Another session has begun: X-ray is off.
   new_session() {
     this.is_screening = false;
+    this.shot = null;
     this.#hold(false, false);
   }
 
@@ -199,14 +192,24 @@ export class Xray {
       if (kind === "xray_on") this.is_screening = true;
       if (kind === "xray_off" || kind === "ended") this.is_screening = false;
     }
-    // The picture of the last shot; those before it, such as of a page that was hidden, had the needle elsewhere.
-    if (!this.volume || this.act.mode() !== "live" || !events.some(({ kind }) => kind === "xray_shot")) return;
+    // Only the last shot is shown. The C-arm may move before its picture is there.
+    const shot = events.filter(({ kind }) => kind === "xray_shot").at(-1);
+    if (!shot || !this.volume || this.act.mode() !== "live") return;
+    this.shot = { t_s: shot.t_s, key: this.key, view: this.view, where: this.#where() };
+  }
+
+  /// The session's row is of the time `t_s`. A shot is shown with the needle of the first row that is not older. If that row is much later,
+  /// as it is on a page that was hidden, this page does not know where the needle was, and shows no picture.
+  take_row(t_s) {
+    const { shot } = this;
+    if (!shot || !(t_s >= shot.t_s)) return;
+    this.shot = null;
+    if (t_s - shot.t_s > kSameNeedle_s || this.act.mode() !== "live") return;
     const needle = this.act.needle();
-    if (this.pictures.has(this.key)) this.#show(needle);
-    if (!this.#is_fine(this.key)) {
-      this.pending = { key: this.key, needle, where: this.#where() };  // the C-arm may move before the fine picture is there
-      this.#ask();
-    }
+    this.#show(needle, shot.key, shot.where);
+    if (this.pictures.is_fine(shot.key, this.size)) return;
+    this.pending = { ...shot, needle };
+    this.#work();
   }
 
   #where() {
@@ -231,7 +234,6 @@ export class Xray {
     if (!is_on || now - (this.drawn_at ?? -Infinity) < kPulse_ms) return;
     const needle = this.act.needle(), at = needle ? [...needle.tip, ...needle.axis].join() : "";
     if (this.act.mode() === "playback" && at === this.drawn_needle && this.live.key === this.key && this.live.last?.picture === this.pictures.get(this.key)) return;
-    if (!this.#is_fine(this.key)) this.#ask();
     if (!this.pictures.has(this.key)) return;
     this.drawn_at = now;
     this.drawn_needle = at;
@@ -243,6 +245,7 @@ export class Xray {
 
   /// Draws the counts and what can be pressed. `shots`, `seconds`: NaN if they are not counted.
   draw({ shots, seconds, why }) {
+    this.#work();  // the monitors may have come onto the page, or have grown
     const can = this.#can_take() && !why;
     for (const id of ["xray-shot", "xray-screen"]) by_id(id).disabled = !can;
     by_id("xray-screen").setAttribute("aria-pressed", String(this.is_screening));

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Computes X-ray pictures beside the page, which stays fluent. In: {container} once, then {key, view, size, step}. Out: {ready} once, then
-// {key, size, view, sum, is_covered}. Of requests that wait, only the last of each key and size is computed.
+// {key, size, view, sum, is_covered}. The page sends one request at a time: the one that it then needs most.
 // Tests: tests/e2e/console_imaging_page_test.py
 import { parse_container } from "../container.js";
 import { covered_pixels, xray_sum } from "./c_arm.js";
@@ -8,18 +8,6 @@ import { harmonise } from "./picture.js";
 import { read_volume, xray_grids } from "./volume.js";
 
 let grids = null, has_context = false;
-const waiting = new Map();
-
-function work() {
-  if (!waiting.size) return;
-  const [place, { key, view, size, step }] = [...waiting].reduce((a, b) => (b[1].size < a[1].size ? b : a));  // the coarse ones first
-  waiting.delete(place);
-  let sum = xray_sum(grids, view, size, step);
-  const is_covered = has_context ? covered_pixels(grids[1], view, size) : null;
-  if (is_covered) sum = harmonise(sum, size, is_covered);
-  postMessage({ key, size, view, sum, is_covered }, [sum.buffer]);
-  setTimeout(work);  // lets newer requests come in
-}
 
 onmessage = ({ data }) => {
   if (data.container) {
@@ -29,8 +17,9 @@ onmessage = ({ data }) => {
     postMessage({ ready: true });
     return;
   }
-  if (!grids) return;
-  const was_idle = waiting.size === 0;
-  waiting.set(`${data.key} ${data.size}`, data);
-  if (was_idle) setTimeout(work);
+  const { key, view, size, step } = data;
+  let sum = xray_sum(grids, view, size, step);
+  const is_covered = has_context ? covered_pixels(grids[1], view, size) : null;
+  if (is_covered) sum = harmonise(sum, size, is_covered);
+  postMessage({ key, size, view, sum, is_covered }, [sum.buffer]);
 };

@@ -1,0 +1,81 @@
+// SPDX-License-Identifier: Apache-2.0
+// Which X-ray picture is computed next and which are kept (imaging/xray_pictures.js), what the page says after a pause (words.js), and when
+// Restart starts (restart.js), in node. TROCAR_PAGE is the folder of the page.
+import assert from "node:assert/strict";
+import test from "node:test";
+import { pathToFileURL } from "node:url";
+
+// api.js looks for a token in the address.
+for (const [name, value] of Object.entries({ location: { hash: "" }, sessionStorage: { getItem: () => null }, addEventListener: () => {} }))
+  Object.defineProperty(globalThis, name, { value, configurable: true });
+const page = pathToFileURL(`${process.env.TROCAR_PAGE}/`);
+const { XrayPictures } = await import(new URL("imaging/xray_pictures.js", page));
+const { describe } = await import(new URL("words.js", page));
+const { Restart } = await import(new URL("restart.js", page));
+
+// ---- X-ray ----
+const kFine = 512, kUsual = [{ key: "ap" }, { key: "lateral" }];
+/// Computes what is wanted, one after the other, and returns the keys and sizes in this order.
+function computed(pictures, wanted, most = 100) {
+  const all = [];
+  for (let next; all.length < most && (next = pictures.next(wanted, kFine));) {
+    pictures.put(next.key, { size: next.size }, wanted);
+    all.push([next.key, next.size]);
+  }
+  return all;
+}
+
+test("the present position has a coarse picture first, and then a fine one", () => {
+  const pictures = new XrayPictures(), wanted = [{ key: "30" }, ...kUsual];
+  const keys = ["30", "ap", "lateral"];
+  assert.deepEqual(computed(pictures, wanted), [...keys.map((key) => [key, 160]), ...keys.map((key) => [key, kFine])]);
+  assert.equal(pictures.next(wanted, kFine), null);
+  assert.deepEqual(computed(pictures, [{ key: "ap" }, ...kUsual]), [], "a position that is wanted twice");
+});
+
+test("positions that the C-arm has left are not computed, and take no picture from the present one", () => {
+  const pictures = new XrayPictures(), places = (key) => [{ key }, { key: "of a shot" }, ...kUsual];
+  for (let turn = 5; turn <= 90; turn += 5) {
+    computed(pictures, places(`${turn}`), 1);  // the worker is slower than the C-arm
+    assert.ok(pictures.has(`${turn}`) && pictures.count <= 5);
+  }
+  const wanted = places("90"), keys = wanted.map(({ key }) => key);
+  assert.deepEqual(computed(pictures, wanted).map(([key]) => key), [...keys.slice(1), ...keys]);
+  for (const old of ["5", "10", "15", "20", "25", "30"]) pictures.put(old, { size: kFine }, wanted);
+  for (const key of keys) assert.ok(pictures.is_fine(key, kFine), key);
+});
+
+test("a picture that comes late replaces no finer one, and a larger monitor gets a finer one", () => {
+  const pictures = new XrayPictures();
+  pictures.put("ap", { size: 320 }, kUsual);
+  pictures.put("ap", { size: 160 }, kUsual);
+  assert.equal(pictures.get("ap").size, 320);
+  assert.equal(pictures.next([{ key: "ap" }], 320), null);
+  assert.equal(pictures.next([{ key: "ap" }], kFine).size, kFine);
+});
+
+// ---- words ----
+test("after a pause the page says Running when a row of after the pause has come", () => {
+  const shown = (row, events) => ({ about: {}, events, value: (name, otherwise) => row[name] ?? otherwise });
+  const said = (row, events) => describe({ shown: shown(row, events), state: { state: "running" }, is_connected: true }).state;
+  const row = { t_s: 2, safety: 2, paused: 0 }, resumed = [{ kind: "paused", t_s: 2 }, { kind: "resumed", t_s: 2 }];
+  assert.equal(said(row, []), "Running");
+  assert.equal(said(row, resumed), "Paused");
+  assert.equal(said({ ...row, t_s: 2.001, paused: 1 }, resumed), "Paused");
+  assert.equal(said({ ...row, t_s: 2.001, safety: 3, fault: 1 }, resumed), "Fault");
+  assert.equal(said({ ...row, t_s: 2.001 }, resumed), "Running");
+});
+
+// ---- Restart ----
+test("Restart starts the session again when it has ended, unless it was stopped in an emergency or is lost", async () => {
+  globalThis.fetch = async () => ({ ok: true });
+  for (const [over, expected] of [[{ state: "ended" }, 1], [{ state: "ended", emergency_stop: true }, 0], [{ state: "lost" }, 0]]) {
+    const started = [];
+    const session = { request: () => ({ scene: "a.json" }), fields: () => ({}), is_running: () => true };
+    const restart = new Restart({ ...session, start: (body) => started.push(body) });
+    await restart.press();
+    restart.session_over(over);
+    restart.session_over({ state: "ended" });  // it does not wait for another end
+    assert.equal(started.length, expected, JSON.stringify(over));
+  }
+});

@@ -1,0 +1,72 @@
+// SPDX-License-Identifier: Apache-2.0
+// The events that the console finds in a recording.
+#include "runtime/console/answers/rows.h"
+
+#include <gtest/gtest.h>
+
+#include <cstdint>
+#include <cstring>
+#include <nlohmann/json.hpp>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "formats/session/recording.h"
+#include "tests/support/temporary_folder.h"
+
+namespace trocar::runtime {
+namespace {
+
+using nlohmann::json;
+
+/// Events of a recording of these rows, which gets the times of 1 kHz.
+json events_of(std::vector<RecordingRow> rows) {
+  const test::TemporaryFolder folder;
+  for (std::size_t i = 0; i < rows.size(); ++i)
+    rows[i].t_s = static_cast<double>(i) / 1000;
+  RecordingOrigin origin;
+  origin.entries = {{"rate_Hz", "1000"}, {kOriginXray, "counted"}};
+  auto writer = RecordingWriter::open(folder / "r.csv", origin);
+  EXPECT_TRUE(writer && writer->append(rows) && writer->commit());
+  const auto answer = rows_of(folder / "r.csv");
+  EXPECT_TRUE(answer) << answer.error().message;
+  std::uint32_t size = 0;
+  std::memcpy(&size, answer->data(), sizeof size);
+  return json::parse(answer->substr(sizeof size, size))["events"];
+}
+
+TEST(Rows, AnEmergencyStopDuringTheRecoveryFromAnotherOneIsAnEventOfItsOwn) {
+  std::vector<RecordingRow> rows;
+  const auto add = [&rows](SafetyState safety, Fault fault) {
+    RecordingRow row;
+    row.safety = safety;
+    row.fault = fault;
+    rows.push_back(row);
+  };
+  add(SafetyState::kRunning, Fault::kNone);
+  for (int i = 0; i < 2; ++i) {
+    add(SafetyState::kFault, Fault::kEmergencyStop);
+    add(SafetyState::kFault, Fault::kEmergencyStop);
+    add(SafetyState::kRecovering, Fault::kEmergencyStop);
+  }
+  add(SafetyState::kReady, Fault::kNone);
+  std::vector<std::pair<std::string, double>> found;
+  for (const json& event : events_of(rows))
+    found.emplace_back(event["kind"].get<std::string>(), event["t_s"].get<double>());
+  const std::vector<std::pair<std::string, double>> expected = {
+      {"fault", 0.001}, {"fault", 0.004}, {"recovered", 0.007}};
+  EXPECT_EQ(found, expected);
+}
+
+TEST(Rows, TheNumberOfEventsIsBounded) {
+  std::vector<RecordingRow> rows(19'999);
+  for (std::size_t i = 0; i < rows.size(); i += 2)
+    rows[i].xray = kXrayBeam;  // each row switches it on or off
+  RecordingRow row;
+  row.xray = kXrayPicture;
+  rows.insert(rows.end(), 1001, row);  // the first of these is a picture and the end of screening
+  EXPECT_EQ(events_of(rows).size(), 20'001U);
+}
+
+}  // namespace
+}  // namespace trocar::runtime
