@@ -80,12 +80,21 @@ Result<RecordingOrigin> parse_origin(std::string_view text) {
 
 std::string differences(const RecordingOrigin& recorded, const RecordingOrigin& run) {
   std::string text;
-  for (const auto& [key, value] : recorded.entries) {
-    const std::string* const here = run.find(key);
-    if (key == kOriginProgram || (here != nullptr && *here == value)) continue;
+  const auto compare = [&](const std::string& key) {
+    const std::string *const there = recorded.find(key), *const here = run.find(key);
+    const bool is_same = there != nullptr && here != nullptr && *there == *here;
+    if (key == kOriginProgram || is_same) return;
     if (!text.empty()) text += ", ";
     if (is_file(key)) text += "the ";
-    text += key + " (" + shown(&value) + ", here " + shown(here) + ")";
+    text += key + " (" + shown(there) + ", here " + shown(here) + ")";
+  };
+  for (const auto& [key, value] : recorded.entries)
+    compare(key);
+  const std::string* const version = recorded.find(kOriginProgram);
+  const std::string* const version_here = run.find(kOriginProgram);
+  if (version == nullptr || version_here == nullptr || *version != *version_here) return text;
+  for (const auto& [key, value] : run.entries) {
+    if (recorded.find(key) == nullptr) compare(key);
   }
   return text;
 }

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // The provenance of a recording: the program's version, digests of scene, asset and device
-// description, and the options on which torques depend. In the CSV, the first row has the
-// provenance as text in the column `origin`: "program=0.2.0;scene=DIGEST;...", without commas,
-// quotes or blanks.
+// description, the options on which torques depend, and the session's duration if it is not the
+// scene's. In the CSV, the first row has the provenance as text in the column `origin`:
+// "program=0.2.0;scene=DIGEST;...", without commas, quotes or blanks.
 // Tests: tests/formats/session/recording_test.cpp
 #pragma once
 
@@ -52,8 +52,9 @@ Result<RecordingOrigin> parse_origin(std::string_view text);
 
 /// Describes the differences between the origin of a recording and that of a run, such as "the
 /// scene (0123456789ab..., here cdef01234567...), passivity (on, here off)". Empty if there are no
-/// differences. The program's version is not compared. Keys that the recording does not have are
-/// ignored, because an older version may have written the recording.
+/// differences. The program's version is not compared. A key that only the run has is a difference
+/// if both name the same version. Otherwise it is ignored, because an older version may have
+/// written the recording.
 std::string differences(const RecordingOrigin& recorded, const RecordingOrigin& run);
 
 }  // namespace trocar

@@ -139,7 +139,7 @@ Result<std::vector<RecordingRow>> parse_recording(std::string_view csv, const st
 
 Result<std::vector<RecordingRow>> read_recording(const std::filesystem::path& file,
                                                  RecordingOrigin* origin) {
-  const Result<std::vector<std::uint8_t>> bytes = read_file(file);
+  const Result<std::vector<std::uint8_t>> bytes = read_file(file, kMaxRecordingBytes);
   if (!bytes) return bytes.error();
   return parse_recording(
       std::string_view(reinterpret_cast<const char*>(bytes->data()), bytes->size()), file.string(),

@@ -48,6 +48,19 @@ class RowWriter {
   std::string& out_;
 };
 
+// Renames a file to a name that must be free. Returns false and sets errno on failure (EEXIST: the
+// name is taken). link() would do that in one step, but not every file system has hard links.
+bool rename_to_free(const std::string& from, const std::string& to) {
+  const int placeholder = ::open(to.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
+  if (placeholder < 0) return false;
+  ::close(placeholder);
+  if (::rename(from.c_str(), to.c_str()) == 0) return true;
+  const int error = errno;
+  ::unlink(to.c_str());
+  errno = error;
+  return false;
+}
+
 // Renames the file left by an interrupted recording to the first free name of partial.1, partial.2
 // and so on. Returns false and sets errno on failure (EWOULDBLOCK: another program is writing it).
 bool move_aside(const std::string& partial) {
@@ -57,10 +70,8 @@ bool move_aside(const std::string& partial) {
   bool moved = false;
   if (::flock(old, LOCK_EX | LOCK_NB) == 0) {
     errno = EEXIST;
-    // Unlike rename(), link() overwrites nothing.
     for (int n = 1; n < kMaxKept && !moved && errno == EEXIST; ++n)
-      moved = ::link(partial.c_str(), (partial + "." + std::to_string(n)).c_str()) == 0;
-    moved = moved && ::unlink(partial.c_str()) == 0;
+      moved = rename_to_free(partial, partial + "." + std::to_string(n));
   }
   const int error = errno;
   ::close(old);
@@ -172,6 +183,10 @@ Result<void> RecordingWriter::flush() {
 
 Result<void> RecordingWriter::commit() {
   if (Result<void> flushed = flush(); !flushed) return flushed;
+  if (lines_ < 2) {
+    end();
+    return unwritable(file_.string() + ": was not written, because no tick was recorded");
+  }
   if (::fsync(fd_) != 0) return failure(errno);
   if (::close(std::exchange(fd_, -1)) != 0) return failure(errno);
   if (::rename(partial_.c_str(), file_.c_str()) != 0) return failure(errno);

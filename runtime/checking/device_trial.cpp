@@ -29,7 +29,7 @@ class TrialLoop {
         ticks_(static_cast<std::uint64_t>(std::llround(options.duration_s * options.rate_Hz))) {}
 
   bool tick(const TickTiming& timing) noexcept {
-    if (out.ticks == ticks_) return false;
+    if (is_complete()) return false;
     late_.begin(timing, period_s_ * 1e9);
     const std::int64_t begin_ns = monotonic_ns();
     is_late_ = is_late_ || timing.missed_in_row > 0;
@@ -47,6 +47,8 @@ class TrialLoop {
     device_.advance(period_s_);
     return true;
   }
+
+  bool is_complete() const noexcept { return out.ticks == ticks_; }
 
   DeviceTrial finish(RealtimeReport realtime) {
     out.realtime = std::move(realtime);
@@ -148,6 +150,7 @@ std::string describe_pose(const Pose& T_device_plate, const DeviceSpecification&
 void add_pose_troubles(const Pose& T_device_plate, const DeviceSpecification& specification,
                        std::vector<std::string>& troubles) {
   if (const std::optional<WorkspaceBox> box = specification.workspace()) {
+    const std::size_t before = troubles.size();
     for (std::size_t i = 0; i < 3; ++i) {
       const double at_m = T_device_plate.p_m[static_cast<Eigen::Index>(i)];
       const double middle_m = (box->min_m[i] + box->max_m[i]) / 2;
@@ -159,6 +162,11 @@ void add_pose_troubles(const Pose& T_device_plate, const DeviceSpecification& sp
                     "xyz"[i], (at_m - middle_m) * 1e3, (box->min_m[i] - middle_m) * 1e3,
                     (box->max_m[i] - middle_m) * 1e3));
     }
+    // The box of a turned device is smaller than the one around it, which was compared above.
+    if (troubles.size() == before && specification.margins(T_device_plate).box_m < 0)
+      troubles.push_back(specification.describe_fault(Fault::kWorkspace, T_device_plate) +
+                         "; a session would end at once (workspace): compare workspace_min_m and "
+                         "workspace_max_m with what the device states, in m");
   }
   const double tilt = tilt_rad(T_device_plate), most = SafetyLimits{}.plate_tilt_max_rad;
   if (tilt > most)
@@ -207,15 +215,15 @@ std::string describe_numbers(const DeviceTrial& trial, const DeviceTrialOptions&
 
 void add_time_troubles(const DeviceTrial& trial, const DeviceTrialOptions& options,
                        std::vector<std::string>& troubles) {
-  const SafetyLimits limits;
-  const double period_ms = 1e3 / options.rate_Hz, no_data_ms = options.no_data_max_s * 1e3;
-  if (!options.is_simulated && trial.realtime.missed_in_row_max > limits.missed_deadlines_max) {
+  const double period_ms = 1e3 / options.rate_Hz;
+  const double no_data_ms = 1e3 * no_data_limit_s(options.no_data_max_s, options.rate_Hz);
+  if (trial.realtime.missed_in_row_max > options.missed_deadlines_max) {
     troubles.push_back(
         text_line("this machine came up to %d ticks late in a row (longest waking %.1f ms), and "
-                  "with motors %d end a session: give "
+                  "%d end a session (deadline_missed): give "
                   "the program realtime priority, end other programs, or lower --rate",
                   trial.realtime.missed_in_row_max, trial.realtime.wake.max_us() * 1e-3,
-                  limits.missed_deadlines_max + 1));
+                  options.missed_deadlines_max + 1));
   }
   const double interval_ms = trial.state_interval.quantile_us(0.5) * 1e-3;
   if (interval_ms > 1.5 * period_ms) {
@@ -243,7 +251,7 @@ void add_time_troubles(const DeviceTrial& trial, const DeviceTrialOptions& optio
   }
   if (trial.link && trial.link->round_trip.samples() > 0) {
     const double trip_ms = trial.link->round_trip.quantile_us(0.99) * 1e-3;
-    if (trip_ms > limits.no_data_max_s * 1e3 / 2)
+    if (trip_ms > SafetyLimits{}.no_data_max_s * 1e3 / 2)
       troubles.push_back(
           text_line("a command is answered after %.1f ms (99 %% of all): walls feel soft or "
                     "tremble; use a direct cable, or lower "
@@ -268,8 +276,10 @@ Result<DeviceTrial> try_device(HandDevice& device, const DeviceTrialOptions& opt
   RealtimeReport report = run_realtime(
       realtime, [&loop](const TickTiming& timing) { return loop->tick(timing); },
       [&device] { device.write_zero(); });
+  const bool is_complete = loop->is_complete();
   DeviceTrial trial = loop->finish(std::move(report));
   device.close();
+  if (!is_complete) return refused("interrupted: the device was not tested to the end");
   trial.link = device.link_report();
   return trial;
 }

@@ -25,9 +25,9 @@ namespace trocar::runtime {
 
 struct DeviceTrialOptions {
   double rate_Hz = 1000, duration_s = 5;
-  int cpu = -1;               ///< the processor on which the trial runs; -1: any
-  bool is_simulated = false;  ///< the device has no motors, so late ticks do no harm
-  /// Longest time without a new device state that a session with this device allows.
+  int cpu = -1;  ///< the processor on which the trial runs; -1: any
+  // The limits of a session with this device, as in SafetyLimits.
+  int missed_deadlines_max = SafetyLimits{}.missed_deadlines_max;
   double no_data_max_s = SafetyLimits{}.no_data_max_s;
   const std::atomic<bool>* stop = nullptr;  ///< if set to true, ends the trial between two ticks
 };
@@ -75,7 +75,8 @@ struct DeviceTrial {
 };
 
 /// Runs a trial: starts the device, reads it for the trial's duration, and closes it. Blocks until
-/// the end. Errors: those of HandDevice::start().
+/// the end. Errors: those of HandDevice::start(); kRefused if `options.stop` has ended the trial,
+/// because too short a trial does not show whether a session would run.
 Result<DeviceTrial> try_device(HandDevice& device, const DeviceTrialOptions& options);
 
 /// A description of a trial in words.

@@ -99,8 +99,7 @@ std::size_t window_end(const std::vector<Level>& levels, std::size_t first, doub
                        double max_gap_mm) {
   std::size_t last = first;
   while (last + 1 < levels.size() && levels[first].z_mm - levels[last + 1].z_mm <= height_mm &&
-         std::abs(levels[last + 1].slice->index - levels[first].slice->index) <
-             static_cast<int>(kMaxSceneSlices) &&
+         slices_between(levels[first], levels[last + 1]) <= kMaxSceneSlices &&
          levels[last].z_mm - levels[last + 1].z_mm <= max_gap_mm)
     ++last;
   return last;
@@ -149,6 +148,10 @@ void search_window(const Cells& cells, const Clearance& clear, const Clearance& 
 }
 
 }  // namespace
+
+std::size_t slices_between(const Level& a, const Level& b) {
+  return static_cast<std::size_t>(std::abs(a.slice->index - b.slice->index)) + 1;
+}
 
 MaterialBox material_box(const Asset& asset, const std::vector<Level>& levels) {
   constexpr double kFar = std::numeric_limits<double>::infinity();

@@ -5,6 +5,7 @@
 #pragma once
 
 #include <array>
+#include <cstddef>
 #include <cstdint>
 #include <optional>
 #include <vector>
@@ -18,6 +19,11 @@ struct Level {
   const AssetSlice* slice = nullptr;
   double z_mm = 0;
 };
+
+/// Returns the number of the asset's slices from one level to another, with both. A bone volume
+/// from one level to the other has so many slices, of which a scene allows kMaxSceneSlices. Slices
+/// without material count, too.
+std::size_t slices_between(const Level& a, const Level& b);
 
 /// The smallest rectangle around the material of all slices.
 struct MaterialBox {

@@ -95,12 +95,13 @@ std::string find_entry(const std::vector<Level>& levels, double entry_z_mm, Need
 }
 
 /// Returns the last level of a path without a target.
-std::size_t find_end(const std::vector<Level>& levels, const NeedlePath& path, double height_mm,
-                     double max_gap_mm) {
+std::size_t find_end(const std::vector<Level>& levels, const NeedlePath& path,
+                     const PathLimits& limits) {
   std::size_t last = path.first;
   for (std::size_t i = path.first + 1; i < levels.size(); ++i) {
-    if (levels[path.first].z_mm - levels[i].z_mm > height_mm) break;
-    if (levels[i - 1].z_mm - levels[i].z_mm > max_gap_mm) break;
+    if (levels[path.first].z_mm - levels[i].z_mm > limits.height_mm) break;
+    if (levels[i - 1].z_mm - levels[i].z_mm > limits.gap_mm) break;
+    if (slices_between(levels[path.first], levels[i]) > limits.slices) break;
     if (path.has_material[i] != 0) last = i;
   }
   return last;
@@ -121,8 +122,7 @@ NeedlePath path_through(const EntryColumn& column, const std::vector<Level>& lev
 }
 
 Result<NeedlePath> plan_needle_path(const Asset& asset, const std::vector<Level>& levels,
-                                    const ChosenPoints& points, double height_mm,
-                                    double max_gap_mm) {
+                                    const ChosenPoints& points, const PathLimits& limits) {
   NeedlePath path;
   if (!is_straight(levels))
     return refused(
@@ -160,10 +160,10 @@ Result<NeedlePath> plan_needle_path(const Asset& asset, const std::vector<Level>
     while (path.last + 1 < levels.size() && levels[path.last + 1].z_mm >= path.end_mm.z())
       ++path.last;
   } else {
-    path.last = find_end(levels, path, height_mm, max_gap_mm);
+    path.last = find_end(levels, path, limits);
     path.end_mm = point_at(path, levels[path.last].z_mm);
   }
-  const std::vector<double> thickness_mm = level_thickness(levels, max_gap_mm);
+  const std::vector<double> thickness_mm = level_thickness(levels, limits.gap_mm);
   for (std::size_t i = path.first; i <= path.last; ++i) {
     path.thickness_mm += path.has_material[i] != 0 ? thickness_mm[i] / -path.direction.z() : 0;
     if (i > path.first)

@@ -8,6 +8,7 @@
 #include <array>
 #include <cstddef>
 #include <cstdint>
+#include <limits>
 #include <optional>
 #include <vector>
 
@@ -22,6 +23,13 @@ namespace trocar::runtime {
 struct ChosenPoints {
   std::array<double, 3> entry_mm{};
   std::optional<std::array<double, 3>> target_mm;
+};
+
+/// How far a path without a target may go. By default nothing limits it.
+struct PathLimits {
+  double height_mm = std::numeric_limits<double>::max();
+  double gap_mm = std::numeric_limits<double>::max();            ///< between consecutive levels
+  std::size_t slices = std::numeric_limits<std::size_t>::max();  ///< the result of slices_between()
 };
 
 /// Positions are (u, v, z) in mm; z is the height in the stack of slices, as in Level::z_mm.
@@ -51,16 +59,17 @@ NeedlePath path_through(const EntryColumn& column, const std::vector<Level>& lev
 ///    in the same range, NeedlePath::entry_mm is the chosen entry. Otherwise entry_mm is the path's
 ///    point at the topmost level of the bone.
 ///  - End without a target: the path follows the levels downwards from the first level, until the
-///    next level is more than `max_gap_mm` below the previous one, or more than `height_mm` below
-///    the first one. The path ends at the lowest of these levels that has material on the path.
-///  - Thickness: a gap of more than `max_gap_mm` between two levels counts as `max_gap_mm`.
+///    next level is more than `limits.gap_mm` below the previous one or more than
+///    `limits.height_mm` below the first one, or until the path would have more than
+///    `limits.slices` slices. The path ends at the lowest of these levels that has material on the
+///    path.
+///  - Thickness: a gap of more than `limits.gap_mm` between two levels counts as `limits.gap_mm`.
 /// Errors: kRefused if the slices are shifted or turned against each other (for example by a tilted
 /// gantry), if the target is less than 1 mm below the entry or not below the top of the bone, if
 /// the path goes through no bone, or if other bone lies on the path above the entry. Complexity:
 /// linear in the number of triangles.
 Result<NeedlePath> plan_needle_path(const Asset& asset, const std::vector<Level>& levels,
-                                    const ChosenPoints& points, double height_mm,
-                                    double max_gap_mm);
+                                    const ChosenPoints& points, const PathLimits& limits = {});
 
 /// Returns the point of a path at the height z_mm.
 Eigen::Vector3d point_at(const NeedlePath& path, double z_mm);

@@ -33,7 +33,10 @@ constexpr const char *kWhyCutting =
                          "slices are close enough to be one bone volume",
                      *kWhySheets =
                          "the law hooke with the paper's tissue and slices at least 9.5 mm apart, "
-                         "so that each is felt, since ";
+                         "so that each is felt, since ",
+                     *kNoSession =
+                         "every session through a volume of its slices has a warning or "
+                         "does not run; the last: ";
 
 class Proposal {
  public:
@@ -50,18 +53,18 @@ class Proposal {
   Result<NewScene> make() {
     if (auto ok = find_levels(); !ok) return ok.error();
     if (auto ok = find_heights(); !ok) return ok.error();
-    std::string why;  // reason why the last scene was not accepted
-    std::string no_volume = why_no_volume();
-    const Result<std::optional<NeedlePath>> volume = path_through_volume();
+    std::string why;        // reason why the last scene was not accepted
+    std::string no_volume;  // reason why there is no scene with the law cutting
+    const Result<std::optional<NeedlePath>> volume = path_through_volume(no_volume);
     if (!volume) return about_asset(volume.error());
     if (*volume) {
-      no_volume = "every session through a volume of its slices has a warning";
       for (const double force_scale : {0.5, 0.35, 0.25, 0.2, 0.15, 0.1}) {
         if (is_stopped()) return refused("interrupted");
         SceneDraft draft = draft_of(**volume);
         auto made = try_draft(
             draft, [&] { return draft.cutting(force_scale * weakness()); }, why);
         if (made && made->warnings.empty()) return finish(*made, **volume, kWhyCutting);
+        no_volume = kNoSession + (made ? made->warnings.front() : why);
         keep(std::move(made), **volume, kWhyCutting);
       }
     }
@@ -156,7 +159,7 @@ class Proposal {
   Result<void> find_heights() {
     Eigen::Quaterniond q = Eigen::Quaterniond::Identity();
     if (is_chosen()) {
-      const auto path = plan_needle_path(asset_, levels_, *choices_.points, kAny, kAny);
+      const auto path = plan_needle_path(asset_, levels_, *choices_.points);
       if (!path) return about_asset(path.error());
       const double max_deg = options_.limits.plate_tilt_max_rad * kDegreesPerRadian;
       if (tilt_deg(*path) > max_deg)
@@ -183,8 +186,10 @@ class Proposal {
     return 1e3 * (heights_.max_m - heights_.min_m - height_outside_bone_m(NeedlePath{}));
   }
 
-  Result<NeedlePath> chosen_path(double max_gap_mm) const {
-    auto path = plan_needle_path(asset_, levels_, *choices_.points, room_mm(), max_gap_mm);
+  /// `limits`: the limits of the path besides the workspace of the device.
+  Result<NeedlePath> chosen_path(PathLimits limits) const {
+    limits.height_mm = room_mm();
+    auto path = plan_needle_path(asset_, levels_, *choices_.points, limits);
     if (!path || !path->has_target) return path;
     const double depth_mm = path->entry_mm.z() - path->end_mm.z();
     const double max_mm = 1e3 * (heights_.max_m - heights_.min_m - height_outside_bone_m(*path));
@@ -204,15 +209,24 @@ class Proposal {
                                  "lie between them";
   }
 
-  /// Returns the path for the law cutting; none: its levels are not one volume with HU.
-  Result<std::optional<NeedlePath>> path_through_volume() const {
+  /// Returns the path for the law cutting. None: its levels are not one volume with HU, or are
+  /// more than a scene's volume may have; `why` then has the reason.
+  Result<std::optional<NeedlePath>> path_through_volume(std::string& why) const {
+    why = why_no_volume();
     if (!has_hu_) return std::optional<NeedlePath>();
     const double gap_mm = 1e3 * (kMaxSlabGap_m + kSlabGapRounding_m);
     if (is_chosen()) {
-      const auto path = chosen_path(gap_mm);
+      const auto path = chosen_path({.gap_mm = gap_mm, .slices = kMaxSceneSlices});
       if (!path) return path.error();
-      return path->last > path->first && path->max_gap_mm <= gap_mm ? std::optional(*path)
-                                                                    : std::nullopt;
+      if (path->last == path->first || path->max_gap_mm > gap_mm)
+        return std::optional<NeedlePath>();
+      const std::size_t slices = slices_between(levels_[path->first], levels_[path->last]);
+      if (slices <= kMaxSceneSlices) return std::optional<NeedlePath>(*path);
+      why = text_line(
+          "the path to the target goes through %zu slices, and a bone volume has at "
+          "most %zu: choose a nearer target or a scan with thicker slices",
+          slices, kMaxSceneSlices);
+      return std::optional<NeedlePath>();
     }
     const auto column =
         find_entry_column(asset_, levels_, 1e3 * kNeedleRadius_m, room_mm(), gap_mm);
@@ -224,7 +238,7 @@ class Proposal {
   Result<std::optional<NeedlePath>> path_through_sheets() const {
     std::optional<NeedlePath> path;
     if (is_chosen()) {
-      const auto chosen = chosen_path(kAny);
+      const auto chosen = chosen_path({});
       if (!chosen) return chosen.error();
       path = *chosen;
     } else if (const auto column =

@@ -109,8 +109,7 @@ class SceneDraft::Writer {
              1e3 * (kMaxSlabGap_m + kSlabGapRounding_m);
     };
     const auto fits = [&](std::size_t from, std::size_t to) {
-      return std::abs(d_.levels_[from].slice->index - d_.levels_[to].slice->index) <
-             static_cast<int>(kMaxSceneSlices);
+      return slices_between(d_.levels_[from], d_.levels_[to]) <= kMaxSceneSlices;
     };
     while (d_.is_chosen_ && last + 1 < d_.levels_.size() && is_joined(last) &&
            d_.height_m(last + 1) >= d_.heights_.min_m && fits(first, last + 1))

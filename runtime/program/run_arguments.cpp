@@ -345,9 +345,9 @@ void declare_run_options(CLI::App& app, RunArguments& a) {
   add_help_for_diagnostics(app);
   app.footer(
       "Exit codes: 0 done; 2 wrong usage; 3 input refused, or torques of --replay differ, or\n"
-      "a warning with --check --strict; 4 output not written; 5 device failed, or a fault ended\n"
-      "the session, or --test found trouble; 1 internal error. Ctrl-C ends a session with zero\n"
-      "torques and complete files.");
+      "a warning with --check --strict, or interrupted before there was a result; 4 output not\n"
+      "written; 5 device failed, or a fault ended the session, or --test found trouble;\n"
+      "1 internal error. Ctrl-C ends a session with zero torques and complete files.");
 }
 
 Result<void> check_run_arguments(const RunArguments& a) {
@@ -436,6 +436,13 @@ std::filesystem::path default_black_box(const RunArguments& arguments) {
   return temporary;
 }
 
+/// Returns the longest time without a new device state that a session with these arguments allows.
+double no_data_max_s(const RunArguments& arguments) {
+  const bool may_stall = arguments.simulated && is_device_process(arguments.device) &&
+                         arguments.late_ticks_in_row.value_or(0) == 0 && arguments.clock == "real";
+  return may_stall ? kSimulatedNoData_s : SafetyLimits{}.no_data_max_s;
+}
+
 }  // namespace
 
 Result<std::optional<ChosenPoints>> chosen_points(const RunArguments& a) {
@@ -449,12 +456,6 @@ Result<std::optional<ChosenPoints>> chosen_points(const RunArguments& a) {
   if (!target) return target.error();
   points.target_mm = *target;
   return std::optional(points);
-}
-
-double no_data_max_s(const RunArguments& arguments) {
-  const bool may_stall = arguments.simulated && is_device_process(arguments.device) &&
-                         arguments.late_ticks_in_row.value_or(0) == 0 && arguments.clock == "real";
-  return may_stall ? kSimulatedNoData_s : SafetyLimits{}.no_data_max_s;
 }
 
 void set_loop_options(const RunArguments& arguments, SessionOptions& options) {
@@ -483,7 +484,7 @@ void set_loop_options(const RunArguments& arguments, SessionOptions& options) {
   options.limits.no_data_max_s = no_data_max_s(arguments);
   if (!arguments.black_box.empty()) {
     options.black_box = arguments.black_box;
-  } else if (arguments.replay.empty() && !arguments.check) {
+  } else if (arguments.replay.empty() && arguments.runs_session()) {
     options.black_box = default_black_box(arguments);
   }
 }

@@ -48,6 +48,11 @@ struct RunArguments {
   std::optional<int> late_ticks_in_row;
   int cpu = -1;               ///< the processor on which the haptic thread runs; -1: any
   std::string energy_budget;  ///< former name of --energy-limit, refused with a hint
+
+  /// True for a session or a replay, false for the commands that run neither.
+  bool runs_session() const {
+    return !check && !test_device && !explain && new_scene.empty() && history.empty();
+  }
 };
 
 /// Adds the options. Parsing the command line then fills `arguments`.
@@ -60,9 +65,6 @@ Result<void> check_run_arguments(const RunArguments& arguments);
 /// Returns the points of --entry and --target. If --entry was not given, returns none. Errors:
 /// kUsage if a point is not three numbers in mm.
 Result<std::optional<ChosenPoints>> chosen_points(const RunArguments& arguments);
-
-/// Returns the longest time without a new device state that a session with these arguments allows.
-double no_data_max_s(const RunArguments& arguments);
 
 /// Sets the members of `options` that concern the haptic loop, its safety limits and black boxes.
 void set_loop_options(const RunArguments& arguments, SessionOptions& options);

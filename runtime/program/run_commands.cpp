@@ -3,6 +3,7 @@
 
 #include <unistd.h>
 
+#include <cmath>
 #include <cstdio>
 #include <filesystem>
 #include <nlohmann/json.hpp>
@@ -124,9 +125,21 @@ void warn_of_short(const RunArguments& arguments, std::size_t rows, std::uint64_
   if (arguments.quiet || rows >= session_ticks) return;
   std::fprintf(
       stderr,
-      "trocar-run: warning: %s: has %zu ticks, and the scene lasts %llu: its session ended "
-      "early, or a part is missing\n",
+      "trocar-run: warning: %s: has %zu ticks, and its session was to last %llu: it ended early, "
+      "or a part is missing\n",
       arguments.replay.c_str(), rows, static_cast<unsigned long long>(session_ticks));
+}
+
+/// Warns if the session may last so long that its recording cannot be read.
+void warn_of_long(const RunArguments& arguments, const SessionOptions& options) {
+  constexpr double kRowBytes = 1200;  // more than most rows have
+  constexpr double kMaxTicks = static_cast<double>(kMaxRecordingBytes) / kRowBytes;
+  if (arguments.quiet || !options.record || !(options.duration_s * options.rate_Hz > kMaxTicks))
+    return;
+  std::fprintf(stderr,
+               "trocar-run: warning: %s: may become larger than 4 GiB, and can then neither be "
+               "replayed nor exported; at this rate record at most %.0f minutes\n",
+               arguments.record.c_str(), std::floor(kMaxTicks / options.rate_Hz / 60));
 }
 
 /// Returns the session's options, without outputs. Errors: (refused) the recording to replay
@@ -142,11 +155,12 @@ Result<SessionOptions> session_options(const RunArguments& arguments, const Sess
         recorded_rate_Hz(inputs.replay, arguments.replay, stated_rate_Hz(inputs.replay_origin));
     if (!rate_Hz) return rate_Hz.error();
     options.rate_Hz = *rate_Hz;
-    options.duration_s = static_cast<double>(inputs.replay.size()) / *rate_Hz;
-    warn_of_short(arguments, inputs.replay.size(), tick_count(inputs.scene.duration_s, *rate_Hz));
+    options.duration_s = stated_duration_s(inputs.replay_origin, inputs.scene);
+    warn_of_short(arguments, inputs.replay.size(), tick_count(options.duration_s, *rate_Hz));
     options.replay = inputs.replay;
   }
   if (!arguments.record.empty()) options.record = arguments.record;
+  if (inputs.replay.empty()) warn_of_long(arguments, options);
   options.on_recording_error = [](const Error& error) {
     std::fprintf(stderr, "trocar-run: the recording has stopped: %s\n", error.message.c_str());
   };
@@ -283,6 +297,8 @@ int run_scene(const RunArguments& arguments, std::atomic<bool>& recover) {
   const Result<SessionResult> report =
       run(arguments, *inputs, remesher, hand->get(), *options, link);
   if (!report) return fail(report.error());
+  if (report->ticks == 0)
+    return fail(refused("interrupted before the first tick; nothing was written"));
   if (!arguments.quiet) {
     print_outcome(*report, *options);
     if (!report->realtime.note.empty())
@@ -326,14 +342,16 @@ int test_device(const RunArguments& arguments) {
   const std::filesystem::path inputs[] = {arguments.key_file, arguments.description};
   if (const Result<void> good = check_outputs(outputs, inputs); !good) return fail(good.error());
   const Result<AnyDeviceDescription> description =
-      read_description(arguments.description, arguments.device);
+      read_description(arguments.description, arguments.device, HandleOrientation::kAsked);
   if (!description) return fail(description.error());
+  SessionOptions session;
+  set_loop_options(arguments, session);
   DeviceTrialOptions options;
   options.rate_Hz = arguments.rate_Hz.value_or(kDefaultRate_Hz);
   options.duration_s = arguments.duration_s.value_or(options.duration_s);
   options.cpu = arguments.cpu;
-  options.is_simulated = arguments.simulated;
-  options.no_data_max_s = no_data_max_s(arguments);
+  options.missed_deadlines_max = session.limits.missed_deadlines_max;
+  options.no_data_max_s = session.limits.no_data_max_s;
   options.stop = &stop_requested;
   const Scene no_scene;
   const Result<OpenedDevice> opened =
@@ -372,7 +390,7 @@ int make_new_scene(const RunArguments& arguments) {
   const std::filesystem::path inputs[] = {arguments.new_scene, arguments.description};
   if (const Result<void> good = check_outputs(outputs, inputs); !good) return fail(good.error());
   const Result<AnyDeviceDescription> description =
-      read_description(arguments.description, arguments.device);
+      read_description(arguments.description, arguments.device, HandleOrientation::kAssumed);
   if (!description) return fail(description.error());
   Result<Asset> asset = read_asset(arguments.new_scene);
   if (!asset) return fail(asset.error());

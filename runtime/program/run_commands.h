@@ -13,8 +13,9 @@ namespace trocar::runtime {
 
 // Each function prints its errors and returns the exit code.
 
-/// Runs or replays a session; with --check, checks the scene instead. `recover`: the flag that the
-/// handler of SIGUSR1 sets to request a recovery (SessionOptions::recover).
+/// Runs or replays a session; with --check, checks the scene instead. A session that is interrupted
+/// before its first tick writes no file, and the exit code is 3 (kRefused). `recover`: the flag
+/// that the handler of SIGUSR1 sets to request a recovery (SessionOptions::recover).
 int run_scene(const RunArguments& arguments, std::atomic<bool>& recover);
 
 /// A procedure is an intervention with its tool, soft layers and resistance of the bone. Prints the
@@ -27,7 +28,8 @@ int explain_procedures(const RunArguments& arguments);
 int write_history(const RunArguments& arguments);
 
 /// Tries the device without force (--test), and prints whether a session would run undisturbed. If
-/// not, the exit code is 5 (kDeviceFault).
+/// not, the exit code is 5 (kDeviceFault). After SIGINT there is no verdict and no summary, and the
+/// exit code is 3 (kRefused).
 int test_device(const RunArguments& arguments);
 
 /// Proposes a scene for an asset and writes it to a file (--new-scene).

@@ -54,16 +54,25 @@ Result<AssetPart> load_asset(const RunArguments& arguments, const Scene& scene) 
       part.error().message + (is_missing ? " (the scene's asset; --asset names another)" : "")};
 }
 
+/// Returns the name of the built-in description for the value of --device; empty: there is none.
+Result<std::string> built_in_name(std::string_view uri, HandleOrientation orientation) {
+  const std::string_view name = built_in_description(uri);
+  if (name.empty() || orientation == HandleOrientation::kAssumed) return std::string(name);
+  return find_built_in_description(uri);
+}
+
 /// Loads the description of the session's device. A scene's own description does not replace the built-in one of a device of another
 /// maker; the command line's does.
 Result<void> load_device(const RunArguments& arguments, SessionInputs& inputs) {
-  std::string built_in(built_in_description(arguments.device));
+  std::string built_in;
   if (const auto stated = read_pose_device_origin(inputs.replay_origin)) {
     built_in = stated->built_in.value_or("");
-  } else if (!built_in.empty() && !arguments.check && arguments.description.empty()) {
-    const Result<std::string> found = find_built_in_description(arguments.device);
-    if (!found) return found.error();
-    built_in = *found;
+  } else {
+    const bool is_asked = !arguments.check && arguments.description.empty();
+    const Result<std::string> name = built_in_name(
+        arguments.device, is_asked ? HandleOrientation::kAsked : HandleOrientation::kAssumed);
+    if (!name) return name.error();
+    built_in = *name;
   }
   const bool uses_file =
       inputs.scene.device && (!arguments.description.empty() || built_in.empty());
@@ -89,7 +98,9 @@ Result<void> load_device(const RunArguments& arguments, SessionInputs& inputs) {
   return {};
 }
 
-/// Sets the largest force and the force scale: those of a recording that is replayed, those of the command line, or what fits the device.
+/// Sets the largest force and the force scale: those of the command line, those of a recording that
+/// is replayed, or what fits the device. If a replay's differ from the recording's, check_replay()
+/// refuses them.
 Result<void> fit_forces(const RunArguments& arguments, SessionInputs& inputs) {
   double& scale = inputs.scene.force_law.force_scale;
   scale = arguments.force_scale.value_or(scale);
@@ -100,8 +111,8 @@ Result<void> fit_forces(const RunArguments& arguments, SessionInputs& inputs) {
   }
   PoseDeviceDescription& device = *inputs.pose_device;
   if (const auto stated = read_pose_device_origin(inputs.replay_origin)) {
-    scale = stated->force_scale;
-    device.force_max_N = stated->force_max_N;
+    scale = arguments.force_scale.value_or(stated->force_scale);
+    device.force_max_N = arguments.force_limit_N.value_or(stated->force_max_N);
     return {};
   }
   if (arguments.force_limit_N) {
@@ -127,11 +138,12 @@ Result<void> fit_forces(const RunArguments& arguments, SessionInputs& inputs) {
 }  // namespace
 
 Result<AnyDeviceDescription> read_description(const std::filesystem::path& file,
-                                              std::string_view uri) {
+                                              std::string_view uri, HandleOrientation orientation) {
   if (!file.empty()) return read_any_device_description(file.string());
-  const std::string_view built_in = built_in_description(uri);
-  if (built_in.empty()) return AnyDeviceDescription(default_device_description());
-  Result<PoseDeviceDescription> made = built_in_pose_device(built_in);
+  const Result<std::string> built_in = built_in_name(uri, orientation);
+  if (!built_in) return built_in.error();
+  if (built_in->empty()) return AnyDeviceDescription(default_device_description());
+  Result<PoseDeviceDescription> made = built_in_pose_device(*built_in);
   if (!made) return made.error();
   return AnyDeviceDescription(std::move(*made));
 }

@@ -4,6 +4,7 @@
 // Tests: tests/e2e/told_e2e_test.py
 #pragma once
 
+#include <cstdint>
 #include <memory>
 #include <optional>
 #include <string>
@@ -40,11 +41,16 @@ struct SessionInputs {
   }
 };
 
+/// kAsked: the device is connected and asked whether it measures the orientation of its handle.
+/// kAssumed: it is not connected, and is assumed not to measure it.
+enum class HandleOrientation : std::uint8_t { kAsked, kAssumed };
+
 /// Reads the description of the device from `file`. If `file` is empty, returns the built-in
 /// description for `uri`, the value of --device. If there is no built-in description for `uri`,
-/// returns the description of the four-legged device.
+/// returns the description of the four-legged device. Errors: kRefused if `file` is not acceptable;
+/// with kAsked those of find_built_in_description() (open_device.h).
 Result<AnyDeviceDescription> read_description(const std::filesystem::path& file,
-                                              std::string_view uri);
+                                              std::string_view uri, HandleOrientation orientation);
 
 /// Loads the inputs that the arguments name. Errors: kRefused if an input is not acceptable; kUsage
 /// if an option does not fit the device; those of find_built_in_description() (open_device.h).

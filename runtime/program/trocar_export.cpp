@@ -9,6 +9,7 @@
 
 #include "formats/base/command_line.h"
 #include "formats/base/file_io.h"
+#include "formats/session/recording.h"
 #include "runtime/hdf5/hdf5_file.h"
 #include "runtime/hdf5/recording_hdf5.h"
 
@@ -24,7 +25,7 @@ Result<void> convert(const Arguments& a) {
   const OutputFile outputs[] = {{"-o", a.output}};
   const std::filesystem::path inputs[] = {a.recording};
   if (auto good = check_outputs(outputs, inputs); !good) return good;
-  const Result<std::vector<std::uint8_t>> csv = read_file(a.recording);
+  const Result<std::vector<std::uint8_t>> csv = read_file(a.recording, kMaxRecordingBytes);
   if (!csv) return csv.error();
   const Result<RecordingHdf5> made =
       recording_hdf5({reinterpret_cast<const char*>(csv->data()), csv->size()}, a.recording);

@@ -11,6 +11,7 @@
 #include "runtime/program/export_command.h"
 #include "runtime/program/fit_command.h"
 #include "runtime/program/library_versions.h"
+#include "runtime/program/option_effects.h"
 #include "runtime/program/run_arguments.h"
 #include "runtime/program/run_commands.h"
 
@@ -45,6 +46,8 @@ int run_command_line(int argc, char** argv) {
     return command == &fit ? run_fit(fit_arguments) : run_export(export_arguments);
   }
   if (const Result<void> good = check_run_arguments(arguments); !good)
+    return report_error(kProgram, good.error());
+  if (const Result<void> good = check_option_effects(app, arguments); !good)
     return report_error(kProgram, good.error());
   if (arguments.explain) return explain_procedures(arguments);
   if (!arguments.history.empty()) return write_history(arguments);

@@ -15,6 +15,7 @@ namespace trocar::runtime {
 namespace {
 
 constexpr const char* kRate = "rate_Hz";
+constexpr const char* kDuration = "duration_s";
 constexpr const char* kMargin = "stiffness-margin";
 constexpr const char* kStateGap = "state-gap";
 constexpr const char* kNoDataLimit = "no-data-limit";
@@ -71,6 +72,8 @@ Result<RecordingOrigin> make_origin(const std::filesystem::path& scene_file, con
        options.coupling.on ? origin_number(options.coupling.stiffness_N_per_m) : "none"},
       {"compensate", name_of(options.compensation)},
       {"energy-limit", origin_number(options.limits.energy_limit_J)}};
+  if (options.duration_s != scene.duration_s)
+    origin.entries.emplace_back(kDuration, origin_number(options.duration_s));
   if (options.limits.gap_max_s == 0) origin.entries.emplace_back(kStateGap, "any");
   if (options.limits.no_data_max_s != SafetyLimits{}.no_data_max_s)
     origin.entries.emplace_back(kNoDataLimit, origin_number(options.limits.no_data_max_s));
@@ -101,6 +104,11 @@ double stated_no_data_limit_s(const RecordingOrigin& recorded) {
 
 double stated_rate_Hz(const RecordingOrigin& recorded) {
   return recorded.number(kRate).value_or(0);
+}
+
+double stated_duration_s(const RecordingOrigin& recorded, const Scene& scene) {
+  const double stated_s = recorded.number(kDuration).value_or(scene.duration_s);
+  return stated_s > 0 && stated_s <= kMaxDuration_s ? stated_s : scene.duration_s;
 }
 
 Result<std::string> check_replay(const RecordingOrigin& recorded, const RecordingOrigin& run,

@@ -21,13 +21,15 @@ Result<std::string> digest_of(const std::filesystem::path& file);
 
 /// Makes the origin of a session's recording. `scene_file`: the file from which `scene` was read.
 /// `scene` and `description` include the changes made by the command line. Options that affect
-/// torques get an entry in the origin. Some options have no entry if they have their default value.
-/// Errors: those of digest_of() for the files of scene, asset and device description.
+/// torques get an entry in the origin, and so does the duration if it is not the scene's. Some
+/// options have no entry if they have their default value. Errors: those of digest_of() for the
+/// files of scene, asset and device description.
 Result<RecordingOrigin> make_origin(const std::filesystem::path& scene_file, const Scene& scene,
                                     const DeviceDescription& description,
                                     const SessionOptions& options);
 
-// A replay uses limits and the rate of the recorded session. The next four functions return them.
+// A replay uses limits, rate and duration of the recorded session. The next five functions return
+// them.
 
 /// Returns the margin by which the recorded session divided its stiffness limit
 /// (StiffnessLimits::margin): kHardwareMargin if the recording states this margin, otherwise 1.
@@ -46,6 +48,10 @@ double stated_no_data_limit_s(const RecordingOrigin& recorded);
 
 /// Returns the rate of the haptic loop that the recording states, or 0 if it states none.
 double stated_rate_Hz(const RecordingOrigin& recorded);
+
+/// Returns the duration that the recorded session was to have: the one that the recording states,
+/// otherwise that of its scene. A recording states it if --duration has changed the scene's.
+double stated_duration_s(const RecordingOrigin& recorded, const Scene& scene);
 
 /// Checks that a replay has the inputs of its recording. `run`: the origin of the session that is
 /// to replay the recording; `name`: the recording's name, for messages. Returns a warning if the

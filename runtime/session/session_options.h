@@ -37,7 +37,7 @@ enum class RecoveryPolicy : std::uint8_t {
 struct SessionOptions {
   Clock clock = Clock::kReal;
   double rate_Hz = 1000;
-  double duration_s = 1;
+  double duration_s = 1;  ///< duration of the session; in a replay, that of the recorded session
   /// Virtual clock only: number of ticks from the request for a hole or for prefetched stiffness
   /// until the result is used.
   std::uint64_t handover_ticks = 8;

@@ -133,8 +133,8 @@ class Remesher {
     SheetChange change;            ///< slots that the last cut has written
     std::int64_t doubled_area;
     std::atomic<const Sheet*> published;
-    /// Which published version of all sheets this one is, counted from 1. Written before
-    /// `published`, and not again before the haptic thread has taken this version.
+    /// The number of versions of all sheets that were published up to this one. It is written
+    /// before `published`, and not again before the haptic thread has taken this version.
     std::atomic<std::uint64_t> publication{0};
     const Sheet* used;  ///< the version that the haptic thread took last; only this thread uses it
     /// Sheet::cuts of the version that the haptic thread took last.

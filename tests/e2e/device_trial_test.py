@@ -63,6 +63,22 @@ def test_stalls_of_3_ms(programs, work):
     assert code == 5 and "the device was silent for up to" in text, text
 
 
+def test_an_interrupted_test_has_no_verdict(programs, work):
+    result = work / "interrupted.json"
+    with Simulator(programs, work) as simulator:
+        command = (programs / "trocar-run", "--device", f"udp:{simulator.address}", "--key-file", simulator.key_file, "--test",
+                   "--duration", "60", "--summary", result)
+        process = subprocess.Popen([str(word) for word in command], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+        begun = process.stdout.readline()
+        time.sleep(0.5)
+        process.send_signal(signal.SIGINT)
+        text, errors = process.communicate(timeout=30)
+    assert begun.startswith("The device gets no force for 60 s."), begun
+    said = "trocar-run: interrupted: the device was not tested to the end\n"
+    assert (process.returncode, text, errors) == (3, "", said), (process.returncode, text, errors)
+    assert not result.exists()
+
+
 def test_usage(programs, source):
     scene = source / "runtime" / "scenes" / "one_slice.json"
     for words, said in ((("--test",), "--test: is for a device process; inproc has nothing to test"),

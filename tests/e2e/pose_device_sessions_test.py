@@ -12,6 +12,7 @@ TROCAR_POSE_DEVICE_S: duration of the sessions of item 1 (default: 4).
 import csv
 import itertools
 import json
+import math
 import os
 import subprocess
 
@@ -229,6 +230,20 @@ def test_haply_grip_turns_the_tool(programs, source, asset, work):
     assert_replays(programs, scene, asset, work)
 
 
+def test_a_replay_takes_no_other_forces(programs, source, asset, work):
+    """Largest force and force scale are the recording's: given for a replay, they must be the same."""
+    record = work / "scaled.csv"
+    command = (programs / "trocar-run", source / "runtime/scenes/one_slice.json", "--asset", asset, "--device-description",
+               source / "runtime/device/haply_inverse3.json", "--quiet")
+    run(*command, "--clock", "virtual", "--duration", 0.2, "--record", record)
+    stated = dict(entry.split("=") for entry in recorded(record)[0]["origin"].split(";"))
+    same = [word for option in ("force-limit", "force-scale") for word in (f"--{option}", stated[option])]
+    assert run(*command, "--replay", record, *same).stderr == ""
+    for option in ("force-limit", "force-scale"):
+        done = run(*command, "--replay", record, f"--{option}", 2, expect=3)
+        assert f"{option} ({stated[option]}, here 2)" in done.stderr, done.stderr
+
+
 def trial(programs, uri, env=None):
     """The numbers of a test without force; troubles of this machine are no error."""
     command = [programs / "trocar-run", "--device", uri, "--simulated", "--test", "--duration", "2"]
@@ -251,6 +266,30 @@ def test_haply_trial(programs):
 
 def test_force_dimension_trial(programs, work):
     print(trial(programs, "forcedimension:", sdk(work)))
+
+
+def tilted_path(work, position_m):
+    """A handle that is held still, tilted by 60 degrees."""
+    file = work / "tilted.json"
+    file.write_text(json.dumps([{"t_s": 0, "position_m": position_m, "rotation_vector_rad": [math.radians(60), 0, 0]}]))
+    return file
+
+
+def assert_tilt_is_found(programs, uri, env=None):
+    """The test of a device that measures its handle's orientation says what would end a session."""
+    done = run(programs / "trocar-run", "--device", uri, "--simulated", "--test", "--duration", 1, expect=5,
+               env=dict(os.environ, **(env or {})))
+    assert "trouble: the handle is tilted by 60.0 deg, and more than 34.4 deg end a session" in done.stdout, done.stdout
+
+
+def test_haply_trial_finds_a_tilted_grip(programs, work):
+    with StandIn("--grip", "verse_grip", "--path", tilted_path(work, HAPLY_MIDDLE_M)) as stand_in:
+        assert_tilt_is_found(programs, f"haply:127.0.0.1:{stand_in.port}")
+
+
+def test_force_dimension_trial_finds_a_tilted_wrist(programs, work):
+    path = str(tilted_path(work, (0, 0, 0)))
+    assert_tilt_is_found(programs, "forcedimension:", sdk(work, TROCAR_DHD_MODEL="omega.6", TROCAR_DHD_PATH=path))
 
 
 def test_nothing_listens(programs, source, asset, work):

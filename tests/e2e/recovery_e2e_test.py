@@ -43,6 +43,13 @@ def check_closed_folder(trocar_run, scene, work):
     done = subprocess.run([*as_user, trocar_run, scene.resolve(), "--clock", "virtual", "--duration", "0.01"], cwd=closed, capture_output=True, text=True,
                           check=False)
     assert done.returncode == 0 and "note: the current folder cannot be written to" in done.stderr, f"no current folder: {done}"
+    # A new scene is no session, and has no black box.
+    opened = work / "opened"
+    opened.mkdir(exist_ok=True)
+    opened.chmod(0o777)
+    done = subprocess.run([*as_user, trocar_run, "--new-scene", (work / "sample.glb").resolve(), "-o", opened.resolve() / "scene.json"],
+                          cwd=closed, capture_output=True, text=True, check=False)
+    assert done.returncode == 0 and done.stderr == "", f"a new scene: {done}"
 
 
 def test_recovery(source, programs, scan, work):

@@ -6,13 +6,16 @@
  3. A device that cannot be reached, one with another key, one in another session, another program at its place, and a name
     without an address are different messages.
  4. A replay on another scene, asset, device or option is refused and names it; torques that differ are exit code 3. Recordings
-    of older versions are replayed with a warning.
+    of older versions are replayed with a warning. A replay of an interrupted session is interrupted.
+ 5. A session that is interrupted before its first tick leaves the files of an earlier session as they were. One whose recording may become
+    too large to be read is warned of at its start.
 """
 import contextlib
 import csv
 import json
 import os
 import re
+import signal
 import socket
 import struct
 import subprocess
@@ -267,7 +270,9 @@ def replays(source, programs, work, asset, scan):
     refused("another device", "the device (built-in", arguments=("--device-description", other_device))
     run(trocar_run, scene_file, *replay, "--device-description", same_device)
     for option, value, words in (("--passivity", "off", "passivity (on, here off)"), ("--coupling", "10000", "coupling (none, here 10000)"),
-                                 ("--compensate", "weight", "compensate (none, here weight)"), ("--force-law", "network", "force-law (hooke, here network)")):
+                                 ("--compensate", "weight", "compensate (none, here weight)"),
+                                 ("--force-law", "network", "force-law (hooke, here network)"),
+                                 ("--force-scale", "0.5", "force-scale (not stated, here 0.5)")):
         refused(option, words, arguments=(option, value))
 
     # Another version is a warning; torques that differ are not.
@@ -305,9 +310,21 @@ def replays(source, programs, work, asset, scan):
     short = work / "short.csv"
     short.write_text("".join(recording.read_text().splitlines(keepends=True)[:101]))
     done = run(trocar_run, scene_file, "--replay", short)
-    assert "short.csv: has 100 ticks, and the scene lasts" in done.stderr, f"a short recording: {done.stderr}"
+    assert "short.csv: has 100 ticks, and its session was to last 800" in done.stderr, f"a short recording: {done.stderr}"
     assert "touched nothing" in done.stdout, f"100 ticks above the sheet: {done.stdout}"
     assert "has" not in run(trocar_run, scene_file, "--replay", recording).stderr, "a whole recording is called short"
+
+    # With --duration, the recording and not the scene says how long its session was to be.
+    for duration_s, kept in ((0.5, 300), (1, 900)):
+        planned, told = work / "planned.csv", work / "planned.json"
+        run(trocar_run, scene_file, *virtual, "--duration", duration_s, "--record", planned)
+        for ticks, end in ((round(1000 * duration_s), "done"), (kept, "interrupted")):
+            planned.write_text("".join(planned.read_text().splitlines(keepends=True)[:ticks + 1]))
+            done = run(trocar_run, scene_file, "--replay", planned, "--summary", told, "--record", work / "again.csv")
+            said = f"planned.csv: has {ticks} ticks, and its session was to last {round(1000 * duration_s)}: it ended early" in done.stderr
+            assert said == (end == "interrupted"), f"{ticks} ticks of {duration_s} s: {done.stderr!r}"
+            assert json.loads(told.read_text())["end"] == end, f"{ticks} ticks of {duration_s} s"
+            assert (work / "again.csv").read_bytes() == planned.read_bytes(), f"{ticks} ticks of {duration_s} s: another recording"
 
     # A black box names its origin too, and the replay of a fault has the fault's exit code.
     reach = work / "reach.json"
@@ -320,6 +337,44 @@ def replays(source, programs, work, asset, scan):
     refused("a black box on another scene", "the scene", file=other, of=box)
 
 
+def interrupted_at_once(source, programs, work, asset):
+    """Ctrl-C while the session waits for its device, whose process stands still."""
+    scene = source / "runtime" / "scenes" / "one_slice.json"
+    record = work / "kept.csv"
+    others = [work / name for name in ("kept.summary.json", "kept.html", "kept.json", "kept.figures.csv")]
+    for file in (record, *others):
+        file.write_text("of an earlier session")
+    with Simulator(programs, work, scene, "--rate", "1000") as simulator:
+        simulator.process.send_signal(signal.SIGSTOP)
+        command = (programs / "trocar-run", scene, "--asset", asset, *simulator.link(), "--simulated", "--record", record,
+                   "--summary", others[0], "--session-report", others[1], "--quiet")
+        process = subprocess.Popen([str(word) for word in command], stderr=subprocess.PIPE, text=True)
+        partial, end = record.with_name("kept.csv.partial"), time.monotonic() + READY_S
+        while not partial.exists() and time.monotonic() < end:  # it is made before the device is reached
+            time.sleep(0.01)
+        process.send_signal(signal.SIGINT)
+        simulator.process.send_signal(signal.SIGCONT)
+        code, stderr = outcome_of(process)
+    assert (code, stderr) == (3, "trocar-run: interrupted before the first tick; nothing was written\n"), f"{code}: {stderr!r}"
+    for file in (record, *others):
+        assert file.read_text() == "of an earlier session", f"{file.name} was replaced"
+    assert not partial.exists()
+
+
+def too_long(source, programs, work, asset):
+    """A warning at the start, if the recording of the whole session would be too large to be read."""
+    scene = source / "runtime" / "scenes" / "one_slice.json"
+    command = (programs / "trocar-run", scene, "--asset", asset, "--duration", "7200", "--record", work / "long.csv")
+    with subprocess.Popen([str(word) for word in command], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True) as process:
+        # Without the warning the first line is the note at the end of the session.
+        threading.Timer(2, process.send_signal, (signal.SIGINT,)).start()
+        line = process.stderr.readline()
+    assert "long.csv: may become larger than 4 GiB" in line and "record at most 59 minutes" in line, f"two hours: {line!r}"
+    done = run(programs / "trocar-run", scene, "--asset", asset, "--duration", "0.1", "--clock", "virtual",
+               "--record", work / "brief.csv")
+    assert "GiB" not in done.stderr, f"0.1 s: {done.stderr!r}"
+
+
 def test_told(source, programs, scan, work):
     asset, scene = work / "sample.glb", work / "reach_end.json"
     run(programs / "trocar-mesh", scan / "dicom", "-o", asset, "--quiet")
@@ -328,3 +383,5 @@ def test_told(source, programs, scan, work):
     recoveries(source, programs, work, asset)
     connections(source, programs, work, asset)
     replays(source, programs, work, asset, scan)
+    interrupted_at_once(source, programs, work, asset)
+    too_long(source, programs, work, asset)

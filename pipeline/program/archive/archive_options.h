@@ -13,7 +13,7 @@
 
 namespace trocar::pipeline {
 
-/// What both commands share: limits, time-outs and TLS.
+/// The limits, time-outs and TLS options that both commands have.
 struct ArchiveArguments {
   archive::ArchiveLimits limits;
   archive::TlsFiles tls;

@@ -208,6 +208,39 @@ void set_extent(std::span<const double> depth_m, std::size_t i, double spacing_m
   out.bottom_m = depth_m[i] + down;
 }
 
+// The depths of all sheets. A run of sheets is one body.
+std::vector<BoneSheet> placed_sheets(const Scene& scene, std::span<const Sheet* const> sheets) {
+  std::vector<BoneSheet> placed(sheets.size());
+  std::vector<double> depth_m;
+  for (const Sheet* sheet : sheets)
+    depth_m.push_back(-sheet->z_m);
+  for (std::size_t from = 0; from < sheets.size();) {
+    std::size_t to = from + 1;
+    double spacing_m = 1;
+    for (; to < sheets.size(); ++to) {
+      const double gap_m = depth_m[to] - depth_m[to - 1];
+      if (!scene.body && gap_m > kMaxSlabGap_m + kSlabGapRounding_m) break;
+      spacing_m = std::min(spacing_m, gap_m);
+    }
+    // Slices of a bone volume that are not adjacent in the asset have empty slices between them.
+    const auto meets = [&](std::size_t above) {
+      return !scene.body ||
+             std::abs(sheets[above]->slice_index - sheets[above + 1]->slice_index) == 1;
+    };
+    const std::span<const double> run(depth_m.data() + from, to - from);
+    for (std::size_t i = 0; i < run.size(); ++i) {
+      BoneSheet& out = placed[from + i];
+      out.top_m = out.bottom_m = run[i];
+      out.meets_above = i > 0 && meets(from + i - 1);
+      out.meets_below = i + 1 < run.size() && meets(from + i);
+      if (run.size() > 1) set_extent(run, i, spacing_m, out);
+      if (out.meets_above) out.top_m = placed[from + i - 1].bottom_m;  // to the bit
+    }
+    from = to;
+  }
+  return placed;
+}
+
 // The options of the law that follow from the scene and its tool. `tissue`: that of the uppermost
 // sheet.
 CuttingOptions options_of(const Scene& scene, const BoneVolume& bone, const Tissue& tissue) {
@@ -320,36 +353,7 @@ Result<BoneVolume> make_bone_volume(const Scene& scene, std::span<const Sheet* c
   bone.options = options_of(scene, bone, sheets.front()->tissue);
   const CuttingOptions& options = bone.options;
 
-  // Runs of sheets that are one body.
-  bone.sheets.resize(sheets.size());
-  std::vector<double> depth_m;
-  for (const Sheet* sheet : sheets)
-    depth_m.push_back(-sheet->z_m);
-  for (std::size_t from = 0; from < sheets.size();) {
-    std::size_t to = from + 1;
-    double spacing_m = 1;
-    for (; to < sheets.size(); ++to) {
-      const double gap_m = depth_m[to] - depth_m[to - 1];
-      if (!scene.body && gap_m > kMaxSlabGap_m + kSlabGapRounding_m) break;
-      spacing_m = std::min(spacing_m, gap_m);
-    }
-    // Slices of a bone volume that are not adjacent in the asset have empty slices between them.
-    const auto meets = [&](std::size_t above) {
-      return !scene.body ||
-             std::abs(sheets[above]->slice_index - sheets[above + 1]->slice_index) == 1;
-    };
-    const std::span<const double> run(depth_m.data() + from, to - from);
-    for (std::size_t i = 0; i < run.size(); ++i) {
-      BoneSheet& out = bone.sheets[from + i];
-      out.top_m = out.bottom_m = run[i];
-      out.meets_above = i > 0 && meets(from + i - 1);
-      out.meets_below = i + 1 < run.size() && meets(from + i);
-      if (run.size() > 1) set_extent(run, i, spacing_m, out);
-      if (out.meets_above) out.top_m = bone.sheets[from + i - 1].bottom_m;  // to the bit
-    }
-    from = to;
-  }
-
+  bone.sheets = placed_sheets(scene, sheets);
   double embedded_m = 0, friction_N = 0;
   for (std::size_t i = 0; i < sheets.size(); ++i) {
     BoneSheet& out = bone.sheets[i];

@@ -3,9 +3,11 @@
 
 #include <gtest/gtest.h>
 #include <sys/stat.h>
+#include <unistd.h>
 
 #include <algorithm>
 #include <bit>
+#include <cerrno>
 #include <cmath>
 #include <cstdlib>
 #include <fstream>
@@ -17,6 +19,12 @@
 #include "formats/base/file_io.h"
 #include "tests/support/file_size_limit.h"
 #include "tests/support/temporary_folder.h"
+
+// While these tests run, no file system has hard links.
+extern "C" int link(const char* /*from*/, const char* /*to*/) noexcept {
+  errno = EPERM;
+  return -1;
+}
 
 namespace trocar {
 namespace {
@@ -416,8 +424,9 @@ TEST(RecordingOrigin, DifferencesNameWhatDiffers) {
                                   {"device", "built-in"},
                                   {"passivity", "on"}}};
   RecordingOrigin run = recorded;
+  run.entries.emplace_back("force-scale", "2");
+  EXPECT_EQ(differences(recorded, run), "force-scale (not stated, here 2)");
   run.entries[0].second = "0.2.0";
-  run.entries.emplace_back("later-option", "1");
   EXPECT_EQ(differences(recorded, run), "") << "the program and later options do not count";
   run.entries[1].second = std::string(64, 'c');
   run.entries[3].second = std::string(64, 'd');
@@ -452,6 +461,7 @@ TEST_F(Recording, WhatInterruptedRecordingsLeftIsMovedAside) {
     std::ofstream(folder_ / "r.csv.partial") << rows;
     auto writer = RecordingWriter::open(folder_ / "r.csv");
     ASSERT_TRUE(writer) << writer.error().message;
+    ASSERT_TRUE(writer->append(any_rows(1)));
     ASSERT_TRUE(writer->commit());
   }
   EXPECT_EQ(text_of(folder_ / "r.csv.partial.1"), "an hour's work");
@@ -466,6 +476,7 @@ TEST_F(Recording, TwoWritersOfOneFileAreRefused) {
   ASSERT_FALSE(second);
   EXPECT_EQ(second.error().code, ExitCode::kUnwritable);
   EXPECT_NE(second.error().message.find("another program is recording there"), std::string::npos);
+  EXPECT_TRUE(first->append(any_rows(1)));
   EXPECT_TRUE(first->commit());
 }
 
@@ -522,6 +533,18 @@ TEST_F(Recording, AnExistingFileStaysUntilCommit) {
   EXPECT_EQ(text_of(folder_ / "r.csv"), old);
 }
 
+TEST_F(Recording, WithoutARowAnExistingFileStays) {
+  const std::string old = csv_of(folder_, any_rows(1));
+  auto writer = RecordingWriter::open(folder_ / "r.csv");
+  ASSERT_TRUE(writer);
+  const auto committed = writer->commit();
+  ASSERT_FALSE(committed);
+  EXPECT_EQ(committed.error().code, ExitCode::kUnwritable);
+  EXPECT_NE(committed.error().message.find("no tick was recorded"), std::string::npos);
+  EXPECT_EQ(text_of(folder_ / "r.csv"), old);
+  EXPECT_EQ(files(), 1U) << "no partial file is left";
+}
+
 TEST_F(Recording, OnlyARegularFileIsReplaced) {
   fs::create_directory(folder_ / "folder");
   ASSERT_EQ(::mkfifo((folder_ / "pipe").c_str(), 0600), 0);
@@ -543,6 +566,7 @@ TEST_F(Recording, WriteFailuresAreReported) {
   auto blocked = RecordingWriter::open(folder_ / "r.csv");
   fs::create_directory(folder_ / "r.csv");
   ASSERT_TRUE(blocked);
+  ASSERT_TRUE(blocked->append(any_rows(1)));
   const auto committed = blocked->commit();
   ASSERT_FALSE(committed);
   EXPECT_EQ(committed.error().code, ExitCode::kUnwritable);

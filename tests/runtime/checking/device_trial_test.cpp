@@ -6,6 +6,7 @@
 
 #include <algorithm>
 #include <array>
+#include <atomic>
 #include <cmath>
 #include <functional>
 #include <numbers>
@@ -79,14 +80,19 @@ TEST(DeviceVerdict, NamesEachTroubleAndNoOther) {
   }
 }
 
-TEST(DeviceVerdict, LateTicksDoNoHarmWithoutMotors) {
+TEST(DeviceVerdict, LateTicksAreATroubleBeyondTheSessionsLimit) {
   const FourLegsSpecification specification(default_device_description());
   DeviceTrial trial = good_trial();
-  trial.realtime.missed_in_row_max = 30;
+  trial.realtime.missed_in_row_max = 5;
   DeviceTrialOptions options;
   EXPECT_EQ(describe(trial, options, specification).troubles.size(), 1U);
-  options.is_simulated = true;
+  options.missed_deadlines_max = 5;
   EXPECT_TRUE(describe(trial, options, specification).troubles.empty());
+  options.missed_deadlines_max = 4;
+  const DeviceVerdict verdict = describe(trial, options, specification);
+  ASSERT_EQ(verdict.troubles.size(), 1U);
+  EXPECT_NE(verdict.troubles[0].find("5 end a session (deadline_missed)"), std::string::npos)
+      << verdict.troubles[0];
 }
 
 TEST(DeviceVerdict, ASilenceEndsASessionOnlyFromItsLimitOn) {
@@ -146,6 +152,38 @@ TEST(DeviceVerdict, SaysWhereTheHandleIs) {
                 .text.find("at the end"),
             std::string::npos)
       << "no pose was accepted";
+}
+
+TEST(DeviceVerdict, SaysThatTheHandleIsOutsideATurnedBox) {
+  PoseDeviceDescription description;
+  description.workspace_min_m = {-0.1, -0.1, -0.1};
+  description.workspace_max_m = {0.1, 0.1, 0.1};
+  description.turn_rad = {0, 0, std::numbers::pi / 4};
+  const PoseSpecification specification(description, PoseFrame(description, Pose{}));
+  DeviceTrial trial = good_trial();
+  trial.last_T_device_plate = Pose{};
+  EXPECT_TRUE(describe(trial, {}, specification).troubles.empty());
+  // Within the box along the scene's axes, which reaches to 141 mm.
+  trial.last_T_device_plate->p_m << 0.09, 0.09, 0;
+  const std::vector<std::string> troubles = describe(trial, {}, specification).troubles;
+  ASSERT_EQ(troubles.size(), 1U);
+  EXPECT_NE(troubles[0].find("the handle is at "), std::string::npos) << troubles[0];
+  EXPECT_NE(troubles[0].find("a session would end at once (workspace)"), std::string::npos);
+}
+
+TEST(DeviceVerdict, AtALowRateASilenceOfTwoTicksEndsNoSession) {
+  const FourLegsSpecification specification(default_device_description());
+  DeviceTrial trial = good_trial();
+  trial.state_interval = {};
+  trial.without_state = {};
+  for (int i = 0; i < 500; ++i) {
+    trial.state_interval.add(10 * kMs);
+    trial.without_state.add(10 * kMs);
+  }
+  trial.without_state.add(20 * kMs);
+  DeviceTrialOptions options;
+  options.rate_Hz = 100;
+  EXPECT_TRUE(describe(trial, options, specification).troubles.empty());
 }
 
 TEST(NoiseMeter, MeasuresNoiseAndNotMotion) {
@@ -210,6 +248,21 @@ TEST(DeviceTrial, CommandsNoForceAndCountsWhatTheDeviceSends) {
       << text;
   EXPECT_EQ(still.largest_Nm, 0);
   EXPECT_EQ(still.writes, 201) << "one in each tick, and one at the end";
+}
+
+TEST(DeviceTrial, GivesNoResultIfItIsStopped) {
+  const DeviceDescription description = default_device_description();
+  StillDevice still;
+  FourLegs device(description, still);
+  const std::atomic<bool> stop{true};
+  DeviceTrialOptions options;
+  options.duration_s = 0.2;
+  options.stop = &stop;
+  const auto trial = try_device(device, options);
+  ASSERT_FALSE(trial);
+  EXPECT_EQ(trial.error().code, ExitCode::kRefused);
+  EXPECT_NE(trial.error().message.find("interrupted"), std::string::npos);
+  EXPECT_EQ(still.writes, 1) << "the forces are zero at the end";
 }
 
 }  // namespace

@@ -17,8 +17,6 @@ namespace {
 
 using Eigen::Vector3d;
 
-constexpr double kAny = 1e9;
-
 /// Squares of 40 mm around (80, 60) mm, 2 mm apart, in a patient who lies askew. `empty`: slices that have none.
 struct Stack {
   explicit Stack(int slices, const std::vector<int>& empty = {})
@@ -41,8 +39,8 @@ struct Stack {
     return {at.x(), at.y(), at.z()};
   }
   Result<NeedlePath> plan(std::array<double, 3> entry, std::optional<std::array<double, 3>> target,
-                          double height_mm = kAny, double gap_mm = kAny) const {
-    return plan_needle_path(asset, levels, {entry, target}, height_mm, gap_mm);
+                          const PathLimits& limits = {}) const {
+    return plan_needle_path(asset, levels, {entry, target}, limits);
   }
   std::string refusal(std::array<double, 3> entry,
                       std::optional<std::array<double, 3>> target) const {
@@ -72,7 +70,7 @@ TEST(NeedlePath, GoesStraightDownWithoutATarget) {
   EXPECT_NEAR(path->thickness_mm, 20, 1e-9);
   EXPECT_FALSE(path->has_target);
 
-  const auto within = stack.plan(stack.lps(75, 66, 18), {}, 7);
+  const auto within = stack.plan(stack.lps(75, 66, 18), {}, {.height_mm = 7});
   EXPECT_TRUE(within && near(within->end_mm, {75, 66, 12}));
 }
 
@@ -166,12 +164,26 @@ TEST(NeedlePath, SaysWhyThereIsNone) {
 
 TEST(NeedlePath, EndsAtAGapThatIsTooWide) {
   const Stack stack(10, {4, 5});
-  const auto path = stack.plan(stack.lps(80, 60, 18), {}, kAny, 3);
+  const auto path = stack.plan(stack.lps(80, 60, 18), {}, {.gap_mm = 3});
   ASSERT_TRUE(path) << path.error().message;
   EXPECT_TRUE(near(path->end_mm, {80, 60, 12}));
   EXPECT_EQ(path->max_gap_mm, 2);
-  const auto through = stack.plan(stack.lps(80, 60, 18), stack.lps(80, 60, 1), kAny, 3);
+  const auto through = stack.plan(stack.lps(80, 60, 18), stack.lps(80, 60, 1), {.gap_mm = 3});
   EXPECT_TRUE(through && through->max_gap_mm == 6);
+}
+
+TEST(NeedlePath, EndsAfterTheLargestNumberOfSlices) {
+  const Stack stack(10, {7});  // the empty slice counts
+  const std::pair<std::size_t, double> ends_mm[] = {{4, 12}, {3, 16}, {2, 16}};
+  for (const auto& [slices, end_mm] : ends_mm) {
+    const auto path = stack.plan(stack.lps(80, 60, 18), {}, {.slices = slices});
+    ASSERT_TRUE(path) << path.error().message;
+    EXPECT_TRUE(near(path->end_mm, {80, 60, end_mm})) << slices;
+  }
+  const auto path = stack.plan(stack.lps(80, 60, 18), stack.lps(80, 60, 1), {.slices = 4});
+  ASSERT_TRUE(path) << path.error().message;
+  EXPECT_EQ(slices_between(stack.levels[path->first], stack.levels[path->last]), 9U)
+      << "a target is not given up";
 }
 
 }  // namespace

@@ -8,8 +8,8 @@
 #include "runtime/workers/remesher.h"
 #include "tests/support/counted_allocations.h"
 #include "tests/support/random_geometry.h"
-#include "tests/support/same_sheet_mesh.h"
 #include "tests/support/remesher_reader.h"
+#include "tests/support/same_sheet_mesh.h"
 #include "tests/support/sheet_fixture.h"
 
 namespace trocar::runtime {

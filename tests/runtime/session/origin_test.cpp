@@ -47,6 +47,28 @@ TEST(Origin, AReplayNeedsTheSameInputs) {
             "recorded with");
 }
 
+TEST(Origin, AReplayTakesNoOptionThatTheRecordingDoesNotState) {
+  const RecordingOrigin recorded{{{"program", TROCAR_VERSION}, {"scene", "1"}}};
+  RecordingOrigin run = recorded;
+  run.entries.emplace_back("stiffness-limit", "2000");
+  const auto replay = check_replay(recorded, run, "r.csv");
+  ASSERT_FALSE(replay);
+  EXPECT_NE(replay.error().message.find("stiffness-limit (not stated, here 2000)"),
+            std::string::npos);
+}
+
+TEST(Origin, TheDurationIsTheStatedOneOrTheScenes) {
+  Scene scene;
+  scene.duration_s = 5;
+  const auto stated = [&](const char* text) {
+    return stated_duration_s({{{"duration_s", text}}}, scene);
+  };
+  EXPECT_EQ(stated_duration_s({}, scene), 5);
+  EXPECT_EQ(stated("2.5"), 2.5);
+  for (const char* const bad : {"nan", "-1", "0", "1e9", "inf", "x"})
+    EXPECT_EQ(stated(bad), 5) << bad;
+}
+
 TEST(Origin, StatesALongerLimitOfTheTimeWithoutData) {
   const auto stated = [](const char* text) {
     return stated_no_data_limit_s({{{"no-data-limit", text}}});

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // How sessions begin and end, their number of ticks, and the rate of a recording.
 #include "runtime/session/session.h"
+#include "runtime/devices/replay_device.h"
 #include "runtime/devices/simulated_hand.h"
 #include "runtime/session/tick_rate.h"
 
@@ -10,8 +11,11 @@
 #include <atomic>
 #include <chrono>
 #include <cmath>
+#include <fstream>
+#include <iterator>
 #include <string>
 #include <thread>
+#include <utility>
 #include <vector>
 
 #include "tests/runtime/control/loop_fixture.h"
@@ -51,6 +55,70 @@ TEST(Session, StopEndsItWithTorquesAtZero) {
     EXPECT_EQ(report->ticks, 50U);
     device->step(1e-3);
     EXPECT_EQ(device->truth().tau_motor_Nm.norm(), 0);
+  }
+}
+
+TEST(Session, AStopBeforeTheFirstTickKeepsAnEarlierRecording) {
+  const Scene scene = test::descent_scene({0.12}, 0.13, 0.1, 0.015);
+  for (const Clock clock : {Clock::kVirtual, Clock::kReal}) {
+    const test::TemporaryFolder folder;
+    Remesher remesher(*place_slices(scene, test::square_asset(1), "a"));
+    ScriptedDevice device;
+    const std::atomic<bool> stop{true};
+    SessionOptions options;
+    options.clock = clock;
+    options.stop = &stop;
+    options.record = folder / "r.csv";
+    std::ofstream(*options.record) << "an earlier recording";
+    const auto report = run_session(
+        scene, default_device_description(), remesher, device, [](double) { FAIL(); }, options);
+    ASSERT_TRUE(report);
+    EXPECT_EQ(report->ticks, 0U);
+    EXPECT_EQ(report->end, SessionEnd::kInterrupted);
+    EXPECT_TRUE(report->recording_error);
+    std::ifstream file(*options.record);
+    const std::string text{std::istreambuf_iterator<char>(file), {}};
+    EXPECT_EQ(text, "an earlier recording");
+    EXPECT_EQ(folder.files(), 1U);
+  }
+}
+
+TEST(Session, TheReplayOfAnInterruptedSessionIsInterrupted) {
+  const test::TemporaryFolder folder;
+  const Scene scene = test::descent_scene({0.12}, 0.13, 0.1, 0.015);
+  Remesher remesher(*place_slices(scene, test::square_asset(1), "a"));
+  auto device = make_simulated_device(scene, default_device_description());
+  ASSERT_TRUE(device);
+  std::atomic<bool> stop{false};
+  std::uint64_t ticks = 0;
+  SessionOptions options;
+  options.clock = Clock::kVirtual;
+  options.duration_s = 0.1;
+  options.stop = &stop;
+  options.record = folder / "r.csv";
+  ASSERT_TRUE(run_session(
+      scene, default_device_description(), remesher, *device,
+      [&](double dt_s) {
+        device->step(dt_s);
+        if (++ticks == 50) stop = true;
+      },
+      options));
+  const auto rows = read_recording(*options.record);
+  ASSERT_TRUE(rows) << rows.error().message;
+  const std::pair<double, SessionEnd> ends[] = {{0.1, SessionEnd::kInterrupted},
+                                                {0.05, SessionEnd::kDone}};
+  for (const auto& [duration_s, end] : ends) {
+    Remesher fresh(*place_slices(scene, test::square_asset(1), "a"));
+    ReplayDevice recorded(*rows);
+    SessionOptions again;
+    again.replay = *rows;
+    again.duration_s = duration_s;
+    const auto repeated = run_session(
+        scene, default_device_description(), fresh, recorded, [](double) {}, again);
+    ASSERT_TRUE(repeated);
+    EXPECT_EQ(repeated->end, end) << duration_s;
+    EXPECT_EQ(repeated->ticks, 50U);
+    EXPECT_EQ(repeated->replay_first_difference, -1);
   }
 }
 

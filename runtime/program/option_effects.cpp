@@ -1,0 +1,91 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "runtime/program/option_effects.h"
+
+#include <CLI/CLI.hpp>
+#include <algorithm>
+#include <array>
+#include <iterator>
+#include <span>
+#include <string>
+#include <string_view>
+
+namespace trocar::runtime {
+namespace {
+
+using Names = std::span<const std::string_view>;  ///< names of options, without their dashes
+
+// The console and scripts give all commands for a device the same options. So a command takes these
+// even if some of them mean nothing to it.
+constexpr std::string_view kOfDevice[] = {"device",    "key-file",    "device-description",
+                                          "simulated", "force-limit", "force-scale",
+                                          "rate",      "quiet"};
+constexpr std::string_view kOfHistory[] = {"output", "quiet"};
+constexpr std::string_view kOfExplanation[] = {"procedure", "quiet"};
+constexpr std::string_view kOfTest[] = {"duration", "summary", "cpu", "late-ticks-in-row",
+                                        "late-ticks"};
+// Settings of the sessions that are tried.
+constexpr std::string_view kOfTrials[] = {"compensate", "passivity", "coupling", "energy-limit",
+                                          "stiffness-limit"};
+constexpr std::string_view kOfNewScene[] = {"output", "entry", "target", "live-hand"};
+// From `clock` on: settings and files of the session that is checked. They do not change the check,
+// but --check may be added to the command of a session.
+constexpr std::string_view kOfCheck[] = {"SCENE",
+                                         "strict",
+                                         "asset",
+                                         "force-law",
+                                         "procedure",
+                                         "strength",
+                                         "duration",
+                                         "clock",
+                                         "cpu",
+                                         "recover",
+                                         "late-ticks-in-row",
+                                         "late-ticks",
+                                         "record",
+                                         "summary",
+                                         "session-report",
+                                         "meshes",
+                                         "hand-path",
+                                         "black-box",
+                                         "trainee",
+                                         "course",
+                                         "attempt",
+                                         "frames",
+                                         "live",
+                                         "xray"};
+
+/// A command that runs no session.
+struct Command {
+  std::string_view option;  ///< the option that selects the command
+  bool is_given;
+  std::array<Names, 3> effective;  ///< the options that have an effect, besides `option`
+};
+
+}  // namespace
+
+Result<void> check_option_effects(const CLI::App& app, const RunArguments& a) {
+  // In the order in which trocar-run chooses the command.
+  const Command commands[] = {
+      {"explain", a.explain, {kOfExplanation}},
+      {"history", !a.history.empty(), {kOfHistory}},
+      {"test", a.test_device, {kOfDevice, kOfTest}},
+      {"new-scene", !a.new_scene.empty(), {kOfDevice, kOfTrials, kOfNewScene}},
+      {"check", a.check, {kOfDevice, kOfTrials, kOfCheck}}};
+  const auto* const command = std::find_if(std::begin(commands), std::end(commands),
+                                           [](const Command& each) { return each.is_given; });
+  if (command == std::end(commands)) return {};
+  for (const CLI::Option* option : app.get_options()) {
+    const std::string& name = option->get_single_name();
+    const bool has_effect =
+        name == command->option ||
+        std::any_of(command->effective.begin(), command->effective.end(), [&](Names names) {
+          return std::find(names.begin(), names.end(), name) != names.end();
+        });
+    if (option->count() > 0 && !has_effect)
+      return usage("--" + name + ": has no effect with --" + std::string(command->option) +
+                   "; leave it out");
+  }
+  return {};
+}
+
+}  // namespace trocar::runtime
