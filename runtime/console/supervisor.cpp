@@ -302,7 +302,10 @@ Result<void> Supervisor::command(TelemetryCommand command) {
   if (is_stop && stop_start()) return {};
   const bool is_over = !run_ || run_->has_ended();
   // A session whose telemetry has ended still writes its files, and ends by itself.
-  if (is_stop && !is_over && telemetry_.has_ended()) return {};
+  if (is_stop && !is_over && telemetry_.has_ended()) {
+    is_emergency_stopped_ = false;
+    return {};
+  }
   if (!telemetry_.is_attached() || telemetry_.has_ended() || is_over)
     return ends_other ? Result<void>{} : refused("no session runs");
   if (command == TelemetryCommand::kRecover && device_ && device_->has_ended()) {

@@ -86,7 +86,9 @@ TEST(Supervisor, TheStateOfAnEndedSessionNamesAnEmergencyStopThatCameTooLateForI
   settings.folder = settings.programs = folder.path();
   settings.sessions = folder / "sessions";
   fs::create_directories(settings.sessions);
-  for (const bool is_stopped : {false, true}) {
+  enum class After { kNothing, kEmergencyStop, kEmergencyStopAndStop };
+  for (const After after : {After::kNothing, After::kEmergencyStop, After::kEmergencyStopAndStop}) {
+    const bool is_stopped = after == After::kEmergencyStop;
     std::array<int, 2> pipe{};
     ASSERT_EQ(::pipe(pipe.data()), 0);
     const pid_t session = ::fork();
@@ -103,8 +105,11 @@ TEST(Supervisor, TheStateOfAnEndedSessionNamesAnEmergencyStopThatCameTooLateForI
     }));
     EXPECT_EQ(supervisor.state(), RunState::kRunning);
     // There is no force to stop any more, but perhaps a page that waits to restart the session.
-    if (is_stopped) {
+    if (after != After::kNothing) {
       EXPECT_FALSE(supervisor.emergency_stop());
+    }
+    if (after == After::kEmergencyStopAndStop) {
+      EXPECT_TRUE(supervisor.command(TelemetryCommand::kStop));
     }
     ::close(pipe[1]);
     EXPECT_TRUE(comes_true([&] {

@@ -204,7 +204,11 @@ export class Xray {
     const { shot } = this;
     if (!shot || !(t_s >= shot.t_s)) return;
     this.shot = null;
-    if (t_s - shot.t_s > kSameNeedle_s || this.act.mode() !== "live") return;
+    if (this.act.mode() !== "live") return;
+    if (t_s - shot.t_s > kSameNeedle_s) {
+      this.live.caption.textContent = "A later picture was taken while this page was not connected.";
+      return;
+    }
     const needle = this.act.needle();
     this.#show(needle, shot.key, shot.where);
     if (this.pictures.is_fine(shot.key, this.size)) return;
