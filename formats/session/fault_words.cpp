@@ -333,9 +333,11 @@ const FaultWords& words_of(Fault fault) {
 }
 
 bool is_new_fault(SafetyState safety_before, Fault fault_before, const RecordingRow& row) {
-  // Within a recovery, a fault that only goes on does not lead back to the state `fault`.
-  const bool is_raised_again =
-      safety_before == SafetyState::kRecovering && row.safety == SafetyState::kFault;
+  // A fault that only goes on neither leads back from a recovery to the state `fault`, nor keeps
+  // this state in the row in which a recovery is asked for.
+  const bool is_raised_again = row.safety == SafetyState::kFault &&
+                               (safety_before == SafetyState::kRecovering ||
+                                (safety_before == SafetyState::kFault && row.recovery_asked));
   return row.fault != Fault::kNone && (row.fault != fault_before || is_raised_again);
 }
 

@@ -44,7 +44,7 @@ void SessionObserver::observe(const ObservedTick& tick) {
   const RecordingRow& row = tick.row;
   ++out_.ticks;
   const double force_N = force_of(row);
-  if (force_N > out_.force_max_N) {
+  if (force_N > out_.force_max_N || out_.ticks == 1) {
     out_.force_max_N = force_N;
     out_.force_max_t_s = row.t_s;
     out_.force_max_tip_m = row.tool_m;
@@ -85,7 +85,7 @@ void SessionObserver::observe_gap(const RecordingRow& row) {
   plunge_.interrupt(row.t_s, out_);
   tremor_.restart();
   if (goals_) goals_->interrupt();
-  is_missed_ = false;
+  is_missed_ = is_in_layers_ = false;
 }
 
 void SessionObserver::observe_path(const ObservedTick& tick) {
@@ -121,8 +121,9 @@ void SessionObserver::observe_attempt(const RecordingRow& row) {
       (row.phase == ContactPhase::kContact || row.phase == ContactPhase::kPunctured) &&
       row.active_slice >= 0;
   if (is_in_bone) {
+    const bool was_below = is_missed_ || (is_in_layers_ && row.phase == ContactPhase::kPunctured);
     const bool comes_back =
-        out_.attempts_count > 0 && is_missed_ && last_tip_ && row.tool_m[2] > (*last_tip_)[2];
+        out_.attempts_count > 0 && was_below && last_tip_ && row.tool_m[2] > (*last_tip_)[2];
     if (!in_bone_tip_ && !comes_back)
       keep(out_.attempts, kMaxReportSpans, out_.attempts_count, Span{-1, row.t_s, row.t_s, 0, 0});
     if (out_.attempts_count > 0 && out_.attempts_count <= kMaxReportSpans)
@@ -131,6 +132,7 @@ void SessionObserver::observe_attempt(const RecordingRow& row) {
   } else if (in_bone_tip_ && length(minus(row.tool_m, *in_bone_tip_)) >= kLeave_m) {
     in_bone_tip_.reset();
   }
+  is_in_layers_ = row.phase == ContactPhase::kContact && !is_in_bone;
 }
 
 /// Returns the lowest sheet or layer that is punctured in this tick.

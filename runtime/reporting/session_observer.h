@@ -58,6 +58,8 @@ class SessionObserver {
   /// reached the bone.
   std::optional<Vector3> in_bone_tip_;
   bool is_missed_ = false;  ///< the previous row was counted and has the contact state `beside`
+  /// In the previous row, which was counted, only soft layers exerted a force.
+  bool is_in_layers_ = false;
   std::int32_t missed_slice_ = -1;
   Fault last_fault_ = Fault::kNone;
   SafetyState last_safety_ = SafetyState::kIdle;

@@ -233,7 +233,9 @@ def attempts_of(rows, counts, tip, t):
     for before, k in zip([None, *at[:-1]], at):
         between = [] if before is None else [j for j in range(before + 1, k) if counts[j] and np.linalg.norm(tip[j] - tip[before]) >= 0.001]
         is_new = before is None or len(between) > 0
-        comes_back = bool(entries) and k > 0 and counts[k - 1] and rows["state"][k - 1] == "beside" and tip[k, 2] > tip[k - 1, 2]
+        was_below = k > 0 and counts[k - 1] and (rows["state"][k - 1] == "beside" or (
+            rows["state"][k - 1] == "contact" and rows["active_slice"][k - 1] < 0 and rows["state"][k] == "punctured"))
+        comes_back = bool(entries) and was_below and tip[k, 2] > tip[k - 1, 2]
         if is_new and not comes_back:
             entries.append({"from_s": t[k], "to_s": t[k]})
         if entries:
@@ -320,7 +322,8 @@ def expected(scene, rows, asset_info, rate, meshes, layer_punctures=()):
     xray = rows["xray"].astype(int) if "xray" in rows else np.zeros(n, int)
     out["xray"] = {"shots": int((xray & 1).sum()), "screening_s": int((xray >> 1).sum()) / rate}
     again = np.zeros(n, bool)  # raised again within a recovery
-    again[1:] = (rows["safety"][:-1] == "recovering") & (rows["safety"][1:] == "fault")
+    again[1:] = (rows["safety"][1:] == "fault") & ((rows["safety"][:-1] == "recovering") | (
+        (rows["safety"][:-1] == "fault") & (rows["recovery_asked"][1:] == 1)))
     stops = [k for k in range(n) if rows["fault"][k] != "none" and (k == 0 or rows["fault"][k] != rows["fault"][k - 1] or again[k])]
     faults = [k for k in stops if rows["fault"][k] not in ("paused", "forces_off")]
     out["operator_stops_count"] = len(stops) - len(faults)

@@ -82,6 +82,15 @@ TEST(SessionObserver, ATipThatIsDrawnBackIntoTheBoneFromBelowBeginsNone) {
   std::vector<ObservedTick> onwards = back;
   onwards.back().row.tool_m[2] = 0.104;  // further down, into other bone
   EXPECT_EQ(figures_of(scene_with_layer(), onwards).attempts_count, 2U);
+  // From a soft layer below the bone.
+  std::vector<ObservedTick> from_layer = back;
+  for (std::size_t i = 3; i < 5; ++i) {
+    from_layer[i].row.phase = kContact;
+    from_layer[i].row.active_slice = -1;
+  }
+  EXPECT_EQ(figures_of(scene_with_layer(), from_layer).attempts_count, 1U);
+  from_layer.back().row.phase = kContact;  // bone that is not cut yet: the tip comes from above
+  EXPECT_EQ(figures_of(scene_with_layer(), from_layer).attempts_count, 2U);
 }
 
 TEST(SessionObserver, WhatIsPuncturedInTheTickInWhichItIsReachedIsTheFirstContact) {
@@ -134,6 +143,10 @@ TEST(SessionObserver, AnEmergencyStopDuringTheRecoveryFromAnotherOneIsAnotherFau
   EXPECT_EQ(found.faults[1].t_s, 0.005);
   ASSERT_TRUE(found.faults[1].recovered_s);
   EXPECT_EQ(*found.faults[1].recovered_s, 0.007);
+  // The stop is pressed in the tick in which the recovery is asked for.
+  ObservedTick asked = stop;
+  asked.row.recovery_asked = 1;
+  EXPECT_EQ(figures_of(scene_with_layer(), {free, stop, asked, stop, recovering}).faults_count, 2U);
 }
 
 }  // namespace
