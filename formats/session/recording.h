@@ -198,9 +198,9 @@ class RecordingWriter {
   ~RecordingWriter();
 
   /// append() writes rows, and commit() ends the recording. Errors: kUnwritable; the message has
-  /// the number of rows that were kept, and the name of the partial file. commit() without any row
-  /// is such an error, too: a recording has at least one row, and the target may be an earlier
-  /// recording. After an error of append() or commit(), only the destructor may be called.
+  /// the number of rows that were kept, and the name of the partial file. Without any row, commit()
+  /// writes no recording, because readers refuse such a file, and an earlier recording at the target
+  /// stays. After an error of append() or commit(), only the destructor may be called.
   Result<void> append(std::span<const RecordingRow> rows);
   Result<void> commit();
   /// Path of the partial file; empty after commit().

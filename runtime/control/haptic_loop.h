@@ -100,7 +100,8 @@ struct TickResult {
   Fault new_fault = Fault::kNone;  ///< fault latched in this tick
   /// The first fault found in this tick, with the measured value. If new_fault is set, `found`
   /// describes this fault. In `fault` and `recovering` only the operator's emergency stop is
-  /// latched. Any other fault is not latched, but delays the recovery.
+  /// latched, and in `recovering` a new press of the device's own. Any other fault is not latched,
+  /// but delays the recovery.
   FaultDetail found;
   /// Height by which the tip must be raised before `running` can begin
   /// (ForceLaw::retract_distance_m()).

@@ -297,8 +297,6 @@ int run_scene(const RunArguments& arguments, std::atomic<bool>& recover) {
   const Result<SessionResult> report =
       run(arguments, *inputs, remesher, hand->get(), *options, link);
   if (!report) return fail(report.error());
-  if (report->ticks == 0)
-    return fail(refused("interrupted before the first tick; nothing was written"));
   if (!arguments.quiet) {
     print_outcome(*report, *options);
     if (!report->realtime.note.empty())

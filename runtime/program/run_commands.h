@@ -13,9 +13,8 @@ namespace trocar::runtime {
 
 // Each function prints its errors and returns the exit code.
 
-/// Runs or replays a session; with --check, checks the scene instead. A session that is interrupted
-/// before its first tick writes no file, and the exit code is 3 (kRefused). `recover`: the flag
-/// that the handler of SIGUSR1 sets to request a recovery (SessionOptions::recover).
+/// Runs or replays a session; with --check, checks the scene instead. `recover`: the flag that the
+/// handler of SIGUSR1 sets to request a recovery (SessionOptions::recover).
 int run_scene(const RunArguments& arguments, std::atomic<bool>& recover);
 
 /// A procedure is an intervention with its tool, soft layers and resistance of the bone. Prints the

@@ -105,7 +105,8 @@ void SessionLoop::receive_hand(std::int64_t now_ns) noexcept {
 /// so that the time without fault and contact begins again after the pause. A drive with a clock of
 /// its own meanwhile gets zero torques, because its watchdog waits for commands. If the device's own
 /// emergency stop is pressed meanwhile, the first tick after the pause latches kEmergencyStop, even
-/// if the stop has been released by then: forces return only after the operator releases the stop.
+/// if the stop has been released by then: without RecoveryPolicy::kAuto, forces return only after the
+/// operator has asked for it.
 bool SessionLoop::pauses(std::int64_t now_ns) noexcept {
   const bool is_replay = clock_.recorded(state_.tick) != nullptr;
   const bool is_recovering = state_.safety.state == SafetyState::kRecovering;

@@ -537,10 +537,7 @@ TEST_F(Recording, WithoutARowAnExistingFileStays) {
   const std::string old = csv_of(folder_, any_rows(1));
   auto writer = RecordingWriter::open(folder_ / "r.csv");
   ASSERT_TRUE(writer);
-  const auto committed = writer->commit();
-  ASSERT_FALSE(committed);
-  EXPECT_EQ(committed.error().code, ExitCode::kUnwritable);
-  EXPECT_NE(committed.error().message.find("no tick was recorded"), std::string::npos);
+  EXPECT_TRUE(writer->commit());
   EXPECT_EQ(text_of(folder_ / "r.csv"), old);
   EXPECT_EQ(files(), 1U) << "no partial file is left";
 }
