@@ -175,7 +175,7 @@ TEST_F(ConnectedDeviceTest, AMeasurementThatIsGivenAgainIsReadOnce) {
   EXPECT_TRUE(reads(DeviceStatus::kOk));
   script_.repeats = true;
   script_.taken();
-  EXPECT_TRUE(within(5s, [&] { return script_.taken().size() > 0; }));
+  EXPECT_TRUE(within(5s, [&] { return !script_.taken().empty(); }));
   device_.read(reading_);  // the last new one, if it has not been read
   const double last_s = reading_.t_s;
   int exchanged = 0;
@@ -225,7 +225,7 @@ TEST_F(ConnectedDeviceTest, NoPoseFromBeforeALossIsReadAfterIt) {
   ASSERT_TRUE(device_.start());
   EXPECT_TRUE(reads(DeviceStatus::kOk));
   script_.taken();
-  EXPECT_TRUE(within(5s, [&] { return script_.taken().size() > 0; }));  // and nobody reads its pose
+  EXPECT_TRUE(within(5s, [&] { return !script_.taken().empty(); }));  // and nobody reads its pose
   script_.fails = true;
   EXPECT_TRUE(within(5s, [&] { return script_.closed > 0; }));
   const double before_s = script_.t_s;
