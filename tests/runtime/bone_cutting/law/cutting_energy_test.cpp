@@ -242,14 +242,21 @@ double rigid_leak(const Session& s, const CuttingState& was, const CuttingState&
   return leak;
 }
 
-// Contract 2: the strength that was cut last, or less if the front stopped at a drop.
-double strength_above(const Session& s, double front_m) {
-  for (const CuttingSlab& slab : s.slabs)
-    if (slab.top_m < front_m - 1e-9 && front_m <= slab.bottom_m + 1e-9)
-      return front_m <= slab.upper_wall_to_m || front_m > slab.lower_wall_from_m
-                 ? slab.cortex_N
-                 : slab.strength_top_N + (slab.strength_bottom_N - slab.strength_top_N) *
-                                             (front_m - slab.top_m) / (slab.bottom_m - slab.top_m);
+// Contract 2: a lower bound of the tip's force after an advance, which is the strength just above the
+// front. The bound is 0 if the front stopped where bone begins below a gap, or below the cut of an
+// earlier visit to the hole. `was`: the state before the advance.
+double strength_above(const Session& s, const CuttingState& was, double front_m) {
+  const double above = front_m - 1e-9;  // rounding may put the front on either side of a boundary
+  for (std::size_t i = 0; i < s.slabs.size(); ++i) {
+    const CuttingSlab& slab = s.slabs[i];
+    if (above <= slab.top_m || above > slab.bottom_m) continue;
+    const bool has_hole = s.state.hole >= 0;
+    if (has_hole && was.holes[static_cast<std::size_t>(s.state.hole)].slabs[i].cut_m >= above)
+      return 0;
+    if (above <= slab.upper_wall_to_m || above > slab.lower_wall_from_m) return slab.cortex_N;
+    return slab.strength_top_N + (slab.strength_bottom_N - slab.strength_top_N) *
+                                     (front_m - slab.top_m) / (slab.bottom_m - slab.top_m);
+  }
   return 0;
 }
 
@@ -334,7 +341,7 @@ TEST(CuttingEnergy, NoTickGivesMoreThanHoldingLeaks) {
         if (slopes.chance(0.8))
           s.options.slope = Vector2d(slopes.uniform(-3, 3), slopes.uniform(-3, 3));
       }
-      if (s.options.coupling.is_rigid) was = s.state;
+      was = s.state;
       cutting_tick(s.options, X, s.slabs, s.state, out);
       ASSERT_TRUE(out.wrench_device.allFinite());
       ASSERT_GE(out.cut_J, 0);
@@ -346,8 +353,10 @@ TEST(CuttingEnergy, NoTickGivesMoreThanHoldingLeaks) {
       sloped += s.state.slope && s.state.stretch_m > 0;
       bevelled += !s.options.tool.bevel_plate.isZero(0) && !s.state.slope && out.cut_J > 0;
       if (out.cut_J > 0 && out.has_converged && !varies && !has_free) {
-        const double Y = strength_above(s, out.front_m);
-        too_far += out.tip_N < Y - 1e-4 * std::max(1.0, Y);
+        const double Y = strength_above(s, was, out.front_m);
+        const bool is_too_far = out.tip_N < Y - 1e-4 * std::max(1.0, Y);
+        EXPECT_FALSE(is_too_far && s.options.coupling.is_rigid) << out.tip_N << " of " << Y << " N";
+        too_far += is_too_far;
         ++stopped;
       }
       if (k > 0) {
@@ -387,8 +396,9 @@ TEST(CuttingEnergy, NoTickGivesMoreThanHoldingLeaks) {
   EXPECT_GT(bevelled, cutting / 10);
   EXPECT_GT(twisted, ticks / 50);
   EXPECT_GT(stopped, cutting / 4);
-  // A tool that tilts over while the front advances loses force by that.
-  EXPECT_LE(too_far, stopped / 1000);
+  // With a compliant coupling, a tool that tilts over while the front advances loses force by that.
+  // Compilers and processors round differently, and the hands amplify it, so this count may differ.
+  EXPECT_LE(too_far, stopped / 2000);
   EXPECT_GT(gained, ticks / 20);  // or the bound would not be tried
   EXPECT_LT(unconverged, ticks / 200);
 }
