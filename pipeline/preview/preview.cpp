@@ -3,7 +3,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 #include <functional>
 #include <limits>
 #include <new>
@@ -13,6 +12,7 @@
 #include "pipeline/base/parallel_for.h"
 #include "pipeline/scan/empty_asset.h"
 #include "pipeline/scan/slice_borders.h"
+#include "pipeline/scan/slice_pixels.h"
 #include "pipeline/scan/warnings.h"
 
 namespace trocar::pipeline {
@@ -20,7 +20,8 @@ namespace {
 
 constexpr int kMaxProbes = 64;
 constexpr double kBins = 200;
-// Limit of the labels that are counted, for a CT that is mistaken for a label map.
+// Limit of the labels of a slice that are counted although they are not wanted, for a CT that is
+// mistaken for a label map.
 constexpr std::size_t kMaxLabelsCounted = 4096;
 
 const Labels* labels_of(const Segmentation& how) {
@@ -63,6 +64,7 @@ struct OneSlice {
   std::vector<std::size_t> outlines;
   std::vector<std::int64_t> counts;
   std::map<int, std::int64_t> label_voxels;
+  bool has_uncounted = false;  // more labels than are counted
 };
 
 class Maker {
@@ -126,16 +128,24 @@ class Maker {
     return {};
   }
 
-  Result<Pslg> contours_at(int slice, Image image, const MeshOptions& options) const {
-    const SliceField segmented = slice_field(stack_, slice, options, std::move(image));
-    return contours_of(stack_, slice, options, segmented.field);
+  // The contours of a slice. Sets `values` to the statistics of its pixels. Errors: those of
+  // segment_slice(), which meshing would have, too.
+  Result<Pslg> contours_at(int slice, Image image, ValueTally& values) const {
+    MeshedSlice segmented;
+    const auto pixels =
+        segment_slice(stack_, slice, options_.mesh, {std::move(image), {}}, segmented);
+    if (!pixels) return pixels.error().after(stack_.name(slice) + ": ");
+    values = std::move(segmented.values);
+    return contours_of(stack_, slice, options_.mesh, pixels->field);
   }
 
   Result<bool> has_material(int slice) const {
     if (auto ok = check_lattice(stack_, slice, options_.mesh.lattice); !ok) return ok.error();
     auto image = read_cropped(stack_, slice, options_.mesh.crop);
     if (!image) return image.error();
-    const auto contours = contours_at(slice, std::move(*image), options_.mesh);
+    ValueTally ignored;
+    const auto contours = contours_at(slice, std::move(*image), ignored);
+    if (!contours) return contours.error();
     return !contours->rings.empty();
   }
 
@@ -176,6 +186,7 @@ class Maker {
       }
       const auto found = probe(slices);
       if (!found) return found.error();
+      out_.inspected = probes < all ? probes : 0;
       const auto from = std::find(found->begin(), found->end(), true) - found->begin();
       if (from == static_cast<std::ptrdiff_t>(slices.size())) continue;
       const auto to = found->rend() - std::find(found->rbegin(), found->rend(), true) - 1;
@@ -207,16 +218,14 @@ class Maker {
     auto image = read_cropped(stack_, shown.index, options_.mesh.crop);
     if (!image) return image.error();
     shown.image = std::move(*image);
-    auto contours = contours_at(shown.index, shown.image, options_.mesh);
+    auto contours = contours_at(shown.index, shown.image, one.tally);
+    if (!contours) return contours.error();
     shown.contours = std::move(*contours);
     shown.area_mm2 = area_of(shown.contours, options_.mesh.lattice);
     const auto [low, high] =
         std::minmax_element(shown.image.values.begin(), shown.image.values.end());
     one.low = *low;
     one.high = *high;
-    const bool as_labels = labels_of(options_.mesh.segmentation) != nullptr;
-    if (as_labels || stack_.pixel_unit() == PixelUnit::kHounsfield)
-      one.tally = tally_values(shown.image, as_labels);
     return {};
   }
 
@@ -264,12 +273,15 @@ class Maker {
   Result<void> count_in(int i) {
     OneSlice& one = slices_[static_cast<std::size_t>(i)];
     const Image& image = one.shown.image;
-    if (labels_of(out_.segmentation) != nullptr) {
+    if (const Labels* wanted = labels_of(out_.segmentation)) {
       for (const float value : image.values) {
         if (value == 0 || std::rint(value) != value || std::abs(value) >= 1e9F) continue;
         const int label = static_cast<int>(value);
-        if (one.label_voxels.size() < kMaxLabelsCounted || one.label_voxels.contains(label))
+        if (one.label_voxels.size() < kMaxLabelsCounted || one.label_voxels.contains(label) ||
+            wanted->all || wanted->labels.contains(label))
           ++one.label_voxels[label];
+        else
+          one.has_uncounted = true;
       }
       return {};
     }
@@ -305,10 +317,12 @@ class Maker {
 
   void finish() {
     ValueTally tally;
+    bool has_uncounted = false;
     out_.lowest_cut = std::numeric_limits<double>::infinity();
     out_.highest_cut = -out_.lowest_cut;
     for (OneSlice& one : slices_) {
       tally.add(one.tally);
+      has_uncounted |= one.has_uncounted;
       for (std::size_t k = 0; k < one.areas.size(); ++k) {
         out_.changes[k].area_mm2 += one.areas[k];
         out_.changes[k].outlines += one.outlines[k];
@@ -340,6 +354,11 @@ class Maker {
     if (stack_.voxel_conflict) {
       out_.warnings.push_back({kVoxelVolume, input_name(stack_),
                                stack_.voxel_conflict->reason + "; the sform is used"});
+    }
+    if (has_uncounted) {
+      out_.warnings.push_back({"labels_not_counted", input_name(stack_),
+                               "a slice has more than " + std::to_string(kMaxLabelsCounted) +
+                                   " labels; not all that are not wanted are counted"});
     }
     if (auto doubt = value_warning(tally, out_.unit, out_.segmentation, input_name(stack_)))
       out_.warnings.push_back(std::move(*doubt));

@@ -30,8 +30,7 @@ struct PreviewSlice {
   Image image;    ///< pixels within Preview::crop
   Pslg contours;  ///< the contours that trocar-mesh would simplify and mesh
   double area_mm2 = 0;
-  /// Empty if the stack's pixel_unit() is kGrey: for image files, and for a DICOM segmentation in
-  /// its own slices. A label map in a NIfTI file has letters.
+  /// Empty for image files, which do not state their orientation.
   EdgeLetters letters;
 };
 
@@ -59,6 +58,9 @@ struct Preview {
   Crop crop;                              ///< region of each slice that is read
   int slices = 0, width = 0, height = 0;  ///< size of the scan in slices and pixels
   double step_mm = 0;                     ///< mean distance between the scan's slices
+  /// Number of slices that were inspected to find the first and the last slice with material, if
+  /// not all were; otherwise 0.
+  int inspected = 0;
   std::vector<PreviewSlice> shown;
   double low = 0, high = 0;  ///< range of the values in the slices shown
   /// Used only with equalisation, where one level stands for a different value in each slice. Each
@@ -69,7 +71,8 @@ struct Preview {
   std::vector<Change> changes;  ///< five, of which the third has change 0; empty for labels
   /// Number of voxels of each label in the slices shown. The map has each label that occurs in
   /// these slices, except the label 0. It also has each label that is material; if such a label
-  /// does not occur, its number is 0. In one slice, at most 4096 different labels are counted.
+  /// does not occur, its number is 0. If a slice has more than 4096 labels, some that are not
+  /// material are not counted, and there is the warning labels_not_counted.
   std::map<int, std::int64_t> label_voxels;
   bool has_solid = false;  ///< true: trocar-mesh would make solid bone (segment/solid_bone.h)
   bool has_table = false;  ///< true: a scanner's table was found and left out
@@ -81,10 +84,11 @@ struct Preview {
 /// between these two is shown even if it is empty. If the scan has more than 64 slices, 64 of them
 /// are inspected. Bisection then finds the first slice with material between two inspected slices,
 /// and likewise the last, so that not all slices need to be read. (Material in a few slices beyond
-/// these is not found if it lies between two inspected slices.) All slices are read in three cases:
-/// if solid bone is made, if ScannerTable::find() finds a scanner's table in the few slices that it
-/// inspects first, or if none of the 64 slices has material. The number of threads does not change
-/// the result. Errors: those that mesh_stack() can find before it simplifies contours.
+/// these is not found if it lies between two inspected slices; size_text() says so.) All slices are
+/// read in three cases: if solid bone is made, if ScannerTable::find() finds a scanner's table in
+/// the few slices that it inspects first, or if none of the 64 slices has material. The number of
+/// threads does not change the result. Errors: those that mesh_stack() can find before it
+/// simplifies contours.
 Result<Preview> make_preview(const SliceStack& stack, const StackOptions& options, int count);
 
 /// The unit of the values, in words: "HU", "grey levels", "labels", or "values" if uncalibrated.

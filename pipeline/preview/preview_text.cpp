@@ -54,27 +54,13 @@ std::string slices_shown(const Preview& preview) {
 
 std::vector<Warning> shown_warnings(const Preview& preview) {
   // The sentences of these warnings contain only fixed words and numbers.
-  static constexpr std::array kPlain = {"contrast_filled",
-                                        "copied_slice",
-                                        "gantry_tilt",
-                                        "localiser",
-                                        "looks_like_ct",
-                                        "looks_like_labels",
-                                        "looks_offset",
-                                        "missing_slice",
-                                        "no_modality",
-                                        "no_orientation",
-                                        "no_pixel_spacing",
-                                        "no_rescale",
-                                        "no_series_uid",
-                                        "no_sop_uid",
-                                        "not_dicom",
-                                        "spacing_ignored",
-                                        "table_connected",
-                                        "table_removed",
-                                        "threshold_out_of_range",
-                                        "uneven_spacing",
-                                        "voxel_volume"};
+  static constexpr std::array kPlain = {
+      "contrast_filled", "copied_slice",    "gantry_tilt",       "labels_not_counted",
+      "localiser",       "looks_like_ct",   "looks_like_labels", "looks_offset",
+      "missing_slice",   "no_modality",     "no_orientation",    "no_pixel_spacing",
+      "no_rescale",      "no_series_uid",   "no_sop_uid",        "not_dicom",
+      "spacing_ignored", "table_connected", "table_removed",     "threshold_out_of_range",
+      "uneven_spacing",  "voxel_volume"};
   std::vector<Warning> out;
   for (const Warning& w : preview.warnings) {
     const bool is_plain = std::find(kPlain.begin(), kPlain.end(), w.code) != kPlain.end();
@@ -113,8 +99,14 @@ std::string size_text(const Preview& preview, const Crop& view) {
       std::to_string(preview.width) + " x " + std::to_string(preview.height) + " pixels of " +
       number_text(plane.spacing_u_mm) + " x " + number_text(plane.spacing_v_mm) + " mm";
   if (preview.slices > 1) out += ", " + number_text(preview.step_mm) + " mm apart";
-  return out + "; whole slice " + sides(preview.width, preview.height) + ", shown " +
+  out += "; whole slice " + sides(preview.width, preview.height) + ", shown " +
          sides(view.x1 - view.x0 + 1, view.y1 - view.y0 + 1);
+  if (preview.inspected > 0) {
+    out += "; the first and the last slice with material were sought in " +
+           std::to_string(preview.inspected) +
+           " slices, so material in a few slices beyond them can be missing here";
+  }
+  return out;
 }
 
 std::string input_kind(const SliceStack& stack) {

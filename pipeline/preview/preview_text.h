@@ -23,7 +23,8 @@ std::string options_text(const StackOptions& options, const OpenOptions& input, 
 /// A phrase for sentences: "the slice shown" or "the N slices shown".
 std::string slices_shown(const Preview& preview);
 
-/// The sizes of the scan and of `view`, the region shown.
+/// The sizes of the scan and of `view`, the region shown. If not all slices were inspected, the
+/// text says that material beyond the slices shown can be missing.
 std::string size_text(const Preview& preview, const Crop& view);
 
 /// The preview's warnings, each once, without file names. A sentence that may contain names or

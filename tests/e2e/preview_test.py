@@ -292,6 +292,57 @@ def check_labels(file):
         check_outline(f"label, slice {shown['index']}", picture, numbers, shown, rings[shown["index"]], labels=True)
 
 
+def labelled(name, slices):
+    """A label map of these slices, 1 mm apart, with pixels of 1 mm."""
+    file = WORK / f"{name}.nii.gz"
+    nibabel.save(nibabel.Nifti1Image(numpy.stack(slices, axis=2).astype(numpy.int16), numpy.eye(4)), file)
+    return file
+
+
+def check_many_labels():
+    """A wanted label is always counted. If others are not, this is said."""
+    for count, is_whole in ((4000, True), (6400, False)):
+        labels = numpy.minimum(numpy.arange(80 * 80)[::-1], count).reshape(80, 80)  # the reader comes to the highest one last
+        file = labelled("many", [labels, labels])
+        page = WORK / "many.html"
+        said = run(MESH, "preview", file, "--labels", str(labels.max()), "--min-region", "0", "--count", "1", "-o", page).stderr
+        numbers = embedded_json(page.read_text(), "preview")
+        counted = {row["label"]: row["voxels"] for row in numbers["label_voxels"]}
+        assert counted[labels.max()] == (labels == labels.max()).sum(), f"{count} labels: the wanted one has {counted[labels.max()]} voxels"
+        warned = [w["code"] for w in numbers["warnings"] if w["code"] == "labels_not_counted"]
+        assert len(warned) == (0 if is_whole else 1) == said.count("(labels_not_counted)"), f"{count} labels: {numbers['warnings']}, {said}"
+        assert (len(counted) == len(numpy.unique(labels)) - 1) == is_whole, f"{count} labels: {len(counted)} are counted"
+
+
+def check_inspected():
+    """With more than 64 slices, the page says that it can miss material between two inspected ones."""
+    block = numpy.zeros((24, 24), int)
+    block[8:16, 8:16] = 1
+    for slices, of in ((130, 64), (64, None)):
+        full = {1, slices // 2}  # slices 0 and 2 of 130 are inspected, 1 is not
+        file = labelled("sparse", [block * (k in full) for k in range(slices)])
+        page = WORK / "sparse.html"
+        run(MESH, "preview", file, "--labels", "1", "-o", page, "--quiet")
+        size = embedded_json(page.read_text(), "page")["size"]
+        first = embedded_json(page.read_text(), "preview")["slices"][0]["index"]
+        assert (first == 1) == (of is None), f"{slices} slices: the first shown is {first}"
+        assert (f"sought in {of} slices" in size) == ("sought in" in size) == (of is not None), f"{slices} slices: {size}"
+
+
+def check_several_materials():
+    """What meshing refuses for several materials, the preview refuses, too, by the same words."""
+    two = numpy.zeros((24, 24), int)
+    two[4:12, 4:20] = 1
+    two[12:20, 4:20] = 2
+    file = labelled("two", [two, two])
+    for code, labels in ((2, "all"), (2, "1,2"), (0, "1+2"), (0, "1")):
+        words = (file, "--labels", labels, "--contour", "pixel", "--quiet", "-o")
+        meshed = run(MESH, *words, WORK / "two.glb", expect=code).stderr
+        shown = run(MESH, "preview", *words, WORK / "two.png", expect=code).stderr
+        assert shown == meshed, f"--labels {labels}: {shown!r} and not {meshed!r}"
+        assert ("--contour pixel leaves gaps" in shown) == (code == 2), f"--labels {labels}: {shown!r}"
+
+
 def check_refusals(file):
     images = WORK / "images"
     shutil.copytree(SCAN / "png", images)
@@ -322,6 +373,9 @@ def test_preview():
     check_labels(phantom)
     check_private(SCAN / "dicom")
     check_refusals(phantom)
+    check_many_labels()
+    check_inspected()
+    check_several_materials()
     for name, file in (("L3", L3_SCAN), ("head", HEAD_CT)):
         if not file.is_file():
             print(f"{name}: not there, left out")
