@@ -241,6 +241,25 @@ Result<Image> read_tiff(const std::filesystem::path& file, const std::string& na
   return to_image(pixels, cv::COLOR_RGBA2GRAY, wanted, name);
 }
 
+// The indices of a BMP with a palette and 8 bits a pixel, which libturbojpeg replaces by colours.
+// Rows are padded to words; the lowest row comes first, unless the height is negative.
+Result<Image> bmp_indices(const std::vector<std::uint8_t>& bytes, int width, int height,
+                          bool is_top_down, const std::string& name) {
+  std::uint32_t start = 0;
+  std::memcpy(&start, bytes.data() + 10, 4);
+  const std::size_t row = (static_cast<std::size_t>(width) + 3) / 4 * 4,
+                    size = row * static_cast<std::size_t>(height);
+  if (start > bytes.size() || size > bytes.size() - start) return refused(name + ": broken BMP");
+  Image image{width, height, {}};
+  image.values.reserve(static_cast<std::size_t>(width) * height);
+  for (int y = 0; y < height; ++y) {
+    const std::uint8_t* first =
+        bytes.data() + start + row * static_cast<std::size_t>(is_top_down ? y : height - 1 - y);
+    image.values.insert(image.values.end(), first, first + width);
+  }
+  return image;
+}
+
 // Width and height are at fixed offsets. The header's size determines whether they have 16 or 32
 // bits.
 Result<Image> read_bmp(const std::filesystem::path& file, const std::vector<std::uint8_t>& bytes,
@@ -255,6 +274,14 @@ Result<Image> read_bmp(const std::filesystem::path& file, const std::vector<std:
   const std::int64_t columns = old ? bytes[18] | bytes[19] << 8 : i32(18);
   const std::int64_t rows = old ? bytes[20] | bytes[21] << 8 : std::abs(i32(22));
   if (auto ok = check_size(columns, rows, name); !ok) return ok.error();
+  const std::size_t bits_at = old ? 24 : 28;
+  if (wanted == Levels::kStored && (bytes[bits_at] | bytes[bits_at + 1] << 8) == 8) {
+    constexpr std::size_t kNewHeader = 54;
+    if (!old && (bytes.size() < kNewHeader || i32(30) != 0))
+      return refused(name + ": broken BMP, or a compressed one");
+    return bmp_indices(bytes, static_cast<int>(columns), static_cast<int>(rows),
+                       !old && i32(22) < 0, name);
+  }
   int width = 0, height = 0, format = TJPF_BGR;
   const std::unique_ptr<unsigned char, void (*)(unsigned char*)> loaded(
       tjLoadImage(file.c_str(), &width, 1, &height, &format, 0), tjFree);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // Reads one image file as grey levels.
-// Tests: tests/pipeline/read/readers_test.cpp
+// Tests: tests/pipeline/read/readers_test.cpp, tests/pipeline/read/image/label_images_test.cpp
 #pragma once
 
 #include <filesystem>
@@ -12,8 +12,8 @@ namespace trocar::pipeline {
 
 enum class Levels {
   kTo255,  ///< grey levels of 0..255; levels of 16 bits are divided by 257 without rounding
-  /// The stored numbers of 1 to 16 bits; used for labels. If a PNG or TIFF has a palette (a table
-  /// of colours), the stored numbers are the indices into the palette.
+  /// The stored numbers of 1 to 16 bits; used for labels. If a PNG, TIFF or BMP has a palette (a
+  /// table of colours), the stored numbers are the indices into the palette.
   kStored,
 };
 

@@ -296,67 +296,6 @@ TEST_F(Readers, SeriesIsForDicomInputOnly) {
   expect_error(open_stack({folder_ / "scan" / "dicom"}, options), ExitCode::kUsage, "no series");
 }
 
-TEST_F(Readers, LabelsOf16BitsAreReadUnscaled) {
-  cv::Mat labels(2, 3, CV_16UC1);
-  for (int i = 0; i < 6; ++i)
-    labels.at<std::uint16_t>(i / 3, i % 3) =
-        std::array<std::uint16_t, 6>{0, 1, 22, 257, 4000, 65535}[static_cast<std::size_t>(i)];
-  for (const char* name : {"labels.png", "labels.tif"}) {
-    const fs::path file = folder_ / name;
-    ASSERT_TRUE(cv::imwrite(file.string(), labels));
-    OpenOptions options;
-    options.spacing_mm = {1, 1, 1};
-    options.as_labels = true;
-    EXPECT_EQ((*open_stack({file}, options))->read(0)->values,
-              (std::vector<float>{0, 1, 22, 257, 4000, 65535}))
-        << name;
-    options.as_labels = false;
-    EXPECT_FLOAT_EQ((*open_stack({file}, options))->read(0)->values[3], 1.0F) << name;
-  }
-}
-
-// The expected indices are taken from the BMP's bytes: the lowest row first, rows padded to words.
-TEST_F(Readers, LabelsOfFewBitsOrAPaletteAreReadUnscaled) {
-  const fs::path corpus = fs::path(TROCAR_CORPUS) / "image";
-  const auto bmp = *read_file(corpus / "palette.bmp");
-  constexpr int kWidth = 19, kHeight = 14, kRow = 20, kPixels = 1078;
-  ASSERT_EQ(bmp.size(), kPixels + kRow * kHeight);
-  std::vector<float> indices, bits;
-  for (int y = kHeight - 1; y >= 0; --y)
-    for (int x = 0; x < kWidth; ++x)
-      indices.push_back(
-          bmp[kPixels + kRow * static_cast<std::size_t>(y) + static_cast<std::size_t>(x)]);
-  const cv::Mat black_or_white = cv::imread((corpus / "bits.png").string(), cv::IMREAD_GRAYSCALE);
-  ASSERT_EQ(black_or_white.total(), indices.size());
-  for (int i = 0; i < kWidth * kHeight; ++i)
-    bits.push_back(black_or_white.at<std::uint8_t>(i / kWidth, i % kWidth) > 0 ? 1.0F : 0.0F);
-  ASSERT_EQ(*std::max_element(bits.begin(), bits.end()), 1);
-  ASSERT_GT(*std::max_element(indices.begin(), indices.end()), 2);
-  const auto as_labels = [&](const fs::path& file) {
-    return read_image_file(file, Levels::kStored);
-  };
-  for (const char* kind :
-       {".png", "_raw.tif", "_packbits.tif", "_tiff_lzw.tif", "_tiff_deflate.tif"}) {
-    for (const auto& [name, want] : {std::pair{"palette", &indices}, {"bits", &bits}}) {
-      const auto got = as_labels(corpus / (std::string(name) + kind));
-      ASSERT_TRUE(got) << got.error().message;
-      EXPECT_EQ(got->values, *want) << name << kind;
-    }
-    EXPECT_EQ(as_labels(corpus / (std::string("grey") + kind))->values,
-              read_image_file(corpus / (std::string("grey") + kind))->values);
-    for (const char* name : {"colour", "alpha"})
-      expect_error(as_labels(corpus / (std::string(name) + kind)), ExitCode::kRefused, "colours");
-  }
-  // The reused buffer has no effect: an image of as many bytes was decoded before.
-  const fs::path white = folder_ / "white.png";
-  ASSERT_TRUE(cv::imwrite(white.string(), cv::Mat(kHeight, (kWidth + 1) / 2, CV_8UC1, 255.0)));
-  ASSERT_TRUE(as_labels(white));
-  EXPECT_EQ(as_labels(corpus / "palette_interlaced.png")->values, indices);
-  expect_error(as_labels(corpus / "palette.bmp"), ExitCode::kRefused, "colours");
-  expect_error(as_labels(corpus / "grey.jpg"), ExitCode::kRefused, "JPEG");
-  EXPECT_EQ(as_labels(corpus / "grey.bmp")->values, read_image_file(corpus / "grey.bmp")->values);
-}
-
 TEST_F(Readers, ATiffOfSeveralPagesIsRefused) {
   const std::vector<cv::Mat> pages(3, cv::Mat(8, 8, CV_8UC1, cv::Scalar(90)));
   const std::string file = (folder_ / "pages.tif").string();
