@@ -54,12 +54,10 @@ struct SeriesInfo {
 
 /// The unit of an image's values.
 enum class PixelUnit {
-  /// HU: CT in DICOM after the rescale, and NIfTI after scl_slope and scl_inter. Two kinds of label
-  /// map have this unit, too, although labels are no HU: a NIfTI file, and a DICOM segmentation
-  /// that is sliced along another axis (OpenOptions::axis).
+  /// HU: CT in DICOM after the rescale, and NIfTI after scl_slope and scl_inter. Label maps in
+  /// NIfTI files and DICOM segmentations have this unit, too, although labels are no HU.
   kHounsfield,
-  /// Grey levels of 0..255 of image files, or labels of a DICOM segmentation in its own slices.
-  kGrey,
+  kGrey,          ///< grey levels of 0..255 of image files, or labels in them
   kUncalibrated,  ///< values of DICOM that is not CT, after the rescale; never NIfTI files
 };
 

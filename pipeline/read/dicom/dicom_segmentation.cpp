@@ -37,7 +37,8 @@ class SegmentationStack final : public SliceStack {
   int size() const override { return static_cast<int>(planes_.size()); }
   int width() const override { return file_.frames[0].columns; }
   int height() const override { return file_.frames[0].rows; }
-  PixelUnit pixel_unit() const override { return PixelUnit::kGrey; }
+  // The unit is that of a NIfTI label map, and of this segmentation along another axis.
+  PixelUnit pixel_unit() const override { return PixelUnit::kHounsfield; }
   const SlicePlane& plane(int slice) const override { return planes_[slice]; }
   std::string name(int slice) const override {
     return file_.file.string() + " slice " + std::to_string(slice);

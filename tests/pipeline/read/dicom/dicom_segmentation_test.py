@@ -13,6 +13,7 @@ import jsonschema
 import nibabel
 import pydicom
 import pytest
+from html_pages import embedded_json
 from programs import SOURCE
 
 SEG = "1.2.840.10008.5.1.4.1.1.66.4"
@@ -301,6 +302,18 @@ def test_without_labels(t):
         assert words or asset == alone, "SEG beside CT: another asset"
     shutil.copy(seg, folder / "again.dcm")
     t.refused(folder, "2 segmentations", "again.dcm", "seg.dcm", code=2)
+
+
+def test_previewed(t):
+    """The preview shows the directions at the edges, whether the slices are the stored ones or are said to be transverse."""
+    seg, page = t.save(make_seg(label_map())), t.work / "seg.html"
+    for words in ((), ("--axis", "transverse"), ("--axis", "coronal")):
+        subprocess.run([t.mesh, "preview", seg, "--labels", "all", "-o", page, "--quiet", *words], check=True, timeout=60)
+        shown = embedded_json(page.read_text(), "preview")
+        assert shown["input"] == "DICOM" and shown["unit"] == "labels", f"{words}: {shown}"
+        top = "S" if "coronal" in words else "A"
+        letters = [(s["letters"]["left"], s["letters"]["top"]) for s in shown["slices"]]
+        assert letters == [("R", top)] * len(letters) != [], f"{words}: {letters}"
 
 
 def test_listed(t):
