@@ -128,12 +128,8 @@ const std::map<std::string, Allowed>& allowed_values() {
     add_text(
         "/extras/trocar/parameters/fill_mm2", [](const std::string& text) { return text == "all"; },
         Kind::kNumberOrText);
-    add_text("/extras/trocar/parameters/modality", [](const std::string& text) {
-      constexpr std::string_view kScout = " LOCALIZER";
-      const std::string_view whole = text;
-      return is_modality(whole.ends_with(kScout) ? whole.substr(0, whole.size() - kScout.size())
-                                                 : whole);
-    });
+    add_text("/extras/trocar/parameters/modality",
+             [](const std::string& text) { return shared_modality(text) == text; });
     return out;
   }();
   return all;
@@ -349,6 +345,17 @@ bool is_modality(std::string_view text) {
                           "IO",  "IVOCT", "IVUS", "LS", "MG", "MR",  "NM", "OCT",    "OP",
                           "OPM", "OPT",   "OT",   "PT", "PX", "RF",  "RG", "RTDOSE", "RTIMAGE",
                           "SC",  "SEG",   "SM",   "ST", "TG", "US",  "XA", "XC"});
+}
+
+std::string shared_modality(std::string_view text) {
+  const std::size_t space = std::min(text.find(' '), text.size());
+  const bool is_known =
+      is_modality(text.substr(0, space)) &&
+      (space == text.size() ||
+       is_any_of(text.substr(space + 1),
+                 {"LOCALIZER", "SCOUT", "SURVIEW", "REF_SURVIEW", "MOSAIC", "SECONDARY CAPTURE",
+                  "OD", "ED", "EDW", "MGML", "PCT", "Z_EFF"}));
+  return is_known ? std::string(text) : "OT";
 }
 
 bool is_plain_name(std::string_view name) {

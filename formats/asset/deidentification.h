@@ -23,12 +23,18 @@ bool is_plain_name(std::string_view name);
 /// as "CT". Any other text could be a name.
 bool is_modality(std::string_view text);
 
+/// The text by which assets and reports name the modality of a scan whose values are not HU. If
+/// `text` is a modality of images that DICOM defines, alone or followed by one of a few fixed words
+/// for the kind of image ("LOCALIZER") or of values ("ED", electron density), the result is `text`.
+/// Otherwise it is "OT" (other), because `text` could be a name.
+std::string shared_modality(std::string_view text);
+
 /// Checks that `glb` is an asset of schema 2 as encode_asset() writes it, and that all of these
 /// conditions hold:
 ///  1. Every key of the JSON is one that assets have at this position. Every string is a term of
 ///     glTF, the program and its version, one of a parameter's fixed values (such as "coronal"), a
-///     modality of images that DICOM defines (with or without " LOCALIZER"), the statement of
-///     use, the keyed digest of the input, or a material's name that passes is_plain_name().
+///     modality that shared_modality() leaves as it is, the statement of use, the keyed digest of
+///     the input, or a material's name that passes is_plain_name().
 ///  2. The JSON text has no characters that its contents do not need, such as escapes or spaces
 ///     between elements; only padding at its end is allowed. No object has a key twice.
 ///  3. Every byte of the binary chunk belongs to the slice index, a Draco payload, lines or a

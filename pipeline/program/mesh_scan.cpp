@@ -49,9 +49,12 @@ Result<void> check_threshold(const Arguments& a, SliceStack& stack) {
     return {};
   if (stack.pixel_unit() == PixelUnit::kUncalibrated) {
     if (a.threshold_given->count() == 0 || !a.preset.empty()) {
-      stack.warnings.push_back({"default_threshold", "--threshold",
-                                "its default and the presets are meant in HU; values of " +
-                                    stack.modality + " need one of their own"});
+      const auto sentence = [](const std::string& modality) {
+        return "its default and the presets are meant in HU; values of " + modality +
+               " need one of their own";
+      };
+      stack.warnings.push_back({"default_threshold", "--threshold", sentence(stack.modality),
+                                sentence(shared_modality(stack.modality))});
     }
     return {};
   }

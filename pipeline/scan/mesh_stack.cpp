@@ -13,6 +13,7 @@
 #include <string>
 #include <utility>
 
+#include "formats/asset/deidentification.h"
 #include "formats/base/json_text.h"
 #include "pipeline/base/parallel_for.h"
 #include "pipeline/read/digest.h"
@@ -266,7 +267,7 @@ Result<std::vector<EncodedHuVolume>> hu_volumes(const Run& run,
 json used_parameters(const Run& run, const json& parameters, const Collected& all) {
   json out = parameters;
   if (run.stack.pixel_unit() == PixelUnit::kUncalibrated) {
-    out["modality"] = run.stack.modality;
+    out["modality"] = shared_modality(run.stack.modality);
     out["values_are_hu"] = false;
   }
   if (const Labels* labels = run.labels(); labels != nullptr && labels->all)

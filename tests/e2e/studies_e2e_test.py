@@ -212,7 +212,8 @@ def test_chooses(s):
     for name, number, modality in (("kernel", 4, "CT"), ("modality", 5, "")):
         stored = json.loads((store / "reports" / f"{name}.json").read_text())["input"]["series"]
         assert stored == {"number": number, "kernel": "", "modality": modality}, f"{name}: {stored}"
-    assert "JANE" not in (store / "reports" / "kernel.json").read_text()
+        for stored_file in (store / "reports" / f"{name}.json", store / "assets" / f"{name}.glb"):
+            assert b"JANE" not in stored_file.read_bytes(), f"{stored_file} names a person"
     (study / "c" / "IM000099").write_bytes(b"")
     s.series(study / "d", 3, "Thin", range(SLICES), lambda ds, k: setattr(ds, "Modality", "MR"))
     s.series(study / "e", 1, "Topogram", range(1), ImageType=["ORIGINAL", "PRIMARY", "LOCALIZER"])

@@ -6,6 +6,7 @@
 #include <string_view>
 #include <utility>
 
+#include "formats/asset/deidentification.h"
 #include "pipeline/read/dicom/dicom_headers.h"
 #include "pipeline/read/dicom/dicom_parse.h"
 #include "pipeline/read/slice_stack.h"
@@ -174,9 +175,11 @@ std::string other_modality(const std::vector<DicomFile>& files,
     if (which == nullptr) which = &file;
   }
   if (other != nullptr) {
-    warnings.push_back(
-        {"not_hu", other->file.string(),
-         "values are not HU: these images are " + other->content.name + "; no mean HU is stored"});
+    const auto sentence = [](const std::string& name) {
+      return "values are not HU: these images are " + name + "; no mean HU is stored";
+    };
+    warnings.push_back({"not_hu", other->file.string(), sentence(other->content.name),
+                        sentence(shared_modality(other->content.name))});
     return other->content.name;
   }
   if (unknown != nullptr) {

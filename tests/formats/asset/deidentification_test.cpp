@@ -55,13 +55,21 @@ TEST(PrivateAsset, AnAssetAsItIsWrittenIsPrivate) {
   EXPECT_EQ(found_in(*encode_asset(asset)), "");
   asset.colours = true;
   EXPECT_EQ(found_in(*encode_asset(asset)), "");
-  for (const char* modality : {"MR", "PT", "RTDOSE", "CT LOCALIZER"}) {
+  for (const char* modality : {"MR", "PT", "RTDOSE", "CT LOCALIZER", "MR MOSAIC", "CT ED"}) {
     asset.parameters_json = std::string(R"({"modality":")") + modality + R"("})";
     EXPECT_EQ(found_in(*encode_asset(asset)), "");
   }
   asset.slices[1].measures_json = R"({"mean_hu":300.25,"patient":"DOE"})";
   asset.slices[1].hu.clear();
   EXPECT_EQ(found_in(*encode_asset(asset)), "");
+}
+
+TEST(PrivateAsset, AnUnknownModalityIsCalledOther) {
+  for (const char* known : {"MR", "OT", "CT LOCALIZER", "CT SECONDARY CAPTURE", "CT Z_EFF"})
+    EXPECT_EQ(shared_modality(known), known);
+  for (const char* unknown : {"", " ", "SMITH", "ROE JANE", "CT SMITH", "CT ", "CT LOCALIZER SMITH",
+                              "LOCALIZER", "M?", "mr"})
+    EXPECT_EQ(shared_modality(unknown), "OT") << unknown;
 }
 
 TEST(PrivateAsset, PlantedTextIsNamed) {
@@ -76,6 +84,8 @@ TEST(PrivateAsset, PlantedTextIsNamed) {
        R"(its JSON has /extras/trocar/parameters/modality "1.2.826.0.1")"},
       {[](Asset& a) { a.parameters_json = R"({"modality":"SMITH"})"; },
        R"(its JSON has /extras/trocar/parameters/modality "SMITH")"},
+      {[](Asset& a) { a.parameters_json = R"({"modality":"CT SMITH"})"; },
+       R"(its JSON has /extras/trocar/parameters/modality "CT SMITH")"},
       {[](Asset& a) { a.parameters_json = R"({"labels":["DOE"]})"; },
        R"(its JSON has /extras/trocar/parameters/labels/[] "DOE")"},
       {[](Asset& a) { a.generator = "trocar-mesh 0.2.0 /home/doe"; },
