@@ -121,16 +121,12 @@ std::optional<HuSection> section_of(const json& ours) {
   return out.bytes >= directory_bytes(out) ? std::optional(out) : std::nullopt;
 }
 
-// Decodes planes of one volume and bounds their total size.
+// Decodes planes of one volume.
 class PlaneReader {
  public:
   PlaneReader(ByteSource& source, std::uint64_t binary_at, const HuSection& section,
-              const Lattice& lattice)
-      : source_(source),
-        binary_at_(binary_at),
-        section_(section),
-        lattice_(lattice),
-        left_((std::uint64_t{1} << 22) + 4096 * source.size()) {}
+              const Lattice& lattice, std::uint64_t& left)
+      : source_(source), binary_at_(binary_at), section_(section), lattice_(lattice), left_(left) {}
 
   /// Appends the plane of a slice, if it has one. `entries` are the slice's.
   Result<void> add(std::span<const AssetSlice> entries, std::vector<HuPlane>& out) {
@@ -162,10 +158,17 @@ class PlaneReader {
   std::uint64_t binary_at_;
   const HuSection& section_;
   const Lattice& lattice_;
-  std::uint64_t left_;  // samples
+  std::uint64_t& left_;  // samples that all volumes together may still have
 };
 
 }  // namespace
+
+std::uint64_t max_hu_samples(std::uint64_t file_bytes) {
+  // The first limit admits large slices with two specks in opposite corners, which have
+  // many samples for each of their bytes. The second one is for damaged and hostile files.
+  return std::min((std::uint64_t{1} << 22) + 4096 * file_bytes,
+                  (std::uint64_t{1} << 28) + 64 * file_bytes);
+}
 
 json add_hu_volume(GltfWriter& gltf, const EncodedHuVolume& volume) {
   std::vector<std::uint8_t> bytes(volume.planes.size() * sizeof(PlaneRecord));
@@ -211,6 +214,7 @@ Result<std::vector<HuSection>> hu_sections(const json& ours, const Lattice& latt
 Result<void> read_hu_volumes(ByteSource& source, std::uint64_t binary_at,
                              std::uint64_t binary_bytes, const std::vector<HuSection>& sections,
                              bool with_context, Asset& asset) {
+  std::uint64_t left = max_hu_samples(source.size());
   for (const HuSection& section : sections) {
     if (section.offset > binary_bytes || section.bytes > binary_bytes - section.offset)
       return refused("its HU lie outside the file");
@@ -218,7 +222,7 @@ Result<void> read_hu_volumes(ByteSource& source, std::uint64_t binary_at,
     HuVolume& volume = is_context ? asset.context : asset.hu;
     volume.grid = section.grid;
     if (is_context && !with_context) continue;
-    PlaneReader planes(source, binary_at, section, asset.lattice);
+    PlaneReader planes(source, binary_at, section, asset.lattice, left);
     for (std::size_t i = 0; i < asset.slices.size();) {
       const std::span<const AssetSlice> entries = materials_of_slice(asset, i);
       if (auto ok = planes.add(entries, volume.planes); !ok)

@@ -14,6 +14,7 @@
 #include "formats/asset/asset.h"
 #include "formats/asset/asset_index.h"
 #include "formats/asset/hu_codec.h"
+#include "formats/asset/hu_section.h"
 #include "tests/support/sheet_fixture.h"
 
 namespace trocar {
@@ -320,6 +321,55 @@ TEST(HuInAsset, SurvivesTheFileWholeAndInPart) {
     second.planes.erase(second.planes.begin());
     expect_same(part->asset.hu, second);
   }
+}
+
+// Slices with two small squares in opposite corners of a box of about `side` x `side` samples.
+Asset asset_of_corners(int side, int slices) {
+  Asset asset;
+  asset.generator = "trocar-mesh 0.2.0";
+  AssetSlice slice;
+  for (const std::int32_t corner : {0, 32 * side}) {
+    const SliceMesh square = test::square_mesh({corner, corner}, 64, 1);
+    const auto first = static_cast<std::uint32_t>(slice.mesh.vertices.size());
+    slice.mesh.vertices.insert(slice.mesh.vertices.end(), square.vertices.begin(),
+                               square.vertices.end());
+    for (const Triangle& t : square.triangles)
+      slice.mesh.triangles.push_back({t[0] + first, t[1] + first, t[2] + first});
+  }
+  slice.pslg = boundary_rings(slice.mesh);
+  HuGrid& grid = asset.hu.grid;
+  grid.pitch_mm = {kLattice.to_mm(32), kLattice.to_mm(32)};
+  grid.columns = grid.rows = side + 8;
+  grid.margin_steps = 32;
+  const Pslg* const outlines[] = {&slice.pslg};
+  const auto mask = hu_mask(grid, kLattice, outlines);
+  auto plane = decode_hu_plane(encode_hu_plane(grid, *mask, noise), grid, kLattice, outlines);
+  for (int i = 0; i < slices; ++i) {
+    slice.index = plane->index = i;
+    slice.z_mm = i;
+    slice.T_lps_plane = plane->T_lps_plane = Eigen::Translation3d(0, 0, i);
+    asset.slices.push_back(slice);
+    asset.hu.planes.push_back(*plane);
+  }
+  return asset;
+}
+
+TEST(HuInAsset, ASmallFileHasFewSamples) {
+  const auto small = encode_asset(asset_of_corners(1000, 2));
+  ASSERT_TRUE(small) << small.error().message;
+  const auto decoded = decode_asset(*small, "test");
+  EXPECT_TRUE(decoded) << decoded.error().message;
+  const auto large = encode_asset(asset_of_corners(3000, 5));
+  ASSERT_TRUE(large) << large.error().message;
+  ASSERT_LT(max_hu_samples(large->size()), 5 * 3000U * 3000U) << large->size();
+  const auto refused = decode_asset(*large, "test");
+  ASSERT_FALSE(refused);
+  EXPECT_NE(refused.error().message.find("more HU than a file of its size may have"),
+            std::string::npos)
+      << refused.error().message;
+  // A file of a megabyte takes little more than 1 GiB; a large one has all samples of its scan.
+  EXPECT_LE(max_hu_samples(1U << 20) * sizeof(float), (std::uint64_t{5} << 28));
+  EXPECT_GT(max_hu_samples(std::uint64_t{60} << 20), std::uint64_t{2000} * 512 * 512);
 }
 
 // Every byte of the volumes changed, and every number of their JSON.
