@@ -119,21 +119,28 @@ void add_hu_at_vertices(Asset& asset) {
 
 Result<void> weld_materials(Asset& asset, const std::string& name) {
   if (slice_count(asset) == asset.slices.size()) return {};
+  // All slices are joined before the asset is changed, because a later one may be refused.
   std::vector<AssetSlice> slices;
+  std::vector<std::size_t> unchanged;
   for (std::size_t i = 0; i < asset.slices.size();) {
-    const std::size_t count = materials_of_slice(asset, i).size();
-    if (count == 1) {
-      slices.push_back(std::move(asset.slices[i]));
+    const std::span<const AssetSlice> materials = materials_of_slice(asset, i);
+    if (materials.size() == 1) {
+      unchanged.push_back(i);
     } else {
-      auto one = welded(materials_of_slice(asset, i));
+      auto one = welded(materials);
       if (!one)
         return refused(name + ": slice " + std::to_string(asset.slices[i].index) + ": " +
                        one.error().message);
       slices.push_back(std::move(*one));
     }
-    slices.back().material = 0;
-    i += count;
+    i += materials.size();
   }
+  for (const std::size_t i : unchanged)
+    slices.push_back(std::move(asset.slices[i]));
+  std::sort(slices.begin(), slices.end(),
+            [](const AssetSlice& a, const AssetSlice& b) { return a.index < b.index; });
+  for (AssetSlice& slice : slices)
+    slice.material = 0;
   asset.slices = std::move(slices);
   asset.materials = {{"material", {}}};
   return {};

@@ -17,7 +17,7 @@ namespace trocar {
 /// unchanged. If any slice had several materials, the asset afterwards has one material, to which
 /// all slices belong; otherwise nothing is changed. O(n log n). Errors: kRefused if a mesh is not
 /// valid (check_mesh_against_pslg()), or if materials overlap (check_shared_borders()) or lie in
-/// different planes. The message has the file and the slice.
+/// different planes. The message has the file and the slice, and the asset is unchanged.
 Result<void> weld_materials(Asset& asset, const std::string& name);
 
 /// Computes HU at the vertices, with which viewers can colour the meshes. Sets AssetSlice::hu where

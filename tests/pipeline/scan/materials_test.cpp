@@ -233,6 +233,16 @@ TEST(Materials, APlantedOverlapIsRefused) {
   EXPECT_FALSE(verify_asset(twice, "twice.glb"));
   EXPECT_FALSE(confirm_by_cgal(twice, "twice.glb"));
   EXPECT_FALSE(weld_materials(twice, "twice.glb"));
+  // Refused only after a slice with one material: the asset keeps that slice, too.
+  Asset late = asset;
+  const auto several = static_cast<std::ptrdiff_t>(materials_of_slice(late, 0).size());
+  late.slices.erase(late.slices.begin() + 1, late.slices.begin() + several);
+  AssetSlice &last = late.slices.back(), &before = late.slices[late.slices.size() - 2];
+  ASSERT_EQ(last.index, before.index);
+  last.mesh = before.mesh;
+  last.pslg = before.pslg;
+  EXPECT_FALSE(weld_materials(late, "late.glb"));
+  EXPECT_EQ(late.slices[0].mesh.vertices, asset.slices[0].mesh.vertices);
   // One within another, and in another plane.
   Asset within = asset;
   const SliceMesh& outer = asset.slices[0].mesh;
