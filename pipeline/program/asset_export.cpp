@@ -141,8 +141,15 @@ class ScratchFolder {
   }
 
   const fs::path& path() const { return path_; }
+
+  // Moves these files into the target folder. A folder in the place of a file is found before any
+  // file is moved.
   Result<void> move_out(const std::vector<std::string>& names) {
     std::error_code error;
+    for (const std::string& name : names) {
+      if (fs::is_directory(fs::symlink_status(target_ / name, error)))
+        return unwritable((target_ / name).string() + ": " + system_message(EISDIR));
+    }
     for (const std::string& name : names) {
       fs::rename(path_ / name, target_ / name, error);
       if (error) return unwritable((target_ / name).string() + ": " + error.message());

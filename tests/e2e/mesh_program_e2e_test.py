@@ -413,27 +413,6 @@ def test_outputs_complete_or_none(programs, scan, work):
             assert list(folder.iterdir()) == [], f"left behind: {list(folder.iterdir())}"
 
 
-def test_export_complete_and_of_one_asset(programs, scan, work):
-    """An export writes all files of one asset or none."""
-    mesh, folder = programs / "trocar-mesh", work / "exported"
-    for name, slices in (("few", "3:4"), ("more", "3:6"), ("one", "5:5")):
-        run(mesh, scan / "sample.nii.gz", "-o", work / f"{name}.glb", "--slices", slices, "--quiet")
-    run(mesh, "export", work / "few.glb", "-o", folder)
-    run(mesh, "export", work / "few.glb", "-o", folder)
-    (folder / "notes.txt").write_text("the user's own")
-    run(mesh, "export", work / "more.glb", "-o", folder)
-    there = {f.name: f.read_bytes() for f in folder.iterdir()}
-    assert len(there) == 4 * 3 + 1, f"exported: {sorted(there)}"
-    done = run(mesh, "export", work / "one.glb", "-o", folder)
-    assert "still holds slice_0003.obj and 8 more files of another export" in done.stderr, f"exported over another: {done.stderr!r}"
-    there = {f.name: f.read_bytes() for f in folder.iterdir()}
-    biggest = max(len(content) for content in there.values())
-    refuses(4, "File too large", "prlimit", f"--fsize={biggest - 1}", mesh, "export", work / "more.glb", "-o", folder)
-    assert {f.name: f.read_bytes() for f in folder.iterdir()} == there, "a failed export left traces"
-    refuses(4, "File too large", "prlimit", f"--fsize={biggest - 1}", mesh, "export", work / "more.glb", "-o", work / "new")
-    assert not (work / "new").exists(), "a failed export left a folder"
-
-
 def test_files_and_parameters(programs, scan, work):
     mesh = programs / "trocar-mesh"
     slices = []
