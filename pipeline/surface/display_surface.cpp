@@ -44,13 +44,14 @@ Result<TriangleSurface> decimated(Decimation& decimation, std::size_t triangles,
     if (options.stop != nullptr && options.stop->load())
       return unwritable("interrupted; nothing was written");
     const auto bad = self_intersecting_triangles(surface);
-    if (bad.empty()) {
+    if (!bad) return bug(bad.error().message);
+    if (bad->empty()) {
       if (auto ok = check_triangle_surface(surface); !ok) return bug(ok.error().message);
       out.check_ms += watch.lap_ms();
       return surface;
     }
     out.check_ms += watch.lap_ms();
-    if (!decimation.undo(bad, undone)) return refused("--surface: the surface intersects itself");
+    if (!decimation.undo(*bad, undone)) return refused("--surface: the surface intersects itself");
   }
 }
 

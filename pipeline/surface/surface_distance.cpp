@@ -133,8 +133,8 @@ std::vector<Vector3d> points_on(const std::vector<Vector3d>& vertices,
   return out;
 }
 
+// Precondition: there are values.
 double percentile(std::vector<double>& values, double share) {
-  if (values.empty()) return 0;
   const auto at =
       values.begin() + static_cast<std::ptrdiff_t>(share * static_cast<double>(values.size() - 1));
   std::nth_element(values.begin(), at, values.end());
@@ -142,6 +142,7 @@ double percentile(std::vector<double>& values, double share) {
 }
 
 SurfaceDistance summary(std::vector<double> values) {
+  if (values.empty()) return {};
   return {percentile(values, 0.5), percentile(values, 0.99), percentile(values, 1)};
 }
 
@@ -156,6 +157,7 @@ SurfaceDistance distance_from(const TriangleSurface& surface, const SurfaceVolum
 
 SurfaceDistance distance_to(const TriangleSurface& surface, const SurfaceVolume& volume,
                             const std::vector<Vector3d>& points) {
+  if (surface.triangles.empty()) return {};
   const DistanceTo distance(positions(surface, volume), surface);
   std::vector<double> distances;
   distances.reserve(points.size());

@@ -3,6 +3,7 @@
 // Tests: tests/pipeline/surface/display_surface_test.cpp
 #pragma once
 
+#include <limits>
 #include <vector>
 
 #include "formats/geometry/triangle_surface.h"
@@ -11,9 +12,11 @@
 namespace trocar::pipeline {
 
 /// Median, 99th percentile and maximum of distances that were measured at many evenly
-/// spread points.
+/// spread points. They are infinite if nothing was measured, because there are no points or there
+/// is no surface.
 struct SurfaceDistance {
-  double p50_mm = 0, p99_mm = 0, max_mm = 0;
+  static constexpr double kNone = std::numeric_limits<double>::infinity();
+  double p50_mm = kNone, p99_mm = kNone, max_mm = kNone;
 };
 
 /// Measures the distances from 20,000 points of the surface to the zero level of the volume, whose

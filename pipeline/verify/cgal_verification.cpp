@@ -308,12 +308,14 @@ Result<void> confirm_by_cgal(const Asset& asset, const std::string& name) {
                      ": CGAL does not confirm it: " + ok.error().message);
   }
   for (const AssetSurface& one : asset.surfaces) {
-    const std::vector<std::size_t> bad = self_intersecting_triangles(one.surface);
-    if (!bad.empty())
-      return refused(name + ", surface of material " + std::to_string(one.material) +
-                     ": CGAL does not confirm it: " + std::to_string(bad.size()) +
-                     " of its triangles intersect others, triangle " + std::to_string(bad[0]) +
-                     " among them");
+    const std::string unconfirmed = name + ", surface of material " + std::to_string(one.material) +
+                                    ": CGAL does not confirm it: ";
+    const auto bad = self_intersecting_triangles(one.surface);
+    if (!bad) return bad.error().after(unconfirmed);
+    if (!bad->empty())
+      return refused(unconfirmed + std::to_string(bad->size()) +
+                     " of its triangles intersect others, triangle " +
+                     std::to_string(bad->front()) + " among them");
   }
   return {};
 }

@@ -7,11 +7,12 @@
 
 #include <algorithm>
 #include <iterator>
+#include <string>
 #include <utility>
 
 namespace trocar::pipeline {
 
-std::vector<std::size_t> self_intersecting_triangles(const TriangleSurface& surface) {
+Result<std::vector<std::size_t>> self_intersecting_triangles(const TriangleSurface& surface) {
   using KernelPoint = CGAL::Exact_predicates_inexact_constructions_kernel::Point_3;
   using Mesh = CGAL::Surface_mesh<KernelPoint>;
   Mesh mesh;
@@ -19,8 +20,13 @@ std::vector<std::size_t> self_intersecting_triangles(const TriangleSurface& surf
   vertices.reserve(surface.vertices.size());
   for (const SpacePoint& p : surface.vertices)
     vertices.push_back(mesh.add_vertex(KernelPoint(p[0], p[1], p[2])));
-  for (const auto& t : surface.triangles)
-    mesh.add_face(vertices[t[0]], vertices[t[1]], vertices[t[2]]);
+  // The indices of the faces are those of the triangles, because every triangle becomes a face.
+  for (std::size_t k = 0; k < surface.triangles.size(); ++k) {
+    const auto& t = surface.triangles[k];
+    if (mesh.add_face(vertices[t[0]], vertices[t[1]], vertices[t[2]]) == Mesh::null_face())
+      return refused("triangle " + std::to_string(k) +
+                     " does not fit together with those before it as a manifold");
+  }
 
   std::vector<std::pair<Mesh::Face_index, Mesh::Face_index>> pairs;
   CGAL::Polygon_mesh_processing::self_intersections(mesh, std::back_inserter(pairs));

@@ -77,7 +77,7 @@ Figures measured(const SurfaceVolume& volume, bool with_distance,
     if (out.peak_mb == 0) out.peak_mb = memory_mb("VmHWM") - before;
     out.triangles = surface.triangles.size();
     out.closed = bool{check_triangle_surface(surface)};
-    if (out.closed) out.intersecting = self_intersecting_triangles(surface).size();
+    if (out.closed) out.intersecting = self_intersecting_triangles(surface)->size();
     if (with_distance) {
       out.distance = distance_from(surface, volume);
       out.left_out = distance_to(surface, volume, points_on_zero(volume));
@@ -104,7 +104,7 @@ TriangleSurface ours(const SurfaceVolume& volume, std::size_t triangles, Figures
     out.cpu_s += cpu_s() - start;
     out.peak_mb = std::max(out.peak_mb, memory_mb("VmHWM"));
     start = cpu_s();
-    const auto bad = self_intersecting_triangles(surface);
+    const auto bad = *self_intersecting_triangles(surface);
     out.proof_s += cpu_s() - start;
     start = cpu_s();
     if (bad.empty() || !decimation.undo(bad, undone)) return surface;

@@ -89,7 +89,8 @@ double percentile(std::vector<double> values, double share) {
 void expect_proved(const TriangleSurface& surface) {
   const auto ok = check_triangle_surface(surface);
   EXPECT_TRUE(ok) << ok.error().message;
-  EXPECT_TRUE(self_intersecting_triangles(surface).empty());
+  const auto bad = self_intersecting_triangles(surface);
+  EXPECT_TRUE(bad && bad->empty());
 }
 
 Result<DisplaySurface> surface_of(const SliceStack& stack, const MaterialOptions& options,
@@ -359,10 +360,42 @@ TEST(SurfaceProof, FindsASelfIntersection) {
       s.triangles.push_back({t[0] + first, t[1] + first, t[2] + first});
   }
   EXPECT_TRUE(check_triangle_surface(s));
-  EXPECT_FALSE(self_intersecting_triangles(s).empty());
+  auto bad = self_intersecting_triangles(s);
+  EXPECT_TRUE(bad && !bad->empty());
   for (std::size_t v = 4; v < 8; ++v)
     s.vertices[v][0] += 100;
-  EXPECT_TRUE(self_intersecting_triangles(s).empty());
+  bad = self_intersecting_triangles(s);
+  EXPECT_TRUE(bad && bad->empty());
+}
+
+// CGAL leaves such a triangle out, so that nothing would be proved of it.
+TEST(SurfaceProof, RefusesTrianglesThatAreNoManifold) {
+  TriangleSurface s;
+  s.vertices = {{0, 0, 0}, {10, 0, 0}, {0, 10, 0}, {0, 0, 10}, {0, -10, 0}};
+  s.triangles = {{0, 2, 1}, {0, 1, 3}, {1, 2, 3}, {0, 3, 2}};
+  ASSERT_TRUE(self_intersecting_triangles(s));
+  s.triangles.insert(s.triangles.begin() + 2, {0, 1, 4});  // a third one at the edge from 0 to 1
+  const auto refused = self_intersecting_triangles(s);
+  ASSERT_FALSE(refused);
+  EXPECT_EQ(refused.error().code, ExitCode::kRefused);
+  EXPECT_EQ(refused.error().message,
+            "triangle 2 does not fit together with those before it as a manifold");
+}
+
+// Nothing to measure is not the same as a distance of 0.
+TEST(SurfaceDistance, OfNothingIsInfinite) {
+  const Synthetic stack({20, 20, 20}, {1, 1, 1}, 0, balls({{Vector3d(-80, 30, 500), 5}}));
+  const auto volume = read_surface_volume(stack, 0, stack.size() - 1, {});
+  ASSERT_TRUE(volume) << volume.error().message;
+  const TriangleSurface none{};
+  for (const SurfaceDistance& distance :
+       {SurfaceDistance{}, distance_from(none, *volume), distance_to(none, *volume, {}),
+        distance_to(none, *volume, {Vector3d::Zero()})}) {
+    EXPECT_TRUE(std::isinf(distance.p50_mm));
+    EXPECT_TRUE(std::isinf(distance.p99_mm));
+    EXPECT_TRUE(std::isinf(distance.max_mm));
+  }
+  EXPECT_FALSE(DisplaySurface{}.is_within_bound());
 }
 
 TEST(TriangleSurface, NamesWhatIsWrong) {
