@@ -6,10 +6,12 @@
 #include <dcmtk/dcmnet/assoc.h>
 #include <dcmtk/dcmnet/dcmtrans.h>
 #include <dcmtk/dcmnet/dimse.h>
+#include <sys/socket.h>
 #include <unistd.h>
 
 #include <algorithm>
 #include <array>
+#include <csignal>
 #include <cstdio>
 #include <cstring>
 #include <utility>
@@ -42,6 +44,42 @@ struct Connection {
   }
 };
 
+// The descriptor of a connection, which DCMTK gives to derived classes only.
+struct Descriptor : DcmTransportConnection {
+  static int of(DcmTransportConnection& connection) {
+    return (connection.*&Descriptor::getSocket)();
+  }
+};
+
+std::atomic<int> late_socket{-1};  // the connection that the alarm ends
+std::atomic<bool> is_late{false};  // the alarm has ended it
+
+// Ends the connection if the archive takes too long for an instance, also while DCMTK waits for an
+// archive that dribbles: the wait then ends with an error.
+class InstanceTime {
+ public:
+  InstanceTime(T_ASC_Association& association, int seconds) : seconds_(seconds) {
+    is_late = false;
+    late_socket = Descriptor::of(*DUL_getTransportConnection(association.DULassociation));
+    struct sigaction action {};
+    action.sa_handler = [](int) {
+      is_late = true;
+      ::shutdown(late_socket, SHUT_RDWR);
+    };
+    action.sa_flags = SA_RESTART;
+    ::sigaction(SIGALRM, &action, nullptr);
+    begin();
+  }
+  InstanceTime(const InstanceTime&) = delete;
+  InstanceTime& operator=(const InstanceTime&) = delete;
+  ~InstanceTime() { ::alarm(0); }
+  // The time for the next instance begins.
+  void begin() const { ::alarm(static_cast<unsigned>(seconds_)); }
+
+ private:
+  int seconds_;
+};
+
 std::string hexadecimal(unsigned status) {
   char text[8];
   std::snprintf(text, sizeof text, "%04X", status & 0xffff);
@@ -66,12 +104,7 @@ class Fetch {
   // Receives all instances. The association is released at the end.
   Result<void> run() {
     if (auto ok = connect(); !ok) return ok.error();
-    if (auto ok = request(); !ok) return ok.error();
-    if (auto ok = receive(); !ok) {
-      ASC_abortAssociation(connection_.association);
-      return ok.error();
-    }
-    ASC_releaseAssociation(connection_.association);
+    if (auto ok = receive_and_close(); !ok) return ok.error();
     return store_.sync();
   }
   std::size_t left_out() const { return left_out_; }
@@ -80,6 +113,10 @@ class Fetch {
   Error failure(const std::string& what) const { return refused(name_ + ": " + what); }
   Error failure(const std::string& what, const OFCondition& why) const {
     if (stop_.load()) return unwritable("interrupted; nothing of the study is kept");
+    if (is_late)
+      return failure("no instance was complete within " +
+                     std::to_string(settings_.limits.dimse_timeout_s) +
+                     " s; --dimse-timeout allows more time");
     return failure(what + ": " + printable(why.text()));
   }
 
@@ -187,14 +224,31 @@ class Fetch {
     return done;
   }
 
-  Result<void> receive() {
-    for (;;) {
+  Result<void> receive_and_close() {
+    const InstanceTime time(*connection_.association, settings_.limits.dimse_timeout_s);
+    if (auto ok = request(); !ok) return ok.error();
+    auto received = receive(time);
+    time.begin();  // the archive may also delay the end of the association
+    if (received)
+      ASC_releaseAssociation(connection_.association);
+    else
+      ASC_abortAssociation(connection_.association);
+    return received;
+  }
+
+  Result<void> receive(const InstanceTime& time) {
+    for (std::size_t instances = 0;;) {
       T_ASC_PresentationContextID context = 0;
       T_DIMSE_Message message{};
       const OFCondition done = next(context, message);
       if (done.bad()) return failure("the archive broke off", done);
       if (message.CommandField == DIMSE_C_STORE_RQ) {
+        // An archive that repeats itself, or sends other kinds without end, is not heard for ever.
+        if (++instances > settings_.limits.study_instances)
+          return failure("it sends more than " + std::to_string(settings_.limits.study_instances) +
+                         " instances (--max-instances)");
         if (auto ok = store(context, message.msg.CStoreRQ); !ok) return ok.error();
+        time.begin();
       } else if (message.CommandField == DIMSE_C_GET_RSP) {
         const T_DIMSE_C_GetRSP& response = message.msg.CGetRSP;
         if (response.DataSetType != DIMSE_DATASET_NULL) {

@@ -3,11 +3,14 @@
 import shutil
 import socket
 import stat
+import struct
 import subprocess
+import sys
 import threading
+import time
 
 import pytest
-from archive_peer import PATIENT, answer_get, dcmtk, free_port, image, study, wait_for
+from archive_peer import CT, GET, PATIENT, answer_get, data_pdus, dcmtk, free_port, get_response, image, store_command, study, wait_for
 from programs import run
 
 
@@ -110,6 +113,51 @@ def test_fetch_from_an_archive_that_counts_nothing(programs, place, status, code
         done = fetch(programs, place / "got", uid, listening.getsockname()[1], "--acse-timeout", 5, "--idle-timeout", 5, expect=code)
     assert (place / "got" / uid).exists() == (code == 0)
     assert code == 0 or "does not say whether it has sent all instances (status B000)" in done.stderr, done.stderr
+
+
+def dribble(association, contexts):
+    """Begins an instance, of which a byte comes now and then."""
+    association.send(data_pdus(contexts[CT], True, store_command(CT, "2.25.4711.8.1.1")))
+    association.send(struct.pack(">BBI", 4, 0, 10_006) + struct.pack(">IBB", 10_002, contexts[CT], 2))
+    send_for_ever(association, b"\0")
+
+
+def promise(association, contexts):
+    """Says again and again that the instances will come."""
+    send_for_ever(association, get_response(contexts[GET], 0xFF00))
+
+
+def send_for_ever(association, data):
+    try:
+        while True:
+            association.send(data)
+            time.sleep(0.2)
+    except OSError:
+        sys.exit()  # ends this thread
+
+
+@pytest.mark.parametrize("before", [dribble, promise])
+def test_fetch_from_an_archive_that_never_sends_a_whole_instance(programs, place, before):
+    """It is never silent for as long as --idle-timeout."""
+    uid = "2.25.4711.8"
+    with socket.socket() as listening:
+        listening.bind(("127.0.0.1", 0))
+        listening.listen()
+        threading.Thread(target=answer_get, args=(listening, image(uid, f"{uid}.1", 0), 0, 1, before), daemon=True).start()
+        done = fetch(programs, place / "got", uid, listening.getsockname()[1], "--dimse-timeout", 2, expect=3)
+    assert "no instance was complete within 2 s; --dimse-timeout" in done.stderr and done.stderr.count("\n") == 1, done.stderr
+    assert not (place / "got").exists()
+
+
+def test_fetch_from_an_archive_that_repeats_an_instance(programs, place):
+    uid = "2.25.4711.9"
+    with socket.socket() as listening:
+        listening.bind(("127.0.0.1", 0))
+        listening.listen()
+        threading.Thread(target=answer_get, args=(listening, image(uid, f"{uid}.1", 0), 0, 5), daemon=True).start()
+        done = fetch(programs, place / "got", uid, listening.getsockname()[1], "--max-instances", 2, expect=3)
+    assert "more than 2 instances (--max-instances)" in done.stderr and done.stderr.count("\n") == 1, done.stderr
+    assert not (place / "got").exists()
 
 
 def test_fetch_is_interrupted(programs, place):

@@ -299,18 +299,27 @@ def read_message(association):
             at += 4 + size
 
 
-def answer_get(listening, data, status):
-    """The archive's side of one C-GET: it sends one CT slice, then the status, without any number of instances."""
+def get_response(context, status):
+    """The answer to a C-GET, without any number of instances."""
+    body = element(0, 2, even(GET)) + element(0, 0x100, struct.pack("<H", 0x8010)) + element(0, 0x120, struct.pack("<H", 1))
+    body += element(0, 0x800, struct.pack("<H", 0x101)) + element(0, 0x900, struct.pack("<H", status))
+    return data_pdus(context, True, element(0, 0, struct.pack("<I", len(body))) + body)
+
+
+def answer_get(listening, data, status, times=1, before=None):
+    """The archive's side of one C-GET: it calls `before`, sends one CT slice this many times, then the status."""
     connection, _ = listening.accept()
     connection.settimeout(20)
     with Association.of(connection) as association:
         answer, contexts = accept(association.read()[1])
         association.send(answer)
         read_message(association)
-        association.store(CT, data.SOPInstanceUID, dataset_bytes(data), contexts[CT])
-        body = element(0, 2, even(GET)) + element(0, 0x100, struct.pack("<H", 0x8010)) + element(0, 0x120, struct.pack("<H", 1))
-        body += element(0, 0x800, struct.pack("<H", 0x101)) + element(0, 0x900, struct.pack("<H", status))
-        association.send(data_pdus(contexts[GET], True, element(0, 0, struct.pack("<I", len(body))) + body))
+        if before:
+            before(association, contexts)
+        for _ in range(times):
+            if association.store(CT, data.SOPInstanceUID, dataset_bytes(data), contexts[CT]) is None:
+                return
+        association.send(get_response(contexts[GET], status))
         if association.read()[0] == 5:  # a request to release
             association.send(pdu(6, bytes(4)))
 

@@ -40,6 +40,11 @@ void add_archive_options(CLI::App& app, ArchiveArguments& a) {
       ->capture_default_str()
       ->check(option_range(1, 3600))
       ->group("Limits");
+  app.add_option("--dimse-timeout", a.limits.dimse_timeout_s,
+                 "longest time for receiving one instance, s")
+      ->capture_default_str()
+      ->check(option_range(1, 86'400))
+      ->group("Limits");
   app.add_option("--idle-timeout", a.limits.idle_timeout_s,
                  "end an association if no byte comes from the other side for this time, s")
       ->capture_default_str()
@@ -86,11 +91,6 @@ void add_receive_options(CLI::App& app, ReceiveArguments& a) {
                  "largest number of associations at the same time; others wait")
       ->capture_default_str()
       ->check(option_range(1, 1000))
-      ->group("Limits");
-  app.add_option("--dimse-timeout", a.archive.limits.dimse_timeout_s,
-                 "longest time for receiving one instance, s")
-      ->capture_default_str()
-      ->check(option_range(1, 86'400))
       ->group("Limits");
   add_archive_options(app, a.archive);
 }
