@@ -14,6 +14,7 @@
 #include "pipeline/farm/journal.h"
 #include "pipeline/farm/lease.h"
 #include "pipeline/farm/processes.h"
+#include "pipeline/farm/product_maker.h"
 
 namespace trocar::farm {
 namespace {
@@ -26,6 +27,7 @@ constexpr std::chrono::milliseconds kLeaseCheckInterval{200};
 struct Todo {
   std::size_t scan = 0;   // index in the batch
   bool is_stale = false;  // false: it is only verified
+  bool is_done = false;   // by the index, which may not know of a damage or a change
 };
 
 struct Waiting {
@@ -57,6 +59,48 @@ Outcome known_failure(const ScanState& state) {
   return out;
 }
 
+// Checks the parameters of the products of all scans.
+class ProductChecks {
+ public:
+  ProductChecks(const ScanProgram& program, const ProductPrograms& programs,
+                const std::atomic<bool>* stop)
+      : program_(program), programs_(programs), stop_(stop) {}
+
+  Result<void> operator()(const CollectionScan& scan) {
+    for (const WantedProduct& product : scan.products) {
+      if (product.parameters.empty()) continue;
+      const auto ok = check(scan, product);
+      if (!ok && ok.error().code == ExitCode::kUsage)
+        return ok.error().after("scan " + scan.name + ", product " + product_name(product.kind) +
+                                ": ");
+    }
+    return {};
+  }
+
+ private:
+  Result<void> check(const CollectionScan& scan, const WantedProduct& product) {
+    if (product.kind == ProductKind::kSurface) {
+      const json parameters = product_parameters(scan, product);
+      if (!checked_.insert(json_text(parameters)).second) return {};
+      const auto read = program_.parameters(parameters);
+      if (!read) return read.error();
+      return {};
+    }
+    // A program is started once for each set of options, not for each of many thousand scans that
+    // have different values of them.
+    std::string options = product_name(product.kind);
+    for (const auto& [name, value] : product.parameters.items())
+      options.append(" ").append(name);
+    if (!checked_.insert(options).second) return {};
+    return check_options(scan, product, programs_, stop_);
+  }
+
+  const ScanProgram& program_;
+  const ProductPrograms& programs_;
+  const std::atomic<bool>* stop_;
+  std::set<std::string> checked_;
+};
+
 // One run: its queue, its processes and its summary.
 class Run {
  public:
@@ -83,6 +127,7 @@ class Run {
     if (has_killed_) store_.remove_strays();
     summary_.scans = wanted_.size();
     summary_.left += todo_.size() + waiting_.size();
+    std::sort(summary_.made_again.begin(), summary_.made_again.end());
     std::sort(failed_.begin(), failed_.end(),
               [](const auto& a, const auto& b) { return a.first < b.first; });
     for (auto& [scan, outcome] : failed_) {
@@ -111,7 +156,7 @@ class Run {
       const bool is_read =
           settings_.rehash || (settings_.verify && state.kind != Kind::kKnownFailure);
       if (state.kind == Kind::kStale || is_read) {
-        todo_.push_back({k, state.kind == Kind::kStale});
+        todo_.push_back({k, state.kind == Kind::kStale, state.kind == Kind::kDone});
       } else if (state.kind == Kind::kDone) {
         ++summary_.unchanged;
         summary_.asset_bytes += state.asset_bytes;
@@ -171,6 +216,7 @@ class Run {
   void count(const Todo& todo, Outcome outcome) {
     const std::string& name = wanted_[todo.scan].scan->name;
     const bool is_same = !todo.is_stale && outcome.kind == Outcome::Kind::kFound;
+    if (todo.is_done && outcome.kind == Outcome::Kind::kMade) summary_.made_again.push_back(name);
     if (!is_same) summary_.has_journal &= journal_.add(journal_line(name, outcome));
     summary_.asset_bytes += outcome.bytes;
     summary_.products_made += outcome.products_made;
@@ -258,7 +304,7 @@ Result<Batch> Batch::plan(const Collection& collection, const ScanProgram& progr
   out.settings_ = std::move(settings);
   std::set<std::string> unknown = out.settings_.only.value_or(std::set<std::string>());
   std::unordered_map<std::string, const Parameters*> known;
-  std::set<std::string> checked;  // parameters of surfaces
+  ProductChecks check_products(program, programs, out.settings_.stop);
   for (std::size_t k = 0; k < collection.scans.size(); ++k) {
     const CollectionScan& scan = collection.scans[k];
     // The parameters of all scans are checked, so that every shard refuses a wrong collection.
@@ -272,14 +318,7 @@ Result<Batch> Batch::plan(const Collection& collection, const ScanProgram& progr
         at->second = out.parameters_.back().get();
       }
     }
-    for (const WantedProduct& product : scan.products) {
-      if (product.kind != ProductKind::kSurface || product.parameters.empty()) continue;
-      const json parameters = product_parameters(scan, product);
-      if (!checked.insert(json_text(parameters)).second) continue;
-      if (auto read = program.parameters(parameters);
-          !read && read.error().code == ExitCode::kUsage)
-        return usage("scan " + scan.name + ", product surface: " + read.error().message);
-    }
+    if (auto ok = check_products(scan); !ok) return ok.error();
     if (out.settings_.only) {
       unknown.erase(scan.name);
       if (!out.settings_.only->contains(scan.name)) continue;

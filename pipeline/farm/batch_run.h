@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // A batch: selects the stale scans of a collection, meshes each one in a separate process, and
 // summarises the outcomes.
-// Tests: tests/pipeline/farm/worker_test.cpp
+// Tests: tests/pipeline/farm/worker_test.cpp, tests/pipeline/farm/product_test.cpp
 #pragma once
 
 #include <atomic>
@@ -66,6 +66,9 @@ struct BatchSummary {
   /// Known failures (store.md), in the collection's order: scans that were refused in an earlier
   /// run and have not changed since. They were not tried again.
   std::vector<FailedScan> known;
+  /// Names of those scans of `made` that were done by the index: with `verify`, because a file of
+  /// theirs in the store was damaged; with `rehash`, because an input had other bytes.
+  std::vector<std::string> made_again;
   /// Total size of the assets that this run has made or found up to date. Scans in the class `left`
   /// add nothing.
   std::uint64_t asset_bytes = 0;
@@ -84,9 +87,12 @@ struct NamedState {
 /// directory, because the paths of the scans are relative to it.
 class Batch {
  public:
-  /// Selects the scans, and checks the parameters of all scans of the collection. `collection`,
-  /// `program` and `programs` must outlive the batch. Errors: kUsage if a scan has wrong
-  /// parameters, or if `only` has a name that the collection lacks.
+  /// Selects the scans, and checks the parameters of all scans of the collection and of their
+  /// products. The parameters of a preview, a scene or a check are checked by its program, and of
+  /// scans whose products have the same options only those of the first. Precondition: the process
+  /// has no other threads yet, because this function starts the programs by fork(). `collection`,
+  /// `program` and `programs` must outlive the batch. Errors: kUsage if a scan or a product has
+  /// wrong parameters, or if `only` has a name that the collection lacks.
   static Result<Batch> plan(const Collection& collection, const ScanProgram& program,
                             const ProductPrograms& programs, BatchSettings settings);
 

@@ -1,9 +1,13 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "pipeline/farm/product_maker.h"
 
+#include <sys/mman.h>
+
+#include <random>
 #include <system_error>
 #include <utility>
 
+#include "formats/base/file_descriptor.h"
 #include "formats/base/file_io.h"
 #include "formats/base/json_text.h"
 #include "pipeline/farm/action_key.h"
@@ -62,15 +66,29 @@ void add_options(const json& parameters, std::vector<std::string>& words) {
   }
 }
 
-std::vector<std::string> mesh_words(const ProductWork& work, const WantedProduct& product,
-                                    const fs::path& output) {
-  std::vector<std::string> words = {work.programs.mesh};
+std::vector<std::string> mesh_words(const ProductPrograms& programs, const CollectionScan& scan,
+                                    const WantedProduct& product,
+                                    const std::vector<fs::path>& inputs, const fs::path& output) {
+  std::vector<std::string> words = {programs.mesh};
   if (product.kind == ProductKind::kPreview) words.emplace_back("preview");
-  add_options(product_parameters(work.scan, product), words);
-  if (!work.scan.series.empty()) words.push_back("--series=" + work.scan.series);
+  add_options(product_parameters(scan, product), words);
+  if (!scan.series.empty()) words.push_back("--series=" + scan.series);
   words.insert(words.end(), {"--jobs=1", "--quiet", "-o", output.string(), "--"});
-  for (const fs::path& input : work.inputs)
+  for (const fs::path& input : inputs)
     words.push_back(input.string());
+  return words;
+}
+
+// `input` is the asset for a scene, and the scene for a check, which has no output but its text.
+std::vector<std::string> run_words(const ProductPrograms& programs, const WantedProduct& product,
+                                   const fs::path& input, const fs::path& output) {
+  std::vector<std::string> words = {programs.run};
+  if (product.kind == ProductKind::kScene) {
+    words.insert(words.end(), {"--new-scene", input.string(), "-o", output.string()});
+  } else {
+    words.insert(words.end(), {input.string(), "--check"});
+  }
+  add_options(product.parameters, words);
   return words;
 }
 
@@ -111,20 +129,18 @@ Result<Object> make(const ProductWork& work, const WantedProduct& product, const
     if (auto ok = folder.add_copy(work.store.content_file(entry.outputs->asset.sha256), asset); !ok)
       return ok.error();
     command.folder = output.parent_path();
-    const std::string relative = (fs::path("../../assets") / asset.filename()).string();
-    if (product.kind == ProductKind::kScene) {
-      command.words = {work.programs.run, "--new-scene", relative, "-o", output.filename()};
-    } else {
+    fs::path input = fs::path("../../assets") / asset.filename();
+    if (product.kind == ProductKind::kCheck) {
       const Object& scene = *entry.products.at(product_name(ProductKind::kScene)).file;
       const fs::path copy = folder.product() / product_file(ProductKind::kScene);
       if (auto ok = folder.add_copy(work.store.content_file(scene.sha256), copy); !ok)
         return ok.error();
-      command.words = {work.programs.run, copy.filename(), "--check"};
+      input = copy.filename();
       command.output = output;
     }
-    add_options(product.parameters, command.words);
+    command.words = run_words(work.programs, product, input, output.filename());
   } else {
-    command.words = mesh_words(work, product, output);
+    command.words = mesh_words(work.programs, work.scan, product, work.inputs, output);
   }
   const auto done = run_command(command, work.stop);
   // The command has read the scan's files again. If they have changed, what it made, or why it
@@ -150,6 +166,30 @@ json product_parameters(const CollectionScan& scan, const WantedProduct& product
   }
   out.update(product.parameters);
   return out;
+}
+
+Result<void> check_options(const CollectionScan& scan, const WantedProduct& product,
+                           const ProductPrograms& programs, const std::atomic<bool>* stop) {
+  // A file in memory for the program's message, so that a dry run writes nothing.
+  const FileDescriptor messages(::memfd_create("messages", MFD_CLOEXEC));
+  if (messages.get() < 0) return {};  // the options are then checked when the product is made
+  const fs::path no_input = "/dev/null/input";
+  // The CT of a label map is an input, too. A defect of this scan's CT must not refuse the others.
+  CollectionScan any = scan;
+  if (any.parameters.contains("hu")) any.parameters["hu"] = no_input.string();
+  // trocar-mesh looks for the folder of its output first.
+  std::error_code ignored;
+  const fs::path no_output = fs::temp_directory_path(ignored) /
+                             ("trocar-options." + std::to_string(std::random_device()()) + ".png");
+  Command command;
+  command.words = is_made_by_run(product.kind)
+                      ? run_words(programs, product, no_input, no_output)
+                      : mesh_words(programs, any, product, {no_input}, no_output);
+  command.output = "/dev/null";
+  command.errors = "/proc/self/fd/" + std::to_string(messages.get());
+  const auto done = run_command(command, stop);
+  if (done || done.error().code != ExitCode::kUsage) return {};  // it misses its input
+  return done;
 }
 
 Result<ProductsDone> make_products(const ProductWork& work, ScanEntry& entry) {

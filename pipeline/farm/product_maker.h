@@ -32,6 +32,13 @@ struct ProductPrograms {
 /// have a place for.
 nlohmann::json product_parameters(const CollectionScan& scan, const WantedProduct& product);
 
+/// Asks the program that makes a product whether it accepts the product's parameters for this scan,
+/// by running its command with an input that does not exist. Nothing is made. This finds options
+/// that do not exist or have no effect on the product, and values that are wrong whatever the scan
+/// is. `stop` is that of run_command(). Errors: kUsage if the program refuses the parameters.
+Result<void> check_options(const CollectionScan& scan, const WantedProduct& product,
+                           const ProductPrograms& programs, const std::atomic<bool>* stop);
+
 /// The scan whose products are to be made, and what is needed to make them.
 struct ProductWork {
   const CollectionScan& scan;

@@ -241,6 +241,8 @@ void print_summary(const BatchArguments& a, const farm::BatchSummary& s) {
     if (s.products_made > 0)
       std::printf("; %zu product%s made", s.products_made, s.products_made == 1 ? "" : "s");
     std::printf("; %.1f s\n", s.seconds);
+    for (const std::string& name : s.made_again)
+      std::printf("made again although it was done: %s\n", name.c_str());
   }
 }
 
@@ -279,6 +281,7 @@ int run(const BatchArguments& a, const farm::Collection& collection, const farm:
                {"asset_bytes", summary->asset_bytes},
                {"products_made", summary->products_made},
                {"seconds", summary->seconds},
+               {"made_again", summary->made_again},
                {"failures", failures_json(summary->failed)},
                {"known_failures", failures_json(summary->known)}});
   std::optional<Error> wrong;

@@ -159,6 +159,12 @@ def test_a_product_that_fails_for_want_of_space_is_tried_again(tmp_path, scans):
     ([{"product": "surface", "parameters": {"mask": "seg.nii.gz:22"}}], "because it names a file; give it to the scan"),
     ([{"product": "preview", "parameters": {"names": "names.json"}}], "because it names a file; give it to the scan"),
     (["scene", {"product": "check", "parameters": {"device-description": "device.json"}}], "because it names a file"),
+    # What the programs that make the products say about their options.
+    ([{"product": "scene", "parameters": {"force-law": "hooke"}}], "scan a, product scene: --force-law: has no effect with --new-scene"),
+    ([{"product": "scene", "parameters": {"entri": "1,2,3"}}], "scan a, product scene: not expected: --entri=1,2,3, did you mean --entry?"),
+    ([{"product": "scene", "parameters": {"entry": "1,2"}}], "scan a, product scene: --entry 1,2: must be three numbers"),
+    (["scene", {"product": "check", "parameters": {"live-hand": True}}], "scan a, product check: --live-hand: is for --new-scene"),
+    ([{"product": "preview", "parameters": {"treshold": 300}}], "scan a, product preview: not expected: --treshold=300, did you mean --threshold?"),
     ([{"product": "preview", "other": 1}], "unknown key"), ([7], "/products/0")])
 def test_wrong_products_are_refused(tmp_path, scans, products, said):
     collection = tmp_path / "collection.json"

@@ -3,6 +3,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <atomic>
 #include <chrono>
 #include <filesystem>
@@ -11,6 +12,7 @@
 #include <string>
 #include <thread>
 
+#include "pipeline/farm/batch_run.h"
 #include "pipeline/farm/command.h"
 #include "tests/support/temporary_folder.h"
 
@@ -92,6 +94,54 @@ TEST_F(CommandTest, StopKillsIt) {
   stopper.join();
   ASSERT_FALSE(done);
   EXPECT_EQ(done.error().message, "it was killed by signal 9");
+}
+
+// Accepts all parameters of scans, and makes none.
+class AnyParameters : public ScanProgram {
+ public:
+  Result<Parameters> parameters(const nlohmann::json& given) const override {
+    return Parameters{given, {}};
+  }
+  bool opens_first(const std::vector<fs::path>&, const Parameters&) const override { return false; }
+  Result<std::unique_ptr<OpenedScan>> open(const nlohmann::json&, const std::vector<fs::path>&,
+                                           const std::string&, int) const override {
+    return refused("makes no scan");
+  }
+};
+
+// The program of a product is asked once for each set of options, whatever their values.
+TEST(ProductOptions, ThatItsProgramRefusesRefuseTheCollectionBeforeAnythingIsDone) {
+  const test::TemporaryFolder folder;
+  ProductPrograms programs;
+  programs.run = (folder / "run").string();
+  std::ofstream(programs.run) << "#!/bin/sh\necho \"$@\" >> " << (folder / "asked").string()
+                              << "\ncase \"$*\" in *--wrong*)\n"
+                                 "  echo 'run: --wrong: no such option' >&2; exit 2 ;;\nesac\n"
+                                 "exit 3\n";
+  fs::permissions(programs.run, fs::perms::owner_all);
+  Collection collection;
+  for (const char* name : {"a", "b"}) {
+    CollectionScan scan{name, {"scan.in"}, "", ""};
+    scan.products = {{ProductKind::kScene, nlohmann::json{{"entry", name}}},
+                     {ProductKind::kCheck, nlohmann::json{{"strict", true}}}};
+    collection.scans.push_back(std::move(scan));
+  }
+  BatchSettings settings;
+  settings.store = folder / "store";
+  const AnyParameters program;
+  EXPECT_TRUE(Batch::plan(collection, program, programs, settings));
+  std::ifstream asked(folder / "asked");
+  const std::string lines(std::istreambuf_iterator<char>(asked), {});
+  EXPECT_EQ(std::count(lines.begin(), lines.end(), '\n'), 2) << lines;
+  EXPECT_NE(lines.find("--new-scene"), std::string::npos) << lines;
+  EXPECT_NE(lines.find("--check --strict"), std::string::npos) << lines;
+
+  collection.scans[1].products[0].parameters = nlohmann::json{{"wrong", "yes"}};
+  const auto refused = Batch::plan(collection, program, programs, settings);
+  ASSERT_FALSE(refused);
+  EXPECT_EQ(refused.error().code, ExitCode::kUsage);
+  EXPECT_EQ(refused.error().message, "scan b, product scene: --wrong: no such option");
+  EXPECT_FALSE(fs::exists(folder / "store"));
 }
 
 }  // namespace
