@@ -223,13 +223,15 @@ def wait_for(what, condition, most_s=60):
 def stops():
     for sign in (signal.SIGINT, signal.SIGKILL):
         store = WORK / f"stops{sign}"
-        with Farm(COLLECTION, "-o", store, "--local-cluster", NODES, "--program", MESH) as one:
+        with Farm(COLLECTION, "-o", store, "--local-cluster", NODES, "--program", MESH, "--metrics", WORK / f"stops{sign}.prom") as one:
             wait_for("stops: tasks run", lambda one=one: any(kind_of(command) == "worker" for command in one.below().values()))
             cluster = next(command.split()[-2] for command in one.below().values() if "keeper.py" in command)
             os.kill(one.process.pid, sign)
             code, _, errors = one.result()
             check(code == (4 if sign != signal.SIGKILL else -9), f"stops: after signal {sign} it ended with {code}: {errors}")
             check(sign == signal.SIGKILL or f" of {SCANS} scans were made, " in errors, f"stops: it does not say how far it came: {errors}")
+            left = f'trocar_batch_scans{{store="{store}",class="left"}} '
+            check(sign == signal.SIGKILL or left in (WORK / f"stops{sign}.prom").read_text(), "stops: --metrics")
             check(not one.left(), f"stops: after signal {sign} still running: {one.left(0)}")
             check(wait_for(f"stops: {cluster} removed", lambda cluster=cluster: not os.path.exists(cluster), 10), "stops: the cluster's folder stays")
         if sign == signal.SIGKILL:

@@ -227,7 +227,7 @@ class Stale(Program):
     """A program whose scans stay stale."""
     store = "store"
 
-    def state(self, *_):
+    def state(self, *_, **__):
         return program.State(4, {f"s{k}": "" for k in range(4)}, {}, 0)
 
 
@@ -370,6 +370,32 @@ def test_metrics(tmp_path):
     assert [file.name for file in tmp_path.iterdir()] == ["farm.prom"]
     with pytest.raises(FarmError, match="no such file|No such file"):
         metrics.write(tmp_path / "none" / "x", numbers, "")
+
+
+@pytest.mark.parametrize("end", [KeyboardInterrupt(), FarmError(4, "slurmctld does not answer")])
+def test_metrics_of_a_run_that_was_stopped(tmp_path, monkeypatch, end):
+    store, file = tmp_path / "store", tmp_path / "farm.prom"
+    states = [state(4, dict.fromkeys("abc", ""), {"old": "damaged"}), state(4, {"b": "", "c": "killed"}, {"old": "damaged"})]
+
+    class Stopped(Program):
+        def __init__(self, *_):
+            self.store = str(store)
+
+        def state(self, *_, **__):
+            return states.pop(0)
+
+    def stop(*_):
+        raise end
+
+    monkeypatch.setattr(main.signal, "signal", lambda *_: None)
+    monkeypatch.setattr(program, "Program", Stopped)
+    monkeypatch.setattr(program, "find", lambda *_: "trocar-mesh")
+    monkeypatch.setattr(slurm, "require", lambda: None)
+    monkeypatch.setattr(farm_run.Run, "on_cluster", stop)
+    assert main.main([str(tmp_path / "scans.json"), "-o", str(store), "--metrics", str(file)]) == 4
+    counts = {line.split('class="')[1].split('"')[0]: int(line.split()[-1]) for line in file.read_text().splitlines() if 'class="' in line}
+    assert counts == {"unchanged": 0, "made": 1, "failed": 0, "known_failure": 1, "left": 2}, counts
+    assert not states
 
 
 def test_max_failures(folder):

@@ -113,7 +113,12 @@ def farm(given):
                             [*([f"--partition={given.partition}"] if given.partition else []), *shlex.split(given.sbatch)],
                             ["--retry"] if given.retry else [], given.max_failures)
     slurm.answer_s = min(slurm.answer_s, max(given.patience, 5))
-    numbers = run.Run(tool, options, own, given.chunk, given.limit, say).all()
+    work = run.Run(tool, options, own, given.chunk, given.limit, say)
+    try:
+        numbers = work.all()
+    except (KeyboardInterrupt, FarmError) as stopped:
+        write_metrics_at_stop(given, work, tool.store, stopped)
+        raise
     print(json.dumps(numbers, indent=1) if given.json else summary.text(numbers))
     if given.metrics:
         metrics.write(pathlib.Path(given.metrics), numbers, tool.store)
@@ -121,6 +126,16 @@ def farm(given):
     if names and len(names) == numbers["scans"] and not any((pathlib.Path(tool.store) / "assets" / f"{name}.glb").exists() for name in names):
         raise FarmError(REFUSED, "none of the scans could be made, now or in earlier runs; trocar-mesh batch --dry-run lists the reasons")
     return REFUSED if numbers["failed"] or numbers["not_finished"] or (given.strict and numbers["known_failures"]) else DONE
+
+
+def write_metrics_at_stop(given, work, store, stopped):
+    """So that an alert about scans that are left is given. `stopped`: what ended the run; the caller says it."""
+    try:
+        if given.metrics and (numbers := work.numbers_at_stop()):
+            metrics.write(pathlib.Path(given.metrics), numbers, store)
+    except FarmError as error:
+        if str(error) != str(stopped):
+            say(error)
 
 
 def only_cluster(given):

@@ -30,10 +30,13 @@ class Program:
     def command(self, *options):
         return [self.path, "batch", self.collection, "-o", self.store, *options]
 
-    def state(self, *options):
-        """The state of the collection's scans in the store. `options`: further options of the dry run."""
-        done = subprocess.run(self.command("--dry-run", "--json", "--quiet", *options), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-                              check=False)
+    def state(self, *options, within_s=None):
+        """The state of the collection's scans in the store. `options`: further options of the dry run. `within_s`: it may take so long."""
+        command = self.command("--dry-run", "--json", "--quiet", *options)
+        try:
+            done = subprocess.run(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, check=False, timeout=within_s)
+        except subprocess.TimeoutExpired:
+            raise FarmError(WRITE, f"{self.path} batch --dry-run took more than {within_s} s") from None
         if done.returncode != 0:
             lines = done.stderr.strip().splitlines()
             code = done.returncode if done.returncode in (USAGE, REFUSED, WRITE) else BUG

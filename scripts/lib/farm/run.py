@@ -23,6 +23,7 @@ SMALLER = 10  # factor by which chunks of a further try are smaller
 JOURNAL_S = 3  # interval of reading it; it has a file for each task
 LINE_S = 60  # interval of lines about the progress, if they do not go to a terminal
 LAST_S = 10  # time for tasks that Slurm has started twice to end by themselves
+STOP_S = 60  # time for the state of the store when a run is stopped
 LIMIT_MIN_MINUTES = 5
 LIMIT_TIMES = 10  # factor over the estimate of the longest chunk
 
@@ -84,27 +85,42 @@ class Run:
         self.resubmitted = 0
         self.stopped_early = False
         self.unfinished = {}  # scan: reason, of scans that no task has finished
+        self.start = time.monotonic()
+        self.before = self.progress = None
+        self.has_begun = False  # true: this run has the store for itself
 
     def all(self):
         """Runs all rounds and returns the numbers of summary.py. However the run ends, only the store remains of it."""
-        start = time.monotonic()
         if self.own is None:
             slurm.require()
-        before = after = self.program.state(*self.options.batch)
+        before = self.program.state(*self.options.batch)
         log = journal.Journal(self.program.store)
         known = log.new_entries()
         progress = Progress(log, len(before.stale), self.say)
+        self.before, self.progress = before, progress
         if before.stale:
             with RunFolder(self.program.store) as folder:
+                self.has_begun = True
                 if folder.was_left and before.known:
                     self.say("an earlier run on this store was killed; the scans that failed in it count as known failures; trocar-mesh batch --dry-run lists them")
                 with self.own or contextlib.nullcontext():
                     self.on_cluster(list(before.stale), folder, progress, known)
                 if self.own and (self.repair.count or self.resubmitted):
                     self.program.tidy()
-            after = self.program.state()
-        return summary.Summary(before, after, self.unfinished, progress.entries, time.monotonic() - start, self.slots, self.rounds,
-                               self.repair.count, self.resubmitted, self.stopped_early).numbers()
+        return self.numbers(self.program.state() if before.stale else before)
+
+    def numbers_at_stop(self):
+        """The numbers of a run that all() has left by an exception; None if the run had not begun."""
+        if not self.has_begun:
+            return None
+        self.progress.collect()
+        self.stopped_early = True
+        self.unfinished = {name: "not finished, because the run ended early" for name in self.before.stale}
+        return self.numbers(self.program.state(within_s=STOP_S))
+
+    def numbers(self, after):
+        return summary.Summary(self.before, after, self.unfinished, self.progress.entries, time.monotonic() - self.start, self.slots,
+                               self.rounds, self.repair.count, self.resubmitted, self.stopped_early).numbers()
 
     def on_cluster(self, stale, folder, progress, known):
         if earlier := watch.cancel_all(folder.prefix):

@@ -21,7 +21,7 @@ class Summary:
     rounds: list
     repairs: int
     resubmitted: int
-    stopped_early: bool = False  # by --max-failures
+    stopped_early: bool = False  # by --max-failures, or by an exception
 
     def classes(self):
         """The names of the scans in each class but `unchanged`, with the reasons of those that are not done."""
