@@ -273,8 +273,7 @@ DeviceStatus UdpLink<Kind>::read(Reading& reading) noexcept {
     return is_lost_ ? DeviceStatus::kLinkLost : DeviceStatus::kNoData;
   }
   fresh_state_ = false;
-  if (queued_ >= long_queue_) return DeviceStatus::kNoData;
-  const DeviceStatus status = status_of_newest();
+  const DeviceStatus status = queued_ >= long_queue_ ? DeviceStatus::kNoData : status_of_newest();
   is_lost_ = status == DeviceStatus::kLinkLost || status == DeviceStatus::kMotorFault;
   if (status != DeviceStatus::kOk) return status;
   Kind::unpack(newest_, reading);
