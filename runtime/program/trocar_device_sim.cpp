@@ -98,9 +98,12 @@ void declare(CLI::App& app, Arguments& a) {
       "MOTOR is 0 to 7), stop (its emergency stop is pressed), kill (its process is killed)");
   app.add_option("--seed", a.seed, "seed of the random faults and noise (default: 1)")
       ->check(not_negative);
-  app.add_option("--sessions", a.sessions,
-                 "end after this many sessions of trocar-run; 0: run until stopped. With --clock\n"
-                 "lock-step also end if the last of them sends nothing for 10 s (default: 0)")
+  app.add_option(
+         "--sessions", a.sessions,
+         "end after this many sessions of trocar-run; 0: run until stopped. With --clock\n"
+         "lock-step also end 10 s after the last packet of a trocar-run that has died on this\n"
+         "computer. On another computer, or in a container, it cannot be told from a paused one\n"
+         "(default: 0)")
       ->check(not_negative);
   app.add_option(
       "--device-description", a.description,
@@ -293,9 +296,12 @@ class Server {
   }
   bool is_last() const { return sessions_ > 0 && drive_.report().sessions >= sessions_; }
   bool is_done() const { return is_last() && !drive_.in_session(); }
-  /// Lock-step: the host of the last session has probably been killed, because time would stand
-  /// still for so long otherwise only if the operator paused the session.
-  bool is_abandoned(std::int64_t now) const { return is_last() && now - heard_ns_ > kAbandoned_ns; }
+  /// Lock-step: the host of the last session is silent, and its port is free again, because it was
+  /// killed. The host of a paused session is silent, too, but holds its port. The ports of another
+  /// computer cannot be asked for, so a host there is waited for.
+  bool is_abandoned(std::int64_t now) const {
+    return is_last() && now - heard_ns_ > kAbandoned_ns && UdpSocket::listen(host_);
+  }
 
   Drive drive_;
   UdpSocket socket_;

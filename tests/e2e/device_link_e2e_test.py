@@ -9,7 +9,8 @@
  4. A host of another implementation (device_link.py) is served; replays, a second host and other keys
     are refused; the watchdog trips.
  5. A host begins a session only after its preparation, however long that takes.
- 6. Exit codes, messages, a clean end by Ctrl-C, and in lock-step an end some seconds after its last host has died.
+ 6. Exit codes, messages, a clean end by Ctrl-C, and in lock-step an end some seconds after its last host has died,
+    but not in a pause.
 """
 import csv
 import json
@@ -268,6 +269,21 @@ def test_host_that_dies(source, programs, work):
         host.socket.close()  # without a stop
         assert simulator.process.wait(timeout=120) == 0, "it waits for its host for ever"
         assert json.loads(simulator.summary_file.read_text())["sessions"] == 1
+
+
+def test_host_that_pauses(source, programs, work):
+    """In lock-step the host of a paused session sends nothing, however long the pause is."""
+    scene = source / "runtime" / "scenes" / "one_slice.json"
+    with Simulator(programs, work, scene, "--clock", "lock-step", "--sessions", "1") as simulator:
+        host = link.Host(simulator.socket(), simulator.key())
+        host.command(link.HOLD)
+        assert host.state() is not None
+        with pytest.raises(subprocess.TimeoutExpired):
+            simulator.process.wait(timeout=12)
+        host.command(link.HOLD)
+        assert host.state() is not None, "not served after the pause"
+        host.command(link.STOP)
+        assert simulator.process.wait(timeout=120) == 0
 
 
 def test_contract(source, programs, asset, work):
