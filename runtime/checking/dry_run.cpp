@@ -150,7 +150,7 @@ Result<std::optional<LetGoTrial>> try_letting_go(
     if (!tried) return tried.error();
     if (options.stop != nullptr && options.stop->load()) return refused("interrupted");
     ++worst.moments;
-    if (tried->fault != Fault::kNone) worst.fault = tried->fault;
+    if (worst.fault == Fault::kNone) worst.fault = tried->fault;
     worst.distance_m = std::max(worst.distance_m, tried->feel.let_go_distance_m);
     if (tried->feel.let_go_speed_m_per_s <= worst.speed_m_per_s) continue;
     worst.speed_m_per_s = tried->feel.let_go_speed_m_per_s;

@@ -2,7 +2,7 @@
 // A dry run: a session over the scene with the simulated device, in virtual time, which writes no
 // files (`trocar-run --check`). Up to kMaxDryRunTicks ticks, the result of a dry run is exactly
 // that of a session in virtual time with the same options.
-// Tests: tests/e2e/scene_check_e2e_test.py
+// Tests: tests/runtime/checking/dry_run_test.cpp, tests/e2e/scene_check_e2e_test.py
 #pragma once
 
 #include <Eigen/Core>
@@ -75,7 +75,7 @@ struct LetGoTrial {
   double t_s = 0;              ///< time of letting go in the run in which the plate became fastest
   double distance_m = 0;       ///< largest motion of the plate after letting go, over all runs
   double speed_m_per_s = 0;    ///< largest speed of the plate after letting go, over all runs
-  Fault fault = Fault::kNone;  ///< a fault in one of the runs, or none
+  Fault fault = Fault::kNone;  ///< the fault of the first run that had one, or none
 };
 
 inline constexpr int kLetGoMoments = 10;
