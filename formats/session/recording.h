@@ -96,8 +96,9 @@ struct RecordingRow {
   std::array<double, 16> encoder_rad{};      ///< leg by leg: th1, th2, th3, th4 of leg 1, ...
   ContactPhase phase = ContactPhase::kFree;
   std::int32_t active_slice = -1;  ///< index of the slice in the asset; -1: none
-  /// Depth of the tip below the active slice or, with the force law `cutting`, below the cutting
-  /// front. In the tick of a puncture: the depth at the puncture.
+  /// Depth of the tip below the active slice. With the force law `cutting`: depth below the cutting
+  /// front, of the tip that the plate's tool would have without the coupling. In the tick of a
+  /// puncture: the depth at the puncture.
   double penetration_m = 0;
   double wrench_scale = 1;          ///< delivered wrench / wanted wrench; < 1 if a motor saturates
   double pose_residual_m = 0;       ///< residual of the pose fitted to the encoders

@@ -140,6 +140,8 @@ struct PrefetchRequest {
 
 /// Result of a tick of any force law.
 struct ContactOutput {
+  /// Tip of the tool. Laws `hooke` and `network`: at T_device_evaluated. Law `cutting`: of the tool
+  /// on the plate. RecordingRow::tool_m has the tip on which the tissue acts, with every law.
   Eigen::Vector3d tip_device_m = Eigen::Vector3d::Zero();
   /// Force on the tip. Laws `hooke` and `network`: the force of the sheet in contact, along +z of
   /// {B}. Law `cutting`: the force of bone and soft layers, along the shaft.
@@ -148,7 +150,7 @@ struct ContactOutput {
   /// force of the holes on the shaft.
   Wrench wrench_device = Wrench::Zero();
   /// Depth of the tip below the sheet that is in contact or punctured in this tick. Law `cutting`:
-  /// depth of the tip below the cutting front. Without contact it is 0.
+  /// depth of the plate's tip, tip_device_m, below the cutting front. Without contact it is 0.
   double penetration_m = 0;
   /// The coefficients k and c b (contract 2) of the sheet in contact, even if F is 0. Without
   /// contact both are 0.

@@ -159,7 +159,7 @@ void SessionLoop::request_hole(const CutRequest& cut) noexcept {
   event.slice = sheets_[cut.sheet]->slice_index;
   event.cut = cut.cut;
   event.t_s = result_.row.t_s;
-  event.tool_z_m = result_.contact.tip_device_m.z();
+  event.tool_z_m = result_.row.tool_m[2];  // as in the recording, from which reports are made
   event.penetration_m = result_.contact.penetration_m;
   event.force_N = result_.contact.force_before_N;
   event.hand_N = last_hand_N_;

@@ -28,8 +28,8 @@ struct PunctureEvent {
   std::int32_t slice = -1;  ///< slice index in the asset
   std::uint32_t cut = 0;    ///< number of the hole in this sheet, counted from 1
   double t_s = 0;
-  double tool_z_m = 0;       ///< height of the tip in {B}
-  double penetration_m = 0;  ///< depth of the tip below the sheet (law `cutting`: the front)
+  double tool_z_m = 0;       ///< height of the tip in {B}: RecordingRow::tool_m of the tick
+  double penetration_m = 0;  ///< ContactOutput::penetration_m of the tick
   double force_N = 0;        ///< rendered force on the tip in the tick before the puncture
   double hand_N = 0;         ///< delivered force in the tick before the puncture
   /// Force that would have exceeded the tissue's threshold (law `cutting`: largest strength of the

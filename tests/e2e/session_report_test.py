@@ -132,8 +132,10 @@ class Sessions:
         slices = [(each["slice"], each["t_s"]) for each in report["punctures"] if each["layer"] is None]
         check(slices == [(each["slice"], each["t_s"]) for each in summed["punctures"]], f"{name}: punctures are not the summary's")
         for each, other in zip((each for each in report["punctures"] if each["layer"] is None), summed["punctures"]):
-            if "front_z_m" not in rows:  # the tool that the tissue acts on, also if a coupling holds it away from the plate
-                apart_m = max(abs(each["tip_z_m"] - other["tool_z_m"]), abs(each["depth_m"] - other["penetration_m"]))
+            # the tool that the tissue acts on, also if a coupling holds it away from the plate
+            check(each["tip_z_m"] == other["tool_z_m"], f"{name}: report and summary have other tips: {each}, {other}")
+            if "front_z_m" not in rows:
+                apart_m = abs(each["depth_m"] - other["penetration_m"])
                 check(apart_m < CLOSE, f"{name}: report and summary differ by {apart_m} m: {each}, {other}")
             check(each["tip_N"] == other["force_N"] and abs(each["force_N"] - other["hand_N"]) <= CLOSE * other["hand_N"], f"{name}: {each}, {other}")
             if "tip_N" in rows:  # of the tick before, before the scene's scale
