@@ -7,7 +7,7 @@
 // requests a recovery. `recover` releases all three commands and requests a recovery. With
 // RecoveryPolicy::kOnRequest, the signal SIGUSR1 does the same as `recover`; the program's signal
 // handler sets the flag SessionOptions::recover.
-// Tests: tests/runtime/session/live_session_test.cpp
+// Tests: tests/runtime/session/live_session_test.cpp, tests/runtime/session/paused_session_test.cpp
 #pragma once
 
 #include <atomic>

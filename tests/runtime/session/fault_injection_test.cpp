@@ -1,10 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-// Every fault that a device, a sheet or a hand can cause, injected at random moments while the tool
-// is pressed into a sheet, in whole sessions: torques are zero in time, the fault is latched and
-// named, the black box is complete, the loop recovers, the recording is complete and replays to the
-// last bit. TROCAR_FAULT_RUNS: runs of each fault (5).
+// Every fault that a device, a sheet, a force law or a hand can cause, injected at random moments
+// while the tool is pressed into a sheet, in whole sessions: torques are zero in time, the fault is
+// latched and named, the black box is complete, the loop recovers, the recording is complete and
+// replays to the last bit. A fault that is not injected here is listed with the reason
+// (kNotInjected). TROCAR_FAULT_RUNS: runs of each fault (5).
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <cstdlib>
 #include <filesystem>
@@ -19,6 +21,7 @@
 #include "runtime/devices/simulated_hand.h"
 #include "runtime/session/session.h"
 #include "runtime/session/tick_rate.h"
+#include "tests/runtime/session/fault_cases.h"
 #include "tests/support/four_legs_session.h"
 #include "tests/support/sheet_fixture.h"
 #include "tests/support/temporary_folder.h"
@@ -29,14 +32,11 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr double kRest_s = 0.005;
+using testing_support::FaultCase;
+using testing_support::Injection;
+using trocar::test::uniform;
 
-/// Kinds of injected faults.
-struct Injection {
-  DeviceStatus on_read = DeviceStatus::kOk, on_write = DeviceStatus::kOk;
-  std::function<void(DeviceState& state, const DeviceState& at_begin)> corrupt;
-  int late_ms = 0;  ///< that reading takes
-};
+constexpr double kRest_s = 0.005;
 
 /// The simulated device, faulty from tick `begin` to `end`.
 class FaultyDevice final : public Device {
@@ -71,101 +71,6 @@ class FaultyDevice final : public Device {
   std::uint64_t begin_, end_, tick_ = 0;
   DeviceState at_begin_;
 };
-
-struct FaultCase {
-  const char* name;
-  Fault fault;
-  /// Makes the fault of the device, or sets limits that the motion of the hand will exceed.
-  std::function<Injection(std::mt19937_64& random, SessionOptions& options,
-                          MechanismLimits& mechanism)>
-      make;
-  double lasts_s = 0.03;
-  bool at_once = true;  ///< found in the tick in which it begins
-  bool loaded = true;   ///< found while the tool is in the sheet
-};
-
-using trocar::test::uniform;
-
-std::vector<FaultCase> cases() {
-  using Random = std::mt19937_64;
-  using Options = SessionOptions;
-  const auto status = [](DeviceStatus on_read, DeviceStatus on_write) {
-    return [=](Random&, Options&, MechanismLimits&) { return Injection{on_read, on_write, {}, 0}; };
-  };
-  const auto any_encoder = [](auto change) {
-    return [change](Random& random, Options&, MechanismLimits&) {
-      const auto i = static_cast<std::size_t>(random() % kEncoders);
-      Injection made;
-      made.corrupt = [change, i](DeviceState& state, const DeviceState& begin) {
-        change(state.encoder_rad[i], begin.encoder_rad[i]);
-      };
-      return made;
-    };
-  };
-  const auto limits = [](auto change) {
-    return [change](Random& random, Options& options, MechanismLimits&) {
-      change(options.limits, uniform(random));
-      return Injection{};
-    };
-  };
-  const auto mechanism = [](auto change) {
-    return [change](Random& random, Options&, MechanismLimits& changed) {
-      change(changed, uniform(random));
-      return Injection{};
-    };
-  };
-  constexpr auto kOk = DeviceStatus::kOk;
-  return {
-      {"link_lost", Fault::kLinkLost, status(DeviceStatus::kLinkLost, kOk)},
-      {"link_lost_in_writing", Fault::kLinkLost, status(kOk, DeviceStatus::kLinkLost)},
-      {"write_failed", Fault::kWriteFailed, status(kOk, DeviceStatus::kNoData)},
-      {"emergency_stop", Fault::kEmergencyStop, status(DeviceStatus::kEmergencyStop, kOk)},
-      {"motor_fault", Fault::kMotorFault, status(DeviceStatus::kMotorFault, kOk)},
-      {"several_ticks_without_data", Fault::kNoData, status(DeviceStatus::kNoData, kOk), 0.03,
-       false},
-      {"encoder_nan", Fault::kEncoderNotFinite,
-       any_encoder([](double& angle, double) { angle = NAN; })},
-      {"encoder_jump", Fault::kEncoderJump,
-       any_encoder([](double& angle, double) { angle += 0.3; })},
-      {"encoder_jump_for_one_tick", Fault::kEncoderJump,
-       any_encoder([](double& angle, double) { angle -= 0.3; }), 0.0005},
-      // The encoder is stuck: found once the others have moved.
-      {"encoder_stuck", Fault::kPoseResidual,
-       [](Random& random, Options&, MechanismLimits&) {
-         Injection made;
-         const std::size_t i = 4 * (random() % kLegs);  // theta1
-         made.corrupt = [i](DeviceState& state, const DeviceState& begin) {
-           state.encoder_rad[i] = begin.encoder_rad[i];
-         };
-         return made;
-       },
-       0.5, false, false},
-      {"workspace", Fault::kWorkspace,
-       limits([](SafetyLimits& l, double u) { l.workspace_min_m[2] = 0.1165 + 0.002 * u; }), 0,
-       false},
-      {"speed", Fault::kSpeed,
-       limits([](SafetyLimits& l, double u) { l.speed_max_m_per_s = 0.062 + 0.01 * u; }), 0, false,
-       false},
-      {"torque_limit", Fault::kTorqueLimit,
-       mechanism([](MechanismLimits& l, double u) { l.torque_max_Nm = 0.2 + 0.2 * u; }), 0, false},
-      {"torque_rate", Fault::kTorqueRate, mechanism([](MechanismLimits& l, double u) {
-         l.torque_rise_max_Nm_per_s = 3 + 2 * u;
-         l.torque_rise_time_max_s = 0.015;
-       }),
-       0, false},
-      // The sampled sheet gives back more than it took, by up to 2 mJ a press.
-      {"energy_limit", Fault::kEnergyLimit,
-       [](Random& random, Options& options, MechanismLimits&) {
-         options.limits.energy_limit_J = 2e-5 * (1 + uniform(random));
-         options.passivity.on = false;
-         return Injection{};
-       },
-       0, false, false},
-      {"motor_overload", Fault::kMotorOverload,
-       mechanism([](MechanismLimits& l, double u) { l.overload_time_max_s = 0.01 + 0.03 * u; }), 0,
-       false},
-  };
-}
 
 std::string text_of(const fs::path& file) {
   std::ifstream stream(file, std::ios::binary);
@@ -269,7 +174,8 @@ void expect_black_boxes(const SessionResult& report, const std::string& recordin
 void run(const FaultCase& test, int index) {
   std::mt19937_64 random(static_cast<std::uint64_t>(index) * 7919 + test.name[0]);
   const test::TemporaryFolder folder;
-  const Scene scene = pressing();
+  Scene scene = pressing();
+  if (test.prepare) test.prepare(scene);
   DeviceDescription description = default_device_description();
   SessionOptions options;
   options.clock = Clock::kVirtual;
@@ -325,18 +231,26 @@ void run(const FaultCase& test, int index) {
   ASSERT_EQ(text_of(*again.record), text_of(*options.record));
 }
 
-std::ostream& operator<<(std::ostream& stream, const FaultCase& test) {
-  return stream << test.name;
-}
-
 class Faults : public testing::TestWithParam<FaultCase> {};
-INSTANTIATE_TEST_SUITE_P(Injected, Faults, testing::ValuesIn(cases()),
+INSTANTIATE_TEST_SUITE_P(Injected, Faults, testing::ValuesIn(testing_support::all_cases()),
                          [](const auto& test) { return std::string(test.param.name); });
 
 TEST_P(Faults, AtRandomMomentsUnderLoad) {
   for (int i = 0; i < runs_of_each(); ++i) {
     run(GetParam(), i);
     ASSERT_FALSE(HasFatalFailure()) << "run " << i;
+  }
+}
+
+TEST(Faults, EachIsInjectedOrListedWithAReason) {
+  const std::vector<FaultCase> injected = testing_support::all_cases();
+  for (int i = 1; i < kFaults; ++i) {
+    const auto fault = static_cast<Fault>(i);
+    const auto is_it = [fault](const auto& each) { return each.fault == fault; };
+    const bool is_injected = std::any_of(injected.begin(), injected.end(), is_it);
+    const bool is_listed = std::any_of(std::begin(testing_support::kNotInjected),
+                                       std::end(testing_support::kNotInjected), is_it);
+    EXPECT_NE(is_injected, is_listed) << to_string(fault);
   }
 }
 
