@@ -171,7 +171,8 @@ void Remesher::serve_one(const CutRequest& request) {
   record.request = request;
   record.doubled_area_before = pair.doubled_area;
   if (request.cut != cuts + 1) {
-    record.error = bug("a cut before this one failed");
+    record.error = bug("hole " + std::to_string(cuts + 1) +
+                       " of this slice could not be cut, so no later one is");
   } else {
     record.cut = cut_with_capacity(next, request.outline);
     if (record.cut.outcome == CutOutcome::kCut || record.cut.outcome == CutOutcome::kNoOverlap) {

@@ -28,7 +28,8 @@ struct CutRecord {
   CutRequest request;
   /// If set, the cut failed, and the sheet keeps its mesh. The force law nevertheless treats
   /// the hole as open. The error is kRefused if the capacity of the mesh did not suffice,
-  /// and otherwise kBug.
+  /// and otherwise kBug. Later holes of the sheet then fail, too, with an error that names the
+  /// hole that failed first (Remesher).
   std::optional<Error> error;
   /// obtuse_boundary_edges is counted after the quality pass.
   CutReport cut;
@@ -60,6 +61,12 @@ struct RemesherOptions {
 ///
 /// Requests are served in order. If the older replica of a sheet is still in use, a request for
 /// this sheet waits, and all later requests wait, too. In real time they wait at most one tick.
+///
+/// If a hole cannot be cut, no later hole is cut into the same sheet during the session. From
+/// Sheet::cuts the force law concludes which of its holes the mesh already has, so a version must
+/// have all holes up to this number. The force law keeps the holes that the mesh lacks as pending
+/// (SheetTrack::pending). If a sheet would get more than kMaxPendingHoles of them, the session has
+/// the fault kRemeshBacklog. Other sheets are cut as before.
 class Remesher {
  public:
   static constexpr std::size_t kMaxRecords = 4096;          ///< later records are dropped

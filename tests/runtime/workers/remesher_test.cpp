@@ -151,13 +151,22 @@ TEST_F(TwoReplicas, AFailedCutIsRecordedAndTheSheetIsUnchanged) {
   not_a_tool.cut = 1;
   ASSERT_TRUE(remesher_->request(not_a_tool));
   ask(0, 2);
+  ask(0, 3);
   remesher_->serve();
   EXPECT_FALSE(remesher_->publish_next());
-  ASSERT_EQ(remesher_->records().size(), 2U);
-  for (const CutRecord& record : remesher_->records())
-    EXPECT_TRUE(record.error);
+  ASSERT_EQ(remesher_->records().size(), 3U);
+  for (std::size_t i = 0; i < 3; ++i) {
+    const std::optional<Error>& error = remesher_->records()[i].error;
+    ASSERT_TRUE(error);
+    EXPECT_EQ(error->message, i == 0 ? "cut: invalid tool"
+                                     : "hole 1 of this slice could not be cut, so no later one is");
+  }
   EXPECT_EQ(current(*remesher_, 0)->cuts, 0U);
   EXPECT_EQ(current(*remesher_, 0)->mesh.triangles, before.triangles);
+  ask(1, 1);
+  remesher_->serve();
+  EXPECT_TRUE(remesher_->publish_next()) << "another sheet is cut as before";
+  EXPECT_FALSE(remesher_->records().back().error);
 }
 
 TEST_F(TwoReplicas, TheQualityPassLeavesNoAngleBelowItsBound) {
