@@ -48,7 +48,7 @@ Wrench keep_passive(const PassivityOptions& options, double plate_mass_kg, doubl
   state.balance_J = std::min(state.balance_J, options.credit_max_J);
 
   if (!(pose_interval_s > 0)) {
-    return damped(input.wrench_device, state, acting_N_s_per_m);
+    return damped(input.wrench_device, state, input.planned_release ? 0 : acting_N_s_per_m);
   }
   const double deficit_J = -options.reserve_J - state.balance_J;
   if (!options.on || !gives || !(deficit_J > 0)) return input.wrench_device;

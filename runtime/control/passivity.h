@@ -80,7 +80,12 @@ double damping_max(const PassivityOptions& options, double plate_mass_kg, double
 /// Returns the wrench that the caller must render instead of `input.wrench_device`. After that the
 /// caller must call note_delivered(). `pose_interval_s`: time between the previous new pose and
 /// this pose, on the device's clock. If the pose is not new, `pose_interval_s` is 0, and the damper
-/// of the last tick stays unchanged.
+/// of the last tick stays unchanged, except that a planned release ends it (item 4). Like the force
+/// of the environment, the force of this damper may then do work on a hand that has turned back.
+/// This work is not known in the tick, because the plate's motion is not, so the balance could not
+/// decide about it. The next new pose brings the whole displacement since the previous one. Its
+/// work, with the wrench held last, enters the balance whatever its sign, and if the balance is
+/// then negative, damping by the new motion takes the energy back.
 Wrench keep_passive(const PassivityOptions& options, double plate_mass_kg, double pose_interval_s,
                     const PassivityInput& input, PassivityState& state) noexcept;
 

@@ -292,6 +292,50 @@ TEST(Passivity, APlannedReleaseCausesNoDamping) {
   EXPECT_EQ(keep_passive(wall.options, wall.mass_kg, wall.dt_s, release, wall.state)[2], 2);
 }
 
+// A prefetched stiffness that rises can puncture a sheet in a tick without a new pose, while a
+// damper of the tick before acts.
+TEST(Passivity, APlannedReleaseWithoutANewPoseEndsTheDamping) {
+  PassivityState state;
+  PassivityInput input;
+  input.wrench_device << 0, 0, 10, 0, 0, 0;
+  input.stored_J = 0.01;
+  note_delivered(keep_passive({}, 0.35, 1e-3, input, state), state);
+  state.balance_J = -1;
+  input.T_device_plate.p_m.z() = 1e-4;
+  note_delivered(keep_passive({}, 0.35, 1e-3, input, state), state);
+  ASSERT_GT(state.damping_N_s_per_m, 0);
+  input.wrench_device[2] = 2;  // friction on the shaft
+  input.stored_J = 0;
+  input.planned_release = true;
+  EXPECT_EQ(keep_passive({}, 0.35, 0, input, state)[2], 2);
+  EXPECT_EQ(state.damping_N_s_per_m, 0);
+  EXPECT_EQ(state.balance_J, 0);
+}
+
+// The hand turns back while no pose is new: the held damper pushes along, and the balance counts
+// it.
+TEST(Passivity, TheWorkOfADamperThatIsHeldWithoutANewPoseIsInTheBalance) {
+  PassivityState state;
+  PassivityInput input;
+  input.wrench_device << 0, 0, 10, 0, 0, 0;
+  input.stored_J = 0.01;
+  note_delivered(keep_passive({}, 0.35, 1e-3, input, state), state);
+  state.balance_J = -1;
+  input.T_device_plate.p_m.z() = 1e-4;
+  Wrench held = keep_passive({}, 0.35, 1e-3, input, state);
+  note_delivered(held, state);
+  ASSERT_LT(held[2], 10);
+  const double before_J = state.balance_J;
+  for (int tick = 0; tick < 5; ++tick) {
+    held = keep_passive({}, 0.35, 0, input, state);
+    note_delivered(held, state);
+    EXPECT_EQ(state.balance_J, before_J);
+  }
+  input.T_device_plate.p_m.z() = -3e-4;
+  keep_passive({}, 0.35, 6e-3, input, state);
+  EXPECT_NEAR(state.balance_J, before_J + held[2] * 4e-4, 1e-12);
+}
+
 // --- in the loop ----------------------------------------------------------------------------
 
 struct Wall {
