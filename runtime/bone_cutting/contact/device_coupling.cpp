@@ -44,10 +44,12 @@ DeviceCoupling choose_coupling(const BoneVolume& bone, const SceneForceLaw& law,
   CuttingCoupling& coupling = out.coupling;
   coupling = bone.options.coupling;
   const double T_s = 1 / rate_Hz, scale = law.force_scale;
-  const double tissue_N_per_m =
-      std::max({bone.along_N_per_m, bone.across_N_per_m, bone.viscous_N_s_per_m / T_s});
+  const double along_N_per_m = std::max(bone.along_N_per_m, bone.viscous_N_s_per_m / T_s);
+  const double tissue_N_per_m = std::max(along_N_per_m, bone.across_N_per_m);
   const double lever_m = bone.tool.tip_plate_m.norm() + 0.05;
-  const Stiffness tissue{tissue_N_per_m, bone.across_N_per_m * lever_m * lever_m};
+  const double offset2_m2 = bone.tool.tip_plate_m.cross(bone.tool.axis_plate).squaredNorm();
+  const Stiffness tissue{tissue_N_per_m,
+                         bone.across_N_per_m * lever_m * lever_m + along_N_per_m * offset2_m2};
   const double per_inertia = kMaxInertiaShare / (T_s * T_s * scale * limits.margin);
   const std::array<double, 3> inertia_kg_m2 = device.inertia_kg_m2();
   const Stiffness most{per_inertia * device.mass_kg(),

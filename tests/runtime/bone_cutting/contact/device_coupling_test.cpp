@@ -362,6 +362,21 @@ TEST(DeviceCoupling, ARigidAxisThatIsTooStiffForItsRateIsWarnedOf) {
   }
 }
 
+// A sheet of 5 kN/m has no walls, but 5 cm beside the plate's middle its force turns the plate.
+TEST(DeviceCoupling, ATipBesideThePlatesMiddleTurnsThePlate) {
+  const DeviceDescription device = default_device_description();
+  BoneVolume bone = one_sheet();
+  SceneForceLaw law = coupled(10'000, 10);
+  law.axis = ToolAxis::kAuto;
+  bone.tool.tip_plate_m = {0, 0, -0.1};
+  EXPECT_TRUE(choose(bone, law, device).coupling.is_rigid);
+  bone.tool.tip_plate_m = {0.05, 0, -0.1};
+  EXPECT_FALSE(choose(bone, law, device).coupling.is_rigid) << "12.5 Nm/rad, 10 Nm/rad";
+  law.axis = ToolAxis::kRigid;
+  EXPECT_NEAR(choose(bone, law, device).inertia_share, 12.5 / (1e6 * device.plate_inertia_kg_m2[0]),
+              1e-9);
+}
+
 TEST(DeviceCoupling, TheStiffestCouplingIsAtTheLimitAndNotWarnedOf) {
   SceneForceLaw law = coupled(0, 0);
   const DeviceCoupling chosen = choose(bone_volume(), law, default_device_description());
