@@ -179,6 +179,14 @@ std::string utc(std::int64_t seconds) {
   return text.data();
 }
 
+/// One line without control characters, for a terminal and a list.
+std::string one_line(std::string text) {
+  std::replace_if(
+      text.begin(), text.end(),
+      [](char c) { return static_cast<unsigned char>(c) < ' ' || c == '\x7f'; }, '?');
+  return text;
+}
+
 /// Returns the names, relative to `folder` and in order, of the files that are to be read.
 Result<std::vector<std::string>> json_files(const std::filesystem::path& folder) {
   std::vector<std::string> names;
@@ -189,15 +197,17 @@ Result<std::vector<std::string>> json_files(const std::filesystem::path& folder)
   for (const std::filesystem::recursive_directory_iterator end; entry != end;) {
     std::error_code ignored;
     if (entry.depth() >= kMaxHistoryDepth) entry.disable_recursion_pending();
+    const std::string name = entry->path().lexically_relative(folder).string();
     if (entry->path().extension() == ".json" && !entry->is_symlink(ignored) &&
         entry->is_regular_file(ignored))
-      names.push_back(entry->path().lexically_relative(folder).string());
+      names.push_back(name);
     if (names.size() > kMaxHistoryFiles)
       return refused(folder.string() + ": has more than " + std::to_string(kMaxHistoryFiles) +
                      " files that end in .json");
-    entry.increment(error);
+    entry.increment(error);  // opens the entry if it is a folder
     if (error)
-      return refused(folder.string() + ": not all of its folders can be read: " + error.message());
+      return refused(folder.string() + ": not all of its folders can be read, " + one_line(name) +
+                     " or what follows it: " + error.message());
   }
   std::sort(names.begin(), names.end());
   return names;
@@ -222,14 +232,6 @@ Result<ReadFile> read_figures(const std::filesystem::path& file, const std::stri
     return refused(name + ": is not the figures of a session" +
                    (is.empty() ? "" : " but " + json_text(is.substr(0, kMaxText))));
   return ReadFile{std::move(*document), is == kReport, is_no_session};
-}
-
-/// One line without control characters, for a terminal and a list.
-std::string one_line(std::string text) {
-  std::replace_if(
-      text.begin(), text.end(),
-      [](char c) { return static_cast<unsigned char>(c) < ' ' || c == '\x7f'; }, '?');
-  return text;
 }
 
 bool comes_before(const Session& a, const Session& b) {

@@ -179,7 +179,8 @@ def main():
     deep.joinpath(*"abcdefg").mkdir(parents=True)
     shutil.copy(next(folder.glob("*/session.json")), deep / "session.json")
     few = subprocess.run(["prlimit", "--nofile=8", programs / "trocar-run", "--history", deep, "-o", work / "deep.html"], capture_output=True, text=True, check=False)
-    check(few.returncode == 3 and "not all of its folders can be read: Too many open files" in few.stderr and not (work / "deep.html").exists(),
+    named = re.search(r"not all of its folders can be read, (a[b-g/]*) or what follows it: Too many open files", few.stderr)
+    check(few.returncode == 3 and named is not None and deep.joinpath(named[1]).is_dir() and not (work / "deep.html").exists(),
           f"folders that cannot be read: {few}")
     check_recording(programs, source, asset, work)
     return outcome()
