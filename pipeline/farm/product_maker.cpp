@@ -187,7 +187,7 @@ Result<void> check_options(const CollectionScan& scan, const WantedProduct& prod
                       : mesh_words(programs, any, product, {no_input}, no_output);
   command.output = "/dev/null";
   command.errors = "/proc/self/fd/" + std::to_string(messages.get());
-  const auto done = run_command(command, stop);
+  auto done = run_command(command, stop);
   if (done || done.error().code != ExitCode::kUsage) return {};  // it misses its input
   return done;
 }
