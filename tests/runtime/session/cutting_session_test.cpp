@@ -309,6 +309,15 @@ TEST(CuttingSession, TheToolIsRecordedWhereTheCouplingHoldsIt) {
     most_m = std::max(most_m, deflection_m);
   }
   EXPECT_GT(most_m, 3e-3) << "35 N at 8 kN/m";
+}
+
+// In thick bone the coupling is loaded when the tip passes a slice.
+TEST(CuttingSession, PuncturesHaveTheHeightOfTheRecordedTool) {
+  Scene scene = procedure();
+  scene.force_law.axis = ToolAxis::kCoupled;
+  scene.force_law.coupling_N_per_m = 8000;
+  const CuttingRun run_ =
+      run(scene, spaced_asset(12, 1), options_at(1000, scene), description_with(0.005));
   ASSERT_FALSE(run_.report.punctures.empty());
   for (const PunctureEvent& puncture : run_.report.punctures)  // of summary and telemetry
     EXPECT_EQ(puncture.tool_z_m,
