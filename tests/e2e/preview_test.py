@@ -312,6 +312,9 @@ def check_many_labels():
         warned = [w["code"] for w in numbers["warnings"] if w["code"] == "labels_not_counted"]
         assert len(warned) == (0 if is_whole else 1) == said.count("(labels_not_counted)"), f"{count} labels: {numbers['warnings']}, {said}"
         assert (len(counted) == len(numpy.unique(labels)) - 1) == is_whole, f"{count} labels: {len(counted)} are counted"
+        run(MESH, "preview", file, "--labels", "all", "--min-region", "0", "--count", "1", "-o", page, "--quiet")
+        numbers = embedded_json(page.read_text(), "preview")
+        assert len(numbers["label_voxels"]) == len(numpy.unique(labels)) - 1, f"{count} labels, all wanted: {len(numbers['label_voxels'])} are counted"
 
 
 def check_inspected():

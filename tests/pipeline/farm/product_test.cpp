@@ -144,5 +144,28 @@ TEST(ProductOptions, ThatItsProgramRefusesRefuseTheCollectionBeforeAnythingIsDon
   EXPECT_FALSE(fs::exists(folder / "store"));
 }
 
+// A defect of one scan's CT is found when that scan is made. It says nothing about the options.
+TEST(ProductOptions, AreCheckedWithoutTheCtOfALabelMap) {
+  const test::TemporaryFolder folder;
+  ProductPrograms programs;
+  programs.mesh = (folder / "mesh").string();
+  std::ofstream(programs.mesh) << "#!/bin/sh\necho \"$@\" >> " << (folder / "asked").string()
+                               << "\ncase \"$*\" in *broken*) exit 2 ;; esac\nexit 3\n";
+  fs::permissions(programs.mesh, fs::perms::owner_all);
+  Collection collection;
+  CollectionScan scan{"a", {"scan.in"}, "", ""};
+  scan.parameters = {{"labels", "1"}, {"hu", "broken.nii"}};
+  scan.products = {{ProductKind::kPreview, nlohmann::json{{"count", 6}}}};
+  collection.scans.push_back(std::move(scan));
+  BatchSettings settings;
+  settings.store = folder / "store";
+  const AnyParameters program;
+  const auto planned = Batch::plan(collection, program, programs, settings);
+  EXPECT_TRUE(planned) << planned.error().message;
+  std::ifstream asked(folder / "asked");
+  const std::string words(std::istreambuf_iterator<char>(asked), {});
+  EXPECT_NE(words.find("--count=6"), std::string::npos) << words;
+}
+
 }  // namespace
 }  // namespace trocar::farm

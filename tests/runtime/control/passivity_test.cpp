@@ -292,17 +292,25 @@ TEST(Passivity, APlannedReleaseCausesNoDamping) {
   EXPECT_EQ(keep_passive(wall.options, wall.mass_kg, wall.dt_s, release, wall.state)[2], 2);
 }
 
-// A prefetched stiffness that rises can puncture a sheet in a tick without a new pose, while a
-// damper of the tick before acts.
-TEST(Passivity, APlannedReleaseWithoutANewPoseEndsTheDamping) {
-  PassivityState state;
-  PassivityInput input;
+// Makes a tick in which a damper acts against a force of 10 N, because much energy was given before.
+// Returns the delivered wrench.
+Wrench start_damping(PassivityInput& input, PassivityState& state) {
   input.wrench_device << 0, 0, 10, 0, 0, 0;
   input.stored_J = 0.01;
   note_delivered(keep_passive({}, 0.35, 1e-3, input, state), state);
   state.balance_J = -1;
   input.T_device_plate.p_m.z() = 1e-4;
-  note_delivered(keep_passive({}, 0.35, 1e-3, input, state), state);
+  Wrench delivered = keep_passive({}, 0.35, 1e-3, input, state);
+  note_delivered(delivered, state);
+  return delivered;
+}
+
+// A prefetched stiffness that rises can puncture a sheet in a tick without a new pose, while a
+// damper of the tick before acts.
+TEST(Passivity, APlannedReleaseWithoutANewPoseEndsTheDamping) {
+  PassivityState state;
+  PassivityInput input;
+  start_damping(input, state);
   ASSERT_GT(state.damping_N_s_per_m, 0);
   input.wrench_device[2] = 2;  // friction on the shaft
   input.stored_J = 0;
@@ -317,13 +325,7 @@ TEST(Passivity, APlannedReleaseWithoutANewPoseEndsTheDamping) {
 TEST(Passivity, TheWorkOfADamperThatIsHeldWithoutANewPoseIsInTheBalance) {
   PassivityState state;
   PassivityInput input;
-  input.wrench_device << 0, 0, 10, 0, 0, 0;
-  input.stored_J = 0.01;
-  note_delivered(keep_passive({}, 0.35, 1e-3, input, state), state);
-  state.balance_J = -1;
-  input.T_device_plate.p_m.z() = 1e-4;
-  Wrench held = keep_passive({}, 0.35, 1e-3, input, state);
-  note_delivered(held, state);
+  Wrench held = start_damping(input, state);
   ASSERT_LT(held[2], 10);
   const double before_J = state.balance_J;
   for (int tick = 0; tick < 5; ++tick) {
