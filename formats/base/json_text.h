@@ -4,6 +4,7 @@
 // Tests: tests/pipeline/scan/label_names_test.cpp
 #pragma once
 
+#include <cmath>
 #include <nlohmann/json.hpp>
 #include <string>
 
@@ -23,6 +24,11 @@ nlohmann::json names_of(int count) {
   for (int i = 0; i < count; ++i)
     list.push_back(to_string(static_cast<Enumeration>(i)));
   return list;
+}
+
+/// Rounds a number to a multiple of 1 / parts, so that its text in JSON is short.
+inline double rounded(double value, double parts) {
+  return std::round(value * parts) / parts;
 }
 
 }  // namespace trocar

@@ -320,7 +320,7 @@ std::string filled(std::string_view text, const std::string& with) {
   return result;
 }
 
-std::string number(double x, int digits) {
+std::string with_digits(double x, int digits) {
   char text[40];
   std::snprintf(text, sizeof text, "%.*g", digits, x);
   return text;
@@ -376,12 +376,12 @@ std::string measured(const FaultDetail& detail) {
   if (row.factor == 0) return text;
   const double value = detail.value * row.factor, limit = detail.limit * row.factor;
   int digits = 4;  // more if they are needed to distinguish the value from its limit
-  while (digits < 17 && value != limit && number(value, digits) == number(limit, digits))
+  while (digits < 17 && value != limit && with_digits(value, digits) == with_digits(limit, digits))
     ++digits;
-  text.append(" ").append(number(value, digits)).append(row.unit);
+  text.append(" ").append(with_digits(value, digits)).append(row.unit);
   if (!std::isnan(detail.limit)) {
     text.append(value < limit ? ", at least " : ", limit ");
-    text.append(number(limit, digits)).append(row.unit);
+    text.append(with_digits(limit, digits)).append(row.unit);
   }
   return text;
 }

@@ -225,19 +225,19 @@ std::string tilt_cell(const json& scan) {
   return out;
 }
 
-using Row = std::vector<std::string>;
+using TableRow = std::vector<std::string>;
 
-Row row_of(const json& scan, bool with_study) {
+TableRow row_of(const json& scan, bool with_study) {
   const std::string kind = scan["kind"].get<std::string>();
-  Row out = {scan["taken"].get<bool>() ? "*" : " ",
-             cell(scan, "number"),
-             kind == "dicom" ? cell(scan, "modality") : kind,
-             cell(scan, "slices"),
-             spacing_cell(scan),
-             tilt_cell(scan),
-             cell(scan, "kernel"),
-             cell(scan, "description"),
-             cell(scan, "path")};
+  TableRow out = {scan["taken"].get<bool>() ? "*" : " ",
+                  cell(scan, "number"),
+                  kind == "dicom" ? cell(scan, "modality") : kind,
+                  cell(scan, "slices"),
+                  spacing_cell(scan),
+                  tilt_cell(scan),
+                  cell(scan, "kernel"),
+                  cell(scan, "description"),
+                  cell(scan, "path")};
   if (with_study) out.insert(out.begin() + 1, cell(scan, "study_date"));
   return out;
 }
@@ -250,14 +250,14 @@ std::size_t letters(const std::string& utf8) {
   }));
 }
 
-std::string aligned(const std::vector<Row>& rows) {
+std::string aligned(const std::vector<TableRow>& rows) {
   std::vector<std::size_t> width(rows[0].size());
-  for (const Row& row : rows) {
+  for (const TableRow& row : rows) {
     for (std::size_t i = 0; i < row.size(); ++i)
       width[i] = std::max(width[i], letters(row[i]));
   }
   std::string out;
-  for (const Row& row : rows) {
+  for (const TableRow& row : rows) {
     for (std::size_t i = 0; i < row.size(); ++i) {
       const std::string blanks(width[i] - letters(row[i]), ' ');
       const bool is_right =
@@ -348,7 +348,7 @@ std::string scan_table(const json& list, const std::string& folder) {
     if (scan["kind"] == "dicom") studies.insert(cell(scan, "study_uid"));
   }
   const bool with_study = studies.size() > 1;
-  std::vector<Row> rows = {
+  std::vector<TableRow> rows = {
       {" ", "series", "modality", "slices", "spacing mm", "tilt", "kernel", "description", "path"}};
   if (with_study) rows[0].insert(rows[0].begin() + 1, "study");
   constexpr std::size_t kMaxOfImages = 12;  // viewers on CDs have folders of them

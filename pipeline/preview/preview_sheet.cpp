@@ -162,8 +162,8 @@ void draw_contours(cv::Mat& tile, const Preview& preview, const PreviewSlice& sl
       line.emplace_back(fixed(x * sx - 0.5, tile.cols), fixed(y * sy - 0.5, tile.rows));
     }
   }
-  cv::polylines(tile, lines, true, as_labels ? cv::Scalar(255, 255, 255) : kOutline, 1, cv::LINE_AA,
-                kShift);
+  cv::polylines(tile, lines, true, as_labels ? cv::Scalar(255, 255, 255) : kOutlineColour, 1,
+                cv::LINE_AA, kShift);
 }
 
 void draw_letters(cv::Mat& tile, const EdgeLetters& letters) {

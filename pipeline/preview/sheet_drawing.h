@@ -11,7 +11,7 @@ namespace trocar::pipeline {
 
 // All colours are RGB.
 inline const cv::Scalar kBackground(20, 22, 25), kText(228, 230, 233), kFaint(150, 155, 162),
-    kLine(70, 74, 80), kOutline(255, 165, 0), kThreshold(255, 165, 0), kBars(120, 140, 160),
+    kLine(70, 74, 80), kOutlineColour(255, 165, 0), kThreshold(255, 165, 0), kBars(120, 140, 160),
     kMaterialBars(200, 140, 40), kWarning(255, 205, 90), kLabel(160, 225, 255);
 inline constexpr int kWidth = 1600, kMargin = 24;                      // pixels
 inline constexpr double kSmall = 0.46, kNormal = 0.54, kLarge = 0.85;  // font scales of OpenCV

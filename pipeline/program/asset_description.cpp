@@ -12,13 +12,13 @@ namespace trocar::pipeline {
 namespace {
 
 using nlohmann::json;
-using Box = std::array<std::array<double, 2>, 2>;  // lowest and highest corner
+using Corners = std::array<std::array<double, 2>, 2>;  // lowest and highest corner
 
 /// Bounding box of the mesh in the slice plane, mm; std::nullopt for an empty mesh.
-std::optional<Box> box_of(const SliceMesh& mesh, double step_mm) {
+std::optional<Corners> box_of(const SliceMesh& mesh, double step_mm) {
   if (mesh.vertices.empty()) return std::nullopt;
   constexpr double kFar = std::numeric_limits<double>::infinity();
-  Box box{{{kFar, kFar}, {-kFar, -kFar}}};
+  Corners box{{{kFar, kFar}, {-kFar, -kFar}}};
   for (const LatticePoint p : mesh.vertices) {
     const std::array<double, 2> at{p.x * step_mm, p.y * step_mm};
     for (std::size_t k = 0; k < 2; ++k) {
@@ -58,7 +58,7 @@ json or_null(const std::optional<T>& value) {
 
 json describe_asset(const Asset& asset, std::uint64_t bytes) {
   json slices = json::array();
-  std::optional<Box> all;
+  std::optional<Corners> all;
   std::size_t triangles = 0;
   const double step2 = asset.lattice.step_mm() * asset.lattice.step_mm();
   std::vector<double> areas_mm2(asset.materials.size());
@@ -69,7 +69,7 @@ json describe_asset(const Asset& asset, std::uint64_t bytes) {
     for (const Ring& ring : s.pslg.rings)
       outline += ring.size();
     triangles += s.mesh.triangles.size();
-    const std::optional<Box> box = box_of(s.mesh, asset.lattice.step_mm());
+    const std::optional<Corners> box = box_of(s.mesh, asset.lattice.step_mm());
     if (box && !all) all = box;
     for (std::size_t k = 0; box && k < 2; ++k) {
       (*all)[0][k] = std::min((*all)[0][k], (*box)[0][k]);

@@ -14,8 +14,8 @@ namespace {
 
 // All colours are RGB. The picture is drawn larger and then reduced, which makes its lines smooth.
 constexpr int kLarger = 3, kShift = 4;
-const cv::Scalar kBackground(20, 22, 25), kOutline(255, 165, 0);
-constexpr double kDarkest = 0.35, kEdge = 0.62, kMargin = 0.04;
+const cv::Scalar kPaper(20, 22, 25), kInk(255, 165, 0);
+constexpr double kDarkest = 0.35, kEdge = 0.62, kMarginShare = 0.04;
 constexpr std::array<std::array<double, 3>, 6> kMaterials{{{235, 228, 214},
                                                            {86, 180, 233},
                                                            {0, 158, 115},
@@ -87,7 +87,7 @@ Thumbnail draw_thumbnail(const Asset& asset, int slice, int size_px) {
   const double width = static_cast<double>(box.high_x) - box.low_x,
                height = static_cast<double>(box.high_y) - box.low_y;
   const int large = size_px * kLarger;
-  const double scale = large * (1 - 2 * kMargin) / std::max({width, height, 1.0});
+  const double scale = large * (1 - 2 * kMarginShare) / std::max({width, height, 1.0});
   const auto pixel = [&](LatticePoint p) {
     const auto along = [&](double value, double low, double size) {
       return static_cast<int>(
@@ -95,7 +95,7 @@ Thumbnail draw_thumbnail(const Asset& asset, int slice, int size_px) {
     };
     return cv::Point(along(p.x, box.low_x, width), along(p.y, box.low_y, height));
   };
-  cv::Mat sheet(large, large, CV_8UC3, kBackground);
+  cv::Mat sheet(large, large, CV_8UC3, kPaper);
   for (const AssetSlice* s : shown) {
     for (const Triangle& t : s->mesh.triangles) {
       const std::array<cv::Point, 3> corners{pixel(s->mesh.vertices[t[0]]),
@@ -111,7 +111,7 @@ Thumbnail draw_thumbnail(const Asset& asset, int slice, int size_px) {
   for (const AssetSlice* s : shown) {
     for (const Ring& ring : s->pslg.rings) {
       for (std::size_t i = 0; i < ring.size(); ++i)
-        cv::line(sheet, pixel(ring[i]), pixel(ring[(i + 1) % ring.size()]), kOutline, kLarger,
+        cv::line(sheet, pixel(ring[i]), pixel(ring[(i + 1) % ring.size()]), kInk, kLarger,
                  cv::LINE_8, kShift);
     }
   }

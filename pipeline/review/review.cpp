@@ -34,7 +34,7 @@ namespace fs = std::filesystem;
 using farm::IndexedScan;
 using farm::Store;
 using nlohmann::json;
-using Kind = ScanDifference::Kind;
+using DifferenceKind = ScanDifference::Kind;
 
 constexpr int kThumbnail_px = 168;
 constexpr std::size_t kMaxRows = 500;  // largest number of rows in the table of differences
@@ -53,7 +53,7 @@ json difference_json(const ScanDifference& d) {
               {"bytes", d.bytes.now},
               {"bytes_before", d.bytes.before}};
   if (!d.reason.empty()) out["reason"] = d.reason;
-  if (d.kind != Kind::kChanged) return out;
+  if (d.kind != DifferenceKind::kChanged) return out;
   const AssetDifference& g = d.geometry;
   out["hausdorff_mm"] = g.hausdorff_mm;
   out["worst_slice"] = g.worst_slice < 0 ? json() : json(g.worst_slice);
@@ -174,7 +174,7 @@ json difference_rows(const StoreDiff& diff) {
   for (const ScanDifference& d : diff.differences) {
     if (rows.size() == kMaxRows) break;
     rows.push_back(difference_json(d));
-    if (d.kind != Kind::kGone) rows.back()["page"] = cards++ / kScansPerPage;
+    if (d.kind != DifferenceKind::kGone) rows.back()["page"] = cards++ / kScansPerPage;
   }
   return {{"further", diff.differences.size() - rows.size()}, {"scans", std::move(rows)}};
 }

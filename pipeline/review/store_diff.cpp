@@ -17,7 +17,7 @@ using farm::IndexedScan;
 using farm::Object;
 using farm::Store;
 using Status = IndexedScan::Status;
-using Kind = ScanDifference::Kind;
+using DifferenceKind = ScanDifference::Kind;
 using SliceKey = std::pair<int, int>;  // slice, material
 
 std::map<SliceKey, const AssetSlice*> slices_with_material(const Asset& asset) {
@@ -97,12 +97,12 @@ bool is_worse(const ScanDifference& a, const ScanDifference& b) {
 bool differ(const IndexedScan& now, const IndexedScan& before, ScanDifference& out) {
   out.bytes = {now.asset.bytes, before.asset.bytes};
   if (now.status == Status::kDamaged) {
-    out.kind = Kind::kDamaged, out.reason = now.reason;
+    out.kind = DifferenceKind::kDamaged, out.reason = now.reason;
   } else if (now.status == Status::kFailed) {
     if (before.status == Status::kFailed) return false;
-    out.kind = Kind::kFailed, out.reason = now.reason;
+    out.kind = DifferenceKind::kFailed, out.reason = now.reason;
   } else if (before.status != Status::kDone) {
-    out.kind = Kind::kRepaired;
+    out.kind = DifferenceKind::kRepaired;
   } else {
     return now.asset.sha256 != before.asset.sha256;
   }
@@ -118,7 +118,7 @@ void compare_pair(const Store& now, const Store& before, const Pair& pair, ScanD
   const auto a = farm::read_stored_asset(now, pair.now);
   const auto b = a ? farm::read_stored_asset(before, pair.before) : a;
   if (!a || !b) {
-    out.kind = Kind::kDamaged;
+    out.kind = DifferenceKind::kDamaged;
     out.reason = (a ? b : a).error().message;
     return;
   }
@@ -149,19 +149,19 @@ AssetDifference compare_assets(const Asset& now, const Asset& before) {
   return out;
 }
 
-const char* name_of(Kind kind) {
+const char* name_of(DifferenceKind kind) {
   switch (kind) {
-    case Kind::kDamaged:
+    case DifferenceKind::kDamaged:
       return "damaged";
-    case Kind::kFailed:
+    case DifferenceKind::kFailed:
       return "failed";
-    case Kind::kGone:
+    case DifferenceKind::kGone:
       return "gone";
-    case Kind::kChanged:
+    case DifferenceKind::kChanged:
       return "changed";
-    case Kind::kRepaired:
+    case DifferenceKind::kRepaired:
       return "repaired";
-    case Kind::kNew:
+    case DifferenceKind::kNew:
       return "new";
   }
   return "";
@@ -177,16 +177,16 @@ Result<StoreDiff> compare_stores(const Store& now, const Store& before,
   for (const IndexedScan& scan : scans_before)
     others[scan.name] = &scan;
   for (const IndexedScan& scan : scans_now) {
-    ScanDifference one{scan.name, Kind::kChanged, {}, {}, {}};
+    ScanDifference one{scan.name, DifferenceKind::kChanged, {}, {}, {}};
     const auto other = others.find(scan.name);
     if (other == others.end()) {
-      one.kind = scan.status == Status::kDone     ? Kind::kNew
-                 : scan.status == Status::kFailed ? Kind::kFailed
-                                                  : Kind::kDamaged;
+      one.kind = scan.status == Status::kDone     ? DifferenceKind::kNew
+                 : scan.status == Status::kFailed ? DifferenceKind::kFailed
+                                                  : DifferenceKind::kDamaged;
       one.reason = scan.reason;
       one.bytes.now = scan.asset.bytes;
     } else if (differ(scan, *other->second, one)) {
-      if (one.kind == Kind::kChanged)
+      if (one.kind == DifferenceKind::kChanged)
         pairs.push_back({out.differences.size(), scan.asset, other->second->asset});
     } else {
       ++out.same;
@@ -197,7 +197,7 @@ Result<StoreDiff> compare_stores(const Store& now, const Store& before,
     out.differences.push_back(std::move(one));
   }
   for (const auto& [name, scan] : others)
-    out.differences.push_back({name, Kind::kGone, {}, {}, {0, scan->asset.bytes}});
+    out.differences.push_back({name, DifferenceKind::kGone, {}, {}, {0, scan->asset.bytes}});
 
   parallel_for(static_cast<int>(pairs.size()), [&](int i) {
     if (stop != nullptr && *stop) return;

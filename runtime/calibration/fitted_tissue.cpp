@@ -17,7 +17,7 @@
 namespace trocar::runtime {
 namespace {
 
-using json = nlohmann::ordered_json;  // ordered, because people read scenes
+using Json = nlohmann::ordered_json;  // ordered, because people read scenes
 
 constexpr double kPoisson = 0.3;  // that of CutMaterial
 constexpr std::uint64_t kMaxToolBytes = std::uint64_t{1} << 20;
@@ -79,11 +79,11 @@ Result<std::string> fitted_tissue(const CurveFit& fit, const SceneTool& tool) {
   unit.poisson = kPoisson;
   const ToolInTissue in = tool_in_tissue(*shape, unit);
   const double stiffness_N_per_m = fit.stiffness_N_per_mm.value * 1e3;
-  json cut;
+  Json cut;
   cut["strength_MPa"] = rounded(fit.cutting_N.value / in.strength_N * 1e-6);
   cut["modulus_MPa"] = rounded(stiffness_N_per_m / in.tip_N_per_m * 1e-6);
   cut["friction_kPa"] = rounded(fit.friction_N_per_mm.value * 1e3 / in.friction_N_per_m * 1e-3);
-  json tissue;
+  Json tissue;
   tissue["stiffness_N_per_m"] = rounded(stiffness_N_per_m);
   tissue["threshold_N"] = rounded(fit.cutting_N.value);
   tissue["cut"] = cut;

@@ -69,13 +69,13 @@ Result<Header> parse_header(std::string_view line) {
   return header;
 }
 
-using Row = std::array<double, kColumns>;
+using CurveRow = std::array<double, kColumns>;
 
-Result<Row> parse_row(std::string_view line, const Header& header) {
+Result<CurveRow> parse_row(std::string_view line, const Header& header) {
   const std::vector<std::string_view> fields = fields_of(line, header.separator);
   if (fields.size() != header.columns.size())
     return refused(text_line("must have %zu fields", header.columns.size()));
-  Row row{};
+  CurveRow row{};
   for (std::size_t i = 0; i < fields.size(); ++i) {
     const Column column = header.columns[i];
     const std::string name(kNames.at(column));
@@ -92,8 +92,8 @@ Result<Row> parse_row(std::string_view line, const Header& header) {
   return row;
 }
 
-Result<std::vector<Row>> parse_rows(std::string_view csv, std::optional<Header>& header) {
-  std::vector<Row> rows;
+Result<std::vector<CurveRow>> parse_rows(std::string_view csv, std::optional<Header>& header) {
+  std::vector<CurveRow> rows;
   for (std::size_t number = 1; !csv.empty(); ++number) {
     const std::size_t end = std::min(csv.find('\n'), csv.size());
     const std::string_view line = csv.substr(0, end);
@@ -106,7 +106,7 @@ Result<std::vector<Row>> parse_rows(std::string_view csv, std::optional<Header>&
       header = std::move(*parsed);
       continue;
     }
-    const Result<Row> row = parse_row(line, *header);
+    const Result<CurveRow> row = parse_row(line, *header);
     if (!row) return refused(where + row.error().message);
     if (rows.size() >= kMaxCurveRows)
       return refused(text_line("has more than %zu rows", kMaxCurveRows));
@@ -137,7 +137,7 @@ std::optional<std::string> wrong_travel(double travel_mm) {
   return std::nullopt;
 }
 
-void set_speeds(const std::vector<Row>& rows, std::size_t deepest, ForceCurve& curve) {
+void set_speeds(const std::vector<CurveRow>& rows, std::size_t deepest, ForceCurve& curve) {
   std::vector<double> speeds;
   for (std::size_t i = 0; i <= deepest; ++i)
     speeds.push_back(std::abs(rows[i][kSpeed]));
@@ -146,11 +146,11 @@ void set_speeds(const std::vector<Row>& rows, std::size_t deepest, ForceCurve& c
   curve.high_speed_mm_per_s = speeds[speeds.size() - 1 - speeds.size() / 20];
 }
 
-Result<ForceCurve> curve_of(const std::vector<Row>& rows, bool has_speed) {
+Result<ForceCurve> curve_of(const std::vector<CurveRow>& rows, bool has_speed) {
   if (rows.empty()) return refused("has no row of numbers");
   const auto deepest = static_cast<std::size_t>(
       std::max_element(rows.begin(), rows.end(),
-                       [](const Row& a, const Row& b) { return a[kDepth] < b[kDepth]; }) -
+                       [](const CurveRow& a, const CurveRow& b) { return a[kDepth] < b[kDepth]; }) -
       rows.begin());
   ForceCurve curve;
   double low_N = HUGE_VAL, high_N = -HUGE_VAL, top_mm = HUGE_VAL, last_mm = HUGE_VAL;
@@ -191,7 +191,7 @@ Result<ForceCurve> parse_force_curve(std::string_view csv, const std::string& na
   if (csv.size() > kMaxCurveBytes)
     return refused(name + text_line(": is larger than %zu bytes", kMaxCurveBytes));
   std::optional<Header> header;
-  const Result<std::vector<Row>> rows = parse_rows(csv, header);
+  const Result<std::vector<CurveRow>> rows = parse_rows(csv, header);
   if (!rows) return refused(name + ": " + rows.error().message);
   if (!header) return refused(name + ": is empty");
   const bool has_speed =

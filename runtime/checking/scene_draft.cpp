@@ -9,6 +9,7 @@
 #include <system_error>
 #include <utility>
 
+#include "formats/base/json_text.h"
 #include "formats/session/scene.h"
 #include "runtime/bone_cutting/material/bone_volume.h"
 
@@ -26,13 +27,8 @@ constexpr std::size_t kMaxSlices = 5;
 // The goals of a path that a person has chosen.
 constexpr double kTargetRadius_m = 0.002, kCorridor_m = 0.003;
 
-/// Rounds to a multiple of 1 / parts.
-double rounded(double value, double parts) {
-  return std::round(value * parts) / parts;
-}
-
 std::string text_of(const Json& scene) {
-  return scene.dump(2, ' ', false, Json::error_handler_t::replace) + "\n";
+  return json_text(scene, 2) + "\n";
 }
 
 Json rounded_point(const Vector3d& at_m) {

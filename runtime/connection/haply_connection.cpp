@@ -23,7 +23,7 @@ namespace beast = boost::beast;
 namespace websocket = beast::websocket;
 using tcp = net::ip::tcp;
 using beast::error_code;
-using Clock = std::chrono::steady_clock;
+using SteadyClock = std::chrono::steady_clock;
 using std::chrono::milliseconds;
 
 constexpr auto kInventoryPeriod = milliseconds(100);
@@ -32,10 +32,10 @@ constexpr int kMaxUnusable = 5;
 /// Largest number of messages without a request that are dropped before the connection is given up.
 constexpr int kMaxUnasked = 64;
 /// Largest number of steps in which a message that has already arrived is read.
-constexpr int kMaxSteps = 1000;
+constexpr int kMaxPolls = 1000;
 
-Clock::duration seconds(double s) {
-  return std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(s));
+SteadyClock::duration seconds(double s) {
+  return std::chrono::duration_cast<SteadyClock::duration>(std::chrono::duration<double>(s));
 }
 
 std::string words_of(error_code error) {
@@ -81,23 +81,23 @@ struct HaplyConnection::Socket {
   }
 
   /// Returns the result of an operation, or timed_out while it is pending.
-  error_code wait(const Operation& operation, Clock::time_point until) {
+  error_code wait(const Operation& operation, SteadyClock::time_point until) {
     context.restart();
     while (operation.is_pending && context.run_one_until(until) > 0) {
     }
     // After a stall of this thread, the time can be over although the answer is there.
-    for (int i = 0; i < kMaxSteps && operation.is_pending && context.poll_one() > 0; ++i) {
+    for (int i = 0; i < kMaxPolls && operation.is_pending && context.poll_one() > 0; ++i) {
     }
     return operation.is_pending ? net::error::timed_out : operation.error;
   }
 
   template <typename Start>
-  error_code run(Clock::time_point until, const Start& start) {
+  error_code run(SteadyClock::time_point until, const Start& start) {
     begin(other, start);
     return wait(other, until);
   }
 
-  error_code send(std::string text, Clock::time_point until) {
+  error_code send(std::string text, SteadyClock::time_point until) {
     sent = std::move(text);
     const error_code error =
         run(until, [&](auto done) { stream.async_write(net::buffer(sent), std::move(done)); });
@@ -106,7 +106,7 @@ struct HaplyConnection::Socket {
   }
 
   /// Waits for the next message. After timed_out, the message can still arrive later.
-  error_code receive(std::string& text, Clock::time_point until) {
+  error_code receive(std::string& text, SteadyClock::time_point until) {
     if (!reading.is_pending)
       begin(reading, [&](auto done) { stream.async_read(buffer, std::move(done)); });
     const error_code error = wait(reading, until);
@@ -123,7 +123,7 @@ struct HaplyConnection::Socket {
   error_code drop_unasked() {
     std::string text;
     for (int i = 0; i < kMaxUnasked; ++i) {
-      const error_code error = receive(text, Clock::time_point::min());
+      const error_code error = receive(text, SteadyClock::time_point::min());
       if (error) return error == net::error::timed_out ? error_code{} : error;
     }
     return make_error_code(boost::system::errc::protocol_error);
@@ -167,7 +167,8 @@ Result<void> HaplyConnection::open() {
   close();
   try {
     // The first exchange is also a part of open().
-    const Instant until = Clock::now() + seconds(options_.open_timeout_s - kExchangeTimeout_s);
+    const Instant until =
+        SteadyClock::now() + seconds(options_.open_timeout_s - kExchangeTimeout_s);
     if (auto connected = connect(until); !connected) return connected.error();
     const Result<HaplyDevices> found = find_devices(until);
     if (!found) return found.error();
@@ -232,7 +233,7 @@ Result<HaplyDevices> HaplyConnection::find_devices(Instant until) {
     }
     if (found != problem) say(found + " (waiting for it)");
     problem = found;
-    if (Clock::now() + kInventoryPeriod >= until) return fault(problem);
+    if (SteadyClock::now() + kInventoryPeriod >= until) return fault(problem);
     std::this_thread::sleep_for(kInventoryPeriod);
     if (const error_code error = socket_->send(haply_inventory_request(), until))
       return fault(words_of(error));
@@ -314,7 +315,7 @@ Result<PoseReading> HaplyConnection::exchange(const HandleWrench& wrench) {
 
 Result<PoseReading> HaplyConnection::command(const HaplyDevices& devices,
                                              const std::array<double, 3>& force_N) {
-  const Instant until = Clock::now() + seconds(kExchangeTimeout_s);
+  const Instant until = SteadyClock::now() + seconds(kExchangeTimeout_s);
   const std::string message = haply_force_message(devices, force_N);
   std::string why;  // the latest answer was unusable
   for (int unusable = 0; unusable < kMaxUnusable; ++unusable) {
@@ -338,7 +339,7 @@ void HaplyConnection::close() noexcept {
   if (!socket_) return;
   try {
     Socket& socket = *socket_;
-    const Instant until = Clock::now() + kCloseTimeout;
+    const Instant until = SteadyClock::now() + kCloseTimeout;
     if (socket.is_open && devices_) {
       std::string answer;  // shows that the service has read the force
       if (!socket.send(haply_force_message(*devices_, {}), until))

@@ -14,8 +14,8 @@
 namespace trocar::runtime {
 namespace {
 
-constexpr double kRounding_m = 1e-12;  // rounding error of a difference of heights
-constexpr double kMaxHeight_m = 1;     // largest distance of a slice from {B}'s origin
+constexpr double kHeightRounding_m = 1e-12;  // rounding error of a difference of heights
+constexpr double kMaxHeight_m = 1;           // largest distance of a slice from {B}'s origin
 
 /// `mesh` must be valid.
 void put_mesh(const SliceMesh& mesh, Sheet& sheet) {
@@ -73,7 +73,7 @@ Result<void> place_body(Scene& scene, const Asset& asset, const std::string& nam
       const std::string pair = ": slices " + std::to_string(slices[i - 1]->index) + " and " +
                                std::to_string(slices[i]->index);
       const double gap_m = (slices[i - 1]->z_mm - slices[i]->z_mm) * 1e-3;
-      if (!(gap_m >= kMinSliceGap_m - kRounding_m))
+      if (!(gap_m >= kMinSliceGap_m - kHeightRounding_m))
         return refused(where + pair + " are less than 0.1 mm apart");
       const Eigen::Matrix3d a = slices[i - 1]->T_lps_plane.linear(),
                             b = slices[i]->T_lps_plane.linear();

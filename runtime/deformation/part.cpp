@@ -12,7 +12,7 @@ class SlotTable {
  public:
   SlotTable() : entries_(256) {}
 
-  /// Returns the number of `slot`; kNone if it is not in the table.
+  /// Returns the number of `slot`; kNoSlot if it is not in the table.
   std::uint32_t find(std::uint32_t slot) { return place(slot).number; }
   /// `slot` must not be in the table.
   void add(std::uint32_t slot, std::uint32_t number) {
@@ -22,11 +22,11 @@ class SlotTable {
 
  private:
   struct Entry {
-    std::uint32_t slot = kNone, number = kNone;
+    std::uint32_t slot = kNoSlot, number = kNoSlot;
   };
   Entry& place(std::uint32_t slot) {
     std::size_t at = (slot * std::size_t{2654435761U}) & (entries_.size() - 1);
-    while (entries_[at].slot != kNone && entries_[at].slot != slot)
+    while (entries_[at].slot != kNoSlot && entries_[at].slot != slot)
       at = (at + 1) & (entries_.size() - 1);
     return entries_[at];
   }
@@ -34,7 +34,7 @@ class SlotTable {
     std::vector<Entry> old(4 * entries_.size());
     old.swap(entries_);
     for (const Entry& entry : old) {
-      if (entry.slot != kNone) place(entry.slot) = entry;
+      if (entry.slot != kNoSlot) place(entry.slot) = entry;
     }
   }
   std::vector<Entry> entries_;
@@ -75,14 +75,14 @@ SheetPart part_around(const SheetMesh& sheet, std::span<const std::uint32_t> see
   SlotTable taken;  // maps the slot of a triangle to its index in the queue
   queue.clear();
   for (std::uint32_t t : seeds) {
-    if (taken.find(t) != kNone) continue;
+    if (taken.find(t) != kNoSlot) continue;
     taken.add(t, static_cast<std::uint32_t>(queue.size()));
     queue.push_back(t);
   }
   const double reach = circle.radius + radius;
   for (std::size_t k = 0; k < queue.size(); ++k) {
     for (std::uint32_t u : sheet.across[queue[k]]) {
-      if (u == kNone || taken.find(u) != kNone) continue;
+      if (u == kNoSlot || taken.find(u) != kNoSlot) continue;
       const std::array<LatticePoint, 3> p = corners(sheet, u);
       if (!(distance2_to_origin({relative(p[0], circle.centre), relative(p[1], circle.centre),
                                  relative(p[2], circle.centre)}) < reach * reach))
@@ -103,8 +103,8 @@ SheetPart part_around(const SheetMesh& sheet, std::span<const std::uint32_t> see
     const std::uint32_t t = queue[k];
     for (std::size_t i = 0; i < 3; ++i) {
       const std::uint32_t u = sheet.across[t][i];
-      across[k][i] = u == kNone ? kNone : taken.find(u);
-      if (u != kNone && across[k][i] == kNone) {
+      across[k][i] = u == kNoSlot ? kNoSlot : taken.find(u);
+      if (u != kNoSlot && across[k][i] == kNoSlot) {
         part.outer.push_back({sheet.vertices[sheet.triangles[t][i]],
                               sheet.vertices[sheet.triangles[t][(i + 1) % 3]]});
       }
@@ -112,7 +112,7 @@ SheetPart part_around(const SheetMesh& sheet, std::span<const std::uint32_t> see
   }
   for (std::uint32_t k = 0; k < n; ++k) {
     for (std::uint32_t i = 0; i < 3; ++i) {
-      if (part.mesh.triangles[k][i] != kNone) continue;
+      if (part.mesh.triangles[k][i] != kNoSlot) continue;
       const std::uint32_t slot = sheet.triangles[queue[k]][i];
       const auto vertex = static_cast<std::uint32_t>(part.mesh.vertices.size());
       part.mesh.vertices.push_back(sheet.vertices[slot]);
@@ -123,7 +123,7 @@ SheetPart part_around(const SheetMesh& sheet, std::span<const std::uint32_t> see
       const auto number = [&] { part.mesh.triangles[t][corner] = vertex; };
       const auto step = [&](std::uint32_t edge) {
         t = across[t][edge];
-        if (t == kNone) return false;
+        if (t == kNoSlot) return false;
         const Triangle& next = sheet.triangles[queue[t]];
         corner = next[0] == slot ? 0 : next[1] == slot ? 1 : 2;
         return t != k;
@@ -148,7 +148,7 @@ SheetMesh to_sheet(const SheetPart& part, std::size_t spare_vertices, std::size_
   out.triangles = part.mesh.triangles;
   out.triangles.resize(triangles + spare_triangles, kFreeSlot);
   out.across = part.across;
-  out.across.resize(triangles + spare_triangles, {kNone, kNone, kNone});
+  out.across.resize(triangles + spare_triangles, {kNoSlot, kNoSlot, kNoSlot});
   out.reserve_stacks();
   for (std::size_t v = vertices + spare_vertices; v-- > vertices;)
     out.free_vertices.push_back(static_cast<std::uint32_t>(v));

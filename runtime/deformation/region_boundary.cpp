@@ -27,12 +27,12 @@ bool is_near(LatticePoint p, double distance, const Ring& tool, const Circle& ci
 
 BoundaryEdges boundary_edges(const SheetMesh& mesh) {
   BoundaryEdges out;
-  out.next.assign(mesh.vertices.size(), kNone);
+  out.next.assign(mesh.vertices.size(), kNoSlot);
   out.kind.assign(mesh.vertices.size(), NodeKind::kFree);
   for (std::size_t t = 0; t < mesh.triangles.size(); ++t) {
     if (mesh.triangles[t] == kFreeSlot) continue;
     for (std::size_t i = 0; i < 3; ++i) {
-      if (mesh.across[t][i] == kNone)
+      if (mesh.across[t][i] == kNoSlot)
         out.next[mesh.triangles[t][i]] = mesh.triangles[t][(i + 1) % 3];
     }
   }
@@ -58,7 +58,7 @@ BoundaryEdges classified_boundary(const SheetMesh& mesh, const std::vector<Outer
                                   const Ring& tool, const Circle& circle) {
   BoundaryEdges edges = boundary_edges(mesh);
   for (std::size_t v = 0; v < edges.next.size(); ++v) {
-    if (edges.next[v] == kNone) continue;
+    if (edges.next[v] == kNoSlot) continue;
     const LatticePoint from = mesh.vertices[v], to = mesh.vertices[edges.next[v]];
     if (std::binary_search(outer.begin(), outer.end(), OuterEdge{from, to})) {
       edges.kind[v] = NodeKind::kBorder;
@@ -80,16 +80,16 @@ std::vector<NodeKind> node_kinds(const SheetMesh& refined, const BoundaryEdges& 
     if (by != NodeKind::kFree && kind[v] != NodeKind::kTool) kind[v] = by;
   };
   for (std::uint32_t v = 0; v < before.next.size(); ++v) {
-    if (before.next[v] == kNone) continue;
+    if (before.next[v] == kNoSlot) continue;
     std::uint32_t at = v;
-    for (hold(at, before.kind[v]); at != before.next[v] && after.next[at] != kNone;) {
+    for (hold(at, before.kind[v]); at != before.next[v] && after.next[at] != kNoSlot;) {
       at = after.next[at];
       hold(at, before.kind[v]);
     }
   }
   const double near_tool = std::max(kOnTool, kWedgeDistance * circle.radius);
   for (std::size_t v = 0; v < kind.size(); ++v) {
-    if (kind[v] == NodeKind::kFree && after.next[v] != kNone &&
+    if (kind[v] == NodeKind::kFree && after.next[v] != kNoSlot &&
         is_near(refined.vertices[v], near_tool, tool, circle))
       kind[v] = NodeKind::kTool;
   }

@@ -21,7 +21,7 @@ double distance_to_outline(const Ring& tool, double x, double y) noexcept;
 /// vector describes the edge that starts at vertex v. At most one boundary edge starts at a vertex,
 /// because the triangles of a vertex form one fan (sheet_mesh.h, invariant 3).
 struct BoundaryEdges {
-  std::vector<std::uint32_t> next;  ///< vertex where the edge ends; kNone: no edge starts at v
+  std::vector<std::uint32_t> next;  ///< vertex where the edge ends; kNoSlot: no edge starts at v
   std::vector<NodeKind> kind;       ///< kFree for an edge on the sheet's outline
 };
 

@@ -8,8 +8,11 @@
 #include <Eigen/Core>
 #include <Eigen/Geometry>
 #include <cmath>
+#include <numbers>
 
 namespace trocar::runtime {
+
+inline constexpr double kDegreesPerRadian = 180 / std::numbers::pi;
 
 /// A twist [v; omega]: velocity of a frame's origin in m/s, and angular velocity in rad/s.
 using Twist = Eigen::Matrix<double, 6, 1>;

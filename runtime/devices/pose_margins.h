@@ -3,15 +3,11 @@
 // Tests: tests/runtime/checking/hand_path_test.cpp
 #pragma once
 
-#include <numbers>
-
 #include "runtime/contact/tool.h"
 #include "runtime/control/limits.h"
 #include "runtime/device/hand_device.h"
 
 namespace trocar::runtime {
-
-inline constexpr double kDegreesPerRadian = 180 / std::numbers::pi;
 
 /// Distances of a pose from the limits. `tilt_rad` and `tool_tilt_rad`, however, are the tilts
 /// themselves, not their distances from the limits.

@@ -161,7 +161,7 @@ void trace_rim(const SheetMesh& mesh, Cavity& cavity) noexcept {
     for (std::uint32_t i = 0; i < 3; ++i) {
       const std::uint32_t to = v[next_corner(i)], beyond = mesh.across[t][i];
       std::uint32_t kept_edge = 0;
-      if (beyond != kNone) {
+      if (beyond != kNoSlot) {
         if (cavity.contains(beyond)) continue;
         kept_edge = corner_of(mesh.triangles[beyond], to);
       }

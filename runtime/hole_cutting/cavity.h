@@ -62,7 +62,7 @@ bool strictly_outside(LatticePoint p, std::span<const OutlineEdge> tool) noexcep
 /// A directed edge of the cavity's boundary, with the cavity on its left.
 struct RimEdge {
   std::uint32_t from, to;   ///< indices into Cavity::rim_vertices
-  std::uint32_t kept;       ///< the kept triangle beyond the edge; kNone on the sheet's boundary
+  std::uint32_t kept;       ///< the kept triangle beyond the edge; kNoSlot on the sheet's boundary
   std::uint32_t kept_edge;  ///< number of this edge in the triangle `kept`
 };
 
@@ -78,7 +78,7 @@ struct Cavity {
   /// All vertices of the cavity's triangles. Key: vertex; value: index in rim_vertices, or kInner
   /// for a vertex in `inner`.
   FlatTable vertices;
-  static constexpr std::uint32_t kInner = kNone - 1;
+  static constexpr std::uint32_t kInner = kNoSlot - 1;
 
   void allocate(std::size_t max_triangles);
   bool contains(std::uint32_t t) const noexcept { return members.contains(t); }

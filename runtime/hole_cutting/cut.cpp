@@ -81,7 +81,7 @@ std::uint32_t count_obtuse_boundary_edges(const SheetMesh& mesh, const SheetEdit
     if (!mesh.in_use(written.slot)) continue;
     const std::array<LatticePoint, 3> p = corners(mesh, written.slot);
     for (std::uint32_t i = 0; i < 3; ++i) {
-      if (mesh.across[written.slot][i] == kNone &&
+      if (mesh.across[written.slot][i] == kNoSlot &&
           encroaches(p[i], p[next_corner(i)], p[previous_corner(i)]))
         ++count;
     }

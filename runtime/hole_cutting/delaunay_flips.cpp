@@ -22,7 +22,7 @@ bool is_delaunay(const SheetMesh& mesh, std::uint32_t t, std::uint32_t i) {
 // Replaces the neighbour's link to the triangle `before` by one to `now`.
 void relink(SheetMesh& mesh, std::uint32_t neighbour, std::uint32_t before, std::uint32_t now,
             SheetEdit& edit) {
-  if (neighbour == kNone) return;
+  if (neighbour == kNoSlot) return;
   edit.touch_triangle(mesh, neighbour);
   for (std::uint32_t& beyond : mesh.across[neighbour]) {
     if (beyond == before) beyond = now;
@@ -79,7 +79,7 @@ StageOutcome restore_delaunay(SheetMesh& mesh, std::span<const TriangleEdge> edg
     *space.waits.insert(t, 0) = 0;
     for (std::uint32_t i = 0; i < 3; ++i) {
       const std::uint32_t u = mesh.across[t][i];
-      if (u == kNone || is_delaunay(mesh, t, i)) continue;
+      if (u == kNoSlot || is_delaunay(mesh, t, i)) continue;
       flip(mesh, t, i, edit);
       ++flips;
       suspect(u);

@@ -60,7 +60,7 @@ bool collect_edges(const Cavity& cavity, const Overlay& overlay, const Patch& pa
   }
   for (std::size_t t = 0; t < patch.triangles.size(); ++t) {
     for (std::uint32_t i = 0; i < 3; ++i) {
-      if (patch.across[t][i] == kNone)
+      if (patch.across[t][i] == kNoSlot)
         fits = fits && add(hole, patch.triangles[t][next_corner(i)], patch.triangles[t][i]);
     }
   }
@@ -71,12 +71,12 @@ bool collect_edges(const Cavity& cavity, const Overlay& overlay, const Patch& pa
 bool list_by_point(const std::vector<LatticePoint>& points, HoleOutline& hole) noexcept {
   hole.out.clear();
   hole.starts.clear();
-  hole.first_out.assign(points.size(), kNone);
-  hole.path_index.assign(points.size(), kNone);
+  hole.first_out.assign(points.size(), kNoSlot);
+  hole.path_index.assign(points.size(), kNoSlot);
   for (const HoleOutline::CountedEdge& e : hole.edges) {
     const std::uint32_t from = e.count > 0 ? e.a : e.b, to = e.count > 0 ? e.b : e.a;
     for (std::int32_t n = std::abs(e.count); n > 0; --n) {
-      if (hole.first_out[from] == kNone) hole.starts.push_back(from);
+      if (hole.first_out[from] == kNoSlot) hole.starts.push_back(from);
       if (!push_within(hole.out, {to, hole.first_out[from]})) return false;
       hole.first_out[from] = static_cast<std::uint32_t>(hole.out.size() - 1);
     }
@@ -87,13 +87,13 @@ bool list_by_point(const std::vector<LatticePoint>& points, HoleOutline& hole) n
 }
 
 // Removes the next edge of the walk from the list at v and returns its end. The walk comes from u;
-// u is kNone at the start of the walk.
+// u is kNoSlot at the start of the walk.
 std::uint32_t take_next(const std::vector<LatticePoint>& points, std::uint32_t u, std::uint32_t v,
                         HoleOutline& hole) noexcept {
   std::uint32_t* chosen = &hole.first_out[v];
-  for (std::uint32_t* at = chosen; *at != kNone; at = &hole.out[*at].next) {
+  for (std::uint32_t* at = chosen; *at != kNoSlot; at = &hole.out[*at].next) {
     const LatticePoint p = points[hole.out[*at].to], best = points[hole.out[*chosen].to];
-    if (u == kNone ? p < best : sooner_clockwise(points[v], points[u], p, best)) chosen = at;
+    if (u == kNoSlot ? p < best : sooner_clockwise(points[v], points[u], p, best)) chosen = at;
   }
   const HoleOutline::Out taken = hole.out[*chosen];
   *chosen = taken.next;
@@ -106,19 +106,19 @@ bool walk(const std::vector<LatticePoint>& points, HoleOutline& hole) noexcept {
   hole.unsorted.clear();
   hole.unsorted_rings.clear();
   for (const std::uint32_t start : hole.starts) {
-    while (hole.first_out[start] != kNone) {
+    while (hole.first_out[start] != kNoSlot) {
       hole.path.clear();
       hole.path.push_back(start);
       hole.path_index[start] = 0;
       while (true) {
         const std::uint32_t v = hole.path.back();
-        if (hole.first_out[v] == kNone) {
+        if (hole.first_out[v] == kNoSlot) {
           if (hole.path.size() > 1) return false;  // the walk does not close
           break;
         }
-        const std::uint32_t u = hole.path.size() > 1 ? hole.path[hole.path.size() - 2] : kNone;
+        const std::uint32_t u = hole.path.size() > 1 ? hole.path[hole.path.size() - 2] : kNoSlot;
         const std::uint32_t to = take_next(points, u, v, hole);
-        if (hole.path_index[to] == kNone) {
+        if (hole.path_index[to] == kNoSlot) {
           hole.path_index[to] = static_cast<std::uint32_t>(hole.path.size());
           hole.path.push_back(to);
           continue;
@@ -127,12 +127,12 @@ bool walk(const std::vector<LatticePoint>& points, HoleOutline& hole) noexcept {
         const std::uint32_t from = hole.path_index[to];
         for (std::size_t i = from; i < hole.path.size(); ++i) {
           hole.unsorted.push_back(hole.path[i]);
-          if (i > from) hole.path_index[hole.path[i]] = kNone;
+          if (i > from) hole.path_index[hole.path[i]] = kNoSlot;
         }
         hole.path.resize(from + 1);
         hole.unsorted_rings.emplace_back(ring, hole.unsorted.size());
       }
-      hole.path_index[start] = kNone;
+      hole.path_index[start] = kNoSlot;
     }
   }
   return true;

@@ -42,9 +42,9 @@ void LocalTriangulation::enclose(int first_corner) noexcept {
                                                {box.low.x - 1, box.high.y + 1}}};
   for (int k = 0; k < 4; ++k)
     points_.push_back(around[static_cast<std::size_t>((first_corner + k) % 4)]);
-  constexpr std::array<std::uint32_t, 3> kFree{kNone, kNone, kNone};
-  cells_.push_back({{n, n + 1, n + 2}, {kNone, kNone, 1}, kFree});
-  cells_.push_back({{n, n + 2, n + 3}, {0, kNone, kNone}, kFree});
+  constexpr std::array<std::uint32_t, 3> kFree{kNoSlot, kNoSlot, kNoSlot};
+  cells_.push_back({{n, n + 1, n + 2}, {kNoSlot, kNoSlot, 1}, kFree});
+  cells_.push_back({{n, n + 2, n + 3}, {0, kNoSlot, kNoSlot}, kFree});
   cell_at_.assign(points_.size(), 0);
   cell_at_[n + 3] = 1;
 }
@@ -68,12 +68,12 @@ bool LocalTriangulation::insert(std::uint32_t v) noexcept {
   for (std::uint32_t i = 0; i < 3; ++i) {
     if (points_[cells_[c].vertex[i]] == p) return false;
   }
-  std::uint32_t on_edge = kNone;
+  std::uint32_t on_edge = kNoSlot;
   for (std::uint32_t i = 0; i < 3; ++i) {
     if (orientation(c, i, p) == 0) on_edge = i;
   }
   suspects_.clear();
-  if (on_edge != kNone) {
+  if (on_edge != kNoSlot) {
     split_edge(c, on_edge, v);
   } else {
     split_cell(c, v);
@@ -86,7 +86,7 @@ LocalTriangulation::Status LocalTriangulation::constrain(std::uint32_t a, std::u
                                                          std::uint32_t name) noexcept {
   crossing_.clear();
   CellEdge s = find(a, b);
-  if (s.cell == kNone) {
+  if (s.cell == kNoSlot) {
     if (!find_crossing(a, b)) return Status::kNotPlanar;
     // Sloan's method: flip the edges that cross ab, first in, first out, until no edge crosses it.
     // Valid input does not exhaust the budget.
@@ -103,7 +103,7 @@ LocalTriangulation::Status LocalTriangulation::constrain(std::uint32_t a, std::u
         ++waiting;
       };
       const CellEdge between = find(v, w);
-      if (between.cell == kNone || cells_[between.cell].constraint[between.edge] != kNone)
+      if (between.cell == kNoSlot || cells_[between.cell].constraint[between.edge] != kNoSlot)
         return Status::kNotPlanar;
       const std::uint32_t c = apex(between), d = apex(opposite(between));
       const std::int64_t at_v = orient2d(points_[c], points_[d], points_[v]);
@@ -116,7 +116,7 @@ LocalTriangulation::Status LocalTriangulation::constrain(std::uint32_t a, std::u
       if (crosses(a, b, c, d)) put_back(c, d);
     }
     s = find(a, b);
-    if (s.cell == kNone) return Status::kNotPlanar;
+    if (s.cell == kNoSlot) return Status::kNotPlanar;
   }
   const CellEdge o = opposite(s);
   cells_[s.cell].constraint[s.edge] = name;
@@ -142,7 +142,7 @@ void LocalTriangulation::restore_delaunay(std::span<const std::uint8_t> region) 
     waits_[c] = 0;
     for (std::uint32_t i = 0; i < 3; ++i) {
       const std::uint32_t o = cells_[c].across[i];
-      if (o == kNone || region[o] != region[c] || is_delaunay({c, i})) continue;
+      if (o == kNoSlot || region[o] != region[c] || is_delaunay({c, i})) continue;
       flip({c, i});
       suspect(o);
       suspect(c);
@@ -174,7 +174,7 @@ void LocalTriangulation::link(CellEdge s, std::uint32_t other, std::uint32_t con
 // Makes `s` the former edge i of the cell `old`, and updates the neighbour.
 void LocalTriangulation::adopt(CellEdge s, const Cell& old, std::uint32_t i) noexcept {
   link(s, old.across[i], old.constraint[i]);
-  if (old.across[i] == kNone) return;
+  if (old.across[i] == kNoSlot) return;
   Cell& beyond = cells_[old.across[i]];
   const std::uint32_t to = old.vertex[next_corner(i)];
   for (std::uint32_t j = 0; j < 3; ++j) {
@@ -190,7 +190,7 @@ void LocalTriangulation::set(std::uint32_t c, std::uint32_t v0, std::uint32_t v1
 }
 
 std::uint32_t LocalTriangulation::new_cell() noexcept {
-  cells_.push_back({{}, {kNone, kNone, kNone}, {kNone, kNone, kNone}});
+  cells_.push_back({{}, {kNoSlot, kNoSlot, kNoSlot}, {kNoSlot, kNoSlot, kNoSlot}});
   return static_cast<std::uint32_t>(cells_.size() - 1);
 }
 
@@ -201,8 +201,8 @@ void LocalTriangulation::split_cell(std::uint32_t c, std::uint32_t v) noexcept {
     set(part[i], old.vertex[i], old.vertex[next_corner(i)], v);
   for (std::uint32_t i = 0; i < 3; ++i) {
     adopt({part[i], 0}, old, i);
-    link({part[i], 1}, part[next_corner(i)], kNone);
-    link({part[i], 2}, part[previous_corner(i)], kNone);
+    link({part[i], 1}, part[next_corner(i)], kNoSlot);
+    link({part[i], 2}, part[previous_corner(i)], kNoSlot);
     suspects_.push_back({part[i], 0});
   }
 }
@@ -226,12 +226,12 @@ void LocalTriangulation::split_edge(std::uint32_t c, std::uint32_t i, std::uint3
   adopt({u2, 0}, ou, next_corner(j));
   link({c, 1}, u2, constraint);
   link({u2, 2}, c, constraint);
-  link({c, 2}, c2, kNone);
-  link({c2, 1}, c, kNone);
+  link({c, 2}, c2, kNoSlot);
+  link({c2, 1}, c, kNoSlot);
   link({c2, 2}, u, constraint);
   link({u, 1}, c2, constraint);
-  link({u, 2}, u2, kNone);
-  link({u2, 1}, u, kNone);
+  link({u, 2}, u2, kNoSlot);
+  link({u2, 1}, u, kNoSlot);
   for (std::uint32_t k : {c, c2, u, u2})
     suspects_.push_back({k, 0});
 }
@@ -249,8 +249,8 @@ void LocalTriangulation::flip(CellEdge s) noexcept {
   adopt({s.cell, 1}, ou, next_corner(o.edge));
   adopt({o.cell, 0}, ou, previous_corner(o.edge));
   adopt({o.cell, 1}, oc, next_corner(s.edge));
-  link({s.cell, 2}, o.cell, kNone);
-  link({o.cell, 2}, s.cell, kNone);
+  link({s.cell, 2}, o.cell, kNoSlot);
+  link({o.cell, 2}, s.cell, kNoSlot);
 }
 
 bool LocalTriangulation::is_delaunay(CellEdge s) const noexcept {
@@ -264,7 +264,7 @@ void LocalTriangulation::legalise() noexcept {
   while (!suspects_.empty()) {
     const CellEdge s = suspects_.back();
     suspects_.pop_back();
-    if (cells_[s.cell].across[s.edge] == kNone || is_delaunay(s)) continue;
+    if (cells_[s.cell].across[s.edge] == kNoSlot || is_delaunay(s)) continue;
     const std::uint32_t u = cells_[s.cell].across[s.edge];
     // After the flip the point is the first corner of s.cell and the last corner of u.
     flip(s);
@@ -274,13 +274,13 @@ void LocalTriangulation::legalise() noexcept {
 }
 
 // Returns the edge from v to w in the cell on its left. If there is no such edge, the
-// cell is kNone.
+// cell is kNoSlot.
 LocalTriangulation::CellEdge LocalTriangulation::find(std::uint32_t v,
                                                       std::uint32_t w) const noexcept {
-  CellEdge found{kNone, 0};
+  CellEdge found{kNoSlot, 0};
   around(v, [&](std::uint32_t c, std::uint32_t i) {
     if (cells_[c].vertex[next_corner(i)] == w) found = {c, i};
-    return found.cell == kNone;
+    return found.cell == kNoSlot;
   });
   return found;
 }
@@ -298,7 +298,7 @@ void LocalTriangulation::around(std::uint32_t v, Visit visit) const noexcept {
       const std::uint32_t i = corner_of(cell.vertex, v);
       if (!visit(c, i)) return;
       c = cell.across[counter_clockwise ? previous_corner(i) : i];
-    } while (c != start && c != kNone);
+    } while (c != start && c != kNoSlot);
     if (c == start) return;
   }
 }
@@ -314,15 +314,15 @@ bool LocalTriangulation::crosses(std::uint32_t a, std::uint32_t b, std::uint32_t
 // Walks from a to b and lists the edges that it crosses, each with its right end first. Returns
 // false if a point on the segment, or the capacity, stops the walk.
 bool LocalTriangulation::find_crossing(std::uint32_t a, std::uint32_t b) noexcept {
-  CellEdge at{kNone, 0};
+  CellEdge at{kNoSlot, 0};
   around(a, [&](std::uint32_t c, std::uint32_t i) {
     const LatticePoint right = points_[cells_[c].vertex[next_corner(i)]];
     const LatticePoint left = points_[cells_[c].vertex[previous_corner(i)]];
     if (orient2d(points_[a], points_[b], right) < 0 && orient2d(points_[a], points_[b], left) > 0)
       at = {c, next_corner(i)};
-    return at.cell == kNone;
+    return at.cell == kNoSlot;
   });
-  while (at.cell != kNone) {
+  while (at.cell != kNoSlot) {
     if (!push_within(crossing_, {cells_[at.cell].vertex[at.edge],
                                  cells_[at.cell].vertex[next_corner(at.edge)]}))
       return false;
@@ -334,7 +334,7 @@ bool LocalTriangulation::find_crossing(std::uint32_t a, std::uint32_t b) noexcep
     // o runs from the left end to the right end; continue through the edge between `ahead` and the
     // end on the other side of ab.
     at = CellEdge{o.cell, side > 0 ? next_corner(o.edge) : previous_corner(o.edge)};
-    if (cells_[at.cell].across[at.edge] == kNone) return false;
+    if (cells_[at.cell].across[at.edge] == kNoSlot) return false;
   }
   return false;
 }

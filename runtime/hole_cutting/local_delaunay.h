@@ -23,8 +23,8 @@ namespace trocar::runtime {
 /// A counter-clockwise triangle; its edges are numbered as in triangle_edge.h.
 struct Cell {
   std::array<std::uint32_t, 3> vertex;
-  std::array<std::uint32_t, 3> across;      ///< cell beyond edge i; kNone: there is no cell
-  std::array<std::uint32_t, 3> constraint;  ///< number that constrain() gave edge i; kNone: none
+  std::array<std::uint32_t, 3> across;      ///< cell beyond edge i; kNoSlot: there is no cell
+  std::array<std::uint32_t, 3> constraint;  ///< number that constrain() gave edge i; kNoSlot: none
 };
 
 /// A triangulation of a box around the given points, so that every point lies in a triangle when it

@@ -168,7 +168,7 @@ class OverlayBuilder {
     while (next_ < out_.pending.size() && !full_) {
       const std::uint32_t s = out_.pending[next_++];
       if (out_.strands[s].gone) continue;
-      std::uint32_t first = kNone;
+      std::uint32_t first = kNoSlot;
       Meeting how = Meeting::kApart;
       LatticePoint where;
       for (std::uint32_t t = 0; t < out_.strands.size(); ++t) {
@@ -179,7 +179,7 @@ class OverlayBuilder {
         if (meeting == Meeting::kApart) continue;
         if (meeting == Meeting::kCrosses) p = bend_point(one, other, out_.rotation);
         if (is_held(one, other, meeting, p)) continue;
-        if (first != kNone && !comes_before(other, out_.strands[first])) continue;
+        if (first != kNoSlot && !comes_before(other, out_.strands[first])) continue;
         first = t, how = meeting, where = p;
       }
       if (how != Meeting::kApart) resolve(s, first, where);
@@ -206,7 +206,7 @@ class OverlayBuilder {
     bool held = false;
     for (const Strand* strand : {&s, &t}) {
       const bool is_split = p != strand->first && p != strand->second;
-      if (strand->kept == kNone || !(is_split || meeting == Meeting::kCrosses)) continue;
+      if (strand->kept == kNoSlot || !(is_split || meeting == Meeting::kCrosses)) continue;
       absorb(strand->kept);
       held = true;
     }
@@ -249,7 +249,7 @@ class OverlayBuilder {
       if (cavity_.contains(k)) return;
       const std::array<LatticePoint, 3> c = corners(mesh_, k);
       for (std::uint32_t i = 0; i < 3; ++i) {
-        if (mesh_.across[k][i] != kNone) continue;
+        if (mesh_.across[k][i] != kNoSlot) continue;
         const LatticePoint a = c[i], b = c[next_corner(i)];
         if (inside(a) || inside(b) || segments_cross(a, b, s.first, p) ||
             segments_cross(a, b, p, s.second)) {

@@ -48,9 +48,9 @@ struct Strand {
   std::int32_t rim = 0;
   /// Number of edges of the tool's outline from a to b, minus the number of those from b to a.
   std::int32_t tool = 0;
-  std::uint32_t kept = kNone;  ///< kept triangle that has this edge; kNone: there is none
-  bool kept_right = false;     ///< the kept triangle is on the right of a -> b
-  bool gone = false;           ///< the strand has been split and replaced by two others
+  std::uint32_t kept = kNoSlot;  ///< kept triangle that has this edge; kNoSlot: there is none
+  bool kept_right = false;       ///< the kept triangle is on the right of a -> b
+  bool gone = false;             ///< the strand has been split and replaced by two others
 };
 
 struct Overlay {

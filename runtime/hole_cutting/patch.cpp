@@ -38,9 +38,9 @@ void find_regions(const Overlay& overlay, Patch& patch) noexcept {
     const Cell& cell = t.cells()[c];
     for (std::size_t i = 0; i < 3; ++i) {
       const std::uint32_t beyond = cell.across[i];
-      if (beyond == kNone || patch.region[beyond] != kNotYet) continue;
+      if (beyond == kNoSlot || patch.region[beyond] != kNotYet) continue;
       Patch::Winding w = patch.windings[c];
-      if (cell.constraint[i] != kNone) {
+      if (cell.constraint[i] != kNoSlot) {
         // This cell is on the left of edge i. On the right the winding number is lower by
         // one per edge.
         const Strand& strand = overlay.strands[cell.constraint[i]];
@@ -62,7 +62,7 @@ void collect(const Overlay& overlay, Patch& patch) noexcept {
   patch.across.clear();
   patch.kept.clear();
   patch.absorb.clear();
-  patch.number.assign(cells.size(), kNone);
+  patch.number.assign(cells.size(), kNoSlot);
   for (std::uint32_t c = 0; c < cells.size(); ++c) {
     if (patch.region[c] == 0) continue;
     patch.number[c] = static_cast<std::uint32_t>(patch.triangles.size());
@@ -70,13 +70,13 @@ void collect(const Overlay& overlay, Patch& patch) noexcept {
   }
   for (std::uint32_t c = 0; c < cells.size(); ++c) {
     if (patch.region[c] == 0) continue;
-    std::array<std::uint32_t, 3> across{kNone, kNone, kNone}, kept{kNone, kNone, kNone};
+    std::array<std::uint32_t, 3> across{kNoSlot, kNoSlot, kNoSlot}, kept{kNoSlot, kNoSlot, kNoSlot};
     for (std::size_t i = 0; i < 3; ++i) {
       const std::uint32_t beyond = cells[c].across[i];
-      if (beyond != kNone) across[i] = patch.number[beyond];
-      if (cells[c].constraint[i] == kNone) continue;
+      if (beyond != kNoSlot) across[i] = patch.number[beyond];
+      if (cells[c].constraint[i] == kNoSlot) continue;
       const Strand& strand = overlay.strands[cells[c].constraint[i]];
-      if (strand.kept == kNone) continue;
+      if (strand.kept == kNoSlot) continue;
       if (strand.kept_right == (cells[c].vertex[i] == strand.a)) {
         kept[i] = strand.kept;
       } else {

@@ -16,9 +16,9 @@ namespace trocar::runtime {
 /// The new triangles; their edges are numbered as in triangle_edge.h.
 struct Patch {
   std::vector<Triangle> triangles;  ///< corners are indices into Overlay::points
-  /// Triangle of the patch beyond each edge; kNone: there is none.
+  /// Triangle of the patch beyond each edge; kNoSlot: there is none.
   std::vector<std::array<std::uint32_t, 3>> across;
-  /// Kept triangle of the sheet (a triangle outside the cavity) beyond each edge; kNone:
+  /// Kept triangle of the sheet (a triangle outside the cavity) beyond each edge; kNoSlot:
   /// there is none.
   std::vector<std::array<std::uint32_t, 3>> kept;
   /// If make_patch() returns kAgain: kept triangles that the caller must add to the cavity.
@@ -35,7 +35,7 @@ struct Patch {
   // The next three members have one entry per cell.
   std::vector<Winding> windings;       ///< winding numbers of the cavity's boundary and of the tool
   std::vector<std::uint8_t> region;    ///< 1: in the patch; 0: not in the patch; 2: undecided yet
-  std::vector<std::uint32_t> number;   ///< index in `triangles`; kNone: not in the patch
+  std::vector<std::uint32_t> number;   ///< index in `triangles`; kNoSlot: not in the patch
   std::vector<std::uint32_t> pending;  ///< cells whose neighbours must still be visited
 
   void allocate(std::size_t max_points);

@@ -37,7 +37,7 @@ bool list_rim(const Cavity& cavity, const Overlay& overlay, ProofSpace& space) {
   space.rim_at.clear();
   space.boundary_at.clear();
   for (const RimEdge& e : cavity.rim) {
-    if (e.kept != kNone) {
+    if (e.kept != kNoSlot) {
       if (space.rim_at.insert(pair_key(e.kept, e.kept_edge), 0) == nullptr) return false;
     } else {
       const std::uint64_t key = pair_key(overlay.rim_point[e.from], overlay.rim_point[e.to]);
@@ -53,7 +53,7 @@ bool list_kept_boundary(const SheetMesh& mesh, const TriangleGrid& grid, const C
                         ProofSpace& space) {
   bool fits = true;
   for (const RimEdge& e : cavity.rim) {
-    if (e.kept != kNone && space.rim_at.find(pair_key(e.kept, e.kept_edge)) == 0)
+    if (e.kept != kNoSlot && space.rim_at.find(pair_key(e.kept, e.kept_edge)) == 0)
       fits = fits && push_within(space.old, {mesh.vertices[cavity.rim_vertices[e.to]],
                                              mesh.vertices[cavity.rim_vertices[e.from]]});
   }
@@ -62,7 +62,7 @@ bool list_kept_boundary(const SheetMesh& mesh, const TriangleGrid& grid, const C
     box = box_around(std::array<LatticePoint, 4>{box.low, box.high, s.a, s.b});
   const auto list_boundary = [&](std::uint32_t t) {
     for (std::uint32_t i = 0; i < 3; ++i) {
-      if (mesh.across[t][i] != kNone || cavity.contains(t)) continue;
+      if (mesh.across[t][i] != kNoSlot || cavity.contains(t)) continue;
       const Triangle& v = mesh.triangles[t];
       fits =
           fits && push_within(space.old, {mesh.vertices[v[i]], mesh.vertices[v[next_corner(i)]]});
@@ -117,12 +117,12 @@ const char* find_defect(const SheetMesh& mesh, const Overlay& overlay, const Pat
     if (orient2d(p[0], p[1], p[2]) <= 0) return "a new triangle is not counter-clockwise";
     for (std::uint32_t i = 0; i < 3; ++i) {
       const std::uint32_t j = next_corner(i);
-      if (patch.across[t][i] != kNone) {
+      if (patch.across[t][i] != kNoSlot) {
         std::uint32_t apex = 0;
         if (!mutual(patch, t, i, apex)) return "an edge of two new triangles is not mutual";
         if (t < patch.across[t][i] && in_circle(p[0], p[1], p[2], overlay.points[apex]) > 0)
           return "the patch is not constrained Delaunay";
-      } else if (patch.kept[t][i] != kNone) {
+      } else if (patch.kept[t][i] != kNoSlot) {
         if (!takes_rim_edge(mesh, patch.kept[t][i], p[i], p[j], space))
           return "a new triangle does not match the kept triangle at its edge";
       } else {

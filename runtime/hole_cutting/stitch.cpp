@@ -8,7 +8,7 @@
 namespace trocar::runtime {
 namespace {
 
-constexpr std::uint32_t kPlanned = kNone - 1;  // the group gets a new vertex
+constexpr std::uint32_t kPlanned = kNoSlot - 1;  // the group gets a new vertex
 
 // Lists the run around v to which the kept triangle belongs.
 bool list_run(const SheetMesh& mesh, const Cavity& cavity, std::uint32_t v, std::uint32_t triangle,
@@ -22,7 +22,7 @@ bool list_run(const SheetMesh& mesh, const Cavity& cavity, std::uint32_t v, std:
       if ((t != triangle || counter_clockwise) && !push_within(space.corners, {t, i})) return false;
       last = t;
       t = mesh.across[t][counter_clockwise ? previous_corner(i) : i];
-    } while (t != kNone && t != triangle && !cavity.contains(t));
+    } while (t != kNoSlot && t != triangle && !cavity.contains(t));
     // Only the ends of a run are adjacent to the cavity.
     if (space.run_at.insert(pair_key(last, v), number) == nullptr) return false;
   }
@@ -36,7 +36,7 @@ bool list_runs(const SheetMesh& mesh, const Cavity& cavity, StitchSpace& space) 
   space.runs.clear();
   space.run_at.clear();
   for (const RimEdge& e : cavity.rim) {
-    if (e.kept == kNone) continue;
+    if (e.kept == kNoSlot) continue;
     for (const std::uint32_t v : {cavity.rim_vertices[e.from], cavity.rim_vertices[e.to]}) {
       if (space.run_at.contains(pair_key(e.kept, v))) continue;
       if (!list_run(mesh, cavity, v, e.kept, space)) return false;
@@ -72,12 +72,12 @@ bool group_corners(const SheetMesh& mesh, const Overlay& overlay, const Patch& p
   for (std::uint32_t t = 0; t < patch.triangles.size(); ++t) {
     for (std::uint32_t i = 0; i < 3; ++i) {
       const std::uint32_t j = next_corner(i);
-      if (const std::uint32_t u = patch.across[t][i]; u != kNone) {
+      if (const std::uint32_t u = patch.across[t][i]; u != kNoSlot) {
         if (u < t) continue;  // these two are already joined
         const Triangle& beyond = patch.triangles[u];
         join(space, node(space, t, i), node(space, u, corner_of(beyond, patch.triangles[t][i])));
         join(space, node(space, t, j), node(space, u, corner_of(beyond, patch.triangles[t][j])));
-      } else if (const std::uint32_t k = patch.kept[t][i]; k != kNone) {
+      } else if (const std::uint32_t k = patch.kept[t][i]; k != kNoSlot) {
         for (const std::uint32_t c : {i, j}) {
           const LatticePoint p = overlay.points[patch.triangles[t][c]];
           for (const std::uint32_t v : mesh.triangles[k]) {
@@ -95,7 +95,7 @@ bool group_corners(const SheetMesh& mesh, const Overlay& overlay, const Patch& p
 // a new one.
 bool plan_vertices(const SheetMesh& mesh, const Cavity& cavity, const Overlay& overlay,
                    const Patch& patch, StitchSpace& space) {
-  space.vertex.assign(space.parent.size(), kNone);
+  space.vertex.assign(space.parent.size(), kNoSlot);
   space.taken.clear();
   space.fresh.clear();
   bool fits = true;
@@ -105,7 +105,7 @@ bool plan_vertices(const SheetMesh& mesh, const Cavity& cavity, const Overlay& o
   };
   for (std::uint32_t r = 0; r < space.runs.size(); ++r) {
     const std::uint32_t group = find(space, r), v = space.runs[r].vertex;
-    if (space.vertex[group] != kNone) continue;
+    if (space.vertex[group] != kNoSlot) continue;
     if (space.taken.contains(v)) {
       plan(group, mesh.vertices[v]);
     } else {
@@ -116,7 +116,7 @@ bool plan_vertices(const SheetMesh& mesh, const Cavity& cavity, const Overlay& o
   for (std::uint32_t t = 0; t < patch.triangles.size(); ++t) {
     for (std::uint32_t i = 0; i < 3; ++i) {
       const std::uint32_t group = find(space, node(space, t, i));
-      if (space.vertex[group] == kNone) plan(group, overlay.points[patch.triangles[t][i]]);
+      if (space.vertex[group] == kNoSlot) plan(group, overlay.points[patch.triangles[t][i]]);
     }
   }
   const std::size_t released =
@@ -127,9 +127,9 @@ bool plan_vertices(const SheetMesh& mesh, const Cavity& cavity, const Overlay& o
 
 void release(SheetMesh& mesh, const Cavity& cavity, const StitchSpace& space, SheetEdit& edit) {
   for (const RimEdge& e : cavity.rim) {
-    if (e.kept == kNone) continue;
+    if (e.kept == kNoSlot) continue;
     edit.touch_triangle(mesh, e.kept);
-    mesh.across[e.kept][e.kept_edge] = kNone;
+    mesh.across[e.kept][e.kept_edge] = kNoSlot;
   }
   // Release in descending order, so that the lowest slots are reused first.
   for (std::size_t i = cavity.triangles.size(); i-- > 0;)
@@ -169,9 +169,9 @@ void put_in(SheetMesh& mesh, const Patch& patch, StitchSpace& space, SheetEdit& 
   for (std::uint32_t t = 0; t < patch.triangles.size(); ++t) {
     const std::uint32_t slot = space.created[t];
     for (std::uint32_t i = 0; i < 3; ++i) {
-      if (patch.across[t][i] != kNone) {
+      if (patch.across[t][i] != kNoSlot) {
         mesh.across[slot][i] = space.created[patch.across[t][i]];
-      } else if (const std::uint32_t k = patch.kept[t][i]; k != kNone) {
+      } else if (const std::uint32_t k = patch.kept[t][i]; k != kNoSlot) {
         mesh.across[slot][i] = k;
         space.rim_edges.push_back({slot, i});
         const std::uint32_t to = mesh.triangles[slot][next_corner(i)];

@@ -119,7 +119,7 @@ class LocalRefiner {
     return mesh_.vertices[mesh_.triangles[e.triangle][previous_corner(e.edge)]];
   }
   bool is_boundary(TriangleEdge e) const noexcept {
-    return mesh_.across[e.triangle][e.edge] == kNone;
+    return mesh_.across[e.triangle][e.edge] == kNoSlot;
   }
   bool is_kept(TriangleEdge e) const noexcept {
     return options_.keep_edge &&
@@ -319,7 +319,7 @@ class LocalRefiner {
     if (!p) return Step::kOutline;
     if (std::min(edge_length(a, *p), edge_length(*p, b)) < shortest) return Step::kOutline;
     if (!insertion_.find(mesh_, e.triangle, *p)) return Step::kLattice;
-    std::uint32_t number = kNone;
+    std::uint32_t number = kNoSlot;
     const std::span<const CavityEdge> rim = insertion_.rim();
     for (std::uint32_t k = 0; k < rim.size(); ++k) {
       if (rim[k].inside.triangle == e.triangle && rim[k].inside.edge == e.edge) {
@@ -337,7 +337,7 @@ class LocalRefiner {
   }
 
   bool blocks_point(const CavityEdge& r, LatticePoint p) const noexcept {
-    return r.beyond == kNone && blocks(mesh_.vertices[r.from], mesh_.vertices[r.to], p);
+    return r.beyond == kNoSlot && blocks(mesh_.vertices[r.from], mesh_.vertices[r.to], p);
   }
 
   // Inserts a point on the bisector of the shortest edge, as far out as angle and size
@@ -384,7 +384,7 @@ class LocalRefiner {
       const std::int64_t length2 = distance2(mesh_.vertices[e.from], mesh_.vertices[e.to]);
       if (length2 > longest2) blocking_edge = e.inside, longest2 = length2;
     }
-    if (!blocking_edge) return insert(position, kNone);
+    if (!blocking_edge) return insert(position, kNoSlot);
     // If only the size is too large, the boundary edge is not split. (If it is too long itself, it
     // is split elsewhere.)
     if (!is_too_sharp) return Step::kLargeEnough;
@@ -417,7 +417,7 @@ class LocalRefiner {
     }
     if (!best) return Step::kOutline;
     insertion_.find(mesh_, t, *best);
-    return insert(*best, kNone);
+    return insert(*best, kNoSlot);
   }
 
   // Returns the change of the number of sharp triangles if p is inserted; none if a boundary

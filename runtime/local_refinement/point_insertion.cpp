@@ -14,7 +14,7 @@ bool circumcircle_contains(const SheetMesh& mesh, std::uint32_t t, LatticePoint 
 }  // namespace
 
 PointInsertion::PointInsertion(std::size_t vertex_slots, std::size_t triangle_slots)
-    : visited_(triangle_slots, 0), starting_(vertex_slots, kNone) {
+    : visited_(triangle_slots, 0), starting_(vertex_slots, kNoSlot) {
   cavity_.reserve(kMaxCavity);
   rim_.reserve(kMaxCavity + 2);
   star_.reserve(kMaxCavity + 2);
@@ -34,8 +34,8 @@ bool PointInsertion::find(const SheetMesh& mesh, std::uint32_t start, LatticePoi
     const std::uint32_t t = cavity_[k];
     for (std::uint32_t i = 0; i < 3; ++i) {
       const std::uint32_t beyond = mesh.across[t][i];
-      if (beyond != kNone && visited_[beyond] == search_) continue;
-      if (beyond != kNone && circumcircle_contains(mesh, beyond, p)) {
+      if (beyond != kNoSlot && visited_[beyond] == search_) continue;
+      if (beyond != kNoSlot && circumcircle_contains(mesh, beyond, p)) {
         if (cavity_.size() == kMaxCavity) return false;
         visited_[beyond] = search_;
         cavity_.push_back(beyond);
@@ -57,7 +57,7 @@ InsertionOutcome PointInsertion::insert(SheetMesh& mesh, SheetEdit& edit, Lattic
     if (orient2d(mesh.vertices[rim_[k].from], mesh.vertices[rim_[k].to], p) <= 0)
       return InsertionOutcome::kNotVisible;
   }
-  const std::size_t star_size = rim_.size() - (split == kNone ? 0 : 1);
+  const std::size_t star_size = rim_.size() - (split == kNoSlot ? 0 : 1);
   if (mesh.free_vertices.empty() || mesh.free_triangles.size() + cavity_.size() < star_size)
     return InsertionOutcome::kCapacity;
 
@@ -70,24 +70,24 @@ InsertionOutcome PointInsertion::insert(SheetMesh& mesh, SheetEdit& edit, Lattic
   while (star_.size() < star_size)
     star_.push_back(edit.take_triangle(mesh, {vertex_, vertex_, vertex_}));
   // Link the neighbours outside first, because the triangles in the cavity are overwritten below.
-  if (split != kNone) {
-    starting_[rim_[split].from] = kNone;  // no other edge starts there
+  if (split != kNoSlot) {
+    starting_[rim_[split].from] = kNoSlot;  // no other edge starts there
     rim_.erase(rim_.begin() + split);
   }
   for (std::size_t k = 0; k < star_size; ++k) {
     const CavityEdge& r = rim_[k];
     starting_[r.from] = star_[k];
-    if (r.beyond == kNone) continue;
+    if (r.beyond == kNoSlot) continue;
     edit.touch_triangle(mesh, r.beyond);
     mesh.across[r.beyond][corner_of(mesh.triangles[r.beyond], r.to)] = star_[k];
   }
   for (std::size_t k = 0; k < star_size; ++k) {
     mesh.triangles[star_[k]] = {rim_[k].from, rim_[k].to, vertex_};
-    mesh.across[star_[k]] = {rim_[k].beyond, kNone, kNone};
+    mesh.across[star_[k]] = {rim_[k].beyond, kNoSlot, kNoSlot};
   }
   for (std::size_t k = 0; k < star_size; ++k) {
     const std::uint32_t next = starting_[rim_[k].to];
-    if (next == kNone) continue;  // the edge that was split
+    if (next == kNoSlot) continue;  // the edge that was split
     mesh.across[star_[k]][1] = next;
     mesh.across[next][2] = star_[k];
   }

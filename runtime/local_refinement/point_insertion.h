@@ -21,7 +21,7 @@ namespace trocar::runtime {
 /// An edge of the cavity's boundary, with the cavity on its left.
 struct CavityEdge {
   std::uint32_t from, to;  ///< vertex slots
-  std::uint32_t beyond;    ///< the triangle outside the cavity; kNone on the sheet's boundary
+  std::uint32_t beyond;    ///< the triangle outside the cavity; kNoSlot on the sheet's boundary
   TriangleEdge inside;     ///< the triangle in the cavity, and the index of the edge in it
 };
 
@@ -48,7 +48,7 @@ class PointInsertion {
   std::span<const CavityEdge> rim() const noexcept { return rim_; }
   std::span<const std::uint32_t> cavity() const noexcept { return cavity_; }
 
-  /// Replaces the cavity by the star of p. `split` is kNone, or the index in rim() of a boundary
+  /// Replaces the cavity by the star of p. `split` is kNoSlot, or the index in rim() of a boundary
   /// edge of the sheet that p splits. In the second case p must lie on that edge or on the edge's
   /// inner side. Two edges that meet at p then replace the split edge, and the area between the
   /// split edge and the two new edges no longer belongs to the sheet. If the result is not kDone,
@@ -63,7 +63,7 @@ class PointInsertion {
  private:
   std::vector<std::uint32_t> cavity_, star_;
   std::vector<CavityEdge> rim_;
-  std::uint32_t vertex_ = kNone;
+  std::uint32_t vertex_ = kNoSlot;
   // visited_[t]: number of the last call of find() whose cavity contains the triangle of slot t.
   std::vector<std::uint32_t> visited_;
   // starting_[v]: the triangle of the star whose edge 0 starts at the vertex of slot v.

@@ -22,7 +22,7 @@ std::uint32_t edge_towards(const SheetMesh& mesh, std::uint32_t t, std::uint32_t
 // around that vertex.
 std::uint32_t previous_on_boundary(const SheetMesh& mesh, TriangleEdge e) noexcept {
   std::uint32_t t = e.triangle, back = previous_corner(e.edge);  // the edge that ends there
-  while (mesh.across[t][back] != kNone) {
+  while (mesh.across[t][back] != kNoSlot) {
     const std::uint32_t next = mesh.across[t][back];
     back = previous_corner(edge_towards(mesh, next, t));
     t = next;
@@ -33,7 +33,7 @@ std::uint32_t previous_on_boundary(const SheetMesh& mesh, TriangleEdge e) noexce
 // Returns the end of the boundary edge that starts where e ends.
 std::uint32_t next_on_boundary(const SheetMesh& mesh, TriangleEdge e) noexcept {
   std::uint32_t t = e.triangle, on = next_corner(e.edge);
-  while (mesh.across[t][on] != kNone) {
+  while (mesh.across[t][on] != kNoSlot) {
     const std::uint32_t next = mesh.across[t][on];
     on = next_corner(edge_towards(mesh, next, t));
     t = next;

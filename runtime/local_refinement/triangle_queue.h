@@ -19,7 +19,7 @@ namespace trocar::runtime {
 /// remove() are O(log n), and clear() is O(n).
 class TriangleQueue {
  public:
-  explicit TriangleQueue(std::size_t triangle_slots) : position_(triangle_slots, kNone) {
+  explicit TriangleQueue(std::size_t triangle_slots) : position_(triangle_slots, kNoSlot) {
     heap_.reserve(triangle_slots);
   }
 
@@ -29,7 +29,7 @@ class TriangleQueue {
 
   /// Inserts the slot, or changes its key.
   void put(std::uint32_t slot, std::int64_t key) noexcept {
-    if (position_[slot] == kNone) {
+    if (position_[slot] == kNoSlot) {
       position_[slot] = static_cast<std::uint32_t>(heap_.size());
       heap_.push_back({key, slot});
     } else {
@@ -41,8 +41,8 @@ class TriangleQueue {
   /// Removes the slot. If the slot is not in the queue, nothing happens.
   void remove(std::uint32_t slot) noexcept {
     const std::uint32_t at = position_[slot];
-    if (at == kNone) return;
-    position_[slot] = kNone;
+    if (at == kNoSlot) return;
+    position_[slot] = kNoSlot;
     const Entry last = heap_.back();
     heap_.pop_back();
     if (at == heap_.size()) return;
@@ -53,7 +53,7 @@ class TriangleQueue {
 
   void clear() noexcept {
     for (const Entry& entry : heap_)
-      position_[entry.slot] = kNone;
+      position_[entry.slot] = kNoSlot;
     heap_.clear();
   }
 
@@ -87,7 +87,7 @@ class TriangleQueue {
   }
 
   std::vector<Entry> heap_;
-  std::vector<std::uint32_t> position_;  // per slot: position in the heap, or kNone
+  std::vector<std::uint32_t> position_;  // per slot: position in the heap, or kNoSlot
 };
 
 }  // namespace trocar::runtime

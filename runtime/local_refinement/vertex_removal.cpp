@@ -18,7 +18,7 @@ bool VertexRemoval::plan(const SheetMesh& mesh, std::uint32_t t, std::uint32_t c
     beyond_[degree_] = {false, mesh.across[at][next_corner(i)]};
     ++degree_;
     at = mesh.across[at][previous_corner(i)];
-    if (at == kNone) return false;
+    if (at == kNoSlot) return false;
   } while (at != t);
   if (degree_ < 3) return false;
 
@@ -66,7 +66,7 @@ void VertexRemoval::remove(SheetMesh& mesh, SheetEdit& edit) noexcept {
       return;
     }
     mesh.across[own][edge] = beyond.number;
-    if (beyond.number == kNone) return;
+    if (beyond.number == kNoSlot) return;
     edit.touch_triangle(mesh, beyond.number);
     const std::uint32_t to = ears_[ear].corners[next_corner(edge)];
     mesh.across[beyond.number][corner_of(mesh.triangles[beyond.number], to)] = own;

@@ -44,7 +44,7 @@ class VertexRemoval {
  private:
   // The neighbour beyond an edge. If is_ear is true, the neighbour is the ear `number`, and the
   // common edge is edge 2 of that ear. If is_ear is false, the neighbour is the triangle `number`
-  // of the mesh, or there is none (kNone).
+  // of the mesh, or there is none (kNoSlot).
   struct Beyond {
     bool is_ear;
     std::uint32_t number;
@@ -58,7 +58,7 @@ class VertexRemoval {
               std::size_t size) const noexcept;
 
   std::size_t degree_ = 0;
-  std::uint32_t vertex_ = kNone;
+  std::uint32_t vertex_ = kNoSlot;
   std::array<std::uint32_t, kMaxDegree> star_{};  // triangle slots
   // The part of the polygon that is not filled yet: its corners, counter-clockwise, and for each
   // corner the neighbour beyond the edge to the next corner.

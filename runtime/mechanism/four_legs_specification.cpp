@@ -14,8 +14,6 @@
 namespace trocar::runtime {
 namespace {
 
-constexpr double kDegreesPerRadian = 180 / std::numbers::pi;
-
 /// Returns the Jacobian at a pose; none: the device cannot be there.
 std::optional<Jacobian> jacobian_at(const DeviceDescription& device, const Pose& T_device_plate) {
   const InverseResult inverse = inverse_kinematics(device, T_device_plate);

@@ -48,10 +48,6 @@ std::vector<ReportSheet> report_sheets(const SessionInputs& inputs) {
   return sheets;
 }
 
-double rounded(double value, double parts) {
-  return std::round(value * parts) / parts;
-}
-
 /// Returns the `hand` of a scene, with the impedance of `hand` and this path.
 std::string describe_hand(const SceneHand& hand, const HandTrajectory& path) {
   const HandImpedance impedance = hand_impedance(hand);

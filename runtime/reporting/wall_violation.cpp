@@ -35,7 +35,7 @@ Material material_of(const Sheet& sheet) {
     }
     out.triangles.push_back(corner);
     for (std::size_t k = 0; k < 3; ++k) {
-      if (sheet.mesh.across[t][k] == kNone) out.edges.push_back({corner[k], corner[(k + 1) % 3]});
+      if (sheet.mesh.across[t][k] == kNoSlot) out.edges.push_back({corner[k], corner[(k + 1) % 3]});
     }
   }
   return out;

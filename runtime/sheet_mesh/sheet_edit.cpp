@@ -21,7 +21,7 @@ void copy_stack(std::size_t untouched, const std::vector<std::uint32_t>& from,
 
 std::uint32_t SheetEdit::pop(std::vector<std::uint32_t>& stack, std::size_t& untouched,
                              std::vector<std::uint32_t>& popped) noexcept {
-  if (stack.empty()) return kNone;
+  if (stack.empty()) return kNoSlot;
   const std::uint32_t slot = stack.back();
   if (stack.size() == untouched) {
     popped.push_back(slot);
@@ -68,17 +68,17 @@ void SheetEdit::touch_vertex(const SheetMesh& mesh, std::uint32_t v) noexcept {
 std::uint32_t SheetEdit::take_triangle(SheetMesh& mesh, const Triangle& corners) noexcept {
   const std::uint32_t t =
       pop(mesh.free_triangles, change_.untouched_free_triangles, popped_triangles_);
-  if (t == kNone) return kNone;
+  if (t == kNoSlot) return kNoSlot;
   touch_triangle(mesh, t);
   mesh.triangles[t] = corners;
-  mesh.across[t] = {kNone, kNone, kNone};
+  mesh.across[t] = {kNoSlot, kNoSlot, kNoSlot};
   return t;
 }
 
 std::uint32_t SheetEdit::take_vertex(SheetMesh& mesh, LatticePoint point) noexcept {
   const std::uint32_t v =
       pop(mesh.free_vertices, change_.untouched_free_vertices, popped_vertices_);
-  if (v == kNone) return kNone;
+  if (v == kNoSlot) return kNoSlot;
   touch_vertex(mesh, v);
   mesh.vertices[v] = point;
   return v;
@@ -87,7 +87,7 @@ std::uint32_t SheetEdit::take_vertex(SheetMesh& mesh, LatticePoint point) noexce
 void SheetEdit::release_triangle(SheetMesh& mesh, std::uint32_t t) noexcept {
   touch_triangle(mesh, t);
   mesh.triangles[t] = kFreeSlot;
-  mesh.across[t] = {kNone, kNone, kNone};
+  mesh.across[t] = {kNoSlot, kNoSlot, kNoSlot};
   mesh.free_triangles.push_back(t);
 }
 

@@ -67,7 +67,7 @@ class SheetEdit {
   void touch_triangle(const SheetMesh& mesh, std::uint32_t t) noexcept;
   void touch_vertex(const SheetMesh& mesh, std::uint32_t v) noexcept;
 
-  /// Takes a free slot, writes the given content to it, and returns its index. Returns kNone if
+  /// Takes a free slot, writes the given content to it, and returns its index. Returns kNoSlot if
   /// there is no free slot.
   std::uint32_t take_triangle(SheetMesh& mesh, const Triangle& corners) noexcept;
   std::uint32_t take_vertex(SheetMesh& mesh, LatticePoint point) noexcept;

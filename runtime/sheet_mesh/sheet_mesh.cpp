@@ -65,7 +65,8 @@ Result<std::vector<std::array<std::uint32_t, 3>>> neighbours(const SliceMesh& me
                      std::to_string(std::next(twice)->triangle) +
                      " use an edge in the same direction");
   }
-  std::vector<std::array<std::uint32_t, 3>> across(mesh.triangles.size(), {kNone, kNone, kNone});
+  std::vector<std::array<std::uint32_t, 3>> across(mesh.triangles.size(),
+                                                   {kNoSlot, kNoSlot, kNoSlot});
   for (std::uint32_t v = 0; v < mesh.vertices.size(); ++v) {
     for (std::size_t k = first[v]; k < first[v + 1]; ++k) {
       const auto end = edges.begin() + first[edges[k].to + 1];
@@ -88,7 +89,7 @@ void SheetMesh::add_slots(std::size_t more_vertices, std::size_t more_triangles)
   lay_under(free_triangles, free_stack(triangles.size(), triangles.size() + more_triangles));
   vertices.resize(vertices.size() + more_vertices);
   triangles.resize(triangles.size() + more_triangles, kFreeSlot);
-  across.resize(triangles.size(), {kNone, kNone, kNone});
+  across.resize(triangles.size(), {kNoSlot, kNoSlot, kNoSlot});
   reserve_stacks();
 }
 
@@ -115,13 +116,13 @@ Result<SheetMesh> make_sheet_mesh(const SliceMesh& mesh, std::size_t spare_verti
   out.free_triangles = free_stack(mesh.triangles.size(), triangles);
   out.vertices.resize(vertices);
   out.triangles.resize(triangles, kFreeSlot);
-  out.across.resize(triangles, {kNone, kNone, kNone});
+  out.across.resize(triangles, {kNoSlot, kNoSlot, kNoSlot});
   out.reserve_stacks();
   return out;
 }
 
 SliceMesh to_slice_mesh(const SheetMesh& mesh) {
-  std::vector<std::uint32_t> number(mesh.vertices.size(), kNone);
+  std::vector<std::uint32_t> number(mesh.vertices.size(), kNoSlot);
   for (const Triangle& t : mesh.triangles) {
     if (t == kFreeSlot) continue;
     for (std::uint32_t v : t)
@@ -129,7 +130,7 @@ SliceMesh to_slice_mesh(const SheetMesh& mesh) {
   }
   SliceMesh out;
   for (std::size_t v = 0; v < number.size(); ++v) {
-    if (number[v] == kNone) continue;
+    if (number[v] == kNoSlot) continue;
     number[v] = static_cast<std::uint32_t>(out.vertices.size());
     out.vertices.push_back(mesh.vertices[v]);
   }
@@ -173,7 +174,7 @@ Result<void> check_sheet_mesh(const SheetMesh& mesh) {
     if (is_free[t] != 0) continue;
     for (std::uint32_t i = 0; i < 3; ++i) {
       const std::uint32_t u = mesh.across[t][i];
-      if (u == kNone) continue;
+      if (u == kNoSlot) continue;
       const std::uint32_t from = mesh.triangles[t][i], to = mesh.triangles[t][(i + 1) % 3];
       bool mutual = false;
       for (std::uint32_t j = 0; u < mesh.triangles.size() && j < 3; ++j) {
@@ -192,8 +193,8 @@ Result<void> check_sheet_mesh(const SheetMesh& mesh) {
   std::size_t open = 0, edges_open = 0;
   for (std::size_t t = 0; t < mesh.triangles.size(); ++t) {
     if (is_free[t] == 0) {
-      open +=
-          static_cast<std::size_t>(std::count(mesh.across[t].begin(), mesh.across[t].end(), kNone));
+      open += static_cast<std::size_t>(
+          std::count(mesh.across[t].begin(), mesh.across[t].end(), kNoSlot));
     }
   }
   for (const Ring& ring : boundary_rings(used).rings)

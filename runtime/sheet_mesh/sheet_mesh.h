@@ -25,13 +25,13 @@
 
 namespace trocar::runtime {
 
-inline constexpr std::uint32_t kNone = 0xffffffff;  ///< an index that stands for no slot
-inline constexpr Triangle kFreeSlot{kNone, kNone, kNone};
+inline constexpr std::uint32_t kNoSlot = 0xffffffff;  ///< an index that stands for no slot
+inline constexpr Triangle kFreeSlot{kNoSlot, kNoSlot, kNoSlot};
 
 /// Invariants (check_sheet_mesh verifies 1 to 3):
 ///  1. A triangle in use is strictly counter-clockwise and has three vertices in use. A free
 ///     triangle slot contains kFreeSlot, and `free_triangles` lists it exactly once.
-///  2. across[t][i] is the triangle beyond edge i of t (triangle_edge.h); kNone on the sheet's
+///  2. across[t][i] is the triangle beyond edge i of t (triangle_edge.h); kNoSlot on the sheet's
 ///     boundary.
 ///  3. A vertex in use belongs to a triangle. Its triangles form one fan: each triangle shares
 ///     an edge at this vertex with the next. If two fans touch at a point, each fan has a vertex
@@ -93,7 +93,7 @@ struct SheetMesh {
   /// Removes the free slots. Precondition: make_sheet_mesh() has made the mesh, and no edit has
   /// changed it since.
   void remove_spare_slots();
-  bool in_use(std::uint32_t t) const noexcept { return triangles[t][0] != kNone; }
+  bool in_use(std::uint32_t t) const noexcept { return triangles[t][0] != kNoSlot; }
   std::size_t triangles_in_use() const noexcept { return triangles.size() - free_triangles.size(); }
   std::size_t vertices_in_use() const noexcept { return vertices.size() - free_vertices.size(); }
 };

@@ -42,7 +42,7 @@ TriangleGrid::TriangleGrid(const SheetMesh& mesh, GridTriangles lists)
     levels_.push_back(level);
     cells += static_cast<std::size_t>(level.columns * level.rows);
     if (level.columns * level.rows == 1) {
-      head_ = PagedArray<std::uint32_t>(cells, kNone);
+      head_ = PagedArray<std::uint32_t>(cells, kNoSlot);
       break;
     }
   }
@@ -56,7 +56,7 @@ void TriangleGrid::update(const SheetChange& change, const SheetMesh& mesh) noex
   for (const SheetChange::OldTriangle& old : change.triangles) {
     // A triangle with the same corners is moved, too, because their slots may hold
     // other points now.
-    if (std::as_const(link_)[old.slot].cell != kNone) remove(old.slot);
+    if (std::as_const(link_)[old.slot].cell != kNoSlot) remove(old.slot);
     if (is_listed(mesh, old.slot)) insert(mesh, old.slot);
   }
 }
@@ -65,7 +65,7 @@ bool TriangleGrid::is_listed(const SheetMesh& mesh, std::uint32_t t) const noexc
   if (!mesh.in_use(t)) return false;
   const std::array<std::uint32_t, 3>& across = mesh.across[t];
   return lists_ == GridTriangles::kAll ||
-         std::find(across.begin(), across.end(), kNone) != across.end();
+         std::find(across.begin(), across.end(), kNoSlot) != across.end();
 }
 
 void TriangleGrid::insert(const SheetMesh& mesh, std::uint32_t t) noexcept {
@@ -79,19 +79,19 @@ void TriangleGrid::insert(const SheetMesh& mesh, std::uint32_t t) noexcept {
   ++level.triangles;
   const std::size_t cell = level.cell(level.row(*this, box.low.y), level.column(*this, box.low.x));
   const std::uint32_t next = head_[cell];
-  link_[t] = {next, kNone, static_cast<std::uint32_t>(cell)};
-  if (next != kNone) link_[next].before = t;
+  link_[t] = {next, kNoSlot, static_cast<std::uint32_t>(cell)};
+  if (next != kNoSlot) link_[next].before = t;
   head_[cell] = t;
 }
 
 void TriangleGrid::remove(std::uint32_t t) noexcept {
   Link& own = link_[t];
-  if (own.before != kNone) {
+  if (own.before != kNoSlot) {
     link_[own.before].next = own.next;
   } else {
     head_[own.cell] = own.next;
   }
-  if (own.next != kNone) link_[own.next].before = own.before;
+  if (own.next != kNoSlot) link_[own.next].before = own.before;
   std::size_t level = levels_.size() - 1;
   while (levels_[level].first_cell > own.cell)
     --level;

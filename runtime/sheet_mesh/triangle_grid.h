@@ -72,7 +72,7 @@ class TriangleGrid {
       const std::int64_t top = level.row(*this, box.high.y);
       for (std::int64_t r = bottom; r <= top; ++r) {
         for (std::int64_t c = left; c <= right; ++c) {
-          for (std::uint32_t t = head_[level.cell(r, c)]; t != kNone; t = link_[t].next) {
+          for (std::uint32_t t = head_[level.cell(r, c)]; t != kNoSlot; t = link_[t].next) {
             if (!apart(bounding_box(mesh, t), box)) visit(t);
           }
         }
@@ -108,8 +108,8 @@ class TriangleGrid {
     }
   };
   struct Link {
-    std::uint32_t next = kNone, before = kNone;  ///< neighbours in the list of its cell
-    std::uint32_t cell = kNone;                  ///< cell of the triangle; kNone: in no cell
+    std::uint32_t next = kNoSlot, before = kNoSlot;  ///< neighbours in the list of its cell
+    std::uint32_t cell = kNoSlot;                    ///< cell of the triangle; kNoSlot: in no cell
   };
 
   bool is_listed(const SheetMesh& mesh, std::uint32_t t) const noexcept;

@@ -51,15 +51,15 @@ TelemetrySheet FirstSheet::published(const Sheet& sheet) const {
   shown.cuts = sheet.cuts;
   // Vertices are numbered in the order of their slots, as in to_slice_mesh(), so that a vertex of
   // the first mesh is found by its slot.
-  std::vector<std::uint32_t> number(sheet.mesh.vertices.size(), kNone);
+  std::vector<std::uint32_t> number(sheet.mesh.vertices.size(), kNoSlot);
   for (const Triangle& triangle : sheet.mesh.triangles) {
-    if (triangle[0] == kNone) continue;
+    if (triangle[0] == kNoSlot) continue;
     for (const std::uint32_t v : triangle)
       number[v] = 0;
   }
   std::uint32_t vertices = 0;
   for (std::size_t v = 0; v < number.size(); ++v) {
-    if (number[v] == kNone) continue;
+    if (number[v] == kNoSlot) continue;
     number[v] = vertices++;
     const LatticePoint point = sheet.mesh.vertices[v];
     const Eigen::Vector2d at_m =
@@ -71,7 +71,7 @@ TelemetrySheet FirstSheet::published(const Sheet& sheet) const {
     shown.hu.push_back(is_first ? (*hu_)[v] : hu_at(point));
   }
   for (const Triangle& triangle : sheet.mesh.triangles) {
-    if (triangle[0] == kNone) continue;
+    if (triangle[0] == kNoSlot) continue;
     for (const std::uint32_t v : triangle)
       shown.triangles.push_back(number[v]);
   }

@@ -67,7 +67,7 @@ std::int64_t islands(const SliceMesh& mesh) {
   auto count = static_cast<std::int64_t>(piece.size());
   for (std::uint32_t t = 0; t < piece.size(); ++t) {
     for (const std::uint32_t u : sheet->across[t]) {
-      if (u == kNone || find(u) == find(t)) continue;
+      if (u == kNoSlot || find(u) == find(t)) continue;
       piece[find(u)] = find(t);
       --count;
     }

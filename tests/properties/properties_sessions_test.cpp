@@ -44,12 +44,12 @@ struct Draw {
   double maybe(double from, double to) { return one_in(2) ? 0 : decades(from, to); }
 };
 
-enum class HandMotion : std::uint8_t { kHold, kHammer, kShake };
+enum class RandomHandMotion : std::uint8_t { kHold, kHammer, kShake };
 
 /// A hand with a mass, held to a moving target by a spring and a damper.
 struct Hand {
   double mass_kg = 1, stiffness_N_per_m = 1000, damping_N_s_per_m = 10;
-  HandMotion motion = HandMotion::kHold;
+  RandomHandMotion motion = RandomHandMotion::kHold;
   double depth_m = 0.01, frequency_Hz = 10, down_s = 0.05;
   std::array<double, 2> aside_m{};
   double start_m = 1e-3;  ///< above the surface
@@ -59,11 +59,11 @@ struct Hand {
     const double low_m = kSurface_m - depth_m, high_m = kSurface_m + start_m;
     const double down = std::min(1.0, t_s / down_s);
     switch (motion) {
-      case HandMotion::kHold:
+      case RandomHandMotion::kHold:
         return {aside_m[0] * down, aside_m[1] * down, high_m + (low_m - high_m) * down};
-      case HandMotion::kHammer:
+      case RandomHandMotion::kHammer:
         return {0, 0, high_m + (low_m - high_m) * (1 - std::cos(phase)) / 2};
-      case HandMotion::kShake:
+      case RandomHandMotion::kShake:
         break;
     }
     const double swing = std::sin(phase);
@@ -109,7 +109,7 @@ Hand draw_hand(Draw& draw, Demand demand) {
   out.stiffness_N_per_m = tame ? draw.decades(200, 4000) : draw.decades(100, 20'000);
   const double critical = 2 * std::sqrt(out.stiffness_N_per_m * (out.mass_kg + 0.35));
   out.damping_N_s_per_m = critical * draw.within(tame ? 0.3 : 0, hard ? 0.2 : 1);
-  out.motion = static_cast<HandMotion>(draw.random() % 3);
+  out.motion = static_cast<RandomHandMotion>(draw.random() % 3);
   out.depth_m = draw.within(1e-3, tame ? 8e-3 : 2e-2);
   out.frequency_Hz = draw.within(3, tame ? 10 : 25);
   out.down_s = draw.within(tame ? 0.05 : 0.02, 0.15);

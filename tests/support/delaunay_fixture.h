@@ -24,14 +24,14 @@ namespace trocar::runtime {
 /// Flips edges (Lawson, 1977) until every inner one is locally Delaunay.
 inline void flip_all(SheetMesh& mesh) {
   const auto replace = [&mesh](std::uint32_t t, std::uint32_t from, std::uint32_t to) {
-    if (t != kNone) std::replace(mesh.across[t].begin(), mesh.across[t].end(), from, to);
+    if (t != kNoSlot) std::replace(mesh.across[t].begin(), mesh.across[t].end(), from, to);
   };
   for (bool again = true; again;) {
     again = false;
     for (std::uint32_t t = 0; t < mesh.triangles.size(); ++t) {
       for (std::uint32_t i = 0; mesh.in_use(t) && i < 3; ++i) {
         const std::uint32_t u = mesh.across[t][i];
-        if (u == kNone) continue;
+        if (u == kNoSlot) continue;
         std::uint32_t j = 0;
         while (mesh.across[u][j] != t)
           ++j;

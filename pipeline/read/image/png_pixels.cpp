@@ -17,10 +17,10 @@
 namespace trocar::pipeline {
 namespace {
 
-using Bytes = std::span<const std::uint8_t>;
+using ByteSpan = std::span<const std::uint8_t>;
 
 // Unpacks the data of all IDAT chunks. Returns false if they do not fill `to` exactly.
-bool unpack(Bytes file, std::span<std::uint8_t> to) {
+bool unpack(ByteSpan file, std::span<std::uint8_t> to) {
   thread_local const auto state = std::make_unique<inflate_state>();  // 88 kB
   inflate_state& s = *state;
   isal_inflate_init(&s);
@@ -126,7 +126,7 @@ void to_host_order(std::span<std::uint8_t> samples) {
 
 }  // namespace
 
-bool decode_png_pixels(Bytes file, const PngRows& rows, std::span<std::uint8_t> pixels) {
+bool decode_png_pixels(ByteSpan file, const PngRows& rows, std::span<std::uint8_t> pixels) {
   // ISA-L counts in 32 bits.
   constexpr std::size_t kMaxBytes = std::size_t{1} << 31, kMaxReusedBytes = std::size_t{1} << 24;
   const std::size_t packed_row = rows.row_bytes + 1, count = static_cast<std::size_t>(rows.count);

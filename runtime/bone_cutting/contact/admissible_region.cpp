@@ -90,12 +90,12 @@ struct Walls {
 };
 
 // A convex polygon, counter-clockwise; each wall adds at most a corner.
-struct Region {
+struct ConvexPolygon {
   int size = 0;
   std::array<Vector2d, Walls::kSides + kMaxWalls> corner;
 
   void cut(const Wall& wall) noexcept {
-    Region out;
+    ConvexPolygon out;
     for (int i = 0; i < size; ++i) {
       const Vector2d &p = corner[i], &q = corner[i + 1 == size ? 0 : i + 1];
       const double at_p = wall.towards.dot(p) - wall.reach_m,
@@ -167,7 +167,7 @@ Slot admissible_region(const Sheet& sheet, const Vector2d& at_m, double radius_m
       const auto& across = sheet.mesh.across[t];
       const std::array<Vector2d, 3> p = corners_of(t);
       for (std::size_t i = 0; i < 3; ++i)
-        if (across[i] == kNone) use(p[i], p[i == 2 ? 0 : i + 1]);
+        if (across[i] == kNoSlot) use(p[i], p[i == 2 ? 0 : i + 1]);
     });
   };
   bool is_whole = false;
@@ -194,20 +194,20 @@ Slot admissible_region(const Sheet& sheet, const Vector2d& at_m, double radius_m
     });
   }
 
-  Region region;
-  region.size = 4;
-  region.corner[0] = {-kHalfSquare_m, -kHalfSquare_m};
-  region.corner[1] = {kHalfSquare_m, -kHalfSquare_m};
-  region.corner[2] = {kHalfSquare_m, kHalfSquare_m};
-  region.corner[3] = {-kHalfSquare_m, kHalfSquare_m};
+  ConvexPolygon polygon;
+  polygon.size = 4;
+  polygon.corner[0] = {-kHalfSquare_m, -kHalfSquare_m};
+  polygon.corner[1] = {kHalfSquare_m, -kHalfSquare_m};
+  polygon.corner[2] = {kHalfSquare_m, kHalfSquare_m};
+  polygon.corner[3] = {-kHalfSquare_m, kHalfSquare_m};
   for (int i = 0; i < walls.count; ++i)
-    region.cut(walls.wall[i]);
-  if (region.size == 0) return slot;  // the gap is narrower than the tool
-  while (region.size > Slot::kMaxCorners)
-    region.leave_one_out();
-  slot.open(at_m + region.corner[0], 0);
-  for (int i = 1; i < region.size; ++i)
-    slot.include(at_m + region.corner[i]);
+    polygon.cut(walls.wall[i]);
+  if (polygon.size == 0) return slot;  // the gap is narrower than the tool
+  while (polygon.size > Slot::kMaxCorners)
+    polygon.leave_one_out();
+  slot.open(at_m + polygon.corner[0], 0);
+  for (int i = 1; i < polygon.size; ++i)
+    slot.include(at_m + polygon.corner[i]);
   return slot;
 }
 

@@ -97,7 +97,7 @@ void append(std::vector<double>& out, const RecordingRow& row, const RecordingKi
 /// Returns punctures, faults and recoveries. Punctures cannot be found in rows of the force law
 /// `cutting`, because the tool is also in holes on its way out.
 json events_of(const std::vector<RecordingRow>& rows, bool with_punctures) {
-  constexpr std::size_t kMaxEvents = 20'000;
+  constexpr std::size_t kMaxEventsOfAnswer = 20'000;
   json events = json::array();
   RecordingRow before;
   const auto add_xray = [&events](const char* kind, const char* what, double t_s) {
@@ -105,7 +105,7 @@ json events_of(const std::vector<RecordingRow>& rows, bool with_punctures) {
         {{"kind", kind}, {"t_s", t_s}, {"text", text_line("%s at %.3f s", what, t_s)}});
   };
   for (const RecordingRow& row : rows) {
-    if (events.size() >= kMaxEvents) break;  // one row can add several
+    if (events.size() >= kMaxEventsOfAnswer) break;  // one row can add several
     const bool is_punctured =
         with_punctures && row.phase == ContactPhase::kPunctured &&
         (before.phase != ContactPhase::kPunctured || before.active_slice != row.active_slice);

@@ -71,14 +71,14 @@ bool same(const AssetSlice& a, const AssetSlice& b) {
          a.mesh.vertices == b.mesh.vertices && a.mesh.triangles == b.mesh.triangles;
 }
 
-IndexedFile index_of(const Bytes& glb) {
+IndexedFile file_index(const Bytes& glb) {
   MemorySource source(glb);
   return **find_index(source);
 }
 
 // The file without a slice index (its magic is changed), as after another tool has rewritten it.
 Bytes without_index(Bytes glb) {
-  glb[index_of(glb).binary_at] ^= 0xFF;
+  glb[file_index(glb).binary_at] ^= 0xFF;
   return glb;
 }
 
@@ -175,7 +175,7 @@ TEST(AssetPart, FromAFileEqualsFromMemory) {
 // whole.
 TEST(AssetPart, AnIndexOfAnotherFileCountsAsAbsent) {
   const Bytes glb = *encode_asset(discs(8, 0));
-  const IndexedFile file = index_of(glb);
+  const IndexedFile file = file_index(glb);
   for (const std::size_t field :
        {offsetof(IndexHeader, magic), offsetof(IndexHeader, version),
         offsetof(IndexHeader, json_bytes), offsetof(IndexHeader, binary_bytes)}) {
@@ -192,7 +192,7 @@ TEST(AssetPart, AnIndexOfAnotherFileCountsAsAbsent) {
 // checksums.
 TEST(AssetPart, TheWholeIsRefusedWhereIndexAndJsonDiffer) {
   const Bytes glb = *encode_asset(discs(8, 0));
-  const IndexedFile file = index_of(glb);
+  const IndexedFile file = file_index(glb);
   const auto changed = [&](std::uint32_t place, const std::function<void(EntryRecord&)>& change) {
     Bytes bytes = glb;
     const std::size_t at = file.binary_at + sizeof(IndexHeader) + place * sizeof(EntryRecord);
@@ -239,7 +239,7 @@ TEST(AssetPart, TheWholeIsRefusedWhereIndexAndJsonDiffer) {
 // Otherwise a small file could make a reader decode one payload a hundred thousand times.
 TEST(AssetPart, ASliceHasEachMaterialOnce) {
   Bytes glb = *encode_asset(discs(8, 0));
-  const IndexedFile file = index_of(glb);
+  const IndexedFile file = file_index(glb);
   const std::size_t first = file.binary_at + sizeof(IndexHeader) + sizeof(EntryRecord);
   for (std::size_t i = 1; i < 6; ++i)
     std::memcpy(glb.data() + first + i * sizeof(EntryRecord), glb.data() + first,
@@ -255,7 +255,7 @@ TEST(AssetPart, ASliceHasEachMaterialOnce) {
 TEST(AssetPart, AChangedByteIsDetected) {
   const Bytes glb = *encode_asset(discs(3, 0));
   const auto whole = decode_asset(glb, "test");
-  const IndexedFile file = index_of(glb);
+  const IndexedFile file = file_index(glb);
   ASSERT_EQ(file.header.entries, 3U);
   std::mt19937_64 rng(3);
   int unchanged = 0;

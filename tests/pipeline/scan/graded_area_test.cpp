@@ -17,13 +17,13 @@ namespace trocar::pipeline {
 namespace {
 
 using trocar::test::kLattice;
-constexpr int kSide = 81;
+constexpr int kFieldSide = 81;
 const PixelGrid kGrid{0.5, 0.5, 0, 0, kLattice};
 
 Image image_of(const std::function<double(int x, int y)>& value) {
-  Image out{kSide, kSide, {}};
-  for (int y = 0; y < kSide; ++y)
-    for (int x = 0; x < kSide; ++x)
+  Image out{kFieldSide, kFieldSide, {}};
+  for (int y = 0; y < kFieldSide; ++y)
+    for (int x = 0; x < kFieldSide; ++x)
       out.values.push_back(static_cast<float>(value(x, y)));
   return out;
 }
@@ -127,7 +127,7 @@ TEST(GradedArea, EndsOnNoise) {
 TEST(GradedArea, TurnsWithTheImage) {
   const auto at = [](int x, int y) { return 4.0 * x * x - 3.0 * y + (x > 60 && y > 50 ? 900 : 0); };
   const Image hu = image_of(at),
-              turned_hu = image_of([&](int x, int y) { return at(y, kSide - 1 - x); });
+              turned_hu = image_of([&](int x, int y) { return at(y, kFieldSide - 1 - x); });
   const GradedArea graded(hu, kGrid, 80), turned(turned_hu, kGrid, 80);
   const auto mesh_of = [](const Ring& ring, const GradedArea& area) {
     RefinementOptions options;

@@ -13,7 +13,7 @@
 namespace trocar::pipeline {
 namespace {
 
-constexpr double kAir = -1000, kFoam = -920, kSoft = 40, kBone = 700, kShell = 320;
+constexpr double kAir = -1000, kFoam = -920, kSoftTissue = 40, kBone = 700, kShell = 320;
 
 // A thing of the phantom: its HU at a point, or NaN outside. x left, y back, z up, in mm.
 using Thing = std::function<double(double x, double y, double z)>;
@@ -85,7 +85,7 @@ std::vector<Thing> trunk(double y = 0) {
             const double r = std::hypot(x / 120, (at - y) / 80);
             return r > 0.9 && r < 0.95 && std::fmod(z + 60, 20) < 10 ? kBone : kNothing;
           },
-          ellipse(0, y, 135, 90, kSoft)};
+          ellipse(0, y, 135, 90, kSoftTissue)};
 }
 
 // Two plates of carbon with foam between them, 400 mm wide, 40 mm high, and rails at its sides.
@@ -183,7 +183,7 @@ TEST(ScannerTable, AHeadHolderIsLeftOut) {
                                      const double r = std::hypot(x / 72, y / 92, z / 110);
                                      return r > 0.86 && r < 0.95 ? kBone : kNothing;
                                    },
-                                   ellipse(0, 0, 75, 95, kSoft)};
+                                   ellipse(0, 0, 75, 95, kSoftTissue)};
   const Thing holder = [](double x, double y, double) {
     const double r = std::hypot(x / 100, y / 118);
     return r > 0.96 && r < 1 && y > 0 ? kShell : kNothing;
@@ -192,17 +192,19 @@ TEST(ScannerTable, AHeadHolderIsLeftOut) {
 }
 
 TEST(ScannerTable, ArmsLegsAndHandsStay) {
-  const Thing arm_bone = ellipse(160, 20, 9, 9, kBone), arm = ellipse(160, 20, 28, 28, kSoft);
-  const Thing other_bone = ellipse(-160, 60, 9, 9, kBone), other = ellipse(-160, 60, 28, 28, kSoft);
+  const Thing arm_bone = ellipse(160, 20, 9, 9, kBone), arm = ellipse(160, 20, 28, 28, kSoftTissue);
+  const Thing other_bone = ellipse(-160, 60, 9, 9, kBone),
+              other = ellipse(-160, 60, 28, 28, kSoftTissue);
   expect_removed(found_in(std::vector{arm_bone, arm, other_bone, other} + trunk(), table(105)));
   expect_kept(found_in(std::vector{arm_bone, arm, other_bone, other} + trunk(), {}));
-  const std::vector<Thing> legs = {ellipse(90, 0, 14, 14, kBone), ellipse(90, 0, 70, 70, kSoft),
-                                   ellipse(-90, 0, 14, 14, kBone), ellipse(-90, 0, 70, 70, kSoft)};
+  const std::vector<Thing> legs = {
+      ellipse(90, 0, 14, 14, kBone), ellipse(90, 0, 70, 70, kSoftTissue),
+      ellipse(-90, 0, 14, 14, kBone), ellipse(-90, 0, 70, 70, kSoftTissue)};
   expect_removed(found_in(legs, table(100)));
   expect_kept(found_in(legs, {}));
   // A forearm and fingers across the belly, in all slices.
   const std::vector<Thing> hand = {box(-100, 100, -112, -106, kBone),
-                                   box(-110, 110, -118, -100, kSoft)};
+                                   box(-110, 110, -118, -100, kSoftTissue)};
   expect_kept(found_in(hand + trunk(), {}));
   expect_removed(found_in(hand + trunk(), table(105)));
 }

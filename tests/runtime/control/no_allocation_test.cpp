@@ -32,7 +32,7 @@ namespace trocar::runtime {
 namespace {
 
 /// Keeps the compiler from removing an unused allocation.
-void* volatile kept;
+void* volatile kept_block;
 
 template <typename Act>
 std::uint64_t counted(Act&& act) {
@@ -52,26 +52,26 @@ class NoAllocation : public testing::Test {
 TEST_F(NoAllocation, EveryAllocationFunctionIsCounted) {
   EXPECT_EQ(counted([] {}), 0U);
   EXPECT_EQ(counted([] {
-              kept = std::malloc(10);
-              std::free(kept);
+              kept_block = std::malloc(10);
+              std::free(kept_block);
             }),
             2U);
   EXPECT_EQ(counted([] {
-              kept = std::calloc(3, 7);
-              kept = std::realloc(kept, 5000);
-              std::free(kept);
+              kept_block = std::calloc(3, 7);
+              kept_block = std::realloc(kept_block, 5000);
+              std::free(kept_block);
             }),
             3U);
   EXPECT_EQ(counted([] {
-              kept = std::aligned_alloc(64, 128);
-              std::free(kept);
+              kept_block = std::aligned_alloc(64, 128);
+              std::free(kept_block);
             }),
             2U);
   EXPECT_EQ(counted([] {
               void* block = nullptr;
               ASSERT_EQ(::posix_memalign(&block, 64, 100), 0);
-              kept = block;
-              std::free(kept);
+              kept_block = block;
+              std::free(kept_block);
             }),
             2U);
   EXPECT_EQ(counted([] {
@@ -81,7 +81,7 @@ TEST_F(NoAllocation, EveryAllocationFunctionIsCounted) {
             2U);
   EXPECT_EQ(counted([] {
               std::vector<double> numbers(100);
-              kept = numbers.data();
+              kept_block = numbers.data();
             }),
             2U);
   EXPECT_EQ(counted([] { std::free(nullptr); }), 0U);
@@ -89,15 +89,15 @@ TEST_F(NoAllocation, EveryAllocationFunctionIsCounted) {
 
 TEST_F(NoAllocation, OnlyTheScopesOwnThreadAndDurationAreCounted) {
   const std::uint64_t before = allocations_in_scopes();
-  kept = std::malloc(10);
-  std::free(kept);
+  kept_block = std::malloc(10);
+  std::free(kept_block);
   {
     std::atomic<bool> go{false}, done{false};
     std::thread other([&] {
       while (!go) {
       }
-      kept = std::malloc(10);
-      std::free(kept);
+      kept_block = std::malloc(10);
+      std::free(kept_block);
       done = true;
     });
     {

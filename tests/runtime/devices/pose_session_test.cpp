@@ -17,7 +17,7 @@
 namespace trocar::runtime {
 namespace {
 
-PoseDeviceDescription arm() {
+PoseDeviceDescription arm_of_session() {
   PoseDeviceDescription device;
   device.name = "arm";
   device.force_max_N = 5;
@@ -55,7 +55,7 @@ TEST(PoseSession, MiddleOfThePathIsTheMiddleOfTheWorkspace) {
   Scene scene = scene_of(ForceLawKind::kHooke);
   scene.tool.tip_in_plate_m = {0, 0, -0.02};
   PoseReading middle;
-  const Pose plate = pose_frame(arm(), scene).plate(middle);
+  const Pose plate = pose_frame(arm_of_session(), scene).plate(middle);
   EXPECT_NEAR((plate.p_m - Eigen::Vector3d(0, 0, 0.12 + 0.02)).norm(), 0, 1e-15);
 }
 
@@ -74,7 +74,7 @@ TEST(PoseSession, OptionsAreThoseOfTheDevice) {
   const Scene scene = scene_of(ForceLawKind::kHooke);
   SessionOptions options;
   options.stiffness.margin = kHardwareMargin;
-  set_pose_device_options(arm(), scene, options);
+  set_pose_device_options(arm_of_session(), scene, options);
   EXPECT_EQ(options.limits.timing.ramp_s, 0);
   EXPECT_TRUE(options.limits.timing.ramps_at_start);
   EXPECT_NEAR(options.limits.workspace_max_m[2] - options.limits.workspace_min_m[2], 0.16, 1e-15);
@@ -83,7 +83,7 @@ TEST(PoseSession, OptionsAreThoseOfTheDevice) {
   EXPECT_EQ(options.stiffness.max_N_per_m, 500) << "with every law";
   SessionOptions chosen;
   chosen.coupling = {true, 800, 4};
-  set_pose_device_options(arm(), scene, chosen);
+  set_pose_device_options(arm_of_session(), scene, chosen);
   EXPECT_EQ(chosen.coupling.stiffness_N_per_m, 800) << "the operator's choice stays";
   EXPECT_EQ(chosen.coupling.damping_N_s_per_m, 4);
 }
@@ -96,7 +96,7 @@ TEST(PoseSession, NoCouplingIsStifferThanTheDeviceAllows) {
       SessionOptions options;
       options.stiffness.margin = kHardwareMargin;
       if (chosen_N_per_m > 0) options.coupling = {true, chosen_N_per_m, 5};
-      set_pose_device_options(arm(), scene, options);
+      set_pose_device_options(arm_of_session(), scene, options);
       EXPECT_TRUE(options.coupling.on);
       EXPECT_GT(options.coupling.stiffness_N_per_m, 0);
       EXPECT_LE(force_scale * options.coupling.stiffness_N_per_m, 500 * (1 + 1e-12))
@@ -108,7 +108,7 @@ TEST(PoseSession, NoCouplingIsStifferThanTheDeviceAllows) {
 // The hand moves along the device's x axis, which lies along the diagonal of the scene's x and y: to
 // 99 mm, beyond the 80 mm of the device's box, but within the box of 113 mm around the turned one.
 TEST(PoseSession, LeavingATurnedBoxIsAFault) {
-  PoseDeviceDescription device = arm();
+  PoseDeviceDescription device = arm_of_session();
   device.turn_rad = {0, 0, std::numbers::pi / 4};
   Scene scene = scene_of(ForceLawKind::kHooke);
   scene.hand.trajectory = {{0, {0, 0, 0.14}, {}},
@@ -145,7 +145,7 @@ TEST(PoseSession, OriginStatesTheDeviceAndIsReadBack) {
   EXPECT_FALSE(read_pose_device_origin(origin));
   Scene scaled = scene;
   scaled.force_law.force_scale = 0.1 + 0.2;
-  write_pose_device_origin("built-in/haply_inverse3", arm(), scaled, options, origin);
+  write_pose_device_origin("built-in/haply_inverse3", arm_of_session(), scaled, options, origin);
   const auto parsed = parse_origin(to_text(origin));
   ASSERT_TRUE(parsed) << parsed.error().message;
   const auto stated = read_pose_device_origin(*parsed);
@@ -164,7 +164,7 @@ TEST_P(PoseSessionTest, RunsWithinTheDevicesForceAndReplaysBitByBit) {
   const Asset asset = test::asset_of(test::square_mesh({-5120, -5120}, 1024, 10), 1);
   auto sheets = place_slices(scene, asset, "test.glb");
   ASSERT_TRUE(sheets) << sheets.error().message;
-  const auto scale = fitting_force_scale(arm(), scene, *sheets, 1000);
+  const auto scale = fitting_force_scale(arm_of_session(), scene, *sheets, 1000);
   ASSERT_TRUE(scale) << scale.error().message;
   EXPECT_NEAR(*scale, 5.0 / 20, 1e-12);
   scene.force_law.force_scale = *scale;
@@ -174,12 +174,12 @@ TEST_P(PoseSessionTest, RunsWithinTheDevicesForceAndReplaysBitByBit) {
   options.clock = Clock::kVirtual;
   options.duration_s = scene.duration_s;
   options.record = folder.path() / "session.csv";
-  set_pose_device_options(arm(), scene, options);
+  set_pose_device_options(arm_of_session(), scene, options);
   options.origin.entries = {{kOriginDevice, "built-in"}};
-  write_pose_device_origin("digest", arm(), scene, options, options.origin);
+  write_pose_device_origin("digest", arm_of_session(), scene, options, options.origin);
   const auto run = [&](OpenedDevice opened) {
     Remesher remesher(*sheets);
-    const PoseSpecification specification(arm(), pose_frame(arm(), scene));
+    const PoseSpecification specification(arm_of_session(), pose_frame(arm_of_session(), scene));
     auto workers = make_workers(scene, specification, remesher, options);
     EXPECT_TRUE(workers);
     HandDevice& device = *opened.device;
@@ -187,10 +187,10 @@ TEST_P(PoseSessionTest, RunsWithinTheDevicesForceAndReplaysBitByBit) {
         scene, remesher, device, [&](double dt_s) { device.advance(dt_s); }, options,
         std::move(*workers));
   };
-  auto simulated = make_simulated_pose_device(scene, arm(), nullptr);
+  auto simulated = make_simulated_pose_device(scene, arm_of_session(), nullptr);
   ASSERT_TRUE(simulated);
-  const SessionResult report = run(
-      make_pose_hand(arm(), scene, std::make_unique<SimulatedPoseDevice>(std::move(*simulated))));
+  const SessionResult report = run(make_pose_hand(
+      arm_of_session(), scene, std::make_unique<SimulatedPoseDevice>(std::move(*simulated))));
   EXPECT_EQ(report.end, SessionEnd::kDone) << to_string(report.fault);
   EXPECT_EQ(report.punctures.size(), 1U);
   EXPECT_GT(report.max_force_N, 4);
@@ -215,21 +215,22 @@ TEST_P(PoseSessionTest, RunsWithinTheDevicesForceAndReplaysBitByBit) {
   options.record.reset();
   options.replay = *rows;
   const SessionResult again =
-      run(make_pose_hand(arm(), scene, std::make_unique<ReplayPoseDevice>(*rows)));
+      run(make_pose_hand(arm_of_session(), scene, std::make_unique<ReplayPoseDevice>(*rows)));
   EXPECT_EQ(again.ticks, report.ticks);
   EXPECT_EQ(again.replay_first_difference, -1);
   // A replay that differs is found.
   std::vector<RecordingRow> changed = *rows;
   changed[1000].pose_device.wrench[2] = std::nextafter(changed[1000].pose_device.wrench[2], 100);
   options.replay = changed;
-  EXPECT_EQ(run(make_pose_hand(arm(), scene, std::make_unique<ReplayPoseDevice>(changed)))
-                .replay_first_difference,
-            1000);
+  EXPECT_EQ(
+      run(make_pose_hand(arm_of_session(), scene, std::make_unique<ReplayPoseDevice>(changed)))
+          .replay_first_difference,
+      1000);
 }
 
 // The sum of work, written again from the columns of the recording: the force at each tick is held until the next.
 TEST(PoseSession, EnergyAccountCountsTheForceAloneIfTheMomentIsDropped) {
-  PoseDeviceDescription device = arm();
+  PoseDeviceDescription device = arm_of_session();
   device.force_max_N = 80;
   device.stiffness_max_N_per_m = 20'000;
   device.senses_rotation = true;
@@ -351,12 +352,12 @@ TEST(PoseSession, EveryFaultOfTheDeviceEndsInZeroForceInTheTickThatFindsIt) {
     SessionOptions options;
     options.clock = Clock::kVirtual;
     options.duration_s = 2;
-    set_pose_device_options(arm(), scene, options);
-    auto simulated = make_simulated_pose_device(scene, arm(), nullptr);
+    set_pose_device_options(arm_of_session(), scene, options);
+    auto simulated = make_simulated_pose_device(scene, arm_of_session(), nullptr);
     ASSERT_TRUE(simulated);
     auto failing = std::make_unique<FailingDevice>(std::move(*simulated), 1100, fail);
     FailingDevice& device = *failing;
-    const OpenedDevice opened = make_pose_hand(arm(), scene, std::move(failing));
+    const OpenedDevice opened = make_pose_hand(arm_of_session(), scene, std::move(failing));
     Remesher remesher(*sheets);
     int found = -1;
     auto workers = make_workers(scene, opened.device->specification(), remesher, options);

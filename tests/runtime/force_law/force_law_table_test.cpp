@@ -29,10 +29,10 @@
 namespace trocar::runtime {
 namespace {
 
-constexpr double kTop_m = 0.12;
+constexpr double kSheetTop_m = 0.12;
 
 Scene scene_of(ForceLawKind law) {
-  Scene scene = test::descent_scene({kTop_m, 0.11}, 0.13, 0.105, 0.05);
+  Scene scene = test::descent_scene({kSheetTop_m, 0.11}, 0.13, 0.105, 0.05);
   scene.force_law.kind = law;
   return scene;
 }
@@ -115,7 +115,7 @@ TEST(ForceLawTable, AnAddedLawRunsInASession) {
   // The recording.
   std::size_t pressed = 0;
   for (const RecordingRow& row : first.rows) {
-    const bool is_below = row.tool_m[2] < kTop_m && row.safety == SafetyState::kRunning;
+    const bool is_below = row.tool_m[2] < kSheetTop_m && row.safety == SafetyState::kRunning;
     if (!is_below) continue;
     ++pressed;
     EXPECT_EQ(row.phase, ContactPhase::kContact);
@@ -139,7 +139,7 @@ TEST(ForceLawTable, AnAddedLawIsInTheSessionReportAndInTheCheck) {
   const Scene scene = scene_of(add_constant_layer());
   ReportFacts facts;
   facts.force_law = to_string(scene.force_law.kind);
-  SessionObserver observer(scene, {{0, kTop_m, ""}, {1, 0.11, ""}}, 1000);
+  SessionObserver observer(scene, {{0, kSheetTop_m, ""}, {1, 0.11, ""}}, 1000);
   const auto report = nlohmann::json::parse(session_report_json(scene, observer.figures(), facts));
   EXPECT_EQ(report["force_law"].get<std::string>(), "constant");
 

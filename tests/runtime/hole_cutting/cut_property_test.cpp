@@ -388,7 +388,7 @@ TEST(LocalDelaunayProperty, AgreesWithCgal) {
     std::int64_t free = 0;
     for (const Cell& c : ours.cells()) {
       mesh.triangles.push_back(c.vertex);
-      free += std::count(c.constraint.begin(), c.constraint.end(), kNone);
+      free += std::count(c.constraint.begin(), c.constraint.end(), kNoSlot);
     }
     ASSERT_TRUE(check_mesh(mesh));
     ASSERT_EQ(3 * static_cast<std::int64_t>(ours.cells().size()) - free,

@@ -89,7 +89,7 @@ std::string differs_from_cgal(const Overlay& overlay, const Patch& patch) {
   }
   for (std::size_t t = 0; t < patch.triangles.size(); ++t) {
     for (std::size_t i = 0; i < 3; ++i) {
-      if (patch.across[t][i] == kNone) {
+      if (patch.across[t][i] == kNoSlot) {
         cdt.insert_constraint(vertex[patch.triangles[t][i]],
                               vertex[patch.triangles[t][(i + 1) % 3]]);
       }
@@ -117,7 +117,7 @@ std::string differs_from_cgal(const Overlay& overlay, const Patch& patch) {
   for (std::size_t t = 0; t < patch.triangles.size(); ++t) {
     for (std::size_t i = 0; i < 3; ++i) {
       const std::uint32_t u = patch.across[t][i];
-      if (u == kNone || u < t) continue;
+      if (u == kNoSlot || u < t) continue;
       const Triangle& own = patch.triangles[t];
       if (!cdt.is_edge(vertex[own[i]], vertex[own[(i + 1) % 3]]) &&
           !is_tie(overlay.points, own, patch.triangles[u]))

@@ -230,7 +230,7 @@ TEST(LocalRefinement, KeptEdgesStay) {
     std::set<std::array<std::uint32_t, 2>> kept;
     for (const std::uint32_t t : all_triangles(mesh)) {
       for (std::uint32_t i = 0; i < 3; ++i) {
-        if (mesh.across[t][i] == kNone && random.between(0, 2) == 0)
+        if (mesh.across[t][i] == kNoSlot && random.between(0, 2) == 0)
           kept.insert({mesh.triangles[t][i], mesh.triangles[t][(i + 1) % 3]});
       }
     }
@@ -250,7 +250,7 @@ TEST(LocalRefinement, KeptEdgesStay) {
     for (const std::uint32_t t : all_triangles(mesh)) {
       for (std::uint32_t i = 0; i < 3; ++i) {
         const std::uint32_t from = mesh.triangles[t][i], to = mesh.triangles[t][(i + 1) % 3];
-        if (mesh.across[t][i] != kNone) continue;
+        if (mesh.across[t][i] != kNoSlot) continue;
         const LatticePoint apex = mesh.vertices[mesh.triangles[t][(i + 2) % 3]];
         const bool is_kept = kept.contains({from, to});
         there += is_kept ? 1 : 0;
@@ -335,7 +335,7 @@ TEST(LocalRefinement, ContractHoldsForInvalidSeedsAndOptions) {
     SheetMesh mesh = random_sheet(random, 300, 600);
     std::vector<std::uint32_t> seeds = all_triangles(mesh);
     seeds.insert(seeds.end(), seeds.begin(), seeds.end());  // twice
-    seeds.push_back(kNone);
+    seeds.push_back(kNoSlot);
     seeds.push_back(static_cast<std::uint32_t>(mesh.triangles.size()));
     seeds.push_back(mesh.free_triangles.front());
     for (const double value : {-1.0, 0.0, 1e300, std::numeric_limits<double>::quiet_NaN()}) {

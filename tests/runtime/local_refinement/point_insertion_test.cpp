@@ -21,7 +21,7 @@ bool is_unique(const SheetMesh& mesh) {
   for (const std::uint32_t t : all_triangles(mesh)) {
     for (std::uint32_t i = 0; i < 3; ++i) {
       const std::uint32_t u = mesh.across[t][i];
-      if (u == kNone) continue;
+      if (u == kNoSlot) continue;
       const auto [a, b, c] = corners(mesh, t);
       for (const LatticePoint d : corners(mesh, u)) {
         if (d != a && d != b && d != c && in_circle(a, b, c, d) == 0) return false;
@@ -63,7 +63,8 @@ TEST(PointInsertion, InsertionAndRemovalRestoreTheSheet) {
 
       edit.begin(mesh);
       ASSERT_TRUE(insertion.find(mesh, t, p));
-      ASSERT_EQ(insertion.insert(mesh, edit, p, kNone), InsertionOutcome::kDone) << "seed " << seed;
+      ASSERT_EQ(insertion.insert(mesh, edit, p, kNoSlot), InsertionOutcome::kDone)
+          << "seed " << seed;
       ++inserted;
       ASSERT_TRUE(check_sheet_mesh(mesh)) << "seed " << seed;
       ASSERT_TRUE(is_constrained_delaunay(to_slice_mesh(mesh))) << "seed " << seed;
@@ -96,7 +97,7 @@ TEST(PointInsertion, WithoutFreeSlotsNothingChanges) {
     edit.begin(mesh);
     PointInsertion insertion(mesh.vertices.size(), mesh.triangles.size());
     ASSERT_TRUE(insertion.find(mesh, 0, {60, 20}));
-    EXPECT_EQ(insertion.insert(mesh, edit, {60, 20}, kNone), InsertionOutcome::kCapacity);
+    EXPECT_EQ(insertion.insert(mesh, edit, {60, 20}, kNoSlot), InsertionOutcome::kCapacity);
     EXPECT_TRUE(same(mesh, before));
   }
 }
@@ -109,9 +110,9 @@ TEST(PointInsertion, PointsOnOrBeyondTheOutlineAreNotVisible) {
   PointInsertion insertion(mesh.vertices.size(), mesh.triangles.size());
   EXPECT_FALSE(insertion.find(mesh, 0, {50, 40})) << "not in the circumcircle";
   ASSERT_TRUE(insertion.find(mesh, 0, {50, -10}));
-  EXPECT_EQ(insertion.insert(mesh, edit, {50, -10}, kNone), InsertionOutcome::kNotVisible);
+  EXPECT_EQ(insertion.insert(mesh, edit, {50, -10}, kNoSlot), InsertionOutcome::kNotVisible);
   ASSERT_TRUE(insertion.find(mesh, 0, {50, 0}));
-  EXPECT_EQ(insertion.insert(mesh, edit, {50, 0}, kNone), InsertionOutcome::kNotVisible);
+  EXPECT_EQ(insertion.insert(mesh, edit, {50, 0}, kNoSlot), InsertionOutcome::kNotVisible);
   EXPECT_TRUE(same(mesh, before));
   // But the edge can be split there.
   ASSERT_EQ(insertion.rim()[0].from, 0U);

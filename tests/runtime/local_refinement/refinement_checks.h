@@ -46,7 +46,7 @@ inline std::vector<BoundaryEdge> boundary(const SheetMesh& mesh) {
   for (const std::uint32_t t : all_triangles(mesh)) {
     const std::array<LatticePoint, 3> v = corners(mesh, t);
     for (std::size_t i = 0; i < 3; ++i) {
-      if (mesh.across[t][i] == kNone) out.push_back({v[i], v[(i + 1) % 3], v[(i + 2) % 3]});
+      if (mesh.across[t][i] == kNoSlot) out.push_back({v[i], v[(i + 1) % 3], v[(i + 2) % 3]});
     }
   }
   return out;

@@ -17,7 +17,7 @@ namespace {
 using testing_support::Random;
 using testing_support::random_workspace_pose;
 
-constexpr double kTick_s = 1e-3;
+constexpr double kMotorTick_s = 1e-3;
 
 TEST(MotorModel, JointTorqueIsCurrentTimesConstantAndGears) {
   DeviceDescription device = default_device_description();
@@ -65,11 +65,11 @@ TEST(MotorLoad, SquaredCurrentOverAnyIntervalIsBounded) {
     const MotorVector available = available_current(model, load);
     ASSERT_GE(available[0], model.continuous_A[0] - 1e-12);
     ASSERT_LE(available[0], model.peak_A[0]);
-    fastest_A_per_s = std::max(fastest_A_per_s, std::abs(available[0] - last_A) / kTick_s);
+    fastest_A_per_s = std::max(fastest_A_per_s, std::abs(available[0] - last_A) / kMotorTick_s);
     last_A = available[0];
     const double current_A = std::clamp(wanted_A, -available[0], available[0]);
-    load = advance(model, load, MotorVector::Constant(current_A), kTick_s);
-    excess.push_back(excess.back() + (current_A * current_A - low2) * kTick_s);
+    load = advance(model, load, MotorVector::Constant(current_A), kMotorTick_s);
+    excess.push_back(excess.back() + (current_A * current_A - low2) * kMotorTick_s);
   }
   double lowest = 0, worst = 0;
   for (const double each : excess) {
@@ -82,7 +82,7 @@ TEST(MotorLoad, SquaredCurrentOverAnyIntervalIsBounded) {
       worst / capacity, fastest_A_per_s);
   EXPECT_LE(worst, capacity * (1 + 1e-9));
   EXPECT_GT(worst, 0.95 * capacity) << "the capacity is not used";
-  EXPECT_LT(fastest_A_per_s, 0.01 / kTick_s) << "law 2: without jumps";
+  EXPECT_LT(fastest_A_per_s, 0.01 / kMotorTick_s) << "law 2: without jumps";
 }
 
 TEST(MotorLoad, PeakLastsThreeQuartersOfItsTimeAndReturnsAfterCooling) {
@@ -91,15 +91,15 @@ TEST(MotorLoad, PeakLastsThreeQuartersOfItsTimeAndReturnsAfterCooling) {
   double at_peak_s = 0;
   for (int tick = 0; tick < 20'000; ++tick) {
     const MotorVector current = available_current(model, load);
-    at_peak_s += current[3] == model.peak_A[3] ? kTick_s : 0;
-    load = advance(model, load, current, kTick_s);
+    at_peak_s += current[3] == model.peak_A[3] ? kMotorTick_s : 0;
+    load = advance(model, load, current, kMotorTick_s);
   }
-  EXPECT_NEAR(at_peak_s, 0.75 * model.peak_time_s, 2 * kTick_s);
+  EXPECT_NEAR(at_peak_s, 0.75 * model.peak_time_s, 2 * kMotorTick_s);
   EXPECT_NEAR(available_torque(model, load)[3], 3, 0.01) << "continuous from then on";
   const double used_A2s = load.excess_A2s[3];
   const double rest_s = used_A2s / (model.continuous_A[3] * model.continuous_A[3]);
-  for (int tick = 0; tick < rest_s / kTick_s + 2; ++tick)
-    load = advance(model, load, MotorVector::Zero(), kTick_s);
+  for (int tick = 0; tick < rest_s / kMotorTick_s + 2; ++tick)
+    load = advance(model, load, MotorVector::Zero(), kMotorTick_s);
   EXPECT_EQ(load.excess_A2s[3], 0);
   EXPECT_EQ(available_torque(model, load), MotorVector::Constant(6));
 }
@@ -107,10 +107,10 @@ TEST(MotorLoad, PeakLastsThreeQuartersOfItsTimeAndReturnsAfterCooling) {
 TEST(MotorLoad, CurrentThatIsNotFiniteCountsAsThePeak) {
   const MotorModel model = make_motor_model(default_device_description());
   MotorVector current = model.peak_A;
-  const MotorLoad expected = advance(model, {}, current, kTick_s);
+  const MotorLoad expected = advance(model, {}, current, kMotorTick_s);
   current[2] = std::numeric_limits<double>::quiet_NaN();
   current[5] = -std::numeric_limits<double>::infinity();
-  EXPECT_EQ(advance(model, {}, current, kTick_s).excess_A2s, expected.excess_A2s);
+  EXPECT_EQ(advance(model, {}, current, kMotorTick_s).excess_A2s, expected.excess_A2s);
 }
 
 TEST(MotorLoad, PeakEqualToContinuousGivesAConstantLimit) {

@@ -14,7 +14,7 @@
 namespace trocar::runtime {
 namespace {
 
-constexpr double kSheet_m = 0.12;
+constexpr double kObservedSheet_m = 0.12;
 constexpr int kSlice = 3;
 
 /// A tick in the state `running`. Slices below a tip that is beside them are not in bone.
@@ -28,14 +28,14 @@ ObservedTick tick(ContactPhase phase, double z_m) {
 }
 
 ObservedTick stopped(SafetyState safety, Fault fault) {
-  ObservedTick made = tick(ContactPhase::kFault, kSheet_m);
+  ObservedTick made = tick(ContactPhase::kFault, kObservedSheet_m);
   made.row.safety = safety;
   made.row.fault = fault;
   return made;
 }
 
 Scene scene_with_layer() {
-  Scene scene = test::descent_scene({kSheet_m}, 0.15, 0.1, 0.015);
+  Scene scene = test::descent_scene({kObservedSheet_m}, 0.15, 0.1, 0.015);
   SceneLayer skin;
   skin.name = "skin";
   skin.top_z_m = 0.14;
@@ -46,7 +46,7 @@ Scene scene_with_layer() {
 
 /// Figures of a session of these ticks, at 1 kHz.
 SessionFigures figures_of(const Scene& scene, std::vector<ObservedTick> ticks) {
-  SessionObserver observer(scene, {{kSlice, kSheet_m, ""}}, 1000);
+  SessionObserver observer(scene, {{kSlice, kObservedSheet_m, ""}}, 1000);
   for (std::size_t i = 0; i < ticks.size(); ++i) {
     ticks[i].row.t_s = static_cast<double>(i) / 1000;
     observer.observe(ticks[i]);

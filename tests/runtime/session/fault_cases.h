@@ -52,14 +52,16 @@ inline std::ostream& operator<<(std::ostream& stream, const FaultCase& test) {
 
 /// Faults of the device and of what the hand does.
 inline std::vector<FaultCase> cases() {
-  using Random = std::mt19937_64;
+  using Generator = std::mt19937_64;
   using Options = SessionOptions;
   using trocar::test::uniform;
   const auto status = [](DeviceStatus on_read, DeviceStatus on_write) {
-    return [=](Random&, Options&, MechanismLimits&) { return Injection{on_read, on_write, {}, 0}; };
+    return [=](Generator&, Options&, MechanismLimits&) {
+      return Injection{on_read, on_write, {}, 0};
+    };
   };
   const auto any_encoder = [](auto change) {
-    return [change](Random& random, Options&, MechanismLimits&) {
+    return [change](Generator& random, Options&, MechanismLimits&) {
       const auto i = static_cast<std::size_t>(random() % kEncoders);
       Injection made;
       made.corrupt = [change, i](DeviceState& state, const DeviceState& begin) {
@@ -69,13 +71,13 @@ inline std::vector<FaultCase> cases() {
     };
   };
   const auto limits = [](auto change) {
-    return [change](Random& random, Options& options, MechanismLimits&) {
+    return [change](Generator& random, Options& options, MechanismLimits&) {
       change(options.limits, uniform(random));
       return Injection{};
     };
   };
   const auto mechanism = [](auto change) {
-    return [change](Random& random, Options&, MechanismLimits& changed) {
+    return [change](Generator& random, Options&, MechanismLimits& changed) {
       change(changed, uniform(random));
       return Injection{};
     };
@@ -97,7 +99,7 @@ inline std::vector<FaultCase> cases() {
        any_encoder([](double& angle, double) { angle -= 0.3; }), 0.0005},
       // The encoder is stuck: found once the others have moved.
       {"encoder_stuck", Fault::kPoseResidual,
-       [](Random& random, Options&, MechanismLimits&) {
+       [](Generator& random, Options&, MechanismLimits&) {
          Injection made;
          const std::size_t i = 4 * (random() % kLegs);  // theta1
          made.corrupt = [i](DeviceState& state, const DeviceState& begin) {
@@ -121,7 +123,7 @@ inline std::vector<FaultCase> cases() {
        0, false},
       // The sampled sheet gives back more than it took, by up to 2 mJ a press.
       {"energy_limit", Fault::kEnergyLimit,
-       [](Random& random, Options& options, MechanismLimits&) {
+       [](Generator& random, Options& options, MechanismLimits&) {
          options.limits.energy_limit_J = 2e-5 * (1 + uniform(random));
          options.passivity.on = false;
          return Injection{};
@@ -208,12 +210,12 @@ inline void fill_queue(ContactOutput& output) {
 
 /// Faults that need another pose of the plate, another tool or another law.
 inline std::vector<FaultCase> cases_of_pose_and_law() {
-  using Random = std::mt19937_64;
+  using Generator = std::mt19937_64;
   using Options = SessionOptions;
-  const auto nothing = [](Random&, Options&, MechanismLimits&) { return Injection{}; };
+  const auto nothing = [](Generator&, Options&, MechanismLimits&) { return Injection{}; };
   return {
       {"joint_limit", Fault::kJointLimit,
-       [](Random& random, Options&, MechanismLimits& mechanism) {
+       [](Generator& random, Options&, MechanismLimits& mechanism) {
          mechanism.encoder_rate_max_rad_per_s = 1e6;
          const auto i = static_cast<std::size_t>(random() % kEncoders);
          // Leg by leg, theta1 to theta4.
@@ -225,13 +227,13 @@ inline std::vector<FaultCase> cases_of_pose_and_law() {
          return made;
        }},
       {"singularity", Fault::kSingularity,
-       [](Random&, Options& options, MechanismLimits& mechanism) {
+       [](Generator&, Options& options, MechanismLimits& mechanism) {
          const EncoderAngles angles = nearly_singular(mechanism);
          return jump_to(angles, options, mechanism);
        }},
       // The axis is tilted by 40 degrees, and then by 8 more.
       {"tool_tilt", Fault::kToolTilt,
-       [](Random&, Options& options, MechanismLimits& mechanism) {
+       [](Generator&, Options& options, MechanismLimits& mechanism) {
          Pose pose;
          pose.p_m = {0, 0, 0.116};
          pose.q = from_rotation_vector({0, 8 * std::acos(-1.0) / 180, 0});

@@ -28,7 +28,7 @@ constexpr double kWithin = 0.2;     ///< tolerance, relative to the true damping
 constexpr double kMinShare = 0.97;  ///< fraction of the threshold at a puncture
 constexpr double kFelt_N = 1;       ///< damping below this is not compared
 
-struct Felt {
+struct FeltThroughLink {
   std::vector<double> error;              ///< relative errors of damping forces
   std::vector<double> share_at_puncture;  ///< true force over threshold
   std::vector<RecordingRow> rows;
@@ -109,7 +109,7 @@ LoopModel loop_model(const Scene& scene) {
 }
 
 /// Runs the hand's path and compares what is rendered with the truth at the state used.
-Felt feel(const Scene& scene, const test::DelayedLinkOptions& link, int counts = 0) {
+FeltThroughLink feel(const Scene& scene, const test::DelayedLinkOptions& link, int counts = 0) {
   const LoopModel model = loop_model(scene);
   const DeviceDescription description = description_with(counts);
   const Sheets sheets(scene);
@@ -119,7 +119,7 @@ Felt feel(const Scene& scene, const test::DelayedLinkOptions& link, int counts =
   LoopState state;
   SheetLaw law = test::hooke_law(model);
   TickResult result;
-  Felt felt;
+  FeltThroughLink felt;
   while (device.now_s() < scene.hand.trajectory.back().t_s && felt.fault == Fault::kNone) {
     TickInputs inputs;
     inputs.sheets = sheets.current;
@@ -156,7 +156,7 @@ test::DelayedLinkOptions bad_link(std::uint64_t seed) {
 TEST(LinkTime, DampingIsThatOfTheTrueMotionWithDelaysAndLosses) {
   for (const int counts : {0, 1'000'000}) {
     for (std::uint64_t seed = 1; seed <= 8; ++seed) {
-      const Felt felt = feel(pecking(), bad_link(seed), counts);
+      const FeltThroughLink felt = feel(pecking(), bad_link(seed), counts);
       EXPECT_EQ(felt.fault, Fault::kNone) << to_string(felt.fault);
       ASSERT_GT(felt.error.size(), 1000U);
       EXPECT_LE(p95(felt.error), kWithin) << "seed " << seed << ", " << counts << " counts";
@@ -169,7 +169,7 @@ TEST(LinkTime, NoPunctureBelowTheThresholdWithDelaysAndLosses) {
   for (const int counts : {0, 20'000}) {
     std::size_t punctures = 0;
     for (std::uint64_t seed = 1; seed <= 12; ++seed) {
-      const Felt felt = feel(piercing(seed), bad_link(seed), counts);
+      const FeltThroughLink felt = feel(piercing(seed), bad_link(seed), counts);
       EXPECT_EQ(felt.fault, Fault::kNone) << to_string(felt.fault);
       punctures += felt.share_at_puncture.size();
       for (const double share : felt.share_at_puncture)
@@ -185,7 +185,7 @@ TEST(LinkTime, AHostThatStopsBreaksNoSheet) {
   test::DelayedLinkOptions link;
   link.host_stop_s = 2e-3;
   link.ticks_between_stops = 137;
-  const Felt felt = feel(pecking(), link);
+  const FeltThroughLink felt = feel(pecking(), link);
   EXPECT_EQ(felt.fault, Fault::kNone) << to_string(felt.fault);
   EXPECT_TRUE(felt.share_at_puncture.empty()) << "at a true share of " << felt.share_at_puncture[0];
   EXPECT_LE(p95(felt.error), kWithin);
@@ -193,7 +193,7 @@ TEST(LinkTime, AHostThatStopsBreaksNoSheet) {
 
 TEST(LinkTime, ASessionOverABadLinkReplaysToTheLastBit) {
   const Scene scene = piercing(3);
-  const Felt felt = feel(scene, bad_link(3), 20'000);
+  const FeltThroughLink felt = feel(scene, bad_link(3), 20'000);
   ReplayDevice recorded(felt.rows);
   FourLegs replay(description_with(20'000), recorded);
   const LoopModel model = loop_model(scene);

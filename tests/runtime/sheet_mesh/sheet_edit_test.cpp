@@ -82,9 +82,9 @@ TEST(SheetEdit, GivesNoneWhenNoSlotIsFree) {
   SheetMesh mesh = *make_sheet_mesh(test::square_mesh({0, 0}, 10, 1), 1, 0);
   SheetEdit edit(mesh);
   edit.begin(mesh);
-  EXPECT_EQ(edit.take_triangle(mesh, {0, 1, 2}), kNone);
+  EXPECT_EQ(edit.take_triangle(mesh, {0, 1, 2}), kNoSlot);
   EXPECT_EQ(edit.take_vertex(mesh, {3, 3}), 4U);
-  EXPECT_EQ(edit.take_vertex(mesh, {3, 3}), kNone);
+  EXPECT_EQ(edit.take_vertex(mesh, {3, 3}), kNoSlot);
   edit.undo(mesh);
   EXPECT_EQ(mesh.free_vertices, std::vector<std::uint32_t>{4});
 }

@@ -74,9 +74,9 @@ TEST(SheetMesh, TheCheckDetectsEachViolatedInvariant) {
   mesh.free_vertices.push_back(4);
   EXPECT_FALSE(check_sheet_mesh(mesh)) << "a free vertex in use";
   mesh = made();
-  mesh.across[0][2] = kNone;
+  mesh.across[0][2] = kNoSlot;
   EXPECT_FALSE(check_sheet_mesh(mesh)) << "a neighbour without the link back";
-  mesh.across[1][0] = kNone;
+  mesh.across[1][0] = kNoSlot;
   EXPECT_FALSE(check_sheet_mesh(mesh)) << "two neighbours without links";
 }
 

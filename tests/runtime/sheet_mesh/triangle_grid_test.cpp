@@ -21,7 +21,7 @@ struct Triangles {
   // Slots for triangles, of which about a third are in use.
   Triangles(Random& random, std::uint32_t slots, int triangle_size) : size(triangle_size) {
     mesh.triangles.resize(slots, kFreeSlot);
-    mesh.across.resize(slots, {kNone, kNone, kNone});
+    mesh.across.resize(slots, {kNoSlot, kNoSlot, kNoSlot});
     mesh.vertices.resize(3 * std::size_t{slots});
     for (std::uint32_t t = slots; t-- > 0;) {
       if (random.between(0, 2) == 0) {
@@ -73,7 +73,7 @@ TEST(TriangleGrid, FindsTheSameAsASearchOfAllTrianglesAfterEdits) {
             edit.release_triangle(some.mesh, t);
           }
         } else if (const std::uint32_t taken = edit.take_triangle(some.mesh, {0, 1, 2});
-                   taken != kNone) {
+                   taken != kNoSlot) {
           some.mesh.triangles[taken] = some.make(random, taken);
         }
       }
@@ -95,7 +95,7 @@ TEST(TriangleGrid, GivesTheSameOrderAfterTheSameEdits) {
       if (some.mesh.in_use(t)) {
         edit.release_triangle(some.mesh, t);
       } else if (const std::uint32_t taken = edit.take_triangle(some.mesh, {0, 1, 2});
-                 taken != kNone) {
+                 taken != kNoSlot) {
         for (std::uint32_t v = 3 * taken; v < 3 * taken + 3; ++v)
           edit.touch_vertex(some.mesh, v);
         some.mesh.triangles[taken] = some.make(random, taken);
@@ -118,7 +118,7 @@ TEST(TriangleGrid, TheGridOfTheBoundaryFindsTheTrianglesWithAnOpenEdge) {
   Triangles some(random, 1200, 300);
   const auto change_edges = [&](std::uint32_t t) {
     for (std::uint32_t& beyond : some.mesh.across[t])
-      beyond = random.between(0, 1) == 0 ? 0 : kNone;
+      beyond = random.between(0, 1) == 0 ? 0 : kNoSlot;
   };
   for (std::uint32_t t = 0; t < 1200; ++t)
     if (some.mesh.in_use(t)) change_edges(t);
@@ -132,7 +132,7 @@ TEST(TriangleGrid, TheGridOfTheBoundaryFindsTheTrianglesWithAnOpenEdge) {
     for (std::uint32_t t = 0; t < 1200; ++t) {
       const auto& across = std::as_const(some.mesh).across[t];
       if (some.mesh.in_use(t) && !apart(bounding_box(some.mesh, t), box) &&
-          std::count(across.begin(), across.end(), kNone) > 0)
+          std::count(across.begin(), across.end(), kNoSlot) > 0)
         expected.insert(t);
     }
     grid.for_each(some.mesh, box, [&](std::uint32_t t) { got.insert(t); });
@@ -143,7 +143,7 @@ TEST(TriangleGrid, TheGridOfTheBoundaryFindsTheTrianglesWithAnOpenEdge) {
       const auto t = static_cast<std::uint32_t>(random.between(0, 1199));
       if (!some.mesh.in_use(t)) {
         const std::uint32_t taken = edit.take_triangle(some.mesh, {0, 1, 2});
-        if (taken == kNone) continue;
+        if (taken == kNoSlot) continue;
         some.mesh.triangles[taken] = some.make(random, taken);
         change_edges(taken);
       } else if (random.between(0, 1) == 0) {

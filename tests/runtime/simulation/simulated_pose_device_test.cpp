@@ -9,7 +9,7 @@
 namespace trocar::runtime {
 namespace {
 
-PoseDeviceDescription arm(bool senses_rotation = false) {
+PoseDeviceDescription simulated_arm(bool senses_rotation = false) {
   PoseDeviceDescription device;
   device.force_max_N = 10;
   device.mass_kg = 0.4;
@@ -33,7 +33,7 @@ Result<SimulatedPoseDevice> make(const PoseDeviceDescription& device, const Hand
 }
 
 TEST(SimulatedPoseDevice, ForceAgainstTheHandsSpringSettlesAtForceOverStiffness) {
-  auto made = make(arm(), at_rest(), {});
+  auto made = make(simulated_arm(), at_rest(), {});
   ASSERT_TRUE(made);
   made->write({0, 0, 6, 0, 0, 0});
   for (int i = 0; i < 2000; ++i)
@@ -48,7 +48,7 @@ TEST(SimulatedPoseDevice, OscillatesLikeADampedSpring) {
   HandImpedance hand;
   hand.stiffness_N_per_m = 500;
   hand.damping_Ns_per_m = 2;
-  auto made = make(arm(), at_rest(), hand);
+  auto made = make(simulated_arm(), at_rest(), hand);
   ASSERT_TRUE(made);
   made->write({3, 0, 0, 0, 0, 0});
   const double m = 0.4, d = 4, k = 500, decay = d / (2 * m),
@@ -70,7 +70,7 @@ TEST(SimulatedPoseDevice, OscillatesLikeADampedSpring) {
 TEST(SimulatedPoseDevice, WithoutAHandTheOwnDampingLimitsTheSpeed) {
   HandImpedance lets_go;
   lets_go.let_go_t_s = 0;
-  auto made = make(arm(), at_rest(), lets_go);
+  auto made = make(simulated_arm(), at_rest(), lets_go);
   ASSERT_TRUE(made);
   made->write({0, 0, 1, 0, 0, 0});
   for (int i = 0; i < 5000; ++i)
@@ -80,7 +80,7 @@ TEST(SimulatedPoseDevice, WithoutAHandTheOwnDampingLimitsTheSpeed) {
 
 TEST(SimulatedPoseDevice, MomentTurnsAHandleThatCanTurnOnly) {
   for (const bool turns : {false, true}) {
-    auto made = make(arm(turns), at_rest(), {});
+    auto made = make(simulated_arm(turns), at_rest(), {});
     ASSERT_TRUE(made);
     made->write({0, 0, 0, 0.2, 0, 0});
     for (int i = 0; i < 2000; ++i)
@@ -91,7 +91,7 @@ TEST(SimulatedPoseDevice, MomentTurnsAHandleThatCanTurnOnly) {
 }
 
 TEST(SimulatedPoseDevice, StaysFiniteForAnyMassAndCommand) {
-  PoseDeviceDescription light = arm(true);
+  PoseDeviceDescription light = simulated_arm(true);
   light.mass_kg = 1e-3;
   light.inertia_kg_m2 = {1e-8, 1e-8, 1e-8};
   auto made = make(light, at_rest(), stiff_grip());
@@ -110,7 +110,7 @@ TEST(SimulatedPoseDevice, StaysFiniteForAnyMassAndCommand) {
 }
 
 TEST(SimulatedPoseDevice, StatesWholeCounts) {
-  PoseDeviceDescription device = arm(true);
+  PoseDeviceDescription device = simulated_arm(true);
   device.position_resolution_m = 1e-4;
   device.rotation_resolution_rad = 1e-2;
   HandTrajectory path = at_rest();
@@ -130,7 +130,7 @@ TEST(SimulatedPoseDevice, StatesWholeCounts) {
 TEST(SimulatedPoseDevice, WrongHandIsRefused) {
   HandImpedance wrong;
   wrong.stiffness_N_per_m = -1;
-  EXPECT_FALSE(make(arm(), at_rest(), wrong));
+  EXPECT_FALSE(make(simulated_arm(), at_rest(), wrong));
 }
 
 }  // namespace

@@ -41,7 +41,7 @@ class StoppedDevice final : public Device {
 };
 
 /// A hand that presses 9 mm deep from 0.2 s to 0.6 s, and is above the sheet from 0.8 s on.
-Scene pressing() {
+Scene scene_that_presses() {
   Scene scene = test::descent_scene({0.12}, 0.122, 0.11, 0.1);
   scene.hand.trajectory = {{0, {0, 0, 0.122}, {}},
                            {0.2, {0, 0, 0.1155}, {}},
@@ -58,7 +58,7 @@ struct Told {
 };
 
 std::vector<Told> run(Clock clock, std::thread::id& haptic_thread) {
-  const Scene scene = pressing();
+  const Scene scene = scene_that_presses();
   Remesher remesher(*place_slices(scene, test::square_asset(1), "a"));
   auto simulated = make_simulated_device(scene, default_device_description());
   EXPECT_TRUE(simulated);

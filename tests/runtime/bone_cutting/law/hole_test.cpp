@@ -13,7 +13,7 @@ namespace {
 
 constexpr double kStep = 5e-5;
 
-Bench bench(std::size_t holes = 4) {
+Bench hole_bench(std::size_t holes = 4) {
   Bench b(even_slabs(20, 1e-3, 20), holes);
   for (CuttingSlab& slab : b.slabs) {
     slab.friction_N_per_m = 200;
@@ -35,7 +35,7 @@ void pull_from(Bench& b, double x, double depth) {
 }
 
 TEST(Hole, OutlivesWithdrawal) {
-  Bench b = bench();
+  Bench b = hole_bench();
   EXPECT_NEAR(push_to(b, 0, 0.015), 20, 1e-6);
   const double friction = b.out.wrench_device[2] - 20, depth = b.out.embedded_m, cut = b.cut_J;
   EXPECT_NEAR(friction, 200 * depth, 0.02 * friction);
@@ -61,7 +61,7 @@ TEST(Hole, OutlivesWithdrawal) {
 }
 
 TEST(Hole, AnotherPlaceIsAnotherHole) {
-  Bench b = bench();
+  Bench b = hole_bench();
   push_to(b, 0, 0.012);
   pull_from(b, 0, 0.012);
   EXPECT_NEAR(push_to(b, 0.005, 0.012), 20, 1e-6);
@@ -77,7 +77,7 @@ TEST(Hole, AnotherPlaceIsAnotherHole) {
 }
 
 TEST(Hole, TheOldestIsForgotten) {
-  Bench b = bench(2);
+  Bench b = hole_bench(2);
   for (const double x : {0.0, 0.005, 0.01}) {
     EXPECT_NEAR(push_to(b, x, 0.01), 20, 1e-6);
     pull_from(b, x, 0.01);
@@ -98,7 +98,7 @@ TEST(Hole, HalfOverAnOldOneCutsByItsShare) {
   EXPECT_NEAR(share(1.525e-3, 5e-4), 0.21, 0.005);
   EXPECT_NEAR(share(3e-3, 5e-4), 0.11, 0.005);
   for (const double e : {2e-4, 5e-4, 1e-3, 2e-3, 4e-3}) {
-    Bench b = bench();
+    Bench b = hole_bench();
     push_to(b, 0, 0.013);
     const double bottom = b.out.front_m;
     pull_from(b, 0, 0.013);
@@ -123,7 +123,7 @@ TEST(Hole, HalfOverAnOldOneCutsByItsShare) {
 }
 
 TEST(Hole, WithinTheReachOfAHoleTheToolGoesIntoIt) {
-  Bench b = bench();
+  Bench b = hole_bench();
   push_to(b, 0, 0.012);
   pull_from(b, 0, 0.012);
   EXPECT_LT(push_to(b, 4e-5, 0.008), 1e-9);
@@ -158,7 +158,7 @@ TEST(Hole, OfASheet) {
 TEST(Hole, PassedSlabsAreReportedOnce) {
   for (const double step : {2e-5, 1e-4, 3e-3}) {
     for (const double thickness : {1e-3, 0.0}) {
-      Bench b = bench();
+      Bench b = hole_bench();
       for (std::size_t i = 0; i < b.slabs.size(); ++i)
         b.slabs[i].bottom_m = b.slabs[i].top_m + thickness;
       for (const double x : {0.0, 0.005}) {
@@ -207,7 +207,7 @@ TEST(Hole, ASliverBreaksAtItsShare) {
 
 // Slanting from its old hole into whole bone, the tool cuts again where it leaves the hole.
 TEST(Hole, LeftBySlanting) {
-  Bench b = bench();
+  Bench b = hole_bench();
   b.options.tool.tip_plate_m = {0, 0, -0.1};
   b.move(plate_at(0, -0.102), plate_at(0, -0.1 + 0.015), kStep);
   b.move(plate_at(0, -0.1 + 0.015), plate_at(0, -0.102), kStep);
@@ -232,7 +232,7 @@ TEST(Hole, BoneIsAWallFromOutside) {
   beside.open({-1, -1}, 0);
   for (const Eigen::Vector2d& corner : {Eigen::Vector2d(0.002, -1), {0.002, 1}, {-1, 1}})
     beside.include(corner);
-  Bench b = bench();
+  Bench b = hole_bench();
   b.options.coupling.rotation_Nm_per_rad = 1e4;
   for (CuttingSlab& slab : b.slabs) {
     slab.share = 0;

@@ -14,14 +14,14 @@ namespace {
 using Eigen::Vector3d;
 
 // Bone that holds 60 N; the tip is the plate's origin unless a length is given.
-Bench bench(double coefficient, double length_m = 0) {
+Bench friction_bench(double coefficient, double length_m = 0) {
   Bench b(even_slabs(10, 1e-3, 60));
   b.options.tip_friction = coefficient;
   b.options.tool.tip_plate_m = {0, 0, -length_m};
   b.options.coupling.rotation_Nm_per_rad = 1e3;
   return b;
 }
-Vector3d tip_of(const Bench& b) {
+Vector3d friction_tip_of(const Bench& b) {
   return b.state.T_device_proxy * b.options.tool.tip_plate_m;
 }
 
@@ -33,7 +33,7 @@ constexpr double depth_for(double force_N) {
 TEST(TipFriction, SlidesAtTheCoefficientTimesTheNormalForce) {
   for (const double mu : {0.1, 0.3, 0.6}) {
     for (const double normal : {10.0, 40.0}) {
-      Bench b = bench(mu);
+      Bench b = friction_bench(mu);
       const double depth = depth_for(normal), shear = mu * normal / 1e-4;
       b.move(plate_at(0, -0.001), plate_at(0, depth), 1e-5);
       ASSERT_NEAR(b.out.tip_N, normal, 1e-6);
@@ -41,16 +41,16 @@ TEST(TipFriction, SlidesAtTheCoefficientTimesTheNormalForce) {
       const double slides_at = mu * normal * (1 / 4000.0 + 1 / shear);
       b.move(plate_at(0, depth), plate_at(0.9 * slides_at, depth), 1e-5);
       EXPECT_NEAR(-b.out.wrench_device[0], 0.9 * mu * normal, 1e-4);
-      EXPECT_NEAR(tip_of(b).x(), 0.9e-4, 1e-7);
+      EXPECT_NEAR(friction_tip_of(b).x(), 0.9e-4, 1e-7);
       // And back: elastic.
       b.move(plate_at(0.9 * slides_at, depth), plate_at(0, depth), 1e-5);
       EXPECT_NEAR(b.out.wrench_device[0], 0, 1e-4);
-      EXPECT_NEAR(tip_of(b).x(), 0, 1e-7);
+      EXPECT_NEAR(friction_tip_of(b).x(), 0, 1e-7);
       // Beyond: slides at the limit, and its elastic part stays when the hand comes back.
       b.move(plate_at(0, depth), plate_at(0.02, depth), 1e-5);
       EXPECT_NEAR(-b.out.wrench_device[0], mu * normal, 1e-4);
       EXPECT_NEAR(b.out.wrench_device[2], normal, 1e-4);
-      EXPECT_NEAR(tip_of(b).x(), 0.02 - mu * normal / 4000, 1e-6);
+      EXPECT_NEAR(friction_tip_of(b).x(), 0.02 - mu * normal / 4000, 1e-6);
       b.move(plate_at(0.02, depth), plate_at(0.02 - 3 * slides_at, depth), 1e-5);
       EXPECT_NEAR(b.out.wrench_device[0], mu * normal, 1e-4);
       // Lifted: nothing is left.
@@ -62,7 +62,7 @@ TEST(TipFriction, SlidesAtTheCoefficientTimesTheNormalForce) {
 }
 
 TEST(TipFriction, NoneIsNone) {
-  Bench b = bench(0);
+  Bench b = friction_bench(0);
   b.move(plate_at(0, -0.001), plate_at(0, 0.006), 1e-5);
   b.move(plate_at(0, 0.006), plate_at(0.01, 0.006), 1e-5);
   EXPECT_NEAR(b.out.wrench_device[0], 0, 1e-6);
@@ -74,7 +74,7 @@ TEST(TipFriction, NoneIsNone) {
 TEST(TipFriction, HoldsAtASmallTilt) {
   for (const double mu : {0.0, 0.3}) {
     for (const double tilt : {0.05, 0.1, 0.2, 0.4}) {
-      Bench b = bench(mu, 0.1);
+      Bench b = friction_bench(mu, 0.1);
       Pose above = plate_at(0, 0, tilt);
       above.p_m = Vector3d(0, 0, 1e-4) - above.q * b.options.tool.tip_plate_m;
       Pose pressed = above;
@@ -84,7 +84,7 @@ TEST(TipFriction, HoldsAtASmallTilt) {
       ASSERT_GT(normal, 10);
       ASSERT_LT(normal, 55);
       const Vector3d axis = b.state.T_device_proxy.q * b.options.tool.inward_plate;
-      const Vector3d tip = tip_of(b), slid = tip - axis * axis.dot(tip);
+      const Vector3d tip = friction_tip_of(b), slid = tip - axis * axis.dot(tip);
       const double held_N =
           (b.out.wrench_device.head<3>() - axis * axis.dot(b.out.wrench_device.head<3>())).norm();
       if (mu == 0) {
@@ -105,7 +105,7 @@ TEST(TipFriction, HoldsAtASmallTilt) {
         // Held for as long as it is pressed.
         for (int k = 0; k < 2000; ++k)
           b.tick(pressed);
-        EXPECT_NEAR((tip_of(b) - tip).norm(), 0, 1e-9);
+        EXPECT_NEAR((friction_tip_of(b) - tip).norm(), 0, 1e-9);
       } else {
         EXPECT_NEAR(held_N, mu * normal, 0.02 * mu * normal);
       }
@@ -116,7 +116,7 @@ TEST(TipFriction, HoldsAtASmallTilt) {
 // Sliding under load: per tick no more than holding the wrench leaks, and the work of a round trip
 // is what friction takes.
 TEST(TipFriction, TakesItsWork) {
-  Bench b = bench(0.4);
+  Bench b = friction_bench(0.4);
   const double depth = depth_for(25), K = b.options.coupling.translation_N_per_m;
   b.move(plate_at(0, -0.001), plate_at(0, depth), 1e-5);
   double stored = b.out.stored_J, work = 0;

@@ -13,7 +13,7 @@ namespace {
 
 constexpr double kRadius_m = 1.5e-3, kPresliding_m = 1e-4;
 
-Bench bench(double tip_hold, std::vector<CuttingSlab> slabs) {
+Bench hold_bench(double tip_hold, std::vector<CuttingSlab> slabs) {
   Bench b(std::move(slabs));
   b.options.tip_hold = tip_hold;
   b.options.tip_presliding_m = kPresliding_m;
@@ -30,7 +30,7 @@ double pull_N(const Bench& b) {
 
 TEST(TipHold, ResistsWithdrawalWithItsFractionOfTheCrushingForce) {
   for (const double hold : {0.1, 0.25, 0.8}) {
-    Bench b = bench(hold, even_slabs(10, 1e-3, 60));
+    Bench b = hold_bench(hold, even_slabs(10, 1e-3, 60));
     b.move(plate_at(0, -0.001), plate_at(0, 0.005), 1e-6);
     ASSERT_NEAR(pull_N(b), 60, 1e-6) << "the hold does not resist advance";
     const double cut_J = b.cut_J, deepest_m = -b.state.T_device_proxy.p_m.z();
@@ -50,7 +50,7 @@ TEST(TipHold, ResistsWithdrawalWithItsFractionOfTheCrushingForce) {
 }
 
 TEST(TipHold, NoneIsNone) {
-  Bench b = bench(0, even_slabs(10, 1e-3, 60));
+  Bench b = hold_bench(0, even_slabs(10, 1e-3, 60));
   b.move(plate_at(0, -0.001), plate_at(0, 0.005), 1e-5);
   double least_N = 60;
   b.move(plate_at(0, 0.005), plate_at(0, 0.002), 1e-5, [&](const CuttingResult& out, const Pose&) {
@@ -64,7 +64,7 @@ TEST(TipHold, NoneIsNone) {
 TEST(TipHold, AHardLayerIsForgottenBehindIt) {
   std::vector<CuttingSlab> slabs = even_slabs(20, 1e-3, 10);
   slabs[0].strength_top_N = slabs[0].strength_bottom_N = 100;
-  Bench b = bench(0.5, slabs);
+  Bench b = hold_bench(0.5, slabs);
   b.move(plate_at(0, -0.001), plate_at(0, 0.018), 1e-6, [&](const CuttingResult& out, const Pose&) {
     if (out.front_m < 2e-3) return;
     EXPECT_NEAR(b.state.hold_tip_N, 10 + 90 * std::exp(-(out.front_m - 1e-3) / (2 * kRadius_m)),
@@ -77,11 +77,11 @@ TEST(TipHold, AHardLayerIsForgottenBehindIt) {
 // not.
 TEST(TipHold, ATipThatHasBrokenThroughIsNotHeld) {
   std::vector<CuttingSlab> slabs = even_slabs(10, 1e-3, 60);
-  Bench last = bench(0.25, slabs);
+  Bench last = hold_bench(0.25, slabs);
   slabs.push_back(slabs.back());
   slabs.back().top_m = 60e-3;
   slabs.back().bottom_m = 61e-3;
-  Bench more = bench(0.25, slabs);
+  Bench more = hold_bench(0.25, slabs);
   double most_N = 0, least_N = 0;
   for (int k = 0; k <= 1400; ++k) {
     // The plate goes to a depth of 11 mm, and back to 9 mm.
@@ -99,7 +99,7 @@ TEST(TipHold, ATipThatHasBrokenThroughIsNotHeld) {
 // Pushing again after a short withdrawal needs the whole force again, and the front goes on where
 // it was.
 TEST(TipHold, PushingAgainGoesOnFromTheSamePlace) {
-  Bench b = bench(0.25, even_slabs(10, 1e-3, 60));
+  Bench b = hold_bench(0.25, even_slabs(10, 1e-3, 60));
   b.move(plate_at(0, -0.001), plate_at(0, 0.005), 1e-6);
   const double front_m = b.out.front_m, cut_J = b.cut_J;
   b.move(plate_at(0, 0.005), plate_at(0, 0.004), 1e-6);

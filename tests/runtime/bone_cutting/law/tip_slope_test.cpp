@@ -14,7 +14,7 @@ using Eigen::Vector2d;
 using Eigen::Vector3d;
 
 // Bone that holds 200 N with a surface that falls towards +x.
-Bench bench(double slope, double friction, double length_m = 0) {
+Bench slope_bench(double slope, double friction, double length_m = 0) {
   Bench b(even_slabs(20, 1e-3, 200));
   b.options.slope = Vector2d(slope, 0);
   b.options.tip_friction = friction;
@@ -24,7 +24,7 @@ Bench bench(double slope, double friction, double length_m = 0) {
   b.options.coupling.rotation_Nm_per_rad = 1e3;
   return b;
 }
-Vector3d tip_of(const Bench& b) {
+Vector3d slope_tip_of(const Bench& b) {
   return b.state.T_device_proxy * b.options.tool.tip_plate_m;
 }
 
@@ -32,7 +32,7 @@ Vector3d tip_of(const Bench& b) {
 TEST(TipSlope, TheForceSidewaysIsThatOfTheFrictionCone) {
   for (const double slope : {0.5, 0.8, 1.0, 1.5}) {
     for (const double friction : {0.0, 0.1, 0.3}) {
-      Bench b = bench(slope, friction);
+      Bench b = slope_bench(slope, friction);
       // Slowly, because the limit of friction follows the force by a tick.
       b.move(plate_at(0, -0.001), plate_at(0, 0.002), 1e-6);
       const Wrench& w = b.out.wrench_device;
@@ -49,21 +49,21 @@ TEST(TipSlope, TheForceSidewaysIsThatOfTheFrictionCone) {
 TEST(TipSlope, TheTipSlidesIfTheSlopeIsSteeperThanTheFriction) {
   for (const double slope : {0.1, 0.25, 0.35, 1.0}) {
     constexpr double kFriction = 0.3;
-    Bench b = bench(slope, kFriction);
+    Bench b = slope_bench(slope, kFriction);
     b.move(plate_at(0, -0.001), plate_at(0, 0.002), 1e-5);
     double lost_m = 0;
     for (int k = 0; k < 200; ++k) {
-      const Vector3d before = tip_of(b);
+      const Vector3d before = slope_tip_of(b);
       b.tick(plate_at(before.x(), 0.002));
-      lost_m = std::max(lost_m, tip_of(b).x() - before.x());
+      lost_m = std::max(lost_m, slope_tip_of(b).x() - before.x());
     }
-    const double slid_m = tip_of(b).x();
+    const double slid_m = slope_tip_of(b).x();
     if (slope < kFriction) {
       EXPECT_LT(slid_m, 5e-5) << slope;
     } else {
       EXPECT_GT(slid_m, 5e-4) << slope;
       // The tip follows the surface: its stretch is what lies beyond the surface at its place.
-      EXPECT_NEAR(b.state.stretch_m, -tip_of(b).z() - slope * slid_m, 1e-9);
+      EXPECT_NEAR(b.state.stretch_m, -slope_tip_of(b).z() - slope * slid_m, 1e-9);
     }
     EXPECT_EQ(b.cut_J, 0);
     EXPECT_EQ(b.out.embedded_m, 0) << "no bone surrounds a tool on a surface";
@@ -74,7 +74,7 @@ TEST(TipSlope, TheTipSlidesIfTheSlopeIsSteeperThanTheFriction) {
 TEST(TipSlope, AToolAlongTheNormalIsNotPushedAside) {
   for (const double slope : {0.3, 0.6}) {
     for (const double friction : {0.0, 0.3}) {
-      Bench b = bench(slope, friction, 0.1);
+      Bench b = slope_bench(slope, friction, 0.1);
       Pose above = plate_at(0, 0, std::atan(slope));
       const Vector3d along = above.q * Vector3d::UnitZ();
       above.p_m = 1e-3 * along - above.q * b.options.tool.tip_plate_m;
@@ -90,7 +90,7 @@ TEST(TipSlope, AToolAlongTheNormalIsNotPushedAside) {
 
 TEST(TipSlope, IsNeverSteeperThanItsLimit) {
   for (const double slope : {2.0, 10.0, 1e6}) {
-    Bench b = bench(slope, 0);
+    Bench b = slope_bench(slope, 0);
     b.move(plate_at(0, -0.001), plate_at(0, 0.002), 1e-5);
     EXPECT_NEAR(b.out.wrench_device[0] / b.out.wrench_device[2], kMaxSlope, 1e-6);
   }
@@ -98,7 +98,7 @@ TEST(TipSlope, IsNeverSteeperThanItsLimit) {
 
 // In a hole the walls hold the shaft: a slope that is known no more pushes no more.
 TEST(TipSlope, InsideBoneTheForceActsAlongTheShaft) {
-  Bench b = bench(1, 0);
+  Bench b = slope_bench(1, 0);
   b.move(plate_at(0, -0.001), plate_at(0, 0.002), 1e-5);
   b.options.slope.reset();
   for (int k = 0; k < 50; ++k)
