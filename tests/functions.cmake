@@ -11,10 +11,16 @@ set(TROCAR_TEST_ASSETS ${CMAKE_BINARY_DIR}/assets)  # made once (e2e/CMakeLists.
 
 # trocar_test(PATH LABEL LIBRARIES...): the GoogleTest file PATH.cpp as one ctest test, named after the file, with the label unit,
 # property, golden, fuzz or e2e. All files of one CMake list are compiled into one program, FOLDER_tests, because linking a program
-# for each file takes longer than compiling it; the program runs the tests of one file if it is named (support/test_main.cpp).
+# for each file takes longer than compiling it; the program runs the tests of one file if it is named (support/test_main.cpp). Lists
+# that are read while TROCAR_TEST_PROGRAM is set share the program of that name: in a unity build, the folders' files then share the
+# time for the headers. Sets TROCAR_TESTS_OF_LIST to the program's name.
 function(trocar_test path label)
   file(RELATIVE_PATH folder ${CMAKE_SOURCE_DIR}/tests ${CMAKE_CURRENT_SOURCE_DIR})
   string(REPLACE "/" "_" program ${folder}_tests)
+  if(TROCAR_TEST_PROGRAM)
+    set(program ${TROCAR_TEST_PROGRAM})
+  endif()
+  set(TROCAR_TESTS_OF_LIST ${program} PARENT_SCOPE)
   if(NOT TARGET ${program})
     add_executable(${program} ${CMAKE_SOURCE_DIR}/tests/support/test_main.cpp)
     target_link_libraries(${program} PRIVATE trocar_flags GTest::gtest)
@@ -74,6 +80,10 @@ function(trocar_write_links file)
     list(APPEND folders ${inner})
     get_property(targets DIRECTORY ${CMAKE_SOURCE_DIR}/${folder} PROPERTY BUILDSYSTEM_TARGETS)
     foreach(target ${targets})
+      get_target_property(is_bundle ${target} TROCAR_BUNDLE)
+      if(is_bundle)
+        continue()
+      endif()
       get_target_property(links ${target} LINK_LIBRARIES)
       get_target_property(passed_on ${target} INTERFACE_LINK_LIBRARIES)
       string(APPEND lines "${target}: ${links} ${passed_on}\n")
