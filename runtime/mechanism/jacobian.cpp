@@ -2,6 +2,7 @@
 #include "runtime/mechanism/jacobian.h"
 
 #include <Eigen/Eigenvalues>
+#include <Eigen/QR>
 #include <Eigen/SVD>
 #include <algorithm>
 #include <cmath>
@@ -63,8 +64,11 @@ SingularRange singular_range(const Jacobian& G, double characteristic_length_m) 
   if (solver.info() == Eigen::Success && range.smallest > kSmallestSquared * range.largest) {
     return range;
   }
-  // This takes nearly 4 us longer, but is needed only near a singularity.
-  const Eigen::JacobiSVD<Jacobian> svd(scaled);
+  // This takes nearly 4 us longer, but is needed only near a singularity. scaled = Q R, so that R has
+  // the same singular values; as a square matrix it needs no preconditioner, which compiles slowly.
+  const Eigen::Matrix<double, 6, 6> R =
+      Eigen::HouseholderQR<Jacobian>(scaled).matrixQR().topRows<6>().triangularView<Eigen::Upper>();
+  const Eigen::JacobiSVD<Eigen::Matrix<double, 6, 6>, Eigen::NoQRPreconditioner> svd(R);
   if (svd.info() != Eigen::Success) return {};
   return {svd.singularValues()[5], svd.singularValues()[0]};
 }

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// trocar-run: runs a session of the haptic loop over a scene. run_arguments.h has the command line,
-// and run_commands.h the commands.
-// Tests: tests/e2e/experiments_e2e_test.py
+#include "runtime/program/trocar_run.h"
+
 #include <CLI/CLI.hpp>
 #include <atomic>
 #include <csignal>
@@ -61,9 +60,9 @@ int run_command_line(int argc, char** argv) {
 }
 
 }  // namespace
-}  // namespace trocar::runtime
 
-int main(int argc, char** argv) {
-  using namespace trocar::runtime;
-  return trocar::run_program(kProgram, [&] { return run_command_line(argc, argv); });
+int trocar_run(int argc, char** argv) {
+  return run_program(kProgram, [&] { return run_command_line(argc, argv); });
 }
+
+}  // namespace trocar::runtime

@@ -1,0 +1,12 @@
+// SPDX-License-Identifier: Apache-2.0
+// The program trocar-run apart from main(). It runs a session of the haptic loop over a scene.
+// run_arguments.h has the command line, and run_commands.h the commands.
+// Tests: tests/e2e/experiments_e2e_test.py
+#pragma once
+
+namespace trocar::runtime {
+
+/// Runs the command that the arguments of main() name, and returns the exit code.
+int trocar_run(int argc, char** argv);
+
+}  // namespace trocar::runtime
