@@ -63,6 +63,13 @@ expected_time() {
   fi
 }
 
+# jobs: how many files to compile at once: one per core, but each can take more than 2 GB of memory.
+jobs() {
+  local by_memory
+  by_memory=$(awk '/^MemAvailable:/ { print int($2 / 2400000) }' /proc/meminfo)
+  echo $((by_memory < 1 ? 1 : by_memory < $(nproc) ? by_memory : $(nproc)))
+}
+
 # configure_and_build [TARGET...]: the preset $preset; cmake and ninja skip what is up to date. Sources are compiled in batches
 # (CMake's unity build), which takes half the time of one by one; TROCAR_UNITY=OFF compiles them one by one. With TROCAR_WERROR=ON,
 # as .ci/run sets it, warnings are errors. TROCAR_BENCHES=OFF leaves out the benchmarks.
@@ -74,7 +81,7 @@ configure_and_build() {
   if (($# > 0)); then targets=(--target "$@"); fi
   steps=$(cmake --build "$build" "${targets[@]}" -- -n | sed -n 's|^\[[0-9]*/\([0-9]*\)\].*|\1|p' | tail -n 1)
   say "building in ${build#"$root"/}: $(expected_time "${steps:-0}")"
-  env -u LC_ALL -u LC_CTYPE -u LC_MESSAGES LANG=C.UTF-8 cmake --build "$build" "${targets[@]}" || die 1 "the build failed"
+  env -u LC_ALL -u LC_CTYPE -u LC_MESSAGES LANG=C.UTF-8 cmake --build "$build" --parallel "$(jobs)" "${targets[@]}" || die 1 "the build failed"
 }
 
 # npm_packages FOLDER: installs what FOLDER/package-lock.json pins, unless that is there already.
