@@ -12,6 +12,7 @@
 #include <map>
 #include <numbers>
 #include <random>
+#include <vector>
 
 #include "formats/geometry/mesh_validity.h"
 #include "pipeline/contour/contour.h"
@@ -39,34 +40,54 @@ SimplificationOptions area_to(double tolerance_mm) {
   return {tolerance_mm, SimplificationMethod::kArea};
 }
 
-double distance_to_ring(double x, double y, const Ring& ring) {
-  double best2 = std::numeric_limits<double>::max();
-  for (std::size_t i = 0; i < ring.size(); ++i) {
-    const LatticePoint a = ring[i], b = ring[(i + 1) % ring.size()];
-    const double dx = b.x - a.x, dy = b.y - a.y, px = x - a.x, py = y - a.y;
-    const double t = std::clamp((px * dx + py * dy) / (dx * dx + dy * dy), 0.0, 1.0);
-    best2 = std::min(best2, (px - t * dx) * (px - t * dx) + (py - t * dy) * (py - t * dy));
+// A ring's edges, each with the reciprocal of its squared length: most of the test's time would be
+// divisions.
+class Edges {
+ public:
+  explicit Edges(const Ring& ring) {
+    for (std::size_t i = 0; i < ring.size(); ++i) {
+      const LatticePoint a = ring[i], b = ring[(i + 1) % ring.size()];
+      const double dx = b.x - a.x, dy = b.y - a.y;
+      edges_.push_back(
+          {static_cast<double>(a.x), static_cast<double>(a.y), dx, dy, 1 / (dx * dx + dy * dy)});
+    }
   }
-  return std::sqrt(best2);
-}
+  double distance(double x, double y) const {
+    double best2 = std::numeric_limits<double>::max();
+    for (const Edge& e : edges_) {
+      const double px = x - e.x, py = y - e.y;
+      const double t = std::clamp((px * e.dx + py * e.dy) * e.per_length2, 0.0, 1.0);
+      const double off_x = px - t * e.dx, off_y = py - t * e.dy;
+      best2 = std::min(best2, off_x * off_x + off_y * off_y);
+    }
+    return std::sqrt(best2);
+  }
+
+ private:
+  struct Edge {
+    double x, y, dx, dy, per_length2;
+  };
+  std::vector<Edge> edges_;
+};
 
 // Distances from samples of one ring, at most `spacing` steps apart, to another, by brute force.
 struct Distances {
   double sum = 0, worst = 0;  // the sum weighted by length; steps
   double length = 0;
 
-  void add(const Ring& from, const Ring& to, double spacing) {
+  void add(const Ring& from, const Ring& to_ring, double spacing) {
+    const Edges to(to_ring);
     for (std::size_t i = 0; i < from.size(); ++i) {
       const LatticePoint a = from[i], b = from[(i + 1) % from.size()];
       const double along = std::sqrt(static_cast<double>(distance2(a, b)));
       const int n = 1 + static_cast<int>(along / spacing);
       for (int k = 0; k < n; ++k) {
         const double t = (k + 0.5) / n;
-        const double d = distance_to_ring(a.x + t * (b.x - a.x), a.y + t * (b.y - a.y), to);
+        const double d = to.distance(a.x + t * (b.x - a.x), a.y + t * (b.y - a.y));
         sum += d * along / n;
         worst = std::max(worst, d);
       }
-      worst = std::max(worst, distance_to_ring(a.x, a.y, to));
+      worst = std::max(worst, to.distance(a.x, a.y));
       length += along;
     }
   }
