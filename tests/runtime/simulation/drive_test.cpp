@@ -36,7 +36,7 @@ std::string text_of(const TrueTip& tip) {
 constexpr std::int64_t kMs = 1'000'000;
 using Bytes = std::vector<std::uint8_t>;
 
-SimulatedDevice held_device() {
+SimulatedDevice slowly_lowered_device() {
   HandTrajectory hand;
   hand.keyframes.resize(2);
   hand.keyframes[0].T_device_tool.p_m.z() = 0.15;
@@ -137,7 +137,7 @@ double torque_of(const Drive& drive) {
 }
 
 TEST_F(DriveLink, InLockStepOnlyTorqueCommandsAdvanceTime) {
-  Drive drive(options(LinkClock::kLockStep), held_device());
+  Drive drive(options(LinkClock::kLockStep), slowly_lowered_device());
   Host host(drive, key_);
   ASSERT_TRUE(host.handshake(0, true, 2e-3));
   EXPECT_FALSE(drive.in_session()) << "a welcome began the session";
@@ -145,7 +145,7 @@ TEST_F(DriveLink, InLockStepOnlyTorqueCommandsAdvanceTime) {
   EXPECT_TRUE(drive.in_session());
   EXPECT_TRUE(host.from_host());
   EXPECT_EQ(host.state().time_ns, 0);
-  SimulatedDevice twin = held_device();
+  SimulatedDevice twin = slowly_lowered_device();
   for (int tick = 1; tick <= 50; ++tick) {
     ASSERT_EQ(host.torque(0.5, 0), LinkRefusal::kNone);
     DeviceCommand command;
@@ -171,7 +171,7 @@ TEST_F(DriveLink, InLockStepOnlyTorqueCommandsAdvanceTime) {
 TEST_F(DriveLink, DelayedDriveCatchesUpWithItsOldCommandAndItsWatchdog) {
   DriveOptions delayed = options(LinkClock::kReal);
   delayed.record_steps = 1000;
-  Drive drive(delayed, held_device());
+  Drive drive(delayed, slowly_lowered_device());
   Host host(drive, key_);
   Drive::Answer state;
   ASSERT_TRUE(host.handshake(0));
@@ -193,7 +193,7 @@ TEST_F(DriveLink, DelayedDriveCatchesUpWithItsOldCommandAndItsWatchdog) {
 }
 
 TEST_F(DriveLink, WatchdogZeroesTorquesUntilTheHostAcknowledges) {
-  Drive drive(options(LinkClock::kReal), held_device());
+  Drive drive(options(LinkClock::kReal), slowly_lowered_device());
   Host host(drive, key_);
   Drive::Answer state;
   drive.tick(0, 1, state);
@@ -228,7 +228,7 @@ TEST_F(DriveLink, WatchdogZeroesTorquesUntilTheHostAcknowledges) {
 
 TEST_F(DriveLink, DelayedCommandsDoNotBringTheTorquesBack) {
   for (const char* faults : {"", "stop@0.03..0.031"}) {
-    Drive drive(options(LinkClock::kReal, faults), held_device());
+    Drive drive(options(LinkClock::kReal, faults), slowly_lowered_device());
     Host host(drive, key_);
     Drive::Answer state;
     ASSERT_TRUE(host.handshake(0));
@@ -270,7 +270,7 @@ TEST_F(DriveLink, DelayedCommandsDoNotBringTheTorquesBack) {
 TEST_F(DriveLink, StepsAreRecordedAndWrittenAsCsv) {
   DriveOptions some = options(LinkClock::kLockStep, "stop@0.01..0.02");
   some.record_steps = 25;
-  Drive drive(some, held_device());
+  Drive drive(some, slowly_lowered_device());
   Host host(drive, key_);
   ASSERT_TRUE(host.handshake(0));
   for (int tick = 0; tick < 30; ++tick) {
@@ -303,7 +303,7 @@ TEST_F(DriveLink, StepsAreRecordedAndWrittenAsCsv) {
 }
 
 TEST_F(DriveLink, WatchdogAllowsASlowHostTwoAndAHalfPeriods) {
-  Drive drive(options(LinkClock::kReal), held_device());
+  Drive drive(options(LinkClock::kReal), slowly_lowered_device());
   Host host(drive, key_);
   Drive::Answer state;
   ASSERT_TRUE(host.handshake(0, true, 1e-2));
@@ -315,7 +315,7 @@ TEST_F(DriveLink, WatchdogAllowsASlowHostTwoAndAHalfPeriods) {
 }
 
 TEST_F(DriveLink, ASecondHostCannotTakeOverAnActiveSession) {
-  Drive drive(options(LinkClock::kReal), held_device());
+  Drive drive(options(LinkClock::kReal), slowly_lowered_device());
   Host host(drive, key_), other(drive, key_);
   Drive::Answer state;
   ASSERT_TRUE(host.handshake(0));
@@ -336,7 +336,7 @@ TEST_F(DriveLink, ASecondHostCannotTakeOverAnActiveSession) {
 }
 
 TEST_F(DriveLink, AHelloForPosesIsDenied) {
-  Drive drive(options(LinkClock::kReal), held_device());
+  Drive drive(options(LinkClock::kReal), slowly_lowered_device());
   HelloPacket hello;
   hello.host_nonce = random_nonce();
   hello.period_s = 1e-3;
@@ -354,7 +354,7 @@ TEST_F(DriveLink, AHelloForPosesIsDenied) {
 
 // No amplifier: rare, smaller than what caused it, and for hellos only.
 TEST_F(DriveLink, AHelloOfAnotherKeyIsDeniedAtMostTenTimesASecond) {
-  Drive drive(options(LinkClock::kReal), held_device());
+  Drive drive(options(LinkClock::kReal), slowly_lowered_device());
   Host stranger(drive, random_link_key());
   int denials = 0;
   for (int ms = 0; ms < 1000; ++ms) {
@@ -393,7 +393,7 @@ TEST_F(DriveLink, AHelloOfAnotherKeyIsDeniedAtMostTenTimesASecond) {
 
 // A busy drive answers all queued hellos at once, and the host takes the first answer.
 TEST_F(DriveLink, RepeatedHellosGetTheSameOffer) {
-  Drive drive(options(LinkClock::kReal), held_device());
+  Drive drive(options(LinkClock::kReal), slowly_lowered_device());
   Host host(drive, key_), other(drive, key_);
   ASSERT_TRUE(host.handshake(0));
   for (int i = 1; i < 10; ++i)
@@ -405,7 +405,7 @@ TEST_F(DriveLink, RepeatedHellosGetTheSameOffer) {
 }
 
 TEST_F(DriveLink, AReplayedSessionIsRefused) {
-  Drive drive(options(LinkClock::kReal), held_device());
+  Drive drive(options(LinkClock::kReal), slowly_lowered_device());
   Host host(drive, key_);
   Drive::Answer state;
   std::vector<Bytes> packets;
@@ -435,7 +435,7 @@ TEST_F(DriveLink, AReplayedSessionIsRefused) {
 }
 
 TEST_F(DriveLink, OnlyAFreshSessionRestartsTheWorld) {
-  Drive drive(options(LinkClock::kLockStep), held_device());
+  Drive drive(options(LinkClock::kLockStep), slowly_lowered_device());
   Host host(drive, key_);
   ASSERT_TRUE(host.handshake(0));
   for (int i = 0; i < 30; ++i)
@@ -453,7 +453,7 @@ TEST_F(DriveLink, OnlyAFreshSessionRestartsTheWorld) {
 TEST_F(DriveLink, InvalidPacketsChangeNothingUnderLoad) {
   const char* wanted = std::getenv("TROCAR_PACKETS");  // NOLINT(concurrency-mt-unsafe)
   const long packets = wanted != nullptr ? std::atol(wanted) : 1'000'000;
-  Drive drive(options(LinkClock::kReal), held_device());
+  Drive drive(options(LinkClock::kReal), slowly_lowered_device());
   Host host(drive, key_);
   Drive::Answer state;
   ASSERT_TRUE(host.handshake(0));
@@ -488,7 +488,7 @@ TEST_F(DriveLink, InvalidPacketsChangeNothingUnderLoad) {
 // --- faults --------------------------------------------------------------------------------
 
 TEST_F(DriveLink, EmergencyStopKeepsTorquesAtZeroUntilAcknowledged) {
-  Drive drive(options(LinkClock::kLockStep, "stop@0.01..0.02"), held_device());
+  Drive drive(options(LinkClock::kLockStep, "stop@0.01..0.02"), slowly_lowered_device());
   Host host(drive, key_);
   ASSERT_TRUE(host.handshake(0));
   for (int tick = 0; tick < 30; ++tick) {
@@ -511,7 +511,7 @@ TEST_F(DriveLink, EmergencyStopKeepsTorquesAtZeroUntilAcknowledged) {
 }
 
 TEST_F(DriveLink, ADeadMotorGivesNoTorqueAndIsReported) {
-  Drive drive(options(LinkClock::kLockStep, "dead:3@0.01"), held_device());
+  Drive drive(options(LinkClock::kLockStep, "dead:3@0.01"), slowly_lowered_device());
   Host host(drive, key_);
   ASSERT_TRUE(host.handshake(0));
   for (int tick = 0; tick < 30; ++tick) {
@@ -530,7 +530,7 @@ TEST_F(DriveLink, ADeadMotorGivesNoTorqueAndIsReported) {
 
 TEST_F(DriveLink, AnEncoderSticksAtItsCurrentAngleEachTime) {
   Drive drive(options(LinkClock::kLockStep, "stuck:0@0.01..0.02,stuck:0@0.03..0.04"),
-              held_device());
+              slowly_lowered_device());
   Host host(drive, key_);
   ASSERT_TRUE(host.handshake(0));
   double stuck_rad[2] = {0, 0};
@@ -544,7 +544,8 @@ TEST_F(DriveLink, AnEncoderSticksAtItsCurrentAngleEachTime) {
 }
 
 TEST_F(DriveLink, EncodersStickAndJumpAsPlanned) {
-  Drive drive(options(LinkClock::kLockStep, "stuck:0@0.01,jump:5:0.25@0.02"), held_device());
+  Drive drive(options(LinkClock::kLockStep, "stuck:0@0.01,jump:5:0.25@0.02"),
+              slowly_lowered_device());
   Host host(drive, key_);
   ASSERT_TRUE(host.handshake(0));
   double stuck_rad = 0;
@@ -565,7 +566,7 @@ TEST_F(DriveLink, EncodersStickAndJumpAsPlanned) {
 }
 
 TEST_F(DriveLink, AnInjectedKillIsDueAtItsTime) {
-  Drive drive(options(LinkClock::kLockStep, "kill@0.005"), held_device());
+  Drive drive(options(LinkClock::kLockStep, "kill@0.005"), slowly_lowered_device());
   Host host(drive, key_);
   EXPECT_FALSE(drive.kill_is_due());
   ASSERT_TRUE(host.handshake(0));
