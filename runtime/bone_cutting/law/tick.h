@@ -111,7 +111,8 @@ inline Eigen::Vector2d crossing(const Eigen::Vector3d& tip, const Eigen::Vector3
 /// Depth of Gauss point `g` of a slab that has `points` Gauss points of equal weight.
 inline double gauss_depth(const CuttingSlab& slab, std::size_t g,
                           std::size_t points = kMaxWallPoints) noexcept {
-  constexpr std::array<double, kMaxWallPoints> kPlaceOfPoint{0.21132486540518713, 0.78867513459481287};
+  constexpr std::array<double, kMaxWallPoints> kPlaceOfPoint{0.21132486540518713,
+                                                             0.78867513459481287};
   const double part = points == 1 ? 0.5 : kPlaceOfPoint[g];
   return slab.top_m + part * (slab.bottom_m - slab.top_m);
 }
