@@ -20,9 +20,9 @@ namespace {
 using Eigen::Vector2d;
 using Eigen::Vector3d;
 
-class Random {
+class Draws {
  public:
-  explicit Random(unsigned seed) : engine_(seed) {}
+  explicit Draws(unsigned seed) : engine_(seed) {}
   double uniform(double a, double b) {
     return std::uniform_real_distribution<double>(a, b)(engine_);
   }
@@ -41,7 +41,7 @@ struct Session {
   CuttingState state;
 };
 
-Session random_session(Random& random) {
+Session random_session(Draws& random) {
   Session s;
   const int count = 1 + random.integer(40);
   const double thickness = random.power(-3.6, -2.7);
@@ -82,7 +82,7 @@ Session random_session(Random& random) {
 }
 
 // Cortical walls in some slabs, some of them up to the whole slab.
-void add_walls(Random& random, Session& s) {
+void add_walls(Draws& random, Session& s) {
   for (CuttingSlab& slab : s.slabs) {
     const double thickness = slab.bottom_m - slab.top_m;
     slab.cortex_N = random.uniform(0, 150);
@@ -93,7 +93,7 @@ void add_walls(Random& random, Session& s) {
 }
 
 // Soft tissue over the bone, into it and within.
-void add_layers(Random& random, Session& s) {
+void add_layers(Draws& random, Session& s) {
   double at = random.uniform(-0.001, 0.004);
   for (int i = 0, count = 1 + random.integer(3); i < count; ++i) {
     SoftLayer layer;
@@ -162,7 +162,7 @@ struct Hand {
   }
 };
 
-Vector2d crossing(const Pose& X, const CuttingTool& tool, double depth) {
+Vector2d crossing_of(const Pose& X, const CuttingTool& tool, double depth) {
   const Vector3d tip = X * tool.tip_plate_m, axis = X.q * tool.inward_plate;
   return (tip + axis * ((-depth - tip.z()) / axis.z())).head<2>();
 }
@@ -228,7 +228,7 @@ double rigid_leak(const Session& s, const CuttingState& was, const CuttingState&
     if (stiffness <= 0) continue;
     for (std::size_t g = 0; g < 2; ++g) {
       const double depth = b.embedded_m > 0 ? b.depth_m[g] : a.depth_m[g];
-      const Vector2d u = crossing(A, tool, depth), du = crossing(B, tool, depth) - u;
+      const Vector2d u = crossing_of(A, tool, depth), du = crossing_of(B, tool, depth) - u;
       leak += 0.5 * stiffness * du.squaredNorm();
       if (a.embedded_m <= 0) continue;
       const Vector3d to =
@@ -261,7 +261,7 @@ double strength_above(const Session& s, const CuttingState& was, double front_m)
 }
 
 TEST(CuttingEnergy, NoTickGivesMoreThanHoldingLeaks) {
-  Random random(11), layers(12), tips(13), holds(14), slopes(15), twists(16), bevels(17), walls(18);
+  Draws random(11), layers(12), tips(13), holds(14), slopes(15), twists(16), bevels(17), walls(18);
   double worst = -1;
   long ticks = 0, cutting = 0, stopped = 0, too_far = 0, unconverged = 0, capped = 0, rigid = 0,
        gained = 0, torn = 0, slipped = 0, held = 0, sloped = 0, twisted = 0, bevelled = 0;

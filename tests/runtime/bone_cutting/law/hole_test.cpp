@@ -11,7 +11,7 @@
 namespace trocar::runtime {
 namespace {
 
-constexpr double kStep = 5e-5;
+constexpr double kHoleStep = 5e-5;
 
 Bench hole_bench(std::size_t holes = 4) {
   Bench b(even_slabs(20, 1e-3, 20), holes);
@@ -26,12 +26,12 @@ Bench hole_bench(std::size_t holes = 4) {
 
 double push_to(Bench& b, double x, double depth) {
   double most = 0;
-  b.move(plate_at(x, -0.002), plate_at(x, depth), kStep,
+  b.move(plate_at(x, -0.002), plate_at(x, depth), kHoleStep,
          [&](const CuttingResult& out, const Pose&) { most = std::max(most, out.tip_N); });
   return most;
 }
 void pull_from(Bench& b, double x, double depth) {
-  b.move(plate_at(x, depth), plate_at(x, -0.01), kStep);
+  b.move(plate_at(x, depth), plate_at(x, -0.01), kHoleStep);
 }
 
 TEST(Hole, OutlivesWithdrawal) {
@@ -50,12 +50,12 @@ TEST(Hole, OutlivesWithdrawal) {
   EXPECT_EQ(b.cut_J, cut);
   EXPECT_NEAR(b.out.wrench_device[2], 200 * b.out.embedded_m, 0.02 * b.out.wrench_device[2]);
   EXPECT_GT(b.out.embedded_m, 0.008);
-  b.move(plate_at(0, 0.009), plate_at(0.001, 0.009), kStep);
+  b.move(plate_at(0, 0.009), plate_at(0.001, 0.009), kHoleStep);
   EXPECT_LT(b.out.wrench_device[0], -5);
-  b.move(plate_at(0.001, 0.009), plate_at(0, 0.009), kStep);
+  b.move(plate_at(0.001, 0.009), plate_at(0, 0.009), kHoleStep);
 
   // And at its bottom the bone.
-  b.move(plate_at(0, 0.009), plate_at(0, 0.02), kStep);
+  b.move(plate_at(0, 0.009), plate_at(0, 0.02), kHoleStep);
   EXPECT_NEAR(b.out.tip_N, 20, 1e-6);
   EXPECT_GT(b.cut_J, cut + 0.01 * 0.02);
 }
@@ -108,7 +108,7 @@ TEST(Hole, HalfOverAnOldOneCutsByItsShare) {
       slab.share_to_m = bottom;
     }
     double to_bottom = 0;
-    b.move(plate_at(e, -0.002), plate_at(e, 0.019), kStep,
+    b.move(plate_at(e, -0.002), plate_at(e, 0.019), kHoleStep,
            [&](const CuttingResult& out, const Pose&) {
              if (out.front_m < bottom - 1e-9 && out.cut_J > 0) {
                EXPECT_NEAR(out.tip_N, 20 * share(1.525e-3, e), 1e-5);
@@ -142,15 +142,15 @@ TEST(Hole, OfASheet) {
   for (const double x : {0.0, 0.01}) {
     int peaks = 0;
     double before = 0;
-    b.move(plate_at(x, -0.005), plate_at(x, 0.06), kStep,
+    b.move(plate_at(x, -0.005), plate_at(x, 0.06), kHoleStep,
            [&](const CuttingResult& out, const Pose&) {
              peaks += before > 34 && out.tip_N == 0;
              before = out.tip_N;
            });
     EXPECT_EQ(peaks, 3) << x;
-    b.move(plate_at(x, 0.06), plate_at(x, -0.005), kStep);
+    b.move(plate_at(x, 0.06), plate_at(x, -0.005), kHoleStep);
     EXPECT_LT(push_to(b, x, 0.06), 1e-9) << x;
-    b.move(plate_at(x, 0.06), plate_at(x, -0.005), kStep);
+    b.move(plate_at(x, 0.06), plate_at(x, -0.005), kHoleStep);
   }
 }
 
@@ -209,8 +209,8 @@ TEST(Hole, ASliverBreaksAtItsShare) {
 TEST(Hole, LeftBySlanting) {
   Bench b = hole_bench();
   b.options.tool.tip_plate_m = {0, 0, -0.1};
-  b.move(plate_at(0, -0.102), plate_at(0, -0.1 + 0.015), kStep);
-  b.move(plate_at(0, -0.1 + 0.015), plate_at(0, -0.102), kStep);
+  b.move(plate_at(0, -0.102), plate_at(0, -0.1 + 0.015), kHoleStep);
+  b.move(plate_at(0, -0.1 + 0.015), plate_at(0, -0.102), kHoleStep);
   const double cut = b.cut_J;
   // 0.1 rad about the mouth of the hole.
   const auto slanting = [](double depth) {
@@ -219,7 +219,7 @@ TEST(Hole, LeftBySlanting) {
     return X;
   };
   double most = 0;
-  b.move(slanting(-0.002), slanting(0.01), kStep,
+  b.move(slanting(-0.002), slanting(0.01), kHoleStep,
          [&](const CuttingResult& out, const Pose&) { most = std::max(most, out.tip_N); });
   EXPECT_NEAR(most, 20, 1e-3);
   EXPECT_GT(b.cut_J, cut + 20 * 0.005);
@@ -241,9 +241,9 @@ TEST(Hole, BoneIsAWallFromOutside) {
     slab.free = &beside;
     slab.free_version = 1;
   }
-  b.move(plate_at(0, -0.002), plate_at(0, 0.01), kStep,
+  b.move(plate_at(0, -0.002), plate_at(0, 0.01), kHoleStep,
          [](const CuttingResult& out, const Pose&) { ASSERT_LT(out.wrench_device.norm(), 1e-12); });
-  b.move(plate_at(0, 0.01), plate_at(0.0019, 0.01), kStep);
+  b.move(plate_at(0, 0.01), plate_at(0.0019, 0.01), kHoleStep);
   EXPECT_LT(b.out.wrench_device.norm(), 1e-12);
   double before = 0;
   b.move(plate_at(0.0019, 0.01), plate_at(0.004, 0.01), 1e-5,

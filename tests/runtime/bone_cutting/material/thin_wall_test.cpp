@@ -9,8 +9,6 @@
 namespace trocar::runtime {
 namespace {
 
-using std::numbers::pi;
-
 // The limit load of a simply supported plate by the work of one collapse mechanism, a cone around the disc: for a
 // yield moment M for each length the work of the hinges in a cone of slope w / (R - a), integrated over r, is
 // 2 pi M w R / (R - a) from the circumferential curvature, and 0 in radial direction. Prager's exact load is at
@@ -20,9 +18,9 @@ TEST(ThinWall, BendingIsBelowTheLoadOfASimpleMechanism) {
     for (const double R : {3e-3, 6e-3}) {
       const ThinWall wall{.thickness_m = 8e-4, .free_radius_m = R, .clamping = 2};
       const double moment_N = 100e6 * 8e-4 * 8e-4 / 4;
-      const double mechanism_N = 2 * pi * moment_N * R / (R - a);
+      const double mechanism_N = 2 * std::numbers::pi * moment_N * R / (R - a);
       EXPECT_LE(bending_N(wall, a), mechanism_N * (1 + 1e-12));
-      EXPECT_GE(bending_N(wall, a), 2 * pi * moment_N) << "a point load needs least";
+      EXPECT_GE(bending_N(wall, a), 2 * std::numbers::pi * moment_N) << "a point load needs least";
     }
   }
 }
