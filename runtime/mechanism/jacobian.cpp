@@ -64,7 +64,7 @@ SingularRange singular_range(const Jacobian& G, double characteristic_length_m) 
   if (solver.info() == Eigen::Success && range.smallest > kSmallestSquared * range.largest) {
     return range;
   }
-  // This takes nearly 4 us longer, but is needed only near a singularity. scaled = Q R, so that R has
+  // This takes longer, but is needed only near a singularity. scaled = Q R, so that R has
   // the same singular values; as a square matrix it needs no preconditioner, which compiles slowly.
   const Eigen::Matrix<double, 6, 6> R =
       Eigen::HouseholderQR<Jacobian>(scaled).matrixQR().topRows<6>().triangularView<Eigen::Upper>();

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-# trocar_bundle(NAME LIBRARIES...): in a unity build, one batch holds the sources of all these static libraries, which must have the
-# same compile options. Headers and templates that they share are then compiled once, which takes about half of the time. The
-# libraries keep their names and link NAME, which has the code. In other builds the function does nothing. A program that links one
-# of the libraries gets the code of all of them, so a bundle is for libraries that the same programs link.
+# trocar_bundle(NAME LIBRARIES...): in a unity build, one batch holds the sources of all these static libraries, which must have the same
+# compile options. Headers and templates that they share are then compiled once. The libraries keep their names and link NAME, which has the
+# code. In other builds the function does nothing. A program that links one of the libraries gets the code of all of them, so a bundle is
+# for libraries that the same programs link.
 function(trocar_bundle name)
   if(NOT CMAKE_UNITY_BUILD)
     return()
