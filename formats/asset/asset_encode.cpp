@@ -18,6 +18,7 @@
 #include "formats/asset/hu_codec.h"
 #include "formats/asset/hu_section.h"
 #include "formats/asset/slice_payload.h"
+#include "formats/base/json_text.h"
 
 namespace trocar {
 namespace {
@@ -110,7 +111,7 @@ void add_top_nodes(GltfWriter& gltf, std::size_t nodes, const Eigen::Affine3d& f
 
 // The mean HU that the file states, in tenths.
 std::optional<double> stated_mean_hu(const EncodedSlice& slice) {
-  const json measures = json::parse(slice.measures_json);
+  const json measures = parse_known_json(slice.measures_json);
   const auto mean_hu = measures.find("mean_hu");
   if (mean_hu == measures.end() || !mean_hu->is_number()) return std::nullopt;
   return std::rint(mean_hu->get<double>() * 10) / 10;
@@ -232,7 +233,7 @@ Result<std::vector<std::uint8_t>> assemble_asset(const Asset& head,
                                                  std::vector<EncodedSlice> slices,
                                                  AssetSizes* sizes,
                                                  const std::vector<EncodedHuVolume>& hu) {
-  json parameters = json::parse(head.parameters_json, nullptr, false);
+  json parameters = parse_json(head.parameters_json);
   if (parameters.is_discarded()) return bug("the asset's parameters are not JSON");
   if (auto ok = check_entry_count(slices.size()); !ok) return ok.error();
   if (auto ok = check_order(head, slices); !ok) return ok.error();

@@ -11,6 +11,7 @@
 #include "formats/asset/draco_mesh.h"
 #include "formats/asset/slice_payload.h"
 #include "formats/base/file_io.h"
+#include "formats/base/json_text.h"
 
 namespace trocar {
 namespace {
@@ -62,7 +63,7 @@ Result<std::vector<std::uint8_t>> with_indices_set_aside(std::span<const std::ui
   }
   std::string out;
   try {
-    out = root.dump();
+    out = json_text(root);
   } catch (const nlohmann::json::exception&) {
     return refused(name + ": its JSON is not UTF-8");
   }

@@ -85,7 +85,7 @@ Result<Pslg> decode_lines(const SliceRecord& record, const GeometryBytes& bytes,
 
 // The value under `key` of a JSON object given as text; null if there is none.
 nlohmann::json value_of(const std::string& object, const char* key) {
-  const nlohmann::json parsed = nlohmann::json::parse(object, nullptr, false);
+  const nlohmann::json parsed = parse_json(object);
   return parsed.is_object() ? parsed.value(key, nlohmann::json()) : nlohmann::json();
 }
 
@@ -138,7 +138,7 @@ Result<nlohmann::json> parse_json_text(std::span<const std::uint8_t> text) {
       --depth;
     }
   }
-  nlohmann::json parsed = nlohmann::json::parse(text.begin(), text.end(), nullptr, false);
+  nlohmann::json parsed = parse_json(text);
   if (parsed.is_discarded()) return refused("its JSON does not parse");
   return parsed;
 }
@@ -373,7 +373,7 @@ Result<EncodedSlice> encode_slice(const AssetSlice& slice, const DracoGrid& grid
 Result<EncodedSlice> encode_slice(const AssetSlice& slice, const ProvedOutline& outline,
                                   const DracoGrid& grid) {
   const std::string where = "slice " + std::to_string(slice.index) + ": ";
-  if (!nlohmann::json::parse(slice.measures_json, nullptr, false).is_object())
+  if (!parse_json(slice.measures_json).is_object())
     return bug(where + "its measures are not a JSON object");
   EncodedSlice out;
   out.index = slice.index;

@@ -6,7 +6,7 @@
 namespace trocar {
 
 std::string html_text(const std::string& text) {
-  const auto valid = nlohmann::json::parse(json_text(nlohmann::json(text))).get<std::string>();
+  const auto valid = parse_known_json(json_text(nlohmann::json(text))).get<std::string>();
   std::string out;
   for (const char c : valid) {
     switch (c) {

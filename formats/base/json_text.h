@@ -1,21 +1,40 @@
 // SPDX-License-Identifier: Apache-2.0
-// Writes a JSON value as text; the value's strings need not be UTF-8. Include this header in .cpp
-// files only, because a public header must not include nlohmann/json.
+// Reads and writes a JSON value as text; the value's strings need not be UTF-8. nlohmann's parser and
+// serializer take about a second to compile in each file, so other files call them through this
+// header. Include it in .cpp files only, because a public header must not include nlohmann/json.
 // Tests: tests/pipeline/scan/label_names_test.cpp
 #pragma once
 
 #include <cmath>
+#include <concepts>
+#include <cstdint>
 #include <nlohmann/json.hpp>
+#include <span>
 #include <string>
+#include <string_view>
 
 namespace trocar {
 
 /// Returns `value` as JSON text. Bytes that are not UTF-8 (in file names or in text from scans)
 /// are replaced by U+FFFD. Never throws. `indent` has the meaning of nlohmann::json::dump(); -1
 /// gives one line.
-inline std::string json_text(const nlohmann::json& value, int indent = -1) {
-  return value.dump(indent, ' ', false, nlohmann::json::error_handler_t::replace);
+std::string json_text(const nlohmann::json& value, int indent = -1);
+
+/// The same for an ordered_json, whose keys keep their order. (It would convert to json, which sorts
+/// them.)
+template <std::same_as<nlohmann::ordered_json> Ordered>
+std::string json_text(const Ordered& value, int indent = -1) {
+  return value.dump(indent, ' ', false, Ordered::error_handler_t::replace);
 }
+
+/// Parses JSON text. If it is no JSON, returns a discarded value, which is neither an object nor any
+/// other kind of value (is_discarded()).
+nlohmann::json parse_json(std::string_view text);
+nlohmann::json parse_json(std::span<const std::uint8_t> text);
+
+/// Parses text that is JSON for certain, because Trocar has written or checked it. Throws an
+/// exception of nlohmann's if it is not.
+nlohmann::json parse_known_json(std::string_view text);
 
 /// Returns a JSON array with the names (to_string()) of the first `count` values of an enumeration.
 template <typename Enumeration>

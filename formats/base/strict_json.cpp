@@ -6,6 +6,7 @@
 #include <utility>
 #include <vector>
 
+#include "formats/base/json_text.h"
 #include "formats/base/nearest_name.h"
 
 namespace trocar {
@@ -14,7 +15,7 @@ namespace {
 constexpr std::size_t kMaxDepth = 64;
 
 std::string as_text(double x) {
-  return nlohmann::json(x).dump();
+  return json_text(x);
 }
 
 std::string range_message(double lowest, double highest) {
@@ -44,7 +45,7 @@ Result<nlohmann::json> parse_strict_json(std::string_view text, const std::strin
     } else if (event == Event::key) {
       const auto& key = parsed.get_ref<const std::string&>();
       if (!keys.back().insert(key).second && !wrong) {
-        wrong = "key " + nlohmann::json(key).dump() + " occurs twice";
+        wrong = "key " + json_text(key) + " occurs twice";
       }
     }
     return true;
@@ -84,7 +85,7 @@ const nlohmann::json* StrictObject::find(const char* key, bool required) {
     const std::string meant = nearest_name(key, others);
     errors_.add(path(key), "is missing" + (meant.empty() || known_.contains(meant)
                                                ? ""
-                                               : "; is it " + nlohmann::json(meant).dump() + "?"));
+                                               : "; is it " + json_text(meant) + "?"));
   }
   return nullptr;
 }
@@ -207,7 +208,7 @@ void StrictObject::finish() {
   if (!value_.is_object()) return;
   for (const auto& [key, unused] : value_.items()) {
     if (!known_.contains(key)) {
-      errors_.add(path_, "unknown key " + nlohmann::json(key).dump() +
+      errors_.add(path_, "unknown key " + json_text(key) +
                              did_you_mean(key, {known_.begin(), known_.end()}));
       return;
     }

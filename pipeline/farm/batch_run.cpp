@@ -195,7 +195,7 @@ class Run {
 
   void finish(const Ended& ended) {
     const Todo todo = started_[ended.task];
-    const json sent = json::parse(ended.text, nullptr, false);
+    const json sent = parse_json(ended.text);
     Outcome outcome;
     if (ended.signal == 0 && sent.is_object()) {
       outcome = outcome_from(sent);
@@ -265,7 +265,7 @@ class Run {
         processes_.signal_all(SIGKILL);
         continue;
       }
-      const json sent = json::parse(ended->text, nullptr, false);
+      const json sent = parse_json(ended->text);
       const Todo todo = started_[ended->task];
       if (ended->signal == 0 && sent.is_object() &&
           outcome_from(sent).kind != Outcome::Kind::kFailed) {

@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "formats/base/file_io.h"
+#include "formats/base/json_text.h"
 #include "pipeline/farm/atomic_file.h"
 #include "pipeline/farm/failpoint.h"
 #include "pipeline/farm/lease.h"
@@ -49,7 +50,7 @@ std::set<std::string> live_keys(const Store& store) {
 void keep_outputs(const fs::path& action, std::set<std::string>& digests) {
   const auto bytes = read_file(action);
   if (!bytes) return;
-  const json value = json::parse(bytes->begin(), bytes->end(), nullptr, false);
+  const json value = parse_json(*bytes);
   if (!value.is_object() || !value.contains("outputs")) return;
   for (const char* of : {"asset", "report", "file"}) {
     const json output = value["outputs"].value(of, json::object());

@@ -74,7 +74,7 @@ bool renew_time(const fs::path& file) {
 Result<bool> has_mark(const fs::path& folder) {
   const auto text = text_of(folder / kMark);
   if (!text) return false;
-  const json mark = json::parse(*text, nullptr, false);
+  const json mark = parse_json(*text);
   if (!mark.is_object() || !mark.contains("schema"))
     return usage(folder.string() + ": its " + kMark + " is damaged");
   if (mark["schema"] != kSchema)
@@ -165,7 +165,7 @@ json entry_json(const ScanEntry& entry) {
 }
 
 std::optional<ScanEntry> entry_from(std::string_view text) {
-  const json value = json::parse(text, nullptr, false);
+  const json value = parse_json(text);
   try {
     if (value.at("schema") != "trocar.scan/1") return std::nullopt;
     ScanEntry out;
@@ -260,7 +260,7 @@ namespace {
 json outputs_in(const fs::path& file, const std::string& key) {
   const auto text = text_of(file);
   if (!text) return {};
-  const json value = json::parse(*text, nullptr, false);
+  const json value = parse_json(*text);
   try {
     if (sha256_of(json_text(value.at("action"))) != key) return {};
     return value.at("outputs");

@@ -9,6 +9,7 @@
 #include <system_error>
 #include <utility>
 
+#include "formats/base/json_text.h"
 #include "pipeline/base/number_ranges.h"
 #include "pipeline/open/open_stack.h"
 #include "pipeline/open/scan_folder.h"
@@ -277,7 +278,7 @@ std::string segments_of(const json& scan) {
   const json& segments = scan["segments"];
   std::string out;
   for (std::size_t i = 0; i < std::min(segments.size(), kMax); ++i) {
-    out += (i == 0 ? "" : ", ") + segments[i]["label"].dump();
+    out += (i == 0 ? "" : ", ") + json_text(segments[i]["label"]);
     if (const std::string name = cell(segments[i], "name"); name != "-") out += " " + name;
   }
   if (segments.size() > kMax) out += " and " + std::to_string(segments.size() - kMax) + " more";

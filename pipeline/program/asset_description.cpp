@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "pipeline/program/asset_description.h"
 
+#include "formats/base/json_text.h"
+
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -87,7 +89,7 @@ json describe_asset(const Asset& asset, std::uint64_t bytes) {
          {"box_mm", or_null(box)},
          {"centroid_mm", or_null(centroid_of(s.mesh, asset.lattice.step_mm()))},
          {"mean_hu", s.mesh.triangles.empty() ? json(nullptr) : or_null(mean_hu_of(s))},
-         {"measures", json::parse(s.measures_json)}});
+         {"measures", parse_known_json(s.measures_json)}});
   }
   json surfaces = json::array();
   for (const AssetSurface& one : asset.surfaces) {
@@ -112,7 +114,7 @@ json describe_asset(const Asset& asset, std::uint64_t bytes) {
               {"lattice_bits", asset.lattice.bits},
               {"lattice_step_mm", asset.lattice.step_mm()},
               {"materials", std::move(materials)},
-              {"parameters", json::parse(asset.parameters_json)},
+              {"parameters", parse_known_json(asset.parameters_json)},
               {"bytes", bytes},
               {"triangles", triangles},
               {"box_mm", or_null(all)},

@@ -89,7 +89,7 @@ Result<std::string> fitted_tissue(const CurveFit& fit, const SceneTool& tool) {
   tissue["cut"] = cut;
   const Result<Scene> scene = parse_part("tissue", nlohmann::json(tissue), "the fitted tissue");
   if (!scene) return scene.error();
-  return tissue.dump(2) + "\n";
+  return json_text(tissue, 2) + "\n";
 }
 
 std::string fitted_shell(const CurveFit& fit) {

@@ -401,7 +401,7 @@ std::string Files::list() {
       is_truncated = true;
       continue;
     }
-    json entry = json::parse(known.json);
+    json entry = parse_known_json(known.json);
     // The scene does not change when its asset comes or goes.
     std::error_code ignored;
     if (!known.asset.empty() && !std::filesystem::is_regular_file(known.asset, ignored))

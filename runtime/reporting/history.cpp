@@ -330,7 +330,7 @@ Result<History> read_history(const std::filesystem::path& folder) {
 }
 
 std::string history_text(const History& history) {
-  const json document = json::parse(history.json);
+  const json document = parse_known_json(history.json);
   std::string text;
   const json* last = nullptr;
   for_each_session(document, [&](const json& series, const json& session) {
@@ -370,7 +370,7 @@ std::string history_text(const History& history) {
 }
 
 std::string history_csv(const History& history) {
-  const json document = json::parse(history.json);
+  const json document = parse_known_json(history.json);
   std::string csv = "course,trainee,scene,attempt,time,file,end,goals,";
   for (const Figure& figure : kFigures)
     csv.append(figure.name).append(",");

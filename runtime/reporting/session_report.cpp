@@ -287,7 +287,7 @@ std::string session_report_json(const Scene& scene, const SessionFigures& f,
                                 const ReportFacts& facts) {
   json out = describe_goals(scene, f);
   out["schema"] = "trocar.session-report/1";
-  out["trainee"] = json::parse(to_json(facts.trainee));
+  out["trainee"] = parse_known_json(to_json(facts.trainee));
   out["program"] = "trocar-run " TROCAR_VERSION;
   out["use"] = "for training, not for planning";
   out["scene"] = scene.name;
@@ -328,7 +328,7 @@ std::string session_report_json(const Scene& scene, const SessionFigures& f,
 }
 
 std::string session_report_csv(const std::string& report_json) {
-  json report = json::parse(report_json);
+  json report = parse_known_json(report_json);
   report.erase("samples");
   std::string csv = "figure,value\n";
   const json flat = report.flatten();

@@ -182,10 +182,10 @@ std::string summarize(const Scene& scene, const SessionOptions& options,
       {"torque_max_Nm", report.torque_max_Nm},
   };
   if (const Result<Trainee> trainee = stated_trainee(options.origin); trainee)
-    summary["trainee"] = json::parse(to_json(*trainee));
+    summary["trainee"] = parse_known_json(to_json(*trainee));
   if (report.allocations_in_loop) summary["allocations_in_loop"] = *report.allocations_in_loop;
   if (const SummarySection law = report.law->summary(); !law.key.empty())
-    summary[law.key] = json::parse(law.json);
+    summary[law.key] = parse_known_json(law.json);
   for (const PunctureEvent& event : report.punctures) {
     summary["punctures"].push_back(describe(event, remesher));
   }
@@ -196,7 +196,7 @@ std::string summarize(const Scene& scene, const SessionOptions& options,
                          {"first_difference_row", nullptr}};
     if (differs) summary["replay"]["first_difference_row"] = report.replay_first_difference + 1;
   }
-  if (!link_json.empty()) summary["link"] = json::parse(link_json);
+  if (!link_json.empty()) summary["link"] = parse_known_json(link_json);
   return json_text(summary, 2);
 }
 

@@ -5,6 +5,7 @@
 #include <utility>
 
 #include "formats/base/file_io.h"
+#include "formats/base/json_text.h"
 
 namespace trocar::runtime {
 
@@ -41,7 +42,7 @@ void FrameWriter::add(const RecordingRow& row, const std::shared_ptr<const Sheet
         {"shape", shapes_++},  {"slice", shape->slice_index},     {"z_m", shape->z_m},
         {"cuts", shape->cuts}, {"vertices_m", shape->vertices_m}, {"triangles", shape->triangles},
         {"w", shape->w}};
-    text_ += line.dump() + "\n";
+    text_ += json_text(line) + "\n";
     last_ = shape;
   }
   nlohmann::json frame = {{"t_s", row.t_s},      {"state", to_string(row.phase)},
@@ -51,7 +52,7 @@ void FrameWriter::add(const RecordingRow& row, const std::shared_ptr<const Sheet
     frame["shape"] = shapes_ - 1;
     frame["depth_m"] = shape_depth_m(row, *last_);
   }
-  text_ += frame.dump() + "\n";
+  text_ += json_text(frame) + "\n";
 }
 
 Result<void> FrameWriter::finish() const {

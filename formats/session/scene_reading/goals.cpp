@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "formats/base/json_text.h"
 #include "formats/geometry/slice_mesh.h"
 #include "formats/session/scene_reading/scene_readers.h"
 
@@ -115,7 +116,7 @@ std::vector<std::array<double, 2>> read_polygon(StrictObject& object, const char
         corner.is_array() && corner.size() == 2 && corner[0].is_number() && corner[1].is_number();
     if (is_pair) polygon_m.push_back({corner[0].get<double>(), corner[1].get<double>()});
     if (!is_pair || !(std::abs(polygon_m[i][0]) <= max_m && std::abs(polygon_m[i][1]) <= max_m)) {
-      const std::string max = nlohmann::json(max_m).dump();
+      const std::string max = json_text(max_m);
       std::string reason = "must be pairs of numbers within -";
       reason.append(max).append(" and ").append(max);
       object.error(key, reason);

@@ -21,7 +21,7 @@ json result_in(const std::filesystem::path& file) {
   constexpr std::uint64_t kMaxResultBytes = std::uint64_t{64} << 10;
   const auto bytes = read_file(file, kMaxResultBytes);
   if (!bytes) return nullptr;
-  json result = json::parse(bytes->begin(), bytes->end(), nullptr, false);
+  json result = parse_json(*bytes);
   return result.is_object() ? result : json(nullptr);
 }
 

@@ -12,7 +12,7 @@ namespace {
 using nlohmann::json;
 
 json object_of(std::string_view text) {
-  json value = json::parse(text, nullptr, false);
+  json value = parse_json(text);
   return value.is_object() ? value : json::object();
 }
 
