@@ -9,10 +9,11 @@
 #include <cerrno>
 #include <cstdio>
 #include <nlohmann/json.hpp>
-#include <regex>
 #include <system_error>
 
 #include "formats/base/file_io.h"
+#include "formats/base/json_text.h"
+#include "formats/base/text_pattern.h"
 #include "sample_ct/write_dicom.h"
 #include "sample_ct/write_nifti.h"
 
@@ -86,9 +87,8 @@ Result<void> check_replaceable(const fs::path& folder, const char* pattern) {
   if (error) return failed(folder, error);
   if (status.type() != fs::file_type::directory)
     return unwritable(folder.string() + ": exists and is not a folder");
-  const std::regex ours(pattern);
   for (fs::directory_iterator it(folder, error), end; !error && it != end; it.increment(error))
-    if (!std::regex_match(it->path().filename().string(), ours))
+    if (!matches(it->path().filename().string(), pattern))
       return unwritable(folder.string() + ": holds " + it->path().filename().string() +
                         ", which is not from an earlier run; the folder is not replaced");
   if (error) return failed(folder, error);
@@ -138,7 +138,7 @@ std::string describe_scan(const Scan& scan, const GreyWindow& window) {
         {"dicom", dicom_name(0) + " .. " + dicom_name(g.slices - 1)},
         {"nifti", "sample.nii.gz"}}},
   };
-  return json.dump(2) + "\n";
+  return json_text(json, 2) + "\n";
 }
 
 Result<void> check_sample_folder(const fs::path& folder) {
@@ -153,7 +153,7 @@ Result<void> check_sample_folder(const fs::path& folder) {
     return failed(folder, std::make_error_code(std::errc::not_a_directory));
   if (::access(existing.c_str(), W_OK | X_OK) != 0) return failed(folder, last_error());
   for (const auto& [name, pattern] :
-       {std::pair{"png", R"(slice_\d{3}\.png)"}, std::pair{"dicom", R"(CT_\d{3}\.dcm)"}})
+       {std::pair{"png", R"(slice_[0-9]{3}\.png)"}, std::pair{"dicom", R"(CT_[0-9]{3}\.dcm)"}})
     if (Result<void> fit = check_replaceable(folder / name, pattern); !fit) return fit;
   return {};
 }

@@ -4,7 +4,6 @@
 #include <algorithm>
 #include <map>
 #include <nlohmann/json.hpp>
-#include <regex>
 #include <set>
 #include <sstream>
 #include <string_view>
@@ -17,6 +16,7 @@
 #include "formats/base/file_io.h"
 #include "formats/base/json_text.h"
 #include "formats/base/strict_json.h"
+#include "formats/base/text_pattern.h"
 
 namespace trocar {
 namespace {
@@ -25,10 +25,6 @@ using nlohmann::json;
 
 bool is_any_of(std::string_view text, std::initializer_list<std::string_view> choices) {
   return std::find(choices.begin(), choices.end(), text) != choices.end();
-}
-
-bool matches(const std::string& text, const char* pattern) {
-  return std::regex_match(text, std::regex(pattern));
 }
 
 // The kind of value allowed at a path of the JSON.

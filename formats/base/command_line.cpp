@@ -6,12 +6,12 @@
 #include <csignal>
 #include <cstdio>
 #include <exception>
-#include <regex>
 #include <string>
 #include <vector>
 
 #include "formats/base/nearest_name.h"
 #include "formats/base/standard_output.h"
+#include "formats/base/text_pattern.h"
 
 namespace trocar {
 namespace {
@@ -84,14 +84,12 @@ std::string shown(double number, bool is_whole) {
 /// Rewrites CLI11's messages about a missing value and about a word outside a list, and those of
 /// option_range(), in the style of the programs' own messages. Other messages stay unchanged.
 std::string plain_words(const std::string& message) {
-  static const std::regex missing(R"((-[^ :]+): 1 required .* missing)");
-  static const std::regex range(R"((-[^ :]+): (.*: must be within .*))");
-  static const std::regex word(R"((-[^ :]+): (.*) not in \{(.*)\})");
-  std::smatch part;
-  if (std::regex_match(message, part, missing)) return part.str(1) + ": its value is missing";
-  if (std::regex_match(message, part, word))
-    return part.str(1) + " " + part.str(2) + ": must be " + alternatives(part.str(3));
-  if (std::regex_match(message, part, range)) return part.str(1) + " " + part.str(2);
+  if (const auto missing = match(message, "(-[^ :]+): 1 required .* missing"); !missing.empty())
+    return missing[1] + ": its value is missing";
+  if (const auto word = match(message, R"((-[^ :]+): (.*) not in \{(.*)\})"); !word.empty())
+    return word[1] + " " + word[2] + ": must be " + alternatives(word[3]);
+  if (const auto range = match(message, "(-[^ :]+): (.*: must be within .*)"); !range.empty())
+    return range[1] + " " + range[2];
   return message;
 }
 

@@ -11,7 +11,6 @@
 #include <cstdio>
 #include <cstdlib>
 #include <memory>
-#include <regex>
 #include <set>
 #include <sstream>
 #include <system_error>
@@ -19,6 +18,7 @@
 
 #include "formats/base/file_io.h"
 #include "formats/base/system_message.h"
+#include "formats/base/text_pattern.h"
 #include "pipeline/program/triangle_poly.h"
 
 namespace trocar::pipeline {
@@ -105,12 +105,12 @@ std::vector<std::string> other_exports(const Asset& asset, const fs::path& folde
     for (const char* ending : kEndings)
       ours.insert(slice_name(asset, slice) + ending);
   }
-  static const std::regex exported(R"(slice_\d{4,}(_\d+)?\.(poly|obj|svg))");
+  const char* const exported = R"(slice_[0-9]{4,}(_[0-9]+)?\.(poly|obj|svg))";
   std::vector<std::string> out;
   std::error_code error;
   for (fs::directory_iterator it(folder, error), end; !error && it != end; it.increment(error)) {
     const std::string name = it->path().filename().string();
-    if (std::regex_match(name, exported) && !ours.contains(name)) out.push_back(name);
+    if (matches(name, exported) && !ours.contains(name)) out.push_back(name);
   }
   std::sort(out.begin(), out.end());
   return out;

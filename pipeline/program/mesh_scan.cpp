@@ -2,11 +2,11 @@
 #include "pipeline/program/mesh_scan.h"
 
 #include <memory>
-#include <regex>
 #include <string>
 #include <utility>
 
 #include "formats/asset/deidentification.h"
+#include "formats/base/text_pattern.h"
 #include "pipeline/open/open_stack.h"
 
 namespace trocar::pipeline {
@@ -19,9 +19,8 @@ using nlohmann::json;
 // in a row.
 std::string shared_kernel(const std::string& kernel) {
   constexpr std::size_t kMaxCharacters = 16;
-  static const std::regex allowed(R"([A-Za-z0-9_ .+\/-]*)"), digits("[0-9]{4}");
-  const bool is_plain = kernel.size() <= kMaxCharacters && std::regex_match(kernel, allowed) &&
-                        !std::regex_search(kernel, digits);
+  const bool is_plain = kernel.size() <= kMaxCharacters && matches(kernel, "[A-Za-z0-9_ .+/-]*") &&
+                        !matches(kernel, ".*[0-9]{4}.*");
   return is_plain ? kernel : "";
 }
 

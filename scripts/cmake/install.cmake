@@ -143,7 +143,7 @@ install(DIRECTORY formats/base formats/geometry formats/asset formats/session
   FILES_MATCHING PATTERN *.h PATTERN gltf*.h EXCLUDE PATTERN slice_payload.h EXCLUDE
   PATTERN draco_settings.h EXCLUDE PATTERN stated_entries.h EXCLUDE PATTERN hu_section.h EXCLUDE
   PATTERN scene_readers.h EXCLUDE PATTERN assumed_values.h EXCLUDE PATTERN telemetry_layout.h EXCLUDE PATTERN recording_fields.h EXCLUDE
-  PATTERN json_text.h EXCLUDE PATTERN strict_json.h EXCLUDE
+  PATTERN json_text.h EXCLUDE PATTERN strict_json.h EXCLUDE PATTERN text_pattern.h EXCLUDE
   # Their code is in libraries of their own, which are not installed.
   PATTERN command_line.h EXCLUDE PATTERN option_range.h EXCLUDE PATTERN device_protocol.h EXCLUDE)
 install(FILES formats/asset/asset.md

@@ -109,6 +109,12 @@ TEST(CommandLine, SaysWhatAValueMustBe) {
   EXPECT_EQ(
       parse({"--axis", "Value 1 not in range 2 to 3"}).err,
       "program: --axis Value 1 not in range 2 to 3: must be coronal, sagittal or other" + end);
+  // About the longest arguments that Linux passes on; std::regex overflowed the stack on them.
+  for (const char c : {'x', '-'}) {
+    const std::string axis = "--axis=" + std::string(131'000, c);
+    EXPECT_EQ(parse({axis.c_str()}).err,
+              "program: --axis " + axis.substr(7) + ": must be coronal, sagittal or other" + end);
+  }
 }
 
 TEST(CommandLine, AMistypedOptionIsNamedBeforeTheOneThatIsMissingForIt) {
