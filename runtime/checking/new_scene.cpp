@@ -17,6 +17,7 @@
 #include "runtime/checking/scene_draft.h"
 #include "runtime/checking/tissue_assignment.h"
 #include "runtime/contact/sheet.h"
+#include "runtime/device/pose.h"
 #include "runtime/devices/pose_margins.h"
 #include "runtime/devices/tip_workspace.h"
 
@@ -168,7 +169,7 @@ class Proposal {
                                  "and the device turns by at most %.1f deg: choose points more "
                                  "nearly above each other",
                                  tilt_deg(*path), max_deg));
-      q = Eigen::Quaterniond::FromTwoVectors(-Eigen::Vector3d::UnitZ(), path->direction);
+      q = rotation_from_z(-path->direction);
     }
     const auto heights =
         workspace_heights(device_.specification, options_.limits, make_tool(SceneTool{}), q);

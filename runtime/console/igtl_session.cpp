@@ -9,6 +9,7 @@
 
 #include "formats/session/recording.h"
 #include "runtime/console/igtl/igtl_messages.h"
+#include "runtime/device/pose.h"
 
 namespace trocar::runtime {
 namespace {
@@ -65,8 +66,7 @@ Eigen::Affine3d tool_pose(const SessionTelemetry& telemetry) {
                              telemetry.value("q", 2), telemetry.value("q", 3));
   const Eigen::Vector3d shaft_plate = q.conjugate() * -vector(telemetry, "axis");
   Eigen::Affine3d T = Eigen::Affine3d::Identity();
-  T.linear() = (q * Eigen::Quaterniond::FromTwoVectors(Eigen::Vector3d::UnitZ(), shaft_plate))
-                   .toRotationMatrix();
+  T.linear() = (q * rotation_from_z(shaft_plate)).toRotationMatrix();
   T.translation() = vector(telemetry, "tool_m") * 1e3;
   return T;
 }

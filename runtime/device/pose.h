@@ -51,6 +51,16 @@ inline bool is_finite(const Pose& T) noexcept {
   return T.p_m.allFinite() && T.q.coeffs().allFinite();
 }
 
+/// Returns the shortest rotation that turns z to the direction of `d`, which is not zero. For -z, it
+/// is half a turn about x. (Eigen's FromTwoVectors would compile a singular value decomposition in
+/// each file.)
+inline Eigen::Quaterniond rotation_from_z(const Eigen::Vector3d& d) noexcept {
+  const double across = std::hypot(d.x(), d.y());
+  if (across == 0) return {d.z() < 0 ? 0.0 : 1.0, d.z() < 0 ? 1.0 : 0.0, 0, 0};
+  const double half_rad = std::atan2(across, d.z()) / 2, sine = std::sin(half_rad);
+  return {std::cos(half_rad), -d.y() / across * sine, d.x() / across * sine, 0};
+}
+
 /// Returns the rotation vector of a unit quaternion: axis times angle, with the angle in [0, pi].
 inline Eigen::Vector3d rotation_vector(const Eigen::Quaterniond& q) noexcept {
   const double sign = q.w() < 0 ? -1 : 1;

@@ -18,6 +18,7 @@
 #include "runtime/console/answers/placed_bone.h"
 #include "runtime/contact/sheet.h"
 #include "runtime/contact/tool.h"
+#include "runtime/device/pose.h"
 
 namespace trocar::runtime {
 namespace {
@@ -151,8 +152,7 @@ json describe_sheet(const Sheet& sheet, const Asset& asset, Arrays& arrays) {
 json describe_tool(const SceneTool& scene_tool) {
   const Tool tool = make_tool(scene_tool);
   // The axes of the cross-section are those of the plate, tilted with the tool.
-  const Eigen::Quaterniond tilt =
-      Eigen::Quaterniond::FromTwoVectors(Eigen::Vector3d::UnitZ(), tool.axis_plate);
+  const Eigen::Quaterniond tilt = rotation_from_z(tool.axis_plate);
   json outline = json::array(), corners = json::array();
   double radius_m = 0;
   for (int i = 0; i < tool.sides; ++i) {
@@ -189,7 +189,7 @@ json patient_of_device(const PlacedBone& loaded) {
 json goals_of(const std::filesystem::path& scene_file) {
   const auto bytes = read_file(scene_file, std::uint64_t{4} << 20);
   if (!bytes) return nullptr;
-  const json scene = json::parse(bytes->begin(), bytes->end(), nullptr, false);
+  const json scene = parse_json(*bytes);
   return scene.is_object() && scene.contains("goals") ? scene["goals"] : json();
 }
 

@@ -389,6 +389,25 @@ TEST(Kinematics, JointLimitsAreCheckedAtBothEnds) {
   }
 }
 
+TEST(Kinematics, RotationFromZIsTheShortestThatReachesTheDirection) {
+  Random random(7);
+  for (int i = 0; i < 10'000; ++i) {
+    Vector3d d = random.direction();
+    if (i % 3 == 1) d.head<2>() *= 1e-9;  // almost parallel to z, both ways
+    d.normalize();
+    const Eigen::Quaterniond q = rotation_from_z(d);
+    ASSERT_NEAR(q.norm(), 1, 1e-14);
+    ASSERT_LT((q * Vector3d::UnitZ() - d).norm(), 1e-15 * 4) << d.transpose();
+    const double angle = std::atan2(d.head<2>().norm(), d.z());
+    ASSERT_NEAR(rotation_vector(q).norm(), angle, 1e-14);
+    if (d.z() < -0.9) continue;  // Eigen's method loses digits there
+    const auto eigens = Eigen::Quaterniond::FromTwoVectors(Vector3d::UnitZ(), d);
+    ASSERT_LT((q.coeffs() - eigens.coeffs()).norm(), 1e-14);
+  }
+  EXPECT_EQ(rotation_from_z(Vector3d::UnitZ()).coeffs(), Eigen::Quaterniond::Identity().coeffs());
+  EXPECT_EQ(rotation_from_z(-Vector3d::UnitZ()) * Vector3d::UnitZ(), -Vector3d::UnitZ());
+}
+
 TEST(Kinematics, RotationVectorsConvertBothWays) {
   Random random(5);
   for (const double length : {0.0, 1e-13, 1e-9, 1e-6, 1e-3, 1.0, 3.0}) {
