@@ -15,7 +15,7 @@
 namespace trocar::runtime {
 namespace {
 
-constexpr std::uint64_t kMaxBytes = std::uint64_t{8} << 20;
+constexpr std::uint64_t kMaxFileBytes = std::uint64_t{8} << 20;
 constexpr std::size_t kMaxFiles = 64;
 constexpr const char* kVendor = "vendor";
 
@@ -93,7 +93,7 @@ Result<PageFiles> PageFiles::read(const std::filesystem::path& folder) {
       if (type.empty() || !entry->is_regular_file(ignored)) continue;
       if (page.files_.size() == kMaxFiles)
         return refused(folder.string() + ": has more than 64 files for the page");
-      Result<std::vector<std::uint8_t>> bytes = read_file(entry->path(), kMaxBytes);
+      Result<std::vector<std::uint8_t>> bytes = read_file(entry->path(), kMaxFileBytes);
       if (!bytes) return bytes.error();
       has_vendor = has_vendor || part == kVendor;
       const std::string name =

@@ -17,7 +17,7 @@
 namespace trocar::runtime {
 namespace {
 
-using Clock = std::chrono::steady_clock;
+using SteadyClock = std::chrono::steady_clock;
 
 constexpr std::size_t kMaxConnections = 64;
 // The period of polling is short, because a client gets a snapshot as soon as it has been read.
@@ -40,7 +40,7 @@ class Server {
         signals_(console.context, SIGINT, SIGTERM, SIGHUP) {
     if (igtl) igtl_.emplace(console_, std::move(igtl));
     console_.poll_soon = [this] {
-      timer_.expires_after(Clock::duration::zero());
+      timer_.expires_after(SteadyClock::duration::zero());
       wait();
     };
   }
@@ -89,7 +89,7 @@ class Server {
   }
 
   void poll() {
-    const auto now = Clock::now();
+    const auto now = SteadyClock::now();
     const std::uint64_t snapshots = console_.supervisor.telemetry().snapshots();
     console_.supervisor.poll(now);
     if (console_.hand.lose_silent(now) && console_.supervisor.has_hand())

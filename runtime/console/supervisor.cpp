@@ -26,7 +26,7 @@ constexpr auto kSearchEvery = std::chrono::milliseconds(100);
 constexpr auto kLongestPoll = std::chrono::milliseconds(20);
 constexpr auto kDeviceWithin = std::chrono::seconds(10);
 constexpr const char* kAnyPort = "127.0.0.1:0";
-constexpr std::size_t kMotors = 8, kWrench = 6;
+constexpr std::size_t kTorqueColumns = 8, kWrenchColumns = 6;
 
 /// The body of /api/start that starts the same session again, without its trainee.
 json request_json(const StartRequest& request, const std::filesystem::path& folder) {
@@ -365,10 +365,10 @@ void Supervisor::check_stop(Clock::time_point now) {
   if (!stop_check_) return;
   // The stop also ends a pause, so ticks go on.
   bool is_zero = telemetry_.value("ticks") > stop_check_->ticks || telemetry_.value("ended") != 0;
-  for (std::size_t motor = 0; motor < kMotors; ++motor)
+  for (std::size_t motor = 0; motor < kTorqueColumns; ++motor)
     is_zero = is_zero && telemetry_.value("tau_Nm", motor) == 0;
   // A device that measures its own pose states no torques of motors.
-  for (std::size_t i = 0; i < kWrench; ++i)
+  for (std::size_t i = 0; i < kWrenchColumns; ++i)
     is_zero = is_zero && telemetry_.value("wrench_delivered", i) == 0;
   if (is_zero || telemetry_.has_ended()) {
     stop_check_.reset();

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// trocar-console: the operator's console. This file has the command line; the console is
-// runtime/console.
-// Tests: tests/e2e/console_server_test.py
+#include "runtime/program/trocar_console.h"
+
 #include <unistd.h>
 
 #include <CLI/CLI.hpp>
@@ -232,9 +231,9 @@ int run_command_line(int argc, char** argv) {
 }
 
 }  // namespace
-}  // namespace trocar::runtime
 
-int main(int argc, char** argv) {
-  using namespace trocar::runtime;
-  return trocar::run_program(kName, [&] { return run_command_line(argc, argv); });
+int trocar_console(int argc, char** argv) {
+  return run_program(kName, [&] { return run_command_line(argc, argv); });
 }
+
+}  // namespace trocar::runtime

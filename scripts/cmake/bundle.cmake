@@ -1,19 +1,21 @@
 # SPDX-License-Identifier: Apache-2.0
-# trocar_bundle(NAME LIBRARIES...): in a unity build, one batch holds the sources of all these static libraries, which must have the same
-# compile options. Headers and templates that they share are then compiled once. The libraries keep their names and link NAME, which has the
-# code. In other builds the function does nothing. A program that links one of the libraries gets the code of all of them, so a bundle is
-# for libraries that the same programs link.
+# trocar_bundle(NAME [BATCHES n] LIBRARIES...): in a unity build, n batches (by default one) hold the sources of all these static
+# libraries, which must have the same compile options. Headers and templates that they share are then compiled once. The libraries keep
+# their names and link NAME, which has the code. In other builds the function does nothing. A program that links one of the libraries gets
+# the code of all of them, so a bundle is for libraries that the same programs link. BATCHES is for sources that use many Eigen
+# expressions: g++ 12 keeps all typedefs of a type in one list and walks it again and again, so that its time grows faster than the batch.
 function(trocar_bundle name)
   if(NOT CMAKE_UNITY_BUILD)
     return()
   endif()
+  cmake_parse_arguments(PARSE_ARGV 1 bundle "" BATCHES "")
   set(nothing ${CMAKE_BINARY_DIR}/nothing.cpp)
   if(NOT EXISTS ${nothing})
     file(WRITE ${nothing} "// The code of this library is in a bundle (scripts/cmake/bundle.cmake).\n")
   endif()
   add_library(${name} STATIC)
-  set_target_properties(${name} PROPERTIES UNITY_BUILD_BATCH_SIZE 0 TROCAR_BUNDLE ON)
-  foreach(library ${ARGN})
+  set_target_properties(${name} PROPERTIES TROCAR_BUNDLE ON)
+  foreach(library ${bundle_UNPARSED_ARGUMENTS})
     get_target_property(options ${library} COMPILE_OPTIONS)
     if(NOT DEFINED common_options)
       set(common_options "${options}")
@@ -24,7 +26,12 @@ function(trocar_bundle name)
     get_target_property(sources ${library} SOURCES)
     list(TRANSFORM sources PREPEND ${folder}/)
     target_sources(${name} PRIVATE ${sources})
-    foreach(property COMPILE_DEFINITIONS INCLUDE_DIRECTORIES LINK_LIBRARIES)
+    # Other projects' headers, or generated ones: what they warn of is not ours.
+    get_target_property(directories ${library} INCLUDE_DIRECTORIES)
+    if(directories)
+      target_include_directories(${name} SYSTEM PRIVATE ${directories})
+    endif()
+    foreach(property COMPILE_DEFINITIONS LINK_LIBRARIES)
       get_target_property(values ${library} ${property})
       if(values)
         set_property(TARGET ${name} APPEND PROPERTY ${property} ${values})
@@ -36,6 +43,13 @@ function(trocar_bundle name)
     set_target_properties(${library} PROPERTIES SOURCES ${nothing})
     target_link_libraries(${library} PUBLIC ${name})
   endforeach()
+  set(batch_size 0)
+  if(bundle_BATCHES)
+    get_target_property(sources ${name} SOURCES)
+    list(LENGTH sources count)
+    math(EXPR batch_size "(${count} + ${bundle_BATCHES} - 1) / ${bundle_BATCHES}")
+  endif()
+  set_target_properties(${name} PROPERTIES UNITY_BUILD_BATCH_SIZE ${batch_size})
   if(common_options)
     target_compile_options(${name} PRIVATE ${common_options})
   endif()

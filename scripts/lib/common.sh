@@ -63,10 +63,10 @@ expected_time() {
   fi
 }
 
-# jobs: how many files to compile at once: one per core, but each can take more than 2 GB of memory.
+# jobs: how many files to compile at once: one per core, but each can take 2.5 GB of memory.
 jobs() {
   local by_memory
-  by_memory=$(awk '/^MemAvailable:/ { print int($2 / 2400000) }' /proc/meminfo)
+  by_memory=$(awk '/^MemAvailable:/ { print int($2 / 2700000) }' /proc/meminfo)
   echo $((by_memory < 1 ? 1 : by_memory < $(nproc) ? by_memory : $(nproc)))
 }
 

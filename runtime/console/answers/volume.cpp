@@ -172,12 +172,12 @@ json describe(const HuVolume& volume, const Eigen::Affine3d& T_device_lps, const
 /// True if the planes are parallel, in the same directions, and at different heights, so that positions between them are
 /// defined. A hostile file may have any planes.
 bool is_stack(const HuVolume& volume) {
-  constexpr double kMaxTurned = 1e-3, kMinApart_mm = 0.01;
+  constexpr double kMaxUnlike = 1e-3, kMinApart_mm = 0.01;
   if (volume.planes.empty()) return true;
   const Eigen::Matrix3d& axes = volume.planes.front().T_lps_plane.linear();
   std::vector<double> heights_mm;
   for (const HuPlane& plane : volume.planes) {
-    if (!plane.T_lps_plane.linear().isApprox(axes, kMaxTurned)) return false;
+    if (!plane.T_lps_plane.linear().isApprox(axes, kMaxUnlike)) return false;
     heights_mm.push_back(axes.col(2).dot(plane.T_lps_plane.translation()));
   }
   std::sort(heights_mm.begin(), heights_mm.end());

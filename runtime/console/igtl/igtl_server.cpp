@@ -18,7 +18,7 @@ namespace {
 namespace net = boost::asio;
 using tcp = net::ip::tcp;
 using ErrorCode = boost::system::error_code;
-using Clock = IgtlServer::Clock;
+using SteadyClock = IgtlServer::Clock;
 
 constexpr std::size_t kMaxClients = 8;
 constexpr int kMaxMessagesInSecond = 200;
@@ -53,7 +53,7 @@ class Client : public std::enable_shared_from_this<Client> {
                     });
   }
 
-  void pump(const IgtlState& state, Clock::time_point now) {
+  void pump(const IgtlState& state, SteadyClock::time_point now) {
     if (is_closed_) return;
     if (!writing_.empty()) {
       if (now - progress_at_ > kIgtlStalled) close();
@@ -81,7 +81,7 @@ class Client : public std::enable_shared_from_this<Client> {
     }
     if (state.tick && tick_ != state.tick_number && now >= pose_due_ && waiting() <= kMaxWaiting) {
       tick_ = state.tick_number;
-      pose_due_ = std::max<Clock::time_point>(pose_due_ + kPosePeriod, now);
+      pose_due_ = std::max<SteadyClock::time_point>(pose_due_ + kPosePeriod, now);
       writing_.push_back(state.tick);
     }
     if (!writing_.empty()) write(now);
@@ -111,7 +111,7 @@ class Client : public std::enable_shared_from_this<Client> {
   void on_header() {
     const auto header = read_igtl_header(header_bytes_);
     if (!header) return refuse("a malformed OpenIGTLink header");
-    const auto now = Clock::now();
+    const auto now = SteadyClock::now();
     if (now - second_from_ >= std::chrono::seconds(1)) {
       second_from_ = now;
       messages_in_second_ = 0;
@@ -136,7 +136,7 @@ class Client : public std::enable_shared_from_this<Client> {
     read_header();  // all other messages are ignored
   }
 
-  void write(Clock::time_point now) {
+  void write(SteadyClock::time_point now) {
     progress_at_ = now;
     std::vector<net::const_buffer> buffers;
     for (const IgtlBytes& bytes : writing_)
@@ -145,7 +145,7 @@ class Client : public std::enable_shared_from_this<Client> {
     net::async_write(
         socket_, buffers,
         [self](ErrorCode error, std::size_t) {
-          self->progress_at_ = Clock::now();
+          self->progress_at_ = SteadyClock::now();
           return error ? std::size_t{0} : kWriteStep;
         },
         [self](ErrorCode error, std::size_t) {
@@ -165,7 +165,7 @@ class Client : public std::enable_shared_from_this<Client> {
   std::size_t bytes_in_second_ = 0;
   std::vector<IgtlBytes> writing_;  ///< messages that are being sent
   std::uint64_t session_ = 0, status_ = 0, tick_ = 0;
-  Clock::time_point second_from_, progress_at_, pose_due_, surface_due_;
+  SteadyClock::time_point second_from_, progress_at_, pose_due_, surface_due_;
 };
 
 class TcpServer : public IgtlServer {
@@ -183,7 +183,7 @@ class TcpServer : public IgtlServer {
   }
   bool has_clients() const override { return !clients_.empty(); }
 
-  void pump(const IgtlState& state, Clock::time_point now) override {
+  void pump(const IgtlState& state, SteadyClock::time_point now) override {
     for (const auto& client : clients_)
       client->pump(state, now);
     remove_closed();
