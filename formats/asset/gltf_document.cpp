@@ -61,12 +61,7 @@ Result<std::vector<std::uint8_t>> with_indices_set_aside(std::span<const std::ui
       }
     }
   }
-  std::string out;
-  try {
-    out = json_text(root);
-  } catch (const nlohmann::json::exception&) {
-    return refused(name + ": its JSON is not UTF-8");
-  }
+  std::string out = json_text(root);
   out.resize((out.size() + 3) & ~std::size_t{3}, ' ');
   std::vector<std::uint8_t> bytes;
   // The exact size, so that the address sanitizer detects a read beyond the end.

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Reads and writes a JSON value as text; the value's strings need not be UTF-8. nlohmann's parser and
-// serializer take about a second to compile in each file, so other files call them through this
-// header. Include it in .cpp files only, because a public header must not include nlohmann/json.
-// Tests: tests/pipeline/scan/label_names_test.cpp
+// Reads and writes a JSON value as text; the value's strings need not be UTF-8. nlohmann's parser
+// and serializer take about a second to compile in each file, so call these functions instead.
+// Include this header in .cpp files only, because a public header must not include nlohmann/json.
+// Tests: tests/formats/base/json_text_test.cpp
 #pragma once
 
 #include <cmath>
@@ -20,15 +20,15 @@ namespace trocar {
 /// gives one line.
 std::string json_text(const nlohmann::json& value, int indent = -1);
 
-/// The same for an ordered_json, whose keys keep their order. (It would convert to json, which sorts
-/// them.)
+/// The same for an ordered_json, whose keys keep their order. Without this function, it would
+/// convert to json, which sorts them. (A template, so that other types convert to json alone.)
 template <std::same_as<nlohmann::ordered_json> Ordered>
 std::string json_text(const Ordered& value, int indent = -1) {
   return value.dump(indent, ' ', false, Ordered::error_handler_t::replace);
 }
 
-/// Parses JSON text. If it is no JSON, returns a discarded value, which is neither an object nor any
-/// other kind of value (is_discarded()).
+/// Parses JSON text. If it is no JSON, returns a discarded value (is_discarded()), which is no kind
+/// of value.
 nlohmann::json parse_json(std::string_view text);
 nlohmann::json parse_json(std::span<const std::uint8_t> text);
 

@@ -10,8 +10,9 @@
 namespace trocar {
 
 /// If the whole of `text` matches `pattern`, a POSIX extended regular expression, returns the text
-/// followed by what each pair of parentheses has matched. Otherwise returns nothing. A `.` and a
-/// `[^...]` match line breaks, too. Throws std::invalid_argument if the pattern is wrong.
+/// followed by what each pair of parentheses has matched, which is empty for a pair that took no
+/// part. Otherwise returns nothing, also if there is not enough memory. A `.` and a `[^...]` match
+/// line breaks, too; `.` does not match NUL. Throws std::invalid_argument if the pattern is wrong.
 std::vector<std::string> match(const std::string& text, const char* pattern);
 
 /// Returns whether the whole of `text` matches `pattern`, see match().

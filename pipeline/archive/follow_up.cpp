@@ -16,6 +16,7 @@
 #include <utility>
 
 #include "formats/base/file_io.h"
+#include "formats/base/json_text.h"
 #include "pipeline/archive/archive_names.h"
 #include "pipeline/archive/messages.h"
 #include "pipeline/farm/atomic_file.h"
@@ -63,7 +64,7 @@ Result<std::vector<std::string>> add_to_collection(const fs::path& folder, const
   if (!collection) return collection.error();
   if (names.empty()) return names;
   const auto written =
-      farm::write_atomically({.target = file, .tmp = base}, collection->dump(1) + "\n");
+      farm::write_atomically({.target = file, .tmp = base}, json_text(*collection, 1) + "\n");
   if (!written) return written.error();
   return names;
 }

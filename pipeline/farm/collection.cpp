@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "formats/base/file_io.h"
+#include "formats/base/json_text.h"
 #include "formats/base/strict_json.h"
 
 namespace trocar::farm {
@@ -73,7 +74,7 @@ void read_input(const json& input, const std::string& path, CollectionScan& scan
     scan.paths = {reader.string("folder")};
     if (const json* series = reader.optional_value("series"); series != nullptr) {
       if (series->is_number_integer()) {
-        scan.series = series->dump();
+        scan.series = json_text(*series);
       } else if (is_text(*series)) {
         scan.series = series->get<std::string>();
       } else {
@@ -189,7 +190,7 @@ std::string name_of(const json& scan) {
       out.resize(out.size() - std::string(ending).size());
   if (out == ".") out = "scan";
   if (const auto number = scan.find("number"); number != scan.end() && number->is_number())
-    out += "_s" + number->dump();
+    out += "_s" + json_text(*number);
   std::replace_if(
       out.begin(), out.end(),
       [](char c) { return !is_letter_or_digit(c) && c != '.' && c != '-' && c != '_' && c != '+'; },

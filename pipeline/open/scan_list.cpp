@@ -206,7 +206,7 @@ std::string cell(const json& scan, const char* name) {
   const auto value = scan.find(name);
   if (value == scan.end() || value->is_null()) return "-";
   if (value->is_string()) return without_control(value->get<std::string>());
-  return value->dump();
+  return json_text(*value);
 }
 
 std::string spacing_cell(const json& scan) {

@@ -1,14 +1,14 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "pipeline/program/asset_description.h"
 
-#include "formats/base/json_text.h"
-
 #include <algorithm>
 #include <array>
 #include <cmath>
 #include <limits>
 #include <optional>
 #include <utility>
+
+#include "formats/base/json_text.h"
 
 namespace trocar::pipeline {
 namespace {

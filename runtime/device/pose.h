@@ -51,7 +51,7 @@ inline bool is_finite(const Pose& T) noexcept {
   return T.p_m.allFinite() && T.q.coeffs().allFinite();
 }
 
-/// Returns the shortest rotation that turns z to the direction of `d`, which is not zero. For -z, it
+/// Returns the shortest rotation that turns z to the direction of `d`, which is not zero. For -z it
 /// is half a turn about x. (Eigen's FromTwoVectors would compile a singular value decomposition in
 /// each file.)
 inline Eigen::Quaterniond rotation_from_z(const Eigen::Vector3d& d) noexcept {

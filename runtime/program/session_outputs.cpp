@@ -71,7 +71,7 @@ std::string describe_hand(const SceneHand& hand, const HandTrajectory& path) {
                                  {"tip_m", std::move(tip)},
                                  {"rotation_deg", std::move(turn)}});
   }
-  return out.dump();
+  return json_text(out);
 }
 
 }  // namespace
