@@ -42,10 +42,8 @@ Callbacks no_files() {
 // tinygltf 2.7 refuses a primitive whose index accessor has no buffer view, although this is how
 // glTF says that the indices are in the Draco payload. This moves the number of such an accessor
 // into the Draco extension, where draco_primitive() finds it.
-Result<std::vector<std::uint8_t>> with_indices_set_aside(std::span<const std::uint8_t> glb,
-                                                         std::size_t json_size,
-                                                         nlohmann::json& root,
-                                                         const std::string& name) {
+std::vector<std::uint8_t> with_indices_set_aside(std::span<const std::uint8_t> glb,
+                                                 std::size_t json_size, nlohmann::json& root) {
   if (root.contains("meshes") && root["meshes"].is_array()) {
     for (nlohmann::json& mesh : root["meshes"]) {
       if (!mesh.is_object() || !mesh.contains("primitives") || !mesh["primitives"].is_array())
@@ -103,8 +101,7 @@ Result<GltfDocument> parse_gltf(std::span<const std::uint8_t> glb, const std::st
   auto root = parse_json_text(glb.subspan(kGlbHeader, *json_bytes));
   if (!root) return refused(name + ": " + root.error().message);
   if (!root->is_object()) return refused(name + ": its JSON is not an object");
-  const auto patched = with_indices_set_aside(glb, *json_bytes, *root, name);
-  if (!patched) return patched.error();
+  const auto patched = with_indices_set_aside(glb, *json_bytes, *root);
   GltfDocument document;
   document.extras = std::move((*root)["extras"]);
   document.nodes = std::move((*root)["nodes"]);
@@ -115,8 +112,8 @@ Result<GltfDocument> parse_gltf(std::span<const std::uint8_t> glb, const std::st
   std::string error, warning;
   bool ok = false;
   try {
-    ok = gltf.LoadBinaryFromMemory(&model, &error, &warning, patched->data(),
-                                   static_cast<unsigned>(patched->size()));
+    ok = gltf.LoadBinaryFromMemory(&model, &error, &warning, patched.data(),
+                                   static_cast<unsigned>(patched.size()));
   } catch (const std::exception& e) {
     error = e.what();
   }
