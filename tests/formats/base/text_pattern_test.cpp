@@ -61,7 +61,7 @@ TEST(TextPattern, DoesNotEndAtANul) {
 }
 
 TEST(TextPattern, TakesALongText) {
-  constexpr std::size_t kLong = 10'000'000;  // far more than the stack has room for
+  constexpr std::size_t kLong = 10'000'000;  // far more than fits on the stack
   EXPECT_TRUE(matches(std::string(kLong, '7'), "[0-9]*"));
   EXPECT_FALSE(matches(std::string(kLong, '7') + "x", "[0-9]*"));
   // A search from each dash would take days.
