@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "runtime/mechanism/jacobian.h"
 
-#include <Eigen/Eigenvalues>
 #include <Eigen/QR>
 #include <Eigen/SVD>
 #include <algorithm>
 #include <cmath>
 
+#include "runtime/decompositions/symmetric_eigenvalues.h"
 #include "runtime/mechanism/leg.h"
 
 namespace trocar::runtime {
@@ -57,12 +57,10 @@ SingularRange singular_range(const Jacobian& G, double characteristic_length_m) 
   scaled.rightCols<3>() /= characteristic_length_m;
   if (!scaled.allFinite()) return {};
   const Eigen::Matrix<double, 6, 6> normal = scaled.transpose() * scaled;
-  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix<double, 6, 6>> solver(normal,
-                                                                          Eigen::EigenvaluesOnly);
-  const SingularRange range = {std::sqrt(std::max(0.0, solver.eigenvalues()[0])),
-                               std::sqrt(std::max(0.0, solver.eigenvalues()[5]))};
-  if (solver.info() == Eigen::Success && range.smallest > kSmallestSquared * range.largest) {
-    return range;
+  if (const auto squared = symmetric_eigenvalues(normal)) {
+    const SingularRange range = {std::sqrt(std::max(0.0, (*squared)[0])),
+                                 std::sqrt(std::max(0.0, (*squared)[5]))};
+    if (range.smallest > kSmallestSquared * range.largest) return range;
   }
   // This takes longer, but is needed only near a singularity. scaled = Q R, so that R has
   // the same singular values; as a square matrix it needs no preconditioner, which compiles slowly.

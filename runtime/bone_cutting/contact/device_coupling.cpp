@@ -1,12 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "runtime/bone_cutting/contact/device_coupling.h"
 
-#include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <array>
 #include <cmath>
 #include <cstdio>
 #include <limits>
+
+#include "runtime/decompositions/symmetric_eigenvalues.h"
 
 namespace trocar::runtime {
 namespace {
@@ -24,14 +25,14 @@ bool is_softer(const Stiffness& tissue, const CuttingCoupling& coupling) {
          tissue.rotation_Nm_per_rad <= coupling.rotation_Nm_per_rad;
 }
 
+// Returns 0, as for a device without damping, if the eigenvalues cannot be computed.
 double damping_share(const Eigen::Matrix<double, 6, 6>& B, const Stiffness& K, double T_s) {
   Eigen::Matrix<double, 6, 1> per;
   per << Eigen::Vector3d::Constant(1 / std::sqrt(K.translation_N_per_m * T_s / 2)),
       Eigen::Vector3d::Constant(1 / std::sqrt(K.rotation_Nm_per_rad * T_s / 2));
   const Eigen::Matrix<double, 6, 6> scaled = per.asDiagonal() * B * per.asDiagonal();
-  return Eigen::SelfAdjointEigenSolver<Eigen::Matrix<double, 6, 6>>(scaled, Eigen::EigenvaluesOnly)
-      .eigenvalues()
-      .minCoeff();
+  const auto eigenvalues = symmetric_eigenvalues(scaled);
+  return eigenvalues ? (*eigenvalues)[0] : 0;
 }
 
 }  // namespace

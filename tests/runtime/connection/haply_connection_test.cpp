@@ -29,7 +29,7 @@ namespace websocket = beast::websocket;
 using tcp = net::ip::tcp;
 using boost::system::error_code;
 using nlohmann::json;
-using Clock = std::chrono::steady_clock;
+using SteadyClock = std::chrono::steady_clock;
 using ServerSocket = websocket::stream<tcp::socket>;
 
 /// Serves one connection after the other, on a port of its own.
@@ -155,9 +155,9 @@ struct Client {
 };
 
 double seconds_of(const std::function<void()>& work) {
-  const auto start = Clock::now();
+  const auto start = SteadyClock::now();
   work();
-  return std::chrono::duration<double>(Clock::now() - start).count();
+  return std::chrono::duration<double>(SteadyClock::now() - start).count();
 }
 
 std::string force_of(const std::string& message, const char* spelling) {

@@ -14,7 +14,7 @@ namespace trocar::runtime {
 namespace {
 
 using namespace testing_support;
-using Clock = std::chrono::steady_clock;
+using SteadyClock = std::chrono::steady_clock;
 
 /// Behaves like a recovering loop: calls restore() in each tick until read() returns kOk, for at
 /// most five seconds. Returns the last status.
@@ -82,14 +82,14 @@ TEST(UdpDevice, LinkIsLostAfterTheTimeoutWithoutStates) {
   DeviceStatus status = DeviceStatus::kOk;
   while (status == DeviceStatus::kOk)
     status = device->read(state);
-  const auto quiet = Clock::now();
+  const auto quiet = SteadyClock::now();
   const DeviceState before = state;
   for (int ms = 0; ms < 5000 && status == DeviceStatus::kNoData; ++ms) {
     sleep_ms(1);
     status = device->read(state);
   }
   EXPECT_EQ(status, DeviceStatus::kLinkLost);
-  EXPECT_GT(Clock::now() - quiet, std::chrono::milliseconds(150));
+  EXPECT_GT(SteadyClock::now() - quiet, std::chrono::milliseconds(150));
   EXPECT_EQ(state.t_s, before.t_s);
   EXPECT_EQ(state.encoder_rad, before.encoder_rad) << "the state changed without a new one";
   // A new session with the same drive, in the same world.
@@ -161,14 +161,14 @@ TEST(UdpDevice, RestoreRetriesWithPausesAndReportsAnotherClock) {
   }
   ASSERT_EQ(status, DeviceStatus::kLinkLost);
   Peer other(LinkClock::kLockStep, "", 1, at, key);
-  const auto before = Clock::now();
+  const auto before = SteadyClock::now();
   device->restore();
   for (int ms = 0; ms < 5000 && other.received < 6; ++ms)
     sleep_ms(1);
   sleep_ms(200);
   device->close();
   const int received = other.received;
-  const double tried_s = std::chrono::duration<double>(Clock::now() - before).count();
+  const double tried_s = std::chrono::duration<double>(SteadyClock::now() - before).count();
   EXPECT_GE(received, 6) << "too few attempts";
   EXPECT_LE(received, 2 * (tried_s / 0.05 + 2)) << "more than a stop and a hello per attempt";
   ASSERT_TRUE(device->restore_error());
@@ -209,14 +209,14 @@ TEST(UdpDevice, InLockStepRestoreWaitsForARestartedDrive) {
   // Without a restarted drive it gives up: later ticks do not wait.
   lose();
   EXPECT_FALSE(device->wait_for_answer());
-  const auto before = Clock::now();
+  const auto before = SteadyClock::now();
   for (int tick = 0; tick < 20; ++tick) {
     EXPECT_EQ(device->read(state), DeviceStatus::kLinkLost);
     device->restore();
     device->write({});
     EXPECT_FALSE(device->wait_for_answer());
   }
-  EXPECT_LT(Clock::now() - before, std::chrono::seconds(2)) << "later ticks wait";
+  EXPECT_LT(SteadyClock::now() - before, std::chrono::seconds(2)) << "later ticks wait";
 }
 
 TEST(UdpDevice, AMotorFaultLastsUntilTheNextSession) {
