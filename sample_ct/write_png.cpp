@@ -39,9 +39,9 @@ std::unique_ptr<std::uint8_t, Freed> encode(std::span<const std::uint8_t> pixels
   header.bit_depth = 8;
   header.color_type = SPNG_COLOR_TYPE_TRUECOLOR;
   int error = png ? spng_set_option(png.get(), SPNG_ENCODE_TO_BUFFER, 1) : SPNG_EMEM;
-  if (error == 0) error = spng_set_option(png.get(), SPNG_IMG_COMPRESSION_LEVEL, 6);
-  // On grey noise, the sub filter alone compresses as well as a filter chosen for each row, and it
-  // is faster.
+  // On grey noise, this level packs no worse than zlib's default, and the sub filter alone no worse
+  // than a filter chosen for each row. Both are faster.
+  if (error == 0) error = spng_set_option(png.get(), SPNG_IMG_COMPRESSION_LEVEL, 3);
   if (error == 0) error = spng_set_option(png.get(), SPNG_FILTER_CHOICE, SPNG_FILTER_CHOICE_SUB);
   if (error == 0) error = spng_set_ihdr(png.get(), &header);
   if (error == 0)
