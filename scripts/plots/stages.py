@@ -97,9 +97,10 @@ def arrows(axes, ring, color, every_mm):
     for s in numpy.arange(every_mm / 2, along[-1], every_mm):
         k = min(int(numpy.searchsorted(along, s)) - 1, len(steps) - 1)
         at = closed[k] + steps[k] * (s - along[k]) / max(length[k], 1e-9)
-        axes.annotate("", at + steps[k] / max(length[k], 1e-9) * 1e-3, at, annotation_clip=True,
-                      arrowprops={"arrowstyle": "-|>", "color": color, "mutation_scale": 15, "lw": 0,
-                                  "shrinkA": 0, "shrinkB": 0})
+        head = axes.annotate("", at + steps[k] / max(length[k], 1e-9) * 1e-3, at, annotation_clip=True,
+                             arrowprops={"arrowstyle": "-|>", "color": color, "mutation_scale": 15, "lw": 0,
+                                         "shrinkA": 0, "shrinkB": 0})
+        head.set_in_layout(False)  # it is inside the axes; measuring hundreds of them takes long
 
 
 def sampled(ring, step_mm):

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Shared by the plots: colours and fonts, readers of the programs' outputs, writing of a picture with its caption."""
+import csv
 import json
 import os
 import pathlib
@@ -55,11 +56,21 @@ def read_json(path):
 
 
 def read_recording(path):
-    """A recording's columns as {name: array}; columns of names stay text."""
-    with open(path, encoding="ascii") as stream:
-        names = stream.readline().rstrip("\n").split(",")
-    table = numpy.genfromtxt(path, delimiter=",", skip_header=1, dtype=None, encoding="ascii")
-    return {name: table[field] for name, field in zip(names, table.dtype.names)}
+    """A recording's columns as {name: array}."""
+    with open(path, encoding="ascii", newline="") as stream:
+        names, *rows = csv.reader(stream)
+    return {name: column_array(column) for name, column in zip(names, zip(*rows, strict=True), strict=True)}
+
+
+def column_array(column):
+    """Whole numbers if all texts of the column are such, else numbers if all are, else the texts."""
+    texts = numpy.array(column)
+    for kind in (int, float):
+        try:
+            return texts.astype(kind)
+        except (ValueError, OverflowError):
+            pass
+    return texts
 
 
 def plane_axes(axes, title, window=None):
