@@ -38,7 +38,7 @@ constexpr std::array kSweeps = {1.0 / 64, 1.0 / 32, 1.0 / 16};
 // Finally, a queue makes the rest. It takes this many consecutive vertices of a ring at a time.
 constexpr std::uint32_t kQueueChunk = 1024;
 
-constexpr std::uint32_t kNone = 0xffffffff;
+constexpr std::uint32_t kNoNode = 0xffffffff;
 
 class Collapser {
  public:
@@ -60,7 +60,7 @@ class Collapser {
                  n = static_cast<std::uint32_t>(ring.size());
       const std::uint32_t on_contour = first + r;
       const bool open = !is_open.empty() && is_open[r];
-      rings_.push_back({first, n, on_contour, n, open ? first + n - 1 : kNone, 0});
+      rings_.push_back({first, n, on_contour, n, open ? first + n - 1 : kNoNode, 0});
       for (std::uint32_t k = 0; k < n; ++k) {
         nodes_.push_back({ring[k], first + (k > 0 ? k : n) - 1, first + (k + 1 < n ? k + 1 : 0)});
         states_.push_back({r, k});
@@ -101,7 +101,7 @@ class Collapser {
   struct RingState {
     std::uint32_t first, size;                  // a node of the ring, and the number of nodes
     std::uint32_t contour_first, contour_size;  // its contour's points in points_
-    std::uint32_t end;                          // the last node of an open ring, else kNone
+    std::uint32_t end;                          // the last node of an open ring, else kNoNode
     std::int64_t area_error;                    // twice the contour's area minus twice the ring's
   };
   struct QueueEntry {
@@ -198,10 +198,10 @@ class Collapser {
     if (!position || !is_clear(path, ring)) return false;
     ring.area_error -= side - doubled;
     ring.size -= static_cast<std::uint32_t>(edges - 2);
-    if (ring.end == kNone) ring.first = first;
+    if (ring.end == kNoNode) ring.first = first;
     const std::uint32_t kept = path.nodes[1], last = path.nodes[edges];
     for (std::size_t k = 2; k < edges; ++k)
-      nodes_[path.nodes[k]] = {{}, kept, kNone};
+      nodes_[path.nodes[k]] = {{}, kept, kNoNode};
     nodes_[kept] = {*e, first, last};
     states_[kept].put(*position);
     nodes_[last].previous = kept;
@@ -234,7 +234,7 @@ class Collapser {
   void collapse_by_queue(std::uint32_t start) {
     std::uint32_t i = start;
     for (std::uint32_t left = rings_[states_[start].ring].size; left > 0;) {
-      while (nodes_[i].next == kNone)
+      while (nodes_[i].next == kNoNode)
         i = nodes_[i].previous;
       for (std::uint32_t k = 0; k < kQueueChunk && left > 0; ++k, --left) {
         queue(i);
@@ -276,7 +276,7 @@ class Collapser {
       const Span s = span_of(b);
       node.displacement = kNever;
       const std::uint32_t end = rings_[node.ring].end;
-      if (end != kNone && (s.ia == end || s.ib == end || s.ic == end)) return kNever;
+      if (end != kNoNode && (s.ia == end || s.ib == end || s.ic == end)) return kNever;
       const std::array path{point(s.a), point(s.b), point(s.c), point(s.d)};
       const auto both = ideals(s, static_cast<double>(s.doubled()));
       for (const Ideal& ideal : both) {
@@ -303,7 +303,7 @@ class Collapser {
     --ring.size;
     if (ring.first == s.ic) ring.first = s.ib;
     states_[s.ic].queued = states_[s.ic].displacement = kNever;
-    nodes_[s.ic].next = kNone;
+    nodes_[s.ic].next = kNoNode;
     nodes_[s.ib].p = found->e;
     states_[s.ib].put(found->position);
     nodes_[s.ib].next = s.id;
@@ -371,11 +371,11 @@ class Collapser {
   }
 
   // The first node whose edge replaces the contour's edge from `vertex`, or begins and ends there.
-  // The search starts at the node found the last time. kNone if there is none, which has never been
-  // observed.
+  // The search starts at the node found the last time. Returns kNoNode if there is none, which has
+  // never been observed.
   std::uint32_t node_at(std::uint32_t vertex) {
     std::uint32_t i = hints_[vertex];
-    while (nodes_[i].next == kNone)
+    while (nodes_[i].next == kNoNode)
       i = nodes_[i].previous;
     const RingState& ring = rings_[states_[i].ring];
     const std::uint32_t k = vertex - ring.contour_first, n = ring.contour_size;
@@ -384,7 +384,7 @@ class Collapser {
     std::uint32_t left = ring.size;
     for (; left > 0 && !replaces(i, k, n); --left)
       i = is_ahead ? nodes_[i].next : nodes_[i].previous;
-    if (left == 0) return kNone;
+    if (left == 0) return kNoNode;
     hints_[vertex] = i;
     const auto begins_there = [&](std::uint32_t j) {
       return states_[j].k == k && states_[j].t == 0;
@@ -404,7 +404,7 @@ class Collapser {
     const LatticeBox around{{box.low.x - margin_, box.low.y - margin_},
                             {box.high.x + margin_, box.high.y + margin_}};
     // If the ring becomes a triangle, its third edge meets both new ones.
-    const std::uint32_t closing = ring.size == path.size ? path.nodes[path.size - 1] : kNone;
+    const std::uint32_t closing = ring.size == path.size ? path.nodes[path.size - 1] : kNoNode;
     const auto blocks = [&](std::uint32_t i) {
       const bool is_end = i == rings_[states_[i].ring].end;
       const LatticePoint p = nodes_[i].p, q = is_end ? p : nodes_[nodes_[i].next].p;
@@ -421,13 +421,13 @@ class Collapser {
       if (at == runs_.end()) {
         runs_.push_back(run);
       } else {
-        *at = {std::min(at->first, run.first), std::max(at->last, run.last), kNone};
+        *at = {std::min(at->first, run.first), std::max(at->last, run.last), kNoNode};
       }
       return false;
     });
     return std::none_of(runs_.begin(), runs_.end(), [&](const ContourGrid::Run& run) {
       const std::uint32_t start = node_at(run.first);
-      if (start == kNone) return true;
+      if (start == kNoNode) return true;
       const RingState& other = rings_[states_[start].ring];
       const std::uint32_t first = run.first - other.contour_first;
       std::uint32_t i = start;

@@ -62,9 +62,9 @@ Point position(const Crossing& c) {
 }
 
 // Consecutive crossings none of which is fixed.
-class Run {
+class FreeCrossings {
  public:
-  Run(std::span<Crossing> crossings, const std::optional<BorderEnds>& ends)
+  FreeCrossings(std::span<Crossing> crossings, const std::optional<BorderEnds>& ends)
       : crossings_(crossings), ends_(ends), n_(crossings.size()) {}
 
   void smooth() {
@@ -208,7 +208,7 @@ void smooth_border(std::vector<Crossing>& border, const std::optional<BorderEnds
   const auto is_fixed = [](const Crossing& c) { return c.fixed; };
   const auto first = std::find_if(border.begin(), border.end(), is_fixed);
   if (first == border.end()) {
-    if (border.size() >= kMinCrossings) Run(border, ends).smooth();
+    if (border.size() >= kMinCrossings) FreeCrossings(border, ends).smooth();
     return;
   }
   if (!ends) std::rotate(border.begin(), first, border.end());
@@ -225,7 +225,7 @@ void smooth_border(std::vector<Crossing>& border, const std::optional<BorderEnds
           i > 0 ? position(border[i - 1]) : ends->from, end < border.size() ? position(border[end])
                                                         : ends              ? ends->to
                                                                             : position(border[0])};
-      Run(std::span(border).subspan(i, end - i), run_ends).smooth();
+      FreeCrossings(std::span(border).subspan(i, end - i), run_ends).smooth();
     }
     i = end;
   }

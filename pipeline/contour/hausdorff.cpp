@@ -54,7 +54,7 @@ class Target : public AabbTree {
 };
 
 // An end of a segment and an edge near it, which is nearly always the nearest one.
-struct End {
+struct SegmentEnd {
   Point p;
   Target::Nearest near;
 };
@@ -62,7 +62,7 @@ struct End {
 // Raises worst2 to the largest squared distance from the segment a-b to the target. The distance to
 // one edge is convex along the segment, so that the ends bound it. If neither a common edge nor the
 // path between the two ends' edges gives a good bound, the segment is halved.
-void raise_by_segment(const Target& to, End a, End b, int halvings, double& worst2) {
+void raise_by_segment(const Target& to, SegmentEnd a, SegmentEnd b, int halvings, double& worst2) {
   const auto bound2 = [&] {
     if (a.near.edge == b.near.edge) return std::max(a.near.d2, b.near.d2);
     return std::min(std::max(a.near.d2, to.to_edge(b.p, a.near.edge)),
@@ -73,7 +73,7 @@ void raise_by_segment(const Target& to, End a, End b, int halvings, double& wors
   if (std::max(a.near.d2, b.near.d2) <= enough2 &&
       to.is_path_near(a.near.edge, b.near.edge, a.p, b.p, enough2))
     return;
-  for (End* end : {&a, &b}) {
+  for (SegmentEnd* end : {&a, &b}) {
     end->near = to.nearest(end->p, end->near.edge);
     worst2 = std::max(worst2, end->near.d2);
   }
@@ -84,7 +84,7 @@ void raise_by_segment(const Target& to, End a, End b, int halvings, double& wors
     return;
   }
   const Point middle{0.5 * (a.p.x + b.p.x), 0.5 * (a.p.y + b.p.y)};
-  const End m{middle, to.nearest(middle, a.near.edge)};
+  const SegmentEnd m{middle, to.nearest(middle, a.near.edge)};
   worst2 = std::max(worst2, m.near.d2);
   raise_by_segment(to, a, m, halvings + 1, worst2);
   raise_by_segment(to, m, b, halvings + 1, worst2);
@@ -105,13 +105,13 @@ void raise_by_ring(const Ring& from, const Ring& ring, bool is_open, double& wor
     if (near.d2 > worst2) near = to.nearest(p, near.edge);
     worst2 = std::max(worst2, near.d2);
     edge = near.edge;
-    return End{p, near};
+    return SegmentEnd{p, near};
   };
   std::size_t edge = to.nearest(point(from[0]), 0).edge;
-  const End first = end_at(from[0], edge);
-  End a = first;
+  const SegmentEnd first = end_at(from[0], edge);
+  SegmentEnd a = first;
   for (std::size_t i = 1; i < from.size() + (is_open ? 0 : 1); ++i) {
-    const End b = i < from.size() ? end_at(from[i], edge) : first;
+    const SegmentEnd b = i < from.size() ? end_at(from[i], edge) : first;
     raise_by_segment(to, a, b, 0, worst2);
     a = b;
   }

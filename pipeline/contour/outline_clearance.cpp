@@ -20,8 +20,7 @@ namespace {
 
 using namespace collapse;  // collapse_geometry.h
 
-constexpr std::uint32_t kNone = 0xffffffff;
-constexpr int kRounds = 8;                // rounds over all tight spots
+constexpr int kSpotRounds = 8;            // rounds over all tight spots
 constexpr double kRounding_steps = 0.75;  // a rounded point is nearer than this
 // An outline with more tight spots than this for each edge, some of them found several times, is a
 // figure at the scale of the lattice and stays as it is.
@@ -65,7 +64,7 @@ class Clearing {
   void run() {
     const std::int64_t work = kWork * static_cast<std::int64_t>(nodes_.size()) + kMinWork;
     work_left_ = work;
-    for (int round = 0; round < kRounds && clear_all(); ++round) {
+    for (int round = 0; round < kSpotRounds && clear_all(); ++round) {
     }
     work_left_ = work;
     std::vector<std::uint32_t> order;
@@ -92,6 +91,8 @@ class Clearing {
   }
 
  private:
+  static constexpr std::uint32_t kNone = 0xffffffff;
+
   struct OutlineNode {
     LatticePoint p;
     std::uint32_t previous, next;  // next is kNone if the node is removed
@@ -368,7 +369,7 @@ class Clearing {
     RingState& ring = rings_[r];
     const std::uint32_t start = smallest_node(r);
     bool any = true;
-    for (int round = 0; round < kRounds && any; ++round) {
+    for (int round = 0; round < kSpotRounds && any; ++round) {
       any = false;
       std::uint32_t i = start;
       do {

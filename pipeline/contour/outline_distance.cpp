@@ -21,7 +21,7 @@ std::vector<Edge> edges_of(std::span<const OutlineRing> rings) {
   return out;
 }
 
-struct End {
+struct MeasuredEnd {
   Point p;
   AabbTree::Nearest near;
 };
@@ -29,8 +29,8 @@ struct End {
 // Raises `worst` to the largest distance from the segment a-b to the target, within the accuracy.
 // The distance to one edge is convex along the segment, so its largest value is at an end. The
 // distance to all edges changes by no more than the length travelled along the segment.
-void raise_by_segment(const AabbTree& to, const End& a, const End& b, double accuracy,
-                      double& worst) {
+void raise_by_segment(const AabbTree& to, const MeasuredEnd& a, const MeasuredEnd& b,
+                      double accuracy, double& worst) {
   const double length = std::sqrt(distance2_between(a.p, b.p));
   const double by_a = std::max(a.near.d2, to.to_edge(b.p, a.near.edge)),
                by_b = std::max(b.near.d2, to.to_edge(a.p, b.near.edge));
@@ -38,7 +38,7 @@ void raise_by_segment(const AabbTree& to, const End& a, const End& b, double acc
                                 (std::sqrt(a.near.d2) + std::sqrt(b.near.d2) + length) / 2);
   if (bound <= worst + accuracy) return;
   const Point middle{0.5 * (a.p.x + b.p.x), 0.5 * (a.p.y + b.p.y)};
-  const End m{middle, to.nearest(middle, a.near.edge)};
+  const MeasuredEnd m{middle, to.nearest(middle, a.near.edge)};
   worst = std::max(worst, std::sqrt(m.near.d2));
   raise_by_segment(to, a, m, accuracy, worst);
   raise_by_segment(to, m, b, accuracy, worst);
@@ -47,8 +47,8 @@ void raise_by_segment(const AabbTree& to, const End& a, const End& b, double acc
 void raise(const std::vector<Edge>& from, const AabbTree& to, double accuracy, double& worst) {
   std::size_t guess = 0;
   for (const Edge& edge : from) {
-    const End a{edge[0], to.nearest(edge[0], guess)};
-    const End b{edge[1], to.nearest(edge[1], a.near.edge)};
+    const MeasuredEnd a{edge[0], to.nearest(edge[0], guess)};
+    const MeasuredEnd b{edge[1], to.nearest(edge[1], a.near.edge)};
     worst = std::max({worst, std::sqrt(a.near.d2), std::sqrt(b.near.d2)});
     raise_by_segment(to, a, b, accuracy, worst);
     guess = b.near.edge;

@@ -20,29 +20,29 @@ float outside(float value) {
 }
 
 // A run of voxels along x on one side of zero. All runs together are the whole volume.
-struct Run {
+struct VoxelRun {
   std::size_t begin = 0, end = 0;
   std::uint32_t component = 0;
 };
 
-struct Runs {
-  std::vector<Run> runs;
+struct VoxelRuns {
+  std::vector<VoxelRun> runs;
   std::vector<std::size_t> first;    // index of each row's first run, and the end
   std::vector<std::int64_t> voxels;  // by component
   std::vector<bool> inside;
 };
 
 // The components that are connected by faces.
-Runs find_runs(const SurfaceVolume& volume) {
+VoxelRuns find_runs(const SurfaceVolume& volume) {
   const auto width = static_cast<std::size_t>(volume.size[0]);
   const std::size_t rows = static_cast<std::size_t>(volume.size[1]) * volume.size[2];
-  Runs out;
+  VoxelRuns out;
   for (std::size_t row = 0; row < rows; ++row) {
     out.first.push_back(out.runs.size());
     const std::size_t end = (row + 1) * width;
     for (std::size_t i = row * width; i < end;) {
       const bool inside = volume.values[i] >= 0;
-      Run run{i, i, 0};
+      VoxelRun run{i, i, 0};
       while (run.end < end && (volume.values[run.end] >= 0) == inside)
         ++run.end;
       i = run.end;
@@ -56,7 +56,7 @@ Runs find_runs(const SurfaceVolume& volume) {
     const std::size_t shift = (row - other) * width;
     for (std::size_t a = out.first[row], b = out.first[other];
          a < out.first[row + 1] && b < out.first[other + 1];) {
-      const Run &one = out.runs[a], &two = out.runs[b];
+      const VoxelRun &one = out.runs[a], &two = out.runs[b];
       if ((volume.values[one.begin] >= 0) == (volume.values[two.begin] >= 0) &&
           one.begin < two.end + shift && two.begin + shift < one.end)
         sets.join(static_cast<std::uint32_t>(a), static_cast<std::uint32_t>(b));
@@ -70,7 +70,7 @@ Runs find_runs(const SurfaceVolume& volume) {
   }
   for (std::size_t i = 0; i < out.runs.size(); ++i) {
     const std::uint32_t to = sets.root(static_cast<std::uint32_t>(i));
-    Run& run = out.runs[i];
+    VoxelRun& run = out.runs[i];
     if (to == i) {
       run.component = static_cast<std::uint32_t>(out.voxels.size());
       out.voxels.push_back(0);
@@ -84,7 +84,7 @@ Runs find_runs(const SurfaceVolume& volume) {
 }
 
 void drop_small(SurfaceVolume& volume, bool inside, std::int64_t min_voxels) {
-  const Runs runs = find_runs(volume);
+  const VoxelRuns runs = find_runs(volume);
   const auto [u, v, w] = volume.voxel_mm();
   for (std::size_t c = 0; c < runs.voxels.size(); ++c) {
     if (runs.inside[c] != inside || runs.voxels[c] >= min_voxels) continue;
@@ -92,7 +92,7 @@ void drop_small(SurfaceVolume& volume, bool inside, std::int64_t min_voxels) {
     volume.dropped.largest_mm3 =
         std::max(volume.dropped.largest_mm3, static_cast<double>(runs.voxels[c]) * u * v * w);
   }
-  for (const Run& run : runs.runs) {
+  for (const VoxelRun& run : runs.runs) {
     if (runs.inside[run.component] != inside || runs.voxels[run.component] >= min_voxels) continue;
     for (std::size_t i = run.begin; i < run.end; ++i)
       volume.values[i] = inside ? outside(volume.values[i]) : -volume.values[i];

@@ -16,7 +16,7 @@ namespace {
 
 constexpr double kSmallInputAngle_deg = 60;
 // Two segments farther apart than this, in lattice steps, do not meet if each bulges by one step.
-constexpr std::int32_t kClearance_steps = 4;
+constexpr std::int32_t kNearby_steps = 4;
 
 // Returns the radius of a shell around a corner that lies well inside (near, far). The candidates,
 // in this order, are the same for every segment: the powers of two, the geometric mean of two
@@ -45,10 +45,10 @@ double distance2_to(LatticePoint a, LatticePoint b, LatticePoint p) {
   return area * area / static_cast<double>(distance2(a, b));
 }
 
-// Are two segments that do not cross within kClearance_steps of each other?
+// Are two segments that do not cross within kNearby_steps of each other?
 bool are_near(LatticePoint a, LatticePoint b, LatticePoint c, LatticePoint d) {
   return std::min({distance2_to(a, b, c), distance2_to(a, b, d), distance2_to(c, d, a),
-                   distance2_to(c, d, b)}) <= double{kClearance_steps} * kClearance_steps;
+                   distance2_to(c, d, b)}) <= double{kNearby_steps} * kNearby_steps;
 }
 
 }  // namespace
@@ -157,11 +157,11 @@ void RefinementOutline::find_clearance(std::uint32_t segment) {
   };
   clearance_[segment] = Clearance::kNo;
   if (is_void_acute(ends_[previous].a, a, b) | is_void_acute(a, b, ends_[next].b)) return;
-  if (!has_grid_) grid_ = SegmentGrid(ends_, kClearance_steps);
+  if (!has_grid_) grid_ = SegmentGrid(ends_, kNearby_steps);
   has_grid_ = true;
   LatticeBox box = box_around(a, b);
-  box.low = {box.low.x - kClearance_steps, box.low.y - kClearance_steps};
-  box.high = {box.high.x + kClearance_steps, box.high.y + kClearance_steps};
+  box.low = {box.low.x - kNearby_steps, box.low.y - kNearby_steps};
+  box.high = {box.high.x + kNearby_steps, box.high.y + kNearby_steps};
   bool is_any_near = false;
   grid_.for_each_near(ends_[segment], [&, a = a, b = b](std::uint32_t t) {
     const auto& [c, d] = ends_[t];
