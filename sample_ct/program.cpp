@@ -3,7 +3,6 @@
 
 #include <unistd.h>
 
-#include <CLI/CLI.hpp>
 #include <charconv>
 #include <cstdint>
 #include <cstdio>
@@ -11,7 +10,7 @@
 #include <system_error>
 
 #include "formats/base/command_line.h"
-#include "formats/base/option_range.h"
+#include "formats/base/program.h"
 #include "sample_ct/render.h"
 #include "sample_ct/sample_folder.h"
 #include "sample_ct/write_dicom.h"
@@ -72,41 +71,41 @@ std::string check_whole(const std::string& text) {
              : text + " is not a whole number within 0 and 2^64 - 1";
 }
 
-void declare(CLI::App& app, Arguments& arguments) {
-  add_help_and_version(app, std::string(kName) + " " TROCAR_VERSION " (" + png_library_version() +
-                                ", " + dicom_library_version() + ", " + nifti_library_version() +
-                                ")");
-  app.add_option("OUTDIR", arguments.folder, "the folder to write to; created if needed")
-      ->required();
-  app.add_option("--seed", arguments.seed, "seed of the random textures and noise and of the UIDs")
-      ->capture_default_str()
-      ->check(check_whole);
-  app.add_option("--slices", arguments.slices, "number of slices, 1 mm apart")
-      ->capture_default_str()
-      ->check(option_range(kMinSlices, kMaxSlices));
-  app.add_option("--size", arguments.size, "pixels along each edge of the 160 mm field of view")
-      ->capture_default_str()
-      ->check(option_range(kMinSize, kMaxSize));
-  app.add_option("--noise-hu", arguments.noise_hu, "standard deviation of the noise, HU")
-      ->capture_default_str()
-      ->check(option_range(0.0, kMaxNoise_hu));
-  app.add_option("--jobs", arguments.jobs,
-                 "number of threads, 0: one for each core; the output is the same for any number")
-      ->capture_default_str()
-      ->check(option_range(0, 1024));
-  app.add_flag("--quiet", arguments.quiet, "print errors only");
+void declare(const Command& command, Arguments& arguments) {
+  command.option("OUTDIR", arguments.folder, "the folder to write to; created if needed")
+      .required();
+  command.option("--seed", arguments.seed, "seed of the random textures and noise and of the UIDs")
+      .with_default_shown()
+      .checked_by(check_whole);
+  command.option("--slices", arguments.slices, "number of slices, 1 mm apart")
+      .with_default_shown()
+      .within(kMinSlices, kMaxSlices);
+  command.option("--size", arguments.size, "pixels along each edge of the 160 mm field of view")
+      .with_default_shown()
+      .within(kMinSize, kMaxSize);
+  command.option("--noise-hu", arguments.noise_hu, "standard deviation of the noise, HU")
+      .with_default_shown()
+      .within(0.0, kMaxNoise_hu);
+  command
+      .option("--jobs", arguments.jobs,
+              "number of threads, 0: one for each core; the output is the same for any number")
+      .with_default_shown()
+      .within(0, 1024);
+  command.flag("--quiet", arguments.quiet, "print errors only");
 }
 
 int run_command_line(int argc, const char* const* argv) {
   Arguments arguments;
-  CLI::App app{
+  CommandLine line(
+      kName,
       "Writes a synthetic CT of a lumbar vertebra to OUTDIR, in three formats: png/ (grey "
       "pictures\n"
       "with three equal channels of 8 bits), dicom/ (a CT series) and sample.nii.gz (NIfTI). Also\n"
       "writes sample.json: the scan's seed, grid and noise, and the bone's HU (grey levels of CT).",
-      kName};
-  declare(app, arguments);
-  if (const auto done = parse_command_line(app, argc, argv)) return *done;
+      std::string(kName) + " " TROCAR_VERSION " (" + png_library_version() + ", " +
+          dicom_library_version() + ", " + nifti_library_version() + ")");
+  declare(line, arguments);
+  if (const auto done = line.parse_or_end({argv, argv + argc})) return *done;
   return run(arguments);
 }
 

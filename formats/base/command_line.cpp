@@ -2,24 +2,24 @@
 #include "formats/base/command_line.h"
 
 #include <CLI/CLI.hpp>
+#include <algorithm>
 #include <cmath>
-#include <csignal>
 #include <cstdio>
-#include <exception>
-#include <string>
-#include <vector>
+#include <sstream>
+#include <type_traits>
+#include <utility>
 
 #include "formats/base/nearest_name.h"
-#include "formats/base/standard_output.h"
+#include "formats/base/program.h"
 #include "formats/base/text_pattern.h"
 
 namespace trocar {
 namespace {
 
 /// A message about the first empty value; empty if there is none.
-std::string empty_value(int argc, const char* const* argv) {
-  for (int i = 1; i < argc; ++i) {
-    const std::string argument = argv[i], before = argv[i - 1];
+std::string empty_value(const std::vector<std::string>& arguments) {
+  for (std::size_t i = 1; i < arguments.size(); ++i) {
+    const std::string &argument = arguments[i], &before = arguments[i - 1];
     if (argument.empty())
       return before.starts_with('-') ? before + ": its value is empty" : "an argument is empty";
     if (argument.starts_with("--") && argument.find('=') == argument.size() - 1)
@@ -28,11 +28,21 @@ std::string empty_value(int argc, const char* const* argv) {
   return {};
 }
 
+/// The option's name for messages. CLI11's get_name() is empty for an option that the help hides.
+std::string name_of(const CLI::Option& option) {
+  if (!option.get_lnames().empty()) return "--" + option.get_lnames().front();
+  if (!option.get_snames().empty()) return "-" + option.get_snames().front();
+  return option.get_single_name();
+}
+
 /// A message about the first argument that no option took, with the option that may have been
 /// meant.
 std::string unexpected_argument(const CLI::App& app) {
   const std::vector<std::string> rest = app.remaining(true);
   const std::string argument = rest.empty() ? "" : rest.front();
+  const auto is_named = [&](const CLI::App* command) { return command->get_name() == argument; };
+  if (!app.get_subcommands().empty() && !app.get_subcommands(is_named).empty())
+    return argument + ": is a second command; give only one";
   const CLI::App& command = app.get_subcommands().empty() ? app : *app.get_subcommands().front();
   std::vector<std::string> names;
   for (const CLI::Option* option : command.get_options()) {
@@ -57,7 +67,7 @@ std::string no_number(const CLI::App& app) {
     for (const std::string& text : option->results()) {
       double value = 0;
       if (!CLI::detail::lexical_cast(text, value) || (is_whole && value != std::floor(value)))
-        return option->get_name() + ": " + not_a_number(text, is_whole);
+        return name_of(*option) + ": " + not_a_number(text, is_whole);
     }
   }
   return {};
@@ -81,11 +91,15 @@ std::string shown(double number, bool is_whole) {
   return text;
 }
 
-/// Rewrites CLI11's messages about a missing value and about a word outside a list, and those of
-/// option_range(), in the style of the programs' own messages. Other messages stay unchanged.
+/// Rewrites CLI11's messages about a missing value, about an option that is given twice and about a
+/// word outside a list, and those of why_not_within(), in the style of the programs' own messages.
+/// Other messages stay unchanged.
 std::string plain_words(const std::string& message) {
   if (const auto missing = match(message, "(-[^ :]+): 1 required .* missing"); !missing.empty())
     return missing[1] + ": its value is missing";
+  if (const auto twice = match(message, "(-[^ :]+): At Most 1 required but received .*");
+      !twice.empty())
+    return twice[1] + ": may be given only once";
   if (const auto word = match(message, R"((-[^ :]+): (.*) not in \{(.*)\})"); !word.empty())
     return word[1] + " " + word[2] + ": must be " + alternatives(word[3]);
   if (const auto range = match(message, "(-[^ :]+): (.*: must be within .*)"); !range.empty())
@@ -99,22 +113,8 @@ bool has_unknown_option(const CLI::App& app) {
   return !rest.empty() && rest.front().starts_with("--");
 }
 
-}  // namespace
-
-std::atomic<bool> stop_requested{false};
-
-void stop_on_signals() {
-  struct sigaction action {};
-  action.sa_handler = [](int) { stop_requested.store(true); };
-  for (const int signal : {SIGINT, SIGTERM, SIGHUP})
-    ::sigaction(signal, &action, nullptr);
-}
-
-int report_error(const std::string& program, const Error& error) {
-  std::fprintf(stderr, "%s: %s\n", program.c_str(), error.message.c_str());
-  return static_cast<int>(error.code);
-}
-
+/// A message if `text` is not a number from `low` to `high`, or if `is_whole` is set and the number
+/// is not whole; else an empty text.
 std::string why_not_within(const std::string& text, double low, double high, bool is_whole) {
   double value = 0;
   const bool is_number = CLI::detail::lexical_cast(text, value) && !std::isnan(value);
@@ -123,46 +123,216 @@ std::string why_not_within(const std::string& text, double low, double high, boo
   return text + ": must be within " + shown(low, is_whole) + " and " + shown(high, is_whole);
 }
 
-void add_help_and_version(CLI::App& app, const std::string& version) {
-  app.set_help_flag("-h,--help", "print this help");
-  app.set_version_flag("--version", version, "print the versions of the program and its libraries");
+/// Checks that a value is in a range. CLI::Range is not used, because its messages, and whether it
+/// accepts nan, differ between versions of CLI11.
+template <typename Number>
+CLI::Validator range(Number low, Number high, bool is_described) {
+  constexpr bool kIsWhole = std::is_integral_v<Number>;
+  std::ostringstream description;
+  if (is_described)
+    description << (kIsWhole ? "INT" : "FLOAT") << " in [" << low << " - " << high << "]";
+  return {
+      [low, high](const std::string& text) { return why_not_within(text, low, high, kIsWhole); },
+      description.str()};
 }
 
-void add_help_for_diagnostics(CLI::App& app) {
-  app.set_help_all_flag("--help-all", "print this help with the options for diagnostics");
+template <typename Number>
+void limit(CLI::Option& option, Number low, Number high, const char* unit) {
+  option.check(range(low, high, unit == nullptr));
+  if (unit != nullptr) option.type_name(unit);
 }
 
-Result<void> parse_words(CLI::App& app, int argc, const char* const* argv) {
+}  // namespace
+
+Option Option::required() const {
+  option_->required();
+  return *this;
+}
+
+Option Option::within(int low, int high, const char* unit) const {
+  limit(*option_, low, high, unit);
+  return *this;
+}
+
+Option Option::within(double low, double high, const char* unit) const {
+  limit(*option_, low, high, unit);
+  return *this;
+}
+
+Option Option::one_of(std::vector<std::string> words) const {
+  option_->check(CLI::IsMember(std::move(words)));
+  return *this;
+}
+
+Option Option::checked_by(std::function<std::string(const std::string&)> why_wrong) const {
+  option_->check(std::move(why_wrong));
+  return *this;
+}
+
+Option Option::in_group(const char* group) const {
+  option_->group(group);
+  return *this;
+}
+
+Option Option::with_form(const char* form) const {
+  option_->type_name(form);
+  return *this;
+}
+
+Option Option::with_default_shown() const {
+  option_->capture_default_str();
+  return *this;
+}
+
+Option Option::one_value_each() const {
+  option_->allow_extra_args(false);
+  return *this;
+}
+
+Option Option::two_values() const {
+  option_->type_size(2)->expected(1)->allow_extra_args(false);
+  return *this;
+}
+
+Option Option::with_optional_value() const {
+  option_->expected(0, 1);
+  return *this;
+}
+
+Option Option::needs(const Option& other) const {
+  option_->needs(other.option_);
+  return *this;
+}
+
+Option Option::excludes(const Option& other) const {
+  option_->excludes(other.option_);
+  return *this;
+}
+
+bool Option::is_given() const {
+  return option_ != nullptr && option_->count() > 0;
+}
+
+bool Option::is_flag() const {
+  return option_->get_items_expected_max() == 0;
+}
+
+std::string Option::name() const {
+  return name_of(*option_);
+}
+
+std::string Option::bare_name() const {
+  const std::string name = name_of(*option_);
+  return name.substr(std::min(name.find_first_not_of('-'), name.size()));
+}
+
+std::vector<std::string> Option::long_names() const {
+  return option_->get_lnames();
+}
+
+Option Command::declare(const std::string& names, OptionVariable variable,
+                        const std::string& help) const {
+  return std::visit([&](auto* value) { return Option(app_->add_option(names, *value, help)); },
+                    variable);
+}
+
+Option Command::flag(const std::string& names, bool& variable, const std::string& help) const {
+  return Option(app_->add_flag(names, variable, help));
+}
+
+std::vector<Option> Command::options() const {
+  std::vector<Option> out;
+  for (CLI::Option* option : app_->get_options()) {
+    if (option != app_->get_help_ptr() && option != app_->get_help_all_ptr() &&
+        option != app_->get_version_ptr())
+      out.push_back(Option(option));
+  }
+  return out;
+}
+
+CommandLine::CommandLine(const std::string& program, const std::string& description,
+                         const std::string& version)
+    : CommandLine(std::make_unique<CLI::App>(description, program)) {
+  app()->set_help_flag("-h,--help", "print this help");
+  if (!version.empty()) {
+    app()->set_version_flag("--version", version,
+                            "print the versions of the program and its libraries");
+  }
+  app()->require_subcommand(0, 1);
+}
+
+CommandLine::CommandLine(std::unique_ptr<CLI::App> app)
+    : Command(app.get()), owned_(std::move(app)) {}
+
+CommandLine::~CommandLine() = default;
+
+Command CommandLine::add_command(const std::string& name, const std::string& help) {
+  return Command(app()->add_subcommand(name, help));
+}
+
+void CommandLine::require_command() {
+  app()->require_subcommand(1);
+}
+
+void CommandLine::set_footer(const std::string& text) {
+  app()->footer(text);
+}
+
+void CommandLine::set_help_column(std::size_t column) {
+  app()->get_formatter()->column_width(column);  // which all commands share
+}
+
+std::vector<std::string> CommandLine::command_names() const {
+  std::vector<std::string> out;
+  for (const CLI::App* command : app()->get_subcommands([](const CLI::App*) { return true; }))
+    out.push_back(command->get_name());
+  return out;
+}
+
+std::string CommandLine::chosen_command() const {
+  const std::vector<CLI::App*> commands = app()->get_subcommands();
+  return commands.empty() ? "" : commands.front()->get_name();
+}
+
+Result<void> CommandLine::parse(const std::vector<std::string>& arguments) {
+  std::vector<std::string> words;  // CLI11 takes the last word first
+  if (!arguments.empty()) words.assign(arguments.rbegin(), arguments.rend() - 1);
   try {
-    app.parse(argc, argv);
+    app()->parse(std::move(words));
     return {};
   } catch (const CLI::Success&) {
     throw;
   } catch (const CLI::ExtrasError&) {
-    return usage(unexpected_argument(app));
+    return usage(unexpected_argument(*app()));
   } catch (const CLI::RequiredError& error) {
-    return usage(has_unknown_option(app) ? unexpected_argument(app) : error.what());
+    return usage(has_unknown_option(*app()) ? unexpected_argument(*app()) : error.what());
   } catch (const CLI::ParseError& error) {
-    const std::string wrong = no_number(app);
+    const std::string wrong = no_number(*app());
     return usage(wrong.empty() ? plain_words(error.what()) : wrong);
   }
 }
 
-std::optional<int> parse_command_line(CLI::App& app, int argc, const char* const* argv) {
-  const std::string program = app.get_name();
-  if (const std::string wrong = empty_value(argc, argv); !wrong.empty())
+std::optional<int> CommandLine::parse_or_end(const std::vector<std::string>& arguments) {
+  const std::string program = app()->get_name();
+  if (const std::string wrong = empty_value(arguments); !wrong.empty())
     return report_error(program, usage(wrong));
+  std::vector<CLI::Option*> diagnostics;
+  for (CLI::Option* option : app()->get_options()) {
+    if (option->get_group() == kDiagnostics) diagnostics.push_back(option);
+  }
+  if (!diagnostics.empty()) {
+    app()->set_help_all_flag("--help-all", "print this help with the options for diagnostics");
+  }
   try {
-    if (auto ok = parse_words(app, argc, argv); !ok)
+    if (auto ok = parse(arguments); !ok)
       return report_error(program, usage(ok.error().message + " (see " + program + " --help)"));
   } catch (const CLI::CallForHelp&) {
-    for (CLI::Option* option : app.get_options()) {
-      if (option->get_group() == kDiagnostics) option->group("");
-    }
-    std::fputs(app.help().c_str(), stdout);
+    for (CLI::Option* option : diagnostics)
+      option->group("");
+    std::fputs(app()->help().c_str(), stdout);
     return 0;
   } catch (const CLI::CallForAllHelp&) {
-    std::fputs(app.help().c_str(), stdout);
+    std::fputs(app()->help().c_str(), stdout);
     return 0;
   } catch (const CLI::CallForVersion& version) {
     std::puts(version.what());
@@ -171,14 +341,8 @@ std::optional<int> parse_command_line(CLI::App& app, int argc, const char* const
   return std::nullopt;
 }
 
-int run_program(const std::string& program, const std::function<int()>& body) {
-  std::signal(SIGPIPE, SIG_IGN);
-  std::signal(SIGXFSZ, SIG_IGN);
-  try {
-    return finish_output(program.c_str(), body());
-  } catch (const std::exception& failure) {
-    return report_error(program, bug(std::string("internal error: ") + failure.what()));
-  }
+std::string command_line_library() {
+  return "CLI11 " CLI11_VERSION;
 }
 
 }  // namespace trocar

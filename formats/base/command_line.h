@@ -1,67 +1,163 @@
 // SPDX-License-Identifier: Apache-2.0
-// Functions for the main() of every program: they treat the command line, standard output, signals
-// and errors. These functions are a separate library (trocar_command_line), so that the library
-// trocar_formats does not need CLI11.
+// Declares and parses the command line of a program: its options, its commands (such as `list` in
+// `trocar-mesh list`) and their options. The library CLI11 does the work. Of the programs' files,
+// only command_line.cpp includes CLI11, because CLI11's headers take seconds to compile.
+// Tests: tests/formats/base/command_line_test.cpp
 #pragma once
 
-#include <atomic>
+#include <cstddef>
+#include <cstdint>
+#include <filesystem>
 #include <functional>
+#include <memory>
 #include <optional>
 #include <string>
+#include <variant>
+#include <vector>
 
 #include "formats/base/result.h"
 
 namespace CLI {  // NOLINT(readability-identifier-naming): CLI11's
 class App;
-}
+class Option;
+}  // namespace CLI
 
 namespace trocar {
 
-/// Becomes true on SIGINT, SIGTERM or SIGHUP, if stop_on_signals() has been called before. Programs
-/// check this flag between two steps of their work, and end without partial output.
-extern std::atomic<bool> stop_requested;
-static_assert(std::atomic<bool>::is_always_lock_free);  // a signal handler sets the flag
+/// The variable that gets the value of an option. If an option with a vector is repeated, the
+/// vector gets all values.
+using OptionVariable = std::variant<int*, std::uint32_t*, std::uint64_t*, double*, std::string*,
+                                    std::filesystem::path*, std::optional<int>*,
+                                    std::optional<std::int64_t>*, std::optional<double>*,
+                                    std::vector<std::string>*, std::vector<std::filesystem::path>*>;
 
-/// Makes SIGINT, SIGTERM and SIGHUP set stop_requested instead of ending the process.
-void stop_on_signals();
-
-/// Writes "PROGRAM: MESSAGE" to stderr and returns the error's exit code.
-int report_error(const std::string& program, const Error& error);
-
-/// Declares --help and --version. `version` is the text that --version prints. Precondition: `app`
-/// has no subcommands yet, because a subcommand copies --help from `app` at the moment when the
-/// subcommand is added.
-void add_help_and_version(CLI::App& app, const std::string& version);
-
-/// Name of the CLI11 group for options that only --help-all shows.
+/// Name of the group of those of a program's own options that only --help-all shows. (It is not for
+/// the options of a command.)
 inline constexpr const char* kDiagnostics = "Diagnostics";
 
-/// Declares --help-all. If the subcommands of `app` have no options of the group kDiagnostics, add
-/// the subcommands before this call, so that no subcommand inherits --help-all.
-void add_help_for_diagnostics(CLI::App& app);
+/// An option of a Command. Copies stand for the same option. They must not be used after the
+/// CommandLine has been destroyed. A function that returns an Option returns this one.
+class Option {
+ public:
+  Option() = default;  ///< no option; only is_given() may be called
 
-/// Parses arguments into the options declared in `app`. argv[0] is the program's name. Errors:
-/// kUsage if an argument is wrong. If an option is unknown, the message suggests the known option
-/// with the most similar name, if any name is similar. Throws a CLI::Success after --help,
-/// --help-all or --version.
-Result<void> parse_words(CLI::App& app, int argc, const char* const* argv);
+  /// Refuses a command line without this option.
+  Option required() const;
+  /// Refuses values that are not numbers from `low` to `high`; with int, also those that are not
+  /// whole. The help shows `unit` after the option's name, or if there is none, type and range.
+  Option within(int low, int high, const char* unit = nullptr) const;
+  Option within(double low, double high, const char* unit = nullptr) const;
+  /// Refuses values that are not one of `words`. The help shows the words.
+  Option one_of(std::vector<std::string> words) const;
+  /// Refuses values for which `why_wrong` returns a message instead of an empty text.
+  Option checked_by(std::function<std::string(const std::string&)> why_wrong) const;
+  /// The help shows the option under the heading `group`; with "", not at all.
+  Option in_group(const char* group) const;
+  /// The help shows `form` after the option's name as the form of the value.
+  Option with_form(const char* form) const;
+  /// The help shows the variable's present value as the default.
+  Option with_default_shown() const;
+  /// For a vector: each use of the option takes one value. Without this, it takes all words that
+  /// follow, up to the next option or to "--", which then only ends the values.
+  Option one_value_each() const;
+  /// For a vector: the option takes two values, and may be given only once.
+  Option two_values() const;
+  /// The option may be given without a value, and its variable is then empty.
+  Option with_optional_value() const;
+  /// Refuses a command line with this option but not `other`.
+  Option needs(const Option& other) const;
+  /// Refuses a command line with both this option and `other`.
+  Option excludes(const Option& other) const;
 
-/// Parses the arguments of main() into the options declared in `app`. Precondition: the name of
-/// `app` is the program's name. Returns an exit code if the program must end, else nullopt. The
-/// exit code is 0 after --help, --help-all or --version. After invalid arguments it is 2, and one
-/// line on stderr says what is wrong. An empty value (for example from an unset variable of a
-/// shell) is refused, because CLI11 would treat its option as not given.
-std::optional<int> parse_command_line(CLI::App& app, int argc, const char* const* argv);
+  /// Was the option in the command line? False if there is no option.
+  bool is_given() const;
+  /// True if the option takes no value.
+  bool is_flag() const;
+  /// The option's name for messages: its first long name with two dashes, or else its first short
+  /// name with one. For an argument, its name, such as INPUT.
+  std::string name() const;
+  /// The same without dashes.
+  std::string bare_name() const;
+  /// All long names, without dashes. There are none for an argument.
+  std::vector<std::string> long_names() const;
 
-/// Checks the value of an option, for option_range(). Returns a message if `text` is not a
-/// number from `low` to `high`, or if `is_whole` is set and the number is not whole. Otherwise
-/// returns an empty text.
-std::string why_not_within(const std::string& text, double low, double high, bool is_whole);
+ private:
+  friend class Command;
+  explicit Option(CLI::Option* option) : option_(option) {}
 
-/// Does the complete work of main(): runs `body`, which returns an exit code, and passes this code
-/// to finish_output(). SIGPIPE and SIGXFSZ are ignored. So a write() to a closed pipe, or beyond
-/// the user's limit of file size, returns an error and does not end the process. If `body` throws
-/// an exception, the exception is reported as a bug (exit code 1).
-int run_program(const std::string& program, const std::function<int()>& body);
+  CLI::Option* option_ = nullptr;
+};
+
+/// A program's own options, or a command of the program with its options. Copies stand for the same
+/// command. They must not be used after the CommandLine has been destroyed.
+class Command {
+ public:
+  /// Declares an option with a value, for example "-o,--output", or an argument, for example
+  /// "INPUT". Parsing writes the value to `variable`, which must exist until then.
+  template <typename Variable>
+  Option option(const std::string& names, Variable& variable, const std::string& help = {}) const {
+    return declare(names, &variable, help);
+  }
+  /// Declares an option without a value. Parsing sets `variable` if the option was given.
+  Option flag(const std::string& names, bool& variable, const std::string& help) const;
+
+  /// All declared options except --help, --version and --help-all.
+  std::vector<Option> options() const;
+
+ protected:
+  explicit Command(CLI::App* app) : app_(app) {}
+  CLI::App* app() const { return app_; }
+
+ private:
+  friend class CommandLine;
+  Option declare(const std::string& names, OptionVariable variable, const std::string& help) const;
+
+  CLI::App* app_;
+};
+
+/// The command line of a program. It has the option --help and, if an option is in the group
+/// kDiagnostics, --help-all.
+class CommandLine : public Command {
+ public:
+  /// `program`: its name in messages and help. `version`: what --version prints; if it is empty,
+  /// there is no --version.
+  CommandLine(const std::string& program, const std::string& description,
+              const std::string& version);
+  CommandLine(const CommandLine&) = delete;
+  CommandLine& operator=(const CommandLine&) = delete;
+  ~CommandLine();
+
+  /// Adds a command. A command line has at most one command.
+  Command add_command(const std::string& name, const std::string& help);
+  /// Refuses a command line without a command.
+  void require_command();
+  /// The text at the end of the help.
+  void set_footer(const std::string& text);
+  /// First column of the descriptions in the help, for all commands.
+  void set_help_column(std::size_t column);
+
+  std::vector<std::string> command_names() const;
+  /// The command that was given; empty if none was.
+  std::string chosen_command() const;
+
+  /// Parses the arguments of main(), the first of which is the program's name. They must
+  /// not ask for help or the version. Errors: kUsage if an argument is wrong. If an option is unknown, the
+  /// message suggests the known option with the most similar name, if any name is similar.
+  Result<void> parse(const std::vector<std::string>& arguments);
+
+  /// Does the same for main() itself. Returns an exit code if the program must end, else nullopt.
+  /// The exit code is 0 after --help, --help-all or --version. After invalid arguments it is 2, and
+  /// one line on stderr says what is wrong. An empty value (for example from an unset variable of a
+  /// shell) is refused, because CLI11 would treat its option as not given.
+  std::optional<int> parse_or_end(const std::vector<std::string>& arguments);
+
+ private:
+  explicit CommandLine(std::unique_ptr<CLI::App> app);
+
+  std::unique_ptr<CLI::App> owned_;
+};
+
+/// Name and version of the library CLI11, for --version.
+std::string command_line_library();
 
 }  // namespace trocar

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "pipeline/program/arguments.h"
 
+#include <utility>
+
 #include "formats/asset/asset.h"
-#include "formats/base/command_line.h"
-#include "formats/base/option_range.h"
 #include "pipeline/program/presets.h"
 
 namespace trocar::pipeline {
@@ -12,39 +12,44 @@ namespace {
 // The options of one topic of the help.
 class Group {
  public:
-  Group(CLI::App& app, const char* name) : app_(app), name_(name) {}
+  Group(const Command& command, const char* name) : command_(command), name_(name) {}
 
   // A number within a range. The help shows `unit` after the option's name.
   template <typename Number>
-  CLI::Option* number(const char* name, Number& value, const char* unit, Number low, Number high,
-                      const char* help) {
-    return app_.add_option(name, value, help)
-        ->type_name(unit)
-        ->capture_default_str()
-        ->check(option_range(low, high).description(""))
-        ->group(name_);
+  Option number(const char* name, Number& value, const char* unit, Number low, Number high,
+                const char* help) {
+    return command_.option(name, value, help)
+        .with_default_shown()
+        .within(low, high, unit)
+        .in_group(name_);
+  }
+  // The same without a default.
+  template <typename Number>
+  Option number_if_given(const char* name, Number& value, const char* unit, Number low, Number high,
+                         const char* help) {
+    return command_.option(name, value, help).within(low, high, unit).in_group(name_);
   }
   // An option without a default. The help shows `form`, the form of its value.
   template <typename Value>
-  CLI::Option* value(const char* name, Value& value, const char* form, const char* help) {
-    return app_.add_option(name, value, help)->type_name(form)->group(name_);
+  Option value(const char* name, Value& value, const char* form, const char* help) {
+    return command_.option(name, value, help).with_form(form).in_group(name_);
   }
-  CLI::Option* choice(const char* name, std::string& value, std::vector<std::string> words,
-                      const char* help) {
-    return app_.add_option(name, value, help)->check(CLI::IsMember(std::move(words)))->group(name_);
+  Option choice(const char* name, std::string& value, std::vector<std::string> words,
+                const char* help) {
+    return command_.option(name, value, help).one_of(std::move(words)).in_group(name_);
   }
   void flag(const char* name, bool& value, const char* help) {
-    app_.add_flag(name, value, help)->group(name_);
+    command_.flag(name, value, help).in_group(name_);
   }
 
  private:
-  CLI::App& app_;
+  Command command_;
   const char* name_;
 };
 
-void add_input_options(CLI::App& app, Arguments& a) {
-  app.add_option("INPUT", a.inputs, "the scan");
-  Group group(app, "Input");
+void add_input_options(const Command& command, Arguments& a) {
+  command.option("INPUT", a.inputs, "the scan");
+  Group group(command, "Input");
   group.value(
       "--spacing", a.spacing, "X,Y,Z",
       "pixel width, pixel height and distance of slices, in mm; for INPUT that does not state\n"
@@ -55,15 +60,13 @@ void add_input_options(CLI::App& app, Arguments& a) {
               "mesh only the columns X0 to X1 and rows Y0 to Y1, all included, counted from 0");
   group.value("--series", a.series, "UID",
               "if INPUT holds several series: the one to mesh, by its UID, number or description");
-  a.volume_given =
-      group
-          .value("--volume", a.volume, "N",
-                 "for a NIfTI file with several volumes (4D): the one to mesh, counted from 0")
-          ->check(option_range(0, 1'000'000'000).description(""));
+  a.volume_option = group.number_if_given(
+      "--volume", a.volume, "N", 0, 1'000'000'000,
+      "for a NIfTI file with several volumes (4D): the one to mesh, counted from 0");
   group.flag("--any-modality", a.any_modality,
              "accept DICOM images other than CT. Their values are not HU (Hounsfield units, the\n"
              "calibrated grey levels of CT)");
-  a.axis_given = group.choice(
+  a.axis_option = group.choice(
       "--axis", a.axis, {"axial", "transverse", "coronal", "sagittal"},
       "plane of the slices; transverse means axial, that is, across the body. Default: axial\n"
       "for a NIfTI file; for other input, the plane in which the slices are stored");
@@ -73,8 +76,8 @@ void add_input_options(CLI::App& app, Arguments& a) {
       "spacing, position) as the label map");
 }
 
-void add_material_options(CLI::App& app, Arguments& a) {
-  Group group(app, "Material");
+void add_material_options(const Command& command, Arguments& a) {
+  Group group(command, "Material");
   std::vector<std::string> names;
   for (const Preset& preset : presets())
     names.emplace_back(preset.name);
@@ -83,27 +86,24 @@ void add_material_options(CLI::App& app, Arguments& a) {
       "use the options that suit this material; --explain prints them. (paper: for images, the\n"
       "method of the publication that Trocar follows)");
   group.flag("--explain", a.explain, "print the options of --preset, or of all presets");
-  a.threshold_given =
+  a.threshold_option =
       group.number("--threshold", a.threshold, "HU", -1e6, 1e6,
                    "lowest HU that counts as material (226: dense bone, 180: bone of low\n"
                    "density, -300: skin). If INPUT is images: a grey level from 0 to 255");
-  a.equalize_given =
-      group
-          .number(
-              "--equalize", a.equalize, "LEVEL", 0.0, 255.0,
-              "instead of --threshold: spread the grey levels of each slice evenly over 0 to 255\n"
-              "(histogram equalisation), then mesh all pixels of at least LEVEL. Without this "
-              "option,\n"
-              "grey levels are not spread. The preset paper sets LEVEL to 230")
-          ->default_str("");
-  a.labels_given = group
-                       .value("--labels", a.labels, "L",
-                              "INPUT is a label map: its voxels hold numbers of structures. Mesh "
-                              "the structures L: a\n"
-                              "number, a range A-B, several of these, or all. Each becomes one "
-                              "material; 20+21 joins\n"
-                              "two structures to one material")
-                       ->allow_extra_args(false);
+  a.equalize_option = group.number_if_given(
+      "--equalize", a.equalize, "LEVEL", 0.0, 255.0,
+      "instead of --threshold: spread the grey levels of each slice evenly over 0 to 255\n"
+      "(histogram equalisation), then mesh all pixels of at least LEVEL. Without this "
+      "option,\n"
+      "grey levels are not spread. The preset paper sets LEVEL to 230");
+  a.labels_option = group
+                        .value("--labels", a.labels, "L",
+                               "INPUT is a label map: its voxels hold numbers of structures. Mesh "
+                               "the structures L: a\n"
+                               "number, a range A-B, several of these, or all. Each becomes one "
+                               "material; 20+21 joins\n"
+                               "two structures to one material")
+                        .one_value_each();
   group.value(
       "--names", a.names, "FILE",
       "names of the labels: a JSON file such as {\"20\": \"L1\"}; or verse, for label maps of\n"
@@ -118,8 +118,8 @@ void add_material_options(CLI::App& app, Arguments& a) {
 }
 
 // Options of solid_bone.h.
-void add_solid_options(CLI::App& app, Arguments& a) {
-  Group group(app, "Solid bone");
+void add_solid_options(const Command& command, Arguments& a) {
+  Group group(command, "Solid bone");
   group.value(
       "--fill", a.fill, "MM2",
       "fill what bone encloses, such as marrow, so that it becomes material: a voxel is filled\n"
@@ -141,7 +141,7 @@ void add_solid_options(CLI::App& app, Arguments& a) {
           "column:\n"
           "vessels full of contrast medium, which are as dense as bone, are dropped, and ribs are\n"
           "cut off 75 mm from the spinal canal")
-      ->capture_default_str();
+      .with_default_shown();
   group.number("--largest", a.largest, "N", 0, 1'000'000,
                "keep only the N largest connected components; 0: keep all");
   group
@@ -151,36 +151,35 @@ void add_solid_options(CLI::App& app, Arguments& a) {
           "to\n"
           "the patient's left, y to the back, z to the head). Further points mark touching\n"
           "bones that are not wanted: material nearer to them than to the first point is dropped")
-      ->allow_extra_args(false);
+      .one_value_each();
   group.value("--mask", a.mask, "LABELS.nii.gz:L[,L]",
               "keep only the material within 1.5 mm of the labels L of this label map");
 }
 
-void add_stage_options(CLI::App& app, Arguments& a) {
-  Group group(app, "Mesh");
+void add_stage_options(const Command& command, Arguments& a) {
+  Group group(command, "Mesh");
   group
       .choice("--contour", a.contour, {"subpixel", "pixel"},
               "where the border of the material runs. subpixel: between pixel centres, where the\n"
               "interpolated value is the threshold; pixel: through the centres of the outermost "
               "pixels\n"
               "of the material")
-      ->capture_default_str();
+      .with_default_shown();
   group
       .choice(
           "--simplify", a.simplify, {"area", "dp"},
           "how outlines are simplified. area: vertices are merged so that each outline keeps its\n"
           "area; dp: vertices are left out (method of Douglas and Peucker), and areas change")
-      ->capture_default_str();
+      .with_default_shown();
   group.number("--tolerance", a.tolerance_mm, "MM", 0.0, 1e4,
                "largest distance of the simplified outline from the original one, mm");
   group.number("--min-angle", a.min_angle_deg, "DEG", 0.0, 60.0,
                "smallest angle of a triangle, degrees");
-  a.area_given = group.number("--max-area", a.max_area_mm2, "MM2", 1e-6, 1e12,
-                              "largest area of a triangle, mm^2");
-  a.area_px_given = group
-                        .value("--max-area-px", a.max_area_px2, "PX2",
-                               "largest area of a triangle in pixels, instead of --max-area")
-                        ->check(option_range(1e-6, 1e12).description(""));
+  a.area_option = group.number("--max-area", a.max_area_mm2, "MM2", 1e-6, 1e12,
+                               "largest area of a triangle, mm^2");
+  a.area_px_option =
+      group.number_if_given("--max-area-px", a.max_area_px2, "PX2", 1e-6, 1e12,
+                            "largest area of a triangle in pixels, instead of --max-area");
   group.number("--grade", a.grade_hu, "HU", 0.0, 1e6,
                "use smaller triangles where the HU change by more than this along an edge of\n"
                "a triangle; 0: never");
@@ -195,7 +194,7 @@ void add_asset_options(Group group, Arguments& a) {
   group.flag("--surface", a.surface,
              "add a closed surface of the material to the asset, for display and for trocar-mesh\n"
              "export --surface");
-  a.surface_triangles_given = group.number(
+  a.surface_triangles_option = group.number(
       "--surface-triangles", a.surface_triangles, "N", 100, 5'000'000,
       "limit on the number of triangles of the surface. With this option, the limit is N.\n"
       "Without it, the limit is 50000 at first. It is then doubled until 99 % of the surface\n"
@@ -204,14 +203,14 @@ void add_asset_options(Group group, Arguments& a) {
   group.flag("--lines", a.lines, "also store the outlines as lines, for 3D viewers");
   group.flag("--colour", a.colour,
              "also store HU as colours for 3D viewers, from dark (-200 HU) to light (1848 HU)");
-  a.context_given = group
-                        .value("--context", a.context, "[MM]",
-                               "also store the HU around the material, for simulated X-ray "
-                               "pictures: one value every\n"
-                               "MM mm (default: 2 to 4 mm, depending on the size of the scan). In "
-                               "a scan of a head,\n"
-                               "these HU can show the patient's face")
-                        ->expected(0, 1);
+  a.context_option = group
+                         .value("--context", a.context, "[MM]",
+                                "also store the HU around the material, for simulated X-ray "
+                                "pictures: one value every\n"
+                                "MM mm (default: 2 to 4 mm, depending on the size of the scan). In "
+                                "a scan of a head,\n"
+                                "these HU can show the patient's face")
+                         .with_optional_value();
   group.value(
       "--input-key", a.input_key, "FILE",
       "store a checksum of the input, by which those who have the key can recognise the scan.\n"
@@ -220,50 +219,50 @@ void add_asset_options(Group group, Arguments& a) {
 }
 
 // The output options that a run and its preview share; `output` is the help of -o.
-void add_output_options(CLI::App& app, Arguments& a, const char* output) {
-  Group group(app, "Output");
+void add_output_options(const Command& command, Arguments& a, const char* output) {
+  Group group(command, "Output");
   group.value("-o,--output", a.output, "FILE", output);
   group.number("--jobs", a.jobs, "N", 0, 1024, "number of threads; 0: one for each core");
   group.flag("--quiet", a.quiet, "print errors only");
 }
 
-void add_common_options(CLI::App& app, Arguments& a, const char* output) {
-  add_input_options(app, a);
-  add_material_options(app, a);
-  add_solid_options(app, a);
-  add_stage_options(app, a);
-  add_output_options(app, a, output);
+void add_common_options(const Command& command, Arguments& a, const char* output) {
+  add_input_options(command, a);
+  add_material_options(command, a);
+  add_solid_options(command, a);
+  add_stage_options(command, a);
+  add_output_options(command, a, output);
 }
 
 }  // namespace
 
-void add_mesh_options(CLI::App& app, Arguments& a) {
-  add_common_options(app, a, "the asset to write (.glb), or only its surface (.stl, .ply, .obj)");
-  Group group(app, "Output");
+void add_mesh_options(const Command& command, Arguments& a) {
+  add_common_options(command, a,
+                     "the asset to write (.glb), or only its surface (.stl, .ply, .obj)");
+  Group group(command, "Output");
   add_asset_options(group, a);
   group.value("--report", a.report, "FILE",
               "write what was done in each slice, and the warnings, as JSON");
-  Group diagnostics(app, kDiagnostics);
+  Group diagnostics(command, kDiagnostics);
   diagnostics.value("--dump-stages", a.dump_stages, "FILE",
                     "write the intermediate results of one slice (contour, outline, mesh) as\n"
                     "JSON, for pictures");
-  a.dump_slice_given =
-      diagnostics
-          .value("--dump-slice", a.dump_slice, "N", "the slice of --dump-stages, counted from 0")
-          ->check(option_range(0, 1'000'000'000).description(""));
+  a.dump_slice_option =
+      diagnostics.number_if_given("--dump-slice", a.dump_slice, "N", 0, 1'000'000'000,
+                                  "the slice of --dump-stages, counted from 0");
 }
 
-void add_preview_options(CLI::App& app, Arguments& a) {
+void add_preview_options(const Command& command, Arguments& a) {
   add_common_options(
-      app, a,
+      command, a,
       "the preview to write: .png, a picture; or .html, a page with the picture and tables.\n"
       "The tables show areas of the material and numbers of outlines. For a label map, one of\n"
       "the tables shows how many voxels each label has");
-  Group(app, "Output")
+  Group(command, "Output")
       .number(
           "--count", a.count, "N", 1, 100,
           "number of slices shown, evenly spread from the first to the last slice with material");
-  add_asset_options(Group(app, ""), a);
+  add_asset_options(Group(command, ""), a);
 }
 
 }  // namespace trocar::pipeline

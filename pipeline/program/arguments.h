@@ -3,16 +3,16 @@
 // Tests: tests/pipeline/program/parameters_test.cpp
 #pragma once
 
-#include <CLI/CLI.hpp>
 #include <filesystem>
 #include <string>
 #include <vector>
 
+#include "formats/base/command_line.h"
+
 namespace trocar::pipeline {
 
-/// The values of the options. For some options X, X_given says whether X was given: if neither the
-/// command line nor a preset gives X, X_given->count() is 0, and X has its default. X_given is null
-/// if the command has no option X.
+/// The values of the options. For some options X, X_option.is_given() says whether the command line
+/// or a preset gives X. If the command has no option X, it is false.
 struct Arguments {
   std::vector<std::filesystem::path> inputs;
   std::filesystem::path output, report, dump_stages, hu, input_key;
@@ -26,16 +26,14 @@ struct Arguments {
       surface_triangles = 50'000;
   bool any_modality = false, quiet = false, explain = false, no_hu = false, lines = false,
        colour = false, surface = false, keep_table = false;
-  CLI::Option *threshold_given = nullptr, *equalize_given = nullptr, *labels_given = nullptr,
-              *area_given = nullptr, *area_px_given = nullptr, *axis_given = nullptr,
-              *dump_slice_given = nullptr, *volume_given = nullptr, *context_given = nullptr,
-              *surface_triangles_given = nullptr;
+  Option threshold_option, equalize_option, labels_option, area_option, area_px_option, axis_option,
+      dump_slice_option, volume_option, context_option, surface_triangles_option;
 };
 
-/// Declares the options of meshing. Parsing writes their values to `a`, which must outlive `app`.
-void add_mesh_options(CLI::App& app, Arguments& a);
+/// Declares the options of meshing. Parsing writes their values to `a`.
+void add_mesh_options(const Command& command, Arguments& a);
 /// Declares the options of a preview: --count, and the options of meshing except those for outputs
-/// that a preview does not write. Parsing writes their values to `a`, which must outlive `app`.
-void add_preview_options(CLI::App& app, Arguments& a);
+/// that a preview does not write. Parsing writes their values to `a`.
+void add_preview_options(const Command& command, Arguments& a);
 
 }  // namespace trocar::pipeline

@@ -17,10 +17,9 @@
 #include <system_error>
 #include <utility>
 
-#include "formats/base/command_line.h"
 #include "formats/base/file_io.h"
 #include "formats/base/json_text.h"
-#include "formats/base/option_range.h"
+#include "formats/base/program.h"
 #include "pipeline/farm/batch_run.h"
 #include "pipeline/farm/collection.h"
 #include "pipeline/farm/garbage.h"
@@ -390,66 +389,74 @@ Result<void> check(const BatchArguments& a) {
 
 }  // namespace
 
-void add_batch_options(CLI::App& app, BatchArguments& a) {
-  app.add_option("COLLECTION", a.collection,
-                 "the collection, a .json file with scans and their parameters; list --manifest\n"
-                 "prints one to begin with")
-      ->required();
-  app.add_option("-o,--output", a.store,
-                 "the store, a folder that keeps all results; created if needed")
-      ->required();
-  app.add_option(
-         "--jobs", a.jobs,
-         "number of scans meshed at the same time, each in its own process; 0: one for each core")
-      ->capture_default_str()
-      ->check(option_range(0, 1024));
-  app.add_option("--shard", a.shard,
+void add_batch_options(const Command& command, BatchArguments& a) {
+  command
+      .option("COLLECTION", a.collection,
+              "the collection, a .json file with scans and their parameters; list --manifest\n"
+              "prints one to begin with")
+      .required();
+  command
+      .option("-o,--output", a.store,
+              "the store, a folder that keeps all results; created if needed")
+      .required();
+  command
+      .option(
+          "--jobs", a.jobs,
+          "number of scans meshed at the same time, each in its own process; 0: one for each core")
+      .with_default_shown()
+      .within(0, 1024);
+  command.option("--shard", a.shard,
                  "I/N: work only on every Nth scan, beginning with scan I, so that N machines can\n"
                  "share the work; the first scan is number 0");
-  app.add_option("--only", a.only,
+  command.option("--only", a.only,
                  "work only on the scans named in this file, one per line; -: standard input");
-  auto* const dry_run = app.add_flag(
+  const Option dry_run = command.flag(
       "--dry-run", a.dry_run,
       "print which scans are stale (this run would work on them), and why; write nothing");
-  auto* const explain = app.add_option("--explain", a.explain,
-                                       "print whether this scan is stale, and why; write nothing");
-  app.add_flag("--retry", a.retry,
+  const Option explain = command.option("--explain", a.explain,
+                                        "print whether this scan is stale, and why; write nothing");
+  command.flag("--retry", a.retry,
                "also try scans again that were refused in an earlier run and have not changed\n"
                "since");
-  app.add_option("--max-failures", a.max_failures,
-                 "start no further scan after this many failures in this run; 0: no limit")
-      ->capture_default_str()
-      ->check(option_range(0, 1000000))
-      ->excludes(dry_run, explain);
-  app.add_flag("--strict", a.strict,
-               "end with exit code 3 not only if a scan fails in this run, but also if a scan\n"
-               "failed in an earlier run and this run did not try it again")
-      ->excludes(dry_run, explain);
-  app.add_option(
+  command
+      .option("--max-failures", a.max_failures,
+              "start no further scan after this many failures in this run; 0: no limit")
+      .with_default_shown()
+      .within(0, 1'000'000)
+      .excludes(dry_run)
+      .excludes(explain);
+  command
+      .flag("--strict", a.strict,
+            "end with exit code 3 not only if a scan fails in this run, but also if a scan\n"
+            "failed in an earlier run and this run did not try it again")
+      .excludes(dry_run)
+      .excludes(explain);
+  command.option(
       "--run-program", a.run_program,
       "path of trocar-run (default: the trocar-run beside this program, else the one in PATH).\n"
       "trocar-run is needed only if the collection asks for scenes or for checks of scenes");
-  app.add_flag(
+  command.flag(
       "--rehash", a.rehash,
       "read all inputs again, even if their size, time of change and inode (the number of\n"
       "a file) are unchanged");
-  app.add_flag("--verify", a.verify,
+  command.flag("--verify", a.verify,
                "verify every asset in the store, and make damaged ones again");
-  auto* const gc = app.add_flag(
+  const Option gc = command.flag(
       "--gc", a.gc, "after the run, remove files from the store that belong to none of its scans");
-  app.add_flag("--prune", a.prune,
-               "with --gc: first drop those scans from the store that the collection does not name")
-      ->needs(gc);
-  app.add_option("--grace", a.grace_minutes, "with --gc: keep files younger than this many minutes")
-      ->capture_default_str()
-      ->check(option_range(0.0, 1e6))
-      ->needs(gc);
-  app.add_flag("--json", a.as_json, "print the summary as JSON");
-  app.add_option(
+  command
+      .flag("--prune", a.prune,
+            "with --gc: first drop those scans from the store that the collection does not name")
+      .needs(gc);
+  command.option("--grace", a.grace_minutes, "with --gc: keep files younger than this many minutes")
+      .with_default_shown()
+      .within(0.0, 1e6)
+      .needs(gc);
+  command.flag("--json", a.as_json, "print the summary as JSON");
+  command.option(
       "--metrics", a.metrics,
       "write the counts and the duration of the run to this file, in the text format of the\n"
       "monitoring program Prometheus");
-  app.add_flag("--quiet", a.quiet, "print errors only");
+  command.flag("--quiet", a.quiet, "print errors only");
 }
 
 int run_batch(const BatchArguments& given) {

@@ -3,9 +3,10 @@
 // Tests: tests/e2e/batch_test.py
 #pragma once
 
-#include <CLI/CLI.hpp>
 #include <filesystem>
 #include <string>
+
+#include "formats/base/command_line.h"
 
 namespace trocar::pipeline {
 
@@ -19,8 +20,8 @@ struct BatchArguments {
        retry = false, strict = false, quiet = false;
 };
 
-/// Declares the options. Parsing writes their values to `a`, which must outlive `app`.
-void add_batch_options(CLI::App& app, BatchArguments& a);
+/// Declares the options. Parsing writes their values to `a`.
+void add_batch_options(const Command& command, BatchArguments& a);
 
 /// Runs the batch and returns the exit code:
 ///  - 2: the options or the collection are wrong.

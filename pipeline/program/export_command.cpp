@@ -4,16 +4,16 @@
 #include <cstdio>
 #include <string>
 
-#include "formats/base/command_line.h"
+#include "formats/base/program.h"
 #include "pipeline/program/asset_export.h"
 #include "pipeline/program/messages.h"
 
 namespace trocar::pipeline {
 
-void add_export_options(CLI::App& app, ExportArguments& a) {
-  app.add_option("ASSET", a.asset, "the asset (.glb)")->required();
-  app.add_option("-o,--output", a.folder, "folder to write to")->required();
-  app.add_flag("--surface", a.surface,
+void add_export_options(const Command& command, ExportArguments& a) {
+  command.option("ASSET", a.asset, "the asset (.glb)").required();
+  command.option("-o,--output", a.folder, "folder to write to").required();
+  command.flag("--surface", a.surface,
                "write the asset's closed surface instead, as .stl, .ply and .obj");
 }
 

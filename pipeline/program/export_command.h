@@ -3,8 +3,9 @@
 // Tests: tests/e2e/assets_e2e_test.py
 #pragma once
 
-#include <CLI/CLI.hpp>
 #include <filesystem>
+
+#include "formats/base/command_line.h"
 
 namespace trocar::pipeline {
 
@@ -13,8 +14,8 @@ struct ExportArguments {
   bool surface = false;  ///< writes the surfaces instead of the slices
 };
 
-/// Declares the options. Parsing writes their values to `a`, which must outlive `app`.
-void add_export_options(CLI::App& app, ExportArguments& a);
+/// Declares the options. Parsing writes their values to `a`.
+void add_export_options(const Command& command, ExportArguments& a);
 
 /// Verifies the asset, writes the files and returns the exit code.
 int run_export(const ExportArguments& a);

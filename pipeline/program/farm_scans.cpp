@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "pipeline/program/farm_scans.h"
 
-#include <CLI/CLI.hpp>
 #include <algorithm>
 #include <cmath>
 #include <set>
@@ -12,9 +11,11 @@
 #include "formats/base/command_line.h"
 #include "formats/base/json_text.h"
 #include "formats/base/nearest_name.h"
+#include "formats/base/program.h"
 #include "pipeline/open/scan_folder.h"
 #include "pipeline/program/arguments.h"
 #include "pipeline/program/mesh_scan.h"
+#include "pipeline/program/messages.h"
 #include "pipeline/program/presets.h"
 #include "pipeline/program/stage_options.h"
 #include "pipeline/read/file_names.h"
@@ -35,17 +36,30 @@ const std::set<std::string>& excluded_options() {
 
 // The options and their values. The options refer to the values, so this object cannot be moved.
 struct Parsed {
-  CLI::App app;
+  CommandLine line{kProgram, "", ""};
   Arguments a;
-  Parsed() { add_mesh_options(app, a); }
+  Parsed() { add_mesh_options(line, a); }
 };
 
-std::vector<std::string> option_names(const CLI::App& app) {
-  std::vector<std::string> out;
-  for (const CLI::Option* option : app.get_options()) {
-    for (const std::string& name : option->get_lnames())
-      if (!excluded_options().contains(name) && name != "help") out.push_back(name);
+/// An option of meshing that a collection can give as a parameter.
+struct Parameter {
+  std::string name;
+  bool is_flag;
+};
+
+std::vector<Parameter> parameters_of(const CommandLine& line) {
+  std::vector<Parameter> out;
+  for (const Option& option : line.options()) {
+    for (const std::string& name : option.long_names())
+      if (!excluded_options().contains(name)) out.push_back({name, option.is_flag()});
   }
+  return out;
+}
+
+std::vector<std::string> names_of(const std::vector<Parameter>& parameters) {
+  std::vector<std::string> out;
+  for (const Parameter& each : parameters)
+    out.push_back(each.name);
   return out;
 }
 
@@ -53,20 +67,20 @@ std::string value_text(const json& value) {
   return value.is_string() ? value.get<std::string>() : json_text(value);
 }
 
-Result<void> add_words(const CLI::App& app, const std::string& name, const json& value,
-                       std::vector<std::string>& words) {
+Result<void> add_words(const std::vector<Parameter>& known, const std::string& name,
+                       const json& value, std::vector<std::string>& words) {
   const std::string given = "parameter " + name + ": ";
-  const std::vector<std::string> names = option_names(app);
-  if (std::find(names.begin(), names.end(), name) == names.end()) {
-    return usage(given + (excluded_options().contains(name)
-                              ? "is not for the scans of a collection"
-                              : "no such option" + did_you_mean(name, names)));
+  const auto found = std::find_if(known.begin(), known.end(),
+                                  [&](const Parameter& each) { return each.name == name; });
+  if (found == known.end()) {
+    if (excluded_options().contains(name))
+      return usage(given + "is not for the scans of a collection");
+    return usage(given + "no such option" + did_you_mean(name, names_of(known)));
   }
   const std::string option = "--" + name;
-  const bool is_flag = app.get_option_no_throw(option)->get_items_expected_max() == 0;
-  if (value.is_boolean() != is_flag)
-    return usage(given + (is_flag ? "must be true or false" : "must be a number or a text"));
-  if (is_flag) {
+  if (value.is_boolean() != found->is_flag)
+    return usage(given + (found->is_flag ? "must be true or false" : "must be a number or a text"));
+  if (found->is_flag) {
     words.push_back(option);
     return {};
   }
@@ -77,16 +91,12 @@ Result<void> add_words(const CLI::App& app, const std::string& name, const json&
 
 Result<std::unique_ptr<Parsed>> parse(const json& given) {
   auto out = std::make_unique<Parsed>();
-  std::vector<std::string> words = {"trocar-mesh"};
+  std::vector<std::string> words = {kProgram};
+  const std::vector<Parameter> known = parameters_of(out->line);
   for (const auto& [name, value] : given.items()) {
-    if (auto ok = add_words(out->app, name, value, words); !ok) return ok.error();
+    if (auto ok = add_words(known, name, value, words); !ok) return ok.error();
   }
-  words = with_preset_options(words);
-  std::vector<const char*> pointers;
-  pointers.reserve(words.size());
-  for (const std::string& word : words)
-    pointers.push_back(word.c_str());
-  if (auto ok = parse_words(out->app, static_cast<int>(pointers.size()), pointers.data()); !ok)
+  if (auto ok = out->line.parse(with_preset_options(words)); !ok)
     return usage("parameters: " + ok.error().message);
   return out;
 }
@@ -162,7 +172,7 @@ json canonical(const Arguments& a, const StackOptions& o, const OpenOptions& ope
   // A given threshold is not the same as the default with these two options: images, which need
   // --spacing, are refused without one, and other modalities get a warning (check_threshold()).
   if (a.any_modality || open.spacing_mm)
-    out["threshold-given"] = a.threshold_given->count() > 0 && a.preset.empty();
+    out["threshold-given"] = a.threshold_option.is_given() && a.preset.empty();
   return out;
 }
 
@@ -250,7 +260,7 @@ bool is_nifti_file(const fs::path& path) {
 }  // namespace
 
 std::vector<std::string> collection_options() {
-  return option_names(Parsed().app);
+  return names_of(parameters_of(Parsed().line));
 }
 
 Result<farm::Parameters> FarmScans::parameters(const json& given) const {

@@ -70,9 +70,9 @@ void print_description(const fs::path& file, const json& out) {
 
 }  // namespace
 
-void add_info_options(CLI::App& app, InfoArguments& a) {
-  app.add_option("ASSET", a.asset, "the asset (.glb)")->required();
-  app.add_flag("--json", a.as_json, "print JSON");
+void add_info_options(const Command& command, InfoArguments& a) {
+  command.option("ASSET", a.asset, "the asset (.glb)").required();
+  command.flag("--json", a.as_json, "print JSON");
 }
 
 int run_info(const InfoArguments& a) {

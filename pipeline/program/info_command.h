@@ -3,8 +3,9 @@
 // Tests: tests/e2e/info_test.py
 #pragma once
 
-#include <CLI/CLI.hpp>
 #include <filesystem>
+
+#include "formats/base/command_line.h"
 
 namespace trocar::pipeline {
 
@@ -13,8 +14,8 @@ struct InfoArguments {
   bool as_json = false;
 };
 
-/// Declares the options. Parsing writes their values to `a`, which must outlive `app`.
-void add_info_options(CLI::App& app, InfoArguments& a);
+/// Declares the options. Parsing writes their values to `a`.
+void add_info_options(const Command& command, InfoArguments& a);
 
 /// Prints the description and returns the exit code.
 int run_info(const InfoArguments& a);

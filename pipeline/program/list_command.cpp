@@ -35,14 +35,14 @@ std::string collection_of(const json& list, const fs::path& folder,
 
 }  // namespace
 
-void add_list_options(CLI::App& app, ListArguments& a) {
-  app.add_option("FOLDER", a.folder, "folder to search for scans, with its subfolders")->required();
-  app.add_flag("--json", a.as_json, "print JSON");
-  app.add_flag(
-         "--manifest", a.as_collection,
-         "print the scans as a collection, the JSON file that batch reads; paths are relative\n"
-         "to the current folder")
-      ->excludes("--json");
+void add_list_options(const Command& command, ListArguments& a) {
+  command.option("FOLDER", a.folder, "folder to search for scans, with its subfolders").required();
+  const Option as_json = command.flag("--json", a.as_json, "print JSON");
+  command
+      .flag("--manifest", a.as_collection,
+            "print the scans as a collection, the JSON file that batch reads; paths are relative\n"
+            "to the current folder")
+      .excludes(as_json);
 }
 
 int run_list(const ListArguments& a) {

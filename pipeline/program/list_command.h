@@ -3,8 +3,9 @@
 // Tests: tests/e2e/studies_e2e_test.py
 #pragma once
 
-#include <CLI/CLI.hpp>
 #include <filesystem>
+
+#include "formats/base/command_line.h"
 
 namespace trocar::pipeline {
 
@@ -13,8 +14,8 @@ struct ListArguments {
   bool as_json = false, as_collection = false;  ///< as_collection: print a collection (--manifest)
 };
 
-/// Declares the options. Parsing writes their values to `a`, which must outlive `app`.
-void add_list_options(CLI::App& app, ListArguments& a);
+/// Declares the options. Parsing writes their values to `a`.
+void add_list_options(const Command& command, ListArguments& a);
 
 /// Prints the scans and returns the exit code, which is 3 if none of them can be meshed.
 int run_list(const ListArguments& a);

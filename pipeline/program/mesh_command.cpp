@@ -11,9 +11,9 @@
 #include <string>
 
 #include "formats/asset/asset.h"
-#include "formats/base/command_line.h"
 #include "formats/base/file_io.h"
 #include "formats/base/json_text.h"
+#include "formats/base/program.h"
 #include "pipeline/open/open_stack.h"
 #include "pipeline/program/asset_export.h"
 #include "pipeline/program/mesh_scan.h"
@@ -44,7 +44,7 @@ Result<void> check_outputs(const Arguments& a, const std::vector<fs::path>& read
                  ": an asset is a .glb, its surface alone a .stl, .ply or .obj; trocar-mesh export "
                  "writes the slices of an asset as .poly, .obj, .svg");
   }
-  const bool has_context = a.context_given != nullptr && a.context_given->count() > 0;
+  const bool has_context = a.context_option.is_given();
   if (ending != ".glb" && (a.lines || a.colour || has_context)) {
     return usage("-o " + a.output.string() + ": a surface has no place for " +
                  (a.lines    ? "--lines"

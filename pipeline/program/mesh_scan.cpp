@@ -43,11 +43,11 @@ std::vector<std::filesystem::path> files_read(const Arguments& a, const LabelsWi
 }
 
 Result<void> check_threshold(const Arguments& a, SliceStack& stack) {
-  if (stack.pixel_unit() == PixelUnit::kHounsfield || a.labels_given->count() > 0 ||
-      a.equalize_given->count() > 0)
+  if (stack.pixel_unit() == PixelUnit::kHounsfield || a.labels_option.is_given() ||
+      a.equalize_option.is_given())
     return {};
   if (stack.pixel_unit() == PixelUnit::kUncalibrated) {
-    if (a.threshold_given->count() == 0 || !a.preset.empty()) {
+    if (!a.threshold_option.is_given() || !a.preset.empty()) {
       const auto sentence = [](const std::string& modality) {
         return "its default and the presets are meant in HU; values of " + modality +
                " need one of their own";
@@ -62,7 +62,7 @@ Result<void> check_threshold(const Arguments& a, SliceStack& stack) {
                  " is for HU, which images do not carry: give --equalize "
                  "LEVEL, or --threshold with a grey level of 0..255");
   }
-  if (a.threshold_given->count() == 0) {
+  if (!a.threshold_option.is_given()) {
     return usage(
         "images carry no HU: give --equalize LEVEL, or --threshold with a grey level of 0..255");
   }

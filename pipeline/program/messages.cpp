@@ -7,7 +7,7 @@
 #include <cstdlib>
 #include <iostream>
 
-#include "formats/base/command_line.h"
+#include "formats/base/program.h"
 #include "pipeline/farm/command.h"
 #include "pipeline/program/presets.h"
 

@@ -8,8 +8,8 @@
 #include <string>
 #include <system_error>
 
-#include "formats/base/command_line.h"
 #include "formats/base/file_io.h"
+#include "formats/base/program.h"
 #include "pipeline/preview/preview.h"
 #include "pipeline/preview/preview_page.h"
 #include "pipeline/preview/preview_sheet.h"

@@ -8,9 +8,9 @@
 #include <iostream>
 #include <string>
 
-#include "formats/base/command_line.h"
 #include "formats/base/file_io.h"
 #include "formats/base/json_text.h"
+#include "formats/base/program.h"
 #include "pipeline/program/messages.h"
 #include "pipeline/review/review.h"
 
@@ -52,19 +52,20 @@ void print_summary(const ReviewArguments& a, const json& numbers) {
 
 }  // namespace
 
-void add_review_options(CLI::App& app, ReviewArguments& a) {
-  app.add_option("STORE", a.store,
-                 "the store, a folder in which trocar-mesh batch keeps its results")
-      ->required();
-  app.add_option("-o,--output", a.page,
-                 "page to write (NAME.html); with more than 240 scans also NAME-2.html and so on")
-      ->required();
-  app.add_option(
+void add_review_options(const Command& command, ReviewArguments& a) {
+  command
+      .option("STORE", a.store, "the store, a folder in which trocar-mesh batch keeps its results")
+      .required();
+  command
+      .option("-o,--output", a.page,
+              "page to write (NAME.html); with more than 240 scans also NAME-2.html and so on")
+      .required();
+  command.option(
       "--against", a.against,
       "another store: show how the scans of STORE differ from those of this other store, in\n"
       "this order: damaged, failed, gone, changed, repaired and new scans");
-  app.add_flag("--json", a.as_json, "print the summary as JSON");
-  app.add_flag("--quiet", a.quiet, "print errors only");
+  command.flag("--json", a.as_json, "print the summary as JSON");
+  command.flag("--quiet", a.quiet, "print errors only");
 }
 
 int run_review(const ReviewArguments& a) {

@@ -3,8 +3,9 @@
 // Tests: tests/e2e/review_test.py
 #pragma once
 
-#include <CLI/CLI.hpp>
 #include <filesystem>
+
+#include "formats/base/command_line.h"
 
 namespace trocar::pipeline {
 
@@ -13,8 +14,8 @@ struct ReviewArguments {
   bool as_json = false, quiet = false;
 };
 
-/// Declares the options. Parsing writes their values to `a`, which must outlive `app`.
-void add_review_options(CLI::App& app, ReviewArguments& a);
+/// Declares the options. Parsing writes their values to `a`.
+void add_review_options(const Command& command, ReviewArguments& a);
 
 /// Writes the pages and returns the exit code: 0, even if assets are damaged or differ from those
 /// in `against`; 2 for wrong options; 3 if a folder is not a store, or if `store` has no scans; 4

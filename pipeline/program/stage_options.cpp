@@ -15,15 +15,15 @@ namespace {
 using nlohmann::json;
 
 Result<Segmentation> segmentation(const Arguments& a) {
-  if (a.labels_given->count() > 0) {
-    if (a.threshold_given->count() + a.equalize_given->count() > 0)
+  if (a.labels_option.is_given()) {
+    if (a.threshold_option.is_given() || a.equalize_option.is_given())
       return usage("--labels cannot be combined with --threshold, --equalize or a preset");
     auto wanted = labels(a.labels);
     if (!wanted) return wanted.error();
     return Segmentation(std::move(*wanted));
   }
-  if (a.equalize_given->count() > 0) {
-    if (a.threshold_given->count() > 0)
+  if (a.equalize_option.is_given()) {
+    if (a.threshold_option.is_given())
       return usage("--threshold and --equalize (or presets with them) exclude each other");
     return Segmentation(Equalize{a.equalize});
   }
@@ -70,7 +70,7 @@ Result<SolidOptions> solid_options(const Arguments& a) {
 
 // Refuses options that apply only to label maps if no labels are wanted.
 Result<void> check_label_options(const Arguments& a) {
-  if (a.labels_given->count() > 0) return {};
+  if (a.labels_option.is_given()) return {};
   if (!a.names.empty()) return usage("--names is for label maps: give --labels L, or all");
   if (!a.hu.empty())
     return usage(
@@ -111,8 +111,8 @@ Result<void> set_mesh(const Arguments& a, StackOptions& out) {
       a.simplify == "area" ? SimplificationMethod::kArea : SimplificationMethod::kDouglasPeucker;
   out.mesh.refinement.min_angle_deg = a.min_angle_deg;
   out.mesh.refinement.max_area_mm2 = a.max_area_mm2;
-  if (a.area_px_given->count() > 0) {
-    if (a.area_given->count() > 0) return usage("--max-area and --max-area-px exclude each other");
+  if (a.area_px_option.is_given()) {
+    if (a.area_option.is_given()) return usage("--max-area and --max-area-px exclude each other");
     out.mesh.max_area_px2 = a.max_area_px2;
   }
   out.mesh.min_region_mm2 = a.min_region_mm2;
@@ -125,14 +125,14 @@ Result<void> set_mesh(const Arguments& a, StackOptions& out) {
 
 Result<void> set_outputs(const Arguments& a, StackOptions& out) {
   if (a.surface) {
-    out.surface = SurfaceOptions{a.surface_triangles, a.surface_triangles_given->count() > 0};
-  } else if (a.surface_triangles_given->count() > 0) {
+    out.surface = SurfaceOptions{a.surface_triangles, a.surface_triangles_option.is_given()};
+  } else if (a.surface_triangles_option.is_given()) {
     return usage("--surface-triangles needs --surface");
   }
   out.lines = a.lines;
   if (a.colour && a.no_hu) return usage("--colour shows the HU that --no-hu leaves out");
   out.colours = a.colour;
-  if (a.context_given != nullptr && a.context_given->count() > 0) {
+  if (a.context_option.is_given()) {
     if (a.no_hu) return usage("--context stores HU, which --no-hu leaves out");
     out.context_mm = 0;
     if (!a.context.empty()) {
@@ -152,7 +152,7 @@ Result<void> set_outputs(const Arguments& a, StackOptions& out) {
                    " bytes; a key has 16 to 64");
     out.input_key = std::move(*key);
   }
-  const bool has_dump_slice = a.dump_slice_given != nullptr && a.dump_slice_given->count() > 0;
+  const bool has_dump_slice = a.dump_slice_option.is_given();
   if (has_dump_slice == a.dump_stages.empty())
     return usage("--dump-slice and --dump-stages go together: which slice, and the file for it");
   if (has_dump_slice) out.dump_slice = a.dump_slice;
@@ -201,14 +201,14 @@ Result<StackOptions> stack_options(const Arguments& a) {
 Result<OpenOptions> open_options(const Arguments& a) {
   OpenOptions out;
   out.series = a.series;
-  if (a.axis_given->count() > 0) {
+  if (a.axis_option.is_given()) {
     out.axis = a.axis == "coronal"    ? SliceAxis::kCoronal
                : a.axis == "sagittal" ? SliceAxis::kSagittal
                                       : SliceAxis::kAxial;  // also called transverse
   }
-  if (a.volume_given->count() > 0) out.volume = a.volume;
+  if (a.volume_option.is_given()) out.volume = a.volume;
   out.any_modality = a.any_modality;
-  out.as_labels = a.labels_given->count() > 0;
+  out.as_labels = a.labels_option.is_given();
   auto wanted = labels(a.labels);
   if (!wanted) return wanted.error();
   if (!wanted->all) out.labels = std::move(wanted->labels);

@@ -50,15 +50,15 @@ Checked check(const fs::path& file, const VerifyArguments& a) {
 
 }  // namespace
 
-void add_verify_options(CLI::App& app, VerifyArguments& a) {
-  app.add_option("ASSET", a.assets, "one or more assets (.glb)")->required();
-  app.add_flag(
+void add_verify_options(const Command& command, VerifyArguments& a) {
+  command.option("ASSET", a.assets, "one or more assets (.glb)").required();
+  command.flag(
       "--private", a.deidentified,
       "also refuse an asset if a text in it may identify the patient, or if it has HU around\n"
       "the material (--context), which can show a face");
-  app.add_flag("--independent", a.with_cgal,
+  command.flag("--independent", a.with_cgal,
                "also compare each slice with the triangulation of the library CGAL");
-  app.add_flag("--json", a.as_json, "print JSON");
+  command.flag("--json", a.as_json, "print JSON");
 }
 
 int run_verify(const VerifyArguments& a) {

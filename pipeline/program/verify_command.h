@@ -3,9 +3,10 @@
 // Tests: tests/e2e/assets_e2e_test.py
 #pragma once
 
-#include <CLI/CLI.hpp>
 #include <filesystem>
 #include <vector>
+
+#include "formats/base/command_line.h"
 
 namespace trocar::pipeline {
 
@@ -16,8 +17,8 @@ struct VerifyArguments {
   bool deidentified = false;  ///< also refuses texts that may identify the patient
 };
 
-/// Declares the options. Parsing writes their values to `a`, which must outlive `app`.
-void add_verify_options(CLI::App& app, VerifyArguments& a);
+/// Declares the options. Parsing writes their values to `a`.
+void add_verify_options(const Command& command, VerifyArguments& a);
 
 /// Checks every asset and prints the outcome. Returns 0 if all assets are valid, otherwise the exit
 /// code of the first failure.

@@ -3,27 +3,24 @@
 
 #include <unistd.h>
 
-#include <CLI/CLI.hpp>
 #include <filesystem>
 #include <string>
 #include <system_error>
 #include <vector>
 
-#include "formats/base/command_line.h"
 #include "runtime/program/session_messages.h"
 
 namespace trocar::runtime {
 
-CLI::App& declare_export(CLI::App& app, ExportArguments& a) {
-  CLI::App& command =
-      *app.add_subcommand("export", "writes a recording as an HDF5 file (runs trocar-export)");
+void declare_export(CommandLine& line, ExportArguments& a) {
+  const Command command =
+      line.add_command(kExport, "writes a recording as an HDF5 file (runs trocar-export)");
   command
-      .add_option("RECORDING", a.recording,
-                  "the recording, a CSV file that trocar-run --record has written")
-      ->required();
-  command.add_option("-o,--output", a.output, "the HDF5 file to write")->required();
-  command.add_flag("--quiet", a.quiet, "print errors only");
-  return command;
+      .option("RECORDING", a.recording,
+              "the recording, a CSV file that trocar-run --record has written")
+      .required();
+  command.option("-o,--output", a.output, "the HDF5 file to write").required();
+  command.flag("--quiet", a.quiet, "print errors only");
 }
 
 int run_export(const ExportArguments& a) {

@@ -5,19 +5,19 @@
 
 #include <string>
 
-namespace CLI {  // NOLINT(readability-identifier-naming): CLI11's
-class App;
-}
+#include "formats/base/command_line.h"
 
 namespace trocar::runtime {
+
+inline constexpr const char* kExport = "export";
 
 struct ExportArguments {
   std::string recording, output;
   bool quiet = false;
 };
 
-/// Adds the subcommand `export`. Parsing the command line then fills `arguments`.
-CLI::App& declare_export(CLI::App& app, ExportArguments& arguments);
+/// Adds the command kExport. Parsing the command line then fills `arguments`.
+void declare_export(CommandLine& line, ExportArguments& arguments);
 
 /// Replaces this process by the program trocar-export, which is in the same folder as this program.
 /// If trocar-export cannot be started, prints the reason and returns an exit code. Otherwise the

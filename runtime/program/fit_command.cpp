@@ -1,16 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "runtime/program/fit_command.h"
 
-#include <CLI/CLI.hpp>
 #include <array>
 #include <cmath>
 #include <cstdio>
 #include <filesystem>
 #include <numbers>
 
-#include "formats/base/command_line.h"
 #include "formats/base/file_io.h"
-#include "formats/base/option_range.h"
 #include "formats/session/scene.h"
 #include "runtime/bone_cutting/material/bone_volume.h"
 #include "runtime/bone_cutting/material/tool_in_tissue.h"
@@ -57,36 +54,33 @@ Result<SceneTool> tool_of(const FitArguments& a) {
 
 }  // namespace
 
-CLI::App& declare_fit(CLI::App& app, FitArguments& a) {
-  CLI::App& fit = *app.add_subcommand(
-      "fit", "makes a tissue for scenes from a measured curve of force over depth");
-  fit.add_option("CURVE", a.curve,
-                 "the curve of an insertion, with or without the withdrawal after it: CSV with the "
-                 "columns\n"
-                 "depth_mm and force_N, and optionally speed_mm_per_s and time_s")
-      ->required();
-  fit.add_option("-o,--output", a.output,
-                 "the tissue to write, JSON, for use as the \"tissue\" of a scene")
-      ->required();
-  fit.add_option(
-      "--page", a.page,
-      "write a page with the fitted curve and its deviations from the measured one: HTML");
-  fit.add_option("--tool", a.tool, "JSON file with the tool: a scene, or its \"tool\" alone");
-  fit.add_option("--gauge", a.gauge,
-                 "gauge number of the needle, which states its diameter; instead of --tool");
-  fit.add_option("--diameter", a.diameter_mm, "diameter of the tool in mm, instead of --tool")
-      ->check(option_range(0.2, 50.0));
-  fit.add_option("--bore", a.bore_mm, "inner diameter of a hollow tool in mm")
-      ->check(option_range(0.0, 50.0));
-  fit.add_option("--tip", a.tip,
-                 "kind of tip: needle-bevel, needle-conical, needle-diamond, trocar or\n"
-                 "jamshidi (default: a flat tip)");
-  fit.add_option("--half-angle", a.half_angle_deg,
-                 "angle between the axis and the faces of the tip of --tip, degrees (default: 30;\n"
-                 "jamshidi: 90)")
-      ->check(option_range(3.0, 90.0));
-  fit.add_flag("--quiet", a.quiet, "print errors only");
-  return fit;
+void declare_fit(CommandLine& line, FitArguments& a) {
+  const Command fit =
+      line.add_command(kFit, "makes a tissue for scenes from a measured curve of force over depth");
+  fit.option("CURVE", a.curve,
+             "the curve of an insertion, with or without the withdrawal after it: CSV with the "
+             "columns\n"
+             "depth_mm and force_N, and optionally speed_mm_per_s and time_s")
+      .required();
+  fit.option("-o,--output", a.output,
+             "the tissue to write, JSON, for use as the \"tissue\" of a scene")
+      .required();
+  fit.option("--page", a.page,
+             "write a page with the fitted curve and its deviations from the measured one: HTML");
+  fit.option("--tool", a.tool, "JSON file with the tool: a scene, or its \"tool\" alone");
+  fit.option("--gauge", a.gauge,
+             "gauge number of the needle, which states its diameter; instead of --tool");
+  fit.option("--diameter", a.diameter_mm, "diameter of the tool in mm, instead of --tool")
+      .within(0.2, 50.0);
+  fit.option("--bore", a.bore_mm, "inner diameter of a hollow tool in mm").within(0.0, 50.0);
+  fit.option("--tip", a.tip,
+             "kind of tip: needle-bevel, needle-conical, needle-diamond, trocar or\n"
+             "jamshidi (default: a flat tip)");
+  fit.option("--half-angle", a.half_angle_deg,
+             "angle between the axis and the faces of the tip of --tip, degrees (default: 30;\n"
+             "jamshidi: 90)")
+      .within(3.0, 90.0);
+  fit.flag("--quiet", a.quiet, "print errors only");
 }
 
 int run_fit(const FitArguments& a) {

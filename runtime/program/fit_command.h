@@ -7,13 +7,11 @@
 #include <optional>
 #include <string>
 
-#include "formats/base/result.h"
-
-namespace CLI {  // NOLINT(readability-identifier-naming): CLI11's
-class App;
-}
+#include "formats/base/command_line.h"
 
 namespace trocar::runtime {
+
+inline constexpr const char* kFit = "fit";
 
 /// The options of the command. An empty string means that the option was not given.
 struct FitArguments {
@@ -23,8 +21,8 @@ struct FitArguments {
   bool quiet = false;
 };
 
-/// Adds the subcommand `fit`. Parsing the command line then fills `arguments`.
-CLI::App& declare_fit(CLI::App& app, FitArguments& arguments);
+/// Adds the command kFit. Parsing the command line then fills `arguments`.
+void declare_fit(CommandLine& line, FitArguments& arguments);
 
 /// Fits the curve, prints the parameters and writes the files. Prints errors, and returns the exit
 /// code of the program.

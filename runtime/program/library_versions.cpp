@@ -1,9 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "runtime/program/library_versions.h"
 
-#include <CLI/Version.hpp>
 #include <Eigen/Core>
-#include <nlohmann/json.hpp>
+#include <nlohmann/json_fwd.hpp>
+
+#include "formats/base/command_line.h"
 
 namespace trocar::runtime {
 
@@ -12,7 +13,7 @@ std::string library_versions() {
          std::to_string(EIGEN_MAJOR_VERSION) + "." + std::to_string(EIGEN_MINOR_VERSION) +
          ", nlohmann-json " + std::to_string(NLOHMANN_JSON_VERSION_MAJOR) + "." +
          std::to_string(NLOHMANN_JSON_VERSION_MINOR) + "." +
-         std::to_string(NLOHMANN_JSON_VERSION_PATCH) + ", CLI11 " CLI11_VERSION;
+         std::to_string(NLOHMANN_JSON_VERSION_PATCH) + ", " + command_line_library();
 }
 
 }  // namespace trocar::runtime

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "runtime/program/option_effects.h"
 
-#include <CLI/CLI.hpp>
 #include <algorithm>
 #include <array>
 #include <iterator>
@@ -14,8 +13,8 @@ namespace {
 
 using Names = std::span<const std::string_view>;  ///< names of options, without their dashes
 
-// The console and scripts give all commands for a device the same options. So a command takes these
-// even if some of them mean nothing to it.
+// The console and scripts give these options to everything that uses a device, so they are taken even
+// where some of them mean nothing.
 constexpr std::string_view kOfDevice[] = {"device",    "key-file",    "device-description",
                                           "simulated", "force-limit", "force-scale",
                                           "rate",      "quiet"};
@@ -54,35 +53,35 @@ constexpr std::string_view kOfCheck[] = {"SCENE",
                                          "live",
                                          "xray"};
 
-/// A command that runs no session.
-struct Command {
-  std::string_view option;  ///< the option that selects the command
+/// What replaces the session.
+struct Replacement {
+  std::string_view option;  ///< the option that selects it
   bool is_given;
   std::array<Names, 3> effective;  ///< the options that have an effect, besides `option`
 };
 
 }  // namespace
 
-Result<void> check_option_effects(const CLI::App& app, const RunArguments& a) {
-  // In the order in which trocar-run chooses the command.
-  const Command commands[] = {
+Result<void> check_option_effects(const CommandLine& line, const RunArguments& a) {
+  // In the order in which trocar-run chooses one.
+  const Replacement replacements[] = {
       {"explain", a.explain, {kOfExplanation}},
       {"history", !a.history.empty(), {kOfHistory}},
       {"test", a.test_device, {kOfDevice, kOfTest}},
       {"new-scene", !a.new_scene.empty(), {kOfDevice, kOfTrials, kOfNewScene}},
       {"check", a.check, {kOfDevice, kOfTrials, kOfCheck}}};
-  const auto* const command = std::find_if(std::begin(commands), std::end(commands),
-                                           [](const Command& each) { return each.is_given; });
-  if (command == std::end(commands)) return {};
-  for (const CLI::Option* option : app.get_options()) {
-    const std::string& name = option->get_single_name();
+  const auto* const given = std::find_if(std::begin(replacements), std::end(replacements),
+                                         [](const Replacement& each) { return each.is_given; });
+  if (given == std::end(replacements)) return {};
+  for (const Option& option : line.options()) {
+    const std::string name = option.bare_name();
     const bool has_effect =
-        name == command->option ||
-        std::any_of(command->effective.begin(), command->effective.end(), [&](Names names) {
+        name == given->option ||
+        std::any_of(given->effective.begin(), given->effective.end(), [&](Names names) {
           return std::find(names.begin(), names.end(), name) != names.end();
         });
-    if (option->count() > 0 && !has_effect)
-      return usage("--" + name + ": has no effect with --" + std::string(command->option) +
+    if (option.is_given() && !has_effect)
+      return usage("--" + name + ": has no effect with --" + std::string(given->option) +
                    "; leave it out");
   }
   return {};

@@ -5,14 +5,15 @@
 // Tests: tests/e2e/wrong_uses_test.py
 #pragma once
 
+#include "formats/base/command_line.h"
 #include "formats/base/result.h"
 #include "runtime/program/run_arguments.h"
 
 namespace trocar::runtime {
 
-/// Checks that every given option has an effect. `app`: the command line from which `arguments` was
-/// parsed. Errors: kUsage if an option of a session is given to a command that runs none. An option
-/// that the tables of option_effects.cpp do not name is for sessions only.
-Result<void> check_option_effects(const CLI::App& app, const RunArguments& arguments);
+/// Checks that every given option has an effect. `arguments` was parsed from `line`. Errors: kUsage
+/// if an option of a session is given to what replaces the session. An option that the tables of
+/// option_effects.cpp do not name is for sessions only.
+Result<void> check_option_effects(const CommandLine& line, const RunArguments& arguments);
 
 }  // namespace trocar::runtime

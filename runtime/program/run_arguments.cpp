@@ -3,7 +3,6 @@
 
 #include <unistd.h>
 
-#include <CLI/CLI.hpp>
 #include <array>
 #include <charconv>
 #include <cmath>
@@ -12,7 +11,6 @@
 #include <limits>
 #include <system_error>
 
-#include "formats/base/command_line.h"
 #include "formats/base/file_io.h"
 #include "formats/session/procedures.h"
 #include "formats/session/scene.h"
@@ -23,23 +21,23 @@ namespace {
 /// Declares options under one heading of the help text.
 class Group {
  public:
-  Group(CLI::App& app, const char* heading) : app_(app), heading_(heading) {}
+  Group(const Command& command, const char* heading) : command_(command), heading_(heading) {}
 
   template <typename Value>
   void option(const char* names, Value& value, const std::string& help) {
-    app_.add_option(names, value, help)->group(heading_);
+    command_.option(names, value, help).in_group(heading_);
   }
   void flag(const char* names, bool& value, const char* help) {
-    app_.add_flag(names, value, help)->group(heading_);
+    command_.flag(names, value, help).in_group(heading_);
   }
 
  private:
-  CLI::App& app_;
+  Command command_;
   const char* heading_;
 };
 
-void declare_session_options(CLI::App& app, RunArguments& a) {
-  Group session(app, "Session");
+void declare_session_options(const Command& command, RunArguments& a) {
+  Group session(command, "Session");
   session.option(
       "--clock", a.clock,
       "real: ticks follow the wall clock; virtual: ticks follow each other without a pause,\n"
@@ -63,7 +61,7 @@ void declare_session_options(CLI::App& app, RunArguments& a) {
       "series (fluoroscopy). Recording, summary and report state how much X-ray was used");
   session.flag("--quiet", a.quiet, "print errors only");
 
-  Group recording(app, "Recording");
+  Group recording(command, "Recording");
   recording.option(
       "--record", a.record,
       "write a recording: CSV, one row per tick. Its name ends in .partial until it is\n"
@@ -93,8 +91,8 @@ void declare_session_options(CLI::App& app, RunArguments& a) {
       "scene");
 }
 
-void declare_safety_options(CLI::App& app, RunArguments& a) {
-  Group safety(app, "Safety");
+void declare_safety_options(const Command& command, RunArguments& a) {
+  Group safety(command, "Safety");
   safety.option(
       "--recover", a.recover,
       "what to do after a fault (a failed check, such as of speed or connection, which takes\n"
@@ -130,14 +128,14 @@ void declare_safety_options(CLI::App& app, RunArguments& a) {
       "raise a fault after this many consecutive late ticks (missed deadlines); 0: only count\n"
       "late ticks (default: 3 for a device with motors; 0 for a simulated device, which late\n"
       "ticks cannot harm)");
-  app.add_option("--late-ticks", a.late_ticks_in_row)->group("");  // the option's former name
+  command.option("--late-ticks", a.late_ticks_in_row).in_group("");  // the option's former name
   safety.option(
       "--black-box", a.black_box,
       "folder for black boxes. After a fault, a black box is written: the recording of the 4 s\n"
       "until the torques are zero (default: the folder of --record, or else the current\n"
       "folder, or else the folder for temporary files)");
 
-  Group diagnostics(app, kDiagnostics);
+  Group diagnostics(command, kDiagnostics);
   diagnostics.option(
       "--meshes", a.meshes,
       "write the sheets (the slices' meshes) before and after the punctures, as JSON");
@@ -156,7 +154,7 @@ void declare_safety_options(CLI::App& app, RunArguments& a) {
       "Default with cutting: the scene and the device determine the spring");
   diagnostics.option("--cpu", a.cpu,
                      "number of the processor on which the haptic loop stays (default: any)");
-  app.add_option("--energy-budget", a.energy_budget)->group("");
+  command.option("--energy-budget", a.energy_budget).in_group("");
 }
 
 Result<void> check_procedure(const RunArguments& a) {
@@ -252,14 +250,14 @@ Result<void> check_scene_arguments(const RunArguments& a) {
 
 }  // namespace
 
-void declare_run_options(CLI::App& app, RunArguments& a) {
-  app.add_option(
+void declare_run_options(CommandLine& line, RunArguments& a) {
+  line.option(
       "SCENE", a.scene,
       "the scene: a JSON file that names the asset (meshes of a scan), the tissues, the tool and\n"
       "the motion of the simulated hand, which holds the simulated device.\n"
       "formats/session/scene.schema.json describes each field. SCENE is not needed\n"
       "with --new-scene, --explain, --history and --test");
-  Group scene(app, "Scene");
+  Group scene(line, "Scene");
   scene.option("--asset", a.asset,
                "use this asset (.glb, from trocar-mesh) instead of the scene's");
   scene.option("--force-law", a.force_law,
@@ -305,7 +303,7 @@ void declare_run_options(CLI::App& app, RunArguments& a) {
       "-o,--output", a.output,
       "with --new-scene: the scene to write, JSON; with --history: the page to write, HTML");
 
-  Group device(app, "Device");
+  Group device(line, "Device");
   device.option("--device", a.device,
                 device_uri_help() +
                     "\nudp is for the four-legged device. inproc simulates that device, or the "
@@ -340,10 +338,9 @@ void declare_run_options(CLI::App& app, RunArguments& a) {
       "--compensate", a.compensate,
       "which of the device's own forces the motors cancel: none, friction, weight or both\n"
       "(default: none)");
-  declare_session_options(app, a);
-  declare_safety_options(app, a);
-  add_help_for_diagnostics(app);
-  app.footer(
+  declare_session_options(line, a);
+  declare_safety_options(line, a);
+  line.set_footer(
       "Exit codes: 0 done; 2 wrong usage; 3 input refused, or torques of --replay differ, or\n"
       "a warning with --check --strict, or interrupted before there was a result; 4 output not\n"
       "written; 5 device failed, or a fault ended the session, or --test found trouble;\n"

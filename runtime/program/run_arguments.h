@@ -6,15 +6,12 @@
 #include <optional>
 #include <string>
 
+#include "formats/base/command_line.h"
 #include "formats/base/result.h"
 #include "formats/session/trainee.h"
 #include "runtime/checking/needle_path.h"
 #include "runtime/devices/open_device.h"
 #include "runtime/session/session_options.h"
-
-namespace CLI {  // NOLINT(readability-identifier-naming): CLI11's
-class App;
-}
 
 namespace trocar::runtime {
 
@@ -56,7 +53,7 @@ struct RunArguments {
 };
 
 /// Adds the options. Parsing the command line then fills `arguments`.
-void declare_run_options(CLI::App& app, RunArguments& arguments);
+void declare_run_options(CommandLine& line, RunArguments& arguments);
 
 /// Checks the options. Errors: kUsage if a value is out of range, if two options exclude each
 /// other, or if an option needs another one that was not given.

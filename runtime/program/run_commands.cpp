@@ -12,9 +12,9 @@
 
 #include "formats/asset/asset.h"
 #include "formats/asset/one_sheet.h"
-#include "formats/base/command_line.h"
 #include "formats/base/file_io.h"
 #include "formats/base/json_text.h"
+#include "formats/base/program.h"
 #include "formats/session/procedures.h"
 #include "runtime/checking/device_trial.h"
 #include "runtime/checking/new_scene.h"

@@ -7,7 +7,7 @@
 #include <cstdio>
 #include <optional>
 
-#include "formats/base/command_line.h"
+#include "formats/base/program.h"
 
 namespace trocar::runtime {
 namespace {

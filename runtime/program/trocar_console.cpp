@@ -3,7 +3,6 @@
 
 #include <unistd.h>
 
-#include <CLI/CLI.hpp>
 #include <cstdlib>
 #include <filesystem>
 #include <nlohmann/json.hpp>
@@ -15,7 +14,7 @@
 
 #include "formats/base/command_line.h"
 #include "formats/base/json_text.h"
-#include "formats/base/option_range.h"
+#include "formats/base/program.h"
 #include "runtime/console/access.h"
 #include "runtime/console/server.h"
 #include "runtime/devices/open_device.h"
@@ -38,65 +37,60 @@ int fail(const Error& error) {
   return report_error(kName, error);
 }
 
-void declare(CLI::App& app, Arguments& arguments) {
-  add_help_and_version(app, "trocar-console " TROCAR_VERSION " (" + library_versions() +
-                                ", Boost.Beast, OpenIGTLink, Draco and tinygltf for assets)");
-  app.add_option(
+void declare(CommandLine& line, Arguments& arguments) {
+  line.option(
       "FOLDER", arguments.folder,
       "folder of the scenes, assets and recordings to choose from. Sessions are kept in its\n"
       "subfolder sessions/. If FOLDER was installed with the program, as\n"
       "/usr/share/trocar/examples is, or cannot be written to, sessions are kept in\n"
       "~/.local/state/trocar/sessions");
-  app.add_option("--port", arguments.port, "TCP port of the page; 0: any free one (default: 4841)")
-      ->check(option_range(0, 65535));
-  app.add_option(
-      "--listen", arguments.listen,
-      "IP address to listen on (default: 127.0.0.1). Any other than 127.0.0.1 or ::1 lets\n"
-      "other machines connect, and their connections are not encrypted");
-  app.add_option("--public-url", arguments.public_url,
-                 "address of the page for browsers that reach it through a tunnel or proxy:\n"
-                 "http://HOST:PORT or https://HOST. The printed links begin with this address");
-  app.add_option(
+  line.option("--port", arguments.port, "TCP port of the page; 0: any free one (default: 4841)")
+      .within(0, 65535);
+  line.option("--listen", arguments.listen,
+              "IP address to listen on (default: 127.0.0.1). Any other than 127.0.0.1 or ::1 lets\n"
+              "other machines connect, and their connections are not encrypted");
+  line.option("--public-url", arguments.public_url,
+              "address of the page for browsers that reach it through a tunnel or proxy:\n"
+              "http://HOST:PORT or https://HOST. The printed links begin with this address");
+  line.option(
       "--attach", arguments.attach,
       "show and command the session that a running trocar-run names by --live; the value is the\n"
       "file given there. Start no sessions");
-  app.add_option(
-         "--device", arguments.devices,
-         "a device that can be chosen on the page for a session. Repeat the option for several;\n"
-         "the first is the default. Without this option, inproc is the only choice. Devices:\n"
-         "inproc: simulated in trocar-run\n"
-         "sim: simulated by trocar-device-sim, a separate process\n"
-         "URI: any other device of trocar-run --device. Its options may follow, each after a "
-         "comma:\n"
-         "key-file=FILE, device-description=FILE, force-limit=N, force-scale=F, simulated")
-      ->allow_extra_args(false);
-  app.add_option("--start", arguments.start,
-                 "a scene in FOLDER; its session starts when the operator's page is first opened");
-  app.add_option(
-      "--page", arguments.page,
-      "for developers of the page: take the page's files (HTML, scripts) from this folder\n"
-      "(default: the folder that was installed with the program)");
-  app.add_option(
+  line.option(
+          "--device", arguments.devices,
+          "a device that can be chosen on the page for a session. Repeat the option for several;\n"
+          "the first is the default. Without this option, inproc is the only choice. Devices:\n"
+          "inproc: simulated in trocar-run\n"
+          "sim: simulated by trocar-device-sim, a separate process\n"
+          "URI: any other device of trocar-run --device. Its options may follow, each after a "
+          "comma:\n"
+          "key-file=FILE, device-description=FILE, force-limit=N, force-scale=F, simulated")
+      .one_value_each();
+  line.option("--start", arguments.start,
+              "a scene in FOLDER; its session starts when the operator's page is first opened");
+  line.option("--page", arguments.page,
+              "for developers of the page: take the page's files (HTML, scripts) from this folder\n"
+              "(default: the folder that was installed with the program)");
+  line.option(
       "--igtl", arguments.igtl,
       "let 3D Slicer and other programs show the session, by the protocol OpenIGTLink at\n"
       "[ADDRESS:]PORT, for instance 18944. These programs cannot command the session. The\n"
       "default address is 127.0.0.1; any other than 127.0.0.1 or [::1] lets other machines\n"
       "watch");
-  app.add_option("--recording", arguments.recording,
-                 "play this recording, and start no sessions; needs --scene");
-  app.add_option(
-         "--stiffness-limit", arguments.stiffness_limit_N_per_m,
-         "in every session: largest stiffness of contact at the tool's tip, N/m. With a device\n"
-         "that measures its own pose, the option limits every force law. With the four-legged\n"
-         "device it limits only the force law cutting. The limits that Trocar takes from the\n"
-         "device's description (see --simulated of trocar-run) apply, too; the lowest limit\n"
-         "counts (default: only the limits from the description)")
-      ->check(option_range(10.0, 1e8));
-  app.add_option("--against", arguments.against,
-                 "with --recording: a second recording, to show beside the first");
-  app.add_option("--scene", arguments.scene,
-                 "with --recording: the scene in which it was recorded");
-  app.footer(
+  line.option("--recording", arguments.recording,
+              "play this recording, and start no sessions; needs --scene");
+  line.option(
+          "--stiffness-limit", arguments.stiffness_limit_N_per_m,
+          "in every session: largest stiffness of contact at the tool's tip, N/m. With a device\n"
+          "that measures its own pose, the option limits every force law. With the four-legged\n"
+          "device it limits only the force law cutting. The limits that Trocar takes from the\n"
+          "device's description (see --simulated of trocar-run) apply, too; the lowest limit\n"
+          "counts (default: only the limits from the description)")
+      .within(10.0, 1e8);
+  line.option("--against", arguments.against,
+              "with --recording: a second recording, to show beside the first");
+  line.option("--scene", arguments.scene, "with --recording: the scene in which it was recorded");
+  line.set_footer(
       "Prints two links. With the first link, the operator commands the device. With the second\n"
       "link, an audience watches; the audience can press only the emergency stop. Ctrl-C also\n"
       "ends the sessions that the console has started. If the console is killed, its sessions\n"
@@ -170,12 +164,14 @@ std::filesystem::path sessions_elsewhere(const std::string& folder,
 
 int run_command_line(int argc, char** argv) {
   Arguments arguments;
-  CLI::App app(
+  CommandLine line(
+      kName,
       "Serves the operator's console: a web page that starts, shows and commands sessions of\n"
       "trocar-run, and plays their recordings.",
-      kName);
-  declare(app, arguments);
-  if (const auto done = parse_command_line(app, argc, argv)) return *done;
+      "trocar-console " TROCAR_VERSION " (" + library_versions() +
+          ", Boost.Beast, OpenIGTLink, Draco and tinygltf for assets)");
+  declare(line, arguments);
+  if (const auto done = line.parse_or_end({argv, argv + argc})) return *done;
   if (const Result<void> good = check_arguments(arguments); !good) return fail(good.error());
   ServerSettings settings;
   settings.listen = arguments.listen;

@@ -3,7 +3,6 @@
 // lock-step with its host. This file has the command line, the socket and the clock. The drive
 // itself is runtime/simulation/drive.h.
 // Tests: tests/e2e/device_link_e2e_test.py
-#include <CLI/CLI.hpp>
 #include <algorithm>
 #include <cmath>
 #include <csignal>
@@ -17,6 +16,7 @@
 #include "formats/base/command_line.h"
 #include "formats/base/file_io.h"
 #include "formats/base/json_text.h"
+#include "formats/base/program.h"
 #include "formats/session/device_description.h"
 #include "formats/session/scene.h"
 #include "runtime/devices/simulated_hand.h"
@@ -54,41 +54,39 @@ std::string not_negative(const std::string& text) {
   return text.starts_with('-') ? text + " is less than 0" : "";
 }
 
-void declare(CLI::App& app, Arguments& a) {
-  add_help_and_version(app, version());
-  app.add_option(
+void declare(CommandLine& line, Arguments& a) {
+  line.option(
       "SCENE", a.scene,
       "the scene (JSON) with the simulated hand that holds the tool. Without a scene, nothing\n"
       "holds the tool");
-  app.add_option(
+  line.option(
       "--listen", a.listen,
       "ADDRESS:PORT to listen on; port 0: any free one (default: 127.0.0.1:4840). If ADDRESS\n"
       "does not begin with 127 (this computer), the key file must exist already");
-  app.add_option("--key-file", a.key_file,
-                 "file with the secret key by which this program and trocar-run recognise each "
-                 "other; both\n"
-                 "need the same key. If the file does not exist, it is created (mode 0600)")
-      ->required();
-  app.add_option(
-      "--clock", a.clock,
-      "real: time follows the wall clock; lock-step, for trocar-run --clock virtual: time\n"
-      "advances by one tick for each command of trocar-run (default: real)");
-  app.add_option("--rate", a.rate_Hz,
-                 "rate of the drive, the simulated electronics of the motors, 100 to 10000 Hz\n"
-                 "(default: 4000)");
-  app.add_option(
+  line.option("--key-file", a.key_file,
+              "file with the secret key by which this program and trocar-run recognise each "
+              "other; both\n"
+              "need the same key. If the file does not exist, it is created (mode 0600)")
+      .required();
+  line.option("--clock", a.clock,
+              "real: time follows the wall clock; lock-step, for trocar-run --clock virtual: time\n"
+              "advances by one tick for each command of trocar-run (default: real)");
+  line.option("--rate", a.rate_Hz,
+              "rate of the drive, the simulated electronics of the motors, 100 to 10000 Hz\n"
+              "(default: 4000)");
+  line.option(
       "--watchdog", a.watchdog_s,
       "if no command comes for this time, the torques go to zero; 0.01 to 0.5 s (default:\n"
       "0.01). A value below 2.5 ticks of trocar-run is raised to 2.5 ticks. On a computer that\n"
       "also does other work, use 0.25 here and the option --simulated of trocar-run");
-  app.add_option(
+  line.option(
       "--model", a.model,
       "what is simulated. light: the plate that the hand holds, with viscous friction; full:\n"
       "also links, rotors, dry friction and the lag of the motors' currents (default: light)");
-  app.add_option(
+  line.option(
       "--encoder-noise", a.noise_rad,
       "standard deviation of the noise of measured angles, rad; needs --model full (default: 0)");
-  app.add_option(
+  line.option(
       "--faults", a.faults,
       "faults to inject, separated by commas: KIND[:VALUE[:VALUE]][@FROM[..TO]]. FROM and TO\n"
       "are seconds since the session's start. Faults of packets, with probability P: loss:P,\n"
@@ -96,28 +94,27 @@ void declare(CLI::App& app, Arguments& a) {
       "prefix command- or state-, as in command-loss:P, only packets of that kind are affected.\n"
       "Faults of the device: stuck:ENCODER, jump:ENCODER:RAD, dead:MOTOR (ENCODER is 0 to 15,\n"
       "MOTOR is 0 to 7), stop (its emergency stop is pressed), kill (its process is killed)");
-  app.add_option("--seed", a.seed, "seed of the random faults and noise (default: 1)")
-      ->check(not_negative);
-  app.add_option(
-         "--sessions", a.sessions,
-         "end after this many sessions of trocar-run; 0: run until stopped. With --clock\n"
-         "lock-step also end 10 s after the last packet of a trocar-run that has died on this\n"
-         "computer. On another computer, or in a container, it cannot be told from a paused one\n"
-         "(default: 0)")
-      ->check(not_negative);
-  app.add_option(
+  line.option("--seed", a.seed, "seed of the random faults and noise (default: 1)")
+      .checked_by(not_negative);
+  line.option(
+          "--sessions", a.sessions,
+          "end after this many sessions of trocar-run; 0: run until stopped. With --clock\n"
+          "lock-step also end 10 s after the last packet of a trocar-run that has died on this\n"
+          "computer. On another computer, or in a container, it cannot be told from a paused one\n"
+          "(default: 0)")
+      .checked_by(not_negative);
+  line.option(
       "--device-description", a.description,
       "JSON file with the device's geometry and limits, instead of the one that the scene names");
-  app.add_option(
+  line.option(
       "--record", a.record,
       "write a CSV file with a row for each of the first million steps; a step takes 1 / --rate.\n"
       "A row has the drive's mode (ready, torque, watchdog or emergency_stop), the largest\n"
       "torque of the eight motors in this step, and the tip position");
-  app.add_option(
-      "--summary", a.summary,
-      "write counts (sessions, packets, watchdog trips) and forces on the hand, as JSON");
-  app.add_flag("--quiet", a.quiet, "print errors and the address only");
-  app.footer(
+  line.option("--summary", a.summary,
+              "write counts (sessions, packets, watchdog trips) and forces on the hand, as JSON");
+  line.flag("--quiet", a.quiet, "print errors and the address only");
+  line.set_footer(
       "Exit codes: 0 done or stopped by Ctrl-C; 2 wrong usage; 3 input refused; 4 a file could\n"
       "not be written, or the address is not available; 1 a bug.\n"
       "The page formats/session/device_link.md describes the protocol.");
@@ -409,12 +406,13 @@ int serve(const Arguments& arguments) {
 
 int run_command_line(int argc, char** argv) {
   Arguments arguments;
-  CLI::App app(
+  CommandLine line(
+      kName,
       "Simulates the four-legged haptic device in a process of its own. trocar-run connects to\n"
       "this process with its option --device udp:HOST:PORT.",
-      kName);
-  declare(app, arguments);
-  if (const auto done = parse_command_line(app, argc, argv)) return *done;
+      version());
+  declare(line, arguments);
+  if (const auto done = line.parse_or_end({argv, argv + argc})) return *done;
   if (const Result<void> good = check_arguments(arguments); !good) return fail(good.error());
   stop_on_signals();
   return serve(arguments);

@@ -2,13 +2,13 @@
 // trocar-export: writes a recording as HDF5 (runtime/hdf5). It is a program of its own, so that trocar-run does not need libhdf5;
 // `trocar-run export` starts it.
 // Tests: tests/e2e/hdf5_export_test.py
-#include <CLI/CLI.hpp>
 #include <cstdio>
 #include <filesystem>
 #include <string>
 
 #include "formats/base/command_line.h"
 #include "formats/base/file_io.h"
+#include "formats/base/program.h"
 #include "formats/session/recording.h"
 #include "runtime/hdf5/hdf5_file.h"
 #include "runtime/hdf5/recording_hdf5.h"
@@ -40,20 +40,20 @@ Result<void> convert(const Arguments& a) {
 
 int run_command_line(const std::string& name, int argc, char** argv) {
   Arguments a;
-  CLI::App app("Writes a recording of trocar-run as an HDF5 file.", name);
-  add_help_and_version(app, "trocar-export " TROCAR_VERSION " (HDF5 " + hdf5_version() +
-                                ", CLI11 " CLI11_VERSION ")");
-  app.add_option("RECORDING", a.recording,
-                 "the recording, a CSV file that trocar-run --record has written")
-      ->required();
-  app.add_option("-o,--output", a.output, "the HDF5 file to write")->required();
-  app.add_flag("--quiet", a.quiet, "print errors only");
-  app.footer(
+  CommandLine line(name, "Writes a recording of trocar-run as an HDF5 file.",
+                   "trocar-export " TROCAR_VERSION " (HDF5 " + hdf5_version() + ", " +
+                       command_line_library() + ")");
+  line.option("RECORDING", a.recording,
+              "the recording, a CSV file that trocar-run --record has written")
+      .required();
+  line.option("-o,--output", a.output, "the HDF5 file to write").required();
+  line.flag("--quiet", a.quiet, "print errors only");
+  line.set_footer(
       "Each quantity becomes a dataset; its unit and coordinate frame are attributes. Every\n"
       "number is kept bit for bit.\n"
       "Exit codes: 0 done; 2 wrong usage; 3 input refused; 4 the file could not be written; 1 a "
       "bug.");
-  if (const auto done = parse_command_line(app, argc, argv)) return *done;
+  if (const auto done = line.parse_or_end({argv, argv + argc})) return *done;
   stop_on_signals();
   if (const auto done = convert(a); !done) return report_error(name, done.error());
   return 0;

@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "runtime/program/trocar_run.h"
 
-#include <CLI/CLI.hpp>
 #include <atomic>
 #include <csignal>
 #include <string>
 
 #include "formats/base/command_line.h"
+#include "formats/base/program.h"
 #include "runtime/program/export_command.h"
 #include "runtime/program/fit_command.h"
 #include "runtime/program/library_versions.h"
@@ -21,32 +21,29 @@ std::atomic<bool> recovery_requested{false};
 
 int run_command_line(int argc, char** argv) {
   RunArguments arguments;
-  CLI::App app(
+  CommandLine line(
+      kProgram,
       "Lets a hand feel the force of tissue on a needle or another tool: a haptic device, a\n"
       "machine with motors, pushes the hand with this force. A session is a run of the haptic\n"
       "loop, which reads the device and computes the force in every tick, by default 1000 times\n"
       "a second.",
-      kProgram);
-  add_help_and_version(app, "trocar-run " TROCAR_VERSION " (" + library_versions() +
-                                ", Draco and tinygltf for assets)");
+      "trocar-run " TROCAR_VERSION " (" + library_versions() + ", Draco and tinygltf for assets)");
   FitArguments fit_arguments;
-  const CLI::App& fit = declare_fit(app, fit_arguments);
+  declare_fit(line, fit_arguments);
   ExportArguments export_arguments;
-  const CLI::App& to_hdf5 = declare_export(app, export_arguments);
-  declare_run_options(app, arguments);
-  if (const auto done = parse_command_line(app, argc, argv)) return *done;
-  for (const CLI::App* command : {&fit, &to_hdf5}) {
-    if (!command->parsed()) continue;
-    for (const CLI::Option* option : app.get_options())
-      if (option->count() > 0)
-        return report_error(kProgram,
-                            usage(command->get_name() + ": is a command of its own; leave " +
-                                  option->get_name() + " out"));
-    return command == &fit ? run_fit(fit_arguments) : run_export(export_arguments);
+  declare_export(line, export_arguments);
+  declare_run_options(line, arguments);
+  if (const auto done = line.parse_or_end({argv, argv + argc})) return *done;
+  if (const std::string command = line.chosen_command(); !command.empty()) {
+    for (const Option& option : line.options())
+      if (option.is_given())
+        return report_error(kProgram, usage(command + ": is a command of its own; leave " +
+                                            option.name() + " out"));
+    return command == kFit ? run_fit(fit_arguments) : run_export(export_arguments);
   }
   if (const Result<void> good = check_run_arguments(arguments); !good)
     return report_error(kProgram, good.error());
-  if (const Result<void> good = check_option_effects(app, arguments); !good)
+  if (const Result<void> good = check_option_effects(line, arguments); !good)
     return report_error(kProgram, good.error());
   if (arguments.explain) return explain_procedures(arguments);
   if (!arguments.history.empty()) return write_history(arguments);

@@ -145,7 +145,7 @@ install(DIRECTORY formats/base formats/geometry formats/asset formats/session
   PATTERN scene_readers.h EXCLUDE PATTERN assumed_values.h EXCLUDE PATTERN telemetry_layout.h EXCLUDE PATTERN recording_fields.h EXCLUDE
   PATTERN json_text.h EXCLUDE PATTERN strict_json.h EXCLUDE PATTERN text_pattern.h EXCLUDE
   # Their code is in libraries of their own, which are not installed.
-  PATTERN command_line.h EXCLUDE PATTERN option_range.h EXCLUDE PATTERN device_protocol.h EXCLUDE)
+  PATTERN command_line.h EXCLUDE PATTERN program.h EXCLUDE PATTERN device_protocol.h EXCLUDE)
 install(FILES formats/asset/asset.md
   DESTINATION ${CMAKE_INSTALL_DATADIR}/doc/trocar-formats-dev COMPONENT trocar-formats-dev)
 install(FILES formats/examples/CMakeLists.txt formats/examples/list_slices.cpp formats/examples/README.md

@@ -3,11 +3,11 @@
 // Tests: tests/e2e/archive_fetch_test.py, tests/e2e/archive_receive_test.py
 #pragma once
 
-#include <CLI/CLI.hpp>
 #include <filesystem>
 #include <string>
 #include <vector>
 
+#include "formats/base/command_line.h"
 #include "pipeline/archive/archive_limits.h"
 #include "pipeline/archive/transport.h"
 
@@ -38,13 +38,11 @@ struct FetchArguments {
   ArchiveArguments archive;
 };
 
-/// Declares the options of `trocar-mesh receive`. Parsing writes their values to `a`, which must
-/// outlive `app`.
-void add_receive_options(CLI::App& app, ReceiveArguments& a);
+/// Declares the options of `trocar-mesh receive`. Parsing writes their values to `a`.
+void add_receive_options(const Command& command, ReceiveArguments& a);
 
-/// Declares the options of `trocar-mesh fetch`. Parsing writes their values to `a`, which must
-/// outlive `app`.
-void add_fetch_options(CLI::App& app, FetchArguments& a);
+/// Declares the options of `trocar-mesh fetch`. Parsing writes their values to `a`.
+void add_fetch_options(const Command& command, FetchArguments& a);
 
 /// Returns a.limits with the sizes replaced by those of `instance_mb` and `study_gb`, in bytes.
 archive::ArchiveLimits limits_of(const ArchiveArguments& a);

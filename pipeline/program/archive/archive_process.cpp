@@ -8,7 +8,7 @@
 #include <string>
 #include <system_error>
 
-#include "formats/base/command_line.h"
+#include "formats/base/program.h"
 #include "pipeline/archive/messages.h"
 
 namespace trocar::pipeline {

@@ -5,7 +5,7 @@
 
 #include <cstdio>
 
-#include "formats/base/command_line.h"
+#include "formats/base/program.h"
 #include "pipeline/archive/archive_names.h"
 #include "pipeline/archive/fetch.h"
 #include "pipeline/archive/messages.h"

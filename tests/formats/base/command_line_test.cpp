@@ -1,13 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "formats/base/command_line.h"
-#include "formats/base/option_range.h"
 
 #include <gtest/gtest.h>
 
-#include <CLI/CLI.hpp>
-#include <csignal>
+#include <algorithm>
+#include <cstdint>
+#include <cstdio>
+#include <filesystem>
+#include <optional>
 #include <regex>
-#include <stdexcept>
 #include <string>
 #include <vector>
 
@@ -20,29 +21,24 @@ struct Outcome {
 };
 
 /// A program with some options and a subcommand `info` with a flag --json.
-Outcome parse(std::vector<const char*> arguments) {
-  CLI::App app("Does something.", "program");
-  add_help_and_version(app, "program 1.2 (library 3)");
+Outcome parse(std::vector<std::string> arguments) {
+  CommandLine line("program", "Does something.", "program 1.2 (library 3)");
   double threshold = 0, angle = 0, width = 2.5;
   int bits = 0, count = 0;
-  std::string axis;
+  std::string axis, stage;
   bool as_json = false;
-  app.add_option("--threshold", threshold, "in HU");
-  app.add_option("--angle", angle, "in degrees")->check(option_range(-1e6, 60.5));
-  app.add_option("--bits", bits, "a number")->check(option_range(0, 14));
-  app.add_option("--axis", axis, "a name")->check(CLI::IsMember({"coronal", "sagittal", "other"}));
-  app.add_option("--width", width, "of a line")
-      ->type_name("MM")
-      ->capture_default_str()
-      ->check(option_range(0.0, 9.0).description(""));
-  app.add_option("--count", count)->type_name("N")->check(option_range(0, 9).description(""));
-  app.add_option("--dump", "a stage")->group(kDiagnostics);
-  app.add_subcommand("info", "describe")->add_flag("--json", as_json, "as JSON");
-  add_help_for_diagnostics(app);
+  line.option("--threshold", threshold, "in HU");
+  line.option("--angle", angle, "in degrees").within(-1e6, 60.5);
+  line.option("--bits", bits, "a number").within(0, 14);
+  line.option("--axis", axis, "a name").one_of({"coronal", "sagittal", "other"});
+  line.option("--width", width, "of a line").with_default_shown().within(0.0, 9.0, "MM");
+  line.option("--count", count, "").within(0, 9, "N");
+  line.option("--dump", stage, "a stage").in_group(kDiagnostics);
+  line.add_command("info", "describe").flag("--json", as_json, "as JSON");
   arguments.insert(arguments.begin(), "program");
   testing::internal::CaptureStdout();
   testing::internal::CaptureStderr();
-  const auto code = parse_command_line(app, static_cast<int>(arguments.size()), arguments.data());
+  const auto code = line.parse_or_end(arguments);
   std::fflush(stdout);
   return {code, testing::internal::GetCapturedStdout(), testing::internal::GetCapturedStderr()};
 }
@@ -86,7 +82,7 @@ TEST(CommandLine, ReportsWrongUsageInOneLineWithTheNearestOption) {
   EXPECT_EQ(parse({""}).err, "program: an argument is empty\n");
   EXPECT_EQ(parse({"--threshold", "bone"}).err,
             "program: --threshold: bone is not a number (see program --help)\n");
-  for (const std::vector<const char*>& wrong : std::vector<std::vector<const char*>>{
+  for (const std::vector<std::string>& wrong : std::vector<std::vector<std::string>>{
            {"--treshold=3"}, {"--threshold", ""}, {"--threshold", "high"}, {"--threshold"}}) {
     const Outcome outcome = parse(wrong);
     EXPECT_EQ(outcome.code, 2);
@@ -112,20 +108,20 @@ TEST(CommandLine, SaysWhatAValueMustBe) {
   // About the longest arguments that Linux passes on; std::regex overflowed the stack on them.
   for (const char c : {'x', '-'}) {
     const std::string axis = "--axis=" + std::string(131'000, c);
-    EXPECT_EQ(parse({axis.c_str()}).err,
+    EXPECT_EQ(parse({axis}).err,
               "program: --axis " + axis.substr(7) + ": must be coronal, sagittal or other" + end);
   }
 }
 
 TEST(CommandLine, AMistypedOptionIsNamedBeforeTheOneThatIsMissingForIt) {
-  CLI::App app("Does something.", "program");
+  CommandLine line("program", "Does something.", "");
   std::string key, scene;
-  app.add_option("SCENE", scene)->required();
-  app.add_option("--key-file", key)->required();
-  const auto said = [&app](std::vector<const char*> arguments) {
+  line.option("SCENE", scene, "").required();
+  line.option("--key-file", key, "").required();
+  const auto said = [&line](std::vector<std::string> arguments) {
     arguments.insert(arguments.begin(), "program");
     testing::internal::CaptureStderr();
-    EXPECT_EQ(parse_command_line(app, static_cast<int>(arguments.size()), arguments.data()), 2);
+    EXPECT_EQ(line.parse_or_end(arguments), 2);
     return testing::internal::GetCapturedStderr();
   };
   EXPECT_EQ(said({"a", "--keyfile", "k"}),
@@ -133,18 +129,204 @@ TEST(CommandLine, AMistypedOptionIsNamedBeforeTheOneThatIsMissingForIt) {
   EXPECT_EQ(said({"a"}), "program: --key-file is required (see program --help)\n");
 }
 
-TEST(CommandLine, RunProgramReportsAnExceptionAsABug) {
-  EXPECT_EQ(run_program("program", [] { return 3; }), 3);
-  testing::internal::CaptureStderr();
-  EXPECT_EQ(run_program("program", []() -> int { throw std::runtime_error("broken"); }), 1);
-  EXPECT_EQ(testing::internal::GetCapturedStderr(), "program: internal error: broken\n");
+TEST(CommandLine, WritesEachKindOfValue) {
+  CommandLine line("program", "", "");
+  int whole = 0;
+  std::uint64_t large = 0;
+  double number = 0;
+  std::string text;
+  std::filesystem::path path;
+  std::optional<int> maybe_whole, not_given;
+  std::optional<std::int64_t> maybe_large;
+  std::optional<double> maybe_number;
+  std::vector<std::string> texts;
+  std::vector<std::filesystem::path> pair, inputs;
+  bool flag = false;
+  line.option("--whole", whole, "");
+  line.option("--large", large, "");
+  line.option("--number", number, "");
+  line.option("--text", text, "");
+  line.option("--path", path, "");
+  line.option("--maybe-whole", maybe_whole, "");
+  line.option("--maybe-large", maybe_large, "");
+  line.option("--not-given", not_given, "");
+  line.option("--maybe-number", maybe_number, "");
+  line.option("--texts", texts, "").one_value_each();
+  line.option("--pair", pair, "").two_values();
+  line.option("INPUT", inputs, "");
+  line.flag("--flag", flag, "");
+  const auto done = line.parse({"program",
+                                "--whole=-3",
+                                "--large=18446744073709551615",
+                                "--number",
+                                "2.5e-3",
+                                "--text",
+                                "a b",
+                                "--path",
+                                "a b/c",
+                                "--maybe-whole",
+                                "4",
+                                "--maybe-large",
+                                "-9223372036854775807",
+                                "--maybe-number=0.5",
+                                "--texts",
+                                "x",
+                                "--texts",
+                                "y",
+                                "in 1",
+                                "--pair",
+                                "p",
+                                "q",
+                                "in 2",
+                                "--flag",
+                                "--",
+                                "--in3"});
+  ASSERT_TRUE(done) << done.error().message;
+  EXPECT_EQ(whole, -3);
+  EXPECT_EQ(large, 18446744073709551615U);
+  EXPECT_EQ(number, 2.5e-3);
+  EXPECT_EQ(text, "a b");
+  EXPECT_EQ(path, "a b/c");
+  EXPECT_EQ(maybe_whole, 4);
+  EXPECT_EQ(maybe_large, -9223372036854775807);
+  EXPECT_FALSE(not_given);
+  EXPECT_EQ(maybe_number, 0.5);
+  EXPECT_EQ(texts, (std::vector<std::string>{"x", "y"}));
+  EXPECT_EQ(pair, (std::vector<std::filesystem::path>{"p", "q"}));
+  EXPECT_EQ(inputs, (std::vector<std::filesystem::path>{"in 1", "in 2", "--in3"}));
+  EXPECT_TRUE(flag);
 }
 
-TEST(CommandLine, SignalsRequestAStop) {
-  stop_on_signals();
-  EXPECT_FALSE(stop_requested);
-  std::raise(SIGTERM);
-  EXPECT_TRUE(stop_requested);
+TEST(CommandLine, TakesTwoValuesOnce) {
+  std::vector<std::filesystem::path> pair;
+  CommandLine line("program", "", "");
+  line.option("--pair", pair, "").two_values();
+  EXPECT_FALSE(line.parse({"program", "--pair", "p"}));
+  EXPECT_FALSE(line.parse({"program", "--pair", "p", "q", "--pair", "r", "s"}));
+}
+
+TEST(CommandLine, AsksTheGivenFunctionAboutAValue) {
+  std::string value;
+  CommandLine line("program", "", "");
+  line.option("--even", value, "").checked_by([](const std::string& text) {
+    return text.size() % 2 == 0 ? "" : text + " is odd";
+  });
+  EXPECT_TRUE(line.parse({"program", "--even", "ab"}));
+  const auto odd = line.parse({"program", "--even", "abc"});
+  ASSERT_FALSE(odd);
+  EXPECT_EQ(odd.error().message, "--even: abc is odd");
+}
+
+TEST(CommandLine, HelpShowsFormFooterAndColumn) {
+  const auto help = [](std::size_t column) {
+    std::string value;
+    CommandLine line("program", "Does something.", "");
+    line.option("--box", value, "a box").with_form("X,Y");
+    line.set_footer("That is all.");
+    line.set_help_column(column);
+    testing::internal::CaptureStdout();
+    EXPECT_EQ(line.parse_or_end({"program", "--help"}), 0);
+    std::fflush(stdout);
+    return testing::internal::GetCapturedStdout();
+  };
+  const std::string text = help(20);
+  EXPECT_NE(text.find("\n  --box X,Y" + std::string(20 - 11, ' ') + "a box\n"), std::string::npos)
+      << text;
+  EXPECT_NE(text.find("That is all.\n"), std::string::npos) << text;
+  EXPECT_EQ(text.find("--version"), std::string::npos) << text;
+  EXPECT_NE(help(40).find("--box X,Y" + std::string(40 - 11, ' ') + "a box\n"), std::string::npos);
+}
+
+TEST(CommandLine, HasHelpOnDiagnosticsOnlyIfThereAreAny) {
+  std::string stage;
+  CommandLine without("program", "", ""), with("program", "", "");
+  with.option("--dump", stage, "").in_group(kDiagnostics);
+  testing::internal::CaptureStderr();
+  EXPECT_EQ(without.parse_or_end({"program", "--help-all"}), 2);
+  EXPECT_EQ(testing::internal::GetCapturedStderr(),
+            "program: not expected: --help-all (see program --help)\n");
+  EXPECT_FALSE(with.parse_or_end({"program", "--dump", "x"}));
+  EXPECT_EQ(with.options().size(), 1U);
+}
+
+TEST(CommandLine, NamesAnOptionThatTheHelpHides) {
+  int old = 0;
+  CommandLine line("program", "", "");
+  const Option hidden = line.option("-x,--former", old).in_group("");
+  EXPECT_EQ(hidden.name(), "--former");
+  EXPECT_EQ(hidden.bare_name(), "former");
+  const auto wrong = line.parse({"program", "--former", "x"});
+  ASSERT_FALSE(wrong);
+  EXPECT_EQ(wrong.error().message, "--former: x is not a whole number");
+  EXPECT_EQ(line.option("-y", old, "").name(), "-y");
+}
+
+TEST(CommandLine, SaysWhatIsGivenTwice) {
+  std::string output;
+  CommandLine line("program", "", "");
+  line.option("-o,--output", output, "");
+  line.add_command("fit", "");
+  line.add_command("export", "");
+  const auto twice = line.parse({"program", "-o", "a", "-o", "b"});
+  ASSERT_FALSE(twice);
+  EXPECT_EQ(twice.error().message, "--output: may be given only once");
+  const auto commands = line.parse({"program", "fit", "export"});
+  ASSERT_FALSE(commands);
+  EXPECT_EQ(commands.error().message, "export: is a second command; give only one");
+}
+
+TEST(CommandLine, NamesItsLibraryWithTheVersion) {
+  EXPECT_TRUE(std::regex_match(command_line_library(), std::regex("CLI11 [0-9]+\\.[0-9.]+")));
+}
+
+TEST(CommandLine, OptionsSayWhatWasGiven) {
+  CommandLine line("program", "", "");
+  std::string scene, output, context = "default";
+  bool quiet = false, again = false;
+  line.option("SCENE", scene, "");
+  const Option out = line.option("-o,--output,--out", output, "");
+  const Option around = line.option("--context", context, "").with_optional_value();
+  const Option silent = line.flag("--quiet", quiet, "");
+  line.add_command("fit", "").flag("--again", again, "");
+  line.add_command("export", "");
+  ASSERT_TRUE(line.parse({"program", "--context", "--quiet", "fit", "--again"}));
+  EXPECT_EQ(line.chosen_command(), "fit");
+  EXPECT_EQ(line.command_names(), (std::vector<std::string>{"fit", "export"}));
+  EXPECT_TRUE(around.is_given() && silent.is_given() && again);
+  EXPECT_EQ(context, "");
+  EXPECT_FALSE(out.is_given() || Option().is_given());
+  EXPECT_TRUE(silent.is_flag());
+  EXPECT_FALSE(out.is_flag() || around.is_flag());
+  EXPECT_EQ(out.name(), "--output");
+  EXPECT_EQ(out.bare_name(), "output");
+  EXPECT_EQ(out.long_names(), (std::vector<std::string>{"output", "out"}));
+  std::vector<std::string> names;
+  for (const Option& option : line.options())
+    names.push_back(option.name());
+  EXPECT_EQ(names, (std::vector<std::string>{"SCENE", "--output", "--context", "--quiet"}));
+}
+
+TEST(CommandLine, RefusesOptionsThatExcludeOrNeedEachOther) {
+  bool check = false, strict = false, quiet = false;
+  CommandLine line("program", "", "");
+  const Option checks = line.flag("--check", check, "");
+  line.flag("--strict", strict, "").needs(checks);
+  line.flag("--quiet", quiet, "").excludes(checks);
+  EXPECT_FALSE(line.parse({"program", "--strict"}));
+  EXPECT_FALSE(line.parse({"program", "--quiet", "--check"}));
+  EXPECT_TRUE(line.parse({"program", "--strict", "--check"}));
+}
+
+TEST(CommandLine, TakesOneCommandAndMayRequireIt) {
+  CommandLine line("program", "", "");
+  line.add_command("fit", "");
+  line.add_command("export", "");
+  EXPECT_TRUE(line.parse({"program"}));
+  EXPECT_EQ(line.chosen_command(), "");
+  EXPECT_FALSE(line.parse({"program", "fit", "export"}));
+  line.require_command();
+  EXPECT_FALSE(line.parse({"program"}));
+  EXPECT_TRUE(line.parse({"program", "export"}));
 }
 
 }  // namespace
