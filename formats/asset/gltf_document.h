@@ -11,10 +11,13 @@
 #define TINYGLTF_NO_INCLUDE_STB_IMAGE
 #define TINYGLTF_NO_INCLUDE_STB_IMAGE_WRITE
 #define TINYGLTF_NO_EXTERNAL_IMAGE
+// This must stand before tiny_gltf.h, which gives hidden visibility to all that it includes with
+// json.hpp, such as close().
+#include <nlohmann/json.hpp>
+
 #include <tiny_gltf.h>
 
 #include <cstdint>
-#include <nlohmann/json.hpp>
 #include <optional>
 #include <span>
 #include <string>
