@@ -23,6 +23,10 @@
 namespace trocar::runtime {
 namespace {
 
+double squared(double value) {
+  return value * value;
+}
+
 using nlohmann::json;
 
 void add_triangles(const AssetSurface& surface, std::size_t first_vertex,
@@ -64,14 +68,14 @@ class NearestHu {
     double nearest = -1;
     for (int ring = 0; ring <= kMaxRing; ++ring) {
       // A vertex of the next ring cannot be nearer than this ring's inner side.
-      if (nearest >= 0 && nearest <= std::pow((ring - 1) * kCell_mm, 2)) break;
+      if (nearest >= 0 && nearest <= squared((ring - 1) * kCell_mm)) break;
       for (int di = -ring; di <= ring; ++di) {
         const int step = std::abs(di) == ring || ring == 0 ? 1 : 2 * ring;
         for (int dj = -ring; dj <= ring; dj += step) {
           const auto found = above->second.find({i + di, j + dj});
           if (found == above->second.end()) continue;
           for (const Sample& sample : found->second) {
-            const double distance = std::pow(sample.u - p.x(), 2) + std::pow(sample.v - p.y(), 2);
+            const double distance = squared(sample.u - p.x()) + squared(sample.v - p.y());
             if (nearest >= 0 && distance >= nearest) continue;
             nearest = distance;
             hu = sample.hu;
