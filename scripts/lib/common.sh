@@ -53,9 +53,9 @@ quietly() {
   return "$code"
 }
 
-# expected_time STEPS: what the build will take, in words. A step takes 5.5 seconds of one core, as measured on a virtual machine with two cores.
+# expected_time STEPS: what the build will take, in words. A step takes 2.5 to 4 seconds of one core, as measured on virtual machines with two cores.
 expected_time() {
-  local minutes=$((($1 * 11 / (2 * $(nproc)) + 59) / 60))
+  local minutes=$((($1 * 4 / $(nproc) + 59) / 60))
   if (($1 < 10)); then
     echo "$1 steps"
   else
