@@ -58,6 +58,7 @@ std::vector<Parameter> parameters_of(const CommandLine& line) {
 
 std::vector<std::string> names_of(const std::vector<Parameter>& parameters) {
   std::vector<std::string> out;
+  out.reserve(parameters.size());
   for (const Parameter& each : parameters)
     out.push_back(each.name);
   return out;
