@@ -11,7 +11,7 @@ double value_noise(std::uint64_t seed, double x, double y, double z) {
              k = static_cast<std::int64_t>(fz);
   const auto fade = [](double t) { return t * t * t * (t * (t * 6 - 15) + 10); };
   const double u = fade(x - fx), v = fade(y - fy), w = fade(z - fz);
-  // What hash_at() has after i and j. Two corners share each.
+  // These are the states of hash_at() after i and j. Two corners share each.
   std::uint64_t columns[4];
   for (int di = 0; di < 2; ++di) {
     const std::uint64_t h = mix64(mix64(seed) ^ static_cast<std::uint64_t>(i + di));

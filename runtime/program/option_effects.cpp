@@ -53,7 +53,7 @@ constexpr std::string_view kOfCheck[] = {"SCENE",
                                          "live",
                                          "xray"};
 
-/// What replaces the session.
+/// A replacement of the session.
 struct Replacement {
   std::string_view option;  ///< the option that selects it
   bool is_given;
