@@ -26,10 +26,10 @@ namespace trocar {
 
 /// The variable that gets the value of an option. If an option with a vector is repeated, the
 /// vector gets all values.
-using OptionVariable = std::variant<int*, std::uint32_t*, std::uint64_t*, double*, std::string*,
-                                    std::filesystem::path*, std::optional<int>*,
-                                    std::optional<std::int64_t>*, std::optional<double>*,
-                                    std::vector<std::string>*, std::vector<std::filesystem::path>*>;
+using OptionVariable =
+    std::variant<int*, std::uint64_t*, double*, std::string*, std::filesystem::path*,
+                 std::optional<int>*, std::optional<std::int64_t>*, std::optional<double>*,
+                 std::vector<std::string>*, std::vector<std::filesystem::path>*>;
 
 /// Name of the group of those of a program's own options that only --help-all shows. (It is not for
 /// the options of a command.)
@@ -57,10 +57,10 @@ class Option {
   Option with_form(const char* form) const;
   /// The help shows the variable's present value as the default.
   Option with_default_shown() const;
-  /// For a vector: each use of the option takes one value. Without this, it takes all words that
-  /// follow, up to the next option or to "--", which then only ends the values.
+  /// Makes an option with a vector take one value each time that it is given. Without this, it takes
+  /// all words that follow, up to the next option or to "--", which then only ends the values.
   Option one_value_each() const;
-  /// For a vector: the option takes two values, and may be given only once.
+  /// Makes an option with a vector take two values. It may be given only once.
   Option two_values() const;
   /// The option may be given without a value, and its variable is then empty.
   Option with_optional_value() const;
@@ -140,8 +140,8 @@ class CommandLine : public Command {
   /// The command that was given; empty if none was.
   std::string chosen_command() const;
 
-  /// Parses the arguments of main(), the first of which is the program's name. They must
-  /// not ask for help or the version. Errors: kUsage if an argument is wrong. If an option is unknown, the
+  /// Parses the arguments of main(), the first of which is the program's name. They must not ask
+  /// for help or the version. Errors: kUsage if an argument is wrong. If an option is unknown, the
   /// message suggests the known option with the most similar name, if any name is similar.
   Result<void> parse(const std::vector<std::string>& arguments);
 

@@ -26,8 +26,8 @@ constexpr std::string_view kOfTest[] = {"duration", "summary", "cpu", "late-tick
 constexpr std::string_view kOfTrials[] = {"compensate", "passivity", "coupling", "energy-limit",
                                           "stiffness-limit"};
 constexpr std::string_view kOfNewScene[] = {"output", "entry", "target", "live-hand"};
-// From `clock` on: settings and files of the session that is checked. They do not change the check,
-// but --check may be added to the command of a session.
+// From `clock` on, these are settings and files of the session that is checked. They do not change
+// the check, but --check may be added to the command of a session.
 constexpr std::string_view kOfCheck[] = {"SCENE",
                                          "strict",
                                          "asset",
