@@ -401,10 +401,8 @@ std::vector<std::uint8_t> encode_hu_plane(const HuGrid& grid, const HuMask& mask
   if (samples.empty()) return {};
   PaddedPlane plane(mask);
   const Weights weights = best_weights(plane, samples);
-  std::vector<std::uint8_t> bytes;
+  std::vector<std::uint8_t> bytes(weights.begin(), weights.end());
   bytes.reserve(samples.size() + samples.size() / 8 + kNeighbours);
-  for (const std::int8_t weight : weights)
-    bytes.push_back(static_cast<std::uint8_t>(weight));
   std::size_t next = 0;
   plane.each([&](std::int32_t* sample, int, int) {
     const std::int64_t predicted = plane.predicted(sample, weights);

@@ -122,7 +122,6 @@ class Fetch {
 
   Result<void> connect() {
     const ArchiveLimits& limits = settings_.limits;
-    dcmConnectionTimeout.set(limits.acse_timeout_s);
     dcmSocketSendTimeout.set(limits.idle_timeout_s);
     dcmSocketReceiveTimeout.set(limits.idle_timeout_s);
     OFCondition done =
@@ -130,7 +129,7 @@ class Fetch {
     if (done.good() && settings_.tls)
       done = ASC_setTransportLayer(connection_.network, settings_.tls.get(), 0);
     T_ASC_Parameters* parameters = nullptr;
-    if (done.good()) done = ASC_createAssociationParameters(&parameters, limits.max_pdu_bytes);
+    if (done.good()) done = create_parameters(&parameters, limits);
     if (done.good())
       done =
           ASC_setAPTitles(parameters, settings_.ae.c_str(), settings_.archive.ae.c_str(), nullptr);
@@ -150,6 +149,17 @@ class Fetch {
         connection_.association, UID_GETStudyRootQueryRetrieveInformationModel);
     if (get_context_ == 0) return failure("it does not offer C-GET of studies");
     return {};
+  }
+
+  // Newer versions of DCMTK take the longest time for connecting as an argument. Before, it was a
+  // global variable.
+  static OFCondition create_parameters(T_ASC_Parameters** parameters, const ArchiveLimits& limits) {
+#if PACKAGE_VERSION_NUMBER >= 369
+    return ASC_createAssociationParameters(parameters, limits.max_pdu_bytes, limits.acse_timeout_s);
+#else
+    dcmConnectionTimeout.set(limits.acse_timeout_s);
+    return ASC_createAssociationParameters(parameters, limits.max_pdu_bytes);
+#endif
   }
 
   Error rejection(T_ASC_Parameters& parameters) const {
