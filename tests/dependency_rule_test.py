@@ -18,6 +18,8 @@ what the dynamic linker loads for trocar-run:
  6. No file includes itself through others, and no library links itself through others.
  7. The haptic loop, its force laws, its session and the checks of a scene work with any hand
     device: no file of ANY_DEVICE reaches the mechanism of one, not even through others.
+ 8. A program with a haptic loop links no library that is compiled with -Og. The linker keeps one copy
+    of each inline function, and the loop would get that library's slow one.
 
 For each rule, a test shows that it fails on a made-up tree that breaks it.
 """
@@ -62,6 +64,7 @@ ANY_DEVICE = ("runtime/contact/", "runtime/bone_cutting/", "runtime/force_law/",
               "runtime/devices/pose_margins.", "runtime/devices/tip_workspace.", "runtime/devices/scene_hand.", "runtime/devices/live_hand.", "runtime/checking/")
 ONE_DEVICE = ("runtime/mechanism/", "runtime/device/device.h", "runtime/link/", "runtime/simulation/")
 SIMULATED_HAND = "runtime/simulation/hand.h"  # it moves the tool of any simulated device
+LOOP_PROGRAMS = ("trocar-run", "trocar-device-sim")
 FORBIDDEN_SHARED = re.compile(r"lib(opencv_\w+|gmp|gmpxx|mpfr|boost_\w+|CGAL\w*)\.so")
 APACHE, GPL = "Apache-2.0", "GPL-3.0-or-later"
 LICENSED = ("*.h", "*.cpp", "*.py", "*.mjs", "*.js", "*.cmake", "CMakeLists.txt")
@@ -182,12 +185,26 @@ def check_folders(source):
     return broken
 
 
-def check_circles(source, library_links):
-    """Rule 6. `library_links` has a line "LIBRARY: ITEM ..." for each library; an item may be a generator expression."""
+def libraries_linked(library_links):
+    """{library or program: [library it links]} of "LIBRARY: ITEM ..." lines; an item may be a generator expression."""
     links = dict(line.split(": ", 1) for line in library_links.splitlines())
-    libraries = {name: [item for item in re.findall(r"[\w.+-]+", items) if item in links] for name, items in links.items()}
-    return [f"circle of {kind}: {' -> '.join(circle)}" for kind, graph in (("includes", folders.include_lines(source)), ("libraries", libraries))
+    return {name: [item for item in re.findall(r"[\w.+-]+", items) if item in links] for name, items in links.items()}
+
+
+def check_circles(source, linked):
+    """Rule 6. `linked` is from libraries_linked()."""
+    return [f"circle of {kind}: {' -> '.join(circle)}" for kind, graph in (("includes", folders.include_lines(source)), ("libraries", linked))
             for circle in folders.circles(graph)]
+
+
+def check_optimisation(source, linked):
+    """Rule 8. The libraries compiled with -Og are those that a CMakeLists.txt gives to trocar_least_optimisation()."""
+    lists = [path for folder in folders.PRODUCT for path in sorted((source / folder).rglob("CMakeLists.txt"))]
+    least = {name for path in lists for names in re.findall(r"trocar_least_optimisation\(([^)]*)\)", path.read_text(encoding="utf-8"))
+             for name in names.split()}
+    assert least and least <= set(linked), f"none, or unknown libraries: {least - set(linked)}"
+    return [f"{program} links {library}, which is compiled with -Og" for program in LOOP_PROGRAMS
+            for library in sorted(folders.reachable(program, linked) & least)]
 
 
 def check_any_device(source):
@@ -235,8 +252,17 @@ def test_any_device():
     broken_rules(check_any_device(SOURCE))
 
 
-def test_circles():
-    broken_rules(check_circles(SOURCE, (BUILD / "library_links.txt").read_text()))
+@pytest.fixture(scope="module", name="linked")
+def linked_by_targets():
+    return libraries_linked((BUILD / "library_links.txt").read_text())
+
+
+def test_circles(linked):
+    broken_rules(check_circles(SOURCE, linked))
+
+
+def test_optimisation(linked):
+    broken_rules(check_optimisation(SOURCE, linked))
 
 
 def test_loaded_libraries():
@@ -304,13 +330,21 @@ def test_broken_order_of_folders(tmp_path, file, text, complaint):
 
 def test_circles_are_found(tmp_path):
     write_tree(tmp_path, ORDERED)
-    assert check_circles(tmp_path, "a: b;$<LINK_ONLY:c> zlib\nb: c\nc: NOTFOUND\n") == []
+    assert check_circles(tmp_path, libraries_linked("a: b;$<LINK_ONLY:c> zlib\nb: c\nc: NOTFOUND\n")) == []
     write_tree(tmp_path, {"formats/base/a.h": '#include "formats/base/b.h"\n', "formats/base/b.h": '#include "formats/base/c.h"\n',
                           "formats/base/c.h": '#include "formats/base/a.h"\n'})
-    broken = check_circles(tmp_path, "a: b;$<LINK_ONLY:c> zlib\nb: \nc: $<$<CONFIG:Release>:a>\n")
+    broken = check_circles(tmp_path, libraries_linked("a: b;$<LINK_ONLY:c> zlib\nb: \nc: $<$<CONFIG:Release>:a>\n"))
     assert len(broken) == 2, broken
     assert broken[0].startswith("circle of includes: ") and sorted(broken[0].split(" -> ")[1:]) == [f"formats/base/{x}.h" for x in "abc"], broken
     assert broken[1] in ("circle of libraries: a -> c -> a", "circle of libraries: c -> a -> c"), broken
+
+
+def test_slow_library_is_found(tmp_path):
+    write_tree(tmp_path, {"runtime/CMakeLists.txt": "trocar_little_optimisation(session)\ntrocar_least_optimisation(console\n  history)\n"})
+    links = "trocar-run: session\ntrocar-device-sim: session\ntrocar-console: console\nsession: \nconsole: history;session\nhistory: \n"
+    assert check_optimisation(tmp_path, libraries_linked(links)) == []
+    assert check_optimisation(tmp_path, libraries_linked(links.replace("session: ", "session: $<LINK_ONLY:history>"))) == [
+        "trocar-run links history, which is compiled with -Og", "trocar-device-sim links history, which is compiled with -Og"]
 
 
 CASES = {  # unit: (its include lines, the complaint it must raise or None)
