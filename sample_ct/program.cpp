@@ -74,7 +74,9 @@ std::string check_whole(const std::string& text) {
 void declare(const Command& command, Arguments& arguments) {
   command.option("OUTDIR", arguments.folder, "the folder to write to; created if needed")
       .required();
-  command.option("--seed", arguments.seed, "seed of the random textures and noise and of the UIDs")
+  command
+      .option("--seed", arguments.seed,
+              "number that determines the random textures, the noise and the UIDs")
       .with_default_shown()
       .checked_by(check_whole);
   command.option("--slices", arguments.slices, "number of slices, 1 mm apart")

@@ -16,11 +16,14 @@
 
 namespace trocar {
 
-// An entry is one material of one slice. Consecutive entries may share a glTF node. Schema 2 has
-// three nodes above the nodes of entries. Node 0 maps LPS in lattice steps to glTF's frame in
-// metres. The only child of node 0 is the frame, a node whose transform all slices share. The only
-// child of the frame is the list, a node whose children are the nodes of entries. The frame is
-// separate from the list so that the frame's text, which every partial read needs, is short.
+// An entry is one material of one slice. Consecutive entries may share a glTF node. The nodes of
+// schema 2 (asset.md) are a tree:
+//   node 0    maps LPS in lattice steps to glTF's frame in metres
+//   node 1    the frame, the only child of node 0; its transform holds for all slices
+//   node 2    the list, the only child of the frame; its children are the nodes of entries
+//   node 3    the first node of entries; others follow
+// The frame is separate from the list so that the frame's text, which every partial read needs, is
+// short.
 inline constexpr std::size_t kFrameNode = 1, kListNode = 2, kFirstEntryNode = 3;
 /// The largest number of entries that may share a node. To read an entry, a reader must read the
 /// text of the whole node, so this number limits the length of that text.

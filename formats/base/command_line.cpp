@@ -324,8 +324,11 @@ std::optional<int> CommandLine::parse_or_end(const std::vector<std::string>& arg
     app()->set_help_all_flag("--help-all", "print this help with the options for diagnostics");
   }
   try {
-    if (auto ok = parse(arguments); !ok)
-      return report_error(program, usage(ok.error().message + " (see " + program + " --help)"));
+    if (auto ok = parse(arguments); !ok) {
+      const std::string command = chosen_command();
+      const std::string page = command.empty() ? program : program + " " + command;
+      return report_error(program, usage(ok.error().message + " (see " + page + " --help)"));
+    }
   } catch (const CLI::CallForHelp&) {
     for (CLI::Option* option : diagnostics)
       option->group("");

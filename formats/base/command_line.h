@@ -31,12 +31,13 @@ using OptionVariable =
                  std::optional<int>*, std::optional<std::int64_t>*, std::optional<double>*,
                  std::vector<std::string>*, std::vector<std::filesystem::path>*>;
 
-/// Name of the group of those of a program's own options that only --help-all shows. (It is not for
-/// the options of a command.)
+/// The group of options that only --help-all shows. It is for a program's own options, not for
+/// those of a command.
 inline constexpr const char* kDiagnostics = "Diagnostics";
 
 /// An option of a Command. Copies stand for the same option. They must not be used after the
-/// CommandLine has been destroyed. A function that returns an Option returns this one.
+/// CommandLine has been destroyed. Its functions return the option itself, so that calls can be
+/// chained.
 class Option {
  public:
   Option() = default;  ///< no option; only is_given() may be called
@@ -57,8 +58,8 @@ class Option {
   Option with_form(const char* form) const;
   /// The help shows the variable's present value as the default.
   Option with_default_shown() const;
-  /// Makes an option with a vector take one value each time that it is given. Without this, it takes
-  /// all words that follow, up to the next option or to "--", which then only ends the values.
+  /// Makes an option with a vector take one value each time that it is given. Without this, it
+  /// takes all words that follow, up to the next option or to "--". (This "--" is not a value.)
   Option one_value_each() const;
   /// Makes an option with a vector take two values. It may be given only once.
   Option two_values() const;
@@ -127,7 +128,7 @@ class CommandLine : public Command {
   CommandLine& operator=(const CommandLine&) = delete;
   ~CommandLine();
 
-  /// Adds a command. A command line has at most one command.
+  /// Declares a command. A program may have several commands; its user gives at most one of them.
   Command add_command(const std::string& name, const std::string& help);
   /// Refuses a command line without a command.
   void require_command();
@@ -145,10 +146,12 @@ class CommandLine : public Command {
   /// message suggests the known option with the most similar name, if any name is similar.
   Result<void> parse(const std::vector<std::string>& arguments);
 
-  /// Does the same for main() itself. Returns an exit code if the program must end, else nullopt.
-  /// The exit code is 0 after --help, --help-all or --version. After invalid arguments it is 2, and
-  /// one line on stderr says what is wrong. An empty value (for example from an unset variable of a
-  /// shell) is refused, because CLI11 would treat its option as not given.
+  /// Parses like parse(), and also prints help, version and errors, as main() needs it. Returns an
+  /// exit code if the program must end, else nullopt. The exit code is 0 after --help, --help-all
+  /// or --version. After invalid arguments it is 2, and one line on stderr says what is wrong and
+  /// which help explains it (that of the command, if one was given). An empty value (for example
+  /// from an unset variable of a shell) is refused, because CLI11 would treat its option as not
+  /// given.
   std::optional<int> parse_or_end(const std::vector<std::string>& arguments);
 
  private:

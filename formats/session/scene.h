@@ -49,8 +49,9 @@ struct ShaftTissue {
 /// gives the strength for this density (runtime/bone_cutting/material/bone_strength.h).
 struct BoneByHu {
   std::string law;  ///< name of the law
-  /// Kind of the resulting density: "qct" (mineral, as a phantom in the scan gives it), "ash" (mass
-  /// of the burnt bone per volume) or "apparent" (mass of the bone without marrow per volume).
+  /// Kind of the resulting density: "qct" (mineral, calibrated by scanning a body of known
+  /// density), "ash" (mass of the burnt bone per volume) or "apparent" (mass of the bone without
+  /// marrow per volume).
   std::string density = "qct";
   double per_HU = 8e-4, at_0_HU = 0;  ///< g/cm^3 per HU, and g/cm^3 at 0 HU
   bool calibration_is_given = false;  ///< false: the default calibration is assumed
@@ -120,8 +121,8 @@ struct SceneLayer {
   double stiffness_N_per_m = 0, stiffening_N_per_m2 = 0;  ///< a1, a2
   double puncture_N = 0, cutting_N = 0;                   ///< force at the puncture, and after it
   /// Fracture toughness; 0: the scene gives puncture_N. If the toughness is above 0, puncture_N is
-  /// computed from it for the scene's tool. If the scene does not give cutting_N either, cutting_N
-  /// is that part of puncture_N which tears the tissue.
+  /// computed from it for the scene's tool. Unless the scene gives cutting_N, cutting_N is then the
+  /// part of puncture_N that tears the tissue.
   double toughness_J_per_m2 = 0;
   bool cutting_is_given = false;  ///< the scene gives cutting_N
   double friction_N_per_m = 0;    ///< friction on the shaft for each metre of depth cut

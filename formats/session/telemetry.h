@@ -12,8 +12,8 @@
 //     gives up after a bounded number of attempts, so it does not wait forever if the writer was
 //     killed in the middle of a write.
 //  3. Events are numbered from 1. A reader gets each event, or the number of events that it lost.
-//  4. A reader validates everything that it uses. It can write only to one page, which holds the
-//     commands and the live hand. The memory is sealed, so neither side can shrink the memory.
+//  4. A reader validates everything that it uses. It can write only to one memory page, which holds
+//     the commands and the live hand. The memory is sealed, so neither side can shrink the memory.
 //     (A shrunk memory would kill the other side by SIGBUS.)
 //  5. The live hand is a simulated hand that a person moves: another process writes the pose that
 //     the hand shall have. In each tick the session tries once to read this pose. It gets a

@@ -51,7 +51,9 @@ Result<Peer> parse_peer(const std::string& text) {
     out.host = out.host.substr(1, out.host.size() - 2);
   const char *first = text.data() + colon + 1, *last = text.data() + text.size();
   const auto [end, error] = std::from_chars(first, last, out.port);
-  if (error != std::errc() || end != last || out.port < 1 || out.port > 65535) return wrong;
+  if (error == std::errc::invalid_argument || end != last) return wrong;
+  if (error != std::errc() || out.port < 1 || out.port > 65535)
+    return usage(text + ": the port must be within 1 and 65535");
   if (!is_ae_title(out.ae) || out.host.empty() || out.host.size() > 253 ||
       !std::all_of(out.host.begin(), out.host.end(),
                    [](char c) { return is_printable(c) && c != ' '; }))

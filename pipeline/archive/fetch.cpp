@@ -92,7 +92,8 @@ class Fetch {
         std::filesystem::path folder)
       : settings_(settings),
         stop_(stop),
-        name_(settings.archive.ae + "@" + settings.archive.host),
+        name_(settings.archive.ae + "@" + settings.archive.host + ":" +
+              std::to_string(settings.archive.port)),
         folder_(std::move(folder)),
         store_(
             folder_, settings.limits,

@@ -15,8 +15,8 @@
 
 namespace trocar::farm {
 
-/// A file or folder that a scan needs. Its role `of` is "input", or the name of the option that
-/// gives it, such as "hu" for --hu.
+/// A file or folder that a scan needs. `of` is its role: "input", or the name of the option that
+/// gives the file, such as "hu" for --hu.
 struct NamedFile {
   std::string of;
   std::filesystem::path path;

@@ -19,7 +19,7 @@ struct LabelsWithCt {
 
 /// Opens the label map `inputs` and the CT `ct`. options.axis applies to both, the other options
 /// only to the label map. If the label map is a DICOM segmentation, it gets all slices of the CT,
-/// because its file may leave out slices without labels (OpenOptions::segmented_ct). The CT's
+/// because its file may leave out slices without labels; see OpenOptions::segmented_ct. The CT's
 /// warnings are added to those of the label map. Nothing is resampled. Errors: those of
 /// open_stack(); kRefused if the CT's values are not HU, or if its grid differs from the label
 /// map's grid (same_grid.h).

@@ -58,7 +58,7 @@ void add_input_options(const Command& command, Arguments& a) {
               "mesh only the slices A to B, both included, counted from 0");
   group.value("--crop", a.crop, "X0:X1,Y0:Y1",
               "mesh only the columns X0 to X1 and rows Y0 to Y1, all included, counted from 0");
-  group.value("--series", a.series, "UID",
+  group.value("--series", a.series, "SERIES",
               "if INPUT holds several series: the one to mesh, by its UID, number or description");
   a.volume_option = group.number_if_given(
       "--volume", a.volume, "N", 0, 1'000'000'000,

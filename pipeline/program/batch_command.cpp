@@ -427,8 +427,8 @@ void add_batch_options(const Command& command, BatchArguments& a) {
       .excludes(explain);
   command
       .flag("--strict", a.strict,
-            "end with exit code 3 not only if a scan fails in this run, but also if a scan\n"
-            "failed in an earlier run and this run did not try it again")
+            "end with exit code 3 also if scans that failed in an earlier run were not tried\n"
+            "again in this run")
       .excludes(dry_run)
       .excludes(explain);
   command.option(

@@ -117,6 +117,11 @@ struct MeshCommandLine {
 
   MeshCommandLine() {
     line.set_help_column(34);
+    line.set_footer(
+        "trocar-mesh COMMAND --help describes a command and its options.\n"
+        "Exit codes: 0 done; 2 wrong usage; 3 input refused, or the port of receive cannot be "
+        "used;\n"
+        "4 output not written, or interrupted; 1 an internal error.");
     add_mesh_options(line, mesh);
     add_list_options(line.add_command("list", "list the scans in a folder"), list);
     add_preview_options(
@@ -139,11 +144,8 @@ struct MeshCommandLine {
         line.add_command("review",
                          "show all assets in a store (the folder of batch), or compare two stores"),
         review);
-    add_receive_options(
-        line.add_command("receive", "receive studies that an archive (PACS) sends by DICOM"),
-        receive);
-    add_fetch_options(line.add_command("fetch", "get a study from an archive (PACS) by DICOM"),
-                      fetch);
+    add_receive_options(line.add_command("receive", kReceiveHelp), receive);
+    add_fetch_options(line.add_command("fetch", kFetchHelp), fetch);
   }
 
   // `argv` are the arguments of main(), which a program of its own parses again.

@@ -13,8 +13,9 @@ namespace trocar::pipeline {
 struct VerifyArguments {
   std::vector<std::filesystem::path> assets;
   bool as_json = false;
-  bool with_cgal = false;     ///< also verifies every slice with CGAL
-  bool deidentified = false;  ///< also refuses texts that may identify the patient
+  bool with_cgal = false;  ///< also verifies every slice with CGAL
+  /// Also refuses texts that may identify the patient, and HU around the material (--context).
+  bool deidentified = false;
 };
 
 /// Declares the options. Parsing writes their values to `a`.

@@ -40,11 +40,11 @@ inline constexpr std::uint64_t kMaxDryRunTicks = 60'000;
 
 /// Result of a dry run for one sheet.
 struct SheetDryRun {
-  bool touched = false;    ///< the sheet was loaded or punctured
-  double touched_t_s = 0;  ///< time at which the sheet was first loaded or punctured
-  double loaded_t_s = 0;   ///< last time at which the sheet was loaded
-  /// Largest of these forces: the wanted force along z while the sheet was loaded, and the rendered
-  /// force on the tip in the tick before each puncture of the sheet.
+  bool touched = false;    ///< the sheet bore force or was punctured
+  double touched_t_s = 0;  ///< time at which the sheet first bore force or was punctured
+  double loaded_t_s = 0;   ///< last time at which the sheet bore force
+  /// The larger of two forces: the largest wanted force along z while the sheet bore force, and the
+  /// largest rendered force on the tip in a tick before a puncture of the sheet.
   double force_max_N = 0;
   double punctured_t_s = -1;  ///< time of the first puncture; -1: none
   bool missed = false;        ///< the tool passed the sheet with too little material under the tool

@@ -8,8 +8,8 @@
 //     device's own stop does so in `recovering`. Both replace the fault that was kept.
 //  2. When a fault ends `running`, torques are ramped down, beginning in the tick in which the
 //     fault is found: the last torques are multiplied by a factor that falls linearly to 0 in
-//     ramp_ticks() ticks. The factor is below 1 already in the first of these ticks. At 250 Hz
-//     and more the ramp takes at most kRampMax_s. At lower rates torques are zero immediately.
+//     ramp_ticks() ticks. The factor is below 1 already in the first of these ticks. The ramp takes
+//     at most kRampMax_s. Below 500 Hz, torques are zero in the tick that finds the fault.
 //     After kEnergyLimit torques are also zero immediately, because a ramp would continue to
 //     release energy to the hand.
 //  3. The state `recovering` changes to `ready` when, for the time `quiet_s`, there was no fault

@@ -8,9 +8,9 @@
 // together imply that the mesh is valid (formats/geometry/mesh_validity.h):
 //  1. Every new triangle is strictly counter-clockwise.
 //  2. Each edge of a new triangle becomes a boundary edge of the sheet, or exactly one other
-//     triangle has the same edge. The other triangle is new, or it is a kept triangle on the
-//     other side of the cavity's boundary. Each edge of a kept triangle is used by at most one
-//     new triangle. So at most two triangles share an edge. By statement 1 they have the edge in
+//     triangle has the same edge. The other triangle is new, or it is a kept triangle on the other
+//     side of the cavity's boundary. Each edge of a kept triangle is used by at most one new
+//     triangle. So at most two triangles share an edge. The proof checks that they have the edge in
 //     opposite directions, so no directed edge occurs twice. (In a valid mesh the triangles of each
 //     vertex also form one fan, in which each triangle shares an edge with the next. This is not
 //     proved here, because stitch() ensures it: it gives each fan a vertex of its own.)

@@ -28,7 +28,7 @@ bool inside(const JointLimit& limit, double angle) noexcept {
   return angle >= limit.min_rad && angle <= limit.max_rad;  // false for NaN
 }
 
-// Returns kOk if the pose that the iteration found is on the description's assembly branches, is near
+// Returns kOk if the pose that the iteration found is on the description's branches, is near
 // the last pose, and fits the angles.
 KinematicsStatus same_branch(const DeviceDescription& device, const MotorVector& motor_rad,
                              const Pose& T_last, const GaussNewtonOptions& options,
@@ -68,7 +68,7 @@ const char* to_string(KinematicsFailure failure) noexcept {
     case KinematicsFailure::kNotConverged:
       return "not converged";
     case KinematicsFailure::kOtherBranch:
-      return "on another assembly branch";
+      return "on another branch of a leg";
   }
   return "unknown";
 }

@@ -66,15 +66,15 @@ struct InverseResult {
   JointAngles joints;
 };
 
-/// Computes all 24 joint angles of a pose, in closed form, on the assembly branches that the
+/// Computes all 24 joint angles of a pose, in closed form, on the branches (LegBranch) that the
 /// description specifies. Joint limits are not checked; see check_joint_limits(). A failure names
 /// the first leg and joint without a solution.
 InverseResult inverse_kinematics(const DeviceDescription& device,
                                  const Pose& T_device_plate) noexcept;
 
-/// The assembly branch of a leg. A leg has up to four shapes with the same pose of the plate,
-/// because the formulas for th1 and for th4 contain +acos or -acos. `theta1` and `theta4` are these
-/// two signs, +1 or -1. DeviceGeometry contains the signs of the real device.
+/// The branch of a leg (its working mode). A leg has up to four shapes with the same pose of the
+/// plate, because the formulas for th1 and for th4 contain +acos or -acos. `theta1` and `theta4`
+/// are these two signs, +1 or -1. DeviceGeometry contains the signs of the real device.
 struct LegBranch {
   int theta1 = 1, theta4 = 1;
   friend bool operator==(const LegBranch&, const LegBranch&) = default;
@@ -94,9 +94,10 @@ struct ForwardResult {
 
 /// Computes the pose from th1, th2 and th3 of every leg (th4 is not used). The angles of leg m
 /// determine the position C_m of its ball joint at the plate. The result is the pose at which the
-/// plate's four ball joints fit the points C_m best (least squares, Kabsch). This pose has a closed
-/// form, because the ball joints form a square on the plate. residual_m is the root mean square
-/// distance between the points C_m and the plate's ball joints; it is zero if the encoders agree.
+/// plate's four ball joints fit the points C_m best (least squares, Kabsch). Because the ball
+/// joints form a square on the plate, this needs no decomposition of a 3 x 3 matrix. residual_m is
+/// the root mean square distance between the points C_m and the plate's ball joints; it is zero if
+/// the encoders agree.
 ForwardResult forward_kinematics(const DeviceDescription& device,
                                  const std::array<double, kEncoders>& encoder_rad) noexcept;
 
@@ -106,9 +107,9 @@ struct GaussNewtonOptions {
   double step_m = 1e-12;
   /// If the plate moved more than travel_max_m since the last pose, or if residual_m exceeds
   /// residual_max_m, the result is kOtherBranch. In tests with the defaults, every wrong pose was
-  /// rejected, even if the iteration started up to 100 mm and 60 deg from the true pose, where a
-  /// wrong pose may be near (tests/runtime/mechanism/kinematics_test.cpp). To allow larger motions,
-  /// increase travel_max_m.
+  /// rejected, also if the iteration started up to 100 mm and 60 deg from the true pose. From there
+  /// the iteration can reach a wrong pose (tests/runtime/mechanism/kinematics_test.cpp). To allow
+  /// larger motions, increase travel_max_m.
   double travel_max_m = 0.01;  ///< largest plate motion since the last pose; 1 rad counts as 0.05 m
   double residual_max_m = 3e-4;  ///< largest ForwardResult::residual_m
 };

@@ -103,12 +103,12 @@ struct LegStatus {
   explicit operator bool() const noexcept { return failure == KinematicsFailure::kOk; }
 };
 
-/// Computes theta1..theta6 for the ball joint at C (in the leg's frame) on the assembly branch
+/// Computes theta1..theta6 for the ball joint at C (in the leg's frame) on the branch
 /// `branch`. Each angle is within half a turn of the middle of its limits.
 LegStatus inverse(const DeviceDescription& device, const Eigen::Vector3d& C, LegBranch branch,
                   std::array<double, kJointsPerLeg>& theta) noexcept;
 
-/// Finds the assembly branch of each chain: the branch for which inverse() computes the given th1
+/// Finds the branch of each chain: the branch for which inverse() computes the given th1
 /// and th4 from C. If a chain is stretched or folded, its two branches coincide, and the function
 /// returns 0 for this chain.
 LegBranch branch_of(const DeviceGeometry& g, const Eigen::Vector3d& C, double th1,

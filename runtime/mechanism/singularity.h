@@ -4,7 +4,7 @@
 //  - Loss of stiffness: the motors cannot resist some motion of the plate. The smallest singular
 //    value of the Jacobian goes to 0.
 //  - Limit of a leg's workspace: one of the leg's two chains (kinematics.h) is stretched or folded.
-//    The chain's two assembly branches then coincide, and its motor's row of the Jacobian grows
+//    The chain's two branches then coincide, and its motor's row of the Jacobian grows
 //    without bound. The distance from this limit is measured in metres.
 #pragma once
 

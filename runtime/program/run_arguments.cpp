@@ -313,8 +313,8 @@ void declare_run_options(CommandLine& line, RunArguments& a) {
       "--simulated", a.simulated,
       "say that the device of --device has no motors, because it is only simulated. Then late\n"
       "ticks (missed deadlines) are no fault, and with udp and pose, data may be missing for\n"
-      "250 ms instead of 10 ms. If --late-ticks-in-row is above 0, neither holds: late ticks\n"
-      "are a fault, and data may be missing for only 10 ms.\n"
+      "250 ms instead of 10 ms. With --late-ticks-in-row above 0, late ticks are a fault all the\n"
+      "same, and data may be missing for 10 ms only.\n"
       "Without --simulated, every device but inproc is assumed to have motors. Contact with such\n"
       "a device can become unstable, so that it vibrates, if the mass or the stiffness in its\n"
       "description is too high. As a margin, Trocar therefore halves these limits on the\n"
@@ -344,7 +344,7 @@ void declare_run_options(CommandLine& line, RunArguments& a) {
       "Exit codes: 0 done; 2 wrong usage; 3 input refused, or torques of --replay differ, or\n"
       "a warning with --check --strict, or interrupted before there was a result; 4 output not\n"
       "written; 5 device failed, or a fault ended the session, or --test found trouble;\n"
-      "1 internal error. Ctrl-C ends a session with zero torques and complete files.");
+      "1 an internal error. Ctrl-C ends a session with zero torques and complete files.");
 }
 
 Result<void> check_run_arguments(const RunArguments& a) {

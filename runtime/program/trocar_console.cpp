@@ -54,8 +54,8 @@ void declare(CommandLine& line, Arguments& arguments) {
               "http://HOST:PORT or https://HOST. The printed links begin with this address");
   line.option(
       "--attach", arguments.attach,
-      "show and command the session that a running trocar-run names by --live; the value is the\n"
-      "file given there. Start no sessions");
+      "show and command a running session: the file that its trocar-run got with --live. The\n"
+      "console then starts no sessions");
   line.option(
           "--device", arguments.devices,
           "a device that can be chosen on the page for a session. Repeat the option for several;\n"
@@ -92,11 +92,11 @@ void declare(CommandLine& line, Arguments& arguments) {
   line.option("--scene", arguments.scene, "with --recording: the scene in which it was recorded");
   line.set_footer(
       "Prints two links. With the first link, the operator commands the device. With the second\n"
-      "link, an audience watches; the audience can press only the emergency stop. Ctrl-C also\n"
-      "ends the sessions that the console has started. If the console is killed, its sessions\n"
+      "link, an audience watches; the audience can press only the emergency stop. Ctrl-C ends\n"
+      "the console and the sessions that it has started. If the console is killed, its sessions\n"
       "go on; a new console for the same folder finds them.\n"
-      "Exit codes: 0 done; 2 wrong usage; 3 input refused; 4 the address is not available; 1 a "
-      "bug.");
+      "Exit codes: 0 done; 2 wrong usage; 3 input refused; 4 the address is not available; 1 an "
+      "internal error.");
 }
 
 Result<void> check_arguments(const Arguments& a) {

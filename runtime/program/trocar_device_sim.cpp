@@ -100,8 +100,9 @@ void declare(CommandLine& line, Arguments& a) {
           "--sessions", a.sessions,
           "end after this many sessions of trocar-run; 0: run until stopped. With --clock\n"
           "lock-step also end 10 s after the last packet of a trocar-run that has died on this\n"
-          "computer. On another computer, or in a container, it cannot be told from a paused one\n"
-          "(default: 0)")
+          "computer. A dead trocar-run on another computer, or in a container, looks like a "
+          "paused\n"
+          "one, so then the program does not end (default: 0)")
       .checked_by(not_negative);
   line.option(
       "--device-description", a.description,
@@ -116,7 +117,7 @@ void declare(CommandLine& line, Arguments& a) {
   line.flag("--quiet", a.quiet, "print errors and the address only");
   line.set_footer(
       "Exit codes: 0 done or stopped by Ctrl-C; 2 wrong usage; 3 input refused; 4 a file could\n"
-      "not be written, or the address is not available; 1 a bug.\n"
+      "not be written, or the address is not available; 1 an internal error.\n"
       "The page formats/session/device_link.md describes the protocol.");
 }
 

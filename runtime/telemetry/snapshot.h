@@ -24,7 +24,8 @@ namespace trocar::runtime {
 /// begin with 0 at the start of the session.
 struct TelemetryTick {
   RecordingRow row;
-  /// Start of the tick or, in a pause, of the loop's latest period, on CLOCK_MONOTONIC.
+  /// Start of the tick, on CLOCK_MONOTONIC. In a pause there are no ticks; then it is the time at
+  /// which the loop last woke.
   std::int64_t taken_ns = 0;
   DeviceReadout readout;
   std::int32_t active_sheet = -1;  ///< index of a sheet (ContactOutput::active_sheet); -1: none

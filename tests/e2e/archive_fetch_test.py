@@ -65,7 +65,7 @@ def test_fetch(programs, place):
         (place / "file").write_text("")
         assert fetch(programs, place / "file", uid, archive.port, expect=4).stderr.count("\n") == 1
     gone = fetch(programs, place / "none", uid, archive.port, expect=3)
-    assert gone.stderr.count("\n") == 1 and "no association" in gone.stderr
+    assert gone.stderr.count("\n") == 1 and f"127.0.0.1:{archive.port}: no association" in gone.stderr
     assert not (place / "none").exists()
 
 

@@ -26,7 +26,10 @@ void add_archive_options(const Command& command, ArchiveArguments& a) {
       .within(1, 65'536)
       .in_group("Limits");
   command
-      .option("--max-instances", a.limits.study_instances, "largest number of instances in a study")
+      .option(
+          "--max-instances", a.limits.study_instances,
+          "largest number of instances in a study (fetch: also counts those of other kinds that\n"
+          "the archive sends)")
       .with_default_shown()
       .within(1, 10'000'000)
       .in_group("Limits");
@@ -44,7 +47,8 @@ void add_archive_options(const Command& command, ArchiveArguments& a) {
       .in_group("Limits");
   command
       .option("--dimse-timeout", a.limits.dimse_timeout_s,
-              "longest time for receiving one instance, s")
+              "longest time for receiving one instance, s (fetch: from the end of one instance to\n"
+              "the end of the next)")
       .with_default_shown()
       .within(1, 86'400)
       .in_group("Limits");
@@ -84,7 +88,7 @@ void add_receive_options(const Command& command, ReceiveArguments& a) {
       .within(0.0, 86'400.0);
   command
       .option("--keep", a.keep_hours,
-              "remove studies to which no image was added for this many hours; 0: never")
+              "remove studies to which no instance was added for this many hours; 0: never")
       .with_default_shown()
       .within(0.0, 1e6);
   command

@@ -38,6 +38,10 @@ struct FetchArguments {
   ArchiveArguments archive;
 };
 
+/// What the help says of the two commands.
+inline constexpr const char* kReceiveHelp = "receive studies that an archive (PACS) sends by DICOM";
+inline constexpr const char* kFetchHelp = "get a study from an archive (PACS) by DICOM";
+
 /// Declares the options of `trocar-mesh receive`. Parsing writes their values to `a`.
 void add_receive_options(const Command& command, ReceiveArguments& a);
 

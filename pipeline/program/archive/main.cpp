@@ -22,8 +22,8 @@ int run(int argc, char** argv) {
   line.require_command();
   ReceiveArguments received;
   FetchArguments fetched;
-  add_receive_options(line.add_command("receive", ""), received);
-  add_fetch_options(line.add_command("fetch", ""), fetched);
+  add_receive_options(line.add_command("receive", kReceiveHelp), received);
+  add_fetch_options(line.add_command("fetch", kFetchHelp), fetched);
   if (const auto done = line.parse_or_end({argv, argv + argc})) return *done;
   // Lack of memory is caused by the input and is not a bug.
   try {

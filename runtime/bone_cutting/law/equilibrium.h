@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Finds the equilibrium of a tick by Newton's method. The proxy moves to the pose at which the
-// potential is smallest. The potential is the sum of the energies of all elements, such as
-// coupling, friction and walls (potential.h). The cutting front moves down to the first depth at
+// Finds the equilibrium of a tick by Newton's method. The proxy moves to a minimum of the potential
+// for the present cutting front. The potential is the sum of the energies of all elements, such as
+// coupling, friction and walls (potential.h). The front then moves down to the first depth at
 // which the tip's force does not exceed the strength of the bone; the front is then in equilibrium.
 // No step raises the potential.
 // Tests: tests/runtime/bone_cutting/law/cutting_energy_test.cpp

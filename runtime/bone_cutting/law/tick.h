@@ -20,17 +20,18 @@ struct Tick {
   std::span<const SoftLayer> layers;  ///< soft tissue over the bone; SoftLayerState in `state`
 
   /// The proxy's pose at the start of the tick. The proxy's displacement in the tick is measured
-  /// from this pose. `axis` and `tip` are the tool's axis and tip at this pose, in {B}. `down` is
-  /// the downward component of `axis`, and `back` is the inverse of the pose's rotation.
+  /// from this pose. `axis` is the unit vector along the tool towards its tip, and `tip` is the
+  /// tip, both at this pose and in {B}. `down` is the downward component of `axis`, and `back` is
+  /// the inverse of the pose's rotation.
   Pose start{};
   Eigen::Quaterniond back = Eigen::Quaterniond::Identity();
   Eigen::Vector3d axis = -Eigen::Vector3d::UnitZ(), tip = Eigen::Vector3d::Zero();
   double down = 1;
-  /// Direction in which the tip presses on the front; its component along the axis is 1. If the tip
-  /// moves by the vector d, the stretch of the tip's spring (CuttingState::stretch_m) grows by the
-  /// dot product of `press` and d. Inside bone `press` is the axis, or for a bevelled tip the sum
-  /// of the axis and CuttingTool::bevel_plate. On a surface `press` is parallel to the inward
-  /// normal, up to the slope kMaxSlope (tilt_of_surface()).
+  /// Vector along which the tip presses on the front, with a component of 1 along the axis. If the
+  /// tip moves by the vector d, the stretch of the tip's spring (CuttingState::stretch_m) grows by
+  /// the dot product of `press` and d. Inside bone `press` is the axis, or for a bevelled tip the
+  /// sum of the axis and CuttingTool::bevel_plate, turned into {B}. On a surface `press` is
+  /// parallel to the inward normal, up to the slope kMaxSlope (tilt_of_surface()).
   Eigen::Vector3d press = axis;
   /// The tip's friction acts perpendicular to this vector. On a surface the vector is `press`, and
   /// inside bone it is the axis.

@@ -76,7 +76,7 @@ TEST(CommandLine, ReportsWrongUsageInOneLineWithTheNearestOption) {
       parse({"--treshold=3"}).err,
       "program: not expected: --treshold=3, did you mean --threshold? (see program --help)\n");
   EXPECT_EQ(parse({"info", "--jsom"}).err,
-            "program: not expected: --jsom, did you mean --json? (see program --help)\n");
+            "program: not expected: --jsom, did you mean --json? (see program info --help)\n");
   EXPECT_EQ(parse({"--threshold", ""}).err, "program: --threshold: its value is empty\n");
   EXPECT_EQ(parse({"--threshold="}).err, "program: --threshold: its value is empty\n");
   EXPECT_EQ(parse({""}).err, "program: an argument is empty\n");

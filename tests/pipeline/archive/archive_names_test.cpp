@@ -41,6 +41,9 @@ TEST(ArchiveNames, PeerHasTitleHostAndPort) {
   for (const char* bad :
        {"", "A", "A@b", "@b:1", "A@:1", "A@b:", "A@b:0", "A@b:65536", "A@b:1x", "A:1@b", "A@b c:1"})
     EXPECT_FALSE(parse_peer(bad)) << bad;
+  for (const char* port : {"A@b:0", "A@b:65536", "A@b:99999999999"})
+    EXPECT_EQ(parse_peer(port).error().message,
+              std::string(port) + ": the port must be within 1 and 65535");
 }
 
 }  // namespace
