@@ -36,8 +36,8 @@ using OptionVariable =
 inline constexpr const char* kDiagnostics = "Diagnostics";
 
 /// An option of a Command. Copies stand for the same option. They must not be used after the
-/// CommandLine has been destroyed. Its functions return the option itself, so that calls can be
-/// chained.
+/// CommandLine has been destroyed. The functions that change an option return it, so that calls can
+/// be chained.
 class Option {
  public:
   Option() = default;  ///< no option; only is_given() may be called

@@ -26,7 +26,7 @@ inline constexpr const char* kOriginDevice = "device";  ///< a digest, "built-in
 inline constexpr const char* kOriginDeviceKind = "device-kind";
 inline constexpr const char* kPoseDeviceKind = "pose";
 /// Key of an entry that only recordings with the operator's X-ray have. The value "counted" means
-/// that the rows have the column `xray`, from which shots and screening time are computed.
+/// that the rows have the column `xray`, from which pictures and screening time are counted.
 inline constexpr const char* kOriginXray = "xray";
 
 struct RecordingOrigin {

@@ -86,14 +86,18 @@ std::string hexadecimal(unsigned status) {
   return text;
 }
 
+// How messages call the archive.
+std::string name_of(const Peer& archive) {
+  return archive.ae + "@" + archive.host + ":" + std::to_string(archive.port);
+}
+
 class Fetch {
  public:
   Fetch(const FetchSettings& settings, const std::atomic<bool>& stop, StudyFolders& folders,
         std::filesystem::path folder)
       : settings_(settings),
         stop_(stop),
-        name_(settings.archive.ae + "@" + settings.archive.host + ":" +
-              std::to_string(settings.archive.port)),
+        name_(name_of(settings.archive)),
         folder_(std::move(folder)),
         store_(
             folder_, settings.limits,
@@ -342,8 +346,7 @@ Result<FetchedStudy> fetch_study(const FetchSettings& settings, const std::atomi
     out.left_out = fetch.left_out();
     std::error_code ignored;
     if (!std::filesystem::exists(*folder / settings.study, ignored))
-      return refused(settings.archive.ae + "@" + settings.archive.host +
-                     ": it has no images of study " + settings.study +
+      return refused(name_of(settings.archive) + ": it has no images of study " + settings.study +
                      (out.left_out > 0 ? " that trocar-mesh can read" : ""));
     return folders->publish(*folder / settings.study, settings.study);
   }();

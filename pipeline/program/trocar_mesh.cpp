@@ -117,11 +117,6 @@ struct MeshCommandLine {
 
   MeshCommandLine() {
     line.set_help_column(34);
-    line.set_footer(
-        "trocar-mesh COMMAND --help describes a command and its options.\n"
-        "Exit codes: 0 done; 2 wrong usage; 3 input refused, or the port of receive cannot be "
-        "used;\n"
-        "4 output not written, or interrupted; 1 an internal error.");
     add_mesh_options(line, mesh);
     add_list_options(line.add_command("list", "list the scans in a folder"), list);
     add_preview_options(
@@ -146,6 +141,13 @@ struct MeshCommandLine {
         review);
     add_receive_options(line.add_command("receive", kReceiveHelp), receive);
     add_fetch_options(line.add_command("fetch", kFetchHelp), fetch);
+    // A command takes the footer that is set when it is added. This one is for the program alone.
+    line.set_footer(
+        "trocar-mesh COMMAND --help describes a command and its options.\n"
+        "Exit codes: 0 done; 2 wrong usage; 3 input refused, a scan of batch failed, or the port "
+        "of\n"
+        "receive cannot be used; 4 output not written, or interrupted (receive then ends with 0);\n"
+        "1 an internal error.");
   }
 
   // `argv` are the arguments of main(), which a program of its own parses again.

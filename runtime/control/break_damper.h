@@ -9,7 +9,8 @@
 //  1. The damper's force acts at the tip along the shaft, outwards, and only while the measured
 //     velocity of the tip points inwards. The velocity is a mean over the interval that `previous`
 //     gives. While the tip moves inwards, the force takes energy from the plate. Only if the tip
-//     turns back can the force give energy to the plate, at most for the length of the interval.
+//     turns back can the force give energy to the plate, at most for the length of the interval and
+//     until the next new pose.
 //  2. Right after a break the damping coefficient is the lost force divided by
 //     kBreakSpeed_m_per_s. At the time t after the break this value is multiplied by
 //     1 - (t / kBreakDamping_s)^2, so it is 0 after kBreakDamping_s. A later break starts this

@@ -32,9 +32,9 @@ struct History {
 /// kMaxHistoryDepth levels. Files in deeper subfolders are ignored. Links are not followed. If a
 /// folder directly contains a session report, the summaries in this folder are ignored, because
 /// they are assumed to be of the same session. The time of a session is the time at which its file
-/// was last changed. A subfolder that the user may not read is left out. Errors: kRefused if
-/// `folder`, or for another reason one of its subfolders, cannot be read (the message names the
-/// entry at which reading ended), or if more than kMaxHistoryFiles names end in .json.
+/// was last changed. A subfolder that the user may not read is left out. Errors: kRefused if a
+/// folder cannot be read for another reason (the message names the entry at which reading ended),
+/// or if more than kMaxHistoryFiles names end in .json.
 Result<History> read_history(const std::filesystem::path& folder);
 
 /// Returns a table of the sessions: history_text() for a terminal, history_csv() as CSV. Each

@@ -28,8 +28,8 @@ void add_archive_options(const Command& command, ArchiveArguments& a) {
   command
       .option(
           "--max-instances", a.limits.study_instances,
-          "largest number of instances in a study (fetch: also counts those of other kinds that\n"
-          "the archive sends)")
+          "largest number of instances in a study (fetch: counts every instance that the archive\n"
+          "sends, also those of other kinds and repeated ones)")
       .with_default_shown()
       .within(1, 10'000'000)
       .in_group("Limits");

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Computes the mechanics of one tool in one bone volume, tick by tick. In each tick a massless
-// proxy of the tool moves to the minimum of a potential. The potential is the sum of the energies
+// proxy of the tool moves to a minimum of a potential. The potential is the sum of the energies
 // of these elements:
 //  - the coupling, a spring between the proxy and the plate
 //  - the tip's spring against the cutting front (the depth down to which bone has been cut)

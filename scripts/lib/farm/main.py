@@ -64,7 +64,7 @@ examples:
 COLLECTION, STORE and the program must have the same paths on every node. During a run, the folder
 STORE.farm beside the store holds the state of the run. A known failure is a scan that failed in an earlier run and has not changed since.
 exit codes: 0 done, apart from known failures; 2 wrong usage; 3 a scan failed or could not be finished; 4 interrupted, not writable, or the
-cluster did not answer (give the command again); 1 a bug.""")
+cluster did not answer (give the command again); 1 an internal error.""")
     parser.add_argument("collection", nargs="?", metavar="COLLECTION.json", help="the collection: a file with scans and their parameters, as for trocar-mesh batch")
     parser.add_argument("-o", dest="store", metavar="STORE", help="the store: the folder that keeps all results")
     parser.add_argument("--local-cluster", type=number(int, 1, NODES_MAX), metavar="N", dest="local",
