@@ -60,8 +60,8 @@ struct BoneByHu {
 
 /// Resistance of a tissue to a tool that cuts through it (force law `cutting`).
 struct CutTissue {
-  /// Strength of the material. The cutting force per area of the tool's outline is this value times
-  /// pressure_over_yield.
+  /// Strength of the material. The cutting force divided by the area inside the tool's outline is
+  /// this value times pressure_over_yield.
   std::optional<double> strength_MPa;
   std::optional<BoneByHu> bone;  ///< strength from HU, if strength_MPa is absent
   double tearing_N_per_m = 0;    ///< additional force per length of the outline
@@ -84,7 +84,7 @@ struct CutTissue {
 struct Tissue {
   double stiffness_N_per_m = 5000;
   /// The sheet is punctured in the tick in which the force would exceed threshold_N times the
-  /// tool's coverage, which is the fraction of the tool's outline that lies over material.
+  /// tool's coverage, which is the fraction of the tool's cross-section that lies over material.
   double threshold_N = 35;
   /// The damping b in the force K dx + b dx'. The force is never below 0. K is the stiffness, dx
   /// the penetration and dx' the rate of the penetration.
@@ -121,8 +121,8 @@ struct SceneLayer {
   double stiffness_N_per_m = 0, stiffening_N_per_m2 = 0;  ///< a1, a2
   double puncture_N = 0, cutting_N = 0;                   ///< force at the puncture, and after it
   /// Fracture toughness; 0: the scene gives puncture_N. If the toughness is above 0, puncture_N is
-  /// computed from it for the scene's tool. Unless the scene gives cutting_N, cutting_N is then the
-  /// part of puncture_N that tears the tissue.
+  /// computed from it for the scene's tool. If the scene then does not give cutting_N, cutting_N
+  /// becomes the part of puncture_N that tears the tissue.
   double toughness_J_per_m2 = 0;
   bool cutting_is_given = false;  ///< the scene gives cutting_N
   double friction_N_per_m = 0;    ///< friction on the shaft for each metre of depth cut
@@ -209,7 +209,7 @@ struct SceneTool {
   /// Kind of tip (force law `cutting`), one of the names in
   /// runtime/bone_cutting/material/tool_in_tissue.h; empty: flat.
   std::string kind;
-  double half_angle_deg = 30;  ///< angle between axis and faces of a tip that is not flat
+  double half_angle_deg = 30;  ///< angle between axis and faces of the tip; jamshidi: 90 (flat)
   double inner_radius_m = 0;   ///< radius of the bore of a hollow tool
   int sides = 6;
   double radius_m = 0.003;  ///< radius of the circumscribed circle

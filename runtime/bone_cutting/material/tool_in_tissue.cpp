@@ -62,6 +62,8 @@ std::optional<std::string_view> error_of(const ToolShape& tool) noexcept {
   // Below 3 degrees the tip is a needle's length of its own.
   if (!(tool.half_angle_rad >= kPi / 60 - 1e-9 && tool.half_angle_rad <= kPi / 2 + 1e-9))
     return "the tip's half angle must be within 3 and 90 degrees";
+  if (tool.kind == ToolKind::kJamshidi && tool.half_angle_rad < kPi / 2 - 1e-9)
+    return "a jamshidi's edge is flat, so its half angle must be 90 degrees";
   return std::nullopt;
 }
 

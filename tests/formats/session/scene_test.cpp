@@ -262,6 +262,17 @@ TEST(Scene, EverySolverHasItsParameter) {
   EXPECT_FALSE(parse(scene));
 }
 
+TEST(Scene, TheEdgeOfAJamshidiIsFlatUnlessTheSceneSaysOtherwise) {
+  json scene = smallest();
+  scene["tool"] = {{"kind", "jamshidi"}, {"radius_m", 2e-3}, {"inner_radius_m", 1e-3}};
+  ASSERT_TRUE(parse(scene));
+  EXPECT_EQ(parse(scene)->tool.half_angle_deg, 90);
+  scene["tool"]["half_angle_deg"] = 30;  // tool_shape() refuses it
+  EXPECT_EQ(parse(scene)->tool.half_angle_deg, 30);
+  scene["tool"] = {{"kind", "trocar"}, {"radius_m", 2e-3}};
+  EXPECT_EQ(parse(scene)->tool.half_angle_deg, 30);
+}
+
 TEST(Scene, AToolMayBeAnySimplePolygon) {
   json scene = smallest();
   const json arrow = {{0.004, 0}, {-0.003, 0.003}, {-0.001, 0}, {-0.003, -0.003}};

@@ -26,8 +26,10 @@ TEST(Membrane, AFlatOrHollowTipStampsItsOutline) {
   ToolShape flat{
       .outer_radius_m = 1e-3, .inner_radius_m = 0, .half_angle_rad = std::acos(-1.0) / 2};
   EXPECT_NEAR(membrane_break_N(1000, 1e-4, flat), 1000 * 2 * std::acos(-1.0) * 1e-3 / 0.61, 1e-9);
-  const ToolShape hollow{
-      .kind = ToolKind::kJamshidi, .outer_radius_m = 2e-3, .inner_radius_m = 1e-3};
+  const ToolShape hollow{.kind = ToolKind::kJamshidi,
+                         .outer_radius_m = 2e-3,
+                         .inner_radius_m = 1e-3,
+                         .half_angle_rad = std::acos(-1.0) / 2};
   EXPECT_NEAR(membrane_break_N(1000, 1e-4, hollow), 1000 * 2 * std::acos(-1.0) * 3e-3 / 0.61, 1e-9);
 }
 

@@ -66,7 +66,7 @@ TEST(ToolInTissue, StrengthIsInProportionToTheShare) {
 // 8 G with a bore of 3.2 mm: pi (2.0955^2 - 1.6^2) = 5.75263 mm^2, 2 pi (2.0955 + 1.6) = 23.21951
 // mm.
 TEST(ToolInTissue, AHollowToolStampsARing) {
-  ToolShape s = tool(ToolKind::kJamshidi, *gauge_radius_m(8));
+  ToolShape s = tool(ToolKind::kJamshidi, *gauge_radius_m(8), kFlat);
   s.inner_radius_m = 1.6e-3;
   EXPECT_NEAR(displaced_area_m2(s), 5.75263e-6, 1e-10);
   EXPECT_NEAR(torn_length_m(s), 23.21951e-3, 1e-8);
@@ -162,10 +162,13 @@ TEST(ToolInTissue, TwistLowersTheTearing) {
 TEST(ToolInTissue, WhatCannotBeIsNamed) {
   EXPECT_FALSE(error_of(ToolShape{}).has_value());
   EXPECT_FALSE(error_of(bone()).has_value());
-  ToolShape s = tool(ToolKind::kJamshidi, 1e-3);
+  ToolShape s = tool(ToolKind::kJamshidi, 1e-3, kFlat);
   EXPECT_TRUE(error_of(s).has_value());  // not hollow
   s.inner_radius_m = 0.8e-3;
   EXPECT_FALSE(error_of(s).has_value());
+  s.half_angle_rad = 0.5;  // not flat
+  EXPECT_TRUE(error_of(s).has_value());
+  s.half_angle_rad = kFlat;
   s.inner_radius_m = 1e-3;
   EXPECT_TRUE(error_of(s).has_value());
   EXPECT_TRUE(error_of(tool(ToolKind::kTrocar, -1e-3)).has_value());
