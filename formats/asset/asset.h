@@ -42,7 +42,7 @@ inline constexpr std::int64_t kMaxAssetSpan = (1 << 23) - 1;
 /// index and plane.
 struct AssetSlice {
   int index = 0;    ///< number of the slice in the scan; ascends along the slice normal
-  double z_mm = 0;  ///< LPS position of the plane's origin, measured along the first slice's normal
+  double z_mm = 0;  ///< height of the plane's origin along the first slice's normal (LPS)
   /// Maps the slice plane (u along a row, v along a column, origin at the centre of the first
   /// pixel, mm) to the patient (DICOM LPS, mm). Column 2 is the normal u x v.
   Eigen::Affine3d T_lps_plane = Eigen::Affine3d::Identity();

@@ -11,8 +11,9 @@
 #define TINYGLTF_NO_INCLUDE_STB_IMAGE
 #define TINYGLTF_NO_INCLUDE_STB_IMAGE_WRITE
 #define TINYGLTF_NO_EXTERNAL_IMAGE
-// This must stand before tiny_gltf.h, which gives hidden visibility to all that it includes with
-// json.hpp, such as close().
+// json.hpp must be included before tiny_gltf.h. Otherwise tiny_gltf.h includes it with hidden
+// visibility. The system headers that json.hpp includes would then get hidden visibility, too, and
+// so would functions of the C library such as close().
 #include <nlohmann/json.hpp>
 
 #include <tiny_gltf.h>

@@ -52,9 +52,9 @@ Result<RecordingOrigin> parse_origin(std::string_view text);
 
 /// Describes the differences between the origin of a recording and that of a run, such as "the
 /// scene (0123456789ab..., here cdef01234567...), passivity (on, here off)". Empty if there are no
-/// differences. The program's version is not compared. A key that only the run has is a difference
-/// if both name the same version. Otherwise it is ignored, because an older version may have
-/// written the recording.
+/// differences. The program's version is not compared. If the run has a key that the recording does
+/// not have, this is a difference only if recording and run name the same version of the program.
+/// With different versions it is ignored, because an older program may not have known the key.
 std::string differences(const RecordingOrigin& recorded, const RecordingOrigin& run);
 
 }  // namespace trocar

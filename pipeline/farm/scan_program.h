@@ -59,14 +59,14 @@ class ScanProgram {
   /// Checks parameters as a collection gives them: names of options with their values. Errors:
   /// kUsage if the parameters are wrong; kRefused if a file that they name cannot be used.
   virtual Result<Parameters> parameters(const nlohmann::json& given) const = 0;
-  /// Must the scan be opened before its key (action_key.h) can be computed? True if only opening
-  /// shows which files of a folder belong to the scan, or whether the parameters suit the scan.
+  /// Must the scan be opened before its key (action_key.h) can be computed? True if it must be
+  /// opened to find out which files of a folder belong to it, or whether the parameters suit it.
   virtual bool opens_first(const std::vector<std::filesystem::path>& inputs,
                            const Parameters& parameters) const = 0;
-  /// Opens a scan. `given` are parameters as in parameters(). `inputs` are files, or one folder;
-  /// messages name them as they are given here. `series` selects a DICOM series in the folder;
-  /// empty: the default choice. Meshing uses `threads` threads. Errors: those of parameters() and
-  /// of reading the scan; kUsage if the scan needs other parameters.
+  /// Opens a scan. `given` are parameters as in parameters(). `inputs` are files, or one folder.
+  /// Messages print these paths exactly as they are given here. `series` selects a DICOM series in
+  /// the folder; empty: the default choice. Meshing uses `threads` threads. Errors: those of
+  /// parameters() and of reading the scan; kUsage if the scan needs other parameters.
   virtual Result<std::unique_ptr<OpenedScan>> open(const nlohmann::json& given,
                                                    const std::vector<std::filesystem::path>& inputs,
                                                    const std::string& series,

@@ -18,11 +18,11 @@ struct LabelsWithCt {
 };
 
 /// Opens the label map `inputs` and the CT `ct`. options.axis applies to both, the other options
-/// only to the label map. If the label map is a DICOM segmentation, it gets all slices of the CT,
-/// because its file may leave out slices without labels; see OpenOptions::segmented_ct. The CT's
-/// warnings are added to those of the label map. Nothing is resampled. Errors: those of
-/// open_stack(); kRefused if the CT's values are not HU, or if its grid differs from the label
-/// map's grid (same_grid.h).
+/// only to the label map. The file of a DICOM segmentation may leave out slices without labels;
+/// they are added as empty slices, so that it has as many slices as the CT
+/// (OpenOptions::segmented_ct). The CT's warnings are added to those of the label map. Nothing is
+/// resampled. Errors: those of open_stack(); kRefused if the CT's values are not HU, or if its grid
+/// differs from the label map's grid (same_grid.h).
 Result<LabelsWithCt> open_labels_with_ct(const std::vector<std::filesystem::path>& inputs,
                                          const std::filesystem::path& ct,
                                          const OpenOptions& options);

@@ -85,7 +85,9 @@ void add_material_options(const Command& command, Arguments& a) {
       "--preset", a.preset, std::move(names),
       "use the options that suit this material; --explain prints them. (paper: for images, the\n"
       "method of the publication that Trocar follows)");
-  group.flag("--explain", a.explain, "print the options of --preset, or of all presets");
+  group.flag("--explain", a.explain,
+             "print which options the preset of --preset sets or, without --preset, what each "
+             "preset sets");
   a.threshold_option =
       group.number("--threshold", a.threshold, "HU", -1e6, 1e6,
                    "lowest HU that counts as material (226: dense bone, 180: bone of low\n"
@@ -128,7 +130,7 @@ void add_solid_options(const Command& command, Arguments& a) {
       "mm^2; all: no limit");
   group.number(
       "--close", a.close_mm, "MM", 0.0, 100.0,
-      "with --fill: treat a gap in the bone as closed if its width is at most 2 times MM (mm).\n"
+      "with --fill: treat gaps in the bone as closed that are at most twice MM wide (3: 6 mm).\n"
       "A region that is open only at such gaps then counts as enclosed and is filled, too");
   group.number(
       "--min-volume", a.min_volume_mm3, "MM3", 0.0, 1e12,
@@ -145,12 +147,13 @@ void add_solid_options(const Command& command, Arguments& a) {
   group.number("--largest", a.largest, "N", 0, 1'000'000,
                "keep only the N largest connected components; 0: keep all");
   group
-      .value(
-          "--seed", a.seeds, "X,Y,Z",
-          "keep only the material connected to this point (mm in DICOM's patient coordinates: x "
-          "to\n"
-          "the patient's left, y to the back, z to the head). Further points mark touching\n"
-          "bones that are not wanted: material nearer to them than to the first point is dropped")
+      .value("--seed", a.seeds, "X,Y,Z",
+             "keep only the material connected to this point (mm in DICOM's patient coordinates: x "
+             "to\n"
+             "the patient's left, y to the back, z to the head). To cut off a bone\n"
+             "that touches it, give a further point in that bone: material that is nearer to a "
+             "further\n"
+             "point than to the first one is dropped")
       .one_value_each();
   group.value("--mask", a.mask, "LABELS.nii.gz:L[,L]",
               "keep only the material within 1.5 mm of the labels L of this label map");
@@ -198,8 +201,8 @@ void add_asset_options(Group group, Arguments& a) {
       "--surface-triangles", a.surface_triangles, "N", 100, 5'000'000,
       "limit on the number of triangles of the surface. With this option, the limit is N.\n"
       "Without it, the limit is 50000 at first. It is then doubled until 99 % of the surface\n"
-      "lies within half a voxel of the material's boundary. In both cases, the surface gets\n"
-      "more triangles than the limit where it would otherwise intersect itself");
+      "lies within half a voxel of the material's boundary. In both cases, the surface may\n"
+      "exceed the limit: triangles are added where it would otherwise intersect itself");
   group.flag("--lines", a.lines, "also store the outlines as lines, for 3D viewers");
   group.flag("--colour", a.colour,
              "also store HU as colours for 3D viewers, from dark (-200 HU) to light (1848 HU)");

@@ -413,8 +413,11 @@ void add_batch_options(const Command& command, BatchArguments& a) {
   const Option dry_run = command.flag(
       "--dry-run", a.dry_run,
       "print which scans are stale (this run would work on them), and why; write nothing");
-  const Option explain = command.option("--explain", a.explain,
-                                        "print whether this scan is stale, and why; write nothing");
+  const Option explain =
+      command
+          .option("--explain", a.explain,
+                  "print whether this scan of the collection is stale, and why; write nothing")
+          .with_form("SCAN");
   command.flag("--retry", a.retry,
                "also try scans again that were refused in an earlier run and have not changed\n"
                "since");

@@ -41,7 +41,7 @@ void add_list_options(const Command& command, ListArguments& a) {
   command
       .flag("--manifest", a.as_collection,
             "print the scans as a collection, the JSON file that batch reads; paths are relative\n"
-            "to the current folder")
+            "to the current folder, so save it there")
       .excludes(as_json);
 }
 

@@ -62,8 +62,8 @@ void add_review_options(const Command& command, ReviewArguments& a) {
       .required();
   command.option(
       "--against", a.against,
-      "another store: show how the scans of STORE differ from those of this other store, in\n"
-      "this order: damaged, failed, gone, changed, repaired and new scans");
+      "an older store: show how the scans of STORE differ from those of the older store, in this\n"
+      "order: damaged, failed, gone (only in the older store), changed, repaired and new scans");
   command.flag("--json", a.as_json, "print the summary as JSON");
   command.flag("--quiet", a.quiet, "print errors only");
 }

@@ -10,9 +10,9 @@ namespace trocar::pipeline {
 
 /// Links are relative if possible, so that page and store can be moved together. If the page's path
 /// goes through a symbolic link, a relative link can lead astray, because for `..` a browser only
-/// removes the last part of the page's address. Links are therefore relative only if they lead to
-/// the store from both forms of the page's path: the path as it was given, and the path with
-/// symbolic links resolved. Otherwise links are absolute (`file:///...`).
+/// cuts off the last part of the page's address and does not know the symbolic link. Links are
+/// therefore relative only if they work with both forms of the page's path: the path as it was
+/// given, and the path with symbolic links resolved. Otherwise links are absolute (`file:///...`).
 class PageLinks {
  public:
   PageLinks(const std::filesystem::path& page, const std::filesystem::path& store);

@@ -35,9 +35,9 @@ inline constexpr std::int64_t kMinEdge_steps = 4;
 inline constexpr std::array kSplits = {0.5, 0.42, 0.58, 0.34, 0.66};
 // If a split at one position of kSplits creates flaws, later positions are tried too. For an edge
 // of at least this length, they are tried only if its apex is not near (see split_edge()). A
-// shorter edge can be split only a few times before its parts reach kMinEdge_steps, so each split
-// decides which angles remain. The value comes from a trial on outlines with a grid of holes, 1 to
-// 40 steps wide: with half of this value, the meshes had more sharp angles.
+// shorter edge can be split only a few times before its parts reach kMinEdge_steps, so a bad split
+// can hardly be corrected later. The value comes from a trial on outlines with a grid of holes that
+// are 1 to 40 steps wide: with half of this value, the meshes had more sharp angles.
 inline constexpr std::int64_t kFewSplitsLeft_steps = 32 * kMinEdge_steps;
 
 // An edge of the outline that is to be split. The entry is stale if the generation of the edge's
@@ -113,9 +113,9 @@ class OutlineSplitter {
   bool is_encroached(std::uint32_t segment, std::uint32_t a, std::uint32_t b,
                      std::uint32_t apex) const {
     if (!encroaches(at(a), at(b), at(apex))) return false;
-    // A shell is a circle around a corner. The apex is ignored if it lies on the other segment of a
-    // small input angle and on the same shell as a or b. Without rounding, such an apex would not
-    // encroach upon the edge.
+    // A shell is a circle around a corner. Where two segments of the outline meet at a small angle,
+    // an apex on the other segment is ignored if it is on the same shell as a or b. Without
+    // rounding, such an apex would not encroach upon the edge.
     const std::uint32_t corner =
         outline_.small_corner(static_cast<std::int32_t>(segment), origins_[apex].segment);
     if (corner == RefinementOutline::kNoCorner) return true;
@@ -248,8 +248,8 @@ class OutlineSplitter {
         if (++k == kSplits.size()) return false;
       }
       // If the split creates flaws, other fractions are tried, unless the flaws are temporary. They
-      // are temporary if the edge is long and its apex is nearer to it than half its length,
-      // because the halves will then be split again.
+      // are temporary if the edge is long and the apex is nearer to the edge than half the edge's
+      // length, because the halves will then be split again.
       const std::int64_t ab2 = distance2(a, b);
       if (best_.flaws > 0 &&
           (2 * orient2d(a, b, c) >= ab2 || ab2 < kFewSplitsLeft_steps * kFewSplitsLeft_steps)) {

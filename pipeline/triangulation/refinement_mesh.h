@@ -255,7 +255,7 @@ class RefinementMesh {
         __attribute__((always_inline)) {
       const std::uint32_t beyond = all[t].beyond[i];
       const std::uint32_t is_outline = beyond >> 31;
-      // On the outline, the triangle itself takes the place of its neighbour.
+      // An edge of the outline has no neighbour beyond it; the triangle itself is used instead.
       const std::uint32_t across = triangle_of(beyond);
       WorkingTriangle& next = all[across ^ ((across ^ t) & -is_outline)];
       std::uint32_t is_in = next.circle.contains(p);
@@ -321,8 +321,8 @@ class RefinementMesh {
       tri.is_bad = 0;
       star[r.a] = t;
       // The triangle beyond the edge gets the new triangle as its neighbour. There is no triangle
-      // beyond an edge of the outline: the write then goes to the edge's own new triangle, and the
-      // assignment to tri.beyond undoes it.
+      // beyond an edge of the outline: the write then goes to the edge's own new triangle, where
+      // the later assignment to tri.beyond overwrites it.
       const std::uint32_t is_outline = r.beyond >> 31,
                           target = (r.beyond & (is_outline - 1)) | (edge_id(t, 0) & -is_outline);
       all[triangle_of(target)].beyond[index_of(target)] = edge_id(t, 0);

@@ -28,9 +28,10 @@ std::vector<std::size_t> separable_levels(const std::vector<Level>& levels, cons
 class SceneDraft {
  public:
   /// `levels`: the levels of the asset, the topmost first. `is_chosen`: a person has chosen the
-  /// path. If so, the scene has the path, and the target if there is one, as goals, and its bone
-  /// volume includes connected slices above and below the path. `heights`: heights of the tip in
-  /// {B} that the draft may use. Levels and path must outlive the draft.
+  /// path. If so, the path is a goal of the scene, and so is the target if there is one. The
+  /// scene's bone volume then also includes the connected slices above and below the path.
+  /// `heights`: heights of the tip in {B} that the draft may use. Levels and path must outlive the
+  /// draft.
   SceneDraft(const std::vector<Level>& levels, const NeedlePath& path, bool is_chosen,
              WorkspaceHeights heights);
 

@@ -22,10 +22,9 @@
 //     the straight line.
 //  4. A device state is late if it came more than a period after the previous state. If the newest
 //     state is late and the motion is not steady, the velocity is computed for the time half a
-//     period before the newest state. (For a state on time, this is the middle of the last
-//     interval, for which the last two states give the velocity.) For this, the mean velocity of
-//     each of the last two intervals is taken as the velocity in the middle of the interval, and
-//     the line through these two velocities is extrapolated.
+//     period before the newest state: each of the last two intervals has a mean velocity, which is
+//     taken to hold at its middle, and the line through these two velocities is extended to that
+//     time. (The last two states give the velocity at this same time if they are on time.)
 #pragma once
 
 #include <array>
@@ -45,9 +44,10 @@ class VelocityWindow {
   void add(const Measurement& measured, const Pose& T_device_plate) noexcept;
   void clear() noexcept { count_ = 0; }
   /// Returns the pose and age of the first state of the window that ends at the newest state. In
-  /// the case of item 4, the function instead returns a computed pose: the displacement from
-  /// this pose to the newest pose, divided by the age, is the velocity of item 4. If the result
-  /// has the age 0, the caller must use the pose of the previous state. `resolution`:
+  /// the case of item 4, no stored pose gives the right velocity. The function then returns a
+  /// computed earlier pose, chosen so that the displacement from it to the newest pose, divided by
+  /// the age, is the velocity of item 4. An age of 0 means that no pose was chosen; the caller then
+  /// uses the pose of the previous state. `resolution`:
   /// DeviceSpecification::resolution(), the resolution of the measured values. `period_s`:
   /// period of the loop.
   PreviousPose begin(double resolution, double period_s) const noexcept;

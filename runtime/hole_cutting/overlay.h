@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Builds the overlay, which is the second stage of a cut. The overlay combines the boundary of the
+// Builds the overlay, which is the second stage of a cut. The cavity is the set of triangles
+// that the cut replaces (cavity.h). The overlay combines the boundary of the
 // cavity and the tool's outline into one PSLG (planar straight-line graph), whose points are on the
 // lattice and whose edges do not cross. The code calls the boundary of the cavity `rim`.
 //
@@ -10,8 +11,8 @@
 //  1. The four lattice points around a crossing are candidates for the bend. The bend is the
 //     nearest candidate on the material's side of the sheet's boundary, so that the boundary only
 //     recedes. If no candidate lies on the material's side, the bend is the nearest candidate.
-//     (This can happen if two bent boundary edges cross each other, because the material between
-//     them is thinner than a lattice step.)
+//     (Example: the material between two
+//     boundary edges is thinner than a lattice step, and bending makes these two edges cross.)
 //  2. The algorithm terminates. A bend replaces an edge by two edges in the edge's bounding box.
 //     The Manhattan length of an edge is the sum of its horizontal and its vertical extent. The
 //     Manhattan lengths of the two new edges are positive and add up to that of the replaced edge.

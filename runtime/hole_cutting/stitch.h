@@ -31,8 +31,7 @@ struct StitchSpace {
   };
   std::vector<Corner> corners;
   std::vector<Run> runs;
-  /// Finds the run to which a triangle belongs. Key: first or last triangle of the run, and the
-  /// run's vertex; value: index into `runs`.
+  /// Finds a run. Key: the run's vertex, and its first or last triangle; value: index into `runs`.
   FlatTable run_at;
   /// Union-find structure. Its elements are the runs, followed by the corners of the patch's
   /// triangles. It joins elements to groups; all elements of a group become one vertex.
@@ -46,11 +45,11 @@ struct StitchSpace {
   void allocate(std::size_t max_triangles, std::size_t max_points);
 };
 
-/// Replaces the cavity's triangles by the patch (the new triangles). Kept triangles keep their
-/// vertices, with one exception. A fan is a sequence of triangles around a vertex in which each
-/// triangle shares an edge with the next. If the triangles around a vertex form several fans after
-/// the cut, each fan but the first gets a new vertex, because a valid mesh has only one fan at a
-/// vertex. Vertices that no triangle uses any more are released. If the scratch memory or the
+/// Replaces the cavity's triangles by the patch (the new triangles). A fan is a sequence of
+/// triangles around a vertex in which each triangle shares an edge with the next. Kept triangles
+/// keep their vertices, with one exception: if the triangles around a vertex form several fans
+/// after the cut, each fan but the first gets a new vertex, because a valid mesh has only one fan
+/// at a vertex. Vertices that no triangle uses any more are released. If the scratch memory or the
 /// sheet's free slots do not suffice, the function returns kCapacity and changes nothing.
 StageOutcome stitch(SheetMesh& mesh, const Cavity& cavity, const Overlay& overlay,
                     const Patch& patch, StitchSpace& space, SheetEdit& edit) noexcept;

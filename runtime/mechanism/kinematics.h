@@ -67,8 +67,8 @@ struct InverseResult {
 };
 
 /// Computes all 24 joint angles of a pose, in closed form, on the branches (LegBranch) that the
-/// description specifies. Joint limits are not checked; see check_joint_limits(). A failure names
-/// the first leg and joint without a solution.
+/// description specifies. Joint limits are not checked; see check_joint_limits(). A failure for
+/// want of a solution names the first leg and joint without one.
 InverseResult inverse_kinematics(const DeviceDescription& device,
                                  const Pose& T_device_plate) noexcept;
 
@@ -87,7 +87,7 @@ KinematicsStatus check_joint_limits(const DeviceDescription& device,
 
 struct ForwardResult {
   KinematicsStatus status;
-  Pose T_device_plate;    ///< valid only if status is kOk
+  Pose T_device_plate;    ///< valid if status is kOk; with kOtherBranch the pose that was rejected
   double residual_m = 0;  ///< disagreement of the encoders; each function below defines it
   int iterations = 0;
 };
@@ -97,7 +97,7 @@ struct ForwardResult {
 /// plate's four ball joints fit the points C_m best (least squares, Kabsch). Because the ball
 /// joints form a square on the plate, this needs no decomposition of a 3 x 3 matrix. residual_m is
 /// the root mean square distance between the points C_m and the plate's ball joints; it is zero if
-/// the encoders agree.
+/// th1 to th3 of all legs agree.
 ForwardResult forward_kinematics(const DeviceDescription& device,
                                  const std::array<double, kEncoders>& encoder_rad) noexcept;
 
@@ -106,9 +106,9 @@ struct GaussNewtonOptions {
   /// The iteration ends after a step with no component above step_m; 1 rad counts as 0.05 m.
   double step_m = 1e-12;
   /// If the plate moved more than travel_max_m since the last pose, or if residual_m exceeds
-  /// residual_max_m, the result is kOtherBranch. In tests with the defaults, every wrong pose was
-  /// rejected, also if the iteration started up to 100 mm and 60 deg from the true pose. From there
-  /// the iteration can reach a wrong pose (tests/runtime/mechanism/kinematics_test.cpp). To allow
+  /// residual_max_m, the result is kOtherBranch. From a distant start the iteration can converge to
+  /// a wrong pose. In tests with the defaults, which start up to 100 mm and 60 deg from the true
+  /// pose, every such pose was rejected (tests/runtime/mechanism/kinematics_test.cpp). To allow
   /// larger motions, increase travel_max_m.
   double travel_max_m = 0.01;  ///< largest plate motion since the last pose; 1 rad counts as 0.05 m
   double residual_max_m = 3e-4;  ///< largest ForwardResult::residual_m

@@ -82,9 +82,10 @@ void declare_session_options(const Command& command, RunArguments& a) {
   recording.option("--attempt", a.trainee.attempt, "number of the attempt, 1 to 9999");
   recording.option(
       "--history", a.history,
-      "run no session; read all session reports in this folder and its subfolders (in a folder\n"
-      "without a report: the summary). Write the learning curves of each trainee, course and\n"
-      "scene to the page -o NAME.html, and their numbers to NAME.history.csv");
+      "run no session; read all session reports in this folder and its subfolders. Where a\n"
+      "folder has no report, its summary is read instead. Write the learning curves of\n"
+      "each trainee, course and scene to the page -o NAME.html, and their numbers to\n"
+      "NAME.history.csv");
   recording.option(
       "--hand-path", a.hand_path,
       "write the motion of a live hand (see --live-hand) as JSON, for use as the `hand` of a\n"
@@ -101,16 +102,15 @@ void declare_safety_options(const Command& command, RunArguments& a) {
   safety.option(
       "--energy-limit", a.energy_limit_J,
       "largest energy in J that the device may give to the hand within 0.1 s, in addition to\n"
-      "the energy that tissue and coupling (the spring between device and virtual tool) stored\n"
-      "at the beginning of this time. If the device gives more, the fault energy_limit is\n"
+      "the energy that tissue and coupling (the spring between device and virtual tool) held at\n"
+      "the beginning of this time. If the device gives more, the fault energy_limit is\n"
       "raised (default: 0.05)");
   safety.option(
       "--stiffness-limit", a.stiffness_limit_N_per_m,
       "largest stiffness of contact at the tool's tip, 10 to 100000000 N/m. With a device that\n"
       "measures its own pose, the option limits every force law. With the four-legged device it\n"
-      "limits only the force law cutting. The limits that Trocar takes from the device's\n"
-      "description (see --simulated) apply, too; the lowest limit counts (default: only the\n"
-      "limits from the description)");
+      "limits only the force law cutting. The limits that --simulated explains apply, too;\n"
+      "the lowest limit counts (default: only these limits)");
   safety.option(
       "--force-limit", a.force_limit_N,
       "for a device that measures its own pose: largest force that is sent to it, 0.01 to\n"
@@ -131,8 +131,8 @@ void declare_safety_options(const Command& command, RunArguments& a) {
   command.option("--late-ticks", a.late_ticks_in_row).in_group("");  // the option's former name
   safety.option(
       "--black-box", a.black_box,
-      "folder for black boxes. After a fault, a black box is written: the recording of the 4 s\n"
-      "until the torques are zero (default: the folder of --record, or else the current\n"
+      "folder for black boxes. After a fault, a black box is written: the recording of the last\n"
+      "4 s before the torques were zero (default: the folder of --record, or else the current\n"
       "folder, or else the folder for temporary files)");
 
   Group diagnostics(command, kDiagnostics);
@@ -315,13 +315,15 @@ void declare_run_options(CommandLine& line, RunArguments& a) {
       "ticks (missed deadlines) are no fault, and with udp and pose, data may be missing for\n"
       "250 ms instead of 10 ms. With --late-ticks-in-row above 0, late ticks are a fault all the\n"
       "same, and data may be missing for 10 ms only.\n"
-      "Without --simulated, every device but inproc is assumed to have motors. Contact with such\n"
-      "a device can become unstable, so that it vibrates, if the mass or the stiffness in its\n"
-      "description is too high. As a margin, Trocar therefore halves these limits on the\n"
-      "stiffness of contact (a pose device is a device that measures its own pose):\n"
+      "Without --simulated, every device but inproc is assumed to have motors. If the\n"
+      "description of such a device states more mass than the device has, or more stiffness than\n"
+      "it can render stably, contact with the device vibrates. As a margin, Trocar therefore\n"
+      "halves these limits on the stiffness of contact (a pose device is a device that measures\n"
+      "its own pose):\n"
       "- with the force law cutting: the limit that Trocar computes from the device's mass\n"
       "- with a pose device whose description states a largest stiffness: this stiffness\n"
-      "- with any other pose device, and hooke or network: 10000 N/m, which become 5000 N/m.\n"
+      "- with hooke or network and a pose device whose description states none: 10000 N/m, halved\n"
+      "  to 5000 N/m.\n"
       "The limit of --stiffness-limit is never halved");
   device.flag(
       "--test", a.test_device,

@@ -98,11 +98,10 @@ void declare(CommandLine& line, Arguments& a) {
       .checked_by(not_negative);
   line.option(
           "--sessions", a.sessions,
-          "end after this many sessions of trocar-run; 0: run until stopped. With --clock\n"
-          "lock-step also end 10 s after the last packet of a trocar-run that has died on this\n"
-          "computer. A dead trocar-run on another computer, or in a container, looks like a "
-          "paused\n"
-          "one, so then the program does not end (default: 0)")
+          "end after this many sessions of trocar-run; 0: run until stopped (default: 0). With\n"
+          "--clock lock-step also end if the trocar-run of the last session has died on this\n"
+          "computer, 10 s after its last packet. (A dead trocar-run on another computer, or in a\n"
+          "container, looks like a paused one, so then the program does not end.)")
       .checked_by(not_negative);
   line.option(
       "--device-description", a.description,

@@ -5,7 +5,9 @@ namespace trocar::pipeline {
 
 namespace {
 
-void add_archive_options(const Command& command, ArchiveArguments& a) {
+// The options of both commands. `instances` and `timeout` say what these two limits count.
+void add_archive_options(const Command& command, ArchiveArguments& a, const char* instances,
+                         const char* timeout) {
   command.option("--tls-key", a.tls.key, "private key of this program (PEM)")
       .in_group("Encryption");
   command.option("--tls-cert", a.tls.cert, "certificate of this program (PEM)")
@@ -25,11 +27,7 @@ void add_archive_options(const Command& command, ArchiveArguments& a) {
       .with_default_shown()
       .within(1, 65'536)
       .in_group("Limits");
-  command
-      .option(
-          "--max-instances", a.limits.study_instances,
-          "largest number of instances in a study (fetch: counts every instance that the archive\n"
-          "sends, also those of other kinds and repeated ones)")
+  command.option("--max-instances", a.limits.study_instances, instances)
       .with_default_shown()
       .within(1, 10'000'000)
       .in_group("Limits");
@@ -45,10 +43,7 @@ void add_archive_options(const Command& command, ArchiveArguments& a) {
       .with_default_shown()
       .within(1, 3600)
       .in_group("Limits");
-  command
-      .option("--dimse-timeout", a.limits.dimse_timeout_s,
-              "longest time for receiving one instance, s (fetch: from the end of one instance to\n"
-              "the end of the next)")
+  command.option("--dimse-timeout", a.limits.dimse_timeout_s, timeout)
       .with_default_shown()
       .within(1, 86'400)
       .in_group("Limits");
@@ -104,7 +99,8 @@ void add_receive_options(const Command& command, ReceiveArguments& a) {
       .with_default_shown()
       .within(1, 1000)
       .in_group("Limits");
-  add_archive_options(command, a.archive);
+  add_archive_options(command, a.archive, "largest number of instances in a study",
+                      "longest time for receiving one instance, s");
 }
 
 void add_fetch_options(const Command& command, FetchArguments& a) {
@@ -117,7 +113,11 @@ void add_fetch_options(const Command& command, FetchArguments& a) {
   command.option("--study", a.study, "Study Instance UID of the study to get").required();
   command.option("--ae", a.ae, "AE title of this program").with_default_shown();
   command.flag("--quiet", a.quiet, "print errors only");
-  add_archive_options(command, a.archive);
+  add_archive_options(
+      command, a.archive,
+      "largest number of instances that the archive may send, also repeated ones and\n"
+      "those that are left out because they are no scans",
+      "longest time from the end of one instance to the end of the next, s");
 }
 
 archive::ArchiveLimits limits_of(const ArchiveArguments& a) {

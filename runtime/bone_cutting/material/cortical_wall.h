@@ -6,13 +6,13 @@
 // Med. Image Anal. 14, 2010, but without a model of the scanner's blur).
 //
 // Contract (tests/runtime/bone_cutting/material/cortical_wall_test.cpp):
-//  1. If neither item 2 nor item 3 applies, the result is the thickness t for which `slab_HU` is
-//     the mean of two parts: a wall of thickness t with the HU `cortex_HU`, and the rest of the
-//     slab with the HU `inside_HU`.
-//  2. If `slab_HU` is at least `cortex_HU`, and item 3 does not apply, the wall fills the slab.
-//  3. The result is 0 (no wall) if `slab_HU` exceeds `inside_HU` by less than kMinContrast_HU, or
+//  1. The result is 0 (no wall) if `slab_HU` exceeds `inside_HU` by less than kMinContrast_HU, or
 //     if the wall would be thinner than kMinWall_m. Cancellous bone (the porous bone inside)
 //     varies by less than kMinContrast_HU from slice to slice, so it is not taken for a wall.
+//  2. Otherwise, if `slab_HU` is at least `cortex_HU`, the wall fills the slab.
+//  3. Otherwise, the result is the thickness t for which `slab_HU` is the mean of two parts, each
+//     weighted by its thickness: a wall of thickness t with the HU `cortex_HU`, and the rest of the
+//     slab with the HU `inside_HU`.
 #pragma once
 
 namespace trocar::runtime {
