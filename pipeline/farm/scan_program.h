@@ -44,7 +44,8 @@ class OpenedScan {
   OpenedScan(const OpenedScan&) = delete;
   OpenedScan& operator=(const OpenedScan&) = delete;
   virtual ~OpenedScan() = default;
-  /// The files that the scan consists of, in the order of their digests in its key (action_key.h).
+  /// The files that the scan consists of, in the order in which the scan's key (action_key.h) lists
+  /// their digests.
   virtual std::vector<NamedFile> files() const = 0;
   /// Meshes the scan.
   virtual Result<ScanOutputs> mesh() = 0;

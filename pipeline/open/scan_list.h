@@ -17,7 +17,8 @@ namespace trocar::pipeline {
 /// The list as JSON:
 ///  - `schema`, `program`, `folder` (the folder's name)
 ///  - `other_files`: the number of files that belong to no scan
-///  - `why`: the reason why one of several DICOM series is taken; null if there is no such choice
+///  - `why`: if there are several DICOM series, the reason why this one is meshed without
+///    --series; otherwise null
 ///  - `scans[]`: first the DICOM series by number, then NIfTI files, then folders of images
 ///
 /// Each scan has `kind` ("dicom", "nifti", "images"), `path` (relative to the folder), `slices`,

@@ -130,19 +130,17 @@ void add_solid_options(const Command& command, Arguments& a) {
       "mm^2; all: no limit");
   group.number(
       "--close", a.close_mm, "MM", 0.0, 100.0,
-      "with --fill: treat gaps in the bone as closed that are at most twice MM wide (3: 6 mm).\n"
+      "with --fill: gaps in the bone count as closed if they are at most 2 x MM wide.\n"
       "A region that is open only at such gaps then counts as enclosed and is filled, too");
   group.number(
       "--min-volume", a.min_volume_mm3, "MM3", 0.0, 1e12,
       "drop separate pieces (connected components) of less than this volume, mm^3. This is\n"
       "done before --fill");
   group
-      .choice(
-          "--keep", a.keep, {"all", "column"},
-          "only together with --fill. 'all' keeps all bone. 'column' keeps only the spinal "
-          "column:\n"
-          "vessels full of contrast medium, which are as dense as bone, are dropped, and ribs are\n"
-          "cut off 75 mm from the spinal canal")
+      .choice("--keep", a.keep, {"all", "column"},
+              "'all' keeps all bone. 'column' needs --fill and keeps only the spinal column:\n"
+              "vessels full of contrast medium, which are as dense as bone, are dropped, and\n"
+              "ribs are cut off 75 mm from the spinal canal")
       .with_default_shown();
   group.number("--largest", a.largest, "N", 0, 1'000'000,
                "keep only the N largest connected components; 0: keep all");

@@ -136,18 +136,18 @@ struct MeshCommandLine {
                          "make the assets of the stale (new or changed) scans of a collection"),
         batch);
     add_review_options(
-        line.add_command("review",
-                         "show all assets in a store (the folder of batch), or compare two stores"),
+        line.add_command(
+            "review",
+            "show all assets in a store (the folder that batch writes), or compare two stores"),
         review);
     add_receive_options(line.add_command("receive", kReceiveHelp), receive);
     add_fetch_options(line.add_command("fetch", kFetchHelp), fetch);
     // A command takes the footer that is set when it is added. This one is for the program alone.
     line.set_footer(
         "trocar-mesh COMMAND --help describes a command and its options.\n"
-        "Exit codes: 0 done; 2 wrong usage; 3 input refused, a scan of batch failed, or the port "
-        "of\n"
-        "receive cannot be used; 4 output not written, or interrupted (receive then ends with 0);\n"
-        "1 an internal error.");
+        "Exit codes: 0 done; 2 wrong usage; 3 input refused (batch: also if a scan failed;\n"
+        "receive: also if its port cannot be used); 4 output not written, or interrupted\n"
+        "(receive ends with 0 if it is interrupted); 1 an internal error.");
   }
 
   // `argv` are the arguments of main(), which a program of its own parses again.

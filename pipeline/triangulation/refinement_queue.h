@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // A priority queue of the triangles that refinement has to improve. Triangles with the shortest
-// edges come first, in approximate order: the queue has buckets for intervals of the squared length
-// of the shortest edge, four intervals for each power of two. Within a bucket the newest triangle
-// comes first. If a triangle is replaced, its entry stays in the queue until pop() drops it.
+// edges come first, in approximate order: they are sorted into buckets by the squared length of
+// their shortest edge. From each power of two to the next there are four buckets of equal width.
+// Within a bucket the newest triangle comes first. If a triangle is replaced, its entry stays in
+// the queue until pop() drops it.
 // Tests: tests/pipeline/triangulation/meshing_test.cpp
 #pragma once
 

@@ -18,11 +18,11 @@ namespace trocar::pipeline {
 /// formats/geometry/shared_borders.h has succeeded. Errors: those of triangulate().
 Result<std::vector<Triangulation>> triangulate_regions(std::span<const Pslg> regions);
 
-/// Refines all regions together, like refine(). If two regions share an edge, the edge is split
-/// in both regions at the same lattice point, or in neither. The point may lie on either side of
-/// the segment, nearer to it than options.max_distance_steps. Where possible, the side is
-/// chosen that makes up for the area that earlier points have cost one of the regions. So both
-/// regions keep their area along each border up to the rounding of about one point, even
+/// Refines all regions together, like refine(). If two regions share an edge, the edge is split in
+/// both regions at the same lattice point, or in neither. The point may lie on either side of the
+/// segment, nearer to it than options.max_distance_steps. Earlier points may have taken area from
+/// one of the regions. Where possible, the point lies on the side that gives this area back. So
+/// along each border a region's area changes by no more than about the rounding of one point, even
 /// without options.keep_area. The regions' outlines and the results of refined_rings() for the
 /// regions pass check_shared_borders().
 ///
@@ -32,9 +32,9 @@ Result<std::vector<Triangulation>> triangulate_regions(std::span<const Pslg> reg
 /// the sum may exceed the limit by one. options.shared_borders is ignored. For one region, the
 /// result is that of refine().
 ///
-/// Known limitation: a node is a point where borders meet. If options.min_angle_deg is above 30, a
-/// border of a few pixels between two nodes with acute angles is divided down to the lattice step
-/// more often than by refine() for one region.
+/// A node is a point where borders meet. Known limitation: if options.min_angle_deg is above 30, a
+/// border of a few pixels between two nodes with acute angles is more often divided into pieces as
+/// short as the lattice step than by refine() for one region.
 std::vector<Refined> refine_regions(std::span<const Triangulation> regions, const Lattice& lattice,
                                     const RefinementOptions& options);
 

@@ -6,10 +6,10 @@
 
 namespace trocar::pipeline {
 
-/// Replaces this process by trocar-archive with the arguments of main(), which the command line of
-/// trocar-mesh has accepted. trocar-archive is expected at ../libexec/trocar/trocar-archive, as seen
-/// from the folder of this program. Returns only if it cannot be run: prints why, and returns the
-/// exit code 1, since the installation is then incomplete.
+/// Replaces this process by trocar-archive. `argv` are the arguments of main(); trocar-mesh has
+/// checked them. trocar-archive is expected at ../libexec/trocar/trocar-archive, as seen from the
+/// folder of this program. Returns only if it cannot be run: prints why, and returns the exit code
+/// 1, since the installation is then incomplete.
 int become_trocar_archive(char** argv);
 
 }  // namespace trocar::pipeline

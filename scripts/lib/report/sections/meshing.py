@@ -62,4 +62,4 @@ def headline(data):
     return ("Meshing: Trocar and the mesher Delaunay_mesher_2 of the library CGAL meshed the same outlines with the same lower bound on angles. "
             f"Trocar is {speed:.1f} times as fast and makes {1 - share:.0%} fewer triangles. "
             "Both numbers are medians over several cases. "
-            "Each case combines the outlines of one scan with one upper bound on the area of a triangle, or with no such bound.")
+            "A case is one scan with one setting of the largest area of a triangle. (Some cases have no such limit.)")
