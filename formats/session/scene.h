@@ -60,8 +60,8 @@ struct BoneByHu {
 
 /// Resistance of a tissue to a tool that cuts through it (force law `cutting`).
 struct CutTissue {
-  /// Strength of the material. The cutting force divided by the area inside the tool's outline is
-  /// this value times pressure_over_yield.
+  /// Strength of the material. The pressure on the area that the tip displaces (for a hollow tool,
+  /// the ring) is this value times pressure_over_yield.
   std::optional<double> strength_MPa;
   std::optional<BoneByHu> bone;  ///< strength from HU, if strength_MPa is absent
   double tearing_N_per_m = 0;    ///< additional force per length of the outline
@@ -84,7 +84,8 @@ struct CutTissue {
 struct Tissue {
   double stiffness_N_per_m = 5000;
   /// The sheet is punctured in the tick in which the force would exceed threshold_N times the
-  /// tool's coverage, which is the fraction of the tool's cross-section that lies over material.
+  /// tool's coverage, which is the fraction of the area of the tool's outline that lies over
+  /// material.
   double threshold_N = 35;
   /// The damping b in the force K dx + b dx'. The force is never below 0. K is the stiffness, dx
   /// the penetration and dx' the rate of the penetration.
@@ -209,7 +210,7 @@ struct SceneTool {
   /// Kind of tip (force law `cutting`), one of the names in
   /// runtime/bone_cutting/material/tool_in_tissue.h; empty: flat.
   std::string kind;
-  double half_angle_deg = 30;  ///< angle between axis and faces of the tip; jamshidi: 90 (flat)
+  double half_angle_deg = 30;  ///< of the tip's faces to the axis; not used without `kind`
   double inner_radius_m = 0;   ///< radius of the bore of a hollow tool
   int sides = 6;
   double radius_m = 0.003;  ///< radius of the circumscribed circle

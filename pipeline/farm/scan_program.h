@@ -44,8 +44,8 @@ class OpenedScan {
   OpenedScan(const OpenedScan&) = delete;
   OpenedScan& operator=(const OpenedScan&) = delete;
   virtual ~OpenedScan() = default;
-  /// The files that the scan consists of, in the order in which the scan's key (action_key.h) lists
-  /// their digests.
+  /// The files that the scan consists of, in the order in which the action (action_key.h) lists the
+  /// digests of each role.
   virtual std::vector<NamedFile> files() const = 0;
   /// Meshes the scan.
   virtual Result<ScanOutputs> mesh() = 0;

@@ -17,8 +17,8 @@ namespace trocar::pipeline {
 /// The list as JSON:
 ///  - `schema`, `program`, `folder` (the folder's name)
 ///  - `other_files`: the number of files that belong to no scan
-///  - `why`: if there are several DICOM series, the reason why this one is meshed without
-///    --series; otherwise null
+///  - `why`: the reason why the series with `taken` = true is chosen among several DICOM series;
+///    null if there is only one series, or none is taken
 ///  - `scans[]`: first the DICOM series by number, then NIfTI files, then folders of images
 ///
 /// Each scan has `kind` ("dicom", "nifti", "images"), `path` (relative to the folder), `slices`,

@@ -86,8 +86,7 @@ void add_material_options(const Command& command, Arguments& a) {
       "use the options that suit this material; --explain prints them. (paper: for images, the\n"
       "method of the publication that Trocar follows)");
   group.flag("--explain", a.explain,
-             "print which options the preset of --preset sets or, without --preset, what each "
-             "preset sets");
+             "print what the preset of --preset sets or, without --preset, what each preset sets");
   a.threshold_option =
       group.number("--threshold", a.threshold, "HU", -1e6, 1e6,
                    "lowest HU that counts as material (226: dense bone, 180: bone of low\n"
@@ -130,7 +129,7 @@ void add_solid_options(const Command& command, Arguments& a) {
       "mm^2; all: no limit");
   group.number(
       "--close", a.close_mm, "MM", 0.0, 100.0,
-      "with --fill: gaps in the bone count as closed if they are at most 2 x MM wide.\n"
+      "with --fill: gaps in the bone count as closed if they are at most 2 x MM mm wide.\n"
       "A region that is open only at such gaps then counts as enclosed and is filled, too");
   group.number(
       "--min-volume", a.min_volume_mm3, "MM3", 0.0, 1e12,
@@ -145,13 +144,12 @@ void add_solid_options(const Command& command, Arguments& a) {
   group.number("--largest", a.largest, "N", 0, 1'000'000,
                "keep only the N largest connected components; 0: keep all");
   group
-      .value("--seed", a.seeds, "X,Y,Z",
-             "keep only the material connected to this point (mm in DICOM's patient coordinates: x "
-             "to\n"
-             "the patient's left, y to the back, z to the head). To cut off a bone\n"
-             "that touches it, give a further point in that bone: material that is nearer to a "
-             "further\n"
-             "point than to the first one is dropped")
+      .value(
+          "--seed", a.seeds, "X,Y,Z",
+          "keep only the material connected to this point (mm in DICOM's patient coordinates:\n"
+          "x to the patient's left, y to the back, z to the head). To cut off a bone that touches\n"
+          "the wanted one, give a second point in that bone: material that is nearer to it than\n"
+          "to the first point is dropped. More such points may follow")
       .one_value_each();
   group.value("--mask", a.mask, "LABELS.nii.gz:L[,L]",
               "keep only the material within 1.5 mm of the labels L of this label map");

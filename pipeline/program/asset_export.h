@@ -17,7 +17,7 @@ namespace trocar::pipeline {
 /// `slice_NNNN.obj` (mm, in the patient's LPS frame) and `slice_NNNN.svg`. NNNN is the slice's
 /// index. If the asset has several materials, the files of material M are `slice_NNNN_M.poly` and
 /// so on. The folder is created if needed, and files of the same names are replaced. If a file
-/// cannot be made, or a folder with the file's name is in the way, no file in `folder` is changed.
+/// cannot be made, for example because a folder has its name, no file in `folder` is changed.
 ///
 /// Returns the names of files in the folder that are named like exported slices, but do not belong
 /// to this export: an earlier export of other slices has written them. The function keeps these
@@ -40,8 +40,8 @@ Result<std::string> surface_text(const TriangleSurface& surface, const std::stri
 
 /// Writes each surface in the three formats of surface_text(), to `surface.stl`, `surface.ply` and
 /// `surface.obj`. If the asset has several surfaces, the files of material M are `surface_M.stl`
-/// and so on. If a file cannot
-/// be made, or a folder with the file's name is in the way, no file in `folder` is changed.
+/// and so on. If a file cannot be made, for example because a folder has its name, no file
+/// in `folder` is changed.
 /// Errors: kUnwritable if a file cannot be written or `stop` was set; kRefused if the asset has no
 /// surface, or if a surface is not manifold.
 Result<void> export_surfaces(const Asset& asset, const std::filesystem::path& folder,

@@ -33,8 +33,8 @@ Result<std::vector<Triangulation>> triangulate_regions(std::span<const Pslg> reg
 /// result is that of refine().
 ///
 /// A node is a point where borders meet. Known limitation: if options.min_angle_deg is above 30, a
-/// border of a few pixels between two nodes with acute angles is more often divided into pieces as
-/// short as the lattice step than by refine() for one region.
+/// border of a few pixels between two nodes with acute angles is more often divided down to a few
+/// lattice steps than by refine() for one region.
 std::vector<Refined> refine_regions(std::span<const Triangulation> regions, const Lattice& lattice,
                                     const RefinementOptions& options);
 

@@ -60,7 +60,7 @@ struct SheetCrossing {
   double t_s = 0;
   Pose T_device_plate;
   Eigen::Vector3d tip_m = Eigen::Vector3d::Zero();
-  double coverage = 0;  ///< fraction of the tool's cross-section over material
+  double coverage = 0;  ///< fraction of the outline's area over material
 };
 /// Returns all crossings in ascending time, including those after the session's end.
 std::vector<SheetCrossing> sheet_crossings(const HandTrajectory& path, const Tool& tool,

@@ -10,10 +10,10 @@
 //     the target's velocity.
 //  2. While the person holds the hand, the target stays in the box of LiveHandLimits and within
 //     LiveHandLimits::turn_max_rad of the rotation at the start. The target also keeps the distance
-//     kHandMargin from poses of the plate at which the loop would raise a fault. Exception: the
-//     target may be outside these bounds when the person takes hold. For it follows the tip while
-//     nobody holds the hand (contract 4) and starts at the tip after a pause, and a force may have
-//     pushed the tip outside. The target is then outside until it has come back.
+//     kHandMargin from poses of the plate at which the loop would raise a fault. Exception: after
+//     the person has let go, the target follows the tip (contract 4), and after a pause it starts
+//     at the tip. A force may have pushed the tip outside these bounds. While the person holds the
+//     hand again, the target is then outside until it has come back.
 //  3. A message that says that the person holds the hand is ignored if a number of its pose is not
 //     finite, or if the number's magnitude exceeds 1 m or 7 rad.
 //  4. When the person lets go, or 250 ms after the last new message, the target follows the tip

@@ -54,11 +54,11 @@ struct CutReport {
 ///     things. It flips edges that are no longer locally Delaunay (item 2). And if parts of the
 ///     remaining sheet are joined only by a vertex, each part gets a vertex of its own, because a
 ///     valid mesh does not join parts in this way.
-///  2. An edge between two triangles is locally Delaunay if the two angles opposite the edge
-///     add up to at most 180 degrees. If all inner edges are locally Delaunay before the cut,
-///     all inner edges are locally Delaunay after the cut. Vertices under the tool are removed.
-///     Other vertices of the replaced triangles stay. Exception: a vertex inside the cavity
-///     does not stay if it lies on an edge that was bent by item 3.
+///  2. An edge between two triangles is locally Delaunay if the two angles opposite the edge add up
+///     to at most 180 degrees. If all inner edges are locally Delaunay before the cut, all inner
+///     edges are locally Delaunay after the cut. Vertices under the tool are removed. Other
+///     vertices of the replaced triangles stay. Exception: a vertex inside the replaced area does
+///     not stay if it lies on an edge that was bent by item 3.
 ///  3. If a tool edge crosses the sheet's boundary, the crossing need not be a lattice point. Both
 ///     edges are therefore bent through a lattice point less than sqrt(2) steps from the crossing.
 ///     The lattice point lies on the material's side, so bends do not extend the material.

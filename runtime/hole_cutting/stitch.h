@@ -31,7 +31,8 @@ struct StitchSpace {
   };
   std::vector<Corner> corners;
   std::vector<Run> runs;
-  /// Finds a run. Key: the run's vertex, and its first or last triangle; value: index into `runs`.
+  /// Finds a run. Key: the run's vertex, and a triangle at either end of the run; value: index into
+  /// `runs`.
   FlatTable run_at;
   /// Union-find structure. Its elements are the runs, followed by the corners of the patch's
   /// triangles. It joins elements to groups; all elements of a group become one vertex.

@@ -67,8 +67,8 @@ struct InverseResult {
 };
 
 /// Computes all 24 joint angles of a pose, in closed form, on the branches (LegBranch) that the
-/// description specifies. Joint limits are not checked; see check_joint_limits(). A failure for
-/// want of a solution names the first leg and joint without one.
+/// description specifies. Joint limits are not checked; see check_joint_limits(). A failure other
+/// than kBadInput names the first leg and joint whose angle cannot be computed.
 InverseResult inverse_kinematics(const DeviceDescription& device,
                                  const Pose& T_device_plate) noexcept;
 
@@ -107,9 +107,9 @@ struct GaussNewtonOptions {
   double step_m = 1e-12;
   /// If the plate moved more than travel_max_m since the last pose, or if residual_m exceeds
   /// residual_max_m, the result is kOtherBranch. From a distant start the iteration can converge to
-  /// a wrong pose. In tests with the defaults, which start up to 100 mm and 60 deg from the true
-  /// pose, every such pose was rejected (tests/runtime/mechanism/kinematics_test.cpp). To allow
-  /// larger motions, increase travel_max_m.
+  /// a wrong pose. In tests with the defaults, the iteration started up to 100 mm and 60 deg from
+  /// the true pose, and every wrong pose was rejected
+  /// (tests/runtime/mechanism/kinematics_test.cpp). To allow larger motions, increase travel_max_m.
   double travel_max_m = 0.01;  ///< largest plate motion since the last pose; 1 rad counts as 0.05 m
   double residual_max_m = 3e-4;  ///< largest ForwardResult::residual_m
 };

@@ -78,7 +78,7 @@ void declare_fit(CommandLine& line, FitArguments& a) {
              "jamshidi (default: a flat tip)");
   fit.option("--half-angle", a.half_angle_deg,
              "angle between the axis and the faces of the tip of --tip, degrees (default: 30;\n"
-             "jamshidi: 90)")
+             "a jamshidi must have 90)")
       .within(3.0, 90.0);
   fit.flag("--quiet", a.quiet, "print errors only");
 }

@@ -102,15 +102,16 @@ void declare_safety_options(const Command& command, RunArguments& a) {
   safety.option(
       "--energy-limit", a.energy_limit_J,
       "largest energy in J that the device may give to the hand within 0.1 s, in addition to\n"
-      "the energy that tissue and coupling (the spring between device and virtual tool) held at\n"
-      "the beginning of this time. If the device gives more, the fault energy_limit is\n"
+      "the energy that tissue and coupling (the spring between device and virtual tool)\n"
+      "stored at the beginning of this time. If the device gives more, the fault energy_limit is\n"
       "raised (default: 0.05)");
   safety.option(
       "--stiffness-limit", a.stiffness_limit_N_per_m,
       "largest stiffness of contact at the tool's tip, 10 to 100000000 N/m. With a device that\n"
       "measures its own pose, the option limits every force law. With the four-legged device it\n"
-      "limits only the force law cutting. The limits that --simulated explains apply, too;\n"
-      "the lowest limit counts (default: only these limits)");
+      "limits only the force law cutting. The limits that follow from the device's\n"
+      "description apply, too (--simulated says which are halved); the lowest limit counts\n"
+      "(default: only these limits)");
   safety.option(
       "--force-limit", a.force_limit_N,
       "for a device that measures its own pose: largest force that is sent to it, 0.01 to\n"
@@ -317,7 +318,7 @@ void declare_run_options(CommandLine& line, RunArguments& a) {
       "same, and data may be missing for 10 ms only.\n"
       "Without --simulated, every device but inproc is assumed to have motors. If the\n"
       "description of such a device states more mass than the device has, or more stiffness than\n"
-      "it can render stably, contact with the device vibrates. As a margin, Trocar therefore\n"
+      "it can render stably, contact with the device can vibrate. As a margin, Trocar therefore\n"
       "halves these limits on the stiffness of contact (a pose device is a device that measures\n"
       "its own pose):\n"
       "- with the force law cutting: the limit that Trocar computes from the device's mass\n"

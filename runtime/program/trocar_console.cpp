@@ -83,8 +83,8 @@ void declare(CommandLine& line, Arguments& arguments) {
           "--stiffness-limit", arguments.stiffness_limit_N_per_m,
           "in every session: largest stiffness of contact at the tool's tip, N/m. With a device\n"
           "that measures its own pose, the option limits every force law. With the four-legged\n"
-          "device it limits only the force law cutting. The limits that --simulated of trocar-run\n"
-          "explains apply, too; the lowest limit counts (default: only these limits)")
+          "device it limits only the force law cutting. The limits that follow from the\n"
+          "device's description apply, too; the lowest limit counts (default: only these limits)")
       .within(10.0, 1e8);
   line.option("--against", arguments.against,
               "with --recording: a second recording, to show beside the first");

@@ -5,7 +5,8 @@ namespace trocar::pipeline {
 
 namespace {
 
-// The options of both commands. `instances` and `timeout` say what these two limits count.
+// The options of both commands. `instances` and `timeout` are the help texts of --max-instances and
+// --dimse-timeout, which differ.
 void add_archive_options(const Command& command, ArchiveArguments& a, const char* instances,
                          const char* timeout) {
   command.option("--tls-key", a.tls.key, "private key of this program (PEM)")
@@ -115,9 +116,11 @@ void add_fetch_options(const Command& command, FetchArguments& a) {
   command.flag("--quiet", a.quiet, "print errors only");
   add_archive_options(
       command, a.archive,
-      "largest number of instances that the archive may send, also repeated ones and\n"
-      "those that are left out because they are no scans",
-      "longest time from the end of one instance to the end of the next, s");
+      "largest number of instances in the folder of the study, and largest number that the\n"
+      "archive may send (also repeated ones and those that are left out because they are\n"
+      "no scans)",
+      "longest time from the request, or from the end of one instance, to the end of the next\n"
+      "instance, s");
 }
 
 archive::ArchiveLimits limits_of(const ArchiveArguments& a) {

@@ -21,8 +21,9 @@ constexpr int kMinSheetsAhead = 3;
 constexpr std::int32_t kNewOutline_steps =
     4;  // a sheet is evaluated again after a corner of the outline has moved farther
 constexpr double kMostlyMaterial = 0.5;
-// A surface is level under the tool if at least this fraction of the tool's cross-section lies over
-// material of the slices below it, and at most the rest over material of the slice above it.
+// A surface is level under the tool if at least this fraction of the area of the tool's outline
+// lies over material of the slices below it, and at most the rest over material of the slice above
+// it.
 constexpr double kLevel = 0.95;
 constexpr double kMinCoverage = 1e-3;  // with less coverage no hole is cut
 constexpr double kNewRegion_m = 2e-4;

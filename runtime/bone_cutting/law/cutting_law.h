@@ -163,9 +163,9 @@ struct CuttingSlab {
   double cortex_N = 0;
   double upper_wall_to_m = -std::numeric_limits<double>::infinity(),
          lower_wall_from_m = std::numeric_limits<double>::infinity();
-  /// `share` is the fraction of the tool's cross-section that lies over material which other holes
-  /// have not cut. It multiplies the strength from the slab's top down to the depth `share_to_m`.
-  /// Below that depth the factor is 1.
+  /// `share` is the fraction of the area of the tool's outline that lies over material which other
+  /// holes have not cut. It multiplies the strength from the slab's top down to the depth
+  /// `share_to_m`. Below that depth the factor is 1.
   double share = 1, share_to_m = std::numeric_limits<double>::infinity();
   /// Only for a slab of thickness 0: the length that counts as embedded while the tip is below the
   /// slab. The following values per length are multiplied by this length.

@@ -84,10 +84,10 @@ bool is_flat(const ToolShape& tool) noexcept;
 double displaced_area_m2(const ToolShape& tool) noexcept;
 double torn_length_m(const ToolShape& tool) noexcept;
 
-/// Values that describe a tool in a tissue. The caller copies each value to the field of
-/// CuttingSlab or CuttingOptions that has the same name. Two values differ: `strength_N` becomes
-/// strength_top_N and strength_bottom_N of a slab, and from `lateral_N` and `strength_N`
-/// bone_volume.h computes CuttingTool::bevel_plate.
+/// Values that describe a tool in a tissue. Each value is meant for the field of CuttingSlab or
+/// CuttingOptions that has the same name, with two exceptions: `strength_N` is meant for
+/// strength_top_N and strength_bottom_N of a slab, and bone_volume.h computes
+/// CuttingTool::bevel_plate from `lateral_N` and `strength_N`.
 struct ToolInTissue {
   double strength_N = 0;  ///< force on the tip at which the cutting front advances
   double torsion_Nm = 0;  ///< moment that is needed to turn the tool (contract 3)
@@ -98,8 +98,8 @@ struct ToolInTissue {
 };
 
 /// Computes these values for a tool and a tissue. `share`: the coverage, which is the fraction of
-/// the tool's cross-section that lies over material that is not yet cut. `slice_push`: result of
-/// slice_push(). Precondition: tool and tissue are valid (error_of()).
+/// the area of the tool's outline that lies over material that is not yet cut. `slice_push`: result
+/// of slice_push(). Precondition: tool and tissue are valid (error_of()).
 ToolInTissue tool_in_tissue(const ToolShape& tool, const CutMaterial& tissue, double share = 1,
                             double slice_push = 0) noexcept;
 

@@ -262,7 +262,7 @@ TEST(Scene, EverySolverHasItsParameter) {
   EXPECT_FALSE(parse(scene));
 }
 
-TEST(Scene, TheEdgeOfAJamshidiIsFlatUnlessTheSceneSaysOtherwise) {
+TEST(Scene, TheDefaultHalfAngleOfAJamshidiIsThatOfAFlatEdge) {
   json scene = smallest();
   scene["tool"] = {{"kind", "jamshidi"}, {"radius_m", 2e-3}, {"inner_radius_m", 1e-3}};
   ASSERT_TRUE(parse(scene));

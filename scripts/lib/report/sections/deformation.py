@@ -110,7 +110,7 @@ def results(data):
 def headline(data):
     rows = [row for row in data["rows"] if row["method"] == "auto" and row["parameter"] == 0.01]
     return ("Deformation of a slice as a network of springs: Trocar computes only a region around the tool, which causes an error in the force on the tool. "
-            "Trocar makes the region so large that this error is certainly at most 1 % of the force. "
+            "Trocar estimates an upper bound of this error, and makes the region so large that the bound is at most 1 % of the force. "
             f"In the measurements, the force differed by at most {100 * max(row['force_error_max'] for row in rows):.2g} % from the force that the whole slice gives. "
-            f"To compute the deformation for one tick took {max(row['solve_us'] for row in rows):.2g} us (the median over random positions of the tool) "
+            f"Computing the deformation for one tick took {max(row['solve_us'] for row in rows):.2g} us (the median over random positions of the tool) "
             "on the scan for which this took longest.")

@@ -62,4 +62,4 @@ def headline(data):
     return ("Meshing: Trocar and the mesher Delaunay_mesher_2 of the library CGAL meshed the same outlines with the same lower bound on angles. "
             f"Trocar is {speed:.1f} times as fast and makes {1 - share:.0%} fewer triangles. "
             "Both numbers are medians over several cases. "
-            "A case is one scan with one setting of the largest area of a triangle. (Some cases have no such limit.)")
+            "A case is one scan at one resolution, with one tolerance of the outline and with one largest area of a triangle or no such limit.")
