@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Builds the overlay, which is the second stage of a cut. The cavity is the set of triangles
-// that the cut replaces (cavity.h). The overlay combines the boundary of the
-// cavity and the tool's outline into one PSLG (planar straight-line graph), whose points are on the
-// lattice and whose edges do not cross. The code calls the boundary of the cavity `rim`.
+// Builds the overlay, which is the second stage of a cut. The cavity is the set of triangles that
+// the cut replaces (cavity.h). The overlay combines the boundary of the cavity and the tool's
+// outline into one PSLG (planar straight-line graph), whose points are on the lattice and whose
+// edges do not cross. The code calls the boundary of the cavity `rim`.
 //
 // If a tool edge crosses the sheet's boundary, the crossing need not be a lattice point. Both
 // edges are therefore bent through a lattice point next to the crossing. The method is iterated
@@ -11,8 +11,8 @@
 //  1. The four lattice points around a crossing are candidates for the bend. The bend is the
 //     nearest candidate on the material's side of the sheet's boundary, so that the boundary only
 //     recedes. If no candidate lies on the material's side, the bend is the nearest candidate.
-//     (Example: the material between two
-//     boundary edges is thinner than a lattice step, and bending makes these two edges cross.)
+//     (Example: the material between two boundary edges is thinner than a lattice step, and bending
+//     makes these two edges cross.)
 //  2. The algorithm terminates. A bend replaces an edge by two edges in the edge's bounding box.
 //     The Manhattan length of an edge is the sum of its horizontal and its vertical extent. The
 //     Manhattan lengths of the two new edges are positive and add up to that of the replaced edge.
