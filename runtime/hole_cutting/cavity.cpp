@@ -90,8 +90,8 @@ void Cavity::allocate(std::size_t max_triangles) {
   reserve_touched(tool, kMaxToolCorners);
   reserve_touched(near_tool, max_triangles);
   reserve_touched(triangles, max_triangles);
-  reserve_touched(rim, 3 * max_triangles);
-  reserve_touched(rim_vertices, 3 * max_triangles);
+  reserve_touched(boundary, 3 * max_triangles);
+  reserve_touched(boundary_vertices, 3 * max_triangles);
   reserve_touched(inner, 3 * max_triangles);
   members.allocate(max_triangles);
   vertices.allocate(3 * max_triangles);
@@ -145,15 +145,15 @@ StageOutcome enlarge_cavity(std::span<const std::uint32_t> triangles, Cavity& ca
   return StageOutcome::kDone;
 }
 
-void trace_rim(const SheetMesh& mesh, Cavity& cavity) noexcept {
-  cavity.rim.clear();
-  cavity.rim_vertices.clear();
+void trace_boundary(const SheetMesh& mesh, Cavity& cavity) noexcept {
+  cavity.boundary.clear();
+  cavity.boundary_vertices.clear();
   cavity.inner.clear();
   cavity.vertices.clear();
-  const auto on_rim = [&cavity](std::uint32_t v) {
-    const auto fresh = static_cast<std::uint32_t>(cavity.rim_vertices.size());
+  const auto on_boundary = [&cavity](std::uint32_t v) {
+    const auto fresh = static_cast<std::uint32_t>(cavity.boundary_vertices.size());
     const std::uint32_t at = *cavity.vertices.insert(v, fresh);
-    if (at == fresh) cavity.rim_vertices.push_back(v);
+    if (at == fresh) cavity.boundary_vertices.push_back(v);
     return at;
   };
   for (const std::uint32_t t : cavity.triangles) {
@@ -165,8 +165,8 @@ void trace_rim(const SheetMesh& mesh, Cavity& cavity) noexcept {
         if (cavity.contains(beyond)) continue;
         kept_edge = corner_of(mesh.triangles[beyond], to);
       }
-      const std::uint32_t from = on_rim(v[i]);
-      cavity.rim.push_back({from, on_rim(to), beyond, kept_edge});
+      const std::uint32_t from = on_boundary(v[i]);
+      cavity.boundary.push_back({from, on_boundary(to), beyond, kept_edge});
     }
   }
   for (const std::uint32_t t : cavity.triangles) {

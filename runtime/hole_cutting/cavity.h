@@ -3,8 +3,8 @@
 // This is the first stage of a cut. (The paper describes it in II.C as "search all meshes that are
 // across the hexagon by intersection test and all vertices inside the hexagon". In the paper,
 // meshes are triangles, and the hexagon is the tool's outline.) This stage also finds the boundary
-// of the cavity, which the code calls `rim`. The triangles outside the cavity are the kept
-// triangles. All intersection tests are exact, because they use 64-bit and 128-bit integers.
+// of the cavity. The triangles outside the cavity are the kept triangles. All intersection tests
+// are exact, because they use 64-bit and 128-bit integers.
 // Tests: tests/runtime/hole_cutting/cut_test.cpp
 #pragma once
 
@@ -60,8 +60,8 @@ ToolIntersection intersect_tool(const std::array<LatticePoint, 3>& triangle, Out
 bool strictly_outside(LatticePoint p, std::span<const OutlineEdge> tool) noexcept;
 
 /// A directed edge of the cavity's boundary, with the cavity on its left.
-struct RimEdge {
-  std::uint32_t from, to;   ///< indices into Cavity::rim_vertices
+struct CavityBoundaryEdge {
+  std::uint32_t from, to;   ///< indices into Cavity::boundary_vertices
   std::uint32_t kept;       ///< the kept triangle beyond the edge; kNoSlot on the sheet's boundary
   std::uint32_t kept_edge;  ///< number of this edge in the triangle `kept`
 };
@@ -69,14 +69,14 @@ struct RimEdge {
 struct Cavity {
   std::vector<OutlineEdge> tool;  ///< the tool's outline, given to find_cavity()
   LatticeBox tool_box;
-  std::vector<std::uint32_t> near_tool;     ///< triangles whose boxes overlap the tool's box
-  std::vector<std::uint32_t> triangles;     ///< the cavity's triangles, in ascending order
-  std::vector<RimEdge> rim;                 ///< the edges of the cavity's boundary
-  std::vector<std::uint32_t> rim_vertices;  ///< vertices on the cavity's boundary, each once
-  std::vector<std::uint32_t> inner;         ///< the other vertices of the cavity's triangles
-  FlatTable members;                        ///< `triangles` as a set
-  /// All vertices of the cavity's triangles. Key: vertex; value: index in rim_vertices, or kInner
-  /// for a vertex in `inner`.
+  std::vector<std::uint32_t> near_tool;          ///< triangles whose boxes overlap the tool's box
+  std::vector<std::uint32_t> triangles;          ///< the cavity's triangles, in ascending order
+  std::vector<CavityBoundaryEdge> boundary;            ///< the edges of the cavity's boundary
+  std::vector<std::uint32_t> boundary_vertices;  ///< vertices on the cavity's boundary, each once
+  std::vector<std::uint32_t> inner;              ///< the other vertices of the cavity's triangles
+  FlatTable members;                             ///< `triangles` as a set
+  /// All vertices of the cavity's triangles. Key: vertex; value: index in
+  /// boundary_vertices, or kInner for a vertex in `inner`.
   FlatTable vertices;
   static constexpr std::uint32_t kInner = kNoSlot - 1;
 
@@ -91,11 +91,11 @@ StageOutcome find_cavity(const SheetMesh& mesh, const TriangleGrid& grid, Outlin
                          Cavity& cavity) noexcept;
 
 /// Adds triangles to the cavity. Triangles that are already in the cavity are skipped. Call
-/// trace_rim() afterwards.
+/// trace_boundary() afterwards.
 StageOutcome enlarge_cavity(std::span<const std::uint32_t> triangles, Cavity& cavity) noexcept;
 
-/// Determines the boundary of the cavity (`rim`, `rim_vertices`) and the vertices inside the cavity
-/// (`inner`).
-void trace_rim(const SheetMesh& mesh, Cavity& cavity) noexcept;
+/// Determines the boundary of the cavity (`boundary`, `boundary_vertices`) and the vertices inside
+/// the cavity (`inner`).
+void trace_boundary(const SheetMesh& mesh, Cavity& cavity) noexcept;
 
 }  // namespace trocar::runtime

@@ -36,7 +36,7 @@ StageOutcome plan_patch(const SheetMesh& mesh, const TriangleGrid& grid, Outline
   StageOutcome stage = find_cavity(mesh, grid, tool, work.cavity);
   if (work.cavity.triangles.empty()) return stage;
   while (stage == StageOutcome::kDone) {
-    trace_rim(mesh, work.cavity);
+    trace_boundary(mesh, work.cavity);
     stage = build_overlay(mesh, grid, work.cavity, work.overlay);
     std::span<const std::uint32_t> absorb = work.overlay.absorb;
     if (stage == StageOutcome::kDone) {
@@ -101,7 +101,8 @@ CutReport cut_in_place(SheetMesh& mesh, const TriangleGrid& grid, Outline tool, 
     return report;
   }
   StageOutcome stage = plan_patch(mesh, grid, tool, work);
-  if (stage != StageOutcome::kDone) return failure(stage, "rim and tool are not planar");
+  if (stage != StageOutcome::kDone)
+    return failure(stage, "the cavity's boundary and the tool are not planar");
   if (work.cavity.triangles.empty()) return report;
 
   stage = outline_hole(work.cavity, work.overlay, work.patch, work.hole);
@@ -113,7 +114,7 @@ CutReport cut_in_place(SheetMesh& mesh, const TriangleGrid& grid, Outline tool, 
 
   stage = stitch(mesh, work.cavity, work.overlay, work.patch, work.stitch, edit);
   if (stage == StageOutcome::kDone)
-    stage = restore_delaunay(mesh, work.stitch.rim_edges, work.flips, edit, report.flips);
+    stage = restore_delaunay(mesh, work.stitch.shared_edges, work.flips, edit, report.flips);
   if (stage != StageOutcome::kDone) {
     edit.undo(mesh);
     return failure(stage, nullptr);

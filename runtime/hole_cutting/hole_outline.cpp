@@ -26,7 +26,8 @@ bool add(HoleOutline& hole, std::uint32_t from, std::uint32_t to) noexcept {
   return true;
 }
 
-// Adds a rim edge that was bent, divided at the points of the overlay that lie on it.
+// Adds an edge of the cavity's boundary that was bent, divided at the points of the overlay
+// that lie on it.
 bool add_divided(const Overlay& overlay, std::uint32_t from, std::uint32_t to,
                  HoleOutline& hole) noexcept {
   const std::vector<LatticePoint>& points = overlay.points;
@@ -46,16 +47,16 @@ bool add_divided(const Overlay& overlay, std::uint32_t from, std::uint32_t to,
   return fits;
 }
 
-// Collects the edges of the rim minus those of the patch's boundary.
+// Collects the edges of the cavity's boundary minus those of the patch's boundary.
 bool collect_edges(const Cavity& cavity, const Overlay& overlay, const Patch& patch,
                    HoleOutline& hole) noexcept {
   hole.edges.clear();
   hole.edge_at.clear();
   bool fits = true;
-  for (std::size_t e = 0; e < cavity.rim.size(); ++e) {
-    const std::uint32_t from = overlay.rim_point[cavity.rim[e].from];
-    const std::uint32_t to = overlay.rim_point[cavity.rim[e].to];
-    const bool whole = !overlay.strands[overlay.rim_strand[e]].gone;
+  for (std::size_t e = 0; e < cavity.boundary.size(); ++e) {
+    const std::uint32_t from = overlay.boundary_point[cavity.boundary[e].from];
+    const std::uint32_t to = overlay.boundary_point[cavity.boundary[e].to];
+    const bool whole = !overlay.strands[overlay.boundary_strand[e]].gone;
     fits = fits && (whole ? add(hole, from, to) : add_divided(overlay, from, to, hole));
   }
   for (std::size_t t = 0; t < patch.triangles.size(); ++t) {

@@ -39,18 +39,18 @@ Meeting meet(const Strand& s, const Strand& t, LatticePoint& at) {
   return t1 != 0 && t2 != 0 && s1 != 0 && s2 != 0 ? Meeting::kCrosses : Meeting::kApart;
 }
 
-// Returns true if p is on the material's side of the strand or on it, and for strands without
-// a rim edge.
+// Returns true if p is on the material's side of the strand or on it, and for strands that
+// are not on the cavity's boundary.
 bool recedes(const Strand& s, LatticePoint p) {
-  if (s.rim == 0) return true;
+  if (s.cavity == 0) return true;
   const std::int64_t side = orient2d(s.first, s.second, p);
-  return s.rim > 0 ? side >= 0 : side <= 0;
+  return s.cavity > 0 ? side >= 0 : side <= 0;
 }
 
-// Returns the canonical rotation of all corners of rim and tool (contract 5).
+// Returns the canonical rotation of all corners of cavity and tool (contract 5).
 CanonicalRotation rotation_of(const SheetMesh& mesh, const Cavity& cavity) noexcept {
   return rotation_by_moments([&](auto&& visit) {
-    for (const std::uint32_t v : cavity.rim_vertices)
+    for (const std::uint32_t v : cavity.boundary_vertices)
       visit(mesh.vertices[v]);
     for (const OutlineEdge& e : cavity.tool)
       visit(e.a);
@@ -102,8 +102,8 @@ class OverlayBuilder {
     out.point_at.clear();
     out.strand_at.clear();
     out.pending.clear();
-    out.rim_point.clear();
-    out.rim_strand.clear();
+    out.boundary_point.clear();
+    out.boundary_strand.clear();
     out.rotation = rotation_of(mesh, cavity);
   }
 
@@ -119,7 +119,7 @@ class OverlayBuilder {
     return *at;
   }
 
-  // Adds a strand between two points, with the same rim and tool edges as `like`, and
+  // Adds a strand between two points, with the same edges of cavity and tool as `like`, and
   // returns its number.
   std::uint32_t add(std::uint32_t from, std::uint32_t to, const Strand& like) {
     Strand strand = like;
@@ -131,7 +131,7 @@ class OverlayBuilder {
     if (strand.second < strand.first) {
       std::swap(strand.a, strand.b);
       std::swap(strand.first, strand.second);
-      strand.rim = -strand.rim;
+      strand.cavity = -strand.cavity;
       strand.tool = -strand.tool;
       strand.kept_right = !strand.kept_right;
     }
@@ -139,7 +139,7 @@ class OverlayBuilder {
     std::uint32_t* at = out_.strand_at.insert(pair_key(strand.a, strand.b), fresh);
     if (at != nullptr && *at != fresh && !out_.strands[*at].gone) {
       // A strand whose edges cancel stays in the list: its ends are points of the PSLG.
-      out_.strands[*at].rim += strand.rim;
+      out_.strands[*at].cavity += strand.cavity;
       out_.strands[*at].tool += strand.tool;
     } else if (at == nullptr || !push_within(out_.strands, strand)) {
       full_ = true;
@@ -275,8 +275,8 @@ void Overlay::allocate(std::size_t max_triangles, std::size_t max_points, std::s
   reserve_touched(strands, max_strands);
   reserve_touched(absorb, max_strands);
   reserve_touched(pending, 2 * max_strands);
-  reserve_touched(rim_point, 3 * max_triangles);
-  reserve_touched(rim_strand, 3 * max_triangles);
+  reserve_touched(boundary_point, 3 * max_triangles);
+  reserve_touched(boundary_strand, 3 * max_triangles);
   point_at.allocate(max_points);
   strand_at.allocate(max_strands);
 }
@@ -284,15 +284,16 @@ void Overlay::allocate(std::size_t max_triangles, std::size_t max_points, std::s
 StageOutcome build_overlay(const SheetMesh& mesh, const TriangleGrid& grid, const Cavity& cavity,
                            Overlay& out) noexcept {
   OverlayBuilder builder(mesh, grid, cavity, out);
-  for (const std::uint32_t v : cavity.rim_vertices)
-    out.rim_point.push_back(builder.point(mesh.vertices[v]));
-  Strand rim;
-  rim.rim = 1;
-  rim.kept_right = true;
-  for (const RimEdge& e : cavity.rim) {
+  for (const std::uint32_t v : cavity.boundary_vertices)
+    out.boundary_point.push_back(builder.point(mesh.vertices[v]));
+  Strand boundary;
+  boundary.cavity = 1;
+  boundary.kept_right = true;
+  for (const CavityBoundaryEdge& e : cavity.boundary) {
     if (builder.full()) return StageOutcome::kCapacity;
-    rim.kept = e.kept;
-    out.rim_strand.push_back(builder.add(out.rim_point[e.from], out.rim_point[e.to], rim));
+    boundary.kept = e.kept;
+    out.boundary_strand.push_back(
+        builder.add(out.boundary_point[e.from], out.boundary_point[e.to], boundary));
   }
   Strand edge;
   edge.tool = 1;

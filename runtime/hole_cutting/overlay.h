@@ -2,7 +2,7 @@
 // Builds the overlay, which is the second stage of a cut. The cavity is the set of triangles that
 // the cut replaces (cavity.h). The overlay combines the boundary of the cavity and the tool's
 // outline into one PSLG (planar straight-line graph), whose points are on the lattice and whose
-// edges do not cross. The code calls the boundary of the cavity `rim`.
+// edges do not cross.
 //
 // If a tool edge crosses the sheet's boundary, the crossing need not be a lattice point. Both
 // edges are therefore bent through a lattice point next to the crossing. The method is iterated
@@ -46,7 +46,7 @@ struct Strand {
   LatticePoint first, second;  ///< points[a] and points[b]; `first` is smaller (by x, then y)
   std::uint32_t a, b;          ///< indices into Overlay::points
   /// Number of boundary edges of the cavity from a to b, minus the number of those from b to a.
-  std::int32_t rim = 0;
+  std::int32_t cavity = 0;
   /// Number of edges of the tool's outline from a to b, minus the number of those from b to a.
   std::int32_t tool = 0;
   std::uint32_t kept = kNoSlot;  ///< kept triangle that has this edge; kNoSlot: there is none
@@ -66,10 +66,11 @@ struct Overlay {
   FlatTable strand_at;                 ///< key: a and b; value: the latest strand between them
   std::vector<std::uint32_t> pending;  ///< scratch: strands to be tested for crossings
 
-  std::vector<std::uint32_t> rim_point;  ///< the Cavity::rim_vertices, as indices in `points`
-  /// Strand of each edge of Cavity::rim before any split. If the edge was split, the strand is
+  /// The Cavity::boundary_vertices, as indices in `points`.
+  std::vector<std::uint32_t> boundary_point;
+  /// Strand of each edge of Cavity::boundary before any split. If the edge was split, the strand is
   /// `gone`.
-  std::vector<std::uint32_t> rim_strand;
+  std::vector<std::uint32_t> boundary_strand;
 
   void allocate(std::size_t max_triangles, std::size_t max_points, std::size_t max_strands);
   static std::uint64_t key(LatticePoint p) noexcept {

@@ -21,8 +21,8 @@ StageOutcome triangulate(const Overlay& overlay, LocalTriangulation& triangulati
                                        : StageOutcome::kBug;
 }
 
-// Finds the cells that are material from the winding numbers of rim and tool, which are propagated
-// from the box's corner, where both are zero.
+// Finds the cells that are material from the winding numbers of cavity and tool, which are
+// propagated from the box's corner, where both are zero.
 void find_regions(const Overlay& overlay, Patch& patch) noexcept {
   const LocalTriangulation& t = patch.triangulation;
   constexpr std::uint8_t kNotYet = 2;
@@ -45,11 +45,11 @@ void find_regions(const Overlay& overlay, Patch& patch) noexcept {
         // one per edge.
         const Strand& strand = overlay.strands[cell.constraint[i]];
         const std::int32_t sign = cell.vertex[i] == strand.a ? -1 : 1;
-        w.rim += sign * strand.rim;
+        w.cavity += sign * strand.cavity;
         w.tool += sign * strand.tool;
       }
       patch.windings[beyond] = w;
-      patch.region[beyond] = w.rim >= 1 && w.tool <= 0 ? 1 : 0;
+      patch.region[beyond] = w.cavity >= 1 && w.tool <= 0 ? 1 : 0;
       patch.pending.push_back(beyond);
     }
   }

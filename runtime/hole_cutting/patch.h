@@ -27,7 +27,7 @@ struct Patch {
   /// How many times the boundary of the cavity and the tool's outline wind around a
   /// cell, counted counter-clockwise.
   struct Winding {
-    std::int32_t rim, tool;
+    std::int32_t cavity, tool;
   };
   /// Scratch: a triangulation of a box around all points of the overlay. Its triangles
   /// are called cells.

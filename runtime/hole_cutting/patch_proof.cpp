@@ -20,42 +20,43 @@ bool mutual(const Patch& patch, std::uint32_t t, std::uint32_t i, std::uint32_t&
 }
 
 // Proves statement 2 if the triangle beyond the edge is a kept one.
-bool takes_rim_edge(const SheetMesh& mesh, std::uint32_t kept, LatticePoint from, LatticePoint to,
-                    ProofSpace& space) {
+bool takes_kept_edge(const SheetMesh& mesh, std::uint32_t kept, LatticePoint from, LatticePoint to,
+                     ProofSpace& space) {
   for (std::uint32_t j = 0; j < 3; ++j) {
     if (mesh.vertices[mesh.triangles[kept][j]] != to ||
         mesh.vertices[mesh.triangles[kept][next_corner(j)]] != from)
       continue;
-    if (!space.rim_at.contains(pair_key(kept, j))) return false;
-    std::uint32_t& used = *space.rim_at.insert(pair_key(kept, j), 0);
+    if (!space.kept_edge_at.contains(pair_key(kept, j))) return false;
+    std::uint32_t& used = *space.kept_edge_at.insert(pair_key(kept, j), 0);
     return used++ == 0;
   }
   return false;
 }
 
-bool list_rim(const Cavity& cavity, const Overlay& overlay, ProofSpace& space) {
-  space.rim_at.clear();
+bool list_cavity_boundary(const Cavity& cavity, const Overlay& overlay, ProofSpace& space) {
+  space.kept_edge_at.clear();
   space.boundary_at.clear();
-  for (const RimEdge& e : cavity.rim) {
+  for (const CavityBoundaryEdge& e : cavity.boundary) {
     if (e.kept != kNoSlot) {
-      if (space.rim_at.insert(pair_key(e.kept, e.kept_edge), 0) == nullptr) return false;
+      if (space.kept_edge_at.insert(pair_key(e.kept, e.kept_edge), 0) == nullptr) return false;
     } else {
-      const std::uint64_t key = pair_key(overlay.rim_point[e.from], overlay.rim_point[e.to]);
+      const std::uint64_t key =
+          pair_key(overlay.boundary_point[e.from], overlay.boundary_point[e.to]);
       if (space.boundary_at.insert(key, 0) == nullptr) return false;
     }
   }
   return true;
 }
 
-// Lists the boundary edges of kept triangles: shared rim edges beyond which there is no new
-// triangle, and the old boundary near the new boundary edges.
+// Lists the boundary edges of kept triangles: edges shared with the cavity beyond which
+// there is no new triangle, and the old boundary near the new boundary edges.
 bool list_kept_boundary(const SheetMesh& mesh, const TriangleGrid& grid, const Cavity& cavity,
                         ProofSpace& space) {
   bool fits = true;
-  for (const RimEdge& e : cavity.rim) {
-    if (e.kept != kNoSlot && space.rim_at.find(pair_key(e.kept, e.kept_edge)) == 0)
-      fits = fits && push_within(space.old, {mesh.vertices[cavity.rim_vertices[e.to]],
-                                             mesh.vertices[cavity.rim_vertices[e.from]]});
+  for (const CavityBoundaryEdge& e : cavity.boundary) {
+    if (e.kept != kNoSlot && space.kept_edge_at.find(pair_key(e.kept, e.kept_edge)) == 0)
+      fits = fits && push_within(space.old, {mesh.vertices[cavity.boundary_vertices[e.to]],
+                                             mesh.vertices[cavity.boundary_vertices[e.from]]});
   }
   LatticeBox box{space.fresh.front().a, space.fresh.front().a};
   for (const Segment& s : space.fresh)
@@ -123,7 +124,7 @@ const char* find_defect(const SheetMesh& mesh, const Overlay& overlay, const Pat
         if (t < patch.across[t][i] && in_circle(p[0], p[1], p[2], overlay.points[apex]) > 0)
           return "the patch is not constrained Delaunay";
       } else if (patch.kept[t][i] != kNoSlot) {
-        if (!takes_rim_edge(mesh, patch.kept[t][i], p[i], p[j], space))
+        if (!takes_kept_edge(mesh, patch.kept[t][i], p[i], p[j], space))
           return "a new triangle does not match the kept triangle at its edge";
       } else {
         const bool was_there =
@@ -150,7 +151,7 @@ std::int64_t doubled_area(const HoleOutline& hole) {
 void ProofSpace::allocate(std::size_t max_edges) {
   reserve_touched(fresh, max_edges);
   reserve_touched(old, max_edges);
-  rim_at.allocate(max_edges);
+  kept_edge_at.allocate(max_edges);
   boundary_at.allocate(max_edges);
 }
 
@@ -160,7 +161,7 @@ Proof prove(const SheetMesh& mesh, const TriangleGrid& grid, const Cavity& cavit
   Proof proof;
   space.fresh.clear();
   space.old.clear();
-  proof.capacity_exceeded = !list_rim(cavity, overlay, space);
+  proof.capacity_exceeded = !list_cavity_boundary(cavity, overlay, space);
   if (proof.capacity_exceeded) return proof;
   proof.bug = find_defect(mesh, overlay, patch, space, proof.capacity_exceeded);
   if (proof.capacity_exceeded || proof.bug != nullptr) return proof;

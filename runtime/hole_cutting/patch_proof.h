@@ -40,7 +40,7 @@ struct ProofSpace {
   std::vector<Segment> fresh, old;
   /// Edges that cavity and kept triangles have in common. Key: kept triangle and number of its
   /// edge; value: 1 if a new triangle has the same edge, else 0.
-  FlatTable rim_at;
+  FlatTable kept_edge_at;
   /// Edges of the cavity that are boundary edges of the sheet. Key: the edge's two ends, as indices
   /// into Overlay::points.
   FlatTable boundary_at;

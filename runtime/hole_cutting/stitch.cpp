@@ -35,9 +35,10 @@ bool list_runs(const SheetMesh& mesh, const Cavity& cavity, StitchSpace& space) 
   space.corners.clear();
   space.runs.clear();
   space.run_at.clear();
-  for (const RimEdge& e : cavity.rim) {
+  for (const CavityBoundaryEdge& e : cavity.boundary) {
     if (e.kept == kNoSlot) continue;
-    for (const std::uint32_t v : {cavity.rim_vertices[e.from], cavity.rim_vertices[e.to]}) {
+    for (const std::uint32_t v :
+         {cavity.boundary_vertices[e.from], cavity.boundary_vertices[e.to]}) {
       if (space.run_at.contains(pair_key(e.kept, v))) continue;
       if (!list_run(mesh, cavity, v, e.kept, space)) return false;
     }
@@ -120,13 +121,13 @@ bool plan_vertices(const SheetMesh& mesh, const Cavity& cavity, const Overlay& o
     }
   }
   const std::size_t released =
-      cavity.rim_vertices.size() + cavity.inner.size() - space.taken.size();
+      cavity.boundary_vertices.size() + cavity.inner.size() - space.taken.size();
   return fits && space.fresh.size() <= mesh.free_vertices.size() + released &&
          patch.triangles.size() <= mesh.free_triangles.size() + cavity.triangles.size();
 }
 
 void release(SheetMesh& mesh, const Cavity& cavity, const StitchSpace& space, SheetEdit& edit) {
-  for (const RimEdge& e : cavity.rim) {
+  for (const CavityBoundaryEdge& e : cavity.boundary) {
     if (e.kept == kNoSlot) continue;
     edit.touch_triangle(mesh, e.kept);
     mesh.across[e.kept][e.kept_edge] = kNoSlot;
@@ -136,9 +137,9 @@ void release(SheetMesh& mesh, const Cavity& cavity, const StitchSpace& space, Sh
     edit.release_triangle(mesh, cavity.triangles[i]);
   for (std::size_t i = cavity.inner.size(); i-- > 0;)
     edit.release_vertex(mesh, cavity.inner[i]);
-  for (std::size_t i = cavity.rim_vertices.size(); i-- > 0;) {
-    if (!space.taken.contains(cavity.rim_vertices[i]))
-      edit.release_vertex(mesh, cavity.rim_vertices[i]);
+  for (std::size_t i = cavity.boundary_vertices.size(); i-- > 0;) {
+    if (!space.taken.contains(cavity.boundary_vertices[i]))
+      edit.release_vertex(mesh, cavity.boundary_vertices[i]);
   }
 }
 
@@ -159,7 +160,7 @@ void number_vertices(SheetMesh& mesh, StitchSpace& space, SheetEdit& edit) {
 
 void put_in(SheetMesh& mesh, const Patch& patch, StitchSpace& space, SheetEdit& edit) {
   space.created.clear();
-  space.rim_edges.clear();
+  space.shared_edges.clear();
   for (std::uint32_t t = 0; t < patch.triangles.size(); ++t) {
     Triangle v{};
     for (std::uint32_t i = 0; i < 3; ++i)
@@ -173,7 +174,7 @@ void put_in(SheetMesh& mesh, const Patch& patch, StitchSpace& space, SheetEdit& 
         mesh.across[slot][i] = space.created[patch.across[t][i]];
       } else if (const std::uint32_t k = patch.kept[t][i]; k != kNoSlot) {
         mesh.across[slot][i] = k;
-        space.rim_edges.push_back({slot, i});
+        space.shared_edges.push_back({slot, i});
         const std::uint32_t to = mesh.triangles[slot][next_corner(i)];
         mesh.across[k][corner_of(mesh.triangles[k], to)] = slot;
       }
@@ -193,7 +194,7 @@ void StitchSpace::allocate(std::size_t max_triangles, std::size_t max_points) {
   taken.allocate(3 * max_triangles);
   reserve_touched(fresh, 3 * max_created);
   reserve_touched(created, max_created);
-  reserve_touched(rim_edges, 3 * max_created);
+  reserve_touched(shared_edges, 3 * max_created);
 }
 
 StageOutcome stitch(SheetMesh& mesh, const Cavity& cavity, const Overlay& overlay,

@@ -40,8 +40,8 @@ struct StitchSpace {
   std::vector<std::uint32_t> vertex;  ///< vertex slot of each group; index: the group's root
   FlatTable taken;                    ///< vertices on the cavity's boundary that keep their slots
   std::vector<NewVertex> fresh;
-  std::vector<std::uint32_t> created;   ///< result: slots of the patch's triangles in the sheet
-  std::vector<TriangleEdge> rim_edges;  ///< result: patch edges shared with kept triangles
+  std::vector<std::uint32_t> created;      ///< result: slots of the patch's triangles in the sheet
+  std::vector<TriangleEdge> shared_edges;  ///< result: patch edges shared with kept triangles
 
   void allocate(std::size_t max_triangles, std::size_t max_points);
 };

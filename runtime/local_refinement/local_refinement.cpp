@@ -320,11 +320,11 @@ class LocalRefiner {
     if (std::min(edge_length(a, *p), edge_length(*p, b)) < shortest) return Step::kOutline;
     if (!insertion_.find(mesh_, e.triangle, *p)) return Step::kLattice;
     std::uint32_t number = kNoSlot;
-    const std::span<const CavityEdge> rim = insertion_.rim();
-    for (std::uint32_t k = 0; k < rim.size(); ++k) {
-      if (rim[k].inside.triangle == e.triangle && rim[k].inside.edge == e.edge) {
+    const std::span<const CavityEdge> boundary = insertion_.boundary();
+    for (std::uint32_t k = 0; k < boundary.size(); ++k) {
+      if (boundary[k].inside.triangle == e.triangle && boundary[k].inside.edge == e.edge) {
         number = k;
-      } else if (!options_.split_outline && blocks_point(rim[k], *p)) {
+      } else if (!options_.split_outline && blocks_point(boundary[k], *p)) {
         return Step::kOutline;
       }
     }
@@ -379,7 +379,7 @@ class LocalRefiner {
 
     std::optional<TriangleEdge> blocking_edge;
     std::int64_t longest2 = 0;
-    for (const CavityEdge& e : insertion_.rim()) {
+    for (const CavityEdge& e : insertion_.boundary()) {
       if (!blocks_point(e, position)) continue;
       const std::int64_t length2 = distance2(mesh_.vertices[e.from], mesh_.vertices[e.to]);
       if (length2 > longest2) blocking_edge = e.inside, longest2 = length2;
@@ -424,7 +424,7 @@ class LocalRefiner {
   // edge blocks p.
   std::optional<int> growth_of_sharp(LatticePoint p) const noexcept {
     int growth = 0;
-    for (const CavityEdge& r : insertion_.rim()) {
+    for (const CavityEdge& r : insertion_.boundary()) {
       if (blocks_point(r, p)) return std::nullopt;
       growth += is_sharp({mesh_.vertices[r.from], mesh_.vertices[r.to], p}) ? 1 : 0;
     }

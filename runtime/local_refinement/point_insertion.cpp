@@ -16,13 +16,13 @@ bool circumcircle_contains(const SheetMesh& mesh, std::uint32_t t, LatticePoint 
 PointInsertion::PointInsertion(std::size_t vertex_slots, std::size_t triangle_slots)
     : visited_(triangle_slots, 0), starting_(vertex_slots, kNoSlot) {
   cavity_.reserve(kMaxCavity);
-  rim_.reserve(kMaxCavity + 2);
+  boundary_.reserve(kMaxCavity + 2);
   star_.reserve(kMaxCavity + 2);
 }
 
 bool PointInsertion::find(const SheetMesh& mesh, std::uint32_t start, LatticePoint p) noexcept {
   cavity_.clear();
-  rim_.clear();
+  boundary_.clear();
   if (!circumcircle_contains(mesh, start, p)) return false;
   if (++search_ == 0) {  // the counter has wrapped around: old marks could equal new ones
     std::fill(visited_.begin(), visited_.end(), 0);
@@ -41,8 +41,9 @@ bool PointInsertion::find(const SheetMesh& mesh, std::uint32_t start, LatticePoi
         cavity_.push_back(beyond);
         continue;
       }
-      if (rim_.size() == kMaxCavity + 2) return false;
-      rim_.push_back({mesh.triangles[t][i], mesh.triangles[t][next_corner(i)], beyond, {t, i}});
+      if (boundary_.size() == kMaxCavity + 2) return false;
+      boundary_.push_back(
+          {mesh.triangles[t][i], mesh.triangles[t][next_corner(i)], beyond, {t, i}});
     }
   }
   return true;
@@ -50,14 +51,14 @@ bool PointInsertion::find(const SheetMesh& mesh, std::uint32_t start, LatticePoi
 
 InsertionOutcome PointInsertion::insert(SheetMesh& mesh, SheetEdit& edit, LatticePoint p,
                                         std::uint32_t split) noexcept {
-  // If the rim is one loop, it has two edges more than the cavity has triangles.
-  if (rim_.size() != cavity_.size() + 2) return InsertionOutcome::kNotVisible;
-  for (std::uint32_t k = 0; k < rim_.size(); ++k) {
+  // If the cavity's boundary is one loop, it has two edges more than the cavity has triangles.
+  if (boundary_.size() != cavity_.size() + 2) return InsertionOutcome::kNotVisible;
+  for (std::uint32_t k = 0; k < boundary_.size(); ++k) {
     if (k == split) continue;
-    if (orient2d(mesh.vertices[rim_[k].from], mesh.vertices[rim_[k].to], p) <= 0)
+    if (orient2d(mesh.vertices[boundary_[k].from], mesh.vertices[boundary_[k].to], p) <= 0)
       return InsertionOutcome::kNotVisible;
   }
-  const std::size_t star_size = rim_.size() - (split == kNoSlot ? 0 : 1);
+  const std::size_t star_size = boundary_.size() - (split == kNoSlot ? 0 : 1);
   if (mesh.free_vertices.empty() || mesh.free_triangles.size() + cavity_.size() < star_size)
     return InsertionOutcome::kCapacity;
 
@@ -71,22 +72,22 @@ InsertionOutcome PointInsertion::insert(SheetMesh& mesh, SheetEdit& edit, Lattic
     star_.push_back(edit.take_triangle(mesh, {vertex_, vertex_, vertex_}));
   // Link the neighbours outside first, because the triangles in the cavity are overwritten below.
   if (split != kNoSlot) {
-    starting_[rim_[split].from] = kNoSlot;  // no other edge starts there
-    rim_.erase(rim_.begin() + split);
+    starting_[boundary_[split].from] = kNoSlot;  // no other edge starts there
+    boundary_.erase(boundary_.begin() + split);
   }
   for (std::size_t k = 0; k < star_size; ++k) {
-    const CavityEdge& r = rim_[k];
+    const CavityEdge& r = boundary_[k];
     starting_[r.from] = star_[k];
     if (r.beyond == kNoSlot) continue;
     edit.touch_triangle(mesh, r.beyond);
     mesh.across[r.beyond][corner_of(mesh.triangles[r.beyond], r.to)] = star_[k];
   }
   for (std::size_t k = 0; k < star_size; ++k) {
-    mesh.triangles[star_[k]] = {rim_[k].from, rim_[k].to, vertex_};
-    mesh.across[star_[k]] = {rim_[k].beyond, kNoSlot, kNoSlot};
+    mesh.triangles[star_[k]] = {boundary_[k].from, boundary_[k].to, vertex_};
+    mesh.across[star_[k]] = {boundary_[k].beyond, kNoSlot, kNoSlot};
   }
   for (std::size_t k = 0; k < star_size; ++k) {
-    const std::uint32_t next = starting_[rim_[k].to];
+    const std::uint32_t next = starting_[boundary_[k].to];
     if (next == kNoSlot) continue;  // the edge that was split
     mesh.across[star_[k]][1] = next;
     mesh.across[next][2] = star_[k];

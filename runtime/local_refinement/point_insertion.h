@@ -4,8 +4,8 @@
 // add up to at most 180 degrees. Only the edges of the sheet's boundary are constraints: a border
 // between two materials inside the sheet is not one. The triangles whose circumcircles contain the
 // point form the cavity. They are replaced by the star of the point, which consists of the
-// triangles between the point and the edges of the cavity's boundary (Bowyer; Watson, 1981). The
-// code calls the boundary of the cavity `rim`. All geometric tests are exact.
+// triangles between the point and the edges of the cavity's boundary (Bowyer; Watson, 1981). All
+// geometric tests are exact.
 #pragma once
 
 #include <cstddef>
@@ -45,14 +45,14 @@ class PointInsertion {
   /// Finds the cavity of the point `p`, starting at the triangle `start`. Returns false if the
   /// circumcircle of `start` does not contain p, or if the cavity is too large.
   bool find(const SheetMesh& mesh, std::uint32_t start, LatticePoint p) noexcept;
-  std::span<const CavityEdge> rim() const noexcept { return rim_; }
+  std::span<const CavityEdge> boundary() const noexcept { return boundary_; }
   std::span<const std::uint32_t> cavity() const noexcept { return cavity_; }
 
-  /// Replaces the cavity by the star of p. `split` is kNoSlot, or the index in rim() of a boundary
-  /// edge of the sheet that p splits. In the second case p must lie on that edge or on the edge's
-  /// inner side. Two edges that meet at p then replace the split edge, and the area between the
-  /// split edge and the two new edges no longer belongs to the sheet. If the result is not kDone,
-  /// nothing is changed.
+  /// Replaces the cavity by the star of p. `split` is kNoSlot, or the index in boundary() of an
+  /// edge of the sheet's boundary that p splits. In the second case p must lie on that edge or on
+  /// the edge's inner side. Two edges that meet at p then replace the split edge, and the area
+  /// between the split edge and the two new edges no longer belongs to the sheet. If the result is
+  /// not kDone, nothing is changed.
   InsertionOutcome insert(SheetMesh& mesh, SheetEdit& edit, LatticePoint p,
                           std::uint32_t split) noexcept;
   /// The star's triangles after insert(), each with p as its last corner.
@@ -62,7 +62,7 @@ class PointInsertion {
 
  private:
   std::vector<std::uint32_t> cavity_, star_;
-  std::vector<CavityEdge> rim_;
+  std::vector<CavityEdge> boundary_;
   std::uint32_t vertex_ = kNoSlot;
   // visited_[t]: number of the last call of find() whose cavity contains the triangle of slot t.
   std::vector<std::uint32_t> visited_;

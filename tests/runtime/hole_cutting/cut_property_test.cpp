@@ -241,7 +241,7 @@ TEST(CutProperty, ManyCutsInOneSheet) {
 }
 
 TEST(CutProperty, ToolsMovedByOneStep) {
-  // The same hexagon, moved by one step each time: it crosses the rim at grazing angles, where
+  // The same hexagon, moved by one step each time: it crosses the outline at grazing angles, where
   // rounding errors are largest.
   Count n;
   for (std::uint64_t seed = 0; seed < 8; ++seed) {

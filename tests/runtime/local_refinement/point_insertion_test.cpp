@@ -115,7 +115,7 @@ TEST(PointInsertion, PointsOnOrBeyondTheOutlineAreNotVisible) {
   EXPECT_EQ(insertion.insert(mesh, edit, {50, 0}, kNoSlot), InsertionOutcome::kNotVisible);
   EXPECT_TRUE(same(mesh, before));
   // But the edge can be split there.
-  ASSERT_EQ(insertion.rim()[0].from, 0U);
+  ASSERT_EQ(insertion.boundary()[0].from, 0U);
   EXPECT_EQ(insertion.insert(mesh, edit, {50, 0}, 0), InsertionOutcome::kDone);
   EXPECT_TRUE(check_sheet_mesh(mesh));
   EXPECT_EQ(mesh.triangles_in_use(), 2U);
