@@ -53,7 +53,7 @@ struct Command { Header h; uint8_t mode, zero[7]; uint64_t newest_state; Wrench 
 struct State { Header h; uint8_t mode, fault, zero[2]; uint32_t buttons; uint64_t newest_command;       // kind 7
                std::array<double, 3> position_m; std::array<double, 4> orientation; Key mac; };
 static_assert(sizeof(Hello) + sizeof(Welcome) + sizeof(Denial) + sizeof(Command) + sizeof(State) == 528);
-enum CommandMode : uint8_t { kHold = 1, kForce = 2, kStop = 3 };
+enum CommandMode : uint8_t { kFree = 1, kForce = 2, kStop = 3 };
 enum Mode : uint8_t { kReady = 1, kApplies = 2, kWatchdog = 3, kEmergencyStop = 4 };
 struct Session { bool exists = false; Nonces nonces{}; double watchdog_s = 0; Key key{};
                  uint64_t newest_command = 0, states_sent = 0, acknowledge_from = 0;  // a state after a stop, or 0
@@ -96,7 +96,7 @@ void take(const Command& command, const sockaddr_in& from) {
   Session& of = begins ? offer : session;
   if (!of.exists || command.h.session != of.nonces.drive[0] || (begins && is_alive())) return;
   if (!authentic(command, of.key) || command.h.sequence <= of.newest_command) return;
-  bool good = command.mode == kForce || (zeros && (command.mode == kHold || command.mode == kStop));
+  bool good = command.mode == kForce || (zeros && (command.mode == kFree || command.mode == kStop));
   for (const double each : command.wrench) good = good && std::abs(each) <= 1000;  // false if it is not a number
   if (!good || !sodium_is_zero(command.zero, 7)) return;
   if (begins) session = offer, offer = {}, begin_session();

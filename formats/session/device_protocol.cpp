@@ -197,7 +197,7 @@ bool good_contents(const WelcomePacket& packet) noexcept {
          (packet.clock == LinkClock::kReal || packet.clock == LinkClock::kLockStep);
 }
 bool good_contents(const CommandPacket& packet) noexcept {
-  const bool no_torque = packet.mode == CommandMode::kHold || packet.mode == CommandMode::kStop;
+  const bool no_torque = packet.mode == CommandMode::kFree || packet.mode == CommandMode::kStop;
   return packet.sequence > 0 && (no_torque || packet.mode == CommandMode::kTorque) &&
          all_within(packet.tau_motor_Nm, no_torque ? 0 : kLinkMaxTorque_Nm);
 }
@@ -208,7 +208,7 @@ bool good_contents(const StatePacket& packet) noexcept {
 }
 
 bool good_contents(const WrenchCommandPacket& packet) noexcept {
-  const bool no_wrench = packet.mode == CommandMode::kHold || packet.mode == CommandMode::kStop;
+  const bool no_wrench = packet.mode == CommandMode::kFree || packet.mode == CommandMode::kStop;
   return packet.sequence > 0 && (no_wrench || packet.mode == CommandMode::kTorque) &&
          all_within(packet.force_N, no_wrench ? 0 : kLinkMaxForce_N) &&
          all_within(packet.moment_Nm, no_wrench ? 0 : kLinkMaxMoment_Nm);

@@ -68,7 +68,7 @@ enum class LinkClock : std::uint8_t {
 enum class CommandMode : std::uint8_t {
   /// Torques must be zero. With the lock-step clock, the drive answers with a state packet, but
   /// the drive's time does not advance.
-  kHold = 1,
+  kFree = 1,
   kTorque = 2,  ///< apply these torques, or this wrench, until the next command
   kStop = 3,    ///< torques must be zero; the link session ends
 };
@@ -103,7 +103,7 @@ struct WelcomePacket {
 struct CommandPacket {
   std::uint64_t session = 0, sequence = 0;
   std::int64_t time_ns = 0;
-  CommandMode mode = CommandMode::kHold;
+  CommandMode mode = CommandMode::kFree;
   std::uint64_t state_seen = 0;  ///< sequence number of the newest accepted state packet
   std::array<double, kLinkMotors> tau_motor_Nm{};  ///< leg by leg: th1, th4 of leg 1, ...
   friend bool operator==(const CommandPacket&, const CommandPacket&) = default;
@@ -122,7 +122,7 @@ struct StatePacket {
 struct WrenchCommandPacket {
   std::uint64_t session = 0, sequence = 0;
   std::int64_t time_ns = 0;
-  CommandMode mode = CommandMode::kHold;
+  CommandMode mode = CommandMode::kFree;
   std::uint64_t state_seen = 0;  ///< same meaning as CommandPacket::state_seen
   /// The force on the hand, which acts at the point PoseStatePacket::p_m of the handle, and the
   /// moment about this point, in the device's frame.

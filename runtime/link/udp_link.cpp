@@ -184,7 +184,7 @@ Result<void> UdpLink<Kind>::shake_hands(bool resets_world) {
     }
     if (asked_ns == 0 || since_s(asked_ns) > kHelloPeriod_s) {
       asked_ns = now_ns();
-      send(CommandMode::kHold, {});
+      send(CommandMode::kFree, {});
     }
     drain();
   }

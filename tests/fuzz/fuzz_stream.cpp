@@ -152,7 +152,7 @@ class Stream {
     packet.sequence = session.sequence + static_cast<std::uint64_t>(how % 4 == 3 ? how : 1);
     packet.time_ns = now_ns_;
     packet.mode = how == 15   ? CommandMode::kStop
-                  : how == 14 ? CommandMode::kHold
+                  : how == 14 ? CommandMode::kFree
                               : CommandMode::kTorque;
     if (how % 2 == 0) packet.state_seen = session.last_state;
     if (packet.mode == CommandMode::kTorque) packet.tau_motor_Nm.fill(0.01 * bytes.small());

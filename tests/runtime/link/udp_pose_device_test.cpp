@@ -110,7 +110,7 @@ class PosePeer {
       newest_command_ = command;
     }
     if (clock_ == LinkClock::kReal) return;
-    if (command.mode == CommandMode::kHold) --ticks_;
+    if (command.mode == CommandMode::kFree) --ticks_;
     send_state();
   }
   void send_state() {

@@ -141,7 +141,7 @@ TEST_F(DriveLink, InLockStepOnlyTorqueCommandsAdvanceTime) {
   Host host(drive, key_);
   ASSERT_TRUE(host.handshake(0, true, 2e-3));
   EXPECT_FALSE(drive.in_session()) << "a welcome began the session";
-  ASSERT_EQ(host.command(CommandMode::kHold, 0, 0), LinkRefusal::kNone);
+  ASSERT_EQ(host.command(CommandMode::kFree, 0, 0), LinkRefusal::kNone);
   EXPECT_TRUE(drive.in_session());
   EXPECT_TRUE(host.from_host());
   EXPECT_EQ(host.state().time_ns, 0);
@@ -163,7 +163,7 @@ TEST_F(DriveLink, InLockStepOnlyTorqueCommandsAdvanceTime) {
     EXPECT_FALSE(host.was_answered());
   }
   EXPECT_NEAR(drive.session_time_s(), 0.1, 1e-12);
-  ASSERT_EQ(host.command(CommandMode::kHold, 0, 0), LinkRefusal::kNone);
+  ASSERT_EQ(host.command(CommandMode::kFree, 0, 0), LinkRefusal::kNone);
   EXPECT_NEAR(drive.session_time_s(), 0.1, 1e-12);
   EXPECT_EQ(host.state().mode, DriveMode::kReady);
 }
@@ -442,11 +442,11 @@ TEST_F(DriveLink, OnlyAFreshSessionRestartsTheWorld) {
     ASSERT_EQ(host.torque(0, 0), LinkRefusal::kNone);
   ASSERT_EQ(host.command(CommandMode::kStop, 0, 0), LinkRefusal::kNone);
   ASSERT_TRUE(host.handshake(0, false));
-  ASSERT_EQ(host.command(CommandMode::kHold, 0, 0), LinkRefusal::kNone);
+  ASSERT_EQ(host.command(CommandMode::kFree, 0, 0), LinkRefusal::kNone);
   EXPECT_NEAR(drive.session_time_s(), 0.03, 1e-12);
   ASSERT_EQ(host.command(CommandMode::kStop, 0, 0), LinkRefusal::kNone);
   ASSERT_TRUE(host.handshake(0, true));
-  ASSERT_EQ(host.command(CommandMode::kHold, 0, 0), LinkRefusal::kNone);
+  ASSERT_EQ(host.command(CommandMode::kFree, 0, 0), LinkRefusal::kNone);
   EXPECT_EQ(drive.session_time_s(), 0);
 }
 
@@ -499,11 +499,11 @@ TEST_F(DriveLink, EmergencyStopKeepsTorquesAtZeroUntilAcknowledged) {
     EXPECT_EQ(torque_of(drive), stopped ? 0 : 1) << tick;
     EXPECT_EQ(host.state().mode, stopped ? DriveMode::kEmergencyStop : DriveMode::kTorque);
     if (tick == 15) {
-      ASSERT_EQ(host.command(CommandMode::kHold, 0, 0), LinkRefusal::kNone);
+      ASSERT_EQ(host.command(CommandMode::kFree, 0, 0), LinkRefusal::kNone);
       EXPECT_EQ(host.state().mode, DriveMode::kEmergencyStop) << "acknowledged while pressed";
     }
     if (tick == 25) {
-      ASSERT_EQ(host.command(CommandMode::kHold, 0, 0), LinkRefusal::kNone);
+      ASSERT_EQ(host.command(CommandMode::kFree, 0, 0), LinkRefusal::kNone);
       EXPECT_EQ(host.state().mode, DriveMode::kReady);
     }
   }
