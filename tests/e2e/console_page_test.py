@@ -50,9 +50,11 @@ def make_folder(folder):
             for frame in scene["hand"]["trajectory"]:
                 frame["tip_m"][0] += 0.004
             (folder / "beside.json").write_text(json.dumps(scene))
+        else:  # and the first one of the list, which the page does not choose, because it has no whole bone
+            (folder / "alone.json").write_text(json.dumps(scene))
     hostile = '<img src="x" onerror="document.title=1"><b>.json'
     (folder / hostile).write_text(json.dumps({"schema": "trocar.scene/1", "name": "<b>bold</b>"}))
-    return [*names, "waiting.json", "beside.json", hostile]
+    return [*names, "waiting.json", "beside.json", "alone.json", hostile]
 
 
 def start_console(folder, log, *options):

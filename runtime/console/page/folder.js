@@ -35,6 +35,12 @@ const count_of = (slices) => (Array.isArray(slices) ? slices.length : slices);
 const slices_in = ({ slices, body }) => (count_of(slices) || !body ? slices : body.to - body.from + 1);
 const slices_of = (slices) => (count_of(slices) === 1 ? "1 slice" : `${count_of(slices)} slices`);
 
+/// The scene that is chosen before the operator chooses one: one with whole bone, because it shows the most.
+function first_choice(scenes) {
+  const complete = scenes.filter(({ asset_missing }) => !asset_missing);
+  return complete.find(({ force_law }) => force_law === "cutting") ?? complete[0] ?? scenes[0];
+}
+
 export class Folder {
   /// `act` has the functions {choose(scene), play(recording), compare(recording), report(recording), device_words(name), new_scene(asset), may_make: true if the page may make a scene}.
   constructor(act) {
@@ -56,7 +62,7 @@ export class Folder {
     const asset = by_id("start-asset").value;
     by_id("start-asset").replaceChildren(...assets);
     by_id("start-asset").value = assets.some(({ value }) => value === asset) ? asset : "";
-    if (!good.some(({ file }) => file === this.chosen)) this.chosen = (good.find(({ asset_missing }) => !asset_missing) ?? good[0])?.file ?? null;
+    if (!good.some(({ file }) => file === this.chosen)) this.chosen = first_choice(good)?.file ?? null;
     by_id("start-scene").value = this.chosen ?? "";
     by_id("start").disabled = !this.chosen;
     this.list();

@@ -47,6 +47,7 @@ for (const [list, names] of [["scenes", given.scenes], ["assets", ["sample.glb"]
   const text = await page.innerText(`#${list}`);
   for (const name of names) check(text.includes(name), `${name} is not among the ${list}`);
 }
+check(await page.inputValue("#start-scene") === "beside.json", "the page does not begin with a scene of whole bone");
 check(await page.locator("#scenes img, #scenes b, #start-scene img").count() === 0, "a file's name became HTML");
 check(!page.url().includes("#"), "the token stays in the address");
 
