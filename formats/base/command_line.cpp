@@ -5,7 +5,6 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
-#include <sstream>
 #include <type_traits>
 #include <utility>
 
@@ -35,6 +34,16 @@ std::string name_of(const CLI::Option& option) {
   return option.get_single_name();
 }
 
+/// The given command; the program itself if there is none.
+const CLI::App& given_command(const CLI::App& app) {
+  return app.get_subcommands().empty() ? app : *app.get_subcommands().front();
+}
+
+/// The program or command that was given the first argument that no option took.
+const CLI::App& owner_of_unexpected(const CLI::App& app) {
+  return app.remaining(false).empty() ? given_command(app) : app;
+}
+
 /// A message about the first argument that no option took, with the option that may have been
 /// meant.
 std::string unexpected_argument(const CLI::App& app) {
@@ -43,9 +52,8 @@ std::string unexpected_argument(const CLI::App& app) {
   const auto is_named = [&](const CLI::App* command) { return command->get_name() == argument; };
   if (!app.get_subcommands().empty() && !app.get_subcommands(is_named).empty())
     return argument + ": is a second command; give only one";
-  const CLI::App& command = app.get_subcommands().empty() ? app : *app.get_subcommands().front();
   std::vector<std::string> names;
-  for (const CLI::Option* option : command.get_options()) {
+  for (const CLI::Option* option : owner_of_unexpected(app).get_options()) {
     for (const std::string& name : option->get_lnames())
       names.push_back("--" + name);
   }
@@ -59,8 +67,7 @@ std::string not_a_number(const std::string& text, bool is_whole) {
 /// A message about the first value that is not a number although its option takes one; empty if
 /// there is none.
 std::string no_number(const CLI::App& app) {
-  const CLI::App& command = app.get_subcommands().empty() ? app : *app.get_subcommands().front();
-  for (const CLI::Option* option : command.get_options()) {
+  for (const CLI::Option* option : given_command(app).get_options()) {
     const std::string type = option->get_type_name();
     const bool is_whole = type.starts_with("INT") || type.starts_with("UINT");
     if (!is_whole && !type.starts_with("FLOAT")) continue;
@@ -113,6 +120,32 @@ bool has_unknown_option(const CLI::App& app) {
   return !rest.empty() && rest.front().starts_with("--");
 }
 
+/// Why a command line is wrong, and the program or command whose help explains it.
+struct Refusal {
+  std::string message;
+  const CLI::App* explained_by;
+};
+
+/// Parses the arguments of main(). Throws CLI::Success if they ask for help or the version.
+std::optional<Refusal> parse_arguments(CLI::App& app, const std::vector<std::string>& arguments) {
+  std::vector<std::string> words;  // CLI11 takes the last word first
+  if (!arguments.empty()) words.assign(arguments.rbegin(), arguments.rend() - 1);
+  try {
+    app.parse(std::move(words));
+    return std::nullopt;
+  } catch (const CLI::Success&) {
+    throw;
+  } catch (const CLI::ExtrasError&) {
+    return Refusal{unexpected_argument(app), &owner_of_unexpected(app)};
+  } catch (const CLI::RequiredError& error) {
+    if (!has_unknown_option(app)) return Refusal{error.what(), &given_command(app)};
+    return Refusal{unexpected_argument(app), &owner_of_unexpected(app)};
+  } catch (const CLI::ParseError& error) {
+    const std::string wrong = no_number(app);
+    return Refusal{wrong.empty() ? plain_words(error.what()) : wrong, &given_command(app)};
+  }
+}
+
 /// A message if `text` is not a number from `low` to `high`, or if `is_whole` is set and the number
 /// is not whole; else an empty text.
 std::string why_not_within(const std::string& text, double low, double high, bool is_whole) {
@@ -123,23 +156,16 @@ std::string why_not_within(const std::string& text, double low, double high, boo
   return text + ": must be within " + shown(low, is_whole) + " and " + shown(high, is_whole);
 }
 
-/// Checks that a value is in a range. CLI::Range is not used, because its messages, and whether it
-/// accepts nan, differ between versions of CLI11.
+/// Makes the option take numbers from `low` to `high`. CLI::Range is not used, because its messages,
+/// and whether it accepts nan, differ between versions of CLI11.
 template <typename Number>
-CLI::Validator range(Number low, Number high, bool is_described) {
+void limit(CLI::Option& option, Number low, Number high, const char* form, const char* unit) {
   constexpr bool kIsWhole = std::is_integral_v<Number>;
-  std::ostringstream description;
-  if (is_described)
-    description << (kIsWhole ? "INT" : "FLOAT") << " in [" << low << " - " << high << "]";
-  return {
-      [low, high](const std::string& text) { return why_not_within(text, low, high, kIsWhole); },
-      description.str()};
-}
-
-template <typename Number>
-void limit(CLI::Option& option, Number low, Number high, const char* unit) {
-  option.check(range(low, high, unit == nullptr));
-  if (unit != nullptr) option.type_name(unit);
+  option.check([low, high, unit = std::string(unit)](const std::string& text) {
+    const std::string why = why_not_within(text, low, high, kIsWhole);
+    return why.empty() || unit.empty() ? why : why + " " + unit;
+  });
+  option.type_name(form != nullptr ? form : shown(low, kIsWhole) + ".." + shown(high, kIsWhole));
 }
 
 }  // namespace
@@ -149,18 +175,21 @@ Option Option::required() const {
   return *this;
 }
 
-Option Option::within(int low, int high, const char* unit) const {
-  limit(*option_, low, high, unit);
+Option Option::within(int low, int high, const char* form) const {
+  limit(*option_, low, high, form, "");
   return *this;
 }
 
-Option Option::within(double low, double high, const char* unit) const {
-  limit(*option_, low, high, unit);
+Option Option::within(double low, double high, const char* form, const char* unit) const {
+  limit(*option_, low, high, form, unit);
   return *this;
 }
 
 Option Option::one_of(std::vector<std::string> words) const {
-  option_->check(CLI::IsMember(std::move(words)));
+  std::string form;
+  for (const std::string& word : words)
+    form += (form.empty() ? "" : "|") + word;
+  option_->check(CLI::IsMember(std::move(words)).description(""))->type_name(form);
   return *this;
 }
 
@@ -232,8 +261,11 @@ std::vector<std::string> Option::long_names() const {
 
 Option Command::declare(const std::string& names, OptionVariable variable,
                         const std::string& help) const {
-  return std::visit([&](auto* value) { return Option(app_->add_option(names, *value, help)); },
-                    variable);
+  CLI::Option* option =
+      std::visit([&](auto* value) { return app_->add_option(names, *value, help); }, variable);
+  // The help shows an argument by its name alone.
+  if (!names.starts_with('-')) option->type_name("");
+  return Option(option);
 }
 
 Option Command::flag(const std::string& names, bool& variable, const std::string& help) const {
@@ -295,21 +327,8 @@ std::string CommandLine::chosen_command() const {
 }
 
 Result<void> CommandLine::parse(const std::vector<std::string>& arguments) {
-  std::vector<std::string> words;  // CLI11 takes the last word first
-  if (!arguments.empty()) words.assign(arguments.rbegin(), arguments.rend() - 1);
-  try {
-    app()->parse(std::move(words));
-    return {};
-  } catch (const CLI::Success&) {
-    throw;
-  } catch (const CLI::ExtrasError&) {
-    return usage(unexpected_argument(*app()));
-  } catch (const CLI::RequiredError& error) {
-    return usage(has_unknown_option(*app()) ? unexpected_argument(*app()) : error.what());
-  } catch (const CLI::ParseError& error) {
-    const std::string wrong = no_number(*app());
-    return usage(wrong.empty() ? plain_words(error.what()) : wrong);
-  }
+  if (const auto refusal = parse_arguments(*app(), arguments)) return usage(refusal->message);
+  return {};
 }
 
 std::optional<int> CommandLine::parse_or_end(const std::vector<std::string>& arguments) {
@@ -324,10 +343,10 @@ std::optional<int> CommandLine::parse_or_end(const std::vector<std::string>& arg
     app()->set_help_all_flag("--help-all", "print this help with the options for diagnostics");
   }
   try {
-    if (auto ok = parse(arguments); !ok) {
-      const std::string command = chosen_command();
-      const std::string page = command.empty() ? program : program + " " + command;
-      return report_error(program, usage(ok.error().message + " (see " + page + " --help)"));
+    if (const auto refusal = parse_arguments(*app(), arguments)) {
+      const CLI::App& by = *refusal->explained_by;
+      const std::string page = &by == app() ? program : program + " " + by.get_name();
+      return report_error(program, usage(refusal->message + " (see " + page + " --help)"));
     }
   } catch (const CLI::CallForHelp&) {
     for (CLI::Option* option : diagnostics)

@@ -45,9 +45,10 @@ class Option {
   /// Refuses a command line without this option.
   Option required() const;
   /// Refuses values that are not numbers from `low` to `high`; with int, also those that are not
-  /// whole. The help shows `unit` after the option's name, or if there is none, type and range.
-  Option within(int low, int high, const char* unit = nullptr) const;
-  Option within(double low, double high, const char* unit = nullptr) const;
+  /// whole. The help shows `form` after the option's name, or if there is none, the range. `unit`
+  /// stands behind the range in the message about a value out of range.
+  Option within(int low, int high, const char* form = nullptr) const;
+  Option within(double low, double high, const char* form = nullptr, const char* unit = "") const;
   /// Refuses values that are not one of `words`. The help shows the words.
   Option one_of(std::vector<std::string> words) const;
   /// Refuses values for which `why_wrong` returns a message instead of an empty text.
@@ -149,7 +150,7 @@ class CommandLine : public Command {
   /// Parses like parse(), and also prints help, version and errors, as main() needs it. Returns an
   /// exit code if the program must end, else nullopt. The exit code is 0 after --help, --help-all
   /// or --version. After invalid arguments it is 2, and one line on stderr says what is wrong and
-  /// which help explains it (that of the command, if one was given). An empty value (for example
+  /// which help explains it, the program's or that of a command. An empty value (for example
   /// from an unset variable of a shell) is refused, because CLI11 would treat its option as not
   /// given.
   std::optional<int> parse_or_end(const std::vector<std::string>& arguments);

@@ -211,7 +211,10 @@ struct SceneTool {
   /// runtime/bone_cutting/material/tool_in_tissue.h; empty: flat.
   std::string kind;
   double half_angle_deg = 30;  ///< of the tip's faces to the axis; not used without `kind`
-  double inner_radius_m = 0;   ///< radius of the bore of a hollow tool
+  /// The half angle of a tip `kind` for which none is stated: 90 for a jamshidi, because its edge
+  /// is flat, and 30 for the other kinds.
+  static double usual_half_angle_deg(std::string_view kind) { return kind == "jamshidi" ? 90 : 30; }
+  double inner_radius_m = 0;  ///< radius of the bore of a hollow tool
   int sides = 6;
   double radius_m = 0.003;  ///< radius of the circumscribed circle
   /// If not empty, a simple polygon, counter-clockwise seen from +z, that replaces `sides` and

@@ -398,6 +398,7 @@ void add_batch_options(const Command& command, BatchArguments& a) {
   command
       .option("-o,--output", a.store,
               "the store, a folder that keeps all results; created if needed")
+      .with_form("STORE")
       .required();
   command
       .option(
@@ -405,11 +406,15 @@ void add_batch_options(const Command& command, BatchArguments& a) {
           "number of scans meshed at the same time, each in its own process; 0: one for each core")
       .with_default_shown()
       .within(0, 1024);
-  command.option("--shard", a.shard,
-                 "I/N: work only on every Nth scan, beginning with scan I, so that N machines can\n"
-                 "share the work; the first scan is number 0");
-  command.option("--only", a.only,
-                 "work only on the scans named in this file, one per line; -: standard input");
+  command
+      .option("--shard", a.shard,
+              "I/N: work only on every Nth scan, beginning with scan I, so that N machines can\n"
+              "share the work; the first scan is number 0")
+      .with_form("I/N");
+  command
+      .option("--only", a.only,
+              "work only on the scans named in this file, one per line; -: standard input")
+      .with_form("FILE");
   const Option dry_run = command.flag(
       "--dry-run", a.dry_run,
       "print which scans are stale (this run would work on them), and why; write nothing");
@@ -434,10 +439,12 @@ void add_batch_options(const Command& command, BatchArguments& a) {
             "again in this run")
       .excludes(dry_run)
       .excludes(explain);
-  command.option(
-      "--run-program", a.run_program,
-      "path of trocar-run (default: the trocar-run beside this program, else the one in PATH).\n"
-      "trocar-run is needed only if the collection asks for scenes or for checks of scenes");
+  command
+      .option("--run-program", a.run_program,
+              "path of trocar-run (default: the trocar-run beside this program, else the one in "
+              "PATH).\n"
+              "trocar-run is needed only if the collection asks for scenes or for checks of scenes")
+      .with_form("FILE");
   command.flag(
       "--rehash", a.rehash,
       "read all inputs again, even if their size, time of change and inode (the number of\n"
@@ -455,10 +462,12 @@ void add_batch_options(const Command& command, BatchArguments& a) {
       .within(0.0, 1e6)
       .needs(gc);
   command.flag("--json", a.as_json, "print the summary as JSON");
-  command.option(
-      "--metrics", a.metrics,
-      "write the counts and the duration of the run to this file, in the text format of the\n"
-      "monitoring program Prometheus");
+  command
+      .option(
+          "--metrics", a.metrics,
+          "write the counts and the duration of the run to this file, in the text format of the\n"
+          "monitoring program Prometheus")
+      .with_form("FILE");
   command.flag("--quiet", a.quiet, "print errors only");
 }
 

@@ -12,7 +12,7 @@ namespace trocar::pipeline {
 
 void add_export_options(const Command& command, ExportArguments& a) {
   command.option("ASSET", a.asset, "the asset (.glb)").required();
-  command.option("-o,--output", a.folder, "folder to write to").required();
+  command.option("-o,--output", a.folder, "folder to write to").with_form("FOLDER").required();
   command.flag("--surface", a.surface,
                "write the asset's closed surface instead, as .stl, .ply and .obj");
 }

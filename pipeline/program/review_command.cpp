@@ -59,11 +59,15 @@ void add_review_options(const Command& command, ReviewArguments& a) {
   command
       .option("-o,--output", a.page,
               "page to write (NAME.html); with more than 240 scans also NAME-2.html and so on")
+      .with_form("FILE")
       .required();
-  command.option(
-      "--against", a.against,
-      "an older store: show how the scans of STORE differ from those of the older store, in this\n"
-      "order: damaged, failed, gone (only in the older store), changed, repaired and new scans");
+  command
+      .option(
+          "--against", a.against,
+          "an older store: show how the scans of STORE differ from those of the older store, in "
+          "this\n"
+          "order: damaged, failed, gone (only in the older store), changed, repaired and new scans")
+      .with_form("STORE");
   command.flag("--json", a.as_json, "print the summary as JSON");
   command.flag("--quiet", a.quiet, "print errors only");
 }

@@ -19,7 +19,7 @@ void declare_export(CommandLine& line, ExportArguments& a) {
       .option("RECORDING", a.recording,
               "the recording, a CSV file that trocar-run --record has written")
       .required();
-  command.option("-o,--output", a.output, "the HDF5 file to write").required();
+  command.option("-o,--output", a.output, "the HDF5 file to write").with_form("FILE").required();
   command.flag("--quiet", a.quiet, "print errors only");
 }
 

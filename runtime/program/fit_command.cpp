@@ -43,7 +43,7 @@ Result<SceneTool> tool_of(const FitArguments& a) {
     return usage("--half-angle: needs --tip, because a flat tip has no such angle");
   SceneTool tool;
   tool.kind = a.tip;
-  tool.half_angle_deg = a.half_angle_deg.value_or(a.tip == "jamshidi" ? 90 : tool.half_angle_deg);
+  tool.half_angle_deg = a.half_angle_deg.value_or(SceneTool::usual_half_angle_deg(a.tip));
   tool.inner_radius_m = a.bore_mm.value_or(0) * 0.5e-3;
   tool.sides = kMaxToolSides;
   const double part = 2 * std::numbers::pi / tool.sides;
@@ -64,18 +64,23 @@ void declare_fit(CommandLine& line, FitArguments& a) {
       .required();
   fit.option("-o,--output", a.output,
              "the tissue to write, JSON, for use as the \"tissue\" of a scene")
+      .with_form("FILE")
       .required();
   fit.option("--page", a.page,
-             "write a page with the fitted curve and its deviations from the measured one: HTML");
-  fit.option("--tool", a.tool, "JSON file with the tool: a scene, or its \"tool\" alone");
+             "write a page with the fitted curve and its deviations from the measured one: HTML")
+      .with_form("FILE");
+  fit.option("--tool", a.tool, "JSON file with the tool: a scene, or its \"tool\" alone")
+      .with_form("FILE");
   fit.option("--gauge", a.gauge,
-             "gauge number of the needle, which states its diameter; instead of --tool");
+             "gauge number of the needle, which states its diameter; instead of --tool")
+      .with_form("N");
   fit.option("--diameter", a.diameter_mm, "diameter of the tool in mm, instead of --tool")
       .within(0.2, 50.0);
   fit.option("--bore", a.bore_mm, "inner diameter of a hollow tool in mm").within(0.0, 50.0);
   fit.option("--tip", a.tip,
              "kind of tip: needle-bevel, needle-conical, needle-diamond, trocar or\n"
-             "jamshidi (default: a flat tip)");
+             "jamshidi (default: a flat tip)")
+      .with_form("TIP");
   fit.option("--half-angle", a.half_angle_deg,
              "angle between the axis and the faces of the tip of --tip, degrees (default: 30;\n"
              "a jamshidi must have 90)")

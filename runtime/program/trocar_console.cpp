@@ -48,14 +48,17 @@ void declare(CommandLine& line, Arguments& arguments) {
       .within(0, 65535);
   line.option("--listen", arguments.listen,
               "IP address to listen on (default: 127.0.0.1). Any other than 127.0.0.1 or ::1 lets\n"
-              "other machines connect, and their connections are not encrypted");
+              "other machines connect, and their connections are not encrypted")
+      .with_form("ADDRESS");
   line.option("--public-url", arguments.public_url,
               "address of the page for browsers that reach it through a tunnel or proxy:\n"
-              "http://HOST:PORT or https://HOST. The printed links begin with this address");
+              "http://HOST:PORT or https://HOST. The printed links begin with this address")
+      .with_form("URL");
   line.option(
-      "--attach", arguments.attach,
-      "show and command a running session: the file that its trocar-run got with --live. The\n"
-      "console then starts no sessions");
+          "--attach", arguments.attach,
+          "show and command a running session: the file that its trocar-run got with --live. The\n"
+          "console then starts no sessions")
+      .with_form("FILE");
   line.option(
           "--device", arguments.devices,
           "a device that can be chosen on the page for a session. Repeat the option for several;\n"
@@ -65,30 +68,37 @@ void declare(CommandLine& line, Arguments& arguments) {
           "URI: any other device of trocar-run --device. Its options may follow, each after a "
           "comma:\n"
           "key-file=FILE, device-description=FILE, force-limit=N, force-scale=F, simulated")
+      .with_form("DEVICE")
       .one_value_each();
   line.option("--start", arguments.start,
-              "a scene in FOLDER; its session starts when the operator's page is first opened");
+              "a scene in FOLDER; its session starts when the operator's page is first opened")
+      .with_form("SCENE");
   line.option("--page", arguments.page,
               "for developers of the page: take the page's files (HTML, scripts) from this folder\n"
-              "(default: the folder that was installed with the program)");
+              "(default: the folder that was installed with the program)")
+      .with_form("FOLDER");
   line.option(
-      "--igtl", arguments.igtl,
-      "let 3D Slicer and other programs show the session, by the protocol OpenIGTLink at\n"
-      "[ADDRESS:]PORT, for instance 18944. These programs cannot command the session. The\n"
-      "default address is 127.0.0.1; any other than 127.0.0.1 or [::1] lets other machines\n"
-      "watch");
+          "--igtl", arguments.igtl,
+          "let 3D Slicer and other programs show the session, by the protocol OpenIGTLink at\n"
+          "[ADDRESS:]PORT, for instance 18944. These programs cannot command the session. The\n"
+          "default address is 127.0.0.1; any other than 127.0.0.1 or [::1] lets other machines\n"
+          "watch")
+      .with_form("[ADDRESS:]PORT");
   line.option("--recording", arguments.recording,
-              "play this recording, and start no sessions; needs --scene");
+              "play this recording, and start no sessions; needs --scene")
+      .with_form("FILE");
   line.option(
           "--stiffness-limit", arguments.stiffness_limit_N_per_m,
           "in every session: largest stiffness of contact at the tool's tip, N/m. With a device\n"
           "that measures its own pose, the option limits every force law. With the four-legged\n"
           "device it limits only the force law cutting. The limits that follow from the\n"
           "device's description apply, too; the lowest limit counts (default: only these limits)")
-      .within(10.0, 1e8);
+      .within(10.0, 1e8, "N/M", "N/m");
   line.option("--against", arguments.against,
-              "with --recording: a second recording, to show beside the first");
-  line.option("--scene", arguments.scene, "with --recording: the scene in which it was recorded");
+              "with --recording: a second recording, to show beside the first")
+      .with_form("FILE");
+  line.option("--scene", arguments.scene, "with --recording: the scene in which it was recorded")
+      .with_form("FILE");
   line.set_footer(
       "Prints two links. With the first link, the operator commands the device. With the second\n"
       "link, an audience watches; the audience can press only the emergency stop. Ctrl-C ends\n"

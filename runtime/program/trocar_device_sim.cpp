@@ -60,40 +60,49 @@ void declare(CommandLine& line, Arguments& a) {
       "the scene (JSON) with the simulated hand that holds the tool. Without a scene, nothing\n"
       "holds the tool");
   line.option(
-      "--listen", a.listen,
-      "ADDRESS:PORT to listen on; port 0: any free one (default: 127.0.0.1:4840). If ADDRESS\n"
-      "does not begin with 127 (this computer), the key file must exist already");
+          "--listen", a.listen,
+          "ADDRESS:PORT to listen on; port 0: any free one (default: 127.0.0.1:4840). If ADDRESS\n"
+          "does not begin with 127 (this computer), the key file must exist already")
+      .with_form("ADDRESS:PORT");
   line.option("--key-file", a.key_file,
               "file with the secret key by which this program and trocar-run recognise each "
               "other; both\n"
               "need the same key. If the file does not exist, it is created (mode 0600)")
+      .with_form("FILE")
       .required();
   line.option("--clock", a.clock,
               "real: time follows the wall clock; lock-step, for trocar-run --clock virtual: time\n"
-              "advances by one tick for each command of trocar-run (default: real)");
+              "advances by one tick for each command of trocar-run (default: real)")
+      .one_of({"real", "lock-step"});
   line.option("--rate", a.rate_Hz,
               "rate of the drive, the simulated electronics of the motors, 100 to 10000 Hz\n"
-              "(default: 4000)");
+              "(default: 4000)")
+      .within(100.0, 10'000.0, "HZ", "Hz");
+  line.option("--watchdog", a.watchdog_s,
+              "if no command comes for this time, the torques go to zero; 0.01 to 0.5 s (default:\n"
+              "0.01). A value below 2.5 ticks of trocar-run is raised to 2.5 ticks. On a computer "
+              "that\n"
+              "also does other work, use 0.25 here and the option --simulated of trocar-run")
+      .within(0.01, 0.5, "S", "s");
   line.option(
-      "--watchdog", a.watchdog_s,
-      "if no command comes for this time, the torques go to zero; 0.01 to 0.5 s (default:\n"
-      "0.01). A value below 2.5 ticks of trocar-run is raised to 2.5 ticks. On a computer that\n"
-      "also does other work, use 0.25 here and the option --simulated of trocar-run");
+          "--model", a.model,
+          "what is simulated. light: the plate that the hand holds, with viscous friction; full:\n"
+          "also links, rotors, dry friction and the lag of the motors' currents (default: light)")
+      .one_of({"light", "full"});
+  line.option("--encoder-noise", a.noise_rad,
+              "standard deviation of the noise of measured angles, rad; needs --model full "
+              "(default: 0)")
+      .within(0.0, 0.1, "RAD", "rad");
   line.option(
-      "--model", a.model,
-      "what is simulated. light: the plate that the hand holds, with viscous friction; full:\n"
-      "also links, rotors, dry friction and the lag of the motors' currents (default: light)");
-  line.option(
-      "--encoder-noise", a.noise_rad,
-      "standard deviation of the noise of measured angles, rad; needs --model full (default: 0)");
-  line.option(
-      "--faults", a.faults,
-      "faults to inject, separated by commas: KIND[:VALUE[:VALUE]][@FROM[..TO]]. FROM and TO\n"
-      "are seconds since the session's start. Faults of packets, with probability P: loss:P,\n"
-      "delay:P:MS (by MS ms), duplicate:P, reorder:P, flip:P (one bit is inverted). With the\n"
-      "prefix command- or state-, as in command-loss:P, only packets of that kind are affected.\n"
-      "Faults of the device: stuck:ENCODER, jump:ENCODER:RAD, dead:MOTOR (ENCODER is 0 to 15,\n"
-      "MOTOR is 0 to 7), stop (its emergency stop is pressed), kill (its process is killed)");
+          "--faults", a.faults,
+          "faults to inject, separated by commas: KIND[:VALUE[:VALUE]][@FROM[..TO]]. FROM and TO\n"
+          "are seconds since the session's start. Faults of packets, with probability P: loss:P,\n"
+          "delay:P:MS (by MS ms), duplicate:P, reorder:P, flip:P (one bit is inverted). With the\n"
+          "prefix command- or state-, as in command-loss:P, only packets of that kind are "
+          "affected.\n"
+          "Faults of the device: stuck:ENCODER, jump:ENCODER:RAD, dead:MOTOR (ENCODER is 0 to 15,\n"
+          "MOTOR is 0 to 7), stop (its emergency stop is pressed), kill (its process is killed)")
+      .with_form("FAULTS");
   line.option("--seed", a.seed, "seed of the random faults and noise (default: 1)")
       .checked_by(not_negative);
   line.option(
@@ -103,16 +112,20 @@ void declare(CommandLine& line, Arguments& a) {
           "computer, 10 s after its last packet. (A dead trocar-run on another computer, or in a\n"
           "container, looks like a paused one, so then the program does not end.)")
       .checked_by(not_negative);
+  line.option("--device-description", a.description,
+              "JSON file with the device's geometry and limits, instead of the one that the scene "
+              "names")
+      .with_form("FILE");
   line.option(
-      "--device-description", a.description,
-      "JSON file with the device's geometry and limits, instead of the one that the scene names");
-  line.option(
-      "--record", a.record,
-      "write a CSV file with a row for each of the first million steps; a step takes 1 / --rate.\n"
-      "A row has the drive's mode (ready, torque, watchdog or emergency_stop), the largest\n"
-      "torque of the eight motors in this step, and the tip position");
+          "--record", a.record,
+          "write a CSV file with a row for each of the first million steps; a step takes 1 / "
+          "--rate.\n"
+          "A row has the drive's mode (ready, torque, watchdog or emergency_stop), the largest\n"
+          "torque of the eight motors in this step, and the tip position")
+      .with_form("FILE");
   line.option("--summary", a.summary,
-              "write counts (sessions, packets, watchdog trips) and forces on the hand, as JSON");
+              "write counts (sessions, packets, watchdog trips) and forces on the hand, as JSON")
+      .with_form("FILE");
   line.flag("--quiet", a.quiet, "print errors and the address only");
   line.set_footer(
       "Exit codes: 0 done or stopped by Ctrl-C; 2 wrong usage; 3 input refused; 4 a file could\n"
@@ -121,22 +134,6 @@ void declare(CommandLine& line, Arguments& a) {
 }
 
 Result<void> check_arguments(const Arguments& a) {
-  if (a.clock != "real" && a.clock != "lock-step") {
-    return usage("--clock " + a.clock + ": must be real or lock-step");
-  }
-  if (a.model != "light" && a.model != "full") {
-    return usage("--model " + a.model + ": must be light or full");
-  }
-  // Written so that nan is refused, too.
-  if (!(a.rate_Hz >= 100 && a.rate_Hz <= 10000)) {
-    return usage("--rate: must be within 100 and 10000 Hz");
-  }
-  if (!(a.watchdog_s >= 0.01 && a.watchdog_s <= 0.5)) {
-    return usage("--watchdog: must be within 0.01 and 0.5 s");
-  }
-  if (!(a.noise_rad >= 0 && a.noise_rad <= 0.1)) {
-    return usage("--encoder-noise: must be within 0 and 0.1 rad");
-  }
   if (a.noise_rad > 0 && a.model != "full") return usage("--encoder-noise: needs --model full");
   return {};
 }

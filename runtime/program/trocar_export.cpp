@@ -46,7 +46,7 @@ int run_command_line(const std::string& name, int argc, char** argv) {
   line.option("RECORDING", a.recording,
               "the recording, a CSV file that trocar-run --record has written")
       .required();
-  line.option("-o,--output", a.output, "the HDF5 file to write").required();
+  line.option("-o,--output", a.output, "the HDF5 file to write").with_form("FILE").required();
   line.flag("--quiet", a.quiet, "print errors only");
   line.set_footer(
       "Each quantity becomes a dataset; its unit and coordinate frame are attributes. Every\n"

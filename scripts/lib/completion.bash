@@ -12,28 +12,23 @@ _trocar() {
     done
     local help=$("$program" $subcommand --help 2>/dev/null)
 
-    # Values: the choices that the help names ({a,b} behind the option), else what the option takes.
+    # Values: the choices that the help names (a|b behind the option), else what the option takes.
     if [[ $prev == -* ]]; then
-        local choices=$(sed -n "s/^ *\(-[a-z],\)\?$prev [A-Z]*:{\([^}]*\)}.*/\2/p" <<<"$help")
+        local choices=$(sed -n "s/^ *\(-[a-z],\)\?$prev \([a-z-]*|[a-z|-]*\).*/\2/p" <<<"$help")
         if [[ -n $choices ]]; then
-            COMPREPLY=($(compgen -W "${choices//,/ }" -- "$cur"))
+            COMPREPLY=($(compgen -W "${choices//|/ }" -- "$cur"))
             return
         fi
         case $prev in
-            --clock) COMPREPLY=($(compgen -W "real $([[ $program == *run ]] && echo virtual || echo lock-step)" -- "$cur")) ;;
+            --passivity) COMPREPLY=($(compgen -W "on off" -- "$cur")) ;;  # a diagnostic, which --help leaves out
             --device) COMPREPLY=($(compgen -W "inproc $([[ $program == *console ]] && echo sim || echo udp:)" -- "$cur")) ;;
             --force-law) COMPREPLY=($(compgen -W "hooke network cutting" -- "$cur")) ;;
-            --passivity) COMPREPLY=($(compgen -W "on off" -- "$cur")) ;;
-            --recover) COMPREPLY=($(compgen -W "never auto signal" -- "$cur")) ;;
-            --compensate) COMPREPLY=($(compgen -W "none friction weight both" -- "$cur")) ;;
-            --model) COMPREPLY=($(compgen -W "light full" -- "$cur")) ;;
             --asset) _filedir glb ;;
             --names) COMPREPLY=($(compgen -W "verse totalsegmentator" -- "$cur")) && _filedir json ;;
             --hu | --only) _filedir ;;
             --black-box | --page) if [[ $subcommand == fit ]]; then _filedir html; else _filedir -d; fi ;;
             --tool) _filedir json ;;
             --procedure) COMPREPLY=($(compgen -W "pedicle-probe jamshidi-8g vertebroplasty-11g bone-marrow-trephine spinal-needle tuohy-needle" -- "$cur")) ;;
-            --strength) COMPREPLY=($(compgen -W "low median high" -- "$cur")) ;;
             --tip) COMPREPLY=($(compgen -W "needle-bevel needle-conical needle-diamond trocar jamshidi" -- "$cur")) ;;
             --recording) _filedir csv ;;
             --scene) _filedir json ;;
@@ -46,7 +41,7 @@ _trocar() {
         esac
         [[ ${COMPREPLY[0]:-} == *: ]] && compopt -o nospace
         # Any other option with a value: nothing to offer.
-        grep -qE -- "^ *(-[a-z],)?$prev(,--[a-z-]+)? [A-Z]" <<<"$help" && return
+        grep -qE -- "^ *(-[a-z],)?$prev(,--[a-z-]+)? [^ ]" <<<"$help" && return
     fi
     if [[ $cur == -* ]]; then
         COMPREPLY=($(compgen -W '$(_parse_help - <<<"$help" | sort -u)' -- "$cur"))

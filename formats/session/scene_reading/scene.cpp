@@ -87,7 +87,7 @@ void read_tool(StrictObject& object, SceneTool& tool) {
     tool.sides = static_cast<int>(tool.outline_m.size());
   }
   if (object.has("kind")) tool.kind = object.string("kind");
-  if (tool.kind == "jamshidi") tool.half_angle_deg = 90;  // its edge is flat
+  tool.half_angle_deg = SceneTool::usual_half_angle_deg(tool.kind);
   object.read("half_angle_deg", tool.half_angle_deg, 3.0, 90.0);
   object.read("inner_radius_m", tool.inner_radius_m, 0.0, kMaxToolSize_m);
   tool.sides = static_cast<int>(object.integer("sides", 3, kMaxToolSides, tool.sides));

@@ -10,12 +10,15 @@ namespace {
 void add_archive_options(const Command& command, ArchiveArguments& a, const char* instances,
                          const char* timeout) {
   command.option("--tls-key", a.tls.key, "private key of this program (PEM)")
+      .with_form("FILE")
       .in_group("Encryption");
   command.option("--tls-cert", a.tls.cert, "certificate of this program (PEM)")
+      .with_form("FILE")
       .in_group("Encryption");
   command
       .option("--tls-ca", a.tls.ca,
               "certificates (PEM), one of which must have signed the other side's certificate")
+      .with_form("FILE")
       .in_group("Encryption");
   command.flag("--insecure", a.insecure, "allow scans to cross the network without encryption")
       .in_group("Encryption");
@@ -67,13 +70,16 @@ void add_receive_options(const Command& command, ReceiveArguments& a) {
       .required()
       .within(0, 65'535);
   command.option("--ae", a.ae, "AE title (DICOM name) of this program, which senders must call")
+      .with_form("TITLE")
       .required();
   command.option("--from", a.from, "AE title of a sender that is accepted; may be repeated")
+      .with_form("TITLE")
       .required()
       .one_value_each();  // each --from takes one title, and FOLDER may follow
   command
       .option("--listen", a.listen,
               "IP address at which senders connect; 127.0.0.1: only senders on this computer can")
+      .with_form("ADDRESS")
       .with_default_shown();
   command
       .option("--settle", a.settle_s,
@@ -108,11 +114,13 @@ void add_fetch_options(const Command& command, FetchArguments& a) {
   command
       .option("FOLDER", a.folder, "write the study to FOLDER/UID, where UID is the one of --study")
       .required();
-  command
-      .option("--from", a.from, "AE title (DICOM name), host and port of the archive: AE@HOST:PORT")
+  command.option("--from", a.from, "AE title (DICOM name), host and port of the archive")
+      .with_form("TITLE@HOST:PORT")
       .required();
-  command.option("--study", a.study, "Study Instance UID of the study to get").required();
-  command.option("--ae", a.ae, "AE title of this program").with_default_shown();
+  command.option("--study", a.study, "Study Instance UID of the study to get")
+      .with_form("UID")
+      .required();
+  command.option("--ae", a.ae, "AE title of this program").with_form("TITLE").with_default_shown();
   command.flag("--quiet", a.quiet, "print errors only");
   add_archive_options(
       command, a.archive,

@@ -25,7 +25,7 @@ Outcome parse(std::vector<std::string> arguments) {
   CommandLine line("program", "Does something.", "program 1.2 (library 3)");
   double threshold = 0, angle = 0, width = 2.5;
   int bits = 0, count = 0;
-  std::string axis, stage;
+  std::string axis, stage, file;
   bool as_json = false;
   line.option("--threshold", threshold, "in HU");
   line.option("--angle", angle, "in degrees").within(-1e6, 60.5);
@@ -33,6 +33,7 @@ Outcome parse(std::vector<std::string> arguments) {
   line.option("--axis", axis, "a name").one_of({"coronal", "sagittal", "other"});
   line.option("--width", width, "of a line").with_default_shown().within(0.0, 9.0, "MM");
   line.option("--count", count, "").within(0, 9, "N");
+  line.option("FILE", file, "an argument");
   line.option("--dump", stage, "a stage").in_group(kDiagnostics);
   line.add_command("info", "describe").flag("--json", as_json, "as JSON");
   arguments.insert(arguments.begin(), "program");
@@ -58,6 +59,9 @@ TEST(CommandLine, PrintsHelpAndVersionToStandardOutput) {
   EXPECT_EQ(help_on_info.code, 0);
   EXPECT_NE(help_on_info.out.find("--json"), std::string::npos) << help_on_info.out;
   EXPECT_TRUE(std::regex_search(help.out, std::regex("--width MM(=2.5| .2.5.) "))) << help.out;
+  for (const char* form :
+       {"--angle -1000000..60.5", "--bits 0..14 ", "--axis coronal|sagittal|other", "  FILE  "})
+    EXPECT_NE(help.out.find(form), std::string::npos) << form << "\n" << help.out;
   const Outcome version = parse({"--version"});
   EXPECT_EQ(version.code, 0);
   EXPECT_EQ(version.out, "program 1.2 (library 3)\n");
@@ -77,6 +81,8 @@ TEST(CommandLine, ReportsWrongUsageInOneLineWithTheNearestOption) {
       "program: not expected: --treshold=3, did you mean --threshold? (see program --help)\n");
   EXPECT_EQ(parse({"info", "--jsom"}).err,
             "program: not expected: --jsom, did you mean --json? (see program info --help)\n");
+  EXPECT_EQ(parse({"--treshold", "info", "--json"}).err,
+            "program: not expected: --treshold, did you mean --threshold? (see program --help)\n");
   EXPECT_EQ(parse({"--threshold", ""}).err, "program: --threshold: its value is empty\n");
   EXPECT_EQ(parse({"--threshold="}).err, "program: --threshold: its value is empty\n");
   EXPECT_EQ(parse({""}).err, "program: an argument is empty\n");
