@@ -356,11 +356,12 @@ std::string shared_modality(std::string_view text) {
 
 bool is_plain_name(std::string_view name) {
   if (!has_known_words(name)) return false;
-  std::size_t digits = 0;
+  std::size_t digits = 0;  // since the last letter or plus sign, which joins labels
   for (const char c : name) {
     const bool is_digit = c >= '0' && c <= '9';
-    digits = is_digit ? digits + 1 : 0;
     const bool is_letter = (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z');
+    if (is_digit) ++digits;
+    if (is_letter || c == '+') digits = 0;
     if (digits > 4 ||
         !(is_digit || is_letter || std::string_view(" _-+,/()").find(c) != std::string_view::npos))
       return false;

@@ -13,10 +13,11 @@
 namespace trocar {
 
 /// Returns true if a material may have this name in a de-identified asset. Such a name consists of
-/// 1 to 64 ASCII letters, digits, spaces and characters of "_-+,/()", and does not have five digits
-/// in a row. So dates, patient numbers, paths with dots and UIDs are excluded. Each word of two or
-/// more letters must be in the list of terms of anatomy, implants and position in
-/// deidentification.cpp, in upper or lower case. So names of persons are excluded.
+/// 1 to 64 ASCII letters, digits, spaces and characters of "_-+,/()". A part of the name without
+/// letters and plus signs has at most four digits, whatever characters are between these digits.
+/// This excludes paths with dots, UIDs, dates such as 1950-12-31, and patient numbers of five or
+/// more digits. Each word of two or more letters must be in the list of terms of anatomy, implants
+/// and position in deidentification.cpp, in upper or lower case. So names of persons are excluded.
 bool is_plain_name(std::string_view name);
 
 /// Returns true if the text is a modality of images that DICOM defines (PS3.3, C.7.3.1.1.1), such

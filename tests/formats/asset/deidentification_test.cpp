@@ -214,13 +214,14 @@ TEST(PrivateAsset, ContentThatNoSceneShowsIsFound) {
 }
 
 TEST(PrivateAsset, PlainNames) {
-  for (const char* name :
-       {"L3", "disc L3-L4", "vertebra_22", "a, b (left)/c+d", "1234", "Left Femur",
-        "INFERIOR_VENA_CAVA", "rib_left_12", "vertebrae_T10 + 3 more"})
+  for (const char* name : {"L3", "disc L3-L4", "vertebra_22", "a, b (left)/c+d", "1234",
+                           "Left Femur", "INFERIOR_VENA_CAVA", "rib_left_12",
+                           "vertebrae_T10 + 3 more", "20+21+22+23+24", "disc L3/L4, L4/L5"})
     EXPECT_TRUE(is_plain_name(name)) << name;
   for (const char* name :
-       {"", "1.2", "12345", "19470213", "D\xC3\xB6", "a\tb", "a\nb", "x@y", "C:", "Doe, Jane",
-        "MUSTER_HANS", "Maria Muster", "femur of Smith", "femurSmith"})
+       {"", "1.2", "12345", "19470213", "1947-02-13", "13/02/1947", "13, 2, 1947", "L3 1234-5678",
+        "D\xC3\xB6", "a\tb", "a\nb", "x@y", "C:", "Doe, Jane", "MUSTER_HANS", "Maria Muster",
+        "femur of Smith", "femurSmith"})
     EXPECT_FALSE(is_plain_name(name)) << name;
   EXPECT_TRUE(is_plain_name(std::string(64, '1').replace(4, 60, 60, ' ')));
   EXPECT_FALSE(is_plain_name(std::string(65, ' ')));
