@@ -90,9 +90,7 @@ class Finder {
   }
   // Without HU everything is soft.
   double hu(std::size_t voxel) const { return hu_.empty() ? 0 : unpacked_hu(hu_[voxel]); }
-  static bool is_soft(double area_mm2, double hu_sum) {
-    return hu_sum < kMaxCanal_HU * area_mm2 && hu_sum > kMin_HU * area_mm2;
-  }
+  static bool is_soft(double area_mm2, double hu_sum) { return hu_sum < kMaxCanal_HU * area_mm2; }
 
   void find_sections() {
     const std::size_t width = planes_.width(), pixels = planes_.plane().size();
