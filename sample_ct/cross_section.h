@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Ground truth, against which errors of contours are measured: the exact outline of the bone at any
-// height. It is the curve in the plane at this height on which a smooth function has the value 0.
+// height. It is the curve in the plane at this height on which a smooth function has the value 0
+// (the level set 0 of the function).
 //
 // There are two ground truths:
 //  - surface_section: the anatomy, that is, the bone's outer surface;
@@ -10,10 +11,10 @@
 //    this curve lies a few tenths of a mm outside the anatomy, because 226 HU is below the mean of
 //    bone and soft tissue.
 //
-// Method: A quadtree discards squares that are too far from the bone's surface to meet the level
-// set. Marching squares traces the curve in the remaining squares. Every crossing of the curve with
-// a side of a square is refined by bracketing root finding (ITP: Oliveira and Takahashi 2020).
-// Every chord is split until its distance from the curve is at most the tolerance.
+// Method: A quadtree discards squares that are too far from the bone's surface to meet the curve.
+// Marching squares traces the curve in the remaining squares. Every crossing of the curve with a
+// side of a square is refined by bracketing root finding (ITP: Oliveira and Takahashi 2020). Every
+// chord is split until its distance from the curve is at most the tolerance.
 // Tests: tests/sample_ct/phantom_test.cpp
 #pragma once
 
@@ -67,9 +68,9 @@ Result<CrossSection> surface_section(const PhantomOptions& phantom, double z_mm,
                                      const SectionOptions& options = {});
 
 /// The curve on which a noiseless scanner measures iso_hu in a slice whose middle is at height z.
-/// Errors: kUsage if iso_hu is not above all soft tissue (110 HU), or not below all of the
-/// cancellous core (the core's mean minus its texture); the curve would then follow the texture and
-/// not the bone.
+/// Errors: kUsage unless iso_hu is above the HU of all soft tissue (110) and below the HU of the
+/// whole cancellous core (the core's mean minus its texture). Otherwise the curve would follow the
+/// texture and not the bone.
 Result<CrossSection> iso_section(const PhantomOptions& phantom, const ScanGeometry& scan,
                                  double z_mm, double iso_hu = 226,
                                  const SectionOptions& options = {});

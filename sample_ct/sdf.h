@@ -8,8 +8,8 @@
 //  3. min, max, smooth_min and smooth_max keep law 1, because their gradient is a weighted mean of
 //     the gradients of their arguments.
 //
-// Source: Inigo Quilez has collected the formulas (iquilezles.org, "Distance functions", also for
-// the round cone and the polygon, and "Smooth minimum").
+// Source: Inigo Quilez has collected the formulas at iquilezles.org in the articles "Distance
+// functions" (also those of the round cone and the polygon) and "Smooth minimum".
 // Tests: tests/sample_ct/phantom_test.cpp
 #pragma once
 

@@ -1,9 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 // The asset: one .glb file for a scan, with one mesh for each material of each slice. Draco
 // compresses the triangles and the HU at their vertices; lattice coordinates stay exact. Planes of
-// HU are compressed separately (hu_volume.h); all other data are in the JSON. An outline is the
-// boundary of its mesh, so outlines are stored only on request, for viewers. The file has an index
-// of its slices (asset_index.h), so a reader can read some slices and skip the rest of the file.
+// HU are compressed separately (hu_volume.h). Names, transforms and parameters are in the JSON. An
+// outline is the boundary of its mesh, so outlines are stored only on request, for viewers. The
+// file has an index of its slices (asset_index.h), so a reader can read some slices and skip the
+// rest of the file.
 // asset.md specifies the format to the byte. The format has two versions, called schemas. Files of
 // schema 1 can be read but are no longer written.
 #pragma once
@@ -155,8 +156,8 @@ struct EncodedHuVolume {
   std::vector<EncodedHuPlane> planes;  ///< ascending by index
 };
 
-/// Checks the number of elements of `slices` for assemble_asset(). Errors: kRefused if an asset
-/// cannot hold so many; the message does not contain the input's name.
+/// Checks whether an asset can hold this number of entries, which are the elements of `slices` in
+/// assemble_asset(). Errors: kRefused if it cannot; the message does not contain the input's name.
 Result<void> check_entry_count(std::size_t entries);
 
 /// Assembles a .glb and returns its bytes. `slices` and `hu` replace the slices and the HU of
@@ -181,8 +182,8 @@ struct DecodeOptions {
 };
 
 /// Decodes a file and checks every size and index in the file. Whether the meshes are valid is not
-/// checked: call verify_asset(). Messages call the file `name`. Errors: kRefused if the file is not
-/// a valid asset.
+/// checked: call verify_asset(). `name` names the file in error messages. Errors: kRefused if the
+/// file is not a valid asset.
 Result<Asset> decode_asset(std::span<const std::uint8_t> glb, const std::string& name,
                            const DecodeOptions& options = {});
 Result<Asset> read_asset(const std::filesystem::path& file);

@@ -9,15 +9,15 @@
 // and the records are in ascending order of slices. A record has the offsets of the entry's Draco
 // payload and of the text of its glTF node. The entry's plane is not in the record; plane_of()
 // (slice_payload.h) computes the plane. Other glTF readers ignore the index, because no buffer view
-// covers its bytes. (glTF also allows a further chunk after the binary chunk, but validators warn
-// of such a chunk, and tools that rewrite a file drop it.)
+// covers its bytes. (The index has no chunk of its own. glTF allows a chunk after the binary chunk,
+// but validators warn of such a chunk, and tools that rewrite a file drop it.)
 //
 // Contract (tests/formats/asset/asset_part_test.cpp):
-//  1. The index counts as absent if its version is unknown, or if the sizes of the chunks in its
-//     header differ from the actual sizes because another tool has rewritten the file.
+//  1. The index counts as absent if its version is unknown, or if the chunk sizes that its header
+//     states differ from the actual sizes. (Then another tool has rewritten the file.)
 //  2. If there is an index, decode_asset() refuses the file unless every record, and every text to
-//     which a record points, agrees with the JSON. So a reader gets the same slices by the index as
-//     by decoding the complete file.
+//     which a record points, agrees with the JSON. So a reader that uses the index gets the same
+//     slices as a reader that decodes the complete file.
 //  3. A record with an offset or a size that points outside its chunk is refused.
 //  4. A checksum (CRC-32) covers all bytes of an entry, so an entry with a changed byte is refused
 //     even if it would still decode. The checksum does not cover the outlines that an asset may
@@ -65,8 +65,8 @@ struct IndexHeader {
   std::uint32_t checksum = 0;      ///< CRC-32 of the extras and the frame
   /// AssetSlice::index in the first and in the last record; 0 if there are no records.
   std::int32_t first_index = 0, last_index = 0;
-  /// Location in the JSON text of the frame: the node whose transform all slices share. Version 2
-  /// of the index does not have these two numbers.
+  /// Location of the frame's text in the JSON text. The frame is the node whose transform all
+  /// slices share. Version 2 of the index does not have these two numbers.
   std::uint32_t frame_offset = 0, frame_bytes = 0;
 };
 
@@ -136,9 +136,9 @@ Result<SliceRecord> read_record(ByteSource& source, const IndexedFile& file, std
 
 /// Finds the records of the slice `index`, in order of their materials; none if there is no such
 /// slice. Errors: those of read_record(); also kRefused if a material occurs twice or not in order,
-/// or if the payloads of the slice would be longer than the file's binary data. Takes O(log entries)
-/// reads, plus one for each material of the slice. If the scan has one material and no slice is
-/// missing, at most three reads are needed.
+/// or if the payloads of the slice would be longer than the file's binary data. Takes
+/// O(log entries) reads, plus one for each material of the slice. If the scan has one material and
+/// no slice is missing, at most three reads are needed.
 Result<std::vector<SliceRecord>> find_records(ByteSource& source, const IndexedFile& file,
                                               int index);
 

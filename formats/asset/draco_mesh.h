@@ -3,11 +3,11 @@
 // lossless for coordinates on the lattice and for HU that are multiples of kHuStep.
 //
 // Positions are stored in lattice steps. Draco quantises positions to whole multiples of a quantum:
-// it divides a range into 2^quantization_bits - 1 quanta. encode_draco() gives Draco a range of as
-// many lattice steps, so the quantum is one step. Draco computes q = x - origin when it encodes,
-// and x = q + origin when it decodes. This float arithmetic is exact as long as all numbers fit
-// into a float's 24 bits. All vertices have the same z. The payload stores this z as the third
-// coordinate of the origin. HU are stored as integers in units of kHuStep, so HU need no quantum.
+// it divides a range into 2^quantization_bits - 1 quanta. encode_draco() gives Draco a range of
+// this number of lattice steps, so the quantum is one step. Draco computes q = x - origin when it
+// encodes, and x = q + origin when it decodes. This float arithmetic is exact as long as all
+// numbers fit into a float's 24 bits. All vertices have the same z. The payload stores this z as
+// the third coordinate of the origin. HU are stored as integers (unit kHuStep), with no quantum.
 // Tests: tests/formats/asset/asset_test.cpp
 #pragma once
 
@@ -56,8 +56,8 @@ HuColour hu_colour(float hu);
 /// empty or outside the grid, if a HU is not finite, or if the number of HU is wrong.
 Result<std::vector<std::uint8_t>> encode_draco(const SliceMesh& mesh, const DracoGrid& grid,
                                                std::span<const float> hu = {});
-/// Returns the offset, in a payload of encode_draco(), of the float that is the z of all vertices.
-/// Errors: kBug if the payload does not end with the origin and the range of `grid`.
+/// A payload of encode_draco() has one float that is the z of all vertices. Returns the offset of
+/// this float. Errors: kBug if the payload does not end with the origin and the range of `grid`.
 Result<std::size_t> draco_z_at(std::span<const std::uint8_t> payload, const DracoGrid& grid);
 
 /// The contents of a payload.

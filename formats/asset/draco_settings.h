@@ -18,8 +18,8 @@ inline draco::Status configure(draco::ExpertEncoder& encoder, const draco::Point
                                const DracoGrid& grid) {
   encoder.SetEncodingMethod(draco::MESH_EDGEBREAKER_ENCODING);
   // Prediction by one parallelogram compresses points in a plane better than Draco's slowest
-  // setting, which predicts by a constrained average of several parallelograms. The flags of the
-  // slowest setting cost more bits than they save. One parallelogram also takes half the time.
+  // setting, which predicts by a constrained average of several parallelograms. That setting
+  // stores flags, which cost more bits than they save. One parallelogram also takes half the time.
   encoder.SetSpeedOptions(2, 2);
   // Each vertex has one HU and one colour. So there are no seams, which are edges whose vertices
   // have two values. With this setting, decoding takes a quarter less time.

@@ -48,9 +48,9 @@ Result<void> read_hu_volumes(ByteSource& source, std::uint64_t binary_at,
                              bool with_context, Asset& asset);
 
 /// Checks a whole directory. `is_whole`: the asset has the outlines of all its slices. Errors:
-/// kRefused unless its planes ascend by index, belong to slices of the asset, and fill the buffer
-/// view; also if `is_whole` is set and a plane has bytes although its slice has no outline, so that
-/// nothing would read them.
+/// kRefused if the planes do not ascend by index, do not fill the buffer view, or belong to slices
+/// that the asset does not have. If `is_whole` is set and the volume has a margin, also kRefused if
+/// a plane has bytes but its slice has no outline: no reader would read these bytes.
 Result<void> check_hu_directory(ByteSource& source, std::uint64_t binary_at,
                                 const HuSection& section, bool is_whole, const Asset& asset);
 

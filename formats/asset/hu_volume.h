@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// The HU of a scan. Each slice has one plane of samples, in the slice's own plane, so that tilt and
-// uneven spacing need no resampling. A volume covers either the material and a margin around the
-// material, or everything. asset.md has the layout in the file.
+// The HU of a scan, as volumes of samples. A volume has at most one HuPlane for each slice. The
+// samples of a HuPlane lie in the plane of the slice itself, so that tilt and uneven spacing need
+// no resampling. A volume covers either the material and a margin around the material, or
+// everything. asset.md has the layout in the file.
 // Tests: tests/formats/asset/hu_volume_test.cpp
 #pragma once
 

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Decodes a slice from the JSON of its node and from the bytes of its payload. asset_decode.cpp,
-// which reads complete files, and asset_part.cpp, which reads some slices, both use these
-// functions. Internal to formats/.
+// Decodes a slice of an asset. Two parts of the file describe the slice: its glTF node, which is
+// JSON text, and its payload, which is its mesh as Draco has compressed it (draco_mesh.h).
+// asset_decode.cpp, which reads complete files, and asset_part.cpp, which reads some slices, both
+// use these functions. Internal to formats/.
 // Tests: tests/formats/asset/asset_part_test.cpp
 #pragma once
 
@@ -22,8 +23,8 @@ namespace trocar {
 //   node 1    the frame, the only child of node 0; its transform holds for all slices
 //   node 2    the list, the only child of the frame; its children are the nodes of entries
 //   node 3    the first node of entries; others follow
-// The frame is separate from the list so that the frame's text, which every partial read needs, is
-// short.
+// A reader that reads only some slices always needs the text of node 1. This text is short, because
+// node 2, and not node 1, lists the nodes of all entries.
 inline constexpr std::size_t kFrameNode = 1, kListNode = 2, kFirstEntryNode = 3;
 /// The largest number of entries that may share a node. To read an entry, a reader must read the
 /// text of the whole node, so this number limits the length of that text.
@@ -103,7 +104,9 @@ Result<PayloadFacts> decode_slice_geometry(std::span<const std::uint8_t> draco, 
 /// the number of vertices or of triangles, the box around the vertices, or the presence of HU
 /// differs.
 Result<void> compare_geometry(const SliceRecord& stated, bool has_hu, const AssetSlice& slice);
-/// Checks the lines that a file may hold for viewers. Errors: kRefused if the lines are not the
+/// A file may, for viewers, hold the outline of each slice, in addition to its mesh, as a glTF
+/// primitive of lines. Compares these lines with the outline of the decoded `slice`. `record` has
+/// the number of the lines, and `bytes` has their bytes. Errors: kRefused if the lines are not the
 /// outline of `slice` at a height of z steps.
 Result<void> compare_lines(const SliceRecord& record, const GeometryBytes& bytes, std::int32_t z,
                            const AssetSlice& slice);

@@ -156,8 +156,8 @@ std::string why_not_within(const std::string& text, double low, double high, boo
   return text + ": must be within " + shown(low, is_whole) + " and " + shown(high, is_whole);
 }
 
-/// Makes the option take numbers from `low` to `high`. CLI::Range is not used, because its messages,
-/// and whether it accepts nan, differ between versions of CLI11.
+/// Makes the option take numbers from `low` to `high`. CLI::Range is not used, because its
+/// messages, and whether it accepts nan, differ between versions of CLI11.
 template <typename Number>
 void limit(CLI::Option& option, Number low, Number high, const char* form, const char* unit) {
   constexpr bool kIsWhole = std::is_integral_v<Number>;

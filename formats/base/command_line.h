@@ -45,7 +45,7 @@ class Option {
   /// Refuses a command line without this option.
   Option required() const;
   /// Refuses values that are not numbers from `low` to `high`; with int, also those that are not
-  /// whole. The help shows `form` after the option's name, or if there is none, the range. `unit`
+  /// whole. The help shows `form` after the option's name, or the range if `form` is null. `unit`
   /// stands behind the range in the message about a value out of range.
   Option within(int low, int high, const char* form = nullptr) const;
   Option within(double low, double high, const char* form = nullptr, const char* unit = "") const;
@@ -55,14 +55,16 @@ class Option {
   Option checked_by(std::function<std::string(const std::string&)> why_wrong) const;
   /// The help shows the option under the heading `group`; with "", not at all.
   Option in_group(const char* group) const;
-  /// The help shows `form` after the option's name as the form of the value.
+  /// The help shows `form` after the option's name as the form of the value. For an option whose
+  /// variable is a number, use within() instead.
   Option with_form(const char* form) const;
   /// The help shows the variable's present value as the default.
   Option with_default_shown() const;
-  /// Makes an option with a vector take one value each time that it is given. Without this, it
-  /// takes all words that follow, up to the next option or to "--". (This "--" is not a value.)
+  /// Makes an option with a vector take one value each time that the option is given. Without this
+  /// call, the option takes all words that follow, up to the next option or to "--". (This "--" is
+  /// not a value.)
   Option one_value_each() const;
-  /// Makes an option with a vector take two values. It may be given only once.
+  /// Makes an option with a vector take two values. The option may then be given only once.
   Option two_values() const;
   /// The option may be given without a value, and its variable is then empty.
   Option with_optional_value() const;
@@ -71,7 +73,7 @@ class Option {
   /// Refuses a command line with both this option and `other`.
   Option excludes(const Option& other) const;
 
-  /// Was the option in the command line? False if there is no option.
+  /// Was the option in the command line? False if this object stands for no option.
   bool is_given() const;
   /// True if the option takes no value.
   bool is_flag() const;
@@ -147,12 +149,12 @@ class CommandLine : public Command {
   /// message suggests the known option with the most similar name, if any name is similar.
   Result<void> parse(const std::vector<std::string>& arguments);
 
-  /// Parses like parse(), and also prints help, version and errors, as main() needs it. Returns an
+  /// Like parse(), but also prints help, version and errors, so that main() need not. Returns an
   /// exit code if the program must end, else nullopt. The exit code is 0 after --help, --help-all
   /// or --version. After invalid arguments it is 2, and one line on stderr says what is wrong and
-  /// which help explains it, the program's or that of a command. An empty value (for example
-  /// from an unset variable of a shell) is refused, because CLI11 would treat its option as not
-  /// given.
+  /// names the help that explains it: that of the program or that of a command. An empty value (for
+  /// example from an unset variable of a shell) is also refused, without naming a help, because
+  /// CLI11 would treat its option as not given.
   std::optional<int> parse_or_end(const std::vector<std::string>& arguments);
 
  private:

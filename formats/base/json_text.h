@@ -20,20 +20,21 @@ namespace trocar {
 /// gives one line.
 std::string json_text(const nlohmann::json& value, int indent = -1);
 
-/// The same for an ordered_json, whose keys keep their order. Without this function, it would
-/// convert to json, which sorts them. (A template, so that other types convert to json alone.)
+/// The same for an ordered_json, whose keys keep their order. Without this overload, an
+/// ordered_json would be converted to json, which sorts the keys. (The overload is a template, so
+/// that no other type is converted to ordered_json.)
 template <std::same_as<nlohmann::ordered_json> Ordered>
 std::string json_text(const Ordered& value, int indent = -1) {
   return value.dump(indent, ' ', false, Ordered::error_handler_t::replace);
 }
 
-/// Parses JSON text. If it is no JSON, returns a discarded value (is_discarded()), which is no kind
-/// of value.
+/// Parses JSON text. If the text is not JSON, returns a discarded value, for which is_discarded()
+/// is true, and is_object(), is_array() and so on are false.
 nlohmann::json parse_json(std::string_view text);
 nlohmann::json parse_json(std::span<const std::uint8_t> text);
 
-/// Parses text that is JSON for certain, because Trocar has written or checked it. Throws an
-/// exception of nlohmann's if it is not.
+/// Parses text that is certainly JSON, because Trocar has written or checked it. Throws an
+/// exception of nlohmann's if the text is not JSON.
 nlohmann::json parse_known_json(std::string_view text);
 
 /// Returns a JSON array with the names (to_string()) of the first `count` values of an enumeration.

@@ -19,9 +19,9 @@
 
 namespace trocar {
 
-/// Parses one JSON value. Messages call the document `name`. Errors: kRefused for a syntax
-/// error (the message has line and column), bytes after the value, a key that occurs twice in an
-/// object, a number beyond double's range, or nesting deeper than 64.
+/// Parses one JSON value. `name` names the document in error messages. Errors: kRefused for a
+/// syntax error (the message has line and column), bytes after the value, a key that occurs twice
+/// in an object, a number beyond double's range, or nesting deeper than 64.
 Result<nlohmann::json> parse_strict_json(std::string_view text, const std::string& name);
 
 /// Keeps the first error found in a document; later errors are dropped. Reading goes on after an

@@ -9,9 +9,10 @@
 
 namespace trocar {
 
-/// If the whole of `text` matches `pattern`, a POSIX extended regular expression, returns the text
-/// followed by what each pair of parentheses has matched, which is empty for a pair that took no
-/// part. Otherwise returns nothing, also if there is not enough memory. A `.` and a `[^...]` match
+/// Matches the whole of `text` against `pattern`, a POSIX extended regular expression. If it
+/// matches, returns `text`, followed by one element for each pair of parentheses: the text that the
+/// pair has matched, or an empty text if the pair took no part in the match. If `text` does not
+/// match, or if matching runs out of memory, the result has no elements. A `.` and a `[^...]` match
 /// line breaks, too; `.` does not match NUL. Throws std::invalid_argument if the pattern is wrong.
 std::vector<std::string> match(const std::string& text, const char* pattern);
 

@@ -2,7 +2,7 @@
 // Lattice points at which refinement may split a boundary edge. Near an acute corner of the outline
 // the split points lie on shells, which are concentric circles around the corner. So both edges
 // that meet at the corner are split at equal distances from the corner, and the parts of one edge
-// do not encroach upon the parts of the other (Ruppert, 1995).
+// do not encroach (edge_predicates.h) upon the parts of the other (Ruppert, 1995).
 // Tests: tests/formats/geometry/triangle_operations_test.cpp
 #pragma once
 
@@ -76,7 +76,7 @@ class SplitCell {
 
  private:
   static constexpr double kFar = 4;
-  // The index of the smallest value; of equal values, of the first.
+  // The index of the smallest value. If several values are equally small, the first one counts.
   template <typename Value>
   static std::size_t least(const std::array<Value, 4>& values) noexcept {
     const std::size_t low = values[1] < values[0] ? 1 : 0, high = values[3] < values[2] ? 3 : 2;
@@ -93,9 +93,10 @@ class SplitCell {
   std::array<double, 4> distances2_;
 };
 
-/// Returns a lattice point near `fraction` of the way from a to b, at which the edge ab of the
-/// triangle abc may be split. This is the nearest of the four lattice points around that position
-/// that may_split() allows. Returns std::nullopt if may_split() allows none of the four.
+/// Returns a lattice point at which the edge ab of the triangle abc may be split. Of the four
+/// lattice points around the position at `fraction` of the way from a to b, the function considers
+/// those that may_split() allows, and returns the one nearest to this position. Returns
+/// std::nullopt if may_split() allows none of the four.
 inline std::optional<LatticePoint> split_near(LatticePoint a, LatticePoint b, LatticePoint c,
                                               double fraction) noexcept {
   SplitCell cell(a, b, fraction);

@@ -25,7 +25,7 @@ struct DeviceGeometry {
   double l1_m = 0;    ///< distance from the motor axis of theta1 to the elbow E
   double l2_m = 0;    ///< distance from the elbow E to the plate's ball joint C
   double l3_m = 0;    ///< distance from the motor axis of theta4 to F, the end of its link
-  double l4_m = 0;    ///< distance from F to the upper link's ball joint D
+  double l4_m = 0;    ///< distance from F to the ball joint D, which lies on the link EC
   double l5_m = 0;    ///< distance from the elbow E to D, along EC; less than l2
   double R_T_m = 0;   ///< radius of the circle of the ball joints C on the plate
   double R_B1_m = 0;  ///< radius of the circle of the axes of theta1
@@ -34,8 +34,8 @@ struct DeviceGeometry {
   double z_A_m = 0;   ///< height of the axes of theta1 above {B}'s origin
   double d_rad = 0;   ///< azimuth of the axis of theta4 in its leg's frame
   /// At a pose of the plate, theta1 and theta4 can have two values each, because their formulas
-  /// contain +acos or -acos (runtime/mechanism/kinematics.h). These signs, 1 or -1, select the
-  /// value that the real mechanism has.
+  /// contain +acos or -acos (runtime/mechanism/kinematics.h). The next two members are these signs,
+  /// 1 or -1. They select the values that the real mechanism has.
   int branch_theta1 = 1;
   int branch_theta4 = 1;
   friend bool operator==(const DeviceGeometry&, const DeviceGeometry&) = default;
@@ -68,10 +68,9 @@ struct DeviceDescription {
   std::array<double, 3> plate_inertia_kg_m2{};
   double plate_stiffness_max_N_per_m = 0;  ///< largest stiffness to render; 0: not given
 
-  // The members below describe the simulated device. The haptic loop also uses the first three.
-  // From the friction the loop computes the device's damping and a torque that compensates the
-  // friction; from the encoder counts, the velocity filter; from gravity, the weight that is
-  // compensated.
+  // The members below describe the simulated device. The haptic loop also uses the first three: the
+  // friction for the device's damping and for the torques that compensate friction, the encoder
+  // counts for the velocity filter, and gravity for the torques that compensate the weight.
   double joint_viscous_friction_Nms_per_rad = 0;  ///< at each of the eight motor joints
   /// Counts per revolution of a joint; 0: exact encoders.
   int encoder_counts_per_revolution = 0;
@@ -85,10 +84,10 @@ struct DeviceDescription {
 /// The device of the paper. It is equal to runtime/device/four_legs.json.
 DeviceDescription default_device_description();
 
-/// Reads a description from JSON text. Messages call the text `source`, for example its file name.
-/// Errors: kRefused if the text is not JSON, if a key is unknown, repeated or missing, if a type is
-/// wrong, if a number is outside the schema's range, or if the section "assumed" (assumed_values.h)
-/// names a value that the document does not have.
+/// Reads a description from JSON text. `source` is the text's name in error messages, for example
+/// the file name. Errors: kRefused if the text is not JSON, if a key is unknown, repeated or
+/// missing, if a type is wrong, if a number is outside the schema's range, or if the section
+/// "assumed" (assumed_values.h) names a value that the document does not have.
 Result<DeviceDescription> parse_device_description(std::string_view json_text,
                                                    const std::string& source);
 

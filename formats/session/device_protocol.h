@@ -33,7 +33,8 @@ inline constexpr std::size_t kMaxPacketBytes = kStateBytes;
 inline constexpr std::size_t kLinkMotors = 8, kLinkEncoders = 16;
 inline constexpr std::array<std::uint8_t, 4> kLinkMagic = {'T', 'R', 'C', 'R'};
 inline constexpr std::uint8_t kLinkVersion = 1;
-/// Packets with numbers of larger magnitude are refused, because no device needs such numbers.
+/// Packets with numbers whose magnitude exceeds these limits are refused, because no device needs
+/// such numbers.
 inline constexpr double kLinkMaxTorque_Nm = 1000, kLinkMaxAngle_rad = 1000;
 inline constexpr double kLinkMaxForce_N = 1000, kLinkMaxMoment_Nm = 1000, kLinkMaxPosition_m = 10;
 /// The norm of a pose's quaternion may differ from 1 by at most this.
@@ -75,8 +76,9 @@ enum class CommandMode : std::uint8_t {
 enum class DriveMode : std::uint8_t {
   kReady = 1,          ///< torques are zero; a torque command is accepted
   kTorque = 2,         ///< the last command's torques are applied
-  kWatchdog = 3,       ///< commands stopped arriving: torques are zero until a command has zero
-                       ///< torques and names a state with this mode in `state_seen`
+  kWatchdog = 3,       ///< commands stopped arriving: torques are zero until a command
+                       ///< acknowledges this mode. Such a command has zero torques, and its
+                       ///< `state_seen` is the number of a state with this mode or of a later state
   kEmergencyStop = 4,  ///< the emergency stop is pressed, or it is released but no command has
                        ///< acknowledged this mode yet: commands have no effect, torques are zero
 };
@@ -159,7 +161,8 @@ struct DenialPacket {
 };
 
 /// The reason why a packet was refused: the first check that fails. The checks are made in this
-/// order. But kSize is checked again after kKind, against the size of the expected kind.
+/// order. The size is checked twice: first against the bounds of all packets, and again after kKind
+/// against the size of the expected kind.
 enum class LinkRefusal : std::uint8_t {
   kNone,      ///< accepted
   kSize,      ///< the size is not that of the expected kind, or not that in the packet's header

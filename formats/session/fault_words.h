@@ -39,8 +39,8 @@ enum class FaultQuantity : std::uint8_t {
   kMotorHeat,            ///< i2t state as a fraction of its limit; index: motor
   kWeakForceTime,        ///< time for which too little of the wanted force was rendered, s
   kMotor,                ///< no value; index: motor
-  kReleasedEnergy,       ///< energy that the hand got within at most 0.1 s, beyond the energy that
-                         ///< was stored before, J
+  kReleasedEnergy,       ///< energy that the hand received within at most 0.1 s, beyond what tissue
+                         ///< and coupling had stored at the beginning of this time, J
   kMeasuredPosition,     ///< position that a pose device measured, m; index: axis
   kMeasuredRotation,     ///< length of the quaternion that a pose device measured
   kPositionStep,         ///< change of the measured position since the last data, m

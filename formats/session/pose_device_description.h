@@ -30,7 +30,8 @@ struct PoseDeviceDescription {
   double position_resolution_m = 0;    ///< 0: exact positions
   double rotation_resolution_rad = 0;  ///< 0: exact orientations
   /// Box of the positions that the handle can reach, in the device's frame. A session places the
-  /// middle of this box at the middle of the path that the scene gives for the simulated hand.
+  /// device in {B} so that two points coincide: the middle of this box, and the middle of the box
+  /// around the handle's positions at the keyframes of the scene's hand (SceneHand::trajectory).
   std::array<double, 3> workspace_min_m{}, workspace_max_m{};
   /// Rotation vector that turns the axes of the scene's frame {B} (z up) into the axes of the
   /// device's frame.
@@ -40,8 +41,8 @@ struct PoseDeviceDescription {
   friend bool operator==(const PoseDeviceDescription&, const PoseDeviceDescription&) = default;
 };
 
-/// Reads a description from JSON text. Messages call the text `source`, for example its file name.
-/// Errors: those of parse_device_description().
+/// Reads a description from JSON text. `source` is the text's name in error messages, for example
+/// the file name. Errors: those of parse_device_description().
 Result<PoseDeviceDescription> parse_pose_device_description(std::string_view json_text,
                                                             const std::string& source);
 

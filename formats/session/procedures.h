@@ -16,8 +16,10 @@
 
 namespace trocar {
 
-/// The option `--strength` of trocar-run: which value of every Range of a procedure a scene gets
-/// (Range::low, Range::median or Range::high). It applies to the tool, the layers and the bone.
+/// Selects one of the three values of each Range of a procedure: Range::low, Range::median or
+/// Range::high. A scene gets the selected values; the same choice applies to the tool, the layers
+/// and the bone. The user makes the choice by the option `--strength` of trocar-run, or by
+/// `strength` in the scene's `procedure`.
 enum class Strength : std::uint8_t { kLow, kMedian, kHigh };
 
 /// Reads "low", "median" or "high". Returns std::nullopt for any other text.
@@ -59,12 +61,12 @@ const Procedure* find_procedure(std::string_view name) noexcept;
 /// All names, separated by commas.
 std::string procedure_names();
 
-/// Replaces three parts of a scene by those of the procedure: the shape of the tool, the member
-/// `tissue` and the soft layers. Sets the force law `cutting`. The lowest layer, or the gap below
-/// this layer, ends at the highest slice. Errors: kRefused if the path of the scene's simulated
-/// hand begins below the top of the layers; kRefused also if the scene's member `tissues` is not
-/// empty, because a procedure does not replace the tissues of that list. The message does not
-/// contain the scene's name.
+/// Replaces three parts of a scene by those of the procedure: the shape of the tool, Scene::tissue
+/// and the soft layers. Sets the force law `cutting` and SceneForceLaw::twist. The layers lie over
+/// the highest slice: the bottom of the lowest layer is this layer's gap_mm (which may be 0) above
+/// the slice. Errors: kRefused if the path of the scene's simulated hand begins below the top of
+/// the layers, or if the scene has named tissues (Scene::tissues), because a procedure does not
+/// replace these tissues. The message does not contain the scene's name.
 Result<void> apply_procedure(const Procedure& procedure, Strength strength, Scene& scene);
 
 /// Returns a table of all values with their ranges and sources, as lines of text.

@@ -86,9 +86,9 @@ struct RecordingRow {
   double t_s = 0;                       ///< number of the tick, divided by the loop rate
   std::array<double, 3> p_m{};          ///< position of the plate's origin
   std::array<double, 4> q{1, 0, 0, 0};  ///< orientation of the plate, w x y z
-  /// Position of the tip of the tool on which the tissue acts. If springs (the coupling) connect this
-  /// tool to the plate, its tip is displaced from where a tool fixed to the plate would have its tip.
-  /// Older recordings may have the tip of a tool fixed to the plate.
+  /// Position of the tip of the tool on which the tissue acts. With a coupling, this tool is the
+  /// proxy, which springs connect to the plate, so its tip can lie away from the tip of a tool that
+  /// is fixed to the plate. Older recordings may have the tip of a tool fixed to the plate.
   std::array<double, 3> tool_m{};
   std::array<double, 6> wrench_wanted{};     ///< wrench before motor limits, N, N*m
   std::array<double, 6> wrench_delivered{};  ///< wrench that the torques tau_Nm produce
@@ -96,8 +96,8 @@ struct RecordingRow {
   std::array<double, 16> encoder_rad{};      ///< leg by leg: th1, th2, th3, th4 of leg 1, ...
   ContactPhase phase = ContactPhase::kFree;
   std::int32_t active_slice = -1;  ///< index of the slice in the asset; -1: none
-  /// Depth of the tip below the active slice. With the force law `cutting`: depth below the cutting
-  /// front, of the tip that the plate's tool would have without the coupling. In the tick of a
+  /// Depth of the tip below the active slice. With the force law `cutting`: how far the tip of a
+  /// tool fixed to the plate (not the proxy's tip) is below the cutting front. In the tick of a
   /// puncture: the depth at the puncture.
   double penetration_m = 0;
   double wrench_scale = 1;          ///< delivered wrench / wanted wrench; < 1 if a motor saturates
@@ -199,9 +199,10 @@ class RecordingWriter {
   ~RecordingWriter();
 
   /// append() writes rows, and commit() ends the recording. Errors: kUnwritable; the message has
-  /// the number of rows that were kept, and the name of the partial file. Without any row, commit()
-  /// writes no recording, because readers refuse such a file, and an earlier recording at the target
-  /// stays. After an error of append() or commit(), only the destructor may be called.
+  /// the number of rows that were kept, and the name of the partial file. If no row was appended,
+  /// commit() writes no recording, because readers refuse a recording without rows. An earlier
+  /// recording at the target then stays. After an error of append() or commit(), only the
+  /// destructor may be called.
   Result<void> append(std::span<const RecordingRow> rows);
   Result<void> commit();
   /// Path of the partial file; empty after commit().

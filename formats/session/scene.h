@@ -75,7 +75,9 @@ struct CutTissue {
   /// pressure of the wall on the shaft is the strength times pressure_over_yield.
   double friction_coefficient = 0;
   double friction_kPa = 0;  ///< additional friction along the shaft, per area of the shaft's side
-  double foundation_N_per_mm3 = 0;  ///< Winkler foundation: lateral pressure per displacement
+  /// Stiffness with which the wall of a hole resists lateral displacement of the shaft (Winkler
+  /// foundation): pressure per displacement.
+  double foundation_N_per_mm3 = 0;
   double lateral_strength_MPa = 0;  ///< pressure at which the wall of a hole yields
   friend bool operator==(const CutTissue&, const CutTissue&) = default;
 };
@@ -132,14 +134,16 @@ inline constexpr std::size_t kMaxLayers = 8;
 
 /// How the tool is attached to the plate (force law `cutting`).
 enum class ToolAxis : std::uint8_t {
-  kAuto,     ///< rigid if the tissue is softer than the coupling, otherwise coupled
-  kRigid,    ///< the tool is fixed to the plate
+  kAuto,  ///< kRigid if the tissue is softer than the coupling would be, otherwise kCoupled
+  /// The tool is fixed to the plate. If the rendered stiffness would then exceed a limit of the
+  /// device or the operator, kCoupled is used (device_coupling.h, contract 3).
+  kRigid,
   kCoupled,  ///< springs connect tool and plate: SceneForceLaw::coupling_N_per_m
 };
 /// The pose at which the law `cutting` is evaluated. kOn: the pose predicted for the next tick.
 /// kOff: the measured pose.
 enum class PosePrediction : std::uint8_t {
-  kAuto,  ///< predicted pose only where the device's damping cannot keep the coupling stable
+  kAuto,  ///< kOn if the device's damping cannot keep the rendered stiffness stable, otherwise kOff
   kOn,
   kOff,
 };
@@ -149,7 +153,7 @@ struct SceneForceLaw {
   double force_scale = 1;  ///< factor on the tissue's wrench on the plate
   // kNetwork:
   NetworkSolver solver = NetworkSolver::kAuto;
-  double decay_length_m = 0.01;  ///< decay length lambda of the sheet's displacement field
+  double decay_length_m = 0.01;  ///< distance (lambda) over which a sheet's displacement dies out
   double error_bound = 0.01;     ///< solver kAuto: largest relative error of force and displacement
   double radius_m = 0.04;        ///< kLocal: radius of the region around the tool
   int depth = 6;                 ///< kPropagation: number of rings of vertices around the tool
@@ -210,9 +214,9 @@ struct SceneTool {
   /// Kind of tip (force law `cutting`), one of the names in
   /// runtime/bone_cutting/material/tool_in_tissue.h; empty: flat.
   std::string kind;
-  double half_angle_deg = 30;  ///< of the tip's faces to the axis; not used without `kind`
-  /// The half angle of a tip `kind` for which none is stated: 90 for a jamshidi, because its edge
-  /// is flat, and 30 for the other kinds.
+  double half_angle_deg = 30;  ///< angle of the tip's faces to the axis; not used without `kind`
+  /// The half angle of a tip of the kind `kind` if none is stated: 90 for a jamshidi, because its
+  /// edge is flat, and 30 for the other kinds.
   static double usual_half_angle_deg(std::string_view kind) { return kind == "jamshidi" ? 90 : 30; }
   double inner_radius_m = 0;  ///< radius of the bore of a hollow tool
   int sides = 6;

@@ -61,8 +61,8 @@ const char* to_string(TelemetryCommand command);
 enum class TelemetryEventKind : std::uint8_t {
   kPuncture = 1,  ///< a sheet was punctured (sheet, slice, cut, positions and forces)
   kFault,         ///< a fault was detected (found)
-  kNotRecovered,  ///< recovery failed because of the fault in `found`; kNone: because the tool is
-                  ///< still in material (found, retract_distance_m)
+  kNotRecovered,  ///< a requested recovery is delayed by the fault in `found` or, if that is kNone,
+                  ///< because the tool is still in material (found, retract_distance_m)
   kRecovered,     ///< the session recovered (found: the fault that it recovered from)
   kCutShown,      ///< a new mesh of a sheet, with `cut` holes, was published (sheet, slice, cut)
   kPaused,        ///< time stopped
@@ -166,7 +166,7 @@ class TelemetryWriter {
   /// a running session.
   Result<void> link(const std::filesystem::path& file);
 
-  /// Publishes a snapshot. `values` must have one number for each column.
+  /// Publishes a snapshot. `values` must have TelemetrySizes::columns elements.
   void snapshot(std::span<const double> values) noexcept;
   /// Publishes the event and sets its number.
   void event(TelemetryEvent& event) noexcept;

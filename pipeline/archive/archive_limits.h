@@ -16,7 +16,8 @@ struct ArchiveLimits {
   std::size_t study_instances = 20'000;  ///< largest number of instances in a study
   int max_pdu_bytes = 16'384;  ///< largest protocol data unit (PDU) that the sender may send
   int acse_timeout_s = 30;     ///< longest time until an association is established
-  /// Longest time to receive an instance. A fetch counts from the end of the instance before.
+  /// Longest time to receive an instance. In a fetch, the time of an instance begins when the
+  /// previous instance ends; that of the first instance begins with the request.
   int dimse_timeout_s = 300;
   int idle_timeout_s = 60;  ///< longest wait for the next request or the next bytes
 };

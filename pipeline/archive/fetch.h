@@ -39,10 +39,11 @@ struct FetchedStudy {
 /// instances are added to it. Setting `stop` interrupts the fetch. Errors: kRefused if the archive
 /// cannot be reached, refuses the request, breaks off, sends damaged data or more than the limits
 /// allow, takes too long for an instance, or has no images of this study; kUnwritable if the folder
-/// cannot be written or `stop` was set before the end. Once the association is established, an
-/// archive cannot delay the end without limit: each instance has its time, and instances of all kinds
-/// count for ArchiveLimits::study_instances. Only one fetch may run in a process at a time, because it uses
-/// the process's alarm (SIGALRM).
+/// cannot be written or `stop` was set before the end. Once the association is established, the
+/// archive cannot delay the end of the fetch without limit: ArchiveLimits limits the time for each
+/// instance and the number of all instances that the archive sends, including those that are left
+/// out. Only one fetch may run in a process at a time, because a fetch uses the process's alarm
+/// (SIGALRM).
 Result<FetchedStudy> fetch_study(const FetchSettings& settings, const std::atomic<bool>& stop);
 
 }  // namespace trocar::archive

@@ -20,16 +20,16 @@
 
 namespace trocar::archive {
 
-/// Adds those scans of a study that `list` marks as usable, except localisers, to a collection and
-/// returns the new collection. `text` is the old collection as JSON, or empty if there is none.
-/// `list` is the result of list_scans() for `folder`, the study's folder. `study` is the study's
-/// UID. The paths of the added scans are relative to `base`, the folder of the collection. The
-/// names of these scans are appended to `names`. A name consists of the study's UID and a digest:
-/// the digest of the series' UID or, for a scan that is no DICOM series, the digest of the name of
-/// its file or folder. So the name of a series stays the same while its files arrive. If the
-/// collection has a scan of this name, that scan is replaced, but its `parameters` are kept. All
-/// other scans and the collection's `defaults` stay as they are. Errors: kUsage if `text` is not a
-/// collection; the message names `file`.
+/// Adds scans of a study to a collection, and returns the new collection. Scans are added if `list`
+/// marks them as usable and they are not localisers. `text` is the old collection as JSON, or empty
+/// if there is none. `list` is the result of list_scans() for `folder`, the study's folder. `study`
+/// is the study's UID. The paths of the added scans are relative to `base`, the folder of the
+/// collection. The names of these scans are appended to `names`. A name consists of the study's UID
+/// and a digest: the digest of the series' UID or, for a scan that is no DICOM series, the digest
+/// of the name of its file or folder. So the name of a series stays the same while its files
+/// arrive. If the collection has a scan of this name, that scan is replaced, but its `parameters`
+/// are kept. All other scans and the collection's `defaults` stay as they are. Errors: kUsage if
+/// `text` is not a collection; the message names `file`.
 Result<nlohmann::ordered_json> with_study(std::string_view text, const std::filesystem::path& file,
                                           const nlohmann::json& list,
                                           const std::filesystem::path& folder,

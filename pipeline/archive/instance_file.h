@@ -52,15 +52,16 @@ struct StudySize {
 /// call begin(), then write() for each fragment of the dataset, then finish().
 class InstanceStore {
  public:
-  /// Is an instance in a file of this name and size stored outside the folder of the InstanceStore?
+  /// Is a file with this name and size, an instance of this study, stored outside the folder of the
+  /// InstanceStore?
   using IsStored =
       std::function<bool(const std::string& study, const std::string& name, std::uint64_t bytes)>;
 
   /// Precondition: `folder` exists and no other association uses it. `present` returns the size of
   /// the instances of a study that are stored outside `folder`. Those instances count too, because
   /// the limits apply to the whole study. Without `present`, only the instances in `folder` count.
-  /// If one of those instances arrives again, `is_stored` returns true, and it does not count
-  /// twice.
+  /// If `is_stored` returns true for an instance that arrives, the instance is one of those that
+  /// `present` counts, and is not counted again.
   InstanceStore(std::filesystem::path folder, const ArchiveLimits& limits,
                 std::function<StudySize(const std::string& study)> present = {},
                 IsStored is_stored = {});

@@ -36,12 +36,13 @@ struct ReceiverSettings {
 };
 
 /// Receives until `stop` is set. Then open associations are dropped with their instances, and the
-/// instances of all associations that have ended normally (released) are published. A study that a
-/// dropped association was sending is not published, because a part of it is missing: the next
-/// receiver on the same folder publishes it. Standard output gets the port at the start, and later
-/// a line for each study that is published, meshed or removed. Errors: kUnwritable if the folder
-/// cannot be used, or another receiver uses it; kUsage if the address is not numeric; kRefused if
-/// the address or the port cannot be used.
+/// instances of all associations that have ended normally (released) are published. But if a
+/// dropped association was sending a study, this study is not published yet, because a part of it
+/// is missing. Its instances from released associations stay in FOLDER/.incoming/, and the next
+/// receiver on the same folder publishes the study. Standard output gets the port at the start, and
+/// later a line for each study that is published, meshed or removed. Errors: kUnwritable if the
+/// folder cannot be used, or another receiver uses it; kUsage if the address is not numeric;
+/// kRefused if the address or the port cannot be used.
 Result<void> run_receiver(const ReceiverSettings& settings, const std::atomic<bool>& stop);
 
 }  // namespace trocar::archive

@@ -9,8 +9,8 @@
 
 namespace trocar::archive {
 
-/// UIDs of the SOP classes, in the form that DCMTK's functions take: CT, MR, PET, 3D X-ray,
-/// and DICOM segmentations.
+/// UIDs of the SOP classes of CT, MR, PET and 3D X-ray images, and of DICOM segmentations. They
+/// are C strings, because DCMTK's functions take these.
 std::vector<const char*> storage_classes();
 
 bool is_storage_class(std::string_view uid);

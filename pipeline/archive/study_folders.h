@@ -35,8 +35,8 @@ struct TakenStudy {
   std::string uid;
   std::size_t added = 0;
   std::size_t different = 0;  ///< left out: studies/ has a different instance of the same UID
-  /// Number of instances left out, because the study has reached a limit of ArchiveLimits.
-  /// Instances that are published already do not count.
+  /// Number of instances left out, because the study has reached a limit of ArchiveLimits. An
+  /// instance that is published already is never left out for this reason.
   std::size_t excess = 0;
 };
 
@@ -68,8 +68,8 @@ class StudyFolders {
   const std::filesystem::path& folder() const { return folder_; }
   /// A new, empty folder for the instances of an association or a fetch.
   Result<std::filesystem::path> new_association();
-  /// The UIDs of the studies whose instances the folder of an association has. None if there is no
-  /// such folder.
+  /// The UIDs of the studies that have instances in the folder of an association. None if the
+  /// folder does not exist.
   static std::set<std::string> studies_in(const std::filesystem::path& association);
   /// Removes the folder of an association with all that it holds.
   void drop_association(const std::filesystem::path& association) const;
@@ -77,9 +77,9 @@ class StudyFolders {
   /// The size of a study: its published instances and those in studies/. An instance that is in
   /// both places counts once.
   StudySize size_of(const std::string& study) const;
-  /// Is an instance in a file of this name and size published, or in studies/? If another file of
-  /// this name and size arrives, it is taken for the same instance, which does not make the study
-  /// larger.
+  /// Is a file with this name and size, an instance of the study, published or in studies/? If
+  /// another file with this name and size arrives, it is taken for the same instance, which does
+  /// not make the study larger.
   bool has_instance(const std::string& study, const std::string& name, std::uint64_t bytes) const;
 
   /// Moves the folder of a released association to released/. From then on the instances in it are

@@ -24,9 +24,9 @@ struct TlsFiles {
 };
 
 /// Checks that the three files are given together or not at all. If none is given, `host` must be
-/// this computer, because scans would cross the network unencrypted. `insecure` = true permits
-/// other hosts too (option --insecure). Errors: kUsage if a check fails (the message names the
-/// options); kRefused if `host` cannot be resolved.
+/// this computer, because otherwise scans would cross the network unencrypted. `insecure` = true
+/// permits other hosts too (option --insecure). Errors: kUsage if a check fails (the message names
+/// the options); kRefused if `host` cannot be resolved.
 Result<void> check_transport(const TlsFiles& files, const std::string& host, bool insecure);
 
 enum class TlsRole { kServer, kClient };

@@ -29,9 +29,10 @@ struct BorderEnds {
 /// The curve is the section convolved with the kernel 2 G(s) - G(sqrt(2) s), which keeps curvature.
 /// G(s) is a Gaussian with standard deviation s along the section. Lengths are counted in
 /// crossings: s is a fourteenth of the section's length, but at most 3 crossings. Each crossing
-/// stays between its two pixels, so borders cannot cross. If this limit allows it, the areas on
-/// both sides of the border stay the same. For a closed border `ends` has no value. If a
-/// closed border has fixed crossings, it starts at one of them after the call. O(n).
+/// stays between its two pixels, so borders cannot cross. The areas on both sides of the border
+/// stay the same if the crossings can move far enough for this between their pixels. For a closed
+/// border `ends` has no value. If a closed border has fixed crossings, it starts at one of them
+/// after the call. O(n).
 void smooth_border(std::vector<Crossing>& border, const std::optional<BorderEnds>& ends);
 
 }  // namespace trocar::pipeline

@@ -238,10 +238,10 @@ inline std::uint32_t along(std::uint32_t from, std::uint32_t k, std::uint32_t n)
 // the function returns no value. `tolerance2` is the squared tolerance.
 //
 // The function checks only that e is near its position, and that each vertex of the contour is near
-// the edge that replaces it. It need not check that each point of the edge is near the contour.
-// This follows: while a point runs along the contour, its nearest point on the edge runs along the
-// edge. Only a stretch at either end of the edge may be left out, and each end is near its own
-// position on the contour.
+// the edge that replaces it. It need not check that each point of the edge is near the contour,
+// because this follows. While a point runs along a piece of the contour, the nearest point on the
+// edge runs along the edge and leaves out at most a stretch at either end. Such a stretch is near
+// the contour too, because the end of the edge is near its own position on the contour.
 inline std::optional<ContourPosition> position_within(const ContourPart& part, LatticePoint a,
                                                       LatticePoint d, LatticePoint e,
                                                       double tolerance2) {

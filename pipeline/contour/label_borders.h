@@ -43,10 +43,10 @@ struct LabelBorders {
 
 /// Traces smooth borders (border_smoothing.h) on the lattice. Precondition: pixels are at least
 /// kMinStepsPerPixel steps wide. No two borders cross, whatever the pixels are:
-///  - Between the centres of two neighbouring pixels of different materials lies exactly one point
-///    of a border, called a crossing. Outside the image every pixel counts as background.
-///    Smoothing does not move the crossings at the image's border: they lie on the outer edges of
-///    the pixels.
+///  - Exactly one point of a border, called a crossing, lies between the centres of any two
+///    neighbouring pixels of different materials. Outside the image every pixel counts as
+///    background. Smoothing does not move the crossings at the image's border: they lie on the
+///    outer edges of the pixels.
 ///  - A cell is the square between the centres of four pixels. If it has two crossings, a segment
 ///    joins them. If it has three or four, a node in the cell's middle is joined to all of them.
 ///    There is one exception: if connected_diagonal() (label_pixels.h) connects two diagonal pixels
@@ -66,12 +66,13 @@ Pslg outline_of(const LabelBorders& borders, const std::function<bool(MaterialNu
 std::vector<Pslg> material_outlines(const LabelBorders& borders);
 
 /// Proves in exact integers that no point of the plane is in two materials, and that every point
-/// within the outline of their union is in one. For this the function checks that each material's
-/// outline and the union's outline pass check_pslg(), and that the areas of the materials add up to
-/// the area of the union. This suffices. The outlines of two neighbours contain their common chain
-/// in opposite directions, so it cancels in the sum of all materials' winding numbers. At each
-/// point the sum is therefore the winding number of the union's outline, which is 0 or 1. Errors:
-/// kBug; the message names the condition that does not hold.
+/// within the outline of the union of all materials is in one. For this the function checks that
+/// each material's outline and the union's outline pass check_pslg(), and that the areas of the
+/// materials add up to the area of the union. These checks suffice for the following reason. The
+/// outlines of two neighbours contain their common chain in opposite directions, so the chain
+/// cancels in the sum of all materials' winding numbers. At each point the sum is therefore the
+/// winding number of the union's outline, which is 0 or 1. Errors: kBug; the message names the
+/// condition that does not hold.
 Result<void> check_label_borders(const LabelBorders& borders);
 
 /// Simplifies each chain; nodes do not move. The two-sided Hausdorff distance between each chain

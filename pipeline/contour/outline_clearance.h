@@ -24,7 +24,7 @@
 //    figure at the scale of the lattice.
 //  - Outlines that a rotation by right angles may map to themselves, if the method is
 //    Douglas-Peucker. For such an outline, the order of changes would depend on its orientation.
-//    The meshes can have free angles below 30 degrees.
+//    The meshes of these outlines can have free angles below 30 degrees.
 #pragma once
 
 #include <cstdint>
@@ -61,14 +61,15 @@ double clearance_steps(double tolerance);
 ///  - The two-sided Hausdorff distance between the new edges and the part of the contour that they
 ///    replace is at most `tolerance` (lattice steps).
 ///  - Fewer tight spots remain.
-/// The rings, their nesting and the common ends of lines are therefore preserved. Finally vertices
-/// move by up to two lattice steps in x and y at a time to restore the area of each ring. This is
-/// also done if the outline has no tight spot but its area is wrong by more than 0.02 %. If
-/// is_open[i] is true, contour i is a line, and its ends stay. If there are no lines, `is_open` may
-/// be empty. The result does not depend on the order of rings. If the outline is moved or rotated
-/// by right angles, the result moves and rotates with it. If `tolerance` is less than two lattice
-/// steps, nothing changes. `positions` and `area_errors` of `simplified` are not updated. O(n log
-/// n) typically; without tight spots the function takes a fraction of the time of simplification.
+/// The rings, their nesting and the common ends of lines are therefore preserved. Finally single
+/// vertices move to restore the area of each ring. Each move is at most two lattice steps in x and
+/// in y. This is also done if the outline has no tight spot but its total area is wrong by more
+/// than 0.02 %. If is_open[i] is true, contour i is a line, and its ends stay. If there are no
+/// lines, `is_open` may be empty. The result does not depend on the order of rings. If the outline
+/// is moved or rotated by right angles, the result moves and rotates with it. If `tolerance` is
+/// less than two lattice steps, nothing changes. `positions` and `area_errors` of `simplified` are
+/// not updated. O(n log n) typically; without tight spots the function takes a fraction of the time
+/// of simplification.
 void clear_outline(const Pslg& contours, const std::vector<bool>& is_open, double tolerance,
                    SimplifiedOutline& simplified);
 

@@ -31,13 +31,13 @@ struct SimplificationOptions {
 /// rotation may map the outline to itself. O(n log n) typically.
 Pslg simplify(const Pslg& contours, const Lattice& lattice, const SimplificationOptions& options);
 
-/// Like simplify(), but also for open lines, which may share ends. If is_open[i] is true, ring i is
-/// a line: its first and last vertex stay and are not joined. If there are no lines, `is_open` and
-/// `mark_misplaced` may be empty. Douglas-Peucker first adds vertices until no lines cross, and
-/// then calls `mark_misplaced`. The callback must mark, by index, the simplified lines whose
-/// topology differs from that of the original lines. Douglas-Peucker gives these lines more
-/// vertices and repeats both steps. Segment collapse never changes the topology, so it does not
-/// call `mark_misplaced` at all.
+/// simplify_lines() is like simplify(), but also for open lines, which may share ends. If
+/// is_open[i] is true, ring i is a line: its first and last vertex stay and are not joined. If
+/// there are no lines, `is_open` and `mark_misplaced` may be empty. Douglas-Peucker first adds
+/// vertices until no lines cross, and then calls `mark_misplaced`. The callback must mark, by
+/// index, the simplified lines whose topology differs from that of the original lines.
+/// Douglas-Peucker gives these lines more vertices and repeats both steps. Segment collapse never
+/// changes the topology, so it does not call `mark_misplaced` at all.
 using MarkMisplaced =
     std::function<void(const std::vector<Ring>& simplified, std::vector<char>& marks)>;
 Pslg simplify_lines(const Pslg& lines, const std::vector<bool>& is_open, const Lattice& lattice,
@@ -46,12 +46,13 @@ Pslg simplify_lines(const Pslg& lines, const std::vector<bool>& is_open, const L
 /// Refinement adds points to the edges of the outline and rounds them to the lattice. Returns how
 /// far, in lattice steps, rounding may move a point away from its edge if the outline is to stay
 /// within the tolerance. Douglas-Peucker, and any method with a tolerance of 0, reserve no part of
-/// the tolerance for refinement. Their outlines need not stay within it, so the result is infinite.
+/// the tolerance for refinement. Refinement may then exceed the tolerance, so the result is
+/// infinite.
 double left_for_refinement_steps(const Lattice& lattice, const SimplificationOptions& options);
 
-/// Two-sided Hausdorff distance between a contour and the ring of the same index, in mm, with a
-/// relative accuracy of 1e-10. Returns the largest of all contours. If is_open[i] is true, contour
-/// i is a line, as in simplify_lines(). O(n log n) typically.
+/// The largest two-sided Hausdorff distance between a contour and the ring of the same index, in
+/// mm, with a relative accuracy of 1e-10. If is_open[i] is true, contour i is a line, as in
+/// simplify_lines(). O(n log n) typically.
 double hausdorff_mm(const Pslg& contours, const Pslg& rings, const Lattice& lattice,
                     const std::vector<bool>& is_open = {});
 

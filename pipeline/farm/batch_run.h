@@ -28,8 +28,8 @@ namespace trocar::farm {
 
 struct BatchSettings {
   std::filesystem::path store;
-  /// {I, N}: of the collection, only the scans with the numbers I, I+N, I+2N and so on are
-  /// selected; the first scan has the number 0. std::nullopt: no scan is excluded.
+  /// {I, N}: only the scans with the numbers I, I+N, I+2N and so on are selected; the first scan of
+  /// the collection has the number 0. std::nullopt: no scan is excluded.
   std::optional<std::pair<int, int>> shard;
   std::optional<std::set<std::string>> only;  ///< names of the scans to select; std::nullopt: all
   int jobs = 1;  ///< largest number of scans that are worked on at the same time, at least 1
@@ -63,11 +63,12 @@ struct BatchSummary {
   std::size_t found = 0;           ///< changed, but the store already had the new outputs
   std::size_t left = 0;            ///< not finished, because of a signal or of `max_failures`
   std::vector<FailedScan> failed;  ///< scans that failed in this run, in the collection's order
-  /// Known failures (store.md), in the collection's order: scans that were refused in an earlier
-  /// run and have not changed since. They were not tried again.
+  /// Known failures (staleness.h), in the collection's order. This run did not try again to make
+  /// the asset or the product that had failed.
   std::vector<FailedScan> known;
-  /// Names of those scans of `made` that were done by the index: with `verify`, because a file of
-  /// theirs in the store was damaged; with `rehash`, because an input had other bytes.
+  /// Names of those scans in the class `made` that were done and unchanged according to the store's
+  /// index. With `verify`, a file of such a scan in the store was damaged; with `rehash`, one of
+  /// its inputs had other bytes.
   std::vector<std::string> made_again;
   /// Total size of the assets that this run has made or found up to date. Scans in the class `left`
   /// add nothing.
@@ -88,11 +89,12 @@ struct NamedState {
 class Batch {
  public:
   /// Selects the scans, and checks the parameters of all scans of the collection and of their
-  /// products. The parameters of a preview, a scene or a check are checked by its program, and of
-  /// scans whose products have the same options only those of the first. Precondition: the process
-  /// has no other threads yet, because this function starts the programs by fork(). `collection`,
-  /// `program` and `programs` must outlive the batch. Errors: kUsage if a scan or a product has
-  /// wrong parameters, or if `only` has a name that the collection lacks.
+  /// products. The options of a preview, a scene or a check are checked by the program that makes
+  /// it. If several scans give the same options for such a product, only those of the first scan
+  /// are checked, even if the values of the options differ. Precondition: the process has no other
+  /// threads yet, because this function starts the programs by fork(). `collection`, `program` and
+  /// `programs` must outlive the batch. Errors: kUsage if a scan or a product has wrong parameters,
+  /// or if `only` has a name that the collection lacks.
   static Result<Batch> plan(const Collection& collection, const ScanProgram& program,
                             const ProductPrograms& programs, BatchSettings settings);
 

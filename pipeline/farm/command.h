@@ -12,9 +12,9 @@
 
 namespace trocar::farm {
 
-/// run_command() sets this variable in the environment of the command. If it is set, trocar-mesh
-/// ends with kExitForNow, and not with exit code 3, if an input was refused for a reason that lies
-/// outside of it (Error::is_temporary), for example because the disk was full.
+/// run_command() sets this variable in the environment of the command. The variable changes an exit
+/// code of trocar-mesh: if an input was refused for a reason that lies outside of the input
+/// (Error::is_temporary), for example because the disk was full, the code is kExitForNow, not 3.
 inline constexpr const char* kExitForNowVariable = "TROCAR_EXIT_FOR_NOW";
 inline constexpr int kExitForNow = 75;  ///< EX_TEMPFAIL of sysexits.h
 

@@ -28,8 +28,8 @@ struct ProductPrograms {
 };
 
 /// The parameters with which `trocar-mesh` makes a preview or a surface: the scan's parameters,
-/// overridden by the product's own. A surface does not get the scan's parameters that only assets
-/// have a place for.
+/// overridden by the product's own. A surface does not get the scan's parameters `lines`, `colour`
+/// and `context`, whose results only an asset can store.
 nlohmann::json product_parameters(const CollectionScan& scan, const WantedProduct& product);
 
 /// Asks the program that makes a product whether it accepts the product's parameters for this scan,

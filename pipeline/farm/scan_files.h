@@ -39,8 +39,8 @@ Result<std::vector<std::filesystem::path>> inputs_of(const CollectionScan& scan)
 /// files_below() (open/scan_folder.h) finds in it. A DICOMDIR that is the only path of its role
 /// stands for its folder, as for open_stack(). No digest is computed, so the digests are empty.
 /// Errors: kRefused if a path does not exist, cannot be searched, or is neither a file nor a
-/// folder. If only a part of a folder cannot be reached, the error is temporary: the rest must not
-/// be taken for the whole scan.
+/// folder. If only a part of a folder cannot be reached, this is an error, too, because the rest
+/// must not be taken for the whole scan; this error is temporary (Error::is_temporary).
 Result<std::vector<ScanFile>> list_files(const std::vector<NamedFile>& paths);
 
 /// File systems record times of modification in steps of up to two seconds, so two changes within

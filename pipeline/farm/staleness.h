@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // The state of a scan: done, a known failure, or stale. A known failure is a scan that was refused
-// in an earlier run and would be refused again, because it has not changed since (store.md). A scan
-// is stale if it is new, if it failed for a passing reason, or if its program, its parameters, its
-// input, its products or its files in the store have changed.
+// in an earlier run, or of which a product was refused. Another run would fail in the same way,
+// because the scan has not changed since (store.md). A scan is stale if it is new, if it failed for
+// a passing reason, or if its program, its parameters, its input, its products or its files in the
+// store have changed.
 // Tests: tests/pipeline/farm/worker_test.cpp
 #pragma once
 

@@ -27,8 +27,9 @@ namespace trocar::farm {
 /// for example because the process runs on another host.
 inline constexpr std::chrono::seconds kStrayAge{600}, kLeaseDuration{60};
 
-/// Does a file with this time count as abandoned? So does a file whose time is that far in the
-/// future: the file server's clock was set back after the file's last change.
+/// Does a file count as abandoned? True if the file's time lies at least `most` before the present
+/// time `now`, or at least `most` after it. A time in the future means that the file server's clock
+/// was set back after the file's last change.
 constexpr bool is_abandoned(std::chrono::nanoseconds file_time, std::chrono::nanoseconds now,
                             std::chrono::nanoseconds most) {
   const std::chrono::nanoseconds age = now - file_time;
@@ -48,7 +49,7 @@ struct Outputs {
 
 /// A product of a scan (product.h), as the index entry of the scan records it.
 struct StoredProduct {
-  /// Empty if the product is a check, which was not tried because the scene failed.
+  /// Empty only for a check that was not tried because the scene failed.
   std::string key;
   std::string program;  ///< digest of the program that makes the product
   nlohmann::json parameters;
@@ -101,8 +102,8 @@ class Store {
   std::filesystem::path entry_file(const std::string& name) const;
   std::filesystem::path lease_file(const std::string& key) const;
 
-  /// The outputs of the action with this key, if the store has the action and has() is true for its
-  /// outputs.
+  /// The outputs of the action with this key; std::nullopt if the action is missing or damaged, or
+  /// if an output is missing or has another size (has()).
   std::optional<Outputs> find(const std::string& key) const;
   /// Do the files exist with the recorded sizes? The files are not read.
   bool has(const Outputs& outputs) const;

@@ -18,8 +18,8 @@ struct LabelsWithCt {
 };
 
 /// Opens the label map `inputs` and the CT `ct`. options.axis applies to both, the other options
-/// only to the label map. The file of a DICOM segmentation may leave out slices without labels;
-/// they are added as empty slices, so that it has as many slices as the CT
+/// only to the label map. The file of a DICOM segmentation may leave out slices without labels.
+/// Such slices are added as empty ones, so that the label map has the same slices as the CT
 /// (OpenOptions::segmented_ct). The CT's warnings are added to those of the label map. Nothing is
 /// resampled. Errors: those of open_stack(); kRefused if the CT's values are not HU, or if its grid
 /// differs from the label map's grid (same_grid.h).

@@ -20,8 +20,8 @@ namespace trocar::pipeline {
 struct SearchLimits {
   int depth = 16;                ///< sub-folders below this depth are left out with a warning
   std::size_t entries = 200000;  ///< a folder with more files and folders than this is refused
-  /// True: a sub-folder or file that cannot be reached is refused for now, instead of being left
-  /// out. Then files_below() returns the whole folder or an error.
+  /// True: if a sub-folder or a file cannot be reached, the search fails with a temporary error
+  /// (Error::is_temporary) instead of leaving it out. Sub-folders below `depth` are still left out.
   bool must_reach_all = false;
 };
 
@@ -68,8 +68,8 @@ Result<ScanFolder> search_folder(const std::filesystem::path& folder, DicomExten
 /// Checks that this process has permission to read the file. Errors: kRefused if it has none.
 Result<void> check_readable(const std::filesystem::path& file);
 
-/// If the file is a DICOMDIR (the file that viewers open), the folder for which it stands, which is
-/// the one that contains it. Otherwise std::nullopt.
+/// If the file is a DICOMDIR (the file that viewers open), it stands for the folder that contains
+/// it, and the function returns this folder. Otherwise the function returns std::nullopt.
 std::optional<std::filesystem::path> folder_of_dicomdir(const std::filesystem::path& file);
 
 }  // namespace trocar::pipeline

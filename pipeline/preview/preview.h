@@ -58,8 +58,8 @@ struct Preview {
   Crop crop;                              ///< region of each slice that is read
   int slices = 0, width = 0, height = 0;  ///< size of the scan in slices and pixels
   double step_mm = 0;                     ///< mean distance between the scan's slices
-  /// Number of slices that were inspected to find the first and the last slice with material, if
-  /// not all were; otherwise 0.
+  /// Number of slices that were inspected at first, to find the first and the last slice with
+  /// material (make_preview()); 0 if all slices were inspected.
   int inspected = 0;
   std::vector<PreviewSlice> shown;
   double low = 0, high = 0;  ///< range of the values in the slices shown
@@ -81,14 +81,15 @@ struct Preview {
 };
 
 /// Previews `count` slices, evenly spread from the first to the last slice with material. A slice
-/// between these two is shown even if it is empty. If the scan has more than 64 slices, 64 of them
-/// are inspected. Bisection then finds the first slice with material between two inspected slices,
-/// and likewise the last, so that not all slices need to be read. (Material in a few slices beyond
-/// these is not found if it lies between two inspected slices; size_text() says so.) All slices are
-/// read in three cases: if solid bone is made, if ScannerTable::find() finds a scanner's table in
-/// the few slices that it inspects first, or if none of the 64 slices has material. The number of
-/// threads does not change the result. Errors: those that mesh_stack() can find before it
-/// simplifies contours.
+/// between these two is shown even if it is empty. If the scan has more than 64 slices, only 64 of
+/// them are inspected at first, so that not all slices need to be read. The first slice with
+/// material is then found by bisection between the first inspected slice with material and the
+/// inspected slice before it. The last slice with material is found likewise. (Material outside the
+/// range that is found can be missed, if it lies in a few slices between two empty inspected
+/// slices; size_text() says so.) All slices are read in three cases: if solid bone is made, if
+/// ScannerTable::find() finds a scanner's table in the few slices that it reads first, or if none
+/// of the 64 slices has material. The number of threads does not change the result. Errors: those
+/// that mesh_stack() can find before it simplifies contours.
 Result<Preview> make_preview(const SliceStack& stack, const StackOptions& options, int count);
 
 /// The unit of the values, in words: "HU", "grey levels", "labels", or "values" if uncalibrated.

@@ -86,7 +86,7 @@ void add_material_options(const Command& command, Arguments& a) {
       "use the options that suit this material; --explain prints them. (paper: for images, the\n"
       "method of the publication that Trocar follows)");
   group.flag("--explain", a.explain,
-             "print what the preset of --preset sets or, without --preset, what each preset sets");
+             "print the options that --preset stands for; without --preset, those of every preset");
   a.threshold_option =
       group.number("--threshold", a.threshold, "HU", -1e6, 1e6,
                    "lowest HU that counts as material (226: dense bone, 180: bone of low\n"
@@ -147,9 +147,9 @@ void add_solid_options(const Command& command, Arguments& a) {
       .value(
           "--seed", a.seeds, "X,Y,Z",
           "keep only the material connected to this point (mm in DICOM's patient coordinates:\n"
-          "x to the patient's left, y to the back, z to the head). To cut off a bone that touches\n"
-          "the wanted one, give a second point in that bone: material that is nearer to it than\n"
-          "to the first point is dropped. More such points may follow")
+          "x to the patient's left, y to the back, z to the head). If an unwanted bone touches\n"
+          "the wanted one, give a second point in the unwanted bone: material that is nearer to\n"
+          "the second point than to the first is dropped. More such points may follow")
       .one_value_each();
   group.value("--mask", a.mask, "LABELS.nii.gz:L[,L]",
               "keep only the material within 1.5 mm of the labels L of this label map");
@@ -195,10 +195,10 @@ void add_asset_options(Group group, Arguments& a) {
              "export --surface");
   a.surface_triangles_option = group.number(
       "--surface-triangles", a.surface_triangles, "N", 100, 5'000'000,
-      "limit on the number of triangles of the surface. With this option, the limit is N.\n"
-      "Without it, the limit is 50000 at first. It is then doubled until 99 % of the surface\n"
-      "lies within half a voxel of the material's boundary. In both cases, the surface may\n"
-      "exceed the limit: triangles are added where it would otherwise intersect itself");
+      "limit on the number of triangles of the surface. Without this option, the limit begins at\n"
+      "50000, and is doubled until 99 % of the surface lies within half a voxel of the\n"
+      "material's boundary. The surface may have more triangles than the limit: some are added\n"
+      "where it would otherwise intersect itself");
   group.flag("--lines", a.lines, "also store the outlines as lines, for 3D viewers");
   group.flag("--colour", a.colour,
              "also store HU as colours for 3D viewers, from dark (-200 HU) to light (1848 HU)");

@@ -11,8 +11,8 @@
 
 namespace trocar::pipeline {
 
-/// The values of the options. For some options X, X_option.is_given() says whether the command line
-/// or a preset gives X. If the command has no option X, it is false.
+/// The values of the options. For some options X, X_option.is_given() returns whether the command
+/// line or a preset gives X. If the command has no option X, the result is false.
 struct Arguments {
   std::vector<std::filesystem::path> inputs;
   std::filesystem::path output, report, dump_stages, hu, input_key;

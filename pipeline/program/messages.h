@@ -14,8 +14,9 @@ namespace trocar::pipeline {
 inline constexpr const char* kProgram = "trocar-mesh";
 
 /// Prints the error's message to standard error and returns the error's exit code. A batch that
-/// makes a product sets the variable farm::kExitForNowVariable; then the code of an input that was
-/// refused for a passing reason (Error::is_temporary) is farm::kExitForNow.
+/// makes a product sets the environment variable farm::kExitForNowVariable. If this variable is set
+/// and the input was refused for a passing reason (Error::is_temporary), the function returns
+/// farm::kExitForNow instead.
 int fail(const Error& error);
 
 /// Prints a warning to standard error.

@@ -16,7 +16,7 @@ namespace trocar::pipeline {
 
 struct Preset {
   std::string_view name, words;  ///< words: what the preset is for
-  /// The name of each option, with --, and its value.
+  /// The name of each option, such as "--threshold", and the option's value.
   std::vector<std::pair<std::string_view, std::string_view>> options;
 };
 

@@ -20,7 +20,7 @@ Result<StackOptions> stack_options(const Arguments& a);
 /// names the option.
 Result<OpenOptions> open_options(const Arguments& a);
 
-/// "transverse" for kAxial, "coronal" or "sagittal".
+/// The name of the axis: "transverse" (for kAxial), "coronal" or "sagittal".
 const char* axis_name(SliceAxis axis);
 
 /// The options of meshing and opening as the parameters that reports and assets store.

@@ -17,7 +17,7 @@ namespace trocar::pipeline {
 class GzipReader {
  public:
   /// Precondition: is_gzip(descriptor) holds, and the caller keeps the descriptor open. The file is
-  /// read from its start. Error messages call the file `name`.
+  /// read from its start. `name` is the file's name in error messages.
   GzipReader(int descriptor, std::string name);
 
   static bool is_gzip(int descriptor);

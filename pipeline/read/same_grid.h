@@ -27,8 +27,8 @@ double slice_step_mm(const SliceStack& stack, int slice);
 
 /// The first difference between the grids of two stacks.
 struct GridDifference {
-  /// Index of the first slice that differs; -1 if the difference seems to concern all slices, that
-  /// is, if sizes, slice distances or already the first slices differ.
+  /// Index of the first slice that differs. It is -1 if the difference seems to concern all slices,
+  /// that is, if the sizes, the slice distances or the first slices of the two stacks differ.
   int slice = -1;
   std::string what;  ///< description, such as "size is ... voxels, not ..."
 };

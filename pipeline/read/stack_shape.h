@@ -33,8 +33,8 @@ StackShape stack_shape(const std::vector<Eigen::Vector3d>& positions,
 StackShape stack_shape(const SliceStack& stack);
 
 /// Checks that each slice from `first` to `last` is parallel to slice `first`, has the same pixel
-/// spacing, and lies above the slice before it. Errors: kRefused if one does not; the message ends
-/// with `advice`.
+/// spacing, and lies above the slice before it. Errors: kRefused if a slice fails one of these
+/// checks; the message ends with `advice`.
 Result<void> check_parallel(const SliceStack& stack, int first, int last,
                             const std::string& advice);
 

@@ -28,22 +28,23 @@ class VolumeFile {
   /// unpacks; if the gzip file is damaged, read() and finish() return the error.
   ///
   /// Errors: kRefused if the file cannot be opened or is truncated, if the gzip data are damaged,
-  /// or if the folder for temporary files (TMPDIR) has no space (a temporary error). gzip shortens
-  /// data to no less than 1/1032. If the gzip file is too short to hold start + size bytes, it is
-  /// therefore refused before anything is unpacked.
+  /// or if the folder for temporary files (TMPDIR) has no space (a temporary error). gzip cannot
+  /// compress data by a factor of more than 1032. A gzip file that is therefore too short to hold
+  /// start + size bytes is refused before anything is unpacked.
   static Result<VolumeFile> open(const std::filesystem::path& file, std::int64_t start,
                                  std::int64_t size, bool behind = false);
 
-  /// Makes an empty temporary file, which append() fills. Error messages call the file `for_file`.
-  /// Errors: kRefused if the folder for temporary files cannot be used (a temporary error).
+  /// Makes an empty temporary file, which append() fills. Error messages name `for_file`, the input
+  /// whose voxels the temporary file holds. Errors: kRefused if the folder for temporary files
+  /// cannot be used (a temporary error).
   static Result<VolumeFile> temporary(const std::filesystem::path& for_file);
   /// Appends bytes to a file of temporary(). Errors: kRefused if there is no space (a temporary
   /// error).
   Result<void> append(std::span<const char> bytes, const std::filesystem::path& for_file);
 
   /// Fills `to` with the bytes from offset `at` on; offset 0 is `start` of open(). Waits until
-  /// these bytes are unpacked. Error messages call the file `name`. Errors: kRefused if the file
-  /// has become shorter; those of open(). Thread-safe.
+  /// these bytes are unpacked. `name` is the file's name in error messages. Errors: kRefused if the
+  /// file has become shorter; those of open(). Thread-safe.
   Result<void> read(std::int64_t at, std::span<char> to, const std::string& name) const;
 
   /// Waits until everything is unpacked. Returns the error of unpacking, if there was one.

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // NIfTI files state the size of their voxels twice: by the matrix of the sform, which trocar-mesh
-// uses, and by pixdim. The two sizes can differ, and with them the volume of the material. For
+// uses, and by pixdim. If the two sizes differ, they give different volumes of the material. For
 // example, if a converter did not correct a tilted gantry, the axes of the sform are not at right
 // angles, and the volume of a voxel is less than the product of its sides. This header finds such
 // differences and warns of them.

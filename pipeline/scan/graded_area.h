@@ -12,10 +12,11 @@ namespace trocar::pipeline {
 /// The bound at a position is the area of an equilateral triangle. Along an edge of this triangle
 /// HU change by at most `hu_per_edge`, according to the gradient of the image (Sobel's, which
 /// averages noise over nine pixels). Two rules modify the bound. First, the bound is at least
-/// kMinArea_px2 times the area of a pixel. Second, the edge length at a pixel exceeds the edge
-/// length at any of the eight pixels around it by at most half of the distance between the two.
-/// Refinement evaluates the bound at a triangle's centroid. Because of the second rule, a large
-/// triangle is refined even if HU change only in a part of it that is away from the centroid.
+/// kMinArea_px2 times the area of a pixel. Second, the edge length of this triangle at one pixel
+/// exceeds that at any of the eight pixels around it by at most half of the distance between the
+/// two pixels. Refinement evaluates the bound at a triangle's centroid. Because of the second rule,
+/// a large triangle is refined even if HU change only in a part of it that is away from the
+/// centroid.
 class GradedArea {
  public:
   static constexpr double kMinArea_px2 = 1;

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // The HU of a whole scan, not only of the material, on a coarse grid for X-ray pictures
-// (--context). These HU of a head can show the patient's face, so an asset that contains them is
-// not anonymous. The pitch is the spacing of the grid.
+// (--context). If the scan shows the head, these HU can show the patient's face, so an asset that
+// contains them is not anonymous. The pitch is the spacing of the grid.
 // Tests: tests/pipeline/scan/hu_context_test.cpp, tests/e2e/hu_volume_test.py
 #pragma once
 

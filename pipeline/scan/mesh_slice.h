@@ -29,8 +29,8 @@ struct MeshOptions : MaterialOptions {
   std::optional<double> max_area_px2;
   Lattice lattice;
   const SliceStack* hu = nullptr;  ///< CT of a label map (open/labels_with_ct.h) or null
-  /// Stores the HU of the slices in the asset. This has no effect unless the input is in HU or is a
-  /// label map with its CT.
+  /// Stores the HU of the slices in the asset. This has an effect only if the input is in HU or is
+  /// a label map with its CT.
   bool hu_volume = true;
   /// Fits a field of HU to each mesh (hu_field.h). This option needs the same input as hu_volume.
   bool hu_field = false;

@@ -19,7 +19,7 @@ nlohmann::json slice_report(int index, double z_mm, const MeshedMaterial& materi
                             double max_area_bound_mm2);
 nlohmann::json stage_times(const StageTimes& times);
 
-/// Makes the part of such an entry that is also stored in the asset.
+/// Makes those members of the entry of slice_report() that are also stored in the asset.
 nlohmann::json slice_measures(const MeshedMaterial& material);
 
 /// Lists contours, PSLG, constrained Delaunay triangulation and refined mesh of a slice, in mm.
@@ -27,8 +27,8 @@ nlohmann::json slice_measures(const MeshedMaterial& material);
 nlohmann::json slice_stages(int index, const SlicePlane& plane, const MeshedSlice& slice,
                             const Lattice& lattice);
 
-/// Makes the member `asset` of the report. If the asset has a surface, mesh_stack() adds the member
-/// `surface_bytes` to it. `bytes` is the size of the asset's file.
+/// Makes the member `asset` of the report. `bytes` is the size of the asset's file. If the asset
+/// has a surface, mesh_stack() adds `surface_bytes` to this member of the report.
 nlohmann::json asset_report(const AssetSizes& sizes, std::size_t bytes);
 
 /// Largest resident memory that this process has used so far.

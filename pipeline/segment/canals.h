@@ -7,8 +7,8 @@
 //  1. Sections: a section is a connected set of pixels of one plane. Each of these pixels is
 //     enclosed by bone (plane_flood.h), and a disc of radius kCanalDisc_mm around it contains no
 //     bone. A section is soft if its mean is below kMaxCanal_HU and its area is 15 to 400 mm^2.
-//     There is no lower bound: a section of air is soft, too. (All values below -200 HU are packed
-//     as the lowest step, so they count as -194 HU in the mean.)
+//     The mean has no lower bound, so a section of air is soft, too. (All values below -200 HU are
+//     packed as the lowest step, so they count as -194 HU in the mean.)
 //  2. Tubes: two soft sections of neighbouring planes belong to one tube if they overlap by at
 //     least 35 % of the larger section.
 //  3. Following: the search follows each tube from plane to plane beyond both of its ends, for up

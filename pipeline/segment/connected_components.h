@@ -17,9 +17,8 @@ struct VoxelGrid {
   std::array<std::vector<double>, 3> at_mm;
   std::size_t count(std::size_t axis) const { return at_mm[axis].size(); }
   std::size_t size() const { return count(0) * count(1) * count(2); }
-  /// The width of voxel i along an axis: half of the distance between its two neighbours. A
-  /// voxel at an end of the axis has the distance to its only neighbour. A voxel without
-  /// neighbours has the width 1.
+  /// The width of voxel i along an axis: half of the distance between its two neighbours. At an end
+  /// of the axis, the width is the distance to the only neighbour. Without neighbours it is 1.
   double width_mm(std::size_t axis, std::size_t i) const;
 };
 

@@ -47,11 +47,11 @@ ValueTally tally_values(const Image& image, bool as_labels);
 ///  - All values are whole numbers, none is negative, and at most 256 are different. (A CT has air
 ///    or fat, below 0. A crop inside the body may have neither, but its noise gives more than 256
 ///    different values.)
-///  - At least two different values are not 0. Exception: in a mask, which has only 0 and one other
-///    value, this one suffices if it is at most 255 and the threshold is not half of it. (If the
-///    threshold is half of it, the mesh is the same as with --labels.)
-///  - No value is above 255, or two labels differ by 1. Labels are small or numbered one after
-///    another, whereas the HU of a phantom's materials are neither.
+///  - At least two different values are not 0. Exception: a mask has only 0 and one other value.
+///    This value suffices if it is at most 255 and the threshold is not half of the value. (If the
+///    threshold is half of the value, the mesh is the same as with --labels.)
+///  - No value is above 255, or two of the values other than 0 differ by 1. (Labels are small or
+///    numbered one after another. The HU of a phantom's materials are neither.)
 ///  - The values form uniform regions: at least 55 % of the pairs are equal. If there are more
 ///    than 16 values, at least 40 % of the unequal pairs differ by more than 1. (In a CT in a
 ///    window of 8 bits less than 10 % of the pairs are equal. Where the CT is smooth,

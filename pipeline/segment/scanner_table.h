@@ -18,14 +18,14 @@
 //     of step 3, with a margin of one block.
 //
 // A connected component of the material is part of the table under two conditions. First, at least
-// 80 % of its volume lies in the table's cross-section. Second, of its surface in this
-// cross-section at least 30 % borders on air, because the surface of a bone borders on soft tissue.
-// (The 30 % refer to the surface that borders on air or on soft tissue within the slice. Any other
-// surface is left out of the count.)
+// 80 % of its volume lies in the table's cross-section. Second, at least 30 % of its surface in
+// this cross-section borders on air. The second condition excludes bone, whose surface borders on
+// soft tissue. (The 30 % refer to the surface that borders on air or on soft tissue within the
+// slice. Any other surface is left out of the count.)
 //
-// No table is found in a scan without a large body, in slices whose sides are both below 150 mm, in
-// slices that are not axial, or if the material is not given by a threshold in HU. In these cases
-// at most a few slices are read.
+// No table is found in a scan without a large body, in a single slice, in slices whose sides are
+// both below 150 mm, in slices that are not axial or not parallel (check_parallel()), or if the
+// material is not given by a threshold in HU. In these cases at most a few slices are read.
 #pragma once
 
 #include <cstddef>

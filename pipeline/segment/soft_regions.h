@@ -2,10 +2,11 @@
 // Finds soft tissue whose HU exceed a threshold for bone: vessels and organs filled with
 // contrast medium.
 //
-// The scan is averaged over blocks of about kBlock_mm. A region is a set of connected blocks that
-// lie deeper than 7 mm below the surface of the material. A second pass searches the rest of the
-// material for regions deeper than 4 mm. (Deep regions come first because a vessel and a bone that
-// touch are separate at that depth.) The shell of a region is the material around it at the
+// The scan is averaged over blocks of about kBlock_mm. A block is material here if its mean is at
+// least the threshold minus 30 HU, an allowance for noise. A region is a set of connected blocks
+// that lie deeper than 7 mm below the surface of the material. A second pass searches the rest of
+// the material for regions deeper than 4 mm. (Deep regions come first because a vessel and a bone
+// that touch are separate at that depth.) The shell of a region is the material around it at the
 // surface. A region is soft if its mean is below kMaxSoft_HU and above the mean of its shell. (Bone
 // has a denser cortex in its shell. In the shell of a vessel, the HU fall off to those of the
 // surrounding tissue.) Each block of material near a region belongs to the nearest region and is
@@ -25,8 +26,8 @@ namespace trocar::pipeline {
 
 inline constexpr double kBlock_mm = 2;
 inline constexpr double kMaxSoft_HU = 500;
-/// A threshold below this value is none for bone, and no soft regions are searched for. (Skin and
-/// muscle have 20 to 80 HU, so the body itself would be a soft region.)
+/// A threshold below this value is not a threshold for bone, so no soft regions are searched for.
+/// (Skin and muscle have 20 to 80 HU, so the body itself would be a soft region.)
 inline constexpr double kMinBone_HU = 100;
 
 /// Means of a scan's values over blocks of voxels.

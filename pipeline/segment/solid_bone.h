@@ -7,13 +7,14 @@
 // option is not given.
 //  1. min_volume: components smaller than this volume are removed. This is done before step 2,
 //     because a speck in a gap of the bone could make the gap so narrow that it counts as closed.
-//     If `column` is given, and the material is given by a threshold of at least kMinBone_HU,
-//     another step follows, with or without min_volume: soft tissue whose values are above the
-//     threshold, such as vessels with contrast medium (soft_regions.h), is removed, and then small
-//     components once more. Voxels of at least 556 HU are never removed as soft tissue.
+//     With or without min_volume, another step follows if `column` is given and the material is
+//     given by a threshold of at least kMinBone_HU. This step removes soft tissue whose values are
+//     above the threshold, such as vessels with contrast medium (soft_regions.h), but no voxels of
+//     at least 556 HU. With min_volume, small components are then removed once more.
 //  2. fill, close: a voxel is filled if it is enclosed (plane_flood.h) in at least two of the three
-//     planes of voxels through it. Canals (canals.h) along the patient's long axis stay open. If
-//     the material is given by a threshold in HU, voxels below kAir_HU are never filled.
+//     planes of voxels through it. Canals (canals.h) along the patient's long axis stay open, and
+//     soft tissue that step 1 removed is not filled. If the material is given by a threshold in HU,
+//     voxels below kAir_HU are never filled.
 //     With `column`, only material near the longest canal is kept (kColumn_mm, kColumnCore_mm).
 //  3. mask: material farther than kMaskMargin_mm from the wanted labels of a label map is removed.
 //  4. seeds: only material that is connected to the first seed and nearer to it than to any other
@@ -71,8 +72,8 @@ Error fill_of_several_error();
 /// The material of a scan, voxel by voxel.
 class SolidBone {
  public:
-  /// Reads all slices on several threads. Errors: those of reading; kUsage if `fill_mm2` is set and
-  /// all labels are wanted of a scan with several; kRefused if the slices are not parallel or not
+  /// Reads all slices on several threads. Errors: those of reading; kUsage if `fill_mm2` is set,
+  /// all labels are wanted and the scan has several; kRefused if the slices are not parallel or not
   /// in ascending order, the mask is unusable or on another grid, a seed is not near any material,
   /// `column` is set but there is no canal, or nothing is left. O(voxels log voxels) with seeds,
   /// otherwise O(voxels).
@@ -92,12 +93,12 @@ class SolidBone {
   /// the mean of the original values over the material; no value if nothing is material.
   std::optional<double> apply(int slice, int offset_x, int offset_y, Field& field) const;
 
-  /// The label of all filled voxels if `fill_mm2` is set and all labels are wanted; 0: the scan has
-  /// no label.
+  /// The label of the filled voxels if `fill_mm2` is set, all labels are wanted and the scan has a
+  /// label. Otherwise 0.
   int filled_label() const { return filled_label_; }
 
-  /// Warning: contrast_filled if filling is wanted and there is soft tissue above the threshold,
-  /// which is at least kMinBone_HU (soft_regions.h).
+  /// Warning: contrast_filled if filling is wanted, the threshold is at least kMinBone_HU, and
+  /// there is soft tissue above the threshold (soft_regions.h).
   const std::vector<Warning>& warnings() const { return warnings_; }
   /// Volumes that were added to the material and removed from it, for the report.
   double filled_mm3() const { return filled_mm3_; }

@@ -42,8 +42,8 @@ class Decimation {
   /// Undoes collapses near some triangles, with effect on the next call of decimated(). `triangles`
   /// has indices into the last result of decimated(). Vertices may have been collapsed into a
   /// corner of these triangles, directly or through further vertices. The function undoes the last
-  /// of these collapses, at most `most` for each corner. The vertices `from` of the undone
-  /// collapses are never collapsed again. Returns false if there was no such collapse.
+  /// of these collapses, at most `most` for each corner. The vertices that the undone collapses had
+  /// merged (Collapse::from) are never collapsed again. Returns false if nothing could be undone.
   bool undo(const std::vector<std::size_t>& triangles, std::size_t most);
 
  private:

@@ -70,9 +70,9 @@ struct SurfaceVolume {
 void drop_small_components(SurfaceVolume& volume, int min_voxels, double min_mm3);
 
 /// Returns a coarser volume, whose values are means over blocks of factor[0] x factor[1] x
-/// factor[2] voxels. Where rows or columns end in material within a block, the surface is closed
-/// within about a tenth of a block of where it is closed in `volume`. If fewer than two slices
-/// would remain, returns `volume` unchanged.
+/// factor[2] voxels. The last block of a row or column may be incomplete. If the material reaches
+/// the end of such a row or column, the surface ends within about a tenth of a block of where it
+/// ends in `volume`. If fewer than two slices would remain, returns `volume` unchanged.
 SurfaceVolume coarser(const SurfaceVolume& volume, const std::array<int, 3>& factor);
 
 /// Specks and holes with fewer voxels than this are left out of the surface, and so are those with

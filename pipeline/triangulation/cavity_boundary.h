@@ -94,8 +94,8 @@ inline int count_of(Four mask) {
   return (__builtin_shufflevector(p, p, 1, 0, 3, 2, 5, 4, 7, 6) ^ sign) - sign;
 }
 
-/// Largest distance of a point from the origin along each axis, in lattice steps, for which the
-/// 16-bit measures are used. The coordinates of two points within this distance differ by at most
+/// The 16-bit measures are used only if no point is farther than this from the origin along an
+/// axis, in lattice steps. The coordinates of two points within this distance differ by at most
 /// 2^14, so dot products of such differences are below 2^30.
 inline constexpr std::int32_t kMaxBoundaryOffset = 1 << 13;
 

@@ -100,12 +100,13 @@ class InsertionTrial {
   /// on this condition.)
   using Positions = std::array<LatticePoint, 4>;
 
-  /// Returns the number of flaws (Candidate::flaws) for each position, if a point there
-  /// replaces this cavity. For positions that are not allowed, the number is at least
-  /// kManyFlaws. A position is not allowed if it lies on or beyond an edge of the boundary, or
-  /// is too near to a vertex. For a point in the material, a position that encroaches upon the
-  /// outline is not allowed either.
+  /// flaws_of() returns at least this number for a position that is not allowed.
   static constexpr std::int32_t kManyFlaws = 1 << 20;
+  /// Returns the number of flaws (Candidate::flaws) that a point at each position would have if it
+  /// replaced this cavity. For positions that are not allowed, the number is at least kManyFlaws. A
+  /// position is not allowed if it lies on or beyond an edge of the boundary, or is too near to a
+  /// vertex. For a point in the material, a position that encroaches upon the outline is not
+  /// allowed either.
   template <PointKind kKind>
   [[gnu::always_inline]] Four flaws_of(const Positions& positions, const InsertionCavity& cavity,
                                        double min_distance2) const {

@@ -14,8 +14,8 @@ namespace trocar::pipeline {
 /// `outlines` are material_outlines(borders), the materials' outlines before refinement; `stored`
 /// are the same outlines with the vertices that refinement inserted on their edges; `outlines` and
 /// `stored` have the same rings in the same order, and each ring has the same first vertex in both.
-/// (check_shared_borders() of formats/geometry/shared_borders.h finds different first vertices.)
-/// O(n log n).
+/// (If the first vertices differ, check_shared_borders() of formats/geometry/shared_borders.h
+/// fails.) O(n log n).
 LabelBorders refined_borders(const LabelBorders& borders, std::span<const Pslg> outlines,
                              std::span<const Pslg> stored);
 

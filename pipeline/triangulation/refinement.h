@@ -1,17 +1,20 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // Refines a triangulation: inserts vertices until the triangles have a minimum angle and are not
-// larger than a largest area. The mesh stays constrained Delaunay (triangulation.h). The method is
-// Ruppert's (1995) with three additions. An input angle is an angle of the outline.
-//  - Off-centres are the positions of new points (Uengoer 2004).
+// larger than a largest area. The mesh stays constrained Delaunay (triangulation.h). A triangle is
+// bad if it violates the bound on the angle or on the area. An input angle is an angle of the
+// outline. The method is Ruppert's (1995) with three additions:
+//  - The first candidate for a new point in the material is an off-centre (Uengoer 2004): a point
+//    on the perpendicular bisector of a bad triangle's shortest edge, not farther from the edge
+//    than the triangle's circumcentre.
 //  - Near a small input angle, edges are split on concentric circles around its corner, the
 //    shells (Ruppert; Shewchuk).
 //  - A triangle's angles are not improved if its shortest edge joins the two segments of a small
 //    input angle (Miller, Pav and Walkington 2003).
-// A triangle is bad if it violates the bound on the angle or on the area. Steiner points lie on the
-// lattice, so all tests of orientation and circumcircles are exact. Each point is inserted at the
-// one of several allowed positions that leaves the fewest bad triangles (similar to Erten and
-// Uengoer's locally optimal Steiner points, 2009). If the bound on the area requires many
-// triangles, refinement first fills the inside with a grid of equilateral triangles.
+// Steiner points (the inserted vertices) lie on the lattice, so all tests of orientation and
+// circumcircles are exact. Each point is inserted at the one of several allowed positions that
+// leaves the fewest bad triangles (similar to Erten and Uengoer's locally optimal Steiner points,
+// 2009). If the bound on the area is the same everywhere and requires many triangles, refinement
+// first fills the inside with a grid of equilateral triangles.
 // Tests: tests/pipeline/triangulation/meshing_test.cpp
 #pragma once
 

@@ -32,9 +32,9 @@ Result<std::vector<Triangulation>> triangulate_regions(std::span<const Pslg> reg
 /// the sum may exceed the limit by one. options.shared_borders is ignored. For one region, the
 /// result is that of refine().
 ///
-/// A node is a point where borders meet. Known limitation: if options.min_angle_deg is above 30, a
-/// border of a few pixels between two nodes with acute angles is more often divided down to a few
-/// lattice steps than by refine() for one region.
+/// Known limitation if options.min_angle_deg is above 30: a border may be divided into edges of
+/// only a few lattice steps if it is a few pixels long and joins two points where borders meet at
+/// acute angles. This happens more often than with refine() for one region.
 std::vector<Refined> refine_regions(std::span<const Triangulation> regions, const Lattice& lattice,
                                     const RefinementOptions& options);
 

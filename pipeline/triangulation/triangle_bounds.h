@@ -50,7 +50,7 @@ class TriangleBounds {
     return std::min(everywhere_.doubled_area,
                     std::max(least_doubled_area_, area_mm2_at_(centroid) * doubled_per_mm2_));
   }
-  /// The shape of the triangle abc. Its is_sharp and is_large say whether the triangle
+  /// The shape of the triangle abc. The members is_sharp and is_large say whether the triangle
   /// violates the bounds.
   TriangleShape shape(LatticePoint a, LatticePoint b, LatticePoint c) const {
     TriangleShape out = shape_of(a, b, c, everywhere_);

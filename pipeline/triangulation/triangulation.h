@@ -27,7 +27,7 @@ struct Triangulation {
 /// orientation (formats/geometry/canonical_rotation.h). So if the outline is moved or rotated by
 /// right angles, the mesh moves and rotates with it. The only exception is an outline that has no
 /// unique canonical orientation, for example because it is symmetric under a rotation, and that has
-/// four points on one circle, between which two Delaunay triangulations are possible.
+/// four points on one circle, so that two Delaunay triangulations are possible.
 Result<Triangulation> triangulate(const Pslg& pslg);
 
 }  // namespace trocar::pipeline

@@ -25,8 +25,8 @@ namespace trocar::pipeline {
 /// Also confirms that a surface for display does not intersect itself (surface_proof.h).
 /// Precondition: verify_asset() has proved that the surface is closed and manifold (each edge has
 /// exactly two triangles). Coordinates are integers of the lattice, so nothing is rounded. `name`
-/// stands for the file in messages. Errors: kRefused if a property does not hold; the message
-/// names the slice or surface and the first such property. The time is O(n log n) for most slices
+/// is the file's name in messages. Errors: kRefused if a property does not hold; the message names
+/// the slice or surface and the first such property. The time is O(n log n) for most slices
 /// with n vertices.
 Result<void> confirm_by_cgal(const Asset& asset, const std::string& name);
 

@@ -57,7 +57,9 @@ struct CurveFit {
   std::optional<FittedValue> drift_N_per_mm;
   /// Strength and thickness of a hard layer at the surface; nullopt if the curve shows no layer.
   std::optional<FittedValue> layer_N, layer_mm;
-  double baseline_N = 0;  ///< force before contact, which has been subtracted
+  /// Force that the load cell shows before contact; 0 if the curve has too few points there. Of all
+  /// forces here, only those of `points` contain it.
+  double baseline_N = 0;
   /// The residuals are the sum of a correlated part and of noise (residual_noise.h). structure_N is
   /// the standard deviation of the correlated part where the force is largest. correlation_mm is
   /// the integral of its correlation over the distance in depth.

@@ -33,8 +33,9 @@ struct RoughCurve {
   double contact_mm = 0;       ///< depth at which the tool touches the tissue
   double spacing_mm = 0;       ///< mean difference in depth between neighbours in `insertion`
   double rise_spacing_mm = 0;  ///< like spacing_mm, but only where the force first rises
-  /// A straight line is laid through the deeper part of the curve and continued up to contact_mm.
-  /// cutting_N is its force there, less baseline_N, and slope_N_per_mm is its slope.
+  /// A straight line is fitted to the deeper part of the curve. slope_N_per_mm is its slope.
+  /// cutting_N is its force at contact_mm, but at least a tenth of the largest force of the
+  /// insertion. (baseline_N is subtracted from both forces.)
   double cutting_N = 0, slope_N_per_mm = 0;
   double stiffness_N_per_mm = 0;  ///< mean slope between the contact and half of cutting_N
   double deepest_mm = 0;

@@ -23,10 +23,10 @@
 //  - a prior for the integral of the correlation over depth: log-normal, median 0.6 mm, geometric
 //    standard deviation 1.6
 //  - a prior that makes a scale above NoisePoints::noise_N less probable
-// For each combination, generalised least squares gives parameters and their covariance. The
-// result is the weighted mean, over the combinations, of this covariance plus the outer product of
-// the step from the given parameters to these. So it includes the uncertainty about the correlation
-// of the residuals.
+// For each combination, one step of generalised least squares leads from the given parameters to
+// new ones, and also gives their covariance. The combination's contribution is this covariance plus
+// the outer product of the step with itself. The result is the weighted mean of the contributions.
+// So the result includes the uncertainty about the correlation of the residuals.
 // Tests: tests/runtime/calibration/curve_fit_test.cpp
 #pragma once
 

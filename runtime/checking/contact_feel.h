@@ -27,9 +27,9 @@ struct ContactFeel {
   /// point that is fixed to the plate: the position that the tool's tip has while the coupling
   /// spring between plate and virtual tool is not loaded.
   Peak past_front;
-  /// Distance by which the front moves down in one tick, m. When the front comes out of a bone, it
-  /// jumps across the gap to the next bone below. Only the part of such a jump that is above the
-  /// plate's tip counts.
+  /// Distance by which the front moves down in one tick in which bone is cut, m. When the front
+  /// comes out of a bone, it jumps across the gap to the next bone below. Only the part of such a
+  /// jump that is above the tip on which the tissue acts (RecordingRow::tool_m) counts.
   Peak front_jump;
   // Every force law. The wanted force is the force that the device should render.
   /// Force that alternates from tick to tick, N. For each component of the wanted force, the last

@@ -32,8 +32,8 @@ struct DeviceTrialOptions {
   const std::atomic<bool>* stop = nullptr;  ///< if set to true, ends the trial between two ticks
 };
 
-/// Measures the noise of a value that changes slowly, by the value's second differences, to which a
-/// steady motion does not contribute.
+/// Measures the noise of a slowly changing value. The noise is computed from the second differences
+/// of the value, to which a steady motion does not contribute.
 class NoiseMeter {
  public:
   void add(double value) noexcept {

@@ -34,8 +34,8 @@ struct DeviceToCheck {
   std::function<void(const Scene& scene, SessionOptions& options)> set_options = {};
 };
 
-/// Largest number of ticks of a dry run: a minute at 1 kHz. A dry run then takes a few seconds at
-/// most.
+/// Largest number of ticks of a dry run: a minute at 1 kHz. So a dry run takes at most a few
+/// seconds.
 inline constexpr std::uint64_t kMaxDryRunTicks = 60'000;
 
 /// Result of a dry run for one sheet.

@@ -20,9 +20,9 @@ struct Level {
   double z_mm = 0;
 };
 
-/// Returns the number of the asset's slices from one level to another, with both. A bone volume
-/// from one level to the other has so many slices, of which a scene allows kMaxSceneSlices. Slices
-/// without material count, too.
+/// Returns the number of the asset's slices from one level to another, including both levels and
+/// the slices without material between them. A bone volume from one level to the other has this
+/// number of slices; a scene allows at most kMaxSceneSlices.
 std::size_t slices_between(const Level& a, const Level& b);
 
 /// The smallest rectangle around the material of all slices.
@@ -44,10 +44,10 @@ struct EntryColumn {
 /// Returns the column with the thickest bone. A column is at most `height_mm` high, and spans at
 /// most kMaxSceneSlices slices. Its consecutive levels are at most `max_gap_mm` apart. `radius_mm`:
 /// the radius of the tool. `levels`: sorted, the topmost first. If several columns have equally
-/// thick bone, the search measures them again, as if the tool had three times the radius, and
-/// prefers the column with the thickest bone. There the bone around the tool is wider. If several
-/// columns are still equal, the search prefers the one nearest to the middle of the material. None:
-/// the bone is nowhere as wide as the tool.
+/// thick bone, the search prefers the column whose bone would be thickest for a tool of three times
+/// the radius, because the bone around the tool is widest there. If several columns are still
+/// equal, the search prefers the one nearest to the middle of the material. None: the bone is
+/// nowhere as wide as the tool.
 std::optional<EntryColumn> find_entry_column(const Asset& asset, const std::vector<Level>& levels,
                                              double radius_mm, double height_mm, double max_gap_mm);
 

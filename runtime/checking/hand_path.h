@@ -44,8 +44,8 @@ struct PathReport {
   double speed_max_m_per_s = 0;  ///< speed of the plate's origin
   double rotation_rate_max_rad_per_s = 0;
   /// Distances of the path from the limits that the device itself checks. `is_reachable`: the
-  /// device's geometry allows every point. Joints and inverse condition: the smallest values over
-  /// the points that the geometry allows.
+  /// device's geometry allows every point. `joint_rad` (with `joint`) and `inverse_condition`: the
+  /// smallest values over the points that the geometry allows. The other members are not set.
   DeviceMargins device;
   std::vector<PathBreach> breaches;  ///< the first breach of each fault, in ascending time
 };

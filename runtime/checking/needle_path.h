@@ -54,20 +54,20 @@ NeedlePath path_through(const EntryColumn& column, const std::vector<Level>& lev
 
 /// Plans a path through chosen points. `levels`: sorted, the topmost first.
 ///  - Entry: the path enters the bone in which the chosen entry lies. If the chosen entry lies in
-///    no bone, the path enters the first bone below that point. The surface of this bone lies
-///    between its topmost level and half a slice spacing above this level. If the chosen entry lies
-///    in the same range, NeedlePath::entry_mm is the chosen entry. Otherwise entry_mm is the path's
-///    point at the topmost level of the bone.
+///    no bone, the path enters the first bone below that point. The bone's surface is somewhere
+///    between the height of the bone's topmost level and half a slice spacing above it. If the
+///    chosen entry lies between these two heights, NeedlePath::entry_mm is the chosen entry.
+///    Otherwise entry_mm is the path's point at the topmost level of the bone.
 ///  - End without a target: the path follows the levels downwards from the first level, until the
 ///    next level is more than `limits.gap_mm` below the previous one or more than
 ///    `limits.height_mm` below the first one, or until the path would have more than
 ///    `limits.slices` slices. The path ends at the lowest of these levels that has material on the
 ///    path.
 ///  - Thickness: a gap of more than `limits.gap_mm` between two levels counts as `limits.gap_mm`.
-/// Errors: kRefused if the slices are shifted or turned against each other (for example by a tilted
-/// gantry), if the target is less than 1 mm below the entry or not below the top of the bone, if
-/// the path goes through no bone, or if other bone lies on the path above the entry. Complexity:
-/// linear in the number of triangles.
+/// Errors: kRefused if the slices are shifted or turned against each other (for example because the
+/// ring of the CT scanner was tilted), if the target is less than 1 mm below the entry or not below
+/// the top of the bone, if the path goes through no bone, or if other bone lies on the path above
+/// the entry. Complexity: linear in the number of triangles.
 Result<NeedlePath> plan_needle_path(const Asset& asset, const std::vector<Level>& levels,
                                     const ChosenPoints& points, const PathLimits& limits = {});
 

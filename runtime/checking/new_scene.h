@@ -20,8 +20,8 @@ namespace trocar::runtime {
 
 struct NewScene {
   std::string json;  ///< the scene (scene.schema.json), with a line feed at its end
-  /// One line that says why this scene was chosen. If it has the law `hooke`, the line states the
-  /// reason why no scene with the law `cutting` was chosen.
+  /// One line that says why this scene was chosen. If the scene has the law `hooke`, the line also
+  /// says why no scene with the law `cutting` was chosen.
   std::string text;
 };
 
@@ -39,11 +39,11 @@ struct NewSceneChoices {
 ///  - Candidates: the function makes several scenes, the candidates. The first ones have the force
 ///    law `cutting`, in which the slices are one bone volume whose strength is computed from HU.
 ///    They are made only if every slice with material has HU and slices are at most 3 mm apart. A
-///    volume has at most kMaxSceneSlices slices: without a target the path ends after so many, and
-///    if the path to a target goes through more, these candidates are not made. The next ones have
-///    the law `hooke`. They leave out slices, so that those that remain are at least 9.5 mm apart
-///    and each puncture is felt separately. In all candidates the distances between slices are
-///    those of the scan.
+///    volume has at most kMaxSceneSlices slices. So a path without a target ends after this number
+///    of slices. If a path to a target goes through more slices, the candidates with the law
+///    `cutting` are not made. The next candidates have the law `hooke`. They leave out slices, so
+///    that the remaining slices are at least 9.5 mm apart and each puncture is felt separately. In
+///    all candidates the distances between slices are those of the scan.
 ///  - Choice: the candidates are checked one after another, as `--check --strict` with `options`
 ///    would do. The first candidate that has no warning and punctures a slice is returned.
 ///  - Live hand: if `choices.hand` is kLive, a candidate is checked twice, first with a scripted

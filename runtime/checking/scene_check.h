@@ -8,11 +8,12 @@
 //     ends without a fault, and every hole that it requests can be cut.
 //  2. Every slice is touched in the dry run. A slice is touched if it bears force or is punctured.
 //     In a bone volume (force law `cutting`) it is enough that one slice is touched. Contact with a
-//     soft layer touches no slice.
+//     soft layer does not count.
 //  3. The device renders every wrench of the dry run in full.
 //  4. If the scene chooses tissues by label or HU (`tissues`), every slice gets a tissue of the
-//     scene (tissue_assignment.h): one of these, or `tissue`, which is for the remaining slices.
-//  5. If the scene's goals have a target, the tip can reach it while the plate is not tilted.
+//     scene (tissue_assignment.h): one of `tissues`, or `tissue`, which is for all other slices.
+//  5. If the scene's goals have a target, the tip can reach the target, to within the target's
+//     radius in x and y, while the plate is not tilted.
 //  6. The quantities of contact_feel.h are within these limits, so that the contact feels like
 //     bone. No force alternates from tick to tick by more than 5 N. With the force law `cutting`,
 //     three more conditions hold. While the cutting front bears force, the plate's tip (defined at

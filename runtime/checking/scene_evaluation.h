@@ -69,8 +69,8 @@ Result<SceneEvaluation> evaluate_scene(const Scene& scene, const DeviceToCheck& 
                                        const std::vector<std::unique_ptr<const Sheet>>& sheets,
                                        const SessionOptions& options);
 
-/// Returns the force at which a sheet is punctured, as the device renders it. None: the sheet's
-/// tissue is cut, and breaks at the strength under the tool.
+/// Returns the force at which a sheet is punctured, as the device renders it. None: the force law
+/// `cutting` cuts the sheet's tissue (Tissue::cut), which breaks at the strength under the tool.
 std::optional<double> rendered_threshold_N(const SceneEvaluation& e, std::size_t index);
 
 /// Returns a text such as "x -0.050 to 0.050, y -0.050 to 0.050 m".

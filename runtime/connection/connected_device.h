@@ -10,13 +10,13 @@
 //     longer, exchanges send zero force until the haptic thread calls write() again.
 //  3. After an error of the connection, read() returns kLinkLost, and `say` receives the error in
 //     one line. restore() makes the connection's thread connect again. Wrenches that were written
-//     before the new connection exists are not sent, and poses from before are not read.
+//     before the new connection exists are not sent, and read() does not return older poses.
 //  4. The round trip of a wrench begins with the write() of this wrench. It ends with the first
 //     read() that returns the pose of an exchange that sent this wrench.
 //  5. close() commands zero force at the end. If a call of the connection is in progress, close()
 //     first waits until the call returns. The connection's own time limits bound this wait.
-//  6. If the connection gives a measurement again (a pose with the time of the one before), read()
-//     returns it once, and then kNoData.
+//  6. If the connection returns the same measurement several times (poses with the same time),
+//     read() returns the measurement once, and then kNoData.
 #pragma once
 
 #include <atomic>
@@ -82,7 +82,7 @@ class ConnectedDevice final : public PoseDevice {
 
   std::unique_ptr<PoseConnection> connection_;
   std::int64_t period_ns_;
-  double stale_s_;  ///< age of a wrench from which it is no longer sent
+  double stale_s_;  ///< age from which on a wrench is no longer sent
   SayLine say_;
   TripleBuffer<Answer> answers_;
   TripleBuffer<Command> commands_;

@@ -20,8 +20,8 @@ struct ForceDimensionOptions {
   bool wants_rotation = true;  ///< measure the orientation if the device can
   bool wants_moment = true;    ///< render the moment if the device can
   /// True: open() fails if the device cannot do what wants_rotation and wants_moment ask for.
-  /// False: this is no error; senses_rotation() and renders_moment() say which of the two wishes are
-  /// fulfilled.
+  /// False: open() succeeds all the same, and senses_rotation() and renders_moment() say which of
+  /// the two wishes are fulfilled.
   bool needs_all = false;
 };
 

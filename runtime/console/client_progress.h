@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Stores what one WebSocket client has received so far, and determines the client's next message.
-// Each message is made from the supervisor's present state, so nothing is queued for a slow client.
+// No messages are queued for a slow client: whenever the client can take a message, the message is
+// made from the supervisor's present state.
 // Tests: tests/e2e/console_clients_test.py
 #pragma once
 
@@ -16,7 +17,8 @@
 
 namespace trocar::runtime {
 
-/// A message: a text, or a binary frame with its kind and number (protocol.md).
+/// A message: a text, or the contents of a binary message (Frame) with its kind and number
+/// (protocol.md).
 struct ClientMessage {
   std::string text;
   Frame frame;  ///< null: the message is text
@@ -36,8 +38,9 @@ class ClientProgress {
   /// live hand. `has_new_snapshot`: the last Supervisor::poll() has read a new snapshot.
   std::optional<ClientMessage> next(const Supervisor& session, Role role, HandShare hand,
                                     bool has_new_snapshot, Clock::time_point now);
-  /// Call this when the client has let go of the live hand. The client is then told who holds the
-  /// hand, even if it has the same share of it again by the time of its next message.
+  /// Call this when the client has let go of the live hand. The client then gets a message with its
+  /// HandShare (access.h: who holds the hand), even if the HandShare is the same as in the last
+  /// such message because the client has already taken the hand again.
   void forget_hand() noexcept { hand_.reset(); }
   /// Call this when the client reports that it has drawn the binary messages up to `number`. While
   /// four binary messages are not reported as drawn, the client gets no further binary message.

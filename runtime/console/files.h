@@ -19,9 +19,10 @@ namespace trocar::runtime {
 /// Lists and finds the files of two folders: the console's folder with scenes and assets, and the
 /// folder of sessions. Links are not followed. The names of files in the console's folder are
 /// relative to this folder. The names of files in the folder of sessions begin with "sessions/",
-/// wherever this folder is. If it is not the subfolder sessions/ of the console's folder, the files
-/// in this subfolder are found, too. A listed name contains at most two folders. Only one thread at
-/// a time may call list(); any thread may call find().
+/// wherever this folder is. If the folder of sessions is not the subfolder sessions/ of the
+/// console's folder, files in that subfolder are found, too, unless the folder of sessions has a
+/// file of the same name. A listed name contains at most two folders. Only one thread at a time may
+/// call list(); any thread may call find().
 class Files {
  public:
   /// Uses the files of a folder. `sessions`: the folder of sessions, which need not exist yet. If

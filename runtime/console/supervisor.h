@@ -25,10 +25,10 @@
 
 namespace trocar::runtime {
 
-/// The state of the session. kIdle: no session was started, or its start failed. kStarting: a
-/// program was started, but there is no telemetry yet. kSilent: the session's process runs, but no
-/// new telemetry has come for kSilentAfter; it also comes in a pause. kLost: the process is gone,
-/// and neither the event `ended` nor an exit code is known.
+/// The state of the session. kIdle: no session was started, or the last start failed or was
+/// stopped. kStarting: a program was started, but there is no telemetry yet. kSilent: the session's
+/// process runs, but no new telemetry has come for kSilentAfter. (Telemetry also comes during a
+/// pause.) kLost: the process is gone, and neither the event `ended` nor an exit code is known.
 enum class RunState : std::uint8_t { kIdle, kStarting, kRunning, kSilent, kPaused, kEnded, kLost };
 inline constexpr auto kSilentAfter = std::chrono::milliseconds(200);
 const char* to_string(RunState state) noexcept;
@@ -107,9 +107,10 @@ class Supervisor {
   /// Ends the session, the device process, a test and the making of a scene. But the session of
   /// Settings::attach goes on. Call this function repeatedly until it returns true; everything that
   /// it ends has then ended. The first call asks the session, the test and the making of a scene to
-  /// end. When the session has ended, the device process is asked to end. The time `patience`
-  /// begins with the first call or, for the device process, when it is asked if that is later.
-  /// Calls after this time kill the session's process or the device process if it still runs.
+  /// end. When the session has ended, the device process is asked to end. If the session's process
+  /// still runs when `patience` has passed since the first call, the next call kills it. The device
+  /// process is killed when `patience` has passed both since the first call and since the device
+  /// process was asked to end.
   bool end_all(Clock::time_point now, Clock::duration patience);
   /// Reads telemetry, follows the console's processes, and checks the effect of an emergency stop.
   /// The caller must call this every few milliseconds.
@@ -178,8 +179,9 @@ class Supervisor {
   std::vector<EndingDevice> ending_devices_;
   bool waits_for_device_ = false, recover_when_ready_ = false;
   bool is_start_stopped_ = false;  ///< stop_start() has killed the session
-  /// An emergency stop came after the last command `stop` of the session. The state of the ended
-  /// session says so, also if the stop came too late for a fault, so that no page restarts it.
+  /// An emergency stop was sent to the session, and no command `stop` after it. When the session
+  /// has ended, the message `state` then has the field `emergency_stop`, so that no page restarts
+  /// the session. This also holds if the emergency stop came too late to raise a fault.
   bool is_emergency_stopped_ = false;
   std::string device_endpoint_;
   std::uint64_t device_log_from_ = 0;  ///< byte of the log at which the device's output begins

@@ -22,8 +22,8 @@ namespace trocar::runtime {
 struct HandRequest {
   /// The target of the hand (Supervisor::move_hand()); nullopt: the client lets go of the hand.
   std::optional<std::array<double, 6>> target;
-  /// Number of a message that moves the hand, higher than that of the client's previous such
-  /// message. Always 0 if `target` is nullopt.
+  /// Number of a message that moves the hand. A client gives each later message a higher number.
+  /// Always 0 if `target` is nullopt.
   std::uint64_t number = 0;
 };
 

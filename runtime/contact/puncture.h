@@ -23,10 +23,9 @@
 //        old one gradually, with the time constant kBlend_s. Until the first one is ready, k and
 //        the point of action are those of `hooke`.
 //  3. If F would exceed c times the threshold, the sheet is punctured in this tick: the force
-//     is zero, and a hole with the tool's outline is requested. In later ticks, until the tip
-//     has been above the sheet, the sheet exerts only the force of its hole on the shaft
-//     (shaft.h). If F would exceed c times the threshold while the coverage is below
-//     `min_coverage`, the tool slides off the sheet instead of puncturing the sheet.
+//     is zero, and a hole with the tool's outline is requested. Exception: if the coverage is below
+//     `min_coverage`, the tool slides off the sheet instead. After a puncture, until the tip has
+//     been above the sheet, the sheet exerts only the force of its hole on the shaft (shaft.h).
 //  4. The topmost sheet in contact bears the force and shields the sheets below. The tool does not
 //     touch a shielded sheet until the tick after the topmost sheet is punctured, or until the tool
 //     slides off the topmost sheet.
@@ -126,7 +125,8 @@ struct CutRequest {
   std::int32_t sheet = -1;
   std::uint32_t cut = 0;
   LatticeOutline outline;
-  /// False, with the law `cutting` only: the shaft has pushed aside the wall of an edge or a hole.
+  /// False if the hole is requested because the shaft has pushed aside an edge of the material or
+  /// the wall of a hole. Only the law `cutting` requests such holes.
   bool is_puncture = true;
 };
 
@@ -140,14 +140,16 @@ struct PrefetchRequest {
 
 /// Result of a tick of any force law.
 struct ContactOutput {
-  /// Tip of the tool. Laws `hooke` and `network`: at T_device_evaluated. Law `cutting`: of the tool
-  /// on the plate. RecordingRow::tool_m has the tip on which the tissue acts, with every law.
+  /// Position of the tip. Laws `hooke` and `network`: the tip of the tool at T_device_evaluated.
+  /// Law `cutting`: the tip of the tool on the plate. With every law, RecordingRow::tool_m is the
+  /// tip on which the tissue acts.
   Eigen::Vector3d tip_device_m = Eigen::Vector3d::Zero();
   /// Force on the tip. Laws `hooke` and `network`: the force of the sheet in contact, along +z of
   /// {B}. Law `cutting`: the force of bone and soft layers, along the shaft.
   double force_N = 0;
-  /// Wrench of the tissue on the tool, about the plate's origin, in {B}. It consists of force_N and the
-  /// force of the holes on the shaft.
+  /// Wrench of the tissue on the tool, about the plate's origin, in {B}. With the laws `hooke` and
+  /// `network` it consists of force_N and the forces of the holes on the shaft. With the law
+  /// `cutting` it consists of the forces of all elements of the tissue (cutting_law.h).
   Wrench wrench_device = Wrench::Zero();
   /// Depth of the tip below the sheet that is in contact or punctured in this tick. Law `cutting`:
   /// depth of the plate's tip, tip_device_m, below the cutting front. Without contact it is 0.
@@ -185,8 +187,8 @@ struct ContactOutput {
   bool is_released = false;  ///< the law released stored energy on purpose, as at a puncture
   /// In the tick of a puncture: the rendered force on the tip one tick earlier.
   double force_before_N = 0;
-  /// Law `cutting` only: how far the rendered force on the tip fell in this tick because bone or a
-  /// soft layer broke; 0: nothing broke.
+  /// Law `cutting` only: the amount by which the rendered force on the tip fell in this tick, if
+  /// bone or a soft layer was cut and less than half of the force is left. Otherwise 0.
   double lost_force_N = 0;
   std::uint64_t layers_punctured = 0;  ///< bit i: soft layer i was punctured in this tick
 
@@ -214,8 +216,8 @@ void update_contact(const ContactModel& model, std::span<const Sheet* const> she
                     double pose_interval_s, ContactState& state, ContactOutput& output,
                     const PreviousPose& previous = {}) noexcept;
 
-/// Call this in ticks without update_contact(). The next tick then starts without rate and friction.
-/// Contact states, punctures and requested holes are kept.
+/// Call this in ticks without update_contact(). The next tick then starts without rate and
+/// friction. Contact states, punctures and requested holes are kept.
 void reset_motion(ContactState& state) noexcept;
 
 /// Call this after the tool has jumped by `shift_m` although no force moved it, as the proxy does
@@ -223,7 +225,8 @@ void reset_motion(ContactState& state) noexcept;
 void shift_tool(const ContactModel& model, const Pose& T_device_plate,
                 const Eigen::Vector3d& shift_m, ContactState& state) noexcept;
 
-/// Converts a force that acts on the plate at a point, both in {B}, to a wrench about the plate's origin.
+/// Converts a force that acts on the plate at a point, both in {B}, to a wrench about the plate's
+/// origin.
 Wrench wrench_at(const Eigen::Vector3d& force_N, const Eigen::Vector3d& point_m,
                  const Pose& T_device_plate) noexcept;
 

@@ -58,9 +58,9 @@ Result<std::vector<std::unique_ptr<const Sheet>>> place_slices(const Scene& scen
 /// where the scene places the anchor of its slices (Placement::at_m, in {B}).
 Pose over_anchor(const Sheet& sheet, const Tool& tool) noexcept;
 
-/// Spare capacity of a placed sheet, for the vertices and triangles that cutting holes adds. The
-/// remesher adds the same numbers when the spare capacity runs short. A hole of six corners needs
-/// about six vertices and twelve triangles.
+/// Spare capacity of a placed sheet, for the vertices and triangles that are added when holes are
+/// cut. The remesher adds the same numbers when the spare capacity runs short. A hole of six
+/// corners needs about six vertices and twelve triangles.
 inline constexpr std::size_t kSpareVertices = 4096, kSpareTriangles = 8192;
 
 /// Largest number of holes of one sheet that may wait to be cut into its mesh.

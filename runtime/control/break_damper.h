@@ -2,15 +2,15 @@
 // Damps the plunge of the tool after a break. When the tip breaks through bone, nothing supports
 // the tip any more, and the hand that pressed accelerates the plate inwards. If the hand lets go at
 // that moment, only the friction of the shaft stops the plate. With the damper the plate stops
-// sooner. A hand that holds on hardly feels the damper, because its force is a small part of the
-// force that was lost.
+// sooner. A hand that holds on hardly feels the damper, because the damper's force is then a small
+// part of the force that was lost.
 //
 // Contract (tests/runtime/control/break_damper_test.cpp):
 //  1. The damper's force acts at the tip along the shaft, outwards, and only while the measured
 //     velocity of the tip points inwards. The velocity is a mean over the interval that `previous`
-//     gives. While the tip moves inwards, the force takes energy from the plate. Only if the tip
-//     turns back can the force give energy to the plate, at most for the length of the interval and
-//     until the next new pose.
+//     gives. While the tip moves inwards, the force takes energy from the plate. The force can give
+//     energy to the plate only after the tip has turned back. This lasts at most as long as the
+//     interval, plus the time until the next new pose.
 //  2. Right after a break the damping coefficient is the lost force divided by
 //     kBreakSpeed_m_per_s. At the time t after the break this value is multiplied by
 //     1 - (t / kBreakDamping_s)^2, so it is 0 after kBreakDamping_s. A later break starts this

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Limits the energy that the environment (tissue and coupling) releases to the hand. If the
-// environment releases more, the fault kEnergyLimit is raised. The limit acts independently of the
-// passivity controller, which reduces the released energy but cannot bound it.
+// environment releases more than the limit, the fault kEnergyLimit is raised. The limit acts
+// independently of the passivity controller, which reduces the released energy but cannot bound it.
 //
 // W(t) is the work that the delivered wrench has done on the plate since the state `running`
 // (safety.h) was entered. If the plate moves by the displacement d in a tick, a wrench that is held
@@ -68,7 +68,7 @@ class EnergyAccount {
     delivered_ += wrench_device;
     ++delivered_ticks_;
   }
-  /// Sets the account to zero. The loop calls this in each tick in which the state is not `running`.
+  /// Sets the account to zero. The loop calls this in each tick whose state is not `running`.
   void reset() noexcept;
   /// Largest W(t) - W(s) - S(s) over the window of the last check(), at least 0. reset() does not
   /// change this value.

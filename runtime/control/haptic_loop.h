@@ -11,20 +11,20 @@
 //     ramp of safety.h, which starts from the last command written. After the fault kEnergyLimit
 //     there is no ramp: the command is zero in the same tick. If a command cannot be written, this
 //     is a fault, too; the ramp then starts in the next tick, from the command that could not be
-//     written. The force is zero after the ramp. In the states `idle`, `ready` and `recovering` it
-//     is zero, too.
+//     written. In the states `idle`, `ready` and `recovering`, and in `fault` after the ramp, the
+//     force is zero.
 //  3. The row holds every input of the tick, so replaying the rows gives the same commands.
-//  4. The device gives each reading (a device state) a time stamp of its own clock. The loop
-//     computes four times as differences of these time stamps: the interval between two poses, the
-//     interval over which a velocity is computed, the time in which the device can have moved since
-//     the last reading, and the additional time for which the motors hold a command if a tick is
-//     late. The differences are rounded to nanoseconds, except in velocity_window.h. In `running`,
-//     a device state counts as new if its time stamp is finite and later than that of the state
-//     before. After no_data_limit_s() without a new device state, the fault kNoData is raised. If a
-//     time stamp lies more than gap_max_s after the previous one, kNoData is raised immediately. In
-//     all other states of the safety state machine, the device's clock may restart, for example
-//     after the link was restored, or leap, for example over a pause. The velocity estimation then
-//     restarts too, and the reading is not compared with the one before.
+//  4. The device gives each reading (a device state) a time stamp of the device's clock. The
+//     differences of these time stamps determine four durations: the interval between two poses,
+//     the interval over which a velocity is computed, the time in which the device can have moved
+//     since the last reading, and the additional time for which the motors hold a command if a tick
+//     is late. The differences are rounded to nanoseconds, except in velocity_window.h. In
+//     `running`, a device state counts as new if its time stamp is finite and later than that of
+//     the state before. After no_data_limit_s() without a new device state, the fault kNoData is
+//     raised. If a time stamp lies more than gap_max_s after the previous one, kNoData is raised
+//     immediately. In all other states of the safety state machine, the device's clock may restart,
+//     for example after the link was restored, or leap, for example over a pause. The velocity
+//     estimation then restarts too, and the reading is not compared with the one before.
 //  5. Some changes take a fixed number of ticks, so late ticks make these changes slower. They are
 //     the ramp after a fault, the rise of two factors after a recovery (the factor on the force,
 //     and the factor on the compensation of friction and weight), and the change from one
@@ -76,8 +76,8 @@ struct LoopState {
   /// kept, because a fall to 0 would make the force jump.
   double pose_interval_s = 0;
   /// Time on the device's clock minus the time of the counted ticks, since this difference was last
-  /// set to 0. If it exceeds half a tick, it is passed to HandDevice::account_held_time() and set
-  /// to 0.
+  /// set to 0. If the difference exceeds half a tick, it is added to the tick's length in the call
+  /// of HandDevice::account_held_time(), and then set to 0.
   double ahead_s = 0;
   Safety safety;
   double reading_t_s = 0;    ///< time stamp of the reading that keep_reading() kept last
@@ -99,9 +99,9 @@ struct TickResult {
   bool end_of_data = false;        ///< the replayed recording has ended, so there is no row
   Fault new_fault = Fault::kNone;  ///< fault latched in this tick
   /// The first fault found in this tick, with the measured value. If new_fault is set, `found`
-  /// describes this fault. In `fault` and `recovering` only the operator's emergency stop is
-  /// latched, and in `recovering` a new press of the device's own. Any other fault is not latched,
-  /// but delays the recovery.
+  /// describes this fault. In `fault` and `recovering` the operator's emergency stop is latched,
+  /// and in `recovering` also a new press of the device's own stop. Any other fault is not latched
+  /// in these two states, but delays the recovery.
   FaultDetail found;
   /// Height by which the tip must be raised before `running` can begin
   /// (ForceLaw::retract_distance_m()).

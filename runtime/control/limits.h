@@ -35,8 +35,9 @@ struct SafetyLimits {
   /// Energy that the hand may receive within 0.1 s, in addition to the energy that was stored at
   /// the beginning of this time (energy_limit.h).
   double energy_limit_J = 0.05;
-  /// Longest time without a new device state. During this time the loop uses the last state. If a
-  /// positive limit is shorter than kNoDataTicks ticks, these ticks count (no_data_limit_s()).
+  /// Longest time without a new device state. During this time the loop uses the last state. If
+  /// this value is positive but shorter than kNoDataTicks ticks, the limit is kNoDataTicks ticks
+  /// (no_data_limit_s()).
   double no_data_max_s = 0.01;
   /// Longest time between the starts of two ticks, and between two time stamps of the device. If
   /// gap_max_s is 0, neither these two times nor missed deadlines are checked.
@@ -45,8 +46,9 @@ struct SafetyLimits {
   SafetyTiming timing;
 };
 
-/// The fewest ticks in a row without a new device state that are a fault. Fewer say nothing: if loop
-/// and device have the same rate, now and then a tick finds no new state, and a packet may be lost.
+/// If SafetyLimits::no_data_max_s is positive, ticks without a new device state are a fault only if
+/// there are at least this number in a row. A shorter series is no sign of a failure: if loop and
+/// device have the same rate, now and then a tick finds no new state, and a packet may be lost.
 inline constexpr double kNoDataTicks = 3;
 /// Returns the longest time without a new device state at a rate of the loop. `no_data_max_s`:
 /// SafetyLimits::no_data_max_s.

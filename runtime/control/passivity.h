@@ -31,8 +31,8 @@
 //     records the largest excess of the returned over the absorbed energy.
 //  6. A positive balance is capped at credit_max_J. Without the cap, a dissipative environment,
 //     such as friction on the shaft, could accumulate a balance that later feeds oscillations.
-//     Precondition: the environment stores less than credit_max_J that is not contained in
-//     PassivityInput::stored_J.
+//     Precondition: the energy that the environment stores exceeds PassivityInput::stored_J by less
+//     than credit_max_J.
 #pragma once
 
 #include "runtime/device/pose.h"
@@ -80,12 +80,12 @@ double damping_max(const PassivityOptions& options, double plate_mass_kg, double
 /// Returns the wrench that the caller must render instead of `input.wrench_device`. After that the
 /// caller must call note_delivered(). `pose_interval_s`: time between the previous new pose and
 /// this pose, on the device's clock. If the pose is not new, `pose_interval_s` is 0, and the damper
-/// of the last tick stays unchanged, except that a planned release ends it (item 4). Like the force
-/// of the environment, the force of this damper may then do work on a hand that has turned back.
-/// This work is not known in the tick, because the plate's motion is not, so the balance could not
-/// decide about it. The next new pose brings the whole displacement since the previous one. Its
-/// work, with the wrench held last, enters the balance whatever its sign, and if the balance is
-/// then negative, damping by the new motion takes the energy back.
+/// of the last tick stays unchanged, except that a planned release ends it (item 4). If the hand
+/// has turned back since the last new pose, the damper's force, like the force of the environment,
+/// may then do work on the hand. The balance cannot prevent this work, because the plate's motion
+/// is not known in such a tick. The next new pose shows the whole displacement since the previous
+/// new pose. The work of the wrench held last over this displacement, whatever its sign, then
+/// enters the balance. If the balance is then negative, damping takes the energy back.
 Wrench keep_passive(const PassivityOptions& options, double plate_mass_kg, double pose_interval_s,
                     const PassivityInput& input, PassivityState& state) noexcept;
 

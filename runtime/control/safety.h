@@ -3,9 +3,10 @@
 // that lead from one state to another, and factors on the force and on the torques.
 //
 // Contract (tests/runtime/control/safety_test.cpp):
-//  1. A fault in any state but `recovering` leads to `fault`, and the first fault is kept. Only a request for recovery
-//     leaves the state `fault`. The operator's emergency stop leads to `fault` from every state, and a new press of the
-//     device's own stop does so in `recovering`. Both replace the fault that was kept.
+//  1. A fault in any state but `recovering` leads to `fault`, and the first fault is kept. Only a
+//     request for recovery leaves the state `fault`. The operator's emergency stop leads to `fault`
+//     from every state, and a new press of the device's own stop leads from `recovering` to
+//     `fault`. Both replace the fault that was kept.
 //  2. When a fault ends `running`, torques are ramped down, beginning in the tick in which the
 //     fault is found: the last torques are multiplied by a factor that falls linearly to 0 in
 //     ramp_ticks() ticks. The factor is below 1 already in the first of these ticks. The ramp takes
@@ -18,8 +19,9 @@
 //  4. In the state `running` after a recovery, the factor on the force (`authority`) rises linearly
 //     from 0 to 1 over `ramp_up_s`. If `ramps_at_start` is set, the factor rises in the same way at
 //     the beginning of a session.
-//  5. If a time of SafetyTiming is nan, the result is safe: torques are zero immediately, recovery
-//     never ends, and authority does not rise. A negative time is treated as zero.
+//  5. A time of SafetyTiming that is nan has a safe result. If `ramp_s` is nan, torques are zero
+//     immediately. If `quiet_s` is nan, the state `recovering` never ends. If `ramp_up_s` is nan,
+//     the authority does not rise. A negative time is treated as zero.
 #pragma once
 
 #include <cstdint>
@@ -48,7 +50,7 @@ enum class SafetyEvent : std::uint8_t {
 };
 inline constexpr int kSafetyEvents = 6;
 
-/// Returns the state that follows an event. An event without a transition leaves the state unchanged.
+/// Returns the state that follows an event. An event without a transition keeps the state.
 SafetyState next_state(SafetyState state, SafetyEvent event) noexcept;
 
 /// State kept between ticks.
@@ -71,7 +73,8 @@ int ramp_ticks(const SafetyTiming& timing, double rate_Hz) noexcept;
 double rise_per_tick(const SafetyTiming& timing, double rate_Hz) noexcept;
 
 /// Enters the state that follows a fault found at `t_s`. Returns true if this fault is latched.
-/// advance() calls this for its own `fault`; call it for a fault found later in the tick.
+/// advance() calls raise() for the fault that it is given; the caller must call raise() for a fault
+/// that it finds later in the tick.
 bool raise(Safety& safety, Fault fault, double t_s) noexcept;
 
 /// Enters the state `fault` because of the operator's emergency stop. Call this in each tick in

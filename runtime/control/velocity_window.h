@@ -21,10 +21,13 @@
 //  3. The window goes back only as far as the readings of every encoder stay within a count of
 //     the straight line.
 //  4. A device state is late if it came more than a period after the previous state. If the newest
-//     state is late and the motion is not steady, the velocity is computed for the time half a
-//     period before the newest state: each of the last two intervals has a mean velocity, which is
-//     taken to hold at its middle, and the line through these two velocities is extended to that
-//     time. (The last two states give the velocity at this same time if they are on time.)
+//     state is late and the motion is not steady, the velocity is extrapolated to the time half a
+//     period before the newest state. For this, the mean velocity of each of the last two intervals
+//     is taken to hold in the middle of the interval, and the velocity is assumed to change
+//     linearly. (If states are on time, the mean velocity of the last interval is the velocity half
+//     a period before the newest state.) Exception: unless the encoders are exact, item 4 does not
+//     apply if the last interval is more than twice as long as the one before, because the noise of
+//     the encoders would be amplified.
 #pragma once
 
 #include <array>

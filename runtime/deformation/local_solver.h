@@ -14,10 +14,10 @@
 //     the tool if the ring nodes are free and the sheet beyond the ring is omitted. Both
 //     inequalities hold for springs of any sign, because the omitted triangles have an energy that
 //     is never negative.
-//  2. Let M be the maximum of w on the ring, and let v be 0 beyond the ring. If no spring is
-//     negative, then 0 <= w - v <= M everywhere (maximum principle, network.h). A bound B on M
-//     follows from the balance of forces at the ring node m at which w = M. Beyond the ring, w is
-//     at most M. Inside the ring, w is at most v + M p, where p is the equilibrium with the ring
+//  2. Let M be the maximum of w on the ring, and let v be 0 beyond the ring. If no spring has a
+//     negative stiffness, then 0 <= w - v <= M everywhere (maximum principle, network.h). A bound B
+//     on M follows from the balance of forces at the ring node m at which w = M. Beyond the ring, w
+//     is at most M. Inside the ring, w is at most v + M p, where p is the equilibrium with the ring
 //     at 1 and the tool at 0. The balance of forces therefore gives M <= B with
 //       B = max over the ring nodes m of g_m / (f_m + s_m),
 //     where f_m is the foundation's stiffness at m, and s_m is the sum of k_mj (1 - p_j) over the

@@ -94,8 +94,8 @@ class DeviceSpecification {
   /// False if the device renders only forces. A wanted moment is then dropped.
   virtual bool renders_moment() const noexcept = 0;
   virtual int buttons() const noexcept { return 0; }
-  /// Workspace that the maker states; nullopt if the maker states none. Then only the safety limits
-  /// and the device's own checks bound the workspace.
+  /// Workspace that the maker states; nullopt if the maker states none. Without a stated workspace,
+  /// only the safety limits and the device's own checks bound the workspace.
   virtual std::optional<WorkspaceBox> workspace() const noexcept { return std::nullopt; }
   virtual MotorsAndJoints motors_and_joints() const { return {}; }
 
@@ -137,8 +137,9 @@ class DeviceSpecification {
   virtual std::optional<Pose> pose_of(const RecordingRow& row) const = 0;
 };
 
-/// The time since the reading that keep_reading() kept last. find_pose() uses it to detect jumps:
-/// after a longer time, it allows a larger difference between the present and the kept reading.
+/// The time since the reading that keep_reading() kept last. find_pose() uses this time to detect
+/// jumps: the longer the time, the larger is the allowed difference between the present reading and
+/// the kept one.
 struct ReadingInterval {
   bool has_last = false;  ///< true if a reading was kept
   /// Time since the kept reading. The loop limits this value, so that jumps are detected even after
@@ -199,8 +200,8 @@ class HandDevice {
   /// device's clock; otherwise `t_s` is unchanged. Within a connection, newer states have later
   /// times.
   virtual DeviceStatus read(double& t_s) noexcept = 0;
-  /// Makes the reading that keep_reading() kept last the reading of this tick. The caller does this
-  /// if read() gave no new reading.
+  /// Replaces this tick's reading by the reading that keep_reading() kept last. The caller does
+  /// this if read() gave no new reading.
   virtual void use_last_reading() noexcept = 0;
   /// Checks this tick's reading against the device's limits and computes the pose. Returns the
   /// first fault found, or kNone. `pose` changes only if there is no fault.

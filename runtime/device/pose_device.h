@@ -49,8 +49,8 @@ class PoseDevice {
   /// Sends the wrench that the device holds until the next write(). Never returns kEndOfData,
   /// because only read() reports the end of a replay.
   virtual DeviceStatus write(const HandleWrench& wrench) noexcept = 0;
-  /// After a read() that returned kMotorFault, the byte with which the device reports its fault; its
-  /// maker chooses the meaning. The value 0 means that it is not known.
+  /// After a read() that returned kMotorFault, the byte with which the device reports its fault.
+  /// The device's maker chooses the meaning of the byte; 0 means that the fault is not known.
   virtual std::uint8_t fault_byte() const noexcept { return 0; }
   /// After a read() that returned kLinkLost, true if states do arrive, but are refused because of
   /// their contents, such as a number that is not finite.

@@ -11,9 +11,9 @@
 //  2. While the person holds the hand, the target stays in the box of LiveHandLimits and within
 //     LiveHandLimits::turn_max_rad of the rotation at the start. The target also keeps the distance
 //     kHandMargin from poses of the plate at which the loop would raise a fault. Exception: after
-//     the person has let go, the target follows the tip (contract 4), and after a pause it starts
-//     at the tip. A force may have pushed the tip outside these bounds. While the person holds the
-//     hand again, the target is then outside until it has come back.
+//     the person has let go, the target follows the tip (contract 4), and after a pause the target
+//     starts at the tip. A force may then have pushed the tip, and with it the target, outside
+//     these bounds. When the person holds the hand again, the target moves back within the bounds.
 //  3. A message that says that the person holds the hand is ignored if a number of its pose is not
 //     finite, or if the number's magnitude exceeds 1 m or 7 rad.
 //  4. When the person lets go, or 250 ms after the last new message, the target follows the tip
@@ -45,13 +45,13 @@ namespace trocar::runtime {
 struct LiveHandLimits {
   Pose T_device_tool_start;  ///< target pose of the tip when the session begins
   /// Box of tip positions in {B}. With the tool's rotation at the start, the device reaches every
-  /// position in the box and 5 mm more on each side. The box extends down to 20 mm below the lowest
-  /// slice, or less if the device cannot reach so far.
+  /// position in the box and 5 mm more on each side. The box is at least 20 mm wide. It extends at
+  /// least 20 mm below the lowest slice, unless no such box reaches so far.
   Eigen::Vector3d min_m = Eigen::Vector3d::Zero(), max_m = Eigen::Vector3d::Zero();
   double turn_max_rad = 0;  ///< largest angle from the rotation at the start
   /// speed_max_m_per_s: largest speed of the target while the person holds the hand. Contract 4
-  /// states the largest speed after that. rotation_rate_max_rad_per_s: largest rotation rate of the
-  /// target at all times.
+  /// states the largest speed after the person has let go. rotation_rate_max_rad_per_s: largest
+  /// rotation rate of the target at all times.
   double speed_max_m_per_s = 0.15, rotation_rate_max_rad_per_s = 1;
 };
 

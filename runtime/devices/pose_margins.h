@@ -13,8 +13,9 @@ namespace trocar::runtime {
 /// themselves, not their distances from the limits.
 struct PoseMargins {
   DeviceMargins device;
-  /// Distance from the plate's origin to the nearest side of the workspace, that of the loop or that
-  /// of the device itself; negative outside.
+  /// Smallest distance of the plate's origin from the sides of two workspaces: that of the loop's
+  /// limits, and the one that the device itself states. Negative if the origin is outside at least
+  /// one of the two.
   double box_m = 0;
   double tilt_rad = 0;       ///< angle between the z axes of the plate and of {B}
   double tool_tilt_rad = 0;  ///< angle between the tool's axis and the z axis of {B}

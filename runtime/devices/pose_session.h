@@ -31,17 +31,19 @@ inline constexpr std::string_view kWithRotation = "+rotation";
 Result<PoseDeviceDescription> built_in_pose_device(std::string_view name);
 
 /// Sets the options that depend on the pose device:
-///  - The smallest box in {B} around the device's workspace becomes the workspace limit. (The device
-///    itself checks its own box, which is smaller if it is turned.)
+///  - The smallest box in {B} around the device's workspace becomes the workspace limit. (The
+///    device itself checks its workspace, a box in the device's own frame. If this frame is turned
+///    relative to {B}, the box in {B} can be larger than the workspace.)
 ///  - After a fault there is no ramp: the force goes to zero in the tick that finds the fault.
 ///  - When a session begins, the force rises from zero.
-///  - The rendered stiffness is at most StiffnessLimits::max_N_per_m. If the description
-///    states a largest stiffness, this stiffness divided by StiffnessLimits::margin is a
-///    second limit. If the force law treats slices as separate sheets, the virtual coupling is
-///    switched on. Its spring keeps the rendered stiffness within these limits. If the description
-///    states no largest stiffness, the stiffness of the spring (CouplingOptions) is divided by the
-///    margin instead. If the coupling is on already (the operator chose its stiffness), its spring
-///    is changed only if it is too stiff for these limits.
+///  - The rendered stiffness is at most StiffnessLimits::max_N_per_m. If the description states a
+///    largest stiffness, this stiffness divided by StiffnessLimits::margin is a second limit.
+///  - If the force law treats slices as separate sheets, the virtual coupling is switched on. If
+///    the description states a largest stiffness, the coupling's spring is as stiff as the two
+///    limits allow. If it states none, the stiffness that the spring renders (with the force scale)
+///    is the stiffness in CouplingOptions divided by the margin, but at most
+///    StiffnessLimits::max_N_per_m. If the coupling is on already (the operator chose its
+///    stiffness), the spring is changed only if it is too stiff for the limits.
 void set_pose_device_options(const PoseDeviceDescription& description, const Scene& scene,
                              SessionOptions& options);
 

@@ -30,11 +30,11 @@ std::optional<WorkspaceHeights> workspace_heights(
 struct WorkspaceRectangle {
   Eigen::Vector2d min_m = Eigen::Vector2d::Zero(), max_m = Eigen::Vector2d::Zero();
 };
-/// Returns a rectangle for the height `tip_z_m` and the plate's rotation `q`. The search begins in
-/// the middle, which is the position of the tip if the plate's origin is on the z axis of {B}. The
-/// search finds the largest square around the middle, and then moves one side after the other
-/// outwards as far as possible. The function tests positions 2 mm apart. Returns nullopt if the tip
-/// does not reach the middle.
+/// Returns a rectangle for the height `tip_z_m` and the plate's rotation `q`. The search begins at
+/// the position that the tip has if the plate's origin is on the z axis of {B}. The function first
+/// finds the largest square that has this position at its centre, and then moves one side after the
+/// other outwards as far as the tip reaches. The function tests positions 2 mm apart. Returns
+/// nullopt if the tip does not reach the position at which the search begins.
 std::optional<WorkspaceRectangle> workspace_rectangle(
     const DeviceSpecification& device, const SafetyLimits& limits, const Tool& tool, double tip_z_m,
     const Eigen::Quaterniond& q = Eigen::Quaterniond::Identity());

@@ -40,8 +40,8 @@ struct HoleOutline {
   FlatTable edge_at;  ///< key: a and b of a CountedEdge; value: index into `edges`
   std::vector<Out> out;
   /// One entry per point of the overlay. `first_out`: the first element of the point's list, as an
-  /// index in `out`; kNoSlot if no edge starts at the point. `path_index`: the index of the point in
-  /// `path`; kNoSlot if the point is not in `path`.
+  /// index in `out`; kNoSlot if no edge starts at the point. `path_index`: the index of the point
+  /// in `path`; kNoSlot if the point is not in `path`.
   std::vector<std::uint32_t> first_out, path_index;
   /// Points, as indices into Overlay::points. `starts`: points at which edges start. `path`: points
   /// of the current walk along the edges. `stops`: the overlay's points on one edge of the cavity's

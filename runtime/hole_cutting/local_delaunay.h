@@ -41,8 +41,8 @@ class LocalTriangulation {
 
   /// Makes the Delaunay triangulation of the points. Precondition: |coordinate| <= kMaxCoordinate
   /// (lattice.h). Returns kNotPlanar if two points are equal. The time is typically O(n^1.5) for n
-  /// points, and less if consecutive points are near each other. `first_corner` says which corner
-  /// of the box becomes the first of the last four points(): 0 is the lower left corner, and 1 to 3
+  /// points, and less if consecutive points are near each other. `first_corner` says with which
+  /// corner of the box the last four of points() begin: 0 is the lower left corner, and 1 to 3
   /// follow counter-clockwise. If the caller rotates points and first corner together by right
   /// angles, the cells are the same.
   Status triangulate(std::span<const LatticePoint> points, int first_corner = 0) noexcept;
@@ -53,10 +53,10 @@ class LocalTriangulation {
   /// kNotPlanar, and the triangulation must not be used any more.
   Status constrain(std::uint32_t a, std::uint32_t b, std::uint32_t name) noexcept;
 
-  /// Flips edges until every edge between two cells of the same region is locally Delaunay.
-  /// `region` has one number per cell; edges between cells of region 0 are not flipped. A
-  /// constraint is preserved if it separates two regions or lies in region 0. Any other constraint
-  /// may be flipped, too.
+  /// Flips edges until every edge between two cells of the same region is locally Delaunay, except
+  /// in region 0, in which no edge is flipped. `region` has one number per cell. A constraint is
+  /// preserved if it separates two regions or lies in region 0. Any other constraint may be
+  /// flipped, too.
   void restore_delaunay(std::span<const std::uint8_t> region) noexcept;
 
   std::span<const LatticePoint> points() const noexcept { return points_; }

@@ -4,8 +4,8 @@
 // is the fifth stage of a cut. Triangles outside the cavity are kept. The proof uses only the
 // cavity and its neighbourhood.
 //
-// The following statements are proved exactly. They and the way in which stitch() numbers vertices
-// together imply that the mesh is valid (formats/geometry/mesh_validity.h):
+// The following statements are proved exactly. Together with the way in which stitch() numbers
+// vertices, they imply that the mesh is valid (formats/geometry/mesh_validity.h):
 //  1. Every new triangle is strictly counter-clockwise.
 //  2. Each edge of a new triangle becomes a boundary edge of the sheet, or exactly one other
 //     triangle has the same edge. The other triangle is new, or it is a kept triangle on the other

@@ -40,8 +40,8 @@ struct UdpLinkOptions {
   LinkClock clock = LinkClock::kReal;  ///< the drive must use the same clock
   bool resets_world = true;            ///< start() asks a simulated drive to restart its simulation
   double connect_timeout_s = 5;
-  /// Longest time without a state; after it the link is lost. If 2.5 periods are longer, they count
-  /// instead. Used with the real clock.
+  /// With the real clock, the longest time without a state before the link counts as lost. If 2.5
+  /// periods are longer, the longest time is 2.5 periods. For lock-step, see answer_s.
   double no_state_s = 0.01;
   /// In lock-step, the longest wait for the drive's answer to a command. If an answer is missed,
   /// the longest wait is only no_state_s until an answer arrives in time again.
@@ -101,16 +101,17 @@ class UdpLink : public Kind::Interface {
   /// still be read afterwards.
   void close() override;
 
-  /// Reads the newest state that has arrived since the last call.
-  ///  - kNoData: no state has arrived since the last call, but one has arrived within no_state_s or
-  ///    within 2.5 periods, whichever is longer. read() also returns kNoData if at least kLongQueue
-  ///    states were queued, and at least twice the states of a period, for example after a slow
-  ///    start of the loop. The socket may then have dropped newer states than the queued ones.
-  ///  - kLinkLost, in five cases: no state has arrived for this time (in lock-step: since the last
-  ///    call); the other end is closed; the drive has received none of the torques that were sent
-  ///    within this time; the drive's watchdog has set the torques to zero, because commands stopped
-  ///    arriving; or a restore() is in progress. refuses_contents() then says whether states do
-  ///    arrive.
+  /// Reads the newest state that has arrived since the last call. Below, the silence limit is
+  /// no_state_s or 2.5 periods, whichever is longer.
+  ///  - kNoData: no state has arrived since the last call, but one has arrived within the silence
+  ///    limit. read() also returns kNoData if at least kLongQueue states were queued, and at least
+  ///    twice the states of a period, for example after a slow start of the loop. The socket may
+  ///    then have dropped newer states than the queued ones.
+  ///  - kLinkLost, in five cases: no state has arrived for longer than the silence limit (in
+  ///    lock-step: since the last call); the other end is closed; the drive has received none of
+  ///    the torques that were sent within the silence limit; the drive's watchdog has set the
+  ///    torques to zero, because commands stopped arriving; or a restore() is in progress.
+  ///    refuses_contents() then says whether states do arrive but are refused.
   ///  - kEmergencyStop, kMotorFault: the drive reports this condition.
   DeviceStatus read(Reading& reading) noexcept override;
   /// Sends torques. Returns kLinkLost if the other end is closed or a restore() is in progress.

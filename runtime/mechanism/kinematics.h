@@ -106,9 +106,9 @@ struct GaussNewtonOptions {
   /// The iteration ends after a step with no component above step_m; 1 rad counts as 0.05 m.
   double step_m = 1e-12;
   /// If the plate moved more than travel_max_m since the last pose, or if residual_m exceeds
-  /// residual_max_m, the result is kOtherBranch. From a distant start the iteration can converge to
-  /// a wrong pose. In tests with the defaults, the iteration started up to 100 mm and 60 deg from
-  /// the true pose, and every wrong pose was rejected
+  /// residual_max_m, the result is kOtherBranch, because from a distant start the iteration can
+  /// converge to a wrong pose. In tests with the defaults, the iteration started up to 100 mm and
+  /// 60 deg from the true pose, and every wrong pose was rejected
   /// (tests/runtime/mechanism/kinematics_test.cpp). To allow larger motions, increase travel_max_m.
   double travel_max_m = 0.01;  ///< largest plate motion since the last pose; 1 rad counts as 0.05 m
   double residual_max_m = 3e-4;  ///< largest ForwardResult::residual_m

@@ -4,8 +4,9 @@
 //  - Loss of stiffness: the motors cannot resist some motion of the plate. The smallest singular
 //    value of the Jacobian goes to 0.
 //  - Limit of a leg's workspace: one of the leg's two chains (kinematics.h) is stretched or folded.
-//    The chain's two branches then coincide, and its motor's row of the Jacobian grows
-//    without bound. The distance from this limit is measured in metres.
+//    At other poses, the chain can have two shapes with the same end points, called its branches
+//    (LegBranch). At this limit the two branches coincide, and the row of the Jacobian that belongs
+//    to the chain's motor grows without bound. The distance from this limit is measured in metres.
 #pragma once
 
 #include <array>

@@ -10,8 +10,9 @@
 //  2. Every command is finite. Its force and its moment do not exceed the maxima that the
 //     description states. If the wanted wrench exceeds them, its force and moment are scaled down
 //     by the same factor. If the device renders no moment, commands and delivered() contain none.
-//  3. A quaternion and its negative are the same rotation. measured() has the sign that is nearer
-//     to the reading before, so that a change of the sign is no motion.
+//  3. A quaternion and its negative are the same rotation. measured() has the sign with which the
+//     quaternion is nearer to the previously measured one, so that a mere change of the sign does
+//     not count as a motion.
 // Tests: tests/runtime/pose_device/pose_hand_test.cpp
 #pragma once
 

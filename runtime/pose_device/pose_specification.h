@@ -20,13 +20,13 @@ namespace trocar::runtime {
 /// moment is ignored if the device renders no moments.
 double renderable_fraction(const PoseDeviceDescription& description, const Wrench& wrench) noexcept;
 
-/// A side of the workspace's box of a description, and a position beyond it.
+/// A side of the box that a description states as the workspace, and a position beyond this side.
 struct BoxSide {
   int axis = 0;                  ///< index of the axis in the device's frame
   double at_m = 0, limit_m = 0;  ///< coordinates of the position and of the side along the axis
 };
-/// Returns a side of the box beyond which a position in the device's frame lies, or nullopt. A
-/// nanometre is allowed for rounding.
+/// Finds a side of the box beyond which the position `p_m` lies. `p_m` is in the device's frame. A
+/// nanometre is allowed for rounding. Returns nullopt if the position is in the box.
 std::optional<BoxSide> side_beyond(const PoseDeviceDescription& description,
                                    const std::array<double, 3>& p_m) noexcept;
 

@@ -72,8 +72,7 @@ void declare_fit(CommandLine& line, FitArguments& a) {
   fit.option("--tool", a.tool, "JSON file with the tool: a scene, or its \"tool\" alone")
       .with_form("FILE");
   fit.option("--gauge", a.gauge,
-             "gauge number of the needle, which states its diameter; instead of --tool")
-      .with_form("N");
+             "gauge number of the needle, which states its diameter; instead of --tool");
   fit.option("--diameter", a.diameter_mm, "diameter of the tool in mm, instead of --tool")
       .within(0.2, 50.0);
   fit.option("--bore", a.bore_mm, "inner diameter of a hollow tool in mm").within(0.0, 50.0);

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The options of trocar-run that have an effect without a session. One of the options --explain,
-// --history, --test, --new-scene and --check replaces the session by something else, for which most
-// options of a session mean nothing.
+// The options of trocar-run that are accepted without a session. Each of the options --explain,
+// --history, --test, --new-scene and --check replaces the session by another task, which most
+// options of a session do not affect.
 // Tests: tests/e2e/wrong_uses_test.py
 #pragma once
 
@@ -11,9 +11,12 @@
 
 namespace trocar::runtime {
 
-/// Checks that every given option has an effect. `arguments` was parsed from `line`. Errors: kUsage
-/// if an option of a session is given to what replaces the session. An option that the tables of
-/// option_effects.cpp do not name is for sessions only.
+/// If a task replaces the session, checks that the task accepts every given option. `arguments` was
+/// parsed from `line`. Errors: kUsage if the task does not accept an option. The tables of
+/// option_effects.cpp name the options that each task accepts; all other options are for sessions
+/// only. Some accepted options have no effect: settings of the session with --check, so that
+/// --check can be added to the command of a session, and some options of the device, because the
+/// console and scripts give these options to every task that uses a device.
 Result<void> check_option_effects(const CommandLine& line, const RunArguments& arguments);
 
 }  // namespace trocar::runtime

@@ -85,7 +85,7 @@ void declare_session_options(const Command& command, RunArguments& a) {
           "and NAME.figures.csv. It states the path, the forces, how far the tip plunged after\n"
           "each break-through, breaches of the bone's wall, tremor, and whether the scene's goals\n"
           "were reached")
-      .with_form("NAME");
+      .with_form("NAME.html");
   recording
       .option(
           "--trainee", a.trainee.code,
@@ -122,24 +122,20 @@ void declare_safety_options(const Command& command, RunArguments& a) {
           "them rise again when the signal SIGUSR1 comes (default: never)")
       .one_of({"never", "auto", "signal"});
   safety
-      .option(
-          "--energy-limit", a.energy_limit_J,
-          "largest energy in J that the device may give to the hand within 0.1 s, in addition to\n"
-          "the energy that tissue and coupling (the spring between device and virtual tool)\n"
-          "stored at the beginning of this time. If the device gives more, the fault energy_limit "
-          "is\n"
-          "raised (default: 0.05)")
+      .option("--energy-limit", a.energy_limit_J,
+              "largest energy in J that the device may give to the hand within 0.1 s, in\n"
+              "addition to the energy that tissue and coupling (the spring between device and\n"
+              "virtual tool) held at the beginning of this time. If the device gives more, the\n"
+              "fault energy_limit is raised (default: 0.05)")
       .within(1e-3, 10.0, "J", "J");
   safety
       .option(
           "--stiffness-limit", a.stiffness_limit_N_per_m,
-          "largest stiffness of contact at the tool's tip, 10 to 100000000 N/m. With a device "
-          "that\n"
-          "measures its own pose, the option limits every force law. With the four-legged device "
-          "it\n"
-          "limits only the force law cutting. The limits that follow from the device's\n"
-          "description apply, too (--simulated says which are halved); the lowest limit counts\n"
-          "(default: only these limits)")
+          "largest stiffness of contact at the tool's tip, 10 to 100000000 N/m. With a\n"
+          "device that measures its own pose, the option limits every force law. With the\n"
+          "four-legged device it limits only the force law cutting. There are also other\n"
+          "limits (--simulated names them). The lowest limit counts. Without this option, only\n"
+          "the other limits apply")
       .within(10.0, 1e8, "N/M", "N/m");
   safety
       .option("--force-limit", a.force_limit_N,
@@ -150,12 +146,11 @@ void declare_safety_options(const Command& command, RunArguments& a) {
       .option(
           "--force-scale", a.force_scale,
           "factor on the forces of the tissue, 0.001 to 10, instead of the scene's factor.\n"
-          "Without this option, the scene's factor is used, with one exception. If a device that\n"
-          "measures its own pose cannot produce the largest force at which a slice or soft layer\n"
-          "of the scene breaks, the factor is lowered until it can. With the force law cutting,\n"
-          "the device must produce 1.5 times the force at which a slice breaks, because friction "
-          "on\n"
-          "the shaft adds to it")
+          "Without this option, the scene's factor is used, with one exception. Each slice and\n"
+          "soft layer of the scene has a largest force, at which it breaks. If a device that\n"
+          "measures its own pose is too weak for one of these forces, the factor is lowered\n"
+          "until the device can produce them all. With the force law cutting, it must produce\n"
+          "1.5 times the forces of the slices, because friction on the shaft adds to them")
       .within(1e-3, 10.0, "FACTOR");
   safety.option(
       "--late-ticks-in-row", a.late_ticks_in_row,
@@ -166,10 +161,9 @@ void declare_safety_options(const Command& command, RunArguments& a) {
   safety
       .option(
           "--black-box", a.black_box,
-          "folder for black boxes. After a fault, a black box is written: the recording of the "
-          "last\n"
-          "4 s before the torques were zero (default: the folder of --record, or else the current\n"
-          "folder, or else the folder for temporary files)")
+          "folder for black boxes. After a fault, a black box is written: the recording of\n"
+          "the last 4 s before the torques were zero (default: the folder of --record, or else\n"
+          "the current folder, or else the folder for temporary files)")
       .with_form("FOLDER");
 
   Group diagnostics(command, kDiagnostics);
@@ -184,18 +178,16 @@ void declare_safety_options(const Command& command, RunArguments& a) {
   diagnostics
       .option("--passivity", a.passivity,
               "on: add damping. With hooke and network, it removes energy that the loop generates\n"
-              "(passivity controller). With cutting, it slows the tool after a break-through. off: "
-              "add\n"
-              "no damping (default: on)")
+              "(passivity controller). With cutting, it slows the tool after a break-through.\n"
+              "off: add no damping (default: on)")
       .one_of({"on", "off"});
   diagnostics
       .option(
           "--coupling", a.coupling_N_per_m,
           "put a spring of this stiffness, 100 to 1000000 N/m, between the device and a virtual\n"
           "tool (proxy). Only the virtual tool then touches the tissue. Default with hooke and\n"
-          "network: no spring, but for a device that measures its own pose, a stiffness is "
-          "chosen.\n"
-          "Default with cutting: the scene and the device determine the spring")
+          "network: no spring, but for a device that measures its own pose, a stiffness is\n"
+          "chosen. Default with cutting: the scene and the device determine the spring")
       .within(100.0, 1e6, "N/M", "N/m");
   diagnostics.option("--cpu", a.cpu,
                      "number of the processor on which the haptic loop stays (default: any)");
@@ -372,17 +364,17 @@ void declare_run_options(CommandLine& line, RunArguments& a) {
       "--simulated", a.simulated,
       "say that the device of --device has no motors, because it is only simulated. Then late\n"
       "ticks (missed deadlines) are no fault, and with udp and pose, data may be missing for\n"
-      "250 ms instead of 10 ms. With --late-ticks-in-row above 0, late ticks are a fault all the\n"
-      "same, and data may be missing for 10 ms only.\n"
+      "250 ms instead of 10 ms. One exception: with --late-ticks-in-row above 0, late ticks are\n"
+      "a fault all the same, and data may be missing for 10 ms only.\n"
       "Without --simulated, every device but inproc is assumed to have motors. If the\n"
       "description of such a device states more mass than the device has, or more stiffness than\n"
       "it can render stably, contact with the device can vibrate. As a margin, Trocar therefore\n"
-      "halves these limits on the stiffness of contact (a pose device is a device that measures\n"
-      "its own pose):\n"
+      "halves the following limits on the stiffness of contact:\n"
       "- with the force law cutting: the limit that Trocar computes from the device's mass\n"
-      "- with a pose device whose description states a largest stiffness: this stiffness\n"
-      "- with hooke or network and a pose device whose description states none: 10000 N/m, halved\n"
-      "  to 5000 N/m.\n"
+      "- with a device that measures its own pose (a pose device), if its description states a\n"
+      "  largest stiffness: this stiffness\n"
+      "- with a pose device whose description states no largest stiffness, and the law hooke or\n"
+      "  network: Trocar's own limit of 10000 N/m, halved to 5000 N/m.\n"
       "The limit of --stiffness-limit is never halved");
   device.flag(
       "--test", a.test_device,

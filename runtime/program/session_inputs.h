@@ -41,8 +41,9 @@ struct SessionInputs {
   }
 };
 
-/// kAsked: the device is connected and asked whether it measures the orientation of its handle.
-/// kAssumed: it is not connected, and is assumed not to measure it.
+/// How the program learns whether a device measures the orientation of its handle. kAsked: the
+/// program connects to the device and asks. kAssumed: the program does not connect to the device,
+/// and assumes that the device does not measure the orientation.
 enum class HandleOrientation : std::uint8_t { kAsked, kAssumed };
 
 /// Reads the description of the device from `file`. If `file` is empty, returns the built-in

@@ -41,9 +41,8 @@ void declare(CommandLine& line, Arguments& arguments) {
   line.option(
       "FOLDER", arguments.folder,
       "folder of the scenes, assets and recordings to choose from. Sessions are kept in its\n"
-      "subfolder sessions/. If FOLDER was installed with the program, as\n"
-      "/usr/share/trocar/examples is, or cannot be written to, sessions are kept in\n"
-      "~/.local/state/trocar/sessions");
+      "subfolder sessions/. If FOLDER cannot be written to, or was installed with the program\n"
+      "(/usr/share/trocar/examples was), sessions are kept in ~/.local/state/trocar/sessions");
   line.option("--port", arguments.port, "TCP port of the page; 0: any free one (default: 4841)")
       .within(0, 65535);
   line.option("--listen", arguments.listen,
@@ -54,10 +53,9 @@ void declare(CommandLine& line, Arguments& arguments) {
               "address of the page for browsers that reach it through a tunnel or proxy:\n"
               "http://HOST:PORT or https://HOST. The printed links begin with this address")
       .with_form("URL");
-  line.option(
-          "--attach", arguments.attach,
-          "show and command a running session: the file that its trocar-run got with --live. The\n"
-          "console then starts no sessions")
+  line.option("--attach", arguments.attach,
+              "show and command a running session, whose trocar-run was started with --live FILE.\n"
+              "The console then starts no sessions")
       .with_form("FILE");
   line.option(
           "--device", arguments.devices,
@@ -91,8 +89,9 @@ void declare(CommandLine& line, Arguments& arguments) {
           "--stiffness-limit", arguments.stiffness_limit_N_per_m,
           "in every session: largest stiffness of contact at the tool's tip, N/m. With a device\n"
           "that measures its own pose, the option limits every force law. With the four-legged\n"
-          "device it limits only the force law cutting. The limits that follow from the\n"
-          "device's description apply, too; the lowest limit counts (default: only these limits)")
+          "device it limits only the force law cutting. There are also other limits, which\n"
+          "the help of trocar-run explains. The lowest limit counts. Without this option, only\n"
+          "the other limits apply")
       .within(10.0, 1e8, "N/M", "N/m");
   line.option("--against", arguments.against,
               "with --recording: a second recording, to show beside the first")

@@ -26,7 +26,7 @@ class LateTicks {
   /// Call this when a tick begins. Deadlines that passed between the requested and the actual
   /// wake-up of the thread count for kWaking. All other deadlines missed since the last call of
   /// begin() passed during the previous tick. They count for the part on which the previous tick
-  /// spent the longest time. spend() reports these times.
+  /// spent the longest time, according to the calls of spend().
   void begin(const TickTiming& timing, double period_ns) noexcept {
     const std::uint64_t missed = timing.missed_deadlines - missed_;
     missed_ = timing.missed_deadlines;

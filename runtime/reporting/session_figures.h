@@ -58,10 +58,11 @@
 //     row not in bone, the tip is at least kLeave_m away from its position in the last row in bone.
 //     An attempt begins with the first row in bone, and with the first row in bone after the tip
 //     has left the bone. Exception: no attempt begins if the tip comes back into the bone from
-//     below. This is so if there was an attempt before, the tip moves up from the row directly
-//     before to this first row in bone, and that row is counted and shows that the tip was below:
-//     it has the contact state `beside`, or it has `contact` with a soft layer (no active slice)
-//     and the first row in bone has `punctured`. Every attempt after the first one is a re-entry into the bone.
+//     below. This is so if three conditions hold. There was an attempt before. The row directly
+//     before this first row in bone is counted, and the tip moves up between the two rows. The row
+//     directly before shows that the tip was below the bone: it has the contact state `beside`, or
+//     it has `contact` with a soft layer (no active slice) and the first row in bone has
+//     `punctured`. Every attempt after the first one is a re-entry into the bone.
 //  9. The force-time integral is the sum of the force over the counted rows, divided by the rate.
 // 10. The final position is the tip's position in the counted row in which the tip is lowest. If
 //     several rows have the same height, it is the position in the first of them. wall_violation.h

@@ -49,8 +49,9 @@ double stated_no_data_limit_s(const RecordingOrigin& recorded);
 /// Returns the rate of the haptic loop that the recording states, or 0 if it states none.
 double stated_rate_Hz(const RecordingOrigin& recorded);
 
-/// Returns the duration that the recorded session was to have: the one that the recording states,
-/// otherwise that of its scene. A recording states it if --duration has changed the scene's.
+/// Returns the duration that the recorded session was to have: the duration that the recording
+/// states, otherwise the scene's duration. A recording states a duration only if the option
+/// --duration has replaced the scene's duration.
 double stated_duration_s(const RecordingOrigin& recorded, const Scene& scene);
 
 /// Checks that a replay has the inputs of its recording. `run`: the origin of the session that is

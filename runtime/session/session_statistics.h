@@ -25,9 +25,9 @@ namespace trocar::runtime {
 inline constexpr std::size_t kMaxListedFaults = 256;
 inline constexpr std::size_t kMaxListedPunctures = 4096;
 
-/// kFault: when the session ended, a fault was latched that the operator's commands pause and zero
-/// had not raised. Otherwise kDone if all ticks of SessionOptions::duration_s were done, and
-/// kInterrupted if not. So the replay of an interrupted session is interrupted, too.
+/// kFault: when the session ended, a fault was latched, other than the faults that the operator's
+/// commands pause and zero raise. Otherwise kDone if all ticks of SessionOptions::duration_s were
+/// done, and kInterrupted if not. So the replay of an interrupted session is interrupted, too.
 enum class SessionEnd : std::uint8_t { kDone, kInterrupted, kFault };
 
 struct FaultEvent {

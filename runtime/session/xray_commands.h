@@ -46,8 +46,8 @@ class XrayCommands {
  private:
   // word_: last TelemetryCommands::screening, a counter that changes with each command for
   // screening and is odd while screening is requested. confirmed_ns_: time at which word_ last
-  // changed, or long enough ago if a pause has ended screening. waiting_: number of shots that wait
-  // for a tick.
+  // changed; a pause sets it to kHeld_ns ago, which ends screening. waiting_: number of shots that
+  // wait for a tick.
   std::uint64_t word_ = 0, waiting_ = 0;
   std::int64_t confirmed_ns_ = 0;
   bool is_held_ = false;

@@ -60,8 +60,9 @@ class FlatTable {
   }
   bool contains(std::uint64_t key) const noexcept { return find(key) != kAbsent; }
 
-  /// Inserts `value` unless the key already has a value. Returns a pointer to the key's value. The
-  /// pointer is valid until the next insert(). It is null if the capacity is used up.
+  /// Inserts `value` unless the key already has a value. Returns a pointer to the key's value,
+  /// which is valid until the next insert(). Returns null if the key is new and the capacity is
+  /// used up.
   std::uint32_t* insert(std::uint64_t key, std::uint32_t value) noexcept {
     std::size_t slot = home(key);
     for (; slots_[slot] != 0; slot = (slot + 1) & mask_) {

@@ -4,13 +4,13 @@
 // grow during an edit. The mesh also stores the neighbours of each triangle, so the time of an edit
 // is proportional to the number of slots that the edit reads or writes.
 //
-// OpenMesh 9, a library for meshes, is not used for three reasons. First, it only marks a deleted
-// vertex, edge or face. The slot can be used again only after a garbage collection, which visits
-// and renumbers the whole mesh. A mesh that is cut repeatedly would need this garbage collection or
-// new memory. Second, it allows only one fan of faces (faces connected by edges) at a vertex. If a
-// cut leaves several fans at a vertex, faces would have to be deleted and added again. Third, it
-// keeps no list of the slots that an edit has written. This list is needed to undo the edit and to
-// repeat it on a second copy of the mesh (a replica).
+// There are three reasons not to use OpenMesh 9, a library for meshes. First, OpenMesh only marks a
+// deleted vertex, edge or face. The slot can be used again only after a garbage collection, which
+// visits and renumbers the whole mesh. A mesh that is cut repeatedly would need this garbage
+// collection or new memory. Second, OpenMesh allows only one fan of faces (faces connected by
+// edges) at a vertex. If a cut leaves several fans at a vertex, faces would have to be deleted and
+// added again. Third, OpenMesh keeps no list of the slots that an edit has written. This list is
+// needed to undo the edit and to repeat it on a second copy of the mesh (a replica).
 #pragma once
 
 #include <array>

@@ -5,7 +5,8 @@
 //
 // A plan is a text of items separated by commas. Each item has the form
 // KIND[:VALUE[:VALUE]][@FROM[..TO]]. The fault begins at FROM (default: 0) and ends at TO (default:
-// never). Times are simulated times in s, since the session's start.
+// never). Times are simulated times in s. They begin at 0 in each session that resets the simulated
+// world, but continue if a lost link is restored.
 //   loss:P             packets are lost
 //   delay:P:MS         packets are delayed by MS ms
 //   duplicate:P        packets are delivered twice
@@ -17,8 +18,8 @@
 //   stop               the emergency stop is pressed
 //   kill               the process that simulates the drive is killed
 // P is the probability with which the fault concerns a packet. Faults of packets concern both
-// commands and states. If "command-" or "state-" stands before the kind, they concern only commands
-// or only states.
+// commands and states. If "command-" or "state-" stands before the kind, the fault concerns only
+// commands or only states.
 // Example: loss:0.01,state-loss:1@2.5..2.6,jump:4:0.2@3,stop@4
 #pragma once
 

@@ -59,7 +59,7 @@ struct SimulatedTruth {
   EnergyBalance work;
   bool torque_limited = false;   ///< the last command exceeded a motor's peak
   bool command_refused = false;  ///< the last command was not finite; zero torques are applied
-  bool at_stop = false;          ///< the last step ended at the limit of the workspace
+  bool at_stop = false;          ///< the last step reached the limit of the workspace
 };
 
 /// Position and velocity of the tool's tip, in {B}.

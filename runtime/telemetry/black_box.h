@@ -2,9 +2,9 @@
 // The black box keeps the rows of the last seconds. After a fault, it writes these rows to a new
 // file. The haptic thread pushes rows into a preallocated ring buffer. When the torques have fallen
 // to zero after a fault, the haptic thread requests a file. A worker thread copies the rows and
-// writes the file. The ring buffer holds
-// twice as many rows as a file, so the worker has kBlackBox_s to copy the rows before they are
-// overwritten. If the worker is too late, no file is written, and BlackBoxFile::error is set.
+// writes the file. The ring buffer holds twice as many rows as a file, so the worker has
+// kBlackBox_s to copy the rows before they are overwritten. If the worker is too late, no file is
+// written, and BlackBoxFile::error is set.
 // Tests: tests/runtime/telemetry/black_box_test.cpp
 #pragma once
 
@@ -53,10 +53,10 @@ class BlackBox final : public TickObserver {
   /// Requests a file with the last rows pushed so far. If too many requests are waiting, the
   /// request is lost: the function returns false, and lost() counts the request.
   bool save(Fault fault, double t_s) noexcept;
-  /// Pushes the row. After a fault, the torques fall to zero. When they are zero, requests a file,
-  /// so that the file contains this whole ramp. The operator's commands "pause" and "zero forces"
-  /// are raised as faults, too (Fault::kPaused, Fault::kForcesOff), but no file is requested after
-  /// them.
+  /// Pushes the row. After a fault, the torques fall to zero in a ramp. When the ramp has ended,
+  /// requests a file, so that the file contains the whole ramp. The operator's commands "pause" and
+  /// "zero forces" are raised as faults, too (Fault::kPaused, Fault::kForcesOff), but no file is
+  /// requested after them.
   void on_tick(const TickView& tick) noexcept override;
 
   // TickObserver says which thread calls these functions.

@@ -15,9 +15,9 @@
 
 namespace trocar::runtime {
 
-/// The mesh of a sheet before its first hole, from which later versions of the sheet get their HU.
-/// When a hole is cut, vertices are added for which the asset has no HU. Their HU is interpolated
-/// in this first mesh.
+/// The mesh of a sheet before its first hole. Later versions of the sheet get their HU from this
+/// first mesh. When a hole is cut, vertices are added for which the asset has no HU. Their HU is
+/// interpolated in the first mesh.
 class FirstSheet {
  public:
   explicit FirstSheet(const Sheet& sheet);

@@ -30,7 +30,8 @@ class Recorder final : public TickObserver {
   /// Writes the rows that are now in the queue to the file.
   void serve() override;
   /// Calls stop(), and renames the file, which has a temporary name until then. Errors: kUnwritable
-  /// if a row was lost or could not be written, or if the file cannot be renamed. After an error, the rows that were written are in RecordingWriter::partial_file().
+  /// if a row was lost or could not be written, or if the file cannot be renamed. After an error,
+  /// the rows that were written are in RecordingWriter::partial_file().
   Result<void> finish();
 
  private:

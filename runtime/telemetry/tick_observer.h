@@ -79,9 +79,9 @@ class TickObserver {
   /// Called once a tick, after the punctures and messages of that tick.
   virtual void on_tick(const TickView& tick) noexcept = 0;
 
-  // The thread that runs the session calls start(), in real time only, and stop(). In real time the
-  // thread that start() creates calls serve(). In virtual time the thread that runs the session
-  // calls serve() after every tick.
+  // The thread that runs the session calls start() before the first tick, but only in real time,
+  // and stop() after the last tick. In real time the thread that start() creates calls serve(). In
+  // virtual time the thread that runs the session calls serve() after every tick.
 
   /// Processes the data that the haptic thread has queued.
   virtual void serve() {}

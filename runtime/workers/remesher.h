@@ -62,11 +62,11 @@ struct RemesherOptions {
 /// Requests are served in order. If the older replica of a sheet is still in use, a request for
 /// this sheet waits, and all later requests wait, too. In real time they wait at most one tick.
 ///
-/// If a hole cannot be cut, no later hole is cut into the same sheet during the session. From
-/// Sheet::cuts the force law concludes which of its holes the mesh already has, so a version must
-/// have all holes up to this number. The force law keeps the holes that the mesh lacks as pending
-/// (SheetTrack::pending). If a sheet would get more than kMaxPendingHoles of them, the session has
-/// the fault kRemeshBacklog. Other sheets are cut as before.
+/// If a hole cannot be cut, no later hole is cut into the same sheet during the session. The reason
+/// is that the force law takes Sheet::cuts = n to mean that the version's mesh has the holes 1 to n
+/// of the sheet. The force law keeps the holes that the mesh lacks as pending holes
+/// (SheetTrack::pending). If a sheet would get more than kMaxPendingHoles of these, the session
+/// has the fault kRemeshBacklog. Other sheets are cut as before.
 class Remesher {
  public:
   static constexpr std::size_t kMaxRecords = 4096;          ///< later records are dropped
@@ -90,10 +90,10 @@ class Remesher {
     return versions_published_.load(std::memory_order_acquire);
   }
   /// Returns the newest version of a sheet among the first `versions` published ones. A tick passes
-  /// the same number for all sheets. So it never uses a version without all versions that were
-  /// published before it, and a replay can publish them in the same order. `versions` is a result
-  /// of versions_published(), and never less than in the call before. The pointer is valid until
-  /// the next call for the same sheet.
+  /// the same number for all sheets. So the meshes of a tick have the changes of exactly the first
+  /// `versions` versions, and a replay can publish the versions in the same order. `versions` is a
+  /// result of versions_published(), and never less than in the call before. The pointer is valid
+  /// until the next call for the same sheet.
   const Sheet* current(std::size_t sheet, std::uint64_t versions) noexcept;
 
   // One other thread calls serve() and publish_next(): the thread that start() creates, or, without
@@ -140,8 +140,9 @@ class Remesher {
     SheetChange change;            ///< slots that the last cut has written
     std::int64_t doubled_area;
     std::atomic<const Sheet*> published;
-    /// The number of versions of all sheets that were published up to this one. It is written
-    /// before `published`, and not again before the haptic thread has taken this version.
+    /// Number of versions, over all sheets, that were published up to and including the version
+    /// `published`. It is written before `published`, and not again before the haptic thread has
+    /// taken that version.
     std::atomic<std::uint64_t> publication{0};
     const Sheet* used;  ///< the version that the haptic thread took last; only this thread uses it
     /// Sheet::cuts of the version that the haptic thread took last.

@@ -38,7 +38,7 @@ struct FetchArguments {
   ArchiveArguments archive;
 };
 
-/// What the help says of the two commands.
+/// The descriptions of the two commands in the help.
 inline constexpr const char* kReceiveHelp = "receive studies that an archive (PACS) sends by DICOM";
 inline constexpr const char* kFetchHelp = "get a study from an archive (PACS) by DICOM";
 

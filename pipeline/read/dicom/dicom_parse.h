@@ -19,9 +19,9 @@ void set_up_dcmtk();
 /// Loads `file` into `format`. Values of more than 4 KiB stay in the file until they are needed,
 /// except those of a deflated file. If the result is bad, `format` has what could be read.
 ///
-/// Two limits, which DCMTK itself does not have, make the result bad: nested sequences may need at
-/// most 512 KiB of stack, and at most 512 MiB of values may be read into memory. Even a small
-/// deflated file can exceed the second limit.
+/// The result is also bad if the file exceeds one of two limits, which DCMTK itself does not have.
+/// Nested sequences may need at most 512 KiB of stack, and at most 512 MiB of values may be read
+/// into memory. Even a small deflated file can exceed the second limit.
 OFCondition load_dicom(const std::filesystem::path& file, DcmFileFormat& format);
 
 /// Does the same as load_dicom(), but stops before the pixel data, which may be missing.
@@ -30,9 +30,9 @@ OFCondition load_dicom_header(const std::filesystem::path& file, DcmFileFormat& 
 /// The first value of the element `tag` of `item` as text. Empty if `item` is null or has no such
 /// element.
 std::string dicom_text(DcmItem* item, const DcmTagKey& tag);
-/// The text of an element, converted to UTF-8, without spaces around it. The element belongs to
-/// `item`, one of the dataset's items, or to the dataset itself if `item` is null. Use the function
-/// for texts that may contain letters beyond ASCII.
+/// The text of an element, converted to UTF-8, without spaces around it. If `item` is null, the
+/// element belongs to the dataset itself, otherwise to `item`, which is one of the dataset's items.
+/// Use the function for texts that may contain letters beyond ASCII.
 std::string dicom_utf8(DcmDataset& data, const DcmTagKey& tag, DcmItem* item = nullptr);
 /// Reads `count` numbers of an element to `out`. Returns false if `item` is null, or if the element
 /// does not have so many finite numbers.

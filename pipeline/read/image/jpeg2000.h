@@ -18,7 +18,7 @@ struct Jpeg2000 {
 };
 
 /// Decodes a codestream with one component of up to 16 bits. It must not have the header of a JP2
-/// file. Error messages call the input `name`. Errors: kRefused if the bytes are not such a
+/// file. `name` is the input's name in error messages. Errors: kRefused if the bytes are not such a
 /// codestream, if the size is not width x height, or if the codestream is damaged.
 Result<Jpeg2000> decode_jpeg2000(std::span<const std::uint8_t> codestream, int width, int height,
                                  const std::string& name);

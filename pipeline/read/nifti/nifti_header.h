@@ -38,9 +38,10 @@ struct NiftiHeader {
   std::int64_t data_bytes() const { return n[0] * n[1] * n[2] * bytes_per_voxel; }
 };
 
-/// Parses `head`, the first kNiftiHeadBytes bytes of a file or all if it has fewer. Error messages
-/// give the name `file`. A file with more than three dimensions may hold several volumes. Volumes
-/// are numbered from 0 in the order of the file, and `volume` is the number of the wanted volume.
+/// Parses `head`, the first kNiftiHeadBytes bytes of a file or all if it has fewer. `file` is the
+/// file's name in error messages. A file with more than three dimensions may hold several volumes.
+/// Volumes are numbered from 0 in the order of the file, and `volume` is the number of the wanted
+/// volume.
 ///
 /// Errors: kRefused if the file is not NIfTI or is one of a pair of files (.hdr and .img), if the
 /// voxels are not real scalars, if a side or the voxels' offset is out of range, if the unit of

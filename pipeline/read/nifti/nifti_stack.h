@@ -28,8 +28,9 @@ Result<std::unique_ptr<SliceStack>> open_nifti_header(const std::filesystem::pat
 
 /// Makes a stack with slices along `axis` from an array of voxels: `header` describes the array,
 /// and `voxels` has its values. Slices are stacked along the array axis that is nearest to `axis`.
-/// Error messages call the input `name`. Errors: kRefused if the axes of the array span no volume,
-/// if rows and columns of a slice are not at right angles, or if a slice is too small or too large.
+/// `name` is the input's name in error messages. Errors: kRefused if the axes of the array span no
+/// volume, if rows and columns of a slice are not at right angles, or if a slice is too small or
+/// too large.
 Result<std::unique_ptr<SliceStack>> open_voxels(const std::string& name, const NiftiHeader& header,
                                                 VolumeFile voxels, SliceAxis axis);
 

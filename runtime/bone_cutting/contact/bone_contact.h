@@ -9,19 +9,18 @@
 //     states the strength of the material, or the strength is computed from HU. Friction is
 //     multiplied by the coverage that the tool would have without any holes, so that cutting a hole
 //     does not reduce the friction in the hole. If a coupling connects the tool to the plate, the
-//     coverage, the HU and the slope of the surface are those at the proxy's pose after the last
-//     tick (CuttingState::T_device_proxy). With a rigid coupling, in the first tick, and if the
-//     proxy is tilted by more than kMaxTilt_deg, they are those at the pose for which the law
-//     computes its forces.
+//     coverage, the HU and the slope of the surface are determined for the proxy's pose after the
+//     last tick (CuttingState::T_device_proxy). In three cases they are determined for the pose at
+//     which the law computes its forces: with a rigid coupling, in the first tick of a session or
+//     after reset_motion(), and if the proxy is tilted by more than kMaxTilt_deg.
 //  2. For each sheet that the cutting front passes completely, one hole is requested. The front can
 //     pass several sheets in one tick. If the coverage is at most 0.1 %, no hole is requested.
-//  3. If the coverage of a sheet is below one half and the tool has not cut a hole in it, the
-//     sheet's edges act as walls (admissible_region.h). The tool has cut a hole in a sheet also
-//     if it is again in a hole, or about to enter one, that it cut through the sheet earlier:
-//     the walls are then those of this hole. A region of free positions that was computed beside
-//     a sheet's material is not used for a hole that begins elsewhere. Where the shaft has
-//     pushed an edge or the wall of a hole aside (the wall has yielded), the law requests a hole
-//     with the tool's outline.
+//  3. If the tool is in a hole that it has cut through a sheet, or is about to enter such a hole
+//     again, the walls in this sheet are those of the hole. Otherwise, if the coverage of the sheet
+//     is below one half, the sheet's edges act as walls (admissible_region.h). An admissible region
+//     that was computed beside a sheet's material is not used for a hole that begins elsewhere.
+//     Where the shaft has pushed an edge or the wall of a hole aside (the wall has yielded), the
+//     law requests a hole with the tool's outline.
 //  4. All times are those of the device's clock. A tick without a new pose is evaluated at
 //     the previous pose.
 //  5. No allocation, lock or exception.
@@ -59,8 +58,8 @@ struct SheetInContact {
   /// A hole was requested in this sheet because the front has passed the sheet. The flag is cleared
   /// when the tool leaves its hole or enters another.
   bool has_cut = false;
-  /// `has_cut` is false, but the tool is in a hole, or would enter one, that it cut through this
-  /// sheet earlier and left.
+  /// The tool has returned, or is about to return, to a hole that it cut through this sheet earlier
+  /// and then left. `has_cut` is false in this case.
   bool is_in_hole = false;
   Slot free;  ///< admissible region (CuttingSlab::free)
 };

@@ -18,11 +18,12 @@
 //     coupling spring. If the scene leaves the choice open (kAuto), the tool is rigid if the tissue
 //     can never be stiffer than the coupling spring would be, in translation and in rotation.
 //  2. `damping_share` is the largest factor f for which B - f K T / 2 has no negative eigenvalue.
-//     If the tool is rigid, K is a bound: in translation the stiffness that the tissue has in its
-//     stiffest direction, and in rotation this stiffness at the lever, which is the distance from
-//     the plate's origin to the tip plus 5 cm. The bound on rotation is too high if the tissue is
-//     stiffer along the tool's axis than across it. It errs towards a prediction, and K stays
-//     positive definite for tissue without walls.
+//     If the tool is rigid, K is an upper bound. In translation it is the stiffness that the tissue
+//     has in its stiffest direction, times SceneForceLaw::force_scale. In rotation it is this value
+//     times the square of the lever, which is the distance from the plate's origin to the tip plus
+//     5 cm. The bound on rotation is too high if the tissue is stiffer along the tool's axis than
+//     across it. At worst, this causes a prediction that is not needed. In return, K is positive
+//     definite even without walls.
 //  3. With prediction, the stiffness of the coupling spring is at most 0.5 M / T^2, divided by the
 //     force scale (SceneForceLaw::force_scale) and by StiffnessLimits::margin. The limit in
 //     rotation is the same with the plate's smallest moment of inertia instead of M. If the scene
@@ -33,10 +34,10 @@
 //     a coupling even if the scene declares it rigid.
 //  4. A rigid tool has no coupling spring, so the rendered stiffness can exceed the limit that
 //     contract 3 derives from 0.5 M / T^2. Then `inertia_share` exceeds `inertia_limit`, and
-//     stability_warning() warns if the pose is predicted. In rotation `inertia_share` and
-//     contract 1 count the walls at the lever of contract 2, but the stiffness along the tool's
-//     axis at the distance of this axis from the plate's origin, because a force along an axis
-//     through the origin does not turn the plate.
+//     stability_warning() warns if the pose is predicted. In rotation, `inertia_share` and
+//     contract 1 use two levers: the lever of contract 2 for the stiffness of the walls, and the
+//     distance of the tool's axis from the plate's origin for the stiffness along this axis. (A
+//     force along an axis through the origin does not turn the plate.)
 //  5. With prediction, a motion of the plate whose frequency f is above a sixth of the loop's rate
 //     receives energy from the loop, because the rendered force lags behind the motion. A pose that
 //     is predicted from the last two poses leads a sinusoidal motion by the angle atan(sin a / (2 -

@@ -8,11 +8,11 @@
 //
 // Contract (tests/runtime/bone_cutting/contact/surface_slope_test.cpp):
 //  1. On a plane surface the slope is exact up to kMaxSlope (cutting_law.h). On steeper surfaces
-//     the tip increasingly touches with its face: between kMaxSlope and twice kMaxSlope, the result
-//     changes to the slope of the tip's face (item 3). In a segmentation the outline moves by whole
-//     pixels from slice to slice. Therefore the slope is fitted to all slices within kSlopeWindow_m
-//     of the surface. The fit is limited to kMostSteeper times the slope between the two slices
-//     nearest to the surface.
+//     the tip increasingly touches with its face. While the slope of the surface grows from
+//     kMaxSlope to twice kMaxSlope, the result changes gradually from kMaxSlope to the slope of the
+//     tip's face (item 3). In a segmentation the outline moves by whole pixels from slice to slice.
+//     Therefore the slope is fitted to all slices within kSlopeWindow_m of the surface. The fitted
+//     slope is at most kMostSteeper times the slope between the two slices nearest to the surface.
 //  2. The slope is 0 at the top of a bone volume. It is also 0 on a wide step: the tip is more than
 //     EdgeDistance::kReach_mm away, horizontally, from the outline of the slice above the surface.
 //  3. If no surface is found within a diameter of the tool below the front, a face of the tip is

@@ -37,7 +37,8 @@ class BlockInverse {
     across_ = first_ * A01;
     return invert(A.bottomRightCorner<3, 3>() - A01.transpose() * across_, second_);
   }
-  /// Returns the inverse times `b`. Precondition: of() has returned true.
+  /// Returns the inverse times `b`. Precondition: the last call of the member function `of`
+  /// returned true.
   Vector6 times(const Vector6& b) const noexcept {
     Vector6 x;
     x.tail<3>() = second_ * (b.tail<3>() - across_.transpose() * b.head<3>());

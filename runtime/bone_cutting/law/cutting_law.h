@@ -22,18 +22,21 @@
 //     the coupling. Let E0 and E1 be the stored energies before and after this tick, and cut_J the
 //     work of cutting in this tick. Then every tick satisfies
 //       E1 - E0 + cut_J <= -w . dx + dx^T K dx / 2
-//     for any stiffness, any friction and any number of Newton steps. There are two reasons: no Newton step raises the
-//     potential, and an element that appears or gets stiffer gains no stored energy. If the coupling is rigid, K is
-//     the stiffness of all other elements, expressed at the plate. If the plate rotates, this K has an additional
-//     geometric term, because the points at which the elements act move on curved paths.
+//     for any stiffness, any friction and any number of Newton steps. There are two reasons: no
+//     Newton step raises the potential, and an element that appears or gets stiffer gains no stored
+//     energy. If the coupling is rigid, K is the stiffness of all other elements, expressed at the
+//     plate. If the plate rotates, this K has an additional geometric term, because the points at
+//     which the elements act move on curved paths.
 //  2. The work of cutting is the integral of the strength over the cut depth. The front never moves
 //     back. The front cuts bone only while the tip's force exceeds the strength at the front.
 //  3. A wall that has yielded stays where it was pushed (slot.h). Uncut material beside the tool is
 //     a wall as well (CuttingSlab::free).
-//  4. A hole remains after the tool is withdrawn. If the tool's axis comes within `same_hole_m` of a hole, the tool is in that hole again:
-//     the tip meets no resistance down to the depth already cut, and the hole's walls and friction act. Elsewhere the tool makes a new
-//     hole. CuttingSlab::share reduces the strength for a tool that lies partly over an old hole. (In a session `share` is always 1,
-//     because bone_contact.cpp multiplies the strengths by the coverage instead.)
+//  4. A hole remains after the tool is withdrawn. If the tool's axis comes within `same_hole_m` of
+//     a hole, the tool is in that hole again: the tip meets no resistance down to the depth already
+//     cut, and the hole's walls and friction act. Elsewhere the tool makes a new hole.
+//     CuttingSlab::share reduces the strength for a tool that lies partly over an old hole. (In a
+//     session `share` is always 1, because bone_contact.cpp multiplies the strengths by the
+//     coverage instead.)
 //  5. Soft tissue over the bone has elements of its own (soft_layer.h). The work of cutting soft
 //     tissue, `layer_cut_J`, is added to cut_J in the inequality.
 //  6. On a sloping surface (CuttingOptions::slope) the tip's spring acts along the surface's
@@ -45,8 +48,9 @@
 //  7. Inside bone a bevelled tip (CuttingTool::bevel_plate) is pushed to one side. As on a slope,
 //     the energy of the tip's spring depends only on its stretch, and the stretch grows by the
 //     displacement of the tip along the direction of the force. So when the tip drifts to the side,
-//     the stretch falls, and the lost energy of the spring is the work on the wall. The distance
-//     from the front down to the tip is the stretch, so the front moves down during the drift.
+//     the stretch falls, and the energy that the spring loses is the work on the wall. The stretch
+//     is also the distance from the front down to the tip, so the front moves down
+//     as the stretch falls.
 //  8. A tick does not allocate, lock or call the system, and takes at most `max_steps` Newton
 //     steps.
 //
@@ -114,8 +118,9 @@ struct CuttingOptions {
   /// recent force. (Bone under a tip is crushed, not compressed elastically, so it does not push
   /// the tip out again; indentation of foams: L. Gibson, M. Ashby, Cellular Solids, 1997.) The hold
   /// is a friction force that resists only withdrawal. The hold yields after a displacement of
-  /// tip_presliding_m, and fades to 0 while the tip is raised by a diameter of the tool. A tip that
-  /// has broken through to where no bone holds it has left the crushed bone, so there is no hold.
+  /// tip_presliding_m, and fades to 0 while the tip is raised by a diameter of the tool. If the tip
+  /// has broken through to a place where no bone holds it, it has left the crushed bone, and there
+  /// is no hold.
   double tip_hold = 0;
   /// The core in a hollow tool presses on the bore, like grain in a silo (H. Janssen, 1895). The
   /// longer the core is, the larger is the pressure. The shaft's friction is therefore multiplied
@@ -212,12 +217,14 @@ struct CuttingState {
   /// front. A positive stretch loads the tip's spring. The stretch is carried from tick to tick and
   /// must not be recomputed from the geometry, because this would add energy.
   double stretch_m = 0;
-  /// Index of the slab of thickness 0 on which the front rests; -1: none. Until the front cuts this slab, the front stays at the slab's
-  /// depth. The depth is not recomputed from the stretch, even if the tool tilts.
+  /// Index of the slab of thickness 0 on which the front rests; -1: none. Until the front cuts this
+  /// slab, the front stays at the slab's depth. The depth is not recomputed from the stretch, even
+  /// if the tool tilts.
   int bearing = -1;
   double front_m = 0;                    ///< depth of the front at the end of the last tick
   std::optional<Eigen::Vector2d> slope;  ///< CuttingOptions::slope of the last tick
-  /// Depth by which the front has moved down because the tip slid down a slope. No bone surrounds the tool over this depth.
+  /// Depth by which the front has moved down because the tip slid down a slope. No bone surrounds
+  /// the tool over this depth.
   double slid_m = 0;
   double friction_N_per_m = 0;  ///< stiffness of the shaft's friction in the last tick
   /// Elastic slip of the shaft's friction (the deflection of the friction's spring): along the

@@ -8,9 +8,10 @@
 
 namespace trocar::runtime {
 
-/// Determines the depth of the front. While the tip presses on the front, the front stays where it
-/// was in the last tick. Otherwise the front is at the uppermost uncut material at or below the
-/// tip. If there is no such material, the depth is infinite.
+/// Determines the depth of the front. While the tip presses on the front, the front lies above the
+/// tip by CuttingState::stretch_m, measured along the shaft, or at the depth of the slab
+/// CuttingState::bearing if there is one. Otherwise the front is at the uppermost uncut material at
+/// or below the tip. If there is no such material, the depth is infinite.
 void find_front(Tick& tick) noexcept;
 
 /// Advance of the front along the shaft.

@@ -22,13 +22,13 @@ struct Evaluation {
   double pressed_N_per_m = 0;        ///< sum of the stiffnesses of tip and soft layers
   double pressed_m = 0;              ///< growth of the tip's stretch since the start of the tick
   double tip_N = 0, coupling_N = 0;  ///< force on the tip, and force of the coupling
-  /// Distances by which the shaft has slid since the start of the tick: along its axis, and around
-  /// its axis at the tool's radius.
+  /// Displacements of the shaft since the start of the tick, elastic ones included: along its axis,
+  /// and around its axis at the tool's radius.
   Eigen::Vector2d slide = Eigen::Vector2d::Zero();
   Vector6 along = Vector6::Zero();                   ///< derivative of slide[0]
   Vector6 press = Vector6::Zero();                   ///< derivative of pressed_m
   Eigen::Vector3d around = Eigen::Vector3d::Zero();  ///< derivative of slide[1] for a rotation
-  /// Slide of the tip perpendicular to Tick::normal since the start of the tick.
+  /// Displacement of the tip perpendicular to Tick::normal since the start of the tick.
   Eigen::Vector3d tip_slide = Eigen::Vector3d::Zero();
   Vector6 coupling = Vector6::Zero();  ///< derivative of coupling_J; also the wrench on the plate
   Vector6 g = Vector6::Zero();         ///< first derivative of V

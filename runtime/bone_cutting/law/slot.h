@@ -37,10 +37,10 @@ class Slot {
     double distance_m = 0;
     Eigen::Vector2d away =
         Eigen::Vector2d::Zero();  ///< unit vector away from the region; zero inside
-    /// distance_m divided by the radius of curvature of the line through the point along which
-    /// distance_m is constant. `bend` is 1 next to a corner without clearance, and 0 next to an
-    /// edge. `bend` is also the second derivative of distance_m^2 / 2 in the direction
-    /// perpendicular to `away`.
+    /// Consider the curve of constant distance_m that passes through the point. `bend` is
+    /// distance_m divided by the curve's radius of curvature: 1 next to a corner without clearance,
+    /// and 0 next to an edge. `bend` is also the second derivative of distance_m^2 / 2 in the
+    /// direction perpendicular to `away`.
     double bend = 0;
   };
   /// Returns the position of `p_m` relative to the region (contract 1).

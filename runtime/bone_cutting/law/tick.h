@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Working data of one tick of the cutting law. cutting_law.cpp passes it to the functions of holes.h,
-// front.h, soft_layers.h, potential.h and equilibrium.h. bone_contact.cpp makes one of its own before
-// the tick, to ask holes.h which hole the tool is in.
+// Working data of one tick of the cutting law. cutting_law.cpp passes it to the functions of
+// holes.h, front.h, soft_layers.h, potential.h and equilibrium.h. Before the tick, bone_contact.cpp
+// makes another object of this type, to ask holes.h which hole the tool is in.
 // Tests: tests/runtime/bone_cutting/law/cutting_tick_test.cpp
 #pragma once
 

@@ -2,12 +2,12 @@
 // Sums the forces and stiffnesses of the walls of the hole that the tool is in. Each slab has Gauss
 // points at which the wall acts, and each Gauss point has a slot (slot.h), which is the region in
 // which the shaft's axis does not press on the wall. While the shaft stays close to a reference
-// position, the nearest corner or edge of most slots stays the same. If, in addition, the wall does
-// not yield at such a point, the energy of the point is a quadratic function of the shaft's
-// displacement. If the slot has a clearance, a point counts as quadratic only inside the clearance,
-// where its energy is 0. The sum over all quadratic points is quadratic as well, and its
-// coefficients are kept. Therefore usually only the first evaluation of a tick visits all points.
-// Later evaluations visit only the few points whose energy is not quadratic.
+// position, the nearest corner or edge of most slots stays the same. If this is so at a Gauss
+// point, and if the wall does not yield there, the energy of the point is a quadratic function of
+// the shaft's displacement. If the slot has a clearance, a point counts as quadratic only inside
+// the clearance, where its energy is 0. The sum over all quadratic points is quadratic as well, and
+// its coefficients are kept. Therefore usually only the first evaluation of a tick visits all
+// points. Later evaluations visit only the few points whose energy is not quadratic.
 //
 // Contract (tests/runtime/bone_cutting/law/walls_test.cpp): add_walls() adds the sum over all
 // Gauss points, quadratic or not. Apart from rounding, the sum does not depend on the poses of

@@ -13,10 +13,10 @@
 namespace trocar::runtime {
 namespace {
 
-// A sheet of no thickness holds the shaft as if it were this thick: the figures of its hole are
-// those of the whole sheet.
 // Pressure of a core of bone on the bore over the pressure along it; assumed, 0.05 to 0.25.
 constexpr double kCorePressureRatio = 0.15;
+// A sheet of no thickness holds the shaft as if it were this thick: the figures of its hole are
+// those of the whole sheet.
 constexpr double kSheetHole_m = 1e-3;
 // So strong that nothing of a session breaks it.
 constexpr double kUnbreakable_N = 1e9;

@@ -12,8 +12,8 @@
 //     without any neighbour extends, on each side, by half the smallest spacing of the solid's
 //     slices. So there is a gap between slabs where slices are empty.
 //  2. If a tissue has a CutTissue (strength per area and so on), tool_in_tissue.h computes the
-//     values for the tool. A tissue without CutTissue states the forces on the scene's tool
-//     itself: the tissue's threshold is the strength against the tip, and the tissue's stiffness
+//     values for the tool. A tissue without CutTissue directly states the forces on the scene's
+//     tool: the tissue's threshold is the strength against the tip, and the tissue's stiffness
 //     is the stiffness against the tip, whatever the tip's shape. If such a tissue states no rim
 //     stiffness and its slab has a thickness above 0, the hole's walls have the tissue's threshold
 //     and stiffness, each divided by the tool's area, as their strength and stiffness per area.
@@ -25,8 +25,8 @@
 //     tool leaves the bone. Slabs within a shell have the shell's strength. Each slice's bone is
 //     divided into slabs at all depths at which a shell can end, so that only the strengths of the
 //     slabs change when the tool moves, not their depths. A shell can begin at the top and at the
-//     bottom of each sheet, and it can extend over several sheets of different thicknesses. Its
-//     end is exact up to kMinPart_m.
+//     bottom of each sheet, and it can extend over several sheets of different thicknesses. The
+//     depth at which a shell ends is exact up to kMinPart_m.
 //  5. If a tissue takes its strength from HU, the slab where the tool enters the bone and the slab
 //     where the tool leaves the bone can contain a thin cortical wall (cortical_wall.h).
 //     SceneBody::cortex_HU states the HU of such a wall. A scene without a `body` has no such
@@ -51,7 +51,8 @@ inline constexpr double kMaxSlabGap_m = 3e-3;
 /// Tolerance that is added to kMaxSlabGap_m, so that rounding does not separate two slices whose
 /// distance is exactly kMaxSlabGap_m.
 inline constexpr double kSlabGapRounding_m = 1e-9;
-/// Depths that differ by less are one, where the bone of a slice is divided into slabs.
+/// When the bone of a slice is divided into slabs, two depths that differ by at most this length
+/// count as one.
 inline constexpr double kMinPart_m = 1e-6;
 /// Number of holes that the law `cutting` remembers during a session.
 inline constexpr std::size_t kMaxRememberedHoles = 32;
@@ -70,7 +71,7 @@ struct BoneSheet {
   const BoneLaw* law = nullptr;
   HuCalibration calibration;
   double pressure_over_yield = 1;  ///< pressure under a flat tip divided by the yield strength
-  /// Growth of the shaft's friction per embedded length for each Pa by which pressure_Pa() grows.
+  /// Increase of the shaft's friction per embedded length if pressure_Pa() increases by 1 Pa.
   double friction_N_per_m_Pa = 0;
   double cortex_HU = 0;  ///< HU of cortical walls (contract 5); 0: there are no such walls
   CutMaterial material;  ///< values at the slice's mean HU
@@ -109,8 +110,8 @@ struct BoneVolume {
   /// Largest stiffness that the tool can meet along its axis (tip, soft layers and friction in
   /// bone), and across its axis (walls).
   double along_N_per_m = 0, across_N_per_m = 0;
-  /// Largest stiffness of what yields under a small force: friction and hold of the tip, and
-  /// friction in soft layers. Not contained in the two above.
+  /// Largest stiffness of the elements that yield under a small force: friction and hold of the
+  /// tip, and friction in soft layers. along_N_per_m and across_N_per_m do not contain it.
   double yielding_N_per_m = 0;
   double viscous_N_s_per_m = 0;  ///< viscous friction along the shaft, summed over all slabs
 };

@@ -7,8 +7,9 @@
 //
 // Contract (tests/runtime/bone_cutting/material/cortical_wall_test.cpp):
 //  1. The result is 0 (no wall) if `slab_HU` exceeds `inside_HU` by less than kMinContrast_HU, or
-//     if the wall of items 2 and 3 would be thinner than kMinWall_m. Cancellous bone (the porous
-//     bone inside) varies by less than that from slice to slice, so it is not taken for a wall.
+//     if the wall of items 2 and 3 would be thinner than kMinWall_m. The HU of cancellous bone (the
+//     porous bone inside) vary by less than kMinContrast_HU from slice to slice, so cancellous bone
+//     is not taken for a wall.
 //  2. Otherwise, if `slab_HU` is at least `cortex_HU`, the wall fills the slab.
 //  3. Otherwise, the result is the thickness t for which `slab_HU` is the mean of two parts, each
 //     weighted by its thickness: a wall of thickness t with the HU `cortex_HU`, and the rest of the

@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 // The force with which a tool breaks through a layer of soft tissue, computed from the tissue's
-// fracture toughness. A pointed tip opens a crack. When the point leaves the layer, the crack is
-// as long as the tip is wide at the top of the layer, but at most as long as the crack that the
-// whole tool opens (torn_length_m()). Tearing accounts for 61 % of the force on the tool, and
-// spreading and friction account for the rest (A. Barnett, Y.-S. Lee, J. Moore, J. Manuf. Sci.
-// Eng. 138, 2016).
+// fracture toughness. A pointed tip opens a crack. When the point comes out of the bottom of the
+// layer, the length of the crack equals the width of the tip at the top of the layer, but is at
+// most the length of the crack that the whole tool opens (torn_length_m()). Tearing accounts for
+// 61 % of the force on the tool, and spreading and friction account for the rest (A. Barnett, Y.-S.
+// Lee, J. Moore, J. Manuf. Sci. Eng. 138, 2016).
 //
 // Contract (tests/runtime/bone_cutting/material/membrane_test.cpp):
 //  1. Let h be the thickness of the layer, and alpha the half angle of the tip

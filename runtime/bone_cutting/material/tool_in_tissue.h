@@ -52,8 +52,8 @@ struct ToolShape {
   ToolKind kind = ToolKind::kNeedleConical;
   double outer_radius_m = 1.525e-3;
   double inner_radius_m = 0;  ///< radius of the bore of a hollow tool
-  /// Angle between the axis and the faces of the tip; pi / 2: the tip is flat, as that of a hollow
-  /// tool must be.
+  /// Angle between the axis and the faces of the tip; pi / 2: the tip is flat. The tip of a hollow
+  /// tool must be flat.
   double half_angle_rad = 0.5236;
 };
 

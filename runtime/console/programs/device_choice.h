@@ -40,8 +40,8 @@ class HiddenTexts {
  public:
   /// Makes hide() replace `text` by `shown`.
   void add(const std::string& text, const std::string& shown);
-  /// Some options of the device may have a value that is a path with a folder, that is, with a /.
-  /// Makes hide() replace each such value by a text such as "the file of key-file".
+  /// Makes hide() replace each value of the device's options that contains a /, and so names a
+  /// folder, by a text such as "the file of key-file".
   void add(const DeviceChoice& device);
   std::string hide(std::string text) const;
 

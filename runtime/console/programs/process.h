@@ -41,9 +41,9 @@ class Process {
   std::uint64_t start_ticks() const;
   /// Returns true if the process has ended. Does not wait.
   bool has_ended();
-  /// After has_ended() has returned true, returns how the process ended, such as "exit code 3" or
-  /// "signal 9". Empty for a process of adopt(), because the system reports the end of a process
-  /// only to the process that started it.
+  /// Returns how the process ended, such as "exit code 3" or "signal 9". The text is empty until
+  /// has_ended() returns true. It stays empty for a process of adopt(), because the system reports
+  /// the end of a process only to the process that started it.
   std::string end() const;
   /// Returns the exit code. Returns nullopt if the process runs, if a signal ended it, or if
   /// its end is not known.

@@ -47,9 +47,9 @@ class SceneMaker {
   }
   /// Asks the running program to end. If the scene is already written, it stays.
   void stop(Clock::time_point now) { run_.stop(now); }
-  /// Checks whether the running program has ended. When --new-scene has succeeded, gives the new
-  /// file, which has a temporary name until then, the scene's name, and starts --check. The caller
-  /// must call this every few milliseconds.
+  /// Checks whether the running program has ended. When --new-scene has succeeded, renames the new
+  /// file from its temporary name to the scene's name, and starts --check. The caller must call
+  /// this every few milliseconds.
   void poll(Clock::time_point now);
   /// Returns a function that makes the answer to GET /api/new_scene (protocol.md). The function
   /// reads files, so call it on the worker thread.

@@ -25,7 +25,7 @@ struct SessionAbout {
   std::string clock, device;
   bool has_live_hand = false, takes_xray = false;
   /// The columns of a snapshot (named groups of its values), as JSON: the description's `columns`
-  /// without those that do not fit into a snapshot.
+  /// before the first column that has no valid size or does not fit into a snapshot.
   std::string columns;
   /// Name of each column in `columns`, and index of its first value in a snapshot.
   std::vector<std::pair<std::string, std::size_t>> column_at;

@@ -43,6 +43,6 @@ def update_readme(path, sentence, headlines):
     if not begin or not end:
         raise SystemExit(f"{path}: has no {BEGIN} ... {END}")
     body = "\n".join([*(f"- {line}" for line in headlines), "",
-                      f"![For each scan and contouring method: the outlines' mean distance from the reference, and the time per slice. The reference of the synthetic CT is its exact cross-section. The reference of a real scan is its own outline before the outline is made coarser]({PICTURE})", "",
+                      f"![For each scan and contouring method: the outlines' mean distance from the reference, and the time per slice. The reference of the synthetic CT is its exact cross-section. The reference of a real scan is its sub-pixel outline at full resolution, before simplification]({PICTURE})", "",
                       f"All results: [tests/bench/RESULTS.md](tests/bench/RESULTS.md). (From `scripts/report`: {sentence}.)"])
     write(path, f"{head}{begin}\n{body}\n{end}{tail}")

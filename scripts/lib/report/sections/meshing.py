@@ -59,7 +59,7 @@ def results(data):
 
 def headline(data):
     speed, share = (statistics.median(row[key] for row in data["rows"]) for key in ("cgal_over_ours_ratio", "triangles_over_cgal"))
-    return ("Meshing: Trocar and the mesher Delaunay_mesher_2 of the library CGAL meshed the same outlines with the same lower bound on angles. "
+    return ("Meshing: Trocar and the mesher Delaunay_mesher_2 of the library CGAL meshed the same outlines with the same smallest allowed angle. "
             f"Trocar is {speed:.1f} times as fast and makes {1 - share:.0%} fewer triangles. "
             "Both numbers are medians over several cases. "
-            "A case is one scan at one resolution, with one tolerance of the outline and with one largest area of a triangle or no such limit.")
+            "A case is one combination of scan, resolution, tolerance of the outline, and largest allowed area of a triangle (or none).")
