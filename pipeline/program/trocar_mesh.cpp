@@ -101,8 +101,9 @@ Result<void> check_nothing_before(const CommandLine& line) {
 struct MeshCommandLine {
   CommandLine line{
       kProgram,
-      "Makes an asset from a CT scan: a 3D file (.glb) with one flat triangle mesh for each slice\n"
-      "and material, such as bone. INPUT is a folder with a DICOM study, a NIfTI file (.nii or\n"
+      "Makes an asset, a 3D file (.glb), from a CT scan. The asset has one flat triangle mesh for\n"
+      "each slice and material, such as bone. INPUT is a folder with a DICOM study, a NIfTI file "
+      "(.nii or\n"
       ".nii.gz), a folder of images, or a list of images.",
       version()};
   Arguments mesh, preview;

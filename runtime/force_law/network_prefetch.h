@@ -48,11 +48,10 @@ struct PrefetchReport {
 class NetworkPrefetch final : public PrefetchWorker {
  public:
   /// Creates the worker. `tissue_of_sheet` has one tissue per sheet, in the order of
-  /// place_slices(). `lattice`: the lattice of the asset. For each distinct stiffness of the
-  /// tissues, the function calls calibrate() once, which finds the membrane tension and the
-  /// foundation stiffness that give a sheet this stiffness. One call takes tens of milliseconds, or
-  /// hundreds if the tool has many corners. Errors: those of calibrate()
-  /// (runtime/deformation/calibration.h).
+  /// place_slices(). `lattice`: the lattice of the asset. The function calls calibrate() once
+  /// for each distinct stiffness of a tissue. calibrate() finds the parameters of the network with
+  /// which a sheet has the tissue's stiffness (runtime/deformation/calibration.h). One call takes
+  /// tens of milliseconds, or hundreds if the tool has many corners. Errors: those of calibrate().
   static Result<std::unique_ptr<NetworkPrefetch>> make(const Scene& scene,
                                                        const std::vector<Tissue>& tissue_of_sheet,
                                                        const Lattice& lattice);

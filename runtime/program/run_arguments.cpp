@@ -155,8 +155,8 @@ void declare_safety_options(const Command& command, RunArguments& a) {
   safety.option(
       "--late-ticks-in-row", a.late_ticks_in_row,
       "raise a fault after this many consecutive late ticks (missed deadlines); 0: only count\n"
-      "late ticks (default: 3 for a device with motors; 0 for a simulated device, which late\n"
-      "ticks cannot harm)");
+      "late ticks (default: 3 for a device with motors; 0 for a simulated device, where late\n"
+      "ticks do no harm)");
   command.option("--late-ticks", a.late_ticks_in_row).in_group("");  // the option's former name
   safety
       .option(
@@ -337,8 +337,8 @@ void declare_run_options(CommandLine& line, RunArguments& a) {
       .option(
           "--entry", a.entry,
           "with --new-scene: a point X,Y,Z on the needle's path, at the bone's surface or outside\n"
-          "the bone, in mm in DICOM's patient coordinates (LPS: x to the patient's left, y to the\n"
-          "back, z to the head; default: where the bone is thickest)")
+          "the bone (default: where the bone is thickest). X, Y and Z are DICOM's patient\n"
+          "coordinates in mm (LPS: x to the patient's left, y to the back, z to the head)")
       .with_form("X,Y,Z");
   scene
       .option("--target", a.target,
@@ -365,7 +365,7 @@ void declare_run_options(CommandLine& line, RunArguments& a) {
       "say that the device of --device has no motors, because it is only simulated. Then late\n"
       "ticks (missed deadlines) are no fault, and with udp and pose, data may be missing for\n"
       "250 ms instead of 10 ms. One exception: with --late-ticks-in-row above 0, late ticks are\n"
-      "a fault all the same, and data may be missing for 10 ms only.\n"
+      "still a fault, and data may be missing for only 10 ms.\n"
       "Without --simulated, every device but inproc is assumed to have motors. If the\n"
       "description of such a device states more mass than the device has, or more stiffness than\n"
       "it can render stably, contact with the device can vibrate. As a margin, Trocar therefore\n"
@@ -373,8 +373,8 @@ void declare_run_options(CommandLine& line, RunArguments& a) {
       "- with the force law cutting: the limit that Trocar computes from the device's mass\n"
       "- with a device that measures its own pose (a pose device), if its description states a\n"
       "  largest stiffness: this stiffness\n"
-      "- with a pose device whose description states no largest stiffness, and the law hooke or\n"
-      "  network: Trocar's own limit of 10000 N/m, halved to 5000 N/m.\n"
+      "- with hooke or network, and a pose device whose description states no largest stiffness:\n"
+      "  Trocar's own limit of 10000 N/m, which so becomes 5000 N/m.\n"
       "The limit of --stiffness-limit is never halved");
   device.flag(
       "--test", a.test_device,

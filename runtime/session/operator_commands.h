@@ -41,8 +41,8 @@ class OperatorCommands {
   /// Returns true if the caller is to request recovery in this tick. The operator's request is then
   /// cleared. While a command is latched, returns false and keeps the request.
   bool take_recovery() noexcept;
-  /// Clears the operator's request. Call this when a fault is latched, because a request that is
-  /// older than the fault does not apply to the fault.
+  /// Clears the operator's request. Call this in the tick in which a fault becomes latched,
+  /// because a request that is older than the fault does not apply to the fault.
   void forget_recovery() noexcept;
 
  private:

@@ -112,5 +112,5 @@ def headline(data):
     return ("Deformation of a slice as a network of springs: Trocar computes only a region around the tool, which causes an error in the force on the tool. "
             "Trocar estimates an upper bound of this error, and makes the region so large that the bound is at most 1 % of the force. "
             f"In the measurements, the force differed by at most {100 * max(row['force_error_max'] for row in rows):.2g} % from the force that the whole slice gives. "
-            f"Computing the deformation for one tick took {max(row['solve_us'] for row in rows):.2g} us (the median over random positions of the tool) "
-            "on the scan for which this took longest.")
+            f"On the slowest scan, computing the deformation for one tick took {max(row['solve_us'] for row in rows):.2g} us "
+            "(the median over random positions of the tool).")

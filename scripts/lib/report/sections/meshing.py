@@ -62,4 +62,4 @@ def headline(data):
     return ("Meshing: Trocar and the mesher Delaunay_mesher_2 of the library CGAL meshed the same outlines with the same smallest allowed angle. "
             f"Trocar is {speed:.1f} times as fast and makes {1 - share:.0%} fewer triangles. "
             "Both numbers are medians over several cases. "
-            "A case is one combination of scan, resolution, tolerance of the outline, and largest allowed area of a triangle (or none).")
+            "A case is one combination of scan, resolution, tolerance of the outline, and largest allowed area of a triangle (some cases have no such limit).")
