@@ -153,8 +153,9 @@ class Run {
       ScanState state = state_of(wanted_[k], program_, store_, {false, false, settings_.retry});
       // Because of --rehash, unchanged scans get a process too: digests are then computed
       // concurrently.
-      const bool is_read =
-          settings_.rehash || (settings_.verify && state.kind != Kind::kKnownFailure);
+      // A scan of which only a product failed has an asset, which --verify checks.
+      const bool has_asset = state.kind != Kind::kKnownFailure || state.asset_bytes > 0;
+      const bool is_read = settings_.rehash || (settings_.verify && has_asset);
       if (state.kind == Kind::kStale || is_read) {
         todo_.push_back({k, state.kind == Kind::kStale, state.kind == Kind::kDone});
       } else if (state.kind == Kind::kDone) {

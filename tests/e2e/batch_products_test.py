@@ -133,6 +133,13 @@ def test_a_product_that_fails_leaves_the_asset_and_is_known(tmp_path, scans):
     assert (store / "assets/a.glb").exists() and list(targets(store)) == ["preview"]
     again = batch(collection, store)
     assert (again["known"], again["failed"], again["products_made"]) == (1, 0, 0), again
+    # --verify also checks the assets of such scans.
+    asset = (store / "assets/a.glb").resolve()
+    good = asset.read_bytes()
+    asset.chmod(0o644)
+    asset.write_bytes(good[:700] + bytes([good[700] ^ 4]) + good[701:])
+    verified = batch(collection, store, "--verify")
+    assert (verified["known"], verified["failed"]) == (1, 0) and (store / "assets/a.glb").read_bytes() == good, verified
     assert batch(collection, store, "--retry", expect=3)["failed"] == 1
     write(collection, scans[:1], ["preview", "scene", "check"])
     mended = batch(collection, store)
