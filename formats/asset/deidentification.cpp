@@ -93,7 +93,7 @@ const std::map<std::string, Allowed>& allowed_values() {
         "min_volume_mm3 largest context_mm surface_triangles seeds_lps_mm/[]/[] mask_labels/[] "
         "volume");
     add(Kind::kFlag, "", "materials/[]/doubleSided accessors/[]/normalized");
-    add(Kind::kFlag, parameters, "hu values_are_hu");
+    add(Kind::kFlag, parameters, "hu keep_table values_are_hu");
     const auto extension = [](const std::string& text) {
       return is_any_of(text, {"KHR_draco_mesh_compression", "KHR_materials_unlit"});
     };
@@ -118,6 +118,8 @@ const std::map<std::string, Allowed>& allowed_values() {
     add_text("/extras/trocar/parameters/simplify", [](const std::string& text) {
       return is_any_of(text, {"area", "dp"});
     });
+    add_text("/extras/trocar/parameters/keep",
+             [](const std::string& text) { return text == "column"; });
     add_text("/extras/trocar/parameters/axis", [](const std::string& text) {
       return is_any_of(text, {"transverse", "coronal", "sagittal"});
     });
