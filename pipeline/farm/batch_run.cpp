@@ -151,8 +151,8 @@ class Run {
     using Kind = ScanState::Kind;
     for (std::size_t k = 0; k < wanted_.size(); ++k) {
       ScanState state = state_of(wanted_[k], program_, store_, {false, false, settings_.retry});
-      // Because of --rehash, unchanged scans get a process too: digests are then computed
-      // concurrently.
+      // Because of --rehash, unchanged scans get a process too, so that digests are computed
+      // by several processes at the same time.
       // A scan of which only a product failed has an asset, which --verify checks.
       const bool has_asset = state.kind != Kind::kKnownFailure || state.asset_bytes > 0;
       const bool is_read = settings_.rehash || (settings_.verify && has_asset);

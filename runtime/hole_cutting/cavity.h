@@ -71,7 +71,7 @@ struct Cavity {
   LatticeBox tool_box;
   std::vector<std::uint32_t> near_tool;          ///< triangles whose boxes overlap the tool's box
   std::vector<std::uint32_t> triangles;          ///< the cavity's triangles, in ascending order
-  std::vector<CavityBoundaryEdge> boundary;            ///< the edges of the cavity's boundary
+  std::vector<CavityBoundaryEdge> boundary;      ///< the edges of the cavity's boundary
   std::vector<std::uint32_t> boundary_vertices;  ///< vertices on the cavity's boundary, each once
   std::vector<std::uint32_t> inner;              ///< the other vertices of the cavity's triangles
   FlatTable members;                             ///< `triangles` as a set

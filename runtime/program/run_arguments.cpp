@@ -371,10 +371,10 @@ void declare_run_options(CommandLine& line, RunArguments& a) {
       "it can render stably, contact with the device can vibrate. As a margin, Trocar therefore\n"
       "halves the following limits on the stiffness of contact:\n"
       "- with the force law cutting: the limit that Trocar computes from the device's mass\n"
-      "- with a device that measures its own pose (a pose device), if its description states a\n"
-      "  largest stiffness: this stiffness\n"
+      "- with a pose device (a device that measures its own pose): the largest stiffness that its\n"
+      "  description states\n"
       "- with hooke or network, and a pose device whose description states no largest stiffness:\n"
-      "  Trocar's own limit of 10000 N/m, which so becomes 5000 N/m.\n"
+      "  Trocar's own limit of 10000 N/m, which then becomes 5000 N/m.\n"
       "The limit of --stiffness-limit is never halved");
   device.flag(
       "--test", a.test_device,

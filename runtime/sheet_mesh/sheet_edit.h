@@ -40,8 +40,8 @@ struct SheetChange {
 
   std::vector<OldTriangle> triangles;  ///< each slot once, in the order in which they were listed
   std::vector<OldVertex> vertices;     ///< each slot once, in the order in which they were listed
-  /// Numbers of entries that the edit has not changed, counted from the bottom of
-  /// SheetMesh::free_triangles and of SheetMesh::free_vertices, which are stacks of free slots.
+  /// SheetMesh::free_triangles and SheetMesh::free_vertices are stacks of free slots. These two
+  /// numbers say how many entries at the bottom of each stack the edit has not changed.
   std::size_t untouched_free_triangles = 0, untouched_free_vertices = 0;
 
   /// Repeats the edit on the replica `to` (contract 3). `from` is the mesh that was edited.

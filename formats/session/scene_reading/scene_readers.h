@@ -13,7 +13,8 @@ namespace trocar {
 
 inline constexpr double kMaxPosition_m = 1.0;  ///< largest |coordinate| in the device's frame
 
-/// Reads the fields of a tissue, which the scene's `tissue` and each element of `tissues` have.
+/// Reads the fields of one tissue. The scene's `tissue` has these fields, and so has each element
+/// of `tissues`.
 void read_tissue(StrictObject& object, Tissue& tissue);
 void read_tissues(StrictObject& scene, std::vector<NamedTissue>& tissues);
 void read_layers(StrictObject& scene, std::vector<SceneLayer>& layers);

@@ -75,7 +75,7 @@ bool is_for_products(const std::string& option, const json& value) {
   return static_cast<bool>(farm::parse_collection(collection.dump(), "c.json"));
 }
 
-// What `trocar-mesh verify --private` says of an asset that was made with these options.
+// Returns what `trocar-mesh verify --private` says of an asset that was made with these options.
 std::string privacy_of(const json& given) {
   CommandLine line("trocar-mesh", "", "");
   Arguments arguments;
