@@ -148,12 +148,14 @@ std::optional<Refusal> parse_arguments(CLI::App& app, const std::vector<std::str
 
 /// A message if `text` is not a number from `low` to `high`, or if `is_whole` is set and the number
 /// is not whole; else an empty text.
-std::string why_not_within(const std::string& text, double low, double high, bool is_whole) {
+std::string why_not_within(const std::string& text, double low, double high, bool is_whole,
+                           const std::string& unit) {
   double value = 0;
   const bool is_number = CLI::detail::lexical_cast(text, value) && !std::isnan(value);
   if (!is_number || (is_whole && value != std::floor(value))) return not_a_number(text, is_whole);
   if (value >= low && value <= high) return {};
-  return text + ": must be within " + shown(low, is_whole) + " and " + shown(high, is_whole);
+  return text + ": must be within " + shown(low, is_whole) + " and " + shown(high, is_whole) +
+         (unit.empty() ? "" : " " + unit);
 }
 
 /// Makes the option take numbers from `low` to `high`. CLI::Range is not used, because its
@@ -162,8 +164,7 @@ template <typename Number>
 void limit(CLI::Option& option, Number low, Number high, const char* form, const char* unit) {
   constexpr bool kIsWhole = std::is_integral_v<Number>;
   option.check([low, high, unit = std::string(unit)](const std::string& text) {
-    const std::string why = why_not_within(text, low, high, kIsWhole);
-    return why.empty() || unit.empty() ? why : why + " " + unit;
+    return why_not_within(text, low, high, kIsWhole, unit);
   });
   option.type_name(form != nullptr ? form : shown(low, kIsWhole) + ".." + shown(high, kIsWhole));
 }

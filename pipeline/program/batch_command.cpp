@@ -395,9 +395,7 @@ void add_batch_options(const Command& command, BatchArguments& a) {
               "the collection, a .json file with scans and their parameters; list --manifest\n"
               "prints one to begin with")
       .required();
-  command
-      .option("-o,--output", a.store,
-              "the store, a folder that keeps all results; created if needed")
+  command.option("-o,--output", a.store, "the store, a folder for all results; created if needed")
       .with_form("STORE")
       .required();
   command
@@ -408,12 +406,12 @@ void add_batch_options(const Command& command, BatchArguments& a) {
       .within(0, 1024);
   command
       .option("--shard", a.shard,
-              "I/N: work only on every Nth scan, beginning with scan I, so that N machines can\n"
-              "share the work; the first scan is number 0")
+              "work only on every Nth scan, beginning with scan I, so that N machines can share\n"
+              "the work; the first scan is number 0")
       .with_form("I/N");
   command
       .option("--only", a.only,
-              "work only on the scans named in this file, one per line; -: standard input")
+              "work only on the scans named in FILE, one per line; -: standard input")
       .with_form("FILE");
   const Option dry_run = command.flag(
       "--dry-run", a.dry_run,

@@ -1,12 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-// The command line of trocar-run.
+// The values on the command line of trocar-run, and their checks.
 // Tests: tests/e2e/wrong_uses_test.py
 #pragma once
 
 #include <optional>
 #include <string>
 
-#include "formats/base/command_line.h"
 #include "formats/base/result.h"
 #include "formats/session/trainee.h"
 #include "runtime/checking/needle_path.h"
@@ -21,7 +20,7 @@ inline constexpr double kDefaultRate_Hz = 1000;
 /// in a row, a fault is raised.
 inline constexpr int kDefaultLateTicks = 3;
 
-/// The values of the options. declare_run_options() has the help text of each option. An empty
+/// The values of the options. run_options.h has the help text of each option. An empty
 /// string means that the option was not given.
 struct RunArguments {
   std::string scene, asset, force_law, new_scene, output;
@@ -52,11 +51,8 @@ struct RunArguments {
   }
 };
 
-/// Adds the options. Parsing the command line then fills `arguments`.
-void declare_run_options(CommandLine& line, RunArguments& arguments);
-
-/// Checks the options. Errors: kUsage if a value is out of range, if two options exclude each
-/// other, or if an option needs another one that was not given.
+/// Checks what run_options.h does not check while it parses. Errors: kUsage if a value is wrong, if
+/// two options exclude each other, or if an option needs another one that was not given.
 Result<void> check_run_arguments(const RunArguments& arguments);
 
 /// Returns the points of --entry and --target. If --entry was not given, returns none. Errors:

@@ -13,6 +13,7 @@
 #include "runtime/program/option_effects.h"
 #include "runtime/program/run_arguments.h"
 #include "runtime/program/run_commands.h"
+#include "runtime/program/run_options.h"
 
 namespace trocar::runtime {
 namespace {

@@ -31,7 +31,7 @@ Outcome parse(std::vector<std::string> arguments) {
   line.option("--angle", angle, "in degrees").within(-1e6, 60.5);
   line.option("--bits", bits, "a number").within(0, 14);
   line.option("--axis", axis, "a name").one_of({"coronal", "sagittal", "other"});
-  line.option("--width", width, "of a line").with_default_shown().within(0.0, 9.0, "MM");
+  line.option("--width", width, "of a line").with_default_shown().within(0.0, 9.0, "MM", "mm");
   line.option("--count", count, "").within(0, 9, "N");
   line.option("FILE", file, "an argument");
   line.option("--dump", stage, "a stage").in_group(kDiagnostics);
@@ -102,7 +102,7 @@ TEST(CommandLine, SaysWhatAValueMustBe) {
   EXPECT_EQ(parse({"--angle", "61"}).err,
             "program: --angle 61: must be within -1000000 and 60.5" + end);
   EXPECT_EQ(parse({"--bits", "-1"}).err, "program: --bits -1: must be within 0 and 14" + end);
-  EXPECT_EQ(parse({"--width", "10"}).err, "program: --width 10: must be within 0 and 9" + end);
+  EXPECT_EQ(parse({"--width", "10"}).err, "program: --width 10: must be within 0 and 9 mm" + end);
   EXPECT_EQ(parse({"--width", "wide"}).err, "program: --width: wide is not a number" + end);
   EXPECT_EQ(parse({"--width", "nan"}).err, "program: --width: nan is not a number" + end);
   EXPECT_EQ(parse({"--count", "2.5"}).err, "program: --count: 2.5 is not a whole number" + end);
