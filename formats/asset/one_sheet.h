@@ -20,13 +20,12 @@ namespace trocar {
 /// different planes. The message has the file and the slice, and the asset is unchanged.
 Result<void> weld_materials(Asset& asset, const std::string& name);
 
-/// Computes HU at the vertices, with which viewers can colour the meshes. Fills
-/// AssetSlice::hu of each slice for which it is empty and for which Asset::hu has HU. The HU of a
-/// triangle are the mean of Asset::hu at four points inside the triangle. The value at a vertex is
-/// the mean of the triangles around the vertex, weighted by area; it is 0 if none of these
-/// triangles has a HU. (The HU at the
-/// vertex itself are not used: most vertices lie on the outline, where the HU are partly those of
-/// the surroundings.) Call this function before weld_materials().
+/// Computes HU at the vertices, with which viewers can colour the meshes. Fills AssetSlice::hu of
+/// each slice where it is empty and where Asset::hu has a plane of the slice. The HU of a triangle
+/// are the mean of Asset::hu at four points inside the triangle. The value at a vertex is the mean
+/// of the triangles around the vertex, weighted by area; it is 0 if none of these triangles has a
+/// HU. (The HU at the vertex itself are not used: most vertices lie on the outline, where the HU
+/// are partly those of the surroundings.) Call this function before weld_materials().
 void add_hu_at_vertices(Asset& asset);
 
 }  // namespace trocar

@@ -29,10 +29,10 @@ struct PoseDeviceDescription {
   double rotation_damping_Nm_s_per_rad = 0;
   double position_resolution_m = 0;    ///< 0: exact positions
   double rotation_resolution_rad = 0;  ///< 0: exact orientations
-  /// Box of the positions that the handle can reach, in the device's frame. The keyframes of
-  /// the scene's hand (SceneHand::trajectory) put the handle at certain positions, and these have a
-  /// surrounding box, too. A session places the device in the scene's frame {B} so that the middles
-  /// of the two boxes coincide.
+  /// Box of the positions that the handle can reach, in the device's frame. A second box surrounds
+  /// the positions that the handle has at the keyframes of the scene's hand
+  /// (SceneHand::trajectory). A session places the device in the scene's frame {B} so that the
+  /// middles of the two boxes coincide.
   std::array<double, 3> workspace_min_m{}, workspace_max_m{};
   /// Rotation vector that turns the axes of the scene's frame {B} (z up) into the axes of the
   /// device's frame.

@@ -22,8 +22,8 @@
 //     1 and the tool at 0. The balance of forces therefore gives M <= B with
 //       B = max over the ring nodes m of g_m / (f_m + s_m),
 //     where f_m is the stiffness of the foundation (the springs that hold each node at its rest
-//     position, network.h) at m, and s_m is the sum of k_mj (1 - p_j) over the
-//     neighbours j of m that are not on the ring.
+//     position, network.h) at m, and s_m is the sum of k_mj (1 - p_j) over the neighbours j of m
+//     that are not on the ring.
 //  3. By reciprocity (the network's matrix is symmetric), F_v - F_w = sum over the ring nodes m of
 //     g_m w_m. So F_v - F_w is at most B times the sum of all g_m.
 // Tests: tests/runtime/deformation/deformation_local_test.cpp

@@ -35,9 +35,9 @@ struct OpenDeviceOptions {
   /// The live hand that holds a simulated device; must outlive the device. Null if the
   /// scene's hand is not live.
   UnscriptedHand* hand = nullptr;
-  /// Receives two kinds of messages: about a device that is reached through a maker's SDK or
-  /// service; and if a lost link to a device process is not restored, the reason. Each call gives
-  /// one line, and with the real clock no call is on the haptic thread.
+  /// Receives messages about a device that is reached through a maker's SDK or service. If an
+  /// attempt to restore a lost link to a device process fails, also receives the reason. Each call
+  /// gives one line, and with the real clock no call is on the haptic thread.
   SayLine say;
 };
 

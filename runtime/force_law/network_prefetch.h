@@ -48,10 +48,11 @@ struct PrefetchReport {
 class NetworkPrefetch final : public PrefetchWorker {
  public:
   /// Creates the worker. `tissue_of_sheet` has one tissue per sheet, in the order of
-  /// place_slices(). `lattice`: the lattice of the asset. The function calls calibrate() once
-  /// for each distinct stiffness of a tissue. calibrate() finds the parameters of the network with
-  /// which a sheet has the tissue's stiffness (runtime/deformation/calibration.h). One call takes
-  /// tens of milliseconds, or hundreds if the tool has many corners. Errors: those of calibrate().
+  /// place_slices(). `lattice`: the lattice of the asset. The function calls calibrate()
+  /// (runtime/deformation/calibration.h) once for each distinct stiffness of a tissue. calibrate()
+  /// finds the membrane tension and the foundation's stiffness with which a sheet has the tissue's
+  /// stiffness. One call takes tens of milliseconds, or hundreds if the tool has many corners.
+  /// Errors: those of calibrate().
   static Result<std::unique_ptr<NetworkPrefetch>> make(const Scene& scene,
                                                        const std::vector<Tissue>& tissue_of_sheet,
                                                        const Lattice& lattice);

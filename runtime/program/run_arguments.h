@@ -20,8 +20,8 @@ inline constexpr double kDefaultRate_Hz = 1000;
 /// in a row, a fault is raised.
 inline constexpr int kDefaultLateTicks = 3;
 
-/// The values of the options. run_options.h has the help text of each option. An empty
-/// string means that the option was not given.
+/// The values of the options. run_options.cpp has the help text of each option. An empty string
+/// means that the option was not given.
 struct RunArguments {
   std::string scene, asset, force_law, new_scene, output;
   std::string entry, target;
@@ -51,8 +51,9 @@ struct RunArguments {
   }
 };
 
-/// Checks what run_options.h does not check while it parses. Errors: kUsage if a value is wrong, if
-/// two options exclude each other, or if an option needs another one that was not given.
+/// Checks what is not checked already while the command line is parsed. (The parser checks the
+/// ranges and words that declare_run_options() has declared.) Errors: kUsage if a value is wrong,
+/// if two options exclude each other, or if an option needs another one that was not given.
 Result<void> check_run_arguments(const RunArguments& arguments);
 
 /// Returns the points of --entry and --target. If --entry was not given, returns none. Errors:

@@ -42,7 +42,7 @@ void declare(CommandLine& line, Arguments& arguments) {
       "FOLDER", arguments.folder,
       "folder of the scenes, assets and recordings to choose from. Sessions are kept in its\n"
       "subfolder sessions/. If FOLDER cannot be written to, or was installed with the program\n"
-      "(as /usr/share/trocar/examples), sessions are kept in ~/.local/state/trocar/sessions");
+      "(like /usr/share/trocar/examples), sessions are kept in ~/.local/state/trocar/sessions");
   line.option("--port", arguments.port, "TCP port of the page; 0: any free one (default: 4841)")
       .within(0, 65535);
   line.option("--listen", arguments.listen,

@@ -108,11 +108,10 @@ void declare(CommandLine& line, Arguments& a) {
   line.option(
           "--sessions", a.sessions,
           "end after this many sessions of trocar-run; 0: run until stopped (default: 0). With\n"
-          "--clock lock-step: if trocar-run runs on this computer and dies during the last "
-          "session,\n"
-          "trocar-device-sim ends 10 s after the last packet of trocar-run. (A dead trocar-run on\n"
-          "another computer, or in a container, looks like a paused one, so then the program does\n"
-          "not end.)")
+          "--clock lock-step: if trocar-run runs on this computer and dies during the last\n"
+          "session, trocar-device-sim ends 10 s after the last packet of trocar-run. (A dead\n"
+          "trocar-run on another computer, or in a container, looks like a paused one, so then\n"
+          "the program does not end.)")
       .checked_by(not_negative);
   line.option("--device-description", a.description,
               "JSON file with the device's geometry and limits, instead of the one that the scene "

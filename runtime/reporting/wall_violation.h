@@ -14,10 +14,11 @@
 //  3. The distance of an outline is the largest distance of its corners.
 //  4. The bone begins at the first slice, counted from the top, at which the tool's axis is over
 //     material. The entry is the upper part of the bone, where the tool comes in from outside. The
-//     entry ends before the first slice whose outline has the distance 0. If there is none within
-//     kEntry_m below the beginning of the bone, the entry ends there. The entry is not judged. All
-//     slices from the end of the entry down to the tip are judged. If no slice is judged, the tool
-//     is not in bone and has no grade.
+//     entry ends before the first slice whose outline has the distance 0. If no slice down to
+//     kEntry_m below the beginning of the bone has this distance, the entry ends before the first
+//     slice that is more than kEntry_m below the beginning. The entry is not judged. All slices
+//     from the end of the entry down to the tip are judged. If no slice is judged, the tool is not
+//     in bone and has no grade.
 //  5. The violation is the largest distance of a judged outline, rounded to 1 nm. The grade is 0
 //     for a violation of 0, 1 for less than 2 mm, 2 for 2 to 4 mm, and 3 for more than 4 mm.
 // Tests: tests/e2e/session_report_test.py

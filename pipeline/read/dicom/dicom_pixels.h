@@ -11,10 +11,10 @@
 namespace trocar::pipeline {
 
 /// Decodes the pixels of the frame `h` and applies the rescale, which gives HU for a CT. `format`
-/// is the loaded file of the frame. Only the pixels of this frame are read, and `format` does
-/// not keep them. (Of a deflated file, everything is in memory already.) If the value that marks
-/// padding would be taken for tissue (DicomFrame::has_dense_padding()), pixels with this value
-/// become kNoData_HU.
+/// is the loaded file of the frame. Only the pixels of this frame are read, and `format` does not
+/// keep them. (A deflated file is an exception: `format` holds all of its pixels already.) If
+/// stored values that mark padding would be taken for tissue (DicomFrame::has_dense_padding()),
+/// pixels with padding become kNoData_HU.
 ///
 /// Supported transfer syntaxes: uncompressed pixels in either byte order, deflated files, RLE, JPEG
 /// baseline, extended and lossless, JPEG-LS, and JPEG 2000. Errors: kRefused if the pixels are

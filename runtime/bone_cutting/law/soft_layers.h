@@ -31,9 +31,8 @@ struct LayerAdvance {
 /// the total force exceeds puncture_N of the layer that the tip presses on, this layer is
 /// punctured, and its bit is set in CuttingResult::layers_punctured. For a punctured layer, the
 /// function computes the advance after which the total force equals the layer's cutting_N. An
-/// advance by a length reduces the total force by this length times the layer's stiffness times
-/// `falling`. `falling` is 1 if the tip keeps its position, and less than 1 if the tip follows the
-/// front.
+/// advance of length L reduces the total force by L times the layer's stiffness times `falling`.
+/// `falling` is 1 if the tip keeps its position, and less than 1 if the tip follows the front.
 LayerAdvance scan_layers(Tick& tick, double slide_m, double bone_N, double falling,
                          CuttingResult& out) noexcept;
 /// Returns the index of the layer that the tip presses on; -1: none.
@@ -41,8 +40,8 @@ int pressed_layer(const Tick& tick, double slide_m) noexcept;
 /// Moves the front of the layer `advance.layer`, and adds the work of cutting to `out`.
 void take(Tick& tick, const LayerAdvance& advance, CuttingResult& out) noexcept;
 
-/// Call this at the end of a tick. Adds `slide_m` to the elastic stretch of each layer, and
-/// the layers' force to `out`.
+/// Call this at the end of a tick. Adds `slide_m` to each layer's SoftLayerState::stretch_m, which
+/// stays at most 0 in a layer that is cut through. Adds the layers' force to `out`.
 void finish_layers(Tick& tick, double slide_m, CuttingResult& out) noexcept;
 
 }  // namespace trocar::runtime
