@@ -82,8 +82,9 @@ std::string privacy_of(const json& given) {
   add_mesh_options(line, arguments);
   std::vector<std::string> words{"trocar-mesh"};
   for (const auto& [name, value] : given.items()) {
-    const std::string text = value.is_string() ? value.get<std::string>() : value.dump();
-    words.push_back(value == true ? "--" + name : "--" + name + "=" + text);
+    std::string& word = words.emplace_back("--" + name);
+    if (value != true)
+      word.append("=").append(value.is_string() ? value.get<std::string>() : value.dump());
   }
   if (const auto ok = line.parse(words); !ok) return ok.error().message;
   const auto options = stack_options(arguments);
