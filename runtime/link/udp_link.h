@@ -40,8 +40,8 @@ struct UdpLinkOptions {
   LinkClock clock = LinkClock::kReal;  ///< the drive must use the same clock
   bool resets_world = true;            ///< start() asks a simulated drive to restart its simulation
   double connect_timeout_s = 5;
-  /// With the real clock, the longest time without a state before the link counts as lost. If 2.5
-  /// periods are longer, the longest time is 2.5 periods. For lock-step, see answer_s.
+  /// With the real clock, the link counts as lost after this time without a state, or after 2.5
+  /// periods if they are longer. For lock-step, see answer_s.
   double no_state_s = 0.01;
   /// In lock-step, the longest wait for the drive's answer to a command. If an answer is missed,
   /// the longest wait is only no_state_s until an answer arrives in time again.
