@@ -91,17 +91,6 @@ Answer test_device(ConsoleState& console, const json& body) {
   return result_of(console, console.supervisor.test_device(chosen));
 }
 
-/// Returns the asset of a request: the file `asset`, or else that of the scene. Errors: (refused) no such file.
-Result<std::filesystem::path> asset_of(const ConsoleState& console, const std::string& scene,
-                                       const std::string& asset) {
-  if (!asset.empty()) return console.files.find(asset);
-  const auto file = console.files.find(scene);
-  if (!file) return file.error();
-  const Result<Scene> read = read_scene(*file);
-  if (!read) return read.error();
-  return read->asset;
-}
-
 Answer new_scene(ConsoleState& console, const json& body) {
   constexpr double kMost_mm = 1e4;
   JsonErrors errors{"body", {}};
@@ -127,9 +116,14 @@ Answer new_scene(ConsoleState& console, const json& body) {
     return failure(kBadRequest, "body: /live_hand: is for the device inproc");
   if (request.target_mm && !request.entry_mm)
     return failure(kBadRequest, "body: /target_mm: needs entry_mm");
-  const auto file = asset_of(console, scene, asset);
+  const auto file = console.files.find(asset.empty() ? scene : asset);
   if (!file) return failure(kNotFound, console.supervisor.hidden().hide(file.error().message));
   request.asset = *file;
+  if (asset.empty()) {
+    const Result<Scene> read = read_scene(*file);
+    if (!read) return failure(kBadRequest, console.supervisor.hidden().hide(read.error().message));
+    request.asset = read->asset;
+  }
   return result_of(console, console.supervisor.make_scene(request));
 }
 

@@ -44,11 +44,12 @@ def points(console):
     return place(0, 0, top), place(0.003, 0.002, top - 0.02)
 
 
-def test_refusals(console, entry):
+def test_refusals(console, folder, entry):
+    (folder / "wrong.json").write_text('{"schema": "trocar.scene/1", "nothing": 1}')
     good = {"scene": "scenes/vertebra.json", "name": "new", "entry_mm": entry}
     for change, status in (({"name": "a/b"}, 400), ({"name": "../up"}, 400), ({"name": ""}, 400), ({"name": "x" * 33}, 400), ({"name": 3}, 400), ({"entry_mm": [1, 2]}, 400),
                            ({"entry_mm": [1, 2, "3"]}, 400), ({"entry_mm": [1, 2, 1e9]}, 400), ({"target_mm": None}, 400), ({"live_hand": 1}, 400), ({"device": "udp:127.0.0.1:1"}, 400),
-                           ({"live_hand": True, "device": "sim"}, 400), ({"scene": "none.json"}, 404), ({"scene": "../x.json"}, 404), ({"asset": "none.glb"}, 404), ({"more": 1}, 400)):
+                           ({"live_hand": True, "device": "sim"}, 400), ({"scene": "wrong.json"}, 400), ({"scene": "none.json"}, 404), ({"scene": "../x.json"}, 404), ({"asset": "none.glb"}, 404), ({"more": 1}, 400)):
         told = console.post(PATH, {**good, **change})
         check(told[0] == status and told[1]["error"], f"{change}: {told}")
     without = {key: value for key, value in good.items() if key != "entry_mm"}
@@ -165,7 +166,7 @@ def main():
     folder = make_folder(SOURCE, ASSET, WORK)
     console = Console(PROGRAMS / "trocar-console", folder, page=PAGE)
     entry, target = points(console)
-    test_refusals(console, entry)
+    test_refusals(console, folder, entry)
     test_made(console, folder, entry, target)
     test_of_asset(console, folder)
     test_name_taken_meanwhile(console, folder)
