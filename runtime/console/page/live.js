@@ -11,7 +11,7 @@ export class Live {
   /// `on` has the functions {hello, history, snapshot, sheet, shape, events, missed, state, hand, down}.
   constructor(on) {
     this.on = on;
-    this.session = null;
+    this.session = null;  // its name; "": no session has begun
     this.last_event = 0;
     this.wait_ms = 250;
     this.to_ack = 0;
@@ -29,7 +29,7 @@ export class Live {
     this.to_ack = 0;
     socket.onopen = () => {
       const first = { token };
-      if (this.session !== null) Object.assign(first, { session: this.session, last_event: this.last_event });
+      if (this.session) Object.assign(first, { session: this.session, last_event: this.last_event });
       socket.send(JSON.stringify(first));
     };
     socket.onmessage = ({ data }) => {

@@ -190,6 +190,7 @@ const live_bone = guarded(async (source) => {
 app.link = new Live({
   hello: ({ hello, role, columns }, is_new) => {
     app.connected = true;
+    app.refused = app.full = false;
     set_role(role);
     if (!hello) {  // also when a session is about to begin: nothing of the one before stays on the page
       app.live = null;
@@ -386,7 +387,7 @@ function draw_status() {
   const first = app.playback.first;
   const said = is_playback
     ? { level: "good", state: "Playback", words: first ? `${short(app.playback.file)}${first.second ? `, against ${short(app.playback.second_file)}` : ""}` : "No recording is open. Choose one in Folder." }
-    : describe({ shown: app.live, state: app.state, is_connected: app.connected, is_refused: app.refused, is_full: app.full });
+    : describe({ has_begun: Boolean(app.link?.session), shown: app.live, state: app.state, is_connected: app.connected, is_refused: app.refused, is_full: app.full });
   by_id("status").dataset.level = app.notice ? "bad" : said.level;
   by_id("state").textContent = said.state;
   by_id("words").textContent = app.notice || said.words;

@@ -44,15 +44,19 @@ function contact_words(shown) {
   return "The tool touches nothing.";
 }
 
-/// Describes the session's state as {level: good | wait | bad, state, words}, from the console's state and the latest row.
-export function describe({ shown, state, is_connected, is_refused, is_full }) {
+/// Describes the session's state as {level: good | wait | bad, state, words}, from the console's state and the latest row. `has_begun`: the
+/// console's last session began. After its end, the page may show another bone and not the session (`shown` is null).
+export function describe({ has_begun, shown, state, is_connected, is_refused, is_full }) {
   if (is_refused) return { level: "bad", state: "Refused", words: "The console refused this page. Open the link that trocar-console printed." };
   if (!is_connected && is_full) return { level: "wait", state: "No place", words: "As many pages watch as the console admits. This page tries again by itself." };
   if (!is_connected) return { level: "bad", state: "No connection", words: "The console does not answer; the session may continue. This page connects again by itself. Start trocar-console again if it ended." };
   const said = sentence(state.message ?? ""), message = /^(Ended|Paused|Running|Idle)\.$/.test(said) ? "" : said;
   if (state.state === "lost") return { level: "bad", state: "Session lost", words: `${message} Use the device's emergency stop if forces persist.` };
   if (state.state === "starting") return { level: "wait", state: "Starting", words: message };
-  if (state.state === "ended" && !shown) return { level: "bad", state: "Not started", words: message || "The session ended before it began." };
+  if (state.state === "ended" && !shown) {
+    if (has_begun) return { level: state.exit_code > 0 ? "bad" : "wait", state: "Ended", words: message || "The session has ended." };
+    return { level: "bad", state: "Not started", words: message || "The session ended before it began." };
+  }
   if (state.state === "idle" || !shown) return { level: "wait", state: "Idle", words: message || "No session runs. Choose a scene in Folder and press Start." };
   const event = last_fault(shown.events);
   if (state.state === "ended") {

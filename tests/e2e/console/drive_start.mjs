@@ -11,6 +11,18 @@ const audience = await open(given.view_link);
 await until(audience, `trocar.is_connected && trocar.state.state === "idle"`, "the audience's page before the session");
 await audience.waitForTimeout(500);
 if (await audience.evaluate(`trocar.state.state !== "idle"`)) browser.fail("the audience's page started a session");
+// A page that was hidden before any session comes back.
+await audience.evaluate(`{
+  Object.defineProperty(document, "hidden", { configurable: true, get: () => true });
+  document.dispatchEvent(new Event("visibilitychange"));
+  delete document.hidden;
+  document.dispatchEvent(new Event("visibilitychange"));
+}`);
+await audience.waitForTimeout(500);
+await until(audience, `trocar.is_connected && document.getElementById("state").textContent === "Idle"`, "the page after it was hidden before any session");
+const { origin, hash } = new URL(given.link);
+const scene_to_start = async () => (await (await fetch(`${origin}/api/folder`, { headers: { authorization: `Bearer ${hash.slice(1)}` } })).json()).start;
+if (!(await scene_to_start())) browser.fail("no scene to start before the first session");
 const operator = await open(given.link);
 await until(operator, `trocar.state.state === "running" && trocar.tab === "session" && trocar.row`, "the session that starts with the page");
 const session = await operator.evaluate("trocar.session");
@@ -20,4 +32,5 @@ await operator.reload();
 await until(operator, `trocar.is_connected`, "the page after a reload");
 await operator.waitForTimeout(500);
 if (await operator.evaluate(`trocar.state.state !== "ended" || trocar.session !== ${JSON.stringify(session)}`)) browser.fail("a reload of the page started another session");
+if (await scene_to_start()) browser.fail("a page may start the scene of --start again");
 await browser.finish();

@@ -66,6 +66,12 @@ test("after a pause the page says Running when a row of after the pause has come
   assert.equal(said({ ...row, t_s: 2.001 }, resumed), "Running");
 });
 
+test("a session that has ended is not called one that did not begin, whatever bone the page shows", () => {
+  const said = (has_begun, exit_code) => describe({ has_begun, shown: null, state: { state: "ended", message: "", exit_code }, is_connected: true });
+  for (const [has_begun, exit_code, state, level] of [[true, 0, "Ended", "wait"], [true, 4, "Ended", "bad"], [false, 3, "Not started", "bad"]])
+    assert.deepEqual([said(has_begun, exit_code).state, said(has_begun, exit_code).level], [state, level]);
+});
+
 // ---- Restart ----
 test("Restart starts the session again when it has ended, unless it was stopped in an emergency or is lost", async () => {
   globalThis.fetch = async () => ({ ok: true });
