@@ -113,6 +113,7 @@ void HttpConnection::answer(const Request& request) {
           ? console_.tokens.role_of_header(view_of(request[http::field::authorization]))
           : Role::kNone;
   if (role == Role::kNone) return refuse(kUnauthorized, "a request without a valid token");
+  has_shown_token_ = true;
   Reply reply =
       answer_api(console_, {std::move(*target), is_get, is_post, role, request.body(), from_});
   if (auto* const now = std::get_if<Answer>(&reply)) return send(std::move(*now));
@@ -180,6 +181,7 @@ void HttpConnection::send(std::shared_ptr<Response> response, const Answer& answ
 /// Reads remaining data from the peer for a short time. If the socket were closed with unread data,
 /// the connection would be reset, and the peer would lose the answer.
 void HttpConnection::drain() {
+  is_idle_ = true;
   buffer_.consume(buffer_.size());
   stream_.expires_after(kDrainWithin);
   stream_.async_read_some(buffer_.prepare(kMaxBody),

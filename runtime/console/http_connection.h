@@ -20,9 +20,11 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
   HttpConnection(ConsoleState& console, tcp::socket socket, std::string from);
   /// Reads and answers one request after the other until the connection ends.
   void read();
-  /// True while the connection waits for a request. When a client connects and there are already 64
-  /// connections, the server closes an idle one.
+  /// True while the connection waits for a request, or for its end. When a client connects and there
+  /// are already 64 connections, the server closes an idle one, or if there is none, one without a
+  /// valid token.
   bool is_idle() const noexcept { return is_idle_; }
+  bool has_shown_token() const noexcept { return has_shown_token_; }
   void close();
 
  private:
@@ -46,7 +48,7 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
   beast::flat_buffer buffer_;
   std::optional<http::request_parser<http::string_body>> parser_;
   unsigned version_ = 11;
-  bool keep_ = false, is_idle_ = true;
+  bool keep_ = false, is_idle_ = true, has_shown_token_ = false;
   int drained_ = 0;
 };
 

@@ -67,6 +67,18 @@ class Server {
     });
   }
 
+  /// Closes the oldest idle connection or, if none is idle, the oldest one without a valid token.
+  static void close_one(const std::vector<std::weak_ptr<HttpConnection>>& all) {
+    std::shared_ptr<HttpConnection> unknown;
+    for (const auto& one : all) {
+      const auto connection = one.lock();
+      if (!connection) continue;
+      if (connection->is_idle()) return connection->close();
+      if (!unknown && !connection->has_shown_token()) unknown = connection;
+    }
+    if (unknown) unknown->close();
+  }
+
   void open(tcp::socket socket) {
     beast::error_code error;
     const tcp::endpoint peer = socket.remote_endpoint(error);
@@ -75,12 +87,7 @@ class Server {
     auto& all = console_.connections;
     if (count_living(all) >= kMaxConnections) {
       console_.log.refused("a connection beyond 64", text_of(peer));
-      for (const auto& one : all) {
-        const auto connection = one.lock();
-        if (!connection || !connection->is_idle()) continue;
-        connection->close();
-        break;
-      }
+      close_one(all);
       if (all.size() >= 2 * kMaxConnections) return;
     }
     auto connection = std::make_shared<HttpConnection>(console_, std::move(socket), text_of(peer));

@@ -241,6 +241,7 @@ void Supervisor::adopt_device() {
 void Supervisor::adopt_session(Process process, std::unique_ptr<TelemetryReader> reader) {
   const pid_t pid = process.pid();
   run_ = std::move(process);
+  waits_for_device_ = recover_when_ready_ = is_start_stopped_ = false;
   request_ = {};
   request_.device.name.clear();
   attach(std::move(reader));
@@ -316,9 +317,12 @@ Result<void> Supervisor::command(TelemetryCommand command) {
     started_at_ = Clock::now();
     return {};
   }
+  if (command == TelemetryCommand::kPause || command == TelemetryCommand::kZero)
+    recover_when_ready_ = false;
   telemetry_.command(command);
   if (is_stop) is_emergency_stopped_ = false;
-  if (command == TelemetryCommand::kEmergencyStop)
+  // A stop that is repeated does not give the session more time.
+  if (command == TelemetryCommand::kEmergencyStop && !stop_check_)
     stop_check_ = StopCheck{Clock::now() + kZeroWithin, telemetry_.value("ticks")};
   return {};
 }

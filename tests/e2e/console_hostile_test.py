@@ -106,6 +106,21 @@ def test_refusals(console):
     check(console.post("/api/emergency_stop", token=None)[0] == 409 and time.monotonic() - begin < 1, "an emergency stop beside 200 connections")
     for connection in idle:
         connection.close()
+    # Nor do connections without a token that go on sending after they were refused.
+    busy = []
+    for _ in range(140):
+        busy.append(socket.create_connection(("127.0.0.1", console.port)))
+        busy[-1].sendall(b"NONSENSE\r\n\r\n")
+    for _ in range(6):
+        for connection in busy:
+            try:
+                connection.sendall(b"x")
+            except OSError:  # the console has closed this one
+                pass
+        time.sleep(0.2)
+    check(console.post("/api/emergency_stop", token=None)[0] == 409, "an emergency stop beside 140 refused connections")
+    for connection in busy:
+        connection.close()
 
 
 def mutated(data, random_, most=8):

@@ -297,6 +297,15 @@ def test_killed_session(console, folder):
     check(console.post("/api/emergency_stop", token=None)[0] == 200, "emergency stop")
     check(live.until(lambda l: l.state() == "lost", 5), f"a stopped process: {live.states}")
     print(f"a stopped process is killed {1e3 * (time.monotonic() - begin):.0f} ms after an emergency stop")
+    # Further emergency stops must not give it more time.
+    start(console, live, scene="scenes/one_slice.json", duration_s=60)
+    check(live.until(lambda l: l.values and l.state() == "running", 5), "no session after a lost one")
+    os.kill(live.hello["pid"], signal.SIGSTOP)
+    for _ in range(100):
+        console.post("/api/emergency_stop", token=None)
+        if live.until(lambda l: l.state() == "lost", 0.02):
+            break
+    check(live.state() == "lost", f"a stopped process lives on while emergency stops come: {live.states}")
     live.close()
 
 
@@ -329,6 +338,11 @@ def kill_device(console, folder):
         check(live.until(lambda l: not any(l.array("tau_Nm")), 5), "torques after the device is lost")
         before = live.kinds().count("recovered")
         check(console.post("/api/command", {"command": "recover"})[0] == 200, "recover")
+        # A pause that follows is not ended by the recovery, which waits for the new device process.
+        check(console.post("/api/command", {"command": "pause"})[0] == 200, "pause")
+        check(live.until(lambda l: l.state() == "paused", 5), f"no pause: {live.states}")
+        check(not live.until(lambda l: l.state() == "running", 1), f"a recovery has ended the pause that came after it: {live.states}")
+        check(console.post("/api/command", {"command": "resume"})[0] == 200, "resume")
         check(recover(console, live, lambda l: l.kinds().count("recovered") > before),
               f"no recovery with a new device process: {[e['text'] for e in live.events]}")
         check(device_of() != killed, "a later console would not find the new device process")

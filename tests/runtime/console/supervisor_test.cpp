@@ -3,6 +3,7 @@
 #include "runtime/console/supervisor.h"
 
 #include <gtest/gtest.h>
+#include <signal.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
@@ -66,8 +67,9 @@ TEST(Supervisor, ADeviceEndsWellAlsoIfTheSessionMustBeKilled) {
   EXPECT_TRUE(fs::exists(programs / "trocar-device-sim.ended_well"));
 }
 
-/// The process of a session whose loop has ended. It still writes its files until `pipe` is closed.
-[[noreturn]] void end_session(const fs::path& link, int pipe) {
+/// The process of a session. Its loop has ended (`has_ended`), or it takes no commands. The process
+/// lives until `pipe` is closed.
+[[noreturn]] void be_session(const fs::path& link, int pipe, bool has_ended) {
   TelemetrySizes sizes;
   sizes.about = R"({"schema": "trocar.live/1"})";
   sizes.columns = 1;
@@ -75,7 +77,7 @@ TEST(Supervisor, ADeviceEndsWellAlsoIfTheSessionMustBeKilled) {
   if (!writer || !(*writer)->link(link)) ::_exit(1);
   TelemetryEvent ended;
   ended.kind = TelemetryEventKind::kEnded;
-  (*writer)->event(ended);
+  if (has_ended) (*writer)->event(ended);
   char none = 0;
   ::_exit(::read(pipe, &none, 1) == 0 ? 0 : 1);
 }
@@ -95,7 +97,7 @@ TEST(Supervisor, TheStateOfAnEndedSessionNamesAnEmergencyStopThatCameTooLateForI
     ASSERT_GE(session, 0);
     if (session == 0) {
       ::close(pipe[1]);
-      end_session(settings.sessions / "live", pipe[0]);
+      be_session(settings.sessions / "live", pipe[0], true);
     }
     ::close(pipe[0]);
     Supervisor supervisor(settings);
@@ -119,6 +121,63 @@ TEST(Supervisor, TheStateOfAnEndedSessionNamesAnEmergencyStopThatCameTooLateForI
     EXPECT_EQ(supervisor.state_json().find(R"("emergency_stop":true)") != std::string::npos,
               is_stopped)
         << supervisor.state_json();
+    ::waitpid(session, nullptr, 0);
+  }
+}
+
+// A session that another program has started appears while this console starts one, or after it has
+// stopped a start.
+TEST(Supervisor, ASessionThatIsFoundIsNotTakenForTheStartBeforeIt) {
+  for (const bool is_start_stopped : {false, true}) {
+    const test::TemporaryFolder folder;
+    Supervisor::Settings settings;
+    settings.folder = folder.path();
+    settings.programs = folder / "programs";
+    settings.sessions = folder / "sessions";
+    fs::create_directories(settings.sessions);
+    fs::create_directories(settings.programs);
+    const fs::path scene = folder / "scene.json";
+    std::ofstream(scene) << "{}";
+    for (const char* name : {"trocar-device-sim", "trocar-run"})
+      write_program(settings.programs / name, "while :; do sleep 0.01; done");
+    Supervisor supervisor(settings);
+    StartRequest request;
+    request.scene = scene;
+    request.device.name = is_start_stopped ? kInProcess : kSimulator;
+    ASSERT_TRUE(supervisor.start(request));
+    if (is_start_stopped) {
+      ASSERT_TRUE(supervisor.command(TelemetryCommand::kStop));
+      ASSERT_TRUE(comes_true([&] {
+        supervisor.poll(Supervisor::Clock::now());
+        return supervisor.state() == RunState::kIdle;
+      }));
+    }
+    std::array<int, 2> pipe{};
+    ASSERT_EQ(::pipe(pipe.data()), 0);
+    const pid_t session = ::fork();
+    ASSERT_GE(session, 0);
+    if (session == 0) {
+      ::close(pipe[1]);
+      be_session(settings.sessions / "live", pipe[0], is_start_stopped);
+    }
+    ::close(pipe[0]);
+    EXPECT_TRUE(comes_true([&] {
+      supervisor.poll(Supervisor::Clock::now());
+      return supervisor.telemetry().is_attached();
+    }));
+    EXPECT_EQ(supervisor.state(), RunState::kRunning);
+    // The session does not confirm that its torques are zero, so it is killed.
+    if (!is_start_stopped) {
+      EXPECT_TRUE(supervisor.emergency_stop());
+    }
+    if (is_start_stopped) ::close(pipe[1]);
+    const RunState end = is_start_stopped ? RunState::kEnded : RunState::kLost;
+    EXPECT_TRUE(comes_true([&] {
+      supervisor.poll(Supervisor::Clock::now());
+      return supervisor.state() == end;
+    })) << supervisor.state_json();
+    if (!is_start_stopped) ::close(pipe[1]);
+    ::kill(session, SIGKILL);
     ::waitpid(session, nullptr, 0);
   }
 }
