@@ -27,8 +27,7 @@ constexpr double kMostlyMaterial = 0.5;
 constexpr double kLevel = 0.95;
 constexpr double kMinCoverage = 1e-3;  // with less coverage no hole is cut
 constexpr double kNewRegion_m = 2e-4;
-constexpr int kCheckedInTick = 2;  // number of sheets around the shaft evaluated per tick
-constexpr double kTwist_s = 0.02;
+constexpr int kCheckedInTick = 2;   // number of sheets around the shaft evaluated per tick
 constexpr double kWidening = 0.25;  // a yielded wall is cut in steps of this many radii
 // A sheet has a hole under the tool if holes have reduced the coverage by at least this value.
 constexpr double kHole = 0.25;
@@ -386,27 +385,35 @@ class BoneContactTick {
   bool backlog_ = false;
 };
 
-// Updates the velocities of twist and feed, averaged over about kTwist_s, so that single encoder
-// steps have little effect.
-void follow_twist(const BoneVolume& bone, const Pose& T_device_plate, double interval_s,
-                  BoneContactState& state) noexcept {
-  const Twist way = displacement(state.T_device_plate, T_device_plate);
-  const Eigen::Vector3d inward = T_device_plate.q * -bone.tool.axis_plate;
-  const Eigen::Vector3d tip_way =
-      T_device_plate * bone.tool.tip_plate_m - state.T_device_plate * bone.tool.tip_plate_m;
-  const double share = std::min(1.0, interval_s / kTwist_s);
-  state.twist_rad_per_s += share * (way.tail<3>().dot(inward) / interval_s - state.twist_rad_per_s);
-  state.feed_m_per_s += share * (tip_way.dot(inward) / interval_s - state.feed_m_per_s);
+// Runs the law where the tool is now.
+void evaluate(const BoneVolume& bone, std::span<const Sheet* const> sheets,
+              const Pose& T_device_evaluated, std::span<SheetTrack> tracks, BoneContactState& state,
+              ContactOutput& output) noexcept {
+  // The tissue acts on the tool. A coupling can hold the tool far from the plate, so the sheets are
+  // evaluated where the tool was at the end of the last tick.
+  const bool is_apart = state.law.has_begun && !state.options.coupling.is_rigid &&
+                        is_upright(bone.tool, state.law.T_device_proxy);
+  const Pose T_device_tool = is_apart ? state.law.T_device_proxy : T_device_evaluated;
+  BoneContactTick tick(bone, sheets, T_device_tool,
+                       -(T_device_evaluated * bone.tool.tip_plate_m).z(), tracks, state);
+  tick.evaluate_below();
+  tick.evaluate_around();
+  tick.evaluate_surface();
+  cutting_tick(state.options, T_device_evaluated, state.slabs, state.law, state.result);
+  if (state.last_hole >= 0 && state.law.hole != state.last_hole) forget_hole(bone, state);
+  state.last_hole = state.law.hole;
+  tick.request_passed();
+  output.backlog = tick.backlog();
 }
 
-// Call this when the tool has left its hole or entered another one. The meshes keep the cuts.
-void forget_hole(const BoneVolume& bone, BoneContactState& state) noexcept {
-  for (std::size_t i = 0; i < state.sheets.size(); ++i) {
-    state.sheets[i].has_cut = state.sheets[i].is_in_hole = false;
-    const BoneSheet& sheet = bone.sheets[i];
-    for (int k = sheet.first_slab; k < sheet.first_slab + sheet.slabs; ++k)
-      state.slabs[k].free = nullptr;
-  }
+// Keeps the forces of the last tick in a tick without a new pose. If the law were evaluated at the
+// same pose again, the tool would seem to stand still, and viscous friction would vanish.
+void hold(CuttingResult& result) noexcept {
+  result.cut_J = result.layer_cut_J = 0;
+  result.layers_punctured = 0;
+  result.passed_from = result.passed_to = 0;
+  result.steps = result.evaluations = 0;
+  result.has_converged = true;
 }
 
 }  // namespace
@@ -427,24 +434,13 @@ void update_bone_contact(const BoneVolume& bone, std::span<const Sheet* const> s
   state.must_retract = false;
   if (bone.twists && state.has_plate && pose_interval_s > 0)
     follow_twist(bone, T_device_plate, pose_interval_s, state);
-  // The tissue acts on the tool. A coupling can hold the tool far from the plate, so the sheets are
-  // evaluated where the tool was at the end of the last tick.
-  const bool is_apart = state.law.has_begun && !state.options.coupling.is_rigid &&
-                        is_upright(bone.tool, state.law.T_device_proxy);
-  const Pose T_device_tool = is_apart ? state.law.T_device_proxy : T_device_evaluated;
-  BoneContactTick tick(bone, sheets, T_device_tool,
-                       -(T_device_evaluated * bone.tool.tip_plate_m).z(), tracks, state);
-  tick.evaluate_below();
-  tick.evaluate_around();
-  tick.evaluate_surface();
   const bool was_loaded = state.law.stretch_m > 0;
   const double front_before_m = state.front_m;
-  cutting_tick(state.options, T_device_evaluated, state.slabs, state.law, state.result);
+  if (state.has_plate && !(pose_interval_s > 0))
+    hold(state.result);
+  else
+    evaluate(bone, sheets, T_device_evaluated, tracks, state, output);
   const CuttingResult& result = state.result;
-  if (state.last_hole >= 0 && state.law.hole != state.last_hole) forget_hole(bone, state);
-  state.last_hole = state.law.hole;
-  tick.request_passed();
-  output.backlog = tick.backlog();
 
   // Energy account: add the work of the last tick's wrench over the displacement of the plate since
   // then.

@@ -21,8 +21,8 @@
 //     that was computed beside a sheet's material is not used for a hole that begins elsewhere.
 //     Where the shaft has pushed an edge or the wall of a hole aside (the wall has yielded), the
 //     law requests a hole with the tool's outline.
-//  4. All times are those of the device's clock. A tick without a new pose is evaluated at
-//     the previous pose.
+//  4. All times are those of the device's clock. A tick without a new pose keeps the wrench and
+//     the energy of the last tick, and cuts nothing.
 //  5. No allocation, lock or exception.
 #pragma once
 
@@ -112,6 +112,14 @@ void update_bone_contact(const BoneVolume& bone, std::span<const Sheet* const> s
                          const Pose& T_device_plate, const Pose& T_device_evaluated,
                          double pose_interval_s, std::span<SheetTrack> tracks,
                          BoneContactState& state, ContactOutput& output) noexcept;
+
+/// Updates the velocities of twist and feed, averaged over about 20 ms, so that single encoder steps
+/// have little effect. `interval_s`: time since the pose state.T_device_plate.
+void follow_twist(const BoneVolume& bone, const Pose& T_device_plate, double interval_s,
+                  BoneContactState& state) noexcept;
+
+/// Call this when the tool has left its hole or entered another one. The meshes keep the cuts.
+void forget_hole(const BoneVolume& bone, BoneContactState& state) noexcept;
 
 /// Call this in ticks without update_bone_contact(). The next tick then starts without force
 /// between tool and tissue. Holes are kept.

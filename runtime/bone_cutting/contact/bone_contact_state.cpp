@@ -1,11 +1,17 @@
 // SPDX-License-Identifier: Apache-2.0
-// The state of bone_contact.h: how it is made, and how motion ends and may begin again.
+// The state of bone_contact.h: how it is made, what follows the motion of the tool, and how motion
+// ends and may begin again.
 // Tests: tests/runtime/bone_cutting/contact/bone_contact_test.cpp
 #include <algorithm>
 
 #include "runtime/bone_cutting/contact/bone_contact.h"
 
 namespace trocar::runtime {
+namespace {
+
+constexpr double kTwist_s = 0.02;
+
+}  // namespace
 
 BoneContactState make_bone_contact_state(const BoneVolume& bone) {
   BoneContactState state;
@@ -20,6 +26,26 @@ BoneContactState make_bone_contact_state(const BoneVolume& bone) {
   state.options = bone.options;
   state.options.layers = bone.layers;
   return state;
+}
+
+void follow_twist(const BoneVolume& bone, const Pose& T_device_plate, double interval_s,
+                  BoneContactState& state) noexcept {
+  const Twist way = displacement(state.T_device_plate, T_device_plate);
+  const Eigen::Vector3d inward = T_device_plate.q * -bone.tool.axis_plate;
+  const Eigen::Vector3d tip_way =
+      T_device_plate * bone.tool.tip_plate_m - state.T_device_plate * bone.tool.tip_plate_m;
+  const double share = std::min(1.0, interval_s / kTwist_s);
+  state.twist_rad_per_s += share * (way.tail<3>().dot(inward) / interval_s - state.twist_rad_per_s);
+  state.feed_m_per_s += share * (tip_way.dot(inward) / interval_s - state.feed_m_per_s);
+}
+
+void forget_hole(const BoneVolume& bone, BoneContactState& state) noexcept {
+  for (std::size_t i = 0; i < state.sheets.size(); ++i) {
+    state.sheets[i].has_cut = state.sheets[i].is_in_hole = false;
+    const BoneSheet& sheet = bone.sheets[i];
+    for (int k = sheet.first_slab; k < sheet.first_slab + sheet.slabs; ++k)
+      state.slabs[k].free = nullptr;
+  }
 }
 
 void reset_motion(BoneContactState& state) noexcept {
