@@ -195,8 +195,12 @@ void set_loop_options(const RunArguments& arguments, SessionOptions& options) {
   options.stiffness.max_N_per_m =
       arguments.stiffness_limit_N_per_m.value_or(options.stiffness.max_N_per_m);
   options.coupling.on = arguments.coupling_N_per_m.has_value();
-  options.coupling.stiffness_N_per_m =
-      arguments.coupling_N_per_m.value_or(options.coupling.stiffness_N_per_m);
+  const CouplingOptions usual;
+  const double coupling_N_per_m = arguments.coupling_N_per_m.value_or(usual.stiffness_N_per_m);
+  options.coupling.stiffness_N_per_m = coupling_N_per_m;
+  // The damping is in proportion, or a soft coupling would be stiff within a tick.
+  options.coupling.damping_N_s_per_m =
+      coupling_N_per_m / usual.stiffness_N_per_m * usual.damping_N_s_per_m;
   options.compensation.friction =
       arguments.compensate == "friction" || arguments.compensate == "both";
   options.compensation.gravity = arguments.compensate == "weight" || arguments.compensate == "both";

@@ -65,7 +65,8 @@ Result<SessionResult> run(const RunArguments& arguments, const SessionInputs& in
   if (!opened) return opened.error();
   HandDevice& device = *opened->device;
   // A lock-step drive waits for the loop.
-  if (device.is_paced_by_loop() && !arguments.late_ticks_in_row) options.limits.gap_max_s = 0;
+  if (device.is_paced_by_loop() && arguments.late_ticks_in_row.value_or(0) == 0)
+    options.limits.gap_max_s = 0;
   // Workers are made before start(), because a drive behind a link ends a session in which
   // no tick comes.
   Result<SessionWorkers> workers =

@@ -109,6 +109,9 @@ Result<void> fit_forces(const RunArguments& arguments, SessionInputs& inputs) {
       return usage("--force-limit: is for a device that measures its own pose");
     return {};
   }
+  // A recording of an earlier version may state that it was made with this option.
+  if (arguments.replay.empty() && arguments.compensate != "none")
+    return usage("--compensate: is not for a device that measures its own pose");
   PoseDeviceDescription& device = *inputs.pose_device;
   if (const auto stated = read_pose_device_origin(inputs.replay_origin)) {
     scale = arguments.force_scale.value_or(stated->force_scale);
@@ -116,8 +119,7 @@ Result<void> fit_forces(const RunArguments& arguments, SessionInputs& inputs) {
     return {};
   }
   if (arguments.force_limit_N) {
-    const bool is_stated = !inputs.pose_device_origin.starts_with("built-in/");
-    if (is_stated && *arguments.force_limit_N > device.force_max_N)
+    if (*arguments.force_limit_N > device.force_max_N)
       return usage("--force-limit: is above the force_max_N of the device description");
     device.force_max_N = *arguments.force_limit_N;
   }
