@@ -45,37 +45,52 @@ Result<std::vector<std::uint8_t>> join_fragments(const DicomFrame& h, DcmPixelSe
   return out;
 }
 
-// The sample precision in a JPEG's frame header; 0 if the header is not at the position where it
-// must be. (ISO 10918-1, B.1: all segments before it state their length.)
-int jpeg_precision(std::span<const std::uint8_t> jpeg) {
-  if (jpeg.size() < 4 || jpeg[0] != 0xff || jpeg[1] != 0xd8) return 0;
+// What a JPEG's frame header states.
+struct JpegFrame {
+  int precision = 0, rows = 0, columns = 0;
+};
+
+// All members are 0 if the header is not at the position where it must be. (ISO 10918-1, B.1: all
+// segments before it state their length.)
+JpegFrame jpeg_frame(std::span<const std::uint8_t> jpeg) {
+  if (jpeg.size() < 4 || jpeg[0] != 0xff || jpeg[1] != 0xd8) return {};
   for (std::size_t at = 2; at + 5 < jpeg.size();) {
     const int marker = jpeg[at + 1];
-    if (jpeg[at] != 0xff) return 0;
+    if (jpeg[at] != 0xff) return {};
     const bool tables = marker == 0xc4 || marker == 0xcc || marker == 0xdb || marker == 0xdd;
-    if (marker >= 0xc0 && marker <= 0xcf && !tables && marker != 0xc8) return jpeg[at + 4];
-    if (!tables && marker != 0xfe && (marker < 0xe0 || marker > 0xef)) return 0;
+    if (marker >= 0xc0 && marker <= 0xcf && !tables && marker != 0xc8) {
+      if (at + 8 >= jpeg.size()) return {};
+      return {jpeg[at + 4], jpeg[at + 5] << 8 | jpeg[at + 6], jpeg[at + 7] << 8 | jpeg[at + 8]};
+    }
+    if (!tables && marker != 0xfe && (marker < 0xe0 || marker > 0xef)) return {};
     at += 2 + static_cast<std::size_t>(jpeg[at + 2] << 8 | jpeg[at + 3]);
   }
-  return 0;
+  return {};
 }
 
-// DCMTK's decoder does not terminate if a frame's first fragment has no frame header.
+// DCMTK's decoder does not terminate if a frame's first fragment has no frame header. It does not
+// compare the JPEG's size with that of the header either: rows of another length would be sheared.
 Result<void> check_jpeg(const DicomFrame& h, DcmPixelSequence& sequence) {
   Uint32 first = 0;
   DcmPixelItem* item = nullptr;
   Uint8* bytes = nullptr;
-  int precision = 0;
+  JpegFrame frame;
   if (DcmCodec::determineStartFragment(static_cast<Uint32>(h.frame), h.frames, &sequence, first)
           .good() &&
       sequence.getItem(item, first).good() && item != nullptr &&
       item->getUint8Array(bytes).good() && bytes != nullptr) {
-    precision = jpeg_precision({bytes, item->getLength()});
+    frame = jpeg_frame({bytes, item->getLength()});
   }
+  const int precision = frame.precision;
   if (precision < 2 || precision > 16) return refused(h.name() + ": its JPEG pixels are damaged");
   if ((precision <= 8) != (h.bits_allocated == 8)) {
     return refused(h.name() + ": its JPEG has " + std::to_string(precision) +
                    " bits a sample, its header allocates " + std::to_string(h.bits_allocated));
+  }
+  if (frame.columns != h.columns || frame.rows != h.rows) {
+    return refused(h.name() + ": its JPEG has " + std::to_string(frame.columns) + " x " +
+                   std::to_string(frame.rows) + " pixels, its header " + std::to_string(h.columns) +
+                   " x " + std::to_string(h.rows));
   }
   return {};
 }

@@ -29,7 +29,7 @@ std::string segment_text(const DicomSegments& segments, int number) {
   return std::to_string(number) + (has_name ? " (" + found->second + ")" : "");
 }
 
-// The frames of a slice, by segment.
+// The frames of a slice, each of another segment.
 using SliceFrames = std::vector<DicomFrame>;
 
 class SegmentationStack final : public SliceStack {
@@ -250,7 +250,16 @@ Result<void> use_slices_of_ct(const SliceStack& ct, std::vector<SliceFrames> sli
       return refused(h.name() + ": is on no slice of the CT of --hu: compared with " + ct.name(k) +
                      ", its " + *differs);
     }
-    stack.frames_[static_cast<std::size_t>(k)] = std::move(slice);
+    // Frames that are apart by rounding can be on one slice of the CT.
+    SliceFrames& there = stack.frames_[static_cast<std::size_t>(k)];
+    for (DicomFrame& frame : slice) {
+      for (const DicomFrame& other : there) {
+        if (other.segment == frame.segment)
+          return refused(frame.name() + ": is on the same slice of the CT of --hu as frame " +
+                         std::to_string(other.frame + 1) + ", with the same segment");
+      }
+      there.push_back(std::move(frame));
+    }
   }
   for (int slice = 0; slice < ct.size(); ++slice)
     stack.planes_.push_back(ct.plane(slice));

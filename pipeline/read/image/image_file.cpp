@@ -174,10 +174,18 @@ struct TiffClose {
   void operator()(TIFF* tiff) const { TIFFClose(tiff); }
 };
 
+// Turns an image whose first row is at the bottom, or whose first column is at the right.
+void turn_upright(cv::Mat& pixels, std::uint16_t orientation) {
+  constexpr int kUpDown = 0, kLeftRight = 1, kBoth = -1;
+  if (orientation == ORIENTATION_BOTLEFT) cv::flip(pixels, pixels, kUpDown);
+  if (orientation == ORIENTATION_TOPRIGHT) cv::flip(pixels, pixels, kLeftRight);
+  if (orientation == ORIENTATION_BOTRIGHT) cv::flip(pixels, pixels, kBoth);
+}
+
 // Reads the stored samples row by row. It is used for 16 bits per channel, which libtiff's own
 // conversion would reduce to 8, and for labels of 1 or 8 bits.
 Result<Image> read_tiff_rows(TIFF* tiff, int width, int height, int bits, int channels,
-                             const std::string& name, Levels wanted) {
+                             std::uint16_t orientation, const std::string& name, Levels wanted) {
   std::uint16_t planar = PLANARCONFIG_CONTIG;
   TIFFGetFieldDefaulted(tiff, TIFFTAG_PLANARCONFIG, &planar);
   if (TIFFIsTiled(tiff) != 0 || planar != PLANARCONFIG_CONTIG ||
@@ -193,8 +201,9 @@ Result<Image> read_tiff_rows(TIFF* tiff, int width, int height, int bits, int ch
     if (TIFFReadScanline(tiff, pixels.ptr(y), static_cast<std::uint32_t>(y), 0) != 1)
       return refused(name + ": broken TIFF (row " + std::to_string(y) + ")");
   }
-  return to_image(bits == 1 ? unpacked(pixels, width, 1) : pixels,
-                  channels == 4 ? cv::COLOR_RGBA2GRAY : cv::COLOR_RGB2GRAY, wanted, name);
+  if (bits == 1) pixels = unpacked(pixels, width, 1);
+  turn_upright(pixels, orientation);
+  return to_image(pixels, channels == 4 ? cv::COLOR_RGBA2GRAY : cv::COLOR_RGB2GRAY, wanted, name);
 }
 
 Result<Image> read_tiff(const std::filesystem::path& file, const std::string& name, Levels wanted) {
@@ -218,11 +227,15 @@ Result<Image> read_tiff(const std::filesystem::path& file, const std::string& na
   }
   if (auto ok = check_size(width, height, name); !ok) return ok.error();
   std::uint16_t bits = 1, channels = 1, sample = SAMPLEFORMAT_UINT,
-                photometric = PHOTOMETRIC_MINISBLACK;
+                photometric = PHOTOMETRIC_MINISBLACK, orientation = ORIENTATION_TOPLEFT;
   TIFFGetFieldDefaulted(tiff.get(), TIFFTAG_BITSPERSAMPLE, &bits);
   TIFFGetFieldDefaulted(tiff.get(), TIFFTAG_SAMPLESPERPIXEL, &channels);
   TIFFGetFieldDefaulted(tiff.get(), TIFFTAG_SAMPLEFORMAT, &sample);
   TIFFGetField(tiff.get(), TIFFTAG_PHOTOMETRIC, &photometric);
+  TIFFGetFieldDefaulted(tiff.get(), TIFFTAG_ORIENTATION, &orientation);
+  if (orientation < ORIENTATION_TOPLEFT || orientation > ORIENTATION_BOTLEFT)
+    return refused(name + ": a TIFF whose rows are columns of the picture (Orientation " +
+                   std::to_string(orientation) + "); save it upright");
   if ((bits != 1 && bits != 8 && bits != 16) || sample != SAMPLEFORMAT_UINT)
     return refused(name + ": neither 8 nor 16 bits a channel");
   const int w = static_cast<int>(width), h = static_cast<int>(height);
@@ -231,7 +244,8 @@ Result<Image> read_tiff(const std::filesystem::path& file, const std::string& na
   const bool labels =
       wanted == Levels::kStored && channels == 1 &&
       (photometric == PHOTOMETRIC_PALETTE || (bits == 1 && photometric == PHOTOMETRIC_MINISBLACK));
-  if (deep || labels) return read_tiff_rows(tiff.get(), w, h, bits, channels, name, wanted);
+  if (deep || labels)
+    return read_tiff_rows(tiff.get(), w, h, bits, channels, orientation, name, wanted);
   const cv::Mat pixels = decode_buffer(h, w, CV_8UC4);
   if (TIFFReadRGBAImageOriented(tiff.get(), width, height,
                                 reinterpret_cast<std::uint32_t*>(pixels.data), ORIENTATION_TOPLEFT,

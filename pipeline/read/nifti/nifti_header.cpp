@@ -130,7 +130,7 @@ Eigen::Matrix4d voxel_to_lps(const nifti_image& image, const std::string& file,
   } else if (image.qform_code > 0) {
     take(image.qto_xyz);
   } else {
-    T.diagonal() << image.dx, image.dy, image.dz, 1.0;
+    T.diagonal() << std::abs(image.dx), std::abs(image.dy), std::abs(image.dz), 1.0;
     warnings.push_back({"no_orientation", file,
                         "the file has neither sform nor qform; array axes are taken as right, "
                         "anterior, superior"});

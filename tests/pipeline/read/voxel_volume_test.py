@@ -89,6 +89,13 @@ def test_voxel_volume(programs, work):
     t.agrees("no_pixdim", (x, y, z), (0, 0, 0))
     t.agrees("no_pixdim_along_z", (x, y, z), (0.75, 0.75, math.nan))
     t.agrees("negative_pixdim", (x, y, z), (-0.75, 0.75, 2))
+    # Without sform and qform a pixdim is a length, whatever its sign: the same file with another sign is the same asset.
+    made = []
+    for sign in (1, -1):
+        code, said, report = t.run(volume(t.work / "no_forms.nii", (x, y, z), (sign * 0.75, sign * 0.75, sign * 2), codes=(0, 0)))
+        assert code == 0 and "no_orientation" in codes(report), f"no forms, sign {sign}: exit {code}, {said!r}"
+        made.append((t.work / "out.glb").read_bytes())
+    assert made[0] == made[1], "a negative pixdim without sform and qform turns the scan"
     # Spacings that differ, along each axis.
     for axis in range(3):
         columns = [np.array(v) for v in (x, y, z)]

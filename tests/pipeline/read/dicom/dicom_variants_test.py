@@ -449,6 +449,13 @@ def test_broken(case):
     ds.Rows, ds.Columns = COLUMNS, ROWS
     ds.save_as(f)
     c.refuses("/2", "JPEG 2000", f"{ROWS} x {COLUMNS}")
+    for name in ("jpeg_lossless", "jpeg_ls"):  # DCMTK itself refuses the latter
+        c = case("wrong_size_" + name)
+        f = c.save(make_slice(2), "2", LOSSLESS[name])
+        ds = pydicom.dcmread(f)
+        ds.Rows, ds.Columns = COLUMNS, ROWS
+        ds.save_as(f)
+        c.refuses("/2", "JPEG")
     c = series(case("unknown_syntax"))
     f = c.save(make_slice(2), "2", LOSSLESS["jpeg_lossless"])
     ds = pydicom.dcmread(f)
