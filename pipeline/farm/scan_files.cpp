@@ -2,6 +2,7 @@
 #include "pipeline/farm/scan_files.h"
 
 #include <glob.h>
+#include <sodium.h>
 #include <sys/stat.h>
 
 #include <algorithm>
@@ -10,6 +11,7 @@
 #include <thread>
 #include <unordered_map>
 
+#include "formats/base/json_text.h"
 #include "formats/base/system_message.h"
 #include "pipeline/farm/sha256.h"
 #include "pipeline/open/scan_folder.h"
@@ -51,6 +53,29 @@ Result<void> append_folder(const NamedFile& folder, std::vector<ScanFile>& files
     files.push_back(file_of({folder.of, path}, *status));
   }
   return {};
+}
+
+// A path may have any bytes, but JSON text is UTF-8.
+bool is_utf8(const std::string& text) {
+  const auto is_ascii = [](char c) { return static_cast<unsigned char>(c) < 0x80; };
+  return std::all_of(text.begin(), text.end(), is_ascii) || parse_json(json_text(text)) == text;
+}
+
+std::string to_hex(const std::string& bytes) {
+  std::string out(2 * bytes.size() + 1, '\0');
+  sodium_bin2hex(out.data(), out.size(), reinterpret_cast<const unsigned char*>(bytes.data()),
+                 bytes.size());
+  out.pop_back();
+  return out;
+}
+
+// Returns empty text if `hex` is damaged.
+std::string from_hex(const std::string& hex) {
+  std::string out(hex.size() / 2, '\0');
+  std::size_t size = 0;
+  const int done = sodium_hex2bin(reinterpret_cast<unsigned char*>(out.data()), out.size(),
+                                  hex.data(), hex.size(), nullptr, &size, nullptr);
+  return done == 0 && size == out.size() ? out : std::string();
 }
 
 }  // namespace
@@ -143,13 +168,15 @@ Result<void> digest_files(const std::vector<NamedFile>& wanted, std::vector<Scan
 
 json files_json(const std::vector<ScanFile>& files) {
   json out = json::array();
-  for (const ScanFile& file : files)
+  for (const ScanFile& file : files) {
     out.push_back({{"of", file.of},
                    {"path", file.path},
                    {"size", file.size},
                    {"mtime_ns", file.mtime_ns},
                    {"inode", file.inode},
                    {"sha256", file.sha256.empty() ? json() : json(file.sha256)}});
+    if (!is_utf8(file.path)) out.back()["path_hex"] = to_hex(file.path);
+  }
   return out;
 }
 
@@ -159,10 +186,13 @@ std::optional<std::vector<ScanFile>> files_from(const json& files) {
     out.reserve(files.size());
     for (const json& one : files) {
       const json& digest = one.at("sha256");
-      out.push_back({one.at("of").get<std::string>(), one.at("path").get<std::string>(),
-                     one.at("size").get<std::uint64_t>(), one.at("mtime_ns").get<std::int64_t>(),
-                     one.at("inode").get<std::uint64_t>(),
-                     digest.is_null() ? std::string() : digest.get<std::string>()});
+      const auto hex = one.find("path_hex");
+      out.push_back(
+          {one.at("of").get<std::string>(),
+           hex == one.end() ? one.at("path").get<std::string>() : from_hex(hex->get<std::string>()),
+           one.at("size").get<std::uint64_t>(), one.at("mtime_ns").get<std::int64_t>(),
+           one.at("inode").get<std::uint64_t>(),
+           digest.is_null() ? std::string() : digest.get<std::string>()});
     }
     return out;
   } catch (const json::exception&) {

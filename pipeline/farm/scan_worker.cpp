@@ -166,10 +166,26 @@ class Worker {
     // The input of a scan that was done before is more likely out of reach than gone, for example
     // on a file system that is not mounted. The folder where it would be mounted is empty then.
     if (!is_listed_) return !known_ || known_->is_lasting;
+    if (!reads_the_same()) return false;
     if (!entry_.key.empty() && !is_unopened_) return true;
     if (!digest_files(listed_files(), entry_.files) || !check_unchanged()) return false;
     entry_.key = unopened_key();
     return true;
+  }
+
+  // Can the files whose digests are known be read now, and do they have these digests? A digest may
+  // be that of an earlier run, so that the failure may come from a file that cannot be read.
+  bool reads_the_same() const {
+    std::vector<ScanFile> now = entry_.files;
+    std::vector<NamedFile> read;
+    for (ScanFile& file : now) {
+      if (file.sha256.empty()) continue;
+      read.push_back({file.of, file.path});
+      file.sha256.clear();
+    }
+    if (!digest_files(read, now)) return false;
+    return std::equal(now.begin(), now.end(), entry_.files.begin(), entry_.files.end(),
+                      [](const ScanFile& a, const ScanFile& b) { return a.sha256 == b.sha256; });
   }
 
   std::vector<NamedFile> listed_files() const {

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "pipeline/open/scan_folder.h"
 
+#include <fcntl.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
@@ -13,6 +14,7 @@
 #include <system_error>
 #include <utility>
 
+#include "formats/base/file_descriptor.h"
 #include "formats/base/system_message.h"
 #include "pipeline/read/file_names.h"
 
@@ -33,6 +35,12 @@ std::string first_names(const std::vector<fs::path>& files) {
   for (std::size_t i = 0; i < std::min<std::size_t>(files.size(), 2); ++i)
     out += (i == 0 ? "" : ", ") + files[i].filename().string();
   return out + (files.size() > 2 ? ", ..." : "");
+}
+
+// Does this error mean that the storage does not answer? The file may be readable later.
+bool is_of_storage(int error) {
+  return error == EIO || error == ESTALE || error == ETIMEDOUT || error == ENOTCONN ||
+         error == EHOSTDOWN || error == EHOSTUNREACH || error == ENETDOWN || error == ENETUNREACH;
 }
 
 // Does this error mean that there is nothing at the end of a link?
@@ -129,8 +137,18 @@ class Search {
 }  // namespace
 
 Result<void> check_readable(const fs::path& file) {
-  if (::access(file.c_str(), R_OK) == 0 || errno != EACCES) return {};
-  return refused(file.string() + ": " + system_message(EACCES));
+  if (::access(file.c_str(), R_OK) != 0 && errno == EACCES)
+    return refused(file.string() + ": " + system_message(EACCES));
+  struct stat status {};
+  const bool is_known = ::stat(file.c_str(), &status) == 0;
+  if (is_known && !S_ISREG(status.st_mode)) return {};
+  const FileDescriptor opened(is_known ? ::open(file.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK)
+                                       : -1);
+  char first = 0;
+  if (opened.get() >= 0 && ::pread(opened.get(), &first, 1, 0) >= 0) return {};
+  const int error = errno;
+  if (!is_of_storage(error)) return {};
+  return refused_for_now(file.string() + ": " + system_message(error));
 }
 
 std::optional<fs::path> folder_of_dicomdir(const fs::path& file) {

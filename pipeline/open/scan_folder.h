@@ -60,12 +60,13 @@ struct ScanFolder {
 
 /// Finds the files below `folder` and reads the headers of all DICOM files. `extent` says whether
 /// their pixel data must be complete. Only `spacing_mm` and `any_modality` of the options are used.
-/// Errors: those of files_below(); kRefused if the folder is empty, or if there is no permission to
-/// read a file that may be DICOM.
+/// Errors: those of files_below(); kRefused if the folder is empty; those of check_readable() for a
+/// file that may be DICOM.
 Result<ScanFolder> search_folder(const std::filesystem::path& folder, DicomExtent extent,
                                  const OpenOptions& options, std::vector<Warning>& warnings);
 
-/// Checks that this process has permission to read the file. Errors: kRefused if it has none.
+/// Checks that the file can be read. Errors: kRefused if this process has no permission to read it,
+/// or if the storage does not answer; the latter is temporary (Error::is_temporary).
 Result<void> check_readable(const std::filesystem::path& file);
 
 /// If the file is a DICOMDIR (the file that viewers open), it stands for the folder that contains

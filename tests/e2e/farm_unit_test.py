@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The parts of scripts/farm on a simulated cluster: limits, time limits, lost tasks, held tasks,
 throttle, and the arithmetic of chunks and plans."""
+import json
 import os
 import subprocess
 import sys
@@ -12,6 +13,7 @@ sys.path.insert(0, str(SOURCE / "scripts" / "lib" / "farm"))
 
 import chunk_script  # noqa: E402
 import chunks  # noqa: E402
+import constants  # noqa: E402
 import journal  # noqa: E402
 import main  # noqa: E402
 import metrics  # noqa: E402
@@ -308,6 +310,17 @@ def test_plan():
     assert small["limits"][0]["what"] == "reading inputs" and small["limits"][0]["slots"] == 50, small["limits"]
     large = plan.work_out(6000, 1000, 1, 60, CONSTANTS)
     assert large["useful_slots"] < 1000 and large["seconds"] > 6000 * 2 * 1e6 / 1e8, f"beyond what saturates: {large}"
+
+
+def test_times_from_a_journal_are_those_of_the_scans_of_the_collection(tmp_path):
+    store, collection = tmp_path / "store", tmp_path / "scans.json"
+    (store / "journal").mkdir(parents=True)
+    lines = [json.dumps({"scan": name, "outcome": "made", "seconds": seconds}) for name, seconds in (("a", 9), ("b", 1))]
+    (store / "journal" / "one.ndjson").write_text("\n".join(lines) + "\n")
+    collection.write_text('{"scans": [{"name": "b", "input": "b.nii"}]}')
+    measurement = constants.Measurement("none", collection, store, tmp_path, 1, print)
+    measurement.of_scans()
+    assert measurement.sample == ["b"] and measurement.out["scan_s"].value == 1, measurement.out
 
 
 def test_plan_with_writers_that_share_syncs():

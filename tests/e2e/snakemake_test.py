@@ -49,7 +49,7 @@ def main():
         return 77
     shutil.rmtree(WORK, ignore_errors=True)
     WORK.mkdir(parents=True)
-    collection, bad = make_collection(WORK / "collection", SCAN, SCANS, 5)
+    collection, bad = make_collection(WORK / "collection's", SCAN, SCANS, 5)
     time.sleep(2.1)  # an input younger than that is read again
     run(MESH, "batch", collection, "-o", WORK / "batch", "--quiet", expect=3)
     wanted = content_of(WORK / "batch")

@@ -137,7 +137,12 @@ def test_finds_the_slices(s):
     assert s.asset(study) == s.plain, "pictures beside the slices give another asset"
     said, _ = s.warnings(study)
     assert all(text in said.get("other_input", "") for text in ("18 images", "other.nii.gz", "DICOM")), f"left out: {said}"
-    # A damaged slice is not taken for a stray file.
+    # A file that the storage does not give is not taken for a stray file: it may be a slice.
+    lost = study / "DICOM" / "LOST"
+    lost.symlink_to("/proc/self/mem")
+    s.refuses(3, ("DICOM/LOST: Input/output error",), study, "-o", s.work / "none.glb")
+    lost.unlink()
+    # Nor is a damaged slice.
     whole = (study / "DICOM" / "PA000001" / "ST000001" / "SE000002" / "IM000006").read_bytes()
     (study / "DICOM" / "PA000001" / "ST000001" / "SE000002" / "IM000006").write_bytes(whole[:-500])
     s.refuses(3, ("SE000002/IM000006: ", "truncated"), study, "-o", s.work / "none.glb")

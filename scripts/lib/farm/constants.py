@@ -78,14 +78,16 @@ class Measurement:
     # --- scans ---
 
     def of_scans(self):
-        if self.store and (entries := journal.Journal(self.store).new_entries()):
+        names = {scan["name"] for scan in self.scans}
+        entries = [entry for entry in journal.Journal(self.store).new_entries() if entry.scan in names] if self.store else []
+        if entries:
             store, source = pathlib.Path(self.store), f"journal of {self.store}"
         else:
             store, spent, count = self.scratch / "sample", 0, 0
-            for names in self.samples():
-                self.say(f"meshing {len(names)} scans of the collection")
-                spent += self.batch(self.collection, store, *self.only(names))[0]
-                count += len(names)
+            for some in self.samples():
+                self.say(f"meshing {len(some)} scans of the collection")
+                spent += self.batch(self.collection, store, *self.only(some))[0]
+                count += len(some)
                 if spent > SAMPLE_S:
                     break
             source = f"{count} scans, made now with one thread"

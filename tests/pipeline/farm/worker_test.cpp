@@ -49,6 +49,12 @@ class TestScan : public OpenedScan {
     if (what == "memory") throw std::bad_alloc();
     if (what == "change") std::ofstream(inputs_[0], std::ios::app) << "more";
     if (what == "remove") fs::remove(inputs_[0]);
+    if (what == "swap") {  // as if the storage gave other bytes for the same file for a while
+      const auto time = fs::last_write_time(inputs_[0]);
+      std::fstream(inputs_[0], std::ios::in | std::ios::out) << "y";
+      fs::last_write_time(inputs_[0], time);
+      return refused(inputs_[0].string() + ": no");
+    }
     ScanOutputs out;
     out.asset = small_asset();
     if (what == "damage") out.asset.resize(out.asset.size() / 2);
@@ -392,6 +398,17 @@ TEST_F(BatchTest, AFailureThatTheScanDoesNotExplainIsTriedAgain) {
   EXPECT_EQ(names_of(run().failed), all);
 }
 
+TEST_F(BatchTest, AFailureOfAnInputThatReadsDifferentlyThanItsDigestIsTriedAgain) {
+  add("a", json::object());
+  EXPECT_EQ(run().made, 1U);
+  collection_.scans[0].parameters = {{"do", "swap"}};
+  for (int i = 0; i < 2; ++i) {
+    const BatchSummary summary = run();
+    EXPECT_EQ(summary.failed.size(), 1U) << i;
+    EXPECT_TRUE(summary.known.empty()) << i;
+  }
+}
+
 TEST_F(BatchTest, AfterMaxFailuresNoFurtherScanIsStarted) {
   for (int k = 0; k < 10; ++k)
     add("bad" + std::to_string(k), {{"do", "refuse"}, {"n", k}});
@@ -420,6 +437,16 @@ TEST_F(BatchTest, ASecondRunDoesNothingAndTheSameBytesAreFound) {
   EXPECT_EQ(other.made, 2u);
   programs_.mesh_digest = "program";
   EXPECT_EQ(run().found, 3u);
+}
+
+TEST_F(BatchTest, AFileWhoseNameIsNotUtf8IsUnchangedInASecondRun) {
+  const std::string file = folder_ /
+                           "Sch\xe4"
+                           "del.in";
+  std::ofstream(file) << "x";
+  collection_.scans.push_back({"a", {file}, "", "", json::object()});
+  EXPECT_EQ(run().made, 1U);
+  EXPECT_EQ(run().unchanged, 1U);
 }
 
 TEST_F(BatchTest, WhatTookPartIsKnownByNameSoThatExplainCanSayIt) {
