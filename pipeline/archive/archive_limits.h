@@ -19,7 +19,9 @@ struct ArchiveLimits {
   /// Longest time to receive an instance. In a fetch, the time of an instance begins when the
   /// previous instance ends; that of the first instance begins with the request.
   int dimse_timeout_s = 300;
-  int idle_timeout_s = 60;  ///< longest wait for the next request or the next bytes
+  /// Longest wait for the next request or the next bytes. Before the first instance, fetch() waits
+  /// for dimse_timeout_s if that is longer.
+  int idle_timeout_s = 60;
 };
 
 }  // namespace trocar::archive

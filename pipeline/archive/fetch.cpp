@@ -225,11 +225,15 @@ class Fetch {
     return {};
   }
 
-  // Waits for the next command, at most for the idle time.
-  OFCondition next(T_ASC_PresentationContextID& context, T_DIMSE_Message& message) const {
+  // Waits for the next command, at most for the idle time. Before the first instance it waits as
+  // long as an instance may take, because an archive may first get the study from slow storage.
+  OFCondition next(T_ASC_PresentationContextID& context, T_DIMSE_Message& message,
+                   bool has_begun) const {
+    const ArchiveLimits& limits = settings_.limits;
+    const int most_s = has_begun ? limits.idle_timeout_s
+                                 : std::max(limits.idle_timeout_s, limits.dimse_timeout_s + kStepS);
     OFCondition done = DIMSE_NODATAAVAILABLE;
-    for (int waited = 0; waited < settings_.limits.idle_timeout_s && !stop_.load();
-         waited += kStepS) {
+    for (int waited_s = 0; waited_s < most_s && !stop_.load(); waited_s += kStepS) {
       DcmDataset* detail = nullptr;
       done = DIMSE_receiveCommand(connection_.association, DIMSE_NONBLOCKING, kStepS, &context,
                                   &message, &detail);
@@ -255,7 +259,7 @@ class Fetch {
     for (std::size_t instances = 0;;) {
       T_ASC_PresentationContextID context = 0;
       T_DIMSE_Message message{};
-      const OFCondition done = next(context, message);
+      const OFCondition done = next(context, message, instances > 0);
       if (done.bad()) return failure("the archive broke off", done);
       if (message.CommandField == DIMSE_C_STORE_RQ) {
         // An archive that repeats itself, or sends other kinds without end, is not heard for ever.

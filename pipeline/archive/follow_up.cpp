@@ -133,8 +133,9 @@ Result<ordered_json> with_study(std::string_view text, const fs::path& file, con
     const auto at = std::find_if(scans.begin(), scans.end(),
                                  [&](const ordered_json& other) { return other["name"] == name; });
     if (at != scans.end()) {
-      // Parameters that the user has given to this scan stay.
-      if (at->contains("parameters")) entry["parameters"] = (*at)["parameters"];
+      // What the user has given to this scan stays.
+      for (const char* given : {"parameters", "products"})
+        if (at->contains(given)) entry[given] = (*at)[given];
       *at = std::move(entry);
     } else {
       scans.push_back(std::move(entry));

@@ -136,6 +136,17 @@ def send_for_ever(association, data):
         sys.exit()  # ends this thread
 
 
+def test_fetch_waits_for_the_first_instance(programs, place):
+    """An archive that first gets the study from slow storage is silent for longer than --idle-timeout."""
+    uid = "2.25.4711.9"
+    with socket.socket() as listening:
+        listening.bind(("127.0.0.1", 0))
+        listening.listen()
+        threading.Thread(target=answer_get, args=(listening, image(uid, f"{uid}.1", 0), 0, 1, lambda *_: time.sleep(4)), daemon=True).start()
+        fetch(programs, place / "got", uid, listening.getsockname()[1], "--idle-timeout", 2, "--dimse-timeout", 60, expect=0)
+    assert (place / "got" / uid).exists()
+
+
 @pytest.mark.parametrize("before", [dribble, promise])
 def test_fetch_from_an_archive_that_never_sends_a_whole_instance(programs, place, before):
     """It is never silent for as long as --idle-timeout."""

@@ -52,8 +52,10 @@ void add_archive_options(const Command& command, ArchiveArguments& a, const char
       .within(1, 86'400)
       .in_group("Limits");
   command
-      .option("--idle-timeout", a.limits.idle_timeout_s,
-              "end an association if no byte comes from the other side for this time, s")
+      .option(
+          "--idle-timeout", a.limits.idle_timeout_s,
+          "end an association if no byte comes from the other side for this time, s; before its "
+          "first instance, fetch waits for --dimse-timeout if that is longer")
       .with_default_shown()
       .within(1, 86'400)
       .in_group("Limits");

@@ -54,13 +54,13 @@ TEST(FollowUp, MakesACollectionOfTheUsableScans) {
   EXPECT_EQ(read->scans[0].series, "1.2.3");
 }
 
-TEST(FollowUp, KeepsDefaultsOtherScansAndParameters) {
+TEST(FollowUp, KeepsDefaultsOtherScansParametersAndProducts) {
   std::vector<std::string> names, again;
   ASSERT_TRUE(with("", names));
   const std::string before =
       R"({"schema": "trocar.collection/1", "scans": [{"name": "mine", "input": "x.nii"}, {"name": ")" +
       names[0] +
-      R"(", "input": "gone", "parameters": {"threshold": 180}}], "defaults": {"tolerance": 0.5}})";
+      R"(", "input": "gone", "parameters": {"threshold": 180}, "products": []}], "defaults": {"tolerance": 0.5}})";
   const auto made = with(before, again);
   ASSERT_TRUE(made);
   EXPECT_EQ(again, names);
@@ -69,6 +69,7 @@ TEST(FollowUp, KeepsDefaultsOtherScansAndParameters) {
   ASSERT_EQ(result["scans"].size(), 2U);
   EXPECT_EQ(result["scans"][0]["name"], "mine");
   EXPECT_EQ(result["scans"][1]["parameters"], json({{"threshold", 180}}));
+  EXPECT_EQ(result["scans"][1]["products"], json::array());
   EXPECT_EQ(result["scans"][1]["input"]["folder"], "scans/2.25.1");
 }
 
