@@ -154,16 +154,21 @@ Result<void> write_outputs(const Arguments& a, const SliceStack& stack, StackRes
   const auto written = ending_of(a.output) == ".glb" ? write_file_atomically(a.output, result.glb)
                                                      : write_surface(a, result);
   if (!written) return written.error();
-  if (auto ok = describe_files(a, stack, result); !ok) return ok;
+  const auto after_it = [&a](const Error& error) -> Error {
+    return {error.code, error.message + "; " + a.output.string() + " is written",
+            error.is_temporary};
+  };
+  if (auto ok = describe_files(a, stack, result); !ok) return after_it(ok.error());
   if (!a.report.empty()) {
     std::vector<fs::path> given = a.inputs;
     if (!a.hu.empty()) given.push_back(a.hu);
     const json report = deidentified(result.report, given);
-    if (auto ok = write_file_atomically(a.report, json_text(report, 1) + "\n"); !ok) return ok;
+    if (auto ok = write_file_atomically(a.report, json_text(report, 1) + "\n"); !ok)
+      return after_it(ok.error());
   }
-  if (!a.dump_stages.empty())
-    return write_file_atomically(a.dump_stages, json_text(result.stages) + "\n");
-  return {};
+  if (a.dump_stages.empty()) return {};
+  const auto ok = write_file_atomically(a.dump_stages, json_text(result.stages) + "\n");
+  return ok ? ok : after_it(ok.error());
 }
 
 void print_outcome(const Arguments& a, const StackResult& result) {

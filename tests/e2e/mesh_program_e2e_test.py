@@ -399,6 +399,15 @@ def test_outputs_complete_or_none(programs, scan, work):
         assert list(folder.iterdir()) == [], f"left behind: {list(folder.iterdir())}"
     refuses(4, "File too large", "prlimit", "--fsize=2000", mesh, scan / "dicom", "-o", work / "never.glb", "--slices", "3:5")
     assert not list(work.glob("never.glb*")), "a partial asset is left"
+    # If a later file fails, the message names the asset, which is written.
+    asset, stages = work / "written.glb", work / "stages.json"
+    outputs = (scan / "dicom", "-o", asset, "--dump-stages", stages, "--dump-slice", "4", "--slices", "3:5", "--quiet")
+    run(mesh, *outputs)
+    limit, made = 2 * asset.stat().st_size, asset.read_bytes()
+    assert limit < stages.stat().st_size, "the stages are too small for this test"
+    asset.unlink()
+    refuses(4, f"; {asset} is written", "prlimit", f"--fsize={limit}", mesh, *outputs)
+    assert asset.read_bytes() == made, "the asset that the message names is another"
     for signal_number in (signal.SIGINT, signal.SIGTERM):
         for seconds in (0, 1):
             folder = work / f"stopped_{int(signal_number)}_{seconds}"
