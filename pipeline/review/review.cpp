@@ -9,6 +9,7 @@
 #include <optional>
 #include <span>
 #include <string>
+#include <string_view>
 #include <system_error>
 #include <utility>
 #include <vector>
@@ -158,6 +159,13 @@ fs::path page_file(const fs::path& first, std::size_t page) {
   if (page == 0) return first;
   return first.parent_path() /
          (first.stem().string() + "-" + std::to_string(page + 1) + first.extension().string());
+}
+
+// Is this a page of the review whose first page is `first`?
+bool is_page_of(const fs::path& file, const json& first) {
+  const auto bytes = read_file(file);
+  return bytes && std::string_view(reinterpret_cast<const char*>(bytes->data()), bytes->size())
+                          .find("\"pages\":[" + json_text(first)) != std::string_view::npos;
 }
 
 bool is_review(const fs::path& file) {
@@ -317,9 +325,13 @@ Result<json> write_review(const ReviewOptions& options) {
     done += size;
     if (options.progress) options.progress(done, cards.size());
   }
+  const json first = page_file(options.page, 0).filename().string();
   std::error_code ignored;
-  for (std::size_t page = pages; is_review(page_file(options.page, page)); ++page)
-    fs::remove(page_file(options.page, page), ignored);
+  for (std::size_t page = pages;; ++page) {
+    const fs::path old = page_file(options.page, page);
+    if (!is_review(old) || !is_page_of(old, first)) break;
+    fs::remove(old, ignored);
+  }
 
   json out = counts.as_json();
   out["schema"] = "trocar.review/1";

@@ -108,6 +108,11 @@ def test_pages_and_differences():
     assert {card["name"] for card in shown["cards"]} == {scan for scan, *_ in second}, f"other scans on the page: {shown['cards']}"
     assert [{k: v for k, v in one.items() if k != "page"} for one in shown["differences"]["scans"]] == numbers["differences"], "the page has other differences"
     rendered_page(page, second, kinds)
+    other = WORK / "page-2.html"  # the page of another review, which has the name of a second page of this one
+    review(before, other)
+    kept = other.read_bytes()
+    review(now, page, "--against", before)
+    assert other.exists() and other.read_bytes() == kept, "the page of another review is gone"
     again = WORK / "again.html"
     review(now, again, "--against", before)
     assert again.read_text().replace("again.html", "page.html") == text, "the same review gives other bytes"
