@@ -118,10 +118,13 @@ def measure(given):
     load = os.getloadavg()[0]
     cyclictest = start_cyclictest(given.minutes, given.rate)
     run = subprocess.Popen([given.run, file, "--clock", "real", "--summary", summary, "--black-box", given.out, "--quiet"])
-    memory = watch(run, given.minutes * 60)
-    reference = read_cyclictest(cyclictest)
-    if run.returncode != 0:
-        raise SystemExit(f"soak: trocar-run ended with {run.returncode}")
+    try:
+        memory = watch(run, given.minutes * 60)
+        if run.returncode != 0:
+            raise SystemExit(f"soak: trocar-run ended with {run.returncode}")
+        reference = read_cyclictest(cyclictest)
+    finally:
+        cyclictest.kill()
     found = json.loads(summary.read_text())
     return {
         "minutes": given.minutes, "rate_Hz": given.rate, "kernel": platform.release(), "cores_count": len(os.sched_getaffinity(0)),
