@@ -133,7 +133,7 @@ Result<ordered_json> with_study(std::string_view text, const fs::path& file, con
     const auto at = std::find_if(scans.begin(), scans.end(),
                                  [&](const ordered_json& other) { return other["name"] == name; });
     if (at != scans.end()) {
-      // What the user has given to this scan stays.
+      // Keeps what the user has given to this scan.
       for (const char* given : {"parameters", "products"})
         if (at->contains(given)) entry[given] = (*at)[given];
       *at = std::move(entry);

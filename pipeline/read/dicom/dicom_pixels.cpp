@@ -45,7 +45,7 @@ Result<std::vector<std::uint8_t>> join_fragments(const DicomFrame& h, DcmPixelSe
   return out;
 }
 
-// What a JPEG's frame header states.
+// The contents of a JPEG's frame header.
 struct JpegFrame {
   int precision = 0, rows = 0, columns = 0;
 };

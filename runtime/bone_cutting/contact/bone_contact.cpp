@@ -407,7 +407,7 @@ void evaluate(const BoneVolume& bone, std::span<const Sheet* const> sheets,
 }
 
 // Keeps the forces of the last tick in a tick without a new pose. If the law were evaluated at the
-// same pose again, the tool would seem to stand still, and viscous friction would vanish.
+// same pose again, the tool would seem to rest, and viscous friction would vanish.
 void hold(CuttingResult& result) noexcept {
   result.cut_J = result.layer_cut_J = 0;
   result.layers_punctured = 0;
