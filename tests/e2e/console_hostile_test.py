@@ -121,6 +121,17 @@ def test_refusals(console):
     check(console.post("/api/emergency_stop", token=None)[0] == 409, "an emergency stop beside 140 refused connections")
     for connection in busy:
         connection.close()
+    # Nor do those that request large files of the page and do not read them.
+    request, unread = f"GET /vendor/three.core.js HTTP/1.1\r\nHost: {console.host}\r\n\r\n".encode(), []
+    for _ in range(140):
+        unread.append(socket.socket())
+        unread[-1].setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+        unread[-1].connect(("127.0.0.1", console.port))
+        unread[-1].sendall(5 * request)
+    time.sleep(0.5)
+    check(console.post("/api/emergency_stop", token=None)[0] == 409, "an emergency stop beside 140 connections that read nothing")
+    for connection in unread:
+        connection.close()
 
 
 def mutated(data, random_, most=8):

@@ -28,6 +28,11 @@ await until(operator, `trocar.state.state === "running" && trocar.tab === "sessi
 const session = await operator.evaluate("trocar.session");
 await operator.click("#stop");
 await until(operator, `trocar.state.state === "ended"`, "the end of the session");
+// Another scene is shown: the session that has ended is still said to have ended.
+await operator.click(`nav [data-to="folder"]`);
+await operator.evaluate(`{ const list = document.getElementById("start-scene"); list.value = [...list.options].find(({ value }) => value !== list.value).value; list.dispatchEvent(new Event("change")); }`);
+await until(operator, `!trocar.row`, "the bone of another scene");
+await until(operator, `document.getElementById("state").textContent === "Ended"`, "the state after another scene is shown");
 await operator.reload();
 await until(operator, `trocar.is_connected`, "the page after a reload");
 await operator.waitForTimeout(500);

@@ -8,11 +8,12 @@
 
 #include <array>
 #include <chrono>
-#include <csignal>
 #include <filesystem>
 #include <fstream>
+#include <stdexcept>
 #include <string>
 #include <thread>
+#include <utility>
 
 #include "tests/support/temporary_folder.h"
 
@@ -67,20 +68,48 @@ TEST(Supervisor, ADeviceEndsWellAlsoIfTheSessionMustBeKilled) {
   EXPECT_TRUE(fs::exists(programs / "trocar-device-sim.ended_well"));
 }
 
-/// The process of a session. Its loop has ended (`has_ended`), or it takes no commands. The process
-/// lives until `pipe` is closed.
-[[noreturn]] void be_session(const fs::path& link, int pipe, bool has_ended) {
-  TelemetrySizes sizes;
-  sizes.about = R"({"schema": "trocar.live/1"})";
-  sizes.columns = 1;
-  const auto writer = TelemetryWriter::make(sizes);
-  if (!writer || !(*writer)->link(link)) ::_exit(1);
-  TelemetryEvent ended;
-  ended.kind = TelemetryEventKind::kEnded;
-  if (has_ended) (*writer)->event(ended);
-  char none = 0;
-  ::_exit(::read(pipe, &none, 1) == 0 ? 0 : 1);
-}
+/// The process of a session that this console has not started. Its loop has ended (`has_ended`), or
+/// it takes no commands. It ends when end() is called, as a session does that has written its files.
+class OtherSession {
+ public:
+  OtherSession(const fs::path& link, bool has_ended) {
+    std::array<int, 2> pipe{};
+    if (::pipe(pipe.data()) != 0) throw std::runtime_error("no pipe");
+    pid_ = ::fork();
+    if (pid_ == 0) {
+      ::close(pipe[1]);
+      run(link, pipe[0], has_ended);
+    }
+    ::close(pipe[0]);
+    pipe_ = pipe[1];
+  }
+  OtherSession(const OtherSession&) = delete;
+  OtherSession& operator=(const OtherSession&) = delete;
+  ~OtherSession() {
+    end();
+    ::waitpid(pid_, nullptr, 0);
+  }
+  void end() {
+    if (pipe_ >= 0) ::close(std::exchange(pipe_, -1));
+  }
+
+ private:
+  [[noreturn]] static void run(const fs::path& link, int pipe, bool has_ended) {
+    TelemetrySizes sizes;
+    sizes.about = R"({"schema": "trocar.live/1"})";
+    sizes.columns = 1;
+    const auto writer = TelemetryWriter::make(sizes);
+    if (!writer || !(*writer)->link(link)) ::_exit(1);
+    TelemetryEvent ended;
+    ended.kind = TelemetryEventKind::kEnded;
+    if (has_ended) (*writer)->event(ended);
+    char none = 0;
+    ::_exit(::read(pipe, &none, 1) == 0 ? 0 : 1);
+  }
+
+  pid_t pid_ = -1;
+  int pipe_ = -1;
+};
 
 TEST(Supervisor, TheStateOfAnEndedSessionNamesAnEmergencyStopThatCameTooLateForIt) {
   const test::TemporaryFolder folder;
@@ -91,15 +120,7 @@ TEST(Supervisor, TheStateOfAnEndedSessionNamesAnEmergencyStopThatCameTooLateForI
   enum class After { kNothing, kEmergencyStop, kEmergencyStopAndStop };
   for (const After after : {After::kNothing, After::kEmergencyStop, After::kEmergencyStopAndStop}) {
     const bool is_stopped = after == After::kEmergencyStop;
-    std::array<int, 2> pipe{};
-    ASSERT_EQ(::pipe(pipe.data()), 0);
-    const pid_t session = ::fork();
-    ASSERT_GE(session, 0);
-    if (session == 0) {
-      ::close(pipe[1]);
-      be_session(settings.sessions / "live", pipe[0], true);
-    }
-    ::close(pipe[0]);
+    OtherSession session(settings.sessions / "live", true);
     Supervisor supervisor(settings);
     EXPECT_TRUE(comes_true([&] {
       supervisor.poll(Supervisor::Clock::now());
@@ -113,7 +134,7 @@ TEST(Supervisor, TheStateOfAnEndedSessionNamesAnEmergencyStopThatCameTooLateForI
     if (after == After::kEmergencyStopAndStop) {
       EXPECT_TRUE(supervisor.command(TelemetryCommand::kStop));
     }
-    ::close(pipe[1]);
+    session.end();
     EXPECT_TRUE(comes_true([&] {
       supervisor.poll(Supervisor::Clock::now());
       return supervisor.state() == RunState::kEnded;
@@ -121,65 +142,57 @@ TEST(Supervisor, TheStateOfAnEndedSessionNamesAnEmergencyStopThatCameTooLateForI
     EXPECT_EQ(supervisor.state_json().find(R"("emergency_stop":true)") != std::string::npos,
               is_stopped)
         << supervisor.state_json();
-    ::waitpid(session, nullptr, 0);
   }
 }
 
-// A session that another program has started appears while this console starts one, or after it has
-// stopped a start.
-TEST(Supervisor, ASessionThatIsFoundIsNotTakenForTheStartBeforeIt) {
-  for (const bool is_start_stopped : {false, true}) {
-    const test::TemporaryFolder folder;
-    Supervisor::Settings settings;
+// A console whose programs begin and then do nothing.
+struct IdlePrograms {
+  test::TemporaryFolder folder;
+  Supervisor::Settings settings;
+  StartRequest request;
+
+  explicit IdlePrograms(const char* device) {
     settings.folder = folder.path();
     settings.programs = folder / "programs";
     settings.sessions = folder / "sessions";
     fs::create_directories(settings.sessions);
     fs::create_directories(settings.programs);
-    const fs::path scene = folder / "scene.json";
-    std::ofstream(scene) << "{}";
+    request.scene = folder / "scene.json";
+    std::ofstream(request.scene) << "{}";
+    request.device.name = device;
     for (const char* name : {"trocar-device-sim", "trocar-run"})
       write_program(settings.programs / name, "while :; do sleep 0.01; done");
-    Supervisor supervisor(settings);
-    StartRequest request;
-    request.scene = scene;
-    request.device.name = is_start_stopped ? kInProcess : kSimulator;
-    ASSERT_TRUE(supervisor.start(request));
-    if (is_start_stopped) {
-      ASSERT_TRUE(supervisor.command(TelemetryCommand::kStop));
-      ASSERT_TRUE(comes_true([&] {
-        supervisor.poll(Supervisor::Clock::now());
-        return supervisor.state() == RunState::kIdle;
-      }));
-    }
-    std::array<int, 2> pipe{};
-    ASSERT_EQ(::pipe(pipe.data()), 0);
-    const pid_t session = ::fork();
-    ASSERT_GE(session, 0);
-    if (session == 0) {
-      ::close(pipe[1]);
-      be_session(settings.sessions / "live", pipe[0], is_start_stopped);
-    }
-    ::close(pipe[0]);
-    EXPECT_TRUE(comes_true([&] {
-      supervisor.poll(Supervisor::Clock::now());
-      return supervisor.telemetry().is_attached();
-    }));
-    EXPECT_EQ(supervisor.state(), RunState::kRunning);
-    // The session does not confirm that its torques are zero, so it is killed.
-    if (!is_start_stopped) {
-      EXPECT_TRUE(supervisor.emergency_stop());
-    }
-    if (is_start_stopped) ::close(pipe[1]);
-    const RunState end = is_start_stopped ? RunState::kEnded : RunState::kLost;
-    EXPECT_TRUE(comes_true([&] {
-      supervisor.poll(Supervisor::Clock::now());
-      return supervisor.state() == end;
-    })) << supervisor.state_json();
-    if (!is_start_stopped) ::close(pipe[1]);
-    ::kill(session, SIGKILL);
-    ::waitpid(session, nullptr, 0);
   }
+};
+
+bool comes_to(Supervisor& supervisor, RunState state) {
+  return comes_true([&] {
+    supervisor.poll(Supervisor::Clock::now());
+    return supervisor.state() == state;
+  });
+}
+
+TEST(Supervisor, ASessionThatIsFoundDuringAStartGetsTheEmergencyStop) {
+  const IdlePrograms console(kSimulator);
+  Supervisor supervisor(console.settings);
+  ASSERT_TRUE(supervisor.start(console.request));
+  const OtherSession session(console.settings.sessions / "live", false);
+  ASSERT_TRUE(comes_to(supervisor, RunState::kRunning));
+  EXPECT_TRUE(supervisor.emergency_stop());
+  // The session does not confirm that its torques are zero, so it is killed.
+  EXPECT_TRUE(comes_to(supervisor, RunState::kLost)) << supervisor.state_json();
+}
+
+TEST(Supervisor, ASessionThatIsFoundAfterAStoppedStartHasItsOwnEnd) {
+  const IdlePrograms console(kInProcess);
+  Supervisor supervisor(console.settings);
+  ASSERT_TRUE(supervisor.start(console.request));
+  ASSERT_TRUE(supervisor.command(TelemetryCommand::kStop));
+  ASSERT_TRUE(comes_to(supervisor, RunState::kIdle));
+  OtherSession session(console.settings.sessions / "live", true);
+  ASSERT_TRUE(comes_to(supervisor, RunState::kRunning));
+  session.end();
+  EXPECT_TRUE(comes_to(supervisor, RunState::kEnded)) << supervisor.state_json();
 }
 
 }  // namespace
