@@ -69,13 +69,14 @@ std::string to_hex(const std::string& bytes) {
   return out;
 }
 
-// Returns empty text if `hex` is damaged.
-std::string from_hex(const std::string& hex) {
+// Returns std::nullopt if `hex` is damaged.
+std::optional<std::string> from_hex(const std::string& hex) {
   std::string out(hex.size() / 2, '\0');
   std::size_t size = 0;
   const int done = sodium_hex2bin(reinterpret_cast<unsigned char*>(out.data()), out.size(),
                                   hex.data(), hex.size(), nullptr, &size, nullptr);
-  return done == 0 && size == out.size() ? out : std::string();
+  if (done != 0 || size != out.size()) return std::nullopt;
+  return out;
 }
 
 }  // namespace
@@ -187,12 +188,12 @@ std::optional<std::vector<ScanFile>> files_from(const json& files) {
     for (const json& one : files) {
       const json& digest = one.at("sha256");
       const auto hex = one.find("path_hex");
-      out.push_back(
-          {one.at("of").get<std::string>(),
-           hex == one.end() ? one.at("path").get<std::string>() : from_hex(hex->get<std::string>()),
-           one.at("size").get<std::uint64_t>(), one.at("mtime_ns").get<std::int64_t>(),
-           one.at("inode").get<std::uint64_t>(),
-           digest.is_null() ? std::string() : digest.get<std::string>()});
+      const auto path =
+          hex == one.end() ? one.at("path").get<std::string>() : from_hex(hex->get<std::string>());
+      if (!path) return std::nullopt;
+      out.push_back({one.at("of").get<std::string>(), *path, one.at("size").get<std::uint64_t>(),
+                     one.at("mtime_ns").get<std::int64_t>(), one.at("inode").get<std::uint64_t>(),
+                     digest.is_null() ? std::string() : digest.get<std::string>()});
     }
     return out;
   } catch (const json::exception&) {

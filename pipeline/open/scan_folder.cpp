@@ -137,18 +137,14 @@ class Search {
 }  // namespace
 
 Result<void> check_readable(const fs::path& file) {
-  if (::access(file.c_str(), R_OK) != 0 && errno == EACCES)
-    return refused(file.string() + ": " + system_message(EACCES));
-  struct stat status {};
-  const bool is_known = ::stat(file.c_str(), &status) == 0;
-  if (is_known && !S_ISREG(status.st_mode)) return {};
-  const FileDescriptor opened(is_known ? ::open(file.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK)
-                                       : -1);
+  const FileDescriptor opened(::open(file.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK));
   char first = 0;
   if (opened.get() >= 0 && ::pread(opened.get(), &first, 1, 0) >= 0) return {};
   const int error = errno;
-  if (!is_of_storage(error)) return {};
-  return refused_for_now(file.string() + ": " + system_message(error));
+  const std::string message = file.string() + ": " + system_message(error);
+  if (error == EACCES) return refused(message);
+  if (is_of_storage(error)) return refused_for_now(message);
+  return {};  // no file, or one that is not read so, such as a folder or a pipe
 }
 
 std::optional<fs::path> folder_of_dicomdir(const fs::path& file) {

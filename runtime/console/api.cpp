@@ -181,7 +181,7 @@ Reply get_folder(ConsoleState& console, Role role) {
                        {"simulated", each.is_simulated()},
                        {"can_be_tested", each.can_be_tested()}});
   rest += ",\"devices\":" + json_text(devices);
-  const bool may_start = console.supervisor.scene_file().empty();  // no session was begun yet
+  const bool may_start = console.supervisor.scene_file().empty();  // nothing was started yet
   if (!console.settings.start.empty() && role == Role::kOperator && may_start)
     rest += ",\"start\":" + console.settings.start;
   if (!console.settings.playback.empty()) rest += ",\"playback\":" + console.settings.playback;

@@ -11,7 +11,7 @@ export class Live {
   /// `on` has the functions {hello, history, snapshot, sheet, shape, events, missed, state, hand, down}.
   constructor(on) {
     this.on = on;
-    this.session = null;  // its name; "": no session has begun
+    this.session = null;  // its ID; "": no session has begun
     this.last_event = 0;
     this.wait_ms = 250;
     this.to_ack = 0;
