@@ -121,14 +121,15 @@ def test_refusals(console):
     check(console.post("/api/emergency_stop", token=None)[0] == 409, "an emergency stop beside 140 refused connections")
     for connection in busy:
         connection.close()
-    # Nor do those that request large files of the page and do not read them.
-    request, unread = f"GET /vendor/three.core.js HTTP/1.1\r\nHost: {console.host}\r\n\r\n".encode(), []
+    # Nor do those that request many files of the page and do not read them.
+    request, unread = f"GET /main.js HTTP/1.1\r\nHost: {console.host}\r\n\r\n".encode(), []
+    check(status(raw(console, request)) == 200, "a file of the page without a token")
     for _ in range(140):
         unread.append(socket.socket())
         unread[-1].setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
         unread[-1].connect(("127.0.0.1", console.port))
-        unread[-1].sendall(5 * request)
-    time.sleep(0.5)
+        unread[-1].sendall(400 * request)
+        time.sleep(0.01)  # until the console writes, so that the connection is not idle when the next one comes
     check(console.post("/api/emergency_stop", token=None)[0] == 409, "an emergency stop beside 140 connections that read nothing")
     for connection in unread:
         connection.close()
