@@ -2,11 +2,13 @@
 #include "runtime/simulation/simulated_device.h"
 
 #include <Eigen/Cholesky>
+#include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
 #include <numbers>
 #include <string>
 
+#include "formats/base/text_line.h"
 #include "runtime/mechanism/jacobian.h"
 
 namespace trocar::runtime {
@@ -89,8 +91,44 @@ Result<SimulatedDevice> SimulatedDevice::make(const DeviceDescription& device,
   }
   simulated.truth_.joints = start.joints;
   simulated.hand_mass_attached_ = simulated.hand_holds(0);
+  if (auto checked = simulated.check_stability(); !checked) return checked.error();
   if (options.mechanics) simulated.noise_.seed(options.mechanics->seed);
   return simulated;
+}
+
+Result<void> SimulatedDevice::check_stability() const {
+  if (!hand_holds(0)) return {};
+  const Pose& T = truth_.T_device_plate;
+  const Vector3d lever_m = T.q * options_.T_plate_tool.p_m;
+  const Mechanics all =
+      trocar::runtime::mechanics(device_, options_.mechanics.value_or(MechanicsOptions::none()), T,
+                                 truth_.joints, Twist::Zero(), hand_mass_kg(), lever_m);
+  if (!all.status) return {};               // the start pose is singular; the loop reports it
+  MassMatrix tip = MassMatrix::Identity();  // twist of the plate to twist of the tip
+  tip.topRightCorner<3, 3>() << 0, lever_m.z(), -lever_m.y(), -lever_m.z(), 0, lever_m.x(),
+      lever_m.y(), -lever_m.x(), 0;
+  const auto about_plate = [&](double translation, double rotation) -> MassMatrix {
+    Wrench diagonal;
+    diagonal << Vector3d::Constant(translation), Vector3d::Constant(rotation);
+    return tip.transpose() * diagonal.asDiagonal() * tip;
+  };
+  const double h_s = device_.maximum_substep_s;
+  const MassMatrix step =
+      2 * h_s *
+          (about_plate(impedance_.damping_Ns_per_m, impedance_.rotational_damping_Nms_per_rad) +
+           device_.joint_viscous_friction_Nms_per_rad * all.G.transpose() * all.G) +
+      h_s * h_s *
+          about_plate(impedance_.stiffness_N_per_m, impedance_.rotational_stiffness_Nm_per_rad);
+  const double fastest =
+      Eigen::GeneralizedSelfAdjointEigenSolver<MassMatrix>(step, all.mass, Eigen::EigenvaluesOnly)
+          .eigenvalues()
+          .maxCoeff();
+  if (fastest < 4) return {};
+  return refused(text_line(
+      "simulated device: the hand is too stiff or too strongly damped for steps of %.4g ms; reduce "
+      "its stiffness and damping to less than %.3g %% of these values, or maximum_substep_s in the "
+      "device description",
+      h_s * 1e3, 4 / fastest * 100));
 }
 
 DeviceStatus SimulatedDevice::read(DeviceState& state) noexcept {
