@@ -175,6 +175,21 @@ bool is_review(const fs::path& file) {
   return head.find(kMark) != std::string::npos;
 }
 
+// Refuses to write a page over a file that is not a page of the same review. The first page, which
+// the user names, is overwritten in any case.
+Result<void> check_other_pages(const fs::path& first, std::size_t pages) {
+  const json name = first.filename().string();
+  for (std::size_t page = 1; page < pages; ++page) {
+    const fs::path file = page_file(first, page);
+    std::error_code ignored;
+    if (!fs::exists(fs::symlink_status(file, ignored))) continue;
+    if (is_review(file) && is_page_of(file, name)) continue;
+    return unwritable(file.string() + ": exists, and is not a page of " + first.string() +
+                      "; choose another name for the review, or remove the file");
+  }
+  return {};
+}
+
 // The first kMaxRows differences, each with the page on which its scan is shown.
 json difference_rows(const StoreDiff& diff) {
   json rows = json::array();
@@ -294,6 +309,7 @@ Result<json> write_review(const ReviewOptions& options) {
   Counts counts(scans);
   const std::vector<Card> cards = cards_of(scans, other->assets, other->diff.differences);
   const std::size_t pages = (cards.size() + kScansPerPage - 1) / kScansPerPage;
+  if (auto ok = check_other_pages(options.page, pages); !ok) return ok.error();
   json files = json::array();
   for (std::size_t page = 0; page < pages; ++page)
     files.push_back(page_file(options.page, page).filename().string());

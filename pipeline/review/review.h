@@ -43,7 +43,8 @@ struct ReviewOptions {
 /// assets. Pages of an earlier, longer review with the same name are removed.
 ///
 /// Errors: kRefused if a folder is not a store, or the store has no scans; kUnwritable if a page
-/// cannot be written, or `stop` was set.
+/// cannot be written, if a file with the name of a later page is not a page of this review, or if
+/// `stop` was set.
 Result<nlohmann::json> write_review(const ReviewOptions& options);
 
 }  // namespace trocar::pipeline

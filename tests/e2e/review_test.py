@@ -283,12 +283,24 @@ def test_damaged():
     assert not (WORK / "x.html").exists(), "a page without a review"
 
 
+def refused_over(store, page, file, text):
+    """A file with the name of a later page that belongs to something else is kept, and nothing is written."""
+    file.write_text(text)
+    first = page.read_bytes()
+    done = run(MESH, "review", store, "-o", page, expect=4)
+    assert done.stderr == (f"trocar-mesh: {file}: exists, and is not a page of {page}; choose another name for the review, "
+                           "or remove the file\n"), done.stderr
+    assert file.read_text() == text and page.read_bytes() == first, "a refused review has written"
+    file.unlink()
+
+
 def test_many():
     """Memory does not grow with the number of pages, and none of a longer review is left."""
     store = WORK / "many"
     shutil.copytree(WORK / "before", store, symlinks=True)
     entry = json.loads((store / "scans" / "small.json").read_text())
     peaks = []
+    review(WORK / "before", WORK / "before_many.html")
     page = WORK / "many.html"
     for count in (PER_PAGE, MANY):
         for file in (store / "scans").iterdir():
@@ -296,6 +308,9 @@ def test_many():
         for k in range(count):
             entry["name"] = f"copy{k:05}"
             (store / "scans" / f"copy{k:05}.json").write_text(json.dumps(entry))
+        if count > PER_PAGE:
+            for others in ("somebody's page", (WORK / "before_many.html").read_text()):
+                refused_over(store, page, WORK / "many-3.html", others)
         numbers = review(store, page)
         assert numbers["done"] == count and len(numbers["pages"]) == -(-count // PER_PAGE), f"{count} scans: {numbers}"
         assert all((WORK / name).stat().st_size < 6e6 for name in numbers["pages"]), f"{count} scans: a large page"
