@@ -5,7 +5,6 @@
 // Tests: tests/formats/session/scene_test.cpp
 #pragma once
 
-#include <array>
 #include <cstdint>
 #include <nlohmann/json.hpp>
 #include <optional>
