@@ -26,24 +26,6 @@ std::vector<T> elements(std::span<const std::uint8_t> bytes) {
   return out;
 }
 
-LatticeBox box_of(const SliceMesh& mesh) {
-  return mesh.vertices.empty() ? LatticeBox{} : box_around(mesh.vertices);
-}
-
-Result<SliceMesh> decode_triangles(const SliceRecord& record, std::span<const std::uint8_t> draco,
-                                   const Lattice& lattice) {
-  auto out = decode_draco(draco, record.vertices, record.triangles, lattice.bits);
-  if (!out) return out.error();
-  if (out->mesh.vertices.size() != record.vertices ||
-      out->mesh.triangles.size() != record.triangles)
-    return refused("Draco payload and accessor counts differ");
-  const auto [low, high] = box_of(out->mesh);
-  if (record.low != low || record.high != high)
-    return refused("accessor bounds differ from the vertices");
-  if (out->z != 0 || !out->hu.empty()) return refused("Draco: not a payload of schema 1");
-  return std::move(out->mesh);
-}
-
 // Coordinates have the unit 2^-bits mm, and all have the height z.
 Result<Pslg> decode_lines(const SliceRecord& record, const GeometryBytes& bytes, int bits,
                           float z) {
@@ -306,11 +288,13 @@ Result<AssetSlice> slice_of_entry(const EntryNode& node, int index, int material
 
 Result<void> decode_slice_geometry_1(const SliceRecord& record, const GeometryBytes& bytes,
                                      const Lattice& lattice, AssetSlice& slice) {
-  auto mesh = decode_triangles(record, bytes.draco, lattice);
-  if (!mesh) return mesh.error();
+  auto decoded = decode_draco(bytes.draco, record.vertices, record.triangles, lattice.bits);
+  if (!decoded) return decoded.error();
+  slice.mesh = std::move(decoded->mesh);
+  if (auto ok = compare_geometry(record, false, slice); !ok) return ok;
+  if (decoded->z != 0 || !decoded->hu.empty()) return refused("Draco: not a payload of schema 1");
   auto pslg = decode_lines(record, bytes, lattice.bits, 0);
   if (!pslg) return pslg.error();
-  slice.mesh = std::move(*mesh);
   slice.pslg = std::move(*pslg);
   return {};
 }
@@ -330,7 +314,8 @@ Result<void> compare_geometry(const SliceRecord& stated, bool has_hu, const Asse
   if (slice.mesh.vertices.size() != stated.vertices ||
       slice.mesh.triangles.size() != stated.triangles || has_hu == slice.hu.empty())
     return refused("Draco payload and accessor counts differ");
-  const auto [low, high] = box_of(slice.mesh);
+  const auto [low, high] =
+      slice.mesh.vertices.empty() ? LatticeBox{} : box_around(slice.mesh.vertices);
   if (stated.low != low || stated.high != high)
     return refused("accessor bounds differ from the vertices");
   return {};
