@@ -71,6 +71,19 @@ nlohmann::json value_of(const std::string& object, const char* key) {
   return parsed.is_object() ? parsed.value(key, nlohmann::json()) : nlohmann::json();
 }
 
+bool are_finite_numbers(const nlohmann::json& list, std::size_t count) {
+  return list.is_array() && list.size() == count &&
+         std::all_of(list.begin(), list.end(), [](const nlohmann::json& number) {
+           return number.is_number() && std::isfinite(number.get<double>());
+         });
+}
+
+// The matrix whose 16 numbers stand in the list column by column.
+Eigen::Matrix4d matrix_of(const nlohmann::json& list) {
+  const auto column_major = list.get<std::array<double, 16>>();
+  return Eigen::Map<const Eigen::Matrix4d>(column_major.data());
+}
+
 }  // namespace
 
 std::vector<int> labels_of(const Asset& asset) {
@@ -186,38 +199,22 @@ Result<AssetSlice> slice_of_node_1(const nlohmann::json& node) {
   slice.z_mm = ours["z_mm"].get<double>();
   slice.measures_json = json_text(ours.value("measures", nlohmann::json::object()));
   const nlohmann::json matrix = node.value("matrix", nlohmann::json());
-  if (!matrix.is_array() || matrix.size() != 16 ||
-      !std::all_of(matrix.begin(), matrix.end(), [](const nlohmann::json& number) {
-        return number.is_number() && std::isfinite(number.get<double>());
-      })) {
+  if (!are_finite_numbers(matrix, 16))
     return refused("slice " + std::to_string(slice.index) + ": node without a finite matrix");
-  }
-  std::array<double, 16> column_major{};
-  std::transform(matrix.begin(), matrix.end(), column_major.begin(),
-                 [](const nlohmann::json& number) { return number.get<double>(); });
-  slice.T_lps_plane.matrix() = Eigen::Map<const Eigen::Matrix4d>(column_major.data());
+  slice.T_lps_plane.matrix() = matrix_of(matrix);
   return slice;
 }
 
 Result<Eigen::Affine3d> transform_of_node(const nlohmann::json& node, const Lattice& lattice) {
-  const auto finite_numbers = [](const nlohmann::json& list, std::size_t count) {
-    return list.is_array() && list.size() == count &&
-           std::all_of(list.begin(), list.end(), [](const nlohmann::json& number) {
-             return number.is_number() && std::isfinite(number.get<double>());
-           });
-  };
   Eigen::Affine3d out = Eigen::Affine3d::Identity();
   const bool has_matrix = node.contains("matrix"), moves = node.contains("translation");
-  if ((has_matrix && (moves || !finite_numbers(node["matrix"], 16))) ||
-      (moves && !finite_numbers(node["translation"], 3)) || node.contains("rotation") ||
+  if ((has_matrix && (moves || !are_finite_numbers(node["matrix"], 16))) ||
+      (moves && !are_finite_numbers(node["translation"], 3)) || node.contains("rotation") ||
       node.contains("scale")) {
     return refused("a node without a finite translation or matrix");
   }
   if (has_matrix) {
-    std::array<double, 16> column_major{};
-    std::transform(node["matrix"].begin(), node["matrix"].end(), column_major.begin(),
-                   [](const nlohmann::json& number) { return number.get<double>(); });
-    out.matrix() = Eigen::Map<const Eigen::Matrix4d>(column_major.data());
+    out.matrix() = matrix_of(node["matrix"]);
   } else if (moves) {
     for (std::size_t i = 0; i < 3; ++i)
       out.translation()[static_cast<int>(i)] = node["translation"][i].get<double>();
