@@ -14,15 +14,6 @@ namespace {
 constexpr std::uint32_t kGlbMagic = 0x46546C67, kGlbVersion = 2;
 constexpr std::uint32_t kGlbJson = 0x4E4F534A, kGlbBinary = 0x004E4942;
 
-template <typename T>
-Result<T> read_as(ByteSource& source, std::uint64_t offset) {
-  std::array<std::uint8_t, sizeof(T)> bytes{};
-  if (auto ok = source.read(offset, bytes); !ok) return ok.error();
-  T value;
-  std::memcpy(&value, bytes.data(), sizeof value);
-  return value;
-}
-
 bool lies_within(std::uint64_t offset, std::uint64_t size, std::uint64_t whole) {
   return offset <= whole && size <= whole - offset;
 }

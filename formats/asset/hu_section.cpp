@@ -2,7 +2,6 @@
 #include "formats/asset/hu_section.h"
 
 #include <algorithm>
-#include <array>
 #include <cstring>
 #include <limits>
 #include <optional>
@@ -33,12 +32,7 @@ std::uint64_t directory_bytes(const HuSection& section) {
 
 Result<PlaneRecord> read_record(ByteSource& source, std::uint64_t binary_at,
                                 const HuSection& section, std::uint64_t i) {
-  std::array<std::uint8_t, sizeof(PlaneRecord)> bytes{};
-  if (auto ok = source.read(binary_at + section.offset + i * sizeof(PlaneRecord), bytes); !ok)
-    return ok.error();
-  PlaneRecord record;
-  std::memcpy(&record, bytes.data(), sizeof record);
-  return record;
+  return read_as<PlaneRecord>(source, binary_at + section.offset + i * sizeof(PlaneRecord));
 }
 
 struct PlaneBytes {
