@@ -296,7 +296,6 @@ Result<Asset> decode_asset(std::span<const std::uint8_t> glb, const std::string&
   if (!index) return refused(name + ": " + index.error().message);
   std::optional<RecordChecks> records;
   if (*index) records.emplace(source, **index);
-  std::size_t slices = 0;
   for (const int child : children) {
     const auto at = static_cast<std::size_t>(child);
     if (child <= 0 || at >= model.nodes.size()) return refused(name + ": node index out of range");
@@ -319,12 +318,12 @@ Result<Asset> decode_asset(std::span<const std::uint8_t> glb, const std::string&
           std::pair(before->index, before->material) >= std::pair(slice.index, slice.material)) {
         return refused(name + ": slice indices do not ascend");
       }
-      slices += before == nullptr || before->index != slice.index ? 1 : 0;
       asset.lines = asset.lines || stated.has_lines;
       asset.colours = asset.colours || stated.has_colours;
       asset.slices.push_back(std::move(slice));
     }
   }
+  const std::size_t slices = slice_count(asset);
   if (asset.schema != 1 && slices != *stated_slices)
     return refused(name + ": it has " + std::to_string(slices) + " slices and states " +
                    std::to_string(*stated_slices));

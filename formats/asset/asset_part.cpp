@@ -110,8 +110,7 @@ Result<AssetPart> read_whole(ByteSource& source, const std::vector<int>& slice_i
   auto asset = decode_asset(glb, name, {false, slice_indices});
   if (!asset) return asset.error();
   AssetPart part;
-  for (std::size_t i = 0; i < asset->slices.size(); ++i)
-    part.asset_slices += i == 0 || asset->slices[i].index != asset->slices[i - 1].index ? 1 : 0;
+  part.asset_slices = slice_count(*asset);
   std::vector<AssetSlice> all = std::exchange(asset->slices, {});
   part.asset = std::move(*asset);
   for (const int index : slice_indices) {
