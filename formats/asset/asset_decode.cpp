@@ -228,9 +228,9 @@ Result<AssetSurface> read_surface_node(const nlohmann::json& json_node, std::siz
 
 // The payload of a surface's node.
 Result<DracoPrimitive> surface_primitive(const tinygltf::Model& model, const tinygltf::Node& node) {
-  if (node.mesh < 0 || static_cast<std::size_t>(node.mesh) >= model.meshes.size())
-    return refused("mesh index out of range");
-  const auto& primitives = model.meshes[static_cast<std::size_t>(node.mesh)].primitives;
+  const tinygltf::Mesh* const mesh = element_at(model.meshes, node.mesh);
+  if (mesh == nullptr) return refused("mesh index out of range");
+  const auto& primitives = mesh->primitives;
   if (primitives.size() != 1 || primitives[0].mode != TINYGLTF_MODE_TRIANGLES)
     return refused("expected one primitive of triangles");
   return draco_primitive(model, primitives[0]);
