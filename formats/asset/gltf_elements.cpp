@@ -9,6 +9,7 @@
 
 #include "formats/asset/draco_mesh.h"
 #include "formats/asset/surface_payload.h"
+#include "formats/geometry/outline_sweep.h"
 
 namespace trocar {
 namespace {
@@ -87,17 +88,13 @@ json triangles_primitive(GltfWriter& gltf, const EncodedSlice& slice, std::int32
 
 json lines_primitive(GltfWriter& gltf, const Pslg& pslg, std::int32_t z, std::size_t material,
                      AssetSizes& sizes) {
-  std::vector<LatticePoint> points;
+  EdgeLoops loops;
+  for (const Ring& ring : pslg.rings)
+    loops.add(ring);
+  const std::vector<LatticePoint>& points = loops.points;
   std::vector<std::uint32_t> indices;
-  for (const Ring& ring : pslg.rings) {
-    const auto first = static_cast<std::uint32_t>(points.size());
-    const auto size = static_cast<std::uint32_t>(ring.size());
-    for (std::uint32_t i = 0; i < size; ++i) {
-      points.push_back(ring[i]);
-      indices.push_back(first + i);
-      indices.push_back(first + (i + 1) % size);
-    }
-  }
+  for (std::uint32_t i = 0; i < points.size(); ++i)
+    indices.insert(indices.end(), {i, loops.next[i]});
   std::vector<float> xyz;
   xyz.reserve(points.size() * 3);
   for (LatticePoint p : points) {
