@@ -240,18 +240,12 @@ Result<TriangleSurface> decode_surface_geometry(const DracoPrimitive& draco,
                                                 const Lattice& lattice) {
   auto decoded = decode_surface(draco.payload, draco.vertices, draco.triangles, lattice);
   if (!decoded) return decoded.error();
+  const auto [low, high] = box_around(decoded->vertices);
   const std::vector<double>&stated_low = draco.position->minValues,
         &stated_high = draco.position->maxValues;
-  for (std::size_t k = 0; k < 3; ++k) {
-    double low = kMaxSpaceCoordinate, high = -kMaxSpaceCoordinate;
-    for (const SpacePoint& p : decoded->vertices) {
-      low = std::min(low, static_cast<double>(p[k]));
-      high = std::max(high, static_cast<double>(p[k]));
-    }
-    if (stated_low.size() != 3 || stated_high.size() != 3 || stated_low[k] != low ||
-        stated_high[k] != high)
-      return refused("accessor bounds differ from the vertices");
-  }
+  if (!std::equal(low.begin(), low.end(), stated_low.begin(), stated_low.end()) ||
+      !std::equal(high.begin(), high.end(), stated_high.begin(), stated_high.end()))
+    return refused("accessor bounds differ from the vertices");
   return decoded;
 }
 

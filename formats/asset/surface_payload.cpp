@@ -29,12 +29,10 @@ Result<std::vector<std::uint8_t>> encode_surface(const TriangleSurface& surface)
   const auto vertices = static_cast<std::uint32_t>(surface.vertices.size());
   std::array<float, 3> low{};
   std::int64_t extent = 1;
+  const auto [lowest, highest] = box_around(surface.vertices);
   for (std::size_t k = 0; k < 3; ++k) {
-    const auto [a, b] =
-        std::minmax_element(surface.vertices.begin(), surface.vertices.end(),
-                            [k](const SpacePoint& p, const SpacePoint& q) { return p[k] < q[k]; });
-    low[k] = static_cast<float>((*a)[k]);
-    extent = std::max(extent, std::int64_t{(*b)[k]} - (*a)[k]);
+    low[k] = static_cast<float>(lowest[k]);
+    extent = std::max(extent, std::int64_t{highest[k]} - lowest[k]);
   }
   int bits = 1;
   while ((std::int64_t{1} << bits) - 1 < extent)
