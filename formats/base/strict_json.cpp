@@ -14,12 +14,8 @@ namespace {
 
 constexpr std::size_t kMaxDepth = 64;
 
-std::string as_text(double x) {
-  return json_text(x);
-}
-
 std::string range_message(double lowest, double highest) {
-  return "must be within " + as_text(lowest) + " and " + as_text(highest);
+  return "must be within " + json_text(lowest) + " and " + json_text(highest);
 }
 
 /// Shortens nlohmann's message "parse error at line 1, column 2: ...".
