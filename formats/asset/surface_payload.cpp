@@ -2,25 +2,17 @@
 #include "formats/asset/surface_payload.h"
 
 #include <draco/compression/decode.h>
-#include <draco/compression/expert_encode.h>
-#include <draco/mesh/mesh.h>
 
 #include <algorithm>
 #include <cmath>
 #include <string>
 
-#include "formats/asset/draco_mesh.h"
+#include "formats/asset/draco_settings.h"
 
 namespace trocar {
 namespace {
 
 constexpr int kNormalBits = 8;
-
-draco::GeometryAttribute float3(draco::GeometryAttribute::Type type) {
-  draco::GeometryAttribute out;
-  out.Init(type, nullptr, 3, draco::DT_FLOAT32, false, 3 * sizeof(float), 0);
-  return out;
-}
 
 }  // namespace
 
@@ -43,8 +35,8 @@ Result<std::vector<std::uint8_t>> encode_surface(const TriangleSurface& surface)
   draco::Mesh mesh;
   mesh.set_num_points(vertices);
   const int position =
-      mesh.AddAttribute(float3(draco::GeometryAttribute::POSITION), true, vertices);
-  const int normal = mesh.AddAttribute(float3(draco::GeometryAttribute::NORMAL), true, vertices);
+      add_attribute(mesh, draco::GeometryAttribute::POSITION, 3, draco::DT_FLOAT32);
+  const int normal = add_attribute(mesh, draco::GeometryAttribute::NORMAL, 3, draco::DT_FLOAT32);
   const std::vector<Eigen::Vector3f> normals = vertex_normals(surface);
   for (std::uint32_t v = 0; v < vertices; ++v) {
     const SpacePoint& p = surface.vertices[v];
@@ -53,12 +45,7 @@ Result<std::vector<std::uint8_t>> encode_surface(const TriangleSurface& surface)
     mesh.attribute(position)->SetAttributeValue(draco::AttributeValueIndex(v), xyz.data());
     mesh.attribute(normal)->SetAttributeValue(draco::AttributeValueIndex(v), normals[v].data());
   }
-  mesh.SetNumFaces(surface.triangles.size());
-  for (std::uint32_t t = 0; t < surface.triangles.size(); ++t) {
-    const auto& v = surface.triangles[t];
-    mesh.SetFace(draco::FaceIndex(t),
-                 {draco::PointIndex(v[0]), draco::PointIndex(v[1]), draco::PointIndex(v[2])});
-  }
+  set_triangles(mesh, surface.triangles);
   draco::ExpertEncoder encoder(mesh);
   encoder.SetEncodingMethod(draco::MESH_EDGEBREAKER_ENCODING);
   encoder.SetSpeedOptions(2, 2);
