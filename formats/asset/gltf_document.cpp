@@ -44,17 +44,15 @@ Callbacks no_files() {
 // into the Draco extension, where draco_primitive() finds it.
 std::vector<std::uint8_t> with_indices_set_aside(std::span<const std::uint8_t> glb,
                                                  std::size_t json_size, nlohmann::json& root) {
+  static const nlohmann::json::json_pointer kDraco(std::string("/extensions/") + kDracoExtension);
   if (root.contains("meshes") && root["meshes"].is_array()) {
     for (nlohmann::json& mesh : root["meshes"]) {
-      if (!mesh.is_object() || !mesh.contains("primitives") || !mesh["primitives"].is_array())
-        continue;
+      if (!mesh.contains("primitives") || !mesh["primitives"].is_array()) continue;
       for (nlohmann::json& primitive : mesh["primitives"]) {
-        if (!primitive.is_object() || !primitive.contains("indices")) continue;
-        if (!primitive.contains("extensions") || !primitive["extensions"].is_object()) continue;
-        nlohmann::json& extensions = primitive["extensions"];
-        if (!extensions.contains(kDracoExtension) || !extensions[kDracoExtension].is_object())
+        if (!primitive.contains("indices") || !primitive.contains(kDraco) ||
+            !primitive[kDraco].is_object())
           continue;
-        extensions[kDracoExtension][kIndicesSetAside] = primitive["indices"];
+        primitive[kDraco][kIndicesSetAside] = primitive["indices"];
         primitive.erase("indices");
       }
     }
