@@ -228,9 +228,9 @@ Result<AssetSurface> read_surface_node(const nlohmann::json& json_node, std::siz
 
 // The payload of a surface's node.
 Result<DracoPrimitive> surface_primitive(const tinygltf::Model& model, const tinygltf::Node& node) {
-  if (node.mesh < 0 || static_cast<std::size_t>(node.mesh) >= model.meshes.size())
-    return refused("mesh index out of range");
-  const auto& primitives = model.meshes[static_cast<std::size_t>(node.mesh)].primitives;
+  const tinygltf::Mesh* const mesh = element_at(model.meshes, node.mesh);
+  if (mesh == nullptr) return refused("mesh index out of range");
+  const auto& primitives = mesh->primitives;
   if (primitives.size() != 1 || primitives[0].mode != TINYGLTF_MODE_TRIANGLES)
     return refused("expected one primitive of triangles");
   return draco_primitive(model, primitives[0]);
@@ -240,18 +240,12 @@ Result<TriangleSurface> decode_surface_geometry(const DracoPrimitive& draco,
                                                 const Lattice& lattice) {
   auto decoded = decode_surface(draco.payload, draco.vertices, draco.triangles, lattice);
   if (!decoded) return decoded.error();
+  const auto [low, high] = box_around(decoded->vertices);
   const std::vector<double>&stated_low = draco.position->minValues,
         &stated_high = draco.position->maxValues;
-  for (std::size_t k = 0; k < 3; ++k) {
-    double low = kMaxSpaceCoordinate, high = -kMaxSpaceCoordinate;
-    for (const SpacePoint& p : decoded->vertices) {
-      low = std::min(low, static_cast<double>(p[k]));
-      high = std::max(high, static_cast<double>(p[k]));
-    }
-    if (stated_low.size() != 3 || stated_high.size() != 3 || stated_low[k] != low ||
-        stated_high[k] != high)
-      return refused("accessor bounds differ from the vertices");
-  }
+  if (!std::equal(low.begin(), low.end(), stated_low.begin(), stated_low.end()) ||
+      !std::equal(high.begin(), high.end(), stated_high.begin(), stated_high.end()))
+    return refused("accessor bounds differ from the vertices");
   return decoded;
 }
 
@@ -296,7 +290,6 @@ Result<Asset> decode_asset(std::span<const std::uint8_t> glb, const std::string&
   if (!index) return refused(name + ": " + index.error().message);
   std::optional<RecordChecks> records;
   if (*index) records.emplace(source, **index);
-  std::size_t slices = 0;
   for (const int child : children) {
     const auto at = static_cast<std::size_t>(child);
     if (child <= 0 || at >= model.nodes.size()) return refused(name + ": node index out of range");
@@ -319,12 +312,12 @@ Result<Asset> decode_asset(std::span<const std::uint8_t> glb, const std::string&
           std::pair(before->index, before->material) >= std::pair(slice.index, slice.material)) {
         return refused(name + ": slice indices do not ascend");
       }
-      slices += before == nullptr || before->index != slice.index ? 1 : 0;
       asset.lines = asset.lines || stated.has_lines;
       asset.colours = asset.colours || stated.has_colours;
       asset.slices.push_back(std::move(slice));
     }
   }
+  const std::size_t slices = slice_count(asset);
   if (asset.schema != 1 && slices != *stated_slices)
     return refused(name + ": it has " + std::to_string(slices) + " slices and states " +
                    std::to_string(*stated_slices));

@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <cstring>
+#include <tuple>
 #include <utility>
 
 namespace trocar {
@@ -13,15 +14,6 @@ namespace {
 // https://registry.khronos.org/glTF/specs/2.0/glTF-2.0.html, 4. GLB File Format Specification
 constexpr std::uint32_t kGlbMagic = 0x46546C67, kGlbVersion = 2;
 constexpr std::uint32_t kGlbJson = 0x4E4F534A, kGlbBinary = 0x004E4942;
-
-template <typename T>
-Result<T> read_as(ByteSource& source, std::uint64_t offset) {
-  std::array<std::uint8_t, sizeof(T)> bytes{};
-  if (auto ok = source.read(offset, bytes); !ok) return ok.error();
-  T value;
-  std::memcpy(&value, bytes.data(), sizeof value);
-  return value;
-}
 
 bool lies_within(std::uint64_t offset, std::uint64_t size, std::uint64_t whole) {
   return offset <= whole && size <= whole - offset;
@@ -70,21 +62,16 @@ Result<std::vector<std::uint8_t>> read_bytes(ByteSource& source, std::uint64_t o
 Result<SliceBytes> unchecked_bytes(ByteSource& source, const IndexedFile& file,
                                    const SliceRecord& r) {
   SliceBytes out;
-  const auto take = [&](std::vector<std::uint8_t>& into, std::uint64_t offset,
-                        std::uint64_t size) -> Result<void> {
+  const std::tuple<std::vector<std::uint8_t>&, std::uint64_t, std::uint64_t> sections[] = {
+      {out.node, file.json_at + r.node_offset, r.node_bytes},
+      {out.draco, file.binary_at + r.draco_offset, r.draco_bytes},
+      {out.outline, file.binary_at + r.outline_offset, r.outline_bytes()},
+      {out.segments, file.binary_at + r.segments_offset, r.segments_bytes()}};
+  for (const auto& [into, offset, size] : sections) {
     auto bytes = read_bytes(source, offset, size);
     if (!bytes) return bytes.error();
     into = std::move(*bytes);
-    return {};
-  };
-  if (auto ok = take(out.node, file.json_at + r.node_offset, r.node_bytes); !ok) return ok.error();
-  if (r.is_empty()) return out;
-  if (auto ok = take(out.draco, file.binary_at + r.draco_offset, r.draco_bytes); !ok)
-    return ok.error();
-  if (auto ok = take(out.outline, file.binary_at + r.outline_offset, r.outline_bytes()); !ok)
-    return ok.error();
-  if (auto ok = take(out.segments, file.binary_at + r.segments_offset, r.segments_bytes()); !ok)
-    return ok.error();
+  }
   return out;
 }
 

@@ -27,9 +27,9 @@
 
 #include <array>
 #include <cstdint>
+#include <cstring>
 #include <optional>
 #include <span>
-#include <string>
 #include <type_traits>
 #include <vector>
 
@@ -46,6 +46,17 @@ inline constexpr std::size_t kGlbChunkHeader = 8;
 /// Returns the size of a .glb's JSON chunk. Errors: kRefused if the file is not binary glTF, or if
 /// its size differs from the size in its header. Messages do not contain the file's name.
 Result<std::uint32_t> json_bytes_of(ByteSource& source);
+
+/// Reads a value that has the same bytes in memory and in the file. Errors: those of
+/// ByteSource::read().
+template <typename T>
+Result<T> read_as(ByteSource& source, std::uint64_t offset) {
+  std::array<std::uint8_t, sizeof(T)> bytes{};
+  if (auto ok = source.read(offset, bytes); !ok) return ok.error();
+  T value;
+  std::memcpy(&value, bytes.data(), sizeof value);
+  return value;
+}
 
 inline constexpr std::array<char, 8> kIndexMagic{'T', 'R', 'O', 'C', 'A', 'R', 'I', 'X'};
 /// Version of the index in assets of schema 2 (kIndexVersion) and of schema 1 (kIndexVersion1).

@@ -12,8 +12,8 @@
 namespace trocar {
 namespace {
 
-Error no_such_slice(int index, std::size_t slices, int first, int last) {
-  return refused("slice " + std::to_string(index) + ": the asset has no such slice" +
+Error no_such_slice(const std::string& name, int index, std::size_t slices, int first, int last) {
+  return refused(name + ": slice " + std::to_string(index) + ": the asset has no such slice" +
                  (slices == 0
                       ? std::string(" (it has none)")
                       : " (it has " + std::to_string(first) + " to " + std::to_string(last) + ")"));
@@ -79,11 +79,8 @@ Result<AssetPart> read_by_index(ByteSource& source, const IndexedFile& file,
   for (const int index : slice_indices) {
     const auto records = find_records(source, file, index);
     if (!records) return refused(name + ": " + records.error().message);
-    if (records->empty()) {
-      const Error missing =
-          no_such_slice(index, header.entries, header.first_index, header.last_index);
-      return refused(name + ": " + missing.message);
-    }
+    if (records->empty())
+      return no_such_slice(name, index, header.entries, header.first_index, header.last_index);
     for (const SliceRecord& record : *records) {
       auto slice = record.material < part.asset.materials.size()
                        ? read_slice(source, file, record, part.asset.lattice, frame)
@@ -110,18 +107,15 @@ Result<AssetPart> read_whole(ByteSource& source, const std::vector<int>& slice_i
   auto asset = decode_asset(glb, name, {false, slice_indices});
   if (!asset) return asset.error();
   AssetPart part;
-  for (std::size_t i = 0; i < asset->slices.size(); ++i)
-    part.asset_slices += i == 0 || asset->slices[i].index != asset->slices[i - 1].index ? 1 : 0;
+  part.asset_slices = slice_count(*asset);
   std::vector<AssetSlice> all = std::exchange(asset->slices, {});
   part.asset = std::move(*asset);
   for (const int index : slice_indices) {
     auto found = std::find_if(all.begin(), all.end(),
                               [index](const AssetSlice& slice) { return slice.index == index; });
-    if (found == all.end()) {
-      const Error missing = no_such_slice(index, all.size(), all.empty() ? 0 : all.front().index,
-                                          all.empty() ? 0 : all.back().index);
-      return refused(name + ": " + missing.message);
-    }
+    if (found == all.end())
+      return no_such_slice(name, index, all.size(), all.empty() ? 0 : all.front().index,
+                           all.empty() ? 0 : all.back().index);
     for (; found != all.end() && found->index == index; ++found)
       part.asset.slices.push_back(std::move(*found));
   }

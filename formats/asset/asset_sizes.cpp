@@ -42,8 +42,8 @@ Result<AssetSizes> asset_sizes(std::span<const std::uint8_t> glb, const std::str
         if (!is_surface[m]) out.triangles += draco->triangles;
         continue;
       }
-      for (const auto* accessor :
-           {accessor_at(model, primitive.indices), attribute_of(model, primitive, "POSITION")}) {
+      for (const auto* accessor : {element_at(model.accessors, primitive.indices),
+                                   attribute_of(model, primitive, "POSITION")}) {
         const auto bytes =
             accessor == nullptr ? std::nullopt : view_bytes(model, accessor->bufferView);
         if (bytes) out.outline_bytes += bytes->size();

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 // Tests: tests/formats/asset/asset_test.cpp
-#include <utility>
 #include <vector>
 
 #include "formats/asset/asset.h"
@@ -41,27 +40,24 @@ std::size_t slice_count(const Asset& asset) {
 }
 
 Result<void> verify_asset(const Asset& asset, const std::string& name) {
+  const auto wrong = [&name](const AssetSlice& slice, const std::string& why) {
+    return refused(name + ": slice " + std::to_string(slice.index) + ": " + why);
+  };
   for (const AssetSlice& slice : asset.slices) {
     if (slice.mesh.triangles.empty() && slice.pslg.rings.empty()) continue;
-    if (auto ok = check_mesh_against_pslg(slice.mesh, slice.pslg); !ok) {
-      return refused(name + ": slice " + std::to_string(slice.index) + ": " + ok.error().message);
-    }
+    if (auto ok = check_mesh_against_pslg(slice.mesh, slice.pslg); !ok)
+      return wrong(slice, ok.error().message);
     if (!slice.hu.empty() && slice.hu.size() != slice.mesh.vertices.size())
-      return refused(name + ": slice " + std::to_string(slice.index) +
-                     ": not an HU for each vertex");
+      return wrong(slice, "not an HU for each vertex");
     const Eigen::Matrix3d L = slice.T_lps_plane.linear();
     if (!((L.transpose() * L - Eigen::Matrix3d::Identity()).cwiseAbs().maxCoeff() < 1e-4) ||
-        L.determinant() < 0) {
-      return refused(name + ": slice " + std::to_string(slice.index) +
-                     ": its plane's frame is not a rotation");
-    }
+        L.determinant() < 0)
+      return wrong(slice, "its plane's frame is not a rotation");
   }
   for (std::size_t i = 0; i < asset.slices.size(); i += materials_of_slice(asset, i).size()) {
     const auto materials = materials_of_slice(asset, i);
     if (materials.size() < 2) continue;
-    if (auto ok = verify_together(materials); !ok)
-      return refused(name + ": slice " + std::to_string(asset.slices[i].index) + ": " +
-                     ok.error().message);
+    if (auto ok = verify_together(materials); !ok) return wrong(materials[0], ok.error().message);
   }
   for (const AssetSurface& one : asset.surfaces) {
     if (auto ok = check_triangle_surface(one.surface); !ok)

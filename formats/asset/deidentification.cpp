@@ -2,6 +2,8 @@
 #include "formats/asset/deidentification.h"
 
 #include <algorithm>
+#include <functional>
+#include <iterator>
 #include <map>
 #include <nlohmann/json.hpp>
 #include <set>
@@ -31,8 +33,15 @@ bool is_any_of(std::string_view text, std::initializer_list<std::string_view> ch
 enum class Kind { kNumber, kFlag, kObject, kList, kText, kNumberOrText };
 struct Allowed {
   Kind kind = Kind::kNumber;
-  bool (*text)(const std::string&) = nullptr;
+  std::function<bool(const std::string&)> text = {};
 };
+
+// The words of a text, which are separated by blanks.
+std::vector<std::string> words_of(const std::string& text) {
+  std::istringstream words(text);
+  using Word = std::istream_iterator<std::string>;
+  return {Word(words), Word()};
+}
 
 // The allowed values, by path; [] stands for any element of a list.
 const std::map<std::string, Allowed>& allowed_values() {
@@ -40,16 +49,17 @@ const std::map<std::string, Allowed>& allowed_values() {
     std::map<std::string, Allowed> out;
     // Each word of `names` is a path below `base`; a dot is `base` itself.
     const auto add = [&out](Kind kind, const std::string& base, const char* names) {
-      std::istringstream words(names);
-      for (std::string word; words >> word;) {
-        std::string path = base;
-        if (word != ".") path.append("/").append(word);
-        out[std::move(path)] = {kind, nullptr};
-      }
+      for (const std::string& word : words_of(names))
+        out[word == "." ? base : base + '/' + word] = {kind};
     };
-    const auto add_text = [&out](const char* path, bool (*text)(const std::string&),
-                                 Kind kind = Kind::kText) {
-      out[path] = {kind, text};
+    const auto add_text = [&out](const char* path, bool (*text)(const std::string&)) {
+      out[path] = {Kind::kText, text};
+    };
+    // Each word of `choices` is an allowed text.
+    const auto add_choices = [&out](Kind kind, const std::string& path, const char* choices) {
+      out[path] = {kind, [words = words_of(choices)](const std::string& text) {
+                     return std::find(words.begin(), words.end(), text) != words.end();
+                   }};
     };
     const std::string primitive = "/meshes/[]/primitives/[]",
                       draco = primitive + "/extensions/KHR_draco_mesh_compression",
@@ -94,15 +104,15 @@ const std::map<std::string, Allowed>& allowed_values() {
         "volume");
     add(Kind::kFlag, "", "materials/[]/doubleSided accessors/[]/normalized");
     add(Kind::kFlag, parameters, "hu keep_table values_are_hu");
-    const auto extension = [](const std::string& text) {
-      return is_any_of(text, {"KHR_draco_mesh_compression", "KHR_materials_unlit"});
-    };
-    add_text("/extensionsRequired/[]", extension);
-    add_text("/extensionsUsed/[]", extension);
-    add_text("/accessors/[]/type", [](const std::string& text) {
-      return is_any_of(text, {"VEC3", "SCALAR"});
-    });
-    add_text("/asset/version", [](const std::string& text) { return text == "2.0"; });
+    for (const char* const path : {"/extensionsRequired/[]", "/extensionsUsed/[]"})
+      add_choices(Kind::kText, path, "KHR_draco_mesh_compression KHR_materials_unlit");
+    add_choices(Kind::kText, "/accessors/[]/type", "VEC3 SCALAR");
+    add_choices(Kind::kText, "/asset/version", "2.0");
+    add_choices(Kind::kText, parameters + "/contour", "subpixel pixel");
+    add_choices(Kind::kText, parameters + "/simplify", "area dp");
+    add_choices(Kind::kText, parameters + "/keep", "column");
+    add_choices(Kind::kText, parameters + "/axis", "transverse coronal sagittal");
+    add_choices(Kind::kNumberOrText, parameters + "/fill_mm2", "all");
     add_text("/asset/generator", [](const std::string& text) {
       return matches(text, "trocar-mesh [0-9]{1,3}\\.[0-9]{1,3}\\.[0-9]{1,3}");
     });
@@ -112,20 +122,6 @@ const std::map<std::string, Allowed>& allowed_values() {
     add_text("/extras/trocar/use", [](const std::string& text) { return text == kAssetUse; });
     add_text("/extras/trocar/input_key_digest",
              [](const std::string& text) { return matches(text, "[0-9a-f]{64}"); });
-    add_text("/extras/trocar/parameters/contour", [](const std::string& text) {
-      return is_any_of(text, {"subpixel", "pixel"});
-    });
-    add_text("/extras/trocar/parameters/simplify", [](const std::string& text) {
-      return is_any_of(text, {"area", "dp"});
-    });
-    add_text("/extras/trocar/parameters/keep",
-             [](const std::string& text) { return text == "column"; });
-    add_text("/extras/trocar/parameters/axis", [](const std::string& text) {
-      return is_any_of(text, {"transverse", "coronal", "sagittal"});
-    });
-    add_text(
-        "/extras/trocar/parameters/fill_mm2", [](const std::string& text) { return text == "all"; },
-        Kind::kNumberOrText);
     add_text("/extras/trocar/parameters/modality",
              [](const std::string& text) { return shared_modality(text) == text; });
     return out;

@@ -2,7 +2,6 @@
 #include "formats/asset/draco_mesh.h"
 
 #include <draco/compression/decode.h>
-#include <draco/mesh/mesh.h>
 
 #include <algorithm>
 #include <array>
@@ -143,10 +142,7 @@ Result<std::vector<std::uint8_t>> encode_draco(const SliceMesh& mesh, const Drac
 
   draco::Mesh out;
   out.set_num_points(static_cast<std::uint32_t>(mesh.vertices.size()));
-  draco::GeometryAttribute position;
-  position.Init(draco::GeometryAttribute::POSITION, nullptr, 3, draco::DT_FLOAT32, false,
-                3 * sizeof(float), 0);
-  const int id = out.AddAttribute(position, true, static_cast<std::uint32_t>(mesh.vertices.size()));
+  const int id = add_attribute(out, draco::GeometryAttribute::POSITION, 3, draco::DT_FLOAT32);
   for (std::uint32_t v = 0; v < mesh.vertices.size(); ++v) {
     const LatticePoint p = mesh.vertices[v];
     const std::int64_t qx = std::int64_t{p.x} - grid.origin.x,
@@ -156,10 +152,7 @@ Result<std::vector<std::uint8_t>> encode_draco(const SliceMesh& mesh, const Drac
     out.attribute(id)->SetAttributeValue(draco::AttributeValueIndex(v), xyz);
   }
   if (!hu.empty()) {
-    draco::GeometryAttribute scalar;
-    scalar.Init(draco::GeometryAttribute::GENERIC, nullptr, 1, draco::DT_INT16, false,
-                sizeof(std::int16_t), 0);
-    const int hu_id = out.AddAttribute(scalar, true, static_cast<std::uint32_t>(hu.size()));
+    const int hu_id = add_attribute(out, draco::GeometryAttribute::GENERIC, 1, draco::DT_INT16);
     for (std::uint32_t v = 0; v < hu.size(); ++v) {
       if (!std::isfinite(hu[v])) return bug("Draco: HU that are not finite");
       const auto steps = static_cast<std::int16_t>(stored_hu(hu[v]) / kHuStep);
@@ -167,20 +160,14 @@ Result<std::vector<std::uint8_t>> encode_draco(const SliceMesh& mesh, const Drac
     }
   }
   if (grid.colours && !hu.empty()) {
-    draco::GeometryAttribute colour;
-    colour.Init(draco::GeometryAttribute::COLOR, nullptr, 3, draco::DT_UINT8, true, 3, 0);
-    const int colour_id = out.AddAttribute(colour, true, static_cast<std::uint32_t>(hu.size()));
+    const int colour_id =
+        add_attribute(out, draco::GeometryAttribute::COLOR, 3, draco::DT_UINT8, true);
     for (std::uint32_t v = 0; v < hu.size(); ++v) {
       const HuColour rgb = hu_colour(stored_hu(hu[v]));
       out.attribute(colour_id)->SetAttributeValue(draco::AttributeValueIndex(v), rgb.data());
     }
   }
-  out.SetNumFaces(mesh.triangles.size());
-  for (std::uint32_t t = 0; t < mesh.triangles.size(); ++t) {
-    const Triangle& v = mesh.triangles[t];
-    out.SetFace(draco::FaceIndex(t),
-                {draco::PointIndex(v[0]), draco::PointIndex(v[1]), draco::PointIndex(v[2])});
-  }
+  set_triangles(out, mesh.triangles);
 
   draco::ExpertEncoder encoder(out);
   draco::Status status = configure(encoder, out, grid);

@@ -1,16 +1,38 @@
 // SPDX-License-Identifier: Apache-2.0
-// The settings of Draco's encoder. This is the only header of the folder that includes Draco.
-// Internal to formats/.
+// The settings of Draco's encoder, and how its input is made. This is the only header of the folder
+// that includes Draco. Internal to formats/.
 // Tests: tests/formats/asset/asset_test.cpp
 #pragma once
 
 #include <draco/compression/expert_encode.h>
+#include <draco/mesh/mesh.h>
 
 #include <cstdint>
+#include <vector>
 
 #include "formats/asset/draco_mesh.h"
 
 namespace trocar {
+
+/// Adds an attribute with one value for each point of the mesh, and returns its id. The values are
+/// not yet set.
+inline int add_attribute(draco::Mesh& mesh, draco::GeometryAttribute::Type type,
+                         std::uint8_t components, draco::DataType data, bool normalized = false) {
+  draco::GeometryAttribute attribute;
+  attribute.Init(type, nullptr, components, data, normalized,
+                 components * draco::DataTypeLength(data), 0);
+  return mesh.AddAttribute(attribute, true, mesh.num_points());
+}
+
+/// Sets the triangles of a mesh that has all its points.
+inline void set_triangles(draco::Mesh& mesh, const std::vector<Triangle>& triangles) {
+  mesh.SetNumFaces(triangles.size());
+  for (std::uint32_t t = 0; t < triangles.size(); ++t) {
+    const Triangle& v = triangles[t];
+    mesh.SetFace(draco::FaceIndex(t),
+                 {draco::PointIndex(v[0]), draco::PointIndex(v[1]), draco::PointIndex(v[2])});
+  }
+}
 
 /// Sets the encoder's options. Preconditions: `mesh` is the encoder's input, and its attribute 0 is
 /// the position.

@@ -44,17 +44,15 @@ Callbacks no_files() {
 // into the Draco extension, where draco_primitive() finds it.
 std::vector<std::uint8_t> with_indices_set_aside(std::span<const std::uint8_t> glb,
                                                  std::size_t json_size, nlohmann::json& root) {
+  static const nlohmann::json::json_pointer kDraco(std::string("/extensions/") + kDracoExtension);
   if (root.contains("meshes") && root["meshes"].is_array()) {
     for (nlohmann::json& mesh : root["meshes"]) {
-      if (!mesh.is_object() || !mesh.contains("primitives") || !mesh["primitives"].is_array())
-        continue;
+      if (!mesh.contains("primitives") || !mesh["primitives"].is_array()) continue;
       for (nlohmann::json& primitive : mesh["primitives"]) {
-        if (!primitive.is_object() || !primitive.contains("indices")) continue;
-        if (!primitive.contains("extensions") || !primitive["extensions"].is_object()) continue;
-        nlohmann::json& extensions = primitive["extensions"];
-        if (!extensions.contains(kDracoExtension) || !extensions[kDracoExtension].is_object())
+        if (!primitive.contains("indices") || !primitive.contains(kDraco) ||
+            !primitive[kDraco].is_object())
           continue;
-        extensions[kDracoExtension][kIndicesSetAside] = primitive["indices"];
+        primitive[kDraco][kIndicesSetAside] = primitive["indices"];
         primitive.erase("indices");
       }
     }
@@ -128,24 +126,19 @@ Result<GltfDocument> parse_gltf(std::span<const std::uint8_t> glb, const std::st
 }
 
 std::optional<std::span<const std::uint8_t>> view_bytes(const tinygltf::Model& model, int view) {
-  if (view < 0 || static_cast<std::size_t>(view) >= model.bufferViews.size()) return std::nullopt;
-  const tinygltf::BufferView& v = model.bufferViews[static_cast<std::size_t>(view)];
-  if (v.buffer != 0 || model.buffers.empty() || v.byteStride != 0) return std::nullopt;
-  const std::vector<unsigned char>& bytes = model.buffers[0].data;
-  if (v.byteOffset > bytes.size() || v.byteLength > bytes.size() - v.byteOffset)
+  const tinygltf::BufferView* const v = element_at(model.bufferViews, view);
+  if (v == nullptr || v->buffer != 0 || model.buffers.empty() || v->byteStride != 0)
     return std::nullopt;
-  return std::span(bytes.data() + v.byteOffset, v.byteLength);
-}
-
-const tinygltf::Accessor* accessor_at(const tinygltf::Model& model, int index) {
-  if (index < 0 || static_cast<std::size_t>(index) >= model.accessors.size()) return nullptr;
-  return &model.accessors[static_cast<std::size_t>(index)];
+  const std::vector<unsigned char>& bytes = model.buffers[0].data;
+  if (v->byteOffset > bytes.size() || v->byteLength > bytes.size() - v->byteOffset)
+    return std::nullopt;
+  return std::span(bytes.data() + v->byteOffset, v->byteLength);
 }
 
 const tinygltf::Accessor* attribute_of(const tinygltf::Model& model,
                                        const tinygltf::Primitive& primitive, const char* name) {
   const auto it = primitive.attributes.find(name);
-  return it == primitive.attributes.end() ? nullptr : accessor_at(model, it->second);
+  return it == primitive.attributes.end() ? nullptr : element_at(model.accessors, it->second);
 }
 
 std::optional<int> packed_view(const tinygltf::Model& model, const tinygltf::Accessor& accessor,
@@ -164,7 +157,8 @@ std::uint32_t offset_of(const tinygltf::Model& model, int view) {
 Result<DracoPrimitive> draco_primitive(const tinygltf::Model& model,
                                        const tinygltf::Primitive& primitive) {
   DracoPrimitive out{.position = attribute_of(model, primitive, "POSITION")};
-  const tinygltf::Accessor* indices = accessor_at(model, draco_member(primitive, kIndicesSetAside));
+  const tinygltf::Accessor* indices =
+      element_at(model.accessors, draco_member(primitive, kIndicesSetAside));
   if (out.position == nullptr || indices == nullptr)
     return refused("triangles without a Draco payload");
   constexpr std::size_t kMax = std::numeric_limits<std::uint32_t>::max();

@@ -36,11 +36,16 @@ struct GltfDocument {
 /// has more than one buffer, or has a buffer with a URI. Messages begin with `name`.
 Result<GltfDocument> parse_gltf(std::span<const std::uint8_t> glb, const std::string& name);
 
+/// The element of a list with this index, or null.
+template <typename Element>
+const Element* element_at(const std::vector<Element>& list, int index) {
+  const auto at = static_cast<std::size_t>(index);
+  return index >= 0 && at < list.size() ? &list[at] : nullptr;
+}
+
 /// The bytes of a buffer view, or std::nullopt if the view does not exist, has a stride, or does
 /// not lie in the buffer.
 std::optional<std::span<const std::uint8_t>> view_bytes(const tinygltf::Model& model, int view);
-/// The accessor with this index, or null.
-const tinygltf::Accessor* accessor_at(const tinygltf::Model& model, int index);
 /// The accessor of the attribute `name` of a primitive, or null.
 const tinygltf::Accessor* attribute_of(const tinygltf::Model& model,
                                        const tinygltf::Primitive& primitive, const char* name);

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "formats/asset/gltf_elements.h"
 
-#include <algorithm>
 #include <array>
 #include <cmath>
 #include <utility>
@@ -9,6 +8,7 @@
 
 #include "formats/asset/draco_mesh.h"
 #include "formats/asset/surface_payload.h"
+#include "formats/geometry/outline_sweep.h"
 
 namespace trocar {
 namespace {
@@ -28,12 +28,12 @@ json numbers(const double* begin, std::size_t count) {
 }
 
 // The accessor of positions, in lattice steps, which are exact in float32.
+json positions(std::size_t count, const SpacePoint& low, const SpacePoint& high) {
+  return {
+      {"componentType", kFloat}, {"type", "VEC3"}, {"count", count}, {"min", low}, {"max", high}};
+}
 json positions(std::size_t count, const LatticeBox& box, std::int32_t z) {
-  return {{"componentType", kFloat},
-          {"type", "VEC3"},
-          {"count", count},
-          {"min", {box.low.x, box.low.y, z}},
-          {"max", {box.high.x, box.high.y, z}}};
+  return positions(count, {box.low.x, box.low.y, z}, {box.high.x, box.high.y, z});
 }
 
 }  // namespace
@@ -87,17 +87,13 @@ json triangles_primitive(GltfWriter& gltf, const EncodedSlice& slice, std::int32
 
 json lines_primitive(GltfWriter& gltf, const Pslg& pslg, std::int32_t z, std::size_t material,
                      AssetSizes& sizes) {
-  std::vector<LatticePoint> points;
+  EdgeLoops loops;
+  for (const Ring& ring : pslg.rings)
+    loops.add(ring);
+  const std::vector<LatticePoint>& points = loops.points;
   std::vector<std::uint32_t> indices;
-  for (const Ring& ring : pslg.rings) {
-    const auto first = static_cast<std::uint32_t>(points.size());
-    const auto size = static_cast<std::uint32_t>(ring.size());
-    for (std::uint32_t i = 0; i < size; ++i) {
-      points.push_back(ring[i]);
-      indices.push_back(first + i);
-      indices.push_back(first + (i + 1) % size);
-    }
-  }
+  for (std::uint32_t i = 0; i < points.size(); ++i)
+    indices.insert(indices.end(), {i, loops.next[i]});
   std::vector<float> xyz;
   xyz.reserve(points.size() * 3);
   for (LatticePoint p : points) {
@@ -163,18 +159,8 @@ Result<int> add_surface(GltfWriter& gltf, const AssetSurface& one, AssetSizes& s
   if (auto ok = check_triangle_surface(*decoded); !ok) return bug(ok.error().message);
   sizes.surface_bytes += draco->size();
 
-  SpacePoint low = surface.vertices[0], high = low;
-  for (const SpacePoint& p : surface.vertices) {
-    for (std::size_t k = 0; k < 3; ++k) {
-      low[k] = std::min(low[k], p[k]);
-      high[k] = std::max(high[k], p[k]);
-    }
-  }
-  const int position = gltf.add_accessor({{"componentType", kFloat},
-                                          {"type", "VEC3"},
-                                          {"count", surface.vertices.size()},
-                                          {"min", low},
-                                          {"max", high}});
+  const auto [low, high] = box_around(surface.vertices);
+  const int position = gltf.add_accessor(positions(surface.vertices.size(), low, high));
   const int normal = gltf.add_accessor(
       {{"componentType", kFloat}, {"type", "VEC3"}, {"count", surface.vertices.size()}});
   const int indices = gltf.add_accessor({{"componentType", kUnsignedInt},

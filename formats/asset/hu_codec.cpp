@@ -7,7 +7,6 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <iterator>
 #include <limits>
 #include <optional>
 
@@ -103,12 +102,7 @@ class MaskMaker {
     // do not cross lie within a margin of one sample.
     left_ = 1024 * edges + 1024 * samples;
     fill_inside(outlines);
-    for (const Pslg* outline : outlines) {
-      for (const Ring& ring : outline->rings) {
-        for (std::size_t i = 0; i < ring.size() && left_ > 0; ++i)
-          mark_near(ring[i], ring[(i + 1) % ring.size()]);
-      }
-    }
+    each_edge(outlines, [this](LatticePoint a, LatticePoint b) { mark_near(a, b); });
     if (left_ <= 0) return refused("its outlines are too dense for its HU");
     return std::move(mask_);
   }
@@ -120,10 +114,21 @@ class MaskMaker {
                            static_cast<std::size_t>(column - mask_.first_column)];
   }
 
+  // Calls visit(from, to) for the edges of the outlines, as long as there may be more work.
+  template <typename Visit>
+  void each_edge(Outlines outlines, const Visit& visit) const {
+    for (const Pslg* outline : outlines) {
+      for (const Ring& ring : outline->rings) {
+        for (std::size_t i = 0; i < ring.size() && left_ > 0; ++i)
+          visit(ring[i], ring[(i + 1) % ring.size()]);
+      }
+    }
+  }
+
   // Marks the samples inside: a row enters and leaves the material where edges cross it.
   void fill_inside(Outlines outlines) {
     std::vector<std::vector<double>> crossings(static_cast<std::size_t>(mask_.rows));
-    const auto add = [&](LatticePoint a, LatticePoint b) {
+    each_edge(outlines, [&](LatticePoint a, LatticePoint b) {
       if (a.y > b.y) std::swap(a, b);
       // Rows with a.y <= y < b.y, so that a vertex on a row counts once.
       Range rows = between(y_, a.y, static_cast<double>(b.y) - 1);
@@ -133,13 +138,7 @@ class MaskMaker {
             a.x + share * (static_cast<double>(b.x) - a.x));
         --left_;
       }
-    };
-    for (const Pslg* outline : outlines) {
-      for (const Ring& ring : outline->rings) {
-        for (std::size_t i = 0; i < ring.size() && left_ > 0; ++i)
-          add(ring[i], ring[(i + 1) % ring.size()]);
-      }
-    }
+    });
     for (int r = mask_.first_row; r < mask_.first_row + mask_.rows; ++r) {
       // Samples so near to a crossing that rounding matters are within the margin anyway.
       std::vector<double>& at = crossings[static_cast<std::size_t>(r - mask_.first_row)];

@@ -2,8 +2,6 @@
 #include "formats/asset/hu_section.h"
 
 #include <algorithm>
-#include <array>
-#include <cmath>
 #include <cstring>
 #include <limits>
 #include <optional>
@@ -34,12 +32,7 @@ std::uint64_t directory_bytes(const HuSection& section) {
 
 Result<PlaneRecord> read_record(ByteSource& source, std::uint64_t binary_at,
                                 const HuSection& section, std::uint64_t i) {
-  std::array<std::uint8_t, sizeof(PlaneRecord)> bytes{};
-  if (auto ok = source.read(binary_at + section.offset + i * sizeof(PlaneRecord), bytes); !ok)
-    return ok.error();
-  PlaneRecord record;
-  std::memcpy(&record, bytes.data(), sizeof record);
-  return record;
+  return read_as<PlaneRecord>(source, binary_at + section.offset + i * sizeof(PlaneRecord));
 }
 
 struct PlaneBytes {
@@ -121,45 +114,29 @@ std::optional<HuSection> section_of(const json& ours) {
   return out.bytes >= directory_bytes(out) ? std::optional(out) : std::nullopt;
 }
 
-// Decodes planes of one volume.
-class PlaneReader {
- public:
-  PlaneReader(ByteSource& source, std::uint64_t binary_at, const HuSection& section,
-              const Lattice& lattice, std::uint64_t& left)
-      : source_(source), binary_at_(binary_at), section_(section), lattice_(lattice), left_(left) {}
-
-  /// Appends the plane of a slice, if it has one. `entries` are the slice's.
-  Result<void> add(std::span<const AssetSlice> entries, std::vector<HuPlane>& out) {
-    std::vector<const Pslg*> outlines;
-    for (const AssetSlice& entry : entries) {
-      if (!entry.pslg.rings.empty()) outlines.push_back(&entry.pslg);
-    }
-    if (outlines.empty() && !section_.grid.covers_everything()) return {};
-    const auto number = find_plane(source_, binary_at_, section_, entries[0].index);
-    if (!number) return number.error();
-    if (!*number) return {};
-    const auto place = plane_bytes(source_, binary_at_, section_, **number);
-    if (!place) return place.error();
-    std::vector<std::uint8_t> bytes(static_cast<std::size_t>(place->size));
-    if (auto ok = source_.read(binary_at_ + section_.offset + place->offset, bytes); !ok)
-      return ok.error();
-    auto plane = decode_hu_plane(bytes, section_.grid, lattice_, outlines);
-    if (!plane) return plane.error();
-    if (plane->hu.size() > left_) return refused("more HU than a file of its size may have");
-    left_ -= plane->hu.size();
-    plane->index = entries[0].index;
-    plane->T_lps_plane = entries[0].T_lps_plane;
-    out.push_back(std::move(*plane));
-    return {};
+// The plane of a slice, if it has one. `entries` are the slice's.
+Result<std::optional<HuPlane>> read_plane(ByteSource& source, std::uint64_t binary_at,
+                                          const HuSection& section, const Lattice& lattice,
+                                          std::span<const AssetSlice> entries) {
+  std::vector<const Pslg*> outlines;
+  for (const AssetSlice& entry : entries) {
+    if (!entry.pslg.rings.empty()) outlines.push_back(&entry.pslg);
   }
-
- private:
-  ByteSource& source_;
-  std::uint64_t binary_at_;
-  const HuSection& section_;
-  const Lattice& lattice_;
-  std::uint64_t& left_;  // samples that all volumes together may still have
-};
+  if (outlines.empty() && !section.grid.covers_everything()) return std::optional<HuPlane>();
+  const auto number = find_plane(source, binary_at, section, entries[0].index);
+  if (!number) return number.error();
+  if (!*number) return std::optional<HuPlane>();
+  const auto place = plane_bytes(source, binary_at, section, **number);
+  if (!place) return place.error();
+  std::vector<std::uint8_t> bytes(static_cast<std::size_t>(place->size));
+  if (auto ok = source.read(binary_at + section.offset + place->offset, bytes); !ok)
+    return ok.error();
+  auto plane = decode_hu_plane(bytes, section.grid, lattice, outlines);
+  if (!plane) return plane.error();
+  plane->index = entries[0].index;
+  plane->T_lps_plane = entries[0].T_lps_plane;
+  return std::optional(std::move(*plane));
+}
 
 }  // namespace
 
@@ -214,7 +191,7 @@ Result<std::vector<HuSection>> hu_sections(const json& ours, const Lattice& latt
 Result<void> read_hu_volumes(ByteSource& source, std::uint64_t binary_at,
                              std::uint64_t binary_bytes, const std::vector<HuSection>& sections,
                              bool with_context, Asset& asset) {
-  std::uint64_t left = max_hu_samples(source.size());
+  std::uint64_t left = max_hu_samples(source.size());  // that all volumes together may still have
   for (const HuSection& section : sections) {
     if (section.offset > binary_bytes || section.bytes > binary_bytes - section.offset)
       return refused("its HU lie outside the file");
@@ -222,12 +199,17 @@ Result<void> read_hu_volumes(ByteSource& source, std::uint64_t binary_at,
     HuVolume& volume = is_context ? asset.context : asset.hu;
     volume.grid = section.grid;
     if (is_context && !with_context) continue;
-    PlaneReader planes(source, binary_at, section, asset.lattice, left);
     for (std::size_t i = 0; i < asset.slices.size();) {
       const std::span<const AssetSlice> entries = materials_of_slice(asset, i);
-      if (auto ok = planes.add(entries, volume.planes); !ok)
-        return refused("slice " + std::to_string(entries[0].index) + ": " + ok.error().message);
       i += entries.size();
+      const std::string where = "slice " + std::to_string(entries[0].index) + ": ";
+      auto plane = read_plane(source, binary_at, section, asset.lattice, entries);
+      if (!plane) return refused(where + plane.error().message);
+      if (!*plane) continue;
+      if ((*plane)->hu.size() > left)
+        return refused(where + "more HU than a file of its size may have");
+      left -= (*plane)->hu.size();
+      volume.planes.push_back(std::move(**plane));
     }
   }
   return {};

@@ -26,24 +26,6 @@ std::vector<T> elements(std::span<const std::uint8_t> bytes) {
   return out;
 }
 
-LatticeBox box_of(const SliceMesh& mesh) {
-  return mesh.vertices.empty() ? LatticeBox{} : box_around(mesh.vertices);
-}
-
-Result<SliceMesh> decode_triangles(const SliceRecord& record, std::span<const std::uint8_t> draco,
-                                   const Lattice& lattice) {
-  auto out = decode_draco(draco, record.vertices, record.triangles, lattice.bits);
-  if (!out) return out.error();
-  if (out->mesh.vertices.size() != record.vertices ||
-      out->mesh.triangles.size() != record.triangles)
-    return refused("Draco payload and accessor counts differ");
-  const auto [low, high] = box_of(out->mesh);
-  if (record.low != low || record.high != high)
-    return refused("accessor bounds differ from the vertices");
-  if (out->z != 0 || !out->hu.empty()) return refused("Draco: not a payload of schema 1");
-  return std::move(out->mesh);
-}
-
 // Coordinates have the unit 2^-bits mm, and all have the height z.
 Result<Pslg> decode_lines(const SliceRecord& record, const GeometryBytes& bytes, int bits,
                           float z) {
@@ -87,6 +69,19 @@ Result<Pslg> decode_lines(const SliceRecord& record, const GeometryBytes& bytes,
 nlohmann::json value_of(const std::string& object, const char* key) {
   const nlohmann::json parsed = parse_json(object);
   return parsed.is_object() ? parsed.value(key, nlohmann::json()) : nlohmann::json();
+}
+
+bool are_finite_numbers(const nlohmann::json& list, std::size_t count) {
+  return list.is_array() && list.size() == count &&
+         std::all_of(list.begin(), list.end(), [](const nlohmann::json& number) {
+           return number.is_number() && std::isfinite(number.get<double>());
+         });
+}
+
+// The matrix whose 16 numbers stand in the list column by column.
+Eigen::Matrix4d matrix_of(const nlohmann::json& list) {
+  const auto column_major = list.get<std::array<double, 16>>();
+  return Eigen::Map<const Eigen::Matrix4d>(column_major.data());
 }
 
 }  // namespace
@@ -204,38 +199,22 @@ Result<AssetSlice> slice_of_node_1(const nlohmann::json& node) {
   slice.z_mm = ours["z_mm"].get<double>();
   slice.measures_json = json_text(ours.value("measures", nlohmann::json::object()));
   const nlohmann::json matrix = node.value("matrix", nlohmann::json());
-  if (!matrix.is_array() || matrix.size() != 16 ||
-      !std::all_of(matrix.begin(), matrix.end(), [](const nlohmann::json& number) {
-        return number.is_number() && std::isfinite(number.get<double>());
-      })) {
+  if (!are_finite_numbers(matrix, 16))
     return refused("slice " + std::to_string(slice.index) + ": node without a finite matrix");
-  }
-  std::array<double, 16> column_major{};
-  std::transform(matrix.begin(), matrix.end(), column_major.begin(),
-                 [](const nlohmann::json& number) { return number.get<double>(); });
-  slice.T_lps_plane.matrix() = Eigen::Map<const Eigen::Matrix4d>(column_major.data());
+  slice.T_lps_plane.matrix() = matrix_of(matrix);
   return slice;
 }
 
 Result<Eigen::Affine3d> transform_of_node(const nlohmann::json& node, const Lattice& lattice) {
-  const auto finite_numbers = [](const nlohmann::json& list, std::size_t count) {
-    return list.is_array() && list.size() == count &&
-           std::all_of(list.begin(), list.end(), [](const nlohmann::json& number) {
-             return number.is_number() && std::isfinite(number.get<double>());
-           });
-  };
   Eigen::Affine3d out = Eigen::Affine3d::Identity();
   const bool has_matrix = node.contains("matrix"), moves = node.contains("translation");
-  if ((has_matrix && (moves || !finite_numbers(node["matrix"], 16))) ||
-      (moves && !finite_numbers(node["translation"], 3)) || node.contains("rotation") ||
+  if ((has_matrix && (moves || !are_finite_numbers(node["matrix"], 16))) ||
+      (moves && !are_finite_numbers(node["translation"], 3)) || node.contains("rotation") ||
       node.contains("scale")) {
     return refused("a node without a finite translation or matrix");
   }
   if (has_matrix) {
-    std::array<double, 16> column_major{};
-    std::transform(node["matrix"].begin(), node["matrix"].end(), column_major.begin(),
-                   [](const nlohmann::json& number) { return number.get<double>(); });
-    out.matrix() = Eigen::Map<const Eigen::Matrix4d>(column_major.data());
+    out.matrix() = matrix_of(node["matrix"]);
   } else if (moves) {
     for (std::size_t i = 0; i < 3; ++i)
       out.translation()[static_cast<int>(i)] = node["translation"][i].get<double>();
@@ -306,11 +285,13 @@ Result<AssetSlice> slice_of_entry(const EntryNode& node, int index, int material
 
 Result<void> decode_slice_geometry_1(const SliceRecord& record, const GeometryBytes& bytes,
                                      const Lattice& lattice, AssetSlice& slice) {
-  auto mesh = decode_triangles(record, bytes.draco, lattice);
-  if (!mesh) return mesh.error();
+  auto decoded = decode_draco(bytes.draco, record.vertices, record.triangles, lattice.bits);
+  if (!decoded) return decoded.error();
+  slice.mesh = std::move(decoded->mesh);
+  if (auto ok = compare_geometry(record, false, slice); !ok) return ok;
+  if (decoded->z != 0 || !decoded->hu.empty()) return refused("Draco: not a payload of schema 1");
   auto pslg = decode_lines(record, bytes, lattice.bits, 0);
   if (!pslg) return pslg.error();
-  slice.mesh = std::move(*mesh);
   slice.pslg = std::move(*pslg);
   return {};
 }
@@ -330,7 +311,8 @@ Result<void> compare_geometry(const SliceRecord& stated, bool has_hu, const Asse
   if (slice.mesh.vertices.size() != stated.vertices ||
       slice.mesh.triangles.size() != stated.triangles || has_hu == slice.hu.empty())
     return refused("Draco payload and accessor counts differ");
-  const auto [low, high] = box_of(slice.mesh);
+  const auto [low, high] =
+      slice.mesh.vertices.empty() ? LatticeBox{} : box_around(slice.mesh.vertices);
   if (stated.low != low || stated.high != high)
     return refused("accessor bounds differ from the vertices");
   return {};

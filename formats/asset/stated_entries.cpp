@@ -79,8 +79,7 @@ Result<void> state_triangles(const tinygltf::Model& model, const tinygltf::Primi
     if (stated.z != 0) return refused("accessor without bounds in the plane");
     return {};
   }
-  if (primitive.material < 0 ||
-      static_cast<std::size_t>(primitive.material) >= asset.materials.size())
+  if (element_at(asset.materials, primitive.material) == nullptr)
     return refused("its material is not in the list");
   record.material = static_cast<std::uint16_t>(primitive.material);
   return state_attributes(model, primitive, stated);
@@ -89,7 +88,7 @@ Result<void> state_triangles(const tinygltf::Model& model, const tinygltf::Primi
 Result<void> state_lines(const tinygltf::Model& model, const tinygltf::Primitive& primitive,
                          SliceRecord& record) {
   const tinygltf::Accessor* position = attribute_of(model, primitive, "POSITION");
-  const tinygltf::Accessor* index = accessor_at(model, primitive.indices);
+  const tinygltf::Accessor* index = element_at(model.accessors, primitive.indices);
   if (position == nullptr || index == nullptr ||
       position->componentType != TINYGLTF_COMPONENT_TYPE_FLOAT ||
       position->type != TINYGLTF_TYPE_VEC3 || index->type != TINYGLTF_TYPE_SCALAR) {
@@ -118,11 +117,9 @@ Result<std::vector<StatedEntry>> stated_entries(const tinygltf::Model& model,
   out[0].record.index = first_index;
   if (node.mesh < 0) return out;
   const auto at = [&out] { return "slice " + std::to_string(out.back().record.index) + ": "; };
-  if (static_cast<std::size_t>(node.mesh) >= model.meshes.size()) {
-    return refused(at() + "mesh index out of range");
-  }
-  const std::vector<tinygltf::Primitive>& primitives =
-      model.meshes[static_cast<std::size_t>(node.mesh)].primitives;
+  const tinygltf::Mesh* const mesh = element_at(model.meshes, node.mesh);
+  if (mesh == nullptr) return refused(at() + "mesh index out of range");
+  const std::vector<tinygltf::Primitive>& primitives = mesh->primitives;
   const auto has_mode = [&primitives](std::size_t i, int mode) {
     return i < primitives.size() && primitives[i].mode == mode;
   };
@@ -152,16 +149,15 @@ Result<std::vector<StatedEntry>> stated_entries(const tinygltf::Model& model,
 
 std::size_t count_entries(const tinygltf::Model& model, const std::vector<int>& nodes) {
   std::size_t count = 0;
-  for (const int node : nodes) {
-    const auto at = static_cast<std::size_t>(node);
-    const int mesh = node < 0 || at >= model.nodes.size() ? -1 : model.nodes[at].mesh;
-    if (mesh < 0 || static_cast<std::size_t>(mesh) >= model.meshes.size()) {
+  for (const int number : nodes) {
+    const tinygltf::Node* const node = element_at(model.nodes, number);
+    const auto* const mesh = node == nullptr ? nullptr : element_at(model.meshes, node->mesh);
+    if (mesh == nullptr) {
       ++count;
       continue;
     }
-    const auto& primitives = model.meshes[static_cast<std::size_t>(mesh)].primitives;
     count += static_cast<std::size_t>(std::count_if(
-        primitives.begin(), primitives.end(),
+        mesh->primitives.begin(), mesh->primitives.end(),
         [](const tinygltf::Primitive& p) { return p.mode == TINYGLTF_MODE_TRIANGLES; }));
   }
   return count;

@@ -2,26 +2,17 @@
 #include "formats/asset/surface_payload.h"
 
 #include <draco/compression/decode.h>
-#include <draco/compression/expert_encode.h>
-#include <draco/mesh/mesh.h>
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
 #include <string>
 
-#include "formats/asset/draco_mesh.h"
+#include "formats/asset/draco_settings.h"
 
 namespace trocar {
 namespace {
 
 constexpr int kNormalBits = 8;
-
-draco::GeometryAttribute float3(draco::GeometryAttribute::Type type) {
-  draco::GeometryAttribute out;
-  out.Init(type, nullptr, 3, draco::DT_FLOAT32, false, 3 * sizeof(float), 0);
-  return out;
-}
 
 }  // namespace
 
@@ -30,12 +21,10 @@ Result<std::vector<std::uint8_t>> encode_surface(const TriangleSurface& surface)
   const auto vertices = static_cast<std::uint32_t>(surface.vertices.size());
   std::array<float, 3> low{};
   std::int64_t extent = 1;
+  const auto [lowest, highest] = box_around(surface.vertices);
   for (std::size_t k = 0; k < 3; ++k) {
-    const auto [a, b] =
-        std::minmax_element(surface.vertices.begin(), surface.vertices.end(),
-                            [k](const SpacePoint& p, const SpacePoint& q) { return p[k] < q[k]; });
-    low[k] = static_cast<float>((*a)[k]);
-    extent = std::max(extent, std::int64_t{(*b)[k]} - (*a)[k]);
+    low[k] = static_cast<float>(lowest[k]);
+    extent = std::max(extent, std::int64_t{highest[k]} - lowest[k]);
   }
   int bits = 1;
   while ((std::int64_t{1} << bits) - 1 < extent)
@@ -46,8 +35,8 @@ Result<std::vector<std::uint8_t>> encode_surface(const TriangleSurface& surface)
   draco::Mesh mesh;
   mesh.set_num_points(vertices);
   const int position =
-      mesh.AddAttribute(float3(draco::GeometryAttribute::POSITION), true, vertices);
-  const int normal = mesh.AddAttribute(float3(draco::GeometryAttribute::NORMAL), true, vertices);
+      add_attribute(mesh, draco::GeometryAttribute::POSITION, 3, draco::DT_FLOAT32);
+  const int normal = add_attribute(mesh, draco::GeometryAttribute::NORMAL, 3, draco::DT_FLOAT32);
   const std::vector<Eigen::Vector3f> normals = vertex_normals(surface);
   for (std::uint32_t v = 0; v < vertices; ++v) {
     const SpacePoint& p = surface.vertices[v];
@@ -56,12 +45,7 @@ Result<std::vector<std::uint8_t>> encode_surface(const TriangleSurface& surface)
     mesh.attribute(position)->SetAttributeValue(draco::AttributeValueIndex(v), xyz.data());
     mesh.attribute(normal)->SetAttributeValue(draco::AttributeValueIndex(v), normals[v].data());
   }
-  mesh.SetNumFaces(surface.triangles.size());
-  for (std::uint32_t t = 0; t < surface.triangles.size(); ++t) {
-    const auto& v = surface.triangles[t];
-    mesh.SetFace(draco::FaceIndex(t),
-                 {draco::PointIndex(v[0]), draco::PointIndex(v[1]), draco::PointIndex(v[2])});
-  }
+  set_triangles(mesh, surface.triangles);
   draco::ExpertEncoder encoder(mesh);
   encoder.SetEncodingMethod(draco::MESH_EDGEBREAKER_ENCODING);
   encoder.SetSpeedOptions(2, 2);

@@ -5,7 +5,6 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
-#include <type_traits>
 #include <utility>
 
 #include "formats/base/nearest_name.h"
@@ -160,13 +159,12 @@ std::string why_not_within(const std::string& text, double low, double high, boo
 
 /// Makes the option take numbers from `low` to `high`. CLI::Range is not used, because its
 /// messages, and whether it accepts nan, differ between versions of CLI11.
-template <typename Number>
-void limit(CLI::Option& option, Number low, Number high, const char* form, const char* unit) {
-  constexpr bool kIsWhole = std::is_integral_v<Number>;
-  option.check([low, high, unit = std::string(unit)](const std::string& text) {
-    return why_not_within(text, low, high, kIsWhole, unit);
+void limit(CLI::Option& option, double low, double high, bool is_whole, const char* form,
+           const char* unit) {
+  option.check([low, high, is_whole, unit = std::string(unit)](const std::string& text) {
+    return why_not_within(text, low, high, is_whole, unit);
   });
-  option.type_name(form != nullptr ? form : shown(low, kIsWhole) + ".." + shown(high, kIsWhole));
+  option.type_name(form != nullptr ? form : shown(low, is_whole) + ".." + shown(high, is_whole));
 }
 
 }  // namespace
@@ -177,12 +175,12 @@ Option Option::required() const {
 }
 
 Option Option::within(int low, int high, const char* form) const {
-  limit(*option_, low, high, form, "");
+  limit(*option_, low, high, true, form, "");
   return *this;
 }
 
 Option Option::within(double low, double high, const char* form, const char* unit) const {
-  limit(*option_, low, high, form, unit);
+  limit(*option_, low, high, false, form, unit);
   return *this;
 }
 

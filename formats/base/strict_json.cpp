@@ -14,12 +14,8 @@ namespace {
 
 constexpr std::size_t kMaxDepth = 64;
 
-std::string as_text(double x) {
-  return json_text(x);
-}
-
 std::string range_message(double lowest, double highest) {
-  return "must be within " + as_text(lowest) + " and " + as_text(highest);
+  return "must be within " + json_text(lowest) + " and " + json_text(highest);
 }
 
 /// Shortens nlohmann's message "parse error at line 1, column 2: ...".
@@ -93,23 +89,17 @@ const nlohmann::json* StrictObject::find(const char* key, bool required) {
 bool StrictObject::boolean(const char* key) {
   const nlohmann::json* found = find(key, false);
   if (found == nullptr || found->is_boolean()) return found != nullptr && found->get<bool>();
-  errors_.add(path(key), "must be true or false");
-  return false;
+  return wrong(key, "must be true or false", false);
 }
 
 double StrictObject::number(const char* key, double lowest, double highest,
                             std::optional<double> otherwise) {
   const nlohmann::json* found = find(key, !otherwise);
   if (found == nullptr) return otherwise.value_or(lowest);
-  if (!found->is_number()) {
-    errors_.add(path(key), "must be a number");
-    return lowest;
-  }
+  if (!found->is_number()) return wrong(key, "must be a number", lowest);
   const double x = found->get<double>();
-  if (!std::isfinite(x) || x < lowest || x > highest) {
-    errors_.add(path(key), range_message(lowest, highest));
-    return lowest;
-  }
+  if (!std::isfinite(x) || x < lowest || x > highest)
+    return wrong(key, range_message(lowest, highest), lowest);
   return x;
 }
 
@@ -131,8 +121,7 @@ std::size_t StrictObject::choice(const char* key, std::span<const char* const> n
     list.append(i == 0 ? "" : i + 1 < names.size() ? ", " : " or ");
     list.append("\"").append(names[i]).append("\"");
   }
-  error(key, "must be " + list);
-  return 0;
+  return wrong(key, "must be " + list, std::size_t{0});
 }
 
 std::int64_t StrictObject::integer(const char* key, std::int64_t lowest, std::int64_t highest,
@@ -143,28 +132,23 @@ std::int64_t StrictObject::integer(const char* key, std::int64_t lowest, std::in
   const bool fits =
       found->is_number_integer() &&
       !(found->is_number_unsigned() && found->get<std::uint64_t>() > std::uint64_t{INT64_MAX});
-  if (!fits || found->get<std::int64_t>() < lowest || found->get<std::int64_t>() > highest) {
-    errors_.add(path(key), "must be an integer within " + std::to_string(lowest) + " and " +
-                               std::to_string(highest));
-    return lowest;
-  }
+  if (!fits || found->get<std::int64_t>() < lowest || found->get<std::int64_t>() > highest)
+    return wrong(
+        key,
+        "must be an integer within " + std::to_string(lowest) + " and " + std::to_string(highest),
+        lowest);
   return found->get<std::int64_t>();
 }
 
 std::string StrictObject::string(const char* key) {
   const nlohmann::json* found = find(key, true);
   if (found == nullptr) return "";
-  if (!found->is_string()) {
-    errors_.add(path(key), "must be a string");
-    return "";
-  }
+  if (!found->is_string()) return wrong(key, "must be a string", "");
   const auto& text = found->get_ref<const std::string&>();
   const bool printable =
       std::none_of(text.begin(), text.end(), [](unsigned char c) { return c < 0x20 || c == 0x7f; });
-  if (text.empty() || text.size() > 4096 || !printable) {
-    errors_.add(path(key), "must be 1 to 4096 bytes without control characters");
-    return "";
-  }
+  if (text.empty() || text.size() > 4096 || !printable)
+    return wrong(key, "must be 1 to 4096 bytes without control characters", "");
   return text;
 }
 
@@ -193,9 +177,8 @@ const nlohmann::json* StrictObject::array(const char* key, std::size_t shortest,
   const nlohmann::json* found = find(key, true);
   if (found == nullptr) return nullptr;
   if (!found->is_array() || found->size() < shortest || found->size() > longest) {
-    errors_.add(path(key), "must be an array of " + std::to_string(shortest) + " to " +
-                               std::to_string(longest) + " elements");
-    return nullptr;
+    const std::string sizes = std::to_string(shortest) + " to " + std::to_string(longest);
+    return wrong(key, "must be an array of " + sizes + " elements", nullptr);
   }
   return found;
 }

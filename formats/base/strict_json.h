@@ -5,7 +5,6 @@
 // Tests: tests/formats/session/scene_test.cpp
 #pragma once
 
-#include <array>
 #include <cstdint>
 #include <nlohmann/json.hpp>
 #include <optional>
@@ -105,6 +104,12 @@ class StrictObject {
     inner.finish();
   }
   const nlohmann::json* find(const char* key, bool required);
+  /// Adds an error about the value under `key`, and returns the substitute for the value.
+  template <typename Value>
+  Value wrong(const char* key, const std::string& why, Value substitute) {
+    error(key, why);
+    return substitute;
+  }
 
   const nlohmann::json& value_;
   std::string path_;

@@ -78,7 +78,6 @@ class CentroidOffset {
   std::int64_t y() const noexcept {
     return 2 * sum_y_ - count_ * (std::int64_t{box_.low.y} + box_.high.y);
   }
-  bool empty() const noexcept { return count_ == 0; }
   const LatticeBox& box() const noexcept { return box_; }
 
  private:
@@ -93,7 +92,7 @@ inline CanonicalRotation rotation_by_centroid(std::span<const LatticePoint> poin
   CentroidOffset offset;
   for (const LatticePoint p : points)
     offset.add(p);
-  return offset.empty() ? CanonicalRotation() : CanonicalRotation::of(offset.x(), offset.y());
+  return CanonicalRotation::of(offset.x(), offset.y());
 }
 inline CanonicalRotation rotation_by_centroid(const Pslg& pslg) noexcept {
   CentroidOffset offset;
@@ -101,7 +100,7 @@ inline CanonicalRotation rotation_by_centroid(const Pslg& pslg) noexcept {
     for (const LatticePoint p : ring)
       offset.add(p);
   }
-  return offset.empty() ? CanonicalRotation() : CanonicalRotation::of(offset.x(), offset.y());
+  return CanonicalRotation::of(offset.x(), offset.y());
 }
 
 /// Like rotation_by_centroid(), but uses the first of three vectors that is not zero: the points'
@@ -114,7 +113,6 @@ template <typename ForEach>
 CanonicalRotation rotation_by_moments(const ForEach& for_each) {
   CentroidOffset offset;
   for_each([&offset](LatticePoint p) { offset.add(p); });
-  if (offset.empty()) return {};
   if (offset.x() != 0 || offset.y() != 0) return CanonicalRotation::of(offset.x(), offset.y());
   const LatticeBox box = offset.box();
   Int128 x3 = 0, y3 = 0, xyy = 0, yxx = 0;

@@ -5,7 +5,6 @@
 #pragma once
 
 #include <cstdint>
-#include <string>
 
 #include "formats/base/result.h"
 #include "formats/geometry/proved_outline.h"

@@ -226,12 +226,6 @@ constexpr int kMaxDigitBits = 11;
 
 }  // namespace
 
-void EdgeLoops::reserve(std::size_t size) {
-  points.reserve(size);
-  next.reserve(size);
-  previous.reserve(size);
-}
-
 void EdgeLoops::add(std::span<const LatticePoint> ring) {
   const auto first = static_cast<std::uint32_t>(points.size()),
              size = static_cast<std::uint32_t>(ring.size());

@@ -7,7 +7,6 @@
 #include <cstdint>
 #include <optional>
 #include <span>
-#include <string>
 #include <vector>
 
 #include "formats/base/result.h"
@@ -23,7 +22,6 @@ struct EdgeLoops {
 
   /// Adds a ring as one loop.
   void add(std::span<const LatticePoint> ring);
-  void reserve(std::size_t size);
   LatticePoint to(std::uint32_t edge) const { return points[next[edge]]; }
 };
 

@@ -40,9 +40,8 @@ Result<void> add_borders(std::size_t region, const Ring& ring, const Ring& store
 
 struct BorderEdge {
   LatticePoint from, to;
-  friend bool operator<(const BorderEdge& e, const BorderEdge& f) {
-    return std::pair{e.from, e.to} < std::pair{f.from, f.to};
-  }
+  // NOLINTNEXTLINE(modernize-use-nullptr): clang-tidy 14 takes the comparison with 0 for a pointer
+  friend auto operator<=>(const BorderEdge&, const BorderEdge&) = default;
 };
 
 // When turning clockwise around p from the direction of `start`, does the direction of a come

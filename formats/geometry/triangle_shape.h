@@ -48,7 +48,6 @@ struct ShapeLimits {
 
 struct TriangleShape {
   std::int64_t doubled_area;
-  double ca2;        ///< squared length of the edge from c to a
   double shortest2;  ///< squared length of the shortest edge
   bool is_sharp;     ///< the triangle's smallest angle is below the limit
   bool is_large;     ///< the area is above the largest area allowed
@@ -70,7 +69,7 @@ struct TriangleShape {
   // doubled_area / (l m).
   const double product = std::max(std::max(ab2 * ac2, ac2 * bc2), bc2 * ab2);
   const auto area = static_cast<double>(doubled_area);
-  return {doubled_area, ac2, std::min(std::min(ab2, ac2), bc2),
+  return {doubled_area, std::min(std::min(ab2, ac2), bc2),
           area * area<limits.sine2 * product, area> limits.doubled_area};
 }
 

@@ -5,7 +5,6 @@
 #include <algorithm>
 #include <cmath>
 #include <string>
-#include <utility>
 
 namespace trocar {
 namespace {
@@ -50,6 +49,17 @@ Result<void> check_simplices(const TriangleSurface& surface) {
 }
 
 }  // namespace
+
+std::pair<SpacePoint, SpacePoint> box_around(const std::vector<SpacePoint>& points) {
+  SpacePoint low = points[0], high = low;
+  for (const SpacePoint& p : points) {
+    for (std::size_t k = 0; k < 3; ++k) {
+      low[k] = std::min(low[k], p[k]);
+      high[k] = std::max(high[k], p[k]);
+    }
+  }
+  return {low, high};
+}
 
 Result<void> check_triangle_surface(const TriangleSurface& surface) {
   if (surface.triangles.empty()) return refused("the surface has no triangles");

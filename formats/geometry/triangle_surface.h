@@ -6,6 +6,7 @@
 #include <Eigen/Core>
 #include <array>
 #include <cstdint>
+#include <utility>
 #include <vector>
 
 #include "formats/base/result.h"
@@ -26,6 +27,10 @@ struct TriangleSurface {
   std::vector<SpacePoint> vertices;
   std::vector<std::array<std::uint32_t, 3>> triangles;
 };
+
+/// The corners of the smallest box around the points, the lower one first. Precondition: there is at
+/// least one point.
+std::pair<SpacePoint, SpacePoint> box_around(const std::vector<SpacePoint>& points);
 
 /// Checks that a surface has these properties; the first two are proved in exact integers:
 ///  - all coordinates are admissible, all indices are in range, every vertex is used, and no

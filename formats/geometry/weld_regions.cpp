@@ -2,7 +2,6 @@
 #include "formats/geometry/weld_regions.h"
 
 #include <algorithm>
-#include <string>
 #include <utility>
 
 #include "formats/base/disjoint_sets.h"
