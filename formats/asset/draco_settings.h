@@ -1,13 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
-// The settings of Draco's encoder, and how its input is made. This is the only header of the folder
-// that includes Draco. Internal to formats/.
+// The settings of Draco's encoder, how its input is made, and how a payload is decoded. This is the
+// only header of the folder that includes Draco. Internal to formats/.
 // Tests: tests/formats/asset/asset_test.cpp
 #pragma once
 
+#include <draco/compression/decode.h>
 #include <draco/compression/expert_encode.h>
 #include <draco/mesh/mesh.h>
 
 #include <cstdint>
+#include <memory>
+#include <span>
 #include <vector>
 
 #include "formats/asset/draco_mesh.h"
@@ -56,6 +59,21 @@ inline draco::Status configure(draco::ExpertEncoder& encoder, const draco::Point
   for (int id = 1; status.ok() && id < mesh.num_attributes(); ++id)
     status = encoder.SetAttributePredictionScheme(id, draco::PREDICTION_DIFFERENCE);
   return status;
+}
+
+/// Decodes a payload. Errors: kRefused if check_draco_counts() refuses it, if the bytes are
+/// corrupted, or if bytes are left after the mesh.
+inline Result<std::unique_ptr<draco::Mesh>> decode_payload(std::span<const std::uint8_t> bytes,
+                                                           std::uint64_t max_vertices,
+                                                           std::uint64_t max_triangles) {
+  if (auto ok = check_draco_counts(bytes, max_vertices, max_triangles); !ok) return ok.error();
+  draco::DecoderBuffer buffer;
+  buffer.Init(reinterpret_cast<const char*>(bytes.data()), bytes.size());
+  draco::Decoder decoder;
+  auto decoded = decoder.DecodeMeshFromBuffer(&buffer);
+  if (!decoded.ok()) return refused("Draco: " + decoded.status().error_msg_string());
+  if (buffer.remaining_size() != 0) return refused("Draco: bytes after the mesh");
+  return std::move(decoded).value();
 }
 
 }  // namespace trocar

@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "formats/asset/surface_payload.h"
 
-#include <draco/compression/decode.h>
-
 #include <algorithm>
 #include <cmath>
 #include <string>
@@ -60,13 +58,9 @@ Result<std::vector<std::uint8_t>> encode_surface(const TriangleSurface& surface)
 
 Result<TriangleSurface> decode_surface(std::span<const std::uint8_t> bytes, std::uint64_t vertices,
                                        std::uint64_t triangles, const Lattice& lattice) {
-  if (auto ok = check_draco_counts(bytes, vertices, triangles); !ok) return ok.error();
-  draco::DecoderBuffer buffer;
-  buffer.Init(reinterpret_cast<const char*>(bytes.data()), bytes.size());
-  draco::Decoder decoder;
-  auto decoded = decoder.DecodeMeshFromBuffer(&buffer);
-  if (!decoded.ok()) return refused("Draco: " + decoded.status().error_msg_string());
-  const std::unique_ptr<draco::Mesh> in = std::move(decoded).value();
+  const auto decoded = decode_payload(bytes, vertices, triangles);
+  if (!decoded) return decoded.error();
+  const draco::Mesh* const in = decoded->get();
   const draco::PointAttribute* position = in->GetAttributeByUniqueId(kDracoSurfacePositionId);
   const draco::PointAttribute* normal = in->GetAttributeByUniqueId(kDracoSurfaceNormalId);
   if (in->num_attributes() != 2 || position == nullptr || normal == nullptr ||

@@ -24,9 +24,9 @@ Result<std::vector<std::uint8_t>> encode_surface(const TriangleSurface& surface)
 
 /// Decodes a payload of encode_surface(), but not its normals. Vertices and triangles are in
 /// Draco's order. Whether the surface is valid is not checked: call check_triangle_surface().
-/// Errors: kRefused if the bytes are corrupted, if the payload does not have `vertices` vertices
-/// and `triangles` triangles (the numbers in the file's JSON), if a coordinate is off the lattice
-/// or out of range, or if an index is out of range. Messages do not contain the file's name.
+/// Errors: kRefused if the bytes are corrupted, if bytes follow the mesh, if the payload does not
+/// have `vertices` vertices and `triangles` triangles (the numbers in the file's JSON), if a
+/// coordinate is off the lattice or out of range, or if an index is out of range. Messages do not contain the file's name.
 Result<TriangleSurface> decode_surface(std::span<const std::uint8_t> bytes, std::uint64_t vertices,
                                        std::uint64_t triangles, const Lattice& lattice);
 

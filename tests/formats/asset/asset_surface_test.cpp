@@ -8,6 +8,7 @@
 #include <string>
 
 #include "formats/asset/asset.h"
+#include "formats/asset/surface_payload.h"
 
 namespace trocar {
 namespace {
@@ -86,6 +87,21 @@ TEST(AssetSurface, IsStoredWithoutLoss) {
   EXPECT_EQ(again->triangles, sizes.triangles);
   EXPECT_EQ(sizes.triangles, 6U);  // of slices only
   EXPECT_EQ(again->triangle_bytes, sizes.triangle_bytes);
+}
+
+TEST(AssetSurface, WithBytesAfterItsMeshIsRefused) {
+  const TriangleSurface surface = torus(24);
+  auto bytes = encode_surface(surface);
+  ASSERT_TRUE(bytes);
+  const auto decode = [&] {
+    return decode_surface(*bytes, surface.vertices.size(), surface.triangles.size(),
+                          surface.lattice);
+  };
+  ASSERT_TRUE(decode());
+  bytes->push_back(0);
+  const auto out = decode();
+  ASSERT_FALSE(out);
+  EXPECT_EQ(out.error().message, "Draco: bytes after the mesh");
 }
 
 TEST(AssetSurface, IsNotReadWithSlices) {
