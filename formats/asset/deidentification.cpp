@@ -185,8 +185,10 @@ struct Used {
 
 // The element of the document's list `key`, or an empty object.
 json element(const json& document, const char* key, std::uint64_t number) {
-  const json list = document.value(key, json::array());
-  return number < list.size() ? list[static_cast<std::size_t>(number)] : json::object();
+  const auto list = document.find(key);
+  return list != document.end() && list->is_array() && number < list->size()
+             ? (*list)[static_cast<std::size_t>(number)]
+             : json::object();
 }
 
 void use_primitive(const json& primitive, Used& used) {
