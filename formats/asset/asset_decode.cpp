@@ -290,6 +290,10 @@ Result<Asset> decode_asset(std::span<const std::uint8_t> glb, const std::string&
   if (!index) return refused(name + ": " + index.error().message);
   std::optional<RecordChecks> records;
   if (*index) records.emplace(source, **index);
+  // Slices may share their geometry. This bounds how often, and so the memory for a hostile file.
+  std::uint64_t triangles_left =
+                    max_triangles_in(model.buffers.empty() ? 0 : model.buffers[0].data.size()),
+                outline_left = triangles_left;
   for (const int child : children) {
     const auto at = static_cast<std::size_t>(child);
     if (child <= 0 || at >= model.nodes.size()) return refused(name + ": node index out of range");
@@ -305,6 +309,11 @@ Result<Asset> decode_asset(std::span<const std::uint8_t> glb, const std::string&
           return refused(where + ok.error().message);
       }
       if (is_wanted(options, slice.index)) {
+        if (stated.record.triangles > triangles_left ||
+            stated.record.outline_vertices > outline_left)
+          return refused(where + "more geometry than a file of its size may have");
+        triangles_left -= stated.record.triangles;
+        outline_left -= stated.record.outline_vertices;
         if (auto ok = decode_geometry(model, stated, asset, slice); !ok)
           return refused(where + ok.error().message);
       }

@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "formats/asset/draco_mesh.h"
 
-#include <draco/compression/decode.h>
-
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -20,6 +18,10 @@ namespace {
 constexpr std::uint64_t kMaxTrianglesPerByte = 64, kAlwaysAllowedTriangles = 1 << 22;
 
 }  // namespace
+
+std::uint64_t max_triangles_in(std::uint64_t bytes) {
+  return std::max(kAlwaysAllowedTriangles, kMaxTrianglesPerByte * bytes);
+}
 
 // The bytes before Edgebreaker's symbols (bitstream 2.2): name, version, mesh, method, flags, kind
 // of traversal, vertices and faces. Draco allocates for these two numbers without a check.
@@ -44,7 +46,7 @@ Result<void> check_draco_counts(std::span<const std::uint8_t> bytes, std::uint64
   const std::uint64_t vertices = varint(), triangles = varint();
   if (vertices > max_vertices || triangles > max_triangles)
     return refused("Draco: more vertices or triangles than stated");
-  if (triangles > std::max(kAlwaysAllowedTriangles, kMaxTrianglesPerByte * bytes.size()))
+  if (triangles > max_triangles_in(bytes.size()))
     return refused("Draco: more triangles than its bytes can hold");
   return {};
 }
@@ -179,14 +181,9 @@ Result<std::vector<std::uint8_t>> encode_draco(const SliceMesh& mesh, const Drac
 
 Result<DracoSlice> decode_draco(std::span<const std::uint8_t> bytes, std::uint64_t max_vertices,
                                 std::uint64_t max_triangles, int bits) {
-  if (auto ok = check_draco_counts(bytes, max_vertices, max_triangles); !ok) return ok.error();
-  draco::DecoderBuffer buffer;
-  buffer.Init(reinterpret_cast<const char*>(bytes.data()), bytes.size());
-  draco::Decoder decoder;
-  auto decoded = decoder.DecodeMeshFromBuffer(&buffer);
-  if (!decoded.ok()) return refused("Draco: " + decoded.status().error_msg_string());
-  if (buffer.remaining_size() != 0) return refused("Draco: bytes after the mesh");
-  const std::unique_ptr<draco::Mesh> in = std::move(decoded).value();
+  const auto decoded = decode_payload(bytes, max_vertices, max_triangles);
+  if (!decoded) return decoded.error();
+  const draco::Mesh* const in = decoded->get();
   const draco::PointAttribute* position = in->GetNamedAttribute(draco::GeometryAttribute::POSITION);
   if (position == nullptr || position->data_type() != draco::DT_FLOAT32 ||
       position->num_components() != 3) {

@@ -79,9 +79,12 @@ Result<DracoSlice> decode_draco(std::span<const std::uint8_t> bytes, std::uint64
 /// Checks the numbers of vertices and triangles in a payload's header, because Draco allocates
 /// memory for these numbers before it reads further. Errors: kRefused if the header is not that of
 /// an Edgebreaker mesh, or if the header states more than `max_vertices` vertices or more than
-/// `max_triangles` triangles. More than 2^22 triangles are also refused if there are more than 64
-/// triangles for each byte of the payload.
+/// `max_triangles` triangles, or more than max_triangles_in() of the payload's size.
 Result<void> check_draco_counts(std::span<const std::uint8_t> bytes, std::uint64_t max_vertices,
                                 std::uint64_t max_triangles);
+
+/// The largest number of triangles for which memory is allocated on the word of this many bytes: 64
+/// for each byte, and at least 2^22.
+std::uint64_t max_triangles_in(std::uint64_t bytes);
 
 }  // namespace trocar

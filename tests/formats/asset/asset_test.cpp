@@ -9,6 +9,7 @@
 #include <cmath>
 #include <cstring>
 #include <limits>
+#include <nlohmann/json.hpp>
 #include <random>
 #include <utility>
 
@@ -454,6 +455,46 @@ TEST(Asset, NodesThatContradictTheirSlicesAreRefused) {
     EXPECT_EQ(out.error().code, ExitCode::kRefused);
     EXPECT_NE(out.error().message.find(said), std::string::npos) << out.error().message;
   }
+}
+
+// Tools that merge equal data make slices share a mesh. Few bytes could then stand for any number of
+// triangles.
+TEST(Asset, SlicesShareAMeshUpToALimit) {
+  Asset asset = make_asset(8);
+  asset.slices.resize(1);
+  asset.slices[0].mesh = jittered_grid(60, 60, 97, {-777, 12345}, 5);
+  asset.slices[0].pslg = boundary_rings(asset.slices[0].mesh);
+  const std::vector<std::uint8_t> glb = *encode_asset(asset);
+  const std::size_t triangles = asset.slices[0].mesh.triangles.size();
+  const auto shared = [&](std::size_t slices) {
+    auto document = nlohmann::json::parse(json_of(glb));
+    document["extras"]["trocar"]["slices"] = slices;
+    auto& nodes = document["nodes"];
+    const auto is_slice = [](const nlohmann::json& node) { return node.contains("mesh"); };
+    const auto first = std::find_if(nodes.begin(), nodes.end(), is_slice) - nodes.begin();
+    const auto list = std::find_if(nodes.begin(), nodes.end(), [&](const nlohmann::json& node) {
+      const auto children = node.value("children", std::vector<std::ptrdiff_t>());
+      return std::find(children.begin(), children.end(), first) != children.end();
+    });
+    for (std::size_t i = 1; i < slices; ++i)
+      list->at("children").push_back(nodes.size() + i - 1);
+    for (std::size_t i = 1; i < slices; ++i) {
+      nlohmann::json node = nodes[static_cast<std::size_t>(first)];
+      node["extras"]["trocar"]["index"] = asset.slices[0].index + static_cast<int>(i);
+      nodes.push_back(node);
+    }
+    return with_json(glb, document.dump());
+  };
+  const auto some = decode_asset(shared(100), "test");
+  ASSERT_TRUE(some) << some.error().message;
+  EXPECT_EQ(some->slices.size(), 100U);
+  EXPECT_EQ(some->slices[99].mesh.triangles, some->slices[0].mesh.triangles);
+  const std::size_t limit = std::max<std::size_t>(std::size_t{1} << 22, 64 * glb.size());
+  const auto many = decode_asset(shared(limit / triangles + 2), "test");
+  ASSERT_FALSE(many);
+  EXPECT_EQ(many.error().code, ExitCode::kRefused);
+  EXPECT_TRUE(many.error().message.ends_with("more geometry than a file of its size may have"))
+      << many.error().message;
 }
 
 TEST(Asset, DecodesOnlyTheRequestedSlices) {
