@@ -5,7 +5,6 @@
 
 #include <array>
 #include <system_error>
-#include <utility>
 #include <vector>
 
 #include "embedded/runtime/reporting/history_page.html.h"
