@@ -280,18 +280,9 @@ Reply get_log(const ConsoleState& console) {
   };
 }
 
-Reply get_test(const ConsoleState& console) {
-  return
-      [answer = console.supervisor.test().answer(console.supervisor.hidden())]() mutable -> Answer {
-        return {200, "application/json", answer()};
-      };
-}
-
-Reply get_new_scene(const ConsoleState& console) {
-  return [answer = console.supervisor.scene_maker().answer(
-              console.supervisor.hidden())]() mutable -> Answer {
-    return {200, "application/json", answer()};
-  };
+/// Answers with the JSON of DeviceTest::answer() or SceneMaker::answer().
+Reply get_json(std::function<std::string()> answer) {
+  return [answer = std::move(answer)]() -> Answer { return {200, "application/json", answer()}; };
 }
 
 Answer post(ConsoleState& console, const ApiRequest& request) {
@@ -337,8 +328,9 @@ Reply answer_api(ConsoleState& console, const ApiRequest& request) {
   if (path == "/api/report") return get_report(console, request.target);
   if (path == "/api/history") return get_history(console);
   if (path == "/api/log") return get_log(console);
-  if (path == "/api/test") return get_test(console);
-  if (path == "/api/new_scene") return get_new_scene(console);
+  const HiddenTexts& hidden = console.supervisor.hidden();
+  if (path == "/api/test") return get_json(console.supervisor.test().answer(hidden));
+  if (path == "/api/new_scene") return get_json(console.supervisor.scene_maker().answer(hidden));
   return failure(kNotFound, "there is no such path");
 }
 
