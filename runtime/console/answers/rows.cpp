@@ -174,7 +174,7 @@ Result<std::string> rows_of(const std::filesystem::path& recording) {
   }
   const std::optional<double> scale = origin.number("force-scale");
   Arrays arrays;
-  const auto at = arrays.add(std::span<const double>(table));
+  const auto at = arrays.add(table);
   return arrays.with_json(json_text({{"schema", "trocar.rows/1"},
                                      {"columns", columns},
                                      {"rows", table.size() / width},

@@ -7,7 +7,6 @@
 #include <cmath>
 #include <cstdint>
 #include <nlohmann/json.hpp>
-#include <span>
 #include <vector>
 
 #include "formats/asset/asset.h"
@@ -141,7 +140,6 @@ std::vector<Number> thinned(const std::vector<Number>& values, const HuPlane& pl
 /// Describes a volume; null if it has no planes. `bone`: where its material is; null: not stated.
 json describe(const HuVolume& volume, const Eigen::Affine3d& T_device_lps, const PlacedBone* bone,
               Arrays& arrays) {
-  if (volume.planes.empty()) return nullptr;
   std::size_t samples = 0;
   for (const HuPlane& plane : volume.planes)
     samples += plane.hu.size();
@@ -160,10 +158,10 @@ json describe(const HuVolume& volume, const Eigen::Affine3d& T_device_lps, const
          {"row_m", array_of(T.linear().col(1) * (plane.pitch_mm.y() * every))},
          {"columns", (plane.columns + every - 1) / every},
          {"rows", (plane.rows + every - 1) / every},
-         {"hu", arrays.add(std::span<const std::int16_t>(hu))}});
+         {"hu", arrays.add(hu)}});
     if (bone == nullptr) continue;
     const std::vector<std::uint8_t> inside = thinned(material_of(plane, *bone), plane, every);
-    planes.back()["inside"] = arrays.add(std::span<const std::uint8_t>(inside));
+    planes.back()["inside"] = arrays.add(inside);
   }
   if (planes.empty()) return nullptr;
   return {{"step_HU", volume.grid.step_hu}, {"every", every}, {"planes", std::move(planes)}};

@@ -243,8 +243,8 @@ TEST(ConsoleContainer, ArraysBeginAtAMultipleOf8) {
     Arrays arrays;
     const std::vector<float> odd = {1, 2, 3};
     const std::vector<double> wide = {4};
-    EXPECT_EQ(arrays.add(std::span<const float>(odd))[0], 0U);
-    EXPECT_EQ(arrays.add(std::span<const double>(wide))[0], 16U);
+    EXPECT_EQ(arrays.add(odd)[0], 0U);
+    EXPECT_EQ(arrays.add(wide)[0], 16U);
     const std::string bytes = arrays.with_json(std::string(length, 'x'));
     std::uint32_t size = 0;
     std::memcpy(&size, bytes.data(), sizeof size);
