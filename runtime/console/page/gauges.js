@@ -1,18 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 // Torques against their limits, joint and workspace limits, pose, slices and events. Texts are set by textContent only.
 // Tests: tests/e2e/console_page_test.py
+import { element } from "./elements.js";
 import { is_by_operator } from "./words.js";
 
 const kAxes = ["x", "y", "z"], kDegrees = 180 / Math.PI;
 const kTickParts = ["waking", "device", "law", "publishing"];  // parts of a tick that make it late, in the order of the column missed_by
 const kShownEvents = 100;
-
-function element(tag, name = "", text = "") {
-  const made = document.createElement(tag);
-  if (name) made.className = name;
-  if (text) made.textContent = text;
-  return made;
-}
 
 /// Like toFixed(), but without a minus before zero.
 const fixed = (value, digits) => value.toFixed(digits).replace(/^-(0\.?0*)$/, "$1");

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // What the page shows, as data: `window.trocar`, for tests and for debugging in the browser's console.
 // Tests: tests/e2e/console_page_test.py
-const by_id = (id) => document.getElementById(id);
+import { by_id } from "./elements.js";
+
 const row_of = (source) => (source?.row ? Object.fromEntries([...source.columns.at.keys()].map((name) => [name, Array.from(source.values(name))])) : null);
 export const inspection_of = (app) => ({
   get role() { return app.role; },

@@ -5,6 +5,7 @@ import { emergency_stop, file_query, get_blob, get_container, get_json, post } f
 import { Charts } from "./charts.js";
 import { Shown, read_bone } from "./data.js";
 import { Devices } from "./devices.js";
+import { by_id, set_options } from "./elements.js";
 import { Folder } from "./folder.js";
 import { Gauges } from "./gauges.js";
 import { Goals } from "./goals.js";
@@ -20,7 +21,6 @@ import { Training } from "./training.js";
 import { View3d } from "./view/view3d.js";
 import { describe, is_paused, kFault, kRecovering } from "./words.js";
 
-const by_id = (id) => document.getElementById(id);
 const kPanels_ms = 100, kSlowPanels_ms = 250, kRefresh_ms = 5000, kOld_ms = 300, kViewBesideXray_ms = 150, kViewBesidePictures_ms = 60;
 
 const app = {
@@ -159,11 +159,8 @@ const refresh = guarded(async () => {
   app.folder = data;
   devices.show(data.devices);
   folder.show(data);
-  training.show(data.recordings);
-  const options = [new Option("none", ""), ...data.recordings.filter(({ error }) => !error).map(({ file }) => new Option(short(file), file))];
-  const against = by_id("against").value;
-  by_id("against").replaceChildren(...options);
-  by_id("against").value = options.some(({ value }) => value === against) ? against : "";
+  const recordings = data.recordings.filter(({ error }) => !error);
+  for (const id of ["ghost", "against"]) set_options(by_id(id), [new Option("none", ""), ...recordings.map(({ file }) => new Option(short(file), file))]);
   if (!app.live && !data.session) await preview(folder.scene(folder.chosen), folder.asset());
   if (data.start && data.state === "idle" && !app.has_started) await start({ scene: data.start });
   if (data.playback && !app.playback.first) {

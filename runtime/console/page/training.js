@@ -3,9 +3,9 @@
 // recording beside the tool of a session.
 // Tests: tests/e2e/console_page_test.py
 import { file_query, get_blob, get_container } from "./api.js";
+import { by_id } from "./elements.js";
 import { Recorded } from "./playback.js";
 
-const by_id = (id) => document.getElementById(id);
 const kFields = ["trainee", "course", "attempt"];
 
 export class Training {
@@ -48,12 +48,6 @@ export class Training {
     localStorage.setItem("trocar-attempt", String(attempt));
   }
 
-  /// Lists the recordings that can be the ghost.
-  show(recordings) {
-    const chosen = by_id("ghost").value;
-    by_id("ghost").replaceChildren(new Option("none", ""), ...recordings.filter(({ error }) => !error).map(({ file }) => new Option(file.replace(/^sessions\//, "").replace(/\/session\.csv$/, ""), file)));
-    by_id("ghost").value = [...by_id("ghost").options].some(({ value }) => value === chosen) ? chosen : "";
-  }
   async choose_ghost(file) {
     this.ghost = null;
     if (this.app.live) this.app.live.second = null;

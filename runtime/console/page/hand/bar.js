@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // The hand's bar below the view: the button that takes the needle, force and lag, switches of sound and rumble, and the help.
 // Tests: tests/e2e/console_hand_page_test.py
+import { by_id } from "../elements.js";
 import { share_of } from "./motion.js";
 
-const by_id = (id) => document.getElementById(id);
 const kHelpKey = "trocar-hand-help";  // "seen" once the operator has closed the help or held the needle
 
 /// A button that switches something on and off, which is remembered. It is on at first. (The space key would toggle a checkbox that has

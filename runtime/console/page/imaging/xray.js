@@ -4,6 +4,7 @@
 // is always on and costs nothing.
 // Tests: tests/e2e/console_imaging_page_test.py
 import { post } from "../api.js";
+import { by_id } from "../elements.js";
 import { while_pressed } from "../keys.js";
 import { project, view_of } from "./c_arm.js";
 import { Picture } from "./picture.js";
@@ -14,7 +15,6 @@ const kSameNeedle_s = 1;  // of a row that comes so much later, the needle may b
 const kPositions = { ap: [0, 0], lateral: [90, 0] };
 // The elements in which a letter means something: in a list it chooses an entry. The entries of the list Width begin with digits.
 const kTyping = "input:not([type]), input[type=text], textarea, select:not(#xray-width)";
-const by_id = (id) => document.getElementById(id);
 
 /// One picture on the page: a canvas with a line of text below.
 class Monitor {
