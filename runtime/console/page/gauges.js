@@ -73,9 +73,13 @@ export class Gauges {
     limits.append(element("span", "name", "Missed ticks"), (this.missed = element("span", "value wide", "–")));
     limits.append(element("span", "name", "Missed by"), (this.cause = element("span", "value wide", "–")));
     this.events_box = document.getElementById("events");
-    this.counts = document.getElementById("slice-counts");
+    const counts = document.getElementById("slice-counts");
     this.cells = document.getElementById("slice-cells");
-    this.count_texts = null;
+    this.count_texts = ["", "touched", "punctured"].map((key) => {
+      const text = element("span");
+      counts.append(element("span", `key ${key}`), text);
+      return text;
+    });
   }
 
   update(shown) {
@@ -140,13 +144,6 @@ export class Gauges {
       const slice = shown.bone?.slices[k]?.slice;
       const name = [is_punctured ? "punctured" : is_touched ? "touched" : "", slice === active ? "active" : ""].join(" ").trim();
       if (this.cells.children[k].className !== name) this.cells.children[k].className = name;
-    }
-    if (!this.count_texts) {
-      this.count_texts = ["", "touched", "punctured"].map((key) => {
-        const text = element("span");
-        this.counts.append(element("span", `key ${key}`), text);
-        return text;
-      });
     }
     for (const [k, words] of [`${loaded} loaded`, `${touches} touched`, `${punctures} punctured`].entries()) this.count_texts[k].textContent = words;
     this.totals = { loaded, touched: touches, punctured: punctures };

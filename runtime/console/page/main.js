@@ -408,8 +408,7 @@ function draw_status() {
 }
 
 function draw_overlay(source) {
-  const caption = by_id("caption"), view = app.view;
-  const lines = caption.children.length ? caption.children : (caption.append(...[0, 1, 2].map(() => document.createElement("div"))), caption.children);
+  const lines = by_id("caption").children, view = app.view;
   const about = source?.about ?? {};
   const scene = app.tab === "playback" ? (app.playback.scene ?? "") : about.scene?.name ?? folder.scene(folder.chosen)?.name ?? "";
   const device = app.tab !== "playback" && source && source === app.live ? app.state.device : "";
@@ -424,14 +423,11 @@ function draw_overlay(source) {
   if (goals && view?.view !== "section") lines[1].textContent += `; sphere: target${away}, dashes: planned line, bodies with edges: zones to keep out of`;
   lines[2].textContent = view ? "" : "This browser draws no bone: it has no WebGL. Switch on its hardware acceleration, or take another browser; all else works.";
   const readout = by_id("readout");
-  if (!readout.children.length) readout.append(document.createElement("div"), document.createElement("div"));
   const force = source?.row && source.is_placed() ? source.force() : NaN, depth = source?.depth_mm();
-  const number = readout.firstChild;
-  if (!number.children.length) number.append("On the hand ", document.createElement("b"), " N");
   by_id("force-label").textContent = Number.isFinite(force) ? `${force.toFixed(1)} N` : "";
   readout.hidden = !Number.isFinite(force);
   if (Number.isFinite(force)) {
-    number.children[0].textContent = force.toFixed(1);
+    readout.querySelector("b").textContent = force.toFixed(1);
     const contact = Math.abs(source.value("force_N")), along = contact > 1.05 * force + 0.5 ? `contact ${contact.toFixed(1)} N, ` : "";
     readout.lastChild.textContent = along + (Number.isFinite(depth) ? (depth >= 0 ? `tip ${depth.toFixed(1)} mm below the first slice` : `tip ${(-depth).toFixed(1)} mm above the first slice`) : "");
   }
