@@ -144,9 +144,8 @@ export class Charts {
     this.time = new Chart(at("plot-time"), { x_label: "Time, s", y_label: "Force, N", draw: (plot) => this.draw_time(plot) });
     this.depth = new Chart(at("plot-depth"), { x_label: "Depth of the tip below the first slice, mm", y_label: "Force, N", draw: (plot) => this.draw_depth(plot) });
     this.hu = new Chart(at("plot-hu"), { x_label: "Depth below the first slice, mm", y_label: "HU", draw: (plot) => this.draw_hu(plot), y_size: 3.4 });
-    this.ticks = new Chart(at("plot-ticks"), { x_label: "Time, µs", y_label: "Share", right: 1.8, x_values: (_, splits) => splits.map((power) => this.power_words(power)), draw: (plot) => this.draw_ticks(plot) });
+    this.ticks = new Chart(at("plot-ticks"), { x_label: "Time, µs", y_label: "Share", right: 1.8, x_values: (_, splits) => splits.map((power) => (Number.isInteger(power) ? String(2 ** power) : "")), draw: (plot) => this.draw_ticks(plot) });
   }
-  power_words(power) { return Number.isInteger(power) ? String(2 ** power) : ""; }
   set_theme() { for (const chart of [this.time, this.depth, this.hu, this.ticks]) chart.make(); }
 
   /// Draws what is shown. Returns true if the histograms are older than the rest.

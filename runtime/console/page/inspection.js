@@ -50,7 +50,6 @@ export const inspection_of = (app) => ({
   },
   get bone_shown_ms() { return app.view?.bone_shown_ms ?? null; },
   get frames() { return app.view?.pace.frames ?? 0; },
-  get fps() { return app.view?.pace.fps ?? 0; },
   get scale() { return app.view?.pace.scale ?? 0; },
   get renderer() { return app.view?.renderer_name ?? ""; },
   get shape() { return { vertices: app.view?.shape ? app.view.shape_w.length : 0, deepest_m: app.view?.shape?.visible ? app.view.shape_depth_m : 0 }; },

@@ -36,9 +36,6 @@ export class HandBar {
     by_id("hand-help-close").addEventListener("click", () => this.hide_help());
   }
 
-  get has_sound() { return this.sound.is_on; }
-  get has_rumble() { return this.rumble.is_on; }
-
   /// Shows the help if the operator has not seen it.
   offer_help() { if (localStorage.getItem(kHelpKey) !== "seen") this.show_help(); }
   show_help() { by_id("hand-help").hidden = false; }
