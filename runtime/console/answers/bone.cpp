@@ -171,12 +171,9 @@ json patient_of_device(const PlacedBone& loaded) {
   if (!T_device_lps) return nullptr;
   const Eigen::Affine3d T_lps_device = T_device_lps->inverse();
   json rows = json::array();
-  for (int row = 0; row < 3; ++row) {
-    json numbers = json::array();
-    for (int column = 0; column < 4; ++column)
-      numbers.push_back(T_lps_device(row, column));
-    rows.push_back(std::move(numbers));
-  }
+  for (int row = 0; row < 3; ++row)
+    rows.push_back(
+        {T_lps_device(row, 0), T_lps_device(row, 1), T_lps_device(row, 2), T_lps_device(row, 3)});
   return rows;
 }
 
