@@ -151,7 +151,9 @@ const planning = app.planning = new Planning(app, { changed, error: notice, scen
     by_id("start-asset").value = "";  // the new scene is for its own asset
     await folder.choose(file);
   } });
-const training = new Training(app, { changed, error: notice, show_page: (blob, title) => show_page(blob, title, "") });
+const training = new Training(app);
+by_id("ghost").addEventListener("change", guarded((event) => training.choose_ghost(event.target.value)));
+by_id("open-history").addEventListener("click", guarded(async () => show_page(await get_blob("/api/history"), "History of sessions", "")));
 const refresh = guarded(async () => {
   ++app.refreshes;
   const data = await get_json("/api/folder").finally(() => --app.refreshes);
