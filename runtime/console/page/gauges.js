@@ -149,10 +149,10 @@ export class Gauges {
     this.totals = { loaded, touched: touches, punctured: punctures };
   }
 
-  update_events({ events, missed }) {
-    const key = `${events.length} ${missed} ${events[0]?.text} ${events.at(-1)?.text}`;
-    if (key === this.events_key) return;
-    this.events_key = key;
+  update_events(shown) {
+    const { events, missed } = shown, key = `${events.length} ${missed} ${events[0]?.text} ${events.at(-1)?.text}`;
+    if (shown === this.events_of && key === this.events_key) return;
+    Object.assign(this, { events_of: shown, events_key: key });
     // A pause has an event of its own, "paused".
     const last = events.filter(({ kind, fault }) => kind !== "cut_shown" && !(kind === "fault" && fault === "paused")).slice(-kShownEvents).reverse();
     const lines = last.map((event) => element("li", is_by_operator(event) ? "stopped" : event.kind, event.text ?? `${event.kind} at ${event.t_s} s`));

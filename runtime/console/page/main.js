@@ -194,7 +194,7 @@ app.link = new Live({
     if (!hello) {  // also when a session is about to begin: nothing of the one before stays on the page
       app.live = null;
       app.preview = new Shown([], {});
-      app.bone_key = app.gauges.events_key = "";
+      app.bone_key = "";
       if (app.tab !== "playback") show_bone();
       return changed();
     }
@@ -206,7 +206,6 @@ app.link = new Live({
     app.live.sheets = new Map();
     app.preview = null;
     app.bone_key = "";
-    app.gauges.events_key = "";
     document.body.dataset.session = "live";
     app.hand?.new_session();
     app.imaging.new_session();
@@ -323,7 +322,6 @@ const play = guarded(async (recording) => {
   // A recording does not contain the device's limits, so those of the last session of this page are used.
   const { motor_peak_torque_Nm, joint_limits_rad, workspace } = app.live?.about ?? {};
   Object.assign(app.playback.first.about, { motor_peak_torque_Nm, joint_limits_rad, workspace });
-  app.gauges.events_key = "";
   by_id("against").value = "";
   set_tab("playback");
 });
