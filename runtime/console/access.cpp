@@ -29,11 +29,9 @@ bool is_equal(std::string_view token, const std::string& right) noexcept {
 /// colons in brackets.
 bool is_numerical(std::string_view host) noexcept {
   const bool v6 = host.size() > 2 && host.front() == '[' && host.back() == ']';
+  if (v6) host = host.substr(1, host.size() - 2);
   return !host.empty() &&
-         std::all_of(host.begin() + (v6 ? 1 : 0), host.end() - (v6 ? 1 : 0), [v6](char c) {
-           return (c >= '0' && c <= '9') || (!v6 && c == '.') ||
-                  (v6 && (c == ':' || (c >= 'a' && c <= 'f')));
-         });
+         host.find_first_not_of(v6 ? "0123456789abcdef:" : "0123456789.") == std::string_view::npos;
 }
 
 constexpr double kMessagesPerSecond = 125, kMaxAtOnce = 4;
@@ -98,12 +96,9 @@ Result<std::string> public_url_of(std::string_view text) {
   });
   if (url.ends_with('/')) url.pop_back();
   const std::size_t scheme = url.starts_with("http://") ? 7 : url.starts_with("https://") ? 8 : 0;
-  const bool is_authority =
-      scheme > 0 && url.size() > scheme && text.size() <= kMaxBytes &&
-      std::all_of(url.begin() + static_cast<std::ptrdiff_t>(scheme), url.end(), [](char c) {
-        return (c >= 'a' && c <= 'z') || (c >= '0' && c <= '9') || c == '.' || c == '-' ||
-               c == ':' || c == '[' || c == ']';
-      });
+  const bool is_authority = scheme > 0 && url.size() > scheme && text.size() <= kMaxBytes &&
+                            url.find_first_not_of("abcdefghijklmnopqrstuvwxyz0123456789.-:[]",
+                                                  scheme) == std::string::npos;
   if (!is_authority)
     return usage("--public-url " + std::string(text.substr(0, kMaxBytes)) +
                  ": must be http://HOST[:PORT] or https://HOST[:PORT]");

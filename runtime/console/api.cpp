@@ -35,9 +35,7 @@ Answer result_of(ConsoleState& console, const Result<void>& result) {
   return {200, "application/json", R"({"ok":true})"};
 }
 
-Answer command(ConsoleState& console, const json& body) {
-  JsonErrors errors{"body", {}};
-  StrictObject object(body, "", errors);
+Answer command(ConsoleState& console, StrictObject& object, const JsonErrors& errors) {
   const std::string name = object.string("command");
   object.finish();
   if (errors.first) return failure(kBadRequest, errors.first->message);
@@ -49,9 +47,7 @@ Answer command(ConsoleState& console, const json& body) {
   return failure(kBadRequest, "body: /command: must be stop, pause, resume, zero or recover");
 }
 
-Answer xray(ConsoleState& console, const json& body) {
-  JsonErrors errors{"body", {}};
-  StrictObject object(body, "", errors);
+Answer xray(ConsoleState& console, StrictObject& object, const JsonErrors& errors) {
   const std::string take = object.string("take");
   object.finish();
   if (errors.first) return failure(kBadRequest, errors.first->message);
@@ -82,19 +78,15 @@ DeviceChoice device(const ConsoleState& console, StrictObject& object) {
   return {};
 }
 
-Answer test_device(ConsoleState& console, const json& body) {
-  JsonErrors errors{"body", {}};
-  StrictObject object(body, "", errors);
+Answer test_device(ConsoleState& console, StrictObject& object, const JsonErrors& errors) {
   const DeviceChoice chosen = device(console, object);
   object.finish();
   if (errors.first) return failure(kBadRequest, errors.first->message);
   return result_of(console, console.supervisor.test_device(chosen));
 }
 
-Answer new_scene(ConsoleState& console, const json& body) {
+Answer new_scene(ConsoleState& console, StrictObject& object, const JsonErrors& errors) {
   constexpr double kMost_mm = 1e4;
-  JsonErrors errors{"body", {}};
-  StrictObject object(body, "", errors);
   NewSceneRequest request;
   std::string scene, asset;
   if (object.has("asset")) asset = object.string("asset");
@@ -139,9 +131,7 @@ Trainee trainee(StrictObject& object) {
   return out;
 }
 
-Answer start(ConsoleState& console, const json& body) {
-  JsonErrors errors{"body", {}};
-  StrictObject object(body, "", errors);
+Answer start(ConsoleState& console, StrictObject& object, const JsonErrors& errors) {
   constexpr double kMin_s = 1e-3;
   StartRequest request;
   const std::string scene = object.string("scene");
@@ -280,18 +270,9 @@ Reply get_log(const ConsoleState& console) {
   };
 }
 
-Reply get_test(const ConsoleState& console) {
-  return
-      [answer = console.supervisor.test().answer(console.supervisor.hidden())]() mutable -> Answer {
-        return {200, "application/json", answer()};
-      };
-}
-
-Reply get_new_scene(const ConsoleState& console) {
-  return [answer = console.supervisor.scene_maker().answer(
-              console.supervisor.hidden())]() mutable -> Answer {
-    return {200, "application/json", answer()};
-  };
+/// Answers with the JSON of DeviceTest::answer() or SceneMaker::answer().
+Reply get_json(std::function<std::string()> answer) {
+  return [answer = std::move(answer)]() -> Answer { return {200, "application/json", answer()}; };
 }
 
 Answer post(ConsoleState& console, const ApiRequest& request) {
@@ -303,11 +284,14 @@ Answer post(ConsoleState& console, const ApiRequest& request) {
   const Result<json> body = parse_strict_json(request.body, "body");
   if (!body) return failure(kBadRequest, body.error().message);
   if (!body->is_object()) return failure(kBadRequest, "body: must be an object");
+  JsonErrors errors{"body", {}};
+  StrictObject object(*body, "", errors);
   const std::string& path = request.target.path;
-  if (path == "/api/start") return start(console, *body);
-  if (path == "/api/xray") return xray(console, *body);
-  if (path == "/api/new_scene") return new_scene(console, *body);
-  return path == "/api/test" ? test_device(console, *body) : command(console, *body);
+  if (path == "/api/start") return start(console, object, errors);
+  if (path == "/api/xray") return xray(console, object, errors);
+  if (path == "/api/new_scene") return new_scene(console, object, errors);
+  return path == "/api/test" ? test_device(console, object, errors)
+                             : command(console, object, errors);
 }
 
 }  // namespace
@@ -337,8 +321,9 @@ Reply answer_api(ConsoleState& console, const ApiRequest& request) {
   if (path == "/api/report") return get_report(console, request.target);
   if (path == "/api/history") return get_history(console);
   if (path == "/api/log") return get_log(console);
-  if (path == "/api/test") return get_test(console);
-  if (path == "/api/new_scene") return get_new_scene(console);
+  const HiddenTexts& hidden = console.supervisor.hidden();
+  if (path == "/api/test") return get_json(console.supervisor.test().answer(hidden));
+  if (path == "/api/new_scene") return get_json(console.supervisor.scene_maker().answer(hidden));
   return failure(kNotFound, "there is no such path");
 }
 

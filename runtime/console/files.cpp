@@ -7,16 +7,11 @@
 #include <array>
 #include <charconv>
 #include <cmath>
-#include <cstdio>
-#include <limits>
-#include <memory>
 #include <nlohmann/json.hpp>
 #include <span>
 #include <system_error>
 #include <vector>
 
-#include "formats/asset/asset.h"
-#include "formats/asset/asset_index.h"
 #include "formats/asset/slice_payload.h"
 #include "formats/base/file_io.h"
 #include "formats/base/json_text.h"
@@ -39,8 +34,8 @@ constexpr std::size_t kMaxPrimitives = 1'000'000;  // that all nodes of an asset
 constexpr std::uint64_t kMaxSceneBytes = std::uint64_t{4} << 20;
 constexpr std::size_t kHeadBytes = std::size_t{64} << 10, kTailBytes = std::size_t{16} << 10;
 
-json failed(const std::string& name, const Error& error) {
-  return {{"file", name}, {"error", error.message}};
+json failed(const std::string& name, const std::string& message) {
+  return {{"file", name}, {"error", message}};
 }
 
 std::string digest_of(const std::vector<std::uint8_t>& bytes) {
@@ -110,10 +105,8 @@ json describe_asset(const json& document, const std::string& name) {
   const json& stated = member(ours, "slices");
   const json &nodes = member(document, "nodes"), &meshes = member(document, "meshes"),
              &accessors = member(document, "accessors");
-  if (!ours.is_object() || !nodes.is_array() || !meshes.is_array() || !accessors.is_array()) {
-    entry["error"] = name + ": is not an asset of trocar-mesh";
-    return entry;
-  }
+  if (!ours.is_object() || !nodes.is_array() || !meshes.is_array() || !accessors.is_array())
+    return failed(name, name + ": is not an asset of trocar-mesh");
   // The matrix of node 0 converts a slice's units to metres.
   const double unit_mm =
       nodes.empty() ? 0 : std::abs(number_at(member(nodes[0], "matrix"), 0).value_or(0)) * 1e3;
@@ -127,10 +120,8 @@ json describe_asset(const json& document, const std::string& name) {
     const json& primitives = member(meshes[mesh.get<std::size_t>()], "primitives");
     if (!primitives.is_array()) continue;
     seen += primitives.size();
-    if (seen > kMaxPrimitives) {
-      entry["error"] = name + ": has more meshes than an asset may have";
-      return entry;
-    }
+    if (seen > kMaxPrimitives)
+      return failed(name, name + ": has more meshes than an asset may have");
     slice_nodes += is_surface ? 0 : 1;
     for (const json& primitive : primitives) {
       const json* const positions = positions_of(primitive, accessors);
@@ -167,17 +158,9 @@ json describe_asset(const json& document, const std::string& name) {
   return entry;
 }
 
-std::string_view field(std::string_view line, std::size_t index) {
-  for (; index > 0; --index) {
-    const std::size_t comma = line.find(',');
-    if (comma == std::string_view::npos) return {};
-    line.remove_prefix(comma + 1);
-  }
-  return line.substr(0, line.find(','));
-}
-
+/// The time is the first field of a row.
 std::optional<double> time_of(std::string_view line) {
-  const std::string_view text = field(line, 0);
+  const std::string_view text = line.substr(0, line.find(','));
   double t_s = 0;
   const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), t_s);
   if (error != std::errc() || end != text.data() + text.size() || !std::isfinite(t_s))
@@ -188,13 +171,11 @@ std::optional<double> time_of(std::string_view line) {
 /// Describes a recording. Reads only the first and last rows, because listing a folder must
 /// not read gigabytes.
 json describe_recording(ByteSource& source, const std::string& name, std::string& scene_digest) {
-  json entry = {{"file", name}};
+  const auto fail = [&](const char* why) { return failed(name, name + why); };
   std::vector<std::uint8_t> head(std::min<std::uint64_t>(source.size(), kHeadBytes)),
       tail(std::min<std::uint64_t>(source.size(), kTailBytes));
-  if (!source.read(0, head) || !source.read(source.size() - tail.size(), tail)) {
-    entry["error"] = name + ": cannot be read";
-    return entry;
-  }
+  if (!source.read(0, head) || !source.read(source.size() - tail.size(), tail))
+    return fail(": cannot be read");
   const std::string_view first(reinterpret_cast<const char*>(head.data()), head.size());
   std::string_view last(reinterpret_cast<const char*>(tail.data()), tail.size());
   std::vector<std::string_view> lines;
@@ -204,10 +185,6 @@ json describe_recording(ByteSource& source, const std::string& name, std::string
     lines.push_back(first.substr(at, end - at));
     at = end + 1;
   }
-  const auto fail = [&](const char* why) {
-    entry["error"] = name + why;
-    return entry;
-  };
   if (lines.size() < 2) return fail(": has no row");
   if (last.empty() || last.back() != '\n') return fail(": its last line is cut");
   last.remove_suffix(1);
@@ -220,8 +197,9 @@ json describe_recording(ByteSource& source, const std::string& name, std::string
   const double period_s = lines.size() > 2 ? *second - *begin : 0;
   const double ticks = period_s > 0 ? std::round((*end - *begin) / period_s) + 1 : 1;
   if (!(ticks < 1e12)) return fail(": its times are not those of a session");
-  entry["duration_s"] = *end - *begin + period_s;
-  entry["ticks"] = static_cast<std::uint64_t>(ticks);
+  json entry = {{"file", name},
+                {"duration_s", *end - *begin + period_s},
+                {"ticks", static_cast<std::uint64_t>(ticks)}};
   const std::size_t text = lines[1].rfind(',');
   if (const auto origin = parse_origin(lines[1].substr(text + 1)); origin) {
     if (const std::string* const digest = origin->find(kOriginScene)) scene_digest = *digest;
@@ -300,24 +278,24 @@ Files::Known Files::read(const std::filesystem::path& file, const std::string& n
       // Perhaps a scene while somebody edits it. The files of sessions are other programs'.
       if (name.starts_with("sessions/")) return known;
       if (const auto read = parse_strict_json(text, name); !read)
-        shown("scenes", failed(name, read.error()));
+        shown("scenes", failed(name, read.error().message));
       return known;
     }
     known.digest = digest_of(*bytes);
     const Result<Scene> scene = parse_scene(text, name, file.parent_path());
-    shown("scenes", scene ? describe(*scene, name) : failed(name, scene.error()));
+    shown("scenes", scene ? describe(*scene, name) : failed(name, scene.error().message));
     if (scene) known.asset = scene->asset;
   } else if (end == ".glb") {
     const Result<std::string> text = glb_json(file);
     if (!text) {
-      shown("assets", failed(name, refused(name + ": is not a readable asset")));
+      shown("assets", failed(name, name + ": is not a readable asset"));
       return known;
     }
     const std::span<const std::uint8_t> bytes(reinterpret_cast<const std::uint8_t*>(text->data()),
                                               text->size());
     const auto document = parse_json_text(bytes);
     shown("assets", document ? describe_asset(*document, name)
-                             : failed(name, refused(name + ": its JSON is damaged")));
+                             : failed(name, name + ": its JSON is damaged"));
   } else if (end == ".csv") {
     constexpr std::string_view kBegin = "t_s,x_m,";
     const auto source = open_file(file);

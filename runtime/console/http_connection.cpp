@@ -141,20 +141,10 @@ void HttpConnection::later(std::function<Answer()> work) {
 }
 
 void HttpConnection::send(Answer answer) {
-  if (answer.shared) {
-    auto response = std::make_shared<http::response<http::span_body<const char>>>();
-    response->body() = {answer.shared->data(), answer.shared->size()};
-    return send(std::move(response), answer, answer.shared->size());
-  }
-  auto response = std::make_shared<http::response<http::string_body>>();
-  response->body() = std::move(answer.body);
-  const std::size_t bytes = response->body().size();
-  send(std::move(response), answer, bytes);
-}
-
-template <typename Response>
-void HttpConnection::send(std::shared_ptr<Response> response, const Answer& answer,
-                          std::size_t bytes) {
+  if (!answer.shared) answer.shared = std::make_shared<const std::string>(std::move(answer.body));
+  const std::size_t bytes = answer.shared->size();
+  auto response = std::make_shared<http::response<http::span_body<const char>>>();
+  response->body() = {answer.shared->data(), bytes};
   response->result(answer.status);
   response->version(version_);
   response->set(http::field::content_type, answer.type);

@@ -37,8 +37,6 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
   /// Runs `work` on the worker thread, and then sends the answer that `work` returned.
   void later(std::function<Answer()> work);
   void send(Answer answer);
-  template <typename Response>
-  void send(std::shared_ptr<Response> response, const Answer& answer, std::size_t bytes);
   void drain();
   void open_client(const Request& request);
 

@@ -1,9 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "runtime/console/igtl_session.h"
 
-#include <array>
 #include <boost/asio/post.hpp>
-#include <cmath>
 #include <exception>
 #include <string>
 
@@ -14,12 +12,6 @@
 namespace trocar::runtime {
 namespace {
 
-// A name says in which frame its values are: that of the patient, or that of the device.
-struct Names {
-  const char *tool, *force;
-};
-constexpr Names kInPatient = {"TrocarTool", "TrocarForce"};
-constexpr Names kInDevice = {"TrocarToolInB", "TrocarForceInB"};
 constexpr const char *kTime = "TrocarTime", *kState = "TrocarState", *kBone = "TrocarBone";
 // Bytes that a surface takes in its message at most; viewers have no use for a larger one.
 constexpr std::size_t kMaxSurfaceBytes = std::size_t{256} << 20;
@@ -136,15 +128,18 @@ void IgtlSession::update_tick(double taken_unix_s) {
   ++state_.tick_number;
   Eigen::Affine3d T_tool = tool_pose(telemetry);
   Eigen::Vector3d force_N = vector(telemetry, "wrench_delivered");
-  const Names& names = position_->T_patient_device ? kInPatient : kInDevice;
-  if (position_->T_patient_device) {
-    T_tool = *position_->T_patient_device * T_tool;
-    force_N = position_->T_patient_device->linear() * force_N;
+  const std::optional<Eigen::Affine3d>& T_patient_device = position_->T_patient_device;
+  if (T_patient_device) {
+    T_tool = *T_patient_device * T_tool;
+    force_N = T_patient_device->linear() * force_N;
   }
+  // A name says in which frame its values are: that of the patient, or that of the device.
+  const char* const tool_name = T_patient_device ? "TrocarTool" : "TrocarToolInB";
+  const char* const force_name = T_patient_device ? "TrocarForce" : "TrocarForceInB";
   const double t_s = telemetry.value("t_s");
   state_.tick =
-      shared(transform_message({names.tool, taken_unix_s}, T_tool) +
-             sensor_message({names.force, taken_unix_s}, {force_N.data(), 3}, IgtlUnit::kNewton) +
+      shared(transform_message({tool_name, taken_unix_s}, T_tool) +
+             sensor_message({force_name, taken_unix_s}, {force_N.data(), 3}, IgtlUnit::kNewton) +
              sensor_message({kTime, taken_unix_s}, {&t_s, 1}, IgtlUnit::kSecond));
 }
 

@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "runtime/console/messages.h"
 
-#include <array>
-#include <cstring>
 #include <nlohmann/json.hpp>
 #include <utility>
 
@@ -16,9 +14,7 @@ using nlohmann::json;
 
 template <typename Number>
 void append(std::string& bytes, Number number) {
-  std::array<char, sizeof(Number)> raw{};
-  std::memcpy(raw.data(), &number, sizeof number);
-  bytes.append(raw.data(), raw.size());
+  bytes.append(reinterpret_cast<const char*>(&number), sizeof number);
 }
 
 template <typename Number>

@@ -5,7 +5,6 @@
 
 #include <array>
 #include <system_error>
-#include <utility>
 #include <vector>
 
 #include "embedded/runtime/reporting/history_page.html.h"
@@ -105,7 +104,6 @@ Result<PageFiles> PageFiles::read(const std::filesystem::path& folder) {
   if (index == page.files_.end())
     return refused(folder.string() +
                    ": has no index.html; --page names the folder with the console's page");
-  page.complete_ = has_vendor;
   if (!has_vendor) index->second.bytes = kIncomplete;
   page.policy_ =
       "default-src 'none'; script-src 'self'" +

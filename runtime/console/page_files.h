@@ -32,13 +32,10 @@ class PageFiles {
   /// also lists the hashes of the inline scripts that may run: the page's import map, and the
   /// scripts of the session report and of the history of sessions, which appear in frames.
   const std::string& security_policy() const noexcept { return policy_; }
-  /// Returns false if vendor/ is empty.
-  bool is_complete() const noexcept { return complete_; }
 
  private:
   std::map<std::string, PageFile, std::less<>> files_;
   std::string policy_;
-  bool complete_ = true;
 };
 
 /// Returns the folder with the page's files. If the program is installed in PREFIX/bin, this is

@@ -158,10 +158,7 @@ Result<void> Supervisor::start_device(const std::string& endpoint) {
                                     session_folder_ / "key",
                                     "--watchdog",
                                     "0.25"};
-  if (request_.clock == "virtual") {
-    words.emplace_back("--clock");
-    words.emplace_back("lock-step");
-  }
+  if (request_.clock == "virtual") words.insert(words.end(), {"--clock", "lock-step"});
   Result<Process> process = Process::start(words, log);
   if (!process) return process.error();
   release_device(SIGKILL);
@@ -189,8 +186,7 @@ Result<void> Supervisor::start_run() {
   // Its operator's seconds would be many more of a session that runs faster than they do.
   if (request_.clock == "real") words.emplace_back("--xray");
   const auto add = [&words](const char* option, const std::string& value) {
-    words.emplace_back(option);
-    words.push_back(value);
+    words.insert(words.end(), {option, value});
   };
   if (!asset_file_.empty()) add("--asset", asset_file_.string());
   if (request_.duration_s) add("--duration", text_line("%.9g", *request_.duration_s));

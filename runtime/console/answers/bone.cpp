@@ -3,12 +3,10 @@
 
 #include <Eigen/Geometry>
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <cstdint>
 #include <map>
 #include <nlohmann/json.hpp>
-#include <span>
 #include <vector>
 
 #include "formats/asset/asset.h"
@@ -101,13 +99,6 @@ class NearestHu {
   std::map<double, Layer> layers_;
 };
 
-json array_of(Arrays& arrays, const std::vector<float>& numbers) {
-  return arrays.add(std::span<const float>(numbers));
-}
-json array_of(Arrays& arrays, const std::vector<std::uint32_t>& numbers) {
-  return arrays.add(std::span<const std::uint32_t>(numbers));
-}
-
 json describe_surface(const PlacedBone& loaded, Arrays& arrays) {
   if (loaded.surfaces.empty()) return nullptr;
   const auto T_plane_lps = plane_of_surface(loaded);
@@ -128,9 +119,9 @@ json describe_surface(const PlacedBone& loaded, Arrays& arrays) {
       if (!field.is_empty()) hu.push_back(field.at(at));
     }
   }
-  return {{"vertices", array_of(arrays, vertices)},
-          {"triangles", array_of(arrays, triangles)},
-          {"hu", field.is_empty() ? json() : array_of(arrays, hu)}};
+  return {{"vertices", arrays.add(vertices)},
+          {"triangles", arrays.add(triangles)},
+          {"hu", field.is_empty() ? json() : json(arrays.add(hu))}};
 }
 
 json describe_sheet(const Sheet& sheet, const Asset& asset, Arrays& arrays) {
@@ -148,9 +139,9 @@ json describe_sheet(const Sheet& sheet, const Asset& asset, Arrays& arrays) {
   const bool has_hu = !slice.hu.empty() && slice.hu.size() == slice.mesh.vertices.size();
   return {{"slice", sheet.slice_index},
           {"z_m", sheet.z_m},
-          {"vertices", array_of(arrays, vertices)},
-          {"triangles", array_of(arrays, triangles)},
-          {"hu", has_hu ? array_of(arrays, slice.hu) : json()}};
+          {"vertices", arrays.add(vertices)},
+          {"triangles", arrays.add(triangles)},
+          {"hu", has_hu ? json(arrays.add(slice.hu)) : json()}};
 }
 
 json describe_tool(const SceneTool& scene_tool) {
@@ -180,12 +171,9 @@ json patient_of_device(const PlacedBone& loaded) {
   if (!T_device_lps) return nullptr;
   const Eigen::Affine3d T_lps_device = T_device_lps->inverse();
   json rows = json::array();
-  for (int row = 0; row < 3; ++row) {
-    json numbers = json::array();
-    for (int column = 0; column < 4; ++column)
-      numbers.push_back(T_lps_device(row, column));
-    rows.push_back(std::move(numbers));
-  }
+  for (int row = 0; row < 3; ++row)
+    rows.push_back(
+        {T_lps_device(row, 0), T_lps_device(row, 1), T_lps_device(row, 2), T_lps_device(row, 3)});
   return rows;
 }
 

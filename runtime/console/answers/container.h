@@ -7,9 +7,9 @@
 #include <cstddef>
 #include <cstdint>
 #include <cstring>
-#include <span>
 #include <string>
 #include <string_view>
+#include <vector>
 
 namespace trocar::runtime {
 
@@ -19,13 +19,12 @@ class Arrays {
   /// Appends an array, aligned to the size of its numbers. Returns two values: the offset of the
   /// array in bytes from the start of the first array, and the count of its numbers.
   template <typename Number>
-  std::array<std::size_t, 2> add(std::span<const Number> numbers) {
+  std::array<std::size_t, 2> add(const std::vector<Number>& numbers) {
     bytes_.resize((bytes_.size() + sizeof(Number) - 1) / sizeof(Number) * sizeof(Number));
     const std::size_t at = bytes_.size();
-    bytes_.append(reinterpret_cast<const char*>(numbers.data()), numbers.size_bytes());
+    bytes_.append(reinterpret_cast<const char*>(numbers.data()), numbers.size() * sizeof(Number));
     return {at, numbers.size()};
   }
-  void reserve(std::size_t bytes) { bytes_.reserve(bytes); }
   /// Returns the whole container: the length of the JSON as four bytes, the JSON, and the arrays.
   /// The JSON ends with blanks, so that the arrays begin at a multiple of 8 bytes.
   std::string with_json(std::string_view json) const {

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <cstdint>
 #include <string>
+#include <string_view>
 #include <utility>
 
 #include "formats/asset/asset_index.h"
@@ -25,6 +26,13 @@ bool is_of_scene(const Scene& scene, int index) {
                      [index](const SceneSlice& slice) { return slice.index == index; });
 }
 
+/// Returns true if the asset with this JSON text has a surface for display.
+bool has_surface(std::string_view glb_json) {
+  // Texts from a scan cannot contain this key with unescaped quotes. A false positive would
+  // only cost time.
+  return glb_json.find("\"surface\":") != std::string_view::npos;
+}
+
 }  // namespace
 
 Result<std::string> glb_json(const std::filesystem::path& file) {
@@ -37,12 +45,6 @@ Result<std::string> glb_json(const std::filesystem::path& file) {
   const std::span<std::uint8_t> into(reinterpret_cast<std::uint8_t*>(text.data()), text.size());
   if (const auto read = (*source)->read(kGlbHeader, into); !read) return read.error();
   return text;
-}
-
-bool has_surface(std::string_view glb_json) {
-  // Texts from a scan cannot contain this key with unescaped quotes. A false positive would
-  // only cost time.
-  return glb_json.find("\"surface\":") != std::string_view::npos;
 }
 
 Result<PlacedBone> load_bone(const std::filesystem::path& scene_file,

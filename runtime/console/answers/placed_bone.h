@@ -8,7 +8,6 @@
 #include <filesystem>
 #include <memory>
 #include <string>
-#include <string_view>
 #include <vector>
 
 #include "formats/asset/asset.h"
@@ -36,9 +35,6 @@ enum class BoneParts : std::uint8_t { kForView, kWithVolumes };
 /// Returns the JSON text in a .glb file. Errors: kRefused if the file is not binary glTF, or if the
 /// text exceeds 64 MiB.
 Result<std::string> glb_json(const std::filesystem::path& file);
-
-/// Returns true if the asset with this JSON text has a surface for display.
-bool has_surface(std::string_view glb_json);
 
 /// Loads a scene and its bone. If `asset` is not empty, it replaces the asset that the scene names.
 /// Errors: kRefused if trocar-run would refuse the scene or the asset.

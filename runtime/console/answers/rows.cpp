@@ -2,8 +2,6 @@
 #include "runtime/console/answers/rows.h"
 
 #include <algorithm>
-#include <array>
-#include <cmath>
 #include <nlohmann/json.hpp>
 #include <span>
 #include <vector>
@@ -25,73 +23,45 @@ constexpr std::uint64_t kMaxBytes = std::uint64_t{2} << 30;
 constexpr std::size_t kMaxRows = 200'000;
 constexpr int kContactPhases = static_cast<int>(ContactPhase::kFault) + 1;
 
-struct Column {
-  const char* name;
-  int count;
-  enum class Of : std::uint8_t {
-    kAll,
-    kCutting,
-    kXray
-  } of = Of::kAll;  ///< recordings that have it
-};
-// The columns, in the order of append().
-constexpr std::array kColumns{Column{"t_s", 1},
-                              Column{"p_m", 3},
-                              Column{"q", 4},
-                              Column{"tool_m", 3},
-                              Column{"wrench_wanted", 6},
-                              Column{"wrench_delivered", 6},
-                              Column{"tau_Nm", 8},
-                              Column{"motor_angle_rad", 16},
-                              Column{"phase", 1},
-                              Column{"active_slice", 1},
-                              Column{"penetration_m", 1},
-                              Column{"wrench_scale", 1},
-                              Column{"pose_residual_m", 1},
-                              Column{"cuts_published", 1},
-                              Column{"fault", 1},
-                              Column{"safety", 1},
-                              Column{"authority", 1},
-                              Column{"passivity_J", 1},
-                              Column{"motor_heat_max", 1},
-                              Column{"xray_shots", 1, Column::Of::kXray},
-                              Column{"xray_screening_s", 1, Column::Of::kXray},
-                              Column{"front_z_m", 1, Column::Of::kCutting},
-                              Column{"front_HU", 1, Column::Of::kCutting},
-                              Column{"tip_N", 1, Column::Of::kCutting},
-                              Column{"embedded_m", 1, Column::Of::kCutting},
-                              Column{"cut_J", 1, Column::Of::kCutting},
-                              Column{"absorbed_J", 1, Column::Of::kCutting},
-                              Column{"stored_J", 1, Column::Of::kCutting}};
-
-void append(std::vector<double>& out, const RecordingRow& row, const RecordingKind& kind,
-            const XrayUse& xray, double rate_Hz) {
-  const auto all = [&out](std::span<const double> numbers) {
-    out.insert(out.end(), numbers.begin(), numbers.end());
+/// Calls visit(name, values) for each column of a recording of this kind.
+template <typename Visit>
+void visit_columns(const RecordingRow& row, const RecordingKind& kind, const XrayUse& xray,
+                   double rate_Hz, const Visit& visit) {
+  const auto one = [&visit](const char* name, auto value) {
+    const auto number = static_cast<double>(value);
+    visit(name, std::span<const double>(&number, 1));
   };
-  out.push_back(row.t_s);
-  all(row.p_m);
-  all(row.q);
-  all(row.tool_m);
-  all(row.wrench_wanted);
-  all(row.wrench_delivered);
-  all(row.tau_Nm);
-  all(row.encoder_rad);
-  for (const double x :
-       {static_cast<double>(row.phase), static_cast<double>(row.active_slice), row.penetration_m,
-        row.wrench_scale, row.pose_residual_m, static_cast<double>(row.cuts_published),
-        static_cast<double>(row.fault), static_cast<double>(row.safety), row.authority,
-        row.passivity_J, row.motor_heat_max})
-    out.push_back(x);
+  one("t_s", row.t_s);
+  visit("p_m", row.p_m);
+  visit("q", row.q);
+  visit("tool_m", row.tool_m);
+  visit("wrench_wanted", row.wrench_wanted);
+  visit("wrench_delivered", row.wrench_delivered);
+  visit("tau_Nm", row.tau_Nm);
+  visit("motor_angle_rad", row.encoder_rad);
+  one("phase", row.phase);
+  one("active_slice", row.active_slice);
+  one("penetration_m", row.penetration_m);
+  one("wrench_scale", row.wrench_scale);
+  one("pose_residual_m", row.pose_residual_m);
+  one("cuts_published", row.cuts_published);
+  one("fault", row.fault);
+  one("safety", row.safety);
+  one("authority", row.authority);
+  one("passivity_J", row.passivity_J);
+  one("motor_heat_max", row.motor_heat_max);
   if (kind.has_xray) {
-    out.push_back(static_cast<double>(xray.shots));
-    out.push_back(xray.screening_s(rate_Hz));
+    one("xray_shots", xray.shots);
+    one("xray_screening_s", xray.screening_s(rate_Hz));
   }
   if (!kind.has_cutting) return;
-  const RecordingRow::Cutting& c = row.cutting;
-  for (const double x :
-       {c.front_z_m, c.front_HU, c.tip_N, c.embedded_m, c.cut_J, c.absorbed_J, c.stored_J})
-    out.push_back(x);
+  one("front_z_m", row.cutting.front_z_m);
+  one("front_HU", row.cutting.front_HU);
+  one("tip_N", row.cutting.tip_N);
+  one("embedded_m", row.cutting.embedded_m);
+  one("cut_J", row.cutting.cut_J);
+  one("absorbed_J", row.cutting.absorbed_J);
+  one("stored_J", row.cutting.stored_J);
 }
 
 /// Returns punctures, faults and recoveries. Punctures cannot be found in rows of the force law
@@ -158,24 +128,26 @@ Result<std::string> rows_of(const std::filesystem::path& recording) {
   if (kind.has_xray && !(rate_Hz > 0))
     return refused(recording.filename().string() + ": has X-ray, but not the rate of its ticks");
   const std::size_t every = std::max<std::size_t>(1, (rows->size() + kMaxRows - 1) / kMaxRows);
+  XrayUse xray;
   json columns = json::array();
   std::size_t width = 0;
-  for (const Column& column : kColumns) {
-    if (column.of == Column::Of::kCutting && !kind.has_cutting) continue;
-    if (column.of == Column::Of::kXray && !kind.has_xray) continue;
-    columns.push_back({{"name", column.name}, {"count", column.count}});
-    width += static_cast<std::size_t>(column.count);
-  }
+  visit_columns({}, kind, xray, rate_Hz, [&](const char* name, std::span<const double> values) {
+    columns.push_back({{"name", name}, {"count", values.size()}});
+    width += values.size();
+  });
   std::vector<double> table;
   table.reserve((rows->size() / every + 2) * width);
-  XrayUse xray;
+  const auto append = [&table](const char*, std::span<const double> values) {
+    table.insert(table.end(), values.begin(), values.end());
+  };
   for (std::size_t i = 0; i < rows->size(); ++i) {
-    xray.add((*rows)[i]);
-    if (i % every == 0 || i + 1 == rows->size()) append(table, (*rows)[i], kind, xray, rate_Hz);
+    const RecordingRow& row = (*rows)[i];
+    xray.add(row);
+    if (i % every == 0 || i + 1 == rows->size()) visit_columns(row, kind, xray, rate_Hz, append);
   }
   const std::optional<double> scale = origin.number("force-scale");
   Arrays arrays;
-  const auto at = arrays.add(std::span<const double>(table));
+  const auto at = arrays.add(table);
   return arrays.with_json(json_text({{"schema", "trocar.rows/1"},
                                      {"columns", columns},
                                      {"rows", table.size() / width},

@@ -7,7 +7,6 @@
 #include <cmath>
 #include <cstdint>
 #include <nlohmann/json.hpp>
-#include <span>
 #include <vector>
 
 #include "formats/asset/asset.h"
@@ -26,6 +25,11 @@ constexpr std::int16_t kNoHu = -32768;
 
 json array_of(const Eigen::Vector3d& v) {
   return {v.x(), v.y(), v.z()};
+}
+
+std::size_t sample_index(int row, int column, int columns) {
+  return static_cast<std::size_t>(row) * static_cast<std::size_t>(columns) +
+         static_cast<std::size_t>(column);
 }
 
 /// Counts how much of each sample's cell in a plane lies in a slice's material, in points of a finer grid.
@@ -52,19 +56,14 @@ class Coverage {
                                      static_cast<std::size_t>(plane_.rows));
     for (int row = 0; row < rows_; ++row) {
       for (int column = 0; column < columns_; ++column)
-        counts[index(row / kFiner, column / kFiner, plane_.columns)] +=
-            is_inside_[index(row, column, columns_)];
+        counts[sample_index(row / kFiner, column / kFiner, plane_.columns)] +=
+            is_inside_[sample_index(row, column, columns_)];
     }
     return counts;
   }
 
  private:
   using Corners = std::array<Eigen::Vector2d, 3>;
-
-  static std::size_t index(int row, int column, int columns) {
-    return static_cast<std::size_t>(row) * static_cast<std::size_t>(columns) +
-           static_cast<std::size_t>(column);
-  }
 
   /// A vertex in the finer grid, whose points are at whole numbers.
   Eigen::Vector2d at(LatticePoint p) const {
@@ -97,7 +96,7 @@ class Coverage {
     const int first = static_cast<int>(std::ceil(std::max(0.0, left)));
     const int last = static_cast<int>(std::floor(std::min(columns_ - 1.0, right)));
     for (int column = first; column <= last; ++column)
-      is_inside_[index(row, column, columns_)] = 1;
+      is_inside_[sample_index(row, column, columns_)] = 1;
   }
 
   const HuPlane& plane_;
@@ -131,9 +130,7 @@ std::vector<Number> thinned(const std::vector<Number>& values, const HuPlane& pl
   std::vector<Number> kept;
   for (int row = 0; row < plane.rows; row += every) {
     for (int column = 0; column < plane.columns; column += every)
-      kept.push_back(
-          values[static_cast<std::size_t>(row) * static_cast<std::size_t>(plane.columns) +
-                 static_cast<std::size_t>(column)]);
+      kept.push_back(values[sample_index(row, column, plane.columns)]);
   }
   return kept;
 }
@@ -141,7 +138,6 @@ std::vector<Number> thinned(const std::vector<Number>& values, const HuPlane& pl
 /// Describes a volume; null if it has no planes. `bone`: where its material is; null: not stated.
 json describe(const HuVolume& volume, const Eigen::Affine3d& T_device_lps, const PlacedBone* bone,
               Arrays& arrays) {
-  if (volume.planes.empty()) return nullptr;
   std::size_t samples = 0;
   for (const HuPlane& plane : volume.planes)
     samples += plane.hu.size();
@@ -160,10 +156,10 @@ json describe(const HuVolume& volume, const Eigen::Affine3d& T_device_lps, const
          {"row_m", array_of(T.linear().col(1) * (plane.pitch_mm.y() * every))},
          {"columns", (plane.columns + every - 1) / every},
          {"rows", (plane.rows + every - 1) / every},
-         {"hu", arrays.add(std::span<const std::int16_t>(hu))}});
+         {"hu", arrays.add(hu)}});
     if (bone == nullptr) continue;
     const std::vector<std::uint8_t> inside = thinned(material_of(plane, *bone), plane, every);
-    planes.back()["inside"] = arrays.add(std::span<const std::uint8_t>(inside));
+    planes.back()["inside"] = arrays.add(inside);
   }
   if (planes.empty()) return nullptr;
   return {{"step_HU", volume.grid.step_hu}, {"every", every}, {"planes", std::move(planes)}};

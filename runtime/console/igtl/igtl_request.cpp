@@ -4,6 +4,7 @@
 #include <igtl_util.h>
 
 #include <algorithm>
+#include <boost/endian/conversion.hpp>
 #include <vector>
 
 namespace trocar::runtime {
@@ -12,14 +13,7 @@ namespace {
 // The header: version (2 bytes), type (12), name of the device (20), time (8), bytes of the body (8),
 // checksum (8); numbers are big-endian.
 constexpr std::size_t kTypeAt = 2, kDeviceAt = 14, kTimeAt = 34, kBodyAt = 42, kCrcAt = 50;
-constexpr std::uint64_t kLastVersion = 3;
-
-std::uint64_t number(std::span<const std::uint8_t> bytes) {
-  std::uint64_t value = 0;
-  for (const std::uint8_t byte : bytes)
-    value = value << 8 | byte;
-  return value;
-}
+constexpr std::uint16_t kLastVersion = 3;
 
 /// The printable text before the first zero; none: it has other characters.
 std::optional<std::string> text(std::span<const std::uint8_t> bytes) {
@@ -32,14 +26,15 @@ std::optional<std::string> text(std::span<const std::uint8_t> bytes) {
 }  // namespace
 
 std::optional<IgtlHeader> read_igtl_header(std::span<const std::uint8_t, kIgtlHeaderBytes> bytes) {
-  const std::uint64_t version = number(bytes.first(kTypeAt));
+  const std::uint16_t version = boost::endian::load_big_u16(bytes.data());
   const auto type = text(bytes.subspan(kTypeAt, kDeviceAt - kTypeAt));
   const auto device = text(bytes.subspan(kDeviceAt, kTimeAt - kDeviceAt));
-  const std::uint64_t body_bytes = number(bytes.subspan(kBodyAt, kCrcAt - kBodyAt));
+  const std::uint64_t body_bytes = boost::endian::load_big_u64(&bytes[kBodyAt]);
   if (version < 1 || version > kLastVersion || !type || type->empty() || !device ||
       body_bytes > kMaxIgtlBody)
     return std::nullopt;
-  return IgtlHeader{*type, static_cast<std::size_t>(body_bytes), number(bytes.subspan(kCrcAt))};
+  return IgtlHeader{*type, static_cast<std::size_t>(body_bytes),
+                    boost::endian::load_big_u64(&bytes[kCrcAt])};
 }
 
 bool is_igtl_body(const IgtlHeader& header, std::span<const std::uint8_t> body) {

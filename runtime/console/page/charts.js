@@ -42,13 +42,13 @@ class Chart {
     this.plot = null;
     const { clientWidth: width, clientHeight: height } = this.box;
     if (!width || !height) return;
-    const px = rem(), { x_label, y_label, series = [], draw, x_values, y_size = 2.9 } = this.options;
+    const px = rem(), { x_label, y_label, draw, x_values, y_size = 2.9 } = this.options;
     this.plot = new uPlot({
       width, height, cursor: { show: false }, legend: { show: false }, padding: [0.5 * px, (this.options.right ?? 0.9) * px, 0, 0],
       scales: { x: { time: false, range: () => this.x }, y: { range: () => this.y } },
       axes: [axis(x_label, 2, 1.6, x_values), axis(y_label, 3, y_size)],
-      series: [{}, ...series.map((make) => make(px))],
-      hooks: { draw: [(plot) => draw?.(plot, this)] },
+      series: [{}],
+      hooks: { draw: [draw] },
     }, this.data, this.box);
   }
   set(data, x, y) {
@@ -87,14 +87,14 @@ function vertical(plot, ctx, x, colour, at_top, dash = []) {
   ctx.fill();
 }
 
-function curve(plot, ctx, xs, ys, colour, dash = [], from = 0, to = xs.length) {
+function curve(plot, ctx, xs, ys, colour, dash = []) {
   ctx.strokeStyle = colour;
   ctx.lineWidth = Math.max(1, 0.13 * rem() * devicePixelRatio);
   ctx.lineJoin = "round";
   ctx.setLineDash(dash.map((part) => part * rem() * devicePixelRatio));
   ctx.beginPath();
   let is_on = false;
-  for (let i = from; i < to; ++i) {
+  for (let i = 0; i < xs.length; ++i) {
     if (ys[i] === null || xs[i] === null || Number.isNaN(xs[i])) {
       is_on = false;
       continue;
@@ -110,7 +110,7 @@ function curve(plot, ctx, xs, ys, colour, dash = [], from = 0, to = xs.length) {
 
 const label_font = () => `600 ${0.9 * rem() * devicePixelRatio}px "DejaVu Sans", system-ui, sans-serif`;
 
-function words(plot, ctx, text, x, y, colour, align) {
+function words(ctx, text, x, y, colour, align) {
   ctx.font = label_font();
   ctx.fillStyle = colour;
   ctx.textAlign = align;
@@ -144,9 +144,8 @@ export class Charts {
     this.time = new Chart(at("plot-time"), { x_label: "Time, s", y_label: "Force, N", draw: (plot) => this.draw_time(plot) });
     this.depth = new Chart(at("plot-depth"), { x_label: "Depth of the tip below the first slice, mm", y_label: "Force, N", draw: (plot) => this.draw_depth(plot) });
     this.hu = new Chart(at("plot-hu"), { x_label: "Depth below the first slice, mm", y_label: "HU", draw: (plot) => this.draw_hu(plot), y_size: 3.4 });
-    this.ticks = new Chart(at("plot-ticks"), { x_label: "Time, µs", y_label: "Share", right: 1.8, x_values: (_, splits) => splits.map((power) => this.power_words(power)), draw: (plot) => this.draw_ticks(plot) });
+    this.ticks = new Chart(at("plot-ticks"), { x_label: "Time, µs", y_label: "Share", right: 1.8, x_values: (_, splits) => splits.map((power) => (Number.isInteger(power) ? String(2 ** power) : "")), draw: (plot) => this.draw_ticks(plot) });
   }
-  power_words(power) { return Number.isInteger(power) ? String(2 ** power) : ""; }
   set_theme() { for (const chart of [this.time, this.depth, this.hu, this.ticks]) chart.make(); }
 
   /// Draws what is shown. Returns true if the histograms are older than the rest.
@@ -261,7 +260,7 @@ export class Charts {
       const { left, width, top } = plot.bbox, at = Math.min(left + width, Math.max(left, plot.valToPos(mm, "x", true)));
       ctx.font = label_font();
       const is_right = at + ctx.measureText(text).width + px > left + width;
-      words(plot, ctx, text, at + (is_right ? -0.4 : 0.4) * px, top + 0.2 * px, css("--orange"), is_right ? "right" : "left");
+      words(ctx, text, at + (is_right ? -0.4 : 0.4) * px, top + 0.2 * px, css("--orange"), is_right ? "right" : "left");
     }
     ctx.restore();
   }
@@ -288,7 +287,7 @@ export class Charts {
   draw_ticks(plot) {
     const { bbox } = plot, px = rem() * devicePixelRatio, ctx = clip(plot);
     if (!this.bins) {
-      words(plot, ctx, this.shown?.is_recording ? "not in a recording" : "", bbox.left + bbox.width / 2, bbox.top + bbox.height / 3, css("--soft"), "center");
+      words(ctx, this.shown?.is_recording ? "not in a recording" : "", bbox.left + bbox.width / 2, bbox.top + bbox.height / 3, css("--soft"), "center");
       return ctx.restore();
     }
     const { edges, fractions } = this.bins;

@@ -3,8 +3,8 @@
 // Names come from the console's command line; they are set by textContent only.
 // Tests: tests/e2e/console_device_test.py
 import { get_json, post } from "./api.js";
+import { by_id, element } from "./elements.js";
 
-const by_id = (id) => document.getElementById(id);
 const kRemembered = "trocar-device", kInProcess = "inproc", kAsk_ms = 300;
 const kWords = { [kInProcess]: "simulated in the process", sim: "simulated, a process of its own" };
 
@@ -96,11 +96,7 @@ export class Devices {
     const verdict = [stopped ? "The test was stopped before its end." : "", result?.verdict ?? (stopped ? "" : last)];
     by_id("test-verdict").textContent = verdict.filter(Boolean).join(" ");
     by_id("test-verdict").dataset.level = stopped ? "wait" : result?.holds ? "good" : "bad";
-    by_id("test-troubles").replaceChildren(...(result?.troubles ?? []).map((trouble) => {
-      const entry = document.createElement("li");
-      entry.textContent = trouble;
-      return entry;
-    }));
+    by_id("test-troubles").replaceChildren(...(result?.troubles ?? []).map((trouble) => element("li", "", trouble)));
     by_id("test-summary").textContent = result ? "What was measured" : "What trocar-run said";
     by_id("test-numbers").textContent = result?.numbers ?? said;
     by_id("test-details").hidden = !by_id("test-numbers").textContent || (!result && said === last);

@@ -1,27 +1,18 @@
 // SPDX-License-Identifier: Apache-2.0
 // The folder's scenes, recordings and assets. Names come from files, so they are set by textContent only.
 // Tests: tests/e2e/console_page_test.py
-
-const by_id = (id) => document.getElementById(id);
+import { by_id, element, set_options } from "./elements.js";
 
 function item({ file, error }, lines, buttons = []) {
-  const entry = document.createElement("li");
-  const add = (name, text) => {
-    const line = document.createElement("div");
-    line.className = name;
-    line.textContent = text;
-    entry.append(line);
-  };
-  add("file", file);
-  if (error) add("error", error);
-  for (const line of lines.filter(Boolean)) add("about", line);
+  const entry = element("li");
+  entry.append(element("div", "file", file));
+  if (error) entry.append(element("div", "error", error));
+  for (const line of lines.filter(Boolean)) entry.append(element("div", "about", line));
   if (buttons.length) {
-    const box = document.createElement("div");
-    box.className = "buttons";
+    const box = element("div", "buttons");
     for (const [text, act] of buttons) {
-      const button = document.createElement("button");
+      const button = element("button", "", text);
       button.type = "button";
-      button.textContent = text;
       button.addEventListener("click", act);
       box.append(button);
     }
@@ -59,9 +50,7 @@ export class Folder {
     const scene_options = good.map(({ file, name }) => new Option(name ? `${name} (${file})` : file, file));
     by_id("start-scene").replaceChildren(...scene_options);
     const assets = [new Option("the scene's", ""), ...data.assets.filter(({ error }) => !error).map(({ file }) => new Option(file, file))];
-    const asset = by_id("start-asset").value;
-    by_id("start-asset").replaceChildren(...assets);
-    by_id("start-asset").value = assets.some(({ value }) => value === asset) ? asset : "";
+    set_options(by_id("start-asset"), assets);
     if (!good.some(({ file }) => file === this.chosen)) this.chosen = first_choice(good)?.file ?? null;
     by_id("start-scene").value = this.chosen ?? "";
     by_id("start").disabled = !this.chosen;

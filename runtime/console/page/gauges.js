@@ -1,18 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 // Torques against their limits, joint and workspace limits, pose, slices and events. Texts are set by textContent only.
 // Tests: tests/e2e/console_page_test.py
+import { element } from "./elements.js";
 import { is_by_operator } from "./words.js";
 
 const kAxes = ["x", "y", "z"], kDegrees = 180 / Math.PI;
 const kTickParts = ["waking", "device", "law", "publishing"];  // parts of a tick that make it late, in the order of the column missed_by
 const kShownEvents = 100;
-
-function element(tag, name = "", text = "") {
-  const made = document.createElement(tag);
-  if (name) made.className = name;
-  if (text) made.textContent = text;
-  return made;
-}
 
 /// Like toFixed(), but without a minus before zero.
 const fixed = (value, digits) => value.toFixed(digits).replace(/^-(0\.?0*)$/, "$1");
@@ -79,9 +73,13 @@ export class Gauges {
     limits.append(element("span", "name", "Missed ticks"), (this.missed = element("span", "value wide", "–")));
     limits.append(element("span", "name", "Missed by"), (this.cause = element("span", "value wide", "–")));
     this.events_box = document.getElementById("events");
-    this.counts = document.getElementById("slice-counts");
+    const counts = document.getElementById("slice-counts");
     this.cells = document.getElementById("slice-cells");
-    this.count_texts = null;
+    this.count_texts = ["", "touched", "punctured"].map((key) => {
+      const text = element("span");
+      counts.append(element("span", `key ${key}`), text);
+      return text;
+    });
   }
 
   update(shown) {
@@ -147,21 +145,14 @@ export class Gauges {
       const name = [is_punctured ? "punctured" : is_touched ? "touched" : "", slice === active ? "active" : ""].join(" ").trim();
       if (this.cells.children[k].className !== name) this.cells.children[k].className = name;
     }
-    if (!this.count_texts) {
-      this.count_texts = ["", "touched", "punctured"].map((key) => {
-        const text = element("span");
-        this.counts.append(element("span", `key ${key}`), text);
-        return text;
-      });
-    }
     for (const [k, words] of [`${loaded} loaded`, `${touches} touched`, `${punctures} punctured`].entries()) this.count_texts[k].textContent = words;
     this.totals = { loaded, touched: touches, punctured: punctures };
   }
 
-  update_events({ events, missed }) {
-    const key = `${events.length} ${missed} ${events[0]?.text} ${events.at(-1)?.text}`;
-    if (key === this.events_key) return;
-    this.events_key = key;
+  update_events(shown) {
+    const { events, missed } = shown, key = `${events.length} ${missed} ${events[0]?.text} ${events.at(-1)?.text}`;
+    if (shown === this.events_of && key === this.events_key) return;
+    Object.assign(this, { events_of: shown, events_key: key });
     // A pause has an event of its own, "paused".
     const last = events.filter(({ kind, fault }) => kind !== "cut_shown" && !(kind === "fault" && fault === "paused")).slice(-kShownEvents).reverse();
     const lines = last.map((event) => element("li", is_by_operator(event) ? "stopped" : event.kind, event.text ?? `${event.kind} at ${event.t_s} s`));

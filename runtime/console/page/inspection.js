@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // What the page shows, as data: `window.trocar`, for tests and for debugging in the browser's console.
 // Tests: tests/e2e/console_page_test.py
-const by_id = (id) => document.getElementById(id);
+import { by_id } from "./elements.js";
+
 const row_of = (source) => (source?.row ? Object.fromEntries([...source.columns.at.keys()].map((name) => [name, Array.from(source.values(name))])) : null);
 export const inspection_of = (app) => ({
   get role() { return app.role; },
@@ -49,7 +50,6 @@ export const inspection_of = (app) => ({
   },
   get bone_shown_ms() { return app.view?.bone_shown_ms ?? null; },
   get frames() { return app.view?.pace.frames ?? 0; },
-  get fps() { return app.view?.pace.fps ?? 0; },
   get scale() { return app.view?.pace.scale ?? 0; },
   get renderer() { return app.view?.renderer_name ?? ""; },
   get shape() { return { vertices: app.view?.shape ? app.view.shape_w.length : 0, deepest_m: app.view?.shape?.visible ? app.view.shape_depth_m : 0 }; },

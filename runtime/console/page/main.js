@@ -5,6 +5,7 @@ import { emergency_stop, file_query, get_blob, get_container, get_json, post } f
 import { Charts } from "./charts.js";
 import { Shown, read_bone } from "./data.js";
 import { Devices } from "./devices.js";
+import { by_id, set_options } from "./elements.js";
 import { Folder } from "./folder.js";
 import { Gauges } from "./gauges.js";
 import { Goals } from "./goals.js";
@@ -20,7 +21,6 @@ import { Training } from "./training.js";
 import { View3d } from "./view/view3d.js";
 import { describe, is_paused, kFault, kRecovering } from "./words.js";
 
-const by_id = (id) => document.getElementById(id);
 const kPanels_ms = 100, kSlowPanels_ms = 250, kRefresh_ms = 5000, kOld_ms = 300, kViewBesideXray_ms = 150, kViewBesidePictures_ms = 60;
 
 const app = {
@@ -151,7 +151,9 @@ const planning = app.planning = new Planning(app, { changed, error: notice, scen
     by_id("start-asset").value = "";  // the new scene is for its own asset
     await folder.choose(file);
   } });
-const training = new Training(app, { changed, error: notice, show_page: (blob, title) => show_page(blob, title, "") });
+const training = new Training(app);
+by_id("ghost").addEventListener("change", guarded((event) => training.choose_ghost(event.target.value)));
+by_id("open-history").addEventListener("click", guarded(async () => show_page(await get_blob("/api/history"), "History of sessions", "")));
 const refresh = guarded(async () => {
   ++app.refreshes;
   const data = await get_json("/api/folder").finally(() => --app.refreshes);
@@ -159,11 +161,8 @@ const refresh = guarded(async () => {
   app.folder = data;
   devices.show(data.devices);
   folder.show(data);
-  training.show(data.recordings);
-  const options = [new Option("none", ""), ...data.recordings.filter(({ error }) => !error).map(({ file }) => new Option(short(file), file))];
-  const against = by_id("against").value;
-  by_id("against").replaceChildren(...options);
-  by_id("against").value = options.some(({ value }) => value === against) ? against : "";
+  const recordings = data.recordings.filter(({ error }) => !error);
+  for (const id of ["ghost", "against"]) set_options(by_id(id), [new Option("none", ""), ...recordings.map(({ file }) => new Option(short(file), file))]);
   if (!app.live && !data.session) await preview(folder.scene(folder.chosen), folder.asset());
   if (data.start && data.state === "idle" && !app.has_started) await start({ scene: data.start });
   if (data.playback && !app.playback.first) {
@@ -195,7 +194,7 @@ app.link = new Live({
     if (!hello) {  // also when a session is about to begin: nothing of the one before stays on the page
       app.live = null;
       app.preview = new Shown([], {});
-      app.bone_key = app.gauges.events_key = "";
+      app.bone_key = "";
       if (app.tab !== "playback") show_bone();
       return changed();
     }
@@ -207,7 +206,6 @@ app.link = new Live({
     app.live.sheets = new Map();
     app.preview = null;
     app.bone_key = "";
-    app.gauges.events_key = "";
     document.body.dataset.session = "live";
     app.hand?.new_session();
     app.imaging.new_session();
@@ -324,7 +322,6 @@ const play = guarded(async (recording) => {
   // A recording does not contain the device's limits, so those of the last session of this page are used.
   const { motor_peak_torque_Nm, joint_limits_rad, workspace } = app.live?.about ?? {};
   Object.assign(app.playback.first.about, { motor_peak_torque_Nm, joint_limits_rad, workspace });
-  app.gauges.events_key = "";
   by_id("against").value = "";
   set_tab("playback");
 });
@@ -411,8 +408,7 @@ function draw_status() {
 }
 
 function draw_overlay(source) {
-  const caption = by_id("caption"), view = app.view;
-  const lines = caption.children.length ? caption.children : (caption.append(...[0, 1, 2].map(() => document.createElement("div"))), caption.children);
+  const lines = by_id("caption").children, view = app.view;
   const about = source?.about ?? {};
   const scene = app.tab === "playback" ? (app.playback.scene ?? "") : about.scene?.name ?? folder.scene(folder.chosen)?.name ?? "";
   const device = app.tab !== "playback" && source && source === app.live ? app.state.device : "";
@@ -427,14 +423,11 @@ function draw_overlay(source) {
   if (goals && view?.view !== "section") lines[1].textContent += `; sphere: target${away}, dashes: planned line, bodies with edges: zones to keep out of`;
   lines[2].textContent = view ? "" : "This browser draws no bone: it has no WebGL. Switch on its hardware acceleration, or take another browser; all else works.";
   const readout = by_id("readout");
-  if (!readout.children.length) readout.append(document.createElement("div"), document.createElement("div"));
   const force = source?.row && source.is_placed() ? source.force() : NaN, depth = source?.depth_mm();
-  const number = readout.firstChild;
-  if (!number.children.length) number.append("On the hand ", document.createElement("b"), " N");
   by_id("force-label").textContent = Number.isFinite(force) ? `${force.toFixed(1)} N` : "";
   readout.hidden = !Number.isFinite(force);
   if (Number.isFinite(force)) {
-    number.children[0].textContent = force.toFixed(1);
+    readout.querySelector("b").textContent = force.toFixed(1);
     const contact = Math.abs(source.value("force_N")), along = contact > 1.05 * force + 0.5 ? `contact ${contact.toFixed(1)} N, ` : "";
     readout.lastChild.textContent = along + (Number.isFinite(depth) ? (depth >= 0 ? `tip ${depth.toFixed(1)} mm below the first slice` : `tip ${(-depth).toFixed(1)} mm above the first slice`) : "");
   }

@@ -18,12 +18,9 @@ export function is_paused(state, shown) {
 }
 
 /// Returns the last fault that no recovery has ended, or null.
-export function last_fault(events) {
-  for (let i = events.length - 1; i >= 0; --i) {
-    if (events[i].kind === "recovered") return null;
-    if (events[i].kind === "fault") return events[i];
-  }
-  return null;
+function last_fault(events) {
+  const last = events.filter(({ kind }) => kind === "recovered" || kind === "fault").at(-1);
+  return last?.kind === "fault" ? last : null;
 }
 
 const sentence = (words) => (words ? words[0].toUpperCase() + words.slice(1) + (/[.!?]$/.test(words) ? "" : ".") : "");

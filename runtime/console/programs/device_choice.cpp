@@ -6,15 +6,9 @@
 namespace trocar::runtime {
 namespace {
 
-struct DeviceOption {
-  std::string_view name;
-  bool has_value;
-};
-constexpr DeviceOption kDeviceOptions[] = {{"key-file", true},
-                                           {"device-description", true},
-                                           {"force-limit", true},
-                                           {"force-scale", true},
-                                           {"simulated", false}};
+/// The options that have a value. The option `simulated` has none.
+constexpr std::string_view kWithValue[] = {"key-file", "device-description", "force-limit",
+                                           "force-scale"};
 
 /// Returns the text before the next comma, and removes both from `rest`.
 std::string_view take_part(std::string_view& rest) {
@@ -40,19 +34,17 @@ Result<DeviceChoice> parse_device_choice(std::string_view text) {
   DeviceChoice choice{std::string(take_part(rest)), {}};
   while (!rest.empty() || text.ends_with(',')) {
     const std::string_view part = take_part(rest), name = part.substr(0, part.find('='));
-    const auto* const option =
-        std::find_if(std::begin(kDeviceOptions), std::end(kDeviceOptions),
-                     [&](const DeviceOption& each) { return each.name == name; });
+    const bool has_value =
+        std::find(std::begin(kWithValue), std::end(kWithValue), name) != std::end(kWithValue);
     const std::string_view value = part.substr(std::min(part.size(), name.size() + 1));
-    if (option == std::end(kDeviceOptions) || option->has_value == value.empty() ||
-        (!option->has_value && part != name))
+    if (has_value ? value.empty() : part != "simulated")
       return usage(shown +
                    ": after the device may follow ,key-file=FILE ,device-description=FILE "
                    ",force-limit=N ,force-scale=F or ,simulated");
     std::string word = "--" + std::string(name);
     if (choice.has(word)) return usage(shown + ": " + std::string(name) + " is given twice");
     choice.words.push_back(std::move(word));
-    if (option->has_value) choice.words.emplace_back(value);
+    if (has_value) choice.words.emplace_back(value);
   }
   return choice;
 }

@@ -21,27 +21,6 @@ extern "C" {  // glibc 2.36 leaves it to who includes it
 #include "formats/base/system_message.h"
 
 namespace trocar::runtime {
-namespace {
-
-/// Returns field 22 of /proc/PID/stat; 0: there is none.
-std::uint64_t start_ticks_of(pid_t pid) {
-  constexpr int kFieldsBetween = 19;  // number of fields between the name and field 22
-  std::ifstream in("/proc/" + std::to_string(pid) + "/stat");
-  const std::string text{std::istreambuf_iterator<char>(in), {}};
-  std::size_t at = text.rfind(')');  // the name may have blanks and brackets
-  if (at == std::string::npos || at + 2 > text.size()) return 0;
-  at += 2;
-  for (int i = 0; i < kFieldsBetween; ++i) {
-    at = text.find(' ', at);
-    if (at == std::string::npos) return 0;
-    ++at;
-  }
-  std::uint64_t ticks = 0;
-  std::from_chars(text.data() + at, text.data() + text.size(), ticks);
-  return ticks;
-}
-
-}  // namespace
 
 Result<Process> Process::start(const std::vector<std::string>& arguments,
                                const std::filesystem::path& log) {
@@ -89,7 +68,7 @@ std::optional<Process> Process::adopt(pid_t pid, std::optional<std::uint64_t> st
   const int fd = ::pidfd_open(pid, 0);
   if (fd < 0) return std::nullopt;
   Process process(pid, fd, false);
-  if ((start_ticks && start_ticks_of(pid) != *start_ticks) || process.has_ended())
+  if ((start_ticks && process.start_ticks() != *start_ticks) || process.has_ended())
     return std::nullopt;
   return process;
 }
@@ -113,7 +92,20 @@ Process::~Process() {
 }
 
 std::uint64_t Process::start_ticks() const {
-  return start_ticks_of(pid_);
+  constexpr int kFieldsBetween = 19;  // number of fields between the name and field 22
+  std::ifstream in("/proc/" + std::to_string(pid_) + "/stat");
+  const std::string text{std::istreambuf_iterator<char>(in), {}};
+  std::size_t at = text.rfind(')');  // the name may have blanks and brackets
+  if (at == std::string::npos || at + 2 > text.size()) return 0;
+  at += 2;
+  for (int i = 0; i < kFieldsBetween; ++i) {
+    at = text.find(' ', at);
+    if (at == std::string::npos) return 0;
+    ++at;
+  }
+  std::uint64_t ticks = 0;
+  std::from_chars(text.data() + at, text.data() + text.size(), ticks);
+  return ticks;
 }
 
 bool Process::has_ended() {

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "runtime/console/programs/scene_maker.h"
 
-#include <algorithm>
 #include <nlohmann/json.hpp>
+#include <sstream>
 #include <string_view>
 #include <system_error>
 #include <utility>
@@ -36,10 +36,8 @@ std::string exists_already(const std::string& name) {
 json warnings_in(std::string& text) {
   json warnings = json::array();
   std::string rest;
-  for (std::size_t from = 0; from < text.size();) {
-    const std::size_t end = std::min(text.find('\n', from), text.size());
-    const std::string line = text.substr(from, end - from);
-    from = end + 1;
+  std::istringstream lines(text);
+  for (std::string line; std::getline(lines, line);) {
     constexpr std::string_view kStart = "trocar-run: warning: ";
     if (!line.starts_with(kStart)) {
       rest += line + '\n';

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // The hand's bar below the view: the button that takes the needle, force and lag, switches of sound and rumble, and the help.
 // Tests: tests/e2e/console_hand_page_test.py
+import { by_id } from "../elements.js";
 import { share_of } from "./motion.js";
 
-const by_id = (id) => document.getElementById(id);
 const kHelpKey = "trocar-hand-help";  // "seen" once the operator has closed the help or held the needle
 
 /// A button that switches something on and off, which is remembered. It is on at first. (The space key would toggle a checkbox that has
@@ -35,9 +35,6 @@ export class HandBar {
     by_id("hand-help-open").addEventListener("click", () => (by_id("hand-help").hidden ? this.show_help() : this.hide_help()));
     by_id("hand-help-close").addEventListener("click", () => this.hide_help());
   }
-
-  get has_sound() { return this.sound.is_on; }
-  get has_rumble() { return this.rumble.is_on; }
 
   /// Shows the help if the operator has not seen it.
   offer_help() { if (localStorage.getItem(kHelpKey) !== "seen") this.show_help(); }

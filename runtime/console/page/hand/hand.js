@@ -196,8 +196,8 @@ export class Hand {
     const felt = this.#feel.take({ t_s: live.value("t_s"), force_N: this.force_N, cut_J: live.value("cut_J", 0), punctures: live.value("punctures", 0),
       depth_m: tip[0] * axis[0] + tip[1] * axis[1] + tip[2] * axis[2] }, this.scale_N);
     for (const name of Object.keys(felt)) if (felt[name]) ++this.felt[name];
-    if (this.bar.has_sound) this.#sound.play(felt);
-    if (this.bar.has_rumble) this.#pad.rumble(felt, performance.now());
+    if (this.bar.sound.is_on) this.#sound.play(felt);
+    if (this.bar.rumble.is_on) this.#pad.rumble(felt, performance.now());
   }
 
   // ---- once a frame ----

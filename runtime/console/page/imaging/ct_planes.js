@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 // Planes of the CT through the tip: axial, coronal, sagittal, and one along the needle, with window and level, and the needle drawn in them.
 // Tests: tests/e2e/console_imaging_page_test.py, tests/e2e/console_volume_test.py
+import { by_id } from "../elements.js";
 import { cross, dot, hu_at } from "./volume.js";
 
 const kSize = 176, kNeedle_m = 0.12, kRedraw_ms = 100;
-const by_id = (id) => document.getElementById(id);
 const minus = (v) => v.map((x) => -x);
 const unit = (v) => v.map((x) => x / Math.hypot(...v));
 

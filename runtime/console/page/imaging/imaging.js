@@ -4,11 +4,10 @@
 import { file_query, get_bytes } from "../api.js";
 import { parse_container } from "../container.js";
 import { axis_of } from "../data.js";
+import { by_id } from "../elements.js";
 import { CtPlanes } from "./ct_planes.js";
 import { read_volume } from "./volume.js";
 import { Xray } from "./xray.js";
-
-const by_id = (id) => document.getElementById(id);
 
 export class Imaging {
   /// `act`: {source(): the Shown, tab(), is_running(), is_operator(), scene(): the file whose scan is shown outside of a

@@ -4,6 +4,7 @@
 // is always on and costs nothing.
 // Tests: tests/e2e/console_imaging_page_test.py
 import { post } from "../api.js";
+import { by_id } from "../elements.js";
 import { while_pressed } from "../keys.js";
 import { project, view_of } from "./c_arm.js";
 import { Picture } from "./picture.js";
@@ -14,7 +15,6 @@ const kSameNeedle_s = 1;  // of a row that comes so much later, the needle may b
 const kPositions = { ap: [0, 0], lateral: [90, 0] };
 // The elements in which a letter means something: in a list it chooses an entry. The entries of the list Width begin with digits.
 const kTyping = "input:not([type]), input[type=text], textarea, select:not(#xray-width)";
-const by_id = (id) => document.getElementById(id);
 
 /// One picture on the page: a canvas with a line of text below.
 class Monitor {
@@ -22,25 +22,22 @@ class Monitor {
     this.canvas = by_id(id);
     this.context = this.canvas.getContext("2d");
     this.caption = by_id(`${id}-caption`);
-    this.key = "";
   }
-  show(picture, needle, key, shot, is_inverted, words) {
-    const { size } = picture;
+  /// `shown`: {picture, needle, key: the position of the C-arm, shot, words}.
+  show(shown, is_inverted) {
+    const { picture, needle, shot, words } = shown, { size } = picture;
     if (this.canvas.width !== size) this.canvas.width = this.canvas.height = size;
     if (this.image?.width !== size) this.image = new ImageData(size, size);
     picture.draw(this.image.data, needle, shot, is_inverted);
     this.context.putImageData(this.image, 0, 0);
-    Object.assign(this, { key, last: { picture, needle, key, shot, words } });
+    this.last = shown;
     this.caption.textContent = words;
   }
   copy_from(other, is_inverted) {
-    if (!other.last) return;
-    const { picture, needle, key, shot, words } = other.last;
-    this.show(picture, needle, key, shot, is_inverted, words);
+    if (other.last) this.show(other.last, is_inverted);
   }
   clear() {
     this.last = null;
-    this.key = "";
     this.caption.textContent = "";
     this.context.clearRect(0, 0, this.canvas.width, this.canvas.height);
   }
@@ -226,8 +223,8 @@ export class Xray {
     if (!picture) return;
     const tissue = this.volume.context ? "training only" : "bone only; training only";
     ++this.drawn;
-    if (this.live.last && this.live.key !== key) this.other.copy_from(this.live, this.is_inverted);
-    this.live.show(picture, needle, key, this.drawn, this.is_inverted, `${where}; ${tissue}`);
+    if (this.live.last?.key !== key) this.other.copy_from(this.live, this.is_inverted);
+    this.live.show({ picture, needle, key, shot: this.drawn, words: `${where}; ${tissue}` }, this.is_inverted);
     this.tip_px = needle ? project(picture.view, picture.size, needle.tip) : null;
   }
 
@@ -237,7 +234,7 @@ export class Xray {
     const mode = this.act.mode(), is_on = mode === "playback" || (mode === "live" && this.is_screening);
     if (!is_on || now - (this.drawn_at ?? -Infinity) < kPulse_ms) return;
     const needle = this.act.needle(), at = needle ? [...needle.tip, ...needle.axis].join() : "";
-    if (this.act.mode() === "playback" && at === this.drawn_needle && this.live.key === this.key && this.live.last?.picture === this.pictures.get(this.key)) return;
+    if (this.act.mode() === "playback" && at === this.drawn_needle && this.live.last?.key === this.key && this.live.last.picture === this.pictures.get(this.key)) return;
     if (!this.pictures.has(this.key)) return;
     this.drawn_at = now;
     this.drawn_needle = at;

@@ -2,9 +2,9 @@
 // A new scene: a person chooses entry and target on the bone, and the console makes the scene and checks it.
 // Tests: tests/e2e/console_new_scene_page_test.py
 import { get_json, post } from "../api.js";
+import { by_id, element } from "../elements.js";
 import { point_text, read_point, to_device, to_patient } from "./patient_frame.js";
 
-const by_id = (id) => document.getElementById(id);
 const kAsk_ms = 300, kMaxFailedAsks = 20, kClick_px = 5, kDoubleClick_ms = 400, kShown_m = 0.05, kLeastDepth_m = 0.001, kInProcess = "inproc", kMaxName = 32;
 const minus = (a, b) => a.map((x, k) => x - b[k]);
 const along = (from, way, m) => from.map((x, k) => x + m * way[k]);
@@ -262,11 +262,7 @@ export class Planning {
     const why_not = error || (stopped ? "Stopped: no scene was written." : last_line(result.text) || `trocar-run ended with ${end} and said nothing.`);
     by_id("plan-verdict").textContent = scene ? `${scene} is written and chosen. ${findings}` : why_not;
     by_id("plan-verdict").dataset.level = !scene || !(warnings || stopped) ? "bad" : warnings?.length === 0 ? "good" : "wait";
-    by_id("plan-findings").replaceChildren(...(warnings ?? []).map((finding) => {
-      const entry = document.createElement("li");
-      entry.textContent = finding;
-      return entry;
-    }));
+    by_id("plan-findings").replaceChildren(...(warnings ?? []).map((finding) => element("li", "", finding)));
     by_id("plan-details").hidden = !scene;
     by_id("plan-text").textContent = [result.text, result.check].filter(Boolean).join("\n");
   }

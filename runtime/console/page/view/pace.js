@@ -7,7 +7,6 @@ const kMinScale = 0.5, kSlowFrame_ms = 30, kFastFrame_ms = 19, kFramesOfMean = 2
 export class Pace {
   scale = 1;      ///< pixels drawn per pixel of the screen, along each side
   frames = 0;     ///< number of frames drawn
-  fps = 0;
   frame_ms = 0;   ///< mean time between the last 20 frames
   #times = [];
   #last = null;
@@ -21,7 +20,6 @@ export class Pace {
     if (this.#times.length < kFramesOfMean) return;
     const mean = this.#times.reduce((a, b) => a + b) / this.#times.length;
     this.#times = [];
-    this.fps = 1000 / mean;
     this.frame_ms = mean;
     const before = this.scale;
     if (mean > kSlowFrame_ms) this.scale = Math.max(kMinScale, this.scale * Math.max(0.7, Math.sqrt(kSlowFrame_ms / mean) * 0.95));

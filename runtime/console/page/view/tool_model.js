@@ -6,7 +6,6 @@ import * as THREE from "three";
 const kLength_m = 0.12;
 const kStub = 0.1;  // fraction of the shaft that is drawn when the camera looks along it
 
-const circle = (radius) => Array.from({ length: 24 }, (_, k) => [radius * Math.cos(k * Math.PI / 12), radius * Math.sin(k * Math.PI / 12)]);
 const shape_of = (outline) => new THREE.Shape(outline.map(([x, y]) => new THREE.Vector2(x, y)));
 
 function solid_of(outline, kind, half_angle_deg) {
@@ -28,7 +27,7 @@ function solid_of(outline, kind, half_angle_deg) {
 export class ToolModel {
   /// `tool`: the object of /api/bone. `materials`: {tool, ghost, outline}.
   constructor(tool, scene, materials) {
-    this.outline = tool.outline_m?.length ? tool.outline_m : circle(tool.radius_m);
+    this.outline = tool.outline_m;
     this.axis_in_plate = tool.axis_in_plate;
     const solid = solid_of(this.outline, tool.kind, tool.half_angle_deg);
     this.solid = new THREE.Mesh(solid, materials.tool);

@@ -118,7 +118,6 @@ export class View3d {
     this.surface = new THREE.Mesh(geometry, this.surface_material);
     this.surface.renderOrder = 60;
     this.bone_group.add(this.surface);
-    this.coarse_surface = null;
   }
 
   /// Shows the whole surface at full resolution, and a coarse surface at reduced resolution. Without a GPU the triangles of the surface
@@ -282,7 +281,6 @@ export class View3d {
 
   /// Moves everything to the present row.
   update(shown) {
-    this.shown = shown;
     if (!this.bone) return;
     this.is_dirty = true;
     const tip = shown.values("tool_m");
