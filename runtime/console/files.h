@@ -40,6 +40,8 @@ class Files {
   /// list(), but list() need not contain this name. Errors: kRefused if the name leads out of the
   /// folder, if a link is on the way, or if there is no such file.
   Result<std::filesystem::path> find(std::string_view name) const;
+  /// The folder that was given to of_folder(); empty for a playback.
+  const std::filesystem::path& folder() const noexcept { return folder_; }
   /// The folder of sessions; empty for a playback.
   const std::filesystem::path& sessions() const noexcept { return sessions_; }
   /// Returns a JSON object with the keys `scenes`, `assets` and `recordings` (protocol.md). At most

@@ -7,11 +7,12 @@
 namespace trocar::runtime {
 namespace {
 
-std::optional<std::string> decoded(std::string_view text) {
+// `blank`: the character that stands for a blank.
+std::optional<std::string> decoded(std::string_view text, char blank = ' ') {
   std::string out;
   for (std::size_t i = 0; i < text.size(); ++i) {
     if (text[i] != '%') {
-      out += text[i];
+      out += text[i] == blank ? ' ' : text[i];
       continue;
     }
     const std::string_view digits = text.substr(i + 1, 2);
@@ -40,7 +41,8 @@ std::optional<RequestTarget> RequestTarget::parse(std::string_view text) {
     const std::size_t equals = one.find('=');
     if (equals == std::string_view::npos || target.parameters.size() == kMaxParameters)
       return std::nullopt;
-    const auto name = decoded(one.substr(0, equals)), value = decoded(one.substr(equals + 1));
+    const auto name = decoded(one.substr(0, equals), '+'),
+               value = decoded(one.substr(equals + 1), '+');
     if (!name || !value || !target.parameters.emplace(*name, *value).second) return std::nullopt;
   }
   return target;

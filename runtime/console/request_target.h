@@ -10,7 +10,8 @@
 
 namespace trocar::runtime {
 
-/// Path and parameters of a target such as "/path?name=value&name2=value2", percent-decoded.
+/// Path and parameters of a target such as "/path?name=value&name2=value2", percent-decoded. In
+/// parameters, "+" is a blank, as in the forms and the URLSearchParams of browsers.
 struct RequestTarget {
   std::string path;  ///< begins with '/'
   std::map<std::string, std::string> parameters;

@@ -6,6 +6,7 @@
 #include <cstdio>
 #include <memory>
 #include <optional>
+#include <sstream>
 #include <utility>
 
 #include "runtime/console/beast.h"
@@ -25,8 +26,9 @@ constexpr auto kPollEvery = std::chrono::milliseconds(2), kPollIdle = std::chron
 constexpr auto kRetryAccept = std::chrono::milliseconds(100);
 constexpr auto kEndWithin = std::chrono::seconds(10);
 
+// An IPv6 address stands in brackets.
 std::string text_of(const tcp::endpoint& endpoint) {
-  return endpoint.address().to_string() + ":" + std::to_string(endpoint.port());
+  return (std::ostringstream() << endpoint).str();
 }
 
 /// Accepts connections, polls the session, and ends on a signal.
@@ -90,7 +92,8 @@ class Server {
       close_one(all);
       if (all.size() >= 2 * kMaxConnections) return;
     }
-    auto connection = std::make_shared<HttpConnection>(console_, std::move(socket), text_of(peer));
+    auto connection =
+        std::make_shared<HttpConnection>(console_, std::move(socket), text_of(peer));
     all.push_back(connection);
     connection->read();
   }

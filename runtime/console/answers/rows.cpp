@@ -37,8 +37,10 @@ void visit_columns(const RecordingRow& row, const RecordingKind& kind, const Xra
   visit("tool_m", row.tool_m);
   visit("wrench_wanted", row.wrench_wanted);
   visit("wrench_delivered", row.wrench_delivered);
-  visit("tau_Nm", row.tau_Nm);
-  visit("motor_angle_rad", row.encoder_rad);
+  if (!kind.has_pose_device) {
+    visit("tau_Nm", row.tau_Nm);
+    visit("motor_angle_rad", row.encoder_rad);
+  }
   one("phase", row.phase);
   one("active_slice", row.active_slice);
   one("penetration_m", row.penetration_m);

@@ -7,6 +7,7 @@
 #include <algorithm>
 #include <array>
 #include <boost/asio.hpp>
+#include <sstream>
 #include <utility>
 #include <vector>
 
@@ -33,10 +34,9 @@ constexpr auto kSurfacePeriod = std::chrono::seconds(1);
 constexpr auto kIgtlStalled = std::chrono::seconds(6);
 constexpr auto kAcceptAgainAfter = std::chrono::milliseconds(100);
 
+// An IPv6 address stands in brackets.
 std::string address_of(const tcp::endpoint& endpoint) {
-  const std::string address = endpoint.address().to_string();
-  return (endpoint.address().is_v6() ? "[" + address + "]" : address) + ":" +
-         std::to_string(endpoint.port());
+  return (std::ostringstream() << endpoint).str();
 }
 
 /// One client.

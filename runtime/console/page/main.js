@@ -318,7 +318,7 @@ listen_to_keys({ app, is_running, emergency_stop: stop_now, stop: () => command(
 
 // ---- playback ----
 const play = guarded(async (recording) => {
-  await app.playback.open(recording.file, recording.scene);
+  if (!(await app.playback.open(recording.file, recording.scene))) return;
   // A recording does not contain the device's limits, so those of the last session of this page are used.
   const { motor_peak_torque_Nm, joint_limits_rad, workspace } = app.live?.about ?? {};
   Object.assign(app.playback.first.about, { motor_peak_torque_Nm, joint_limits_rad, workspace });
@@ -326,9 +326,9 @@ const play = guarded(async (recording) => {
   set_tab("playback");
 });
 const compare = guarded(async (recording) => {
-  if (!app.playback.first) {
-    if (recording.file) await app.playback.open(recording.file, recording.scene);
-  } else await app.playback.compare(recording.file, recording.scene);
+  if (app.playback.first) {
+    if (!(await app.playback.compare(recording.file, recording.scene))) return;
+  } else if (recording.file && !(await app.playback.open(recording.file, recording.scene))) return;
   by_id("against").value = app.playback.first?.second ? recording.file : "";
   set_tab("playback");
 });

@@ -106,27 +106,35 @@ export class Playback {
     this.is_playing = false;
   }
 
+  /// Opens a recording. Returns false if a later call of open() or compare() has taken precedence.
   async open(recording, scene) {
+    const request = this.request = {};
     const [rows, bone] = await Promise.all([
       get_container(file_query("/api/recording", { file: recording, scene })),
       scene ? get_container(file_query("/api/bone", { scene })).then(read_bone) : null]);
+    if (request !== this.request) return false;
     this.first = new Recorded(rows);
     this.first.set_bone(bone);
     this.file = recording;
     this.scene = scene;
     this.is_playing = false;
     this.go_to(0);
+    return true;
   }
 
+  /// Shows a second recording beside the first, or none. Returns false like open().
   async compare(recording, scene) {
+    const request = this.request = {};
     if (!recording) this.first.second = null;
     else {
       const second = new Recorded(await get_container(file_query("/api/recording", { file: recording, scene })));
+      if (request !== this.request) return false;
       second.set_bone(this.first.bone);
       this.first.second = second;
       this.second_file = recording;
     }
     this.go_to(this.time_s);
+    return true;
   }
 
   get end_s() { return Math.max(this.first?.end_s ?? 0, this.first?.second?.end_s ?? 0); }

@@ -45,7 +45,8 @@ Result<std::filesystem::path> create_session_folder(const std::filesystem::path&
     folder = sessions / (i == 1 ? name : name + "-" + std::to_string(i));
     if (std::filesystem::create_directory(folder, error)) return folder;
   }
-  return unwritable(folder.string() + ": cannot be made: " + error.message());
+  return unwritable(folder.string() + ": cannot be made: " +
+                    (error ? error.message() : "all folders of this name and second exist"));
 }
 
 std::string ready_endpoint(const std::filesystem::path& log, std::uint64_t from) {

@@ -17,6 +17,7 @@
 #include "runtime/console/files.h"
 #include "runtime/console/page_files.h"
 #include "runtime/console/programs/process.h"
+#include "runtime/console/request_target.h"
 #include "tests/support/temporary_folder.h"
 
 namespace trocar::runtime {
@@ -25,6 +26,16 @@ namespace {
 void write(const std::filesystem::path& file, const std::string& text) {
   std::filesystem::create_directories(file.parent_path());
   std::ofstream(file, std::ios::binary) << text;
+}
+
+TEST(RequestTarget, PlusAndPercentStandForABlankInParameters) {
+  const auto target = RequestTarget::parse("/a+b%20c?scene=my+own%20scene%2Bnew.json&asset=");
+  ASSERT_TRUE(target);
+  EXPECT_EQ(target->path, "/a+b c");
+  EXPECT_EQ(target->parameter("scene"), "my own scene+new.json");
+  EXPECT_EQ(target->parameter("asset"), "");
+  for (const char* wrong : {"a", "/?x", "/?x=1&x=2", "/?x=%2", "/?x=%+1", "/?x=%-1", "/?x=%0x"})
+    EXPECT_FALSE(RequestTarget::parse(wrong)) << wrong;
 }
 
 TEST(ConsoleTokens, RoleOfEachAndNoOther) {

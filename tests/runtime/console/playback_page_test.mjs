@@ -8,7 +8,7 @@ import { pathToFileURL } from "node:url";
 for (const [name, value] of Object.entries({ location: { hash: "" }, sessionStorage: { getItem: () => null }, addEventListener: () => {} }))
   Object.defineProperty(globalThis, name, { value, configurable: true });
 const page = pathToFileURL(`${process.env.TROCAR_PAGE}/`);
-const { Recorded } = await import(new URL("playback.js", page));
+const { Playback, Recorded } = await import(new URL("playback.js", page));
 const { GoalMeter } = await import(new URL("goals.js", page));
 
 const kFree = 0, kContact = 1, kPunctured = 2, kRunning = 2, kFault = 3;  // ContactPhase, SafetyState
@@ -51,4 +51,30 @@ test("the time of a goal begins with a puncture if there was no contact before, 
   assert.equal(took({}, [at(0, kFree, 0.104), at(1, kPunctured, 0.1), at(1.5, kContact, 0.09), at(2, kPunctured, 0.08)], 2), 1);
   const target = { at_m: [0, 0, 0.103], radius_m: 0.001 };
   assert.equal(took({ target }, [at(0, kFree, 0.11), at(1, kFree, 0.103), at(2, kContact, 0.1)], null), 0);
+});
+
+test("the recording that was chosen last is shown, although an earlier one arrives later", async () => {
+  const waiting = [];
+  const bytes = (rows) => {
+    const text = JSON.stringify({ columns: [{ name: "t_s", count: 1 }], rows, rows_at: [0, rows], events: [] }).padEnd(512 - 4);
+    const file = new ArrayBuffer(512 + 8 * rows);
+    new DataView(file).setUint32(0, 508, true);
+    new Uint8Array(file).set(new TextEncoder().encode(text), 4);
+    new Float64Array(file, 512).set(Array.from({ length: rows }, (_, i) => i));
+    return file;
+  };
+  globalThis.fetch = (path) => new Promise((resolve) => waiting.push([path, (rows) => resolve(new Response(bytes(rows)))]));
+  const playback = new Playback();
+  const large = playback.open("large one.csv", ""), small = playback.open("small.csv", "");
+  assert.equal(waiting[0][0], "/api/recording?file=large+one.csv");
+  waiting[1][1](2);
+  assert.equal(await small, true);
+  waiting[0][1](5);
+  assert.equal(await large, false);
+  assert.deepEqual([playback.file, playback.first.count], ["small.csv", 2]);
+  const second = playback.compare("large one.csv", "");
+  assert.equal(await playback.compare("", ""), true);
+  waiting[2][1](5);
+  assert.equal(await second, false);
+  assert.equal(playback.first.second, null);
 });

@@ -7,6 +7,7 @@
 #include <cstdint>
 #include <cstring>
 #include <nlohmann/json.hpp>
+#include <set>
 #include <string>
 #include <utility>
 #include <vector>
@@ -19,20 +20,25 @@ namespace {
 
 using nlohmann::json;
 
-/// Events of a recording of these rows, which gets the times of 1 kHz.
-json events_of(std::vector<RecordingRow> rows) {
+/// What the console says of a recording of these rows, which gets the times of 1 kHz.
+json answer_for(std::vector<RecordingRow> rows, const char* device_kind = "legs") {
   const test::TemporaryFolder folder;
   for (std::size_t i = 0; i < rows.size(); ++i)
     rows[i].t_s = static_cast<double>(i) / 1000;
   RecordingOrigin origin;
-  origin.entries = {{"rate_Hz", "1000"}, {kOriginXray, "counted"}};
+  origin.entries = {
+      {"rate_Hz", "1000"}, {kOriginXray, "counted"}, {kOriginDeviceKind, device_kind}};
   auto writer = RecordingWriter::open(folder / "r.csv", origin);
   EXPECT_TRUE(writer && writer->append(rows) && writer->commit());
   const auto answer = rows_of(folder / "r.csv");
   EXPECT_TRUE(answer) << answer.error().message;
   std::uint32_t size = 0;
   std::memcpy(&size, answer->data(), sizeof size);
-  return json::parse(answer->substr(sizeof size, size))["events"];
+  return json::parse(answer->substr(sizeof size, size));
+}
+
+json events_of(std::vector<RecordingRow> rows) {
+  return answer_for(std::move(rows))["events"];
 }
 
 TEST(Rows, AnEmergencyStopDuringTheRecoveryFromAnotherOneIsAnEventOfItsOwn) {
@@ -56,6 +62,22 @@ TEST(Rows, AnEmergencyStopDuringTheRecoveryFromAnotherOneIsAnEventOfItsOwn) {
   const std::vector<std::pair<std::string, double>> expected = {
       {"fault", 0.001}, {"fault", 0.004}, {"recovered", 0.007}};
   EXPECT_EQ(found, expected);
+}
+
+TEST(Rows, ARecordingOfAPoseDeviceHasNoTorquesAndNoAnglesOfMotors) {
+  for (const char* kind : {"legs", "pose"}) {
+    std::set<std::string> names;
+    std::size_t width = 0;
+    const json answer = answer_for(std::vector<RecordingRow>(3), kind);
+    for (const json& column : answer["columns"]) {
+      names.insert(column["name"].get<std::string>());
+      width += column["count"].get<std::size_t>();
+    }
+    EXPECT_EQ(answer["rows_at"][1].get<std::size_t>(), 3 * width);
+    EXPECT_TRUE(names.contains("wrench_delivered"));
+    for (const char* of_motors : {"tau_Nm", "motor_angle_rad"})
+      EXPECT_EQ(names.contains(of_motors), std::string(kind) == "legs") << of_motors;
+  }
 }
 
 TEST(Rows, TheNumberOfEventsIsBounded) {
