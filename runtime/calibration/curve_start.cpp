@@ -2,7 +2,6 @@
 #include "runtime/calibration/curve_start.h"
 
 #include <algorithm>
-#include <cmath>
 #include <utility>
 
 namespace trocar::runtime {

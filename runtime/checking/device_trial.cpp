@@ -8,7 +8,6 @@
 #include <utility>
 
 #include "formats/base/text_line.h"
-#include "runtime/devices/pose_margins.h"
 #include "runtime/realtime/monotonic_clock.h"
 
 namespace trocar::runtime {

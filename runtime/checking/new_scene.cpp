@@ -6,7 +6,6 @@
 #include <functional>
 #include <limits>
 #include <memory>
-#include <optional>
 #include <utility>
 #include <vector>
 
@@ -18,7 +17,6 @@
 #include "runtime/checking/tissue_assignment.h"
 #include "runtime/contact/sheet.h"
 #include "runtime/device/pose.h"
-#include "runtime/devices/pose_margins.h"
 #include "runtime/devices/tip_workspace.h"
 
 namespace trocar::runtime {

@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "runtime/checking/scene_requirements.h"
 
-#include <algorithm>
-
 #include "formats/base/text_line.h"
 #include "runtime/force_law/force_law_table.h"
 #include "runtime/session/tick_rate.h"

@@ -14,7 +14,6 @@
 #include "formats/session/scene.h"
 #include "formats/session/trainee.h"
 #include "formats/session/xray_use.h"
-#include "runtime/reporting/material_section.h"
 #include "runtime/reporting/session_figures.h"
 #include "runtime/reporting/session_observer.h"
 #include "runtime/reporting/wall_violation.h"
