@@ -22,7 +22,6 @@ class RealClock final : public SessionClock {
         remesher_(remesher),
         prefetch_(prefetch) {}
 
-  bool is_real_time() const noexcept override { return true; }
   const PrefetchedStiffness& stiffness() noexcept override {
     if (prefetch_ != nullptr) prefetch_->latest(stiffness_);
     return stiffness_;

@@ -73,8 +73,8 @@ bool SessionLoop::tick(const TickTiming& timing) noexcept {
     for (TickObserver* observer : observers_)
       observer->on_message(message);
   }
-  const TickView view{result_, state_, sheets_, timing, late_ticks_.counts(), clock_.is_real_time(),
-                      start_ns};
+  const TickView view{
+      result_, state_, sheets_, timing, late_ticks_.counts(), options_.is_real_time(), start_ns};
   for (TickObserver* observer : observers_)
     observer->on_tick(view);
   const std::int64_t done_ns = monotonic_ns();
