@@ -117,7 +117,7 @@ ReportFacts SessionOutputs::facts(const SessionFigures& figures, const SessionOp
   ReportFacts facts;
   facts.asset = without_folder(inputs_.scene.asset.filename());
   facts.force_law = to_string(inputs_.scene.force_law.kind);
-  facts.is_virtual = options.clock == Clock::kVirtual || !options.replay.empty();
+  facts.is_virtual = !options.is_real_time();
   facts.end = report.end;
   facts.lost_ticks = report.ticks_not_observed;
   facts.faults = report.faults;

@@ -238,12 +238,6 @@ json describe_results(const SessionFigures& f) {
   return out;
 }
 
-const char* name_of(SessionEnd end) {
-  return end == SessionEnd::kDone          ? "done"
-         : end == SessionEnd::kInterrupted ? "interrupted"
-                                           : "fault";
-}
-
 /// Returns the data that the pictures of the page need in addition to the report.
 json describe_drawing(const Scene& scene, const SessionFigures& f, const ReportFacts& facts) {
   json layers = json::array(), goals = nullptr;
@@ -293,7 +287,7 @@ std::string session_report_json(const Scene& scene, const SessionFigures& f,
   out["asset"] = facts.asset;
   out["force_law"] = facts.force_law;
   out["clock"] = facts.is_virtual ? "virtual" : "real";
-  out["end"] = name_of(facts.end);
+  out["end"] = to_string(facts.end);
   out["rate_Hz"] = f.rate_Hz;
   out["ticks"] = f.ticks;
   out["ticks_counted"] = f.counted;
