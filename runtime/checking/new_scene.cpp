@@ -60,9 +60,9 @@ class Proposal {
       for (const double force_scale : {0.5, 0.35, 0.25, 0.2, 0.15, 0.1}) {
         if (is_stopped()) return refused("interrupted");
         SceneDraft draft = draft_of(**volume);
-        auto made = try_draft(
-            draft, [&] { return draft.cutting(force_scale * weakness()); }, why);
+        auto made = try_draft(draft, [&] { return draft.cutting(force_scale * weakness()); });
         if (made && made->warnings.empty()) return finish(*made, **volume, kWhyCutting);
+        if (!made) why = made.error().message;
         no_volume = kNoSession + (made ? made->warnings.front() : why);
         keep(std::move(made), **volume, kWhyCutting);
       }
@@ -79,9 +79,10 @@ class Proposal {
       if (!*apart) break;
       if (is_stopped()) return refused("interrupted");
       SceneDraft draft = draft_of(**apart);
-      auto made = try_draft(
-          draft, [&] { return draft.sheets(threshold_N, rendered_share(threshold_N)); }, why);
+      auto made =
+          try_draft(draft, [&] { return draft.sheets(threshold_N, rendered_share(threshold_N)); });
       if (made && made->warnings.empty()) return finish(*made, **apart, why_sheets);
+      if (!made) why = made.error().message;
       keep(std::move(made), **apart, why_sheets);
     }
     if (kept_) return finish(kept_->tried, kept_->path, kept_->because);
@@ -270,78 +271,66 @@ class Proposal {
     return placed;
   }
 
-  /// Returns the warnings of a scene. Errors: the scene is refused.
-  Result<std::vector<std::string>> warnings_of(const Placed& placed) const {
-    Result<SceneCheck> check =
-        check_scene(placed.scene, device_, placed.sheets, choose_tissues(placed.scene, asset_), {},
-                    placed.options);
-    if (!check) return check.error();
-    return std::move(check->warnings);
+  /// Places a scene and sets its warnings. Errors: the scene is refused, or has a warning although nobody has chosen its path.
+  Result<Placed> check(Tried& tried) const {
+    Result<Placed> placed = place(tried.json);
+    if (!placed) return placed;
+    Result<SceneCheck> checked =
+        check_scene(placed->scene, device_, placed->sheets, choose_tissues(placed->scene, asset_),
+                    {}, placed->options);
+    if (!checked) return checked.error();
+    tried.warnings = std::move(checked->warnings);
+    if (!tried.warnings.empty() && !is_chosen()) return refused(tried.warnings.front());
+    return placed;
   }
 
   /// Tries a draft. If its path has a target and its hand is scripted, the hand is first sent so far that the tip gets to
-  /// the target. Returns none, with the reason in `why`, if the scene is refused, has a warning although nobody has chosen
-  /// its path, punctures nothing, or does not get to the target.
-  std::optional<Tried> try_draft(SceneDraft& draft, const std::function<std::string()>& make,
-                                 std::string& why) const {
+  /// the target. Errors: the scene is refused, has a warning although nobody has chosen its path, punctures nothing, or does
+  /// not get to the target.
+  Result<Tried> try_draft(SceneDraft& draft, const std::function<std::string()>& make) const {
     if (draft.has_target() && choices_.hand == NewSceneHand::kScripted) {
       double beyond_m = 0, short_m = 0;
       for (int turn = 0; turn < kMaxReaches && !is_stopped(); ++turn) {
         draft.set_overshoot(beyond_m);
         const Result<Placed> placed = place(make());
-        if (!placed) return fails(placed.error().message, why);
+        if (!placed) return placed.error();
         const auto dry_run = run_dry_run(placed->scene, device_, placed->sheets, placed->options);
-        if (!dry_run) return fails(dry_run.error().message, why);
+        if (!dry_run) return dry_run.error();
         short_m = dry_run->tip_lowest_m - draft.target_z_m();
         if (std::abs(short_m) <= kReached_m) break;
         beyond_m += short_m;
       }
       if (std::abs(short_m) > kReached_m)
-        return fails(text_line("the scripted hand brings the tip to %.1f mm %s the target, and is "
-                               "no better when it goes farther",
-                               1e3 * std::abs(short_m), short_m > 0 ? "above" : "below"),
-                     why);
+        return refused(
+            text_line("the scripted hand brings the tip to %.1f mm %s the target, and is "
+                      "no better when it goes farther",
+                      1e3 * std::abs(short_m), short_m > 0 ? "above" : "below"));
     }
-    return try_scene(draft, make, why);
+    return try_scene(draft, make);
   }
 
-  static std::nullopt_t fails(const std::string& reason, std::string& why) {
-    why = reason;
-    return std::nullopt;
-  }
-
-  std::optional<Tried> try_scene(SceneDraft& draft, const std::function<std::string()>& make,
-                                 std::string& why) const {
+  Result<Tried> try_scene(SceneDraft& draft, const std::function<std::string()>& make) const {
     Tried tried;
     tried.json = make();
-    Result<Placed> placed = place(tried.json);
-    if (!placed) return fails(placed.error().message, why);
-    auto warnings = warnings_of(*placed);
-    if (!warnings) return fails(warnings.error().message, why);
-    if (!warnings->empty() && !is_chosen()) return fails(warnings->front(), why);
+    const Result<Placed> placed = check(tried);
+    if (!placed) return placed.error();
     const Result<DryRun> dry_run =
         run_dry_run(placed->scene, device_, placed->sheets, placed->options);
-    if (!dry_run) return fails(dry_run.error().message, why);
+    if (!dry_run) return dry_run.error();
     tried.force_max_N = dry_run->force_max_N;
     tried.sheets = dry_run->sheets.size();
     for (const SheetDryRun& each : dry_run->sheets)
       tried.punctured += each.punctured_t_s >= 0 ? 1 : 0;
-    if (tried.punctured == 0) return fails("the tool punctures nothing", why);
-    tried.warnings = std::move(*warnings);
+    if (tried.punctured == 0) return refused("the tool punctures nothing");
     if (choices_.hand == NewSceneHand::kScripted) return tried;
     draft.set_live_hand();
     tried.json = make();
-    placed = place(tried.json);
-    if (!placed) return fails(placed.error().message, why);
-    warnings = warnings_of(*placed);
-    if (!warnings) return fails(warnings.error().message, why);
-    if (!warnings->empty() && !is_chosen()) return fails(warnings->front(), why);
-    tried.warnings = std::move(*warnings);
+    if (const Result<Placed> live = check(tried); !live) return live.error();
     return tried;
   }
 
   /// Keeps the scene with the fewest warnings of those along a chosen path.
-  void keep(std::optional<Tried> tried, const NeedlePath& path, const std::string& because) {
+  void keep(Result<Tried> tried, const NeedlePath& path, const std::string& because) {
     if (!tried || (kept_ && kept_->tried.warnings.size() <= tried->warnings.size())) return;
     kept_ = Kept{std::move(*tried), path, because};
   }
