@@ -55,7 +55,7 @@ class Proposal {
     std::string why;        // reason why the last scene was not accepted
     std::string no_volume;  // reason why there is no scene with the law cutting
     const Result<std::optional<NeedlePath>> volume = path_through_volume(no_volume);
-    if (!volume) return about_asset(volume.error());
+    if (!volume) return volume.error().after(asset_file_.string() + ": ");
     if (*volume) {
       for (const double force_scale : {0.5, 0.35, 0.25, 0.2, 0.15, 0.1}) {
         if (is_stopped()) return refused("interrupted");
@@ -68,7 +68,7 @@ class Proposal {
       }
     }
     const Result<std::optional<NeedlePath>> apart = path_through_sheets();
-    if (!apart) return about_asset(apart.error());
+    if (!apart) return apart.error().after(asset_file_.string() + ": ");
     if (!*apart && why.empty())
       return refused(asset_file_.string() +
                      text_line(": its bone is nowhere as wide as the tool, %.0f mm across: "
@@ -114,9 +114,6 @@ class Proposal {
 
   bool is_stopped() const { return options_.stop != nullptr && options_.stop->load(); }
   bool is_chosen() const { return choices_.points.has_value(); }
-  Error about_asset(const Error& error) const {
-    return {error.code, asset_file_.string() + ": " + error.message};
-  }
 
   /// Returns the share of a force along the tool that a device with a workspace of its own renders in the middle of it.
   double rendered_share(double force_N) const {
@@ -160,7 +157,7 @@ class Proposal {
     Eigen::Quaterniond q = Eigen::Quaterniond::Identity();
     if (is_chosen()) {
       const auto path = plan_needle_path(asset_, levels_, *choices_.points);
-      if (!path) return about_asset(path.error());
+      if (!path) return path.error().after(asset_file_.string() + ": ");
       const double max_deg = options_.limits.plate_tilt_max_rad * kDegreesPerRadian;
       if (tilt_deg(*path) > max_deg)
         return refused(asset_file_.string() +

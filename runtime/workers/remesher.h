@@ -31,11 +31,9 @@ struct CutRecord {
   /// and otherwise kBug. Later holes of the sheet then fail, too, with an error that names the
   /// hole that failed first (Remesher).
   std::optional<Error> error;
-  /// obtuse_boundary_edges is counted after the quality pass.
-  CutReport cut;
-  std::int64_t doubled_area_before = 0;  ///< twice the sheet's area before the cut, steps^2
-  std::uint32_t quality_vertices = 0;    ///< vertices that the quality pass added
-  std::uint32_t hole_vertices = 0;       ///< number of vertices in all rings of the hole
+  CutReport cut;  ///< what was counted before the quality pass
+  std::uint32_t quality_vertices = 0;  ///< vertices that the quality pass added
+  std::uint32_t hole_vertices = 0;     ///< number of vertices in all rings of the hole
   /// Tells Remesher::hole() which of the kept rings belong to this hole: the first one, and how
   /// many. `rings` is 0 if no rings were kept.
   std::uint32_t first_ring = 0, rings = 0;
@@ -138,7 +136,6 @@ class Remesher {
     bool older_is_behind = false;  ///< `change` is still to be applied to the older replica
     bool unpublished = false;      ///< the newer replica is not yet published
     SheetChange change;            ///< slots that the last cut has written
-    std::int64_t doubled_area;
     std::atomic<const Sheet*> published;
     /// Number of versions, over all sheets, that were published up to and including the version
     /// `published`. It is written before `published`, and not again before the haptic thread has
