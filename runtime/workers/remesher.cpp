@@ -22,9 +22,7 @@ Remesher::ReplicaPair::ReplicaPair(const Sheet& sheet)
     reserve_pages(each);
 }
 
-Remesher::Remesher(const std::vector<std::unique_ptr<const Sheet>>& sheets,
-                   const RemesherOptions& options)
-    : options_(options) {
+Remesher::Remesher(const std::vector<std::unique_ptr<const Sheet>>& sheets) {
   for (const auto& sheet : sheets) {
     vertex_slots_ = std::max(vertex_slots_, sheet->mesh.vertices.size());
     triangle_slots_ = std::max(triangle_slots_, sheet->mesh.triangles.size());
@@ -85,9 +83,8 @@ void Remesher::catch_up(ReplicaPair& pair) {
 }
 
 void Remesher::improve(Sheet& sheet, CutRecord& record) noexcept {
-  if (options_.min_angle_deg <= 0) return;
   LocalRefinementOptions options;
-  options.min_angle_deg = options_.min_angle_deg;
+  options.min_angle_deg = kMinHoleAngle_deg;
   const LocalRefinementResult result =
       refine_locally(sheet.mesh, edit_, work_->stitch.created, options, *refinement_);
   record.quality_vertices = result.vertices_added;
