@@ -226,6 +226,8 @@ TelemetryOptions telemetry_options(const RunArguments& arguments, const SessionI
   return telemetry;
 }
 
+/// Default of --duration with --test.
+constexpr double kTrial_s = 5;
 /// Height of the tip at which a scene for a pose device is proposed.
 constexpr double kProposedMiddle_m = 0.15;
 
@@ -343,14 +345,10 @@ int test_device(const RunArguments& arguments) {
   const Result<AnyDeviceDescription> description =
       read_description(arguments.description, arguments.device, HandleOrientation::kAsked);
   if (!description) return fail(description.error());
-  SessionOptions session;
-  set_loop_options(arguments, session);
-  DeviceTrialOptions options;
+  SessionOptions options;
+  set_loop_options(arguments, options);
   options.rate_Hz = arguments.rate_Hz.value_or(kDefaultRate_Hz);
-  options.duration_s = arguments.duration_s.value_or(options.duration_s);
-  options.cpu = arguments.cpu;
-  options.missed_deadlines_max = session.limits.missed_deadlines_max;
-  options.no_data_max_s = session.limits.no_data_max_s;
+  options.duration_s = arguments.duration_s.value_or(kTrial_s);
   options.stop = &stop_requested;
   const Scene no_scene;
   const Result<OpenedDevice> opened =
