@@ -173,9 +173,7 @@ Result<SessionOptions> session_options(const RunArguments& arguments, const Sess
   options.counts_xray = arguments.xray;
   set_loop_options(arguments, options);
   if (!inputs.replay.empty()) {
-    options.stiffness.margin = stated_stiffness_margin(inputs.replay_origin);
-    if (allows_any_state_gap(inputs.replay_origin)) options.limits.gap_max_s = 0;
-    options.limits.no_data_max_s = stated_no_data_limit_s(inputs.replay_origin);
+    set_stated_limits(inputs.replay_origin, options);
     options.counts_xray = recording_kind(inputs.replay_origin).has_xray;
   }
   if (inputs.pose_device) {
