@@ -114,15 +114,7 @@ void SessionOutputs::collect(SessionOptions& options) {
 
 ReportFacts SessionOutputs::facts(const SessionFigures& figures, const SessionOptions& options,
                                   const SessionResult& report, const Remesher& remesher) const {
-  ReportFacts facts;
-  facts.asset = without_folder(inputs_.scene.asset.filename());
-  facts.force_law = to_string(inputs_.scene.force_law.kind);
-  facts.is_virtual = !options.is_real_time();
-  facts.end = report.end;
-  facts.lost_ticks = report.ticks_not_observed;
-  facts.faults = report.faults;
-  facts.xray = report.xray;
-  facts.sheets = sheets_;
+  ReportFacts facts{report, !options.is_real_time(), sheets_};
   if (Result<Trainee> trainee = stated_trainee(options.origin); trainee)
     facts.trainee = std::move(*trainee);
   if (figures.counted > 0) {

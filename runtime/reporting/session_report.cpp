@@ -86,7 +86,7 @@ json describe_samples(const SessionFigures& f) {
 
 /// Returns the line about a fault, with the measured value if it is known.
 std::string fault_message(const ReportFault& fault, const ReportFacts& facts) {
-  for (const FaultEvent& event : facts.faults) {
+  for (const FaultEvent& event : facts.result.faults) {
     if (event.fault == fault.fault && event.t_s == fault.t_s)
       return trocar::describe(event.detail, event.t_s);
   }
@@ -284,14 +284,14 @@ std::string session_report_json(const Scene& scene, const SessionFigures& f,
   out["program"] = "trocar-run " TROCAR_VERSION;
   out["use"] = "for training, not for planning";
   out["scene"] = scene.name;
-  out["asset"] = facts.asset;
-  out["force_law"] = facts.force_law;
+  out["asset"] = scene.asset.filename().string();
+  out["force_law"] = to_string(scene.force_law.kind);
   out["clock"] = facts.is_virtual ? "virtual" : "real";
-  out["end"] = to_string(facts.end);
+  out["end"] = to_string(facts.result.end);
   out["rate_Hz"] = f.rate_Hz;
   out["ticks"] = f.ticks;
   out["ticks_counted"] = f.counted;
-  out["ticks_lost"] = facts.lost_ticks;
+  out["ticks_lost"] = facts.result.ticks_not_observed;
   out["sheets"] = describe_sheets(facts);
   out["path"] = describe_path(f);
   out["time"] = describe_time(f);
@@ -307,7 +307,8 @@ std::string session_report_json(const Scene& scene, const SessionFigures& f,
                    {"free", describe(f.tremor_free)},
                    {"contact", describe(f.tremor_contact)}};
   out["attempts"] = describe_attempts(f);
-  out["xray"] = {{"shots", facts.xray.shots}, {"screening_s", facts.xray.screening_s(f.rate_Hz)}};
+  out["xray"] = {{"shots", facts.result.xray.shots},
+                 {"screening_s", facts.result.xray.screening_s(f.rate_Hz)}};
   out["walls"] = describe_walls(f);
   out["walls"]["final"] = describe_final_wall(f, facts);
   out["faults"] = describe_faults(f, facts);
