@@ -115,7 +115,7 @@ Result<std::unique_ptr<LiveHand>> make_live_hand(const RunArguments& arguments,
                                                  const SessionOptions& options) {
   if (!inputs.scene.hand.live || !options.replay.empty()) return std::unique_ptr<LiveHand>();
   const Result<LiveHandLimits> limits = live_hand_limits(inputs.scene, device, options.limits);
-  if (!limits) return Error{limits.error().code, arguments.scene + ": " + limits.error().message};
+  if (!limits) return limits.error().after(arguments.scene + ": ");
   return std::make_unique<LiveHand>(
       *limits, make_tool(inputs.scene.tool), device, options.limits,
       TargetPath(arguments.hand_path.empty() ? 0 : options.duration_s));

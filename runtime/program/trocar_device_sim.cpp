@@ -171,7 +171,7 @@ Result<SimulatedDevice> load_model(const Arguments& arguments) {
   }
   if (scene) {
     Result<SimulatedDevice> made = make_simulated_device(*scene, description, mechanics);
-    if (!made) return Error{made.error().code, arguments.scene + ": " + made.error().message};
+    if (!made) return made.error().after(arguments.scene + ": ");
     return made;
   }
   SimulatedDeviceOptions options;
