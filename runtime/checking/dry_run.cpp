@@ -91,8 +91,6 @@ Result<DryRun> run_dry_run(const Scene& scene, const DeviceToCheck& device,
   silent.rate_Hz = options.rate_Hz;
   silent.duration_s =
       static_cast<double>(std::min(dry_run.session_ticks, kMaxDryRunTicks)) / options.rate_Hz;
-  silent.handover_ticks = options.handover_ticks;
-  silent.prefetch_period_s = options.prefetch_period_s;
   silent.limits = options.limits;
   silent.limits.gap_max_s = 0;
   silent.passivity = options.passivity;

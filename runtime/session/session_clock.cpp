@@ -14,6 +14,12 @@
 namespace trocar::runtime {
 namespace {
 
+/// Virtual clock: number of ticks from the request for a hole or for prefetched stiffness until the
+/// result is used.
+constexpr std::uint64_t kHandoverTicks = 8;
+/// Virtual clock: period of the requests for prefetched stiffness.
+constexpr double kPrefetchPeriod_s = 0.004;
+
 class RealClock final : public SessionClock {
  public:
   RealClock(const SessionOptions& options, Remesher& remesher, PrefetchWorker* prefetch)
@@ -96,11 +102,11 @@ class VirtualClock final : public ImmediateClock {
       : ImmediateClock(tick_count(options.duration_s, options.rate_Hz), options, remesher),
         prefetch_(prefetch),
         prefetch_period_(static_cast<std::uint64_t>(
-            std::max(1.0, std::round(options.prefetch_period_s * options.rate_Hz)))) {}
+            std::max(1.0, std::round(kPrefetchPeriod_s * options.rate_Hz)))) {}
 
  private:
   void after_tick(std::uint64_t ticks_done, const ContactOutput& contact) override {
-    const std::uint64_t due = ticks_done - 1 + options_.handover_ticks;
+    const std::uint64_t due = ticks_done - 1 + kHandoverTicks;
     meshes_due_.insert(meshes_due_.end(), contact.cuts().size(), due);
     remesher_.serve();
     const PrefetchRequest& request = contact.prefetch;

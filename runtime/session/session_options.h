@@ -38,11 +38,6 @@ struct SessionOptions {
   Clock clock = Clock::kReal;
   double rate_Hz = 1000;
   double duration_s = 1;  ///< duration of the session; in a replay, that of the recorded session
-  /// Virtual clock only: number of ticks from the request for a hole or for prefetched stiffness
-  /// until the result is used.
-  std::uint64_t handover_ticks = 8;
-  /// Virtual clock only: period of the requests for prefetched stiffness.
-  double prefetch_period_s = 0.004;
   std::optional<std::filesystem::path> record;  ///< file of the recording; none: no recording
   RecordingOrigin origin;                       ///< written into the recording and the black boxes
   /// If the recording cannot be continued, this function is called, and the session goes on without
