@@ -7,6 +7,8 @@
 #include <optional>
 #include <utility>
 
+#include "runtime/reporting/vector3.h"
+
 namespace trocar::runtime {
 namespace {
 
@@ -25,8 +27,8 @@ double polygon_distance_m(const std::vector<std::array<double, 2>>& ring, double
   return inside ? -least : least;
 }
 
-}  // namespace
-
+/// A zone is a volume in which the tip must not be. Returns the distance in m of a point from a
+/// zone; negative: the point is inside the zone.
 double zone_distance_m(const ForbiddenZone& zone, const Vector3& p_m) {
   if (zone.shape == ForbiddenZone::Shape::kCapsule) {
     const Vector3 way = minus(zone.high_m, zone.low_m), from = minus(p_m, zone.low_m);
@@ -52,6 +54,8 @@ double zone_distance_m(const ForbiddenZone& zone, const Vector3& p_m) {
     each = std::max(each, 0.0);
   return length(beyond);
 }
+
+}  // namespace
 
 void GoalMeter::observe(const RecordingRow& row, SessionFigures& figures) {
   if (goals_.target) {
