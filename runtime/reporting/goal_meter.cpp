@@ -93,15 +93,13 @@ void GoalMeter::observe_zone(std::size_t index, const RecordingRow& row, ZoneFig
   const bool was_inside = in_zone_[index];
   in_zone_[index] = away_m < 0;
   if (away_m >= 0) return;
-  if (!was_inside)
-    keep(figures.breaches, kMaxReportSpans, figures.breaches_count,
-         Span{-1, row.t_s, row.t_s, 0, row.t_s});
-  if (figures.breaches_count > kMaxReportSpans) return;
-  Span& breach = figures.breaches.back();
-  breach.to_s = row.t_s;
-  if (-away_m > breach.depth_m) {
-    breach.depth_m = -away_m;
-    breach.depth_t_s = row.t_s;
+  if (!was_inside) figures.breaches.add({-1, row.t_s, row.t_s, 0, row.t_s});
+  Span* const breach = figures.breaches.last();
+  if (breach == nullptr) return;
+  breach->to_s = row.t_s;
+  if (-away_m > breach->depth_m) {
+    breach->depth_m = -away_m;
+    breach->depth_t_s = row.t_s;
   }
 }
 
