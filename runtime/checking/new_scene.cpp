@@ -285,15 +285,15 @@ class Proposal {
   /// the target. Errors: the scene is refused, has a warning although nobody has chosen its path, punctures nothing, or does
   /// not get to the target.
   Result<Tried> try_draft(SceneDraft& draft, const std::function<std::string()>& make) const {
-    if (draft.has_target() && choices_.hand == NewSceneHand::kScripted) {
+    if (draft.path.has_target && choices_.hand == NewSceneHand::kScripted) {
       double beyond_m = 0, short_m = 0;
       for (int turn = 0; turn < kMaxReaches && !is_stopped(); ++turn) {
-        draft.set_overshoot(beyond_m);
+        draft.beyond_target_m = beyond_m;
         const Result<Placed> placed = place(make());
         if (!placed) return placed.error();
         const auto dry_run = run_dry_run(placed->scene, device_, placed->sheets, placed->options);
         if (!dry_run) return dry_run.error();
-        short_m = dry_run->tip_lowest_m - draft.target_z_m();
+        short_m = dry_run->tip_lowest_m - draft.to_device(draft.path.end_mm).z();
         if (std::abs(short_m) <= kReached_m) break;
         beyond_m += short_m;
       }
@@ -320,7 +320,7 @@ class Proposal {
       tried.punctured += each.punctured_t_s >= 0 ? 1 : 0;
     if (tried.punctured == 0) return refused("the tool punctures nothing");
     if (choices_.hand == NewSceneHand::kScripted) return tried;
-    draft.set_live_hand();
+    draft.has_live_hand = true;
     tried.json = make();
     if (const Result<Placed> live = check(tried); !live) return live.error();
     return tried;
