@@ -333,12 +333,12 @@ class Proposal {
   }
 
   std::string describe_asset() const {
-    const MaterialBox box = material_box(asset_, levels_);
+    const Eigen::AlignedBox2d box = material_box(asset_, levels_);
     return text_line(
         "%zu of %zu slices have material, within u %.1f to %.1f, v %.1f to %.1f mm and %.1f mm of "
         "height",
-        levels_.size(), slice_count(asset_), box.low_mm[0], box.high_mm[0], box.low_mm[1],
-        box.high_mm[1], levels_.front().z_mm - levels_.back().z_mm);
+        levels_.size(), slice_count(asset_), box.min().x(), box.max().x(), box.min().y(),
+        box.max().y(), levels_.front().z_mm - levels_.back().z_mm);
   }
 
   std::string describe_path(const NeedlePath& path) const {
