@@ -285,7 +285,7 @@ class Proposal {
   /// the target. Errors: the scene is refused, has a warning although nobody has chosen its path, punctures nothing, or does
   /// not get to the target.
   Result<Tried> try_draft(SceneDraft& draft, const std::function<std::string()>& make) const {
-    if (draft.path.has_target && choices_.hand == NewSceneHand::kScripted) {
+    if (draft.path.has_target && !choices_.has_live_hand) {
       double beyond_m = 0, short_m = 0;
       for (int turn = 0; turn < kMaxReaches && !is_stopped(); ++turn) {
         draft.beyond_target_m = beyond_m;
@@ -319,7 +319,7 @@ class Proposal {
     for (const SheetDryRun& each : dry_run->sheets)
       tried.punctured += each.punctured_t_s >= 0 ? 1 : 0;
     if (tried.punctured == 0) return refused("the tool punctures nothing");
-    if (choices_.hand == NewSceneHand::kScripted) return tried;
+    if (!choices_.has_live_hand) return tried;
     draft.has_live_hand = true;
     tried.json = make();
     if (const Result<Placed> live = check(tried); !live) return live.error();
@@ -384,10 +384,9 @@ class Proposal {
                    heights_.min_m - kWorkspaceMargin_m, heights_.max_m + kWorkspaceMargin_m,
                    made.punctured, made.sheets, made.force_max_N) +
                describe_warnings(made.warnings) +
-               (choices_.hand == NewSceneHand::kLive
-                    ? "That was with a scripted hand; the hand is now live: "
-                      "start the scene with trocar-console. "
-                    : "") +
+               (choices_.has_live_hand ? "That was with a scripted hand; the hand is now live: "
+                                         "start the scene with trocar-console. "
+                                       : "") +
                "For training, not for planning.\n";
     return out;
   }

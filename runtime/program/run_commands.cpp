@@ -410,8 +410,7 @@ int make_new_scene(const RunArguments& arguments) {
   }
   const Result<std::optional<ChosenPoints>> points = chosen_points(arguments);
   if (!points) return fail(points.error());
-  const NewSceneChoices choices{arguments.live_hand ? NewSceneHand::kLive : NewSceneHand::kScripted,
-                                *points};
+  const NewSceneChoices choices{arguments.live_hand, *points};
   const Result<NewScene> made =
       propose_scene(*asset, arguments.new_scene, arguments.output, device, options, choices);
   if (!made) return fail(made.error());
