@@ -268,12 +268,8 @@ double NoiseMeter::deviation() const noexcept {
 Result<DeviceTrial> try_device(HandDevice& device, const SessionOptions& options) {
   if (Result<void> started = device.start(); !started) return started.error();
   const auto loop = std::make_unique<TrialLoop>(device, options);
-  RealtimeOptions realtime;
-  realtime.rate_Hz = options.rate_Hz;
-  realtime.cpu = options.cpu;
-  realtime.stop = options.stop;
   RealtimeReport report = run_realtime(
-      realtime, [&loop](const TickTiming& timing) { return loop->tick(timing); },
+      options.realtime(), [&loop](const TickTiming& timing) { return loop->tick(timing); },
       [&device] { device.write_zero(); });
   const bool is_complete = loop->is_complete();
   DeviceTrial trial = loop->finish(std::move(report));

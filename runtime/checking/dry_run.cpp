@@ -146,7 +146,7 @@ Result<std::optional<LetGoTrial>> try_letting_go(
     shortened.duration_s = std::min(options.duration_s, t_s + kLetGoAfter_s);
     const Result<DryRun> tried = run_dry_run(lets_go, device, sheets, shortened);
     if (!tried) return tried.error();
-    if (options.stop != nullptr && options.stop->load()) return refused("interrupted");
+    if (options.is_stopped()) return refused("interrupted");
     if (worst.fault == Fault::kNone) worst.fault = tried->fault;
     worst.distance_m = std::max(worst.distance_m, tried->feel.let_go_distance_m);
     if (tried->feel.let_go_speed_m_per_s <= worst.speed_m_per_s) continue;

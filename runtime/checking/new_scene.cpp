@@ -58,7 +58,7 @@ class Proposal {
     if (!volume) return volume.error().after(asset_file_.string() + ": ");
     if (*volume) {
       for (const double force_scale : {0.5, 0.35, 0.25, 0.2, 0.15, 0.1}) {
-        if (is_stopped()) return refused("interrupted");
+        if (options_.is_stopped()) return refused("interrupted");
         SceneDraft draft = draft_of(**volume);
         auto made = try_draft(draft, [&] { return draft.cutting(force_scale * weakness()); });
         if (made && made->warnings.empty()) return finish(*made, **volume, kWhyCutting);
@@ -77,7 +77,7 @@ class Proposal {
     const std::string why_sheets = kWhySheets + no_volume;
     for (const double threshold_N : {35.0, 20.0, 10.0}) {
       if (!*apart) break;
-      if (is_stopped()) return refused("interrupted");
+      if (options_.is_stopped()) return refused("interrupted");
       SceneDraft draft = draft_of(**apart);
       auto made =
           try_draft(draft, [&] { return draft.sheets(threshold_N, rendered_share(threshold_N)); });
@@ -112,7 +112,6 @@ class Proposal {
     SessionOptions options;
   };
 
-  bool is_stopped() const { return options_.stop != nullptr && options_.stop->load(); }
   bool is_chosen() const { return choices_.points.has_value(); }
 
   /// Returns the share of a force along the tool that a device with a workspace of its own renders in the middle of it.
@@ -287,7 +286,7 @@ class Proposal {
   Result<Tried> try_draft(SceneDraft& draft, const std::function<std::string()>& make) const {
     if (draft.path.has_target && !choices_.has_live_hand) {
       double beyond_m = 0, short_m = 0;
-      for (int turn = 0; turn < kMaxReaches && !is_stopped(); ++turn) {
+      for (int turn = 0; turn < kMaxReaches && !options_.is_stopped(); ++turn) {
         draft.beyond_target_m = beyond_m;
         const Result<Placed> placed = place(make());
         if (!placed) return placed.error();

@@ -44,12 +44,8 @@ class RealClock final : public SessionClock {
       if (prefetch_ == nullptr) return;
       prefetch_->serve([this](std::size_t i) -> const Sheet& { return remesher_.last_version(i); });
     });
-    RealtimeOptions realtime;
-    realtime.rate_Hz = options_.rate_Hz;
-    realtime.cpu = options_.cpu;
-    realtime.stop = options_.stop;
     RealtimeReport report = run_realtime(
-        realtime, [&loop](const TickTiming& timing) { return loop.tick(timing); },
+        options_.realtime(), [&loop](const TickTiming& timing) { return loop.tick(timing); },
         [&loop] { loop.write_zero_torques(); });
     remesher_.stop();
     return report;
@@ -70,7 +66,7 @@ class ImmediateClock : public SessionClock {
 
   RealtimeReport run(SessionLoop& loop) final {
     hand_over(loop.ticks_done());
-    while (!(options_.stop != nullptr && options_.stop->load()) && loop.tick({})) {
+    while (!options_.is_stopped() && loop.tick({})) {
       if (loop.is_paused()) {
         std::this_thread::sleep_for(std::chrono::milliseconds(1));
       } else {

@@ -15,6 +15,7 @@
 #include "formats/session/recording.h"
 #include "runtime/contact/force_law.h"
 #include "runtime/control/haptic_loop.h"
+#include "runtime/realtime/realtime_thread.h"
 #include "runtime/session/hand_receiver.h"
 #include "runtime/telemetry/frame_display.h"
 #include "runtime/telemetry/session_facts.h"
@@ -82,6 +83,12 @@ struct SessionOptions {
 
   /// True if ticks follow the wall clock.
   bool is_real_time() const noexcept { return clock == Clock::kReal && replay.empty(); }
+  /// True if the flag `stop` is set.
+  bool is_stopped() const noexcept { return stop != nullptr && stop->load(); }
+  /// The options of the haptic thread.
+  RealtimeOptions realtime() const noexcept {
+    return {.rate_Hz = rate_Hz, .cpu = cpu, .stop = stop};
+  }
 };
 
 }  // namespace trocar::runtime
