@@ -147,6 +147,7 @@ Result<std::optional<LetGoTrial>> try_letting_go(
     const Result<DryRun> tried = run_dry_run(lets_go, device, sheets, shortened);
     if (!tried) return tried.error();
     if (options.is_stopped()) return refused("interrupted");
+    ++worst.moments;
     if (worst.fault == Fault::kNone) worst.fault = tried->fault;
     worst.distance_m = std::max(worst.distance_m, tried->feel.let_go_distance_m);
     if (tried->feel.let_go_speed_m_per_s <= worst.speed_m_per_s) continue;

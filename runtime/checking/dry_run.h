@@ -70,6 +70,7 @@ struct DryRun {
 
 /// The result of several dry runs, in each of which the hand lets go at another time.
 struct LetGoTrial {
+  int moments = 0;             ///< number of dry runs
   double t_s = 0;              ///< time of letting go in the run in which the plate became fastest
   double distance_m = 0;       ///< largest motion of the plate after letting go, over all runs
   double speed_m_per_s = 0;    ///< largest speed of the plate after letting go, over all runs

@@ -93,7 +93,7 @@ std::string describe_feel(const SceneEvaluation& e) {
   if (e.let_go)
     out += text_line(
         "           letting go at %d moments: the plate moves at most %.2f mm, at up to %.3f m/s\n",
-        kLetGoMoments, 1e3 * e.let_go->distance_m, e.let_go->speed_m_per_s);
+        e.let_go->moments, 1e3 * e.let_go->distance_m, e.let_go->speed_m_per_s);
   return out;
 }
 
