@@ -330,25 +330,15 @@ Result<Estimate> choose(Problem& problem, const RoughCurve& rough, double diamet
   return std::move(*plain);
 }
 
-/// Gives values with intervals.
-class Values {
- public:
-  Values(const Problem& problem, const Estimate& estimate)
-      : problem_(problem), estimate_(estimate) {}
-
-  FittedValue operator()(CurveParameter parameter) const {
-    const auto found = std::find(problem_.free.begin(), problem_.free.end(), parameter);
-    const Eigen::Index k = found - problem_.free.begin();
-    const double value = estimate_.solution.parameters.at(parameter);
-    const double half = kQuantile95 * std::sqrt(estimate_.noise.covariance(k, k));
-    if (!std::isfinite(half)) return {value, -HUGE_VAL, HUGE_VAL};
-    return {value, value - half, value + half};
-  }
-
- private:
-  const Problem& problem_;
-  const Estimate& estimate_;
-};
+/// Returns a free parameter with its interval.
+FittedValue value_of(CurveParameter parameter, const Problem& problem, const Estimate& estimate) {
+  const auto found = std::find(problem.free.begin(), problem.free.end(), parameter);
+  const Eigen::Index k = found - problem.free.begin();
+  const double value = estimate.solution.parameters.at(parameter);
+  const double half = kQuantile95 * std::sqrt(estimate.noise.covariance(k, k));
+  if (!std::isfinite(half)) return {value, -HUGE_VAL, HUGE_VAL};
+  return {value, value - half, value + half};
+}
 
 /// The largest force above the baseline.
 double largest_N(const Problem& problem, const CurveSolution& at) {
@@ -444,22 +434,21 @@ Result<CurveFit> fit_curve(const ForceCurve& curve, double diameter_mm) {
     return refused(
         "the force still rises steeply at the end: nothing was cut; the tool must go deeper");
 
-  const Values values(problem, *estimate);
   fit.contact_mm = p[kContact];
   if (problem.resolves_rise) {
-    const FittedValue log_stiffness = values(kLogStiffness);
+    const FittedValue log_stiffness = value_of(kLogStiffness, problem, *estimate);
     fit.stiffness_N_per_mm = {std::exp(log_stiffness.value), std::exp(log_stiffness.low),
                               std::exp(log_stiffness.high)};
   } else {
     fit.stiffness_N_per_mm = {std::exp(p[kLogStiffness]),
                               rise_of(*rough, at).least_stiffness_N_per_mm, HUGE_VAL};
   }
-  fit.cutting_N = at_least_0(values(kCutting));
+  fit.cutting_N = at_least_0(value_of(kCutting, problem, *estimate));
   fit.middle_mm = at.shape.middle_mm;
-  fit.friction_N_per_mm = at_least_0(values(kFriction));
-  if (!rough->withdrawal.empty()) fit.drift_N_per_mm = values(kDrift);
+  fit.friction_N_per_mm = at_least_0(value_of(kFriction, problem, *estimate));
+  if (!rough->withdrawal.empty()) fit.drift_N_per_mm = value_of(kDrift, problem, *estimate);
   if (at.shape.has_layer) {
-    fit.layer_N = at_least_0(values(kLayerForce));
+    fit.layer_N = at_least_0(value_of(kLayerForce, problem, *estimate));
     fit.layer_mm = thickness_of(problem, *rough, *estimate);
   }
   fit.baseline_N = p[kBaseline];

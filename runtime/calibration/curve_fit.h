@@ -20,7 +20,6 @@
 //    (the change of the strength with depth).
 #pragma once
 
-#include <array>
 #include <optional>
 #include <vector>
 

@@ -164,15 +164,12 @@ Result<RoughCurve> rough_curve(const ForceCurve& curve) {
   rough.deepest_mm = means.back().depth_mm;
   rough.spacing_mm =
       (means.back().depth_mm - means.front().depth_mm) / static_cast<double>(means.size() - 1);
-  double high_N = -HUGE_VAL, low_N = HUGE_VAL;
-  for (const CurveMean& mean : means) {
-    high_N = std::max(high_N, mean.force_N);
-    low_N = std::min(low_N, mean.force_N);
-  }
+  const auto [low, high] = std::ranges::minmax(means, {}, &CurveMean::force_N);
   const double first_N = (means[0].force_N + means[1].force_N + means[2].force_N) / 3;
-  if (const auto good = check_force(rough, first_N, high_N, low_N); !good) return good.error();
+  if (const auto good = check_force(rough, first_N, high.force_N, low.force_N); !good)
+    return good.error();
 
-  const std::size_t contact = contact_of(means, first_N + kContactPart * (high_N - first_N));
+  const std::size_t contact = contact_of(means, first_N + kContactPart * (high.force_N - first_N));
   rough.contact_mm = means[contact].depth_mm;
   rough.has_baseline = contact >= kMinBaseline;
   if (rough.has_baseline) {
@@ -187,7 +184,7 @@ Result<RoughCurve> rough_curve(const ForceCurve& curve) {
   const Line line = line_through(means, deep, rough.contact_mm);
   rough.slope_N_per_mm = line.slope;
   rough.cutting_N = line.at_0 - rough.baseline_N;
-  const double least_N = 0.1 * (high_N - rough.baseline_N);
+  const double least_N = 0.1 * (high.force_N - rough.baseline_N);
   if (!(rough.cutting_N > least_N)) rough.cutting_N = least_N;
   std::size_t i = contact;
   while (i + 1 < means.size() && means[i].force_N - rough.baseline_N < 0.5 * rough.cutting_N)

@@ -2,7 +2,6 @@
 #include "runtime/calibration/curve_start.h"
 
 #include <algorithm>
-#include <cmath>
 #include <utility>
 
 namespace trocar::runtime {
@@ -53,14 +52,14 @@ std::vector<CurveSolution> starts_of(const RoughCurve& rough, bool has_layer) {
   p[kCutting] = rough.cutting_N;
   p[kFriction] = std::max(rough.slope_N_per_mm, 0.0);
   std::vector<CurveSolution> starts;
-  for (const double factor : {1.0, 0.4, 3.0}) {
-    p[kLogStiffness] = std::log(factor * rough.stiffness_N_per_mm);
-    starts.push_back(start);
+  if (!has_layer) {
+    for (const double factor : {1.0, 0.4, 3.0}) {
+      p[kLogStiffness] = std::log(factor * rough.stiffness_N_per_mm);
+      starts.push_back(start);
+    }
+    return starts;
   }
-  if (!has_layer) return starts;
-  const std::vector<double> ends_mm = steepest_falls(rough);
-  starts.clear();
-  for (const double end_mm : ends_mm) {
+  for (const double end_mm : steepest_falls(rough)) {
     double peak_N = 0;
     for (const CurveMean& mean : rough.insertion)
       if (mean.depth_mm <= end_mm) peak_N = std::max(peak_N, mean.force_N - rough.baseline_N);

@@ -31,7 +31,6 @@
 #pragma once
 
 #include <Eigen/Core>
-#include <span>
 #include <vector>
 
 namespace trocar::runtime {

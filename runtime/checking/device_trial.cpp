@@ -8,7 +8,6 @@
 #include <utility>
 
 #include "formats/base/text_line.h"
-#include "runtime/devices/pose_margins.h"
 #include "runtime/realtime/monotonic_clock.h"
 
 namespace trocar::runtime {
@@ -23,7 +22,7 @@ constexpr double kLostShare = 0.005;
 /// Measures tick by tick, on the haptic thread.
 class TrialLoop {
  public:
-  TrialLoop(HandDevice& device, const DeviceTrialOptions& options)
+  TrialLoop(HandDevice& device, const SessionOptions& options)
       : device_(device),
         period_s_(1 / options.rate_Hz),
         ticks_(static_cast<std::uint64_t>(std::llround(options.duration_s * options.rate_Hz))) {}
@@ -178,7 +177,7 @@ void add_pose_troubles(const Pose& T_device_plate, const DeviceSpecification& sp
                   tilt * kDegreesPerRadian, most * kDegreesPerRadian));
 }
 
-std::string describe_numbers(const DeviceTrial& trial, const DeviceTrialOptions& options,
+std::string describe_numbers(const DeviceTrial& trial, const SessionOptions& options,
                              const DeviceSpecification& specification) {
   std::string out =
       text_line("%-16s %.6g Hz for %.3g s: %llu ticks, a new state in %llu of them\n", "rate",
@@ -213,17 +212,17 @@ std::string describe_numbers(const DeviceTrial& trial, const DeviceTrialOptions&
   return out;
 }
 
-void add_time_troubles(const DeviceTrial& trial, const DeviceTrialOptions& options,
+void add_time_troubles(const DeviceTrial& trial, const SessionOptions& options,
                        std::vector<std::string>& troubles) {
   const double period_ms = 1e3 / options.rate_Hz;
-  const double no_data_ms = 1e3 * no_data_limit_s(options.no_data_max_s, options.rate_Hz);
-  if (trial.realtime.missed_in_row_max > options.missed_deadlines_max) {
+  const double no_data_ms = 1e3 * no_data_limit_s(options.limits.no_data_max_s, options.rate_Hz);
+  if (trial.realtime.missed_in_row_max > options.limits.missed_deadlines_max) {
     troubles.push_back(
         text_line("this machine came up to %d ticks late in a row (longest waking %.1f ms), and "
                   "%d end a session (deadline_missed): give "
                   "the program realtime priority, end other programs, or lower --rate",
                   trial.realtime.missed_in_row_max, trial.realtime.wake.max_us() * 1e-3,
-                  options.missed_deadlines_max + 1));
+                  options.limits.missed_deadlines_max + 1));
   }
   const double interval_ms = trial.state_interval.quantile_us(0.5) * 1e-3;
   if (interval_ms > 1.5 * period_ms) {
@@ -266,15 +265,11 @@ double NoiseMeter::deviation() const noexcept {
   return count_ > 2 ? std::sqrt(sum_ / static_cast<double>(count_ - 2) / 6) : 0;
 }
 
-Result<DeviceTrial> try_device(HandDevice& device, const DeviceTrialOptions& options) {
+Result<DeviceTrial> try_device(HandDevice& device, const SessionOptions& options) {
   if (Result<void> started = device.start(); !started) return started.error();
   const auto loop = std::make_unique<TrialLoop>(device, options);
-  RealtimeOptions realtime;
-  realtime.rate_Hz = options.rate_Hz;
-  realtime.cpu = options.cpu;
-  realtime.stop = options.stop;
   RealtimeReport report = run_realtime(
-      realtime, [&loop](const TickTiming& timing) { return loop->tick(timing); },
+      options.realtime(), [&loop](const TickTiming& timing) { return loop->tick(timing); },
       [&device] { device.write_zero(); });
   const bool is_complete = loop->is_complete();
   DeviceTrial trial = loop->finish(std::move(report));
@@ -284,7 +279,7 @@ Result<DeviceTrial> try_device(HandDevice& device, const DeviceTrialOptions& opt
   return trial;
 }
 
-DeviceVerdict describe(const DeviceTrial& trial, const DeviceTrialOptions& options,
+DeviceVerdict describe(const DeviceTrial& trial, const SessionOptions& options,
                        const DeviceSpecification& specification) {
   DeviceVerdict verdict;
   verdict.text = describe_numbers(trial, options, specification);

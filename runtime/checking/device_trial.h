@@ -6,7 +6,6 @@
 // Tests: tests/runtime/checking/device_trial_test.cpp, tests/e2e/device_trial_test.py
 #pragma once
 
-#include <atomic>
 #include <cstdint>
 #include <optional>
 #include <string>
@@ -14,23 +13,14 @@
 
 #include "formats/base/result.h"
 #include "formats/session/fault_words.h"
-#include "runtime/control/limits.h"
 #include "runtime/device/hand_device.h"
 #include "runtime/device/pose.h"
 #include "runtime/realtime/histogram.h"
 #include "runtime/realtime/late_ticks.h"
 #include "runtime/realtime/realtime_thread.h"
+#include "runtime/session/session_options.h"
 
 namespace trocar::runtime {
-
-struct DeviceTrialOptions {
-  double rate_Hz = 1000, duration_s = 5;
-  int cpu = -1;  ///< the processor on which the trial runs; -1: any
-  // The limits of a session with this device, as in SafetyLimits.
-  int missed_deadlines_max = SafetyLimits{}.missed_deadlines_max;
-  double no_data_max_s = SafetyLimits{}.no_data_max_s;
-  const std::atomic<bool>* stop = nullptr;  ///< if set to true, ends the trial between two ticks
-};
 
 /// Measures the noise of a slowly changing value. The noise is computed from the second differences
 /// of the value, to which a steady motion does not contribute.
@@ -75,9 +65,10 @@ struct DeviceTrial {
 };
 
 /// Runs a trial: starts the device, reads it for the trial's duration, and closes it. Blocks until
-/// the end. Errors: those of HandDevice::start(); kRefused if `options.stop` has ended the trial,
-/// because too short a trial does not show whether a session would run.
-Result<DeviceTrial> try_device(HandDevice& device, const DeviceTrialOptions& options);
+/// the end. `options`: those of the session with this device; its rate, duration, processor and
+/// stop are the trial's. Errors: those of HandDevice::start(); kRefused if `options.stop` has ended
+/// the trial, because too short a trial does not show whether a session would run.
+Result<DeviceTrial> try_device(HandDevice& device, const SessionOptions& options);
 
 /// A description of a trial in words.
 struct DeviceVerdict {
@@ -85,7 +76,7 @@ struct DeviceVerdict {
   /// Reasons why a session would end or be disturbed, with advice; empty: it would run undisturbed.
   std::vector<std::string> troubles;
 };
-DeviceVerdict describe(const DeviceTrial& trial, const DeviceTrialOptions& options,
+DeviceVerdict describe(const DeviceTrial& trial, const SessionOptions& options,
                        const DeviceSpecification& specification);
 
 }  // namespace trocar::runtime

@@ -91,8 +91,6 @@ Result<DryRun> run_dry_run(const Scene& scene, const DeviceToCheck& device,
   silent.rate_Hz = options.rate_Hz;
   silent.duration_s =
       static_cast<double>(std::min(dry_run.session_ticks, kMaxDryRunTicks)) / options.rate_Hz;
-  silent.handover_ticks = options.handover_ticks;
-  silent.prefetch_period_s = options.prefetch_period_s;
   silent.limits = options.limits;
   silent.limits.gap_max_s = 0;
   silent.passivity = options.passivity;
@@ -148,7 +146,7 @@ Result<std::optional<LetGoTrial>> try_letting_go(
     shortened.duration_s = std::min(options.duration_s, t_s + kLetGoAfter_s);
     const Result<DryRun> tried = run_dry_run(lets_go, device, sheets, shortened);
     if (!tried) return tried.error();
-    if (options.stop != nullptr && options.stop->load()) return refused("interrupted");
+    if (options.is_stopped()) return refused("interrupted");
     ++worst.moments;
     if (worst.fault == Fault::kNone) worst.fault = tried->fault;
     worst.distance_m = std::max(worst.distance_m, tried->feel.let_go_distance_m);

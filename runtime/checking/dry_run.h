@@ -5,7 +5,6 @@
 // Tests: tests/runtime/checking/dry_run_test.cpp, tests/e2e/scene_check_e2e_test.py
 #pragma once
 
-#include <Eigen/Core>
 #include <cstdint>
 #include <functional>
 #include <memory>

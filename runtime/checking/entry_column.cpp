@@ -3,7 +3,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
 #include <tuple>
 
 #include "formats/session/scene.h"
@@ -18,9 +17,9 @@ constexpr std::size_t kMaxCells = 400'000;
 class Cells {
  public:
   Cells(const Asset& asset, const std::vector<Level>& levels) {
-    const MaterialBox box = material_box(asset, levels);
-    low_ = box.low_mm;
-    const double width_mm = box.high_mm[0] - low_[0], height_mm = box.high_mm[1] - low_[1];
+    const Eigen::AlignedBox2d box = material_box(asset, levels);
+    low_ = box.min();
+    const double width_mm = box.sizes()[0], height_mm = box.sizes()[1];
     cell_mm_ = std::max(kCell_mm, std::sqrt((width_mm + kCell_mm) * (height_mm + kCell_mm) /
                                             static_cast<double>(kMaxCells)));
     count_ = {static_cast<int>(width_mm / cell_mm_) + 1,
@@ -88,7 +87,7 @@ class Cells {
     return material;
   }
 
-  std::array<double, 2> low_{};
+  Eigen::Vector2d low_;
   std::array<int, 2> count_{1, 1};
   double cell_mm_ = kCell_mm;
   std::vector<std::vector<std::uint8_t>> material_;  ///< one mask of cells with material per level
@@ -153,18 +152,12 @@ std::size_t slices_between(const Level& a, const Level& b) {
   return static_cast<std::size_t>(std::abs(a.slice->index - b.slice->index)) + 1;
 }
 
-MaterialBox material_box(const Asset& asset, const std::vector<Level>& levels) {
-  constexpr double kFar = std::numeric_limits<double>::infinity();
+Eigen::AlignedBox2d material_box(const Asset& asset, const std::vector<Level>& levels) {
   const double step_mm = asset.lattice.step_mm();
-  MaterialBox box{{kFar, kFar}, {-kFar, -kFar}};
+  Eigen::AlignedBox2d box;
   for (const Level& level : levels) {
-    for (const LatticePoint p : level.slice->mesh.vertices) {
-      const std::array<double, 2> at{p.x * step_mm, p.y * step_mm};
-      for (std::size_t k = 0; k < 2; ++k) {
-        box.low_mm[k] = std::min(box.low_mm[k], at[k]);
-        box.high_mm[k] = std::max(box.high_mm[k], at[k]);
-      }
-    }
+    for (const LatticePoint p : level.slice->mesh.vertices)
+      box.extend(Eigen::Vector2d(p.x * step_mm, p.y * step_mm));
   }
   return box;
 }

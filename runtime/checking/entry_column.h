@@ -4,6 +4,7 @@
 // Tests: tests/e2e/new_scene_test.py
 #pragma once
 
+#include <Eigen/Geometry>
 #include <array>
 #include <cstddef>
 #include <cstdint>
@@ -25,11 +26,8 @@ struct Level {
 /// number of slices; a scene allows at most kMaxSceneSlices.
 std::size_t slices_between(const Level& a, const Level& b);
 
-/// The smallest rectangle around the material of all slices.
-struct MaterialBox {
-  std::array<double, 2> low_mm{}, high_mm{};
-};
-MaterialBox material_box(const Asset& asset, const std::vector<Level>& levels);
+/// Returns the smallest rectangle around the material of all slices, u and v in mm.
+Eigen::AlignedBox2d material_box(const Asset& asset, const std::vector<Level>& levels);
 
 /// A column. The tool crosses the levels from `first` to `last`.
 struct EntryColumn {

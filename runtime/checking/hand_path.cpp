@@ -3,7 +3,6 @@
 
 #include <algorithm>
 #include <array>
-#include <cmath>
 #include <limits>
 
 #include "formats/base/text_line.h"
@@ -143,8 +142,6 @@ PathReport evaluate_path(const HandTrajectory& path, const DeviceSpecification& 
     note_margins(margins, report);
     const PlateSpeed speed = plate_speed(target, T_device_plate);
     report.speed_max_m_per_s = std::max(report.speed_max_m_per_s, speed.m_per_s);
-    report.rotation_rate_max_rad_per_s =
-        std::max(report.rotation_rate_max_rad_per_s, speed.rad_per_s);
     if (const Fault fault = pose_fault(limits, margins); is_new(fault)) {
       report.breaches.push_back(
           {fault, t_s, tip_m, describe_pose_fault(fault, device, limits, tool, T_device_plate)});

@@ -6,7 +6,6 @@
 #pragma once
 
 #include <Eigen/Core>
-#include <optional>
 #include <string>
 #include <vector>
 
@@ -42,7 +41,6 @@ struct PathReport {
   /// outside. tilt_max_rad: largest angle between the z axes of the plate and of {B}.
   double box_min_m = 0, tilt_max_rad = 0;
   double speed_max_m_per_s = 0;  ///< speed of the plate's origin
-  double rotation_rate_max_rad_per_s = 0;
   /// Distances of the path from the limits that the device itself checks. `is_reachable`: the
   /// device's geometry allows every point. `joint_rad` (with `joint`) and `inverse_condition`: the
   /// smallest values over the points that the geometry allows. The other members are not set.

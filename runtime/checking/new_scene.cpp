@@ -6,7 +6,6 @@
 #include <functional>
 #include <limits>
 #include <memory>
-#include <optional>
 #include <utility>
 #include <vector>
 
@@ -18,7 +17,6 @@
 #include "runtime/checking/tissue_assignment.h"
 #include "runtime/contact/sheet.h"
 #include "runtime/device/pose.h"
-#include "runtime/devices/pose_margins.h"
 #include "runtime/devices/tip_workspace.h"
 
 namespace trocar::runtime {
@@ -39,17 +37,13 @@ constexpr const char *kWhyCutting =
                          "every session through a volume of its slices has a warning or "
                          "does not run; the last: ";
 
-class Proposal {
- public:
-  Proposal(const Asset& asset, const std::filesystem::path& asset_file,
-           const std::filesystem::path& scene_file, const DeviceToCheck& device,
-           const SessionOptions& options, const NewSceneChoices& choices)
-      : asset_(asset),
-        asset_file_(asset_file),
-        scene_file_(scene_file),
-        device_(device),
-        options_(options),
-        choices_(choices) {}
+/// The arguments of propose_scene(), and what is found on the way to a scene.
+struct Proposal {
+  const Asset& asset;
+  const std::filesystem::path &asset_file, &scene_file;
+  const DeviceToCheck& device;
+  const SessionOptions& options;
+  const NewSceneChoices& choices;
 
   Result<NewScene> make() {
     if (auto ok = find_levels(); !ok) return ok.error();
@@ -57,44 +51,44 @@ class Proposal {
     std::string why;        // reason why the last scene was not accepted
     std::string no_volume;  // reason why there is no scene with the law cutting
     const Result<std::optional<NeedlePath>> volume = path_through_volume(no_volume);
-    if (!volume) return about_asset(volume.error());
+    if (!volume) return volume.error().after(asset_file.string() + ": ");
     if (*volume) {
       for (const double force_scale : {0.5, 0.35, 0.25, 0.2, 0.15, 0.1}) {
-        if (is_stopped()) return refused("interrupted");
+        if (options.is_stopped()) return refused("interrupted");
         SceneDraft draft = draft_of(**volume);
-        auto made = try_draft(
-            draft, [&] { return draft.cutting(force_scale * weakness()); }, why);
+        auto made = try_draft(draft, [&] { return draft.cutting(force_scale * weakness()); });
         if (made && made->warnings.empty()) return finish(*made, **volume, kWhyCutting);
+        if (!made) why = made.error().message;
         no_volume = kNoSession + (made ? made->warnings.front() : why);
         keep(std::move(made), **volume, kWhyCutting);
       }
     }
     const Result<std::optional<NeedlePath>> apart = path_through_sheets();
-    if (!apart) return about_asset(apart.error());
+    if (!apart) return apart.error().after(asset_file.string() + ": ");
     if (!*apart && why.empty())
-      return refused(asset_file_.string() +
+      return refused(asset_file.string() +
                      text_line(": its bone is nowhere as wide as the tool, %.0f mm across: "
                                "nothing can be punctured",
                                2e3 * kPaperToolRadius_m));
     const std::string why_sheets = kWhySheets + no_volume;
     for (const double threshold_N : {35.0, 20.0, 10.0}) {
       if (!*apart) break;
-      if (is_stopped()) return refused("interrupted");
+      if (options.is_stopped()) return refused("interrupted");
       SceneDraft draft = draft_of(**apart);
-      auto made = try_draft(
-          draft, [&] { return draft.sheets(threshold_N, rendered_share(threshold_N)); }, why);
+      auto made =
+          try_draft(draft, [&] { return draft.sheets(threshold_N, rendered_share(threshold_N)); });
       if (made && made->warnings.empty()) return finish(*made, **apart, why_sheets);
+      if (!made) why = made.error().message;
       keep(std::move(made), **apart, why_sheets);
     }
-    if (kept_) return finish(kept_->tried, kept_->path, kept_->because);
-    return refused(asset_file_.string() +
+    if (kept) return finish(kept->tried, kept->path, kept->because);
+    return refused(asset_file.string() +
                    (is_chosen()
                         ? ": no scene along this path runs; the last ended so: "
                         : ": no scene was found that runs without a warning; the last was: ") +
                    why);
   }
 
- private:
   struct Tried {
     std::string json;
     double force_max_N = 0;
@@ -113,44 +107,40 @@ class Proposal {
     SessionOptions options;
   };
 
-  bool is_stopped() const { return options_.stop != nullptr && options_.stop->load(); }
-  bool is_chosen() const { return choices_.points.has_value(); }
-  Error about_asset(const Error& error) const {
-    return {error.code, asset_file_.string() + ": " + error.message};
-  }
+  bool is_chosen() const { return choices.points.has_value(); }
 
   /// Returns the share of a force along the tool that a device with a workspace of its own renders in the middle of it.
   double rendered_share(double force_N) const {
-    if (!device_.specification.workspace()) return 1;
+    if (!device.specification.workspace()) return 1;
     Wrench up = Wrench::Zero();
     up[2] = force_N;
-    return device_.specification.renderable_fraction(
-        Pose{{0, 0, (heights_.min_m + heights_.max_m) / 2}, {1, 0, 0, 0}}, up);
+    return device.specification.renderable_fraction(
+        Pose{{0, 0, (heights.min_m + heights.max_m) / 2}, {1, 0, 0, 0}}, up);
   }
   /// Factor on the force scales that are tried; 1 for a device that renders half of what bone bears.
   double weakness() const {
     constexpr double kBone_N = 100;
-    return device_.specification.workspace() ? 2 * rendered_share(kBone_N) : 1;
+    return device.specification.workspace() ? 2 * rendered_share(kBone_N) : 1;
   }
 
   Result<void> find_levels() {
-    const std::string name = asset_file_.string();
-    has_hu_ = true;
-    for (const AssetSlice& slice : asset_.slices) {
+    const std::string name = asset_file.string();
+    has_hu = true;
+    for (const AssetSlice& slice : asset.slices) {
       if (slice.mesh.triangles.empty()) continue;
-      levels_.push_back({&slice, slice.z_mm});
-      has_hu_ = has_hu_ && (!slice.hu.empty() || asset_.hu.find(slice.index) != nullptr);
+      levels.push_back({&slice, slice.z_mm});
+      has_hu = has_hu && (!slice.hu.empty() || asset.hu.find(slice.index) != nullptr);
     }
-    if (levels_.empty())
+    if (levels.empty())
       return refused(name +
                      ": no slice has material: nothing can be punctured; mesh the scan with "
                      "a lower threshold");
-    std::sort(levels_.begin(), levels_.end(),
+    std::sort(levels.begin(), levels.end(),
               [](const Level& a, const Level& b) { return a.z_mm > b.z_mm; });
-    for (std::size_t i = 1; i < levels_.size(); ++i) {
-      if (!(levels_[i - 1].z_mm - levels_[i].z_mm >= 1e3 * kMinSliceGap_m))
-        return refused(name + ": slices " + std::to_string(levels_[i].slice->index) + " and " +
-                       std::to_string(levels_[i - 1].slice->index) +
+    for (std::size_t i = 1; i < levels.size(); ++i) {
+      if (!(levels[i - 1].z_mm - levels[i].z_mm >= 1e3 * kMinSliceGap_m))
+        return refused(name + ": slices " + std::to_string(levels[i].slice->index) + " and " +
+                       std::to_string(levels[i - 1].slice->index) +
                        " are less than 0.1 mm apart: it has no true spacing for a scene");
     }
     return {};
@@ -160,40 +150,40 @@ class Proposal {
   Result<void> find_heights() {
     Eigen::Quaterniond q = Eigen::Quaterniond::Identity();
     if (is_chosen()) {
-      const auto path = plan_needle_path(asset_, levels_, *choices_.points);
-      if (!path) return about_asset(path.error());
-      const double max_deg = options_.limits.plate_tilt_max_rad * kDegreesPerRadian;
+      const auto path = plan_needle_path(asset, levels, *choices.points);
+      if (!path) return path.error().after(asset_file.string() + ": ");
+      const double max_deg = options.limits.plate_tilt_max_rad * kDegreesPerRadian;
       if (tilt_deg(*path) > max_deg)
-        return refused(asset_file_.string() +
+        return refused(asset_file.string() +
                        text_line(": the path from the entry to the target is tilted by %.1f deg, "
                                  "and the device turns by at most %.1f deg: choose points more "
                                  "nearly above each other",
                                  tilt_deg(*path), max_deg));
       q = rotation_from_z(-path->direction);
     }
-    const auto heights =
-        workspace_heights(device_.specification, options_.limits, make_tool(SceneTool{}), q);
-    if (!heights)
-      return refused(asset_file_.string() +
+    const auto reached =
+        workspace_heights(device.specification, options.limits, make_tool(SceneTool{}), q);
+    if (!reached)
+      return refused(asset_file.string() +
                      (is_chosen() ? ": the device does not reach any point with the needle tilted "
                                     "along this path"
                                   : ": the device reaches nothing; choose another description"));
-    heights_ = {heights->min_m + kWorkspaceMargin_m, heights->max_m - kWorkspaceMargin_m};
+    heights = {reached->min_m + kWorkspaceMargin_m, reached->max_m - kWorkspaceMargin_m};
     return {};
   }
 
   /// Height of the bone that a path may go through.
   double room_mm() const {
-    return 1e3 * (heights_.max_m - heights_.min_m - height_outside_bone_m(NeedlePath{}));
+    return 1e3 * (heights.max_m - heights.min_m - height_outside_bone_m(NeedlePath{}));
   }
 
   /// `limits`: the limits of the path besides the workspace of the device.
   Result<NeedlePath> chosen_path(PathLimits limits) const {
     limits.height_mm = room_mm();
-    auto path = plan_needle_path(asset_, levels_, *choices_.points, limits);
+    auto path = plan_needle_path(asset, levels, *choices.points, limits);
     if (!path || !path->has_target) return path;
     const double depth_mm = path->entry_mm.z() - path->end_mm.z();
-    const double max_mm = 1e3 * (heights_.max_m - heights_.min_m - height_outside_bone_m(*path));
+    const double max_mm = 1e3 * (heights.max_m - heights.min_m - height_outside_bone_m(*path));
     if (depth_mm > max_mm)
       return refused(
           text_line("the target lies %.1f mm below the entry, and the device has room "
@@ -204,24 +194,24 @@ class Proposal {
 
   /// Returns why the law cutting is not tried, if it is not.
   std::string why_no_volume() const {
-    if (!has_hu_) return "the asset has no HU";
-    return levels_.size() == 1 ? "the asset has a single slice with material"
-                               : "its slices are more than 3 mm apart, or slices without material "
-                                 "lie between them";
+    if (!has_hu) return "the asset has no HU";
+    return levels.size() == 1 ? "the asset has a single slice with material"
+                              : "its slices are more than 3 mm apart, or slices without material "
+                                "lie between them";
   }
 
   /// Returns the path for the law cutting. None: its levels are not one volume with HU, or are
   /// more than a scene's volume may have; `why` then has the reason.
   Result<std::optional<NeedlePath>> path_through_volume(std::string& why) const {
     why = why_no_volume();
-    if (!has_hu_) return std::optional<NeedlePath>();
+    if (!has_hu) return std::optional<NeedlePath>();
     const double gap_mm = 1e3 * (kMaxSlabGap_m + kSlabGapRounding_m);
     if (is_chosen()) {
       const auto path = chosen_path({.gap_mm = gap_mm, .slices = kMaxSceneSlices});
       if (!path) return path.error();
       if (path->last == path->first || path->max_gap_mm > gap_mm)
         return std::optional<NeedlePath>();
-      const std::size_t slices = slices_between(levels_[path->first], levels_[path->last]);
+      const std::size_t slices = slices_between(levels[path->first], levels[path->last]);
       if (slices <= kMaxSceneSlices) return std::optional<NeedlePath>(*path);
       why = text_line(
           "the path to the target goes through %zu slices, and a bone volume has at "
@@ -229,9 +219,8 @@ class Proposal {
           slices, kMaxSceneSlices);
       return std::optional<NeedlePath>();
     }
-    const auto column =
-        find_entry_column(asset_, levels_, 1e3 * kNeedleRadius_m, room_mm(), gap_mm);
-    return column && column->last > column->first ? std::optional(path_through(*column, levels_))
+    const auto column = find_entry_column(asset, levels, 1e3 * kNeedleRadius_m, room_mm(), gap_mm);
+    return column && column->last > column->first ? std::optional(path_through(*column, levels))
                                                   : std::nullopt;
   }
 
@@ -243,122 +232,110 @@ class Proposal {
       if (!chosen) return chosen.error();
       path = *chosen;
     } else if (const auto column =
-                   find_entry_column(asset_, levels_, 1e3 * kPaperToolRadius_m, room_mm(), kAny)) {
-      path = path_through(*column, levels_);
+                   find_entry_column(asset, levels, 1e3 * kPaperToolRadius_m, room_mm(), kAny)) {
+      path = path_through(*column, levels);
     }
     if (path && !path->has_target) {
-      path->last = separable_levels(levels_, *path).back();
-      path->end_mm = point_at(*path, levels_[path->last].z_mm);
+      path->last = separable_levels(levels, *path).back();
+      path->end_mm = point_at(*path, levels[path->last].z_mm);
     }
     return path;
   }
 
   SceneDraft draft_of(const NeedlePath& path) const {
-    SceneDraft draft(levels_, path, is_chosen(), heights_);
-    draft.name_files(asset_file_, scene_file_);
+    SceneDraft draft(levels, path, is_chosen(), heights);
+    draft.name_files(asset_file, scene_file);
     return draft;
   }
 
   Result<Placed> place(const std::string& text) const {
-    const std::string name = asset_file_.string();
-    Result<Scene> scene = parse_scene(text, scene_file_.string(), scene_file_.parent_path());
+    const std::string name = asset_file.string();
+    Result<Scene> scene = parse_scene(text, scene_file.string(), scene_file.parent_path());
     if (!scene) return scene.error();
-    if (const auto placed = place_body(*scene, asset_, name); !placed) return placed.error();
-    auto sheets = place_slices(*scene, asset_, name);
+    if (const auto placed = place_body(*scene, asset, name); !placed) return placed.error();
+    auto sheets = place_slices(*scene, asset, name);
     if (!sheets) return sheets.error();
-    Placed placed{std::move(*scene), std::move(*sheets), options_};
+    Placed placed{std::move(*scene), std::move(*sheets), options};
     placed.options.duration_s = placed.scene.duration_s;
-    if (device_.set_options) device_.set_options(placed.scene, placed.options);
+    if (device.set_options) device.set_options(placed.scene, placed.options);
     return placed;
   }
 
-  /// Returns the warnings of a scene. Errors: the scene is refused.
-  Result<std::vector<std::string>> warnings_of(const Placed& placed) const {
-    Result<SceneCheck> check =
-        check_scene(placed.scene, device_, placed.sheets, choose_tissues(placed.scene, asset_), {},
-                    placed.options);
-    if (!check) return check.error();
-    return std::move(check->warnings);
+  /// Places a scene and sets its warnings. Errors: the scene is refused, or has a warning although nobody has chosen its path.
+  Result<Placed> check(Tried& tried) const {
+    Result<Placed> placed = place(tried.json);
+    if (!placed) return placed;
+    Result<SceneCheck> checked =
+        check_scene(placed->scene, device, placed->sheets, choose_tissues(placed->scene, asset), {},
+                    placed->options);
+    if (!checked) return checked.error();
+    tried.warnings = std::move(checked->warnings);
+    if (!tried.warnings.empty() && !is_chosen()) return refused(tried.warnings.front());
+    return placed;
   }
 
   /// Tries a draft. If its path has a target and its hand is scripted, the hand is first sent so far that the tip gets to
-  /// the target. Returns none, with the reason in `why`, if the scene is refused, has a warning although nobody has chosen
-  /// its path, punctures nothing, or does not get to the target.
-  std::optional<Tried> try_draft(SceneDraft& draft, const std::function<std::string()>& make,
-                                 std::string& why) const {
-    if (draft.has_target() && choices_.hand == NewSceneHand::kScripted) {
+  /// the target. Errors: the scene is refused, has a warning although nobody has chosen its path, punctures nothing, or does
+  /// not get to the target.
+  Result<Tried> try_draft(SceneDraft& draft, const std::function<std::string()>& make) const {
+    if (draft.path.has_target && !choices.has_live_hand) {
       double beyond_m = 0, short_m = 0;
-      for (int turn = 0; turn < kMaxReaches && !is_stopped(); ++turn) {
-        draft.set_overshoot(beyond_m);
+      for (int turn = 0; turn < kMaxReaches && !options.is_stopped(); ++turn) {
+        draft.beyond_target_m = beyond_m;
         const Result<Placed> placed = place(make());
-        if (!placed) return fails(placed.error().message, why);
-        const auto dry_run = run_dry_run(placed->scene, device_, placed->sheets, placed->options);
-        if (!dry_run) return fails(dry_run.error().message, why);
-        short_m = dry_run->tip_lowest_m - draft.target_z_m();
+        if (!placed) return placed.error();
+        const auto dry_run = run_dry_run(placed->scene, device, placed->sheets, placed->options);
+        if (!dry_run) return dry_run.error();
+        short_m = dry_run->tip_lowest_m - draft.to_device(draft.path.end_mm).z();
         if (std::abs(short_m) <= kReached_m) break;
         beyond_m += short_m;
       }
       if (std::abs(short_m) > kReached_m)
-        return fails(text_line("the scripted hand brings the tip to %.1f mm %s the target, and is "
-                               "no better when it goes farther",
-                               1e3 * std::abs(short_m), short_m > 0 ? "above" : "below"),
-                     why);
+        return refused(
+            text_line("the scripted hand brings the tip to %.1f mm %s the target, and is "
+                      "no better when it goes farther",
+                      1e3 * std::abs(short_m), short_m > 0 ? "above" : "below"));
     }
-    return try_scene(draft, make, why);
+    return try_scene(draft, make);
   }
 
-  static std::nullopt_t fails(const std::string& reason, std::string& why) {
-    why = reason;
-    return std::nullopt;
-  }
-
-  std::optional<Tried> try_scene(SceneDraft& draft, const std::function<std::string()>& make,
-                                 std::string& why) const {
+  Result<Tried> try_scene(SceneDraft& draft, const std::function<std::string()>& make) const {
     Tried tried;
     tried.json = make();
-    Result<Placed> placed = place(tried.json);
-    if (!placed) return fails(placed.error().message, why);
-    auto warnings = warnings_of(*placed);
-    if (!warnings) return fails(warnings.error().message, why);
-    if (!warnings->empty() && !is_chosen()) return fails(warnings->front(), why);
+    const Result<Placed> placed = check(tried);
+    if (!placed) return placed.error();
     const Result<DryRun> dry_run =
-        run_dry_run(placed->scene, device_, placed->sheets, placed->options);
-    if (!dry_run) return fails(dry_run.error().message, why);
+        run_dry_run(placed->scene, device, placed->sheets, placed->options);
+    if (!dry_run) return dry_run.error();
     tried.force_max_N = dry_run->force_max_N;
     tried.sheets = dry_run->sheets.size();
     for (const SheetDryRun& each : dry_run->sheets)
       tried.punctured += each.punctured_t_s >= 0 ? 1 : 0;
-    if (tried.punctured == 0) return fails("the tool punctures nothing", why);
-    tried.warnings = std::move(*warnings);
-    if (choices_.hand == NewSceneHand::kScripted) return tried;
-    draft.set_live_hand();
+    if (tried.punctured == 0) return refused("the tool punctures nothing");
+    if (!choices.has_live_hand) return tried;
+    draft.has_live_hand = true;
     tried.json = make();
-    placed = place(tried.json);
-    if (!placed) return fails(placed.error().message, why);
-    warnings = warnings_of(*placed);
-    if (!warnings) return fails(warnings.error().message, why);
-    if (!warnings->empty() && !is_chosen()) return fails(warnings->front(), why);
-    tried.warnings = std::move(*warnings);
+    if (const Result<Placed> live = check(tried); !live) return live.error();
     return tried;
   }
 
   /// Keeps the scene with the fewest warnings of those along a chosen path.
-  void keep(std::optional<Tried> tried, const NeedlePath& path, const std::string& because) {
-    if (!tried || (kept_ && kept_->tried.warnings.size() <= tried->warnings.size())) return;
-    kept_ = Kept{std::move(*tried), path, because};
+  void keep(Result<Tried> tried, const NeedlePath& path, const std::string& because) {
+    if (!tried || (kept && kept->tried.warnings.size() <= tried->warnings.size())) return;
+    kept = Kept{std::move(*tried), path, because};
   }
 
   std::string describe_asset() const {
-    const MaterialBox box = material_box(asset_, levels_);
+    const Eigen::AlignedBox2d box = material_box(asset, levels);
     return text_line(
         "%zu of %zu slices have material, within u %.1f to %.1f, v %.1f to %.1f mm and %.1f mm of "
         "height",
-        levels_.size(), slice_count(asset_), box.low_mm[0], box.high_mm[0], box.low_mm[1],
-        box.high_mm[1], levels_.front().z_mm - levels_.back().z_mm);
+        levels.size(), slice_count(asset), box.min().x(), box.max().x(), box.min().y(),
+        box.max().y(), levels.front().z_mm - levels.back().z_mm);
   }
 
   std::string describe_path(const NeedlePath& path) const {
-    const int a = levels_[path.first].slice->index, b = levels_[path.last].slice->index;
+    const int a = levels[path.first].slice->index, b = levels[path.last].slice->index;
     const std::string within = text_line("within slices %d to %d", std::min(a, b), std::max(a, b));
     if (!is_chosen())
       return text_line(
@@ -391,32 +368,26 @@ class Proposal {
   NewScene finish(const Tried& made, const NeedlePath& path, const std::string& because) const {
     NewScene out;
     out.json = made.json;
-    out.text = asset_file_.string() + ": " + describe_asset() + describe_path(path) +
+    out.text = asset_file.string() + ": " + describe_asset() + describe_path(path) +
                "Chosen: " + because +
                text_line(
                    ". Slices are at their true spacing, in the middle of the heights %.3f to "
                    "%.3f m that the tip reaches. A dry run punctured %zu of %zu slices, with at "
                    "most %.1f N, ",
-                   heights_.min_m - kWorkspaceMargin_m, heights_.max_m + kWorkspaceMargin_m,
+                   heights.min_m - kWorkspaceMargin_m, heights.max_m + kWorkspaceMargin_m,
                    made.punctured, made.sheets, made.force_max_N) +
                describe_warnings(made.warnings) +
-               (choices_.hand == NewSceneHand::kLive
-                    ? "That was with a scripted hand; the hand is now live: "
-                      "start the scene with trocar-console. "
-                    : "") +
+               (choices.has_live_hand ? "That was with a scripted hand; the hand is now live: "
+                                        "start the scene with trocar-console. "
+                                      : "") +
                "For training, not for planning.\n";
     return out;
   }
 
-  const Asset& asset_;
-  const std::filesystem::path &asset_file_, &scene_file_;
-  const DeviceToCheck& device_;
-  const SessionOptions& options_;
-  const NewSceneChoices& choices_;
-  std::vector<Level> levels_;  ///< levels of the asset, the topmost first
-  bool has_hu_ = false;        ///< every slice with material has HU
-  WorkspaceHeights heights_;   ///< heights of the tip that the proposal uses
-  std::optional<Kept> kept_;
+  std::vector<Level> levels{};  ///< levels of the asset, the topmost first
+  bool has_hu = false;          ///< every slice with material has HU
+  WorkspaceHeights heights{};   ///< heights of the tip that the proposal uses
+  std::optional<Kept> kept{};
 };
 
 }  // namespace
@@ -424,7 +395,7 @@ class Proposal {
 Result<NewScene> propose_scene(const Asset& asset, const std::filesystem::path& asset_file,
                                const std::filesystem::path& scene_file, const DeviceToCheck& device,
                                const SessionOptions& options, const NewSceneChoices& choices) {
-  return Proposal(asset, asset_file, scene_file, device, options, choices).make();
+  return Proposal{asset, asset_file, scene_file, device, options, choices}.make();
 }
 
 }  // namespace trocar::runtime

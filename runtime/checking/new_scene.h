@@ -5,7 +5,6 @@
 // Tests: tests/runtime/checking/scene_check_test.cpp, tests/e2e/new_scene_test.py
 #pragma once
 
-#include <cstdint>
 #include <filesystem>
 #include <optional>
 #include <string>
@@ -25,10 +24,8 @@ struct NewScene {
   std::string text;
 };
 
-enum class NewSceneHand : std::uint8_t { kScripted, kLive };
-
 struct NewSceneChoices {
-  NewSceneHand hand = NewSceneHand::kScripted;
+  bool has_live_hand = false;          ///< false: the hand is scripted
   std::optional<ChosenPoints> points;  ///< none: the needle goes through the thickest bone
 };
 
@@ -46,9 +43,9 @@ struct NewSceneChoices {
 ///    all candidates the distances between slices are those of the scan.
 ///  - Choice: the candidates are checked one after another, as `--check --strict` with `options`
 ///    would do. The first candidate that has no warning and punctures a slice is returned.
-///  - Live hand: if `choices.hand` is kLive, a candidate is checked twice, first with a scripted
-///    hand, then with a live hand that starts at the first pose of the scripted hand. The scene
-///    that is returned has the live hand.
+///  - Live hand: if `choices.has_live_hand` is true, a candidate is checked twice, first with a
+///    scripted hand, then with a live hand that starts at the first pose of the scripted hand. The
+///    scene that is returned has the live hand.
 ///  - Chosen points: the scene has goals for the points. If there is a target and the hand is
 ///    scripted, the lowest height of the tip must be within 1.5 mm of the target's height. If every
 ///    candidate has a warning, the one with the fewest warnings is returned.

@@ -25,25 +25,14 @@ double height_outside_bone_m(const NeedlePath& path);
 /// down. The levels are at least 9.5 mm apart, so that each puncture is felt separately.
 std::vector<std::size_t> separable_levels(const std::vector<Level>& levels, const NeedlePath& path);
 
-class SceneDraft {
- public:
-  /// `levels`: the levels of the asset, the topmost first. `is_chosen`: a person has chosen the
-  /// path. If so, the path is a goal of the scene, and so is the target if there is one. The
-  /// scene's bone volume then also includes the connected slices above and below the path.
-  /// `heights`: heights of the tip in {B} that the draft may use. Levels and path must outlive the
-  /// draft.
-  SceneDraft(const std::vector<Level>& levels, const NeedlePath& path, bool is_chosen,
-             WorkspaceHeights heights);
+struct SceneDraft {
+  /// `levels` and `path` must outlive the draft.
+  SceneDraft(const std::vector<Level>& asset_levels, const NeedlePath& needle_path,
+             bool has_chosen_path, WorkspaceHeights tip_heights);
 
   /// Sets the scene's name, and the file name by which the scene names the asset. This file name is
   /// relative to the scene's folder, unless `asset_file` is absolute and lies outside that folder.
   void name_files(const std::filesystem::path& asset_file, const std::filesystem::path& scene_file);
-  /// Makes the path of the scripted hand end `beyond_target_m` below the target (negative: above).
-  /// This compensates for the tip's lag behind the hand. Without a target this call has no effect.
-  void set_overshoot(double beyond_target_m) { beyond_target_m_ = beyond_target_m; }
-
-  /// Gives the scenes a live hand, which begins at the pose where the scripted hand would begin.
-  void set_live_hand() { has_live_hand_ = true; }
 
   /// Returns a scene with one bone volume, made of the levels along the path, with a strength
   /// computed from HU, and with a hand that moves in along the path and back out. `force_scale`:
@@ -53,25 +42,24 @@ class SceneDraft {
   /// threshold of the tissue. `share`: the fraction of `threshold_N` that the device can render. If
   /// this fraction is below 1, it becomes the scene's factor on the tissue's forces.
   std::string sheets(double threshold_N, double share) const;
-  bool has_target() const { return path_.has_target; }
-  /// Returns the height of the target in {B}, in m. Precondition: the path has a target.
-  double target_z_m() const { return to_device(path_.end_mm).z(); }
-
- private:
-  class Writer;
 
   Eigen::Vector3d to_device(const Eigen::Vector3d& at_mm) const;
-  double height_m(std::size_t level) const;
+  double height_m(std::size_t level) const;  ///< height of a level in {B}
 
-  const std::vector<Level>& levels_;
-  const NeedlePath& path_;
-  bool is_chosen_;
-  WorkspaceHeights heights_;
-  std::string asset_name_, scene_name_;
-  Eigen::Vector2d anchor_mm_ = Eigen::Vector2d::Zero();
-  double entry_z_m_ = 0;  ///< height of the entry in {B}
-  double beyond_target_m_ = 0;
-  bool has_live_hand_ = false;
+  const std::vector<Level>& levels;  ///< the levels of the asset, the topmost first
+  const NeedlePath& path;
+  /// A person has chosen the path. It is then a goal of the scene, and so is the target if there is
+  /// one. The scene's bone volume then also includes the connected slices above and below the path.
+  bool is_chosen;
+  WorkspaceHeights heights;  ///< heights of the tip in {B} that the draft may use
+  std::string asset_name, scene_name;
+  Eigen::Vector2d anchor_mm = Eigen::Vector2d::Zero();
+  double entry_z_m = 0;  ///< height of the entry in {B}
+  /// The path of the scripted hand ends this far below the target (negative: above). This
+  /// compensates for the tip's lag behind the hand. Without a target this has no effect.
+  double beyond_target_m = 0;
+  /// The scenes have a live hand, which begins at the pose where the scripted hand would begin.
+  bool has_live_hand = false;
 };
 
 }  // namespace trocar::runtime

@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "runtime/checking/scene_requirements.h"
 
-#include <algorithm>
-
 #include "formats/base/text_line.h"
 #include "runtime/force_law/force_law_table.h"
 #include "runtime/session/tick_rate.h"
@@ -22,10 +20,6 @@ std::string describe_puncture(const DeviceSpecification& device, const TipForce&
 
 }  // namespace
 
-std::uint64_t kept_bytes(const Sheet& sheet) noexcept {
-  return sheet.mesh.bytes() + sheet.grid.bytes() + sheet.boundary_grid.bytes();
-}
-
 Result<SceneRequirements> describe_requirements(
     const Scene& scene, const DeviceSpecification& device,
     const std::vector<std::unique_ptr<const Sheet>>& sheets,
@@ -33,10 +27,11 @@ Result<SceneRequirements> describe_requirements(
     const SessionOptions& options) {
   const double rate_Hz = options.rate_Hz, duration_s = options.duration_s;
   const Tool tool = make_tool(scene.tool);
+  // A sheet needs memory for its mesh and for two grids in which triangles are searched. The sheet's replicas
+  // (runtime/workers/remesher.h) share it. If holes change the mesh, a replica needs more bytes, which are not counted.
   std::uint64_t kept = 0;
-  for (const auto& sheet : sheets) {
-    kept += kept_bytes(*sheet);
-  }
+  for (const auto& sheet : sheets)
+    kept += sheet->mesh.bytes() + sheet->grid.bytes() + sheet->boundary_grid.bytes();
   SceneRequirements needs;
   std::string& out = needs.scene;
   out += text_line("scene      %s\n", scene.name.c_str());

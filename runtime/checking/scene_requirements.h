@@ -45,9 +45,4 @@ Result<SceneRequirements> describe_requirements(
     const std::vector<Pose>& T_device_plate, const LoadedBytes& bytes,
     const SessionOptions& options);
 
-/// Returns the number of bytes that a sheet needs during the session, for its mesh and for two
-/// grids in which triangles are searched. The sheet's replicas (runtime/workers/remesher.h) share
-/// this memory. If holes change the mesh, a replica needs more bytes, which are not counted.
-std::uint64_t kept_bytes(const Sheet& sheet) noexcept;
-
 }  // namespace trocar::runtime

@@ -4,7 +4,6 @@
 #include <unistd.h>
 
 #include <filesystem>
-#include <string>
 #include <system_error>
 #include <vector>
 
@@ -13,14 +12,8 @@
 namespace trocar::runtime {
 
 void declare_export(CommandLine& line, ExportArguments& a) {
-  const Command command =
-      line.add_command(kExport, "writes a recording as an HDF5 file (runs trocar-export)");
-  command
-      .option("RECORDING", a.recording,
-              "the recording, a CSV file that trocar-run --record has written")
-      .required();
-  command.option("-o,--output", a.output, "the HDF5 file to write").with_form("FILE").required();
-  command.flag("--quiet", a.quiet, "print errors only");
+  declare_export_options(
+      line.add_command("export", "writes a recording as an HDF5 file (runs trocar-export)"), a);
 }
 
 int run_export(const ExportArguments& a) {

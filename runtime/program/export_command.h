@@ -9,14 +9,22 @@
 
 namespace trocar::runtime {
 
-inline constexpr const char* kExport = "export";
-
 struct ExportArguments {
   std::string recording, output;
   bool quiet = false;
 };
 
-/// Adds the command kExport. Parsing the command line then fills `arguments`.
+/// Declares the options that the command and the program trocar-export share.
+inline void declare_export_options(const Command& command, ExportArguments& a) {
+  command
+      .option("RECORDING", a.recording,
+              "the recording, a CSV file that trocar-run --record has written")
+      .required();
+  command.option("-o,--output", a.output, "the HDF5 file to write").with_form("FILE").required();
+  command.flag("--quiet", a.quiet, "print errors only");
+}
+
+/// Adds the command `export`. Parsing the command line then fills `arguments`.
 void declare_export(CommandLine& line, ExportArguments& arguments);
 
 /// Replaces this process by the program trocar-export, which is in the same folder as this program.

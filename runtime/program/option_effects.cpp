@@ -26,38 +26,20 @@ constexpr std::string_view kOfTest[] = {"duration", "summary", "cpu", "late-tick
 constexpr std::string_view kOfTrials[] = {"compensate", "passivity", "coupling", "energy-limit",
                                           "stiffness-limit"};
 constexpr std::string_view kOfNewScene[] = {"output", "entry", "target", "live-hand"};
-// From `clock` on, these are settings and files of the session that is checked. They do not change
-// the check, but --check may be added to the command of a session.
-constexpr std::string_view kOfCheck[] = {"SCENE",
-                                         "strict",
-                                         "asset",
-                                         "force-law",
-                                         "procedure",
-                                         "strength",
-                                         "duration",
-                                         "clock",
-                                         "cpu",
-                                         "recover",
-                                         "late-ticks-in-row",
-                                         "late-ticks",
-                                         "record",
-                                         "summary",
-                                         "session-report",
-                                         "meshes",
-                                         "hand-path",
-                                         "black-box",
-                                         "trainee",
-                                         "course",
-                                         "attempt",
-                                         "frames",
-                                         "live",
-                                         "xray"};
+constexpr std::string_view kOfCheck[] = {"SCENE",     "strict",   "asset",   "force-law",
+                                         "procedure", "strength", "duration"};
+// Settings and files of the session that is checked. They do not change the check, but --check may be
+// added to the command of a session.
+constexpr std::string_view kOfCheckedSession[] = {
+    "clock",          "cpu",    "recover",   "late-ticks-in-row", "late-ticks", "record", "summary",
+    "session-report", "meshes", "hand-path", "black-box",         "trainee",    "course", "attempt",
+    "frames",         "live",   "xray"};
 
 /// A replacement of the session.
 struct Replacement {
   std::string_view option;  ///< the option that selects it
   bool is_given;
-  std::array<Names, 3> effective;  ///< the options that have an effect, besides `option`
+  std::array<Names, 4> effective;  ///< the options that have an effect, besides `option`
 };
 
 }  // namespace
@@ -69,7 +51,7 @@ Result<void> check_option_effects(const CommandLine& line, const RunArguments& a
       {"history", !a.history.empty(), {kOfHistory}},
       {"test", a.test_device, {kOfDevice, kOfTest}},
       {"new-scene", !a.new_scene.empty(), {kOfDevice, kOfTrials, kOfNewScene}},
-      {"check", a.check, {kOfDevice, kOfTrials, kOfCheck}}};
+      {"check", a.check, {kOfDevice, kOfTrials, kOfCheck, kOfCheckedSession}}};
   const auto* const given = std::find_if(std::begin(replacements), std::end(replacements),
                                          [](const Replacement& each) { return each.is_given; });
   if (given == std::end(replacements)) return {};

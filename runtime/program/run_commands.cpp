@@ -115,7 +115,7 @@ Result<std::unique_ptr<LiveHand>> make_live_hand(const RunArguments& arguments,
                                                  const SessionOptions& options) {
   if (!inputs.scene.hand.live || !options.replay.empty()) return std::unique_ptr<LiveHand>();
   const Result<LiveHandLimits> limits = live_hand_limits(inputs.scene, device, options.limits);
-  if (!limits) return Error{limits.error().code, arguments.scene + ": " + limits.error().message};
+  if (!limits) return limits.error().after(arguments.scene + ": ");
   return std::make_unique<LiveHand>(
       *limits, make_tool(inputs.scene.tool), device, options.limits,
       TargetPath(arguments.hand_path.empty() ? 0 : options.duration_s));
@@ -173,9 +173,7 @@ Result<SessionOptions> session_options(const RunArguments& arguments, const Sess
   options.counts_xray = arguments.xray;
   set_loop_options(arguments, options);
   if (!inputs.replay.empty()) {
-    options.stiffness.margin = stated_stiffness_margin(inputs.replay_origin);
-    if (allows_any_state_gap(inputs.replay_origin)) options.limits.gap_max_s = 0;
-    options.limits.no_data_max_s = stated_no_data_limit_s(inputs.replay_origin);
+    set_stated_limits(inputs.replay_origin, options);
     options.counts_xray = recording_kind(inputs.replay_origin).has_xray;
   }
   if (inputs.pose_device) {
@@ -226,6 +224,8 @@ TelemetryOptions telemetry_options(const RunArguments& arguments, const SessionI
   return telemetry;
 }
 
+/// Default of --duration with --test.
+constexpr double kTrial_s = 5;
 /// Height of the tip at which a scene for a pose device is proposed.
 constexpr double kProposedMiddle_m = 0.15;
 
@@ -343,14 +343,10 @@ int test_device(const RunArguments& arguments) {
   const Result<AnyDeviceDescription> description =
       read_description(arguments.description, arguments.device, HandleOrientation::kAsked);
   if (!description) return fail(description.error());
-  SessionOptions session;
-  set_loop_options(arguments, session);
-  DeviceTrialOptions options;
+  SessionOptions options;
+  set_loop_options(arguments, options);
   options.rate_Hz = arguments.rate_Hz.value_or(kDefaultRate_Hz);
-  options.duration_s = arguments.duration_s.value_or(options.duration_s);
-  options.cpu = arguments.cpu;
-  options.missed_deadlines_max = session.limits.missed_deadlines_max;
-  options.no_data_max_s = session.limits.no_data_max_s;
+  options.duration_s = arguments.duration_s.value_or(kTrial_s);
   options.stop = &stop_requested;
   const Scene no_scene;
   const Result<OpenedDevice> opened =
@@ -414,8 +410,7 @@ int make_new_scene(const RunArguments& arguments) {
   }
   const Result<std::optional<ChosenPoints>> points = chosen_points(arguments);
   if (!points) return fail(points.error());
-  const NewSceneChoices choices{arguments.live_hand ? NewSceneHand::kLive : NewSceneHand::kScripted,
-                                *points};
+  const NewSceneChoices choices{arguments.live_hand, *points};
   const Result<NewScene> made =
       propose_scene(*asset, arguments.new_scene, arguments.output, device, options, choices);
   if (!made) return fail(made.error());

@@ -1,14 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "runtime/program/session_outputs.h"
 
-#include <cmath>
 #include <nlohmann/json.hpp>
 #include <string>
 #include <utility>
 
 #include "formats/base/file_io.h"
 #include "formats/base/json_text.h"
-#include "runtime/devices/pose_margins.h"
 #include "runtime/devices/scene_hand.h"
 #include "runtime/reporting/material_section.h"
 #include "runtime/reporting/summary.h"
@@ -116,15 +114,7 @@ void SessionOutputs::collect(SessionOptions& options) {
 
 ReportFacts SessionOutputs::facts(const SessionFigures& figures, const SessionOptions& options,
                                   const SessionResult& report, const Remesher& remesher) const {
-  ReportFacts facts;
-  facts.asset = without_folder(inputs_.scene.asset.filename());
-  facts.force_law = to_string(inputs_.scene.force_law.kind);
-  facts.is_virtual = options.clock == Clock::kVirtual || !options.replay.empty();
-  facts.end = report.end;
-  facts.lost_ticks = report.ticks_not_observed;
-  facts.faults = report.faults;
-  facts.xray = report.xray;
-  facts.sheets = sheets_;
+  ReportFacts facts{report, !options.is_real_time(), sheets_};
   if (Result<Trainee> trainee = stated_trainee(options.origin); trainee)
     facts.trainee = std::move(*trainee);
   if (figures.counted > 0) {

@@ -7,7 +7,6 @@
 #include <cmath>
 #include <csignal>
 #include <cstdio>
-#include <ctime>
 #include <filesystem>
 #include <nlohmann/json.hpp>
 #include <optional>
@@ -23,6 +22,7 @@
 #include "runtime/link/link_key.h"
 #include "runtime/link/udp_socket.h"
 #include "runtime/program/library_versions.h"
+#include "runtime/realtime/monotonic_clock.h"
 #include "runtime/realtime/realtime_thread.h"
 #include "runtime/session/session.h"
 #include "runtime/simulation/drive.h"
@@ -134,11 +134,6 @@ void declare(CommandLine& line, Arguments& a) {
       "The page formats/session/device_link.md describes the protocol.");
 }
 
-Result<void> check_arguments(const Arguments& a) {
-  if (a.noise_rad > 0 && a.model != "full") return usage("--encoder-noise: needs --model full");
-  return {};
-}
-
 Result<LinkKey> load_key(const Arguments& arguments, const Endpoint& local) {
   if (Result<void> started = start_link(); !started) return started.error();
   std::error_code ignored;
@@ -176,18 +171,12 @@ Result<SimulatedDevice> load_model(const Arguments& arguments) {
   }
   if (scene) {
     Result<SimulatedDevice> made = make_simulated_device(*scene, description, mechanics);
-    if (!made) return Error{made.error().code, arguments.scene + ": " + made.error().message};
+    if (!made) return made.error().after(arguments.scene + ": ");
     return made;
   }
   SimulatedDeviceOptions options;
   options.mechanics = mechanics;
   return SimulatedDevice::make(description, {}, {}, options);
-}
-
-std::int64_t now_ns() noexcept {
-  timespec now{};
-  ::clock_gettime(CLOCK_MONOTONIC, &now);
-  return now.tv_sec * std::int64_t{1'000'000'000} + now.tv_nsec;
 }
 
 constexpr std::size_t kMaxRecordedSteps = 1'000'000;
@@ -218,7 +207,7 @@ class Server {
       periods_behind_ += timing.gap_s > 0 ? timing.gap_s / period_s_ : 1;
       const double periods = std::clamp(std::round(periods_behind_), 0.0, kMaxCatchUpPeriods);
       periods_behind_ = std::min(periods_behind_ - periods, 1.0);
-      const std::int64_t now = now_ns();
+      const std::int64_t now = monotonic_ns();
       const int missed = std::max(static_cast<int>(periods) - 1, 0);
       drive_.catch_up(now - std::llround(period_s_ * 1e9), missed);
       serve(now);
@@ -231,9 +220,9 @@ class Server {
   }
 
   void run_in_lock_step() {
-    while (!stop_requested.load() && !is_done() && !is_abandoned(now_ns())) {
+    while (!stop_requested.load() && !is_done() && !is_abandoned(monotonic_ns())) {
       socket_.wait(in_.holds_any() || out_.holds_any() ? 1e-3 : 0.1);
-      serve(now_ns());
+      serve(monotonic_ns());
     }
   }
 
@@ -279,7 +268,7 @@ class Server {
     std::copy(answer.view().begin(), answer.view().end(), datagram.bytes.begin());
     datagram.size = answer.size;
     datagram.peer = to;
-    out_.pass(datagram, drive_.session_time_s(), now_ns(),
+    out_.pass(datagram, drive_.session_time_s(), monotonic_ns(),
               [&](const FaultyLink::Datagram& d) { socket_.send_to(d.view(), d.peer); });
   }
 
@@ -411,7 +400,8 @@ int run_command_line(int argc, char** argv) {
       version());
   declare(line, arguments);
   if (const auto done = line.parse_or_end({argv, argv + argc})) return *done;
-  if (const Result<void> good = check_arguments(arguments); !good) return fail(good.error());
+  if (arguments.noise_rad > 0 && arguments.model != "full")
+    return fail(usage("--encoder-noise: needs --model full"));
   stop_on_signals();
   return serve(arguments);
 }

@@ -12,16 +12,12 @@
 #include "formats/session/recording.h"
 #include "runtime/hdf5/hdf5_file.h"
 #include "runtime/hdf5/recording_hdf5.h"
+#include "runtime/program/export_command.h"
 
 namespace trocar::runtime {
 namespace {
 
-struct Arguments {
-  std::string recording, output;
-  bool quiet = false;
-};
-
-Result<void> convert(const Arguments& a) {
+Result<void> convert(const ExportArguments& a) {
   const OutputFile outputs[] = {{"-o", a.output}};
   const std::filesystem::path inputs[] = {a.recording};
   if (auto good = check_outputs(outputs, inputs); !good) return good;
@@ -39,15 +35,11 @@ Result<void> convert(const Arguments& a) {
 }
 
 int run_command_line(const std::string& name, int argc, char** argv) {
-  Arguments a;
+  ExportArguments a;
   CommandLine line(name, "Writes a recording of trocar-run as an HDF5 file.",
                    "trocar-export " TROCAR_VERSION " (HDF5 " + hdf5_version() + ", " +
                        command_line_library() + ")");
-  line.option("RECORDING", a.recording,
-              "the recording, a CSV file that trocar-run --record has written")
-      .required();
-  line.option("-o,--output", a.output, "the HDF5 file to write").with_form("FILE").required();
-  line.flag("--quiet", a.quiet, "print errors only");
+  declare_export_options(line, a);
   line.set_footer(
       "Each quantity becomes a dataset; its unit and coordinate frame are attributes. Every\n"
       "number is kept bit for bit.\n"

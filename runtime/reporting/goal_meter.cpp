@@ -7,6 +7,8 @@
 #include <optional>
 #include <utility>
 
+#include "runtime/reporting/vector3.h"
+
 namespace trocar::runtime {
 namespace {
 
@@ -25,8 +27,8 @@ double polygon_distance_m(const std::vector<std::array<double, 2>>& ring, double
   return inside ? -least : least;
 }
 
-}  // namespace
-
+/// A zone is a volume in which the tip must not be. Returns the distance in m of a point from a
+/// zone; negative: the point is inside the zone.
 double zone_distance_m(const ForbiddenZone& zone, const Vector3& p_m) {
   if (zone.shape == ForbiddenZone::Shape::kCapsule) {
     const Vector3 way = minus(zone.high_m, zone.low_m), from = minus(p_m, zone.low_m);
@@ -52,6 +54,8 @@ double zone_distance_m(const ForbiddenZone& zone, const Vector3& p_m) {
     each = std::max(each, 0.0);
   return length(beyond);
 }
+
+}  // namespace
 
 void GoalMeter::observe(const RecordingRow& row, SessionFigures& figures) {
   if (goals_.target) {
@@ -89,15 +93,13 @@ void GoalMeter::observe_zone(std::size_t index, const RecordingRow& row, ZoneFig
   const bool was_inside = in_zone_[index];
   in_zone_[index] = away_m < 0;
   if (away_m >= 0) return;
-  if (!was_inside)
-    keep(figures.breaches, kMaxReportSpans, figures.breaches_count,
-         Span{-1, row.t_s, row.t_s, 0, row.t_s});
-  if (figures.breaches_count > kMaxReportSpans) return;
-  Span& breach = figures.breaches.back();
-  breach.to_s = row.t_s;
-  if (-away_m > breach.depth_m) {
-    breach.depth_m = -away_m;
-    breach.depth_t_s = row.t_s;
+  if (!was_inside) figures.breaches.add({-1, row.t_s, row.t_s, 0, row.t_s});
+  Span* const breach = figures.breaches.last();
+  if (breach == nullptr) return;
+  breach->to_s = row.t_s;
+  if (-away_m > breach->depth_m) {
+    breach->depth_m = -away_m;
+    breach->depth_t_s = row.t_s;
   }
 }
 

@@ -10,13 +10,8 @@
 #include "formats/session/recording.h"
 #include "formats/session/scene.h"
 #include "runtime/reporting/session_figures.h"
-#include "runtime/reporting/vector3.h"
 
 namespace trocar::runtime {
-
-/// A zone is a volume in which the tip must not be. Returns the distance in m of a point from a
-/// zone; negative: the point is inside the zone.
-double zone_distance_m(const ForbiddenZone& zone, const Vector3& p_m);
 
 class GoalMeter {
  public:

@@ -7,7 +7,6 @@
 #include <array>
 #include <cmath>
 #include <cstdint>
-#include <cstdio>
 #include <ctime>
 #include <limits>
 #include <map>
@@ -22,6 +21,7 @@
 #include "formats/base/html_page.h"
 #include "formats/base/json_text.h"
 #include "formats/base/strict_json.h"
+#include "formats/base/text_line.h"
 #include "formats/session/recording.h"
 #include "formats/session/trainee.h"
 
@@ -349,22 +349,18 @@ std::string history_text(const History& history) {
     }
     const auto cell = [&](const char* name, double factor, const char* format) {
       const json& value = session["figures"][name];
-      std::array<char, 32> made{};
-      if (value.is_null()) return std::string("-");
-      std::snprintf(made.data(), made.size(), format, factor * value.get<double>());
-      return std::string(made.data());
+      return value.is_null() ? std::string("-") : text_line(format, factor * value.get<double>());
     };
     const std::string goals = session["goals"].is_null()
                                   ? "-"
                                   : cell("goals_met", 1, "%.0f") + "/" + shown(session["goals"]);
-    std::array<char, 256> line{};
-    std::snprintf(line.data(), line.size(), "%8s  %s  %5s  %8s  %5s  %10s  %5s  %10s  %7s  %6s\n",
+    text +=
+        text_line("%8s  %s  %5s  %8s  %5s  %10s  %5s  %10s  %7s  %6s\n",
                   session["attempt"].is_null() ? "-" : shown(session["attempt"]).c_str(),
                   shown(session["time"]).c_str(), goals.c_str(), cell("total_s", 1, "%.2f").c_str(),
                   cell("path_m", 1e3, "%.1f").c_str(), cell("reentries", 1, "%.0f").c_str(),
                   cell("force_max_N", 1, "%.1f").c_str(), cell("force_time_N_s", 1, "%.1f").c_str(),
                   cell("wall_outside_m", 1e3, "%.2f").c_str(), cell("faults", 1, "%.0f").c_str());
-    text += line.data();
   });
   return text;
 }

@@ -85,7 +85,7 @@ void PlungeMeter::end(PlungeEnd end, double t_s, SessionFigures& figures) {
   made.ended_by = end;
   made.ended_t_s = t_s;
   figures.plunge_max_m = std::max(figures.plunge_max_m, made.plunge_m);
-  keep(figures.break_throughs, kMaxReportPunctures, figures.break_throughs_count, made);
+  figures.break_throughs.add(made);
 }
 
 }  // namespace trocar::runtime

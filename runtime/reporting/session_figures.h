@@ -96,6 +96,18 @@ inline constexpr std::size_t kMaxReportPunctures = 1024;
 inline constexpr std::size_t kMaxReportSpans = 64;
 inline constexpr std::size_t kMaxReportSamples = 1024;
 
+/// The first kMax of some values, and the number of all of them.
+template <typename T, std::size_t kMax>
+struct Counted {
+  std::vector<T> list;
+  std::uint64_t count = 0;
+  void add(T value) {
+    if (++count <= kMax) list.push_back(std::move(value));
+  }
+  /// Returns the value that was added last, or null if it is not in the list.
+  T* last() { return count > 0 && count <= kMax ? &list.back() : nullptr; }
+};
+
 /// A sheet of the scene. Lists of sheets begin with the topmost one.
 struct ReportSheet {
   int slice = 0;
@@ -137,11 +149,11 @@ struct Span {
   double from_s = 0, to_s = 0;        ///< times of the first and the last row
   double depth_m = 0, depth_t_s = 0;  ///< largest depth of a breach, and its time
 };
+using Spans = Counted<Span, kMaxReportSpans>;
 struct ZoneFigures {
   std::optional<double> min_m;  ///< smallest distance of the tip to the zone
   double min_t_s = 0;
-  std::vector<Span> breaches;  ///< the first kMaxReportSpans breaches
-  std::uint64_t breaches_count = 0;
+  Spans breaches;
 };
 struct ReportFault {
   Fault fault = Fault::kNone;
@@ -180,18 +192,14 @@ struct SessionFigures {
   std::array<double, 3> lowest_m{};            ///< position of the lowest tip
   std::array<double, 4> lowest_q{1, 0, 0, 0};  ///< orientation of the plate at lowest_t_s, w x y z
   double lowest_t_s = 0;                       ///< time of the lowest tip
-  /// The first kMaxReportSpans attempts, each from its first to its last row in bone.
-  std::vector<Span> attempts;
-  std::uint64_t attempts_count = 0;
+  Spans attempts;                              ///< each from its first to its last row in bone
   std::optional<double> first_contact_s, last_puncture_s;
   // The largest force with its time, and the sums of the force over the rows in contact and over
   // all counted rows.
   double force_max_N = 0, force_max_t_s = 0, contact_sum_N = 0, counted_sum_N = 0;
   std::array<double, 3> force_max_tip_m{};
-  std::vector<ReportPuncture> punctures;  ///< the first kMaxReportPunctures punctures
-  std::uint64_t punctures_count = 0;
-  std::vector<BreakThrough> break_throughs;  ///< the first kMaxReportPunctures break-throughs
-  std::uint64_t break_throughs_count = 0;
+  Counted<ReportPuncture, kMaxReportPunctures> punctures;
+  Counted<BreakThrough, kMaxReportPunctures> break_throughs;
   double plunge_max_m = 0;
   Tremor tremor_free, tremor_contact;
   // The planned line (definition 6). line_ticks: number of rows in which the tip's distance to the
@@ -204,14 +212,11 @@ struct SessionFigures {
   std::optional<double> target_m, target_reached_s;
   double target_t_s = 0;           ///< time of the smallest distance
   std::vector<ZoneFigures> zones;  ///< in the order of SceneGoals::zones
-  std::vector<Span> misses;        ///< the first kMaxReportSpans misses
-  std::uint64_t misses_count = 0, missed_ticks = 0;
-  /// The first kMaxReportSpans side cuts. A side cut is an event at which the wall of a hole
-  /// yielded. Only `slice` and the times are set.
-  std::vector<Span> side_cuts;
-  std::uint64_t side_cuts_count = 0;
-  std::vector<ReportFault> faults;  ///< the first kMaxReportSpans faults
-  std::uint64_t faults_count = 0;
+  Spans misses;
+  std::uint64_t missed_ticks = 0;
+  /// A side cut is an event at which the wall of a hole yielded. Only `slice` and the times are set.
+  Spans side_cuts;
+  Counted<ReportFault, kMaxReportSpans> faults;
   std::uint64_t operator_stops_count = 0;  ///< how often the operator paused or switched forces off
   std::vector<ReportSample> samples;
   std::uint64_t stride = 1;       ///< number of rows for which each sample stands
@@ -221,13 +226,6 @@ struct SessionFigures {
 /// Returns the number of ticks in a duration, at least 1.
 inline std::uint64_t ticks_of(double duration_s, double rate_Hz) {
   return static_cast<std::uint64_t>(std::max(1.0, std::round(duration_s * rate_Hz)));
-}
-
-/// Increases `count` by 1. Appends `value` to the list if the list is shorter than `max`.
-template <typename T>
-void keep(std::vector<T>& list, std::size_t max, std::uint64_t& count, T value) {
-  ++count;
-  if (list.size() < max) list.push_back(std::move(value));
 }
 
 }  // namespace trocar::runtime

@@ -123,11 +123,9 @@ void SessionObserver::observe_attempt(const RecordingRow& row) {
   if (is_in_bone) {
     const bool was_below = is_missed_ || (is_in_layers_ && row.phase == ContactPhase::kPunctured);
     const bool comes_back =
-        out_.attempts_count > 0 && was_below && last_tip_ && row.tool_m[2] > (*last_tip_)[2];
-    if (!in_bone_tip_ && !comes_back)
-      keep(out_.attempts, kMaxReportSpans, out_.attempts_count, Span{-1, row.t_s, row.t_s, 0, 0});
-    if (out_.attempts_count > 0 && out_.attempts_count <= kMaxReportSpans)
-      out_.attempts.back().to_s = row.t_s;
+        out_.attempts.count > 0 && was_below && last_tip_ && row.tool_m[2] > (*last_tip_)[2];
+    if (!in_bone_tip_ && !comes_back) out_.attempts.add({-1, row.t_s, row.t_s, 0, 0});
+    if (Span* const last = out_.attempts.last()) last->to_s = row.t_s;
     in_bone_tip_ = row.tool_m;
   } else if (in_bone_tip_ && length(minus(row.tool_m, *in_bone_tip_)) >= kLeave_m) {
     in_bone_tip_.reset();
@@ -142,8 +140,7 @@ std::optional<Punctured> SessionObserver::observe_punctures(const ObservedTick& 
   const auto height = [&](const Punctured& what) { return height_of(what, scene_, sheets_); };
   const auto add = [&](const Punctured& what) {
     const double tip_z_m = row.tool_m[2];
-    keep(out_.punctures, kMaxReportPunctures, out_.punctures_count,
-         ReportPuncture{what, row.t_s, last_force_N_, tick.tip_N, height(what) - tip_z_m, tip_z_m,
+    out_.punctures.add({what, row.t_s, last_force_N_, tick.tip_N, height(what) - tip_z_m, tip_z_m,
                         last_front_HU_});
     out_.last_puncture_s = row.t_s;
     if (!lowest || height(what) < height(*lowest)) lowest = what;
@@ -154,8 +151,7 @@ std::optional<Punctured> SessionObserver::observe_punctures(const ObservedTick& 
   for (std::size_t i = 0; i < sheets_.size(); ++i) {
     if ((tick.punctured >> i & 1U) != 0) add({false, i});
     if ((tick.side_cut >> i & 1U) != 0)
-      keep(out_.side_cuts, kMaxReportSpans, out_.side_cuts_count,
-           Span{sheets_[i].slice, row.t_s, row.t_s, 0, 0});
+      out_.side_cuts.add({sheets_[i].slice, row.t_s, row.t_s, 0, 0});
   }
   return lowest;
 }
@@ -165,9 +161,8 @@ void SessionObserver::observe_miss(const RecordingRow& row) {
   if (is_missed) {
     ++out_.missed_ticks;
     if (!is_missed_ || missed_slice_ != row.active_slice)
-      keep(out_.misses, kMaxReportSpans, out_.misses_count,
-           Span{row.active_slice, row.t_s, row.t_s, 0, 0});
-    if (out_.misses_count <= kMaxReportSpans) out_.misses.back().to_s = row.t_s;
+      out_.misses.add({row.active_slice, row.t_s, row.t_s, 0, 0});
+    if (Span* const last = out_.misses.last()) last->to_s = row.t_s;
   }
   is_missed_ = is_missed;
   missed_slice_ = row.active_slice;
@@ -180,10 +175,10 @@ void SessionObserver::observe_fault(const RecordingRow& row) {
   if (is_new && is_by_operator(row.fault)) {
     ++out_.operator_stops_count;
   } else if (is_new) {
-    keep(out_.faults, kMaxReportSpans, out_.faults_count, {row.fault, row.t_s, {}});
-  } else if (row.safety == SafetyState::kRunning && out_.faults_count > 0 &&
-             out_.faults_count <= kMaxReportSpans && !out_.faults.back().recovered_s) {
-    out_.faults.back().recovered_s = row.t_s;
+    out_.faults.add({row.fault, row.t_s, {}});
+  } else if (ReportFault* const last = out_.faults.last();
+             last != nullptr && row.safety == SafetyState::kRunning && !last->recovered_s) {
+    last->recovered_s = row.t_s;
   }
 }
 

@@ -4,7 +4,6 @@
 #include <algorithm>
 #include <cmath>
 #include <nlohmann/json.hpp>
-#include <optional>
 #include <utility>
 
 #include "embedded/runtime/reporting/session_page.html.h"
@@ -62,7 +61,7 @@ json describe_goals(const Scene& scene, const SessionFigures& f) {
   for (std::size_t i = 0; i < f.zones.size(); ++i) {
     const ZoneFigures& zone = f.zones[i];
     json breaches = json::array();
-    for (const Span& span : zone.breaches)
+    for (const Span& span : zone.breaches.list)
       breaches.push_back({{"from_s", span.from_s},
                           {"to_s", span.to_s},
                           {"depth_m", span.depth_m},
@@ -71,7 +70,7 @@ json describe_goals(const Scene& scene, const SessionFigures& f) {
                             {"min_m", or_null(zone.min_m)},
                             {"min_t_s", zone.min_m ? json(zone.min_t_s) : json(nullptr)},
                             {"breaches", std::move(breaches)},
-                            {"breaches_count", zone.breaches_count}});
+                            {"breaches_count", zone.breaches.count}});
   }
   return out;
 }
@@ -87,7 +86,7 @@ json describe_samples(const SessionFigures& f) {
 
 /// Returns the line about a fault, with the measured value if it is known.
 std::string fault_message(const ReportFault& fault, const ReportFacts& facts) {
-  for (const FaultEvent& event : facts.faults) {
+  for (const FaultEvent& event : facts.result.faults) {
     if (event.fault == fault.fault && event.t_s == fault.t_s)
       return trocar::describe(event.detail, event.t_s);
   }
@@ -145,10 +144,10 @@ json describe_force(const SessionFigures& f) {
 
 json describe_attempts(const SessionFigures& f) {
   json listed = json::array();
-  for (const Span& span : f.attempts)
+  for (const Span& span : f.attempts.list)
     listed.push_back({{"from_s", span.from_s}, {"to_s", span.to_s}});
-  return {{"count", f.attempts_count},
-          {"reentries", f.attempts_count > 0 ? f.attempts_count - 1 : 0},
+  return {{"count", f.attempts.count},
+          {"reentries", f.attempts.count > 0 ? f.attempts.count - 1 : 0},
           {"leave_m", kLeave_m},
           {"listed", std::move(listed)}};
 }
@@ -169,7 +168,7 @@ json describe_final_wall(const SessionFigures& f, const ReportFacts& facts) {
 
 json describe_punctures(const Scene& scene, const SessionFigures& f, const ReportFacts& facts) {
   json out = json::array();
-  for (const ReportPuncture& p : f.punctures) {
+  for (const ReportPuncture& p : f.punctures.list) {
     json made = describe(scene, facts, p.what);
     made.update({{"t_s", p.t_s},
                  {"force_N", p.force_N},
@@ -185,7 +184,7 @@ json describe_punctures(const Scene& scene, const SessionFigures& f, const Repor
 json describe_break_throughs(const Scene& scene, const SessionFigures& f,
                              const ReportFacts& facts) {
   json out = json::array();
-  for (const BreakThrough& b : f.break_throughs) {
+  for (const BreakThrough& b : f.break_throughs.list) {
     json made = describe(scene, facts, b.what);
     made.update({{"t_s", b.t_s},
                  {"plunge_m", b.plunge_m},
@@ -202,22 +201,22 @@ json describe_break_throughs(const Scene& scene, const SessionFigures& f,
 
 json describe_walls(const SessionFigures& f) {
   json misses = json::array(), side_cuts = json::array();
-  for (const Span& span : f.misses)
+  for (const Span& span : f.misses.list)
     misses.push_back({{"slice", span.slice < 0 ? json(nullptr) : json(span.slice)},
                       {"from_s", span.from_s},
                       {"to_s", span.to_s}});
-  for (const Span& span : f.side_cuts)
+  for (const Span& span : f.side_cuts.list)
     side_cuts.push_back({{"slice", span.slice}, {"t_s", span.from_s}});
   return {{"beside", std::move(misses)},
-          {"beside_count", f.misses_count},
+          {"beside_count", f.misses.count},
           {"beside_s", seconds(f.missed_ticks, f)},
           {"side_cuts", std::move(side_cuts)},
-          {"side_cuts_count", f.side_cuts_count}};
+          {"side_cuts_count", f.side_cuts.count}};
 }
 
 json describe_faults(const SessionFigures& f, const ReportFacts& facts) {
   json out = json::array();
-  for (const ReportFault& fault : f.faults)
+  for (const ReportFault& fault : f.faults.list)
     out.push_back({{"fault", words_of(fault.fault).name},
                    {"t_s", fault.t_s},
                    {"recovered_t_s", or_null(fault.recovered_s)},
@@ -237,12 +236,6 @@ json describe_results(const SessionFigures& f) {
                    {"met", goal.met},
                    {"how", goal.how}});
   return out;
-}
-
-const char* name_of(SessionEnd end) {
-  return end == SessionEnd::kDone          ? "done"
-         : end == SessionEnd::kInterrupted ? "interrupted"
-                                           : "fault";
 }
 
 /// Returns the data that the pictures of the page need in addition to the report.
@@ -291,22 +284,22 @@ std::string session_report_json(const Scene& scene, const SessionFigures& f,
   out["program"] = "trocar-run " TROCAR_VERSION;
   out["use"] = "for training, not for planning";
   out["scene"] = scene.name;
-  out["asset"] = facts.asset;
-  out["force_law"] = facts.force_law;
+  out["asset"] = scene.asset.filename().string();
+  out["force_law"] = to_string(scene.force_law.kind);
   out["clock"] = facts.is_virtual ? "virtual" : "real";
-  out["end"] = name_of(facts.end);
+  out["end"] = to_string(facts.result.end);
   out["rate_Hz"] = f.rate_Hz;
   out["ticks"] = f.ticks;
   out["ticks_counted"] = f.counted;
-  out["ticks_lost"] = facts.lost_ticks;
+  out["ticks_lost"] = facts.result.ticks_not_observed;
   out["sheets"] = describe_sheets(facts);
   out["path"] = describe_path(f);
   out["time"] = describe_time(f);
   out["force"] = describe_force(f);
   out["punctures"] = describe_punctures(scene, f, facts);
-  out["punctures_count"] = f.punctures_count;
+  out["punctures_count"] = f.punctures.count;
   out["break_throughs"] = describe_break_throughs(scene, f, facts);
-  out["break_throughs_count"] = f.break_throughs_count;
+  out["break_throughs_count"] = f.break_throughs.count;
   out["plunge_max_m"] = f.plunge_max_m;
   out["tremor"] = {{"low_Hz", kTremorLow_Hz},
                    {"high_Hz", kTremorHigh_Hz},
@@ -314,11 +307,12 @@ std::string session_report_json(const Scene& scene, const SessionFigures& f,
                    {"free", describe(f.tremor_free)},
                    {"contact", describe(f.tremor_contact)}};
   out["attempts"] = describe_attempts(f);
-  out["xray"] = {{"shots", facts.xray.shots}, {"screening_s", facts.xray.screening_s(f.rate_Hz)}};
+  out["xray"] = {{"shots", facts.result.xray.shots},
+                 {"screening_s", facts.result.xray.screening_s(f.rate_Hz)}};
   out["walls"] = describe_walls(f);
   out["walls"]["final"] = describe_final_wall(f, facts);
   out["faults"] = describe_faults(f, facts);
-  out["faults_count"] = f.faults_count;
+  out["faults_count"] = f.faults.count;
   out["operator_stops_count"] = f.operator_stops_count;
   out["goals"] = describe_results(f);
   out["goals_met"] = std::count_if(f.goals.begin(), f.goals.end(),

@@ -6,39 +6,31 @@
 #pragma once
 
 #include <array>
-#include <cstdint>
 #include <optional>
 #include <string>
 #include <vector>
 
 #include "formats/session/scene.h"
 #include "formats/session/trainee.h"
-#include "formats/session/xray_use.h"
-#include "runtime/reporting/material_section.h"
 #include "runtime/reporting/session_figures.h"
 #include "runtime/reporting/session_observer.h"
 #include "runtime/reporting/wall_violation.h"
-#include "runtime/session/session.h"
+#include "runtime/session/session_statistics.h"
 
 namespace trocar::runtime {
 
 /// Facts that the report states in addition to the figures.
 struct ReportFacts {
-  std::string asset;        ///< name of the asset's file
-  std::string force_law;    ///< name of the force law
-  bool is_virtual = false;  ///< the session had a virtual clock or was a replay
-  SessionEnd end = SessionEnd::kDone;
-  std::uint64_t lost_ticks = 0;    ///< ticks that are not in the figures, because a queue was full
-  std::vector<FaultEvent> faults;  ///< the session's faults with measured values
-  std::vector<ReportSheet> sheets;
-  Trainee trainee;
-  XrayUse xray;
+  const SessionResult& result;  ///< must outlive the facts
+  bool is_virtual = false;      ///< the session had a virtual clock or was a replay
+  std::vector<ReportSheet> sheets{};
+  Trainee trainee{};
   /// Result of measure_wall_violation() at the final position (definition 10 of session_figures.h).
-  std::optional<WallViolation> final_wall;
+  std::optional<WallViolation> final_wall{};
   /// Material of the uncut sheets in two vertical planes through the tip's lowest position.
   /// material_m[0][i]: intervals of x, in m, in which sheet i has material in the plane parallel to
   /// x. material_m[1][i]: intervals of y, in m, in the plane parallel to y.
-  std::array<std::vector<std::vector<std::array<double, 2>>>, 2> material_m;
+  std::array<std::vector<std::vector<std::array<double, 2>>>, 2> material_m{};
 };
 
 /// Returns the document of formats/session/session_report.schema.json, without a line feed

@@ -141,18 +141,14 @@ json describe(const SliceMesh& mesh) {
 std::string summarize(const Scene& scene, const SessionOptions& options,
                       const SessionResult& report, const Remesher& remesher,
                       const std::string& link_json) {
-  const char* end = report.end == SessionEnd::kDone          ? "done"
-                    : report.end == SessionEnd::kInterrupted ? "interrupted"
-                                                             : "fault";
-  const bool is_virtual = options.clock == Clock::kVirtual || !options.replay.empty();
   json summary = {
       {"schema", "trocar.summary/1"},
       {"program", "trocar-run " TROCAR_VERSION},
       {"scene", scene.name},
       {"trainee", nullptr},
-      {"clock", is_virtual ? "virtual" : "real"},
+      {"clock", options.is_real_time() ? "real" : "virtual"},
       {"rate_Hz", options.rate_Hz},
-      {"end", end},
+      {"end", to_string(report.end)},
       {"ticks", report.ticks},
       {"missed_deadlines", report.realtime.missed_deadlines},
       {"tick_us", quantiles(report.tick)},

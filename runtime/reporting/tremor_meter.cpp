@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "runtime/reporting/tremor_meter.h"
 
-#include <algorithm>
 #include <cmath>
 #include <numbers>
 

@@ -87,19 +87,14 @@ Result<RecordingOrigin> make_origin(const std::filesystem::path& scene_file, con
   return origin;
 }
 
-double stated_stiffness_margin(const RecordingOrigin& recorded) {
-  const std::string* const text = recorded.find(kMargin);
-  return text != nullptr && *text == origin_number(kHardwareMargin) ? kHardwareMargin : 1;
-}
-
-bool allows_any_state_gap(const RecordingOrigin& recorded) {
-  return recorded.find(kStateGap) != nullptr;
-}
-
-double stated_no_data_limit_s(const RecordingOrigin& recorded) {
+void set_stated_limits(const RecordingOrigin& recorded, SessionOptions& options) {
+  const std::string* const margin = recorded.find(kMargin);
+  options.stiffness.margin =
+      margin != nullptr && *margin == origin_number(kHardwareMargin) ? kHardwareMargin : 1;
+  if (recorded.find(kStateGap) != nullptr) options.limits.gap_max_s = 0;
   const double usual_s = SafetyLimits{}.no_data_max_s;
   const double stated_s = recorded.number(kNoDataLimit).value_or(usual_s);
-  return stated_s >= usual_s && stated_s <= 1 ? stated_s : usual_s;
+  options.limits.no_data_max_s = stated_s >= usual_s && stated_s <= 1 ? stated_s : usual_s;
 }
 
 double stated_rate_Hz(const RecordingOrigin& recorded) {

@@ -4,7 +4,6 @@
 #pragma once
 
 #include <filesystem>
-#include <optional>
 #include <string>
 
 #include "formats/base/result.h"
@@ -28,23 +27,18 @@ Result<RecordingOrigin> make_origin(const std::filesystem::path& scene_file, con
                                     const DeviceDescription& description,
                                     const SessionOptions& options);
 
-// A replay uses limits, rate and duration of the recorded session. The next five functions return
+// A replay uses limits, rate and duration of the recorded session. The next three functions give
 // them.
 
-/// Returns the margin by which the recorded session divided its stiffness limit
-/// (StiffnessLimits::margin): kHardwareMargin if the recording states this margin, otherwise 1.
-double stated_stiffness_margin(const RecordingOrigin& recorded);
-
-/// Returns true if the recorded session did not limit the time between two time stamps of the
-/// device (SafetyLimits::gap_max_s was 0). Sessions with a device that another process simulates
-/// have no such limit by default.
-bool allows_any_state_gap(const RecordingOrigin& recorded);
-
-/// Returns the longest time without a new device state that the recorded session allowed
-/// (SafetyLimits::no_data_max_s). If the recording does not state this time, returns the default.
-/// If the stated time is below the default or above 1 s, the function also returns the default,
-/// because trocar-run records no such time: the recording is then damaged or was edited.
-double stated_no_data_limit_s(const RecordingOrigin& recorded);
+/// Sets the limits that the recorded session had:
+///  - StiffnessLimits::margin: kHardwareMargin if the recording states this margin, otherwise 1.
+///  - SafetyLimits::gap_max_s: 0 if the recorded session did not limit the time between two time
+///    stamps of the device, otherwise unchanged. Sessions with a device that another process
+///    simulates have no such limit by default.
+///  - SafetyLimits::no_data_max_s: the stated time. If the recording does not state this time, the
+///    default. Also the default if the stated time is below the default or above 1 s, because
+///    trocar-run records no such time: the recording is then damaged or was edited.
+void set_stated_limits(const RecordingOrigin& recorded, SessionOptions& options);
 
 /// Returns the rate of the haptic loop that the recording states, or 0 if it states none.
 double stated_rate_Hz(const RecordingOrigin& recorded);

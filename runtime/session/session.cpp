@@ -9,21 +9,6 @@
 #include "runtime/session/session_loop.h"
 
 namespace trocar::runtime {
-namespace {
-
-TelemetryEnd published_end(SessionEnd end) {
-  switch (end) {
-    case SessionEnd::kDone:
-      return TelemetryEnd::kDone;
-    case SessionEnd::kFault:
-      return TelemetryEnd::kFault;
-    case SessionEnd::kInterrupted:
-      break;
-  }
-  return TelemetryEnd::kInterrupted;
-}
-
-}  // namespace
 
 SessionResult run_session(const Scene& scene, Remesher& remesher, HandDevice& device,
                           const std::function<void(double dt_s)>& advance,
@@ -35,7 +20,7 @@ SessionResult run_session(const Scene& scene, Remesher& remesher, HandDevice& de
   RealtimeReport realtime = clock->run(*loop);
   SessionResult report = loop->finish();
   report.realtime = std::move(realtime);
-  if (workers.publisher) workers.publisher->end(published_end(report.end), report.fault, remesher);
+  if (workers.publisher) workers.publisher->end(report.end, report.fault, remesher);
   if (allocations_are_counted())
     report.allocations_in_loop = allocations_in_scopes() - allocations_before;
   if (workers.black_box) {

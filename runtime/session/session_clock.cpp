@@ -14,6 +14,12 @@
 namespace trocar::runtime {
 namespace {
 
+/// Virtual clock: number of ticks from the request for a hole or for prefetched stiffness until the
+/// result is used.
+constexpr std::uint64_t kHandoverTicks = 8;
+/// Virtual clock: period of the requests for prefetched stiffness.
+constexpr double kPrefetchPeriod_s = 0.004;
+
 class RealClock final : public SessionClock {
  public:
   RealClock(const SessionOptions& options, Remesher& remesher, PrefetchWorker* prefetch)
@@ -22,7 +28,6 @@ class RealClock final : public SessionClock {
         remesher_(remesher),
         prefetch_(prefetch) {}
 
-  bool is_real_time() const noexcept override { return true; }
   const PrefetchedStiffness& stiffness() noexcept override {
     if (prefetch_ != nullptr) prefetch_->latest(stiffness_);
     return stiffness_;
@@ -39,12 +44,8 @@ class RealClock final : public SessionClock {
       if (prefetch_ == nullptr) return;
       prefetch_->serve([this](std::size_t i) -> const Sheet& { return remesher_.last_version(i); });
     });
-    RealtimeOptions realtime;
-    realtime.rate_Hz = options_.rate_Hz;
-    realtime.cpu = options_.cpu;
-    realtime.stop = options_.stop;
     RealtimeReport report = run_realtime(
-        realtime, [&loop](const TickTiming& timing) { return loop.tick(timing); },
+        options_.realtime(), [&loop](const TickTiming& timing) { return loop.tick(timing); },
         [&loop] { loop.write_zero_torques(); });
     remesher_.stop();
     return report;
@@ -65,7 +66,7 @@ class ImmediateClock : public SessionClock {
 
   RealtimeReport run(SessionLoop& loop) final {
     hand_over(loop.ticks_done());
-    while (!(options_.stop != nullptr && options_.stop->load()) && loop.tick({})) {
+    while (!options_.is_stopped() && loop.tick({})) {
       if (loop.is_paused()) {
         std::this_thread::sleep_for(std::chrono::milliseconds(1));
       } else {
@@ -97,11 +98,11 @@ class VirtualClock final : public ImmediateClock {
       : ImmediateClock(tick_count(options.duration_s, options.rate_Hz), options, remesher),
         prefetch_(prefetch),
         prefetch_period_(static_cast<std::uint64_t>(
-            std::max(1.0, std::round(options.prefetch_period_s * options.rate_Hz)))) {}
+            std::max(1.0, std::round(kPrefetchPeriod_s * options.rate_Hz)))) {}
 
  private:
   void after_tick(std::uint64_t ticks_done, const ContactOutput& contact) override {
-    const std::uint64_t due = ticks_done - 1 + options_.handover_ticks;
+    const std::uint64_t due = ticks_done - 1 + kHandoverTicks;
     meshes_due_.insert(meshes_due_.end(), contact.cuts().size(), due);
     remesher_.serve();
     const PrefetchRequest& request = contact.prefetch;

@@ -31,7 +31,6 @@ class SessionClock {
 
   /// Number of ticks of the whole session.
   std::uint64_t ticks() const noexcept { return ticks_; }
-  virtual bool is_real_time() const noexcept { return false; }
 
   // The haptic thread calls these functions during a tick.
 

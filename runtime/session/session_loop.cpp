@@ -9,24 +9,15 @@
 #include "runtime/session/tick_rate.h"
 
 namespace trocar::runtime {
-namespace {
-
-LoopModel make_loop_model(const Scene& scene, const SessionOptions& options) {
-  LoopModel model;
-  model.tool = make_tool(scene.tool);
-  model.limits = options.limits;
-  model.passivity = options.passivity;
-  model.compensation = options.compensation;
-  model.rate_Hz = options.rate_Hz;
-  return model;
-}
-
-}  // namespace
 
 SessionLoop::SessionLoop(const Scene& scene, Remesher& remesher, HandDevice& device,
                          const std::function<void(double)>& advance, const SessionOptions& options,
                          const SessionWorkers& workers, SessionClock& clock)
-    : model_(make_loop_model(scene, options)),
+    : model_{.tool = make_tool(scene.tool),
+             .limits = options.limits,
+             .passivity = options.passivity,
+             .compensation = options.compensation,
+             .rate_Hz = options.rate_Hz},
       remesher_(remesher),
       device_(device),
       law_(*workers.law),
@@ -73,8 +64,8 @@ bool SessionLoop::tick(const TickTiming& timing) noexcept {
     for (TickObserver* observer : observers_)
       observer->on_message(message);
   }
-  const TickView view{result_, state_, sheets_, timing, late_ticks_.counts(), clock_.is_real_time(),
-                      start_ns};
+  const TickView view{
+      result_, state_, sheets_, timing, late_ticks_.counts(), options_.is_real_time(), start_ns};
   for (TickObserver* observer : observers_)
     observer->on_tick(view);
   const std::int64_t done_ns = monotonic_ns();

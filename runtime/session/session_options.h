@@ -15,6 +15,7 @@
 #include "formats/session/recording.h"
 #include "runtime/contact/force_law.h"
 #include "runtime/control/haptic_loop.h"
+#include "runtime/realtime/realtime_thread.h"
 #include "runtime/session/hand_receiver.h"
 #include "runtime/telemetry/frame_display.h"
 #include "runtime/telemetry/session_facts.h"
@@ -38,11 +39,6 @@ struct SessionOptions {
   Clock clock = Clock::kReal;
   double rate_Hz = 1000;
   double duration_s = 1;  ///< duration of the session; in a replay, that of the recorded session
-  /// Virtual clock only: number of ticks from the request for a hole or for prefetched stiffness
-  /// until the result is used.
-  std::uint64_t handover_ticks = 8;
-  /// Virtual clock only: period of the requests for prefetched stiffness.
-  double prefetch_period_s = 0.004;
   std::optional<std::filesystem::path> record;  ///< file of the recording; none: no recording
   RecordingOrigin origin;                       ///< written into the recording and the black boxes
   /// If the recording cannot be continued, this function is called, and the session goes on without
@@ -87,6 +83,12 @@ struct SessionOptions {
 
   /// True if ticks follow the wall clock.
   bool is_real_time() const noexcept { return clock == Clock::kReal && replay.empty(); }
+  /// True if the flag `stop` is set.
+  bool is_stopped() const noexcept { return stop != nullptr && stop->load(); }
+  /// The options of the haptic thread.
+  RealtimeOptions realtime() const noexcept {
+    return {.rate_Hz = rate_Hz, .cpu = cpu, .stop = stop};
+  }
 };
 
 }  // namespace trocar::runtime

@@ -23,9 +23,8 @@ double wrench_norm(const std::array<double, 6>& w) noexcept {
 
 template <std::size_t N>
 bool same_bits(const std::array<double, N>& a, const std::array<double, N>& b) noexcept {
-  return std::equal(a.begin(), a.end(), b.begin(), [](double x, double y) {
-    return std::bit_cast<std::uint64_t>(x) == std::bit_cast<std::uint64_t>(y);
-  });
+  using Bits = std::array<std::uint64_t, N>;
+  return std::bit_cast<Bits>(a) == std::bit_cast<Bits>(b);
 }
 
 }  // namespace

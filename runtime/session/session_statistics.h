@@ -12,6 +12,7 @@
 #include "formats/base/result.h"
 #include "formats/session/fault_words.h"
 #include "formats/session/recording.h"
+#include "formats/session/telemetry.h"
 #include "formats/session/xray_use.h"
 #include "runtime/contact/force_law.h"
 #include "runtime/realtime/histogram.h"
@@ -28,7 +29,7 @@ inline constexpr std::size_t kMaxListedPunctures = 4096;
 /// kFault: when the session ended, a fault was latched, other than the faults that the operator's
 /// commands pause and zero raise. Otherwise kDone if all ticks of SessionOptions::duration_s were
 /// done, and kInterrupted if not. So the replay of an interrupted session is interrupted, too.
-enum class SessionEnd : std::uint8_t { kDone, kInterrupted, kFault };
+using SessionEnd = TelemetryEnd;
 
 struct FaultEvent {
   Fault fault = Fault::kNone;

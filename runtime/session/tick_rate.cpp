@@ -2,12 +2,11 @@
 #include "runtime/session/tick_rate.h"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
-#include <cstdio>
 #include <cstdlib>
 #include <limits>
 
+#include "formats/base/text_line.h"
 #include "formats/session/scene.h"
 
 namespace trocar::runtime {
@@ -43,10 +42,8 @@ Result<double> recorded_rate_Hz(std::span<const RecordingRow> rows, const std::s
     return k == rows.size() && rate_Hz >= kMinRate_Hz && rate_Hz <= kMaxRate_Hz;
   };
   if (fits(stated_Hz)) return stated_Hz;
-  std::array<char, 32> text;
   for (int digits = 1; digits <= std::numeric_limits<double>::max_digits10; ++digits) {
-    std::snprintf(text.data(), text.size(), "%.*g", digits, exact);
-    const double rate_Hz = std::strtod(text.data(), nullptr);
+    const double rate_Hz = std::strtod(text_line("%.*g", digits, exact).c_str(), nullptr);
     if (fits(rate_Hz)) return rate_Hz;
   }
   double below = exact, above = exact;

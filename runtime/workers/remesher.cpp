@@ -14,11 +14,7 @@ constexpr std::chrono::milliseconds kPollInterval{1};
 }  // namespace
 
 Remesher::ReplicaPair::ReplicaPair(const Sheet& sheet)
-    : first(sheet),
-      replica{sheet, sheet},
-      doubled_area(trocar::doubled_area(to_slice_mesh(sheet.mesh))),
-      published(replica.data()),
-      used(replica.data()) {
+    : first(sheet), replica{sheet, sheet}, published(replica.data()), used(replica.data()) {
   first.mesh.remove_spare_slots();
   reserve_touched(change.triangles, kReservedChanges);
   reserve_touched(change.vertices, kReservedChanges);
@@ -26,9 +22,7 @@ Remesher::ReplicaPair::ReplicaPair(const Sheet& sheet)
     reserve_pages(each);
 }
 
-Remesher::Remesher(const std::vector<std::unique_ptr<const Sheet>>& sheets,
-                   const RemesherOptions& options)
-    : options_(options) {
+Remesher::Remesher(const std::vector<std::unique_ptr<const Sheet>>& sheets) {
   for (const auto& sheet : sheets) {
     vertex_slots_ = std::max(vertex_slots_, sheet->mesh.vertices.size());
     triangle_slots_ = std::max(triangle_slots_, sheet->mesh.triangles.size());
@@ -89,13 +83,11 @@ void Remesher::catch_up(ReplicaPair& pair) {
 }
 
 void Remesher::improve(Sheet& sheet, CutRecord& record) noexcept {
-  if (options_.min_angle_deg <= 0) return;
   LocalRefinementOptions options;
-  options.min_angle_deg = options_.min_angle_deg;
+  options.min_angle_deg = kMinHoleAngle_deg;
   const LocalRefinementResult result =
       refine_locally(sheet.mesh, edit_, work_->stitch.created, options, *refinement_);
   record.quality_vertices = result.vertices_added;
-  record.cut.obtuse_boundary_edges = count_obtuse_boundary_edges(sheet.mesh, edit_);
 }
 
 void Remesher::keep_hole(CutRecord& record) noexcept {
@@ -169,7 +161,6 @@ void Remesher::serve_one(const CutRequest& request) {
   Sheet& next = pair.replica[1 - pair.newer];
   CutRecord record;
   record.request = request;
-  record.doubled_area_before = pair.doubled_area;
   if (request.cut != cuts + 1) {
     record.error = bug("hole " + std::to_string(cuts + 1) +
                        " of this slice could not be cut, so no later one is");
@@ -182,7 +173,6 @@ void Remesher::serve_one(const CutRequest& request) {
       pair.change = edit_.change();
       next.cuts = cuts + 1;
       keep_hole(record);
-      pair.doubled_area -= record.cut.doubled_area_removed;
       pair.newer = 1 - pair.newer;
       pair.older_is_behind = true;
       pair.unpublished = true;

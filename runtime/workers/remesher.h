@@ -22,8 +22,11 @@
 
 namespace trocar::runtime {
 
-/// Outcome of one request for a hole. After the cut a quality pass improves the new triangles
-/// (RemesherOptions).
+/// Smallest angle of the new triangles of a hole, where the outline permits it. After a cut a
+/// quality pass (local_refinement.h) inserts vertices until the new triangles have this angle.
+inline constexpr double kMinHoleAngle_deg = 20;
+
+/// Outcome of one request for a hole.
 struct CutRecord {
   CutRequest request;
   /// If set, the cut failed, and the sheet keeps its mesh. The force law nevertheless treats
@@ -31,21 +34,13 @@ struct CutRecord {
   /// and otherwise kBug. Later holes of the sheet then fail, too, with an error that names the
   /// hole that failed first (Remesher).
   std::optional<Error> error;
-  /// obtuse_boundary_edges is counted after the quality pass.
-  CutReport cut;
-  std::int64_t doubled_area_before = 0;  ///< twice the sheet's area before the cut, steps^2
-  std::uint32_t quality_vertices = 0;    ///< vertices that the quality pass added
-  std::uint32_t hole_vertices = 0;       ///< number of vertices in all rings of the hole
+  CutReport cut;                       ///< what was counted before the quality pass
+  std::uint32_t quality_vertices = 0;  ///< vertices that the quality pass added
+  std::uint32_t hole_vertices = 0;     ///< number of vertices in all rings of the hole
   /// Tells Remesher::hole() which of the kept rings belong to this hole: the first one, and how
   /// many. `rings` is 0 if no rings were kept.
   std::uint32_t first_ring = 0, rings = 0;
   double remesh_us = 0;  ///< wall time from the start of the cut until its version is ready
-};
-
-struct RemesherOptions {
-  /// Smallest angle of new triangles, where the outline permits it. The quality pass
-  /// (local_refinement.h) inserts vertices until new triangles have this angle; 0: no quality pass.
-  double min_angle_deg = 20;
 };
 
 /// Cuts holes into sheets. A cut makes a new version of the sheet. Each sheet has two copies
@@ -73,8 +68,7 @@ class Remesher {
   static constexpr std::size_t kMaxHolePoints = 1U << 17U;  ///< points kept for rings of all holes
 
   /// `sheets`: the result of place_slices(), at most kMaxSceneSlices.
-  explicit Remesher(const std::vector<std::unique_ptr<const Sheet>>& sheets,
-                    const RemesherOptions& options = {});
+  explicit Remesher(const std::vector<std::unique_ptr<const Sheet>>& sheets);
   ~Remesher();
   Remesher(const Remesher&) = delete;
   Remesher& operator=(const Remesher&) = delete;
@@ -138,7 +132,6 @@ class Remesher {
     bool older_is_behind = false;  ///< `change` is still to be applied to the older replica
     bool unpublished = false;      ///< the newer replica is not yet published
     SheetChange change;            ///< slots that the last cut has written
-    std::int64_t doubled_area;
     std::atomic<const Sheet*> published;
     /// Number of versions, over all sheets, that were published up to and including the version
     /// `published`. It is written before `published`, and not again before the haptic thread has
@@ -174,7 +167,6 @@ class Remesher {
 
   /// The queue is long because a break-through in a bone volume makes many requests.
   SpscQueue<CutRequest, 256> requests_;
-  RemesherOptions options_;
   std::size_t vertex_slots_ = 0, triangle_slots_ = 0;  ///< largest numbers over all sheets
   std::size_t work_slots_ = kFirstWorkSlots;           ///< `work_` is made for this many slots
   std::unique_ptr<CutWorkspace> work_;

@@ -84,11 +84,11 @@ TEST(DeviceVerdict, LateTicksAreATroubleBeyondTheSessionsLimit) {
   const FourLegsSpecification specification(default_device_description());
   DeviceTrial trial = good_trial();
   trial.realtime.missed_in_row_max = 5;
-  DeviceTrialOptions options;
+  SessionOptions options;
   EXPECT_EQ(describe(trial, options, specification).troubles.size(), 1U);
-  options.missed_deadlines_max = 5;
+  options.limits.missed_deadlines_max = 5;
   EXPECT_TRUE(describe(trial, options, specification).troubles.empty());
-  options.missed_deadlines_max = 4;
+  options.limits.missed_deadlines_max = 4;
   const DeviceVerdict verdict = describe(trial, options, specification);
   ASSERT_EQ(verdict.troubles.size(), 1U);
   EXPECT_NE(verdict.troubles[0].find("5 end a session (deadline_missed)"), std::string::npos)
@@ -99,8 +99,8 @@ TEST(DeviceVerdict, ASilenceEndsASessionOnlyFromItsLimitOn) {
   const FourLegsSpecification specification(default_device_description());
   DeviceTrial trial = good_trial();
   trial.without_state.add(12'000'000);
-  DeviceTrialOptions options;
-  options.no_data_max_s = 0.25;
+  SessionOptions options;
+  options.limits.no_data_max_s = 0.25;
   const std::vector<std::string> shorter = describe(trial, options, specification).troubles;
   ASSERT_EQ(shorter.size(), 1U);
   EXPECT_NE(shorter[0].find("forces jump after that"), std::string::npos) << shorter[0];
@@ -181,7 +181,7 @@ TEST(DeviceVerdict, AtALowRateASilenceOfTwoTicksEndsNoSession) {
     trial.without_state.add(10 * kMs);
   }
   trial.without_state.add(20 * kMs);
-  DeviceTrialOptions options;
+  SessionOptions options;
   options.rate_Hz = 100;
   EXPECT_TRUE(describe(trial, options, specification).troubles.empty());
 }
@@ -233,7 +233,7 @@ TEST(DeviceTrial, CommandsNoForceAndCountsWhatTheDeviceSends) {
   StillDevice still;
   still.encoder_rad = encoder_angles(inverse_kinematics(description, T).joints);
   FourLegs device(description, still);
-  DeviceTrialOptions options;
+  SessionOptions options;
   options.duration_s = 0.2;
   const auto trial = try_device(device, options);
   ASSERT_TRUE(trial) << trial.error().message;
@@ -255,7 +255,7 @@ TEST(DeviceTrial, GivesNoResultIfItIsStopped) {
   StillDevice still;
   FourLegs device(description, still);
   const std::atomic<bool> stop{true};
-  DeviceTrialOptions options;
+  SessionOptions options;
   options.duration_s = 0.2;
   options.stop = &stop;
   const auto trial = try_device(device, options);

@@ -137,8 +137,8 @@ TEST(ForceLawTable, AnAddedLawRunsInASession) {
 
 TEST(ForceLawTable, AnAddedLawIsInTheSessionReportAndInTheCheck) {
   const Scene scene = scene_of(add_constant_layer());
-  ReportFacts facts;
-  facts.force_law = to_string(scene.force_law.kind);
+  const SessionResult result;
+  const ReportFacts facts{result};
   SessionObserver observer(scene, {{0, kSheetTop_m, ""}, {1, 0.11, ""}}, 1000);
   const auto report = nlohmann::json::parse(session_report_json(scene, observer.figures(), facts));
   EXPECT_EQ(report["force_law"].get<std::string>(), "constant");

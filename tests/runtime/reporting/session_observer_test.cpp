@@ -60,14 +60,14 @@ TEST(SessionObserver, ATipThatMovesUpAsItTouchesTheBoneBeginsAnAttempt) {
       scene_with_layer(),
       {tick(kFree, 0.1201), tick(kFree, 0.12), tick(kContact, 0.12001), tick(kContact, 0.119),
        tick(kFree, 0.13), tick(kFree, 0.1199), tick(kContact, 0.11991), tick(kContact, 0.119)});
-  ASSERT_EQ(found.attempts_count, 2U);
-  EXPECT_EQ(found.attempts[0].from_s, 0.002);
-  EXPECT_EQ(found.attempts[0].to_s, 0.003);
-  EXPECT_EQ(found.attempts[1].from_s, 0.006);
-  EXPECT_EQ(found.attempts[1].to_s, 0.007);
+  ASSERT_EQ(found.attempts.count, 2U);
+  EXPECT_EQ(found.attempts.list[0].from_s, 0.002);
+  EXPECT_EQ(found.attempts.list[0].to_s, 0.003);
+  EXPECT_EQ(found.attempts.list[1].from_s, 0.006);
+  EXPECT_EQ(found.attempts.list[1].to_s, 0.007);
   // Also where slices are above the tip, beside which it has come down.
   EXPECT_EQ(figures_of(scene_with_layer(), {tick(kMissed, 0.1199), tick(kContact, 0.11991)})
-                .attempts_count,
+                .attempts.count,
             1U);
 }
 
@@ -77,20 +77,20 @@ TEST(SessionObserver, ATipThatIsDrawnBackIntoTheBoneFromBelowBeginsNone) {
                                           tick(kPunctured, 0.11), tick(kMissed, 0.1),
                                           tick(kMissed, 0.105),   tick(kPunctured, 0.111)};
   const SessionFigures drawn_back = figures_of(scene_with_layer(), back);
-  ASSERT_EQ(drawn_back.attempts_count, 1U);
-  EXPECT_EQ(drawn_back.attempts[0].to_s, 0.005);
+  ASSERT_EQ(drawn_back.attempts.count, 1U);
+  EXPECT_EQ(drawn_back.attempts.list[0].to_s, 0.005);
   std::vector<ObservedTick> onwards = back;
   onwards.back().row.tool_m[2] = 0.104;  // further down, into other bone
-  EXPECT_EQ(figures_of(scene_with_layer(), onwards).attempts_count, 2U);
+  EXPECT_EQ(figures_of(scene_with_layer(), onwards).attempts.count, 2U);
   // From a soft layer below the bone.
   std::vector<ObservedTick> from_layer = back;
   for (std::size_t i = 3; i < 5; ++i) {
     from_layer[i].row.phase = kContact;
     from_layer[i].row.active_slice = -1;
   }
-  EXPECT_EQ(figures_of(scene_with_layer(), from_layer).attempts_count, 1U);
+  EXPECT_EQ(figures_of(scene_with_layer(), from_layer).attempts.count, 1U);
   from_layer.back().row.phase = kContact;  // bone that is not cut yet: the tip comes from above
-  EXPECT_EQ(figures_of(scene_with_layer(), from_layer).attempts_count, 2U);
+  EXPECT_EQ(figures_of(scene_with_layer(), from_layer).attempts.count, 2U);
 }
 
 TEST(SessionObserver, WhatIsPuncturedInTheTickInWhichItIsReachedIsTheFirstContact) {
@@ -137,16 +137,16 @@ TEST(SessionObserver, AnEmergencyStopDuringTheRecoveryFromAnotherOneIsAnotherFau
              recovering = stopped(SafetyState::kRecovering, Fault::kEmergencyStop);
   const SessionFigures found = figures_of(
       scene_with_layer(), {free, stop, stop, recovering, recovering, stop, recovering, free});
-  ASSERT_EQ(found.faults_count, 2U);
-  EXPECT_EQ(found.faults[0].t_s, 0.001);
-  EXPECT_FALSE(found.faults[0].recovered_s);
-  EXPECT_EQ(found.faults[1].t_s, 0.005);
-  ASSERT_TRUE(found.faults[1].recovered_s);
-  EXPECT_EQ(*found.faults[1].recovered_s, 0.007);
+  ASSERT_EQ(found.faults.count, 2U);
+  EXPECT_EQ(found.faults.list[0].t_s, 0.001);
+  EXPECT_FALSE(found.faults.list[0].recovered_s);
+  EXPECT_EQ(found.faults.list[1].t_s, 0.005);
+  ASSERT_TRUE(found.faults.list[1].recovered_s);
+  EXPECT_EQ(*found.faults.list[1].recovered_s, 0.007);
   // The stop is pressed in the tick in which the recovery is asked for.
   ObservedTick asked = stop;
   asked.row.recovery_asked = 1;
-  EXPECT_EQ(figures_of(scene_with_layer(), {free, stop, asked, stop, recovering}).faults_count, 2U);
+  EXPECT_EQ(figures_of(scene_with_layer(), {free, stop, asked, stop, recovering}).faults.count, 2U);
 }
 
 }  // namespace

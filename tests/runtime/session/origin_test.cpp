@@ -70,11 +70,14 @@ TEST(Origin, TheDurationIsTheStatedOneOrTheScenes) {
 }
 
 TEST(Origin, StatesALongerLimitOfTheTimeWithoutData) {
-  const auto stated = [](const char* text) {
-    return stated_no_data_limit_s({{{"no-data-limit", text}}});
+  const auto stated_by = [](const RecordingOrigin& recorded) {
+    SessionOptions options;
+    set_stated_limits(recorded, options);
+    return options.limits.no_data_max_s;
   };
+  const auto stated = [&](const char* text) { return stated_by({{{"no-data-limit", text}}}); };
   const double usual_s = SafetyLimits{}.no_data_max_s;
-  EXPECT_EQ(stated_no_data_limit_s({}), usual_s);
+  EXPECT_EQ(stated_by({}), usual_s);
   EXPECT_EQ(stated("0.25"), 0.25);
   for (const char* const bad : {"nan", "-1", "0", "0.009", "1.1", "inf", "x"})
     EXPECT_EQ(stated(bad), usual_s) << bad;

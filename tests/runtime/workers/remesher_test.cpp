@@ -7,6 +7,7 @@
 #include <chrono>
 #include <cmath>
 #include <memory>
+#include <span>
 
 #include "runtime/workers/remesher.h"
 #include "tests/support/remesher_reader.h"
@@ -170,28 +171,38 @@ TEST_F(TwoReplicas, AFailedCutIsRecordedAndTheSheetIsUnchanged) {
 }
 
 TEST_F(TwoReplicas, TheQualityPassLeavesNoAngleBelowItsBound) {
-  for (const double min_angle_deg : {0.0, 20.0}) {
-    Remesher remesher(*place_slices(scene_, test::square_asset(2), "a"), {min_angle_deg});
-    Pose pose;
-    pose.p_m = {0.0004, 0.0003, 0.1};
-    const Sheet& placed = remesher.first_version(0);
-    ASSERT_TRUE(remesher.request(
-        {0, 1, outline_on_lattice(make_tool(scene_.tool), pose, placed.transform, placed.z_m)}));
-    remesher.stop();
-    const SliceMesh mesh = to_slice_mesh(remesher.last_version(0).mesh);
-    double smallest_deg = 90;
+  const auto smallest_deg = [](const SheetMesh& sheet) {
+    const SliceMesh mesh = to_slice_mesh(sheet);
+    double smallest = 90;
     for (const Triangle& t : mesh.triangles) {
       for (int i = 0; i < 3; ++i) {
         const LatticePoint a = mesh.vertices[t[i]], b = mesh.vertices[t[(i + 1) % 3]],
                            c = mesh.vertices[t[(i + 2) % 3]];
         const double cross = static_cast<double>(orient2d(a, b, c));
         const double dot = static_cast<double>(diametral_dot(b, c, a));
-        smallest_deg = std::min(smallest_deg, std::atan2(cross, dot) * 180 / 3.14159265358979);
+        smallest = std::min(smallest, std::atan2(cross, dot) * 180 / 3.14159265358979);
       }
     }
-    EXPECT_EQ(smallest_deg >= 20, min_angle_deg > 0) << smallest_deg;
-    EXPECT_EQ(remesher.records()[0].quality_vertices > 0, min_angle_deg > 0);
-  }
+    return smallest;
+  };
+  const auto sheets = place_slices(scene_, test::square_asset(2), "a");
+  Sheet plain = *(*sheets)[0];
+  Pose pose;
+  pose.p_m = {0.0004, 0.0003, 0.1};
+  const LatticeOutline outline =
+      outline_on_lattice(make_tool(scene_.tool), pose, plain.transform, plain.z_m);
+  // The same cut without the pass.
+  CutWorkspace work(capacity_for(plain.mesh));
+  SheetEdit edit(plain.mesh.vertices.size(), plain.mesh.triangles.size());
+  const std::span points(outline.points.data(), static_cast<std::size_t>(outline.size));
+  ASSERT_EQ(cut_in_place(plain.mesh, plain.grid, points, work, edit).outcome, CutOutcome::kCut);
+  EXPECT_LT(smallest_deg(plain.mesh), kMinHoleAngle_deg);
+
+  Remesher remesher(*sheets);
+  ASSERT_TRUE(remesher.request({0, 1, outline}));
+  remesher.stop();
+  EXPECT_GE(smallest_deg(remesher.last_version(0).mesh), kMinHoleAngle_deg);
+  EXPECT_GT(remesher.records()[0].quality_vertices, 0U);
 }
 
 }  // namespace
