@@ -9,6 +9,7 @@
 #include <system_error>
 #include <utility>
 
+#include "formats/base/file_descriptor.h"
 #include "pipeline/archive/archive_names.h"
 #include "pipeline/archive/storage_classes.h"
 #include "pipeline/farm/atomic_file.h"
@@ -201,11 +202,8 @@ Result<void> InstanceStore::sync() const {
   std::error_code error;
   for (fs::recursive_directory_iterator at(folder_, error), end; !error && at != end;
        at.increment(error)) {
-    const int fd = ::open(at->path().c_str(), O_RDONLY | O_CLOEXEC | O_NOFOLLOW);
-    const bool is_synced = fd >= 0 && ::fsync(fd) == 0;
-    const int why = errno;
-    if (fd >= 0) ::close(fd);
-    if (!is_synced) return farm::cannot_write(folder_, why);
+    const FileDescriptor fd(::open(at->path().c_str(), O_RDONLY | O_CLOEXEC | O_NOFOLLOW));
+    if (fd.get() < 0 || ::fsync(fd.get()) != 0) return farm::cannot_write(folder_, errno);
   }
   if (error) return farm::cannot_write(folder_, error.value());
   return farm::sync_folder(folder_);

@@ -10,7 +10,6 @@
 #include <chrono>
 #include <cstdio>
 #include <ctime>
-#include <optional>
 #include <system_error>
 #include <utility>
 
@@ -96,27 +95,18 @@ class PublishLock {
  public:
   explicit PublishLock(const fs::path& file)
       : fd_(::open(file.c_str(), O_RDWR | O_CREAT | O_CLOEXEC | O_NOFOLLOW, 0600)) {
-    while (fd_ >= 0 && ::flock(fd_, LOCK_EX) != 0 && errno == EINTR) {
+    while (fd_.get() >= 0 && ::flock(fd_.get(), LOCK_EX) != 0 && errno == EINTR) {
     }
-  }
-  PublishLock(const PublishLock&) = delete;
-  PublishLock& operator=(const PublishLock&) = delete;
-  ~PublishLock() {
-    if (fd_ >= 0) ::close(fd_);
   }
 
  private:
-  int fd_;
+  FileDescriptor fd_;
 };
 
 // Sets the time at which a study grew last to now.
 Result<void> touch(const fs::path& mark) {
-  const int fd = ::open(mark.c_str(), O_WRONLY | O_CREAT | O_CLOEXEC | O_NOFOLLOW, 0600);
-  if (fd < 0) return farm::cannot_write(mark, errno);
-  const bool is_done = ::futimens(fd, nullptr) == 0;
-  const int error = errno;
-  ::close(fd);
-  if (!is_done) return farm::cannot_write(mark, error);
+  const FileDescriptor fd(::open(mark.c_str(), O_WRONLY | O_CREAT | O_CLOEXEC | O_NOFOLLOW, 0600));
+  if (fd.get() < 0 || ::futimens(fd.get(), nullptr) != 0) return farm::cannot_write(mark, errno);
   return farm::sync_folder(mark.parent_path());
 }
 
@@ -124,17 +114,6 @@ Result<void> touch(const fs::path& mark) {
 
 StudyFolders::StudyFolders(fs::path folder)
     : folder_(std::move(folder)), incoming_(folder_ / ".incoming") {}
-
-StudyFolders::StudyFolders(StudyFolders&& other) noexcept
-    : folder_(std::move(other.folder_)),
-      incoming_(std::move(other.incoming_)),
-      is_new_(other.is_new_),
-      lock_(std::exchange(other.lock_, -1)),
-      associations_(other.associations_) {}
-
-StudyFolders::~StudyFolders() {
-  if (lock_ >= 0) ::close(lock_);
-}
 
 Result<StudyFolders> StudyFolders::open(const fs::path& folder) {
   StudyFolders out(folder);
@@ -178,9 +157,9 @@ void StudyFolders::remove_if_unused() const {
 
 Result<void> StudyFolders::reserve() {
   const fs::path file = incoming_ / "receiver.lock";
-  lock_ = ::open(file.c_str(), O_RDWR | O_CREAT | O_CLOEXEC | O_NOFOLLOW, 0600);
-  if (lock_ < 0) return farm::cannot_write(file, errno);
-  if (::flock(lock_, LOCK_EX | LOCK_NB) != 0)
+  lock_.emplace(::open(file.c_str(), O_RDWR | O_CREAT | O_CLOEXEC | O_NOFOLLOW, 0600));
+  if (lock_->get() < 0) return farm::cannot_write(file, errno);
+  if (::flock(lock_->get(), LOCK_EX | LOCK_NB) != 0)
     return unwritable(folder_.string() + ": another receiver stores its studies here");
   return {};
 }
