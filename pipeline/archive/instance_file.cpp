@@ -64,11 +64,6 @@ StoreOutcome disk_refusal(int error) {
           std::string("cannot be written: ") + std::generic_category().message(error), true};
 }
 
-bool same_bytes(const fs::path& a, const fs::path& b) {
-  const auto first = farm::sha256_of_file(a), second = farm::sha256_of_file(b);
-  return first && second && *first == *second;
-}
-
 }  // namespace
 
 std::string file_header(const InstanceName& name) {
@@ -175,7 +170,7 @@ StoreOutcome InstanceStore::accept(std::uint64_t bytes, const std::string& study
   const fs::path target = folder_ / study / (name_.sop_instance + ".dcm");
   std::error_code ignored;
   if (fs::exists(target, ignored)) {
-    if (!same_bytes(part_, target))
+    if (!farm::same_sha256(part_, target))
       return refusal(StoreStatus::kDuplicate, "another instance with its UID has arrived before");
     ::unlink(part_.c_str());
     return {};

@@ -85,11 +85,6 @@ bool is_there(const fs::path& path) {
   return ::lstat(path.c_str(), &state) == 0;
 }
 
-bool is_same_file(const fs::path& a, const fs::path& b) {
-  const auto first = farm::sha256_of_file(a), second = farm::sha256_of_file(b);
-  return first && second && *first == *second;
-}
-
 // Held while a study is published, so that a receiver and a fetch do not overtake each other.
 class PublishLock {
  public:
@@ -228,7 +223,7 @@ Result<std::vector<TakenStudy>> StudyFolders::take(const fs::path& association,
     for (const fs::path& file : entries_of(source)) {
       const fs::path name = target / file.filename();
       if (is_there(name)) {
-        if (!is_same_file(file, name)) ++taken.different;
+        if (!farm::same_sha256(file, name)) ++taken.different;
         continue;
       }
       const std::uint64_t bytes = size_of_file(file).value_or(0);
@@ -293,7 +288,7 @@ Result<void> StudyFolders::extend(const fs::path& source, const std::string& stu
     const fs::path stored = target / file.filename();
     if (!is_there(stored)) {
       added.push_back(file);
-    } else if (!is_same_file(file, stored)) {
+    } else if (!farm::same_sha256(file, stored)) {
       ++out.different;
     }
   }
