@@ -2,6 +2,7 @@
 #include "pipeline/review/store_diff.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <map>
 #include <tuple>
@@ -150,21 +151,8 @@ AssetDifference compare_assets(const Asset& now, const Asset& before) {
 }
 
 const char* name_of(DifferenceKind kind) {
-  switch (kind) {
-    case DifferenceKind::kDamaged:
-      return "damaged";
-    case DifferenceKind::kFailed:
-      return "failed";
-    case DifferenceKind::kGone:
-      return "gone";
-    case DifferenceKind::kChanged:
-      return "changed";
-    case DifferenceKind::kRepaired:
-      return "repaired";
-    case DifferenceKind::kNew:
-      return "new";
-  }
-  return "";
+  constexpr std::array kNames = {"damaged", "failed", "gone", "changed", "repaired", "new"};
+  return kNames.at(static_cast<std::size_t>(kind));
 }
 
 Result<StoreDiff> compare_stores(const Store& now, const Store& before,
