@@ -108,6 +108,16 @@ Result<std::vector<fs::path>> inputs_of(const CollectionScan& scan) {
   return out;
 }
 
+std::vector<NamedFile> all_paths(const std::vector<fs::path>& inputs,
+                                 const Parameters& parameters) {
+  std::vector<NamedFile> out;
+  out.reserve(inputs.size() + parameters.files.size());
+  for (const fs::path& path : inputs)
+    out.push_back({"input", path});
+  out.insert(out.end(), parameters.files.begin(), parameters.files.end());
+  return out;
+}
+
 Result<std::vector<ScanFile>> list_files(const std::vector<NamedFile>& paths) {
   std::vector<ScanFile> out;
   for (const NamedFile& one : paths) {

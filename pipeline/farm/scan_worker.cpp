@@ -34,16 +34,6 @@ std::span<const std::uint8_t> bytes_of(const std::string& text) {
   return {reinterpret_cast<const std::uint8_t*>(text.data()), text.size()};
 }
 
-std::vector<NamedFile> all_paths(const std::vector<fs::path>& inputs,
-                                 const Parameters& parameters) {
-  std::vector<NamedFile> out;
-  out.reserve(inputs.size() + parameters.files.size());
-  for (const fs::path& path : inputs)
-    out.push_back({"input", path});
-  out.insert(out.end(), parameters.files.begin(), parameters.files.end());
-  return out;
-}
-
 // Takes over the digests from the index if no file has changed.
 void reuse_digests(const std::vector<ScanFile>& known, std::vector<ScanFile>& files) {
   if (!same_state(known, files)) return;
