@@ -151,8 +151,7 @@ Result<Object> make(const ProductWork& work, const WantedProduct& product, const
   if (!done) return without(done.error(), folder.product().string() + "/");
   const auto bytes = read_file(output);
   if (!bytes) return bug("it wrote no " + output.filename().string());
-  return work.store.put_content(*bytes,
-                                [](std::span<const std::uint8_t>) { return Result<void>(); });
+  return work.store.put_content(*bytes, {});
 }
 
 }  // namespace

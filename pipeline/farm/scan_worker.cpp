@@ -314,8 +314,7 @@ class Worker {
     opened_.reset();
     warnings_ = std::move(outputs->warnings);
     Outputs out;
-    const auto no_proof = [](std::span<const std::uint8_t>) { return Result<void>(); };
-    auto report = store_.put_content(bytes_of(outputs->report), no_proof);
+    auto report = store_.put_content(bytes_of(outputs->report), {});
     if (!report) return report.error();
     out.report = *report;
     auto asset = store_.put_content(outputs->asset, [this](std::span<const std::uint8_t> glb) {
