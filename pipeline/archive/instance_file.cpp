@@ -43,18 +43,6 @@ void append(std::string& out, std::uint16_t element, const char* representation,
   out += value;
 }
 
-bool write_all(int fd, const void* data, std::size_t size) {
-  const char* at = static_cast<const char*>(data);
-  while (size > 0) {
-    const ssize_t done = ::write(fd, at, size);
-    if (done < 0 && errno == EINTR) continue;
-    if (done <= 0) return false;
-    at += done;
-    size -= static_cast<std::size_t>(done);
-  }
-  return true;
-}
-
 StoreOutcome refusal(StoreStatus status, std::string why) {
   return {status, std::move(why)};
 }
@@ -117,13 +105,12 @@ void InstanceStore::begin(const InstanceName& name) {
     return;
   }
   const std::string header = file_header(name);
-  if (!write_all(fd_, header.data(), header.size())) error_ = errno;
+  if (!farm::write_all(fd_, header)) error_ = errno;
 }
 
 bool InstanceStore::write(std::span<const std::uint8_t> bytes) {
   arrived_ += bytes.size();
-  if (error_ == 0 && arrived_ <= limits_.instance_bytes &&
-      !write_all(fd_, bytes.data(), bytes.size()))
+  if (error_ == 0 && arrived_ <= limits_.instance_bytes && !farm::write_all(fd_, bytes))
     error_ = errno;
   return arrived_ <= 2 * limits_.instance_bytes;
 }

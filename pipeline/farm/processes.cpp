@@ -14,19 +14,9 @@
 #include <cstdio>
 
 #include "formats/base/system_message.h"
+#include "pipeline/farm/atomic_file.h"
 
 namespace trocar::farm {
-namespace {
-
-void send_all(int fd, const std::string& text) {
-  for (std::size_t done = 0; done < text.size();) {
-    const ssize_t put = ::write(fd, text.data() + done, text.size() - done);
-    if (put < 0 && errno != EINTR) return;
-    if (put > 0) done += static_cast<std::size_t>(put);
-  }
-}
-
-}  // namespace
 
 Processes::~Processes() {
   signal_all(SIGKILL);
@@ -55,7 +45,7 @@ Result<void> Processes::start(std::size_t task, const std::function<std::string(
     ::close(ends[0]);
     for (const Running& other : running_)
       ::close(other.fd);
-    send_all(ends[1], work());
+    write_all(ends[1], work());
     std::fflush(nullptr);
     ::_exit(0);  // without the destructors of the parent's objects
   }
