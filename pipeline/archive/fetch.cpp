@@ -19,7 +19,6 @@
 
 #include "pipeline/archive/storage_classes.h"
 #include "pipeline/archive/store_request.h"
-#include "pipeline/archive/study_folders.h"
 #include "pipeline/read/dicom/dicom_parse.h"
 
 namespace trocar::archive {
@@ -359,10 +358,7 @@ Result<FetchedStudy> fetch_study(const FetchSettings& settings, const std::atomi
     folders->remove_if_unused();
     return received.error();
   }
-  out.instances = received->instances;
-  out.bytes = received->bytes;
-  out.added = received->added;
-  out.different = received->different;
+  out.study = *received;
   return out;
 }
 
