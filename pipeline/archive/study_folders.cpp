@@ -73,13 +73,6 @@ StudySize size_of_folder(const fs::path& folder) {
   return out;
 }
 
-std::set<std::string> uids_in(const fs::path& folder) {
-  std::set<std::string> out;
-  for (const fs::path& study : entries_of(folder))
-    if (is_uid(study.filename().string())) out.insert(study.filename().string());
-  return out;
-}
-
 bool is_there(const fs::path& path) {
   struct stat state {};
   return ::lstat(path.c_str(), &state) == 0;
@@ -167,7 +160,10 @@ Result<fs::path> StudyFolders::new_association() {
 }
 
 std::set<std::string> StudyFolders::studies_in(const fs::path& association) {
-  return uids_in(association);
+  std::set<std::string> out;
+  for (const fs::path& study : entries_of(association))
+    if (is_uid(study.filename().string())) out.insert(study.filename().string());
+  return out;
 }
 
 void StudyFolders::drop_association(const fs::path& association) const {
@@ -190,7 +186,7 @@ fs::path StudyFolders::growing_folder(const std::string& study) const {
 }
 
 std::set<std::string> StudyFolders::growing() const {
-  return uids_in(incoming_ / "studies");
+  return studies_in(incoming_ / "studies");
 }
 
 StudySize StudyFolders::size_of(const std::string& study) const {
