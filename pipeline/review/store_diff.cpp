@@ -36,13 +36,6 @@ double area_mm2(const Asset& asset) {
   return steps2 * asset.lattice.step_mm() * asset.lattice.step_mm();
 }
 
-std::uint64_t triangles_of(const Asset& asset) {
-  std::uint64_t out = 0;
-  for (const AssetSlice& s : asset.slices)
-    out += s.mesh.triangles.size();
-  return out;
-}
-
 // The rings in mm in the plane to which `T` maps, and their largest distance from this plane.
 std::pair<std::vector<OutlineRing>, double> rings_in(const Eigen::Affine3d& T,
                                                      const AssetSlice& slice,
@@ -110,24 +103,6 @@ bool differ(const IndexedScan& now, const IndexedScan& before, ScanDifference& o
   return true;
 }
 
-struct Pair {
-  std::size_t index = 0;  // index in the differences
-  Object now, before;
-};
-
-void compare_pair(const Store& now, const Store& before, const Pair& pair, ScanDifference& out) {
-  const auto a = farm::read_stored_asset(now, pair.now);
-  const auto b = a ? farm::read_stored_asset(before, pair.before) : a;
-  if (!a || !b) {
-    out.kind = DifferenceKind::kDamaged;
-    out.reason = (a ? b : a).error().message;
-    return;
-  }
-  out.geometry = compare_assets(*a, *b);
-}
-
-}  // namespace
-
 AssetDifference compare_assets(const Asset& now, const Asset& before) {
   AssetDifference out;
   out.area_mm2 = {area_mm2(now), area_mm2(before)};
@@ -147,6 +122,31 @@ AssetDifference compare_assets(const Asset& now, const Asset& before) {
   }
   for (const auto& [key, slice] : b)
     out.slices_alone.before += a.contains(key) ? 0 : 1;
+  return out;
+}
+
+struct Pair {
+  std::size_t index = 0;  // index in the differences
+  Object now, before;
+};
+
+void compare_pair(const Store& now, const Store& before, const Pair& pair, ScanDifference& out) {
+  const auto a = farm::read_stored_asset(now, pair.now);
+  const auto b = a ? farm::read_stored_asset(before, pair.before) : a;
+  if (!a || !b) {
+    out.kind = DifferenceKind::kDamaged;
+    out.reason = (a ? b : a).error().message;
+    return;
+  }
+  out.geometry = compare_assets(*a, *b);
+}
+
+}  // namespace
+
+std::uint64_t triangles_of(const Asset& asset) {
+  std::uint64_t out = 0;
+  for (const AssetSlice& s : asset.slices)
+    out += s.mesh.triangles.size();
   return out;
 }
 
