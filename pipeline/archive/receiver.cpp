@@ -3,7 +3,6 @@
 
 #include <fcntl.h>
 #include <poll.h>
-#include <sys/prctl.h>
 #include <sys/resource.h>
 #include <sys/wait.h>
 #include <unistd.h>
@@ -22,6 +21,7 @@
 #include "pipeline/archive/messages.h"
 #include "pipeline/archive/study_folders.h"
 #include "pipeline/base/number_ranges.h"
+#include "pipeline/farm/processes.h"
 #include "pipeline/read/dicom/dicom_parse.h"
 
 namespace trocar::archive {
@@ -123,11 +123,8 @@ class Receiver {
       folders_.drop_association(*folder);
       return report(std::string("no association: ") + std::generic_category().message(errno));
     }
-    const pid_t parent = ::getpid();
-    const pid_t pid = ::fork();
+    const pid_t pid = farm::fork_with_signal(SIGKILL);
     if (pid == 0) {
-      ::prctl(PR_SET_PDEATHSIG, SIGKILL);
-      if (::getppid() != parent) ::_exit(1);
       for (const int signal : {SIGINT, SIGTERM, SIGHUP})
         ::signal(signal, SIG_DFL);
       ::close(socket_.fd());

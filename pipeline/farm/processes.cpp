@@ -18,6 +18,15 @@
 
 namespace trocar::farm {
 
+pid_t fork_with_signal(int signal) {
+  const pid_t parent = ::getpid();
+  const pid_t pid = ::fork();
+  if (pid != 0) return pid;
+  ::prctl(PR_SET_PDEATHSIG, signal);
+  if (::getppid() != parent) ::_exit(1);  // the parent died before prctl()
+  return 0;
+}
+
 Processes::~Processes() {
   signal_all(SIGKILL);
   for (const Running& one : running_) {
@@ -31,8 +40,7 @@ Result<void> Processes::start(std::size_t task, const std::function<std::string(
   if (::pipe2(ends.data(), O_CLOEXEC) != 0)
     return bug("cannot create a pipe for a scan's process: " + system_message(errno));
   std::fflush(nullptr);
-  const pid_t parent = ::getpid();
-  const pid_t pid = ::fork();
+  const pid_t pid = fork_with_signal(SIGKILL);
   if (pid < 0) {
     const int error = errno;
     ::close(ends[0]);
@@ -40,8 +48,6 @@ Result<void> Processes::start(std::size_t task, const std::function<std::string(
     return bug("cannot create a process for a scan: " + system_message(error));
   }
   if (pid == 0) {
-    ::prctl(PR_SET_PDEATHSIG, SIGKILL);
-    if (::getppid() != parent) ::_exit(0);  // the parent died before prctl()
     ::close(ends[0]);
     for (const Running& other : running_)
       ::close(other.fd);
