@@ -16,15 +16,12 @@
 #include "formats/base/system_message.h"
 #include "pipeline/farm/failpoint.h"
 #include "pipeline/farm/process_identity.h"
+#include "pipeline/farm/sha256.h"
 
 namespace trocar::farm {
 namespace {
 
 namespace fs = std::filesystem;
-
-std::span<const std::uint8_t> bytes_of(std::string_view text) {
-  return {reinterpret_cast<const std::uint8_t*>(text.data()), text.size()};
-}
 
 // Removes a temporary file that has not become the target.
 class Temporary {
@@ -85,7 +82,7 @@ bool write_all(int fd, std::span<const std::uint8_t> bytes) {
 }
 
 bool write_all(int fd, std::string_view text) {
-  return write_all(fd, bytes_of(text));
+  return write_all(fd, text_bytes(text));
 }
 
 Result<void> sync_folder(const fs::path& folder) {
@@ -129,7 +126,7 @@ Result<void> write_atomically(const AtomicFile& file, std::span<const std::uint8
 }
 
 Result<void> write_atomically(const AtomicFile& file, const std::string& text) {
-  return write_atomically(file, bytes_of(text));
+  return write_atomically(file, text_bytes(text));
 }
 
 Result<void> link_atomically(const fs::path& target, const fs::path& link, const fs::path& tmp) {

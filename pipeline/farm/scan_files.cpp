@@ -61,14 +61,6 @@ bool is_utf8(const std::string& text) {
   return std::all_of(text.begin(), text.end(), is_ascii) || parse_json(json_text(text)) == text;
 }
 
-std::string to_hex(const std::string& bytes) {
-  std::string out(2 * bytes.size() + 1, '\0');
-  sodium_bin2hex(out.data(), out.size(), reinterpret_cast<const unsigned char*>(bytes.data()),
-                 bytes.size());
-  out.pop_back();
-  return out;
-}
-
 // Returns std::nullopt if `hex` is damaged.
 std::optional<std::string> from_hex(const std::string& hex) {
   std::string out(hex.size() / 2, '\0');
@@ -186,7 +178,7 @@ json files_json(const std::vector<ScanFile>& files) {
                    {"mtime_ns", file.mtime_ns},
                    {"inode", file.inode},
                    {"sha256", file.sha256.empty() ? json() : json(file.sha256)}});
-    if (!is_utf8(file.path)) out.back()["path_hex"] = to_hex(file.path);
+    if (!is_utf8(file.path)) out.back()["path_hex"] = hex_of(text_bytes(file.path));
   }
   return out;
 }

@@ -30,10 +30,6 @@ using nlohmann::json;
 constexpr std::array<const char*, 6> kOutcomes = {"made",          "found",  "failed",
                                                   "known_failure", "leased", "interrupted"};
 
-std::span<const std::uint8_t> bytes_of(const std::string& text) {
-  return {reinterpret_cast<const std::uint8_t*>(text.data()), text.size()};
-}
-
 // Takes over the digests from the index if no file has changed.
 void reuse_digests(const std::vector<ScanFile>& known, std::vector<ScanFile>& files) {
   if (!same_state(known, files)) return;
@@ -314,7 +310,7 @@ class Worker {
     opened_.reset();
     warnings_ = std::move(outputs->warnings);
     Outputs out;
-    auto report = store_.put_content(bytes_of(outputs->report), {});
+    auto report = store_.put_content(text_bytes(outputs->report), {});
     if (!report) return report.error();
     out.report = *report;
     auto asset = store_.put_content(outputs->asset, [this](std::span<const std::uint8_t> glb) {

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// SHA-256 of texts and files as 64 lower-case hexadecimal digits, computed by libsodium.
+// SHA-256 of texts and files as 64 lower-case hexadecimal digits, computed by libsodium. Also the
+// bytes of a text, and the hexadecimal digits of any bytes.
 // Tests: tests/pipeline/farm/store_test.cpp
 #pragma once
 
@@ -12,6 +13,11 @@
 #include "formats/base/result.h"
 
 namespace trocar::farm {
+
+/// The bytes of a text.
+std::span<const std::uint8_t> text_bytes(std::string_view text);
+/// The bytes as lower-case hexadecimal digits.
+std::string hex_of(std::span<const std::uint8_t> bytes);
 
 std::string sha256_of(std::span<const std::uint8_t> bytes);
 std::string sha256_of(std::string_view text);
