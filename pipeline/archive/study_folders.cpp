@@ -9,7 +9,6 @@
 #include <cerrno>
 #include <chrono>
 #include <cstdio>
-#include <ctime>
 #include <system_error>
 #include <utility>
 
@@ -17,6 +16,7 @@
 #include "pipeline/farm/atomic_file.h"
 #include "pipeline/farm/process_identity.h"
 #include "pipeline/farm/sha256.h"
+#include "pipeline/farm/store.h"
 
 namespace trocar::archive {
 namespace {
@@ -320,16 +320,13 @@ Result<void> StudyFolders::extend(const fs::path& source, const std::string& stu
 std::vector<std::string> StudyFolders::remove_older(double hours,
                                                     const std::set<std::string>& busy) const {
   std::vector<std::string> out;
-  timespec now{};
-  ::clock_gettime(CLOCK_REALTIME, &now);
+  const auto now = std::chrono::system_clock::now().time_since_epoch();
   const PublishLock lock(incoming_ / "publish.lock");
   for (const fs::path& mark : entries_of(incoming_ / "received")) {
     const std::string study = mark.filename().string();
-    struct stat state {};
-    if (!is_uid(study) || busy.contains(study) || ::lstat(mark.c_str(), &state) != 0) continue;
-    const double age_s = static_cast<double>(now.tv_sec - state.st_mtim.tv_sec) +
-                         1e-9 * static_cast<double>(now.tv_nsec - state.st_mtim.tv_nsec);
-    if (age_s <= hours * 3600) continue;
+    const auto time = farm::time_of(mark);
+    if (!is_uid(study) || busy.contains(study) || !time) continue;
+    if (std::chrono::duration<double>(now - *time).count() <= hours * 3600) continue;
     const fs::path trash = incoming_ / "replaced" / ("old-" + study);
     std::error_code error;
     fs::remove_all(trash, error);
