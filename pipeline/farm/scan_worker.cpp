@@ -11,6 +11,7 @@
 #include <memory>
 #include <new>
 #include <optional>
+#include <span>
 #include <system_error>
 #include <utility>
 
@@ -42,6 +43,13 @@ std::uint64_t bytes_read(const std::vector<ScanFile>& files) {
   for (const ScanFile& file : files)
     out += file.sha256.empty() ? 0 : file.size;
   return out;
+}
+
+// Checks that the bytes are a valid asset.
+Result<void> check_asset(std::span<const std::uint8_t> glb, const std::string& name) {
+  const auto asset = decode_asset(glb, name);
+  if (!asset) return asset.error();
+  return verify_asset(*asset, name);
 }
 
 // Removes a content file if its bytes do not have the digest in its name, or if it should be an
@@ -366,12 +374,6 @@ Outcome outcome_from(const json& value) {
   out.warnings = value.at("warnings");
   out.products_made = value.at("products_made").get<std::size_t>();
   return out;
-}
-
-Result<void> check_asset(std::span<const std::uint8_t> glb, const std::string& name) {
-  const auto asset = decode_asset(glb, name);
-  if (!asset) return asset.error();
-  return verify_asset(*asset, name);
 }
 
 Outcome work_on(const Work& work, const Store& store, const ScanProgram& program) {
