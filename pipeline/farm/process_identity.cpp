@@ -8,7 +8,6 @@
 #include <cctype>
 #include <charconv>
 #include <fstream>
-#include <iterator>
 #include <sstream>
 #include <vector>
 

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "pipeline/farm/scan_worker.h"
 
-#include <sys/stat.h>
 #include <unistd.h>
 
 #include <algorithm>
@@ -12,7 +11,6 @@
 #include <new>
 #include <optional>
 #include <span>
-#include <system_error>
 #include <utility>
 
 #include "formats/asset/asset.h"

@@ -4,7 +4,6 @@
 #include <iterator>
 #include <map>
 #include <set>
-#include <utility>
 
 #include "formats/base/json_text.h"
 #include "pipeline/farm/sha256.h"
