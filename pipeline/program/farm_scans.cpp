@@ -12,6 +12,7 @@
 #include "formats/base/json_text.h"
 #include "formats/base/nearest_name.h"
 #include "formats/base/program.h"
+#include "pipeline/farm/product_maker.h"
 #include "pipeline/open/scan_folder.h"
 #include "pipeline/program/arguments.h"
 #include "pipeline/program/mesh_scan.h"
@@ -66,10 +67,6 @@ std::vector<std::string> names_of(const std::vector<Parameter>& parameters) {
   return out;
 }
 
-std::string value_text(const json& value) {
-  return value.is_string() ? value.get<std::string>() : json_text(value);
-}
-
 Result<void> add_words(const std::vector<Parameter>& known, const std::string& name,
                        const json& value, std::vector<std::string>& words) {
   const std::string given = "parameter " + name + ": ";
@@ -80,15 +77,9 @@ Result<void> add_words(const std::vector<Parameter>& known, const std::string& n
       return usage(given + "is not for the scans of a collection");
     return usage(given + "no such option" + did_you_mean(name, names_of(known)));
   }
-  const std::string option = "--" + name;
   if (value.is_boolean() != found->is_flag)
     return usage(given + (found->is_flag ? "must be true or false" : "must be a number or a text"));
-  if (found->is_flag) {
-    words.push_back(option);
-    return {};
-  }
-  for (const json& one : value.is_array() ? value : json::array({value}))
-    words.push_back(option + "=" + value_text(one));
+  farm::add_option(name, value, words);
   return {};
 }
 
