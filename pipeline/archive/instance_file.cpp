@@ -43,10 +43,6 @@ void append(std::string& out, std::uint16_t element, const char* representation,
   out += value;
 }
 
-StoreOutcome refusal(StoreStatus status, std::string why) {
-  return {status, std::move(why)};
-}
-
 StoreOutcome disk_refusal(int error) {
   return {StoreStatus::kOutOfResources,
           std::string("cannot be written: ") + std::generic_category().message(error), true};
@@ -128,27 +124,27 @@ StoreOutcome InstanceStore::finish() {
 // Is the file what the sender announced, and an image? Gives the study's UID if it is valid.
 StoreOutcome InstanceStore::check(std::uint64_t bytes, std::string& study) const {
   if (bytes > limits_.instance_bytes)
-    return refusal(StoreStatus::kOutOfResources, "larger than --max-instance-mb");
+    return {StoreStatus::kOutOfResources, "larger than --max-instance-mb"};
   if (error_ != 0) return disk_refusal(error_);
   if (!is_uid(name_.sop_instance))
-    return refusal(StoreStatus::kNotUnderstood, "its SOP Instance UID is not a UID");
+    return {StoreStatus::kNotUnderstood, "its SOP Instance UID is not a UID"};
   if (!is_storage_class(name_.sop_class))
-    return refusal(StoreStatus::kMismatch, "its SOP class is not one that trocar-mesh reads");
+    return {StoreStatus::kMismatch, "its SOP class is not one that trocar-mesh reads"};
   DcmFileFormat format;
   if (pipeline::load_dicom(part_, format).bad())
-    return refusal(StoreStatus::kNotUnderstood, "it is damaged or truncated");
+    return {StoreStatus::kNotUnderstood, "it is damaged or truncated"};
   DcmDataset& data = *format.getDataset();
   if (pipeline::dicom_text(&data, DCM_SOPClassUID) != name_.sop_class ||
       pipeline::dicom_text(&data, DCM_SOPInstanceUID) != name_.sop_instance)
-    return refusal(StoreStatus::kMismatch, "its UIDs differ from those of the command");
+    return {StoreStatus::kMismatch, "its UIDs differ from those of the command"};
   const std::string uid = pipeline::dicom_text(&data, DCM_StudyInstanceUID);
   if (!is_uid(uid) || !is_uid(pipeline::dicom_text(&data, DCM_SeriesInstanceUID)))
-    return refusal(StoreStatus::kNotUnderstood, "it has no valid UIDs of study and series");
+    return {StoreStatus::kNotUnderstood, "it has no valid UIDs of study and series"};
   study = uid;
   if (pipeline::dicom_integer(&data, DCM_Rows, 0) == 0 ||
       pipeline::dicom_integer(&data, DCM_Columns, 0) == 0 ||
       pipeline::dicom_pixel_data(format) == nullptr)
-    return refusal(StoreStatus::kMismatch, "it has no pixels");
+    return {StoreStatus::kMismatch, "it has no pixels"};
   return {};
 }
 
@@ -158,7 +154,7 @@ StoreOutcome InstanceStore::accept(std::uint64_t bytes, const std::string& study
   std::error_code ignored;
   if (fs::exists(target, ignored)) {
     if (!farm::same_sha256(part_, target))
-      return refusal(StoreStatus::kDuplicate, "another instance with its UID has arrived before");
+      return {StoreStatus::kDuplicate, "another instance with its UID has arrived before"};
     ::unlink(part_.c_str());
     return {};
   }
@@ -168,9 +164,9 @@ StoreOutcome InstanceStore::accept(std::uint64_t bytes, const std::string& study
   const bool is_stored =
       is_stored_ && is_stored_(study, target.filename().string(), fs::file_size(part_, ignored));
   if (!is_stored && size.instances + 1 > limits_.study_instances)
-    return refusal(StoreStatus::kOutOfResources, "the study has --max-instances already");
+    return {StoreStatus::kOutOfResources, "the study has --max-instances already"};
   if (!is_stored && size.bytes + bytes > limits_.study_bytes)
-    return refusal(StoreStatus::kOutOfResources, "the study is larger than --max-study-gb");
+    return {StoreStatus::kOutOfResources, "the study is larger than --max-study-gb"};
   if ((::mkdir(target.parent_path().c_str(), 0700) != 0 && errno != EEXIST) ||
       ::rename(part_.c_str(), target.c_str()) != 0)
     return disk_refusal(errno);
