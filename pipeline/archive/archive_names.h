@@ -4,7 +4,6 @@
 // Tests: tests/pipeline/archive/archive_names_test.cpp
 #pragma once
 
-#include <optional>
 #include <string>
 #include <string_view>
 

@@ -19,7 +19,6 @@
 
 #include "pipeline/archive/storage_classes.h"
 #include "pipeline/archive/store_request.h"
-#include "pipeline/archive/study_folders.h"
 #include "pipeline/read/dicom/dicom_parse.h"
 
 namespace trocar::archive {
@@ -270,11 +269,7 @@ class Fetch {
         time.begin();
       } else if (message.CommandField == DIMSE_C_GET_RSP) {
         const T_DIMSE_C_GetRSP& response = message.msg.CGetRSP;
-        if (response.DataSetType != DIMSE_DATASET_NULL) {
-          DIC_UL bytes = 0, fragments = 0;
-          DIMSE_ignoreDataSet(connection_.association, DIMSE_NONBLOCKING,
-                              settings_.limits.idle_timeout_s, &bytes, &fragments);
-        }
+        if (response.DataSetType != DIMSE_DATASET_NULL) ignore_dataset();
         if (!DICOM_PENDING_STATUS(response.DimseStatus)) return result_of(response);
       } else {
         return failure("the archive sent another command than C-STORE");
@@ -282,14 +277,18 @@ class Fetch {
     }
   }
 
+  OFCondition ignore_dataset() {
+    DIC_UL bytes = 0, fragments = 0;
+    return DIMSE_ignoreDataSet(connection_.association, DIMSE_NONBLOCKING,
+                               settings_.limits.idle_timeout_s, &bytes, &fragments);
+  }
+
   Result<void> store(T_ASC_PresentationContextID context, const T_DIMSE_C_StoreRQ& request) {
     T_ASC_Association& association = *connection_.association;
     const int timeout_s = settings_.limits.idle_timeout_s;
     const auto is_stopped = [this] { return stop_.load(); };
     if (!is_storage_class(request.AffectedSOPClassUID)) {
-      DIC_UL bytes = 0, fragments = 0;
-      OFCondition done =
-          DIMSE_ignoreDataSet(&association, DIMSE_NONBLOCKING, timeout_s, &bytes, &fragments);
+      OFCondition done = ignore_dataset();
       if (done.good())
         done = send_store_response(association, context, request, StoreStatus::kStored);
       if (done.bad()) return failure("the archive broke off", done);
@@ -359,10 +358,7 @@ Result<FetchedStudy> fetch_study(const FetchSettings& settings, const std::atomi
     folders->remove_if_unused();
     return received.error();
   }
-  out.instances = received->instances;
-  out.bytes = received->bytes;
-  out.added = received->added;
-  out.different = received->different;
+  out.study = *received;
   return out;
 }
 

@@ -11,6 +11,7 @@
 #include "formats/base/result.h"
 #include "pipeline/archive/archive_limits.h"
 #include "pipeline/archive/archive_names.h"
+#include "pipeline/archive/study_folders.h"
 
 class DcmTransportLayer;
 
@@ -26,12 +27,7 @@ struct FetchSettings {
 };
 
 struct FetchedStudy {
-  std::size_t instances = 0;  ///< number of instances in the study's folder after the fetch
-  std::uint64_t bytes = 0;    ///< total size of all `instances`
-  std::size_t added = 0;      ///< number of instances that this fetch has added to the folder
-  /// Number of instances that were not stored, because the folder has a different instance with the
-  /// same UID.
-  std::size_t different = 0;
+  PublishedStudy study;
   std::size_t left_out = 0;  ///< number of instances of kinds that trocar-mesh does not read
 };
 

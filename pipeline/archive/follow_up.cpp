@@ -3,7 +3,6 @@
 
 #include <fcntl.h>
 #include <sys/mman.h>
-#include <sys/prctl.h>
 #include <sys/stat.h>
 #include <sys/wait.h>
 #include <unistd.h>
@@ -21,6 +20,7 @@
 #include "pipeline/archive/messages.h"
 #include "pipeline/farm/atomic_file.h"
 #include "pipeline/farm/collection.h"
+#include "pipeline/farm/processes.h"
 #include "pipeline/farm/sha256.h"
 #include "pipeline/open/scan_list.h"
 
@@ -203,12 +203,9 @@ void FollowUp::step() {
   }
   if (waiting_.empty()) return;
   current_ = waiting_.front();
-  const pid_t parent = ::getpid();
-  const pid_t pid = ::fork();
+  const pid_t pid = farm::fork_with_signal(SIGTERM);
   if (pid < 0) return;  // tried again at the next step
   if (pid == 0) {
-    ::prctl(PR_SET_PDEATHSIG, SIGTERM);
-    if (::getppid() != parent) ::_exit(1);
     for (const int signal : {SIGINT, SIGTERM, SIGHUP})
       ::signal(signal, SIG_DFL);
     ::_exit(follow_up(settings_, settings_.studies / current_));

@@ -9,6 +9,7 @@
 #include <system_error>
 #include <utility>
 
+#include "formats/base/file_descriptor.h"
 #include "pipeline/archive/archive_names.h"
 #include "pipeline/archive/storage_classes.h"
 #include "pipeline/farm/atomic_file.h"
@@ -42,30 +43,9 @@ void append(std::string& out, std::uint16_t element, const char* representation,
   out += value;
 }
 
-bool write_all(int fd, const void* data, std::size_t size) {
-  const char* at = static_cast<const char*>(data);
-  while (size > 0) {
-    const ssize_t done = ::write(fd, at, size);
-    if (done < 0 && errno == EINTR) continue;
-    if (done <= 0) return false;
-    at += done;
-    size -= static_cast<std::size_t>(done);
-  }
-  return true;
-}
-
-StoreOutcome refusal(StoreStatus status, std::string why) {
-  return {status, std::move(why)};
-}
-
 StoreOutcome disk_refusal(int error) {
   return {StoreStatus::kOutOfResources,
           std::string("cannot be written: ") + std::generic_category().message(error), true};
-}
-
-bool same_bytes(const fs::path& a, const fs::path& b) {
-  const auto first = farm::sha256_of_file(a), second = farm::sha256_of_file(b);
-  return first && second && *first == *second;
 }
 
 }  // namespace
@@ -121,13 +101,12 @@ void InstanceStore::begin(const InstanceName& name) {
     return;
   }
   const std::string header = file_header(name);
-  if (!write_all(fd_, header.data(), header.size())) error_ = errno;
+  if (!farm::write_all(fd_, header)) error_ = errno;
 }
 
 bool InstanceStore::write(std::span<const std::uint8_t> bytes) {
   arrived_ += bytes.size();
-  if (error_ == 0 && arrived_ <= limits_.instance_bytes &&
-      !write_all(fd_, bytes.data(), bytes.size()))
+  if (error_ == 0 && arrived_ <= limits_.instance_bytes && !farm::write_all(fd_, bytes))
     error_ = errno;
   return arrived_ <= 2 * limits_.instance_bytes;
 }
@@ -145,27 +124,27 @@ StoreOutcome InstanceStore::finish() {
 // Is the file what the sender announced, and an image? Gives the study's UID if it is valid.
 StoreOutcome InstanceStore::check(std::uint64_t bytes, std::string& study) const {
   if (bytes > limits_.instance_bytes)
-    return refusal(StoreStatus::kOutOfResources, "larger than --max-instance-mb");
+    return {StoreStatus::kOutOfResources, "larger than --max-instance-mb"};
   if (error_ != 0) return disk_refusal(error_);
   if (!is_uid(name_.sop_instance))
-    return refusal(StoreStatus::kNotUnderstood, "its SOP Instance UID is not a UID");
+    return {StoreStatus::kNotUnderstood, "its SOP Instance UID is not a UID"};
   if (!is_storage_class(name_.sop_class))
-    return refusal(StoreStatus::kMismatch, "its SOP class is not one that trocar-mesh reads");
+    return {StoreStatus::kMismatch, "its SOP class is not one that trocar-mesh reads"};
   DcmFileFormat format;
   if (pipeline::load_dicom(part_, format).bad())
-    return refusal(StoreStatus::kNotUnderstood, "it is damaged or truncated");
+    return {StoreStatus::kNotUnderstood, "it is damaged or truncated"};
   DcmDataset& data = *format.getDataset();
   if (pipeline::dicom_text(&data, DCM_SOPClassUID) != name_.sop_class ||
       pipeline::dicom_text(&data, DCM_SOPInstanceUID) != name_.sop_instance)
-    return refusal(StoreStatus::kMismatch, "its UIDs differ from those of the command");
+    return {StoreStatus::kMismatch, "its UIDs differ from those of the command"};
   const std::string uid = pipeline::dicom_text(&data, DCM_StudyInstanceUID);
   if (!is_uid(uid) || !is_uid(pipeline::dicom_text(&data, DCM_SeriesInstanceUID)))
-    return refusal(StoreStatus::kNotUnderstood, "it has no valid UIDs of study and series");
+    return {StoreStatus::kNotUnderstood, "it has no valid UIDs of study and series"};
   study = uid;
   if (pipeline::dicom_integer(&data, DCM_Rows, 0) == 0 ||
       pipeline::dicom_integer(&data, DCM_Columns, 0) == 0 ||
       pipeline::dicom_pixel_data(format) == nullptr)
-    return refusal(StoreStatus::kMismatch, "it has no pixels");
+    return {StoreStatus::kMismatch, "it has no pixels"};
   return {};
 }
 
@@ -174,8 +153,8 @@ StoreOutcome InstanceStore::accept(std::uint64_t bytes, const std::string& study
   const fs::path target = folder_ / study / (name_.sop_instance + ".dcm");
   std::error_code ignored;
   if (fs::exists(target, ignored)) {
-    if (!same_bytes(part_, target))
-      return refusal(StoreStatus::kDuplicate, "another instance with its UID has arrived before");
+    if (!farm::same_sha256(part_, target))
+      return {StoreStatus::kDuplicate, "another instance with its UID has arrived before"};
     ::unlink(part_.c_str());
     return {};
   }
@@ -185,9 +164,9 @@ StoreOutcome InstanceStore::accept(std::uint64_t bytes, const std::string& study
   const bool is_stored =
       is_stored_ && is_stored_(study, target.filename().string(), fs::file_size(part_, ignored));
   if (!is_stored && size.instances + 1 > limits_.study_instances)
-    return refusal(StoreStatus::kOutOfResources, "the study has --max-instances already");
+    return {StoreStatus::kOutOfResources, "the study has --max-instances already"};
   if (!is_stored && size.bytes + bytes > limits_.study_bytes)
-    return refusal(StoreStatus::kOutOfResources, "the study is larger than --max-study-gb");
+    return {StoreStatus::kOutOfResources, "the study is larger than --max-study-gb"};
   if ((::mkdir(target.parent_path().c_str(), 0700) != 0 && errno != EEXIST) ||
       ::rename(part_.c_str(), target.c_str()) != 0)
     return disk_refusal(errno);
@@ -201,11 +180,8 @@ Result<void> InstanceStore::sync() const {
   std::error_code error;
   for (fs::recursive_directory_iterator at(folder_, error), end; !error && at != end;
        at.increment(error)) {
-    const int fd = ::open(at->path().c_str(), O_RDONLY | O_CLOEXEC | O_NOFOLLOW);
-    const bool is_synced = fd >= 0 && ::fsync(fd) == 0;
-    const int why = errno;
-    if (fd >= 0) ::close(fd);
-    if (!is_synced) return farm::cannot_write(folder_, why);
+    const FileDescriptor fd(::open(at->path().c_str(), O_RDONLY | O_CLOEXEC | O_NOFOLLOW));
+    if (fd.get() < 0 || ::fsync(fd.get()) != 0) return farm::cannot_write(folder_, errno);
   }
   if (error) return farm::cannot_write(folder_, error.value());
   return farm::sync_folder(folder_);

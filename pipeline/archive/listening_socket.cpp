@@ -4,11 +4,9 @@
 #include <netdb.h>
 #include <netinet/in.h>
 #include <sys/socket.h>
-#include <unistd.h>
 
 #include <cerrno>
 #include <system_error>
-#include <utility>
 
 namespace trocar::archive {
 namespace {
@@ -16,13 +14,6 @@ namespace {
 constexpr int kQueue = 512;  // connections that wait; the system may allow fewer
 
 }  // namespace
-
-ListeningSocket::ListeningSocket(ListeningSocket&& other) noexcept
-    : fd_(std::exchange(other.fd_, -1)), port_(other.port_) {}
-
-ListeningSocket::~ListeningSocket() {
-  if (fd_ >= 0) ::close(fd_);
-}
 
 Result<ListeningSocket> ListeningSocket::open(const std::string& address, int port) {
   addrinfo hints{};
@@ -52,7 +43,7 @@ Result<ListeningSocket> ListeningSocket::open(const std::string& address, int po
 }
 
 int ListeningSocket::accept() const {
-  return ::accept4(fd_, nullptr, nullptr, SOCK_CLOEXEC);
+  return ::accept4(fd_.get(), nullptr, nullptr, SOCK_CLOEXEC);
 }
 
 }  // namespace trocar::archive

@@ -6,6 +6,7 @@
 
 #include <string>
 
+#include "formats/base/file_descriptor.h"
 #include "formats/base/result.h"
 
 namespace trocar::archive {
@@ -15,11 +16,7 @@ class ListeningSocket {
   /// If `port` is 0, the system chooses a free port. Errors: kUsage if the address is not numeric;
   /// kRefused if the address or the port cannot be used.
   static Result<ListeningSocket> open(const std::string& address, int port);
-  ListeningSocket(ListeningSocket&& other) noexcept;
-  ListeningSocket& operator=(ListeningSocket&&) = delete;
-  ~ListeningSocket();
-
-  int fd() const { return fd_; }
+  int fd() const { return fd_.get(); }
   int port() const { return port_; }
   /// Accepts the next connection and returns its descriptor, or -1 if no connection waits. Does not
   /// block.
@@ -27,7 +24,8 @@ class ListeningSocket {
 
  private:
   ListeningSocket(int fd, int port) : fd_(fd), port_(port) {}
-  int fd_, port_;
+  FileDescriptor fd_;
+  int port_;
 };
 
 }  // namespace trocar::archive

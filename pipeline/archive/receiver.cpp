@@ -3,7 +3,6 @@
 
 #include <fcntl.h>
 #include <poll.h>
-#include <sys/prctl.h>
 #include <sys/resource.h>
 #include <sys/wait.h>
 #include <unistd.h>
@@ -21,6 +20,8 @@
 #include "pipeline/archive/listening_socket.h"
 #include "pipeline/archive/messages.h"
 #include "pipeline/archive/study_folders.h"
+#include "pipeline/base/number_ranges.h"
+#include "pipeline/farm/processes.h"
 #include "pipeline/read/dicom/dicom_parse.h"
 
 namespace trocar::archive {
@@ -37,12 +38,6 @@ constexpr double kKeepCheckS = 1;  // time between two searches for studies that
 std::string megabytes(std::uint64_t bytes) {
   char text[32];
   std::snprintf(text, sizeof text, "%.1f MB", static_cast<double>(bytes) / 1e6);
-  return text;
-}
-
-std::string hours_text(double hours) {
-  char text[32];
-  std::snprintf(text, sizeof text, "%g", hours);
   return text;
 }
 
@@ -128,11 +123,8 @@ class Receiver {
       folders_.drop_association(*folder);
       return report(std::string("no association: ") + std::generic_category().message(errno));
     }
-    const pid_t parent = ::getpid();
-    const pid_t pid = ::fork();
+    const pid_t pid = farm::fork_with_signal(SIGKILL);
     if (pid == 0) {
-      ::prctl(PR_SET_PDEATHSIG, SIGKILL);
-      if (::getppid() != parent) ::_exit(1);
       for (const int signal : {SIGINT, SIGTERM, SIGHUP})
         ::signal(signal, SIG_DFL);
       ::close(socket_.fd());
@@ -256,7 +248,8 @@ class Receiver {
     kept_ = now;
     const auto busy = follow_up_ ? follow_up_->busy() : std::set<std::string>();
     for (const std::string& study : folders_.remove_older(settings_.keep_hours, busy))
-      announce("study " + study + ": removed after " + hours_text(settings_.keep_hours) + " h");
+      announce("study " + study + ": removed after " + pipeline::text_of(settings_.keep_hours, 6) +
+               " h");
   }
 
   void end_associations() {
@@ -297,9 +290,9 @@ Result<void> run_receiver(const ReceiverSettings& settings, const std::atomic<bo
   announce("listening on " + settings.address + " port " + std::to_string(socket->port()) + " as " +
            settings.association.ae + (settings.association.tls ? ", with TLS" : ", unencrypted"));
   announce("studies stay in " + settings.folder.string() +
-           (settings.keep_hours > 0
-                ? " for " + hours_text(settings.keep_hours) + " hours, then they are removed"
-                : " until you remove them"));
+           (settings.keep_hours > 0 ? " for " + pipeline::text_of(settings.keep_hours, 6) +
+                                          " hours, then they are removed"
+                                    : " until you remove them"));
   Receiver(settings, *folders, *socket).run(stop);
   return {};
 }

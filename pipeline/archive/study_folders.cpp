@@ -9,8 +9,6 @@
 #include <cerrno>
 #include <chrono>
 #include <cstdio>
-#include <ctime>
-#include <optional>
 #include <system_error>
 #include <utility>
 
@@ -18,6 +16,7 @@
 #include "pipeline/farm/atomic_file.h"
 #include "pipeline/farm/process_identity.h"
 #include "pipeline/farm/sha256.h"
+#include "pipeline/farm/store.h"
 
 namespace trocar::archive {
 namespace {
@@ -74,21 +73,9 @@ StudySize size_of_folder(const fs::path& folder) {
   return out;
 }
 
-std::set<std::string> uids_in(const fs::path& folder) {
-  std::set<std::string> out;
-  for (const fs::path& study : entries_of(folder))
-    if (is_uid(study.filename().string())) out.insert(study.filename().string());
-  return out;
-}
-
 bool is_there(const fs::path& path) {
   struct stat state {};
   return ::lstat(path.c_str(), &state) == 0;
-}
-
-bool is_same_file(const fs::path& a, const fs::path& b) {
-  const auto first = farm::sha256_of_file(a), second = farm::sha256_of_file(b);
-  return first && second && *first == *second;
 }
 
 // Held while a study is published, so that a receiver and a fetch do not overtake each other.
@@ -96,27 +83,18 @@ class PublishLock {
  public:
   explicit PublishLock(const fs::path& file)
       : fd_(::open(file.c_str(), O_RDWR | O_CREAT | O_CLOEXEC | O_NOFOLLOW, 0600)) {
-    while (fd_ >= 0 && ::flock(fd_, LOCK_EX) != 0 && errno == EINTR) {
+    while (fd_.get() >= 0 && ::flock(fd_.get(), LOCK_EX) != 0 && errno == EINTR) {
     }
-  }
-  PublishLock(const PublishLock&) = delete;
-  PublishLock& operator=(const PublishLock&) = delete;
-  ~PublishLock() {
-    if (fd_ >= 0) ::close(fd_);
   }
 
  private:
-  int fd_;
+  FileDescriptor fd_;
 };
 
 // Sets the time at which a study grew last to now.
 Result<void> touch(const fs::path& mark) {
-  const int fd = ::open(mark.c_str(), O_WRONLY | O_CREAT | O_CLOEXEC | O_NOFOLLOW, 0600);
-  if (fd < 0) return farm::cannot_write(mark, errno);
-  const bool is_done = ::futimens(fd, nullptr) == 0;
-  const int error = errno;
-  ::close(fd);
-  if (!is_done) return farm::cannot_write(mark, error);
+  const FileDescriptor fd(::open(mark.c_str(), O_WRONLY | O_CREAT | O_CLOEXEC | O_NOFOLLOW, 0600));
+  if (fd.get() < 0 || ::futimens(fd.get(), nullptr) != 0) return farm::cannot_write(mark, errno);
   return farm::sync_folder(mark.parent_path());
 }
 
@@ -124,17 +102,6 @@ Result<void> touch(const fs::path& mark) {
 
 StudyFolders::StudyFolders(fs::path folder)
     : folder_(std::move(folder)), incoming_(folder_ / ".incoming") {}
-
-StudyFolders::StudyFolders(StudyFolders&& other) noexcept
-    : folder_(std::move(other.folder_)),
-      incoming_(std::move(other.incoming_)),
-      is_new_(other.is_new_),
-      lock_(std::exchange(other.lock_, -1)),
-      associations_(other.associations_) {}
-
-StudyFolders::~StudyFolders() {
-  if (lock_ >= 0) ::close(lock_);
-}
 
 Result<StudyFolders> StudyFolders::open(const fs::path& folder) {
   StudyFolders out(folder);
@@ -178,9 +145,9 @@ void StudyFolders::remove_if_unused() const {
 
 Result<void> StudyFolders::reserve() {
   const fs::path file = incoming_ / "receiver.lock";
-  lock_ = ::open(file.c_str(), O_RDWR | O_CREAT | O_CLOEXEC | O_NOFOLLOW, 0600);
-  if (lock_ < 0) return farm::cannot_write(file, errno);
-  if (::flock(lock_, LOCK_EX | LOCK_NB) != 0)
+  lock_.emplace(::open(file.c_str(), O_RDWR | O_CREAT | O_CLOEXEC | O_NOFOLLOW, 0600));
+  if (lock_->get() < 0) return farm::cannot_write(file, errno);
+  if (::flock(lock_->get(), LOCK_EX | LOCK_NB) != 0)
     return unwritable(folder_.string() + ": another receiver stores its studies here");
   return {};
 }
@@ -193,7 +160,10 @@ Result<fs::path> StudyFolders::new_association() {
 }
 
 std::set<std::string> StudyFolders::studies_in(const fs::path& association) {
-  return uids_in(association);
+  std::set<std::string> out;
+  for (const fs::path& study : entries_of(association))
+    if (is_uid(study.filename().string())) out.insert(study.filename().string());
+  return out;
 }
 
 void StudyFolders::drop_association(const fs::path& association) const {
@@ -216,7 +186,7 @@ fs::path StudyFolders::growing_folder(const std::string& study) const {
 }
 
 std::set<std::string> StudyFolders::growing() const {
-  return uids_in(incoming_ / "studies");
+  return studies_in(incoming_ / "studies");
 }
 
 StudySize StudyFolders::size_of(const std::string& study) const {
@@ -249,7 +219,7 @@ Result<std::vector<TakenStudy>> StudyFolders::take(const fs::path& association,
     for (const fs::path& file : entries_of(source)) {
       const fs::path name = target / file.filename();
       if (is_there(name)) {
-        if (!is_same_file(file, name)) ++taken.different;
+        if (!farm::same_sha256(file, name)) ++taken.different;
         continue;
       }
       const std::uint64_t bytes = size_of_file(file).value_or(0);
@@ -314,7 +284,7 @@ Result<void> StudyFolders::extend(const fs::path& source, const std::string& stu
     const fs::path stored = target / file.filename();
     if (!is_there(stored)) {
       added.push_back(file);
-    } else if (!is_same_file(file, stored)) {
+    } else if (!farm::same_sha256(file, stored)) {
       ++out.different;
     }
   }
@@ -350,16 +320,13 @@ Result<void> StudyFolders::extend(const fs::path& source, const std::string& stu
 std::vector<std::string> StudyFolders::remove_older(double hours,
                                                     const std::set<std::string>& busy) const {
   std::vector<std::string> out;
-  timespec now{};
-  ::clock_gettime(CLOCK_REALTIME, &now);
+  const auto now = std::chrono::system_clock::now().time_since_epoch();
   const PublishLock lock(incoming_ / "publish.lock");
   for (const fs::path& mark : entries_of(incoming_ / "received")) {
     const std::string study = mark.filename().string();
-    struct stat state {};
-    if (!is_uid(study) || busy.contains(study) || ::lstat(mark.c_str(), &state) != 0) continue;
-    const double age_s = static_cast<double>(now.tv_sec - state.st_mtim.tv_sec) +
-                         1e-9 * static_cast<double>(now.tv_nsec - state.st_mtim.tv_nsec);
-    if (age_s <= hours * 3600) continue;
+    const auto time = farm::time_of(mark);
+    if (!is_uid(study) || busy.contains(study) || !time) continue;
+    if (std::chrono::duration<double>(now - *time).count() <= hours * 3600) continue;
     const fs::path trash = incoming_ / "replaced" / ("old-" + study);
     std::error_code error;
     fs::remove_all(trash, error);

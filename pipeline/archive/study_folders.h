@@ -20,10 +20,12 @@
 
 #include <cstdint>
 #include <filesystem>
+#include <optional>
 #include <set>
 #include <string>
 #include <vector>
 
+#include "formats/base/file_descriptor.h"
 #include "formats/base/result.h"
 #include "pipeline/archive/archive_limits.h"
 #include "pipeline/archive/instance_file.h"
@@ -53,9 +55,6 @@ class StudyFolders {
   /// Creates missing folders with mode 0700. Clears associations/ and replaced/ of what killed
   /// processes have left there. Errors: kUnwritable; the message names the folder.
   static Result<StudyFolders> open(const std::filesystem::path& folder);
-  StudyFolders(StudyFolders&& other) noexcept;
-  StudyFolders& operator=(StudyFolders&&) = delete;
-  ~StudyFolders();
 
   /// Locks the folder against other receivers until this object is destroyed. A fetch needs no
   /// lock, because it writes to a folder of its own and publish() takes its own lock. Errors:
@@ -118,7 +117,7 @@ class StudyFolders {
 
   std::filesystem::path folder_, incoming_;
   bool is_new_ = false;  // open() created the folder itself
-  int lock_ = -1;
+  std::optional<FileDescriptor> lock_;
   std::size_t associations_ = 0;
 };
 

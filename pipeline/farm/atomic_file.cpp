@@ -16,6 +16,7 @@
 #include "formats/base/system_message.h"
 #include "pipeline/farm/failpoint.h"
 #include "pipeline/farm/process_identity.h"
+#include "pipeline/farm/sha256.h"
 
 namespace trocar::farm {
 namespace {
@@ -41,16 +42,6 @@ class Temporary {
   fs::path path_;
   bool renamed_ = false;
 };
-
-bool write_all(int fd, std::span<const std::uint8_t> bytes) {
-  while (!bytes.empty()) {
-    const ssize_t put = ::write(fd, bytes.data(), bytes.size());
-    if (put < 0 && errno == EINTR) continue;
-    if (put < 0) return false;
-    bytes = bytes.subspan(static_cast<std::size_t>(put));
-  }
-  return true;
-}
 
 // The first call must precede all threads, because the mask can be read only by setting it.
 mode_t process_mask() {
@@ -78,6 +69,20 @@ fs::path temporary_name(const fs::path& folder) {
 
 Error cannot_write(const fs::path& file, int error) {
   return unwritable(file.string() + ": cannot be written: " + system_message(error));
+}
+
+bool write_all(int fd, std::span<const std::uint8_t> bytes) {
+  while (!bytes.empty()) {
+    const ssize_t put = ::write(fd, bytes.data(), bytes.size());
+    if (put < 0 && errno == EINTR) continue;
+    if (put < 0) return false;
+    bytes = bytes.subspan(static_cast<std::size_t>(put));
+  }
+  return true;
+}
+
+bool write_all(int fd, std::string_view text) {
+  return write_all(fd, text_bytes(text));
 }
 
 Result<void> sync_folder(const fs::path& folder) {
@@ -121,8 +126,7 @@ Result<void> write_atomically(const AtomicFile& file, std::span<const std::uint8
 }
 
 Result<void> write_atomically(const AtomicFile& file, const std::string& text) {
-  return write_atomically(
-      file, std::span(reinterpret_cast<const std::uint8_t*>(text.data()), text.size()));
+  return write_atomically(file, text_bytes(text));
 }
 
 Result<void> link_atomically(const fs::path& target, const fs::path& link, const fs::path& tmp) {

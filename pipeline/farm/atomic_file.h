@@ -14,6 +14,7 @@
 #include <functional>
 #include <span>
 #include <string>
+#include <string_view>
 
 #include "formats/base/result.h"
 
@@ -45,6 +46,10 @@ Result<void> write_atomically(const AtomicFile& file, const std::string& text);
 /// not synced. Errors: kUnwritable; the message names the link.
 Result<void> link_atomically(const std::filesystem::path& target, const std::filesystem::path& link,
                              const std::filesystem::path& tmp);
+
+/// Writes all bytes to a descriptor. Returns false and sets errno if they cannot be written.
+bool write_all(int fd, std::span<const std::uint8_t> bytes);
+bool write_all(int fd, std::string_view text);
 
 /// Syncs a folder's entries to the disk. Errors: kUnwritable; the message names the folder.
 Result<void> sync_folder(const std::filesystem::path& folder);

@@ -87,17 +87,14 @@ void read_input(const json& input, const std::string& path, CollectionScan& scan
   }
 }
 
-// Options that the farm itself gives to the commands that make products.
-const std::set<std::string>& reserved_options() {
-  static const std::set<std::string> names = {"output", "report", "series", "jobs",   "quiet",
-                                              "help",   "asset",  "check",  "record", "new-scene"};
-  return names;
-}
-
 // Why a product cannot have the option; empty if it can. The key of a product has the bytes of the
 // scan's files, but not those of a file that only the product's own options name, so that nobody
 // would notice a change of this file.
 std::string why_not_for_products(const std::string& option, const json& value) {
+  // The farm itself gives these options to the commands that make products.
+  static const std::set<std::string> reserved = {"output", "report",   "series", "jobs",
+                                                 "quiet",  "help",     "asset",  "check",
+                                                 "record", "new-scene"};
   static const std::set<std::string> of_mesh = {"hu", "input-key", "mask"};
   static const std::set<std::string> of_run = {"black-box",     "device-description",
                                                "frames",        "hand-path",
@@ -108,7 +105,7 @@ std::string why_not_for_products(const std::string& option, const json& value) {
   const bool is_word = std::all_of(option.begin(), option.end(), [](char c) {
     return (c >= 'a' && c <= 'z') || (c >= '0' && c <= '9') || c == '-';
   });
-  if (!is_word || option.empty() || option[0] == '-' || reserved_options().contains(option))
+  if (!is_word || option.empty() || option[0] == '-' || reserved.contains(option))
     return "is not for products";
   // --names takes a file or one of the tables of LabelNames::is_table().
   const bool is_table = value == "verse" || value == "totalsegmentator";

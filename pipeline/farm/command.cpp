@@ -2,7 +2,6 @@
 #include "pipeline/farm/command.h"
 
 #include <fcntl.h>
-#include <sys/prctl.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
@@ -13,6 +12,7 @@
 
 #include "formats/base/file_io.h"
 #include "formats/base/system_message.h"
+#include "pipeline/farm/processes.h"
 
 namespace trocar::farm {
 namespace {
@@ -24,9 +24,7 @@ constexpr std::uint64_t kMaxMessageBytes = std::uint64_t{1} << 20;
 // The child's part between fork() and exec(), which may call only functions that are safe after a
 // fork of a process with threads.
 [[noreturn]] void execute(const std::vector<char*>& words, const std::vector<char*>& environment,
-                          const Command& command, pid_t parent) {
-  ::prctl(PR_SET_PDEATHSIG, SIGKILL);
-  if (::getppid() != parent) ::_exit(1);  // the parent died before prctl()
+                          const Command& command) {
   const auto redirect = [](const fs::path& file, int to) {
     const int fd = ::open(file.c_str(), O_WRONLY | O_CREAT | O_TRUNC, 0600);
     return fd >= 0 && ::dup2(fd, to) >= 0;
@@ -93,12 +91,11 @@ Error error_of(int status, const Command& command) {
 Result<void> run_command(const Command& command, const std::atomic<bool>* stop) {
   std::vector<std::string> copies = command.words, settings = environment_of_command();
   const std::vector<char*> words = pointers_to(copies), environment = pointers_to(settings);
-  const pid_t parent = ::getpid();
-  const pid_t pid = ::fork();
+  const pid_t pid = fork_with_signal(SIGKILL);
   if (pid < 0)
     return Error{ExitCode::kBug, "cannot start " + command.words[0] + ": " + system_message(errno),
                  true};
-  if (pid == 0) execute(words, environment, command, parent);
+  if (pid == 0) execute(words, environment, command);
   int status = 0;
   for (;;) {
     const pid_t ended = ::waitpid(pid, &status, WNOHANG);

@@ -33,24 +33,20 @@ std::string time_text() {
 
 }  // namespace
 
-Journal::~Journal() {
-  if (fd_ >= 0) ::close(fd_);
-}
-
 bool Journal::add(nlohmann::json line) {
   const ProcessIdentity me = this_process();
-  if (fd_ < 0) {
+  if (!fd_ || fd_->get() < 0) {
     const std::string name =
         me.host + "-" + std::to_string(me.pid) + "-" + std::to_string(me.start) + ".ndjson";
-    fd_ = ::open((folder_ / name).c_str(), O_WRONLY | O_CREAT | O_APPEND | O_CLOEXEC, 0666);
-    if (fd_ < 0) return false;
+    fd_.emplace(::open((folder_ / name).c_str(), O_WRONLY | O_CREAT | O_APPEND | O_CLOEXEC, 0666));
+    if (fd_->get() < 0) return false;
   }
   line["time"] = time_text();
   line["host"] = me.host;
   line["pid"] = me.pid;
   failpoint("journal");
   const std::string text = json_text(line) + "\n";
-  return ::write(fd_, text.data(), text.size()) == static_cast<ssize_t>(text.size());
+  return ::write(fd_->get(), text.data(), text.size()) == static_cast<ssize_t>(text.size());
 }
 
 }  // namespace trocar::farm

@@ -7,6 +7,10 @@
 
 #include <filesystem>
 #include <nlohmann/json.hpp>
+#include <optional>
+#include <utility>
+
+#include "formats/base/file_descriptor.h"
 
 namespace trocar::farm {
 
@@ -14,16 +18,13 @@ class Journal {
  public:
   /// The journal's file is created when the first line is added.
   explicit Journal(std::filesystem::path folder) : folder_(std::move(folder)) {}
-  Journal(const Journal&) = delete;
-  Journal& operator=(const Journal&) = delete;
-  ~Journal();
   /// Adds the current time and this process's host and pid to the line (as `time`, `host` and
   /// `pid`) and writes the line. Returns false if the line could not be written.
   bool add(nlohmann::json line);
 
  private:
   std::filesystem::path folder_;
-  int fd_ = -1;
+  std::optional<FileDescriptor> fd_;
 };
 
 }  // namespace trocar::farm

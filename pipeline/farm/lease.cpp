@@ -8,9 +8,10 @@
 #include <cerrno>
 #include <chrono>
 #include <optional>
-#include <system_error>
+#include <tuple>
 #include <utility>
 
+#include "formats/base/file_descriptor.h"
 #include "formats/base/file_io.h"
 #include "pipeline/farm/atomic_file.h"
 #include "pipeline/farm/failpoint.h"
@@ -59,10 +60,7 @@ void remove_expired(const Store& store, const fs::path& file, ino_t inode) {
   if (::rename(file.c_str(), away.c_str()) != 0) return;
   struct stat status {};
   const bool is_another = ::stat(away.c_str(), &status) == 0 && status.st_ino != inode;
-  if (is_another && ::link(away.c_str(), file.c_str()) != 0 && errno != EEXIST) {
-    ::unlink(away.c_str());
-    return;
-  }
+  if (is_another) std::ignore = ::link(away.c_str(), file.c_str());
   ::unlink(away.c_str());
 }
 
@@ -71,14 +69,13 @@ bool is_without_links(int error) {
   return error == EPERM || error == EOPNOTSUPP || error == ENOSYS || error == EMLINK;
 }
 
-// Makes the lease without a hard link: 0, or the error. Until its text is written it names no
-// process, so that other processes wait for as long as for one of another host.
+// Makes a file with the text of a lease: 0, or the error. Until the text is written, the file names
+// no process, so that other processes would wait for as long as for one of another host.
 int create_lease(const fs::path& file, const std::string& text) {
-  const int fd = ::open(file.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0600);
-  if (fd < 0) return errno;
-  const ssize_t put = ::write(fd, text.data(), text.size());
+  const FileDescriptor fd(::open(file.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0600));
+  if (fd.get() < 0) return errno;
+  const ssize_t put = ::write(fd.get(), text.data(), text.size());
   const int error = put == static_cast<ssize_t>(text.size()) ? 0 : (put < 0 ? errno : ENOSPC);
-  ::close(fd);
   if (error != 0) ::unlink(file.c_str());
   return error;
 }
@@ -88,16 +85,8 @@ int create_lease(const fs::path& file, const std::string& text) {
 Result<std::unique_ptr<Lease>> Lease::take(const Store& store, const std::string& key,
                                            const std::string& scan) {
   const fs::path file = store.lease_file(key), mine = temporary_name(store.tmp());
-  const int fd = ::open(mine.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0600);
-  if (fd < 0) return cannot_write(file, errno);
   const std::string text = lease_text(scan);
-  const ssize_t put = ::write(fd, text.data(), text.size());
-  const int failed = put == static_cast<ssize_t>(text.size()) ? 0 : (put < 0 ? errno : ENOSPC);
-  ::close(fd);
-  if (failed != 0) {
-    ::unlink(mine.c_str());
-    return cannot_write(file, failed);
-  }
+  if (const int failed = create_lease(mine, text); failed != 0) return cannot_write(file, failed);
   failpoint("lease-made");
   Result<std::unique_ptr<Lease>> out = std::unique_ptr<Lease>();
   for (int attempt = 0; attempt < 3; ++attempt) {

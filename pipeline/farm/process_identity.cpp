@@ -8,7 +8,6 @@
 #include <cctype>
 #include <charconv>
 #include <fstream>
-#include <iterator>
 #include <sstream>
 #include <vector>
 
@@ -37,6 +36,12 @@ std::string boot_name() {
   return sha256_of(text).substr(0, 12);
 }
 
+template <typename T>
+bool number(std::string_view text, T& out) {
+  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), out);
+  return error == std::errc() && end == text.data() + text.size();
+}
+
 // Reads field 22 of /proc/PID/stat. The second field, the program's name, may contain spaces.
 std::optional<std::uint64_t> start_of(int pid) {
   std::ifstream in("/proc/" + std::to_string(pid) + "/stat");
@@ -51,15 +56,8 @@ std::optional<std::uint64_t> start_of(int pid) {
   for (int k = 4; k <= 22; ++k)
     rest >> field;
   std::uint64_t start = 0;
-  const auto [end, error] = std::from_chars(field.data(), field.data() + field.size(), start);
-  if (error != std::errc() || !rest) return std::nullopt;
+  if (!rest || !number(field, start)) return std::nullopt;
   return start;
-}
-
-template <typename T>
-bool number(std::string_view text, T& out) {
-  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), out);
-  return error == std::errc() && end == text.data() + text.size();
 }
 
 }  // namespace

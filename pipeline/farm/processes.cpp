@@ -14,19 +14,18 @@
 #include <cstdio>
 
 #include "formats/base/system_message.h"
+#include "pipeline/farm/atomic_file.h"
 
 namespace trocar::farm {
-namespace {
 
-void send_all(int fd, const std::string& text) {
-  for (std::size_t done = 0; done < text.size();) {
-    const ssize_t put = ::write(fd, text.data() + done, text.size() - done);
-    if (put < 0 && errno != EINTR) return;
-    if (put > 0) done += static_cast<std::size_t>(put);
-  }
+pid_t fork_with_signal(int signal) {
+  const pid_t parent = ::getpid();
+  const pid_t pid = ::fork();
+  if (pid != 0) return pid;
+  ::prctl(PR_SET_PDEATHSIG, signal);
+  if (::getppid() != parent) ::_exit(1);  // the parent died before prctl()
+  return 0;
 }
-
-}  // namespace
 
 Processes::~Processes() {
   signal_all(SIGKILL);
@@ -41,8 +40,7 @@ Result<void> Processes::start(std::size_t task, const std::function<std::string(
   if (::pipe2(ends.data(), O_CLOEXEC) != 0)
     return bug("cannot create a pipe for a scan's process: " + system_message(errno));
   std::fflush(nullptr);
-  const pid_t parent = ::getpid();
-  const pid_t pid = ::fork();
+  const pid_t pid = fork_with_signal(SIGKILL);
   if (pid < 0) {
     const int error = errno;
     ::close(ends[0]);
@@ -50,12 +48,10 @@ Result<void> Processes::start(std::size_t task, const std::function<std::string(
     return bug("cannot create a process for a scan: " + system_message(error));
   }
   if (pid == 0) {
-    ::prctl(PR_SET_PDEATHSIG, SIGKILL);
-    if (::getppid() != parent) ::_exit(0);  // the parent died before prctl()
     ::close(ends[0]);
     for (const Running& other : running_)
       ::close(other.fd);
-    send_all(ends[1], work());
+    write_all(ends[1], work());
     std::fflush(nullptr);
     ::_exit(0);  // without the destructors of the parent's objects
   }

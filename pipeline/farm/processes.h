@@ -17,6 +17,10 @@
 
 namespace trocar::farm {
 
+/// Calls fork(). If this process dies, the new process gets the signal, or ends if it has not begun
+/// yet. The new process may have been forked from a process with threads.
+pid_t fork_with_signal(int signal);
+
 /// A process that has ended.
 struct Ended {
   std::size_t task = 0;

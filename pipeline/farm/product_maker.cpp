@@ -55,15 +55,8 @@ class WorkFolder {
 };
 
 void add_options(const json& parameters, std::vector<std::string>& words) {
-  for (const auto& [name, value] : parameters.items()) {
-    if (value.is_boolean()) {
-      words.push_back("--" + name);
-      continue;
-    }
-    for (const json& one : value.is_array() ? value : json::array({value}))
-      words.push_back("--" + name + "=" +
-                      (one.is_string() ? one.get<std::string>() : json_text(one)));
-  }
+  for (const auto& [name, value] : parameters.items())
+    add_option(name, value, words);
 }
 
 std::vector<std::string> mesh_words(const ProductPrograms& programs, const CollectionScan& scan,
@@ -151,11 +144,17 @@ Result<Object> make(const ProductWork& work, const WantedProduct& product, const
   if (!done) return without(done.error(), folder.product().string() + "/");
   const auto bytes = read_file(output);
   if (!bytes) return bug("it wrote no " + output.filename().string());
-  return work.store.put_content(*bytes,
-                                [](std::span<const std::uint8_t>) { return Result<void>(); });
+  return work.store.put_content(*bytes, {});
 }
 
 }  // namespace
+
+void add_option(const std::string& name, const json& value, std::vector<std::string>& words) {
+  if (value.is_boolean()) return words.push_back("--" + name);
+  for (const json& one : value.is_array() ? value : json::array({value}))
+    words.push_back("--" + name + "=" +
+                    (one.is_string() ? one.get<std::string>() : json_text(one)));
+}
 
 json product_parameters(const CollectionScan& scan, const WantedProduct& product) {
   json out = scan.parameters;

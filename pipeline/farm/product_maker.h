@@ -9,6 +9,7 @@
 #include <functional>
 #include <nlohmann/json.hpp>
 #include <optional>
+#include <string>
 #include <vector>
 
 #include "formats/base/result.h"
@@ -26,6 +27,11 @@ struct ProductPrograms {
     return is_made_by_run(kind) ? run_digest : mesh_digest;
   }
 };
+
+/// Adds a parameter of a collection to the words of a command, as an option: a flag if the value is
+/// true or false, an option with the value otherwise, and one option for each value of an array.
+void add_option(const std::string& name, const nlohmann::json& value,
+                std::vector<std::string>& words);
 
 /// The parameters with which `trocar-mesh` makes a preview or a surface: the scan's parameters,
 /// overridden by the product's own. A surface does not get the scan's parameters `lines`, `colour`

@@ -61,14 +61,6 @@ bool is_utf8(const std::string& text) {
   return std::all_of(text.begin(), text.end(), is_ascii) || parse_json(json_text(text)) == text;
 }
 
-std::string to_hex(const std::string& bytes) {
-  std::string out(2 * bytes.size() + 1, '\0');
-  sodium_bin2hex(out.data(), out.size(), reinterpret_cast<const unsigned char*>(bytes.data()),
-                 bytes.size());
-  out.pop_back();
-  return out;
-}
-
 // Returns std::nullopt if `hex` is damaged.
 std::optional<std::string> from_hex(const std::string& hex) {
   std::string out(hex.size() / 2, '\0');
@@ -105,6 +97,16 @@ Result<std::vector<fs::path>> inputs_of(const CollectionScan& scan) {
   std::sort(out.begin(), out.end(), [](const fs::path& a, const fs::path& b) {
     return pipeline::natural_less(a.string(), b.string());
   });
+  return out;
+}
+
+std::vector<NamedFile> all_paths(const std::vector<fs::path>& inputs,
+                                 const Parameters& parameters) {
+  std::vector<NamedFile> out;
+  out.reserve(inputs.size() + parameters.files.size());
+  for (const fs::path& path : inputs)
+    out.push_back({"input", path});
+  out.insert(out.end(), parameters.files.begin(), parameters.files.end());
   return out;
 }
 
@@ -176,7 +178,7 @@ json files_json(const std::vector<ScanFile>& files) {
                    {"mtime_ns", file.mtime_ns},
                    {"inode", file.inode},
                    {"sha256", file.sha256.empty() ? json() : json(file.sha256)}});
-    if (!is_utf8(file.path)) out.back()["path_hex"] = to_hex(file.path);
+    if (!is_utf8(file.path)) out.back()["path_hex"] = hex_of(text_bytes(file.path));
   }
   return out;
 }

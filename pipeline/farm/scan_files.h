@@ -35,6 +35,10 @@ bool same_state(const std::vector<ScanFile>& a, const std::vector<ScanFile>& b);
 /// matches, or if the pattern's folders cannot be read.
 Result<std::vector<std::filesystem::path>> inputs_of(const CollectionScan& scan);
 
+/// The paths of a scan: its inputs, and the files that its parameters name.
+std::vector<NamedFile> all_paths(const std::vector<std::filesystem::path>& inputs,
+                                 const Parameters& parameters);
+
 /// The files of all paths, in the order of the paths. For a folder, these are all files that
 /// files_below() (open/scan_folder.h) finds in it. A DICOMDIR that is the only path of its role
 /// stands for its folder, as for open_stack(). No digest is computed, so the digests are empty.

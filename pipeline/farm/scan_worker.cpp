@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "pipeline/farm/scan_worker.h"
 
-#include <sys/stat.h>
 #include <unistd.h>
 
 #include <algorithm>
@@ -11,7 +10,7 @@
 #include <memory>
 #include <new>
 #include <optional>
-#include <system_error>
+#include <span>
 #include <utility>
 
 #include "formats/asset/asset.h"
@@ -30,20 +29,6 @@ using nlohmann::json;
 constexpr std::array<const char*, 6> kOutcomes = {"made",          "found",  "failed",
                                                   "known_failure", "leased", "interrupted"};
 
-std::span<const std::uint8_t> bytes_of(const std::string& text) {
-  return {reinterpret_cast<const std::uint8_t*>(text.data()), text.size()};
-}
-
-std::vector<NamedFile> all_paths(const std::vector<fs::path>& inputs,
-                                 const Parameters& parameters) {
-  std::vector<NamedFile> out;
-  out.reserve(inputs.size() + parameters.files.size());
-  for (const fs::path& path : inputs)
-    out.push_back({"input", path});
-  out.insert(out.end(), parameters.files.begin(), parameters.files.end());
-  return out;
-}
-
 // Takes over the digests from the index if no file has changed.
 void reuse_digests(const std::vector<ScanFile>& known, std::vector<ScanFile>& files) {
   if (!same_state(known, files)) return;
@@ -56,6 +41,13 @@ std::uint64_t bytes_read(const std::vector<ScanFile>& files) {
   for (const ScanFile& file : files)
     out += file.sha256.empty() ? 0 : file.size;
   return out;
+}
+
+// Checks that the bytes are a valid asset.
+Result<void> check_asset(std::span<const std::uint8_t> glb, const std::string& name) {
+  const auto asset = decode_asset(glb, name);
+  if (!asset) return asset.error();
+  return verify_asset(*asset, name);
 }
 
 // Removes a content file if its bytes do not have the digest in its name, or if it should be an
@@ -324,8 +316,7 @@ class Worker {
     opened_.reset();
     warnings_ = std::move(outputs->warnings);
     Outputs out;
-    const auto no_proof = [](std::span<const std::uint8_t>) { return Result<void>(); };
-    auto report = store_.put_content(bytes_of(outputs->report), no_proof);
+    auto report = store_.put_content(text_bytes(outputs->report), {});
     if (!report) return report.error();
     out.report = *report;
     auto asset = store_.put_content(outputs->asset, [this](std::span<const std::uint8_t> glb) {
@@ -381,12 +372,6 @@ Outcome outcome_from(const json& value) {
   out.warnings = value.at("warnings");
   out.products_made = value.at("products_made").get<std::size_t>();
   return out;
-}
-
-Result<void> check_asset(std::span<const std::uint8_t> glb, const std::string& name) {
-  const auto asset = decode_asset(glb, name);
-  if (!asset) return asset.error();
-  return verify_asset(*asset, name);
 }
 
 Outcome work_on(const Work& work, const Store& store, const ScanProgram& program) {

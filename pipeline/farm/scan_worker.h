@@ -6,7 +6,6 @@
 
 #include <atomic>
 #include <nlohmann/json.hpp>
-#include <span>
 #include <string>
 
 #include "pipeline/farm/scan_program.h"
@@ -63,8 +62,5 @@ Outcome work_on(const Work& work, const Store& store, const ScanProgram& program
 /// Writes a failure to the index for a scan whose process was killed by a signal, or ended without
 /// an outcome. The entry keeps the key, outputs and products that the index had.
 Outcome record_killed(const Work& work, const Store& store, int signal, int exit_code);
-
-/// Checks that the bytes are a valid asset. Errors: kRefused; the message begins with `name`.
-Result<void> check_asset(std::span<const std::uint8_t> glb, const std::string& name);
 
 }  // namespace trocar::farm

@@ -9,15 +9,17 @@
 #include "formats/base/file_io.h"
 
 namespace trocar::farm {
-namespace {
 
-std::string hex_of(const unsigned char* hash) {
-  char hex[2 * crypto_hash_sha256_BYTES + 1];
-  sodium_bin2hex(hex, sizeof hex, hash, crypto_hash_sha256_BYTES);
-  return hex;
+std::span<const std::uint8_t> text_bytes(std::string_view text) {
+  return {reinterpret_cast<const std::uint8_t*>(text.data()), text.size()};
 }
 
-}  // namespace
+std::string hex_of(std::span<const std::uint8_t> bytes) {
+  std::string out(2 * bytes.size() + 1, '\0');
+  sodium_bin2hex(out.data(), out.size(), bytes.data(), bytes.size());
+  out.pop_back();
+  return out;
+}
 
 std::string sha256_of(std::span<const std::uint8_t> bytes) {
   unsigned char hash[crypto_hash_sha256_BYTES];
@@ -26,7 +28,7 @@ std::string sha256_of(std::span<const std::uint8_t> bytes) {
 }
 
 std::string sha256_of(std::string_view text) {
-  return sha256_of(std::span(reinterpret_cast<const std::uint8_t*>(text.data()), text.size()));
+  return sha256_of(text_bytes(text));
 }
 
 Result<std::string> sha256_of_file(const std::filesystem::path& file) {
@@ -45,6 +47,11 @@ Result<std::string> sha256_of_file(const std::filesystem::path& file) {
   unsigned char hash[crypto_hash_sha256_BYTES];
   crypto_hash_sha256_final(&state, hash);
   return hex_of(hash);
+}
+
+bool same_sha256(const std::filesystem::path& a, const std::filesystem::path& b) {
+  const auto first = sha256_of_file(a), second = sha256_of_file(b);
+  return first && second && *first == *second;
 }
 
 bool is_sha256(std::string_view text) {

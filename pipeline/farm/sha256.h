@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// SHA-256 of texts and files as 64 lower-case hexadecimal digits, computed by libsodium.
+// SHA-256 of texts and files as 64 lower-case hexadecimal digits, computed by libsodium. Also the
+// bytes of a text, and the hexadecimal digits of any bytes.
 // Tests: tests/pipeline/farm/store_test.cpp
 #pragma once
 
@@ -13,11 +14,19 @@
 
 namespace trocar::farm {
 
+/// The bytes of a text.
+std::span<const std::uint8_t> text_bytes(std::string_view text);
+/// The bytes as lower-case hexadecimal digits.
+std::string hex_of(std::span<const std::uint8_t> bytes);
+
 std::string sha256_of(std::span<const std::uint8_t> bytes);
 std::string sha256_of(std::string_view text);
 
 /// Errors: kRefused if the file cannot be read; the message names the file.
 Result<std::string> sha256_of_file(const std::filesystem::path& file);
+
+/// Can both files be read, and do they have the same digest?
+bool same_sha256(const std::filesystem::path& a, const std::filesystem::path& b);
 
 /// Does the text consist of 64 lower-case hexadecimal digits? The caller must check a digest that
 /// was read from a store before the digest becomes part of a path.

@@ -4,7 +4,6 @@
 #include <iterator>
 #include <map>
 #include <set>
-#include <utility>
 
 #include "formats/base/json_text.h"
 #include "pipeline/farm/sha256.h"
@@ -81,11 +80,7 @@ void compare_input(const WantedScan& wanted, const ScanEntry& entry, const Compa
   };
   const auto inputs = inputs_of(*wanted.scan);
   if (!inputs) return add_error(inputs.error());
-  std::vector<NamedFile> paths;
-  for (const auto& path : *inputs)
-    paths.push_back({"input", path});
-  paths.insert(paths.end(), wanted.parameters->files.begin(), wanted.parameters->files.end());
-  const auto now = list_files(paths);
+  const auto now = list_files(all_paths(*inputs, *wanted.parameters));
   if (!now) return add_error(now.error());
   compare_files(entry.files, *now, how, out);
 }

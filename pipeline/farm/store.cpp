@@ -12,6 +12,7 @@
 #include <system_error>
 #include <utility>
 
+#include "formats/base/file_descriptor.h"
 #include "formats/base/file_io.h"
 #include "formats/base/json_text.h"
 #include "formats/base/strict_json.h"
@@ -343,9 +344,8 @@ fs::path report_link(const fs::path& store, const std::string& name) {
 }
 
 bool leads_to(const fs::path& link, const fs::path& target) {
-  std::array<char, 256> text{};
-  const ssize_t n = ::readlink(link.c_str(), text.data(), text.size());
-  return n >= 0 && std::string_view(text.data(), static_cast<std::size_t>(n)) == target.native();
+  std::error_code error;
+  return fs::read_symlink(link, error) == target && !error;
 }
 
 bool is_absent(const fs::path& link) {
@@ -355,27 +355,28 @@ bool is_absent(const fs::path& link) {
 
 }  // namespace
 
-// Calls `look` with the link of each product of an entry, and the file that it should lead to; null
-// if there should be no link.
-void Store::for_product_links(
-    const ScanEntry& entry, const std::function<void(const fs::path&, const Object*)>& look) const {
-  for (const ProductKind kind : kProductKinds) {
-    const auto at = entry.products.find(product_name(kind));
-    const bool is_done = at != entry.products.end() && at->second.file;
-    look(folder_ / "products" / entry.name / product_file(kind),
-         is_done ? &*at->second.file : nullptr);
+// The links of asset and report, then those of all kinds of products.
+std::vector<Store::Link> Store::links_of(const ScanEntry& entry) const {
+  std::vector<Link> out = {{asset_link(folder_, entry.name), {}},
+                           {report_link(folder_, entry.name), {}}};
+  if (entry.outputs) {
+    out[0].target = link_target(entry.outputs->asset);
+    out[1].target = link_target(entry.outputs->report);
   }
+  for (const ProductKind kind : kProductKinds) {
+    out.push_back({folder_ / "products" / entry.name / product_file(kind), {}});
+    const auto at = entry.products.find(product_name(kind));
+    if (at != entry.products.end() && at->second.file)
+      out.back().target = ".." / link_target(*at->second.file);
+  }
+  return out;
 }
 
 bool Store::links_fit(const ScanEntry& entry) const {
-  const fs::path asset = asset_link(folder_, entry.name), report = report_link(folder_, entry.name);
-  bool fit = entry.outputs ? leads_to(asset, link_target(entry.outputs->asset)) &&
-                                 leads_to(report, link_target(entry.outputs->report))
-                           : is_absent(asset) && is_absent(report);
-  for_product_links(entry, [&fit](const fs::path& link, const Object* file) {
-    fit = fit && (file != nullptr ? leads_to(link, ".." / link_target(*file)) : is_absent(link));
+  const auto links = links_of(entry);
+  return std::all_of(links.begin(), links.end(), [](const Link& one) {
+    return one.target ? leads_to(one.link, *one.target) : is_absent(one.link);
   });
-  return fit;
 }
 
 Result<void> Store::put_entry(const ScanEntry& entry) const {
@@ -385,32 +386,19 @@ Result<void> Store::put_entry(const ScanEntry& entry) const {
                                  json_text(entry_json(entry)) + "\n");
       !ok)
     return ok;
-  const fs::path asset = asset_link(folder_, entry.name), report = report_link(folder_, entry.name);
-  if (!entry.outputs) {
-    for (const fs::path& link : {asset, report})
-      if (::unlink(link.c_str()) != 0 && errno != ENOENT) return cannot_write(link, errno);
-    return put_product_links(entry);
-  }
-  if (auto ok = link_atomically(link_target(entry.outputs->asset), asset, tmp()); !ok) return ok;
-  if (auto ok = link_atomically(link_target(entry.outputs->report), report, tmp()); !ok) return ok;
-  return put_product_links(entry);
-}
-
-Result<void> Store::put_product_links(const ScanEntry& entry) const {
-  const fs::path folder = folder_ / "products" / entry.name;
-  if (!entry.products.empty() && ::mkdir(folder.c_str(), 0777) != 0 && errno != EEXIST)
-    return cannot_write(folder, errno);
-  Result<void> out;
-  for_product_links(entry, [&](const fs::path& link, const Object* file) {
-    if (!out) return;
-    if (file != nullptr) {
-      out = link_atomically(".." / link_target(*file), link, tmp());
+  const fs::path products = folder_ / "products" / entry.name;
+  for (const auto& [link, target] : links_of(entry)) {
+    const bool needs_folder = !entry.products.empty() && link.parent_path() == products;
+    if (needs_folder && ::mkdir(products.c_str(), 0777) != 0 && errno != EEXIST)
+      return cannot_write(products, errno);
+    if (target) {
+      if (auto ok = link_atomically(*target, link, tmp()); !ok) return ok;
     } else if (::unlink(link.c_str()) != 0 && errno != ENOENT) {
-      out = cannot_write(link, errno);
+      return cannot_write(link, errno);
     }
-  });
-  if (entry.products.empty()) ::rmdir(folder.c_str());  // if it exists, and is empty
-  return out;
+  }
+  if (entry.products.empty()) ::rmdir(products.c_str());  // if it exists, and is empty
+  return {};
 }
 
 void Store::drop_entry(const std::string& name) const {
@@ -437,9 +425,8 @@ std::vector<std::string> Store::names() const {
 
 Result<nanoseconds> Store::now() const {
   const fs::path probe = temporary_name(tmp());
-  const int fd = ::open(probe.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0600);
-  if (fd < 0) return cannot_write(probe, errno);
-  ::close(fd);
+  const FileDescriptor fd(::open(probe.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0600));
+  if (fd.get() < 0) return cannot_write(probe, errno);
   const auto time = time_of(probe);
   ::unlink(probe.c_str());
   if (!time) return cannot_write(probe, ENOENT);

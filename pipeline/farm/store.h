@@ -151,10 +151,12 @@ class Store {
 
  private:
   explicit Store(std::filesystem::path folder) : folder_(std::move(folder)) {}
-  void for_product_links(
-      const ScanEntry& entry,
-      const std::function<void(const std::filesystem::path&, const Object*)>& look) const;
-  Result<void> put_product_links(const ScanEntry& entry) const;
+  /// A link of a scan, and where it should lead to; std::nullopt if there should be no link.
+  struct Link {
+    std::filesystem::path link;
+    std::optional<std::filesystem::path> target;
+  };
+  std::vector<Link> links_of(const ScanEntry& entry) const;
   std::filesystem::path folder_;
 };
 

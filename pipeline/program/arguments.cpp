@@ -18,10 +18,7 @@ class Group {
   template <typename Number>
   Option number(const char* name, Number& value, const char* unit, Number low, Number high,
                 const char* help) {
-    return command_.option(name, value, help)
-        .with_default_shown()
-        .within(low, high, unit)
-        .in_group(name_);
+    return number_if_given(name, value, unit, low, high, help).with_default_shown();
   }
   // The same without a default.
   template <typename Number>

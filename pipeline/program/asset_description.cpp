@@ -1,10 +1,9 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "pipeline/program/asset_description.h"
 
-#include <algorithm>
+#include <Eigen/Geometry>
 #include <array>
 #include <cmath>
-#include <limits>
 #include <optional>
 #include <utility>
 
@@ -14,21 +13,18 @@ namespace trocar::pipeline {
 namespace {
 
 using nlohmann::json;
-using Corners = std::array<std::array<double, 2>, 2>;  // lowest and highest corner
-
-/// Bounding box of the mesh in the slice plane, mm; std::nullopt for an empty mesh.
-std::optional<Corners> box_of(const SliceMesh& mesh, double step_mm) {
-  if (mesh.vertices.empty()) return std::nullopt;
-  constexpr double kFar = std::numeric_limits<double>::infinity();
-  Corners box{{{kFar, kFar}, {-kFar, -kFar}}};
-  for (const LatticePoint p : mesh.vertices) {
-    const std::array<double, 2> at{p.x * step_mm, p.y * step_mm};
-    for (std::size_t k = 0; k < 2; ++k) {
-      box[0][k] = std::min(box[0][k], at[k]);
-      box[1][k] = std::max(box[1][k], at[k]);
-    }
-  }
+/// Bounding box of the mesh in the slice plane, mm; it is empty for an empty mesh.
+Eigen::AlignedBox2d box_of(const SliceMesh& mesh, double step_mm) {
+  Eigen::AlignedBox2d box;
+  for (const LatticePoint p : mesh.vertices)
+    box.extend(Eigen::Vector2d(p.x * step_mm, p.y * step_mm));
   return box;
+}
+
+/// The lowest and the highest corner of a box; null for an empty box.
+json corners_json(const Eigen::AlignedBox2d& box) {
+  if (box.isEmpty()) return nullptr;
+  return {{box.min().x(), box.min().y()}, {box.max().x(), box.max().y()}};
 }
 
 /// Centroid of the material in the slice plane, mm; std::nullopt for an empty mesh.
@@ -60,7 +56,7 @@ json or_null(const std::optional<T>& value) {
 
 json describe_asset(const Asset& asset, std::uint64_t bytes) {
   json slices = json::array();
-  std::optional<Corners> all;
+  Eigen::AlignedBox2d all;
   std::size_t triangles = 0;
   const double step2 = asset.lattice.step_mm() * asset.lattice.step_mm();
   std::vector<double> areas_mm2(asset.materials.size());
@@ -71,12 +67,8 @@ json describe_asset(const Asset& asset, std::uint64_t bytes) {
     for (const Ring& ring : s.pslg.rings)
       outline += ring.size();
     triangles += s.mesh.triangles.size();
-    const std::optional<Corners> box = box_of(s.mesh, asset.lattice.step_mm());
-    if (box && !all) all = box;
-    for (std::size_t k = 0; box && k < 2; ++k) {
-      (*all)[0][k] = std::min((*all)[0][k], (*box)[0][k]);
-      (*all)[1][k] = std::max((*all)[1][k], (*box)[1][k]);
-    }
+    const Eigen::AlignedBox2d box = box_of(s.mesh, asset.lattice.step_mm());
+    all.extend(box);
     slices.push_back(
         {{"index", s.index},
          {"material", s.material},
@@ -86,7 +78,7 @@ json describe_asset(const Asset& asset, std::uint64_t bytes) {
          {"rings", s.pslg.rings.size()},
          {"outline_segments", outline},
          {"area_mm2", area_mm2},
-         {"box_mm", or_null(box)},
+         {"box_mm", corners_json(box)},
          {"centroid_mm", or_null(centroid_of(s.mesh, asset.lattice.step_mm()))},
          {"mean_hu", s.mesh.triangles.empty() ? json(nullptr) : or_null(mean_hu_of(s))},
          {"measures", parse_known_json(s.measures_json)}});
@@ -117,7 +109,7 @@ json describe_asset(const Asset& asset, std::uint64_t bytes) {
               {"parameters", parse_known_json(asset.parameters_json)},
               {"bytes", bytes},
               {"triangles", triangles},
-              {"box_mm", or_null(all)},
+              {"box_mm", corners_json(all)},
               {"surfaces", std::move(surfaces)},
               {"slices", std::move(slices)}};
   for (const HuVolume* volume : {&asset.hu, &asset.context}) {

@@ -12,6 +12,7 @@
 #include "formats/base/json_text.h"
 #include "formats/base/nearest_name.h"
 #include "formats/base/program.h"
+#include "pipeline/farm/product_maker.h"
 #include "pipeline/open/scan_folder.h"
 #include "pipeline/program/arguments.h"
 #include "pipeline/program/mesh_scan.h"
@@ -38,6 +39,8 @@ const std::set<std::string>& excluded_options() {
 struct Parsed {
   CommandLine line{kProgram, "", ""};
   Arguments a;
+  StackOptions options;
+  OpenOptions open;
   Parsed() { add_mesh_options(line, a); }
 };
 
@@ -64,10 +67,6 @@ std::vector<std::string> names_of(const std::vector<Parameter>& parameters) {
   return out;
 }
 
-std::string value_text(const json& value) {
-  return value.is_string() ? value.get<std::string>() : json_text(value);
-}
-
 Result<void> add_words(const std::vector<Parameter>& known, const std::string& name,
                        const json& value, std::vector<std::string>& words) {
   const std::string given = "parameter " + name + ": ";
@@ -78,15 +77,9 @@ Result<void> add_words(const std::vector<Parameter>& known, const std::string& n
       return usage(given + "is not for the scans of a collection");
     return usage(given + "no such option" + did_you_mean(name, names_of(known)));
   }
-  const std::string option = "--" + name;
   if (value.is_boolean() != found->is_flag)
     return usage(given + (found->is_flag ? "must be true or false" : "must be a number or a text"));
-  if (found->is_flag) {
-    words.push_back(option);
-    return {};
-  }
-  for (const json& one : value.is_array() ? value : json::array({value}))
-    words.push_back(option + "=" + value_text(one));
+  farm::add_option(name, value, words);
   return {};
 }
 
@@ -99,14 +92,22 @@ Result<std::unique_ptr<Parsed>> parse(const json& given) {
   }
   if (auto ok = out->line.parse(with_preset_options(words)); !ok)
     return usage("parameters: " + ok.error().message);
+  auto options = stack_options(out->a);
+  if (!options) return options.error();
+  auto open = open_options(out->a);
+  if (!open) return open.error();
+  out->options = std::move(*options);
+  out->open = std::move(*open);
   return out;
 }
 
-std::vector<farm::NamedFile> files_of(const Arguments& a, const StackOptions& options) {
+std::vector<farm::NamedFile> files_of(const Parsed& parsed) {
+  const Arguments& a = parsed.a;
+  const std::string& mask_file = parsed.options.solid.mask_file;
   std::vector<farm::NamedFile> out;
   if (!a.hu.empty()) out.push_back({"hu", a.hu});
   if (!a.input_key.empty()) out.push_back({"input-key", a.input_key});
-  if (!options.solid.mask_file.empty()) out.push_back({"mask", options.solid.mask_file});
+  if (!mask_file.empty()) out.push_back({"mask", mask_file});
   if (!a.names.empty() && !LabelNames::is_table(a.names)) out.push_back({"names", a.names});
   return out;
 }
@@ -130,7 +131,8 @@ json seeds_json(const std::vector<Eigen::Vector3d>& seeds) {
 
 // Every option that can change a byte of the outputs, under its name. Defaults are included, so
 // that giving a default explicitly does not change the key.
-json canonical(const Arguments& a, const StackOptions& o, const OpenOptions& open) {
+json canonical(const Parsed& parsed) {
+  const auto& [line, a, o, open] = parsed;
   json out = segmentation_json(o.mesh.segmentation);
   out.update({{"contour", a.contour},
               {"simplify", a.simplify},
@@ -206,13 +208,8 @@ std::string stored_report(json report, const SliceStack& stack) {
 class Opened : public farm::OpenedScan {
  public:
   // `warnings` are the warnings of opening the scan.
-  Opened(std::unique_ptr<Parsed> parsed, StackOptions options, OpenOptions open, LabelsWithCt scan,
-         json warnings)
-      : parsed_(std::move(parsed)),
-        options_(std::move(options)),
-        open_(std::move(open)),
-        scan_(std::move(scan)),
-        warnings_(std::move(warnings)) {}
+  Opened(std::unique_ptr<Parsed> parsed, LabelsWithCt scan, json warnings)
+      : parsed_(std::move(parsed)), scan_(std::move(scan)), warnings_(std::move(warnings)) {}
 
   std::vector<farm::NamedFile> files() const override {
     std::vector<farm::NamedFile> out;
@@ -221,18 +218,20 @@ class Opened : public farm::OpenedScan {
     if (scan_.ct != nullptr)
       for (const fs::path& file : scan_.ct->files)
         out.push_back({"hu", file});
-    for (farm::NamedFile& file : files_of(parsed_->a, options_))
+    for (farm::NamedFile& file : files_of(*parsed_))
       if (file.of != "hu") out.push_back(std::move(file));
     return out;
   }
 
   Result<farm::ScanOutputs> mesh() override {
     SliceStack& stack = *scan_.labels;
-    options_.mesh.hu = scan_.ct.get();
-    options_.stop = &stop_requested;
-    if (!stack.series && open_.axis == SliceAxis::kAxial) open_.axis.reset();
-    options_.axis = open_.axis;
-    auto result = mesh_stack(stack, options_, parameters_json(options_, open_));
+    StackOptions& options = parsed_->options;
+    OpenOptions& open = parsed_->open;
+    options.mesh.hu = scan_.ct.get();
+    options.stop = &stop_requested;
+    if (!stack.series && open.axis == SliceAxis::kAxial) open.axis.reset();
+    options.axis = open.axis;
+    auto result = mesh_stack(stack, options, parameters_json(options, open));
     if (!result) return result.error();
     farm::ScanOutputs out;
     for (json& warning : result->report["warnings"])
@@ -247,8 +246,6 @@ class Opened : public farm::OpenedScan {
 
  private:
   std::unique_ptr<Parsed> parsed_;
-  StackOptions options_;
-  OpenOptions open_;
   LabelsWithCt scan_;
   json warnings_;
 };
@@ -267,12 +264,7 @@ std::vector<std::string> collection_options() {
 Result<farm::Parameters> FarmScans::parameters(const json& given) const {
   const auto parsed = parse(given);
   if (!parsed) return parsed.error();
-  const auto options = stack_options((*parsed)->a);
-  if (!options) return options.error();
-  const auto open = open_options((*parsed)->a);
-  if (!open) return open.error();
-  return farm::Parameters{canonical((*parsed)->a, *options, *open),
-                          files_of((*parsed)->a, *options)};
+  return farm::Parameters{canonical(**parsed), files_of(**parsed)};
 }
 
 Result<std::unique_ptr<farm::OpenedScan>> FarmScans::open(const json& given,
@@ -283,13 +275,9 @@ Result<std::unique_ptr<farm::OpenedScan>> FarmScans::open(const json& given,
   if (!parsed) return parsed.error();
   Arguments& a = (*parsed)->a;
   a.inputs = inputs;
-  a.series = series;
-  a.jobs = threads;
-  auto options = stack_options(a);
-  if (!options) return options.error();
-  auto open = open_options(a);
-  if (!open) return open.error();
-  auto scan = open_scan(a, *open);
+  (*parsed)->open.series = series;
+  (*parsed)->options.threads = threads;
+  auto scan = open_scan(a, (*parsed)->open);
   if (!scan) return scan.error();
   // The report omits the warnings of opening, because they can name files that do not belong to the
   // scan.
@@ -300,8 +288,7 @@ Result<std::unique_ptr<farm::OpenedScan>> FarmScans::open(const json& given,
   stack.warnings.clear();
   if (auto ok = check_threshold(a, stack); !ok) return ok.error();
   return std::unique_ptr<farm::OpenedScan>(
-      std::make_unique<Opened>(std::move(*parsed), std::move(*options), std::move(*open),
-                               std::move(*scan), std::move(warnings)));
+      std::make_unique<Opened>(std::move(*parsed), std::move(*scan), std::move(warnings)));
 }
 
 bool FarmScans::opens_first(const std::vector<fs::path>& inputs,

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "pipeline/program/mesh_scan.h"
 
-#include <memory>
 #include <string>
 #include <utility>
 

@@ -2,7 +2,6 @@
 #include "pipeline/program/presets.h"
 
 #include <algorithm>
-#include <array>
 
 #include "formats/base/nearest_name.h"
 

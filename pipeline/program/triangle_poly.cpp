@@ -4,21 +4,19 @@
 #include <algorithm>
 #include <array>
 #include <cstdint>
-#include <cstdio>
 #include <set>
 #include <sstream>
 #include <utility>
 #include <vector>
 
+#include "pipeline/base/number_ranges.h"
 #include "pipeline/triangulation/triangulation.h"
 
 namespace trocar::pipeline {
 namespace {
 
 std::string number(double v) {
-  char text[32];
-  std::snprintf(text, sizeof text, "%.17g", v);
-  return text;
+  return text_of(v, 17);
 }
 
 // Is p strictly inside the ring, or one of its vertices?

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "pipeline/review/mesh_thumbnail.h"
 
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -22,11 +23,6 @@ constexpr std::array<std::array<double, 3>, 6> kMaterials{{{235, 228, 214},
                                                            {240, 228, 66},
                                                            {204, 121, 167},
                                                            {213, 94, 0}}};
-
-struct Box {
-  std::int32_t low_x = std::numeric_limits<std::int32_t>::max(), low_y = low_x;
-  std::int32_t high_x = std::numeric_limits<std::int32_t>::min(), high_y = high_x;
-};
 
 struct HuRange {
   float low = std::numeric_limits<float>::max(), high = std::numeric_limits<float>::lowest();
@@ -69,23 +65,20 @@ std::optional<int> middle_slice(const Asset& asset) {
 
 Thumbnail draw_thumbnail(const Asset& asset, int slice, int size_px) {
   std::vector<const AssetSlice*> shown;
-  Box box;
+  Eigen::AlignedBox2d box;
   HuRange range;
   for (const AssetSlice& s : asset.slices) {
     if (s.index != slice || s.mesh.triangles.empty()) continue;
     shown.push_back(&s);
-    for (const LatticePoint p : s.mesh.vertices) {
-      box.low_x = std::min(box.low_x, p.x), box.high_x = std::max(box.high_x, p.x);
-      box.low_y = std::min(box.low_y, p.y), box.high_y = std::max(box.high_y, p.y);
-    }
+    for (const LatticePoint p : s.mesh.vertices)
+      box.extend(Eigen::Vector2d(p.x, p.y));
     for (const Triangle& t : s.mesh.triangles) {
       const float hu = hu_at(asset, s, t);
       if (hu < range.low) range.low = hu;
       if (hu > range.high) range.high = hu;
     }
   }
-  const double width = static_cast<double>(box.high_x) - box.low_x,
-               height = static_cast<double>(box.high_y) - box.low_y;
+  const double width = box.sizes().x(), height = box.sizes().y();
   const int large = size_px * kLarger;
   const double scale = large * (1 - 2 * kMarginShare) / std::max({width, height, 1.0});
   const auto pixel = [&](LatticePoint p) {
@@ -93,7 +86,7 @@ Thumbnail draw_thumbnail(const Asset& asset, int slice, int size_px) {
       return static_cast<int>(
           std::lround(((value - low - size / 2) * scale + large / 2.0) * (1 << kShift)));
     };
-    return cv::Point(along(p.x, box.low_x, width), along(p.y, box.low_y, height));
+    return cv::Point(along(p.x, box.min().x(), width), along(p.y, box.min().y(), height));
   };
   cv::Mat sheet(large, large, CV_8UC3, kPaper);
   for (const AssetSlice* s : shown) {

@@ -86,13 +86,10 @@ json asset_json(const Store& store, const farm::Object& object) {
   const auto slice = middle_slice(*asset);
   if (!slice) return out;
   const Thumbnail thumbnail = draw_thumbnail(*asset, *slice, kThumbnail_px);
-  std::size_t triangles = 0;
-  for (const AssetSlice& s : asset->slices)
-    triangles += s.mesh.triangles.size();
   out["slice"] = *slice;
   out["slices"] = slice_count(*asset);
   out["size_mm"] = {thumbnail.width_mm, thumbnail.height_mm};
-  out["triangles"] = triangles;
+  out["triangles"] = triangles_of(*asset);
   if (const auto png = png_of(thumbnail.picture)) out["src"] = png_url(*png);
   return out;
 }

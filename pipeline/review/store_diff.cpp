@@ -2,6 +2,7 @@
 #include "pipeline/review/store_diff.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <map>
 #include <tuple>
@@ -33,13 +34,6 @@ double area_mm2(const Asset& asset) {
   for (const AssetSlice& s : asset.slices)
     steps2 += static_cast<double>(doubled_area(s.mesh)) / 2;
   return steps2 * asset.lattice.step_mm() * asset.lattice.step_mm();
-}
-
-std::uint64_t triangles_of(const Asset& asset) {
-  std::uint64_t out = 0;
-  for (const AssetSlice& s : asset.slices)
-    out += s.mesh.triangles.size();
-  return out;
 }
 
 // The rings in mm in the plane to which `T` maps, and their largest distance from this plane.
@@ -109,24 +103,6 @@ bool differ(const IndexedScan& now, const IndexedScan& before, ScanDifference& o
   return true;
 }
 
-struct Pair {
-  std::size_t index = 0;  // index in the differences
-  Object now, before;
-};
-
-void compare_pair(const Store& now, const Store& before, const Pair& pair, ScanDifference& out) {
-  const auto a = farm::read_stored_asset(now, pair.now);
-  const auto b = a ? farm::read_stored_asset(before, pair.before) : a;
-  if (!a || !b) {
-    out.kind = DifferenceKind::kDamaged;
-    out.reason = (a ? b : a).error().message;
-    return;
-  }
-  out.geometry = compare_assets(*a, *b);
-}
-
-}  // namespace
-
 AssetDifference compare_assets(const Asset& now, const Asset& before) {
   AssetDifference out;
   out.area_mm2 = {area_mm2(now), area_mm2(before)};
@@ -149,22 +125,34 @@ AssetDifference compare_assets(const Asset& now, const Asset& before) {
   return out;
 }
 
-const char* name_of(DifferenceKind kind) {
-  switch (kind) {
-    case DifferenceKind::kDamaged:
-      return "damaged";
-    case DifferenceKind::kFailed:
-      return "failed";
-    case DifferenceKind::kGone:
-      return "gone";
-    case DifferenceKind::kChanged:
-      return "changed";
-    case DifferenceKind::kRepaired:
-      return "repaired";
-    case DifferenceKind::kNew:
-      return "new";
+struct Pair {
+  std::size_t index = 0;  // index in the differences
+  Object now, before;
+};
+
+void compare_pair(const Store& now, const Store& before, const Pair& pair, ScanDifference& out) {
+  const auto a = farm::read_stored_asset(now, pair.now);
+  const auto b = a ? farm::read_stored_asset(before, pair.before) : a;
+  if (!a || !b) {
+    out.kind = DifferenceKind::kDamaged;
+    out.reason = (a ? b : a).error().message;
+    return;
   }
-  return "";
+  out.geometry = compare_assets(*a, *b);
+}
+
+}  // namespace
+
+std::uint64_t triangles_of(const Asset& asset) {
+  std::uint64_t out = 0;
+  for (const AssetSlice& s : asset.slices)
+    out += s.mesh.triangles.size();
+  return out;
+}
+
+const char* name_of(DifferenceKind kind) {
+  constexpr std::array kNames = {"damaged", "failed", "gone", "changed", "repaired", "new"};
+  return kNames.at(static_cast<std::size_t>(kind));
 }
 
 Result<StoreDiff> compare_stores(const Store& now, const Store& before,

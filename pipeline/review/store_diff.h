@@ -34,7 +34,9 @@ struct AssetDifference {
   Both<double> area_mm2;
   Both<std::uint64_t> triangles;
 };
-AssetDifference compare_assets(const Asset& now, const Asset& before);
+
+/// The number of triangles of all slices.
+std::uint64_t triangles_of(const Asset& asset);
 
 struct ScanDifference {
   /// Kinds of difference, the most serious first.

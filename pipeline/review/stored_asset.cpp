@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "pipeline/review/stored_asset.h"
 
-#include <algorithm>
 #include <optional>
 #include <utility>
 
@@ -12,7 +11,7 @@ namespace trocar::farm {
 
 std::vector<IndexedScan> indexed_scans(const Store& store) {
   std::vector<IndexedScan> out;
-  for (const std::string& name : store.names()) {
+  for (const std::string& name : store.names()) {  // sorted
     IndexedScan scan;
     scan.name = name;
     scan.reason = "its entry in the index is damaged";
@@ -23,8 +22,6 @@ std::vector<IndexedScan> indexed_scans(const Store& store) {
     }
     out.push_back(std::move(scan));
   }
-  std::sort(out.begin(), out.end(),
-            [](const IndexedScan& a, const IndexedScan& b) { return a.name < b.name; });
   return out;
 }
 
@@ -36,9 +33,7 @@ Result<Asset> read_stored_asset(const Store& store, const Object& object) {
   const auto bytes = read_file(file, object.bytes);
   if (!bytes) return damaged("cannot be read, or is longer than the index says");
   if (sha256_of(*bytes) != object.sha256) return damaged("its bytes are not those of its digest");
-  auto asset = decode_asset(*bytes, file.string());
-  if (!asset) return asset.error();
-  return asset;
+  return decode_asset(*bytes, file.string());
 }
 
 }  // namespace trocar::farm

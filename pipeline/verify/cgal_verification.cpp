@@ -60,12 +60,12 @@ class Triangulated {
  public:
   Result<void> build(const AssetSlice& slice) {
     for (const LatticePoint& p : slice.mesh.vertices)
-      vertex_.try_emplace({p.x, p.y}, cdt_.insert(point_of(p)));
+      vertex_.try_emplace(p, cdt_.insert(point_of(p)));
     std::size_t edges = 0;
     for (const Ring& ring : slice.pslg.rings) {
       for (std::size_t i = 0; i < ring.size(); ++i, ++edges) {
         const LatticePoint &a = ring[i], &b = ring[(i + 1) % ring.size()];
-        const auto from = vertex_.find({a.x, a.y}), to = vertex_.find({b.x, b.y});
+        const auto from = vertex_.find(a), to = vertex_.find(b);
         if (from == vertex_.end() || to == vertex_.end())
           return refused("the outline's edge from " + text_of(a) +
                          " ends beside the mesh's vertices");
@@ -103,8 +103,7 @@ class Triangulated {
   bool is_outline_edge(const LatticePoint& a, const LatticePoint& b) const {
     Cdt::Face_handle face;
     int k = 0;
-    return cdt_.is_edge(vertex_.at({a.x, a.y}), vertex_.at({b.x, b.y}), face, k) &&
-           cdt_.is_constrained({face, k});
+    return cdt_.is_edge(vertex_.at(a), vertex_.at(b), face, k) && cdt_.is_constrained({face, k});
   }
 
  private:
@@ -131,7 +130,7 @@ class Triangulated {
         const LatticePoint &a = ring[i], &b = ring[(i + 1) % ring.size()];
         Cdt::Face_handle left;
         int k = 0;
-        cdt_.is_edge(vertex_.at({a.x, a.y}), vertex_.at({b.x, b.y}), left, k);
+        cdt_.is_edge(vertex_.at(a), vertex_.at(b), left, k);
         // Faces are counter-clockwise, so the edge opposite to vertex k goes from vertex k + 1 to
         // vertex k + 2.
         if (left->vertex(Cdt::ccw(k))->point() != point_of(a)) left = left->neighbor(k);
@@ -143,7 +142,7 @@ class Triangulated {
   }
 
   Cdt cdt_;
-  std::map<std::pair<std::int64_t, std::int64_t>, Cdt::Vertex_handle> vertex_;
+  std::map<LatticePoint, Cdt::Vertex_handle> vertex_;
 };
 
 CGAL::Sign turn(const SliceMesh& mesh, const Triangle& t) {
@@ -223,7 +222,7 @@ Result<void> confirm(const AssetSlice& slice) {
 // edge lie on different sides of it, and none lies inside another.
 Result<void> confirm_together(std::span<const AssetSlice> materials) {
   Cdt cdt;
-  std::map<std::pair<std::int64_t, std::int64_t>, Cdt::Vertex_handle> vertex;
+  std::map<Point, Cdt::Vertex_handle> vertex;
   std::map<std::pair<Point, Point>, int> material_left_of;
   std::set<std::pair<Point, Point>> edges;  // undirected
   for (const AssetSlice& one : materials) {
@@ -234,19 +233,15 @@ Result<void> confirm_together(std::span<const AssetSlice> materials) {
         if (!material_left_of.try_emplace({p, q}, one.material).second)
           return refused("two materials lie on the same side of the edge from " + text_of(a));
         edges.insert(std::minmax(p, q));
-        for (const LatticePoint& end : {a, b}) {
-          if (!vertex.contains({end.x, end.y})) vertex[{end.x, end.y}] = cdt.insert(point_of(end));
+        for (const Point& end : {p, q}) {
+          if (!vertex.contains(end)) vertex[end] = cdt.insert(end);
         }
       }
     }
   }
   try {
-    for (const auto& [edge, material] : material_left_of) {
-      const auto at = [&vertex](const Point& p) {
-        return vertex.at({static_cast<std::int64_t>(p.x()), static_cast<std::int64_t>(p.y())});
-      };
-      cdt.insert_constraint(at(edge.first), at(edge.second));
-    }
+    for (const auto& [edge, material] : material_left_of)
+      cdt.insert_constraint(vertex.at(edge.first), vertex.at(edge.second));
   } catch (const Cdt::Intersection_of_constraints_exception&) {
     return refused("the outlines of two materials cross");
   }

@@ -5,60 +5,37 @@ namespace trocar::pipeline {
 
 namespace {
 
+template <typename Number>
+void add_limit(const Command& command, const char* name, Number& value, int low, int high,
+               const char* help) {
+  command.option(name, value, help).with_default_shown().within(low, high).in_group("Limits");
+}
+
 // The options of both commands. `instances` and `timeout` are the help texts of --max-instances and
 // --dimse-timeout, which differ.
 void add_archive_options(const Command& command, ArchiveArguments& a, const char* instances,
                          const char* timeout) {
-  command.option("--tls-key", a.tls.key, "private key of this program (PEM)")
-      .with_form("FILE")
-      .in_group("Encryption");
-  command.option("--tls-cert", a.tls.cert, "certificate of this program (PEM)")
-      .with_form("FILE")
-      .in_group("Encryption");
-  command
-      .option("--tls-ca", a.tls.ca,
-              "certificates (PEM), one of which must have signed the other side's certificate")
-      .with_form("FILE")
-      .in_group("Encryption");
+  const auto file = [&command](const char* name, std::filesystem::path& value, const char* help) {
+    command.option(name, value, help).with_form("FILE").in_group("Encryption");
+  };
+  file("--tls-key", a.tls.key, "private key of this program (PEM)");
+  file("--tls-cert", a.tls.cert, "certificate of this program (PEM)");
+  file("--tls-ca", a.tls.ca,
+       "certificates (PEM), one of which must have signed the other side's certificate");
   command.flag("--insecure", a.insecure, "allow scans to cross the network without encryption")
       .in_group("Encryption");
-  command
-      .option("--max-instance-mb", a.instance_mb, "largest size of an instance (a DICOM file), MiB")
-      .with_default_shown()
-      .within(1, 65'536)
-      .in_group("Limits");
-  command.option("--max-study-gb", a.study_gb, "largest size of a study, GiB")
-      .with_default_shown()
-      .within(1, 65'536)
-      .in_group("Limits");
-  command.option("--max-instances", a.limits.study_instances, instances)
-      .with_default_shown()
-      .within(1, 10'000'000)
-      .in_group("Limits");
-  command
-      .option("--max-pdu", a.limits.max_pdu_bytes,
-              "largest PDU (a packet of the DICOM protocol), bytes")
-      .with_default_shown()
-      .within(4096, 131'072)
-      .in_group("Limits");
-  command
-      .option("--acse-timeout", a.limits.acse_timeout_s,
-              "longest time until an association (a DICOM connection) is established, s")
-      .with_default_shown()
-      .within(1, 3600)
-      .in_group("Limits");
-  command.option("--dimse-timeout", a.limits.dimse_timeout_s, timeout)
-      .with_default_shown()
-      .within(1, 86'400)
-      .in_group("Limits");
-  command
-      .option(
-          "--idle-timeout", a.limits.idle_timeout_s,
-          "end an association if no byte comes from the other side for this time, s; before its "
-          "first instance, fetch waits for --dimse-timeout if that is longer")
-      .with_default_shown()
-      .within(1, 86'400)
-      .in_group("Limits");
+  add_limit(command, "--max-instance-mb", a.instance_mb, 1, 65'536,
+            "largest size of an instance (a DICOM file), MiB");
+  add_limit(command, "--max-study-gb", a.study_gb, 1, 65'536, "largest size of a study, GiB");
+  add_limit(command, "--max-instances", a.limits.study_instances, 1, 10'000'000, instances);
+  add_limit(command, "--max-pdu", a.limits.max_pdu_bytes, 4096, 131'072,
+            "largest PDU (a packet of the DICOM protocol), bytes");
+  add_limit(command, "--acse-timeout", a.limits.acse_timeout_s, 1, 3600,
+            "longest time until an association (a DICOM connection) is established, s");
+  add_limit(command, "--dimse-timeout", a.limits.dimse_timeout_s, 1, 86'400, timeout);
+  add_limit(command, "--idle-timeout", a.limits.idle_timeout_s, 1, 86'400,
+            "end an association if no byte comes from the other side for this time, s; before its "
+            "first instance, fetch waits for --dimse-timeout if that is longer");
 }
 
 }  // namespace
@@ -102,12 +79,8 @@ void add_receive_options(const Command& command, ReceiveArguments& a) {
           "the folder STORE, as trocar-mesh batch does")
       .two_values()
       .with_form("COLLECTION STORE");
-  command
-      .option("--max-associations", a.max_associations,
-              "largest number of associations at the same time; others wait")
-      .with_default_shown()
-      .within(1, 1000)
-      .in_group("Limits");
+  add_limit(command, "--max-associations", a.max_associations, 1, 1000,
+            "largest number of associations at the same time; others wait");
   add_archive_options(command, a.archive, "largest number of instances in a study",
                       "longest time for receiving one instance, s");
 }

@@ -5,7 +5,6 @@
 
 #include <cerrno>
 #include <filesystem>
-#include <string>
 #include <system_error>
 
 #include "formats/base/program.h"

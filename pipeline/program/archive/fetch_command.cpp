@@ -43,13 +43,14 @@ int run_fetch(const FetchArguments& a) {
   stop_on_signals();
   const auto done = archive::fetch_study(*settings, stop_requested);
   if (!done) return report_error(archive::kProgram, done.error());
-  if (done->different > 0)
-    archive::report("warning: " + std::to_string(done->different) +
+  const archive::PublishedStudy& study = done->study;
+  if (study.different > 0)
+    archive::report("warning: " + std::to_string(study.different) +
                     " instances differ from those that are stored, which were kept");
   if (!a.quiet) {
-    std::printf("%s: %zu instances, %.1f MB", (settings->folder / a.study).c_str(), done->instances,
-                static_cast<double>(done->bytes) / 1e6);
-    if (done->added < done->instances) std::printf("; %zu of them new", done->added);
+    std::printf("%s: %zu instances, %.1f MB", (settings->folder / a.study).c_str(), study.instances,
+                static_cast<double>(study.bytes) / 1e6);
+    if (study.added < study.instances) std::printf("; %zu of them new", study.added);
     if (done->left_out > 0) std::printf("; %zu instances of other kinds left out", done->left_out);
     std::printf("\n");
   }
