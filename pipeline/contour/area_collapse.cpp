@@ -5,8 +5,6 @@
 #include <array>
 #include <cmath>
 #include <optional>
-#include <tuple>
-#include <utility>
 #include <vector>
 
 #include "formats/geometry/canonical_rotation.h"

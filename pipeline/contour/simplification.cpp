@@ -2,7 +2,6 @@
 #include "pipeline/contour/simplification.h"
 
 #include <algorithm>
-#include <cmath>
 #include <iterator>
 #include <limits>
 #include <numeric>

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "pipeline/segment/connected_components.h"
 
-#include <utility>
 
 #include "formats/base/disjoint_sets.h"
 

@@ -2,7 +2,6 @@
 #include "pipeline/segment/plane_flood.h"
 
 #include <algorithm>
-#include <cmath>
 #include <limits>
 
 namespace trocar::pipeline {

@@ -5,7 +5,6 @@
 #include <array>
 #include <cmath>
 #include <cstdint>
-#include <span>
 #include <utility>
 
 #include "pipeline/base/parallel_for.h"

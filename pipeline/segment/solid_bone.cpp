@@ -5,7 +5,6 @@
 #include <cmath>
 #include <cstdio>
 #include <numeric>
-#include <queue>
 #include <utility>
 
 #include "pipeline/base/parallel_for.h"

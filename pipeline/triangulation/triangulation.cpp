@@ -5,7 +5,6 @@
 #include "pipeline/triangulation/triangulation.h"
 
 #include <algorithm>
-#include <array>
 #include <utility>
 
 #include "formats/geometry/canonical_rotation.h"
