@@ -5,10 +5,8 @@
 #include <cstring>
 #include <map>
 #include <optional>
-#include <string>
 #include <utility>
 
-#include "formats/geometry/mesh_validity.h"
 #include "pipeline/contour/border_smoothing.h"
 #include "pipeline/contour/border_walk.h"
 
@@ -273,23 +271,6 @@ std::vector<Pslg> material_outlines(const LabelBorders& borders) {
   for (Pslg& pslg : out)
     normalise(pslg);
   return out;
-}
-
-Result<void> check_label_borders(const LabelBorders& borders) {
-  std::int64_t sum = 0;
-  const std::vector<Pslg> outlines = material_outlines(borders);
-  for (std::size_t m = 0; m < outlines.size(); ++m) {
-    sum += doubled_area(outlines[m]);
-    if (auto ok = check_pslg(outlines[m]); !ok)
-      return bug("material " + std::to_string(m + 1) + ": " + ok.error().message);
-  }
-  const Pslg all = outline_of(borders, [](MaterialNumber m) { return m != kNoMaterial; });
-  if (auto ok = check_pslg(all); !ok) return bug("all materials: " + ok.error().message);
-  if (sum != doubled_area(all)) {
-    return bug("the areas of the materials and of all differ by " +
-               std::to_string(sum - doubled_area(all)) + " half squared steps");
-  }
-  return {};
 }
 
 }  // namespace trocar::pipeline

@@ -201,35 +201,6 @@ class Components {
 
 }  // namespace
 
-MaterialImage material_image(const Image& labels, std::span<const Labels> materials) {
-  MaterialImage out{labels.width, labels.height, {}, {}};
-  out.labels.resize(materials.size());
-  out.values.reserve(labels.values.size());
-  float last = 0;
-  MaterialNumber last_material = kNoMaterial;
-  bool is_first = true;
-  for (const float v : labels.values) {
-    if (is_first || v != last) {
-      last = v;
-      is_first = false;
-      last_material = kNoMaterial;
-      if (std::rint(v) == v && std::abs(v) < 1e9F) {
-        const int label = static_cast<int>(v);
-        const auto has = [label](const Labels& m) {
-          return m.all ? label != 0 : m.labels.contains(label);
-        };
-        const auto it = std::find_if(materials.begin(), materials.end(), has);
-        if (it != materials.end()) {
-          last_material = static_cast<MaterialNumber>(it - materials.begin() + 1);
-          out.labels[static_cast<std::size_t>(it - materials.begin())].insert(label);
-        }
-      }
-    }
-    out.values.push_back(last_material);
-  }
-  return out;
-}
-
 Result<LabelMaterials> label_materials(const Image& labels, const Labels& wanted) {
   std::unordered_map<int, int> first_of_joined;
   for (const std::set<int>& joined : wanted.joined) {
