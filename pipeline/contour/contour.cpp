@@ -342,10 +342,14 @@ Pslg pixel_chains(const Field& field, const PixelGrid& grid) {
 Pslg contours(const Field& field, const PixelGrid& grid, ContourKind kind) {
   Pslg out =
       kind == ContourKind::kPixel ? pixel_chains(field, grid) : MarchingSquares(field, grid).run();
-  for (Ring& ring : out.rings)
-    std::rotate(ring.begin(), std::min_element(ring.begin(), ring.end()), ring.end());
-  std::sort(out.rings.begin(), out.rings.end());
+  normalise(out);
   return out;
+}
+
+void normalise(Pslg& outline) {
+  for (Ring& ring : outline.rings)
+    std::rotate(ring.begin(), std::min_element(ring.begin(), ring.end()), ring.end());
+  std::sort(outline.rings.begin(), outline.rings.end());
 }
 
 Pslg drop_small_rings(Pslg contours, double min_area_mm2, const Lattice& lattice) {

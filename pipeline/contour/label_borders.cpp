@@ -3,7 +3,6 @@
 
 #include <algorithm>
 #include <cstring>
-#include <map>
 #include <optional>
 #include <utility>
 
@@ -222,30 +221,6 @@ class BorderTracer {
   LabelBorders out_;
 };
 
-// Divides a ring that passes points twice into simple rings that touch there.
-void split_where_it_touches(const Ring& ring, std::vector<Ring>& out) {
-  Ring path;
-  std::map<LatticePoint, std::size_t> positions;  // in the path
-  for (const LatticePoint p : ring) {
-    if (const auto it = positions.find(p); it != positions.end()) {
-      const std::size_t first = it->second;
-      out.emplace_back(path.begin() + static_cast<std::ptrdiff_t>(first), path.end());
-      for (const LatticePoint q : out.back())
-        positions.erase(q);
-      path.resize(first);
-    }
-    positions[p] = path.size();
-    path.push_back(p);
-  }
-  out.push_back(std::move(path));
-}
-
-void normalise(Pslg& pslg) {
-  for (Ring& ring : pslg.rings)
-    std::rotate(ring.begin(), std::min_element(ring.begin(), ring.end()), ring.end());
-  std::sort(pslg.rings.begin(), pslg.rings.end());
-}
-
 }  // namespace
 
 LabelBorders label_borders(const MaterialImage& image, const PixelGrid& grid) {
@@ -257,7 +232,7 @@ Pslg outline_of(const LabelBorders& borders, const std::function<bool(MaterialNu
   const BorderWalk walk(borders);
   walk.for_loops(
       is_wanted, [&](MaterialNumber a, MaterialNumber b) { return is_wanted(a) == is_wanted(b); },
-      [&](const ChainLoop& loop) { split_where_it_touches(loop.ring(borders), out.rings); });
+      [&](const ChainLoop& loop) { split_at_pinches(loop.ring(borders), out.rings); });
   normalise(out);
   return out;
 }
