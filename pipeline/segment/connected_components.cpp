@@ -1,16 +1,9 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "pipeline/segment/connected_components.h"
 
-
 #include "formats/base/disjoint_sets.h"
 
 namespace trocar::pipeline {
-double VoxelGrid::width_mm(std::size_t axis, std::size_t i) const {
-  const std::vector<double>& at = at_mm[axis];
-  if (at.size() < 2) return 1;
-  const std::size_t a = i > 0 ? i - 1 : i, b = i + 1 < at.size() ? i + 1 : i;
-  return (at[b] - at[a]) / static_cast<double>(b - a);
-}
 
 VoxelGrid grid_of(const SliceStack& stack) {
   VoxelGrid grid;

@@ -11,15 +11,23 @@
 
 namespace trocar::pipeline {
 
+/// The width of cell i along an axis on which the cells' centres are at `at`: half of the distance
+/// between its two neighbours. At an end of the axis, the width is the distance to the only
+/// neighbour. Without neighbours it is 1.
+inline double cell_width(std::span<const double> at, std::size_t i) {
+  if (at.size() < 2) return 1;
+  const std::size_t a = i > 0 ? i - 1 : i, b = i + 1 < at.size() ? i + 1 : i;
+  return (at[b] - at[a]) / static_cast<double>(b - a);
+}
+
 /// The grid of a volume: the positions of the voxels' centres along each axis in mm, ascending. The
 /// volume's values are row-major: voxel (x, y, z) is value [(z * ny + y) * nx + x].
 struct VoxelGrid {
   std::array<std::vector<double>, 3> at_mm;
   std::size_t count(std::size_t axis) const { return at_mm[axis].size(); }
   std::size_t size() const { return count(0) * count(1) * count(2); }
-  /// The width of voxel i along an axis: half of the distance between its two neighbours. At an end
-  /// of the axis, the width is the distance to the only neighbour. Without neighbours it is 1.
-  double width_mm(std::size_t axis, std::size_t i) const;
+  /// The cell_width() of voxel i along an axis.
+  double width_mm(std::size_t axis, std::size_t i) const { return cell_width(at_mm[axis], i); }
 };
 
 /// Returns the grid of a scan. Precondition: the slices are parallel and in ascending order

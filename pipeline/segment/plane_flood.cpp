@@ -5,6 +5,8 @@
 #include <initializer_list>
 #include <limits>
 
+#include "pipeline/segment/connected_components.h"
+
 namespace trocar::pipeline {
 namespace {
 
@@ -71,14 +73,6 @@ void squared_distances_along(std::initializer_list<std::span<const double>> axes
     }
     stride *= at.size();
   }
-}
-
-// The width of a cell: half of the distance between its neighbours; at the ends the distance to the
-// only neighbour.
-double cell_width(std::span<const double> at, std::size_t i) {
-  if (at.size() < 2) return 1;
-  const std::size_t a = i > 0 ? i - 1 : i, b = i + 1 < at.size() ? i + 1 : i;
-  return (at[b] - at[a]) / static_cast<double>(b - a);
 }
 
 // Collects the pixels connected by edges with `start` whose `open` is 1, and sets their `open` to
