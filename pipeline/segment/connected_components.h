@@ -35,14 +35,25 @@ struct VoxelGrid {
 /// along z are SlicePlane::z_mm.
 VoxelGrid grid_of(const SliceStack& stack);
 
-/// The connected components of a volume, as runs of neighbouring voxels along x. Voxels that share
-/// a face, an edge or a corner are connected. Component c has the volume volume_mm3[c].
-struct VoxelComponents {
+/// The connected components of a volume, as runs of neighbouring voxels along x.
+struct VoxelRuns {
   struct Run {
     std::size_t begin = 0, end = 0;  ///< voxels [begin, end)
     std::uint32_t component = 0;     ///< components are numbered in order of their first voxels
   };
   std::vector<Run> runs;
+  std::size_t components = 0;  ///< number of components
+};
+
+/// Finds the components of the nonzero voxels. `size` has the numbers of voxels along x, y and z.
+/// Voxels that share a face are connected; if `by_corners` is true, also those that share an edge
+/// or a corner. O(voxels).
+VoxelRuns find_runs(const std::array<std::size_t, 3>& size, std::span<const std::uint8_t> voxels,
+                    bool by_corners);
+
+/// The components of a volume in which voxels that share a face, an edge or a corner are connected.
+/// Component c has the volume volume_mm3[c].
+struct VoxelComponents : VoxelRuns {
   std::vector<double> volume_mm3;
 };
 

@@ -7,9 +7,9 @@
 #include <opencv2/imgproc.hpp>
 #include <utility>
 
-#include "formats/base/disjoint_sets.h"
 #include "pipeline/base/parallel_for.h"
 #include "pipeline/read/stack_shape.h"
+#include "pipeline/segment/connected_components.h"
 
 namespace trocar::pipeline {
 namespace {
@@ -19,81 +19,26 @@ float outside(float value) {
   return -std::max(std::abs(value), std::numeric_limits<float>::min());
 }
 
-// A run of voxels along x on one side of zero. All runs together are the whole volume.
-struct VoxelRun {
-  std::size_t begin = 0, end = 0;
-  std::uint32_t component = 0;
-};
-
-struct VoxelRuns {
-  std::vector<VoxelRun> runs;
-  std::vector<std::size_t> first;    // index of each row's first run, and the end
-  std::vector<std::int64_t> voxels;  // by component
-  std::vector<bool> inside;
-};
-
-// The components that are connected by faces.
-VoxelRuns find_runs(const SurfaceVolume& volume) {
-  const auto width = static_cast<std::size_t>(volume.size[0]);
-  const std::size_t rows = static_cast<std::size_t>(volume.size[1]) * volume.size[2];
-  VoxelRuns out;
-  for (std::size_t row = 0; row < rows; ++row) {
-    out.first.push_back(out.runs.size());
-    const std::size_t end = (row + 1) * width;
-    for (std::size_t i = row * width; i < end;) {
-      const bool inside = volume.values[i] >= 0;
-      VoxelRun run{i, i, 0};
-      while (run.end < end && (volume.values[run.end] >= 0) == inside)
-        ++run.end;
-      i = run.end;
-      out.runs.push_back(run);
-    }
-  }
-  out.first.push_back(out.runs.size());
-
-  DisjointSets sets(out.runs.size());
-  const auto join_rows = [&](std::size_t row, std::size_t other) {
-    const std::size_t shift = (row - other) * width;
-    for (std::size_t a = out.first[row], b = out.first[other];
-         a < out.first[row + 1] && b < out.first[other + 1];) {
-      const VoxelRun &one = out.runs[a], &two = out.runs[b];
-      if ((volume.values[one.begin] >= 0) == (volume.values[two.begin] >= 0) &&
-          one.begin < two.end + shift && two.begin + shift < one.end)
-        sets.join(static_cast<std::uint32_t>(a), static_cast<std::uint32_t>(b));
-      (one.end < two.end + shift ? a : b) += 1;
-    }
-  };
-  const auto height = static_cast<std::size_t>(volume.size[1]);
-  for (std::size_t row = 0; row < rows; ++row) {
-    if (row % height > 0) join_rows(row, row - 1);
-    if (row >= height) join_rows(row, row - height);
-  }
-  for (std::size_t i = 0; i < out.runs.size(); ++i) {
-    const std::uint32_t to = sets.root(static_cast<std::uint32_t>(i));
-    VoxelRun& run = out.runs[i];
-    if (to == i) {
-      run.component = static_cast<std::uint32_t>(out.voxels.size());
-      out.voxels.push_back(0);
-      out.inside.push_back(volume.values[run.begin] >= 0);
-    } else {
-      run.component = out.runs[to].component;
-    }
-    out.voxels[run.component] += static_cast<std::int64_t>(run.end - run.begin);
-  }
-  return out;
-}
-
 void drop_small(SurfaceVolume& volume, bool inside, std::int64_t min_voxels) {
-  const VoxelRuns runs = find_runs(volume);
+  std::vector<std::uint8_t> side(volume.values.size());
+  std::transform(volume.values.begin(), volume.values.end(), side.begin(), [inside](float v) {
+    return static_cast<std::uint8_t>((v >= 0) == inside ? 1 : 0);
+  });
+  std::array<std::size_t, 3> size{};
+  std::copy(volume.size.begin(), volume.size.end(), size.begin());
+  const VoxelRuns found = find_runs(size, side, false);
+  std::vector<std::int64_t> voxels(found.components, 0);
+  for (const VoxelRuns::Run& run : found.runs)
+    voxels[run.component] += static_cast<std::int64_t>(run.end - run.begin);
   const auto [u, v, w] = volume.voxel_mm();
-  for (std::size_t c = 0; c < runs.voxels.size(); ++c) {
-    if (runs.inside[c] != inside || runs.voxels[c] >= min_voxels) continue;
+  for (const std::int64_t count : voxels) {
+    if (count >= min_voxels) continue;
     ++(inside ? volume.dropped.specks : volume.dropped.holes);
     volume.dropped.largest_mm3 =
-        std::max(volume.dropped.largest_mm3, static_cast<double>(runs.voxels[c]) * u * v * w);
+        std::max(volume.dropped.largest_mm3, static_cast<double>(count) * u * v * w);
   }
-  for (const VoxelRun& run : runs.runs) {
-    if (runs.inside[run.component] != inside || runs.voxels[run.component] >= min_voxels) continue;
+  for (const VoxelRuns::Run& run : found.runs) {
+    if (voxels[run.component] >= min_voxels) continue;
     for (std::size_t i = run.begin; i < run.end; ++i)
       volume.values[i] = inside ? outside(volume.values[i]) : -volume.values[i];
   }
