@@ -268,8 +268,7 @@ Result<SurfaceVolume> read_surface_volume(const SliceStack& stack, int first, in
 
   std::vector<std::vector<float>> fields(static_cast<std::size_t>(slices));
   std::vector<Result<void>> done(static_cast<std::size_t>(slices));
-  // The smallest and largest x and y of the material in each slice.
-  std::vector<std::array<int, 4>> boxes(static_cast<std::size_t>(slices), {width, -1, height, -1});
+  std::vector<Eigen::AlignedBox2i> boxes(static_cast<std::size_t>(slices));  // of the material
   bool is_mask = false;
   parallel_for(slices, [&](int k) {
     const auto here = static_cast<std::size_t>(k);
@@ -287,17 +286,12 @@ Result<SurfaceVolume> read_surface_volume(const SliceStack& stack, int first, in
         field.image.values[i] = std::min(field.image.values[i], own[i]);
     }
     if (k == 0) is_mask = field.is_mask;
-    auto& [x0, x1, y0, y1] = boxes[here];
     for (int y = 0; y < height; ++y) {
       for (int x = 0; x < width; ++x) {
         float& value = field.image.values[static_cast<std::size_t>(y) * width + x];
         value -= field.iso;
         if (field.is_mask) value *= 2;
-        if (value < 0) continue;
-        x0 = std::min(x0, x);
-        x1 = std::max(x1, x);
-        y0 = std::min(y0, y);
-        y1 = std::max(y1, y);
+        if (!(value < 0)) boxes[here].extend(Eigen::Vector2i(x, y));
       }
     }
     fields[here] = std::move(field.image.values);
@@ -307,40 +301,33 @@ Result<SurfaceVolume> read_surface_volume(const SliceStack& stack, int first, in
 
   // The box around the material, with a margin for smoothing.
   constexpr int kMargin = 4;
-  int x0 = width, x1 = -1, y0 = height, y1 = -1, z0 = slices, z1 = -1;
+  Eigen::AlignedBox3i box;
   for (int k = 0; k < slices; ++k) {
-    const auto& box = boxes[static_cast<std::size_t>(k)];
-    if (box[1] < 0) continue;
-    x0 = std::min(x0, box[0]);
-    x1 = std::max(x1, box[1]);
-    y0 = std::min(y0, box[2]);
-    y1 = std::max(y1, box[3]);
-    z0 = std::min(z0, k);
-    z1 = k;
+    const Eigen::AlignedBox2i& one = boxes[static_cast<std::size_t>(k)];
+    if (one.isEmpty()) continue;
+    for (const Eigen::Vector2i& corner : {one.min(), one.max()})
+      box.extend(Eigen::Vector3i(corner.x(), corner.y(), k));
   }
-  if (z1 < 0) return SurfaceVolume{};
-  x0 = std::max(x0 - kMargin, 0);
-  x1 = std::min(x1 + kMargin, width - 1);
-  y0 = std::max(y0 - kMargin, 0);
-  y1 = std::min(y1 + kMargin, height - 1);
-  z0 = std::max(z0 - kMargin, 0);
-  z1 = std::min(z1 + kMargin, slices - 1);
+  if (box.isEmpty()) return SurfaceVolume{};
+  const Eigen::Array3i end(width, height, slices),
+      low = (box.min().array() - kMargin).max(0), high = (box.max().array() + kMargin).min(end - 1);
 
   SurfaceVolume inner;
   const SlicePlane& frame = stack.plane(first);
   inner.u_mm = frame.spacing_u_mm;
   inner.v_mm = frame.spacing_v_mm;
   inner.T_lps_volume = frame.T_lps_plane;
-  inner.size = {x1 - x0 + 1, y1 - y0 + 1, z1 - z0 + 1};
+  inner.size = {high.x() - low.x() + 1, high.y() - low.y() + 1, high.z() - low.z() + 1};
   const Eigen::Affine3d to_frame = frame.T_lps_plane.inverse();
   inner.values.reserve(static_cast<std::size_t>(inner.size[0]) * inner.size[1] * inner.size[2]);
-  const Eigen::Vector3d corner((crop.x0 + x0) * inner.u_mm, (crop.y0 + y0) * inner.v_mm, 0);
-  for (int k = z0; k <= z1; ++k) {
+  const Eigen::Vector3d corner((crop.x0 + low.x()) * inner.u_mm, (crop.y0 + low.y()) * inner.v_mm,
+                               0);
+  for (int k = low.z(); k <= high.z(); ++k) {
     inner.origin_mm.emplace_back(to_frame * (stack.plane(first + k).T_lps_plane * corner));
     const std::vector<float>& field = fields[static_cast<std::size_t>(k)];
-    for (int y = y0; y <= y1; ++y) {
+    for (int y = low.y(); y <= high.y(); ++y) {
       const auto row = field.begin() + static_cast<std::ptrdiff_t>(y) * width;
-      inner.values.insert(inner.values.end(), row + x0, row + x1 + 1);
+      inner.values.insert(inner.values.end(), row + low.x(), row + high.x() + 1);
     }
     fields[static_cast<std::size_t>(k)] = {};
   }
