@@ -186,12 +186,12 @@ class Collapser {
     const auto [at, area, doubled] = ideal_for_run(path, base2, ring.area_error);
     const auto near = nearest(at);
     if (!near) return false;
-    const auto e = rounded(a, d, *near, at, area);
-    if (!e || !is_on_lattice({e->x + origin_.x, e->y + origin_.y})) return false;
-    const std::int64_t side = orient2d(a, *e, d);
-    if (side == 0 && !is_inside_segment(a, d, *e)) return false;
-    path.points[path.size] = *e;
-    const auto position = position_within(contour_part(first, path.nodes[edges]), a, d, *e,
+    const LatticePoint e = rounded(a, d, *near, at, area);
+    if (!is_on_lattice({e.x + origin_.x, e.y + origin_.y})) return false;
+    const std::int64_t side = orient2d(a, e, d);
+    if (side == 0 && !is_inside_segment(a, d, e)) return false;
+    path.points[path.size] = e;
+    const auto position = position_within(contour_part(first, path.nodes[edges]), a, d, e,
                                           kRunFraction * kRunFraction * tolerance2_);
     if (!position || !is_clear(path, ring)) return false;
     ring.area_error -= side - doubled;
@@ -200,7 +200,7 @@ class Collapser {
     const std::uint32_t kept = path.nodes[1], last = path.nodes[edges];
     for (std::size_t k = 2; k < edges; ++k)
       nodes_[path.nodes[k]] = {{}, kept, kNoNode};
-    nodes_[kept] = {*e, first, last};
+    nodes_[kept] = {e, first, last};
     states_[kept].put(*position);
     nodes_[last].previous = kept;
     return true;
@@ -329,17 +329,16 @@ class Collapser {
       // A vertex on the line between its neighbours is dropped, and no point moves.
       const bool is_exact =
           (*near == s.b || *near == s.c) && orient2d(s.a, *near, s.d) == s.doubled();
-      const std::optional<LatticePoint> e =
-          is_exact ? near : rounded(s.a, s.d, *near, ideal.at, area);
-      if (!e || !is_on_lattice({e->x + origin_.x, e->y + origin_.y})) continue;
-      if (is_too_far(path, point(*e))) continue;
-      const std::int64_t side = orient2d(s.a, *e, s.d);
-      if (side == 0 && !is_inside_segment(s.a, s.d, *e)) continue;
+      const LatticePoint e = is_exact ? *near : rounded(s.a, s.d, *near, ideal.at, area);
+      if (!is_on_lattice({e.x + origin_.x, e.y + origin_.y}) || is_too_far(path, point(e)))
+        continue;
+      const std::int64_t side = orient2d(s.a, e, s.d);
+      if (side == 0 && !is_inside_segment(s.a, s.d, e)) continue;
       if (ring.size == 4 && (side > 0) != (s.doubled() > 0)) continue;
       const std::optional<ContourPosition> position =
-          position_within(contour_part(s.ia, s.id), s.a, s.d, *e, tolerance2_);
-      const Path replaced{{s.ia, s.ib, s.ic, s.id}, {s.a, s.b, s.c, s.d, *e}, 4};
-      if (position && is_clear(replaced, ring)) return Replacement{*e, *position};
+          position_within(contour_part(s.ia, s.id), s.a, s.d, e, tolerance2_);
+      const Path replaced{{s.ia, s.ib, s.ic, s.id}, {s.a, s.b, s.c, s.d, e}, 4};
+      if (position && is_clear(replaced, ring)) return Replacement{e, *position};
     }
     return std::nullopt;
   }

@@ -172,21 +172,21 @@ inline std::optional<LatticePoint> nearest(Point p) {
 
 // Chooses among `near` and the eight lattice points around it, except a and d. Returns the point e
 // for which twice the signed area of the triangle a, e, d is nearest to `area`. If several are
-// equally good, returns the one nearest to `ideal`. The result always has a value.
-inline std::optional<LatticePoint> rounded(LatticePoint a, LatticePoint d, LatticePoint near,
-                                           Point ideal, double area) {
+// equally good, returns the one nearest to `ideal`.
+inline LatticePoint rounded(LatticePoint a, LatticePoint d, LatticePoint near, Point ideal,
+                            double area) {
   const std::int64_t per_x = std::int64_t{d.y} - a.y, per_y = std::int64_t{a.x} - d.x,
                      middle = orient2d(a, near, d);
-  std::optional<LatticePoint> best;
-  double least_off = 0, least2 = 0;
+  LatticePoint best = near;
+  double least_off = std::numeric_limits<double>::infinity(), least2 = 0;
   for (std::int32_t dx = -1; dx <= 1; ++dx) {
     for (std::int32_t dy = -1; dy <= 1; ++dy) {
       const LatticePoint e{near.x + dx, near.y + dy};
       if (e == a || e == d) continue;
       const double off = std::abs(static_cast<double>(middle + dx * per_x + dy * per_y) - area);
-      if (best && off > least_off) continue;
+      if (off > least_off) continue;
       const double x = e.x - ideal.x, y = e.y - ideal.y, away2 = x * x + y * y;
-      if (!best || off < least_off || away2 < least2) best = e, least_off = off, least2 = away2;
+      if (off < least_off || away2 < least2) best = e, least_off = off, least2 = away2;
     }
   }
   return best;

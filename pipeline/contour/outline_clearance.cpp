@@ -187,10 +187,8 @@ class Clearing {
         // The point that keeps the area, on the normal of a-d through the middle.
         const double offset = (now - area) / base2;
         const Point ideal{middle.x - offset * (to.y - from.y), middle.y + offset * (to.x - from.x)};
-        if (const auto near = nearest(ideal)) {
-          const auto e = rounded(a, d, *near, ideal, area);
-          if (e && replace(*path, *e)) return true;
-        }
+        const auto near = nearest(ideal);
+        if (near && replace(*path, rounded(a, d, *near, ideal, area))) return true;
       }
       for (const Point p : {middle, at_b, at_c}) {
         const auto e = nearest(p);
