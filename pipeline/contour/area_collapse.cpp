@@ -5,6 +5,7 @@
 #include <array>
 #include <cmath>
 #include <optional>
+#include <queue>
 #include <vector>
 
 #include "formats/geometry/canonical_rotation.h"
@@ -244,9 +245,8 @@ class Collapser {
 
   void empty_queue() {
     while (!entries_.empty()) {
-      std::pop_heap(entries_.begin(), entries_.end(), later_);
-      const QueueEntry entry = entries_.back();
-      entries_.pop_back();
+      const QueueEntry entry = entries_.top();
+      entries_.pop();
       NodeState& node = states_[entry.node];
       if (entry.displacement != node.queued) continue;
       node.queued = kNever;
@@ -287,8 +287,7 @@ class Collapser {
   }
   void push(std::uint32_t b) {
     states_[b].queued = states_[b].displacement;
-    entries_.push_back({states_[b].displacement, b});
-    std::push_heap(entries_.begin(), entries_.end(), later_);
+    entries_.push({states_[b].displacement, b});
   }
 
   bool collapse(std::uint32_t b) {
@@ -448,8 +447,7 @@ class Collapser {
   std::vector<std::uint32_t> hints_;    // start of node_at() by vertex of the contours
   std::vector<RingState> rings_;
   bool is_queueing_ = false;
-  Later later_{*this};
-  std::vector<QueueEntry> entries_;
+  std::priority_queue<QueueEntry, std::vector<QueueEntry>, Later> entries_{Later{*this}};
 };
 
 }  // namespace
