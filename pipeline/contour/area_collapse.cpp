@@ -8,7 +8,6 @@
 #include <queue>
 #include <vector>
 
-#include "formats/geometry/canonical_rotation.h"
 #include "formats/geometry/lattice_box.h"
 #include "pipeline/contour/collapse_geometry.h"
 #include "pipeline/contour/contour_grid.h"
@@ -462,33 +461,18 @@ double left_for_collapse(double tolerance) {
 
 SimplifiedOutline collapse_segments(const Pslg& contours, double tolerance,
                                     const std::vector<bool>& is_open) {
-  CentroidOffset offset;
   std::size_t vertices = 0;
-  for (const Ring& ring : contours.rings) {
-    for (const LatticePoint p : ring)
-      offset.add(p);
+  for (const Ring& ring : contours.rings)
     vertices += ring.size();
-  }
   if (vertices == 0) return {contours, {}, {}};
   // If the outline is moved or rotated by a quarter turn, the result moves and rotates with it.
-  const CanonicalRotation rotate = CanonicalRotation::of(offset.x(), offset.y());
-  LatticeBox box{rotate(contours.rings[0][0]), rotate(contours.rings[0][0])};
-  widen(box, rotate(offset.box().low));
-  widen(box, rotate(offset.box().high));
-  const LatticePoint low = box.low;
+  const CanonicalFrame frame(contours);
+  const auto& [low, high] = frame.box();
+  const LatticeBox box{{0, 0}, {high.x - low.x, high.y - low.y}};
   Pslg moved = contours;
-  for (Ring& ring : moved.rings) {
-    for (LatticePoint& p : ring) {
-      const LatticePoint r = rotate(p);
-      p = {r.x - low.x, r.y - low.y};
-    }
-  }
-  const LatticeBox at_origin{{0, 0}, {box.high.x - low.x, box.high.y - low.y}};
-  SimplifiedOutline out = Collapser(moved, is_open, at_origin, low, vertices, tolerance).run();
-  for (Ring& ring : out.outline.rings) {
-    for (LatticePoint& p : ring)
-      p = rotate.back({p.x + low.x, p.y + low.y});
-  }
+  frame.enter(moved.rings);
+  SimplifiedOutline out = Collapser(moved, is_open, box, low, vertices, tolerance).run();
+  frame.leave(out.outline.rings);
   return out;
 }
 

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // The geometry of one step of segment collapse (area_collapse.h). A step replaces the inner
 // vertices of a path of the outline by one point that keeps the area. This header computes the
-// point, rounds it to the lattice, and finds its position on the contour.
+// point, rounds it to the lattice, and finds its position on the contour. It also defines the frame
+// in which the steps are made.
 // Tests: tests/pipeline/contour/area_collapse_test.cpp
 #pragma once
 
@@ -12,13 +13,61 @@
 #include <cstdint>
 #include <limits>
 #include <optional>
+#include <vector>
 
+#include "formats/geometry/canonical_rotation.h"
 #include "formats/geometry/edge_predicates.h"
 #include "formats/geometry/lattice.h"
 #include "formats/geometry/lattice_box.h"
 #include "pipeline/contour/segment_distance.h"
 
 namespace trocar::pipeline::collapse {
+
+// The CentroidOffset of all vertices of an outline.
+inline CentroidOffset centroid_offset(const Pslg& outline) {
+  CentroidOffset out;
+  for (const Ring& ring : outline.rings) {
+    for (const LatticePoint p : ring)
+      out.add(p);
+  }
+  return out;
+}
+
+// The frame of an outline: its canonical orientation, with the lower left corner of its box at the
+// origin.
+class CanonicalFrame {
+ public:
+  // Precondition: the outline has a vertex.
+  explicit CanonicalFrame(const Pslg& outline) {
+    const CentroidOffset offset = centroid_offset(outline);
+    rotate_ = CanonicalRotation::of(offset.x(), offset.y());
+    box_ = box_around(rotate_(offset.box().low), rotate_(offset.box().high));
+  }
+
+  // The outline's box after the rotation alone. Its lower left corner becomes the origin.
+  const LatticeBox& box() const { return box_; }
+
+  // Moves rings into the frame.
+  void enter(std::vector<Ring>& rings) const {
+    for (Ring& ring : rings) {
+      for (LatticePoint& p : ring) {
+        const LatticePoint r = rotate_(p);
+        p = {r.x - box_.low.x, r.y - box_.low.y};
+      }
+    }
+  }
+  // The inverse of enter().
+  void leave(std::vector<Ring>& rings) const {
+    for (Ring& ring : rings) {
+      for (LatticePoint& p : ring)
+        p = rotate_.back(LatticePoint{p.x + box_.low.x, p.y + box_.low.y});
+    }
+  }
+
+ private:
+  CanonicalRotation rotate_;
+  LatticeBox box_;
+};
 
 // Special values of a displacement (see Ideal): kNever if the collapse is not possible, kUnknown if
 // the displacement has not been computed yet.

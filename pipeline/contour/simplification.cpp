@@ -7,13 +7,13 @@
 #include <numeric>
 #include <optional>
 
-#include "formats/geometry/canonical_rotation.h"
 #include "formats/geometry/edge_predicates.h"
 #include "formats/geometry/lattice_box.h"
 #include "formats/geometry/lattice_cells.h"
 #include "formats/geometry/mesh_validity.h"
 #include "formats/geometry/outline_sweep.h"
 #include "pipeline/contour/area_collapse.h"
+#include "pipeline/contour/collapse_geometry.h"
 #include "pipeline/contour/outline_clearance.h"
 #include "pipeline/contour/segment_distance.h"
 #include "pipeline/contour/segment_grid.h"
@@ -303,11 +303,7 @@ bool mark_by(const MarkMisplaced& mark_misplaced, const std::vector<Simplified>&
 }
 
 bool rotation_may_map_to_itself(const Pslg& outline) {
-  CentroidOffset offset;
-  for (const Ring& ring : outline.rings) {
-    for (const LatticePoint p : ring)
-      offset.add(p);
-  }
+  const CentroidOffset offset = collapse::centroid_offset(outline);
   return offset.x() == 0 && offset.y() == 0;
 }
 
