@@ -12,6 +12,7 @@
 #include "pipeline/contour/collapse_geometry.h"
 #include "pipeline/contour/contour_grid.h"
 #include "pipeline/contour/segment_distance.h"
+#include "pipeline/contour/tight_spots.h"
 
 namespace trocar::pipeline {
 namespace {
@@ -396,8 +397,7 @@ class Collapser {
     LatticeBox box = box_around(path.a(), path.e());
     for (std::size_t i = 1; i < path.size; ++i)
       widen(box, path.points[i]);
-    const LatticeBox around{{box.low.x - margin_, box.low.y - margin_},
-                            {box.high.x + margin_, box.high.y + margin_}};
+    const LatticeBox around = widened(box, margin_);
     // If the ring becomes a triangle, its third edge meets both new ones.
     const std::uint32_t closing = ring.size == path.size ? path.nodes[path.size - 1] : kNoNode;
     const auto blocks = [&](std::uint32_t i) {
