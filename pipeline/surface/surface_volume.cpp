@@ -109,18 +109,6 @@ void smooth_mask(SurfaceVolume& volume) {
   }
 }
 
-}  // namespace
-
-void drop_small_components(SurfaceVolume& volume, int min_voxels, double min_mm3) {
-  const auto [u, v, w] = volume.voxel_mm();
-  const auto least = std::max<std::int64_t>(
-      min_voxels, static_cast<std::int64_t>(std::ceil(std::min(min_mm3 / (u * v * w), 1e15))));
-  for (const bool inside : {true, false})
-    drop_small(volume, inside, least);
-}
-
-namespace {
-
 // The voxels of a block: along each axis from a first one to before the last.
 struct VoxelBlock {
   std::array<int, 3> from{}, to{};
@@ -186,7 +174,28 @@ BlockMean block_mean(const SurfaceVolume& volume, const std::array<int, 3>& fact
   return out;
 }
 
+// The volume with its border, smoothed if it is a mask, without small components.
+SurfaceVolume finished(SurfaceVolume inner, bool is_mask, double min_region_mm2) {
+  if (is_mask) smooth_mask(inner);
+  SurfaceVolume out = with_border(std::move(inner));
+  drop_small_components(out, kMinSurfaceVoxels, std::pow(min_region_mm2, 1.5));
+  if (std::none_of(out.values.begin(), out.values.end(), [](float v) { return v >= 0; })) {
+    SurfaceVolume none;
+    none.dropped = out.dropped;
+    return none;
+  }
+  return out;
+}
+
 }  // namespace
+
+void drop_small_components(SurfaceVolume& volume, int min_voxels, double min_mm3) {
+  const auto [u, v, w] = volume.voxel_mm();
+  const auto least = std::max<std::int64_t>(
+      min_voxels, static_cast<std::int64_t>(std::ceil(std::min(min_mm3 / (u * v * w), 1e15))));
+  for (const bool inside : {true, false})
+    drop_small(volume, inside, least);
+}
 
 SurfaceVolume coarser(const SurfaceVolume& volume, const std::array<int, 3>& factor) {
   const int fx = factor[0], fy = factor[1], fz = factor[2];
@@ -233,23 +242,6 @@ SurfaceVolume coarser(const SurfaceVolume& volume, const std::array<int, 3>& fac
   }
   return bordered;
 }
-
-namespace {
-
-// The volume with its border, smoothed if it is a mask, without small components.
-SurfaceVolume finished(SurfaceVolume inner, bool is_mask, double min_region_mm2) {
-  if (is_mask) smooth_mask(inner);
-  SurfaceVolume out = with_border(std::move(inner));
-  drop_small_components(out, kMinSurfaceVoxels, std::pow(min_region_mm2, 1.5));
-  if (std::none_of(out.values.begin(), out.values.end(), [](float v) { return v >= 0; })) {
-    SurfaceVolume none;
-    none.dropped = out.dropped;
-    return none;
-  }
-  return out;
-}
-
-}  // namespace
 
 Result<SurfaceVolume> read_surface_volume(const SliceStack& stack, int first, int last,
                                           const MaterialOptions& options, bool is_one_of_several) {
