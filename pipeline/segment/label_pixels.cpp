@@ -3,7 +3,6 @@
 
 #include <algorithm>
 #include <array>
-#include <cmath>
 #include <functional>
 #include <map>
 #include <numeric>
@@ -211,7 +210,7 @@ Result<LabelMaterials> label_materials(const Image& labels, const Labels& wanted
   std::vector<std::pair<int, std::set<int>>> found(1);
   std::unordered_map<int, std::size_t> of_label, of_first;
   const auto number_of = [&](float v) -> std::size_t {
-    if (std::rint(v) != v || !(std::abs(v) < 1e9F)) return 0;
+    if (!is_whole(v)) return 0;
     const int label = static_cast<int>(v);
     const auto [known, is_new] = of_label.try_emplace(label, 0);
     if (!is_new || !(wanted.all ? label != 0 : wanted.labels.contains(label))) return known->second;
