@@ -125,17 +125,12 @@ class BorderTracer {
       return;
     }
     if (count == 4) {
-      switch (connected_diagonal(corner[0], corner[1], corner[2], corner[3])) {
-        case Diagonal::kAC:
-          join(0, 1);
-          join(2, 3);
-          return;
-        case Diagonal::kBD:
-          join(3, 0);
-          join(1, 2);
-          return;
-        case Diagonal::kNone:
-          break;
+      const Diagonal diagonal = connected_diagonal(corner[0], corner[1], corner[2], corner[3]);
+      if (diagonal != Diagonal::kNone) {
+        const std::size_t k = diagonal == Diagonal::kAC ? 0 : 1;
+        join(k, k + 1);
+        join(k + 2, (k + 3) % 4);
+        return;
       }
     }
     const auto node = static_cast<std::uint32_t>(out_.nodes.size());

@@ -29,14 +29,9 @@ std::array<int, 4> eighths_of(const std::array<MaterialNumber, 4>& corner) {
   if (corner[0] == corner[1] || corner[1] == corner[2] || corner[2] == corner[3] ||
       corner[3] == corner[0])
     return out;
-  switch (connected_diagonal(corner[0], corner[1], corner[2], corner[3])) {
-    case Diagonal::kAC:
-      return {3, 1, 3, 1};
-    case Diagonal::kBD:
-      return {1, 3, 1, 3};
-    case Diagonal::kNone:
-      break;
-  }
+  const Diagonal diagonal = connected_diagonal(corner[0], corner[1], corner[2], corner[3]);
+  if (diagonal == Diagonal::kAC) return {3, 1, 3, 1};
+  if (diagonal == Diagonal::kBD) return {1, 3, 1, 3};
   return out;
 }
 
