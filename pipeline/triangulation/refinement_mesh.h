@@ -93,7 +93,6 @@ class InsertionCavity {
     std::uint32_t a, b;    ///< ends of the edge, with the cavity on its left
     std::uint32_t beyond;  ///< WorkingTriangle::beyond of the edge
     EdgeId inside;         ///< the same edge in the triangle of the cavity
-    bool is_outline() const { return (beyond & kOutline) != 0; }
   };
 
   std::span<const BoundaryEdge> boundary() const { return {boundary_.data(), edges_}; }
