@@ -139,7 +139,7 @@ void RefinementOutline::start_clearance(const std::vector<LatticePoint>& points)
     ends_[s] = {points[segments_[s].from], points[segments_[s].to]};
     next_[static_cast<std::size_t>(segments_[s].previous)] = s;
   }
-  has_grid_ = false;
+  grid_.reset();
 }
 
 void RefinementOutline::find_clearance(std::uint32_t segment) {
@@ -152,11 +152,10 @@ void RefinementOutline::find_clearance(std::uint32_t segment) {
   };
   clearance_[segment] = Clearance::kNo;
   if (is_void_acute(ends_[previous].a, a, b) | is_void_acute(a, b, ends_[next].b)) return;
-  if (!has_grid_) grid_ = SegmentGrid(ends_, kNearby_steps);
-  has_grid_ = true;
+  if (!grid_) grid_.emplace(ends_, kNearby_steps);
   const LatticeBox box = widened(box_around(a, b), kNearby_steps);
   bool is_any_near = false;
-  grid_.for_each_near(ends_[segment], [&, a = a, b = b](std::uint32_t t) {
+  grid_->for_each_near(ends_[segment], [&, a = a, b = b](std::uint32_t t) {
     const auto& [c, d] = ends_[t];
     if ((t == segment) | (t == previous) | (t == next) | apart(box, box_around(c, d))) [[likely]]
       return;

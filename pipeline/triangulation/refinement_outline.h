@@ -8,6 +8,7 @@
 #pragma once
 
 #include <cstdint>
+#include <optional>
 #include <vector>
 
 #include "pipeline/contour/segment_grid.h"
@@ -101,10 +102,9 @@ class RefinementOutline {
   std::vector<Clearance> clearance_;
   std::vector<std::uint32_t> next_;   // for each segment: the one that starts at its end
   std::vector<LatticeSegment> ends_;  // for each segment: its ends, for has_clearance()
-  SegmentGrid grid_;                  // grid of ends_, made when has_clearance() first needs it
-  bool has_grid_ = false;
-  std::vector<std::uint32_t> loop_;  // for each segment: its loop
-  std::vector<std::int64_t> lost_;   // for each loop: see lost_of_loop()
+  std::optional<SegmentGrid> grid_;   // grid of ends_, made when has_clearance() first needs it
+  std::vector<std::uint32_t> loop_;   // for each segment: its loop
+  std::vector<std::int64_t> lost_;    // for each loop: see lost_of_loop()
 };
 
 }  // namespace trocar::pipeline
