@@ -8,7 +8,6 @@
 #include <utility>
 
 #include "formats/geometry/lattice_box.h"
-#include "formats/geometry/segment_split.h"
 #include "formats/geometry/triangle_shape.h"
 #include "pipeline/contour/tight_spots.h"
 
@@ -162,10 +161,6 @@ void RefinementOutline::find_clearance(std::uint32_t segment) {
     is_any_near = is_any_near || are_near(a, b, c, d);
   });
   if (!is_any_near) clearance_[segment] = Clearance::kYes;
-}
-
-bool RefinementOutline::is_acute(std::uint32_t vertex) const {
-  return angle_deg_[vertex] < kAcuteCorner_deg;
 }
 
 std::uint32_t RefinementOutline::small_corner_of_two(std::int32_t s, std::int32_t t) const {

@@ -11,6 +11,7 @@
 #include <optional>
 #include <vector>
 
+#include "formats/geometry/segment_split.h"
 #include "pipeline/contour/segment_grid.h"
 #include "pipeline/triangulation/refinement.h"
 
@@ -81,7 +82,7 @@ class RefinementOutline {
                         const std::vector<LatticePoint>& points) const;
 
  private:
-  bool is_acute(std::uint32_t vertex) const;
+  bool is_acute(std::uint32_t vertex) const { return angle_deg_[vertex] < kAcuteCorner_deg; }
   bool is_acute_from(std::uint32_t segment) const {
     return is_acute(segments_[segment].from) ||
            (twin(segment) != kNoTwin && is_acute(segments_[twin(segment)].to));
