@@ -29,10 +29,9 @@ class Embedding {
     members_.resize(chains());
     for (std::uint32_t c = 0; c < chains(); ++c)
       members_[components_.root(c)].push_back(c);
-    const BorderWalk walk(borders);
     const auto is_any = [](MaterialNumber /*m*/) { return true; };
-    walk.for_loops(is_any, std::equal_to<>{},
-                   [this](const ChainLoop& loop) { loops_.push_back(loop); });
+    for_loops(borders, is_any, std::equal_to<>{},
+              [this](const ChainLoop& loop) { loops_.push_back(loop); });
     for (const ChainLoop& loop : loops_)
       rings_.push_back(loop.ring(borders));
     for (std::uint32_t i = 0; i < loops_.size(); ++i)

@@ -224,9 +224,9 @@ LabelBorders label_borders(const MaterialImage& image, const PixelGrid& grid) {
 
 Pslg outline_of(const LabelBorders& borders, const std::function<bool(MaterialNumber)>& is_wanted) {
   Pslg out;
-  const BorderWalk walk(borders);
-  walk.for_loops(
-      is_wanted, [&](MaterialNumber a, MaterialNumber b) { return is_wanted(a) == is_wanted(b); },
+  for_loops(
+      borders, is_wanted,
+      [&](MaterialNumber a, MaterialNumber b) { return is_wanted(a) == is_wanted(b); },
       [&](const ChainLoop& loop) { split_at_pinches(loop.ring(borders), out.rings); });
   normalise(out);
   return out;
@@ -234,9 +234,8 @@ Pslg outline_of(const LabelBorders& borders, const std::function<bool(MaterialNu
 
 std::vector<Pslg> material_outlines(const LabelBorders& borders) {
   std::vector<Pslg> out(borders.materials);
-  const BorderWalk walk(borders);
-  walk.for_loops(
-      [](MaterialNumber m) { return m != kNoMaterial; }, std::equal_to<>{},
+  for_loops(
+      borders, [](MaterialNumber m) { return m != kNoMaterial; }, std::equal_to<>{},
       [&](const ChainLoop& loop) { out[loop.material - 1U].rings.push_back(loop.ring(borders)); });
   for (Pslg& pslg : out)
     normalise(pslg);
