@@ -5,15 +5,14 @@
 #include <array>
 #include <cmath>
 #include <optional>
-#include <tuple>
-#include <utility>
+#include <queue>
 #include <vector>
 
-#include "formats/geometry/canonical_rotation.h"
 #include "formats/geometry/lattice_box.h"
 #include "pipeline/contour/collapse_geometry.h"
 #include "pipeline/contour/contour_grid.h"
 #include "pipeline/contour/segment_distance.h"
+#include "pipeline/contour/tight_spots.h"
 
 namespace trocar::pipeline {
 namespace {
@@ -188,12 +187,12 @@ class Collapser {
     const auto [at, area, doubled] = ideal_for_run(path, base2, ring.area_error);
     const auto near = nearest(at);
     if (!near) return false;
-    const auto e = rounded(a, d, *near, at, area);
-    if (!e || !is_on_lattice({e->x + origin_.x, e->y + origin_.y})) return false;
-    const std::int64_t side = orient2d(a, *e, d);
-    if (side == 0 && !is_inside_segment(a, d, *e)) return false;
-    path.points[path.size] = *e;
-    const auto position = position_within(contour_part(first, path.nodes[edges]), a, d, *e,
+    const LatticePoint e = rounded(a, d, *near, at, area);
+    if (!is_on_lattice({e.x + origin_.x, e.y + origin_.y})) return false;
+    const std::int64_t side = orient2d(a, e, d);
+    if (side == 0 && !is_inside_segment(a, d, e)) return false;
+    path.points[path.size] = e;
+    const auto position = position_within(contour_part(first, path.nodes[edges]), a, d, e,
                                           kRunFraction * kRunFraction * tolerance2_);
     if (!position || !is_clear(path, ring)) return false;
     ring.area_error -= side - doubled;
@@ -202,7 +201,7 @@ class Collapser {
     const std::uint32_t kept = path.nodes[1], last = path.nodes[edges];
     for (std::size_t k = 2; k < edges; ++k)
       nodes_[path.nodes[k]] = {{}, kept, kNoNode};
-    nodes_[kept] = {*e, first, last};
+    nodes_[kept] = {e, first, last};
     states_[kept].put(*position);
     nodes_[last].previous = kept;
     return true;
@@ -246,9 +245,8 @@ class Collapser {
 
   void empty_queue() {
     while (!entries_.empty()) {
-      std::pop_heap(entries_.begin(), entries_.end(), later_);
-      const QueueEntry entry = entries_.back();
-      entries_.pop_back();
+      const QueueEntry entry = entries_.top();
+      entries_.pop();
       NodeState& node = states_[entry.node];
       if (entry.displacement != node.queued) continue;
       node.queued = kNever;
@@ -289,8 +287,7 @@ class Collapser {
   }
   void push(std::uint32_t b) {
     states_[b].queued = states_[b].displacement;
-    entries_.push_back({states_[b].displacement, b});
-    std::push_heap(entries_.begin(), entries_.end(), later_);
+    entries_.push({states_[b].displacement, b});
   }
 
   bool collapse(std::uint32_t b) {
@@ -331,17 +328,16 @@ class Collapser {
       // A vertex on the line between its neighbours is dropped, and no point moves.
       const bool is_exact =
           (*near == s.b || *near == s.c) && orient2d(s.a, *near, s.d) == s.doubled();
-      const std::optional<LatticePoint> e =
-          is_exact ? near : rounded(s.a, s.d, *near, ideal.at, area);
-      if (!e || !is_on_lattice({e->x + origin_.x, e->y + origin_.y})) continue;
-      if (is_too_far(path, point(*e))) continue;
-      const std::int64_t side = orient2d(s.a, *e, s.d);
-      if (side == 0 && !is_inside_segment(s.a, s.d, *e)) continue;
+      const LatticePoint e = is_exact ? *near : rounded(s.a, s.d, *near, ideal.at, area);
+      if (!is_on_lattice({e.x + origin_.x, e.y + origin_.y}) || is_too_far(path, point(e)))
+        continue;
+      const std::int64_t side = orient2d(s.a, e, s.d);
+      if (side == 0 && !is_inside_segment(s.a, s.d, e)) continue;
       if (ring.size == 4 && (side > 0) != (s.doubled() > 0)) continue;
       const std::optional<ContourPosition> position =
-          position_within(contour_part(s.ia, s.id), s.a, s.d, *e, tolerance2_);
-      const Path replaced{{s.ia, s.ib, s.ic, s.id}, {s.a, s.b, s.c, s.d, *e}, 4};
-      if (position && is_clear(replaced, ring)) return Replacement{*e, *position};
+          position_within(contour_part(s.ia, s.id), s.a, s.d, e, tolerance2_);
+      const Path replaced{{s.ia, s.ib, s.ic, s.id}, {s.a, s.b, s.c, s.d, e}, 4};
+      if (position && is_clear(replaced, ring)) return Replacement{e, *position};
     }
     return std::nullopt;
   }
@@ -401,8 +397,7 @@ class Collapser {
     LatticeBox box = box_around(path.a(), path.e());
     for (std::size_t i = 1; i < path.size; ++i)
       widen(box, path.points[i]);
-    const LatticeBox around{{box.low.x - margin_, box.low.y - margin_},
-                            {box.high.x + margin_, box.high.y + margin_}};
+    const LatticeBox around = widened(box, margin_);
     // If the ring becomes a triangle, its third edge meets both new ones.
     const std::uint32_t closing = ring.size == path.size ? path.nodes[path.size - 1] : kNoNode;
     const auto blocks = [&](std::uint32_t i) {
@@ -451,8 +446,7 @@ class Collapser {
   std::vector<std::uint32_t> hints_;    // start of node_at() by vertex of the contours
   std::vector<RingState> rings_;
   bool is_queueing_ = false;
-  Later later_{*this};
-  std::vector<QueueEntry> entries_;
+  std::priority_queue<QueueEntry, std::vector<QueueEntry>, Later> entries_{Later{*this}};
 };
 
 }  // namespace
@@ -467,33 +461,18 @@ double left_for_collapse(double tolerance) {
 
 SimplifiedOutline collapse_segments(const Pslg& contours, double tolerance,
                                     const std::vector<bool>& is_open) {
-  CentroidOffset offset;
   std::size_t vertices = 0;
-  for (const Ring& ring : contours.rings) {
-    for (const LatticePoint p : ring)
-      offset.add(p);
+  for (const Ring& ring : contours.rings)
     vertices += ring.size();
-  }
   if (vertices == 0) return {contours, {}, {}};
   // If the outline is moved or rotated by a quarter turn, the result moves and rotates with it.
-  const CanonicalRotation rotate = CanonicalRotation::of(offset.x(), offset.y());
-  LatticeBox box{rotate(contours.rings[0][0]), rotate(contours.rings[0][0])};
-  widen(box, rotate(offset.box().low));
-  widen(box, rotate(offset.box().high));
-  const LatticePoint low = box.low;
+  const CanonicalFrame frame(contours);
+  const auto& [low, high] = frame.box();
+  const LatticeBox box{{0, 0}, {high.x - low.x, high.y - low.y}};
   Pslg moved = contours;
-  for (Ring& ring : moved.rings) {
-    for (LatticePoint& p : ring) {
-      const LatticePoint r = rotate(p);
-      p = {r.x - low.x, r.y - low.y};
-    }
-  }
-  const LatticeBox at_origin{{0, 0}, {box.high.x - low.x, box.high.y - low.y}};
-  SimplifiedOutline out = Collapser(moved, is_open, at_origin, low, vertices, tolerance).run();
-  for (Ring& ring : out.outline.rings) {
-    for (LatticePoint& p : ring)
-      p = rotate.back({p.x + low.x, p.y + low.y});
-  }
+  frame.enter(moved.rings);
+  SimplifiedOutline out = Collapser(moved, is_open, box, low, vertices, tolerance).run();
+  frame.leave(out.outline.rings);
   return out;
 }
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Implements simplify() and hausdorff_mm() of label_borders.h.
+// Implements simplify() of label_borders.h.
 // Tests: tests/pipeline/contour/label_borders_test.cpp
 #include <algorithm>
 #include <functional>
@@ -29,10 +29,9 @@ class Embedding {
     members_.resize(chains());
     for (std::uint32_t c = 0; c < chains(); ++c)
       members_[components_.root(c)].push_back(c);
-    const BorderWalk walk(borders);
     const auto is_any = [](MaterialNumber /*m*/) { return true; };
-    walk.for_loops(is_any, std::equal_to<>{},
-                   [this](const ChainLoop& loop) { loops_.push_back(loop); });
+    for_loops(borders, is_any, std::equal_to<>{},
+              [this](const ChainLoop& loop) { loops_.push_back(loop); });
     for (const ChainLoop& loop : loops_)
       rings_.push_back(loop.ring(borders));
     for (std::uint32_t i = 0; i < loops_.size(); ++i)
@@ -130,21 +129,16 @@ class Embedding {
   std::vector<Boxed> boxes_;
 };
 
-// The chains as lines, and a flag for each that is set if it is open.
-std::pair<Pslg, std::vector<bool>> lines_of(const LabelBorders& borders) {
-  std::pair<Pslg, std::vector<bool>> out;
-  for (const BorderChain& chain : borders.chains) {
-    out.first.rings.push_back(chain.points);
-    out.second.push_back(!chain.is_closed);
-  }
-  return out;
-}
-
 }  // namespace
 
 LabelBorders simplify(const LabelBorders& borders, const Lattice& lattice,
                       const SimplificationOptions& options) {
-  const auto [lines, is_open] = lines_of(borders);
+  Pslg lines;
+  std::vector<bool> is_open;
+  for (const BorderChain& chain : borders.chains) {
+    lines.rings.push_back(chain.points);
+    is_open.push_back(!chain.is_closed);
+  }
   std::optional<Embedding> embedding;  // only Douglas-Peucker needs it
   Pslg simple = simplify_lines(lines, is_open, lattice, options,
                                [&](const std::vector<Ring>& now, std::vector<char>& marks) {
@@ -155,11 +149,6 @@ LabelBorders simplify(const LabelBorders& borders, const Lattice& lattice,
   for (std::size_t c = 0; c < out.chains.size(); ++c)
     out.chains[c].points = std::move(simple.rings[c]);
   return out;
-}
-
-double hausdorff_mm(const LabelBorders& full, const LabelBorders& simple, const Lattice& lattice) {
-  const auto [lines, is_open] = lines_of(full);
-  return hausdorff_mm(lines, lines_of(simple).first, lattice, is_open);
 }
 
 }  // namespace trocar::pipeline

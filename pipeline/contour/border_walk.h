@@ -5,7 +5,6 @@
 #pragma once
 
 #include <cstdint>
-#include <utility>
 #include <vector>
 
 #include "pipeline/contour/label_borders.h"
@@ -37,70 +36,56 @@ struct ChainLoop {
   }
 };
 
-class BorderWalk {
- public:
-  /// `borders` must outlive this object.
-  explicit BorderWalk(const LabelBorders& borders)
-      : borders_(borders), heads_(2 * borders.chains.size()) {
-    for (std::uint32_t n = 0; n < borders.nodes.size(); ++n) {
-      for (int k = 0; k < borders.nodes[n].count; ++k) {
-        const BorderNode::End end = borders.nodes[n].ends[static_cast<std::size_t>(k)];
-        // A chain that starts here arrives here when it is reversed.
-        heads_[2 * end.chain + (end.is_start ? 1 : 0)] = {n, k};
-      }
-    }
-  }
-
-  /// Calls visit(loop) for each loop around a material m for which is_wanted(m) holds. If
-  /// is_same(left, right) holds for the two materials of a chain, these materials are treated as
-  /// one, and no loop contains the chain.
-  template <typename Wanted, typename Same, typename Visit>
-  void for_loops(const Wanted& is_wanted, const Same& is_same, const Visit& visit) const {
-    std::vector<char> is_done(heads_.size(), 0);
-    ChainLoop loop;
-    for (DirectedChain first = 0; first < heads_.size(); ++first) {
-      loop.material = left(first);
-      if (is_done[first] != 0 || !is_wanted(left(first)) || is_same(left(first), right(first)))
-        continue;
-      loop.chains.clear();
-      DirectedChain at = first;
-      do {
-        is_done[at] = 1;
-        loop.chains.push_back(at);
-        at = next(at, is_same);
-      } while (at != first);
-      visit(loop);
-    }
-  }
-
- private:
+/// Calls visit(loop) for each loop around a material m for which is_wanted(m) holds. If
+/// is_same(left, right) holds for the two materials of a chain, these materials are treated as one,
+/// and no loop contains the chain.
+template <typename Wanted, typename Same, typename Visit>
+void for_loops(const LabelBorders& borders, const Wanted& is_wanted, const Same& is_same,
+               const Visit& visit) {
+  // Directed chain d arrives at node heads[d].node, where it is entry heads[d].end of `ends`.
   struct Head {
     std::uint32_t node = 0;
     int end = 0;
   };
-
-  const BorderChain& chain(DirectedChain d) const { return borders_.chains[d / 2]; }
-  MaterialNumber left(DirectedChain d) const { return d % 2 == 0 ? chain(d).left : chain(d).right; }
-  MaterialNumber right(DirectedChain d) const { return left(d ^ 1U); }
-
+  std::vector<Head> heads(2 * borders.chains.size());
+  for (std::uint32_t n = 0; n < borders.nodes.size(); ++n) {
+    for (int k = 0; k < borders.nodes[n].count; ++k) {
+      const BorderNode::End end = borders.nodes[n].ends[static_cast<std::size_t>(k)];
+      // A chain that starts here arrives here when it is reversed.
+      heads[2 * end.chain + (end.is_start ? 1 : 0)] = {n, k};
+    }
+  }
+  const auto left = [&borders](DirectedChain d) {
+    const BorderChain& chain = borders.chains[d / 2];
+    return d % 2 == 0 ? chain.left : chain.right;
+  };
+  const auto is_inner = [&](DirectedChain d) { return is_same(left(d), left(d ^ 1U)); };
   // Goes clockwise around the node at which d arrives, to the next chain that leaves the node with
   // the material on its left but not on its right.
-  template <typename Same>
-  DirectedChain next(DirectedChain d, const Same& is_same) const {
-    if (chain(d).is_closed) return d;
-    const Head head = heads_[d];
-    const BorderNode& node = borders_.nodes[head.node];
-    for (int k = head.end;;) {
+  const auto next = [&](DirectedChain d) {
+    if (borders.chains[d / 2].is_closed) return d;
+    const BorderNode& node = borders.nodes[heads[d].node];
+    for (int k = heads[d].end;;) {
       k = (k + node.count - 1) % node.count;
       const BorderNode::End end = node.ends[static_cast<std::size_t>(k)];
       const DirectedChain out = 2 * end.chain + (end.is_start ? 0 : 1);
-      if (!is_same(left(out), right(out))) return out;
+      if (!is_inner(out)) return out;
     }
+  };
+  std::vector<char> is_done(heads.size(), 0);
+  ChainLoop loop;
+  for (DirectedChain first = 0; first < heads.size(); ++first) {
+    loop.material = left(first);
+    if (is_done[first] != 0 || !is_wanted(left(first)) || is_inner(first)) continue;
+    loop.chains.clear();
+    DirectedChain at = first;
+    do {
+      is_done[at] = 1;
+      loop.chains.push_back(at);
+      at = next(at);
+    } while (at != first);
+    visit(loop);
   }
-
-  const LabelBorders& borders_;
-  // Directed chain d arrives at node heads_[d].node, where it is entry heads_[d].end of `ends`.
-  std::vector<Head> heads_;
-};
+}
 
 }  // namespace trocar::pipeline

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // The geometry of one step of segment collapse (area_collapse.h). A step replaces the inner
 // vertices of a path of the outline by one point that keeps the area. This header computes the
-// point, rounds it to the lattice, and finds its position on the contour.
+// point, rounds it to the lattice, and finds its position on the contour. It also defines the frame
+// in which the steps are made.
 // Tests: tests/pipeline/contour/area_collapse_test.cpp
 #pragma once
 
@@ -12,13 +13,61 @@
 #include <cstdint>
 #include <limits>
 #include <optional>
+#include <vector>
 
+#include "formats/geometry/canonical_rotation.h"
 #include "formats/geometry/edge_predicates.h"
 #include "formats/geometry/lattice.h"
 #include "formats/geometry/lattice_box.h"
 #include "pipeline/contour/segment_distance.h"
 
 namespace trocar::pipeline::collapse {
+
+// The CentroidOffset of all vertices of an outline.
+inline CentroidOffset centroid_offset(const Pslg& outline) {
+  CentroidOffset out;
+  for (const Ring& ring : outline.rings) {
+    for (const LatticePoint p : ring)
+      out.add(p);
+  }
+  return out;
+}
+
+// The frame of an outline: its canonical orientation, with the lower left corner of its box at the
+// origin.
+class CanonicalFrame {
+ public:
+  // Precondition: the outline has a vertex.
+  explicit CanonicalFrame(const Pslg& outline) {
+    const CentroidOffset offset = centroid_offset(outline);
+    rotate_ = CanonicalRotation::of(offset.x(), offset.y());
+    box_ = box_around(rotate_(offset.box().low), rotate_(offset.box().high));
+  }
+
+  // The outline's box after the rotation alone. Its lower left corner becomes the origin.
+  const LatticeBox& box() const { return box_; }
+
+  // Moves rings into the frame.
+  void enter(std::vector<Ring>& rings) const {
+    for (Ring& ring : rings) {
+      for (LatticePoint& p : ring) {
+        const LatticePoint r = rotate_(p);
+        p = {r.x - box_.low.x, r.y - box_.low.y};
+      }
+    }
+  }
+  // The inverse of enter().
+  void leave(std::vector<Ring>& rings) const {
+    for (Ring& ring : rings) {
+      for (LatticePoint& p : ring)
+        p = rotate_.back(LatticePoint{p.x + box_.low.x, p.y + box_.low.y});
+    }
+  }
+
+ private:
+  CanonicalRotation rotate_;
+  LatticeBox box_;
+};
 
 // Special values of a displacement (see Ideal): kNever if the collapse is not possible, kUnknown if
 // the displacement has not been computed yet.
@@ -172,21 +221,21 @@ inline std::optional<LatticePoint> nearest(Point p) {
 
 // Chooses among `near` and the eight lattice points around it, except a and d. Returns the point e
 // for which twice the signed area of the triangle a, e, d is nearest to `area`. If several are
-// equally good, returns the one nearest to `ideal`. The result always has a value.
-inline std::optional<LatticePoint> rounded(LatticePoint a, LatticePoint d, LatticePoint near,
-                                           Point ideal, double area) {
+// equally good, returns the one nearest to `ideal`.
+inline LatticePoint rounded(LatticePoint a, LatticePoint d, LatticePoint near, Point ideal,
+                            double area) {
   const std::int64_t per_x = std::int64_t{d.y} - a.y, per_y = std::int64_t{a.x} - d.x,
                      middle = orient2d(a, near, d);
-  std::optional<LatticePoint> best;
-  double least_off = 0, least2 = 0;
+  LatticePoint best = near;
+  double least_off = std::numeric_limits<double>::infinity(), least2 = 0;
   for (std::int32_t dx = -1; dx <= 1; ++dx) {
     for (std::int32_t dy = -1; dy <= 1; ++dy) {
       const LatticePoint e{near.x + dx, near.y + dy};
       if (e == a || e == d) continue;
       const double off = std::abs(static_cast<double>(middle + dx * per_x + dy * per_y) - area);
-      if (best && off > least_off) continue;
+      if (off > least_off) continue;
       const double x = e.x - ideal.x, y = e.y - ideal.y, away2 = x * x + y * y;
-      if (!best || off < least_off || away2 < least2) best = e, least_off = off, least2 = away2;
+      if (off < least_off || away2 < least2) best = e, least_off = off, least2 = away2;
     }
   }
   return best;

@@ -31,7 +31,6 @@ class MarchingSquares {
       : field_(field),
         image_(field.image),
         iso_(field.iso),
-        is_mask_(field.is_mask),
         grid_(grid),
         columns_(image_.width + 2),
         rows_(image_.height + 2) {}
@@ -56,7 +55,7 @@ class MarchingSquares {
         s = segment_from[segments_[s].to];
       }
       smooth_changed(crossings);
-      if (!is_mask_) restore_chord_areas(crossings);
+      if (!field_.is_mask) restore_chord_areas(crossings);
       Ring ring;
       ring.reserve(crossings.size());
       for (const Crossing& c : crossings)
@@ -173,7 +172,7 @@ class MarchingSquares {
     Crossing out{x, y, edge % 2 == 1, false, 0.5};
     const int dx = out.along_v ? 0 : 1, dy = 1 - dx;
     out.fixed = at_border(out);
-    if (out.fixed || is_mask_) return out;
+    if (out.fixed || field_.is_mask) return out;
     GridLine line;
     const int at = out.along_v ? y : x, end = (out.along_v ? rows_ : columns_) - 2;
     line.first = std::max(0, 4 - at);
@@ -232,7 +231,6 @@ class MarchingSquares {
   const Field& field_;
   const Image& image_;
   float iso_;
-  bool is_mask_;
   PixelGrid grid_;
   int columns_, rows_;
   std::vector<Segment> segments_;
@@ -342,10 +340,14 @@ Pslg pixel_chains(const Field& field, const PixelGrid& grid) {
 Pslg contours(const Field& field, const PixelGrid& grid, ContourKind kind) {
   Pslg out =
       kind == ContourKind::kPixel ? pixel_chains(field, grid) : MarchingSquares(field, grid).run();
-  for (Ring& ring : out.rings)
-    std::rotate(ring.begin(), std::min_element(ring.begin(), ring.end()), ring.end());
-  std::sort(out.rings.begin(), out.rings.end());
+  normalise(out);
   return out;
+}
+
+void normalise(Pslg& outline) {
+  for (Ring& ring : outline.rings)
+    std::rotate(ring.begin(), std::min_element(ring.begin(), ring.end()), ring.end());
+  std::sort(outline.rings.begin(), outline.rings.end());
 }
 
 Pslg drop_small_rings(Pslg contours, double min_area_mm2, const Lattice& lattice) {

@@ -34,6 +34,9 @@ inline constexpr int kMinStepsPerPixel = 8;
 /// curve (border_smoothing.h) that joins the crossings computed from values.
 Pslg contours(const Field& field, const PixelGrid& grid, ContourKind kind);
 
+/// Lets each ring start at its smallest vertex, and sorts the rings.
+void normalise(Pslg& outline);
+
 /// Removes rings with an area below `min_area_mm2`: small islands vanish and small holes are
 /// filled. Rings inside a removed ring are even smaller, so they are removed too.
 Pslg drop_small_rings(Pslg contours, double min_area_mm2, const Lattice& lattice);

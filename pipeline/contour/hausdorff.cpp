@@ -3,7 +3,6 @@
 // Tests: tests/pipeline/contour/simplification_test.cpp
 #include <algorithm>
 #include <cmath>
-#include <utility>
 #include <vector>
 
 #include "pipeline/contour/aabb_tree.h"

@@ -3,12 +3,9 @@
 
 #include <algorithm>
 #include <cstring>
-#include <map>
 #include <optional>
-#include <string>
 #include <utility>
 
-#include "formats/geometry/mesh_validity.h"
 #include "pipeline/contour/border_smoothing.h"
 #include "pipeline/contour/border_walk.h"
 
@@ -128,17 +125,12 @@ class BorderTracer {
       return;
     }
     if (count == 4) {
-      switch (connected_diagonal(corner[0], corner[1], corner[2], corner[3])) {
-        case Diagonal::kAC:
-          join(0, 1);
-          join(2, 3);
-          return;
-        case Diagonal::kBD:
-          join(3, 0);
-          join(1, 2);
-          return;
-        case Diagonal::kNone:
-          break;
+      const Diagonal diagonal = connected_diagonal(corner[0], corner[1], corner[2], corner[3]);
+      if (diagonal != Diagonal::kNone) {
+        const std::size_t k = diagonal == Diagonal::kAC ? 0 : 1;
+        join(k, k + 1);
+        join(k + 2, (k + 3) % 4);
+        return;
       }
     }
     const auto node = static_cast<std::uint32_t>(out_.nodes.size());
@@ -224,30 +216,6 @@ class BorderTracer {
   LabelBorders out_;
 };
 
-// Divides a ring that passes points twice into simple rings that touch there.
-void split_where_it_touches(const Ring& ring, std::vector<Ring>& out) {
-  Ring path;
-  std::map<LatticePoint, std::size_t> positions;  // in the path
-  for (const LatticePoint p : ring) {
-    if (const auto it = positions.find(p); it != positions.end()) {
-      const std::size_t first = it->second;
-      out.emplace_back(path.begin() + static_cast<std::ptrdiff_t>(first), path.end());
-      for (const LatticePoint q : out.back())
-        positions.erase(q);
-      path.resize(first);
-    }
-    positions[p] = path.size();
-    path.push_back(p);
-  }
-  out.push_back(std::move(path));
-}
-
-void normalise(Pslg& pslg) {
-  for (Ring& ring : pslg.rings)
-    std::rotate(ring.begin(), std::min_element(ring.begin(), ring.end()), ring.end());
-  std::sort(pslg.rings.begin(), pslg.rings.end());
-}
-
 }  // namespace
 
 LabelBorders label_borders(const MaterialImage& image, const PixelGrid& grid) {
@@ -256,40 +224,22 @@ LabelBorders label_borders(const MaterialImage& image, const PixelGrid& grid) {
 
 Pslg outline_of(const LabelBorders& borders, const std::function<bool(MaterialNumber)>& is_wanted) {
   Pslg out;
-  const BorderWalk walk(borders);
-  walk.for_loops(
-      is_wanted, [&](MaterialNumber a, MaterialNumber b) { return is_wanted(a) == is_wanted(b); },
-      [&](const ChainLoop& loop) { split_where_it_touches(loop.ring(borders), out.rings); });
+  for_loops(
+      borders, is_wanted,
+      [&](MaterialNumber a, MaterialNumber b) { return is_wanted(a) == is_wanted(b); },
+      [&](const ChainLoop& loop) { split_at_pinches(loop.ring(borders), out.rings); });
   normalise(out);
   return out;
 }
 
 std::vector<Pslg> material_outlines(const LabelBorders& borders) {
   std::vector<Pslg> out(borders.materials);
-  const BorderWalk walk(borders);
-  walk.for_loops(
-      [](MaterialNumber m) { return m != kNoMaterial; }, std::equal_to<>{},
+  for_loops(
+      borders, [](MaterialNumber m) { return m != kNoMaterial; }, std::equal_to<>{},
       [&](const ChainLoop& loop) { out[loop.material - 1U].rings.push_back(loop.ring(borders)); });
   for (Pslg& pslg : out)
     normalise(pslg);
   return out;
-}
-
-Result<void> check_label_borders(const LabelBorders& borders) {
-  std::int64_t sum = 0;
-  const std::vector<Pslg> outlines = material_outlines(borders);
-  for (std::size_t m = 0; m < outlines.size(); ++m) {
-    sum += doubled_area(outlines[m]);
-    if (auto ok = check_pslg(outlines[m]); !ok)
-      return bug("material " + std::to_string(m + 1) + ": " + ok.error().message);
-  }
-  const Pslg all = outline_of(borders, [](MaterialNumber m) { return m != kNoMaterial; });
-  if (auto ok = check_pslg(all); !ok) return bug("all materials: " + ok.error().message);
-  if (sum != doubled_area(all)) {
-    return bug("the areas of the materials and of all differ by " +
-               std::to_string(sum - doubled_area(all)) + " half squared steps");
-  }
-  return {};
 }
 
 }  // namespace trocar::pipeline

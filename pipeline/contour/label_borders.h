@@ -6,7 +6,6 @@
 #include <array>
 #include <functional>
 
-#include "formats/base/result.h"
 #include "formats/geometry/slice_mesh.h"
 #include "pipeline/contour/contour.h"
 #include "pipeline/contour/simplification.h"
@@ -65,25 +64,11 @@ Pslg outline_of(const LabelBorders& borders, const std::function<bool(MaterialNu
 /// neighbours have the same points along their common border, in opposite order.
 std::vector<Pslg> material_outlines(const LabelBorders& borders);
 
-/// Proves in exact integers that no point of the plane is in two materials, and that every point
-/// within the outline of the union of all materials is in one. For this the function checks that
-/// each material's outline and the union's outline pass check_pslg(), and that the areas of the
-/// materials add up to the area of the union. These checks suffice for the following reason. The
-/// outlines of two neighbours contain their common chain in opposite directions, so the chain
-/// cancels in the sum of all materials' winding numbers. At each point the sum is therefore the
-/// winding number of the union's outline, which is 0 or 1. Errors: kBug; the message names the
-/// condition that does not hold.
-Result<void> check_label_borders(const LabelBorders& borders);
-
 /// Simplifies each chain; nodes do not move. The two-sided Hausdorff distance between each chain
 /// and its original is at most the tolerance, and the topology of the borders does not change.
 /// SimplificationMethod::kArea also keeps the area on both sides of each chain and therefore the
 /// area of each ring. See simplify() of simplification.h.
 LabelBorders simplify(const LabelBorders& borders, const Lattice& lattice,
                       const SimplificationOptions& options);
-
-/// Two-sided Hausdorff distance between a chain of `full` and the chain of the same index in
-/// `simple`, in mm. Returns the largest distance of all chains.
-double hausdorff_mm(const LabelBorders& full, const LabelBorders& simple, const Lattice& lattice);
 
 }  // namespace trocar::pipeline

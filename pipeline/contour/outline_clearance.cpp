@@ -9,7 +9,6 @@
 #include <span>
 #include <tuple>
 
-#include "formats/geometry/canonical_rotation.h"
 #include "formats/geometry/lattice_box.h"
 #include "pipeline/contour/segment_distance.h"
 #include "pipeline/contour/segment_grid.h"
@@ -187,10 +186,8 @@ class Clearing {
         // The point that keeps the area, on the normal of a-d through the middle.
         const double offset = (now - area) / base2;
         const Point ideal{middle.x - offset * (to.y - from.y), middle.y + offset * (to.x - from.x)};
-        if (const auto near = nearest(ideal)) {
-          const auto e = rounded(a, d, *near, ideal, area);
-          if (e && replace(*path, *e)) return true;
-        }
+        const auto near = nearest(ideal);
+        if (near && replace(*path, rounded(a, d, *near, ideal, area))) return true;
       }
       for (const Point p : {middle, at_b, at_c}) {
         const auto e = nearest(p);
@@ -437,31 +434,14 @@ void clear_outline(const Pslg& contours, const std::vector<bool>& is_open, doubl
   if (clearance < 1 || (!lacks_area(simplified) &&
                         !has_tight_spots(edges_of(simplified.outline, is_open), clearance)))
     return;
-  CentroidOffset offset;
-  for (const Ring& ring : contours.rings) {
-    for (const LatticePoint p : ring)
-      offset.add(p);
-  }
-  const CanonicalRotation rotate = CanonicalRotation::of(offset.x(), offset.y());
-  LatticeBox box = box_around(rotate(offset.box().low), rotate(offset.box().high));
-  const LatticePoint low = box.low;
-  const auto move_all = [&](std::vector<Ring>& rings, const auto& moved) {
-    for (Ring& ring : rings)
-      std::transform(ring.begin(), ring.end(), ring.begin(), moved);
-  };
-  const auto to_origin = [&](LatticePoint p) {
-    const LatticePoint r = rotate(p);
-    return LatticePoint{r.x - low.x, r.y - low.y};
-  };
+  const CanonicalFrame frame(contours);
   Pslg moved = contours;
-  move_all(moved.rings, to_origin);
-  move_all(simplified.outline.rings, to_origin);
-  Clearing clearing(moved, is_open, low, tolerance, simplified);
+  frame.enter(moved.rings);
+  frame.enter(simplified.outline.rings);
+  Clearing clearing(moved, is_open, frame.box().low, tolerance, simplified);
   clearing.run();
   clearing.write_to(simplified);
-  move_all(simplified.outline.rings, [&](LatticePoint p) {
-    return rotate.back({p.x + low.x, p.y + low.y});
-  });
+  frame.leave(simplified.outline.rings);
 }
 
 }  // namespace trocar::pipeline

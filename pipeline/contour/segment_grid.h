@@ -24,7 +24,6 @@ struct LatticeSegment {
 /// across the whole grid passes through about as many cells as a row and a column have together.
 class SegmentGrid {
  public:
-  SegmentGrid() = default;
   /// If a point of one segment and a point of another differ by at most `max_distance` lattice
   /// steps in x and in y, the two segments have a common cell.
   SegmentGrid(std::span<const LatticeSegment> segments, std::int32_t max_distance);

@@ -2,19 +2,18 @@
 #include "pipeline/contour/simplification.h"
 
 #include <algorithm>
-#include <cmath>
 #include <iterator>
 #include <limits>
 #include <numeric>
 #include <optional>
 
-#include "formats/geometry/canonical_rotation.h"
 #include "formats/geometry/edge_predicates.h"
 #include "formats/geometry/lattice_box.h"
 #include "formats/geometry/lattice_cells.h"
 #include "formats/geometry/mesh_validity.h"
 #include "formats/geometry/outline_sweep.h"
 #include "pipeline/contour/area_collapse.h"
+#include "pipeline/contour/collapse_geometry.h"
 #include "pipeline/contour/outline_clearance.h"
 #include "pipeline/contour/segment_distance.h"
 #include "pipeline/contour/segment_grid.h"
@@ -108,23 +107,26 @@ std::vector<std::uint32_t> extreme_vertices(const Ring& contour) {
   return out;
 }
 
-Simplified simplify_line(const Ring& contour, double tolerance2) {
+Simplified simplified(const Ring& contour, bool is_open, double tolerance2) {
   const std::uint32_t last = static_cast<std::uint32_t>(contour.size()) - 1;
-  Simplified s{&contour, true, {0, last}};
-  keep_between(s, 0, last, tolerance2, s.kept);
-  std::sort(s.kept.begin(), s.kept.end());
-  return s;
+  const Simplified from{&contour, is_open,
+                        is_open ? std::vector<std::uint32_t>{0, last} : extreme_vertices(contour)};
+  Simplified out = from;
+  for (std::size_t k = 0; k < from.spans(); ++k)
+    keep_between(from, from.kept[k], from.span_end(k), tolerance2, out.kept);
+  std::sort(out.kept.begin(), out.kept.end());
+  return out;
 }
 
-Simplified simplify_ring(const Ring& contour, double tolerance2) {
-  Simplified s{&contour, false, extreme_vertices(contour)};
-  const std::vector<std::uint32_t> from = s.kept;
-  for (std::size_t k = 0; k < from.size(); ++k) {
-    const std::uint32_t to = k + 1 < from.size() ? from[k + 1] : from[0] + s.size();
-    keep_between(s, from[k], to, tolerance2, s.kept);
-  }
-  std::sort(s.kept.begin(), s.kept.end());
-  return s;
+std::vector<Ring> rings_of(const std::vector<Simplified>& rings) {
+  std::vector<Ring> out;
+  for (const Simplified& s : rings)
+    out.push_back(s.ring());
+  return out;
+}
+
+void mark_all(std::vector<char>& marks) {
+  std::fill(marks.begin(), marks.end(), char{1});
 }
 
 // Marks every span whose chord crosses another one; returns whether there is any.
@@ -175,8 +177,8 @@ bool mark_jumps_by_pairs(const std::vector<Simplified>& rings, const std::vector
   for (auto i = order.begin(); i != order.end(); ++i) {
     for (auto j = i + 1; j != order.end() && boxes[*j].low.x <= boxes[*i].high.x; ++j) {
       if (apart(boxes[*i], boxes[*j]) || (!jumps(*i, *j) && !jumps(*j, *i))) continue;
-      std::fill(marks[*i].begin(), marks[*i].end(), char{1});
-      std::fill(marks[*j].begin(), marks[*j].end(), char{1});
+      mark_all(marks[*i]);
+      mark_all(marks[*j]);
       any = true;
     }
   }
@@ -189,10 +191,7 @@ using EnclosingRings = std::optional<std::vector<std::uint32_t>>;  // result of 
 // afterwards, or the reverse. This can happen without a crossing. `before` belongs to the contours.
 bool mark_jumps(const std::vector<Simplified>& rings, const EnclosingRings& before,
                 std::vector<std::vector<char>>& marks) {
-  std::vector<Ring> now;
-  now.reserve(rings.size());
-  for (const Simplified& s : rings)
-    now.push_back(s.ring());
+  const std::vector<Ring> now = rings_of(rings);
   const EnclosingRings after = enclosing_rings(now);
   if (!before || !after) return mark_jumps_by_pairs(rings, now, marks);
   if (*before == *after) return false;
@@ -203,17 +202,14 @@ bool mark_jumps(const std::vector<Simplified>& rings, const EnclosingRings& befo
     std::sort(out.begin(), out.end());
     return out;
   };
-  const auto mark = [&marks](std::uint32_t r) {
-    std::fill(marks[r].begin(), marks[r].end(), char{1});
-  };
   for (std::uint32_t r = 0; r < rings.size(); ++r) {
     const auto first = all_enclosing(*before, r), last = all_enclosing(*after, r);
     std::vector<std::uint32_t> changed;
     std::set_symmetric_difference(first.begin(), first.end(), last.begin(), last.end(),
                                   std::back_inserter(changed));
-    if (!changed.empty()) mark(r);
+    if (!changed.empty()) mark_all(marks[r]);
     for (const std::uint32_t other : changed)
-      mark(other);
+      mark_all(marks[other]);
   }
   return true;
 }
@@ -258,8 +254,7 @@ bool is_free_of_jumps(const std::vector<Simplified>& rings) {
   std::vector<std::uint32_t> first(cells.count() + 1, 0), ring_of(points.size());
   for (const LatticePoint p : points)
     ++first[number(column(p.x), row(p.y)) + 1];
-  for (std::size_t i = 1; i < first.size(); ++i)
-    first[i] += first[i - 1];
+  std::partial_sum(first.begin(), first.end(), first.begin());
   std::vector<std::uint32_t> next(first.begin(), first.end() - 1);
   for (std::uint32_t q = 0; q < points.size(); ++q)
     ring_of[next[number(column(points[q].x), row(points[q].y))]++] = q;
@@ -295,27 +290,20 @@ bool is_free_of_jumps(const std::vector<Simplified>& rings) {
 
 bool mark_by(const MarkMisplaced& mark_misplaced, const std::vector<Simplified>& rings,
              std::vector<std::vector<char>>& marks) {
-  std::vector<Ring> now;
-  now.reserve(rings.size());
-  for (const Simplified& s : rings)
-    now.push_back(s.ring());
+  const std::vector<Ring> now = rings_of(rings);
   std::vector<char> is_misplaced(rings.size(), 0);
   mark_misplaced(now, is_misplaced);
   bool any = false;
   for (std::size_t r = 0; r < rings.size(); ++r) {
     if (is_misplaced[r] == 0) continue;
-    std::fill(marks[r].begin(), marks[r].end(), char{1});
+    mark_all(marks[r]);
     any = true;
   }
   return any;
 }
 
 bool rotation_may_map_to_itself(const Pslg& outline) {
-  CentroidOffset offset;
-  for (const Ring& ring : outline.rings) {
-    for (const LatticePoint p : ring)
-      offset.add(p);
-  }
+  const CentroidOffset offset = collapse::centroid_offset(outline);
   return offset.x() == 0 && offset.y() == 0;
 }
 
@@ -326,8 +314,7 @@ SimplifiedOutline douglas_peucker(const Pslg& contours, double tolerance,
   std::vector<Simplified> rings;
   for (std::size_t r = 0; r < contours.rings.size(); ++r) {
     const bool open = !is_open.empty() && is_open[r];
-    rings.push_back(open ? simplify_line(contours.rings[r], tolerance * tolerance)
-                         : simplify_ring(contours.rings[r], tolerance * tolerance));
+    rings.push_back(simplified(contours.rings[r], open, tolerance * tolerance));
   }
 
   std::optional<EnclosingRings> around;  // for the contours, computed when first needed
@@ -345,7 +332,7 @@ SimplifiedOutline douglas_peucker(const Pslg& contours, double tolerance,
       const bool collapsed = rings[r].kept.size() < 3 || (doubled_area(rings[r].ring()) > 0) !=
                                                              (doubled_area(*rings[r].contour) > 0);
       if (collapsed) {
-        std::fill(marks[r].begin(), marks[r].end(), char{1});
+        mark_all(marks[r]);
         any = true;
       }
     }
@@ -360,11 +347,10 @@ SimplifiedOutline douglas_peucker(const Pslg& contours, double tolerance,
     bool split = false;
     for (std::size_t r = 0; r < rings.size(); ++r) {
       Simplified& s = rings[r];
-      const std::vector<std::uint32_t> before = s.kept;
-      for (std::size_t k = 0; k + (s.is_open ? 1 : 0) < before.size(); ++k) {
+      const Simplified before = s;
+      for (std::size_t k = 0; k < before.spans(); ++k) {
         if (marks[r][k] == 0) continue;
-        const std::uint32_t i = before[k],
-                            j = k + 1 < before.size() ? before[k + 1] : before[0] + s.size();
+        const std::uint32_t i = before.kept[k], j = before.span_end(k);
         if (j - i < 2) continue;
         const std::uint32_t m = s.farthest(i, j).first;
         s.kept.push_back(m % s.size());

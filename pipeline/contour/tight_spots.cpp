@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "pipeline/contour/tight_spots.h"
 
-#include <utility>
-
 namespace trocar::pipeline {
 
 std::vector<LatticeSegment> edges_of(const Pslg& outline, const std::vector<bool>& is_open) {
@@ -22,16 +20,6 @@ bool has_tight_spots(const std::vector<LatticeSegment>& edges, double clearance)
   for_tight_spots(edges, SegmentGrid(edges, margin_of(clearance)), clearance,
                   [&any](std::uint32_t, std::uint32_t) { any = true; });
   return any;
-}
-
-std::size_t count_tight_spots(const Pslg& outline, const std::vector<bool>& is_open,
-                              double clearance) {
-  const std::vector<LatticeSegment> edges = edges_of(outline, is_open);
-  std::vector<std::pair<std::uint32_t, std::uint32_t>> spots;
-  for_tight_spots(edges, SegmentGrid(edges, margin_of(clearance)), clearance,
-                  [&](std::uint32_t i, std::uint32_t j) { spots.emplace_back(i, j); });
-  std::sort(spots.begin(), spots.end());
-  return static_cast<std::size_t>(std::unique(spots.begin(), spots.end()) - spots.begin());
 }
 
 }  // namespace trocar::pipeline

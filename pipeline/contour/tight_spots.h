@@ -58,10 +58,7 @@ void for_tight_spots(const std::vector<LatticeSegment>& edges, const SegmentGrid
   });
 }
 
-/// has_tight_spots() says whether there are tight spots, and count_tight_spots() counts them. Both
-/// take O(n log n) typically.
+/// Returns true if there is a tight spot. O(n log n) typically.
 bool has_tight_spots(const std::vector<LatticeSegment>& edges, double clearance);
-std::size_t count_tight_spots(const Pslg& outline, const std::vector<bool>& is_open,
-                              double clearance);
 
 }  // namespace trocar::pipeline

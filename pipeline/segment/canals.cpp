@@ -9,6 +9,7 @@
 #include <tuple>
 #include <utility>
 
+#include "formats/base/disjoint_sets.h"
 #include "pipeline/base/parallel_for.h"
 
 namespace trocar::pipeline {
@@ -59,7 +60,6 @@ struct Tube {
   std::size_t low = 0, high = 0;  // planes
   bool opens_low = false, opens_high = false;
   std::vector<Followed> followed;
-  std::size_t group = 0;  // the lowest tube that is part of the same canal
 };
 
 class Finder {
@@ -153,37 +153,29 @@ class Finder {
 
   // Joins the sections to tubes.
   void link() {
-    std::vector<std::size_t> parent(sections_.size());
-    for (std::size_t s = 0; s < parent.size(); ++s)
-      parent[s] = s;
-    const auto root = [&parent](std::size_t s) {
-      while (parent[s] != s)
-        s = parent[s] = parent[parent[s]];
-      return s;
-    };
+    DisjointSets joined(sections_.size());
     for (std::size_t k = 0; k + 1 < planes_.count(); ++k) {
       for (const auto& [pair, area] : overlaps(k)) {
         const std::size_t a = pair.first, b = pair.second;
         if (area < kOverlap * std::max(sections_[a].area_mm2, sections_[b].area_mm2)) continue;
-        const auto [low, high] = std::minmax({root(a), root(b)});
-        parent[high] = low;
+        joined.join(static_cast<std::uint32_t>(a), static_cast<std::uint32_t>(b));
       }
     }
     constexpr std::size_t kNone = std::numeric_limits<std::size_t>::max();
     std::vector<std::size_t> tube_of(sections_.size(), kNone);
     for (std::size_t s = 0; s < sections_.size(); ++s) {
       if (!sections_[s].is_soft) continue;
-      std::size_t& tube = tube_of[root(s)];
+      std::size_t& tube = tube_of[joined.root(static_cast<std::uint32_t>(s))];
       if (tube == kNone) {
         tube = tubes_.size();
         tubes_.emplace_back();
-        tubes_.back().group = tube;
         tubes_.back().low = sections_[s].plane;
       }
       sections_[s].tube = tube;
       tubes_[tube].high = sections_[s].plane;
       tubes_[tube].sections.push_back(s);
     }
+    groups_ = DisjointSets(tubes_.size());
     for (Tube& tube : tubes_) {
       std::vector<double> areas;
       for (const std::size_t s : tube.sections)
@@ -317,17 +309,11 @@ class Finder {
     bool any = false;
     for (const auto& [section, overlap] : met) {
       if (overlap < kOverlap * std::max(area, sections_[section].area_mm2)) continue;
-      const auto [low, high] = std::minmax({group(t), group(sections_[section].tube)});
-      tubes_[high].group = low;
+      groups_.join(static_cast<std::uint32_t>(t),
+                   static_cast<std::uint32_t>(sections_[section].tube));
       any = true;
     }
     return any;
-  }
-
-  std::size_t group(std::size_t t) const {
-    while (tubes_[t].group != t)
-      t = tubes_[t].group;
-    return t;
   }
 
   // Decides which groups of tubes are canals, and marks their sections.
@@ -340,7 +326,7 @@ class Finder {
     std::map<std::size_t, Group> groups;
     for (std::size_t t = 0; t < tubes_.size(); ++t) {
       const Tube& tube = tubes_[t];
-      Group& one = groups[group(t)];
+      Group& one = groups[groups_.root(static_cast<std::uint32_t>(t))];
       const double low = at_mm(tube.low), high = at_mm(tube.high);
       one.low_mm = one.tubes.empty() ? low : std::min(one.low_mm, low);
       one.high_mm = one.tubes.empty() ? high : std::max(one.high_mm, high);
@@ -445,6 +431,7 @@ class Finder {
   std::vector<std::vector<Run>> runs_;  // of each plane, in ascending order
   std::vector<Section> sections_;
   std::vector<Tube> tubes_;
+  DisjointSets groups_;  // of tubes that are parts of the same canal
 };
 
 }  // namespace

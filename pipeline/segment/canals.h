@@ -23,7 +23,6 @@
 //     lengths of paths that avoid bone.
 #pragma once
 
-#include <array>
 #include <cstdint>
 #include <span>
 #include <vector>

@@ -11,15 +11,23 @@
 
 namespace trocar::pipeline {
 
+/// The width of cell i along an axis on which the cells' centres are at `at`: half of the distance
+/// between its two neighbours. At an end of the axis, the width is the distance to the only
+/// neighbour. Without neighbours it is 1.
+inline double cell_width(std::span<const double> at, std::size_t i) {
+  if (at.size() < 2) return 1;
+  const std::size_t a = i > 0 ? i - 1 : i, b = i + 1 < at.size() ? i + 1 : i;
+  return (at[b] - at[a]) / static_cast<double>(b - a);
+}
+
 /// The grid of a volume: the positions of the voxels' centres along each axis in mm, ascending. The
 /// volume's values are row-major: voxel (x, y, z) is value [(z * ny + y) * nx + x].
 struct VoxelGrid {
   std::array<std::vector<double>, 3> at_mm;
   std::size_t count(std::size_t axis) const { return at_mm[axis].size(); }
   std::size_t size() const { return count(0) * count(1) * count(2); }
-  /// The width of voxel i along an axis: half of the distance between its two neighbours. At an end
-  /// of the axis, the width is the distance to the only neighbour. Without neighbours it is 1.
-  double width_mm(std::size_t axis, std::size_t i) const;
+  /// The cell_width() of voxel i along an axis.
+  double width_mm(std::size_t axis, std::size_t i) const { return cell_width(at_mm[axis], i); }
 };
 
 /// Returns the grid of a scan. Precondition: the slices are parallel and in ascending order
@@ -27,14 +35,25 @@ struct VoxelGrid {
 /// along z are SlicePlane::z_mm.
 VoxelGrid grid_of(const SliceStack& stack);
 
-/// The connected components of a volume, as runs of neighbouring voxels along x. Voxels that share
-/// a face, an edge or a corner are connected. Component c has the volume volume_mm3[c].
-struct VoxelComponents {
+/// The connected components of a volume, as runs of neighbouring voxels along x.
+struct VoxelRuns {
   struct Run {
     std::size_t begin = 0, end = 0;  ///< voxels [begin, end)
     std::uint32_t component = 0;     ///< components are numbered in order of their first voxels
   };
   std::vector<Run> runs;
+  std::size_t components = 0;  ///< number of components
+};
+
+/// Finds the components of the nonzero voxels. `size` has the numbers of voxels along x, y and z.
+/// Voxels that share a face are connected; if `by_corners` is true, also those that share an edge
+/// or a corner. O(voxels).
+VoxelRuns find_runs(const std::array<std::size_t, 3>& size, std::span<const std::uint8_t> voxels,
+                    bool by_corners);
+
+/// The components of a volume in which voxels that share a face, an edge or a corner are connected.
+/// Component c has the volume volume_mm3[c].
+struct VoxelComponents : VoxelRuns {
   std::vector<double> volume_mm3;
 };
 

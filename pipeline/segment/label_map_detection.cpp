@@ -9,10 +9,6 @@
 namespace trocar::pipeline {
 namespace {
 
-bool is_whole(float value) {
-  return std::rint(value) == value && std::abs(value) < 1e9F;
-}
-
 bool may_be_labels(const ValueTally& t) {
   return !t.has_negative && !t.has_fractions && t.values.size() <= kMaxLabels;
 }

@@ -3,14 +3,12 @@
 
 #include <algorithm>
 #include <array>
-#include <cmath>
 #include <functional>
 #include <map>
 #include <numeric>
 #include <optional>
 #include <queue>
 #include <string>
-#include <tuple>
 #include <unordered_map>
 #include <utility>
 
@@ -31,14 +29,9 @@ std::array<int, 4> eighths_of(const std::array<MaterialNumber, 4>& corner) {
   if (corner[0] == corner[1] || corner[1] == corner[2] || corner[2] == corner[3] ||
       corner[3] == corner[0])
     return out;
-  switch (connected_diagonal(corner[0], corner[1], corner[2], corner[3])) {
-    case Diagonal::kAC:
-      return {3, 1, 3, 1};
-    case Diagonal::kBD:
-      return {1, 3, 1, 3};
-    case Diagonal::kNone:
-      break;
-  }
+  const Diagonal diagonal = connected_diagonal(corner[0], corner[1], corner[2], corner[3]);
+  if (diagonal == Diagonal::kAC) return {3, 1, 3, 1};
+  if (diagonal == Diagonal::kBD) return {1, 3, 1, 3};
   return out;
 }
 
@@ -202,35 +195,6 @@ class Components {
 
 }  // namespace
 
-MaterialImage material_image(const Image& labels, std::span<const Labels> materials) {
-  MaterialImage out{labels.width, labels.height, {}, {}};
-  out.labels.resize(materials.size());
-  out.values.reserve(labels.values.size());
-  float last = 0;
-  MaterialNumber last_material = kNoMaterial;
-  bool is_first = true;
-  for (const float v : labels.values) {
-    if (is_first || v != last) {
-      last = v;
-      is_first = false;
-      last_material = kNoMaterial;
-      if (std::rint(v) == v && std::abs(v) < 1e9F) {
-        const int label = static_cast<int>(v);
-        const auto has = [label](const Labels& m) {
-          return m.all ? label != 0 : m.labels.contains(label);
-        };
-        const auto it = std::find_if(materials.begin(), materials.end(), has);
-        if (it != materials.end()) {
-          last_material = static_cast<MaterialNumber>(it - materials.begin() + 1);
-          out.labels[static_cast<std::size_t>(it - materials.begin())].insert(label);
-        }
-      }
-    }
-    out.values.push_back(last_material);
-  }
-  return out;
-}
-
 Result<LabelMaterials> label_materials(const Image& labels, const Labels& wanted) {
   std::unordered_map<int, int> first_of_joined;
   for (const std::set<int>& joined : wanted.joined) {
@@ -241,7 +205,7 @@ Result<LabelMaterials> label_materials(const Image& labels, const Labels& wanted
   std::vector<std::pair<int, std::set<int>>> found(1);
   std::unordered_map<int, std::size_t> of_label, of_first;
   const auto number_of = [&](float v) -> std::size_t {
-    if (std::rint(v) != v || !(std::abs(v) < 1e9F)) return 0;
+    if (!is_whole(v)) return 0;
     const int label = static_cast<int>(v);
     const auto [known, is_new] = of_label.try_emplace(label, 0);
     if (!is_new || !(wanted.all ? label != 0 : wanted.labels.contains(label))) return known->second;

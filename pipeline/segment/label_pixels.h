@@ -6,7 +6,6 @@
 
 #include <cstdint>
 #include <set>
-#include <span>
 #include <vector>
 
 #include "formats/base/result.h"
@@ -28,11 +27,6 @@ struct MaterialImage {
 
   MaterialNumber at(int x, int y) const { return values[static_cast<std::size_t>(y) * width + x]; }
 };
-
-/// Assigns each pixel to the first material that contains its label, or to kNoMaterial. A value
-/// that is not a whole number is no label. Precondition: there are at most kMaxMaterials
-/// materials. O(pixels).
-MaterialImage material_image(const Image& labels, std::span<const Labels> materials);
 
 /// The materials of a label map (Labels::joined) that occur in an image.
 struct LabelMaterials {

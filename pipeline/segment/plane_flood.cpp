@@ -2,8 +2,10 @@
 #include "pipeline/segment/plane_flood.h"
 
 #include <algorithm>
-#include <cmath>
+#include <initializer_list>
 #include <limits>
+
+#include "pipeline/segment/connected_components.h"
 
 namespace trocar::pipeline {
 namespace {
@@ -48,12 +50,29 @@ class LowerEnvelope {
   std::vector<double> begin_, value_;
 };
 
-// The width of a cell: half of the distance between its neighbours; at the ends the distance to the
-// only neighbour.
-double cell_width(std::span<const double> at, std::size_t i) {
-  if (at.size() < 2) return 1;
-  const std::size_t a = i > 0 ? i - 1 : i, b = i + 1 < at.size() ? i + 1 : i;
-  return (at[b] - at[a]) / static_cast<double>(b - a);
+// Squared distances in a grid whose first axis is that of neighbouring values.
+void squared_distances_along(std::initializer_list<std::span<const double>> axes,
+                             std::span<const std::uint8_t> set, std::vector<float>& squared_mm2) {
+  squared_mm2.resize(set.size());
+  std::transform(set.begin(), set.end(), squared_mm2.begin(), [](std::uint8_t s) {
+    return s != 0 ? 0.0F : std::numeric_limits<float>::infinity();
+  });
+  LowerEnvelope envelope;
+  std::vector<double> line;
+  std::size_t stride = 1;
+  for (const std::span<const double> at : axes) {
+    line.resize(at.size());
+    for (std::size_t block = 0; block < set.size(); block += stride * at.size()) {
+      for (std::size_t first = block; first < block + stride; ++first) {
+        for (std::size_t i = 0; i < line.size(); ++i)
+          line[i] = static_cast<double>(squared_mm2[first + i * stride]);
+        envelope.run(at, line);
+        for (std::size_t i = 0; i < line.size(); ++i)
+          squared_mm2[first + i * stride] = static_cast<float>(line[i]);
+      }
+    }
+    stride *= at.size();
+  }
 }
 
 // Collects the pixels connected by edges with `start` whose `open` is 1, and sets their `open` to
@@ -150,48 +169,12 @@ class NearDistances {
 
 void squared_distances(const PlaneGrid& grid, std::span<const std::uint8_t> set,
                        std::vector<float>& squared_mm2) {
-  const std::size_t width = grid.u_mm.size(), height = grid.v_mm.size();
-  squared_mm2.resize(set.size());
-  LowerEnvelope envelope;
-  std::vector<double> line;
-  for (std::size_t y = 0; y < height; ++y) {
-    line.resize(width);
-    for (std::size_t x = 0; x < width; ++x)
-      line[x] = set[y * width + x] != 0 ? 0 : kInfinite;
-    envelope.run(grid.u_mm, line);
-    for (std::size_t x = 0; x < width; ++x)
-      squared_mm2[y * width + x] = static_cast<float>(line[x]);
-  }
-  for (std::size_t x = 0; x < width; ++x) {
-    line.resize(height);
-    for (std::size_t y = 0; y < height; ++y)
-      line[y] = static_cast<double>(squared_mm2[y * width + x]);
-    envelope.run(grid.v_mm, line);
-    for (std::size_t y = 0; y < height; ++y)
-      squared_mm2[y * width + x] = static_cast<float>(line[y]);
-  }
+  squared_distances_along({grid.u_mm, grid.v_mm}, set, squared_mm2);
 }
 
 void squared_distances(const std::array<std::vector<double>, 3>& at_mm,
                        std::span<const std::uint8_t> set, std::vector<float>& squared_mm2) {
-  const PlaneGrid grid{at_mm[0], at_mm[1]};
-  squared_mm2.resize(set.size());
-  std::vector<float> plane;
-  for (std::size_t z = 0; z < at_mm[2].size(); ++z) {
-    squared_distances(grid, set.subspan(z * grid.size(), grid.size()), plane);
-    std::copy(plane.begin(), plane.end(),
-              squared_mm2.begin() + static_cast<std::ptrdiff_t>(z * grid.size()));
-  }
-  LowerEnvelope envelope;
-  std::vector<double> line;
-  for (std::size_t i = 0; i < grid.size(); ++i) {
-    line.resize(at_mm[2].size());
-    for (std::size_t z = 0; z < line.size(); ++z)
-      line[z] = static_cast<double>(squared_mm2[z * grid.size() + i]);
-    envelope.run(at_mm[2], line);
-    for (std::size_t z = 0; z < line.size(); ++z)
-      squared_mm2[z * grid.size() + i] = static_cast<float>(line[z]);
-  }
+  squared_distances_along({at_mm[0], at_mm[1], at_mm[2]}, set, squared_mm2);
 }
 
 void find_enclosed(const PlaneGrid& grid, std::span<const std::uint8_t> solid, double radius_mm,

@@ -5,7 +5,6 @@
 #include <array>
 #include <cmath>
 #include <cstdint>
-#include <span>
 #include <utility>
 
 #include "pipeline/base/parallel_for.h"
@@ -300,54 +299,41 @@ Bytes find_section(const SliceStack& stack, const Blocks& blocks, float threshol
 // Flags of a voxel. The others have no meaning without the first.
 enum TableFlag : std::uint8_t { kAbove = 1, kInTable = 2, kBare = 4, kCovered = 8 };
 
-// The flags of a slice's voxels.
-class SliceFlags {
- public:
-  SliceFlags(const Image& image, float threshold, const SlicePlane& plane)
-      : image_(image),
-        threshold_(threshold),
-        far_u_(pixels(plane.spacing_u_mm)),
-        far_v_(pixels(plane.spacing_v_mm)) {}
-
-  void run(const Blocks& blocks, const Bytes& section, std::uint8_t* flags) const {
-    for (int y = 0; y < image_.height; ++y) {
-      const int by = std::min(y / blocks.size, blocks.height - 1);
-      for (int x = 0; x < image_.width; ++x, ++flags) {
-        *flags = 0;
-        if (!is_material(x, y)) continue;
-        *flags = kAbove;
-        const int bx = std::min(x / blocks.size, blocks.width - 1);
-        if (section[static_cast<std::size_t>(by) * blocks.width + bx] == 0) continue;
-        *flags = static_cast<std::uint8_t>(
-            kAbove | kInTable | border(x, y, -1, 0, far_u_) | border(x, y, 1, 0, far_u_) |
-            border(x, y, 0, -1, far_v_) | border(x, y, 0, 1, far_v_));
-      }
-    }
-  }
-
- private:
-  static int pixels(double spacing_mm) {
+// Sets the flags of a slice's voxels.
+void set_flags(const Image& image, float threshold, const SlicePlane& plane, const Blocks& blocks,
+               const Bytes& section, std::uint8_t* flags) {
+  const auto pixels = [](double spacing_mm) {
     return std::max(1, static_cast<int>(std::lround(std::min(kBorder_mm / spacing_mm, 1e6))));
-  }
-  bool is_material(int x, int y) const { return image_.at(x, y) >= threshold_; }
+  };
+  const int far_u = pixels(plane.spacing_u_mm), far_v = pixels(plane.spacing_v_mm);
+  const auto is_material = [&](int x, int y) { return image.at(x, y) >= threshold; };
   // kBare or kCovered if the material's surface in this direction borders on air or on tissue, else
   // 0.
-  unsigned border(int x, int y, int dx, int dy, int far) const {
+  const auto border = [&](int x, int y, int dx, int dy, int far) -> unsigned {
     const auto exists = [&](int n) {
       const int a = x + n * dx, b = y + n * dy;
-      return a >= 0 && b >= 0 && a < image_.width && b < image_.height;
+      return a >= 0 && b >= 0 && a < image.width && b < image.height;
     };
     if (!exists(1) || is_material(x + dx, y + dy)) return 0;
     if (!exists(far)) return kBare;
-    const float value = image_.at(x + far * dx, y + far * dy);
-    if (value >= threshold_) return 0;
+    const float value = image.at(x + far * dx, y + far * dy);
+    if (value >= threshold) return 0;
     return value < kBody_HU ? kBare : kCovered;
+  };
+  for (int y = 0; y < image.height; ++y) {
+    const int by = std::min(y / blocks.size, blocks.height - 1);
+    for (int x = 0; x < image.width; ++x, ++flags) {
+      *flags = 0;
+      if (!is_material(x, y)) continue;
+      *flags = kAbove;
+      const int bx = std::min(x / blocks.size, blocks.width - 1);
+      if (section[static_cast<std::size_t>(by) * blocks.width + bx] == 0) continue;
+      *flags = static_cast<std::uint8_t>(kAbove | kInTable | border(x, y, -1, 0, far_u) |
+                                         border(x, y, 1, 0, far_u) | border(x, y, 0, -1, far_v) |
+                                         border(x, y, 0, 1, far_v));
+    }
   }
-
-  const Image& image_;
-  float threshold_;
-  int far_u_, far_v_;
-};
+}
 
 struct Part {
   double inside_mm3 = 0;
@@ -370,8 +356,8 @@ std::optional<ScannerTable> ScannerTable::find(const SliceStack& stack, const Se
   parallel_for(stack.size(), [&](int k) {
     const auto image = stack.read(k);
     if (image)
-      SliceFlags(*image, threshold, stack.plane(0))
-          .run(blocks, section, &flags[static_cast<std::size_t>(k) * pixels]);
+      set_flags(*image, threshold, stack.plane(0), blocks, section,
+                &flags[static_cast<std::size_t>(k) * pixels]);
   });
 
   const VoxelComponents components = find_components(grid, flags);

@@ -90,9 +90,7 @@ Field segment(Image image, PixelUnit unit, const Segmentation& how) {
     const auto& [labels, all, joined] = std::get<Labels>(how);
     float last = 0;
     for (float& v : field.image.values) {
-      const float nearest = std::rint(v);
-      const bool is_label = nearest == v && std::abs(v) < 1e9F;
-      const bool in = is_label && (all ? v != 0 : labels.contains(static_cast<int>(nearest)));
+      const bool in = is_whole(v) && (all ? v != 0 : labels.contains(static_cast<int>(v)));
       if (in && (field.labels.empty() || v != last))
         field.labels.insert(static_cast<int>(last = v));
       v = in ? 1.0F : 0.0F;

@@ -2,6 +2,7 @@
 // Segmentation of a slice: a scalar field, and the iso-value that bounds the material.
 #pragma once
 
+#include <cmath>
 #include <optional>
 #include <set>
 #include <variant>
@@ -27,6 +28,10 @@ struct Labels {
   /// material by itself.
   std::vector<std::set<int>> joined = {};
 };
+/// Returns true if the value can be a label: a whole number whose absolute value is below 1e9.
+inline bool is_whole(float value) {
+  return std::rint(value) == value && std::abs(value) < 1e9F;
+}
 /// Is it certain, without reading the label map, that the labels form several materials? With `all`
 /// it is not, and the result is false.
 inline bool are_several(const Labels& labels) {

@@ -5,7 +5,6 @@
 #include <cmath>
 #include <cstdio>
 #include <numeric>
-#include <queue>
 #include <utility>
 
 #include "pipeline/base/parallel_for.h"
@@ -78,19 +77,19 @@ Result<Bytes> segmented(const SliceStack& stack, const Segmentation& how, const 
   return out;
 }
 
-// Keeps the material of the components for which keep(component, volume_mm3) holds.
+// Keeps the material of those of its components for which keep(component) holds.
 template <typename Keep>
-void keep_components(const VoxelGrid& grid, Bytes& material, const Keep& keep) {
-  const VoxelComponents components = find_components(grid, material);
+void keep_components(const VoxelComponents& components, const Keep& keep, Bytes& material) {
   for (const VoxelComponents::Run& run : components.runs) {
-    if (keep(run.component, components.volume_mm3[run.component])) continue;
+    if (keep(run.component)) continue;
     std::fill(material.begin() + static_cast<std::ptrdiff_t>(run.begin),
               material.begin() + static_cast<std::ptrdiff_t>(run.end), std::uint8_t{0});
   }
 }
 
 void keep_largest(const VoxelGrid& grid, Bytes& material, int wanted) {
-  const std::vector<double> volume = find_components(grid, material).volume_mm3;
+  const VoxelComponents components = find_components(grid, material);
+  const std::vector<double>& volume = components.volume_mm3;
   std::vector<std::uint32_t> order(volume.size());
   std::iota(order.begin(), order.end(), 0U);
   std::stable_sort(order.begin(), order.end(),
@@ -98,8 +97,8 @@ void keep_largest(const VoxelGrid& grid, Bytes& material, int wanted) {
   std::vector<bool> stays(volume.size(), false);
   for (std::size_t i = 0; i < order.size() && i < static_cast<std::size_t>(wanted); ++i)
     stays[order[i]] = true;
-  keep_components(grid, material,
-                  [&](std::uint32_t component, double) { return stays[component]; });
+  keep_components(
+      components, [&](std::uint32_t c) { return stays[c]; }, material);
 }
 
 // The axis of the volume that is nearest to the patient's long axis.
@@ -268,10 +267,8 @@ void keep_column(const VoxelPlanes& planes, const Canal& canal, Bytes& material)
   for (const VoxelComponents::Run& run : components.runs)
     for (std::size_t i = run.begin; i < run.end; ++i)
       if (core[i] != 0) stays[run.component] = true;
-  for (const VoxelComponents::Run& run : components.runs)
-    if (!stays[run.component])
-      std::fill(material.begin() + static_cast<std::ptrdiff_t>(run.begin),
-                material.begin() + static_cast<std::ptrdiff_t>(run.end), std::uint8_t{0});
+  keep_components(
+      components, [&](std::uint32_t c) { return stays[c]; }, material);
 }
 
 // Step 3. A voxel stays if its centre is within the margin of the centre of a wanted voxel.
@@ -420,10 +417,11 @@ Result<SolidBone> SolidBone::make(const SliceStack& stack, const Segmentation& s
   if (fills_all && !labels.empty()) out.filled_label_ = *labels.begin();
 
   const auto drop_specks = [&] {
-    if (options.min_volume_mm3 > 0) {
-      keep_components(grid, material,
-                      [&](std::uint32_t, double mm3) { return mm3 >= options.min_volume_mm3; });
-    }
+    if (!(options.min_volume_mm3 > 0)) return;
+    const VoxelComponents components = find_components(grid, material);
+    const std::vector<double>& volume = components.volume_mm3;
+    keep_components(
+        components, [&](std::uint32_t c) { return volume[c] >= options.min_volume_mm3; }, material);
   };
   drop_specks();
   if (means) {

@@ -24,9 +24,6 @@
 #pragma once
 
 #include <Eigen/Core>
-#include <array>
-#include <limits>
-#include <memory>
 #include <optional>
 #include <string>
 #include <vector>

@@ -4,7 +4,6 @@
 #include <algorithm>
 #include <cmath>
 #include <utility>
-#include <vector>
 
 #include "formats/base/disjoint_sets.h"
 #include "pipeline/base/stopwatch.h"

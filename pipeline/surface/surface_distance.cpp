@@ -35,33 +35,14 @@ std::vector<Vector3d> positions(const TriangleSurface& surface, const SurfaceVol
   return out;
 }
 
-// Exact distances to a surface.
-class DistanceTo {
- public:
-  DistanceTo(const std::vector<Vector3d>& vertices, const TriangleSurface& surface) {
-    for (const Vector3d& p : vertices)
-      mesh_.add_vertex({p.x(), p.y(), p.z()});
-    for (const auto& t : surface.triangles)
-      mesh_.add_face(Mesh::Vertex_index(t[0]), Mesh::Vertex_index(t[1]), Mesh::Vertex_index(t[2]));
-    tree_.insert(faces(mesh_).first, faces(mesh_).second, mesh_);
-    tree_.accelerate_distance_queries();
-  }
-  double operator()(const Vector3d& p) const {
-    return std::sqrt(tree_.squared_distance({p.x(), p.y(), p.z()}));
-  }
-
- private:
-  using Kernel = CGAL::Exact_predicates_inexact_constructions_kernel;
-  using Mesh = CGAL::Surface_mesh<Kernel::Point_3>;
-  using Primitive = CGAL::AABB_face_graph_triangle_primitive<Mesh>;
+using Kernel = CGAL::Exact_predicates_inexact_constructions_kernel;
+using Mesh = CGAL::Surface_mesh<Kernel::Point_3>;
+using Primitive = CGAL::AABB_face_graph_triangle_primitive<Mesh>;
 #if __has_include(<CGAL/AABB_traits_3.h>)
-  using Traits = CGAL::AABB_traits_3<Kernel, Primitive>;
+using Traits = CGAL::AABB_traits_3<Kernel, Primitive>;
 #else
-  using Traits = CGAL::AABB_traits<Kernel, Primitive>;
+using Traits = CGAL::AABB_traits<Kernel, Primitive>;
 #endif
-  Mesh mesh_;
-  CGAL::AABB_tree<Traits> tree_;
-};
 
 // The distance to the nearest point of the zero level on 26 rays and on some along the gradient.
 double distance_to_zero(const SurfaceVolume& volume, const Vector3d& p) {
@@ -158,11 +139,18 @@ SurfaceDistance distance_from(const TriangleSurface& surface, const SurfaceVolum
 SurfaceDistance distance_to(const TriangleSurface& surface, const SurfaceVolume& volume,
                             const std::vector<Vector3d>& points) {
   if (surface.triangles.empty()) return {};
-  const DistanceTo distance(positions(surface, volume), surface);
+  Mesh mesh;
+  for (const Vector3d& p : positions(surface, volume))
+    mesh.add_vertex({p.x(), p.y(), p.z()});
+  for (const auto& t : surface.triangles)
+    mesh.add_face(Mesh::Vertex_index(t[0]), Mesh::Vertex_index(t[1]), Mesh::Vertex_index(t[2]));
+  CGAL::AABB_tree<Traits> tree;
+  tree.insert(faces(mesh).first, faces(mesh).second, mesh);
+  tree.accelerate_distance_queries();
   std::vector<double> distances;
   distances.reserve(points.size());
   for (const Vector3d& p : points)
-    distances.push_back(distance(p));
+    distances.push_back(std::sqrt(tree.squared_distance({p.x(), p.y(), p.z()})));
   return summary(std::move(distances));
 }
 

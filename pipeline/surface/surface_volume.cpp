@@ -7,9 +7,9 @@
 #include <opencv2/imgproc.hpp>
 #include <utility>
 
-#include "formats/base/disjoint_sets.h"
 #include "pipeline/base/parallel_for.h"
 #include "pipeline/read/stack_shape.h"
+#include "pipeline/segment/connected_components.h"
 
 namespace trocar::pipeline {
 namespace {
@@ -19,81 +19,26 @@ float outside(float value) {
   return -std::max(std::abs(value), std::numeric_limits<float>::min());
 }
 
-// A run of voxels along x on one side of zero. All runs together are the whole volume.
-struct VoxelRun {
-  std::size_t begin = 0, end = 0;
-  std::uint32_t component = 0;
-};
-
-struct VoxelRuns {
-  std::vector<VoxelRun> runs;
-  std::vector<std::size_t> first;    // index of each row's first run, and the end
-  std::vector<std::int64_t> voxels;  // by component
-  std::vector<bool> inside;
-};
-
-// The components that are connected by faces.
-VoxelRuns find_runs(const SurfaceVolume& volume) {
-  const auto width = static_cast<std::size_t>(volume.size[0]);
-  const std::size_t rows = static_cast<std::size_t>(volume.size[1]) * volume.size[2];
-  VoxelRuns out;
-  for (std::size_t row = 0; row < rows; ++row) {
-    out.first.push_back(out.runs.size());
-    const std::size_t end = (row + 1) * width;
-    for (std::size_t i = row * width; i < end;) {
-      const bool inside = volume.values[i] >= 0;
-      VoxelRun run{i, i, 0};
-      while (run.end < end && (volume.values[run.end] >= 0) == inside)
-        ++run.end;
-      i = run.end;
-      out.runs.push_back(run);
-    }
-  }
-  out.first.push_back(out.runs.size());
-
-  DisjointSets sets(out.runs.size());
-  const auto join_rows = [&](std::size_t row, std::size_t other) {
-    const std::size_t shift = (row - other) * width;
-    for (std::size_t a = out.first[row], b = out.first[other];
-         a < out.first[row + 1] && b < out.first[other + 1];) {
-      const VoxelRun &one = out.runs[a], &two = out.runs[b];
-      if ((volume.values[one.begin] >= 0) == (volume.values[two.begin] >= 0) &&
-          one.begin < two.end + shift && two.begin + shift < one.end)
-        sets.join(static_cast<std::uint32_t>(a), static_cast<std::uint32_t>(b));
-      (one.end < two.end + shift ? a : b) += 1;
-    }
-  };
-  const auto height = static_cast<std::size_t>(volume.size[1]);
-  for (std::size_t row = 0; row < rows; ++row) {
-    if (row % height > 0) join_rows(row, row - 1);
-    if (row >= height) join_rows(row, row - height);
-  }
-  for (std::size_t i = 0; i < out.runs.size(); ++i) {
-    const std::uint32_t to = sets.root(static_cast<std::uint32_t>(i));
-    VoxelRun& run = out.runs[i];
-    if (to == i) {
-      run.component = static_cast<std::uint32_t>(out.voxels.size());
-      out.voxels.push_back(0);
-      out.inside.push_back(volume.values[run.begin] >= 0);
-    } else {
-      run.component = out.runs[to].component;
-    }
-    out.voxels[run.component] += static_cast<std::int64_t>(run.end - run.begin);
-  }
-  return out;
-}
-
 void drop_small(SurfaceVolume& volume, bool inside, std::int64_t min_voxels) {
-  const VoxelRuns runs = find_runs(volume);
+  std::vector<std::uint8_t> side(volume.values.size());
+  std::transform(volume.values.begin(), volume.values.end(), side.begin(), [inside](float v) {
+    return static_cast<std::uint8_t>((v >= 0) == inside ? 1 : 0);
+  });
+  std::array<std::size_t, 3> size{};
+  std::copy(volume.size.begin(), volume.size.end(), size.begin());
+  const VoxelRuns found = find_runs(size, side, false);
+  std::vector<std::int64_t> voxels(found.components, 0);
+  for (const VoxelRuns::Run& run : found.runs)
+    voxels[run.component] += static_cast<std::int64_t>(run.end - run.begin);
   const auto [u, v, w] = volume.voxel_mm();
-  for (std::size_t c = 0; c < runs.voxels.size(); ++c) {
-    if (runs.inside[c] != inside || runs.voxels[c] >= min_voxels) continue;
+  for (const std::int64_t count : voxels) {
+    if (count >= min_voxels) continue;
     ++(inside ? volume.dropped.specks : volume.dropped.holes);
     volume.dropped.largest_mm3 =
-        std::max(volume.dropped.largest_mm3, static_cast<double>(runs.voxels[c]) * u * v * w);
+        std::max(volume.dropped.largest_mm3, static_cast<double>(count) * u * v * w);
   }
-  for (const VoxelRun& run : runs.runs) {
-    if (runs.inside[run.component] != inside || runs.voxels[run.component] >= min_voxels) continue;
+  for (const VoxelRuns::Run& run : found.runs) {
+    if (voxels[run.component] >= min_voxels) continue;
     for (std::size_t i = run.begin; i < run.end; ++i)
       volume.values[i] = inside ? outside(volume.values[i]) : -volume.values[i];
   }
@@ -164,18 +109,6 @@ void smooth_mask(SurfaceVolume& volume) {
   }
 }
 
-}  // namespace
-
-void drop_small_components(SurfaceVolume& volume, int min_voxels, double min_mm3) {
-  const auto [u, v, w] = volume.voxel_mm();
-  const auto least = std::max<std::int64_t>(
-      min_voxels, static_cast<std::int64_t>(std::ceil(std::min(min_mm3 / (u * v * w), 1e15))));
-  for (const bool inside : {true, false})
-    drop_small(volume, inside, least);
-}
-
-namespace {
-
 // The voxels of a block: along each axis from a first one to before the last.
 struct VoxelBlock {
   std::array<int, 3> from{}, to{};
@@ -241,7 +174,28 @@ BlockMean block_mean(const SurfaceVolume& volume, const std::array<int, 3>& fact
   return out;
 }
 
+// The volume with its border, smoothed if it is a mask, without small components.
+SurfaceVolume finished(SurfaceVolume inner, bool is_mask, double min_region_mm2) {
+  if (is_mask) smooth_mask(inner);
+  SurfaceVolume out = with_border(std::move(inner));
+  drop_small_components(out, kMinSurfaceVoxels, std::pow(min_region_mm2, 1.5));
+  if (std::none_of(out.values.begin(), out.values.end(), [](float v) { return v >= 0; })) {
+    SurfaceVolume none;
+    none.dropped = out.dropped;
+    return none;
+  }
+  return out;
+}
+
 }  // namespace
+
+void drop_small_components(SurfaceVolume& volume, int min_voxels, double min_mm3) {
+  const auto [u, v, w] = volume.voxel_mm();
+  const auto least = std::max<std::int64_t>(
+      min_voxels, static_cast<std::int64_t>(std::ceil(std::min(min_mm3 / (u * v * w), 1e15))));
+  for (const bool inside : {true, false})
+    drop_small(volume, inside, least);
+}
 
 SurfaceVolume coarser(const SurfaceVolume& volume, const std::array<int, 3>& factor) {
   const int fx = factor[0], fy = factor[1], fz = factor[2];
@@ -289,23 +243,6 @@ SurfaceVolume coarser(const SurfaceVolume& volume, const std::array<int, 3>& fac
   return bordered;
 }
 
-namespace {
-
-// The volume with its border, smoothed if it is a mask, without small components.
-SurfaceVolume finished(SurfaceVolume inner, bool is_mask, double min_region_mm2) {
-  if (is_mask) smooth_mask(inner);
-  SurfaceVolume out = with_border(std::move(inner));
-  drop_small_components(out, kMinSurfaceVoxels, std::pow(min_region_mm2, 1.5));
-  if (std::none_of(out.values.begin(), out.values.end(), [](float v) { return v >= 0; })) {
-    SurfaceVolume none;
-    none.dropped = out.dropped;
-    return none;
-  }
-  return out;
-}
-
-}  // namespace
-
 Result<SurfaceVolume> read_surface_volume(const SliceStack& stack, int first, int last,
                                           const MaterialOptions& options, bool is_one_of_several) {
   constexpr double kMaxVoxels = 2e9;
@@ -323,8 +260,7 @@ Result<SurfaceVolume> read_surface_volume(const SliceStack& stack, int first, in
 
   std::vector<std::vector<float>> fields(static_cast<std::size_t>(slices));
   std::vector<Result<void>> done(static_cast<std::size_t>(slices));
-  // The smallest and largest x and y of the material in each slice.
-  std::vector<std::array<int, 4>> boxes(static_cast<std::size_t>(slices), {width, -1, height, -1});
+  std::vector<Eigen::AlignedBox2i> boxes(static_cast<std::size_t>(slices));  // of the material
   bool is_mask = false;
   parallel_for(slices, [&](int k) {
     const auto here = static_cast<std::size_t>(k);
@@ -342,17 +278,12 @@ Result<SurfaceVolume> read_surface_volume(const SliceStack& stack, int first, in
         field.image.values[i] = std::min(field.image.values[i], own[i]);
     }
     if (k == 0) is_mask = field.is_mask;
-    auto& [x0, x1, y0, y1] = boxes[here];
     for (int y = 0; y < height; ++y) {
       for (int x = 0; x < width; ++x) {
         float& value = field.image.values[static_cast<std::size_t>(y) * width + x];
         value -= field.iso;
         if (field.is_mask) value *= 2;
-        if (value < 0) continue;
-        x0 = std::min(x0, x);
-        x1 = std::max(x1, x);
-        y0 = std::min(y0, y);
-        y1 = std::max(y1, y);
+        if (!(value < 0)) boxes[here].extend(Eigen::Vector2i(x, y));
       }
     }
     fields[here] = std::move(field.image.values);
@@ -362,40 +293,33 @@ Result<SurfaceVolume> read_surface_volume(const SliceStack& stack, int first, in
 
   // The box around the material, with a margin for smoothing.
   constexpr int kMargin = 4;
-  int x0 = width, x1 = -1, y0 = height, y1 = -1, z0 = slices, z1 = -1;
+  Eigen::AlignedBox3i box;
   for (int k = 0; k < slices; ++k) {
-    const auto& box = boxes[static_cast<std::size_t>(k)];
-    if (box[1] < 0) continue;
-    x0 = std::min(x0, box[0]);
-    x1 = std::max(x1, box[1]);
-    y0 = std::min(y0, box[2]);
-    y1 = std::max(y1, box[3]);
-    z0 = std::min(z0, k);
-    z1 = k;
+    const Eigen::AlignedBox2i& one = boxes[static_cast<std::size_t>(k)];
+    if (one.isEmpty()) continue;
+    for (const Eigen::Vector2i& corner : {one.min(), one.max()})
+      box.extend(Eigen::Vector3i(corner.x(), corner.y(), k));
   }
-  if (z1 < 0) return SurfaceVolume{};
-  x0 = std::max(x0 - kMargin, 0);
-  x1 = std::min(x1 + kMargin, width - 1);
-  y0 = std::max(y0 - kMargin, 0);
-  y1 = std::min(y1 + kMargin, height - 1);
-  z0 = std::max(z0 - kMargin, 0);
-  z1 = std::min(z1 + kMargin, slices - 1);
+  if (box.isEmpty()) return SurfaceVolume{};
+  const Eigen::Array3i end(width, height, slices),
+      low = (box.min().array() - kMargin).max(0), high = (box.max().array() + kMargin).min(end - 1);
 
   SurfaceVolume inner;
   const SlicePlane& frame = stack.plane(first);
   inner.u_mm = frame.spacing_u_mm;
   inner.v_mm = frame.spacing_v_mm;
   inner.T_lps_volume = frame.T_lps_plane;
-  inner.size = {x1 - x0 + 1, y1 - y0 + 1, z1 - z0 + 1};
+  inner.size = {high.x() - low.x() + 1, high.y() - low.y() + 1, high.z() - low.z() + 1};
   const Eigen::Affine3d to_frame = frame.T_lps_plane.inverse();
   inner.values.reserve(static_cast<std::size_t>(inner.size[0]) * inner.size[1] * inner.size[2]);
-  const Eigen::Vector3d corner((crop.x0 + x0) * inner.u_mm, (crop.y0 + y0) * inner.v_mm, 0);
-  for (int k = z0; k <= z1; ++k) {
+  const Eigen::Vector3d corner((crop.x0 + low.x()) * inner.u_mm, (crop.y0 + low.y()) * inner.v_mm,
+                               0);
+  for (int k = low.z(); k <= high.z(); ++k) {
     inner.origin_mm.emplace_back(to_frame * (stack.plane(first + k).T_lps_plane * corner));
     const std::vector<float>& field = fields[static_cast<std::size_t>(k)];
-    for (int y = y0; y <= y1; ++y) {
+    for (int y = low.y(); y <= high.y(); ++y) {
       const auto row = field.begin() + static_cast<std::ptrdiff_t>(y) * width;
-      inner.values.insert(inner.values.end(), row + x0, row + x1 + 1);
+      inner.values.insert(inner.values.end(), row + low.x(), row + high.x() + 1);
     }
     fields[static_cast<std::size_t>(k)] = {};
   }

@@ -148,7 +148,6 @@ struct QuickShapeLimits {
   FourReal surely_sharp, perhaps_sharp;
   Four doubled_area;  ///< largest doubled area allowed
 
-  QuickShapeLimits() = default;
   QuickShapeLimits(double sine2, double largest_doubled_area)
       : surely_sharp(four_of(static_cast<float>(sine2 * (1 - kRounding)))),
         perhaps_sharp(four_of(static_cast<float>(sine2 * (1 + kRounding)))),

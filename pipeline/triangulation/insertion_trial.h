@@ -8,7 +8,6 @@
 #include <algorithm>
 #include <array>
 #include <bit>
-#include <cmath>
 #include <cstdint>
 #include <limits>
 #include <span>
@@ -110,7 +109,10 @@ class InsertionTrial {
   template <PointKind kKind>
   [[gnu::always_inline]] Four flaws_of(const Positions& positions, const InsertionCavity& cavity,
                                        double min_distance2) const {
-    const auto [p, is_near_origin] = from_origin_of(cavity, positions);
+    const LatticePoint o = cavity.origin;
+    const FourPoints p = narrowed(from_origin(positions[0], positions[1], o),
+                                  from_origin(positions[2], positions[3], o));
+    const bool is_near_origin = cavity.is_near_origin() && !is_any(is_beyond_max_offset(p));
     const Clearance clearance(min_distance2);
     Four flaws{}, is_excluded{};
     const std::span<const BoundaryQuad> quads = cavity.quads();
@@ -223,17 +225,6 @@ class InsertionTrial {
             v.at_p < 0,
             v.at_a < 0,
             v.at_b < 0};
-  }
-
-  struct FromOrigin {
-    FourPoints p;
-    bool is_near_origin;
-  };
-  [[gnu::always_inline]] static FromOrigin from_origin_of(const InsertionCavity& cavity,
-                                                          const Positions& p) {
-    const LatticePoint o = cavity.origin;
-    const FourPoints away = narrowed(from_origin(p[0], p[1], o), from_origin(p[2], p[3], o));
-    return {away, cavity.is_near_origin() && !is_any(is_beyond_max_offset(away))};
   }
 
   const RefinementMesh& mesh_;

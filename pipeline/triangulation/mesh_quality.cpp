@@ -5,6 +5,7 @@
 #include <cmath>
 #include <numbers>
 
+#include "formats/geometry/triangle_shape.h"
 #include "pipeline/triangulation/mesh_adjacency.h"
 
 namespace trocar::pipeline {
@@ -34,12 +35,9 @@ class SmallInputAngles {
     for (const std::uint32_t v : t)
       best = smaller(best, at_vertex_[v]);
     const std::vector<LatticePoint>& p = refined_.mesh.vertices;
-    std::size_t k = 0;
-    for (std::size_t i = 1; i < 3; ++i) {
-      if (distance2(p[t[i]], p[t[(i + 1) % 3]]) < distance2(p[t[k]], p[t[(k + 1) % 3]])) k = i;
-    }
+    const std::uint32_t k = shortest_edge({p[t[0]], p[t[1]], p[t[2]]}).edge;
     const std::int32_t a = refined_.origins[t[k]].segment,
-                       b = refined_.origins[t[(k + 1) % 3]].segment;
+                       b = refined_.origins[t[next_corner(k)]].segment;
     if (a >= 0 && b >= 0) {
       if (segment(b).previous == a && angle(b) < kExplainingAngle_deg) best = smaller(best, b);
       if (segment(a).previous == b && angle(a) < kExplainingAngle_deg) best = smaller(best, a);

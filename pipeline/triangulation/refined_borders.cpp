@@ -11,10 +11,9 @@ LabelBorders refined_borders(const LabelBorders& borders, std::span<const Pslg> 
                              std::span<const Pslg> stored) {
   // An outline's edge, and the edges that it became.
   struct Divided {
-    LatticePoint from, to;
+    std::pair<LatticePoint, LatticePoint> ends;
     const Ring* ring;
     std::size_t first, edges;
-    std::pair<LatticePoint, LatticePoint> ends() const { return {from, to}; }
     LatticePoint point(std::size_t i) const { return (*ring)[(first + i) % ring->size()]; }
   };
   std::vector<Divided> divided;
@@ -27,12 +26,12 @@ LabelBorders refined_borders(const LabelBorders& borders, std::span<const Pslg> 
         const std::size_t first = at++;
         while (at < fine.size() && (i + 1 == ring.size() || fine[at] != to))
           ++at;
-        divided.push_back({ring[i], to, &fine, first, at - first});
+        divided.push_back({{ring[i], to}, &fine, first, at - first});
       }
     }
   }
   std::sort(divided.begin(), divided.end(),
-            [](const Divided& a, const Divided& b) { return a.ends() < b.ends(); });
+            [](const Divided& a, const Divided& b) { return a.ends < b.ends; });
   LabelBorders out = borders;
   for (BorderChain& chain : out.chains) {
     const std::vector<LatticePoint> coarse = std::exchange(chain.points, {});
@@ -45,7 +44,7 @@ LabelBorders refined_borders(const LabelBorders& borders, std::span<const Pslg> 
       if (!is_forward) std::swap(ends.first, ends.second);
       const auto found =
           std::lower_bound(divided.begin(), divided.end(), ends,
-                           [](const Divided& a, const auto& b) { return a.ends() < b; });
+                           [](const Divided& a, const auto& b) { return a.ends < b; });
       for (std::size_t j = 0; j < found->edges; ++j)
         chain.points.push_back(found->point(is_forward ? j : found->edges - j));
     }

@@ -3,11 +3,9 @@
 
 #include <algorithm>
 #include <array>
-#include <bit>
 #include <cmath>
 #include <limits>
 #include <numbers>
-#include <optional>
 
 #include "formats/geometry/canonical_rotation.h"
 #include "formats/geometry/steiner_points.h"
@@ -358,10 +356,9 @@ Refined refine_unrotated(const Triangulation& from, const Lattice& lattice,
   options.max_area_mm2 = affordable_area_mm2(area, lattice, wanted.max_area_mm2);
   options.min_area_mm2 = affordable_area_mm2(area, lattice, wanted.min_area_mm2);
   const auto refine_to = [&](double angle_deg, std::uint32_t max_vertices) {
-    const RefinementOptions attempt{
-        angle_deg,           options.max_area_mm2,   std::min(max_vertices, kMaxVertices),
-        options.keep_area,   options.shared_borders, options.max_distance_steps,
-        options.area_mm2_at, options.min_area_mm2};
+    RefinementOptions attempt = options;
+    attempt.min_angle_deg = angle_deg;
+    attempt.max_vertices = std::min(max_vertices, kMaxVertices);
     return Refiner(from, area, lattice, attempt, memory).run();
   };
   const double safe_deg = std::min(options.min_angle_deg, kSafeAngle_deg);

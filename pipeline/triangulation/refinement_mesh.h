@@ -93,7 +93,6 @@ class InsertionCavity {
     std::uint32_t a, b;    ///< ends of the edge, with the cavity on its left
     std::uint32_t beyond;  ///< WorkingTriangle::beyond of the edge
     EdgeId inside;         ///< the same edge in the triangle of the cavity
-    bool is_outline() const { return (beyond & kOutline) != 0; }
   };
 
   std::span<const BoundaryEdge> boundary() const { return {boundary_.data(), edges_}; }
@@ -115,7 +114,6 @@ class InsertionCavity {
  private:
   friend class RefinementMesh;
 
-  std::size_t capacity() const { return capacity_; }
   // Grows the arrays, with space for three more edges than capacity_. list_boundary() needs this
   // space to fill up the last group of four edges.
   [[gnu::noinline]] void grow() {
@@ -156,8 +154,8 @@ class RefinementMesh {
     points.assign(from.mesh.vertices.begin(), from.mesh.vertices.end());
     triangles.resize(from.mesh.triangles.size());
     for (std::uint32_t t = 0; t < triangles.size(); ++t) {
-      set(t, from.mesh.triangles[t], from.beyond[t]);
-      triangles[t].visit = triangles[t].generation = triangles[t].is_bad = 0;
+      const Triangle& v = from.mesh.triangles[t];
+      triangles[t] = {{points[v[0]], points[v[1]], points[v[2]]}, v, from.beyond[t]};
     }
     // Number the edges on the outline. A processor cannot predict which edges are on the outline,
     // so they are first listed, without branches, for one block of triangles after another.
@@ -244,12 +242,12 @@ class RefinementMesh {
     // branch. The arrays therefore always need space for the edges of one more triangle. (A cavity
     // has at most two more boundary edges than triangles.)
     constexpr std::uint32_t kMargin = 6;
-    if (cavity.capacity() < kMargin) cavity.grow();
+    if (cavity.capacity_ < kMargin) cavity.grow();
     const std::uint32_t visit = ++visits_;
     WorkingTriangle* const all = triangles.data();
     EdgeId* entries = cavity.entries_.data();
     std::uint64_t* sides = cavity.sides_.data();
-    auto most = static_cast<std::uint32_t>(cavity.capacity()) - kMargin;
+    auto most = static_cast<std::uint32_t>(cavity.capacity_) - kMargin;
     std::uint32_t reached = 1, edges = 0;
     const auto inspect_beyond = [&](std::uint32_t t, std::uint32_t i)
         __attribute__((always_inline)) {
@@ -276,7 +274,7 @@ class RefinementMesh {
         cavity.grow();
         entries = cavity.entries_.data();
         sides = cavity.sides_.data();
-        most = static_cast<std::uint32_t>(cavity.capacity()) - kMargin;
+        most = static_cast<std::uint32_t>(cavity.capacity_) - kMargin;
       }
       const std::uint32_t t = triangle_of(entries[k]), from = index_of(entries[k]);
       bad += all[t].is_bad;
@@ -398,13 +396,6 @@ class RefinementMesh {
 
   [[gnu::noinline]] bool far_circle_contains(const WorkingTriangle& t, LatticePoint p) const {
     return in_circle(points[t.v[0]], points[t.v[1]], points[t.v[2]], p) > 0;
-  }
-
-  void set(std::uint32_t t, const std::array<std::uint32_t, 3>& v,
-           const std::array<std::uint32_t, 3>& beyond) {
-    triangles[t].circle = {points[v[0]], points[v[1]], points[v[2]]};
-    triangles[t].v = v;
-    triangles[t].beyond = beyond;
   }
 
   std::uint32_t visits_ = 0;

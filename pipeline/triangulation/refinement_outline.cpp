@@ -8,8 +8,8 @@
 #include <utility>
 
 #include "formats/geometry/lattice_box.h"
-#include "formats/geometry/segment_split.h"
 #include "formats/geometry/triangle_shape.h"
+#include "pipeline/contour/tight_spots.h"
 
 namespace trocar::pipeline {
 namespace {
@@ -83,23 +83,17 @@ void RefinementOutline::close(const std::vector<LatticePoint>& points) {
 
 void RefinementOutline::find_twins(const std::vector<LatticePoint>& points) {
   const auto n = static_cast<std::uint32_t>(segments_.size());
-  struct Item {
-    LatticePoint low, high;
-    std::uint32_t segment;
-    auto ends() const { return std::pair{low, high}; }
-  };
-  std::vector<Item> items;
+  // The ends of each segment, the smaller one first, and its number.
+  std::vector<std::pair<std::pair<LatticePoint, LatticePoint>, std::uint32_t>> items;
   items.reserve(n);
-  for (std::uint32_t s = 0; s < n; ++s) {
-    const auto [low, high] = std::minmax(points[segments_[s].from], points[segments_[s].to]);
-    items.push_back({low, high, s});
-  }
-  std::sort(items.begin(), items.end(),
-            [](const Item& a, const Item& b) { return a.ends() < b.ends(); });
+  for (std::uint32_t s = 0; s < n; ++s)
+    items.emplace_back(std::minmax(points[segments_[s].from], points[segments_[s].to]), s);
+  std::sort(items.begin(), items.end());
   twins_.assign(n, kNoTwin);
   for (std::uint32_t k = 0; k + 1 < n; ++k) {
-    const std::uint32_t s = items[k].segment, t = items[k + 1].segment;
-    if (items[k].ends() == items[k + 1].ends()) twins_[s] = t, twins_[t] = s;
+    const auto& [ends, s] = items[k];
+    const auto& [next_ends, t] = items[k + 1];
+    if (ends == next_ends) twins_[s] = t, twins_[t] = s;
   }
 }
 
@@ -144,7 +138,7 @@ void RefinementOutline::start_clearance(const std::vector<LatticePoint>& points)
     ends_[s] = {points[segments_[s].from], points[segments_[s].to]};
     next_[static_cast<std::size_t>(segments_[s].previous)] = s;
   }
-  has_grid_ = false;
+  grid_.reset();
 }
 
 void RefinementOutline::find_clearance(std::uint32_t segment) {
@@ -157,23 +151,16 @@ void RefinementOutline::find_clearance(std::uint32_t segment) {
   };
   clearance_[segment] = Clearance::kNo;
   if (is_void_acute(ends_[previous].a, a, b) | is_void_acute(a, b, ends_[next].b)) return;
-  if (!has_grid_) grid_ = SegmentGrid(ends_, kNearby_steps);
-  has_grid_ = true;
-  LatticeBox box = box_around(a, b);
-  box.low = {box.low.x - kNearby_steps, box.low.y - kNearby_steps};
-  box.high = {box.high.x + kNearby_steps, box.high.y + kNearby_steps};
+  if (!grid_) grid_.emplace(ends_, kNearby_steps);
+  const LatticeBox box = widened(box_around(a, b), kNearby_steps);
   bool is_any_near = false;
-  grid_.for_each_near(ends_[segment], [&, a = a, b = b](std::uint32_t t) {
+  grid_->for_each_near(ends_[segment], [&, a = a, b = b](std::uint32_t t) {
     const auto& [c, d] = ends_[t];
     if ((t == segment) | (t == previous) | (t == next) | apart(box, box_around(c, d))) [[likely]]
       return;
     is_any_near = is_any_near || are_near(a, b, c, d);
   });
   if (!is_any_near) clearance_[segment] = Clearance::kYes;
-}
-
-bool RefinementOutline::is_acute(std::uint32_t vertex) const {
-  return angle_deg_[vertex] < kAcuteCorner_deg;
 }
 
 std::uint32_t RefinementOutline::small_corner_of_two(std::int32_t s, std::int32_t t) const {

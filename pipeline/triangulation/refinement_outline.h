@@ -8,8 +8,10 @@
 #pragma once
 
 #include <cstdint>
+#include <optional>
 #include <vector>
 
+#include "formats/geometry/segment_split.h"
 #include "pipeline/contour/segment_grid.h"
 #include "pipeline/triangulation/refinement.h"
 
@@ -80,7 +82,7 @@ class RefinementOutline {
                         const std::vector<LatticePoint>& points) const;
 
  private:
-  bool is_acute(std::uint32_t vertex) const;
+  bool is_acute(std::uint32_t vertex) const { return angle_deg_[vertex] < kAcuteCorner_deg; }
   bool is_acute_from(std::uint32_t segment) const {
     return is_acute(segments_[segment].from) ||
            (twin(segment) != kNoTwin && is_acute(segments_[twin(segment)].to));
@@ -101,10 +103,9 @@ class RefinementOutline {
   std::vector<Clearance> clearance_;
   std::vector<std::uint32_t> next_;   // for each segment: the one that starts at its end
   std::vector<LatticeSegment> ends_;  // for each segment: its ends, for has_clearance()
-  SegmentGrid grid_;                  // grid of ends_, made when has_clearance() first needs it
-  bool has_grid_ = false;
-  std::vector<std::uint32_t> loop_;  // for each segment: its loop
-  std::vector<std::int64_t> lost_;   // for each loop: see lost_of_loop()
+  std::optional<SegmentGrid> grid_;   // grid of ends_, made when has_clearance() first needs it
+  std::vector<std::uint32_t> loop_;   // for each segment: its loop
+  std::vector<std::int64_t> lost_;    // for each loop: see lost_of_loop()
 };
 
 }  // namespace trocar::pipeline

@@ -5,7 +5,7 @@
 #include "pipeline/triangulation/triangulation.h"
 
 #include <algorithm>
-#include <array>
+#include <numeric>
 #include <utility>
 
 #include "formats/geometry/canonical_rotation.h"
@@ -20,11 +20,6 @@ constexpr std::uint32_t kNone = kNoEdge;
 // number, in place of an EdgeId.
 constexpr std::uint32_t kDiagonal = 0x80000000;
 
-struct Swept {
-  Triangulation out;
-  bool has_pinches = false;
-};
-
 // Sweeps over the points in lexicographic order (left to right, and upwards on a vertical). The
 // status lists the outline's edges that the sweep line cuts, from the lowest up. For each edge that
 // has material above it, the status keeps a chain: the right border of the part of that material
@@ -37,7 +32,7 @@ class Sweep {
   // The sweep and its result are in the rotated plane.
   Sweep(const Pslg& pslg, CanonicalRotation rotate) : pslg_(pslg), rotate_(rotate) {}
 
-  Result<Swept> run() {
+  Result<Triangulation> run() {
     sort_points();
     sort_edges();
     const auto n = static_cast<std::uint32_t>(points_.size());
@@ -49,8 +44,11 @@ class Sweep {
     }
     if (!status_.empty()) return bug("triangulation: the outline does not close");
     mesh_.vertices = std::move(points_);
-    return Swept{{std::move(mesh_), std::move(beyond_)}, has_pinches_};
+    return Triangulation{std::move(mesh_), std::move(beyond_)};
   }
+
+  // After run(): do rings touch?
+  bool has_pinches() const { return has_pinches_; }
 
  private:
   // An edge of the outline from its left end to its right end.
@@ -124,8 +122,7 @@ class Sweep {
       }
       start += ring.size();
     }
-    for (std::size_t v = 1; v < first_edge_.size(); ++v)
-      first_edge_[v] += first_edge_[v - 1];
+    std::partial_sum(first_edge_.begin(), first_edge_.end(), first_edge_.begin());
     edges_.resize(total);
     std::vector<std::uint32_t> at(first_edge_.begin(), first_edge_.end() - 1);
     for (const Edge& e : unsorted)
@@ -399,15 +396,16 @@ void split_pinches(Triangulation& out) {
 
 Result<Triangulation> triangulate(const Pslg& pslg) {
   const CanonicalRotation rotate = rotation_by_centroid(pslg);
-  auto swept = Sweep(pslg, rotate).run();
-  if (!swept) return swept.error();
-  flip_to_delaunay(swept->out);
-  if (doubled_area(swept->out.mesh) != doubled_area(pslg))
+  Sweep sweep(pslg, rotate);
+  auto out = sweep.run();
+  if (!out) return out;
+  flip_to_delaunay(*out);
+  if (doubled_area(out->mesh) != doubled_area(pslg))
     return bug("triangulation: its area is not the outline's");
-  if (swept->has_pinches) split_pinches(swept->out);
-  for (LatticePoint& p : swept->out.mesh.vertices)
+  if (sweep.has_pinches()) split_pinches(*out);
+  for (LatticePoint& p : out->mesh.vertices)
     p = rotate.back(p);
-  return std::move(swept->out);
+  return out;
 }
 
 }  // namespace trocar::pipeline

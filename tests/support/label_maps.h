@@ -2,12 +2,15 @@
 // Label maps with triple points, thin walls and noise, for the pipeline's tests.
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <random>
+#include <span>
 #include <string>
 #include <vector>
 
+#include "pipeline/segment/label_pixels.h"
 #include "pipeline/segment/segmentation.h"
 
 namespace trocar::pipeline {
@@ -24,6 +27,38 @@ inline std::vector<Labels> each_label(int labels = kMapLabels) {
   std::vector<Labels> out;
   for (int label = 1; label <= labels; ++label)
     out.push_back({{label}});
+  return out;
+}
+
+/// Assigns each pixel to the first material that contains its label, or to kNoMaterial. A value
+/// that is not a whole number is no label. Precondition: there are at most kMaxMaterials
+/// materials. O(pixels).
+inline MaterialImage material_image(const Image& labels, std::span<const Labels> materials) {
+  MaterialImage out{labels.width, labels.height, {}, {}};
+  out.labels.resize(materials.size());
+  out.values.reserve(labels.values.size());
+  float last = 0;
+  MaterialNumber last_material = kNoMaterial;
+  bool is_first = true;
+  for (const float v : labels.values) {
+    if (is_first || v != last) {
+      last = v;
+      is_first = false;
+      last_material = kNoMaterial;
+      if (is_whole(v)) {
+        const int label = static_cast<int>(v);
+        const auto has = [label](const Labels& m) {
+          return m.all ? label != 0 : m.labels.contains(label);
+        };
+        const auto it = std::find_if(materials.begin(), materials.end(), has);
+        if (it != materials.end()) {
+          last_material = static_cast<MaterialNumber>(it - materials.begin() + 1);
+          out.labels[static_cast<std::size_t>(it - materials.begin())].insert(label);
+        }
+      }
+    }
+    out.values.push_back(last_material);
+  }
   return out;
 }
 

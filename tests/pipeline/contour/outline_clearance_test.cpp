@@ -12,6 +12,8 @@
 #include <map>
 #include <numbers>
 #include <string>
+#include <utility>
+#include <vector>
 
 #include "formats/geometry/canonical_rotation.h"
 #include "formats/geometry/mesh_validity.h"
@@ -23,6 +25,7 @@
 #include "pipeline/triangulation/mesh_quality.h"
 #include "pipeline/triangulation/regions.h"
 #include "tests/cases/pslg_case.h"
+#include "tests/support/label_border_checks.h"
 #include "tests/support/label_maps.h"
 #include "tests/support/motions.h"
 #include "tests/support/test_lattice.h"
@@ -38,6 +41,17 @@ constexpr double kTolerance_mm = 0.2;
 constexpr double kMinAngle_deg = 30;
 const SimplificationOptions kByArea{kTolerance_mm, SimplificationMethod::kArea},
     kByDouglasPeucker{kTolerance_mm, SimplificationMethod::kDouglasPeucker};
+
+// The number of tight spots.
+std::size_t count_tight_spots(const Pslg& outline, const std::vector<bool>& is_open,
+                              double clearance) {
+  const std::vector<LatticeSegment> edges = edges_of(outline, is_open);
+  std::vector<std::pair<std::uint32_t, std::uint32_t>> spots;
+  for_tight_spots(edges, SegmentGrid(edges, margin_of(clearance)), clearance,
+                  [&](std::uint32_t i, std::uint32_t j) { spots.emplace_back(i, j); });
+  std::sort(spots.begin(), spots.end());
+  return static_cast<std::size_t>(std::unique(spots.begin(), spots.end()) - spots.begin());
+}
 
 std::int32_t rounded(double x) {
   return static_cast<std::int32_t>(std::lrint(x));
