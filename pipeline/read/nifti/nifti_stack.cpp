@@ -244,10 +244,7 @@ Result<std::unique_ptr<NiftiStack>> without_voxels(const std::string& file,
   v = (v - u * u.dot(v)).normalized();
   const Eigen::Vector3d normal = u.cross(v);
   if (!(normal.dot(direction[2]) > 0)) return refused(file + ": its affine has no volume");
-  if (stack->n_[0] < 2 || stack->n_[1] < 2)
-    return refused(file + ": slices of " + std::to_string(stack->n_[0]) + " x " +
-                   std::to_string(stack->n_[1]) + " voxels");
-  if (stack->n_[0] * stack->n_[1] > kMaxSlicePixels)
+  if (stack->n_[0] < 2 || stack->n_[1] < 2 || stack->n_[0] * stack->n_[1] > kMaxSlicePixels)
     return refused(file + ": slices of " + std::to_string(stack->n_[0]) + " x " +
                    std::to_string(stack->n_[1]) + " voxels");
 
