@@ -13,10 +13,7 @@
 namespace trocar::pipeline {
 namespace {
 
-struct ImageDeleter {
-  void operator()(nifti_image* image) const { nifti_image_free(image); }
-};
-using NiftiImage = std::unique_ptr<nifti_image, ImageDeleter>;
+using NiftiImage = std::unique_ptr<nifti_image, void (*)(nifti_image*)>;
 
 constexpr std::int64_t kMaxVolumes = 1 << 20;
 
@@ -87,9 +84,9 @@ Result<NiftiImage> convert(const std::vector<std::uint8_t>& head, bool swapped,
                                   h.dim[0] < 3 ? 0 : std::abs(h.pixdim[3])};
   }
   if constexpr (kFirst) {
-    return NiftiImage(nifti_convert_n1hdr2nim(h, file.c_str()));
+    return NiftiImage(nifti_convert_n1hdr2nim(h, file.c_str()), nifti_image_free);
   } else {
-    return NiftiImage(nifti_convert_n2hdr2nim(h, file.c_str()));
+    return NiftiImage(nifti_convert_n2hdr2nim(h, file.c_str()), nifti_image_free);
   }
 }
 
