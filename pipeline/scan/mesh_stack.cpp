@@ -355,16 +355,14 @@ Result<void> check_ranges(const SliceStack& stack, const StackOptions& options) 
                    std::to_string(stack.size() - 1));
     }
   }
-  if (options.mesh.grade_hu > 0 && (stack.pixel_unit() != PixelUnit::kHounsfield ||
-                                    std::holds_alternative<Labels>(options.mesh.segmentation)))
+  const bool is_in_hu = stack.pixel_unit() == PixelUnit::kHounsfield &&
+                        !std::holds_alternative<Labels>(options.mesh.segmentation);
+  const bool has_hu = is_in_hu || options.mesh.hu != nullptr;
+  if (options.mesh.grade_hu > 0 && !is_in_hu)
     return usage("--grade needs a scan in HU: images, label maps and other modalities have none");
-  if (options.colours && options.mesh.hu == nullptr &&
-      (stack.pixel_unit() != PixelUnit::kHounsfield ||
-       std::holds_alternative<Labels>(options.mesh.segmentation)))
+  if (options.colours && !has_hu)
     return usage("--colour needs HU: a scan in HU, or the CT of a label map (--hu)");
-  if (options.context_mm && options.mesh.hu == nullptr &&
-      (stack.pixel_unit() != PixelUnit::kHounsfield ||
-       std::holds_alternative<Labels>(options.mesh.segmentation)))
+  if (options.context_mm && !has_hu)
     return usage("--context needs HU: a scan in HU, or the CT of a label map (--hu)");
   if (options.mesh.crop) {
     const Crop& c = *options.mesh.crop;
