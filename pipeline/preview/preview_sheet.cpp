@@ -254,22 +254,14 @@ Sheet draw_sheet(const Preview& preview, const SheetText& text) {
                    (warnings.empty() ? 0 : kMargin);
   cv::Mat sheet(foot, kWidth, CV_8UC3, kBackground);
 
-  int y = kMargin + 14;
-  for (const std::string& line : title) {
-    draw_text(sheet, line, kMargin, y, kLarge, kText);
-    y += 30;
-  }
-  for (const std::string& line : lines) {
-    draw_text(sheet, line, kMargin, y, kNormal, kFaint);
-    y += 24;
-  }
+  const int below = draw_lines(sheet, title, kMargin, kMargin + 14, kLarge, kText, 30);
+  draw_lines(sheet, lines, kMargin, below, kNormal, kFaint, 24);
   const int used = grid.columns * grid.cell_width + (grid.columns - 1) * kGap;
   const int left = kMargin + (inner - used) / 2;
   for (int i = 0; i < slices; ++i) {
-    Tile tile{left + i % grid.columns * (grid.cell_width + kGap),
-              head + i / grid.columns * (grid.tile_height + kCaption + kGap), grid.tile_width,
-              grid.tile_height};
-    out.tiles.push_back(tile);
+    out.tiles.push_back({left + i % grid.columns * (grid.cell_width + kGap),
+                         head + i / grid.columns * (grid.tile_height + kCaption + kGap),
+                         grid.tile_width, grid.tile_height});
   }
   // Each thread draws into a different region of the picture.
   parallel_for(slices, [&](int i) {
@@ -292,11 +284,7 @@ Sheet draw_sheet(const Preview& preview, const SheetText& text) {
     draw_caption(sheet, preview, preview.shown[k], out.tiles[k]);
 
   draw_panel(sheet, preview, panel);
-  y = panel + panel_height(preview) + 8;
-  for (const std::string& line : warnings) {
-    draw_text(sheet, line, kMargin, y, kSmall, kWarning);
-    y += 20;
-  }
+  draw_lines(sheet, warnings, kMargin, panel + panel_height(preview) + 8, kSmall, kWarning, 20);
   out.picture = {sheet.cols, sheet.rows, std::vector<std::uint8_t>(sheet.datastart, sheet.dataend)};
   return out;
 }
