@@ -6,7 +6,6 @@
 #include <memory>
 #include <string>
 #include <utility>
-#include <vector>
 
 #include "formats/asset/asset.h"
 #include "formats/geometry/mesh_validity.h"

@@ -3,8 +3,6 @@
 
 #include <sys/resource.h>
 
-#include <algorithm>
-
 namespace trocar::pipeline {
 namespace {
 

@@ -5,8 +5,6 @@
 #pragma once
 
 #include <nlohmann/json.hpp>
-#include <string>
-#include <vector>
 
 #include "formats/asset/asset.h"
 #include "pipeline/scan/mesh_slice.h"

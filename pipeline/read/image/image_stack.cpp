@@ -6,7 +6,6 @@
 
 #include "pipeline/base/number_ranges.h"
 #include "pipeline/read/image/image_file.h"
-#include "pipeline/read/slice_stack.h"
 
 namespace trocar::pipeline {
 namespace {

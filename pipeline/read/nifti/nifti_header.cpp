@@ -4,8 +4,6 @@
 #include <nifti2_io.h>
 
 #include <algorithm>
-#include <array>
-#include <bit>
 #include <cmath>
 #include <cstring>
 #include <memory>
