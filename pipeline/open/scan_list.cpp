@@ -144,11 +144,11 @@ json series_scan(const std::vector<DicomSeries>& all, std::size_t index, const S
 json volume_scan(const fs::path& file, const ScanFolder& found) {
   json out = scan_of("nifti", path_in(found.folder, file));
   OpenOptions options;
-  auto stack = open_nifti_header(file, options);
+  auto stack = open_nifti(file, options, true);
   const bool has_size = stack || stack.error().code != ExitCode::kUsage;
   if (!has_size) {
     options.spacing_mm = {1, 1, 1};
-    stack = open_nifti_header(file, options);
+    stack = open_nifti(file, options, true);
   }
   if (stack) {
     add_stack(out, **stack, has_size);

@@ -295,21 +295,16 @@ Result<std::unique_ptr<NiftiStack>> file_without_voxels(const std::filesystem::p
 }  // namespace
 
 Result<std::unique_ptr<SliceStack>> open_nifti(const std::filesystem::path& path,
-                                               const OpenOptions& options) {
+                                               const OpenOptions& options, bool header_only) {
   auto stack = file_without_voxels(path, options);
   if (!stack) return stack.error();
   const NiftiHeader& header = (*stack)->header_;
-  auto voxels =
-      VolumeFile::open(path, header.data_start, header.data_bytes(), options.unpack_behind);
-  if (!voxels) return voxels.error();
-  (*stack)->voxels_ = std::move(*voxels);
-  return std::unique_ptr<SliceStack>(std::move(*stack));
-}
-
-Result<std::unique_ptr<SliceStack>> open_nifti_header(const std::filesystem::path& path,
-                                                      const OpenOptions& options) {
-  auto stack = file_without_voxels(path, options);
-  if (!stack) return stack.error();
+  if (!header_only) {
+    auto voxels =
+        VolumeFile::open(path, header.data_start, header.data_bytes(), options.unpack_behind);
+    if (!voxels) return voxels.error();
+    (*stack)->voxels_ = std::move(*voxels);
+  }
   return std::unique_ptr<SliceStack>(std::move(*stack));
 }
 
