@@ -10,13 +10,16 @@ namespace {
 namespace fs = std::filesystem;
 
 std::string lower_name(const fs::path& file) {
-  std::string name = file.filename().string();
-  std::transform(name.begin(), name.end(), name.begin(),
-                 [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
-  return name;
+  return lower(file.filename().string());
 }
 
 }  // namespace
+
+std::string lower(std::string text) {
+  std::transform(text.begin(), text.end(), text.begin(),
+                 [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
+  return text;
+}
 
 bool has_ending(const fs::path& file, std::initializer_list<const char*> endings) {
   const std::string name = lower_name(file);

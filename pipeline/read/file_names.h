@@ -12,6 +12,9 @@
 
 namespace trocar::pipeline {
 
+/// The text with the letters of ASCII in lower case.
+std::string lower(std::string text);
+
 /// Does the name end with one of the endings? The endings must be in lower case; the case of the
 /// name does not matter.
 bool has_ending(const std::filesystem::path& file, std::initializer_list<const char*> endings);
