@@ -76,17 +76,6 @@ json slice_report(int index, double z_mm, const MeshedMaterial& slice, double ma
   return out;
 }
 
-json stage_times(const StageTimes& t) {
-  return {{"read", t.read_ms},
-          {"segment", t.segment_ms},
-          {"contour", t.contour_ms},
-          {"simplify", t.simplify_ms},
-          {"triangulate", t.triangulate_ms},
-          {"refine", t.refine_ms},
-          {"check", t.check_ms},
-          {"hu", t.hu_ms}};
-}
-
 json slice_stages(int index, const SlicePlane& plane, const MeshedSlice& slice,
                   const Lattice& lattice) {
   const json no_mesh = {{"vertices_mm", json::array()}, {"triangles", json::array()}};
