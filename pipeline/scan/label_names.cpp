@@ -123,14 +123,9 @@ bool LabelNames::is_table(const std::string& what) {
 }
 
 Result<LabelNames> LabelNames::named(const std::string& what) {
+  if (!is_table(what)) return of_file(what);
   LabelNames out;
-  if (what == "verse") {
-    out.add_defaults(numbered(kVerse));
-  } else if (what == "totalsegmentator") {
-    out.add_defaults(numbered(kTotalSegmentator));
-  } else {
-    return of_file(what);
-  }
+  out.add_defaults(numbered(what == "verse" ? kVerse : kTotalSegmentator));
   return out;
 }
 
