@@ -37,7 +37,6 @@ Result<std::unique_ptr<SliceStack>> open_ct(const std::filesystem::path& ct,
 Result<LabelsWithCt> open_labels_with_ct(const std::vector<std::filesystem::path>& inputs,
                                          const std::filesystem::path& ct,
                                          const OpenOptions& options) {
-  LabelsWithCt out;
   auto stored = open_ct(ct, {});
   if (!stored) return stored.error();
   OpenOptions of_labels = options;
@@ -48,8 +47,7 @@ Result<LabelsWithCt> open_labels_with_ct(const std::vector<std::filesystem::path
     stored = open_ct(ct, options.axis);
     if (!stored) return stored.error();
   }
-  out.labels = std::move(*labels);
-  out.ct = std::move(*stored);
+  LabelsWithCt out{std::move(*labels), std::move(*stored)};
   if (const auto differs = grid_difference(*out.labels, *out.ct)) {
     const std::string where =
         differs->slice < 0 ? inputs[0].string() : out.labels->name(differs->slice);

@@ -34,17 +34,6 @@ void warn_of_others(const ScanFolder& found, std::vector<Warning>& warnings) {
        std::string(taken) + "; left out: " + others + ", which can be given by their own names"});
 }
 
-// The error for a folder that contains several volumes or several folders of images.
-Error choose_one(const std::string& where, const char* what, const std::vector<fs::path>& these) {
-  constexpr std::size_t kMax = 8;
-  std::string names;
-  for (std::size_t i = 0; i < std::min(these.size(), kMax); ++i)
-    names += (i == 0 ? "" : ", ") + these[i].string();
-  if (these.size() > kMax) names += " and " + std::to_string(these.size() - kMax) + " more";
-  return usage(where + ": holds " + std::to_string(these.size()) + " " + what +
-               ", give one of them: " + names);
-}
-
 Result<std::unique_ptr<SliceStack>> open_volume_file(const fs::path& file,
                                                      const OpenOptions& options) {
   if (auto ok = check_readable(file); !ok) return ok.error();
@@ -108,9 +97,7 @@ Result<std::unique_ptr<SliceStack>> open_folder(const fs::path& folder,
 Result<std::unique_ptr<SliceStack>> open_files(std::vector<fs::path> files,
                                                const OpenOptions& options) {
   const std::string first = files[0].string();
-  std::sort(files.begin(), files.end(), [](const fs::path& a, const fs::path& b) {
-    return natural_less(a.string(), b.string());
-  });
+  std::sort(files.begin(), files.end(), natural_less);
   if (files.size() == 1 && is_nifti(files[0])) return open_volume_file(files[0], options);
   if (std::any_of(files.begin(), files.end(), is_nifti))
     return usage(first + ": give one NIfTI file, not a list with one in it");

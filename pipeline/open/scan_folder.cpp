@@ -6,7 +6,6 @@
 #include <unistd.h>
 
 #include <algorithm>
-#include <cctype>
 #include <cerrno>
 #include <deque>
 #include <map>
@@ -75,9 +74,7 @@ class Search {
       }
       if (auto ok = list(next); !ok) return ok.error();
     }
-    std::sort(files_.begin(), files_.end(), [](const fs::path& a, const fs::path& b) {
-      return natural_less(a.string(), b.string());
-    });
+    std::sort(files_.begin(), files_.end(), natural_less);
     return std::move(files_);
   }
 

@@ -4,14 +4,12 @@
 #include <algorithm>
 #include <array>
 #include <cstdio>
-#include <optional>
 #include <set>
 #include <system_error>
 #include <utility>
 
 #include "formats/base/json_text.h"
 #include "pipeline/base/number_ranges.h"
-#include "pipeline/open/open_stack.h"
 #include "pipeline/open/scan_folder.h"
 #include "pipeline/read/dicom/dicom_segmentation.h"
 #include "pipeline/read/dicom/dicom_series.h"
@@ -69,22 +67,29 @@ void add_shape(json& scan, const std::array<double, 2>& spacing_mm, const StackS
   scan["tilt_deg"] = shape.is_tilted() ? shape.tilt_deg : 0;
 }
 
+// Adds the size of a stack and, if it is known, the spacing.
+void add_stack(json& scan, const SliceStack& stack, bool has_spacing) {
+  scan["slices"] = stack.size();
+  scan["width_px"] = stack.width();
+  scan["height_px"] = stack.height();
+  if (!has_spacing) return;
+  const SlicePlane& plane = stack.plane(0);
+  add_shape(scan, {plane.spacing_u_mm, plane.spacing_v_mm}, stack_shape(stack));
+}
+
+void set_unusable(json& scan, const std::string& why, const ScanFolder& found) {
+  scan["usable"] = false;
+  scan["problem"] = without_prefix(why, found.where);
+}
+
 // Adds the data of a segmentation, which is a label map and not a CT.
 void add_segmentation(json& scan, const DicomFile& file, const ScanFolder& found) {
   scan["segments"] = json::array();
   for (const auto& [label, name] : file.segments.names)
     scan["segments"].push_back({{"label", label}, {"name", text_or_null(name)}});
   const auto stack = open_segmentation(file, {});
-  if (!stack) {
-    scan["usable"] = false;
-    scan["problem"] = without_prefix(stack.error().message, found.where);
-    return;
-  }
-  scan["slices"] = (*stack)->size();
-  scan["width_px"] = (*stack)->width();
-  scan["height_px"] = (*stack)->height();
-  const SlicePlane& plane = (*stack)->plane(0);
-  add_shape(scan, {plane.spacing_u_mm, plane.spacing_v_mm}, stack_shape(**stack));
+  if (!stack) return set_unusable(scan, stack.error().message, found);
+  add_stack(scan, **stack, true);
 }
 
 // The segmentation in the series; null if there is none, or if it cannot be read.
@@ -116,24 +121,20 @@ json series_scan(const std::vector<DicomSeries>& all, std::size_t index, const S
     return out;
   }
   std::vector<Warning> ignored;
-  const auto unusable = [&](const std::string& why) {
-    out["usable"] = false;
-    out["problem"] = without_prefix(why, found.where);
-  };
   const bool is_other = series.content.kind == ImageContent::Kind::kOther;
   if (series.is_localiser() || (is_other && !series.content.is_segmentation()))
-    unusable(why_not_ct(series.content));
+    set_unusable(out, why_not_ct(series.content), found);
   if (series.is_localiser()) return out;
   auto slices = slices_of(all, {index, {}}, found.where, ignored);
   if (!slices) {
-    if (out["usable"] == true) unusable(slices.error().message);
+    if (out["usable"] == true) set_unusable(out, slices.error().message, found);
     return out;
   }
   const DicomFrame first = (*slices)[0];
   out["width_px"] = first.columns;
   out["height_px"] = first.rows;
   if (auto ok = sort_and_check(*slices, ignored); !ok) {
-    unusable(ok.error().message);
+    set_unusable(out, ok.error().message, found);
     return out;
   }
   add_shape(out, {first.spacing_u_mm, first.spacing_v_mm}, stack_shape(*slices));
@@ -143,23 +144,17 @@ json series_scan(const std::vector<DicomSeries>& all, std::size_t index, const S
 json volume_scan(const fs::path& file, const ScanFolder& found) {
   json out = scan_of("nifti", path_in(found.folder, file));
   OpenOptions options;
-  auto stack = open_nifti_header(file, options);
+  auto stack = open_nifti(file, options, true);
   const bool has_size = stack || stack.error().code != ExitCode::kUsage;
   if (!has_size) {
     options.spacing_mm = {1, 1, 1};
-    stack = open_nifti_header(file, options);
+    stack = open_nifti(file, options, true);
   }
-  if (!stack) {
-    out["usable"] = false;
-    out["problem"] = without_prefix(stack.error().message, found.where);
-    return out;
+  if (stack) {
+    add_stack(out, **stack, has_size);
+  } else {
+    set_unusable(out, stack.error().message, found);
   }
-  out["slices"] = (*stack)->size();
-  out["width_px"] = (*stack)->width();
-  out["height_px"] = (*stack)->height();
-  if (!has_size) return out;
-  const SlicePlane& plane = (*stack)->plane(0);
-  add_shape(out, {plane.spacing_u_mm, plane.spacing_v_mm}, stack_shape(**stack));
   return out;
 }
 
@@ -178,28 +173,22 @@ ScanFolder only(const fs::path& file) {
   return out;
 }
 
-// Options with which the shape of images that are not CT is listed, too.
-OpenOptions of_any_modality() {
-  OpenOptions out;
-  out.any_modality = true;
-  return out;
-}
-
 Result<ScanFolder> look_into(const fs::path& input, std::vector<Warning>& warnings) {
   std::error_code error;
   const fs::file_status status = fs::status(input, error);
   if (error && error != std::errc::no_such_file_or_directory)
     return refused(input.string() + ": " + error.message());
   if (!fs::exists(status)) return refused(input.string() + ": no such file or folder");
-  if (fs::is_directory(status))
-    return search_folder(input, DicomExtent::kHeader, of_any_modality(), warnings);
-  if (!fs::is_regular_file(status)) return refused(input.string() + ": not a regular file");
-  if (auto ok = check_readable(input); !ok) return ok.error();
-  if (is_dicomdir(input)) {
-    const fs::path folder = input.parent_path().empty() ? "." : input.parent_path();
-    return search_folder(folder, DicomExtent::kHeader, of_any_modality(), warnings);
+  fs::path folder = input;
+  if (!fs::is_directory(status)) {
+    if (!fs::is_regular_file(status)) return refused(input.string() + ": not a regular file");
+    if (auto ok = check_readable(input); !ok) return ok.error();
+    if (!is_dicomdir(input)) return only(input);
+    folder = input.parent_path().empty() ? "." : input.parent_path();
   }
-  return only(input);
+  OpenOptions options;
+  options.any_modality = true;  // the shape of images that are not CT is listed, too
+  return search_folder(folder, DicomExtent::kHeader, options, warnings);
 }
 
 std::string cell(const json& scan, const char* name) {

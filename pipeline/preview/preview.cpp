@@ -92,32 +92,30 @@ class Maker {
     const auto ends = find_ends();
     if (!ends) return ends.error();
     choose(*ends, count);
-    if (auto ok =
-            in_parallel(static_cast<int>(slices_.size()), [this](int i) { return read_slice(i); });
+    if (auto ok = in_parallel(slices_.size(), [this](auto i) { return read_slice(slices_[i]); });
         !ok)
       return ok.error();
     start();
-    if (auto ok =
-            in_parallel(static_cast<int>(slices_.size()), [this](int i) { return count_in(i); });
-        !ok)
+    if (auto ok = in_parallel(slices_.size(), [this](auto i) { return count_in(slices_[i]); }); !ok)
       return ok.error();
     finish();
     return std::move(out_);
   }
 
  private:
-  using Work = std::function<Result<void>(int)>;
+  using Work = std::function<Result<void>(std::size_t)>;
 
   // Calls the work for each index in parallel. If several fail, returns the error with the lowest
   // index.
-  Result<void> in_parallel(int count, const Work& work) {
-    std::vector<Result<void>> done(static_cast<std::size_t>(count));
-    parallel_for(count, [&](int i) {
+  Result<void> in_parallel(std::size_t count, const Work& work) {
+    std::vector<Result<void>> done(count);
+    parallel_for(static_cast<int>(count), [&](int i) {
       if (options_.stop != nullptr && options_.stop->load()) return;
+      const auto k = static_cast<std::size_t>(i);
       try {
-        done[static_cast<std::size_t>(i)] = work(i);
+        done[k] = work(k);
       } catch (const std::bad_alloc&) {
-        done[static_cast<std::size_t>(i)] = refused_for_now("not enough memory for these slices");
+        done[k] = refused_for_now("not enough memory for these slices");
       }
     });
     if (options_.stop != nullptr && options_.stop->load())
@@ -152,10 +150,10 @@ class Maker {
   // Determines for each of these slices whether it has material.
   Result<std::vector<bool>> probe(const std::vector<int>& slices) {
     std::vector<char> found(slices.size());
-    auto ok = in_parallel(static_cast<int>(slices.size()), [&](int i) -> Result<void> {
-      const auto has = has_material(slices[static_cast<std::size_t>(i)]);
+    auto ok = in_parallel(slices.size(), [&](std::size_t i) -> Result<void> {
+      const auto has = has_material(slices[i]);
       if (!has) return has.error();
-      found[static_cast<std::size_t>(i)] = *has ? 1 : 0;
+      found[i] = *has ? 1 : 0;
       return {};
     });
     if (!ok) return ok.error();
@@ -210,8 +208,7 @@ class Maker {
     }
   }
 
-  Result<void> read_slice(int i) {
-    OneSlice& one = slices_[static_cast<std::size_t>(i)];
+  Result<void> read_slice(OneSlice& one) const {
     PreviewSlice& shown = one.shown;
     shown.plane = stack_.plane(shown.index);
     if (stack_.pixel_unit() != PixelUnit::kGrey) shown.letters = edge_letters(shown.plane);
@@ -270,8 +267,7 @@ class Maker {
         static_cast<std::size_t>(std::floor((high - histogram.low) / histogram.width)) + 1);
   }
 
-  Result<void> count_in(int i) {
-    OneSlice& one = slices_[static_cast<std::size_t>(i)];
+  Result<void> count_in(OneSlice& one) const {
     const Image& image = one.shown.image;
     if (const Labels* wanted = labels_of(out_.segmentation)) {
       for (const float value : image.values) {

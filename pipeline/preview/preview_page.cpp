@@ -14,10 +14,6 @@ namespace {
 
 using nlohmann::json;
 
-json edges(const Tile& t) {
-  return {t.x, t.y, t.width, t.height};
-}
-
 json numbers_of(const Preview& preview, const Sheet& sheet, const std::string& kind) {
   const Crop& v = sheet.view;
   json out = {{"schema", "trocar.preview/1"},
@@ -30,12 +26,13 @@ json numbers_of(const Preview& preview, const Sheet& sheet, const std::string& k
               {"warnings", json::array()}};
   for (std::size_t k = 0; k < preview.shown.size(); ++k) {
     const PreviewSlice& s = preview.shown[k];
+    const Tile& t = sheet.tiles[k];
     out["slices"].push_back({{"index", s.index},
                              {"z_mm", s.plane.z_mm},
                              {"spacing_mm", {s.plane.spacing_u_mm, s.plane.spacing_v_mm}},
                              {"area_mm2", s.area_mm2},
                              {"outlines", s.contours.rings.size()},
-                             {"tile_px", edges(sheet.tiles[k])},
+                             {"tile_px", {t.x, t.y, t.width, t.height}},
                              {"letters",
                               {{"left", s.letters.left},
                                {"right", s.letters.right},

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "pipeline/preview/preview_sheet.h"
 
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
@@ -25,30 +26,27 @@ Crop view_of(const Preview& preview) {
   constexpr double kMarginPart = 0.08, kMinMargin_mm = 4;
   const PreviewSlice& first = preview.shown[0];
   const double su = first.plane.spacing_u_mm, sv = first.plane.spacing_v_mm;
-  double low_x = 1e30, high_x = -1e30, low_y = 1e30, high_y = -1e30;  // pixels
+  Eigen::AlignedBox2d box;  // pixels
   for (const PreviewSlice& slice : preview.shown) {
     for (const Ring& ring : slice.contours.rings) {
-      for (const LatticePoint& p : ring) {
-        const double x = preview.lattice.to_mm(p.x) / slice.plane.spacing_u_mm;
-        const double y = preview.lattice.to_mm(p.y) / slice.plane.spacing_v_mm;
-        low_x = std::min(low_x, x), high_x = std::max(high_x, x);
-        low_y = std::min(low_y, y), high_y = std::max(high_y, y);
-      }
+      for (const LatticePoint& p : ring)
+        box.extend(Eigen::Vector2d(preview.lattice.to_mm(p.x) / slice.plane.spacing_u_mm,
+                                   preview.lattice.to_mm(p.y) / slice.plane.spacing_v_mm));
     }
   }
   const Crop& all = preview.crop;
-  if (!(low_x <= high_x)) return all;
-  const double size_mm = std::max((high_x - low_x) * su, (high_y - low_y) * sv);
+  if (box.isEmpty()) return all;
+  const double size_mm = box.sizes().cwiseProduct(Eigen::Vector2d(su, sv)).maxCoeff();
   const double margin_mm = std::max(kMarginPart * size_mm, kMinMargin_mm);
   const auto within = [](double value, int low, int high) {
     return static_cast<int>(
         std::lround(std::clamp(value, static_cast<double>(low), static_cast<double>(high))));
   };
   Crop out;
-  out.x0 = within(std::floor(low_x - margin_mm / su), all.x0, all.x1 - 1);
-  out.x1 = within(std::ceil(high_x + margin_mm / su), out.x0 + 1, all.x1);
-  out.y0 = within(std::floor(low_y - margin_mm / sv), all.y0, all.y1 - 1);
-  out.y1 = within(std::ceil(high_y + margin_mm / sv), out.y0 + 1, all.y1);
+  out.x0 = within(std::floor(box.min().x() - margin_mm / su), all.x0, all.x1 - 1);
+  out.x1 = within(std::ceil(box.max().x() + margin_mm / su), out.x0 + 1, all.x1);
+  out.y0 = within(std::floor(box.min().y() - margin_mm / sv), all.y0, all.y1 - 1);
+  out.y1 = within(std::ceil(box.max().y() + margin_mm / sv), out.y0 + 1, all.y1);
   return out;
 }
 
@@ -254,22 +252,14 @@ Sheet draw_sheet(const Preview& preview, const SheetText& text) {
                    (warnings.empty() ? 0 : kMargin);
   cv::Mat sheet(foot, kWidth, CV_8UC3, kBackground);
 
-  int y = kMargin + 14;
-  for (const std::string& line : title) {
-    draw_text(sheet, line, kMargin, y, kLarge, kText);
-    y += 30;
-  }
-  for (const std::string& line : lines) {
-    draw_text(sheet, line, kMargin, y, kNormal, kFaint);
-    y += 24;
-  }
+  const int below = draw_lines(sheet, title, kMargin, kMargin + 14, kLarge, kText, 30);
+  draw_lines(sheet, lines, kMargin, below, kNormal, kFaint, 24);
   const int used = grid.columns * grid.cell_width + (grid.columns - 1) * kGap;
   const int left = kMargin + (inner - used) / 2;
   for (int i = 0; i < slices; ++i) {
-    Tile tile{left + i % grid.columns * (grid.cell_width + kGap),
-              head + i / grid.columns * (grid.tile_height + kCaption + kGap), grid.tile_width,
-              grid.tile_height};
-    out.tiles.push_back(tile);
+    out.tiles.push_back({left + i % grid.columns * (grid.cell_width + kGap),
+                         head + i / grid.columns * (grid.tile_height + kCaption + kGap),
+                         grid.tile_width, grid.tile_height});
   }
   // Each thread draws into a different region of the picture.
   parallel_for(slices, [&](int i) {
@@ -292,11 +282,7 @@ Sheet draw_sheet(const Preview& preview, const SheetText& text) {
     draw_caption(sheet, preview, preview.shown[k], out.tiles[k]);
 
   draw_panel(sheet, preview, panel);
-  y = panel + panel_height(preview) + 8;
-  for (const std::string& line : warnings) {
-    draw_text(sheet, line, kMargin, y, kSmall, kWarning);
-    y += 20;
-  }
+  draw_lines(sheet, warnings, kMargin, panel + panel_height(preview) + 8, kSmall, kWarning, 20);
   out.picture = {sheet.cols, sheet.rows, std::vector<std::uint8_t>(sheet.datastart, sheet.dataend)};
   return out;
 }

@@ -4,7 +4,6 @@
 // Tests: tests/e2e/preview_test.py
 #pragma once
 
-#include <array>
 #include <cstdint>
 #include <string>
 #include <vector>

@@ -36,6 +36,15 @@ void draw_text(cv::Mat& on, const std::string& text, int x, int y, double size,
               size > 0.8 ? 2 : 1, cv::LINE_AA);
 }
 
+int draw_lines(cv::Mat& on, const std::vector<std::string>& lines, int x, int y, double size,
+               const cv::Scalar& colour, int height) {
+  for (const std::string& line : lines) {
+    draw_text(on, line, x, y, size, colour);
+    y += height;
+  }
+  return y;
+}
+
 void draw_label(cv::Mat& on, const std::string& text, int x, int y, double size, Align align) {
   const std::string drawn = ascii(text);
   const cv::Point at(aligned(x, text_width(drawn, size), align), y);

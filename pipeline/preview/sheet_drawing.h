@@ -27,6 +27,11 @@ int text_width(const std::string& text, double size);
 void draw_text(cv::Mat& on, const std::string& text, int x, int y, double size,
                const cv::Scalar& colour, Align align = Align::kLeft);
 
+/// Draws lines of text below each other: the first one's baseline is at y, and baselines are
+/// `height` pixels apart. Returns the y of a further line.
+int draw_lines(cv::Mat& on, const std::vector<std::string>& lines, int x, int y, double size,
+               const cv::Scalar& colour, int height);
+
 /// Like draw_text(), but in light blue with a dark border, so that the text is legible on any
 /// image.
 void draw_label(cv::Mat& on, const std::string& text, int x, int y, double size, Align align);

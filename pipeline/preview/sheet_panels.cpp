@@ -152,11 +152,8 @@ void draw_changes(cv::Mat& sheet, const Preview& preview, int x, int y) {
                     std::to_string(c.outlines)});
   }
   draw_table(sheet, rows, x, y + 52, 3);
-  int line = y + 52 + 24 * 6 + 8;
-  for (const std::string& text : wrapped(changes_text(preview), 0.42, kWidth - kMargin - x)) {
-    draw_text(sheet, text, x, line, 0.42, kFaint);
-    line += 18;
-  }
+  draw_lines(sheet, wrapped(changes_text(preview), 0.42, kWidth - kMargin - x), x,
+             y + 52 + 24 * 6 + 8, 0.42, kFaint, 18);
 }
 
 // Draws the wanted labels, then as many others as fit.

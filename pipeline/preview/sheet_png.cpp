@@ -17,10 +17,8 @@ constexpr const char* kSoftware = "trocar-mesh preview";
 }  // namespace
 
 Result<std::vector<std::uint8_t>> png_of(const Picture& picture) {
-  struct Free {
-    void operator()(spng_ctx* c) const { spng_ctx_free(c); }
-  };
-  const std::unique_ptr<spng_ctx, Free> png(spng_ctx_new(SPNG_CTX_ENCODER));
+  const std::unique_ptr<spng_ctx, void (*)(spng_ctx*)> png(spng_ctx_new(SPNG_CTX_ENCODER),
+                                                           spng_ctx_free);
   if (!png) return refused_for_now("not enough memory for the preview");
   const auto failed = [](int error) {
     return bug(std::string("the preview's PNG: ") + spng_strerror(error));

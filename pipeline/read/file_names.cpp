@@ -10,13 +10,16 @@ namespace {
 namespace fs = std::filesystem;
 
 std::string lower_name(const fs::path& file) {
-  std::string name = file.filename().string();
-  std::transform(name.begin(), name.end(), name.begin(),
-                 [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
-  return name;
+  return lower(file.filename().string());
 }
 
 }  // namespace
+
+std::string lower(std::string text) {
+  std::transform(text.begin(), text.end(), text.begin(),
+                 [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
+  return text;
+}
 
 bool has_ending(const fs::path& file, std::initializer_list<const char*> endings) {
   const std::string name = lower_name(file);
@@ -38,7 +41,8 @@ bool is_left_by_system(const fs::path& file) {
   return is_dicomdir(file) || name == "thumbs.db" || name == "desktop.ini";
 }
 
-bool natural_less(const std::string& a, const std::string& b) {
+bool natural_less(const fs::path& one, const fs::path& other) {
+  const std::string &a = one.native(), &b = other.native();
   const auto digit = [](char c) { return c >= '0' && c <= '9'; };
   std::size_t i = 0, j = 0;
   while (i < a.size() && j < b.size()) {
@@ -60,6 +64,17 @@ bool natural_less(const std::string& a, const std::string& b) {
     }
   }
   return a.size() - i != b.size() - j ? a.size() - i < b.size() - j : a < b;
+}
+
+Error choose_one(const std::string& where, const std::string& what,
+                 const std::vector<fs::path>& these) {
+  constexpr std::size_t kMax = 8;
+  std::string names;
+  for (std::size_t i = 0; i < std::min(these.size(), kMax); ++i)
+    names += (i == 0 ? "" : ", ") + these[i].string();
+  if (these.size() > kMax) names += " and " + std::to_string(these.size() - kMax) + " more";
+  return usage(where + ": holds " + std::to_string(these.size()) + " " + what +
+               ", give one of them: " + names);
 }
 
 }  // namespace trocar::pipeline

@@ -1,13 +1,19 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// The kind of a file according to its name, and the order of files by name.
+// The kind of a file according to its name, the order of files by name, and lists of their names.
 // Tests: tests/pipeline/read/readers_test.cpp
 #pragma once
 
 #include <filesystem>
 #include <initializer_list>
 #include <string>
+#include <vector>
+
+#include "formats/base/result.h"
 
 namespace trocar::pipeline {
+
+/// The text with the letters of ASCII in lower case.
+std::string lower(std::string text);
 
 /// Does the name end with one of the endings? The endings must be in lower case; the case of the
 /// name does not matter.
@@ -22,6 +28,11 @@ bool is_left_by_system(const std::filesystem::path& file);
 
 /// Compares in natural order: slice_2 comes before slice_10, because runs of digits are compared as
 /// numbers.
-bool natural_less(const std::string& a, const std::string& b);
+bool natural_less(const std::filesystem::path& one, const std::filesystem::path& other);
+
+/// The error (kUsage) for an input that holds several files or folders, of which one must be given.
+/// `what` names their kind. The message lists the first eight, and says how many there are.
+Error choose_one(const std::string& where, const std::string& what,
+                 const std::vector<std::filesystem::path>& these);
 
 }  // namespace trocar::pipeline

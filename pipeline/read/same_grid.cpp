@@ -3,7 +3,6 @@
 
 #include <Eigen/Geometry>
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <utility>
 
@@ -20,15 +19,12 @@ std::string point_text(const Eigen::Vector3d& p) {
   return out;
 }
 
-// The sides of a voxel along u, v and the normal.
-Eigen::Vector3d sides(const SlicePlane& plane, double step_mm) {
-  return {plane.spacing_u_mm, plane.spacing_v_mm, step_mm};
-}
-
 // The largest component of the difference, in units of the voxel's sides.
 double in_voxels(const Eigen::Vector3d& apart, const SlicePlane& plane, double step_mm) {
   const Eigen::Vector3d along = plane.T_lps_plane.linear().transpose() * apart;
-  return along.cwiseQuotient(sides(plane, step_mm)).cwiseAbs().maxCoeff();
+  // The sides of a voxel along u, v and the normal.
+  const Eigen::Vector3d sides(plane.spacing_u_mm, plane.spacing_v_mm, step_mm);
+  return along.cwiseQuotient(sides).cwiseAbs().maxCoeff();
 }
 
 std::string size_text(const SliceStack& stack) {

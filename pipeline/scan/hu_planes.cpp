@@ -5,7 +5,6 @@
 #include <algorithm>
 #include <cmath>
 #include <iterator>
-#include <utility>
 
 namespace trocar::pipeline {
 namespace {
@@ -148,12 +147,6 @@ Result<EncodedHuPlane> encode_hu(int index, const Image& hu, const HuSampling& s
   const auto mask = hu_mask(sampling.grid, lattice, outlines);
   if (!mask) return mask.error();
   if (mask->is_stored.empty()) return out;
-  if (sampling.columns_each == 1 && sampling.rows_each == 1) {
-    out.bytes = encode_hu_plane(sampling.grid, *mask, [&](int column, int row) {
-      return static_cast<float>(finite_hu(hu.at(column, row)));
-    });
-    return out;
-  }
   const std::vector<float> samples = hu_samples(hu, sampling, *mask);
   out.bytes = encode_hu_plane(sampling.grid, *mask, [&](int column, int row) {
     return samples[static_cast<std::size_t>(row - mask->first_row) *

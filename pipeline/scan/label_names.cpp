@@ -2,11 +2,12 @@
 #include "pipeline/scan/label_names.h"
 
 #include <algorithm>
-#include <array>
+#include <boost/locale/utf.hpp>
 #include <charconv>
 #include <cstdint>
 #include <nlohmann/json.hpp>
 #include <optional>
+#include <sstream>
 
 #include "formats/base/file_io.h"
 #include "formats/base/json_text.h"
@@ -18,152 +19,44 @@ namespace {
 
 using nlohmann::json;
 
-// The names of the labels 1, 2, ... of two data sets.
+// The names of the labels 1, 2, ... of two data sets, with spaces between them.
 // VerSe: Sekuboyina and others, Medical Image Analysis 73 (2021), and the challenge's page on
 // labels.
-constexpr auto kVerse = std::to_array<std::string_view>(
-    {"C1", "C2", "C3", "C4", "C5", "C6",     "C7",     "T1",  "T2",  "T3",
-     "T4", "T5", "T6", "T7", "T8", "T9",     "T10",    "T11", "T12", "L1",
-     "L2", "L3", "L4", "L5", "L6", "sacrum", "coccyx", "T13"});
+constexpr const char* kVerse =
+    "C1 C2 C3 C4 C5 C6 C7 T1 T2 T3 T4 T5 T6 T7 T8 T9 T10 T11 T12 L1 L2 L3 L4 L5 L6 sacrum coccyx "
+    "T13";
 // TotalSegmentator, version 2, task "total": Wasserthal and others, Radiology: AI 5 (2023).
-constexpr auto kTotalSegmentator = std::to_array<std::string_view>({"spleen",
-                                                                    "kidney_right",
-                                                                    "kidney_left",
-                                                                    "gallbladder",
-                                                                    "liver",
-                                                                    "stomach",
-                                                                    "pancreas",
-                                                                    "adrenal_gland_right",
-                                                                    "adrenal_gland_left",
-                                                                    "lung_upper_lobe_left",
-                                                                    "lung_lower_lobe_left",
-                                                                    "lung_upper_lobe_right",
-                                                                    "lung_middle_lobe_right",
-                                                                    "lung_lower_lobe_right",
-                                                                    "esophagus",
-                                                                    "trachea",
-                                                                    "thyroid_gland",
-                                                                    "small_bowel",
-                                                                    "duodenum",
-                                                                    "colon",
-                                                                    "urinary_bladder",
-                                                                    "prostate",
-                                                                    "kidney_cyst_left",
-                                                                    "kidney_cyst_right",
-                                                                    "sacrum",
-                                                                    "vertebrae_S1",
-                                                                    "vertebrae_L5",
-                                                                    "vertebrae_L4",
-                                                                    "vertebrae_L3",
-                                                                    "vertebrae_L2",
-                                                                    "vertebrae_L1",
-                                                                    "vertebrae_T12",
-                                                                    "vertebrae_T11",
-                                                                    "vertebrae_T10",
-                                                                    "vertebrae_T9",
-                                                                    "vertebrae_T8",
-                                                                    "vertebrae_T7",
-                                                                    "vertebrae_T6",
-                                                                    "vertebrae_T5",
-                                                                    "vertebrae_T4",
-                                                                    "vertebrae_T3",
-                                                                    "vertebrae_T2",
-                                                                    "vertebrae_T1",
-                                                                    "vertebrae_C7",
-                                                                    "vertebrae_C6",
-                                                                    "vertebrae_C5",
-                                                                    "vertebrae_C4",
-                                                                    "vertebrae_C3",
-                                                                    "vertebrae_C2",
-                                                                    "vertebrae_C1",
-                                                                    "heart",
-                                                                    "aorta",
-                                                                    "pulmonary_vein",
-                                                                    "brachiocephalic_trunk",
-                                                                    "subclavian_artery_right",
-                                                                    "subclavian_artery_left",
-                                                                    "common_carotid_artery_right",
-                                                                    "common_carotid_artery_left",
-                                                                    "brachiocephalic_vein_left",
-                                                                    "brachiocephalic_vein_right",
-                                                                    "atrial_appendage_left",
-                                                                    "superior_vena_cava",
-                                                                    "inferior_vena_cava",
-                                                                    "portal_vein_and_splenic_vein",
-                                                                    "iliac_artery_left",
-                                                                    "iliac_artery_right",
-                                                                    "iliac_vena_left",
-                                                                    "iliac_vena_right",
-                                                                    "humerus_left",
-                                                                    "humerus_right",
-                                                                    "scapula_left",
-                                                                    "scapula_right",
-                                                                    "clavicula_left",
-                                                                    "clavicula_right",
-                                                                    "femur_left",
-                                                                    "femur_right",
-                                                                    "hip_left",
-                                                                    "hip_right",
-                                                                    "spinal_cord",
-                                                                    "gluteus_maximus_left",
-                                                                    "gluteus_maximus_right",
-                                                                    "gluteus_medius_left",
-                                                                    "gluteus_medius_right",
-                                                                    "gluteus_minimus_left",
-                                                                    "gluteus_minimus_right",
-                                                                    "autochthon_left",
-                                                                    "autochthon_right",
-                                                                    "iliopsoas_left",
-                                                                    "iliopsoas_right",
-                                                                    "brain",
-                                                                    "skull",
-                                                                    "rib_left_1",
-                                                                    "rib_left_2",
-                                                                    "rib_left_3",
-                                                                    "rib_left_4",
-                                                                    "rib_left_5",
-                                                                    "rib_left_6",
-                                                                    "rib_left_7",
-                                                                    "rib_left_8",
-                                                                    "rib_left_9",
-                                                                    "rib_left_10",
-                                                                    "rib_left_11",
-                                                                    "rib_left_12",
-                                                                    "rib_right_1",
-                                                                    "rib_right_2",
-                                                                    "rib_right_3",
-                                                                    "rib_right_4",
-                                                                    "rib_right_5",
-                                                                    "rib_right_6",
-                                                                    "rib_right_7",
-                                                                    "rib_right_8",
-                                                                    "rib_right_9",
-                                                                    "rib_right_10",
-                                                                    "rib_right_11",
-                                                                    "rib_right_12",
-                                                                    "sternum",
-                                                                    "costal_cartilages"});
+constexpr const char* kTotalSegmentator =
+    "spleen kidney_right kidney_left gallbladder liver stomach pancreas adrenal_gland_right "
+    "adrenal_gland_left lung_upper_lobe_left lung_lower_lobe_left lung_upper_lobe_right "
+    "lung_middle_lobe_right lung_lower_lobe_right esophagus trachea thyroid_gland small_bowel "
+    "duodenum colon urinary_bladder prostate kidney_cyst_left kidney_cyst_right sacrum "
+    "vertebrae_S1 vertebrae_L5 vertebrae_L4 vertebrae_L3 vertebrae_L2 vertebrae_L1 vertebrae_T12 "
+    "vertebrae_T11 vertebrae_T10 vertebrae_T9 vertebrae_T8 vertebrae_T7 vertebrae_T6 vertebrae_T5 "
+    "vertebrae_T4 vertebrae_T3 vertebrae_T2 vertebrae_T1 vertebrae_C7 vertebrae_C6 vertebrae_C5 "
+    "vertebrae_C4 vertebrae_C3 vertebrae_C2 vertebrae_C1 heart aorta pulmonary_vein "
+    "brachiocephalic_trunk subclavian_artery_right subclavian_artery_left "
+    "common_carotid_artery_right common_carotid_artery_left brachiocephalic_vein_left "
+    "brachiocephalic_vein_right atrial_appendage_left superior_vena_cava inferior_vena_cava "
+    "portal_vein_and_splenic_vein iliac_artery_left iliac_artery_right iliac_vena_left "
+    "iliac_vena_right humerus_left humerus_right scapula_left scapula_right clavicula_left "
+    "clavicula_right femur_left femur_right hip_left hip_right spinal_cord gluteus_maximus_left "
+    "gluteus_maximus_right gluteus_medius_left gluteus_medius_right gluteus_minimus_left "
+    "gluteus_minimus_right autochthon_left autochthon_right iliopsoas_left iliopsoas_right brain "
+    "skull rib_left_1 rib_left_2 rib_left_3 rib_left_4 rib_left_5 rib_left_6 rib_left_7 "
+    "rib_left_8 rib_left_9 rib_left_10 rib_left_11 rib_left_12 rib_right_1 rib_right_2 "
+    "rib_right_3 rib_right_4 rib_right_5 rib_right_6 rib_right_7 rib_right_8 rib_right_9 "
+    "rib_right_10 rib_right_11 rib_right_12 sternum costal_cartilages";
 
 // The code point that begins at `at`. Moves `at` behind it. std::nullopt if the bytes are not
 // UTF-8.
 std::optional<std::uint32_t> next_code_point(std::string_view text, std::size_t& at) {
-  const auto byte = [&text](std::size_t i) { return static_cast<unsigned char>(text[i]); };
-  const unsigned char first = byte(at);
-  const std::size_t length = first < 0x80   ? 1
-                             : first < 0xc2 ? 0
-                             : first < 0xe0 ? 2
-                             : first < 0xf0 ? 3
-                             : first < 0xf5 ? 4
-                                            : 0;
-  if (length == 0 || at + length > text.size()) return {};
-  std::uint32_t out = length == 1 ? first : first & (0x7fU >> length);
-  for (std::size_t i = 1; i < length; ++i) {
-    if ((byte(at + i) & 0xc0) != 0x80) return {};
-    out = out << 6 | (byte(at + i) & 0x3fU);
-  }
-  constexpr std::array<std::uint32_t, 5> kMin{0, 0, 0x80, 0x800, 0x10000};
-  if (out < kMin[length] || out > 0x10ffff || (out >= 0xd800 && out <= 0xdfff)) return {};
-  at += length;
+  namespace utf = boost::locale::utf;
+  const auto from = text.begin() + static_cast<std::ptrdiff_t>(at);
+  auto end = from;
+  const utf::code_point out = utf::utf_traits<char>::decode(end, text.end());
+  if (out == utf::illegal || out == utf::incomplete) return {};
+  at += static_cast<std::size_t>(end - from);
   return out;
 }
 
@@ -215,11 +108,11 @@ std::optional<int> label_of(const std::string& text) {
   return out;
 }
 
-template <std::size_t N>
-std::map<int, std::string> numbered(const std::array<std::string_view, N>& names) {
+std::map<int, std::string> numbered(const char* names) {
   std::map<int, std::string> out;
-  for (std::size_t i = 0; i < N; ++i)
-    out.emplace(static_cast<int>(i) + 1, names[i]);
+  std::istringstream in(names);
+  for (std::string name; in >> name;)
+    out.emplace(static_cast<int>(out.size()) + 1, name);
   return out;
 }
 
@@ -230,14 +123,9 @@ bool LabelNames::is_table(const std::string& what) {
 }
 
 Result<LabelNames> LabelNames::named(const std::string& what) {
+  if (!is_table(what)) return of_file(what);
   LabelNames out;
-  if (what == "verse") {
-    out.add_defaults(numbered(kVerse));
-  } else if (what == "totalsegmentator") {
-    out.add_defaults(numbered(kTotalSegmentator));
-  } else {
-    return of_file(what);
-  }
+  out.add_defaults(numbered(what == "verse" ? kVerse : kTotalSegmentator));
   return out;
 }
 

@@ -4,9 +4,7 @@
 #include <algorithm>
 #include <cmath>
 #include <memory>
-#include <string>
 #include <utility>
-#include <vector>
 
 #include "formats/asset/asset.h"
 #include "formats/geometry/mesh_validity.h"
@@ -86,17 +84,17 @@ Result<void> mesh_materials(SliceBorders contours, const Lattice& lattice,
                             const RefinementOptions& refinement, Stopwatch& watch,
                             StageTimes& times, std::vector<MeshedMaterial>& out) {
   SliceBorders simple = simplified(contours, lattice, simplification);
-  times.simplify_ms = watch.lap_ms();
+  times["simplify"] = watch.lap_ms();
   if (auto ok = check_simplified(simple.outlines); !ok) return ok;
-  times.check_ms += watch.lap_ms();
+  times["check"] += watch.lap_ms();
 
   auto cdts = triangulate_regions(simple.outlines);
   if (!cdts) return cdts.error();
-  times.triangulate_ms = watch.lap_ms();
+  times["triangulate"] = watch.lap_ms();
   std::vector<Refined> refined = refine_regions(*cdts, lattice, refinement);
   for (Refined& region : refined)
     sort_by_position(region);
-  times.refine_ms = watch.lap_ms();
+  times["refine"] = watch.lap_ms();
 
   if (auto ok = check_refined(contours, simple, refined, lattice, simplification, out); !ok)
     return ok;
@@ -106,7 +104,7 @@ Result<void> mesh_materials(SliceBorders contours, const Lattice& lattice,
     out[k].cdt = stored_cdt(std::move((*cdts)[k].mesh));
     out[k].refined = std::move(refined[k]);
   }
-  times.check_ms += watch.lap_ms();
+  times["check"] += watch.lap_ms();
   return {};
 }
 
@@ -181,13 +179,13 @@ Result<MeshedSlice> mesh_slice(const SliceStack& stack, int slice, const MeshOpt
   Stopwatch watch;
   auto images = read_slice(stack, slice, options);
   if (!images) return images.error();
-  out.times.read_ms = watch.lap_ms();
+  out.times["read"] = watch.lap_ms();
   out.not_numbers = images->image.not_numbers + (images->ct ? images->ct->not_numbers : 0);
   auto pixels = segment_slice(stack, slice, options, std::move(*images), out);
   if (!pixels) return fail(pixels.error());
-  out.times.segment_ms = watch.lap_ms();
+  out.times["segment"] = watch.lap_ms();
   SliceBorders contours = slice_contours(stack, slice, options, *pixels, out.materials);
-  out.times.contour_ms = watch.lap_ms();
+  out.times["contour"] = watch.lap_ms();
 
   const Image* const hu = pixels->hu();
   const RefinementOptions refinement = refinement_of_slice(plane, options, hu);
@@ -197,13 +195,13 @@ Result<MeshedSlice> mesh_slice(const SliceStack& stack, int slice, const MeshOpt
   if (!meshed) return fail(meshed.error());
   for (MeshedMaterial& material : out.materials)
     measure(options.lattice, refinement.min_angle_deg, material);
-  out.times.check_ms += watch.lap_ms();
+  out.times["check"] += watch.lap_ms();
   if (hu != nullptr && options.hu_field) {
     for (MeshedMaterial& material : out.materials)
       material.hu = fit_hu_field(material.refined.mesh, *hu, pixel_grid(plane, options));
   }
   if (options.hu_volume) out.hu = pixels->take_hu();
-  out.times.hu_ms = watch.lap_ms();
+  out.times["hu"] = watch.lap_ms();
   return out;
 }
 

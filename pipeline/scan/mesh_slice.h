@@ -3,8 +3,10 @@
 // Tests: tests/pipeline/triangulation/meshing_test.cpp, tests/pipeline/scan/materials_test.cpp
 #pragma once
 
+#include <map>
 #include <optional>
 #include <set>
+#include <string>
 #include <vector>
 
 #include "formats/base/result.h"
@@ -39,10 +41,8 @@ struct MeshOptions : MaterialOptions {
   double grade_hu = 0;
 };
 
-struct StageTimes {
-  double read_ms = 0, segment_ms = 0, contour_ms = 0, simplify_ms = 0, triangulate_ms = 0,
-         refine_ms = 0, check_ms = 0, hu_ms = 0;
-};
+/// The times in ms by stage: read, segment, contour, simplify, triangulate, refine, check and hu.
+using StageTimes = std::map<std::string, double>;
 
 /// One material of a slice, with all of its data that the asset, the report and the
 /// pictures of --dump-stages need.

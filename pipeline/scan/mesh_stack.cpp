@@ -11,7 +11,6 @@
 #include <numeric>
 #include <set>
 #include <string>
-#include <utility>
 
 #include "formats/asset/deidentification.h"
 #include "formats/base/json_text.h"
@@ -72,7 +71,7 @@ struct FinishedSlice {
   std::set<int> labels;
   ValueTally values;
   double area_mm2 = 0;
-  json ms;  // by stage
+  StageTimes ms;
 };
 
 // The results of the parallel stage.
@@ -126,7 +125,7 @@ Result<FinishedSlice> mesh_and_encode(const Run& run, int index, const Result<Dr
     if (!encoded) return encoded.error();
     out.materials.push_back({material.first_label, std::move(*encoded), {}});
   }
-  out.ms = stage_times(meshed->times);
+  out.ms = std::move(meshed->times);
   out.ms["encode"] = watch.lap_ms();
   if (meshed->hu) {
     std::vector<const Pslg*> outlines;
@@ -138,7 +137,7 @@ Result<FinishedSlice> mesh_and_encode(const Run& run, int index, const Result<Dr
                    stack.name(index) + ": " + hu.error().message + " (--no-hu leaves HU out)"};
     out.hu = std::move(*hu);
   }
-  out.ms["hu"] = out.ms["hu"].get<double>() + watch.lap_ms();
+  out.ms["hu"] += watch.lap_ms();
   reports[0]["ms"] = out.ms;
   for (std::size_t k = 0; k < reports.size(); ++k)
     out.materials[k].report = json::to_cbor(reports[k]);
@@ -162,8 +161,8 @@ std::map<std::string, double> thread_times(const std::vector<double>& task_ms, d
   for (std::size_t i = 0; i < finished.digests.size(); ++i)
     out["digest"] += task_ms[i];
   for (const auto& slice : finished.slices) {
-    for (const auto& [stage, ms] : (**slice).ms.items())
-      out[stage] += ms.get<double>();
+    for (const auto& [stage, ms] : (**slice).ms)
+      out[stage] += ms;
   }
   out["read"] -= unpack_ms;
   out["unpack"] = unpack_ms;
@@ -355,16 +354,14 @@ Result<void> check_ranges(const SliceStack& stack, const StackOptions& options) 
                    std::to_string(stack.size() - 1));
     }
   }
-  if (options.mesh.grade_hu > 0 && (stack.pixel_unit() != PixelUnit::kHounsfield ||
-                                    std::holds_alternative<Labels>(options.mesh.segmentation)))
+  const bool is_in_hu = stack.pixel_unit() == PixelUnit::kHounsfield &&
+                        !std::holds_alternative<Labels>(options.mesh.segmentation);
+  const bool has_hu = is_in_hu || options.mesh.hu != nullptr;
+  if (options.mesh.grade_hu > 0 && !is_in_hu)
     return usage("--grade needs a scan in HU: images, label maps and other modalities have none");
-  if (options.colours && options.mesh.hu == nullptr &&
-      (stack.pixel_unit() != PixelUnit::kHounsfield ||
-       std::holds_alternative<Labels>(options.mesh.segmentation)))
+  if (options.colours && !has_hu)
     return usage("--colour needs HU: a scan in HU, or the CT of a label map (--hu)");
-  if (options.context_mm && options.mesh.hu == nullptr &&
-      (stack.pixel_unit() != PixelUnit::kHounsfield ||
-       std::holds_alternative<Labels>(options.mesh.segmentation)))
+  if (options.context_mm && !has_hu)
     return usage("--context needs HU: a scan in HU, or the CT of a label map (--hu)");
   if (options.mesh.crop) {
     const Crop& c = *options.mesh.crop;

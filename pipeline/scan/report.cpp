@@ -3,8 +3,6 @@
 
 #include <sys/resource.h>
 
-#include <algorithm>
-
 namespace trocar::pipeline {
 namespace {
 
@@ -17,28 +15,19 @@ std::size_t vertex_count(const Pslg& pslg) {
   return n;
 }
 
-json points_json(const std::vector<LatticePoint>& points, const Lattice& lattice) {
-  json out = json::array();
+void append_points(const std::vector<LatticePoint>& points, const Lattice& lattice, json& out) {
   for (const LatticePoint p : points)
     out.push_back({lattice.to_mm(p.x), lattice.to_mm(p.y)});
-  return out;
 }
 
-json rings_json(const Pslg& pslg, const Lattice& lattice) {
-  json out = json::array();
+void append_rings(const Pslg& pslg, const Lattice& lattice, json& out) {
   for (const Ring& ring : pslg.rings)
-    out.push_back(points_json(ring, lattice));
-  return out;
-}
-
-void append(json list, json& out) {
-  for (json& one : list)
-    out.push_back(std::move(one));
+    append_points(ring, lattice, out.emplace_back(json::array()));
 }
 
 void append_mesh(const SliceMesh& mesh, const Lattice& lattice, json& out) {
   const auto first = static_cast<std::uint32_t>(out["vertices_mm"].size());
-  append(points_json(mesh.vertices, lattice), out["vertices_mm"]);
+  append_points(mesh.vertices, lattice, out["vertices_mm"]);
   for (const Triangle& t : mesh.triangles)
     out["triangles"].push_back({t[0] + first, t[1] + first, t[2] + first});
 }
@@ -78,17 +67,6 @@ json slice_report(int index, double z_mm, const MeshedMaterial& slice, double ma
   return out;
 }
 
-json stage_times(const StageTimes& t) {
-  return {{"read", t.read_ms},
-          {"segment", t.segment_ms},
-          {"contour", t.contour_ms},
-          {"simplify", t.simplify_ms},
-          {"triangulate", t.triangulate_ms},
-          {"refine", t.refine_ms},
-          {"check", t.check_ms},
-          {"hu", t.hu_ms}};
-}
-
 json slice_stages(int index, const SlicePlane& plane, const MeshedSlice& slice,
                   const Lattice& lattice) {
   const json no_mesh = {{"vertices_mm", json::array()}, {"triangles", json::array()}};
@@ -100,8 +78,8 @@ json slice_stages(int index, const SlicePlane& plane, const MeshedSlice& slice,
               {"cdt", no_mesh},
               {"refined", no_mesh}};
   for (const MeshedMaterial& material : slice.materials) {
-    append(rings_json(material.contours, lattice), out["contours_mm"]);
-    append(rings_json(material.pslg, lattice), out["pslg_mm"]);
+    append_rings(material.contours, lattice, out["contours_mm"]);
+    append_rings(material.pslg, lattice, out["pslg_mm"]);
     append_mesh(material.cdt, lattice, out["cdt"]);
     append_mesh(material.refined.mesh, lattice, out["refined"]);
   }

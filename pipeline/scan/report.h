@@ -5,8 +5,6 @@
 #pragma once
 
 #include <nlohmann/json.hpp>
-#include <string>
-#include <vector>
 
 #include "formats/asset/asset.h"
 #include "pipeline/scan/mesh_slice.h"
@@ -14,10 +12,9 @@
 namespace trocar::pipeline {
 
 /// Makes the entry of the report's list `slices` for one material of a slice. mesh_stack() adds the
-/// members `ms` (the result of stage_times()) and `material`.
+/// members `ms` (the times by stage) and `material`.
 nlohmann::json slice_report(int index, double z_mm, const MeshedMaterial& material,
                             double max_area_bound_mm2);
-nlohmann::json stage_times(const StageTimes& times);
 
 /// Makes those members of the entry of slice_report() that are also stored in the asset.
 nlohmann::json slice_measures(const MeshedMaterial& material);

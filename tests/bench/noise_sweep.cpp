@@ -150,7 +150,7 @@ Result<json> measured(const MemoryStack& stack) {
                                      only.hu ? std::move(only.hu->values) : std::vector<float>()},
                                     only.outline, *grid);
   if (!encoded) return encoded.error();
-  json ms = stage_times(meshed->times);
+  json ms = meshed->times;
   ms["encode"] = cpu_ms() - encode_ms;
   row["cpu_ms"] = cpu_ms() - start_ms;
   row["ms"] = std::move(ms);

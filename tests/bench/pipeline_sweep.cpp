@@ -46,35 +46,26 @@ Result<MeshOptions> mesh_options(const json& point, double min_region_mm2) {
   return out;
 }
 
-struct Stage {
-  const char* name;
-  double StageTimes::*ms;
-};
-constexpr Stage kStages[] = {{"segment", &StageTimes::segment_ms},
-                             {"contour", &StageTimes::contour_ms},
-                             {"simplify", &StageTimes::simplify_ms},
-                             {"triangulate", &StageTimes::triangulate_ms},
-                             {"refine", &StageTimes::refine_ms},
-                             {"check", &StageTimes::check_ms},
-                             {"hu", &StageTimes::hu_ms}};
+constexpr const char* kStages[] = {"segment", "contour", "simplify", "triangulate",
+                                   "refine",  "check",   "hu"};
 
 // Returns, for each stage, the mean over the slices of the median over the repetitions. All
 // slices are encoded in one call, which is long enough to be interrupted: its time is CPU time.
 json stage_times(const std::vector<std::vector<StageTimes>>& by_slice, double encode_ms_per_slice) {
   json out;
   double total = encode_ms_per_slice;
-  for (const Stage& stage : kStages) {
+  for (const std::string stage : kStages) {
     double sum = 0;
     for (const auto& repetitions : by_slice) {
       std::vector<double> times;
       times.reserve(repetitions.size());
       for (const StageTimes& t : repetitions)
-        times.push_back(t.*stage.ms);
+        times.push_back(t.at(stage));
       std::nth_element(times.begin(), times.begin() + times.size() / 2, times.end());
       sum += times[times.size() / 2];
     }
     const double mean = sum / static_cast<double>(by_slice.size());
-    out[std::string(stage.name) + "_ms_per_slice"] = mean;
+    out[stage + "_ms_per_slice"] = mean;
     total += mean;
   }
   out["encode_ms_per_slice"] = encode_ms_per_slice;

@@ -5,11 +5,9 @@
 #include <algorithm>
 #include <cmath>
 #include <fstream>
-#include <optional>
 
 #include "formats/base/result.h"
 #include "pipeline/read/dicom/dicom_parse.h"
-#include "pipeline/read/slice_stack.h"
 
 namespace trocar::pipeline {
 namespace {
@@ -357,7 +355,7 @@ DicomFile read_dicom_headers(const std::filesystem::path& file, const GivenSpaci
   out.file = file;
   DcmFileFormat format;
   const bool whole = extent == DicomExtent::kWhole;
-  const OFCondition loaded = whole ? load_dicom(file, format) : load_dicom_header(file, format);
+  const OFCondition loaded = load_dicom(file, format, whole ? DCM_UndefinedTagKey : DCM_PixelData);
   DcmDataset& data = *format.getDataset();
   out.series = read_series(data);
   const auto unusable = [&out](const std::string& why) {

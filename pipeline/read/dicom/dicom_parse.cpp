@@ -63,18 +63,6 @@ class GuardedStream final : public DcmInputFileStream {
   mutable const char* over_ = nullptr;
 };
 
-// NOLINTBEGIN(clang-analyzer-unix.Malloc): of DCMTK's condition, which owns its text
-OFCondition load_until(const std::filesystem::path& file, DcmFileFormat& format,
-                       const DcmTagKey& last) {
-  GuardedStream stream(OFFilename(file.c_str()));
-  if (stream.status().bad()) return stream.status();
-  format.transferInit();
-  OFCondition done = format.readUntilTag(stream, EXS_Unknown, EGL_noChange, 4096, last);
-  format.transferEnd();
-  return stream.was_over() ? stream.status() : done;
-}
-// NOLINTEND(clang-analyzer-unix.Malloc)
-
 }  // namespace
 
 void set_up_dcmtk() {
@@ -91,12 +79,14 @@ void set_up_dcmtk() {
 }
 
 // NOLINTBEGIN(clang-analyzer-unix.Malloc): of DCMTK's condition, which owns its text
-OFCondition load_dicom(const std::filesystem::path& file, DcmFileFormat& format) {
-  return load_until(file, format, DCM_UndefinedTagKey);
-}
-
-OFCondition load_dicom_header(const std::filesystem::path& file, DcmFileFormat& format) {
-  return load_until(file, format, DCM_PixelData);
+OFCondition load_dicom(const std::filesystem::path& file, DcmFileFormat& format,
+                       const DcmTagKey& end) {
+  GuardedStream stream(OFFilename(file.c_str()));
+  if (stream.status().bad()) return stream.status();
+  format.transferInit();
+  OFCondition done = format.readUntilTag(stream, EXS_Unknown, EGL_noChange, 4096, end);
+  format.transferEnd();
+  return stream.was_over() ? stream.status() : done;
 }
 // NOLINTEND(clang-analyzer-unix.Malloc)
 

@@ -6,7 +6,6 @@
 #include <dcmtk/config/osconfig.h>
 #include <dcmtk/dcmdata/dctk.h>
 
-#include <array>
 #include <filesystem>
 #include <string>
 
@@ -16,16 +15,15 @@ namespace trocar::pipeline {
 /// DCMTK's log. Thread-safe; only the first call has an effect. read_dicom_headers() calls it.
 void set_up_dcmtk();
 
-/// Loads `file` into `format`. Values of more than 4 KiB stay in the file until they are needed,
+/// Loads `file` into `format`, as far as the element `end`, which may be missing. Without `end`,
+/// loads the whole file. Values of more than 4 KiB stay in the file until they are needed,
 /// except those of a deflated file. If the result is bad, `format` has what could be read.
 ///
 /// The result is also bad if the file exceeds one of two limits, which DCMTK itself does not have.
 /// Nested sequences may need at most 512 KiB of stack, and at most 512 MiB of values may be read
 /// into memory. Even a small deflated file can exceed the second limit.
-OFCondition load_dicom(const std::filesystem::path& file, DcmFileFormat& format);
-
-/// Does the same as load_dicom(), but stops before the pixel data, which may be missing.
-OFCondition load_dicom_header(const std::filesystem::path& file, DcmFileFormat& format);
+OFCondition load_dicom(const std::filesystem::path& file, DcmFileFormat& format,
+                       const DcmTagKey& end = DCM_UndefinedTagKey);
 
 /// The first value of the element `tag` of `item` as text. Empty if `item` is null or has no such
 /// element.

@@ -22,6 +22,16 @@ void release_fragments(DcmPixelSequence& sequence) {
   }
 }
 
+// The bytes of a fragment; their data() is null if it cannot be read.
+std::span<const std::uint8_t> fragment_of(DcmPixelSequence& sequence, Uint32 index) {
+  DcmPixelItem* item = nullptr;
+  Uint8* bytes = nullptr;
+  if (sequence.getItem(item, index).bad() || item == nullptr || item->getUint8Array(bytes).bad() ||
+      bytes == nullptr)
+    return {};
+  return {bytes, item->getLength()};
+}
+
 // The encapsulated bytes of one frame, made by joining its fragments.
 Result<std::vector<std::uint8_t>> join_fragments(const DicomFrame& h, DcmPixelSequence& sequence) {
   Uint32 first = 0, end = static_cast<Uint32>(sequence.card());
@@ -34,13 +44,10 @@ Result<std::vector<std::uint8_t>> join_fragments(const DicomFrame& h, DcmPixelSe
   }
   std::vector<std::uint8_t> out;
   for (Uint32 i = first; i < end; ++i) {
-    DcmPixelItem* item = nullptr;
-    Uint8* bytes = nullptr;
-    if (sequence.getItem(item, i).bad() || item == nullptr || item->getUint8Array(bytes).bad() ||
-        bytes == nullptr) {
+    const auto bytes = fragment_of(sequence, i);
+    if (bytes.data() == nullptr)
       return refused(h.name() + ": a fragment of its pixels cannot be read");
-    }
-    out.insert(out.end(), bytes, bytes + item->getLength());
+    out.insert(out.end(), bytes.begin(), bytes.end());
   }
   return out;
 }
@@ -72,15 +79,10 @@ JpegFrame jpeg_frame(std::span<const std::uint8_t> jpeg) {
 // compare the JPEG's size with that of the header either: rows of another length would be sheared.
 Result<void> check_jpeg(const DicomFrame& h, DcmPixelSequence& sequence) {
   Uint32 first = 0;
-  DcmPixelItem* item = nullptr;
-  Uint8* bytes = nullptr;
   JpegFrame frame;
   if (DcmCodec::determineStartFragment(static_cast<Uint32>(h.frame), h.frames, &sequence, first)
-          .good() &&
-      sequence.getItem(item, first).good() && item != nullptr &&
-      item->getUint8Array(bytes).good() && bytes != nullptr) {
-    frame = jpeg_frame({bytes, item->getLength()});
-  }
+          .good())
+    frame = jpeg_frame(fragment_of(sequence, first));
   const int precision = frame.precision;
   if (precision < 2 || precision > 16) return refused(h.name() + ": its JPEG pixels are damaged");
   if ((precision <= 8) != (h.bits_allocated == 8)) {
@@ -142,27 +144,30 @@ Result<std::vector<std::uint16_t>> decode_rle(const DicomFrame& h,
   return words;
 }
 
-Result<std::vector<std::uint16_t>> decode_words(const DicomFrame& h, DcmFileFormat& format) {
-  DcmDataset& data = *format.getDataset();
-  DcmPixelData* pixels = dicom_pixel_data(format);
+// The fragments of compressed pixels; null if there are none, or if they cannot be read.
+DcmPixelSequence* fragments_of(DcmPixelData* pixels, E_TransferSyntax syntax) {
+  DcmPixelSequence* out = nullptr;
+  if (pixels == nullptr || !dicom_encapsulated(syntax) ||
+      pixels->getEncapsulatedRepresentation(syntax, nullptr, out).bad())
+    return nullptr;
+  return out;
+}
+
+// `pixels` is the pixel data element of `data`, or null; `sequence` is the result of
+// fragments_of().
+Result<std::vector<std::uint16_t>> decode_words(const DicomFrame& h, DcmDataset& data,
+                                                DcmPixelData* pixels, DcmPixelSequence* sequence) {
   if (pixels == nullptr) return refused(h.name() + ": its PixelData element is of another kind");
   const E_TransferSyntax syntax = data.getOriginalXfer();
-  DcmPixelSequence* sequence = nullptr;
-  if (dicom_encapsulated(syntax) &&
-      (pixels->getEncapsulatedRepresentation(syntax, nullptr, sequence).bad() ||
-       sequence == nullptr)) {
+  if (dicom_encapsulated(syntax) && sequence == nullptr)
     return refused(h.name() + ": its compressed pixels cannot be read");
-  }
   const std::size_t count = static_cast<std::size_t>(h.columns) * h.rows;
-  if (sequence != nullptr && (syntax == EXS_JPEG2000LosslessOnly || syntax == EXS_JPEG2000)) {
-    const auto codestream = join_fragments(h, *sequence);
-    if (!codestream) return codestream.error();
-    return decode_jpeg2000_words(h, *codestream);
-  }
-  if (sequence != nullptr && syntax == EXS_RLELossless) {
-    const auto bytes = join_fragments(h, *sequence);
-    if (!bytes) return bytes.error();
-    return decode_rle(h, *bytes);
+  const bool is_rle = syntax == EXS_RLELossless;
+  if (sequence != nullptr &&
+      (is_rle || syntax == EXS_JPEG2000LosslessOnly || syntax == EXS_JPEG2000)) {
+    const auto joined = join_fragments(h, *sequence);
+    if (!joined) return joined.error();
+    return is_rle ? decode_rle(h, *joined) : decode_jpeg2000_words(h, *joined);
   }
 
   if (sequence != nullptr && syntax != EXS_JPEGLSLossless && syntax != EXS_JPEGLSLossy &&
@@ -202,16 +207,11 @@ Result<std::vector<std::uint16_t>> decode_words(const DicomFrame& h, DcmFileForm
 }  // namespace
 
 Result<Image> read_dicom_frame(const DicomFrame& h, DcmFileFormat& format) {
-  const auto words = decode_words(h, format);
-  DcmPixelSequence* sequence = nullptr;
-  if (DcmPixelData* pixels = dicom_pixel_data(format)) {
-    const E_TransferSyntax syntax = format.getDataset()->getOriginalXfer();
-    if (dicom_encapsulated(syntax) &&
-        pixels->getEncapsulatedRepresentation(syntax, nullptr, sequence).good() &&
-        sequence != nullptr) {
-      release_fragments(*sequence);
-    }
-  }
+  DcmDataset& data = *format.getDataset();
+  DcmPixelData* const pixels = dicom_pixel_data(format);
+  DcmPixelSequence* const sequence = fragments_of(pixels, data.getOriginalXfer());
+  const auto words = decode_words(h, data, pixels, sequence);
+  if (sequence != nullptr) release_fragments(*sequence);
   if (!words) return words.error();
   Image out{h.columns, h.rows, {}};
   // No branch depends on a sample, so that a compiler can convert several samples at once.

@@ -4,7 +4,6 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <array>
-#include <cctype>
 #include <charconv>
 #include <cmath>
 #include <cstdio>
@@ -74,12 +73,6 @@ class FrameComparison {
 
   std::array<Parsed, 2> last_;
 };
-
-std::string lower(std::string text) {
-  std::transform(text.begin(), text.end(), text.begin(),
-                 [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
-  return text;
-}
 
 std::string plural(std::size_t n, const char* what) {
   return std::to_string(n) + " " + what + (n == 1 ? "" : "s");
@@ -285,27 +278,23 @@ std::vector<DicomSeries> group_series(const std::vector<DicomFile>& files,
         warnings.push_back({"not_dicom", name, "not a DICOM image; left out"});
       continue;
     }
-    if (file.series.uid.empty() && file.kind != DicomFile::Kind::kLocaliser) {
+    const bool is_localiser = file.kind == DicomFile::Kind::kLocaliser;
+    if (file.series.uid.empty() && !is_localiser) {
       if (series_count++ == 0) without_series = name;
     }
     const std::string uid = file.series.uid.empty() ? substitute_uid(file) : file.series.uid;
     DicomSeries& series = by_uid[uid];
-    if (series.files.empty()) {
+    // The attributes of a slice replace those of a localiser.
+    if (series.files.empty() || (!is_localiser && series.is_localiser())) {
       series.info = file.series;
       series.info.uid = uid;
       series.content = file.content;
     }
     series.files.push_back(file.file);
-    if (file.kind == DicomFile::Kind::kLocaliser) {
+    if (is_localiser) {
       warnings.push_back({"localiser", name, "a localiser; left out"});
       ++series.localisers;
       continue;
-    }
-    // The attributes of a slice replace those of a localiser.
-    if (series.localisers > 0 && series.images() == 0) {
-      series.info = file.series;
-      series.info.uid = uid;
-      series.content = file.content;
     }
     if (file.kind == DicomFile::Kind::kUnusable || file.kind == DicomFile::Kind::kSegmentation) {
       if (series.unusable++ == 0) series.problem = file.problem;

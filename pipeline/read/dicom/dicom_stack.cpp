@@ -7,13 +7,12 @@
 #include <algorithm>
 #include <set>
 
-#include "pipeline/read/dicom/dicom_headers.h"
 #include "pipeline/read/dicom/dicom_parsed_files.h"
 #include "pipeline/read/dicom/dicom_pixels.h"
 #include "pipeline/read/dicom/dicom_segmentation.h"
 #include "pipeline/read/dicom/dicom_series.h"
+#include "pipeline/read/file_names.h"
 #include "pipeline/read/nifti/resliced_stack.h"
-#include "pipeline/read/slice_stack.h"
 
 namespace trocar::pipeline {
 namespace {
@@ -71,19 +70,16 @@ Error no_dicom(const std::vector<DicomFile>& files, const std::string& where) {
 // is none. Errors: (usage) several.
 Result<const DicomFile*> chosen_segmentation(const std::vector<DicomFile>& headers,
                                              const std::string& uid, const std::string& where) {
-  std::vector<const DicomFile*> found;
+  const DicomFile* last = nullptr;
+  std::vector<std::filesystem::path> files;
   for (const DicomFile& file : headers) {
     const bool is_meant = uid.empty() || file.series.uid == uid;
-    if (file.content.is_segmentation() && is_meant) found.push_back(&file);
+    if (!file.content.is_segmentation() || !is_meant) continue;
+    last = &file;
+    files.push_back(file.file);
   }
-  if (found.size() < 2) return found.empty() ? nullptr : found[0];
-  constexpr std::size_t kMax = 8;
-  std::string names;
-  for (std::size_t i = 0; i < std::min(found.size(), kMax); ++i)
-    names += (i == 0 ? "" : ", ") + found[i]->file.string();
-  if (found.size() > kMax) names += " and " + std::to_string(found.size() - kMax) + " more";
-  return usage(where + ": holds " + std::to_string(found.size()) +
-               " segmentations, give one of them: " + names);
+  if (files.size() > 1) return choose_one(where, "segmentations", files);
+  return last;
 }
 
 Result<std::unique_ptr<SliceStack>> open_labels(const DicomFile& file,

@@ -3,6 +3,8 @@
 
 #include <algorithm>
 #include <array>
+#include <initializer_list>
+#include <span>
 #include <string_view>
 #include <utility>
 
@@ -41,9 +43,8 @@ constexpr auto kWords = std::to_array<Names>({{"MR", "magnetic resonance"},
                                               {"SC", "secondary capture"},
                                               {"OT", "other"}});
 
-template <std::size_t N>
-std::string_view look_up(const std::array<Names, N>& table, std::string_view key) {
-  const auto* found =
+std::string_view look_up(std::span<const Names> table, std::string_view key) {
+  const auto found =
       std::find_if(table.begin(), table.end(), [key](const Names& n) { return n.first == key; });
   return found == table.end() ? std::string_view() : found->second;
 }
@@ -72,8 +73,7 @@ std::string modality_of(DcmItem& data) {
 }
 
 // The first value of ImageType that contains one of the words.
-template <std::size_t N>
-std::string image_type_with(DcmItem& data, const std::array<std::string_view, N>& words) {
+std::string image_type_with(DcmItem& data, std::initializer_list<std::string_view> words) {
   OFString value;
   for (unsigned long i = 0; data.findAndGetOFString(DCM_ImageType, value, i).good(); ++i) {
     const std::string_view text(value.c_str(), value.size());
@@ -98,22 +98,19 @@ std::string other_rescale(DcmItem& data) {
 
 ImageContent image_content(DcmItem& data) {
   using Kind = ImageContent::Kind;
-  constexpr std::array<std::string_view, 3> kScouts{"LOCALIZER", "SURVIEW", "SCOUT"};
-  constexpr std::array<std::string_view, 1> kMosaic{"MOSAIC"};
-  constexpr std::array<std::string_view, 2> kScreens{"SCREEN SAVE", "SCREEN_SAVE"};
   ImageContent out{Kind::kUnknown, modality_of(data)};
   const auto is = [&out](Kind kind, const std::string& type) {
     return ImageContent{kind, out.name + (out.name.empty() ? "" : " ") + type};
   };
-  if (const std::string scout = image_type_with(data, kScouts); !scout.empty())
+  if (const auto scout = image_type_with(data, {"LOCALIZER", "SURVIEW", "SCOUT"}); !scout.empty())
     return is(Kind::kLocaliser, scout);
-  if (const std::string mosaic = image_type_with(data, kMosaic); !mosaic.empty())
+  if (const auto mosaic = image_type_with(data, {"MOSAIC"}); !mosaic.empty())
     return is(Kind::kOther, mosaic);
   // Pictures of a screen state the modality of what they show.
   const std::string sop_class = dicom_text(&data, DCM_SOPClassUID);
   const bool is_capture = sop_class == std::string(kStorage) + "7" ||
                           sop_class.starts_with(std::string(kStorage) + "7.");
-  if (!image_type_with(data, kScreens).empty() ||
+  if (!image_type_with(data, {"SCREEN SAVE", "SCREEN_SAVE"}).empty() ||
       (is_capture && !data.tagExists(DCM_RescaleIntercept)))
     return is(Kind::kOther, "SECONDARY CAPTURE");
   if (const std::string type = other_rescale(data); out.name == "CT" && !type.empty())

@@ -84,10 +84,7 @@ Result<Image> to_image(const cv::Mat& pixels, int to_grey, Levels wanted, const 
 
 Result<Image> read_png(const std::vector<std::uint8_t>& bytes, const std::string& name,
                        Levels wanted) {
-  struct Free {
-    void operator()(spng_ctx* c) const { spng_ctx_free(c); }
-  };
-  const std::unique_ptr<spng_ctx, Free> png(spng_ctx_new(0));
+  const std::unique_ptr<spng_ctx, void (*)(spng_ctx*)> png(spng_ctx_new(0), spng_ctx_free);
   if (!png) return refused_for_now(name + ": not enough memory");
   const auto broken = [&name](int error) {
     return refused(name + ": broken PNG (" + spng_strerror(error) + ")");
@@ -142,10 +139,7 @@ Result<Image> read_png(const std::vector<std::uint8_t>& bytes, const std::string
 }
 
 Result<Image> read_jpeg(const std::vector<std::uint8_t>& bytes, const std::string& name) {
-  struct Destroy {
-    void operator()(void* handle) const { tjDestroy(handle); }
-  };
-  const std::unique_ptr<void, Destroy> jpeg(tjInitDecompress());
+  const std::unique_ptr<void, int (*)(void*)> jpeg(tjInitDecompress(), tjDestroy);
   if (!jpeg) return refused_for_now(name + ": not enough memory");
   const auto broken = [&] {
     std::string why = tjGetErrorStr2(jpeg.get());
@@ -169,10 +163,6 @@ Result<Image> read_jpeg(const std::vector<std::uint8_t>& bytes, const std::strin
   }
   return to_image(pixels, cv::COLOR_BGR2GRAY, Levels::kTo255, name);
 }
-
-struct TiffClose {
-  void operator()(TIFF* tiff) const { TIFFClose(tiff); }
-};
 
 // Turns an image whose first row is at the bottom, or whose first column is at the right.
 void turn_upright(cv::Mat& pixels, std::uint16_t orientation) {
@@ -214,7 +204,8 @@ Result<Image> read_tiff(const std::filesystem::path& file, const std::string& na
   TIFFOpenOptionsSetMaxSingleMemAlloc(options.get(), tmsize_t{1} << 29);
   TIFFOpenOptionsSetErrorHandlerExtR(options.get(), silent, nullptr);
   TIFFOpenOptionsSetWarningHandlerExtR(options.get(), silent, nullptr);
-  const std::unique_ptr<TIFF, TiffClose> tiff(TIFFOpenExt(file.c_str(), "rm", options.get()));
+  const std::unique_ptr<TIFF, void (*)(TIFF*)> tiff(TIFFOpenExt(file.c_str(), "rm", options.get()),
+                                                    TIFFClose);
   std::uint32_t width = 0, height = 0;
   if (!tiff || TIFFGetField(tiff.get(), TIFFTAG_IMAGEWIDTH, &width) != 1 ||
       TIFFGetField(tiff.get(), TIFFTAG_IMAGELENGTH, &height) != 1) {

@@ -6,7 +6,6 @@
 
 #include "pipeline/base/number_ranges.h"
 #include "pipeline/read/image/image_file.h"
-#include "pipeline/read/slice_stack.h"
 
 namespace trocar::pipeline {
 namespace {
@@ -14,25 +13,24 @@ namespace {
 class ImageStack final : public SliceStack {
  public:
   int size() const override { return static_cast<int>(files_.size()); }
-  int width() const override { return width_; }
-  int height() const override { return height_; }
+  int width() const override { return first_.width; }
+  int height() const override { return first_.height; }
   PixelUnit pixel_unit() const override { return PixelUnit::kGrey; }
   const SlicePlane& plane(int slice) const override { return planes_[slice]; }
   std::string name(int slice) const override { return files_[slice].string(); }
   Result<Image> read(int slice) const override {
     if (slice == 0) return first_;
     auto image = read_image_file(files_[slice], levels_);
-    if (image && (image->width != width_ || image->height != height_)) {
+    if (image && (image->width != width() || image->height != height())) {
       return refused(name(slice) + ": " + std::to_string(image->width) + " x " +
                      std::to_string(image->height) + " pixels, the first image has " +
-                     std::to_string(width_) + " x " + std::to_string(height_));
+                     std::to_string(width()) + " x " + std::to_string(height()));
     }
     return image;
   }
 
   std::vector<std::filesystem::path> files_;
   std::vector<SlicePlane> planes_;
-  int width_ = 0, height_ = 0;
   Levels levels_ = Levels::kTo255;
   Image first_;  // read on opening
 };
@@ -97,8 +95,6 @@ Result<std::unique_ptr<SliceStack>> open_images(std::vector<std::filesystem::pat
   if (!first) return first.error();
   auto stack = std::make_unique<ImageStack>();
   stack->levels_ = levels;
-  stack->width_ = first->width;
-  stack->height_ = first->height;
   stack->first_ = std::move(*first);
   stack->files_ = std::move(files);
   const auto [x, y, z] = *options.spacing_mm;

@@ -10,11 +10,6 @@
 namespace trocar::pipeline {
 namespace {
 
-struct Deleter {
-  void operator()(opj_codec_t* codec) const { opj_destroy_codec(codec); }
-  void operator()(opj_image_t* image) const { opj_image_destroy(image); }
-};
-
 // The state of an OpenJPEG stream over bytes in memory.
 struct Memory {
   std::span<const std::uint8_t> bytes;
@@ -41,10 +36,6 @@ OPJ_OFF_T skip_bytes(OPJ_OFF_T count, void* user) {
   auto& m = *static_cast<Memory*>(user);
   return seek_to(static_cast<OPJ_OFF_T>(m.at) + count, user) ? count : -1;
 }
-
-struct StreamDeleter {
-  void operator()(opj_stream_t* stream) const { opj_stream_destroy(stream); }
-};
 
 // OpenJPEG allocates tiles as soon as it has read the header, so their number is checked before
 // that. SIZ is always the first marker segment, and its fields are at fixed offsets (ISO 15444-1,
@@ -73,9 +64,11 @@ Result<Jpeg2000> decode_jpeg2000(std::span<const std::uint8_t> codestream, int w
     return refused(name + ": not a JPEG 2000 codestream of one component of " +
                    std::to_string(width) + " x " + std::to_string(height));
   }
-  const std::unique_ptr<opj_codec_t, Deleter> codec(opj_create_decompress(OPJ_CODEC_J2K));
+  const std::unique_ptr<opj_codec_t, void (*)(opj_codec_t*)> codec(
+      opj_create_decompress(OPJ_CODEC_J2K), opj_destroy_codec);
   Memory memory{codestream};
-  const std::unique_ptr<opj_stream_t, StreamDeleter> stream(opj_stream_create(1 << 16, OPJ_TRUE));
+  const std::unique_ptr<opj_stream_t, void (*)(opj_stream_t*)> stream(
+      opj_stream_create(1 << 16, OPJ_TRUE), opj_stream_destroy);
   if (!codec || !stream) return refused_for_now(name + ": not enough memory to decode JPEG 2000");
   opj_stream_set_user_data(stream.get(), &memory, nullptr);
   opj_stream_set_user_data_length(stream.get(), codestream.size());
@@ -88,7 +81,7 @@ Result<Jpeg2000> decode_jpeg2000(std::span<const std::uint8_t> codestream, int w
   const bool has_header = opj_setup_decoder(codec.get(), &parameters) &&
                           opj_decoder_set_strict_mode(codec.get(), OPJ_TRUE) &&
                           opj_read_header(stream.get(), codec.get(), &raw);
-  const std::unique_ptr<opj_image_t, Deleter> image(raw);
+  const std::unique_ptr<opj_image_t, void (*)(opj_image_t*)> image(raw, opj_image_destroy);
   const auto fits = [&] {
     return image->numcomps == 1 && image->comps[0].w == static_cast<OPJ_UINT32>(width) &&
            image->comps[0].h == static_cast<OPJ_UINT32>(height) && image->comps[0].prec <= 16;

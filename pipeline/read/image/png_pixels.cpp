@@ -1,13 +1,11 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "pipeline/read/image/png_pixels.h"
 
-#include <algorithm>
 #include <array>
 #include <bit>
 #include <cstdlib>
 #include <cstring>
 #include <memory>
-#include <string_view>
 #include <utility>
 #include <vector>
 
@@ -99,24 +97,10 @@ bool unfilter(const std::uint8_t* in, const std::uint8_t* above, std::uint8_t* o
 
 using Unfilter = bool (*)(const std::uint8_t*, const std::uint8_t*, std::uint8_t*, std::size_t);
 
-Unfilter unfilter_for(int pixel_bytes) {
-  switch (pixel_bytes) {
-    case 1:
-      return unfilter<1>;
-    case 2:
-      return unfilter<2>;
-    case 3:
-      return unfilter<3>;
-    case 4:
-      return unfilter<4>;
-    case 6:
-      return unfilter<6>;
-    case 8:
-      return unfilter<8>;
-    default:
-      return nullptr;
-  }
-}
+// By the number of bytes of a pixel; null if no kind of PNG has such pixels.
+constexpr std::array<Unfilter, 9> kUnfilters{nullptr,     unfilter<1>, unfilter<2>,
+                                             unfilter<3>, unfilter<4>, nullptr,
+                                             unfilter<6>, nullptr,     unfilter<8>};
 
 void to_host_order(std::span<std::uint8_t> samples) {
   if constexpr (std::endian::native == std::endian::big) return;
@@ -130,10 +114,9 @@ bool decode_png_pixels(ByteSpan file, const PngRows& rows, std::span<std::uint8_
   // ISA-L counts in 32 bits.
   constexpr std::size_t kMaxBytes = std::size_t{1} << 31, kMaxReusedBytes = std::size_t{1} << 24;
   const std::size_t packed_row = rows.row_bytes + 1, count = static_cast<std::size_t>(rows.count);
-  const int pixel_bytes = rows.channels * rows.sample_bytes;
-  const Unfilter unfilter_row = unfilter_for(pixel_bytes);
-  if (unfilter_row == nullptr || rows.row_bytes == 0 ||
-      rows.row_bytes % static_cast<unsigned>(pixel_bytes) != 0 ||
+  const auto pixel_bytes = static_cast<std::size_t>(rows.channels * rows.sample_bytes);
+  const Unfilter unfilter_row = pixel_bytes < kUnfilters.size() ? kUnfilters[pixel_bytes] : nullptr;
+  if (unfilter_row == nullptr || rows.row_bytes == 0 || rows.row_bytes % pixel_bytes != 0 ||
       pixels.size() / rows.row_bytes != count || pixels.size() % rows.row_bytes != 0 ||
       packed_row > kMaxBytes / count)
     return false;

@@ -4,7 +4,6 @@
 #include <nifti2_io.h>
 
 #include <algorithm>
-#include <bit>
 #include <cmath>
 #include <cstring>
 #include <memory>
@@ -12,34 +11,21 @@
 namespace trocar::pipeline {
 namespace {
 
-struct ImageDeleter {
-  void operator()(nifti_image* image) const { nifti_image_free(image); }
-};
-using NiftiImage = std::unique_ptr<nifti_image, ImageDeleter>;
+using NiftiImage = std::unique_ptr<nifti_image, void (*)(nifti_image*)>;
 
 constexpr std::int64_t kMaxVolumes = 1 << 20;
 
 // Bytes of a voxel; 0: not supported. 128-bit floats are not supported, because they are quadruple
 // precision in the standard but have 80 bits in most files.
 int bytes_of(int datatype) {
-  switch (datatype) {
-    case NIFTI_TYPE_UINT8:
-    case NIFTI_TYPE_INT8:
-      return 1;
-    case NIFTI_TYPE_UINT16:
-    case NIFTI_TYPE_INT16:
-      return 2;
-    case NIFTI_TYPE_UINT32:
-    case NIFTI_TYPE_INT32:
-    case NIFTI_TYPE_FLOAT32:
-      return 4;
-    case NIFTI_TYPE_UINT64:
-    case NIFTI_TYPE_INT64:
-    case NIFTI_TYPE_FLOAT64:
-      return 8;
-    default:
-      return 0;
-  }
+  constexpr std::array kReal{NIFTI_TYPE_UINT8,  NIFTI_TYPE_INT8,   NIFTI_TYPE_UINT16,
+                             NIFTI_TYPE_INT16,  NIFTI_TYPE_UINT32, NIFTI_TYPE_INT32,
+                             NIFTI_TYPE_UINT64, NIFTI_TYPE_INT64,  NIFTI_TYPE_FLOAT32,
+                             NIFTI_TYPE_FLOAT64};
+  if (std::find(kReal.begin(), kReal.end(), datatype) == kReal.end()) return 0;
+  int bytes = 0, swap_size = 0;
+  nifti_datatype_sizes(datatype, &bytes, &swap_size);
+  return bytes;
 }
 
 // Does the header state the voxel size? The sform's matrix contains it; without an sform, pixdim
@@ -96,9 +82,9 @@ Result<NiftiImage> convert(const std::vector<std::uint8_t>& head, bool swapped,
                                   h.dim[0] < 3 ? 0 : std::abs(h.pixdim[3])};
   }
   if constexpr (kFirst) {
-    return NiftiImage(nifti_convert_n1hdr2nim(h, file.c_str()));
+    return NiftiImage(nifti_convert_n1hdr2nim(h, file.c_str()), nifti_image_free);
   } else {
-    return NiftiImage(nifti_convert_n2hdr2nim(h, file.c_str()));
+    return NiftiImage(nifti_convert_n2hdr2nim(h, file.c_str()), nifti_image_free);
   }
 }
 

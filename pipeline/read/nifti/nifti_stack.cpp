@@ -14,9 +14,6 @@
 #include <cstring>
 #include <type_traits>
 
-#include "pipeline/read/nifti/nifti_header.h"
-#include "pipeline/read/slice_stack.h"
-#include "pipeline/read/volume_file.h"
 #include "pipeline/read/voxel_volume.h"
 
 namespace trocar::pipeline {
@@ -244,10 +241,7 @@ Result<std::unique_ptr<NiftiStack>> without_voxels(const std::string& file,
   v = (v - u * u.dot(v)).normalized();
   const Eigen::Vector3d normal = u.cross(v);
   if (!(normal.dot(direction[2]) > 0)) return refused(file + ": its affine has no volume");
-  if (stack->n_[0] < 2 || stack->n_[1] < 2)
-    return refused(file + ": slices of " + std::to_string(stack->n_[0]) + " x " +
-                   std::to_string(stack->n_[1]) + " voxels");
-  if (stack->n_[0] * stack->n_[1] > kMaxSlicePixels)
+  if (stack->n_[0] < 2 || stack->n_[1] < 2 || stack->n_[0] * stack->n_[1] > kMaxSlicePixels)
     return refused(file + ": slices of " + std::to_string(stack->n_[0]) + " x " +
                    std::to_string(stack->n_[1]) + " voxels");
 
@@ -301,21 +295,16 @@ Result<std::unique_ptr<NiftiStack>> file_without_voxels(const std::filesystem::p
 }  // namespace
 
 Result<std::unique_ptr<SliceStack>> open_nifti(const std::filesystem::path& path,
-                                               const OpenOptions& options) {
+                                               const OpenOptions& options, bool header_only) {
   auto stack = file_without_voxels(path, options);
   if (!stack) return stack.error();
   const NiftiHeader& header = (*stack)->header_;
-  auto voxels =
-      VolumeFile::open(path, header.data_start, header.data_bytes(), options.unpack_behind);
-  if (!voxels) return voxels.error();
-  (*stack)->voxels_ = std::move(*voxels);
-  return std::unique_ptr<SliceStack>(std::move(*stack));
-}
-
-Result<std::unique_ptr<SliceStack>> open_nifti_header(const std::filesystem::path& path,
-                                                      const OpenOptions& options) {
-  auto stack = file_without_voxels(path, options);
-  if (!stack) return stack.error();
+  if (!header_only) {
+    auto voxels =
+        VolumeFile::open(path, header.data_start, header.data_bytes(), options.unpack_behind);
+    if (!voxels) return voxels.error();
+    (*stack)->voxels_ = std::move(*voxels);
+  }
   return std::unique_ptr<SliceStack>(std::move(*stack));
 }
 

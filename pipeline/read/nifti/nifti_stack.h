@@ -14,17 +14,14 @@
 
 namespace trocar::pipeline {
 
-/// Opens the file with slices along options.axis, or with axial slices if that is not set.
-/// Errors: those of parse_nifti_header(), VolumeFile::open() and open_voxels(); kUsage if the file
-/// states no voxel size and options.spacing_mm is missing. Warnings: those of
+/// Opens the file with slices along options.axis, or with axial slices if that is not set. With
+/// `header_only`, reads the header only, for example to list the file; read() of the stack returns
+/// an error. Errors: those of parse_nifti_header(), VolumeFile::open() and open_voxels(); kUsage if
+/// the file states no voxel size and options.spacing_mm is missing. Warnings: those of
 /// parse_nifti_header(), no_modality, spacing_ignored.
 Result<std::unique_ptr<SliceStack>> open_nifti(const std::filesystem::path& file,
-                                               const OpenOptions& options);
-
-/// Does the same as open_nifti(), but reads the header only, for example to list the file. read()
-/// of the stack returns an error.
-Result<std::unique_ptr<SliceStack>> open_nifti_header(const std::filesystem::path& file,
-                                                      const OpenOptions& options);
+                                               const OpenOptions& options,
+                                               bool header_only = false);
 
 /// Makes a stack with slices along `axis` from an array of voxels: `header` describes the array,
 /// and `voxels` has its values. Slices are stacked along the array axis that is nearest to `axis`.
