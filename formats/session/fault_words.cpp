@@ -3,8 +3,8 @@
 
 #include <array>
 #include <cmath>
-#include <cstdio>
-#include <string_view>
+
+#include "formats/base/text_line.h"
 
 namespace trocar {
 namespace {
@@ -184,8 +184,16 @@ constexpr auto kWords = [] {
   return words;
 }();
 
-/// The things that an index counts. '#' in a row's texts stands for the index.
-enum class Counts : std::uint8_t { kNothing, kEncoders, kMotors, kLegs, kAxes, kWrench };
+/// The things that an index counts, each with their number. '#' in a row's texts stands for the
+/// index.
+enum class Counts : std::uint8_t {
+  kNothing = 0,
+  kAxes = 3,
+  kLegs = 4,
+  kWrench = 6,
+  kMotors = 8,
+  kEncoders = 16
+};
 
 struct QuantityWords {
   const char* name = nullptr;  ///< result of quantity_name()
@@ -308,22 +316,14 @@ std::string index_text(Counts counts, int index, bool in_words) {
   return {};
 }
 
-std::string filled(std::string_view text, const std::string& with) {
-  std::string result;
-  for (const char c : text) {
-    if (c == '#') {
-      result += with;
-    } else {
-      result += c;
-    }
-  }
-  return result;
+/// The text with `with` in place of its '#', if it has one.
+std::string filled(std::string text, const std::string& with) {
+  if (const std::size_t at = text.find('#'); at != std::string::npos) text.replace(at, 1, with);
+  return text;
 }
 
 std::string with_digits(double x, int digits) {
-  char text[40];
-  std::snprintf(text, sizeof text, "%.*g", digits, x);
-  return text;
+  return text_line("%.*g", digits, x);
 }
 
 }  // namespace
@@ -344,23 +344,7 @@ bool is_new_fault(SafetyState safety_before, Fault fault_before, const Recording
 bool is_known(const FaultDetail& detail) {
   const auto fault = static_cast<int>(detail.fault), quantity = static_cast<int>(detail.quantity);
   if (fault < 0 || fault >= kFaults || quantity < 0 || quantity >= kFaultQuantities) return false;
-  const auto count = [&] {
-    switch (make_quantity(detail.quantity).counts) {
-      case Counts::kNothing:
-        break;
-      case Counts::kEncoders:
-        return 16;
-      case Counts::kMotors:
-        return 8;
-      case Counts::kLegs:
-        return 4;
-      case Counts::kAxes:
-        return 3;
-      case Counts::kWrench:
-        return 6;
-    }
-    return 0;
-  }();
+  const int count = static_cast<int>(make_quantity(detail.quantity).counts);
   return detail.index >= (count == 0 ? -1 : 0) && (count == 0 || detail.index < count);
 }
 
@@ -388,10 +372,8 @@ std::string measured(const FaultDetail& detail) {
 
 std::string describe(const FaultDetail& detail, double t_s) {
   const FaultWords& words = words_of(detail.fault);
-  char time[40];
-  std::snprintf(time, sizeof time, "%.4f", t_s);
   const std::string found = measured(detail);
-  return std::string(words.name) + " at " + time + " s: " + words.meaning +
+  return std::string(words.name) + " at " + text_line("%.4f", t_s) + " s: " + words.meaning +
          (found.empty() ? "" : " (" + found + ")") + "; " + words.advice;
 }
 
