@@ -18,13 +18,6 @@ class UdpDevice final : public UdpLink<AngleDrive> {
     if (!socket) return socket.error();
     return std::unique_ptr<UdpDevice>(new UdpDevice(options, std::move(*socket)));
   }
-  /// Calls make() and start(). Errors: those of both.
-  static Result<std::unique_ptr<UdpDevice>> connect(const UdpLinkOptions& options) {
-    Result<std::unique_ptr<UdpDevice>> device = make(options);
-    if (!device) return device;
-    if (Result<void> started = (*device)->start(); !started) return started.error();
-    return device;
-  }
   std::uint8_t motor_faults() const noexcept override { return newest().motor_faults; }
 
  private:

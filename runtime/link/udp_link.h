@@ -147,7 +147,6 @@ class UdpLink : public Kind::Interface {
   // Call the following functions only while no restore() is in progress, or after close().
   const std::optional<Error>& restore_error() const noexcept { return restore_error_; }
   const LinkCounts& packets() const noexcept { return counts_; }
-  std::uint64_t states_missed() const noexcept { return states_missed_; }
   std::uint64_t sessions() const noexcept { return sessions_; }
   std::optional<LinkReport> link_report() const override {
     return LinkReport{sessions_, LinkPackets{counts_, states_missed_}, round_trip_, restore_error_};
