@@ -46,9 +46,12 @@ void PoseDrive::pack(const Output& wrench, Command& command) noexcept {
   std::copy_n(wrench.begin() + 3, 3, command.moment_Nm.begin());
 }
 
-Result<UdpSocket> open_link_socket(const UdpLinkOptions& options) {
+template <typename Kind>
+Result<std::unique_ptr<UdpLink<Kind>>> UdpLink<Kind>::make(const UdpLinkOptions& options) {
   if (Result<void> started = start_link(); !started) return started.error();
-  return UdpSocket::connect(options.peer);
+  Result<UdpSocket> socket = UdpSocket::connect(options.peer);
+  if (!socket) return socket.error();
+  return std::unique_ptr<UdpLink>(new UdpLink(options, std::move(*socket)));
 }
 
 template <typename Kind>

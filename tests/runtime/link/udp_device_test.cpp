@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The loop's side of the link over real sockets of this machine: accepted and refused packets,
 // connecting, and no allocation. udp_loss_test.cpp has the loss of the link.
-#include "runtime/link/udp_device.h"
+#include "runtime/link/udp_link.h"
 
 #include <gtest/gtest.h>
 
@@ -14,7 +14,6 @@
 #include <thread>
 #include <utility>
 
-#include "runtime/link/udp_pose_device.h"
 #include "runtime/realtime/allocation_counter.h"
 #include "tests/runtime/link/udp_peer.h"
 #include "tests/support/counted_allocations.h"

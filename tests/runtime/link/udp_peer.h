@@ -17,7 +17,7 @@
 #include <utility>
 
 #include "runtime/link/link_key.h"
-#include "runtime/link/udp_device.h"
+#include "runtime/link/udp_link.h"
 #include "runtime/simulation/drive.h"
 
 namespace trocar::runtime::testing_support {
