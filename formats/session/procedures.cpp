@@ -178,8 +178,7 @@ std::span<const Procedure> procedures() noexcept {
 }
 
 const Procedure* find_procedure(std::string_view name) noexcept {
-  const auto* found = std::find_if(kProcedures.begin(), kProcedures.end(),
-                                   [&](const Procedure& each) { return each.name == name; });
+  const auto* found = std::ranges::find(kProcedures, name, &Procedure::name);
   return found != kProcedures.end() ? found : nullptr;
 }
 
@@ -210,8 +209,7 @@ Result<void> apply_procedure(const Procedure& procedure, Strength strength, Scen
   Tissue& tissue = scene.tissue = Tissue{};
   scene.tissue_is_given = true;
   CutTissue& cut = tissue.cut.emplace();
-  cut.bone = BoneByHu{};
-  cut.bone->law = "kopperdahl-power";
+  cut.bone.emplace().law = "kopperdahl-power";
   const ProcedureBone& bone = procedure.bone;
   cut.pressure_over_yield = bone.pressure_over_yield.at(strength);
   cut.tearing_N_per_m = bone.tearing_N_per_m.at(strength);
