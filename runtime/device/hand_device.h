@@ -21,7 +21,6 @@
 
 #include <Eigen/Core>
 #include <array>
-#include <cstdint>
 #include <limits>
 #include <optional>
 #include <string>

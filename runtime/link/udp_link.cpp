@@ -5,7 +5,6 @@
 #include <array>
 #include <chrono>
 #include <cmath>
-#include <string>
 #include <utility>
 
 #include "formats/base/text_line.h"
