@@ -7,7 +7,6 @@
 #include <bit>
 #include <cmath>
 #include <concepts>
-#include <cstring>
 #include <string_view>
 #include <type_traits>
 
@@ -25,20 +24,16 @@ constexpr std::size_t kHeaderBytes = 32;
 class Writer {
  public:
   explicit Writer(std::uint8_t* at) : at_(at) {}
-  void u64(std::uint64_t value) noexcept { put(value, 8); }
-  void u16(std::uint16_t value) noexcept { put(value, 2); }
-  void u8(std::uint8_t value) noexcept { put(value, 1); }
-  void f64(double value) noexcept { u64(std::bit_cast<std::uint64_t>(value)); }
-  void bytes(Bytes values) noexcept { at_ = std::copy(values.begin(), values.end(), at_); }
   void zeros(std::size_t count) noexcept { at_ = std::fill_n(at_, count, std::uint8_t{0}); }
   template <typename Number>
   void field(Number value) noexcept {
     put(static_cast<std::uint64_t>(value), sizeof value);
   }
-  template <std::size_t N>
-  void field(const std::array<double, N>& values) noexcept {
-    for (const double value : values)
-      f64(value);
+  void field(double value) noexcept { put(std::bit_cast<std::uint64_t>(value), sizeof value); }
+  template <typename Element, std::size_t N>
+  void field(const std::array<Element, N>& values) noexcept {
+    for (const Element value : values)
+      field(value);
   }
 
  private:
@@ -52,31 +47,27 @@ class Writer {
 class Reader {
  public:
   explicit Reader(const std::uint8_t* at) : at_(at) {}
-  std::uint64_t u64() noexcept { return get(8); }
-  std::uint16_t u16() noexcept { return static_cast<std::uint16_t>(get(2)); }
-  std::uint8_t u8() noexcept { return static_cast<std::uint8_t>(get(1)); }
-  double f64() noexcept { return std::bit_cast<double>(u64()); }
-  template <std::size_t N>
-  void bytes(std::array<std::uint8_t, N>& out) noexcept {
-    std::copy_n(at_, N, out.begin());
-    at_ += N;
-  }
-  bool zeros(std::size_t count) noexcept {
-    const bool good = std::all_of(at_, at_ + count, [](std::uint8_t b) { return b == 0; });
+  void zeros(std::size_t count) noexcept {
+    is_well_formed_ = is_well_formed_ &&
+                      std::all_of(at_, at_ + count, [](std::uint8_t byte) { return byte == 0; });
     at_ += count;
-    all_zeros_ = all_zeros_ && good;
-    return good;
   }
-  /// True if every zeros() found zeros.
-  bool all_zeros() const noexcept { return all_zeros_; }
+  /// True if every zeros() found zeros, and every truth value was 0 or 1.
+  bool is_well_formed() const noexcept { return is_well_formed_; }
   template <typename Number>
   void field(Number& value) noexcept {
     value = static_cast<Number>(get(sizeof value));
   }
-  template <std::size_t N>
-  void field(std::array<double, N>& values) noexcept {
-    for (double& value : values)
-      value = f64();
+  void field(double& value) noexcept { value = std::bit_cast<double>(get(sizeof value)); }
+  void field(bool& value) noexcept {
+    const std::uint64_t byte = get(1);
+    is_well_formed_ = is_well_formed_ && byte <= 1;
+    value = byte == 1;
+  }
+  template <typename Element, std::size_t N>
+  void field(std::array<Element, N>& values) noexcept {
+    for (Element& value : values)
+      field(value);
   }
 
  private:
@@ -87,7 +78,7 @@ class Reader {
     return value;
   }
   const std::uint8_t* at_;
-  bool all_zeros_ = true;
+  bool is_well_formed_ = true;
 };
 
 /// Kind and size of each packet.
@@ -116,31 +107,24 @@ struct Format<PoseStatePacket> : FormatOf<PacketKind::kPoseState, kPoseStateByte
 struct Header {
   std::uint64_t session = 0, sequence = 0;
   std::int64_t time_ns = 0;
+  friend bool operator==(const Header&, const Header&) = default;
 };
+
+/// Hello and denial belong to no session. The session of a welcome follows from the drive's nonce.
+template <typename Packet>
+Header header_of(const Packet& packet) noexcept {
+  if constexpr (requires { packet.session; }) {
+    return {packet.session, packet.sequence, packet.time_ns};
+  } else if constexpr (requires { packet.drive_nonce; }) {
+    return {session_number(packet.drive_nonce), 1, packet.time_ns};
+  } else {
+    return {0, 1, packet.time_ns};
+  }
+}
 
 void mac_of(Bytes bytes, const LinkKey& key, std::uint8_t* out) noexcept {
   crypto_generichash(out, kLinkMacBytes, bytes.data(), bytes.size(), key.bytes.data(),
                      key.bytes.size());
-}
-
-template <typename Packet>
-Writer write_header(const Header& header, std::uint8_t* out) noexcept {
-  Writer writer(out);
-  writer.bytes(kLinkMagic);
-  writer.u8(kLinkVersion);
-  writer.u8(static_cast<std::uint8_t>(Format<Packet>::kKind));
-  writer.u16(static_cast<std::uint16_t>(Format<Packet>::kBytes));
-  writer.u64(header.session);
-  writer.u64(header.sequence);
-  writer.u64(static_cast<std::uint64_t>(header.time_ns));
-  return writer;
-}
-
-template <typename Packet>
-std::size_t seal(const LinkKey& key, std::uint8_t* out) noexcept {
-  constexpr std::size_t kBytes = Format<Packet>::kBytes;
-  mac_of({out, kBytes - kLinkMacBytes}, key, out + kBytes - kLinkMacBytes);
-  return kBytes;
 }
 
 /// Checks size, magic, version and kind.
@@ -153,12 +137,12 @@ LinkRefusal open_header(Bytes bytes, Header& header) noexcept {
   }
   if (bytes[5] != static_cast<std::uint8_t>(Format<Packet>::kKind)) return LinkRefusal::kKind;
   Reader reader(bytes.data() + 6);
-  if (reader.u16() != bytes.size() || bytes.size() != Format<Packet>::kBytes) {
-    return LinkRefusal::kSize;
-  }
-  header.session = reader.u64();
-  header.sequence = reader.u64();
-  header.time_ns = static_cast<std::int64_t>(reader.u64());
+  std::uint16_t size = 0;
+  reader.field(size);
+  if (size != bytes.size() || size != Format<Packet>::kBytes) return LinkRefusal::kSize;
+  reader.field(header.session);
+  reader.field(header.sequence);
+  reader.field(header.time_ns);
   return LinkRefusal::kNone;
 }
 
@@ -196,6 +180,9 @@ bool good_contents(const WelcomePacket& packet) noexcept {
   return good_period(packet.period_s) &&
          (packet.clock == LinkClock::kReal || packet.clock == LinkClock::kLockStep);
 }
+bool good_contents(const DenialPacket& packet) noexcept {
+  return packet.reason >= DenialReason::kKey && packet.reason <= DenialReason::kKind;
+}
 bool good_contents(const CommandPacket& packet) noexcept {
   const bool no_torque = packet.mode == CommandMode::kFree || packet.mode == CommandMode::kStop;
   return packet.sequence > 0 && (no_torque || packet.mode == CommandMode::kTorque) &&
@@ -222,10 +209,29 @@ bool good_contents(const PoseStatePacket& packet) noexcept {
          std::abs(std::sqrt(norm2) - 1) <= kLinkQuaternionTolerance;  // nan: false
 }
 
-// The contents of commands and states. `io` is a Writer and the packet const, or a Reader.
+// The contents of packets. `io` is a Writer and the packet const, or a Reader.
 template <typename T, typename Packet>
 concept MaybeConst = std::same_as<std::remove_const_t<T>, Packet>;
 
+void contents(auto& io, MaybeConst<HelloPacket> auto& packet) noexcept {
+  io.field(packet.host_nonce);
+  io.field(packet.period_s);
+  io.field(packet.resets_world);
+  io.field(packet.contents);
+  io.zeros(6);
+}
+void contents(auto& io, MaybeConst<WelcomePacket> auto& packet) noexcept {
+  io.field(packet.host_nonce);
+  io.field(packet.drive_nonce);
+  io.field(packet.period_s);
+  io.field(packet.clock);
+  io.zeros(7);
+}
+void contents(auto& io, MaybeConst<DenialPacket> auto& packet) noexcept {
+  io.field(packet.host_nonce);
+  io.field(packet.reason);
+  io.zeros(7);
+}
 void contents(auto& io, MaybeConst<CommandPacket> auto& packet) noexcept {
   io.field(packet.mode);
   io.zeros(7);
@@ -256,34 +262,43 @@ void contents(auto& io, MaybeConst<PoseStatePacket> auto& packet) noexcept {
   io.field(packet.q);
 }
 
-/// Encodes a packet of a session.
+/// Writes header and contents, but no MAC. The caller has checked the size of `out`.
 template <typename Packet>
-std::size_t encode_numbered(const Packet& packet, const LinkKey& key,
-                            std::span<std::uint8_t> out) noexcept {
-  if (out.size() < Format<Packet>::kBytes || !good_contents(packet)) return 0;
-  Writer writer =
-      write_header<Packet>({packet.session, packet.sequence, packet.time_ns}, out.data());
+void write_packet(const Packet& packet, std::uint8_t* out) noexcept {
+  const Header header = header_of(packet);
+  Writer writer(out);
+  writer.field(kLinkMagic);
+  writer.field(kLinkVersion);
+  writer.field(Format<Packet>::kKind);
+  writer.field(static_cast<std::uint16_t>(Format<Packet>::kBytes));
+  writer.field(header.session);
+  writer.field(header.sequence);
+  writer.field(header.time_ns);
   contents(writer, packet);
-  return seal<Packet>(key, out.data());
 }
 
-/// Decodes a packet of a session.
+/// Reads the packet whose header open_header() has read. Returns false if header or contents are
+/// not those of such a packet.
 template <typename Packet>
-LinkRefusal decode_numbered(Bytes bytes, const LinkKey& key, std::uint64_t session,
-                            std::uint64_t& last_sequence, Packet& packet) noexcept {
-  Header header;
-  const LinkRefusal refusal = open<Packet>(bytes, key, false, session, header);
-  if (refusal != LinkRefusal::kNone) return refusal;
-  Packet read;
-  read.session = header.session;
-  read.sequence = header.sequence;
-  read.time_ns = header.time_ns;
+bool read_packet(Bytes bytes, const Header& header, Packet& packet) noexcept {
+  if constexpr (requires { packet.session; }) {
+    packet.session = header.session;
+    packet.sequence = header.sequence;
+  }
+  packet.time_ns = header.time_ns;
   Reader reader(bytes.data() + kHeaderBytes);
-  contents(reader, read);
-  if (read.sequence <= last_sequence) return LinkRefusal::kSequence;
-  if (!reader.all_zeros() || !good_contents(read)) return LinkRefusal::kContents;
-  last_sequence = read.sequence;
-  packet = read;
+  contents(reader, packet);
+  return reader.is_well_formed() && header == header_of(packet) && good_contents(packet);
+}
+
+/// Reads a packet of the handshake. `asked` is the nonce that the packet must have; null: any.
+template <typename Packet>
+LinkRefusal accept(Bytes bytes, const Header& header, const LinkNonce* asked,
+                   Packet& packet) noexcept {
+  Packet found;
+  if (!read_packet(bytes, header, found) || (asked != nullptr && found.host_nonce != *asked))
+    return LinkRefusal::kContents;
+  packet = found;
   return LinkRefusal::kNone;
 }
 
@@ -332,64 +347,38 @@ LinkKey session_key(const LinkKey& shared, const LinkNonce& host, const LinkNonc
 }
 
 std::uint64_t session_number(const LinkNonce& drive) noexcept {
-  return Reader(drive.data()).u64();
+  std::uint64_t number = 0;
+  Reader(drive.data()).field(number);
+  return number;
 }
 
-std::size_t encode(const HelloPacket& packet, const LinkKey& key,
-                   std::span<std::uint8_t> out) noexcept {
-  if (out.size() < kHelloBytes || !good_contents(packet)) return 0;
-  Writer writer = write_header<HelloPacket>({0, 1, packet.time_ns}, out.data());
-  writer.bytes(packet.host_nonce);
-  writer.f64(packet.period_s);
-  writer.u8(packet.resets_world ? 1 : 0);
-  writer.field(packet.contents);
-  writer.zeros(6);
-  return seal<HelloPacket>(key, out.data());
+template <typename Packet>
+std::size_t encode(const Packet& packet, const LinkKey& key, std::span<std::uint8_t> out) noexcept {
+  constexpr std::size_t kBytes = Format<Packet>::kBytes;
+  if (out.size() < kBytes || !good_contents(packet)) return 0;
+  write_packet(packet, out.data());
+  mac_of(out.first(kBytes - kLinkMacBytes), key, out.data() + kBytes - kLinkMacBytes);
+  return kBytes;
 }
-
-std::size_t encode(const WelcomePacket& packet, const LinkKey& key,
-                   std::span<std::uint8_t> out) noexcept {
-  if (out.size() < kWelcomeBytes || !good_contents(packet)) return 0;
-  Writer writer = write_header<WelcomePacket>(
-      {session_number(packet.drive_nonce), 1, packet.time_ns}, out.data());
-  writer.bytes(packet.host_nonce);
-  writer.bytes(packet.drive_nonce);
-  writer.f64(packet.period_s);
-  writer.u8(static_cast<std::uint8_t>(packet.clock));
-  writer.zeros(7);
-  return seal<WelcomePacket>(key, out.data());
-}
-
-std::size_t encode(const CommandPacket& packet, const LinkKey& key,
-                   std::span<std::uint8_t> out) noexcept {
-  return encode_numbered(packet, key, out);
-}
-std::size_t encode(const StatePacket& packet, const LinkKey& key,
-                   std::span<std::uint8_t> out) noexcept {
-  return encode_numbered(packet, key, out);
-}
-std::size_t encode(const WrenchCommandPacket& packet, const LinkKey& key,
-                   std::span<std::uint8_t> out) noexcept {
-  return encode_numbered(packet, key, out);
-}
-std::size_t encode(const PoseStatePacket& packet, const LinkKey& key,
-                   std::span<std::uint8_t> out) noexcept {
-  return encode_numbered(packet, key, out);
-}
+template std::size_t encode(const HelloPacket&, const LinkKey&, std::span<std::uint8_t>) noexcept;
+template std::size_t encode(const WelcomePacket&, const LinkKey&, std::span<std::uint8_t>) noexcept;
+template std::size_t encode(const CommandPacket&, const LinkKey&, std::span<std::uint8_t>) noexcept;
+template std::size_t encode(const StatePacket&, const LinkKey&, std::span<std::uint8_t>) noexcept;
+template std::size_t encode(const WrenchCommandPacket&, const LinkKey&,
+                            std::span<std::uint8_t>) noexcept;
+template std::size_t encode(const PoseStatePacket&, const LinkKey&,
+                            std::span<std::uint8_t>) noexcept;
 
 std::size_t encode(const DenialPacket& packet, std::span<std::uint8_t> out) noexcept {
   if (out.size() < kDenialBytes) return 0;
-  Writer writer = write_header<DenialPacket>({0, 1, packet.time_ns}, out.data());
-  writer.bytes(packet.host_nonce);
-  writer.u8(static_cast<std::uint8_t>(packet.reason));
-  writer.zeros(7);
+  write_packet(packet, out.data());
   return kDenialBytes;
 }
 
 bool hello_nonce(Bytes bytes, LinkNonce& nonce) noexcept {
   Header header;
   if (open_header<HelloPacket>(bytes, header) != LinkRefusal::kNone) return false;
-  Reader(bytes.data() + kHeaderBytes).bytes(nonce);
+  Reader(bytes.data() + kHeaderBytes).field(nonce);
   return true;
 }
 
@@ -407,20 +396,7 @@ LinkRefusal decode(Bytes bytes, const LinkKey& key, HelloPacket& packet) noexcep
   Header header;
   const LinkRefusal refusal = open<HelloPacket>(bytes, key, true, 0, header);
   if (refusal != LinkRefusal::kNone) return refusal;
-  HelloPacket read;
-  read.time_ns = header.time_ns;
-  Reader reader(bytes.data() + kHeaderBytes);
-  reader.bytes(read.host_nonce);
-  read.period_s = reader.f64();
-  const std::uint8_t resets_world = reader.u8();
-  read.resets_world = resets_world == 1;
-  reader.field(read.contents);
-  if (resets_world > 1 || !reader.zeros(6) || header.session != 0 || header.sequence != 1 ||
-      !good_contents(read)) {
-    return LinkRefusal::kContents;
-  }
-  packet = read;
-  return LinkRefusal::kNone;
+  return accept(bytes, header, nullptr, packet);
 }
 
 LinkRefusal decode(Bytes bytes, const LinkKey& key, const LinkNonce& asked,
@@ -428,55 +404,37 @@ LinkRefusal decode(Bytes bytes, const LinkKey& key, const LinkNonce& asked,
   Header header;
   const LinkRefusal refusal = open<WelcomePacket>(bytes, key, true, 0, header);
   if (refusal != LinkRefusal::kNone) return refusal;
-  WelcomePacket read;
-  read.time_ns = header.time_ns;
-  Reader reader(bytes.data() + kHeaderBytes);
-  reader.bytes(read.host_nonce);
-  reader.bytes(read.drive_nonce);
-  read.period_s = reader.f64();
-  read.clock = static_cast<LinkClock>(reader.u8());
-  if (!reader.zeros(7) || header.sequence != 1 ||
-      header.session != session_number(read.drive_nonce) || read.host_nonce != asked ||
-      !good_contents(read)) {
-    return LinkRefusal::kContents;
-  }
-  packet = read;
-  return LinkRefusal::kNone;
+  return accept(bytes, header, &asked, packet);
 }
 
 LinkRefusal decode(Bytes bytes, const LinkNonce& asked, DenialPacket& packet) noexcept {
   Header header;
   const LinkRefusal refusal = open_header<DenialPacket>(bytes, header);
   if (refusal != LinkRefusal::kNone) return refusal;
-  DenialPacket read;
-  read.time_ns = header.time_ns;
-  Reader reader(bytes.data() + kHeaderBytes);
-  reader.bytes(read.host_nonce);
-  read.reason = static_cast<DenialReason>(reader.u8());
-  const bool known = read.reason >= DenialReason::kKey && read.reason <= DenialReason::kKind;
-  if (!known || !reader.zeros(7) || header.session != 0 || header.sequence != 1 ||
-      read.host_nonce != asked) {
-    return LinkRefusal::kContents;
-  }
-  packet = read;
-  return LinkRefusal::kNone;
+  return accept(bytes, header, &asked, packet);
 }
 
+template <typename Packet>
 LinkRefusal decode(Bytes bytes, const LinkKey& key, std::uint64_t session,
-                   std::uint64_t& last_sequence, CommandPacket& packet) noexcept {
-  return decode_numbered(bytes, key, session, last_sequence, packet);
+                   std::uint64_t& last_sequence, Packet& packet) noexcept {
+  Header header;
+  const LinkRefusal refusal = open<Packet>(bytes, key, false, session, header);
+  if (refusal != LinkRefusal::kNone) return refusal;
+  Packet found;
+  const bool is_good = read_packet(bytes, header, found);
+  if (found.sequence <= last_sequence) return LinkRefusal::kSequence;
+  if (!is_good) return LinkRefusal::kContents;
+  last_sequence = found.sequence;
+  packet = found;
+  return LinkRefusal::kNone;
 }
-LinkRefusal decode(Bytes bytes, const LinkKey& key, std::uint64_t session,
-                   std::uint64_t& last_sequence, StatePacket& packet) noexcept {
-  return decode_numbered(bytes, key, session, last_sequence, packet);
-}
-LinkRefusal decode(Bytes bytes, const LinkKey& key, std::uint64_t session,
-                   std::uint64_t& last_sequence, WrenchCommandPacket& packet) noexcept {
-  return decode_numbered(bytes, key, session, last_sequence, packet);
-}
-LinkRefusal decode(Bytes bytes, const LinkKey& key, std::uint64_t session,
-                   std::uint64_t& last_sequence, PoseStatePacket& packet) noexcept {
-  return decode_numbered(bytes, key, session, last_sequence, packet);
-}
+template LinkRefusal decode(Bytes, const LinkKey&, std::uint64_t, std::uint64_t&,
+                            CommandPacket&) noexcept;
+template LinkRefusal decode(Bytes, const LinkKey&, std::uint64_t, std::uint64_t&,
+                            StatePacket&) noexcept;
+template LinkRefusal decode(Bytes, const LinkKey&, std::uint64_t, std::uint64_t&,
+                            WrenchCommandPacket&) noexcept;
+template LinkRefusal decode(Bytes, const LinkKey&, std::uint64_t, std::uint64_t&,
+                            PoseStatePacket&) noexcept;
 
 }  // namespace trocar

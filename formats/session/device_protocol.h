@@ -194,19 +194,10 @@ std::uint64_t session_number(const LinkNonce& drive) noexcept;
 
 /// Writes a packet to `out`. Returns the number of bytes written, which is the size of this kind of
 /// packet. Returns 0 if `out` is shorter, or if decode() would refuse the contents. `key` is the
-/// shared key for hello and welcome, and session_key() for the other packets.
-std::size_t encode(const HelloPacket& packet, const LinkKey& key,
-                   std::span<std::uint8_t> out) noexcept;
-std::size_t encode(const WelcomePacket& packet, const LinkKey& key,
-                   std::span<std::uint8_t> out) noexcept;
-std::size_t encode(const CommandPacket& packet, const LinkKey& key,
-                   std::span<std::uint8_t> out) noexcept;
-std::size_t encode(const StatePacket& packet, const LinkKey& key,
-                   std::span<std::uint8_t> out) noexcept;
-std::size_t encode(const WrenchCommandPacket& packet, const LinkKey& key,
-                   std::span<std::uint8_t> out) noexcept;
-std::size_t encode(const PoseStatePacket& packet, const LinkKey& key,
-                   std::span<std::uint8_t> out) noexcept;
+/// shared key for hello and welcome, and session_key() for the other packets. There is an instance
+/// of this template for each kind of packet except denials, which have no key.
+template <typename Packet>
+std::size_t encode(const Packet& packet, const LinkKey& key, std::span<std::uint8_t> out) noexcept;
 
 std::size_t encode(const DenialPacket& packet, std::span<std::uint8_t> out) noexcept;
 
@@ -232,15 +223,10 @@ LinkRefusal decode(std::span<const std::uint8_t> bytes, const LinkKey& key, cons
 LinkRefusal decode(std::span<const std::uint8_t> bytes, const LinkNonce& asked,
                    DenialPacket& packet) noexcept;
 /// `last_sequence` is the sequence number of the last accepted packet of this kind in the link
-/// session; 0 at the start of the link session.
+/// session; 0 at the start of the link session. There are instances for commands and states.
+template <typename Packet>
 LinkRefusal decode(std::span<const std::uint8_t> bytes, const LinkKey& key, std::uint64_t session,
-                   std::uint64_t& last_sequence, CommandPacket& packet) noexcept;
-LinkRefusal decode(std::span<const std::uint8_t> bytes, const LinkKey& key, std::uint64_t session,
-                   std::uint64_t& last_sequence, StatePacket& packet) noexcept;
-LinkRefusal decode(std::span<const std::uint8_t> bytes, const LinkKey& key, std::uint64_t session,
-                   std::uint64_t& last_sequence, WrenchCommandPacket& packet) noexcept;
-LinkRefusal decode(std::span<const std::uint8_t> bytes, const LinkKey& key, std::uint64_t session,
-                   std::uint64_t& last_sequence, PoseStatePacket& packet) noexcept;
+                   std::uint64_t& last_sequence, Packet& packet) noexcept;
 
 /// The number of accepted packets, and the number of refused packets for each reason.
 struct LinkCounts {

@@ -3,8 +3,8 @@
 
 #include <array>
 #include <cmath>
-#include <cstdio>
-#include <string_view>
+
+#include "formats/base/text_line.h"
 
 namespace trocar {
 namespace {
@@ -64,103 +64,98 @@ constexpr const char* cause_of(Fault fault) {
   return nullptr;
 }
 
-constexpr FaultWords make_words(Fault fault) {
+/// The words without the cause.
+constexpr FaultWords meaning_of(Fault fault) {
   switch (fault) {
     case Fault::kNone:
-      return {"none", "there is no fault", "there is no fault", "go on", cause_of(fault)};
+      return {"none", "there is no fault", "there is no fault", "go on"};
     case Fault::kNoData:
       return {"no_data", "no data came from the device for too long",
-              "no data comes from the device", "check the drive's power and its cable",
-              cause_of(fault)};
+              "no data comes from the device", "check the drive's power and its cable"};
     case Fault::kLinkLost:
       return {"link_lost", "the link to the device is lost", "the link to the device is still lost",
               "check that the drive runs, its network cable, and that no other program holds this "
-              "computer up",
-              cause_of(fault)};
+              "computer up"};
     case Fault::kWriteFailed:
       return {"write_failed", "the device did not take the torques",
-              "the device still does not take torques", "check the drive and the link to it",
-              cause_of(fault)};
+              "the device still does not take torques", "check the drive and the link to it"};
     case Fault::kEncoderNotFinite:
       return {"encoder_not_finite", "an encoder gives no number",
-              "an encoder still gives no number", "check that encoder and its cable",
-              cause_of(fault)};
+              "an encoder still gives no number", "check that encoder and its cable"};
     case Fault::kEncoderJump:
       return {"encoder_jump", "an encoder moved faster than the mechanism can",
-              "an encoder still jumps", "check that encoder, its plug and its cable",
-              cause_of(fault)};
+              "an encoder still jumps", "check that encoder, its plug and its cable"};
     case Fault::kJointLimit:
       return {"joint_limit", "a joint is outside its limits", "a joint is still outside its limits",
-              "move the tool back towards the middle", cause_of(fault)};
+              "move the tool back towards the middle"};
     case Fault::kPoseResidual:
       return {"pose_residual", "the encoders contradict each other, or give no pose",
               "the encoders still contradict each other",
-              "check for a stuck or slipped encoder and the zeros of all encoders",
-              cause_of(fault)};
+              "check for a stuck or slipped encoder and the zeros of all encoders"};
     case Fault::kSingularity:
       return {"singularity", "the mechanism is too close to a singular pose",
               "the mechanism is still too close to a singular pose",
-              "move the tool back towards the middle", cause_of(fault)};
+              "move the tool back towards the middle"};
     case Fault::kTorqueNotFinite:
       return {"torque_not_finite", "a computed force or torque is not a number",
               "a computed force or torque is still not a number",
-              "report this to the developers with the black box and the scene", cause_of(fault)};
+              "report this to the developers with the black box and the scene"};
     case Fault::kDeadlineMissed:
       return {"deadline_missed", "the loop was too late", "the loop is still too late",
               "end other programs, give realtime rights, or allow more late ticks "
-              "(--late-ticks-in-row)",
-              cause_of(fault)};
+              "(--late-ticks-in-row)"};
     case Fault::kRemeshBacklog:
       return {"remesh_backlog", "holes are made faster than their meshes",
-              "holes still wait for their meshes", "lift the tool, and puncture more slowly",
-              cause_of(fault)};
+              "holes still wait for their meshes", "lift the tool, and puncture more slowly"};
     case Fault::kToolTilt:
       return {"tool_tilt", "the tool's axis is too far from upright",
-              "the tool's axis is still too far from upright", "hold the tool upright",
-              cause_of(fault)};
+              "the tool's axis is still too far from upright", "hold the tool upright"};
     case Fault::kEmergencyStop:
       return {"emergency_stop", "the emergency stop is pressed, the device's or the operator's",
-              "the emergency stop is still pressed", "release it when that is safe",
-              cause_of(fault)};
+              "the emergency stop is still pressed", "release it when that is safe"};
     case Fault::kMotorFault:
       return {"motor_fault", "a motor does not give its torque, or the device has another fault",
               "a motor still does not give its torque, or the device still has another fault",
               "check that motor, its cable and its drive, or what the device's maker says of its "
-              "fault",
-              cause_of(fault)};
+              "fault"};
     case Fault::kWorkspace:
       return {"workspace", "the plate is outside its box, or tilted too far",
               "the plate is still outside its box, or tilted too far",
-              "move the tool back towards the middle", cause_of(fault)};
+              "move the tool back towards the middle"};
     case Fault::kSpeed:
       return {"speed", "the plate moves or rotates too fast", "the plate still moves too fast",
-              "move the tool more slowly", cause_of(fault)};
+              "move the tool more slowly"};
     case Fault::kTorqueLimit:
       return {"torque_limit", "a motor's wanted torque exceeds the session's limit",
               "a motor's wanted torque still exceeds the session's limit",
-              "press with less force, or use a softer tissue", cause_of(fault)};
+              "press with less force, or use a softer tissue"};
     case Fault::kTorqueRate:
       return {"torque_rate", "the wanted torques rise faster than they may, for too long",
               "the wanted torques still rise faster than they may",
-              "move the tool more slowly, or use a tissue with less stiffness and damping",
-              cause_of(fault)};
+              "move the tool more slowly, or use a tissue with less stiffness and damping"};
     case Fault::kMotorOverload:
       return {"motor_overload", "the motors are overloaded", "the motors are still hot",
-              "lift the tool, let the motors cool, and press with less force", cause_of(fault)};
+              "lift the tool, let the motors cool, and press with less force"};
     case Fault::kEnergyLimit:
       return {"energy_limit",
               "the loop drives the hand: it gave more energy than tissue and limit allow",
               "the loop still drives the hand",
-              "use a tissue with less stiffness and friction, or a higher --rate", cause_of(fault)};
+              "use a tissue with less stiffness and friction, or a higher --rate"};
     case Fault::kPaused:
       return {"paused", "the operator pauses the session", "the operator still pauses the session",
-              "resume it at the console", cause_of(fault)};
+              "resume it at the console"};
     case Fault::kForcesOff:
       return {"forces_off", "the operator has turned the forces off",
               "the operator still has the forces off",
-              "press Recover when the device may push the tool again", cause_of(fault)};
+              "press Recover when the device may push the tool again"};
   }
   return {};
+}
+
+constexpr FaultWords make_words(Fault fault) {
+  FaultWords words = meaning_of(fault);
+  words.cause = cause_of(fault);
+  return words;
 }
 
 constexpr bool has_words(int i) {
@@ -184,8 +179,16 @@ constexpr auto kWords = [] {
   return words;
 }();
 
-/// The things that an index counts. '#' in a row's texts stands for the index.
-enum class Counts : std::uint8_t { kNothing, kEncoders, kMotors, kLegs, kAxes, kWrench };
+/// The things that an index counts, each with their number. '#' in a row's texts stands for the
+/// index.
+enum class Counts : std::uint8_t {
+  kNothing = 0,
+  kAxes = 3,
+  kLegs = 4,
+  kWrench = 6,
+  kMotors = 8,
+  kEncoders = 16
+};
 
 struct QuantityWords {
   const char* name = nullptr;  ///< result of quantity_name()
@@ -197,7 +200,7 @@ struct QuantityWords {
 
 constexpr double kDeg = 57.29577951308232;
 
-// The switch has no default, as in make_words().
+// The switch has no default, as in meaning_of().
 constexpr QuantityWords make_quantity(FaultQuantity quantity) {
   using enum Counts;
   switch (quantity) {
@@ -308,22 +311,14 @@ std::string index_text(Counts counts, int index, bool in_words) {
   return {};
 }
 
-std::string filled(std::string_view text, const std::string& with) {
-  std::string result;
-  for (const char c : text) {
-    if (c == '#') {
-      result += with;
-    } else {
-      result += c;
-    }
-  }
-  return result;
+/// The text with `with` in place of its '#', if it has one.
+std::string filled(std::string text, const std::string& with) {
+  if (const std::size_t at = text.find('#'); at != std::string::npos) text.replace(at, 1, with);
+  return text;
 }
 
 std::string with_digits(double x, int digits) {
-  char text[40];
-  std::snprintf(text, sizeof text, "%.*g", digits, x);
-  return text;
+  return text_line("%.*g", digits, x);
 }
 
 }  // namespace
@@ -344,23 +339,7 @@ bool is_new_fault(SafetyState safety_before, Fault fault_before, const Recording
 bool is_known(const FaultDetail& detail) {
   const auto fault = static_cast<int>(detail.fault), quantity = static_cast<int>(detail.quantity);
   if (fault < 0 || fault >= kFaults || quantity < 0 || quantity >= kFaultQuantities) return false;
-  const auto count = [&] {
-    switch (make_quantity(detail.quantity).counts) {
-      case Counts::kNothing:
-        break;
-      case Counts::kEncoders:
-        return 16;
-      case Counts::kMotors:
-        return 8;
-      case Counts::kLegs:
-        return 4;
-      case Counts::kAxes:
-        return 3;
-      case Counts::kWrench:
-        return 6;
-    }
-    return 0;
-  }();
+  const int count = static_cast<int>(make_quantity(detail.quantity).counts);
   return detail.index >= (count == 0 ? -1 : 0) && (count == 0 || detail.index < count);
 }
 
@@ -388,10 +367,8 @@ std::string measured(const FaultDetail& detail) {
 
 std::string describe(const FaultDetail& detail, double t_s) {
   const FaultWords& words = words_of(detail.fault);
-  char time[40];
-  std::snprintf(time, sizeof time, "%.4f", t_s);
   const std::string found = measured(detail);
-  return std::string(words.name) + " at " + time + " s: " + words.meaning +
+  return std::string(words.name) + " at " + text_line("%.4f", t_s) + " s: " + words.meaning +
          (found.empty() ? "" : " (" + found + ")") + "; " + words.advice;
 }
 

@@ -73,14 +73,12 @@ Result<AnyDeviceDescription> read_any_device_description(const std::string& path
   if (!document) return document.error();
   const bool is_pose_device = document->is_object() && document->contains("schema") &&
                               document->at("schema") == kPoseSchema;
-  if (is_pose_device) {
-    Result<PoseDeviceDescription> device = parse_pose_device_description(text, path);
+  const auto any = [](auto device) -> Result<AnyDeviceDescription> {
     if (!device) return device.error();
     return AnyDeviceDescription(std::move(*device));
-  }
-  Result<DeviceDescription> device = parse_device_description(text, path);
-  if (!device) return device.error();
-  return AnyDeviceDescription(std::move(*device));
+  };
+  return is_pose_device ? any(parse_pose_device_description(text, path))
+                        : any(parse_device_description(text, path));
 }
 
 }  // namespace trocar

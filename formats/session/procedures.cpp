@@ -16,16 +16,17 @@ constexpr Range one(double value, std::string_view source) {
 
 // Bone. The ranges of products are those of the distributions that the sources give
 // (procedures_test.cpp computes them again).
-constexpr Range kPressure{0.69, 1.15, 1.90,
-                          "1.0 to 1.3 (Ashby et al., Metal Foams, 2000, chapter 3.9) times the "
-                          "scatter of the strength law (assumed: log SD 0.30)"};
-constexpr Range kFriction{0.099, 0.141, 0.183,
-                          "0.2 to 0.4 (assumed) times 0.47, the part of the pressure that acts on "
-                          "the shaft (fitted on Mulligan et al., Mater. Sci. Forum 654-656, 2010, "
-                          "Jamshidi 8 G)"};
-constexpr Range kTearing{250, 500, 1000, "assumed: work of tearing trabeculae per crack"};
-constexpr Range kFoundation{30, 50, 100, "assumed: modulus over diameter of cancellous bone"};
-constexpr Range kLateral{2, 5, 9, "assumed: the compressive strength of cancellous bone"};
+constexpr ProcedureBone kBone{
+    .pressure_over_yield = {0.69, 1.15, 1.90,
+                            "1.0 to 1.3 (Ashby et al., Metal Foams, 2000, chapter 3.9) times the "
+                            "scatter of the strength law (assumed: log SD 0.30)"},
+    .tearing_N_per_m = {250, 500, 1000, "assumed: work of tearing trabeculae per crack"},
+    .friction_coefficient = {0.099, 0.141, 0.183,
+                             "0.2 to 0.4 (assumed) times 0.47, the part of the pressure that acts "
+                             "on the shaft (fitted on Mulligan et al., Mater. Sci. Forum 654-656, "
+                             "2010, Jamshidi 8 G)"},
+    .foundation_N_per_mm3 = {30, 50, 100, "assumed: modulus over diameter of cancellous bone"},
+    .lateral_strength_MPa = {2, 5, 9, "assumed: the compressive strength of cancellous bone"}};
 
 // Soft tissue.
 constexpr std::string_view kMembranes =
@@ -84,39 +85,23 @@ constexpr std::array kProcedures{
         .title = "awl or probe into a pedicle, open surgery",
         .kind = "needle-conical",
         .diameter_mm = one(3.4, "assumed: awls of 3.0 to 3.8 mm (CORS 2013-220 does not say)"),
-        .bore_mm = one(0, ""),
         .half_angle_deg = one(16, "assumed: 12 to 20 degrees"),
-        .pressure_over_yield = kPressure,
-        .tearing_N_per_m = kTearing,
-        .friction_coefficient = kFriction,
-        .foundation_N_per_mm3 = kFoundation,
-        .lateral_strength_MPa = kLateral,
-        .twists = true,
-        .layers = {}},
+        .bone = kBone,
+        .twists = true},
     Procedure{.name = "jamshidi-8g",
               .title = "bone biopsy needle of 8 G, stylet out",
               .kind = "jamshidi",
               .diameter_mm = one(4.0, "Mulligan et al., Mater. Sci. Forum 654-656, 2010"),
               .bore_mm = one(3.2, "assumed"),
               .half_angle_deg = one(90, ""),
-              .pressure_over_yield = kPressure,
-              .tearing_N_per_m = kTearing,
-              .friction_coefficient = kFriction,
-              .foundation_N_per_mm3 = kFoundation,
-              .lateral_strength_MPa = kLateral,
-              .twists = true,
-              .layers = {}},
+              .bone = kBone,
+              .twists = true},
     Procedure{.name = "vertebroplasty-11g",
               .title = "needle of 11 G with its stylet, through skin and muscle into a pedicle",
               .kind = "needle-diamond",
               .diameter_mm = one(3.05, "11 G, ISO 9626"),
-              .bore_mm = one(0, ""),
               .half_angle_deg = one(25, "assumed"),
-              .pressure_over_yield = kPressure,
-              .tearing_N_per_m = kTearing,
-              .friction_coefficient = kFriction,
-              .foundation_N_per_mm3 = kFoundation,
-              .lateral_strength_MPa = kLateral,
+              .bone = kBone,
               .twists = true,
               .layers = kBack},
     Procedure{.name = "bone-marrow-trephine",
@@ -125,38 +110,21 @@ constexpr std::array kProcedures{
               .diameter_mm = one(4.19, "8 G, ISO 9626"),
               .bore_mm = one(3.2, "assumed"),
               .half_angle_deg = one(90, ""),
-              .pressure_over_yield = kPressure,
-              .tearing_N_per_m = kTearing,
-              .friction_coefficient = kFriction,
-              .foundation_N_per_mm3 = kFoundation,
-              .lateral_strength_MPa = kLateral,
-              .twists = true,
-              .layers = {}},
+              .bone = kBone,
+              .twists = true},
     Procedure{.name = "spinal-needle",
               .title = "spinal needle of 22 G with a cutting bevel, through skin to the dura",
               .kind = "needle-bevel",
               .diameter_mm = one(0.72, "22 G, ISO 9626"),
-              .bore_mm = one(0, ""),
               .half_angle_deg = one(20, "assumed"),
-              .pressure_over_yield = kPressure,
-              .tearing_N_per_m = kTearing,
-              .friction_coefficient = kFriction,
-              .foundation_N_per_mm3 = kFoundation,
-              .lateral_strength_MPa = kLateral,
-              .twists = false,
+              .bone = kBone,
               .layers = kSpine},
     Procedure{.name = "tuohy-needle",
               .title = "epidural needle of 17 G, through skin to the dura",
               .kind = "needle-bevel",
               .diameter_mm = one(1.47, "17 G, ISO 9626"),
-              .bore_mm = one(0, ""),
               .half_angle_deg = one(30, "assumed"),
-              .pressure_over_yield = kPressure,
-              .tearing_N_per_m = kTearing,
-              .friction_coefficient = kFriction,
-              .foundation_N_per_mm3 = kFoundation,
-              .lateral_strength_MPa = kLateral,
-              .twists = false,
+              .bone = kBone,
               .layers = kSpine},
 };
 
@@ -210,8 +178,7 @@ std::span<const Procedure> procedures() noexcept {
 }
 
 const Procedure* find_procedure(std::string_view name) noexcept {
-  const auto* found = std::find_if(kProcedures.begin(), kProcedures.end(),
-                                   [&](const Procedure& each) { return each.name == name; });
+  const auto* found = std::ranges::find(kProcedures, name, &Procedure::name);
   return found != kProcedures.end() ? found : nullptr;
 }
 
@@ -242,13 +209,13 @@ Result<void> apply_procedure(const Procedure& procedure, Strength strength, Scen
   Tissue& tissue = scene.tissue = Tissue{};
   scene.tissue_is_given = true;
   CutTissue& cut = tissue.cut.emplace();
-  cut.bone = BoneByHu{};
-  cut.bone->law = "kopperdahl-power";
-  cut.pressure_over_yield = procedure.pressure_over_yield.at(strength);
-  cut.tearing_N_per_m = procedure.tearing_N_per_m.at(strength);
-  cut.friction_coefficient = procedure.friction_coefficient.at(strength);
-  cut.foundation_N_per_mm3 = procedure.foundation_N_per_mm3.at(strength);
-  cut.lateral_strength_MPa = procedure.lateral_strength_MPa.at(strength);
+  cut.bone.emplace().law = "kopperdahl-power";
+  const ProcedureBone& bone = procedure.bone;
+  cut.pressure_over_yield = bone.pressure_over_yield.at(strength);
+  cut.tearing_N_per_m = bone.tearing_N_per_m.at(strength);
+  cut.friction_coefficient = bone.friction_coefficient.at(strength);
+  cut.foundation_N_per_mm3 = bone.foundation_N_per_mm3.at(strength);
+  cut.lateral_strength_MPa = bone.lateral_strength_MPa.at(strength);
   scene.layers = std::move(layers);
   scene.force_law.kind = ForceLawKind::kCutting;
   scene.force_law.twist = procedure.twists;
@@ -265,11 +232,11 @@ std::string explain(const Procedure& p) {
   if (p.half_angle_deg.median < 90) text += line("  half angle", "degrees", p.half_angle_deg);
   text += text_line("  %-34s %s\n", "bone",
                     "strength from HU by kopperdahl-power (Kopperdahl et al. 2002)");
-  text += line("  pressure over strength", "", p.pressure_over_yield);
-  text += line("  tearing", "N/m", p.tearing_N_per_m);
-  text += line("  friction coefficient", "", p.friction_coefficient);
-  text += line("  lateral stiffness", "N/mm^3", p.foundation_N_per_mm3);
-  text += line("  lateral strength", "MPa", p.lateral_strength_MPa);
+  text += line("  pressure over strength", "", p.bone.pressure_over_yield);
+  text += line("  tearing", "N/m", p.bone.tearing_N_per_m);
+  text += line("  friction coefficient", "", p.bone.friction_coefficient);
+  text += line("  lateral stiffness", "N/mm^3", p.bone.foundation_N_per_mm3);
+  text += line("  lateral strength", "MPa", p.bone.lateral_strength_MPa);
   for (const ProcedureLayer& layer : p.layers) {
     text += "  " + std::string(layer.name) + "\n";
     text += line("  thickness", "mm", layer.thickness_mm);

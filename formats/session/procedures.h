@@ -43,16 +43,22 @@ struct ProcedureLayer {
   double gap_mm = 0;  ///< distance from the bottom of this layer to the next layer or the bone
 };
 
+/// The bone (CutTissue). Its strength follows from HU by the law `kopperdahl-power`.
+struct ProcedureBone {
+  Range pressure_over_yield, tearing_N_per_m, friction_coefficient, foundation_N_per_mm3,
+      lateral_strength_MPa;
+};
+
 struct Procedure {
   std::string_view name, title;
   // The tool (SceneTool).
   std::string_view kind;
-  Range diameter_mm, bore_mm, half_angle_deg;
-  // The bone (CutTissue); its strength follows from HU by the law `kopperdahl-power`.
-  Range pressure_over_yield, tearing_N_per_m, friction_coefficient, foundation_N_per_mm3,
-      lateral_strength_MPa;
-  bool twists = false;                     ///< SceneForceLaw::twist
-  std::span<const ProcedureLayer> layers;  ///< uppermost first
+  Range diameter_mm;
+  Range bore_mm{};  ///< 0: the tool is not hollow
+  Range half_angle_deg;
+  ProcedureBone bone;
+  bool twists = false;                          ///< SceneForceLaw::twist
+  std::span<const ProcedureLayer> layers = {};  ///< uppermost first
 };
 
 std::span<const Procedure> procedures() noexcept;

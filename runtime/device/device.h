@@ -48,7 +48,7 @@ class Device {
   virtual DeviceStatus write(const DeviceCommand& command) = 0;
   /// After a read() that returned kMotorFault, bit i is set if motor i does not apply its torque.
   /// The value 0 means that the faulty motors are not known.
-  virtual std::uint8_t motor_faults() const noexcept { return 0; }
+  virtual std::uint8_t fault_byte() const noexcept { return 0; }
   /// After a read() that returned kLinkLost, true if states do arrive, but are refused because of
   /// their contents, such as a number that is not finite.
   virtual bool refuses_contents() const noexcept { return false; }

@@ -21,7 +21,6 @@
 
 #include <Eigen/Core>
 #include <array>
-#include <cstdint>
 #include <limits>
 #include <optional>
 #include <string>
@@ -91,9 +90,6 @@ class DeviceSpecification {
   /// False if the device measures only its position. The plate then always has the orientation that
   /// it had at the start.
   virtual bool senses_rotation() const noexcept = 0;
-  /// False if the device renders only forces. A wanted moment is then dropped.
-  virtual bool renders_moment() const noexcept = 0;
-  virtual int buttons() const noexcept { return 0; }
   /// Workspace that the maker states; nullopt if the maker states none. Without a stated workspace,
   /// only the safety limits and the device's own checks bound the workspace.
   virtual std::optional<WorkspaceBox> workspace() const noexcept { return std::nullopt; }

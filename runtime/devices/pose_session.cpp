@@ -115,12 +115,4 @@ std::optional<PoseDeviceOrigin> read_pose_device_origin(const RecordingOrigin& r
   return stated;
 }
 
-DeviceStatus ReplayPoseDevice::read(PoseReading& reading) noexcept {
-  if (next_ == rows_.size()) return DeviceStatus::kEndOfData;
-  const RecordingRow& row = rows_[next_++];
-  if (row.device_read != DeviceStatus::kOk) return row.device_read;
-  reading = {row.state_t_s, row.pose_device.p_m, row.pose_device.q, row.pose_device.buttons};
-  return DeviceStatus::kOk;
-}
-
 }  // namespace trocar::runtime

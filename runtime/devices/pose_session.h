@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The parts that a session with a pose device (runtime/device/pose_device.h) needs besides the
 // device itself: built-in descriptions, the limits and the force scale that fit a device and a
-// scene, the entries about the device in a recording, and a device that replays a recording.
+// scene, and the entries about the device in a recording.
 // Tests: tests/runtime/devices/pose_session_test.cpp
 #pragma once
 
@@ -71,23 +71,5 @@ struct PoseDeviceOrigin {
 /// Reads the entries that write_pose_device_origin() wrote. Returns nullopt if the recording was
 /// not made with a pose device.
 std::optional<PoseDeviceOrigin> read_pose_device_origin(const RecordingOrigin& recorded);
-
-/// A pose device that replays a recording: each read() returns the device's reading and status from
-/// the next row of the recording.
-class ReplayPoseDevice final : public PoseDevice {
- public:
-  /// `rows` must outlive the device.
-  explicit ReplayPoseDevice(std::span<const RecordingRow> rows) : rows_(rows) {}
-
-  /// Returns the reading and the status of the next row, or kEndOfData after the last row.
-  DeviceStatus read(PoseReading& reading) noexcept override;
-  DeviceStatus write(const HandleWrench& /*wrench*/) noexcept override {
-    return next_ == 0 ? DeviceStatus::kOk : rows_[next_ - 1].device_write;
-  }
-
- private:
-  std::span<const RecordingRow> rows_;
-  std::size_t next_ = 0;
-};
 
 }  // namespace trocar::runtime

@@ -5,7 +5,6 @@
 
 #include <algorithm>
 #include <array>
-#include <utility>
 
 namespace trocar::runtime {
 namespace {
@@ -65,6 +64,19 @@ hid_t enumeration_of(const std::vector<std::string>& names) {
   return type;
 }
 
+/// Adds an attribute to an object of the file. `space` says how many texts there are.
+bool write_texts(hid_t file, const std::string& object, const std::string& name,
+                 const Handle& space, const char* const* texts) {
+  const Handle owner(H5Oopen(file, object.c_str(), H5P_DEFAULT), H5Oclose);
+  const Handle type(H5Tcopy(H5T_C_S1), H5Tclose);
+  const bool ok =
+      H5Tset_size(type.id(), H5T_VARIABLE) >= 0 && H5Tset_cset(type.id(), H5T_CSET_UTF8) >= 0;
+  const Handle attribute(
+      H5Acreate2(owner.id(), name.c_str(), type.id(), space.id(), H5P_DEFAULT, H5P_DEFAULT),
+      H5Aclose);
+  return ok && H5Awrite(attribute.id(), type.id(), texts) >= 0;
+}
+
 }  // namespace
 
 Hdf5File::Hdf5File() {
@@ -105,32 +117,19 @@ void Hdf5File::add(const Hdf5Table& table) {
 
 void Hdf5File::set_attribute(const std::string& object, const std::string& name,
                              const std::string& text) {
-  const Handle owner(H5Oopen(file_, object.c_str(), H5P_DEFAULT), H5Oclose);
-  const Handle type(H5Tcopy(H5T_C_S1), H5Tclose), space(H5Screate(H5S_SCALAR), H5Sclose);
-  bool ok = H5Tset_size(type.id(), H5T_VARIABLE) >= 0 && H5Tset_cset(type.id(), H5T_CSET_UTF8) >= 0;
-  const Handle attribute(
-      H5Acreate2(owner.id(), name.c_str(), type.id(), space.id(), H5P_DEFAULT, H5P_DEFAULT),
-      H5Aclose);
+  const Handle space(H5Screate(H5S_SCALAR), H5Sclose);
   const char* const value = text.c_str();
-  ok = ok && H5Awrite(attribute.id(), type.id(), &value) >= 0;
-  has_failed_ = has_failed_ || !ok;
+  has_failed_ = !write_texts(file_, object, name, space, &value) || has_failed_;
 }
 
 void Hdf5File::set_attribute(const std::string& object, const std::string& name,
                              std::span<const std::string> texts) {
-  const Handle owner(H5Oopen(file_, object.c_str(), H5P_DEFAULT), H5Oclose);
   const hsize_t count = texts.size();
-  const Handle type(H5Tcopy(H5T_C_S1), H5Tclose),
-      space(H5Screate_simple(1, &count, nullptr), H5Sclose);
-  bool ok = H5Tset_size(type.id(), H5T_VARIABLE) >= 0 && H5Tset_cset(type.id(), H5T_CSET_UTF8) >= 0;
-  const Handle attribute(
-      H5Acreate2(owner.id(), name.c_str(), type.id(), space.id(), H5P_DEFAULT, H5P_DEFAULT),
-      H5Aclose);
+  const Handle space(H5Screate_simple(1, &count, nullptr), H5Sclose);
   std::vector<const char*> values;
   for (const std::string& text : texts)
     values.push_back(text.c_str());
-  ok = ok && H5Awrite(attribute.id(), type.id(), values.data()) >= 0;
-  has_failed_ = has_failed_ || !ok;
+  has_failed_ = !write_texts(file_, object, name, space, values.data()) || has_failed_;
 }
 
 Result<std::vector<std::uint8_t>> Hdf5File::bytes() {

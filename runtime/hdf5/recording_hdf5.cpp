@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "runtime/hdf5/recording_hdf5.h"
 
-#include <algorithm>
 #include <array>
 #include <cstddef>
 #include <cstring>
@@ -86,12 +85,18 @@ Dataset make(const char* name, const char* first, const char* unit, const char* 
           }};
 }
 
+/// A dataset with the name of its only column.
+template <auto... Members>
+Dataset make(const char* name, const char* unit, const char* frame, const char* meaning) {
+  return make<Members...>(name, name, unit, frame, meaning);
+}
+
 /// An enumeration with `count` enumerators.
 template <auto Member>
 Dataset choice(const char* name, const char* meaning, int count) {
   using Enum = std::remove_cvref_t<decltype(field_of<Member>(std::declval<const Row&>()))>;
   static_assert(sizeof(Enum) == 1);
-  Dataset made = make<Member>(name, name, "1", kNoFrame, meaning);
+  Dataset made = make<Member>(name, "1", kNoFrame, meaning);
   for (int i = 0; i < count; ++i)
     made.enumerators.emplace_back(to_string(static_cast<Enum>(i)));
   return made;
@@ -101,7 +106,7 @@ Dataset choice(const char* name, const char* meaning, int count) {
 std::vector<Dataset> all_datasets() {
   constexpr int kPhases = static_cast<int>(ContactPhase::kFault) + 1;
   return {
-      make<&Row::t_s>("t_s", "t_s", "s", kNoFrame, "time in the session"),
+      make<&Row::t_s>("t_s", "s", kNoFrame, "time in the session"),
       make<&Row::p_m>("p_m", "x_m", "m", kDeviceFrame, "origin of the plate"),
       make<&Row::q>("q", "qw", "1", kDeviceFrame,
                     "orientation of the plate: quaternion w, x, y, z"),
@@ -116,7 +121,7 @@ std::vector<Dataset> all_datasets() {
       make<&Row::pose_device, &Row::PoseDevice::q>(
           "device_q", "device_qw", "1", kOwnFrame,
           "orientation of the handle: quaternion w, x, y, z"),
-      make<&Row::pose_device, &Row::PoseDevice::buttons>("buttons", "buttons", "1", kNoFrame,
+      make<&Row::pose_device, &Row::PoseDevice::buttons>("buttons", "1", kNoFrame,
                                                          "bit i is set while button i is pressed"),
       make<&Row::pose_device, &Row::PoseDevice::wrench>("device_wrench", "fx_device_N", "wrench",
                                                         kOwnFrame, "commanded force and torque"),
@@ -125,69 +130,61 @@ std::vector<Dataset> all_datasets() {
       make<&Row::encoder_rad>("motor_angle_rad", "th_1_1_rad", "rad", kNoFrame,
                               "angles of all encoders, leg by leg"),
       choice<&Row::phase>("state", "state of the contact", kPhases),
-      make<&Row::active_slice>("active_slice", "active_slice", "1", kNoFrame,
+      make<&Row::active_slice>("active_slice", "1", kNoFrame,
                                "index of the active slice in the asset; -1: none"),
-      make<&Row::penetration_m>("penetration_m", "penetration_m", "m", kNoFrame,
-                                "penetration of the active slice"),
-      make<&Row::wrench_scale>("wrench_scale", "wrench_scale", "1", kNoFrame,
-                               "rendered over wanted wrench"),
-      make<&Row::pose_residual_m>("pose_residual_m", "pose_residual_m", "m", kNoFrame,
+      make<&Row::penetration_m>("penetration_m", "m", kNoFrame, "penetration of the active slice"),
+      make<&Row::wrench_scale>("wrench_scale", "1", kNoFrame, "rendered over wanted wrench"),
+      make<&Row::pose_residual_m>("pose_residual_m", "m", kNoFrame,
                                   "residual of the pose fitted to the encoders"),
-      make<&Row::cuts_published>("cuts_published", "cuts_published", "1", kNoFrame,
+      make<&Row::cuts_published>("cuts_published", "1", kNoFrame,
                                  "number of holes whose new mesh is in use"),
       make<&Row::response_sheet>(
-          "response_sheet", "response_sheet", "1", kNoFrame,
+          "response_sheet", "1", kNoFrame,
           "sheet of the prefetched stiffness, from the topmost, 0; -1: none"),
-      make<&Row::response_stiffness_N_per_m>("response_stiffness_N_per_m",
-                                             "response_stiffness_N_per_m", "N/m", kNoFrame,
+      make<&Row::response_stiffness_N_per_m>("response_stiffness_N_per_m", "N/m", kNoFrame,
                                              "prefetched stiffness"),
       make<&Row::response_offset_m>("response_offset_m", "response_x_m", "m", kDeviceFrame,
                                     "point of the force relative to the tool's centre: x, y"),
       choice<&Row::fault>("fault", "reason why the loop is in its safe state", kFaults),
       choice<&Row::device_read>("device_read", "result of reading the device",
                                 kRecordedDeviceStatuses),
-      make<&Row::state_t_s>("state_t_s", "state_t_s", "s", kNoFrame,
+      make<&Row::state_t_s>("state_t_s", "s", kNoFrame,
                             "time of the measurement, on the device's clock"),
       choice<&Row::device_write>("device_write", "result of writing to the device",
                                  kRecordedDeviceStatuses),
       choice<&Row::outside_fault>("outside_fault", "fault that was found outside of the tick",
                                   kFaults),
-      make<&Row::recovery_asked>("recovery_asked", "recovery_asked", "1", kNoFrame,
+      make<&Row::recovery_asked>("recovery_asked", "1", kNoFrame,
                                  "1: the operator requested recovery in this tick"),
       choice<&Row::safety>("safety", "state of the safety layer", kSafetyStates),
-      make<&Row::authority>("authority", "authority", "1", kNoFrame,
+      make<&Row::authority>("authority", "1", kNoFrame,
                             "factor on the wanted wrench after a recovery"),
-      make<&Row::passivity_J>("passivity_J", "passivity_J", "J", kNoFrame,
-                              "energy of the passivity observer"),
-      make<&Row::passivity_N_s_per_m>("passivity_N_s_per_m", "passivity_N_s_per_m", "N s/m",
-                                      kNoFrame, "damping of the passivity controller"),
-      make<&Row::motor_heat_max>("motor_heat_max", "motor_heat_max", "1", kNoFrame,
+      make<&Row::passivity_J>("passivity_J", "J", kNoFrame, "energy of the passivity observer"),
+      make<&Row::passivity_N_s_per_m>("passivity_N_s_per_m", "N s/m", kNoFrame,
+                                      "damping of the passivity controller"),
+      make<&Row::motor_heat_max>("motor_heat_max", "1", kNoFrame,
                                  "largest thermal state of a motor; 1 is its limit"),
-      make<&Row::xray>("xray", "xray", "1", kNoFrame,
+      make<&Row::xray>("xray", "1", kNoFrame,
                        "X-ray in the tick: 1 a picture, 2 screening, 3 both; 0: none"),
       make<&Row::cutting, &Row::Cutting::wrench_tissue>(
           "wrench_tissue", "fx_tissue_N", "wrench", kDeviceFrame,
           "force and torque of the tissue on the plate, before the force scale"),
       make<&Row::cutting, &Row::Cutting::front_z_m>(
-          "front_z_m", "front_z_m", "m", kDeviceFrame,
+          "front_z_m", "m", kDeviceFrame,
           "height of the cutting front, or of the next bone below the tip"),
       make<&Row::cutting, &Row::Cutting::front_HU>(
-          "front_HU", "front_HU", "HU", kNoFrame,
-          "mean HU under the tool in the slice of the cutting front"),
+          "front_HU", "HU", kNoFrame, "mean HU under the tool in the slice of the cutting front"),
       make<&Row::cutting, &Row::Cutting::tip_N>(
-          "tip_N", "tip_N", "N", kNoFrame,
-          "force on the tip along the shaft, before the force scale"),
-      make<&Row::cutting, &Row::Cutting::embedded_m>("embedded_m", "embedded_m", "m", kNoFrame,
+          "tip_N", "N", kNoFrame, "force on the tip along the shaft, before the force scale"),
+      make<&Row::cutting, &Row::Cutting::embedded_m>("embedded_m", "m", kNoFrame,
                                                      "length of the shaft inside the bone volume"),
       make<&Row::cutting, &Row::Cutting::cut_J>(
-          "cut_J", "cut_J", "J", kNoFrame, "work of the cutting front since the session began"),
+          "cut_J", "J", kNoFrame, "work of the cutting front since the session began"),
       make<&Row::cutting, &Row::Cutting::absorbed_J>(
-          "absorbed_J", "absorbed_J", "J", kNoFrame,
-          "work of the hand on the tissue since the session began"),
+          "absorbed_J", "J", kNoFrame, "work of the hand on the tissue since the session began"),
       make<&Row::cutting, &Row::Cutting::stored_J>("stored_J", "tissue_stored_J", "J", kNoFrame,
                                                    "elastic energy stored in the tissue"),
-      make<&Row::cutting, &Row::Cutting::steps>("steps", "steps", "1", kNoFrame,
-                                                "number of Newton steps"),
+      make<&Row::cutting, &Row::Cutting::steps>("steps", "1", kNoFrame, "number of Newton steps"),
   };
 }
 

@@ -7,8 +7,11 @@
 
 #include <array>
 #include <cerrno>
+#include <charconv>
 #include <string>
+#include <system_error>
 
+#include "formats/base/file_descriptor.h"
 #include "formats/base/system_message.h"
 
 namespace trocar::runtime {
@@ -16,11 +19,14 @@ namespace {
 
 constexpr std::size_t kDigits = 2 * kLinkKeyBytes;
 
-int value_of(char digit) noexcept {
-  if (digit >= '0' && digit <= '9') return digit - '0';
-  if (digit >= 'a' && digit <= 'f') return digit - 'a' + 10;
-  if (digit >= 'A' && digit <= 'F') return digit - 'A' + 10;
-  return -1;
+/// Reads the digits of a key. Returns false if one of them is not hexadecimal.
+bool read_digits(const char* digits, LinkKey& key) noexcept {
+  for (std::uint8_t& byte : key.bytes) {
+    const auto [end, error] = std::from_chars(digits, digits + 2, byte, 16);
+    if (error != std::errc{} || end != digits + 2) return false;
+    digits = end;
+  }
+  return true;
 }
 
 /// Reads an opened key file. Returns the reason why it is refused, or an empty string. `is_open` is
@@ -41,24 +47,18 @@ std::string read_guarded(int fd, std::array<char, kDigits + 2>& text, std::size_
 }  // namespace
 
 Result<LinkKey> read_link_key(const std::filesystem::path& file) {
-  const int fd = ::open(file.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK);
-  if (fd < 0) return refused(file.string() + ": " + system_message(errno));
+  const FileDescriptor opened(::open(file.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK));
+  if (opened.get() < 0) return refused(file.string() + ": " + system_message(errno));
   std::array<char, kDigits + 2> text{};
   std::size_t bytes = 0;
   bool is_open = false;
-  const std::string wrong = read_guarded(fd, text, bytes, is_open);
-  ::close(fd);
+  const std::string wrong = read_guarded(opened.get(), text, bytes, is_open);
   if (!wrong.empty()) return refused(file.string() + ": " + wrong);
 
   LinkKey key;
   const bool ends = bytes == kDigits || (bytes == kDigits + 1 && text[kDigits] == '\n');
-  for (std::size_t i = 0; ends && i < kLinkKeyBytes; ++i) {
-    const int high = value_of(text[2 * i]), low = value_of(text[2 * i + 1]);
-    if (high < 0 || low < 0)
-      return refused(file.string() + ": not a key: it must have 64 hexadecimal digits");
-    key.bytes[i] = static_cast<std::uint8_t>(16 * high + low);
-  }
-  if (!ends) return refused(file.string() + ": not a key: it must have 64 hexadecimal digits");
+  if (!ends || !read_digits(text.data(), key))
+    return refused(file.string() + ": not a key: it must have 64 hexadecimal digits");
   // This check comes last, so that no user is asked to change the mode of a file that is not a key.
   if (is_open) return refused(file.string() + ": other users have access to it; chmod 600 it");
   return key;

@@ -5,12 +5,11 @@
 #include <array>
 #include <chrono>
 #include <cmath>
-#include <ctime>
-#include <string>
 #include <utility>
 
 #include "formats/base/text_line.h"
 #include "runtime/link/link_attempt.h"
+#include "runtime/realtime/monotonic_clock.h"
 
 namespace trocar::runtime {
 namespace {
@@ -18,14 +17,8 @@ namespace {
 constexpr double kHelloPeriod_s = 0.05;
 constexpr auto kRequestPoll = std::chrono::milliseconds(5);
 
-std::int64_t now_ns() noexcept {
-  timespec now{};
-  ::clock_gettime(CLOCK_MONOTONIC, &now);
-  return now.tv_sec * std::int64_t{1'000'000'000} + now.tv_nsec;
-}
-
 double since_s(std::int64_t then_ns) noexcept {
-  return static_cast<double>(now_ns() - then_ns) * 1e-9;
+  return static_cast<double>(monotonic_ns() - then_ns) * 1e-9;
 }
 
 }  // namespace
@@ -46,9 +39,12 @@ void PoseDrive::pack(const Output& wrench, Command& command) noexcept {
   std::copy_n(wrench.begin() + 3, 3, command.moment_Nm.begin());
 }
 
-Result<UdpSocket> open_link_socket(const UdpLinkOptions& options) {
+template <typename Kind>
+Result<std::unique_ptr<UdpLink<Kind>>> UdpLink<Kind>::make(const UdpLinkOptions& options) {
   if (Result<void> started = start_link(); !started) return started.error();
-  return UdpSocket::connect(options.peer);
+  Result<UdpSocket> socket = UdpSocket::connect(options.peer);
+  if (!socket) return socket.error();
+  return std::unique_ptr<UdpLink>(new UdpLink(options, std::move(*socket)));
 }
 
 template <typename Kind>
@@ -114,7 +110,7 @@ template <typename Kind>
 Result<void> UdpLink<Kind>::shake_hands(bool resets_world) {
   // End an old session, or an earlier attempt at a new one.
   if (session_ != 0) send(CommandMode::kStop, {});
-  const std::int64_t start_ns = now_ns();
+  const std::int64_t start_ns = monotonic_ns();
   HelloPacket hello;
   hello.host_nonce = random_nonce();
   hello.period_s = options_.period_s;
@@ -138,7 +134,7 @@ Result<void> UdpLink<Kind>::shake_hands(bool resets_world) {
   while (!attempt.welcomed) {
     if (!in_time()) return no_answer();
     if (asked_ns == 0 || since_s(asked_ns) > kHelloPeriod_s) {
-      asked_ns = now_ns();
+      asked_ns = monotonic_ns();
       hello.time_ns = asked_ns;
       const std::size_t size = encode(hello, options_.key, buffer);
       socket_.send(std::span(buffer).first(size));
@@ -183,7 +179,7 @@ Result<void> UdpLink<Kind>::shake_hands(bool resets_world) {
       return no_answer();
     }
     if (asked_ns == 0 || since_s(asked_ns) > kHelloPeriod_s) {
-      asked_ns = now_ns();
+      asked_ns = monotonic_ns();
       send(CommandMode::kFree, {});
     }
     drain();
@@ -198,7 +194,7 @@ UdpSocket::Outcome UdpLink<Kind>::send(CommandMode mode, const Output& torques) 
   typename Kind::Command packet;
   packet.session = session_;
   packet.sequence = last_command_ + 1;
-  packet.time_ns = now_ns();
+  packet.time_ns = monotonic_ns();
   packet.mode = mode;
   packet.state_seen = last_state_;
   Kind::pack(torques, packet);
@@ -256,7 +252,7 @@ bool UdpLink<Kind>::drain() noexcept {
       if (counts_missed_) states_missed_ += last_state_ - before - 1;
       fresh_state_ = true;
       ++queued_;
-      newest_ns_ = now_ns();
+      newest_ns_ = monotonic_ns();
       note_round_trip();
     }
   }
@@ -321,7 +317,7 @@ bool UdpLink<Kind>::wait_for_answer() noexcept {
     restoring_.store(false, std::memory_order_release);
     return !given_up_;
   }
-  const std::int64_t start_ns = now_ns();
+  const std::int64_t start_ns = monotonic_ns();
   const double longest_s = answers_come_ ? options_.answer_s : options_.no_state_s;
   answers_come_ = false;
   while (newest_.command_taken != last_command_ || !fresh_state_) {

@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // The host's end of the device link, the UDP protocol between the haptic loop and a drive (the
 // electronics with the motors; formats/session/device_link.md). The host sends commands, and the
-// drive sends states, which contain its measurements. There are two kinds of drives, with one
-// derived class for each kind: UdpDevice (udp_device.h) and UdpPoseDevice (udp_pose_device.h).
+// drive sends states, which contain its measurements. There are two kinds of drives, with one class
+// for each kind: UdpDevice for the four-legged device, and UdpPoseDevice for a device that measures
+// its own pose.
 // read() and write() do not block, allocate, lock or throw. Packets that are old or not authentic
 // are counted and otherwise ignored.
 //
@@ -80,11 +81,14 @@ struct PoseDrive {
 /// `Kind` is AngleDrive or PoseDrive. In the comments below, "torques" also means the
 /// wrench of a PoseDrive.
 template <typename Kind>
-class UdpLink : public Kind::Interface {
+class UdpLink final : public Kind::Interface {
  public:
   using Reading = typename Kind::Reading;
   using Output = typename Kind::Output;
 
+  /// Opens the socket. No packet is sent before start(). Errors: kDeviceFault if the socket cannot
+  /// be opened; kBug if the system has no source of randomness.
+  static Result<std::unique_ptr<UdpLink>> make(const UdpLinkOptions& options);
   /// Calls close().
   ~UdpLink() override;
   UdpLink(const UdpLink&) = delete;
@@ -118,6 +122,7 @@ class UdpLink : public Kind::Interface {
   /// Returns kNoData, and sends nothing, if a torque is not finite or exceeds the protocol's limit,
   /// or if the socket's buffer is full.
   DeviceStatus write(const Output& torques) noexcept override;
+  std::uint8_t fault_byte() const noexcept override { return Kind::faults(newest_); }
   /// In lock-step, calls wait_for_answer().
   void advance(double /*dt_s*/) noexcept override {
     if (options_.clock == LinkClock::kLockStep) wait_for_answer();
@@ -147,18 +152,14 @@ class UdpLink : public Kind::Interface {
   // Call the following functions only while no restore() is in progress, or after close().
   const std::optional<Error>& restore_error() const noexcept { return restore_error_; }
   const LinkCounts& packets() const noexcept { return counts_; }
-  std::uint64_t states_missed() const noexcept { return states_missed_; }
   std::uint64_t sessions() const noexcept { return sessions_; }
   std::optional<LinkReport> link_report() const override {
     return LinkReport{sessions_, LinkPackets{counts_, states_missed_}, round_trip_, restore_error_};
   }
 
- protected:
+ private:
   UdpLink(const UdpLinkOptions& options, UdpSocket socket)
       : options_(options), socket_(std::move(socket)) {}
-  const typename Kind::State& newest() const noexcept { return newest_; }
-
- private:
   Result<void> shake_hands(bool resets_world);
   /// Calls shake_hands() as a part of restore(). Returns true on success. After a failure,
   /// restore_error_ contains the error, unless close() caused the failure.
@@ -218,8 +219,7 @@ class UdpLink : public Kind::Interface {
 extern template class UdpLink<AngleDrive>;
 extern template class UdpLink<PoseDrive>;
 
-/// Opens the socket to a drive. Errors: kDeviceFault if the socket cannot be opened; kBug if the
-/// system has no source of randomness.
-Result<UdpSocket> open_link_socket(const UdpLinkOptions& options);
+using UdpDevice = UdpLink<AngleDrive>;
+using UdpPoseDevice = UdpLink<PoseDrive>;
 
 }  // namespace trocar::runtime

@@ -5,14 +5,12 @@
 #include <netinet/in.h>
 #include <poll.h>
 #include <sys/socket.h>
-#include <unistd.h>
 
 #include <algorithm>
 #include <cerrno>
 #include <charconv>
 #include <cmath>
 #include <system_error>
-#include <utility>
 
 #include "formats/base/system_message.h"
 
@@ -79,8 +77,8 @@ Result<Endpoint> parse_endpoint(std::string_view text, int lowest_port) {
 Result<UdpSocket> UdpSocket::listen(const Endpoint& local) {
   UdpSocket made(make_socket());
   const sockaddr_in address = to_system(local);
-  if (made.fd_ < 0 ||
-      ::bind(made.fd_, reinterpret_cast<const sockaddr*>(&address), sizeof address) != 0) {
+  if (made.fd_.get() < 0 ||
+      ::bind(made.fd_.get(), reinterpret_cast<const sockaddr*>(&address), sizeof address) != 0) {
     return unwritable(to_string(local) + ": cannot listen: " + system_message(errno));
   }
   return made;
@@ -89,8 +87,8 @@ Result<UdpSocket> UdpSocket::listen(const Endpoint& local) {
 Result<UdpSocket> UdpSocket::connect(const Endpoint& peer) {
   UdpSocket made(make_socket());
   const sockaddr_in address = to_system(peer);
-  if (made.fd_ < 0 ||
-      ::connect(made.fd_, reinterpret_cast<const sockaddr*>(&address), sizeof address) != 0) {
+  if (made.fd_.get() < 0 ||
+      ::connect(made.fd_.get(), reinterpret_cast<const sockaddr*>(&address), sizeof address) != 0) {
     return Error{ExitCode::kDeviceFault, to_string(peer) + ": " + system_message(errno)};
   }
   return made;
@@ -109,17 +107,11 @@ UdpSocket::Outcome UdpSocket::outcome_of(std::int64_t done) noexcept {
   }
 }
 
-UdpSocket::UdpSocket(UdpSocket&& other) noexcept : fd_(std::exchange(other.fd_, -1)) {}
-
-UdpSocket::~UdpSocket() {
-  if (fd_ >= 0) ::close(fd_);
-}
-
 UdpSocket::Outcome UdpSocket::receive(std::span<std::uint8_t> buffer, std::size_t& bytes,
                                       Endpoint& from) noexcept {
   sockaddr_in address{};
   socklen_t length = sizeof address;
-  const ssize_t got = ::recvfrom(fd_, buffer.data(), buffer.size(), MSG_TRUNC,
+  const ssize_t got = ::recvfrom(fd_.get(), buffer.data(), buffer.size(), MSG_TRUNC,
                                  reinterpret_cast<sockaddr*>(&address), &length);
   if (got >= 0) {
     bytes = static_cast<std::size_t>(got);
@@ -129,18 +121,18 @@ UdpSocket::Outcome UdpSocket::receive(std::span<std::uint8_t> buffer, std::size_
 }
 
 UdpSocket::Outcome UdpSocket::send(std::span<const std::uint8_t> datagram) noexcept {
-  return outcome_of(::send(fd_, datagram.data(), datagram.size(), MSG_NOSIGNAL));
+  return outcome_of(::send(fd_.get(), datagram.data(), datagram.size(), MSG_NOSIGNAL));
 }
 
 UdpSocket::Outcome UdpSocket::send_to(std::span<const std::uint8_t> datagram,
                                       const Endpoint& to) noexcept {
   const sockaddr_in address = to_system(to);
-  return outcome_of(::sendto(fd_, datagram.data(), datagram.size(), MSG_NOSIGNAL,
+  return outcome_of(::sendto(fd_.get(), datagram.data(), datagram.size(), MSG_NOSIGNAL,
                              reinterpret_cast<const sockaddr*>(&address), sizeof address));
 }
 
 bool UdpSocket::wait(double seconds) noexcept {
-  pollfd waited{fd_, POLLIN, 0};
+  pollfd waited{fd_.get(), POLLIN, 0};
   const double ms = std::ceil(std::clamp(seconds, 0.0, 3600.0) * 1e3);
   return ::poll(&waited, 1, static_cast<int>(ms)) > 0;
 }
@@ -148,7 +140,7 @@ bool UdpSocket::wait(double seconds) noexcept {
 Endpoint UdpSocket::local() const noexcept {
   sockaddr_in address{};
   socklen_t length = sizeof address;
-  ::getsockname(fd_, reinterpret_cast<sockaddr*>(&address), &length);
+  ::getsockname(fd_.get(), reinterpret_cast<sockaddr*>(&address), &length);
   return from_system(address);
 }
 

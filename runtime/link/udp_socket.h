@@ -9,6 +9,7 @@
 #include <string>
 #include <string_view>
 
+#include "formats/base/file_descriptor.h"
 #include "formats/base/result.h"
 
 namespace trocar::runtime {
@@ -34,9 +35,6 @@ class UdpSocket {
   /// Opens a socket that sends to `peer` and receives from `peer` only. Errors: kDeviceFault if the
   /// system refuses the socket.
   static Result<UdpSocket> connect(const Endpoint& peer);
-  UdpSocket(UdpSocket&& other) noexcept;
-  UdpSocket& operator=(UdpSocket&&) = delete;
-  ~UdpSocket();
 
   enum class Outcome : std::uint8_t {
     kDone,
@@ -60,7 +58,7 @@ class UdpSocket {
  private:
   explicit UdpSocket(int fd) : fd_(fd) {}
   Outcome outcome_of(std::int64_t done) noexcept;
-  int fd_ = -1;
+  FileDescriptor fd_;
   int error_ = 0;
 };
 

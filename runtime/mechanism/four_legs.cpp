@@ -103,7 +103,7 @@ FaultDetail FourLegs::find_pose(const ReadingInterval& interval, PlatePose& pose
 }
 
 FaultDetail FourLegs::fault_of(DeviceStatus status) const noexcept {
-  const unsigned motors = status == DeviceStatus::kMotorFault ? device_.motor_faults() : 0U;
+  const unsigned motors = status == DeviceStatus::kMotorFault ? device_.fault_byte() : 0U;
   if (motors != 0)
     return {Fault::kMotorFault, FaultQuantity::kMotor, std::countr_zero(motors), 0, 0};
   if (status == DeviceStatus::kLinkLost && device_.refuses_contents())

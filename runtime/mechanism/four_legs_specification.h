@@ -23,7 +23,6 @@ class FourLegsSpecification final : public DeviceSpecification {
   std::string_view name() const noexcept override { return description_.name; }
   std::string describe_strength() const override;
   bool senses_rotation() const noexcept override { return true; }
-  bool renders_moment() const noexcept override { return true; }
   MotorsAndJoints motors_and_joints() const override;
   double mass_kg() const noexcept override { return description_.plate_mass_kg; }
   std::array<double, 3> inertia_kg_m2() const noexcept override {

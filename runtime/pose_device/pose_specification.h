@@ -38,8 +38,6 @@ class PoseSpecification final : public DeviceSpecification {
   std::string_view name() const noexcept override { return description_.name; }
   std::string describe_strength() const override;
   bool senses_rotation() const noexcept override { return description_.senses_rotation; }
-  bool renders_moment() const noexcept override { return description_.moment_max_Nm > 0; }
-  int buttons() const noexcept override { return description_.buttons; }
   std::optional<WorkspaceBox> workspace() const noexcept override;
   double mass_kg() const noexcept override { return description_.mass_kg; }
   std::array<double, 3> inertia_kg_m2() const noexcept override {
@@ -65,6 +63,8 @@ class PoseSpecification final : public DeviceSpecification {
   const PoseFrame& frame() const noexcept { return frame_; }
 
  private:
+  bool renders_moment() const noexcept { return description_.moment_max_Nm > 0; }
+
   PoseDeviceDescription description_;
   PoseFrame frame_;
 };

@@ -48,8 +48,7 @@ struct SessionOptions {
   std::function<void(const OperatorMessage&)> on_message;
   /// If not empty, the session is a replay of these rows. The session uses the replay clock
   /// (session_clock.h) and compares torques with the recorded torques. The device must replay the
-  /// same rows (runtime/devices/replay_device.h, or ReplayPoseDevice of
-  /// runtime/devices/pose_session.h).
+  /// same rows (runtime/devices/replay_device.h).
   std::span<const RecordingRow> replay;
   SafetyLimits limits;
   PassivityOptions passivity;

@@ -3,12 +3,12 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 #include <ctime>
 #include <system_error>
 #include <utility>
 
 #include "formats/base/file_io.h"
+#include "formats/base/text_line.h"
 
 namespace trocar::runtime {
 namespace {
@@ -66,9 +66,8 @@ void BlackBox::on_tick(const TickView& tick) noexcept {
 }
 
 std::filesystem::path BlackBox::name_of(const Request& request) const {
-  char time[32];
-  std::snprintf(time, sizeof time, "%.4f", request.t_s);
-  const std::string stem = name_ + "_t" + time + "s_" + to_string(request.fault);
+  const std::string stem =
+      name_ + "_t" + text_line("%.4f", request.t_s) + "s_" + to_string(request.fault);
   std::filesystem::path file = folder_ / (stem + ".csv");
   std::error_code ignored;
   for (int again = 2; std::filesystem::exists(file, ignored); ++again) {

@@ -3,8 +3,9 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 #include <utility>
+
+#include "formats/base/text_line.h"
 
 namespace trocar::runtime {
 namespace {
@@ -12,9 +13,7 @@ namespace {
 static_assert(kFaults < 64, "RecoveryWatch has a bit for each fault and one more");
 
 std::string seconds(double t_s) {
-  char text[40];
-  std::snprintf(text, sizeof text, "%.4f s", t_s);
-  return text;
+  return text_line("%.4f s", t_s);
 }
 
 std::string reason(const OperatorMessage& message) {

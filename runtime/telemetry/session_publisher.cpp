@@ -149,9 +149,7 @@ void SessionPublisher::publish_sheets(const Remesher& remesher) {
   for (std::size_t i = 0; i < published_cuts_.size(); ++i) {
     const Sheet& sheet = remesher.published_version(i);
     if (sheet.cuts == published_cuts_[i]) continue;
-    TelemetrySheet published = first_[i].published(sheet);
-    published.cuts = sheet.cuts;
-    writer_->sheet(i, published);
+    writer_->sheet(i, first_[i].published(sheet));
     published_cuts_[i] = sheet.cuts;
     if (sheet.cuts == 0) continue;
     TelemetryEvent event;

@@ -21,7 +21,6 @@ class HandleSpecification final : public runtime::DeviceSpecification {
   std::string_view name() const noexcept override { return "handle"; }
   std::string describe_strength() const override { return text_line("%.3g N", force_max_N_); }
   bool senses_rotation() const noexcept override { return false; }
-  bool renders_moment() const noexcept override { return false; }
   double mass_kg() const noexcept override { return 0.2; }
   std::array<double, 3> inertia_kg_m2() const noexcept override { return {1e-4, 1e-4, 1e-4}; }
   double stiffness_max_N_per_m() const noexcept override { return 3000; }

@@ -61,10 +61,9 @@ void read_bone_volume(StrictObject& object, SceneBody& body) {
   object.section("shell", [&](StrictObject& shell) {
     body.shell_m = shell.number("thickness_m", 1e-4, 0.01);
     shell.read("strength_factor", body.shell_factor, 0.1, 100.0);
-    if (shell.has("free_radius_m"))
-      body.shell_free_radius_m = shell.number("free_radius_m", 1e-4, 0.05);
+    shell.read("free_radius_m", body.shell_free_radius_m, 1e-4, 0.05);
   });
-  if (object.has("cortex_HU")) body.cortex_HU = object.number("cortex_HU", 0, 4000);
+  object.read("cortex_HU", body.cortex_HU, 0, 4000);
   if (body.cortex_HU.value_or(0) > 0 && body.shell_m > 0)
     object.error("cortex_HU", "cannot be given together with a shell");
 }
@@ -120,7 +119,7 @@ void read_hand(StrictObject& object, SceneHand& hand) {
   object.read("let_go_t_s", hand.let_go_t_s, 0.0, kMaxDuration_s);
   hand.grip = static_cast<HandGrip>(object.choice("grip", std::array{"firm", "light", "stiff"}));
   read_trajectory(object, hand.trajectory);
-  if (object.has("live")) hand.live = object.boolean("live");
+  hand.live = object.boolean("live");
   if (!hand.live) return;
   if (hand.trajectory.size() > 1)
     object.error("trajectory", "must have one keyframe, the start, because the hand is live");

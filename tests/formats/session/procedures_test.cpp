@@ -40,8 +40,8 @@ TEST(Procedures, RangesAreThoseOfTheDistributionsThatTheyName) {
   const Range flavum =
       range_of([](auto& random) { return std::normal_distribution<double>(3.38, 0.94)(random); });
   for (const Procedure& each : procedures()) {
-    expect_near(each.pressure_over_yield, pressure, "pressure");
-    expect_near(each.friction_coefficient, friction, "friction");
+    expect_near(each.bone.pressure_over_yield, pressure, "pressure");
+    expect_near(each.bone.friction_coefficient, friction, "friction");
     for (const ProcedureLayer& layer : each.layers)
       if (layer.name == "ligamentum flavum") expect_near(layer.thickness_mm, flavum, "flavum");
   }
@@ -57,9 +57,9 @@ TEST(Procedures, EachValueHasARangeInOrderAndASource) {
   for (const Procedure& each : procedures()) {
     const std::string name(each.name);
     check(each.diameter_mm, name);
-    check(each.tearing_N_per_m, name);
-    check(each.foundation_N_per_mm3, name);
-    check(each.lateral_strength_MPa, name);
+    check(each.bone.tearing_N_per_m, name);
+    check(each.bone.foundation_N_per_mm3, name);
+    check(each.bone.lateral_strength_MPa, name);
     double depth_mm = 0;
     for (const ProcedureLayer& layer : each.layers) {
       const std::string what = name + ", " + std::string(layer.name);
@@ -76,7 +76,7 @@ TEST(Procedures, EachValueHasARangeInOrderAndASource) {
     EXPECT_EQ(find_procedure(each.name), &each);
     const std::string text = explain(each);
     EXPECT_NE(text.find(each.title), std::string::npos);
-    EXPECT_NE(text.find(each.pressure_over_yield.source), std::string::npos);
+    EXPECT_NE(text.find(each.bone.pressure_over_yield.source), std::string::npos);
   }
   EXPECT_EQ(find_procedure("spoon"), nullptr);
   EXPECT_EQ(strength_from_string("weak"), std::nullopt);
@@ -106,7 +106,7 @@ TEST(Procedures, ASceneTakesToolTissueAndLayers) {
     EXPECT_EQ(scene->tool.tilt_deg, 10);
     EXPECT_DOUBLE_EQ(scene->tool.radius_m, 0.5e-3 * each.diameter_mm.high);
     ASSERT_TRUE(scene->tissue.cut);
-    EXPECT_EQ(scene->tissue.cut->pressure_over_yield, each.pressure_over_yield.high);
+    EXPECT_EQ(scene->tissue.cut->pressure_over_yield, each.bone.pressure_over_yield.high);
     ASSERT_EQ(scene->layers.size(), each.layers.size());
     double above_m = 1;
     for (const SceneLayer& layer : scene->layers) {

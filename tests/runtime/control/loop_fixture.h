@@ -30,7 +30,7 @@ class ScriptedDevice final : public Device {
     return on_write;
   }
   void restore() noexcept override { ++restored; }
-  std::uint8_t motor_faults() const noexcept override { return motors; }
+  std::uint8_t fault_byte() const noexcept override { return motors; }
   std::uint8_t motors = 0;
   DeviceStatus on_read = DeviceStatus::kOk, on_write = DeviceStatus::kOk;
   int restored = 0;

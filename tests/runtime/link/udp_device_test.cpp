@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The loop's side of the link over real sockets of this machine: accepted and refused packets,
 // connecting, and no allocation. udp_loss_test.cpp has the loss of the link.
-#include "runtime/link/udp_device.h"
+#include "runtime/link/udp_link.h"
 
 #include <gtest/gtest.h>
 
@@ -14,7 +14,6 @@
 #include <thread>
 #include <utility>
 
-#include "runtime/link/udp_pose_device.h"
 #include "runtime/realtime/allocation_counter.h"
 #include "tests/runtime/link/udp_peer.h"
 #include "tests/support/counted_allocations.h"
@@ -91,7 +90,7 @@ TEST(UdpDevice, ADriveWithMoreStatesThanCanBeReadIsRefused) {
   Peer peer(LinkClock::kReal, "", 10, 5e-5);
   UdpLinkOptions options = to(peer);
   options.period_s = 1e-2;
-  const auto device = UdpDevice::connect(options);
+  const auto device = connect(options);
   ASSERT_FALSE(device);
   EXPECT_EQ(device.error().code, ExitCode::kUsage);
   EXPECT_NE(device.error().message.find("sends 200 states in each tick, and at most 128 can"),
@@ -208,14 +207,14 @@ TEST(UdpDevice, InvalidTorquesAreNotSent) {
 TEST(UdpDevice, ConnectNamesTheWrongClockAndTheWrongKey) {
   Peer peer(LinkClock::kReal);
   UdpLinkOptions options = to(peer, LinkClock::kLockStep);
-  auto wrong_clock = UdpDevice::connect(options);
+  auto wrong_clock = connect(options);
   ASSERT_FALSE(wrong_clock);
   EXPECT_EQ(wrong_clock.error().code, ExitCode::kUsage);
   EXPECT_NE(wrong_clock.error().message.find("--clock real"), std::string::npos);
   options = to(peer);
   options.key = random_link_key();
   options.connect_timeout_s = 0.2;
-  auto wrong_key = UdpDevice::connect(options);
+  auto wrong_key = connect(options);
   ASSERT_FALSE(wrong_key);
   EXPECT_EQ(wrong_key.error().code, ExitCode::kDeviceFault);
   EXPECT_NE(wrong_key.error().message.find("has another key"), std::string::npos)
@@ -237,7 +236,7 @@ TEST(UdpDevice, AHostForPosesLearnsThatTheDriveStatesAngles) {
 
 TEST(UdpDevice, ConnectTellsABusyDeviceFromOneThatIsNotThere) {
   const auto why = [](const UdpLinkOptions& options) {
-    const auto none = UdpDevice::connect(options);
+    const auto none = connect(options);
     EXPECT_FALSE(none);
     return none ? std::string() : none.error().message;
   };

@@ -17,7 +17,7 @@
 #include <utility>
 
 #include "runtime/link/link_key.h"
-#include "runtime/link/udp_device.h"
+#include "runtime/link/udp_link.h"
 #include "runtime/simulation/drive.h"
 
 namespace trocar::runtime::testing_support {
@@ -133,8 +133,15 @@ inline UdpLinkOptions to(const Peer& peer, LinkClock clock = LinkClock::kReal) {
   return options;
 }
 
+inline Result<std::unique_ptr<UdpDevice>> connect(const UdpLinkOptions& options) {
+  Result<std::unique_ptr<UdpDevice>> device = UdpDevice::make(options);
+  if (!device) return device;
+  if (Result<void> started = (*device)->start(); !started) return started.error();
+  return device;
+}
+
 inline std::unique_ptr<UdpDevice> connected(const UdpLinkOptions& options) {
-  auto device = UdpDevice::connect(options);
+  auto device = connect(options);
   EXPECT_TRUE(device) << device.error().message;
   return device ? std::move(*device) : nullptr;
 }
