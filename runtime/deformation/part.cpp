@@ -142,18 +142,10 @@ SheetPart part_around(const SheetMesh& sheet, std::span<const std::uint32_t> see
 
 SheetMesh to_sheet(const SheetPart& part, std::size_t spare_vertices, std::size_t spare_triangles) {
   SheetMesh out;
-  const std::size_t vertices = part.mesh.vertices.size(), triangles = part.mesh.triangles.size();
   out.vertices = part.mesh.vertices;
-  out.vertices.resize(vertices + spare_vertices);
   out.triangles = part.mesh.triangles;
-  out.triangles.resize(triangles + spare_triangles, kFreeSlot);
   out.across = part.across;
-  out.across.resize(triangles + spare_triangles, {kNoSlot, kNoSlot, kNoSlot});
-  out.reserve_stacks();
-  for (std::size_t v = vertices + spare_vertices; v-- > vertices;)
-    out.free_vertices.push_back(static_cast<std::uint32_t>(v));
-  for (std::size_t t = triangles + spare_triangles; t-- > triangles;)
-    out.free_triangles.push_back(static_cast<std::uint32_t>(t));
+  out.add_slots(spare_vertices, spare_triangles);
   return out;
 }
 

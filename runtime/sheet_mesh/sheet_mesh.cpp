@@ -109,15 +109,7 @@ Result<SheetMesh> make_sheet_mesh(const SliceMesh& mesh, std::size_t spare_verti
   auto across = neighbours(mesh);
   if (!across) return across.error();
   out.across = *across;
-
-  const std::size_t vertices = mesh.vertices.size() + spare_vertices;
-  const std::size_t triangles = mesh.triangles.size() + spare_triangles;
-  out.free_vertices = free_stack(mesh.vertices.size(), vertices);
-  out.free_triangles = free_stack(mesh.triangles.size(), triangles);
-  out.vertices.resize(vertices);
-  out.triangles.resize(triangles, kFreeSlot);
-  out.across.resize(triangles, {kNoSlot, kNoSlot, kNoSlot});
-  out.reserve_stacks();
+  out.add_slots(spare_vertices, spare_triangles);
   return out;
 }
 
