@@ -329,10 +329,7 @@ class LocalRefiner {
       }
     }
     const Step step = insert(*p, number);
-    if (step == Step::kDone) {
-      ++result_.edges_split;
-      result_.doubled_area_lost += orient2d(a, b, *p);
-    }
+    if (step == Step::kDone) result_.doubled_area_lost += orient2d(a, b, *p);
     return step;
   }
 

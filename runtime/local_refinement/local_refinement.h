@@ -91,7 +91,6 @@ struct LocalRefinementResult {
   LocalRefinementOutcome outcome = LocalRefinementOutcome::kDone;
   std::uint32_t vertices_added = 0;
   std::uint32_t vertices_removed = 0;
-  std::uint32_t edges_split = 0;       ///< boundary edges split; included in vertices_added
   std::int64_t doubled_area_lost = 0;  ///< twice the area that the mesh lost, steps^2, >= 0
   std::uint32_t inspected = 0;         ///< number of inspected triangles that exist at the end
   std::uint32_t sharp = 0;             ///< inspected triangles with an angle below min_angle_deg
