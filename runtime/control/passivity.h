@@ -41,7 +41,6 @@ namespace trocar::runtime {
 
 struct PassivityOptions {
   bool on = true;              ///< if false, the loop adds no damping, not even after a break
-  double reserve_J = 0;        ///< damping acts only if the balance is below -reserve_J
   double credit_max_J = 2e-3;  ///< cap of the balance (item 6)
   /// Bound on damping * interval / plate mass, where the damper's velocity is computed over the
   /// interval. A sampled damper is stable while this value is below 2.
