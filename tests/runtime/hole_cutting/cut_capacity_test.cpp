@@ -6,11 +6,13 @@
 #include "runtime/hole_cutting/cut.h"
 #include "runtime/realtime/allocation_counter.h"
 #include "runtime/workers/remesher.h"
+#include "tests/support/check_sheet_mesh.h"
 #include "tests/support/counted_allocations.h"
 #include "tests/support/random_geometry.h"
 #include "tests/support/remesher_reader.h"
 #include "tests/support/same_sheet_mesh.h"
 #include "tests/support/sheet_fixture.h"
+#include "tests/support/whole_cut.h"
 
 namespace trocar::runtime {
 namespace {

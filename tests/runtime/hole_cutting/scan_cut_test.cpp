@@ -19,9 +19,11 @@
 #include "formats/asset/asset.h"
 #include "runtime/hole_cutting/cut.h"
 #include "runtime/local_refinement/local_refinement.h"
+#include "tests/support/check_sheet_mesh.h"
 #include "tests/support/cut_checks.h"
 #include "tests/support/random_geometry.h"
 #include "tests/support/same_sheet_mesh.h"
+#include "tests/support/whole_cut.h"
 
 namespace trocar::runtime {
 namespace {

@@ -15,6 +15,7 @@
 
 #include "formats/geometry/mesh_validity.h"
 #include "runtime/local_refinement/local_refinement.h"
+#include "tests/support/check_sheet_mesh.h"
 #include "tests/support/delaunay_fixture.h"
 
 namespace trocar::runtime {
