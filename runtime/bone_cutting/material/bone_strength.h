@@ -71,8 +71,8 @@ struct DensityConversion {
   double factor = 1;
   std::string_view source;
 };
-/// Returns null if no conversion is known, and if both kinds are the same. There is no conversion from or to QCT density, because
-/// each published one holds for one phantom and scanner only.
+/// Returns null if no conversion is known, and if both kinds are the same. There is no conversion
+/// from or to QCT density, because each published one holds for one phantom and scanner only.
 const DensityConversion* find_conversion(DensityKind from, DensityKind to) noexcept;
 
 }  // namespace trocar::runtime
