@@ -9,6 +9,7 @@
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
+#include <limits>
 #include <numbers>
 #include <string>
 #include <vector>
@@ -19,6 +20,20 @@
 #include "tests/support/delaunay_fixture.h"
 
 namespace trocar::runtime {
+
+/// Wanted length of edges, in lattice steps. It grows linearly with the distance from a disc.
+struct GradedSize {
+  LatticePoint centre;                                         ///< centre of the disc
+  double radius = 0;                                           ///< radius of the disc, steps
+  double at_radius = std::numeric_limits<double>::infinity();  ///< wanted length in the disc
+  double growth = 0;  ///< increase of the wanted length per step of distance from the disc
+  double largest = std::numeric_limits<double>::infinity();  ///< largest wanted length
+  double operator()(double x, double y) const noexcept {
+    const double dx = x - centre.x, dy = y - centre.y;
+    const double beyond = std::sqrt(dx * dx + dy * dy) - radius;
+    return std::min(at_radius + growth * std::max(beyond, 0.0), largest);
+  }
+};
 
 // ---- measures that do not use the code under test ----
 
