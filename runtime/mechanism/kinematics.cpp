@@ -44,12 +44,7 @@ const char* to_string(KinematicsFailure failure) noexcept {
 }
 
 MotorVector motor_angles(const JointAngles& joints) noexcept {
-  MotorVector motor_rad;
-  for (int m = 0; m < kLegs; ++m) {
-    motor_rad[motor_index(m, 0)] = joints.theta_rad[m][0];
-    motor_rad[motor_index(m, 1)] = joints.theta_rad[m][3];
-  }
-  return motor_rad;
+  return motor_angles(encoder_angles(joints));
 }
 
 std::array<double, kEncoders> encoder_angles(const JointAngles& joints) noexcept {
