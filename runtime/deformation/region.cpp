@@ -4,7 +4,6 @@
 #include <algorithm>
 #include <cmath>
 #include <string>
-#include <utility>
 
 #include "formats/geometry/canonical_rotation.h"
 #include "formats/geometry/lattice_offset.h"

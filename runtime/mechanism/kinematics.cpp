@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "runtime/mechanism/kinematics.h"
 
-#include <algorithm>
 #include <cmath>
 
 #include "runtime/mechanism/leg.h"
