@@ -169,9 +169,9 @@ TEST(CutAllocations, NoOutcomeAllocates) {
                 if (report.outcome != CutOutcome::kCut) return;
                 ++cuts;
                 refine_locally(mesh, edit, work.stitch.created, {}, refinement);
-                grid.update(edit, mesh);
-                edit.copy_to(mesh, replica);
-                replica_grid.update(edit, replica);
+                grid.update(edit.change(), mesh);
+                edit.change().copy_to(mesh, replica);
+                replica_grid.update(edit.change(), replica);
               }),
               0U);
     too_little += small_failed ? 1 : 0;

@@ -343,9 +343,9 @@ class Cutter {
       ++count.refined;
     }
     count.obtuse += count_obtuse_boundary_edges(subject.mesh, subject.edit);
-    subject.grid.update(subject.edit, subject.mesh);
-    subject.edit.copy_to(subject.mesh, subject.replica);
-    subject.replica_grid.update(subject.edit, subject.replica);
+    subject.grid.update(subject.edit.change(), subject.mesh);
+    subject.edit.change().copy_to(subject.mesh, subject.replica);
+    subject.replica_grid.update(subject.edit.change(), subject.replica);
   }
 
   Random random_;

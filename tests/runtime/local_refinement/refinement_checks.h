@@ -161,7 +161,7 @@ inline LocalRefinementResult refine_and_check(SheetMesh& mesh,
   EXPECT_EQ(mesh.vertices_in_use() + result.vertices_removed,
             before.vertices_in_use() + result.vertices_added);
   SheetMesh replica = before;
-  edit.copy_to(mesh, replica);
+  edit.change().copy_to(mesh, replica);
   EXPECT_TRUE(same(replica, mesh)) << "a slot was written and not listed";
   // 5
   SheetMesh again = before;
