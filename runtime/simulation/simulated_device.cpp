@@ -17,8 +17,7 @@ using Eigen::Vector3d;
 constexpr int kMaxSubsteps = 100000;  // kMaxStep_s / shortest maximum_substep_s
 
 Vector3d plate_inertia(const DeviceDescription& device) noexcept {
-  return Vector3d(device.plate_inertia_kg_m2[0], device.plate_inertia_kg_m2[1],
-                  device.plate_inertia_kg_m2[2]);
+  return Vector3d(device.plate_inertia_kg_m2.data());
 }
 
 double plate_energy(const DeviceDescription& device, const Pose& T, const Twist& twist) noexcept {
@@ -104,9 +103,7 @@ DeviceStatus SimulatedDevice::read(DeviceState& state) noexcept {
 }
 
 DeviceStatus SimulatedDevice::write(const DeviceCommand& command) noexcept {
-  MotorVector tau;
-  for (int i = 0; i < kMotors; ++i)
-    tau[i] = command.tau_motor_Nm[i];
+  MotorVector tau(command.tau_motor_Nm.data());
   truth_.command_refused = !tau.allFinite();
   if (truth_.command_refused) tau.setZero();
   const double peak = device_.motor_peak_torque_Nm;
