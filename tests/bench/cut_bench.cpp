@@ -94,7 +94,7 @@ class Subject {
         pristine_(*make_sheet_mesh(sheet, 4096, 8192)),
         pristine_grid_(pristine_),
         edit_(pristine_),
-        work_(capacity_for(pristine_)),
+        work_(capacity_for(pristine_.vertices.size(), pristine_.triangles.size())),
         refinement_(pristine_) {
     for (const LatticePoint p : sheet.vertices)
       extent_ = {std::max(extent_.x, p.x), std::max(extent_.y, p.y)};

@@ -269,7 +269,7 @@ class Cutter {
   // A series of cuts in one slice.
   void series(const SliceMesh& slice, int cuts) {
     Subject subject(slice);
-    CutWorkspace work(capacity_for(subject.mesh));
+    CutWorkspace work(capacity_for(subject.mesh.vertices.size(), subject.mesh.triangles.size()));
     LocalRefinementWorkspace refinement(subject.mesh);
     Ring last;
     for (int k = 0; k < cuts; ++k) {
