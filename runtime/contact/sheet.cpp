@@ -17,12 +17,6 @@ namespace {
 constexpr double kHeightRounding_m = 1e-12;  // rounding error of a difference of heights
 constexpr double kMaxHeight_m = 1;           // largest distance of a slice from {B}'s origin
 
-/// `mesh` must be valid.
-void put_mesh(const SliceMesh& mesh, Sheet& sheet) {
-  sheet.mesh = std::move(*make_sheet_mesh(mesh, kSpareVertices, kSpareTriangles));
-  sheet.index_mesh();
-}
-
 /// Centroid of the material in mm.
 std::array<double, 2> centroid_mm(const SliceMesh& mesh, const Lattice& lattice) {
   const LatticePoint origin = mesh.vertices.front();
@@ -140,7 +134,8 @@ Result<std::vector<std::unique_ptr<const Sheet>>> place_slices(const Scene& scen
     sheet->z_m = scene.slices[i].z_m;
     sheet->tissue = choose_tissue(scene, scene.slices[i], asset, *slices[i]).tissue;
     sheet->transform = transform;
-    put_mesh(slices[i]->mesh, *sheet);
+    sheet->mesh = std::move(*make_sheet_mesh(slices[i]->mesh, kSpareVertices, kSpareTriangles));
+    sheet->index_mesh();
     if (!slices[i]->hu.empty())
       sheet->hu = std::make_shared<const std::vector<float>>(slices[i]->hu);
     if (traits_of(scene.force_law.kind).uses_bone_volume) {
