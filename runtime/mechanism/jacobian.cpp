@@ -37,9 +37,9 @@ JacobianResult jacobian(const DeviceDescription& device, const Pose& T_device_pl
     const Vector3d C = leg::to_leg(m, T_device_plate.p_m + r);
     Vector3d w1, w4;
     const auto& theta = joints.theta_rad[m];
-    if (const auto status = leg::motor_rates(g, C, theta[0], theta[3], w1, w4); !status) {
-      result.status = {status.failure, static_cast<std::int8_t>(m + 1),
-                       static_cast<std::int8_t>(status.joint)};
+    result.status = leg::motor_rates(g, C, theta[0], theta[3], w1, w4);
+    if (!result.status) {
+      result.status.leg = m + 1;
       return result;
     }
     result.G.row(motor_index(m, 0)) = point_row(leg::from_leg(m, w1), r);

@@ -12,10 +12,6 @@ using Eigen::Vector3d;
 
 constexpr double kUnitTolerance = 1e-9;  // allowed error of a unit quaternion's squared length
 
-KinematicsStatus failure(KinematicsFailure why, int leg, int joint) noexcept {
-  return {why, static_cast<std::int8_t>(leg + 1), static_cast<std::int8_t>(joint)};
-}
-
 bool is_good_pose(const Pose& T) noexcept {
   return is_finite(T) && std::abs(T.q.squaredNorm() - 1) <= kUnitTolerance;
 }
@@ -74,10 +70,9 @@ InverseResult inverse_kinematics(const DeviceDescription& device,
   const LegBranch branch{device.geometry.branch_theta1, device.geometry.branch_theta4};
   for (int m = 0; m < kLegs; ++m) {
     const Vector3d C = T_device_plate * leg::plate_joint(device.geometry, m);
-    const leg::LegStatus status =
-        leg::inverse(device, leg::to_leg(m, C), branch, result.joints.theta_rad[m]);
-    if (!status) {
-      result.status = failure(status.failure, m, status.joint);
+    result.status = leg::inverse(device, leg::to_leg(m, C), branch, result.joints.theta_rad[m]);
+    if (!result.status) {
+      result.status.leg = m + 1;
       return result;
     }
   }
@@ -89,7 +84,7 @@ KinematicsStatus check_joint_limits(const DeviceDescription& device,
   for (int m = 0; m < kLegs; ++m) {
     for (int j = 0; j < 4; ++j) {
       if (!inside(device.joint_limit[j], encoder_rad[encoder_index(m, j)])) {
-        return failure(KinematicsFailure::kBeyondLimit, m, j + 1);
+        return {KinematicsFailure::kBeyondLimit, m + 1, j + 1};
       }
     }
   }
@@ -105,7 +100,7 @@ ForwardResult forward_kinematics(const DeviceDescription& device,
     const double* theta = &encoder_rad[encoder_index(m, 0)];
     C[m] = leg::from_leg(m, leg::upper_tip(g, theta[0], theta[1], theta[2]));
     if (!C[m].allFinite()) {
-      result.status = failure(KinematicsFailure::kBadInput, m, 0);
+      result.status = {KinematicsFailure::kBadInput, m + 1, 0};
       return result;
     }
   }
