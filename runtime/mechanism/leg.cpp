@@ -21,6 +21,10 @@ double middle(const JointLimit& limit) noexcept {
   return (limit.min_rad + limit.max_rad) / 2;
 }
 
+int sign(double x) noexcept {
+  return (x > 0) - (x < 0);
+}
+
 // The angles of a chain of two links. The first link (length a) turns in the plane with coordinates
 // (px, py). The second link (length b) may also leave this plane, by pn along its normal. `first`
 // is the angle of the first joint, `second` the angle of the second joint relative to it, and
@@ -90,6 +94,12 @@ KinematicsStatus inverse(const DeviceDescription& device, const Vector3d& C, Leg
     theta[j] = wrapped_near(theta[j], middle(device.joint_limit[j]));
   }
   return {};
+}
+
+LegBranch branch_of(const DeviceGeometry& g, const Vector3d& C, double th1, double th4) noexcept {
+  // A positive acos turns the motor's link ahead of the driven point, which makes the arm negative.
+  const Arms a = arms(g, C, th1, th4);
+  return {-sign(a.upper_arm_m2), -sign(a.lower_arm_m2)};
 }
 
 KinematicsStatus motor_rates(const DeviceGeometry& g, const Vector3d& C, double th1, double th4,

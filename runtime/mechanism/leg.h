@@ -21,6 +21,7 @@ namespace trocar::runtime::leg {
 
 /// If the distance between the ends of a chain is less than kMinSpan_m, inverse() fails with
 /// kSingular, because the direction from one end to the other is then undefined.
+/// forward_kinematics_from_motors() has the same limit for the distances E to C and F to D.
 inline constexpr double kMinSpan_m = 1e-9;
 
 struct Azimuth {
@@ -99,6 +100,12 @@ inline Eigen::Vector3d link_joint(const DeviceGeometry& g, const Eigen::Vector3d
 /// the leg.
 KinematicsStatus inverse(const DeviceDescription& device, const Eigen::Vector3d& C,
                          LegBranch branch, std::array<double, kJointsPerLeg>& theta) noexcept;
+
+/// Finds the branch of each chain: the branch for which inverse() computes the given th1
+/// and th4 from C. If a chain is stretched or folded, its two branches coincide, and the function
+/// returns 0 for this chain.
+LegBranch branch_of(const DeviceGeometry& g, const Eigen::Vector3d& C, double th1,
+                    double th4) noexcept;
 
 /// Computes the vectors w1 and w4 that give the motor rates of one leg: th1' = w1 . C' and
 /// th4' = w4 . C'. The prime is the time derivative; all vectors are in the leg's frame. Fails with

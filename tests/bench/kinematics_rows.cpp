@@ -9,7 +9,6 @@
 #include "runtime/mechanism/jacobian.h"
 #include "runtime/mechanism/kinematics.h"
 #include "tests/reference/mechanism/influence_jacobian.h"
-#include "tests/reference/mechanism/motor_kinematics.h"
 #include "tests/support/device_workspace.h"
 
 namespace trocar::test {
@@ -70,7 +69,7 @@ json kinematics_rows(const DeviceDescription& device, int poses) {
   int iterations = 0, failures = 0;
   for (const Sample& s : samples) {
     const ForwardResult by_all = forward_kinematics(device, s.encoder_rad);
-    const MotorPose by_motors = forward_kinematics_from_motors(device, s.motor_rad, s.before);
+    const ForwardResult by_motors = forward_kinematics_from_motors(device, s.motor_rad, s.before);
     const JacobianResult compact = jacobian(device, s.pose, s.inverse.joints);
     const JacobianResult paper = influence_jacobian(device, s.pose, s.inverse.joints);
     if (!s.inverse.status || !by_all.status || !by_motors.status || !compact.status ||

@@ -24,7 +24,6 @@
 #include "tests/reference/decompositions/decompositions.h"
 #include "tests/reference/mechanism/influence_jacobian.h"
 #include "tests/reference/mechanism/leg_assemblies.h"
-#include "tests/reference/mechanism/motor_kinematics.h"
 #include "tests/support/sheet_fixture.h"
 #include "tests/support/sheet_law_fixture.h"
 
@@ -152,7 +151,7 @@ class DeviceStress : public testing::TestWithParam<std::filesystem::path> {
       }
       EXPECT_EQ(to_string(check_joint_limits(device_, encoders).failure), expected_limits);
       if (i % 4 != 0 && i % 4 != 3) continue;
-      const MotorPose by_motors =
+      const ForwardResult by_motors =
           forward_kinematics_from_motors(device_, motor_angles(encoders), T);
       EXPECT_EQ(to_string(by_motors.status.failure), expected_motors);
       if (by_motors.status) {

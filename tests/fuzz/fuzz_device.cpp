@@ -24,7 +24,6 @@
 #include "tests/fuzz/harness.h"
 #include "tests/reference/mechanism/influence_jacobian.h"
 #include "tests/reference/mechanism/leg_assemblies.h"
-#include "tests/reference/mechanism/motor_kinematics.h"
 #include "tests/support/sheet_fixture.h"
 #include "tests/support/sheet_law_fixture.h"
 
@@ -54,17 +53,12 @@ bool finite(const Encoders& angles) {
 }
 
 void expect_named(const KinematicsStatus& status, bool of_a_leg) {
-  if (status.failure > KinematicsFailure::kBeyondLimit) fail("kinematics: a failure without name");
+  if (status.failure > KinematicsFailure::kOtherBranch) fail("kinematics: a failure without name");
   if (of_a_leg && (status.leg < 1 || status.leg > kLegs || status.joint < 1 || status.joint > 6))
     fail("kinematics: a failure without leg and joint");
 }
 
-void expect_named(const MotorPoseStatus& status, bool /*of_a_leg*/) {
-  if (status.failure > MotorPoseFailure::kOtherBranch) fail("kinematics: a failure without name");
-}
-
-template <typename Result>
-void expect_pose(const Result& result) {
+void expect_pose(const ForwardResult& result) {
   if (!result.status) return expect_named(result.status, false);
   if (!is_finite(result.T_device_plate) ||
       std::abs(result.T_device_plate.q.squaredNorm() - 1) > 1e-9)
@@ -145,7 +139,7 @@ void check_pose(const DeviceDescription& device, const Pose& T, const Wrench& wa
 void check_encoders(const DeviceDescription& device, const Encoders& encoders) {
   const ForwardResult forward = forward_kinematics(device, encoders);
   expect_pose(forward);
-  const MotorPose by_motors =
+  const ForwardResult by_motors =
       forward_kinematics_from_motors(device, motor_angles(encoders), middle());
   expect_pose(by_motors);
   if (by_motors.iterations > GaussNewtonOptions{}.max_iterations) fail("forward: iterations");

@@ -15,7 +15,6 @@
 #include "runtime/mechanism/leg.h"
 #include "tests/reference/mechanism/joint_limits.h"
 #include "tests/reference/mechanism/leg_assemblies.h"
-#include "tests/reference/mechanism/motor_kinematics.h"
 #include "tests/support/device_workspace.h"
 
 namespace trocar::runtime {
@@ -135,7 +134,7 @@ TEST(Kinematics, GaussNewtonFromTheLastPoseReturnsThePose) {
     Pose last = T;
     last.p_m += 0.005 * random.in_ball();
     last.q = from_rotation_vector(3 * kDeg * random.in_ball()) * T.q;
-    const MotorPose forward =
+    const ForwardResult forward =
         forward_kinematics_from_motors(device, motor_angles(inverse.joints), last);
     ASSERT_TRUE(forward.status) << "pose " << n;
     EXPECT_LT(forward.residual_m, 1e-13);
@@ -163,13 +162,13 @@ TEST(Kinematics, GaussNewtonReportsWrongSolutions) {
       last.p_m += away_m * random.in_ball();
       last.q = from_rotation_vector(away_m / 0.1 * std::numbers::pi / 3 * random.in_ball()) * T.q;
       if (!inverse_kinematics(device, last).status) continue;
-      const MotorPose found = forward_kinematics_from_motors(device, motors, last);
+      const ForwardResult found = forward_kinematics_from_motors(device, motors, last);
       const bool is_right = (found.T_device_plate.p_m - T.p_m).norm() < 1e-9 &&
                             angle_between(found.T_device_plate, T) < 1e-9;
       if (found.status) {
         ASSERT_TRUE(is_right) << "from " << away_m << " m, residual " << found.residual_m;
         ++right;
-      } else if (found.status.failure == MotorPoseFailure::kOtherBranch) {
+      } else if (found.status.failure == KinematicsFailure::kOtherBranch) {
         ++(is_right ? flagged_right : flagged_wrong);
         if (away_m == 0.005) ADD_FAILURE() << "kOtherBranch within 5 mm";
       } else {
@@ -197,8 +196,9 @@ TEST(Kinematics, GaussNewtonNamesTheChainOnTheOtherBranch) {
         ++seen[m][upper ? 0 : 1];
         JointAngles switched = joints;
         switched.theta_rad[m] = each.theta_rad;
-        const MotorPose found = forward_kinematics_from_motors(device, motor_angles(switched), T);
-        EXPECT_EQ(found.status.failure, MotorPoseFailure::kOtherBranch);
+        const ForwardResult found =
+            forward_kinematics_from_motors(device, motor_angles(switched), T);
+        EXPECT_EQ(found.status.failure, KinematicsFailure::kOtherBranch);
         EXPECT_EQ(found.status.leg, m + 1);
         EXPECT_EQ(found.status.joint, upper ? 1 : 4);
         EXPECT_LT((found.T_device_plate.p_m - T.p_m).norm(), 1e-12) << "the pose is the same";
@@ -265,7 +265,7 @@ TEST(Kinematics, InverseGivesTheDescribedOneOfAllAssemblies) {
         for (const LegAssembly* each : {&first, &second}) {
           EXPECT_TRUE(same_angle(each->theta_rad[3], th4s[0]) ||
                       same_angle(each->theta_rad[3], th4s[1]));
-          EXPECT_EQ(branch_of(g, C, each->theta_rad[0], each->theta_rad[3]), each->branch);
+          EXPECT_EQ(leg::branch_of(g, C, each->theta_rad[0], each->theta_rad[3]), each->branch);
           EXPECT_LT(
               (leg::upper_tip(g, each->theta_rad[0], each->theta_rad[1], each->theta_rad[2]) - C)
                   .norm(),
@@ -295,13 +295,13 @@ TEST(Kinematics, ContradictingEncodersRaiseGaussNewtonsResidual) {
   T.p_m.z() = 0.15;
   MotorVector motors = motor_angles(inverse_kinematics(device, T).joints);
   motors[3] += 0.003;
-  MotorPose forward = forward_kinematics_from_motors(device, motors, T);
+  ForwardResult forward = forward_kinematics_from_motors(device, motors, T);
   ASSERT_TRUE(forward.status);
   EXPECT_GT(forward.residual_m, 1e-5);
   // A large error of an encoder cannot be distinguished from another branch.
   motors[3] += 0.03;
   forward = forward_kinematics_from_motors(device, motors, T);
-  EXPECT_EQ(forward.status.failure, MotorPoseFailure::kOtherBranch);
+  EXPECT_EQ(forward.status.failure, KinematicsFailure::kOtherBranch);
   EXPECT_EQ(forward.status.leg, 0);
   forward = forward_kinematics_from_motors(device, motors, T, {.residual_max_m = 0.01});
   EXPECT_TRUE(forward.status);
@@ -341,7 +341,7 @@ TEST(Kinematics, FailuresAreNamed) {
   bad.q.w() = 1.01;
   EXPECT_EQ(inverse_kinematics(device, bad).status.failure, KinematicsFailure::kBadInput);
   EXPECT_EQ(forward_kinematics_from_motors(device, MotorVector::Zero(), bad).status.failure,
-            MotorPoseFailure::kBadInput);
+            KinematicsFailure::kBadInput);
   bad.q.w() = kInf;
   EXPECT_EQ(inverse_kinematics(device, bad).status.failure, KinematicsFailure::kBadInput);
   auto encoders = encoder_angles(inverse_kinematics(device, T).joints);
@@ -350,14 +350,13 @@ TEST(Kinematics, FailuresAreNamed) {
   EXPECT_EQ(nan_status.failure, KinematicsFailure::kBadInput);
   EXPECT_EQ(nan_status.leg, 2);
   EXPECT_EQ(forward_kinematics_from_motors(device, MotorVector::Constant(kNan), T).status.failure,
-            MotorPoseFailure::kBadInput);
-  const MotorPose one_step = forward_kinematics_from_motors(device, MotorVector::Constant(4.0), T,
-                                                            {.max_iterations = 1, .step_m = 1e-12});
-  EXPECT_EQ(one_step.status.failure, MotorPoseFailure::kNotConverged);
-  for (int f = 0; f <= static_cast<int>(KinematicsFailure::kBeyondLimit); ++f)
+            KinematicsFailure::kBadInput);
+  const ForwardResult one_step = forward_kinematics_from_motors(
+      device, MotorVector::Constant(4.0), T, {.max_iterations = 1, .step_m = 1e-12});
+  EXPECT_EQ(one_step.status.failure, KinematicsFailure::kNotConverged);
+  for (int f = 0; f <= static_cast<int>(KinematicsFailure::kOtherBranch); ++f) {
     EXPECT_STRNE(to_string(static_cast<KinematicsFailure>(f)), "unknown");
-  for (int f = 0; f <= static_cast<int>(MotorPoseFailure::kOtherBranch); ++f)
-    EXPECT_STRNE(to_string(static_cast<MotorPoseFailure>(f)), "unknown");
+  }
 }
 
 TEST(Kinematics, JointLimitsAreCheckedAtBothEnds) {
