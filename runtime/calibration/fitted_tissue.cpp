@@ -73,7 +73,6 @@ Result<std::string> fitted_tissue(const CurveFit& fit, const SceneTool& tool) {
   unit.strength_Pa = 1;
   unit.modulus_Pa = 1;
   unit.friction_Pa = outline_share(tool, *shape);
-  unit.presliding_Pa_per_m = 1;
   unit.poisson = kPoisson;
   const ToolInTissue in = tool_in_tissue(*shape, unit);
   const double stiffness_N_per_m = fit.stiffness_N_per_mm.value * 1e3;

@@ -17,12 +17,6 @@ namespace {
 constexpr double kHeightRounding_m = 1e-12;  // rounding error of a difference of heights
 constexpr double kMaxHeight_m = 1;           // largest distance of a slice from {B}'s origin
 
-/// `mesh` must be valid.
-void put_mesh(const SliceMesh& mesh, Sheet& sheet) {
-  sheet.mesh = std::move(*make_sheet_mesh(mesh, kSpareVertices, kSpareTriangles));
-  sheet.index_mesh();
-}
-
 /// Centroid of the material in mm.
 std::array<double, 2> centroid_mm(const SliceMesh& mesh, const Lattice& lattice) {
   const LatticePoint origin = mesh.vertices.front();
@@ -114,9 +108,9 @@ Result<std::vector<std::unique_ptr<const Sheet>>> place_slices(const Scene& scen
   PlanarTransform transform;
   transform.lattice = asset.lattice;
   transform.at_m = Eigen::Vector2d(scene.placement.at_m.data());
-  const std::array<double, 2> anchor_mm = scene.placement.anchor_mm.value_or(
-      scene.placement.anchor_mm ? std::array<double, 2>{}
-                                : centroid_mm(slices.front()->mesh, asset.lattice));
+  const std::array<double, 2> anchor_mm = scene.placement.anchor_mm
+                                              ? *scene.placement.anchor_mm
+                                              : centroid_mm(slices.front()->mesh, asset.lattice);
   transform.anchor_mm = Eigen::Vector2d(anchor_mm.data());
   const double rotation_rad = scene.placement.rotation_deg * std::numbers::pi / 180;
   transform.cosine = std::cos(rotation_rad);
@@ -138,9 +132,10 @@ Result<std::vector<std::unique_ptr<const Sheet>>> place_slices(const Scene& scen
     auto sheet = std::make_unique<Sheet>();
     sheet->slice_index = slices[i]->index;
     sheet->z_m = scene.slices[i].z_m;
-    sheet->tissue = tissue_of(scene, scene.slices[i], asset, *slices[i]);
+    sheet->tissue = choose_tissue(scene, scene.slices[i], asset, *slices[i]).tissue;
     sheet->transform = transform;
-    put_mesh(slices[i]->mesh, *sheet);
+    sheet->mesh = std::move(*make_sheet_mesh(slices[i]->mesh, kSpareVertices, kSpareTriangles));
+    sheet->index_mesh();
     if (!slices[i]->hu.empty())
       sheet->hu = std::make_shared<const std::vector<float>>(slices[i]->hu);
     if (traits_of(scene.force_law.kind).uses_bone_volume) {

@@ -4,10 +4,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <iterator>
 #include <limits>
-#include <numbers>
-#include <numeric>
 
 #include "formats/geometry/lattice_box.h"
 
@@ -63,16 +60,14 @@ SliceField::SliceField(const SliceMesh& mesh, std::span<const float> hu, const L
     }
   }
   if (!has_hu_) return;
-  std::vector<float> values;
-  values.reserve(hu_.size());
-  std::copy_if(hu_.begin(), hu_.end(), std::back_inserter(values),
-               [](float value) { return !std::isnan(value); });
-  if (values.empty()) return;
-  mean_hu_ =
-      std::accumulate(values.begin(), values.end(), 0.0) / static_cast<double>(values.size());
-  const auto dense = values.begin() + static_cast<std::ptrdiff_t>(values.size() * 9 / 10);
-  std::nth_element(values.begin(), dense, values.end());
-  dense_hu_ = *dense;
+  double sum = 0;
+  std::size_t filled = 0;
+  for (const float value : hu_) {
+    if (std::isnan(value)) continue;
+    sum += value;
+    ++filled;
+  }
+  if (filled > 0) mean_hu_ = sum / static_cast<double>(filled);
 }
 
 float SliceField::at(double x_mm, double y_mm) const noexcept {

@@ -34,8 +34,6 @@ class SliceField {
 
   bool has_hu() const noexcept { return has_hu_; }
   double mean_hu() const noexcept { return mean_hu_; }  ///< mean HU of all material
-  /// 90th percentile of the HU of all material, an estimate of the HU of cortical bone.
-  double dense_hu() const noexcept { return dense_hu_; }
   std::size_t bytes() const noexcept { return hu_.capacity() * sizeof(float); }
 
   struct Mean {
@@ -53,7 +51,7 @@ class SliceField {
   double left_mm_ = 0, bottom_mm_ = 0, pixel_mm_ = kPixel_mm;
   int columns_ = 0, rows_ = 0;
   bool has_hu_ = false;
-  double mean_hu_ = 0, dense_hu_ = 0;
+  double mean_hu_ = 0;
   std::vector<float> hu_;  // HU of each pixel, row by row; nan: the pixel is empty
 };
 

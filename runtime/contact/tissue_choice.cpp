@@ -41,9 +41,4 @@ TissueChoice choose_tissue(const Scene& scene, const SceneSlice& wanted, const A
   return choice;
 }
 
-Tissue tissue_of(const Scene& scene, const SceneSlice& wanted, const Asset& asset,
-                 const AssetSlice& slice) {
-  return choose_tissue(scene, wanted, asset, slice).tissue;
-}
-
 }  // namespace trocar::runtime

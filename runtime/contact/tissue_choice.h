@@ -35,8 +35,4 @@ struct TissueChoice {
 TissueChoice choose_tissue(const Scene& scene, const SceneSlice& wanted, const Asset& asset,
                            const AssetSlice& slice);
 
-/// Calls choose_tissue() and returns only TissueChoice::tissue.
-Tissue tissue_of(const Scene& scene, const SceneSlice& wanted, const Asset& asset,
-                 const AssetSlice& slice);
-
 }  // namespace trocar::runtime

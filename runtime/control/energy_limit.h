@@ -36,7 +36,6 @@
 
 #include <array>
 
-#include "formats/session/recording.h"
 #include "formats/session/scene.h"
 #include "runtime/control/limits.h"
 #include "runtime/device/pose.h"

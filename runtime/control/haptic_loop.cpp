@@ -299,7 +299,7 @@ void write_command(HandDevice& device, LoopState& state, FaultDetail& fault,
     if (was_running) device.stop();
   }
   const Wrench delivered = device.delivered();
-  note_delivered(delivered, state.passivity);
+  state.passivity.delivered = delivered;
   state.energy.note_delivered(delivered);
 }
 

@@ -41,7 +41,6 @@ namespace trocar::runtime {
 
 struct PassivityOptions {
   bool on = true;              ///< if false, the loop adds no damping, not even after a break
-  double reserve_J = 0;        ///< damping acts only if the balance is below -reserve_J
   double credit_max_J = 2e-3;  ///< cap of the balance (item 6)
   /// Bound on damping * interval / plate mass, where the damper's velocity is computed over the
   /// interval. A sampled damper is stable while this value is below 2.
@@ -78,21 +77,17 @@ struct PassivityState {
 double damping_max(const PassivityOptions& options, double plate_mass_kg, double dt_s) noexcept;
 
 /// Returns the wrench that the caller must render instead of `input.wrench_device`. After that the
-/// caller must call note_delivered(). `pose_interval_s`: time between the previous new pose and
-/// this pose, on the device's clock. If the pose is not new, `pose_interval_s` is 0, and the damper
-/// of the last tick stays unchanged, except that a planned release ends it (item 4). If the hand
-/// has turned back since the last new pose, the damper's force, like the force of the environment,
-/// may then do work on the hand. The balance cannot prevent this work, because the plate's motion
-/// is not known in such a tick. The next new pose shows the whole displacement since the previous
-/// new pose. The work of the wrench held last over this displacement, whatever its sign, then
-/// enters the balance. If the balance is then negative, damping takes the energy back.
+/// caller must store the wrench that the motors hold until the next tick in `state.delivered`; the
+/// next call accounts for the work of that wrench in the balance. `pose_interval_s`: time between
+/// the previous new pose and this pose, on the device's clock. If the pose is not new,
+/// `pose_interval_s` is 0, and the damper of the last tick stays unchanged, except that a planned
+/// release ends it (item 4). If the hand has turned back since the last new pose, the damper's
+/// force, like the force of the environment, may then do work on the hand. The balance cannot
+/// prevent this work, because the plate's motion is not known in such a tick. The next new pose
+/// shows the whole displacement since the previous new pose. The work of the wrench held last over
+/// this displacement, whatever its sign, then enters the balance. If the balance is then negative,
+/// damping takes the energy back.
 Wrench keep_passive(const PassivityOptions& options, double plate_mass_kg, double pose_interval_s,
                     const PassivityInput& input, PassivityState& state) noexcept;
-
-/// Stores the wrench that the motors hold until the next tick. The next keep_passive() accounts
-/// for the wrench's work in the balance.
-inline void note_delivered(const Wrench& wrench_device, PassivityState& state) noexcept {
-  state.delivered = wrench_device;
-}
 
 }  // namespace trocar::runtime

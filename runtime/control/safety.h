@@ -85,13 +85,6 @@ void press_stop(Safety& safety, double t_s) noexcept;
 /// zero. Returns true if the request takes effect.
 bool recover(Safety& safety, const SafetyTiming& timing, double rate_Hz) noexcept;
 
-/// Returns the state with which a session begins.
-inline Safety initial_safety(const SafetyTiming& timing) noexcept {
-  Safety safety;
-  safety.recovered = timing.ramps_at_start;
-  return safety;
-}
-
 /// Advances the machine by one tick. `fault`: fault found by the tick's checks, or none. `t_s`:
 /// time of the tick. `seen`: a state of the device was read in this tick or earlier. `free`: the
 /// tool is in free space.

@@ -29,7 +29,6 @@
 // Tests: tests/runtime/deformation/deformation_local_test.cpp
 #pragma once
 
-#include <cstdint>
 #include <span>
 #include <vector>
 

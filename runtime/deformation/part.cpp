@@ -4,42 +4,13 @@
 #include <algorithm>
 #include <limits>
 
+#include "runtime/sheet_mesh/flat_table.h"
+
 namespace trocar::runtime {
 namespace {
 
-/// A hash table from slot to number. Its size depends on its entries, not on the sheet.
-class SlotTable {
- public:
-  SlotTable() : entries_(256) {}
-
-  /// Returns the number of `slot`; kNoSlot if it is not in the table.
-  std::uint32_t find(std::uint32_t slot) { return place(slot).number; }
-  /// `slot` must not be in the table.
-  void add(std::uint32_t slot, std::uint32_t number) {
-    if (2 * ++used_ >= entries_.size()) grow();
-    place(slot) = {slot, number};
-  }
-
- private:
-  struct Entry {
-    std::uint32_t slot = kNoSlot, number = kNoSlot;
-  };
-  Entry& place(std::uint32_t slot) {
-    std::size_t at = (slot * std::size_t{2654435761U}) & (entries_.size() - 1);
-    while (entries_[at].slot != kNoSlot && entries_[at].slot != slot)
-      at = (at + 1) & (entries_.size() - 1);
-    return entries_[at];
-  }
-  void grow() {
-    std::vector<Entry> old(4 * entries_.size());
-    old.swap(entries_);
-    for (const Entry& entry : old) {
-      if (entry.slot != kNoSlot) place(entry.slot) = entry;
-    }
-  }
-  std::vector<Entry> entries_;
-  std::size_t used_ = 0;
-};
+constexpr std::size_t kFirstCapacity = 128;  // the table of a part with more triangles is made anew
+static_assert(FlatTable::kAbsent == kNoSlot);
 
 Eigen::Vector2d relative(LatticePoint p, const Eigen::Vector2d& centre) {
   return Eigen::Vector2d(p.x, p.y) - centre;
@@ -72,23 +43,29 @@ Circle circle_around(const Ring& tool) noexcept {
 
 SheetPart part_around(const SheetMesh& sheet, std::span<const std::uint32_t> seeds,
                       const Circle& circle, double radius, std::vector<std::uint32_t>& queue) {
-  SlotTable taken;  // maps the slot of a triangle to its index in the queue
+  FlatTable taken;  // maps the slot of a triangle to its index in the queue
+  taken.allocate(kFirstCapacity);
   queue.clear();
-  for (std::uint32_t t : seeds) {
-    if (taken.find(t) != kNoSlot) continue;
-    taken.add(t, static_cast<std::uint32_t>(queue.size()));
+  const auto take = [&](std::uint32_t t) {
+    const auto number = static_cast<std::uint32_t>(queue.size());
     queue.push_back(t);
+    if (taken.insert(t, number) != nullptr) return;
+    taken.allocate(4 * queue.size());
+    for (std::uint32_t k = 0; k <= number; ++k)
+      taken.insert(queue[k], k);
+  };
+  for (std::uint32_t t : seeds) {
+    if (!taken.contains(t)) take(t);
   }
   const double reach = circle.radius + radius;
   for (std::size_t k = 0; k < queue.size(); ++k) {
     for (std::uint32_t u : sheet.across[queue[k]]) {
-      if (u == kNoSlot || taken.find(u) != kNoSlot) continue;
+      if (u == kNoSlot || taken.contains(u)) continue;
       const std::array<LatticePoint, 3> p = corners(sheet, u);
       if (!(distance2_to_origin({relative(p[0], circle.centre), relative(p[1], circle.centre),
                                  relative(p[2], circle.centre)}) < reach * reach))
         continue;
-      taken.add(u, static_cast<std::uint32_t>(queue.size()));
-      queue.push_back(u);
+      take(u);
     }
   }
 
@@ -142,18 +119,10 @@ SheetPart part_around(const SheetMesh& sheet, std::span<const std::uint32_t> see
 
 SheetMesh to_sheet(const SheetPart& part, std::size_t spare_vertices, std::size_t spare_triangles) {
   SheetMesh out;
-  const std::size_t vertices = part.mesh.vertices.size(), triangles = part.mesh.triangles.size();
   out.vertices = part.mesh.vertices;
-  out.vertices.resize(vertices + spare_vertices);
   out.triangles = part.mesh.triangles;
-  out.triangles.resize(triangles + spare_triangles, kFreeSlot);
   out.across = part.across;
-  out.across.resize(triangles + spare_triangles, {kNoSlot, kNoSlot, kNoSlot});
-  out.reserve_stacks();
-  for (std::size_t v = vertices + spare_vertices; v-- > vertices;)
-    out.free_vertices.push_back(static_cast<std::uint32_t>(v));
-  for (std::size_t t = triangles + spare_triangles; t-- > triangles;)
-    out.free_triangles.push_back(static_cast<std::uint32_t>(t));
+  out.add_slots(spare_vertices, spare_triangles);
   return out;
 }
 

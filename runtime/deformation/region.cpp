@@ -4,7 +4,6 @@
 #include <algorithm>
 #include <cmath>
 #include <string>
-#include <utility>
 
 #include "formats/geometry/canonical_rotation.h"
 #include "formats/geometry/lattice_offset.h"
@@ -47,10 +46,7 @@ void ensure_capacity(const SheetMesh& mesh, RegionWorkspace& work) {
     return;
   work.vertex_slots = std::max(work.vertex_slots, mesh.vertices.size());
   work.triangle_slots = std::max(work.triangle_slots, mesh.triangles.size());
-  SheetMesh slots;
-  slots.vertices.resize(work.vertex_slots);
-  slots.triangles.resize(work.triangle_slots, kFreeSlot);
-  work.edit = SheetEdit(slots);
+  work.edit = SheetEdit(work.vertex_slots, work.triangle_slots);
   work.cut = CutWorkspace({work.triangle_slots, work.vertex_slots + kSpareForCut,
                            3 * work.triangle_slots + kSpareForCut});
   work.refinement.emplace(work.vertex_slots, work.triangle_slots);

@@ -128,11 +128,10 @@ Result<void> check(std::span<const Vector2d> outline, double decay_length, int p
 }  // namespace
 
 Result<double> unbounded_stiffness_per_foundation_m2(std::span<const Vector2d> outline_m,
-                                                     double decay_length_m,
-                                                     const UnboundedOptions& options) {
-  if (const auto fine = check(outline_m, decay_length_m, options.panels_per_side); !fine)
+                                                     double decay_length_m, int panels_per_side) {
+  if (const auto fine = check(outline_m, decay_length_m, panels_per_side); !fine)
     return fine.error();
-  const std::vector<Panel> panels = make_panels(outline_m, options.panels_per_side);
+  const std::vector<Panel> panels = make_panels(outline_m, panels_per_side);
   const auto n = static_cast<Eigen::Index>(panels.size());
   Eigen::MatrixXd single(n, n);
   Eigen::VectorXd right(n);
@@ -162,9 +161,9 @@ Result<double> unbounded_stiffness_per_foundation_m2(std::span<const Vector2d> o
 }
 
 Result<Membrane> membrane_for_tool(double stiffness_N_per_m, double decay_length_m,
-                                   std::span<const Vector2d> outline_m,
-                                   const UnboundedOptions& options) {
-  const auto per_bed = unbounded_stiffness_per_foundation_m2(outline_m, decay_length_m, options);
+                                   std::span<const Vector2d> outline_m, int panels_per_side) {
+  const auto per_bed =
+      unbounded_stiffness_per_foundation_m2(outline_m, decay_length_m, panels_per_side);
   if (!per_bed) return per_bed.error();
   const double bed = stiffness_N_per_m / *per_bed;
   return Membrane{bed * decay_length_m * decay_length_m, bed};

@@ -29,10 +29,8 @@
 
 namespace trocar::runtime {
 
-struct UnboundedOptions {
-  /// Number of panels per edge. With 16, the relative error of a hexagon's stiffness is 3e-5.
-  int panels_per_side = 16;
-};
+/// Default number of panels per edge. With 16, the relative error of a hexagon's stiffness is 3e-5.
+inline constexpr int kPanelsPerSide = 16;
 
 /// Returns F / (d f) in m^2, where F is the force on a rigid tool at the depth d, and f is the
 /// stiffness of the foundation. This is the stiffness under the tool, per unit of f. `outline_m`: a
@@ -41,12 +39,12 @@ struct UnboundedOptions {
 /// panels_per_side)^3); takes some milliseconds for a hexagon.
 Result<double> unbounded_stiffness_per_foundation_m2(std::span<const Eigen::Vector2d> outline_m,
                                                      double decay_length_m,
-                                                     const UnboundedOptions& options = {});
+                                                     int panels_per_side = kPanelsPerSide);
 
 /// Returns the membrane with this decay length whose stiffness under the tool, far from any
 /// edge, is `stiffness_N_per_m`. Errors: those of unbounded_stiffness_per_foundation_m2().
 Result<Membrane> membrane_for_tool(double stiffness_N_per_m, double decay_length_m,
                                    std::span<const Eigen::Vector2d> outline_m,
-                                   const UnboundedOptions& options = {});
+                                   int panels_per_side = kPanelsPerSide);
 
 }  // namespace trocar::runtime

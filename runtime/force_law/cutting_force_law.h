@@ -50,7 +50,6 @@ class CuttingForceLaw final : public ForceLaw {
   SummarySection summary() const override;
 
   const CuttingReport& report() const noexcept { return report_; }
-  const DeviceCoupling& coupling() const noexcept { return report_.coupling; }
 
  private:
   CuttingForceLaw(const ForceLawSetup& setup, BoneVolume bone, const DeviceCoupling& coupling);

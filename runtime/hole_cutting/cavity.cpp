@@ -70,15 +70,6 @@ ToolIntersection intersect_tool(const std::array<LatticePoint, 3>& triangle,
   return inside(x3, y3, 3, tool) ? ToolIntersection::kOverlaps : ToolIntersection::kTouches;
 }
 
-ToolIntersection intersect_tool(const std::array<LatticePoint, 3>& triangle,
-                                Outline tool) noexcept {
-  std::array<OutlineEdge, kMaxToolCorners> edges;
-  const std::size_t n = std::min(tool.size(), kMaxToolCorners);
-  for (std::size_t i = 0; i < n; ++i)
-    edges[i] = edge_of(tool, i);
-  return intersect_tool(triangle, std::span<const OutlineEdge>(edges.data(), n));
-}
-
 bool strictly_outside(LatticePoint p, std::span<const OutlineEdge> tool) noexcept {
   for (const auto& [a, b, box] : tool) {
     if (is_on_segment(a, b, p)) return false;

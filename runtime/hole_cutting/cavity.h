@@ -52,10 +52,6 @@ enum class ToolIntersection : std::uint8_t {
 ToolIntersection intersect_tool(const std::array<LatticePoint, 3>& triangle,
                                 std::span<const OutlineEdge> tool) noexcept;
 
-/// The same for a tool given by its corners; slower, because each call computes the edges again.
-/// Precondition: the tool has at most kMaxToolCorners corners.
-ToolIntersection intersect_tool(const std::array<LatticePoint, 3>& triangle, Outline tool) noexcept;
-
 /// Returns true if p is outside the tool and not on the tool's boundary. O(tool size).
 bool strictly_outside(LatticePoint p, std::span<const OutlineEdge> tool) noexcept;
 

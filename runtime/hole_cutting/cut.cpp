@@ -1,9 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "runtime/hole_cutting/cut.h"
 
-#include <string>
-#include <utility>
-
 #include "formats/geometry/edge_predicates.h"
 
 namespace trocar::runtime {
@@ -125,43 +122,6 @@ CutReport cut_in_place(SheetMesh& mesh, const TriangleGrid& grid, Outline tool, 
   report.triangles_created = static_cast<std::uint32_t>(work.patch.triangles.size());
   report.obtuse_boundary_edges = count_obtuse_boundary_edges(mesh, edit);
   return report;
-}
-
-std::vector<Ring> to_rings(const HoleOutline& hole) {
-  std::vector<Ring> rings;
-  for (std::size_t r = 0; r < hole.rings(); ++r) {
-    const std::span<const LatticePoint> ring = hole.ring(r);
-    rings.emplace_back(ring.begin(), ring.end());
-  }
-  return rings;
-}
-
-Result<CutResult> cut(const SliceMesh& sheet, const Ring& tool) {
-  for (std::size_t spare = 64;; spare *= 8) {
-    Result<SheetMesh> mesh = make_sheet_mesh(sheet, spare, 2 * spare);
-    if (!mesh) return mesh.error();
-    const std::size_t slots = mesh->triangles.size();
-    CutWorkspace work({slots, mesh->vertices.size() + spare, 3 * slots + spare});
-    SheetEdit edit(*mesh);
-    CutResult result;
-    static_cast<CutReport&>(result) = cut_in_place(*mesh, TriangleGrid(*mesh), tool, work, edit);
-    switch (result.outcome) {
-      case CutOutcome::kNoOverlap:
-        result.mesh = sheet;
-        return result;
-      case CutOutcome::kCut:
-        result.mesh = to_slice_mesh(*mesh);
-        result.hole = to_rings(work.hole);
-        return result;
-      case CutOutcome::kInvalidTool:
-        return refused("tool polygon: not simple, counter-clockwise and on the lattice, of 3 to " +
-                       std::to_string(kMaxToolCorners) + " corners");
-      case CutOutcome::kBug:
-        return bug(std::string("cut: ") + result.bug);
-      case CutOutcome::kCapacity:
-        if (spare > 1'000'000) return bug("cut: no capacity suffices");
-    }
-  }
 }
 
 }  // namespace trocar::runtime

@@ -6,9 +6,7 @@
 #include <cstdint>
 #include <span>
 #include <string_view>
-#include <vector>
 
-#include "formats/base/result.h"
 #include "formats/geometry/slice_mesh.h"
 #include "runtime/hole_cutting/cut_workspace.h"
 #include "runtime/sheet_mesh/sheet_edit.h"
@@ -45,10 +43,10 @@ struct CutReport {
   std::uint32_t obtuse_boundary_edges = 0;
 };
 
-/// Cuts the polygon `tool` out of `mesh`, in place. Preconditions: `mesh` is valid
-/// (check_sheet_mesh()), `grid` indexes its triangles, and `work` and `edit` were made for a sheet
-/// with at least as many slots as `mesh` has. A slot is a place for a vertex or a triangle
-/// (sheet_mesh.h). Contract:
+/// Cuts the polygon `tool` out of `mesh`, in place. Preconditions: `mesh` is valid (invariants of
+/// SheetMesh), `grid` indexes its triangles, and `work` and `edit` were made for a sheet with at
+/// least as many slots as `mesh` has. A slot is a place for a vertex or a triangle (sheet_mesh.h).
+/// Contract:
 ///  1. The cut replaces the triangles that the tool overlaps or touches. Where rounding requires
 ///     it, the cut also replaces triangles near them. In the rest of the sheet the cut changes two
 ///     things. It flips edges that are no longer locally Delaunay (item 2). And if parts of the
@@ -83,23 +81,5 @@ CutReport cut_in_place(SheetMesh& mesh, const TriangleGrid& grid,
 
 /// Computes CutReport::obtuse_boundary_edges for the triangles that `edit` lists.
 std::uint32_t count_obtuse_boundary_edges(const SheetMesh& mesh, const SheetEdit& edit) noexcept;
-
-struct CutResult : CutReport {
-  SliceMesh mesh;  ///< valid (formats/geometry/mesh_validity.h); empty if nothing is left
-  /// Rings with the removed material on their left. If removed material encloses a void or
-  /// remaining material, the ring around the enclosed region is therefore clockwise. Each ring
-  /// starts at its smallest vertex (by x, then y), and the rings are in ascending order. The sum of
-  /// their doubled areas is exactly doubled_area_removed.
-  std::vector<Ring> hole;
-};
-
-/// Returns a copy of the rings of `hole`.
-std::vector<Ring> to_rings(const HoleOutline& hole);
-
-/// Cuts a copy of the sheet, for use where neither time nor memory matters. Precondition: `sheet`
-/// is valid (check_mesh()). Errors: kRefused if the tool is invalid (CutOutcome::kInvalidTool) or
-/// if make_sheet_mesh() refuses `sheet`; kBug if cut_in_place() returns kBug, or returns kCapacity
-/// even with more than a million spare slots.
-Result<CutResult> cut(const SliceMesh& sheet, const Ring& tool);
 
 }  // namespace trocar::runtime

@@ -30,9 +30,6 @@ struct CutCapacity {
 inline CutCapacity capacity_for(std::size_t vertex_slots, std::size_t triangle_slots) noexcept {
   return {triangle_slots, vertex_slots + 2048, triangle_slots + 8192};
 }
-inline CutCapacity capacity_for(const SheetMesh& mesh) noexcept {
-  return capacity_for(mesh.vertices.size(), mesh.triangles.size());
-}
 
 /// The scratch memory of all stages of a cut. One workspace can serve many sheets, but only
 /// one thread at a time. The header of each stage describes what the stage's member contains

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <limits>
 #include <numbers>
 #include <optional>
 
@@ -14,12 +15,6 @@
 #include "runtime/local_refinement/split_aim.h"
 
 namespace trocar::runtime {
-
-double GradedSize::operator()(double x, double y) const noexcept {
-  const double dx = x - centre.x, dy = y - centre.y;
-  const double beyond = std::sqrt(dx * dx + dy * dy) - radius;
-  return std::min(at_radius + growth * std::max(beyond, 0.0), largest);
-}
 
 LocalRefinementWorkspace::LocalRefinementWorkspace(std::size_t vertex_slots,
                                                    std::size_t triangle_slots)
@@ -329,10 +324,7 @@ class LocalRefiner {
       }
     }
     const Step step = insert(*p, number);
-    if (step == Step::kDone) {
-      ++result_.edges_split;
-      result_.doubled_area_lost += orient2d(a, b, *p);
-    }
+    if (step == Step::kDone) result_.doubled_area_lost += orient2d(a, b, *p);
     return step;
   }
 

@@ -31,7 +31,6 @@
 
 #include <cstddef>
 #include <cstdint>
-#include <limits>
 #include <span>
 #include <vector>
 
@@ -44,25 +43,15 @@
 
 namespace trocar::runtime {
 
-/// Wanted length of edges, in lattice steps. It grows linearly with the distance from a disc.
-struct GradedSize {
-  LatticePoint centre;                                         ///< centre of the disc
-  double radius = 0;                                           ///< radius of the disc, steps
-  double at_radius = std::numeric_limits<double>::infinity();  ///< wanted length in the disc
-  double growth = 0;  ///< increase of the wanted length per step of distance from the disc
-  double largest = std::numeric_limits<double>::infinity();  ///< largest wanted length
-  double operator()(double x, double y) const noexcept;
-};
-
 struct LocalRefinementOptions {
   /// Smallest angle of a triangle, where the outline permits it; 0 allows any angle. A value above
   /// 30 is treated as 30, because with larger angles the method might not come to an end before it
   /// has added max_new_vertices vertices.
   double min_angle_deg = 20;
-  /// Wanted length of edges at the point (x, y), for example a GradedSize. Length and coordinates
-  /// are in steps. If empty, any length is allowed. A triangle is too large if its circumradius is
-  /// above kMaxRadius times the wanted length at its centroid. At the outline, triangles that are
-  /// too large may remain. Their size alone is no reason to split a boundary edge.
+  /// Wanted length of edges at the point (x, y). Length and coordinates are in steps. If empty, any
+  /// length is allowed. A triangle is too large if its circumradius is above kMaxRadius times the
+  /// wanted length at its centroid. At the outline, triangles that are too large may remain. Their
+  /// size alone is no reason to split a boundary edge.
   FunctionRef<double(double x, double y)> size;
   std::uint32_t max_new_vertices = 256;  ///< refinement stops after this many new vertices
   /// True: a boundary edge may be split at a lattice point beside the edge, less than a step from
@@ -91,7 +80,6 @@ struct LocalRefinementResult {
   LocalRefinementOutcome outcome = LocalRefinementOutcome::kDone;
   std::uint32_t vertices_added = 0;
   std::uint32_t vertices_removed = 0;
-  std::uint32_t edges_split = 0;       ///< boundary edges split; included in vertices_added
   std::int64_t doubled_area_lost = 0;  ///< twice the area that the mesh lost, steps^2, >= 0
   std::uint32_t inspected = 0;         ///< number of inspected triangles that exist at the end
   std::uint32_t sharp = 0;             ///< inspected triangles with an angle below min_angle_deg

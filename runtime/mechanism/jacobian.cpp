@@ -18,11 +18,6 @@ using Eigen::Vector3d;
 // smallest one accurately.
 constexpr double kSmallestSquared = 1e-3;
 
-KinematicsStatus singular(int leg, int joint) noexcept {
-  return {KinematicsFailure::kSingular, static_cast<std::int8_t>(leg + 1),
-          static_cast<std::int8_t>(joint)};
-}
-
 // Returns the row whose product with the twist is w . C', where C' = v + omega x r is the
 // velocity of C.
 Eigen::Matrix<double, 1, 6> point_row(const Vector3d& w, const Vector3d& r) noexcept {
@@ -42,8 +37,9 @@ JacobianResult jacobian(const DeviceDescription& device, const Pose& T_device_pl
     const Vector3d C = leg::to_leg(m, T_device_plate.p_m + r);
     Vector3d w1, w4;
     const auto& theta = joints.theta_rad[m];
-    if (const auto status = leg::motor_rates(g, C, theta[0], theta[3], w1, w4); !status) {
-      result.status = singular(m, status.joint);
+    result.status = leg::motor_rates(g, C, theta[0], theta[3], w1, w4);
+    if (!result.status) {
+      result.status.leg = m + 1;
       return result;
     }
     result.G.row(motor_index(m, 0)) = point_row(leg::from_leg(m, w1), r);
@@ -52,9 +48,9 @@ JacobianResult jacobian(const DeviceDescription& device, const Pose& T_device_pl
   return result;
 }
 
-SingularRange singular_range(const Jacobian& G, double characteristic_length_m) noexcept {
+SingularRange singular_range(const Jacobian& G) noexcept {
   Jacobian scaled = G;
-  scaled.rightCols<3>() /= characteristic_length_m;
+  scaled.rightCols<3>() /= kCharacteristicLength_m;
   if (!scaled.allFinite()) return {};
   const Eigen::Matrix<double, 6, 6> normal = scaled.transpose() * scaled;
   if (const auto squared = symmetric_eigenvalues(normal)) {

@@ -38,13 +38,12 @@ JacobianResult jacobian(const DeviceDescription& device, const Pose& T_device_pl
 inline constexpr double kCharacteristicLength_m = 0.05;
 
 /// Smallest and largest singular value of G, after the columns of G that belong to omega are
-/// divided by a characteristic length. The error of each value is about 1e-13 of `largest`. Both
+/// divided by kCharacteristicLength_m. The error of each value is about 1e-13 of `largest`. Both
 /// values are 0 if G is not finite. singularity.h has further measures of how close a pose is to a
 /// singularity.
 struct SingularRange {
   double smallest = 0, largest = 0;
 };
-SingularRange singular_range(const Jacobian& G,
-                             double characteristic_length_m = kCharacteristicLength_m) noexcept;
+SingularRange singular_range(const Jacobian& G) noexcept;
 
 }  // namespace trocar::runtime

@@ -2,7 +2,6 @@
 #include "runtime/mechanism/kinematics.h"
 
 #include <Eigen/Cholesky>
-#include <algorithm>
 #include <cmath>
 
 #include "runtime/mechanism/jacobian.h"
@@ -15,10 +14,6 @@ using Eigen::Vector3d;
 
 constexpr double kUnitTolerance = 1e-9;  // allowed error of a unit quaternion's squared length
 constexpr double kMaxStep_m = 0.02;      // trust region of Gauss-Newton
-
-KinematicsStatus failure(KinematicsFailure why, int leg, int joint) noexcept {
-  return {why, static_cast<std::int8_t>(leg + 1), static_cast<std::int8_t>(joint)};
-}
 
 bool is_good_pose(const Pose& T) noexcept {
   return is_finite(T) && std::abs(T.q.squaredNorm() - 1) <= kUnitTolerance;
@@ -39,8 +34,8 @@ KinematicsStatus same_branch(const DeviceDescription& device, const MotorVector&
     const Vector3d C = leg::to_leg(m, T * leg::plate_joint(g, m));
     const LegBranch branch =
         leg::branch_of(g, C, motor_rad[motor_index(m, 0)], motor_rad[motor_index(m, 1)]);
-    if (branch.theta1 != g.branch_theta1) return failure(KinematicsFailure::kOtherBranch, m, 1);
-    if (branch.theta4 != g.branch_theta4) return failure(KinematicsFailure::kOtherBranch, m, 4);
+    if (branch.theta1 != g.branch_theta1) return {KinematicsFailure::kOtherBranch, m + 1, 1};
+    if (branch.theta4 != g.branch_theta4) return {KinematicsFailure::kOtherBranch, m + 1, 4};
   }
   const double travel_m =
       std::hypot((T.p_m - T_last.p_m).norm(),
@@ -74,12 +69,7 @@ const char* to_string(KinematicsFailure failure) noexcept {
 }
 
 MotorVector motor_angles(const JointAngles& joints) noexcept {
-  MotorVector motor_rad;
-  for (int m = 0; m < kLegs; ++m) {
-    motor_rad[motor_index(m, 0)] = joints.theta_rad[m][0];
-    motor_rad[motor_index(m, 1)] = joints.theta_rad[m][3];
-  }
-  return motor_rad;
+  return motor_angles(encoder_angles(joints));
 }
 
 std::array<double, kEncoders> encoder_angles(const JointAngles& joints) noexcept {
@@ -110,10 +100,9 @@ InverseResult inverse_kinematics(const DeviceDescription& device,
   const LegBranch branch{device.geometry.branch_theta1, device.geometry.branch_theta4};
   for (int m = 0; m < kLegs; ++m) {
     const Vector3d C = T_device_plate * leg::plate_joint(device.geometry, m);
-    const leg::LegStatus status =
-        leg::inverse(device, leg::to_leg(m, C), branch, result.joints.theta_rad[m]);
-    if (!status) {
-      result.status = failure(status.failure, m, status.joint);
+    result.status = leg::inverse(device, leg::to_leg(m, C), branch, result.joints.theta_rad[m]);
+    if (!result.status) {
+      result.status.leg = m + 1;
       return result;
     }
   }
@@ -125,7 +114,7 @@ KinematicsStatus check_joint_limits(const DeviceDescription& device,
   for (int m = 0; m < kLegs; ++m) {
     for (int j = 0; j < 4; ++j) {
       if (!inside(device.joint_limit[j], encoder_rad[encoder_index(m, j)])) {
-        return failure(KinematicsFailure::kBeyondLimit, m, j + 1);
+        return {KinematicsFailure::kBeyondLimit, m + 1, j + 1};
       }
     }
   }
@@ -141,7 +130,7 @@ ForwardResult forward_kinematics(const DeviceDescription& device,
     const double* theta = &encoder_rad[encoder_index(m, 0)];
     C[m] = leg::from_leg(m, leg::upper_tip(g, theta[0], theta[1], theta[2]));
     if (!C[m].allFinite()) {
-      result.status = failure(KinematicsFailure::kBadInput, m, 0);
+      result.status = {KinematicsFailure::kBadInput, m + 1, 0};
       return result;
     }
   }
@@ -207,7 +196,7 @@ ForwardResult forward_kinematics_from_motors(const DeviceDescription& device,
       const Vector3d lower = E[m] + k * upper - F[m];
       const double upper_m = upper.norm(), lower_m = lower.norm();
       if (!(upper_m > leg::kMinSpan_m) || !(lower_m > leg::kMinSpan_m)) {
-        result.status = failure(KinematicsFailure::kSingular, m, upper_m > lower_m ? 4 : 1);
+        result.status = {KinematicsFailure::kSingular, m + 1, upper_m > lower_m ? 4 : 1};
         return result;
       }
       error_m[motor_index(m, 0)] = upper_m - g.l2_m;

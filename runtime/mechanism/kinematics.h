@@ -43,8 +43,8 @@ const char* to_string(KinematicsFailure failure) noexcept;
 
 struct KinematicsStatus {
   KinematicsFailure failure = KinematicsFailure::kOk;
-  std::int8_t leg = 0;    ///< 1..4; 0 if the failure concerns no single leg
-  std::int8_t joint = 0;  ///< index of theta, 1..6; 0 if the failure concerns no single joint
+  int leg = 0;    ///< 1..4; 0 if the failure concerns no single leg
+  int joint = 0;  ///< index of theta, 1..6; 0 if the failure concerns no single joint
   explicit operator bool() const noexcept { return failure == KinematicsFailure::kOk; }
 };
 

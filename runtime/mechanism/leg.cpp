@@ -69,15 +69,15 @@ Arms arms(const DeviceGeometry& g, const Vector3d& C, double th1, double th4) no
 
 }  // namespace
 
-LegStatus inverse(const DeviceDescription& device, const Vector3d& C, LegBranch branch,
-                  std::array<double, kJointsPerLeg>& theta) noexcept {
+KinematicsStatus inverse(const DeviceDescription& device, const Vector3d& C, LegBranch branch,
+                         std::array<double, kJointsPerLeg>& theta) noexcept {
   const DeviceGeometry& g = device.geometry;
   ChainAngles angles;
   bool lift_failed = false;
 
   const Vector3d p = C - upper_motor(g);
   auto why = solve_chain(p.x(), p.z(), p.y(), g.l1_m, g.l2_m, branch.theta1, angles, lift_failed);
-  if (why != KinematicsFailure::kOk) return {why, lift_failed ? 3 : 1};
+  if (why != KinematicsFailure::kOk) return {why, 0, lift_failed ? 3 : 1};
   theta[0] = angles.first;
   theta[1] = angles.second;
   theta[2] = angles.lift;
@@ -85,7 +85,7 @@ LegStatus inverse(const DeviceDescription& device, const Vector3d& C, LegBranch 
   const Vector3d D = link_joint(g, elbow(g, theta[0]), C);
   const Vector3d q = D - lower_motor(g);
   why = solve_chain(q.x(), q.y(), q.z(), g.l3_m, g.l4_m, branch.theta4, angles, lift_failed);
-  if (why != KinematicsFailure::kOk) return {why, lift_failed ? 6 : 4};
+  if (why != KinematicsFailure::kOk) return {why, 0, lift_failed ? 6 : 4};
   theta[3] = angles.first;
   theta[4] = angles.second;
   theta[5] = angles.lift;
@@ -102,14 +102,14 @@ LegBranch branch_of(const DeviceGeometry& g, const Vector3d& C, double th1, doub
   return {-sign(a.upper_arm_m2), -sign(a.lower_arm_m2)};
 }
 
-LegStatus motor_rates(const DeviceGeometry& g, const Vector3d& C, double th1, double th4,
-                      Vector3d& w1, Vector3d& w4) noexcept {
+KinematicsStatus motor_rates(const DeviceGeometry& g, const Vector3d& C, double th1, double th4,
+                             Vector3d& w1, Vector3d& w4) noexcept {
   const Arms a = arms(g, C, th1, th4);
   if (!(std::abs(a.upper_arm_m2) > kMinSine * g.l1_m * g.l2_m)) {
-    return {KinematicsFailure::kSingular, 1};
+    return {KinematicsFailure::kSingular, 0, 1};
   }
   if (!(std::abs(a.lower_arm_m2) > kMinSine * g.l3_m * g.l4_m)) {
-    return {KinematicsFailure::kSingular, 4};
+    return {KinematicsFailure::kSingular, 0, 4};
   }
   // |C - E| = l2 implies th1' = w1 . C'. With D' = (1 - k) E_th1 th1' + k C', |D - F| = l4 implies
   // th4' = lower . D' / lower_arm.

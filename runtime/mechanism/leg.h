@@ -95,18 +95,11 @@ inline Eigen::Vector3d link_joint(const DeviceGeometry& g, const Eigen::Vector3d
   return E + (g.l5_m / g.l2_m) * (C - E);
 }
 
-/// Result for one leg: kOk, or the failure and the joint at which it occurred (1..6, the
-/// index of theta).
-struct LegStatus {
-  KinematicsFailure failure = KinematicsFailure::kOk;
-  int joint = 0;
-  explicit operator bool() const noexcept { return failure == KinematicsFailure::kOk; }
-};
-
 /// Computes theta1..theta6 for the ball joint at C (in the leg's frame) on the branch
-/// `branch`. Each angle is within half a turn of the middle of its limits.
-LegStatus inverse(const DeviceDescription& device, const Eigen::Vector3d& C, LegBranch branch,
-                  std::array<double, kJointsPerLeg>& theta) noexcept;
+/// `branch`. Each angle is within half a turn of the middle of its limits. The status does not name
+/// the leg.
+KinematicsStatus inverse(const DeviceDescription& device, const Eigen::Vector3d& C,
+                         LegBranch branch, std::array<double, kJointsPerLeg>& theta) noexcept;
 
 /// Finds the branch of each chain: the branch for which inverse() computes the given th1
 /// and th4 from C. If a chain is stretched or folded, its two branches coincide, and the function
@@ -116,9 +109,9 @@ LegBranch branch_of(const DeviceGeometry& g, const Eigen::Vector3d& C, double th
 
 /// Computes the vectors w1 and w4 that give the motor rates of one leg: th1' = w1 . C' and
 /// th4' = w4 . C'. The prime is the time derivative; all vectors are in the leg's frame. Fails with
-/// kSingular if a chain is stretched or folded.
-LegStatus motor_rates(const DeviceGeometry& g, const Eigen::Vector3d& C, double th1, double th4,
-                      Eigen::Vector3d& w1, Eigen::Vector3d& w4) noexcept;
+/// kSingular if a chain is stretched or folded. The status does not name the leg.
+KinematicsStatus motor_rates(const DeviceGeometry& g, const Eigen::Vector3d& C, double th1,
+                             double th4, Eigen::Vector3d& w1, Eigen::Vector3d& w4) noexcept;
 
 /// Returns the distance in m of a chain's end point to the nearest point at which the chain's two
 /// branches coincide. The coordinates of the end point are relative to the chain's motor: px and py

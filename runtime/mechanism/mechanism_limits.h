@@ -36,7 +36,6 @@
 #pragma once
 
 #include "formats/session/fault_words.h"
-#include "formats/session/recording.h"
 #include "runtime/mechanism/motor.h"
 #include "runtime/mechanism/singularity.h"
 

@@ -8,10 +8,9 @@
 namespace trocar::runtime {
 
 Singularity measure_singularity(const DeviceDescription& device, const Pose& T_device_plate,
-                                const JointAngles& joints, const Jacobian& G,
-                                double characteristic_length_m) noexcept {
+                                const JointAngles& joints, const Jacobian& G) noexcept {
   Singularity out;
-  const SingularRange range = singular_range(G, characteristic_length_m);
+  const SingularRange range = singular_range(G);
   out.smallest_singular_value_per_m = range.smallest;
   out.inverse_condition = range.largest > 0 ? range.smallest / range.largest : 0;
 

@@ -27,7 +27,7 @@ struct BranchDistance {
 struct Singularity {
   /// The smallest singular value of the Jacobian: if the plate moves at 1 m/s in any direction, the
   /// vector of motor rates in rad/s is at least this long. In a rotation, 1 rad counts as
-  /// characteristic_length_m. The value is also a force in N: in the weakest direction, motor
+  /// kCharacteristicLength_m. The value is also a force in N: in the weakest direction, motor
   /// torques with a vector of length 1 N*m resist this force. The value is 0 at a loss of stiffness
   /// and if G is not finite. Its error is about 1e-13 of the largest singular value.
   double smallest_singular_value_per_m = 0;
@@ -43,7 +43,6 @@ struct Singularity {
 /// Computes all measures at a pose. Precondition: `joints` and `G` are those of the
 /// pose (inverse_kinematics, jacobian).
 Singularity measure_singularity(const DeviceDescription& device, const Pose& T_device_plate,
-                                const JointAngles& joints, const Jacobian& G,
-                                double characteristic_length_m = kCharacteristicLength_m) noexcept;
+                                const JointAngles& joints, const Jacobian& G) noexcept;
 
 }  // namespace trocar::runtime

@@ -5,9 +5,9 @@
 // Tests: tests/runtime/telemetry/black_box_test.cpp
 #pragma once
 
-#include <atomic>
 #include <chrono>
 #include <functional>
+#include <stop_token>
 #include <thread>
 #include <utility>
 
@@ -15,16 +15,10 @@ namespace trocar::runtime {
 
 class PollingThread {
  public:
-  PollingThread() = default;
-  ~PollingThread() { stop(); }
-  PollingThread(const PollingThread&) = delete;
-  PollingThread& operator=(const PollingThread&) = delete;
-
   /// Starts the thread. Until stop(), the thread calls `serve` and sleeps for `interval`, in turn.
   void start(std::chrono::nanoseconds interval, std::function<void()> serve) {
-    stopping_.store(false);
-    thread_ = std::thread([this, interval, serve = std::move(serve)] {
-      while (!stopping_.load(std::memory_order_acquire)) {
+    thread_ = std::jthread([interval, serve = std::move(serve)](const std::stop_token& stop) {
+      while (!stop.stop_requested()) {
         serve();
         std::this_thread::sleep_for(interval);
       }
@@ -32,15 +26,10 @@ class PollingThread {
   }
   /// Ends the thread and waits until it has ended. Does nothing if the thread was not started. Work
   /// that arrived after the last call of `serve` is not done; the caller can do it after stop().
-  void stop() {
-    if (!thread_.joinable()) return;
-    stopping_.store(true, std::memory_order_release);
-    thread_.join();
-  }
+  void stop() { thread_ = {}; }
 
  private:
-  std::atomic<bool> stopping_{false};
-  std::thread thread_;
+  std::jthread thread_;
 };
 
 }  // namespace trocar::runtime

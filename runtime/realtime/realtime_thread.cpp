@@ -16,18 +16,13 @@
 #include <thread>
 
 #include "formats/base/system_message.h"
+#include "runtime/realtime/monotonic_clock.h"
 
 namespace trocar::runtime {
 namespace {
 
 constexpr std::int64_t kSecond_ns = 1'000'000'000;
 constexpr std::size_t kStackTouched = std::size_t{256} << 10;
-
-std::int64_t now_ns() noexcept {
-  timespec now{};
-  ::clock_gettime(CLOCK_MONOTONIC, &now);
-  return now.tv_sec * kSecond_ns + now.tv_nsec;
-}
 
 void sleep_until(std::int64_t time_ns) noexcept {
   const timespec until{time_ns / kSecond_ns, time_ns % kSecond_ns};
@@ -128,7 +123,7 @@ void run(const RealtimeOptions& options, const std::function<bool(const TickTimi
   ask_for_realtime(options, report);
   touch_stack();
   const double period_ns = 1e9 / options.rate_Hz;
-  const std::int64_t first_ns = now_ns() + static_cast<std::int64_t>(period_ns);
+  const std::int64_t first_ns = monotonic_ns() + static_cast<std::int64_t>(period_ns);
   const auto time_of = [&](std::uint64_t call) {
     return first_ns + std::llround(period_ns * static_cast<double>(call));
   };
@@ -137,7 +132,7 @@ void run(const RealtimeOptions& options, const std::function<bool(const TickTimi
   TickTiming timing;
   for (std::uint64_t call = 0; options.stop == nullptr || !options.stop->load();) {
     sleep_until(time_of(call));
-    const std::int64_t woken_ns = now_ns();
+    const std::int64_t woken_ns = monotonic_ns();
     timing.late_ns = woken_ns - time_of(call);
     report.wake.add(timing.late_ns);
     // Deadlines missed while the thread was asleep are counted before the call.
@@ -150,7 +145,7 @@ void run(const RealtimeOptions& options, const std::function<bool(const TickTimi
     timing.gap_s = last_ns == 0 ? 0 : static_cast<double>(woken_ns - last_ns) * 1e-9;
     last_ns = woken_ns;
     if (!tick(timing)) break;
-    const std::int64_t done_ns = now_ns();
+    const std::int64_t done_ns = monotonic_ns();
     ++call;
     if (done_ns <= time_of(call)) {
       timing.missed_in_row = 0;

@@ -31,7 +31,7 @@ SessionLoop::SessionLoop(const Scene& scene, Remesher& remesher, HandDevice& dev
       sheets_(remesher.size()) {
   observers_.insert(observers_.end(), options.observers.begin(), options.observers.end());
   observers_.push_back(&statistics_);
-  state_.safety = initial_safety(model_.limits.timing);
+  state_.safety.recovered = model_.limits.timing.ramps_at_start;
 }
 
 bool SessionLoop::tick(const TickTiming& timing) noexcept {

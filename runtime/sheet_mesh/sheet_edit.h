@@ -8,8 +8,8 @@
 //     takes and releases slots only by take_*() and release_*(), which update the lists.
 //  2. undo() restores the mesh exactly as it was at begin(): every slot and the order of
 //     the free slots.
-//  3. If a replica was equal to the mesh at begin(), copy_to() makes the replica equal to the
-//     edited mesh: every slot and the order of the free slots.
+//  3. If a replica was equal to the mesh at begin(), SheetChange::copy_to() makes the replica equal
+//     to the edited mesh: every slot and the order of the free slots.
 //  4. Only the constructor allocates. Each slot is listed at most once, so the capacity suffices.
 #pragma once
 
@@ -82,8 +82,6 @@ class SheetEdit {
 
   /// Undoes the edit (contract 2) and calls begin() for a new edit.
   void undo(SheetMesh& mesh) noexcept;
-  /// Calls SheetChange::copy_to() for this edit.
-  void copy_to(const SheetMesh& from, SheetMesh& to) const noexcept { change_.copy_to(from, to); }
 
  private:
   // Pops a slot from a stack of free slots. `untouched` is SheetChange::untouched_free_triangles or

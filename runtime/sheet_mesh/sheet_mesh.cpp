@@ -7,14 +7,8 @@
 #include <string>
 #include <vector>
 
-#include "formats/geometry/mesh_validity.h"
-
 namespace trocar::runtime {
 namespace {
-
-Error invalid(const std::string& what) {
-  return {ExitCode::kBug, what};
-}
 
 // Returns the stack of the free slots `first` .. `size` - 1. The lowest slot is used first.
 std::vector<std::uint32_t> free_stack(std::size_t first, std::size_t size) {
@@ -109,15 +103,7 @@ Result<SheetMesh> make_sheet_mesh(const SliceMesh& mesh, std::size_t spare_verti
   auto across = neighbours(mesh);
   if (!across) return across.error();
   out.across = *across;
-
-  const std::size_t vertices = mesh.vertices.size() + spare_vertices;
-  const std::size_t triangles = mesh.triangles.size() + spare_triangles;
-  out.free_vertices = free_stack(mesh.vertices.size(), vertices);
-  out.free_triangles = free_stack(mesh.triangles.size(), triangles);
-  out.vertices.resize(vertices);
-  out.triangles.resize(triangles, kFreeSlot);
-  out.across.resize(triangles, {kNoSlot, kNoSlot, kNoSlot});
-  out.reserve_stacks();
+  out.add_slots(spare_vertices, spare_triangles);
   return out;
 }
 
@@ -138,69 +124,6 @@ SliceMesh to_slice_mesh(const SheetMesh& mesh) {
     if (t != kFreeSlot) out.triangles.push_back({number[t[0]], number[t[1]], number[t[2]]});
   }
   return out;
-}
-
-Result<void> check_sheet_mesh(const SheetMesh& mesh) {
-  // Invariants 1 and 3: each slot is either free or in use.
-  std::vector<std::uint8_t> is_free(mesh.triangles.size(), 0), unused(mesh.vertices.size(), 1);
-  for (std::uint32_t t : mesh.free_triangles) {
-    if (t >= is_free.size() || is_free[t] != 0 || mesh.triangles[t] != kFreeSlot) {
-      return invalid("free triangle " + std::to_string(t) + " is listed twice or in use");
-    }
-    is_free[t] = 1;
-  }
-  for (std::size_t t = 0; t < mesh.triangles.size(); ++t) {
-    if (is_free[t] != 0) continue;
-    for (std::uint32_t v : mesh.triangles[t]) {
-      if (v >= mesh.vertices.size()) {
-        return invalid("triangle " + std::to_string(t) + " names vertex " + std::to_string(v));
-      }
-      unused[v] = 0;
-    }
-  }
-  for (std::uint32_t v : mesh.free_vertices) {
-    if (v >= unused.size() || unused[v] != 1) {
-      return invalid("free vertex " + std::to_string(v) + " is listed twice or in use");
-    }
-    unused[v] = 2;
-  }
-  if (const auto lost = std::find(unused.begin(), unused.end(), 1); lost != unused.end()) {
-    return invalid("vertex " + std::to_string(lost - unused.begin()) +
-                   " is neither in use nor free");
-  }
-
-  // Invariant 2: neighbours.
-  for (std::uint32_t t = 0; t < mesh.triangles.size(); ++t) {
-    if (is_free[t] != 0) continue;
-    for (std::uint32_t i = 0; i < 3; ++i) {
-      const std::uint32_t u = mesh.across[t][i];
-      if (u == kNoSlot) continue;
-      const std::uint32_t from = mesh.triangles[t][i], to = mesh.triangles[t][(i + 1) % 3];
-      bool mutual = false;
-      for (std::uint32_t j = 0; u < mesh.triangles.size() && j < 3; ++j) {
-        mutual = mutual || (mesh.across[u][j] == t && mesh.triangles[u][j] == to &&
-                            mesh.triangles[u][(j + 1) % 3] == from);
-      }
-      if (!mutual) {
-        return invalid("edge " + std::to_string(i) + " of triangle " + std::to_string(t) +
-                       " is not mutual");
-      }
-    }
-  }
-  const SliceMesh used = to_slice_mesh(mesh);
-  if (Result<void> valid = check_mesh(used); !valid) return valid;
-  // An edge without a neighbour must also be a boundary edge according to the triangles' vertices.
-  std::size_t open = 0, edges_open = 0;
-  for (std::size_t t = 0; t < mesh.triangles.size(); ++t) {
-    if (is_free[t] == 0) {
-      open += static_cast<std::size_t>(
-          std::count(mesh.across[t].begin(), mesh.across[t].end(), kNoSlot));
-    }
-  }
-  for (const Ring& ring : boundary_rings(used).rings)
-    edges_open += ring.size();
-  if (open != edges_open) return invalid("an edge between two triangles has no neighbour");
-  return {};
 }
 
 }  // namespace trocar::runtime

@@ -28,7 +28,7 @@ namespace trocar::runtime {
 inline constexpr std::uint32_t kNoSlot = 0xffffffff;  ///< an index that stands for no slot
 inline constexpr Triangle kFreeSlot{kNoSlot, kNoSlot, kNoSlot};
 
-/// Invariants (check_sheet_mesh verifies 1 to 3):
+/// Invariants (tests/support/check_sheet_mesh.h verifies 1 to 3):
 ///  1. A triangle in use is strictly counter-clockwise and has three vertices in use. A free
 ///     triangle slot contains kFreeSlot, and `free_triangles` lists it exactly once.
 ///  2. across[t][i] is the triangle beyond edge i of t (triangle_edge.h); kNoSlot on the sheet's
@@ -114,9 +114,5 @@ Result<SheetMesh> make_sheet_mesh(const SliceMesh& mesh, std::size_t spare_verti
 
 /// Returns the triangles in use and their vertices, in the order of their slots. O(n).
 SliceMesh to_slice_mesh(const SheetMesh& mesh);
-
-/// Verifies invariants 1 to 3, for tests. O(n log n). If an invariant does not hold, the function
-/// returns an error whose message describes the first violation that was found.
-Result<void> check_sheet_mesh(const SheetMesh& mesh);
 
 }  // namespace trocar::runtime

@@ -53,9 +53,6 @@ class TriangleGrid {
   /// edit has written, and `mesh` is the edited mesh. The time is proportional to the
   /// number of these triangles.
   void update(const SheetChange& change, const SheetMesh& mesh) noexcept;
-  void update(const SheetEdit& edit, const SheetMesh& mesh) noexcept {
-    update(edit.change(), mesh);
-  }
 
   /// Adds entries for the slots that SheetMesh::add_slots() has added to the mesh.
   void add_slots(const SheetMesh& mesh) { link_.resize(mesh.triangles.size()); }

@@ -171,14 +171,13 @@ void FaultyLink::hold(const Datagram& datagram, std::int64_t due_ns,
   held_[held_count_++] = {datagram, due_ns, until_overtaken};
 }
 
-FaultyLink::Delivery FaultyLink::decide(Datagram& datagram, double t_s,
-                                        std::int64_t now_ns) noexcept {
-  Delivery delivery;
+int FaultyLink::decide(Datagram& datagram, double t_s, std::int64_t now_ns) noexcept {
+  int copies = 1;
   for (const PlannedFault& fault : plan_) {
     if (!fault.is_on(t_s) || !happens(fault.probability)) continue;
     switch (fault.kind) {
       case FaultKind::kLoss:
-        return {0};
+        return 0;
       case FaultKind::kFlip:
         if (datagram.size > 0) {
           const std::uint64_t bit = random_() % (8 * datagram.size);
@@ -186,19 +185,19 @@ FaultyLink::Delivery FaultyLink::decide(Datagram& datagram, double t_s,
         }
         break;
       case FaultKind::kDuplicate:
-        ++delivery.copies;
+        ++copies;
         break;
       case FaultKind::kDelay:
         hold(datagram, now_ns + std::llround(fault.delay_s * 1e9), false);
-        return {0};
+        return 0;
       case FaultKind::kReorder:
         hold(datagram, now_ns + kMaxReorder_ns, true);
-        return {0};
+        return 0;
       default:
         break;
     }
   }
-  return delivery;
+  return copies;
 }
 
 }  // namespace trocar::runtime

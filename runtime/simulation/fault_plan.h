@@ -87,11 +87,11 @@ class FaultyLink {
   template <typename Deliver>
   void pass(const Datagram& datagram, double t_s, std::int64_t now_ns, Deliver&& deliver) {
     Datagram changed = datagram;
-    const Delivery delivery = decide(changed, t_s, now_ns);
-    for (int i = 0; i < delivery.copies; ++i)
+    const int copies = decide(changed, t_s, now_ns);
+    for (int i = 0; i < copies; ++i)
       deliver(changed);
     // This datagram has overtaken the datagrams that wait to be overtaken.
-    if (delivery.copies > 0) release(now_ns, true, deliver);
+    if (copies > 0) release(now_ns, true, deliver);
   }
   /// Calls `deliver` with each delayed or reordered datagram that is due.
   template <typename Deliver>
@@ -101,15 +101,13 @@ class FaultyLink {
   bool holds_any() const noexcept { return held_count_ > 0; }
 
  private:
-  struct Delivery {
-    int copies = 1;  ///< number of copies delivered immediately
-  };
   struct Held {
     Datagram datagram;
     std::int64_t due_ns = 0;
     bool until_overtaken = false;  ///< delivered before `due_ns` if another datagram arrives
   };
-  Delivery decide(Datagram& datagram, double t_s, std::int64_t now_ns) noexcept;
+  // Returns the number of copies that are delivered immediately.
+  int decide(Datagram& datagram, double t_s, std::int64_t now_ns) noexcept;
   bool happens(double probability) noexcept;
   void hold(const Datagram& datagram, std::int64_t due_ns, bool until_overtaken) noexcept;
 

@@ -3,9 +3,19 @@
 
 #include <algorithm>
 #include <cmath>
+#include <span>
 #include <string>
 
 namespace trocar::runtime {
+
+namespace {
+
+std::span<const HandKeyframe> keyframes_of(const HandMotion& motion) noexcept {
+  const auto* const trajectory = std::get_if<HandTrajectory>(&motion);
+  return trajectory != nullptr ? std::span(trajectory->keyframes) : std::span<const HandKeyframe>();
+}
+
+}  // namespace
 
 HandTarget hand_target(const HandTrajectory& trajectory, double t_s) noexcept {
   const auto& keyframes = trajectory.keyframes;
@@ -38,6 +48,23 @@ HandTarget hand_target(const HandTrajectory& trajectory, double t_s) noexcept {
   return target;
 }
 
+HandTarget hand_target(const HandMotion& motion, double t_s) noexcept {
+  const auto* const unscripted = std::get_if<1>(&motion);
+  return unscripted != nullptr ? unscripted->get().target(t_s)
+                               : hand_target(*std::get_if<HandTrajectory>(&motion), t_s);
+}
+
+std::optional<Pose> hand_start(const HandMotion& motion) noexcept {
+  if (const auto* const unscripted = std::get_if<1>(&motion)) return unscripted->get().start();
+  const std::span<const HandKeyframe> keyframes = keyframes_of(motion);
+  return keyframes.empty() ? std::nullopt : std::optional(keyframes.front().T_device_tool);
+}
+
+bool hand_holds(const HandMotion& motion, const HandImpedance& impedance, double t_s) noexcept {
+  return std::holds_alternative<std::reference_wrapper<UnscriptedHand>>(motion) ||
+         (!keyframes_of(motion).empty() && t_s < impedance.let_go_t_s);
+}
+
 Wrench hand_wrench(const HandImpedance& impedance, const HandTarget& target,
                    const Pose& T_device_tool, const Twist& twist_tool) noexcept {
   const Twist lag = target.twist_device - twist_tool;
@@ -51,9 +78,10 @@ Wrench hand_wrench(const HandImpedance& impedance, const HandTarget& target,
   return wrench;
 }
 
-Result<void> check_hand(const HandTrajectory& trajectory, const HandImpedance& impedance) {
-  for (std::size_t i = 0; i < trajectory.keyframes.size(); ++i) {
-    const HandKeyframe& keyframe = trajectory.keyframes[i];
+Result<void> check_hand(const HandMotion& motion, const HandImpedance& impedance) {
+  const std::span<const HandKeyframe> keyframes = keyframes_of(motion);
+  for (std::size_t i = 0; i < keyframes.size(); ++i) {
+    const HandKeyframe& keyframe = keyframes[i];
     const std::string where = "hand: keyframe " + std::to_string(i);
     if (!std::isfinite(keyframe.t_s) || !is_finite(keyframe.T_device_tool)) {
       return refused(where + ": not finite");
@@ -61,7 +89,7 @@ Result<void> check_hand(const HandTrajectory& trajectory, const HandImpedance& i
     if (std::abs(keyframe.T_device_tool.q.squaredNorm() - 1) > 1e-9) {
       return refused(where + ": quaternion is not of unit length");
     }
-    if (i > 0 && !(keyframe.t_s > trajectory.keyframes[i - 1].t_s)) {
+    if (i > 0 && !(keyframe.t_s > keyframes[i - 1].t_s)) {
       return refused(where + ": time does not increase");
     }
   }

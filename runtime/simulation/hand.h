@@ -8,6 +8,7 @@
 #include <cstdint>
 #include <functional>
 #include <limits>
+#include <optional>
 #include <variant>
 #include <vector>
 
@@ -86,6 +87,15 @@ using HandMotion = std::variant<HandTrajectory, std::reference_wrapper<Unscripte
 /// Returns the target at a time. If there is no keyframe, the target is the identity pose, at rest.
 /// O(log keyframes), no allocation.
 HandTarget hand_target(const HandTrajectory& trajectory, double t_s) noexcept;
+/// The same for any motion. For an UnscriptedHand, the time must lie within the step that it began.
+HandTarget hand_target(const HandMotion& motion, double t_s) noexcept;
+
+/// Returns the target before the first step, or nothing if there is no keyframe.
+std::optional<Pose> hand_start(const HandMotion& motion) noexcept;
+
+/// Returns true while the hand holds the tool. A hand without keyframes never holds the tool, and an
+/// UnscriptedHand never lets go.
+bool hand_holds(const HandMotion& motion, const HandImpedance& impedance, double t_s) noexcept;
 
 /// Returns the hand's wrench [f; n] on the tool about the tip, in {B}.
 Wrench hand_wrench(const HandImpedance& impedance, const HandTarget& target,
@@ -94,6 +104,6 @@ Wrench hand_wrench(const HandImpedance& impedance, const HandTarget& target,
 /// Checks a hand. Errors: kRefused if times of keyframes do not increase, if a value other than the
 /// release time is not finite, if a quaternion is not of unit length, if a stiffness, a damping or
 /// the mass is negative, or if the release time is not a number.
-Result<void> check_hand(const HandTrajectory& trajectory, const HandImpedance& impedance);
+Result<void> check_hand(const HandMotion& motion, const HandImpedance& impedance);
 
 }  // namespace trocar::runtime

@@ -43,8 +43,7 @@ class Sum {
 void add_plate(const DeviceDescription& device, const Pose& T, const Twist& twist,
                Mechanics& result) noexcept {
   const Eigen::Matrix3d R = T.q.toRotationMatrix();
-  const Vector3d principal(device.plate_inertia_kg_m2[0], device.plate_inertia_kg_m2[1],
-                           device.plate_inertia_kg_m2[2]);
+  const Vector3d principal(device.plate_inertia_kg_m2.data());
   const Eigen::Matrix3d inertia = R * principal.asDiagonal() * R.transpose();
   const Vector3d omega = twist.tail<3>();
   result.mass.topLeftCorner<3, 3>().diagonal().setConstant(device.plate_mass_kg);

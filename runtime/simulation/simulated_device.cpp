@@ -19,8 +19,7 @@ using Eigen::Vector3d;
 constexpr int kMaxSubsteps = 100000;  // kMaxStep_s / shortest maximum_substep_s
 
 Vector3d plate_inertia(const DeviceDescription& device) noexcept {
-  return Vector3d(device.plate_inertia_kg_m2[0], device.plate_inertia_kg_m2[1],
-                  device.plate_inertia_kg_m2[2]);
+  return Vector3d(device.plate_inertia_kg_m2.data());
 }
 
 double plate_energy(const DeviceDescription& device, const Pose& T, const Twist& twist) noexcept {
@@ -66,19 +65,14 @@ Result<SimulatedDevice> SimulatedDevice::make(const DeviceDescription& device,
                                               const HandMotion& motion,
                                               const HandImpedance& impedance,
                                               const SimulatedDeviceOptions& options) {
-  const auto* const trajectory = std::get_if<HandTrajectory>(&motion);
-  if (auto checked = check_hand(trajectory == nullptr ? HandTrajectory{} : *trajectory, impedance);
-      !checked)
-    return checked.error();
+  if (auto checked = check_hand(motion, impedance); !checked) return checked.error();
   if (auto checked = check_mechanics(options); !checked) return checked.error();
   SimulatedDevice simulated(device, motion, impedance, options);
   Pose& T = simulated.truth_.T_device_plate;
   if (options.T_device_plate_start) {
     T = *options.T_device_plate_start;
-  } else if (trajectory == nullptr || !trajectory->keyframes.empty()) {
-    const Pose T_device_tool = trajectory == nullptr ? std::get<1>(motion).get().start()
-                                                     : trajectory->keyframes.front().T_device_tool;
-    T = T_device_tool * inverse(options.T_plate_tool);
+  } else if (const std::optional<Pose> T_device_tool = hand_start(motion)) {
+    T = *T_device_tool * inverse(options.T_plate_tool);
   } else {
     T.p_m.z() = kSimulatedHomeHeight_m;
   }
@@ -90,14 +84,14 @@ Result<SimulatedDevice> SimulatedDevice::make(const DeviceDescription& device,
                    std::to_string(start.status.joint) + ")");
   }
   simulated.truth_.joints = start.joints;
-  simulated.hand_mass_attached_ = simulated.hand_holds(0);
+  simulated.hand_mass_attached_ = hand_holds(motion, impedance, 0);
   if (auto checked = simulated.check_stability(); !checked) return checked.error();
   if (options.mechanics) simulated.noise_.seed(options.mechanics->seed);
   return simulated;
 }
 
 Result<void> SimulatedDevice::check_stability() const {
-  if (!hand_holds(0)) return {};
+  if (!hand_holds(motion_, impedance_, 0)) return {};
   const Pose& T = truth_.T_device_plate;
   const Vector3d lever_m = T.q * options_.T_plate_tool.p_m;
   const Mechanics all =
@@ -147,9 +141,7 @@ DeviceStatus SimulatedDevice::read(DeviceState& state) noexcept {
 }
 
 DeviceStatus SimulatedDevice::write(const DeviceCommand& command) noexcept {
-  MotorVector tau;
-  for (int i = 0; i < kMotors; ++i)
-    tau[i] = command.tau_motor_Nm[i];
+  MotorVector tau(command.tau_motor_Nm.data());
   truth_.command_refused = !tau.allFinite();
   if (truth_.command_refused) tau.setZero();
   const double peak = device_.motor_peak_torque_Nm;
@@ -164,17 +156,6 @@ TrueTip SimulatedDevice::tip() const noexcept {
   return {truth_.T_device_plate.p_m + lever_m, moved_to(truth_.twist_device, lever_m).head<3>()};
 }
 
-bool SimulatedDevice::hand_holds(double t_s) const noexcept {
-  const auto* const trajectory = std::get_if<HandTrajectory>(&motion_);
-  return trajectory == nullptr || (!trajectory->keyframes.empty() && t_s < impedance_.let_go_t_s);
-}
-
-HandTarget SimulatedDevice::target(double t_s) const noexcept {
-  const auto* const unscripted = std::get_if<1>(&motion_);
-  return unscripted != nullptr ? unscripted->get().target(t_s)
-                               : hand_target(*std::get_if<HandTrajectory>(&motion_), t_s);
-}
-
 bool SimulatedDevice::step(double dt_s) noexcept {
   if (!(dt_s > 0 && dt_s <= kMaxStep_s)) return false;
   const double wanted = std::ceil(dt_s / device_.maximum_substep_s);
@@ -186,7 +167,7 @@ bool SimulatedDevice::step(double dt_s) noexcept {
     unscripted->get().begin_step(truth_.t_s, dt_s, truth_.T_device_plate * options_.T_plate_tool);
   for (int i = 0; i < substeps; ++i) {
     const double t_s = truth_.t_s + i * h_s;
-    if (hand_mass_attached_ && !hand_holds(t_s)) release_hand_mass();
+    if (hand_mass_attached_ && !hand_holds(motion_, impedance_, t_s)) release_hand_mass();
     if (uses_mechanics()) {
       midpoint_substep(t_s, h_s);
     } else {
@@ -212,9 +193,9 @@ void SimulatedDevice::substep(double t_s, double h_s) noexcept {
   const Wrench friction =
       -device_.joint_viscous_friction_Nms_per_rad * (G.transpose() * (G * before));
   truth_.wrench_hand.setZero();
-  if (hand_holds(t_s)) {
-    truth_.wrench_hand =
-        hand_wrench(impedance_, target(t_s), T * options_.T_plate_tool, moved_to(before, lever_m));
+  if (hand_holds(motion_, impedance_, t_s)) {
+    truth_.wrench_hand = hand_wrench(impedance_, hand_target(motion_, t_s),
+                                     T * options_.T_plate_tool, moved_to(before, lever_m));
   }
   const Wrench hand = moved_by(truth_.wrench_hand, lever_m);
   Wrench gravity = Wrench::Zero();
@@ -296,9 +277,9 @@ SimulatedDevice::Forces SimulatedDevice::forces(const Pose& T, const JointAngles
                                 options.presliding_rad;
   result.friction = -G.transpose() * (device_.joint_viscous_friction_Nms_per_rad * rate +
                                       options.coulomb_friction_Nm * dry_share);
-  if (hand_holds(t_s)) {
-    result.hand_at_tip =
-        hand_wrench(impedance_, target(t_s), T * options_.T_plate_tool, moved_to(twist, lever_m));
+  if (hand_holds(motion_, impedance_, t_s)) {
+    result.hand_at_tip = hand_wrench(impedance_, hand_target(motion_, t_s),
+                                     T * options_.T_plate_tool, moved_to(twist, lever_m));
     result.hand = moved_by(result.hand_at_tip, lever_m);
   }
   const Wrench total = result.motors + result.friction + result.hand + result.mechanics.weight;

@@ -115,8 +115,6 @@ class SimulatedDevice final : public Device {
                 double since_s) const noexcept;
   void release_hand_mass() noexcept;
   double kinetic_energy() const noexcept;
-  bool hand_holds(double t_s) const noexcept;
-  HandTarget target(double t_s) const noexcept;
   bool uses_mechanics() const noexcept {
     return options_.mechanics.has_value() || impedance_.mass_kg > 0;
   }

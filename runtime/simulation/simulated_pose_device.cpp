@@ -22,15 +22,9 @@ Result<SimulatedPoseDevice> SimulatedPoseDevice::make(const PoseDeviceDescriptio
                                                       const HandMotion& motion,
                                                       const HandImpedance& impedance,
                                                       const Pose& T_plate_tool) {
-  const auto* const trajectory = std::get_if<HandTrajectory>(&motion);
-  if (auto checked = check_hand(trajectory == nullptr ? HandTrajectory{} : *trajectory, impedance);
-      !checked)
-    return checked.error();
+  if (auto checked = check_hand(motion, impedance); !checked) return checked.error();
   SimulatedPoseDevice made(description, frame, motion, impedance, T_plate_tool);
-  const Pose tip = trajectory == nullptr           ? std::get<1>(motion).get().start()
-                   : trajectory->keyframes.empty() ? Pose{}
-                                                   : trajectory->keyframes.front().T_device_tool;
-  made.T_ = tip * inverse(T_plate_tool);
+  made.T_ = hand_start(motion).value_or(Pose{}) * inverse(T_plate_tool);
   return made;
 }
 
@@ -56,18 +50,10 @@ DeviceStatus SimulatedPoseDevice::write(const HandleWrench& wrench) noexcept {
   return DeviceStatus::kOk;
 }
 
-bool SimulatedPoseDevice::hand_holds(double t_s) const noexcept {
-  const auto* const trajectory = std::get_if<HandTrajectory>(&motion_);
-  return trajectory == nullptr || (!trajectory->keyframes.empty() && t_s < impedance_.let_go_t_s);
-}
-
 /// Returns the hand's wrench on the plate about its origin.
 Wrench SimulatedPoseDevice::hand(double t_s) const noexcept {
-  if (!hand_holds(t_s)) return Wrench::Zero();
-  const auto* const unscripted = std::get_if<1>(&motion_);
-  const HandTarget target = unscripted != nullptr
-                                ? unscripted->get().target(t_s)
-                                : hand_target(*std::get_if<HandTrajectory>(&motion_), t_s);
+  if (!hand_holds(motion_, impedance_, t_s)) return Wrench::Zero();
+  const HandTarget target = hand_target(motion_, t_s);
   const Eigen::Vector3d lever_m = T_.q * T_plate_tool_.p_m;
   Twist tip = twist_;
   tip.head<3>() += Eigen::Vector3d(twist_.tail<3>()).cross(lever_m);
@@ -87,7 +73,7 @@ void SimulatedPoseDevice::advance(double dt_s) noexcept {
 
 void SimulatedPoseDevice::substep(double t_s, double h_s) noexcept {
   // Damping by device and hand is implicit, so that it is stable for any mass. The hand's wrench contains its own.
-  const bool holds = hand_holds(t_s);
+  const bool holds = hand_holds(motion_, impedance_, t_s);
   const double hand_N_s_per_m = holds ? impedance_.damping_Ns_per_m : 0;
   const double hand_Nm_s_per_rad = holds ? impedance_.rotational_damping_Nms_per_rad : 0;
   Wrench total = command_ + hand(t_s);

@@ -43,7 +43,6 @@ class SimulatedPoseDevice final : public PoseDevice {
         motion_(motion),
         impedance_(impedance),
         T_plate_tool_(T_plate_tool) {}
-  bool hand_holds(double t_s) const noexcept;
   Wrench hand(double t_s) const noexcept;
   void substep(double t_s, double h_s) noexcept;
 

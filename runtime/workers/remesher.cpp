@@ -168,8 +168,8 @@ void Remesher::serve_one(const CutRequest& request) {
     record.cut = cut_with_capacity(next, request.outline);
     if (record.cut.outcome == CutOutcome::kCut || record.cut.outcome == CutOutcome::kNoOverlap) {
       if (record.cut.outcome == CutOutcome::kCut) improve(next, record);
-      next.grid.update(edit_, next.mesh);
-      next.boundary_grid.update(edit_, next.mesh);
+      next.grid.update(edit_.change(), next.mesh);
+      next.boundary_grid.update(edit_.change(), next.mesh);
       pair.change = edit_.change();
       next.cuts = cuts + 1;
       keep_hole(record);

@@ -113,8 +113,8 @@ class Remesher {
   // These functions may be called after stop(), or on the thread that calls serve().
 
   const std::vector<CutRecord>& records() const noexcept { return records_; }
-  /// Returns the rings of a record's hole, as in CutResult::hole. The result is empty if
-  /// the cut failed, or if the rings did not fit into kMaxHolePoints.
+  /// Returns the rings of a record's hole, each with the removed material on its left. The result is
+  /// empty if the cut failed, or if the rings did not fit into kMaxHolePoints.
   std::vector<Ring> hole(const CutRecord& record) const;
   /// Returns the sheet as it was before any cut, without free slots.
   const Sheet& first_version(std::size_t sheet) const { return pairs_[sheet]->first; }

@@ -94,7 +94,7 @@ class Subject {
         pristine_(*make_sheet_mesh(sheet, 4096, 8192)),
         pristine_grid_(pristine_),
         edit_(pristine_),
-        work_(capacity_for(pristine_)),
+        work_(capacity_for(pristine_.vertices.size(), pristine_.triangles.size())),
         refinement_(pristine_) {
     for (const LatticePoint p : sheet.vertices)
       extent_ = {std::max(extent_.x, p.x), std::max(extent_.y, p.y)};
@@ -121,10 +121,10 @@ class Subject {
     const LocalRefinementResult refined =
         refine_locally(mesh_, edit_, work_.stitch.created, options, refinement_);
     const double is_refined = thread_us();
-    grid_.update(edit_, mesh_);
+    grid_.update(edit_.change(), mesh_);
     const double ready = thread_us();
-    edit_.copy_to(mesh_, replica_);
-    replica_grid_.update(edit_, replica_);
+    edit_.change().copy_to(mesh_, replica_);
+    replica_grid_.update(edit_.change(), replica_);
     const double is_copied = thread_us();
     if (report.outcome != CutOutcome::kCut) std::abort();
     cut_us.us.push_back(is_cut - start);

@@ -119,8 +119,7 @@ Shaft shaft_at_depth(Inputs& in, const json& model, WallPressure wall_pressure) 
                        .inner_radius_m = bore_mm * 0.5e-3,
                        .half_angle_rad = std::numbers::pi / 2};
   const CutMaterial bone{.strength_Pa = pressure,
-                         .friction_Pa = friction * wall_pressure * pressure,
-                         .presliding_Pa_per_m = 1e9};
+                         .friction_Pa = friction * wall_pressure * pressure};
   const ToolInTissue at = tool_in_tissue(tool, bone);
   return {at.strength_N, at.friction_N_per_m * depth_m / std::sqrt(1 + xi * xi)};
 }

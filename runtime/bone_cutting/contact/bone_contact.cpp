@@ -192,22 +192,15 @@ class BoneContactTick {
     own.has_hu = under.share > 0;
   }
 
-  // Thickness of the material above the slabs of the i-th sheet, up to where the tool entered it;
-  // and below them, down to where the tool would leave it. The sum stops at the thickness of the
-  // shell.
-  double material_above_m(int i) const noexcept {
+  // Thickness of the material above the slabs of the i-th sheet, up to where the tool entered it
+  // (`step` -1); or below them, down to where the tool would leave it (`step` 1). The sum stops at
+  // the thickness of the shell.
+  double material_m(int i, int step) const noexcept {
     double sum = 0;
-    for (; bone_.sheets[i].meets_above && sum < bone_.shell_m; --i) {
-      if (!state_.sheets[i - 1].is_presented) return sum;
-      sum += bone_.sheets[i - 1].bottom_m - bone_.sheets[i - 1].top_m;
-    }
-    return sum;
-  }
-  double material_below_m(int i) const noexcept {
-    double sum = 0;
-    for (; bone_.sheets[i].meets_below && sum < bone_.shell_m; ++i) {
-      if (!state_.sheets[i + 1].is_presented) return sum;
-      sum += bone_.sheets[i + 1].bottom_m - bone_.sheets[i + 1].top_m;
+    for (; sum < bone_.shell_m; i += step) {
+      const bool meets = step < 0 ? bone_.sheets[i].meets_above : bone_.sheets[i].meets_below;
+      if (!meets || !state_.sheets[i + step].is_presented) break;
+      sum += bone_.sheets[i + step].bottom_m - bone_.sheets[i + step].top_m;
     }
     return sum;
   }
@@ -264,8 +257,8 @@ class BoneContactTick {
     }
     const double shell_N = sheet.shell_N(bone_.shape, own.hu, N);
     const bool has_shell = bone_.shell_m > 0 && own.is_presented;
-    const double above_m = has_shell ? material_above_m(i) : 0,
-                 below_m = has_shell ? material_below_m(i) : 0;
+    const double above_m = has_shell ? material_m(i, -1) : 0,
+                 below_m = has_shell ? material_m(i, 1) : 0;
     const double slope =
         sheet.bottom_m > sheet.top_m ? (ends[1] - ends[0]) / (sheet.bottom_m - sheet.top_m) : 0;
     for (int k = sheet.first_slab; k < sheet.first_slab + sheet.slabs; ++k) {

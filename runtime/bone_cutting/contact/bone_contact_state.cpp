@@ -16,8 +16,6 @@ constexpr double kTwist_s = 0.02;
 BoneContactState make_bone_contact_state(const BoneVolume& bone) {
   BoneContactState state;
   state.law = make_cutting_state(bone.slabs.size(), kMaxRememberedHoles, bone.layers.size());
-  for (SoftLayerState& layer : state.law.layers)
-    layer.holes.resize(kMaxRememberedHoles);
   state.slabs = bone.slabs;
   state.sheets.resize(bone.sheets.size());
   for (std::size_t i = 0; i < bone.sheets.size(); ++i)

@@ -4,9 +4,9 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <cstdio>
 #include <limits>
 
+#include "formats/base/text_line.h"
 #include "runtime/decompositions/symmetric_eigenvalues.h"
 
 namespace trocar::runtime {
@@ -112,51 +112,41 @@ DeviceCoupling choose_coupling(const BoneVolume& bone, const SceneForceLaw& law,
 }
 
 std::string describe(const DeviceCoupling& chosen, const SceneForceLaw& law) {
-  std::array<char, 256> text;
   std::string out = "tool axis rigid";
   if (!chosen.coupling.is_rigid) {
-    std::snprintf(text.data(), text.size(), "tool axis coupled, %.4g N/m and %.4g Nm/rad",
-                  chosen.coupling.translation_N_per_m, chosen.coupling.rotation_Nm_per_rad);
-    out = text.data();
+    out = text_line("tool axis coupled, %.4g N/m and %.4g Nm/rad",
+                    chosen.coupling.translation_N_per_m, chosen.coupling.rotation_Nm_per_rad);
     if (chosen.is_at_ceiling) out += " (the limit that the device or the operator states)";
   }
-  std::snprintf(text.data(), text.size(), ", at most %.4g N of tissue at force scale %.4g",
-                chosen.max_N, law.force_scale);
-  out += text.data();
-  std::snprintf(text.data(), text.size(), "; the device's damping holds %.3g of that stiffness: %s",
-                chosen.damping_share,
-                chosen.predicts_pose ? "evaluated a tick ahead" : "evaluated where the plate is");
-  return out + text.data();
+  return out +
+         text_line(
+             ", at most %.4g N of tissue at force scale %.4g"
+             "; the device's damping holds %.3g of that stiffness: %s",
+             chosen.max_N, law.force_scale, chosen.damping_share,
+             chosen.predicts_pose ? "evaluated a tick ahead" : "evaluated where the plate is");
 }
 
 std::string stability_warning(const DeviceCoupling& chosen) {
   constexpr double kRounding = 1e-9;
-  std::array<char, 256> text;
   if (!chosen.predicts_pose) {
     if (chosen.damping_share >= 1) return {};
-    std::snprintf(
-        text.data(), text.size(),
+    return text_line(
         "without prediction, the device's damping holds only %.3g of the stiffness that is "
         "rendered: leave out \"prediction\", or lower coupling_N_per_m and coupling_Nm_per_rad",
         chosen.damping_share);
-    return text.data();
   }
   if (chosen.inertia_share <= chosen.inertia_limit * (1 + kRounding)) {
     if (chosen.rate_Hz >= kMinPredictedRate_Hz) return {};
-    std::snprintf(
-        text.data(), text.size(),
+    return text_line(
         "at this rate the predicted pose gives energy to motions faster than %.3g Hz, and "
         "a hand moves at up to %.0f Hz: raise --rate to at least %.0f",
         chosen.rate_Hz / 6, kHandMotion_Hz, kMinPredictedRate_Hz);
-    return text.data();
   }
-  std::snprintf(
-      text.data(), text.size(),
+  return text_line(
       "the stiffness K that is rendered is too large for the plate's inertia M and the tick T: "
       "K T^2 / M is %.3g, and at most %.3g is known to be passive: leave out \"axis\", lower the "
       "tissue's stiffness or force_scale, or raise --rate",
       chosen.inertia_share, chosen.inertia_limit);
-  return text.data();
 }
 
 }  // namespace trocar::runtime

@@ -82,19 +82,4 @@ const DensityConversion* find_conversion(DensityKind from, DensityKind to) noexc
   return at == kConversions.end() ? nullptr : &*at;
 }
 
-std::optional<BoneEstimate> estimate(const BoneLaw& law, const HuCalibration& calibration,
-                                     double HU, bool may_convert) noexcept {
-  BoneEstimate out;
-  out.density = density_of(calibration, HU);
-  out.kind = law.kind;
-  if (calibration.kind != law.kind) {
-    if (may_convert) out.conversion = find_conversion(calibration.kind, law.kind);
-    if (out.conversion == nullptr) return std::nullopt;
-    out.density *= out.conversion->factor;
-  }
-  out.modulus_MPa = value_of(law.modulus_MPa, out.density);
-  if (law.strength_MPa) out.strength_MPa = value_of(*law.strength_MPa, out.density);
-  return out;
-}
-
 }  // namespace trocar::runtime

@@ -6,8 +6,8 @@
 // Quantitative CT (QCT) measures a mineral density against a phantom of K2HPO4. This density is
 // about equal to the ash density of the same bone, which is the mineral mass divided by the volume.
 // The ash density is 0.6 times the apparent density, which is the wet mass without marrow divided
-// by the volume. Here every density states its kind, and a law accepts a density of another kind
-// only through a named conversion.
+// by the volume. Here every density states its kind, and a session refuses a calibration whose kind
+// is not that of its law.
 //
 // Sources of the laws, and how they were checked (never against the papers' full texts):
 //  - Kopperdahl 2002: the title names quantitative CT. The coefficients of the linear law appear in
@@ -21,10 +21,7 @@
 //    density.
 //
 // Contract (tests/runtime/bone_cutting/material/bone_strength_test.cpp):
-//  1. Values are those of the published formulas. If a formula gives less than 0, the value is 0.
-//  2. If the calibration gives another kind of density than the law needs, estimate() converts the
-//     density, and the result names the conversion. If the conversion is not allowed
-//     (`may_convert`) or not known, estimate() returns no value instead.
+// Values are those of the published formulas. If a formula gives less than 0, the value is 0.
 #pragma once
 
 #include <optional>
@@ -74,28 +71,8 @@ struct DensityConversion {
   double factor = 1;
   std::string_view source;
 };
-/// Returns null if no conversion is known. There is no conversion from or to QCT density, because
-/// each published one holds for one phantom and scanner only.
+/// Returns null if no conversion is known, and if both kinds are the same. There is no conversion
+/// from or to QCT density, because each published one holds for one phantom and scanner only.
 const DensityConversion* find_conversion(DensityKind from, DensityKind to) noexcept;
-
-/// Modulus and strength that a law gives for one value of HU.
-struct BoneEstimate {
-  double density = 0;  ///< density of the law's kind, g/cm^3
-  DensityKind kind = DensityKind::kQct;
-  double modulus_MPa = 0;
-  std::optional<double> strength_MPa;             ///< none: the law gives no strength
-  const DensityConversion* conversion = nullptr;  ///< null: no conversion was needed
-};
-/// Applies a law to HU (contract 2).
-std::optional<BoneEstimate> estimate(const BoneLaw& law, const HuCalibration& calibration,
-                                     double HU, bool may_convert = false) noexcept;
-
-/// Returns the force on the tip at which the cutting front advances: the bone's strength times the
-/// tool's area, plus the force that tears the bone along the tool's perimeter. `tearing_N_per_m`:
-/// this tearing force per length of the perimeter.
-inline double front_strength_N(double strength_MPa, double area_m2, double tearing_N_per_m,
-                               double perimeter_m) noexcept {
-  return strength_MPa * 1e6 * area_m2 + tearing_N_per_m * perimeter_m;
-}
 
 }  // namespace trocar::runtime

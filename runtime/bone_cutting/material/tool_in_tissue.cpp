@@ -34,10 +34,6 @@ constexpr std::array<std::pair<int, double>, 12> kGauges{{{8, 4.191},
                                                           {22, 0.718},
                                                           {25, 0.515}}};
 
-bool is_at_least_0(double value) noexcept {
-  return std::isfinite(value) && value >= 0;
-}
-
 }  // namespace
 
 std::string_view name_of(ToolKind kind) noexcept {
@@ -64,18 +60,6 @@ std::optional<std::string_view> error_of(const ToolShape& tool) noexcept {
     return "the tip's half angle must be within 3 and 90 degrees";
   if (tool.kind == ToolKind::kJamshidi && tool.half_angle_rad < kPi / 2 - 1e-9)
     return "a jamshidi's edge is flat, so its half angle must be 90 degrees";
-  return std::nullopt;
-}
-
-std::optional<std::string_view> error_of(const CutMaterial& tissue) noexcept {
-  for (const double value : {tissue.strength_Pa, tissue.tearing_N_per_m, tissue.face_friction,
-                             tissue.modulus_Pa, tissue.friction_Pa, tissue.presliding_Pa_per_m,
-                             tissue.wall_Pa_per_m, tissue.lateral_strength_Pa})
-    if (!is_at_least_0(value)) return "a tissue's values must be at least 0";
-  if (!(tissue.poisson >= 0 && tissue.poisson <= 0.5))
-    return "a tissue's Poisson ratio must be within 0 and 0.5";
-  if (tissue.friction_Pa > 0 && !(tissue.presliding_Pa_per_m > 0))
-    return "a tissue with friction needs a stiffness of it before it slides";
   return std::nullopt;
 }
 
@@ -121,7 +105,6 @@ ToolInTissue tool_in_tissue(const ToolShape& tool, const CutMaterial& tissue, do
         pressed_N * std::max(1 / std::tan(tool.half_angle_rad) - tissue.face_friction, 0.0);
   out.tip_N_per_m = 2 * R * tissue.modulus_Pa / (1 - tissue.poisson * tissue.poisson);
   out.friction_N_per_m = tissue.friction_Pa * around;
-  if (tissue.friction_Pa > 0) out.presliding_m = tissue.friction_Pa / tissue.presliding_Pa_per_m;
   out.wall_N_per_m2 = tissue.wall_Pa_per_m * 2 * R;
   out.wall_strength_N_per_m = tissue.lateral_strength_Pa * 2 * R;
   return out;

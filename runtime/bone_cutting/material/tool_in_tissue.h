@@ -63,7 +63,6 @@ struct CutMaterial {
   double face_friction = 0;    ///< friction coefficient of the tip's faces
   double modulus_Pa = 0, poisson = 0.3;
   double friction_Pa = 0;          ///< shear stress at which the shaft slides along the hole's wall
-  double presliding_Pa_per_m = 0;  ///< the friction's stiffness per area before sliding
   double wall_Pa_per_m = 0;        ///< lateral stiffness of the wall (Winkler foundation)
   double lateral_strength_Pa = 0;  ///< pressure at which the wall yields
 };
@@ -71,7 +70,6 @@ struct CutMaterial {
 /// Returns a text, without a full stop, that describes the first invalid value. Returns nothing if
 /// all values are valid.
 std::optional<std::string_view> error_of(const ToolShape& tool) noexcept;
-std::optional<std::string_view> error_of(const CutMaterial& tissue) noexcept;
 
 inline constexpr double kMaxSlicePush = 10;
 /// Returns the slice-push ratio: the circumferential speed of the tool's outline divided by the
@@ -93,13 +91,14 @@ struct ToolInTissue {
   double torsion_Nm = 0;  ///< moment that is needed to turn the tool (contract 3)
   double lateral_N = 0;   ///< lateral force of a bevel while the front advances (contract 6)
   double tip_N_per_m = 0;
-  double friction_N_per_m = 0, presliding_m = 0;
+  double friction_N_per_m = 0;
   double wall_N_per_m2 = 0, wall_strength_N_per_m = 0;
 };
 
 /// Computes these values for a tool and a tissue. `share`: the coverage, which is the fraction of
 /// the area of the tool's outline that lies over material that is not yet cut. `slice_push`: result
-/// of slice_push(). Precondition: tool and tissue are valid (error_of()).
+/// of slice_push(). Preconditions: the tool is valid (error_of()), no value of the tissue is
+/// negative, and its Poisson ratio is at most 0.5.
 ToolInTissue tool_in_tissue(const ToolShape& tool, const CutMaterial& tissue, double share = 1,
                             double slice_push = 0) noexcept;
 

@@ -23,12 +23,8 @@ std::array<LegAssembly, kBranchesPerLeg> leg_assemblies(const DeviceDescription&
       continue;
     }
     const Eigen::Vector3d C = T_device_plate * leg::plate_joint(device.geometry, leg);
-    const leg::LegStatus status =
-        leg::inverse(device, leg::to_leg(leg, C), each.branch, each.theta_rad);
-    if (!status) {
-      each.status = {status.failure, static_cast<std::int8_t>(leg + 1),
-                     static_cast<std::int8_t>(status.joint)};
-    }
+    each.status = leg::inverse(device, leg::to_leg(leg, C), each.branch, each.theta_rad);
+    if (!each.status) each.status.leg = leg + 1;
   }
   return all;
 }

@@ -41,11 +41,11 @@ struct LegRing {
       const Eigen::Vector3d C = leg::to_leg(a, T_device_plate.p_m + r);
       std::array<double, kJointsPerLeg> theta{};
       Eigen::Vector3d w1, w4;
-      leg::LegStatus status = leg::inverse(device, C, {g.branch_theta1, g.branch_theta4}, theta);
+      KinematicsStatus& status = result.status;
+      status = leg::inverse(device, C, {g.branch_theta1, g.branch_theta4}, theta);
       if (status) status = leg::motor_rates(g, C, theta[0], theta[3], w1, w4);
       if (!status) {
-        result.status = {status.failure, static_cast<std::int8_t>(m + 1),
-                         static_cast<std::int8_t>(status.joint)};
+        status.leg = m + 1;
         return result;
       }
       result.motor_rad.template segment<2>(2 * m) << theta[0], theta[3];

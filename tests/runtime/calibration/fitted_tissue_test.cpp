@@ -50,7 +50,6 @@ TEST(FittedTissue, GivesTheFitBackInAScene) {
   material.strength_Pa = *cut.strength_MPa * 1e6;
   material.modulus_Pa = cut.modulus_MPa * 1e6;
   material.friction_Pa = cut.friction_kPa * 1e3;
-  material.presliding_Pa_per_m = 1;
   const ToolInTissue in = tool_in_tissue(*shape, material);
   EXPECT_NEAR(in.strength_N, fit.cutting_N.value, 1e-3 * fit.cutting_N.value);
   EXPECT_NEAR(in.tip_N_per_m, 1e3 * fit.stiffness_N_per_mm.value, fit.stiffness_N_per_mm.value);

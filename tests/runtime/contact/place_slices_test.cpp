@@ -68,7 +68,9 @@ TEST(TissueChoice, ByNameThenByLabelOrHuThenTheSceneDefault) {
   Asset asset;
   AssetSlice slice;
   SceneSlice wanted;
-  const auto threshold = [&] { return tissue_of(scene, wanted, asset, slice).threshold_N; };
+  const auto threshold = [&] {
+    return choose_tissue(scene, wanted, asset, slice).tissue.threshold_N;
+  };
   EXPECT_EQ(threshold(), 1);
   slice.measures_json = R"({"mean_hu":500})";
   EXPECT_EQ(threshold(), 4);

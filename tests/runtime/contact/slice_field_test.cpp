@@ -142,14 +142,13 @@ TEST(SliceField, ADiscsMeanIsThatOfItsArea) {
   EXPECT_EQ(none.hu, 0);
 }
 
-TEST(SliceField, NineTenthsOfTheMaterialAreBelowTheDenseHu) {
+TEST(SliceField, TheMeanHuIsThatOfAllMaterial) {
   const SliceMesh mesh = test::square_mesh({0, 0}, 256, 40);
   std::vector<float> hu;
   for (const LatticePoint p : mesh.vertices)
     hu.push_back(static_cast<float>(25.0 * p.x * kStep_mm));  // 0 to 1000
   const SliceField field(mesh, hu, Lattice{});
   EXPECT_NEAR(field.mean_hu(), 500, 0.5);
-  EXPECT_NEAR(field.dense_hu(), 900, 25 * 0.25 + 0.5) << "to a pixel";
 }
 
 TEST(SliceField, AnEmptySliceHasNoMaterial) {

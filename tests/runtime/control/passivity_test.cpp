@@ -33,7 +33,7 @@ struct MassOnWall {
     input.wrench_device[2] = stiffness_N_per_m * depth_m;
     input.stored_J = 0.5 * stiffness_N_per_m * depth_m * depth_m;
     const Wrench wrench = keep_passive(options, mass_kg, dt_s, input, state);
-    note_delivered(wrench, state);
+    state.delivered = wrench;
     rendered_N = wrench[2];
     const double a = (rendered_N + hand_N) / mass_kg;
     const double step_m = v_m_per_s * dt_s + 0.5 * a * dt_s * dt_s;
@@ -55,7 +55,7 @@ TEST(Passivity, TheBalanceIsTheAbsorbedWorkLessTheStoredEnergy) {
     keep_passive(options, 0.35, 1e-3, input, state);
     double work_J = 0;
     Wrench held = input.wrench_device;
-    note_delivered(held, state);
+    state.delivered = held;
     for (int i = 0; i < 3000; ++i) {
       Eigen::Vector3d turn, move;
       for (int k = 0; k < 3; ++k) {
@@ -69,7 +69,7 @@ TEST(Passivity, TheBalanceIsTheAbsorbedWorkLessTheStoredEnergy) {
       input.T_device_plate.q = (from_rotation_vector(turn) * input.T_device_plate.q).normalized();
       work_J += held.head<3>().dot(move) + held.tail<3>().dot(turn);
       held = keep_passive(options, 0.35, 1e-3, input, state);
-      note_delivered(held, state);
+      state.delivered = held;
       ASSERT_NEAR(state.balance_J, -work_J - input.stored_J, 1e-11);
     }
   }
@@ -83,11 +83,11 @@ TEST(Passivity, WithoutANewPoseTheForceIsHeldAndDampingUsesTheTimeBetweenPoses) 
     input.T_device_plate = Pose{};
     input.wrench_device << 0, 0, 10, 0, 0, 0;
     input.stored_J = 0.01;
-    note_delivered(keep_passive(options, 0.35, 1e-3, input, state), state);
+    state.delivered = keep_passive(options, 0.35, 1e-3, input, state);
     state.balance_J = -1;
     input.T_device_plate.p_m.z() = 1e-4 * ticks;
     const Wrench wrench = keep_passive(options, 0.35, ticks * 1e-3, input, state);
-    note_delivered(wrench, state);
+    state.delivered = wrench;
     const double at_that_speed_N = state.damping_N_s_per_m * 0.1;
     EXPECT_GT(at_that_speed_N, 0);
     EXPECT_NEAR(10 - wrench[2], at_that_speed_N, 1e-9) << ticks;
@@ -109,7 +109,7 @@ TEST(Passivity, DampingTakesItsVelocityFromTheEarlierPose) {
     PassivityInput input;
     input.wrench_device << 0, 0, step_m > 0 ? 10 : -10, 0, 0, 0;
     input.stored_J = 0.01;
-    note_delivered(keep_passive({}, 0.35, 1e-3, input, state), state);
+    state.delivered = keep_passive({}, 0.35, 1e-3, input, state);
     state.balance_J = -1;
     input.T_device_plate.p_m.z() += step_m;
     input.previous.T_device_plate.p_m.z() = input.T_device_plate.p_m.z() - 1e-3;
@@ -159,7 +159,7 @@ TEST(Passivity, TheWrenchIsUnchangedInAPassiveEnvironment) {
     last_m = depth_m;
     const Wrench wanted = input.wrench_device;
     const Wrench got = keep_passive(options, 0.35, dt_s, input, state);
-    note_delivered(got, state);
+    state.delivered = got;
     if (i > 200) {  // the contact began abruptly, at 2 mm
       ASSERT_EQ(got, wanted) << i;
     }
@@ -211,7 +211,7 @@ TEST(Passivity, DampingNeverPullsAndTheDeficitRemains) {
         20 * Eigen::Vector3d(uniform(random) - 0.5, uniform(random) - 0.5, uniform(random));
     input.wrench_device[3] = 0.2 * (uniform(random) - 0.5);
     input.stored_J = 0.01;
-    note_delivered(keep_passive(options, 0.35, 1e-3, input, state), state);
+    state.delivered = keep_passive(options, 0.35, 1e-3, input, state);
     for (int i = 0; i < 30; ++i) {
       state.balance_J = -0.1 * uniform(random);
       const double before_J = state.balance_J;
@@ -221,7 +221,7 @@ TEST(Passivity, DampingNeverPullsAndTheDeficitRemains) {
       const Wrench held = state.delivered;
       input.T_device_plate.p_m += step_m;
       const Wrench wrench = keep_passive(options, 0.35, 1e-3, input, state);
-      note_delivered(wrench, state);
+      state.delivered = wrench;
       const Eigen::Vector3d of_sheet_N = input.wrench_device.head<3>();
       const double along = Eigen::Vector3d(wrench.head<3>()).dot(of_sheet_N);
       ASSERT_GE(along, -1e-9) << "a pull";
@@ -297,11 +297,11 @@ TEST(Passivity, APlannedReleaseCausesNoDamping) {
 Wrench start_damping(PassivityInput& input, PassivityState& state) {
   input.wrench_device << 0, 0, 10, 0, 0, 0;
   input.stored_J = 0.01;
-  note_delivered(keep_passive({}, 0.35, 1e-3, input, state), state);
+  state.delivered = keep_passive({}, 0.35, 1e-3, input, state);
   state.balance_J = -1;
   input.T_device_plate.p_m.z() = 1e-4;
   Wrench delivered = keep_passive({}, 0.35, 1e-3, input, state);
-  note_delivered(delivered, state);
+  state.delivered = delivered;
   return delivered;
 }
 
@@ -330,7 +330,7 @@ TEST(Passivity, TheWorkOfADamperThatIsHeldWithoutANewPoseIsInTheBalance) {
   const double before_J = state.balance_J;
   for (int tick = 0; tick < 5; ++tick) {
     held = keep_passive({}, 0.35, 0, input, state);
-    note_delivered(held, state);
+    state.delivered = held;
     EXPECT_EQ(state.balance_J, before_J);
   }
   input.T_device_plate.p_m.z() = -3e-4;

@@ -45,8 +45,8 @@ TEST(Accuracy, TheMeshTendsToTheExactSolution) {
     std::vector<Eigen::Vector2d> outline;
     for (LatticePoint p : tool)
       outline.push_back(Eigen::Vector2d(p.x, p.y) * step_m);
-    const auto membrane = membrane_for_tool(kStiffness_N_per_m, lambda_m, outline,
-                                            {.panels_per_side = sides == 6 ? 30 : 6});
+    const auto membrane =
+        membrane_for_tool(kStiffness_N_per_m, lambda_m, outline, sides == 6 ? 30 : 6);
     ASSERT_TRUE(membrane);
     std::vector<double> errors;
     for (const double size : {0.4, 0.2, 0.1, 0.05}) {

@@ -87,8 +87,7 @@ TEST(Disc, MembraneForDiscHasTheStiffness) {
 }
 
 double stiffness(const std::vector<Vector2d>& outline, double lambda, int panels = 16) {
-  const auto found =
-      unbounded_stiffness_per_foundation_m2(outline, lambda, {.panels_per_side = panels});
+  const auto found = unbounded_stiffness_per_foundation_m2(outline, lambda, panels);
   EXPECT_TRUE(found) << found.error().message;
   return found ? *found : 0;
 }
@@ -160,7 +159,7 @@ TEST(Unbounded, RefusesInvalidOutlines) {
   auto hexagon = regular(6, 0.003);
   EXPECT_FALSE(unbounded_stiffness_per_foundation_m2(hexagon, 0));
   EXPECT_FALSE(unbounded_stiffness_per_foundation_m2(hexagon, std::nan("")));
-  EXPECT_FALSE(unbounded_stiffness_per_foundation_m2(hexagon, 0.01, {.panels_per_side = 1}));
+  EXPECT_FALSE(unbounded_stiffness_per_foundation_m2(hexagon, 0.01, 1));
   EXPECT_FALSE(unbounded_stiffness_per_foundation_m2(std::span(hexagon).first(2), 0.01));
   EXPECT_FALSE(unbounded_stiffness_per_foundation_m2({}, 0.01));
   hexagon[3] = hexagon[2];

@@ -6,11 +6,13 @@
 #include "runtime/hole_cutting/cut.h"
 #include "runtime/realtime/allocation_counter.h"
 #include "runtime/workers/remesher.h"
+#include "tests/support/check_sheet_mesh.h"
 #include "tests/support/counted_allocations.h"
 #include "tests/support/random_geometry.h"
 #include "tests/support/remesher_reader.h"
 #include "tests/support/same_sheet_mesh.h"
 #include "tests/support/sheet_fixture.h"
+#include "tests/support/whole_cut.h"
 
 namespace trocar::runtime {
 namespace {
@@ -48,7 +50,7 @@ class Outcomes : public testing::Test {
 TEST_F(Outcomes, TooSmallACapacityIsReportedAndLeavesTheSheetUnchanged) {
   const SheetMesh start = sheet(60, 120);
   for (const Ring& tool : {kInside, kAcross}) {
-    const CutCapacity enough = capacity_for(start);
+    const CutCapacity enough = capacity_for(start.vertices.size(), start.triangles.size());
     ASSERT_EQ(cut_with(enough, start, tool).outcome, CutOutcome::kCut);
     const SheetMesh cut_through = mesh_;
     ASSERT_TRUE(check_sheet_mesh(cut_through));
@@ -80,7 +82,8 @@ TEST_F(Outcomes, TooFewFreeSlotsAreReportedAndLeaveTheSheetUnchanged) {
     for (std::size_t spare = 0; spare < 40; ++spare) {
       for (const bool of_vertices : {false, true}) {
         const SheetMesh start = sheet(of_vertices ? spare : 60, of_vertices ? 120 : spare);
-        const CutReport report = cut_with(capacity_for(start), start, tool);
+        const CutReport report =
+            cut_with(capacity_for(start.vertices.size(), start.triangles.size()), start, tool);
         if (report.outcome == CutOutcome::kCapacity) {
           ++too_few;
           ASSERT_TRUE(same(mesh_, start)) << spare;
@@ -108,7 +111,7 @@ TEST_F(Outcomes, TooFewFreeSlotsAreReportedAndLeaveTheSheetUnchanged) {
 
 TEST_F(Outcomes, InvalidToolsAndToolsBesideTheSheetLeaveItUnchanged) {
   const SheetMesh start = sheet(60, 120);
-  const CutCapacity enough = capacity_for(start);
+  const CutCapacity enough = capacity_for(start.vertices.size(), start.triangles.size());
   EXPECT_EQ(cut_with(enough, start, {{3000, 0}, {3100, 0}, {3050, 90}}).outcome,
             CutOutcome::kNoOverlap);
   EXPECT_TRUE(same(mesh_, start));
@@ -153,7 +156,7 @@ TEST(CutAllocations, NoOutcomeAllocates) {
   for (TriangleGrid* each : {&grid, &replica_grid})
     each->reserve_pages(each->bytes());
   SheetEdit edit(mesh);
-  CutWorkspace work(capacity_for(mesh)), small({40, 60, 60});
+  CutWorkspace work(capacity_for(mesh.vertices.size(), mesh.triangles.size())), small({40, 60, 60});
   LocalRefinementWorkspace refinement(mesh);
   Random random(8);
   int cuts = 0, too_little = 0;
@@ -167,9 +170,9 @@ TEST(CutAllocations, NoOutcomeAllocates) {
                 if (report.outcome != CutOutcome::kCut) return;
                 ++cuts;
                 refine_locally(mesh, edit, work.stitch.created, {}, refinement);
-                grid.update(edit, mesh);
-                edit.copy_to(mesh, replica);
-                replica_grid.update(edit, replica);
+                grid.update(edit.change(), mesh);
+                edit.change().copy_to(mesh, replica);
+                replica_grid.update(edit.change(), replica);
               }),
               0U);
     too_little += small_failed ? 1 : 0;

@@ -19,9 +19,11 @@
 #include "formats/asset/asset.h"
 #include "runtime/hole_cutting/cut.h"
 #include "runtime/local_refinement/local_refinement.h"
+#include "tests/support/check_sheet_mesh.h"
 #include "tests/support/cut_checks.h"
 #include "tests/support/random_geometry.h"
 #include "tests/support/same_sheet_mesh.h"
+#include "tests/support/whole_cut.h"
 
 namespace trocar::runtime {
 namespace {
@@ -267,7 +269,7 @@ class Cutter {
   // A series of cuts in one slice.
   void series(const SliceMesh& slice, int cuts) {
     Subject subject(slice);
-    CutWorkspace work(capacity_for(subject.mesh));
+    CutWorkspace work(capacity_for(subject.mesh.vertices.size(), subject.mesh.triangles.size()));
     LocalRefinementWorkspace refinement(subject.mesh);
     Ring last;
     for (int k = 0; k < cuts; ++k) {
@@ -341,9 +343,9 @@ class Cutter {
       ++count.refined;
     }
     count.obtuse += count_obtuse_boundary_edges(subject.mesh, subject.edit);
-    subject.grid.update(subject.edit, subject.mesh);
-    subject.edit.copy_to(subject.mesh, subject.replica);
-    subject.replica_grid.update(subject.edit, subject.replica);
+    subject.grid.update(subject.edit.change(), subject.mesh);
+    subject.edit.change().copy_to(subject.mesh, subject.replica);
+    subject.replica_grid.update(subject.edit.change(), subject.replica);
   }
 
   Random random_;

@@ -9,15 +9,31 @@
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
+#include <limits>
 #include <numbers>
 #include <string>
 #include <vector>
 
 #include "formats/geometry/mesh_validity.h"
 #include "runtime/local_refinement/local_refinement.h"
+#include "tests/support/check_sheet_mesh.h"
 #include "tests/support/delaunay_fixture.h"
 
 namespace trocar::runtime {
+
+/// Wanted length of edges, in lattice steps. It grows linearly with the distance from a disc.
+struct GradedSize {
+  LatticePoint centre;                                         ///< centre of the disc
+  double radius = 0;                                           ///< radius of the disc, steps
+  double at_radius = std::numeric_limits<double>::infinity();  ///< wanted length in the disc
+  double growth = 0;  ///< increase of the wanted length per step of distance from the disc
+  double largest = std::numeric_limits<double>::infinity();  ///< largest wanted length
+  double operator()(double x, double y) const noexcept {
+    const double dx = x - centre.x, dy = y - centre.y;
+    const double beyond = std::sqrt(dx * dx + dy * dy) - radius;
+    return std::min(at_radius + growth * std::max(beyond, 0.0), largest);
+  }
+};
 
 // ---- measures that do not use the code under test ----
 
@@ -145,7 +161,7 @@ inline LocalRefinementResult refine_and_check(SheetMesh& mesh,
   EXPECT_EQ(mesh.vertices_in_use() + result.vertices_removed,
             before.vertices_in_use() + result.vertices_added);
   SheetMesh replica = before;
-  edit.copy_to(mesh, replica);
+  edit.change().copy_to(mesh, replica);
   EXPECT_TRUE(same(replica, mesh)) << "a slot was written and not listed";
   // 5
   SheetMesh again = before;

@@ -434,7 +434,8 @@ TEST(CuttingSession, WhereTheDampingSufficesNothingIsGivenToTheHand) {
         const auto workers =
             test::make_workers(probe, remesher, options_at(rate_Hz, probe), description);
         ASSERT_TRUE(workers);
-        if (dynamic_cast<const CuttingForceLaw&>(*workers->law).coupling().damping_share > 1.1)
+        if (dynamic_cast<const CuttingForceLaw&>(*workers->law).report().coupling.damping_share >
+            1.1)
           break;
       }
       run_ = run(scene, assets[i], options_at(rate_Hz, scene), description);

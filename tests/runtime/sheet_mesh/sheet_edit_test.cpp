@@ -63,7 +63,7 @@ TEST(SheetEdit, UndoRestoresTheMeshAndCopyToMakesTheReplicaEqual) {
       edit.begin(mesh);
       scramble(random, mesh, edit);
     }
-    edit.copy_to(mesh, replica);
+    edit.change().copy_to(mesh, replica);
     ASSERT_TRUE(same(mesh, replica)) << "round " << round;
     // Slots that are not listed are unchanged.
     std::set<std::uint32_t> listed;

@@ -77,7 +77,7 @@ TEST(TriangleGrid, FindsTheSameAsASearchOfAllTrianglesAfterEdits) {
           some.mesh.triangles[taken] = some.make(random, taken);
         }
       }
-      grid.update(edit, some.mesh);
+      grid.update(edit.change(), some.mesh);
     }
   }
 }
@@ -101,9 +101,9 @@ TEST(TriangleGrid, GivesTheSameOrderAfterTheSameEdits) {
         some.mesh.triangles[taken] = some.make(random, taken);
       }
     }
-    one.update(edit, some.mesh);
-    edit.copy_to(some.mesh, replica);
-    other.update(edit, replica);
+    one.update(edit.change(), some.mesh);
+    edit.change().copy_to(some.mesh, replica);
+    other.update(edit.change(), replica);
     std::vector<std::uint32_t> first, second;
     const LatticeBox all{{-30'000, -30'000}, {30'000, 30'000}};
     one.for_each(some.mesh, all, [&](std::uint32_t t) { first.push_back(t); });
@@ -153,7 +153,7 @@ TEST(TriangleGrid, TheGridOfTheBoundaryFindsTheTrianglesWithAnOpenEdge) {
         change_edges(t);
       }
     }
-    grid.update(edit, some.mesh);
+    grid.update(edit.change(), some.mesh);
   }
   EXPECT_GT(found, 1000U);
 }

@@ -10,6 +10,7 @@
 #include <span>
 
 #include "runtime/workers/remesher.h"
+#include "tests/support/check_sheet_mesh.h"
 #include "tests/support/remesher_reader.h"
 #include "tests/support/sheet_fixture.h"
 
