@@ -193,7 +193,7 @@ TEST_F(TwoReplicas, TheQualityPassLeavesNoAngleBelowItsBound) {
   const LatticeOutline outline =
       outline_on_lattice(make_tool(scene_.tool), pose, plain.transform, plain.z_m);
   // The same cut without the pass.
-  CutWorkspace work(capacity_for(plain.mesh));
+  CutWorkspace work(capacity_for(plain.mesh.vertices.size(), plain.mesh.triangles.size()));
   SheetEdit edit(plain.mesh.vertices.size(), plain.mesh.triangles.size());
   const std::span points(outline.points.data(), static_cast<std::size_t>(outline.size));
   ASSERT_EQ(cut_in_place(plain.mesh, plain.grid, points, work, edit).outcome, CutOutcome::kCut);
