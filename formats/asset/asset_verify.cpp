@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Tests: tests/formats/asset/asset_test.cpp
+#include <utility>
 #include <vector>
 
 #include "formats/asset/asset.h"

@@ -2,6 +2,7 @@
 #include "formats/asset/hu_section.h"
 
 #include <algorithm>
+#include <cmath>
 #include <cstring>
 #include <limits>
 #include <optional>

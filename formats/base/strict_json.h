@@ -5,6 +5,7 @@
 // Tests: tests/formats/session/scene_test.cpp
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <nlohmann/json.hpp>
 #include <optional>

@@ -5,6 +5,7 @@
 #pragma once
 
 #include <cstdint>
+#include <string>
 
 #include "formats/base/result.h"
 #include "formats/geometry/proved_outline.h"

@@ -6,6 +6,7 @@
 // Tests: tests/formats/geometry/triangle_operations_test.cpp
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <cstddef>
 #include <cstdint>

@@ -2,6 +2,7 @@
 #include "formats/geometry/weld_regions.h"
 
 #include <algorithm>
+#include <string>
 #include <utility>
 
 #include "formats/base/disjoint_sets.h"

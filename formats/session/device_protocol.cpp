@@ -7,6 +7,7 @@
 #include <bit>
 #include <cmath>
 #include <concepts>
+#include <cstring>
 #include <string_view>
 #include <type_traits>
 

@@ -4,6 +4,7 @@
 // Tests: tests/pipeline/archive/archive_names_test.cpp
 #pragma once
 
+#include <optional>
 #include <string>
 #include <string_view>
 

@@ -7,6 +7,7 @@
 #include <netinet/in.h>
 #include <sys/socket.h>
 
+#include <array>
 #include <system_error>
 
 #include "pipeline/read/dicom/dicom_parse.h"

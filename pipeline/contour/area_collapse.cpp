@@ -6,6 +6,8 @@
 #include <cmath>
 #include <optional>
 #include <queue>
+#include <tuple>
+#include <utility>
 #include <vector>
 
 #include "formats/geometry/lattice_box.h"

@@ -3,6 +3,7 @@
 // Tests: tests/pipeline/contour/simplification_test.cpp
 #include <algorithm>
 #include <cmath>
+#include <utility>
 #include <vector>
 
 #include "pipeline/contour/aabb_tree.h"

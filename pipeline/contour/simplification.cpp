@@ -2,6 +2,7 @@
 #include "pipeline/contour/simplification.h"
 
 #include <algorithm>
+#include <cmath>
 #include <iterator>
 #include <limits>
 #include <numeric>

@@ -3,6 +3,7 @@
 
 #include <unistd.h>
 
+#include <sys/stat.h>
 #include <algorithm>
 #include <array>
 #include <cstring>
@@ -11,6 +12,7 @@
 #include <new>
 #include <optional>
 #include <span>
+#include <system_error>
 #include <utility>
 
 #include "formats/asset/asset.h"

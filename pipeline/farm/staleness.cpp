@@ -4,6 +4,7 @@
 #include <iterator>
 #include <map>
 #include <set>
+#include <utility>
 
 #include "formats/base/json_text.h"
 #include "pipeline/farm/sha256.h"

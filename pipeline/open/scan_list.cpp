@@ -4,12 +4,14 @@
 #include <algorithm>
 #include <array>
 #include <cstdio>
+#include <optional>
 #include <set>
 #include <system_error>
 #include <utility>
 
 #include "formats/base/json_text.h"
 #include "pipeline/base/number_ranges.h"
+#include "pipeline/open/open_stack.h"
 #include "pipeline/open/scan_folder.h"
 #include "pipeline/read/dicom/dicom_segmentation.h"
 #include "pipeline/read/dicom/dicom_series.h"

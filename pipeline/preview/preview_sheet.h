@@ -4,6 +4,7 @@
 // Tests: tests/e2e/preview_test.py
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <string>
 #include <vector>

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "pipeline/program/mesh_scan.h"
 
+#include <memory>
 #include <string>
 #include <utility>
 

@@ -2,6 +2,7 @@
 #include "pipeline/program/presets.h"
 
 #include <algorithm>
+#include <array>
 
 #include "formats/base/nearest_name.h"
 

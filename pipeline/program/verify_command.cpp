@@ -5,6 +5,7 @@
 #include <iostream>
 #include <limits>
 #include <nlohmann/json.hpp>
+#include <string>
 
 #include "formats/asset/asset.h"
 #include "formats/asset/deidentification.h"

@@ -3,6 +3,8 @@
 // Tests: tests/e2e/mesh_program_e2e_test.py
 #pragma once
 
+#include <string>
+
 #include "pipeline/scan/label_names.h"
 #include "pipeline/scan/mesh_slice.h"
 

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <memory>
 #include <utility>
+#include <vector>
 
 #include "formats/asset/asset.h"
 #include "formats/geometry/mesh_validity.h"

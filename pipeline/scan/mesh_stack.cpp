@@ -11,6 +11,7 @@
 #include <numeric>
 #include <set>
 #include <string>
+#include <utility>
 
 #include "formats/asset/deidentification.h"
 #include "formats/base/json_text.h"

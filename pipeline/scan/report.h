@@ -5,6 +5,8 @@
 #pragma once
 
 #include <nlohmann/json.hpp>
+#include <string>
+#include <vector>
 
 #include "formats/asset/asset.h"
 #include "pipeline/scan/mesh_slice.h"

@@ -5,6 +5,7 @@
 
 #include <optional>
 #include <utility>
+#include <vector>
 
 #include "pipeline/scan/mesh_slice.h"
 #include "pipeline/segment/label_pixels.h"

@@ -23,6 +23,7 @@
 //     lengths of paths that avoid bone.
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <span>
 #include <vector>

@@ -2,6 +2,7 @@
 #include "pipeline/segment/plane_flood.h"
 
 #include <algorithm>
+#include <cmath>
 #include <initializer_list>
 #include <limits>
 

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <cstdio>
 #include <numeric>
+#include <queue>
 #include <utility>
 
 #include "pipeline/base/parallel_for.h"

@@ -24,6 +24,9 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <array>
+#include <limits>
+#include <memory>
 #include <optional>
 #include <string>
 #include <vector>

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 #include <utility>
+#include <vector>
 
 #include "formats/base/disjoint_sets.h"
 #include "pipeline/base/stopwatch.h"

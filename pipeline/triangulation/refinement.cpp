@@ -3,9 +3,11 @@
 
 #include <algorithm>
 #include <array>
+#include <bit>
 #include <cmath>
 #include <limits>
 #include <numbers>
+#include <optional>
 
 #include "formats/geometry/canonical_rotation.h"
 #include "formats/geometry/steiner_points.h"

@@ -7,6 +7,7 @@
 // Tests: tests/pipeline/triangulation/meshing_test.cpp
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <bit>
 #include <cstdint>

@@ -5,6 +5,7 @@
 #include "pipeline/triangulation/triangulation.h"
 
 #include <algorithm>
+#include <array>
 #include <numeric>
 #include <utility>
 

@@ -20,6 +20,7 @@
 //    (the change of the strength with depth).
 #pragma once
 
+#include <array>
 #include <optional>
 #include <vector>
 

@@ -2,6 +2,7 @@
 #include "runtime/calibration/curve_start.h"
 
 #include <algorithm>
+#include <cmath>
 #include <utility>
 
 namespace trocar::runtime {

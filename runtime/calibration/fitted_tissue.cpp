@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "runtime/calibration/fitted_tissue.h"
 
+#include <cmath>
+#include <cstdio>
 #include <cstdlib>
 #include <numbers>
 

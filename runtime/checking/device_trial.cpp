@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "formats/base/text_line.h"
+#include "runtime/devices/pose_margins.h"
 #include "runtime/realtime/monotonic_clock.h"
 
 namespace trocar::runtime {

@@ -5,6 +5,7 @@
 // Tests: tests/runtime/checking/dry_run_test.cpp, tests/e2e/scene_check_e2e_test.py
 #pragma once
 
+#include <Eigen/Core>
 #include <cstdint>
 #include <functional>
 #include <memory>

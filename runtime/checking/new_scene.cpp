@@ -6,6 +6,7 @@
 #include <functional>
 #include <limits>
 #include <memory>
+#include <optional>
 #include <utility>
 #include <vector>
 
@@ -17,6 +18,7 @@
 #include "runtime/checking/tissue_assignment.h"
 #include "runtime/contact/sheet.h"
 #include "runtime/device/pose.h"
+#include "runtime/devices/pose_margins.h"
 #include "runtime/devices/tip_workspace.h"
 
 namespace trocar::runtime {

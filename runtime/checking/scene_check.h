@@ -45,6 +45,7 @@
 #include "runtime/checking/scene_requirements.h"
 #include "runtime/checking/tissue_assignment.h"
 #include "runtime/contact/sheet.h"
+#include "runtime/session/session.h"
 
 namespace trocar::runtime {
 

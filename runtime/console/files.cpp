@@ -7,11 +7,16 @@
 #include <array>
 #include <charconv>
 #include <cmath>
+#include <cstdio>
+#include <limits>
+#include <memory>
 #include <nlohmann/json.hpp>
 #include <span>
 #include <system_error>
 #include <vector>
 
+#include "formats/asset/asset.h"
+#include "formats/asset/asset_index.h"
 #include "formats/asset/slice_payload.h"
 #include "formats/base/file_io.h"
 #include "formats/base/json_text.h"

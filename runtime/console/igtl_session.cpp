@@ -1,7 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "runtime/console/igtl_session.h"
 
+#include <array>
 #include <boost/asio/post.hpp>
+#include <cmath>
 #include <exception>
 #include <string>
 

@@ -5,6 +5,7 @@
 
 #include <array>
 #include <system_error>
+#include <utility>
 #include <vector>
 
 #include "embedded/runtime/reporting/history_page.html.h"

@@ -2,6 +2,7 @@
 #include "runtime/contact/virtual_coupling.h"
 
 #include <Eigen/LU>
+#include <algorithm>
 #include <cmath>
 
 namespace trocar::runtime {

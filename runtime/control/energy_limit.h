@@ -36,6 +36,7 @@
 
 #include <array>
 
+#include "formats/session/recording.h"
 #include "formats/session/scene.h"
 #include "runtime/control/limits.h"
 #include "runtime/device/pose.h"

@@ -19,6 +19,7 @@
 #include <array>
 
 #include "formats/session/fault_words.h"
+#include "formats/session/recording.h"
 #include "runtime/control/safety.h"
 #include "runtime/device/pose.h"
 

@@ -29,6 +29,7 @@
 // Tests: tests/runtime/deformation/deformation_local_test.cpp
 #pragma once
 
+#include <cstdint>
 #include <span>
 #include <vector>
 

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 #include <string>
+#include <utility>
 
 #include "formats/geometry/canonical_rotation.h"
 #include "formats/geometry/lattice_offset.h"

@@ -21,6 +21,7 @@
 
 #include <Eigen/Core>
 #include <array>
+#include <cstdint>
 #include <limits>
 #include <optional>
 #include <string>

@@ -10,6 +10,8 @@
 // Tests: tests/runtime/session/network_session_test.cpp
 #pragma once
 
+#include <Eigen/Core>
+#include <array>
 #include <cstdint>
 #include <functional>
 #include <memory>

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "runtime/hdf5/recording_hdf5.h"
 
+#include <algorithm>
 #include <array>
 #include <cstddef>
 #include <cstring>

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "runtime/hole_cutting/local_delaunay.h"
 
+#include <algorithm>
+
 #include "formats/geometry/edge_predicates.h"
 
 namespace trocar::runtime {

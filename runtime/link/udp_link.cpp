@@ -5,6 +5,7 @@
 #include <array>
 #include <chrono>
 #include <cmath>
+#include <string>
 #include <utility>
 
 #include "formats/base/text_line.h"

@@ -2,6 +2,7 @@
 #include "runtime/mechanism/kinematics.h"
 
 #include <Eigen/Cholesky>
+#include <algorithm>
 #include <cmath>
 
 #include "runtime/mechanism/jacobian.h"

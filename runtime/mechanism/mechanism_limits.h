@@ -36,6 +36,7 @@
 #pragma once
 
 #include "formats/session/fault_words.h"
+#include "formats/session/recording.h"
 #include "runtime/mechanism/motor.h"
 #include "runtime/mechanism/singularity.h"
 

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "runtime/program/fit_command.h"
 
+#include <array>
 #include <cmath>
 #include <cstdio>
 #include <filesystem>

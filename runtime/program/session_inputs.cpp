@@ -3,6 +3,7 @@
 
 #include <cstdio>
 #include <filesystem>
+#include <string>
 #include <utility>
 
 #include "formats/asset/asset.h"

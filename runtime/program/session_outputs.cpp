@@ -1,12 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "runtime/program/session_outputs.h"
 
+#include <cmath>
 #include <nlohmann/json.hpp>
 #include <string>
 #include <utility>
 
 #include "formats/base/file_io.h"
 #include "formats/base/json_text.h"
+#include "runtime/devices/pose_margins.h"
 #include "runtime/devices/scene_hand.h"
 #include "runtime/reporting/material_section.h"
 #include "runtime/reporting/summary.h"

@@ -5,6 +5,7 @@
 // Tests: tests/e2e/session_report_test.py
 #pragma once
 
+#include <filesystem>
 #include <optional>
 #include <vector>
 

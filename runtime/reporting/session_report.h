@@ -12,6 +12,7 @@
 
 #include "formats/session/scene.h"
 #include "formats/session/trainee.h"
+#include "runtime/reporting/material_section.h"
 #include "runtime/reporting/session_figures.h"
 #include "runtime/reporting/session_observer.h"
 #include "runtime/reporting/wall_violation.h"

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "runtime/reporting/tremor_meter.h"
 
+#include <algorithm>
 #include <cmath>
 #include <numbers>
 

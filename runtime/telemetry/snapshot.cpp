@@ -1,6 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "runtime/telemetry/snapshot.h"
 
+#include <algorithm>
+#include <limits>
+
 namespace trocar::runtime {
 namespace {
 

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Tests: tests/formats/session/scene_test.cpp
+#include <algorithm>
 #include <cmath>
 
 #include "formats/base/json_text.h"

@@ -4,6 +4,7 @@
 // Tests: tests/formats/session/scene_test.cpp
 #pragma once
 #include <span>
+#include <string>
 
 #include "formats/base/strict_json.h"
 #include "formats/session/scene.h"

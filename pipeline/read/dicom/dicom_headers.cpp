@@ -5,9 +5,11 @@
 #include <algorithm>
 #include <cmath>
 #include <fstream>
+#include <optional>
 
 #include "formats/base/result.h"
 #include "pipeline/read/dicom/dicom_parse.h"
+#include "pipeline/read/slice_stack.h"
 
 namespace trocar::pipeline {
 namespace {

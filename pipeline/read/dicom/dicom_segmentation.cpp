@@ -11,10 +11,12 @@
 #include <utility>
 
 #include "pipeline/base/number_ranges.h"
+#include "pipeline/read/dicom/dicom_headers.h"
 #include "pipeline/read/dicom/dicom_parsed_files.h"
 #include "pipeline/read/dicom/dicom_pixels.h"
 #include "pipeline/read/nifti/resliced_stack.h"
 #include "pipeline/read/same_grid.h"
+#include "pipeline/read/slice_stack.h"
 
 namespace trocar::pipeline {
 namespace {

@@ -7,12 +7,14 @@
 #include <algorithm>
 #include <set>
 
+#include "pipeline/read/dicom/dicom_headers.h"
 #include "pipeline/read/dicom/dicom_parsed_files.h"
 #include "pipeline/read/dicom/dicom_pixels.h"
 #include "pipeline/read/dicom/dicom_segmentation.h"
 #include "pipeline/read/dicom/dicom_series.h"
 #include "pipeline/read/file_names.h"
 #include "pipeline/read/nifti/resliced_stack.h"
+#include "pipeline/read/slice_stack.h"
 
 namespace trocar::pipeline {
 namespace {

@@ -6,6 +6,7 @@
 
 #include "pipeline/base/number_ranges.h"
 #include "pipeline/read/image/image_file.h"
+#include "pipeline/read/slice_stack.h"
 
 namespace trocar::pipeline {
 namespace {

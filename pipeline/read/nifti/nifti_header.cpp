@@ -4,6 +4,8 @@
 #include <nifti2_io.h>
 
 #include <algorithm>
+#include <array>
+#include <bit>
 #include <cmath>
 #include <cstring>
 #include <memory>

@@ -7,11 +7,14 @@
 #include <Eigen/Core>
 #include <array>
 #include <cstdint>
+#include <filesystem>
+#include <memory>
 #include <optional>
 #include <vector>
 
 #include "formats/base/result.h"
 #include "pipeline/read/slice_stack.h"
+#include "pipeline/read/volume_file.h"
 
 namespace trocar::pipeline {
 

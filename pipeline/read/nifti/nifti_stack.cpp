@@ -14,6 +14,9 @@
 #include <cstring>
 #include <type_traits>
 
+#include "pipeline/read/nifti/nifti_header.h"
+#include "pipeline/read/slice_stack.h"
+#include "pipeline/read/volume_file.h"
 #include "pipeline/read/voxel_volume.h"
 
 namespace trocar::pipeline {

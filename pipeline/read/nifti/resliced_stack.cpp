@@ -4,10 +4,13 @@
 #include <nifti1.h>
 
 #include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
 #include <cstdio>
 
 #include "pipeline/read/nifti/nifti_header.h"
 #include "pipeline/read/nifti/nifti_stack.h"
+#include "pipeline/read/slice_stack.h"
 #include "pipeline/read/stack_shape.h"
 #include "pipeline/read/volume_file.h"
 

@@ -2,6 +2,7 @@
 #include "runtime/bone_cutting/law/equilibrium.h"
 
 #include <algorithm>
+#include <cmath>
 
 #include "runtime/bone_cutting/law/block_inverse.h"
 #include "runtime/bone_cutting/law/front.h"

@@ -19,6 +19,7 @@
 #include <Eigen/Core>
 #include <algorithm>
 #include <array>
+#include <cstdint>
 
 namespace trocar::runtime {
 

@@ -33,6 +33,8 @@
 //     walls, nor does a scene that states a shell and no cortex_HU.
 #pragma once
 
+#include <cstdint>
+#include <memory>
 #include <span>
 #include <vector>
 

@@ -2,6 +2,7 @@
 #include "runtime/console/answers/rows.h"
 
 #include <algorithm>
+#include <cmath>
 #include <nlohmann/json.hpp>
 #include <span>
 #include <vector>

@@ -7,6 +7,7 @@
 #include <random>
 #include <vector>
 
+#include "runtime/bone_cutting/material/slabs.h"
 #include "tests/runtime/bone_cutting/law/cutting_fixture.h"
 
 namespace trocar::runtime {
