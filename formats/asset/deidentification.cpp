@@ -49,8 +49,11 @@ const std::map<std::string, Allowed>& allowed_values() {
     std::map<std::string, Allowed> out;
     // Each word of `names` is a path below `base`; a dot is `base` itself.
     const auto add = [&out](Kind kind, const std::string& base, const char* names) {
-      for (const std::string& word : words_of(names))
-        out[word == "." ? base : base + '/' + word] = {kind};
+      for (const std::string& word : words_of(names)) {
+        std::string path = base;
+        if (word != ".") path.append("/").append(word);
+        out[std::move(path)] = {kind};
+      }
     };
     const auto add_text = [&out](const char* path, bool (*text)(const std::string&)) {
       out[path] = {Kind::kText, text};

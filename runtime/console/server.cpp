@@ -92,8 +92,7 @@ class Server {
       close_one(all);
       if (all.size() >= 2 * kMaxConnections) return;
     }
-    auto connection =
-        std::make_shared<HttpConnection>(console_, std::move(socket), text_of(peer));
+    auto connection = std::make_shared<HttpConnection>(console_, std::move(socket), text_of(peer));
     all.push_back(connection);
     connection->read();
   }
