@@ -34,7 +34,7 @@ struct CutRecord {
   /// and otherwise kBug. Later holes of the sheet then fail, too, with an error that names the
   /// hole that failed first (Remesher).
   std::optional<Error> error;
-  CutReport cut;                       ///< what was counted before the quality pass
+  CutReport cut;                       ///< report of the cut, before the quality pass
   std::uint32_t quality_vertices = 0;  ///< vertices that the quality pass added
   std::uint32_t hole_vertices = 0;     ///< number of vertices in all rings of the hole
   /// Tells Remesher::hole() which of the kept rings belong to this hole: the first one, and how

@@ -99,7 +99,7 @@ bool unfilter(const std::uint8_t* in, const std::uint8_t* above, std::uint8_t* o
 
 using Unfilter = bool (*)(const std::uint8_t*, const std::uint8_t*, std::uint8_t*, std::size_t);
 
-// By the number of bytes of a pixel; null if no kind of PNG has such pixels.
+// The functions for pixels of 0 to 8 bytes; null if no kind of PNG has pixels of this size.
 constexpr std::array<Unfilter, 9> kUnfilters{nullptr,     unfilter<1>, unfilter<2>,
                                              unfilter<3>, unfilter<4>, nullptr,
                                              unfilter<6>, nullptr,     unfilter<8>};

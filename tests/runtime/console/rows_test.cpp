@@ -20,7 +20,7 @@ namespace {
 
 using nlohmann::json;
 
-/// What the console says of a recording of these rows, which gets the times of 1 kHz.
+/// Returns the JSON of the console's answer for a recording of these rows, at 1 kHz.
 json answer_for(std::vector<RecordingRow> rows, const char* device_kind = "legs") {
   const test::TemporaryFolder folder;
   for (std::size_t i = 0; i < rows.size(); ++i)
