@@ -121,6 +121,7 @@ Simplified simplified(const Ring& contour, bool is_open, double tolerance2) {
 
 std::vector<Ring> rings_of(const std::vector<Simplified>& rings) {
   std::vector<Ring> out;
+  out.reserve(rings.size());
   for (const Simplified& s : rings)
     out.push_back(s.ring());
   return out;

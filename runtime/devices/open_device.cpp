@@ -11,8 +11,7 @@
 #include "runtime/devices/pose_session.h"
 #include "runtime/devices/simulated_hand.h"
 #include "runtime/link/link_key.h"
-#include "runtime/link/udp_device.h"
-#include "runtime/link/udp_pose_device.h"
+#include "runtime/link/udp_link.h"
 #include "runtime/mechanism/four_legs.h"
 #include "runtime/pose_device/pose_hand.h"
 

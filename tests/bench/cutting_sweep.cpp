@@ -20,6 +20,7 @@
 #include "runtime/bone_cutting/material/slabs.h"
 #include "tests/bench/published_forces.h"
 #include "tests/bench/sweep_main.h"
+#include "tests/support/body_slabs.h"
 
 namespace trocar::test {
 namespace {

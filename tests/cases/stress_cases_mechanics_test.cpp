@@ -19,8 +19,10 @@
 #include "tests/reference/deformation/global_solver.h"
 #include "tests/reference/deformation/network_checks.h"
 #include "tests/reference/deformation/region_part.h"
+#include "tests/support/check_sheet_mesh.h"
 #include "tests/support/cut_checks.h"
 #include "tests/support/random_geometry.h"
+#include "tests/support/whole_cut.h"
 
 namespace trocar::runtime {
 namespace {

@@ -16,8 +16,10 @@
 #include "tests/fuzz/harness.h"
 #include "tests/reference/deformation/global_solver.h"
 #include "tests/reference/deformation/region_part.h"
+#include "tests/support/check_sheet_mesh.h"
 #include "tests/support/cut_checks.h"
 #include "tests/support/same_sheet_mesh.h"
+#include "tests/support/whole_cut.h"
 
 namespace {
 

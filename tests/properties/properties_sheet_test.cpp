@@ -24,6 +24,7 @@
 #include "tests/support/delaunay_fixture.h"
 #include "tests/support/random_geometry.h"
 #include "tests/support/test_lattice.h"
+#include "tests/support/whole_cut.h"
 
 namespace trocar::runtime {
 namespace {

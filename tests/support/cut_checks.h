@@ -12,6 +12,7 @@
 #include "formats/geometry/mesh_validity.h"
 #include "formats/geometry/slice_mesh.h"
 #include "runtime/hole_cutting/cut.h"
+#include "tests/support/whole_cut.h"
 
 namespace trocar::runtime {
 

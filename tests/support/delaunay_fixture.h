@@ -18,6 +18,7 @@
 #include "tests/support/random_geometry.h"
 #include "tests/support/same_sheet_mesh.h"
 #include "tests/support/sheet_fixture.h"
+#include "tests/support/whole_cut.h"
 
 namespace trocar::runtime {
 

@@ -18,6 +18,7 @@
 #include "pipeline/contour/area_collapse.h"
 #include "pipeline/triangulation/refinement.h"
 #include "pipeline/triangulation/triangulation.h"
+#include "tests/support/label_border_checks.h"
 #include "tests/support/label_maps.h"
 #include "tests/support/synthetic_fields.h"
 #include "tests/support/test_lattice.h"

@@ -15,6 +15,7 @@
 #include "runtime/hole_cutting/cut.h"
 #include "tests/support/sheet_fixture.h"
 #include "tests/support/uniform.h"
+#include "tests/support/whole_cut.h"
 
 namespace trocar::runtime {
 

@@ -17,6 +17,7 @@
 #include "tests/reference/deformation/region_part.h"
 #include "tests/support/deformation_fixture.h"
 #include "tests/support/sheet_fixture.h"
+#include "tests/support/whole_cut.h"
 
 namespace trocar::runtime {
 namespace {

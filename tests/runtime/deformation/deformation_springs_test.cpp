@@ -13,6 +13,7 @@
 #include "tests/reference/deformation/global_solver.h"
 #include "tests/reference/deformation/network_checks.h"
 #include "tests/support/deformation_fixture.h"
+#include "tests/support/whole_cut.h"
 
 namespace trocar::runtime {
 namespace {

@@ -8,6 +8,7 @@
 #include <numbers>
 
 #include "runtime/devices/open_device.h"
+#include "runtime/devices/replay_device.h"
 #include "runtime/devices/simulated_hand.h"
 #include "runtime/pose_device/pose_specification.h"
 #include "runtime/session/session.h"

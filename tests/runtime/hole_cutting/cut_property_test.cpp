@@ -18,6 +18,7 @@
 #include "runtime/hole_cutting/local_delaunay.h"
 #include "tests/support/cut_checks.h"
 #include "tests/support/random_geometry.h"
+#include "tests/support/whole_cut.h"
 
 namespace trocar::runtime {
 namespace {

@@ -9,6 +9,7 @@
 #include <set>
 
 #include "tests/support/cut_checks.h"
+#include "tests/support/whole_cut.h"
 
 namespace trocar::runtime {
 namespace {

@@ -7,7 +7,7 @@
 #include <memory>
 #include <thread>
 
-#include "runtime/link/udp_device.h"
+#include "runtime/link/udp_link.h"
 #include "tests/runtime/link/udp_peer.h"
 
 namespace trocar::runtime {

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // A drive that states poses, over real sockets of this machine, as a PoseDevice. What it shares with the
 // four-legged device's drive (UdpLink) has more tests in udp_device_test.cpp.
-#include "runtime/link/udp_pose_device.h"
 
 #include <gtest/gtest.h>
 #include <sodium.h>
@@ -16,7 +15,7 @@
 #include <thread>
 #include <vector>
 
-#include "runtime/link/udp_device.h"
+#include "runtime/link/udp_link.h"
 #include "runtime/realtime/allocation_counter.h"
 #include "tests/support/counted_allocations.h"
 

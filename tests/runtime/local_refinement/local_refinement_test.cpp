@@ -18,8 +18,10 @@
 #include "formats/asset/asset.h"
 #include "runtime/realtime/allocation_counter.h"
 #include "tests/runtime/local_refinement/refinement_checks.h"
+#include "tests/support/check_sheet_mesh.h"
 #include "tests/support/counted_allocations.h"
 #include "tests/support/delaunay_fixture.h"
+#include "tests/support/whole_cut.h"
 
 namespace trocar::runtime {
 namespace {

@@ -11,6 +11,7 @@
 #include "formats/geometry/mesh_validity.h"
 #include "runtime/local_refinement/triangle_queue.h"
 #include "runtime/local_refinement/vertex_removal.h"
+#include "tests/support/check_sheet_mesh.h"
 #include "tests/support/delaunay_fixture.h"
 
 namespace trocar::runtime {

@@ -16,6 +16,7 @@
 #include "runtime/reporting/summary.h"
 #include "runtime/session/session.h"
 #include "runtime/session/tick_rate.h"
+#include "tests/support/check_sheet_mesh.h"
 #include "tests/support/four_legs_session.h"
 #include "tests/support/sheet_fixture.h"
 #include "tests/support/temporary_folder.h"

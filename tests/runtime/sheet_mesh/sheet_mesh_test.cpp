@@ -5,6 +5,7 @@
 #include <gtest/gtest.h>
 
 #include "formats/geometry/mesh_validity.h"
+#include "tests/support/check_sheet_mesh.h"
 
 namespace trocar::runtime {
 namespace {

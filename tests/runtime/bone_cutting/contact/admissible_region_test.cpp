@@ -12,6 +12,7 @@
 #include "runtime/hole_cutting/cut.h"
 #include "tests/support/body_fixture.h"
 #include "tests/support/random_geometry.h"
+#include "tests/support/whole_cut.h"
 
 namespace trocar::runtime {
 namespace {

@@ -15,6 +15,7 @@
 #include "runtime/bone_cutting/contact/bone_contact.h"
 #include "runtime/hole_cutting/cut.h"
 #include "tests/support/body_fixture.h"
+#include "tests/support/whole_cut.h"
 
 namespace trocar::runtime {
 

@@ -9,6 +9,7 @@
 
 #include "runtime/bone_cutting/material/slabs.h"
 #include "tests/runtime/bone_cutting/law/cutting_fixture.h"
+#include "tests/support/body_slabs.h"
 
 namespace trocar::runtime {
 namespace {
