@@ -1,11 +1,10 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "pipeline/segment/nearest_seed.h"
 
+#include <algorithm>
 #include <limits>
 #include <queue>
 #include <tuple>
-
-#include "pipeline/segment/plane_flood.h"
 
 namespace trocar::pipeline {
 namespace {
@@ -25,12 +24,40 @@ void each_neighbour(const VoxelGrid& grid, std::size_t voxel, const Visit& visit
 
 }  // namespace
 
-void keep_near(const VoxelGrid& grid, const std::vector<std::uint8_t>& near, double margin_mm,
+void keep_near(const VoxelGrid& grid, std::vector<std::uint8_t>& near, double margin_mm,
                std::vector<std::uint8_t>& material) {
-  std::vector<float> apart2;
-  squared_distances(grid.at_mm, near, apart2);
+  // Works axis by axis. `left` is the largest remaining part of the squared margin at each voxel.
+  // It is >= 0 after all axes if some voxel of `near` is within the margin.
+  const auto none = -std::numeric_limits<float>::infinity();
+  std::vector<float> left(grid.size(), none), line;
+  for (std::size_t i = 0; i < near.size(); ++i)
+    if (near[i] != 0) left[i] = static_cast<float>(margin_mm * margin_mm * (1 + 1e-6));
+  std::size_t stride = 1;
+  for (std::size_t axis = 0; axis < 3; ++axis) {
+    const std::vector<double>& at = grid.at_mm[axis];
+    const std::size_t n = at.size();
+    line.resize(n);
+    for (std::size_t start = 0; start < grid.size(); ++start) {
+      if (start / stride % n != 0) continue;  // only the first voxel of each line
+      for (std::size_t i = 0; i < n; ++i)
+        line[i] = left[start + i * stride];
+      for (std::size_t i = 0; i < n; ++i) {
+        float best = line[i];
+        for (const int way : {-1, 1}) {
+          for (std::size_t k = i; way < 0 ? k > 0 : k + 1 < n;) {
+            k = way < 0 ? k - 1 : k + 1;
+            const double apart = at[k] - at[i];
+            if (apart * apart > margin_mm * margin_mm * (1 + 1e-6)) break;
+            best = std::max(best, line[k] - static_cast<float>(apart * apart));
+          }
+        }
+        left[start + i * stride] = best >= 0 ? best : none;
+      }
+    }
+    stride *= n;
+  }
   for (std::size_t i = 0; i < material.size(); ++i)
-    if (static_cast<double>(apart2[i]) > margin_mm * margin_mm * (1 + 1e-6)) material[i] = 0;
+    if (!(left[i] >= 0)) material[i] = 0;
 }
 
 void keep_nearest_to_first(const VoxelGrid& grid, const std::vector<std::size_t>& seeds,
