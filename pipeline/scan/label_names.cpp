@@ -2,7 +2,7 @@
 #include "pipeline/scan/label_names.h"
 
 #include <algorithm>
-#include <boost/locale/utf.hpp>
+#include <array>
 #include <charconv>
 #include <cstdint>
 #include <nlohmann/json.hpp>
@@ -51,12 +51,23 @@ constexpr const char* kTotalSegmentator =
 // The code point that begins at `at`. Moves `at` behind it. std::nullopt if the bytes are not
 // UTF-8.
 std::optional<std::uint32_t> next_code_point(std::string_view text, std::size_t& at) {
-  namespace utf = boost::locale::utf;
-  const auto from = text.begin() + static_cast<std::ptrdiff_t>(at);
-  auto end = from;
-  const utf::code_point out = utf::utf_traits<char>::decode(end, text.end());
-  if (out == utf::illegal || out == utf::incomplete) return {};
-  at += static_cast<std::size_t>(end - from);
+  const auto byte = [&text](std::size_t i) { return static_cast<unsigned char>(text[i]); };
+  const unsigned char first = byte(at);
+  const std::size_t length = first < 0x80   ? 1
+                             : first < 0xc2 ? 0
+                             : first < 0xe0 ? 2
+                             : first < 0xf0 ? 3
+                             : first < 0xf5 ? 4
+                                            : 0;
+  if (length == 0 || at + length > text.size()) return {};
+  std::uint32_t out = length == 1 ? first : first & (0x7fU >> length);
+  for (std::size_t i = 1; i < length; ++i) {
+    if ((byte(at + i) & 0xc0) != 0x80) return {};
+    out = out << 6 | (byte(at + i) & 0x3fU);
+  }
+  constexpr std::array<std::uint32_t, 5> kMin{0, 0, 0x80, 0x800, 0x10000};
+  if (out < kMin[length] || out > 0x10ffff || (out >= 0xd800 && out <= 0xdfff)) return {};
+  at += length;
   return out;
 }
 
