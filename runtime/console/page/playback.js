@@ -104,15 +104,18 @@ export class Playback {
     this.time_s = 0;
     this.speed = 1;
     this.is_playing = false;
+    // Requests are numbered. What arrives after a later request was shown is dropped.
+    this.requests = this.opened = this.compared = 0;
   }
 
-  /// Opens a recording. Returns false if a later call of open() or compare() has taken precedence.
+  /// Opens a recording. Returns false if another one, which was asked for later, is open already.
   async open(recording, scene) {
-    const request = this.request = {};
+    const request = ++this.requests;
     const [rows, bone] = await Promise.all([
       get_container(file_query("/api/recording", { file: recording, scene })),
       scene ? get_container(file_query("/api/bone", { scene })).then(read_bone) : null]);
-    if (request !== this.request) return false;
+    if (request < this.opened) return false;
+    this.opened = request;
     this.first = new Recorded(rows);
     this.first.set_bone(bone);
     this.file = recording;
@@ -124,11 +127,14 @@ export class Playback {
 
   /// Shows a second recording beside the first, or none. Returns false like open().
   async compare(recording, scene) {
-    const request = this.request = {};
-    if (!recording) this.first.second = null;
-    else {
+    const request = ++this.requests;
+    if (!recording) {
+      this.compared = request;
+      this.first.second = null;
+    } else {
       const second = new Recorded(await get_container(file_query("/api/recording", { file: recording, scene })));
-      if (request !== this.request) return false;
+      if (request < Math.max(this.opened, this.compared)) return false;
+      this.compared = request;
       second.set_bone(this.first.bone);
       this.first.second = second;
       this.second_file = recording;

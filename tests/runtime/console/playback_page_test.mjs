@@ -64,17 +64,40 @@ test("the recording that was chosen last is shown, although an earlier one arriv
     return file;
   };
   globalThis.fetch = (path) => new Promise((resolve) => waiting.push([path, (rows) => resolve(new Response(bytes(rows)))]));
+  const answer = (k, rows) => waiting[k][1](rows);
   const playback = new Playback();
   const large = playback.open("large one.csv", ""), small = playback.open("small.csv", "");
   assert.equal(waiting[0][0], "/api/recording?file=large+one.csv");
-  waiting[1][1](2);
+  answer(1, 2);
   assert.equal(await small, true);
-  waiting[0][1](5);
+  answer(0, 5);
   assert.equal(await large, false);
   assert.deepEqual([playback.file, playback.first.count], ["small.csv", 2]);
+
   const second = playback.compare("large one.csv", "");
   assert.equal(await playback.compare("", ""), true);
-  waiting[2][1](5);
-  assert.equal(await second, false);
+  answer(2, 5);
+  assert.equal(await second, false, "none was chosen later");
   assert.equal(playback.first.second, null);
+
+  // The page asks again while the first answer is on its way. Each answer is shown, and the second recording stays beside the first.
+  const once = playback.open("a.csv", ""), again = playback.open("a.csv", "");
+  answer(3, 3);
+  assert.equal(await once, true);
+  const beside = playback.compare("b.csv", "");
+  answer(4, 3);
+  assert.equal(await again, true);
+  answer(5, 4);
+  assert.equal(await beside, true);
+  assert.deepEqual([playback.first.count, playback.first.second.count], [3, 4]);
+
+  // Choosing no second recording does not stop the first from being opened; a failed request does not stop an older one.
+  const opened = playback.open("c.csv", "");
+  await playback.compare("", "");
+  const failed = playback.open("missing.csv", "");
+  waiting[7][1] = null;
+  answer(6, 7);
+  assert.equal(await opened, true);
+  assert.deepEqual([playback.file, playback.first.count, playback.first.second ?? null], ["c.csv", 7, null]);
+  failed.catch(() => {});
 });
