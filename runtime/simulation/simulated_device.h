@@ -104,11 +104,6 @@ class SimulatedDevice final : public Device {
                   const HandImpedance& impedance, const SimulatedDeviceOptions& options)
       : device_(device), motion_(motion), impedance_(impedance), options_(options) {}
   struct Forces;
-  /// Refuses a hand at which the longest substep is unstable at the start pose. A substep of
-  /// duration h is stable if every eigenvalue of 2 h D + h^2 K with respect to the mass matrix is
-  /// below 4 (Jury's criterion for semi-implicit Euler), where D and K are the damping and
-  /// stiffness of hand and joints on the plate.
-  Result<void> check_stability() const;
   void substep(double t_s, double h_s) noexcept;
   void midpoint_substep(double t_s, double h_s) noexcept;
   Forces forces(const Pose& T, const JointAngles& joints, const Twist& twist, double t_s,
@@ -125,6 +120,7 @@ class SimulatedDevice final : public Device {
   HandImpedance impedance_;
   SimulatedDeviceOptions options_;
   SimulatedTruth truth_;
+  double damping_rate_per_s_ = 0, stiffness_rate_per_s2_ = 0;  ///< of the hand on the plate alone
   bool hand_mass_attached_ = false;
   MotorVector presliding_rad_ = MotorVector::Zero();  ///< deflection of dry friction's springs
   std::mt19937_64 noise_;

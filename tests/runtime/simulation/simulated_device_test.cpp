@@ -285,34 +285,9 @@ TEST(SimulatedDevice, MakeRefusesInvalidHandsAndStarts) {
   EXPECT_FALSE(SimulatedDevice::make(device, hand, pushing));
 }
 
-// Semi-implicit Euler with the step h is stable for m x'' = -k x - c x' if 2 c h + k h^2 < 4 m.
-// Without joint friction, and with the tip at the plate's origin, that is exact.
-TEST(SimulatedDevice, MakeRefusesAHandAtWhichItsStepsAreUnstable) {
-  DeviceDescription device = default_device_description();
-  device.joint_viscous_friction_Nms_per_rad = 0;
-  const double h = device.maximum_substep_s;
-  const double inertia = device.plate_inertia_kg_m2[0];  // the smallest of the three
-  const auto error = [&](const HandImpedance& impedance) {
-    HandTrajectory hand;
-    hand.keyframes = {keyframe(0, 0.15)};
-    const auto made = SimulatedDevice::make(device, hand, impedance, {});
-    return made ? std::string() : made.error().message;
-  };
-  for (const double stiffness : {0.0, 1000.0}) {
-    const double translation = (4 * device.plate_mass_kg - stiffness * h * h) / (2 * h);
-    EXPECT_EQ(error({stiffness, 0.999 * translation, 0, 0}), "");
-    EXPECT_NE(error({stiffness, 1.001 * translation, 0, 0}), "");
-    const double rotation = (4 * inertia - stiffness * h * h) / (2 * h);
-    EXPECT_EQ(error({0, 0, stiffness, 0.999 * rotation}), "");
-    EXPECT_NE(error({0, 0, stiffness, 1.001 * rotation}), "");
-  }
-  EXPECT_EQ(error({0, 0, 0, 4 * inertia / h}),
-            "simulated device: the hand is too stiff or too strongly damped for steps of 0.1 ms; "
-            "reduce its stiffness and damping to less than 50 % of these values, or "
-            "maximum_substep_s in the device description");
-
-  // Just below the limit a deflection dies away, also with a lever and with friction.
-  device = default_device_description();
+// A hand of any damping that a scene may state pulls a deflected tool to its target. In the light
+// model, the described step of 0.1 ms is stable only below 8 N m s/rad and 7000 N s/m.
+TEST(SimulatedDevice, StronglyDampedHandsAreStable) {
   HandTrajectory hand;
   hand.keyframes = {keyframe(0, 0.25)};
   SimulatedDeviceOptions options;
@@ -320,18 +295,24 @@ TEST(SimulatedDevice, MakeRefusesAHandAtWhichItsStepsAreUnstable) {
   options.T_device_plate_start = Pose{};
   options.T_device_plate_start->p_m.z() = 0.15;
   options.T_device_plate_start->q = from_rotation_vector({0.01, 0, 0});
-  double low = 0, high = 100;
-  for (int k = 0; k < 40; ++k) {
-    const double middle = (low + high) / 2;
-    (SimulatedDevice::make(device, hand, {500, 2, 20, middle}, options) ? low : high) = middle;
-  }
-  EXPECT_GT(low, 1);
-  EXPECT_LT(high, 50);
-  SimulatedDevice simulated = make(device, hand, {500, 2, 20, 0.99 * low}, options);
-  for (int tick = 0; tick < 200; ++tick) {
-    ASSERT_TRUE(simulated.step(1e-3));
-    ASSERT_FALSE(simulated.truth().at_stop);
-    ASSERT_LT(simulated.truth().kinetic_J, 0.01) << tick;
+  const auto rotation_after = [&](const HandImpedance& impedance, double substep_s) {
+    DeviceDescription device = default_device_description();
+    device.maximum_substep_s = substep_s;
+    SimulatedDevice simulated = make(device, hand, impedance, options);
+    for (int tick = 0; tick < 50; ++tick) {
+      EXPECT_TRUE(simulated.step(1e-3));
+      EXPECT_FALSE(simulated.truth().at_stop);
+      EXPECT_LT(simulated.truth().kinetic_J, 0.01) << tick;
+    }
+    return rotation_vector(simulated.truth().T_device_plate.q).x();
+  };
+  for (const double mass_kg : {0.0, 0.5}) {
+    for (const double rotation_Nms_per_rad : {0.3, 7.0, 9.0, 50.0}) {
+      const HandImpedance impedance{500, 2, 20, rotation_Nms_per_rad, mass_kg};
+      const double exact = rotation_after(impedance, 1e-6);
+      EXPECT_NEAR(rotation_after(impedance, 1e-4), exact, 0.02 * 0.01) << rotation_Nms_per_rad;
+    }
+    rotation_after({500, 10'000, 20, 1000, mass_kg}, 1e-4);
   }
 }
 
