@@ -5,6 +5,17 @@
 
 namespace trocar {
 
+std::string embedded_json(std::string_view json) {
+  std::string out;
+  for (const char c : json) {
+    if (c == '<')
+      out += "\\u003c";
+    else
+      out += c;
+  }
+  return out;
+}
+
 std::string html_page(std::string_view page_template,
                       std::initializer_list<EmbeddedDocument> documents) {
   std::string out;
@@ -14,12 +25,7 @@ std::string html_page(std::string_view page_template,
     if (at == std::string_view::npos) throw std::logic_error("the page's template has no " + mark);
     out += page_template.substr(0, at);
     page_template.remove_prefix(at + mark.size());
-    for (const char c : document.json) {
-      if (c == '<')
-        out += "\\u003c";
-      else
-        out += c;
-    }
+    out += embedded_json(document.json);
   }
   return out.append(page_template);
 }

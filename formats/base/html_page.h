@@ -14,8 +14,11 @@ struct EmbeddedDocument {
   std::string_view json;
 };
 
-/// Returns the template with each mark `{{name}}` replaced by the JSON document of that name. Each
-/// `<` of a document is written as \u003c, so that no document can end its own script element.
+/// Returns JSON as it stands in a page: each `<` is written as \u003c, so that no document can end
+/// its own script element.
+std::string embedded_json(std::string_view json);
+
+/// Returns the template with each mark `{{name}}` replaced by the embedded_json() of that name.
 /// Preconditions: each mark stands in a `<script type="application/json">`; the marks have the same
 /// order in the template as the documents in `documents`; the template's script sets texts by
 /// `textContent` only, so that no text becomes HTML. Throws std::logic_error if the template has no

@@ -161,8 +161,9 @@ fs::path page_file(const fs::path& first, std::size_t page) {
 // Is this a page of the review whose first page is `first`?
 bool is_page_of(const fs::path& file, const json& first) {
   const auto bytes = read_file(file);
+  const std::string pages = embedded_json("\"pages\":[" + json_text(first));
   return bytes && std::string_view(reinterpret_cast<const char*>(bytes->data()), bytes->size())
-                          .find("\"pages\":[" + json_text(first)) != std::string_view::npos;
+                          .find(pages) != std::string_view::npos;
 }
 
 bool is_review(const fs::path& file) {
@@ -180,7 +181,7 @@ Result<void> check_other_pages(const fs::path& first, std::size_t pages) {
     const fs::path file = page_file(first, page);
     std::error_code ignored;
     if (!fs::exists(fs::symlink_status(file, ignored))) continue;
-    if (is_review(file) && is_page_of(file, name)) continue;
+    if (fs::is_regular_file(file, ignored) && is_review(file) && is_page_of(file, name)) continue;
     return unwritable(file.string() + ": exists, and is not a page of " + first.string() +
                       "; choose another name for the review, or remove the file");
   }
