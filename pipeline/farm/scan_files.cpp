@@ -94,9 +94,7 @@ Result<std::vector<fs::path>> inputs_of(const CollectionScan& scan) {
   ::globfree(&found);
   if (failed == GLOB_NOMATCH) return refused(scan.glob + ": no file matches");
   if (failed != 0) return refused(scan.glob + ": the pattern's folders cannot be read");
-  std::sort(out.begin(), out.end(), [](const fs::path& a, const fs::path& b) {
-    return pipeline::natural_less(a.string(), b.string());
-  });
+  std::sort(out.begin(), out.end(), pipeline::natural_less);
   return out;
 }
 

@@ -2,6 +2,7 @@
 #include "pipeline/scan/report.h"
 
 #include <sys/resource.h>
+
 #include <algorithm>
 
 namespace trocar::pipeline {

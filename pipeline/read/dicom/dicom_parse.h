@@ -16,8 +16,8 @@ namespace trocar::pipeline {
 /// DCMTK's log. Thread-safe; only the first call has an effect. read_dicom_headers() calls it.
 void set_up_dcmtk();
 
-/// Loads `file` into `format`, as far as the element `end`, which may be missing. Without `end`, it
-/// loads all elements. Values of more than 4 KiB stay in the file until they are needed,
+/// Loads `file` into `format` up to the element `end`, which is not loaded and may be missing.
+/// Without `end`, it loads all elements. Values of more than 4 KiB stay in the file until they are needed,
 /// except those of a deflated file. If the result is bad, `format` has what could be read.
 ///
 /// The result is also bad if the file exceeds one of two limits, which DCMTK itself does not have.
