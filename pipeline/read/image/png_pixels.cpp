@@ -116,7 +116,8 @@ bool decode_png_pixels(ByteSpan file, const PngRows& rows, std::span<std::uint8_
   // ISA-L counts in 32 bits.
   constexpr std::size_t kMaxBytes = std::size_t{1} << 31, kMaxReusedBytes = std::size_t{1} << 24;
   const std::size_t packed_row = rows.row_bytes + 1, count = static_cast<std::size_t>(rows.count);
-  const auto pixel_bytes = static_cast<std::size_t>(rows.channels * rows.sample_bytes);
+  const std::size_t pixel_bytes =
+      static_cast<std::size_t>(rows.channels) * static_cast<std::size_t>(rows.sample_bytes);
   const Unfilter unfilter_row = pixel_bytes < kUnfilters.size() ? kUnfilters[pixel_bytes] : nullptr;
   if (unfilter_row == nullptr || rows.row_bytes == 0 || rows.row_bytes % pixel_bytes != 0 ||
       pixels.size() / rows.row_bytes != count || pixels.size() % rows.row_bytes != 0 ||
