@@ -52,8 +52,10 @@ Result<void> check_mechanics(const SimulatedDeviceOptions& options) {
   return {};
 }
 
-/// The largest rate, 1/s or 1/s^2, that a translational and a rotational damping or stiffness at the
-/// tip cause with the plate's inertia alone: an eigenvalue in the plate's frame. `lever_m`: the tip.
+/// Returns the largest eigenvalue of M^-1 A. A is the translational and rotational damping, or
+/// stiffness, of a hand that holds the tip. M is the inertia of the plate without links and motors.
+/// The result is in 1/s for a damping and in 1/s^2 for a stiffness. `lever_m`: the vector from the
+/// plate's origin to the tip, in the plate's frame.
 double max_rate(const DeviceDescription& device, const Vector3d& lever_m, double translation,
                 double rotation) {
   MassMatrix tip = MassMatrix::Identity();  // maps the twist of the plate to that of the tip
@@ -146,7 +148,8 @@ bool SimulatedDevice::step(double dt_s) noexcept {
   const double wanted = std::ceil(dt_s / device_.maximum_substep_s);
   int substeps =
       std::max(device_.minimum_substeps, static_cast<int>(std::min<double>(wanted, kMaxSubsteps)));
-  // Semi-implicit Euler is stable below 4, by Jury's criterion.
+  // Semi-implicit Euler is stable if 2 h d + h^2 k < 4 (Jury's criterion), where h is the substep,
+  // and d and k are the rates of the hand's damping and stiffness.
   const double described_s = dt_s / substeps,
                growth =
                    described_s * (2 * damping_rate_per_s_ + described_s * stiffness_rate_per_s2_);

@@ -90,7 +90,8 @@ class SimulatedDevice final : public Device {
 
   /// Advances time by dt_s. If dt_s is not in (0, kMaxStep_s], returns false and changes nothing.
   /// The step is divided into at least minimum_substeps substeps, none longer than
-  /// maximum_substep_s; the description has both numbers. The integrator is semi-implicit Euler for
+  /// maximum_substep_s; the description has both numbers. If a strongly damped or stiff hand would
+  /// make these substeps unstable, there are more of them. The integrator is semi-implicit Euler for
   /// the light model, and the midpoint rule for the full model and for a hand with mass. At the
   /// limit of the workspace the plate stops: it keeps its pose, and its velocity becomes zero. No
   /// allocation.
@@ -120,7 +121,8 @@ class SimulatedDevice final : public Device {
   HandImpedance impedance_;
   SimulatedDeviceOptions options_;
   SimulatedTruth truth_;
-  double damping_rate_per_s_ = 0, stiffness_rate_per_s2_ = 0;  ///< of the hand on the plate alone
+  double damping_rate_per_s_ = 0,
+         stiffness_rate_per_s2_ = 0;  ///< largest rates of the hand (max_rate())
   bool hand_mass_attached_ = false;
   MotorVector presliding_rad_ = MotorVector::Zero();  ///< deflection of dry friction's springs
   std::mt19937_64 noise_;
