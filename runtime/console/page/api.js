@@ -39,11 +39,12 @@ export const get_container = async (path) => parse_container(await get_bytes(pat
 export const post = (path, body) =>
   answer(path, { method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify(body) });
 
-/// Sends an emergency stop. It needs no token, and is sent even if the page is closing. Fails if there is no answer within a second; the
-/// request goes on nevertheless.
+/// Sends an emergency stop. It needs no token, and is sent even if the page is closing. Returns two promises: `answered` fails if there is no
+/// answer within a second; `delivered` goes on waiting for it.
 export function emergency_stop() {
+  const delivered = answer("/api/emergency_stop", { method: "POST", keepalive: true });
   const late = new Promise((_, reject) => setTimeout(() => reject(new Error("the console does not answer")), kStopAnswer_ms));
-  return Promise.race([answer("/api/emergency_stop", { method: "POST", keepalive: true }), late]);
+  return { delivered, answered: Promise.race([delivered, late]) };
 }
 
 export const file_query = (path, values) => {

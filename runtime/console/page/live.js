@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The WebSocket to the console: hello, events, states, snapshots and meshes. It is closed while the page is hidden and opened
-// again afterwards, so that the page continues with the present state. It requests the events that it has missed by their number.
+// What comes from the console: hello, events, states, snapshots and meshes. The WebSocket itself is in a worker (live_worker.js). It is
+// closed while the page is hidden and opened again afterwards, so that the page continues with the present state. It requests the events that it has missed by their number.
 // Tests: tests/e2e/console_page_test.py
 import { token } from "./api.js";
 
@@ -8,52 +8,61 @@ const kSnapshot = 1, kSheet = 2, kShape = 3, kHistory = 4, kTryAgainLater = 1013
 const kNoConnection_ms = 2000, kStall_ms = 500;
 
 export class Live {
-  /// `on` has the functions {hello, history, snapshot, sheet, shape, events, missed, state, hand, down}.
+  /// `on` has the functions {hello, history, snapshot, sheet, shape, events, missed, state, hand, stalled, down}.
   constructor(on) {
     this.on = on;
+    this.worker = new Worker(new URL("./live_worker.js", import.meta.url), { type: "module" });
+    this.worker.onmessage = ({ data }) => this.#take(data);
+    this.worker.onerror = () => on.down(false, false);
+    this.opened = 0;      // number of the present or last connection
+    this.is_open = false;
     this.session = null;  // its ID; "": no session has begun
     this.last_event = 0;
     this.wait_ms = 250;
     this.to_ack = 0;
-    this.socket = null;
+    this.is_wanted = false;
     document.addEventListener("visibilitychange", () => (document.hidden ? this.close() : this.open()));
     if (!document.hidden) this.open();
   }
 
   open() {
     clearTimeout(this.timer);
-    if (this.socket) return;
-    const socket = new WebSocket(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/live`);
-    socket.binaryType = "arraybuffer";
-    this.socket = socket;
+    if (this.is_wanted) return;
+    this.is_wanted = true;
     this.to_ack = 0;
-    socket.onopen = () => {
-      const first = { token };
-      if (this.session) Object.assign(first, { session: this.session, last_event: this.last_event });
-      socket.send(JSON.stringify(first));
-    };
-    socket.onmessage = ({ data }) => {
-      if (this.socket !== socket) return;
-      this.heard_ms = performance.now();
-      if (typeof data === "string") this.text(JSON.parse(data));
-      else this.binary(data);
-    };
-    socket.onclose = (event) => {
-      if (this.socket !== socket) return;
-      this.socket = null;
-      const is_refused = event.code === 1008;
-      this.on.down(is_refused, event.code === kTryAgainLater);
-      if (document.hidden || is_refused) return;
-      this.timer = setTimeout(() => this.open(), this.wait_ms);
-      this.wait_ms = Math.min(2 * this.wait_ms, 2000);
-    };
+    this.worker.postMessage({ open: `${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/live`, id: ++this.opened });
   }
 
   close() {
     clearTimeout(this.timer);
-    const socket = this.socket;
-    this.socket = null;
-    socket?.close();
+    this.is_wanted = this.is_open = false;
+    this.worker.postMessage({ close: true });
+  }
+
+  /// A message of the worker; one of an earlier connection says nothing any more.
+  #take({ id, opened, data, closed, stalled }) {
+    if (id !== this.opened || !this.is_wanted) return;
+    if (opened) {
+      this.is_open = true;
+      const first = { token };
+      if (this.session) Object.assign(first, { session: this.session, last_event: this.last_event });
+      this.#send(first);
+    }
+    if (stalled) this.on.stalled();
+    if (closed !== undefined) this.#closed(closed);
+    if (data === undefined) return;
+    this.heard_ms = performance.now();
+    if (typeof data === "string") this.text(JSON.parse(data));
+    else this.binary(data);
+  }
+
+  #closed(code) {
+    this.is_wanted = this.is_open = false;
+    const is_refused = code === 1008;
+    this.on.down(is_refused, code === kTryAgainLater);
+    if (document.hidden || is_refused) return;
+    this.timer = setTimeout(() => this.open(), this.wait_ms);
+    this.wait_ms = Math.min(2 * this.wait_ms, 2000);
   }
 
   /// The caller calls this once per frame while snapshots must come. If none comes, the console stalls, or the network is broken, and the
@@ -68,15 +77,16 @@ export class Live {
 
   /// The caller calls this once per frame. It acknowledges what has been shown, so that the console sends less to a slow page.
   ack() {
-    if (!this.to_ack || this.socket?.readyState !== WebSocket.OPEN) return;
-    this.send({ ack: this.to_ack });
+    if (!this.to_ack || !this.is_open) return;
+    this.#send({ ack: this.to_ack });
     this.to_ack = 0;
   }
 
-  /// Sends a message if there is a connection.
-  send(message) {
-    if (this.socket?.readyState === WebSocket.OPEN) this.socket.send(JSON.stringify(message));
-  }
+  #send(message) { this.worker.postMessage({ send: JSON.stringify(message) }); }
+
+  /// Holds the needle at a target (protocol.md), which the worker repeats, or lets it go (null). `grip`: number of the taking; a taking that
+  /// has ended, by the page or by the worker, does not begin again.
+  hold(target, grip) { this.worker.postMessage({ hold: target, grip }); }
 
   text(message) {
     this.wait_ms = 250;

@@ -14,6 +14,8 @@ import { Imaging } from "./imaging/imaging.js";
 import { inspection_of } from "./inspection.js";
 import { listen_to_keys, take_keys_back } from "./keys.js";
 import { Live } from "./live.js";
+import { Notices } from "./notices.js";
+import { NumberField } from "./numbers.js";
 import { Planning } from "./planning/planning.js";
 import { Playback } from "./playback.js";
 import { Restart } from "./restart.js";
@@ -27,7 +29,7 @@ const app = {
   role: "view", tab: "folder", connected: false, refused: false, state: { state: "idle", message: "" },
   live: null,          // the Shown of the session
   preview: null,       // a Shown that has only the bone of the chosen scene
-  playback: new Playback(), has_moved: true, panels_are_old: true, notice: "", bone_key: "",
+  playback: new Playback(), has_moved: true, panels_are_old: true, bone_key: "",
   refreshes: 0,        // requests for the folder that wait for their answer
 };
 
@@ -56,6 +58,14 @@ try {
   by_id("legend").hidden = true;
   console.warn(error);
 }
+if (app.view)
+  app.view.on_context = () => {
+    const { is_lost } = app.view;
+    if (is_lost) app.hand?.let_go("The picture was lost, so the needle was let go.");
+    else app.hand?.say("");
+    notices.say("view", is_lost && "The view is blank, because the graphics of this machine were reset. It comes back by itself; if not, reload this page. The session goes on.", { lasts: true });
+    changed();
+  };
 app.charts = new Charts();
 app.gauges = new Gauges();
 app.changed = changed;
@@ -103,17 +113,15 @@ by_id("shown").addEventListener("change", (event) => {
   changed();
 });
 
-function notice(error) {
-  app.notice = error instanceof Error ? error.message : String(error ?? "");
-  clearTimeout(app.notice_timer);
-  if (app.notice) app.notice_timer = setTimeout(() => (app.notice = ""), 12000);
-  draw_status();
-}
+const notices = new Notices(() => draw_status());
+const notice = (what) => notices.say("page", what);
+/// Returns `act` with its errors as notices, which end when it succeeds.
 const guarded = (act) => async (...values) => {
   try {
     await act(...values);
+    notices.end(act);
   } catch (error) {
-    notice(error);
+    notices.say(act, error);
   }
 };
 
@@ -239,14 +247,19 @@ app.link = new Live({
   },
   events: (events) => {
     app.live?.events.push(...events);
-    if (events.some(({ kind, fault }) => kind === "fault" && fault === "emergency_stop")) restart.withdraw();
+    if (events.some(({ kind, fault }) => kind === "fault" && fault === "emergency_stop")) {
+      restart.withdraw();
+      notices.end("stop");
+    }
     app.hand?.take_events(events);
     app.imaging.take_events(events);
     changed();
   },
   missed: (count) => { if (app.live) app.live.missed += count; },
   state: (state) => {
+    if (state.state !== app.state.state) notices.end_passing();
     app.state = state;
+    if (["idle", "ended"].includes(state.state)) notices.end("stop");  // there is no force any more
     app.hand?.take_state(state);
     document.body.dataset.session = state.state;
     if (is_running()) take_keys_back();
@@ -258,6 +271,7 @@ app.link = new Live({
     draw_status();
   },
   hand: (holder) => app.hand?.set_holder(holder),
+  stalled: () => app.hand?.stalled(),
   down: (is_refused, is_full) => {
     app.connected = false;
     restart.withdraw();
@@ -284,16 +298,17 @@ const start = guarded(async (what) => {
   app.has_started = true;
   await post("/api/start", what);
   training.started(what);
-  notice("");
+  notices.end_passing();
   if (app.tab !== "session") set_tab("session");
 });
+const duration = new NumberField("start-duration");
 by_id("start-form").addEventListener("submit", (event) => {
   event.preventDefault();
   const why = devices.why_not(folder.scene(folder.chosen));
   if (why) return notice(why);
   const what = { scene: by_id("start-scene").value, ...training.fields() };
   for (const [name, id] of [["asset", "start-asset"], ["device", "start-device"], ["clock", "start-clock"]]) if (by_id(id).value) what[name] = by_id(id).value;
-  if (by_id("start-duration").value) what.duration_s = Number(by_id("start-duration").value);
+  if (duration.value !== null) what.duration_s = duration.value;
   start(what);
 });
 const restart = new Restart({ request: () => app.state.request, fields: () => training.fields(), is_running, start });
@@ -306,10 +321,14 @@ for (const name of ["zero", "recover", "stop"]) by_id(name).addEventListener("cl
 async function stop_now() {
   restart.withdraw();
   app.hand?.let_go();
+  const { answered, delivered } = emergency_stop();
   try {
-    await emergency_stop();
+    await answered;
+    notices.end("stop");
   } catch (error) {
-    notice(is_running() || !app.connected ? `The emergency stop was not delivered (${error.message}). Press the device's own.` : `Emergency stop: ${error.message}.`);
+    const is_urgent = is_running() || !app.connected;
+    notices.say("stop", is_urgent ? `The emergency stop was not delivered (${error.message}). Press the device's own.` : `Emergency stop: ${error.message}.`, { lasts: is_urgent });
+    delivered.then(() => notices.end("stop"), () => {});
   }
 }
 by_id("emergency").addEventListener("click", stop_now);
@@ -385,9 +404,10 @@ function draw_status() {
   const said = is_playback
     ? { level: "good", state: "Playback", words: first ? `${short(app.playback.file)}${first.second ? `, against ${short(app.playback.second_file)}` : ""}` : "No recording is open. Choose one in Folder." }
     : describe({ has_begun: Boolean(app.link?.session), shown: app.live, state: app.state, is_connected: app.connected, is_refused: app.refused, is_full: app.full });
-  by_id("status").dataset.level = app.notice ? "bad" : said.level;
+  const noticed = notices.words;
+  by_id("status").dataset.level = noticed ? "bad" : said.level;
   by_id("state").textContent = said.state;
-  by_id("words").textContent = app.notice || said.words;
+  by_id("words").textContent = noticed && said.level === "bad" ? `${noticed} ${said.words}` : noticed || said.words;
   const source = shown();
   const end = app.tab === "playback" ? app.playback.end_s : source?.about.duration_s;
   const t = app.tab === "playback" ? app.playback.time_s : source?.value("t_s");

@@ -3,6 +3,7 @@
 // Tests: tests/e2e/console_page_test.py
 import { file_query, get_container } from "./api.js";
 import { by_id } from "./elements.js";
+import { NumberField } from "./numbers.js";
 import { Recorded } from "./playback.js";
 
 const kFields = ["trainee", "course", "attempt"];
@@ -17,15 +18,16 @@ export class Training {
       field.addEventListener("input", () => {
         localStorage.setItem(`trocar-${name}`, field.value);
         // Another trainee or course begins anew. Without both there is nothing to count.
-        if (name !== "attempt") this.set_attempt(by_id("start-trainee").value || by_id("start-course").value ? 1 : "");
+        if (name !== "attempt") this.set_attempt(by_id("start-trainee").value || by_id("start-course").value ? 1 : null);
       });
     }
+    this.attempt = new NumberField("start-attempt");
   }
 
   /// Returns what the form says, for /api/start.
   fields() {
     const said = {};
-    for (const name of kFields) if (by_id(`start-${name}`).value) said[name] = name === "attempt" ? Number(by_id(`start-${name}`).value) : by_id(`start-${name}`).value;
+    for (const name of kFields) if (by_id(`start-${name}`).value) said[name] = name === "attempt" ? this.attempt.value : by_id(`start-${name}`).value;
     return said;
   }
   /// A session has started: the next one is the next attempt.
@@ -34,8 +36,8 @@ export class Training {
     this.set_attempt(attempt + 1);
   }
   set_attempt(attempt) {
-    by_id("start-attempt").value = String(attempt);
-    localStorage.setItem("trocar-attempt", String(attempt));
+    this.attempt.value = attempt;
+    localStorage.setItem("trocar-attempt", String(attempt ?? ""));
   }
 
   async choose_ghost(file) {

@@ -86,18 +86,20 @@ export class Browser {
   }
 
   /// Takes a picture at every size that the page supports, and as two colour vision deficiencies see it. At each size the emergency stop is
-  /// on the screen, nothing is wider than it, and no text is cut off or covered.
+  /// on the screen, nothing is wider than it, no text is cut off or covered, and text has one size, so that the browser's zoom enlarges it.
   async sizes(page, name) {
-    const before = page.viewportSize();
+    const before = page.viewportSize(), size_of_text = await page.evaluate("getComputedStyle(document.body).fontSize");
     for (const [width, height] of kSizes) {
       await page.setViewportSize({ width, height });
       await page.waitForTimeout(300);
       await page.screenshot({ path: `${this.given.out}/${name}_${width}x${height}.png` });
       const found = await page.evaluate(() => {
         const { left, right, top, bottom } = document.getElementById("emergency").getBoundingClientRect();
-        return { is_there: left >= 0 && top >= 0 && right <= innerWidth && bottom <= innerHeight && right > left, wide: document.documentElement.scrollWidth - innerWidth };
+        return { is_there: left >= 0 && top >= 0 && right <= innerWidth && bottom <= innerHeight && right > left, wide: document.documentElement.scrollWidth - innerWidth,
+          text: getComputedStyle(document.body).fontSize };
       });
       this.check(found.is_there, `${name} at ${width} x ${height}: the emergency stop is not on the screen`);
+      this.check(found.text === size_of_text, `${name} at ${width} x ${height}: text has ${found.text} and ${size_of_text} elsewhere`);
       this.check(found.wide <= 0, `${name} at ${width} x ${height}: the page is ${found.wide} px too wide`);
       for (const fault of await page.evaluate(layout_faults)) if (!/outside of the window/.test(fault)) this.fail(`${name} at ${width} x ${height}: ${fault}`);
     }

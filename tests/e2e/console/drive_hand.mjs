@@ -187,15 +187,14 @@ await stop(page, "keys");
 /// of the notch), and until the frame after that.
 async function latency(page) {
   return page.evaluate(async () => {
-    let socket = null, sent_ms = 0, moved_ms = 0, target = null, tip = null;
-    const send = WebSocket.prototype.send;
-    WebSocket.prototype.send = function (words) {
-      if (socket !== this) (socket = this).addEventListener("message", () => {
+    let worker = null, sent_ms = 0, moved_ms = 0, target = null, tip = null;
+    const send = Worker.prototype.postMessage;
+    Worker.prototype.postMessage = function (message, ...more) {
+      if (message.hold && worker !== this) (worker = this).addEventListener("message", () => {
         if (sent_ms && !moved_ms && Math.hypot(...trocar.row.tool_m.map((x, k) => x - tip[k])) > 2e-5) moved_ms = performance.now();
       });
-      const { hand } = JSON.parse(words);
-      if (hand && target && !sent_ms && Math.hypot(...target.map((x, k) => hand[k] - x)) > 1e-5) sent_ms = performance.now();
-      return send.call(this, words);
+      if (message.hold && target && !sent_ms && Math.hypot(...target.map((x, k) => message.hold[k] - x)) > 1e-5) sent_ms = performance.now();
+      return send.call(this, message, ...more);
     };
     const wait = (ms) => new Promise((done) => setTimeout(done, ms));
     const key = (kind, code) => dispatchEvent(new KeyboardEvent(kind, { code }));
@@ -210,7 +209,7 @@ async function latency(page) {
       const shown_ms = performance.now();
       if (moved_ms) snapshot.push(moved_ms - sent_ms), drawn.push(shown_ms - sent_ms);
     }
-    WebSocket.prototype.send = send;
+    Worker.prototype.postMessage = send;
     const of = (list, share) => +list.sort((a, b) => a - b)[Math.floor(share * (list.length - 1))]?.toFixed(1);
     return { turns: snapshot.length, snapshot_median: of(snapshot, 0.5), snapshot_95: of(snapshot, 0.95), drawn_median: of(drawn, 0.5), drawn_95: of(drawn, 0.95) };
   });
@@ -370,8 +369,10 @@ async function abandoned(end, what) {
   return forces.find(([ms, , N]) => ms >= ended_ms && N < 0.1 * force_N)?.[0] - ended_ms;
 }
 const lost = await get(page, events_of("hand_lost"));
-figures.silent_ms = await abandoned(() => other.evaluate(() => {
-  // The page seems to hang: it runs, but no message of the hand leaves it.
+/// The worker with the WebSocket.
+const link_of = (one) => one.workers().find((worker) => worker.url().endsWith("live_worker.js"));
+figures.silent_ms = await abandoned(() => link_of(other).evaluate(() => {
+  // No message of the hand leaves the page.
   const send = WebSocket.prototype.send;
   WebSocket.prototype.send = function (words) { if (!("hand" in JSON.parse(words))) send.call(this, words); };
   return Date.now();
@@ -391,9 +392,34 @@ figures.closed_ms = await abandoned(async () => {
 }, "a closed page");
 await until(page, `${ended} > ${ended_before}`, "the event of the closed page");
 await until(page, `trocar.hand.holder === "free"`, "the needle of a closed page");
+// One slow frame takes nothing from the operator: the worker goes on sending. A page that stands still for longer lets go, and what it does
+// when it goes on does not take the needle again.
+await take(page, "holding before a slow frame");
+const losses = `${events_of("hand_lost")} + ${events_of("hand_let_go")}`, losses_before = await get(page, losses);
+const stand_still = (ms) => page.evaluate((for_ms) => { for (const end = performance.now() + for_ms; performance.now() < end;); }, ms);
+await stand_still(700);
+await page.waitForTimeout(300);
+check(await get(page, is_mine) && await get(page, losses) === losses_before, `a frame of 0.7 s lets the needle go: "${await get(page, "trocar.hand.words")}"`);
+await stand_still(1600);
+await until(page, "!trocar.hand.is_held", "letting go after a frame of 1.6 s");
+check(/stood still/.test(await get(page, "trocar.hand.words")), `a frame of 1.6 s is not told: "${await get(page, "trocar.hand.words")}"`);
+await until(page, `trocar.hand.holder === "free"`, "the console's word after a frame of 1.6 s");
+await page.waitForTimeout(300);
+check(await get(page, losses) === losses_before + 1, "the needle was taken again by a page that stood still");
+// A picture that is lost lets go, is told, and comes back.
+await take(page, "holding before the picture is lost");
+await page.waitForTimeout(600);
+await page.evaluate(() => { (window.lost_context = document.getElementById("canvas").getContext("webgl2").getExtension("WEBGL_lose_context")).loseContext(); });
+await until(page, `/view is blank/.test(trocar.words) && !trocar.hand.is_held`, "the words about a lost picture");
+await page.screenshot({ path: `${given.out}/lost_picture.png` });
+check(await get(page, `document.getElementById("hand-take").disabled || !trocar.hand.is_held`), "the needle is held without a picture");
+await page.evaluate("window.lost_context.restoreContext()");
+await until(page, `!/view is blank/.test(trocar.words)`, "the picture again");
+await page.waitForTimeout(500);
+await page.screenshot({ path: `${given.out}/picture_again.png` });
 // A connection that drops.
 await take(page, "holding before the connection drops");
-await page.evaluate(() => {
+await link_of(page).evaluate(() => {
   const send = WebSocket.prototype.send;
   WebSocket.prototype.send = function (words) {
     WebSocket.prototype.send = send;

@@ -87,6 +87,7 @@ await until(page, `/not delivered/.test(trocar.words)`, "an emergency stop that 
 process.kill(given.pid, "SIGCONT");
 await until(page, "trocar.is_connected", "the console that goes on");
 await until(page, `${pill} === "Emergency stop"`, "the emergency stop, delivered late", 20000);
+await until(page, `!/not delivered/.test(trocar.words) && /Release the stop/.test(trocar.words)`, "the advice, once the stop is delivered", 2000);
 await page.keyboard.press("Shift+Q");
 await until(page, is_over, "the end");
 await browser.finish();

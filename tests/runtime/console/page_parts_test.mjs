@@ -12,6 +12,9 @@ const page = pathToFileURL(`${process.env.TROCAR_PAGE}/`);
 const { XrayPictures } = await import(new URL("imaging/xray_pictures.js", page));
 const { describe } = await import(new URL("words.js", page));
 const { Restart } = await import(new URL("restart.js", page));
+const { number_fault, read_number, read_point } = await import(new URL("numbers.js", page));
+const { Notices } = await import(new URL("notices.js", page));
+const { in_plane_m } = await import(new URL("imaging/ct_planes.js", page));
 
 // ---- X-ray ----
 const kFine = 512, kUsual = [{ key: "ap" }, { key: "lateral" }];
@@ -84,4 +87,54 @@ test("Restart starts the session again when it has ended, unless it was stopped 
     restart.session_over({ state: "ended" });  // it does not wait for another end
     assert.equal(started.length, expected, JSON.stringify(over));
   }
+});
+
+// ---- numbers ----
+test("a number has a decimal point or a decimal comma, and nothing else is one", () => {
+  for (const [text, value] of [["12.5", 12.5], ["12,5", 12.5], [" 7 ", 7], ["-3,25", -3.25], ["\u22123", -3], ["+.5", 0.5], ["1,", 1], ["1.250", 1.25]]) assert.equal(read_number(text), value, text);
+  for (const text of ["", "1.234,5", "1,234.5", "1,250", "-1,000", "12,5 mm", "1e3", "0x10", "Infinity", "NaN", "1 2", "--1", ",", "1,2,3"]) assert.equal(read_number(text), null, text);
+});
+
+test("a point is three numbers, also with decimal commas, and never two or six", () => {
+  const at = [37.5, 206.1, -67.9];
+  for (const text of ["37.5, 206.1, -67.9", "37,5 206,1 -67,9", "37,5; 206,1; -67,9", "37.5,206.1,-67.9", " 37.5 206.1\t-67.9 ", "37,5, 206,1, -67,9"]) assert.deepEqual(read_point(text), at, text);
+  assert.deepEqual(read_point("1,2,3"), [1, 2, 3]);
+  for (const text of ["", "1, 2", "37,5,206,1,-67,9", "1 2 3 4", "one, 2, 3", "1,2 3", "10001, 0, 0", "1,,2 3 4"]) assert.equal(read_point(text), null, text);
+});
+
+test("a field's limits are said with what was typed", () => {
+  const rule = { min: 1, max: 300, what: "Depth mm" };
+  assert.equal(number_fault("", rule), "");
+  assert.equal(number_fault("12,5", rule), "");
+  assert.match(number_fault("301", rule), /Depth mm: 301 is not within 1 and 300/);
+  assert.match(number_fault("1.234,5", rule), /1\.234,5 is not one number/);
+  assert.match(number_fault("2,5", { ...rule, whole: true }), /not a whole number/);
+});
+
+// ---- notices ----
+test("a notice ends with its cause, and one that lasts is said before others", () => {
+  let changes = 0;
+  const notices = new Notices(() => ++changes);
+  notices.say("stop", "not delivered", { lasts: true });
+  notices.say("page", new Error("the disk is full"));
+  assert.equal(notices.words, "not delivered");
+  notices.end("stop");
+  assert.equal(notices.words, "the disk is full");
+  notices.say("page", "");
+  assert.equal(notices.words, "");
+  notices.say("page", "for a time");
+  notices.say("view", "until it is back", { lasts: true });
+  notices.end_passing();
+  assert.equal(notices.words, "until it is back");
+  notices.end("view");
+  assert.equal(changes, 8);
+});
+
+// ---- the needle in a plane ----
+test("the needle is drawn solid only within 1.5 mm of the plane", () => {
+  const x = [1, 0, 0], y = [0, 1, 0], z = [0, 0, 1], most = in_plane_m(x, [x, y]);
+  assert.ok(Math.abs(in_plane_m(z, [x, y]) - 0.0015) < 1e-12);
+  assert.equal(most, 0.12);
+  const tilt = Math.PI / 6;
+  assert.ok(Math.abs(in_plane_m([Math.cos(tilt), 0, Math.sin(tilt)], [x, y]) - 0.003) < 1e-12);
 });

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The hand: the operator holds the needle of a live session. While it is held, each frame sends the target of the hand's spring to the
-// console (protocol.md); the tip lags behind the target by force over stiffness.
+// console (protocol.md), and a worker repeats it during slow frames (live_worker.js). The tip lags behind the target by force over stiffness.
 // Tests: tests/e2e/console_hand_page_test.py, tests/runtime/console/hand_page_test.py
 import { is_paused } from "../words.js";
 import { HandBar } from "./bar.js";
@@ -13,8 +13,6 @@ import { HandPointer } from "./pointer.js";
 import { HandSound } from "./sound.js";
 
 const kSendEvery_ms = 8;        // the console takes at most 125 messages a second
-const kRepeat_ms = 50;          // without frames, the last target is sent again after this time...
-const kStalled_ms = 1000;       // ...until there was no frame for this time: the operator sees nothing any more
 const kAnswer_ms = 1000, kAsked = 20;  // after this time and so many messages without "yours" the console has not given the needle
 const kLongestFrame_s = 0.1;    // a key that is held through a stalled frame does not jump
 const kScale_N = 40;            // force at which the colour is orange, in a scene without forces of puncture
@@ -29,14 +27,13 @@ export class Hand {
   force_N = NaN;
   lag_mm = NaN;
   words = "";
-  sent = 0;                     // number of the last message, which only grows
+  sent = 0;                     // targets that were sent
   felt = { contact: 0, crunch: 0, breach: 0 };  // how often each was felt
   #rotation = [0, 0, 0];
   #sent_ms = -Infinity;
-  #frame_ms = 0;
-  #repeating = null;            // a timer, while the needle is held
   #taken_ms = 0;
-  #sent_before = 0;             // the last message before the needle was taken
+  #grip = 0;                    // number of the taking
+  #sent_before = 0;             // targets that were sent before the needle was taken
   #is_confirmed = false;
   #was_paused = false;
   #feel = new Feel();
@@ -76,7 +73,7 @@ export class Hand {
   }
   get can_take() {
     const { live, role, connected, tab, state } = this.app;
-    return Boolean(this.about && role === "operator" && connected && tab === "session" && live.row && live.is_placed() && ["running", "paused"].includes(state.state));
+    return Boolean(this.about && role === "operator" && connected && tab === "session" && live.row && live.is_placed() && !this.app.view.is_lost && ["running", "paused"].includes(state.state));
   }
   get is_paused() { return is_paused(this.app.state, this.app.live); }
   axis() { return this.app.live?.values("axis") ?? kDown; }
@@ -90,6 +87,7 @@ export class Hand {
     if (this.is_held || !this.can_take) return;
     if (this.holder === "other") return this.say(kOther);
     this.is_held = true;
+    ++this.#grip;
     this.#is_confirmed = false;
     this.#taken_ms = performance.now();
     this.#sent_before = this.sent;
@@ -99,20 +97,13 @@ export class Hand {
     this.say("");
     this.bar.hide_help();
     this.send();
-    // Frames stop for a moment when the window is moved or the machine is busy, while the page itself is well.
-    this.#frame_ms = this.#taken_ms;
-    this.#repeating = setInterval(() => {
-      const now = performance.now();
-      if (now - this.#sent_ms > kRepeat_ms / 2 && now - this.#frame_ms < kStalled_ms) this.send(now);
-    }, kRepeat_ms);
   }
 
   /// Lets go at once. `why` is shown to the operator if it was not their wish.
   let_go(why = "") {
     if (!this.is_held) return;
     this.is_held = false;
-    clearInterval(this.#repeating);
-    this.app.link.send({ hand: null });
+    this.app.link.hold(null);
     this.keys.release();
     this.pointer.release();
     this.#show_held(false);
@@ -140,7 +131,8 @@ export class Hand {
   send(now = performance.now()) {
     if (now - this.#sent_ms < kSendEvery_ms) return;
     this.#sent_ms = now;
-    this.app.link.send({ hand: [...this.target, ...this.#rotation], n: ++this.sent });
+    this.app.link.hold([...this.target, ...this.#rotation], this.#grip);
+    ++this.sent;
   }
 
   say(words) {
@@ -165,6 +157,9 @@ export class Hand {
     if (this.is_held && events.some(({ kind }) => kind === "resumed")) this.begin_at_tip();
     if (events.some(({ kind }) => kind === "hand_lost")) this.let_go("The session let go of the needle, because this page sent nothing for a moment. Take it again to continue.");
   }
+
+  /// The page did not draw for a second, so that the worker let go of the needle.
+  stalled() { this.let_go("This page stood still for a second, so the needle was let go. Take it again to continue."); }
 
   connection_lost() {
     this.let_go("The connection was lost, so the needle was let go.");
@@ -209,7 +204,6 @@ export class Hand {
     if (!this.is_held) return;
     if (!this.can_take) return this.let_go();
     if (!this.#is_confirmed && now - this.#taken_ms > kAnswer_ms && this.sent - this.#sent_before > kAsked) return this.let_go("The console did not give the needle to this page.");
-    this.#frame_ms = now;
     const passed = Math.min(kLongestFrame_s, passed_s), axis = this.axis();
     const { right, m_per_px } = this.app.view.cameras.plane(this.target, this.app.view.height);
     const directions = { ...across(axis, right), axis };

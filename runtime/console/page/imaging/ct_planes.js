@@ -2,9 +2,11 @@
 // Planes of the CT through the tip: axial, coronal, sagittal, and one along the needle, with window and level, and the needle drawn in them.
 // Tests: tests/e2e/console_imaging_page_test.py, tests/e2e/console_volume_test.py
 import { by_id } from "../elements.js";
+import { NumberField } from "../numbers.js";
 import { cross, dot, hu_at } from "./volume.js";
 
 const kSize = 176, kNeedle_m = 0.12, kRedraw_ms = 100;
+const kInPlane_m = 0.0015;  // what is farther from a plane is drawn as a projection
 const minus = (v) => v.map((x) => -x);
 const unit = (v) => v.map((x) => x / Math.hypot(...v));
 
@@ -35,6 +37,12 @@ export function sample_plane(volume, middle, [right, up], width_m, size, out) {
   return out;
 }
 
+/// How much of the needle, from its tip on, lies in a plane through the tip: within kInPlane_m of it. `right` and `up` span the plane.
+export function in_plane_m(axis, [right, up]) {
+  const away = Math.abs(dot(axis, cross(right, up)));
+  return away * kNeedle_m <= kInPlane_m ? kNeedle_m : kInPlane_m / away;
+}
+
 /// Angles of the needle's way in: cranio-caudal to the head, medio-lateral to the patient's left, in degrees.
 export function angles_of({ left, back, head }, axis) {
   const way = minus(axis), degrees = 180 / Math.PI;
@@ -43,7 +51,7 @@ export function angles_of({ left, back, head }, axis) {
 }
 
 export class CtPlanes {
-  /// `act`: {needle(): {tip, axis, radius_m} or null, pick(position)}; a click on a plane picks its position in {B}.
+  /// `act`: {needle(): {tip, axis, radius_m} or null, pick(position), error(words)}; a click on a plane picks its position in {B}.
   constructor(act) {
     this.act = act;
     this.planes = ["axial", "coronal", "sagittal", "needle"].map((name) => {
@@ -54,12 +62,15 @@ export class CtPlanes {
     });
     this.hu = new Float32Array(kSize * kSize);
     this.next = 0;
-    for (const id of ["ct-window", "ct-level", "ct-width"]) by_id(id).addEventListener("change", () => this.#redraw());
+    const changed = () => this.#redraw();
+    this.level = new NumberField("ct-level", { changed, refused: act.error });
+    this.window = new NumberField("ct-window", { changed, refused: act.error });
+    by_id("ct-width").addEventListener("change", changed);
     by_id("ct-preset").addEventListener("change", ({ target }) => {
       const [level, width] = target.value.split(" ").map(Number);
       if (!(width > 0)) return;
-      by_id("ct-level").value = level;
-      by_id("ct-window").value = width;
+      this.level.value = level;
+      this.window.value = width;
       this.#redraw();
     });
   }
@@ -104,18 +115,26 @@ export class CtPlanes {
     const axes = plane_axes(this.volume.patient, needle.axis)[plane.name], width_m = Number(by_id("ct-width").value) / 1000;
     plane.shows = { tip: needle.tip, axes };
     sample_plane(this.volume, needle.tip, axes, width_m, kSize, this.hu);
-    const level = Number(by_id("ct-level").value), width = Math.max(1, Number(by_id("ct-window").value));
+    const level = this.level.value ?? 0, width = this.window.value ?? 1;
     const words = new Uint32Array(image.data.buffer);
     this.hu.forEach((hu, i) => { words[i] = Number.isNaN(hu) ? 0xff281c14 : 0xff000000 | grey_of(hu, level, width) * 0x010101; });
     context.putImageData(image, 0, 0);
     if (needle.is_absent) return;
-    const scale = kSize / width_m, end = [0.5 * kSize + kNeedle_m * scale * dot(needle.axis, axes[0]), 0.5 * kSize - kNeedle_m * scale * dot(needle.axis, axes[1])];
+    // Solid where the needle lies in the plane, at its width; dashed where only its projection does.
+    const scale = kSize / width_m, at = (m) => [0.5 * kSize + m * scale * dot(needle.axis, axes[0]), 0.5 * kSize - m * scale * dot(needle.axis, axes[1])];
+    const solid_m = in_plane_m(needle.axis, axes);
     context.strokeStyle = "#ff8a4c";
+    for (const [from_m, to_m, width, dashes] of [[0, solid_m, Math.max(1.5, 2 * needle.radius_m * scale), []], [solid_m, kNeedle_m, 1.5, [4, 4]]]) {
+      if (from_m === to_m) continue;
+      context.lineWidth = width;
+      context.setLineDash(dashes);
+      context.beginPath();
+      context.moveTo(...at(from_m));
+      context.lineTo(...at(to_m));
+      context.stroke();
+    }
+    context.setLineDash([]);
     context.lineWidth = 1.5;
-    context.beginPath();
-    context.moveTo(kSize / 2, kSize / 2);
-    context.lineTo(...end);
-    context.stroke();
     context.strokeStyle = "#56b4e9";
     context.beginPath();
     context.arc(kSize / 2, kSize / 2, 4, 0, 2 * Math.PI);
@@ -130,6 +149,7 @@ export class CtPlanes {
     const tilt = `${Math.abs(cranial_deg).toFixed(0)}° to the ${cranial_deg >= 0 ? "head" : "feet"}, ${Math.abs(lateral_deg).toFixed(0)}° to the patient's ${lateral_deg >= 0 ? "left" : "right"}`;
     const parts = [`${Number.isNaN(hu) ? "no HU stored" : `${Math.round(hu)} HU`} at the tip`, `needle points ${tilt}`];
     if (Number.isFinite(depth_mm)) parts.push(`${Math.abs(depth_mm).toFixed(1)} mm ${depth_mm >= 0 ? "below" : "above"} the first slice`);
+    if (this.planes.some(({ shows }) => shows && in_plane_m(needle.axis, shows.axes) < kNeedle_m)) parts.push(`dashed: more than ${1000 * kInPlane_m} mm from the plane`);
     if (Number.isFinite(target_mm)) parts.push(`${target_mm.toFixed(1)} mm from the target`);
     by_id("ct-words").textContent = parts.join("; ");
   }

@@ -16,7 +16,7 @@ export class Imaging {
     this.act = act;
     const needle = () => this.needle();
     this.xray = new Xray({ needle, is_operator: act.is_operator, mode: () => this.mode(), error: act.error });
-    this.ct = new CtPlanes({ needle, pick: act.pick });
+    this.ct = new CtPlanes({ needle, pick: act.pick, error: act.error });
     this.open = "";
     for (const button of document.querySelectorAll("[data-picture]"))
       button.addEventListener("click", () => this.show(this.open === button.dataset.picture ? "" : button.dataset.picture));

@@ -6,6 +6,7 @@
 import { post } from "../api.js";
 import { by_id } from "../elements.js";
 import { while_pressed } from "../keys.js";
+import { NumberField } from "../numbers.js";
 import { project, view_of } from "./c_arm.js";
 import { Picture } from "./picture.js";
 import { XrayPictures } from "./xray_pictures.js";
@@ -54,8 +55,9 @@ export class Xray {
     this.is_screening = this.is_held = this.is_inverted = false;
     this.turn_deg = this.tilt_deg = 0;
     for (const name of Object.keys(kPositions)) by_id(`xray-${name}`).addEventListener("click", () => this.move_to(...kPositions[name]));
-    for (const id of ["xray-turn", "xray-tilt"])
-      by_id(id).addEventListener("change", () => this.move_to(Number(by_id("xray-turn").value), Number(by_id("xray-tilt").value)));
+    const changed = () => this.move_to(this.turn.value, this.tilt.value);
+    this.turn = new NumberField("xray-turn", { changed, refused: act.error });
+    this.tilt = new NumberField("xray-tilt", { changed, refused: act.error });
     by_id("xray-width").addEventListener("change", () => this.move_to(this.turn_deg, this.tilt_deg));
     by_id("xray-invert").addEventListener("change", (event) => {
       this.is_inverted = event.target.checked;
@@ -103,10 +105,8 @@ export class Xray {
 
   /// Moves the C-arm. The last picture stays until another one is taken.
   move_to(turn_deg, tilt_deg) {
-    this.turn_deg = Math.min(180, Math.max(-180, turn_deg || 0));
-    this.tilt_deg = Math.min(45, Math.max(-45, tilt_deg || 0));
-    by_id("xray-turn").value = this.turn_deg;
-    by_id("xray-tilt").value = this.tilt_deg;
+    this.turn.value = this.turn_deg = turn_deg ?? 0;
+    this.tilt.value = this.tilt_deg = tilt_deg ?? 0;
     for (const [name, [turn, tilt]] of Object.entries(kPositions))
       by_id(`xray-${name}`).setAttribute("aria-pressed", String(turn === this.turn_deg && tilt === this.tilt_deg));
     // The sum along the rays depends on the position only, so it is ready when a picture is taken.

@@ -11,10 +11,4 @@ export function to_device(rows, at_mm) {
   return [0, 1, 2].map((k) => rows.reduce((sum, row, i) => sum + row[k] * (at_mm[i] - row[3]), 0) / square);
 }
 
-/// Reads "12.3, -4.5, 33"; null if it is not three numbers.
-export function read_point(text) {
-  const words = text.trim().split(/[\s,;]+/), numbers = words.map(Number);
-  return words.length === 3 && words.every(Boolean) && numbers.every((x) => Math.abs(x) <= 1e4) ? numbers : null;
-}
-
 export const point_text = (at_mm) => at_mm.map((x) => x.toFixed(1)).join(", ");

@@ -3,12 +3,14 @@
 // Tests: tests/e2e/console_new_scene_page_test.py
 import { get_json, post } from "../api.js";
 import { by_id, element } from "../elements.js";
-import { point_text, read_point, to_device, to_patient } from "./patient_frame.js";
+import { NumberField, read_point } from "../numbers.js";
+import { point_text, to_device, to_patient } from "./patient_frame.js";
 
 const kAsk_ms = 300, kMaxFailedAsks = 20, kClick_px = 5, kDoubleClick_ms = 400, kShown_m = 0.05, kLeastDepth_m = 0.001, kInProcess = "inproc", kMaxName = 32;
 const minus = (a, b) => a.map((x, k) => x - b[k]);
 const along = (from, way, m) => from.map((x, k) => x + m * way[k]);
 const length = (v) => Math.hypot(...v);
+const is_refused = (name) => by_id(`plan-${name}`).getAttribute("aria-invalid") === "true";
 const last_line = (text) => (text ?? "").trim().split("\n").pop().replace(/^trocar-run: /, "");
 
 /// Returns a name that follows this one: "a" is followed by "a-2", and that by "a-3".
@@ -34,7 +36,7 @@ export class Planning {
       by_id(`plan-pick-${name}`).addEventListener("click", () => this.choose(name));
       by_id(`plan-${name}`).addEventListener("change", ({ target }) => this.#typed(name, target.value));
     }
-    by_id("plan-depth").addEventListener("change", ({ target }) => this.#deeper(Number(target.value) / 1000));
+    this.depth = new NumberField("plan-depth", { changed: (mm) => this.#deeper(mm / 1000), refused: (words) => this.#refused(words) });
     this.#listen(by_id("canvas"));
   }
 
@@ -62,6 +64,8 @@ export class Planning {
     this.points = {};
     this.picks = "entry";
     this.result = null;
+    for (const name of ["entry", "target"]) by_id(`plan-${name}`).setAttribute("aria-invalid", "false");
+    this.depth.value = null;
     const file = asset ?? this.act.scene()?.file ?? "scene";
     by_id("plan-name").value = `${file.replace(/^.*\//, "").replace(/\.[a-z]+$/, "").replace(/[^\w-]/g, "_").slice(0, kMaxName - 8)}-new`;
     by_id("plan-bar").hidden = false;
@@ -112,19 +116,31 @@ export class Planning {
   set(name, at_m) {
     if (this.is_making || !this.rows) return;
     this.act.error("");
+    by_id(`plan-${name}`).setAttribute("aria-invalid", "false");
+    this.depth.value = null;  // #changed() states it anew
     this.points[name] = to_patient(this.rows, at_m);
     if (name === "entry" && !this.points.target) this.picks = "target";
     this.result = null;
     this.#changed();
   }
 
+  /// A text that is no point stays for correction, and no scene is made until it is one, or another point is chosen.
   #typed(name, text) {
-    const at_mm = read_point(text);
+    const at_mm = read_point(text), is_point = at_mm || !text.trim();
+    by_id(`plan-${name}`).setAttribute("aria-invalid", String(!is_point));
+    if (!is_point) return this.#refused(`${text}: a point is three numbers in mm, such as 12.3, -4.5, 33 or 12,3 -4,5 33`);
     if (at_mm && this.rows) return this.set(name, to_device(this.rows, at_mm));
-    if (!text.trim() && name === "target") delete this.points.target;
-    else if (text.trim()) this.act.error(`${text}: a point is three numbers in mm, such as 12.3, -4.5, 33`);
+    if (name === "target") delete this.points.target;
     this.#changed();
   }
+
+  #refused(words) {
+    this.act.error(words);
+    this.draw();
+  }
+
+  /// True while a field holds a text that was refused.
+  get #has_refused() { return this.depth.is_refused || ["entry", "target"].some((name) => is_refused(name)); }
 
   /// Moves the target along the way to this depth; without a target it lies straight below the entry.
   #deeper(depth_m) {
@@ -148,8 +164,8 @@ export class Planning {
 
   #changed() {
     const entry = this.place("entry"), target = this.place("target");
-    for (const name of ["entry", "target"]) by_id(`plan-${name}`).value = this.points[name] ? point_text(this.points[name]) : "";
-    by_id("plan-depth").value = entry && target ? (1000 * length(minus(target, entry))).toFixed(1) : "";
+    for (const name of ["entry", "target"]) if (!is_refused(name)) by_id(`plan-${name}`).value = this.points[name] ? point_text(this.points[name]) : "";
+    if (!this.depth.is_refused) this.depth.value = entry && target ? Number((1000 * length(minus(target, entry))).toFixed(1)) : null;
     this.app.view?.set_plan(this.is_active && entry ? { entry, end: target ?? along(entry, this.way(), kShown_m), target, at: this.place(this.picks) ?? entry } : null);
     this.draw();
     this.act.changed();
@@ -189,7 +205,7 @@ export class Planning {
     const may_hold = this.act.device() === kInProcess;
     by_id("plan-live").disabled = !may_hold;
     by_id("plan-live-note").hidden = may_hold;
-    by_id("plan-make").disabled = this.is_making || !this.act.is_free() || !name.value || !name.checkValidity() || !(this.asset || this.place("entry")) || Boolean(this.#fault());
+    by_id("plan-make").disabled = this.is_making || !this.act.is_free() || !name.value || !name.checkValidity() || !(this.asset || this.place("entry")) || Boolean(this.#fault()) || (!this.asset && this.#has_refused);
     by_id("plan-close").disabled = this.is_making;
     by_id("plan-stop").hidden = !this.is_making;
     if (this.drawn_result !== this.result) this.#draw_result();

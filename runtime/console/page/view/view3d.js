@@ -35,7 +35,14 @@ export class View3d {
     this.label = document.getElementById("force-label");
     // The context is opaque, so that the browser need not blend it with the background. (three.js always asks for an alpha channel.)
     const context = canvas.getContext("webgl2", { alpha: false, antialias: false, powerPreference: "high-performance" });
-    this.renderer = new THREE.WebGLRenderer({ canvas, context });
+    this.renderer = new THREE.WebGLRenderer({ canvas, context });  // it asks for a lost context again, and restores what it had
+    this.is_lost = false;
+    for (const [name, is_lost] of [["webglcontextlost", true], ["webglcontextrestored", false]])
+      canvas.addEventListener(name, () => {
+        this.is_lost = is_lost;
+        this.is_dirty = true;
+        this.on_context?.();
+      });
     this.renderer.outputColorSpace = THREE.LinearSRGBColorSpace;
     const gl = this.renderer.getContext(), info = gl.getExtension("WEBGL_debug_renderer_info");
     this.renderer_name = String(gl.getParameter(info ? info.UNMASKED_RENDERER_WEBGL : gl.RENDERER));
@@ -362,8 +369,8 @@ export class View3d {
 
   put_labels() {
     const { width, height, rem } = this;
-    this.label.hidden = !this.arrow.visible;
-    if (this.arrow.visible) {
+    this.label.hidden = !this.arrow.visible || height < 12 * rem;  // the readout says it, too
+    if (!this.label.hidden) {
       const at = this.arrow.tail.clone().project(this.cameras.active);
       const x = Math.min(width - 12 * rem, Math.max(rem, (at.x + 1) / 2 * width + rem)), y = Math.min(height - 6 * rem, Math.max(5 * rem, (1 - at.y) / 2 * height));
       this.label.style.transform = `translate(${x}px, ${y}px)`;
