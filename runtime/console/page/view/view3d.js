@@ -40,6 +40,7 @@ export class View3d {
     for (const [name, is_lost] of [["webglcontextlost", true], ["webglcontextrestored", false]])
       canvas.addEventListener(name, () => {
         this.is_lost = is_lost;
+        if (!is_lost) this.set_theme();  // three.js restores all but the colour behind the picture
         this.is_dirty = true;
         this.on_context?.();
       });
