@@ -48,9 +48,12 @@ Result<void> append_folder(const NamedFile& folder, std::vector<ScanFile>& files
   const auto below = pipeline::files_below(folder.path, ignored, limits);
   if (!below) return below.error();
   for (const fs::path& path : *below) {
-    const auto status = status_of(path);
-    if (!status) return status.error();
-    files.push_back(file_of({folder.of, path}, *status));
+    struct stat status {};
+    // A link that leads nowhere has a state of its own: the scan is made again when it leads to a
+    // file.
+    if (::stat(path.c_str(), &status) != 0 && ::lstat(path.c_str(), &status) != 0)
+      return refused(path.string() + ": " + system_message(errno));
+    files.push_back(file_of({folder.of, path}, status));
   }
   return {};
 }

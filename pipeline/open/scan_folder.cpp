@@ -9,6 +9,7 @@
 #include <cctype>
 #include <cerrno>
 #include <deque>
+#include <iterator>
 #include <map>
 #include <set>
 #include <system_error>
@@ -16,6 +17,7 @@
 
 #include "formats/base/file_descriptor.h"
 #include "formats/base/system_message.h"
+#include "pipeline/read/dicom/dicomdir.h"
 #include "pipeline/read/file_names.h"
 
 namespace trocar::pipeline {
@@ -35,6 +37,12 @@ std::string first_names(const std::vector<fs::path>& files) {
   for (std::size_t i = 0; i < std::min<std::size_t>(files.size(), 2); ++i)
     out += (i == 0 ? "" : ", ") + files[i].filename().string();
   return out + (files.size() > 2 ? ", ..." : "");
+}
+
+// Folders of file systems, which their users cannot read. No scan is in them.
+bool is_of_file_system(const fs::path& folder) {
+  const std::string name = folder.filename().string();
+  return name == "lost+found" || name == "System Volume Information" || name == "$RECYCLE.BIN";
 }
 
 // Does this error mean that the storage does not answer? The file may be readable later.
@@ -105,23 +113,26 @@ class Search {
                        " files and folders up to here; give the folder of one study");
       }
       if (entry->path().filename().string().front() == '.') continue;
-      std::error_code unknown;  // why it is not known what the entry is; broken links are skipped
+      std::error_code unknown, ignored;  // unknown: why it is not known what the entry is
       const bool is_folder = entry->is_directory(unknown);
       if (limits_.must_reach_all && unknown && !is_broken_link(unknown))
         return out_of_reach(entry->path(), unknown);
       if (is_folder) {
-        (entry->is_symlink(unknown) ? links_ : folders_)
+        (entry->is_symlink(ignored) ? links_ : folders_)
             .push_back({entry->path(), folder.depth + 1});
-      } else if (entry->is_regular_file(unknown)) {
+      } else if (unknown || entry->is_regular_file(ignored)) {
         files_.push_back(entry->path());
       }
     }
     if (!error) return {};
-    if (folder.depth == 0) return refused(folder.path.string() + ": " + error.message());
-    if (limits_.must_reach_all) return out_of_reach(folder.path, error);
-    warnings_.push_back(
-        {"folder_left_out", folder.path.string(), error.message() + "; not searched"});
-    return {};
+    if (folder.depth > 0 && is_of_file_system(folder.path)) {
+      warnings_.push_back(
+          {"folder_left_out", folder.path.string(), error.message() + "; not searched"});
+      return {};
+    }
+    if (folder.depth > 0 && limits_.must_reach_all) return out_of_reach(folder.path, error);
+    const std::string message = folder.path.string() + ": " + error.message();
+    return is_of_storage(error.value()) ? refused_for_now(message) : refused(message);
   }
 
   SearchLimits limits_;
@@ -132,6 +143,36 @@ class Search {
   std::size_t entries_ = 0;
 };
 
+// The path without what differs between a DICOMDIR and a mounted disk: upper and lower case, and the
+// version that ISO 9660 adds (";1").
+std::string plain_path(const fs::path& path) {
+  std::string out = lower(path.lexically_normal().generic_string());
+  if (const auto at = out.find(';'); at != std::string::npos) out.resize(at);
+  while (out.ends_with('.'))
+    out.pop_back();
+  return out;
+}
+
+// Warns of images that a DICOMDIR among the files names, and which are not among them.
+void warn_of_missing(const std::vector<fs::path>& files, std::vector<Warning>& warnings) {
+  std::set<std::string> present;
+  for (const fs::path& file : files) {
+    if (!is_dicomdir(file) || !has_dicom_preamble(file)) continue;
+    if (present.empty()) {
+      std::transform(files.begin(), files.end(), std::inserter(present, present.end()), plain_path);
+    }
+    std::vector<fs::path> missing = images_of_dicomdir(file);
+    std::erase_if(missing, [&](const fs::path& image) {
+      return present.contains(plain_path(file.parent_path() / image));
+    });
+    if (missing.empty()) continue;
+    warnings.push_back({"missing_file", file.string(),
+                        "names " + std::to_string(missing.size()) +
+                            (missing.size() == 1 ? " image that is" : " images that are") +
+                            " not in the folder: " + first_names(missing)});
+  }
+}
+
 }  // namespace
 
 Result<void> check_readable(const fs::path& file) {
@@ -139,10 +180,13 @@ Result<void> check_readable(const fs::path& file) {
   char first = 0;
   if (opened.get() >= 0 && ::pread(opened.get(), &first, 1, 0) >= 0) return {};
   const int error = errno;
-  const std::string message = file.string() + ": " + system_message(error);
-  if (error == EACCES) return refused(message);
-  if (is_of_storage(error)) return refused_for_now(message);
-  return {};  // no file, or one that is not read so, such as a folder or a pipe
+  if (opened.get() >= 0 && (error == EISDIR || error == ESPIPE)) return {};  // a folder, a pipe
+  std::error_code ignored;
+  const bool leads_nowhere = (error == ENOENT || error == ELOOP || error == ENOTDIR) &&
+                             fs::is_symlink(fs::symlink_status(file, ignored));
+  const std::string message = file.string() + ": " + system_message(error) +
+                              (leads_nowhere ? " (a link that leads nowhere)" : "");
+  return is_of_storage(error) ? refused_for_now(message) : refused(message);
 }
 
 std::optional<fs::path> folder_of_dicomdir(const fs::path& file) {
@@ -194,6 +238,8 @@ Result<ScanFolder> search_folder(const fs::path& folder, DicomExtent extent,
   const auto files = files_below(folder, warnings);
   if (!files) return files.error();
   if (files->empty()) return refused(folder.string() + ": an empty folder");
+  std::optional<Error> unreadable;
+  std::size_t others = 0;  // unreadable files after the first
   ScanFolder out;
   out.folder = folder;
   out.where = (folder / "").string();
@@ -207,13 +253,26 @@ Result<ScanFolder> search_folder(const fs::path& folder, DicomExtent extent,
     } else if (is_slice || (may_be_dicom(file) && !is_left_by_system(file))) {
       out.dicom.push_back(
           read_dicom_headers(file, options.spacing_mm, options.any_modality, extent));
-    } else {
-      if (auto ok = check_readable(file); !ok && !is_document(file)) return ok.error();
+    } else if (auto ok = check_readable(file); ok) {
       DicomFile other;
       other.file = file;
       out.dicom.push_back(std::move(other));
+    } else if (is_document(file)) {
+      warnings.push_back({"not_read", file.string(),
+                          "cannot be read; left out, as its name is not that of a slice"});
+    } else if (!unreadable) {
+      unreadable = ok.error();
+    } else {
+      ++others;
     }
   }
+  if (unreadable) {
+    if (others > 0)
+      unreadable->message += " (and " + std::to_string(others) +
+                             (others == 1 ? " more file" : " more files") + " that cannot be read)";
+    return *unreadable;
+  }
+  warn_of_missing(*files, warnings);
   for (auto& [parent, group] : images) {
     const bool is_own = same_folder(parent, folder);
     out.images.insert(is_own ? out.images.begin() : out.images.end(), std::move(group));

@@ -21,15 +21,16 @@ struct SearchLimits {
   int depth = 16;                ///< sub-folders below this depth are left out with a warning
   std::size_t entries = 200000;  ///< a folder with more files and folders than this is refused
   /// True: if a sub-folder or a file cannot be reached, the search fails with a temporary error
-  /// (Error::is_temporary) instead of leaving it out. Sub-folders below `depth` are still left out.
+  /// (Error::is_temporary). Sub-folders below `depth` are still left out.
   bool must_reach_all = false;
 };
 
 /// The regular files of a folder and its sub-folders, in natural order of their paths ("s2" before
-/// "s10"). Hidden files and folders and broken links are left out. Links to folders are followed,
-/// but every folder is searched only once. Errors: kRefused if `folder` cannot be read or has too
-/// many entries; with SearchLimits::must_reach_all, also if a part of it cannot be reached.
-/// Warnings: folder_left_out for a sub-folder that cannot be read or lies too deep.
+/// "s10"), and links that lead nowhere. Hidden files and folders are left out. Links to folders are
+/// followed, but every folder is searched only once. Errors: kRefused if `folder` or a sub-folder
+/// cannot be read, or if there are too many entries; the first is temporary if the storage does not
+/// answer, and for sub-folders also with SearchLimits::must_reach_all. Warnings: folder_left_out for
+/// a sub-folder that lies too deep, or that belongs to the file system (lost+found).
 Result<std::vector<std::filesystem::path>> files_below(const std::filesystem::path& folder,
                                                        std::vector<Warning>& warnings,
                                                        const SearchLimits& limits = {});
@@ -61,12 +62,13 @@ struct ScanFolder {
 /// Finds the files below `folder` and reads the headers of all DICOM files. `extent` says whether
 /// their pixel data must be complete. Only `spacing_mm` and `any_modality` of the options are used.
 /// Errors: those of files_below(); kRefused if the folder is empty; those of check_readable() for a
-/// file that may be DICOM.
+/// file that may be DICOM; the message counts the files. Warnings: not_read for unreadable files
+/// with other names; missing_file for images that a DICOMDIR names and the folder lacks.
 Result<ScanFolder> search_folder(const std::filesystem::path& folder, DicomExtent extent,
                                  const OpenOptions& options, std::vector<Warning>& warnings);
 
-/// Checks that the file can be read. Errors: kRefused if this process has no permission to read it,
-/// or if the storage does not answer; the latter is temporary (Error::is_temporary).
+/// Checks that the file can be read. Errors: kRefused if it cannot, for example because a link leads
+/// nowhere; temporary (Error::is_temporary) if the storage does not answer.
 Result<void> check_readable(const std::filesystem::path& file);
 
 /// If the file is a DICOMDIR (the file that viewers open), it stands for the folder that contains

@@ -115,7 +115,6 @@ def test_finds_the_slices(s):
     assert s.asset(study) == s.plain, "slices in sub-folders give another asset"
     (study / "DICOM" / "loop").symlink_to(study)
     (study / "again").symlink_to(study / "DICOM" / "PA000001")
-    (study / "self").symlink_to("self")
     os.mkfifo(study / "pipe")
     assert s.asset(study) == s.plain, "links give another asset"
     for place in (study, study / "DICOM", study / "DICOM" / "PA000001" / "ST000001" / "SE000001", study / ".trash"):
@@ -165,6 +164,93 @@ def test_finds_the_slices(s):
     nothing = s.work / "nothing"
     litter(nothing)
     s.refuses(3, ("nothing", "no DICOM images"), nothing, "-o", s.work / "none.glb")
+
+
+def test_files_that_cannot_be_read(s):
+    """A link that leads nowhere is no reason to take the rest for the scan, wherever its slice would lie."""
+    out = ("-o", s.work / "none.glb")
+    for places in ((1,), (5,), (SLICES,), (2, 3, 7)):
+        study = s.work / "links"
+        shutil.rmtree(study, ignore_errors=True)
+        shutil.copytree(s.scan / "dicom", study)
+        for k in places:
+            (study / f"CT_{k:03}.dcm").unlink()
+            (study / f"CT_{k:03}.dcm").symlink_to("nowhere")
+        said = (f"links/CT_{places[0]:03}.dcm: No such file or directory (a link that leads nowhere)",)
+        if len(places) > 1:
+            said += ("and 2 more files that cannot be read",)
+        s.refuses(3, said, study, *out)
+        s.refuses(3, said, "list", study)
+        s.refuses(3, said, "list", study, "--manifest")
+    collection, store = s.work / "links.json", s.work / "links_store"
+    collection.write_text(json.dumps({"schema": "trocar.collection/1", "scans": [{"name": "links", "input": "links"}]}))
+    summary = json.loads(s.run("batch", collection, "-o", store, "--json", expect=3).stdout)
+    assert summary["failed"] == 1 and "leads nowhere" in str(summary["failures"]), summary
+    for k in places:  # once they lead to the slices, the scan is made
+        (study / f"CT_{k:03}.dcm").unlink()
+        (study / f"CT_{k:03}.dcm").symlink_to(s.scan / "dicom" / f"CT_{k:03}.dcm")
+    summary = json.loads(s.run("batch", collection, "-o", store, "--json").stdout)
+    assert summary["made"] == 1 and (store / "assets" / "links.glb").read_bytes() == s.plain, summary
+    # Links to themselves, and below a folder that is none.
+    (study / "loop").symlink_to("loop")
+    s.refuses(3, ("links/loop: Too many levels of symbolic links",), study, *out)
+    (study / "loop").unlink()
+    (study / "part").symlink_to(study / "CT_001.dcm" / "part")
+    s.refuses(3, ("links/part: Not a directory",), study, *out)
+    (study / "part").unlink()
+    # The name of a document, of a picture or of a volume: it is not wanted, but named.
+    for name, code in (("notes.txt", "not_read"), ("view.png", "other_input"), ("view.nii.gz", "other_input")):
+        (study / name).symlink_to("nowhere")
+        assert s.asset(study) == s.plain
+        assert name in s.warnings(study)[0].get(code, ""), name
+        assert name in (s.work / "out.json").read_text()
+        s.run("list", study)
+        s.run("batch", collection, "-o", store, "--quiet")
+        (study / name).unlink()
+    # What a DICOMDIR names is wanted, too.
+    subprocess.run(["dcmmkdir", "+r", "-Nxc", "-W", "-Nrc", "-Nec", "+I", "+D", "DICOMDIR", "+id", ".", "+p", "CT_*"], cwd=study, check=False,
+                   stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    if not (study / "DICOMDIR").exists():
+        shutil.copytree(s.scan / "dicom", study / "CT")
+        for k in range(1, SLICES + 1):
+            (study / f"CT_{k:03}.dcm").unlink()
+            (study / "CT" / f"CT_{k:03}.dcm").rename(study / "CT" / f"IM{k:03}")
+        subprocess.run(["dcmmkdir", "+r", "-Nxc", "-W", "-Nrc", "-Nec", "+I", "+D", "DICOMDIR", "+id", "CT"], cwd=study, check=True,
+                       stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    assert "missing_file" not in s.warnings(study)[0]
+    (study / "CT" / "IM001").rename(study / "CT" / "im001;1")  # as some systems show a CD
+    assert "missing_file" not in s.warnings(study)[0]
+    for k in (2, 9):
+        (study / "CT" / f"IM{k:03}").unlink()
+    line = s.warnings(study / "DICOMDIR")[0].get("missing_file", "")
+    assert "names 2 images that are not in the folder" in line and "IM002" in line, line
+    assert "missing_file" in s.run("list", study).stderr
+
+
+def test_folders_that_cannot_be_read(s):
+    """Without permission: refused, except for those of a file system."""
+    user = 65534 if os.geteuid() == 0 else None
+    study = s.work / "closed"
+    (study / "part").mkdir(parents=True)
+    for k in range(SLICES):
+        shutil.copy(s.scan / "dicom" / f"CT_{k + 1:03}.dcm", study / ("part" if k > 5 else ".") / f"{k}")
+    if user and subprocess.run(["test", "-r", study / "0", "-a", "-x", s.mesh], user=user, check=False).returncode != 0:
+        pytest.skip("the other user has no access to the folder of the test")
+    keys = {"user": user} if user else {}
+    (study / "part").chmod(0)
+    try:
+        (study / "out").mkdir(mode=0o777)
+        (study / "out").chmod(0o777)
+        for words in ((study, "-o", study / "out" / "x.glb"), ("list", study)):
+            said = s.run(*words, expect=3, **keys).stderr
+            assert "closed/part: Permission denied" in said and len(said.splitlines()) == 1, said
+        (study / "part").chmod(0o755)
+        (study / "lost+found").mkdir(mode=0)
+        assert "(folder_left_out)" in s.run("list", study, **keys).stderr
+    finally:
+        for folder in (study / "part", study / "lost+found"):
+            if folder.exists():
+                folder.chmod(0o755)
 
 
 def test_dicomdir_in_a_collection(s):

@@ -153,13 +153,18 @@ TEST_F(Readers, BrokenInputIsRefusedByName) {
   EXPECT_NE(read.error().message.find("slice_00"), std::string::npos);
 }
 
-// A folder may contain other files: a broken link, a text, an asset.
+// A folder may contain other files: a text, an asset. A link that leads nowhere may be a slice.
 TEST_F(Readers, OnlyTheSlicesOfAFolderAreTheInput) {
   const fs::path folder = folder_ / "beside";
   fs::copy(folder_ / "scan" / "dicom", folder);
   fs::create_symlink("nowhere", folder / "a_link");
   fs::create_symlink("nowhere", folder / "z_link");
   write("beside/out.glb", "glTF");
+  expect_error(open_stack({folder}, {}), ExitCode::kRefused,
+               "a_link: No such file or directory (a link that leads nowhere) (and 1 more file "
+               "that cannot be read)");
+  fs::remove(folder / "a_link");
+  fs::remove(folder / "z_link");
   const auto stack = open_stack({folder}, {});
   ASSERT_TRUE(stack) << stack.error().message;
   ASSERT_EQ((*stack)->size(), 4);
