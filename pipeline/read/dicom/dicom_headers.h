@@ -7,16 +7,27 @@
 
 #include <Eigen/Core>
 #include <array>
+#include <cstdint>
 #include <filesystem>
 #include <map>
 #include <optional>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "pipeline/read/dicom/modality.h"
 #include "pipeline/read/slice_stack.h"
 
 namespace trocar::pipeline {
+
+/// The names of the attributes by which volumes at the same positions in one series differ, such
+/// as "AcquisitionNumber". The most certain one comes first. Those from "TriggerTime" on may differ
+/// within a volume, too.
+std::vector<std::string> dicom_volume_keys();
+
+/// Fragments of compressed pixels: the index of the first one, from 1 (item 0 is the offset table),
+/// and of the one after the last.
+using FragmentRange = std::pair<std::uint32_t, std::uint32_t>;
 
 /// One slice: a file, or one frame of a multi-frame file.
 struct DicomFrame {
@@ -28,6 +39,7 @@ struct DicomFrame {
   Eigen::Vector3d position, u, v;
   double spacing_u_mm = 0, spacing_v_mm = 0;
   bool has_spacing = false;         ///< true: the file states the spacing
+  double thickness_mm = 0;          ///< SliceThickness; 0 if not stated
   double slope = 1, intercept = 0;  ///< HU = slope * stored + intercept
   bool has_rescale = false;         ///< true: the file states slope and intercept
   int segment = 0;                  ///< Segment Number in a segmentation, otherwise 0
@@ -38,7 +50,10 @@ struct DicomFrame {
   /// PixelPaddingRangeLimit). std::nullopt if the file states none, and for segmentations and
   /// images of kind ImageContent::Kind::kOther.
   std::optional<std::array<int, 2>> padding;
-  std::optional<double> stated_tilt_deg;  ///< the gantry's tilt according to GantryDetectorTilt
+  std::optional<double> stated_tilt_deg;   ///< the gantry's tilt according to GantryDetectorTilt
+  std::vector<std::string> volume_values;  ///< the values of dicom_volume_keys(), empty if missing
+  /// Of compressed pixels (frame_fragments()); std::nullopt: the file was read as kHeader.
+  std::optional<FragmentRange> fragments;
 
   double hu(int stored) const { return stored * slope + intercept; }
   /// Does padding have positive HU, so that it would be taken for tissue?
@@ -53,6 +68,12 @@ struct DicomFrame {
 /// of the frame's own plane is frame.position.) SlicePlane::z_mm is measured along the frame's own
 /// normal, and not along that of the first slice.
 SlicePlane plane_of(const DicomFrame& frame, const Eigen::Vector3d& position);
+
+/// Lossy compression that the pixels have gone through, whether or not they are compressed now.
+struct LossyCompression {
+  std::string method;  ///< such as "JPEG", or "JPEG, then JPEG 2000"; empty if it is not known
+  double ratio = 0;    ///< the largest stated ratio, or else that of the file; 0 if it is not known
+};
 
 /// The segments of a segmentation (SEG).
 struct DicomSegments {
@@ -80,6 +101,12 @@ struct DicomFile {
   ImageContent content;
   std::vector<DicomFrame> frames;
   DicomSegments segments;  ///< kSegmentation only
+  /// std::nullopt: none is stated, and the transfer syntax is lossless. Only of files that are read
+  /// as DicomExtent::kWhole.
+  std::optional<LossyCompression> lossy;
+  /// If the frames have no positions of their own: how they were placed. Otherwise empty.
+  std::string placement;
+  bool has_given_step = false;  ///< `placement` is by z of the given spacing
 };
 
 /// Replaces the control characters of a text by ?, so that lines of messages and tables are not
@@ -101,9 +128,11 @@ enum class DicomExtent {
 
 /// Reads the header of a file. The function never fails: `kind` and `problem` of the result say
 /// what is wrong with the file. Frames that state no pixel spacing get x and y of `spacing_mm`; if
-/// `spacing_mm` is missing too, the file cannot be used. Unless `any_modality` is set, images of
-/// kind ImageContent::Kind::kOther that are not segmentations are kUnusable, and localisers have
-/// no frames.
+/// `spacing_mm` is missing too, the file cannot be used. Frames without positions of their own (no
+/// per-frame functional groups) follow the first along its normal, at the distance that the file
+/// states (DicomFile::placement). Unless `any_modality` is set, images of kind
+/// ImageContent::Kind::kOther that are not segmentations are kUnusable, and localisers have no
+/// frames.
 DicomFile read_dicom_headers(const std::filesystem::path& file,
                              const std::optional<std::array<double, 3>>& spacing_mm = {},
                              bool any_modality = false, DicomExtent extent = DicomExtent::kWhole);

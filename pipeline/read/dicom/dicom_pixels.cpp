@@ -2,11 +2,14 @@
 #include "pipeline/read/dicom/dicom_pixels.h"
 
 #include <dcmtk/dcmdata/dccodec.h>
+#include <dcmtk/dcmdata/dcfcache.h>
 #include <dcmtk/dcmdata/dcpixseq.h>
 #include <dcmtk/dcmdata/dcpxitem.h>
 #include <dcmtk/dcmdata/dcrledec.h>
 
 #include <algorithm>
+#include <array>
+#include <memory>
 #include <span>
 
 #include "pipeline/read/image/jpeg2000.h"
@@ -32,18 +35,75 @@ std::span<const std::uint8_t> fragment_of(DcmPixelSequence& sequence, Uint32 ind
   return {bytes, item->getLength()};
 }
 
+// The fragments after the offset table, in their order.
+std::vector<DcmPixelItem*> fragments_in(DcmPixelSequence& sequence) {
+  std::vector<DcmPixelItem*> out;
+  DcmObject* item = sequence.nextInContainer(nullptr);  // the offset table
+  while (item != nullptr && (item = sequence.nextInContainer(item)) != nullptr)
+    out.push_back(dynamic_cast<DcmPixelItem*>(item));
+  return out;
+}
+
+// The indices at which the frames begin according to the offset table; empty if it does not fit the
+// fragments.
+std::vector<std::uint32_t> starts_by_table(DcmPixelSequence& sequence,
+                                           const std::vector<DcmPixelItem*>& fragments,
+                                           std::size_t frames) {
+  constexpr std::uint32_t kItemHeader = 8;
+  const auto table = fragment_of(sequence, 0);
+  if (table.size() != frames * 4) return {};
+  std::vector<std::uint32_t> out;
+  std::uint64_t position = 0;
+  for (std::size_t i = 0; i < fragments.size() && out.size() < frames; ++i) {
+    if (fragments[i] == nullptr) return {};
+    const auto* offset = table.data() + 4 * out.size();
+    if (position == (offset[0] | offset[1] << 8 | offset[2] << 16 | std::uint32_t{offset[3]} << 24))
+      out.push_back(static_cast<std::uint32_t>(i) + 1);
+    position += kItemHeader + fragments[i]->getLength();
+  }
+  return out.size() == frames ? out : std::vector<std::uint32_t>();
+}
+
+// The indices at which the frames begin, where a fragment begins a JPEG, JPEG-LS or JPEG 2000 image
+// (SOI, or SOC and SIZ) and the fragment before it ends one (EOI or EOC, and padding). None of these
+// markers can be in compressed data at the end of a fragment.
+std::vector<std::uint32_t> starts_by_markers(const std::vector<DcmPixelItem*>& fragments) {
+  std::vector<std::uint32_t> out;
+  DcmFileCache cache;
+  bool is_over = true;  // the image before this fragment
+  for (std::size_t i = 0; i < fragments.size(); ++i) {
+    const Uint32 size = fragments[i] == nullptr ? 0 : fragments[i]->getLength();
+    std::array<std::uint8_t, 4> head{};
+    std::array<std::uint8_t, 16> tail{};
+    const auto tail_size = static_cast<Uint32>(std::min<std::size_t>(size, tail.size()));
+    if (size == 0) continue;
+    if (size < head.size() || fragments[i]->getPartialValue(head.data(), 0, 4, &cache).bad() ||
+        fragments[i]->getPartialValue(tail.data(), size - tail_size, tail_size, &cache).bad())
+      return {};
+    const bool begins =
+        head[0] == 0xff &&
+        (head[1] == 0xd8 || (head[1] == 0x4f && head[2] == 0xff && head[3] == 0x51));
+    if (is_over != begins) return {};
+    if (begins) out.push_back(static_cast<std::uint32_t>(i) + 1);
+    std::size_t end = tail_size;
+    while (end > 2 && tail[end - 1] == 0)
+      --end;
+    is_over = end >= 2 && tail[end - 2] == 0xff && tail[end - 1] == 0xd9;
+  }
+  return out;
+}
+
 // The encapsulated bytes of one frame, made by joining its fragments.
-Result<std::vector<std::uint8_t>> join_fragments(const DicomFrame& h, DcmPixelSequence& sequence) {
-  Uint32 first = 0, end = static_cast<Uint32>(sequence.card());
-  const Uint32 frame = static_cast<Uint32>(h.frame);
-  if (DcmCodec::determineStartFragment(frame, h.frames, &sequence, first).bad() ||
-      (h.frame + 1 < h.frames &&
-       DcmCodec::determineStartFragment(frame + 1, h.frames, &sequence, end).bad()) ||
-      end <= first) {
-    return refused(h.name() + ": its fragments cannot be assigned to frames");
+Result<std::vector<std::uint8_t>> join_fragments(const DicomFrame& h, DcmFileFormat& format,
+                                                 DcmPixelSequence& sequence) {
+  std::optional<FragmentRange> range = h.fragments;
+  if (!range) {
+    const auto all = frame_fragments(format, h.frames);
+    if (!all) return refused(h.file.string() + ": " + all.error().message);
+    range = (*all)[static_cast<std::size_t>(h.frame)];
   }
   std::vector<std::uint8_t> out;
-  for (Uint32 i = first; i < end; ++i) {
+  for (std::uint32_t i = range->first; i < range->second; ++i) {
     const auto bytes = fragment_of(sequence, i);
     if (bytes.data() == nullptr)
       return refused(h.name() + ": a fragment of its pixels cannot be read");
@@ -75,14 +135,10 @@ JpegFrame jpeg_frame(std::span<const std::uint8_t> jpeg) {
   return {};
 }
 
-// DCMTK's decoder does not terminate if a frame's first fragment has no frame header. It does not
-// compare the JPEG's size with that of the header either: rows of another length would be sheared.
-Result<void> check_jpeg(const DicomFrame& h, DcmPixelSequence& sequence) {
-  Uint32 first = 0;
-  JpegFrame frame;
-  if (DcmCodec::determineStartFragment(static_cast<Uint32>(h.frame), h.frames, &sequence, first)
-          .good())
-    frame = jpeg_frame(fragment_of(sequence, first));
+// DCMTK's decoder does not terminate if a frame has no frame header. It does not compare the JPEG's
+// size with that of the header either: rows of another length would be sheared.
+Result<void> check_jpeg(const DicomFrame& h, std::span<const std::uint8_t> jpeg) {
+  const JpegFrame frame = jpeg_frame(jpeg);
   const int precision = frame.precision;
   if (precision < 2 || precision > 16) return refused(h.name() + ": its JPEG pixels are damaged");
   if ((precision <= 8) != (h.bits_allocated == 8)) {
@@ -153,43 +209,28 @@ DcmPixelSequence* fragments_of(DcmPixelData* pixels, E_TransferSyntax syntax) {
   return out;
 }
 
-// `pixels` is the pixel data element of `data`, or null; `sequence` is the result of
-// fragments_of().
-Result<std::vector<std::uint16_t>> decode_words(const DicomFrame& h, DcmDataset& data,
-                                                DcmPixelData* pixels, DcmPixelSequence* sequence) {
-  if (pixels == nullptr) return refused(h.name() + ": its PixelData element is of another kind");
-  const E_TransferSyntax syntax = data.getOriginalXfer();
-  if (dicom_encapsulated(syntax) && sequence == nullptr)
-    return refused(h.name() + ": its compressed pixels cannot be read");
+// Decodes the frame `index` of `pixels`, an element of `data`.
+Result<std::vector<std::uint16_t>> decode_by_dcmtk(const DicomFrame& h, DcmDataset& data,
+                                                   DcmPixelData& pixels, int index,
+                                                   E_TransferSyntax syntax) {
+  const bool compressed = dicom_encapsulated(syntax);
   const std::size_t count = static_cast<std::size_t>(h.columns) * h.rows;
-  const bool is_rle = syntax == EXS_RLELossless;
-  if (sequence != nullptr &&
-      (is_rle || syntax == EXS_JPEG2000LosslessOnly || syntax == EXS_JPEG2000)) {
-    const auto joined = join_fragments(h, *sequence);
-    if (!joined) return joined.error();
-    return is_rle ? decode_rle(h, *joined) : decode_jpeg2000_words(h, *joined);
-  }
-
-  if (sequence != nullptr && syntax != EXS_JPEGLSLossless && syntax != EXS_JPEGLSLossy &&
-      DcmCodecList::canChangeCoding(syntax, EXS_LittleEndianExplicit)) {
-    if (auto ok = check_jpeg(h, *sequence); !ok) return ok.error();
-  }
   std::vector<std::uint16_t> words(count);
   const std::size_t bytes = count * (h.bits_allocated / 8);
   Uint32 fragment = 0;
   OFString colour_model;
-  const Uint32 frame_size = dicom_frame_bytes(*pixels, data, sequence != nullptr);
+  const Uint32 frame_size = dicom_frame_bytes(pixels, data, compressed);
   if (frame_size != bytes && frame_size != bytes + 1) {
     return refused(h.name() + ": its frames are not of " + std::to_string(bytes) + " bytes");
   }
   words.resize(std::max(count, (static_cast<std::size_t>(frame_size) + 1) / 2));
   // DCMTK needs a buffer of even size, even for a frame with an odd number of bytes.
   const auto buffer_size = static_cast<Uint32>(words.size() * sizeof(std::uint16_t));
-  const OFCondition done = pixels->getUncompressedFrame(
-      &data, static_cast<Uint32>(h.frame), fragment, words.data(), buffer_size, colour_model);
+  const OFCondition done = pixels.getUncompressedFrame(&data, static_cast<Uint32>(index), fragment,
+                                                       words.data(), buffer_size, colour_model);
   if (done.bad()) {
     const bool known =
-        DcmCodecList::canChangeCoding(syntax, EXS_LittleEndianExplicit) || sequence == nullptr;
+        DcmCodecList::canChangeCoding(syntax, EXS_LittleEndianExplicit) || !compressed;
     return refused(h.name() +
                    (known ? ": its pixels are damaged or truncated ("
                           : ": no decoder for its transfer syntax (") +
@@ -204,13 +245,89 @@ Result<std::vector<std::uint16_t>> decode_words(const DicomFrame& h, DcmDataset&
   return words;
 }
 
+// Decodes a JPEG or JPEG-LS. It becomes a dataset of one frame in one fragment, because DCMTK finds
+// the fragments of a frame by the offset table alone.
+Result<std::vector<std::uint16_t>> decode_jpeg(const DicomFrame& h, DcmDataset& data,
+                                               E_TransferSyntax syntax,
+                                               std::vector<std::uint8_t>& jpeg) {
+  if (jpeg.size() % 2 != 0) jpeg.push_back(0);
+  DcmDataset one;
+  for (const DcmTagKey& tag : {DCM_SamplesPerPixel, DCM_PhotometricInterpretation, DCM_Rows,
+                               DCM_Columns, DCM_BitsAllocated, DCM_BitsStored, DCM_HighBit,
+                               DCM_PixelRepresentation, DCM_PlanarConfiguration}) {
+    if (DcmElement* element = nullptr; data.findAndGetElement(tag, element).good())
+      one.insert(dynamic_cast<DcmElement*>(element->clone()));
+  }
+  auto sequence = std::make_unique<DcmPixelSequence>(DcmTag(DCM_PixelData, EVR_OB));
+  const DcmTag item_tag(0xfffe, 0xe000, EVR_OB);
+  sequence->insert(new DcmPixelItem(item_tag));  // an empty offset table
+  auto item = std::make_unique<DcmPixelItem>(item_tag);
+  if (item->putUint8Array(jpeg.data(), static_cast<unsigned long>(jpeg.size())).bad())
+    return refused(h.name() + ": its compressed pixels cannot be read");
+  sequence->insert(item.release());
+  auto pixels = std::make_unique<DcmPixelData>(DCM_PixelData);
+  pixels->putOriginalRepresentation(syntax, nullptr, sequence.release());
+  DcmPixelData& element = *pixels;
+  one.insert(pixels.release());
+  return decode_by_dcmtk(h, one, element, 0, syntax);
+}
+
+// `pixels` is the pixel data element, or null; `sequence` is the result of fragments_of().
+Result<std::vector<std::uint16_t>> decode_words(const DicomFrame& h, DcmFileFormat& format,
+                                                DcmPixelData* pixels, DcmPixelSequence* sequence) {
+  if (pixels == nullptr) return refused(h.name() + ": its PixelData element is of another kind");
+  DcmDataset& data = *format.getDataset();
+  const E_TransferSyntax syntax = data.getOriginalXfer();
+  if (!dicom_encapsulated(syntax)) return decode_by_dcmtk(h, data, *pixels, h.frame, syntax);
+  if (sequence == nullptr) return refused(h.name() + ": its compressed pixels cannot be read");
+  auto joined = join_fragments(h, format, *sequence);
+  if (!joined) return joined.error();
+  if (syntax == EXS_RLELossless) return decode_rle(h, *joined);
+  if (syntax == EXS_JPEG2000LosslessOnly || syntax == EXS_JPEG2000)
+    return decode_jpeg2000_words(h, *joined);
+  const bool is_jpeg_ls = syntax == EXS_JPEGLSLossless || syntax == EXS_JPEGLSLossy;
+  if (!is_jpeg_ls && DcmCodecList::canChangeCoding(syntax, EXS_LittleEndianExplicit)) {
+    if (auto ok = check_jpeg(h, *joined); !ok) return ok.error();
+  }
+  return decode_jpeg(h, data, syntax, *joined);
+}
+
 }  // namespace
+
+Result<std::vector<FragmentRange>> frame_fragments(DcmFileFormat& format, int frames) {
+  DcmPixelSequence* const sequence =
+      fragments_of(dicom_pixel_data(format), format.getDataset()->getOriginalXfer());
+  if (sequence == nullptr) return std::vector<FragmentRange>();
+  const auto fragments = fragments_in(*sequence);
+  const auto count = static_cast<std::size_t>(frames);
+  const auto end = static_cast<std::uint32_t>(fragments.size()) + 1;
+  std::vector<std::uint32_t> starts;
+  if (frames == 1) {
+    starts = {1};
+  } else if (fragments.size() == count) {
+    for (std::uint32_t i = 1; i < end; ++i)
+      starts.push_back(i);
+  } else {
+    starts = starts_by_table(*sequence, fragments, count);
+    if (starts.empty()) starts = starts_by_markers(fragments);
+  }
+  if (starts.size() != count || fragments.empty()) {
+    return refused("the " + std::to_string(fragments.size()) +
+                   " fragments of its pixels cannot be assigned to " + std::to_string(frames) +
+                   (frames == 1 ? " frame" : " frames") +
+                   ", neither by its offset table nor by markers in them");
+  }
+  std::vector<FragmentRange> out;
+  for (std::size_t i = 0; i < count; ++i)
+    out.emplace_back(starts[i], i + 1 < count ? starts[i + 1] : end);
+  return out;
+}
 
 Result<Image> read_dicom_frame(const DicomFrame& h, DcmFileFormat& format) {
   DcmDataset& data = *format.getDataset();
   DcmPixelData* const pixels = dicom_pixel_data(format);
   DcmPixelSequence* const sequence = fragments_of(pixels, data.getOriginalXfer());
-  const auto words = decode_words(h, data, pixels, sequence);
+  const auto words = decode_words(h, format, pixels, sequence);
   if (sequence != nullptr) release_fragments(*sequence);
   if (!words) return words.error();
   Image out{h.columns, h.rows, {}};

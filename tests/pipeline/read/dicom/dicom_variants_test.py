@@ -523,3 +523,45 @@ def test_many_frames_at_one_position(case):
     code, out, values = c.run()
     assert code == 0, out
     assert len(out["slices"]) == 1 and (values == -1000).all()
+
+
+def fragmented(ds, pieces):
+    """Writes each frame in so many fragments, with an empty offset table."""
+    out = b"\xfe\xff\x00\xe0" + bytes(4)
+    frames = list(pydicom.encaps.generate_pixel_data_frame(ds.PixelData, int(ds.get("NumberOfFrames", 1))))
+    for frame, count in zip(frames, pieces):
+        size = -(-len(frame) // count // 2) * 2
+        for part in (frame[k : k + size] for k in range(0, len(frame), size)):
+            out += b"\xfe\xff\x00\xe0" + len(part).to_bytes(4, "little") + part
+    ds.PixelData = out
+    ds["PixelData"].is_undefined_length = True
+    return ds
+
+
+def test_fragments_without_an_offset_table(case):
+    for name, tool in (("jpeg_extended", ("dcmcjpeg", "+ee", "+q", "95")), ("jpeg_lossless", ("dcmcjpeg",)), ("jpeg_ls", ("dcmcjpls", "+el")),
+                       ("j2k", ("gdcmconv", "--j2k"))):
+        c = case(f"whole_{name}")
+        file = c.save(make_enhanced(), "all.dcm", tool)
+        code, out, want = c.run()
+        assert code == 0, out
+        for pieces in ((1, 3, 2, 1, 4), (1, 1, 1, 1, 1), (2, 2, 2, 2, 2)):  # of each frame
+            ds = fragmented(pydicom.dcmread(file), pieces)
+            c = case(f"fragments_{name}_{sum(pieces)}")
+            ds.save_as(c.folder / "all.dcm")
+            code, out, got = c.run()
+            assert code == 0 and (got == want).all(), f"{c.name}: {code} {out}"
+    # 11 fragments for two frames, and a fragment that is lost.
+    ds = make_enhanced()
+    ds.NumberOfFrames, ds.PixelData = 2, ds.PixelData[: 2 * 2 * ROWS * COLUMNS]
+    ds.PerFrameFunctionalGroupsSequence = Sequence(list(ds.PerFrameFunctionalGroupsSequence)[:2])
+    c = case("two_frames")
+    file = c.save(ds, "all.dcm", ("dcmcjpeg", "+ee", "+q", "95"))
+    want = c.run()[2]
+    ds = fragmented(pydicom.dcmread(file), (5, 6))
+    ds.save_as(file)
+    code, out, got = c.run()
+    assert code == 0 and (got == want).all(), out
+    ds.PixelData = ds.PixelData.replace(b"\xff\xd9", b"\xff\x00", 1)  # the end of the first frame
+    ds.save_as(file)
+    c.refuses("all.dcm", "11 fragments", "cannot be assigned to 2 frames")
