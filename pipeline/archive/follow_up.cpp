@@ -35,13 +35,14 @@ constexpr std::size_t kDigestDigits = 12;
 constexpr int kNothingUsable = 30;  // exit code of a follow-up without a scan to mesh
 
 // `listed` is the scan in the list of the study, and `scan` its entry in a collection. Only DICOM
-// series have a UID. The input of a series with one file is that file, whose name must not matter:
+// series have a UID; several volumes have the same. The input of a series with one file is that file, whose name must not matter:
 // more files of the series may arrive later.
 std::string scan_name(const std::string& study, const json& listed, const json& scan) {
   const auto uid = listed.find("uid");
-  const std::string of = uid != listed.end()
-                             ? uid->get<std::string>()
-                             : fs::path(scan["input"].get<std::string>()).filename().string();
+  std::string of = uid != listed.end()
+                       ? uid->get<std::string>()
+                       : fs::path(scan["input"].get<std::string>()).filename().string();
+  if (listed.contains("volume")) of += " " + json_text(listed["volume"]);
   return study + "_" + farm::sha256_of(of).substr(0, kDigestDigits);
 }
 

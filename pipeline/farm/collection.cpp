@@ -188,6 +188,8 @@ std::string name_of(const json& scan) {
   if (out == ".") out = "scan";
   if (const auto number = scan.find("number"); number != scan.end() && number->is_number())
     out += "_s" + json_text(*number);
+  if (const auto volume = scan.find("volume"); volume != scan.end())
+    out += "_v" + json_text(*volume);
   std::replace_if(
       out.begin(), out.end(),
       [](char c) { return !is_letter_or_digit(c) && c != '.' && c != '-' && c != '_' && c != '+'; },
@@ -266,6 +268,7 @@ json first_collection(const json& list, const fs::path& folder, const fs::path& 
       const bool is_file = fs::is_regular_file(base / scan["path"].get<std::string>(), ignored);
       if (!is_file) one["input"] = {{"folder", path.generic_string()}, {"series", scan["uid"]}};
       if (scan.contains("segments")) parameters["labels"] = "all";
+      if (scan.contains("volume")) parameters["volume"] = scan["volume"];
     }
     if (!parameters.empty()) one["parameters"] = std::move(parameters);
     scans.push_back(std::move(one));

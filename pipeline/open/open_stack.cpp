@@ -7,6 +7,7 @@
 #include "pipeline/open/scan_folder.h"
 #include "pipeline/read/dicom/dicom_headers.h"
 #include "pipeline/read/dicom/dicom_stack.h"
+#include "pipeline/read/dicom/dicom_volumes.h"
 #include "pipeline/read/file_names.h"
 #include "pipeline/read/image/image_stack.h"
 #include "pipeline/read/nifti/nifti_stack.h"
@@ -15,11 +16,6 @@ namespace trocar::pipeline {
 namespace {
 
 namespace fs = std::filesystem;
-
-Result<void> check_no_volume(const std::string& where, const OpenOptions& options) {
-  if (!options.volume) return {};
-  return usage(where + ": --volume chooses among the volumes of a NIfTI file; this is none");
-}
 
 // Warns of other inputs in the folder, which are left out.
 void warn_of_others(const ScanFolder& found, std::vector<Warning>& warnings) {
@@ -83,7 +79,6 @@ Result<std::unique_ptr<SliceStack>> open_folder(const fs::path& folder,
       break;
     case ScanFolder::Kind::kDicom:
     case ScanFolder::Kind::kNothing:
-      if (auto ok = check_no_volume(found->where, options); !ok) return ok.error();
       stack = open_dicom(std::move(found->dicom), found->where, options);
       break;
   }
@@ -106,7 +101,6 @@ Result<std::unique_ptr<SliceStack>> open_files(std::vector<fs::path> files,
   for (const fs::path& file : files) {
     if (auto ok = check_readable(file); !ok) return ok.error();
   }
-  if (auto ok = check_no_volume(first, options); !ok) return ok.error();
   return open_dicom(files, options);
 }
 

@@ -20,7 +20,8 @@ namespace trocar::pipeline {
 /// kUsage if the inputs and the options do not fit together, for example:
 ///  - No spacing is given for images, or for a NIfTI file that states none.
 ///  - Images are given with an axis other than axial.
-///  - The index of a volume (OpenOptions::volume) is given for input that is not NIfTI.
+///  - The index of a volume (OpenOptions::volume) is given for input with one volume that is not NIfTI,
+///    or missing for input with several.
 ///  - A series is given for input that is not DICOM, or the input does not have the series.
 ///  - The folder contains several NIfTI files, or several folders of images.
 ///  - A folder or a NIfTI file is given together with other inputs.

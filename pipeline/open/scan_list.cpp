@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <array>
 #include <cstdio>
+#include <iterator>
 #include <optional>
 #include <set>
 #include <system_error>
@@ -15,6 +16,7 @@
 #include "pipeline/open/scan_folder.h"
 #include "pipeline/read/dicom/dicom_segmentation.h"
 #include "pipeline/read/dicom/dicom_series.h"
+#include "pipeline/read/dicom/dicom_volumes.h"
 #include "pipeline/read/file_names.h"
 #include "pipeline/read/nifti/nifti_stack.h"
 #include "pipeline/read/stack_shape.h"
@@ -102,7 +104,9 @@ const DicomFile* segmentation_of(const DicomSeries& series, const ScanFolder& fo
   return file == found.dicom.end() ? nullptr : &*file;
 }
 
-json series_scan(const std::vector<DicomSeries>& all, std::size_t index, const ScanFolder& found) {
+// The scans of a series: one or, if it has several volumes, one for each of them.
+std::vector<json> series_scans(const std::vector<DicomSeries>& all, std::size_t index,
+                               const ScanFolder& found) {
   const DicomSeries& series = all[index];
   const SeriesInfo& info = series.info;
   json out = scan_of("dicom", path_in(found.folder, common_path(series.files)));
@@ -120,27 +124,39 @@ json series_scan(const std::vector<DicomSeries>& all, std::size_t index, const S
 
   if (const DicomFile* labels = segmentation_of(series, found)) {
     add_segmentation(out, *labels, found);
-    return out;
+    return {out};
   }
   std::vector<Warning> ignored;
   const bool is_other = series.content.kind == ImageContent::Kind::kOther;
   if (series.is_localiser() || (is_other && !series.content.is_segmentation()))
     set_unusable(out, why_not_ct(series.content), found);
-  if (series.is_localiser()) return out;
+  if (series.is_localiser()) return {out};
   auto slices = slices_of(all, {index, {}}, found.where, ignored);
   if (!slices) {
     if (out["usable"] == true) set_unusable(out, slices.error().message, found);
-    return out;
+    return {out};
   }
-  const DicomFrame first = (*slices)[0];
-  out["width_px"] = first.columns;
-  out["height_px"] = first.rows;
-  if (auto ok = sort_and_check(*slices, ignored); !ok) {
-    set_unusable(out, ok.error().message, found);
-    return out;
+  out["width_px"] = (*slices)[0].columns;
+  out["height_px"] = (*slices)[0].rows;
+  const auto volumes = volumes_of(std::move(*slices), ignored);
+  if (!volumes) {
+    set_unusable(out, volumes.error().message, found);
+    return {out};
   }
-  add_shape(out, {first.spacing_u_mm, first.spacing_v_mm}, stack_shape(*slices));
-  return out;
+  std::vector<json> scans;
+  for (std::size_t i = 0; i < volumes->size(); ++i) {
+    const DicomVolume& volume = (*volumes)[i];
+    const DicomFrame& first = volume.slices[0];
+    scans.push_back(out);
+    scans[i]["slices"] = volume.slices.size();
+    scans[i]["width_px"] = first.columns;
+    scans[i]["height_px"] = first.rows;
+    add_shape(scans[i], {first.spacing_u_mm, first.spacing_v_mm}, stack_shape(volume.slices));
+    if (volumes->size() == 1) continue;
+    scans[i]["volume"] = i;
+    scans[i]["volume_name"] = volume.name;
+  }
+  return scans;
 }
 
 json volume_scan(const fs::path& file, const ScanFolder& found) {
@@ -219,7 +235,12 @@ std::string tilt_cell(const json& scan) {
 
 using TableRow = std::vector<std::string>;
 
-TableRow row_of(const json& scan, bool with_study) {
+// Columns that only some lists have.
+struct Extra {
+  bool study = false, volume = false;
+};
+
+TableRow row_of(const json& scan, const Extra& with) {
   const std::string kind = scan["kind"].get<std::string>();
   TableRow out = {scan["taken"].get<bool>() ? "*" : " ",
                   cell(scan, "number"),
@@ -230,7 +251,8 @@ TableRow row_of(const json& scan, bool with_study) {
                   cell(scan, "kernel"),
                   cell(scan, "description"),
                   cell(scan, "path")};
-  if (with_study) out.insert(out.begin() + 1, cell(scan, "study_date"));
+  if (with.volume) out.insert(out.begin() + 2, cell(scan, "volume"));
+  if (with.study) out.insert(out.begin() + 1, cell(scan, "study_date"));
   return out;
 }
 
@@ -252,8 +274,8 @@ std::string aligned(const std::vector<TableRow>& rows) {
   for (const TableRow& row : rows) {
     for (std::size_t i = 0; i < row.size(); ++i) {
       const std::string blanks(width[i] - letters(row[i]), ' ');
-      const bool is_right =
-          rows[0][i] == "series" || rows[0][i] == "slices" || rows[0][i] == "tilt";
+      const bool is_right = rows[0][i] == "series" || rows[0][i] == "volume" ||
+                            rows[0][i] == "slices" || rows[0][i] == "tilt";
       const bool is_last = i + 1 == row.size();
       out += (i == 0 ? "" : i == 1 ? " " : "  ") + (is_right ? blanks + row[i] : row[i]);
       if (!is_right && !is_last) out += blanks;
@@ -279,7 +301,8 @@ std::string segments_of(const json& scan) {
 std::string name_of(const json& scan) {
   std::string path = cell(scan, "path");
   if (scan["kind"] != "dicom" || scan["number"].is_null()) return path;
-  return "series " + cell(scan, "number") + " (" + path + ")";
+  return "series " + cell(scan, "number") + " (" + path + ")" +
+         (scan.contains("volume") ? " volume " + cell(scan, "volume") : "");
 }
 
 // The problem of a scan. If the text begins with the scan's own name, the name is left out.
@@ -297,13 +320,16 @@ Result<json> list_scans(const fs::path& input, std::vector<Warning>& warnings) {
   std::vector<Warning> ignored;
   const auto series = group_series(found->dicom, ignored);
   const ScanFolder::Kind taken = found->kind();
-  for (std::size_t i = 0; i < series.size(); ++i)
-    scans.push_back(series_scan(series, i, *found));
-  if (taken == ScanFolder::Kind::kDicom) {
-    if (const auto chosen = choose_series(series, {}, found->where)) {
-      scans[chosen->index]["taken"] = true;
+  Result<ChosenSeries> chosen = ChosenSeries{series.size(), {}};
+  if (taken == ScanFolder::Kind::kDicom) chosen = choose_series(series, {}, found->where);
+  for (std::size_t i = 0; i < series.size(); ++i) {
+    auto of_series = series_scans(series, i, *found);
+    // A series of several volumes is not taken without --volume.
+    if (chosen && chosen->index == i && of_series.size() == 1) {
+      of_series[0]["taken"] = true;
       why = text_or_null(chosen->why);
     }
+    std::move(of_series.begin(), of_series.end(), std::back_inserter(scans));
   }
   for (const fs::path& file : found->volumes) {
     scans.push_back(volume_scan(file, *found));
@@ -339,15 +365,17 @@ std::string scan_table(const json& list, const std::string& folder) {
   for (const json& scan : list["scans"]) {
     if (scan["kind"] == "dicom") studies.insert(cell(scan, "study_uid"));
   }
-  const bool with_study = studies.size() > 1;
+  const Extra with{studies.size() > 1,
+                   std::any_of(list["scans"].begin(), list["scans"].end(),
+                               [](const json& scan) { return scan.contains("volume"); })};
   std::vector<TableRow> rows = {
       {" ", "series", "modality", "slices", "spacing mm", "tilt", "kernel", "description", "path"}};
-  if (with_study) rows[0].insert(rows[0].begin() + 1, "study");
+  if (with.volume) rows[0].insert(rows[0].begin() + 2, "volume");
+  if (with.study) rows[0].insert(rows[0].begin() + 1, "study");
   constexpr std::size_t kMaxOfImages = 12;  // viewers on CDs have folders of them
   std::size_t images = 0;
   for (const json& scan : list["scans"]) {
-    if (scan["kind"] != "images" || ++images <= kMaxOfImages)
-      rows.push_back(row_of(scan, with_study));
+    if (scan["kind"] != "images" || ++images <= kMaxOfImages) rows.push_back(row_of(scan, with));
   }
   std::string out = aligned(rows);
   if (images > kMaxOfImages)
@@ -360,10 +388,15 @@ std::string scan_table(const json& list, const std::string& folder) {
     if (scan.contains("segments"))
       out += name_of(scan) + " is a label map, for --labels: " + segments_of(scan) + "\n";
   }
+  for (const json& scan : list["scans"]) {
+    if (scan.contains("volume"))
+      out += name_of(scan) + " is " + cell(scan, "volume_name") + ", for --volume\n";
+  }
   const auto taken = std::find_if(list["scans"].begin(), list["scans"].end(),
                                   [](const json& scan) { return scan["taken"].get<bool>(); });
   if (taken == list["scans"].end()) {
-    out += "Nothing is taken of " + folder + " as a whole: give one of these by its path\n";
+    out += "Nothing is taken of " + folder + " as a whole: give one of these by its path" +
+           (with.volume ? ", or one volume with --volume\n" : "\n");
   } else if (!list["why"].is_null()) {
     out += "What is taken of " + folder + " (*): " + list["why"].get<std::string>() +
            "; --series takes another\n";

@@ -27,7 +27,8 @@ namespace trocar::pipeline {
 /// `taken` = true. It is the scan that is meshed if the folder is given without --series. A DICOM
 /// series also has `uid`, `study_uid`, `study_date`, `number`, `description`, `kernel`, `modality`,
 /// `image_type`, `localiser` and `files`. A segmentation also has `segments` (`label`, `name`); it
-/// is usable with --labels. Values that are not known are null.
+/// is usable with --labels. A DICOM series with several volumes is one scan for each of them, with
+/// `volume` (the index for --volume) and `volume_name`; none of them is taken. Values that are not known are null.
 ///
 /// `folder` may also be a file. If the file is a DICOMDIR, the folder that contains it is listed.
 /// For any other file, the list is that of a folder that contains only this file. Errors: kRefused

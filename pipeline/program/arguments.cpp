@@ -59,7 +59,8 @@ void add_input_options(const Command& command, Arguments& a) {
               "if INPUT holds several series: the one to mesh, by its UID, number or description");
   a.volume_option = group.number_if_given(
       "--volume", a.volume, "N", 0, 1'000'000'000,
-      "for a NIfTI file with several volumes (4D): the one to mesh, counted from 0");
+      "for a NIfTI file (4D) or a DICOM series with several volumes: the one to mesh, counted\n"
+      "from 0");
   group.flag("--any-modality", a.any_modality,
              "accept DICOM images other than CT. Their values are not HU (Hounsfield units, the\n"
              "calibrated grey levels of CT)");

@@ -119,7 +119,7 @@ struct OpenOptions {
   /// the opened segmentation has all slices of the CT, even those for which the file has no frame.
   const SliceStack* segmented_ct = nullptr;
   std::optional<SliceAxis> axis;  ///< std::nullopt: the stored axis, or axial for a NIfTI volume
-  std::optional<int> volume;      ///< index of the wanted volume; required if a NIfTI has several
+  std::optional<int> volume;      ///< index of the wanted volume; required if there are several
   bool as_labels = false;         ///< read grey levels as stored, and accept DICOM segmentations
   bool any_modality = false;      ///< accept DICOM that is not CT (MR, localisers) as kUncalibrated
   /// Unpack a gzipped volume on another thread, while its first slices are already read. If the

@@ -5,10 +5,14 @@
 #include <algorithm>
 #include <cmath>
 #include <fstream>
+#include <iterator>
 #include <optional>
 
 #include "formats/base/result.h"
+#include "pipeline/base/number_ranges.h"
+#include "pipeline/read/dicom/dicom_lossy.h"
 #include "pipeline/read/dicom/dicom_parse.h"
+#include "pipeline/read/dicom/dicom_pixels.h"
 #include "pipeline/read/slice_stack.h"
 
 namespace trocar::pipeline {
@@ -32,6 +36,67 @@ struct AttributeItems {
     return dataset;
   }
 };
+
+// An attribute of DicomFrame::volume_values. `macro` is its functional group in multi-frame files.
+struct VolumeKey {
+  const char* name;
+  DcmTagKey macro, tag;
+};
+const VolumeKey kVolumeKeys[] = {
+    {"TemporalPositionIdentifier", DCM_UndefinedTagKey, DCM_TemporalPositionIdentifier},
+    {"TemporalPositionIndex", DCM_FrameContentSequence, DCM_TemporalPositionIndex},
+    {"TemporalPositionTimeOffset", DCM_TemporalPositionSequence, DCM_TemporalPositionTimeOffset},
+    {"NominalPercentageOfCardiacPhase", DCM_CardiacSynchronizationSequence,
+     DCM_NominalPercentageOfCardiacPhase},
+    {"NominalPercentageOfRespiratoryPhase", DCM_RespiratorySynchronizationSequence,
+     DCM_NominalPercentageOfRespiratoryPhase},
+    {"AcquisitionNumber", DCM_UndefinedTagKey, DCM_AcquisitionNumber},
+    {"FrameAcquisitionNumber", DCM_FrameContentSequence, DCM_FrameAcquisitionNumber},
+    {"StackID", DCM_FrameContentSequence, DCM_StackID},
+    {"EchoNumbers", DCM_UndefinedTagKey, DCM_EchoNumbers},
+    {"EchoTime", DCM_UndefinedTagKey, DCM_EchoTime},
+    {"EffectiveEchoTime", DCM_MREchoSequence, DCM_EffectiveEchoTime},
+    {"DiffusionBValue", DCM_MRDiffusionSequence, DCM_DiffusionBValue},
+    {"KVP", DCM_UndefinedTagKey, DCM_KVP},
+    {"ConvolutionKernel", DCM_CTReconstructionSequence, DCM_ConvolutionKernel},
+    {"ImageType", DCM_UndefinedTagKey, DCM_ImageType},
+    {"SliceThickness", DCM_PixelMeasuresSequence, DCM_SliceThickness},
+    {"TriggerTime", DCM_UndefinedTagKey, DCM_TriggerTime},
+    {"NominalCardiacTriggerDelayTime", DCM_CardiacSynchronizationSequence,
+     DCM_NominalCardiacTriggerDelayTime},
+    {"AcquisitionDateTime", DCM_UndefinedTagKey, DCM_AcquisitionDateTime},
+    {"AcquisitionTime", DCM_UndefinedTagKey, DCM_AcquisitionTime},
+    {"FrameAcquisitionDateTime", DCM_FrameContentSequence, DCM_FrameAcquisitionDateTime},
+    {"ContentTime", DCM_UndefinedTagKey, DCM_ContentTime},
+    {"SeriesTime", DCM_UndefinedTagKey, DCM_SeriesTime},
+    {"InstanceNumber", DCM_UndefinedTagKey, DCM_InstanceNumber}};
+
+// All values of an element as text.
+std::string all_values(DcmItem& item, const DcmTagKey& tag) {
+  OFString value;
+  if (item.findAndGetOFStringArray(tag, value).bad()) return {};
+  return without_control(value.c_str());
+}
+
+// Reads DicomFrame::volume_values of a file from its shared groups and its dataset.
+std::vector<std::string> volume_values(const AttributeItems& at) {
+  std::vector<std::string> out;
+  for (const VolumeKey& key : kVolumeKeys)
+    out.push_back(all_values(*at.find(key.macro, key.tag), key.tag));
+  return out;
+}
+
+// Replaces values by those of the frame's own functional groups.
+void add_own_values(DcmItem& groups, std::vector<std::string>& values) {
+  for (std::size_t i = 0; i < values.size(); ++i) {
+    DcmItem* item = nullptr;
+    if (kVolumeKeys[i].macro == DCM_UndefinedTagKey ||
+        groups.findAndGetSequenceItem(kVolumeKeys[i].macro, item).bad() || item == nullptr)
+      continue;
+    if (std::string own = all_values(*item, kVolumeKeys[i].tag); !own.empty())
+      values[i] = std::move(own);
+  }
+}
 
 // Reads slope and intercept. A missing slope is 1, and a missing intercept is 0. A value that is
 // present must be a number: if it were replaced by 1 or 0, HU would be wrong by about a thousand.
@@ -135,6 +200,24 @@ std::optional<std::string> read_format(DcmItem& data, bool is_binary, DicomFrame
   return {};
 }
 
+// The reason why there is no PixelData in a file that states the size of an image.
+std::string no_pixels(DcmItem& data) {
+  for (const auto& [tag, name] : {std::pair(DCM_FloatPixelData, "FloatPixelData"),
+                                  std::pair(DCM_DoubleFloatPixelData, "DoubleFloatPixelData")}) {
+    if (data.tagExists(tag)) {
+      return std::string("its pixels are floating-point numbers (") + name +
+             "), which are not read; 8- and 16-bit integers are (PixelData)";
+    }
+  }
+  return "no pixels (PixelData); the file may be cut off";
+}
+
+// The UID of a transfer syntax that DCMTK does not know; otherwise empty.
+std::string unknown_syntax(DcmFileFormat& format) {
+  const std::string uid = dicom_text(format.getMetaInfo(), DCM_TransferSyntaxUID);
+  return uid.empty() || DcmXfer(uid.c_str()).getXfer() != EXS_Unknown ? std::string() : uid;
+}
+
 // Uncompressed pixels must be complete. (Truncated compressed pixels are found on decoding.)
 std::optional<std::string> check_length(DcmFileFormat& format, const DicomFrame& h) {
   DcmPixelData* pixels = dicom_pixel_data(format);
@@ -148,6 +231,8 @@ std::optional<std::string> check_length(DcmFileFormat& format, const DicomFrame&
   const double bits = static_cast<double>(h.rows) * h.columns * h.bits_allocated * h.frames;
   const double want = std::ceil(bits / 8);
   const double have = pixels->getLength(syntax);
+  if (const std::string uid = unknown_syntax(format); have < want && !uid.empty())
+    return "no decoder for its transfer syntax (" + uid.substr(0, 64) + ")";
   if (have < want) {
     return "truncated: " + std::to_string(static_cast<long>(have)) +
            " bytes of pixels, its header declares " + std::to_string(static_cast<long>(want));
@@ -250,6 +335,73 @@ std::optional<std::string> read_segment_of(const AttributeItems& at, const Dicom
   return {};
 }
 
+// How the frames follow each other in a file that states one position for all of them.
+struct FrameOffsets {
+  std::vector<double> along_mm;  // from the first frame, along the normal
+  std::string placement;         // DicomFile::placement
+  bool has_given_step = false;
+};
+
+// The frames follow each other in time or in another dimension without a place in space.
+bool is_no_stack(DcmItem& data) {
+  DcmElement* pointers = nullptr;
+  if (data.findAndGetElement(DCM_FrameIncrementPointer, pointers).bad()) return false;
+  DcmTagKey tag;
+  for (unsigned long i = 0; pointers->getTagVal(tag, i).good(); ++i) {
+    if (tag == DCM_FrameTime || tag == DCM_FrameTimeVector) return true;
+    if (tag.getGroup() == DCM_SliceVector.getGroup() && tag != DCM_SliceVector) return true;
+  }
+  return false;
+}
+
+// Reads the offsets of the frames. Returns the problem, or std::nullopt.
+std::optional<std::string> read_offsets(const AttributeItems& at, const GivenSpacing& given,
+                                        int frames, FrameOffsets& out) {
+  constexpr int kMaxFrames = 1 << 16;
+  const std::string counted = std::to_string(frames) + " frames without functional groups";
+  if (frames > kMaxFrames) return counted + "; at most " + std::to_string(kMaxFrames) + " are read";
+  if (is_no_stack(*at.dataset))
+    return counted + ", which do not follow each other in space (FrameIncrementPointer)";
+  if (double position[3];
+      !dicom_numbers(at.find(DCM_PlanePositionSequence, DCM_ImagePositionPatient),
+                     DCM_ImagePositionPatient, position, 3))
+    return counted + " and no image position (ImagePositionPatient)";
+  const auto count = static_cast<std::size_t>(frames);
+  out.along_mm.resize(count);
+  out.placement = std::to_string(frames) + " frames without positions of their own are placed ";
+  double step_mm = 0;
+  std::string how;
+  if (dicom_numbers(at.dataset, DCM_SliceLocationVector, out.along_mm.data(),
+                    static_cast<unsigned>(frames))) {
+    const double first = out.along_mm[0];
+    for (double& along : out.along_mm)
+      along -= first;
+    out.placement += "at the distances of SliceLocationVector";
+  } else {
+    for (const DcmTagKey& tag : {DCM_SpacingBetweenSlices, DCM_SliceThickness}) {
+      if (step_mm != 0) break;
+      how = tag == DCM_SliceThickness ? "SliceThickness, as no distance is stated"
+                                      : "SpacingBetweenSlices";
+      if (!dicom_numbers(at.find(DCM_PixelMeasuresSequence, tag), tag, &step_mm, 1)) step_mm = 0;
+    }
+    if (step_mm == 0 && given) {
+      step_mm = (*given)[2];
+      how = "--spacing";
+      out.has_given_step = true;
+    }
+    if (step_mm == 0)
+      return counted + " and no distance between them (SpacingBetweenSlices): give --spacing X,Y,Z";
+    for (std::size_t i = 0; i < count; ++i)
+      out.along_mm[i] = static_cast<double>(i) * step_mm;
+    out.placement += text_of(step_mm, 4) + " mm apart (" + how + ")";
+  }
+  if (!(std::abs(out.along_mm.back()) < 1e6)) return "its frames are spread too far";
+  out.placement +=
+      ", from ImagePositionPatient on along the normal of the image; the direction is assumed: if "
+      "it is the opposite one, the shape is mirrored";
+  return {};
+}
+
 // Reads all frames of a file that has pixels. Returns the problem, or std::nullopt.
 std::optional<std::string> read_frames(DcmFileFormat& format, const GivenSpacing& given,
                                        DicomExtent extent, DicomFile& out) {
@@ -278,16 +430,32 @@ std::optional<std::string> read_frames(DcmFileFormat& format, const GivenSpacing
   common.frames = frames;
   DcmSequenceOfItems* groups = nullptr;
   data.findAndGetSequence(DCM_PerFrameFunctionalGroupsSequence, groups);
-  if (groups == nullptr ? frames != 1 : groups->card() != static_cast<unsigned long>(frames)) {
+  const bool has_one_position = groups == nullptr && frames != 1 && !is_segmentation;
+  if (!has_one_position &&
+      (groups == nullptr ? frames != 1 : groups->card() != static_cast<unsigned long>(frames))) {
     return std::to_string(frames) + " frames, but per-frame functional groups for " +
            std::to_string(groups == nullptr ? 0 : groups->card());
   }
-  if (extent == DicomExtent::kWhole) {
-    if (auto wrong = check_length(format, common)) return wrong;
-  }
-
   AttributeItems at{nullptr, nullptr, &data};
   data.findAndGetSequenceItem(DCM_SharedFunctionalGroupsSequence, at.shared);
+  FrameOffsets offsets;
+  if (has_one_position) {
+    if (auto wrong = read_offsets(at, given, frames, offsets)) return wrong;
+    out.placement = offsets.placement;
+    out.has_given_step = offsets.has_given_step;
+  }
+  std::vector<FragmentRange> fragments;
+  if (extent == DicomExtent::kWhole) {
+    if (auto wrong = check_length(format, common)) return wrong;
+    auto found = frame_fragments(format, frames);
+    if (!found) return found.error().message;
+    fragments = std::move(*found);
+    out.lossy = lossy_compression(format, frames);
+  }
+  common.volume_values = volume_values(at);
+  if (!dicom_numbers(at.find(DCM_PixelMeasuresSequence, DCM_SliceThickness), DCM_SliceThickness,
+                     &common.thickness_mm, 1))
+    common.thickness_mm = 0;
   if (is_segmentation &&
       !dicom_numbers(at.find(DCM_PixelMeasuresSequence, DCM_SpacingBetweenSlices),
                      DCM_SpacingBetweenSlices, &out.segments.step_mm, 1))
@@ -300,7 +468,11 @@ std::optional<std::string> read_frames(DcmFileFormat& format, const GivenSpacing
     }
     DicomFrame frame = common;
     frame.frame = i;
+    if (!fragments.empty()) frame.fragments = fragments[static_cast<std::size_t>(i)];
+    if (at.per_frame != nullptr) add_own_values(*at.per_frame, frame.volume_values);
     auto wrong = read_geometry(at, given, frame);
+    if (!wrong && has_one_position)
+      frame.position += frame.u.cross(frame.v) * offsets.along_mm[static_cast<std::size_t>(i)];
     if (!wrong && is_segmentation) wrong = read_segment_of(at, out.segments, frame);
     if (wrong) return frames == 1 ? *wrong : "frame " + std::to_string(i + 1) + ": " + *wrong;
     out.frames.push_back(std::move(frame));
@@ -309,6 +481,13 @@ std::optional<std::string> read_frames(DcmFileFormat& format, const GivenSpacing
 }
 
 }  // namespace
+
+std::vector<std::string> dicom_volume_keys() {
+  std::vector<std::string> out;
+  std::transform(std::begin(kVolumeKeys), std::end(kVolumeKeys), std::back_inserter(out),
+                 [](const VolumeKey& key) { return key.name; });
+  return out;
+}
 
 std::string DicomFrame::name() const {
   return frames == 1 ? file.string() : file.string() + " frame " + std::to_string(frame + 1);
@@ -367,12 +546,15 @@ DicomFile read_dicom_headers(const std::filesystem::path& file, const GivenSpaci
   };
   if (loaded.bad()) {
     // Files that are not DICOM (text, for example) are skipped, but damaged DICOM files are not.
-    if (has_dicom_preamble(file) || !out.series.uid.empty()) {
+    if (!std::ifstream(file).good()) {
+      unusable("cannot be read");
+    } else if (has_dicom_preamble(file) || !out.series.uid.empty()) {
       unusable(std::string("damaged or truncated DICOM (") + loaded.text() + ")");
     }
     return out;
   }
-  if (!data.tagExists(whole ? DCM_PixelData : DCM_Rows)) return out;
+  const bool has_pixels = data.tagExists(DCM_PixelData);
+  if (!data.tagExists(DCM_Rows) && !has_pixels) return out;
   out.content = image_content(data);
   const bool is_localiser = out.content.kind == ImageContent::Kind::kLocaliser;
   const bool is_segmentation = out.content.is_segmentation();
@@ -385,6 +567,9 @@ DicomFile read_dicom_headers(const std::filesystem::path& file, const GivenSpaci
   if (!any_modality && !is_segmentation &&
       (is_localiser || out.content.kind == ImageContent::Kind::kOther)) {
     unusable(why_not_ct(out.content));
+  } else if (!has_pixels && (whole || data.tagExists(DCM_FloatPixelData) ||
+                             data.tagExists(DCM_DoubleFloatPixelData))) {
+    unusable(no_pixels(data));
   } else if (auto wrong = read_frames(format, spacing_mm, extent, out)) {
     unusable(*wrong);
   } else if (is_segmentation) {

@@ -3,24 +3,18 @@
 
 #include <Eigen/Geometry>
 #include <algorithm>
-#include <array>
 #include <charconv>
 #include <cmath>
 #include <cstdio>
 #include <iterator>
 #include <limits>
 #include <map>
-#include <memory>
-#include <numbers>
 #include <optional>
 #include <set>
 #include <utility>
 
 #include "formats/asset/deidentification.h"
-#include "pipeline/base/number_ranges.h"
-#include "pipeline/read/dicom/dicom_parse.h"
-#include "pipeline/read/dicom/dicom_pixels.h"
-#include "pipeline/read/digest.h"
+#include "pipeline/read/dicom/dicom_join.h"
 #include "pipeline/read/file_names.h"
 
 namespace trocar::pipeline {
@@ -36,43 +30,6 @@ std::string substitute_uid(const DicomFile& file) {
                 h.v.z() + 0.0);
   return "(no UID, frame of reference '" + h.frame_of_reference + "'" + rest;
 }
-
-bool have_equal_bytes(const std::filesystem::path& a, const std::filesystem::path& b) {
-  if (a == b) return false;  // one file twice in a list
-  const auto first = digest_file(a), second = digest_file(b);
-  return first && second && *first == *second;
-}
-
-// Compares the pixels of frames. The last two files stay parsed: if a file were parsed for each of
-// its frames, the time would be quadratic in their number.
-class FrameComparison {
- public:
-  bool have_equal_pixels(const DicomFrame& a, const DicomFrame& b) {
-    const auto first = read(a), second = read(b);
-    return first && second && first->values == second->values;
-  }
-
- private:
-  struct Parsed {
-    std::filesystem::path file;
-    std::unique_ptr<DcmFileFormat> format;
-  };
-
-  std::optional<Image> read(const DicomFrame& h) {
-    if (last_[0].file != h.file) std::swap(last_[0], last_[1]);
-    if (last_[0].file != h.file) {
-      last_[0] = {h.file, std::make_unique<DcmFileFormat>()};
-      if (load_dicom(h.file, *last_[0].format).bad()) {
-        last_[0] = {};
-        return std::nullopt;
-      }
-    }
-    auto image = read_dicom_frame(h, *last_[0].format);
-    return image ? std::optional(std::move(*image)) : std::nullopt;
-  }
-
-  std::array<Parsed, 2> last_;
-};
 
 std::string plural(std::size_t n, const char* what) {
   return std::to_string(n) + " " + what + (n == 1 ? "" : "s");
@@ -138,13 +95,17 @@ std::vector<const DicomSeries*> pointers(const std::vector<DicomSeries>& series)
 std::vector<const DicomSeries*> matches(const std::vector<DicomSeries>& series,
                                         const std::string& wanted) {
   std::vector<const DicomSeries*> out;
+  for (const DicomSeries& s : series) {
+    if (s.info.uid == wanted || std::count(s.joined_uids.begin(), s.joined_uids.end(), wanted) > 0)
+      out.push_back(&s);
+  }
+  if (!out.empty()) return out;
   const auto add = [&](auto is_it) {
     for (const DicomSeries& s : series) {
       if (is_it(s.info)) out.push_back(&s);
     }
     return !out.empty();
   };
-  if (add([&](const SeriesInfo& s) { return s.uid == wanted; })) return out;
   int number = 0;
   const char* const end = wanted.data() + wanted.size();
   const auto [rest, error] = std::from_chars(wanted.data(), end, number);
@@ -185,57 +146,6 @@ std::string why_chosen(const std::vector<const DicomSeries*>& all,
       all.begin(), all.end(), [](const auto* s) { return !s->is_localiser() && rank(*s) == 2; });
   if (is_ct && has_others) return "the only CT series";
   return candidates.size() == 1 ? "the only one with slices" : "the only one that may be CT";
-}
-
-// Warns of gaps that differ from the median and of shifts within the planes (a tilted gantry).
-void warn_of_gaps(const std::vector<DicomFrame>& slices, std::vector<Warning>& warnings) {
-  const StackShape shape = stack_shape(slices);
-  if (shape.is_tilted()) {
-    warnings.push_back({"gantry_tilt", slices[0].name(),
-                        "slices are shifted within their planes by up to " +
-                            text_of(shape.shift_mm, 4) +
-                            " mm from one to the next; each keeps its position"});
-  }
-  for (std::size_t i = 0; i < shape.gaps_mm.size(); ++i) {
-    const double gap = shape.gaps_mm[i];
-    if (shape.is_uneven(i)) {
-      warnings.push_back({gap > 1.5 * shape.step_mm ? "missing_slice" : "uneven_spacing",
-                          slices[i].name() + ", " + slices[i + 1].name(),
-                          "a gap of " + text_of(gap, 4) + " mm between them, where " +
-                              text_of(shape.step_mm, 4) +
-                              " mm is the median; positions are kept as they are"});
-    }
-  }
-}
-
-// Warns if the tilt of the slices' planes contradicts the gantry tilt that their headers state.
-void warn_of_tilt(const std::vector<DicomFrame>& slices, std::vector<Warning>& warnings) {
-  constexpr double kNearlyAxial = 0.7, kTolerance_deg = 1;
-  const DicomFrame& h = slices[0];
-  const double along_body = std::abs(h.u.cross(h.v).z());
-  if (!h.stated_tilt_deg || along_body < kNearlyAxial) return;
-  const double stated = std::abs(*h.stated_tilt_deg),
-               found = std::acos(std::min(along_body, 1.0)) * 180 / std::numbers::pi;
-  if (std::abs(stated - found) <= kTolerance_deg) return;
-  warnings.push_back({"tilt_contradiction", h.name(),
-                      "the gantry was tilted by " + text_of(stated, 3) +
-                          " degrees (GantryDetectorTilt), but the planes are tilted by " +
-                          text_of(found, 3) +
-                          " (ImageOrientationPatient), which is used; unless the scanner corrected "
-                          "the tilt, the shape is sheared"});
-}
-
-// Warns of padding that read_dicom_frame() replaces.
-void warn_of_padding(const std::vector<DicomFrame>& slices, std::vector<Warning>& warnings) {
-  const auto first = std::find_if(slices.begin(), slices.end(),
-                                  [](const DicomFrame& h) { return h.has_dense_padding(); });
-  if (first == slices.end()) return;
-  const double low = first->hu((*first->padding)[0]), high = first->hu((*first->padding)[1]);
-  warnings.push_back({"dense_padding", first->name(),
-                      "pixels of " + text_of(low, 6) +
-                          (low == high ? "" : " to " + text_of(high, 6)) +
-                          " HU are declared to be without data (PixelPaddingValue); they are taken "
-                          "as air"});
 }
 
 // Stored values without a rescale may be HU, but probably are not if other slices of the series
@@ -324,6 +234,7 @@ std::vector<DicomSeries> group_series(const std::vector<DicomFile>& files,
     constexpr int kLast = std::numeric_limits<int>::max();
     return a.info.number.value_or(kLast) < b.info.number.value_or(kLast);
   });
+  join_parts(out);
   return out;
 }
 
@@ -377,8 +288,15 @@ Result<ChosenSeries> choose_series(const std::vector<DicomSeries>& series, const
       candidates.begin(), candidates.end(), [](const DicomSeries* a, const DicomSeries* b) {
         return std::pair(rank(*a), b->images()) < std::pair(rank(*b), a->images());
       });
+  const auto index = static_cast<std::size_t>(best - series.data());
+  if (const std::string reason = why_not_joined(series, index); !reason.empty()) {
+    return refused(where +
+                   ": its series have a single slice each; they are not joined, because they "
+                   "differ in " +
+                   reason + "; --series chooses one");
+  }
   const std::string why = series.size() == 1 ? "" : why_chosen(all, candidates, *best);
-  return ChosenSeries{static_cast<std::size_t>(best - series.data()), why};
+  return ChosenSeries{index, why};
 }
 
 Result<std::vector<DicomFrame>> slices_of(const std::vector<DicomSeries>& series,
@@ -410,71 +328,16 @@ Result<std::vector<DicomFrame>> slices_of(const std::vector<DicomSeries>& series
                         : " (and " + std::to_string(out.unusable - 1) + " more files like it)") +
                    (chosen.why.empty() ? "" : "; --series chooses another"));
   }
+  if (!out.joined_uids.empty()) {
+    warnings.push_back(
+        {"joined_series", where,
+         std::to_string(out.joined_uids.size()) + " series are joined to one scan of " +
+             plural(out.slices.size(), "slice") +
+             ": their study, frame of reference, orientation, grid of pixels and modality agree, "
+             "and their slices form one stack"});
+  }
   if (auto ok = check_rescale(out.slices, warnings); !ok) return ok.error();
   return out.slices;
-}
-
-StackShape stack_shape(const std::vector<DicomFrame>& slices) {
-  std::vector<Eigen::Vector3d> positions;
-  positions.reserve(slices.size());
-  for (const DicomFrame& slice : slices)
-    positions.push_back(slice.position);
-  return stack_shape(positions, slices[0].u.cross(slices[0].v));
-}
-
-Result<void> sort_and_check(std::vector<DicomFrame>& slices, std::vector<Warning>& warnings) {
-  const DicomFrame first = slices[0];
-  const Eigen::Vector3d normal = first.u.cross(first.v);
-  for (const DicomFrame& h : slices) {
-    const auto differs = [&](const char* what) {
-      return refused(h.name() + ": its " + what + " differs from " + first.name() +
-                     " of the same series");
-    };
-    if (h.rows != first.rows || h.columns != first.columns) return differs("size");
-    if ((h.u - first.u).norm() > 1e-3 || (h.v - first.v).norm() > 1e-3)
-      return differs("orientation");
-    if (std::abs(h.spacing_u_mm - first.spacing_u_mm) > 1e-4 ||
-        std::abs(h.spacing_v_mm - first.spacing_v_mm) > 1e-4)
-      return differs("pixel spacing");
-    if (!h.frame_of_reference.empty() && !first.frame_of_reference.empty() &&
-        h.frame_of_reference != first.frame_of_reference)
-      return differs("frame of reference");
-  }
-  std::stable_sort(slices.begin(), slices.end(),
-                   [&normal](const DicomFrame& a, const DicomFrame& b) {
-                     return normal.dot(a.position) < normal.dot(b.position);
-                   });
-  std::size_t kept = 1, copies = 0;
-  std::string copy;
-  FrameComparison comparison;
-  for (std::size_t i = 1; i < slices.size(); ++i) {
-    const DicomFrame &a = slices[kept - 1], &b = slices[i];
-    if (normal.dot(b.position - a.position) < 1e-3) {
-      const bool same = !a.sop_uid.empty() && a.sop_uid == b.sop_uid && a.frame == b.frame;
-      // Two files of many frames are not compared by their bytes, which would be read anew for each.
-      const bool is_copy =
-          (a.frames == 1 && have_equal_bytes(a.file, b.file)) || comparison.have_equal_pixels(a, b);
-      if (!is_copy) {
-        return refused(b.name() + ": at the same position as " + a.name() +
-                       (same ? ", and the same SOP instance with other pixels" : ""));
-      }
-      if (copies++ == 0) copy = b.name();
-      continue;
-    }
-    slices[kept++] = b;
-  }
-  slices.resize(kept);
-  if (copies > 0) {
-    warnings.push_back(
-        {"copied_slice", copy,
-         plural(copies, "slice") + (copies == 1 ? " is" : " are") +
-             " there twice with equal pixels (this is the first); the copies are left "
-             "out"});
-  }
-  warn_of_gaps(slices, warnings);
-  warn_of_tilt(slices, warnings);
-  warn_of_padding(slices, warnings);
-  return {};
 }
 
 }  // namespace trocar::pipeline

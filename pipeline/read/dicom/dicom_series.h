@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Groups DICOM images into series, chooses one series as the scan, and puts its slices in order.
+// Groups DICOM images into series and chooses one series as the scan.
 // Tests: tests/pipeline/read/readers_test.cpp, tests/e2e/studies_e2e_test.py
 #pragma once
 
@@ -10,7 +10,6 @@
 #include "formats/base/result.h"
 #include "pipeline/read/dicom/dicom_headers.h"
 #include "pipeline/read/slice_stack.h"
-#include "pipeline/read/stack_shape.h"
 
 namespace trocar::pipeline {
 
@@ -27,6 +26,9 @@ struct DicomSeries {
   /// Number of unusable files that should have been slices (broken slices).
   std::size_t broken = 0;
   std::size_t localisers = 0;  ///< number of localiser files
+  /// If several series with a part of one volume each are joined: the UIDs of all of them. Otherwise
+  /// empty.
+  std::vector<std::string> joined_uids;
   /// The number of slices including the broken ones. choose_series() compares this number, so that
   /// it prefers a damaged scan to an intact but smaller one.
   std::size_t images() const { return slices.size() + broken; }
@@ -35,11 +37,15 @@ struct DicomSeries {
 
 /// Groups files into series. The series are ordered by number and then by UID; series without a
 /// number come last. Images without a series UID are grouped by frame of reference, orientation and
-/// size. Warnings: not_dicom, localiser, no_series_uid, no_sop_uid.
+/// size. Some scanners and exports give each slice, or each part of a scan, a series of its own.
+/// Such series are joined (DicomSeries::joined_uids) if study, modality, frame of reference, kind of
+/// image, kernel, description, orientation, size, pixel spacing and slice thickness agree, and if
+/// their slices form one evenly spaced stack. Series of several slices must also have the same
+/// number, and must not overlap. Warnings: not_dicom, localiser, no_series_uid, no_sop_uid.
 std::vector<DicomSeries> group_series(const std::vector<DicomFile>& files,
                                       std::vector<Warning>& warnings);
 
-/// The UID of the series that `wanted` names. `wanted` is compared with all UIDs, then with all
+/// The UID of the series (info.uid) that `wanted` names. `wanted` is compared with all UIDs, then with all
 /// numbers, then with all complete descriptions. If `wanted` is not a number, a last comparison is
 /// with parts of descriptions, without regard to upper and lower case. The first of these
 /// comparisons that matches a series counts. Errors: kUsage if `wanted` names no series or several.
@@ -57,7 +63,9 @@ struct ChosenSeries {
 ///  3. A series that comes earlier in `series` is preferred.
 /// If images() is 0 for all series, the first series that is not a localiser is chosen. `where`
 /// names the input in messages. Precondition: `series` is not empty. Errors: kRefused if the chosen
-/// series is a localiser, or if there are only localisers.
+/// series is a localiser, or if there are only localisers; kRefused if `uid` is empty and the choice
+/// would be one of several series that have a single slice each, as if they were parts of one scan
+/// that could not be joined.
 Result<ChosenSeries> choose_series(const std::vector<DicomSeries>& series, const std::string& uid,
                                    const std::string& where);
 
@@ -66,21 +74,10 @@ Result<ChosenSeries> choose_series(const std::vector<DicomSeries>& series, const
 std::string series_name(const SeriesInfo& series);
 
 /// The slices of the chosen series, not yet sorted. `where` names the input in messages. Warnings:
-/// other_series, no_rescale. Errors: kRefused if a file of the series cannot be used, or if a slice
+/// other_series, joined_series, no_rescale. Errors: kRefused if a file of the series cannot be used, or if a slice
 /// lacks the rescale that other slices of the series have.
 Result<std::vector<DicomFrame>> slices_of(const std::vector<DicomSeries>& series,
                                           const ChosenSeries& chosen, const std::string& where,
                                           std::vector<Warning>& warnings);
-
-/// The distances, shift and tilt of slices that sort_and_check() has sorted.
-StackShape stack_shape(const std::vector<DicomFrame>& slices);
-
-/// Sorts slices by their position along the normal of `slices[0]`, in ascending order. If two
-/// slices have the same position and equal pixels, one of them is removed (warning copied_slice).
-/// Other warnings: missing_slice, uneven_spacing, gantry_tilt, tilt_contradiction, dense_padding.
-/// Errors: kRefused if a slice differs from `slices[0]` in size, orientation, pixel spacing or
-/// frame of reference, or if two slices with the same position differ in a pixel. The message names
-/// both files.
-Result<void> sort_and_check(std::vector<DicomFrame>& slices, std::vector<Warning>& warnings);
 
 }  // namespace trocar::pipeline

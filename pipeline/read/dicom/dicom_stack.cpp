@@ -8,10 +8,12 @@
 #include <set>
 
 #include "pipeline/read/dicom/dicom_headers.h"
+#include "pipeline/read/dicom/dicom_lossy.h"
 #include "pipeline/read/dicom/dicom_parsed_files.h"
 #include "pipeline/read/dicom/dicom_pixels.h"
 #include "pipeline/read/dicom/dicom_segmentation.h"
 #include "pipeline/read/dicom/dicom_series.h"
+#include "pipeline/read/dicom/dicom_volumes.h"
 #include "pipeline/read/file_names.h"
 #include "pipeline/read/nifti/resliced_stack.h"
 #include "pipeline/read/slice_stack.h"
@@ -44,18 +46,35 @@ class DicomStack final : public SliceStack {
   mutable ParsedFiles parsed_;
 };
 
-// The warning about the use of --spacing.
-Warning use_of_spacing(const std::vector<DicomFrame>& slices, const std::string& where) {
+// The warning about the use of --spacing, of which z can be the distance between frames.
+Warning use_of_spacing(const std::vector<DicomFrame>& slices, bool for_frames,
+                       const std::string& where) {
   const auto without = std::count_if(slices.begin(), slices.end(),
                                      [](const DicomFrame& h) { return !h.has_spacing; });
+  if (without == 0 && for_frames) {
+    return {"spacing_ignored", where,
+            "X and Y of --spacing are for input without a pixel size; the files' own is used"};
+  }
   if (without == 0) {
     return {"spacing_ignored", where,
             "--spacing is for input without a pixel size; the files' own is used"};
   }
   return {"no_pixel_spacing", where,
-          std::to_string(without) +
-              " slices have no pixel spacing; X and Y of --spacing are used, and the files' own "
-              "positions"};
+          std::to_string(without) + " slices have no pixel spacing; X and Y of --spacing are used" +
+              (for_frames ? "" : ", and the files' own positions")};
+}
+
+// Warns of frames that are placed by one position. Returns true if --spacing gives their distance.
+bool warn_of_placement(const std::vector<DicomFile>& files,
+                       const std::set<std::filesystem::path>& used,
+                       std::vector<Warning>& warnings) {
+  bool has_given_step = false;
+  for (const DicomFile& file : files) {
+    if (file.placement.empty() || !used.contains(file.file)) continue;
+    warnings.push_back({"assumed_direction", file.file.string(), file.placement});
+    has_given_step = has_given_step || file.has_given_step;
+  }
+  return has_given_step;
 }
 
 Error no_dicom(const std::vector<DicomFile>& files, const std::string& where) {
@@ -90,6 +109,7 @@ Result<std::unique_ptr<SliceStack>> open_labels(const DicomFile& file,
                                                 const OpenOptions& options) {
   if (file.kind != DicomFile::Kind::kSegmentation) return refused(file.problem);
   auto stack = open_segmentation(file, options);
+  if (stack) warn_of_lossy(headers, {file.file}, (*stack)->warnings);
   const auto others = std::count_if(headers.begin(), headers.end(), [](const DicomFile& other) {
     return other.kind != DicomFile::Kind::kNotImage;
   });
@@ -131,7 +151,10 @@ Result<std::unique_ptr<SliceStack>> open_dicom(std::vector<DicomFile> headers,
   if (options.as_labels) {
     const auto labels = chosen_segmentation(headers, uid, where);
     if (!labels) return labels.error();
-    if (*labels != nullptr) return open_labels(**labels, headers, where, options);
+    if (*labels != nullptr) {
+      if (auto ok = check_no_volume(where, options); !ok) return ok.error();
+      return open_labels(**labels, headers, where, options);
+    }
   }
   if (auto ok = settle_localisers(headers, uid, options.any_modality); !ok) return ok.error();
   const auto series = group_series(headers, stack->warnings);
@@ -139,17 +162,24 @@ Result<std::unique_ptr<SliceStack>> open_dicom(std::vector<DicomFile> headers,
   if (!chosen) return chosen.error();
   auto slices = slices_of(series, *chosen, where, stack->warnings);
   if (!slices) return slices.error();
-  stack->slices_ = std::move(*slices);
   stack->series = series[chosen->index].info;
-  if (auto ok = sort_and_check(stack->slices_, stack->warnings); !ok) {
-    return Error{
-        ok.error().code,
-        ok.error().message + (chosen->why.empty() ? "" : "; --series chooses another series")};
-  }
-  if (options.spacing_mm) stack->warnings.push_back(use_of_spacing(stack->slices_, where));
+  const auto with_advice = [&](const Error& error) {
+    return Error{error.code,
+                 error.message + (chosen->why.empty() ? "" : "; --series chooses another series")};
+  };
+  auto volumes = volumes_of(std::move(*slices), stack->warnings);
+  if (!volumes) return with_advice(volumes.error());
+  const auto volume = chosen_volume(*volumes, options.volume, where);
+  if (!volume) return with_advice(volume.error());
+  stack->slices_ = std::move((*volumes)[*volume].slices);
+  warn_of_volume(stack->slices_, stack->warnings);
   std::set<std::filesystem::path> used;
   for (const DicomFrame& h : stack->slices_)
     used.insert(h.file);
+  const bool has_given_step = warn_of_placement(headers, used, stack->warnings);
+  if (options.spacing_mm)
+    stack->warnings.push_back(use_of_spacing(stack->slices_, has_given_step, where));
+  warn_of_lossy(headers, used, stack->warnings);
   stack->modality = other_modality(headers, used, stack->warnings);
   for (const DicomFile& file : headers) {
     if (used.count(file.file) > 0) stack->files.push_back(file.file);

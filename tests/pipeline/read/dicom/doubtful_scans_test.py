@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Scans with something doubtful in them, as they come from hospitals: each is meshed with a warning that says what was done, or refused
 with the option that decides. pydicom and nibabel write the files."""
+import json
 import shutil
 import subprocess
 
@@ -8,7 +9,7 @@ import nibabel
 import numpy as np
 import pytest
 
-from dicom_variants_test import COLUMNS, ROWS, pydicom  # skipped without pydicom
+from dicom_variants_test import COLUMNS, ROWS, item, make_enhanced, make_slice, pydicom  # skipped without pydicom
 from modality_test import DryRun, series
 
 AFFINE = np.diag([-1, -1, 2, 1])
@@ -146,6 +147,62 @@ def test_slices_that_are_there_twice(t):
     ds.PixelData = stored_block(501, -1000)
     ds.save_as(edit_again[1])
     t.refused(folder, "at the same position as")
+
+
+def test_lossy_compression(t):
+    """Whether the file states it, or its transfer syntax alone."""
+    def stated(**keys):
+        return edit(series(t.folder()), lambda ds: [setattr(ds, key, value) for key, value in keys.items()])
+
+    for keys, texts in (
+            ({"LossyImageCompression": "01", "LossyImageCompressionRatio": 8.9, "LossyImageCompressionMethod": "ISO_10918_1"}, ("JPEG, ratio 8.9",)),
+            ({"LossyImageCompression": "01", "LossyImageCompressionRatio": [4, 8.9], "LossyImageCompressionMethod": ["ISO_10918_1", "ISO_15444_1"]},
+             ("JPEG, then JPEG 2000, ratio 8.9",)),
+            ({"LossyImageCompression": "01"}, ("method not stated, ratio not stated",)),
+            ({"LossyImageCompressionRatio": 3, "LossyImageCompressionMethod": "DOE_JOHN"}, ("a method that DICOM does not define, ratio 3",))):
+        code, lines, report, *_ = t.run(stated(**keys))
+        assert code == 0 and len(lines) == 1 and "3 of 3 files" in lines[0], lines
+        for text in texts:
+            assert text in only_line(lines, "lossy_compression"), lines
+        assert [w["code"] for w in report["warnings"]] == ["lossy_compression"] and texts[0] in report["warnings"][0]["sentence"]
+        assert "DOE" not in json.dumps(report)
+    assert t.run(stated(LossyImageCompression="00"))[1] == []
+    # Some slices only, with ratios of their own.
+    folder = series(t.folder())
+    for k, ratio in ((0, 7.5), (2, 9)):
+        ds = pydicom.dcmread(folder / f"slice{k}.dcm")
+        ds.LossyImageCompression, ds.LossyImageCompressionRatio, ds.LossyImageCompressionMethod = "01", ratio, "ISO_14495_1"
+        ds.save_as(folder / f"slice{k}.dcm")
+    line = only_line(t.run(folder)[1], "lossy_compression")
+    assert "2 of 3 files" in line and "JPEG-LS, ratio 9 at most" in line, line
+    # In a functional group.
+    folder = t.folder()
+    ds = make_enhanced()
+    ds.PerFrameFunctionalGroupsSequence[3].DerivationImageSequence = [item(LossyImageCompression="01", LossyImageCompressionRatio=5)]
+    ds.save_as(folder / "all.dcm", write_like_original=False)
+    assert "ratio 5" in only_line(t.run(folder, "--threshold", "2000")[1], "lossy_compression")
+
+
+@pytest.mark.parametrize("tool,bits,text", [
+    (("dcmcjpeg", "+eb", "+q", "50"), 8, "JPEG, ratio "), (("dcmcjpeg", "+ee", "+q", "50"), 12, "JPEG, ratio "),
+    (("dcmcjpls", "+en", "+md", "3"), 12, "JPEG-LS, ratio "), (("gdcmconv", "--j2k", "--lossy", "-r", "8"), 12, "JPEG 2000, ratio "),
+    (("dcmcjpls", "+el"), 12, None), (("gdcmconv", "--j2k"), 12, None), (("dcmcjpeg",), 12, None), (("dcmcrle",), 12, None)])
+def test_lossy_transfer_syntaxes(t, tool, bits, text):
+    if shutil.which(tool[0]) is None:
+        pytest.skip(f"not installed: {tool[0]}")
+    folder, plain = t.folder(), t.folder()
+    for k in range(3):
+        make_slice(k, bits, False, 8 if bits == 8 else 16).save_as(plain / "in.dcm", write_like_original=False)
+        out = folder / f"{k}.dcm"
+        subprocess.run([*tool, plain / "in.dcm", out], check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        ds = pydicom.dcmread(out)
+        for key in ("LossyImageCompression", "LossyImageCompressionRatio", "LossyImageCompressionMethod"):
+            if key in ds:
+                delattr(ds, key)
+        ds.save_as(out)
+    code, lines, *_ = t.run(folder, "--threshold", str(2 ** (bits - 1)))
+    assert code == 0, lines
+    assert [text in line for line in lines if "(lossy_compression)" in line] == ([True] if text else []), lines
 
 
 def test_a_preview_says_each_kind_of_warning_once(t):
