@@ -141,7 +141,6 @@ std::vector<Error> SessionOutputs::write(const SessionOptions& options, const Se
   const auto keep_error = [&](const Result<void>& done) {
     if (!done) errors.push_back(done.error());
   };
-  if (report.recording_error) errors.push_back(*report.recording_error);
   if (!arguments_.summary.empty()) {
     const std::string text =
         summarize(inputs_.scene, options, report, remesher, link ? json_text(describe(*link)) : "");
@@ -168,6 +167,8 @@ std::vector<Error> SessionOutputs::write(const SessionOptions& options, const Se
     keep_error(write_file_atomically(figures_file(arguments_, kFiguresCsv),
                                      session_report_csv(json), Readers::kOwner));
   }
+  // The last line is what the console shows.
+  if (report.recording_error) errors.push_back(*report.recording_error);
   return errors;
 }
 

@@ -62,7 +62,7 @@ TEST(Recorder, AFailureIsToldOnceAndStays) {
   const test::TemporaryFolder folder;
   auto recorder = std::move(*Recorder::make(folder / "r.csv", {}, 1000));
   {
-    const test::FileSizeLimit limit(100'000);
+    const test::FileSizeLimit limit(20'000);
     for (std::size_t i = 0; i < 500; ++i)
       tick(*recorder, i);
     recorder->serve();
