@@ -16,7 +16,6 @@
 namespace trocar {
 namespace {
 
-constexpr int kMaxJsonDepth = 64;
 constexpr std::size_t kMaxMaterials = 65'535;
 
 template <typename T>
@@ -118,21 +117,8 @@ std::optional<double> mean_hu_of(const AssetSlice& slice) {
 }
 
 Result<nlohmann::json> parse_json_text(std::span<const std::uint8_t> text) {
-  int depth = 0;
-  bool in_string = false;
-  for (std::size_t i = 0; i < text.size(); ++i) {
-    const std::uint8_t c = text[i];
-    if (in_string) {
-      if (c == '\\') ++i;
-      in_string = c != '"';
-    } else if (c == '"') {
-      in_string = true;
-    } else if (c == '{' || c == '[') {
-      if (++depth > kMaxJsonDepth) return refused("JSON nested too deeply");
-    } else if (c == '}' || c == ']') {
-      --depth;
-    }
-  }
+  if (is_nested_too_deeply({reinterpret_cast<const char*>(text.data()), text.size()}))
+    return refused("JSON nested too deeply");
   nlohmann::json parsed = parse_json(text);
   if (parsed.is_discarded()) return refused("its JSON does not parse");
   return parsed;

@@ -136,8 +136,24 @@ std::string without_folder(const std::filesystem::path& file) {
   return (file.has_filename() ? file : file.parent_path()).filename().string();
 }
 
+namespace {
+
+/// Returns the permissions of a file that is to be written: those of the file that it replaces, or
+/// those of a new one.
+mode_t mode_of(const std::filesystem::path& file, Readers readers) {
+  struct stat replaced {};
+  if (::lstat(file.c_str(), &replaced) == 0 && S_ISREG(replaced.st_mode))
+    return replaced.st_mode & 0777;
+  if (readers == Readers::kOwner) return 0600;
+  const mode_t mask = ::umask(0);
+  ::umask(mask);
+  return 0666 & ~mask;
+}
+
+}  // namespace
+
 Result<void> write_file_atomically(const std::filesystem::path& file,
-                                   std::span<const std::uint8_t> bytes) {
+                                   std::span<const std::uint8_t> bytes, Readers readers) {
   if (auto ok = check_writable(file); !ok) return ok;
   std::string temporary = file.string() + ".XXXXXX";
   FileDescriptor fd(::mkostemp(temporary.data(), O_CLOEXEC));
@@ -154,10 +170,7 @@ Result<void> write_file_atomically(const std::filesystem::path& file,
     if (put < 0) return fail();
     done += static_cast<std::size_t>(put);
   }
-  // mkostemp makes the file private. Set the permissions that open() would have set.
-  const mode_t mask = ::umask(0);
-  ::umask(mask);
-  if (::fchmod(fd.get(), 0666 & ~mask) != 0 || ::fsync(fd.get()) != 0 || !fd.close() ||
+  if (::fchmod(fd.get(), mode_of(file, readers)) != 0 || ::fsync(fd.get()) != 0 || !fd.close() ||
       ::rename(temporary.c_str(), file.c_str()) != 0) {
     return fail();
   }
@@ -167,9 +180,10 @@ Result<void> write_file_atomically(const std::filesystem::path& file,
   return {};
 }
 
-Result<void> write_file_atomically(const std::filesystem::path& file, std::string_view text) {
+Result<void> write_file_atomically(const std::filesystem::path& file, std::string_view text,
+                                   Readers readers) {
   return write_file_atomically(
-      file, std::span(reinterpret_cast<const std::uint8_t*>(text.data()), text.size()));
+      file, std::span(reinterpret_cast<const std::uint8_t*>(text.data()), text.size()), readers);
 }
 
 }  // namespace trocar

@@ -75,10 +75,16 @@ Result<void> check_outputs(std::span<const OutputFile> outputs,
 /// stays unchanged; an absolute path is reduced to its file name.
 std::string without_folder(const std::filesystem::path& file);
 
-/// Writes a temporary file in the folder of `file`, syncs it and renames it to `file`. Errors:
-/// kUnwritable if a step fails; `file` is then unchanged and the temporary file is removed.
+/// Who may read a new file: whom the umask admits, or only the owner, because it names trainees.
+enum class Readers : std::uint8_t { kByUmask, kOwner };
+
+/// Writes a temporary file in the folder of `file`, syncs it and renames it to `file`. A file that
+/// is replaced passes its permissions on. Errors: kUnwritable if a step fails; `file` is then
+/// unchanged and the temporary file is removed.
 Result<void> write_file_atomically(const std::filesystem::path& file,
-                                   std::span<const std::uint8_t> bytes);
-Result<void> write_file_atomically(const std::filesystem::path& file, std::string_view text);
+                                   std::span<const std::uint8_t> bytes,
+                                   Readers readers = Readers::kByUmask);
+Result<void> write_file_atomically(const std::filesystem::path& file, std::string_view text,
+                                   Readers readers = Readers::kByUmask);
 
 }  // namespace trocar

@@ -28,8 +28,16 @@ std::string json_text(const Ordered& value, int indent = -1) {
   return value.dump(indent, ' ', false, Ordered::error_handler_t::replace);
 }
 
-/// Parses JSON text. If the text is not JSON, returns a discarded value, for which is_discarded()
-/// is true, and is_object(), is_array() and so on are false.
+/// Largest number of arrays and objects within each other in a document that is read.
+inline constexpr int kMaxJsonDepth = 64;
+
+/// Returns true if JSON text opens more than kMaxJsonDepth arrays and objects within each other.
+/// Reads no further than there, and allocates nothing. Every reader of JSON from outside calls this
+/// before the parser, because the parser keeps what it has opened.
+bool is_nested_too_deeply(std::string_view text) noexcept;
+
+/// Parses JSON text. If the text is not JSON or is_nested_too_deeply(), returns a discarded value,
+/// for which is_discarded() is true, and is_object(), is_array() and so on are false.
 nlohmann::json parse_json(std::string_view text);
 nlohmann::json parse_json(std::span<const std::uint8_t> text);
 

@@ -12,8 +12,6 @@
 namespace trocar {
 namespace {
 
-constexpr std::size_t kMaxDepth = 64;
-
 std::string range_message(double lowest, double highest) {
   return "must be within " + json_text(lowest) + " and " + json_text(highest);
 }
@@ -28,6 +26,7 @@ std::string why_no_json(std::string_view text, const std::string& what) {
 }  // namespace
 
 Result<nlohmann::json> parse_strict_json(std::string_view text, const std::string& name) {
+  if (is_nested_too_deeply(text)) return refused(name + ": nested too deeply");
   // nlohmann silently keeps the last of two equal keys. Their values may differ, so refuse both.
   std::vector<std::set<std::string>> keys;
   std::optional<std::string> wrong;
@@ -35,7 +34,6 @@ Result<nlohmann::json> parse_strict_json(std::string_view text, const std::strin
     using Event = nlohmann::json::parse_event_t;
     if (event == Event::object_start || event == Event::array_start) {
       keys.emplace_back();
-      if (keys.size() > kMaxDepth && !wrong) wrong = "nested too deeply";
     } else if (event == Event::object_end || event == Event::array_end) {
       keys.pop_back();
     } else if (event == Event::key) {

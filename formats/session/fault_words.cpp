@@ -60,6 +60,8 @@ constexpr const char* cause_of(Fault fault) {
       return "the operator pressed Pause";
     case Fault::kForcesOff:
       return "the operator pressed Zero forces";
+    case Fault::kRecordingFailed:
+      return "the disk is full, slow or broken, or another program has filled it";
   }
   return nullptr;
 }
@@ -148,6 +150,10 @@ constexpr FaultWords meaning_of(Fault fault) {
       return {"forces_off", "the operator has turned the forces off",
               "the operator still has the forces off",
               "press Recover when the device may push the tool again"};
+    case Fault::kRecordingFailed:
+      return {"recording_failed", "the recording cannot be written, so the session ends",
+              "the recording still cannot be written",
+              "free some space on the disk, and start again"};
   }
   return {};
 }

@@ -6,6 +6,7 @@
 #pragma once
 
 #include <array>
+#include <chrono>
 #include <cstdint>
 #include <filesystem>
 #include <span>
@@ -57,8 +58,9 @@ enum class Fault : std::uint8_t {
   kEnergyLimit,       ///< the hand received more energy than the energy limit allows
   kPaused,            ///< the operator has paused the session
   kForcesOff,         ///< the operator has turned the forces off
+  kRecordingFailed,   ///< the recording cannot be written; the session ends after the ramp
 };
-inline constexpr int kFaults = 23;
+inline constexpr int kFaults = 24;
 
 /// State of the safety layer (runtime/control/safety.h).
 enum class SafetyState : std::uint8_t {
@@ -182,46 +184,67 @@ inline constexpr std::uint64_t kMaxRecordingBytes = std::uint64_t{1} << 32;
 /// Suffix of a recording's name while it is being written.
 inline constexpr const char* kPartialSuffix = ".partial";
 
+/// Returns true if the name is that of a partial file: NAME.partial, or NAME.partial.1 and so on.
+bool is_partial_name(std::string_view name);
+/// Returns true if a program is writing this partial file.
+bool is_being_recorded(const std::filesystem::path& partial);
+
 /// Writes a recording. The rows are written to a partial file, whose name is the target's name with
-/// kPartialSuffix. commit() renames the partial file to the target. Without commit(), or after a
-/// failure such as a full disk, the partial file stays, with all rows that were written completely.
-/// A partial file without rows is removed. If the program is killed, the last 1 MiB of rows may be
-/// missing, and the last line may be incomplete.
+/// kPartialSuffix. commit() renames the partial file to the target. Without commit(), or if it fails,
+/// the partial file stays, with all rows that were written completely. A partial file without rows
+/// is removed. If the program is killed, the rows since the last write are missing (kFlushWithin), and
+/// the last line may be incomplete. Only the owner may read the files, because recordings name
+/// trainees; a target that is replaced passes its permissions on.
 class RecordingWriter {
  public:
+  /// append() writes what it holds if this time has passed since the last write. Call it at least
+  /// this often, also without rows.
+  static constexpr std::chrono::milliseconds kFlushWithin{100};
+
   /// Creates the partial file. A partial file that an interrupted recording left is first renamed
   /// to NAME.partial.1, .2 and so on. Errors: kUnwritable if the target cannot be created, is not a
-  /// regular file, or is being written by another program.
+  /// regular file, or is being written by another program, or if the disk is full.
   static Result<RecordingWriter> open(const std::filesystem::path& file,
                                       const RecordingOrigin& origin = {});
   RecordingWriter(RecordingWriter&& other) noexcept;
   RecordingWriter& operator=(RecordingWriter&&) = delete;
   ~RecordingWriter();
 
-  /// append() writes rows, and commit() ends the recording. Errors: kUnwritable; the message has
-  /// the number of rows that were kept, and the name of the partial file. If no row was appended,
-  /// commit() writes no recording, because readers refuse a recording without rows. An earlier
-  /// recording at the target then stays. After an error of append() or commit(), only the
-  /// destructor may be called.
+  /// Takes rows. Errors: kUnwritable, "FILE: REASON". The rows that could not be written are kept in
+  /// memory, and the next call tries again. The file then ends with a whole row.
   Result<void> append(std::span<const RecordingRow> rows);
+  /// Ends the recording. If no row was appended, writes no recording, because readers refuse a
+  /// recording without rows; an earlier recording at the target then stays. Errors: like append();
+  /// after one, only kept() and the destructor may be called.
   Result<void> commit();
+  /// "the first N rows are in FILE" or "no row was kept".
+  std::string kept() const;
   /// Path of the partial file; empty after commit().
   std::filesystem::path partial_file() const { return partial_; }
+  const std::filesystem::path& file() const { return file_; }
+
+  /// Mean size of a row so far, without the origin; 0 before the first row.
+  double bytes_per_row() const;
+  /// Number of bytes that still fit on the disk; 0 if that is not known.
+  std::uint64_t free_bytes() const;
 
  private:
   RecordingWriter(std::filesystem::path file, std::string partial, int fd,
                   const RecordingKind& kind);
   Result<void> flush();
   void end();
-  Error failure(int error);
+  Error failure(int error) const;
 
   std::filesystem::path file_;
   std::string partial_;  ///< empty after commit() or a move
   int fd_ = -1;
   std::string buffer_;
   RecordingKind kind_;
-  std::string origin_;       ///< text for the first row; empty once it is written
-  std::uint64_t lines_ = 0;  ///< number of complete lines written, including the header
+  std::string origin_;                  ///< text for the first row; empty once it is written
+  std::uint64_t lines_ = 0;             ///< number of complete lines written, including the header
+  std::uint64_t rows_ = 0, bytes_ = 0;  ///< taken so far, without header and origin
+  std::filesystem::path rows_in_;       ///< file that has the rows
+  std::chrono::steady_clock::time_point flushed_at_;
 };
 
 /// Reads a complete recording. Columns that older versions did not write may be absent. If `origin`
@@ -230,12 +253,15 @@ class RecordingWriter {
 /// that is not a number, t_s that does not ascend, an unknown name, or no rows. An infinite or nan
 /// number is also refused, except in encoder angles, measured poses and prefetched stiffness, where
 /// it is a fault of the session that the recording must show. Messages have the line and, if there
-/// is one, the column.
+/// is one, the column. A killed program may leave an incomplete last line. If `is_cut` is null, such
+/// a recording is refused; otherwise the line is left out, and `*is_cut` says whether there was one.
 Result<std::vector<RecordingRow>> parse_recording(std::string_view csv, const std::string& name,
-                                                  RecordingOrigin* origin = nullptr);
+                                                  RecordingOrigin* origin = nullptr,
+                                                  bool* is_cut = nullptr);
 /// Like parse_recording() of the file's contents. Also refuses a file of more than
 /// kMaxRecordingBytes.
 Result<std::vector<RecordingRow>> read_recording(const std::filesystem::path& file,
-                                                 RecordingOrigin* origin = nullptr);
+                                                 RecordingOrigin* origin = nullptr,
+                                                 bool* is_cut = nullptr);
 
 }  // namespace trocar

@@ -113,7 +113,11 @@ Result<RecordingRow> parse_row(std::string_view line, const RecordingColumns& co
 }  // namespace
 
 Result<std::vector<RecordingRow>> parse_recording(std::string_view csv, const std::string& name,
-                                                  RecordingOrigin* origin) {
+                                                  RecordingOrigin* origin, bool* is_cut) {
+  if (is_cut != nullptr) {
+    *is_cut = !csv.empty() && csv.back() != '\n';
+    csv = csv.substr(0, csv.rfind('\n') + 1);  // npos + 1 is 0
+  }
   std::vector<RecordingRow> rows;
   RecordingOrigin found;
   RecordingColumns columns;
@@ -138,12 +142,12 @@ Result<std::vector<RecordingRow>> parse_recording(std::string_view csv, const st
 }
 
 Result<std::vector<RecordingRow>> read_recording(const std::filesystem::path& file,
-                                                 RecordingOrigin* origin) {
+                                                 RecordingOrigin* origin, bool* is_cut) {
   const Result<std::vector<std::uint8_t>> bytes = read_file(file, kMaxRecordingBytes);
   if (!bytes) return bytes.error();
   return parse_recording(
       std::string_view(reinterpret_cast<const char*>(bytes->data()), bytes->size()), file.string(),
-      origin);
+      origin, is_cut);
 }
 
 }  // namespace trocar

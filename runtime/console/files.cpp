@@ -21,7 +21,7 @@
 #include "formats/base/file_io.h"
 #include "formats/base/json_text.h"
 #include "formats/base/strict_json.h"
-#include "formats/session/recording_origin.h"
+#include "formats/session/recording.h"
 #include "formats/session/scene.h"
 #include "runtime/console/access.h"
 #include "runtime/console/answers/placed_bone.h"
@@ -163,6 +163,13 @@ json describe_asset(const json& document, const std::string& name) {
   return entry;
 }
 
+/// Returns the extension of a file's name, ".csv" of a recording that is partial.
+std::string extension_of(const std::filesystem::path& file) {
+  const std::string name = file.filename().string();
+  if (!is_partial_name(name)) return file.extension().string();
+  return std::filesystem::path(name.substr(0, name.rfind(kPartialSuffix))).extension().string();
+}
+
 /// The time is the first field of a row.
 std::optional<double> time_of(std::string_view line) {
   const std::string_view text = line.substr(0, line.find(','));
@@ -175,7 +182,8 @@ std::optional<double> time_of(std::string_view line) {
 
 /// Describes a recording. Reads only the first and last rows, because listing a folder must
 /// not read gigabytes.
-json describe_recording(ByteSource& source, const std::string& name, std::string& scene_digest) {
+json describe_recording(ByteSource& source, const std::string& name, bool is_partial,
+                        std::string& scene_digest) {
   const auto fail = [&](const char* why) { return failed(name, name + why); };
   std::vector<std::uint8_t> head(std::min<std::uint64_t>(source.size(), kHeadBytes)),
       tail(std::min<std::uint64_t>(source.size(), kTailBytes));
@@ -191,8 +199,8 @@ json describe_recording(ByteSource& source, const std::string& name, std::string
     at = end + 1;
   }
   if (lines.size() < 2) return fail(": has no row");
-  if (last.empty() || last.back() != '\n') return fail(": its last line is cut");
-  last.remove_suffix(1);
+  if (!is_partial && !last.ends_with('\n')) return fail(": its last line is cut");
+  last = last.substr(0, last.rfind('\n'));
   const std::size_t before = last.rfind('\n');
   if (before == std::string_view::npos) return fail(": its last line is longer than 16 kB");
   const auto begin = time_of(lines[1]), end = time_of(last.substr(before + 1)),
@@ -205,6 +213,7 @@ json describe_recording(ByteSource& source, const std::string& name, std::string
   json entry = {{"file", name},
                 {"duration_s", *end - *begin + period_s},
                 {"ticks", static_cast<std::uint64_t>(ticks)}};
+  if (is_partial) entry["partial"] = true;
   const std::size_t text = lines[1].rfind(',');
   if (const auto origin = parse_origin(lines[1].substr(text + 1)); origin) {
     if (const std::string* const digest = origin->find(kOriginScene)) scene_digest = *digest;
@@ -270,7 +279,8 @@ Result<std::filesystem::path> Files::find(std::string_view name) const {
 
 Files::Known Files::read(const std::filesystem::path& file, const std::string& name) const {
   Known known;
-  const std::string end = file.extension().string();
+  const bool is_partial = is_partial_name(name);
+  const std::string end = extension_of(file);
   const auto shown = [&](const char* kind, const json& entry) {
     known.kind = kind;
     known.json = json_text(entry);
@@ -309,7 +319,7 @@ Files::Known Files::read(const std::filesystem::path& file, const std::string& n
     if (!source || !(*source)->read(0, into) ||
         std::string_view(begin.data(), begin.size()) != kBegin)
       return known;
-    shown("recordings", describe_recording(**source, name, known.digest));
+    shown("recordings", describe_recording(**source, name, is_partial, known.digest));
     // The console's note beside a session's recording names the device.
     if (const std::size_t slash = name.rfind('/'); slash != std::string::npos) {
       if (const auto note = find(name.substr(0, slash + 1) + "console.json"))
@@ -333,7 +343,7 @@ bool Files::search(const std::filesystem::path& root, const std::string& prefix,
     const bool is_link = entry->is_symlink(ignored);
     const bool is_hidden = entry->path().filename().string().starts_with('.');
     if (entry.depth() >= depth || is_link || is_hidden) entry.disable_recursion_pending();
-    const std::string end_of_name = entry->path().extension().string();
+    const std::string end_of_name = extension_of(entry->path());
     if (is_link || is_hidden || !entry->is_regular_file(ignored) ||
         (end_of_name != ".json" && end_of_name != ".glb" && end_of_name != ".csv"))
       continue;
@@ -358,6 +368,8 @@ std::string Files::list() {
       now[name] = std::move(before->second);
       return;
     }
+    // The list has a recording when its session has ended.
+    if (is_partial_name(name) && is_being_recorded(file)) return;
     Known known = read(file, name);
     known.size = size;
     known.time = time;
@@ -392,9 +404,9 @@ std::string Files::list() {
     if (known.kind == "recordings") {
       const auto scene = scene_by_digest.find(known.digest);
       if (scene != scene_by_digest.end()) entry["scene"] = scene->second;
-      // The report of a session has the same name as its recording.
-      std::string report = name.substr(0, name.size() - 4) + ".html";
-      if (find(report)) entry["report"] = std::move(report);
+      // The report of a session has the same name as its recording. A session that was killed has none.
+      std::string report = std::filesystem::path(name).replace_extension(".html").string();
+      if (!is_partial_name(name) && find(report)) entry["report"] = std::move(report);
       if (!known.device.empty()) entry["device"] = known.device;
     }
     out[known.kind].push_back(std::move(entry));

@@ -84,8 +84,10 @@ void Supervisor::set_state(RunState state, const std::string& said) {
     if (is_emergency_stopped_) out["emergency_stop"] = true;
     std::error_code ignored;
     for (const auto& [key, name] :
-         {std::pair("report", "session.html"), std::pair("recording", "session.csv")}) {
-      if (!session_folder_.empty() && std::filesystem::exists(session_folder_ / name, ignored))
+         {std::pair("report", "session.html"), std::pair("recording", "session.csv"),
+          std::pair("recording", "session.csv.partial")}) {
+      if (!session_folder_.empty() && !out.contains(key) &&
+          std::filesystem::exists(session_folder_ / name, ignored))
         out[key] = "sessions" / session_folder_.filename() / name;
     }
   }
@@ -97,6 +99,11 @@ Result<void> Supervisor::check_free() {
   if (settings_.folder.empty()) return refused("this console plays recordings");
   if (!is_ours())
     return refused("this console only watches " + settings_.attach.filename().string());
+  if (!is_live() && (!run_ || run_->has_ended())) {
+    // Another console on the same folder may have started a session since the last search.
+    searched_at_ = {};
+    search_session(Clock::now());
+  }
   if (is_live() || (run_ && !run_->has_ended()))
     return refused("a session runs already; stop it first");
   if (test_.is_running()) return refused("a device is being tested; wait for that, or stop it");
@@ -135,8 +142,10 @@ Result<void> Supervisor::start(const StartRequest& request) {
   device_endpoint_.clear();
   started_at_ = Clock::now();
   is_start_stopped_ = is_emergency_stopped_ = false;
+  is_started_here_ = true;
   waits_for_device_ = request_.device.name == kSimulator;
-  Result<void> started = waits_for_device_ ? start_device(kAnyPort) : start_run();
+  Result<void> started = note_device();  // a full disk is found before a program starts
+  if (started) started = waits_for_device_ ? start_device(kAnyPort) : start_run();
   if (!started) {
     waits_for_device_ = false;
     set_state(RunState::kIdle, started.error().message);
@@ -237,7 +246,7 @@ void Supervisor::adopt_device() {
 void Supervisor::adopt_session(Process process, std::unique_ptr<TelemetryReader> reader) {
   const pid_t pid = process.pid();
   run_ = std::move(process);
-  waits_for_device_ = recover_when_ready_ = is_start_stopped_ = false;
+  waits_for_device_ = recover_when_ready_ = is_start_stopped_ = is_started_here_ = false;
   request_ = {};
   request_.device.name.clear();
   attach(std::move(reader));
@@ -390,7 +399,10 @@ void Supervisor::poll_device(Clock::time_point now) {
     } else if (device_->has_ended() || now - started_at_ > kDeviceWithin) {
       device_->signal(SIGKILL);
       waits_for_device_ = false;
-      set_state(RunState::kIdle, "the device process did not start: " + last_line(log_file()));
+      const std::string said = last_line(log_file());
+      const auto code = static_cast<ExitCode>(device_->exit_code().value_or(0));
+      set_state(RunState::kIdle, "the device process did not start: " +
+                                     (said.empty() ? reason_of(code, session_folder_) : said));
     }
   }
   if (recover_when_ready_ && !ready_endpoint(log_file(), device_log_from_).empty()) {
@@ -467,16 +479,25 @@ bool Supervisor::end_all(Clock::time_point now, Clock::duration patience) {
   if (!ending_since_) {
     ending_since_ = now;
     waits_for_device_ = false;
-    if (telemetry_.is_attached() && is_ours()) telemetry_.command(TelemetryCommand::kStop);
-    if (run_ && is_ours()) run_->signal(SIGINT);
+    if (is_started_here_) {
+      if (telemetry_.is_attached()) telemetry_.command(TelemetryCommand::kStop);
+      if (run_) run_->signal(SIGINT);
+    } else if (is_live()) {
+      std::fprintf(stderr,
+                   "trocar-console: the session of process %d goes on, because this console has "
+                   "not started it\n",
+                   static_cast<int>(run_->pid()));
+    }
     test_.stop(now);
     scene_maker_.stop(now);
   }
   const bool is_late = now - *ending_since_ > patience;
-  if (run_ && is_ours() && !run_->has_ended()) {
+  if (!is_started_here_) {
+    // Its device process goes on, too.
+  } else if (run_ && !run_->has_ended()) {
     all = false;
     if (is_late) run_->signal(SIGKILL);
-  } else if (is_ours()) {
+  } else {
     release_device(SIGTERM);
   }
   // However late the session has ended, a device gets time to end well.

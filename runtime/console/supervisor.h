@@ -104,8 +104,8 @@ class Supervisor {
   /// is killed immediately. The test of a device is stopped. Errors: kRefused if neither a session
   /// nor a test runs.
   Result<void> emergency_stop();
-  /// Ends the session, the device process, a test and the making of a scene. But the session of
-  /// Settings::attach goes on. Call this function repeatedly until it returns true; everything that
+  /// Ends what this console has started: the session with its device process, a test and the making
+  /// of a scene. A session that was found goes on, with its device process. Call this function repeatedly until it returns true; everything that
   /// it ends has then ended. The first call asks the session, the test and the making of a scene to
   /// end. When the session has ended, the device process is asked to end. If the session's process
   /// still runs when `patience` has passed since the first call, the next call kills it. The device
@@ -178,6 +178,7 @@ class Supervisor {
   std::optional<Process> run_, device_;
   std::vector<EndingDevice> ending_devices_;
   bool waits_for_device_ = false, recover_when_ready_ = false;
+  bool is_started_here_ = false;   ///< start() has started the session
   bool is_start_stopped_ = false;  ///< stop_start() has killed the session
   /// An emergency stop was sent to the session, and no command `stop` after it. When the session
   /// has ended, the message `state` then has the field `emergency_stop`, so that no page restarts

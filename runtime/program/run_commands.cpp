@@ -122,13 +122,28 @@ Result<std::unique_ptr<LiveHand>> make_live_hand(const RunArguments& arguments,
 }
 
 /// Warns if the recording is shorter than its session.
-void warn_of_short(const RunArguments& arguments, std::size_t rows, std::uint64_t session_ticks) {
-  if (arguments.quiet || rows >= session_ticks) return;
+void warn_of_short(const RunArguments& arguments, const SessionInputs& inputs,
+                   std::uint64_t session_ticks) {
+  if (arguments.quiet) return;
+  const char* const file = arguments.replay.c_str();
+  if (inputs.replay_is_cut)
+    std::fprintf(stderr,
+                 "trocar-run: warning: %s: its last row is cut off, and is left out: the session "
+                 "was killed, or a part is missing\n",
+                 file);
+  if (inputs.replay.size() >= session_ticks) return;
   std::fprintf(
       stderr,
       "trocar-run: warning: %s: has %zu ticks, and its session was to last %llu: it ended early, "
       "or a part is missing\n",
-      arguments.replay.c_str(), rows, static_cast<unsigned long long>(session_ticks));
+      file, inputs.replay.size(), static_cast<unsigned long long>(session_ticks));
+}
+
+/// "about 7 minutes", or "less than a minute".
+std::string words_of_time(double time_s) {
+  const int minutes = static_cast<int>(time_s / 60);
+  return minutes < 1 ? "less than a minute"
+                     : "about " + std::to_string(minutes) + (minutes == 1 ? " minute" : " minutes");
 }
 
 /// Warns if the session may last so long that its recording cannot be read.
@@ -157,13 +172,15 @@ Result<SessionOptions> session_options(const RunArguments& arguments, const Sess
     if (!rate_Hz) return rate_Hz.error();
     options.rate_Hz = *rate_Hz;
     options.duration_s = stated_duration_s(inputs.replay_origin, inputs.scene);
-    warn_of_short(arguments, inputs.replay.size(), tick_count(options.duration_s, *rate_Hz));
+    warn_of_short(arguments, inputs, tick_count(options.duration_s, *rate_Hz));
     options.replay = inputs.replay;
   }
   if (!arguments.record.empty()) options.record = arguments.record;
   if (inputs.replay.empty()) warn_of_long(arguments, options);
-  options.on_recording_error = [](const Error& error) {
-    std::fprintf(stderr, "trocar-run: the recording has stopped: %s\n", error.message.c_str());
+  options.on_low_space = [&arguments](double left_s) {
+    if (arguments.quiet) return;
+    std::fprintf(stderr, "trocar-run: warning: %s: the disk has space for %s of recording\n",
+                 arguments.record.c_str(), words_of_time(left_s).c_str());
   };
   options.on_message = [&arguments](const OperatorMessage& message) {
     print_message(arguments, message);
@@ -330,7 +347,7 @@ int write_history(const RunArguments& arguments) {
   if (!arguments.quiet) std::fputs(history_text(*history).c_str(), stdout);
   for (const auto& [file, text] :
        {std::pair{page, history_page(*history)}, std::pair{table, history_csv(*history)}}) {
-    if (const auto written = write_file_atomically(file, text); !written)
+    if (const auto written = write_file_atomically(file, text, Readers::kOwner); !written)
       return fail(written.error());
   }
   return 0;

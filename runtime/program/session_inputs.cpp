@@ -160,7 +160,7 @@ Result<SessionInputs> load_inputs(const RunArguments& arguments) {
       return refused(arguments.scene + ": " + resolved.error().message);
   if (!arguments.replay.empty()) {
     Result<std::vector<RecordingRow>> rows =
-        read_recording(arguments.replay, &inputs.replay_origin);
+        read_recording(arguments.replay, &inputs.replay_origin, &inputs.replay_is_cut);
     if (!rows) return rows.error();
     inputs.replay = std::move(*rows);
   }

@@ -34,6 +34,7 @@ struct SessionInputs {
   std::vector<SliceTissue> tissues;  ///< tissue of each sheet
   std::vector<RecordingRow> replay;  ///< rows of the recording to replay; empty: no replay
   RecordingOrigin replay_origin;
+  bool replay_is_cut = false;  ///< the last line of `replay` was incomplete, and is left out
   LoadedBytes bytes;
 
   AnyDeviceDescription device() const {

@@ -84,7 +84,7 @@ void Progress::stop() {
 void print_message(const RunArguments& arguments, const OperatorMessage& message) {
   std::string line = kProgram + std::string(": ") + describe(message);
   if (message.kind == OperatorMessage::Kind::kFault && arguments.recover == "signal" &&
-      arguments.replay.empty())
+      arguments.replay.empty() && message.detail.fault != Fault::kRecordingFailed)
     line += "; then request recovery: kill -USR1 " + std::to_string(::getpid());
   if (::isatty(STDERR_FILENO) != 0) std::fprintf(stderr, "\r%*s\r", kProgressWidth, "");
   std::fprintf(stderr, "%s\n", line.c_str());

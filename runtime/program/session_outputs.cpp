@@ -141,11 +141,10 @@ std::vector<Error> SessionOutputs::write(const SessionOptions& options, const Se
   const auto keep_error = [&](const Result<void>& done) {
     if (!done) errors.push_back(done.error());
   };
-  if (report.recording_error) errors.push_back(*report.recording_error);
   if (!arguments_.summary.empty()) {
     const std::string text =
         summarize(inputs_.scene, options, report, remesher, link ? json_text(describe(*link)) : "");
-    keep_error(write_file_atomically(arguments_.summary, text + "\n"));
+    keep_error(write_file_atomically(arguments_.summary, text + "\n", Readers::kOwner));
   }
   if (!arguments_.meshes.empty()) {
     const std::string text = describe_sheets(inputs_.scene, remesher) + "\n";
@@ -160,12 +159,16 @@ std::vector<Error> SessionOutputs::write(const SessionOptions& options, const Se
     const SessionFigures figures = observer_.figures();
     const ReportFacts all = facts(figures, options, report, remesher);
     keep_error(write_file_atomically(arguments_.session_report,
-                                     session_report_page(inputs_.scene, figures, all)));
+                                     session_report_page(inputs_.scene, figures, all),
+                                     Readers::kOwner));
     const std::string json = session_report_json(inputs_.scene, figures, all);
-    keep_error(write_file_atomically(figures_file(arguments_, kFiguresJson), json + "\n"));
-    keep_error(
-        write_file_atomically(figures_file(arguments_, kFiguresCsv), session_report_csv(json)));
+    keep_error(write_file_atomically(figures_file(arguments_, kFiguresJson), json + "\n",
+                                     Readers::kOwner));
+    keep_error(write_file_atomically(figures_file(arguments_, kFiguresCsv),
+                                     session_report_csv(json), Readers::kOwner));
   }
+  // The last line is what the console shows.
+  if (report.recording_error) errors.push_back(*report.recording_error);
   return errors;
 }
 

@@ -101,8 +101,8 @@ void declare(CommandLine& line, Arguments& arguments) {
   line.set_footer(
       "Prints two links. With the first link, the operator commands the device. With the second\n"
       "link, an audience watches; the audience can press only the emergency stop. Ctrl-C ends\n"
-      "the console and the sessions that it has started. If the console is killed, its sessions\n"
-      "go on; a new console for the same folder finds them.\n"
+      "the console and the session that it has started. If the console is killed, its session\n"
+      "goes on; a new console for the same folder finds it, and does not end it.\n"
       "Exit codes: 0 done; 2 wrong usage; 3 input refused; 4 the address is not available; 1 an "
       "internal error.");
 }

@@ -27,7 +27,8 @@ Result<void> convert(const ExportArguments& a) {
       recording_hdf5({reinterpret_cast<const char*>(csv->data()), csv->size()}, a.recording);
   if (!made) return made.error();
   if (stop_requested.load()) return refused("stopped; nothing was written");
-  if (auto written = write_file_atomically(a.output, made->bytes); !written) return written;
+  if (auto written = write_file_atomically(a.output, made->bytes, Readers::kOwner); !written)
+    return written;
   if (!a.quiet)
     std::printf("%s: %zu ticks, %zu datasets, %zu bytes\n", a.output.c_str(), made->ticks,
                 made->datasets, made->bytes.size());

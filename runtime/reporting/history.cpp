@@ -22,6 +22,7 @@
 #include "formats/base/json_text.h"
 #include "formats/base/strict_json.h"
 #include "formats/base/text_line.h"
+#include "formats/base/utc_time.h"
 #include "formats/session/recording.h"
 #include "formats/session/trainee.h"
 
@@ -169,16 +170,6 @@ Result<Session> session_of(const json& document, bool is_report) {
   return out;
 }
 
-std::string utc(std::int64_t seconds) {
-  const auto time = static_cast<std::time_t>(seconds);
-  std::tm parts{};
-  std::array<char, 32> text{};
-  if (::gmtime_r(&time, &parts) == nullptr ||
-      std::strftime(text.data(), text.size(), "%Y-%m-%dT%H:%M:%SZ", &parts) == 0)
-    return "1970-01-01T00:00:00Z";
-  return text.data();
-}
-
 /// One line without control characters, for a terminal and a list.
 std::string one_line(std::string text) {
   std::replace_if(
@@ -188,7 +179,9 @@ std::string one_line(std::string text) {
 }
 
 /// Returns the names, relative to `folder` and in order, of the files that are to be read.
-Result<std::vector<std::string>> json_files(const std::filesystem::path& folder) {
+/// `unfinished` receives the recordings of sessions that were killed.
+Result<std::vector<std::string>> json_files(const std::filesystem::path& folder,
+                                            std::vector<std::string>& unfinished) {
   std::vector<std::string> names;
   std::error_code error;
   std::filesystem::recursive_directory_iterator entry(
@@ -201,6 +194,9 @@ Result<std::vector<std::string>> json_files(const std::filesystem::path& folder)
     if (entry->path().extension() == ".json" && !entry->is_symlink(ignored) &&
         entry->is_regular_file(ignored))
       names.push_back(name);
+    if (is_partial_name(name) && !entry->is_symlink(ignored) && entry->is_regular_file(ignored) &&
+        unfinished.size() < kMaxHistoryFiles && !is_being_recorded(entry->path()))
+      unfinished.push_back(name);
     if (names.size() > kMaxHistoryFiles)
       return refused(folder.string() + ": has more than " + std::to_string(kMaxHistoryFiles) +
                      " files that end in .json");
@@ -210,6 +206,7 @@ Result<std::vector<std::string>> json_files(const std::filesystem::path& folder)
                      " or what follows it: " + error.message());
   }
   std::sort(names.begin(), names.end());
+  std::sort(unfinished.begin(), unfinished.end());
   return names;
 }
 
@@ -273,7 +270,8 @@ std::string shown(const json& value) {
 }  // namespace
 
 Result<History> read_history(const std::filesystem::path& folder) {
-  const Result<std::vector<std::string>> names = json_files(folder);
+  std::vector<std::string> unfinished;
+  const Result<std::vector<std::string>> names = json_files(folder, unfinished);
   if (!names) return names.error();
   History history;
   std::set<std::filesystem::path> with_report;  // folders
@@ -293,11 +291,17 @@ Result<History> read_history(const std::filesystem::path& folder) {
     struct ::stat status {};
     if (::stat(file.c_str(), &status) == 0) {
       constexpr std::int64_t kNanoseconds = 1'000'000'000;
-      session->time = utc(status.st_mtim.tv_sec);
+      session->time = utc_text(status.st_mtim.tv_sec);
       session->changed_ns = status.st_mtim.tv_sec * kNanoseconds + status.st_mtim.tv_nsec;
     }
     if (read->is_report) with_report.insert(file.parent_path());
     found.emplace_back(std::move(*session), read->is_report);
+  }
+  for (const std::string& name : unfinished) {
+    if (with_report.contains((folder / name).parent_path())) continue;
+    history.skipped.push_back(one_line(name) +
+                              ": its session did not end properly; trocar-run SCENE --replay " +
+                              "makes its report");
   }
   std::map<std::array<std::string, 3>, std::vector<Session>> all;
   for (auto& [session, is_report] : found) {

@@ -24,6 +24,7 @@ SessionLoop::SessionLoop(const Scene& scene, Remesher& remesher, HandDevice& dev
       advance_(advance),
       options_(options),
       clock_(clock),
+      recorder_(workers.recorder.get()),
       publisher_(workers.publisher.get()),
       commands_(options.recovery, options.recover),
       statistics_(options.replay),
@@ -45,7 +46,7 @@ bool SessionLoop::tick(const TickTiming& timing) noexcept {
     receive_hand(start_ns);
     const bool is_paused = pauses(start_ns);
     xray_.apply(given, is_paused, start_ns);
-    if (is_paused) return true;
+    if (is_paused) return !recording_has_failed();
   }
   const std::uint64_t versions = remesher_.versions_published();
   for (std::size_t i = 0; i < sheets_.size(); ++i)
@@ -138,7 +139,10 @@ TickInputs SessionLoop::inputs(const TickTiming& timing) noexcept {
   if (const Fault latched = commands_.latched_fault();
       latched != Fault::kNone && inputs.outside != Fault::kEmergencyStop)
     inputs.outside = latched;
-  inputs.recover = result_.torques_are_zero && commands_.take_recovery();
+  is_ending_ = is_ending_ || recording_has_failed();
+  if (is_ending_ && inputs.outside != Fault::kEmergencyStop)
+    inputs.outside = Fault::kRecordingFailed;
+  inputs.recover = !is_ending_ && result_.torques_are_zero && commands_.take_recovery();
   return inputs;
 }
 
@@ -159,7 +163,18 @@ void SessionLoop::request_hole(const CutRequest& cut) noexcept {
     observer->on_puncture(event);
 }
 
+bool SessionLoop::recording_has_failed() const noexcept {
+  return recorder_ != nullptr && recorder_->has_failed();
+}
+
 bool SessionLoop::goes_on() const noexcept {
+  // A replay has no forces that would have to be ramped down.
+  if (!options_.replay.empty() && recording_has_failed()) return false;
+  if (is_ending_) {
+    const SafetyState state = state_.safety.state;
+    return state == SafetyState::kRunning ||
+           (state == SafetyState::kFault && !result_.torques_are_zero);
+  }
   return !result_.torques_are_zero || options_.recovery != RecoveryPolicy::kNever ||
          !options_.replay.empty() || commands_.waits_for_operator(state_.safety.fault);
 }

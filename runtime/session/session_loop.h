@@ -69,6 +69,7 @@ class SessionLoop {
   TickInputs inputs(const TickTiming& timing) noexcept;
   void request_hole(const CutRequest& cut) noexcept;
   bool goes_on() const noexcept;
+  bool recording_has_failed() const noexcept;
 
   LoopModel model_;
   LoopState state_;
@@ -80,6 +81,7 @@ class SessionLoop {
   const std::function<void(double)>& advance_;
   const SessionOptions& options_;
   SessionClock& clock_;
+  const Recorder* recorder_;     ///< null: no recording
   SessionPublisher* publisher_;  ///< source of the operator's commands; null: no such source
   OperatorCommands commands_;
   XrayCommands xray_;
@@ -91,6 +93,7 @@ class SessionLoop {
   std::vector<const Sheet*> sheets_;  ///< meshes used in this tick
   bool is_paused_ = false;            ///< the session is paused: no ticks are counted
   Fault outside_ = Fault::kNone;      ///< fault to raise in the next tick
+  bool is_ending_ = false;            ///< Fault::kRecordingFailed was raised
 };
 
 }  // namespace trocar::runtime

@@ -18,6 +18,7 @@
 #include "runtime/realtime/realtime_thread.h"
 #include "runtime/session/hand_receiver.h"
 #include "runtime/telemetry/frame_display.h"
+#include "runtime/telemetry/recorder.h"
 #include "runtime/telemetry/session_facts.h"
 #include "runtime/telemetry/tick_feed.h"
 #include "runtime/telemetry/tick_observer.h"
@@ -41,9 +42,9 @@ struct SessionOptions {
   double duration_s = 1;  ///< duration of the session; in a replay, that of the recorded session
   std::optional<std::filesystem::path> record;  ///< file of the recording; none: no recording
   RecordingOrigin origin;                       ///< written into the recording and the black boxes
-  /// If the recording cannot be continued, this function is called, and the session goes on without
-  /// a recording. The call is never on the realtime haptic thread.
-  std::function<void(const Error&)> on_recording_error;
+  /// Called if less than Recorder::kLowSpace_s of recording fit on the disk (recorder.h). If rows
+  /// cannot be written, the session ends after a ramp of the forces, by Fault::kRecordingFailed.
+  std::function<void(double left_s)> on_low_space;
   /// Called with each message to the operator, not on the realtime haptic thread.
   std::function<void(const OperatorMessage&)> on_message;
   /// If not empty, the session is a replay of these rows. The session uses the replay clock

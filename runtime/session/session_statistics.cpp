@@ -101,7 +101,7 @@ SessionResult SessionStatistics::take(const LoopState& state, bool is_complete) 
   report_.fault = safety.fault;
   report_.fault_t_s = safety.fault_t_s;
   report_.energy_released_max_J = state.passivity.released_max_J;
-  const bool has_failed = safety.fault != Fault::kNone && !is_by_operator(safety.fault);
+  const bool has_failed = is_failure(safety.fault);
   report_.end = has_failed    ? SessionEnd::kFault
                 : is_complete ? SessionEnd::kDone
                               : SessionEnd::kInterrupted;

@@ -26,8 +26,7 @@ namespace trocar::runtime {
 inline constexpr std::size_t kMaxListedFaults = 256;
 inline constexpr std::size_t kMaxListedPunctures = 4096;
 
-/// kFault: when the session ended, a fault was latched, other than the faults that the operator's
-/// commands pause and zero raise. Otherwise kDone if all ticks of SessionOptions::duration_s were
+/// kFault: when the session ended, a fault was latched for which is_failure() is true. Otherwise kDone if all ticks of SessionOptions::duration_s were
 /// done, and kInterrupted if not. So the replay of an interrupted session is interrupted, too.
 using SessionEnd = TelemetryEnd;
 

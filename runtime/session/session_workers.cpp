@@ -39,9 +39,10 @@ Result<SessionWorkers> make_workers(const Scene& scene, const DeviceSpecificatio
                                     const Remesher& remesher, const SessionOptions& options) {
   SessionWorkers workers;
   if (options.record) {
-    Result<RecordingWriter> writer = RecordingWriter::open(*options.record, options.origin);
-    if (!writer) return writer.error();
-    workers.recorder = std::make_unique<Recorder>(std::move(*writer), options.on_recording_error);
+    auto made =
+        Recorder::make(*options.record, options.origin, options.rate_Hz, options.on_low_space);
+    if (!made) return made.error();
+    workers.recorder = std::move(*made);
   }
   if (options.black_box) {
     auto made = BlackBox::make(*options.black_box, options.rate_Hz, options.origin);
@@ -66,7 +67,8 @@ Result<SessionWorkers> make_workers(const Scene& scene, const DeviceSpecificatio
                                 .clock = clock_name(options),
                                 .record = options.record,
                                 .counts_xray = options.counts_xray && options.replay.empty(),
-                                .limits = options.limits});
+                                .limits = options.limits,
+                                .recorder = workers.recorder.get()});
     if (!made) return made.error();
     workers.publisher = std::move(*made);
   }

@@ -9,21 +9,9 @@
 
 #include "formats/base/file_io.h"
 #include "formats/base/text_line.h"
+#include "formats/base/utc_time.h"
 
 namespace trocar::runtime {
-namespace {
-
-std::string start_in_utc() {
-  const std::time_t now = std::time(nullptr);
-  std::tm utc{};
-  ::gmtime_r(&now, &utc);
-  char text[32];
-  std::strftime(text, sizeof text, "%Y%m%d-%H%M%SZ", &utc);
-  return text;
-}
-
-}  // namespace
-
 BlackBox::BlackBox(std::filesystem::path folder, std::string name, std::size_t rows_of_file,
                    RecordingOrigin origin)
     : TickObserver(std::chrono::milliseconds(10)),
@@ -35,7 +23,7 @@ BlackBox::BlackBox(std::filesystem::path folder, std::string name, std::size_t r
 
 Result<std::unique_ptr<BlackBox>> BlackBox::make(const std::filesystem::path& folder,
                                                  double rate_Hz, const RecordingOrigin& origin) {
-  const std::string name = "black_box_" + start_in_utc();
+  const std::string name = "black_box_" + utc_name(std::time(nullptr));
   if (const Result<void> good = check_writable(folder / name); !good) {
     const std::string& why = good.error().message;  // FILE: REASON
     return unwritable(folder.string() + ": no folder for black boxes: " +
@@ -56,7 +44,7 @@ bool BlackBox::save(Fault fault, double t_s) noexcept {
 void BlackBox::on_tick(const TickView& tick) noexcept {
   push(tick.result.row);
   if (const Fault fault = tick.result.new_fault; fault != Fault::kNone)
-    is_pending_ = !is_by_operator(fault);
+    is_pending_ = is_failure(fault);
   if (!is_pending_) return;
   latched_ = tick.state.safety.fault;
   latched_t_s_ = tick.state.safety.fault_t_s;
@@ -94,7 +82,7 @@ void BlackBox::serve_one(const Request& request) {
   } else {
     Result<void> done = writer->append(rows);
     if (done) done = writer->commit();
-    if (!done) made.error = done.error();
+    if (!done) made.error = unwritable(done.error().message + "; " + writer->kept());
   }
   files_.push_back(std::move(made));
 }

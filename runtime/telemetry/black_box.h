@@ -39,8 +39,8 @@ struct BlackBoxFile {
 class BlackBox final : public TickObserver {
  public:
   /// Makes a black box that writes its files to `folder`. A file's name is
-  /// black_box_DATE-TIME_tSECONDSs_FAULT.csv. DATE-TIME is the time of this call in UTC, SECONDS
-  /// the session's time at the fault, and FAULT the name of the fault. If such a file exists, "_2"
+  /// black_box_TIME_tSECONDSs_FAULT.csv. TIME is utc_name() of this call, SECONDS the session's time
+  /// at the fault, and FAULT the name of the fault. If such a file exists, "_2"
   /// or a higher number is added to the name. `origin` is written into the first row of each file.
   /// Errors: kUnwritable if the folder does not exist, or if files cannot be created in it.
   static Result<std::unique_ptr<BlackBox>> make(const std::filesystem::path& folder, double rate_Hz,
@@ -54,9 +54,8 @@ class BlackBox final : public TickObserver {
   /// request is lost: the function returns false, and lost() counts the request.
   bool save(Fault fault, double t_s) noexcept;
   /// Pushes the row. After a fault, the torques fall to zero in a ramp. When the ramp has ended,
-  /// requests a file, so that the file contains the whole ramp. The operator's commands "pause" and
-  /// "zero forces" are raised as faults, too (Fault::kPaused, Fault::kForcesOff), but no file is
-  /// requested after them.
+  /// requests a file, so that the file contains the whole ramp. No file is requested after faults for
+  /// which is_failure() is false.
   void on_tick(const TickView& tick) noexcept override;
 
   // TickObserver says which thread calls these functions.

@@ -3,12 +3,12 @@
 
 #include <unistd.h>
 
-#include <array>
 #include <ctime>
 #include <nlohmann/json.hpp>
 #include <utility>
 
 #include "formats/base/json_text.h"
+#include "formats/base/utc_time.h"
 #include "formats/session/telemetry.h"
 #include "runtime/contact/tool.h"
 #include "runtime/telemetry/snapshot.h"
@@ -18,16 +18,6 @@ namespace trocar::runtime {
 namespace {
 
 using nlohmann::json;
-
-/// Returns the present time in UTC, as in RFC 3339.
-std::string now_text() {
-  const std::time_t now = std::time(nullptr);
-  std::tm utc{};
-  ::gmtime_r(&now, &utc);
-  std::array<char, 32> text{};
-  std::strftime(text.data(), text.size(), "%Y-%m-%dT%H:%M:%SZ", &utc);
-  return text.data();
-}
 
 json describe_tool(const SceneTool& scene_tool) {
   // The corners are given about the axis, in the plate's x and y as if the tool were not tilted.
@@ -95,7 +85,7 @@ std::string session_facts(const Scene& scene, const DeviceSpecification& device,
       {"schema", kTelemetrySchema},
       {"program", "trocar-run " TROCAR_VERSION},
       {"pid", ::getpid()},
-      {"started_at", now_text()},
+      {"started_at", utc_text(std::time(nullptr))},
       {"scene", {{"file", options.scene_file}, {"name", scene.name}}},
       {"asset", scene.asset.string()},
       {"device", options.device},

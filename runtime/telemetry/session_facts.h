@@ -18,6 +18,8 @@
 
 namespace trocar::runtime {
 
+class Recorder;
+
 /// The facts about a live hand, which is a hand that a person moves. Its springs pull the tip to a
 /// target. The target starts at start_tip_m and start_rotation_rad. While a person holds the tool,
 /// the target stays in the box from min_m to max_m, and its rotation differs from the rotation at
@@ -45,6 +47,7 @@ struct PublishedSession {
   std::optional<std::filesystem::path> record;  ///< file of the recording; none: no recording
   bool counts_xray = false;  ///< the session accepts and counts X-ray shots and screening
   SafetyLimits limits;
+  const Recorder* recorder = nullptr;  ///< writes `record`; null: no recording
 };
 
 /// Returns the facts as JSON text.

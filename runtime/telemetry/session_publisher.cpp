@@ -4,6 +4,7 @@
 #include <algorithm>
 
 #include "runtime/realtime/monotonic_clock.h"
+#include "runtime/telemetry/recorder.h"
 
 namespace trocar::runtime {
 
@@ -17,6 +18,7 @@ Result<std::unique_ptr<SessionPublisher>> SessionPublisher::make(const Scene& sc
                                                                  const PublishedSession& session) {
   std::unique_ptr<SessionPublisher> made(new SessionPublisher);
   made->prefetch_ = prefetch;
+  made->recorder_ = session.recorder;
   made->rate_Hz_ = session.rate_Hz;
   made->tool_ = make_tool(scene.tool);
   made->values_.resize(snapshot_size());
@@ -173,7 +175,9 @@ void SessionPublisher::publish_shape() {
 }
 
 void SessionPublisher::write(const TelemetryTick& tick) {
-  snapshot_values({tick, tool_, tick_times_, wake_times_, writer_->last_event()}, values_);
+  SnapshotSource source{tick, tool_, tick_times_, wake_times_, writer_->last_event()};
+  if (recorder_ != nullptr) source.recording_left_s = recorder_->left_s();
+  snapshot_values(source, values_);
   writer_->snapshot(values_);
 }
 

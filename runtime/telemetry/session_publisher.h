@@ -97,6 +97,7 @@ class SessionPublisher final : public TickObserver {
   std::array<std::uint64_t, kTelemetryCommands> taken_{};
   std::unique_ptr<TelemetryWriter> writer_;
   const PrefetchWorker* prefetch_ = nullptr;
+  const Recorder* recorder_ = nullptr;
   Tool tool_;
   std::vector<FirstSheet> first_;
   std::vector<std::int32_t> slices_;

@@ -2,7 +2,6 @@
 #include "runtime/telemetry/snapshot.h"
 
 #include <algorithm>
-#include <limits>
 
 namespace trocar::runtime {
 namespace {
@@ -90,6 +89,7 @@ constexpr Column kColumns[] = {
     one("events", [](const S& s) { return s.last_event; }),
     one("xray_shots", [](const S& s) { return s.tick.xray_shots; }),
     one("xray_screening_s", [](const S& s) { return s.tick.xray_screening_s; }),
+    one("recording_left_s", [](const S& s) { return s.recording_left_s; }),
     one("paused", [](const S& s) { return s.tick.is_paused; }),
     one("ended", [](const S& s) { return s.tick.has_ended; }),
     many("tick_us", TelemetryHistogram::kBins, [](const S& s) { return counts_of(s.tick_times); }),

@@ -6,6 +6,7 @@
 
 #include <array>
 #include <cstdint>
+#include <limits>
 #include <span>
 #include <utility>
 #include <vector>
@@ -50,6 +51,7 @@ struct SnapshotSource {
   const TelemetryHistogram& tick_times;
   const TelemetryHistogram& wake_times;
   std::uint64_t last_event = 0;
+  double recording_left_s = std::numeric_limits<double>::infinity();  ///< Recorder::left_s()
 };
 
 /// Returns the name of each column and its number of values, in the order of snapshot_values().

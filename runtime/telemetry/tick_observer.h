@@ -23,6 +23,12 @@ constexpr bool is_by_operator(Fault fault) noexcept {
   return fault == Fault::kPaused || fault == Fault::kForcesOff;
 }
 
+/// Returns true for the faults that are failures of the device or of the loop. A session that could
+/// not be recorded ends as if the operator had stopped it.
+constexpr bool is_failure(Fault fault) noexcept {
+  return fault != Fault::kNone && fault != Fault::kRecordingFailed && !is_by_operator(fault);
+}
+
 struct PunctureEvent {
   std::int32_t sheet = -1;  ///< index of the sheet; the topmost is 0
   std::int32_t slice = -1;  ///< slice index in the asset

@@ -310,6 +310,66 @@ def test_killed_session(console, folder):
     live.close()
 
 
+def test_recording_of_killed_session(programs, console, folder):
+    """At most 0.2 s are missing. The page lists and plays what was recorded, and trocar-run replays it and makes its report."""
+    live = console.live()
+    start(console, live, scene="scenes/one_slice.json", duration_s=60)
+    check(live.until(lambda l: l.values and l.value("t_s") > 1, 10), "no second")
+    name = str((newest(folder) / "session.csv.partial").relative_to(folder))
+    listed = lambda: [r for r in console.get("/api/folder")[1]["recordings"] if r["file"] == name]
+    check(not listed(), "a recording that is being written is listed")
+    os.kill(live.hello["pid"], signal.SIGKILL)
+    check(live.until(lambda l: l.state() == "lost", 5) and live.states[-1].get("recording") == name, f"{live.states[-1]}")
+    t_s = live.value("t_s")
+    live.close()
+    with open(folder / name, "ab") as file:  # as if it had been killed within a write
+        file.write(b"99,0.1,")
+    rows = rows_of(folder / name)[:-1]
+    check(t_s - float(rows[-1]["t_s"]) < 0.2, f"the recording ends at {rows[-1]['t_s']} s, and the session at {t_s} s")
+    found = listed()
+    check(len(found) == 1 and found[0].get("partial") is True and found[0]["ticks"] == len(rows) and found[0]["scene"] == "scenes/one_slice.json" and "report" not in found[0], f"{found}")
+    head, _ = container(console.get(f"/api/recording?file={name}")[1])
+    check(head["rows"] == len(rows) and head["is_cut"] is True, f"playback of {head['rows']} rows of {len(rows)}")
+    check(name.removeprefix("sessions/").encode() in console.get("/api/history", raw=True)[1], "the history does not name it")
+    report = folder / "killed.html"
+    done = subprocess.run([programs / "trocar-run", folder / "scenes/one_slice.json", "--replay", folder / name, "--session-report", report],
+                          capture_output=True, text=True, check=False)
+    check(done.returncode == 0 and "identical" in done.stdout and "its last row is cut off" in done.stderr and report.exists(), f"the replay: {done}")
+
+
+def test_files_are_the_owners(folder):
+    for session in (folder / "sessions").iterdir():
+        if session.is_dir() and not session.is_symlink():
+            check(re.fullmatch(r"\d{8}T\d{6}Z-\w+(-\d+)?", session.name) and session.stat().st_mode & 0o777 == 0o700, f"{session}: {session.stat().st_mode:o}")
+            for file in session.iterdir():
+                check(file.stat().st_mode & 0o777 == 0o600, f"{file}: {file.stat().st_mode:o}")
+
+
+def test_two_consoles(program, page, folder):
+    """A console ends only the sessions that it has started."""
+    first, second = (Console(program, folder, page=page, stderr=subprocess.DEVNULL) for _ in range(2))
+    for device in ("inproc", "sim"):
+        live, other = first.live(), second.live()
+        start(first, live, scene="scenes/one_slice.json", duration_s=60, device=device)
+        check(other.until(lambda l: l.state() == "running", 10), f"the second console does not find it: {other.states}")
+        check(second.post("/api/start", {"scene": "scenes/one_slice.json"})[0] == 409, "a start beside it")
+        check(live.until(lambda l: l.values, 5), "no snapshot")
+        other.close()
+        check(second.stop() == 0, "the second console's exit code")
+        check(live.until(lambda l: l.values and l.state() == "running", 10), f"{live.states}")
+        t_s = live.value("t_s")
+        check(live.until(lambda l: l.value("t_s") > t_s + 0.5, 10) and live.state() == "running" and "link_lost" not in str(live.events),
+              f"after the end of another console: {live.state()}, {live.kinds()}")
+        second = Console(program, folder, page=page, stderr=subprocess.DEVNULL)
+        # The second console may still command it.
+        other = second.live()
+        check(other.until(lambda l: l.state() == "running", 10) and second.post("/api/command", {"command": "stop"})[0] == 200, f"{other.states}")
+        check(live.until(lambda l: l.state() == "ended", 10), f"{live.states[-1]}")
+        live.close()
+        other.close()
+    check(first.stop() == 0 and second.stop() == 0, "exit codes")
+
+
 def recover(console, live, is_done):
     """Requests recovery until it succeeds: on a loaded machine a late tick may be the next fault."""
     for _ in range(100):
@@ -421,8 +481,11 @@ def main():
     test_emergency_stop(console, folder)
     console = test_killed_console(program, page, console, folder)
     test_killed_session(console, folder)
+    test_recording_of_killed_session(programs, console, folder)
     test_killed_device(console, folder)
     test_end(console, folder)
+    test_two_consoles(program, page, folder)
+    test_files_are_the_owners(folder)
     test_playback(program, page, folder)
     test_attach(programs, page, folder)
     shutil.rmtree(folder / "sessions")

@@ -2,6 +2,7 @@
 """console_trouble_test.py SOURCE PROGRAMS ASSET WORK: what the console says of sessions in trouble. A session that hangs, an emergency stop
 during a recovery, a full disk, a start that fails, a scene with broken JSON, and an audience that is large."""
 import json
+import math
 import os
 import pathlib
 import shutil
@@ -11,8 +12,8 @@ import subprocess
 import sys
 import time
 
-from console_client import Closed, Console
-from console_server_test import make_folder, newest
+from console_client import Closed, Console, container
+from console_server_test import make_folder, newest, rows_of
 from e2e import check, outcome
 
 
@@ -228,11 +229,11 @@ def test_tunnel(programs, source, folder):
     console.stop()
 
 
-def console_on_small_disk(programs, source, folder, work):
-    """A console whose folder, with its log, is on a disk of 3 MB; None if this machine allows no file system of one's own."""
+def console_on_small_disk(programs, source, folder, work, size):
+    """A console whose folder, with its log, is on a disk of this size, and that folder; None if this machine allows no file system of one's own."""
     disk = work / "disk"
     disk.mkdir(exist_ok=True)
-    inside = ["unshare", "-rm", "sh", "-c", f'mount -t tmpfs -o size=3m tmpfs "{disk}" && exec "$@"', "sh"]
+    inside = ["unshare", "-rm", "sh", "-c", f'mount -t tmpfs -o size={size} tmpfs "{disk}" && exec "$@"', "sh"]
     if subprocess.run([*inside, "true"], capture_output=True, check=False).returncode != 0:
         print("a full disk was not tried: this machine allows no file system of one's own")
         return None
@@ -243,19 +244,70 @@ def console_on_small_disk(programs, source, folder, work):
     start = work / "start_on_disk"
     start.write_text("#!/bin/sh\nexec " + " ".join(f"'{word}'" for word in inside) + f' "{wrapper}" "$@"\n')
     start.chmod(0o755)
-    return Console(start, page=source / "runtime/console/page", stderr=subprocess.DEVNULL)
+    console = Console(start, page=source / "runtime/console/page", stderr=subprocess.DEVNULL)
+    return console, pathlib.Path(f"/proc/{console.process.pid}/root{disk}")
 
 
-def test_full_disk(programs, source, folder, work):
-    """The log is on the full disk, too. The console still says what happened."""
-    console = console_on_small_disk(programs, source, folder, work)
-    if console is None:
+def free_bytes(disk):
+    status = os.statvfs(disk)
+    return status.f_bavail * status.f_frsize
+
+
+def fill(disk, leave):
+    """Another process takes the space of the disk, except for the bytes to leave."""
+    with open(disk / "other", "ab", buffering=0) as other:
+        os.posix_fallocate(other.fileno(), 0, free_bytes(disk) - leave)
+
+
+def check_forces_of(rows):
+    """The forces fall by the ramp in the ticks that see that nothing can be recorded, and the rows go on to the end."""
+    first = next(i for i, row in enumerate(rows) if row["outside_fault"] == "recording_failed")
+    force = [math.hypot(*(float(row[f"f{axis}_delivered_N"]) for axis in "xyz")) for row in rows]
+    before, after = force[first - 1], force[first:]
+    steps = [a - b for a, b in zip(force[first - 1:], after)]
+    check(before > 1 and after[-1] == 0 and len(after) <= 6 and max(steps) < 0.35 * before, f"forces at the end: {before}, then {after}")
+    check(all(row["device_read"] == row["device_write"] == "ok" for row in rows[first - 1:]), "the device was lost at the end")
+
+
+def test_full_disk(programs, source, folder, work, device):
+    """The log is on the full disk, too. The page warns, then has the reason within a second of the last free byte, and the recording is whole."""
+    made = console_on_small_disk(programs, source, folder, work, "8m")
+    if made is None:
         return
-    live = begin(console, duration_s=15)
+    console, disk = made
+    live = begin(console, "scenes/one_slice.json", duration_s=60, device=device)
+    check(live.until(lambda l: math.isfinite(l.value("recording_left_s")), 5), "the space on the disk is not stated")
+    left_s, fits_s = live.value("recording_left_s"), free_bytes(disk) / 1e6
+    check(0.3 * fits_s < left_s < 3 * fits_s, f"{left_s} s of recording fit, and {fits_s} MB are free")
+    check(live.until(lambda l: l.value("force_N") > 5), "no contact")
+    fill(disk, 300_000)  # a third of a second
+    filled_t_s, filled_at = live.value("t_s"), time.monotonic()
     check(live.until(lambda l: l.state() == "ended", 60), f"a full disk ends nothing: {live.states[-1]}")
-    check(live.states[-1].get("exit_code") == 4 and "disk" in live.states[-1]["message"], f"a full disk: {live.states[-1]}")
-    print("full disk:", live.states[-1]["message"])
+    took_s, ended = time.monotonic() - filled_at, live.events[-1]
+    print(f"full disk, {device}: the page had the reason after {took_s:.2f} s: {live.states[-1]['message']}")
+    check(took_s < 1.5 and ended["t_s"] - filled_t_s < 1, f"the session ended {took_s} s after the disk was nearly full, {ended}")
+    check(live.states[-1].get("exit_code") == 4 and "No space left on device" in live.states[-1]["message"], f"a full disk: {live.states[-1]}")
+    check((ended["kind"], ended["end"], ended["fault"]) == ("ended", "interrupted", "recording_failed"), f"a full disk: {ended}")
+    check([event["fault"] for event in live.events if event["kind"] == "fault"] == ["recording_failed"], f"a full disk: {live.events}")
+    name = live.states[-1].get("recording", "none")
+    check(name.endswith("/session.csv") and live.states[-1].get("report", "").endswith("/session.html"), f"a full disk: {live.states[-1]}")
+    rows = rows_of(disk / name)
+    check(abs(float(rows[-1]["t_s"]) - ended["t_s"]) < 1e-9, f"the recording ends at {rows[-1]['t_s']} s, and the session at {ended['t_s']} s")
+    check_forces_of(rows)
+    head, _ = container(console.get(f"/api/recording?file={name}")[1])
+    check(head["rows"] == len(rows) and head["is_cut"] is False, f"playback of {head['rows']} rows of {len(rows)}")
+    check(json.loads((disk / name).with_suffix(".json").read_text())["end"] == "interrupted", "the report")
+    replayed = subprocess.run([programs / "trocar-run", folder / "scenes/one_slice.json", "--asset", folder / "sample.glb", "--replay", disk / name], capture_output=True, text=True, check=False)
+    check(replayed.returncode == 0 and "identical" in replayed.stdout, f"the replay: {replayed}")
+    # Nothing fits any more, and the next session says so before it begins.
+    fill(disk, 0)
     live.close()
+    late = console.live()
+    check(late.until(lambda l: l.states), "no state")
+    status, answer = console.post("/api/start", {"scene": "scenes/one_slice.json", "device": device})
+    said = answer.get("error", "") if status == 409 else late.until(lambda l: l.state() in ("ended", "idle") and len(l.states) > 1, 10) and late.states[-1]["message"]
+    check("No space left" in said or "disk" in said, f"a start on a full disk: {status} {answer} {late.states[-1]}")
+    late.close()
     console.stop()
 
 
@@ -275,7 +327,8 @@ def main():
     finally:
         check(console.stop() == 0, "the console's exit code")
     test_tunnel(programs, source, folder)
-    test_full_disk(programs, source, folder, work)
+    for device in ("inproc", "sim"):
+        test_full_disk(programs, source, folder, work, device)
     shutil.rmtree(work / "disk", ignore_errors=True)
     return outcome()
 

@@ -63,7 +63,8 @@ def spoil(folder, good):
              "text.json": json.dumps({**good, "force": {"max_N": "12"}}), "huge.json": json.dumps({**good, "plunge_max_m": 1e300}), "scene2.json": json.dumps({**good, "scene": 5}),
              "code.json": json.dumps({**good, "trainee": {"code": "../x", "course": None, "attempt": 1}}), "bytes.json": None,
              "attempt.json": json.dumps({**good, "trainee": {"code": "A", "course": None, "attempt": 0}}),
-             "half.json": json.dumps({**good, "trainee": {"code": "A", "course": None, "attempt": 1.5}}), "lines\n<b>.json": "{"}
+             "half.json": json.dumps({**good, "trainee": {"code": "A", "course": None, "attempt": 1.5}}), "lines\n<b>.json": "{",
+             "killed.csv.partial": "t_s,x_m\n0,0\n0.001"}
     for name, words in wrong.items():
         if words is None:
             (folder / name).write_bytes(bytes(range(256)))

@@ -123,8 +123,9 @@ Result<std::string> rows_of(const std::filesystem::path& recording) {
   const auto bytes = read_file(recording, kMaxBytes);
   if (!bytes) return bytes.error();
   RecordingOrigin origin;
+  bool is_cut = false;
   const auto rows = parse_recording({reinterpret_cast<const char*>(bytes->data()), bytes->size()},
-                                    recording.filename().string(), &origin);
+                                    recording.filename().string(), &origin, &is_cut);
   if (!rows) return rows.error();
   const RecordingKind kind = recording_kind(origin);
   const double rate_Hz = origin.number("rate_Hz").value_or(0);
@@ -152,6 +153,7 @@ Result<std::string> rows_of(const std::filesystem::path& recording) {
   Arrays arrays;
   const auto at = arrays.add(table);
   return arrays.with_json(json_text({{"schema", "trocar.rows/1"},
+                                     {"is_cut", is_cut},
                                      {"columns", columns},
                                      {"rows", table.size() / width},
                                      {"every", every},

@@ -22,6 +22,11 @@ function item({ file, error }, lines, buttons = []) {
 }
 
 const seconds = (value) => (Number.isFinite(value) ? `${Number(value.toFixed(2))} s` : "");
+/// The time in the name of a session's folder, as other times on the page: UTC.
+function time_in(file) {
+  const parts = /^sessions\/(\d{4})(\d\d)(\d\d)T(\d\d)(\d\d)(\d\d)Z-/.exec(file);
+  return parts ? `${parts[1]}-${parts[2]}-${parts[3]}T${parts[4]}:${parts[5]}:${parts[6]}Z` : "";
+}
 const count_of = (slices) => (Array.isArray(slices) ? slices.length : slices);
 const slices_in = ({ slices, body }) => (count_of(slices) || !body ? slices : body.to - body.from + 1);
 const slices_of = (slices) => (count_of(slices) === 1 ? "1 slice" : `${count_of(slices)} slices`);
@@ -88,7 +93,7 @@ export class Folder {
       if (recording.error) return item(recording, []);
       const buttons = [["Play", () => this.act.play(recording)], ["Compare", () => this.act.compare(recording)]];
       if (recording.report !== undefined) buttons.push(["Report", () => this.act.report(recording)]);
-      return item(recording, [`${seconds(recording.duration_s)}, ${recording.ticks} ticks`, recording.scene ? `scene ${recording.scene}` : "its scene is not in this folder",
+      return item(recording, [time_in(recording.file), recording.partial ? "its session did not end properly: it was killed, or the computer stopped" : "", `${seconds(recording.duration_s)}, ${recording.ticks} ticks`, recording.scene ? `scene ${recording.scene}` : "its scene is not in this folder",
         recording.device ? `device: ${this.act.device_words(recording.device)}` : ""], buttons);
     }));
     by_id("assets").replaceChildren(...assets.map((asset) => (asset.error ? item(asset, []) :

@@ -72,7 +72,7 @@ app.changed = changed;
 app.goals = new Goals(app);
 
 /// Returns the session's name if the file is a session's recording; otherwise the file's name.
-const short = (file) => file.replace(/^sessions\//, "").replace(/\/session\.csv$/, "");
+const short = (file) => file.replace(/^sessions\//, "").replace(/\/session\.csv(\.partial)?$/, "");
 
 // ---- what is shown ----
 const shown = () => (app.tab === "playback" ? app.playback.first : app.live ?? app.preview);
@@ -264,7 +264,7 @@ app.link = new Live({
     document.body.dataset.session = state.state;
     if (is_running()) take_keys_back();
     else {
-      if (state.state !== "lost") refresh();
+      refresh();
       restart.session_over(state);
     }
     changed();
@@ -402,7 +402,7 @@ function draw_status() {
   const is_playback = app.tab === "playback" && !is_running() && app.connected;
   const first = app.playback.first;
   const said = is_playback
-    ? { level: "good", state: "Playback", words: first ? `${short(app.playback.file)}${first.second ? `, against ${short(app.playback.second_file)}` : ""}` : "No recording is open. Choose one in Folder." }
+    ? { level: "good", state: "Playback", words: first ? `${short(app.playback.file)}${first.second ? `, against ${short(app.playback.second_file)}` : ""}${first.is_cut ? "; its session was killed, and its last row is cut off" : ""}` : "No recording is open. Choose one in Folder." }
     : describe({ has_begun: Boolean(app.link?.session), shown: app.live, state: app.state, is_connected: app.connected, is_refused: app.refused, is_full: app.full });
   const noticed = notices.words;
   by_id("status").dataset.level = noticed ? "bad" : said.level;
@@ -414,7 +414,7 @@ function draw_status() {
   const age_s = !is_playback && is_old() ? ` (${((performance.now() - app.heard_ms) / 1000).toFixed(1)} s ago)` : "";
   by_id("clock").textContent = Number.isFinite(t) ? `${t.toFixed(2)} s${Number.isFinite(end) ? ` of ${Number(end.toFixed(2))} s` : ""}${age_s}` : "";
   by_id("ended-report").hidden = app.state.state !== "ended" || !app.state.report || is_playback;
-  by_id("ended-play").hidden = app.state.state !== "ended" || !app.state.recording || is_playback;
+  by_id("ended-play").hidden = !["ended", "lost"].includes(app.state.state) || !app.state.recording || is_playback;
   const running = is_running(), safety = app.live?.value("safety", 0), paused = is_paused(app.state, app.live);
   by_id("pause-word").textContent = running && paused ? "Resume" : "Pause";
   for (const name of ["pause", "zero", "stop"]) by_id(name).disabled = !running;

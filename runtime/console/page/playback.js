@@ -16,6 +16,7 @@ export class Recorded extends Shown {
     this.count = json.rows;
     this.all_events = json.events ?? [];
     this.force_scale = json.force_scale;
+    this.is_cut = json.is_cut;
     this.largest_torque_Nm = 0;
     const at = this.columns.at.get("tau_Nm");
     for (let i = 0; at && i < this.count; ++i)

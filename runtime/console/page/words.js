@@ -3,6 +3,7 @@
 // Tests: tests/e2e/console_page_test.py, tests/runtime/console/page_parts_test.mjs
 
 export const kRunning = 2, kFault = 3, kRecovering = 4;  // SafetyState
+const kLowSpace_min = 10;
 const kContact = 1, kPunctured = 2, kMissed = 3;          // ContactPhase
 const kOperators = { paused: ["Paused", "Torques are zero and time is stopped. Press Resume to continue."],
   forces_off: ["Forces off", "Torques are zero, the tool moves freely and time continues. Press Recover for forces."] };
@@ -41,9 +42,22 @@ function contact_words(shown) {
   return "The tool touches nothing.";
 }
 
+/// A sentence if the disk has space for less than ten minutes of recording.
+function disk_words(shown) {
+  const left_min = Math.floor(shown.value("recording_left_s", Infinity) / 60);
+  if (!(left_min < kLowSpace_min)) return "";
+  return `The disk has space for ${left_min < 1 ? "less than a minute" : left_min === 1 ? "about 1 minute" : `about ${left_min} minutes`} of recording; then the session ends.`;
+}
+
 /// Describes the session's state as {level: good | wait | bad, state, words}, from the console's state and the latest row. `has_begun`: the
 /// console's last session began. After its end, the page may show another bone and not the session (`shown` is null).
-export function describe({ has_begun, shown, state, is_connected, is_refused, is_full }) {
+export function describe(facts) {
+  const said = describe_state(facts), { shown, state, is_connected } = facts;
+  const disk = is_connected && shown && ["running", "paused"].includes(state.state) ? disk_words(shown) : "";
+  return disk ? { level: said.level === "good" ? "wait" : said.level, state: said.state, words: `${disk} ${said.words}` } : said;
+}
+
+function describe_state({ has_begun, shown, state, is_connected, is_refused, is_full }) {
   if (is_refused) return { level: "bad", state: "Refused", words: "The console refused this page. Open the link that trocar-console printed." };
   if (!is_connected && is_full) return { level: "wait", state: "No place", words: "As many pages watch as the console admits. This page tries again by itself." };
   if (!is_connected) return { level: "bad", state: "No connection", words: "The console does not answer; the session may continue. This page connects again by itself. Start trocar-console again if it ended." };
@@ -74,7 +88,7 @@ export function describe({ has_begun, shown, state, is_connected, is_refused, is
     if (wanted) return { level: "wait", state: wanted[0], words: wanted[1] };
     if (event?.fault === "emergency_stop") return { level: "bad", state: "Emergency stop", words: "Torques are zero, and stay so. Release the device's own stop if it was that one; then press Release the stop." };
     const name = event?.fault ? `Fault: ${event.fault.replaceAll("_", " ")}` : "Fault";
-    return { level: "bad", state: name, words: `${fault_words(event)} Torques are zero. Then press Recover.` };
+    return { level: "bad", state: name, words: `${fault_words(event)} Torques are zero.${event?.fault === "recording_failed" ? "" : " Then press Recover."}` };
   }
   if (safety !== kRunning) return { level: "wait", state: "Ready", words: "Torques are zero; nothing has been rendered yet." };
   const authority = shown.value("authority", 1);

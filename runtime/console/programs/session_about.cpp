@@ -76,7 +76,7 @@ Result<void> write_device_note(const std::filesystem::path& file, const std::str
     note["device_start_ticks"] = process->start_ticks;
     note["device_endpoint"] = process->endpoint;
   }
-  return write_file_atomically(file, json_text(note, 2) + "\n");
+  return write_file_atomically(file, json_text(note, 2) + "\n", Readers::kOwner);
 }
 
 std::string noted_device(const std::filesystem::path& file) {

@@ -1,8 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "runtime/console/programs/session_files.h"
 
+#include <sys/stat.h>
+
 #include <algorithm>
-#include <array>
+#include <cerrno>
 #include <charconv>
 #include <ctime>
 #include <fstream>
@@ -10,15 +12,12 @@
 #include <string_view>
 #include <system_error>
 
+#include "formats/base/utc_time.h"
+
 namespace trocar::runtime {
 namespace {
 
 std::string folder_name(const std::filesystem::path& scene) {
-  const std::time_t now = std::time(nullptr);
-  std::tm local{};
-  ::localtime_r(&now, &local);
-  std::array<char, 32> date{};
-  std::strftime(date.data(), date.size(), "%Y-%m-%dT%H-%M-%S-", &local);
   std::string name = scene.stem().string().substr(0, 64);
   std::replace_if(
       name.begin(), name.end(),
@@ -27,7 +26,7 @@ std::string folder_name(const std::filesystem::path& scene) {
                  c == '_' || c == '-');
       },
       '_');
-  return date.data() + name;
+  return utc_name(std::time(nullptr)) + "-" + name;
 }
 
 }  // namespace
@@ -38,12 +37,14 @@ Result<std::filesystem::path> create_session_folder(const std::filesystem::path&
   if (std::filesystem::is_symlink(sessions, error))
     return refused(sessions.string() + ": is a link");
   const std::string name = folder_name(scene);
-  std::filesystem::create_directories(sessions, error);
+  if (std::filesystem::create_directories(sessions, error))
+    std::filesystem::permissions(sessions, std::filesystem::perms::owner_all, error);
   constexpr int kMaxOfASecond = 100;
   std::filesystem::path folder;
   for (int i = 1; i < kMaxOfASecond && !error; ++i) {
     folder = sessions / (i == 1 ? name : name + "-" + std::to_string(i));
-    if (std::filesystem::create_directory(folder, error)) return folder;
+    if (::mkdir(folder.c_str(), 0700) == 0) return folder;
+    if (errno != EEXIST) error = std::error_code(errno, std::generic_category());
   }
   return unwritable(folder.string() + ": cannot be made: " +
                     (error ? error.message() : "all folders of this name and second exist"));

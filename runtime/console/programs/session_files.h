@@ -14,10 +14,11 @@
 
 namespace trocar::runtime {
 
-/// Creates a folder such as SESSIONS/2026-11-22T03-04-05-NAME. The folder's name consists of
-/// the local time and the name of the scene's file, in which '_' replaces all characters
-/// except letters, digits, '_' and '-'. If the folder exists, the new folder's name gets the
-/// suffix "-2", "-3" and so on. Errors: kRefused if `sessions` is a link; kUnwritable if the
+/// Creates a folder such as SESSIONS/20261130T053438Z-NAME. The folder's name consists of the time
+/// (utc_name()) and the name of the scene's file, in which '_' replaces all characters except
+/// letters, digits, '_' and '-'. If the folder exists, the new folder's name gets the suffix "-2",
+/// "-3" and so on. Only the owner may read the folder, because its files name trainees; this also
+/// holds for `sessions`, if it is made here. Errors: kRefused if `sessions` is a link; kUnwritable if the
 /// folder cannot be created.
 Result<std::filesystem::path> create_session_folder(const std::filesystem::path& sessions,
                                                     const std::filesystem::path& scene);

@@ -54,6 +54,25 @@ TEST_F(FileIo, WritesAndReadsBack) {
   EXPECT_EQ(status.st_mode & 0777U, 0666U & ~mask);
 }
 
+TEST_F(FileIo, AFileThatIsReplacedPassesItsPermissionsOn) {
+  const mode_t mask = ::umask(022);
+  const auto mode_after = [&](const char* name, Readers readers) {
+    EXPECT_TRUE(write_file_atomically(folder_ / name, std::string_view("x"), readers));
+    return fs::status(folder_ / name).permissions();
+  };
+  EXPECT_EQ(mode_after("a", Readers::kByUmask), fs::perms(0644));
+  EXPECT_EQ(mode_after("b", Readers::kOwner), fs::perms(0600));
+  fs::permissions(folder_ / "a", fs::perms(0640));
+  fs::permissions(folder_ / "b", fs::perms(0664));
+  EXPECT_EQ(mode_after("a", Readers::kByUmask), fs::perms(0640));
+  EXPECT_EQ(mode_after("b", Readers::kOwner), fs::perms(0664));
+  // A link is replaced itself, so the permissions of its file do not count.
+  fs::permissions(folder_ / "a", fs::perms(0666));
+  fs::create_symlink(folder_ / "a", folder_ / "link");
+  EXPECT_EQ(mode_after("link", Readers::kOwner), fs::perms(0600));
+  ::umask(mask);
+}
+
 TEST_F(FileIo, AFailureLeavesNothingBehind) {
   const auto nowhere = write_file_atomically(folder_ / "no" / "a", std::string_view("x"));
   ASSERT_FALSE(nowhere);

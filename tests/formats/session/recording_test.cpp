@@ -15,6 +15,7 @@
 #include <nlohmann/json.hpp>
 #include <random>
 #include <set>
+#include <thread>
 
 #include "formats/base/file_io.h"
 #include "tests/support/file_size_limit.h"
@@ -506,7 +507,7 @@ TEST_F(Recording, AFullDiskKeepsTheWholeRowsThatFit) {
       if (done) done = writer->commit();
       ASSERT_FALSE(done);
       EXPECT_EQ(done.error().code, ExitCode::kUnwritable);
-      said = done.error().message;
+      said = done.error().message + "; " + writer->kept();
     }
     EXPECT_NE(said.find("r.csv: File too large"), std::string::npos) << said;
     EXPECT_FALSE(fs::exists(folder_ / "r.csv"));
@@ -521,6 +522,98 @@ TEST_F(Recording, AFullDiskKeepsTheWholeRowsThatFit) {
     EXPECT_EQ(text_of(folder_ / "r.csv.partial"), whole.substr(0, end)) << fits;
     fs::remove(folder_ / "r.csv.partial");
   }
+}
+
+TEST_F(Recording, WhatDidNotFitIsWrittenOnceThereIsSpace) {
+  const std::vector<RecordingRow> rows = any_rows(500);
+  const std::string whole = csv_of(folder_, rows);
+  auto writer = RecordingWriter::open(folder_ / "r.csv");
+  ASSERT_TRUE(writer);
+  {
+    const test::FileSizeLimit limit(100'000);
+    ASSERT_FALSE(writer->append(std::span(rows).first(300)));
+    const std::string kept = text_of(folder_ / "r.csv.partial");
+    EXPECT_GT(kept.size(), 90'000U);
+    EXPECT_TRUE(kept.ends_with('\n')) << "whole rows";
+  }
+  EXPECT_TRUE(writer->append(std::span(rows).subspan(300)));
+  EXPECT_TRUE(writer->commit());
+  EXPECT_EQ(text_of(folder_ / "r.csv"), whole);
+  EXPECT_EQ(writer->kept(), "the first 500 rows are in " + (folder_ / "r.csv").string());
+}
+
+TEST_F(Recording, ADiskThatIsFullFromTheBeginningIsToldAtOnce) {
+  const test::FileSizeLimit limit(100);
+  const auto writer = RecordingWriter::open(folder_ / "r.csv");
+  ASSERT_FALSE(writer);
+  EXPECT_EQ(writer.error().code, ExitCode::kUnwritable);
+  EXPECT_EQ(files(), 0U);
+}
+
+// A program that is killed loses what it has not written.
+TEST_F(Recording, RowsAreWrittenSoonAfterTheyCame) {
+  const std::vector<RecordingRow> rows = any_rows(3);
+  auto writer = RecordingWriter::open(folder_ / "r.csv");
+  ASSERT_TRUE(writer);
+  const auto rows_in_file = [&] {
+    const std::string text = text_of(folder_ / "r.csv.partial");
+    return std::count(text.begin(), text.end(), '\n') - 1;
+  };
+  EXPECT_EQ(rows_in_file(), 0);
+  std::this_thread::sleep_for(RecordingWriter::kFlushWithin);
+  ASSERT_TRUE(writer->append(std::span(rows).first(2)));
+  EXPECT_EQ(rows_in_file(), 2);
+  ASSERT_TRUE(writer->append(std::span(rows).subspan(2)));
+  std::this_thread::sleep_for(RecordingWriter::kFlushWithin);
+  ASSERT_TRUE(writer->append({}));
+  EXPECT_EQ(rows_in_file(), 3) << "also if no more rows come";
+}
+
+TEST_F(Recording, ALastLineThatIsCutIsLeftOutForThoseWhoCanSaySo) {
+  const std::string good = csv_of(folder_, any_rows(3));
+  const std::size_t header = good.find('\n') + 1, last = good.rfind('\n', good.size() - 2) + 1;
+  bool is_cut = true;
+  EXPECT_EQ(parse_recording(good, "r.csv", nullptr, &is_cut)->size(), 3U);
+  EXPECT_FALSE(is_cut);
+  for (std::size_t length = header; length < good.size(); ++length) {
+    const bool has_row = length > good.find('\n', header);
+    const auto read = parse_recording(good.substr(0, length), "r.csv", nullptr, &is_cut);
+    EXPECT_EQ(bool(read), has_row) << length;
+    EXPECT_EQ(is_cut, good[length - 1] != '\n') << length;
+  }
+  std::ofstream(folder_ / "r.csv.partial") << good.substr(0, last + 30);
+  EXPECT_EQ(read_recording(folder_ / "r.csv.partial", nullptr, &is_cut)->size(), 2U);
+  EXPECT_TRUE(is_cut);
+  EXPECT_FALSE(read_recording(folder_ / "r.csv.partial"));
+  std::string within = good;
+  within.erase(last - 2, 2);  // a line feed is missing within
+  EXPECT_FALSE(parse_recording(within, "r.csv", nullptr, &is_cut));
+}
+
+TEST_F(Recording, NamesOfPartialFiles) {
+  for (const char* name : {"r.csv.partial", "a/r.csv.partial.1", "r.partial.10"})
+    EXPECT_TRUE(is_partial_name(name)) << name;
+  for (const char* name : {"", "1", "r.csv", "r.csv.partial.", "r.csv.partial1", "r.partial.csv"})
+    EXPECT_FALSE(is_partial_name(name)) << name;
+  {
+    auto writer = RecordingWriter::open(folder_ / "r.csv");
+    ASSERT_TRUE(writer->append(any_rows(1)));
+    EXPECT_TRUE(is_being_recorded(folder_ / "r.csv.partial"));
+  }
+  EXPECT_TRUE(fs::exists(folder_ / "r.csv.partial"));
+  EXPECT_FALSE(is_being_recorded(folder_ / "r.csv.partial"));
+  EXPECT_FALSE(is_being_recorded(folder_ / "none"));
+}
+
+TEST_F(Recording, OnlyTheOwnerMayReadThem) {
+  const mode_t mask = ::umask(0);
+  csv_of(folder_, any_rows(1));
+  EXPECT_EQ(fs::status(folder_ / "r.csv").permissions(), fs::perms(0600));
+  // But one who has shared the file before does so again.
+  fs::permissions(folder_ / "r.csv", fs::perms(0644));
+  csv_of(folder_, any_rows(2));
+  EXPECT_EQ(fs::status(folder_ / "r.csv").permissions(), fs::perms(0644));
+  ::umask(mask);
 }
 
 TEST_F(Recording, AnExistingFileStaysUntilCommit) {

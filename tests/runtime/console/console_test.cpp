@@ -1,10 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
 // Tokens, names of the server, names of files, the list of a folder, the page's policy, processes.
+#include <fcntl.h>
 #include <gtest/gtest.h>
+#include <sys/file.h>
+#include <sys/stat.h>
+#include <unistd.h>
 
 #include <chrono>
 #include <csignal>
+#include <cstdlib>
 #include <cstring>
+#include <ctime>
 #include <fstream>
 #include <nlohmann/json.hpp>
 #include <set>
@@ -12,11 +18,13 @@
 #include <thread>
 #include <vector>
 
+#include "formats/base/utc_time.h"
 #include "runtime/console/access.h"
 #include "runtime/console/answers/container.h"
 #include "runtime/console/files.h"
 #include "runtime/console/page_files.h"
 #include "runtime/console/programs/process.h"
+#include "runtime/console/programs/session_files.h"
 #include "runtime/console/request_target.h"
 #include "tests/support/temporary_folder.h"
 
@@ -96,7 +104,7 @@ TEST(ConsoleHosts, PublicUrlIsOneMore) {
 }
 
 TEST(ConsoleNames, StayInTheFolder) {
-  for (const char* good : {"a", "a/b.json", "sessions/2026-11-22T03-04-05-one/session.csv", "a b"})
+  for (const char* good : {"a", "a/b.json", "sessions/20261130T053438Z-one/session.csv", "a b"})
     EXPECT_TRUE(is_file_name(good)) << good;
   for (const std::string& wrong :
        {std::string(), std::string("/a"), std::string("a/"), std::string("a//b"),
@@ -143,6 +151,52 @@ TEST(ConsoleFiles, ListTellsWhatIsWrongWithAFileAndIsReadAnewOnceItChanges) {
   write(folder.path() / "one.csv", "t_s,x_m,y_m\n0,1,2\n0.5,1,2\n1,1,2\n1.5,1,2\n");
   list = nlohmann::json::parse(files->list());
   EXPECT_EQ(list["recordings"][1]["ticks"], 4);
+}
+
+TEST(ConsoleFiles, ListHasTheRecordingOfASessionThatWasKilledButNotOfOneThatRuns) {
+  const test::TemporaryFolder folder;
+  const std::string rows = "t_s,x_m,y_m\n0,1,2\n0.5,1,2\n1,1,2\n";
+  for (const char* name : {"sessions/a/session.csv.partial", "sessions/a/session.csv.partial.1"})
+    write(folder.path() / name, rows + "1.5,1");
+  write(folder.path() / "sessions/a/session.html", "of another session");
+  write(folder.path() / "sessions/b/session.csv.partial", "t_s,x_m,y_m\n");
+  write(folder.path() / "sessions/c/other.partial", rows);
+  Result<Files> files = Files::of_folder(folder.path());
+  ASSERT_TRUE(files);
+  const auto list = [&] { return nlohmann::json::parse(files->list())["recordings"]; };
+  const auto file = folder.path() / "sessions/a/session.csv.partial";
+  const int fd = ::open(file.c_str(), O_WRONLY);
+  ASSERT_EQ(::flock(fd, LOCK_EX), 0);
+  ASSERT_EQ(list().size(), 2U);
+  ::close(fd);
+  const nlohmann::json found = list();
+  ASSERT_EQ(found.size(), 3U) << "once its program has ended";
+  EXPECT_EQ(found[0]["file"], "sessions/a/session.csv.partial");
+  for (const nlohmann::json& killed : {found[0], found[1]}) {
+    EXPECT_EQ(killed["partial"], true);
+    EXPECT_EQ(killed["ticks"], 3) << "without the row that is cut";
+    EXPECT_FALSE(killed.contains("report"));
+  }
+  EXPECT_TRUE(found[2].contains("error"));
+}
+
+TEST(ConsoleSessions, OnlyTheOwnerMayReadTheirFoldersWhoseNamesBeginWithTheTimeInUtc) {
+  const test::TemporaryFolder folder;
+  ::setenv("TZ", "Asia/Tokyo", 1);
+  const mode_t mask = ::umask(0);
+  const auto before = utc_name(std::time(nullptr));
+  const auto first = create_session_folder(folder / "new/sessions", "a/three slices.json"),
+             second = create_session_folder(folder / "new/sessions", "a/three slices.json");
+  const auto after = utc_name(std::time(nullptr));
+  ::umask(mask);
+  ::unsetenv("TZ");
+  ASSERT_TRUE(first && second);
+  EXPECT_NE(*first, *second);
+  const std::string name = first->filename().string();
+  EXPECT_EQ(name.substr(before.size()), "-three_slices");
+  EXPECT_TRUE(before <= name.substr(0, before.size()) && name.substr(0, before.size()) <= after);
+  for (const auto& made : {*first, *second, folder / "new/sessions"})
+    EXPECT_EQ(std::filesystem::status(made).permissions(), std::filesystem::perms::owner_all);
 }
 
 void write_glb(const std::filesystem::path& file, std::string text) {
@@ -276,6 +330,7 @@ TEST(ConsoleProcess, ItsEndAndItsOutput) {
   ASSERT_TRUE(ends_soon(*process));
   EXPECT_EQ(process->end(), "exit code 3");
   EXPECT_EQ(process->exit_code(), 3);
+  EXPECT_EQ(std::filesystem::status(log).permissions(), std::filesystem::perms(0600));
   std::string said;
   std::ifstream(log) >> said;
   EXPECT_EQ(said, "said");

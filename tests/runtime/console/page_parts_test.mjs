@@ -75,6 +75,18 @@ test("a session that has ended is not called one that did not begin, whatever bo
     assert.deepEqual([said(has_begun, exit_code).state, said(has_begun, exit_code).level], [state, level]);
 });
 
+test("the page warns while less than ten minutes of recording fit on the disk", () => {
+  const said = (recording_left_s, row = {}, state = "running") => describe({ shown: { about: {}, events: [], value: (name, otherwise) => ({ t_s: 2, safety: 2, recording_left_s, ...row })[name] ?? otherwise },
+    state: { state }, is_connected: true });
+  for (const [left_s, time] of [[599, "about 9 minutes"], [60, "about 1 minute"], [59, "less than a minute"], [0, "less than a minute"]]) {
+    assert.equal(said(left_s).level, "wait");
+    assert.match(said(left_s).words, new RegExp(`^The disk has space for ${time} of recording`));
+  }
+  for (const left_s of [600, 1e6, Infinity, undefined]) assert.deepEqual([said(left_s).level, said(left_s).words], ["good", "The tool touches nothing."]);
+  assert.match(said(30, { paused: 1 }, "paused").words, /^The disk has space for less than a minute.* time is stopped/);
+  assert.equal(said(30, { safety: 3, fault: 2 }).level, "bad");
+});
+
 // ---- Restart ----
 test("Restart starts the session again when it has ended, unless it was stopped in an emergency or is lost", async () => {
   globalThis.fetch = async () => ({ ok: true });

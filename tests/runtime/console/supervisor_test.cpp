@@ -92,6 +92,7 @@ class OtherSession {
   void end() {
     if (pipe_ >= 0) ::close(std::exchange(pipe_, -1));
   }
+  bool runs() const { return ::waitpid(pid_, nullptr, WNOHANG) == 0; }
 
  private:
   [[noreturn]] static void run(const fs::path& link, int pipe, bool has_ended) {
@@ -193,6 +194,34 @@ TEST(Supervisor, ASessionThatIsFoundAfterAStoppedStartHasItsOwnEnd) {
   ASSERT_TRUE(comes_to(supervisor, RunState::kRunning));
   session.end();
   EXPECT_TRUE(comes_to(supervisor, RunState::kEnded)) << supervisor.state_json();
+}
+
+TEST(Supervisor, ASessionThatAnotherConsoleStartedGoesOnWhenThisOneEnds) {
+  const IdlePrograms console(kInProcess);
+  const OtherSession session(console.settings.sessions / "live", false);
+  Supervisor supervisor(console.settings);
+  ASSERT_TRUE(comes_to(supervisor, RunState::kRunning));
+  const auto now = Supervisor::Clock::now();
+  EXPECT_TRUE(supervisor.end_all(now, std::chrono::seconds(1)));
+  EXPECT_TRUE(supervisor.end_all(now + std::chrono::seconds(2), std::chrono::seconds(1)));
+  const auto reader = TelemetryReader::open(console.settings.sessions / "live");
+  ASSERT_TRUE(reader) << "the session has ended";
+  TelemetryEvent event;
+  std::uint64_t lost = 0;
+  EXPECT_EQ((*reader)->next_event(event, lost), TelemetryReader::Next::kNone);
+  std::this_thread::sleep_for(std::chrono::milliseconds(50));  // a signal would have come
+  EXPECT_TRUE(session.runs());
+}
+
+TEST(Supervisor, NoSessionIsStartedBesideThatOfAnotherConsole) {
+  const IdlePrograms console(kInProcess);
+  Supervisor supervisor(console.settings);
+  const fs::path link = console.settings.sessions / "live";
+  const OtherSession session(link, false);
+  ASSERT_TRUE(comes_true([&] { return bool(TelemetryReader::open(link)); }));
+  EXPECT_FALSE(supervisor.start(console.request));
+  EXPECT_EQ(supervisor.state(), RunState::kRunning) << "it is shown";
+  EXPECT_TRUE(session.runs());
 }
 
 }  // namespace

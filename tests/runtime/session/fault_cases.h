@@ -265,6 +265,7 @@ inline constexpr NotInjected kNotInjected[] = {
     {Fault::kDeadlineMissed, "it needs the real clock: ALateTickInRealTime injects it"},
     {Fault::kPaused, "the operator commands it: paused_session_test.cpp"},
     {Fault::kForcesOff, "the operator commands it: paused_session_test.cpp"},
+    {Fault::kRecordingFailed, "it ends the session: session_test.cpp"},
 };
 
 }  // namespace trocar::runtime::testing_support

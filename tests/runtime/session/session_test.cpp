@@ -13,6 +13,7 @@
 #include <cmath>
 #include <fstream>
 #include <iterator>
+#include <optional>
 #include <string>
 #include <thread>
 #include <utility>
@@ -235,43 +236,86 @@ TEST(Session, TheLargestForceIsOfAllThatActsOnTheHand) {
   }
 }
 
-TEST(Session, ARecordingThatStopsIsToldAtOnceAndTheSessionGoesOn) {
-  const test::TemporaryFolder folder;
-  const Scene scene = test::descent_scene({0.12}, 0.13, 0.125, 0.05);
-  Remesher remesher(*place_slices(scene, test::square_asset(1), "a"));
-  auto device = make_simulated_device(scene, default_device_description());
-  ASSERT_TRUE(device);
-  std::uint64_t ticks = 0, told_at = 0;
-  std::string said;
-  SessionOptions options;
-  options.clock = Clock::kVirtual;
-  options.duration_s = 15;
-  options.record = folder / "r.csv";
-  options.on_recording_error = [&](const Error& error) {
-    EXPECT_TRUE(said.empty()) << "once";
-    said = error.message;
-    told_at = ticks;
-  };
-  const test::FileSizeLimit limit(100'000);
-  const auto report = run_session(
-      scene, default_device_description(), remesher, *device,
-      [&](double dt_s) {
-        device->step(dt_s);
-        ++ticks;
-      },
-      options);
-  ASSERT_TRUE(report);
-  EXPECT_EQ(report->end, SessionEnd::kDone);
-  EXPECT_EQ(ticks, 15'000U);
-  EXPECT_GT(told_at, 0U);
-  EXPECT_LT(told_at, 10'000U) << "during the session";
-  ASSERT_TRUE(report->recording_error);
-  EXPECT_EQ(report->recording_error->code, ExitCode::kUnwritable);
-  EXPECT_EQ(report->recording_error->message, said);
-  const auto kept = read_recording(folder / "r.csv.partial");
-  ASSERT_TRUE(kept) << kept.error().message;
-  EXPECT_NE(said.find("the first " + std::to_string(kept->size()) + " rows"), std::string::npos)
-      << said;
+/// The force on the hand in each tick.
+class Forces final : public TickObserver {
+ public:
+  Forces() {
+    N.reserve(kMost);
+    faults.reserve(kMost);
+  }
+  void on_tick(const TickView& tick) noexcept override {
+    N.push_back(Eigen::Vector3d(tick.result.row.wrench_delivered.data()).norm());
+    faults.push_back(tick.result.row.fault);
+  }
+  std::vector<double> N;
+  std::vector<Fault> faults;
+
+ private:
+  static constexpr std::size_t kMost = 20'000;
+};
+
+/// Runs a session whose recording fails when the tool presses on the sheet.
+struct UnrecordedSession {
+  test::TemporaryFolder folder;
+  Forces forces;
+  std::optional<SessionResult> report;
+
+  explicit UnrecordedSession(RecoveryPolicy recovery) {
+    Scene scene = test::descent_scene({0.12}, 0.13, 0.11, 0.05);
+    scene.tissue.threshold_N = 1000;
+    Remesher remesher(*place_slices(scene, test::square_asset(1), "a"));
+    auto device = make_simulated_device(scene, default_device_description());
+    SessionOptions options;
+    options.clock = Clock::kVirtual;
+    options.duration_s = 15;
+    options.record = folder / "r.csv";
+    options.black_box = folder.path();
+    options.recovery = recovery;
+    options.observers.push_back(&forces);
+    const test::FileSizeLimit limit(280'000);
+    auto done = run_session(
+        scene, default_device_description(), remesher, *device,
+        [&](double dt_s) { device->step(dt_s); }, options);
+    EXPECT_TRUE(done);
+    if (done) report = std::move(*done);
+  }
+};
+
+TEST(Session, OneThatCannotBeRecordedEndsAsByAnOperatorsStopAfterARampOfTheForces) {
+  for (const RecoveryPolicy recovery :
+       {RecoveryPolicy::kNever, RecoveryPolicy::kOnRequest, RecoveryPolicy::kAuto}) {
+    const UnrecordedSession session(recovery);
+    ASSERT_TRUE(session.report);
+    const SessionResult& report = *session.report;
+    const std::vector<double>& forces = session.forces.N;
+    EXPECT_EQ(report.end, SessionEnd::kInterrupted);
+    EXPECT_EQ(report.fault, Fault::kRecordingFailed);
+    ASSERT_EQ(report.faults.size(), 1U);
+    EXPECT_TRUE(report.black_boxes.empty()) << "it is no failure of the device";
+    // The last force falls to zero in equal steps, within the time of the ramp.
+    const auto failed = std::find(session.forces.faults.begin(), session.forces.faults.end(),
+                                  Fault::kRecordingFailed);
+    const auto first = static_cast<std::size_t>(failed - session.forces.faults.begin());
+    ASSERT_LE(first + 4, forces.size());
+    EXPECT_LE(forces.size(), first + 5);
+    const double before_N = forces[first - 1];
+    EXPECT_GT(before_N, 1);
+    for (std::size_t i = first; i < forces.size(); ++i) {
+      EXPECT_LT(forces[i], forces[i - 1] + 1e-9) << i - first;
+      EXPECT_LT(forces[i - 1] - forces[i], 0.3 * before_N) << i - first;
+    }
+    EXPECT_EQ(forces.back(), 0);
+    // What was written can be read, and the message says where it is.
+    ASSERT_TRUE(report.recording_error);
+    EXPECT_EQ(report.recording_error->code, ExitCode::kUnwritable);
+    const auto kept = read_recording(session.folder / "r.csv.partial");
+    ASSERT_TRUE(kept) << kept.error().message;
+    EXPECT_EQ(report.recording_error->message, (session.folder / "r.csv").string() +
+                                                   ": File too large; the first " +
+                                                   std::to_string(kept->size()) + " rows are in " +
+                                                   (session.folder / "r.csv.partial").string());
+    EXPECT_GT(kept->size() + 100, forces.size());
+  }
 }
 
 TEST(Session, NumberOfTicks) {
