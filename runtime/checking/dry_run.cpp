@@ -104,6 +104,7 @@ Result<DryRun> run_dry_run(const Scene& scene, const DeviceToCheck& device,
   const Result<SessionResult> report = run_session(
       scene, remesher, hand_device, [&](double dt_s) { hand_device.advance(dt_s); }, silent);
   if (!report) return report.error();
+  if (options.is_stopped()) return interrupted();
 
   dry_run.ticks = report->ticks;
   dry_run.feel = observer.feel();
@@ -146,7 +147,6 @@ Result<std::optional<LetGoTrial>> try_letting_go(
     shortened.duration_s = std::min(options.duration_s, t_s + kLetGoAfter_s);
     const Result<DryRun> tried = run_dry_run(lets_go, device, sheets, shortened);
     if (!tried) return tried.error();
-    if (options.is_stopped()) return refused("interrupted");
     ++worst.moments;
     if (worst.fault == Fault::kNone) worst.fault = tried->fault;
     worst.distance_m = std::max(worst.distance_m, tried->feel.let_go_distance_m);
