@@ -119,7 +119,8 @@ Result<DryRun> run_dry_run(const Scene& scene, const DeviceToCheck& device,
     SheetDryRun& sheet = dry_run.sheets[static_cast<std::size_t>(event.sheet)];
     DryRunObserver::touch(sheet, event.t_s);
     if (sheet.punctured_t_s < 0) sheet.punctured_t_s = event.t_s;
-    sheet.force_max_N = std::max(sheet.force_max_N, event.force_N);
+    sheet.force_max_N =
+        std::max(sheet.force_max_N, scene.force_law.force_scale * event.tip_N);  // as rendered
   }
   for (const CutRecord& record : remesher.records()) {
     if (!record.error) continue;
