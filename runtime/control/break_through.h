@@ -13,7 +13,8 @@
 //     changes u by at most 8 times as much, so nothing that is made from u has a step.
 //  3. State `loaded`: the reference P is the largest F'; it is multiplied by
 //     exp(-change of d' / kBreakReach_m) while d' grows, and P is 0 when d' falls. So P is the
-//     resistance of the last millimetres, not of a time. The mean loss is that of u(F', P) over d', with the length kBreakRun_m.
+//     resistance of the last millimetres, not of a time. The mean loss is that of u(F', P) over d',
+//     a low-pass with the length kBreakRun_m.
 //  4. A fall begins when the mean loss reaches kFallBegins; P then stays as it is. It is a
 //     break-through in the tick in which the mean loss reaches one half: its only event. The fall is
 //     over, and the state is `loaded` again, after an advance of kBreakReach_m, or when F' + f
@@ -23,8 +24,8 @@
 //     a break-through at once. P is at least the force before it, or the trial force if the sheet
 //     was reached and punctured in one tick.
 //  6. The plunge of a fall is the sum of u(F, P) times the advance, until kPlunge_s after its begin
-//     or, if it is one, after the break-through, until d falls, or until a tick is not in `running`: the way that
-//     the tip runs on, for as long as nothing bears it again. Advances before the begin count with
+//     or, if it is one, after the break-through, until d falls, or until a tick is not in
+//     `running`: the way that the tip runs on, for as long as nothing bears it again. Advances before the begin count with
 //     the factor exp(-t / kBreakMemory_s), where t is the time to the begin.
 //  7. Neither the boundaries of slices nor punctures enter laws 1 to 4 and 6: bone of equal strength
 //     gives no break-through, however it is sliced.

@@ -150,7 +150,7 @@ void GoalMeter::judge(SessionFigures& figures) const {
         {"plunge", "", *goals_.plunge_max_m, false, figures.plunge_max_m, "m", false, false,
          "largest plunge after a break-through, at most the limit"});
   for (std::size_t i = 0; i < goals_.zones.size(); ++i)
-    add(has_touched,
+    add(has_touched || figures.zones[i].breaches.count > 0,
         {"zone", goals_.zones[i].name, goals_.zones[i].margin_m, true, figures.zones[i].min_m, "m",
          false, false,
          "smallest distance of the tip to the zone, at least its margin; negative: inside"});

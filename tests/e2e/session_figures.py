@@ -429,6 +429,8 @@ def expected_goals(out, goals, tip, t, counts, force):
         attempted = has_touched and (value is not None or goal == "time")
         if goal == "target":
             attempted = has_touched or value <= limit
+        if goal == "zone":
+            attempted = has_touched or value < 0
         if goal == "plunge":
             attempted = out["break_throughs_count"] > 0 or value > limit
         met = attempted and value is not None and (value >= limit if goal == "zone" else value <= limit)

@@ -114,7 +114,7 @@ export class GoalMeter {
     this.zones.forEach(({ now, least }, i) => {
       const { name, margin_m = 0 } = goals.zones[i], is_known = Number.isFinite(least);
       const words = now < 0 ? `${mm(-now)} inside` : `${mm(now)} away`;
-      add("zone", is_known ? least : null, margin_m, !is_known || !has_touched ? "open" : least >= margin_m ? "kept" : "missed", `${words}, ${least < 0 ? `deepest ${mm(-least)}` : `closest ${mm(least)}`}, keep ${mm(margin_m)}`, name);
+      add("zone", is_known ? least : null, margin_m, !is_known || !(has_touched || least < 0) ? "open" : least >= margin_m ? "kept" : "missed", `${words}, ${least < 0 ? `deepest ${mm(-least)}` : `closest ${mm(least)}`}, keep ${mm(margin_m)}`, name);
     });
     return list;
   }
