@@ -156,9 +156,9 @@ struct GoalResult {
   bool at_least = false;  ///< true: limit is the smallest allowed value; false: the largest one
   std::optional<double> value;
   const char* unit = "m";
-  /// False: the goal was never tried. Without any contact only a target that was reached is tried;
-  /// without a break-through no plunge; without a row beyond the entry point neither entry nor
-  /// corridor.
+  /// False: the goal was never tried. Without contact only a target that was reached and a zone that
+  /// was entered are tried; without a break-through no plunge; without a row beyond the entry point
+  /// neither entry nor corridor.
   bool attempted = false;
   bool met = false;  ///< implies `attempted`
   std::string how;   ///< description of the value and its limit
