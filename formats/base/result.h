@@ -17,7 +17,7 @@ enum class ExitCode : int {
   kUsage = 2,        ///< wrong options or arguments
   kRefused = 3,      ///< the input is not acceptable
   kUnwritable = 4,   ///< an output could not be written
-  kDeviceFault = 5,  ///< the device or the safety layer stopped the session
+  kDeviceFault = 5,  ///< the device or the safety layer, or a signal, stopped the work
 };
 
 struct Error {

@@ -82,6 +82,8 @@ const char* to_string(DeviceStatus status);
 /// screening was on.
 inline constexpr std::uint8_t kXrayPicture = 1, kXrayBeam = 2;
 
+inline constexpr std::int32_t kBreakThroughLayer = -2;
+
 /// One tick. Positions and vectors are in the frame {B}. A wrench acts at the plate's origin; its
 /// components are those of the force, then those of the torque.
 struct RecordingRow {
@@ -129,6 +131,15 @@ struct RecordingRow {
                            ///< more energy than it gave
   double passivity_N_s_per_m = 0;  ///< damping added by the passivity controller
   double motor_heat_max = 0;       ///< largest i2t thermal state of a motor; 1 is its limit
+  /// Force of the tissue on the tip (bone, sheets and soft layers), before the scene's force scale:
+  /// along the shaft, with the laws `hooke` and `network` along z.
+  double tip_N = 0;
+  /// A break-through that was found in this tick (runtime/control/break_through.h): the resistance
+  /// that was lost, as a force on the tip like tip_N; 0: none was found.
+  double break_through_N = 0;
+  /// Where: the slice that was punctured last, or is in contact; kBreakThroughLayer - i: the soft
+  /// layer i; -1: nothing is known, or no break-through.
+  std::int32_t break_through_at = -1;
   /// Results of the force law `cutting`, before they are multiplied by the scene's force scale.
   struct Cutting {
     std::array<double, 6> wrench_tissue{};  ///< wrench on the plate, N, N*m
@@ -138,7 +149,6 @@ struct RecordingRow {
     /// Mean HU of the uncut bone under the tool, in the slice of the cutting front. -1000 if there
     /// is nothing under the tool, 0 if the asset has no HU.
     double front_HU = 0;
-    double tip_N = 0;        ///< force on the tip along the shaft
     double embedded_m = 0;   ///< length of the shaft inside the bone volume
     double cut_J = 0;        ///< work of cutting since the session began
     double absorbed_J = 0;   ///< work of the hand on the tissue since the session began
@@ -155,6 +165,9 @@ struct RecordingRow {
   } pose_device;
 };
 
+/// A line about a break-through: RecordingRow::break_through_at, t_s and break_through_N.
+std::string describe_break_through(std::int32_t at, double t_s, double lost_N);
+
 /// The columns in which recordings differ.
 struct RecordingKind {
   bool has_cutting = false;      ///< columns of the force law `cutting`
@@ -170,10 +183,11 @@ RecordingKind recording_kind(const RecordingOrigin& origin);
 /// th_1_1_rad,th_1_2_rad,... (leg, joint),state,active_slice,penetration_m,wrench_scale,
 /// pose_residual_m,cuts_published,response_sheet,response_stiffness_N_per_m,response_x_m,
 /// response_y_m,fault,device_read,state_t_s,device_write,outside_fault,recovery_asked,safety,
-/// authority,passivity_J,passivity_N_s_per_m,motor_heat_max,origin. The column origin holds
+/// authority,passivity_J,passivity_N_s_per_m,motor_heat_max,tip_N,break_through_N,
+/// break_through_at,origin. The column origin holds
 /// to_text() of the RecordingOrigin in the first row and is empty in all other rows. With
-/// has_cutting, these columns precede `origin`: fx_tissue_N,...,tz_tissue_Nm,front_z_m,front_HU,
-/// tip_N,embedded_m,cut_J,absorbed_J,tissue_stored_J,steps. With has_xray, the column xray follows
+/// has_cutting, these columns take the place of tip_N: fx_tissue_N,...,tz_tissue_Nm,front_z_m,
+/// front_HU,tip_N,embedded_m,cut_J,absorbed_J,tissue_stored_J,steps. With has_xray, the column xray follows
 /// motor_heat_max. With has_pose_device, the columns device_x_m,device_y_m,device_z_m,
 /// device_qw,...,device_qz,buttons,fx_device_N,...,tz_device_Nm take the place of tau_* and th_*.
 std::string recording_header(const RecordingKind& kind = {});

@@ -5,6 +5,7 @@
 #include <span>
 #include <utility>
 
+#include "formats/base/text_line.h"
 #include "formats/session/fault_words.h"
 
 namespace trocar {
@@ -15,6 +16,8 @@ constexpr std::array<const char*, 14> kCuttingColumns = {
     "fx_tissue_N",  "fy_tissue_N", "fz_tissue_N",     "tx_tissue_Nm", "ty_tissue_Nm",
     "tz_tissue_Nm", "front_z_m",   "front_HU",        "tip_N",        "embedded_m",
     "cut_J",        "absorbed_J",  "tissue_stored_J", "steps"};
+
+constexpr std::array kBreakThroughColumns = {"break_through_N", "break_through_at"};
 
 /// Appends the columns of a wrench, such as fx_wanted_N.
 void add_wrench(const std::string& which, std::vector<std::string>& columns) {
@@ -64,6 +67,10 @@ std::vector<std::string> make_columns(const RecordingKind& kind) {
   if (kind.has_xray) columns.emplace_back("xray");
   if (kind.has_cutting)
     columns.insert(columns.end(), kCuttingColumns.begin(), kCuttingColumns.end());
+  else
+    columns.emplace_back("tip_N");
+  for (const char* name : kBreakThroughColumns)
+    columns.emplace_back(name);
   columns.emplace_back("origin");  // the last: text, in the first row only
   return columns;
 }
@@ -92,15 +99,25 @@ RecordingColumns recording_columns(const RecordingKind& kind) {
 }
 
 RecordingColumns columns_in_header(std::string_view header) {
-  for (unsigned bits = 1; bits < 8; ++bits) {
+  const auto without_break_through = [](const RecordingKind& kind) {
+    RecordingColumns columns = recording_columns(kind);
+    for (const char* name : kBreakThroughColumns)
+      std::erase(columns.names, name);
+    if (!kind.has_cutting) std::erase(columns.names, "tip_N");
+    columns.has_break_through = false;
+    return columns;
+  };
+  for (unsigned bits = 0; bits < 8; ++bits) {
     const RecordingKind kind{(bits & 1) != 0, (bits & 2) != 0, (bits & 4) != 0};
     if (header == recording_header(kind)) return recording_columns(kind);
+    if (RecordingColumns older = without_break_through(kind); header == joined(older.names))
+      return older;
   }
   // Recordings of older versions lack one or both of these columns.
   for (const auto& [has_state_time, has_origin] :
        {std::pair(true, true), std::pair(false, true), std::pair(true, false),
         std::pair(false, false)}) {
-    RecordingColumns columns = recording_columns({});
+    RecordingColumns columns = without_break_through({});
     if (!has_state_time) std::erase(columns.names, "state_t_s");
     if (!has_origin) columns.names.pop_back();
     columns.has_state_time = has_state_time;
@@ -129,6 +146,15 @@ const char* to_string(SafetyState state) {
 }
 const char* to_string(DeviceStatus status) {
   return kDeviceStatusNames.at(static_cast<std::size_t>(status));
+}
+
+std::string describe_break_through(std::int32_t at, double t_s, double lost_N) {
+  const std::string what = at >= 0 ? text_line("slice %d", at)
+                           : at <= kBreakThroughLayer
+                               ? text_line("soft layer %d", kBreakThroughLayer - at + 1)
+                               : std::string("the tissue");
+  return text_line("broke through %s at %.3f s: %.2f N at the tip before", what.c_str(), t_s,
+                   lost_N);
 }
 
 std::string recording_header(const RecordingKind& kind) {

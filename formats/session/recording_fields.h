@@ -25,6 +25,7 @@ struct RecordingColumns {
   std::vector<std::string> names = {};
   RecordingKind kind = {};
   bool has_state_time = true, has_origin = true;
+  bool has_break_through = true;  ///< and, if not kind.has_cutting, tip_N
 };
 RecordingColumns recording_columns(const RecordingKind& kind);
 /// The columns that a header line names. `names` is empty if the line is not a recording's header.
@@ -81,12 +82,18 @@ void visit_fields(Row& row, const RecordingColumns& columns, Visitor& visitor) {
     visitor.finite(cutting.wrench_tissue);
     visitor.finite(cutting.front_z_m);
     visitor.finite(cutting.front_HU);
-    visitor.finite(cutting.tip_N);
+    visitor.finite(row.tip_N);
     visitor.finite(cutting.embedded_m);
     visitor.finite(cutting.cut_J);
     visitor.finite(cutting.absorbed_J);
     visitor.finite(cutting.stored_J);
     visitor.number(cutting.steps);
+  } else if (columns.has_break_through) {
+    visitor.finite(row.tip_N);
+  }
+  if (columns.has_break_through) {
+    visitor.finite(row.break_through_N);
+    visitor.number(row.break_through_at);
   }
 }
 

@@ -74,10 +74,13 @@ enum class TelemetryEventKind : std::uint8_t {
   kXrayShot,      ///< an X-ray picture was taken
   kXrayOn,        ///< X-ray screening began
   kXrayOff,       ///< X-ray screening ended
+  kBreakThrough,  ///< the tip broke through (sheet; slice: RecordingRow::break_through_at; tool_z_m;
+                  ///< tip_N: RecordingRow::break_through_N)
 };
-inline constexpr std::size_t kTelemetryEventKinds = 14;
+inline constexpr std::size_t kTelemetryEventKinds = 15;
 /// "puncture", "fault", "not_recovered", "recovered", "cut_shown", "paused", "resumed", "ended",
-/// "hand", "hand_let_go", "hand_lost", "xray_shot", "xray_on", "xray_off".
+/// "hand", "hand_let_go", "hand_lost", "xray_shot", "xray_on", "xray_off",
+/// "break_through".
 const char* to_string(TelemetryEventKind kind);
 
 enum class TelemetryEnd : std::uint8_t { kDone, kInterrupted, kFault };
@@ -92,11 +95,10 @@ struct TelemetryEvent {
   std::int32_t sheet = -1;  ///< index of the sheet, 0 for the topmost; -1: none
   std::int32_t slice = -1;  ///< AssetSlice::index of the sheet's slice; -1: none
   std::uint32_t cut = 0;    ///< number of the sheet's newest hole, counted from 1
-  /// Only of kPuncture. force_N is the force at the tip in the tick before the puncture.
-  /// trial_force_N is the force that exceeded the threshold (glossary: trial force). With the force
+  /// Of kPuncture. tip_N is RecordingRow::tip_N of the tick before. trial_force_N is the force that exceeded the threshold (glossary: trial force). With the force
   /// law `cutting`, trial_force_N is the largest strength of the slabs that were passed in this
   /// tick.
-  double tool_z_m = 0, penetration_m = 0, force_N = 0, trial_force_N = 0;
+  double tool_z_m = 0, penetration_m = 0, tip_N = 0, trial_force_N = 0;
   double hand_N = 0;              ///< kPuncture: force on the hand in the tick before the puncture
   FaultDetail found;              ///< fault and measured value, for the kinds that name `found`
   double retract_distance_m = 0;  ///< kNotRecovered: distance by which to retract the tool

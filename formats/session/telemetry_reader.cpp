@@ -187,7 +187,7 @@ TelemetryReader::Next TelemetryReader::next_event(TelemetryEvent& event, std::ui
   }
   found.tool_z_m = number_in(values[6]);
   found.penetration_m = number_in(values[7]);
-  found.force_N = number_in(values[8]);
+  found.tip_N = number_in(values[8]);
   found.trial_force_N = number_in(values[9]);
   const auto index = static_cast<std::int64_t>(values[12]);
   const bool is_possible =

@@ -212,7 +212,7 @@ void TelemetryWriter::event(TelemetryEvent& event) noexcept {
       has_end ? static_cast<std::uint64_t>(event.end) : event.cut,
       word_of(event.tool_z_m),
       word_of(event.penetration_m),
-      word_of(event.force_N),
+      word_of(event.tip_N),
       word_of(event.trial_force_N),
       static_cast<std::uint64_t>(found.fault),
       static_cast<std::uint64_t>(found.quantity),

@@ -34,7 +34,7 @@ void ContactFeelMeter::add(const RecordingRow& row) noexcept {
 }
 
 void ContactFeelMeter::add_front(const RecordingRow& row) noexcept {
-  if (row.cutting.tip_N > 0) {
+  if (row.tip_N > 0) {
     const Eigen::Quaterniond q(row.q[0], row.q[1], row.q[2], row.q[3]);
     const Eigen::Vector3d tip_m = plate_of(row) + q * tip_plate_m_;
     feel_.past_front.include(row.cutting.front_z_m - tip_m.z(), row.t_s);

@@ -275,7 +275,8 @@ Result<DeviceTrial> try_device(HandDevice& device, const SessionOptions& options
   const bool is_complete = loop->is_complete();
   DeviceTrial trial = loop->finish(std::move(report));
   device.close();
-  if (!is_complete) return refused("interrupted: the device was not tested to the end");
+  if (!is_complete)
+    return Error{ExitCode::kDeviceFault, "interrupted: the device was not tested to the end"};
   trial.link = device.link_report();
   return trial;
 }

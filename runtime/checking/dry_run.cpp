@@ -104,6 +104,7 @@ Result<DryRun> run_dry_run(const Scene& scene, const DeviceToCheck& device,
   const Result<SessionResult> report = run_session(
       scene, remesher, hand_device, [&](double dt_s) { hand_device.advance(dt_s); }, silent);
   if (!report) return report.error();
+  if (options.is_stopped()) return interrupted();
 
   dry_run.ticks = report->ticks;
   dry_run.feel = observer.feel();
@@ -118,7 +119,8 @@ Result<DryRun> run_dry_run(const Scene& scene, const DeviceToCheck& device,
     SheetDryRun& sheet = dry_run.sheets[static_cast<std::size_t>(event.sheet)];
     DryRunObserver::touch(sheet, event.t_s);
     if (sheet.punctured_t_s < 0) sheet.punctured_t_s = event.t_s;
-    sheet.force_max_N = std::max(sheet.force_max_N, event.force_N);
+    sheet.force_max_N =
+        std::max(sheet.force_max_N, scene.force_law.force_scale * event.tip_N);  // as rendered
   }
   for (const CutRecord& record : remesher.records()) {
     if (!record.error) continue;
@@ -146,7 +148,6 @@ Result<std::optional<LetGoTrial>> try_letting_go(
     shortened.duration_s = std::min(options.duration_s, t_s + kLetGoAfter_s);
     const Result<DryRun> tried = run_dry_run(lets_go, device, sheets, shortened);
     if (!tried) return tried.error();
-    if (options.is_stopped()) return refused("interrupted");
     ++worst.moments;
     if (worst.fault == Fault::kNone) worst.fault = tried->fault;
     worst.distance_m = std::max(worst.distance_m, tried->feel.let_go_distance_m);

@@ -3,6 +3,8 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdint>
+#include <limits>
 #include <tuple>
 
 #include "formats/session/scene.h"
@@ -93,6 +95,11 @@ class Cells {
   std::vector<std::vector<std::uint8_t>> material_;  ///< one mask of cells with material per level
 };
 
+/// Returns the mean spacing of the slices from one level to a lower one.
+double spacing_mm(const Level& above, const Level& below) {
+  return (above.z_mm - below.z_mm) / (static_cast<double>(slices_between(above, below)) - 1);
+}
+
 /// Returns the last level of the window of levels that begins with `first`.
 std::size_t window_end(const std::vector<Level>& levels, std::size_t first, double height_mm,
                        double max_gap_mm) {
@@ -116,13 +123,24 @@ struct Best {
 using Clearance = std::vector<std::vector<std::uint8_t>>;  ///< indexed by level and cell
 
 /// Compares the cells of the window [first, last] with the best so far.
-void search_window(const Cells& cells, const Clearance& clear, const Clearance& wide,
-                   const std::vector<double>& thickness_mm, std::size_t first, std::size_t last,
-                   Best& best) {
+void search_window(const std::vector<Level>& levels, const Cells& cells, const Clearance& clear,
+                   const Clearance& wide, const std::vector<double>& thickness_mm,
+                   std::size_t first, std::size_t last, Best& best) {
   std::vector<double> thickness(cells.size()), wide_thickness(cells.size());
-  for (std::size_t i = first; i <= last; ++i) {
+  constexpr std::size_t kNone = std::numeric_limits<std::size_t>::max();
+  // By cell: the lowest level with material so far, and whether the column's bone has ended.
+  std::vector<std::size_t> lowest(cells.size(), kNone), end(cells.size(), kNone);
+  std::vector<std::uint8_t> has_ended(cells.size());
+  for (std::size_t i = 0; i <= last; ++i) {
     for (std::size_t c = 0; c < cells.size(); ++c) {
-      thickness[c] += clear[i][c] != 0 ? thickness_mm[i] : 0;
+      if (clear[i][c] == 0) continue;
+      const bool is_apart =
+          lowest[c] != kNone && gap_mm(levels[lowest[c]], levels[i]) > kMaxBoneGap_mm;
+      lowest[c] = i;
+      if (is_apart) has_ended[c] = 1;
+      if (has_ended[c] != 0 || i < first) continue;
+      end[c] = i;
+      thickness[c] += thickness_mm[i];
       wide_thickness[c] += wide[i][c] != 0 ? thickness_mm[i] : 0;
     }
   }
@@ -140,13 +158,17 @@ void search_window(const Cells& cells, const Clearance& clear, const Clearance& 
                       -std::hypot(at[0] - sum[0] / total, at[1] - sum[1] / total)};
     if (best.column && !(score > best.score)) continue;
     best.score = score;
-    best.column = EntryColumn{at, first, last, thickness[c], {}};
+    best.column = EntryColumn{at, first, end[c], thickness[c], {}};
     for (const auto& level : clear)
       best.column->has_material.push_back(level[c]);
   }
 }
 
 }  // namespace
+
+double gap_mm(const Level& above, const Level& below) {
+  return spacing_mm(above, below) * (static_cast<double>(slices_between(above, below)) - 2);
+}
 
 std::size_t slices_between(const Level& a, const Level& b) {
   return static_cast<std::size_t>(std::abs(a.slice->index - b.slice->index)) + 1;
@@ -173,13 +195,13 @@ std::optional<EntryColumn> find_entry_column(const Asset& asset, const std::vect
   }
   const std::vector<double> thickness_mm = level_thickness(levels, max_gap_mm);
   Best best;
+  std::size_t earlier_last = 0;
   for (std::size_t first = 0; first < levels.size(); ++first) {
     const std::size_t last = window_end(levels, first, height_mm, max_gap_mm);
-    const bool is_part_of_an_earlier_window = first > 0 && last + 1 == levels.size() &&
-                                              best.column && best.column->last == last &&
-                                              best.column->first < first;
-    if (is_part_of_an_earlier_window) break;
-    search_window(cells, clear, wide, thickness_mm, first, last, best);
+    // The windows that follow are parts of this one.
+    if (first > 0 && last + 1 == levels.size() && last == earlier_last) break;
+    earlier_last = last;
+    search_window(levels, cells, clear, wide, thickness_mm, first, last, best);
   }
   if (!best.column) return std::nullopt;
   EntryColumn& found = *best.column;
@@ -194,8 +216,8 @@ std::vector<double> level_thickness(const std::vector<Level>& levels, double max
   const std::size_t n = levels.size();
   std::vector<double> thickness_mm(n, 1);
   for (std::size_t i = 0; n > 1 && i < n; ++i) {
-    const double above = i > 0 ? levels[i - 1].z_mm - levels[i].z_mm : 0;
-    const double below = i + 1 < n ? levels[i].z_mm - levels[i + 1].z_mm : 0;
+    const double above = i > 0 ? spacing_mm(levels[i - 1], levels[i]) : 0;
+    const double below = i + 1 < n ? spacing_mm(levels[i], levels[i + 1]) : 0;
     thickness_mm[i] = (std::min(i > 0 ? above : below, max_gap_mm) +
                        std::min(i + 1 < n ? below : above, max_gap_mm)) /
                       2;

@@ -102,7 +102,9 @@ std::size_t find_end(const std::vector<Level>& levels, const NeedlePath& path,
     if (levels[path.first].z_mm - levels[i].z_mm > limits.height_mm) break;
     if (levels[i - 1].z_mm - levels[i].z_mm > limits.gap_mm) break;
     if (slices_between(levels[path.first], levels[i]) > limits.slices) break;
-    if (path.has_material[i] != 0) last = i;
+    if (path.has_material[i] == 0) continue;
+    if (gap_mm(levels[last], levels[i]) / -path.direction.z() > kMaxBoneGap_mm) break;
+    last = i;
   }
   return last;
 }
@@ -170,6 +172,19 @@ Result<NeedlePath> plan_needle_path(const Asset& asset, const std::vector<Level>
       path.max_gap_mm = std::max(path.max_gap_mm, levels[i - 1].z_mm - levels[i].z_mm);
   }
   return path;
+}
+
+std::vector<BoneGap> bone_gaps(const std::vector<Level>& levels, const NeedlePath& path) {
+  std::vector<BoneGap> gaps;
+  std::size_t above = path.first;
+  for (std::size_t i = path.first + 1; i < levels.size(); ++i) {
+    if (path.has_material[i] == 0) continue;
+    const double mm = gap_mm(levels[above], levels[i]) / -path.direction.z();
+    if (mm > kMaxBoneGap_mm) gaps.push_back({above, i, mm});
+    if (i > path.last) break;
+    above = i;
+  }
+  return gaps;
 }
 
 Vector3d point_at(const NeedlePath& path, double z_mm) {

@@ -58,8 +58,8 @@ NeedlePath path_through(const EntryColumn& column, const std::vector<Level>& lev
 ///    between the height of the bone's topmost level and half a slice spacing above it. If the
 ///    chosen entry lies between these two heights, NeedlePath::entry_mm is the chosen entry.
 ///    Otherwise entry_mm is the path's point at the topmost level of the bone.
-///  - End without a target: the path follows the levels downwards from the first level, until the
-///    next level is more than `limits.gap_mm` below the previous one or more than
+///  - End without a target: the path follows the levels downwards from the first level, until more
+///    than kMaxBoneGap_mm of it are without bone, the next level is more than `limits.gap_mm` below the previous one or more than
 ///    `limits.height_mm` below the first one, or until the path would have more than
 ///    `limits.slices` slices. The path ends at the lowest of these levels that has material on the
 ///    path.
@@ -70,6 +70,15 @@ NeedlePath path_through(const EntryColumn& column, const std::vector<Level>& lev
 /// the entry. Complexity: linear in the number of triangles.
 Result<NeedlePath> plan_needle_path(const Asset& asset, const std::vector<Level>& levels,
                                     const ChosenPoints& points, const PathLimits& limits = {});
+
+/// A part of a path without bone, longer than kMaxBoneGap_mm, between two levels with bone on it.
+struct BoneGap {
+  std::size_t above = 0, below = 0;
+  double mm = 0;  ///< its length along the path
+};
+/// Returns the gaps from the path's first level to its last one, from the top, and the gap that
+/// follows the last bone on the path, if there is more bone below it.
+std::vector<BoneGap> bone_gaps(const std::vector<Level>& levels, const NeedlePath& path);
 
 /// Returns the point of a path at the height z_mm.
 Eigen::Vector3d point_at(const NeedlePath& path, double z_mm);

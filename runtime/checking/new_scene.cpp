@@ -56,7 +56,7 @@ struct Proposal {
     if (!volume) return volume.error().after(asset_file.string() + ": ");
     if (*volume) {
       for (const double force_scale : {0.5, 0.35, 0.25, 0.2, 0.15, 0.1}) {
-        if (options.is_stopped()) return refused("interrupted");
+        if (options.is_stopped()) return interrupted();
         SceneDraft draft = draft_of(**volume);
         auto made = try_draft(draft, [&] { return draft.cutting(force_scale * weakness()); });
         if (made && made->warnings.empty()) return finish(*made, **volume, kWhyCutting);
@@ -75,7 +75,7 @@ struct Proposal {
     const std::string why_sheets = kWhySheets + no_volume;
     for (const double threshold_N : {35.0, 20.0, 10.0}) {
       if (!*apart) break;
-      if (options.is_stopped()) return refused("interrupted");
+      if (options.is_stopped()) return interrupted();
       SceneDraft draft = draft_of(**apart);
       auto made =
           try_draft(draft, [&] { return draft.sheets(threshold_N, rendered_share(threshold_N)); });
@@ -282,7 +282,7 @@ struct Proposal {
   Result<Tried> try_draft(SceneDraft& draft, const std::function<std::string()>& make) const {
     if (draft.path.has_target && !choices.has_live_hand) {
       double beyond_m = 0, short_m = 0;
-      for (int turn = 0; turn < kMaxReaches && !options.is_stopped(); ++turn) {
+      for (int turn = 0; turn < kMaxReaches; ++turn) {
         draft.beyond_target_m = beyond_m;
         const Result<Placed> placed = place(make());
         if (!placed) return placed.error();
@@ -336,6 +336,18 @@ struct Proposal {
         box.max().y(), levels.front().z_mm - levels.back().z_mm);
   }
 
+  /// Says what lies between bone on the path or behind it, if that is wider than kMaxBoneGap_mm.
+  std::string describe_gap(const NeedlePath& path) const {
+    std::string text;
+    for (const BoneGap& gap : bone_gaps(levels, path)) {
+      const std::string between =
+          text_line("%.1f mm without bone between slices %d and %d", gap.mm,
+                    levels[gap.above].slice->index, levels[gap.below].slice->index);
+      text += gap.above >= path.last ? ", and ends before " + between : ", across " + between;
+    }
+    return text;
+  }
+
   std::string describe_path(const NeedlePath& path) const {
     const int a = levels[path.first].slice->index, b = levels[path.last].slice->index;
     const std::string within = text_line("within slices %d to %d", std::min(a, b), std::max(a, b));
@@ -344,7 +356,8 @@ struct Proposal {
                  "; its bone is thickest at u %.2f, v %.2f mm, where it is %.1f mm thick "
                  "around the tool, ",
                  path.entry_mm.x(), path.entry_mm.y(), path.thickness_mm) +
-             within + ": that is the entry point, and lies over the middle of the device. ";
+             within + describe_gap(path) +
+             ": that is the entry point, and lies over the middle of the device. ";
     std::string text =
         text_line("; the needle enters at u %.2f, v %.2f mm", path.entry_mm.x(), path.entry_mm.y());
     constexpr double kMoved_mm = 0.1;
@@ -357,6 +370,7 @@ struct Proposal {
     if (path.has_target)
       text +=
           text_line(" to the target, %.1f mm from the entry", (path.end_mm - path.entry_mm).norm());
+    text += describe_gap(path);
     return text + ". ";
   }
 
@@ -397,7 +411,10 @@ struct Proposal {
 Result<NewScene> propose_scene(const Asset& asset, const std::filesystem::path& asset_file,
                                const std::filesystem::path& scene_file, const DeviceToCheck& device,
                                const SessionOptions& options, const NewSceneChoices& choices) {
-  return Proposal{asset, asset_file, scene_file, device, options, choices}.make();
+  Result<NewScene> made = Proposal{asset, asset_file, scene_file, device, options, choices}.make();
+  // Whatever was found or not: a dry run may have been cut short.
+  if (options.is_stopped()) return interrupted();
+  return made;
 }
 
 }  // namespace trocar::runtime

@@ -51,7 +51,8 @@ struct NewSceneChoices {
 ///    candidate has a warning, the one with the fewest warnings is returned.
 /// Errors: kRefused if no slice of the asset has material, if two slices are less than 0.1 mm
 /// apart, if the bone is nowhere as wide as the tool, if the tip of the device's tool can reach no
-/// point, or if `options.stop` was set. Without chosen points, the error is also kRefused if every
+/// point. kDeviceFault
+/// if `options.stop` was set. Without chosen points, the error is also kRefused if every
 /// candidate is refused, has a warning or punctures no slice. With chosen points, the error is also
 /// kRefused if no needle can take the path (needle_path.h), if the device cannot turn or move as
 /// far as the path requires, or if every candidate is refused, punctures no slice or leaves the tip

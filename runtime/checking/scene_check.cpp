@@ -180,6 +180,7 @@ Result<SceneCheck> check_scene(const Scene& scene, const DeviceToCheck& device,
   }
   for (std::size_t i = 0; i < sheets.size(); ++i)
     check.text += describe_slice(e, i, needs->slices[i], tissues[i].choice);
+  if (options.is_stopped()) return interrupted();
   if (!needs->stability_warning.empty()) check.warnings.push_back(needs->stability_warning);
   return check;
 }

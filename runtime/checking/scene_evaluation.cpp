@@ -61,7 +61,6 @@ Result<SceneEvaluation> evaluate_scene(const Scene& scene, const DeviceToCheck& 
   if (first) {  // otherwise the session cannot start
     Result<DryRun> dry_run = run_dry_run(scene, device, sheets, options);
     if (!dry_run) return dry_run.error();
-    if (options.is_stopped()) return refused("interrupted");
     e.dry_run = std::move(*dry_run);
     if (scene.force_law.kind == ForceLawKind::kCutting) {
       auto let_go = try_letting_go(scene, device, sheets, options, *e.dry_run);

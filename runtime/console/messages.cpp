@@ -6,6 +6,7 @@
 
 #include "formats/base/json_text.h"
 #include "formats/base/text_line.h"
+#include "formats/session/recording.h"
 
 namespace trocar::runtime {
 namespace {
@@ -34,14 +35,21 @@ json as_json(const TelemetryEvent& event) {
                   {"cut", event.cut},
                   {"tool_z_m", event.tool_z_m},
                   {"penetration_m", event.penetration_m},
-                  {"force_N", event.force_N},
+                  {"tip_N", event.tip_N},
                   {"hand_N", event.hand_N},
                   {"trial_force_N", event.trial_force_N}});
-      text = text_line("slice %d punctured%s: %.2f N at the tip, %.2f N on the hand, depth %.2f mm",
-                       event.slice, at.c_str(), event.force_N, event.hand_N,
-                       event.penetration_m * 1e3);
+      text =
+          text_line("slice %d punctured%s: %.2f N at the tip, %.2f N on the hand, depth %.2f mm",
+                    event.slice, at.c_str(), event.tip_N, event.hand_N, event.penetration_m * 1e3);
       break;
     }
+    case TelemetryEventKind::kBreakThrough:
+      out.update({{"sheet", event.sheet},
+                  {"at", event.slice},
+                  {"tool_z_m", event.tool_z_m},
+                  {"tip_N", event.tip_N}});
+      text = describe_break_through(event.slice, event.t_s, event.tip_N);
+      break;
     case TelemetryEventKind::kFault:
       out.update({{"fault", words.name},
                   {"meaning", words.meaning},

@@ -185,7 +185,7 @@ struct ContactOutput {
   Wrench wrench_plate = Wrench::Zero();
   double stored_J = 0;  ///< elastic energy of tissue and coupling, not multiplied by the authority
   bool is_released = false;  ///< the law released stored energy on purpose, as at a puncture
-  /// In the tick of a puncture: the rendered force on the tip one tick earlier.
+  /// In the tick of a puncture: force_N one tick earlier.
   double force_before_N = 0;
   /// Law `cutting` only: the amount by which the rendered force on the tip fell in this tick, if
   /// bone or a soft layer was cut and less than half of the force is left. Otherwise 0.

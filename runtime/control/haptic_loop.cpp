@@ -303,6 +303,28 @@ void write_command(HandDevice& device, LoopState& state, FaultDetail& fault,
   state.energy.note_delivered(delivered);
 }
 
+/// Looks for a break-through. Call this when the row is complete but for these columns.
+void note_force_on_tip(const LoopModel& model, std::span<const Sheet* const> sheets,
+                       LoopState& state, TickResult& result) noexcept {
+  RecordingRow& row = result.row;
+  if (row.safety != SafetyState::kRunning) {
+    state.break_through = {};
+    return;
+  }
+  const Pose& plate = state.T_device_plate;
+  row.tip_N = result.contact.force_N;
+  result.break_through = find_break_through(
+      {1 / model.rate_Hz, Eigen::Vector3d(row.tool_m.data()), plate * model.tool.tip_plate_m,
+       -(plate.q * model.tool.axis_plate), result.contact},
+      state.break_through);
+  if (const auto& found = result.break_through.found) {
+    row.break_through_N = found->reference_N;
+    if (found->layer >= 0) row.break_through_at = kBreakThroughLayer - found->layer;
+    if (found->sheet >= 0)
+      row.break_through_at = sheets[static_cast<std::size_t>(found->sheet)]->slice_index;
+  }
+}
+
 /// Returns true in the tick that finds the device's own emergency stop newly pressed. A tick without
 /// data or without a link says nothing about the stop.
 bool is_newly_pressed(DeviceStatus status, LoopState& state) noexcept {
@@ -361,6 +383,7 @@ void haptic_tick(const LoopModel& model, const TickInputs& inputs, HandDevice& d
   result.torques_are_zero = torques_are_zero(safety, timing, model.rate_Hz);
   describe(model, device, state, result);
   law.finish_tick(row);
+  note_force_on_tip(model, inputs.sheets, state, result);
   ++state.tick;
 }
 

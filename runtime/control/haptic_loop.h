@@ -39,6 +39,7 @@
 #include "formats/session/recording.h"
 #include "runtime/contact/force_law.h"
 #include "runtime/control/break_damper.h"
+#include "runtime/control/break_through.h"
 #include "runtime/control/energy_limit.h"
 #include "runtime/control/limits.h"
 #include "runtime/control/passivity.h"
@@ -69,6 +70,7 @@ struct LoopState {
   SpeedState speed;
   PassivityState passivity;
   BreakDamperState break_damper;
+  BreakThroughState break_through;
   EnergyAccount energy;
   std::uint64_t tick = 0;  ///< number of ticks done
   /// Time between the previous new pose and the pose of this tick, on the device's clock; 0 if the
@@ -95,6 +97,7 @@ struct TickResult {
   /// Result of the force law. The caller of haptic_tick() requests a hole for each
   /// element of contact.cuts().
   ContactOutput contact;
+  BreakThroughTick break_through;
   DeviceReadout readout;
   bool end_of_data = false;        ///< the replayed recording has ended, so there is no row
   Fault new_fault = Fault::kNone;  ///< fault latched in this tick

@@ -68,12 +68,12 @@ FaultDetail CuttingForceLaw::update(const ForceLawInput& input, ContactOutput& o
   if (output.not_upright) return {};
   output.layers_punctured = state_.result.layers_punctured;
   const double force_N = law_.force_scale * output.force_N;
-  output.force_before_N = std::exchange(last_force_N_, force_N);
+  output.force_before_N = std::exchange(last_force_N_, output.force_N);
+  const double before_N = law_.force_scale * output.force_before_N;
   const CuttingResult& result = state_.result;
   const bool has_cut =
       result.cut_J > 0 || result.passed_to > result.passed_from || output.layers_punctured != 0;
-  if (has_cut && force_N < kBreakShare * output.force_before_N)
-    output.lost_force_N = output.force_before_N - force_N;
+  if (has_cut && force_N < kBreakShare * before_N) output.lost_force_N = before_N - force_N;
   if (output.backlog) return {};
   output.wrench_device *= law_.force_scale;
   output.local.stored_J *= law_.force_scale;
@@ -106,7 +106,6 @@ void CuttingForceLaw::finish_tick(RecordingRow& row) noexcept {
   // Below the last slab there is nothing left to cut.
   columns.front_z_m = std::isfinite(result.front_m) ? -result.front_m : 0;
   columns.front_HU = state_.front_HU;
-  columns.tip_N = result.tip_N;
   columns.embedded_m = result.embedded_m;
   columns.cut_J = state_.energy.cut_J;
   columns.absorbed_J = state_.energy.absorbed_J;
@@ -114,7 +113,7 @@ void CuttingForceLaw::finish_tick(RecordingRow& row) noexcept {
   columns.steps = result.steps;
 
   report_.tip_max_N = std::max(report_.tip_max_N, result.tip_N);
-  report_.force_max_N = std::max(report_.force_max_N, result.wrench_device.head<3>().norm());
+  report_.tissue_max_N = std::max(report_.tissue_max_N, result.wrench_device.head<3>().norm());
   if (!result.has_converged) ++report_.unconverged_ticks;
   report_.steps_max = std::max(report_.steps_max, result.steps);
   report_.energy = state_.energy;
@@ -168,7 +167,7 @@ SummarySection CuttingForceLaw::summary() const {
                             {"inertia_share", report_.coupling.inertia_share},
                             {"pose_is_predicted", report_.coupling.predicts_pose},
                             {"force_scale", report_.force_scale},
-                            {"force_max_N", report_.force_max_N},
+                            {"tissue_max_N", report_.tissue_max_N},
                             {"tip_max_N", report_.tip_max_N},
                             {"front_work_J", report_.energy.cut_J},
                             {"absorbed_J", report_.energy.absorbed_J},

@@ -21,9 +21,9 @@ namespace trocar::runtime {
 struct CuttingReport {
   DeviceCoupling coupling;
   double force_scale = 1;
-  /// `tip_max_N`: largest force on the tip along the shaft. `force_max_N`: largest force of the
+  /// `tip_max_N`: largest force on the tip along the shaft. `tissue_max_N`: largest force of the
   /// tissue on the plate.
-  double tip_max_N = 0, force_max_N = 0;
+  double tip_max_N = 0, tissue_max_N = 0;
   BoneEnergyAccount energy;             ///< energies after the last tick
   std::uint64_t unconverged_ticks = 0;  ///< ticks in which Newton's method did not converge
   int steps_max = 0;                    ///< largest number of Newton steps in a tick
@@ -63,7 +63,7 @@ class CuttingForceLaw final : public ForceLaw {
   SceneForceLaw law_;
   double rate_Hz_;
   bool has_unused_damping_ = false;  ///< a tissue has damping_N_s_per_m, which this law ignores
-  double last_force_N_ = 0;          ///< rendered force on the tip in the previous tick
+  double last_force_N_ = 0;          ///< force on the tip in the previous tick
   CuttingReport report_;
 };
 

@@ -65,7 +65,6 @@ FaultDetail SheetLaw::update(const ForceLawInput& input, ContactOutput& output) 
       shift_tool(model_, T_device_tool, coupling_.offset_m - before_m, contact_);
     output.stored_J += 0.5 * coupling_options_.stiffness_N_per_m * coupling_.offset_m.squaredNorm();
   }
-  output.force_before_N *= force_scale_;
   output.wrench_plate *= force_scale_;
   output.stored_J *= force_scale_;
   return {};

@@ -175,8 +175,8 @@ std::vector<Dataset> all_datasets() {
           "height of the cutting front, or of the next bone below the tip"),
       make<&Row::cutting, &Row::Cutting::front_HU>(
           "front_HU", "HU", kNoFrame, "mean HU under the tool in the slice of the cutting front"),
-      make<&Row::cutting, &Row::Cutting::tip_N>(
-          "tip_N", "N", kNoFrame, "force on the tip along the shaft, before the force scale"),
+      make<&Row::tip_N>("tip_N", "N", kNoFrame,
+                        "force of the tissue on the tip, before the force scale"),
       make<&Row::cutting, &Row::Cutting::embedded_m>("embedded_m", "m", kNoFrame,
                                                      "length of the shaft inside the bone volume"),
       make<&Row::cutting, &Row::Cutting::cut_J>(
@@ -186,6 +186,11 @@ std::vector<Dataset> all_datasets() {
       make<&Row::cutting, &Row::Cutting::stored_J>("stored_J", "tissue_stored_J", "J", kNoFrame,
                                                    "elastic energy stored in the tissue"),
       make<&Row::cutting, &Row::Cutting::steps>("steps", "1", kNoFrame, "number of Newton steps"),
+      make<&Row::break_through_N>("break_through_N", "N", kNoFrame,
+                                  "resistance that a break-through in this tick has lost; 0: none"),
+      make<&Row::break_through_at>(
+          "break_through_at", "1", kNoFrame,
+          "slice of the break-through; -2, -3, ...: soft layer 1, 2, ...; -1: none"),
   };
 }
 

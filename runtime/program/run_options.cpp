@@ -311,8 +311,8 @@ void declare_run_options(CommandLine& line, RunArguments& a) {
   declare_safety_options(line, a);
   line.set_footer(
       "Exit codes: 0 done; 2 wrong usage; 3 input refused, or torques of --replay differ, or\n"
-      "a warning with --check --strict, or interrupted before there was a result; 4 output not\n"
-      "written; 5 device failed, or a fault ended the session, or --test found trouble;\n"
+      "a warning with --check --strict; 4 output not written; 5 device failed, or a fault ended\n"
+      "the session, or --test found trouble, or a check was interrupted before its result;\n"
       "1 an internal error. Ctrl-C ends a session with zero torques and complete files.");
 }
 

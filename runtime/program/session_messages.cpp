@@ -105,9 +105,11 @@ void print_outcome(const SessionResult& report, const SessionOptions& options) {
     std::printf(
         "slice %d was punctured at %.4f s: %.3f N at the tip, %.3f N on the hand, depth %.3f mm, "
         "tip at %.5f m\n",
-        event.slice, event.t_s, event.force_N, event.hand_N, event.penetration_m * 1e3,
+        event.slice, event.t_s, event.tip_N, event.hand_N, event.penetration_m * 1e3,
         event.tool_z_m);
   }
+  for (const BreakThroughEvent& found : report.break_throughs)
+    std::printf("the tip %s\n", describe_break_through(found.at, found.t_s, found.lost_N).c_str());
   if (!options.replay.empty() && report.replay_first_difference < 0 &&
       report.ticks == options.replay.size()) {
     std::printf("replay: all torques identical to the recording's\n");

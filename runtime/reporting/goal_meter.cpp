@@ -104,13 +104,16 @@ void GoalMeter::observe_zone(std::size_t index, const RecordingRow& row, ZoneFig
 }
 
 void GoalMeter::judge(SessionFigures& figures) const {
-  const auto add = [&](GoalResult made) {
-    made.met =
-        made.value && (made.at_least ? *made.value >= made.limit : *made.value <= made.limit);
+  const bool has_touched = figures.first_contact_s.has_value();
+  const auto add = [&](bool attempted, GoalResult made) {
+    made.attempted = attempted;
+    made.met = attempted && made.value &&
+               (made.at_least ? *made.value >= made.limit : *made.value <= made.limit);
     figures.goals.push_back(std::move(made));
   };
   if (goals_.target)
-    add({"target", "", goals_.target->radius_m, false, figures.target_m, "m", false,
+    add(has_touched || figures.target_reached_s,
+        {"target", "", goals_.target->radius_m, false, figures.target_m, "m", false, false,
          "smallest distance of the tip to the target, at most its radius"});
   std::optional<double> entry_m, line_m;
   if (figures.line_ticks > 0) {
@@ -118,33 +121,39 @@ void GoalMeter::judge(SessionFigures& figures) const {
     line_m = figures.line_max_m;
   }
   if (goals_.line && goals_.line->entry_radius_m)
-    add({"entry", "", *goals_.line->entry_radius_m, false, entry_m, "m", false,
+    add(has_touched && entry_m,
+        {"entry", "", *goals_.line->entry_radius_m, false, entry_m, "m", false, false,
          "distance of the tip to the planned line as it first passes the entry point, at most the "
          "entry radius"});
   if (goals_.line && goals_.line->corridor_m)
-    add({"corridor", "", *goals_.line->corridor_m, false, line_m, "m", false,
+    add(has_touched && line_m,
+        {"corridor", "", *goals_.line->corridor_m, false, line_m, "m", false, false,
          "largest distance of the tip to the planned line beyond the entry point, at most the "
          "corridor"});
   if (goals_.force_max_N)
-    add({"force", "", *goals_.force_max_N, false, figures.force_max_N, "N", false,
-         "largest force on the hand, at most the ceiling"});
+    add(has_touched, {"force", "", *goals_.force_max_N, false, figures.force_max_N, "N", false,
+                      false, "largest force on the hand, at most the ceiling"});
   if (goals_.time_max_s) {
     const std::optional<double> end_s =
         goals_.target ? figures.target_reached_s : figures.last_puncture_s;
     std::optional<double> took_s;
     if (figures.first_contact_s && end_s) took_s = std::max(0.0, *end_s - *figures.first_contact_s);
-    add({"time", "", *goals_.time_max_s, false, took_s, "s", false,
+    add(has_touched,
+        {"time", "", *goals_.time_max_s, false, took_s, "s", false, false,
          goals_.target
              ? "from the first contact until the tip is first within the target's radius, "
                "or 0 if it was so before the first contact"
              : "from the first contact until the last puncture"});
   }
   if (goals_.plunge_max_m)
-    add({"plunge", "", *goals_.plunge_max_m, false, figures.plunge_max_m, "m", false,
-         "largest plunge after a break-through (0 without any), at most the limit"});
+    add(figures.break_throughs.count > 0 || figures.plunge_max_m > *goals_.plunge_max_m,
+        {"plunge", "", *goals_.plunge_max_m, false, figures.plunge_max_m, "m", false, false,
+         "largest plunge after a break-through, at most the limit"});
   for (std::size_t i = 0; i < goals_.zones.size(); ++i)
-    add({"zone", goals_.zones[i].name, goals_.zones[i].margin_m, true, figures.zones[i].min_m, "m",
-         false, "smallest distance of the tip to the zone, at least its margin; negative: inside"});
+    add(has_touched || figures.zones[i].breaches.count > 0,
+        {"zone", goals_.zones[i].name, goals_.zones[i].margin_m, true, figures.zones[i].min_m, "m",
+         false, false,
+         "smallest distance of the tip to the zone, at least its margin; negative: inside"});
 }
 
 }  // namespace trocar::runtime

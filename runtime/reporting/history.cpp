@@ -66,7 +66,8 @@ struct Session {
   std::string file, scene, end, time;
   std::int64_t changed_ns = 0;
   Trainee trainee;
-  std::optional<std::int64_t> goals;
+  /// How many the scene states, and how many of them were attempted (reports since 0.3.0).
+  std::optional<std::int64_t> goals, goals_attempted;
   std::array<std::optional<double>, kFigures.size()> figure;
 };
 
@@ -160,6 +161,8 @@ Result<Session> session_of(const json& document, bool is_report) {
     if (goals != nullptr && goals->is_array() && !goals->empty())
       out.goals = static_cast<std::int64_t>(goals->size());
     if (!out.goals) at("goals_met").reset();
+    if (const auto tried = number_at(document, "/goals_attempted", why); tried && out.goals)
+      out.goals_attempted = static_cast<std::int64_t>(*tried);
   } else {
     const auto ticks = number_at(document, "/ticks", why),
                rate_Hz = number_at(document, "/rate_Hz", why);
@@ -247,12 +250,14 @@ json describe(const Session& session) {
   json figures = json::object();
   for (std::size_t i = 0; i < kFigures.size(); ++i)
     figures[kFigures[i].name] = session.figure[i] ? json(*session.figure[i]) : json(nullptr);
-  return {{"file", session.file},
-          {"time", session.time},
-          {"attempt", session.trainee.attempt ? json(*session.trainee.attempt) : json(nullptr)},
-          {"end", session.end},
-          {"goals", session.goals ? json(*session.goals) : json(nullptr)},
-          {"figures", std::move(figures)}};
+  return {
+      {"file", session.file},
+      {"time", session.time},
+      {"attempt", session.trainee.attempt ? json(*session.trainee.attempt) : json(nullptr)},
+      {"end", session.end},
+      {"goals", session.goals ? json(*session.goals) : json(nullptr)},
+      {"goals_attempted", session.goals_attempted ? json(*session.goals_attempted) : json(nullptr)},
+      {"figures", std::move(figures)}};
 }
 
 /// Calls use(series, session) for each session of a history's document.
@@ -340,26 +345,29 @@ std::string history_text(const History& history) {
   for_each_session(document, [&](const json& series, const json& session) {
     if (&series != last) {
       const std::string trainee = shown(series["trainee"]), course = shown(series["course"]);
-      text +=
-          std::string(last == nullptr ? "" : "\n") + "trainee " +
-          (trainee.empty() ? "not stated" : trainee) + ", course " +
-          (course.empty() ? "not stated" : course) + ", scene " + one_line(shown(series["scene"])) +
-          "\n" +
-          " attempt  time                  goals  duration  path   re-entries  force  force-time"
-          "  outside  faults\n"
-          "                                       s         mm                 N      N s       "
-          "  mm\n";
+      text += std::string(last == nullptr ? "" : "\n") + "trainee " +
+              (trainee.empty() ? "not stated" : trainee) + ", course " +
+              (course.empty() ? "not stated" : course) + ", scene " +
+              one_line(shown(series["scene"])) + "\n" +
+              " attempt  time                  goals met (attempted)  duration  path   re-entries  "
+              "force  force-time"
+              "  outside  faults\n"
+              "                                                         s         mm               "
+              "  N      N s       "
+              "  mm\n";
       last = &series;
     }
     const auto cell = [&](const char* name, double factor, const char* format) {
       const json& value = session["figures"][name];
       return value.is_null() ? std::string("-") : text_line(format, factor * value.get<double>());
     };
-    const std::string goals = session["goals"].is_null()
-                                  ? "-"
-                                  : cell("goals_met", 1, "%.0f") + "/" + shown(session["goals"]);
+    std::string goals = "-";
+    if (!session["goals"].is_null())
+      goals = cell("goals_met", 1, "%.0f") + "/" + shown(session["goals"]);
+    if (!session["goals_attempted"].is_null())
+      goals += " (" + shown(session["goals_attempted"]) + ")";
     text +=
-        text_line("%8s  %s  %5s  %8s  %5s  %10s  %5s  %10s  %7s  %6s\n",
+        text_line("%8s  %s  %21s  %8s  %5s  %10s  %5s  %10s  %7s  %6s\n",
                   session["attempt"].is_null() ? "-" : shown(session["attempt"]).c_str(),
                   shown(session["time"]).c_str(), goals.c_str(), cell("total_s", 1, "%.2f").c_str(),
                   cell("path_m", 1e3, "%.1f").c_str(), cell("reentries", 1, "%.0f").c_str(),
@@ -371,14 +379,14 @@ std::string history_text(const History& history) {
 
 std::string history_csv(const History& history) {
   const json document = parse_known_json(history.json);
-  std::string csv = "course,trainee,scene,attempt,time,file,end,goals,";
+  std::string csv = "course,trainee,scene,attempt,time,file,end,goals,goals_attempted,";
   for (const Figure& figure : kFigures)
     csv.append(figure.name).append(",");
   csv.back() = '\n';
   for_each_session(document, [&](const json& series, const json& session) {
     for (const char* key : {"course", "trainee", "scene"})
       csv += csv_field(shown(series[key])) + ',';
-    for (const char* key : {"attempt", "time", "file", "end", "goals"})
+    for (const char* key : {"attempt", "time", "file", "end", "goals", "goals_attempted"})
       csv += csv_field(shown(session[key])) + ',';
     for (const Figure& figure : kFigures)
       csv += shown(session["figures"][figure.name]) + ',';

@@ -1,14 +1,19 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "runtime/reporting/plunge_meter.h"
 
-#include <Eigen/Geometry>
 #include <algorithm>
 #include <utility>
 
-#include "runtime/contact/tool.h"
-#include "runtime/reporting/vector3.h"
-
 namespace trocar::runtime {
+namespace {
+
+std::optional<Punctured> punctured_at(const ResistanceFall& found) {
+  if (found.layer >= 0) return Punctured{true, static_cast<std::size_t>(found.layer)};
+  if (found.sheet >= 0) return Punctured{false, static_cast<std::size_t>(found.sheet)};
+  return std::nullopt;
+}
+
+}  // namespace
 
 double height_of(const Punctured& what, const Scene& scene,
                  const std::vector<ReportSheet>& sheets) {
@@ -16,75 +21,59 @@ double height_of(const Punctured& what, const Scene& scene,
 }
 
 PlungeMeter::PlungeMeter(const Scene& scene, const std::vector<ReportSheet>& sheets, double rate_Hz)
-    : scene_(scene),
-      sheets_(sheets),
-      tip_plate_m_(make_tool(scene.tool).tip_plate_m),
-      stop_ticks_(ticks_of(kPlungeStop_s, rate_Hz)),
-      max_ticks_(ticks_of(kPlunge_s, rate_Hz)) {
-  recent_m_.resize(stop_ticks_);
-}
+    : scene_(scene), sheets_(sheets), max_ticks_(ticks_of(kPlunge_s, rate_Hz)) {}
 
-PlungeMeter::Heights PlungeMeter::heights_of(const RecordingRow& row) const {
-  const Eigen::Quaterniond q(row.q[0], row.q[1], row.q[2], row.q[3]);
-  return {row.tool_m[2], row.p_m[2] + (q * tip_plate_m_).z()};
-}
-
-void PlungeMeter::observe(const RecordingRow& row, const std::optional<Punctured>& punctured,
+void PlungeMeter::observe(const RecordingRow& row, const BreakThroughTick& tick,
                           SessionFigures& figures) {
-  constexpr double kFallen = 0.5;
-  const double wanted_N =
-      length({row.wrench_wanted[0], row.wrench_wanted[1], row.wrench_wanted[2]});
-  const bool breaks_through = wanted_N <= kFallen * last_wanted_N_;
-  last_wanted_N_ = wanted_N;
-  if (punctured && breaks_through) {
-    end(PlungeEnd::kNext, row.t_s, figures);
-    open_.emplace();
-    open_->what = *punctured;
-    open_->t_s = open_->lowest_t_s = row.t_s;
-    from_ = lowest_ = last_.value_or(heights_of(row));
-    ticks_ = 0;
+  if (!tick.is_running) return end(PlungeEnd::kFault, row.t_s, figures);
+  if (tick.comes_back) end(PlungeEnd::kReversed, row.t_s, figures);
+  const double z_m = row.tool_m[2];
+  // A fall that is a break-through, but began so long ago that it is not measured any more.
+  const bool is_late = tick.found && (open_.empty() || open_.back().is_break_through);
+  if (tick.begun || is_late) {
+    const ResistanceFall& fall = tick.begun ? *tick.begun : *tick.found;
+    Open& open = open_.emplace_back();
+    open.made.plunge_m = fall.run_m;
+    open.made.hand_m = fall.run_hand_m;
+    open.reference_N = open.made.tip_N = fall.reference_N;
+    open.made.lowest_t_s = row.t_s;
+    open.lowest_z_m = z_m;
+    open.ticks_left = max_ticks_;
   }
-  if (open_) follow(row, figures);
-  last_ = heights_of(row);
-}
-
-void PlungeMeter::interrupt(double t_s, SessionFigures& figures) {
-  last_wanted_N_ = 0;
-  last_.reset();
-  end(PlungeEnd::kFault, t_s, figures);
-}
-
-/// Takes the row of the break-through and the rows after it.
-void PlungeMeter::follow(const RecordingRow& row, SessionFigures& figures) {
-  const Heights here = heights_of(row);
-  const double z_m = here.tip_m;
-  double& earlier_m = recent_m_[ticks_ % recent_m_.size()];
-  const bool stops = ticks_ >= stop_ticks_ && earlier_m - z_m < kPlungeStep_m;
-  earlier_m = z_m;
-  if (z_m < lowest_.tip_m) {
-    lowest_ = here;
-    open_->lowest_t_s = row.t_s;
+  if (tick.found) {
+    Open& open = open_.back();
+    open.is_break_through = true;
+    open.made.what = punctured_at(*tick.found);
+    open.made.t_s = row.t_s;
+    open.ticks_left = max_ticks_;
   }
-  if (z_m - lowest_.tip_m > kPlungeStep_m) {
-    end(PlungeEnd::kReversed, row.t_s, figures);
-  } else if (stops) {
-    end(PlungeEnd::kStopped, row.t_s, figures);
-  } else if (ticks_ >= max_ticks_) {
-    end(PlungeEnd::kTime, row.t_s, figures);
+  for (Open& open : open_) {
+    const double loss = loss_of_resistance(tick.force_N, open.reference_N);
+    open.made.plunge_m += loss * tick.advance_m;
+    open.made.hand_m += loss * tick.hand_m;
+    if (z_m < open.lowest_z_m) open.made.lowest_t_s = row.t_s;
+    open.lowest_z_m = std::min(open.lowest_z_m, z_m);
+    if (open.ticks_left-- == 0) close(open, PlungeEnd::kTime, row.t_s, figures);
   }
-  ++ticks_;
+  std::erase_if(open_, [this](const Open& open) { return open.ticks_left > max_ticks_; });
 }
 
 void PlungeMeter::end(PlungeEnd end, double t_s, SessionFigures& figures) {
-  if (!open_) return;
-  BreakThrough made = *std::exchange(open_, std::nullopt);
-  made.plunge_m = from_.tip_m - lowest_.tip_m;
-  made.hand_m = from_.plate_m - lowest_.plate_m;
-  made.below_m = height_of(made.what, scene_, sheets_) - lowest_.tip_m;
-  if (made.what.is_layer) made.below_m -= scene_.layers[made.what.index].thickness_m;
+  for (const Open& open : std::exchange(open_, {}))
+    close(open, end, t_s, figures);
+}
+
+void PlungeMeter::close(const Open& open, PlungeEnd end, double t_s,
+                        SessionFigures& figures) const {
+  figures.plunge_max_m = std::max(figures.plunge_max_m, open.made.plunge_m);
+  if (!open.is_break_through) return;
+  BreakThrough made = open.made;
+  if (made.what) {
+    made.below_m = height_of(*made.what, scene_, sheets_) - open.lowest_z_m;
+    if (made.what->is_layer) *made.below_m -= scene_.layers[made.what->index].thickness_m;
+  }
   made.ended_by = end;
   made.ended_t_s = t_s;
-  figures.plunge_max_m = std::max(figures.plunge_max_m, made.plunge_m);
   figures.break_throughs.add(made);
 }
 

@@ -1,16 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
-// Measures the plunge: how far the tip moves down after it has broken through a sheet or through a
-// layer of soft tissue (definition 4 of session_figures.h).
-// Tests: tests/e2e/session_report_test.py
+// Measures the plunges after break-throughs (law 6 of runtime/control/break_through.h).
+// Tests: tests/runtime/reporting/break_through_test.cpp, tests/e2e/session_report_test.py
 #pragma once
 
-#include <Eigen/Core>
 #include <cstdint>
-#include <optional>
 #include <vector>
 
 #include "formats/session/recording.h"
 #include "formats/session/scene.h"
+#include "runtime/control/break_through.h"
 #include "runtime/reporting/session_figures.h"
 
 namespace trocar::runtime {
@@ -19,41 +17,25 @@ class PlungeMeter {
  public:
   /// `scene` and `sheets` must outlive this object.
   PlungeMeter(const Scene& scene, const std::vector<ReportSheet>& sheets, double rate_Hz);
-  /// Call this for each counted row, that is for each row with the safety state `ready` or
-  /// `running` (definition 1 of session_figures.h). `punctured`: the lowest sheet or layer that is
-  /// punctured in this row; none: nothing is punctured.
-  void observe(const RecordingRow& row, const std::optional<Punctured>& punctured,
-               SessionFigures& figures);
-  /// Call this for each row that is not counted. If a plunge is being measured, ends the
-  /// measurement with the reason kFault.
-  void interrupt(double t_s, SessionFigures& figures);
-  /// If a plunge is being measured, ends the measurement and adds the break-through to `figures`.
+  /// Call this for each row in order. A row that is not in `running` ends all measurements.
+  void observe(const RecordingRow& row, const BreakThroughTick& tick, SessionFigures& figures);
+  /// Ends all measurements, and adds their plunges and break-throughs to `figures`.
   void end(PlungeEnd end, double t_s, SessionFigures& figures);
 
  private:
-  void follow(const RecordingRow& row, SessionFigures& figures);
+  /// A fall of the resistance whose plunge is being measured.
+  struct Open {
+    BreakThrough made;
+    bool is_break_through = false;
+    double reference_N = 0, lowest_z_m = 0;
+    std::uint64_t ticks_left = 0;
+  };
+  void close(const Open& open, PlungeEnd end, double t_s, SessionFigures& figures) const;
 
   const Scene& scene_;
   const std::vector<ReportSheet>& sheets_;
-  double last_wanted_N_ = 0;
-  /// Heights in one row. `tip_m`: the height of the tip. `plate_m`: the height that the tip would
-  /// have at the same pose of the plate if the connection between plate and tool were rigid, that
-  /// is without the coupling.
-  struct Heights {
-    double tip_m = 0, plate_m = 0;
-  };
-  Heights heights_of(const RecordingRow& row) const;
-
-  Eigen::Vector3d tip_plate_m_;
-  std::optional<Heights> last_;       ///< heights in the last counted row
-  std::optional<BreakThrough> open_;  ///< the break-through whose plunge is being measured
-  /// Heights in the row before the break-through, and in the row with the lowest tip since then.
-  Heights from_, lowest_;
-  std::vector<double> recent_m_;  ///< ring buffer: heights of the tip in the last stop_ticks_ rows
-  // ticks_: number of rows since the break-through. stop_ticks_: number of rows in kPlungeStop_s; a
-  // plunge has stopped if the tip hardly moved down in this time. max_ticks_: number of rows in
-  // kPlunge_s, the longest time for which a plunge is measured.
-  std::uint64_t ticks_ = 0, stop_ticks_ = 1, max_ticks_ = 1;
+  std::uint64_t max_ticks_ = 1;
+  std::vector<Open> open_;  ///< the oldest first
 };
 
 /// Returns the height of a punctured sheet, or of the top of a punctured layer.

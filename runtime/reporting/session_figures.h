@@ -17,21 +17,9 @@
 //  3. The force of a puncture is the force of the row before the puncture. The depth of a puncture
 //     is the depth of the tip below the undeformed sheet. If a layer of soft tissue is punctured,
 //     it is the depth of the tip below the top of this layer.
-//  4. A break-through is a puncture at which the wanted force falls to at most half of the wanted
-//     force in the row before. If one row has several punctures, the lowest counts. The plunge is
-//     the distance from the tip's height in the row before the break-through down to the tip's
-//     lowest height during the measurement. The measurement ends with the first of these events:
-//       reversed: the tip has come back up from its lowest position by more than kPlungeStep_m;
-//       stopped: the tip has moved down by less than kPlungeStep_m in the last kPlungeStop_s;
-//       time: kPlunge_s have passed since the break-through;
-//       next: the next break-through happens;
-//       fault: a row is not counted;
-//       end: the session ends.
-//     The plunge is the sum of two parts, the motion of the hand and the release. The motion of the
-//     hand is the distance by which the tip would have moved down if the tool were rigidly
-//     connected to the plate, from the row before the break-through to the row with the lowest tip.
-//     The release is the rest of the plunge. It comes from the coupling between plate and tool,
-//     which relaxes. Without a coupling the release is 0.
+//  4. Break-throughs and plunges: runtime/control/break_through.h. The part of a plunge that is
+//     motion of the hand is the same sum with the way of a tip that is rigidly fixed to the plate.
+//     The rest is the release: the coupling between plate and tool relaxes.
 //  5. Tremor is measured with two Butterworth filters of the second order in series: a high-pass
 //     with the corner frequency f = kTremorLow_Hz, followed by a low-pass with f = kTremorHigh_Hz.
 //     The input of the high-pass is the tip's position minus the tip's position in the first row
@@ -42,17 +30,18 @@
 //       a0 = 1 + alpha, a1 = -2 cos(w), a2 = 1 - alpha;
 //       high-pass: b0 = b2 = (1 + cos(w)) / 2, b1 = -(1 + cos(w));
 //       low-pass: b0 = b2 = (1 - cos(w)) / 2, b1 = 1 - cos(w).
-//     The output of the low-pass is a vector. Two figures are computed from it: the RMS of its
-//     length, and the RMS of the length of its horizontal part (x and y). Each figure is computed
-//     once over the rows with the contact state `free`, and once over those with `contact`. Each
-//     row that is not counted resets the filters. The first kTremorSettle_s after the start and
-//     after each reset are left out.
+//     The output of the low-pass is a vector. Tremor is the RMS of the length of its part across
+//     the needle's axis in this row: steps of cutting lie along the axis, and do not count. It is
+//     computed once over the rows with the contact state `free`, and once over those with
+//     `contact`. Each row that is not counted resets the filters. The first kTremorSettle_s after
+//     the start and after each reset are left out.
 //  6. The distance to the planned line is measured in rows in which the tip has passed the entry
 //     point in the line's direction. A zone is a volume in which the tip must not be. The
 //     distance of the tip to a zone is negative inside the zone. A breach consists of successive
 //     rows with a negative distance.
-//  7. A miss consists of successive rows with the contact state `beside` at one slice: the tip has
-//     passed this slice beside its material or through an older hole.
+//  7. A miss consists of successive rows with the contact state `beside` at one slice, below the
+//     surface: since the first contact, or since the tip was last above all sheets and layers, there
+//     was a row in contact or with a puncture. So air above bone on an oblique path is no miss.
 //  8. A counted row is in bone if its contact state is `contact` or `punctured` and its active
 //     slice (RecordingRow::active_slice) is not -1. The tip has left the bone when, in a counted
 //     row not in bone, the tip is at least kLeave_m away from its position in the last row in bone.
@@ -87,7 +76,6 @@
 
 namespace trocar::runtime {
 
-inline constexpr double kPlunge_s = 0.5, kPlungeStop_s = 0.05, kPlungeStep_m = 5e-5;
 inline constexpr double kTremorLow_Hz = 4, kTremorHigh_Hz = 12, kTremorSettle_s = 0.5;
 inline constexpr double kLeave_m = 1e-3;
 inline constexpr std::size_t kMaxReportPunctures = 1024;
@@ -122,26 +110,27 @@ struct Punctured {
 };
 struct ReportPuncture {
   Punctured what;
-  // Three values are those of the row before the puncture: force_N (force on the hand), tip_N
-  // (force on the tip) and front_HU (definition 11).
-  double t_s = 0, force_N = 0, tip_N = 0, depth_m = 0, tip_z_m = 0;
+  // Three values are those of the row before the puncture: hand_N (force on the hand), tip_N
+  // (RecordingRow::tip_N) and front_HU (definition 11).
+  double t_s = 0, hand_N = 0, tip_N = 0, depth_m = 0, tip_z_m = 0;
   std::optional<double> front_HU;
 };
-/// The event that ended the measurement of a plunge (definition 4).
-enum class PlungeEnd : std::uint8_t { kReversed, kStopped, kTime, kNext, kFault, kEnd };
+/// The event that ended the measurement of a plunge. kReversed: the tip came back by more than
+/// kBreakBack_m. kFault: a row that is not in `running`.
+enum class PlungeEnd : std::uint8_t { kTime, kReversed, kFault, kEnd };
 struct BreakThrough {
-  Punctured what;
+  std::optional<Punctured> what;  ///< punctured last; none: nothing was
   double t_s = 0, plunge_m = 0;
-  double hand_m = 0;   ///< the part of the plunge that is motion of the hand
-  double below_m = 0;  ///< depth of the lowest tip below the sheet, or below the layer's bottom
+  double tip_N = 0;   ///< the force that was lost: P of break_through.h
+  double hand_m = 0;  ///< the part of the plunge that is motion of the hand
+  /// Depth of the lowest tip below the sheet, or below the layer's bottom.
+  std::optional<double> below_m;
   double lowest_t_s = 0, ended_t_s = 0;  ///< time of the lowest tip, end of the measurement
   PlungeEnd ended_by = PlungeEnd::kEnd;
 };
 struct Tremor {
-  std::uint64_t ticks = 0;  ///< number of rows in the sums below
-  // Sums over rows (definition 5). squares_m2: sum of the squared length of the low-pass's output.
-  // sideways_m2: sum of the squared length of the horizontal part of this output.
-  double squares_m2 = 0, sideways_m2 = 0;
+  std::uint64_t ticks = 0;  ///< number of rows in the sum
+  double squares_m2 = 0;    ///< sum of the squared length across the axis (definition 5)
 };
 /// Successive rows that belong together: a breach, a miss, an attempt or a side cut.
 struct Span {
@@ -167,14 +156,18 @@ struct GoalResult {
   bool at_least = false;  ///< true: limit is the smallest allowed value; false: the largest one
   std::optional<double> value;
   const char* unit = "m";
-  bool met = false;
-  std::string how;  ///< description of the value and its limit
+  /// False: the goal was never tried. Without contact only a target that was reached and a zone that
+  /// was entered are tried; without a break-through no plunge; without a row beyond the entry point
+  /// neither entry nor corridor.
+  bool attempted = false;
+  bool met = false;  ///< implies `attempted`
+  std::string how;   ///< description of the value and its limit
 };
 /// The row with the largest force among SessionFigures::stride successive rows.
 struct ReportSample {
   double t_s = 0;
   std::array<double, 3> tip_m{};
-  double force_N = 0;
+  double hand_N = 0;
   std::optional<double> front_HU;
 };
 
@@ -200,7 +193,7 @@ struct SessionFigures {
   std::array<double, 3> force_max_tip_m{};
   Counted<ReportPuncture, kMaxReportPunctures> punctures;
   Counted<BreakThrough, kMaxReportPunctures> break_throughs;
-  double plunge_max_m = 0;
+  double plunge_max_m = 0;  ///< of all falls of the resistance, also if none is a break-through
   Tremor tremor_free, tremor_contact;
   // The planned line (definition 6). line_ticks: number of rows in which the tip's distance to the
   // line is measured. line_max_m: largest distance. line_squares_m2: sum of the squared distances.

@@ -25,7 +25,7 @@ SessionObserver::SessionObserver(const Scene& scene, std::vector<ReportSheet> sh
     : scene_(scene),
       sheets_(std::move(sheets)),
       plunge_(scene, sheets_, rate_Hz),
-      tremor_(rate_Hz) {
+      tremor_(scene, rate_Hz) {
   out_.rate_Hz = rate_Hz;
   out_.top_z_m = -std::numeric_limits<double>::infinity();
   for (const ReportSheet& sheet : sheets_)
@@ -51,12 +51,13 @@ void SessionObserver::observe(const ObservedTick& tick) {
   }
   if (row.safety != SafetyState::kIdle) sample(row, force_N);
   observe_fault(row);
+  plunge_.observe(row, tick.break_through, out_);
   if (counts(row)) {
     observe_counted(tick, force_N);
   } else {
-    observe_gap(row);
+    observe_gap();
   }
-  last_force_N_ = force_N;
+  last_hand_N_ = force_N;
   last_t_s_ = row.t_s;
   last_front_HU_ = front_HU(row);
 }
@@ -73,16 +74,15 @@ void SessionObserver::observe_counted(const ObservedTick& tick, double force_N) 
   if (row.phase == ContactPhase::kPunctured || row.phase == ContactPhase::kMissed) ++out_.through;
   observe_attempt(row);
   observe_path(tick);
-  plunge_.observe(row, observe_punctures(tick), out_);
+  observe_punctures(tick);
   tremor_.observe(row, out_);
   if (goals_) goals_->observe(row, out_);
   observe_miss(row);
 }
 
 /// A row that is not counted ends every run of counted rows.
-void SessionObserver::observe_gap(const RecordingRow& row) {
+void SessionObserver::observe_gap() {
   last_tip_.reset();
-  plunge_.interrupt(row.t_s, out_);
   tremor_.restart();
   if (goals_) goals_->interrupt();
   is_missed_ = is_in_layers_ = false;
@@ -133,17 +133,14 @@ void SessionObserver::observe_attempt(const RecordingRow& row) {
   is_in_layers_ = row.phase == ContactPhase::kContact && !is_in_bone;
 }
 
-/// Returns the lowest sheet or layer that is punctured in this tick.
-std::optional<Punctured> SessionObserver::observe_punctures(const ObservedTick& tick) {
+void SessionObserver::observe_punctures(const ObservedTick& tick) {
   const RecordingRow& row = tick.row;
-  std::optional<Punctured> lowest;
   const auto height = [&](const Punctured& what) { return height_of(what, scene_, sheets_); };
   const auto add = [&](const Punctured& what) {
     const double tip_z_m = row.tool_m[2];
-    out_.punctures.add({what, row.t_s, last_force_N_, tick.tip_N, height(what) - tip_z_m, tip_z_m,
-                        last_front_HU_});
+    out_.punctures.add(
+        {what, row.t_s, last_hand_N_, tick.tip_N, height(what) - tip_z_m, tip_z_m, last_front_HU_});
     out_.last_puncture_s = row.t_s;
-    if (!lowest || height(what) < height(*lowest)) lowest = what;
   };
   for (std::size_t i = 0; i < scene_.layers.size(); ++i) {
     if ((tick.layers_punctured >> i & 1U) != 0) add({true, i});
@@ -153,11 +150,12 @@ std::optional<Punctured> SessionObserver::observe_punctures(const ObservedTick& 
     if ((tick.side_cut >> i & 1U) != 0)
       out_.side_cuts.add({sheets_[i].slice, row.t_s, row.t_s, 0, 0});
   }
-  return lowest;
 }
 
 void SessionObserver::observe_miss(const RecordingRow& row) {
-  const bool is_missed = row.phase == ContactPhase::kMissed;
+  if (surface_z_m_ && row.tool_m[2] > *surface_z_m_ + kLeave_m) surface_z_m_.reset();
+  if (in_bone_tip_ && !surface_z_m_) surface_z_m_ = row.tool_m[2];
+  const bool is_missed = row.phase == ContactPhase::kMissed && surface_z_m_;
   if (is_missed) {
     ++out_.missed_ticks;
     if (!is_missed_ || missed_slice_ != row.active_slice)
@@ -190,7 +188,7 @@ std::optional<double> SessionObserver::front_HU(const RecordingRow& row) const {
 void SessionObserver::sample(const RecordingRow& row, double force_N) {
   std::vector<ReportSample>& list = out_.samples;
   const auto larger = [](const ReportSample& a, const ReportSample& b) {
-    return b.force_N > a.force_N ? b : a;
+    return b.hand_N > a.hand_N ? b : a;
   };
   const ReportSample made{row.t_s, row.tool_m, force_N, front_HU(row)};
   if (rows_sampled_ % out_.stride != 0) {

@@ -31,10 +31,10 @@ class SessionObserver {
 
  private:
   void observe_counted(const ObservedTick& tick, double force_N);
-  void observe_gap(const RecordingRow& row);
+  void observe_gap();
   void observe_path(const ObservedTick& tick);
   void observe_attempt(const RecordingRow& row);
-  std::optional<Punctured> observe_punctures(const ObservedTick& tick);
+  void observe_punctures(const ObservedTick& tick);
   void observe_miss(const RecordingRow& row);
   void observe_fault(const RecordingRow& row);
   std::optional<double> front_HU(const RecordingRow& row) const;
@@ -47,7 +47,7 @@ class SessionObserver {
   TremorMeter tremor_;
   std::optional<GoalMeter> goals_;
   // The values of the previous row. If the previous row was not counted, last_tip_ is none.
-  double last_force_N_ = 0, last_t_s_ = 0;
+  double last_hand_N_ = 0, last_t_s_ = 0;
   std::optional<double> last_front_HU_;
   std::optional<Vector3> last_tip_;
   // contact_tip_: position of the tip in the first row in contact. length_since_contact_m_: length
@@ -57,6 +57,8 @@ class SessionObserver {
   /// Position of the tip in the last row in bone; none: the tip has left the bone, or has not
   /// reached the bone.
   std::optional<Vector3> in_bone_tip_;
+  /// Height of the tip where it entered the bone, until it is above that by kLeave_m.
+  std::optional<double> surface_z_m_;
   bool is_missed_ = false;  ///< the previous row was counted and has the contact state `beside`
   /// In the previous row, which was counted, only soft layers exerted a force.
   bool is_in_layers_ = false;

@@ -12,6 +12,7 @@
 #include "formats/base/html_page.h"
 #include "formats/base/json_text.h"
 #include "formats/session/fault_words.h"
+#include "runtime/control/break_through.h"
 
 namespace trocar::runtime {
 namespace {
@@ -22,23 +23,22 @@ json or_null(const std::optional<double>& value) {
   return value ? json(*value) : json(nullptr);
 }
 
-json describe(const Scene& scene, const ReportFacts& facts, const Punctured& what) {
-  return {{"layer", what.is_layer ? json(scene.layers[what.index].name) : json(nullptr)},
-          {"slice", what.is_layer ? json(nullptr) : json(facts.sheets[what.index].slice)}};
+json describe(const Scene& scene, const ReportFacts& facts, const std::optional<Punctured>& what) {
+  json out = {{"layer", nullptr}, {"slice", nullptr}};
+  if (what && what->is_layer) out["layer"] = scene.layers[what->index].name;
+  if (what && !what->is_layer) out["slice"] = facts.sheets[what->index].slice;
+  return out;
 }
 
 const char* name_of(PlungeEnd end) {
-  constexpr std::array<const char*, 6> kNames = {"reversed", "stopped", "time",
-                                                 "next",     "fault",   "end"};
+  constexpr std::array<const char*, 4> kNames = {"time", "reversed", "fault", "end"};
   return kNames[static_cast<std::size_t>(end)];
 }
 
 json describe(const Tremor& tremor) {
-  json out = {{"ticks", tremor.ticks}, {"rms_m", nullptr}, {"sideways_rms_m", nullptr}};
-  if (tremor.ticks == 0) return out;
-  const auto n = static_cast<double>(tremor.ticks);
-  out["rms_m"] = std::sqrt(tremor.squares_m2 / n);
-  out["sideways_rms_m"] = std::sqrt(tremor.sideways_m2 / n);
+  json out = {{"ticks", tremor.ticks}, {"across_rms_m", nullptr}};
+  if (tremor.ticks > 0)
+    out["across_rms_m"] = std::sqrt(tremor.squares_m2 / static_cast<double>(tremor.ticks));
   return out;
 }
 
@@ -79,9 +79,9 @@ json describe_goals(const Scene& scene, const SessionFigures& f) {
 json describe_samples(const SessionFigures& f) {
   json rows = json::array();
   for (const ReportSample& s : f.samples)
-    rows.push_back({s.t_s, s.tip_m[0], s.tip_m[1], s.tip_m[2], s.force_N, or_null(s.front_HU)});
+    rows.push_back({s.t_s, s.tip_m[0], s.tip_m[1], s.tip_m[2], s.hand_N, or_null(s.front_HU)});
   return {{"stride", f.stride},
-          {"columns", {"t_s", "tool_x_m", "tool_y_m", "tool_z_m", "force_N", "front_HU"}},
+          {"columns", {"t_s", "tool_x_m", "tool_y_m", "tool_z_m", "hand_N", "front_HU"}},
           {"rows", std::move(rows)}};
 }
 
@@ -172,7 +172,7 @@ json describe_punctures(const Scene& scene, const SessionFigures& f, const Repor
   for (const ReportPuncture& p : f.punctures.list) {
     json made = describe(scene, facts, p.what);
     made.update({{"t_s", p.t_s},
-                 {"force_N", p.force_N},
+                 {"hand_N", p.hand_N},
                  {"tip_N", p.tip_N},
                  {"depth_m", p.depth_m},
                  {"tip_z_m", p.tip_z_m},
@@ -188,10 +188,11 @@ json describe_break_throughs(const Scene& scene, const SessionFigures& f,
   for (const BreakThrough& b : f.break_throughs.list) {
     json made = describe(scene, facts, b.what);
     made.update({{"t_s", b.t_s},
+                 {"tip_N", b.tip_N},
                  {"plunge_m", b.plunge_m},
                  {"hand_m", b.hand_m},
                  {"release_m", b.plunge_m - b.hand_m},
-                 {"below_m", b.below_m},
+                 {"below_m", or_null(b.below_m)},
                  {"lowest_t_s", b.lowest_t_s},
                  {"ended_t_s", b.ended_t_s},
                  {"ended_by", name_of(b.ended_by)}});
@@ -234,6 +235,7 @@ json describe_results(const SessionFigures& f) {
                    {"limit_is", goal.at_least ? "least" : "largest"},
                    {"value", or_null(goal.value)},
                    {"unit", goal.unit},
+                   {"attempted", goal.attempted},
                    {"met", goal.met},
                    {"how", goal.how}});
   return out;
@@ -266,13 +268,12 @@ json describe_drawing(const Scene& scene, const SessionFigures& f, const ReportF
                                 {"outline_m", zone.outline_m},
                                 {"z_m", zone.z_m}});
   }
-  return {
-      {"top_z_m", f.top_z_m},
-      {"lowest_m", f.lowest_m},
-      {"plunge", {{"step_m", kPlungeStep_m}, {"stop_s", kPlungeStop_s}, {"limit_s", kPlunge_s}}},
-      {"layers", std::move(layers)},
-      {"material_m", facts.material_m},
-      {"goals", std::move(goals)}};
+  return {{"top_z_m", f.top_z_m},
+          {"lowest_m", f.lowest_m},
+          {"plunge", {{"limit_s", kPlunge_s}}},
+          {"layers", std::move(layers)},
+          {"material_m", facts.material_m},
+          {"goals", std::move(goals)}};
 }
 
 }  // namespace
@@ -318,6 +319,8 @@ std::string session_report_json(const Scene& scene, const SessionFigures& f,
   out["goals"] = describe_results(f);
   out["goals_met"] = std::count_if(f.goals.begin(), f.goals.end(),
                                    [](const GoalResult& goal) { return goal.met; });
+  out["goals_attempted"] = std::count_if(f.goals.begin(), f.goals.end(),
+                                         [](const GoalResult& goal) { return goal.attempted; });
   out["samples"] = describe_samples(f);
   return json_text(out, 1);
 }

@@ -105,7 +105,7 @@ json describe(const PunctureEvent& event, const Remesher& remesher) {
   json puncture = {{"slice", event.slice},
                    {"t_s", event.t_s},
                    {"tool_z_m", event.tool_z_m},
-                   {"force_N", event.force_N},
+                   {"tip_N", event.tip_N},
                    {"hand_N", event.hand_N},
                    {"trial_force_N", event.trial_force_N},
                    {"penetration_m", event.penetration_m},

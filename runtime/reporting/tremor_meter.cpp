@@ -1,13 +1,18 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "runtime/reporting/tremor_meter.h"
 
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 #include <numbers>
 
+#include "runtime/contact/tool.h"
+
 namespace trocar::runtime {
 
-TremorMeter::TremorMeter(double rate_Hz) : settle_ticks_(ticks_of(kTremorSettle_s, rate_Hz)) {
+TremorMeter::TremorMeter(const Scene& scene, double rate_Hz)
+    : axis_plate_(make_tool(scene.tool).axis_plate),
+      settle_ticks_(ticks_of(kTremorSettle_s, rate_Hz)) {
   for (std::size_t i = 0; i < filter_.size(); ++i) {
     const bool is_high_pass = i == 0;
     const double w =
@@ -42,8 +47,8 @@ void TremorMeter::observe(const RecordingRow& row, SessionFigures& figures) {
                                                          : nullptr;
   if (tremor == nullptr) return;
   ++tremor->ticks;
-  tremor->sideways_m2 += passed[0] * passed[0] + passed[1] * passed[1];
-  tremor->squares_m2 += dot(passed, passed);
+  const Eigen::Quaterniond q(row.q[0], row.q[1], row.q[2], row.q[3]);
+  tremor->squares_m2 += (q * axis_plate_).cross(Eigen::Vector3d(passed.data())).squaredNorm();
 }
 
 }  // namespace trocar::runtime

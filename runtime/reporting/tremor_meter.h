@@ -3,10 +3,12 @@
 // Tests: tests/e2e/session_report_test.py
 #pragma once
 
+#include <Eigen/Core>
 #include <array>
 #include <cstdint>
 
 #include "formats/session/recording.h"
+#include "formats/session/scene.h"
 #include "runtime/reporting/session_figures.h"
 #include "runtime/reporting/vector3.h"
 
@@ -14,7 +16,7 @@ namespace trocar::runtime {
 
 class TremorMeter {
  public:
-  explicit TremorMeter(double rate_Hz);
+  TremorMeter(const Scene& scene, double rate_Hz);
   /// Call this for each counted row (definition 1 of session_figures.h). Filters the tip's
   /// position, and adds the squares of the output to the sums in `figures`.
   void observe(const RecordingRow& row, SessionFigures& figures);
@@ -28,6 +30,7 @@ class TremorMeter {
     std::array<Vector3, 2> x{}, y{};
     Vector3 pass(const Vector3& in) noexcept;
   };
+  Eigen::Vector3d axis_plate_;    ///< up the shaft
   std::array<Filter, 2> filter_;  ///< the high-pass, then the low-pass
   Vector3 origin_{};              ///< position of the tip in the first row after a reset
   // filtered_: number of rows since the last reset. settle_ticks_: number of rows that are left out

@@ -65,6 +65,13 @@ bool SessionLoop::tick(const TickTiming& timing) noexcept {
     for (TickObserver* observer : observers_)
       observer->on_message(message);
   }
+  if (const auto& found = result_.break_through.found) {
+    const RecordingRow& row = result_.row;
+    const BreakThroughEvent event{found->sheet, row.break_through_at, row.t_s, row.tool_m[2],
+                                  row.break_through_N};
+    for (TickObserver* observer : observers_)
+      observer->on_break_through(event);
+  }
   const TickView view{
       result_, state_, sheets_, timing, late_ticks_.counts(), options_.is_real_time(), start_ns};
   for (TickObserver* observer : observers_)
@@ -156,7 +163,7 @@ void SessionLoop::request_hole(const CutRequest& cut) noexcept {
   event.t_s = result_.row.t_s;
   event.tool_z_m = result_.row.tool_m[2];  // as in the recording, from which reports are made
   event.penetration_m = result_.contact.penetration_m;
-  event.force_N = result_.contact.force_before_N;
+  event.tip_N = result_.contact.force_before_N;
   event.hand_N = last_hand_N_;
   event.trial_force_N = result_.contact.trial_force_N;
   for (TickObserver* observer : observers_)

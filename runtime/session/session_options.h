@@ -91,4 +91,9 @@ struct SessionOptions {
   }
 };
 
+/// The error of a check, a proposal or a trial that SessionOptions::stop has ended: it has no result.
+inline Error interrupted() {
+  return {ExitCode::kDeviceFault, "interrupted; nothing was written"};
+}
+
 }  // namespace trocar::runtime

@@ -31,7 +31,12 @@ bool same_bits(const std::array<double, N>& a, const std::array<double, N>& b) n
 
 SessionStatistics::SessionStatistics(std::span<const RecordingRow> replay) : replay_(replay) {
   report_.punctures.reserve(kMaxListedPunctures);
+  report_.break_throughs.reserve(kMaxListedPunctures);
   report_.faults.reserve(kMaxListedFaults);
+}
+
+void SessionStatistics::on_break_through(const BreakThroughEvent& found) noexcept {
+  if (report_.break_throughs.size() < kMaxListedPunctures) report_.break_throughs.push_back(found);
 }
 
 void SessionStatistics::on_puncture(const PunctureEvent& puncture) noexcept {

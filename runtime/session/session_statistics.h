@@ -75,6 +75,7 @@ struct SessionResult {
   std::uint64_t scaled_ticks = 0;
   std::vector<PunctureEvent> punctures;    ///< the first kMaxListedPunctures punctures
   std::uint64_t punctures_not_listed = 0;  ///< number of punctures that are not in `punctures`
+  std::vector<BreakThroughEvent> break_throughs;  ///< the first kMaxListedPunctures of them
   /// Number of ticks that SessionOptions::on_tick did not get, because on_tick was too slow.
   std::uint64_t ticks_not_observed = 0;
   std::shared_ptr<const ForceLaw> law;  ///< the force law after the last tick
@@ -91,6 +92,7 @@ class SessionStatistics final : public TickObserver {
   explicit SessionStatistics(std::span<const RecordingRow> replay);
 
   void on_puncture(const PunctureEvent& puncture) noexcept override;
+  void on_break_through(const BreakThroughEvent& found) noexcept override;
   void on_tick(const TickView& tick) noexcept override;
   /// Adds the durations of one tick. `duration_ns`: the whole tick, without the time to simulate
   /// the device. `device_ns`: the part in which the device was read, checked and written.

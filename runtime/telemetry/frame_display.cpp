@@ -46,7 +46,7 @@ void FrameWriter::add(const RecordingRow& row, const std::shared_ptr<const Sheet
     last_ = shape;
   }
   nlohmann::json frame = {{"t_s", row.t_s},      {"state", to_string(row.phase)},
-                          {"tip_m", row.tool_m}, {"force_N", row.wrench_wanted[2]},
+                          {"tip_m", row.tool_m}, {"wanted_z_N", row.wrench_wanted[2]},
                           {"shape", nullptr},    {"depth_m", 0.0}};
   if (last_ != nullptr) {
     frame["shape"] = shapes_ - 1;

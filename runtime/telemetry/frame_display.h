@@ -52,10 +52,10 @@ double shape_depth_m(const RecordingRow& row, const SheetShape& shape) noexcept;
 /// Writes frames as JSON lines. For each new shape there is a line
 ///   {"shape", "slice", "z_m", "cuts", "vertices_m": [[x, y], ...], "triangles", "w"},
 /// and for each frame a line
-///   {"t_s", "state", "tip_m", "force_N", "shape", "depth_m"}.
+///   {"t_s", "state", "tip_m", "wanted_z_N", "shape", "depth_m"}.
 /// Shapes are numbered from 0. In the line of a shape, "cuts" is the number of holes in the sheet,
 /// and "w" says how far each vertex follows the tool: w is 1 at the tool's outline and falls to 0
-/// away from it. In a frame, "state" is the phase of contact, "force_N" is the z component of the
+/// away from it. In a frame, "state" is the phase of contact, "wanted_z_N" is the z component of the
 /// wanted force, and "shape" is the number of the latest shape, or null if there is none yet.
 /// Vertex i of the latest shape is at the height z_m - depth_m w[i].
 class FrameWriter {

@@ -84,9 +84,21 @@ void SessionPublisher::on_puncture(const PunctureEvent& puncture) noexcept {
   event.cut = puncture.cut;
   event.tool_z_m = puncture.tool_z_m;
   event.penetration_m = puncture.penetration_m;
-  event.force_N = puncture.force_N;
+  event.tip_N = puncture.tip_N;
   event.hand_N = puncture.hand_N;
   event.trial_force_N = puncture.trial_force_N;
+  push(event);
+}
+
+void SessionPublisher::on_break_through(const BreakThroughEvent& found) noexcept {
+  ++tick_.break_throughs;
+  TelemetryEvent event;
+  event.kind = TelemetryEventKind::kBreakThrough;
+  event.t_s = found.t_s;
+  event.sheet = found.sheet;
+  event.slice = found.at;
+  event.tool_z_m = found.tool_z_m;
+  event.tip_N = found.lost_N;
   push(event);
 }
 
@@ -121,7 +133,6 @@ void SessionPublisher::on_tick(const TickView& view) noexcept {
   tick_.taken_ns = view.start_ns;
   tick_.readout = view.result.readout;
   tick_.active_sheet = contact.active_sheet;
-  tick_.force_N = contact.force_N;
   tick_.ticks = view.state.tick;
   tick_.missed_deadlines = view.timing.missed_deadlines;
   tick_.late_ticks = view.late_ticks;

@@ -56,6 +56,7 @@ class SessionPublisher final : public TickObserver {
   /// `hand` unchanged.
   void read_hand(TelemetryHand& hand) const noexcept { writer_->hand(hand); }
   void on_puncture(const PunctureEvent& puncture) noexcept override;
+  void on_break_through(const BreakThroughEvent& found) noexcept override;
   void on_message(const OperatorMessage& message) noexcept override;
   void on_tick(const TickView& tick) noexcept override;
   /// Call this once in each period of a pause, instead of on_tick().

@@ -30,8 +30,8 @@ struct TelemetryTick {
   std::int64_t taken_ns = 0;
   DeviceReadout readout;
   std::int32_t active_sheet = -1;  ///< index of a sheet (ContactOutput::active_sheet); -1: none
-  double force_N = 0;              ///< force on the tip (ContactOutput::force_N)
   std::uint64_t ticks = 0, missed_deadlines = 0, punctures = 0, faults = 0;
+  std::uint64_t break_throughs = 0;
   LateTicks::Counts late_ticks{};  ///< missed deadlines that each part of the tick has caused
   std::int64_t late_max_ns = 0;    ///< longest delay of the haptic thread's wake-up so far
   std::uint64_t xray_shots = 0;

@@ -15,6 +15,7 @@ void TickFeed::on_tick(const TickView& tick) noexcept {
     (cut.is_puncture ? observed.punctured : observed.side_cut) |= std::uint64_t{1} << cut.sheet;
   observed.layers_punctured = tick.result.contact.layers_punctured;
   observed.tip_N = tick.result.contact.force_before_N;
+  observed.break_through = tick.result.break_through;
   if (!ticks_.push(observed)) lost_.fetch_add(1, std::memory_order_relaxed);
 }
 

@@ -22,9 +22,9 @@ struct ObservedTick {
   std::uint64_t punctured = 0;  ///< sheets that were punctured (law `cutting`: passed by the front)
   std::uint64_t side_cut = 0;   ///< sheets in which the tool cut a hole's wall (law `cutting`)
   std::uint64_t layers_punctured = 0;  ///< soft layers that were punctured
-  /// In the tick of a puncture: rendered force on the tip in the tick before. In other ticks the
-  /// value has no meaning.
+  /// In the tick of a puncture: RecordingRow::tip_N of the tick before. Otherwise without meaning.
   double tip_N = 0;
+  BreakThroughTick break_through;
 };
 static_assert(kMaxSceneSlices <= 64 && kMaxLayers <= 64, "one bit for each");
 

@@ -36,11 +36,20 @@ struct PunctureEvent {
   double t_s = 0;
   double tool_z_m = 0;       ///< height of the tip in {B}: RecordingRow::tool_m of the tick
   double penetration_m = 0;  ///< ContactOutput::penetration_m of the tick
-  double force_N = 0;        ///< rendered force on the tip in the tick before the puncture
+  double tip_N = 0;          ///< RecordingRow::tip_N of the tick before the puncture
   double hand_N = 0;         ///< delivered force in the tick before the puncture
   /// Force that would have exceeded the tissue's threshold (law `cutting`: largest strength of the
   /// bone that the front passed), without the factor force_scale.
   double trial_force_N = 0;
+};
+
+/// A break-through (runtime/control/break_through.h).
+struct BreakThroughEvent {
+  std::int32_t sheet = -1;  ///< index of the sheet; -1: none
+  std::int32_t at = -1;     ///< RecordingRow::break_through_at
+  double t_s = 0;
+  double tool_z_m = 0;
+  double lost_N = 0;  ///< RecordingRow::break_through_N
 };
 
 /// A message to the operator while a session runs.
@@ -81,6 +90,7 @@ class TickObserver {
   // The haptic thread calls these functions. They must not allocate, lock or make a system call.
 
   virtual void on_puncture(const PunctureEvent&) noexcept {}
+  virtual void on_break_through(const BreakThroughEvent&) noexcept {}
   virtual void on_message(const OperatorMessage&) noexcept {}
   /// Called once a tick, after the punctures and messages of that tick.
   virtual void on_tick(const TickView& tick) noexcept = 0;

@@ -104,7 +104,7 @@ def main():
     shape = at["shape"]
     place = 1e3 * numpy.array(shape["vertices_m"], dtype=float).reshape(-1, 2)
     sunk = numpy.column_stack([place, z_mm - depth_mm * numpy.array(shape["w"])]), numpy.array(shape["triangles"]).reshape(-1, 3)
-    panels = ((before, flat(sheet["before"]), "before"), (at, sunk, f"at {at['force_N']:.1f} N, {depth_mm:.2f} mm deep"),
+    panels = ((before, flat(sheet["before"]), "before"), (at, sunk, f"at {at['wanted_z_N']:.1f} N, {depth_mm:.2f} mm deep"),
               (after, flat(sheet["after"]), "after the puncture"))
 
     figure = plt.figure(figsize=(16, 5.4))

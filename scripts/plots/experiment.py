@@ -47,8 +47,8 @@ def main():
     axes.plot(t, force, color=HOLE, lw=1.3, label="wanted")
     for puncture in punctures:
         depth = min(h for h in heights if h >= puncture["tool_z_m"]) - puncture["tool_z_m"]
-        axes.annotate(f"slice {puncture['slice']}\n{puncture['force_N']:.2f} N\n{1000 * depth:.2f} mm",
-                      (puncture["t_s"], puncture["force_N"]), (6, -10), textcoords="offset points", fontsize=9, va="top")
+        axes.annotate(f"slice {puncture['slice']}\n{puncture['tip_N']:.2f} N\n{1000 * depth:.2f} mm",
+                      (puncture["t_s"], puncture["tip_N"]), (6, -10), textcoords="offset points", fontsize=9, va="top")
     time_axis(axes, t)
     axes.set(ylabel="force on the hand along z (N)", ylim=(-1.5, 1.1 * max(threshold, float(numpy.max(force)))))
     axes.set_title(f"Force: {title}", loc="left")

@@ -104,7 +104,7 @@ def test_stop_in_recovery(console):
     live = begin(console, duration_s=60)
     safety = {name: number for number, name in enumerate(live.hello["safety_states"])}
     faults = live.hello["faults"]
-    check(live.until(lambda l: l.value("force_N") > 5), "no contact")
+    check(live.until(lambda l: l.value("tip_N") > 5), "no contact")
     console.post("/api/command", {"command": "pause"})
     check(live.until(lambda l: l.value("paused") == 1), "no pause")
     console.post("/api/command", {"command": "resume"})

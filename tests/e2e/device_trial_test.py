@@ -75,7 +75,7 @@ def test_an_interrupted_test_has_no_verdict(programs, work):
         text, errors = process.communicate(timeout=30)
     assert begun.startswith("The device gets no force for 60 s."), begun
     said = "trocar-run: interrupted: the device was not tested to the end\n"
-    assert (process.returncode, text, errors) == (3, "", said), (process.returncode, text, errors)
+    assert (process.returncode, text, errors) == (5, "", said), (process.returncode, text, errors)
     assert not result.exists()
 
 

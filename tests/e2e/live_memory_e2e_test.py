@@ -112,7 +112,7 @@ def check_events(name, live, summary, scene_sheets):
     punctures = [e for e in events if e["kind"] == PUNCTURE]
     assert len(punctures) == len(summary["punctures"]), f"{name}: {len(punctures)} punctures, not {len(summary['punctures'])}"
     for event, wanted in zip(punctures, summary["punctures"]):
-        for field in ("slice", "t_s", "tool_z_m", "penetration_m", "force_N", "hand_N", "trial_force_N"):
+        for field in ("slice", "t_s", "tool_z_m", "penetration_m", "tip_N", "hand_N", "trial_force_N"):
             assert event[field] == wanted[field], f"{name}: {field} {event[field]} of a puncture, not {wanted[field]}"
     last = events[-1]
     assert last["kind"] == ENDED and last["cut"] == 0, f"{name}: the last event is {last}"
@@ -245,7 +245,7 @@ def check_commands(scene, asset):
 
     folder = WORK / "emergency_stop"
     session, live = start(folder, scene, asset, clock="real")
-    wait_for(lambda: live.snapshot()["force_N"][0] > 5, "a force", session)
+    wait_for(lambda: live.snapshot()["tip_N"][0] > 5, "a force", session)
     live.command("emergency_stop")
     errors = finish(session, expect=5)
     assert "emergency_stop" in errors, errors

@@ -74,7 +74,7 @@ class Live:
                 self.lost += after - self.next_event
                 self.next_event = after
                 continue
-            names = ("kind", "t_s", "sheet", "slice", "cut", "tool_z_m", "penetration_m", "force_N", "trial_force_N", "fault")
+            names = ("kind", "t_s", "sheet", "slice", "cut", "tool_z_m", "penetration_m", "tip_N", "trial_force_N", "fault")
             found.append(dict(zip(names, words[1:])) | {"hand_N": words[15]})
             self.next_event += 1
         return found

@@ -46,7 +46,7 @@ def test_procedures(programs, scan, work):
         soft["hand"]["trajectory"] = [{"t_s": 0, "tip_m": [0, 0, 0.22]}, {"t_s": 3, "tip_m": [0, 0, 0.129]}]
         (work / "soft.json").write_text(json.dumps(soft))
         run(trocar_run, work / "soft.json", *session)
-        assert json.loads((work / "summary.json").read_text())["cutting"]["force_max_N"] > 0.5
+        assert json.loads((work / "summary.json").read_text())["cutting"]["tissue_max_N"] > 0.5
     assert top < 0.2
 
     everything = run(trocar_run, "--explain").stdout

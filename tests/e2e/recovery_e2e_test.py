@@ -99,7 +99,7 @@ def test_recovery(source, programs, scan, work):
     summary = json.loads((auto / "s.json").read_text())
     fault, = summary["faults"]
     assert fault["recovered_t_s"] is not None and fault["recovered_t_s"] > fault["t_s"] + 0.25, fault
-    assert len(summary["punctures"]) == 1 and abs(summary["punctures"][0]["force_N"] - 35) < 0.2, summary["punctures"]
+    assert len(summary["punctures"]) == 1 and abs(summary["punctures"][0]["tip_N"] - 35) < 0.2, summary["punctures"]
     assert len(boxes(auto)) == 1, boxes(auto)
     replayed = run(trocar_run, scene, "--replay", auto / "r.csv", "--recover", "auto", "--record", auto / "again.csv")
     assert "identical" in replayed.stdout, replayed.stdout

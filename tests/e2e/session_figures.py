@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-PLUNGE_S, STOP_S, STEP_M, SETTLE_S, SAMPLES, PUNCTURES, SPANS = 0.5, 0.05, 5e-5, 0.5, 1024, 1024, 64
+PLUNGE_S, SETTLE_S, SAMPLES, PUNCTURES, SPANS = 0.5, 0.5, 1024, 1024, 64
 
 
 def read_rows(file):
@@ -103,47 +103,109 @@ def zone_distance(zone, tip):
     return np.where(outside > 0, outside, beyond.max(axis=1))
 
 
-def tip_of_plate(rows, scene):
-    """The heights of the tip of a tool that is fixed to the plate."""
-    w, x, y, z = (rows[name] for name in ("qw", "qx", "qy", "qz"))
-    a, b, c = scene["tool"].get("tip_in_plate_m", (0, 0, 0))
-    return rows["z_m"] + 2 * (x * z - w * y) * a + 2 * (y * z + w * x) * b + (1 - 2 * (x * x + y * y)) * c
+def axis_of(rows, scene):
+    """The unit vectors up the shaft."""
+    tool, n = scene["tool"], vectors(rows, "qx", "qy", "qz")
+    tilt, towards = math.radians(tool.get("tilt_deg", 0)), math.radians(tool.get("tilt_azimuth_deg", 0))
+    v = np.array([math.sin(tilt) * math.cos(towards), math.sin(tilt) * math.sin(towards), math.cos(tilt)])
+    return v + 2 * np.cross(n, np.cross(n, v) + rows["qw"][:, None] * v)
 
 
-def break_throughs(scene, rows, counts, struck, top_of, bottom_of, rate):
-    """`struck`: {row: [what]}. Looks ahead from each row."""
-    found, z, t = [], rows["tool_z_m"], rows["t_s"]
-    stop, most = round(STOP_S * rate), round(PLUNGE_S * rate)
-    wanted = np.sqrt((vectors(rows, "fx_wanted_N", "fy_wanted_N", "fz_wanted_N")**2).sum(axis=1))
-    wanted[~counts] = 0
-    struck = {k: what for k, what in struck.items() if wanted[k] <= (wanted[k - 1] if k > 0 else 0) / 2}
-    fixed = tip_of_plate(rows, scene)
-    for k in sorted(struck):
-        before = k - 1 if k > 0 and counts[k - 1] else k
-        lowest, low_row, how, end = z[before], before, "end", len(z) - 1
-        for j in range(k, len(z)):
-            if j > k and not counts[j]:
-                how, end = "fault", j
-                break
-            if j > k and j in struck:
-                how, end = "next", j
-                break
-            if z[j] < lowest:
-                lowest, low_row = z[j], j
-            if z[j] - lowest > STEP_M:
-                how, end = "reversed", j
-                break
-            if j - k >= stop and z[j - stop] - z[j] < STEP_M:
-                how, end = "stopped", j
-                break
-            if j - k >= most:
-                how, end = "time", j
-                break
-        what = min(struck[k], key=top_of)
-        hand, plunge = fixed[before] - fixed[low_row], z[before] - lowest
-        found.append({**named(what), "t_s": t[k], "plunge_m": plunge, "hand_m": hand, "release_m": plunge - hand, "below_m": bottom_of(what) - lowest,
-                      "lowest_t_s": t[max(low_row, k)], "ended_t_s": t[end], "ended_by": how})
-    return found
+def plate_tip(rows, scene):
+    """The tip of a tool that is fixed to the plate."""
+    n, v = vectors(rows, "qx", "qy", "qz"), np.array(scene["tool"].get("tip_in_plate_m", (0, 0, 0)), float)
+    return vectors(rows, "x_m", "y_m", "z_m") + v + 2 * np.cross(n, np.cross(n, v) + rows["qw"][:, None] * v)
+
+
+def loss(force, reference):
+    return 1 / (1 + (2 * (force + 1.5) / (reference + 1.5))**8)
+
+
+def depths(way):
+    """The largest so far, at most 1 mm beyond the last."""
+    out, depth = [], 0.0
+    for at in way:
+        depth = min(max(depth, at), at + 1e-3)
+        out.append(depth)
+    return np.diff(np.array(out), prepend=0)
+
+
+def falls_of(force, tip, fixed, inward, released, rate):
+    """[(row of the begin, row of the break-through or None, P, plunge and hand before that)] of one run of rows in `running`, and the
+    advances. By the laws of runtime/control/break_through.h, after which this is written."""
+    way = np.concatenate([[0], np.cumsum(np.einsum("ij,ij->i", np.diff(tip, axis=0), inward[1:]))])
+    hand = np.concatenate([[0], np.einsum("ij,ij->i", np.diff(fixed, axis=0), inward[1:])])
+    part = 1 - math.exp(-1 / (rate * 0.003))
+    smooth_n, smooth_m, f, s = [], [], 0.0, 0.0
+    for n, at in zip(force, way):
+        f += part * (n - f)
+        s += part * (at - s)
+        smooth_n.append(f)
+        smooth_m.append(s)
+    change, slow = depths(way), depths(smooth_m)
+    advance, by_hand, waiting = np.maximum(change, 0), np.zeros(len(way)), 0.0
+    for k, step in enumerate(hand):
+        waiting += step
+        if change[k] != 0:
+            by_hand[k], waiting = (waiting if change[k] > 0 else 0), 0.0
+    falls, phase, reference, least, mean, since, run, run_hand = [], "loaded", 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for k, (n, step) in enumerate(zip(smooth_n, slow)):
+        if step < 0:
+            phase, reference, mean, run, run_hand = "loaded", 0.0, 0.0, 0.0, 0.0
+        if phase != "loaded":
+            least, since = min(least, n), since + max(step, 0)
+            if n + 1.5 >= (1.5 * (least + 1.5) if phase == "fallen" else 0.97 * (reference + 1.5)) or since >= 2e-3:
+                phase, reference, mean = "loaded", 0.0, 0.0
+        if phase == "loaded":
+            reference = max(n, reference * math.exp(-max(step, 0) / 2e-3))
+        if k in released:
+            phase, reference, mean = "loaded", max(released[k], n), 1.0
+        elif step > 0:
+            mean += (loss(n, reference) - mean) * (1 - math.exp(-step / 2e-5))
+        if phase == "loaded" and mean >= 0.02:
+            falls.append([k, None, reference, run, run_hand])
+            phase, least, since = "falling", n, 0.0
+        if phase == "falling" and mean >= 0.5:
+            falls[-1][1] = k
+            phase, since = "fallen", 0.0
+        now, kept = loss(force[k], reference), math.exp(-1 / (rate * 0.1))
+        run, run_hand = kept * run + now * advance[k], kept * run_hand + now * by_hand[k]
+    return falls, advance, by_hand, np.flatnonzero(change < 0)
+
+
+def break_throughs(scene, rows, struck, below_of, rate):
+    """The break-throughs, and the largest plunge. `struck`: {row: [what]}. The part of a plunge that is measured in two windows, if a
+    fall began more than 0.5 s before it was a break-through, is left to the program."""
+    found, most, t, z = [], 0.0, rows["t_s"], rows["tool_z_m"]
+    tip, fixed, inward = vectors(rows, "tool_x_m", "tool_y_m", "tool_z_m"), plate_tip(rows, scene), -axis_of(rows, scene)
+    force, window = rows["tip_N"], round(PLUNGE_S * rate)
+    sheets = "front_z_m" not in rows
+    for first, last in runs(rows["safety"] == "running"):
+        part = slice(first, last + 1)
+        released = {}
+        for k in struck if sheets else ():
+            if first <= k <= last:
+                released[k - first] = rows["break_through_N"][k]
+        falls, advance, by_hand, back = falls_of(force[part], tip[part], fixed[part], inward[part], released, rate)
+        for begun, broke, reference, run, run_hand in falls:
+            from_row, until = first + begun, first + (begun if broke is None else broke) + window
+            back_row = next((first + j for j in back if first + j > from_row), len(t))
+            end = min(until, last, back_row - 1)
+            weight = loss(force[from_row:end + 1], reference)
+            plunge = run + (weight * advance[begun:end + 1 - first]).sum()
+            hand = run_hand + (weight * by_hand[begun:end + 1 - first]).sum()
+            most = max(most, plunge)
+            if broke is None:
+                continue
+            k = first + broke
+            before = [j for j in struck if j <= k and j >= first]
+            what = min(struck[max(before)], key=lambda each: each[2]) if before else None
+            low = from_row + int(np.argmin(z[from_row:end + 1]))
+            how, ended = ("reversed", back_row) if back_row <= min(until, last) else ("time", end) if until <= last else ("end", last) if last == len(t) - 1 else ("fault", last + 1)
+            found.append({**(named(what) if what else {}), "t_s": t[k], "tip_N": reference, "plunge_m": plunge, "hand_m": hand,
+                          "release_m": plunge - hand, **({"below_m": below_of(what) - z[low]} if what else {}),
+                          "lowest_t_s": t[low], "ended_t_s": t[ended], "ended_by": how})
+    return found, most
 
 
 def named(what):
@@ -243,6 +305,19 @@ def attempts_of(rows, counts, tip, t):
     return {"count": len(entries), "reentries": max(0, len(entries) - 1), "leave_m": 0.001, "listed": entries[:SPANS]}
 
 
+def below_surface(rows, counts, tip):
+    """Rows after the tip entered the bone, until it is 1 mm above the height of that."""
+    in_bone = counts & np.isin(rows["state"], ["contact", "punctured"]) & (rows["active_slice"] >= 0)
+    out, surface = np.zeros(len(tip), bool), None
+    for k in np.flatnonzero(counts):
+        if surface is not None and tip[k, 2] > surface + 0.001:
+            surface = None
+        if surface is None and in_bone[k]:
+            surface = tip[k, 2]
+        out[k] = surface is not None
+    return out
+
+
 def expected(scene, rows, asset_info, rate, meshes, layer_punctures=()):
     out, t = {}, rows["t_s"]
     n = len(t)
@@ -265,12 +340,11 @@ def expected(scene, rows, asset_info, rate, meshes, layer_punctures=()):
         struck.setdefault(k, []).append(("slice", sheets[i][0], sheets[i][1], sheets[i][1]))
     for k in sorted(struck):
         for what in struck[k]:
-            listed.append({**named(what), "t_s": t[k], "force_N": force[k - 1], "depth_m": what[2] - tip[k, 2], "tip_z_m": tip[k, 2],
+            listed.append({**named(what), "t_s": t[k], "hand_N": force[k - 1], "tip_N": rows["tip_N"][k - 1], "depth_m": what[2] - tip[k, 2], "tip_z_m": tip[k, 2],
                            "front_HU": rows["front_HU"][k - 1] if cutting else None})
     out["punctures"], out["punctures_count"] = listed[:PUNCTURES], len(listed)
-    plunges = break_throughs(scene, rows, counts, struck, lambda what: what[2], lambda what: what[3], rate)
+    plunges, out["plunge_max_m"] = break_throughs(scene, rows, struck, lambda what: what[3], rate)
     out["break_throughs"], out["break_throughs_count"] = plunges[:PUNCTURES], len(plunges)
-    out["plunge_max_m"] = max((each["plunge_m"] for each in plunges), default=0)
 
     steps = np.zeros(n)
     together = counts[1:] & counts[:-1]
@@ -303,16 +377,15 @@ def expected(scene, rows, asset_info, rate, meshes, layer_punctures=()):
         for name, part in (("free", free), ("contact", contact)):
             use = part[a:b + 1].copy()
             use[:round(SETTLE_S * rate)] = False
-            squares[name].append(passed[use]**2)
+            across = np.cross(passed, axis_of(rows, scene)[a:b + 1])
+            squares[name].append((across[use]**2).sum(axis=1))
     out["tremor"] = {"low_Hz": 4, "high_Hz": 12, "settle_s": SETTLE_S}
     for name, parts in squares.items():
-        all_parts = np.concatenate(parts) if parts else np.zeros((0, 3))
-        some = len(all_parts) > 0
-        out["tremor"][name] = {"ticks": len(all_parts), "rms_m": math.sqrt(all_parts.sum(axis=1).mean()) if some else None,
-                               "sideways_rms_m": math.sqrt(all_parts[:, :2].sum(axis=1).mean()) if some else None}
+        all_parts = np.concatenate(parts) if parts else np.zeros(0)
+        out["tremor"][name] = {"ticks": len(all_parts), "across_rms_m": math.sqrt(all_parts.mean()) if len(all_parts) else None}
     expected_goals(out, scene.get("goals"), tip, t, counts, force)
 
-    beside = counts & (state == "beside")
+    beside = counts & (state == "beside") & below_surface(rows, counts, tip)
     spans = [(name, a, b) for name in np.unique(rows["active_slice"][beside]) for a, b in runs(beside & (rows["active_slice"] == name))]
     spans.sort(key=lambda span: span[1])
     cuts = int(rows["cuts_published"][-1]) - sum(1 for each in listed if each["layer"] is None)
@@ -338,7 +411,7 @@ def expected(scene, rows, asset_info, rate, meshes, layer_punctures=()):
     while len(known) > SAMPLES * stride:
         stride *= 2
     kept = [group[np.argmax(force[group])] for group in (known[i:i + stride] for i in range(0, len(known), stride))]
-    out["samples"] = {"stride": stride, "columns": ["t_s", "tool_x_m", "tool_y_m", "tool_z_m", "force_N", "front_HU"],
+    out["samples"] = {"stride": stride, "columns": ["t_s", "tool_x_m", "tool_y_m", "tool_z_m", "hand_N", "front_HU"],
                       "rows": [[t[k], *tip[k], force[k], rows["front_HU"][k] if cutting else None] for k in kept]}
     return out
 
@@ -346,14 +419,23 @@ def expected(scene, rows, asset_info, rate, meshes, layer_punctures=()):
 def expected_goals(out, goals, tip, t, counts, force):
     out.update({"line": None, "target": None, "zones": [], "goals": []})
     if goals is None:
-        out["goals_met"] = 0
+        out["goals_met"] = out["goals_attempted"] = 0
         return
     tip, t = tip[counts], t[counts]
 
+    has_touched = out["time"]["first_contact_s"] is not None
+
     def judge(goal, limit, value, unit="m", zone=None):
-        met = value is not None and (value >= limit if goal == "zone" else value <= limit)
+        attempted = has_touched and (value is not None or goal == "time")
+        if goal == "target":
+            attempted = has_touched or value <= limit
+        if goal == "zone":
+            attempted = has_touched or value < 0
+        if goal == "plunge":
+            attempted = out["break_throughs_count"] > 0 or value > limit
+        met = attempted and value is not None and (value >= limit if goal == "zone" else value <= limit)
         out["goals"].append({"goal": goal, "zone": zone, "limit": limit, "limit_is": "least" if goal == "zone" else "largest",
-                             "value": value, "unit": unit, "met": bool(met)})
+                             "value": value, "unit": unit, "attempted": bool(attempted), "met": bool(met)})
 
     reached = None
     if "target" in goals:
@@ -392,3 +474,4 @@ def expected_goals(out, goals, tip, t, counts, force):
                              "breaches_count": len(spans)})
         judge("zone", zone.get("margin_m", 0), away.min(), zone=zone["name"])
     out["goals_met"] = sum(goal["met"] for goal in out["goals"])
+    out["goals_attempted"] = sum(goal["attempted"] for goal in out["goals"])

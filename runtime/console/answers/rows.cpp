@@ -53,6 +53,7 @@ void visit_columns(const RecordingRow& row, const RecordingKind& kind, const Xra
   one("authority", row.authority);
   one("passivity_J", row.passivity_J);
   one("motor_heat_max", row.motor_heat_max);
+  one("tip_N", row.tip_N);
   if (kind.has_xray) {
     one("xray_shots", xray.shots);
     one("xray_screening_s", xray.screening_s(rate_Hz));
@@ -60,14 +61,13 @@ void visit_columns(const RecordingRow& row, const RecordingKind& kind, const Xra
   if (!kind.has_cutting) return;
   one("front_z_m", row.cutting.front_z_m);
   one("front_HU", row.cutting.front_HU);
-  one("tip_N", row.cutting.tip_N);
   one("embedded_m", row.cutting.embedded_m);
   one("cut_J", row.cutting.cut_J);
   one("absorbed_J", row.cutting.absorbed_J);
   one("stored_J", row.cutting.stored_J);
 }
 
-/// Returns punctures, faults and recoveries. Punctures cannot be found in rows of the force law
+/// Returns punctures, break-throughs, faults and recoveries. Punctures cannot be found in rows of the force law
 /// `cutting`, because the tool is also in holes on its way out.
 json events_of(const std::vector<RecordingRow>& rows, bool with_punctures) {
   constexpr std::size_t kMaxEventsOfAnswer = 20'000;
@@ -90,6 +90,15 @@ json events_of(const std::vector<RecordingRow>& rows, bool with_punctures) {
                         {"penetration_m", row.penetration_m},
                         {"text", text_line("slice %d punctured at %.3f s: depth %.2f mm",
                                            row.active_slice, row.t_s, row.penetration_m * 1e3)}});
+    }
+    if (row.break_through_N > 0) {
+      events.push_back(
+          {{"kind", "break_through"},
+           {"t_s", row.t_s},
+           {"at", row.break_through_at},
+           {"tool_z_m", row.tool_m[2]},
+           {"tip_N", row.break_through_N},
+           {"text", describe_break_through(row.break_through_at, row.t_s, row.break_through_N)}});
     }
     if (is_new_fault(before.safety, before.fault, row)) {
       const FaultWords& words = words_of(row.fault);

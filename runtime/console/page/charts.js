@@ -68,7 +68,7 @@ function clip(plot) {
   return ctx;
 }
 
-/// Draws a vertical line. With `at_top`, a triangle at the top marks a puncture, so that it differs by more than colour.
+/// Draws a vertical line. With `at_top`, a triangle at the top marks a break-through, so that it differs by more than colour.
 function vertical(plot, ctx, x, colour, at_top, dash = []) {
   const { top, height } = plot.bbox, size = 0.45 * rem() * devicePixelRatio, at = plot.valToPos(x, "x", true);
   ctx.strokeStyle = ctx.fillStyle = colour;
@@ -177,10 +177,10 @@ export class Charts {
     const ctx = clip(plot), { history, second } = shown;
     if (second) {
       curve(plot, ctx, second.history.t, second.history.force, css("--pink"), kDash);
-      for (const event of second.punctures()) vertical(plot, ctx, event.t_s, css("--pink"), true, [0.15, 0.3]);
+      for (const event of second.break_throughs()) vertical(plot, ctx, event.t_s, css("--pink"), true, [0.15, 0.3]);
     }
     curve(plot, ctx, history.t, history.force, css("--blue"));
-    for (const event of shown.punctures()) vertical(plot, ctx, event.t_s, css("--orange"), true, [0.3, 0.3]);
+    for (const event of shown.break_throughs()) vertical(plot, ctx, event.t_s, css("--orange"), true, [0.3, 0.3]);
     for (const event of shown.events) if (event.kind === "fault" && !is_by_operator(event)) vertical(plot, ctx, event.t_s, css("--red"), false);
     if (shown.is_recording && shown.row) vertical(plot, ctx, shown.value("t_s"), css("--text"), false);
     ctx.restore();
@@ -193,7 +193,7 @@ export class Charts {
     if (second) curve(plot, ctx, second.history.depth, second.history.force, css("--pink"), kDash);
     curve(plot, ctx, history.depth, history.force, css("--blue"));
     const top = shown.bone?.top_m;
-    for (const [events, colour] of [[second?.punctures() ?? [], "--pink"], [shown.punctures(), "--orange"]])
+    for (const [events, colour] of [[second?.break_throughs() ?? [], "--pink"], [shown.break_throughs(), "--orange"]])
       for (const event of events) if (top !== undefined && event.tool_z_m !== undefined) vertical(plot, ctx, 1000 * (top - event.tool_z_m), css(colour), true, [0.3, 0.3]);
     if (shown.row) {
       const px = rem() * devicePixelRatio;

@@ -67,7 +67,7 @@ export class History {
 export function read_bone({ json, floats, uints }) {
   const mesh = (part) => ({ positions: floats(part.vertices), triangles: uints(part.triangles), hu: part.hu ? floats(part.hu) : null });
   const slices = json.slices.map((slice) => ({ slice: slice.slice, z_m: slice.z_m, cuts: 0, ...mesh(slice) }));
-  return { surface: json.surface ? mesh(json.surface) : null, slices, tool: json.tool, force_scale: json.force_scale, goals: json.goals, lps_mm_of_device: json.lps_mm_of_device,
+  return { surface: json.surface ? mesh(json.surface) : null, slices, tool: json.tool, goals: json.goals, lps_mm_of_device: json.lps_mm_of_device,
     top_m: Math.max(...slices.map(({ z_m }) => z_m)) };
 }
 
@@ -141,4 +141,5 @@ export class Shown {
     this.history.add(this.value("t_s"), this.force(), this.depth_mm());
   }
   punctures() { return this.events.filter(({ kind }) => kind === "puncture"); }
+  break_throughs() { return this.events.filter(({ kind }) => kind === "break_through"); }
 }

@@ -84,19 +84,20 @@ export class GoalMeter {
   }
 
   /// Returns [{goal, zone, value, limit, state, words}] in the report's order. `value`: as far as it is known. `state`: "met" (it stays so), "kept"
-  /// (so far), "open" (not yet decided) or "missed". `last_puncture_s`: time of the last puncture, or null.
+  /// (so far), "open" (not yet decided, or not yet attempted: nothing was touched) or "missed". `last_puncture_s`: time of the last puncture, or null.
   standing(last_puncture_s) {
     const { goals } = this, list = [];
     const mm = (m) => (Number.isFinite(m) ? `${(1000 * m).toFixed(1)} mm` : "unknown");
     const add = (goal, value, limit, state, words, zone = null) => list.push({ goal, zone, value, limit, state, words });
-    const most = (value, limit) => (value === null ? "open" : value <= limit ? "kept" : "missed");
+    const has_touched = this.first_contact_s !== null;
+    const most = (value, limit) => (value === null || !has_touched ? "open" : value <= limit ? "kept" : "missed");
     if (goals.target) {
       const { radius_m } = goals.target;
       add("target", this.closest, radius_m, this.closest !== null && this.closest <= radius_m ? "met" : "open", `${mm(this.distance)} away, goal ${mm(radius_m)}`);
     }
     const { entry_radius_m, corridor_m } = goals.line ?? {};
     if (entry_radius_m !== undefined) {
-      const state = this.entry === null ? "open" : this.entry <= entry_radius_m ? "met" : "missed";
+      const state = this.entry === null || !has_touched ? "open" : this.entry <= entry_radius_m ? "met" : "missed";
       add("entry", this.entry, entry_radius_m, state, this.entry === null ? `line ${mm(this.off_line)} away, goal ${mm(entry_radius_m)}` : `entered ${mm(this.entry)} off, goal ${mm(entry_radius_m)}`);
     }
     if (corridor_m !== undefined)
@@ -113,7 +114,7 @@ export class GoalMeter {
     this.zones.forEach(({ now, least }, i) => {
       const { name, margin_m = 0 } = goals.zones[i], is_known = Number.isFinite(least);
       const words = now < 0 ? `${mm(-now)} inside` : `${mm(now)} away`;
-      add("zone", is_known ? least : null, margin_m, !is_known ? "open" : least >= margin_m ? "kept" : "missed", `${words}, ${least < 0 ? `deepest ${mm(-least)}` : `closest ${mm(least)}`}, keep ${mm(margin_m)}`, name);
+      add("zone", is_known ? least : null, margin_m, !is_known || !(has_touched || least < 0) ? "open" : least >= margin_m ? "kept" : "missed", `${words}, ${least < 0 ? `deepest ${mm(-least)}` : `closest ${mm(least)}`}, keep ${mm(margin_m)}`, name);
     });
     return list;
   }
@@ -122,11 +123,11 @@ export class GoalMeter {
 /// The goals of a session report, in words like those of GoalMeter.
 export function judged(report) {
   const text = (value, unit) => (value === null ? "no value" : unit === "m" ? `${(1000 * value).toFixed(2)} mm` : `${value.toFixed(2)} ${unit}`);
-  return report.goals.map(({ goal, zone, value, limit, limit_is, unit, met }) =>
-    ({ goal, zone, value, limit, state: met ? "met" : "missed", words: `${text(value, unit)}, ${limit_is === "least" ? "at least" : "at most"} ${text(limit, unit)}` }));
+  return report.goals.map(({ goal, zone, value, limit, limit_is, unit, met, attempted = true }) =>
+    ({ goal, zone, value, limit, state: met ? "met" : attempted ? "missed" : "untried", words: `${text(value, unit)}, ${limit_is === "least" ? "at least" : "at most"} ${text(limit, unit)}` }));
 }
 
-const kWords = { met: "✓ met", kept: "✓ kept", open: "… open", missed: "✗ missed" };
+const kWords = { met: "✓ met", kept: "✓ kept", open: "… open", missed: "✗ missed", untried: "– not attempted" };
 
 /// The panel. `app`: that of main.js.
 export class Goals {
@@ -180,7 +181,8 @@ export class Goals {
     const last = source.punctures().at(-1)?.t_s ?? null;
     const seen = meter.standing(last), list = report ? judged(report) : seen;
     const met = list.filter(({ state }) => state === "met").length, missed = list.filter(({ state }) => state === "missed");
-    const verdict = report ? `Verdict of the report: ${met} of ${list.length} goals met${missed.length ? `; missed: ${missed.map(({ goal, zone }) => zone ?? goal).join(", ")}` : ""}.`
+    const untried = list.filter(({ state }) => state === "untried").length;
+    const verdict = report ? `Verdict of the report: ${met} of ${list.length} goals met${untried ? `, ${untried} not attempted` : ""}${missed.length ? `; missed: ${missed.map(({ goal, zone }) => zone ?? goal).join(", ")}` : ""}.`
       : `Goals so far${meter.unseen_s > 0 ? ` (without ${meter.unseen_s.toFixed(0)} s that this page has not seen)` : ""}: ${missed.length ? `${missed.length} of ${list.length} missed` : "none missed"}.`;
     this.shown = { t_s: meter.t_s, list, seen, verdict, is_final: Boolean(report) };
     this.box.firstElementChild.textContent = verdict;

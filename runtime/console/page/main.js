@@ -448,7 +448,7 @@ function draw_overlay(source) {
   readout.hidden = !Number.isFinite(force);
   if (Number.isFinite(force)) {
     readout.querySelector("b").textContent = force.toFixed(1);
-    const contact = Math.abs(source.value("force_N")), along = contact > 1.05 * force + 0.5 ? `contact ${contact.toFixed(1)} N, ` : "";
+    const tip_N = source.value("tip_N"), along = tip_N > 1.05 * force + 0.5 ? `tip ${tip_N.toFixed(1)} N, ` : "";
     readout.lastChild.textContent = along + (Number.isFinite(depth) ? (depth >= 0 ? `tip ${depth.toFixed(1)} mm below the first slice` : `tip ${(-depth).toFixed(1)} mm above the first slice`) : "");
   }
 }

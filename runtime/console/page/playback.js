@@ -15,7 +15,6 @@ export class Recorded extends Shown {
     this.rows = doubles(json.rows_at ?? [0, json.rows * json.columns.reduce((sum, { count }) => sum + count, 0)]);
     this.count = json.rows;
     this.all_events = json.events ?? [];
-    this.force_scale = json.force_scale;
     this.is_cut = json.is_cut;
     this.largest_torque_Nm = 0;
     const at = this.columns.at.get("tau_Nm");
@@ -46,7 +45,6 @@ export class Recorded extends Shown {
     if (!this.columns.has("front_z_m") || !slices.length) return;
     this.all_events = this.all_events.filter(({ kind }) => kind !== "puncture");
     const half = (k) => 0.5 * Math.abs(k + 1 < slices.length ? slices[k].z_m - slices[k + 1].z_m : (slices[k - 1]?.z_m ?? Infinity) - slices[k].z_m);
-    const scale = this.force_scale ?? this.bone.force_scale;
     let next = 0, before = null;  // the front of the row before; null: no row had one so far
     for (let i = 0; i < this.count; ++i) {
       const row = this.row_at(i), front = this.columns.value(row, "front_z_m"), tip = this.columns.values(row, "tool_m");
@@ -60,9 +58,9 @@ export class Recorded extends Shown {
         if (is_cut || !is_through) next = k + 1;
         if (before === null || !is_cut) continue;
         // The forces are those before it, as a live session states them.
-        const last = this.row_at(Math.max(0, i - 1)), tip_N = scale * this.columns.value(last, "tip_N"), hand_N = this.force(last);
+        const last = this.row_at(Math.max(0, i - 1)), tip_N = this.columns.value(last, "tip_N"), hand_N = this.force(last);
         const text = `slice ${slices[k].slice} punctured at ${this.times[i].toFixed(3)} s: ${tip_N.toFixed(2)} N at the tip, ${hand_N.toFixed(2)} N on the hand`;
-        this.all_events.push({ kind: "puncture", t_s: this.times[i], slice: slices[k].slice, tool_z_m: tip[2], force_N: tip_N, hand_N, text });
+        this.all_events.push({ kind: "puncture", t_s: this.times[i], slice: slices[k].slice, tool_z_m: tip[2], tip_N, hand_N, text });
       }
       if (front !== 0 || before !== null) before = front;
       if (front === 0) continue;

@@ -183,7 +183,7 @@ await ended(page, "device_killed");
 
 // ---- emergency stop while a slice bears force ----
 await start(page, "three_slices.json");
-await until(page, "Math.abs(trocar.row.force_N[0]) > 10", "a force of 10 N");
+await until(page, "Math.abs(trocar.row.tip_N[0]) > 10", "a force of 10 N");
 await page.keyboard.press("Escape");
 await until(page, `trocar.events.some((event) => event.fault === "emergency_stop")`, "the emergency stop");
 await until(page, "trocar.row.tau_Nm.every((torque) => torque === 0)", "torques of zero");
@@ -217,9 +217,9 @@ check(await get(page, "trocar.playback.events") > 0, "no puncture of the recordi
 // Each puncture has one time, one force at the tip and one on the hand, live and in playback.
 const played = (await get(page, "trocar.playback.all_events")).filter(({ kind }) => kind === "puncture");
 check(played.length === live_punctures.length, `${played.length} punctures in playback, ${live_punctures.length} live`);
-for (const { slice, t_s, force_N, hand_N, text } of live_punctures) {
+for (const { slice, t_s, tip_N, hand_N, text } of live_punctures) {
   const again = played.find((event) => event.slice === slice);
-  const same = again && [[t_s, again.t_s], [force_N, again.force_N], [hand_N, again.hand_N]].every(([one, other]) => Math.abs(one - other) < 1e-6);
+  const same = again && [[t_s, again.t_s], [tip_N, again.tip_N], [hand_N, again.hand_N]].every(([one, other]) => Math.abs(one - other) < 1e-6);
   check(same && again.text.startsWith(text.split(", depth")[0]), `live: ${text}; in playback: ${again?.text}`);
 }
 await page.click("#play");

@@ -90,7 +90,7 @@ async function puncture(page, name, { press, withdraw, rest }) {
     await browser.picture(page, `${name}_${what}`, name === "touch");
     await hold_again(page, name);
   };
-  await move_until(page, "Math.abs(trocar.row.force_N[0]) > 5 && trocar.hand.force_N > 15", `${name}: contact`, press, rest);
+  await move_until(page, "Math.abs(trocar.row.tip_N[0]) > 5 && trocar.hand.force_N > 15", `${name}: contact`, press, rest);
   const lag_mm = await get(page, "trocar.hand.lag_mm");
   check(lag_mm > 1, `${name}: the needle is only ${lag_mm} mm behind the dot`);
   await picture("contact");

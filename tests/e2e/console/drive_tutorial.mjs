@@ -14,7 +14,7 @@ await until(page, "trocar.bone_shown_ms !== null", "the bone of the first scene"
 await page.click("[data-to=folder]");
 await page.selectOption("#start-scene", "puncture.json");
 await page.click("#start");
-await until(page, `trocar.row && trocar.row.t_s[0] > 0.1 && Math.abs(trocar.row.force_N[0]) > 28`, "a force of 28 N");
+await until(page, `trocar.row && trocar.row.t_s[0] > 0.1 && Math.abs(trocar.row.tip_N[0]) > 28`, "a force of 28 N");
 await browser.picture(page, "tutorial_session");
 await until(page, `trocar.events.some(({ kind }) => kind === "puncture")`, "the puncture");
 const { text } = await page.evaluate(`trocar.events.find(({ kind }) => kind === "puncture")`);

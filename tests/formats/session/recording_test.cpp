@@ -80,9 +80,10 @@ std::vector<RecordingRow> any_rows(std::size_t count) {
     row.outside_fault = static_cast<Fault>(random() % kFaults);
     row.recovery_asked = static_cast<std::uint8_t>(random() % 2);
     row.safety = static_cast<SafetyState>(random() % kSafetyStates);
-    for (double* x :
-         {&row.authority, &row.passivity_J, &row.passivity_N_s_per_m, &row.motor_heat_max})
+    for (double* x : {&row.authority, &row.passivity_J, &row.passivity_N_s_per_m,
+                      &row.motor_heat_max, &row.tip_N, &row.break_through_N})
       *x = any_double(random);
+    row.break_through_at = static_cast<std::int32_t>(random() % 40) - 5;
   }
   rows[0].p_m = {std::numeric_limits<double>::denorm_min(), -0.0,
                  std::numeric_limits<double>::max()};
@@ -108,8 +109,11 @@ bool same(const RecordingRow& a, const RecordingRow& b) {
          a.fault == b.fault && a.device_read == b.device_read && a.device_write == b.device_write &&
          a.outside_fault == b.outside_fault && a.recovery_asked == b.recovery_asked &&
          a.safety == b.safety &&
-         same_bits(std::array{a.authority, a.passivity_J, a.passivity_N_s_per_m, a.motor_heat_max},
-                   std::array{b.authority, b.passivity_J, b.passivity_N_s_per_m, b.motor_heat_max});
+         same_bits(std::array{a.authority, a.passivity_J, a.passivity_N_s_per_m, a.motor_heat_max,
+                              a.tip_N, a.break_through_N},
+                   std::array{b.authority, b.passivity_J, b.passivity_N_s_per_m, b.motor_heat_max,
+                              b.tip_N, b.break_through_N}) &&
+         a.break_through_at == b.break_through_at;
 }
 
 std::string text_of(const fs::path& file) {
@@ -144,8 +148,8 @@ std::vector<RecordingRow> any_cutting_rows(std::size_t count) {
     RecordingRow::Cutting& cutting = row.cutting;
     for (double& x : cutting.wrench_tissue)
       x = any_double(random);
-    for (double* x : {&cutting.front_z_m, &cutting.front_HU, &cutting.tip_N, &cutting.embedded_m,
-                      &cutting.cut_J, &cutting.absorbed_J, &cutting.stored_J})
+    for (double* x : {&cutting.front_z_m, &cutting.front_HU, &cutting.embedded_m, &cutting.cut_J,
+                      &cutting.absorbed_J, &cutting.stored_J})
       *x = any_double(random);
     cutting.steps = static_cast<std::int32_t>(random() % 100);
   }
@@ -154,10 +158,10 @@ std::vector<RecordingRow> any_cutting_rows(std::size_t count) {
 
 bool same_cutting(const RecordingRow::Cutting& a, const RecordingRow::Cutting& b) {
   return same_bits(a.wrench_tissue, b.wrench_tissue) &&
-         same_bits(std::array{a.front_z_m, a.front_HU, a.tip_N, a.embedded_m, a.cut_J, a.absorbed_J,
-                              a.stored_J},
-                   std::array{b.front_z_m, b.front_HU, b.tip_N, b.embedded_m, b.cut_J, b.absorbed_J,
-                              b.stored_J}) &&
+         same_bits(
+             std::array{a.front_z_m, a.front_HU, a.embedded_m, a.cut_J, a.absorbed_J, a.stored_J},
+             std::array{b.front_z_m, b.front_HU, b.embedded_m, b.cut_J, b.absorbed_J,
+                        b.stored_J}) &&
          a.steps == b.steps;
 }
 
@@ -189,11 +193,14 @@ TEST_F(Recording, ThoseOfTheCuttingLawHaveItsColumnsBitForBit) {
 TEST_F(Recording, TheCuttingLawsColumnsComeBeforeTheOrigin) {
   const std::string columns =
       ",motor_heat_max,fx_tissue_N,fy_tissue_N,fz_tissue_N,tx_tissue_Nm,ty_tissue_Nm,tz_tissue_Nm,"
-      "front_z_m,front_HU,tip_N,embedded_m,cut_J,absorbed_J,tissue_stored_J,steps,origin";
+      "front_z_m,front_HU,tip_N,embedded_m,cut_J,absorbed_J,tissue_stored_J,steps,break_through_N,"
+      "break_through_at,origin";
   const std::string with = recording_header({.has_cutting = true}), without = recording_header();
   ASSERT_GT(with.size(), columns.size());
   EXPECT_EQ(with.substr(with.size() - columns.size()), columns);
-  EXPECT_EQ(with.substr(0, with.size() - columns.size()) + ",motor_heat_max,origin", without);
+  EXPECT_EQ(with.substr(0, with.size() - columns.size()) +
+                ",motor_heat_max,tip_N,break_through_N,break_through_at,origin",
+            without);
 }
 
 TEST_F(Recording, OtherLawsRecordNothingOfTheCuttingLaw) {
@@ -221,10 +228,11 @@ TEST_F(Recording, CorruptedColumnsOfTheCuttingLawAreRefused) {
   const std::string good = cutting_csv_of(folder_, any_cutting_rows(3));
   const std::size_t second = good.find('\n', good.find('\n') + 1) + 1;
   const std::size_t end = good.find('\n', second);
-  const char* const names[] = {"steps",        "tissue_stored_J", "absorbed_J",   "cut_J",
-                               "embedded_m",   "tip_N",           "front_HU",     "front_z_m",
-                               "tz_tissue_Nm", "ty_tissue_Nm",    "tx_tissue_Nm", "fz_tissue_N",
-                               "fy_tissue_N",  "fx_tissue_N"};
+  const char* const names[] = {
+      "break_through_at", "break_through_N", "steps",        "tissue_stored_J",
+      "absorbed_J",       "cut_J",           "embedded_m",   "tip_N",
+      "front_HU",         "front_z_m",       "tz_tissue_Nm", "ty_tissue_Nm",
+      "tx_tissue_Nm",     "fz_tissue_N",     "fy_tissue_N",  "fx_tissue_N"};
   std::size_t after = good.rfind(',', end);  // behind the field
   for (const char* name : names) {
     const std::size_t before = good.rfind(',', after - 1);
@@ -236,7 +244,7 @@ TEST_F(Recording, CorruptedColumnsOfTheCuttingLawAreRefused) {
     };
     const std::string where = std::string("c.csv: line 3: ") + name + " is not ";
     EXPECT_EQ(with("x"), where + "a number");
-    EXPECT_EQ(with("nan"), where + (name == names[0] ? "a number" : "finite"));
+    EXPECT_EQ(with("nan"), where + (name == names[0] || name == names[2] ? "a number" : "finite"));
     after = before;
   }
   // A header with some of the columns only is none.
@@ -332,9 +340,9 @@ TEST_F(Recording, CorruptedRowsAreRefusedNamingLineAndColumn) {
   const std::size_t last = good.rfind(',', end);
   EXPECT_EQ(with(last, end - last, ""), "r.csv: line 3: origin is missing");
   EXPECT_EQ(with(end, 0, ",1"), "r.csv: line 3: has too many fields");
-  EXPECT_EQ(with(last, 0, "s"), "r.csv: line 3: motor_heat_max is not a number");
+  EXPECT_EQ(with(last, 0, "s"), "r.csv: line 3: break_through_at is not a number");
   std::size_t asked = end;
-  for (int fields = 0; fields < 7; ++fields)
+  for (int fields = 0; fields < 10; ++fields)
     asked = good.rfind(',', asked - 1);  // before recovery_asked
   EXPECT_EQ(with(asked + 1, 1, "2"), "r.csv: line 3: recovery_asked is neither 0 nor 1");
   EXPECT_EQ(with(asked, 0, "x"), "r.csv: line 3: outside_fault is an unknown name");
@@ -360,7 +368,7 @@ TEST_F(Recording, TheOriginIsInTheFirstRowOfTheLastColumn) {
     ASSERT_TRUE(writer->commit());
   }
   const std::string csv = text_of(folder_ / "r.csv");
-  EXPECT_NE(csv.find(",motor_heat_max,origin\n"), std::string::npos);
+  EXPECT_NE(csv.find(",break_through_at,origin\n"), std::string::npos);
   const std::size_t text = csv.find(",program=0.2.0;scene=00ff;coupling=1e+05\n");
   ASSERT_NE(text, std::string::npos);
   EXPECT_EQ(std::count(csv.begin(), csv.begin() + static_cast<std::ptrdiff_t>(text), '\n'), 1);
@@ -382,13 +390,47 @@ TEST_F(Recording, TheOriginIsInTheFirstRowOfTheLastColumn) {
             "r.csv: line 4: origin belongs to the first row only");
 }
 
-TEST_F(Recording, ThoseOfOlderVersionsHaveNoOrigin) {
-  std::string csv = csv_of(folder_, any_rows(3));
-  for (std::size_t at = 0; (at = csv.find('\n', at)) != std::string::npos;) {
-    const std::size_t comma = csv.rfind(',', at);
-    csv.erase(comma, at - comma);
-    at = comma + 1;
+/// The recording without these columns.
+std::string without(const std::string& csv, const std::vector<std::string>& names) {
+  std::vector<bool> goes;
+  std::string out;
+  for (std::size_t begin = 0, column = 0; begin < csv.size(); ++column) {
+    const std::size_t end = csv.find_first_of(",\n", begin);
+    const std::string field = csv.substr(begin, end - begin);
+    if (goes.size() == column && out.find('\n') == std::string::npos)
+      goes.push_back(std::find(names.begin(), names.end(), field) != names.end());
+    if (!goes[column]) out += field + ",";
+    begin = end + 1;
+    if (csv[end] == ',') continue;
+    out.back() = '\n';
+    column = static_cast<std::size_t>(-1);
   }
+  return out;
+}
+
+TEST_F(Recording, ThoseOfOlderVersionsHaveNeitherTheForceOnTheTipNorBreakThroughs) {
+  std::vector<RecordingRow> rows = any_cutting_rows(3);
+  for (RecordingRow& row : rows) {
+    row.break_through_N = 0;
+    row.break_through_at = -1;
+  }
+  const std::vector<std::string> both = {"break_through_N", "break_through_at"};
+  const auto of_cutting = parse_recording(without(cutting_csv_of(folder_, rows), both), "c.csv");
+  ASSERT_TRUE(of_cutting) << of_cutting.error().message;
+  for (std::size_t i = 0; i < rows.size(); ++i)
+    EXPECT_TRUE(same(rows[i], (*of_cutting)[i])) << i;
+  for (RecordingRow& row : rows)
+    row.tip_N = 0;
+  const auto of_sheets = parse_recording(
+      without(csv_of(folder_, rows), {"tip_N", "break_through_N", "break_through_at"}), "r.csv");
+  ASSERT_TRUE(of_sheets) << of_sheets.error().message;
+  for (std::size_t i = 0; i < rows.size(); ++i)
+    EXPECT_TRUE(same(rows[i], (*of_sheets)[i])) << i;
+}
+
+TEST_F(Recording, ThoseOfOlderVersionsHaveNoOrigin) {
+  const std::string csv = without(csv_of(folder_, any_rows(3)),
+                                  {"tip_N", "break_through_N", "break_through_at", "origin"});
   EXPECT_NE(csv.find(",motor_heat_max\n"), std::string::npos);
   RecordingOrigin read{{{"a", "1"}}};
   const auto rows = parse_recording(csv, "r.csv", &read);
@@ -398,20 +440,10 @@ TEST_F(Recording, ThoseOfOlderVersionsHaveNoOrigin) {
 }
 
 TEST_F(Recording, ThoseOfOlderVersionsTakeTheTicksTimeForTheStates) {
-  std::string csv = csv_of(folder_, any_rows(3));
-  const auto column = static_cast<std::ptrdiff_t>(std::count(
-      csv.begin(), csv.begin() + static_cast<std::ptrdiff_t>(csv.find("state_t_s")), ','));
-  std::string older;
-  for (std::size_t at = 0; at < csv.size();) {
-    const std::size_t end = csv.find('\n', at);
-    std::size_t field = at;
-    for (std::ptrdiff_t k = 0; k < column; ++k)
-      field = csv.find(',', field) + 1;
-    older += csv.substr(at, field - at) +
-             csv.substr(csv.find(',', field) + 1, end - csv.find(',', field));
-    at = end + 1;
-  }
-  const auto rows = parse_recording(older, "r.csv");
+  const auto rows =
+      parse_recording(without(csv_of(folder_, any_rows(3)),
+                              {"tip_N", "break_through_N", "break_through_at", "state_t_s"}),
+                      "r.csv");
   ASSERT_TRUE(rows) << rows.error().message;
   ASSERT_EQ(rows->size(), 3U);
   for (const RecordingRow& row : *rows)

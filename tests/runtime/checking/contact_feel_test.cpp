@@ -28,7 +28,7 @@ ContactFeel feel_of(const std::vector<RecordingRow>& rows, std::optional<double>
 RecordingRow cutting_row(int tick, double tool_z_m, double front_z_m, double tip_N, double cut_J) {
   RecordingRow row = row_at(tick, tool_z_m, tip_N);
   row.cutting.front_z_m = front_z_m;
-  row.cutting.tip_N = tip_N;
+  row.tip_N = tip_N;
   row.cutting.cut_J = cut_J;
   return row;
 }

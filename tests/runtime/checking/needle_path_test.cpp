@@ -186,5 +186,41 @@ TEST(NeedlePath, EndsAfterTheLargestNumberOfSlices) {
       << "a target is not given up";
 }
 
+TEST(NeedlePath, AGapOfMoreThanThreeMillimetresEndsTheBone) {
+  // Levels 2 mm apart; some lie 60 mm aside, so that the path meets no bone there.
+  const auto with_gap = [](int from, int to) {
+    Stack stack(12);
+    for (int i = from; i <= to; ++i)
+      for (LatticePoint& vertex : stack.asset.slices[static_cast<std::size_t>(i)].mesh.vertices)
+        vertex.x += static_cast<int>(60 / stack.asset.lattice.step_mm());
+    return stack;
+  };
+  const Stack narrow = with_gap(5, 5), wide = with_gap(5, 6);
+  const auto through = narrow.plan(narrow.lps(80, 60, 22), {});
+  ASSERT_TRUE(through) << through.error().message;
+  EXPECT_EQ(through->last, 11U) << "a gap of 2 mm";
+  EXPECT_TRUE(bone_gaps(narrow.levels, *through).empty());
+  const auto ended = wide.plan(wide.lps(80, 60, 22), {});
+  ASSERT_TRUE(ended) << ended.error().message;
+  EXPECT_EQ(ended->last, 4U) << "slice 7, above the gap of 4 mm";
+  EXPECT_NEAR(ended->thickness_mm, 10, 1e-9);
+  const std::vector<BoneGap> after = bone_gaps(wide.levels, *ended);
+  ASSERT_EQ(after.size(), 1U);
+  EXPECT_NEAR(after[0].mm, 4, 1e-9);
+  EXPECT_EQ(after[0].above, ended->last);
+  EXPECT_EQ(wide.levels[after[0].below].slice->index, 4);
+  // To a target below the gap, which is then known; only bone counts.
+  const auto chosen = wide.plan(wide.lps(80, 60, 22), wide.lps(80, 60, 1));
+  ASSERT_TRUE(chosen) << chosen.error().message;
+  EXPECT_EQ(bone_gaps(wide.levels, *chosen).size(), 1U);
+  EXPECT_NEAR(chosen->thickness_mm, 18, 1e-9) << "without the last slice, below the target";
+
+  const auto column = find_entry_column(wide.asset, wide.levels, 2, 100, 3);
+  ASSERT_TRUE(column);
+  EXPECT_NEAR(column->thickness_mm, 10, 1e-9) << "either piece has 10 mm; the upper one is met";
+  EXPECT_EQ(column->first, 0U);
+  EXPECT_EQ(column->last, 4U);
+}
+
 }  // namespace
 }  // namespace trocar::runtime

@@ -4,7 +4,9 @@
 
 #include <gtest/gtest.h>
 
+#include <atomic>
 #include <string>
+#include <utility>
 
 #include "runtime/checking/new_scene.h"
 #include "runtime/devices/live_hand.h"
@@ -140,6 +142,51 @@ TEST(NewScene, LiesWhereTheDeviceReaches) {
   EXPECT_TRUE(has(made->text, "heights 0.100 to 0.2")) << made->text;
   Handle nowhere(50, 1);
   EXPECT_FALSE(propose_scene(asset, "a.glb", "s.json", nowhere.to_check(), options));
+}
+
+// The stop comes while the n-th simulated session is prepared, whichever that is.
+TEST(NewScene, AnInterruptGivesNoSceneAtAnyMoment) {
+  const Asset asset = test::square_asset(3);
+  std::atomic<bool> stop{false};
+  SessionOptions options;
+  options.clock = Clock::kVirtual;
+  options.stop = &stop;
+  const auto propose = [&](int stop_at) {
+    Handle handle(50, 0.1);
+    DeviceToCheck device = handle.to_check();
+    stop = stop_at == 0;
+    device.simulate = [&, make = device.simulate](const Scene& scene) {
+      auto made = make(scene);
+      stop = handle.made == stop_at;
+      return made;
+    };
+    auto made = propose_scene(asset, "a.glb", "s.json", device, options);
+    return std::pair(std::move(made), handle.made);
+  };
+  const auto [whole, sessions] = propose(-1);
+  ASSERT_TRUE(whole) << whole.error().message;
+  ASSERT_GE(sessions, 2);
+  for (int n = 0; n <= sessions; ++n) {
+    const auto made = propose(n).first;
+    ASSERT_FALSE(made) << n << ": " << made->text;
+    EXPECT_EQ(made.error().code, ExitCode::kDeviceFault) << n;
+    EXPECT_TRUE(has(made.error().message, "interrupted")) << n << ": " << made.error().message;
+  }
+}
+
+TEST(SceneCheck, AnInterruptGivesNoFigures) {
+  const Scene scene = one_sheet();
+  const Asset asset = test::square_asset(1);
+  std::atomic<bool> stop{true};
+  SessionOptions options;
+  options.clock = Clock::kVirtual;
+  options.duration_s = scene.duration_s;
+  options.stop = &stop;
+  Handle handle(50);
+  const auto checked = check_scene(scene, handle.to_check(), *place_slices(scene, asset, "a"),
+                                   choose_tissues(scene, asset), {}, options);
+  ASSERT_FALSE(checked) << checked->text;
+  EXPECT_EQ(checked.error().code, ExitCode::kDeviceFault);
 }
 
 }  // namespace

@@ -66,7 +66,7 @@ test("the share of the force is between 0 and 1", () => {
 });
 
 // ---- what is felt ----
-const at = (t_s, force_N, more = {}) => ({ t_s, force_N, cut_J: 0, punctures: 0, depth_m: t_s / 100, ...more });
+const at = (t_s, force_N, more = {}) => ({ t_s, force_N, cut_J: 0, break_throughs: 0, ...more });
 const felt_of = (rows) => {
   const feel = new Feel();
   return rows.map((row) => feel.take(row, 40));
@@ -84,18 +84,16 @@ test("crunch follows the growth of the work of cutting, not its value, and is lo
   assert.ok(felt[3].crunch > felt[2].crunch && felt[3].crunch <= 1);
 });
 
-test("a break is a puncture, or a fall of the force while the tool goes forward", () => {
-  assert.deepEqual(felt_of([at(0, 20), at(0.02, 30, { punctures: 1 })]).map(names), ["contact", "breach"]);
-  assert.deepEqual(felt_of([at(0, 20), at(0.02, 30), at(0.04, 5)]).map(names), ["contact", "", "breach"]);
-  assert.deepEqual(felt_of([at(0, 20), at(0.02, 30), at(0.04, 5, { depth_m: 0 })]).map(names), ["contact", "", ""]);  // drawn back
-  assert.deepEqual(felt_of([at(0, 2), at(0.02, 3), at(0.04, 0.5)]).map(names), ["contact", "", ""]);  // too small a peak
+test("a break is the loop's event and nothing else", () => {
+  assert.deepEqual(felt_of([at(0, 20), at(0.02, 5, { break_throughs: 1 }), at(0.04, 5, { break_throughs: 1 })]).map(names), ["contact", "breach", ""]);
+  assert.deepEqual(felt_of([at(0, 20), at(0.02, 30, { punctures: 1 }), at(0.04, 5, { punctures: 2 })]).map(names), ["contact", "", ""]);
 });
 
 test("nothing is felt from before the needle was taken, nor when another session begins", () => {
   const feel = new Feel();
-  feel.take(at(5, 30, { cut_J: 1, punctures: 3 }), 40);
+  feel.take(at(5, 30, { cut_J: 1, break_throughs: 3 }), 40);
   feel.reset();
-  assert.equal(names(feel.take(at(6, 30, { cut_J: 2, punctures: 5 }), 40)), "");
-  assert.equal(names(feel.take(at(0, 0, { cut_J: 0, punctures: 0 }), 40)), "");
-  assert.equal(names(feel.take(at(0.02, 0, { cut_J: 0, punctures: 0 }), 40)), "");
+  assert.equal(names(feel.take(at(6, 30, { cut_J: 2, break_throughs: 5 }), 40)), "");
+  assert.equal(names(feel.take(at(0, 0, { cut_J: 0, break_throughs: 0 }), 40)), "");
+  assert.equal(names(feel.take(at(0.02, 0, { cut_J: 0, break_throughs: 0 }), 40)), "");
 });

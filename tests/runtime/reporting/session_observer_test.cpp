@@ -4,6 +4,7 @@
 
 #include <gtest/gtest.h>
 
+#include <cmath>
 #include <cstddef>
 #include <string>
 #include <utility>
@@ -147,6 +148,74 @@ TEST(SessionObserver, AnEmergencyStopDuringTheRecoveryFromAnotherOneIsAnotherFau
   ObservedTick asked = stop;
   asked.row.recovery_asked = 1;
   EXPECT_EQ(figures_of(scene_with_layer(), {free, stop, asked, stop, recovering}).faults.count, 2U);
+}
+
+TEST(SessionObserver, GoalsThatWereNeverTriedAreNotMet) {
+  using enum ContactPhase;
+  Scene scene = scene_with_layer();
+  SceneGoals& goals = scene.goals.emplace();
+  goals.force_max_N = 30;
+  goals.time_max_s = 5;
+  goals.plunge_max_m = 0.002;
+  goals.target = GoalTarget{{0, 0, 0.11}, 0.002};
+  goals.line = PlannedLine{};
+  goals.line->entry_m = {0, 0, 0.14};
+  goals.line->direction = {0, 0, -1};
+  goals.line->entry_radius_m = goals.line->corridor_m = 0.01;
+  ForbiddenZone& zone = goals.zones.emplace_back();
+  zone.name = "canal";
+  zone.low_m = zone.high_m = {0.05, 0, 0.1};
+  zone.radius_m = 0.001;
+  const SessionFigures idle = figures_of(scene, {tick(kFree, 0.13), tick(kFree, 0.13)});
+  ASSERT_EQ(idle.goals.size(), 7U);
+  for (const GoalResult& goal : idle.goals)
+    EXPECT_FALSE(goal.attempted || goal.met) << goal.goal;
+  // Touched, and nothing broken through.
+  const SessionFigures touched = figures_of(scene, {tick(kFree, 0.13), tick(kContact, 0.1195)});
+  for (const GoalResult& goal : touched.goals) {
+    EXPECT_EQ(goal.attempted, goal.goal != "plunge") << goal.goal;
+    EXPECT_EQ(goal.met, goal.attempted && goal.goal != "target" && goal.goal != "time")
+        << goal.goal;
+  }
+}
+
+TEST(SessionObserver, AirAboveTheBoneIsNoMiss) {
+  using enum ContactPhase;
+  const std::vector<ObservedTick> in_air = {tick(kFree, 0.125), tick(kMissed, 0.119),
+                                            tick(kMissed, 0.118), tick(kContact, 0.117)};
+  EXPECT_EQ(figures_of(scene_with_layer(), in_air).misses.count, 0U);
+  std::vector<ObservedTick> aside = in_air;
+  aside.push_back(tick(kMissed, 0.116));
+  const SessionFigures found = figures_of(scene_with_layer(), aside);
+  EXPECT_EQ(found.misses.count, 1U);
+  EXPECT_EQ(found.missed_ticks, 1U);
+  // Out again, and down beside the bone.
+  aside.push_back(tick(kFree, 0.122));
+  aside.push_back(tick(kMissed, 0.119));
+  EXPECT_EQ(figures_of(scene_with_layer(), aside).misses.count, 1U);
+}
+
+TEST(SessionObserver, TremorIsAcrossTheNeedle) {
+  // 8 Hz and 0.1 mm, along the needle, which is tilted by 20 deg, and across it.
+  const double tilt_rad = 20 * M_PI / 180;
+  for (const bool is_across : {false, true}) {
+    std::vector<ObservedTick> ticks;
+    for (int k = 0; k < 3000; ++k) {
+      ObservedTick made = tick(ContactPhase::kContact, 0.11);
+      made.row.q = {std::cos(tilt_rad / 2), 0, std::sin(tilt_rad / 2), 0};
+      const double step_m = 1e-4 * std::sin(2 * M_PI * 8 * k / 1000) - 1e-6 * k;
+      const double angle_rad = is_across ? tilt_rad + M_PI / 2 : tilt_rad;
+      made.row.tool_m = {step_m * std::sin(angle_rad), 0, 0.11 + step_m * std::cos(angle_rad)};
+      ticks.push_back(made);
+    }
+    const Tremor tremor = figures_of(scene_with_layer(), ticks).tremor_contact;
+    const double rms_m = std::sqrt(tremor.squares_m2 / static_cast<double>(tremor.ticks));
+    if (is_across) {
+      EXPECT_NEAR(rms_m, 1e-4 / std::sqrt(2), 2e-5);
+    } else {
+      EXPECT_LT(rms_m, 1e-9);
+    }
+  }
 }
 
 }  // namespace

@@ -236,7 +236,7 @@ TEST(CuttingSession, ThePlateGetsTheScaledForceAndTheRecordingHoldsBoth) {
     EXPECT_NEAR(felt_N, scale * max_N, 0.01 * scale * max_N) << "at the plate";
     EXPECT_EQ(cutting_of(run_.report).force_scale, scale);
     EXPECT_NEAR(run_.report.max_force_N, felt_N, 1e-9);
-    EXPECT_NEAR(run_.report.punctures[0].force_N, felt_N, 0.01 * felt_N) << "of the puncture too";
+    EXPECT_NEAR(run_.report.punctures[0].tip_N, max_N, 0.01 * max_N) << "of the puncture too";
   }
 }
 
@@ -245,7 +245,7 @@ bool same_row(const RecordingRow& a, const RecordingRow& b) {
          a.wrench_wanted == b.wrench_wanted && a.cutting.wrench_tissue == b.cutting.wrench_tissue &&
          a.cutting.front_z_m == b.cutting.front_z_m && a.cutting.cut_J == b.cutting.cut_J &&
          a.cutting.absorbed_J == b.cutting.absorbed_J && a.cutting.stored_J == b.cutting.stored_J &&
-         a.cutting.tip_N == b.cutting.tip_N && a.cutting.steps == b.cutting.steps &&
+         a.tip_N == b.tip_N && a.cutting.steps == b.cutting.steps &&
          a.cuts_published == b.cuts_published && a.phase == b.phase;
 }
 
@@ -278,6 +278,31 @@ TEST(CuttingSession, ASecondRunAndAReplayGiveTheSameBits) {
     EXPECT_EQ(replay(one.scene, one.asset, options, description, forged).replay_first_difference,
               static_cast<std::int64_t>(at));
   }
+}
+
+// 30 slices of equal bone: the far side is the only break-through, and a replay finds it again.
+TEST(CuttingSession, EqualBoneBreaksOnlyAtItsFarSide) {
+  Scene scene = descending(body_scene(0, 29, 0.12), 0.02, 0.03);
+  scene.tissue.threshold_N = 24;
+  const Asset asset = spaced_asset(30, 0.83);
+  const SessionOptions options = options_at(1000, scene);
+  const DeviceDescription description = description_with(0.005);
+  const CuttingRun run_ = run(scene, asset, options, description);
+  EXPECT_EQ(run_.report.punctures.size(), 30U);
+  ASSERT_EQ(run_.report.break_throughs.size(), 1U);
+  const BreakThroughEvent& found = run_.report.break_throughs[0];
+  EXPECT_EQ(found.at, 0) << "the lowest slice";
+  EXPECT_NEAR(found.lost_N, 24, 1);
+  EXPECT_NEAR(found.t_s, run_.report.punctures.back().t_s, 0.02);
+  const auto of_row = std::find_if(run_.rows.begin(), run_.rows.end(),
+                                   [](const RecordingRow& row) { return row.break_through_N > 0; });
+  ASSERT_NE(of_row, run_.rows.end());
+  EXPECT_EQ(of_row->t_s, found.t_s);
+  EXPECT_EQ(of_row->break_through_N, found.lost_N);
+  const SessionResult replayed = replay(scene, asset, options, description, run_.rows);
+  ASSERT_EQ(replayed.break_throughs.size(), 1U);
+  EXPECT_EQ(replayed.break_throughs[0].t_s, found.t_s);
+  EXPECT_EQ(replayed.break_throughs[0].lost_N, found.lost_N);
 }
 
 TEST(CuttingSession, ASnapCutsSeveralSheetsInATick) {
@@ -376,7 +401,7 @@ TEST(CuttingSession, AFaultUnderLoadIsLeftByLiftingOnly) {
         return tick >= 300 && tick < 330 ? DeviceStatus::kLinkLost : DeviceStatus::kOk;
       });
   ASSERT_EQ(run_.report.faults.size(), 1U);
-  EXPECT_GT(run_.rows[299].cutting.tip_N, 15);
+  EXPECT_GT(run_.rows[299].tip_N, 15);
   std::size_t again = 330;
   while (again < run_.rows.size() && run_.rows[again].safety != SafetyState::kRunning)
     ++again;
@@ -387,8 +412,8 @@ TEST(CuttingSession, AFaultUnderLoadIsLeftByLiftingOnly) {
     ASSERT_EQ(run_.rows[k].cutting.wrench_tissue[2], 0) << k;
   double max_N = 0;
   for (std::size_t k = again; k < run_.rows.size(); ++k) {
-    max_N = std::max(max_N, run_.rows[k].cutting.tip_N);
-    ASSERT_LE(run_.rows[k].cutting.tip_N, 5000 * std::max(0.0, 0.12 - run_.rows[k].tool_m[2]) + 2)
+    max_N = std::max(max_N, run_.rows[k].tip_N);
+    ASSERT_LE(run_.rows[k].tip_N, 5000 * std::max(0.0, 0.12 - run_.rows[k].tool_m[2]) + 2)
         << "no jump of force";
   }
   EXPECT_GT(max_N, 12) << "the sheet still bears";

@@ -192,7 +192,7 @@ TEST(TelemetrySession, ShowsWhatTheSessionReportsAndChangesNothing) {
       EXPECT_EQ(event.t_s, wanted.t_s);
       EXPECT_EQ(event.tool_z_m, wanted.tool_z_m);
       EXPECT_EQ(event.penetration_m, wanted.penetration_m);
-      EXPECT_EQ(event.force_N, wanted.force_N);
+      EXPECT_EQ(event.tip_N, wanted.tip_N);
       EXPECT_EQ(event.hand_N, wanted.hand_N);
       EXPECT_EQ(event.trial_force_N, wanted.trial_force_N);
     }

@@ -126,7 +126,7 @@ TEST_P(Rates, OneSliceGivesOnePeak) {
   const Experiment run = run_virtual(one_slice(), GetParam(), folder / "r.csv");
   expect_paper_force(run.rows, {0.12}, {0});
   ASSERT_EQ(run.report.punctures.size(), 1U);
-  EXPECT_NEAR(run.report.punctures[0].force_N, 35, 0.2);
+  EXPECT_NEAR(run.report.punctures[0].tip_N, 35, 0.2);
   EXPECT_NEAR(run.report.punctures[0].tool_z_m, 0.113, 5e-5);
   EXPECT_LT(run.report.wrench_error_max, 1e-9);
   EXPECT_EQ(run.report.scaled_ticks, 0U);
@@ -224,7 +224,7 @@ TEST(Session, SummaryHasEveryDocumentedField) {
     }
   }
   ASSERT_EQ(summary["punctures"].size(), 1U);
-  for (const char* field : {"slice", "t_s", "tool_z_m", "force_N", "remesh_us", "hole_vertices"}) {
+  for (const char* field : {"slice", "t_s", "tool_z_m", "tip_N", "remesh_us", "hole_vertices"}) {
     EXPECT_TRUE(summary["punctures"][0][field].is_number()) << field;
   }
   EXPECT_EQ(summary["punctures"][0]["hole_vertices"], 6);

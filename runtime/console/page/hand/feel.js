@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the operator would feel, from one snapshot to the next: contact, crunch of what is cut, and the break. Snapshots are only 60 a
-// second, so everything faster than that is found by differences of counters, not by the force of one snapshot.
+// What the operator would feel, from one snapshot to the next: contact, crunch of what is cut, and the break-through. Snapshots are only
+// 60 a second, so everything faster than that is found by differences of counters. A break-through is the loop's event and nothing else
+// (runtime/control/break_through.h).
 // Tests: tests/runtime/console/hand_page_test.py
 
 const kContact_N = 1, kFree_N = 0.4;          // the contact begins above the first and is over below the second
 const kLoudCut_W = 0.5;                       // power of cutting at which the crunch is loudest
-const kFall = 0.25, kSmallestPeak_N = 5;      // a break is a fall by this fraction of a peak at least this high
 
 export class Feel {
   #last = null;
@@ -18,8 +18,7 @@ export class Feel {
     this.#peak_N = 0;
   }
 
-  /// `now`: {t_s, force_N, cut_J, punctures, depth_m}, where depth_m grows in the direction of the tool's axis. `scale_N` is the force
-  /// at which everything is loudest. Returns {contact, crunch, breach}, each 0 (nothing) to 1.
+  /// `now`: {t_s, force_N, cut_J, break_throughs}. `scale_N` is the force at which everything is loudest. Returns {contact, crunch, breach}, each 0 (nothing) to 1.
   take(now, scale_N) {
     const before = this.#last ?? now, share = Math.min(1, now.force_N / scale_N);
     const passed_s = now.t_s - before.t_s;
@@ -35,9 +34,7 @@ export class Feel {
     if (!(passed_s > 0)) return felt;
     const power_W = (now.cut_J - before.cut_J) / passed_s;
     if (power_W > 0) felt.crunch = Math.min(1, Math.sqrt(power_W / kLoudCut_W));  // loudness is heard by its root
-    // The force also falls quickly when the operator draws the needle back; a break lets it go forward.
-    const has_fallen = this.#peak_N > kSmallestPeak_N && before.force_N - now.force_N > kFall * this.#peak_N && now.depth_m > before.depth_m;
-    if (now.punctures > before.punctures || has_fallen) {
+    if (now.break_throughs > before.break_throughs) {
       felt.breach = Math.min(1, 0.3 + Math.max(this.#peak_N, before.force_N) / scale_N);
       this.#peak_N = now.force_N;
     }

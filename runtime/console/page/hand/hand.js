@@ -187,9 +187,8 @@ export class Hand {
     if (this.#was_paused || this.is_paused) this.begin_at_tip();  // the session's hand also begins at the tip again
     this.#was_paused = this.is_paused;
     this.force_N = live.force();
-    const axis = this.axis();
-    const felt = this.#feel.take({ t_s: live.value("t_s"), force_N: this.force_N, cut_J: live.value("cut_J", 0), punctures: live.value("punctures", 0),
-      depth_m: tip[0] * axis[0] + tip[1] * axis[1] + tip[2] * axis[2] }, this.scale_N);
+    const felt = this.#feel.take({ t_s: live.value("t_s"), force_N: this.force_N, cut_J: live.value("cut_J", 0),
+      break_throughs: live.value("break_throughs", 0) }, this.scale_N);
     for (const name of Object.keys(felt)) if (felt[name]) ++this.felt[name];
     if (this.bar.sound.is_on) this.#sound.play(felt);
     if (this.bar.rumble.is_on) this.#pad.rumble(felt, performance.now());
