@@ -57,8 +57,9 @@ enum class Fault : std::uint8_t {
   kEnergyLimit,       ///< the hand received more energy than the energy limit allows
   kPaused,            ///< the operator has paused the session
   kForcesOff,         ///< the operator has turned the forces off
+  kRefusedState,      ///< the device's states arrive, but are refused because of their contents
 };
-inline constexpr int kFaults = 23;
+inline constexpr int kFaults = 24;
 
 /// State of the safety layer (runtime/control/safety.h).
 enum class SafetyState : std::uint8_t {

@@ -67,6 +67,8 @@ FaultDetail read_device(const LoopModel& model, HandDevice& device, LoopState& s
   // Half a tick allows for rounding, so that 10 ms are ten ticks at 1 kHz.
   const double no_data_s = static_cast<double>(state.no_data_ticks) / model.rate_Hz;
   if (no_data_s < limit_s - 0.5 / model.rate_Hz) return {};
+  const FaultDetail refused = device.refused_contents();
+  if (refused != Fault::kNone) return refused;
   return {Fault::kNoData, FaultQuantity::kTimeWithoutData, -1, no_data_s, limit_s};
 }
 

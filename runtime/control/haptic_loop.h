@@ -21,8 +21,9 @@
 //     is late. The differences are rounded to nanoseconds, except in velocity_window.h. In
 //     `running`, a device state counts as new if its time stamp is finite and at least
 //     kLeastInterval ticks later than that of the last new state, so no velocity is a quotient over
-//     less. After no_data_limit_s() without a new device state, the fault kNoData is raised. If
-//     a time stamp lies more than state_gap_max_s after the previous one, kNoData is raised immediately. If late
+//     less. After no_data_limit_s() without a new device state, the fault kNoData is raised, or
+//     kRefusedState if states arrive but are refused because of their contents. If a time stamp
+//     lies more than state_gap_max_s after the previous one, kNoData is raised immediately. If late
 //     ticks are no fault (gap_max_s is 0), the time that passed on this computer is added to
 //     state_gap_max_s, so that only a leap of the device's clock is a fault. In all other states of
 //     the safety state machine, the device's clock may restart, for example after the link was
