@@ -123,7 +123,7 @@ TEST(BreakDamper, WhateverTheIntervalsTheForceIsAtMostTheLostForceAndStepsByAFif
           // Now and then the tip turns back, or a reading is off by 0.1 mm.
           const double noise_m = k % 23 == 0 ? 1e-4 * (2 * uniform(random) - 1) : 0;
           const double way_m = 1e-3 * speed_m_per_s * k;
-          input.T_device_plate.p_m.z() = (k / 100 == 2 ? way_m : -way_m) + noise_m;
+          input.T_device_plate.p_m.z() = (k / 30 == 2 ? way_m : -way_m) + noise_m;
         }
         input.lost_force_N = k == 20 ? kLost_N : 0;
         const double now_N = damp_break({}, kMass_kg, Tool(), input, state)[2];

@@ -213,7 +213,7 @@ TEST_F(DeviceTime, RandomStampsNeitherEndTheSessionNorTurnAVelocityRound) {
   double z_m = 0.1168, off_s = 0;
   go_to(z_m);
   tick();
-  for (int k = 0; k < 300; ++k) {
+  for (int k = 0; k < 250; ++k) {
     const double next_s = 0.98e-3 * (test::uniform(random) - 0.5);
     go_to(z_m -= 1e-5);
     tick_after(1e-3 + next_s - off_s);

@@ -171,6 +171,7 @@ TEST_F(PoseHandTest, AnotherUnitIsToldFromAPlaceOutsideTheWorkspace) {
     EXPECT_EQ(found.index, 2);
     EXPECT_EQ(found.limit, std::copysign(kFarthest_m, at));
   }
+  use(arm());
   reading.p_m = {0, 0, 1.9};
   EXPECT_EQ(see(reading), Fault::kNone) << "check_own_workspace() says more";
   EXPECT_EQ(hand_->check_own_workspace(), Fault::kWorkspace);
