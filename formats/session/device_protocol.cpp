@@ -189,12 +189,50 @@ bool good_contents(const CommandPacket& packet) noexcept {
   return packet.sequence > 0 && (no_torque || packet.mode == CommandMode::kTorque) &&
          all_within(packet.tau_motor_Nm, no_torque ? 0 : kLinkMaxTorque_Nm);
 }
-bool good_contents(const StatePacket& packet) noexcept {
-  return packet.sequence > 0 && packet.mode >= DriveMode::kReady &&
-         packet.mode <= DriveMode::kEmergencyStop &&
-         all_within(packet.encoder_rad, kLinkMaxAngle_rad);
+FaultDetail refused(FaultQuantity field, int index, double value, double limit) noexcept {
+  return {Fault::kRefusedState, field, index, value, limit};
 }
 
+FaultDetail refused_mode(DriveMode mode) noexcept {
+  if (mode >= DriveMode::kReady && mode <= DriveMode::kEmergencyStop) return {};
+  return refused(FaultQuantity::kStateMode, -1, static_cast<double>(mode),
+                 static_cast<double>(DriveMode::kEmergencyStop));
+}
+
+/// Returns the first value that is beyond a limit or nan.
+template <std::size_t N>
+FaultDetail refused_value(FaultQuantity field, const std::array<double, N>& values,
+                          double largest) noexcept {
+  for (std::size_t i = 0; i < N; ++i)
+    if (!(std::abs(values[i]) <= largest))
+      return refused(field, static_cast<int>(i), values[i], std::copysign(largest, values[i]));
+  return {};
+}
+
+/// Returns the first field that is refused, or no fault.
+FaultDetail refused_field(const StatePacket& packet) noexcept {
+  if (const FaultDetail mode = refused_mode(packet.mode); mode != Fault::kNone) return mode;
+  return refused_value(FaultQuantity::kEncoderAngle, packet.encoder_rad, kLinkMaxAngle_rad);
+}
+FaultDetail refused_field(const PoseStatePacket& packet) noexcept {
+  if (const FaultDetail mode = refused_mode(packet.mode); mode != Fault::kNone) return mode;
+  const FaultDetail position =
+      refused_value(FaultQuantity::kMeasuredPosition, packet.p_m, kLinkMaxPosition_m);
+  if (position != Fault::kNone) return position;
+  double norm2 = 0;
+  for (const double each : packet.q)
+    norm2 += each * each;
+  const double norm = std::sqrt(norm2);
+  if (std::abs(norm - 1) <= kLinkQuaternionTolerance) return {};  // nan: false
+  return refused(FaultQuantity::kMeasuredRotation, -1, norm, 1);
+}
+FaultDetail refused_field(const auto& /*packet*/) noexcept {
+  return {};
+}
+
+bool good_contents(const StatePacket& packet) noexcept {
+  return packet.sequence > 0 && refused_field(packet) == Fault::kNone;
+}
 bool good_contents(const WrenchCommandPacket& packet) noexcept {
   const bool no_wrench = packet.mode == CommandMode::kFree || packet.mode == CommandMode::kStop;
   return packet.sequence > 0 && (no_wrench || packet.mode == CommandMode::kTorque) &&
@@ -202,12 +240,7 @@ bool good_contents(const WrenchCommandPacket& packet) noexcept {
          all_within(packet.moment_Nm, no_wrench ? 0 : kLinkMaxMoment_Nm);
 }
 bool good_contents(const PoseStatePacket& packet) noexcept {
-  double norm2 = 0;
-  for (const double each : packet.q)
-    norm2 += each * each;
-  return packet.sequence > 0 && packet.mode >= DriveMode::kReady &&
-         packet.mode <= DriveMode::kEmergencyStop && all_within(packet.p_m, kLinkMaxPosition_m) &&
-         std::abs(std::sqrt(norm2) - 1) <= kLinkQuaternionTolerance;  // nan: false
+  return packet.sequence > 0 && refused_field(packet) == Fault::kNone;
 }
 
 // The contents of packets. `io` is a Writer and the packet const, or a Reader.
@@ -417,25 +450,31 @@ LinkRefusal decode(Bytes bytes, const LinkNonce& asked, DenialPacket& packet) no
 
 template <typename Packet>
 LinkRefusal decode(Bytes bytes, const LinkKey& key, std::uint64_t session,
-                   std::uint64_t& last_sequence, Packet& packet) noexcept {
+                   std::uint64_t& last_sequence, Packet& packet, FaultDetail& refused) noexcept {
   Header header;
   const LinkRefusal refusal = open<Packet>(bytes, key, false, session, header);
   if (refusal != LinkRefusal::kNone) return refusal;
   Packet found;
   const bool is_good = read_packet(bytes, header, found);
   if (found.sequence <= last_sequence) return LinkRefusal::kSequence;
-  if (!is_good) return LinkRefusal::kContents;
+  if (!is_good) {
+    refused = refused_field(found);
+    // If every number is good, a byte that must be zero is not.
+    if (refused == Fault::kNone)
+      refused = {Fault::kRefusedState, FaultQuantity::kStateZeros, -1, 0, 0};
+    return LinkRefusal::kContents;
+  }
   last_sequence = found.sequence;
   packet = found;
   return LinkRefusal::kNone;
 }
+template LinkRefusal decode(Bytes, const LinkKey&, std::uint64_t, std::uint64_t&, CommandPacket&,
+                            FaultDetail&) noexcept;
+template LinkRefusal decode(Bytes, const LinkKey&, std::uint64_t, std::uint64_t&, StatePacket&,
+                            FaultDetail&) noexcept;
 template LinkRefusal decode(Bytes, const LinkKey&, std::uint64_t, std::uint64_t&,
-                            CommandPacket&) noexcept;
-template LinkRefusal decode(Bytes, const LinkKey&, std::uint64_t, std::uint64_t&,
-                            StatePacket&) noexcept;
-template LinkRefusal decode(Bytes, const LinkKey&, std::uint64_t, std::uint64_t&,
-                            WrenchCommandPacket&) noexcept;
-template LinkRefusal decode(Bytes, const LinkKey&, std::uint64_t, std::uint64_t&,
-                            PoseStatePacket&) noexcept;
+                            WrenchCommandPacket&, FaultDetail&) noexcept;
+template LinkRefusal decode(Bytes, const LinkKey&, std::uint64_t, std::uint64_t&, PoseStatePacket&,
+                            FaultDetail&) noexcept;
 
 }  // namespace trocar

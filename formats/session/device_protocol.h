@@ -22,6 +22,7 @@
 #include <span>
 
 #include "formats/base/result.h"
+#include "formats/session/fault_words.h"
 
 namespace trocar {
 
@@ -223,10 +224,18 @@ LinkRefusal decode(std::span<const std::uint8_t> bytes, const LinkKey& key, cons
 LinkRefusal decode(std::span<const std::uint8_t> bytes, const LinkNonce& asked,
                    DenialPacket& packet) noexcept;
 /// `last_sequence` is the sequence number of the last accepted packet of this kind in the link
-/// session; 0 at the start of the link session. There are instances for commands and states.
+/// session; 0 at the start of the link session. If the result is kContents, `refused` says which
+/// field was refused: its fault is kRefusedState. There are instances for commands and states.
 template <typename Packet>
 LinkRefusal decode(std::span<const std::uint8_t> bytes, const LinkKey& key, std::uint64_t session,
-                   std::uint64_t& last_sequence, Packet& packet) noexcept;
+                   std::uint64_t& last_sequence, Packet& packet, FaultDetail& refused) noexcept;
+/// The same, for a caller that needs no field.
+template <typename Packet>
+LinkRefusal decode(std::span<const std::uint8_t> bytes, const LinkKey& key, std::uint64_t session,
+                   std::uint64_t& last_sequence, Packet& packet) noexcept {
+  FaultDetail ignored;
+  return decode(bytes, key, session, last_sequence, packet, ignored);
+}
 
 /// The number of accepted packets, and the number of refused packets for each reason.
 struct LinkCounts {

@@ -17,8 +17,8 @@ constexpr const char* cause_of(Fault fault) {
     case Fault::kNoData:
       return "the drive is off, a cable is loose, or another program holds up the drive";
     case Fault::kLinkLost:
-      return "the drive has ended, its network failed, its states are refused, or its watchdog "
-             "tripped because this computer was late";
+      return "the drive has ended, its network failed, or its watchdog tripped because this "
+             "computer was late";
     case Fault::kWriteFailed:
       return "the drive refuses commands, or the connection to it has just broken";
     case Fault::kEncoderNotFinite:
@@ -62,6 +62,9 @@ constexpr const char* cause_of(Fault fault) {
       return "the operator pressed Zero forces";
     case Fault::kRecordingFailed:
       return "the disk is full, slow or broken, or another program has filled it";
+    case Fault::kRefusedState:
+      return "the device's program states millimetres instead of metres, a number that is not "
+             "finite, or a quaternion that is not a unit";
   }
   return nullptr;
 }
@@ -154,6 +157,12 @@ constexpr FaultWords meaning_of(Fault fault) {
       return {"recording_failed", "the recording cannot be written, so the session ends",
               "the recording still cannot be written",
               "free some space on the disk, and start again"};
+    case Fault::kRefusedState:
+      return {"refused_state",
+              "the device's states arrive, but are refused because of their contents",
+              "the device's states are still refused because of their contents",
+              "correct what the device's program states: metres, radians, finite numbers, a unit "
+              "quaternion"};
   }
   return {};
 }
@@ -273,10 +282,11 @@ constexpr QuantityWords make_quantity(FaultQuantity quantity) {
     case FaultQuantity::kFaultByte:
       return {"device_fault", "fault byte of the device:"};
     case FaultQuantity::kRefusedContents:
-      return {"refused_states",
-              "the device's states arrive, but are refused because of their contents, such as a "
-              "number that is not finite or a quaternion that is not a unit",
-              "", 0};
+      return {"unreadable_message", "a message that cannot be read", "", 0};
+    case FaultQuantity::kStateMode:
+      return {"state_mode", "mode"};
+    case FaultQuantity::kStateZeros:
+      return {"state_zeros", "a byte that must be zero is not", "", 0};
   }
   return {};
 }

@@ -47,9 +47,11 @@ enum class FaultQuantity : std::uint8_t {
   kRotationStep,         ///< change of the measured orientation since the last data, rad
   kFaultByte,            ///< byte with which a pose device reports its fault; its maker chooses the
                          ///< meaning
-  kRefusedContents,      ///< no value: the device's states are refused because of their contents
+  kRefusedContents,      ///< no value: a message of the device that cannot be read
+  kStateMode,            ///< mode that a drive states, as a number
+  kStateZeros,           ///< no value: a drive states another byte than zero where zero is required
 };
-inline constexpr int kFaultQuantities = 31;
+inline constexpr int kFaultQuantities = 33;
 
 /// The result of a check: a fault or none, and the value that was above or below its limit. The
 /// structure has no text, because the haptic thread fills it. Another thread composes the text.

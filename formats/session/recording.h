@@ -59,8 +59,9 @@ enum class Fault : std::uint8_t {
   kPaused,            ///< the operator has paused the session
   kForcesOff,         ///< the operator has turned the forces off
   kRecordingFailed,   ///< the recording cannot be written; the session ends after the ramp
+  kRefusedState,      ///< the device's states arrive, but are refused because of their contents
 };
-inline constexpr int kFaults = 24;
+inline constexpr int kFaults = 25;
 
 /// State of the safety layer (runtime/control/safety.h).
 enum class SafetyState : std::uint8_t {

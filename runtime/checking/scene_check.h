@@ -21,8 +21,8 @@
 //     in a tick. If the hand lets go, at any of ten moments of the contact, no fault follows, and
 //     the plate moves by at most 3 mm, at no more than 0.25 m/s.
 //  7. With the law `cutting`, stability_warning() (device_coupling.h) has no reason to warn: the
-//     rendered stiffness is so low, and the rate of the loop so high, that the loop is known to
-//     give no energy to the hand.
+//     rate of the loop is so high that the loop is known to give no energy to the hand. (If the
+//     rendered stiffness is too large for the rate, there is no check: is_passive() is an error.)
 //
 // If the scene has a live hand, the person's motion is not known, and there is no dry run. There
 // is then no warning if and only if a session can start, the live hand can reach the height of

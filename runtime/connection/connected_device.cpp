@@ -84,6 +84,7 @@ std::optional<LinkReport> ConnectedDevice::link_report() const {
 }
 
 void ConnectedDevice::lose(const Error& error) {
+  refused_.set(connection_->refused_contents());
   state_.store(State::kLost, std::memory_order_release);
   connection_->close();
   command_ = {};
@@ -97,6 +98,7 @@ void ConnectedDevice::exchange_once() {
   const Result<PoseReading> reading =
       connection_->exchange(is_fresh ? command_.wrench : HandleWrench{});
   if (!reading) return lose(reading.error());
+  refused_.set({});
   answers_.write({*reading, is_fresh ? command_.at_ns : 0});
   said_.clear();
 }

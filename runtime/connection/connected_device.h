@@ -29,6 +29,7 @@
 #include "formats/base/result.h"
 #include "runtime/connection/pose_connection.h"
 #include "runtime/device/pose_device.h"
+#include "runtime/device/refused_contents.h"
 #include "runtime/realtime/histogram.h"
 #include "runtime/realtime/triple_buffer.h"
 
@@ -58,6 +59,7 @@ class ConnectedDevice final : public PoseDevice {
   Result<void> start() override;
   DeviceStatus read(PoseReading& reading) noexcept override;
   DeviceStatus write(const HandleWrench& wrench) noexcept override;
+  FaultDetail refused_contents() const noexcept override { return refused_.get(); }
   void restore() noexcept override;
   void close() override;
   /// Returns the number of connections that were established, and the histogram of the round trips
@@ -88,6 +90,7 @@ class ConnectedDevice final : public PoseDevice {
   TripleBuffer<Command> commands_;
   std::atomic<State> state_{State::kLost};
   std::atomic<bool> closing_{false};
+  RefusedContents refused_;
   std::thread thread_;
   // The following three members belong to the haptic thread.
   Histogram round_trip_;

@@ -8,6 +8,7 @@
 #include <chrono>
 #include <cmath>
 #include <cstdint>
+#include <numbers>
 #include <optional>
 #include <utility>
 #include <vector>
@@ -56,6 +57,7 @@ struct ForceDimension::Device {
   bool renders_moment = false;
   bool has_active_wrist = false;
   std::optional<double> measured_t_s;  ///< time of the last measurement since open()
+  FaultDetail refused;                 ///< of the last exchange()
 
   Result<FoundDevice> open(int index, bool wants_rotation, bool wants_moment);
   Result<PoseReading> exchange(const HandleWrench& wrench);
@@ -166,6 +168,7 @@ Result<void> ForceDimension::Device::command(const HandleWrench& wrench, bool wi
 }
 
 Result<PoseReading> ForceDimension::Device::exchange(const HandleWrench& wrench) {
+  refused = {};
   if (!id) return sdk_error("the device is not open");
   for (const double value : wrench) {
     if (!std::isfinite(value)) return sdk_error("a command that is not finite was not sent");
@@ -193,9 +196,16 @@ Result<PoseReading> ForceDimension::Device::exchange(const HandleWrench& wrench)
   if (code < 0) return failed_call(*sdk, function, code);
   // Written so that NaN fails.
   if (!(std::hypot(x, y, z) <= kMaxOriginDistance_m)) {
+    for (int i = 2; i >= 0; --i) {
+      const double at_m = reading.p_m[static_cast<std::size_t>(i)];
+      if (!(std::abs(at_m) <= kMaxOriginDistance_m / std::numbers::sqrt3))
+        refused = {Fault::kRefusedState, FaultQuantity::kMeasuredPosition, i, at_m,
+                   std::copysign(kMaxOriginDistance_m, at_m)};
+    }
     return sdk_error(text_line("%s returned no usable position: %g %g %g m", function, x, y, z));
   }
   if (!is_rotation(frame)) {
+    refused = {Fault::kRefusedState, FaultQuantity::kMeasuredRotation, -1, frame.determinant(), 1};
     return sdk_error(text_line("%s returned an orientation frame that is no rotation", function));
   }
   const Eigen::Quaterniond q = Eigen::Quaterniond(Eigen::Matrix3d(frame)).normalized();
@@ -271,8 +281,10 @@ Result<PoseReading> ForceDimension::exchange(const HandleWrench& wrench) {
   auto reading = calls_.call([device = device_, wrench] { return device->exchange(wrench); },
                              kExchangeTimeout_s);
   if (!reading) {
+    refused_ = {};
     return fault(text_line("the SDK has not answered for %g ms", 1e3 * kExchangeTimeout_s));
   }
+  refused_ = device_->refused;  // its call has ended
   if (!*reading) return fault(reading->error().message);
   return **reading;
 }

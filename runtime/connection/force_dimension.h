@@ -54,6 +54,7 @@ class ForceDimension final : public PoseConnection {
   /// return within kExchangeTimeout_s.
   Result<PoseReading> exchange(const HandleWrench& wrench) override;
   /// If a call of the SDK hangs, zero force is commanded as soon as that call returns.
+  FaultDetail refused_contents() const noexcept override { return refused_; }
   void close() noexcept override;
 
   /// After open(): true if ForceDimensionOptions::wants_rotation is set and the device measures
@@ -73,6 +74,7 @@ class ForceDimension final : public PoseConnection {
   CallThread calls_;
   bool senses_rotation_ = false;
   bool renders_moment_ = false;
+  FaultDetail refused_;  ///< of the last exchange()
 };
 
 }  // namespace trocar::runtime

@@ -318,6 +318,7 @@ Result<PoseReading> HaplyConnection::command(const HaplyDevices& devices,
   const Instant until = SteadyClock::now() + seconds(kExchangeTimeout_s);
   const std::string message = haply_force_message(devices, force_N);
   std::string why;  // the latest answer was unusable
+  refused_ = {};
   for (int unusable = 0; unusable < kMaxUnusable; ++unusable) {
     std::string text;
     error_code error = socket_->drop_unasked();
@@ -326,10 +327,12 @@ Result<PoseReading> HaplyConnection::command(const HaplyDevices& devices,
     if (error) return fault(words_of(error) + (why.empty() ? "" : "; before that: " + why));
     const double t_s = 1e-9 * static_cast<double>(monotonic_ns());
     const HaplyAnswer answer = parse_haply_answer(text, devices);
+    if (answer.kind != HaplyAnswer::Kind::kUnusable) refused_ = {};
     if (answer.kind == HaplyAnswer::Kind::kNotReady) return fault(answer.why);
     if (answer.kind == HaplyAnswer::Kind::kState)
       return PoseReading{t_s, answer.state.p_m, answer.state.q, answer.state.buttons};
     why = answer.why;
+    refused_ = answer.refused;
   }
   return fault(std::to_string(kMaxUnusable) +
                " answers of the service in a row are unusable: " + why);

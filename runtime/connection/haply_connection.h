@@ -62,6 +62,7 @@ class HaplyConnection final : public PoseConnection {
   /// Errors, in addition to those of PoseConnection::exchange(): five unusable answers in a row;
   /// the arm or the grip is no longer ready; the force is not finite.
   Result<PoseReading> exchange(const HandleWrench& wrench) override;
+  FaultDetail refused_contents() const noexcept override { return refused_; }
   void close() noexcept override;
 
   /// After open(): true if readings have a measured orientation.
@@ -86,6 +87,7 @@ class HaplyConnection final : public PoseConnection {
   std::string uri_;                      ///< the device's URI, with which each error begins
   std::optional<HaplyDevices> devices_;  ///< devices that the first open() chose
   std::unique_ptr<Socket> socket_;
+  FaultDetail refused_;  ///< of the last exchange()
 };
 
 }  // namespace trocar::runtime

@@ -119,13 +119,15 @@ std::array<double, 3> vector_of(Reader& reader, const json& object) {
 }
 
 /// Returns an orientation as w x y z.
-std::array<double, 4> orientation_of(Reader& reader, const json& state) {
+std::array<double, 4> orientation_of(Reader& reader, const json& state, FaultDetail& refused) {
   const json& stated = reader.object(state, "orientation");
   const auto [x, y, z] = vector_of(reader, stated);
   const double w = reader.number(stated, "w");
-  const double square = w * w + x * x + y * y + z * z;
-  if (!(std::abs(std::sqrt(square) - 1) <= kMaxQuaternionError))
+  const double norm = std::sqrt(w * w + x * x + y * y + z * z);
+  if (!(std::abs(norm - 1) <= kMaxQuaternionError)) {
     reader.reject("its orientation is no unit quaternion");
+    refused = {Fault::kRefusedState, FaultQuantity::kMeasuredRotation, -1, norm, 1};
+  }
   return {w, x, y, z};
 }
 
@@ -219,12 +221,13 @@ Result<HaplyInventory> parse_haply_inventory(std::string_view text) {
 
 HaplyAnswer parse_haply_answer(std::string_view text, const HaplyDevices& devices) {
   HaplyAnswer answer;
-  const auto unusable = [&](const std::string& why) {
-    answer.why = why;
-    return answer;
-  };
+  const FaultDetail unreadable{Fault::kRefusedState, FaultQuantity::kRefusedContents, -1, 0, 0};
   const Result<json> message = parse_message(text);
-  if (!message) return unusable(message.error().message);
+  if (!message) {
+    answer.why = message.error().message;
+    answer.refused = unreadable;
+    return answer;
+  }
   Reader reader;
   std::string problem;  // why a device cannot be used any more
   bool has_arm = false, has_grip = false;
@@ -234,8 +237,13 @@ HaplyAnswer parse_haply_answer(std::string_view text, const HaplyDevices& device
     if (!found.empty()) problem = "device " + id + " " + found;
     const json& position = reader.object(reader.object(arm, "state"), "cursor_position");
     answer.state.p_m = vector_of(reader, position);
-    for (const double x : answer.state.p_m)
-      if (!(std::abs(x) <= kMaxCoordinate_m)) reader.reject("its position is beyond 10 m");
+    for (int i = 0; i < 3; ++i) {
+      const double at_m = answer.state.p_m[static_cast<std::size_t>(i)];
+      if (std::abs(at_m) <= kMaxCoordinate_m || answer.refused != Fault::kNone) continue;
+      reader.reject("its position is beyond 10 m");
+      answer.refused = {Fault::kRefusedState, FaultQuantity::kMeasuredPosition, i, at_m,
+                        std::copysign(kMaxCoordinate_m, at_m)};
+    }
   });
   if (devices.grip) {
     reader.devices(*message, devices.grip->list.c_str(), [&](const std::string& id, const json& g) {
@@ -243,16 +251,20 @@ HaplyAnswer parse_haply_answer(std::string_view text, const HaplyDevices& device
       const std::string found = problem_of_grip(reader, reader.object(g, "status"));
       if (!found.empty() && problem.empty()) problem = "VerseGrip " + id + " " + found;
       const json& state = reader.object(g, "state");
-      answer.state.q = orientation_of(reader, state);
+      FaultDetail refused;
+      answer.state.q = orientation_of(reader, state, refused);
+      if (answer.refused == Fault::kNone) answer.refused = refused;
       answer.state.buttons = buttons_of(reader, state);
     });
   }
+  if (!reader.is_good() && answer.refused == Fault::kNone) answer.refused = unreadable;
   if (!has_arm) reader.reject("it does not list device " + devices.arm.id);
   if (devices.grip && !has_grip) reader.reject("it does not list VerseGrip " + devices.grip->id);
   answer.kind = !problem.empty()   ? HaplyAnswer::Kind::kNotReady
                 : reader.is_good() ? HaplyAnswer::Kind::kState
                                    : HaplyAnswer::Kind::kUnusable;
   answer.why = problem.empty() ? reader.wrong() : problem;
+  if (answer.kind != HaplyAnswer::Kind::kUnusable) answer.refused = {};
   return answer;
 }
 

@@ -22,6 +22,7 @@
 #include <vector>
 
 #include "formats/base/result.h"
+#include "formats/session/fault_words.h"
 
 namespace trocar::runtime {
 
@@ -101,6 +102,8 @@ struct HaplyAnswer {
   Kind kind = Kind::kUnusable;
   HaplyState state;  ///< kState only
   std::string why;   ///< other kinds only: the reason, such as "it does not list device 049D"
+  /// kUnusable because of what the text states of the devices: kRefusedState with the field.
+  FaultDetail refused;
 };
 
 /// Parses the service's answer to a message as a state of `devices`.

@@ -42,6 +42,9 @@ class PoseConnection {
   /// next message, as long as exchange() ends within kExchangeTimeout_s. Errors: kDeviceFault, with
   /// a message of one clear line. After an error the caller must call close().
   virtual Result<PoseReading> exchange(const HandleWrench& wrench) = 0;
+  /// After an exchange() that returned an error: kRefusedState with the field, if a message of the
+  /// device was refused because of its contents. Otherwise no fault.
+  virtual FaultDetail refused_contents() const noexcept { return {}; }
   /// Commands zero force if the connection still exists, and disconnects. Also allowed after an
   /// error.
   virtual void close() noexcept = 0;

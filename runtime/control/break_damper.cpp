@@ -33,11 +33,14 @@ Wrench damp_break(const PassivityOptions& options, double plate_mass_kg, const T
     const double moved_s = is_steady ? input.previous.ago_s : input.pose_interval_s;
     const double inward_m =
         state.has_last ? std::max(0.0, outward.dot(start * tool.tip_plate_m - tip_m)) : 0;
-    state.force_N = std::min(coefficient(state), damping_max(options, plate_mass_kg, moved_s)) *
-                    inward_m / moved_s;
+    state.target_N = std::min(coefficient(state), damping_max(options, plate_mass_kg, moved_s)) *
+                     std::min(inward_m / moved_s, kBreakSpeed_m_per_s);
     state.has_last = true;
     state.T_device_plate = plate;
   }
+  const double lost_N = kBreakSpeed_m_per_s * state.start_N_s_per_m, step_N = kBreakStep * lost_N;
+  state.force_N =
+      std::clamp(state.target_N, std::max(0.0, state.force_N - step_N), state.force_N + step_N);
   return wrench_at(state.force_N * outward, tip_m, plate);
 }
 

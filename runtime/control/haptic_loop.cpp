@@ -12,22 +12,30 @@
 namespace trocar::runtime {
 namespace {
 
-/// Sets pose_interval_s (contract 4). Returns false if the device state is not new.
-bool take_time(const LoopModel& model, double t_s, LoopState& state, FaultDetail& fault) noexcept {
+/// Sets pose_interval_s (contract 4). Returns false if the device state is not new. `leap`: set if
+/// this computer's clock is needed to know that the device's clock has leapt.
+bool take_time(const LoopModel& model, double t_s, LoopState& state, FaultDetail& fault,
+               bool& leap) noexcept {
   if (!std::isfinite(t_s)) return false;
+  const SafetyLimits& limits = model.limits;
   // Both time stamps are whole nanoseconds (device_link.md).
   const double since_s = state.has_reading ? std::round((t_s - state.reading_t_s) * 1e9) / 1e9 : 0;
-  const bool too_long = model.limits.gap_max_s != 0 && !(since_s <= model.limits.gap_max_s);
+  // The motion since the last new state shows with the next one.
+  if (since_s > 0 && since_s < kLeastInterval / model.rate_Hz) return false;
+  // If ticks may be late, a late tick explains as much.
+  const bool may_be_late = limits.gap_max_s == 0;
+  const double most_s = limits.state_gap_max_s + (may_be_late ? state.host_s : 0);
+  const bool too_long = !(since_s <= most_s);
   if (since_s > 0 && !too_long) {
     const double ticks_s = (1 + state.no_data_ticks) / model.rate_Hz;
     state.pose_interval_s = since_s;
-    state.ahead_s = std::max(-model.limits.no_data_max_s, state.ahead_s + since_s - ticks_s);
+    state.ahead_s = std::max(-limits.no_data_max_s, state.ahead_s + since_s - ticks_s);
     return true;
   }
   if (state.safety.state == SafetyState::kRunning) {
     if (since_s > 0) {
-      fault = {Fault::kNoData, FaultQuantity::kTimeWithoutData, -1, since_s,
-               model.limits.gap_max_s};
+      fault = {Fault::kNoData, FaultQuantity::kTimeWithoutData, -1, since_s, most_s};
+      leap = may_be_late;
     }
     return since_s > 0;
   }
@@ -41,12 +49,12 @@ bool take_time(const LoopModel& model, double t_s, LoopState& state, FaultDetail
 
 /// Reads the device. If there is no new reading, the last one is used, and `fresh` is false.
 FaultDetail read_device(const LoopModel& model, HandDevice& device, LoopState& state,
-                        TickResult& result, double& t_s, bool& fresh) noexcept {
+                        TickResult& result, double& t_s, bool& fresh, bool& leap) noexcept {
   FaultDetail fault;
   state.pose_interval_s = 0;
   DeviceStatus status = device.read(t_s);
   result.end_of_data = status == DeviceStatus::kEndOfData;
-  if (status == DeviceStatus::kOk && !take_time(model, t_s, state, fault)) {
+  if (status == DeviceStatus::kOk && !take_time(model, t_s, state, fault, leap)) {
     status = DeviceStatus::kNoData;
   }
   if (!result.end_of_data) result.row.device_read = status;
@@ -59,6 +67,8 @@ FaultDetail read_device(const LoopModel& model, HandDevice& device, LoopState& s
   // Half a tick allows for rounding, so that 10 ms are ten ticks at 1 kHz.
   const double no_data_s = static_cast<double>(state.no_data_ticks) / model.rate_Hz;
   if (no_data_s < limit_s - 0.5 / model.rate_Hz) return {};
+  const FaultDetail refused = device.refused_contents();
+  if (refused != Fault::kNone) return refused;
   return {Fault::kNoData, FaultQuantity::kTimeWithoutData, -1, no_data_s, limit_s};
 }
 
@@ -154,10 +164,10 @@ FaultDetail wanted_wrench(const LoopModel& model, const TickInputs& inputs, doub
   rendered.planned_release = contact.is_released;
   wanted = keep_passive(passivity, mass_kg, state.pose_interval_s, rendered, state.passivity);
   if (!model.passivity.on) return Fault::kNone;
-  const Wrench damping = damp_break(
-      model.passivity, mass_kg, model.tool,
-      {state.T_device_plate, state.pose_interval_s, state.previous, contact.lost_force_N},
-      state.break_damper);
+  const Wrench damping = damp_break(model.passivity, mass_kg, model.tool,
+                                    {state.T_device_plate, state.pose_interval_s, state.previous,
+                                     state.safety.authority * contact.lost_force_N},
+                                    state.break_damper);
   // Adding a zero could change the sign of a zero.
   if (state.break_damper.force_N > 0) wanted += damping;
   return Fault::kNone;
@@ -230,10 +240,15 @@ TickReading read_and_check(const LoopModel& model, const TickInputs& inputs, Han
                            LoopState& state, TickResult& result) noexcept {
   TickReading out;
   double t_s = state.reading_t_s;
-  out.fault = read_device(model, device, state, result, t_s, out.is_fresh);
+  bool leap = false;
+  state.host_s += inputs.gap_s;
+  out.fault = read_device(model, device, state, result, t_s, out.is_fresh, leap);
   if (result.end_of_data) return out;
+  if (out.is_fresh) state.host_s = 0;
   const FaultDetail outside = outside_fault(model.limits, inputs);
   result.row.outside_fault = outside.fault;
+  // A replay does not know this computer's clock.
+  if (leap && outside == Fault::kNone) result.row.outside_fault = Fault::kNoData;
   if (out.fault == Fault::kNone || outside == Fault::kEmergencyStop) out.fault = outside;
   result.row.recovery_asked = inputs.recover ? 1 : 0;
   if (inputs.recover) recover(state.safety, model.limits.timing, model.rate_Hz);

@@ -19,12 +19,16 @@
 //     the interval over which a velocity is computed, the time in which the device can have moved
 //     since the last reading, and the additional time for which the motors hold a command if a tick
 //     is late. The differences are rounded to nanoseconds, except in velocity_window.h. In
-//     `running`, a device state counts as new if its time stamp is finite and later than that of
-//     the state before. After no_data_limit_s() without a new device state, the fault kNoData is
-//     raised. If a time stamp lies more than gap_max_s after the previous one, kNoData is raised
-//     immediately. In all other states of the safety state machine, the device's clock may restart,
-//     for example after the link was restored, or leap, for example over a pause. The velocity
-//     estimation then restarts too, and the reading is not compared with the one before.
+//     `running`, a device state counts as new if its time stamp is finite and at least
+//     kLeastInterval ticks later than that of the last new state, so no velocity is a quotient over
+//     less. After no_data_limit_s() without a new device state, the fault kNoData is raised, or
+//     kRefusedState if states arrive but are refused because of their contents. If a time stamp
+//     lies more than state_gap_max_s after the previous one, kNoData is raised immediately. If late
+//     ticks are no fault (gap_max_s is 0), the time that passed on this computer is added to
+//     state_gap_max_s, so that only a leap of the device's clock is a fault. In all other states of
+//     the safety state machine, the device's clock may restart, for example after the link was
+//     restored, or leap, for example over a pause. The velocity estimation then restarts too, and
+//     the reading is not compared with the one before.
 //  5. Some changes take a fixed number of ticks, so late ticks make these changes slower. They are
 //     the ramp after a fault, the rise of two factors after a recovery (the factor on the force,
 //     and the factor on the compensation of friction and weight), and the change from one
@@ -48,6 +52,12 @@
 #include "runtime/device/hand_device.h"
 
 namespace trocar::runtime {
+
+/// Shortest time between two device states that both count as new, in ticks. If time stamps are
+/// off, a difference of two of them can be arbitrarily small. A velocity over a fifth of a tick is
+/// at most five times that over a tick; and a damping that damping_max() (passivity.h) allows for
+/// it is at most 0.25 / 0.2 = 1.25 plate masses a tick, below the 2 up to which a damper is stable.
+inline constexpr double kLeastInterval = 0.2;
 
 /// Parameters of the loop, constant during a session.
 struct LoopModel {
@@ -81,6 +91,7 @@ struct LoopState {
   /// set to 0. If the difference exceeds half a tick, it is added to the tick's length in the call
   /// of HandDevice::account_held_time(), and then set to 0.
   double ahead_s = 0;
+  double host_s = 0;  ///< time on this computer since the last new reading
   Safety safety;
   double reading_t_s = 0;    ///< time stamp of the reading that keep_reading() kept last
   int no_data_ticks = 0;     ///< ticks since the last new reading

@@ -39,9 +39,11 @@ struct SafetyLimits {
   /// this value is positive but shorter than kNoDataTicks ticks, the limit is kNoDataTicks ticks
   /// (no_data_limit_s()).
   double no_data_max_s = 0.01;
-  /// Longest time between the starts of two ticks, and between two time stamps of the device. If
-  /// gap_max_s is 0, neither these two times nor missed deadlines are checked.
+  /// Longest time between the starts of two ticks. If gap_max_s is 0, neither this time nor missed
+  /// deadlines are checked.
   double gap_max_s = 0.1;
+  /// Longest time between two time stamps of the device (haptic_loop.h, contract 4).
+  double state_gap_max_s = 0.1;
   int missed_deadlines_max = 2;  ///< missed deadlines allowed in a row; more are a fault
   SafetyTiming timing;
 };

@@ -25,9 +25,10 @@
 //     period before the newest state. For this, the mean velocity of each of the last two intervals
 //     is taken to hold in the middle of the interval, and the velocity is assumed to change
 //     linearly. (If states are on time, the mean velocity of the last interval is the velocity half
-//     a period before the newest state.) Exception: unless the encoders are exact, item 4 does not
-//     apply if the last interval is more than twice as long as the one before, because the noise of
-//     the encoders would be amplified.
+//     a period before the newest state.) Exceptions: if the interval before the last one is shorter
+//     than a period, item 4 does not apply, because an error of the time stamps would be amplified.
+//     Unless the encoders are exact, item 4 does not apply either if the last interval is more than
+//     twice as long as the one before, because the noise of the encoders would be amplified.
 #pragma once
 
 #include <array>
@@ -56,7 +57,7 @@ class VelocityWindow {
   PreviousPose begin(double resolution, double period_s) const noexcept;
 
  private:
-  PreviousPose late_begin(double period_s, double least_before) const noexcept;
+  PreviousPose late_begin(double period_s, double min_before) const noexcept;
   PreviousPose steady_begin(double resolution) const noexcept;
   struct Sample {
     Measurement state;

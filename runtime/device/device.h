@@ -12,6 +12,7 @@
 
 #include "formats/base/result.h"
 #include "formats/session/device_status.h"
+#include "formats/session/fault_words.h"
 #include "runtime/device/link_report.h"
 
 namespace trocar::runtime {
@@ -49,9 +50,10 @@ class Device {
   /// After a read() that returned kMotorFault, bit i is set if motor i does not apply its torque.
   /// The value 0 means that the faulty motors are not known.
   virtual std::uint8_t fault_byte() const noexcept { return 0; }
-  /// After a read() that returned kLinkLost, true if states do arrive, but are refused because of
-  /// their contents, such as a number that is not finite.
-  virtual bool refuses_contents() const noexcept { return false; }
+  /// After a read() that returned kNoData or kLinkLost: if states do arrive, but are refused
+  /// because of their contents, the fault kRefusedState with the field of the newest one.
+  /// Otherwise no fault.
+  virtual FaultDetail refused_contents() const noexcept { return {}; }
   /// After a read() that returned kLinkLost or kMotorFault, requests a new connection. Returns
   /// immediately; read() returns kLinkLost until the connection is established.
   virtual void restore() {}

@@ -242,6 +242,8 @@ class HandDevice {
     if (status == DeviceStatus::kEmergencyStop) return Fault::kEmergencyStop;
     return status == DeviceStatus::kMotorFault ? Fault::kMotorFault : Fault::kLinkLost;
   }
+  /// After a read() that returned kNoData: as PoseDevice::refused_contents().
+  virtual FaultDetail refused_contents() const noexcept { return {}; }
   /// After a read() that returned kLinkLost or kMotorFault, requests a new connection. Returns
   /// immediately; read() returns kLinkLost until the connection is established.
   virtual void restore() noexcept {}

@@ -79,7 +79,9 @@ Result<double> fitting_force_scale(const PoseDeviceDescription& description, con
   for (const auto& sheet : sheets)
     all.push_back(sheet.get());
   const PoseSpecification specification(description, pose_frame(description, scene));
-  const auto law = make_force_law({scene, specification, all, rate_Hz, {}, {}});
+  // The forces do not depend on the coupling. A soft one is passive, whatever the force scale is.
+  const StiffnessLimits soft{.max_N_per_m = 1};
+  const auto law = make_force_law({scene, specification, all, rate_Hz, {}, soft});
   if (!law) return law.error();
   double max_N = 0;
   for (std::size_t i = 0; i < all.size(); ++i)

@@ -15,15 +15,33 @@ namespace {
 /// A cut is a break if less than this fraction of the force on the tip is left.
 constexpr double kBreakShare = 0.5;
 
+/// Returns the lowest whole rate above `rate_Hz` at which the chosen coupling is passive; 0 if there is none.
+double lowest_passive_rate_Hz(const BoneVolume& bone, const ForceLawSetup& setup,
+                              const Pose& T_device_plate) {
+  const auto is_enough = [&](double rate_Hz) {
+    return runtime::is_passive(choose_coupling(bone, setup.scene.force_law, setup.device,
+                                               T_device_plate, rate_Hz, setup.stiffness));
+  };
+  double low_Hz = std::floor(setup.rate_Hz), high_Hz = kMaxRate_Hz;
+  if (!is_enough(high_Hz)) return 0;
+  while (high_Hz - low_Hz > 1) {
+    const double middle_Hz = std::floor((low_Hz + high_Hz) / 2);
+    (is_enough(middle_Hz) ? high_Hz : low_Hz) = middle_Hz;
+  }
+  return high_Hz;
+}
+
 }  // namespace
 
 Result<std::unique_ptr<CuttingForceLaw>> CuttingForceLaw::make(const ForceLawSetup& setup) {
   Result<BoneVolume> bone = make_bone_volume(setup.scene, setup.sheets);
   if (!bone)
     return Error{bone.error().code, setup.scene.asset.string() + ": " + bone.error().message};
+  const Pose T_device_plate = over_anchor(*setup.sheets.front(), bone->tool);
   const DeviceCoupling coupling = choose_coupling(*bone, setup.scene.force_law, setup.device,
-                                                  over_anchor(*setup.sheets.front(), bone->tool),
-                                                  setup.rate_Hz, setup.stiffness);
+                                                  T_device_plate, setup.rate_Hz, setup.stiffness);
+  if (!runtime::is_passive(coupling))
+    return refused(why_not_passive(coupling, lowest_passive_rate_Hz(*bone, setup, T_device_plate)));
   bone->options.coupling = coupling.coupling;
   return std::unique_ptr<CuttingForceLaw>(new CuttingForceLaw(setup, std::move(*bone), coupling));
 }

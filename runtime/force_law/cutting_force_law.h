@@ -34,7 +34,8 @@ class CuttingForceLaw final : public ForceLaw {
  public:
   /// Creates the law. The coupling is chosen for one pose of the plate: the plate is level, and the
   /// tip is on the topmost sheet at the scene's anchor (over_anchor() in runtime/contact/sheet.h).
-  /// Errors: those of make_bone_volume(), with the asset's path before each message.
+  /// Errors: those of make_bone_volume(), with the asset's path before each message; kRefused if
+  /// the coupling is not passive at the rate (is_passive() in device_coupling.h).
   static Result<std::unique_ptr<CuttingForceLaw>> make(const ForceLawSetup& setup);
 
   FaultDetail update(const ForceLawInput& input, ContactOutput& output) noexcept override;

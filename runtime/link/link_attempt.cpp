@@ -10,13 +10,11 @@ namespace trocar::runtime {
 namespace {
 
 /// The likely mistake of a drive whose states are refused for this reason.
-std::string wrong_states(LinkRefusal refusal, bool pose) {
+std::string wrong_states(LinkRefusal refusal, const FaultDetail& refused, bool pose) {
   switch (refusal) {
     case LinkRefusal::kContents:
-      return pose ? "a position beyond 10 m, a quaternion that is not a unit, a number that is not "
-                    "finite, an unknown mode or a byte that must be zero"
-                  : "an angle that is not finite or too large, an unknown mode or a byte that must "
-                    "be zero";
+      return measured(refused) +
+             (pose ? "; positions are in m, and the quaternion is a unit" : "; angles are in rad");
     case LinkRefusal::kMac:
       return "they must have a MAC with the key of the session, not with the shared one";
     case LinkRefusal::kSession:
@@ -53,7 +51,7 @@ std::string LinkAttempt::why(int socket_error, LinkContents wanted) const {
   const bool pose = wanted == LinkContents::kPose;
   if (welcomed && state_refusal != LinkRefusal::kNone) {
     return std::string("the device's states are refused (") + to_string(state_refusal) +
-           "): " + wrong_states(state_refusal, pose) + "; compare with device_link.md";
+           "): " + wrong_states(state_refusal, refused, pose) + "; compare with device_link.md";
   }
   // This also happens if another host's session began between the welcome and the first command.
   if (welcomed) {

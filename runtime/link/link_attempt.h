@@ -27,6 +27,7 @@ struct LinkAttempt {
   /// The reason for which the host refused the last packet after the welcome. kNone: the host
   /// accepted this packet, or no packet arrived after the welcome.
   LinkRefusal state_refusal = LinkRefusal::kNone;
+  FaultDetail refused;  ///< if state_refusal is kContents: the field that was refused
 
   /// Sets the flags for a datagram other than a welcome. (The caller itself evaluates a welcome and
   /// sets `welcomed`.)

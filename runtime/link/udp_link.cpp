@@ -128,7 +128,7 @@ Result<void> UdpLink<Kind>::shake_hands(bool resets_world) {
     return since_s(start_ns) < options_.connect_timeout_s && !closing_.load();
   };
   const auto no_answer = [&] {
-    if (!attempt.welcomed) refuses_contents_.store(false, std::memory_order_relaxed);
+    if (!attempt.welcomed) refused_.set({});
     return Error{ExitCode::kDeviceFault,
                  to_string(options_.peer) + ": " + attempt.why(socket_.error(), Kind::kContents)};
   };
@@ -177,6 +177,7 @@ Result<void> UdpLink<Kind>::shake_hands(bool resets_world) {
   for (asked_ns = 0; !fresh_state_; socket_.wait(1e-3)) {
     if (!in_time()) {
       attempt.state_refusal = last_refusal_;
+      attempt.refused = refused_.get();
       return no_answer();
     }
     if (asked_ns == 0 || since_s(asked_ns) > kHelloPeriod_s) {
@@ -242,13 +243,13 @@ bool UdpLink<Kind>::drain() noexcept {
     const PacketKind kind = claimed_kind(std::span(buffer).first(bytes));
     if (kind == PacketKind::kDenial) continue;
     const std::uint64_t before = last_state_;
-    const LinkRefusal refusal =
-        decode(std::span(buffer).first(bytes), session_key_, session_, last_state_, newest_);
+    FaultDetail refused;
+    const LinkRefusal refusal = decode(std::span(buffer).first(bytes), session_key_, session_,
+                                       last_state_, newest_, refused);
     counts_.add(refusal);
     // A late welcome says nothing about the states.
     if (kind != PacketKind::kWelcome) last_refusal_ = refusal;
-    if (refusal == LinkRefusal::kContents || refusal == LinkRefusal::kNone)
-      refuses_contents_.store(refusal == LinkRefusal::kContents, std::memory_order_relaxed);
+    if (refusal == LinkRefusal::kContents || refusal == LinkRefusal::kNone) refused_.set(refused);
     if (refusal == LinkRefusal::kNone) {
       if (counts_missed_) states_missed_ += last_state_ - before - 1;
       fresh_state_ = true;

@@ -29,6 +29,7 @@
 #include "formats/session/device_protocol.h"
 #include "runtime/device/device.h"
 #include "runtime/device/pose_device.h"
+#include "runtime/device/refused_contents.h"
 #include "runtime/link/udp_socket.h"
 
 namespace trocar::runtime {
@@ -115,7 +116,7 @@ class UdpLink final : public Kind::Interface {
   ///    lock-step: since the last call); the other end is closed; the drive has received none of
   ///    the torques that were sent within the silence limit; the drive's watchdog has set the
   ///    torques to zero, because commands stopped arriving; or a restore() is in progress.
-  ///    refuses_contents() then says whether states do arrive but are refused.
+  ///    refused_contents() then says whether states do arrive but are refused.
   ///  - kEmergencyStop, kMotorFault: the drive reports this condition.
   DeviceStatus read(Reading& reading) noexcept override;
   /// Sends torques. Returns kLinkLost if the other end is closed or a restore() is in progress.
@@ -145,9 +146,7 @@ class UdpLink final : public Kind::Interface {
   /// new session, because the drive reports the fault until the present session ends.)
   void restore() noexcept override;
 
-  bool refuses_contents() const noexcept override {
-    return refuses_contents_.load(std::memory_order_relaxed);
-  }
+  FaultDetail refused_contents() const noexcept override { return refused_.get(); }
 
   // Call the following functions only while no restore() is in progress, or after close().
   const std::optional<Error>& restore_error() const noexcept { return restore_error_; }
@@ -206,8 +205,7 @@ class UdpLink final : public Kind::Interface {
   bool is_lost_ = false;   ///< the last read() returned kLinkLost or kMotorFault
   bool given_up_ = false;  ///< lock-step: restore() failed
   std::optional<Error> restore_error_;
-  /// The newest authentic state was refused because of its contents.
-  std::atomic<bool> refuses_contents_{false};
+  RefusedContents refused_;  ///< of the newest authentic state
   /// While this is true, only the thread that establishes the new session uses the other members.
   /// While this is false, only the haptic thread does.
   std::atomic<bool> restoring_{false};

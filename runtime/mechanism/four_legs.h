@@ -50,6 +50,7 @@ class FourLegs final : public HandDevice {
   void write_zero() noexcept override { device_.write(DeviceCommand{}); }
   Wrench delivered() const noexcept override;
   FaultDetail fault_of(DeviceStatus status) const noexcept override;
+  FaultDetail refused_contents() const noexcept override { return device_.refused_contents(); }
   void restore() noexcept override { device_.restore(); }
   void describe(RecordingRow& row, DeviceReadout& readout) const noexcept override;
   void advance(double dt_s) override { device_.advance(dt_s); }

@@ -49,16 +49,21 @@ bool PoseHand::keep_reading() noexcept {
 }
 
 FaultDetail PoseHand::check(const ReadingInterval& interval) const noexcept {
+  double farthest_m = kFarthest_m;
+  for (std::size_t i = 0; i < 3; ++i)
+    farthest_m = std::max(
+        {farthest_m, -2 * description().workspace_min_m[i], 2 * description().workspace_max_m[i]});
   for (int i = 0; i < 3; ++i) {
     const double at_m = reading_.p_m[static_cast<std::size_t>(i)];
-    if (!std::isfinite(at_m))
-      return {Fault::kEncoderNotFinite, FaultQuantity::kMeasuredPosition, i, at_m, kAnyFinite};
+    if (!(std::abs(at_m) <= farthest_m))
+      return {Fault::kRefusedState, FaultQuantity::kMeasuredPosition, i, at_m,
+              std::copysign(farthest_m, at_m)};
   }
   const bool turns = description().senses_rotation;
   const double size = turns ? length(reading_.q) : 1;
   // Written so that nan is a fault.
   if (!(std::abs(size - 1) <= kQuaternionTolerance))
-    return {Fault::kEncoderNotFinite, FaultQuantity::kMeasuredRotation, -1, size, 1};
+    return {Fault::kRefusedState, FaultQuantity::kMeasuredRotation, -1, size, 1};
   if (!interval.has_last) return {};
   const double step_m = std::hypot(reading_.p_m[0] - last_.p_m[0], reading_.p_m[1] - last_.p_m[1],
                                    reading_.p_m[2] - last_.p_m[2]);
@@ -109,8 +114,9 @@ FaultDetail PoseHand::fault_of(DeviceStatus status) const noexcept {
   if (byte != 0)
     return {Fault::kMotorFault, FaultQuantity::kFaultByte, -1, static_cast<double>(byte),
             kAnyFinite};
-  if (status == DeviceStatus::kLinkLost && device_.refuses_contents())
-    return {Fault::kLinkLost, FaultQuantity::kRefusedContents, -1, 0, 0};
+  if (status == DeviceStatus::kLinkLost)
+    if (const FaultDetail refused = device_.refused_contents(); refused != Fault::kNone)
+      return refused;
   return HandDevice::fault_of(status);
 }
 

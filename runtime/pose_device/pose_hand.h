@@ -3,9 +3,9 @@
 // haptic loop uses. This class checks the readings and limits the commands.
 //
 // Contract, in addition to that of hand_device.h:
-//  1. A reading raises a fault in three cases: a number is not finite, the length of the quaternion
-//     is not 1, or the motion since the last reading is faster than a hand can move. The reading
-//     then gives no pose. The quaternion is checked only if the device senses rotation. A reading
+//  1. A reading raises kRefusedState if a number is not finite, a coordinate is beyond kFarthest_m,
+//     or the length of the quaternion is not 1. It raises kEncoderJump if the motion since the last
+//     reading is faster than a hand can move. The reading then gives no pose. The quaternion is checked only if the device senses rotation. A reading
 //     outside the box of the description gives a pose, but check_own_workspace() returns a fault.
 //  2. Every command is finite. Its force and its moment do not exceed the maxima that the
 //     description states. If the wanted wrench exceeds them, its force and moment are scaled down
@@ -26,6 +26,9 @@ namespace trocar::runtime {
 /// Largest speed and rotation rate of a hand. If two successive readings show a faster motion,
 /// find_pose() returns kEncoderJump, the fault for measurements that jump.
 inline constexpr double kMaxHandSpeed_m_per_s = 5, kMaxHandRate_rad_per_s = 60;
+/// No handle is farther from its device's origin. The unit of a larger coordinate is plainly another,
+/// such as mm. If the description states a larger workspace, twice its largest coordinate counts.
+inline constexpr double kFarthest_m = 2;
 
 class PoseHand final : public HandDevice {
  public:
@@ -48,6 +51,7 @@ class PoseHand final : public HandDevice {
   void write_zero() noexcept override { device_.write(HandleWrench{}); }
   Wrench delivered() const noexcept override { return frame().from_device(written_); }
   FaultDetail fault_of(DeviceStatus status) const noexcept override;
+  FaultDetail refused_contents() const noexcept override { return device_.refused_contents(); }
   void restore() noexcept override { device_.restore(); }
   void describe(RecordingRow& row, DeviceReadout& readout) const noexcept override;
   void advance(double dt_s) override { device_.advance(dt_s); }

@@ -83,6 +83,15 @@ Result<void> check_new_scene(const RunArguments& a) {
   return points ? Result<void>() : points.error();
 }
 
+Result<void> check_simulated(const RunArguments& a) {
+  if (!a.simulated || is_device_process(a.device)) return {};
+  if (!may_have_motors(a.device))
+    return usage("--simulated: is for a device process; " + a.device + " is always simulated");
+  return usage("--simulated: is for a device process; " + a.device +
+               " has motors. For a program that stands in for it, allow late ticks by "
+               "--late-ticks-in-row 0");
+}
+
 Result<void> check_scene_arguments(const RunArguments& a) {
   if (a.new_scene.empty() && !a.entry.empty()) return usage("--entry: is for --new-scene");
   if (a.entry.empty() && !a.target.empty())
@@ -123,8 +132,7 @@ Result<void> check_run_arguments(const RunArguments& a) {
     return usage("--force-law " + a.force_law + ": must be " + force_law_names());
   }
   if (!a.energy_budget.empty()) return usage("--energy-budget: is now called --energy-limit");
-  if (a.simulated && !may_have_motors(a.device))
-    return usage("--simulated: is for a device process; " + a.device + " is always simulated");
+  if (const Result<void> good = check_simulated(a); !good) return good.error();
   if (a.strict && !a.check) return usage("--strict: is for --check");
   if (const long processors = ::sysconf(_SC_NPROCESSORS_CONF);
       a.cpu < -1 || (processors > 0 && a.cpu >= processors)) {
@@ -164,8 +172,8 @@ std::filesystem::path default_black_box(const RunArguments& arguments) {
 
 /// Returns the longest time without a new device state that a session with these arguments allows.
 double no_data_max_s(const RunArguments& arguments) {
-  const bool may_stall = arguments.simulated && is_device_process(arguments.device) &&
-                         arguments.late_ticks_in_row.value_or(0) == 0 && arguments.clock == "real";
+  const bool may_stall = arguments.simulated && arguments.late_ticks_in_row.value_or(0) == 0 &&
+                         arguments.clock == "real";
   return may_stall ? kSimulatedNoData_s : SafetyLimits{}.no_data_max_s;
 }
 
@@ -208,8 +216,8 @@ void set_loop_options(const RunArguments& arguments, SessionOptions& options) {
   const int late_ticks = arguments.late_ticks_in_row.value_or(is_simulated ? 0 : kDefaultLateTicks);
   options.limits.missed_deadlines_max =
       late_ticks > 0 ? late_ticks - 1 : std::numeric_limits<int>::max();
-  // A simulated device process is not harmed by a gap or a stall either. (The device in the process
-  // has none.)
+  // A simulated device process is not harmed by a gap or a stall either, but a leap of its clock
+  // stays a fault. (The device in the process has none.)
   if (arguments.simulated && late_ticks == 0) options.limits.gap_max_s = 0;
   options.limits.no_data_max_s = no_data_max_s(arguments);
   if (!arguments.black_box.empty()) {

@@ -71,7 +71,7 @@ Result<SessionResult> run(const RunArguments& arguments, const SessionInputs& in
   // no tick comes.
   Result<SessionWorkers> workers =
       make_workers(inputs.scene, device.specification(), remesher, options);
-  if (!workers) return workers.error();
+  if (!workers) return workers.error().after(arguments.scene + ": ");
   if (Result<void> started = device.start(); !started) return started.error();
   std::optional<Progress> progress;
   if (options.clock == Clock::kReal && !arguments.quiet && ::isatty(STDERR_FILENO) != 0)
@@ -272,7 +272,7 @@ int check_inputs(const RunArguments& arguments, const SessionInputs& inputs,
   const Result<SceneCheck> checked =
       check_scene(inputs.scene, to_check(device, description), inputs.sheets, inputs.tissues,
                   inputs.bytes, options);
-  if (!checked) return fail(checked.error());
+  if (!checked) return fail(checked.error().after(arguments.scene + ": "));
   if (!arguments.quiet) std::fputs(checked->text.c_str(), stdout);
   for (const std::string& warning : checked->warnings)
     warn(arguments, warning);

@@ -260,10 +260,10 @@ void declare_device_options(const Command& command, RunArguments& a) {
       .with_form("DEVICE");
   device.flag(
       "--simulated", a.simulated,
-      "say that the device of --device has no motors, because it is only simulated. Then late\n"
-      "ticks (missed deadlines) are no fault, and with udp and pose, data may be missing for\n"
-      "250 ms instead of 10 ms. One exception: with --late-ticks-in-row above 0, late ticks are\n"
-      "still a fault, and data may be missing for only 10 ms.\n"
+      "with udp and pose: say that the device has no motors, because it is only simulated. Then\n"
+      "late ticks (missed deadlines) are no fault, and data may be missing for 250 ms instead of\n"
+      "10 ms. One exception: with --late-ticks-in-row above 0, late ticks are still a fault, and\n"
+      "data may be missing for only 10 ms.\n"
       "Without --simulated, every device but inproc is assumed to have motors. If the\n"
       "description of such a device states more mass than the device has, or more stiffness than\n"
       "it can render stably, contact with the device can vibrate. As a margin, Trocar therefore\n"

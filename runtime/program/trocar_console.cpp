@@ -133,8 +133,9 @@ Result<void> check_device(const DeviceChoice& device) {
   if (!known && check_device_uri(device.name, !has_key))
     return usage(shown + (has_key ? ": takes no key-file" : ": needs ,key-file=FILE"));
   if (!known) return usage(known.error().message + " or sim");
-  if (device.has("--simulated") && !may_have_motors(device.name))
-    return usage(shown + ": is always simulated");
+  if (device.has("--simulated") && !is_device_process(device.name))
+    return usage(shown + (may_have_motors(device.name) ? ": has motors; leave ,simulated out"
+                                                       : ": is always simulated"));
   return {};
 }
 

@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <limits>
 #include <memory>
 #include <vector>
 
@@ -91,7 +92,10 @@ void set_stated_limits(const RecordingOrigin& recorded, SessionOptions& options)
   const std::string* const margin = recorded.find(kMargin);
   options.stiffness.margin =
       margin != nullptr && *margin == origin_number(kHardwareMargin) ? kHardwareMargin : 1;
-  if (recorded.find(kStateGap) != nullptr) options.limits.gap_max_s = 0;
+  if (recorded.find(kStateGap) != nullptr) {
+    options.limits.gap_max_s = 0;
+    options.limits.state_gap_max_s = std::numeric_limits<double>::infinity();
+  }
   const double usual_s = SafetyLimits{}.no_data_max_s;
   const double stated_s = recorded.number(kNoDataLimit).value_or(usual_s);
   options.limits.no_data_max_s = stated_s >= usual_s && stated_s <= 1 ? stated_s : usual_s;

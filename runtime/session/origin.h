@@ -33,9 +33,10 @@ Result<RecordingOrigin> make_origin(const std::filesystem::path& scene_file, con
 
 /// Sets the limits that the recorded session had:
 ///  - StiffnessLimits::margin: kHardwareMargin if the recording states this margin, otherwise 1.
-///  - SafetyLimits::gap_max_s: 0 if the recorded session did not limit the time between two time
-///    stamps of the device, otherwise unchanged. Sessions with a device that another process
-///    simulates have no such limit by default.
+///  - SafetyLimits::gap_max_s and state_gap_max_s: if late ticks were no fault in the recorded
+///    session, 0 and infinite: the rows then state whether the device's clock has leapt. Otherwise
+///    unchanged. In sessions with a device that another process simulates, late ticks are no fault
+///    by default.
 ///  - SafetyLimits::no_data_max_s: the stated time. If the recording does not state this time, the
 ///    default. Also the default if the stated time is below the default or above 1 s, because
 ///    trocar-run records no such time: the recording is then damaged or was edited.

@@ -55,7 +55,7 @@ def summary_of(folder, name):
 @contextlib.contextmanager
 def stand_in(path):
     with StandIn("--protocol", "3.1", "--path", path, "--hand-stiffness", 1500, "--hand-damping", 30) as service:
-        yield f"haply:127.0.0.1:{service.port}", "--simulated"
+        yield f"haply:127.0.0.1:{service.port}", "--late-ticks-in-row", "0"
 
 
 def session(kind, asset, path, folder):

@@ -54,6 +54,7 @@ def test_usage(programs, folder):
     for words, said in (
             (["motor"], "--device motor: must be "), (["udp:127.0.0.1:1"], "needs ,key-file=FILE"),
             (["inproc,key-file=x"], "--device inproc: takes no key-file"), (["sim,simulated"], "--device sim: takes no options"),
+            (["haply:,simulated"], "--device haply:: has motors; leave ,simulated out"),
             (["inproc,simulated"], "--device inproc: is always simulated"), (["inproc", "inproc"], "--device inproc: is given twice"),
             *(([f"udp:127.0.0.1:1,{wrong}"], "after the device may follow ,key-file=FILE")
               for wrong in ("key-file=", "key-file", "simulated=1", "live=x", "", "key-file=x,", "test")),

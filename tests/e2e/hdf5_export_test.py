@@ -118,7 +118,7 @@ def recordings_of_all_kinds(programs, source, asset, work):
     made["pose device"] = work / "pose.csv"
     with StandIn("--protocol", "3.1") as stand_in:  # the stand-in's times do not matter here: a fault may end the session
         done = subprocess.run([programs / "trocar-run", source / "runtime/scenes/vertebra.json", "--asset", asset, "--device",
-                               f"haply:127.0.0.1:{stand_in.port}", "--simulated", "--duration", "0.5", "--record", made["pose device"],
+                               f"haply:127.0.0.1:{stand_in.port}", "--late-ticks-in-row", "0", "--duration", "0.5", "--record", made["pose device"],
                                "--black-box", work, "--quiet"], check=False, capture_output=True, text=True)
         assert done.returncode in (0, 5), done.stderr
     # A recording of the console, which counts X-ray: the others have no such column.

@@ -104,6 +104,7 @@ DeviceCoupling choose_coupling(const BoneVolume& bone, const SceneForceLaw& law,
   const Stiffness rendered =
       coupling.is_rigid ? tissue
                         : Stiffness{coupling.translation_N_per_m, coupling.rotation_Nm_per_rad};
+  out.rendered_N_per_m = rendered.translation_N_per_m;
   out.inertia_limit = kMaxInertiaShare / limits.margin;
   out.inertia_share =
       out.inertia_limit * std::max(rendered.translation_N_per_m / most.translation_N_per_m,
@@ -126,8 +127,30 @@ std::string describe(const DeviceCoupling& chosen, const SceneForceLaw& law) {
              chosen.predicts_pose ? "evaluated a tick ahead" : "evaluated where the plate is");
 }
 
-std::string stability_warning(const DeviceCoupling& chosen) {
+bool is_passive(const DeviceCoupling& chosen) {
   constexpr double kRounding = 1e-9;
+  const bool damping_suffices = !chosen.predicts_pose && chosen.damping_share >= 1;
+  return damping_suffices ||
+         chosen.inertia_share <= chosen.inertia_limit * (1 + kRounding);  // false for nan
+}
+
+std::string why_not_passive(const DeviceCoupling& chosen, double enough_Hz) {
+  std::string out = text_line(
+      "force_law: the stiffness K that is rendered is not passive at %.6g Hz: for the plate's "
+      "inertia M and the tick T, K T^2 / M is %.3g, and at most %.3g is known to be passive: ",
+      chosen.rate_Hz, chosen.inertia_share, chosen.inertia_limit);
+  if (enough_Hz > 0) out += text_line("use a --rate of at least %.0f Hz, or ", enough_Hz);
+  // A thousandth less, because the text rounds.
+  const double most_N_per_m =
+      0.999 * chosen.rendered_N_per_m * chosen.inertia_limit / chosen.inertia_share;
+  out += text_line("instead of a stiffness of %.4g N/m at most %.4g N/m, or ",
+                   chosen.rendered_N_per_m, most_N_per_m);
+  return out + (chosen.coupling.is_rigid ? "leave out \"axis\""
+                                         : "leave out \"prediction\" or lower coupling_N_per_m and "
+                                           "coupling_Nm_per_rad");
+}
+
+std::string stability_warning(const DeviceCoupling& chosen) {
   if (!chosen.predicts_pose) {
     if (chosen.damping_share >= 1) return {};
     return text_line(
@@ -135,18 +158,11 @@ std::string stability_warning(const DeviceCoupling& chosen) {
         "rendered: leave out \"prediction\", or lower coupling_N_per_m and coupling_Nm_per_rad",
         chosen.damping_share);
   }
-  if (chosen.inertia_share <= chosen.inertia_limit * (1 + kRounding)) {
-    if (chosen.rate_Hz >= kMinPredictedRate_Hz) return {};
-    return text_line(
-        "at this rate the predicted pose gives energy to motions faster than %.3g Hz, and "
-        "a hand moves at up to %.0f Hz: raise --rate to at least %.0f",
-        chosen.rate_Hz / 6, kHandMotion_Hz, kMinPredictedRate_Hz);
-  }
+  if (chosen.rate_Hz >= kMinPredictedRate_Hz) return {};
   return text_line(
-      "the stiffness K that is rendered is too large for the plate's inertia M and the tick T: "
-      "K T^2 / M is %.3g, and at most %.3g is known to be passive: leave out \"axis\", lower the "
-      "tissue's stiffness or force_scale, or raise --rate",
-      chosen.inertia_share, chosen.inertia_limit);
+      "at this rate the predicted pose gives energy to motions faster than %.3g Hz, and "
+      "a hand moves at up to %.0f Hz: raise --rate to at least %.0f",
+      chosen.rate_Hz / 6, kHandMotion_Hz, kMinPredictedRate_Hz);
 }
 
 }  // namespace trocar::runtime

@@ -32,12 +32,13 @@
 //     the largest stiffness that the device states (stiffness_max_N_per_m()), nor the operator's
 //     limit (StiffnessLimits). If a rigid tool would exceed one of these two limits, the tool gets
 //     a coupling even if the scene declares it rigid.
-//  4. A rigid tool has no coupling spring, so the rendered stiffness can exceed the limit that
-//     contract 3 derives from 0.5 M / T^2. Then `inertia_share` exceeds `inertia_limit`, and
-//     stability_warning() warns if the pose is predicted. In rotation, `inertia_share` and
-//     contract 1 use two levers: the lever of contract 2 for the stiffness of the walls, and the
-//     distance of the tool's axis from the plate's origin for the stiffness along this axis. (A
-//     force along an axis through the origin does not turn the plate.)
+//  4. A rigid tool, and a coupling spring without prediction, can render a stiffness above 0.5 M /
+//     T^2, divided by StiffnessLimits::margin. Then `inertia_share` exceeds `inertia_limit`. Unless
+//     the device's damping suffices without prediction (contract 2), is_passive() is then false, and
+//     a session refuses to start. In rotation, `inertia_share` and contract 1 use two levers: the
+//     lever of contract 2 for the stiffness of the walls, and the distance of the tool's axis from
+//     the plate's origin for the stiffness along this axis. (A force along an axis through the
+//     origin does not turn the plate.)
 //  5. With prediction, a motion of the plate whose frequency f is above a sixth of the loop's rate
 //     receives energy from the loop, because the rendered force lags behind the motion. A pose that
 //     is predicted from the last two poses leads a sinusoidal motion by the angle atan(sin a / (2 -
@@ -77,6 +78,8 @@ struct DeviceCoupling {
   /// passivity only up to inertia_limit.
   double inertia_share = 0;
   double inertia_limit = kMaxInertiaShare;  ///< kMaxInertiaShare divided by StiffnessLimits::margin
+  /// The rendered stiffness in translation, before it is multiplied by the force scale.
+  double rendered_N_per_m = 0;
   /// Largest tissue force along the tool that the device can render; 0: the device cannot be at the
   /// given pose.
   double max_N = 0;
@@ -94,8 +97,15 @@ DeviceCoupling choose_coupling(const BoneVolume& bone, const SceneForceLaw& law,
 /// Returns the choice as one line of text, for `--check`.
 std::string describe(const DeviceCoupling& chosen, const SceneForceLaw& law);
 
+/// False if the rendered stiffness is too large for the plate's inertia and the rate (contract 4).
+bool is_passive(const DeviceCoupling& chosen);
+
+/// Returns one line that says why is_passive() is false, and which stiffness or rate would do.
+/// `enough_Hz`: lowest rate of the loop at which it would be true; 0: no rate would do.
+std::string why_not_passive(const DeviceCoupling& chosen, double enough_Hz);
+
 /// Returns a text that says why, with this choice, the loop may oscillate or release energy to the
-/// hand, and what helps. The text is empty if there is no such reason.
+/// hand, and what helps. The text is empty if there is no such reason. Precondition: is_passive().
 std::string stability_warning(const DeviceCoupling& chosen);
 
 }  // namespace trocar::runtime

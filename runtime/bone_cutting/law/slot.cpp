@@ -8,6 +8,9 @@
 namespace trocar::runtime {
 namespace {
 
+/// Points nearer to the region than this do not extend it. So no edge is shorter, and no quotient by
+/// the square of an edge's length overflows. A femtometre is far below what could be felt.
+constexpr double kLeastEdge_m = 1e-15;
 constexpr double kFlat = 1e-13;  // radians: more than rounding errors, less than could be felt
 
 double cross(const Eigen::Vector2d& a, const Eigen::Vector2d& b) noexcept {
@@ -155,7 +158,7 @@ Slot::Reach Slot::reach(const Eigen::Vector2d& p_m) const noexcept {
 
 void Slot::include(const Eigen::Vector2d& p_m) noexcept {
   const Reach r = reach(p_m);
-  if (r.distance_m <= 0) return;
+  if (!(r.distance_m > kLeastEdge_m)) return;
   constexpr std::size_t kMax = kMaxCorners + 1;
   std::array<Eigen::Vector2d, kMax> points;
   std::copy(corners_.begin(), corners_.begin() + size_, points.begin());

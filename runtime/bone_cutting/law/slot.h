@@ -8,12 +8,12 @@
 // Contract (tests/runtime/bone_cutting/law/slot_test.cpp):
 //  1. reach(p).distance_m is the distance of p from the convex hull of the corners, minus the
 //     clearance, but at least 0.
-//  2. include(p) extends the region so that it contains p. The hull gets one more corner, which
-//     lies between p and the hull at the distance of the clearance from p. Without clearance the
-//     result is the convex hull of the region and p. If the hull then has more than kMaxCorners
-//     corners, one edge is removed by extending its two neighbours until they intersect. The
-//     removed edge is the one whose removal adds the least area to the hull. include() never
-//     increases the distance of any point from the region.
+//  2. include(p) extends the region so that it contains p, unless p is less than a femtometre away
+//     from it. The hull gets one more corner, which lies between p and the hull at the distance of
+//     the clearance from p. Without clearance the result is the convex hull of the region and p. If
+//     the hull then has more than kMaxCorners corners, one edge is removed by extending its two
+//     neighbours until they intersect. The removed edge is the one whose removal adds the least
+//     area to the hull. include() never increases the distance of any point from the region.
 #pragma once
 
 #include <Eigen/Core>

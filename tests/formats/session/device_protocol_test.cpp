@@ -331,6 +331,17 @@ TEST_F(DeviceProtocol, AuthenticPacketsWithInvalidContentsAreRefused) {
   EXPECT_EQ(open(page_of(zero).sealed(), read), LinkRefusal::kSequence);
 }
 
+TEST_F(DeviceProtocol, ARefusedStateNamesItsAngle) {
+  StatePacket packet = state(), read;
+  packet.encoder_rad[6] = std::nan("");
+  std::uint64_t last = 0;
+  FaultDetail refused;
+  EXPECT_EQ(decode(page_of(packet).sealed(), kKey, packet.session, last, read, refused),
+            LinkRefusal::kContents);
+  EXPECT_EQ(refused.fault, Fault::kRefusedState);
+  EXPECT_EQ(measured(refused), "angle theta 3 of leg 2 nan deg, limit 5.73e+04 deg");
+}
+
 // The corpus was made from device_link.md by a Python program.
 TEST_F(DeviceProtocol, PacketsOfAnotherImplementationAreAccepted) {
   LinkKey shared;

@@ -67,9 +67,12 @@ TEST(FaultWords, TheLineNamesSensorValueLimitAndWhatToDo) {
   EXPECT_EQ(measured({Fault::kDeadlineMissed, kMissedDeadlines, -1, 3, 2}),
             "deadlines missed in a row: 3, limit 2");
   EXPECT_EQ(measured({Fault::kMotorFault, kFaultByte, -1, 4, kNan}), "fault byte of the device: 4");
-  EXPECT_EQ(measured({Fault::kLinkLost, kRefusedContents, -1, 0, 0}),
-            "the device's states arrive, but are refused because of their contents, such as a "
-            "number that is not finite or a quaternion that is not a unit");
+  EXPECT_EQ(describe({Fault::kRefusedState, kMeasuredPosition, 0, kNan, 10}, 2),
+            "refused_state at 2.0000 s: the device's states arrive, but are refused because of "
+            "their contents (measured position x nan mm, limit 1e+04 mm); correct what the "
+            "device's program states: metres, radians, finite numbers, a unit quaternion");
+  EXPECT_EQ(measured({Fault::kRefusedState, kRefusedContents, -1, 0, 0}),
+            "a message that cannot be read");
   EXPECT_EQ(measured(Fault::kEmergencyStop), "");
 }
 

@@ -201,6 +201,45 @@ TEST_F(PosePackets, InvalidNumbersAreRefused) {
   }
 }
 
+// What an operator reads of a state that was refused.
+TEST_F(PosePackets, ARefusalNamesTheField) {
+  const double nan = std::nan("");
+  const auto told = [](auto packet, std::size_t byte = 0) {
+    Page page = page_of(packet);
+    if (byte != 0) page.bytes[byte] = 1;
+    decltype(packet) read{};
+    std::uint64_t last = 0;
+    FaultDetail refused;
+    EXPECT_EQ(decode(page.sealed(), kKey, packet.session, last, read, refused),
+              LinkRefusal::kContents);
+    EXPECT_EQ(refused.fault, Fault::kRefusedState);
+    EXPECT_TRUE(is_known(refused));
+    return measured(refused);
+  };
+  PoseStatePacket pose = pose_state();
+  pose.p_m[1] = nan;
+  EXPECT_EQ(told(pose), "measured position y nan mm, limit 1e+04 mm");
+  pose.p_m[1] = -120;  // mm instead of m
+  EXPECT_EQ(told(pose), "measured position y -1.2e+05 mm, at least -1e+04 mm");
+  pose = pose_state();
+  pose.q[3] = nan;
+  EXPECT_EQ(told(pose), "length of the measured quaternion nan, limit 1");
+  pose.q = {0, 0, 0, 0};
+  EXPECT_EQ(told(pose), "length of the measured quaternion 0, at least 1");
+  pose = pose_state();
+  pose.mode = static_cast<DriveMode>(9);
+  EXPECT_EQ(told(pose), "mode 9, limit 4");
+  EXPECT_EQ(told(pose_state(), 34), "a byte that must be zero is not");
+  // A packet that is accepted, or refused for another reason, says nothing.
+  PoseStatePacket read;
+  std::uint64_t last = 0;
+  FaultDetail refused;
+  const auto good = page_of(pose_state()).sealed();
+  EXPECT_EQ(decode(good, kKey, pose.session, last, read, refused), LinkRefusal::kNone);
+  EXPECT_EQ(decode(good, kKey, pose.session, last, read, refused), LinkRefusal::kSequence);
+  EXPECT_EQ(refused.fault, Fault::kNone);
+}
+
 TEST_F(PosePackets, InvalidModesAndBytesAreRefused) {
   for (int mode = 0; mode < 256; ++mode) {
     WrenchCommandPacket c = wrench_command();

@@ -18,7 +18,7 @@ using namespace std::chrono_literals;
 
 /// Behaviour of a connection. The test changes it while the device's thread uses it.
 struct Script {
-  std::atomic<bool> opens{true}, fails{false}, repeats{false};
+  std::atomic<bool> opens{true}, fails{false}, repeats{false}, refuses{false};
   std::atomic<int> wait_ms{0}, opened{0}, closed{0};
   std::mutex mutex;
   std::vector<HandleWrench> wrenches;  ///< under the mutex
@@ -49,6 +49,11 @@ class ScriptedConnection final : public PoseConnection {
     reading.t_s = script_.t_s;
     reading.p_m[2] = wrench[2];
     return reading;
+  }
+  FaultDetail refused_contents() const noexcept override {
+    return script_.refuses
+               ? FaultDetail{Fault::kRefusedState, FaultQuantity::kMeasuredPosition, 2, 12, 10}
+               : FaultDetail();
   }
   void close() noexcept override { ++script_.closed; }
 
@@ -199,6 +204,25 @@ TEST_F(ConnectedDeviceTest, ErrorIsLinkLostAtOnceAndSaidOnce) {
   const std::scoped_lock lock(said_mutex_);
   EXPECT_EQ(said_, std::vector<std::string>{"test: broken"});
   EXPECT_EQ(script_.closed, 1);
+}
+
+TEST_F(ConnectedDeviceTest, TellsWhichFieldWasRefused) {
+  ASSERT_TRUE(device_.start());
+  EXPECT_TRUE(gets(4));
+  EXPECT_EQ(device_.refused_contents(), Fault::kNone);
+  script_.refuses = true;
+  script_.fails = true;
+  EXPECT_TRUE(reads(DeviceStatus::kLinkLost));
+  const FaultDetail refused = device_.refused_contents();
+  EXPECT_EQ(refused, Fault::kRefusedState);
+  EXPECT_EQ(measured(refused), "measured position z 1.2e+04 mm, limit 1e+04 mm");
+  script_.refuses = false;
+  script_.fails = false;
+  EXPECT_TRUE(within(5s, [&] {
+    device_.restore();
+    return device_.read(reading_) == DeviceStatus::kOk;
+  }));
+  EXPECT_EQ(device_.refused_contents(), Fault::kNone);
 }
 
 TEST_F(ConnectedDeviceTest, RestoresWithoutForce) {

@@ -187,7 +187,13 @@ TEST(HaplyMessages, UnusableStates) {
     const HaplyAnswer answer = parse_haply_answer(changed(from, to), devices);
     EXPECT_EQ(answer.kind, Kind::kUnusable) << to;
     EXPECT_EQ(answer.why, why) << to;
+    const bool lacks_device = why.find("it does not list") == 0;
+    EXPECT_EQ(answer.refused.fault, lacks_device ? Fault::kNone : Fault::kRefusedState) << to;
   }
+  const FaultDetail far = parse_haply_answer(changed("0.0125", "-10.01"), devices).refused;
+  EXPECT_EQ(measured(far), "measured position x -1.001e+04 mm, at least -1e+04 mm");
+  const FaultDetail bent = parse_haply_answer(changed("0.8", "0"), devices).refused;
+  EXPECT_EQ(bent.quantity, FaultQuantity::kMeasuredRotation);
   EXPECT_EQ(parse_haply_answer("", devices).kind, Kind::kUnusable);
   EXPECT_EQ(parse_haply_answer(changed("0.8", "0.8001"), devices).kind, Kind::kState);
 }

@@ -4,6 +4,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <random>
 
@@ -103,6 +104,58 @@ TEST(BreakDamper, WithoutANewPoseTheForceIsHeld) {
   input.pose_interval_s = 0;
   for (int i = 0; i < 5; ++i)
     EXPECT_EQ(damp_break({}, kMass_kg, Tool(), input, state), wrench);
+}
+
+// Time stamps that are off by 0.49 ms make intervals of 0.02 to 1.98 ms out of ticks of 1 ms.
+TEST(BreakDamper, WhateverTheIntervalsTheForceIsAtMostTheLostForceAndStepsByAFifthOfIt) {
+  std::mt19937_64 random(3);
+  for (const double speed_m_per_s : {0.05, 0.3, 1.0, 4.0}) {
+    for (const double off_s : {0.49e-3, 0.475e-3, 0.3e-3, 0.0}) {
+      BreakDamperState state;
+      BreakInput input;
+      double before_s = 0, before_N = 0, max_N = 0;
+      constexpr double kLost_N = 10;
+      for (int k = 1; k <= 300; ++k) {
+        const double t_s = 1e-3 * k + off_s * (2 * uniform(random) - 1);
+        input.pose_interval_s = k % 17 == 0 ? 0 : t_s - before_s;
+        if (k % 17 != 0) {
+          before_s = t_s;
+          // Now and then the tip turns back, or a reading is off by 0.1 mm.
+          const double noise_m = k % 23 == 0 ? 1e-4 * (2 * uniform(random) - 1) : 0;
+          const double way_m = 1e-3 * speed_m_per_s * k;
+          input.T_device_plate.p_m.z() = (k / 30 == 2 ? way_m : -way_m) + noise_m;
+        }
+        input.lost_force_N = k == 20 ? kLost_N : 0;
+        const double now_N = damp_break({}, kMass_kg, Tool(), input, state)[2];
+        ASSERT_GE(now_N, 0);
+        ASSERT_LE(now_N, kLost_N) << speed_m_per_s << " m/s, off by " << off_s << " s, tick " << k;
+        ASSERT_LE(std::abs(now_N - before_N), kLost_N / 5 + 1e-9)
+            << speed_m_per_s << " m/s, off by " << off_s << " s, tick " << k;
+        before_N = now_N;
+        max_N = std::max(max_N, now_N);
+      }
+      EXPECT_GT(max_N, 0.5 * kLost_N * std::min(1.0, speed_m_per_s / kBreakSpeed_m_per_s));
+      EXPECT_EQ(before_N, 0) << "after its time it is zero";
+    }
+  }
+}
+
+// A difference of 0.05 ms, on its own, gave 40 N.
+TEST(BreakDamper, ASingleShortIntervalDoesNotRaiseTheForceAboveTheLostOne) {
+  for (const double interval_s : {5e-5, 1e-6, 1e-9}) {
+    BreakDamperState state;
+    BreakInput input{.pose_interval_s = 1e-3};
+    damp_break({}, kMass_kg, Tool(), input, state);
+    input.lost_force_N = 10;
+    input.pose_interval_s = interval_s;
+    input.T_device_plate.p_m.z() = -3e-4;
+    EXPECT_LE(damp_break({}, kMass_kg, Tool(), input, state)[2], 2 + 1e-12) << interval_s;
+    input.lost_force_N = 0;
+    for (int i = 0; i < 20; ++i) {
+      input.pose_interval_s = 0;
+      ASSERT_LE(damp_break({}, kMass_kg, Tool(), input, state)[2], 10) << interval_s;
+    }
+  }
 }
 
 // A plate that coasts freely goes as far as the exact solution of m dv/dt = -b(t) v says, up to the

@@ -9,10 +9,12 @@
 #include <limits>
 #include <memory>
 #include <numbers>
+#include <random>
 #include <vector>
 
 #include "runtime/devices/replay_device.h"
 #include "tests/runtime/control/loop_fixture.h"
+#include "tests/support/uniform.h"
 
 namespace trocar::runtime {
 namespace {
@@ -34,10 +36,10 @@ class DeviceTime : public testing_support::LoopFixture {
     own_->tissue = tissue;
     current_ = {own_.get()};
   }
-  /// A tick whose state is `interval_s` after the last one.
-  void tick_after(double interval_s) {
+  /// A tick whose state is `interval_s` after the last one, and that starts `gap_s` after the last.
+  void tick_after(double interval_s, double gap_s = 1e-3) {
     device_late_s_ = interval_s - 1 / model_.rate_Hz;
-    tick();
+    tick(gap_s);
     device_late_s_ = 0;
   }
   /// One with the state as it is, at this time.
@@ -183,6 +185,47 @@ TEST_F(DeviceTime, AStateThatIsNotNewerIsNoNewState) {
   EXPECT_LT(felt_N(), 21 + 40 * 0.4e-3 / 8e-3);
 }
 
+// Velocities are quotients over the time between two states. A state that comes less than a fifth of
+// a tick after the last one is left out, and the next one shows the whole motion.
+TEST_F(DeviceTime, NoVelocityIsTakenOverLessThanAFifthOfATick) {
+  double z_m = 0.1168, off_s = 0;
+  go_to(z_m);
+  tick();
+  int left_out = 0;
+  for (int k = 0; k < 200; ++k) {
+    // The true motion is steady, 10 mm/s, for which 40 N s/m give 0.4 N. Only the stamps are off.
+    const double next_s = k % 2 == 0 ? 0.49e-3 : -0.49e-3;
+    go_to(z_m -= 1e-5);
+    tick_after(1e-3 + next_s - off_s);
+    off_s = next_s;
+    ASSERT_EQ(state_.safety.fault, Fault::kNone) << k;
+    left_out += state_.pose_interval_s == 0;
+    ASSERT_TRUE(state_.pose_interval_s == 0 || state_.pose_interval_s >= kLeastInterval * 1e-3)
+        << k;
+    if (k <= 3) continue;
+    ASSERT_NEAR(result_.contact.damping_N_s_per_m * result_.contact.rate_m_per_s, 0.4, 0.01) << k;
+  }
+  EXPECT_GT(left_out, 90);
+}
+
+TEST_F(DeviceTime, RandomStampsNeitherEndTheSessionNorTurnAVelocityRound) {
+  std::mt19937_64 random(5);
+  double z_m = 0.1168, off_s = 0;
+  go_to(z_m);
+  tick();
+  for (int k = 0; k < 250; ++k) {
+    const double next_s = 0.98e-3 * (test::uniform(random) - 0.5);
+    go_to(z_m -= 1e-5);
+    tick_after(1e-3 + next_s - off_s);
+    off_s = next_s;
+    ASSERT_EQ(state_.safety.fault, Fault::kNone) << k;
+    const double damping_N = result_.contact.damping_N_s_per_m * result_.contact.rate_m_per_s;
+    if (k < 3) continue;
+    ASSERT_GE(damping_N, 0) << k << ": the velocity is that of a tip on its way in";
+    ASSERT_LE(damping_N, 0.4 / kLeastInterval + 1e-6) << k;
+  }
+}
+
 TEST_F(DeviceTime, AClockThatStandsStillIsAFault) {
   const double t_s = device_.next.t_s;
   for (int i = 0; i < 9; ++i) {
@@ -196,6 +239,31 @@ TEST_F(DeviceTime, AClockThatStandsStillIsAFault) {
 TEST_F(DeviceTime, AClockThatLeapsIsAFault) {
   tick_after(0.1 + 1e-6);
   EXPECT_EQ(state_.safety.fault, Fault::kNoData);
+}
+
+// Late ticks are no fault here, as in a session with a simulated drive.
+TEST_F(DeviceTime, ALeapIsAFaultEvenIfLateTicksAreNone) {
+  model_.limits.gap_max_s = 0;
+  tick_after(0.5);
+  EXPECT_EQ(state_.safety.fault, Fault::kNoData);
+  EXPECT_EQ(result_.found.quantity, FaultQuantity::kTimeWithoutData);
+  EXPECT_NEAR(result_.found.value, 0.5, 1e-9);
+  EXPECT_EQ(result_.row.outside_fault, Fault::kNoData) << "a replay cannot know it";
+}
+
+TEST_F(DeviceTime, AStallOfThisComputerIsNoLeap) {
+  model_.limits.gap_max_s = 0;
+  tick_after(0.5, 0.5);
+  EXPECT_EQ(state_.safety.fault, Fault::kNone);
+  device_.on_read = DeviceStatus::kNoData;
+  for (int i = 0; i < 5; ++i)
+    tick(0.1);
+  device_.on_read = DeviceStatus::kOk;
+  tick_after(0.5);  // and 5 ms of the ticks without data
+  EXPECT_EQ(state_.safety.fault, Fault::kNone);
+  EXPECT_EQ(result_.row.outside_fault, Fault::kNone);
+  tick_after(0.11);
+  EXPECT_EQ(state_.safety.fault, Fault::kNoData) << "an old stall explains no new leap";
 }
 
 // This happens after a link was restored to a restarted drive.
@@ -282,6 +350,38 @@ TEST_F(DeviceTime, ARecordingHoldsTheTimesAndReplays) {
     haptic_tick(model_, inputs, replay, law, again, result);
     ASSERT_EQ(result.row.tau_Nm, row.tau_Nm) << row.t_s;
     ASSERT_EQ(result.row.state_t_s, row.state_t_s);
+  }
+}
+
+// The session's stall is not in the recording, but the leap is.
+TEST_F(DeviceTime, ARecordingHoldsALeapAndReplays) {
+  std::vector<RecordingRow> rows;
+  restart();
+  model_.limits.gap_max_s = 0;
+  go_to(0.125);
+  double z_m = 0.125;
+  for (int i = 0; i < 420; ++i) {
+    go_to(z_m -= 2e-5);
+    const double gap_s = i == 300 ? 0.3 : 1e-3;
+    tick_after(i == 400 ? 0.5 : gap_s, gap_s);
+    rows.push_back(result_.row);
+  }
+  ASSERT_EQ(state_.safety.fault, Fault::kNoData);
+  ASSERT_NEAR(state_.safety.fault_t_s, 0.4, 1e-9);
+  ASSERT_GT(largest(DeviceCommand{rows[399].tau_Nm}), 0.01);
+  model_.limits.state_gap_max_s = std::numeric_limits<double>::infinity();
+  ReplayDevice recorded(rows);
+  FourLegs replay(description_, recorded, mechanism_);
+  LoopState again;
+  SheetLaw law = test::hooke_law(model_);
+  TickResult result;
+  for (const RecordingRow& row : rows) {
+    TickInputs inputs;
+    inputs.sheets = current_;
+    inputs.outside = row.outside_fault;
+    haptic_tick(model_, inputs, replay, law, again, result);
+    ASSERT_EQ(result.row.tau_Nm, row.tau_Nm) << row.t_s;
+    ASSERT_EQ(result.row.fault, row.fault);
   }
 }
 

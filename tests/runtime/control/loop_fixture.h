@@ -31,6 +31,8 @@ class ScriptedDevice final : public Device {
   }
   void restore() noexcept override { ++restored; }
   std::uint8_t fault_byte() const noexcept override { return motors; }
+  FaultDetail refused_contents() const noexcept override { return refused; }
+  FaultDetail refused;
   std::uint8_t motors = 0;
   DeviceStatus on_read = DeviceStatus::kOk, on_write = DeviceStatus::kOk;
   int restored = 0;

@@ -39,6 +39,28 @@ TEST_F(LoopFound, TimeWithoutData) {
   expect_found("time_without_data_s", 0.01, 0.01);
 }
 
+// The link drops states with such contents, so that no data comes.
+TEST_F(LoopFound, TheFieldForWhichStatesAreRefused) {
+  device_.on_read = DeviceStatus::kNoData;
+  device_.refused = {Fault::kRefusedState, FaultQuantity::kEncoderAngle, 6, NAN, 1000};
+  for (int i = 0; i < 9; ++i) {
+    tick();
+    ASSERT_EQ(result_.found.fault, Fault::kNone) << "one refused state is no fault";
+  }
+  tick();
+  EXPECT_EQ(state_.safety.fault, Fault::kRefusedState);
+  EXPECT_EQ(quantity_name(result_.found), "th_2_3_rad");
+  EXPECT_TRUE(std::isnan(result_.found.value));
+}
+
+TEST_F(LoopFound, TheFieldForWhichStatesAreRefusedOnALinkThatIsLost) {
+  device_.on_read = DeviceStatus::kLinkLost;
+  device_.refused = {Fault::kRefusedState, FaultQuantity::kStateMode, -1, 9, 4};
+  tick();
+  EXPECT_EQ(state_.safety.fault, Fault::kRefusedState);
+  EXPECT_EQ(measured(result_.found), "mode 9, limit 4");
+}
+
 TEST_F(LoopFound, TheEncoderThatJumps) {
   device_.next.encoder_rad[6] -= 0.3;
   expect_found("th_2_3_step_rad", 0.3, 0.06);

@@ -114,6 +114,23 @@ TEST(VelocityWindow, ALateStateHasTheVelocityOfOneOnTime) {
   }
 }
 
+// Before a late state, an interval of a fifth of a tick: the time stamps are off, and an
+// extrapolation over it would turn the velocity round.
+TEST(VelocityWindow, AShortIntervalIsNotExtrapolated) {
+  for (const double before_s : {0.2e-3, 0.5e-3, 0.9e-3}) {
+    Motion motion([](double t_s) { return t_s; });
+    for (int i = 0; i < 5; ++i)
+      motion.at(i * kPeriod_s);
+    // The true motion is one period from state to state.
+    Pose pose = motion.newest;
+    for (const double stamp_s : {4e-3 + before_s, 6e-3}) {
+      pose.p_m.z() += 1e-4;
+      motion.window.add({stamp_s, 0, {}}, pose);
+    }
+    EXPECT_EQ(motion.window.begin(0, kPeriod_s).ago_s, 0) << before_s;
+  }
+}
+
 TEST(VelocityWindow, ClearedItHasNoMotion) {
   Motion motion([](double t_s) { return t_s; }, kCount_rad);
   for (int i = 0; i < 20; ++i)

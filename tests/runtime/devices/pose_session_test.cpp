@@ -335,7 +335,7 @@ TEST(PoseSession, EveryFaultOfTheDeviceEndsInZeroForceInTheTickThatFindsIt) {
       {Fault::kNoData, [](PoseReading&) { return DeviceStatus::kNoData; }},
       {Fault::kEmergencyStop, [](PoseReading&) { return DeviceStatus::kEmergencyStop; }},
       {Fault::kMotorFault, [](PoseReading&) { return DeviceStatus::kMotorFault; }},
-      {Fault::kEncoderNotFinite,
+      {Fault::kRefusedState,
        [](PoseReading& r) {
          r.p_m[0] = NAN;
          return DeviceStatus::kOk;

@@ -5,6 +5,7 @@
 #include <gtest/gtest.h>
 
 #include <cstdint>
+#include <string>
 #include <vector>
 
 #include "runtime/mechanism/four_legs.h"
@@ -46,6 +47,37 @@ TEST(CuttingForceLaw, ALayerThatIsReachedAndPuncturedInOneTickIsReported) {
     if (output.layers_punctured != 0) punctured.push_back(output.layers_punctured);
   }
   EXPECT_EQ(punctured, std::vector<std::uint64_t>{0b11}) << "both in one tick, and only then";
+}
+
+// A rigid axis in stiff tissue gives 0.24 J in a tick of 4 ms. Such a session does not start, and the
+// rate that is named does.
+TEST(CuttingForceLaw, AStiffnessThatIsNotPassiveAtItsRateIsRefusedWithTheRateThatWouldDo) {
+  Scene scene = test::cutting_scene({0.12});
+  scene.tissue.stiffness_N_per_m = 100'000;
+  scene.force_law.axis = ToolAxis::kRigid;
+  const test::Placed placed(scene, test::square_asset(1));
+  const FourLegsSpecification device(default_device_description());
+  const auto make = [&](double rate_Hz) {
+    return CuttingForceLaw::make({scene, device, placed.sheets, rate_Hz, {}, {}});
+  };
+  for (const double rate_Hz : {100.0, 250.0, 500.0}) {
+    const auto law = make(rate_Hz);
+    ASSERT_FALSE(law) << rate_Hz;
+    EXPECT_EQ(law.error().code, ExitCode::kRefused);
+    const std::string& why = law.error().message;
+    const std::size_t at = why.find("at least ");
+    ASSERT_NE(at, std::string::npos) << why;
+    const double enough_Hz = std::stod(why.substr(at + 9));
+    EXPECT_TRUE(make(enough_Hz)) << why;
+    EXPECT_FALSE(make(enough_Hz - 2)) << why;
+  }
+  scene.tissue.stiffness_N_per_m = 1e8;  // no rate would do
+  const test::Placed hard(scene, test::square_asset(1));
+  const auto law = CuttingForceLaw::make({scene, device, hard.sheets, 1000, {}, {}});
+  ASSERT_FALSE(law);
+  EXPECT_EQ(law.error().message.find("Hz,"), std::string::npos) << law.error().message;
+  scene.force_law.axis = ToolAxis::kAuto;
+  EXPECT_TRUE(CuttingForceLaw::make({scene, device, hard.sheets, 250, {}, {}}));
 }
 
 }  // namespace

@@ -266,7 +266,7 @@ TEST(UdpPoseDevice, StatesRefusedInASessionAreToldFromALostLink) {
   ASSERT_TRUE(reaches(*device, reading, DeviceStatus::kOk));
   peer.mute = true;
   ASSERT_TRUE(reaches(*device, reading, DeviceStatus::kLinkLost));
-  EXPECT_FALSE(device->refuses_contents());
+  EXPECT_EQ(device->refused_contents(), Fault::kNone);
   peer.mute = false;
   ASSERT_TRUE(reaches(*device, reading, DeviceStatus::kOk, true));
 
@@ -274,7 +274,11 @@ TEST(UdpPoseDevice, StatesRefusedInASessionAreToldFromALostLink) {
   peer.wrong_bits = 0x40;
   peer.wrong_byte = 55;  // the exponent of x
   ASSERT_TRUE(reaches(*device, reading, DeviceStatus::kLinkLost));
-  EXPECT_TRUE(device->refuses_contents());
+  const FaultDetail refused = device->refused_contents();
+  EXPECT_EQ(refused, Fault::kRefusedState);
+  EXPECT_EQ(refused.quantity, FaultQuantity::kMeasuredPosition);
+  EXPECT_EQ(refused.index, 0);
+  EXPECT_GT(std::abs(refused.value), 10);
   const auto count = [&](const char* words) {
     const std::lock_guard lock(mutex);
     return std::count_if(said.begin(), said.end(), [&](const std::string& line) {
@@ -288,7 +292,7 @@ TEST(UdpPoseDevice, StatesRefusedInASessionAreToldFromALostLink) {
   EXPECT_EQ(count("refused (contents)"), 1);
   peer.wrong_bits = 0;
   EXPECT_TRUE(reaches(*device, reading, DeviceStatus::kOk, true));
-  EXPECT_FALSE(device->refuses_contents());
+  EXPECT_EQ(device->refused_contents(), Fault::kNone);
 }
 
 TEST(UdpPoseDevice, RestoreConnectsToARestartedDrive) {
@@ -386,7 +390,7 @@ TEST(UdpPoseDevice, StartSaysWhyStatesAreRefused) {
   };
   // The bytes belong to x (its exponent), w, the session, the kind and the size.
   const Wrong all[] = {
-      {55, 0x40, true, "refused (contents): a position beyond 10 m"},
+      {55, 0x40, true, "refused (contents): measured position x "},
       {79, 1, false, "refused (mac): they must have a MAC with the key of the session"},
       {15, 0xff, true, "refused (session): they do not have the number of this session"},
       {5, 4, true, "refused (kind): they do not begin like a state"},

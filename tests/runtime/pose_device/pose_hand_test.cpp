@@ -20,9 +20,9 @@ class StatedDevice final : public PoseDevice {
   DeviceStatus status = DeviceStatus::kOk;
   HandleWrench written{};
   std::uint8_t byte = 0;
-  bool refuses = false;
+  FaultDetail refused;
   std::uint8_t fault_byte() const noexcept override { return byte; }
-  bool refuses_contents() const noexcept override { return refuses; }
+  FaultDetail refused_contents() const noexcept override { return refused; }
   DeviceStatus read(PoseReading& reading) noexcept override {
     if (status == DeviceStatus::kOk) reading = next;
     return status;
@@ -145,18 +145,41 @@ TEST_F(PoseHandTest, WhatIsNoNumberIsAFaultWithItsAxis) {
   PoseReading reading;
   reading.p_m = {0, kNan, 0};
   FaultDetail found = see(reading);
-  EXPECT_EQ(found.fault, Fault::kEncoderNotFinite);
+  EXPECT_EQ(found.fault, Fault::kRefusedState);
   EXPECT_EQ(found.quantity, FaultQuantity::kMeasuredPosition);
   EXPECT_EQ(found.index, 1);
   reading.p_m = {0, 0, std::numeric_limits<double>::infinity()};
-  EXPECT_EQ(see(reading), Fault::kEncoderNotFinite);
+  EXPECT_EQ(see(reading), Fault::kRefusedState);
   reading.p_m = {};
   for (const double w : {kNan, 0.0, 0.9, 1.1}) {
     reading.q = {w, 0, 0, 0};
     found = see(reading);
-    EXPECT_EQ(found.fault, Fault::kEncoderNotFinite) << w;
+    EXPECT_EQ(found.fault, Fault::kRefusedState) << w;
     EXPECT_EQ(found.quantity, FaultQuantity::kMeasuredRotation);
   }
+}
+
+// A device that states mm: 3 mm would be 3 m away.
+TEST_F(PoseHandTest, AnotherUnitIsToldFromAPlaceOutsideTheWorkspace) {
+  use(arm());
+  PoseReading reading;
+  for (const double at : {3.0, -2.01, 120.0, -1e300}) {
+    reading.p_m = {0, 0, at};
+    const FaultDetail found = see(reading);
+    EXPECT_EQ(found.fault, Fault::kRefusedState) << at;
+    EXPECT_EQ(found.quantity, FaultQuantity::kMeasuredPosition);
+    EXPECT_EQ(found.index, 2);
+    EXPECT_EQ(found.limit, std::copysign(kFarthest_m, at));
+  }
+  use(arm());
+  reading.p_m = {0, 0, 1.9};
+  EXPECT_EQ(see(reading), Fault::kNone) << "check_own_workspace() says more";
+  EXPECT_EQ(hand_->check_own_workspace(), Fault::kWorkspace);
+  PoseDeviceDescription large = arm();
+  large.workspace_max_m[2] = 4;
+  use(large);
+  reading.p_m = {0, 0, 3.5};
+  EXPECT_EQ(see(reading), Fault::kNone);
 }
 
 TEST_F(PoseHandTest, StepThatNoHandMakesIsAFault) {
@@ -330,13 +353,16 @@ TEST_F(PoseHandTest, AFaultOfTheDeviceIsStatedWithItsByteAndRefusedStatesAreName
   EXPECT_EQ(hand_->fault_of(DeviceStatus::kMotorFault).quantity, FaultQuantity::kNone);
   EXPECT_EQ(hand_->fault_of(DeviceStatus::kLinkLost).quantity, FaultQuantity::kNone);
   encoder_.byte = 4;
-  encoder_.refuses = true;
+  encoder_.refused = {Fault::kRefusedState, FaultQuantity::kMeasuredPosition, 1, kNan, 10};
   const FaultDetail reported = hand_->fault_of(DeviceStatus::kMotorFault);
   EXPECT_EQ(reported.fault, Fault::kMotorFault);
   EXPECT_EQ(measured(reported), "fault byte of the device: 4");
-  const FaultDetail refused = hand_->fault_of(DeviceStatus::kLinkLost);
-  EXPECT_EQ(refused.fault, Fault::kLinkLost);
-  EXPECT_EQ(refused.quantity, FaultQuantity::kRefusedContents);
+  for (const FaultDetail& refused :
+       {hand_->fault_of(DeviceStatus::kLinkLost), hand_->refused_contents()}) {
+    EXPECT_EQ(refused.fault, Fault::kRefusedState);
+    EXPECT_EQ(refused.quantity, FaultQuantity::kMeasuredPosition);
+    EXPECT_EQ(refused.index, 1);
+  }
   EXPECT_EQ(hand_->fault_of(DeviceStatus::kEmergencyStop).quantity, FaultQuantity::kNone);
 }
 

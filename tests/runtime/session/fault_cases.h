@@ -266,6 +266,7 @@ inline constexpr NotInjected kNotInjected[] = {
     {Fault::kPaused, "the operator commands it: paused_session_test.cpp"},
     {Fault::kForcesOff, "the operator commands it: paused_session_test.cpp"},
     {Fault::kRecordingFailed, "it ends the session: session_test.cpp"},
+    {Fault::kRefusedState, "a link or a pose device finds it: pose_session_test.cpp"},
 };
 
 }  // namespace trocar::runtime::testing_support

@@ -261,8 +261,8 @@ TEST(DeviceCoupling, AMarginDividesWhatTheMassAllows) {
   BoneVolume bone = bone_volume();
   bone.along_N_per_m = 0.4 * device.plate_mass_kg * 1e6;
   bone.across_N_per_m = 0;
-  EXPECT_EQ(stability_warning(choose(bone, rigid, device)), "");
-  EXPECT_NE(stability_warning(choose(bone, rigid, device, upright(), 1000, {.margin = 2})), "");
+  EXPECT_TRUE(is_passive(choose(bone, rigid, device)));
+  EXPECT_FALSE(is_passive(choose(bone, rigid, device, upright(), 1000, {.margin = 2})));
 }
 
 TEST(DeviceCoupling, NeverStifferThanTheDeviceStatesOrTheOperatorAllows) {
@@ -336,8 +336,8 @@ TEST(DeviceCoupling, WithoutAStiffnessItIsTheLargest) {
   }
 }
 
-// K T^2 / M of what is rendered, and the warning if it is more than what was tried.
-TEST(DeviceCoupling, ARigidAxisThatIsTooStiffForItsRateIsWarnedOf) {
+// K T^2 / M of what is rendered, and the refusal if it is more than what was tried.
+TEST(DeviceCoupling, ARigidAxisThatIsTooStiffForItsRateIsRefused) {
   const DeviceDescription device = default_device_description();
   Scene scene = test::cutting_scene({0.12});
   scene.tissue.stiffness_N_per_m = 50'000;
@@ -351,15 +351,43 @@ TEST(DeviceCoupling, ARigidAxisThatIsTooStiffForItsRateIsWarnedOf) {
       const double share = scale * 50'000 / (rate_Hz * rate_Hz * device.plate_mass_kg);
       ASSERT_TRUE(chosen.predicts_pose);
       EXPECT_NEAR(chosen.inertia_share, share, 1e-9 * share) << "a sheet has no walls";
-      const std::string warning = stability_warning(chosen);
-      EXPECT_EQ(warning.empty(), share <= 0.5) << share << warning;
-      if (share > 0.5) {
-        EXPECT_NE(warning.find("K T^2 / M is " + std::to_string(share).substr(0, 3)),
-                  std::string::npos)
-            << warning;
-      }
+      EXPECT_EQ(is_passive(chosen), share <= 0.5) << share;
+      if (share <= 0.5) continue;
+      const std::string why = why_not_passive(chosen, 600);
+      for (const std::string& part :
+           {"K T^2 / M is " + std::to_string(share).substr(0, 3), std::string("at least 600 Hz")})
+        EXPECT_NE(why.find(part), std::string::npos) << why;
+      // The stiffness that would do does.
+      const std::size_t at = why.find("at most ", why.find("instead of a stiffness")) + 8;
+      Scene softer = scene;
+      softer.tissue.stiffness_N_per_m = 0.999 * std::stod(why.substr(at));
+      EXPECT_TRUE(is_passive(choose(test::bone_volume_of(softer, test::square_asset(1)), law,
+                                    device, upright(), rate_Hz)))
+          << why;
     }
   }
+}
+
+// Without prediction the device's damping must suffice, whatever the axis is.
+TEST(DeviceCoupling, ACouplingThatIsTooStiffForItsRateIsRefusedToo) {
+  DeviceDescription device = default_device_description();
+  SceneForceLaw law = coupled(1e6, 10);
+  law.prediction = PosePrediction::kOff;
+  EXPECT_FALSE(is_passive(choose(bone_volume(), law, device, upright(), 250)));
+  EXPECT_NE(why_not_passive(choose(bone_volume(), law, device, upright(), 250), 0)
+                .find("lower coupling_N_per_m"),
+            std::string::npos);
+  law.prediction = PosePrediction::kAuto;
+  EXPECT_TRUE(is_passive(choose(bone_volume(), law, device, upright(), 250)))
+      << "with prediction the spring is within the limit";
+  law = coupled(100, 0.1);
+  law.prediction = PosePrediction::kOff;
+  EXPECT_TRUE(is_passive(choose(bone_volume(), law, device)));
+  device.joint_viscous_friction_Nms_per_rad = 1e4;
+  law = coupled(1e6, 10);
+  law.prediction = PosePrediction::kOff;
+  EXPECT_TRUE(is_passive(choose(bone_volume(), law, device, upright(), 250)))
+      << "its damping suffices";
 }
 
 // A sheet of 5 kN/m has no walls, but 5 cm beside the plate's middle its force turns the plate.

@@ -3,6 +3,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <random>
@@ -36,18 +37,51 @@ TEST(Slot, SegmentHasFlatSides) {
   EXPECT_EQ(slot.reach({0.5, 0}).distance_m, 0);
 }
 
-// Both corners of a segment may be the same by rounding.
+// The second corner would be the first one by rounding.
 TEST(Slot, SegmentOfNoLength) {
   Slot slot;
   const double at = 0.05, x = 0.051;
   slot.open({at, 0}, std::nextafter(x - at, 0));
   slot.include({x, 0});
-  ASSERT_EQ(slot.corners(), 2);
-  ASSERT_EQ((slot.corner(1) - slot.corner(0)).norm(), 0);
+  ASSERT_EQ(slot.corners(), 1);
   const Slot::Reach r = slot.reach({at, 2e-3});
   EXPECT_NEAR(r.distance_m, 1e-3, 1e-15);
   EXPECT_NEAR((r.away - Vector2d(0, 1)).norm(), 0, 1e-15);
   EXPECT_NEAR(r.bend, 0.5, 1e-12);
+}
+
+// An estimator or a hand exactly along the axis moves the shaft by as little as a number can say. The
+// square of such a distance underflows, and a stiffness divided by it is infinite.
+TEST(Slot, ADistanceWhoseSquareUnderflowsMakesNoEdge) {
+  for (int exponent = -320; exponent <= -10; ++exponent) {
+    const double tiny_m = std::pow(10.0, exponent);
+    for (const double clearance_m : {0.0, 1e-5}) {
+      for (int corners = 1; corners <= 4; ++corners) {
+        Slot slot;
+        slot.open({0, 0}, clearance_m);
+        const std::array<Vector2d, 4> steps{Vector2d(tiny_m, 0), Vector2d(tiny_m, tiny_m),
+                                            Vector2d(-tiny_m, 2 * tiny_m), Vector2d(0, -tiny_m)};
+        for (int i = 0; i < corners; ++i)
+          slot.include(clearance_m * Vector2d(1, 0) + steps[static_cast<std::size_t>(i)]);
+        for (const Vector2d& p : {Vector2d(tiny_m / 2, 1e-3), Vector2d(-1e-3, tiny_m / 2),
+                                  Vector2d(tiny_m / 2, tiny_m / 3), Vector2d(0, 0)}) {
+          const Slot::Reach r = slot.reach(p);
+          ASSERT_TRUE(std::isfinite(r.distance_m) && r.away.allFinite() && std::isfinite(r.bend));
+          ASSERT_NEAR(r.distance_m, std::max(0.0, p.norm() - clearance_m), 1e-9) << exponent;
+          slot.nearest(
+              p, 1e-9, [&](const Vector2d& offset) { return offset.allFinite(); },
+              [&](const Vector2d& offset, const Vector2d& edge, double edge2) {
+                EXPECT_TRUE(offset.allFinite()) << exponent;
+                // The wall's stiffness across the edge, as in walls.cpp.
+                EXPECT_NEAR(1e8 / edge2 * edge.x() * edge.x() + 1e8 / edge2 * edge.y() * edge.y(),
+                            1e8, 1)
+                    << exponent;
+                return true;
+              });
+        }
+      }
+    }
+  }
 }
 
 // Against the distance to the hull of all points by brute force: the region is never smaller, and
