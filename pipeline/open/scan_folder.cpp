@@ -117,7 +117,7 @@ class Search {
       }
     }
     if (!error) return {};
-    if (folder.depth == 0) return refused(folder.path.string() + ": " + error.message());
+    if (folder.depth == 0) return refused_by_system(folder.path.string(), error.value());
     if (limits_.must_reach_all) return out_of_reach(folder.path, error);
     warnings_.push_back(
         {"folder_left_out", folder.path.string(), error.message() + "; not searched"});
@@ -139,9 +139,7 @@ Result<void> check_readable(const fs::path& file) {
   char first = 0;
   if (opened.get() >= 0 && ::pread(opened.get(), &first, 1, 0) >= 0) return {};
   const int error = errno;
-  const std::string message = file.string() + ": " + system_message(error);
-  if (error == EACCES) return refused(message);
-  if (is_of_storage(error)) return refused_for_now(message);
+  if (error == EACCES || is_of_storage(error)) return refused_by_system(file.string(), error);
   return {};  // no file, or one that is not read so, such as a folder or a pipe
 }
 
@@ -173,13 +171,13 @@ bool ScanFolder::has_own_images() const {
   return !images.empty() && same_folder(images[0][0].parent_path(), folder);
 }
 
-std::string ScanFolder::left_out() const {
+std::string ScanFolder::left_out(bool with_names) const {
   const Kind taken = kind();
   std::string out;
-  const auto add = [&out](const std::vector<fs::path>& files, const char* what) {
+  const auto add = [&](const std::vector<fs::path>& files, const char* what) {
     if (files.empty()) return;
     out += (out.empty() ? "" : ", ") + std::to_string(files.size()) + " " + what +
-           (files.size() == 1 ? "" : "s") + " (" + first_names(files) + ")";
+           (files.size() == 1 ? "" : "s") + (with_names ? " (" + first_names(files) + ")" : "");
   };
   if (taken == Kind::kDicom) add(volumes, "NIfTI file");
   std::vector<fs::path> others;
