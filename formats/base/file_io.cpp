@@ -42,8 +42,9 @@ class FileSource : public ByteSource {
       const ssize_t got = ::pread(fd_.get(), into.data() + done, into.size() - done,
                                   static_cast<off_t>(offset + done));
       if (got < 0 && errno == EINTR) continue;
-      if (got < 0) return refused(system_message(errno));
-      if (got == 0) return refused("shrank while being read");
+      if (got < 0)
+        return Error{ExitCode::kRefused, system_message(errno), is_of_circumstances(errno)};
+      if (got == 0) return refused_for_now("shrank while being read");
       done += static_cast<std::size_t>(got);
     }
     return {};
@@ -58,9 +59,9 @@ class FileSource : public ByteSource {
 Result<std::unique_ptr<ByteSource>> open_file(const std::filesystem::path& file) {
   // O_NONBLOCK avoids waiting for the other end if the file is a pipe.
   FileDescriptor fd(::open(file.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK));
-  if (fd.get() < 0) return refused(file.string() + ": " + system_message(errno));
+  if (fd.get() < 0) return refused_by_system(file.string(), errno);
   struct stat status {};
-  if (::fstat(fd.get(), &status) != 0) return refused(file.string() + ": " + system_message(errno));
+  if (::fstat(fd.get(), &status) != 0) return refused_by_system(file.string(), errno);
   if (S_ISDIR(status.st_mode)) return refused(file.string() + ": is a folder, not a file");
   if (!S_ISREG(status.st_mode)) return refused(file.string() + ": not a regular file");
   return std::unique_ptr<ByteSource>(
@@ -75,8 +76,7 @@ Result<std::vector<std::uint8_t>> read_file(const std::filesystem::path& file,
   if (size > max_bytes)
     return refused(file.string() + ": larger than " + std::to_string(max_bytes) + " bytes");
   std::vector<std::uint8_t> bytes(static_cast<std::size_t>(size));
-  if (auto ok = (*source)->read(0, bytes); !ok)
-    return refused(file.string() + ": " + ok.error().message);
+  if (auto ok = (*source)->read(0, bytes); !ok) return ok.error().after(file.string() + ": ");
   return bytes;
 }
 

@@ -53,14 +53,38 @@ mode_t process_mask() {
   return mask;
 }
 
-// The new folder's own entry is not synced here: file systems with a journal write it together with
-// the later sync of a file in the folder.
-Result<void> make_folder(const fs::path& folder) {
-  if (::mkdir(folder.c_str(), 0777) == 0 || errno == EEXIST) return {};
-  return cannot_write(folder, errno);
+}  // namespace
+
+bool is_shared(const struct stat& folder) {
+  constexpr mode_t kBits = S_ISGID | S_IWGRP;
+  return (folder.st_mode & kBits) == kBits;
 }
 
-}  // namespace
+bool give_to_users(int fd, const fs::path& like, mode_t mode) {
+  struct stat users {
+  }, own{};
+  if (::stat(like.c_str(), &users) != 0 || ::fstat(fd, &own) != 0) return false;
+  const uid_t owner = ::geteuid() == 0 ? users.st_uid : own.st_uid;
+  const gid_t group = is_shared(users) || ::geteuid() == 0 ? users.st_gid : own.st_gid;
+  if ((owner != own.st_uid || group != own.st_gid) && ::fchown(fd, owner, group) == 0)
+    own.st_gid = group;
+  mode &= ~process_mask();
+  if (is_shared(users) && own.st_gid == users.st_gid) mode |= (mode & S_IRWXU) >> 3;
+  if (S_ISDIR(own.st_mode) && is_shared(users)) mode |= S_ISGID;
+  return ::fchmod(fd, mode) == 0;
+}
+
+// The new folder's own entry is not synced here: file systems with a journal write it together with
+// the later sync of a file in the folder.
+Result<void> make_folder(const fs::path& folder, const fs::path& like) {
+  if (::mkdir(folder.c_str(), 0777) != 0) {
+    if (errno == EEXIST) return {};
+    return cannot_write(folder, errno);
+  }
+  const FileDescriptor fd(::open(folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC));
+  if (fd.get() < 0 || !give_to_users(fd.get(), like, 0777)) return cannot_write(folder, errno);
+  return {};
+}
 
 fs::path temporary_name(const fs::path& folder) {
   static std::atomic<unsigned> count{0};
@@ -96,7 +120,7 @@ Result<void> sync_folder(const fs::path& folder) {
 
 Result<void> write_atomically(const AtomicFile& file, std::span<const std::uint8_t> bytes) {
   const fs::path folder = file.target.parent_path();
-  if (auto ok = make_folder(folder); !ok) return ok;
+  if (auto ok = make_folder(folder, file.tmp); !ok) return ok;
   Temporary temporary(temporary_name(file.tmp));
   FileDescriptor fd(::open(temporary.name(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0600));
   if (fd.get() < 0) return cannot_write(file.target, errno);
@@ -106,8 +130,8 @@ Result<void> write_atomically(const AtomicFile& file, std::span<const std::uint8
   failpoint("half-written");
   if (!write_all(fd.get(), bytes.subspan(half))) return cannot_write(file.target, errno);
   failpoint("written");
-  if (::fchmod(fd.get(), file.mode & ~process_mask()) != 0 ||
-      (file.is_synced && ::fsync(fd.get()) != 0) || !fd.close())
+  if (!give_to_users(fd.get(), file.tmp, file.mode) || (file.is_synced && ::fsync(fd.get()) != 0) ||
+      !fd.close())
     return cannot_write(file.target, errno);
   failpoint("synced");
   const auto back = read_file(temporary.path());

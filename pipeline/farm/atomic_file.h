@@ -7,6 +7,7 @@
 // Tests: tests/pipeline/farm/store_test.cpp
 #pragma once
 
+#include <sys/stat.h>
 #include <sys/types.h>
 
 #include <cstdint>
@@ -24,10 +25,26 @@ namespace trocar::farm {
 /// process's ProcessIdentity::text().
 std::filesystem::path temporary_name(const std::filesystem::path& folder);
 
+/// Gives a new file or folder to the users of the store in which it is made. `like` is a folder of the
+/// store. The right owner and group are those of `like`; only root can give away the owner. If `like`
+/// is shared by a group (is_shared()), the group gets the same rights as the owner, whatever the
+/// umask. `mode` is reduced by the umask first. Returns false and sets errno if the mode cannot be
+/// set. That the owner or group cannot be set is no error: Store::open_for_writing() refuses users
+/// whose files would get others.
+bool give_to_users(int fd, const std::filesystem::path& like, mode_t mode);
+
+/// Is the folder shared by its group: may the group write in it, and do new files get its group (bit
+/// setgid)?
+bool is_shared(const struct stat& folder);
+
+/// Makes a folder like `like` (give_to_users()). If it exists, it is left as it is. Errors:
+/// kUnwritable.
+Result<void> make_folder(const std::filesystem::path& folder, const std::filesystem::path& like);
+
 struct AtomicFile {
   std::filesystem::path target;
   std::filesystem::path tmp;  ///< folder of temporary files, in the same file system as the target
-  mode_t mode = 0666;         ///< permissions of the file, reduced by the process's umask
+  mode_t mode = 0666;         ///< permissions of the file (give_to_users())
   bool is_synced = true;      ///< false if the file may be lost in a power failure
   /// An optional check of the bytes that were read back, in addition to the comparison with the
   /// written bytes. An error of `prove` prevents the rename.

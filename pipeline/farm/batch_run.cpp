@@ -114,7 +114,7 @@ class Run {
 
   Result<BatchSummary> operator()() {
     const auto start = Clock::now();
-    find_work();
+    if (auto ok = find_work(); !ok) return ok.error();
     total_ = todo_.size();
     while (processes_.running() > 0 || (has_work() && !has_enough_failures())) {
       if (is_stopped()) break;
@@ -128,6 +128,8 @@ class Run {
     summary_.scans = wanted_.size();
     summary_.left += todo_.size() + waiting_.size();
     std::sort(summary_.made_again.begin(), summary_.made_again.end());
+    std::sort(summary_.warned.begin(), summary_.warned.end(),
+              [](const WarnedScan& a, const WarnedScan& b) { return a.scan < b.scan; });
     std::sort(failed_.begin(), failed_.end(),
               [](const auto& a, const auto& b) { return a.first < b.first; });
     for (auto& [scan, outcome] : failed_) {
@@ -147,10 +149,12 @@ class Run {
     return settings_.max_failures > 0 && new_failures_ >= settings_.max_failures;
   }
 
-  void find_work() {
+  Result<void> find_work() {
     using Kind = ScanState::Kind;
     for (std::size_t k = 0; k < wanted_.size(); ++k) {
-      ScanState state = state_of(wanted_[k], program_, store_, {false, false, settings_.retry});
+      const auto found = state_of(wanted_[k], program_, store_, {false, false, settings_.retry});
+      if (!found) return found.error();
+      const ScanState& state = *found;
       // Because of --rehash, unchanged scans get a process too, so that digests are computed
       // by several processes at the same time.
       // A scan of which only a product failed has an asset, which --verify checks.
@@ -161,11 +165,18 @@ class Run {
       } else if (state.kind == Kind::kDone) {
         ++summary_.unchanged;
         summary_.asset_bytes += state.asset_bytes;
+        add_warnings(k, state.warnings);
       } else {
         summary_.asset_bytes += state.asset_bytes;
+        add_warnings(k, state.warnings);
         failed_.emplace_back(k, known_failure(state));
       }
     }
+    return {};
+  }
+
+  void add_warnings(std::size_t scan, const json& warnings) {
+    if (!warnings.empty()) summary_.warned.push_back({wanted_[scan].scan->name, warnings});
   }
 
   Work work_of(const Todo& todo, int threads) const {
@@ -220,6 +231,7 @@ class Run {
     if (todo.is_done && outcome.kind == Outcome::Kind::kMade) summary_.made_again.push_back(name);
     if (!is_same) summary_.has_journal &= journal_.add(journal_line(name, outcome));
     summary_.asset_bytes += outcome.bytes;
+    add_warnings(todo.scan, outcome.warnings);
     summary_.products_made += outcome.products_made;
     switch (outcome.kind) {
       case Outcome::Kind::kMade:
@@ -339,9 +351,11 @@ Result<std::vector<NamedState>> Batch::dry_run() const {
   const auto store = Store::open_for_reading(settings_.store);
   if (!store) return store.error();
   std::vector<NamedState> out;
-  for (const WantedScan& one : wanted_)
-    out.push_back({one.scan->name,
-                   state_of(one, *program_, *store, {settings_.rehash, false, settings_.retry})});
+  for (const WantedScan& one : wanted_) {
+    auto state = state_of(one, *program_, *store, {settings_.rehash, false, settings_.retry});
+    if (!state) return state.error();
+    out.push_back({one.scan->name, std::move(*state)});
+  }
   return out;
 }
 
@@ -371,6 +385,7 @@ Result<BatchSummary> Batch::run() const {
     for (const auto& [scan, state] : *states) {
       if (state.kind == ScanState::Kind::kStale) return store.error();
       out.asset_bytes += state.asset_bytes;
+      if (!state.warnings.empty()) out.warned.push_back({scan, state.warnings});
       if (state.kind == ScanState::Kind::kKnownFailure) {
         out.known.push_back({scan, known_failure(state)});
       } else {

@@ -54,6 +54,12 @@ struct FailedScan {
   Outcome outcome;
 };
 
+/// The warnings of a scan that has an asset (ScanEntry::warnings).
+struct WarnedScan {
+  std::string scan;
+  nlohmann::json warnings;
+};
+
 /// Numbers of a run. Each selected scan is in one class: unchanged, made, found, failed, known or
 /// left.
 struct BatchSummary {
@@ -66,6 +72,9 @@ struct BatchSummary {
   /// Known failures (staleness.h), in the collection's order. This run did not try again to make
   /// the asset or the product that had failed.
   std::vector<FailedScan> known;
+  /// The scans with warnings, sorted by name: of those that this run made or found, and of those that
+  /// an earlier run has made.
+  std::vector<WarnedScan> warned;
   /// Names of those scans in the class `made` that were done and unchanged according to the store's
   /// index. With `verify`, a file of such a scan in the store was damaged; with `rehash`, one of
   /// its inputs had other bytes.

@@ -2,6 +2,7 @@
 #include "pipeline/farm/collection.h"
 
 #include <algorithm>
+#include <map>
 #include <set>
 #include <system_error>
 #include <unordered_map>
@@ -10,6 +11,8 @@
 #include "formats/base/file_io.h"
 #include "formats/base/json_text.h"
 #include "formats/base/strict_json.h"
+#include "pipeline/farm/scan_files.h"
+#include "pipeline/farm/sha256.h"
 
 namespace trocar::farm {
 namespace {
@@ -20,6 +23,7 @@ using nlohmann::json;
 constexpr std::size_t kMaxBytes = std::size_t{1} << 30;
 constexpr std::size_t kMaxScans = 10'000'000;
 constexpr std::size_t kMaxNameBytes = 120;
+constexpr std::size_t kDigestBytes = 12;  // digits of a digest in a name
 
 bool is_letter_or_digit(char c) {
   return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9');
@@ -179,8 +183,9 @@ CollectionScan read_scan(const json& value, const std::string& path, const json&
   return out;
 }
 
-// Makes a scan's name from its path and its series. Characters that a name cannot have become _.
-std::string name_of(const json& scan) {
+// Makes a scan's name from its path and its series. Characters that a name cannot have become _. The
+// digest distinguishes scans that have the same name without it.
+std::string name_of(const json& scan, const std::string& digest) {
   std::string out = scan["path"].get<std::string>();
   for (const char* ending : {".gz", ".nii"})
     if (scan["kind"] == "nifti" && out.ends_with(ending))
@@ -194,8 +199,16 @@ std::string name_of(const json& scan) {
       out.begin(), out.end(),
       [](char c) { return !is_letter_or_digit(c) && c != '.' && c != '-' && c != '_' && c != '+'; },
       '_');
-  if (out.size() > kMaxNameBytes - 8) out.resize(kMaxNameBytes - 8);
+  if (out.size() > kMaxNameBytes - kDigestBytes - 8) out.resize(kMaxNameBytes - kDigestBytes - 8);
+  if (!digest.empty()) out += "-" + digest.substr(0, kDigestBytes);
   return is_scan_name(out) ? out : "_" + out;
+}
+
+// The digest of a series' UID, or of a path.
+std::string digest_of(const json& scan) {
+  const auto uid = scan.find("uid");
+  const bool has_uid = uid != scan.end() && uid->is_string();
+  return sha256_of(std::string_view((has_uid ? *uid : scan["path"]).get_ref<const std::string&>()));
 }
 
 }  // namespace
@@ -247,21 +260,36 @@ Result<Collection> read_collection(const fs::path& file) {
   return parse_collection({reinterpret_cast<const char*>(bytes->data()), bytes->size()}, file);
 }
 
-json first_collection(const json& list, const fs::path& folder, const fs::path& relative_to) {
+json first_collection(const json& list, const fs::path& folder, const fs::path& relative_to,
+                      std::vector<std::string>* left_out) {
   std::error_code ignored;
   const fs::path base = fs::is_regular_file(folder, ignored) ? folder.parent_path() : folder;
-  json scans = json::array();
-  std::set<std::string> names;
+  std::vector<const json*> usable;
+  std::map<std::string, int> same;  // scans that have a name without digest
   for (const json& scan : list["scans"]) {
     const auto localiser = scan.find("localiser");
     if (!scan["usable"].get<bool>() || (localiser != scan.end() && localiser->get<bool>()))
       continue;
-    std::string name = name_of(scan);
-    for (int k = 2; !names.insert(name).second; ++k)
-      name = name_of(scan) + "-" + std::to_string(k);
+    usable.push_back(&scan);
+    ++same[name_of(scan, "")];
+  }
+  json scans = json::array();
+  std::set<std::string> names;
+  for (const json* const each : usable) {
+    const json& scan = *each;
     fs::path path = base / scan["path"].get<std::string>();
     if (path.filename() == ".") path = path.parent_path();
-    path = fs::proximate(path, relative_to, ignored);
+    path = relative_to.empty() ? fs::weakly_canonical(path, ignored)
+                               : fs::proximate(path, relative_to, ignored);
+    if (!is_text(path.string()) || !is_utf8(path.string())) {
+      if (left_out != nullptr) left_out->push_back(scan["path"].get<std::string>());
+      continue;
+    }
+    const bool needs_digest = scan.contains("uid") || same[name_of(scan, "")] > 1;
+    const std::string plain = name_of(scan, needs_digest ? digest_of(scan) : "");
+    std::string name = plain;
+    for (int k = 2; !names.insert(name).second; ++k)
+      name = plain + "-" + std::to_string(k);
     json one = {{"name", name}, {"input", path.generic_string()}};
     json parameters = json::object();
     if (scan["kind"] == "dicom") {

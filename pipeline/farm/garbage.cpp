@@ -4,14 +4,17 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <filesystem>
 #include <functional>
+#include <iterator>
+#include <map>
+#include <optional>
 #include <set>
 #include <string>
+#include <utility>
 #include <vector>
 
-#include "formats/base/file_io.h"
-#include "formats/base/json_text.h"
 #include "pipeline/farm/atomic_file.h"
 #include "pipeline/farm/failpoint.h"
 #include "pipeline/farm/lease.h"
@@ -21,86 +24,133 @@ namespace trocar::farm {
 namespace {
 
 namespace fs = std::filesystem;
-using nlohmann::json;
 using std::chrono::nanoseconds;
 
-// The files in the sub-folders of a folder.
-std::vector<fs::path> files_in(const fs::path& folder) {
+// The files KEY.ENDING in the sub-folders of a folder whose names are digests. Others are not the
+// store's, and stay.
+Result<std::vector<fs::path>> files_in(const fs::path& folder, const char* ending) {
   std::vector<fs::path> out;
-  std::error_code ignored;
-  for (const auto& fan : fs::directory_iterator(folder, ignored)) {
-    for (const auto& file : fs::directory_iterator(fan.path(), ignored))
-      out.push_back(file.path());
+  const auto fans = listed(folder);
+  if (!fans) return fans.error();
+  for (const fs::path& fan : *fans) {
+    if (fan.filename().string().size() != 2) continue;
+    auto files = listed(fan);
+    if (!files) return files.error();
+    std::copy_if(files->begin(), files->end(), std::back_inserter(out), [&](const fs::path& file) {
+      return file.extension() == ending && is_sha256(file.stem().string());
+    });
   }
   return out;
 }
 
-std::set<std::string> live_keys(const Store& store) {
-  std::set<std::string> out;
-  for (const std::string& name : store.names()) {
-    const auto entry = store.entry(name);
-    if (!entry) continue;
-    if (!entry->key.empty()) out.insert(entry->key);
-    for (const auto& [product, stored] : entry->products)
-      if (!stored.key.empty()) out.insert(stored.key);
+// What a store holds, and what of it must stay.
+struct Inventory {
+  std::vector<std::string> unwanted;  // entries to drop
+  std::set<std::string> keys;         // of the other entries
+  std::set<std::string> digests;      // of the contents that these entries name
+  std::vector<fs::path> actions, contents;
+  std::map<std::string, std::vector<Object>> outputs;  // of the actions, by key
+};
+
+Result<Inventory> take_inventory(const Store& store, const std::set<std::string>* wanted) {
+  Inventory out;
+  const auto names = store.names();
+  if (!names) return names.error();
+  for (const std::string& name : *names) {
+    const auto entry = store.read_entry(name);
+    if (!entry) return entry.error();
+    if (!*entry) continue;  // another process has dropped it
+    if (wanted != nullptr && !wanted->contains(name)) {
+      out.unwanted.push_back(name);
+      continue;
+    }
+    if (!(*entry)->key.empty()) out.keys.insert((*entry)->key);
+    if (const auto& made = (*entry)->outputs)
+      out.digests.insert({made->asset.sha256, made->report.sha256});
+    for (const auto& [product, stored] : (*entry)->products) {
+      if (!stored.key.empty()) out.keys.insert(stored.key);
+      if (stored.file) out.digests.insert(stored.file->sha256);
+    }
   }
+  auto actions = files_in(store.folder() / "actions", ".json");
+  if (!actions) return actions.error();
+  out.actions = std::move(*actions);
+  for (const fs::path& action : out.actions) {
+    const std::string key = action.stem().string();
+    auto outputs = store.outputs_of(key);
+    if (!outputs) return outputs.error();
+    if (*outputs) out.outputs.emplace(key, std::move(**outputs));
+  }
+  auto contents = files_in(store.folder() / "content", "");
+  if (!contents) return contents.error();
+  out.contents = std::move(*contents);
   return out;
 }
 
-void keep_outputs(const fs::path& action, std::set<std::string>& digests) {
-  const auto bytes = read_file(action);
-  if (!bytes) return;
-  const json value = parse_json(*bytes);
-  if (!value.is_object() || !value.contains("outputs")) return;
-  for (const char* of : {"asset", "report", "file"}) {
-    const json output = value["outputs"].value(of, json::object());
-    if (output.is_object() && output.contains("sha256") && output["sha256"].is_string())
-      digests.insert(output["sha256"].get<std::string>());
+// The times that count as old: longer ago than the grace, or so far in the future that the clock of
+// the file server must have been set back. Times in the near future are those that other processes
+// set while this one works.
+class OldTimes {
+ public:
+  OldTimes(nanoseconds now, nanoseconds grace)
+      : before_(now - grace), after_(now + std::max<nanoseconds>(grace, kLeaseDuration)) {}
+  bool contain(const std::optional<nanoseconds>& time) const {
+    return time && (*time < before_ || *time > after_);
   }
-}
+
+ private:
+  nanoseconds before_, after_;
+};
 
 // Removes a file unless it is young or leased. The file is first moved away, so that no batch finds
 // it any more. If a batch had renewed its time before it was moved, the file is moved back.
-bool remove_old(const Store& store, const fs::path& file, nanoseconds before,
+bool remove_old(const Store& store, const fs::path& file, const OldTimes& old,
                 const std::function<bool()>& is_held, Collected& out) {
-  const auto seen = time_of(file);
-  if (!seen || *seen >= before || is_held()) return false;
+  if (!old.contain(time_of(file)) || is_held()) return false;
   const fs::path away = temporary_name(store.tmp());
   if (::rename(file.c_str(), away.c_str()) != 0) return false;
   failpoint("moved-away");
-  const auto time = time_of(away);
-  if (!time || *time >= before || is_held()) {
+  struct stat status {};
+  if (!old.contain(time_of(away)) || is_held() || ::stat(away.c_str(), &status) != 0 ||
+      ::unlink(away.c_str()) != 0) {
     ::rename(away.c_str(), file.c_str());
     return false;
   }
-  struct stat status {};
-  if (::stat(away.c_str(), &status) == 0) out.bytes += static_cast<std::uint64_t>(status.st_size);
-  ::unlink(away.c_str());
+  out.bytes += static_cast<std::uint64_t>(status.st_size);
   ++out.removed;
   return true;
 }
 
 }  // namespace
 
-Result<Collected> collect_garbage(const Store& store, nanoseconds grace) {
+Result<Collected> collect_garbage(const Store& store, nanoseconds grace,
+                                  const std::set<std::string>* wanted) {
   const auto now = store.now();
   if (!now) return now.error();
-  const nanoseconds before = *now - grace;
-  Collected out;
-  const std::set<std::string> live = live_keys(store);
-  std::set<std::string> digests;
-  for (const fs::path& action : files_in(store.folder() / "actions")) {
-    const std::string key = action.stem().string();
-    const auto is_held = [&] { return is_sha256(key) && is_leased(store, key); };
-    if (live.contains(key) || !remove_old(store, action, before, is_held, out)) {
-      keep_outputs(action, digests);
-      ++out.kept;
-    }
+  const OldTimes old(*now, grace);
+  auto found = take_inventory(store, wanted);
+  if (!found) {
+    Error error = found.error();
+    error.message += "; so it is not known what the store needs, and nothing was removed";
+    return error;
   }
-  for (const fs::path& content : files_in(store.folder() / "content")) {
-    if (digests.contains(content.filename().string()) ||
+  Collected out;
+  for (const std::string& name : found->unwanted) {
+    if (auto ok = store.drop_entry(name); !ok) return ok.error();
+    ++out.dropped;
+  }
+  for (const fs::path& action : found->actions) {
+    const std::string key = action.stem().string();
+    const auto is_held = [&] { return is_leased(store, key); };
+    if (!found->keys.contains(key) && remove_old(store, action, old, is_held, out)) continue;
+    for (const Object& object : found->outputs[key])
+      found->digests.insert(object.sha256);
+    ++out.kept;
+  }
+  for (const fs::path& content : found->contents) {
+    if (found->digests.contains(content.filename().string()) ||
         !remove_old(
-            store, content, before, [] { return false; }, out))
+            store, content, old, [] { return false; }, out))
       ++out.kept;
   }
   return out;

@@ -11,6 +11,7 @@
 #include <string>
 
 #include "formats/base/json_text.h"
+#include "pipeline/farm/atomic_file.h"
 #include "pipeline/farm/failpoint.h"
 #include "pipeline/farm/process_identity.h"
 
@@ -38,8 +39,9 @@ bool Journal::add(nlohmann::json line) {
   if (!fd_ || fd_->get() < 0) {
     const std::string name =
         me.host + "-" + std::to_string(me.pid) + "-" + std::to_string(me.start) + ".ndjson";
-    fd_.emplace(::open((folder_ / name).c_str(), O_WRONLY | O_CREAT | O_APPEND | O_CLOEXEC, 0666));
-    if (fd_->get() < 0) return false;
+    // Private, because reasons and warnings state the paths of the input, which may name patients.
+    fd_.emplace(::open((folder_ / name).c_str(), O_WRONLY | O_CREAT | O_APPEND | O_CLOEXEC, 0600));
+    if (fd_->get() < 0 || !give_to_users(fd_->get(), folder_, 0600)) return false;
   }
   line["time"] = time_text();
   line["host"] = me.host;

@@ -41,8 +41,8 @@ std::optional<Held> read_lease(const Store& store, const fs::path& file) {
   struct stat status {};
   if (::stat(file.c_str(), &status) != 0) return std::nullopt;
   const auto bytes = read_file(file, 4096);
-  if (!bytes) return std::nullopt;
-  const std::string text(bytes->begin(), bytes->end());
+  // Of a lease that cannot be read, only the age counts.
+  const std::string text = bytes ? std::string(bytes->begin(), bytes->end()) : "";
   const auto process = identity_in(text.substr(0, text.find('\n')));
   const Life life = process ? life_of(*process) : Life::kUnknown;
   Held out{status.st_ino, life == Life::kAlive};
@@ -75,6 +75,7 @@ bool is_without_links(int error) {
 int create_lease(const fs::path& file, const std::string& text) {
   const FileDescriptor fd(::open(file.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0600));
   if (fd.get() < 0) return errno;
+  give_to_users(fd.get(), file.parent_path(), 0600);
   const ssize_t put = ::write(fd.get(), text.data(), text.size());
   const int error = put == static_cast<ssize_t>(text.size()) ? 0 : (put < 0 ? errno : ENOSPC);
   if (error != 0) ::unlink(file.c_str());

@@ -25,15 +25,18 @@ using nlohmann::json;
 
 Result<struct stat> status_of(const fs::path& path) {
   struct stat status {};
-  if (::stat(path.c_str(), &status) != 0)
-    return refused(path.string() + ": " + system_message(errno));
+  if (::stat(path.c_str(), &status) != 0) return refused_by_system(path.string(), errno);
   return status;
 }
 
 ScanFile file_of(const NamedFile& file, const struct stat& status) {
-  return {file.of, file.path.string(), static_cast<std::uint64_t>(status.st_size),
+  return {file.of,
+          file.path.string(),
+          static_cast<std::uint64_t>(status.st_size),
           std::int64_t{status.st_mtim.tv_sec} * 1'000'000'000 + status.st_mtim.tv_nsec,
-          static_cast<std::uint64_t>(status.st_ino)};
+          static_cast<std::uint64_t>(status.st_ino),
+          "",
+          std::int64_t{status.st_ctim.tv_sec} * 1'000'000'000 + status.st_ctim.tv_nsec};
 }
 
 bool is_only_one_of_its_role(const NamedFile& file, const std::vector<NamedFile>& paths) {
@@ -58,12 +61,6 @@ Result<void> append_folder(const NamedFile& folder, std::vector<ScanFile>& files
   return {};
 }
 
-// A path may have any bytes, but JSON text is UTF-8.
-bool is_utf8(const std::string& text) {
-  const auto is_ascii = [](char c) { return static_cast<unsigned char>(c) < 0x80; };
-  return std::all_of(text.begin(), text.end(), is_ascii) || parse_json(json_text(text)) == text;
-}
-
 // Returns std::nullopt if `hex` is damaged.
 std::optional<std::string> from_hex(const std::string& hex) {
   std::string out(hex.size() / 2, '\0');
@@ -76,9 +73,14 @@ std::optional<std::string> from_hex(const std::string& hex) {
 
 }  // namespace
 
+bool is_utf8(const std::string& text) {
+  const auto is_ascii = [](char c) { return static_cast<unsigned char>(c) < 0x80; };
+  return std::all_of(text.begin(), text.end(), is_ascii) || parse_json(json_text(text)) == text;
+}
+
 bool same_state(const ScanFile& a, const ScanFile& b) {
   return a.of == b.of && a.path == b.path && a.size == b.size && a.mtime_ns == b.mtime_ns &&
-         a.inode == b.inode;
+         a.inode == b.inode && a.ctime_ns == b.ctime_ns;
 }
 
 bool same_state(const std::vector<ScanFile>& a, const std::vector<ScanFile>& b) {
@@ -96,7 +98,7 @@ Result<std::vector<fs::path>> inputs_of(const CollectionScan& scan) {
   if (failed == 0) out.assign(found.gl_pathv, found.gl_pathv + found.gl_pathc);
   ::globfree(&found);
   if (failed == GLOB_NOMATCH) return refused(scan.glob + ": no file matches");
-  if (failed != 0) return refused(scan.glob + ": the pattern's folders cannot be read");
+  if (failed != 0) return refused_for_now(scan.glob + ": the pattern's folders cannot be read");
   std::sort(out.begin(), out.end(), pipeline::natural_less);
   return out;
 }
@@ -142,10 +144,12 @@ void let_times_settle(const std::vector<ScanFile>& files) {
       duration_cast<nanoseconds>(system_clock::now().time_since_epoch()).count();
   std::int64_t wait = 0;
   for (const ScanFile& file : files) {
-    const std::int64_t step = file.mtime_ns % kSecond == 0 ? 2 * kSecond : kStep;
-    const std::int64_t left = file.mtime_ns + step - now;
-    // A time far in the future was set by hand.
-    if (left <= 2 * kSecond) wait = std::max(wait, left);
+    for (const std::int64_t time : {file.mtime_ns, file.ctime_ns}) {
+      const std::int64_t step = time % kSecond == 0 ? 2 * kSecond : kStep;
+      const std::int64_t left = time + step - now;
+      // A time far in the future was set by hand.
+      if (left <= 2 * kSecond) wait = std::max(wait, left);
+    }
   }
   if (wait > 0) std::this_thread::sleep_for(nanoseconds(wait));
 }
@@ -178,6 +182,7 @@ json files_json(const std::vector<ScanFile>& files) {
                    {"size", file.size},
                    {"mtime_ns", file.mtime_ns},
                    {"inode", file.inode},
+                   {"ctime_ns", file.ctime_ns},
                    {"sha256", file.sha256.empty() ? json() : json(file.sha256)}});
     if (!is_utf8(file.path)) out.back()["path_hex"] = hex_of(text_bytes(file.path));
   }
@@ -196,7 +201,8 @@ std::optional<std::vector<ScanFile>> files_from(const json& files) {
       if (!path) return std::nullopt;
       out.push_back({one.at("of").get<std::string>(), *path, one.at("size").get<std::uint64_t>(),
                      one.at("mtime_ns").get<std::int64_t>(), one.at("inode").get<std::uint64_t>(),
-                     digest.is_null() ? std::string() : digest.get<std::string>()});
+                     digest.is_null() ? std::string() : digest.get<std::string>(),
+                     one.value("ctime_ns", std::int64_t{-1})});
     }
     return out;
   } catch (const json::exception&) {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// The files of a scan and their states. The state of a file (path, size, modification time and
-// inode) shows whether the file has changed.
+// The files of a scan and their states. The state of a file (path, size, inode, and the times
+// of the last change of its bytes and of its status, which cannot be set back) shows whether the file has changed.
 // Tests: tests/pipeline/farm/store_test.cpp
 #pragma once
 
@@ -23,9 +23,11 @@ struct ScanFile {
   std::int64_t mtime_ns = 0;
   std::uint64_t inode = 0;
   std::string sha256 = {};  ///< digest of the bytes; empty if they were not read
+  /// Time of the last change of bytes, name or rights, which nobody can set; -1: not known.
+  std::int64_t ctime_ns = -1;
 };
 
-/// Are role, path, size, time and inode equal? The digests are not compared. The callers take the
+/// Are role, path, size, times and inode equal? The digests are not compared. The callers take the
 /// bytes of two files with the same state to be the same.
 bool same_state(const ScanFile& a, const ScanFile& b);
 bool same_state(const std::vector<ScanFile>& a, const std::vector<ScanFile>& b);
@@ -56,6 +58,9 @@ void let_times_settle(const std::vector<ScanFile>& files);
 /// Wanted files that are missing in `files` are appended. Errors: kRefused if a file cannot be
 /// read.
 Result<void> digest_files(const std::vector<NamedFile>& wanted, std::vector<ScanFile>& files);
+
+/// Is the text UTF-8? A path may have any bytes, but JSON text is UTF-8.
+bool is_utf8(const std::string& text);
 
 nlohmann::json files_json(const std::vector<ScanFile>& files);
 /// Reads the result of files_json(); std::nullopt if it is damaged.

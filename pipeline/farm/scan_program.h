@@ -30,12 +30,11 @@ struct Parameters {
   std::vector<NamedFile> files;
 };
 
-/// A scan's asset and report. The report has no times and no paths, so it depends only on the
-/// program, the canonical parameters and the bytes of the files.
+/// A scan's asset and report. The report has no times and no paths, and only the warnings of meshing,
+/// so it depends only on the program, the canonical parameters and the bytes of the files.
 struct ScanOutputs {
   std::vector<std::uint8_t> asset;
   std::string report;
-  nlohmann::json warnings;  ///< all warnings, for the journal; they may name files
 };
 
 class OpenedScan {
@@ -47,6 +46,9 @@ class OpenedScan {
   /// The files that the scan consists of, in the order in which the action (action_key.h) lists the
   /// digests of each role.
   virtual std::vector<NamedFile> files() const = 0;
+  /// The warnings of opening the scan: an array of objects with the texts `code`, `where` and
+  /// `sentence`, and `shared` if a text without personal data must replace `sentence` in reports.
+  virtual nlohmann::json warnings() const { return nlohmann::json::array(); }
   /// Meshes the scan.
   virtual Result<ScanOutputs> mesh() = 0;
 };

@@ -17,6 +17,7 @@
 
 #include "formats/asset/asset.h"
 #include "formats/base/file_io.h"
+#include "formats/base/json_text.h"
 #include "pipeline/farm/action_key.h"
 #include "pipeline/farm/failpoint.h"
 #include "pipeline/farm/lease.h"
@@ -68,12 +69,53 @@ void remove_damaged(const Store& store, const Object& object, bool is_asset) {
 void keep_results(const Store& store, const std::optional<ScanEntry>& before, ScanEntry& entry) {
   if (!before || (!entry.key.empty() && entry.key != before->key)) return;
   entry.key = before->key;
-  if (before->outputs && store.has(*before->outputs)) entry.outputs = before->outputs;
+  const auto& outputs = before->outputs;
+  if (outputs && !store.lacks(outputs->asset) && !store.lacks(outputs->report))
+    entry.outputs = outputs, entry.warnings = before->warnings;
   entry.products = before->products;
   std::erase_if(entry.products, [&store](const auto& product) {
     const std::optional<Object>& file = product.second.file;
-    return file && !store.has(*file);
+    return file && store.lacks(*file);
   });
+}
+
+// A new link to a file, or other rights, change its ctime alone. Then the bytes decide, if they were
+// read before.
+bool has_same_bytes(ScanFile now, const ScanFile& before) {
+  if (same_state(now, before)) return true;
+  now.ctime_ns = before.ctime_ns;
+  if (!same_state(now, before)) return false;
+  if (before.sha256.empty()) return true;
+  const auto digest = sha256_of_file(now.path);
+  return digest && *digest == before.sha256;
+}
+
+// What an entry keeps of warnings.
+json brief(const json& warnings) {
+  json out = json::array();
+  for (const json& warning : warnings) {
+    if (!warning.is_object()) continue;
+    json one = json::object();
+    for (const char* text : {"code", "where", "sentence"})
+      one[text] = warning.value(text, "");
+    out.push_back(std::move(one));
+  }
+  return out;
+}
+
+// The report with the warnings of opening before its own, without names of files.
+std::string with_warnings(const std::string& report, const json& opening) {
+  json out = parse_json(report);
+  if (opening.empty() || !out.is_object() || !out.contains("warnings")) return report;
+  json all = json::array();
+  for (const json& warning : opening)
+    all.push_back({{"code", warning["code"]},
+                   {"where", "input"},
+                   {"sentence", warning.value("shared", warning["sentence"].get<std::string>())}});
+  for (json& warning : out["warnings"])
+    all.push_back(std::move(warning));
+  out["warnings"] = std::move(all);
+  return json_text(out, 1) + "\n";
 }
 
 // The steps of the work on one scan.
@@ -89,7 +131,9 @@ class Worker {
 
   // An error is recorded as the scan's failure.
   Result<Outcome::Kind> run() {
-    known_ = store_.entry(scan_.name);
+    const auto known = store_.read_entry(scan_.name);
+    if (!known && known.error().is_temporary) return known.error();
+    if (known) known_ = *known;
     if (work_.wanted.parameters == nullptr) {
       const auto again = program_.parameters(scan_.parameters);
       return again ? bug("parameters that were refused are accepted now") : again.error();
@@ -105,7 +149,8 @@ class Worker {
     let_times_settle(entry_.files);
     if (known_ && !work_.rehash) reuse_digests(known_->files, entry_.files);
     std::vector<NamedFile> wanted = paths_;
-    if (program_.opens_first(*inputs, *work_.wanted.parameters)) {
+    opens_first_ = program_.opens_first(*inputs, *work_.wanted.parameters);
+    if (opens_first_) {
       if (auto ok = open(*inputs); !ok) return ok.error();
       wanted = opened_->files();
     }
@@ -130,6 +175,7 @@ class Worker {
     entry_.reason = error.message;
     entry_.exit_code = static_cast<int>(error.code);
     entry_.outputs.reset();
+    entry_.warnings = json::array();
     entry_.is_lasting = is_lasting(error);
     const bool is_known = entry_.is_lasting && !work_.retry && known_ && known_->is_lasting &&
                           known_->key == entry_.key && known_->program == entry_.program &&
@@ -137,18 +183,19 @@ class Worker {
                           known_->reason == entry_.reason;
     Outcome out;
     out.key = entry_.key;
-    known_ = store_.entry(scan_.name);  // this run may have written it
-    if (!entry_.is_lasting) keep_results(store_, known_, entry_);
     out.kind = is_known ? Outcome::Kind::kKnownFailure : Outcome::Kind::kFailed;
     out.reason = entry_.reason;
     out.exit_code = entry_.exit_code;
+    const auto before = store_.read_entry(scan_.name);  // this run may have written it
+    if (!before && !entry_.is_lasting) return out;      // see record_killed()
+    known_ = before ? *before : std::nullopt;
+    if (!entry_.is_lasting) keep_results(store_, known_, entry_);
     out.is_recorded = static_cast<bool>(put_changed_entry());
     return out;
   }
 
   const ScanEntry& entry() const { return entry_; }
   const ProductsDone& products() const { return products_; }
-  const json& warnings() const { return warnings_; }
 
  private:
   // Does the same scan always fail for this reason, and can state_of() see that it is the same? It
@@ -160,11 +207,25 @@ class Worker {
     // The input of a scan that was done before is more likely out of reach than gone, for example
     // on a file system that is not mounted. The folder where it would be mounted is empty then.
     if (!is_listed_) return !known_ || known_->is_lasting;
-    if (!reads_the_same()) return false;
+    if (!reads_the_same() || !fails_again(error)) return false;
     if (!entry_.key.empty() && !is_unopened_) return true;
     if (!digest_files(listed_files(), entry_.files) || !check_unchanged()) return false;
     entry_.key = unopened_key();
     return true;
+  }
+
+  // Does a second try end in the same way? An error of the storage that has passed can look like a
+  // damaged file, because not every library tells them apart.
+  bool fails_again(const Error& error) try {
+    opened_.reset();
+    const auto inputs = inputs_of(scan_);
+    if (!inputs) return false;
+    const auto again = program_.open(scan_.parameters, *inputs, scan_.series, work_.threads);
+    if (!again) return again.error().message == error.message;
+    const auto outputs = (*again)->mesh();
+    return !outputs && outputs.error().message == error.message;
+  } catch (const std::exception&) {
+    return false;
   }
 
   // Can the files whose digests are known be read now, and do they have these digests? A digest may
@@ -237,6 +298,7 @@ class Worker {
     is_unopened_ = !opened;
     if (!opened) return opened.error();
     opened_ = std::move(*opened);
+    opening_ = opened_->warnings();
     return {};
   }
 
@@ -247,12 +309,13 @@ class Worker {
     if (!now)
       return refused_for_now(now.error().message + "; it existed when the work on this scan began");
     if (same_state(*now, entry_.files)) return {};
-    std::string changed = "a file was added or removed";
+    std::string changed = now->size() == entry_.files.size() ? "" : "a file was added or removed";
     for (std::size_t k = 0; k < std::min(now->size(), entry_.files.size()); ++k) {
-      if (same_state((*now)[k], entry_.files[k])) continue;
+      if (has_same_bytes((*now)[k], entry_.files[k])) continue;
       changed = entry_.files[k].path;
       break;
     }
+    if (changed.empty()) return {};
     return refused_for_now(changed +
                            ": changed while the scan was read; run again when it is complete");
   }
@@ -264,6 +327,7 @@ class Worker {
       if (found && work_.verify) {
         remove_damaged(store_, found->asset, true);
         remove_damaged(store_, found->report, false);
+        if (known_ && known_->outputs) remove_damaged(store_, known_->outputs->report, false);
         found = store_.find(entry_.key);
       }
       Outcome::Kind kind = Outcome::Kind::kFound;
@@ -280,18 +344,31 @@ class Worker {
           kind = Outcome::Kind::kMade;
         }
         failpoint("action-done");
-        if (auto ok = put_entry(*found); !ok) return ok.error();
-      } else if (auto ok = put_entry(*found); !ok) {
-        return ok.error();
       }
-      if (store_.has(*found)) return kind;
+      const auto report = read_file(store_.content_file(found->report.sha256));
+      if (!report) continue;
+      if (auto ok = put_entry(*found, {report->begin(), report->end()}); !ok) return ok.error();
+      if (store_.has(*found) && store_.has(*entry_.outputs)) return kind;
     }
     return unwritable(store_.folder().string() +
                       ": another process removes its files while they are written");
   }
 
-  Result<void> put_entry(const Outputs& outputs) {
+  // Writes the entry of a scan with these outputs of its action, whose report is given. The entry has
+  // all warnings. If the scan was opened before its key was known, the warnings of opening do not
+  // follow from the key. Then the report of the scan is that of the action with these warnings added.
+  Result<void> put_entry(const Outputs& outputs, const std::string& report) {
     entry_.outputs = outputs;
+    entry_.warnings = json::array();
+    if (opens_first_) {
+      entry_.warnings = brief(opening_);
+      auto own = store_.put_content(text_bytes(with_warnings(report, opening_)), {});
+      if (!own) return own.error();
+      entry_.outputs->report = *own;
+    }
+    if (const json read = parse_json(report); read.is_object() && read.contains("warnings"))
+      for (json& warning : brief(read["warnings"]))
+        entry_.warnings.push_back(std::move(warning));
     return put_changed_entry();
   }
 
@@ -316,9 +393,10 @@ class Worker {
     if (auto ok = check_unchanged(); !ok) return ok.error();
     if (!outputs) return outputs.error();
     opened_.reset();
-    warnings_ = std::move(outputs->warnings);
     Outputs out;
-    auto report = store_.put_content(text_bytes(outputs->report), {});
+    const std::string text =
+        opens_first_ ? outputs->report : with_warnings(outputs->report, opening_);
+    auto report = store_.put_content(text_bytes(text), {});
     if (!report) return report.error();
     out.report = *report;
     auto asset = store_.put_content(outputs->asset, [this](std::span<const std::uint8_t> glb) {
@@ -340,7 +418,8 @@ class Worker {
   bool is_listed_ = false;          // true: the entry has the files of all paths, at least one
   bool is_unopened_ = false;        // true: the scan could not be opened
   ProductsDone products_;
-  json action_, warnings_ = json::array();
+  bool opens_first_ = false;               // true: the scan is opened before its key is known
+  json action_, opening_ = json::array();  // opening_: the warnings of opening the scan
   std::unique_ptr<OpenedScan> opened_;
 };
 
@@ -402,7 +481,7 @@ Outcome work_on(const Work& work, const Store& store, const ScanProgram& program
     if (worker.entry().outputs) out.bytes = worker.entry().outputs->asset.bytes;
   }
   out.input_bytes = bytes_read(worker.entry().files);
-  out.warnings = worker.warnings();
+  if (done) out.warnings = worker.entry().warnings;
   return out;
 }
 
@@ -420,11 +499,14 @@ Outcome record_killed(const Work& work, const Store& store, int signal, int exit
                                    std::to_string(exit_code)
                              : "its process was killed by signal " + std::to_string(signal) +
                                    (name == nullptr ? "" : " (SIG" + std::string(name) + ")");
-  keep_results(store, store.entry(entry.name), entry);
   Outcome out;
   out.reason = entry.reason;
   out.exit_code = entry.exit_code;
   out.signal = signal;
+  // An entry that cannot be read may name an asset. It stays, so that --gc stops at it.
+  const auto before = store.read_entry(entry.name);
+  if (!before) return out;
+  keep_results(store, *before, entry);
   out.is_recorded = static_cast<bool>(store.put_entry(entry));
   return out;
 }

@@ -48,7 +48,8 @@ struct Outcome {
   std::uint64_t memory_bytes = 0;  ///< largest resident memory of the scan's process
   double seconds = 0;              ///< time that the scan's process took
   bool is_recorded = true;         ///< false: the failure could not be written to the index
-  nlohmann::json warnings = nlohmann::json::array();
+  nlohmann::json warnings =
+      nlohmann::json::array();  ///< ScanEntry::warnings; empty after a failure
 };
 const char* outcome_name(Outcome::Kind kind);
 nlohmann::json outcome_json(const Outcome& outcome);

@@ -40,8 +40,7 @@ Result<std::string> sha256_of_file(const std::filesystem::path& file) {
   for (std::uint64_t at = 0; at < (*source)->size(); at += block.size()) {
     const auto n = std::min<std::uint64_t>(block.size(), (*source)->size() - at);
     const std::span chunk(block.data(), static_cast<std::size_t>(n));
-    if (auto ok = (*source)->read(at, chunk); !ok)
-      return refused(file.string() + ": " + ok.error().message);
+    if (auto ok = (*source)->read(at, chunk); !ok) return ok.error().after(file.string() + ": ");
     crypto_hash_sha256_update(&state, chunk.data(), chunk.size());
   }
   unsigned char hash[crypto_hash_sha256_BYTES];

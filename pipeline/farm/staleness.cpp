@@ -138,15 +138,18 @@ std::vector<json> changes_of(const WantedScan& wanted, const ScanProgram& progra
 
 }  // namespace
 
-ScanState state_of(const WantedScan& wanted, const ScanProgram& program, const Store& store,
-                   const Comparison& how) {
-  const auto entry = store.entry(wanted.scan->name);
-  if (!entry) return {ScanState::Kind::kStale, {{{"cause", "new"}}}};
+Result<ScanState> state_of(const WantedScan& wanted, const ScanProgram& program, const Store& store,
+                           const Comparison& how) {
+  const auto read = store.read_entry(wanted.scan->name);
+  if (!read && read.error().is_temporary) return read.error();
+  if (!read || !*read) return ScanState{ScanState::Kind::kStale, {{{"cause", "new"}}}};
+  const auto& entry = *read;
   std::vector<json> changes = changes_of(wanted, program, store, *entry, how);
   ScanState out;
   bool is_lasting = true;
   if (entry->is_done()) {
     out.asset_bytes = entry->outputs->asset.bytes;
+    out.warnings = entry->warnings;
     for (const auto& [name, product] : entry->products) {
       if (product.file || product.key.empty()) continue;
       out.why.push_back({{"cause", "failed"},

@@ -49,12 +49,14 @@ struct ScanState {
   /// scan is done.
   std::vector<nlohmann::json> why;
   std::uint64_t asset_bytes = 0;  ///< size of the asset in the index; 0 if there is none
+  nlohmann::json warnings = nlohmann::json::array();  ///< those of the entry (ScanEntry::warnings)
 };
 
 /// Compares a scan with its entry in the store's index. The bytes of the input files are read only
-/// if `how.rehash` or `how.compare_bytes` is true; otherwise size, time and inode are compared.
-ScanState state_of(const WantedScan& wanted, const ScanProgram& program, const Store& store,
-                   const Comparison& how);
+/// if `how.rehash` or `how.compare_bytes` is true; otherwise size, times and inode are compared. A
+/// damaged entry counts as none. Errors: kRefused if the entry is there, but cannot be read.
+Result<ScanState> state_of(const WantedScan& wanted, const ScanProgram& program, const Store& store,
+                           const Comparison& how);
 
 /// A cause as one line, such as "parameter tolerance: 0.2 -> 0.1".
 std::string cause_text(const nlohmann::json& cause);

@@ -16,6 +16,7 @@
 #include "formats/base/file_io.h"
 #include "formats/base/json_text.h"
 #include "formats/base/strict_json.h"
+#include "formats/base/system_message.h"
 #include "pipeline/farm/atomic_file.h"
 #include "pipeline/farm/collection.h"
 #include "pipeline/farm/process_identity.h"
@@ -46,12 +47,19 @@ Object object_from(const json& value) {
   return out;
 }
 
-// The text of a JSON file of the store; std::nullopt if it cannot be read. The callers check it,
-// because a store is not trusted more than other files.
-std::optional<std::string> text_of(const fs::path& file) {
+// The text of a JSON file of the store; std::nullopt if there is no such file. The callers check it,
+// because a store is not trusted more than other files. Errors: kRefused if the file is there, but
+// cannot be read.
+Result<std::optional<std::string>> text_of(const fs::path& file) {
   const auto bytes = read_file(file, kMaxJsonBytes);
-  if (!bytes) return std::nullopt;
-  return std::string(bytes->begin(), bytes->end());
+  if (bytes) return std::optional(std::string(bytes->begin(), bytes->end()));
+  struct stat status {};
+  if (::lstat(file.c_str(), &status) != 0 && errno == ENOENT) return std::optional<std::string>();
+  return refused_for_now(bytes.error().message);
+}
+
+Error damaged(const fs::path& file) {
+  return refused(file.string() + ": is damaged, or of another version");
 }
 
 std::string fanned_out(const std::string& digest) {
@@ -74,8 +82,9 @@ bool renew_time(const fs::path& file) {
 
 Result<bool> has_mark(const fs::path& folder) {
   const auto text = text_of(folder / kMark);
-  if (!text) return false;
-  const json mark = parse_json(*text);
+  if (!text) return text.error();
+  if (!*text) return false;
+  const json mark = parse_json(**text);
   if (!mark.is_object() || !mark.contains("schema"))
     return usage(folder.string() + ": its " + kMark + " is damaged");
   if (mark["schema"] != kSchema)
@@ -86,17 +95,27 @@ Result<bool> has_mark(const fs::path& folder) {
 
 // Refuses a folder with other files, so that it does not become a store.
 Result<void> check_empty(const fs::path& folder) {
-  std::error_code error;
-  for (const auto& one : fs::directory_iterator(folder, error)) {
-    const std::string name = one.path().filename().string();
+  const auto files = listed(folder);
+  if (!files) return unwritable(files.error().message);
+  for (const fs::path& one : *files) {
+    const std::string name = one.filename().string();
     if (std::find(kFolders.begin(), kFolders.end(), name) == kFolders.end() && name != kMark)
       return usage(folder.string() + ": is no store, and holds " + name + "; give an empty folder");
   }
-  if (error) return unwritable(folder.string() + ": " + error.message());
   return {};
 }
 
 }  // namespace
+
+Result<std::vector<fs::path>> listed(const fs::path& folder) {
+  std::vector<fs::path> out;
+  std::error_code error;
+  fs::directory_iterator one(folder, error);
+  for (; !error && one != fs::directory_iterator(); one.increment(error))
+    out.push_back(one->path());
+  if (error) return refused_by_system(folder.string(), error.value());
+  return out;
+}
 
 std::optional<nanoseconds> time_of(const fs::path& file) {
   struct stat status {};
@@ -120,11 +139,11 @@ json product_json(const StoredProduct& product) {
   return out;
 }
 
-// std::nullopt if it is damaged: the product is then made again.
-std::optional<StoredProduct> product_from(const json& value) try {
+StoredProduct product_from(const json& value) {
   StoredProduct out;
   if (!value.at("key").is_null()) out.key = value.at("key").get<std::string>();
-  if (!out.key.empty() && !is_sha256(out.key)) return std::nullopt;
+  if (!out.key.empty() && !is_sha256(out.key))
+    throw json::other_error::create(501, "no digest", &value);
   out.program = value.at("program").get<std::string>();
   out.parameters = value.at("parameters");
   if (value.contains("file")) {
@@ -135,8 +154,6 @@ std::optional<StoredProduct> product_from(const json& value) try {
     out.is_lasting = value.value("lasting", false);
   }
   return out;
-} catch (const json::exception&) {
-  return std::nullopt;
 }
 
 }  // namespace
@@ -153,6 +170,7 @@ json entry_json(const ScanEntry& entry) {
   if (entry.outputs) {
     out["asset"] = object_json(entry.outputs->asset);
     out["report"] = object_json(entry.outputs->report);
+    if (!entry.warnings.empty()) out["warnings"] = entry.warnings;
   }
   if (!entry.is_done()) {
     out["reason"] = entry.reason;
@@ -185,6 +203,11 @@ std::optional<ScanEntry> entry_from(std::string_view text) {
     if (is_done || value.contains("asset")) {
       if (out.key.empty()) return std::nullopt;
       out.outputs = Outputs{object_from(value.at("asset")), object_from(value.at("report"))};
+      out.warnings = value.value("warnings", json::array());
+      if (!out.warnings.is_array()) return std::nullopt;
+      for (const json& warning : out.warnings)
+        for (const char* member : {"code", "where", "sentence"})
+          if (!warning.at(member).is_string()) return std::nullopt;
     }
     if (!is_done) {
       out.reason = value.at("reason").get<std::string>();
@@ -193,9 +216,10 @@ std::optional<ScanEntry> entry_from(std::string_view text) {
       out.is_lasting = value.value("lasting", false);
     }
     if (value.contains("products")) {
-      for (const auto& [name, product] : value.at("products").items())
-        if (auto stored = product_kind(name) ? product_from(product) : std::nullopt)
-          out.products.emplace(name, std::move(*stored));
+      for (const auto& [name, product] : value.at("products").items()) {
+        if (!product_kind(name)) return std::nullopt;
+        out.products.emplace(name, product_from(product));
+      }
     }
     return out;
   } catch (const json::exception&) {
@@ -213,6 +237,35 @@ Result<Store> Store::open_for_reading(const fs::path& folder) {
   return Store(folder);
 }
 
+namespace {
+
+// Refuses a process whose files the users of the store could not read or replace. A probe shows
+// whose file it is for the file system, which may map users to others.
+Result<void> check_user(const fs::path& folder, const fs::path& tmp) {
+  struct stat users {
+  }, own{};
+  if (::stat(tmp.c_str(), &users) != 0) {
+    if (errno == ENOENT) return {};  // a new store
+    return cannot_write(tmp, errno);
+  }
+  const fs::path probe = temporary_name(tmp);
+  const FileDescriptor fd(::open(probe.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0600));
+  const int error = fd.get() < 0 ? errno : 0;
+  const bool is_given =
+      fd.get() >= 0 && give_to_users(fd.get(), tmp, 0600) && ::fstat(fd.get(), &own) == 0;
+  if (fd.get() >= 0) ::unlink(probe.c_str());
+  if (is_given && own.st_uid == users.st_uid) return {};
+  if (is_given && is_shared(users) && own.st_gid == users.st_gid) return {};
+  if (error != 0 && (error != EACCES || ::geteuid() == users.st_uid))
+    return cannot_write(tmp, error);
+  return unwritable(folder.string() + ": belongs to user " + std::to_string(users.st_uid) +
+                    (is_shared(users) ? " and group " + std::to_string(users.st_gid)
+                                      : " alone; to share a store, make its folder with the "
+                                        "group's rights and the bit setgid (chmod 2775)"));
+}
+
+}  // namespace
+
 Result<Store> Store::open_for_writing(const fs::path& folder) {
   const Store store(folder);
   if (::mkdir(folder.c_str(), 0777) != 0 && errno != EEXIST) return cannot_write(folder, errno);
@@ -221,11 +274,12 @@ Result<Store> Store::open_for_writing(const fs::path& folder) {
   if (!*marked) {
     if (auto ok = check_empty(folder); !ok) return ok.error();
   }
+  if (auto ok = check_user(folder, store.tmp()); !ok) return ok.error();
   for (const char* name : kFolders) {
-    if (::mkdir((folder / name).c_str(), 0777) != 0 && errno != EEXIST)
+    if (auto ok = make_folder(folder / name, folder); !ok) return ok.error();
+    if (::access((folder / name).c_str(), W_OK | X_OK) != 0)
       return cannot_write(folder / name, errno);
   }
-  if (::access(store.tmp().c_str(), W_OK | X_OK) != 0) return cannot_write(store.tmp(), errno);
   if (!*marked) {
     const std::string text = json_text({{"schema", kSchema}}) + "\n";
     if (auto ok = write_atomically({folder / kMark, store.tmp()}, text); !ok) return ok.error();
@@ -251,30 +305,53 @@ bool Store::has(const Object& object) const {
   return is_there(content_file(object.sha256), object.bytes);
 }
 
+bool Store::lacks(const Object& object) const {
+  struct stat status {};
+  const bool is_found = ::stat(content_file(object.sha256).c_str(), &status) == 0;
+  return is_found ? !has(object) : errno == ENOENT;
+}
+
 bool Store::has(const Outputs& outputs) const {
   return has(outputs.asset) && has(outputs.report);
 }
 
 namespace {
 
-// The outputs that an action's file states; null if it is damaged or the file of another action.
-json outputs_in(const fs::path& file, const std::string& key) {
+// The outputs that an action's file states; null if there is no such file. Errors: those of
+// outputs_of(), but the shape of the outputs is not checked.
+Result<json> outputs_in(const fs::path& file, const std::string& key) {
   const auto text = text_of(file);
-  if (!text) return {};
-  const json value = parse_json(*text);
+  if (!text) return text.error();
+  if (!*text) return json();
+  const json value = parse_json(**text);
   try {
-    if (sha256_of(json_text(value.at("action"))) != key) return {};
-    return value.at("outputs");
+    if (sha256_of(json_text(value.at("action"))) == key) return json(value.at("outputs"));
   } catch (const json::exception&) {
-    return {};
   }
+  return damaged(file);
 }
 
 }  // namespace
 
+Result<std::optional<std::vector<Object>>> Store::outputs_of(const std::string& key) const {
+  const auto outputs = outputs_in(action_file(key), key);
+  if (!outputs) return outputs.error();
+  if (outputs->is_null()) return std::optional<std::vector<Object>>();
+  try {
+    std::vector<Object> out;
+    for (const auto& [name, output] : outputs->items())
+      out.push_back(object_from(output));
+    if (outputs->is_object() && !out.empty()) return std::optional(std::move(out));
+  } catch (const json::exception&) {
+  }
+  return damaged(action_file(key));
+}
+
 std::optional<Object> Store::find_product(const std::string& key) const {
   try {
-    const Object out = object_from(outputs_in(action_file(key), key).at("file"));
+    const auto outputs = outputs_in(action_file(key), key);
+    if (!outputs) return std::nullopt;
+    const Object out = object_from(outputs->at("file"));
     if (!has(out) || !renew_time(action_file(key)) || !renew_time(content_file(out.sha256)))
       return std::nullopt;
     return out;
@@ -291,8 +368,9 @@ Result<void> Store::put_product(const std::string& key, const json& action,
 
 std::optional<Outputs> Store::find(const std::string& key) const {
   try {
-    const json outputs = outputs_in(action_file(key), key);
-    Outputs out{object_from(outputs.at("asset")), object_from(outputs.at("report"))};
+    const auto outputs = outputs_in(action_file(key), key);
+    if (!outputs) return std::nullopt;
+    Outputs out{object_from(outputs->at("asset")), object_from(outputs->at("report"))};
     if (!has(out)) return std::nullopt;
     return out;
   } catch (const json::exception&) {
@@ -326,12 +404,18 @@ Result<void> Store::put_action(const std::string& key, const json& action,
   return write_atomically({action_file(key), tmp(), kPrivate}, json_text(value, 1) + "\n");
 }
 
-std::optional<ScanEntry> Store::entry(const std::string& name) const {
+Result<std::optional<ScanEntry>> Store::read_entry(const std::string& name) const {
   const auto text = text_of(entry_file(name));
-  if (!text) return std::nullopt;
-  auto out = entry_from(*text);
-  if (!out || out->name != name) return std::nullopt;
+  if (!text) return text.error();
+  if (!*text) return std::optional<ScanEntry>();
+  auto out = entry_from(**text);
+  if (!out || out->name != name) return damaged(entry_file(name));
   return out;
+}
+
+std::optional<ScanEntry> Store::entry(const std::string& name) const {
+  auto out = read_entry(name);
+  return out ? std::move(*out) : std::nullopt;
 }
 
 namespace {
@@ -389,8 +473,9 @@ Result<void> Store::put_entry(const ScanEntry& entry) const {
   const fs::path products = folder_ / "products" / entry.name;
   for (const auto& [link, target] : links_of(entry)) {
     const bool needs_folder = !entry.products.empty() && link.parent_path() == products;
-    if (needs_folder && ::mkdir(products.c_str(), 0777) != 0 && errno != EEXIST)
-      return cannot_write(products, errno);
+    if (needs_folder) {
+      if (auto ok = make_folder(products, tmp()); !ok) return ok;
+    }
     if (target) {
       if (auto ok = link_atomically(*target, link, tmp()); !ok) return ok;
     } else if (::unlink(link.c_str()) != 0 && errno != ENOENT) {
@@ -401,20 +486,24 @@ Result<void> Store::put_entry(const ScanEntry& entry) const {
   return {};
 }
 
-void Store::drop_entry(const std::string& name) const {
+Result<void> Store::drop_entry(const std::string& name) const {
   // The entry is removed last, because links without an entry would not be found again.
   ::unlink(asset_link(folder_, name).c_str());
   ::unlink(report_link(folder_, name).c_str());
   std::error_code ignored;
   fs::remove_all(folder_ / "products" / name, ignored);
-  ::unlink(entry_file(name).c_str());
+  if (::unlink(entry_file(name).c_str()) != 0 && errno != ENOENT)
+    return cannot_write(entry_file(name), errno);
+  return {};
 }
 
-std::vector<std::string> Store::names() const {
+Result<std::vector<std::string>> Store::names() const {
   std::vector<std::string> out;
-  std::error_code ignored;
-  for (const auto& one : fs::directory_iterator(folder_ / "scans", ignored)) {
-    std::string name = one.path().filename().string();
+  if (is_absent(folder_ / "scans")) return out;
+  const auto files = listed(folder_ / "scans");
+  if (!files) return files.error();
+  for (const fs::path& file : *files) {
+    std::string name = file.filename().string();
     if (!name.ends_with(".json")) continue;
     name.resize(name.size() - 5);
     if (is_scan_name(name)) out.push_back(std::move(name));
@@ -440,10 +529,9 @@ std::size_t Store::remove_strays() const {
       [&](const fs::path& folder, nanoseconds most,
           const std::function<std::optional<ProcessIdentity>(const fs::path&)>& identity_of) {
         std::error_code ignored;
-        std::vector<fs::path> files;
-        for (const auto& one : fs::directory_iterator(folder, ignored))
-          files.push_back(one.path());
-        for (const fs::path& file : files) {
+        const auto files = listed(folder);
+        if (!files) return;
+        for (const fs::path& file : *files) {
           const auto process = identity_of(file);
           const Life life = process ? life_of(*process) : Life::kUnknown;
           if (life == Life::kAlive) continue;
@@ -464,7 +552,7 @@ std::size_t Store::remove_strays() const {
         [](const fs::path& file) { return identity_in(file.filename().string()); });
   sweep(folder_ / "claims", kLeaseDuration, [](const fs::path& file) {
     const auto text = text_of(file);
-    return text ? identity_in(text->substr(0, text->find('\n'))) : std::nullopt;
+    return text && *text ? identity_in((*text)->substr(0, (*text)->find('\n'))) : std::nullopt;
   });
   return removed;
 }

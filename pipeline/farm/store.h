@@ -72,6 +72,9 @@ struct ScanEntry {
   std::vector<ScanFile> files = {};
   std::optional<Outputs> outputs = {};                 ///< always present if the scan is done
   std::map<std::string, StoredProduct> products = {};  ///< key: the name of the product
+  /// The warnings of opening and of meshing the scan that made `outputs`: objects with the texts
+  /// `code`, `where` and `sentence`. They may name files.
+  nlohmann::json warnings = nlohmann::json::array();
   // Set if the scan failed:
   std::string reason = {};
   int exit_code = 0;
@@ -88,11 +91,14 @@ std::optional<ScanEntry> entry_from(std::string_view text);
 class Store {
  public:
   /// Creates the store, or folders that are missing in it, and removes files that killed processes
-  /// have left in it. Errors: kUsage if the folder has files that are not a store's, or is a store
-  /// of another version; kUnwritable if a file or folder cannot be written.
+  /// have left in it. A store belongs to the owner of its folder `tmp`. If this folder is shared by
+  /// a group (atomic_file.h), it belongs to the group. Root may write for them. Errors: kUsage if
+  /// the folder has files that are not a store's, or is a store of another version; kRefused if it
+  /// cannot be read; kUnwritable if a file or folder cannot be written, or if the store belongs to
+  /// others, who could not read what this process writes.
   static Result<Store> open_for_writing(const std::filesystem::path& folder);
-  /// Opens a store. If the folder does not exist, the store is empty. Errors: kUsage, as in
-  /// open_for_writing(); kUnwritable if the folder cannot be listed.
+  /// Opens a store. If the folder does not exist, the store is empty. Errors: kUsage and kRefused,
+  /// as in open_for_writing(); kUnwritable if the folder cannot be listed.
   static Result<Store> open_for_reading(const std::filesystem::path& folder);
 
   const std::filesystem::path& folder() const { return folder_; }
@@ -102,12 +108,19 @@ class Store {
   std::filesystem::path entry_file(const std::string& name) const;
   std::filesystem::path lease_file(const std::string& key) const;
 
+  /// All files that the action with this key names as outputs, of a scan or of a product;
+  /// std::nullopt if there is no such action. Errors: kRefused if its file cannot be read (then the
+  /// error is temporary), or is damaged.
+  Result<std::optional<std::vector<Object>>> outputs_of(const std::string& key) const;
   /// The outputs of the action with this key; std::nullopt if the action is missing or damaged, or
   /// if an output is missing or has another size (has()).
   std::optional<Outputs> find(const std::string& key) const;
   /// Do the files exist with the recorded sizes? The files are not read.
   bool has(const Outputs& outputs) const;
   bool has(const Object& object) const;
+  /// Is it certain that the store does not have the file? has() is also false if the file system
+  /// does not answer.
+  bool lacks(const Object& object) const;
   /// Sets the modification times of the action and its outputs to now, so that garbage collection
   /// (garbage.h) keeps them. Returns false if one of these files no longer exists.
   bool renew(const std::string& key, const Outputs& outputs) const;
@@ -129,17 +142,20 @@ class Store {
   Result<void> put_action(const std::string& key, const nlohmann::json& action,
                           const Outputs& outputs) const;
 
-  /// The index entry of a scan; std::nullopt if it is missing or damaged.
+  /// The index entry of a scan; std::nullopt if there is none. Errors: kRefused if its file cannot
+  /// be read (then the error is temporary), or is damaged.
+  Result<std::optional<ScanEntry>> read_entry(const std::string& name) const;
+  /// The same, but std::nullopt instead of an error.
   std::optional<ScanEntry> entry(const std::string& name) const;
   /// True if the scan's links in assets/, reports/ and products/ lead to the outputs and products
   /// of the entry, and there is no link for an output or product that the entry does not have.
   bool links_fit(const ScanEntry& entry) const;
   /// Writes the entry, then its links.
   Result<void> put_entry(const ScanEntry& entry) const;
-  /// Removes the entry and its links.
-  void drop_entry(const std::string& name) const;
-  /// The names of all scans in the index, sorted.
-  std::vector<std::string> names() const;
+  /// Removes the entry and its links. Errors: kUnwritable if the entry cannot be removed.
+  Result<void> drop_entry(const std::string& name) const;
+  /// The names of all scans in the index, sorted. Errors: kRefused if the index cannot be listed.
+  Result<std::vector<std::string>> names() const;
 
   /// The current time by the clock of the store's file system. The ages of files are measured by
   /// this clock, because the clocks of two hosts may differ. Errors: kUnwritable if no file can
@@ -159,6 +175,9 @@ class Store {
   std::vector<Link> links_of(const ScanEntry& entry) const;
   std::filesystem::path folder_;
 };
+
+/// The paths of all that a folder holds. Errors: kRefused if it cannot be listed to its end.
+Result<std::vector<std::filesystem::path>> listed(const std::filesystem::path& folder);
 
 /// Modification time of a file, counted from 1970; std::nullopt if the file does not exist.
 std::optional<std::chrono::nanoseconds> time_of(const std::filesystem::path& file);

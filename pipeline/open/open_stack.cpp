@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <system_error>
 
+#include "formats/base/system_message.h"
 #include "pipeline/open/scan_folder.h"
 #include "pipeline/read/dicom/dicom_headers.h"
 #include "pipeline/read/dicom/dicom_stack.h"
@@ -25,9 +26,11 @@ void warn_of_others(const ScanFolder& found, std::vector<Warning>& warnings) {
                             : found.kind() == ScanFolder::Kind::kVolume
                                 ? "the NIfTI file is taken"
                                 : "its own images are taken";
-  warnings.push_back(
-      {"other_input", found.where,
-       std::string(taken) + "; left out: " + others + ", which can be given by their own names"});
+  const auto said = [taken](const std::string& left_out) {
+    return std::string(taken) + "; left out: " + left_out +
+           ", which can be given by their own names";
+  };
+  warnings.push_back({"other_input", found.where, said(others), said(found.left_out(false))});
 }
 
 Result<std::unique_ptr<SliceStack>> open_volume_file(const fs::path& file,
@@ -116,8 +119,8 @@ Result<std::unique_ptr<SliceStack>> open_stack(const std::vector<fs::path>& inpu
   std::error_code error;
   for (const fs::path& input : inputs) {
     const fs::file_status status = fs::status(input, error);
-    if (error == std::errc::permission_denied)
-      return refused(input.string() + ": " + error.message());
+    if (error && is_of_circumstances(error.value()))
+      return refused_by_system(input.string(), error.value());
     if (!fs::exists(status)) return refused(input.string() + ": no such file or folder");
     if (fs::is_directory(status)) {
       if (inputs.size() > 1) return usage(input.string() + ": give one folder, or a list of files");

@@ -45,12 +45,6 @@ bool is_of_file_system(const fs::path& folder) {
   return name == "lost+found" || name == "System Volume Information" || name == "$RECYCLE.BIN";
 }
 
-// Does this error mean that the storage does not answer? The file may be readable later.
-bool is_of_storage(int error) {
-  return error == EIO || error == ESTALE || error == ETIMEDOUT || error == ENOTCONN ||
-         error == EHOSTDOWN || error == EHOSTUNREACH || error == ENETDOWN || error == ENETUNREACH;
-}
-
 // Does this error mean that there is nothing at the end of a link?
 bool is_broken_link(const std::error_code& error) {
   return error == std::errc::no_such_file_or_directory || error == std::errc::not_a_directory ||
@@ -131,8 +125,7 @@ class Search {
       return {};
     }
     if (folder.depth > 0 && limits_.must_reach_all) return out_of_reach(folder.path, error);
-    const std::string message = folder.path.string() + ": " + error.message();
-    return is_of_storage(error.value()) ? refused_for_now(message) : refused(message);
+    return refused_by_system(folder.path.string(), error.value());
   }
 
   SearchLimits limits_;
@@ -184,9 +177,9 @@ Result<void> check_readable(const fs::path& file) {
   std::error_code ignored;
   const bool leads_nowhere = (error == ENOENT || error == ELOOP || error == ENOTDIR) &&
                              fs::is_symlink(fs::symlink_status(file, ignored));
-  const std::string message = file.string() + ": " + system_message(error) +
-                              (leads_nowhere ? " (a link that leads nowhere)" : "");
-  return is_of_storage(error) ? refused_for_now(message) : refused(message);
+  Error refusal = refused_by_system(file.string(), error);
+  if (leads_nowhere) refusal.message += " (a link that leads nowhere)";
+  return refusal;
 }
 
 std::optional<fs::path> folder_of_dicomdir(const fs::path& file) {
@@ -217,13 +210,13 @@ bool ScanFolder::has_own_images() const {
   return !images.empty() && same_folder(images[0][0].parent_path(), folder);
 }
 
-std::string ScanFolder::left_out() const {
+std::string ScanFolder::left_out(bool with_names) const {
   const Kind taken = kind();
   std::string out;
-  const auto add = [&out](const std::vector<fs::path>& files, const char* what) {
+  const auto add = [&](const std::vector<fs::path>& files, const char* what) {
     if (files.empty()) return;
     out += (out.empty() ? "" : ", ") + std::to_string(files.size()) + " " + what +
-           (files.size() == 1 ? "" : "s") + " (" + first_names(files) + ")";
+           (files.size() == 1 ? "" : "s") + (with_names ? " (" + first_names(files) + ")" : "");
   };
   if (taken == Kind::kDicom) add(volumes, "NIfTI file");
   std::vector<fs::path> others;

@@ -54,9 +54,9 @@ struct ScanFolder {
   /// slices. Localisers and screen captures do not count as slices, unless the folder has neither
   /// volumes nor images.
   Kind kind() const;
-  /// A text that names the files left out because of kind(), such as "2 images (a.png, b.png)";
-  /// empty if no file is left out.
-  std::string left_out() const;
+  /// A text that names the files left out because of kind(), such as "2 images (a.png, b.png)", or
+  /// only counts them; empty if no file is left out.
+  std::string left_out(bool with_names = true) const;
 };
 
 /// Finds the files below `folder` and reads the headers of all DICOM files. `extent` says whether

@@ -11,6 +11,7 @@
 #include <fstream>
 #include <iostream>
 #include <iterator>
+#include <map>
 #include <optional>
 #include <set>
 #include <sstream>
@@ -126,6 +127,34 @@ void print_failures(const std::vector<farm::FailedScan>& failed) {
   }
 }
 
+json warnings_json(const std::vector<farm::WarnedScan>& warned) {
+  json out = json::array();
+  for (const auto& [scan, warnings] : warned)
+    for (json one : warnings) {
+      one["scan"] = scan;
+      out.push_back(std::move(one));
+    }
+  return out;
+}
+
+// One line for each code, with the first scans that it concerns.
+void print_warnings(const std::vector<farm::WarnedScan>& warned, std::FILE* to) {
+  constexpr std::size_t kMaxNames = 5;
+  std::map<std::string, std::set<std::string>> scans;
+  for (const auto& [scan, warnings] : warned)
+    for (const json& one : warnings)
+      scans[one["code"]].insert(scan);
+  for (const auto& [code, names] : scans) {
+    std::string line;
+    std::size_t k = 0;
+    for (const std::string& name : names)
+      if (k++ < kMaxNames) line += (line.empty() ? "" : ", ") + name;
+    if (names.size() > kMaxNames)
+      line += ", and " + std::to_string(names.size() - kMaxNames) + " more";
+    std::fprintf(to, "warning %s: %s\n", code.c_str(), line.c_str());
+  }
+}
+
 const char* name_of(farm::ScanState::Kind kind) {
   using Kind = farm::ScanState::Kind;
   return kind == Kind::kDone ? "unchanged" : kind == Kind::kStale ? "stale" : "known_failure";
@@ -178,6 +207,7 @@ int explain(const BatchArguments& a, const farm::Batch& batch, json head) {
     head["scan"] = a.explain;
     head["status"] = name_of(state->kind);
     head["why"] = state->why;
+    head["warnings"] = state->warnings;
     std::cout << json_text(head, 1) << '\n';
     return 0;
   }
@@ -187,6 +217,10 @@ int explain(const BatchArguments& a, const farm::Batch& batch, json head) {
                                               : "is a known failure and unchanged\n");
   for (const json& cause : state->why)
     std::cout << "  " << farm::cause_text(cause) << '\n';
+  for (const json& warning : state->warnings)
+    std::cout << "  warning " << warning["code"].get<std::string>() << ": "
+              << warning["where"].get<std::string>() << ": "
+              << warning["sentence"].get<std::string>() << '\n';
   return 0;
 }
 
@@ -194,25 +228,17 @@ Result<json> clean(const BatchArguments& a, const fs::path& folder,
                    const farm::Collection& collection) {
   const auto store = farm::Store::open_for_writing(folder);
   if (!store) return store.error();
-  std::size_t dropped = 0;
-  if (a.prune) {
-    std::set<std::string> wanted;
-    for (const farm::CollectionScan& scan : collection.scans)
-      wanted.insert(scan.name);
-    for (const std::string& name : store->names())
-      if (!wanted.contains(name)) {
-        store->drop_entry(name);
-        ++dropped;
-      }
-  }
+  std::set<std::string> wanted;
+  for (const farm::CollectionScan& scan : collection.scans)
+    wanted.insert(scan.name);
   const auto grace = std::chrono::duration_cast<std::chrono::nanoseconds>(
       std::chrono::duration<double, std::ratio<60>>(a.grace_minutes));
-  const auto done = farm::collect_garbage(*store, grace);
+  const auto done = farm::collect_garbage(*store, grace, a.prune ? &wanted : nullptr);
   if (!done) return done.error();
   if (!a.quiet && !a.as_json) {
     if (a.prune)
-      std::printf("%zu scan%s that the collection does not name dropped\n", dropped,
-                  dropped == 1 ? "" : "s");
+      std::printf("%zu scan%s that the collection does not name dropped\n", done->dropped,
+                  done->dropped == 1 ? "" : "s");
     std::printf("%zu files removed, %.1f MB; %zu kept", done->removed,
                 static_cast<double>(done->bytes) / 1e6, done->kept);
     if (a.grace_minutes > 0)
@@ -222,7 +248,7 @@ Result<json> clean(const BatchArguments& a, const fs::path& folder,
   return json{{"removed", done->removed},
               {"bytes", done->bytes},
               {"kept", done->kept},
-              {"dropped", dropped}};
+              {"dropped", done->dropped}};
 }
 
 void print_summary(const BatchArguments& a, const farm::BatchSummary& s) {
@@ -237,11 +263,14 @@ void print_summary(const BatchArguments& a, const farm::BatchSummary& s) {
       std::printf(", %zu known failure%s%s", s.known.size(), s.known.size() == 1 ? "" : "s",
                   a.strict ? "" : " (--dry-run lists them)");
     if (s.left > 0) std::printf(", %zu left", s.left);
+    if (!s.warned.empty())
+      std::printf("; %zu with warnings (--explain SCAN prints them)", s.warned.size());
     if (s.products_made > 0)
       std::printf("; %zu product%s made", s.products_made, s.products_made == 1 ? "" : "s");
     std::printf("; %.1f s\n", s.seconds);
     for (const std::string& name : s.made_again)
       std::printf("made again although it was done: %s\n", name.c_str());
+    if (!a.strict) print_warnings(s.warned, stdout);
   }
 }
 
@@ -269,7 +298,10 @@ int run(const BatchArguments& a, const farm::Collection& collection, const farm:
   if (!summary) return fail(summary.error());
   print_summary(a, *summary);
   print_failures(summary->failed);
-  if (a.strict) print_failures(summary->known);
+  if (a.strict) {
+    print_failures(summary->known);
+    print_warnings(summary->warned, stderr);
+  }
   head.update({{"scans", summary->scans},
                {"unchanged", summary->unchanged},
                {"made", summary->made},
@@ -277,6 +309,8 @@ int run(const BatchArguments& a, const farm::Collection& collection, const farm:
                {"failed", summary->failed.size()},
                {"known", summary->known.size()},
                {"left", summary->left},
+               {"warned", summary->warned.size()},
+               {"warnings", warnings_json(summary->warned)},
                {"asset_bytes", summary->asset_bytes},
                {"products_made", summary->products_made},
                {"seconds", summary->seconds},
@@ -306,7 +340,8 @@ int run(const BatchArguments& a, const farm::Collection& collection, const farm:
     return fail(refused("stopped after " + std::to_string(summary->failed.size()) +
                         " failures (--max-failures " + std::to_string(a.max_failures) + "); " +
                         std::to_string(summary->left) + " scans are left for the next run"));
-  const bool has_failed = !summary->failed.empty() || (a.strict && !summary->known.empty());
+  const bool has_failed = !summary->failed.empty() ||
+                          (a.strict && (!summary->known.empty() || !summary->warned.empty()));
   if (!has_failed && a.only.empty() && a.shard.empty() && has_made_none(store, *summary))
     return fail(
         refused("none of the scans could be made, now or in earlier runs; --dry-run lists "
@@ -432,9 +467,10 @@ void add_batch_options(const Command& command, BatchArguments& a) {
       .excludes(dry_run)
       .excludes(explain);
   command
-      .flag("--strict", a.strict,
-            "end with exit code 3 also if scans that failed in an earlier run were not tried\n"
-            "again in this run")
+      .flag(
+          "--strict", a.strict,
+          "end with exit code 3 also if scans have warnings, or failed in an earlier run and were\n"
+          "not tried again in this run")
       .excludes(dry_run)
       .excludes(explain);
   command

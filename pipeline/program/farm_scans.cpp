@@ -223,6 +223,8 @@ class Opened : public farm::OpenedScan {
     return out;
   }
 
+  json warnings() const override { return warnings_; }
+
   Result<farm::ScanOutputs> mesh() override {
     SliceStack& stack = *scan_.labels;
     StackOptions& options = parsed_->options;
@@ -234,13 +236,8 @@ class Opened : public farm::OpenedScan {
     auto result = mesh_stack(stack, options, parameters_json(options, open));
     if (!result) return result.error();
     farm::ScanOutputs out;
-    for (json& warning : result->report["warnings"])
-      warnings_.push_back({{"code", warning["code"]},
-                           {"where", warning["where"]},
-                           {"sentence", warning["sentence"]}});
     out.asset = std::move(result->glb);
     out.report = stored_report(std::move(result->report), stack);
-    out.warnings = std::move(warnings_);
     return out;
   }
 
@@ -279,12 +276,14 @@ Result<std::unique_ptr<farm::OpenedScan>> FarmScans::open(const json& given,
   (*parsed)->options.threads = threads;
   auto scan = open_scan(a, (*parsed)->open);
   if (!scan) return scan.error();
-  // The report omits the warnings of opening, because they can name files that do not belong to the
-  // scan.
+  // The report of meshing omits the warnings of opening, because they can be about files that do not
+  // belong to the scan.
   SliceStack& stack = *scan->labels;
   json warnings = json::array();
-  for (const Warning& w : stack.warnings)
+  for (const Warning& w : stack.warnings) {
     warnings.push_back({{"code", w.code}, {"where", w.where}, {"sentence", w.sentence}});
+    if (!w.shared.empty()) warnings.back()["shared"] = w.shared;
+  }
   stack.warnings.clear();
   if (auto ok = check_threshold(a, stack); !ok) return ok.error();
   return std::unique_ptr<farm::OpenedScan>(

@@ -5,6 +5,7 @@
 #include <system_error>
 #include <vector>
 
+#include "formats/base/file_io.h"
 #include "formats/base/json_text.h"
 #include "pipeline/farm/collection.h"
 #include "pipeline/open/scan_list.h"
@@ -16,12 +17,20 @@ namespace {
 namespace fs = std::filesystem;
 using nlohmann::json;
 
-// An initial collection of the scans that `list` found in `folder`, as text. Adds warnings about
-// images, because their parameters are missing, and about scans that cannot be used.
-std::string collection_of(const json& list, const fs::path& folder,
+// An initial collection of the scans that `list` found, as text. Adds warnings about images, because
+// their parameters are missing, and about scans that cannot be used.
+std::string collection_of(const json& list, const ListArguments& a,
                           std::vector<Warning>& warnings) {
   std::error_code error;
-  const json collection = farm::first_collection(list, folder, fs::current_path(error));
+  // Where standard output is saved is not known, so its paths are absolute.
+  const fs::path beside =
+      a.output.empty() ? fs::path() : fs::absolute(a.output, error).parent_path();
+  std::vector<std::string> left_out;
+  const json collection = farm::first_collection(list, a.folder, beside, &left_out);
+  for (const std::string& path : left_out)
+    warnings.push_back({"not_in_collection", path,
+                        "its path has control characters or is not UTF-8, which a collection "
+                        "cannot state; rename it"});
   for (const json& scan : list["scans"]) {
     if (scan["usable"] == false && !scan.value("localiser", false))
       warnings.push_back({"not_in_collection", scan["path"].get<std::string>(),
@@ -38,19 +47,32 @@ std::string collection_of(const json& list, const fs::path& folder,
 void add_list_options(const Command& command, ListArguments& a) {
   command.option("FOLDER", a.folder, "folder to search for scans, with its subfolders").required();
   const Option as_json = command.flag("--json", a.as_json, "print JSON");
+  const Option manifest = command
+                              .flag("--manifest", a.as_collection,
+                                    "print the scans as a collection, the JSON file that batch "
+                                    "reads, with absolute paths")
+                              .excludes(as_json);
   command
-      .flag("--manifest", a.as_collection,
-            "print the scans as a collection, the JSON file that batch reads; paths are relative\n"
-            "to the current folder, so save it there")
-      .excludes(as_json);
+      .option(
+          "-o,--output", a.output,
+          "with --manifest: write the collection to this file, with paths relative to its folder")
+      .with_form("FILE")
+      .needs(manifest);
 }
 
 int run_list(const ListArguments& a) {
+  const OutputFile outputs[] = {{"-o", a.output}};
+  if (auto ok = check_outputs(outputs, {}); !ok) return fail(ok.error());
   std::vector<Warning> warnings;
   const auto scans = list_scans(a.folder, warnings);
   if (!scans) return fail(scans.error());
   if (a.as_collection) {
-    std::cout << collection_of(*scans, a.folder, warnings);
+    const std::string text = collection_of(*scans, a, warnings);
+    if (a.output.empty()) {
+      std::cout << text;
+    } else if (auto ok = write_file_atomically(a.output, text); !ok) {
+      return fail(ok.error());
+    }
   } else {
     std::cout << (a.as_json ? json_text(*scans, 1) + "\n" : scan_table(*scans, a.folder.string()));
   }

@@ -11,6 +11,7 @@ namespace trocar::pipeline {
 
 struct ListArguments {
   std::filesystem::path folder;
+  std::filesystem::path output;                 ///< file for the collection; empty: standard output
   bool as_json = false, as_collection = false;  ///< as_collection: print a collection (--manifest)
 };
 

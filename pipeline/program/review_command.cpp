@@ -20,9 +20,10 @@ namespace {
 using nlohmann::json;
 
 void print_summary(const ReviewArguments& a, const json& numbers) {
-  std::printf("%s: %zu scans: %zu assets, %zu failed, %zu damaged; %zu pages\n", a.page.c_str(),
-              numbers["scans"].get<std::size_t>(), numbers["done"].get<std::size_t>(),
-              numbers["failed"].get<std::size_t>(), numbers["damaged"].get<std::size_t>(),
+  std::printf("%s: %zu scans: %zu assets, %zu failed, %zu damaged, %zu with warnings; %zu pages\n",
+              a.page.c_str(), numbers["scans"].get<std::size_t>(),
+              numbers["done"].get<std::size_t>(), numbers["failed"].get<std::size_t>(),
+              numbers["damaged"].get<std::size_t>(), numbers["warned"].get<std::size_t>(),
               numbers["pages"].size());
   for (const auto& [kind, count] : numbers["products"].items()) {
     const auto failed = count["failed"].get<std::size_t>();

@@ -3,7 +3,10 @@
 
 #include <sodium.h>
 
+#include <cerrno>
 #include <fstream>
+
+#include "formats/base/system_message.h"
 
 namespace trocar::pipeline {
 namespace {
@@ -23,13 +26,13 @@ Result<std::string> digest_file(const std::filesystem::path& file) {
   crypto_generichash_state state;
   crypto_generichash_init(&state, nullptr, 0, crypto_generichash_BYTES);
   std::ifstream in(file, std::ios::binary);
-  if (!in) return refused(file.string() + ": cannot be opened");
+  if (!in) return refused_by_system(file.string(), errno);
   std::vector<char> block(1 << 16);
   while (in.read(block.data(), static_cast<std::streamsize>(block.size())), in.gcount() > 0) {
     crypto_generichash_update(&state, reinterpret_cast<const unsigned char*>(block.data()),
                               static_cast<unsigned long long>(in.gcount()));
   }
-  if (in.bad()) return refused(file.string() + ": cannot be read");
+  if (in.bad()) return refused_for_now(file.string() + ": cannot be read");
   return hex_digest(state);
 }
 

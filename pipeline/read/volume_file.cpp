@@ -137,7 +137,7 @@ class VolumeFile::Unpacking {
 Result<std::vector<std::uint8_t>> VolumeFile::head(const std::filesystem::path& file,
                                                    std::size_t bytes) {
   const FileDescriptor in(::open(file.c_str(), O_RDONLY | O_CLOEXEC));
-  if (in.get() < 0) return refused(file.string() + ": " + system_message(errno));
+  if (in.get() < 0) return refused_by_system(file.string(), errno);
   std::vector<std::uint8_t> out(bytes);
   const std::span<char> to(reinterpret_cast<char*>(out.data()), bytes);
   if (GzipReader::is_gzip(in.get())) {
@@ -155,7 +155,7 @@ Result<VolumeFile> VolumeFile::open(const std::filesystem::path& file, std::int6
   const std::string name = file.string();
   VolumeFile packed;
   packed.descriptor_ = ::open(file.c_str(), O_RDONLY | O_CLOEXEC);
-  if (packed.descriptor_ < 0) return refused(name + ": cannot be opened");
+  if (packed.descriptor_ < 0) return refused_by_system(name, errno);
   packed.start_ = start;
   const std::int64_t on_disk = ::lseek(packed.descriptor_, 0, SEEK_END);
   if (!GzipReader::is_gzip(packed.descriptor_)) {

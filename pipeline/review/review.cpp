@@ -75,6 +75,7 @@ struct Card {
   std::optional<farm::Object> now, before;
   std::string reason;  // reason why there is no picture of the asset
   const ScanDifference* difference = nullptr;
+  json warnings = json::array();
 };
 
 // Picture and figures of an asset. If the asset is damaged, there is only "error"; if it has no
@@ -120,6 +121,8 @@ json card_json(const Store& now, const Store* before, const PageLinks& links, co
     out["before"] = asset_json(*before, *card.before);
   if (card.difference != nullptr) out["difference"] = difference_json(*card.difference);
   if (!card.reason.empty()) out["reason"] = card.reason;
+  for (const json& warning : card.warnings)
+    out["warnings"].push_back({{"code", warning["code"]}, {"sentence", warning["sentence"]}});
   return out;
 }
 
@@ -132,7 +135,7 @@ std::vector<Card> cards_of(const std::vector<IndexedScan>& scans,
     by_name[scan.name] = &scan;
   std::vector<Card> out;
   const auto add = [&](const IndexedScan& scan, const ScanDifference* difference) {
-    Card card{scan.name, scan.status, {}, {}, scan.reason, difference};
+    Card card{scan.name, scan.status, {}, {}, scan.reason, difference, scan.warnings};
     if (scan.status == IndexedScan::Status::kDone) card.now = scan.asset;
     const auto other = before.find(scan.name);
     if (difference != nullptr && other != before.end()) card.before = other->second;
@@ -213,6 +216,7 @@ ScanIndex::Row index_row(const json& card, IndexedScan::Status status) {
     out.flags |= status == IndexedScan::Status::kDone ? Row::kDone : Row::kFailed;
   if (card.contains("difference")) out.flags |= Row::kDifferent;
   if (card.contains("failed_products")) out.flags |= Row::kFailedProduct;
+  if (card.contains("warnings")) out.flags |= Row::kWarned;
   const auto number = [&](const char* member) -> std::optional<std::uint64_t> {
     if (!asset.contains(member)) return {};
     return asset[member].get<std::uint64_t>();
@@ -225,7 +229,7 @@ ScanIndex::Row index_row(const json& card, IndexedScan::Status status) {
 
 // The numbers of a review. Damaged assets and products are counted when their cards are made.
 struct Counts {
-  std::size_t done = 0, failed = 0, damaged = 0;
+  std::size_t done = 0, failed = 0, damaged = 0, warned = 0;
   std::uint64_t bytes = 0;
   struct Products {
     std::size_t done = 0, failed = 0;
@@ -237,6 +241,7 @@ struct Counts {
       done += scan.status == IndexedScan::Status::kDone ? 1 : 0;
       failed += scan.status == IndexedScan::Status::kFailed ? 1 : 0;
       damaged += scan.status == IndexedScan::Status::kDamaged ? 1 : 0;
+      warned += scan.warnings.empty() ? 0 : 1;
       bytes += scan.asset.bytes;
     }
   }
@@ -252,7 +257,11 @@ struct Counts {
   }
 
   json as_json() const {
-    json out = {{"done", done}, {"failed", failed}, {"damaged", damaged}, {"bytes", bytes}};
+    json out = {{"done", done},
+                {"failed", failed},
+                {"damaged", damaged},
+                {"warned", warned},
+                {"bytes", bytes}};
     for (std::size_t k = 0; k < farm::kProductKinds.size(); ++k)
       out["products"][farm::product_name(farm::kProductKinds[k])] = {
           {"done", products[k].done}, {"failed", products[k].failed}};
@@ -276,7 +285,9 @@ Result<Comparison> compare(const ReviewOptions& options, const Store& store) {
   auto compared = compare_stores(store, *out.store, options.stop);
   if (!compared) return compared.error();
   out.diff = std::move(*compared);
-  for (IndexedScan& scan : farm::indexed_scans(*out.store)) {
+  auto scans = farm::indexed_scans(*out.store);
+  if (!scans) return scans.error();
+  for (IndexedScan& scan : *scans) {
     if (scan.status == IndexedScan::Status::kDone) out.assets[scan.name] = scan.asset;
   }
   return out;
@@ -299,7 +310,9 @@ std::vector<json> cards_json(const ReviewOptions& options, const Store& now, con
 Result<json> write_review(const ReviewOptions& options) {
   const auto store = open_store(options.store);
   if (!store) return store.error();
-  const std::vector<IndexedScan> scans = farm::indexed_scans(*store);
+  const auto indexed = farm::indexed_scans(*store);
+  if (!indexed) return indexed.error();
+  const std::vector<IndexedScan>& scans = *indexed;
   if (scans.empty()) return refused(options.store.string() + ": the store has no scans");
   const auto other = compare(options, *store);
   if (!other) return other.error();

@@ -157,14 +157,16 @@ const char* name_of(DifferenceKind kind) {
 
 Result<StoreDiff> compare_stores(const Store& now, const Store& before,
                                  const std::atomic<bool>* stop) {
-  const std::vector<IndexedScan> scans_now = farm::indexed_scans(now),
-                                 scans_before = farm::indexed_scans(before);
+  const auto scans_now = farm::indexed_scans(now);
+  if (!scans_now) return scans_now.error();
+  const auto scans_before = farm::indexed_scans(before);
+  if (!scans_before) return scans_before.error();
   StoreDiff out;
   std::vector<Pair> pairs;
   std::map<std::string, const IndexedScan*> others;
-  for (const IndexedScan& scan : scans_before)
+  for (const IndexedScan& scan : *scans_before)
     others[scan.name] = &scan;
-  for (const IndexedScan& scan : scans_now) {
+  for (const IndexedScan& scan : *scans_now) {
     ScanDifference one{scan.name, DifferenceKind::kChanged, {}, {}, {}};
     const auto other = others.find(scan.name);
     if (other == others.end()) {

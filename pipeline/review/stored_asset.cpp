@@ -9,16 +9,24 @@
 
 namespace trocar::farm {
 
-std::vector<IndexedScan> indexed_scans(const Store& store) {
+Result<std::vector<IndexedScan>> indexed_scans(const Store& store) {
   std::vector<IndexedScan> out;
-  for (const std::string& name : store.names()) {  // sorted
+  const auto names = store.names();  // sorted
+  if (!names) return names.error();
+  for (const std::string& name : *names) {
     IndexedScan scan;
     scan.name = name;
-    scan.reason = "its entry in the index is damaged";
-    if (const std::optional<ScanEntry> entry = store.entry(name)) {
+    const auto read = store.read_entry(name);
+    if (!read) {
+      scan.reason = read.error().is_temporary ? "its entry in the index cannot be read"
+                                              : "its entry in the index is damaged";
+    } else if (const auto& entry = *read) {
       scan.status = entry->is_done() ? IndexedScan::Status::kDone : IndexedScan::Status::kFailed;
       if (entry->is_done()) scan.asset = entry->outputs->asset;
       scan.reason = entry->reason;
+      scan.warnings = entry->warnings;
+    } else {
+      continue;  // another process has dropped it
     }
     out.push_back(std::move(scan));
   }

@@ -3,6 +3,7 @@
 // Tests: tests/e2e/review_test.py
 #pragma once
 
+#include <nlohmann/json.hpp>
 #include <string>
 #include <vector>
 
@@ -18,12 +19,14 @@ struct IndexedScan {
   enum class Status { kDone, kFailed, kDamaged };
   std::string name;
   Status status = Status::kDamaged;
-  Object asset;        ///< set if the status is kDone
-  std::string reason;  ///< set if the status is not kDone
+  Object asset;                                       ///< set if the status is kDone
+  std::string reason;                                 ///< set if the status is not kDone
+  nlohmann::json warnings = nlohmann::json::array();  ///< ScanEntry::warnings
 };
 
 /// All scans of the store's index, sorted by name. A scan whose entry cannot be read is kDamaged.
-std::vector<IndexedScan> indexed_scans(const Store& store);
+/// Errors: those of Store::names().
+Result<std::vector<IndexedScan>> indexed_scans(const Store& store);
 
 /// Reads the asset `object` and checks that its bytes have the digest object.sha256. Errors:
 /// kRefused if the file is missing, has another digest, or is not an asset; the message names the

@@ -144,8 +144,9 @@ Result<LabelNames> LabelNames::of_file(const std::string& file) {
   constexpr std::uint64_t kMaxBytes = 1 << 20;
   const auto bytes = read_file(file, kMaxBytes);
   if (!bytes)
-    return refused(bytes.error().message +
-                   " (--names takes a JSON file, verse or totalsegmentator)");
+    return Error{bytes.error().code,
+                 bytes.error().message + " (--names takes a JSON file, verse or totalsegmentator)",
+                 bytes.error().is_temporary};
   const auto text =
       parse_strict_json({reinterpret_cast<const char*>(bytes->data()), bytes->size()}, file);
   if (!text) return text.error();

@@ -680,7 +680,7 @@ def part_many():
     print(f"{ROUNDS} scans: {took:.1f} s, {1000 * took / ROUNDS:.2f} ms each; second run {again:.2f} s, {again / ROUNDS * 1000:.3f} s per 1000; "
           f"memory {early} kB in the first quarter, {late} kB at most")
     check(late - early < 4096, f"the batch's memory grew from {early} to {late} kB")
-    # Other bytes under the same size, time and inode: nothing reads them, but --rehash does.
+    # Other bytes under the same size, time and inode: the time of the last change of status, which nobody can set, gives them away.
     file = folder / "0.nii.gz"
     before = file.stat()
     with open(file, "r+b") as stream:
@@ -688,11 +688,10 @@ def part_many():
         stream.write(b"\x01\x02\x03\x04")
     os.utime(file, ns=(before.st_atime_ns, before.st_mtime_ns))
     check(file.stat().st_ino == before.st_ino and file.read_bytes() != source, "the test does not change bytes alone")
-    expect_counts(batch(collection, store), ROUNDS, 0, 0, 0, "many: an input was read")
-    check(explain(collection, store, "s0") == [], "--explain reads inputs")
-    why = batch(collection, store, "--explain", "s0", "--rehash")["why"]
-    check(why == [{"cause": "input", "path": "0.nii.gz", "what": "changed"}], f"--explain --rehash: {why}")
-    expect_counts(batch(collection, store, "--rehash"), ROUNDS - 1, 1, 0, 0, "many, --rehash")
+    why = explain(collection, store, "s0")
+    check(why == [{"cause": "input", "path": "0.nii.gz", "what": "changed"}], f"--explain: {why}")
+    expect_counts(batch(collection, store), ROUNDS - 1, 1, 0, 0, "many, an input was changed")
+    expect_counts(batch(collection, store, "--rehash"), ROUNDS, 0, 0, 0, "many, --rehash")
 
 
 def part_speed():

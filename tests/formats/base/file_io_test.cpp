@@ -2,12 +2,15 @@
 #include "formats/base/file_io.h"
 
 #include <gtest/gtest.h>
+#include <sys/resource.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include <cerrno>
 #include <string>
 
 #include "formats/base/nearest_name.h"
+#include "formats/base/system_message.h"
 #include "tests/support/temporary_folder.h"
 
 namespace trocar {
@@ -71,6 +74,22 @@ TEST_F(FileIo, AFileThatIsReplacedPassesItsPermissionsOn) {
   fs::create_symlink(folder_ / "a", folder_ / "link");
   EXPECT_EQ(mode_after("link", Readers::kOwner), fs::perms(0600));
   ::umask(mask);
+}
+
+TEST_F(FileIo, WhatTheSystemLacksIsATemporaryReasonAndAWrongPathIsNone) {
+  ASSERT_TRUE(write_file_atomically(folder_ / "a", std::string_view("x")));
+  rlimit before{};
+  ASSERT_EQ(::getrlimit(RLIMIT_NOFILE, &before), 0);
+  const rlimit none{0, before.rlim_max};
+  ASSERT_EQ(::setrlimit(RLIMIT_NOFILE, &none), 0);
+  const auto without_descriptor = read_file(folder_ / "a");
+  ASSERT_EQ(::setrlimit(RLIMIT_NOFILE, &before), 0);
+  ASSERT_FALSE(without_descriptor);
+  EXPECT_TRUE(without_descriptor.error().is_temporary) << without_descriptor.error().message;
+  for (const char* wrong : {"nowhere", ".", "a/b"})
+    EXPECT_FALSE(read_file(folder_ / wrong).error().is_temporary) << wrong;
+  for (const int error : {EIO, ESTALE, ENOMEM, ETIMEDOUT, ENFILE, EMFILE, EACCES, ENOTCONN})
+    EXPECT_TRUE(is_of_circumstances(error)) << error;
 }
 
 TEST_F(FileIo, AFailureLeavesNothingBehind) {

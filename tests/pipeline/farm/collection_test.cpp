@@ -5,6 +5,8 @@
 
 #include <string>
 
+#include "pipeline/farm/sha256.h"
+
 namespace trocar::farm {
 namespace {
 
@@ -95,12 +97,23 @@ TEST(Collection, AFirstOneLeavesOutWhatCannotBeUsedAndNamesEachScanOnce) {
   const auto read = parse_collection(made.dump(), "/data/c.json");
   ASSERT_TRUE(read);
   ASSERT_EQ(read->scans.size(), 4u);
-  EXPECT_EQ(read->scans[0].name, "a_ct");
+  // Two scans that would have the same name have a digest of their paths, also if one is added later.
+  const auto digest = [](const char* text) {
+    return sha256_of(std::string_view(text)).substr(0, 12);
+  };
+  EXPECT_EQ(read->scans[0].name, "a_ct-" + digest("a/ct.nii.gz"));
   EXPECT_EQ(read->scans[0].paths[0], "study/a/ct.nii.gz");
-  EXPECT_EQ(read->scans[1].name, "a_ct-2");
+  EXPECT_EQ(read->scans[1].name, "a_ct-" + digest("a_ct.nii"));
   EXPECT_EQ(read->scans[2].paths[0], "study");
-  EXPECT_EQ(read->scans[3].name, "dicom_s4");
+  EXPECT_EQ(read->scans[3].name, "dicom_s4-" + digest("1.2"));
   EXPECT_EQ(read->scans[3].series, "1.2");
+  // A collection cannot state every path.
+  std::vector<std::string> left_out;
+  list = {{"scans", {scan("nifti", "new\nline.nii", true), scan("nifti", "\xe9.nii", true)}}};
+  EXPECT_TRUE(first_collection(list, "/data", "/data", &left_out)["scans"].empty());
+  EXPECT_EQ(left_out.size(), 2u);
+  list = {{"scans", {scan("nifti", "a.nii", true)}}};
+  EXPECT_EQ(first_collection(list, "/data", "")["scans"][0]["input"], "/data/a.nii");
 }
 
 }  // namespace

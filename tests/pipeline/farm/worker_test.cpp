@@ -45,6 +45,8 @@ class TestScan : public OpenedScan {
     if (what == "abort") ::raise(SIGKILL);
     if (what == "exit") ::_exit(7);
     if (what == "refuse") return refused(inputs_[0].string() + ": no");
+    if (what == "refuse once" && fs::remove(inputs_[0].string() + ".once"))
+      return refused(inputs_[0].string() + ": no");
     if (what == "throw") throw std::runtime_error("thrown");
     if (what == "memory") throw std::bad_alloc();
     if (what == "change") std::ofstream(inputs_[0], std::ios::app) << "more";
@@ -60,7 +62,6 @@ class TestScan : public OpenedScan {
     if (what == "damage") out.asset.resize(out.asset.size() / 2);
     std::ifstream in(inputs_[0]);
     out.report = std::string(std::istreambuf_iterator<char>(in), {}) + given_.dump();
-    out.warnings = json::array();
     return out;
   }
 
@@ -223,6 +224,37 @@ TEST_F(BatchTest, AFailureThatTheScanExplainsIsKnownUntilTheScanChanges) {
   collection_.scans[0].parameters.erase("do");
   EXPECT_EQ(run().made, 1u);
   EXPECT_EQ(run().unchanged, 2u);
+}
+
+// As if the storage had failed once, and the library that read the file had not told why.
+TEST_F(BatchTest, ARefusalThatDoesNotHappenAgainIsTriedAgain) {
+  const std::string input = add("a", {{"do", "refuse once"}});
+  std::ofstream(input + ".once") << "";
+  EXPECT_EQ(names_of(run().failed), Names{"a"});
+  const BatchSummary second = run();
+  EXPECT_TRUE(second.known.empty());
+  EXPECT_EQ(second.made, 1u);
+}
+
+// No run may take an entry that it cannot read for none: another user may have made it.
+TEST_F(BatchTest, AnEntryThatCannotBeReadEndsTheRunAndADamagedOneIsMadeAgain) {
+  add("a", {{"n", 1}});
+  EXPECT_EQ(run().made, 1u);
+  const fs::path entry = folder_ / "store/scans/a.json";
+  std::ofstream(entry) << "{";
+  EXPECT_EQ(run().found, 1u);
+  std::ofstream(entry) << "{";
+  collection_.scans[0].parameters["do"] = "abort";
+  EXPECT_EQ(names_of(run().failed), Names{"a"});
+  EXPECT_EQ(fs::file_size(entry), 1u);  // so that --gc stops at it
+  EXPECT_FALSE(
+      collect_garbage(*Store::open_for_writing(folder_ / "store"), std::chrono::seconds(0)));
+  fs::remove(entry);
+  fs::create_symlink(entry, entry);
+  BatchSettings settings;
+  settings.store = folder_ / "store";
+  const auto batch = Batch::plan(collection_, program_, programs_, settings)->run();
+  EXPECT_FALSE(batch);
 }
 
 TEST_F(BatchTest, ATouchedInputWithTheSameBytesIsTheSameFailure) {
