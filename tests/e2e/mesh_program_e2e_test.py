@@ -396,7 +396,7 @@ def test_small_pixels(programs, work):
     struct.pack_into("<2f", header, 108, 352, 1)
     header[123] = 2
     header[344:348] = b"n+1\0"
-    walls = [1500 if x % 20 < 5 or y % 20 < 5 else 0 for y in range(side) for x in range(side)]
+    walls = [1500 if x % 20 < 5 or y % 20 < 5 else -20 for y in range(side) for x in range(side)]
     grid = work / "grid.nii"
     grid.write_bytes(bytes(header) + struct.pack(f"<{8 * side * side}h", *walls * 8))
 

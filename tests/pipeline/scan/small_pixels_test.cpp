@@ -5,6 +5,7 @@
 
 #include <gtest/gtest.h>
 
+#include <cmath>
 #include <functional>
 #include <set>
 #include <string>
@@ -52,7 +53,7 @@ class EqualSlices final : public SliceStack {
 // Walls of 5 pixels around 16 cells of 15 x 15.
 EqualSlices grid_of_walls(double pixel_mm) {
   return {pixel_mm, kSide, kSlices,
-          [](int x, int y) { return x % 20 < 5 || y % 20 < 5 ? 1500.0 : 0.0; }};
+          [](int x, int y) { return x % 20 < 5 || y % 20 < 5 ? 1500.0 : -20.0; }};
 }
 
 StackOptions defaults() {
@@ -177,7 +178,7 @@ TEST(SmallPixels, DroppedIslandsAreCountedAndNamed) {
   // A large square and nine small ones.
   const EqualSlices stack(0.5, 60, 1, [](int x, int y) {
     const bool is_small = y >= 50 && y < 52 && x % 6 < 2 && x < 54;
-    return (x >= 10 && x < 30 && y >= 10 && y < 30) || is_small ? 1000.0 : 0.0;
+    return (x >= 10 && x < 30 && y >= 10 && y < 30) || is_small ? 1000.0 : -20.0;
   });
   StackOptions options = defaults();
   options.mesh.min_region_mm2 = 2;
@@ -189,11 +190,14 @@ TEST(SmallPixels, DroppedIslandsAreCountedAndNamed) {
 }
 
 TEST(SmallPixels, WhatAGivenToleranceMovesIsCountedAndNamed) {
+  const EqualSlices disc(
+      0.05, 60, 1, [](int x, int y) { return std::hypot(x - 30, y - 30) < 20 ? 1000.0 : -20.0; });
   StackOptions options = defaults();
   options.defaults.tolerance = false;
-  const json report = report_of(grid_of_walls(0.05), options);
+  const json report = report_of(disc, options);
   EXPECT_GT(report["changes"]["moved_mm2"].get<double>(), 0);
-  EXPECT_EQ(codes(report).count("outline_moved"), 1U) << report["changes"];
+  EXPECT_EQ(codes(report), std::set<std::string>{"outline_moved"}) << report["changes"];
+  EXPECT_EQ(report_of(disc, defaults())["changes"]["moved_mm2"], 0);
 }
 
 // A map of 0 and 1 loses its small components as pixels.
@@ -215,7 +219,7 @@ TEST(SmallPixels, ChangesOfALabelMapAreThoseOfItsPixels) {
 // a reader admits for so small a file.
 TEST(SparseScan, ItsHuAreCoarserSoThatItsReaderAcceptsThem) {
   const EqualSlices stack(0.7, 2500, 3, [](int x, int y) {
-    return (x < 4 && y < 4) || (x >= 2495 && y >= 2495) ? 1000.0 : 0.0;
+    return (x < 4 && y < 4) || (x >= 2495 && y >= 2495) ? 1000.0 : -20.0;
   });
   StackOptions options = defaults();
   const auto made = mesh_stack(stack, options, json::object());

@@ -152,15 +152,6 @@ TEST(SolidBone, AnAirwayStaysOpenWithItsLining) {
   EXPECT_FALSE(solid.inside(20, 26, 20));
 }
 
-// The disc that closes gaps does not come between them.
-TEST(SolidBone, TheSpaceBetweenTwoShaftsStaysOpen) {
-  const BlockStack stack([](double x, double y, double) {
-    return std::hypot(x - 10, y - 20) < 8 || std::hypot(x - 30, y - 20) < 8 ? 1200.0 : 40.0;
-  });
-  const SolidBone solid = made(stack, filling(3, 2500));
-  EXPECT_EQ(solid.filled_mm3(), 0);
-}
-
 TEST(SolidBone, SpecksAreDroppedBeforeTheyCloseAGap) {
   // Specks in the hole of the shell, too small for a bone, would close it.
   const BlockStack stack([](double x, double y, double z) {
