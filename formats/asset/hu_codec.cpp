@@ -371,6 +371,13 @@ std::vector<std::uint8_t> deflated(const std::vector<std::uint8_t>& bytes) {
 
 }  // namespace
 
+std::uint64_t max_hu_samples(std::uint64_t file_bytes) {
+  // The first limit admits large slices with two specks in opposite corners, which have
+  // many samples for each of their bytes. The second one is for damaged and hostile files.
+  return std::min((std::uint64_t{1} << 22) + 4096 * file_bytes,
+                  (std::uint64_t{1} << 28) + 64 * file_bytes);
+}
+
 Result<void> check_hu_grid(const HuGrid& grid, const Lattice& lattice) {
   const auto is_axis = [&](double origin_mm, double pitch_mm, int count) {
     const double max_mm = lattice.to_mm(kMaxCoordinate / 2);

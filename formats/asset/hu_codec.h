@@ -34,6 +34,12 @@ inline constexpr std::int64_t kMaxHuSteps = std::int64_t{1} << 30;
 /// The largest margin, lattice steps.
 inline constexpr std::int32_t kMaxHuMargin = 1 << 20;
 
+/// The largest number of samples that the boxes of all planes of an asset may have together.
+/// Samples that are not stored take memory (4 bytes), but no bytes of the file, so the limit keeps a
+/// damaged or hostile file of a few megabytes from taking much more than 1 GiB. It grows with the
+/// size of the file.
+std::uint64_t max_hu_samples(std::uint64_t file_bytes);
+
 /// Checks the numbers of a grid. Errors: kRefused if a number is out of range; the message does not
 /// contain the file's name.
 Result<void> check_hu_grid(const HuGrid& grid, const Lattice& lattice);

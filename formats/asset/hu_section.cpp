@@ -141,13 +141,6 @@ Result<std::optional<HuPlane>> read_plane(ByteSource& source, std::uint64_t bina
 
 }  // namespace
 
-std::uint64_t max_hu_samples(std::uint64_t file_bytes) {
-  // The first limit admits large slices with two specks in opposite corners, which have
-  // many samples for each of their bytes. The second one is for damaged and hostile files.
-  return std::min((std::uint64_t{1} << 22) + 4096 * file_bytes,
-                  (std::uint64_t{1} << 28) + 64 * file_bytes);
-}
-
 json add_hu_volume(GltfWriter& gltf, const EncodedHuVolume& volume) {
   std::vector<std::uint8_t> bytes(volume.planes.size() * sizeof(PlaneRecord));
   for (std::size_t i = 0; i < volume.planes.size(); ++i) {

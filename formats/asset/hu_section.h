@@ -32,17 +32,12 @@ nlohmann::json add_hu_volume(GltfWriter& gltf, const EncodedHuVolume& volume);
 /// unknown version or a number out of range, or if two volumes are of the same kind.
 Result<std::vector<HuSection>> hu_sections(const nlohmann::json& ours, const Lattice& lattice);
 
-/// The largest number of samples that the boxes of all decoded planes may have together. Samples
-/// that are not stored take memory (4 bytes), but no bytes of the file, so the limit keeps a
-/// damaged or hostile file of a few megabytes from taking much more than 1 GiB.
-std::uint64_t max_hu_samples(std::uint64_t file_bytes);
-
 /// Decodes planes of HU into asset.hu and, if `with_context` is set, also into asset.context.
 /// Decodes only the planes of the slices in asset.slices. A slice without outlines gets no plane in
 /// asset.hu. The binary chunk's data begin at offset `binary_at` of `source` and have
 /// `binary_bytes` bytes. For each slice only the bytes of its planes and O(log planes) records of
 /// the directory are read. Errors: kRefused if bytes are damaged or lie outside the binary chunk,
-/// or if there are more samples than max_hu_samples().
+/// or if there are more samples than max_hu_samples() (hu_codec.h).
 Result<void> read_hu_volumes(ByteSource& source, std::uint64_t binary_at,
                              std::uint64_t binary_bytes, const std::vector<HuSection>& sections,
                              bool with_context, Asset& asset);

@@ -350,10 +350,17 @@ void normalise(Pslg& outline) {
   std::sort(outline.rings.begin(), outline.rings.end());
 }
 
-Pslg drop_small_rings(Pslg contours, double min_area_mm2, const Lattice& lattice) {
-  const double steps2 = 2 * min_area_mm2 / (lattice.step_mm() * lattice.step_mm());
-  std::erase_if(contours.rings, [steps2](const Ring& ring) {
-    return std::abs(static_cast<double>(doubled_area(ring))) < steps2;
+Pslg drop_small_rings(Pslg contours, double min_area_mm2, const Lattice& lattice,
+                      AreaChange* change) {
+  const double step_mm2 = lattice.step_mm() * lattice.step_mm(),
+               steps2 = 2 * min_area_mm2 / step_mm2;
+  std::erase_if(contours.rings, [&](const Ring& ring) {
+    const auto doubled = static_cast<double>(doubled_area(ring));
+    if (!(std::abs(doubled) < steps2)) return false;
+    if (change != nullptr)
+      (doubled > 0 ? change->dropped_mm2 : change->filled_mm2) +=
+          0.5 * std::abs(doubled) * step_mm2;
+    return true;
   });
   return contours;
 }

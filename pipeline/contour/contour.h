@@ -37,8 +37,16 @@ Pslg contours(const Field& field, const PixelGrid& grid, ContourKind kind);
 /// Lets each ring start at its smallest vertex, and sorts the rings.
 void normalise(Pslg& outline);
 
+/// Areas by which a step changes the material of a slice.
+struct AreaChange {
+  double dropped_mm2 = 0;  ///< of islands
+  double filled_mm2 = 0;   ///< of holes
+};
+
 /// Removes rings with an area below `min_area_mm2`: small islands vanish and small holes are
-/// filled. Rings inside a removed ring are even smaller, so they are removed too.
-Pslg drop_small_rings(Pslg contours, double min_area_mm2, const Lattice& lattice);
+/// filled. Rings inside a removed ring are even smaller, so they are removed too. Adds the areas of
+/// all removed rings to `change`, so the area of the material grows by filled - dropped.
+Pslg drop_small_rings(Pslg contours, double min_area_mm2, const Lattice& lattice,
+                      AreaChange* change = nullptr);
 
 }  // namespace trocar::pipeline

@@ -130,4 +130,23 @@ double hausdorff_mm(const Pslg& contours, const Pslg& rings, const Lattice& latt
   return std::sqrt(worst2) * lattice.step_mm();
 }
 
+double moved_area_mm2(const Pslg& contours, const Pslg& rings, const Lattice& lattice,
+                      double beyond_mm, const std::vector<bool>& is_open) {
+  const double step_mm = lattice.step_mm(), beyond = beyond_mm / step_mm;
+  double sum = 0;  // lattice steps squared
+  for (std::size_t r = 0; r < contours.rings.size(); ++r) {
+    const bool open = !is_open.empty() && is_open[r];
+    const Target to(rings.rings[r], open);
+    const Ring& ring = contours.rings[r];
+    std::size_t edge = 0;
+    for (std::size_t i = 0; i + (open ? 1 : 0) < ring.size(); ++i) {
+      const Point a = point(ring[i]), b = point(ring[i + 1 < ring.size() ? i + 1 : 0]);
+      const Target::Nearest near = to.nearest({0.5 * (a.x + b.x), 0.5 * (a.y + b.y)}, edge);
+      edge = near.edge;
+      if (near.d2 > beyond * beyond) sum += std::sqrt(near.d2 * distance2_between(a, b));
+    }
+  }
+  return sum * step_mm * step_mm;
+}
+
 }  // namespace trocar::pipeline

@@ -56,4 +56,10 @@ double left_for_refinement_steps(const Lattice& lattice, const SimplificationOpt
 double hausdorff_mm(const Pslg& contours, const Pslg& rings, const Lattice& lattice,
                     const std::vector<bool>& is_open = {});
 
+/// The area, in mm^2, between each contour and the ring of the same index, where the contour is
+/// farther than `beyond_mm` from the ring: the sum of length times distance over the contour's
+/// edges whose middle is that far away. It is exact for straight parts and an estimate elsewhere.
+double moved_area_mm2(const Pslg& contours, const Pslg& rings, const Lattice& lattice,
+                      double beyond_mm, const std::vector<bool>& is_open = {});
+
 }  // namespace trocar::pipeline

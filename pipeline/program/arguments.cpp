@@ -107,10 +107,10 @@ void add_material_options(const Command& command, Arguments& a) {
       "--names", a.names, "FILE",
       "names of the labels: a JSON file such as {\"20\": \"L1\"}; or verse, for label maps of\n"
       "the data set VerSe; or totalsegmentator, for those of the program TotalSegmentator");
-  group.number(
+  a.min_region_option = group.number(
       "--min-region", a.min_region_mm2, "MM2", 0.0, 1e12,
       "in each slice, drop islands of material and fill holes whose area is smaller than this,\n"
-      "mm^2");
+      "mm^2. Default for pixels narrower than 0.3 mm: at most 4 pixels");
   group.flag("--keep-table", a.keep_table,
              "mesh the scanner's table, too. Without this option, the table is left out if it\n"
              "is separate from the patient's bone");
@@ -168,8 +168,10 @@ void add_stage_options(const Command& command, Arguments& a) {
           "how outlines are simplified. area: vertices are merged so that each outline keeps its\n"
           "area; dp: vertices are left out (method of Douglas and Peucker), and areas change")
       .with_default_shown();
-  group.number("--tolerance", a.tolerance_mm, "MM", 0.0, 1e4,
-               "largest distance of the simplified outline from the original one, mm");
+  a.tolerance_option =
+      group.number("--tolerance", a.tolerance_mm, "MM", 0.0, 1e4,
+                   "largest distance of the simplified outline from the original one, mm. Default\n"
+                   "for pixels narrower than 0.3 mm: at most 0.4 pixels");
   group.number("--min-angle", a.min_angle_deg, "DEG", 0.0, 60.0,
                "smallest angle of a triangle, degrees");
   a.area_option = group.number("--max-area", a.max_area_mm2, "MM2", 1e-6, 1e12,
@@ -180,8 +182,10 @@ void add_stage_options(const Command& command, Arguments& a) {
   group.number("--grade", a.grade_hu, "HU", 0.0, 1e6,
                "use smaller triangles where the HU change by more than this along an edge of\n"
                "a triangle; 0: never");
-  group.number("--lattice-bits", a.lattice_bits, "N", kMinLatticeBits, kMaxLatticeBits,
-               "precision: all coordinates are multiples of 2^-N mm");
+  a.lattice_option = group.number(
+      "--lattice-bits", a.lattice_bits, "N", kMinLatticeBits, kMaxLatticeBits,
+      "precision: all coordinates are multiples of 2^-N mm. Default for pixels narrower\n"
+      "than 0.25 mm: at least 64 steps a pixel");
 }
 
 // Options of the asset. A preview accepts them without effect, so that the options of a run can be

@@ -4,6 +4,7 @@
 #pragma once
 
 #include <filesystem>
+#include <set>
 #include <string>
 #include <vector>
 
@@ -27,7 +28,10 @@ struct Arguments {
   bool any_modality = false, quiet = false, explain = false, no_hu = false, lines = false,
        colour = false, surface = false, keep_table = false;
   Option threshold_option, equalize_option, labels_option, area_option, area_px_option, axis_option,
-      dump_slice_option, volume_option, context_option, surface_triangles_option;
+      dump_slice_option, volume_option, context_option, surface_triangles_option, tolerance_option,
+      min_region_option, lattice_option;
+  /// The options whose values come from --preset (added_by_preset()).
+  std::set<std::string> of_preset;
 };
 
 /// Declares the options of meshing. Parsing writes their values to `a`.

@@ -20,6 +20,7 @@
 #include "pipeline/program/presets.h"
 #include "pipeline/program/stage_options.h"
 #include "pipeline/read/file_names.h"
+#include "pipeline/scan/small_pixels.h"
 
 namespace trocar::pipeline {
 namespace {
@@ -92,6 +93,7 @@ Result<std::unique_ptr<Parsed>> parse(const json& given) {
   }
   if (auto ok = out->line.parse(with_preset_options(words)); !ok)
     return usage("parameters: " + ok.error().message);
+  out->a.of_preset = added_by_preset(words);
   auto options = stack_options(out->a);
   if (!options) return options.error();
   auto open = open_options(out->a);
@@ -129,8 +131,22 @@ json seeds_json(const std::vector<Eigen::Vector3d>& seeds) {
   return out;
 }
 
+// The names of the options that follow small pixels.
+json following_json(const DefaultOptions& defaults) {
+  json out = json::array();
+  const auto add = [&out](bool follows, const char* name) {
+    if (follows) out.push_back(name);
+  };
+  add(defaults.tolerance, "tolerance");
+  add(defaults.min_region, "min-region");
+  add(defaults.lattice_bits, "lattice-bits");
+  add(defaults.close, "close");
+  add(defaults.min_volume, "min-volume");
+  return out;
+}
+
 // Every option that can change a byte of the outputs, under its name. Defaults are included, so
-// that giving a default explicitly does not change the key.
+// that giving a default explicitly does not change the key, unless the default follows the pixels.
 json canonical(const Parsed& parsed) {
   const auto& [line, a, o, open] = parsed;
   json out = segmentation_json(o.mesh.segmentation);
@@ -152,7 +168,8 @@ json canonical(const Parsed& parsed) {
               {"no-hu", a.no_hu},
               {"lattice-bits", a.lattice_bits},
               {"lines", a.lines},
-              {"colour", a.colour}});
+              {"colour", a.colour},
+              {"follow-pixels", following_json(o.defaults)}});
   if (o.mesh.max_area_px2) {
     out["max-area-px"] = *o.mesh.max_area_px2;
   } else {
@@ -233,6 +250,7 @@ class Opened : public farm::OpenedScan {
     options.stop = &stop_requested;
     if (!stack.series && open.axis == SliceAxis::kAxial) open.axis.reset();
     options.axis = open.axis;
+    follow_small_pixels(stack, options);
     auto result = mesh_stack(stack, options, parameters_json(options, open));
     if (!result) return result.error();
     farm::ScanOutputs out;

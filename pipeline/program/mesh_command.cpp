@@ -21,6 +21,7 @@
 #include "pipeline/program/stage_options.h"
 #include "pipeline/read/digest.h"
 #include "pipeline/scan/mesh_stack.h"
+#include "pipeline/scan/small_pixels.h"
 
 namespace trocar::pipeline {
 namespace {
@@ -138,6 +139,13 @@ Result<void> describe_files(const Arguments& a, const SliceStack& stack, StackRe
   return {};
 }
 
+// Reads the asset as every reader will, before it gets its name.
+Result<void> check_asset(const Arguments& a, const StackResult& result) {
+  const std::string name = a.output.string() + " is not written: as an asset it would be refused";
+  const auto asset = decode_asset(result.glb, name);
+  return asset ? verify_asset(*asset, name) : asset.error();
+}
+
 // The surface as a file of its own.
 Result<void> write_surface(const Arguments& a, const StackResult& result) {
   if (result.surfaces.size() != 1)
@@ -213,10 +221,12 @@ int run_mesh(const Arguments& given) {
   // A volume that is not DICOM is axial even without --axis.
   if (!stack->series && open->axis == SliceAxis::kAxial) open->axis.reset();
   options->axis = open->axis;
+  follow_small_pixels(*stack, *options);
   auto result = mesh_stack(*stack, *options, parameters_json(*options, *open));
   if (!result) return fail(result.error());
   if (!a.dump_stages.empty() && result->stages.is_null())
     return fail(usage("--dump-stages needs --dump-slice with a slice that was meshed"));
+  if (auto ok = check_asset(a, *result); !ok) return fail(ok.error());
   if (auto ok = write_outputs(a, *stack, *result); !ok) return fail(ok.error());
   if (!a.quiet) print_outcome(a, *result);
   return 0;

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <array>
+#include <iterator>
 
 #include "formats/base/nearest_name.h"
 
@@ -20,6 +21,26 @@ const Preset* find_preset(std::string_view name) {
   const auto at =
       std::find_if(all.begin(), all.end(), [name](const Preset& p) { return p.name == name; });
   return at == all.end() ? nullptr : &*at;
+}
+
+// The options of the preset that the words do not give themselves.
+std::vector<std::pair<std::string_view, std::string_view>> added(
+    const std::vector<std::string>& words) {
+  std::string name;
+  for (std::size_t i = 0; i < words.size(); ++i) {
+    if (words[i].starts_with("--preset=")) name = words[i].substr(std::string("--preset=").size());
+    if (words[i] == "--preset" && i + 1 < words.size()) name = words[i + 1];
+  }
+  std::vector<std::pair<std::string_view, std::string_view>> out;
+  const Preset* preset = find_preset(name);
+  if (preset == nullptr) return out;
+  std::copy_if(preset->options.begin(), preset->options.end(), std::back_inserter(out),
+               [&words](const auto& each) {
+                 const bool other_unit =
+                     each.first == "--max-area-px" && gives(words, "--max-area");
+                 return !gives(words, each.first) && !other_unit;
+               });
+  return out;
 }
 
 }  // namespace
@@ -58,21 +79,18 @@ std::span<const Preset> presets() {
 }
 
 std::vector<std::string> with_preset_options(const std::vector<std::string>& words) {
-  std::string name;
-  for (std::size_t i = 0; i < words.size(); ++i) {
-    if (words[i].starts_with("--preset=")) name = words[i].substr(std::string("--preset=").size());
-    if (words[i] == "--preset" && i + 1 < words.size()) name = words[i + 1];
-  }
   std::vector<std::string> out = words;
-  const Preset* preset = find_preset(name);
-  if (preset == nullptr) return out;
   // After "--" there are only inputs.
   auto end = std::find(out.begin(), out.end(), "--") - out.begin();
-  for (const auto& [option, value] : preset->options) {
-    const bool other_unit = option == "--max-area-px" && gives(words, "--max-area");
-    if (gives(words, option) || other_unit) continue;
+  for (const auto& [option, value] : added(words))
     out.insert(out.begin() + end++, std::string(option).append("=").append(value));
-  }
+  return out;
+}
+
+std::set<std::string> added_by_preset(const std::vector<std::string>& words) {
+  std::set<std::string> out;
+  for (const auto& [option, value] : added(words))
+    out.emplace(option);
   return out;
 }
 

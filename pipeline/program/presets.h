@@ -4,6 +4,7 @@
 // Tests: tests/pipeline/program/parameters_test.cpp
 #pragma once
 
+#include <set>
 #include <span>
 #include <string>
 #include <string_view>
@@ -27,6 +28,9 @@ std::span<const Preset> presets();
 /// `--max-area-px` is not added either, because both limit the area of triangles. If no preset has
 /// the name that `--preset` gives, nothing is added.
 std::vector<std::string> with_preset_options(const std::vector<std::string>& words);
+
+/// The names of the options that with_preset_options() adds to the words, such as "--close".
+std::set<std::string> added_by_preset(const std::vector<std::string>& words);
 
 /// A text with the options and the purpose of the preset `name`, or of all presets if `name` is
 /// empty. Errors: kUsage if there is no such preset.

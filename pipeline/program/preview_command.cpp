@@ -18,6 +18,7 @@
 #include "pipeline/program/mesh_scan.h"
 #include "pipeline/program/messages.h"
 #include "pipeline/program/stage_options.h"
+#include "pipeline/scan/small_pixels.h"
 
 namespace trocar::pipeline {
 namespace {
@@ -65,6 +66,7 @@ int run_preview(const Arguments& a) {
   const std::unique_ptr<SliceStack>& stack = scan->labels;
   if (auto ok = check_sheet(a, files_read(a, *scan)); !ok) return fail(ok.error());
   if (auto ok = check_threshold(a, *stack); !ok) return fail(ok.error());
+  follow_small_pixels(*stack, *options);
   const auto made = make_preview(*stack, *options, a.count);
   if (!made) return fail(made.error());
   const SheetText text{sheet_title(*stack, *made),

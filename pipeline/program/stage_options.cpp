@@ -117,6 +117,9 @@ Result<void> set_mesh(const Arguments& a, StackOptions& out) {
   }
   out.mesh.min_region_mm2 = a.min_region_mm2;
   out.mesh.lattice.bits = a.lattice_bits;
+  out.defaults = {!a.tolerance_option.is_given(), !a.min_region_option.is_given(),
+                  !a.lattice_option.is_given(), a.of_preset.contains("--close"),
+                  a.of_preset.contains("--min-volume")};
   out.mesh.hu_volume = !a.no_hu;
   out.mesh.hu_field = a.colour;
   out.mesh.grade_hu = a.grade_hu;

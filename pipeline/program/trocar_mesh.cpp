@@ -179,9 +179,10 @@ struct MeshCommandLine {
 
 int run(int argc, char** argv) {
   MeshCommandLine program;
-  const std::vector<std::string> words = with_preset_options(with_repeated(
-      "--seed", is_position, with_repeated("--labels", is_labels, {argv, argv + argc})));
-  if (const auto done = program.line.parse_or_end(words)) return *done;
+  const std::vector<std::string> words = with_repeated(
+      "--seed", is_position, with_repeated("--labels", is_labels, {argv, argv + argc}));
+  if (const auto done = program.line.parse_or_end(with_preset_options(words))) return *done;
+  program.mesh.of_preset = program.preview.of_preset = added_by_preset(words);
   // Lack of memory is caused by the input and is not a bug.
   try {
     return program.run(argv);

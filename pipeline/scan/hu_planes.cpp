@@ -15,8 +15,8 @@ constexpr double kMargin_mm = 1.5;
 constexpr int kAround = 4;
 
 // Pixels from one sample to the next.
-int pixels_each(double spacing_mm, int pixels) {
-  const double each = std::floor(1 / spacing_mm + 0.25);
+int pixels_each(double spacing_mm, int pixels, int coarser) {
+  const double each = coarser * std::max(1.0, std::floor(1 / spacing_mm + 0.25));
   const int coarsest = std::max(1, pixels / 2);  // two samples at least
   const int needed = 1 + (pixels - 1) / 4096;    // kMaxHuSamples in a plane
   return std::clamp(each < coarsest ? static_cast<int>(each) : coarsest, needed,
@@ -88,10 +88,11 @@ std::vector<float> pixels_of(const Image& hu, const HuMask& box) {
 
 }  // namespace
 
-HuSampling hu_sampling(const SlicePlane& plane, int width, int height, const MeshOptions& options) {
+HuSampling hu_sampling(const SlicePlane& plane, int width, int height, const MeshOptions& options,
+                       int coarser) {
   HuSampling out;
-  out.columns_each = pixels_each(plane.spacing_u_mm, width);
-  out.rows_each = pixels_each(plane.spacing_v_mm, height);
+  out.columns_each = pixels_each(plane.spacing_u_mm, width, coarser);
+  out.rows_each = pixels_each(plane.spacing_v_mm, height, coarser);
   HuGrid& grid = out.grid;
   if (options.crop)
     grid.origin_mm = {options.crop->x0 * plane.spacing_u_mm, options.crop->y0 * plane.spacing_v_mm};
@@ -142,12 +143,13 @@ std::vector<float> hu_samples(const Image& hu, const HuSampling& sampling, const
   return out;
 }
 
-Result<EncodedHuPlane> encode_hu(int index, const Image& hu, const HuSampling& sampling,
-                                 const Lattice& lattice, Outlines outlines) {
-  EncodedHuPlane out{index, {}};
+Result<EncodedHu> encode_hu(int index, const Image& hu, const HuSampling& sampling,
+                            const Lattice& lattice, Outlines outlines) {
+  EncodedHu out{{index, {}}};
   const auto mask = hu_mask(sampling.grid, lattice, outlines);
   if (!mask) return mask.error();
   if (mask->is_stored.empty()) return out;
+  out.samples = std::int64_t{mask->columns} * mask->rows;
   const std::vector<float> samples = hu_samples(hu, sampling, *mask);
   out.bytes = encode_hu_plane(sampling.grid, *mask, [&](int column, int row) {
     return samples[static_cast<std::size_t>(row - mask->first_row) *

@@ -5,6 +5,7 @@
 // Tests: tests/pipeline/scan/hu_planes_test.cpp, tests/e2e/hu_volume_test.py
 #pragma once
 
+#include <cstdint>
 #include <vector>
 
 #include "formats/asset/asset.h"
@@ -32,7 +33,10 @@ struct HuSampling {
 /// Stored HU are multiples of a step. The step in HU is about 72 divided by the pitch in mm, but at
 /// least 8 and at most 96. With this step, the rounding error of the mean over a needle's
 /// cross-section (3 mm wide) is 2 to 5 HU, whatever the pitch.
-HuSampling hu_sampling(const SlicePlane& plane, int width, int height, const MeshOptions& options);
+///
+/// `coarser` multiplies the pitch, as long as two samples are left along each side.
+HuSampling hu_sampling(const SlicePlane& plane, int width, int height, const MeshOptions& options,
+                       int coarser = 1);
 
 /// Computes the samples in a rectangle, row by row. `box` has the rectangle's first column, first
 /// row and size, in samples. If every pixel is a sample, the result has the values of the pixels.
@@ -40,9 +44,13 @@ HuSampling hu_sampling(const SlicePlane& plane, int width, int height, const Mes
 /// pixels in and around the box.
 std::vector<float> hu_samples(const Image& hu, const HuSampling& sampling, const HuMask& box);
 
+struct EncodedHu : EncodedHuPlane {
+  std::int64_t samples = 0;  ///< in the plane's box (max_hu_samples())
+};
+
 /// Encodes the plane of the slice `index`. The plane has no bytes if no sample is stored. Errors:
 /// those of hu_mask().
-Result<EncodedHuPlane> encode_hu(int index, const Image& hu, const HuSampling& sampling,
-                                 const Lattice& lattice, Outlines outlines);
+Result<EncodedHu> encode_hu(int index, const Image& hu, const HuSampling& sampling,
+                            const Lattice& lattice, Outlines outlines);
 
 }  // namespace trocar::pipeline

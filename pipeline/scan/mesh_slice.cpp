@@ -41,12 +41,13 @@ Result<void> check_simplified(const std::vector<Pslg>& outlines) {
   return {};
 }
 
-// Sets MeshedMaterial::outline and simplification_error_mm of every material, and proves the
-// refined meshes.
+// Sets MeshedMaterial::outline and simplification_error_mm of every material and
+// SliceChanges::moved_mm2, and proves the refined meshes.
 Result<void> check_refined(const SliceBorders& contours, const SliceBorders& simple,
                            const std::vector<Refined>& refined, const Lattice& lattice,
-                           const SimplificationOptions& simplification,
-                           std::vector<MeshedMaterial>& out) {
+                           const SimplificationOptions& simplification, double half_pixel_mm,
+                           MeshedSlice& slice) {
+  std::vector<MeshedMaterial>& out = slice.materials;
   const auto failed = [](const std::string& why) { return bug("after refinement: " + why); };
   const bool keeps_area = simplification.method == SimplificationMethod::kArea;
   const bool are_shared = simple.shared.has_value();
@@ -69,8 +70,10 @@ Result<void> check_refined(const SliceBorders& contours, const SliceBorders& sim
   }
   with_steiner_points.outlines = std::move(stored);
   // If areas are kept, the points of refinement move the outline on purpose and therefore count.
-  const std::vector<double> errors_mm =
-      distances_mm(contours, keeps_area ? with_steiner_points : simple, lattice);
+  const SliceBorders& outlines = keeps_area ? with_steiner_points : simple;
+  const std::vector<double> errors_mm = distances_mm(contours, outlines, lattice);
+  if (*std::max_element(errors_mm.begin(), errors_mm.end()) > half_pixel_mm)
+    slice.changes.moved_mm2 = moved_area_mm2(contours, outlines, lattice, half_pixel_mm);
   for (std::size_t k = 0; k < out.size(); ++k) {
     out[k].simplification_error_mm = errors_mm[k];
     if (keeps_area && simplification.tolerance_mm > 0 && errors_mm[k] > simplification.tolerance_mm)
@@ -82,8 +85,10 @@ Result<void> check_refined(const SliceBorders& contours, const SliceBorders& sim
 // Makes the proved meshes of the materials from their contours.
 Result<void> mesh_materials(SliceBorders contours, const Lattice& lattice,
                             const SimplificationOptions& simplification,
-                            const RefinementOptions& refinement, Stopwatch& watch,
-                            StageTimes& times, std::vector<MeshedMaterial>& out) {
+                            const RefinementOptions& refinement, double half_pixel_mm,
+                            Stopwatch& watch, MeshedSlice& slice) {
+  std::vector<MeshedMaterial>& out = slice.materials;
+  StageTimes& times = slice.times;
   SliceBorders simple = simplified(contours, lattice, simplification);
   times["simplify"] = watch.lap_ms();
   if (auto ok = check_simplified(simple.outlines); !ok) return ok;
@@ -97,7 +102,9 @@ Result<void> mesh_materials(SliceBorders contours, const Lattice& lattice,
     sort_by_position(region);
   times["refine"] = watch.lap_ms();
 
-  if (auto ok = check_refined(contours, simple, refined, lattice, simplification, out); !ok)
+  if (auto ok =
+          check_refined(contours, simple, refined, lattice, simplification, half_pixel_mm, slice);
+      !ok)
     return ok;
   for (std::size_t k = 0; k < out.size(); ++k) {
     out[k].contours = std::move(contours.outlines[k]);
@@ -185,14 +192,16 @@ Result<MeshedSlice> mesh_slice(const SliceStack& stack, int slice, const MeshOpt
   auto pixels = segment_slice(stack, slice, options, std::move(*images), out);
   if (!pixels) return fail(pixels.error());
   out.times["segment"] = watch.lap_ms();
-  SliceBorders contours = slice_contours(stack, slice, options, *pixels, out.materials);
+  SliceBorders contours =
+      slice_contours(stack, slice, options, *pixels, out.materials, out.changes.small);
   out.times["contour"] = watch.lap_ms();
 
   const Image* const hu = pixels->hu();
   const RefinementOptions refinement = refinement_of_slice(plane, options, hu);
   out.max_area_bound_mm2 = refinement.max_area_mm2;
+  const double half_pixel_mm = 0.5 * std::min(plane.spacing_u_mm, plane.spacing_v_mm);
   const auto meshed = mesh_materials(std::move(contours), options.lattice, options.simplification,
-                                     refinement, watch, out.times, out.materials);
+                                     refinement, half_pixel_mm, watch, out);
   if (!meshed) return fail(meshed.error());
   for (MeshedMaterial& material : out.materials)
     measure(options.lattice, refinement.min_angle_deg, material);

@@ -70,6 +70,15 @@ struct MeshedMaterial {
   int holes = 0;
 };
 
+/// Areas that the program has changed in a slice, in all materials together.
+struct SliceChanges {
+  AreaChange small;  ///< islands and holes below MaterialOptions::min_region_mm2
+  /// Area between contours and outlines where these are more than half a pixel apart. (Rounding to
+  /// the lattice moves points less: a pixel is at least kMinStepsPerPixel steps wide.)
+  double moved_mm2 = 0;
+  std::optional<AreaChange> solid;  ///< of SolidBone and ScannerTable; no value without SolidBone
+};
+
 struct MeshedSlice {
   bool all_material = false;  ///< whether every pixel is material
   /// The materials of the slice. There is at least one entry; if nothing is material,
@@ -83,6 +92,7 @@ struct MeshedSlice {
   /// The wanted bound on the area of triangles. If it would give too many triangles, refinement
   /// uses a larger bound (Refined::max_area_mm2).
   double max_area_bound_mm2 = 0;
+  SliceChanges changes;
   std::optional<Image> hu;  ///< HU of all pixels in the crop, for MeshOptions::hu_volume
   StageTimes times;
 

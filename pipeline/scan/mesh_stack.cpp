@@ -14,7 +14,9 @@
 #include <utility>
 
 #include "formats/asset/deidentification.h"
+#include "formats/asset/hu_codec.h"
 #include "formats/base/json_text.h"
+#include "pipeline/base/number_ranges.h"
 #include "pipeline/base/parallel_for.h"
 #include "pipeline/read/digest.h"
 #include "pipeline/scan/asset_materials.h"
@@ -66,12 +68,12 @@ struct EncodedMaterial {
 
 struct FinishedSlice {
   std::vector<EncodedMaterial> materials;
-  EncodedHuPlane hu;  // no bytes: none
+  EncodedHu hu;  // no bytes: none
   json stages;
   std::vector<SliceWarning> warnings;
   std::set<int> labels;
   ValueTally values;
-  double area_mm2 = 0;
+  ChangedSlice changed;
   StageTimes ms;
 };
 
@@ -85,12 +87,18 @@ struct Finished {
 struct Collected {
   std::vector<EncodedMaterial> materials;
   std::vector<EncodedHuPlane> hu;
+  std::int64_t hu_samples = 0;
   std::vector<SliceWarning> warnings;
   std::set<int> labels;
   ValueTally values;
   double area_mm2 = 0;
+  std::vector<ChangedSlice> changed;
   json stages;  // of StackOptions::dump_slice
 };
+
+Error after_hu(const Error& error, const std::string& name) {
+  return {error.code, name + ": " + error.message + " (--no-hu leaves HU out)"};
+}
 
 Result<FinishedSlice> mesh_and_encode(const Run& run, int index, const Result<DracoGrid>& grid) {
   const SliceStack& stack = run.stack;
@@ -106,7 +114,7 @@ Result<FinishedSlice> mesh_and_encode(const Run& run, int index, const Result<Dr
   out.warnings = slice_warnings(index, *meshed, options.mesh.segmentation, options.names);
   out.labels = std::move(meshed->labels);
   out.values = std::move(meshed->values);
-  out.area_mm2 = meshed->area_mm2();
+  out.changed = {index, meshed->area_mm2(), meshed->changes};
 
   std::vector<json> reports;
   for (const MeshedMaterial& material : meshed->materials)
@@ -133,12 +141,11 @@ Result<FinishedSlice> mesh_and_encode(const Run& run, int index, const Result<Dr
     for (const EncodedMaterial& material : out.materials)
       outlines.push_back(&material.slice.pslg);
     auto hu = encode_hu(index, *meshed->hu, run.sampling, options.mesh.lattice, outlines);
-    if (!hu)
-      return Error{hu.error().code,
-                   stack.name(index) + ": " + hu.error().message + " (--no-hu leaves HU out)"};
+    if (!hu) return after_hu(hu.error(), stack.name(index));
     out.hu = std::move(*hu);
   }
   out.ms["hu"] += watch.lap_ms();
+  reports[0].update(changes_report(out.changed.changes));
   reports[0]["ms"] = out.ms;
   for (std::size_t k = 0; k < reports.size(); ++k)
     out.materials[k].report = json::to_cbor(reports[k]);
@@ -236,15 +243,77 @@ Collected collect(std::vector<std::optional<Result<FinishedSlice>>> slices) {
   Collected out;
   for (auto& result : slices) {
     FinishedSlice one = std::move(**result);
+    out.hu_samples += one.hu.samples;
     if (!one.hu.bytes.empty()) out.hu.push_back(std::move(one.hu));
     std::move(one.materials.begin(), one.materials.end(), std::back_inserter(out.materials));
     out.warnings.insert(out.warnings.end(), one.warnings.begin(), one.warnings.end());
     out.values.add(one.values);
-    out.area_mm2 += one.area_mm2;
+    out.area_mm2 += one.changed.area_mm2;
+    out.changed.push_back(one.changed);
     out.labels.merge(one.labels);
     if (!one.stages.is_null()) out.stages = std::move(one.stages);
   }
   return out;
+}
+
+// Encodes the HU of the slices once more, with a coarser sampling.
+Result<void> encode_hu_again(const Run& run, Collected& all) {
+  const SliceStack& ct = run.options.mesh.hu != nullptr ? *run.options.mesh.hu : run.stack;
+  std::map<int, std::vector<const Pslg*>> outlines;  // by slice
+  for (const EncodedMaterial& material : all.materials)
+    outlines[material.slice.index].push_back(&material.slice.pslg);
+  std::vector<std::optional<Result<EncodedHu>>> planes(all.hu.size());
+  parallel_for(static_cast<int>(planes.size()), [&](int i) {
+    const int index = all.hu[static_cast<std::size_t>(i)].index;
+    auto& plane = planes[static_cast<std::size_t>(i)];
+    const auto image = read_cropped(ct, index, run.options.mesh.crop);
+    if (!image) {
+      plane = image.error();
+      return;
+    }
+    plane = encode_hu(index, *image, run.sampling, run.options.mesh.lattice, outlines.at(index));
+    if (!*plane) plane = after_hu(plane->error(), ct.name(index));
+  });
+  all.hu_samples = 0;
+  for (std::size_t i = 0; i < planes.size(); ++i) {
+    if (!*planes[i]) return planes[i]->error();
+    all.hu_samples += (**planes[i]).samples;
+    all.hu[i] = std::move(**planes[i]);
+  }
+  return {};
+}
+
+// Slices with little material in large boxes can have more samples of HU than a reader admits for a
+// file of their size. Their HU then get a coarser sampling.
+Result<void> limit_hu(Run& run, Collected& all, json& warnings) {
+  const auto is_within = [&all] {
+    std::uint64_t bytes = 0;  // the file has more
+    for (const EncodedMaterial& material : all.materials)
+      bytes += material.slice.draco.size();
+    for (const EncodedHuPlane& plane : all.hu)
+      bytes += plane.bytes.size();
+    return static_cast<std::uint64_t>(all.hu_samples) <= max_hu_samples(bytes);
+  };
+  const auto pitch_mm = [&run] { return run.sampling.grid.pitch_mm.maxCoeff(); };
+  const double wanted_mm = pitch_mm();
+  for (int coarser = 2; !is_within(); coarser *= 2) {
+    const int columns = run.sampling.grid.columns, rows = run.sampling.grid.rows;
+    run.sampling = hu_sampling(run.stack.plane(run.first), run.width(), run.height(),
+                               run.options.mesh, coarser);
+    if (run.sampling.grid.columns == columns && run.sampling.grid.rows == rows)
+      return refused(input_name(run.stack) +
+                     ": more HU than an asset of its size may have; --no-hu leaves them out");
+    if (auto ok = encode_hu_again(run, all); !ok) return ok;
+  }
+  if (pitch_mm() > wanted_mm) {
+    warnings.push_back({{"code", "hu_coarser"},
+                        {"where", "HU"},
+                        {"sentence", "stored every " + text_of(pitch_mm(), 3) + " mm instead of " +
+                                         text_of(wanted_mm, 3) +
+                                         " mm: the material is so sparse that an asset cannot hold "
+                                         "more; --crop to the material allows for finer HU"}});
+  }
+  return {};
 }
 
 // The volumes of HU: that of the slices, and the context if it is wanted.
@@ -340,6 +409,17 @@ json labels_report(const Run& run, const std::set<int>& labels) {
   return out;
 }
 
+// The sums of changes_report() over all slices, and of their areas.
+json sums_of_changes(const Collected& all) {
+  json out = {{"area_mm2", all.area_mm2}};
+  for (const ChangedSlice& one : all.changed) {
+    const json of_slice = changes_report(one.changes);
+    for (const auto& [name, mm2] : of_slice.items())
+      out[name] = out.value(name, 0.0) + mm2.get<double>();
+  }
+  return out;
+}
+
 json solid_report(const SolidBone& solid) {
   return {{"filled_mm3", solid.filled_mm3()}, {"dropped_mm3", solid.dropped_mm3()}};
 }
@@ -412,6 +492,9 @@ Result<StackResult> mesh_stack(const SliceStack& stack, const StackOptions& give
   }
   Collected all = collect(std::move(finished->slices));
   json used = used_parameters(run, parameters, all);
+  for (SliceWarning& warning : change_warnings(all.changed, options.mesh.min_region_mm2,
+                                               options.mesh.simplification.tolerance_mm))
+    all.warnings.push_back(std::move(warning));
   json warnings =
       run_warnings(stack, options.mesh.segmentation, all.values, all.area_mm2, all.warnings);
   if (table) add_warnings(table->warnings(), warnings);
@@ -436,6 +519,7 @@ Result<StackResult> mesh_stack(const SliceStack& stack, const StackOptions& give
   }
   if (auto ok = check_entry_count(all.materials.size()); !ok)
     return ok.error().after(input_name(stack) + ": ");
+  if (auto ok = limit_hu(run, all, warnings); !ok) return ok.error();
   std::vector<EncodedSlice> encoded = take_slices(all.materials, indices);
   json surface;
   run.stages.lap("collect");
@@ -462,6 +546,7 @@ Result<StackResult> mesh_stack(const SliceStack& stack, const StackOptions& give
                 {"program", "trocar-mesh " TROCAR_VERSION},
                 {"parameters", std::move(used)},
                 {"slices", std::move(slices)},
+                {"changes", sums_of_changes(all)},
                 {"asset", asset_report(sizes, out.glb.size())},
                 {"assemble_ms", run.stages.ms().at("assemble")},
                 {"stages_ms", run.stages.ms()},

@@ -18,8 +18,16 @@
 
 namespace trocar::pipeline {
 
+/// Which options have their default value, or close and min_volume that of a preset
+/// (small_pixels.h).
+struct DefaultOptions {
+  bool tolerance = false, min_region = false, lattice_bits = false, close = false,
+       min_volume = false;
+};
+
 struct StackOptions {
   MeshOptions mesh;
+  DefaultOptions defaults;
   SolidOptions solid;
   bool keep_table = false;  ///< false: the scanner's table is removed (scanner_table.h)
   LabelNames names;         ///< a label without a name here gets its name from the scan

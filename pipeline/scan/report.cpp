@@ -50,6 +50,17 @@ json slice_measures(const MeshedMaterial& slice) {
   return out;
 }
 
+json changes_report(const SliceChanges& changes) {
+  json out = {{"dropped_mm2", changes.small.dropped_mm2},
+              {"filled_mm2", changes.small.filled_mm2},
+              {"moved_mm2", changes.moved_mm2}};
+  if (changes.solid) {
+    out["solid_dropped_mm2"] = changes.solid->dropped_mm2;
+    out["solid_filled_mm2"] = changes.solid->filled_mm2;
+  }
+  return out;
+}
+
 json slice_report(int index, double z_mm, const MeshedMaterial& slice, double max_area_bound_mm2) {
   json out = slice_measures(slice);
   out["index"] = index;

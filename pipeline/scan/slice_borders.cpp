@@ -10,14 +10,32 @@
 namespace trocar::pipeline {
 namespace {
 
+// Merges small components (merge_small_components()) and adds their areas to `change`.
+void merge_small(MaterialImage& image, const PixelGrid& grid, double min_region_mm2,
+                 AreaChange* change) {
+  const std::vector<MaterialNumber> before = image.values;
+  const double pixel_mm2 = grid.spacing_u_mm * grid.spacing_v_mm;
+  merge_small_components(image, min_region_mm2 / pixel_mm2);
+  if (change == nullptr) return;
+  std::size_t dropped = 0, filled = 0;
+  for (std::size_t i = 0; i < before.size(); ++i) {
+    if (before[i] == image.values[i]) continue;
+    dropped += before[i] != kNoMaterial ? 1 : 0;
+    filled += image.values[i] != kNoMaterial ? 1 : 0;
+  }
+  change->dropped_mm2 += static_cast<double>(dropped) * pixel_mm2;
+  change->filled_mm2 += static_cast<double>(filled) * pixel_mm2;
+}
+
 // The smooth outline of a mask.
-Pslg smooth_outline(const Field& field, const PixelGrid& grid, double min_region_mm2) {
+Pslg smooth_outline(const Field& field, const PixelGrid& grid, double min_region_mm2,
+                    AreaChange* change) {
   MaterialImage image{field.image.width, field.image.height, {}, {}};
   image.labels.resize(1);
   image.values.reserve(field.image.values.size());
   for (const float value : field.image.values)
     image.values.push_back(value >= field.iso ? 1 : kNoMaterial);
-  merge_small_components(image, min_region_mm2 / (grid.spacing_u_mm * grid.spacing_v_mm));
+  merge_small(image, grid, min_region_mm2, change);
   return std::move(material_outlines(label_borders(image, grid)).front());
 }
 
@@ -49,21 +67,22 @@ PixelGrid pixel_grid(const SlicePlane& plane, const MeshOptions& options) {
   return {plane.spacing_u_mm, plane.spacing_v_mm, crop.x0, crop.y0, options.lattice};
 }
 
-Pslg contours_of(const SliceStack& stack, int slice, const MeshOptions& options,
-                 const Field& field) {
+Pslg contours_of(const SliceStack& stack, int slice, const MeshOptions& options, const Field& field,
+                 AreaChange* change) {
   const PixelGrid grid = pixel_grid(stack.plane(slice), options);
   if (field.is_mask && options.contour == ContourKind::kSubpixel)
-    return smooth_outline(field, grid, options.min_region_mm2);
+    return smooth_outline(field, grid, options.min_region_mm2, change);
   return drop_small_rings(contours(field, grid, options.contour), options.min_region_mm2,
-                          options.lattice);
+                          options.lattice, change);
 }
 
 SliceBorders slice_contours(const SliceStack& stack, int slice, const MeshOptions& options,
-                            SlicePixels& pixels, std::vector<MeshedMaterial>& materials) {
-  if (materials.size() == 1) return {{contours_of(stack, slice, options, pixels.field)}, {}};
+                            SlicePixels& pixels, std::vector<MeshedMaterial>& materials,
+                            AreaChange& change) {
+  if (materials.size() == 1)
+    return {{contours_of(stack, slice, options, pixels.field, &change)}, {}};
   const PixelGrid grid = pixel_grid(stack.plane(slice), options);
-  merge_small_components(pixels.several,
-                         options.min_region_mm2 / (grid.spacing_u_mm * grid.spacing_v_mm));
+  merge_small(pixels.several, grid, options.min_region_mm2, &change);
   leave_out_empty(pixels.several, materials);
   LabelBorders borders = label_borders(pixels.several, grid);
   SliceBorders out{material_outlines(borders), {}};
@@ -98,6 +117,19 @@ std::vector<double> distances_mm(const SliceBorders& contours, const SliceBorder
     }
   }
   return out;
+}
+
+double moved_area_mm2(const SliceBorders& contours, const SliceBorders& other,
+                      const Lattice& lattice, double beyond_mm) {
+  if (!contours.shared)
+    return moved_area_mm2(contours.outlines[0], other.outlines[0], lattice, beyond_mm);
+  double sum = 0;
+  for (std::size_t c = 0; c < contours.shared->chains.size(); ++c) {
+    const BorderChain& chain = contours.shared->chains[c];
+    sum += moved_area_mm2({{chain.points}}, {{other.shared->chains[c].points}}, lattice, beyond_mm,
+                          {!chain.is_closed});
+  }
+  return sum;
 }
 
 }  // namespace trocar::pipeline

@@ -16,9 +16,9 @@ namespace trocar::pipeline {
 PixelGrid pixel_grid(const SlicePlane& plane, const MeshOptions& options);
 
 /// Traces the contours of a field that treats all materials as one. Precondition: `field`
-/// comes from slice_field().
-Pslg contours_of(const SliceStack& stack, int slice, const MeshOptions& options,
-                 const Field& field);
+/// comes from slice_field(). Adds the areas of the small islands and holes to `change`.
+Pslg contours_of(const SliceStack& stack, int slice, const MeshOptions& options, const Field& field,
+                 AreaChange* change = nullptr);
 
 struct SliceBorders {
   std::vector<Pslg> outlines;  ///< outline of each material
@@ -29,9 +29,11 @@ struct SliceBorders {
 
 /// Traces the contours of all materials of a slice. If there are several materials, the function
 /// first merges small components of pixels.several into their neighbours. A material that vanishes
-/// because of this is removed from `materials`, which keeps at least one entry.
+/// because of this is removed from `materials`, which keeps at least one entry. Adds the areas of
+/// the components to `change`; one that becomes another material counts as dropped and filled.
 SliceBorders slice_contours(const SliceStack& stack, int slice, const MeshOptions& options,
-                            SlicePixels& pixels, std::vector<MeshedMaterial>& materials);
+                            SlicePixels& pixels, std::vector<MeshedMaterial>& materials,
+                            AreaChange& change);
 
 SliceBorders simplified(const SliceBorders& contours, const Lattice& lattice,
                         const SimplificationOptions& options);
@@ -40,5 +42,9 @@ SliceBorders simplified(const SliceBorders& contours, const Lattice& lattice,
 /// borders in `contours` and the border of the same index in `other`.
 std::vector<double> distances_mm(const SliceBorders& contours, const SliceBorders& other,
                                  const Lattice& lattice);
+
+/// The moved_area_mm2() of all borders.
+double moved_area_mm2(const SliceBorders& contours, const SliceBorders& other,
+                      const Lattice& lattice, double beyond_mm);
 
 }  // namespace trocar::pipeline

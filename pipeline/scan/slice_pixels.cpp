@@ -42,6 +42,15 @@ std::vector<std::optional<double>> means_of(const MaterialImage& image, const Im
   return out;
 }
 
+// The areas of the pixels of Field::changed.
+AreaChange changed_area(const Field& field, const SlicePlane& plane) {
+  const double pixel_mm2 = plane.spacing_u_mm * plane.spacing_v_mm;
+  std::size_t dropped = 0, filled = 0;
+  for (std::size_t i = 0; i < field.changed.size(); ++i)
+    if (field.changed[i] != 0) ++(field.image.values[i] >= field.iso ? filled : dropped);
+  return {static_cast<double>(dropped) * pixel_mm2, static_cast<double>(filled) * pixel_mm2};
+}
+
 // Appends the materials of the slice to `out`; several of them also set pixels.several.
 Result<void> list_materials(const SliceStack& stack, const MeshOptions& options,
                             SlicePixels& pixels, std::vector<MeshedMaterial>& out) {
@@ -108,6 +117,7 @@ Result<SlicePixels> segment_slice(const SliceStack& stack, int slice, const Mesh
   pixels.field = std::move(segmented.field);
   pixels.solid_mean = segmented.solid_mean;
   out.labels = std::move(pixels.field.labels);
+  if (options.solid != nullptr) out.changes.solid = changed_area(pixels.field, stack.plane(slice));
   if (auto ok = list_materials(stack, options, pixels, out.materials); !ok) return ok.error();
   const std::vector<float>& values = pixels.field.image.values;
   out.all_material = std::all_of(values.begin(), values.end(),

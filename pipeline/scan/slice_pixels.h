@@ -46,7 +46,7 @@ struct SliceImages {
 Result<SliceImages> read_slice(const SliceStack& stack, int slice, const MeshOptions& options);
 
 /// Segments a slice. Sets these members of `out`: materials (at least one entry, with first_label
-/// and mean_hu), labels, values and all_material. Errors: kRefused if there are too many materials;
+/// and mean_hu), labels, values, all_material and changes.solid. Errors: kRefused if there are too many materials;
 /// kUsage if an option needs a single material and there are several.
 Result<SlicePixels> segment_slice(const SliceStack& stack, int slice, const MeshOptions& options,
                                   SliceImages images, MeshedSlice& out);

@@ -2,6 +2,7 @@
 #include "pipeline/scan/warnings.h"
 
 #include <algorithm>
+#include <cmath>
 #include <cstdio>
 #include <set>
 #include <utility>
@@ -159,6 +160,45 @@ std::vector<SliceWarning> slice_warnings(int index, const MeshedSlice& meshed,
                        "angle there; a lower --min-angle or a higher --lattice-bits helps",
                    static_cast<double>(material.quality.below_unexplained)});
   }
+  return out;
+}
+
+std::vector<SliceWarning> change_warnings(const std::vector<ChangedSlice>& slices,
+                                          double min_region_mm2, double tolerance_mm) {
+  constexpr double kMost = 0.01;
+  std::vector<SliceWarning> out;
+  const auto warn = [&](const char* code, const std::string& what, const std::string& advice,
+                        const auto& change_mm2) {
+    // Of the larger area, before or after: all of the material can have been dropped.
+    const auto whole_mm2 = [](const ChangedSlice& one) {
+      const AreaChange& small = one.changes.small;
+      return std::max(one.area_mm2, one.area_mm2 + small.dropped_mm2 - small.filled_mm2);
+    };
+    double changed_mm2 = 0, all_mm2 = 0;
+    for (const ChangedSlice& one : slices) {
+      changed_mm2 += change_mm2(one.changes);
+      all_mm2 += whole_mm2(one);
+    }
+    if (!(changed_mm2 > kMost * all_mm2)) return;
+    const std::string sentence = what + ": " + text_of(changed_mm2, 4) + " mm^2 in all, " +
+                                 text_of(100 * changed_mm2 / all_mm2, 3) +
+                                 " % of the material's area, and # % of a slice's; " + advice;
+    for (const ChangedSlice& one : slices) {
+      const double mm2 = change_mm2(one.changes), whole = whole_mm2(one);
+      if (mm2 > kMost * whole)
+        out.push_back({code, one.slice, sentence, std::rint(1000 * mm2 / whole) / 10});
+    }
+  };
+  const std::string below = " smaller than --min-region " + text_of(min_region_mm2, 4) + " mm^2";
+  warn("regions_dropped", "islands of material" + below + " were dropped",
+       "a smaller --min-region keeps them",
+       [](const SliceChanges& c) { return c.small.dropped_mm2; });
+  warn("holes_filled", "holes" + below + " were filled", "a smaller --min-region keeps them open",
+       [](const SliceChanges& c) { return c.small.filled_mm2; });
+  warn("outline_moved",
+       "with --tolerance " + text_of(tolerance_mm, 4) +
+           " mm, outlines lie more than half a pixel from their contours",
+       "a smaller --tolerance follows them", [](const SliceChanges& c) { return c.moved_mm2; });
   return out;
 }
 

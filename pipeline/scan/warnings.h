@@ -23,6 +23,19 @@ struct SliceWarning {
 std::vector<SliceWarning> slice_warnings(int index, const MeshedSlice& meshed,
                                          const Segmentation& segmentation, const LabelNames& names);
 
+/// What was changed in the slice with this index, and the area of its material afterwards.
+struct ChangedSlice {
+  int slice = 0;
+  double area_mm2 = 0;
+  SliceChanges changes;
+};
+
+/// Warns of what was changed without being asked for: regions_dropped, holes_filled (both below
+/// MaterialOptions::min_region_mm2) and outline_moved, each if it is more than 1 % of the
+/// material's area, with the slices in which it is.
+std::vector<SliceWarning> change_warnings(const std::vector<ChangedSlice>& slices,
+                                          double min_region_mm2, double tolerance_mm);
+
 /// Makes `warnings[]` of the report, with one entry for each code, in the order in which the codes
 /// first occur. An entry has `code`, `where` and `sentence`. It also has `slices` (numbers) if the
 /// warnings concern slices, and `places` (the texts of Warning::where) if they concern the scan. If

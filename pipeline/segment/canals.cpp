@@ -88,6 +88,19 @@ class Finder {
   double area_mm2(std::size_t x, std::size_t y) const {
     return planes_.grid.width_mm(planes_.u, x) * planes_.grid.width_mm(planes_.v, y);
   }
+  // The longer side of a pixel, slightly enlarged against rounding.
+  double pixel_mm(std::size_t x, std::size_t y) const {
+    return std::max(planes_.grid.width_mm(planes_.u, x), planes_.grid.width_mm(planes_.v, y)) *
+           (1 + 1e-6);
+  }
+  double widest_pixel_mm() const {
+    double out = 0;
+    for (std::size_t x = 0; x < planes_.width(); ++x)
+      out = std::max(out, pixel_mm(x, 0));
+    for (std::size_t y = 0; y < planes_.height(); ++y)
+      out = std::max(out, pixel_mm(0, y));
+    return out;
+  }
   // Without HU everything is soft.
   double hu(std::size_t voxel) const { return hu_.empty() ? 0 : unpacked_hu(hu_[voxel]); }
   static bool is_soft(double area_mm2, double hu_sum) { return hu_sum < kMaxCanal_HU * area_mm2; }
@@ -225,10 +238,7 @@ class Finder {
     const double from_mm = at_mm(k);
     const std::size_t last = planes_.count() - 1;
     const auto visit_all = [&](const auto& visit) { each_pixel(k, t, visit); };
-    const double pixel_mm =
-        std::max(planes_.grid.width_mm(planes_.u, 0), planes_.grid.width_mm(planes_.v, 0)) *
-        (1 + 1e-6);
-    Followed now{k, window_of(visit_all, pixel_mm + kFollowSlope * kFollow_mm), {}};
+    Followed now{k, window_of(visit_all, widest_pixel_mm() + kFollowSlope * kFollow_mm), {}};
     const Window& w = now.window;
     now.pixels.assign(w.size(), 0);
     visit_all(
@@ -245,8 +255,7 @@ class Finder {
       k = up ? k + 1 : k - 1;
       const double way_mm = std::abs(at_mm(k) - from_mm);
       if (way_mm > kFollow_mm && !first) return;
-      const double far_mm = pixel_mm + kFollowSlope * way_mm;
-      if (!step(k, apart2, static_cast<float>(far_mm * far_mm), now)) return;
+      if (!step(k, apart2, kFollowSlope * way_mm, now)) return;
       double area = 0, open = 0, sum = 0;
       each_set(now, [&](std::size_t x, std::size_t y) {
         const std::size_t voxel = planes_.voxel(k, x, y);
@@ -269,9 +278,9 @@ class Finder {
       if (of.pixels[i] != 0) visit(w.x0 + i % w.width(), w.y0 + i / w.width());
   }
 
-  // Replaces a section by its neighbourhood in plane k, as far as a disc fits there. Returns
-  // whether anything is left.
-  bool step(std::size_t k, const std::vector<float>& apart2, float limit2, Followed& now) const {
+  // Replaces a section by its neighbourhood in plane k, as far as a disc fits there and it is not
+  // farther from the tube's end than a pixel and `shift_mm`. Returns whether anything is left.
+  bool step(std::size_t k, const std::vector<float>& apart2, double shift_mm, Followed& now) const {
     const Window& w = now.window;
     const std::size_t width = w.width(), height = w.y1 - w.y0;
     Bytes next(now.pixels.size(), 0);
@@ -279,8 +288,9 @@ class Finder {
     for (std::size_t y = 0; y < height; ++y) {
       for (std::size_t x = 0; x < width; ++x) {
         const std::size_t i = y * width + x;
-        if (apart2[i] > limit2 || (flags_[planes_.voxel(k, w.x0 + x, w.y0 + y)] & kWide) == 0)
-          continue;
+        if ((flags_[planes_.voxel(k, w.x0 + x, w.y0 + y)] & kWide) == 0) continue;
+        const double far_mm = pixel_mm(w.x0 + x, w.y0 + y) + shift_mm;
+        if (apart2[i] > static_cast<float>(far_mm * far_mm)) continue;
         const std::size_t top = y > 0 ? y - 1 : y, bottom = std::min(y + 1, height - 1);
         const std::size_t left = x > 0 ? x - 1 : x, right = std::min(x + 1, width - 1);
         for (std::size_t b = top; b <= bottom && next[i] == 0; ++b)

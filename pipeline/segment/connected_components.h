@@ -28,6 +28,12 @@ struct VoxelGrid {
   std::size_t size() const { return count(0) * count(1) * count(2); }
   /// The cell_width() of voxel i along an axis.
   double width_mm(std::size_t axis, std::size_t i) const { return cell_width(at_mm[axis], i); }
+  /// The volume of a voxel, given its place among the values.
+  double mm3(std::size_t voxel) const {
+    const std::size_t row = voxel / count(0);
+    return width_mm(0, voxel % count(0)) * width_mm(1, row % count(1)) *
+           width_mm(2, row / count(1));
+  }
 };
 
 /// Returns the grid of a scan. Precondition: the slices are parallel and in ascending order

@@ -195,7 +195,7 @@ void find_enclosed(const PlaneGrid& grid, std::span<const std::uint8_t> solid, d
   // A thread keeps its memory, because a caller has hundreds of planes.
   thread_local NearDistances near;
   thread_local std::vector<float> distance;
-  thread_local std::vector<std::uint8_t> open, reached;
+  thread_local std::vector<std::uint8_t> open, reached, barred, outside;
   thread_local std::vector<std::size_t> patch;
   const auto measure = [&](std::span<const std::uint8_t> set) {
     is_near ? near.run(grid, far_mm, set, distance) : squared_distances(grid, set, distance);
@@ -207,22 +207,35 @@ void find_enclosed(const PlaneGrid& grid, std::span<const std::uint8_t> solid, d
   for (std::size_t i = 0; i < open.size(); ++i)
     open[i] = distance[i] > squared ? 1 : 0;
 
-  const auto flood = [&](std::size_t start) {
-    if (open[start] == 0) return;
-    take_patch(grid, start, open, patch);
-    for (const std::size_t i : patch)
-      reached[i] = 1;
+  // Moves what is connected with the border from `open` to `reached`.
+  const auto flood = [&] {
+    const auto flood_from = [&](std::size_t start) {
+      if (open[start] == 0) return;
+      take_patch(grid, start, open, patch);
+      for (const std::size_t i : patch)
+        reached[i] = 1;
+    };
+    for (std::size_t x = 0; x < width; ++x) {
+      flood_from(x);
+      flood_from((height - 1) * width + x);
+    }
+    for (std::size_t y = 0; y < height; ++y) {
+      flood_from(y * width);
+      flood_from(y * width + width - 1);
+    }
   };
-  for (std::size_t x = 0; x < width; ++x) {
-    flood(x);
-    flood((height - 1) * width + x);
-  }
-  for (std::size_t y = 0; y < height; ++y) {
-    flood(y * width);
-    flood(y * width + width - 1);
-  }
+  flood();
+  barred = open;  // where the disc fits but cannot come
 
   measure(reached);
+  outside.clear();
+  if (radius_mm > 0) {  // otherwise nothing that is connected with the border is enclosed
+    for (std::size_t i = 0; i < open.size(); ++i)
+      open[i] = solid[i] == 0 ? 1 : 0;
+    reached.assign(grid.size(), 0);
+    flood();
+    outside.swap(reached);
+  }
   for (std::size_t i = 0; i < open.size(); ++i)
     open[i] = solid[i] == 0 && distance[i] > squared ? 1 : 0;
   for (std::size_t start = 0; start < open.size(); ++start) {
@@ -232,8 +245,13 @@ void find_enclosed(const PlaneGrid& grid, std::span<const std::uint8_t> solid, d
     for (const std::size_t i : patch)
       area_mm2 += cell_width(grid.u_mm, i % width) * cell_width(grid.v_mm, i / width);
     if (area_mm2 > largest_mm2) continue;
+    const bool is_behind_gap =
+        std::any_of(patch.begin(), patch.end(), [&](std::size_t i) { return barred[i] != 0; });
+    const Enclosure how = outside.empty() || outside[start] == 0 ? kSurrounded
+                          : is_behind_gap                        ? kBehindGap
+                                                                 : kInCrevice;
     for (const std::size_t i : patch)
-      enclosed[i] = 1;
+      enclosed[i] = how;
   }
 }
 

@@ -24,8 +24,16 @@ void squared_distances(const PlaneGrid& grid, std::span<const std::uint8_t> set,
 void squared_distances(const std::array<std::vector<double>, 3>& at_mm,
                        std::span<const std::uint8_t> set, std::vector<float>& squared_mm2);
 
-/// Finds the pixels that `solid` (row-major, nonzero) encloses. Sets `enclosed` to 1 at these
-/// pixels and to 0 elsewhere.
+/// How `solid` encloses a pixel of find_enclosed().
+enum Enclosure : std::uint8_t {
+  kNotEnclosed = 0,
+  kInCrevice = 1,   ///< in a region connected with the border that is too narrow for the disc
+  kBehindGap = 2,   ///< in a region in which the disc fits, but into which it cannot come
+  kSurrounded = 3,  ///< in a region that is not connected with the border
+};
+
+/// Finds the pixels that `solid` (row-major, nonzero) encloses. Sets `enclosed` to the Enclosure of
+/// each pixel.
 ///
 /// A disc of radius `radius_mm` moves in from the plane's border without touching `solid`. The
 /// pixels outside `solid` that it never covers form regions (connected by edges). The pixels of a

@@ -2,6 +2,7 @@
 #include "pipeline/segment/solid_bone.h"
 
 #include <algorithm>
+#include <bit>
 #include <cmath>
 #include <cstdio>
 #include <numeric>
@@ -13,6 +14,7 @@
 #include "pipeline/read/same_grid.h"
 #include "pipeline/read/stack_shape.h"
 #include "pipeline/segment/canals.h"
+#include "pipeline/segment/cavities.h"
 #include "pipeline/segment/connected_components.h"
 #include "pipeline/segment/label_map_detection.h"
 #include "pipeline/segment/nearest_seed.h"
@@ -153,18 +155,83 @@ Box box_of(const VoxelGrid& grid, const Bytes& material, double margin_mm) {
   return out;
 }
 
-// The number of directions in which each voxel is enclosed, in the lower two bits, and the given
-// CanalFlags. Nothing outside the material's box is enclosed.
-Bytes enclosed_voxels(const VoxelGrid& grid, std::size_t column, const SolidOptions& options,
-                      const Bytes& material) {
+// Flags of a voxel beside those of CanalFlag.
+constexpr std::uint8_t
+    kAlongOthers = 1 | 2,  // enclosed in a plane across one of the other two axes, a bit for each
+    kAllAxes = kAlongOthers | kEnclosed,
+    kInCavity = 64,  // the Enclosure across the column is at least kBehindGap
+    kInRing = 128;   // it is kSurrounded
+
+// A cavity with more air than this part of its voxels is an airway or a sinus, not marrow.
+constexpr double kMostAir = 0.1;
+// A tunnel through bone that is open only at the ends of the scan can be the spinal canal between
+// two openings, or a shaft that the scan cuts. It is a shaft if at least half of it is fat (the
+// canal also holds nerves and fluid), or if it is so long, with hardly a gap in its wall, that a
+// canal would have openings for nerves.
+constexpr double kFat_HU = -30;
+constexpr double kShaft_mm = 60;
+constexpr double kMostGaps = 0.02;  // part of the voxels in planes with a gap in the wall
+
+// The closed cavities across an axis, without those with much air.
+struct ClosedCavities {
+  Cavities found;
+  std::vector<bool> is_closed, is_shaft;  // of each cavity; shafts are closed
+
+  // Calls visit(voxel) for the voxels of the cavities of a list.
+  template <typename Visit>
+  void each(const std::vector<bool>& of, const Visit& visit) const {
+    found.each([&](std::uint32_t c, std::size_t i) {
+      if (of[c]) visit(i);
+    });
+  }
+};
+
+// `flags` has packed_hu() if `is_hu`, and kFillable.
+ClosedCavities closed_cavities(Cavities found, const VoxelPlanes& planes, bool is_hu,
+                               const Bytes& flags) {
+  std::vector<std::size_t> air(found.cavities.size(), 0), fat = air;
+  found.each([&](std::uint32_t c, std::size_t i) {
+    air[c] += (flags[i] & kFillable) == 0 ? 1 : 0;
+    fat[c] += is_hu && unpacked_hu(flags[i]) < kFat_HU ? 1 : 0;
+  });
+  ClosedCavities out;
+  const std::vector<double>& at = planes.grid.at_mm[planes.across];
+  for (std::size_t c = 0; c < air.size(); ++c) {
+    const Cavity& cavity = found.cavities[c];
+    const auto all = static_cast<double>(cavity.voxels);
+    const bool is_closed = cavity.is_closed && static_cast<double>(air[c]) <= kMostAir * all;
+    const bool is_long = at[cavity.last] - at[cavity.first] >= kShaft_mm &&
+                         static_cast<double>(cavity.behind_gap) <= kMostGaps * all;
+    out.is_closed.push_back(is_closed);
+    out.is_shaft.push_back(is_closed && (2 * fat[c] >= cavity.voxels || is_long));
+  }
+  out.found = std::move(found);
+  return out;
+}
+
+// The planes in which each voxel is enclosed: CanalFlags and the flags above. In a closed cavity
+// across another axis than the column, a voxel counts as enclosed across both of the others; in a
+// shaft it is not kWide, so that it is no canal. Nothing outside the material's box is enclosed.
+Bytes enclosed_voxels(const VoxelGrid& grid, std::size_t column, bool is_hu,
+                      const SolidOptions& options, const Bytes& flags, const Bytes& material) {
   Bytes out(grid.size(), kWide);
   const Box box = box_of(grid, material, std::max(options.close_mm, kCanalDisc_mm) * (1 + 1e-5));
-  Bytes inner(box.grid.size()), state(box.grid.size(), 0);
   const std::size_t nx = box.grid.count(0), ny = box.grid.count(1), nz = box.grid.count(2);
-  for (std::size_t z = 0; z < nz; ++z)
-    for (std::size_t y = 0; y < ny; ++y)
-      std::copy_n(&material[box.row(grid, y, z)], nx, &inner[(z * ny + y) * nx]);
-  for (std::size_t axis = 0; axis < 3; ++axis) {
+  const auto each_row = [&](const auto& visit) {
+    for (std::size_t z = 0; z < nz; ++z)
+      for (std::size_t y = 0; y < ny; ++y)
+        visit(box.row(grid, y, z), (z * ny + y) * nx);
+  };
+  // Inner: the flags, with kMaterial as `material` has it.
+  Bytes inner(box.grid.size()), state(box.grid.size(), 0), enclosure(box.grid.size());
+  each_row([&](std::size_t from, std::size_t to) {
+    for (std::size_t x = 0; x < nx; ++x)
+      inner[to + x] =
+          static_cast<std::uint8_t>((flags[from + x] & ~unsigned{kMaterial}) | material[from + x]);
+  });
+  const auto is_bone = [&inner](std::size_t i) { return (inner[i] & kMaterial) != 0; };
+  std::uint8_t bit = 0;
+  for (const std::size_t axis : {column, (column + 1) % 3, (column + 2) % 3}) {
     const VoxelPlanes planes(box.grid, axis);
     const PlaneGrid plane_grid = planes.plane();
     parallel_for(static_cast<int>(planes.count()), [&](int plane) {
@@ -172,41 +239,96 @@ Bytes enclosed_voxels(const VoxelGrid& grid, std::size_t column, const SolidOpti
       thread_local std::vector<float> apart2;
       solid.resize(plane_grid.size());
       const auto here = static_cast<std::size_t>(plane);
-      planes.each(here, [&](std::size_t i, std::size_t voxel) { solid[i] = inner[voxel]; });
+      planes.each(here, [&](std::size_t i, std::size_t voxel) { solid[i] = is_bone(voxel); });
       find_enclosed(plane_grid, solid, options.close_mm, *options.fill_mm2, enclosed, kCanalDisc_mm,
                     axis == column ? &apart2 : nullptr);
       planes.each(here, [&](std::size_t i, std::size_t voxel) {
-        state[voxel] += enclosed[i];
-        if (axis != column) return;
+        enclosure[voxel] = enclosed[i];
+        if (axis != column) {
+          if (enclosed[i] != kNotEnclosed) state[voxel] |= bit;
+          return;
+        }
         constexpr double kWide_mm2 = kCanalDisc_mm * kCanalDisc_mm;
         state[voxel] |=
-            static_cast<std::uint8_t>((enclosed[i] != 0 ? kEnclosed : 0) |
+            static_cast<std::uint8_t>((enclosed[i] != kNotEnclosed ? kEnclosed : 0) |
+                                      (enclosed[i] >= kBehindGap ? kInCavity : 0) |
+                                      (enclosed[i] == kSurrounded ? kInRing : 0) |
                                       (double{apart2[i]} > kWide_mm2 * (1 + 1e-6) ? kWide : 0));
       });
     });
+    bit = bit == 0 ? 1 : 2;
+    if (axis == column) continue;
+    const ClosedCavities cavities = closed_cavities(
+        find_cavities(planes, box.from[axis] == 0, box.to[axis] == grid.count(axis), is_bone,
+                      [&enclosure](std::size_t i) { return enclosure[i]; }),
+        planes, is_hu, inner);
+    cavities.each(cavities.is_closed, [&](std::size_t i) { state[i] |= kAlongOthers; });
+    cavities.each(cavities.is_shaft,
+                  [&](std::size_t i) { state[i] &= static_cast<std::uint8_t>(~unsigned{kWide}); });
   }
-  for (std::size_t z = 0; z < nz; ++z)
-    for (std::size_t y = 0; y < ny; ++y)
-      std::copy_n(&state[(z * ny + y) * nx], nx, &out[box.row(grid, y, z)]);
+  each_row([&](std::size_t to, std::size_t from) { std::copy_n(&state[from], nx, &out[to]); });
   return out;
 }
 
-// Step 2 of solid_bone.h. Returns the canals.
-std::vector<Canal> fill(const VoxelGrid& grid, std::size_t column, bool is_hu,
-                        const SolidOptions& options, const Bytes& flags, Bytes& material) {
-  constexpr std::uint8_t kTimes = 3;
-  Bytes state = enclosed_voxels(grid, column, options, material);
-  std::vector<Canal> canals = find_canals(
-      VoxelPlanes(grid, column), material,
+struct Filled {
+  std::vector<Canal> canals;
+  int cut_canals = 0;  // closed cavities that the scan's end cuts and that stay open as canals
+  double cut_mm3 = 0;  // their volume
+};
+
+// Step 2 of solid_bone.h.
+Filled fill(const VoxelGrid& grid, std::size_t column, bool is_hu, const SolidOptions& options,
+            const Bytes& flags, Bytes& material) {
+  Bytes state = enclosed_voxels(grid, column, is_hu, options, flags, material);
+  const VoxelPlanes planes(grid, column);
+  const ClosedCavities cavities =
+      closed_cavities(find_cavities(
+                          planes, true, true, [&](std::size_t i) { return material[i] != 0; },
+                          [&](std::size_t i) {
+                            const std::uint8_t s = state[i];
+                            return (s & kInRing) != 0     ? kSurrounded
+                                   : (s & kInCavity) != 0 ? kBehindGap
+                                   : (s & kEnclosed) != 0 ? kInCrevice
+                                                          : kNotEnclosed;
+                          }),
+                      planes, is_hu, flags);
+  cavities.each(cavities.is_shaft, [&state](std::size_t i) {
+    state[i] &= static_cast<std::uint8_t>(~unsigned{kWide});
+  });
+
+  Filled out;
+  out.canals = find_canals(
+      planes, material,
       is_hu ? std::span<const std::uint8_t>(flags) : std::span<const std::uint8_t>(), state);
-  for (std::size_t i = 0; i < material.size(); ++i)
-    if ((state[i] & kTimes) >= 2 && (state[i] & kInCanal) == 0 && (flags[i] & kFillable) != 0)
-      material[i] = 1;
-  return canals;
+  std::vector<bool> is_canal(cavities.is_closed.size(), false);
+  cavities.found.each([&](std::uint32_t c, std::size_t i) {
+    if ((state[i] & kInSection) != 0) is_canal[c] = cavities.is_closed[c];
+  });
+  cavities.found.each([&](std::uint32_t c, std::size_t i) {
+    if (is_canal[c] && cavities.found.cavities[c].is_cut) out.cut_mm3 += grid.mm3(i);
+    if (cavities.is_closed[c] && !is_canal[c]) state[i] |= kAllAxes;
+  });
+  for (std::size_t c = 0; c < is_canal.size(); ++c)
+    out.cut_canals += is_canal[c] && cavities.found.cavities[c].is_cut ? 1 : 0;
+  for (std::size_t i = 0; i < material.size(); ++i) {
+    const bool is_enclosed = std::popcount(static_cast<unsigned>(state[i] & kAllAxes)) >= 2;
+    if (is_enclosed && (state[i] & kInCanal) == 0 && (flags[i] & kFillable) != 0) material[i] = 1;
+  }
+  return out;
 }
 
 std::string rounded(double value) {
   return std::to_string(std::lround(value));
+}
+
+Warning cut_warning(const SliceStack& stack, const Filled& filled) {
+  const bool is_one = filled.cut_canals == 1;
+  return {"cavity_cut", input_name(stack),
+          (is_one ? "a cavity of " : std::to_string(filled.cut_canals) + " cavities of ") +
+              rounded(filled.cut_mm3) + " mm^3 within bone, cut by the end of the scan, " +
+              (is_one ? "stays" : "stay") +
+              " open: it cannot be told from a canal; a scan in which it ends, or a longer one, "
+              "can"};
 }
 
 Warning contrast_warning(const SliceStack& stack, const SoftRegions& soft, bool is_dropped) {
@@ -439,7 +561,9 @@ Result<SolidBone> SolidBone::make(const SliceStack& stack, const Segmentation& s
   }
   if (options.fill_mm2) {
     const std::size_t column = column_axis(stack);
-    const std::vector<Canal> canals = fill(grid, column, is_hu, options, *flags, material);
+    const Filled filled = fill(grid, column, is_hu, options, *flags, material);
+    const std::vector<Canal>& canals = filled.canals;
+    if (filled.cut_canals > 0) out.warnings_.push_back(cut_warning(stack, filled));
     if (options.column && canals.empty() && !is_emptied())
       return refused(
           input_name(stack) +

@@ -12,7 +12,10 @@
 //     above the threshold, such as vessels with contrast medium (soft_regions.h), but no voxels of
 //     at least 556 HU. With min_volume, small components are then removed once more.
 //  2. fill, close: a voxel is filled if it is enclosed (plane_flood.h) in at least two of the three
-//     planes of voxels through it. Canals (canals.h) along the patient's long axis stay open, and
+//     planes of voxels through it, or lies in a closed cavity (cavities.h), such as a shaft that the
+//     end of the scan cuts. Canals (canals.h) along the patient's long axis stay open. A closed
+//     cavity is no canal if at least half of it is fat (below -30 HU), or if it is at least 60 mm
+//     long and its wall has no gap. A cavity with more than 10 % of air is no closed cavity; and
 //     soft tissue that step 1 removed is not filled. If the material is given by a threshold in HU,
 //     voxels below kAir_HU are never filled.
 //     With `column`, only material near the longest canal is kept (kColumn_mm, kColumnCore_mm).
@@ -97,8 +100,9 @@ class SolidBone {
   /// label. Otherwise 0.
   int filled_label() const { return filled_label_; }
 
-  /// Warning: contrast_filled if filling is wanted, the threshold is at least kMinBone_HU, and
-  /// there is soft tissue above the threshold (soft_regions.h).
+  /// Warnings: contrast_filled if filling is wanted, the threshold is at least kMinBone_HU, and
+  /// there is soft tissue above the threshold (soft_regions.h); cavity_cut if a closed cavity that
+  /// the end of the scan cuts stays open because it may be a canal.
   const std::vector<Warning>& warnings() const { return warnings_; }
   /// Volumes that were added to the material and removed from it, for the report.
   double filled_mm3() const { return filled_mm3_; }

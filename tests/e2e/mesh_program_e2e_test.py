@@ -385,6 +385,42 @@ def test_material_at_the_border(programs, work):
         run(programs / "trocar-mesh", work / "border.nii", "--tolerance", tolerance, "--quiet", "-o", work / "border.glb")
 
 
+def test_small_pixels(programs, work):
+    """Defaults, and a preset's values, follow the pixel; given values do not, and what they cost is said."""
+    mesh, side, pixel, report = programs / "trocar-mesh", 85, 0.05, work / "small.json"
+    header = bytearray(352)
+    struct.pack_into("<i", header, 0, 348)
+    struct.pack_into("<8h", header, 40, 3, side, side, 8, 1, 1, 1, 1)
+    struct.pack_into("<2h", header, 70, 4, 16)
+    struct.pack_into("<4f", header, 76, 1, pixel, pixel, pixel)
+    struct.pack_into("<2f", header, 108, 352, 1)
+    header[123] = 2
+    header[344:348] = b"n+1\0"
+    walls = [1500 if x % 20 < 5 or y % 20 < 5 else -20 for y in range(side) for x in range(side)]
+    grid = work / "grid.nii"
+    grid.write_bytes(bytes(header) + struct.pack(f"<{8 * side * side}h", *walls * 8))
+
+    def made(*words):
+        said = warned(mesh, report, grid, "-o", work / "grid.glb", *words)
+        document = json.loads(report.read_bytes())
+        return document["parameters"], document["changes"], said
+
+    used, changes, said = made()
+    assert (abs(used["tolerance_mm"] - 0.02) < 1e-6 and abs(used["min_region_mm2"] - 0.01) < 1e-6
+            and used["lattice_bits"] == 11 and not said), f"defaults: {used}, {said}"
+    assert changes["filled_mm2"] == changes["dropped_mm2"] == changes["moved_mm2"] == 0, f"changes: {changes}"
+    thin_mm2 = changes["area_mm2"]
+    used, changes, said = made("--min-region", "1", "--tolerance", "0.2", "--lattice-bits", "8")
+    assert (used["tolerance_mm"], used["min_region_mm2"], used["lattice_bits"]) == (0.2, 1, 8), f"given: {used}"
+    assert changes["area_mm2"] > 1.5 * thin_mm2 and "--min-region 1 mm^2" in said.get("holes_filled", ""), f"{changes}: {said}"
+    used, changes, said = made("--preset", "solid-bone")
+    assert abs(used["close_mm"] - 0.5) < 1e-6 and abs(used["min_volume_mm3"] - 100 / 216) < 1e-5, f"preset: {used}"
+    assert changes["solid_filled_mm2"] > 0, f"solid: {changes}"
+    used, _, _ = made("--preset", "solid-bone", "--close", "3", "--min-volume", "0.1")
+    assert (used["close_mm"], used["min_volume_mm3"]) == (3, 0.1), f"beside a preset: {used}"
+    refuses(3, "--min-volume leaves none", mesh, grid, "-o", work / "never.glb", "--preset", "solid-bone", "--min-volume", "100")
+
+
 def test_outputs_complete_or_none(programs, scan, work):
     """A pipe as an output, a file beyond `ulimit -f`, a signal: an error, and no file is left."""
     mesh, sample_ct, volume = programs / "trocar-mesh", programs / "trocar-sample-ct", scan / "sample.nii.gz"

@@ -32,19 +32,29 @@ TEST(Parameters, SayingADefaultChangesNothing) {
   const json plain = canonical(json::object());
   for (const json& given : std::initializer_list<json>{{{"threshold", 226}},
                                                        {{"threshold", "226.0"}},
-                                                       {{"tolerance", 0.2}},
                                                        {{"simplify", "area"}},
                                                        {{"contour", "subpixel"}},
                                                        {{"min-angle", 30}},
                                                        {{"max-area", 50}},
                                                        {{"grade", 0}},
-                                                       {{"min-region", 1}},
                                                        {{"close", 0}},
                                                        {{"min-volume", 0}},
                                                        {{"largest", 0}},
-                                                       {{"lattice-bits", 8}},
                                                        {{"preset", "bone"}}})
     EXPECT_EQ(canonical(given), plain) << given;
+}
+
+// Such a default is smaller for small pixels, a value that is given is not.
+TEST(Parameters, ADefaultThatFollowsThePixelIsNotThatValueGiven) {
+  for (const json& given : std::initializer_list<json>{
+           {{"tolerance", 0.2}}, {{"min-region", 1}}, {{"lattice-bits", 8}}})
+    EXPECT_NE(canonical(given), canonical(json::object())) << given;
+  const json preset = {{"preset", "vertebra"}};
+  for (const json& given : std::initializer_list<json>{{{"close", 3}}, {{"min-volume", 100}}}) {
+    json both = preset;
+    both.update(given);
+    EXPECT_NE(canonical(both), canonical(preset)) << given;
+  }
 }
 
 // Images without --threshold are refused, so for them it must not be the same as its default.
@@ -61,7 +71,7 @@ TEST(Parameters, TheSameInOtherWordsIsTheSame) {
   EXPECT_EQ(canonical({{"axis", "axial"}}), canonical({{"axis", "transverse"}}));
   EXPECT_EQ(canonical({{"crop", "0:9,1:8"}}), canonical({{"crop", " 0:9,01:8"}}));
   EXPECT_EQ(canonical({{"spacing", "0.30,0.3,1"}}), canonical({{"spacing", "0.3,0.3,1.0"}}));
-  EXPECT_EQ(canonical({{"preset", "vertebra"}}),
+  EXPECT_EQ(canonical({{"preset", "vertebra"}, {"close", 3}, {"min-volume", 100}}),
             canonical({{"threshold", 180}, {"close", 3}, {"fill", 2500}, {"min-volume", 100}}));
   EXPECT_EQ(canonical({{"preset", "skin"}, {"threshold", 180}})["threshold"], 180);
 }

@@ -231,6 +231,32 @@ TEST(Canals, TheCanalOfACurvedColumnStaysOpen) {
   }
 }
 
+// Slices across the canal's planes need not be evenly spaced, as in sagittal slices with a gap. The
+// canal jumps by three columns of 1.5 mm where its ring opens; a pixel's width beyond its last
+// section, half of it goes on.
+TEST(Canals, ACanalIsFollowedByTheWidthOfTheLocalPixel) {
+  VoxelGrid grid;
+  grid.at_mm[0] = {0, 0.2};
+  grid.at_mm[2] = {0, 0.5, 1, 1.5, 2};
+  for (int i = 0; i < 20; ++i)
+    grid.at_mm[0].push_back(1.7 + 1.5 * i);
+  for (int i = 0; i < 40; ++i)
+    grid.at_mm[1].push_back(0.5 * i);
+  std::vector<std::uint8_t> material(grid.size(), 1), flags(grid.size(), 0);
+  const VoxelPlanes planes(grid, 2);
+  for (std::size_t k = 0; k < planes.count(); ++k) {
+    const std::size_t from = k < 3 ? 6 : 9;
+    for (std::size_t y = 12; y < 28; ++y) {
+      for (std::size_t x = from; x < from + 4; ++x) {
+        material[planes.voxel(k, x, y)] = 0;
+        flags[planes.voxel(k, x, y)] =
+            static_cast<std::uint8_t>(k < 3 ? kWide | kEnclosed : unsigned{kWide});
+      }
+    }
+  }
+  EXPECT_EQ(find_canals(planes, material, {}, flags).size(), 1U);
+}
+
 TEST(Canals, TheCanalIsFoundInSagittalSlicesToo) {
   const ColumnStack stack(Phantom{.noise_HU = 20, .axis = SliceAxis::kSagittal});
   EXPECT_LE(canal_filled(stack, filled(stack)), 0.01);

@@ -6,6 +6,7 @@
 #include <cmath>
 #include <functional>
 #include <limits>
+#include <utility>
 
 #include "pipeline/contour/contour.h"
 
@@ -94,6 +95,61 @@ TEST(SolidBone, ACanalIsEnclosedInOneDirectionOnlyAndStaysOpen) {
   const SolidBone solid = made(stack, filling(3, 2500));
   for (int z = 0; z < kSide; ++z)
     EXPECT_FALSE(solid.inside(z, 20, 20)) << z;
+}
+
+// A shaft of bone along z or x in soft tissue: marrow within 7 mm of its axis, which shifts by
+// `tilt` for each mm. It is closed at `first` and `last`.
+BlockStack shaft(double marrow_HU, double first = -1, double last = kSide, double tilt = 0,
+                 bool is_along_x = false) {
+  return BlockStack([=](double x, double y, double z) {
+    if (is_along_x) std::swap(x, z);
+    const double r = std::hypot(x - 20 - tilt * (z - 20), y - 20);
+    if (r > 13) return 40.0;
+    return r < 7 && z > first && z < last ? marrow_HU : 1200.0;
+  });
+}
+
+TEST(SolidBone, AShaftThatTheScanCutsIsFilled) {
+  const auto expect_filled = [](const BlockStack& stack, int first, const char* what) {
+    const SolidBone solid = made(stack, filling(3, 2500));
+    EXPECT_NEAR(solid.filled_mm3(), M_PI * 49 * (kSide - first), 0.08 * M_PI * 49 * kSide) << what;
+    EXPECT_TRUE(solid.inside(20, 20, 20)) << what;
+    EXPECT_TRUE(solid.warnings().empty()) << what;
+  };
+  expect_filled(shaft(-60), 0, "both ends");
+  expect_filled(shaft(-60, 5), 6, "one end");
+  expect_filled(shaft(-60, -1, 34), 6, "the other end");
+  expect_filled(shaft(40, 5), 6, "one end, red marrow");
+  expect_filled(shaft(-60, -1, kSide, 0.2), 0, "oblique");
+  expect_filled(shaft(-60, -1, kSide, 0, true), 0, "across the body");
+  expect_filled(shaft(-60, 5, kSide, 0, true), 6, "across the body, one end");
+}
+
+// As far apart as that, slices of a spine would show openings for nerves.
+TEST(SolidBone, ALongShaftIsFilledWhateverIsInIt) {
+  BlockStack stack = shaft(40);
+  for (int k = 0; k < kSide; ++k)
+    stack.planes_[k].z_mm = stack.planes_[k].T_lps_plane.translation().z() = 2.0 * k;
+  const SolidBone solid = made(stack, filling(3, 2500));
+  EXPECT_TRUE(solid.inside(20, 20, 20));
+  EXPECT_TRUE(solid.warnings().empty());
+}
+
+TEST(SolidBone, ATunnelThatMayBeACanalStaysOpenAndIsNamed) {
+  const SolidBone solid = made(shaft(30), filling(3, 2500));
+  EXPECT_FALSE(solid.inside(20, 20, 20));
+  ASSERT_EQ(solid.warnings().size(), 1U);
+  EXPECT_EQ(solid.warnings()[0].code, "cavity_cut");
+}
+
+TEST(SolidBone, AnAirwayStaysOpenWithItsLining) {
+  const BlockStack stack([](double x, double y, double) {
+    const double r = std::hypot(x - 20, y - 20);
+    return r > 13 ? 40.0 : r > 7 ? 1200.0 : r > 5 ? -40.0 : -900.0;
+  });
+  const SolidBone solid = made(stack, filling(3, 2500));
+  EXPECT_FALSE(solid.inside(20, 20, 20));
+  EXPECT_FALSE(solid.inside(20, 26, 20));
 }
 
 TEST(SolidBone, SpecksAreDroppedBeforeTheyCloseAGap) {
