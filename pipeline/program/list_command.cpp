@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "pipeline/program/list_command.h"
 
-#include <iostream>
 #include <system_error>
 #include <vector>
 
 #include "formats/base/json_text.h"
+#include "formats/base/terminal_text.h"
 #include "pipeline/farm/collection.h"
 #include "pipeline/open/scan_list.h"
 #include "pipeline/program/messages.h"
@@ -50,9 +50,10 @@ int run_list(const ListArguments& a) {
   const auto scans = list_scans(a.folder, warnings);
   if (!scans) return fail(scans.error());
   if (a.as_collection) {
-    std::cout << collection_of(*scans, a.folder, warnings);
+    print_lines(stdout, collection_of(*scans, a.folder, warnings));
   } else {
-    std::cout << (a.as_json ? json_text(*scans, 1) + "\n" : scan_table(*scans, a.folder.string()));
+    print_lines(stdout,
+                a.as_json ? json_text(*scans, 1) + "\n" : scan_table(*scans, a.folder.string()));
   }
   for (const Warning& w : warnings)
     print_warning(w);
