@@ -10,13 +10,14 @@
 #include <utility>
 
 #include "formats/base/json_text.h"
+#include "formats/base/terminal_text.h"
 #include "pipeline/base/number_ranges.h"
 #include "pipeline/open/open_stack.h"
 #include "pipeline/open/scan_folder.h"
 #include "pipeline/read/dicom/dicom_segmentation.h"
 #include "pipeline/read/dicom/dicom_series.h"
 #include "pipeline/read/file_names.h"
-#include "pipeline/read/nifti/nifti_stack.h"
+#include "pipeline/read/nrrd/nrrd_stack.h"
 #include "pipeline/read/stack_shape.h"
 
 namespace trocar::pipeline {
@@ -144,13 +145,13 @@ json series_scan(const std::vector<DicomSeries>& all, std::size_t index, const S
 }
 
 json volume_scan(const fs::path& file, const ScanFolder& found) {
-  json out = scan_of("nifti", path_in(found.folder, file));
+  json out = scan_of(is_nrrd(file) ? "nrrd" : "nifti", path_in(found.folder, file));
   OpenOptions options;
-  auto stack = open_nifti(file, options, true);
+  auto stack = open_volume(file, options, true);
   const bool has_size = stack || stack.error().code != ExitCode::kUsage;
   if (!has_size) {
     options.spacing_mm = {1, 1, 1};
-    stack = open_nifti(file, options, true);
+    stack = open_volume(file, options, true);
   }
   if (stack) {
     add_stack(out, **stack, has_size);
@@ -165,7 +166,7 @@ ScanFolder only(const fs::path& file) {
   ScanFolder out;
   out.folder = file.parent_path();
   out.where = out.folder.empty() ? "" : (out.folder / "").string();
-  if (is_nifti(file)) {
+  if (is_volume(file)) {
     out.volumes = {file};
   } else if (is_image(file)) {
     out.images = {{file}};
@@ -196,7 +197,7 @@ Result<ScanFolder> look_into(const fs::path& input, std::vector<Warning>& warnin
 std::string cell(const json& scan, const char* name) {
   const auto value = scan.find(name);
   if (value == scan.end() || value->is_null()) return "-";
-  if (value->is_string()) return without_control(value->get<std::string>());
+  if (value->is_string()) return terminal_text(value->get<std::string>());
   return json_text(*value);
 }
 
@@ -319,7 +320,8 @@ Result<json> list_scans(const fs::path& input, std::vector<Warning>& warnings) {
   }
   if (scans.empty()) {
     return refused(input.string() +
-                   ": contains no DICOM images, NIfTI files (.nii, .nii.gz) or images (.png, .tif, "
+                   ": contains no DICOM images, NIfTI (.nii, .nii.gz) or NRRD files (.nrrd, .nhdr) "
+                   "or images (.png, .tif, "
                    ".bmp, .jpg)");
   }
   const auto others =
