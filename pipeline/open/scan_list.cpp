@@ -351,6 +351,7 @@ std::string scan_table(const json& list, const std::string& folder) {
     if (scan["kind"] != "images" || ++images <= kMaxOfImages)
       rows.push_back(row_of(scan, with_study));
   }
+  const std::string shown_folder = terminal_text(folder);
   std::string out = aligned(rows);
   if (images > kMaxOfImages)
     out += "and " + std::to_string(images - kMaxOfImages) + " more folders of images\n";
@@ -365,10 +366,10 @@ std::string scan_table(const json& list, const std::string& folder) {
   const auto taken = std::find_if(list["scans"].begin(), list["scans"].end(),
                                   [](const json& scan) { return scan["taken"].get<bool>(); });
   if (taken == list["scans"].end()) {
-    out += "Nothing is taken of " + folder + " as a whole: give one of these by its path\n";
+    out += "Nothing is taken of " + shown_folder + " as a whole: give one of these by its path\n";
   } else if (!list["why"].is_null()) {
-    out += "What is taken of " + folder + " (*): " + list["why"].get<std::string>() +
-           "; --series takes another\n";
+    out += "What is taken of " + shown_folder +
+           " (*): " + terminal_text(list["why"].get<std::string>()) + "; --series takes another\n";
   }
   return out;
 }

@@ -12,6 +12,7 @@
 #include <opencv2/imgproc.hpp>
 
 #include "formats/base/file_io.h"
+#include "pipeline/read/image/png_chunks.h"
 #include "pipeline/read/image/png_pixels.h"
 
 namespace trocar::pipeline {
@@ -82,6 +83,14 @@ Result<Image> to_image(const cv::Mat& pixels, int to_grey, Levels wanted, const 
   return image;
 }
 
+// Does the file go on to its last chunk? Decoders do not look for it behind the pixels.
+bool has_png_end(const std::vector<std::uint8_t>& bytes) {
+  PngChunks chunks(bytes);
+  while (chunks.next())
+    if (chunks.is("IEND")) return chunks.is_whole();
+  return false;
+}
+
 Result<Image> read_png(const std::vector<std::uint8_t>& bytes, const std::string& name,
                        Levels wanted) {
   const std::unique_ptr<spng_ctx, void (*)(spng_ctx*)> png(spng_ctx_new(0), spng_ctx_free);
@@ -134,6 +143,7 @@ Result<Image> read_png(const std::vector<std::uint8_t>& bytes, const std::string
     if (int e = spng_decode_image(png.get(), pixels.data, size, format, 0); e != 0)
       return broken(e);
   }
+  if (!has_png_end(bytes)) return refused(name + ": broken PNG (it ends early)");
   return to_image(packed ? unpacked(pixels, width, header.bit_depth) : pixels,
                   pixels.channels() == 4 ? cv::COLOR_RGBA2GRAY : cv::COLOR_RGB2GRAY, wanted, name);
 }

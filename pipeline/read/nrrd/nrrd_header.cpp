@@ -7,12 +7,14 @@
 #include <algorithm>
 #include <array>
 #include <bit>
+#include <cerrno>
 #include <charconv>
 #include <cmath>
 #include <limits>
 #include <utility>
 
 #include "formats/base/file_descriptor.h"
+#include "formats/base/system_message.h"
 #include "pipeline/read/file_names.h"
 #include "pipeline/read/read_at.h"
 
@@ -377,14 +379,16 @@ std::map<int, std::string> names_of_segments(const Fields& fields) {
   return out;
 }
 
-std::string head_of(const std::filesystem::path& file) {
+}  // namespace
+
+Result<std::string> nrrd_head(const std::filesystem::path& file) {
+  constexpr std::size_t kMaxBytes = 1 << 20;
   const FileDescriptor in(::open(file.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK));
-  std::string out(kMaxNrrdHeadBytes, '\0');
-  out.resize(in.get() < 0 ? 0 : read_at(in.get(), 0, out));
+  if (in.get() < 0) return refused(file.string() + ": " + system_message(errno));
+  std::string out(kMaxBytes, '\0');
+  out.resize(read_at(in.get(), 0, out));
   return out;
 }
-
-}  // namespace
 
 Result<NrrdHeader> parse_nrrd_header(std::string_view head, const std::string& file,
                                      std::optional<int> volume, std::vector<Warning>& warnings) {
@@ -409,8 +413,9 @@ Result<NrrdHeader> parse_nrrd_header(std::string_view head, const std::string& f
 
 std::optional<std::filesystem::path> nrrd_data_file(const std::filesystem::path& file) {
   if (!is_nrrd(file)) return {};
-  const std::string head = head_of(file);
-  const auto fields = Fields::of(head, file.string());
+  const auto head = nrrd_head(file);
+  if (!head) return {};
+  const auto fields = Fields::of(*head, file.string());
   NrrdHeader header;
   if (!fields || !set_data(*fields, header) || header.data_file.empty()) return {};
   return file.parent_path() / header.data_file;

@@ -31,10 +31,10 @@ struct NrrdHeader {
   std::map<int, std::string> label_names;
 };
 
-inline constexpr std::size_t kMaxNrrdHeadBytes = 1 << 20;
+/// The first MiB of a file, or all if it has less. Errors: kRefused if it cannot be opened.
+Result<std::string> nrrd_head(const std::filesystem::path& file);
 
-/// Parses `head`, the first kMaxNrrdHeadBytes bytes of a file or all if it has fewer. `file` is the
-/// file's name in error messages, `volume` the number of the wanted volume.
+/// Parses `head`, the result of nrrd_head(). `file` is the file's name in error messages, `volume` the number of the wanted volume.
 ///
 /// Three axes must be spatial. A further axis is accepted if it is the slowest one, or if its size
 /// is 1. Errors: kRefused if the file is not NRRD; if a field that is needed is missing, given twice

@@ -16,10 +16,9 @@ Result<std::unique_ptr<SliceStack>> open_nrrd(const fs::path& path, const OpenOp
                                               bool header_only) {
   const std::string file = path.string();
   std::vector<Warning> warnings;
-  const auto head = VolumeFile::head(path, kMaxNrrdHeadBytes);
+  const auto head = nrrd_head(path);
   if (!head) return head.error();
-  const auto header = parse_nrrd_header({reinterpret_cast<const char*>(head->data()), head->size()},
-                                        file, options.volume, warnings);
+  const auto header = parse_nrrd_header(*head, file, options.volume, warnings);
   if (!header) return header.error();
   const NiftiHeader& array = header->array;
   const auto open = [&]() -> Result<VolumeFile> {
