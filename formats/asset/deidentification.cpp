@@ -30,7 +30,7 @@ bool is_any_of(std::string_view text, std::initializer_list<std::string_view> ch
 }
 
 // The kind of value allowed at a path of the JSON.
-enum class Kind { kNumber, kFlag, kObject, kList, kText, kNumberOrText };
+enum class Kind { kNumber, kFlag, kObject, kList, kText, kName, kNumberOrText };
 struct Allowed {
   Kind kind = Kind::kNumber;
   std::function<bool(const std::string&)> text = {};
@@ -119,9 +119,7 @@ const std::map<std::string, Allowed>& allowed_values() {
     add_text("/asset/generator", [](const std::string& text) {
       return matches(text, "trocar-mesh [0-9]{1,3}\\.[0-9]{1,3}\\.[0-9]{1,3}");
     });
-    const auto plain = [](const std::string& text) { return is_plain_name(text); };
-    add_text("/materials/[]/name", plain);
-    add_text("/extras/trocar/materials/[]/name", plain);
+    add(Kind::kName, "", "materials/[]/name extras/trocar/materials/[]/name");
     add_text("/extras/trocar/use", [](const std::string& text) { return text == kAssetUse; });
     add_text("/extras/trocar/input_key_digest",
              [](const std::string& text) { return matches(text, "[0-9a-f]{64}"); });
@@ -132,7 +130,9 @@ const std::map<std::string, Allowed>& allowed_values() {
   return all;
 }
 
-bool is_right(const json& value, const Allowed& allowed) {
+using LabelSet = std::set<std::int64_t>;
+
+bool is_right(const json& value, const Allowed& allowed, const LabelSet& labels) {
   switch (allowed.kind) {
     case Kind::kNumber:
       return value.is_number();
@@ -142,6 +142,8 @@ bool is_right(const json& value, const Allowed& allowed) {
       return value.is_object();
     case Kind::kList:
       return value.is_array();
+    case Kind::kName:
+      return value.is_string() && is_plain_name(value.get<std::string>(), labels);
     case Kind::kNumberOrText:
       if (value.is_number()) return true;
       [[fallthrough]];
@@ -160,10 +162,10 @@ std::string shown(const json& value) {
 
 // Depth is limited by parse_strict_json().
 // NOLINTNEXTLINE(misc-no-recursion)
-Result<void> check_json(const json& value, const std::string& path) {
+Result<void> check_json(const json& value, const std::string& path, const LabelSet& labels) {
   const auto allowed = allowed_values().find(path);
   if (allowed == allowed_values().end()) return refused("its JSON has " + path);
-  if (!is_right(value, allowed->second)) {
+  if (!is_right(value, allowed->second, labels)) {
     const bool is_name = path.ends_with("/name") && value.is_string();
     return refused(
         "its JSON has " + path + " " + shown(value) +
@@ -171,9 +173,20 @@ Result<void> check_json(const json& value, const std::string& path) {
   }
   for (const auto& [key, inner] : value.items()) {
     if (!value.is_structured()) break;
-    if (auto ok = check_json(inner, path + '/' + (value.is_array() ? "[]" : key)); !ok) return ok;
+    if (auto ok = check_json(inner, path + '/' + (value.is_array() ? "[]" : key), labels); !ok)
+      return ok;
   }
   return {};
+}
+
+// The labels from which the asset was made, which names may contain.
+LabelSet labels_in(const json& document) {
+  LabelSet out;
+  const json::json_pointer where("/extras/trocar/parameters/labels");
+  if (!document.is_object() || !document.contains(where)) return out;
+  for (const json& label : document.at(where))
+    if (label.is_number_integer()) out.insert(label.get<std::int64_t>());
+  return out;
 }
 
 std::uint64_t unsigned_at(const json& object, const char* key) {
@@ -320,22 +333,57 @@ constexpr std::string_view kAnatomicalWords =
     " vessel vessels vestibule void volume vomer wall whole wisdom with without wrist xiphoid"
     " zygapophyseal zygoma zygomatic ";
 
-// Whether all words of two letters or more are in kAnatomicalWords.
-bool has_known_words(std::string_view name) {
-  std::string word(1, ' ');
-  for (std::size_t i = 0; i <= name.size(); ++i) {
-    const char c = i < name.size() ? name[i] : ' ';
-    const char lower = c >= 'A' && c <= 'Z' ? static_cast<char>(c + ('a' - 'A')) : c;
-    if (lower >= 'a' && lower <= 'z') {
-      word += lower;
-      continue;
-    }
-    if (word.size() > 2 && kAnatomicalWords.find(word + ' ') == std::string_view::npos)
-      return false;
-    word.resize(1);
-  }
-  return true;
+bool is_digit(char c) {
+  return c >= '0' && c <= '9';
 }
+
+bool is_letter(char c) {
+  return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z');
+}
+
+// A level of the spine, in lower case: C1 to C8, T1 to T13, L1 to L6, S1 to S5.
+bool is_level(const std::string& token) {
+  return matches(token, "c[1-8]|t[1-9]|t1[0-3]|l[1-6]|s[1-5]");
+}
+
+bool is_known_word(const std::string& word) {
+  return word.size() >= 2 && kAnatomicalWords.find(' ' + word + ' ') != std::string_view::npos;
+}
+
+// Judges a name token by token. A token is a run of letters and digits, in lower case.
+class NameJudge {
+ public:
+  explicit NameJudge(const std::set<std::int64_t>& labels) : labels_(labels) {}
+
+  bool accepts(const std::string& token) {
+    const auto letters = static_cast<std::size_t>(
+        std::find_if(token.begin(), token.end(), is_digit) - token.begin());
+    const std::string word = token.substr(0, letters), number = token.substr(letters);
+    if (!std::all_of(number.begin(), number.end(), is_digit)) return false;
+    if (is_level(token)) return true;
+    if (letters == 1)
+      return number.empty() && (word == "l" || word == "r") && !std::exchange(has_side_, true);
+    if (letters > 0 && !is_known_word(word)) return false;
+    is_rib_ |= word == "rib" || word == "ribs";
+    if (!number.empty() && !is_ordinal_of_rib(number) && !is_label(number))
+      digits_ += number.size();
+    return digits_ <= 4;
+  }
+  // A plus sign joins the names of several labels.
+  void join() { has_side_ = is_rib_ = false; }
+
+ private:
+  bool is_ordinal_of_rib(const std::string& number) const {
+    return is_rib_ && matches(number, "[1-9]|1[0-3]");
+  }
+  bool is_label(const std::string& number) const {
+    return number.size() <= 10 && number.front() != '0' && labels_.contains(std::stoll(number));
+  }
+
+  const std::set<std::int64_t>& labels_;
+  std::size_t digits_ = 0;
+  bool has_side_ = false, is_rib_ = false;
+};
 
 }  // namespace
 
@@ -357,17 +405,19 @@ std::string shared_modality(std::string_view text) {
   return is_known ? std::string(text) : "OT";
 }
 
-bool is_plain_name(std::string_view name) {
-  if (!has_known_words(name)) return false;
-  std::size_t digits = 0;  // since the last letter or plus sign, which joins labels
-  for (const char c : name) {
-    const bool is_digit = c >= '0' && c <= '9';
-    const bool is_letter = (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z');
-    if (is_digit) ++digits;
-    if (is_letter || c == '+') digits = 0;
-    if (digits > 4 ||
-        !(is_digit || is_letter || std::string_view(" _-+,/()").find(c) != std::string_view::npos))
-      return false;
+bool is_plain_name(std::string_view name, const std::set<std::int64_t>& labels) {
+  NameJudge judge(labels);
+  std::string token;
+  for (std::size_t i = 0; i <= name.size(); ++i) {
+    const char c = i < name.size() ? name[i] : ' ';
+    if (is_letter(c) || is_digit(c)) {
+      token += c >= 'A' && c <= 'Z' ? static_cast<char>(c + ('a' - 'A')) : c;
+      continue;
+    }
+    if (std::string_view(" _-+,/()").find(c) == std::string_view::npos) return false;
+    if (!token.empty() && !judge.accepts(token)) return false;
+    token.clear();
+    if (c == '+') judge.join();
   }
   return !name.empty() && name.size() <= 64;
 }
@@ -390,7 +440,8 @@ Result<void> check_deidentified_asset(std::span<const std::uint8_t> glb, const s
   if (!document) return document.error();
   if (text.size() - end > 3 || json_text(*document).size() != end)
     return found("its JSON text has more characters than its contents need");
-  if (auto ok = check_json(*document, ""); !ok) return found(ok.error().message);
+  if (auto ok = check_json(*document, "", labels_in(*document)); !ok)
+    return found(ok.error().message);
   for (const json& volume :
        document->at("extras").at("trocar").value("hu_volumes", json::array())) {
     if (!volume.contains("margin_steps"))

@@ -4,6 +4,7 @@
 #pragma once
 
 #include <cstdint>
+#include <set>
 #include <span>
 #include <string>
 #include <string_view>
@@ -12,13 +13,17 @@
 
 namespace trocar {
 
-/// Returns true if a material may have this name in a de-identified asset. Such a name consists of
-/// 1 to 64 ASCII letters, digits, spaces and characters of "_-+,/()". A part of the name without
-/// letters and plus signs has at most four digits, whatever characters are between these digits.
-/// This excludes paths with dots, UIDs, dates such as 1950-12-31, and patient numbers of five or
-/// more digits. Each word of two or more letters must be in the list of terms of anatomy, implants
-/// and position in deidentification.cpp, in upper or lower case. So names of persons are excluded.
-bool is_plain_name(std::string_view name);
+/// Returns true if a material may have this name in a de-identified asset. Such a name has 1 to 64
+/// ASCII letters, digits, spaces and characters of "_-+,/()". Each run of letters and digits is one
+/// of these:
+///  - A word of the list in deidentification.cpp (terms of anatomy, implants and position), in upper
+///    or lower case, also with a number behind it. So names of persons are excluded.
+///  - A level of the spine, such as "L3" or "T12".
+///  - L or R, at most once before the next plus sign. Other single letters could spell a name.
+///  - A number. All numbers of the name together have at most four digits, so that they are no date
+///    and no patient's number. This does not count numbers in `labels`, the labels from which the
+///    asset was made, nor the numbers 1 to 13 behind "rib".
+bool is_plain_name(std::string_view name, const std::set<std::int64_t>& labels = {});
 
 /// Returns true if the text is a modality of images that DICOM defines (PS3.3, C.7.3.1.1.1), such
 /// as "CT". Any other text could be a name.

@@ -6,6 +6,7 @@
 #include <exception>
 
 #include "formats/base/standard_output.h"
+#include "formats/base/terminal_text.h"
 
 namespace trocar {
 
@@ -19,7 +20,7 @@ void stop_on_signals() {
 }
 
 int report_error(const std::string& program, const Error& error) {
-  std::fprintf(stderr, "%s: %s\n", program.c_str(), error.message.c_str());
+  print(stderr, "%s: %s\n", program, error.message);
   return static_cast<int>(error.code);
 }
 

@@ -9,6 +9,7 @@
 
 #include "formats/base/result.h"
 #include "formats/base/system_message.h"
+#include "formats/base/terminal_text.h"
 
 namespace trocar {
 namespace {
@@ -29,7 +30,7 @@ int finish_output(const char* program, int code) {
   // An error before this call has left no errno.
   if (errno == EPIPE || (errno == 0 && reader_is_gone())) return code;
   const std::string why = errno == 0 ? "" : ": " + system_message(errno);
-  std::fprintf(stderr, "%s: standard output could not be written%s\n", program, why.c_str());
+  print(stderr, "%s: standard output could not be written%s\n", program, why);
   return code == 0 ? static_cast<int>(ExitCode::kUnwritable) : code;
 }
 

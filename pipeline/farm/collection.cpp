@@ -187,8 +187,8 @@ CollectionScan read_scan(const json& value, const std::string& path, const json&
 // digest distinguishes scans that have the same name without it.
 std::string name_of(const json& scan, const std::string& digest) {
   std::string out = scan["path"].get<std::string>();
-  for (const char* ending : {".gz", ".nii"})
-    if (scan["kind"] == "nifti" && out.ends_with(ending))
+  for (const char* ending : {".gz", ".nii", ".nrrd", ".nhdr"})
+    if ((scan["kind"] == "nifti" || scan["kind"] == "nrrd") && out.ends_with(ending))
       out.resize(out.size() - std::string(ending).size());
   if (out == ".") out = "scan";
   if (const auto number = scan.find("number"); number != scan.end() && number->is_number())

@@ -16,6 +16,7 @@
 #include "pipeline/farm/sha256.h"
 #include "pipeline/open/scan_folder.h"
 #include "pipeline/read/file_names.h"
+#include "pipeline/read/nrrd/nrrd_stack.h"
 
 namespace trocar::farm {
 namespace {
@@ -122,6 +123,12 @@ Result<std::vector<ScanFile>> list_files(const std::vector<NamedFile>& paths) {
       const auto folder = pipeline::folder_of_dicomdir(one.path);
       if (!folder || !is_only_one_of_its_role(one, paths)) {
         out.push_back(file_of(one, *status));
+        for (const fs::path& path : pipeline::files_of_volume(one.path)) {
+          if (path == one.path) continue;
+          const auto of_data = status_of(path);
+          if (!of_data) return of_data.error();
+          out.push_back(file_of({one.of, path}, *of_data));
+        }
       } else if (auto ok = append_folder({one.of, *folder}, out); !ok) {
         return ok.error();
       }

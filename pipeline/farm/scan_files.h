@@ -43,7 +43,7 @@ std::vector<NamedFile> all_paths(const std::vector<std::filesystem::path>& input
 
 /// The files of all paths, in the order of the paths. For a folder, these are all files that
 /// files_below() (open/scan_folder.h) finds in it. A DICOMDIR that is the only path of its role
-/// stands for its folder, as for open_stack(). No digest is computed, so the digests are empty.
+/// stands for its folder, as for open_stack(), and the header of a NRRD also for its data's file. No digest is computed, so the digests are empty.
 /// Errors: kRefused if a path does not exist, cannot be searched, or is neither a file nor a
 /// folder. If only a part of a folder cannot be reached, this is an error, too, because the rest
 /// must not be taken for the whole scan; this error is temporary (Error::is_temporary).

@@ -11,7 +11,7 @@
 #include "pipeline/read/dicom/dicom_volumes.h"
 #include "pipeline/read/file_names.h"
 #include "pipeline/read/image/image_stack.h"
-#include "pipeline/read/nifti/nifti_stack.h"
+#include "pipeline/read/nrrd/nrrd_stack.h"
 
 namespace trocar::pipeline {
 namespace {
@@ -22,13 +22,12 @@ namespace fs = std::filesystem;
 void warn_of_others(const ScanFolder& found, std::vector<Warning>& warnings) {
   const std::string others = found.left_out();
   if (others.empty()) return;
-  const char* const taken = found.kind() == ScanFolder::Kind::kDicom ? "DICOM slices are taken"
+  const std::string taken = found.kind() == ScanFolder::Kind::kDicom ? "DICOM slices are taken"
                             : found.kind() == ScanFolder::Kind::kVolume
-                                ? "the NIfTI file is taken"
+                                ? "the " + format_of_volumes(found.volumes) + " file is taken"
                                 : "its own images are taken";
   const auto said = [taken](const std::string& left_out) {
-    return std::string(taken) + "; left out: " + left_out +
-           ", which can be given by their own names";
+    return taken + "; left out: " + left_out + ", which can be given by their own names";
   };
   warnings.push_back({"other_input", found.where, said(others), said(found.left_out(false))});
 }
@@ -38,9 +37,7 @@ Result<std::unique_ptr<SliceStack>> open_volume_file(const fs::path& file,
   if (auto ok = check_readable(file); !ok) return ok.error();
   if (!options.series.empty())
     return usage(file.string() + ": --series chooses among DICOM files; there are none");
-  auto stack = open_nifti(file, options);
-  if (stack) (*stack)->files = {file};
-  return stack;
+  return open_volume(file, options);
 }
 
 Result<std::unique_ptr<SliceStack>> open_image_files(const std::vector<fs::path>& files,
@@ -68,7 +65,9 @@ Result<std::unique_ptr<SliceStack>> open_folder(const fs::path& folder,
   Result<std::unique_ptr<SliceStack>> stack = bug("no reader");
   switch (found->kind()) {
     case ScanFolder::Kind::kVolume:
-      if (found->volumes.size() > 1) return choose_one(found->where, "NIfTI files", found->volumes);
+      if (found->volumes.size() > 1)
+        return choose_one(found->where, format_of_volumes(found->volumes) + " files",
+                          found->volumes);
       stack = open_volume_file(found->volumes[0], options);
       break;
     case ScanFolder::Kind::kImages:
@@ -96,9 +95,9 @@ Result<std::unique_ptr<SliceStack>> open_files(std::vector<fs::path> files,
                                                const OpenOptions& options) {
   const std::string first = files[0].string();
   std::sort(files.begin(), files.end(), natural_less);
-  if (files.size() == 1 && is_nifti(files[0])) return open_volume_file(files[0], options);
-  if (std::any_of(files.begin(), files.end(), is_nifti))
-    return usage(first + ": give one NIfTI file, not a list with one in it");
+  if (files.size() == 1 && is_volume(files[0])) return open_volume_file(files[0], options);
+  if (std::any_of(files.begin(), files.end(), is_volume))
+    return usage(first + ": give one NIfTI or NRRD file, not a list with one in it");
   if (std::any_of(files.begin(), files.end(), is_image))
     return open_image_files(files, first, options);
   for (const fs::path& file : files) {
@@ -110,7 +109,7 @@ Result<std::unique_ptr<SliceStack>> open_files(std::vector<fs::path> files,
 }  // namespace
 
 bool is_scan_file(const fs::path& file) {
-  return is_image(file) || is_nifti(file) || has_dicom_preamble(file);
+  return is_image(file) || is_volume(file) || has_dicom_preamble(file);
 }
 
 Result<std::unique_ptr<SliceStack>> open_stack(const std::vector<fs::path>& inputs,

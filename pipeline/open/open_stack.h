@@ -18,18 +18,18 @@ namespace trocar::pipeline {
 /// Errors: kRefused if an input does not exist, a file is broken, no file is usable, slices differ
 /// in size, or an axis (option --axis) is given for DICOM slices that do not form a regular volume.
 /// kUsage if the inputs and the options do not fit together, for example:
-///  - No spacing is given for images, or for a NIfTI file that states none.
+///  - No spacing is given for images, or for a NIfTI or NRRD file that states none.
 ///  - Images are given with an axis other than axial.
-///  - The index of a volume (OpenOptions::volume) is given for input with one volume that is not NIfTI,
-///    or missing for input with several.
+///  - The index of a volume (OpenOptions::volume) is given for input with one volume that is neither
+///    NIfTI nor NRRD, or missing for input with several.
 ///  - A series is given for input that is not DICOM, or the input does not have the series.
-///  - The folder contains several NIfTI files, or several folders of images.
-///  - A folder or a NIfTI file is given together with other inputs.
+///  - The folder contains several files of volumes, or several folders of images.
+///  - A folder or a file of volumes is given together with other inputs.
 Result<std::unique_ptr<SliceStack>> open_stack(const std::vector<std::filesystem::path>& inputs,
                                                const OpenOptions& options);
 
 /// True if the file may be part of a scan, so that a program must not overwrite it. Such a file has
-/// the name of an image or a NIfTI file, or it begins like a DICOM file (has_dicom_preamble()).
+/// the name of an image, a NIfTI or a NRRD file, or it begins like a DICOM file (has_dicom_preamble()).
 bool is_scan_file(const std::filesystem::path& file);
 
 }  // namespace trocar::pipeline

@@ -213,12 +213,12 @@ bool ScanFolder::has_own_images() const {
 std::string ScanFolder::left_out(bool with_names) const {
   const Kind taken = kind();
   std::string out;
-  const auto add = [&](const std::vector<fs::path>& files, const char* what) {
+  const auto add = [&](const std::vector<fs::path>& files, const std::string& what) {
     if (files.empty()) return;
     out += (out.empty() ? "" : ", ") + std::to_string(files.size()) + " " + what +
            (files.size() == 1 ? "" : "s") + (with_names ? " (" + first_names(files) + ")" : "");
   };
-  if (taken == Kind::kDicom) add(volumes, "NIfTI file");
+  if (taken == Kind::kDicom) add(volumes, format_of_volumes(volumes) + " file");
   std::vector<fs::path> others;
   for (std::size_t i = taken == Kind::kImages ? 1 : 0; i < images.size(); ++i)
     others.insert(others.end(), images[i].begin(), images[i].end());
@@ -239,7 +239,7 @@ Result<ScanFolder> search_folder(const fs::path& folder, DicomExtent extent,
   std::map<fs::path, std::vector<fs::path>> images;
   for (const fs::path& file : *files) {
     const bool is_slice = has_dicom_preamble(file);
-    if (!is_slice && is_nifti(file)) {
+    if (!is_slice && is_volume(file)) {
       out.volumes.push_back(file);
     } else if (!is_slice && is_image(file)) {
       images[file.parent_path()].push_back(file);

@@ -42,7 +42,7 @@ struct ScanFolder {
   std::filesystem::path folder;
   std::string where;                           ///< `folder` with a slash at its end, for messages
   std::vector<DicomFile> dicom;                ///< files in neither list below, DICOM or not
-  std::vector<std::filesystem::path> volumes;  ///< NIfTI files, recognised by their names
+  std::vector<std::filesystem::path> volumes;  ///< NIfTI and NRRD files, by their names
   /// The image files, recognised by their names; one list for each folder that has images. If
   /// `folder` itself has images, its list comes first.
   std::vector<std::vector<std::filesystem::path>> images;

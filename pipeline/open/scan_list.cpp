@@ -11,6 +11,7 @@
 #include <utility>
 
 #include "formats/base/json_text.h"
+#include "formats/base/terminal_text.h"
 #include "pipeline/base/number_ranges.h"
 #include "pipeline/open/open_stack.h"
 #include "pipeline/open/scan_folder.h"
@@ -18,7 +19,7 @@
 #include "pipeline/read/dicom/dicom_series.h"
 #include "pipeline/read/dicom/dicom_volumes.h"
 #include "pipeline/read/file_names.h"
-#include "pipeline/read/nifti/nifti_stack.h"
+#include "pipeline/read/nrrd/nrrd_stack.h"
 #include "pipeline/read/stack_shape.h"
 
 namespace trocar::pipeline {
@@ -160,13 +161,13 @@ std::vector<json> series_scans(const std::vector<DicomSeries>& all, std::size_t 
 }
 
 json volume_scan(const fs::path& file, const ScanFolder& found) {
-  json out = scan_of("nifti", path_in(found.folder, file));
+  json out = scan_of(is_nrrd(file) ? "nrrd" : "nifti", path_in(found.folder, file));
   OpenOptions options;
-  auto stack = open_nifti(file, options, true);
+  auto stack = open_volume(file, options, true);
   const bool has_size = stack || stack.error().code != ExitCode::kUsage;
   if (!has_size) {
     options.spacing_mm = {1, 1, 1};
-    stack = open_nifti(file, options, true);
+    stack = open_volume(file, options, true);
   }
   if (stack) {
     add_stack(out, **stack, has_size);
@@ -181,7 +182,7 @@ ScanFolder only(const fs::path& file) {
   ScanFolder out;
   out.folder = file.parent_path();
   out.where = out.folder.empty() ? "" : (out.folder / "").string();
-  if (is_nifti(file)) {
+  if (is_volume(file)) {
     out.volumes = {file};
   } else if (is_image(file)) {
     out.images = {{file}};
@@ -212,7 +213,7 @@ Result<ScanFolder> look_into(const fs::path& input, std::vector<Warning>& warnin
 std::string cell(const json& scan, const char* name) {
   const auto value = scan.find(name);
   if (value == scan.end() || value->is_null()) return "-";
-  if (value->is_string()) return without_control(value->get<std::string>());
+  if (value->is_string()) return terminal_text(value->get<std::string>());
   return json_text(*value);
 }
 
@@ -345,7 +346,8 @@ Result<json> list_scans(const fs::path& input, std::vector<Warning>& warnings) {
   }
   if (scans.empty()) {
     return refused(input.string() +
-                   ": contains no DICOM images, NIfTI files (.nii, .nii.gz) or images (.png, .tif, "
+                   ": contains no DICOM images, NIfTI (.nii, .nii.gz) or NRRD files (.nrrd, .nhdr) "
+                   "or images (.png, .tif, "
                    ".bmp, .jpg)");
   }
   const auto others =
@@ -377,6 +379,7 @@ std::string scan_table(const json& list, const std::string& folder) {
   for (const json& scan : list["scans"]) {
     if (scan["kind"] != "images" || ++images <= kMaxOfImages) rows.push_back(row_of(scan, with));
   }
+  const std::string shown_folder = terminal_text(folder);
   std::string out = aligned(rows);
   if (images > kMaxOfImages)
     out += "and " + std::to_string(images - kMaxOfImages) + " more folders of images\n";
@@ -395,11 +398,11 @@ std::string scan_table(const json& list, const std::string& folder) {
   const auto taken = std::find_if(list["scans"].begin(), list["scans"].end(),
                                   [](const json& scan) { return scan["taken"].get<bool>(); });
   if (taken == list["scans"].end()) {
-    out += "Nothing is taken of " + folder + " as a whole: give one of these by its path" +
+    out += "Nothing is taken of " + shown_folder + " as a whole: give one of these by its path" +
            (with.volume ? ", or one volume with --volume\n" : "\n");
   } else if (!list["why"].is_null()) {
-    out += "What is taken of " + folder + " (*): " + list["why"].get<std::string>() +
-           "; --series takes another\n";
+    out += "What is taken of " + shown_folder +
+           " (*): " + terminal_text(list["why"].get<std::string>()) + "; --series takes another\n";
   }
   return out;
 }

@@ -19,9 +19,9 @@ namespace trocar::pipeline {
 ///  - `other_files`: the number of files that belong to no scan
 ///  - `why`: the reason why the series with `taken` = true is chosen among several DICOM series;
 ///    null if there is only one series, or none is taken
-///  - `scans[]`: first the DICOM series by number, then NIfTI files, then folders of images
+///  - `scans[]`: first the DICOM series by number, then NIfTI and NRRD files, then folders of images
 ///
-/// Each scan has `kind` ("dicom", "nifti", "images"), `path` (relative to the folder), `slices`,
+/// Each scan has `kind` ("dicom", "nifti", "nrrd", "images"), `path` (relative to the folder), `slices`,
 /// `width_px`, `height_px`, `spacing_mm` (x, y, z), `evenly_spaced`, `tilt_deg` (of the gantry),
 /// `usable`, `problem` (the reason why the scan is not usable) and `taken`. At most one scan has
 /// `taken` = true. It is the scan that is meshed if the folder is given without --series. A DICOM

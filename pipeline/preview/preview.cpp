@@ -128,10 +128,10 @@ class Maker {
 
   // The contours of a slice. Sets `values` to the statistics of its pixels. Errors: those of
   // segment_slice(), which meshing would have, too.
-  Result<Pslg> contours_at(int slice, Image image, ValueTally& values) const {
+  Result<Pslg> contours_at(int slice, Pixels shown, ValueTally& values) const {
     MeshedSlice segmented;
     const auto pixels =
-        segment_slice(stack_, slice, options_.mesh, {std::move(image), {}}, segmented);
+        segment_slice(stack_, slice, options_.mesh, {std::move(shown), {}}, segmented);
     if (!pixels) return pixels.error().after(stack_.name(slice) + ": ");
     values = std::move(segmented.values);
     return contours_of(stack_, slice, options_.mesh, pixels->field);
@@ -139,10 +139,10 @@ class Maker {
 
   Result<bool> has_material(int slice) const {
     if (auto ok = check_lattice(stack_, slice, options_.mesh.lattice); !ok) return ok.error();
-    auto image = read_cropped(stack_, slice, options_.mesh.crop);
-    if (!image) return image.error();
+    auto pixels = read_cropped(stack_, slice, options_.mesh);
+    if (!pixels) return pixels.error();
     ValueTally ignored;
-    const auto contours = contours_at(slice, std::move(*image), ignored);
+    const auto contours = contours_at(slice, std::move(*pixels), ignored);
     if (!contours) return contours.error();
     return !contours->rings.empty();
   }
@@ -212,17 +212,20 @@ class Maker {
     PreviewSlice& shown = one.shown;
     shown.plane = stack_.plane(shown.index);
     if (stack_.pixel_unit() != PixelUnit::kGrey) shown.letters = edge_letters(shown.plane);
-    auto image = read_cropped(stack_, shown.index, options_.mesh.crop);
-    if (!image) return image.error();
-    shown.image = std::move(*image);
-    auto contours = contours_at(shown.index, shown.image, one.tally);
+    auto pixels = read_cropped(stack_, shown.index, options_.mesh);
+    if (!pixels) return pixels.error();
+    shown.pixels = std::move(*pixels);
+    auto contours = contours_at(shown.index, shown.pixels, one.tally);
     if (!contours) return contours.error();
     shown.contours = std::move(*contours);
     shown.area_mm2 = area_of(shown.contours, options_.mesh.lattice);
-    const auto [low, high] =
-        std::minmax_element(shown.image.values.begin(), shown.image.values.end());
-    one.low = *low;
-    one.high = *high;
+    std::visit(
+        [&one](const auto& image) {
+          const auto [low, high] = std::minmax_element(image.values.begin(), image.values.end());
+          one.low = static_cast<double>(*low);
+          one.high = static_cast<double>(*high);
+        },
+        shown.pixels);
     return {};
   }
 
@@ -268,11 +271,9 @@ class Maker {
   }
 
   Result<void> count_in(OneSlice& one) const {
-    const Image& image = one.shown.image;
     if (const Labels* wanted = labels_of(out_.segmentation)) {
-      for (const float value : image.values) {
-        if (value == 0 || std::rint(value) != value || std::abs(value) >= 1e9F) continue;
-        const int label = static_cast<int>(value);
+      for (const int label : std::get<LabelImage>(one.shown.pixels).values) {
+        if (label == 0) continue;
         if (one.label_voxels.size() < kMaxLabelsCounted || one.label_voxels.contains(label) ||
             wanted->all || wanted->labels.contains(label))
           ++one.label_voxels[label];
@@ -281,6 +282,7 @@ class Maker {
       }
       return {};
     }
+    const Image& image = std::get<Image>(one.shown.pixels);
     const auto bins = static_cast<double>(out_.histogram.counts.size());
     one.counts.resize(out_.histogram.counts.size());
     for (const float value : image.values) {
@@ -295,12 +297,13 @@ class Maker {
     MeshOptions options = options_.mesh;
     options.solid = nullptr;
     options.table = nullptr;
-    SliceField segmented = slice_field(stack_, one.shown.index, options, one.shown.image);
+    SliceField segmented = slice_field(stack_, one.shown.index, options, one.shown.pixels);
     if (std::holds_alternative<Equalize>(options.segmentation)) {
       one.cut = std::numeric_limits<double>::infinity();
-      for (std::size_t p = 0; p < one.shown.image.values.size(); ++p) {
+      const std::vector<float>& values = std::get<Image>(one.shown.pixels).values;
+      for (std::size_t p = 0; p < values.size(); ++p) {
         if (segmented.field.image.values[p] >= segmented.field.iso)
-          one.cut = std::min(one.cut, static_cast<double>(one.shown.image.values[p]));
+          one.cut = std::min(one.cut, static_cast<double>(values[p]));
       }
     }
     for (const Change& change : out_.changes) {
@@ -358,6 +361,8 @@ class Maker {
     }
     if (auto doubt = value_warning(tally, out_.unit, out_.segmentation, input_name(stack_)))
       out_.warnings.push_back(std::move(*doubt));
+    if (auto rounded = rounding_warning(tally, input_name(stack_)))
+      out_.warnings.push_back(std::move(*rounded));
     out_.warnings = grouped(out_.warnings);
   }
 

@@ -27,7 +27,7 @@ EdgeLetters edge_letters(const SlicePlane& plane);
 struct PreviewSlice {
   int index = 0;
   SlicePlane plane;
-  Image image;    ///< pixels within Preview::crop
+  Pixels pixels;  ///< pixels within Preview::crop, of the kind that the segmentation needs
   Pslg contours;  ///< the contours that trocar-mesh would simplify and mesh
   double area_mm2 = 0;
   /// Empty for image files, which do not state their orientation.

@@ -112,29 +112,28 @@ std::pair<double, double> window_of(const Preview& preview) {
 // The region of a slice that is shown, as RGB pixels.
 cv::Mat shown_pixels(const Preview& preview, const PreviewSlice& slice, const Crop& view,
                      std::pair<double, double> window) {
-  const bool as_labels = std::holds_alternative<Labels>(preview.segmentation);
   const double scale = 255 / (window.second - window.first);
   cv::Mat out(view.y1 - view.y0 + 1, view.x1 - view.x0 + 1, CV_8UC3);
-  float last = 0;
-  cv::Vec3b colour(0, 0, 0);
-  for (int y = 0; y < out.rows; ++y) {
-    for (int x = 0; x < out.cols; ++x) {
-      const float value =
-          slice.image.at(x + view.x0 - preview.crop.x0, y + view.y0 - preview.crop.y0);
-      if (!as_labels) {
-        const auto level = cv::saturate_cast<std::uint8_t>((double{value} - window.first) * scale);
-        out.at<cv::Vec3b>(y, x) = {level, level, level};
-        continue;
-      }
-      if (value != last) {
-        const bool is_label = std::rint(value) == value && std::abs(value) < 1e9F;
-        const auto c = is_label && value != 0 ? label_colour(preview, static_cast<int>(value))
-                                              : std::array<std::uint8_t, 3>{};
-        colour = {c[0], c[1], c[2]};
-        last = value;
-      }
-      out.at<cv::Vec3b>(y, x) = colour;
-    }
+  const auto paint = [&](const auto& image, const auto& colour_of) {
+    for (int y = 0; y < out.rows; ++y)
+      for (int x = 0; x < out.cols; ++x)
+        out.at<cv::Vec3b>(y, x) =
+            colour_of(image.at(x + view.x0 - preview.crop.x0, y + view.y0 - preview.crop.y0));
+  };
+  if (const auto* labels = std::get_if<LabelImage>(&slice.pixels)) {
+    int last = 0;
+    cv::Vec3b colour(0, 0, 0);
+    paint(*labels, [&](int label) {
+      if (label == last) return colour;
+      const auto c = label != 0 ? label_colour(preview, label) : std::array<std::uint8_t, 3>{};
+      last = label;
+      return colour = {c[0], c[1], c[2]};
+    });
+  } else {
+    paint(std::get<Image>(slice.pixels), [&](float value) {
+      const auto level = cv::saturate_cast<std::uint8_t>((double{value} - window.first) * scale);
+      return cv::Vec3b(level, level, level);
+    });
   }
   return out;
 }

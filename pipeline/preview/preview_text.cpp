@@ -7,6 +7,7 @@
 #include <cstdio>
 
 #include "pipeline/base/number_ranges.h"
+#include "pipeline/read/file_names.h"
 
 namespace trocar::pipeline {
 namespace {
@@ -111,7 +112,8 @@ std::string size_text(const Preview& preview, const Crop& view) {
 
 std::string input_kind(const SliceStack& stack) {
   if (stack.series) return "DICOM";
-  return stack.pixel_unit() == PixelUnit::kGrey ? "images" : "NIfTI";
+  if (stack.pixel_unit() == PixelUnit::kGrey) return "images";
+  return !stack.files.empty() && is_nrrd(stack.files[0]) ? "NRRD" : "NIfTI";
 }
 
 std::string sheet_title(const SliceStack& stack, const Preview& preview) {

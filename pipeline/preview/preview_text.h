@@ -11,7 +11,7 @@
 
 namespace trocar::pipeline {
 
-/// Kind of the input: "DICOM", "NIfTI" or "images".
+/// Kind of the input: "DICOM", "NIfTI", "NRRD" or "images".
 std::string input_kind(const SliceStack& stack);
 
 /// Title of the sheet: the kind of input and the number of slices shown.

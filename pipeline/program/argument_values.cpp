@@ -9,19 +9,25 @@ namespace trocar::pipeline {
 Result<void> add_labels(const std::string& option, const std::string& list, std::set<int>& labels,
                         std::vector<std::set<int>>* joined) {
   constexpr int kMaxOfRange = 65536;
+  const auto is_outside = [](std::errc error, int label) {
+    return error == std::errc::result_out_of_range || (error == std::errc() && label < 0);
+  };
   const std::string given = option + " " + list + ": ";
   const Error wrong =
       usage(given + "must be all, or labels L and ranges A-B with commas between them" +
             (joined == nullptr ? "" : ", or with + to join them"));
+  const Error outside = usage(given + "labels are 0 to " + std::to_string(kMaxLabel));
   const char *at = list.data(), *const end = at + list.size();
   bool after_plus = false;
   while (true) {
     int first = 0;
     auto [rest, error] = std::from_chars(at, end, first);
+    if (is_outside(error, first)) return outside;
     if (error != std::errc()) return wrong;
     int last = first;
     if (rest != end && *rest == '-') {
       const auto range = std::from_chars(rest + 1, end, last);
+      if (is_outside(range.ec, last)) return outside;
       if (range.ec != std::errc()) return wrong;
       rest = range.ptr;
     }

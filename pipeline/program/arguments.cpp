@@ -59,15 +59,15 @@ void add_input_options(const Command& command, Arguments& a) {
               "if INPUT holds several series: the one to mesh, by its UID, number or description");
   a.volume_option = group.number_if_given(
       "--volume", a.volume, "N", 0, 1'000'000'000,
-      "for a NIfTI file (4D) or a DICOM series with several volumes: the one to mesh, counted\n"
-      "from 0");
+      "for a NIfTI or NRRD file (4D) or a DICOM series with several volumes: the one to mesh,\n"
+      "counted from 0");
   group.flag("--any-modality", a.any_modality,
              "accept DICOM images other than CT. Their values are not HU (Hounsfield units, the\n"
              "calibrated grey levels of CT)");
   a.axis_option = group.choice(
       "--axis", a.axis, {"axial", "transverse", "coronal", "sagittal"},
       "plane of the slices; transverse means axial, that is, across the body. Default: axial\n"
-      "for a NIfTI file; for other input, the plane in which the slices are stored");
+      "for a NIfTI or NRRD file; for other input, the plane in which the slices are stored");
   group.value(
       "--hu", a.hu, "CT",
       "with --labels: the CT that gives the HU. It must have the same grid of voxels (size,\n"

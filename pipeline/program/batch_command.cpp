@@ -9,7 +9,6 @@
 #include <cstdio>
 #include <cstdlib>
 #include <fstream>
-#include <iostream>
 #include <iterator>
 #include <map>
 #include <optional>
@@ -21,6 +20,7 @@
 #include "formats/base/file_io.h"
 #include "formats/base/json_text.h"
 #include "formats/base/program.h"
+#include "formats/base/terminal_text.h"
 #include "pipeline/farm/batch_run.h"
 #include "pipeline/farm/collection.h"
 #include "pipeline/farm/garbage.h"
@@ -120,10 +120,10 @@ void print_failures(const std::vector<farm::FailedScan>& failed) {
   std::size_t width = 4;
   for (const auto& [scan, outcome] : failed)
     width = std::max(width, scan.size());
-  std::fprintf(stderr, "%-*s  exit  reason\n", static_cast<int>(width), "scan");
+  print(stderr, "%-*s  exit  reason\n", static_cast<int>(width), "scan");
   for (const auto& [scan, outcome] : failed) {
-    std::fprintf(stderr, "%-*s  %4d  %s\n", static_cast<int>(width), scan.c_str(),
-                 outcome.exit_code, outcome.reason.c_str());
+    print(stderr, "%-*s  %4d  %s\n", static_cast<int>(width), scan, outcome.exit_code,
+          outcome.reason);
   }
 }
 
@@ -151,7 +151,7 @@ void print_warnings(const std::vector<farm::WarnedScan>& warned, std::FILE* to) 
       if (k++ < kMaxNames) line += (line.empty() ? "" : ", ") + name;
     if (names.size() > kMaxNames)
       line += ", and " + std::to_string(names.size() - kMaxNames) + " more";
-    std::fprintf(to, "warning %s: %s\n", code.c_str(), line.c_str());
+    print(to, "warning %s: %s\n", code, line);
   }
 }
 
@@ -181,7 +181,7 @@ int dry_run(const BatchArguments& a, const farm::Batch& batch, json head) {
     head["asset_bytes"] = asset_bytes;
     head["stale"] = std::move(stale);
     head["known_failures"] = std::move(known);
-    std::cout << json_text(head, 1) << '\n';
+    print_lines(stdout, json_text(head, 1) + "\n");
     return 0;
   }
   for (const auto& [scan, state] : *states) {
@@ -191,11 +191,11 @@ int dry_run(const BatchArguments& a, const farm::Batch& batch, json head) {
     for (const json& cause : state.why)
       why += (why.empty() ? "" : "; ") +
              (is_known ? cause["reason"].get<std::string>() : farm::cause_text(cause));
-    std::cout << scan << (is_known ? ": known failure: " : ": ") << why << '\n';
+    print(stdout, "%s: %s%s\n", scan, is_known ? "known failure: " : "", why);
   }
-  std::cout << stale.size() << " of " << batch.scans() << " scans are stale";
-  if (!known.empty()) std::cout << ", " << known.size() << " are known failures";
-  std::cout << '\n';
+  std::printf("%zu of %zu scans are stale", stale.size(), batch.scans());
+  if (!known.empty()) std::printf(", %zu are known failures", known.size());
+  std::printf("\n");
   return 0;
 }
 
@@ -208,19 +208,18 @@ int explain(const BatchArguments& a, const farm::Batch& batch, json head) {
     head["status"] = name_of(state->kind);
     head["why"] = state->why;
     head["warnings"] = state->warnings;
-    std::cout << json_text(head, 1) << '\n';
+    print_lines(stdout, json_text(head, 1) + "\n");
     return 0;
   }
-  std::cout << a.explain << ": "
-            << (state->kind == Kind::kDone    ? "is done and unchanged\n"
-                : state->kind == Kind::kStale ? "is stale\n"
-                                              : "is a known failure and unchanged\n");
+  print(stdout, "%s: %s\n", a.explain,
+        state->kind == Kind::kDone    ? "is done and unchanged"
+        : state->kind == Kind::kStale ? "is stale"
+                                      : "is a known failure and unchanged");
   for (const json& cause : state->why)
-    std::cout << "  " << farm::cause_text(cause) << '\n';
+    print(stdout, "  %s\n", farm::cause_text(cause));
   for (const json& warning : state->warnings)
-    std::cout << "  warning " << warning["code"].get<std::string>() << ": "
-              << warning["where"].get<std::string>() << ": "
-              << warning["sentence"].get<std::string>() << '\n';
+    print(stdout, "  warning %s: %s: %s\n", warning["code"].get<std::string>(),
+          warning["where"].get<std::string>(), warning["sentence"].get<std::string>());
   return 0;
 }
 
@@ -237,8 +236,8 @@ Result<json> clean(const BatchArguments& a, const fs::path& folder,
   if (!done) return done.error();
   if (!a.quiet && !a.as_json) {
     if (a.prune)
-      std::printf("%zu scan%s that the collection does not name dropped\n", done->dropped,
-                  done->dropped == 1 ? "" : "s");
+      print(stdout, "%zu scan%s that the collection does not name dropped\n", done->dropped,
+            done->dropped == 1 ? "" : "s");
     std::printf("%zu files removed, %.1f MB; %zu kept", done->removed,
                 static_cast<double>(done->bytes) / 1e6, done->kept);
     if (a.grace_minutes > 0)
@@ -253,23 +252,23 @@ Result<json> clean(const BatchArguments& a, const fs::path& folder,
 
 void print_summary(const BatchArguments& a, const farm::BatchSummary& s) {
   if (!s.has_journal)
-    std::fprintf(stderr, "trocar-mesh: warning: %s: the journal could not be written\n",
-                 (a.store / "journal").c_str());
+    print(stderr, "trocar-mesh: warning: %s: the journal could not be written\n",
+          (a.store / "journal"));
   if (a.as_json) return;
   if (!a.quiet) {
     std::printf("%zu scans: %zu unchanged, %zu made, %zu found in the store, %zu failed", s.scans,
                 s.unchanged, s.made, s.found, s.failed.size());
     if (!s.known.empty())
-      std::printf(", %zu known failure%s%s", s.known.size(), s.known.size() == 1 ? "" : "s",
-                  a.strict ? "" : " (--dry-run lists them)");
+      print(stdout, ", %zu known failure%s%s", s.known.size(), s.known.size() == 1 ? "" : "s",
+            a.strict ? "" : " (--dry-run lists them)");
     if (s.left > 0) std::printf(", %zu left", s.left);
     if (!s.warned.empty())
       std::printf("; %zu with warnings (--explain SCAN prints them)", s.warned.size());
     if (s.products_made > 0)
-      std::printf("; %zu product%s made", s.products_made, s.products_made == 1 ? "" : "s");
+      print(stdout, "; %zu product%s made", s.products_made, s.products_made == 1 ? "" : "s");
     std::printf("; %.1f s\n", s.seconds);
     for (const std::string& name : s.made_again)
-      std::printf("made again although it was done: %s\n", name.c_str());
+      print(stdout, "made again although it was done: %s\n", name);
     if (!a.strict) print_warnings(s.warned, stdout);
   }
 }
@@ -334,7 +333,7 @@ int run(const BatchArguments& a, const farm::Collection& collection, const farm:
     }
   }
   if (auto ok = write_metrics(a, store, *summary); !ok) wrong = ok.error();
-  if (a.as_json) std::cout << json_text(head, 1) << '\n';
+  if (a.as_json) print_lines(stdout, json_text(head, 1) + "\n");
   if (wrong) return fail(*wrong);
   if (a.max_failures > 0 && summary->failed.size() >= a.max_failures && summary->left > 0)
     return fail(refused("stopped after " + std::to_string(summary->failed.size()) +

@@ -5,6 +5,7 @@
 #include <string>
 
 #include "formats/base/program.h"
+#include "formats/base/terminal_text.h"
 #include "pipeline/program/asset_export.h"
 #include "pipeline/program/messages.h"
 
@@ -33,11 +34,10 @@ int run_export(const ExportArguments& a) {
   const auto others = export_asset(*asset, folder, &stop_requested);
   if (!others) return fail(others.error());
   if (!others->empty()) {
-    std::fprintf(stderr, "%s: warning: %s: still holds %s%s of another export\n", kProgram,
-                 folder.string().c_str(), others->front().c_str(),
-                 others->size() == 1
-                     ? ""
-                     : (" and " + std::to_string(others->size() - 1) + " more files").c_str());
+    print(
+        stderr, "%s: warning: %s: still holds %s%s of another export\n", kProgram, folder.string(),
+        others->front(),
+        others->size() == 1 ? "" : (" and " + std::to_string(others->size() - 1) + " more files"));
   }
   return 0;
 }

@@ -20,6 +20,7 @@
 #include "pipeline/program/presets.h"
 #include "pipeline/program/stage_options.h"
 #include "pipeline/read/file_names.h"
+#include "pipeline/read/nrrd/nrrd_stack.h"
 #include "pipeline/scan/small_pixels.h"
 
 namespace trocar::pipeline {
@@ -236,7 +237,12 @@ class Opened : public farm::OpenedScan {
       for (const fs::path& file : scan_.ct->files)
         out.push_back({"hu", file});
     for (farm::NamedFile& file : files_of(*parsed_))
-      if (file.of != "hu") out.push_back(std::move(file));
+      if (file.of == "mask") {
+        for (fs::path& path : files_of_volume(file.path))
+          out.push_back({file.of, std::move(path)});
+      } else if (file.of != "hu") {
+        out.push_back(std::move(file));
+      }
     return out;
   }
 
@@ -313,7 +319,7 @@ bool FarmScans::opens_first(const std::vector<fs::path>& inputs,
   return !std::all_of(inputs.begin(), inputs.end(), is_nifti_file) ||
          std::any_of(parameters.files.begin(), parameters.files.end(),
                      [](const farm::NamedFile& file) {
-                       return file.of == "hu" && !is_nifti_file(file.path);
+                       return (file.of == "hu" || file.of == "mask") && !is_nifti_file(file.path);
                      });
 }
 

@@ -18,7 +18,7 @@ class FarmScans : public farm::ScanProgram {
   /// Errors: kUsage if `given` names an option that trocar-mesh does not have, or one that a
   /// collection must not give; otherwise the errors of the same options on the command line.
   Result<farm::Parameters> parameters(const nlohmann::json& given) const override;
-  /// False if all inputs, and the CT of --hu if there is one, are NIfTI files, because the paths
+  /// False if all inputs, the CT of --hu and the mask, if given, are NIfTI files, because the paths
   /// alone then determine the files of the scan.
   bool opens_first(const std::vector<std::filesystem::path>& inputs,
                    const farm::Parameters& parameters) const override;

@@ -2,10 +2,10 @@
 #include "pipeline/program/info_command.h"
 
 #include <cstdio>
-#include <iostream>
 #include <system_error>
 
 #include "formats/base/json_text.h"
+#include "formats/base/terminal_text.h"
 #include "pipeline/program/asset_description.h"
 #include "pipeline/program/messages.h"
 
@@ -18,14 +18,15 @@ using nlohmann::json;
 // The description as a table.
 void print_description(const fs::path& file, const json& out) {
   const bool several = out["materials"].size() > 1;
-  std::printf(
+  print(
+      stdout,
       "%s\n  written by %s\n  lattice step 2^-%d mm, %zu triangles, %zu bytes\n  parameters %s\n"
       "  u (along a row) and v (along a column) count from the centre of the first pixel\n\n "
       " slice%s      z mm    rings  vertices  triangles   area mm2  box u mm, v mm                 "
       "     centroid u, v mm  mean HU\n",
-      file.c_str(), out["generator"].get<std::string>().c_str(), out["lattice_bits"].get<int>(),
+      file, out["generator"].get<std::string>(), out["lattice_bits"].get<int>(),
       out["triangles"].get<std::size_t>(), out["bytes"].get<std::size_t>(),
-      json_text(out["parameters"]).c_str(), several ? " material" : "");
+      json_text(out["parameters"]), several ? " material" : "");
   for (const json& s : out["slices"]) {
     std::printf("  %5d", s["index"].get<int>());
     if (several) std::printf(" %8d", s["material"].get<int>());
@@ -50,16 +51,16 @@ void print_description(const fs::path& file, const json& out) {
     std::printf("\n  material   area mm2\n");
     for (std::size_t m = 0; m < out["materials"].size(); ++m) {
       const json& material = out["materials"][m];
-      std::printf("  %8zu %10.2f  %s\n", m, material["area_mm2"].get<double>(),
-                  json_text(material["name"]).c_str());
+      print(stdout, "  %8zu %10.2f  %s\n", m, material["area_mm2"].get<double>(),
+            json_text(material["name"]));
     }
   }
   for (const json& volume : out.value("hu_volumes", json::array())) {
     const bool is_context = volume["covers"] == "everything";
-    std::printf("  HU of %s: %zu planes, a sample every %.2f mm, steps of %d HU%s\n",
-                is_context ? "everything around" : "the material and a margin",
-                volume["planes"].get<std::size_t>(), volume["pitch_mm"][0].get<double>(),
-                volume["step_hu"].get<int>(), is_context ? "; a head's can show a face" : "");
+    print(stdout, "  HU of %s: %zu planes, a sample every %.2f mm, steps of %d HU%s\n",
+          is_context ? "everything around" : "the material and a margin",
+          volume["planes"].get<std::size_t>(), volume["pitch_mm"][0].get<double>(),
+          volume["step_hu"].get<int>(), is_context ? "; a head's can show a face" : "");
   }
   for (const json& s : out["surfaces"]) {
     std::printf("  surface of material %d: %zu triangles, 99 %% of it within %.3f mm\n",
@@ -81,7 +82,7 @@ int run_info(const InfoArguments& a) {
   std::error_code error;
   const json out = describe_asset(*asset, fs::file_size(a.asset, error));
   if (a.as_json) {
-    std::cout << json_text(out, 1) << '\n';
+    print_lines(stdout, json_text(out, 1) + "\n");
   } else {
     print_description(a.asset, out);
   }

@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "pipeline/program/list_command.h"
 
-#include <iostream>
 #include <system_error>
 #include <vector>
 
 #include "formats/base/file_io.h"
 #include "formats/base/json_text.h"
+#include "formats/base/terminal_text.h"
 #include "pipeline/farm/collection.h"
 #include "pipeline/open/scan_list.h"
 #include "pipeline/program/messages.h"
@@ -69,12 +69,13 @@ int run_list(const ListArguments& a) {
   if (a.as_collection) {
     const std::string text = collection_of(*scans, a, warnings);
     if (a.output.empty()) {
-      std::cout << text;
+      print_lines(stdout, text);
     } else if (auto ok = write_file_atomically(a.output, text); !ok) {
       return fail(ok.error());
     }
   } else {
-    std::cout << (a.as_json ? json_text(*scans, 1) + "\n" : scan_table(*scans, a.folder.string()));
+    print_lines(stdout,
+                a.as_json ? json_text(*scans, 1) + "\n" : scan_table(*scans, a.folder.string()));
   }
   for (const Warning& w : warnings)
     print_warning(w);

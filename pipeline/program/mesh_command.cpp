@@ -14,6 +14,7 @@
 #include "formats/base/file_io.h"
 #include "formats/base/json_text.h"
 #include "formats/base/program.h"
+#include "formats/base/terminal_text.h"
 #include "pipeline/open/open_stack.h"
 #include "pipeline/program/asset_export.h"
 #include "pipeline/program/mesh_scan.h"
@@ -184,16 +185,16 @@ void print_outcome(const Arguments& a, const StackResult& result) {
   for (const json& w : report["warnings"])
     print_warning({w["code"], w["where"], w["sentence"]});
   if (ending_of(a.output) != ".glb") {
-    std::printf("%s: a surface of %zu triangles, %.0f ms\n", a.output.c_str(),
-                result.surfaces[0].surface.triangles.size(), report["total_ms"].get<double>());
+    print(stdout, "%s: a surface of %zu triangles, %.0f ms\n", a.output,
+          result.surfaces[0].surface.triangles.size(), report["total_ms"].get<double>());
     return;
   }
   std::set<int> slices;  // a set, because each of several materials has an entry
   for (const json& slice : report["slices"])
     slices.insert(slice["index"].get<int>());
-  std::printf("%s: %zu slices, %zu triangles, %zu bytes, %.0f ms\n", a.output.c_str(),
-              slices.size(), report["asset"]["triangles"].get<std::size_t>(),
-              report["asset"]["bytes"].get<std::size_t>(), report["total_ms"].get<double>());
+  print(stdout, "%s: %zu slices, %zu triangles, %zu bytes, %.0f ms\n", a.output, slices.size(),
+        report["asset"]["triangles"].get<std::size_t>(),
+        report["asset"]["bytes"].get<std::size_t>(), report["total_ms"].get<double>());
 }
 
 }  // namespace

@@ -5,9 +5,9 @@
 #include <cctype>
 #include <cstdio>
 #include <cstdlib>
-#include <iostream>
 
 #include "formats/base/program.h"
+#include "formats/base/terminal_text.h"
 #include "pipeline/farm/command.h"
 #include "pipeline/program/presets.h"
 
@@ -28,8 +28,8 @@ int fail(const Error& error) {
 }
 
 void print_warning(const Warning& warning) {
-  std::cerr << kProgram << ": warning (" << warning.code << "): " << warning.where << ": "
-            << warning.sentence << '\n';
+  print(stderr, "%s: warning (%s): %s: %s\n", kProgram, warning.code, warning.where,
+        warning.sentence);
 }
 
 }  // namespace trocar::pipeline

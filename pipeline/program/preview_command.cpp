@@ -10,6 +10,7 @@
 
 #include "formats/base/file_io.h"
 #include "formats/base/program.h"
+#include "formats/base/terminal_text.h"
 #include "pipeline/preview/preview.h"
 #include "pipeline/preview/preview_page.h"
 #include "pipeline/preview/preview_sheet.h"
@@ -82,8 +83,8 @@ int run_preview(const Arguments& a) {
   if (a.quiet) return 0;
   for (const Warning& w : made->warnings)
     print_warning(w);
-  std::printf("%s: %zu of %d slices, %d x %d pixels\n", a.output.c_str(), made->shown.size(),
-              made->slices, sheet.picture.width, sheet.picture.height);
+  print(stdout, "%s: %zu of %d slices, %d x %d pixels\n", a.output, made->shown.size(),
+        made->slices, sheet.picture.width, sheet.picture.height);
   return 0;
 }
 

@@ -5,12 +5,12 @@
 
 #include <algorithm>
 #include <cstdio>
-#include <iostream>
 #include <string>
 
 #include "formats/base/file_io.h"
 #include "formats/base/json_text.h"
 #include "formats/base/program.h"
+#include "formats/base/terminal_text.h"
 #include "pipeline/program/messages.h"
 #include "pipeline/review/review.h"
 
@@ -20,24 +20,23 @@ namespace {
 using nlohmann::json;
 
 void print_summary(const ReviewArguments& a, const json& numbers) {
-  std::printf("%s: %zu scans: %zu assets, %zu failed, %zu damaged, %zu with warnings; %zu pages\n",
-              a.page.c_str(), numbers["scans"].get<std::size_t>(),
-              numbers["done"].get<std::size_t>(), numbers["failed"].get<std::size_t>(),
-              numbers["damaged"].get<std::size_t>(), numbers["warned"].get<std::size_t>(),
-              numbers["pages"].size());
+  print(stdout,
+        "%s: %zu scans: %zu assets, %zu failed, %zu damaged, %zu with warnings; %zu pages\n",
+        a.page, numbers["scans"].get<std::size_t>(), numbers["done"].get<std::size_t>(),
+        numbers["failed"].get<std::size_t>(), numbers["damaged"].get<std::size_t>(),
+        numbers["warned"].get<std::size_t>(), numbers["pages"].size());
   for (const auto& [kind, count] : numbers["products"].items()) {
     const auto failed = count["failed"].get<std::size_t>();
-    if (failed > 0) std::printf("  failed products: %zu of kind %s\n", failed, kind.c_str());
+    if (failed > 0) print(stdout, "  failed products: %zu of kind %s\n", failed, kind);
   }
   if (!numbers.contains("differences")) return;
   const json& differences = numbers["differences"];
-  std::printf("against %s: %zu the same, %zu differ\n", a.against.c_str(),
-              numbers["same"].get<std::size_t>(), differences.size());
+  print(stdout, "against %s: %zu the same, %zu differ\n", a.against,
+        numbers["same"].get<std::size_t>(), differences.size());
   constexpr std::size_t kMax = 10;
   for (std::size_t k = 0; k < std::min(kMax, differences.size()); ++k) {
     const json& d = differences[k];
-    std::printf("  %-9s %s", d["kind"].get<std::string>().c_str(),
-                d["scan"].get<std::string>().c_str());
+    print(stdout, "  %-9s %s", d["kind"].get<std::string>(), d["scan"].get<std::string>());
     if (d.contains("hausdorff_mm")) {
       std::printf(": %.3f mm, area %+.2f mm2, %+lld triangles, %+lld bytes",
                   d["hausdorff_mm"].get<double>(),
@@ -88,7 +87,7 @@ int run_review(const ReviewArguments& a) {
   const auto numbers = write_review(options);
   if (!numbers) return fail(numbers.error());
   if (a.as_json) {
-    std::cout << json_text(*numbers, 1) << '\n';
+    print_lines(stdout, json_text(*numbers, 1) + "\n");
   } else if (!a.quiet) {
     print_summary(a, *numbers);
   }

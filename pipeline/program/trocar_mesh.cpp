@@ -102,8 +102,8 @@ struct MeshCommandLine {
   CommandLine line{
       kProgram,
       "Makes an asset, a 3D file (.glb), from a CT scan. The asset has one flat triangle mesh for\n"
-      "each slice and material, such as bone. INPUT is a folder with a DICOM study, a NIfTI file\n"
-      "(.nii or .nii.gz), a folder of images, or a list of images.",
+      "each slice and material, such as bone. INPUT is a folder with a DICOM study, a NIfTI or\n"
+      "NRRD file (.nii, .nii.gz, .nrrd, .nhdr), a folder of images, or a list of images.",
       version()};
   Arguments mesh, preview;
   ListArguments list;

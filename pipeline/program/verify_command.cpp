@@ -2,7 +2,6 @@
 #include "pipeline/program/verify_command.h"
 
 #include <cstdio>
-#include <iostream>
 #include <limits>
 #include <nlohmann/json.hpp>
 #include <string>
@@ -11,6 +10,7 @@
 #include "formats/asset/deidentification.h"
 #include "formats/base/file_io.h"
 #include "formats/base/json_text.h"
+#include "formats/base/terminal_text.h"
 #include "pipeline/program/messages.h"
 #include "pipeline/verify/cgal_verification.h"
 
@@ -75,11 +75,11 @@ int run_verify(const VerifyArguments& a) {
       const int failed = fail(*failure);
       if (code == 0) code = failed;
     } else if (!a.as_json) {
-      std::printf("%s: valid, %zu slices%s%s\n", file.c_str(), checked.slices,
-                  a.deidentified ? ", private" : "", a.with_cgal ? ", confirmed by CGAL" : "");
+      print(stdout, "%s: valid, %zu slices%s%s\n", file, checked.slices,
+            a.deidentified ? ", private" : "", a.with_cgal ? ", confirmed by CGAL" : "");
     }
   }
-  if (a.as_json) std::cout << json_text(out.size() == 1 ? out[0] : out, 1) << '\n';
+  if (a.as_json) print_lines(stdout, json_text(out.size() == 1 ? out[0] : out, 1) + "\n");
   return code;
 }
 

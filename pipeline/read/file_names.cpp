@@ -30,6 +30,16 @@ bool has_ending(const fs::path& file, std::initializer_list<const char*> endings
 bool is_nifti(const fs::path& file) {
   return has_ending(file, {".nii", ".nii.gz"});
 }
+bool is_nrrd(const fs::path& file) {
+  return has_ending(file, {".nrrd", ".nhdr"});
+}
+bool is_volume(const fs::path& file) {
+  return is_nifti(file) || is_nrrd(file);
+}
+std::string format_of_volumes(const std::vector<fs::path>& files) {
+  if (std::none_of(files.begin(), files.end(), is_nrrd)) return "NIfTI";
+  return std::all_of(files.begin(), files.end(), is_nrrd) ? "NRRD" : "NIfTI or NRRD";
+}
 bool is_image(const fs::path& file) {
   return has_ending(file, {".png", ".tif", ".tiff", ".bmp", ".jpg", ".jpeg"});
 }

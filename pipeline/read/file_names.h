@@ -20,6 +20,11 @@ std::string lower(std::string text);
 bool has_ending(const std::filesystem::path& file, std::initializer_list<const char*> endings);
 
 bool is_nifti(const std::filesystem::path& file);
+bool is_nrrd(const std::filesystem::path& file);
+/// Is it a file of volumes, NIfTI or NRRD?
+bool is_volume(const std::filesystem::path& file);
+/// The format of these files of volumes, for messages: "NIfTI", "NRRD" or "NIfTI or NRRD".
+std::string format_of_volumes(const std::vector<std::filesystem::path>& files);
 bool is_image(const std::filesystem::path& file);
 bool is_dicomdir(const std::filesystem::path& file);
 /// Is the file a DICOMDIR, or a file that an operating system leaves in folders (Thumbs.db,

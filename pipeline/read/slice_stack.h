@@ -8,6 +8,7 @@
 #include <array>
 #include <cstdint>
 #include <filesystem>
+#include <limits>
 #include <map>
 #include <memory>
 #include <optional>
@@ -30,6 +31,20 @@ struct Image {
   /// Number of pixels that are NaN in the file. Their `values` are kNoData_HU or, for labels, 0.
   std::size_t not_numbers = 0;
   float at(int x, int y) const { return values[static_cast<std::size_t>(y) * width + x]; }
+};
+
+/// The largest label that a voxel can have. 0 is the background.
+inline constexpr std::int32_t kMaxLabel = std::numeric_limits<std::int32_t>::max();
+
+/// The labels of an image, row-major as in Image. They are never floats, in which labels above 2^24
+/// would merge.
+struct LabelImage {
+  int width = 0, height = 0;
+  std::vector<std::int32_t> values;
+  std::size_t not_numbers = 0;  ///< number of pixels that are NaN in the file; their label is 0
+  std::size_t rounded = 0;      ///< number of pixels whose stored value is not a whole number
+  double largest_rounding = 0;  ///< of these, the largest distance to the label
+  std::int32_t at(int x, int y) const { return values[static_cast<std::size_t>(y) * width + x]; }
 };
 
 /// A message to the user about something that did not stop the work.
@@ -83,6 +98,9 @@ class SliceStack {
   virtual std::string name(int slice) const = 0;
   /// Reads the pixels of a slice. Errors: kRefused; the message names file, slice and reason.
   virtual Result<Image> read(int slice) const = 0;
+  /// Reads a slice of a label map that was opened with OpenOptions::as_labels. Errors: those of
+  /// read(), and those of to_labels() (label_values.h).
+  virtual Result<LabelImage> read_labels(int slice) const;
   /// Waits until a volume that was opened with OpenOptions::unpack_behind is completely unpacked.
   /// Errors: kRefused if the volume is damaged, even in a part that no slice needed, such as the
   /// checksum.
@@ -120,7 +138,8 @@ struct OpenOptions {
   const SliceStack* segmented_ct = nullptr;
   std::optional<SliceAxis> axis;  ///< std::nullopt: the stored axis, or axial for a NIfTI volume
   std::optional<int> volume;      ///< index of the wanted volume; required if there are several
-  bool as_labels = false;         ///< read grey levels as stored, and accept DICOM segmentations
+  bool as_labels = false;         ///< read grey levels as stored, and accept DICOM segmentations;
+                                  ///< slices are read by SliceStack::read_labels()
   bool any_modality = false;      ///< accept DICOM that is not CT (MR, localisers) as kUncalibrated
   /// Unpack a gzipped volume on another thread, while its first slices are already read. If the
   /// volume is damaged, SliceStack::read() and finish() return the error.

@@ -61,8 +61,15 @@ Result<int> open_nameless(const std::filesystem::path& for_file) {
 // Unpacks on its thread; readers wait for the bytes that they need.
 class VolumeFile::Unpacking {
  public:
-  Unpacking(int from, int to, std::string name, std::int64_t start, std::int64_t size)
-      : from_(from), to_(to), name_(std::move(name)), start_(start), size_(size) {
+  Unpacking(int from, std::int64_t from_at, int to, std::string name, std::int64_t start,
+            std::int64_t size, std::int64_t whole)
+      : from_(from),
+        from_at_(from_at),
+        to_(to),
+        name_(std::move(name)),
+        start_(start),
+        size_(size),
+        whole_(whole) {
     thread_ = std::thread([this] {
       auto outcome = unpack();
       const std::lock_guard lock(mutex_);
@@ -98,33 +105,35 @@ class VolumeFile::Unpacking {
 
  private:
   Result<void> unpack() {
-    GzipReader in(from_.get(), name_);
+    GzipReader in(from_.get(), name_, from_at_);
     std::vector<char> block(1 << 18);
-    for (std::int64_t done = 0; done < start_ + size_ && !stopped_.load();) {
-      const std::int64_t wanted = (done < start_ ? start_ : start_ + size_) - done;
+    // Checksums are verified only when the end is read, so what follows is unpacked, too.
+    for (std::int64_t done = 0; !stopped_.load();) {
+      const std::int64_t end = start_ + size_;
+      const std::int64_t wanted = (done < start_ ? start_ : done < end ? end : whole_ + 1) - done;
+      if (wanted <= 0) break;
       const auto n = in.read(std::span(block).first(static_cast<std::size_t>(
           std::min<std::int64_t>(static_cast<std::int64_t>(block.size()), wanted))));
-      if (!n) return n.error();
-      if (*n == 0) return truncated(name_, start_ + size_, done);
-      if (done >= start_ && !write_all(to_, block.data(), *n)) {
+      if (!n && !(in.is_truncated() && done < end)) return n.error();
+      if (done < end && (!n || *n == 0)) return truncated(name_, end, done);
+      if (*n == 0) break;
+      if (done >= start_ && done < end && !write_all(to_, block.data(), *n)) {
         return refused_for_now(name_ + ": no space for a temporary file to unpack it (" +
                                system_message(errno) + "); set TMPDIR");
       }
       done += static_cast<std::int64_t>(*n);
       const std::lock_guard lock(mutex_);
-      done_ = done - start_;
+      done_ = std::min(done, end) - start_;
       changed_.notify_all();
     }
-    // The checksum follows the data, and it is verified only when the end is read.
-    char rest = 0;
-    if (const auto end = in.read(std::span(&rest, 1)); !end) return end.error();
     return {};
   }
 
   FileDescriptor from_;
+  std::int64_t from_at_;
   int to_;  // descriptor of the VolumeFile
   std::string name_;
-  std::int64_t start_, size_;
+  std::int64_t start_, size_, whole_;
   std::atomic<bool> stopped_{false};
   std::mutex mutex_;
   std::condition_variable changed_;
@@ -151,17 +160,27 @@ Result<std::vector<std::uint8_t>> VolumeFile::head(const std::filesystem::path& 
 }
 
 Result<VolumeFile> VolumeFile::open(const std::filesystem::path& file, std::int64_t start,
-                                    std::int64_t size, bool behind) {
+                                    std::int64_t size, bool behind, std::int64_t whole) {
+  const FileDescriptor in(::open(file.c_str(), O_RDONLY | O_CLOEXEC));
+  const bool is_gzip = in.get() >= 0 && GzipReader::is_gzip(in.get());
+  return open_part(file, 0, is_gzip, start, size, behind, whole);
+}
+
+Result<VolumeFile> VolumeFile::open_part(const std::filesystem::path& file, std::int64_t from,
+                                         bool is_gzip, std::int64_t start, std::int64_t size,
+                                         bool behind, std::int64_t whole) {
   const std::string name = file.string();
   VolumeFile packed;
   packed.descriptor_ = ::open(file.c_str(), O_RDONLY | O_CLOEXEC);
   if (packed.descriptor_ < 0) return refused_by_system(name, errno);
-  packed.start_ = start;
-  const std::int64_t on_disk = ::lseek(packed.descriptor_, 0, SEEK_END);
-  if (!GzipReader::is_gzip(packed.descriptor_)) {
+  packed.start_ = from + start;
+  const std::int64_t on_disk = ::lseek(packed.descriptor_, 0, SEEK_END) - from;
+  if (!is_gzip) {
     if (on_disk < start + size) return truncated(name, start + size, on_disk);
     return packed;
   }
+  if (!GzipReader::is_gzip(packed.descriptor_, from))
+    return refused(name + ": its data are not packed by gzip as its header says");
   if ((start + size) / kDeflateLimit > on_disk) {
     return refused(name + ": truncated: its header declares " + std::to_string(start + size) +
                    " bytes, more than " + std::to_string(on_disk) + " bytes of gzip can hold");
@@ -171,7 +190,8 @@ Result<VolumeFile> VolumeFile::open(const std::filesystem::path& file, std::int6
   VolumeFile unpacked;
   unpacked.descriptor_ = *out;
   unpacked.unpacking_ =
-      std::make_unique<Unpacking>(std::exchange(packed.descriptor_, -1), *out, name, start, size);
+      std::make_unique<Unpacking>(std::exchange(packed.descriptor_, -1), from, *out, name, start,
+                                  size, std::max(whole, start + size));
   if (behind) return unpacked;
   if (const auto ok = unpacked.finish(); !ok) return ok.error();
   return unpacked;

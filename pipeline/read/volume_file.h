@@ -23,8 +23,9 @@ class VolumeFile {
   static Result<std::vector<std::uint8_t>> head(const std::filesystem::path& file,
                                                 std::size_t bytes);
 
-  /// Opens the bytes from `start` to start + size of the (unpacked) file. A gzip file is unpacked
-  /// only as far as these bytes. With `behind`, open() returns immediately and another thread
+  /// Opens the bytes from `start` to start + size of the (unpacked) file. `whole` is the number of
+  /// bytes that the file has according to its header; 0: start + size. A gzip file is unpacked to
+  /// this end, where it is verified. With `behind`, open() returns immediately and another thread
   /// unpacks; if the gzip file is damaged, read() and finish() return the error.
   ///
   /// Errors: kRefused if the file cannot be opened or is truncated, if the gzip data are damaged,
@@ -32,7 +33,13 @@ class VolumeFile {
   /// compress data by a factor of more than 1032. A gzip file that is therefore too short to hold
   /// start + size bytes is refused before anything is unpacked.
   static Result<VolumeFile> open(const std::filesystem::path& file, std::int64_t start,
-                                 std::int64_t size, bool behind = false);
+                                 std::int64_t size, bool behind = false, std::int64_t whole = 0);
+
+  /// The same for data that begin at byte `from` of the file and are certainly packed by gzip
+  /// (`is_gzip`), or certainly not. `start`, `size` and `whole` count unpacked bytes from there.
+  static Result<VolumeFile> open_part(const std::filesystem::path& file, std::int64_t from,
+                                      bool is_gzip, std::int64_t start, std::int64_t size,
+                                      bool behind, std::int64_t whole);
 
   /// Makes an empty temporary file, which append() fills. Error messages name `for_file`, the input
   /// whose voxels the temporary file holds. Errors: kRefused if the folder for temporary files

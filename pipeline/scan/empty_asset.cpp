@@ -16,7 +16,9 @@ struct Values {
   bool has_material = false;  // the segmentation finds material
   bool has_wanted = false;    // some of it is left by ScannerTable and SolidBone
 
-  bool is_label_map() const { return !tally.has_fractions && tally.values.size() <= kMaxLabels; }
+  bool is_label_map() const {
+    return !tally.has_fractions && !tally.has_inexact && tally.values.size() <= kMaxLabels;
+  }
   // The labels, if the values are those of a label map.
   std::set<int> labels() const {
     std::set<int> out = tally.values;
@@ -34,11 +36,12 @@ Result<Values> read_values(const SliceStack& stack, int first, int last,
                            const MeshOptions& options) {
   Values found;
   for (int k = first; k <= last; ++k) {
-    auto image = read_cropped(stack, k, options.crop);
-    if (!image) return image.error();
-    found.tally.add(tally_values(*image, true));
-    found.has_material |= holds_material(segment(*image, stack.pixel_unit(), options.segmentation));
-    found.has_wanted |= holds_material(slice_field(stack, k, options, std::move(*image)).field);
+    auto pixels = read_cropped(stack, k, options);
+    if (!pixels) return pixels.error();
+    found.tally.add(tally_values(*pixels, true));
+    found.has_material |=
+        holds_material(segment(*pixels, stack.pixel_unit(), options.segmentation));
+    found.has_wanted |= holds_material(slice_field(stack, k, options, std::move(*pixels)).field);
   }
   return found;
 }
@@ -73,8 +76,8 @@ std::string values_text(const Values& found, const SliceStack& stack, bool as_la
                         const LabelNames& names) {
   std::string out = "the values found are ";
   out += found.tally.low == found.tally.high
-             ? "all " + text_of(found.tally.low)
-             : text_of(found.tally.low) + " to " + text_of(found.tally.high);
+             ? "all " + text_of(found.tally.low, 10)
+             : text_of(found.tally.low, 10) + " to " + text_of(found.tally.high, 10);
   if (as_labels) {
     return out + (found.labels().empty() ? ", so there is no label"
                                          : ", the " + names.list(found.labels()));

@@ -2,9 +2,7 @@
 #include "pipeline/scan/label_names.h"
 
 #include <algorithm>
-#include <array>
 #include <charconv>
-#include <cstdint>
 #include <nlohmann/json.hpp>
 #include <optional>
 #include <sstream>
@@ -12,6 +10,7 @@
 #include "formats/base/file_io.h"
 #include "formats/base/json_text.h"
 #include "formats/base/strict_json.h"
+#include "formats/base/terminal_text.h"
 #include "pipeline/base/number_ranges.h"
 
 namespace trocar::pipeline {
@@ -47,37 +46,6 @@ constexpr const char* kTotalSegmentator =
     "rib_left_8 rib_left_9 rib_left_10 rib_left_11 rib_left_12 rib_right_1 rib_right_2 "
     "rib_right_3 rib_right_4 rib_right_5 rib_right_6 rib_right_7 rib_right_8 rib_right_9 "
     "rib_right_10 rib_right_11 rib_right_12 sternum costal_cartilages";
-
-// The code point that begins at `at`. Moves `at` behind it. std::nullopt if the bytes are not
-// UTF-8.
-std::optional<std::uint32_t> next_code_point(std::string_view text, std::size_t& at) {
-  const auto byte = [&text](std::size_t i) { return static_cast<unsigned char>(text[i]); };
-  const unsigned char first = byte(at);
-  const std::size_t length = first < 0x80   ? 1
-                             : first < 0xc2 ? 0
-                             : first < 0xe0 ? 2
-                             : first < 0xf0 ? 3
-                             : first < 0xf5 ? 4
-                                            : 0;
-  if (length == 0 || at + length > text.size()) return {};
-  std::uint32_t out = length == 1 ? first : first & (0x7fU >> length);
-  for (std::size_t i = 1; i < length; ++i) {
-    if ((byte(at + i) & 0xc0) != 0x80) return {};
-    out = out << 6 | (byte(at + i) & 0x3fU);
-  }
-  constexpr std::array<std::uint32_t, 5> kMin{0, 0, 0x80, 0x800, 0x10000};
-  if (out < kMin[length] || out > 0x10ffff || (out >= 0xd800 && out <= 0xdfff)) return {};
-  at += length;
-  return out;
-}
-
-// Is it neither a control character nor one that changes the direction or position of others?
-bool is_printable(std::uint32_t c) {
-  const auto within = [c](std::uint32_t low, std::uint32_t high) { return c >= low && c <= high; };
-  return !(c < 0x20 || within(0x7f, 0x9f) || c == 0xad || within(0x200b, 0x200f) ||
-           within(0x2028, 0x202e) || within(0x2060, 0x206f) || within(0xfff0, 0xfffb) ||
-           c == 0xfeff || within(0xe000, 0xf8ff) || c >= 0xe0000);
-}
 
 // The reason why the text is not a valid name, if any.
 std::optional<std::string> why_no_name(const std::string& text) {

@@ -9,15 +9,15 @@
 #include <string_view>
 
 #include "formats/base/result.h"
+#include "pipeline/read/slice_stack.h"
 
 namespace trocar::pipeline {
 
 /// A name has 1 to kMaxNameBytes bytes of UTF-8. All its characters can be printed, and its first
 /// and last character are not spaces.
 inline constexpr std::size_t kMaxNameBytes = 64;
-/// Labels 1 to kMaxLabel can have names; 0 is the background.
-inline constexpr int kMaxLabel = 999'999'999;
 
+/// The names of labels from 1 to kMaxLabel; 0 is the background.
 class LabelNames {
  public:
   /// Reads names. `what` is the argument of --names: a built-in table (verse, totalsegmentator) or

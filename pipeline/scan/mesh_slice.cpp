@@ -5,6 +5,7 @@
 #include <cmath>
 #include <memory>
 #include <utility>
+#include <variant>
 #include <vector>
 
 #include "formats/asset/asset.h"
@@ -188,7 +189,9 @@ Result<MeshedSlice> mesh_slice(const SliceStack& stack, int slice, const MeshOpt
   auto images = read_slice(stack, slice, options);
   if (!images) return images.error();
   out.times["read"] = watch.lap_ms();
-  out.not_numbers = images->image.not_numbers + (images->ct ? images->ct->not_numbers : 0);
+  out.not_numbers =
+      std::visit([](const auto& image) { return image.not_numbers; }, images->pixels) +
+      (images->ct ? images->ct->not_numbers : 0);
   auto pixels = segment_slice(stack, slice, options, std::move(*images), out);
   if (!pixels) return fail(pixels.error());
   out.times["segment"] = watch.lap_ms();

@@ -10,7 +10,7 @@ namespace {
 
 // The materials of a label map. If `solid` is not null, it has changed `field`, and the materials
 // follow the field.
-Result<LabelMaterials> materials_of_field(const Image& labels, const Labels& wanted,
+Result<LabelMaterials> materials_of_field(const LabelImage& labels, const Labels& wanted,
                                           const SolidBone* solid, const Field& field) {
   auto out = label_materials(labels, wanted);
   if (!out || solid == nullptr) return out;
@@ -57,8 +57,8 @@ Result<void> list_materials(const SliceStack& stack, const MeshOptions& options,
   MeshedMaterial& only = out.emplace_back();
   if (const auto* labels = std::get_if<Labels>(&options.segmentation)) {
     if (!labels->labels.empty()) only.first_label = *labels->labels.begin();
-    if (pixels.original) {
-      auto found = materials_of_field(*pixels.original, *labels, options.solid, pixels.field);
+    if (pixels.labels) {
+      auto found = materials_of_field(*pixels.labels, *labels, options.solid, pixels.field);
       if (!found) return found.error();
       const std::vector<int>& first_labels = found->first_labels;
       if (first_labels.size() == 1) only.first_label = first_labels[0];
@@ -89,9 +89,9 @@ Result<void> list_materials(const SliceStack& stack, const MeshOptions& options,
 }  // namespace
 
 Result<SliceImages> read_slice(const SliceStack& stack, int slice, const MeshOptions& options) {
-  auto image = read_cropped(stack, slice, options.crop);
-  if (!image) return image.error();
-  SliceImages out{std::move(*image), {}};
+  auto pixels = read_cropped(stack, slice, options);
+  if (!pixels) return pixels.error();
+  SliceImages out{std::move(*pixels), {}};
   if (options.hu == nullptr) return out;
   auto ct = read_cropped(*options.hu, slice, options.crop);
   if (!ct) return ct.error();
@@ -103,7 +103,7 @@ Result<SlicePixels> segment_slice(const SliceStack& stack, int slice, const Mesh
                                   SliceImages images, MeshedSlice& out) {
   const auto* labels = std::get_if<Labels>(&options.segmentation);
   const bool is_hu = stack.pixel_unit() == PixelUnit::kHounsfield;
-  if (labels != nullptr || is_hu) out.values = tally_values(images.image, labels != nullptr);
+  if (labels != nullptr || is_hu) out.values = tally_values(images.pixels, labels != nullptr);
 
   SlicePixels pixels;
   pixels.ct = std::move(images.ct);
@@ -111,9 +111,10 @@ Result<SlicePixels> segment_slice(const SliceStack& stack, int slice, const Mesh
       is_hu && labels == nullptr && (options.hu_volume || options.hu_field || options.grade_hu > 0);
   const bool changes_values = options.solid != nullptr || options.table != nullptr ||
                               !std::holds_alternative<Threshold>(options.segmentation);
-  const bool may_be_several = labels != nullptr && (labels->all || are_several(*labels));
-  if ((pixels.needs_hu && changes_values) || may_be_several) pixels.original = images.image;
-  SliceField segmented = slice_field(stack, slice, options, std::move(images.image));
+  if (pixels.needs_hu && changes_values) pixels.original = std::get<Image>(images.pixels);
+  if (labels != nullptr && (labels->all || are_several(*labels)))
+    pixels.labels = std::get<LabelImage>(images.pixels);
+  SliceField segmented = slice_field(stack, slice, options, std::move(images.pixels));
   pixels.field = std::move(segmented.field);
   pixels.solid_mean = segmented.solid_mean;
   out.labels = std::move(pixels.field.labels);

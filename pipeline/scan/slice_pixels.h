@@ -16,6 +16,7 @@ struct SlicePixels {
   Field field;  ///< treats all materials as one
   /// The values before segmentation, if a later stage needs them and `field` no longer has them.
   std::optional<Image> original;
+  std::optional<LabelImage> labels;  ///< the labels, if there may be several materials
   std::optional<Image> ct;           ///< the CT of a label map
   bool needs_hu = false;             ///< a later stage uses the slice's own values as HU
   std::optional<double> solid_mean;  ///< result of SolidBone::apply()
@@ -38,11 +39,11 @@ struct SlicePixels {
 };
 
 struct SliceImages {
-  Image image;
+  Pixels pixels;
   std::optional<Image> ct;
 };
 
-/// Reads the image of a slice, and the CT of a label map. Errors: those of stack.read().
+/// Reads the pixels of a slice, and the CT of a label map. Errors: those of read_pixels().
 Result<SliceImages> read_slice(const SliceStack& stack, int slice, const MeshOptions& options);
 
 /// Segments a slice. Sets these members of `out`: materials (at least one entry, with first_label

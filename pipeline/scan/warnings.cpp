@@ -248,6 +248,7 @@ json run_warnings(const SliceStack& stack, const Segmentation& segmentation,
   }
   if (auto doubt = value_warning(values, stack.pixel_unit(), segmentation, input))
     out.push_back(std::move(*doubt));
+  if (auto rounded = rounding_warning(values, input)) out.push_back(std::move(*rounded));
   json entries = warnings_json(out, of_slices);
   if (stack.voxel_conflict) add_volumes(*stack.voxel_conflict, area_mm2, entries);
   return entries;

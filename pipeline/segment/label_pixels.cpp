@@ -196,7 +196,7 @@ class Components {
 
 }  // namespace
 
-Result<LabelMaterials> label_materials(const Image& labels, const Labels& wanted) {
+Result<LabelMaterials> label_materials(const LabelImage& labels, const Labels& wanted) {
   std::unordered_map<int, int> first_of_joined;
   for (const std::set<int>& joined : wanted.joined) {
     for (const int label : joined)
@@ -205,9 +205,7 @@ Result<LabelMaterials> label_materials(const Image& labels, const Labels& wanted
   // Materials are numbered in the order in which they occur; 0 is the background.
   std::vector<std::pair<int, std::set<int>>> found(1);
   std::unordered_map<int, std::size_t> of_label, of_first;
-  const auto number_of = [&](float v) -> std::size_t {
-    if (!is_whole(v)) return 0;
-    const int label = static_cast<int>(v);
+  const auto number_of = [&](int label) -> std::size_t {
     const auto [known, is_new] = of_label.try_emplace(label, 0);
     if (!is_new || !(wanted.all ? label != 0 : wanted.labels.contains(label))) return known->second;
     const auto joined = first_of_joined.find(label);
@@ -221,15 +219,14 @@ Result<LabelMaterials> label_materials(const Image& labels, const Labels& wanted
   std::vector<MaterialNumber>& values = out.image.values;
   values.resize(labels.values.size());
   for (std::size_t i = 0; i < values.size();) {
-    const float v = labels.values[i];
-    const std::size_t number = number_of(v);
+    const std::int32_t label = labels.values[i];
+    const std::size_t number = number_of(label);
     if (number > kMaxMaterials)
       return refused("more than " + std::to_string(kMaxMaterials) +
                      " labels; join some to one material, as --labels 1-20+21");
-    // NaN starts no run, since it differs from itself.
     do {
       values[i++] = static_cast<MaterialNumber>(number);
-    } while (i < values.size() && labels.values[i] == v);
+    } while (i < values.size() && labels.values[i] == label);
   }
 
   std::vector<std::size_t> order(found.size() - 1);

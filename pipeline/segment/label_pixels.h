@@ -37,7 +37,7 @@ struct LabelMaterials {
 };
 /// Assigns each pixel to its material of `wanted`. Errors: kRefused if more than kMaxMaterials
 /// materials occur. O(pixels + m log m) for m materials.
-Result<LabelMaterials> label_materials(const Image& labels, const Labels& wanted);
+Result<LabelMaterials> label_materials(const LabelImage& labels, const Labels& wanted);
 
 /// The diagonal along which a cell of four pixels a, b, c, d (counter-clockwise) is connected. This
 /// concerns only cells in which any two pixels that share an edge have different materials.

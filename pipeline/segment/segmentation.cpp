@@ -30,6 +30,18 @@ void equalize(Image& image, PixelUnit unit) {
   std::copy(levels.begin<std::uint8_t>(), levels.end<std::uint8_t>(), image.values.begin());
 }
 
+Field mask_of(const LabelImage& image, const Labels& wanted) {
+  Field field{{image.width, image.height, {}, image.not_numbers}, 0.5F, true};
+  field.image.values.reserve(image.values.size());
+  std::int32_t last = 0;
+  for (const std::int32_t label : image.values) {
+    const bool in = wanted.all ? label != 0 : wanted.labels.contains(label);
+    if (in && (field.labels.empty() || label != last)) field.labels.insert(last = label);
+    field.image.values.push_back(in ? 1.0F : 0.0F);
+  }
+  return field;
+}
+
 }  // namespace
 
 void put_on_side(Field& field, std::size_t pixel, bool wanted) {
@@ -79,24 +91,26 @@ std::optional<double> mean_of_material(const Field& field, const Image& of) {
   return std::accumulate(sum.begin(), sum.end(), 0.0) / static_cast<double>(pixels);
 }
 
-Field segment(Image image, PixelUnit unit, const Segmentation& how) {
-  Field field{std::move(image), 0};
+Result<Pixels> read_pixels(const SliceStack& stack, int slice, const Segmentation& how) {
+  if (std::holds_alternative<Labels>(how)) {
+    auto labels = stack.read_labels(slice);
+    if (!labels) return labels.error();
+    return Pixels(std::move(*labels));
+  }
+  auto image = stack.read(slice);
+  if (!image) return image.error();
+  return Pixels(std::move(*image));
+}
+
+Field segment(Pixels pixels, PixelUnit unit, const Segmentation& how) {
+  if (const auto* labels = std::get_if<Labels>(&how))
+    return mask_of(std::get<LabelImage>(pixels), *labels);
+  Field field{std::get<Image>(std::move(pixels)), 0};
   if (const auto* threshold = std::get_if<Threshold>(&how)) {
     field.iso = static_cast<float>(threshold->value);
-  } else if (const auto* paper = std::get_if<Equalize>(&how)) {
-    equalize(field.image, unit);
-    field.iso = static_cast<float>(paper->level);
   } else {
-    const auto& [labels, all, joined] = std::get<Labels>(how);
-    float last = 0;
-    for (float& v : field.image.values) {
-      const bool in = is_whole(v) && (all ? v != 0 : labels.contains(static_cast<int>(v)));
-      if (in && (field.labels.empty() || v != last))
-        field.labels.insert(static_cast<int>(last = v));
-      v = in ? 1.0F : 0.0F;
-    }
-    field.iso = 0.5F;
-    field.is_mask = true;
+    equalize(field.image, unit);
+    field.iso = static_cast<float>(std::get<Equalize>(how).level);
   }
   return field;
 }

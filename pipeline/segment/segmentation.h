@@ -2,12 +2,12 @@
 // Segmentation of a slice: a scalar field, and the iso-value that bounds the material.
 #pragma once
 
-#include <cmath>
 #include <optional>
 #include <set>
 #include <variant>
 #include <vector>
 
+#include "formats/base/result.h"
 #include "pipeline/read/slice_stack.h"
 
 namespace trocar::pipeline {
@@ -28,10 +28,6 @@ struct Labels {
   /// material by itself.
   std::vector<std::set<int>> joined = {};
 };
-/// Returns true if the value can be a label: a whole number whose absolute value is below 1e9.
-inline bool is_whole(float value) {
-  return std::rint(value) == value && std::abs(value) < 1e9F;
-}
 /// Is it certain, without reading the label map, that the labels form several materials? With `all`
 /// it is not, and the result is false.
 inline bool are_several(const Labels& labels) {
@@ -39,6 +35,11 @@ inline bool are_several(const Labels& labels) {
          !(labels.joined.size() == 1 && labels.joined[0] == labels.labels);
 }
 using Segmentation = std::variant<Threshold, Equalize, Labels>;
+
+/// The pixels of a slice, as its segmentation needs them: labels for Labels, values otherwise.
+using Pixels = std::variant<Image, LabelImage>;
+/// Reads a slice as `how` needs it. Errors: those of SliceStack::read() and read_labels().
+Result<Pixels> read_pixels(const SliceStack& stack, int slice, const Segmentation& how);
 
 /// The scalar field of a slice. A pixel is material if its value is at least `iso`.
 struct Field {
@@ -65,7 +66,8 @@ inline std::optional<double> mean_of_material(const Field& field) {
   return mean_of_material(field, field.image);
 }
 
-/// Computes the field of an image, of which it takes ownership. O(pixels).
-Field segment(Image image, PixelUnit unit, const Segmentation& how);
+/// Computes the field of an image, of which it takes ownership. Precondition: `pixels` are of the
+/// kind that read_pixels() gives for `how`. O(pixels).
+Field segment(Pixels pixels, PixelUnit unit, const Segmentation& how);
 
 }  // namespace trocar::pipeline

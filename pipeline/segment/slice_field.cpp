@@ -7,14 +7,19 @@
 namespace trocar::pipeline {
 namespace {
 
-Image cropped(Image image, const Crop& c) {
-  Image out{c.x1 - c.x0 + 1, c.y1 - c.y0 + 1, {}, image.not_numbers};
-  out.values.reserve(static_cast<std::size_t>(out.width) * out.height);
+template <typename AnyImage>
+AnyImage cropped(AnyImage image, const Crop& c) {
+  const int width = c.x1 - c.x0 + 1, height = c.y1 - c.y0 + 1;
+  decltype(image.values) values;
+  values.reserve(static_cast<std::size_t>(width) * height);
   for (int y = c.y0; y <= c.y1; ++y) {
     const auto row = image.values.begin() + static_cast<std::ptrdiff_t>(y) * image.width;
-    out.values.insert(out.values.end(), row + c.x0, row + c.x1 + 1);
+    values.insert(values.end(), row + c.x0, row + c.x1 + 1);
   }
-  return out;
+  image.width = width;
+  image.height = height;
+  image.values = std::move(values);
+  return image;
 }
 
 }  // namespace
@@ -25,9 +30,16 @@ Result<Image> read_cropped(const SliceStack& stack, int slice, const std::option
   return image;
 }
 
+Result<Pixels> read_cropped(const SliceStack& stack, int slice, const MaterialOptions& options) {
+  auto pixels = read_pixels(stack, slice, options.segmentation);
+  if (!pixels || !options.crop) return pixels;
+  return std::visit([&](auto& image) { return Pixels(cropped(std::move(image), *options.crop)); },
+                    *pixels);
+}
+
 SliceField slice_field(const SliceStack& stack, int slice, const MaterialOptions& options,
-                       Image image) {
-  SliceField out{segment(std::move(image), stack.pixel_unit(), options.segmentation), {}};
+                       Pixels pixels) {
+  SliceField out{segment(std::move(pixels), stack.pixel_unit(), options.segmentation), {}};
   const Crop crop = options.crop.value_or(Crop{});
   if (options.table != nullptr) options.table->remove(slice, crop.x0, crop.y0, out.field);
   if (options.solid == nullptr) return out;

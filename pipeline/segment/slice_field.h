@@ -27,16 +27,20 @@ struct MaterialOptions {
   double min_region_mm2 = 1;  ///< islands below this area are dropped, holes below it are filled
 };
 
-/// Reads a slice and, if `crop` has a value, crops it. Errors: those of stack.read().
+/// Reads the values of a slice and, if `crop` has a value, crops them. Errors: those of
+/// stack.read().
 Result<Image> read_cropped(const SliceStack& stack, int slice, const std::optional<Crop>& crop);
+/// The same for the pixels that the segmentation of `options` needs. Errors: those of
+/// read_pixels().
+Result<Pixels> read_cropped(const SliceStack& stack, int slice, const MaterialOptions& options);
 
 struct SliceField {
   Field field;
   std::optional<double> solid_mean;  ///< result of SolidBone::apply(); no value without `solid`
 };
 
-/// The field of a slice. Precondition: `image` is the result of read_cropped() for this slice.
+/// The field of a slice. Precondition: `pixels` are the result of read_cropped() for this slice.
 SliceField slice_field(const SliceStack& stack, int slice, const MaterialOptions& options,
-                       Image image);
+                       Pixels pixels);
 
 }  // namespace trocar::pipeline

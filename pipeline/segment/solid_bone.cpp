@@ -10,7 +10,7 @@
 #include <utility>
 
 #include "pipeline/base/parallel_for.h"
-#include "pipeline/read/nifti/nifti_stack.h"
+#include "pipeline/read/nrrd/nrrd_stack.h"
 #include "pipeline/read/same_grid.h"
 #include "pipeline/read/stack_shape.h"
 #include "pipeline/segment/canals.h"
@@ -59,9 +59,9 @@ Result<Bytes> segmented(const SliceStack& stack, const Segmentation& how, const 
   Bytes out(grid.size());
   const bool is_hu = has_hu(stack, how);
   const auto ok = for_each_slice(stack.size(), [&](int k) -> Result<void> {
-    auto image = stack.read(k);
+    auto image = read_pixels(stack, k, how);
     if (!image) return image.error();
-    if (means != nullptr) means->add(static_cast<std::size_t>(k), *image);
+    if (means != nullptr) means->add(static_cast<std::size_t>(k), std::get<Image>(*image));
     Field field = segment(std::move(*image), stack.pixel_unit(), how);
     labels_of[static_cast<std::size_t>(k)] = std::move(field.labels);
     std::uint8_t* flags = &out[static_cast<std::size_t>(k) * pixels];
@@ -397,11 +397,16 @@ void keep_column(const VoxelPlanes& planes, const Canal& canal, Bytes& material)
 // Step 3. A voxel stays if its centre is within the margin of the centre of a wanted voxel.
 Result<void> keep_near_mask(const SliceStack& stack, const VoxelGrid& grid,
                             std::optional<SliceAxis> axis, const SolidOptions& options,
-                            Bytes& material) {
+                            Bytes& material, std::vector<Warning>& warnings) {
   OpenOptions open;
   open.axis = axis;
   open.as_labels = true;
-  const auto mask = open_nifti(options.mask_file, open);
+  // The advice after the semicolon is that for --labels.
+  const auto no_mask = [](const Error& error) {
+    const std::string what = error.message.substr(0, error.message.rfind("; if this"));
+    return Error{error.code, what + "; --mask needs a label map", error.is_temporary};
+  };
+  const auto mask = open_volume(options.mask_file, open);
   if (!mask) return mask.error();
   if (const auto differs = grid_difference(**mask, stack)) {
     return refused((differs->slice < 0 ? options.mask_file : (*mask)->name(differs->slice)) +
@@ -409,14 +414,15 @@ Result<void> keep_near_mask(const SliceStack& stack, const VoxelGrid& grid,
   }
   ValueTally tally;
   for (int k = 0; k < (*mask)->size(); ++k) {
-    const auto image = (*mask)->read(k);
-    if (!image) return image.error();
-    tally.add(tally_values(*image, true));
+    const auto image = (*mask)->read_labels(k);
+    if (!image) return no_mask(image.error());
+    tally.add(tally_values(*image));
   }
   const Labels labels{options.mask_labels};
   if (const auto doubt = value_warning(tally, (*mask)->pixel_unit(), labels, options.mask_file))
-    return refused(doubt->where + ": " + doubt->sentence.substr(0, doubt->sentence.find(';')) +
-                   "; --mask needs a label map");
+    return no_mask(refused(doubt->where + ": " + doubt->sentence));
+  if (auto rounded = rounding_warning(tally, options.mask_file))
+    warnings.push_back(std::move(*rounded));
   const auto flags = segmented(**mask, labels, grid);
   if (!flags) return flags.error();
   Bytes near(grid.size());
@@ -574,7 +580,8 @@ Result<SolidBone> SolidBone::make(const SliceStack& stack, const Segmentation& s
   }
   *flags = {};
   if (!options.mask_file.empty()) {
-    if (auto ok = keep_near_mask(stack, grid, axis, options, material); !ok) return ok.error();
+    if (auto ok = keep_near_mask(stack, grid, axis, options, material, out.warnings_); !ok)
+      return ok.error();
   }
   if (!options.seeds_lps_mm.empty()) {
     const auto seeds = seed_voxels(stack, grid, options, material);

@@ -61,7 +61,7 @@ struct SolidOptions {
   bool column = false;                        ///< keep the spinal column alone; needs fill_mm2
   int largest = 0;                            ///< number of components that are kept; 0: all
   std::vector<Eigen::Vector3d> seeds_lps_mm;  ///< patient coordinates (LPS)
-  std::string mask_file;                      ///< a NIfTI label map on the scan's grid
+  std::string mask_file;                      ///< a NIfTI or NRRD label map on the scan's grid
   std::set<int> mask_labels;
   bool any() const {
     return fill_mm2 || min_volume_mm3 > 0 || largest > 0 || !seeds_lps_mm.empty() ||

@@ -264,12 +264,12 @@ Result<SurfaceVolume> read_surface_volume(const SliceStack& stack, int first, in
   bool is_mask = false;
   parallel_for(slices, [&](int k) {
     const auto here = static_cast<std::size_t>(k);
-    auto image = read_cropped(stack, first + k, options.crop);
-    if (!image) {
-      done[here] = image.error();
+    auto pixels = read_cropped(stack, first + k, options);
+    if (!pixels) {
+      done[here] = pixels.error();
       return;
     }
-    Field field = segment(std::move(*image), stack.pixel_unit(), options.segmentation);
+    Field field = segment(std::move(*pixels), stack.pixel_unit(), options.segmentation);
     if (options.table != nullptr) options.table->remove(first + k, crop.x0, crop.y0, field);
     if (options.solid != nullptr) {
       const std::vector<float> own = is_one_of_several ? field.image.values : std::vector<float>();

@@ -3,12 +3,14 @@
 
 #include <cstdio>
 
+#include "formats/base/terminal_text.h"
+
 namespace trocar::runtime {
 
 void RefusalLog::refused(const char* kind, const std::string& from) {
   if (reported_.insert(kind).second)
-    std::fprintf(stderr, "trocar-console: refused: %s, from %s (further ones are not reported)\n",
-                 kind, from.c_str());
+    print(stderr, "trocar-console: refused: %s, from %s (further ones are not reported)\n", kind,
+          from);
 }
 
 void RefusalLog::emergency_stop(const std::string& from) {
@@ -16,7 +18,7 @@ void RefusalLog::emergency_stop(const std::string& from) {
   const auto now = std::chrono::steady_clock::now();
   if (last_stop_ && now - *last_stop_ < kQuiet) return;
   last_stop_ = now;
-  std::fprintf(stderr, "trocar-console: emergency stop, asked for from %s\n", from.c_str());
+  print(stderr, "trocar-console: emergency stop, asked for from %s\n", from);
 }
 
 }  // namespace trocar::runtime

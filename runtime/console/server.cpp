@@ -9,6 +9,7 @@
 #include <sstream>
 #include <utility>
 
+#include "formats/base/terminal_text.h"
 #include "runtime/console/beast.h"
 #include "runtime/console/console_state.h"
 #include "runtime/console/http_connection.h"
@@ -180,9 +181,9 @@ Result<void> serve(const ServerSettings& settings, Files files, PageFiles page) 
   const std::string igtl_endpoint = igtl ? igtl->endpoint() : "";
   // The server must exist before the links are printed, because it catches the signals of whoever reads them.
   Server server(console, std::move(acceptor), std::move(igtl));
-  std::printf("operator: %s%s\naudience: %s%s\n", link.c_str(),
-              console.tokens.of_operator().c_str(), link.c_str(), console.tokens.of_view().c_str());
-  if (!igtl_endpoint.empty()) std::printf("OpenIGTLink: %s\n", igtl_endpoint.c_str());
+  print(stdout, "operator: %s%s\naudience: %s%s\n", link, console.tokens.of_operator(), link,
+        console.tokens.of_view());
+  if (!igtl_endpoint.empty()) print(stdout, "OpenIGTLink: %s\n", igtl_endpoint);
   std::fflush(stdout);
   server.run();
   return {};

@@ -8,6 +8,7 @@
 #include <numbers>
 
 #include "formats/base/file_io.h"
+#include "formats/base/terminal_text.h"
 #include "formats/session/scene.h"
 #include "runtime/bone_cutting/material/bone_volume.h"
 #include "runtime/bone_cutting/material/tool_in_tissue.h"
@@ -109,7 +110,7 @@ int run_fit(const FitArguments& a) {
       return fail(written.error());
   }
   if (a.quiet) return 0;
-  std::fputs(fit_text(*fit).c_str(), stdout);
+  print_lines(stdout, fit_text(*fit));
   if (curve->high_speed_mm_per_s > 1.5 * curve->low_speed_mm_per_s)
     std::fprintf(stderr,
                  "trocar-run: note: the speed varies from %.3g to %.3g mm/s, and the fit takes the "

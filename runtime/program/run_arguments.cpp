@@ -12,6 +12,7 @@
 #include <system_error>
 
 #include "formats/base/file_io.h"
+#include "formats/base/terminal_text.h"
 #include "formats/session/procedures.h"
 #include "formats/session/scene.h"
 
@@ -163,10 +164,10 @@ std::filesystem::path default_black_box(const RunArguments& arguments) {
   std::filesystem::path temporary = std::filesystem::temp_directory_path(failed);
   if (failed) return ".";
   if (!arguments.quiet)
-    std::fprintf(stderr,
-                 "trocar-run: note: the current folder cannot be written to; a black box would go "
-                 "to %s\n",
-                 temporary.c_str());
+    print(stderr,
+          "trocar-run: note: the current folder cannot be written to; a black box would go "
+          "to %s\n",
+          temporary);
   return temporary;
 }
 

@@ -15,6 +15,7 @@
 #include "formats/base/file_io.h"
 #include "formats/base/json_text.h"
 #include "formats/base/program.h"
+#include "formats/base/terminal_text.h"
 #include "formats/session/procedures.h"
 #include "runtime/checking/device_trial.h"
 #include "runtime/checking/new_scene.h"
@@ -36,7 +37,7 @@ namespace {
 
 /// Prints what a device of another maker has to say, also while the session runs.
 void say_line(const std::string& line) {
-  std::fprintf(stderr, "trocar-run: %s\n", line.c_str());
+  print(stderr, "trocar-run: %s\n", line);
 }
 
 /// Runs the session. `hand`: the scene's live hand, or null. `link` receives the report of the device's link, if there is one.
@@ -84,8 +85,7 @@ Result<SessionResult> run(const RunArguments& arguments, const SessionInputs& in
   device.close();
   link = device.link_report();
   if (link && link->restore_error) {
-    std::fprintf(stderr, "trocar-run: the link was not restored: %s\n",
-                 link->restore_error->message.c_str());
+    print(stderr, "trocar-run: the link was not restored: %s\n", link->restore_error->message);
   }
   return report;
 }
@@ -125,18 +125,17 @@ Result<std::unique_ptr<LiveHand>> make_live_hand(const RunArguments& arguments,
 void warn_of_short(const RunArguments& arguments, const SessionInputs& inputs,
                    std::uint64_t session_ticks) {
   if (arguments.quiet) return;
-  const char* const file = arguments.replay.c_str();
+  const std::string& file = arguments.replay;
   if (inputs.replay_is_cut)
-    std::fprintf(stderr,
-                 "trocar-run: warning: %s: its last row is cut off, and is left out: the session "
-                 "was killed, or a part is missing\n",
-                 file);
+    print(stderr,
+          "trocar-run: warning: %s: its last row is cut off, and is left out: the session "
+          "was killed, or a part is missing\n",
+          file);
   if (inputs.replay.size() >= session_ticks) return;
-  std::fprintf(
-      stderr,
-      "trocar-run: warning: %s: has %zu ticks, and its session was to last %llu: it ended early, "
-      "or a part is missing\n",
-      file, inputs.replay.size(), static_cast<unsigned long long>(session_ticks));
+  print(stderr,
+        "trocar-run: warning: %s: has %zu ticks, and its session was to last %llu: it ended early, "
+        "or a part is missing\n",
+        file, inputs.replay.size(), static_cast<unsigned long long>(session_ticks));
 }
 
 /// "about 7 minutes", or "less than a minute".
@@ -152,10 +151,10 @@ void warn_of_long(const RunArguments& arguments, const SessionOptions& options) 
   constexpr double kMaxTicks = static_cast<double>(kMaxRecordingBytes) / kRowBytes;
   if (arguments.quiet || !options.record || !(options.duration_s * options.rate_Hz > kMaxTicks))
     return;
-  std::fprintf(stderr,
-               "trocar-run: warning: %s: may become larger than 4 GiB, and can then neither be "
-               "replayed nor exported; at this rate record at most %.0f minutes\n",
-               arguments.record.c_str(), std::floor(kMaxTicks / options.rate_Hz / 60));
+  print(stderr,
+        "trocar-run: warning: %s: may become larger than 4 GiB, and can then neither be "
+        "replayed nor exported; at this rate record at most %.0f minutes\n",
+        arguments.record, std::floor(kMaxTicks / options.rate_Hz / 60));
 }
 
 /// Returns the session's options, without outputs. Errors: (refused) the recording to replay
@@ -179,8 +178,8 @@ Result<SessionOptions> session_options(const RunArguments& arguments, const Sess
   if (inputs.replay.empty()) warn_of_long(arguments, options);
   options.on_low_space = [&arguments](double left_s) {
     if (arguments.quiet) return;
-    std::fprintf(stderr, "trocar-run: warning: %s: the disk has space for %s of recording\n",
-                 arguments.record.c_str(), words_of_time(left_s).c_str());
+    print(stderr, "trocar-run: warning: %s: the disk has space for %s of recording\n",
+          arguments.record, words_of_time(left_s));
   };
   options.on_message = [&arguments](const OperatorMessage& message) {
     print_message(arguments, message);
@@ -226,7 +225,7 @@ Result<void> set_origin(const RunArguments& arguments, const SessionInputs& inpu
   const Result<std::string> warning =
       check_replay(inputs.replay_origin, options.origin, arguments.replay);
   if (!warning) return warning.error();
-  if (!warning->empty()) std::fprintf(stderr, "trocar-run: warning: %s\n", warning->c_str());
+  if (!warning->empty()) print(stderr, "trocar-run: warning: %s\n", warning->c_str());
   return {};
 }
 
@@ -273,7 +272,7 @@ int check_inputs(const RunArguments& arguments, const SessionInputs& inputs,
       check_scene(inputs.scene, to_check(device, description), inputs.sheets, inputs.tissues,
                   inputs.bytes, options);
   if (!checked) return fail(checked.error().after(arguments.scene + ": "));
-  if (!arguments.quiet) std::fputs(checked->text.c_str(), stdout);
+  if (!arguments.quiet) print_lines(stdout, checked->text);
   for (const std::string& warning : checked->warnings)
     warn(arguments, warning);
   if (!arguments.strict || checked->warnings.empty()) return 0;
@@ -318,7 +317,7 @@ int run_scene(const RunArguments& arguments, std::atomic<bool>& recover) {
   if (!arguments.quiet) {
     print_outcome(*report, *options);
     if (!report->realtime.note.empty())
-      std::fprintf(stderr, "trocar-run: note: %s\n", report->realtime.note.c_str());
+      print(stderr, "trocar-run: note: %s\n", report->realtime.note);
   }
   return conclude(*report, outputs.write(*options, *report, remesher, hand->get(), link), remesher);
 }
@@ -340,11 +339,11 @@ int write_history(const RunArguments& arguments) {
   const Result<History> history = read_history(arguments.history);
   if (!history) return fail(history.error());
   for (const std::string& line : history->skipped)
-    std::fprintf(stderr, "trocar-run: skipped: %s\n", line.c_str());
+    print(stderr, "trocar-run: skipped: %s\n", line);
   if (history->sessions == 0)
     return fail(refused(arguments.history + ": has no figures of a session; trocar-run "
                                             "--session-report writes them"));
-  if (!arguments.quiet) std::fputs(history_text(*history).c_str(), stdout);
+  if (!arguments.quiet) print_lines(stdout, history_text(*history));
   for (const auto& [file, text] :
        {std::pair{page, history_page(*history)}, std::pair{table, history_csv(*history)}}) {
     if (const auto written = write_file_atomically(file, text, Readers::kOwner); !written)
@@ -385,10 +384,10 @@ int test_device(const RunArguments& arguments) {
   const std::string sentence = verdict.troubles.empty()
                                    ? "A session at this rate should hold."
                                    : "A session at this rate will not hold well.";
-  std::fputs(verdict.text.c_str(), stdout);
+  print_lines(stdout, verdict.text);
   for (const std::string& trouble : verdict.troubles)
-    std::printf("trouble: %s\n", trouble.c_str());
-  std::printf("%s\n", sentence.c_str());
+    print(stdout, "trouble: %s\n", trouble);
+  print(stdout, "%s\n", sentence);
   if (!arguments.summary.empty()) {
     const auto written =
         write_file_atomically(arguments.summary, summarize(verdict, sentence, arguments.device));
@@ -433,7 +432,7 @@ int make_new_scene(const RunArguments& arguments) {
   if (!made) return fail(made.error());
   if (const auto written = write_file_atomically(arguments.output, made->json); !written)
     return fail(written.error());
-  if (!arguments.quiet) std::fputs(made->text.c_str(), stdout);
+  if (!arguments.quiet) print_lines(stdout, made->text);
   return 0;
 }
 

@@ -8,6 +8,7 @@
 
 #include "formats/asset/asset.h"
 #include "formats/asset/one_sheet.h"
+#include "formats/base/terminal_text.h"
 #include "formats/session/procedures.h"
 #include "runtime/bone_cutting/material/bone_volume.h"
 #include "runtime/devices/pose_session.h"
@@ -128,11 +129,11 @@ Result<void> fit_forces(const RunArguments& arguments, SessionInputs& inputs) {
   const Result<double> fitting = fitting_force_scale(device, inputs.scene, inputs.sheets, rate_Hz);
   if (!fitting) return fitting.error();
   if (*fitting < scale && !arguments.quiet)
-    std::fprintf(stderr,
-                 "trocar-run: note: %s gets at most %.4g N, and the scene's tissue resists with up "
-                 "to %.3g N: forces "
-                 "are rendered at %.3g of their size (--force-scale)\n",
-                 device.name.c_str(), device.force_max_N, device.force_max_N / *fitting, *fitting);
+    print(stderr,
+          "trocar-run: note: %s gets at most %.4g N, and the scene's tissue resists with up "
+          "to %.3g N: forces "
+          "are rendered at %.3g of their size (--force-scale)\n",
+          device.name, device.force_max_N, device.force_max_N / *fitting, *fitting);
   scale = *fitting;
   return {};
 }

@@ -8,6 +8,7 @@
 #include <optional>
 
 #include "formats/base/program.h"
+#include "formats/base/terminal_text.h"
 
 namespace trocar::runtime {
 namespace {
@@ -39,10 +40,10 @@ bool print_black_boxes(const SessionResult& report) {
   bool written = report.black_boxes_lost == 0;
   for (const BlackBoxFile& box : report.black_boxes) {
     if (box.error) {
-      std::fprintf(stderr, "trocar-run: black box: %s\n", box.error->message.c_str());
+      print(stderr, "trocar-run: black box: %s\n", box.error->message);
       written = false;
     } else {
-      std::fprintf(stderr, "trocar-run: black box: %s\n", box.file.c_str());
+      print(stderr, "trocar-run: black box: %s\n", box.file);
     }
   }
   return written;
@@ -66,19 +67,19 @@ int fail(const Error& error) {
 }
 
 void warn(const RunArguments& arguments, const std::string& what) {
-  std::fprintf(stderr, "trocar-run: warning: %s: %s\n", arguments.scene.c_str(), what.c_str());
+  print(stderr, "trocar-run: warning: %s: %s\n", arguments.scene, what);
 }
 
 void Progress::serve() {
   RecordingRow row;
   if (!latest_.read(row)) return;
-  std::fprintf(stderr, "\r%7.2f of %.2f s  tip %8.4f m  force %6.2f N  %-10s", row.t_s, duration_s_,
-               row.tool_m[2], row.wrench_wanted[2], to_string(row.phase));
+  print(stderr, "\r%7.2f of %.2f s  tip %8.4f m  force %6.2f N  %-10s", row.t_s, duration_s_,
+        row.tool_m[2], row.wrench_wanted[2], to_string(row.phase));
 }
 
 void Progress::stop() {
   join();
-  std::fprintf(stderr, "\r%*s\r", kProgressWidth, "");
+  print(stderr, "\r%*s\r", kProgressWidth, "");
 }
 
 void print_message(const RunArguments& arguments, const OperatorMessage& message) {
@@ -86,18 +87,18 @@ void print_message(const RunArguments& arguments, const OperatorMessage& message
   if (message.kind == OperatorMessage::Kind::kFault && arguments.recover == "signal" &&
       arguments.replay.empty() && message.detail.fault != Fault::kRecordingFailed)
     line += "; then request recovery: kill -USR1 " + std::to_string(::getpid());
-  if (::isatty(STDERR_FILENO) != 0) std::fprintf(stderr, "\r%*s\r", kProgressWidth, "");
-  std::fprintf(stderr, "%s\n", line.c_str());
+  if (::isatty(STDERR_FILENO) != 0) print(stderr, "\r%*s\r", kProgressWidth, "");
+  print(stderr, "%s\n", line);
   std::fflush(stderr);
 }
 
 void print_outcome(const SessionResult& report, const SessionOptions& options) {
-  std::printf(
-      "%llu ticks at %.6g Hz, %llu missed deadlines%s, largest force %.3f N, largest torque "
-      "%.3f Nm\n",
-      static_cast<unsigned long long>(report.ticks), options.rate_Hz,
-      static_cast<unsigned long long>(report.realtime.missed_deadlines),
-      causes_of(report.late_ticks).c_str(), report.max_force_N, report.torque_max_Nm);
+  print(stdout,
+        "%llu ticks at %.6g Hz, %llu missed deadlines%s, largest force %.3f N, largest torque "
+        "%.3f Nm\n",
+        static_cast<unsigned long long>(report.ticks), options.rate_Hz,
+        static_cast<unsigned long long>(report.realtime.missed_deadlines),
+        causes_of(report.late_ticks), report.max_force_N, report.torque_max_Nm);
   constexpr double kMinShown_N = 5e-4;
   if (report.max_force_N < kMinShown_N && report.punctures.empty() && report.fault == Fault::kNone)
     std::printf("the tool touched nothing; trocar-run --check says why\n");
@@ -126,8 +127,8 @@ int conclude(const SessionResult& report, std::vector<Error> errors, const Remes
   }
   const bool has_failed = report.end == SessionEnd::kFault;
   if (has_failed) {
-    std::fprintf(stderr, "trocar-run: stopped at %.4f s by the fault %s\n", report.fault_t_s,
-                 to_string(report.fault));
+    print(stderr, "trocar-run: stopped at %.4f s by the fault %s\n", report.fault_t_s,
+          to_string(report.fault));
   }
   if (report.replay_first_difference >= 0) {
     return fail(refused("the torques differ from the recording's from row " +

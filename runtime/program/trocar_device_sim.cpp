@@ -16,6 +16,7 @@
 #include "formats/base/file_io.h"
 #include "formats/base/json_text.h"
 #include "formats/base/program.h"
+#include "formats/base/terminal_text.h"
 #include "formats/session/device_description.h"
 #include "formats/session/scene.h"
 #include "runtime/devices/simulated_hand.h"
@@ -361,7 +362,7 @@ int serve(const Arguments& arguments) {
   Result<UdpSocket> socket = UdpSocket::listen(*local);
   if (!socket) return fail(socket.error());
 
-  std::printf("ready on %s\n", to_string(socket->local()).c_str());
+  print(stdout, "ready on %s\n", to_string(socket->local()));
   std::fflush(stdout);
   Server server(options, std::move(*model), std::move(*socket), arguments);
   RealtimeReport realtime;
@@ -378,7 +379,7 @@ int serve(const Arguments& arguments) {
         static_cast<unsigned long long>(report.packets.accepted()),
         static_cast<unsigned long long>(report.packets.refused()), report.largest_hand_force_N);
     if (!realtime.note.empty()) {
-      std::fprintf(stderr, "trocar-device-sim: note: %s\n", realtime.note.c_str());
+      print(stderr, "trocar-device-sim: note: %s\n", realtime.note);
     }
   }
   if (const auto done = write_record(arguments.record, report); !done) return fail(done.error());

@@ -9,6 +9,7 @@
 #include "formats/base/command_line.h"
 #include "formats/base/file_io.h"
 #include "formats/base/program.h"
+#include "formats/base/terminal_text.h"
 #include "formats/session/recording.h"
 #include "runtime/hdf5/hdf5_file.h"
 #include "runtime/hdf5/recording_hdf5.h"
@@ -30,8 +31,8 @@ Result<void> convert(const ExportArguments& a) {
   if (auto written = write_file_atomically(a.output, made->bytes, Readers::kOwner); !written)
     return written;
   if (!a.quiet)
-    std::printf("%s: %zu ticks, %zu datasets, %zu bytes\n", a.output.c_str(), made->ticks,
-                made->datasets, made->bytes.size());
+    print(stdout, "%s: %zu ticks, %zu datasets, %zu bytes\n", a.output, made->ticks, made->datasets,
+          made->bytes.size());
   return {};
 }
 

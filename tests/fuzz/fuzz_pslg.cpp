@@ -152,7 +152,10 @@ void check_picture(const test::Picture& picture, const test::PslgCase& options) 
     return;
   const Image image{picture.width, picture.height, picture.values};
   Field field = segment(image, PixelUnit::kHounsfield, Threshold{50});
-  if (picture.is_mask) field = segment(image, PixelUnit::kHounsfield, Labels{{100}});
+  if (picture.is_mask)
+    field =
+        segment(LabelImage{image.width, image.height, {image.values.begin(), image.values.end()}},
+                PixelUnit::kHounsfield, Labels{{100}});
   const PixelGrid grid{picture.pixel_mm[0], picture.pixel_mm[1], 0, 0, options.lattice};
   const Pslg all =
       contours(field, grid, picture.as_chains ? ContourKind::kPixel : ContourKind::kSubpixel);

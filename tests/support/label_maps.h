@@ -45,7 +45,7 @@ inline MaterialImage material_image(const Image& labels, std::span<const Labels>
       last = v;
       is_first = false;
       last_material = kNoMaterial;
-      if (is_whole(v)) {
+      if (std::rint(v) == v) {
         const int label = static_cast<int>(v);
         const auto has = [label](const Labels& m) {
           return m.all ? label != 0 : m.labels.contains(label);

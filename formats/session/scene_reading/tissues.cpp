@@ -1,5 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Tests: tests/formats/session/scene_test.cpp
+#include <limits>
+
 #include "formats/session/scene_reading/scene_readers.h"
 
 namespace trocar {
@@ -41,8 +43,8 @@ void read_labels(StrictObject& object, std::vector<int>& labels) {
   const nlohmann::json* list = object.array("labels", 1, 256);
   for (std::size_t k = 0; list != nullptr && k < list->size(); ++k) {
     const nlohmann::json& label = (*list)[k];
-    if (!label.is_number_integer() || label < 0 || label > 65535)
-      return object.error("labels", "must be integers from 0 to 65535");
+    if (!label.is_number_integer() || label < 0 || label > std::numeric_limits<int>::max())
+      return object.error("labels", "must be integers from 0 to 2147483647");
     labels.push_back(label.get<int>());
   }
 }

@@ -6,6 +6,7 @@
 #include <cstdio>
 
 #include "formats/base/program.h"
+#include "formats/base/terminal_text.h"
 #include "pipeline/archive/archive_names.h"
 #include "pipeline/archive/fetch.h"
 #include "pipeline/archive/messages.h"
@@ -48,8 +49,8 @@ int run_fetch(const FetchArguments& a) {
     archive::report("warning: " + std::to_string(study.different) +
                     " instances differ from those that are stored, which were kept");
   if (!a.quiet) {
-    std::printf("%s: %zu instances, %.1f MB", (settings->folder / a.study).c_str(), study.instances,
-                static_cast<double>(study.bytes) / 1e6);
+    print(stdout, "%s: %zu instances, %.1f MB", (settings->folder / a.study), study.instances,
+          static_cast<double>(study.bytes) / 1e6);
     if (study.added < study.instances) std::printf("; %zu of them new", study.added);
     if (done->left_out > 0) std::printf("; %zu instances of other kinds left out", done->left_out);
     std::printf("\n");

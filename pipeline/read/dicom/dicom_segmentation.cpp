@@ -45,8 +45,14 @@ class SegmentationStack final : public SliceStack {
   }
 
   Result<Image> read(int slice) const override {
-    Image out{width(), height(), {}};
-    out.values.assign(static_cast<std::size_t>(out.width) * out.height, 0.0F);
+    const auto labels = read_labels(slice);
+    if (!labels) return labels.error();
+    return Image{width(), height(), {labels->values.begin(), labels->values.end()}};
+  }
+
+  Result<LabelImage> read_labels(int slice) const override {
+    LabelImage out{width(), height(), {}};
+    out.values.assign(static_cast<std::size_t>(out.width) * out.height, 0);
     const SliceFrames& frames = frames_[static_cast<std::size_t>(slice)];
     if (frames.empty()) return out;
     auto format = parsed_.take(frames[0]);
@@ -65,11 +71,12 @@ class SegmentationStack final : public SliceStack {
 
   bool is_wanted(int segment) const { return wanted_.empty() || wanted_.contains(segment); }
 
-  Result<void> add(const DicomFrame& frame, int slice, DcmFileFormat& format, Image& out) const {
+  Result<void> add(const DicomFrame& frame, int slice, DcmFileFormat& format,
+                   LabelImage& out) const {
     const auto inside = pixels(frame, format);
     if (!inside) return inside.error();
     for (const std::size_t i : *inside) {
-      const int before = static_cast<int>(out.values[i]);
+      const int before = out.values[i];
       if (before != 0 && is_wanted(before) && is_wanted(frame.segment)) {
         const auto width = static_cast<std::size_t>(out.width);
         return refused(name(slice) + ": the segments " + segment_text(file_.segments, before) +
@@ -77,7 +84,7 @@ class SegmentationStack final : public SliceStack {
                        " overlap, first in pixel " + std::to_string(i % width) + ", " +
                        std::to_string(i / width) + "; give one of them with --labels");
       }
-      out.values[i] = static_cast<float>(frame.segment);
+      out.values[i] = frame.segment;
     }
     return {};
   }
@@ -301,7 +308,7 @@ Result<std::unique_ptr<SliceStack>> open_segmentation(const DicomFile& file,
          "no frames for " + empty + ", which are taken as empty; the extent is that of " +
              (has_ct ? "the CT of --hu" : "its frames, --hu CT gives that of the CT")});
   }
-  if (options.axis) return resliced(std::move(stack), *options.axis, file.file.string());
+  if (options.axis) return resliced(std::move(stack), *options.axis, file.file.string(), true);
   return std::unique_ptr<SliceStack>(std::move(stack));
 }
 

@@ -15,6 +15,7 @@
 #include "pipeline/read/dicom/dicom_series.h"
 #include "pipeline/read/dicom/dicom_volumes.h"
 #include "pipeline/read/file_names.h"
+#include "pipeline/read/label_values.h"
 #include "pipeline/read/nifti/resliced_stack.h"
 #include "pipeline/read/slice_stack.h"
 
@@ -39,6 +40,11 @@ class DicomStack final : public SliceStack {
     auto image = read_dicom_frame(h, **format);
     parsed_.give_back(h, std::move(*format));
     return image;
+  }
+  Result<LabelImage> read_labels(int slice) const override {
+    const auto image = read(slice);
+    if (!image) return image.error();
+    return to_labels(*image, name(slice), kNoData_HU);  // padding is background
   }
 
   std::vector<DicomFrame> slices_;
@@ -80,8 +86,8 @@ bool warn_of_placement(const std::vector<DicomFile>& files,
 Error no_dicom(const std::vector<DicomFile>& files, const std::string& where) {
   if (files.size() == 1) {
     return refused(files[0].file.string() +
-                   ": not a DICOM image, and its name is not that of a NIfTI (.nii, .nii.gz) or an "
-                   "image (.png, .tif, .bmp, .jpg)");
+                   ": not a DICOM image, and its name is not that of a NIfTI (.nii, .nii.gz), NRRD "
+                   "(.nrrd, .nhdr) or image (.png, .tif, .bmp, .jpg)");
   }
   return refused(where + ": contains no DICOM images (" + files[0].file.filename().string() +
                  " is not one)");
@@ -189,7 +195,7 @@ Result<std::unique_ptr<SliceStack>> open_dicom(std::vector<DicomFile> headers,
     stack->planes_.push_back(plane_of(h, h.position));
     stack->planes_.back().z_mm = normal.dot(h.position);
   }
-  if (options.axis) return resliced(std::move(stack), *options.axis, where);
+  if (options.axis) return resliced(std::move(stack), *options.axis, where, options.as_labels);
   return std::unique_ptr<SliceStack>(std::move(stack));
 }
 

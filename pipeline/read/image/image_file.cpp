@@ -12,6 +12,7 @@
 #include <opencv2/imgproc.hpp>
 
 #include "formats/base/file_io.h"
+#include "pipeline/read/image/png_chunks.h"
 #include "pipeline/read/image/png_pixels.h"
 
 namespace trocar::pipeline {
@@ -82,6 +83,14 @@ Result<Image> to_image(const cv::Mat& pixels, int to_grey, Levels wanted, const 
   return image;
 }
 
+// Does the file go on to its last chunk? Decoders do not look for it behind the pixels.
+bool has_png_end(const std::vector<std::uint8_t>& bytes) {
+  PngChunks chunks(bytes);
+  while (chunks.next())
+    if (chunks.is("IEND")) return chunks.is_whole();
+  return false;
+}
+
 Result<Image> read_png(const std::vector<std::uint8_t>& bytes, const std::string& name,
                        Levels wanted) {
   const std::unique_ptr<spng_ctx, void (*)(spng_ctx*)> png(spng_ctx_new(0), spng_ctx_free);
@@ -134,6 +143,7 @@ Result<Image> read_png(const std::vector<std::uint8_t>& bytes, const std::string
     if (int e = spng_decode_image(png.get(), pixels.data, size, format, 0); e != 0)
       return broken(e);
   }
+  if (!has_png_end(bytes)) return refused(name + ": broken PNG (it ends early)");
   return to_image(packed ? unpacked(pixels, width, header.bit_depth) : pixels,
                   pixels.channels() == 4 ? cv::COLOR_RGBA2GRAY : cv::COLOR_RGB2GRAY, wanted, name);
 }
@@ -172,28 +182,74 @@ void turn_upright(cv::Mat& pixels, std::uint16_t orientation) {
   if (orientation == ORIENTATION_BOTRIGHT) cv::flip(pixels, pixels, kBoth);
 }
 
-// Reads the stored samples row by row. It is used for 16 bits per channel, which libtiff's own
-// conversion would reduce to 8, and for labels of 1 or 8 bits.
-Result<Image> read_tiff_rows(TIFF* tiff, int width, int height, int bits, int channels,
-                             std::uint16_t orientation, const std::string& name, Levels wanted) {
+// The tags of a TIFF that say what its samples are.
+struct TiffSamples {
+  std::uint16_t bits = 1, channels = 1, format = SAMPLEFORMAT_UINT, compression = COMPRESSION_NONE,
+                photometric = PHOTOMETRIC_MINISBLACK, orientation = ORIENTATION_TOPLEFT,
+                extra = EXTRASAMPLE_UNSPECIFIED;  ///< kind of the last channel, if has_extra()
+
+  bool is_grey() const {
+    return photometric == PHOTOMETRIC_MINISBLACK || photometric == PHOTOMETRIC_MINISWHITE;
+  }
+  bool is_palette() const { return photometric == PHOTOMETRIC_PALETTE; }
+  int colours() const { return photometric == PHOTOMETRIC_RGB ? 3 : 1; }
+  bool has_extra() const {
+    return (is_grey() || is_palette() || photometric == PHOTOMETRIC_RGB) && channels > colours();
+  }
+};
+
+TiffSamples samples_of(TIFF* tiff) {
+  TiffSamples out;
+  std::uint16_t extras = 0, *kinds = nullptr;
+  TIFFGetFieldDefaulted(tiff, TIFFTAG_BITSPERSAMPLE, &out.bits);
+  TIFFGetFieldDefaulted(tiff, TIFFTAG_SAMPLESPERPIXEL, &out.channels);
+  TIFFGetFieldDefaulted(tiff, TIFFTAG_SAMPLEFORMAT, &out.format);
+  TIFFGetFieldDefaulted(tiff, TIFFTAG_COMPRESSION, &out.compression);
+  TIFFGetField(tiff, TIFFTAG_PHOTOMETRIC, &out.photometric);
+  TIFFGetFieldDefaulted(tiff, TIFFTAG_ORIENTATION, &out.orientation);
+  if (TIFFGetFieldDefaulted(tiff, TIFFTAG_EXTRASAMPLES, &extras, &kinds) == 1 && extras == 1)
+    out.extra = kinds[0];
+  return out;
+}
+
+// Reads the stored samples row by row. libtiff's own conversion would reduce 16 bits per channel to
+// 8, invert labels if white is zero, and multiply grey levels by transparency.
+Result<Image> read_tiff_rows(TIFF* tiff, int width, int height, const TiffSamples& is,
+                             const std::string& name, Levels wanted) {
   std::uint16_t planar = PLANARCONFIG_CONTIG;
   TIFFGetFieldDefaulted(tiff, TIFFTAG_PLANARCONFIG, &planar);
-  if (TIFFIsTiled(tiff) != 0 || planar != PLANARCONFIG_CONTIG ||
-      (channels != 1 && channels != 3 && channels != 4)) {
-    return refused(name + ": a TIFF of " + std::to_string(bits) + " bits in tiles, planes or " +
-                   std::to_string(channels) + " channels");
+  if (TIFFIsTiled(tiff) != 0 || planar != PLANARCONFIG_CONTIG || is.channels > is.colours() + 1 ||
+      (is.bits == 1 && is.channels > 1)) {
+    return refused(name + ": a TIFF of " + std::to_string(is.bits) + " bits in tiles, planes or " +
+                   std::to_string(is.channels) + " channels");
   }
-  cv::Mat pixels = decode_buffer(height, bits == 1 ? (width + 7) / 8 : width,
-                                 CV_MAKETYPE(bits == 16 ? CV_16U : CV_8U, channels));
+  cv::Mat pixels = decode_buffer(height, is.bits == 1 ? (width + 7) / 8 : width,
+                                 CV_MAKETYPE(is.bits == 16 ? CV_16U : CV_8U, is.channels));
   if (TIFFScanlineSize64(tiff) != pixels.step[0])
     return refused(name + ": broken TIFF (rows of another length)");
   for (int y = 0; y < height; ++y) {
     if (TIFFReadScanline(tiff, pixels.ptr(y), static_cast<std::uint32_t>(y), 0) != 1)
       return refused(name + ": broken TIFF (row " + std::to_string(y) + ")");
   }
-  if (bits == 1) pixels = unpacked(pixels, width, 1);
-  turn_upright(pixels, orientation);
-  return to_image(pixels, channels == 4 ? cv::COLOR_RGBA2GRAY : cv::COLOR_RGB2GRAY, wanted, name);
+  if (is.bits == 1) pixels = unpacked(pixels, width, 1);
+  if (is.has_extra()) {
+    cv::Mat alpha;
+    cv::extractChannel(pixels, alpha, is.channels - 1);
+    double least = 0;
+    cv::minMaxLoc(alpha, &least);
+    if (is.extra != EXTRASAMPLE_UNASSALPHA && least < (is.bits == 16 ? 65535 : 255))
+      return refused(name +
+                     ": its levels are multiplied by a transparency, or it has a channel of "
+                     "another kind; save it without this channel");
+    std::vector<cv::Mat> channels;
+    cv::split(pixels, channels);
+    channels.pop_back();
+    cv::merge(channels, pixels);
+  }
+  if (is.photometric == PHOTOMETRIC_MINISWHITE && wanted == Levels::kTo255)
+    cv::bitwise_not(pixels, pixels);  // of 8 or 16 bits
+  turn_upright(pixels, is.orientation);
+  return to_image(pixels, cv::COLOR_RGB2GRAY, wanted, name);
 }
 
 Result<Image> read_tiff(const std::filesystem::path& file, const std::string& name, Levels wanted) {
@@ -217,26 +273,26 @@ Result<Image> read_tiff(const std::filesystem::path& file, const std::string& na
                    "splits it)");
   }
   if (auto ok = check_size(width, height, name); !ok) return ok.error();
-  std::uint16_t bits = 1, channels = 1, sample = SAMPLEFORMAT_UINT,
-                photometric = PHOTOMETRIC_MINISBLACK, orientation = ORIENTATION_TOPLEFT;
-  TIFFGetFieldDefaulted(tiff.get(), TIFFTAG_BITSPERSAMPLE, &bits);
-  TIFFGetFieldDefaulted(tiff.get(), TIFFTAG_SAMPLESPERPIXEL, &channels);
-  TIFFGetFieldDefaulted(tiff.get(), TIFFTAG_SAMPLEFORMAT, &sample);
-  TIFFGetField(tiff.get(), TIFFTAG_PHOTOMETRIC, &photometric);
-  TIFFGetFieldDefaulted(tiff.get(), TIFFTAG_ORIENTATION, &orientation);
-  if (orientation < ORIENTATION_TOPLEFT || orientation > ORIENTATION_BOTLEFT)
+  const TiffSamples is = samples_of(tiff.get());
+  if (is.orientation < ORIENTATION_TOPLEFT || is.orientation > ORIENTATION_BOTLEFT)
     return refused(name + ": a TIFF whose rows are columns of the picture (Orientation " +
-                   std::to_string(orientation) + "); save it upright");
-  if ((bits != 1 && bits != 8 && bits != 16) || sample != SAMPLEFORMAT_UINT)
+                   std::to_string(is.orientation) + "); save it upright");
+  if ((is.bits != 1 && is.bits != 8 && is.bits != 16) || is.format != SAMPLEFORMAT_UINT)
     return refused(name + ": neither 8 nor 16 bits a channel");
   const int w = static_cast<int>(width), h = static_cast<int>(height);
-  const bool deep =
-      bits == 16 && (photometric == PHOTOMETRIC_MINISBLACK || photometric == PHOTOMETRIC_RGB);
-  const bool labels =
-      wanted == Levels::kStored && channels == 1 &&
-      (photometric == PHOTOMETRIC_PALETTE || (bits == 1 && photometric == PHOTOMETRIC_MINISBLACK));
-  if (deep || labels)
-    return read_tiff_rows(tiff.get(), w, h, bits, channels, orientation, name, wanted);
+  const bool is_rgb = is.photometric == PHOTOMETRIC_RGB;
+  if (wanted == Levels::kStored) {
+    if (is.compression == COMPRESSION_JPEG || is.compression == COMPRESSION_OJPEG)
+      return refused(name + ": a JPEG in a TIFF cannot hold labels: its levels are not exact");
+    if (!is.is_grey() && !is.is_palette() && !is_rgb)
+      return refused(name + ": colours cannot be labels; use grey levels or a palette's indices");
+  }
+  const bool is_deep = is.bits == 16 && (is.is_grey() || is_rgb);
+  const bool is_label_row =
+      wanted == Levels::kStored && (is.is_palette() || is.photometric == PHOTOMETRIC_MINISWHITE ||
+                                    (is.is_grey() && is.bits == 1));
+  if (is_deep || is_label_row || (is.has_extra() && !is.is_palette()))
+    return read_tiff_rows(tiff.get(), w, h, is, name, wanted);
   const cv::Mat pixels = decode_buffer(h, w, CV_8UC4);
   if (TIFFReadRGBAImageOriented(tiff.get(), width, height,
                                 reinterpret_cast<std::uint32_t*>(pixels.data), ORIENTATION_TOPLEFT,

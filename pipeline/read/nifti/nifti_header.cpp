@@ -3,6 +3,8 @@
 
 #include <nifti2_io.h>
 
+#include <Eigen/LU>
+
 #include <algorithm>
 #include <array>
 #include <bit>
@@ -10,12 +12,12 @@
 #include <cstring>
 #include <memory>
 
+#include "pipeline/read/nifti/form_difference.h"
+
 namespace trocar::pipeline {
 namespace {
 
 using NiftiImage = std::unique_ptr<nifti_image, void (*)(nifti_image*)>;
-
-constexpr std::int64_t kMaxVolumes = 1 << 20;
 
 // Bytes of a voxel; 0: not supported. 128-bit floats are not supported, because they are quadruple
 // precision in the standard but have 80 bits in most files.
@@ -40,6 +42,17 @@ bool has_voxel_size(const Header& h) {
                      [&](double size) {
                        return std::isfinite(size) && (h.qform_code > 0 ? size > 0 : size != 0);
                      });
+}
+
+// Does the header state a qform that can be compared with its sform? (libnifti2 replaces what is
+// missing.)
+template <typename Header>
+bool states_qform(const Header& h) {
+  const auto is_side = [](double size) { return std::isfinite(size) && size > 0; };
+  return h.qform_code > 0 &&
+         std::all_of(h.pixdim + 1, h.pixdim + 1 + std::min<std::int64_t>(3, h.dim[0]), is_side) &&
+         std::isfinite(h.quatern_b) && std::isfinite(h.quatern_c) && std::isfinite(h.quatern_d) &&
+         std::isfinite(h.qoffset_x) && std::isfinite(h.qoffset_y) && std::isfinite(h.qoffset_z);
 }
 
 // Converts the header to this machine's byte order and lets libnifti2 interpret it. Sizes are
@@ -79,6 +92,7 @@ Result<NiftiImage> convert(const std::vector<std::uint8_t>& head, bool swapped,
                    " of " + std::to_string(h.bitpix) + " bits is not a real number");
   }
   out.has_voxel_size = has_voxel_size(h);
+  out.states_qform = states_qform(h);
   if (h.sform_code > 0) {
     out.pixdim_beside_sform_mm = {std::abs(h.pixdim[1]), std::abs(h.pixdim[2]),
                                   h.dim[0] < 3 ? 0 : std::abs(h.pixdim[3])};
@@ -90,16 +104,17 @@ Result<NiftiImage> convert(const std::vector<std::uint8_t>& head, bool swapped,
   }
 }
 
-Result<void> check_volume(const std::string& file, std::int64_t volumes,
-                          std::optional<int> volume) {
-  const std::string range = "0:" + std::to_string(volumes - 1);
-  if (!volume && volumes > 1) {
-    return usage(file + ": holds " + std::to_string(volumes) +
-                 " volumes (a fourth dimension); choose one of " + range + " with --volume");
+Eigen::Matrix4d matrix_of(const nifti_dmat44& m) {
+  Eigen::Matrix4d out;
+  for (int r = 0; r < 4; ++r) {
+    for (int c = 0; c < 4; ++c)
+      out(r, c) = m.m[r][c];
   }
-  if (volume && (*volume < 0 || *volume >= volumes))
-    return usage(file + ": --volume " + std::to_string(*volume) + " is outside " + range);
-  return {};
+  return out;
+}
+
+Eigen::Matrix4d to_lps(const Eigen::Matrix4d& ras) {
+  return Eigen::Vector4d(-1, -1, 1, 1).asDiagonal() * ras;
 }
 
 // The matrix from voxels to the patient in LPS mm. It comes from the sform or the qform or, if both
@@ -107,23 +122,17 @@ Result<void> check_volume(const std::string& file, std::int64_t volumes,
 Eigen::Matrix4d voxel_to_lps(const nifti_image& image, const std::string& file,
                              std::vector<Warning>& warnings) {
   Eigen::Matrix4d T = Eigen::Matrix4d::Identity();
-  const auto take = [&T](const nifti_dmat44& m) {
-    for (int r = 0; r < 4; ++r) {
-      for (int c = 0; c < 4; ++c)
-        T(r, c) = m.m[r][c];
-    }
-  };
   if (image.sform_code > 0) {
-    take(image.sto_xyz);
+    T = matrix_of(image.sto_xyz);
   } else if (image.qform_code > 0) {
-    take(image.qto_xyz);
+    T = matrix_of(image.qto_xyz);
   } else {
     T.diagonal() << std::abs(image.dx), std::abs(image.dy), std::abs(image.dz), 1.0;
     warnings.push_back({"no_orientation", file,
                         "the file has neither sform nor qform; array axes are taken as right, "
                         "anterior, superior"});
   }
-  return Eigen::Vector4d(-1, -1, 1, 1).asDiagonal() * T;  // RAS -> LPS
+  return to_lps(T);
 }
 
 // The file's unit of length, in mm. It is 1 for files that name no unit, and 0 if the unit is
@@ -174,8 +183,7 @@ Result<NiftiHeader> parse_nifti_header(const std::vector<std::uint8_t>& head,
   out.bytes_per_voxel = bytes_of(m.datatype);
   out.swapped = swapped;
   out.data_start = m.iname_offset > 0 ? m.iname_offset : (size == 348 ? 352 : 544);
-  if (auto ok = check_volume(file, out.volumes, volume); !ok) return ok.error();
-  out.data_start += volume.value_or(0) * out.data_bytes();
+  if (auto ok = choose_volume(file, volume, out); !ok) return ok.error();
   const double mm = unit_mm(m.xyz_units);
   if (mm == 0) return refused(file + ": unit of length " + std::to_string(m.xyz_units));
   out.T_lps_voxel = voxel_to_lps(m, file, warnings);
@@ -186,11 +194,41 @@ Result<NiftiHeader> parse_nifti_header(const std::vector<std::uint8_t>& head,
   }
   if (!out.T_lps_voxel.allFinite() || !(out.T_lps_voxel.cwiseAbs().maxCoeff() < 1e7))
     return refused(file + ": its affine is not finite or out of range");
+  if (m.sform_code > 0 && m.qform_code > 0 && out.states_qform) {
+    Eigen::Matrix4d qform = to_lps(matrix_of(m.qto_xyz));
+    qform.topRows<3>() *= mm;
+    const bool is_valid = qform.allFinite() && qform.topLeftCorner<3, 3>().determinant() != 0 &&
+                          out.T_lps_voxel.topLeftCorner<3, 3>().determinant() != 0;
+    if (const std::string how =
+            is_valid ? form_difference(qform, out.T_lps_voxel, out.n) : std::string();
+        !how.empty())
+      warnings.push_back({"qform_differs", file,
+                          "its qform places the scan otherwise than its sform, which is used; by "
+                          "the qform it is " +
+                              how});
+  }
   if (m.scl_slope != 0 && std::isfinite(m.scl_slope) && std::isfinite(m.scl_inter)) {
     out.slope = m.scl_slope;
     out.intercept = m.scl_inter;
   }
   return out;
+}
+
+Result<void> choose_volume(const std::string& file, std::optional<int> volume,
+                           NiftiHeader& header) {
+  constexpr double kMaxBytes = 0x1p60;
+  const std::string range = "0:" + std::to_string(header.volumes - 1);
+  if (!volume && header.volumes > 1) {
+    return usage(file + ": holds " + std::to_string(header.volumes) +
+                 " volumes (a fourth dimension); choose one of " + range + " with --volume");
+  }
+  if (volume && (*volume < 0 || *volume >= header.volumes))
+    return usage(file + ": --volume " + std::to_string(*volume) + " is outside " + range);
+  if (static_cast<double>(header.volumes) * static_cast<double>(header.data_bytes()) > kMaxBytes)
+    return refused(file + ": its header declares more than 2^60 bytes of voxels");
+  header.data_end = header.data_start + header.volumes * header.data_bytes();
+  header.data_start += volume.value_or(0) * header.data_bytes();
+  return {};
 }
 
 }  // namespace trocar::pipeline

@@ -26,10 +26,12 @@ struct NiftiHeader {
   int bytes_per_voxel = 0;
   bool swapped = false;             ///< true: voxels do not have the host's byte order
   std::int64_t data_start = 0;      ///< offset of the wanted volume in the (unpacked) file, bytes
+  std::int64_t data_end = 0;        ///< end of the last volume in the (unpacked) file, bytes
   double slope = 1, intercept = 0;  ///< value = slope * stored + intercept
   /// False if the file does not state all sides of a voxel. The caller must then scale the first
   /// three columns of T_lps_voxel, whose lengths are meaningless.
   bool has_voxel_size = true;
+  bool states_qform = false;  ///< the file states a qform, whether or not it is used
   Eigen::Matrix4d T_lps_voxel = Eigen::Matrix4d::Identity();  ///< maps voxel indices to LPS, mm
   /// The sides of a voxel according to pixdim in mm, without signs. A side that the file does not
   /// state is zero or not finite. std::nullopt if T_lps_voxel does not come from the sform.
@@ -47,11 +49,19 @@ struct NiftiHeader {
 /// voxels are not real scalars, if a side or the voxels' offset is out of range, if the unit of
 /// length is unknown, or if the matrix from voxels to the patient is not finite or out of range;
 /// kUsage if the file has several volumes and `volume` is missing, or if there is no volume of that
-/// number. Warnings: no_orientation.
+/// number. Warnings: no_orientation, qform_differs.
 Result<NiftiHeader> parse_nifti_header(const std::vector<std::uint8_t>& head,
                                        const std::string& file, std::optional<int> volume,
                                        std::vector<Warning>& warnings);
 
 inline constexpr std::size_t kNiftiHeadBytes = 540;
+
+/// A file with more volumes is refused.
+inline constexpr std::int64_t kMaxVolumes = 1 << 20;
+
+/// Moves header.data_start, the offset of the first volume, to the wanted volume, and sets data_end.
+/// Errors: kUsage if the file has several volumes and `volume` is missing, or if there is no volume
+/// of that number; kRefused if the volumes have more than 2^60 bytes.
+Result<void> choose_volume(const std::string& file, std::optional<int> volume, NiftiHeader& header);
 
 }  // namespace trocar::pipeline

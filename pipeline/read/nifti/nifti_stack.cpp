@@ -14,6 +14,7 @@
 #include <cstring>
 #include <type_traits>
 
+#include "pipeline/read/label_values.h"
 #include "pipeline/read/nifti/nifti_header.h"
 #include "pipeline/read/slice_stack.h"
 #include "pipeline/read/volume_file.h"
@@ -59,7 +60,30 @@ class NiftiStack final : public SliceStack {
 
   Result<Image> read(int slice) const override {
     Image out{width(), height(), {}};
-    out.values.resize(static_cast<std::size_t>(n_[0] * n_[1]));
+    if (const auto ok = read_values(slice, out.values); !ok) return ok.error();
+    if (are_finite(out.values)) return out;
+    for (float& value : out.values) {
+      if (std::isinf(value)) return refused(name(slice) + ": an infinite voxel");
+      if (!std::isnan(value)) continue;
+      value = kNoData_HU;
+      ++out.not_numbers;
+    }
+    return out;
+  }
+
+  Result<LabelImage> read_labels(int slice) const override {
+    thread_local std::vector<double> values;
+    if (const auto ok = read_values(slice, values); !ok) return ok.error();
+    return to_labels(values, width(), height(), name(slice));
+  }
+
+  Result<void> finish() const override { return voxels_.finish(); }
+  double waited_ms() const override { return voxels_.waited_ms(); }
+
+  // `Value` is float or double. Every integer of up to 53 bits is exact in doubles.
+  template <typename Value>
+  Result<void> read_values(int slice, std::vector<Value>& out) const {
+    out.resize(static_cast<std::size_t>(n_[0] * n_[1]));
     const std::int64_t fixed = flipped_[2] ? n_[2] - 1 - slice : slice;
     // If slices are stacked along the array's slowest axis, a slice is one block of the file.
     // Otherwise it consists of a row or a column of each plane.
@@ -76,23 +100,14 @@ class NiftiStack final : public SliceStack {
       if (const auto ok = voxels_.read(at, bytes, name(slice)); !ok) return ok.error();
       write_pixels(bytes, fixed, slowest_used == 2 ? run : -1, out);
     }
-    if (are_finite(out.values)) return out;
-    for (float& value : out.values) {
-      if (std::isinf(value)) return refused(name(slice) + ": an infinite voxel");
-      if (!std::isnan(value)) continue;
-      value = background_;
-      ++out.not_numbers;
-    }
-    return out;
+    return {};
   }
-
-  Result<void> finish() const override { return voxels_.finish(); }
-  double waited_ms() const override { return voxels_.waited_ms(); }
 
   // Converts one plane of the array, or one row or column of it, and writes it to its pixels.
   // `plane` is the index along the slowest axis, or -1 if slices are stacked along that axis.
+  template <typename Value>
   void write_pixels(const std::vector<char>& bytes, std::int64_t fixed, std::int64_t plane,
-                    Image& out) const {
+                    std::vector<Value>& out) const {
     const std::int64_t columns = header_.n[0];
     const std::int64_t rows = axis_[2] == 1 ? 1 : header_.n[1];
     // The offset in the image of one step along each axis of the array.
@@ -114,7 +129,7 @@ class NiftiStack final : public SliceStack {
       using T = decltype(zero);
       for (std::int64_t j = 0; j < rows; ++j) {
         const char* const from = bytes.data() + j * columns * static_cast<std::int64_t>(sizeof(T));
-        float* const to = out.values.data() + first + j * step[1];
+        Value* const to = out.data() + first + j * step[1];
         // Scans usually have steps of 1 or -1 and at most a shift. For these the compiler
         // vectorises the loops.
         const auto put = [&](auto number_at) {
@@ -130,14 +145,14 @@ class NiftiStack final : public SliceStack {
           }
         };
         if (header_.swapped) {
-          put([&](std::int64_t i) { return number(swapped_value_at<T>(from, i)); });
+          put([&](std::int64_t i) { return number<Value>(swapped_value_at<T>(from, i)); });
         } else if (std::is_integral_v<T> && sizeof(T) <= 2 && is_small_shift) {
           const auto shift = static_cast<std::int32_t>(header_.intercept);
           put([&](std::int64_t i) {
-            return static_cast<float>(static_cast<std::int32_t>(value_at<T>(from, i)) + shift);
+            return static_cast<Value>(static_cast<std::int32_t>(value_at<T>(from, i)) + shift);
           });
         } else {
-          put([&](std::int64_t i) { return number(value_at<T>(from, i)); });
+          put([&](std::int64_t i) { return number<Value>(value_at<T>(from, i)); });
         }
       }
     });
@@ -158,10 +173,11 @@ class NiftiStack final : public SliceStack {
   }
   // A cast beyond the range of float is undefined, so the value becomes infinite; read() refuses
   // it. Voxels that are not numbers stay unchanged.
-  template <typename T>
-  float number(T value) const {
+  template <typename Value, typename T>
+  Value number(T value) const {
     const double scaled = static_cast<double>(value) * header_.slope + header_.intercept;
-    return std::abs(scaled) <= 3e38 || std::isnan(scaled) ? static_cast<float>(scaled) : INFINITY;
+    if constexpr (std::is_same_v<Value, double>) return scaled;
+    return std::abs(scaled) <= 3e38 || std::isnan(scaled) ? static_cast<Value>(scaled) : INFINITY;
   }
 
   // Calls f with a zero of the voxel type. parse_nifti_header() accepts no types other than these.
@@ -192,7 +208,6 @@ class NiftiStack final : public SliceStack {
   }
 
   std::string file_;
-  float background_ = kNoData_HU;  // value for voxels that are not numbers
   NiftiHeader header_;
   VolumeFile voxels_;
   std::array<std::int64_t, 3> n_{};  // sizes along u, v and the slices
@@ -258,57 +273,59 @@ Result<std::unique_ptr<NiftiStack>> without_voxels(const std::string& file,
   return stack;
 }
 
-Result<std::unique_ptr<NiftiStack>> file_without_voxels(const std::filesystem::path& path,
-                                                        const OpenOptions& options) {
-  const std::string file = path.string();
-  std::vector<Warning> warnings;
-  const auto head = VolumeFile::head(path, kNiftiHeadBytes);
-  if (!head) return head.error();
-  auto header = parse_nifti_header(*head, file, options.volume, warnings);
-  if (!header) return header.error();
+}  // namespace
+
+Result<std::unique_ptr<SliceStack>> open_array(const std::string& file, NiftiHeader header,
+                                               const OpenOptions& options,
+                                               std::vector<Warning> warnings,
+                                               const std::function<Result<VolumeFile>()>& open) {
   if (options.any_modality) {
     warnings.push_back({"no_modality", file,
-                        "a NIfTI names no modality; the values are taken as HU of a CT, with "
+                        "the file names no modality; the values are taken as HU of a CT, with "
                         "and without --any-modality"});
   }
-  if (!header->has_voxel_size) {
+  if (!header.has_voxel_size) {
     if (!options.spacing_mm)
       return usage(file + ": carries no voxel size: give --spacing X,Y,Z in mm");
-    Eigen::Matrix4d& T = header->T_lps_voxel;
+    Eigen::Matrix4d& T = header.T_lps_voxel;
     for (int k = 0; k < 3; ++k)
       T.col(k).head<3>() *= (*options.spacing_mm)[k] / T.col(k).head<3>().norm();
   } else if (options.spacing_mm) {
     warnings.push_back({"spacing_ignored", file,
                         "--spacing is for input without a voxel size; the file's own is used"});
   }
-  auto stack = without_voxels(file, *header, options.axis.value_or(SliceAxis::kAxial));
-  if (!stack) return stack;
+  auto stack = without_voxels(file, header, options.axis.value_or(SliceAxis::kAxial));
+  if (!stack) return stack.error();
   (*stack)->warnings = std::move(warnings);
-  if (options.as_labels) (*stack)->background_ = 0;
-  if (header->pixdim_beside_sform_mm) {
+  if (header.pixdim_beside_sform_mm) {
     auto& conflict = (*stack)->voxel_conflict;
     conflict =
-        voxel_conflict(header->T_lps_voxel.topLeftCorner<3, 3>(), *header->pixdim_beside_sform_mm);
+        voxel_conflict(header.T_lps_voxel.topLeftCorner<3, 3>(), *header.pixdim_beside_sform_mm);
     const SlicePlane& plane = (*stack)->plane(0);
     if (conflict) conflict->pixel_mm2 = plane.spacing_u_mm * plane.spacing_v_mm;
   }
-  return stack;
-}
-
-}  // namespace
-
-Result<std::unique_ptr<SliceStack>> open_nifti(const std::filesystem::path& path,
-                                               const OpenOptions& options, bool header_only) {
-  auto stack = file_without_voxels(path, options);
-  if (!stack) return stack.error();
-  const NiftiHeader& header = (*stack)->header_;
-  if (!header_only) {
-    auto voxels =
-        VolumeFile::open(path, header.data_start, header.data_bytes(), options.unpack_behind);
+  if (open) {
+    auto voxels = open();
     if (!voxels) return voxels.error();
     (*stack)->voxels_ = std::move(*voxels);
   }
   return std::unique_ptr<SliceStack>(std::move(*stack));
+}
+
+Result<std::unique_ptr<SliceStack>> open_nifti(const std::filesystem::path& path,
+                                               const OpenOptions& options, bool header_only) {
+  const std::string file = path.string();
+  std::vector<Warning> warnings;
+  const auto head = VolumeFile::head(path, kNiftiHeadBytes);
+  if (!head) return head.error();
+  const auto header = parse_nifti_header(*head, file, options.volume, warnings);
+  if (!header) return header.error();
+  const auto open = [&] {
+    return VolumeFile::open(path, header->data_start, header->data_bytes(), options.unpack_behind,
+                            header->data_end);
+  };
+  return open_array(file, *header, options, std::move(warnings),
+                    header_only ? std::function<Result<VolumeFile>()>() : open);
 }
 
 Result<std::unique_ptr<SliceStack>> open_voxels(const std::string& name, const NiftiHeader& header,

@@ -39,14 +39,14 @@ Result<void> check_volume(const SliceStack& stack, const std::string& where) {
 }  // namespace
 
 Result<std::unique_ptr<SliceStack>> resliced(std::unique_ptr<SliceStack> stack, SliceAxis axis,
-                                             const std::string& where) {
+                                             const std::string& where, bool as_labels) {
   if (auto ok = check_volume(*stack, where); !ok) return ok.error();
   const SlicePlane &first = stack->plane(0), &last = stack->plane(stack->size() - 1);
   const Eigen::Vector3d from = first.T_lps_plane.translation();
   NiftiHeader header;
   header.n = {stack->width(), stack->height(), stack->size()};
-  header.datatype = NIFTI_TYPE_FLOAT32;
-  header.bytes_per_voxel = sizeof(float);
+  header.datatype = as_labels ? NIFTI_TYPE_INT32 : NIFTI_TYPE_FLOAT32;
+  header.bytes_per_voxel = 4;
   header.T_lps_voxel.col(0).head<3>() = first.T_lps_plane.linear().col(0) * first.spacing_u_mm;
   header.T_lps_voxel.col(1).head<3>() = first.T_lps_plane.linear().col(1) * first.spacing_v_mm;
   header.T_lps_voxel.col(2).head<3>() =
@@ -54,11 +54,13 @@ Result<std::unique_ptr<SliceStack>> resliced(std::unique_ptr<SliceStack> stack, 
   header.T_lps_voxel.col(3).head<3>() = from;
   auto voxels = VolumeFile::temporary(where);
   if (!voxels) return voxels.error();
-  for (int k = 0; k < stack->size(); ++k) {
-    const auto image = stack->read(k);
+  const auto append = [&](const auto& image) -> Result<void> {
     if (!image) return image.error();
     const auto* bytes = reinterpret_cast<const char*>(image->values.data());
-    if (auto ok = voxels->append({bytes, image->values.size() * sizeof(float)}, where); !ok)
+    return voxels->append({bytes, image->values.size() * 4}, where);
+  };
+  for (int k = 0; k < stack->size(); ++k) {
+    if (auto ok = as_labels ? append(stack->read_labels(k)) : append(stack->read(k)); !ok)
       return ok.error();
   }
   auto out = open_voxels(where, header, std::move(*voxels), axis);

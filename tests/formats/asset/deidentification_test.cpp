@@ -214,15 +214,27 @@ TEST(PrivateAsset, ContentThatNoSceneShowsIsFound) {
 }
 
 TEST(PrivateAsset, PlainNames) {
-  for (const char* name : {"L3", "disc L3-L4", "vertebra_22", "a, b (left)/c+d", "1234",
-                           "Left Femur", "INFERIOR_VENA_CAVA", "rib_left_12",
-                           "vertebrae_T10 + 3 more", "20+21+22+23+24", "disc L3/L4, L4/L5"})
+  for (const char* name :
+       {"L3", "disc L3-L4", "vertebra_22", "bone, skin (left)/rib+lung", "1234", "Left Femur",
+        "INFERIOR_VENA_CAVA", "rib_left_12", "vertebrae_T10 + 3 more", "disc L3/L4, L4/L5",
+        "femur R + femur L", "rib_left_10 + rib_left_11 + rib_left_12", "T13", "vertebra22",
+        "vertebrae_T10 + vertebrae_T11 + vertebrae_L1"})
     EXPECT_TRUE(is_plain_name(name)) << name;
   for (const char* name :
        {"", "1.2", "12345", "19470213", "1947-02-13", "13/02/1947", "13, 2, 1947", "L3 1234-5678",
         "D\xC3\xB6", "a\tb", "a\nb", "x@y", "C:", "Doe, Jane", "MUSTER_HANS", "Maria Muster",
-        "femur of Smith", "femurSmith"})
+        "femur of Smith", "femurSmith",
+        // Spelt, or hidden in joined tokens.
+        "M u l l e r", "M_u_l_l_e_r", "M+u+l+l+e+r", "M1u1l1l1e1r", "P1234B5678", "P 1234 B 5678",
+        "bone 1234 rib 5678", "rib1234rib5678", "12+34+56+78", "L L", "R, L", "T 12", "22a", "T14",
+        "L7", "a", "label 614454277", "a, b (left)/c+d"})
     EXPECT_FALSE(is_plain_name(name)) << name;
+  // Numbers of labels are known from elsewhere in the asset.
+  const std::set<std::int64_t> labels{20, 21, 22, 23, 24, 614454277};
+  for (const char* name : {"20+21+22+23+24", "label 614454277", "label 20 + label 614454277"})
+    EXPECT_TRUE(is_plain_name(name, labels)) << name;
+  for (const char* name : {"label 614454278", "label 0614454277", "label 6144542770000"})
+    EXPECT_FALSE(is_plain_name(name, labels)) << name;
   EXPECT_TRUE(is_plain_name(std::string(64, '1').replace(4, 60, 60, ' ')));
   EXPECT_FALSE(is_plain_name(std::string(65, ' ')));
   EXPECT_FALSE(is_plain_name(std::string_view("a\0b", 3)));

@@ -73,10 +73,10 @@ TEST_F(Names, TablesNameTheirLabels) {
 }
 
 TEST_F(Names, AFileNamesItsLabels) {
-  const auto names = of(R"({"20": "L1", "999999999": "Kreuzbein (künstlich) 骶骨"})");
+  const auto names = of(R"({"20": "L1", "2147483647": "Kreuzbein (künstlich) 骶骨"})");
   ASSERT_TRUE(names) << names.error().message;
   EXPECT_EQ(names->name_of(20), "L1");
-  EXPECT_EQ(names->name_of(999999999), "Kreuzbein (künstlich) 骶骨");
+  EXPECT_EQ(names->name_of(2147483647), "Kreuzbein (künstlich) 骶骨");
   EXPECT_EQ(names->name_of(21), "label 21");
   EXPECT_TRUE(of("{\"1\": \"" + std::string(64, 'x') + "\"}"));
 }
@@ -90,7 +90,7 @@ TEST_F(Names, WrongFilesAreRefused) {
   expect_refused(R"({"20": "L1", "20": "L2"})", "occurs twice");
   expect_refused(R"({"20": "L1", "21": "L1"})", "another label is called \"L1\"");
   for (const char* key :
-       {"0", "-1", "+1", "020", "1.0", "1e2", " 1", "1 ", "", "L1", "1000000000", "99999999999999"})
+       {"0", "-1", "+1", "020", "1.0", "1e2", " 1", "1 ", "", "L1", "2147483648", "99999999999999"})
     expect_refused("{\"" + std::string(key) + "\": \"x\"}", "is no label");
   expect_refused("{\"" + std::string(100000, '7') + "\": \"x\"}", "is no label");
   for (const char* value : {"7", "null", "[]", "{\"a\": \"b\"}", "true"})

@@ -40,6 +40,10 @@ class DryRun:
         assert len(lines) == len(said) and all(any(code in line for line in lines) for code in said), f"{name}: {lines}"
         return said
 
+    def refused(self, name, texts, *words):
+        done = subprocess.run([self.mesh, *words, "-o", self.work / "out.glb"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, check=False, timeout=120)
+        assert done.returncode == 3 and all(text in done.stderr for text in texts), f"{name}: exit {done.returncode}, {done.stderr!r}"
+
     def warned(self, name, code, texts, *words):
         said = self.doubts(name, *words)
         assert said is not None and set(said) == {code} and all(text in said[code] for text in texts), f"{name}: {said} lacks {code} or one of {texts}"
@@ -143,17 +147,19 @@ def test_offset(t):
 
 def test_ct_with_labels(t):
     ct = made_up_ct()
-    whole, half = t.nifti("whole", ct.round().astype(np.int16)), t.nifti("half", (ct * 2).round().astype(np.float32) / 2)
-    low, high = int(ct.round().min()), int(ct.round().max())
+    whole, half = t.nifti("whole", ct.round().astype(np.int16)), t.nifti("half", (ct.clip(0) * 2).round().astype(np.float32) / 2)
+    positive = t.nifti("positive", ct.clip(0).round().astype(np.int16))
     for words in (("40",), ("20-60",), ("all",)):
-        t.warned("CT", "looks_like_ct", (f"{whole.name}: ", "HU", f"{low} to {high}", "without --labels"), whole, "--labels", *words, "--min-region", "0")
-    t.warned("a slice of CT", "looks_like_ct", (), whole, "--labels", "all", "--slices", "2:2")
-    t.warned("a crop of CT", "looks_like_ct", (), whole, "--labels", "all", "--crop", "40:60,40:60")
+        t.refused("CT", (f"{whole.name} slice 0: voxel 0, 0 is -", "which is no label", "without --labels"), whole, "--labels", *words, "--min-region", "0")
+        t.warned("CT from 0", "looks_like_ct", (f"{positive.name}: ", "HU", f"0 to {int(ct.round().max())}", "without --labels"), positive, "--labels", *words,
+                 "--min-region", "0")
+    t.warned("a slice of CT", "looks_like_ct", (), positive, "--labels", "all", "--slices", "2:2")
+    t.warned("a crop of CT", "looks_like_ct", (), positive, "--labels", "all", "--crop", "40:60,40:60")
     t.warned("8 bits", "looks_like_ct", ("0 to 255",), t.work / "8_bits.nii", "--labels", "all")
     t.warned("PNG", "looks_like_ct", ("grey levels",), t.work / "png", "--spacing", "1,1,1", "--labels", "all")
     soft = t.nifti("soft_labels", smooth(blocks((21, 22, 23)), 1).astype(np.float32))
     for file in (half, soft):  # an interpolated label map, too
-        t.warned(file.stem, "looks_like_ct", ("not whole numbers",), file, "--labels", "all", "--min-region", "0")
+        t.refused(file.stem, ("which is no label",), file, "--labels", "all", "--min-region", "0")
 
 
 def test_are_labels(t):
@@ -166,9 +172,10 @@ def test_are_labels(t):
     thin = np.zeros((96, 96, 6), np.int16)
     thin[:, 10:90:6], thin[:, 11:90:6], thin[:, 12:90:6] = 5, 5, 7
     many = np.arange(48 * 48 // 16).reshape(12, 12).repeat(8, 0).repeat(8, 1)[:, :, None].repeat(6, 2).astype(np.int16)
-    for name, data in (("points", points), ("thin", thin), ("a hundred labels", many), ("binary", blocks((1,))),
-                       ("minus one", blocks((1, 2, 3), background=-1)), ("phantom", blocks((40, 1000), background=-1000))):
+    for name, data in (("points", points), ("thin", thin), ("a hundred labels", many), ("binary", blocks((1,)))):
         t.silent(name, t.nifti(name.replace(" ", "_"), data), "--labels", "all")
+    for name, data in (("minus one", blocks((1, 2, 3), background=-1)), ("phantom", blocks((40, 1000), background=-1000))):
+        t.refused(name, ("voxel 0, 0 is -1",), t.nifti(name.replace(" ", "_"), data), "--labels", "all")
     t.silent("PNG of labels", t.work / "png_of_labels", "--spacing", "1,1,1", "--labels", "100-102")
 
 
@@ -184,7 +191,7 @@ def test_real(t):
         t.silent("vertebrae as labels", vertebrae, "--labels", "22", *along)
         t.silent("parts as labels", parts, "--labels", "41,42", *along)
         t.silent("CT", ct, *along)
-        t.warned("CT as labels", "looks_like_ct", ("-1030 to 1961", "without --labels"), ct, "--labels", "all", "--min-region", "100", *along)
+        t.refused("CT as labels", ("which is no label", "without --labels"), ct, "--labels", "all", "--min-region", "100", *along)
     t.silent("a crop of parts", parts, "--labels", "all", "--crop", "20:44,20:44", "--slices", "15:25")
     t.silent("a crop of CT", ct, "--crop", "30:44,30:44", "--slices", "20:24")
     hu = np.asanyarray(nibabel.load(ct).dataobj)

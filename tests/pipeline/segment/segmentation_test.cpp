@@ -33,12 +33,13 @@ TEST(Segmentation, MeanOfMaterialIsOverValuesAtOrAboveTheThreshold) {
 }
 
 TEST(Segmentation, MeanOfAnotherImagesValuesOverTheMaterial) {
-  std::vector<float> labels(13, 0), hu(13, -500);
+  std::vector<std::int32_t> labels(13, 0);
+  std::vector<float> hu(13, -500);
   for (const std::size_t i : {1, 2, 11}) {
     labels[i] = 7;
     hu[i] = 100.0F * static_cast<float>(i);
   }
-  const Field field = segment(image_of(13, 1, labels), PixelUnit::kUncalibrated, Labels{{7}});
+  const Field field = segment(LabelImage{13, 1, labels}, PixelUnit::kUncalibrated, Labels{{7}});
   ASSERT_TRUE(mean_of_material(field, image_of(13, 1, hu)));
   EXPECT_EQ(*mean_of_material(field, image_of(13, 1, hu)), 1400.0 / 3);
 }
@@ -58,11 +59,12 @@ TEST(Segmentation, MeanOfMaterialIsEmptyWithoutMaterial) {
   EXPECT_FALSE(mean_of_material(field));
 }
 
-TEST(Segmentation, LabelsMatchExactIntegersOnly) {
-  const Field field =
-      segment(image_of(4, 1, {22, 21.5F, 23, 1e20F}), PixelUnit::kHounsfield, Labels{{21, 22}});
-  EXPECT_EQ(field.image.values, (std::vector<float>{1, 0, 0, 0}));
+TEST(Segmentation, LabelsThatFloatsWouldMergeAreDifferent) {
+  const LabelImage image{4, 1, {614454277, 614454280, kMaxLabel, kMaxLabel - 1}};
+  const Field field = segment(image, PixelUnit::kHounsfield, Labels{{614454280, kMaxLabel}});
+  EXPECT_EQ(field.image.values, (std::vector<float>{0, 1, 0, 1}));
   EXPECT_EQ(field.iso, 0.5F);
+  EXPECT_EQ(field.labels, (std::set<int>{614454280, kMaxLabel}));
 }
 
 }  // namespace
