@@ -57,8 +57,8 @@ enum CommandMode : uint8_t { kFree = 1, kForce = 2, kStop = 3 };
 enum Mode : uint8_t { kReady = 1, kApplies = 2, kWatchdog = 3, kEmergencyStop = 4 };
 struct Session { bool exists = false; Nonces nonces{}; double watchdog_s = 0; Key key{};
                  uint64_t newest_command = 0, states_sent = 0, acknowledge_from = 0;  // a state after a stop, or 0
-                 uint8_t fault = 0; Mode mode = kReady; Wrench wrench{}; sockaddr_in host{}; };
-Session session, offer;  // the offer becomes the session with its first command
+                 uint8_t fault = 0; Mode mode = kReady; Wrench wrench{}; sockaddr_in host{}; bool continues = false; };
+Session session, offer; bool stop_is_untold = false;  // the offer becomes the session with its first command
 Key shared_key; int fd; double watchdog_s = 0.01; int64_t command_ns, denial_ns; volatile std::sig_atomic_t is_running = 1;
 int64_t now_ns() { timespec t; clock_gettime(CLOCK_MONOTONIC, &t); return t.tv_sec * 1'000'000'000L + t.tv_nsec; }
 bool is_alive() { return session.exists && double(now_ns() - command_ns) * 1e-9 <= session.watchdog_s; }
@@ -84,7 +84,7 @@ void take(const Hello& hello, const sockaddr_in& from) {
   if (hello.resets_world > 1 || !sodium_is_zero(hello.zero, 6) || !(hello.period_s >= 1e-5 && hello.period_s <= 0.1)) return;
   if (!offer.exists || offer.nonces.host != hello.nonce) {
     offer = {true, {hello.nonce, {}}, std::max(watchdog_s, 2.5 * hello.period_s)};
-    randombytes_buf(&offer.nonces.drive, 16);
+    randombytes_buf(&offer.nonces.drive, 16), offer.continues = hello.resets_world == 0;
     uint8_t text[45] = "trocar link 1";
     std::memcpy(text + 13, &offer.nonces, 32);
     offer.key = mac_of(text, 45, shared_key);
@@ -99,23 +99,23 @@ void take(const Command& command, const sockaddr_in& from) {
   bool good = command.mode == kForce || (zeros && (command.mode == kFree || command.mode == kStop));
   for (const double each : command.wrench) good = good && std::abs(each) <= 1000;  // false if it is not a number
   if (!good || !sodium_is_zero(command.zero, 7)) return;
-  if (begins) session = offer, offer = {}, begin_session();
+  if (begins) session = offer, offer = {}, begin_session(), stop_is_untold &= session.continues;
+  if (begins && stop_is_untold) end_force(kEmergencyStop);
   if (command.mode == kStop) session = {};
   session.newest_command = command.h.sequence, session.host = from, command_ns = now_ns();
-  if (zeros && command.newest_state >= session.acknowledge_from) session.acknowledge_from = 0;
+  if (zeros && command.newest_state >= session.acknowledge_from) session.acknowledge_from = 0, stop_is_untold = false;
   if (session.acknowledge_from != 0) return;
   session.mode = command.mode == kForce ? kApplies : kReady, session.wrench = command.wrench;
 }
 void tick() {
-  const Reading r = read_device();
+  const Reading r = read_device();  stop_is_untold |= r.stop_is_pressed;
   const int64_t now = now_ns();  // the time of the reading; if your SDK states it on CLOCK_MONOTONIC, take that
   if (r.stop_is_pressed && session.mode != kEmergencyStop) end_force(kEmergencyStop);
   if (session.mode == kApplies && !is_alive()) end_force(kWatchdog);
   apply_wrench(session.wrench);
   if (now - command_ns > 1'000'000'000) session = {};
   if (!session.exists) return;
-  Session& s = session;
-  s.fault |= r.fault;
+  Session& s = session;  s.fault |= r.fault;
   const State state{{}, s.mode, s.fault, {}, r.buttons, s.newest_command, r.position_m, r.orientation, {}};
   send(state, 7, s.nonces.drive[0], ++s.states_sent, now, s.key, s.host);
 }

@@ -343,13 +343,12 @@ const FaultWords& words_of(Fault fault) {
   return kWords.at(static_cast<std::size_t>(fault));
 }
 
-bool is_new_fault(SafetyState safety_before, Fault fault_before, const RecordingRow& row) {
-  // A fault that only goes on neither leads back from a recovery to the state `fault`, nor keeps
-  // this state in the row in which a recovery is asked for.
-  const bool is_raised_again = row.safety == SafetyState::kFault &&
-                               (safety_before == SafetyState::kRecovering ||
-                                (safety_before == SafetyState::kFault && row.recovery_asked));
-  return row.fault != Fault::kNone && (row.fault != fault_before || is_raised_again);
+const char* refusal_words(Fault found) {
+  return found == Fault::kLinkLost
+             ? "the device's emergency stop was pressed when its link was lost, and the link is "
+               "being restored; release the stop, then ask again"
+             : "the device's emergency stop is pressed; release it when that is safe, then ask "
+               "again";
 }
 
 bool is_known(const FaultDetail& detail) {

@@ -87,11 +87,6 @@ struct FaultWords {
 /// The words for a fault. No pointer in them is null.
 const FaultWords& words_of(Fault fault);
 
-/// Returns true if a fault was raised in the tick of `row`. `safety_before` and `fault_before` are
-/// those of the row before. If the emergency stop is pressed again during the recovery from an
-/// emergency stop, RecordingRow::fault does not change, but this is a new fault.
-bool is_new_fault(SafetyState safety_before, Fault fault_before, const RecordingRow& row);
-
 /// Returns true if the fault and the quantity are enumerators and the index is valid for the
 /// quantity. The functions below have this as a precondition. Call is_known() for each detail that
 /// comes from outside the program.
@@ -104,6 +99,10 @@ std::string quantity_name(const FaultDetail& detail);
 /// Quantity, value and limit in one phrase, such as "plate z 241.3 mm, limit 240 mm"; empty for
 /// kNone.
 std::string measured(const FaultDetail& detail);
+
+/// Says why a request for recovery was refused, and what to do. `found`: kLinkLost if the device
+/// cannot tell that its stop was released, otherwise another fault.
+const char* refusal_words(Fault found);
 
 /// "NAME at T s: MEANING (MEASURED); ADVICE"
 std::string describe(const FaultDetail& detail, double t_s);

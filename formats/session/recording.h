@@ -122,7 +122,7 @@ struct RecordingRow {
   double state_t_s = 0;  ///< time at which the device was read, on the device's clock
   /// Fault that was detected outside the tick, for example because ticks were late.
   Fault outside_fault = Fault::kNone;
-  std::uint8_t recovery_asked = 0;  ///< 1: the operator requested recovery at this tick
+  std::uint8_t recovery_asked = 0;  ///< 1: recovery was requested in this tick, perhaps in vain
   /// The operator's X-ray in this tick: kXrayPicture, kXrayBeam, both or 0.
   std::uint8_t xray = 0;
   // Results of the tick.

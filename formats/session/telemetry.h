@@ -76,11 +76,13 @@ enum class TelemetryEventKind : std::uint8_t {
   kXrayOff,       ///< X-ray screening ended
   kBreakThrough,  ///< the tip broke through (sheet; slice: RecordingRow::break_through_at; tool_z_m;
                   ///< tip_N: RecordingRow::break_through_N)
+  kRecoveryRefused,  ///< a request was refused and is not kept, because the device's stop is held
+                     ///< (found: kEmergencyStop, or kLinkLost if it cannot tell its release)
 };
-inline constexpr std::size_t kTelemetryEventKinds = 15;
+inline constexpr std::size_t kTelemetryEventKinds = 16;
 /// "puncture", "fault", "not_recovered", "recovered", "cut_shown", "paused", "resumed", "ended",
-/// "hand", "hand_let_go", "hand_lost", "xray_shot", "xray_on", "xray_off",
-/// "break_through".
+/// "hand", "hand_let_go", "hand_lost", "xray_shot", "xray_on", "xray_off", "break_through",
+/// "recovery_refused".
 const char* to_string(TelemetryEventKind kind);
 
 enum class TelemetryEnd : std::uint8_t { kDone, kInterrupted, kFault };

@@ -77,6 +77,12 @@ json as_json(const TelemetryEvent& event) {
       out["fault"] = words.name;
       text = std::string("recovered from ") + words.name + at;
       break;
+    case TelemetryEventKind::kRecoveryRefused: {
+      const std::string why = refusal_words(event.found.fault);
+      out.update({{"fault", words.name}, {"why", why}});
+      text = "recovery refused" + at + ": " + why;
+      break;
+    }
     case TelemetryEventKind::kCutShown:
       out.update({{"sheet", event.sheet}, {"slice", event.slice}, {"cut", event.cut}});
       text = text_line("slice %d has %u %s%s", event.slice, event.cut,

@@ -250,8 +250,11 @@ TickReading read_and_check(const LoopModel& model, const TickInputs& inputs, Han
   // A replay does not know this computer's clock.
   if (leap && outside == Fault::kNone) result.row.outside_fault = Fault::kNoData;
   if (out.fault == Fault::kNone || outside == Fault::kEmergencyStop) out.fault = outside;
-  result.row.recovery_asked = inputs.recover ? 1 : 0;
-  if (inputs.recover) recover(state.safety, model.limits.timing, model.rate_Hz);
+  take_stops(state.safety, result.row.device_read, outside.fault, result.row.t_s);
+  const RecoveryAnswer answer =
+      answer_request(state.safety, inputs.recover, model.limits.timing, model.rate_Hz);
+  result.row.recovery_asked = answer == RecoveryAnswer::kNone ? 0 : 1;
+  result.recovery_is_refused = answer == RecoveryAnswer::kRefused;
   out.is_known = state.has_reading || out.is_fresh;
   if (out.fault == Fault::kNone && out.is_known)
     out.fault = check_health(model, device, out.is_fresh, state, result);
@@ -293,7 +296,9 @@ void advance_safety(const LoopModel& model, const TickInputs& inputs, const Forc
           is_free);
   const DeviceStatus status = result.row.device_read;
   const bool is_away = status == DeviceStatus::kLinkLost || status == DeviceStatus::kMotorFault;
-  if (safety.state == SafetyState::kRecovering && is_away) device.restore();
+  // A refused request also restores a link, because the release of a stop comes by the link.
+  const bool is_asked = safety.state == SafetyState::kRecovering || result.recovery_is_refused;
+  if (is_asked && is_away) device.restore();
 }
 
 /// Stage 4: sends the command.
@@ -303,9 +308,10 @@ void write_command(HandDevice& device, LoopState& state, FaultDetail& fault,
   // Only read() may return kEndOfData.
   if (written == DeviceStatus::kEndOfData) written = DeviceStatus::kLinkLost;
   row.device_write = written;
+  const bool was_running = state.safety.state == SafetyState::kRunning;
+  take_written(state.safety, written, row.t_s);
   if (written != DeviceStatus::kOk) {
     // The device may or may not have applied this command; the ramp starts from it.
-    const bool was_running = state.safety.state == SafetyState::kRunning;
     const FaultDetail unwritten = written == DeviceStatus::kNoData
                                       ? FaultDetail(Fault::kWriteFailed)
                                       : device.fault_of(written);
@@ -340,14 +346,6 @@ void note_force_on_tip(const LoopModel& model, std::span<const Sheet* const> she
   }
 }
 
-/// Returns true in the tick that finds the device's own emergency stop newly pressed. A tick without
-/// data or without a link says nothing about the stop.
-bool is_newly_pressed(DeviceStatus status, LoopState& state) noexcept {
-  if (status == DeviceStatus::kNoData || status == DeviceStatus::kLinkLost) return false;
-  const bool was_held = std::exchange(state.stop_is_held, status == DeviceStatus::kEmergencyStop);
-  return state.stop_is_held && !was_held;
-}
-
 }  // namespace
 
 void haptic_tick(const LoopModel& model, const TickInputs& inputs, HandDevice& device,
@@ -362,16 +360,11 @@ void haptic_tick(const LoopModel& model, const TickInputs& inputs, HandDevice& d
   row.response_stiffness_N_per_m = inputs.prefetched.stiffness_N_per_m;
   row.response_offset_m = inputs.prefetched.offset_m;
 
+  const SafetyState before = safety.state;
+  const std::uint64_t faults_before = safety.faults;
   TickReading reading = read_and_check(model, inputs, device, state, result);
   if (result.end_of_data) return;
   const std::int64_t read_ns = monotonic_ns();
-  const SafetyState before = safety.state;
-  const std::uint64_t faults_before = safety.faults;
-  // Otherwise a press in `recovering` would be forgotten with its release, and forces would return.
-  const bool is_pressed = is_newly_pressed(row.device_read, state);
-  if (row.outside_fault == Fault::kEmergencyStop ||
-      (is_pressed && before == SafetyState::kRecovering))
-    press_stop(safety, row.t_s);
   advance_safety(model, inputs, law, device, state, reading, result);
   const bool has_run = before == SafetyState::kRunning || safety.state == SafetyState::kRunning;
 
@@ -395,6 +388,9 @@ void haptic_tick(const LoopModel& model, const TickInputs& inputs, HandDevice& d
   if (safety.state == SafetyState::kRunning) state.must_rest = false;
   if (result.new_fault == Fault::kMotorOverload) state.must_rest = true;
   result.found = reading.fault;
+  // A stop is latched even if the tick found something else first.
+  if (result.new_fault != Fault::kNone && result.found != result.new_fault)
+    result.found = result.new_fault;
   result.torques_are_zero = torques_are_zero(safety, timing, model.rate_Hz);
   describe(model, device, state, result);
   law.finish_tick(row);

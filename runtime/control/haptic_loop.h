@@ -96,8 +96,6 @@ struct LoopState {
   double reading_t_s = 0;    ///< time stamp of the reading that keep_reading() kept last
   int no_data_ticks = 0;     ///< ticks since the last new reading
   bool has_reading = false;  ///< HandDevice::keep_reading() has kept a reading
-  /// The device's own emergency stop was pressed when the device last told its state.
-  bool stop_is_held = false;
   /// There was a kMotorOverload since the last `running`. Recovery then waits for
   /// HandDevice::check_rested(), also if an emergency stop has replaced the fault.
   bool must_rest = false;
@@ -113,10 +111,10 @@ struct TickResult {
   bool end_of_data = false;        ///< the replayed recording has ended, so there is no row
   Fault new_fault = Fault::kNone;  ///< fault latched in this tick
   /// The first fault found in this tick, with the measured value. If new_fault is set, `found`
-  /// describes this fault. In `fault` and `recovering` the operator's emergency stop is latched,
-  /// and in `recovering` also a new press of the device's own stop. Any other fault is not latched
-  /// in these two states, but delays the recovery.
+  /// describes this fault. In `fault` and `recovering` only stops are latched (safety.h). Any other
+  /// fault is not latched in these two states, but delays the recovery.
   FaultDetail found;
+  bool recovery_is_refused = false;  ///< RecoveryAnswer::kRefused
   /// Height by which the tip must be raised before `running` can begin
   /// (ForceLaw::retract_distance_m()).
   double retract_distance_m = 0;
@@ -133,7 +131,7 @@ struct TickInputs {
   double gap_s = 0;                      ///< wall time since the previous tick started
   int missed_in_row = 0;                 ///< deadlines missed in a row right before this tick
   Fault outside = Fault::kNone;          ///< fault found by the caller, outside of the tick
-  bool recover = false;                  ///< the operator asks for recovery
+  RecoveryRequest recover = RecoveryRequest::kNone;
 };
 
 /// Runs one tick: reads and checks the device, computes the wrench, lets the device render it, and

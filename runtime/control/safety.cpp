@@ -24,9 +24,16 @@ constexpr std::uint64_t kNoRamp = 1'000'000;  // ramp_ticks_done that is larger 
 
 void latch(Safety& safety, Fault fault, double t_s) noexcept {
   ++safety.faults;
+  safety.waits_for_ramp = false;
   safety.fault = fault;
   safety.fault_t_s = t_s;
   if (safety.state == kRunning) safety.ramp_ticks_done = fault == Fault::kEnergyLimit ? kNoRamp : 0;
+}
+
+void stop(Safety& safety, Fault fault, double t_s) noexcept {
+  latch(safety, fault, t_s);
+  safety.quiet_ticks = 0;
+  safety.state = next_state(safety.state, SafetyEvent::kStop);
 }
 
 }  // namespace
@@ -54,20 +61,34 @@ bool raise(Safety& safety, Fault fault, double t_s) noexcept {
   return latches;
 }
 
-void press_stop(Safety& safety, double t_s) noexcept {
-  const bool is_latched =
-      safety.state == SafetyState::kFault && safety.fault == Fault::kEmergencyStop;
-  if (!is_latched) latch(safety, Fault::kEmergencyStop, t_s);
-  safety.quiet_ticks = 0;
-  safety.state = next_state(safety.state, SafetyEvent::kStop);
+void take_stops(Safety& safety, DeviceStatus read, Fault outside, double t_s) noexcept {
+  if (safety.stops.take(read, outside))
+    stop(safety, Fault::kEmergencyStop, t_s);
+  else if (safety.state == kRecovering && is_stop(outside))
+    stop(safety, outside, t_s);
 }
 
-bool recover(Safety& safety, const SafetyTiming& timing, double rate_Hz) noexcept {
-  if (safety.state != SafetyState::kFault || !torques_are_zero(safety, timing, rate_Hz))
-    return false;
-  safety.state = next_state(safety.state, SafetyEvent::kRecover);
-  safety.quiet_ticks = 0;
-  return true;
+void take_written(Safety& safety, DeviceStatus written, double t_s) noexcept {
+  if (safety.stops.take_write(written)) stop(safety, Fault::kEmergencyStop, t_s);
+}
+
+RecoveryAnswer answer_request(Safety& safety, RecoveryRequest request, const SafetyTiming& timing,
+                              double rate_Hz) noexcept {
+  const bool is_refused = safety.stops.refuse_recovery();
+  const bool is_wanted = request == RecoveryRequest::kByOperator ||
+                         (request == RecoveryRequest::kAutomatic && !is_refused &&
+                          !is_stop(safety.fault) && torques_are_zero(safety, timing, rate_Hz));
+  if (is_refused) {
+    safety.waits_for_ramp = false;
+    return is_wanted ? RecoveryAnswer::kRefused : RecoveryAnswer::kNone;
+  }
+  safety.waits_for_ramp |= is_wanted && safety.state == SafetyState::kFault;
+  if (safety.waits_for_ramp && torques_are_zero(safety, timing, rate_Hz)) {
+    safety.waits_for_ramp = false;
+    safety.quiet_ticks = 0;
+    safety.state = next_state(safety.state, SafetyEvent::kRecover);
+  }
+  return is_wanted ? RecoveryAnswer::kTaken : RecoveryAnswer::kNone;
 }
 
 void advance(Safety& safety, const SafetyTiming& timing, double rate_Hz, Fault fault, double t_s,

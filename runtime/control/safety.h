@@ -3,10 +3,11 @@
 // that lead from one state to another, and factors on the force and on the torques.
 //
 // Contract (tests/runtime/control/safety_test.cpp):
-//  1. A fault in any state but `recovering` leads to `fault`, and the first fault is kept. Only a
-//     request for recovery leaves the state `fault`. The operator's emergency stop leads to `fault`
-//     from every state, and a new press of the device's own stop leads from `recovering` to
-//     `fault`. Both replace the fault that was kept.
+//  1. A fault in any state but `recovering` leads to `fault`, and the first fault is kept. Only
+//     answer_request() leaves the state `fault`, so no other way leads to `recovering` or back to
+//     `running`. A stop (held_stops.h) leads to `fault` from every state. A newly pressed emergency
+//     stop replaces the fault that was kept, also in the state `fault`; pause and zero forces
+//     replace it in `recovering` only.
 //  2. When a fault ends `running`, torques are ramped down, beginning in the tick in which the
 //     fault is found: the last torques are multiplied by a factor that falls linearly to 0 in
 //     ramp_ticks() ticks. The factor is below 1 already in the first of these ticks. The ramp takes
@@ -22,10 +23,16 @@
 //  5. A time of SafetyTiming that is nan has a safe result. If `ramp_s` is nan, torques are zero
 //     immediately. If `quiet_s` is nan, the state `recovering` never ends. If `ramp_up_s` is nan,
 //     the authority does not rise. A negative time is treated as zero.
+//  6. While a stop is held, the state is `fault`, and a request for recovery is refused: it is not
+//     kept. A request is also refused in the tick in which the loop first sees that the device's
+//     stop was released. So `running` begins only after a request that is newer than the release of
+//     every stop, as the loop saw them. An automatic request has no effect if a stop is held or
+//     latched.
 #pragma once
 
 #include <cstdint>
 
+#include "formats/session/held_stops.h"
 #include "formats/session/recording.h"
 
 namespace trocar::runtime {
@@ -43,10 +50,10 @@ struct SafetyTiming {
 enum class SafetyEvent : std::uint8_t {
   kSeen,     ///< the device was read, and no check found a fault
   kFree,     ///< no fault, and the tool is in free space
-  kFault,    ///< a fault was found
-  kRecover,  ///< the operator requests recovery
+  kFault,    ///< a failed check
+  kRecover,  ///< a request for recovery takes effect
   kSettled,  ///< the time `quiet_s` of item 3 has passed
-  kStop,     ///< the operator's emergency stop is pressed
+  kStop,     ///< a stop is held
 };
 inline constexpr int kSafetyEvents = 6;
 
@@ -61,6 +68,8 @@ struct Safety {
   std::uint64_t faults = 0;           ///< number of faults that were latched
   std::uint64_t ramp_ticks_done = 0;  ///< ticks since `running` ended; 1'000'000 or more: no ramp
   std::uint64_t quiet_ticks = 0;      ///< ticks that count towards `quiet_s` (item 3)
+  HeldStops stops;                    ///< stops as the loop last saw them
+  bool waits_for_ramp = false;        ///< a request takes effect once torques are zero
   bool recovered = false;             ///< the next `running` begins with authority 0 (item 4)
   double authority = 1;               ///< factor on the force in `running` (item 4)
 };
@@ -77,13 +86,26 @@ double rise_per_tick(const SafetyTiming& timing, double rate_Hz) noexcept;
 /// that it finds later in the tick.
 bool raise(Safety& safety, Fault fault, double t_s) noexcept;
 
-/// Enters the state `fault` because of the operator's emergency stop. Call this in each tick in
-/// which the stop is pressed.
-void press_stop(Safety& safety, double t_s) noexcept;
+/// Takes the stops of a tick, in each tick before answer_request(): the arguments of
+/// HeldStops::take(). take_written() takes the status of the tick's write.
+void take_stops(Safety& safety, DeviceStatus read, Fault outside, double t_s) noexcept;
+void take_written(Safety& safety, DeviceStatus written, double t_s) noexcept;
 
-/// Requests recovery. The request takes effect only in the state `fault` after torques have become
-/// zero. Returns true if the request takes effect.
-bool recover(Safety& safety, const SafetyTiming& timing, double rate_Hz) noexcept;
+enum class RecoveryRequest : std::uint8_t {
+  kNone,
+  kByOperator,
+  kAutomatic,  ///< by RecoveryPolicy::kAuto; it never resets a stop
+};
+enum class RecoveryAnswer : std::uint8_t {
+  kNone,     ///< nothing was requested, or an automatic request has no effect
+  kTaken,    ///< the request counts; in other states than `fault` it has no effect
+  kRefused,  ///< item 6: the operator must ask again
+};
+/// Answers this tick's request. The state becomes `recovering` if a request was taken in the state
+/// `fault` and torques are zero; until they are, the request waits, unless a fault is latched
+/// meanwhile. Call this once in each tick, also without a request.
+RecoveryAnswer answer_request(Safety& safety, RecoveryRequest request, const SafetyTiming& timing,
+                              double rate_Hz) noexcept;
 
 /// Advances the machine by one tick. `fault`: fault found by the tick's checks, or none. `t_s`:
 /// time of the tick. `seen`: a state of the device was read in this tick or earlier. `free`: the

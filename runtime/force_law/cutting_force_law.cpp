@@ -137,9 +137,9 @@ void CuttingForceLaw::finish_tick(RecordingRow& row) noexcept {
   report_.energy = state_.energy;
 }
 
-double CuttingForceLaw::retract_distance_m(std::span<const Sheet* const> /*sheets*/,
+double CuttingForceLaw::retract_distance_m(std::span<const Sheet* const> sheets,
                                            const Pose& T_device_plate) const noexcept {
-  return runtime::retract_distance_m(bone_, T_device_plate, state_);
+  return runtime::retract_distance_m(bone_, sheets, T_device_plate, state_);
 }
 
 std::string CuttingForceLaw::describe() const {

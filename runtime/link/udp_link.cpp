@@ -271,7 +271,10 @@ DeviceStatus UdpLink<Kind>::read(Reading& reading) noexcept {
     return is_lost_ ? DeviceStatus::kLinkLost : DeviceStatus::kNoData;
   }
   fresh_state_ = false;
-  const DeviceStatus status = queued_ >= long_queue_ ? DeviceStatus::kNoData : status_of_newest();
+  DeviceStatus status = status_of_newest();
+  // A stop counts in any queue: the next command would acknowledge it.
+  if (queued_ >= long_queue_ && status != DeviceStatus::kEmergencyStop)
+    status = DeviceStatus::kNoData;
   is_lost_ = status == DeviceStatus::kLinkLost || status == DeviceStatus::kMotorFault;
   if (status != DeviceStatus::kOk) return status;
   Kind::unpack(newest_, reading);

@@ -110,8 +110,9 @@ class UdpLink final : public Kind::Interface {
   /// no_state_s or 2.5 periods, whichever is longer.
   ///  - kNoData: no state has arrived since the last call, but one has arrived within the silence
   ///    limit. read() also returns kNoData if at least kLongQueue states were queued, and at least
-  ///    twice the states of a period, for example after a slow start of the loop. The socket may
-  ///    then have dropped newer states than the queued ones.
+  ///    twice the states of a period, for example after a slow start of the loop, unless the newest
+  ///    reports the emergency stop. The socket may then have dropped newer states than the queued
+  ///    ones.
   ///  - kLinkLost, in five cases: no state has arrived for longer than the silence limit (in
   ///    lock-step: since the last call); the other end is closed; the drive has received none of
   ///    the torques that were sent within the silence limit; the drive's watchdog has set the

@@ -134,6 +134,11 @@ Result<void> check_run_arguments(const RunArguments& a) {
   }
   if (!a.energy_budget.empty()) return usage("--energy-budget: is now called --energy-limit");
   if (const Result<void> good = check_simulated(a); !good) return good.error();
+  if (a.recover == "auto" && may_have_motors(a.device) &&
+      !(a.simulated && is_device_process(a.device)))
+    return usage("--recover auto: would let forces return by itself, and " + a.device +
+                 " may have motors; use --recover signal" +
+                 (is_device_process(a.device) ? ", or --simulated if it has none" : ""));
   if (a.strict && !a.check) return usage("--strict: is for --check");
   if (const long processors = ::sysconf(_SC_NPROCESSORS_CONF);
       a.cpu < -1 || (processors > 0 && a.cpu >= processors)) {

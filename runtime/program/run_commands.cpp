@@ -27,6 +27,7 @@
 #include "runtime/program/session_inputs.h"
 #include "runtime/program/session_messages.h"
 #include "runtime/program/session_outputs.h"
+#include "runtime/program/suspending_signals.h"
 #include "runtime/reporting/history.h"
 #include "runtime/session/origin.h"
 #include "runtime/session/session.h"
@@ -73,6 +74,12 @@ Result<SessionResult> run(const RunArguments& arguments, const SessionInputs& in
   Result<SessionWorkers> workers =
       make_workers(inputs.scene, device.specification(), remesher, options);
   if (!workers) return workers.error().after(arguments.scene + ": ");
+  // A session of the simulated device that waits for nobody may stop and go on as it is.
+  std::optional<SuspendingSignals> signals;
+  if (options.is_real_time() || may_have_motors(arguments.device)) {
+    signals.emplace();
+    options.suspension = &SuspendingSignals::suspension();
+  }
   if (Result<void> started = device.start(); !started) return started.error();
   std::optional<Progress> progress;
   if (options.clock == Clock::kReal && !arguments.quiet && ::isatty(STDERR_FILENO) != 0)
@@ -83,6 +90,7 @@ Result<SessionResult> run(const RunArguments& arguments, const SessionInputs& in
   progress.reset();
   options.observers.clear();
   device.close();
+  signals.reset();
   link = device.link_report();
   if (link && link->restore_error) {
     print(stderr, "trocar-run: the link was not restored: %s\n", link->restore_error->message);

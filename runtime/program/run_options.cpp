@@ -111,8 +111,9 @@ void declare_safety_options(const Command& command, RunArguments& a) {
       .option(
           "--recover", a.recover,
           "what to do after a fault (a failed check, such as of speed or connection, which takes\n"
-          "the forces away). never: end the session; auto: let the forces rise again; signal: let\n"
-          "them rise again when the signal SIGUSR1 comes (default: never)")
+          "the forces away) or a stop. never: end the session; signal: let the forces rise again\n"
+          "when the signal SIGUSR1 comes, but no stop is pressed; auto, only without motors: the\n"
+          "same, but after a failed check let them rise by themselves (default: never)")
       .one_of({"never", "auto", "signal"});
   safety
       .option("--energy-limit", a.energy_limit_J,

@@ -9,6 +9,7 @@
 
 #include "formats/base/program.h"
 #include "formats/base/terminal_text.h"
+#include "formats/session/held_stops.h"
 
 namespace trocar::runtime {
 namespace {
@@ -60,6 +61,16 @@ std::string causes_of(const LateTicks::Counts& late_ticks) {
   return causes.empty() ? causes : causes + ")";
 }
 
+/// Returns true if the operator can end what the message says with SIGUSR1 only.
+bool asks_for_signal(const RunArguments& arguments, const OperatorMessage& message) {
+  if (!arguments.replay.empty() || arguments.recover == "never" ||
+      message.detail.fault == Fault::kRecordingFailed)
+    return false;
+  return (message.kind == OperatorMessage::Kind::kFault &&
+          (arguments.recover == "signal" || is_stop(message.detail.fault))) ||
+         message.kind == OperatorMessage::Kind::kRefused;
+}
+
 }  // namespace
 
 int fail(const Error& error) {
@@ -84,8 +95,7 @@ void Progress::stop() {
 
 void print_message(const RunArguments& arguments, const OperatorMessage& message) {
   std::string line = kProgram + std::string(": ") + describe(message);
-  if (message.kind == OperatorMessage::Kind::kFault && arguments.recover == "signal" &&
-      arguments.replay.empty() && message.detail.fault != Fault::kRecordingFailed)
+  if (asks_for_signal(arguments, message))
     line += "; then request recovery: kill -USR1 " + std::to_string(::getpid());
   if (::isatty(STDERR_FILENO) != 0) print(stderr, "\r%*s\r", kProgressWidth, "");
   print(stderr, "%s\n", line);

@@ -59,7 +59,7 @@
 // 11. With the force law `cutting`, each puncture and each sample has an HU value in addition to
 //     its force: the mean HU of the uncut bone under the tool (RecordingRow::Cutting::front_HU) in
 //     the row of this force.
-// 12. is_new_fault() (fault_words.h) defines when a fault begins.
+// 12. FaultStarts (held_stops.h) defines when a fault begins.
 // Tests: tests/runtime/reporting/session_observer_test.cpp, tests/e2e/session_report_test.py
 #pragma once
 

@@ -167,9 +167,7 @@ void SessionObserver::observe_miss(const RecordingRow& row) {
 }
 
 void SessionObserver::observe_fault(const RecordingRow& row) {
-  const bool is_new = is_new_fault(last_safety_, last_fault_, row);
-  last_fault_ = row.fault;
-  last_safety_ = row.safety;
+  const bool is_new = fault_starts_.take(row);
   if (is_new && is_by_operator(row.fault)) {
     ++out_.operator_stops_count;
   } else if (is_new) {

@@ -7,6 +7,7 @@
 #include <optional>
 #include <vector>
 
+#include "formats/session/held_stops.h"
 #include "formats/session/scene.h"
 #include "runtime/reporting/goal_meter.h"
 #include "runtime/reporting/plunge_meter.h"
@@ -63,8 +64,7 @@ class SessionObserver {
   /// In the previous row, which was counted, only soft layers exerted a force.
   bool is_in_layers_ = false;
   std::int32_t missed_slice_ = -1;
-  Fault last_fault_ = Fault::kNone;
-  SafetyState last_safety_ = SafetyState::kIdle;
+  FaultStarts fault_starts_;
   std::uint64_t rows_sampled_ = 0;
 };
 

@@ -6,21 +6,20 @@
 namespace trocar::runtime {
 
 void OperatorCommands::apply(const TelemetryCommands& given, Fault latched) noexcept {
-  const bool is_signalled =
-      policy_ == RecoveryPolicy::kOnRequest && recover_ != nullptr && recover_->load();
-  if (given.resume && is_paused_) {
-    is_paused_ = false;
-    if (latched == Fault::kPaused) is_recovery_requested_ = true;
+  const bool is_signalled = recover_ != nullptr && recover_->exchange(false);
+  // A session without recovery only waits after the operator's own commands.
+  const bool is_recover =
+      given.recover || (is_signalled && (policy_ != RecoveryPolicy::kNever || is_stop(latched) ||
+                                         latched_fault() != Fault::kNone));
+  is_recovery_requested_ = is_recover;
+  if (is_recover) is_paused_ = forces_are_off_ = emergency_stop_ = false;
+  if (given.resume && std::exchange(is_paused_, false)) {
+    is_recovery_requested_ |= latched == Fault::kPaused && latched_fault() == Fault::kNone;
   }
-  if (given.recover || (is_signalled && latched_fault() != Fault::kNone)) {
-    is_paused_ = forces_are_off_ = emergency_stop_ = false;
-    is_recovery_requested_ = true;
-  }
-  if (!given.pause && !given.zero && !given.emergency_stop) return;
   is_paused_ |= given.pause;
   forces_are_off_ |= given.zero;
   emergency_stop_ |= given.emergency_stop;
-  forget_recovery();
+  if (latched_fault() != Fault::kNone) is_recovery_requested_ = false;
 }
 
 Fault OperatorCommands::latched_fault() const noexcept {
@@ -29,19 +28,9 @@ Fault OperatorCommands::latched_fault() const noexcept {
   return is_paused_ ? Fault::kPaused : Fault::kNone;
 }
 
-bool OperatorCommands::take_recovery() noexcept {
-  if (latched_fault() != Fault::kNone) return false;
-  if (std::exchange(is_recovery_requested_, false)) {
-    if (recover_ != nullptr) recover_->store(false);
-    return true;
-  }
-  if (policy_ == RecoveryPolicy::kAuto) return true;
-  return policy_ == RecoveryPolicy::kOnRequest && recover_ != nullptr && recover_->exchange(false);
-}
-
-void OperatorCommands::forget_recovery() noexcept {
-  is_recovery_requested_ = false;
-  if (recover_ != nullptr) recover_->store(false);
+RecoveryRequest OperatorCommands::request() const noexcept {
+  if (is_recovery_requested_) return RecoveryRequest::kByOperator;
+  return policy_ == RecoveryPolicy::kAuto ? RecoveryRequest::kAutomatic : RecoveryRequest::kNone;
 }
 
 }  // namespace trocar::runtime

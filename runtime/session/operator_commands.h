@@ -4,9 +4,11 @@
 // Pause, zero (no forces) and emergency stop are latched: each stays set until it is released.
 // While a command is set, the command's fault is raised in every tick, and no recovery begins.
 // `resume` releases the pause. If the session's latched fault is that of the pause, `resume` also
-// requests a recovery. `recover` releases all three commands and requests a recovery. With
-// RecoveryPolicy::kOnRequest, the signal SIGUSR1 does the same as `recover`; the program's signal
-// handler sets the flag SessionOptions::recover.
+// requests a recovery. `recover` releases all three commands and requests a recovery. The signal
+// SIGUSR1 does the same as `recover`; the program's signal handler sets the flag
+// SessionOptions::recover. With RecoveryPolicy::kNever, the signal has no effect after a failed
+// check. A request goes to the tick that follows it, and is never kept: that tick takes or refuses
+// it (safety.h).
 // Tests: tests/runtime/session/live_session_test.cpp, tests/runtime/session/paused_session_test.cpp
 #pragma once
 
@@ -26,8 +28,9 @@ class OperatorCommands {
 
   // The haptic thread calls these functions.
 
-  /// Applies the commands given since the last tick. `latched`: the fault that the safety state
-  /// machine has latched (Safety::fault), or none.
+  /// Applies the commands given since the last call. If a stop is among them, it wins. `latched`:
+  /// the fault that the safety state machine has latched (Safety::fault), or none. Call this once
+  /// before each tick.
   void apply(const TelemetryCommands& given, Fault latched) noexcept;
   /// Returns the fault of the latched command, or none if no command is latched. The caller raises
   /// this fault in the tick.
@@ -38,18 +41,14 @@ class OperatorCommands {
   bool waits_for_operator(Fault latched) const noexcept {
     return is_by_operator(latched) && !emergency_stop_;
   }
-  /// Returns true if the caller is to request recovery in this tick. The operator's request is then
-  /// cleared. While a command is latched, returns false and keeps the request.
-  bool take_recovery() noexcept;
-  /// Clears the operator's request. Call this in the tick in which a fault becomes latched,
-  /// because a request that is older than the fault does not apply to the fault.
-  void forget_recovery() noexcept;
+  /// Returns the request for recovery of this tick.
+  RecoveryRequest request() const noexcept;
 
  private:
   RecoveryPolicy policy_;
   std::atomic<bool>* recover_;
   bool is_paused_ = false, forces_are_off_ = false, emergency_stop_ = false;
-  bool is_recovery_requested_ = false;  ///< `recover` or `resume` requested a recovery
+  bool is_recovery_requested_ = false;  ///< by the commands of the last apply()
 };
 
 }  // namespace trocar::runtime

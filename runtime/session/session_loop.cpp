@@ -39,15 +39,15 @@ bool SessionLoop::tick(const TickTiming& timing) noexcept {
   const NoAllocationScope scope;
   if (state_.tick == clock_.ticks()) return false;
   const std::int64_t start_ns = monotonic_ns();
-  if (publisher_ != nullptr) {
-    const TelemetryCommands given = publisher_->take_commands();
-    if (given.stop) return false;
-    commands_.apply(given, state_.safety.fault);
-    receive_hand(start_ns);
-    const bool is_paused = pauses(start_ns);
-    xray_.apply(given, is_paused, start_ns);
-    if (is_paused) return !recording_has_failed();
-  }
+  TelemetryCommands given;
+  if (publisher_ != nullptr) given = publisher_->take_commands();
+  if (given.stop) return false;
+  if (options_.suspension != nullptr) given.pause |= options_.suspension->is_requested.load();
+  commands_.apply(given, state_.safety.fault);
+  receive_hand(start_ns);
+  const bool is_paused = pauses(start_ns);
+  xray_.apply(given, is_paused, start_ns);
+  if (is_paused) return !recording_has_failed();
   const std::uint64_t versions = remesher_.versions_published();
   for (std::size_t i = 0; i < sheets_.size(); ++i)
     sheets_[i] = remesher_.current(i, versions);
@@ -60,7 +60,6 @@ bool SessionLoop::tick(const TickTiming& timing) noexcept {
     request_hole(cut);
   last_hand_N_ = Eigen::Vector3d(result_.row.wrench_delivered.data()).norm();
   clock_.prefetch(result_.contact.prefetch);
-  if (result_.new_fault != Fault::kNone) commands_.forget_recovery();
   for (const OperatorMessage& message : messages_.update(result_)) {
     for (TickObserver* observer : observers_)
       observer->on_message(message);
@@ -93,27 +92,22 @@ std::uint8_t SessionLoop::xray_of_tick() noexcept {
 }
 
 void SessionLoop::receive_hand(std::int64_t now_ns) noexcept {
-  if (options_.hand == nullptr) return;
+  if (options_.hand == nullptr || publisher_ == nullptr) return;
   publisher_->read_hand(hand_);
   if (const auto change = options_.hand->receive(hand_, now_ns))
     publisher_->push_event(*change, result_.row.t_s);
 }
 
 /// Returns true if time is paused in this period: the operator has paused the session, and torques
-/// are zero. During a recovery a tick with the fault kPaused comes first: it sets quiet_ticks to 0,
-/// so that the time without fault and contact begins again after the pause. A drive with a clock of
-/// its own meanwhile gets zero torques, because its watchdog waits for commands. If the device's own
-/// emergency stop is pressed meanwhile, the first tick after the pause latches kEmergencyStop, even
-/// if the stop has been released by then: without RecoveryPolicy::kAuto, forces return only after the
-/// operator has asked for it.
+/// are zero after a tick that has seen the pause. A drive with a clock of its own meanwhile gets
+/// zero torques, because its watchdog waits for commands. If the device's own emergency stop is
+/// pressed meanwhile, the first tick after the pause latches kEmergencyStop, even if the stop has
+/// been released by then.
 bool SessionLoop::pauses(std::int64_t now_ns) noexcept {
   const bool is_replay = clock_.recorded(state_.tick) != nullptr;
-  const bool is_recovering = state_.safety.state == SafetyState::kRecovering;
-  const bool is_idle =
-      result_.torques_are_zero || (is_recovering && state_.safety.quiet_ticks == 0);
   const bool was_paused =
-      std::exchange(is_paused_, commands_.is_paused() && (is_idle || is_replay));
-  if (is_paused_ != was_paused)
+      std::exchange(is_paused_, commands_.is_paused() && (result_.torques_are_zero || is_replay));
+  if (publisher_ != nullptr && is_paused_ != was_paused)
     publisher_->push_event(is_paused_ ? TelemetryEventKind::kPaused : TelemetryEventKind::kResumed,
                            result_.row.t_s);
   if (!is_paused_) {
@@ -123,11 +117,14 @@ bool SessionLoop::pauses(std::int64_t now_ns) noexcept {
   if (!is_replay && !device_.is_paced_by_loop()) {
     double ignored_t_s = 0;
     // The zero torques of a pause acknowledge the device's own stop, so the drive forgets it.
-    if (device_.read(ignored_t_s) == DeviceStatus::kEmergencyStop) outside_ = Fault::kEmergencyStop;
+    const bool is_pressed = device_.read(ignored_t_s) == DeviceStatus::kEmergencyStop;
+    if (is_pressed && !state_.safety.stops.is_device_held()) outside_ = Fault::kEmergencyStop;
     device_.use_last_reading();
     device_.write_zero();
   }
-  publisher_->on_paused_period(now_ns);
+  if (options_.suspension != nullptr)
+    options_.suspension->paused_periods.fetch_add(1, std::memory_order_relaxed);
+  if (publisher_ != nullptr) publisher_->on_paused_period(now_ns);
   return true;
 }
 
@@ -137,7 +134,7 @@ TickInputs SessionLoop::inputs(const TickTiming& timing) noexcept {
   inputs.prefetched = clock_.stiffness();
   if (const RecordingRow* recorded = clock_.recorded(state_.tick)) {
     inputs.outside = recorded->outside_fault;
-    inputs.recover = recorded->recovery_asked != 0;
+    if (recorded->recovery_asked != 0) inputs.recover = RecoveryRequest::kByOperator;
     return inputs;
   }
   inputs.gap_s = timing.gap_s;
@@ -149,7 +146,7 @@ TickInputs SessionLoop::inputs(const TickTiming& timing) noexcept {
   is_ending_ = is_ending_ || recording_has_failed();
   if (is_ending_ && inputs.outside != Fault::kEmergencyStop)
     inputs.outside = Fault::kRecordingFailed;
-  inputs.recover = !is_ending_ && result_.torques_are_zero && commands_.take_recovery();
+  if (!is_ending_) inputs.recover = commands_.request();
   return inputs;
 }
 

@@ -33,7 +33,13 @@ enum class Clock : std::uint8_t {
 enum class RecoveryPolicy : std::uint8_t {
   kNever,      ///< a fault ends the session once torques are zero
   kOnRequest,  ///< the session continues without torques until recovery is requested
-  kAuto,       ///< recovery is requested as soon as torques are zero
+  kAuto,       ///< as kOnRequest, and after a failed check recovery is requested by itself
+};
+
+/// Lets a program end the forces before it is stopped by a signal such as SIGTSTP.
+struct Suspension {
+  std::atomic<bool> is_requested{false};  ///< while true, the session is paused as by the operator
+  std::atomic<std::uint64_t> paused_periods{0};  ///< periods in which zero force was written
 };
 
 struct SessionOptions {
@@ -57,10 +63,10 @@ struct SessionOptions {
   StiffnessLimits stiffness;
   CompensationOptions compensation;
   RecoveryPolicy recovery = RecoveryPolicy::kNever;
-  /// A flag that the program sets to request a recovery with RecoveryPolicy::kOnRequest, for
-  /// example after SIGUSR1. The session clears the flag when it requests the recovery, when a new
-  /// fault is latched, and when pause, zero or emergency stop is commanded. Null: no such flag.
+  /// A flag that the program sets to request a recovery, for example after SIGUSR1
+  /// (operator_commands.h). The next tick clears the flag. Null: no such flag.
   std::atomic<bool>* recover = nullptr;
+  Suspension* suspension = nullptr;  ///< must outlive the session; may be null
   /// Folder of the black boxes, which keep the last seconds before a fault; none: no black boxes.
   std::optional<std::filesystem::path> black_box;
   int cpu = -1;  ///< processor of the haptic thread (RealtimeOptions::cpu); -1: any

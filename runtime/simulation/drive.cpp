@@ -140,9 +140,11 @@ void Drive::begin(LinkSession offered) noexcept {
     stuck_at_rad_.fill(std::nullopt);
     peak_N_ = 0;
     falling_ = false;
+    stop_is_unacknowledged_ = false;
   }
   mode_ = DriveMode::kReady;
   command_ = {};
+  if (stop_is_unacknowledged_) zero_torques(DriveMode::kEmergencyStop);
   motor_faults_ = 0;
   not_following_s_.fill(0);
 }
@@ -161,7 +163,10 @@ void Drive::take(const CommandPacket& command, std::int64_t now_ns, Answer& answ
   const bool acknowledges =
       command.state_seen >= session_->reported_from &&
       std::all_of(tau.begin(), tau.end(), [](double each) { return each == 0; });
-  if (!stop_pressed_ && acknowledges) session_->reported_from = 0;
+  if (!stop_pressed_ && acknowledges) {
+    session_->reported_from = 0;
+    stop_is_unacknowledged_ = false;
+  }
   if (session_->reported_from == 0) {
     const bool torque = command.mode == CommandMode::kTorque;
     mode_ = torque ? DriveMode::kTorque : DriveMode::kReady;
@@ -217,6 +222,7 @@ void Drive::check_emergency_stop() noexcept {
   if (pressed && !stop_pressed_) ++report_.emergency_stops;
   if (pressed && mode_ != DriveMode::kEmergencyStop) zero_torques(DriveMode::kEmergencyStop);
   stop_pressed_ = pressed;
+  stop_is_unacknowledged_ |= pressed;
 }
 
 void Drive::advance(double dt_s) noexcept {

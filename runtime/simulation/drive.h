@@ -25,6 +25,8 @@
 //     clock) session_s have passed.
 //  4. In lock-step, time does not follow a real clock. Each command of the mode torque advances
 //     time by one period of the host, and nothing else advances time.
+//  5. The host learns of every stop of the same world, also of one that was pressed and released
+//     between two sessions: the next session reports it until the host has acknowledged it.
 #pragma once
 
 #include <array>
@@ -178,6 +180,7 @@ class Drive {
   DriveMode mode_ = DriveMode::kReady;
   std::uint8_t motor_faults_ = 0;
   bool stop_pressed_ = false;
+  bool stop_is_unacknowledged_ = false;  ///< no host has acknowledged the stop yet (contract 5)
   /// The hand's force has fallen from a peak, and has not yet risen by 10 N from its lowest value.
   bool falling_ = false;
 };

@@ -39,6 +39,9 @@ std::string describe(const OperatorMessage& message) {
     case OperatorMessage::Kind::kRecovered:
       return "recovered at " + seconds(message.t_s) + " from the fault " +
              to_string(message.detail.fault) + ": forces rise again";
+    case OperatorMessage::Kind::kRefused:
+      return "recovery refused at " + seconds(message.t_s) + ": " +
+             refusal_words(message.detail.fault);
   }
   return {};
 }
@@ -75,6 +78,10 @@ std::span<const OperatorMessage> MessageSource::update(const TickResult& result)
     stopped_by_ = result.new_fault;
     watch_.fault_latched();
     add(Kind::kFault, result, result.found);
+  }
+  if (result.recovery_is_refused && result.row.t_s - refused_t_s_ >= kRefusalPause_s) {
+    refused_t_s_ = result.row.t_s;
+    add(Kind::kRefused, result, result.found);
   }
   if (stopped_by_ != Fault::kNone) {
     const SafetyState state = result.row.safety;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Messages to the operator while a session runs: a fault, a recovery, or the reason why a
-// requested recovery has not happened yet. The haptic thread pushes messages into a queue. Another
+// Messages to the operator while a session runs: a fault, a recovery, a refused request for
+// recovery, or the reason why a requested recovery has not happened yet. The haptic thread pushes messages into a queue. Another
 // thread passes each message to the program's function. describe() puts a message into words.
 // Tests: tests/runtime/telemetry/operator_messages_test.cpp
 #pragma once
@@ -61,6 +61,9 @@ class RecoveryWatch {
 /// Makes the messages of each tick, on the haptic thread.
 class MessageSource {
  public:
+  /// Shortest time between two messages kRefused.
+  static constexpr double kRefusalPause_s = 0.1;
+
   /// Returns the messages of this tick. They are valid until the next call.
   std::span<const OperatorMessage> update(const TickResult& result) noexcept;
 
@@ -70,6 +73,7 @@ class MessageSource {
 
   RecoveryWatch watch_;
   Fault stopped_by_ = Fault::kNone;  ///< latest latched fault; none once `running` begins again
+  double refused_t_s_ = -kRefusalPause_s;  ///< time of the last message kRefused
   std::array<OperatorMessage, 3> messages_;
   std::size_t count_ = 0;
 };

@@ -107,6 +107,7 @@ void SessionPublisher::on_message(const OperatorMessage& message) noexcept {
   TelemetryEvent event;
   event.kind = message.kind == Kind::kFault       ? TelemetryEventKind::kFault
                : message.kind == Kind::kRecovered ? TelemetryEventKind::kRecovered
+               : message.kind == Kind::kRefused   ? TelemetryEventKind::kRecoveryRefused
                                                   : TelemetryEventKind::kNotRecovered;
   event.t_s = message.t_s;
   event.found = message.detail;

@@ -59,6 +59,8 @@ struct OperatorMessage {
     kNotRecovered,  ///< a requested recovery is delayed by the fault `detail`; if `detail` has no
                     ///< fault, the recovery is delayed because the tool is in material
     kRecovered,     ///< forces rise again; `detail.fault` is the fault that has ended
+    kRefused,       ///< a request for recovery was refused, because the device's stop is held;
+                    ///< `detail.fault` is kLinkLost if the device cannot tell its release
   };
   Kind kind = Kind::kFault;
   double t_s = 0;

@@ -444,7 +444,7 @@ class DeviceStress : public testing::TestWithParam<std::filesystem::path> {
         if (wrong)
           inputs.prefetched = {0, corrupted.stiffness, {corrupted.offset_m, corrupted.offset_y_m}};
       }
-      inputs.recover = corrupted.recover && tick == kAsked;
+      if (corrupted.recover && tick == kAsked) inputs.recover = RecoveryRequest::kByOperator;
       haptic_tick(model, inputs, four_legs, law, state, result);
       for (const double tau : device.written.tau_motor_Nm) {
         ASSERT_TRUE(std::isfinite(tau)) << "tick " << tick;

@@ -79,8 +79,9 @@ KINDS = {
                           ["pose_residual"], 0.25, contact_s=(0.40, 0.46)),
     # Of the motors of theta1, which carry the load; a dead motor without a commanded torque cannot be detected.
     "motor_dead": Kind(lambda r, at: f"dead:{2 * r.randrange(4)}@{at:.5f}..{at + 0.05:.5f}", ["motor_fault"], 0.012),
-    "emergency_stop": Kind(timed("stop", 0.02), ["emergency_stop"], 0.003, own_s=0.001),
-    "emergency_stop_1ms": Kind(timed("stop", 0.001), ["emergency_stop"], 0.003, own_s=0.001),
+    # In real time, because nothing but an operator resets a stop.
+    "emergency_stop": Kind(timed("stop", 0.02), ["emergency_stop"], 0.02, "real", own_s=0.001),
+    "emergency_stop_1ms": Kind(timed("stop", 0.001), ["emergency_stop"], 0.02, "real", own_s=0.001),
     "drive_killed": Kind(lambda r, at: f"kill@{at:.5f}", ["link_lost"], 0.003, own_s=0.001),
     "drive_killed_real": Kind(lambda r, at: f"kill@{at:.5f}", ["link_lost", "no_data"], 0.02, "real", own_s=0.001),
     "loss_of_states": Kind(timed("state-loss:1", 0.04), ["link_lost", "no_data"], 0.02, "real"),
@@ -189,7 +190,7 @@ class Rig:
     def start(self, simulator, folder, clock, duration_s):
         command = [self.programs / "trocar-run", self.scene, "--device", f"udp:{simulator.address}", "--key-file", folder / "key",
                    "--clock", "virtual" if clock == "lock-step" else "real", "--rate", RATE_HZ, "--duration", duration_s,
-                   "--recover", "auto" if clock == "lock-step" else "signal", "--record", folder / "run.csv",
+                   *(("--recover", "auto", "--simulated") if clock == "lock-step" else ("--recover", "signal")), "--record", folder / "run.csv",
                    "--summary", folder / "run.json", "--black-box", folder, "--quiet"]
         return subprocess.Popen([str(word) for word in command], stderr=subprocess.PIPE, text=True)
 

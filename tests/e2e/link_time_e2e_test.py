@@ -102,6 +102,14 @@ def stop_now_and_then(process):
             process.send_signal(signal.SIGCONT)
 
 
+def ask_for_recovery(host, partial):
+    """As --recover auto does, which is for simulated devices only."""
+    while host.poll() is None:
+        if partial.exists():
+            host.send_signal(signal.SIGUSR1)
+        time.sleep(0.05)
+
+
 def session(programs, work, name, use_proxy):
     """The session's rows, its summary, and {time of a state in ns: the tool's true velocity along z}."""
     folder = work / name
@@ -116,10 +124,11 @@ def session(programs, work, name, use_proxy):
         proxy.start()
     host = subprocess.Popen([programs / "trocar-run", folder / "scene.json", "--asset", work / "sample.glb", "--device",
                              "udp:" + (proxy.address if use_proxy else address), "--key-file", folder / "key", "--record", record,
-                             "--summary", summary, "--late-ticks-in-row", "0", "--recover", "auto", "--passivity", "off", "--quiet",
+                             "--summary", summary, "--late-ticks-in-row", "0", "--recover", "signal", "--passivity", "off", "--quiet",
                              "--black-box", folder], stderr=subprocess.PIPE, text=True)
     if not use_proxy:
         threading.Thread(target=stop_now_and_then, args=(host,), daemon=True).start()
+    threading.Thread(target=ask_for_recovery, args=(host, record.with_suffix(".csv.partial")), daemon=True).start()
     stderr = host.communicate(timeout=120)[1]
     drive.send_signal(signal.SIGINT)
     drive.communicate(timeout=30)

@@ -394,9 +394,16 @@ def expected(scene, rows, asset_info, rate, meshes, layer_punctures=()):
     out["attempts"] = attempts_of(rows, counts, tip, t)
     xray = rows["xray"].astype(int) if "xray" in rows else np.zeros(n, int)
     out["xray"] = {"shots": int((xray & 1).sum()), "screening_s": int((xray >> 1).sum()) / rate}
-    again = np.zeros(n, bool)  # raised again within a recovery
-    again[1:] = (rows["safety"][1:] == "fault") & ((rows["safety"][:-1] == "recovering") | (
-        (rows["safety"][:-1] == "fault") & (rows["recovery_asked"][1:] == 1)))
+    again = np.zeros(n, bool)  # raised again within a recovery, or by a stop that is pressed again
+    again[1:] = (rows["safety"][1:] == "fault") & (rows["safety"][:-1] == "recovering")
+    held = told = by_operator = False
+    for k, (read, write, outside) in enumerate(zip(rows["device_read"], rows["device_write"], rows["outside_fault"])):
+        was, was_operator = held, by_operator
+        held = held if read in ("no_data", "link_lost") else read == "emergency_stop" or told
+        told = write == "emergency_stop"
+        by_operator = outside == "emergency_stop"
+        again[k] |= ((held or told) and not was) or (by_operator and not was_operator)
+        held |= told
     stops = [k for k in range(n) if rows["fault"][k] != "none" and (k == 0 or rows["fault"][k] != rows["fault"][k - 1] or again[k])]
     faults = [k for k in stops if rows["fault"][k] not in ("paused", "forces_off")]
     out["operator_stops_count"] = len(stops) - len(faults)

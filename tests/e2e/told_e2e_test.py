@@ -95,16 +95,16 @@ def faults_at_once(programs, work, scene):
 def recoveries(source, programs, work, asset):
     """In virtual time, in lock-step with the device: the hand presses from 2.5 s on."""
     scene = source / "runtime" / "scenes" / "one_slice.json"
-    for plan, wanted in (("stop@2.5..2.9", ["the emergency stop is still pressed; release it when that is safe", "the tool is in material: lift it N mm"]),
+    for plan, wanted in (("stop@2.5..2.9", []),  # nothing but the operator resets a stop
                          ("jump:3:0.03@2.5..2.51", ["the tool is in material: lift it N mm"])):
         with Simulator(programs, work, scene, "--clock", "lock-step", "--faults", plan) as simulator:
-            done = run(programs / "trocar-run", scene, "--asset", asset, *simulator.link(), "--clock", "virtual", "--recover", "auto", "--duration", "3.3",
+            done = run(programs / "trocar-run", scene, "--asset", asset, *simulator.link(), "--clock", "virtual", "--recover", "auto", "--simulated", "--duration", "3.3",
                        "--quiet", cwd=work, expect=5)
         told = [line for line in done.stderr.splitlines() if "no recovery yet" in line]
         reasons = [re.sub(r"lift it \d+ mm", "lift it N mm", line.partition(" s: ")[2]) for line in told]
         assert reasons == wanted, f"{plan}: told {told}"
         lift = re.search(r"lift it (\d+) mm", done.stderr)
-        assert lift is not None and 1 <= int(lift[1]) <= 15, f"{plan}: {lift}"
+        assert (lift is None and not wanted) or 1 <= int(lift[1]) <= 15, f"{plan}: {lift}"
     # A recovery that is granted.
     lifted = work / "lifted.json"
     up = json.loads(scene.read_text())

@@ -275,7 +275,7 @@ Outcome run(const Setting& setting, std::uint64_t seed, std::vector<Sheet>& pool
   while (device.t_s < setting.duration_s) {
     TickInputs inputs;
     inputs.sheets = sheets;
-    inputs.recover = setting.recovers;
+    if (setting.recovers) inputs.recover = RecoveryRequest::kByOperator;
     haptic_tick(setting.model, inputs, four_legs, law, state, result);
     ++out.ticks;
     for (std::size_t i = 0; i < last_Nm.size(); ++i)

@@ -25,7 +25,6 @@ constexpr double kMostlyMaterial = 0.5;
 // lies over material of the slices below it, and at most the rest over material of the slice above
 // it.
 constexpr double kLevel = 0.95;
-constexpr double kMinCoverage = 1e-3;  // with less coverage no hole is cut
 constexpr double kNewRegion_m = 2e-4;
 constexpr int kCheckedInTick = 2;   // number of sheets around the shaft evaluated per tick
 constexpr double kWidening = 0.25;  // a yielded wall is cut in steps of this many radii
@@ -424,7 +423,7 @@ void update_bone_contact(const BoneVolume& bone, std::span<const Sheet* const> s
   state.cuts.clear();
   if (pose_interval_s > 0) state.options.interval_s = pose_interval_s;
 
-  state.must_retract = false;
+  state.must_retract = state.is_released = false;
   if (bone.twists && state.has_plate && pose_interval_s > 0)
     follow_twist(bone, T_device_plate, pose_interval_s, state);
   const bool was_loaded = state.law.stretch_m > 0;

@@ -36,6 +36,9 @@
 
 namespace trocar::runtime {
 
+/// With less coverage than this, there is no bone under the tool: no hole is cut there.
+inline constexpr double kMinCoverage = 1e-3;
+
 /// Memory of one sheet between ticks, on the haptic thread.
 struct SheetInContact {
   LatticeOutline outline;  ///< tool's outline for which `uncut_coverage` and `hu` were computed
@@ -91,12 +94,14 @@ struct BoneContactState {
   double front_HU = 0;            ///< HU at the front (RecordingRow::Cutting::front_HU)
   double front_m = 0;             ///< depth of the front after the last tick
   double retract_to_depth_m = 0;  ///< if must_retract: depth to which the tip must be raised
-  bool must_retract = false;      ///< the tip was under load when reset_motion() was called
-  int next_checked = 0;           ///< index of the sheet whose walls were checked last (contract 3)
-  int last_hole = -1;       ///< CuttingState::hole after the last tick; reset_motion() keeps it
-  bool has_plate = false;   ///< the following poses and the wrench are valid
-  Pose T_device_plate;      ///< last new pose of the plate
-  Pose T_device_evaluated;  ///< pose at which the law was evaluated last
+  /// The tip pressed on a soft layer when reset_motion() was called.
+  bool must_retract = false;
+  bool is_released = false;  ///< reset_motion() was called after the last tick
+  int next_checked = 0;      ///< index of the sheet whose walls were checked last (contract 3)
+  int last_hole = -1;        ///< CuttingState::hole after the last tick; reset_motion() keeps it
+  bool has_plate = false;    ///< the following poses and the wrench are valid
+  Pose T_device_plate;       ///< last new pose of the plate
+  Pose T_device_evaluated;   ///< pose at which the law was evaluated last
   Wrench wrench_device = Wrench::Zero();  ///< wrench of the tissue in the last tick
 };
 
@@ -125,9 +130,11 @@ void forget_hole(const BoneVolume& bone, BoneContactState& state) noexcept;
 /// between tool and tissue. Holes are kept.
 void reset_motion(BoneContactState& state) noexcept;
 
-/// Returns the height by which the tip must be raised after reset_motion(), so that the tip is not
-/// under load when the session runs again. 0: the tip need not be raised.
-double retract_distance_m(const BoneVolume& bone, const Pose& T_device_plate,
-                          const BoneContactState& state) noexcept;
+/// Returns the height by which the tip must be raised after reset_motion(), so that forces do not
+/// return inside bone that the tool has not cut, nor in a soft layer that was under load. 0: the tip
+/// need not be raised, because the tool is out of the bone, or in a hole that it has cut down to its
+/// tip. In ticks with forces, returns 0.
+double retract_distance_m(const BoneVolume& bone, std::span<const Sheet* const> sheets,
+                          const Pose& T_device_plate, const BoneContactState& state) noexcept;
 
 }  // namespace trocar::runtime

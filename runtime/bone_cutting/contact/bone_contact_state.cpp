@@ -5,11 +5,23 @@
 #include <algorithm>
 
 #include "runtime/bone_cutting/contact/bone_contact.h"
+#include "runtime/bone_cutting/law/holes.h"
+#include "runtime/contact/overlap.h"
 
 namespace trocar::runtime {
 namespace {
 
 constexpr double kTwist_s = 0.02;
+constexpr double kSlabRounding_m = 1e-9;
+
+/// Returns true if uncut material lies under the tool's outline.
+bool has_material(const BoneVolume& bone, const Sheet& sheet, const Pose& T_device_plate) noexcept {
+  const Eigen::Vector2d at_m = axis_at(bone.tool, T_device_plate, sheet.z_m).head<2>();
+  if (!(sheet.field->mean(sheet.transform, at_m, bone.radius_m).share > 0)) return false;
+  const LatticeOutline outline =
+      outline_on_lattice(bone.tool, T_device_plate, sheet.transform, sheet.z_m);
+  return overlap(sheet, bone.tool, outline, {}).coverage > kMinCoverage;
+}
 
 }  // namespace
 
@@ -47,10 +59,7 @@ void forget_hole(const BoneVolume& bone, BoneContactState& state) noexcept {
 }
 
 void reset_motion(BoneContactState& state) noexcept {
-  if (state.law.stretch_m > 0) {
-    state.must_retract = true;
-    state.retract_to_depth_m = state.front_m;
-  }
+  state.is_released = true;
   for (const SoftLayerState& layer : state.law.layers) {
     if (!(layer.stretch_m > 0)) continue;
     state.retract_to_depth_m =
@@ -64,11 +73,26 @@ void reset_motion(BoneContactState& state) noexcept {
   state.result = {};
 }
 
-double retract_distance_m(const BoneVolume& bone, const Pose& T_device_plate,
-                          const BoneContactState& state) noexcept {
-  if (!state.must_retract) return 0;
-  const double tip_m = -(T_device_plate * bone.tool.tip_plate_m).z();
-  return std::max(0.0, tip_m - state.retract_to_depth_m);
+double retract_distance_m(const BoneVolume& bone, std::span<const Sheet* const> sheets,
+                          const Pose& T_device_plate, const BoneContactState& state) noexcept {
+  if (!state.is_released) return 0;
+  const Eigen::Vector3d tip = T_device_plate * bone.tool.tip_plate_m,
+                        axis = T_device_plate.q * -bone.tool.axis_plate;
+  double free_m = state.must_retract ? state.retract_to_depth_m : -tip.z();
+  int empty = -1;  // sheet without uncut material under the tool
+  for (std::size_t k = 0; k < bone.slabs.size() && bone.slabs[k].top_m < free_m - kSlabRounding_m;
+       ++k) {
+    const CuttingSlab& slab = bone.slabs[k];
+    const double cut_m = cut_by_any_hole(bone.options, state.law, slab, k, tip, axis);
+    if (cut_m >= std::min(slab.bottom_m, free_m) - kSlabRounding_m) continue;
+    const int i = bone.sheet_of_slab[k];
+    if (i == empty || !has_material(bone, *sheets[static_cast<std::size_t>(i)], T_device_plate)) {
+      empty = i;
+      continue;
+    }
+    free_m = std::max(slab.top_m, cut_m);
+  }
+  return std::max(0.0, -tip.z() - free_m);
 }
 
 }  // namespace trocar::runtime

@@ -15,12 +15,16 @@ using Eigen::Vector3d;
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
 // True if, in this slab, the axis is within `same_hole_m` of the hole's slot.
-bool is_near(const Tick& tick, const CuttingHoleSlab& slab, std::size_t i) noexcept {
-  return slab.walls[0].is_open() &&
-         slab.walls[0]
-                 .reach(crossing(tick.tip, tick.axis,
-                                 gauss_depth(tick.slabs[i], 0, tick.options.wall_points)))
-                 .distance_m <= tick.options.same_hole_m;
+bool is_near(const CuttingOptions& options, const CuttingSlab& slab, const CuttingHoleSlab& hole,
+             const Vector3d& tip, const Vector3d& axis) noexcept {
+  return hole.walls[0].is_open() &&
+         hole.walls[0]
+                 .reach(crossing(tip, axis, gauss_depth(slab, 0, options.wall_points)))
+                 .distance_m <= options.same_hole_m;
+}
+
+bool is_near(const Tick& tick, const CuttingHoleSlab& hole, std::size_t i) noexcept {
+  return is_near(tick.options, tick.slabs[i], hole, tick.tip, tick.axis);
 }
 
 void enter(Tick& tick, int slab) noexcept {
@@ -131,6 +135,18 @@ double cut_of(const Tick& tick, int slab) noexcept {
   const auto i = static_cast<std::size_t>(slab);
   const CuttingHoleSlab& s = tick.state.holes[static_cast<std::size_t>(tick.hole)].slabs[i];
   return s.embedded_m > 0 || is_near(tick, s, i) ? s.cut_m : -kInfinity;
+}
+
+double cut_by_any_hole(const CuttingOptions& options, const CuttingState& state,
+                       const CuttingSlab& slab, std::size_t index, const Vector3d& tip,
+                       const Vector3d& axis) noexcept {
+  double deepest_m = -kInfinity;
+  for (const CuttingHole& hole : state.holes) {
+    if (hole.first < 0) continue;
+    const CuttingHoleSlab& s = hole.slabs[index];
+    if (s.cut_m > deepest_m && is_near(options, slab, s, tip, axis)) deepest_m = s.cut_m;
+  }
+  return deepest_m;
 }
 
 void enter_or_leave(Tick& tick) noexcept {

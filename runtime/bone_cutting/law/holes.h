@@ -14,6 +14,12 @@ void choose_hole(Tick& tick) noexcept;
 /// Returns the depth down to which a slab is already cut at the tool's position, or minus infinity
 /// if the slab is uncut.
 double cut_of(const Tick& tick, int slab) noexcept;
+/// Returns the depth down to which a slab is cut at the position of a tool with this tip and axis,
+/// by any hole that `state` remembers; minus infinity if the slab is uncut there. For ticks without
+/// forces, in which the tool is in no hole.
+double cut_by_any_hole(const CuttingOptions& options, const CuttingState& state,
+                       const CuttingSlab& slab, std::size_t index, const Eigen::Vector3d& tip,
+                       const Eigen::Vector3d& axis) noexcept;
 /// Updates whether the tool is in a hole. The tool is in a hole as long as both the tip and the
 /// front are below the top of the hole's uppermost slab.
 void enter_or_leave(Tick& tick) noexcept;

@@ -11,6 +11,7 @@
 #include "formats/base/json_text.h"
 #include "formats/base/text_line.h"
 #include "formats/session/fault_words.h"
+#include "formats/session/held_stops.h"
 #include "formats/session/recording.h"
 #include "formats/session/xray_use.h"
 #include "runtime/console/answers/container.h"
@@ -73,6 +74,7 @@ json events_of(const std::vector<RecordingRow>& rows, bool with_punctures) {
   constexpr std::size_t kMaxEventsOfAnswer = 20'000;
   json events = json::array();
   RecordingRow before;
+  FaultStarts faults;
   const auto add_xray = [&events](const char* kind, const char* what, double t_s) {
     events.push_back(
         {{"kind", kind}, {"t_s", t_s}, {"text", text_line("%s at %.3f s", what, t_s)}});
@@ -100,7 +102,7 @@ json events_of(const std::vector<RecordingRow>& rows, bool with_punctures) {
            {"tip_N", row.break_through_N},
            {"text", describe_break_through(row.break_through_at, row.t_s, row.break_through_N)}});
     }
-    if (is_new_fault(before.safety, before.fault, row)) {
+    if (faults.take(row)) {
       const FaultWords& words = words_of(row.fault);
       events.push_back({{"kind", "fault"},
                         {"t_s", row.t_s},

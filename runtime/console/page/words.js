@@ -83,6 +83,8 @@ function describe_state({ has_begun, shown, state, is_connected, is_refused, is_
     return { level: "wait", state: "Recovering", words: why };
   }
   if (safety === kFault || shown.value("fault", 0)) {
+    const latest = shown.events.findLast?.(({ kind }) => kind === "recovery_refused" || kind === "recovered" || kind === "fault");
+    if (latest?.kind === "recovery_refused") return { level: "bad", state: "Emergency stop", words: `Refused: ${sentence(latest.why)} Torques are zero, and stay so. To ask again, press Release the stop.` };
     // A pause that has ended leaves the forces off if they were switched off during it.
     const wanted = kOperators[event?.fault === "paused" ? "forces_off" : event?.fault];
     if (wanted) return { level: "wait", state: wanted[0], words: wanted[1] };

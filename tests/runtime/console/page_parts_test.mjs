@@ -69,6 +69,16 @@ test("after a pause the page says Running when a row of after the pause has come
   assert.equal(said({ ...row, t_s: 2.001 }, resumed), "Running");
 });
 
+test("a refused request is said, until a new fault or a recovery", () => {
+  const shown = (row, events) => ({ about: {}, events, value: (name, otherwise) => row[name] ?? otherwise });
+  const said = (events) => describe({ shown: shown({ t_s: 2, safety: 3, fault: 1, paused: 0 }, events), state: { state: "running" }, is_connected: true }).words;
+  const stop = { kind: "fault", fault: "emergency_stop", meaning: "the emergency stop is pressed" };
+  const refused = { kind: "recovery_refused", fault: "emergency_stop", why: "the device's emergency stop is pressed; release it" };
+  assert.doesNotMatch(said([stop]), /Refused/);
+  assert.match(said([stop, refused]), /^Refused: The device's emergency stop is pressed; release it\. .*press Release the stop/);
+  assert.doesNotMatch(said([stop, refused, stop]), /Refused/);
+});
+
 test("a session that has ended is not called one that did not begin, whatever bone the page shows", () => {
   const said = (has_begun, exit_code) => describe({ has_begun, shown: null, state: { state: "ended", message: "", exit_code }, is_connected: true });
   for (const [has_begun, exit_code, state, level] of [[true, 0, "Ended", "wait"], [true, 4, "Ended", "bad"], [false, 3, "Not started", "bad"]])

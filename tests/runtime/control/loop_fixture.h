@@ -108,7 +108,7 @@ class LoopFixture : public testing::Test {
     inputs.gap_s = gap_s;
     inputs.missed_in_row = missed_in_row_;
     inputs.outside = outside_;
-    inputs.recover = recover_;
+    inputs.recover = recover_ ? RecoveryRequest::kByOperator : RecoveryRequest::kNone;
     four_legs_->change(description_, mechanism_);
     haptic_tick(model_, inputs, *four_legs_, law_, state_, result_);
   }

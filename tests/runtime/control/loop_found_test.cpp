@@ -201,12 +201,20 @@ TEST_F(LoopFound, WhatPreventsARecovery) {
   EXPECT_EQ(result_.new_fault, Fault::kEmergencyStop) << "its release alone must not bring forces";
   EXPECT_EQ(state_.safety.state, SafetyState::kFault);
   EXPECT_EQ(state_.safety.fault, Fault::kEmergencyStop);
-  tick();
-  EXPECT_EQ(state_.safety.state, SafetyState::kRecovering) << "asked for again";
-  EXPECT_EQ(result_.new_fault, Fault::kNone) << "held since before the request";
+  for (int i = 0; i < 3; ++i) {
+    tick();
+    EXPECT_EQ(state_.safety.state, SafetyState::kFault) << "refused while the stop is held";
+    EXPECT_TRUE(result_.recovery_is_refused);
+    EXPECT_EQ(result_.row.recovery_asked, 1);
+    EXPECT_EQ(result_.new_fault, Fault::kNone) << "held since before the request";
+  }
   device_.on_read = DeviceStatus::kOk;
   go_to(0.125);
   tick();
+  EXPECT_TRUE(result_.recovery_is_refused) << "not newer than the release";
+  tick();
+  EXPECT_EQ(state_.safety.state, SafetyState::kRecovering);
+  EXPECT_FALSE(result_.recovery_is_refused);
   EXPECT_EQ(result_.found.fault, Fault::kNone);
   EXPECT_EQ(result_.retract_distance_m, 0);
 }

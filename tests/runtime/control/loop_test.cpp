@@ -334,6 +334,49 @@ TEST_F(Loop, RestoreIsCalledWhileRecoveringAndTheDeviceIsLost) {
   }
 }
 
+TEST_F(Loop, ARefusedRequestRestoresTheLinkThatCouldTellTheRelease) {
+  device_.on_read = DeviceStatus::kEmergencyStop;
+  tick();
+  device_.on_read = DeviceStatus::kLinkLost;
+  for (int i = 0; i < 20; ++i)
+    tick();
+  EXPECT_EQ(device_.restored, 0);
+  recover_ = true;
+  tick();
+  recover_ = false;
+  EXPECT_TRUE(result_.recovery_is_refused);
+  EXPECT_EQ(result_.found.fault, Fault::kLinkLost);
+  EXPECT_EQ(device_.restored, 1);
+  device_.on_read = DeviceStatus::kOk;
+  for (int i = 0; i < 400; ++i)
+    tick();
+  EXPECT_EQ(state_.safety.state, SafetyState::kFault) << "the request is not kept";
+  EXPECT_EQ(state_.safety.fault, Fault::kEmergencyStop);
+  recover_ = true;
+  tick();
+  EXPECT_EQ(state_.safety.state, SafetyState::kRecovering);
+}
+
+TEST_F(Loop, AStopDuringAnotherFaultIsReported) {
+  for (const bool by_write : {false, true}) {
+    device_.next.encoder_rad[7] = NAN;
+    for (int i = 0; i < 6; ++i)
+      tick();
+    ASSERT_EQ(state_.safety.fault, by_write ? Fault::kEmergencyStop : Fault::kEncoderNotFinite);
+    (by_write ? device_.on_write : device_.on_read) = DeviceStatus::kEmergencyStop;
+    tick();
+    EXPECT_EQ(result_.new_fault, Fault::kEmergencyStop);
+    EXPECT_EQ(result_.found.fault, Fault::kEmergencyStop);
+    EXPECT_EQ(result_.row.fault, Fault::kEmergencyStop);
+    tick();
+    EXPECT_EQ(result_.new_fault, Fault::kNone) << "held";
+    device_.on_read = device_.on_write = DeviceStatus::kOk;
+    tick();
+    tick();
+  }
+  EXPECT_EQ(state_.safety.faults, 3U);
+}
+
 TEST_F(Loop, ARequestForRecoveryHasNoEffectInOtherStates) {
   recover_ = true;
   for (int i = 0; i < 3; ++i)

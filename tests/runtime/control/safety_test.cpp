@@ -75,7 +75,8 @@ TEST(Safety, AfterEnergyTorquesAreZeroAtOnceAndStayZero) {
   ASSERT_TRUE(raise(safety, Fault::kEnergyLimit, 1));
   EXPECT_EQ(ramp_factor(safety, timing, 8000), 0);
   EXPECT_TRUE(torques_are_zero(safety, timing, 8000));
-  ASSERT_TRUE(recover(safety, timing, 8000));
+  answer_request(safety, RecoveryRequest::kByOperator, timing, 8000);
+  ASSERT_EQ(safety.state, S::kRecovering);
   for (int i = 0; i < 5; ++i) {
     advance(safety, timing, 8000, Fault::kNone, 1, true, false);
     EXPECT_EQ(safety.state, S::kReady);
@@ -109,6 +110,97 @@ TEST(Safety, ATimeOfNanIsSafe) {
   EXPECT_EQ(rise(std::numeric_limits<double>::infinity()), 0);
 }
 
+TEST(Safety, AStopIsLatchedInEveryStateAndReplacesTheFault) {
+  for (const S state : {S::kIdle, S::kReady, S::kRunning, S::kFault, S::kRecovering}) {
+    for (const bool by_device : {false, true}) {
+      Safety safety;
+      safety.state = state;
+      if (state == S::kFault || state == S::kRecovering) safety.fault = Fault::kEncoderJump;
+      const auto press = [&](bool is_pressed) {
+        const DeviceStatus read =
+            by_device && is_pressed ? DeviceStatus::kEmergencyStop : DeviceStatus::kOk;
+        take_stops(safety, read, !by_device && is_pressed ? Fault::kEmergencyStop : Fault::kNone,
+                   2);
+      };
+      for (const std::uint64_t presses : {1U, 2U}) {
+        press(true);
+        press(true);
+        EXPECT_EQ(safety.state, S::kFault);
+        EXPECT_EQ(safety.fault, Fault::kEmergencyStop);
+        EXPECT_EQ(safety.fault_t_s, 2);
+        EXPECT_EQ(safety.faults, presses);
+        press(false);
+      }
+    }
+  }
+}
+
+TEST(Safety, ASilentLinkReleasesNoStop) {
+  const SafetyTiming timing;
+  Safety safety;
+  take_stops(safety, DeviceStatus::kEmergencyStop, Fault::kNone, 0);
+  safety.ramp_ticks_done = 100;
+  const auto ask = [&](DeviceStatus read) {
+    take_stops(safety, read, Fault::kNone, 1);
+    return answer_request(safety, RecoveryRequest::kByOperator, timing, 1000);
+  };
+  for (const DeviceStatus silent : {DeviceStatus::kNoData, DeviceStatus::kLinkLost})
+    for (int i = 0; i < 100; ++i)
+      ASSERT_EQ(ask(silent), RecoveryAnswer::kRefused);
+  EXPECT_EQ(ask(DeviceStatus::kMotorFault), RecoveryAnswer::kRefused) << "just released";
+  EXPECT_EQ(safety.state, S::kFault);
+  EXPECT_EQ(ask(DeviceStatus::kOk), RecoveryAnswer::kTaken);
+  EXPECT_EQ(safety.state, S::kRecovering);
+  EXPECT_EQ(safety.faults, 1U);
+}
+
+TEST(Safety, ARequestInTheRampWaitsForItsEndUnlessAStopComes) {
+  const SafetyTiming timing;
+  for (const bool is_stopped : {false, true}) {
+    Safety safety;
+    safety.state = S::kRunning;
+    raise(safety, Fault::kSpeed, 0);
+    ramp_factor(safety, timing, 1000);
+    answer_request(safety, RecoveryRequest::kByOperator, timing, 1000);
+    ASSERT_EQ(safety.state, S::kFault);
+    for (int i = 0; i < 10; ++i) {
+      take_stops(safety, i == 0 && is_stopped ? DeviceStatus::kEmergencyStop : DeviceStatus::kOk,
+                 Fault::kNone, 0);
+      answer_request(safety, RecoveryRequest::kNone, timing, 1000);
+      ramp_factor(safety, timing, 1000);
+    }
+    EXPECT_EQ(safety.state, is_stopped ? S::kFault : S::kRecovering);
+  }
+}
+
+TEST(Safety, AnAutomaticRequestResetsNoStop) {
+  const SafetyTiming timing;
+  for (int f = 1; f < kFaults; ++f) {
+    const auto fault = static_cast<Fault>(f);
+    Safety safety;
+    raise(safety, fault, 0);
+    safety.ramp_ticks_done = 100;
+    for (int i = 0; i < 10; ++i) {
+      take_stops(safety, DeviceStatus::kOk, Fault::kNone, 0);
+      answer_request(safety, RecoveryRequest::kAutomatic, timing, 1000);
+    }
+    EXPECT_EQ(safety.state, is_stop(fault) ? S::kFault : S::kRecovering) << to_string(fault);
+  }
+}
+
+TEST(Safety, APauseEndsARecovery) {
+  for (const Fault fault : {Fault::kPaused, Fault::kForcesOff}) {
+    Safety safety;
+    safety.state = S::kRecovering;
+    safety.fault = Fault::kEncoderJump;
+    take_stops(safety, DeviceStatus::kLinkLost, fault, 3);
+    EXPECT_EQ(safety.state, S::kFault);
+    EXPECT_EQ(safety.fault, fault);
+    take_stops(safety, DeviceStatus::kLinkLost, fault, 4);
+    EXPECT_EQ(safety.faults, 1U);
+  }
+}
+
 TEST(Safety, ContractUnderRandomEvents) {
   std::mt19937_64 random(11);
   const SafetyTiming timing{0.004, 0.02, 0.01};
@@ -123,12 +215,19 @@ TEST(Safety, ContractUnderRandomEvents) {
       const std::uint64_t quiet_before = safety.quiet_ticks;
       const bool asked = random() % 8 == 0;
       const bool rested = torques_are_zero(safety, timing, kRate_Hz);
-      const bool taken = asked && recover(safety, timing, kRate_Hz);
-      ASSERT_EQ(taken, asked && rested);
+      const bool is_stopped = random() % 100 == 0, waited = safety.waits_for_ramp;
+      const bool was_kept = safety.stops.any();
+      take_stops(safety, DeviceStatus::kOk, is_stopped ? Fault::kEmergencyStop : Fault::kNone,
+                 tick);
+      const RecoveryAnswer answer = answer_request(
+          safety, asked ? RecoveryRequest::kByOperator : RecoveryRequest::kNone, timing, kRate_Hz);
+      ASSERT_EQ(answer, !asked       ? RecoveryAnswer::kNone
+                        : is_stopped ? RecoveryAnswer::kRefused
+                                     : RecoveryAnswer::kTaken);
+      const bool taken = (asked || waited) && rested && !is_stopped;
       const Fault fault =
           random() % 60 == 0 ? static_cast<Fault>(1 + random() % (kFaults - 1)) : Fault::kNone;
-      const bool free = random() % 100 != 0, is_stopped = random() % 100 == 0;
-      if (is_stopped) press_stop(safety, tick);
+      const bool free = random() % 100 != 0;
       advance(safety, timing, kRate_Hz, fault, tick, true, free);
       if (safety.state != S::kRunning) ramp_factor(safety, timing, kRate_Hz);
 
@@ -137,7 +236,6 @@ TEST(Safety, ContractUnderRandomEvents) {
       if (is_stopped) {
         ASSERT_EQ(safety.state, S::kFault) << "from every state";
         ASSERT_EQ(safety.fault, Fault::kEmergencyStop);
-        const bool was_kept = before == S::kFault && !taken && fault_before == safety.fault;
         ASSERT_EQ(safety.faults, faults_before + (was_kept ? 0 : 1));
         ASSERT_EQ(safety.quiet_ticks, 0U);
         continue;

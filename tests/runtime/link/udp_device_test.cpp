@@ -73,6 +73,15 @@ TEST(UdpDevice, ALongQueueIsDiscardedUntilTheNextState) {
   EXPECT_GT(state.t_s, 0.4);
 }
 
+TEST(UdpDevice, AStopInALongQueueIsReported) {
+  Peer peer(LinkClock::kReal, "stop@0.05");
+  const auto device = connected(to(peer));
+  ASSERT_TRUE(device);
+  peer.wait_for_states(200);
+  DeviceState state;
+  EXPECT_EQ(device->read(state), DeviceStatus::kEmergencyStop);
+}
+
 // 100 states in each tick are usual for this drive, and 150 after a late tick.
 TEST(UdpDevice, AQueueOfTheStatesOfATickIsNotTooLong) {
   Peer peer(LinkClock::kReal, "", 10, 1e-4);

@@ -144,10 +144,13 @@ TEST(SessionObserver, AnEmergencyStopDuringTheRecoveryFromAnotherOneIsAnotherFau
   EXPECT_EQ(found.faults.list[1].t_s, 0.005);
   ASSERT_TRUE(found.faults.list[1].recovered_s);
   EXPECT_EQ(*found.faults.list[1].recovered_s, 0.007);
-  // The stop is pressed in the tick in which the recovery is asked for.
-  ObservedTick asked = stop;
+  // A refused request is no fault, a second press is one.
+  ObservedTick asked = stop, pressed = stop;
   asked.row.recovery_asked = 1;
-  EXPECT_EQ(figures_of(scene_with_layer(), {free, stop, asked, stop, recovering}).faults.count, 2U);
+  EXPECT_EQ(figures_of(scene_with_layer(), {free, stop, asked, stop, recovering}).faults.count, 1U);
+  pressed.row.device_read = DeviceStatus::kEmergencyStop;
+  EXPECT_EQ(figures_of(scene_with_layer(), {free, pressed, pressed, stop, pressed}).faults.count,
+            2U);
 }
 
 TEST(SessionObserver, GoalsThatWereNeverTriedAreNotMet) {

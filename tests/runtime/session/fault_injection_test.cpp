@@ -186,7 +186,8 @@ void run(const FaultCase& test, int index) {
   options.black_box = folder.path();
   options.limits.timing.quiet_s = options.limits.timing.ramp_up_s = 0.05;
   std::atomic<bool> button{false};
-  const bool by_hand = random() % 2 == 0;
+  // A stop is never reset by itself.
+  const bool by_hand = random() % 2 == 0 || test.fault == Fault::kEmergencyStop;
   options.recovery = by_hand ? RecoveryPolicy::kOnRequest : RecoveryPolicy::kAuto;
   options.recover = &button;
   const double begin_s = 0.18 + 0.25 * uniform(random);

@@ -510,6 +510,30 @@ TEST_F(DriveLink, EmergencyStopKeepsTorquesAtZeroUntilAcknowledged) {
   EXPECT_EQ(drive.report().emergency_stops, 1U);
 }
 
+// Contract 5: the host was lost while the stop was pressed and released.
+TEST_F(DriveLink, ALaterSessionReportsAStopThatNoHostHasAcknowledged) {
+  for (const bool resets_world : {false, true}) {
+    Drive drive(options(LinkClock::kReal, "stop@0.05..0.06"), slowly_lowered_device());
+    Host host(drive, key_);
+    ASSERT_TRUE(host.handshake(0));
+    ASSERT_EQ(host.torque(1, 0), LinkRefusal::kNone);
+    Drive::Answer state;
+    for (std::int64_t ms = 1; ms <= 2000; ++ms)
+      drive.tick(ms * kMs, 4, state);
+    ASSERT_FALSE(drive.in_session());
+    ASSERT_TRUE(host.handshake(2000 * kMs, resets_world));
+    ASSERT_EQ(host.command(CommandMode::kFree, 0, 2000 * kMs), LinkRefusal::kNone);
+    for (std::int64_t ms = 2001; ms <= 2003; ++ms) {
+      drive.tick(ms * kMs, 4, state);
+      EXPECT_EQ(host.state_in(state).mode,
+                resets_world ? DriveMode::kReady : DriveMode::kEmergencyStop);
+    }
+    ASSERT_EQ(host.command(CommandMode::kFree, 0, 2003 * kMs), LinkRefusal::kNone);
+    drive.tick(2004 * kMs, 4, state);
+    EXPECT_EQ(host.state_in(state).mode, DriveMode::kReady) << "acknowledged";
+  }
+}
+
 TEST_F(DriveLink, ADeadMotorGivesNoTorqueAndIsReported) {
   Drive drive(options(LinkClock::kLockStep, "dead:3@0.01"), slowly_lowered_device());
   Host host(drive, key_);

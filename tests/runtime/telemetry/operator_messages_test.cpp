@@ -18,7 +18,8 @@
 namespace trocar::runtime {
 namespace {
 
-/// The simulated device; its emergency stop is pressed from tick `begin` to `end`.
+/// The simulated device; its emergency stop is pressed from tick `begin` to `end`. The operator asks
+/// for recovery once in between, and once after it.
 class StoppedDevice final : public Device {
  public:
   StoppedDevice(SimulatedDevice& inner, std::uint64_t begin, std::uint64_t end)
@@ -26,6 +27,7 @@ class StoppedDevice final : public Device {
   DeviceStatus read(DeviceState& state) noexcept override {
     ++ticks;
     haptic_thread = std::this_thread::get_id();
+    if (ticks == (begin_ + end_) / 2 || ticks == end_ + 10) recover.store(true);
     if (ticks > begin_ && ticks <= end_) return DeviceStatus::kEmergencyStop;
     return inner_.read(state);
   }
@@ -33,6 +35,7 @@ class StoppedDevice final : public Device {
     return inner_.write(command);
   }
   std::atomic<std::uint64_t> ticks{0};
+  std::atomic<bool> recover{false};
   std::thread::id haptic_thread;
 
  private:
@@ -68,7 +71,8 @@ std::vector<Told> run(Clock clock, std::thread::id& haptic_thread) {
   options.clock = clock;
   options.rate_Hz = 500;
   options.duration_s = scene.duration_s;
-  options.recovery = RecoveryPolicy::kAuto;
+  options.recovery = RecoveryPolicy::kOnRequest;
+  options.recover = &device.recover;
   options.limits.gap_max_s = 0;
   options.on_message = [&](const OperatorMessage& notice) {
     told.push_back({notice, device.ticks.load(), std::this_thread::get_id()});
@@ -90,7 +94,7 @@ TEST(OperatorMessages, AreToldDuringTheSessionOnceForEachReason) {
     ASSERT_EQ(told.size(), 4U);
     using Kind = OperatorMessage::Kind;
     const std::pair<Kind, Fault> wanted[] = {{Kind::kFault, Fault::kEmergencyStop},
-                                             {Kind::kNotRecovered, Fault::kEmergencyStop},
+                                             {Kind::kRefused, Fault::kEmergencyStop},
                                              {Kind::kNotRecovered, Fault::kNone},
                                              {Kind::kRecovered, Fault::kEmergencyStop}};
     for (std::size_t i = 0; i < told.size(); ++i) {
@@ -105,8 +109,12 @@ TEST(OperatorMessages, AreToldDuringTheSessionOnceForEachReason) {
         describe(told[0].notice),
         "fault emergency_stop at 0.2000 s: the emergency stop is pressed, the device's or the "
         "operator's; release it when that is safe");
-    EXPECT_NE(describe(told[1].notice).find("the emergency stop is still pressed; release it"),
-              std::string::npos);
+    EXPECT_EQ(describe(told[1].notice).rfind("recovery refused at 0.35", 0), 0U);
+    EXPECT_NE(
+        describe(told[1].notice)
+            .find("the device's emergency stop is pressed; release it when that is safe, then "
+                  "ask again"),
+        std::string::npos);
     EXPECT_NE(describe(told[3].notice).find("recovered at "), std::string::npos);
   }
 }

@@ -378,14 +378,15 @@ TEST(BodyContact, AFaultUnderLoadNeedsLifting) {
   Pose T;
   T.p_m = {0, 0, 0.121};
   trial.move(0, 0.121, 0, 0.116);
-  EXPECT_EQ(retract_distance_m(trial.bone_, T, trial.state_), 0) << "no fault";
+  EXPECT_EQ(retract_distance_m(trial.bone_, trial.placed_.sheets, T, trial.state_), 0)
+      << "no fault";
   EXPECT_NEAR(trial.force_N(), 20, 0.01);
   for (int k = 0; k < 3; ++k) {
     reset_motion(trial.state_);
     for (const double z_m : {0.116, 0.118, 0.1199, 0.12, 0.121}) {
       T.p_m.z() = z_m;
-      EXPECT_NEAR(retract_distance_m(trial.bone_, T, trial.state_), std::max(0.0, 0.12 - z_m),
-                  1e-9);
+      EXPECT_NEAR(retract_distance_m(trial.bone_, trial.placed_.sheets, T, trial.state_),
+                  std::max(0.0, 0.12 - z_m), 1e-9);
     }
   }
   // Lifted, and on again: as new.
@@ -398,7 +399,45 @@ TEST(BodyContact, AFaultUnderLoadNeedsLifting) {
   EXPECT_EQ(trial.fronts_, 1);
   reset_motion(trial.state_);
   T.p_m.z() = 0.111;
-  EXPECT_EQ(retract_distance_m(trial.bone_, T, trial.state_), 0) << "nothing bears it";
+  EXPECT_EQ(retract_distance_m(trial.bone_, trial.placed_.sheets, T, trial.state_), 0)
+      << "nothing bears it";
+}
+
+// A tool at rest in its own hole bears nothing. While there are no forces, a hand can take it anywhere.
+TEST(BodyContact, ForcesDoNotReturnInBoneThatTheToolHasNotCut) {
+  const auto distance = [](const DryRun& trial, double x_m, double z_m, double y_m = 0) {
+    Pose T;
+    T.p_m = {x_m, y_m, z_m};
+    return retract_distance_m(trial.bone_, trial.placed_.sheets, T, trial.state_);
+  };
+  for (const bool is_rigid : {true, false}) {
+    for (const bool is_published : {false, true}) {
+      DryRun trial(walled(), spaced_asset(10, 1), is_rigid);
+      trial.move(0, 0.121, 0, 0.115);
+      trial.move(0, 0.115, 0, 0.118);  // off the front
+      EXPECT_LE(trial.state_.law.stretch_m, 0) << "no load";
+      ASSERT_GT(trial.fronts_, 2);
+      const double front_m = -trial.state_.front_m;
+      const int fronts = trial.fronts_;
+      if (is_published) trial.publish();
+      EXPECT_EQ(distance(trial, 0, 0.118), 0) << "no fault";
+      reset_motion(trial.state_);
+      EXPECT_EQ(distance(trial, 0, 0.118), 0) << "in its own hole";
+      EXPECT_EQ(distance(trial, 0, 0.13), 0) << "out of the bone";
+      EXPECT_EQ(distance(trial, 0, front_m), 0) << "at the front";
+      EXPECT_NEAR(distance(trial, 0, front_m - 1e-3), 1e-3, 1e-9) << "pushed on";
+      const double top_m = -trial.bone_.slabs.front().top_m;
+      for (const double x_m : {1e-3, 5e-3, 10e-3, -15e-3})
+        EXPECT_NEAR(distance(trial, x_m, 0.1155), top_m - 0.1155, 1e-9) << x_m;
+      EXPECT_NEAR(distance(trial, 5e-3, 0.1), top_m - 0.1, 1e-9) << "below the bone, through it";
+      EXPECT_EQ(distance(trial, 0.03, 0.1155), 0) << "beside the bone";
+      // Forces that return in the hole do not jump.
+      trial.tick(0, 0.118);
+      EXPECT_NEAR(trial.force_N(), 0, 1e-9);
+      EXPECT_EQ(trial.fronts_, fronts);
+      EXPECT_EQ(distance(trial, 5e-3, 0.1155), 0) << "with forces there is nothing to lift";
+    }
+  }
 }
 
 // Holes are kept; that the tool is in one is not.
