@@ -13,7 +13,7 @@ import sys
 # From the lowest layer up.
 FOLDERS_IN_ORDER = (
     "formats/base", "formats/geometry", "formats/asset", "formats/session", "formats/session/scene_reading", "formats/examples",
-    "pipeline/base", "pipeline/read", "pipeline/read/image", "pipeline/read/nifti", "pipeline/read/dicom", "pipeline/open",
+    "pipeline/base", "pipeline/read", "pipeline/read/image", "pipeline/read/nifti", "pipeline/read/nrrd", "pipeline/read/dicom", "pipeline/open",
     "pipeline/segment", "pipeline/contour", "pipeline/triangulation", "pipeline/verify", "pipeline/surface", "pipeline/scan",
     "pipeline/preview", "pipeline/farm", "pipeline/archive", "pipeline/review", "pipeline/program/archive", "pipeline/program",
     "runtime/sheet_mesh", "runtime/hole_cutting", "runtime/local_refinement", "runtime/realtime", "runtime/decompositions", "runtime/device", "runtime/mechanism", "runtime/pose_device", "runtime/contact",
