@@ -71,8 +71,8 @@ void follow_reference(double change_m, BreakThroughState& state) noexcept {
 
 double loss_of_resistance(double force_N, double reference_N) noexcept {
   const double left = 2 * (force_N + kBreakNoise_N) / (reference_N + kBreakNoise_N);
-  const double square = left * left, fourth = square * square;
-  return 1 / (1 + fourth * fourth);
+  const double square = left * left;
+  return 1 / (1 + square * square * square);
 }
 
 double BreakDepth::move_to(double to_m) noexcept {

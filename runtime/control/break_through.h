@@ -8,9 +8,9 @@
 //     at this distance. The advance of a tick is the change of d, if positive. So neither unloading,
 //     nor pressing again, nor the way back into a hole is an advance. F' and s' are F and s after
 //     equal low-passes of first order with the time constant kBreakFilter_s; d' is the depth of s'.
-//  2. The loss is u(F, P) = 1 / (1 + (2 (F + f) / (P + f))^8) with f = kBreakNoise_N: 0.5 if F + f
-//     is half of P + f, 0.996 at a quarter, 0.004 without a fall. A relative change of F or of P
-//     changes u by at most 8 times as much, so nothing that is made from u has a step.
+//  2. The loss is u(F, P) = 1 / (1 + (2 (F + f) / (P + f))^6) with f = kBreakNoise_N: 0.5 if F + f
+//     is half of P + f, 0.985 at a quarter, 0.015 without a fall. A relative change of F or of P
+//     changes u by at most 6 times as much, so nothing that is made from u has a step.
 //  3. State `loaded`: the reference P is the largest F'; it is multiplied by
 //     exp(-change of d' / kBreakReach_m) while d' grows, and P is 0 when d' falls. So P is the
 //     resistance of the last millimetres, not of a time. The mean loss is that of u(F', P) over d',
@@ -41,7 +41,7 @@
 namespace trocar::runtime {
 
 inline constexpr double kBreakFilter_s = 0.003, kBreakMemory_s = 0.1, kPlunge_s = 0.5;
-inline constexpr double kBreakNoise_N = 1.5, kBreakRise = 1.5, kFallBegins = 0.02;
+inline constexpr double kBreakNoise_N = 1.5, kBreakRise = 1.5, kFallBegins = 0.03;
 inline constexpr double kBreakReach_m = 2e-3, kBreakRun_m = 2e-5, kBreakBack_m = 1e-3;
 
 /// The loss u of law 2.

@@ -118,7 +118,7 @@ def plate_tip(rows, scene):
 
 
 def loss(force, reference):
-    return 1 / (1 + (2 * (force + 1.5) / (reference + 1.5))**8)
+    return 1 / (1 + (2 * (force + 1.5) / (reference + 1.5))**6)
 
 
 def depths(way):
@@ -162,7 +162,7 @@ def falls_of(force, tip, fixed, inward, released, rate):
             phase, reference, mean = "loaded", max(released[k], n), 1.0
         elif step > 0:
             mean += (loss(n, reference) - mean) * (1 - math.exp(-step / 2e-5))
-        if phase == "loaded" and mean >= 0.02:
+        if phase == "loaded" and mean >= 0.03:
             falls.append([k, None, reference, run, run_hand])
             phase, least, since = "falling", n, 0.0
         if phase == "falling" and mean >= 0.5:
