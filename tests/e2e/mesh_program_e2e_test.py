@@ -110,7 +110,7 @@ def test_refuses_an_empty_asset(programs, scan, work):
             ((volume, "--threshold", "30000"),
              ("sample.nii.gz, slices 0-34: nothing is at or above the threshold of 30000", found, "try --threshold 226")),
             ((scan / "dicom", "--threshold", "30000", "--slices", "3:3"), (f"{scan / 'dicom'}, slice 3: ", "try --threshold 226")),
-            ((volume, "--labels", "99"), (found, "no label map", "try it without --labels")),
+            ((volume, "--labels", "99"), ("which is no label", "try it without --labels")),
             ((labelled,), ("the threshold of 226", "the values found are 0 to 24, ", "labels 20-24", "try --labels 20-24 ")),
             ((labelled, "--labels", "99"), ("the label 99 is not there", "0 to 24", "labels 20-24", "try --labels 20-24 ")),
             ((labelled, "--labels", "20,24", "--slices", "2:2"), ("slice 2: ", "labels 20, 24 are not there", "labels 22-23")),
@@ -221,7 +221,7 @@ def test_presets_are_their_options(programs, scan, work):
     refuses(3, "no material within 10 mm", mesh, volume, *out, "--seed", "9000,0,0")
     refuses(3, "--min-volume leaves none of the", mesh, volume, *out, "--min-volume", "1e9")
     refuses(3, "--seed 9000,0,0: no material", mesh, volume, *out, "--seed", "9000,0,0", "0,0,0")
-    refuses(3, "the values look like HU and not like labels", mesh, volume, *out, "--mask", f"{volume}:300")
+    refuses(3, "which is no label, a whole number from 0 to 2147483647; --mask needs a label map", mesh, volume, *out, "--mask", f"{volume}:300")
     said = warned(mesh, work / "all.json", volume, "-o", work / "all.glb", "--threshold", "-5000", "--slices", "14:15")
     assert "every pixel is material" in said.get("all_material", ""), f"all_material: {said}"
     label_map(scan, work / "small.nii.gz", [[1]])
