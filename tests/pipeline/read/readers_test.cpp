@@ -366,7 +366,10 @@ TEST_F(Readers, ImagesEqualWhatOpenCvReads) {
        fs::directory_iterator(fs::path(TROCAR_CORPUS) / "image")) {
     const fs::path& file = entry.path();
     if (file.filename().string().starts_with("found_")) continue;
-    cv::Mat want = cv::imread(file.string(), cv::IMREAD_UNCHANGED);
+    // OpenCV multiplies the levels of a TIFF by its transparency, those of the equal PNG it does not.
+    const bool is_alpha_tiff = file.filename().string().starts_with("alpha_");
+    cv::Mat want = cv::imread((is_alpha_tiff ? file.parent_path() / "alpha.png" : file).string(),
+                              cv::IMREAD_UNCHANGED);
     const auto got = read_image_file(file);
     if (want.empty() || (want.channels() != 1 && want.channels() != 3 && want.channels() != 4) ||
         want.depth() > CV_16U)

@@ -62,7 +62,7 @@ TEST(Segmentation, MeanOfMaterialIsEmptyWithoutMaterial) {
 TEST(Segmentation, LabelsThatFloatsWouldMergeAreDifferent) {
   const LabelImage image{4, 1, {614454277, 614454280, kMaxLabel, kMaxLabel - 1}};
   const Field field = segment(image, PixelUnit::kHounsfield, Labels{{614454280, kMaxLabel}});
-  EXPECT_EQ(field.image.values, (std::vector<float>{0, 1, 0, 1}));
+  EXPECT_EQ(field.image.values, (std::vector<float>{0, 1, 1, 0}));
   EXPECT_EQ(field.iso, 0.5F);
   EXPECT_EQ(field.labels, (std::set<int>{614454280, kMaxLabel}));
 }
