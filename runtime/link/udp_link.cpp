@@ -100,7 +100,12 @@ bool UdpLink<Kind>::shake_hands_again() {
   if (done) {
     restore_error_.reset();
   } else if (!closing_.load()) {  // it is no error if close() interrupts an attempt
-    const bool is_new = !restore_error_ || restore_error_->message != done.error().message;
+    // The value of a refused field may differ in each state, which is no new reason.
+    const std::string field = quantity_name(refused_.get());
+    const bool is_same_field = !field.empty() && field == refused_field_;
+    const bool is_new =
+        !restore_error_ || (!is_same_field && restore_error_->message != done.error().message);
+    refused_field_ = field;
     restore_error_ = done.error();
     if (is_new && options_.say) options_.say(restore_error_->message);
   }

@@ -206,7 +206,8 @@ class UdpLink final : public Kind::Interface {
   bool is_lost_ = false;   ///< the last read() returned kLinkLost or kMotorFault
   bool given_up_ = false;  ///< lock-step: restore() failed
   std::optional<Error> restore_error_;
-  RefusedContents refused_;  ///< of the newest authentic state
+  std::string refused_field_;  ///< quantity_name() of the field that restore_error_ names
+  RefusedContents refused_;    ///< of the newest authentic state
   /// While this is true, only the thread that establishes the new session uses the other members.
   /// While this is false, only the haptic thread does.
   std::atomic<bool> restoring_{false};
