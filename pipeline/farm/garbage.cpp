@@ -60,6 +60,8 @@ Result<Inventory> take_inventory(const Store& store, const std::set<std::string>
     const auto entry = store.read_entry(name);
     if (!entry) return entry.error();
     if (!*entry) continue;  // another process has dropped it
+    if (!(*entry)->is_whole)
+      return refused(store.entry_file(name).string() + ": its products are damaged");
     if (wanted != nullptr && !wanted->contains(name)) {
       out.unwanted.push_back(name);
       continue;

@@ -139,11 +139,11 @@ json product_json(const StoredProduct& product) {
   return out;
 }
 
-StoredProduct product_from(const json& value) {
+// std::nullopt if it is damaged: the product is then made again.
+std::optional<StoredProduct> product_from(const json& value) try {
   StoredProduct out;
   if (!value.at("key").is_null()) out.key = value.at("key").get<std::string>();
-  if (!out.key.empty() && !is_sha256(out.key))
-    throw json::other_error::create(501, "no digest", &value);
+  if (!out.key.empty() && !is_sha256(out.key)) return std::nullopt;
   out.program = value.at("program").get<std::string>();
   out.parameters = value.at("parameters");
   if (value.contains("file")) {
@@ -154,6 +154,8 @@ StoredProduct product_from(const json& value) {
     out.is_lasting = value.value("lasting", false);
   }
   return out;
+} catch (const json::exception&) {
+  return std::nullopt;
 }
 
 }  // namespace
@@ -217,8 +219,11 @@ std::optional<ScanEntry> entry_from(std::string_view text) {
     }
     if (value.contains("products")) {
       for (const auto& [name, product] : value.at("products").items()) {
-        if (!product_kind(name)) return std::nullopt;
-        out.products.emplace(name, product_from(product));
+        auto stored = product_kind(name) ? product_from(product) : std::nullopt;
+        if (!stored)
+          out.is_whole = false;
+        else
+          out.products.emplace(name, std::move(*stored));
       }
     }
     return out;

@@ -72,6 +72,8 @@ struct ScanEntry {
   std::vector<ScanFile> files = {};
   std::optional<Outputs> outputs = {};                 ///< always present if the scan is done
   std::map<std::string, StoredProduct> products = {};  ///< key: the name of the product
+  /// False: products of the entry are left out here, because they are damaged or of another version.
+  bool is_whole = true;
   /// The warnings of opening and of meshing the scan that made `outputs`: objects with the texts
   /// `code`, `where` and `sentence`. They may name files.
   nlohmann::json warnings = nlohmann::json::array();
