@@ -13,7 +13,7 @@ using Phase = BreakThroughState::Phase;
 
 void note_punctures(const ContactOutput& contact, BreakThroughState& state) noexcept {
   if (contact.layers_punctured != 0) {
-    state.layer = std::bit_width(contact.layers_punctured) - 1;
+    state.layer = static_cast<std::int32_t>(std::bit_width(contact.layers_punctured)) - 1;
     state.sheet = -1;
   }
   std::int32_t lowest = -1;

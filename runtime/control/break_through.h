@@ -25,8 +25,9 @@
 //     was reached and punctured in one tick.
 //  6. The plunge of a fall is the sum of u(F, P) times the advance, until kPlunge_s after its begin
 //     or, if it is one, after the break-through, until d falls, or until a tick is not in
-//     `running`: the way that the tip runs on, for as long as nothing bears it again. Advances before the begin count with
-//     the factor exp(-t / kBreakMemory_s), where t is the time to the begin.
+//     `running`: the way that the tip runs on, for as long as nothing bears it again. Advances
+//     before the begin count with the factor exp(-t / kBreakMemory_s), where t is the time to the
+//     begin.
 //  7. Neither the boundaries of slices nor punctures enter laws 1 to 4 and 6: bone of equal strength
 //     gives no break-through, however it is sliced.
 // Realtime-safe. Tests: tests/runtime/reporting/break_through_test.cpp
@@ -80,8 +81,8 @@ struct BreakThroughState {
   enum class Phase : std::uint8_t { kLoaded, kFalling, kFallen };
   Phase phase = Phase::kLoaded;
   bool has_last = false;
-  Eigen::Vector3d tip_m, plate_tip_m;   ///< of the last tick
-  BreakDepth tip, filtered;             ///< of s and s'
+  Eigen::Vector3d tip_m = Eigen::Vector3d::Zero(), plate_tip_m = tip_m;  ///< of the last tick
+  BreakDepth tip, filtered;                                              ///< of s and s'
   double h_m = 0, filtered_N = 0;       ///< h since the last advance; F'
   double reference_N = 0, least_N = 0;  ///< P; smallest F' since the fall began
   double mean_loss = 0, run_m = 0, run_hand_m = 0, fallen_for_m = 0;
