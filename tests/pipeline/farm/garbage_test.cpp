@@ -27,7 +27,7 @@ using namespace std::chrono_literals;
 
 constexpr uid_t kNobody = 65534;
 
-Object put(const Store& store, const std::string& text) {
+Object store_content(const Store& store, const std::string& text) {
   return *store.put_content(text_bytes(text), {});
 }
 
@@ -38,7 +38,8 @@ struct Made {
 
 Made make(const Store& store, const std::string& salt) {
   const json action = {{"salt", salt}};
-  Made out{key_of(action), {put(store, "asset of " + salt), put(store, "report of " + salt)}};
+  Made out{key_of(action),
+           {store_content(store, "asset of " + salt), store_content(store, "report of " + salt)}};
   EXPECT_TRUE(store.put_action(out.key, action, out.outputs));
   return out;
 }
@@ -72,17 +73,17 @@ void fill(const Store& store) {
   ASSERT_TRUE(store.put_entry(refused));
   ScanEntry with_product = entry_of("product", make(store, "product"));
   const json action = {{"product", "surface"}};
-  const Object file = put(store, "surface");
+  const Object file = store_content(store, "surface");
   ASSERT_TRUE(store.put_product(key_of(action), action, file));
   with_product.products["surface"] = {key_of(action), "p", json::object(), file};
   ASSERT_TRUE(store.put_entry(with_product));
   make(store, "dead");
   make(store, "dead too");
-  put(store, "of nobody");
+  store_content(store, "of nobody");
   std::ofstream(store.folder() / "journal/host-1-2.ndjson") << "{\"scan\":\"a\"}\n";
 }
 
-std::vector<fs::path> files_below(const fs::path& folder) {
+std::vector<fs::path> paths_below(const fs::path& folder) {
   std::vector<fs::path> out;
   std::error_code ignored;
   for (auto one = fs::recursive_directory_iterator(folder, ignored);
@@ -100,7 +101,7 @@ std::string bytes_in(const fs::path& file) {
 void age(const fs::path& store, std::chrono::seconds age = 7200s) {
   const auto then = fs::file_time_type::clock::now() - age;
   for (const char* part : {"actions", "content"})
-    for (const fs::path& file : files_below(store / part))
+    for (const fs::path& file : paths_below(store / part))
       fs::last_write_time(file, then);
 }
 
@@ -122,12 +123,12 @@ class GarbageTest : public testing::Test {
   }
   // Expects that the collection is refused, names the file, and removes nothing.
   static void expect_refusal(const Store& store, const std::string& named) {
-    const auto before = files_below(store.folder());
+    const auto before = paths_below(store.folder());
     const auto done = collect_garbage(store, 0s);
     ASSERT_FALSE(done) << named;
     EXPECT_EQ(done.error().code, ExitCode::kRefused);
     EXPECT_NE(done.error().message.find(named), std::string::npos) << done.error().message;
-    EXPECT_EQ(files_below(store.folder()), before);
+    EXPECT_EQ(paths_below(store.folder()), before);
   }
 
   test::TemporaryFolder folder_;
@@ -135,7 +136,7 @@ class GarbageTest : public testing::Test {
 
 TEST_F(GarbageTest, KeepsWhatEntriesNameThoughAllActionsAreGone) {
   const Store store = copy();
-  for (const fs::path& action : files_below(store.folder() / "actions"))
+  for (const fs::path& action : paths_below(store.folder() / "actions"))
     fs::remove(action);
   const auto done = collect_garbage(store, 0s);
   ASSERT_TRUE(done);
@@ -243,7 +244,7 @@ class Damage {
   // Damages a file or folder of the store, and returns what was done.
   std::string operator()(const fs::path& store) {
     const char* const part = pick({"scans", "scans", "actions", "actions", "content", "journal"});
-    const std::vector<fs::path> files = files_below(store / part);
+    const std::vector<fs::path> files = paths_below(store / part);
     if (files.empty()) return "nothing";
     const fs::path file = files[below(files.size())];
     const std::string bytes = bytes_in(file);
@@ -358,7 +359,7 @@ TEST_F(GarbageTest, NoDamageCostsAnAssetThatAnEntryNames) {
       if (entry && !*entry) digests.clear();
       if (entry && *entry) digests = named_by(**entry);
     }
-    const auto before = files_below(root / "content");
+    const auto before = paths_below(root / "content");
     const int code = collect_as_user(root);
     ++(code == 0 ? collected : stopped);
     EXPECT_TRUE(code == 0 || code == 3 || code == 4) << code << ": " << what;
@@ -371,7 +372,7 @@ TEST_F(GarbageTest, NoDamageCostsAnAssetThatAnEntryNames) {
             << name << ": " << what << code;
       }
     if (code != 0) {
-      EXPECT_EQ(files_below(root / "content"), before) << what;
+      EXPECT_EQ(paths_below(root / "content"), before) << what;
     }
   }
   EXPECT_GT(collected, rounds / 8);

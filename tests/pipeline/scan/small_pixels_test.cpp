@@ -18,7 +18,7 @@ namespace {
 
 using nlohmann::json;
 
-constexpr int kSide = 85, kSlices = 2;
+constexpr int kPixels = 85, kPlanes = 2;
 
 // Slices in HU, all the same.
 class EqualSlices final : public SliceStack {
@@ -52,7 +52,7 @@ class EqualSlices final : public SliceStack {
 
 // Walls of 5 pixels around 16 cells of 15 x 15.
 EqualSlices grid_of_walls(double pixel_mm) {
-  return {pixel_mm, kSide, kSlices,
+  return {pixel_mm, kPixels, kPlanes,
           [](int x, int y) { return x % 20 < 5 || y % 20 < 5 ? 1500.0 : -20.0; }};
 }
 
@@ -72,7 +72,7 @@ json report_of(const SliceStack& stack, StackOptions options) {
 }
 
 double area_px(const json& report, double pixel_mm) {
-  return report["changes"]["area_mm2"].get<double>() / (pixel_mm * pixel_mm) / kSlices;
+  return report["changes"]["area_mm2"].get<double>() / (pixel_mm * pixel_mm) / kPlanes;
 }
 
 std::set<std::string> codes(const json& report) {
@@ -167,7 +167,7 @@ TEST(SmallPixels, WhatAGivenRegionFillsIsCountedAndNamed) {
   EXPECT_GT(changes["filled_mm2"].get<double>(), 0.5 * changes["area_mm2"].get<double>());
   EXPECT_NEAR(changes["area_mm2"].get<double>() - changes["filled_mm2"].get<double>(),
               whole["changes"]["area_mm2"].get<double>(), 1e-9);
-  EXPECT_NEAR(first["filled_mm2"].get<double>(), changes["filled_mm2"].get<double>() / kSlices,
+  EXPECT_NEAR(first["filled_mm2"].get<double>(), changes["filled_mm2"].get<double>() / kPlanes,
               1e-9);
   EXPECT_EQ(codes(report), std::set<std::string>{"holes_filled"});
   EXPECT_EQ(report["warnings"][0]["slices"], json({0, 1}));

@@ -16,7 +16,7 @@ namespace {
 
 enum class Tissue { kSoft, kCanal, kDisc, kMarrow, kCortex, kVessel };
 
-struct Phantom {
+struct CanalPhantom {
   double pixel_mm = 1, slice_mm = 1.5, noise_HU = 0;
   double tilt = 0.3;  // shift of the canal per mm along the body
   double length_mm = 60;
@@ -32,7 +32,7 @@ constexpr double kPeriod_mm = 25;
 
 // Vertebrae of cortex around dark marrow, 25 mm apart, with a canal of 16 x 15 mm, pedicles,
 // laminae with gaps, foramina and discs. x left, y back, z up, in mm; the canal is at 0, 0.
-Tissue tissue_at(const Phantom& phantom, double x, double y, double z) {
+Tissue tissue_at(const CanalPhantom& phantom, double x, double y, double z) {
   if (phantom.curve_mm == 0) {
     y -= phantom.tilt * (z - 30);
   } else {
@@ -62,7 +62,7 @@ Tissue tissue_at(const Phantom& phantom, double x, double y, double z) {
   return is_aorta || is_bridge || is_heart ? Tissue::kVessel : Tissue::kSoft;
 }
 
-double hu_of(const Phantom& phantom, Tissue tissue) {
+double hu_of(const CanalPhantom& phantom, Tissue tissue) {
   switch (tissue) {
     case Tissue::kCanal:
       return 20;
@@ -83,7 +83,7 @@ double hu_of(const Phantom& phantom, Tissue tissue) {
 // the mean of 2 x 2 x 2 points.
 class ColumnStack final : public SliceStack {
  public:
-  explicit ColumnStack(const Phantom& phantom) {
+  explicit ColumnStack(const CanalPhantom& phantom) {
     const double front = phantom.has_vessels ? -110 : -65;
     std::mt19937_64 random(7);
     std::normal_distribution<double> noise(0, 1);
@@ -131,7 +131,7 @@ class ColumnStack final : public SliceStack {
   }
 
  private:
-  static std::pair<double, Tissue> voxel(const Phantom& phantom, const Eigen::Vector3d& at,
+  static std::pair<double, Tissue> voxel(const CanalPhantom& phantom, const Eigen::Vector3d& at,
                                          const Eigen::Vector3d& step) {
     double sum = 0;
     for (int i = 0; i < 8; ++i) {
@@ -199,7 +199,7 @@ double part_inside(const ColumnStack& stack, const SolidBone& solid, Tissue tiss
 TEST(Canals, TheSpinalCanalStaysOpenAtAllNoiseLevelsAndSliceDistances) {
   for (const double noise_HU : {0.0, 15.0, 30.0, 45.0, 60.0}) {
     for (const double slice_mm : {0.6, 1.5, 3.0}) {
-      const Phantom phantom{.pixel_mm = 1, .slice_mm = slice_mm, .noise_HU = noise_HU};
+      const CanalPhantom phantom{.pixel_mm = 1, .slice_mm = slice_mm, .noise_HU = noise_HU};
       const ColumnStack stack(phantom);
       const SolidBone solid = filled(stack);
       EXPECT_LE(canal_filled(stack, solid), 0.01) << noise_HU << " HU, " << slice_mm << " mm";
@@ -211,7 +211,7 @@ TEST(Canals, TheSpinalCanalStaysOpenAtAllNoiseLevelsAndSliceDistances) {
 
 TEST(Canals, AnObliqueCanalStaysOpen) {
   for (const double tilt : {-0.6, 0.0, 0.6}) {
-    const ColumnStack stack(Phantom{.noise_HU = 20, .tilt = tilt});
+    const ColumnStack stack(CanalPhantom{.noise_HU = 20, .tilt = tilt});
     EXPECT_LE(canal_filled(stack, filled(stack)), 0.01) << tilt;
   }
 }
@@ -220,7 +220,7 @@ TEST(Canals, TheCanalOfACurvedColumnStaysOpen) {
   for (const double curve_mm : {-120.0, 120.0}) {
     for (const double noise_HU : {0.0, 60.0}) {
       for (const double slice_mm : {1.5, 3.0}) {
-        const ColumnStack stack(Phantom{
+        const ColumnStack stack(CanalPhantom{
             .slice_mm = slice_mm, .noise_HU = noise_HU, .length_mm = 120, .curve_mm = curve_mm});
         const SolidBone solid = filled(stack);
         EXPECT_LE(canal_filled(stack, solid), 0.01)
@@ -258,12 +258,12 @@ TEST(Canals, ACanalIsFollowedByTheWidthOfTheLocalPixel) {
 }
 
 TEST(Canals, TheCanalIsFoundInSagittalSlicesToo) {
-  const ColumnStack stack(Phantom{.noise_HU = 20, .axis = SliceAxis::kSagittal});
+  const ColumnStack stack(CanalPhantom{.noise_HU = 20, .axis = SliceAxis::kSagittal});
   EXPECT_LE(canal_filled(stack, filled(stack)), 0.01);
 }
 
 TEST(Canals, VesselsAreNamedAndLeftOutOfTheColumn) {
-  const ColumnStack stack(Phantom{.noise_HU = 20, .has_vessels = true});
+  const ColumnStack stack(CanalPhantom{.noise_HU = 20, .has_vessels = true});
   const SolidBone all = filled(stack), column = filled(stack, true);
   ASSERT_EQ(all.warnings().size(), 1U);
   EXPECT_EQ(all.warnings()[0].code, "contrast_filled");
@@ -279,7 +279,7 @@ TEST(Canals, VesselsAreNamedAndLeftOutOfTheColumn) {
 TEST(Canals, DarkMarrowIsFilledInTheColumnBesideVesselsToo) {
   for (const auto& [noise_HU, marrow_HU] : {std::pair(0.0, -40.0), std::pair(45.0, 58.0)}) {
     const ColumnStack stack(
-        Phantom{.noise_HU = noise_HU, .has_vessels = true, .marrow_HU = marrow_HU});
+        CanalPhantom{.noise_HU = noise_HU, .has_vessels = true, .marrow_HU = marrow_HU});
     const double all = part_inside(stack, filled(stack), Tissue::kMarrow);
     EXPECT_GT(all, 0.8) << marrow_HU;
     EXPECT_GT(part_inside(stack, filled(stack, true), Tissue::kMarrow), all - 0.05) << marrow_HU;
@@ -289,7 +289,7 @@ TEST(Canals, DarkMarrowIsFilledInTheColumnBesideVesselsToo) {
 // The aorta of a CT angiography lies on the vertebrae. Its limit of 580 HU is in the highest step
 // of packed HU, in which all higher values are, too.
 TEST(Canals, CortexBesideABrightVesselStays) {
-  const ColumnStack stack(Phantom{.has_vessels = true, .vessel_HU = 480, .cortex_mm = 4});
+  const ColumnStack stack(CanalPhantom{.has_vessels = true, .vessel_HU = 480, .cortex_mm = 4});
   const SolidBone all = filled(stack), column = filled(stack, true);
   EXPECT_LT(part_inside(stack, column, Tissue::kVessel), 0.05);
   EXPECT_GT(part_inside(stack, column, Tissue::kCortex),
@@ -310,7 +310,7 @@ TEST(Canals, CortexBesideABrightVesselStays) {
 }
 
 TEST(Canals, WithoutContrastNothingIsNamed) {
-  const ColumnStack stack(Phantom{.noise_HU = 20});
+  const ColumnStack stack(CanalPhantom{.noise_HU = 20});
   EXPECT_TRUE(filled(stack).warnings().empty());
 }
 
