@@ -7,9 +7,11 @@
 namespace trocar::runtime {
 namespace {
 
-/// A state is on time if it comes at most this many periods after the one before. A period that is
-/// shorter by this factor still counts as one.
+/// A state is on time if it comes at most this many periods after the one before.
 constexpr double kOnTime = 1.01;
+/// Shortest interval before the last one that is extrapolated, in periods. If the time stamp between
+/// the two is off by half a period, the extrapolation still has the sign of the motion.
+constexpr double kLeastBefore = 0.5;
 /// Smallest ratio of the interval before the last one to the last interval, for encoders that are
 /// not exact. A smaller ratio would amplify their noise.
 constexpr double kMinBefore = 0.5;
@@ -35,15 +37,15 @@ PreviousPose VelocityWindow::begin(double resolution, double period_s) const noe
   return begin.ago_s > 0 ? begin : late_begin(period_s, kMinBefore);
 }
 
-/// Applies item 4, unless the interval before the last one is shorter than a period, or than
-/// `min_before` times the last one.
+/// Applies item 4, unless the interval before the last one is shorter than kLeastBefore periods, or
+/// than `min_before` times the last one.
 PreviousPose VelocityWindow::late_begin(double period_s, double min_before) const noexcept {
   PreviousPose begin;
   if (count_ < 3) return begin;
   const Sample &now = ago(0), &last = ago(1), &before = ago(2);
   const double last_s = now.state.t_s - last.state.t_s;
   const double before_s = last.state.t_s - before.state.t_s;
-  const double least_before_s = std::max(period_s / kOnTime, min_before * last_s);
+  const double least_before_s = std::max(kLeastBefore * period_s, min_before * last_s);
   if (!(last_s > period_s * kOnTime && before_s >= least_before_s)) return begin;
   const Twist step = displacement(last.T_device_plate, now.T_device_plate);
   const Twist step_before = displacement(before.T_device_plate, last.T_device_plate);

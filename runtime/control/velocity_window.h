@@ -26,7 +26,7 @@
 //     is taken to hold in the middle of the interval, and the velocity is assumed to change
 //     linearly. (If states are on time, the mean velocity of the last interval is the velocity half
 //     a period before the newest state.) Exceptions: if the interval before the last one is shorter
-//     than a period, item 4 does not apply, because an error of the time stamps would be amplified.
+//     than half a period, item 4 does not apply, because an error of the time stamps would be amplified.
 //     Unless the encoders are exact, item 4 does not apply either if the last interval is more than
 //     twice as long as the one before, because the noise of the encoders would be amplified.
 #pragma once

@@ -260,7 +260,7 @@ TEST(DeviceTrial, GivesNoResultIfItIsStopped) {
   options.stop = &stop;
   const auto trial = try_device(device, options);
   ASSERT_FALSE(trial);
-  EXPECT_EQ(trial.error().code, ExitCode::kRefused);
+  EXPECT_EQ(trial.error().code, ExitCode::kDeviceFault);
   EXPECT_NE(trial.error().message.find("interrupted"), std::string::npos);
   EXPECT_EQ(still.writes, 1) << "the forces are zero at the end";
 }

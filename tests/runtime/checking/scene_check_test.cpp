@@ -157,7 +157,7 @@ TEST(NewScene, AnInterruptGivesNoSceneAtAnyMoment) {
     stop = stop_at == 0;
     device.simulate = [&, make = device.simulate](const Scene& scene) {
       auto made = make(scene);
-      stop = handle.made == stop_at;
+      if (handle.made == stop_at) stop = true;
       return made;
     };
     auto made = propose_scene(asset, "a.glb", "s.json", device, options);
