@@ -146,17 +146,19 @@ std::string plain_path(const fs::path& path) {
   return out;
 }
 
-// Warns of images that a DICOMDIR among the files names, and which are not among them.
+// Warns of images that a DICOMDIR among the files names, and which are not among them. Its paths may
+// begin at another folder than its own: some programs write them so, and a DICOMDIR may be moved.
 void warn_of_missing(const std::vector<fs::path>& files, std::vector<Warning>& warnings) {
-  std::set<std::string> present;
+  std::multimap<std::string, std::string> present;  // paths by the file's name
   for (const fs::path& file : files) {
     if (!is_dicomdir(file) || !has_dicom_preamble(file)) continue;
-    if (present.empty()) {
-      std::transform(files.begin(), files.end(), std::inserter(present, present.end()), plain_path);
-    }
+    for (std::size_t i = 0; i < files.size() && present.size() < files.size(); ++i)
+      present.emplace(plain_path(files[i].filename()), "/" + plain_path(files[i]));
     std::vector<fs::path> missing = images_of_dicomdir(file);
     std::erase_if(missing, [&](const fs::path& image) {
-      return present.contains(plain_path(file.parent_path() / image));
+      const auto [first, last] = present.equal_range(plain_path(image.filename()));
+      const std::string end = "/" + plain_path(image);
+      return std::any_of(first, last, [&](const auto& one) { return one.second.ends_with(end); });
     });
     if (missing.empty()) continue;
     warnings.push_back({"missing_file", file.string(),

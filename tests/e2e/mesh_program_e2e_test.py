@@ -395,6 +395,8 @@ def test_small_pixels(programs, work):
     struct.pack_into("<4f", header, 76, 1, pixel, pixel, pixel)
     struct.pack_into("<2f", header, 108, 352, 1)
     header[123] = 2
+    struct.pack_into("<h", header, 254, 1)  # a sform
+    struct.pack_into("<12f", header, 280, pixel, 0, 0, 0, 0, pixel, 0, 0, 0, 0, pixel, 0)
     header[344:348] = b"n+1\0"
     walls = [1500 if x % 20 < 5 or y % 20 < 5 else -20 for y in range(side) for x in range(side)]
     grid = work / "grid.nii"
