@@ -48,7 +48,7 @@ UNITS = {"t_s": ["s"], "p_m": ["m"] * 3, "q": ["1"] * 4, "wrench_delivered": ["N
 FRAMES = {"p_m": "device", "q": "device", "tool_m": "device", "wrench_delivered": "device", "wrench_tissue": "device",
           "device_p_m": "pose device", "device_wrench": "pose device", "t_s": None, "tau_Nm": None, "safety": None}
 NAMES = {"state", "fault", "device_read", "device_write", "outside_fault", "safety"}
-WHOLE = {"active_slice": np.int32, "cuts_published": np.int64, "response_sheet": np.int32, "recovery_asked": np.uint8, "xray": np.uint8, "steps": np.int32,
+WHOLE = {"active_slice": np.int32, "break_through_at": np.int32, "cuts_published": np.int64, "response_sheet": np.int32, "recovery_asked": np.uint8, "xray": np.uint8, "steps": np.int32,
          "buttons": np.uint32}
 
 
@@ -163,12 +163,13 @@ def test_hard_values(programs, recordings, source, work):
         assert set(h5py.check_enum_dtype(file["fault"].dtype)) == set(h5py.check_enum_dtype(file["outside_fault"].dtype))
     words = (source / "formats/session/fault_words.cpp").read_text(encoding="utf-8")
     faults = h5py.check_enum_dtype(h5py.File(work / "out.h5")["fault"].dtype)
-    assert len(faults) == 23 and all(f'"{word}"' in words for word in faults), faults
+    assert len(faults) == 25 and all(f'"{word}"' in words for word in faults), faults
     made = work / "hard.csv"
     made.write_text("\n".join(map(",".join, [header, *rows])) + "\n")
     export(programs, made, work / "hard.h5")
     assert_same(made, work / "hard.h5")
-    old = [[value for i, value in enumerate(row) if i not in (at["origin"], at["state_t_s"])] for row in [header, *rows]]
+    later = {at[name] for name in ("origin", "state_t_s", "tip_N", "break_through_N", "break_through_at")}
+    old = [[value for i, value in enumerate(row) if i not in later] for row in [header, *rows]]
     made.write_text("\n".join(map(",".join, old)) + "\n")
     export(programs, made, work / "old.h5")
     assert_same(made, work / "old.h5")
