@@ -73,7 +73,10 @@ Result<SessionResult> run(const RunArguments& arguments, const SessionInputs& in
   // no tick comes.
   Result<SessionWorkers> workers =
       make_workers(inputs.scene, device.specification(), remesher, options);
-  if (!workers) return workers.error().after(arguments.scene + ": ");
+  if (!workers) {  // a refusal is of the scene, another error is not
+    const Error& why = workers.error();
+    return why.code == ExitCode::kRefused ? why.after(arguments.scene + ": ") : why;
+  }
   // A session of the simulated device that waits for nobody may stop and go on as it is.
   std::optional<SuspendingSignals> signals;
   if (options.is_real_time() || may_have_motors(arguments.device)) {

@@ -154,16 +154,30 @@ void SessionObserver::observe_punctures(const ObservedTick& tick) {
 
 void SessionObserver::observe_miss(const RecordingRow& row) {
   if (surface_z_m_ && row.tool_m[2] > *surface_z_m_ + kLeave_m) surface_z_m_.reset();
-  if (in_bone_tip_ && !surface_z_m_) surface_z_m_ = row.tool_m[2];
-  const bool is_missed = row.phase == ContactPhase::kMissed && surface_z_m_;
+  if (in_bone_tip_ && !surface_z_m_) {
+    surface_z_m_ = row.tool_m[2];
+    doubtful_ = {};  // it was air above the bone
+  }
+  if (row.phase == ContactPhase::kFree) count_doubtful();
+  const bool is_missed = row.phase == ContactPhase::kMissed;
   if (is_missed) {
-    ++out_.missed_ticks;
-    if (!is_missed_ || missed_slice_ != row.active_slice)
-      out_.misses.add({row.active_slice, row.t_s, row.t_s, 0, 0});
-    if (Span* const last = out_.misses.last()) last->to_s = row.t_s;
+    Misses& misses = surface_z_m_ ? sure_ : doubtful_;
+    ++misses.ticks;
+    if (!is_missed_ || missed_slice_ != row.active_slice || misses.spans.count == 0)
+      misses.spans.add({row.active_slice, row.t_s, row.t_s, 0, 0});
+    if (Span* const last = misses.spans.last()) last->to_s = row.t_s;
   }
   is_missed_ = is_missed;
   missed_slice_ = row.active_slice;
+}
+
+void SessionObserver::count_doubtful() {
+  sure_.ticks += doubtful_.ticks;
+  const std::uint64_t count = sure_.spans.count + doubtful_.spans.count;
+  for (const Span& span : doubtful_.spans.list)
+    sure_.spans.add(span);
+  sure_.spans.count = count;
+  doubtful_ = {};
 }
 
 void SessionObserver::observe_fault(const RecordingRow& row) {
@@ -206,6 +220,9 @@ void SessionObserver::sample(const RecordingRow& row, double force_N) {
 SessionFigures SessionObserver::figures() {
   plunge_.end(PlungeEnd::kEnd, last_t_s_, out_);
   if (goals_) goals_->judge(out_);
+  count_doubtful();
+  out_.misses = std::move(sure_.spans);
+  out_.missed_ticks = sure_.ticks;
   return std::move(out_);
 }
 

@@ -37,6 +37,8 @@ class SessionObserver {
   void observe_attempt(const RecordingRow& row);
   void observe_punctures(const ObservedTick& tick);
   void observe_miss(const RecordingRow& row);
+  /// The tip has passed the bone: the doubtful misses were misses.
+  void count_doubtful();
   void observe_fault(const RecordingRow& row);
   std::optional<double> front_HU(const RecordingRow& row) const;
   void sample(const RecordingRow& row, double force_N);
@@ -60,6 +62,11 @@ class SessionObserver {
   std::optional<Vector3> in_bone_tip_;
   /// Height of the tip where it entered the bone, until it is above that by kLeave_m.
   std::optional<double> surface_z_m_;
+  struct Misses {
+    Spans spans;
+    std::uint64_t ticks = 0;
+  };
+  Misses sure_, doubtful_;  ///< doubtful: rows before the tip has entered bone
   bool is_missed_ = false;  ///< the previous row was counted and has the contact state `beside`
   /// In the previous row, which was counted, only soft layers exerted a force.
   bool is_in_layers_ = false;

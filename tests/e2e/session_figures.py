@@ -306,7 +306,8 @@ def attempts_of(rows, counts, tip, t):
 
 
 def below_surface(rows, counts, tip):
-    """Rows after the tip entered the bone, until it is 1 mm above the height of that."""
+    """Rows after the tip entered the bone, until it is 1 mm above the height of that; and rows after which the tip is above everything, or the
+    session ends, before it enters the bone."""
     in_bone = counts & np.isin(rows["state"], ["contact", "punctured"]) & (rows["active_slice"] >= 0)
     out, surface = np.zeros(len(tip), bool), None
     for k in np.flatnonzero(counts):
@@ -315,6 +316,13 @@ def below_surface(rows, counts, tip):
         if surface is None and in_bone[k]:
             surface = tip[k, 2]
         out[k] = surface is not None
+    enters = False  # does the tip enter bone next, before it is above everything?
+    for k in np.flatnonzero(counts)[::-1]:
+        if in_bone[k]:
+            enters = True
+        elif rows["state"][k] == "free":
+            enters = False
+        out[k] = out[k] or not enters
     return out
 
 

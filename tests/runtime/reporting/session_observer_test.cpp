@@ -192,10 +192,16 @@ TEST(SessionObserver, AirAboveTheBoneIsNoMiss) {
   const SessionFigures found = figures_of(scene_with_layer(), aside);
   EXPECT_EQ(found.misses.count, 1U);
   EXPECT_EQ(found.missed_ticks, 1U);
-  // Out again, and down beside the bone.
+  // Out again, and down beside the bone: known at the end, or when the tip is above all of it again.
   aside.push_back(tick(kFree, 0.122));
   aside.push_back(tick(kMissed, 0.119));
-  EXPECT_EQ(figures_of(scene_with_layer(), aside).misses.count, 1U);
+  EXPECT_EQ(figures_of(scene_with_layer(), aside).misses.count, 2U);
+  aside.push_back(tick(kFree, 0.122));
+  aside.push_back(tick(kMissed, 0.119));
+  aside.push_back(tick(kContact, 0.117));
+  const SessionFigures both = figures_of(scene_with_layer(), aside);
+  EXPECT_EQ(both.misses.count, 2U);
+  EXPECT_EQ(both.missed_ticks, 2U);
 }
 
 TEST(SessionObserver, TremorIsAcrossTheNeedle) {
