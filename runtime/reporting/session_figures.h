@@ -39,10 +39,12 @@
 //     point in the line's direction. A zone is a volume in which the tip must not be. The
 //     distance of the tip to a zone is negative inside the zone. A breach consists of successive
 //     rows with a negative distance.
-//  7. A miss consists of successive rows with the contact state `beside` at one slice. Before the tip
-//     enters bone it may only be above the surface: such rows are no miss if the tip then enters bone
-//     before it is above all sheets and layers (state `free`). So air above bone on an oblique path
-//     is no miss, and a way that passes the bone is one.
+//  7. A miss consists of successive rows with the contact state `beside` at one slice, below the
+//     surface. Since the tip was last above all sheets and layers (state `free`), the surface is the
+//     greatest height at which it was in bone, and rows more than kLeave_m above that are no miss.
+//     Rows before the tip was in bone are no miss either, unless it is `free` again, or the session
+//     ends, before it is in bone. So air above bone on an oblique path is no miss, and a way that
+//     passes the bone is one.
 //  8. A counted row is in bone if its contact state is `contact` or `punctured` and its active
 //     slice (RecordingRow::active_slice) is not -1. The tip has left the bone when, in a counted
 //     row not in bone, the tip is at least kLeave_m away from its position in the last row in bone.

@@ -18,6 +18,11 @@ bool counts(const RecordingRow& row) noexcept {
   return row.safety == SafetyState::kReady || row.safety == SafetyState::kRunning;
 }
 
+bool is_in_bone(const RecordingRow& row) {
+  return (row.phase == ContactPhase::kContact || row.phase == ContactPhase::kPunctured) &&
+         row.active_slice >= 0;
+}
+
 }  // namespace
 
 SessionObserver::SessionObserver(const Scene& scene, std::vector<ReportSheet> sheets,
@@ -85,7 +90,7 @@ void SessionObserver::observe_gap() {
   last_tip_.reset();
   tremor_.restart();
   if (goals_) goals_->interrupt();
-  is_missed_ = is_in_layers_ = false;
+  is_missed_ = is_counted_ = is_in_layers_ = false;
 }
 
 void SessionObserver::observe_path(const ObservedTick& tick) {
@@ -117,10 +122,7 @@ void SessionObserver::observe_path(const ObservedTick& tick) {
 }
 
 void SessionObserver::observe_attempt(const RecordingRow& row) {
-  const bool is_in_bone =
-      (row.phase == ContactPhase::kContact || row.phase == ContactPhase::kPunctured) &&
-      row.active_slice >= 0;
-  if (is_in_bone) {
+  if (is_in_bone(row)) {
     const bool was_below = is_missed_ || (is_in_layers_ && row.phase == ContactPhase::kPunctured);
     const bool comes_back =
         out_.attempts.count > 0 && was_below && last_tip_ && row.tool_m[2] > (*last_tip_)[2];
@@ -130,7 +132,7 @@ void SessionObserver::observe_attempt(const RecordingRow& row) {
   } else if (in_bone_tip_ && length(minus(row.tool_m, *in_bone_tip_)) >= kLeave_m) {
     in_bone_tip_.reset();
   }
-  is_in_layers_ = row.phase == ContactPhase::kContact && !is_in_bone;
+  is_in_layers_ = row.phase == ContactPhase::kContact && !is_in_bone(row);
 }
 
 void SessionObserver::observe_punctures(const ObservedTick& tick) {
@@ -153,21 +155,25 @@ void SessionObserver::observe_punctures(const ObservedTick& tick) {
 }
 
 void SessionObserver::observe_miss(const RecordingRow& row) {
-  if (surface_z_m_ && row.tool_m[2] > *surface_z_m_ + kLeave_m) surface_z_m_.reset();
-  if (in_bone_tip_ && !surface_z_m_) {
-    surface_z_m_ = row.tool_m[2];
+  const double z_m = row.tool_m[2];
+  if (row.phase == ContactPhase::kFree) {
+    count_doubtful();
+    surface_z_m_.reset();
+  } else if (is_in_bone(row)) {
     doubtful_ = {};  // it was air above the bone
+    surface_z_m_ = std::max(surface_z_m_.value_or(z_m), z_m);
   }
-  if (row.phase == ContactPhase::kFree) count_doubtful();
-  const bool is_missed = row.phase == ContactPhase::kMissed;
-  if (is_missed) {
-    Misses& misses = surface_z_m_ ? sure_ : doubtful_;
-    ++misses.ticks;
-    if (!is_missed_ || missed_slice_ != row.active_slice || misses.spans.count == 0)
-      misses.spans.add({row.active_slice, row.t_s, row.t_s, 0, 0});
-    if (Span* const last = misses.spans.last()) last->to_s = row.t_s;
+  is_missed_ = row.phase == ContactPhase::kMissed;
+  if (!is_missed_ || (surface_z_m_ && z_m > *surface_z_m_ + kLeave_m)) {
+    is_counted_ = false;
+    return;
   }
-  is_missed_ = is_missed;
+  Misses& misses = surface_z_m_ ? sure_ : doubtful_;
+  ++misses.ticks;
+  if (!is_counted_ || missed_slice_ != row.active_slice)
+    misses.spans.add({row.active_slice, row.t_s, row.t_s, 0, 0});
+  if (Span* const last = misses.spans.last()) last->to_s = row.t_s;
+  is_counted_ = true;
   missed_slice_ = row.active_slice;
 }
 

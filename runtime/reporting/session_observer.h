@@ -60,14 +60,15 @@ class SessionObserver {
   /// Position of the tip in the last row in bone; none: the tip has left the bone, or has not
   /// reached the bone.
   std::optional<Vector3> in_bone_tip_;
-  /// Height of the tip where it entered the bone, until it is above that by kLeave_m.
+  /// Greatest height of the tip in bone since it was last above all sheets and layers.
   std::optional<double> surface_z_m_;
   struct Misses {
     Spans spans;
     std::uint64_t ticks = 0;
   };
-  Misses sure_, doubtful_;  ///< doubtful: rows before the tip has entered bone
-  bool is_missed_ = false;  ///< the previous row was counted and has the contact state `beside`
+  Misses sure_, doubtful_;   ///< doubtful: rows before the tip has entered bone
+  bool is_missed_ = false;   ///< the previous row was counted and has the contact state `beside`
+  bool is_counted_ = false;  ///< the previous row belongs to a miss, perhaps a doubtful one
   /// In the previous row, which was counted, only soft layers exerted a force.
   bool is_in_layers_ = false;
   std::int32_t missed_slice_ = -1;

@@ -306,23 +306,20 @@ def attempts_of(rows, counts, tip, t):
 
 
 def below_surface(rows, counts, tip):
-    """Rows after the tip entered the bone, until it is 1 mm above the height of that; and rows after which the tip is above everything, or the
-    session ends, before it enters the bone."""
+    """Rows at most 1 mm above the greatest height at which the tip was in bone since it was last above everything; and rows after which it is
+    above everything again, or the session ends, before it is in bone."""
     in_bone = counts & np.isin(rows["state"], ["contact", "punctured"]) & (rows["active_slice"] >= 0)
     out, surface = np.zeros(len(tip), bool), None
     for k in np.flatnonzero(counts):
-        if surface is not None and tip[k, 2] > surface + 0.001:
+        if rows["state"][k] == "free":
             surface = None
-        if surface is None and in_bone[k]:
-            surface = tip[k, 2]
-        out[k] = surface is not None
-    enters = False  # does the tip enter bone next, before it is above everything?
-    for k in np.flatnonzero(counts)[::-1]:
-        if in_bone[k]:
-            enters = True
-        elif rows["state"][k] == "free":
-            enters = False
-        out[k] = out[k] or not enters
+        elif in_bone[k]:
+            surface = tip[k, 2] if surface is None else max(surface, tip[k, 2])
+        if surface is not None:
+            out[k] = tip[k, 2] <= surface + 0.001
+        else:
+            rest = np.flatnonzero(in_bone[k:] | (counts[k:] & (rows["state"][k:] == "free")))
+            out[k] = not (len(rest) and in_bone[k + rest[0]])
     return out
 
 
