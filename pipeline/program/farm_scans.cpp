@@ -132,18 +132,11 @@ json seeds_json(const std::vector<Eigen::Vector3d>& seeds) {
   return out;
 }
 
-// The names of the options that follow small pixels.
-json following_json(const DefaultOptions& defaults) {
-  json out = json::array();
-  const auto add = [&out](bool follows, const char* name) {
-    if (follows) out.push_back(name);
-  };
-  add(defaults.tolerance, "tolerance");
-  add(defaults.min_region, "min-region");
-  add(defaults.lattice_bits, "lattice-bits");
-  add(defaults.close, "close");
-  add(defaults.min_volume, "min-volume");
-  return out;
+// The value of an option. A default that follows small pixels is another value than the same number
+// that was given.
+template <typename Number>
+json value_of(Number value, bool follows_pixels) {
+  return follows_pixels ? json{{"default", value}} : json(value);
 }
 
 // Every option that can change a byte of the outputs, under its name. Defaults are included, so
@@ -153,12 +146,12 @@ json canonical(const Parsed& parsed) {
   json out = segmentation_json(o.mesh.segmentation);
   out.update({{"contour", a.contour},
               {"simplify", a.simplify},
-              {"tolerance", a.tolerance_mm},
+              {"tolerance", value_of(a.tolerance_mm, o.defaults.tolerance)},
               {"min-angle", a.min_angle_deg},
               {"grade", a.grade_hu},
-              {"min-region", a.min_region_mm2},
-              {"close", a.close_mm},
-              {"min-volume", a.min_volume_mm3},
+              {"min-region", value_of(a.min_region_mm2, o.defaults.min_region)},
+              {"close", value_of(a.close_mm, o.defaults.close)},
+              {"min-volume", value_of(a.min_volume_mm3, o.defaults.min_volume)},
               {"keep", a.keep},
               {"keep-table", a.keep_table},
               {"largest", a.largest},
@@ -167,10 +160,9 @@ json canonical(const Parsed& parsed) {
               {"surface", a.surface},
               {"any-modality", a.any_modality},
               {"no-hu", a.no_hu},
-              {"lattice-bits", a.lattice_bits},
+              {"lattice-bits", value_of(a.lattice_bits, o.defaults.lattice_bits)},
               {"lines", a.lines},
-              {"colour", a.colour},
-              {"follow-pixels", following_json(o.defaults)}});
+              {"colour", a.colour}});
   if (o.mesh.max_area_px2) {
     out["max-area-px"] = *o.mesh.max_area_px2;
   } else {

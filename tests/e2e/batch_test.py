@@ -157,10 +157,10 @@ def part_results():
     check(batch(collection, WORK / "only", "--only", names)["scans"] == 2, "--only")
 
     # A default that is said, a scan, a parameter, the program.
-    change_scan(collection, "crop_0", lambda scan: scan["parameters"].update({"tolerance": 0.2, "contour": "subpixel"}))
+    change_scan(collection, "crop_0", lambda scan: scan["parameters"].update({"max-area": 50, "contour": "subpixel"}))
     expect_counts(batch(collection, store), 190, 0, 0, 0, "a default that is said", known=10)
     change_scan(collection, "crop_1", lambda scan: scan["parameters"].update({"tolerance": 0.15}))
-    check(explain(collection, store, "crop_1") == [{"cause": "parameter", "name": "tolerance", "old": 0.2, "new": 0.15}],
+    check(explain(collection, store, "crop_1") == [{"cause": "parameter", "name": "tolerance", "old": {"default": 0.2}, "new": 0.15}],
           f"--explain of a parameter: {explain(collection, store, 'crop_1')}")
     expect_counts(batch(collection, store), 189, 1, 0, 0, "a parameter", known=10)
     expect_counts(batch(collection, store), 190, 0, 0, 0, "after a parameter", known=10)

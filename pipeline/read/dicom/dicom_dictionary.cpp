@@ -94,7 +94,7 @@ const Known kKnown[] = {
     {DCM_SeriesNumber, EVR_IS},
     {DCM_SeriesTime, EVR_TM},
     {DCM_SharedFunctionalGroupsSequence, EVR_SQ},
-    {DCM_SliceLocationVector, EVR_FD},
+    {DCM_SliceLocationVector, EVR_DS},
     {DCM_SliceThickness, EVR_DS},
     {DCM_SliceVector, EVR_US},
     {DCM_SpacingBetweenSlices, EVR_DS},
