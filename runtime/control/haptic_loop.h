@@ -108,20 +108,20 @@ struct TickResult {
   ContactOutput contact;
   BreakThroughTick break_through;
   DeviceReadout readout;
-  bool end_of_data = false;        ///< the replayed recording has ended, so there is no row
-  Fault new_fault = Fault::kNone;  ///< fault latched in this tick
   /// The first fault found in this tick, with the measured value. If new_fault is set, `found`
   /// describes this fault. In `fault` and `recovering` only stops are latched (safety.h). Any other
   /// fault is not latched in these two states, but delays the recovery.
   FaultDetail found;
-  bool recovery_is_refused = false;  ///< RecoveryAnswer::kRefused
   /// Height by which the tip must be raised before `running` can begin
   /// (ForceLaw::retract_distance_m()).
   double retract_distance_m = 0;
   /// `device_ns`: time that this tick took to read, check and write the device. `law_ns`: time that
   /// this tick took to advance the safety state, compute the force and prepare the command.
   std::int64_t device_ns = 0, law_ns = 0;
-  bool torques_are_zero = false;  ///< the ramp after a fault has ended, so the force is zero
+  bool end_of_data = false;          ///< the replayed recording has ended, so there is no row
+  Fault new_fault = Fault::kNone;    ///< fault latched in this tick
+  bool recovery_is_refused = false;  ///< RecoveryAnswer::kRefused
+  bool torques_are_zero = false;     ///< the ramp after a fault has ended, so the force is zero
 };
 
 /// Inputs of a tick from other threads, the clock and the operator.
