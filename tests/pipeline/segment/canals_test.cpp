@@ -270,8 +270,9 @@ TEST(Canals, VesselsAreNamedAndLeftOutOfTheColumn) {
   EXPECT_NE(all.warnings()[0].sentence.find("connected to bone"), std::string::npos);
   EXPECT_GT(part_inside(stack, all, Tissue::kVessel), 0.95);
   EXPECT_LT(part_inside(stack, column, Tissue::kVessel), 0.03);
-  EXPECT_GT(part_inside(stack, column, Tissue::kMarrow),
-            part_inside(stack, all, Tissue::kMarrow) - 0.05);
+  // Without the vessels, marrow that the end of the scan cuts stays open.
+  EXPECT_GT(part_inside(stack, all, Tissue::kMarrow), 0.99);
+  EXPECT_GT(part_inside(stack, column, Tissue::kMarrow), 0.9);
   EXPECT_LE(canal_filled(stack, column), 0.01);
 }
 
@@ -280,9 +281,8 @@ TEST(Canals, DarkMarrowIsFilledInTheColumnBesideVesselsToo) {
   for (const auto& [noise_HU, marrow_HU] : {std::pair(0.0, -40.0), std::pair(45.0, 58.0)}) {
     const ColumnStack stack(
         CanalPhantom{.noise_HU = noise_HU, .has_vessels = true, .marrow_HU = marrow_HU});
-    const double all = part_inside(stack, filled(stack), Tissue::kMarrow);
-    EXPECT_GT(all, 0.8) << marrow_HU;
-    EXPECT_GT(part_inside(stack, filled(stack, true), Tissue::kMarrow), all - 0.05) << marrow_HU;
+    EXPECT_GT(part_inside(stack, filled(stack), Tissue::kMarrow), 0.99) << marrow_HU;
+    EXPECT_GT(part_inside(stack, filled(stack, true), Tissue::kMarrow), 0.9) << marrow_HU;
   }
 }
 
