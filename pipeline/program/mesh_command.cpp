@@ -101,6 +101,9 @@ json deidentified(json report, const std::vector<fs::path>& inputs) {
         out = with_name(std::move(out), std::string(whole).append("/"),
                         std::string(name).append("/"));
       if (input.is_absolute() && !name.empty()) out = with_name(std::move(out), whole, name);
+      // A DICOMDIR stands for the files of its folder.
+      if (input.has_parent_path() && !fs::is_directory(input, ignored))
+        out = with_name(std::move(out), input.parent_path().string().append("/"), "input/");
     }
     text = std::move(out);
   };
