@@ -80,7 +80,7 @@ Result<SessionResult> run(const RunArguments& arguments, const SessionInputs& in
   // A session of the simulated device that waits for nobody may stop and go on as it is.
   std::optional<SuspendingSignals> signals;
   if (options.is_real_time() || may_have_motors(arguments.device)) {
-    signals.emplace();
+    signals.emplace(options.cpu);
     options.suspension = &SuspendingSignals::suspension();
   }
   if (Result<void> started = device.start(); !started) return started.error();

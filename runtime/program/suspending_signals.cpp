@@ -8,8 +8,10 @@
 #include <cstdint>
 #include <cstdio>
 #include <thread>
+#include <utility>
 
 #include "formats/base/program.h"
+#include "runtime/realtime/realtime_thread.h"
 
 namespace trocar::runtime {
 namespace {
@@ -39,7 +41,7 @@ Suspension& SuspendingSignals::suspension() noexcept {
   return the_suspension;
 }
 
-SuspendingSignals::SuspendingSignals() {
+SuspendingSignals::SuspendingSignals(int loop_cpu) : avoided_cpu_(loop_cpu) {
   for (const int signal : kStopping)
     handle(signal, [](int) { the_suspension.is_requested.store(true); });
   for (const int signal : kEnding)
@@ -54,6 +56,7 @@ SuspendingSignals::~SuspendingSignals() {
 }
 
 void SuspendingSignals::serve() {
+  keep_off(std::exchange(avoided_cpu_, -1));
   if (!the_suspension.is_requested.load()) return;
   const std::uint64_t wanted = the_suspension.paused_periods.load() + kZeroPeriods;
   const auto until = std::chrono::steady_clock::now() + kPatience;

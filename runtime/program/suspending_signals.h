@@ -15,8 +15,9 @@ namespace trocar::runtime {
 
 class SuspendingSignals {
  public:
-  /// Catches the signals. Only one object may exist at a time.
-  SuspendingSignals();
+  /// Catches the signals. Only one object may exist at a time. `loop_cpu`: the haptic thread's
+  /// processor, which the object's thread keeps off; -1: any.
+  explicit SuspendingSignals(int loop_cpu);
   /// Gives the signals that stop the process their default effect again.
   ~SuspendingSignals();
   SuspendingSignals(const SuspendingSignals&) = delete;
@@ -27,6 +28,7 @@ class SuspendingSignals {
 
  private:
   void serve();
+  int avoided_cpu_;  ///< until the thread keeps off it; then -1
   PollingThread thread_;
 };
 
