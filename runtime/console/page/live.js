@@ -66,10 +66,12 @@ export class Live {
   }
 
   /// The caller calls this once per frame while snapshots must come. If none comes, the console stalls, or the network is broken, and the
-  /// connection itself may say nothing about that for minutes: then it is opened again. `passed_ms`: time since the last frame.
-  watch(passed_ms) {
-    if (passed_ms > kStall_ms) this.heard_ms = performance.now();  // this page stood still
-    if (performance.now() - this.heard_ms < kNoConnection_ms) return;
+  /// connection itself may say nothing about that for minutes: then it is opened again. (A frame's own time may be from before it stood still.)
+  watch() {
+    const now = performance.now();
+    if (!(now - this.watched_ms < kStall_ms)) this.heard_ms = now;  // this page stood still
+    this.watched_ms = now;
+    if (now - this.heard_ms < kNoConnection_ms) return;
     this.close();
     this.open();
     this.on.down(false, false);

@@ -468,7 +468,7 @@ function frame(now) {
   const passed_s = (now - last) / 1000;
   last = now;
   // Snapshots come also in a pause, but not while a program loads, nor if the session is silent.
-  if (app.connected && app.live && ["running", "paused"].includes(app.state.state)) app.link.watch(1000 * passed_s);
+  if (app.connected && app.live && ["running", "paused"].includes(app.state.state)) app.link.watch();
   app.link.ack();
   app.hand?.frame(now, passed_s);
   const before = app.playback.first?.events.length;
