@@ -55,7 +55,8 @@ def check_outside(folder):
     check(all(page.next() == "hello" for page in audience), "sixteen pages watch")
     for page in audience:  # each answers the console's pings until the console ends
         threading.Thread(target=watch, args=(page,), daemon=True).start()
-    small = console_on_small_disk(PROGRAMS, SOURCE, folder, WORK)
+    made = console_on_small_disk(PROGRAMS, SOURCE, folder, WORK, "4m")
+    small = made[0] if made else None
     links = links_of(console)
     drive("drive_outside.mjs", {"full_link": links["link"], "full_view_link": links["view_link"], "tunnel": f"http://localhost:{tunnel_to(console.port)}/",
                                 "disk_link": links_of(small)["link"] if small else None, "out": str(WORK / "pictures")})
