@@ -94,7 +94,7 @@ def main():
     parser.add_argument("--since", default="")
     parser.add_argument("--most", type=int, default=0)
     parser.add_argument("regex", nargs="?", default="")
-    options = parser.parse_args()
+    options = parser.parse_intermixed_args()  # the expression may follow the options
     root, build, wanted = options.root, options.build, re.compile(options.regex)
     read = headers_of_files(root)
     entries = []
