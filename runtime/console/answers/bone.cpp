@@ -200,7 +200,6 @@ Result<std::string> bone_of(const std::filesystem::path& scene_file,
                      {"surface", describe_surface(*loaded, arrays)},
                      {"slices", std::move(slices)},
                      {"tool", describe_tool(loaded->scene.tool)},
-                     {"force_scale", loaded->scene.force_law.force_scale},
                      {"goals", goals_of(scene_file)},
                      {"lps_mm_of_device", patient_of_device(*loaded)}};
   return arrays.with_json(json_text(head));

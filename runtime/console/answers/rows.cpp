@@ -160,7 +160,6 @@ Result<std::string> rows_of(const std::filesystem::path& recording) {
     xray.add(row);
     if (i % every == 0 || i + 1 == rows->size()) visit_columns(row, kind, xray, rate_Hz, append);
   }
-  const std::optional<double> scale = origin.number("force-scale");
   Arrays arrays;
   const auto at = arrays.add(table);
   return arrays.with_json(json_text({{"schema", "trocar.rows/1"},
@@ -172,7 +171,6 @@ Result<std::string> rows_of(const std::filesystem::path& recording) {
                                      {"phases", names_of<ContactPhase>(kContactPhases)},
                                      {"faults", names_of<Fault>(kFaults)},
                                      {"safety_states", names_of<SafetyState>(kSafetyStates)},
-                                     {"force_scale", scale ? json(*scale) : json(nullptr)},
                                      {"events", events_of(*rows, !kind.has_cutting)}}));
 }
 

@@ -20,7 +20,7 @@ function recorded(rows, slices) {
   const values = rows.flatMap(([z, front, x = 0, safety = kRunning], i) => [i, x, 0, z, 0, 0, 0, 0, 0, 0, kFree, safety, front, 3, 0]);
   const shown = new Recorded({ json: { columns, rows: rows.length }, doubles: () => Float64Array.from(values) });
   const positions = new Float32Array([-0.01, -0.01, 0.01, -0.01, 0.01, 0.01, -0.01, 0.01]), triangles = new Uint32Array([0, 1, 2, 0, 2, 3]);
-  shown.set_bone({ slices: slices.map((z_m, slice) => ({ slice, z_m, positions, triangles })), force_scale: 1, top_m: slices[0] });
+  shown.set_bone({ slices: slices.map((z_m, slice) => ({ slice, z_m, positions, triangles })), top_m: slices[0] });
   return shown;
 }
 const punctures = (shown) => shown.all_events.map(({ kind, slice, t_s }) => [kind, slice, t_s]);
