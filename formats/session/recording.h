@@ -188,8 +188,8 @@ RecordingKind recording_kind(const RecordingOrigin& origin);
 /// break_through_at,origin. The column origin holds
 /// to_text() of the RecordingOrigin in the first row and is empty in all other rows. With
 /// has_cutting, these columns take the place of tip_N: fx_tissue_N,...,tz_tissue_Nm,front_z_m,
-/// front_HU,tip_N,embedded_m,cut_J,absorbed_J,tissue_stored_J,steps. With has_xray, the column xray follows
-/// motor_heat_max. With has_pose_device, the columns device_x_m,device_y_m,device_z_m,
+/// front_HU,tip_N,embedded_m,cut_J,absorbed_J,tissue_stored_J,steps. With has_xray, the column xray
+/// follows motor_heat_max. With has_pose_device, the columns device_x_m,device_y_m,device_z_m,
 /// device_qw,...,device_qz,buttons,fx_device_N,...,tz_device_Nm take the place of tau_* and th_*.
 std::string recording_header(const RecordingKind& kind = {});
 
@@ -234,14 +234,12 @@ class RecordingWriter {
   Result<void> commit();
   /// "the first N rows are in FILE" or "no row was kept".
   std::string kept() const;
-  /// Path of the partial file; empty after commit().
-  std::filesystem::path partial_file() const { return partial_; }
   const std::filesystem::path& file() const { return file_; }
 
   /// Mean size of a row so far, without the origin; 0 before the first row.
   double bytes_per_row() const;
-  /// Number of bytes that still fit on the disk; 0 if that is not known.
-  std::uint64_t free_bytes() const;
+  /// Number of bytes that still fit on the disk, if that is known.
+  std::optional<std::uint64_t> free_bytes() const;
 
  private:
   RecordingWriter(std::filesystem::path file, std::string partial, int fd,
