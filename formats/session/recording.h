@@ -136,7 +136,7 @@ struct RecordingRow {
   /// along the shaft, with the laws `hooke` and `network` along z.
   double tip_N = 0;
   /// A break-through that was found in this tick (runtime/control/break_through.h): the resistance
-  /// that was lost, as a force on the tip like tip_N; 0: none was found.
+  /// before it, as a force on the tip like tip_N; 0: none was found.
   double break_through_N = 0;
   /// Where: the slice that was punctured last, or is in contact; kBreakThroughLayer - i: the soft
   /// layer i; -1: nothing is known, or no break-through.
@@ -167,7 +167,7 @@ struct RecordingRow {
 };
 
 /// A line about a break-through: RecordingRow::break_through_at, t_s and break_through_N.
-std::string describe_break_through(std::int32_t at, double t_s, double lost_N);
+std::string describe_break_through(std::int32_t at, double t_s, double resistance_N);
 
 /// The columns in which recordings differ.
 struct RecordingKind {
