@@ -22,7 +22,8 @@ constexpr double kBrokenSheet_m = 0.12;
 struct Met {
   double force_N = 0, depth_m = 0;
   bool passes_slice = false, releases = false;
-  std::optional<double> hand_depth_m;  ///< of a tip fixed to the plate; none: depth_m
+  std::optional<double> hand_depth_m =
+      std::nullopt;  ///< of a tip fixed to the plate; none: depth_m
   bool is_running = true;
 };
 
@@ -129,6 +130,26 @@ TEST(BreakThrough, APlungeEndsWhenTheTipComesBackOrForcesAreZeroed) {
   EXPECT_EQ(faulty.break_throughs.list[0].ended_by, PlungeEnd::kFault);
   EXPECT_NEAR(faulty.break_throughs.list[0].plunge_m, 7e-3 * 0.3, 5e-5);
   EXPECT_NEAR(faulty.break_throughs.list[0].ended_t_s, 1.3, 2e-3);
+}
+
+// The spring of hand and coupling throws the tip forwards, further than the reference reaches.
+TEST(BreakThrough, AJumpOfTheTipIsOneBreakThroughAtAllRates) {
+  for (const double rate_Hz : {500.0, 1000.0, 4000.0, 8000.0}) {
+    for (const double jump_m : {0.5e-3, 3e-3, 8e-3}) {
+      for (const double left : {0.0, 0.1, 0.4}) {
+        const SessionFigures found =
+            figures_of(static_cast<int>(2 * rate_Hz), rate_Hz, [=](double t_s) {
+              const double done = std::clamp((t_s - 1) / 4e-3, 0.0, 1.0);
+              return Met{100 * std::min(1.0, 5 * t_s) * (t_s < 1 ? 1 : left),
+                         7e-3 * t_s + jump_m * done};
+            });
+        ASSERT_EQ(found.break_throughs.count, 1U)
+            << rate_Hz << " Hz, " << jump_m << " m, " << left << " left";
+        EXPECT_NEAR(found.break_throughs.list[0].tip_N, 100, 3) << rate_Hz << ' ' << jump_m;
+        EXPECT_NEAR(found.break_throughs.list[0].t_s, 1, 0.03) << rate_Hz << ' ' << jump_m;
+      }
+    }
+  }
 }
 
 TEST(BreakThrough, SlicesOfEqualBoneAreNone) {
