@@ -410,7 +410,13 @@ Result<void> keep_near_mask(const SliceStack& stack, const VoxelGrid& grid,
   ValueTally tally;
   for (int k = 0; k < (*mask)->size(); ++k) {
     const auto image = (*mask)->read_labels(k);
-    if (!image) return image.error();
+    if (!image) {
+      Error error = image.error();
+      const std::size_t advice = error.message.rfind("; if this is no label map");
+      if (advice != std::string::npos)  // what to do with --labels
+        error.message.replace(advice, std::string::npos, "; --mask needs a label map");
+      return error;
+    }
     tally.add(tally_values(*image));
   }
   const Labels labels{options.mask_labels};
