@@ -290,7 +290,8 @@ std::vector<DicomVolume> by_order(const Positions& positions, std::size_t key,
   for (std::size_t i = 0; i < out.size(); ++i) {
     const auto& [low, high] = ranges[i];
     if (i > 0 && !value_less(ranges[i - 1].second, low)) return {};
-    out[i].name = key_name + " " + low + (low == high ? "" : " to " + high);
+    out[i].name = std::string(key_name).append(" ").append(low);
+    if (low != high) out[i].name.append(" to ").append(high);
   }
   return out;
 }
@@ -317,6 +318,7 @@ std::vector<DicomVolume> interleaved(const Positions& positions) {
     if (!keys[key].is_of_volume) continue;
     auto volumes = by_value(positions, key, keys[key].name);
     std::vector<std::pair<double, double>> ranges;
+    ranges.reserve(volumes.size());
     for (const DicomVolume& volume : volumes)
       ranges.emplace_back(normal.dot(volume.slices.front().position),
                           normal.dot(volume.slices.back().position));
