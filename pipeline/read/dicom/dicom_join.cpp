@@ -161,6 +161,7 @@ bool is_broken_part(const DicomSeries& s, const DicomSeries& of) {
 void join_parts(std::vector<DicomSeries>& series) {
   for (const auto& group : alike(series)) {
     std::vector<const DicomSeries*> members;
+    members.reserve(group.size());
     for (const std::size_t i : group)
       members.push_back(&series[i]);
     if (!are_parts(members)) continue;
