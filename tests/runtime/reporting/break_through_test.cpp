@@ -22,8 +22,8 @@ constexpr double kBrokenSheet_m = 0.12;
 struct Met {
   double force_N = 0, depth_m = 0;
   bool passes_slice = false, releases = false;
-  std::optional<double> hand_depth_m =
-      std::nullopt;  ///< of a tip fixed to the plate; none: depth_m
+  /// Of a tip fixed to the plate; none: depth_m.
+  std::optional<double> hand_depth_m = std::nullopt;
   bool is_running = true;
 };
 
