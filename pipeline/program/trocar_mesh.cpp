@@ -150,9 +150,8 @@ struct MeshCommandLine {
     // A command takes the footer that is set when it is added. This one is for the program alone.
     line.set_footer(
         "trocar-mesh COMMAND --help describes a command and its options.\n"
-        "Exit codes: 0 done; 2 wrong usage; 3 input refused (batch: also if a scan failed); 4 "
-        "output\n"
-        "not written, or interrupted; 1 an internal error.");
+        "Exit codes: 0 done; 2 wrong usage; 3 input refused (batch: also if a scan failed);\n"
+        "4 output not written, or interrupted; 1 an internal error.");
   }
 
   int run() const {
