@@ -115,6 +115,7 @@ const std::map<std::string, Allowed>& allowed_values() {
     add_choices(Kind::kText, parameters + "/simplify", "area dp");
     add_choices(Kind::kText, parameters + "/keep", "column");
     add_choices(Kind::kText, parameters + "/axis", "transverse coronal sagittal");
+    add_choices(Kind::kText, parameters + "/completeness", "unknown");
     add_choices(Kind::kNumberOrText, parameters + "/fill_mm2", "all");
     add_text("/asset/generator", [](const std::string& text) {
       return matches(text, "trocar-mesh [0-9]{1,3}\\.[0-9]{1,3}\\.[0-9]{1,3}");

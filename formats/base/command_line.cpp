@@ -301,10 +301,6 @@ Command CommandLine::add_command(const std::string& name, const std::string& hel
   return Command(app()->add_subcommand(name, help));
 }
 
-void CommandLine::require_command() {
-  app()->require_subcommand(1);
-}
-
 void CommandLine::set_footer(const std::string& text) {
   app()->footer(text);
 }

@@ -133,8 +133,6 @@ class CommandLine : public Command {
 
   /// Declares a command. A program may have several commands; its user gives at most one of them.
   Command add_command(const std::string& name, const std::string& help);
-  /// Refuses a command line without a command.
-  void require_command();
   /// The text at the end of the help.
   void set_footer(const std::string& text);
   /// First column of the descriptions in the help, for all commands.

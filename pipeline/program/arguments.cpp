@@ -64,6 +64,9 @@ void add_input_options(const Command& command, Arguments& a) {
   group.flag("--any-modality", a.any_modality,
              "accept DICOM images other than CT. Their values are not HU (Hounsfield units, the\n"
              "calibrated grey levels of CT)");
+  group.flag("--completeness-unknown", a.completeness_unknown,
+             "nobody has said how many images the scan has: the report warns of it, and the\n"
+             "asset says so");
   a.axis_option = group.choice(
       "--axis", a.axis, {"axial", "transverse", "coronal", "sagittal"},
       "plane of the slices; transverse means axial, that is, across the body. Default: axial\n"

@@ -25,8 +25,8 @@ struct Arguments {
               slices, crop;
   int lattice_bits = 8, jobs = 0, dump_slice = -1, volume = 0, largest = 0, count = 12,
       surface_triangles = 50'000;
-  bool any_modality = false, quiet = false, explain = false, no_hu = false, lines = false,
-       colour = false, surface = false, keep_table = false;
+  bool any_modality = false, completeness_unknown = false, quiet = false, explain = false,
+       no_hu = false, lines = false, colour = false, surface = false, keep_table = false;
   Option threshold_option, equalize_option, labels_option, area_option, area_px_option, axis_option,
       dump_slice_option, volume_option, context_option, surface_triangles_option, tolerance_option,
       min_region_option, lattice_option;

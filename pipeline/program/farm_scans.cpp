@@ -182,8 +182,9 @@ json canonical(const Parsed& parsed) {
                     ? json({o.mesh.crop->x0, o.mesh.crop->x1, o.mesh.crop->y0, o.mesh.crop->y1})
                     : json();
   out["axis"] = open.axis ? json(axis_name(*open.axis)) : json();
+  if (open.completeness_unknown) out["completeness"] = "unknown";
   // A given threshold is not the same as the default with these two options: images, which need
-  // --spacing, are refused without one, and other modalities get a warning (check_threshold()).
+  // --spacing, are refused without one, and other modalities get a warning (check_input()).
   if (a.any_modality || open.spacing_mm)
     out["threshold-given"] = a.threshold_option.is_given() && a.preset.empty();
   return out;
@@ -301,7 +302,7 @@ Result<std::unique_ptr<farm::OpenedScan>> FarmScans::open(const json& given,
     if (!w.shared.empty()) warnings.back()["shared"] = w.shared;
   }
   stack.warnings.clear();
-  if (auto ok = check_threshold(a, stack); !ok) return ok.error();
+  if (auto ok = check_input(a, stack); !ok) return ok.error();
   return std::unique_ptr<farm::OpenedScan>(
       std::make_unique<Opened>(std::move(*parsed), std::move(*scan), std::move(warnings)));
 }

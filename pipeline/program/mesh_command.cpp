@@ -219,7 +219,7 @@ int run_mesh(const Arguments& given) {
   const std::unique_ptr<SliceStack>& stack = scan->labels;
   options->mesh.hu = scan->ct.get();
   if (auto ok = check_outputs(a, files_read(a, *scan)); !ok) return fail(ok.error());
-  if (auto ok = check_threshold(a, *stack); !ok) return fail(ok.error());
+  if (auto ok = check_input(a, *stack); !ok) return fail(ok.error());
   if (!a.quiet && ::isatty(STDERR_FILENO) != 0) options->progress = slice_progress();
   options->stop = &stop_requested;
   // A volume that is not DICOM is axial even without --axis.

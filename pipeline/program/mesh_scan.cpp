@@ -42,7 +42,11 @@ std::vector<std::filesystem::path> files_read(const Arguments& a, const LabelsWi
   return out;
 }
 
-Result<void> check_threshold(const Arguments& a, SliceStack& stack) {
+Result<void> check_input(const Arguments& a, SliceStack& stack) {
+  if (a.completeness_unknown) {
+    stack.warnings.push_back({"completeness_unknown", "--completeness-unknown",
+                              "nobody has said how many images the scan has; some may be missing"});
+  }
   if (stack.pixel_unit() == PixelUnit::kHounsfield || a.labels_option.is_given() ||
       a.equalize_option.is_given())
     return {};

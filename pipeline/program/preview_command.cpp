@@ -66,7 +66,7 @@ int run_preview(const Arguments& a) {
   if (!scan) return fail(scan.error());
   const std::unique_ptr<SliceStack>& stack = scan->labels;
   if (auto ok = check_sheet(a, files_read(a, *scan)); !ok) return fail(ok.error());
-  if (auto ok = check_threshold(a, *stack); !ok) return fail(ok.error());
+  if (auto ok = check_input(a, *stack); !ok) return fail(ok.error());
   follow_small_pixels(*stack, *options);
   const auto made = make_preview(*stack, *options, a.count);
   if (!made) return fail(made.error());

@@ -211,6 +211,7 @@ Result<OpenOptions> open_options(const Arguments& a) {
   }
   if (a.volume_option.is_given()) out.volume = a.volume;
   out.any_modality = a.any_modality;
+  out.completeness_unknown = a.completeness_unknown;
   out.as_labels = a.labels_option.is_given();
   auto wanted = labels(a.labels);
   if (!wanted) return wanted.error();
@@ -263,6 +264,7 @@ json parameters_json(const StackOptions& o, const OpenOptions& input) {
   if (input.spacing_mm) out["spacing_mm"] = *input.spacing_mm;
   if (input.volume) out["volume"] = *input.volume;
   if (input.axis) out["axis"] = axis_name(*input.axis);
+  if (input.completeness_unknown) out["completeness"] = "unknown";
   return out;
 }
 

@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <cstdio>
 #include <filesystem>
+#include <map>
 #include <new>
 #include <opencv2/core/version.hpp>
 #include <string>
@@ -16,8 +17,6 @@
 #include "formats/base/nearest_name.h"
 #include "formats/base/program.h"
 #include "pipeline/base/malloc_tuning.h"
-#include "pipeline/program/archive/archive_options.h"
-#include "pipeline/program/archive/archive_process.h"
 #include "pipeline/program/arguments.h"
 #include "pipeline/program/batch_command.h"
 #include "pipeline/program/export_command.h"
@@ -86,6 +85,16 @@ Result<void> check_command(const CommandLine& line, const Arguments& a) {
   return usage(a.inputs[0].string() + ": no such file, folder or command" + meant);
 }
 
+// Refuses commands of former versions, unless an input has the name.
+Result<void> check_former(const std::vector<std::string>& words) {
+  static const std::map<std::string, std::string> replaced = {{"fetch", "get-study"},
+                                                              {"receive", "orthanc-hook"}};
+  const auto found = words.size() > 1 ? replaced.find(words[1]) : replaced.end();
+  std::error_code ignored;
+  if (found == replaced.end() || fs::exists(words[1], ignored)) return {};
+  return usage(words[1] + ": the script " + found->second + " replaces this command (archive.md)");
+}
+
 // Refuses options before a subcommand. They are options of meshing, and would be ignored.
 Result<void> check_nothing_before(const CommandLine& line) {
   for (const Option& option : line.options()) {
@@ -112,8 +121,6 @@ struct MeshCommandLine {
   ExportArguments exported;
   BatchArguments batch;
   ReviewArguments review;
-  ReceiveArguments receive;
-  FetchArguments fetch;
 
   MeshCommandLine() {
     line.set_help_column(34);
@@ -140,18 +147,14 @@ struct MeshCommandLine {
             "review",
             "show all assets in a store (the folder that batch writes), or compare two stores"),
         review);
-    add_receive_options(line.add_command("receive", kReceiveHelp), receive);
-    add_fetch_options(line.add_command("fetch", kFetchHelp), fetch);
     // A command takes the footer that is set when it is added. This one is for the program alone.
     line.set_footer(
         "trocar-mesh COMMAND --help describes a command and its options.\n"
-        "Exit codes: 0 done; 2 wrong usage; 3 input refused (batch: also if a scan failed;\n"
-        "receive: also if its port cannot be used); 4 output not written, or interrupted\n"
-        "(receive ends with 0 if it is interrupted); 1 an internal error.");
+        "Exit codes: 0 done; 2 wrong usage; 3 input refused (batch: also if a scan failed);\n"
+        "4 output not written, or interrupted; 1 an internal error.");
   }
 
-  // `argv` are the arguments of main(), which a program of its own parses again.
-  int run(char** argv) const {
+  int run() const {
     const std::string command = line.chosen_command();
     if (command.empty()) {
       if (const auto ok = check_command(line, mesh); !ok) return fail(ok.error());
@@ -165,7 +168,7 @@ struct MeshCommandLine {
     if (command == "info") return run_info(info);
     if (command == "export") return run_export(exported);
     if (command == "batch") return run_batch(batch);
-    return command == "review" ? run_review(review) : become_trocar_archive(argv);
+    return run_review(review);
   }
 
  private:
@@ -181,11 +184,12 @@ int run(int argc, char** argv) {
   MeshCommandLine program;
   const std::vector<std::string> words = with_repeated(
       "--seed", is_position, with_repeated("--labels", is_labels, {argv, argv + argc}));
+  if (const auto ok = check_former(words); !ok) return fail(ok.error());
   if (const auto done = program.line.parse_or_end(with_preset_options(words))) return *done;
   program.mesh.of_preset = program.preview.of_preset = added_by_preset(words);
   // Lack of memory is caused by the input and is not a bug.
   try {
-    return program.run(argv);
+    return program.run();
   } catch (const std::bad_alloc&) {
     return fail(refused_for_now("not enough memory for this input"));
   }

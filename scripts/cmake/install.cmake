@@ -36,7 +36,6 @@ function(trocar_program target component)
     DESTINATION ${CMAKE_INSTALL_DATADIR}/bash-completion/completions COMPONENT ${component})
 endfunction()
 trocar_program(trocar-mesh trocar-mesh)
-install(TARGETS trocar-archive RUNTIME DESTINATION libexec/trocar COMPONENT trocar-mesh)  # where trocar-mesh expects it
 trocar_program(trocar-sample-ct trocar-sample-ct)
 trocar_program(trocar-run trocar-runtime)
 trocar_program(trocar-device-sim trocar-runtime)

@@ -107,7 +107,7 @@ def reports(source, programs, scan, work):
             ("joined", (labelled, "--labels", "20+21,22")),
             ("all", (labelled, "--labels", "all")),
             ("coronal", (scan / "sample.nii.gz", "--axis", "coronal", "--slices", "100:130")),
-            ("coarse", (scan / "sample.nii.gz", "--volume", "0", "--slices", "3:5", "--lattice-bits", "5", "--min-angle", "33", "--max-area", "0.01", "--keep-table"))):
+            ("coarse", (scan / "sample.nii.gz", "--volume", "0", "--slices", "3:5", "--lattice-bits", "5", "--min-angle", "33", "--max-area", "0.01", "--keep-table", "--completeness-unknown"))):
         report = work / f"{name}.report.json"
         run(mesh, *words, "-o", work / f"{name}.glb", "--report", report, "--quiet")
         document = json.loads(report.read_bytes())

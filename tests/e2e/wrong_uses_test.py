@@ -93,7 +93,6 @@ class Folder:
             (self.path / "bin").mkdir()
             for name in (*PROGRAMS, "trocar-export"):
                 shutil.copy(programs / name, self.path / "bin" / name)
-            shutil.copytree(programs.parent / "libexec", self.path / "libexec")
             shutil.copytree(SOURCE / "runtime/console/page", self.path / "share/trocar/console", ignore=shutil.ignore_patterns("node_modules"))
             os.chown(self.work, NOBODY, NOBODY)
             self.user, programs = {"user": NOBODY, "group": NOBODY, "extra_groups": [], "umask": 0o022}, self.path / "bin"

@@ -323,15 +323,13 @@ TEST(CommandLine, RefusesOptionsThatExcludeOrNeedEachOther) {
   EXPECT_TRUE(line.parse({"program", "--strict", "--check"}));
 }
 
-TEST(CommandLine, TakesOneCommandAndMayRequireIt) {
+TEST(CommandLine, TakesOneCommand) {
   CommandLine line("program", "", "");
   line.add_command("fit", "");
   line.add_command("export", "");
   EXPECT_TRUE(line.parse({"program"}));
   EXPECT_EQ(line.chosen_command(), "");
   EXPECT_FALSE(line.parse({"program", "fit", "export"}));
-  line.require_command();
-  EXPECT_FALSE(line.parse({"program"}));
   EXPECT_TRUE(line.parse({"program", "export"}));
 }
 

@@ -149,6 +149,7 @@ TEST(Parameters, EveryOptionIsInTheKeyOrNamesAFile) {
       {"slices", {json::object(), "0:1"}},
       {"crop", {json::object(), "0:9,0:9"}},
       {"any-modality", {json::object(), true}},
+      {"completeness-unknown", {json::object(), true}},
       {"axis", {json::object(), "coronal"}},
       {"no-hu", {json::object(), true}},
       {"context", {json::object(), "3"}},
