@@ -193,7 +193,7 @@ RecordingKind recording_kind(const RecordingOrigin& origin);
 /// device_qw,...,device_qz,buttons,fx_device_N,...,tz_device_Nm take the place of tau_* and th_*.
 std::string recording_header(const RecordingKind& kind = {});
 
-/// Size in bytes of the largest recording that read_recording() and the export as HDF5 read.
+/// Size in bytes of the largest recording that read_recording() reads.
 inline constexpr std::uint64_t kMaxRecordingBytes = std::uint64_t{1} << 32;
 
 /// Suffix of a recording's name while it is being written.
