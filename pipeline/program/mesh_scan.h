@@ -17,7 +17,7 @@ namespace trocar::pipeline {
 
 /// Opens the scan. If --hu is given, the scan is a label map, and the CT of --hu is opened too;
 /// both must have the same voxel grid. Errors: those of open_stack() and open_labels_with_ct().
-Result<LabelsWithCt> open_scan(const Arguments& a, const OpenOptions& options);
+Result<LabelsWithCt> open_scan(const Arguments& a);
 
 /// All files that a run reads: those of the scan, those of the CT of --hu, and the files of
 /// --names, --input-key and --mask. The caller must not write an output over one of them.

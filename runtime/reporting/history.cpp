@@ -305,7 +305,7 @@ Result<History> read_history(const std::filesystem::path& folder) {
   for (const std::string& name : unfinished) {
     if (with_report.contains((folder / name).parent_path())) continue;
     history.skipped.push_back(one_line(name) +
-                              ": its session did not end properly; trocar-run SCENE --replay " +
+                              ": its session did not end properly; trocar-run replay SCENE " +
                               "makes its report");
   }
   std::map<std::array<std::string, 3>, std::vector<Session>> all;

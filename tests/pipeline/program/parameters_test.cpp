@@ -13,7 +13,6 @@
 #include "formats/geometry/slice_mesh.h"
 #include "pipeline/program/arguments.h"
 #include "pipeline/program/farm_scans.h"
-#include "pipeline/program/stage_options.h"
 #include "tests/support/temporary_folder.h"
 
 namespace trocar::pipeline {
@@ -77,22 +76,20 @@ TEST(Parameters, TheSameInOtherWordsIsTheSame) {
 
 // Returns what `trocar-mesh verify --private` says of an asset that was made with these options.
 std::string privacy_of(const json& given) {
-  CommandLine line("trocar-mesh", "", "");
+  CLI::App app;
   Arguments arguments;
-  add_mesh_options(line, arguments);
+  add_mesh_options(app, arguments);
   std::vector<std::string> words{"trocar-mesh"};
   for (const auto& [name, value] : given.items()) {
     std::string& word = words.emplace_back("--" + name);
     if (value != true)
       word.append("=").append(value.is_string() ? value.get<std::string>() : value.dump());
   }
-  if (const auto ok = line.parse(words); !ok) return ok.error().message;
-  const auto options = stack_options(arguments);
-  const auto input = open_options(arguments);
-  if (!options || !input) return (options ? input.error() : options.error()).message;
+  if (const auto ok = parse(app, words); !ok) return ok.error().message;
+  if (const auto ok = complete(arguments); !ok) return ok.error().message;
   Asset asset;
   asset.generator = "trocar-mesh 0.2.0";
-  asset.parameters_json = parameters_json(*options, *input).dump();
+  asset.parameters_json = parameters_json(arguments.stack, arguments.open).dump();
   asset.materials = {{"L3", 22}};
   AssetSlice slice;
   slice.mesh = {{{0, 0}, {300, 0}, {0, 300}}, {{0, 1, 2}}};
