@@ -73,7 +73,7 @@ def test_examples(usr):
     scenes = sorted((usr / "share/trocar/examples/scenes").glob("*.json"))
     assert len(scenes) >= 5, f"installed scenes: {scenes}"
     for scene in scenes:
-        run(usr / "bin/trocar-run", scene, "--device-description", usr / "share/trocar/device/four_legs.json", "--check", "--strict")
+        run(usr / "bin/trocar-run", "check", scene, "--device-description", usr / "share/trocar/device/four_legs.json", "--strict")
 
 
 def test_farm(usr, work):
