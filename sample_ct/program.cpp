@@ -3,11 +3,9 @@
 
 #include <unistd.h>
 
-#include <charconv>
 #include <cstdint>
 #include <cstdio>
 #include <string>
-#include <system_error>
 
 #include "formats/base/command_line.h"
 #include "formats/base/program.h"
@@ -61,53 +59,34 @@ int run(const Arguments& arguments) {
   return static_cast<int>(ExitCode::kDone);
 }
 
-// CLI11 2.1 reads -1 and 1e99 as 2^64 - 1.
-std::string check_whole(const std::string& text) {
-  std::uint64_t value = 0;
-  const char* end = text.data() + text.size();
-  const auto [rest, error] = std::from_chars(text.data(), end, value);
-  return error == std::errc() && rest == end
-             ? std::string()
-             : text + " is not a whole number within 0 and 2^64 - 1";
-}
-
-void declare(const Command& command, Arguments& arguments) {
-  command.option("OUTDIR", arguments.folder, "the folder to write to; created if needed")
-      .required();
-  command
-      .option("--seed", arguments.seed,
-              "number that determines the random textures, the noise and the UIDs")
-      .with_default_shown()
-      .checked_by(check_whole);
-  command.option("--slices", arguments.slices, "number of slices, 1 mm apart")
-      .with_default_shown()
-      .within(kMinSlices, kMaxSlices);
-  command.option("--size", arguments.size, "pixels along each edge of the 160 mm field of view")
-      .with_default_shown()
-      .within(kMinSize, kMaxSize);
-  command.option("--noise-hu", arguments.noise_hu, "standard deviation of the noise, HU")
-      .with_default_shown()
-      .within(0.0, kMaxNoise_hu);
-  command
-      .option("--jobs", arguments.jobs,
-              "number of threads, 0: one for each core; the output is the same for any number")
-      .with_default_shown()
-      .within(0, 1024);
-  command.flag("--quiet", arguments.quiet, "print errors only");
+void declare(CLI::App& command, Arguments& arguments) {
+  command.add_option("OUTDIR", arguments.folder, "the folder to write to; created if needed")
+      ->required();
+  add_number(command, "--seed", arguments.seed, {0, 9e15, "N"},
+             "number that determines the random textures, the noise and the UIDs");
+  add_number(command, "--slices", arguments.slices, {kMinSlices, kMaxSlices},
+             "number of slices, 1 mm apart");
+  add_number(command, "--size", arguments.size, {kMinSize, kMaxSize},
+             "pixels along each edge of the 160 mm field of view");
+  add_number(command, "--noise-hu", arguments.noise_hu, {0.0, kMaxNoise_hu},
+             "standard deviation of the noise, HU");
+  add_number(command, "--jobs", arguments.jobs, {0, 1024},
+             "number of threads, 0: one for each core; the output is the same for any number");
+  command.add_flag("--quiet", arguments.quiet, "print errors only");
 }
 
 int run_command_line(int argc, const char* const* argv) {
   Arguments arguments;
-  CommandLine line(
-      kName,
+  CLI::App line(
       "Writes a synthetic CT of a lumbar vertebra to OUTDIR, in three formats: png/ (grey "
       "pictures\n"
       "with three equal channels of 8 bits), dicom/ (a CT series) and sample.nii.gz (NIfTI). Also\n"
       "writes sample.json: the scan's seed, grid and noise, and the bone's HU (grey levels of CT).",
-      std::string(kName) + " " TROCAR_VERSION " (" + png_library_version() + ", " +
-          dicom_library_version() + ", " + nifti_library_version() + ")");
+      kName);
+  add_help(line, std::string(kName) + " " TROCAR_VERSION " (" + png_library_version() + ", " +
+                     dicom_library_version() + ", " + nifti_library_version() + ")");
   declare(line, arguments);
-  if (const auto done = line.parse_or_end({argv, argv + argc})) return *done;
+  if (const auto done = parse_or_end(line, {argv, argv + argc})) return *done;
   return run(arguments);
 }
 

@@ -166,10 +166,14 @@ std::string line(std::string_view what, const char* unit, const Range& range) {
 
 }  // namespace
 
+const char* to_string(Strength strength) noexcept {
+  constexpr const char* kNames[] = {"low", "median", "high"};
+  return kNames[static_cast<int>(strength)];
+}
+
 std::optional<Strength> strength_from_string(std::string_view text) noexcept {
-  if (text == "low") return Strength::kLow;
-  if (text == "median") return Strength::kMedian;
-  if (text == "high") return Strength::kHigh;
+  for (const Strength each : {Strength::kLow, Strength::kMedian, Strength::kHigh})
+    if (text == to_string(each)) return each;
   return std::nullopt;
 }
 

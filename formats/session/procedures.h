@@ -21,6 +21,7 @@ namespace trocar {
 /// and the bone. The user makes the choice by the option `--strength` of trocar-run, or by
 /// `strength` in the scene's `procedure`.
 enum class Strength : std::uint8_t { kLow, kMedian, kHigh };
+const char* to_string(Strength strength) noexcept;
 
 /// Reads "low", "median" or "high". Returns std::nullopt for any other text.
 std::optional<Strength> strength_from_string(std::string_view text) noexcept;

@@ -48,11 +48,6 @@ Result<std::string> sha256_of_file(const std::filesystem::path& file) {
   return hex_of(hash);
 }
 
-bool same_sha256(const std::filesystem::path& a, const std::filesystem::path& b) {
-  const auto first = sha256_of_file(a), second = sha256_of_file(b);
-  return first && second && *first == *second;
-}
-
 bool is_sha256(std::string_view text) {
   return text.size() == 2 * crypto_hash_sha256_BYTES &&
          text.find_first_not_of("0123456789abcdef") == std::string_view::npos;

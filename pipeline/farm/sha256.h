@@ -25,9 +25,6 @@ std::string sha256_of(std::string_view text);
 /// Errors: kRefused if the file cannot be read; the message names the file.
 Result<std::string> sha256_of_file(const std::filesystem::path& file);
 
-/// Can both files be read, and do they have the same digest?
-bool same_sha256(const std::filesystem::path& a, const std::filesystem::path& b);
-
 /// Does the text consist of 64 lower-case hexadecimal digits? The caller must check a digest that
 /// was read from a store before the digest becomes part of a path.
 bool is_sha256(std::string_view text);

@@ -1,269 +1,450 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "pipeline/program/arguments.h"
 
+#include <charconv>
+#include <cmath>
+#include <limits>
 #include <utility>
 
 #include "formats/asset/asset.h"
+#include "formats/base/command_line.h"
+#include "formats/base/file_io.h"
 #include "pipeline/program/presets.h"
+#include "pipeline/read/digest.h"
 
 namespace trocar::pipeline {
 namespace {
 
-// The options of one topic of the help.
-class Group {
- public:
-  Group(const Command& command, const char* name) : command_(command), name_(name) {}
+using nlohmann::json;
 
-  // A number within a range. The help shows `unit` after the option's name.
-  template <typename Number>
-  Option number(const char* name, Number& value, const char* unit, Number low, Number high,
-                const char* help) {
-    return number_if_given(name, value, unit, low, high, help).with_default_shown();
+// Reads a list such as "7,20-24" into `labels`. If `joined` is not null, + joins labels, as in
+// "20+21", to a set of it, which is one material. Returns why the list is wrong.
+std::string read_labels(const std::string& list, std::set<int>& labels,
+                        std::vector<std::set<int>>* joined = nullptr) {
+  constexpr int kMaxOfRange = 65536;
+  const auto is_outside = [](std::errc error, int label) {
+    return error == std::errc::result_out_of_range || (error == std::errc() && label < 0);
+  };
+  const std::string wrong =
+      std::string("must be all, or labels L and ranges A-B with commas between them") +
+      (joined == nullptr ? "" : ", or with + to join them");
+  const std::string outside = "labels are 0 to " + std::to_string(kMaxLabel);
+  const char *at = list.data(), *const end = at + list.size();
+  bool after_plus = false;
+  while (true) {
+    int first = 0;
+    auto [rest, error] = std::from_chars(at, end, first);
+    if (is_outside(error, first)) return outside;
+    if (error != std::errc()) return wrong;
+    int last = first;
+    if (rest != end && *rest == '-') {
+      const auto range = std::from_chars(rest + 1, end, last);
+      if (is_outside(range.ec, last)) return outside;
+      if (range.ec != std::errc()) return wrong;
+      rest = range.ptr;
+    }
+    const bool before_plus = joined != nullptr && rest != end && *rest == '+';
+    if (rest != end && *rest != ',' && !before_plus) return wrong;
+    if (last < first) return "a range ends before it begins";
+    if (static_cast<std::int64_t>(last) - first >= kMaxOfRange)
+      return "a range has more than 65536 labels";
+    if (before_plus && !after_plus) joined->emplace_back();
+    for (std::int64_t label = first; label <= last; ++label) {
+      if (!before_plus && !after_plus) {
+        labels.insert(static_cast<int>(label));
+      } else if (!joined->back().insert(static_cast<int>(label)).second) {
+        return "label " + std::to_string(label) + " is joined to itself";
+      }
+    }
+    if (rest == end) return {};
+    after_plus = before_plus;
+    at = rest + 1;
   }
-  // The same without a default.
-  template <typename Number>
-  Option number_if_given(const char* name, Number& value, const char* unit, Number low, Number high,
-                         const char* help) {
-    return command_.option(name, value, help).within(low, high, unit).in_group(name_);
-  }
-  // An option without a default. The help shows `form`, the form of its value.
-  template <typename Value>
-  Option value(const char* name, Value& value, const char* form, const char* help) {
-    return command_.option(name, value, help).with_form(form).in_group(name_);
-  }
-  Option choice(const char* name, std::string& value, std::vector<std::string> words,
-                const char* help) {
-    return command_.option(name, value, help).one_of(std::move(words)).in_group(name_);
-  }
-  void flag(const char* name, bool& value, const char* help) {
-    command_.flag(name, value, help).in_group(name_);
-  }
-
- private:
-  Command command_;
-  const char* name_;
-};
-
-void add_input_options(const Command& command, Arguments& a) {
-  command.option("INPUT", a.inputs, "the scan");
-  Group group(command, "Input");
-  group.value(
-      "--spacing", a.spacing, "X,Y,Z",
-      "pixel width, pixel height and distance of slices, in mm; for INPUT that does not state\n"
-      "them");
-  group.value("--slices", a.slices, "A:B",
-              "mesh only the slices A to B, both included, counted from 0");
-  group.value("--crop", a.crop, "X0:X1,Y0:Y1",
-              "mesh only the columns X0 to X1 and rows Y0 to Y1, all included, counted from 0");
-  group.value("--series", a.series, "SERIES",
-              "if INPUT holds several series: the one to mesh, by its UID, number or description");
-  a.volume_option = group.number_if_given(
-      "--volume", a.volume, "N", 0, 1'000'000'000,
-      "for a NIfTI or NRRD file (4D) or a DICOM series with several volumes: the one to mesh,\n"
-      "counted from 0");
-  group.flag("--any-modality", a.any_modality,
-             "accept DICOM images other than CT. Their values are not HU (Hounsfield units, the\n"
-             "calibrated grey levels of CT)");
-  a.axis_option = group.choice(
-      "--axis", a.axis, {"axial", "transverse", "coronal", "sagittal"},
-      "plane of the slices; transverse means axial, that is, across the body. Default: axial\n"
-      "for a NIfTI or NRRD file; for other input, the plane in which the slices are stored");
-  group.value(
-      "--hu", a.hu, "CT",
-      "with --labels: the CT that gives the HU. It must have the same grid of voxels (size,\n"
-      "spacing, position) as the label map");
 }
 
-void add_material_options(const Command& command, Arguments& a) {
-  Group group(command, "Material");
+void add_input_options(CLI::App& app, Arguments& a) {
+  app.add_option("INPUT", a.inputs, "the scan");
+  const auto spacing = [&a](const std::string& text) {
+    const auto n = numbers<double>(text, "#,#,#");
+    if (!n) return "must be X,Y,Z in mm";
+    for (const double mm : *n)
+      if (!(mm > 1e-6 && mm < 1e6)) return "each must lie between 1e-6 and 1e6 mm";
+    a.open.spacing_mm = {(*n)[0], (*n)[1], (*n)[2]};
+    return "";
+  };
+  add_parsed(
+      app, "--spacing", spacing,
+      "pixel width, pixel height and distance of slices, in mm; for INPUT that does not state\n"
+      "them",
+      "X,Y,Z");
+  const auto slices = [&a](const std::string& text) {
+    const auto n = numbers<int>(text, "#:#");
+    if (!n) return "must be A:B, first and last slice";
+    a.stack.slices = std::pair{(*n)[0], (*n)[1]};
+    return "";
+  };
+  add_parsed(app, "--slices", slices, "mesh only the slices A to B, both included, counted from 0",
+             "A:B");
+  const auto crop = [&a](const std::string& text) {
+    const auto n = numbers<int>(text, "#:#,#:#");
+    if (!n) return "must be X0:X1,Y0:Y1, first and last pixel";
+    a.stack.mesh.crop = Crop{(*n)[0], (*n)[1], (*n)[2], (*n)[3]};
+    return "";
+  };
+  add_parsed(app, "--crop", crop,
+             "mesh only the columns X0 to X1 and rows Y0 to Y1, all included, counted from 0",
+             "X0:X1,Y0:Y1");
+  app.add_option(
+         "--series", a.open.series,
+         "if INPUT holds several series: the one to mesh, by its UID, number or description")
+      ->type_name("SERIES");
+  add_number(
+      app, "--volume", a.open.volume, {0, 1'000'000'000, "N"},
+      "for a NIfTI or NRRD file (4D) or a DICOM series with several volumes: the one to mesh,\n"
+      "counted from 0");
+  app.add_flag("--any-modality", a.open.any_modality,
+               "accept DICOM images other than CT, whose values are not HU");
+  app.add_flag("--completeness-unknown", a.open.completeness_unknown,
+               "nobody has said how many images the scan has: the report warns of it, and the\n"
+               "asset says so");
+  add_choice<std::optional<SliceAxis>>(app, "--axis", a.open.axis,
+                                       {{"axial", SliceAxis::kAxial},
+                                        {"transverse", SliceAxis::kAxial},
+                                        {"coronal", SliceAxis::kCoronal},
+                                        {"sagittal", SliceAxis::kSagittal}},
+                                       "plane of the slices; transverse is axial (default: the "
+                                       "stored one; of NIfTI and NRRD axial)");
+  set_heading(app, "Input");
+}
+
+void add_material_options(CLI::App& app, Arguments& a) {
   std::vector<std::string> names;
   for (const Preset& preset : presets())
     names.emplace_back(preset.name);
-  group.choice(
-      "--preset", a.preset, std::move(names),
-      "use the options that suit this material; --explain prints them. (paper: for images, the\n"
-      "method of the publication that Trocar follows)");
-  group.flag("--explain", a.explain,
-             "print the options that --preset stands for; without --preset, those of every preset");
-  a.threshold_option =
-      group.number("--threshold", a.threshold, "HU", -1e6, 1e6,
-                   "lowest HU that counts as material (226: dense bone, 180: bone of low\n"
-                   "density, -300: skin). If INPUT is images: a grey level from 0 to 255");
-  a.equalize_option = group.number_if_given(
-      "--equalize", a.equalize, "LEVEL", 0.0, 255.0,
-      "instead of --threshold: spread the grey levels of each slice evenly over 0 to 255\n"
-      "(histogram equalisation), then mesh all pixels of at least LEVEL. Without this "
-      "option,\n"
-      "grey levels are not spread. The preset paper sets LEVEL to 230");
-  a.labels_option = group
-                        .value("--labels", a.labels, "L",
-                               "INPUT is a label map: its voxels hold numbers of structures. Mesh "
-                               "the structures L: a\n"
-                               "number, a range A-B, several of these, or all. Each becomes one "
-                               "material; 20+21 joins\n"
-                               "two structures to one material")
-                        .one_value_each();
-  group.value(
-      "--names", a.names, "FILE",
-      "names of the labels: a JSON file such as {\"20\": \"L1\"}; or verse, for label maps of\n"
-      "the data set VerSe; or totalsegmentator, for those of the program TotalSegmentator");
-  a.min_region_option = group.number(
-      "--min-region", a.min_region_mm2, "MM2", 0.0, 1e12,
-      "in each slice, drop islands of material and fill holes whose area is smaller than this,\n"
-      "mm^2. Default for pixels narrower than 0.3 mm: at most 4 pixels");
-  group.flag("--keep-table", a.keep_table,
-             "mesh the scanner's table, too. Without this option, the table is left out if it\n"
-             "is separate from the patient's bone");
+  one_of(app.add_option("--preset", a.preset,
+                        "the options that suit this material; --explain prints them"),
+         names);
+  app.add_flag("--explain", a.explain, "print the options of --preset, or of every preset");
+  add_number(app, "--threshold", a.threshold, {-1e6, 1e6, "HU"},
+             "lowest HU of the material (226: dense bone, 180: bone of low density, "
+             "-300: skin), or of\n"
+             "images a grey level from 0 to 255")
+      ->default_str("226");
+  add_number(app, "--equalize", a.equalize, {0, 255, "LEVEL"},
+             "instead of --threshold: lowest grey level, 0 to 255, after equalisation "
+             "of the histogram of\n"
+             "each slice");
+  const auto read = [&a](const std::string& list) -> std::string {
+    if (!a.labels) a.labels.emplace();
+    if (list != "all") return read_labels(list, a.labels->labels, &a.labels->joined);
+    a.labels->all = true;
+    return {};
+  };
+  CLI::Option* const labels = many(add_parsed(app, "--labels", read,
+                                              "INPUT is a label map: mesh the labels L, such as "
+                                              "20 or 20-24, or all, each as one material;\n"
+                                              "20+21 joins two",
+                                              "L"));
+  app.add_option("--hu", a.hu, "CT of a label map, on the same grid of voxels, that gives the HU")
+      ->type_name("CT")
+      ->needs(labels);
+  app.add_option("--names", a.names,
+                 "names of the labels: JSON such as {\"20\": \"L1\"}, or verse or totalsegmentator")
+      ->type_name("FILE")
+      ->needs(labels);
+  app.add_flag("--keep-table", a.stack.keep_table, "mesh the scanner's table, too");
+  set_heading(app, "Material");
 }
 
-// Options of solid_bone.h.
-void add_solid_options(const Command& command, Arguments& a) {
-  Group group(command, "Solid bone");
-  group.value(
-      "--fill", a.fill, "MM2",
-      "fill what bone encloses, such as marrow, so that it becomes material: a voxel is filled\n"
-      "if bone encloses it in at least two of the axial, coronal and sagittal planes. Canals,\n"
-      "such as the spinal canal, stay open. MM2 is the largest area that is filled in a plane,\n"
-      "mm^2; all: no limit");
-  group.number(
-      "--close", a.close_mm, "MM", 0.0, 100.0,
-      "with --fill: gaps in the bone count as closed if they are at most 2 x MM mm wide.\n"
-      "A region that is open only at such gaps then counts as enclosed and is filled, too");
-  group.number(
-      "--min-volume", a.min_volume_mm3, "MM3", 0.0, 1e12,
-      "drop separate pieces (connected components) of less than this volume, mm^3. This is\n"
-      "done before --fill");
-  group
-      .choice("--keep", a.keep, {"all", "column"},
-              "'all' keeps all bone. 'column' needs --fill and keeps only the spinal column:\n"
-              "vessels full of contrast medium, which are as dense as bone, are dropped, and\n"
-              "ribs are cut off 75 mm from the spinal canal")
-      .with_default_shown();
-  group.number("--largest", a.largest, "N", 0, 1'000'000,
-               "keep only the N largest connected components; 0: keep all");
-  group
-      .value(
-          "--seed", a.seeds, "X,Y,Z",
-          "keep only the material connected to this point (mm in DICOM's patient coordinates:\n"
-          "x to the patient's left, y to the back, z to the head). If an unwanted bone touches\n"
-          "the wanted one, give a second point in the unwanted bone: material that is nearer to\n"
-          "the second point than to the first is dropped. More such points may follow")
-      .one_value_each();
-  group.value("--mask", a.mask, "LABELS.nii.gz:L[,L]",
-              "keep only the material within 1.5 mm of the labels L of this label map");
+void add_solid_options(CLI::App& app, SolidOptions& solid) {
+  const auto fill = [&solid](const std::string& text) {
+    const auto n = numbers<double>(text, "#");
+    if (!n && text != "all") return "must be an area in mm^2, or all";
+    solid.fill_mm2 = n ? (*n)[0] : std::numeric_limits<double>::infinity();
+    return !n || (*solid.fill_mm2 >= 0 && *solid.fill_mm2 <= 1e12)
+               ? ""
+               : "must be within 0 and 1e12 mm^2, or all";
+  };
+  add_parsed(
+      app, "--fill", fill,
+      "fill what bone encloses in two of the three planes, up to this area in a plane, mm^2; all:\n"
+      "no limit. Canals stay open",
+      "MM2");
+  add_number(app, "--close", solid.close_mm, {0, 100, "MM"},
+             "with --fill: gaps up to 2 x MM wide count as closed");
+  add_number(app, "--min-volume", solid.min_volume_mm3, {0, 1e12, "MM3"},
+             "drop pieces (connected components) of less than this volume, before --fill, mm^3");
+  add_choice<bool>(app, "--keep", solid.column, {{"all", false}, {"column", true}},
+                   "all bone; or, with --fill, the spinal column alone, without vessels full of "
+                   "contrast medium")
+      ->default_str("all");
+  add_number(app, "--largest", solid.largest, {0, 1'000'000, "N"},
+             "keep only the N largest components; 0: all");
+  const auto seed = [&solid](const std::string& text) {
+    const auto n = numbers<double>(text, "#,#,#");
+    if (!n) return "must be X,Y,Z in mm";
+    for (const double mm : *n)
+      if (!(std::abs(mm) < 1e6)) return "each must lie within 1e6 mm";
+    solid.seeds_lps_mm.emplace_back((*n)[0], (*n)[1], (*n)[2]);
+    return "";
+  };
+  many(add_parsed(
+      app, "--seed", seed,
+      "keep only what is connected to this point, mm in DICOM's patient coordinates (LPS), and\n"
+      "nearer to it than to the points of further --seed",
+      "X,Y,Z"));
+  const auto mask = [&solid](const std::string& text) -> std::string {
+    const auto colon = text.rfind(':');
+    if (colon == std::string::npos || colon == 0) return "must be LABELS.nii.gz:L[,L]";
+    solid.mask_file = text.substr(0, colon);
+    return read_labels(text.substr(colon + 1), solid.mask_labels);
+  };
+  add_parsed(app, "--mask", mask,
+             "keep only material within 1.5 mm of the labels L of this label map",
+             "LABELS.nii.gz:L[,L]");
+  set_heading(app, "Solid bone");
 }
 
-void add_stage_options(const Command& command, Arguments& a) {
-  Group group(command, "Mesh");
-  group
-      .choice("--contour", a.contour, {"subpixel", "pixel"},
-              "where the border of the material runs. subpixel: between pixel centres, where the\n"
-              "interpolated value is the threshold; pixel: through the centres of the outermost "
-              "pixels\n"
-              "of the material")
-      .with_default_shown();
-  group
-      .choice(
-          "--simplify", a.simplify, {"area", "dp"},
-          "how outlines are simplified. area: vertices are merged so that each outline keeps its\n"
-          "area; dp: vertices are left out (method of Douglas and Peucker), and areas change")
-      .with_default_shown();
-  a.tolerance_option =
-      group.number("--tolerance", a.tolerance_mm, "MM", 0.0, 1e4,
-                   "largest distance of the simplified outline from the original one, mm. Default\n"
-                   "for pixels narrower than 0.3 mm: at most 0.4 pixels");
-  group.number("--min-angle", a.min_angle_deg, "DEG", 0.0, 60.0,
-               "smallest angle of a triangle, degrees");
-  a.area_option = group.number("--max-area", a.max_area_mm2, "MM2", 1e-6, 1e12,
-                               "largest area of a triangle, mm^2");
-  a.area_px_option =
-      group.number_if_given("--max-area-px", a.max_area_px2, "PX2", 1e-6, 1e12,
-                            "largest area of a triangle in pixels, instead of --max-area");
-  group.number("--grade", a.grade_hu, "HU", 0.0, 1e6,
-               "use smaller triangles where the HU change by more than this along an edge of\n"
-               "a triangle; 0: never");
-  a.lattice_option = group.number(
-      "--lattice-bits", a.lattice_bits, "N", kMinLatticeBits, kMaxLatticeBits,
-      "precision: all coordinates are multiples of 2^-N mm. Default for pixels narrower\n"
-      "than 0.25 mm: at least 64 steps a pixel");
+void add_stage_options(CLI::App& app, StackOptions& stack) {
+  MeshOptions& mesh = stack.mesh;
+  add_choice<ContourKind>(
+      app, "--contour", mesh.contour,
+      {{"subpixel", ContourKind::kSubpixel}, {"pixel", ContourKind::kPixel}},
+      "where the border runs: between pixel centres, where the interpolated value is the\n"
+      "threshold, or through the centres of the outermost pixels")
+      ->default_str("subpixel");
+  add_choice<SimplificationMethod>(
+      app, "--simplify", mesh.simplification.method,
+      {{"area", SimplificationMethod::kArea}, {"dp", SimplificationMethod::kDouglasPeucker}},
+      "outlines keep their area, or a subset of their vertices (Douglas and Peucker)")
+      ->default_str("area");
+  const CLI::Option* const tolerance = add_number(
+      app, "--tolerance", mesh.simplification.tolerance_mm, {0, 1e4, "MM"},
+      "largest distance of the simplified outline from the original, mm (pixels below 0.3 mm: at\n"
+      "most 0.4 pixels)");
+  const CLI::Option* const min_region = add_number(
+      app, "--min-region", mesh.min_region_mm2, {0, 1e12, "MM2"},
+      "drop islands and fill holes below this area in a slice, mm^2 (pixels below 0.3 mm: at most\n"
+      "4 pixels)");
+  add_number(app, "--min-angle", mesh.refinement.min_angle_deg, {0, 60, "DEG"},
+             "smallest angle of a triangle, degrees");
+  CLI::Option* const area = add_number(app, "--max-area", mesh.refinement.max_area_mm2,
+                                       {1e-6, 1e12, "MM2"}, "largest area of a triangle, mm^2");
+  add_number(app, "--max-area-px", mesh.max_area_px2, {1e-6, 1e12, "PX2"},
+             "largest area of a triangle in pixels, instead of --max-area")
+      ->excludes(area);
+  add_number(app, "--grade", mesh.grade_hu, {0, 1e6, "HU"},
+             "smaller triangles where the HU change by more than this along an edge; 0: never");
+  const CLI::Option* const lattice = add_number(
+      app, "--lattice-bits", mesh.lattice.bits, {kMinLatticeBits, kMaxLatticeBits, "N"},
+      "coordinates are multiples of 2^-N mm (pixels below 0.25 mm: at least 64 steps a pixel)");
+  set_heading(app, "Mesh");
+  app.parse_complete_callback([&stack, tolerance, min_region, lattice] {
+    stack.defaults = {tolerance->count() == 0, min_region->count() == 0, lattice->count() == 0};
+  });
 }
 
 // Options of the asset. A preview accepts them without effect, so that the options of a run can be
 // given to its preview, and hides them from its help.
-void add_asset_options(Group group, Arguments& a) {
-  group.flag("--no-hu", a.no_hu, "store no HU in the asset");
-  group.flag("--surface", a.surface,
-             "add a closed surface of the material to the asset, for display and for trocar-mesh\n"
-             "export --surface");
-  a.surface_triangles_option = group.number(
-      "--surface-triangles", a.surface_triangles, "N", 100, 5'000'000,
-      "limit on the number of triangles of the surface. Without this option, the limit begins at\n"
-      "50000, and is doubled until 99 % of the surface lies within half a voxel of the\n"
-      "material's boundary. The surface may have more triangles than the limit: some are added\n"
-      "where it would otherwise intersect itself");
-  group.flag("--lines", a.lines, "also store the outlines as lines, for 3D viewers");
-  group.flag("--colour", a.colour,
-             "also store HU as colours for 3D viewers, from dark (-200 HU) to light (1848 HU)");
-  a.context_option = group
-                         .value("--context", a.context, "[MM]",
-                                "also store the HU around the material, for simulated X-ray "
-                                "pictures: one value every\n"
-                                "MM mm (default: 2 to 4 mm, depending on the size of the scan). In "
-                                "a scan of a head,\n"
-                                "these HU can show the patient's face")
-                         .with_optional_value();
-  group.value(
-      "--input-key", a.input_key, "FILE",
-      "store a checksum of the input, by which those who have the key can recognise the scan.\n"
-      "The key is the content of FILE, 16 to 64 bytes. Without this option, no checksum is\n"
-      "stored");
+void add_asset_options(CLI::App& app, const char* heading, Arguments& a) {
+  CLI::Option* const no_hu =
+      app.add_flag_callback(
+             "--no-hu", [&a] { a.stack.mesh.hu_volume = false; }, "store no HU in the asset")
+          ->group(heading);
+  app.add_flag("--surface", a.surface,
+               "add a closed surface of the material for display (trocar-mesh export --surface)");
+  add_number(
+      app, "--surface-triangles", a.surface_triangles, {100, 5'000'000, "N"},
+      "largest number of its triangles, but for those against intersections (default: 50000,\n"
+      "doubled until 99 % lies within half a voxel of the boundary)");
+  app.add_flag("--lines", a.stack.lines, "also store the outlines as lines, for 3D viewers");
+  app.add_flag("--colour", a.stack.colours, "also store HU as colours for 3D viewers")
+      ->excludes(no_hu);
+  const auto context = [&pitch = a.stack.context_mm](const std::string& text) {
+    const auto n = numbers<double>(text, "#");
+    if (!n && !text.empty()) return "must be MM, a length in mm, or nothing";
+    pitch = n ? (*n)[0] : 0;
+    return !n || (*pitch >= 1 && *pitch <= 20) ? "" : "must lie between 1 and 20 mm";
+  };
+  add_parsed(app, "--context", context,
+             "also store the HU around the material every MM mm (default: 2 to 4 mm), for "
+             "simulated X-ray\n"
+             "pictures; of a head they can show the face",
+             "[MM]")
+      ->expected(0, 1)
+      ->excludes(no_hu);
+  app.add_option(
+         "--input-key", a.input_key,
+         "store a checksum of the input with the key in FILE, 16 to 64 bytes, by which its owners\n"
+         "recognise the scan")
+      ->type_name("FILE");
+  set_heading(app, heading);
 }
 
-// The output options that a run and its preview share; `output` is the help of -o.
-void add_output_options(const Command& command, Arguments& a, const char* output) {
-  Group group(command, "Output");
-  group.value("-o,--output", a.output, "FILE", output);
-  group.number("--jobs", a.jobs, "N", 0, 1024, "number of threads; 0: one for each core");
-  group.flag("--quiet", a.quiet, "print errors only");
+// The options that a run and its preview share; `output` is the help of -o.
+void add_common_options(CLI::App& app, Arguments& a, const char* output) {
+  add_input_options(app, a);
+  add_material_options(app, a);
+  add_solid_options(app, a.stack.solid);
+  add_stage_options(app, a.stack);
+  app.add_option("-o,--output", a.output, output)->type_name("FILE");
+  add_number(app, "--jobs", a.stack.threads, {0, 1024, "N"},
+             "number of threads; 0: one for each core");
+  app.add_flag("--quiet", a.quiet, "print errors only");
+  set_heading(app, "Output");
 }
 
-void add_common_options(const Command& command, Arguments& a, const char* output) {
-  add_input_options(command, a);
-  add_material_options(command, a);
-  add_solid_options(command, a);
-  add_stage_options(command, a);
-  add_output_options(command, a, output);
+Result<Segmentation> segmentation(const Arguments& a) {
+  if (!a.labels) {
+    if (!a.equalize) return Segmentation(a.threshold ? Threshold{*a.threshold} : Threshold{});
+    if (a.threshold)
+      return usage("--threshold and --equalize (or presets with them) exclude each other");
+    return Segmentation(Equalize{*a.equalize});
+  }
+  if (a.threshold || a.equalize)
+    return usage("--labels cannot be combined with --threshold, --equalize or a preset");
+  Labels out = *a.labels;
+  for (const std::set<int>& joined : out.joined)
+    for (const int label : joined)
+      if (!out.labels.insert(label).second)
+        return usage("--labels: label " + std::to_string(label) +
+                     " is in two materials; name it once");
+  return Segmentation(std::move(out));
+}
+
+Result<void> complete_solid(const StackOptions& stack) {
+  const SolidOptions& solid = stack.solid;
+  if (!solid.fill_mm2 && solid.close_mm > 0)
+    return usage(
+        "--close needs --fill MM2 or --fill all: it says which gaps count as closed there");
+  if (!solid.fill_mm2 && solid.column)
+    return usage("--keep column needs --fill MM2 or --fill all, which finds the spinal canal");
+  const auto* const wanted = std::get_if<Labels>(&stack.mesh.segmentation);
+  if (wanted == nullptr || !are_several(*wanted)) return {};
+  if (stack.mesh.contour == ContourKind::kPixel)
+    return usage(
+        "--contour pixel leaves gaps between materials: join the labels with +, as --labels 20+21");
+  return solid.fill_mm2 ? fill_of_several_error() : Result<void>();
+}
+
+// Only the labels of a mask are stored, because its file name may identify the patient.
+void add_solid_parameters(const SolidOptions& o, json& out) {
+  if (o.fill_mm2) {
+    out["close_mm"] = o.close_mm;
+    out["fill_mm2"] = std::isfinite(*o.fill_mm2) ? json(*o.fill_mm2) : json("all");
+  }
+  if (o.min_volume_mm3 > 0) out["min_volume_mm3"] = o.min_volume_mm3;
+  if (o.column) out["keep"] = "column";
+  if (o.largest > 0) out["largest"] = o.largest;
+  for (const Eigen::Vector3d& seed : o.seeds_lps_mm)
+    out["seeds_lps_mm"].push_back({seed.x(), seed.y(), seed.z()});
+  if (!o.mask_labels.empty()) out["mask_labels"] = o.mask_labels;
 }
 
 }  // namespace
 
-void add_mesh_options(const Command& command, Arguments& a) {
-  add_common_options(command, a,
-                     "the asset to write (.glb), or only its surface (.stl, .ply, .obj)");
-  Group group(command, "Output");
-  add_asset_options(group, a);
-  group.value("--report", a.report, "FILE",
-              "write what was done in each slice, and the warnings, as JSON");
-  Group diagnostics(command, kDiagnostics);
-  diagnostics.value("--dump-stages", a.dump_stages, "FILE",
-                    "write the intermediate results of one slice (contour, outline, mesh) as\n"
-                    "JSON, for pictures");
-  a.dump_slice_option =
-      diagnostics.number_if_given("--dump-slice", a.dump_slice, "N", 0, 1'000'000'000,
-                                  "the slice of --dump-stages, counted from 0");
+void add_mesh_options(CLI::App& app, Arguments& a) {
+  add_common_options(app, a, "the asset to write (.glb), or only its surface (.stl, .ply, .obj)");
+  app.add_option("--report", a.report,
+                 "write what was done in each slice, and the warnings, as JSON")
+      ->type_name("FILE");
+  add_asset_options(app, "Output", a);
+  CLI::Option* const stages =
+      app.add_option("--dump-stages", a.dump_stages,
+                     "write contour, outline and mesh of --dump-slice as JSON, for pictures")
+          ->type_name("FILE")
+          ->group(kDiagnostics);
+  CLI::Option* const slice =
+      add_number(app, "--dump-slice", a.stack.dump_slice, {0, 1'000'000'000, "N"},
+                 "the slice of --dump-stages, counted from 0")
+          ->group(kDiagnostics);
+  stages->needs(slice);
+  slice->needs(stages);
 }
 
-void add_preview_options(const Command& command, Arguments& a) {
+void add_preview_options(CLI::App& app, Arguments& a) {
   add_common_options(
-      command, a,
-      "the preview to write: .png, a picture; or .html, a page with the picture and tables.\n"
-      "The tables show areas of the material and numbers of outlines. For a label map, one of\n"
-      "the tables shows how many voxels each label has");
-  Group(command, "Output")
-      .number(
-          "--count", a.count, "N", 1, 100,
-          "number of slices shown, evenly spread from the first to the last slice with material");
-  add_asset_options(Group(command, ""), a);
+      app, a,
+      "the preview to write: .png, a picture; or .html, a page with it and tables of areas,\n"
+      "outlines and labels");
+  add_number(
+      app, "--count", a.count, {1, 100, "N"},
+      "number of slices shown, evenly spread from the first to the last slice with material");
+  set_heading(app, "Output");
+  add_asset_options(app, "", a);
+}
+
+Result<void> complete(Arguments& a) {
+  StackOptions& stack = a.stack;
+  auto how = segmentation(a);
+  if (!how) return how.error();
+  stack.mesh.segmentation = std::move(*how);
+  if (const auto* wanted = std::get_if<Labels>(&stack.mesh.segmentation)) {
+    a.open.as_labels = true;
+    if (!wanted->all) a.open.labels = wanted->labels;
+  }
+  if (!a.names.empty()) {
+    auto names = LabelNames::named(a.names);
+    if (!names) return names.error();
+    stack.names = std::move(*names);
+  }
+  if (auto ok = complete_solid(stack); !ok) return ok;
+  stack.defaults.close = a.of_preset.contains("--close");
+  stack.defaults.min_volume = a.of_preset.contains("--min-volume");
+  stack.mesh.hu_field = stack.colours;
+  if (a.surface_triangles && !a.surface) return usage("--surface-triangles needs --surface");
+  if (a.surface) {
+    stack.surface.emplace();
+    if (a.surface_triangles) stack.surface = SurfaceOptions{*a.surface_triangles, true};
+  }
+  if (a.input_key.empty()) return {};
+  auto key = read_file(a.input_key, kMaxKeyBytes);
+  if (!key) return key.error();
+  if (key->size() < kMinKeyBytes)
+    return usage("--input-key " + a.input_key.string() + ": has " + std::to_string(key->size()) +
+                 " bytes; a key has 16 to 64");
+  stack.input_key = std::move(*key);
+  return {};
+}
+
+const char* axis_name(SliceAxis axis) {
+  return axis == SliceAxis::kCoronal    ? "coronal"
+         : axis == SliceAxis::kSagittal ? "sagittal"
+                                        : "transverse";
+}
+
+json parameters_json(const StackOptions& o, const OpenOptions& input) {
+  json out = {{"contour", o.mesh.contour == ContourKind::kPixel ? "pixel" : "subpixel"},
+              {"tolerance_mm", o.mesh.simplification.tolerance_mm},
+              {"min_angle_deg", o.mesh.refinement.min_angle_deg},
+              {"min_region_mm2", o.mesh.min_region_mm2},
+              {"lattice_bits", o.mesh.lattice.bits}};
+  if (o.mesh.simplification.method == SimplificationMethod::kArea) out["simplify"] = "area";
+  if (!o.mesh.hu_volume) out["hu"] = false;
+  if (o.mesh.grade_hu > 0) out["grade_hu"] = o.mesh.grade_hu;
+  if (o.context_mm) out["context_mm"] = *o.context_mm;
+  if (o.mesh.max_area_px2) {
+    out["max_area_px2"] = *o.mesh.max_area_px2;
+  } else {
+    out["max_area_mm2"] = o.mesh.refinement.max_area_mm2;
+  }
+  if (const auto* t = std::get_if<Threshold>(&o.mesh.segmentation)) out["threshold"] = t->value;
+  if (const auto* e = std::get_if<Equalize>(&o.mesh.segmentation)) out["equalize"] = e->level;
+  if (const auto* l = std::get_if<Labels>(&o.mesh.segmentation)) {
+    out["labels"] = l->labels;
+    if (!l->joined.empty()) out["joined_labels"] = l->joined;
+  }
+  if (o.slices) out["slices"] = {o.slices->first, o.slices->second};
+  if (o.mesh.crop)
+    out["crop"] = {o.mesh.crop->x0, o.mesh.crop->x1, o.mesh.crop->y0, o.mesh.crop->y1};
+  add_solid_parameters(o.solid, out);
+  if (o.keep_table) out["keep_table"] = true;
+  if (o.surface) out["surface_triangles"] = o.surface->triangles;
+  if (input.spacing_mm) out["spacing_mm"] = *input.spacing_mm;
+  if (input.volume) out["volume"] = *input.volume;
+  if (input.axis) out["axis"] = axis_name(*input.axis);
+  if (input.completeness_unknown) out["completeness"] = "unknown";
+  return out;
 }
 
 }  // namespace trocar::pipeline

@@ -7,8 +7,6 @@
 #include <algorithm>
 #include <chrono>
 #include <cstdio>
-#include <cstdlib>
-#include <fstream>
 #include <iostream>
 #include <iterator>
 #include <map>
@@ -18,6 +16,7 @@
 #include <system_error>
 #include <utility>
 
+#include "formats/base/command_line.h"
 #include "formats/base/file_io.h"
 #include "formats/base/json_text.h"
 #include "formats/base/program.h"
@@ -25,7 +24,6 @@
 #include "pipeline/farm/batch_run.h"
 #include "pipeline/farm/collection.h"
 #include "pipeline/farm/garbage.h"
-#include "pipeline/farm/metrics.h"
 #include "pipeline/farm/sha256.h"
 #include "pipeline/farm/staleness.h"
 #include "pipeline/program/farm_scans.h"
@@ -42,14 +40,6 @@ using nlohmann::json;
 int cores() {
   cpu_set_t set;
   return ::sched_getaffinity(0, sizeof set, &set) == 0 ? std::max(1, CPU_COUNT(&set)) : 1;
-}
-
-Result<std::pair<int, int>> shard_of(const std::string& text) {
-  int i = 0, n = 0, used = 0;
-  if (std::sscanf(text.c_str(), "%6d/%6d%n", &i, &n, &used) != 2 ||
-      used != static_cast<int>(text.size()) || i < 0 || i >= n)
-    return usage("--shard " + text + ": must be I/N with I from 0 to N-1");
-  return std::pair{i, n};
 }
 
 // The names in a file, one on each line.
@@ -254,7 +244,7 @@ Result<json> clean(const BatchArguments& a, const fs::path& folder,
 void print_summary(const BatchArguments& a, const farm::BatchSummary& s) {
   if (!s.has_journal)
     print(stderr, "trocar-mesh: warning: %s: the journal could not be written\n",
-          (a.store / "journal"));
+          (a.settings.store / "journal"));
   if (a.as_json) return;
   if (!a.quiet) {
     std::printf("%zu scans: %zu unchanged, %zu made, %zu found in the store, %zu failed", s.scans,
@@ -265,31 +255,11 @@ void print_summary(const BatchArguments& a, const farm::BatchSummary& s) {
     if (s.left > 0) std::printf(", %zu left", s.left);
     if (!s.warned.empty())
       std::printf("; %zu with warnings (--explain SCAN prints them)", s.warned.size());
-    if (s.products_made > 0)
-      print(stdout, "; %zu product%s made", s.products_made, s.products_made == 1 ? "" : "s");
     std::printf("; %.1f s\n", s.seconds);
     for (const std::string& name : s.made_again)
       print(stdout, "made again although it was done: %s\n", name);
     if (!a.strict) print_warnings(s.warned, stdout);
   }
-}
-
-Result<void> write_metrics(const BatchArguments& a, const fs::path& store,
-                           const farm::BatchSummary& summary) {
-  if (a.metrics.empty()) return {};
-  return write_file_atomically(
-      a.metrics, farm::metrics_text(summary, store.string(), std::chrono::system_clock::now()));
-}
-
-// Whether every scan is a known failure and has no asset. An asset of which only a product failed
-// counts.
-bool has_made_none(const fs::path& store, const farm::BatchSummary& summary) {
-  std::error_code ignored;
-  return summary.scans > 0 && summary.known.size() == summary.scans &&
-         std::none_of(summary.known.begin(), summary.known.end(),
-                      [&](const farm::FailedScan& failed) {
-                        return fs::exists(store / "assets" / (failed.scan + ".glb"), ignored);
-                      });
 }
 
 int run(const BatchArguments& a, const farm::Collection& collection, const farm::Batch& batch,
@@ -312,14 +282,13 @@ int run(const BatchArguments& a, const farm::Collection& collection, const farm:
                {"warned", summary->warned.size()},
                {"warnings", warnings_json(summary->warned)},
                {"asset_bytes", summary->asset_bytes},
-               {"products_made", summary->products_made},
                {"seconds", summary->seconds},
                {"made_again", summary->made_again},
                {"failures", failures_json(summary->failed)},
                {"known_failures", failures_json(summary->known)}});
   std::optional<Error> wrong;
   if (summary->has_unrecorded)
-    wrong = unwritable(a.store.string() +
+    wrong = unwritable(a.settings.store.string() +
                        ": some failures could not be recorded; when the store can be written, for "
                        "example after making room on a full disk, give the same command again");
   if (stop_requested.load()) {
@@ -333,200 +302,124 @@ int run(const BatchArguments& a, const farm::Collection& collection, const farm:
       head["gc"] = std::move(*cleaned);
     }
   }
-  if (auto ok = write_metrics(a, store, *summary); !ok) wrong = ok.error();
   if (a.as_json) print_lines(stdout, json_text(head, 1) + "\n");
   if (wrong) return fail(*wrong);
-  if (a.max_failures > 0 && summary->failed.size() >= a.max_failures && summary->left > 0)
+  if (a.settings.max_failures > 0 && summary->failed.size() >= a.settings.max_failures &&
+      summary->left > 0)
     return fail(refused("stopped after " + std::to_string(summary->failed.size()) +
-                        " failures (--max-failures " + std::to_string(a.max_failures) + "); " +
-                        std::to_string(summary->left) + " scans are left for the next run"));
+                        " failures (--max-failures " + std::to_string(a.settings.max_failures) +
+                        "); " + std::to_string(summary->left) +
+                        " scans are left for the next run"));
   const bool has_failed = !summary->failed.empty() ||
                           (a.strict && (!summary->known.empty() || !summary->warned.empty()));
-  if (!has_failed && a.only.empty() && a.shard.empty() && has_made_none(store, *summary))
+  const bool has_made_none = summary->scans > 0 && summary->known.size() == summary->scans;
+  if (!has_failed && a.only.empty() && !a.settings.shard && has_made_none)
     return fail(
         refused("none of the scans could be made, now or in earlier runs; --dry-run lists "
                 "the reasons"));
   return has_failed ? static_cast<int>(ExitCode::kRefused) : 0;
 }
 
-Result<farm::BatchSettings> settings_of(const BatchArguments& a, const fs::path& store) {
-  farm::BatchSettings out;
-  out.store = store;
-  out.jobs = a.jobs > 0 ? a.jobs : cores();
-  out.rehash = a.rehash;
-  out.verify = a.verify;
-  out.retry = a.retry;
-  out.max_failures = a.max_failures;
-  out.stop = &stop_requested;
-  if (!a.quiet && ::isatty(STDERR_FILENO) != 0) out.progress = scan_progress();
-  if (!a.shard.empty()) {
-    const auto shard = shard_of(a.shard);
-    if (!shard) return shard.error();
-    out.shard = *shard;
-  }
-  if (!a.only.empty()) {
-    auto names = names_in(a.only);
-    if (!names) return names.error();
-    out.only = std::move(*names);
-  }
-  return out;
-}
-
-// The programs that make the collection's products. trocar-run is looked for beside this program,
-// then in the folders of PATH, unless `run_program` gives it.
-Result<farm::ProductPrograms> product_programs(const fs::path& run_program,
-                                               const farm::Collection& collection) {
-  std::error_code error;
-  farm::ProductPrograms out;
-  const fs::path own = fs::read_symlink("/proc/self/exe", error);
-  out.mesh = own.string();
-  const auto digest = farm::sha256_of_file("/proc/self/exe");
-  if (!digest) return digest.error();
-  out.mesh_digest = *digest;
-  std::string wanted;
-  for (const farm::CollectionScan& scan : collection.scans)
-    for (const farm::WantedProduct& product : scan.products)
-      if (is_made_by_run(product.kind)) wanted = product_name(product.kind);
-  if (wanted.empty()) return out;
-  std::vector<fs::path> places = {run_program};
-  if (run_program.empty()) {
-    places = {own.parent_path() / "trocar-run"};
-    // NOLINTNEXTLINE(concurrency-mt-unsafe): there are no threads yet
-    const char* const folders = std::getenv("PATH");
-    std::istringstream path(folders == nullptr ? "" : folders);
-    for (std::string folder; std::getline(path, folder, ':');)
-      places.push_back(fs::path(folder) / "trocar-run");
-  }
-  for (const fs::path& place : places) {
-    if (::access(place.c_str(), X_OK) != 0) continue;
-    const auto run_digest = farm::sha256_of_file(place);
-    if (!run_digest) return run_digest.error();
-    out.run = fs::absolute(place, error).string();
-    out.run_digest = *run_digest;
-    return out;
-  }
-  return usage(run_program.empty() ? "the product " + wanted +
-                                         " is made by trocar-run, which is neither beside this "
-                                         "program nor in PATH; --run-program names it"
-                                   : "--run-program " + run_program.string() + ": cannot be run");
-}
-
-Result<void> check(const BatchArguments& a) {
-  if (a.dry_run && !a.explain.empty()) return usage("--dry-run and --explain exclude each other");
-  if (a.gc && (a.dry_run || !a.explain.empty()))
-    return usage("--gc changes the store; --dry-run and --explain do not");
-  if (!a.metrics.empty() && (a.dry_run || !a.explain.empty()))
-    return usage("--metrics states the numbers of a run; --dry-run and --explain are none");
-  if (a.verify && (a.dry_run || !a.explain.empty()))
-    return usage("--verify makes damaged assets again; --dry-run and --explain make none");
-  return {};
-}
-
 }  // namespace
 
-void add_batch_options(const Command& command, BatchArguments& a) {
+void add_batch_options(CLI::App& command, BatchArguments& a) {
+  farm::BatchSettings& settings = a.settings;
   command
-      .option("COLLECTION", a.collection,
-              "the collection, a .json file with scans and their parameters; list --manifest\n"
-              "prints one to begin with")
-      .required();
-  command.option("-o,--output", a.store, "the store, a folder for all results; created if needed")
-      .with_form("STORE")
-      .required();
+      .add_option("COLLECTION", a.collection,
+                  "the collection, a .json file with scans and their parameters; list --manifest\n"
+                  "prints one to begin with")
+      ->required();
   command
-      .option(
-          "--jobs", a.jobs,
-          "number of scans meshed at the same time, each in its own process; 0: one for each core")
-      .with_default_shown()
-      .within(0, 1024);
+      .add_option("-o,--output", settings.store,
+                  "the store, a folder for all results; created if needed")
+      ->type_name("STORE")
+      ->required();
+  settings.jobs = 0;
+  add_number(command, "--jobs", settings.jobs, {0, 1024},
+             "number of scans meshed at the same time, each in its own process; 0: "
+             "one for each core");
+  const auto shard = [&settings](const std::string& text) {
+    const auto n = numbers<int>(text, "#/#");
+    if (!n || (*n)[0] < 0 || (*n)[0] >= (*n)[1]) return "must be I/N with I from 0 to N-1";
+    settings.shard = std::pair{(*n)[0], (*n)[1]};
+    return "";
+  };
+  add_parsed(command, "--shard", shard,
+             "work only on every Nth scan, beginning with scan I, so that N machines can share\n"
+             "the work; the first scan is number 0",
+             "I/N");
   command
-      .option("--shard", a.shard,
-              "work only on every Nth scan, beginning with scan I, so that N machines can share\n"
-              "the work; the first scan is number 0")
-      .with_form("I/N");
-  command
-      .option("--only", a.only,
-              "work only on the scans named in FILE, one per line; -: standard input")
-      .with_form("FILE");
-  const Option dry_run = command.flag(
+      .add_option("--only", a.only,
+                  "work only on the scans named in FILE, one per line; -: standard input")
+      ->type_name("FILE");
+  CLI::Option* const dry_run = command.add_flag(
       "--dry-run", a.dry_run,
       "print which scans are stale (this run would work on them), and why; write nothing");
-  const Option explain =
+  CLI::Option* const explain =
       command
-          .option("--explain", a.explain,
-                  "print whether this scan of the collection is stale, and why; write nothing")
-          .with_form("SCAN");
-  command.flag("--retry", a.retry,
-               "also try scans again that were refused in an earlier run and have not changed\n"
-               "since");
-  command
-      .option("--max-failures", a.max_failures,
-              "start no further scan after this many failures in this run; 0: no limit")
-      .with_default_shown()
-      .within(0, 1'000'000)
-      .excludes(dry_run)
-      .excludes(explain);
-  command
-      .flag(
-          "--strict", a.strict,
-          "end with exit code 3 also if scans have warnings, or failed in an earlier run and were\n"
-          "not tried again in this run")
-      .excludes(dry_run)
-      .excludes(explain);
-  command
-      .option("--run-program", a.run_program,
-              "path of trocar-run (default: the trocar-run beside this program, else the one in "
-              "PATH).\n"
-              "trocar-run is needed only if the collection asks for scenes or for checks of scenes")
-      .with_form("FILE");
-  command.flag(
-      "--rehash", a.rehash,
-      "read all inputs again, even if their size, time of change and inode (the number of\n"
-      "a file) are unchanged");
-  command.flag("--verify", a.verify,
-               "verify every asset in the store, and make damaged ones again");
-  const Option gc = command.flag(
+          .add_option("--explain", a.explain,
+                      "print whether this scan of the collection is stale, and why; write nothing")
+          ->type_name("SCAN")
+          ->excludes(dry_run);
+  command.add_flag("--retry", settings.retry,
+                   "also try scans again that were refused in an earlier run and have not changed\n"
+                   "since");
+  command.add_flag(
+      "--rehash", settings.rehash,
+      "read all inputs again, even if their size, time of change and inode (the number "
+      "of\na file) are unchanged");
+  CLI::Option* const gc = command.add_flag(
       "--gc", a.gc, "after the run, remove files from the store that belong to none of its scans");
   command
-      .flag("--prune", a.prune,
-            "with --gc: first drop those scans from the store that the collection does not name")
-      .needs(gc);
-  command.option("--grace", a.grace_minutes, "with --gc: keep files younger than this many minutes")
-      .with_default_shown()
-      .within(0.0, 1e6)
-      .needs(gc);
-  command.flag("--json", a.as_json, "print the summary as JSON");
-  command
-      .option(
-          "--metrics", a.metrics,
-          "write the counts and the duration of the run to this file, in the text format of the\n"
-          "monitoring program Prometheus")
-      .with_form("FILE");
-  command.flag("--quiet", a.quiet, "print errors only");
+      .add_flag(
+          "--prune", a.prune,
+          "with --gc: first drop those scans from the store that the collection does not name")
+      ->needs(gc);
+  add_number(command, "--grace", a.grace_minutes, {0, 1e6},
+             "with --gc: keep files younger than this many minutes")
+      ->needs(gc);
+  CLI::Option* const of_runs[] = {
+      gc,
+      add_number(command, "--max-failures", settings.max_failures, {0, 1'000'000},
+                 "start no further scan after this many failures in this run; 0: no "
+                 "limit"),
+      command.add_flag("--strict", a.strict,
+                       "end with exit code 3 also if scans have warnings, or failed in an earlier "
+                       "run and were\nnot tried again in this run"),
+      command.add_flag("--verify", settings.verify,
+                       "verify every asset in the store, and make damaged ones again")};
+  for (CLI::Option* option : of_runs)
+    option->excludes(dry_run)->excludes(explain);
+  command.add_flag("--json", a.as_json, "print the summary as JSON");
+  command.add_flag("--quiet", a.quiet, "print errors only");
 }
 
-int run_batch(const BatchArguments& given) {
-  if (auto ok = check(given); !ok) return fail(ok.error());
+int run_batch(const BatchArguments& a) {
   std::error_code error;
-  const fs::path store = fs::absolute(given.store, error);
-  BatchArguments a = given;
-  if (!a.metrics.empty()) a.metrics = fs::absolute(a.metrics, error);
-  const auto settings = settings_of(a, store);
-  if (!settings) return fail(settings.error());
+  const fs::path store = fs::absolute(a.settings.store, error);
+  farm::BatchSettings settings = a.settings;
+  settings.store = store;
+  if (settings.jobs == 0) settings.jobs = cores();
+  settings.stop = &stop_requested;
+  if (!a.quiet && ::isatty(STDERR_FILENO) != 0) settings.progress = scan_progress();
+  if (!a.only.empty()) {
+    auto names = names_in(a.only);
+    if (!names) return fail(names.error());
+    settings.only = std::move(*names);
+  }
   const auto collection = farm::read_collection(a.collection);
   if (!collection) return fail(collection.error());
-  const auto programs = product_programs(given.run_program, *collection);
-  if (!programs) return fail(programs.error());
+  const auto digest = farm::sha256_of_file("/proc/self/exe");
+  if (!digest) return fail(digest.error());
   // Paths in the collection are relative to its folder. So are paths in messages.
   fs::current_path(collection->folder, error);
   if (error) return fail(usage(collection->folder.string() + ": " + error.message()));
   stop_on_signals();
-  const FarmScans scans;
-  const auto batch = farm::Batch::plan(*collection, scans, *programs, *settings);
+  const FarmScans scans(*digest);
+  const auto batch = farm::Batch::plan(*collection, scans, std::move(settings));
   if (!batch) return fail(usage(a.collection.string() + ": " + batch.error().message));
-  const json head = {{"schema", "trocar.batch/1"},
-                     {"program", programs->mesh_digest},
-                     {"store", a.store.string()}};
+  const json head = {
+      {"schema", "trocar.batch/1"}, {"program", *digest}, {"store", a.settings.store.string()}};
   if (!a.explain.empty()) return explain(a, *batch, head);
   if (a.dry_run) return dry_run(a, *batch, head);
   return run(a, *collection, *batch, store, head);

@@ -6,22 +6,24 @@
 #include <filesystem>
 #include <string>
 
-#include "formats/base/command_line.h"
+#include "pipeline/farm/batch_run.h"
+
+namespace CLI {  // NOLINT(readability-identifier-naming): CLI11's
+class App;
+}  // namespace CLI
 
 namespace trocar::pipeline {
 
 struct BatchArguments {
-  std::filesystem::path collection, store, only, metrics, run_program;
-  std::string shard, explain;
-  int jobs = 0;
-  std::size_t max_failures = 0;
+  std::filesystem::path collection, only;
+  farm::BatchSettings settings;
+  std::string explain;
   double grace_minutes = 60;
-  bool dry_run = false, as_json = false, rehash = false, verify = false, gc = false, prune = false,
-       retry = false, strict = false, quiet = false;
+  bool dry_run = false, as_json = false, gc = false, prune = false, strict = false, quiet = false;
 };
 
 /// Declares the options. Parsing writes their values to `a`.
-void add_batch_options(const Command& command, BatchArguments& a);
+void add_batch_options(CLI::App& command, BatchArguments& a);
 
 /// Runs the batch and returns the exit code:
 ///  - 2: the options or the collection are wrong.
@@ -29,7 +31,7 @@ void add_batch_options(const Command& command, BatchArguments& a);
 ///  - 3, without --only and --shard: every scan of the collection failed in an earlier run and was
 ///    not tried again, and none of them has an asset.
 ///  - 3, only with --strict: a failure of an earlier run was not tried again.
-///  - 4: the store or the file of --metrics could not be written, or a signal interrupted the run.
+///  - 4: the store could not be written, or a signal interrupted the run.
 ///  - 1: there was an internal error, for example if no process could be created.
 ///  - 0: none of these applies.
 int run_batch(const BatchArguments& a);

@@ -4,6 +4,7 @@
 #include <cstdio>
 #include <string>
 
+#include "formats/base/command_line.h"
 #include "formats/base/program.h"
 #include "formats/base/terminal_text.h"
 #include "pipeline/program/asset_export.h"
@@ -11,11 +12,13 @@
 
 namespace trocar::pipeline {
 
-void add_export_options(const Command& command, ExportArguments& a) {
-  command.option("ASSET", a.asset, "the asset (.glb)").required();
-  command.option("-o,--output", a.folder, "folder to write to").with_form("FOLDER").required();
-  command.flag("--surface", a.surface,
-               "write the asset's closed surface instead, as .stl, .ply and .obj");
+void add_export_options(CLI::App& command, ExportArguments& a) {
+  command.add_option("ASSET", a.asset, "the asset (.glb)")->required();
+  command.add_option("-o,--output", a.folder, "folder to write to")
+      ->type_name("FOLDER")
+      ->required();
+  command.add_flag("--surface", a.surface,
+                   "write the asset's closed surface instead, as .stl, .ply and .obj");
 }
 
 int run_export(const ExportArguments& a) {

@@ -5,7 +5,9 @@
 
 #include <filesystem>
 
-#include "formats/base/command_line.h"
+namespace CLI {  // NOLINT(readability-identifier-naming): CLI11's
+class App;
+}  // namespace CLI
 
 namespace trocar::pipeline {
 
@@ -15,7 +17,7 @@ struct ExportArguments {
 };
 
 /// Declares the options. Parsing writes their values to `a`.
-void add_export_options(const Command& command, ExportArguments& a);
+void add_export_options(CLI::App& command, ExportArguments& a);
 
 /// Verifies the asset, writes the files and returns the exit code.
 int run_export(const ExportArguments& a);

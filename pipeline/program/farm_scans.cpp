@@ -12,13 +12,11 @@
 #include "formats/base/json_text.h"
 #include "formats/base/nearest_name.h"
 #include "formats/base/program.h"
-#include "pipeline/farm/product_maker.h"
 #include "pipeline/open/scan_folder.h"
 #include "pipeline/program/arguments.h"
 #include "pipeline/program/mesh_scan.h"
 #include "pipeline/program/messages.h"
 #include "pipeline/program/presets.h"
-#include "pipeline/program/stage_options.h"
 #include "pipeline/read/file_names.h"
 #include "pipeline/read/nrrd/nrrd_stack.h"
 #include "pipeline/scan/small_pixels.h"
@@ -39,11 +37,9 @@ const std::set<std::string>& excluded_options() {
 
 // The options and their values. The options refer to the values, so this object cannot be moved.
 struct Parsed {
-  CommandLine line{kProgram, "", ""};
+  CLI::App app{"", kProgram};
   Arguments a;
-  StackOptions options;
-  OpenOptions open;
-  Parsed() { add_mesh_options(line, a); }
+  Parsed() { add_mesh_options(app, a); }
 };
 
 /// An option of meshing that a collection can give as a parameter.
@@ -52,11 +48,12 @@ struct Parameter {
   bool is_flag;
 };
 
-std::vector<Parameter> parameters_of(const CommandLine& line) {
+std::vector<Parameter> parameters_of(const CLI::App& app) {
   std::vector<Parameter> out;
-  for (const Option& option : line.options()) {
-    for (const std::string& name : option.long_names())
-      if (!excluded_options().contains(name)) out.push_back({name, option.is_flag()});
+  for (const CLI::Option* option : app.get_options()) {
+    for (const std::string& name : option->get_lnames())
+      if (!excluded_options().contains(name))
+        out.push_back({name, option->get_items_expected_max() == 0});
   }
   return out;
 }
@@ -81,32 +78,32 @@ Result<void> add_words(const std::vector<Parameter>& known, const std::string& n
   }
   if (value.is_boolean() != found->is_flag)
     return usage(given + (found->is_flag ? "must be true or false" : "must be a number or a text"));
-  farm::add_option(name, value, words);
+  if (found->is_flag) {
+    words.push_back("--" + name);
+    return {};
+  }
+  for (const json& one : value.is_array() ? value : json::array({value}))
+    words.push_back("--" + name + "=" +
+                    (one.is_string() ? one.get<std::string>() : json_text(one)));
   return {};
 }
 
-Result<std::unique_ptr<Parsed>> parse(const json& given) {
+Result<std::unique_ptr<Parsed>> parse_parameters(const json& given) {
   auto out = std::make_unique<Parsed>();
   std::vector<std::string> words = {kProgram};
-  const std::vector<Parameter> known = parameters_of(out->line);
+  const std::vector<Parameter> known = parameters_of(out->app);
   for (const auto& [name, value] : given.items()) {
     if (auto ok = add_words(known, name, value, words); !ok) return ok.error();
   }
-  if (auto ok = out->line.parse(with_preset_options(words)); !ok)
+  if (auto ok = trocar::parse(out->app, with_preset_options(words)); !ok)
     return usage("parameters: " + ok.error().message);
   out->a.of_preset = added_by_preset(words);
-  auto options = stack_options(out->a);
-  if (!options) return options.error();
-  auto open = open_options(out->a);
-  if (!open) return open.error();
-  out->options = std::move(*options);
-  out->open = std::move(*open);
+  if (auto ok = complete(out->a); !ok) return ok.error();
   return out;
 }
 
-std::vector<farm::NamedFile> files_of(const Parsed& parsed) {
-  const Arguments& a = parsed.a;
-  const std::string& mask_file = parsed.options.solid.mask_file;
+std::vector<farm::NamedFile> files_of(const Arguments& a) {
+  const std::string& mask_file = a.stack.solid.mask_file;
   std::vector<farm::NamedFile> out;
   if (!a.hu.empty()) out.push_back({"hu", a.hu});
   if (!a.input_key.empty()) out.push_back({"input-key", a.input_key});
@@ -115,77 +112,24 @@ std::vector<farm::NamedFile> files_of(const Parsed& parsed) {
   return out;
 }
 
-json segmentation_json(const Segmentation& how) {
-  if (const auto* threshold = std::get_if<Threshold>(&how))
-    return {{"threshold", threshold->value}};
-  if (const auto* equalize = std::get_if<Equalize>(&how)) return {{"equalize", equalize->level}};
-  const auto& labels = std::get<Labels>(how);
-  json out = {{"labels", labels.all ? json("all") : json(labels.labels)}};
-  if (!labels.joined.empty()) out["labels-joined"] = labels.joined;
-  return out;
-}
-
-json seeds_json(const std::vector<Eigen::Vector3d>& seeds) {
-  json out = json::array();
-  for (const Eigen::Vector3d& seed : seeds)
-    out.push_back({seed.x(), seed.y(), seed.z()});
-  return out;
-}
-
-// The value of an option. A default that follows small pixels is another value than the same number
-// that was given.
-template <typename Number>
-json value_of(Number value, bool follows_pixels) {
-  return follows_pixels ? json{{"default", value}} : json(value);
-}
-
-// Every option that can change a byte of the outputs, under its name. Defaults are included, so
-// that giving a default explicitly does not change the key, unless the default follows the pixels.
-json canonical(const Parsed& parsed) {
-  const auto& [line, a, o, open] = parsed;
-  json out = segmentation_json(o.mesh.segmentation);
-  out.update({{"contour", a.contour},
-              {"simplify", a.simplify},
-              {"tolerance", value_of(a.tolerance_mm, o.defaults.tolerance)},
-              {"min-angle", a.min_angle_deg},
-              {"grade", a.grade_hu},
-              {"min-region", value_of(a.min_region_mm2, o.defaults.min_region)},
-              {"close", value_of(a.close_mm, o.defaults.close)},
-              {"min-volume", value_of(a.min_volume_mm3, o.defaults.min_volume)},
-              {"keep", a.keep},
-              {"keep-table", a.keep_table},
-              {"largest", a.largest},
-              {"seed", seeds_json(o.solid.seeds_lps_mm)},
-              {"mask", o.solid.mask_labels},
-              {"surface", a.surface},
-              {"any-modality", a.any_modality},
-              {"no-hu", a.no_hu},
-              {"lattice-bits", value_of(a.lattice_bits, o.defaults.lattice_bits)},
-              {"lines", a.lines},
-              {"colour", a.colour}});
-  if (o.mesh.max_area_px2) {
-    out["max-area-px"] = *o.mesh.max_area_px2;
-  } else {
-    out["max-area"] = a.max_area_mm2;
-  }
-  out["fill"] = o.solid.fill_mm2
-                    ? (std::isfinite(*o.solid.fill_mm2) ? json(*o.solid.fill_mm2) : json("all"))
-                    : json();
-  if (o.context_mm) out["context"] = *o.context_mm;
-  if (open.volume) out["volume"] = *open.volume;
-  // The default number of triangles of the surface may be exceeded, but a given number may not.
-  out["surface-triangles"] = o.surface && o.surface->at_most ? json(o.surface->triangles) : json();
+// Every option that can change a byte of the outputs. Defaults are included, so that giving a default
+// explicitly does not change the key, unless the default follows the pixels.
+json canonical(const Arguments& a) {
+  json out = parameters_json(a.stack, a.open);
+  const DefaultOptions& follow = a.stack.defaults;
+  out["follow_pixels"] = {follow.tolerance, follow.min_region, follow.lattice_bits, follow.close,
+                          follow.min_volume};
+  out["all_labels"] = a.labels && a.labels->all;
+  out["any_modality"] = a.open.any_modality;
+  out["lines"] = a.stack.lines;
+  out["colour"] = a.stack.colours;
   out["names"] = LabelNames::is_table(a.names) ? json(a.names) : json();
-  out["spacing"] = open.spacing_mm ? json(*open.spacing_mm) : json();
-  out["slices"] = o.slices ? json({o.slices->first, o.slices->second}) : json();
-  out["crop"] = o.mesh.crop
-                    ? json({o.mesh.crop->x0, o.mesh.crop->x1, o.mesh.crop->y0, o.mesh.crop->y1})
-                    : json();
-  out["axis"] = open.axis ? json(axis_name(*open.axis)) : json();
+  // The default number of triangles of the surface may be exceeded, but a given number may not.
+  out["at_most"] = a.stack.surface && a.stack.surface->at_most;
   // A given threshold is not the same as the default with these two options: images, which need
-  // --spacing, are refused without one, and other modalities get a warning (check_threshold()).
-  if (a.any_modality || open.spacing_mm)
-    out["threshold-given"] = a.threshold_option.is_given() && a.preset.empty();
+  // --spacing, are refused without one, and other modalities get a warning (check_input()).
+  if (a.open.any_modality || a.open.spacing_mm)
+    out["threshold_given"] = a.threshold && a.preset.empty();
   return out;
 }
 
@@ -228,7 +172,7 @@ class Opened : public farm::OpenedScan {
     if (scan_.ct != nullptr)
       for (const fs::path& file : scan_.ct->files)
         out.push_back({"hu", file});
-    for (farm::NamedFile& file : files_of(*parsed_))
+    for (farm::NamedFile& file : files_of(parsed_->a))
       if (file.of == "mask") {
         for (fs::path& path : files_of_volume(file.path))
           out.push_back({file.of, std::move(path)});
@@ -242,8 +186,8 @@ class Opened : public farm::OpenedScan {
 
   Result<farm::ScanOutputs> mesh() override {
     SliceStack& stack = *scan_.labels;
-    StackOptions& options = parsed_->options;
-    OpenOptions& open = parsed_->open;
+    StackOptions& options = parsed_->a.stack;
+    OpenOptions& open = parsed_->a.open;
     options.mesh.hu = scan_.ct.get();
     options.stop = &stop_requested;
     if (!stack.series && open.axis == SliceAxis::kAxial) open.axis.reset();
@@ -271,26 +215,26 @@ bool is_nifti_file(const fs::path& path) {
 }  // namespace
 
 std::vector<std::string> collection_options() {
-  return names_of(parameters_of(Parsed().line));
+  return names_of(parameters_of(Parsed().app));
 }
 
 Result<farm::Parameters> FarmScans::parameters(const json& given) const {
-  const auto parsed = parse(given);
+  const auto parsed = parse_parameters(given);
   if (!parsed) return parsed.error();
-  return farm::Parameters{canonical(**parsed), files_of(**parsed)};
+  return farm::Parameters{canonical((*parsed)->a), files_of((*parsed)->a)};
 }
 
 Result<std::unique_ptr<farm::OpenedScan>> FarmScans::open(const json& given,
                                                           const std::vector<fs::path>& inputs,
                                                           const std::string& series,
                                                           int threads) const {
-  auto parsed = parse(given);
+  auto parsed = parse_parameters(given);
   if (!parsed) return parsed.error();
   Arguments& a = (*parsed)->a;
   a.inputs = inputs;
-  (*parsed)->open.series = series;
-  (*parsed)->options.threads = threads;
-  auto scan = open_scan(a, (*parsed)->open);
+  a.open.series = series;
+  a.stack.threads = threads;
+  auto scan = open_scan(a);
   if (!scan) return scan.error();
   // The report of meshing omits the warnings of opening, because they can be about files that do not
   // belong to the scan.
@@ -301,7 +245,7 @@ Result<std::unique_ptr<farm::OpenedScan>> FarmScans::open(const json& given,
     if (!w.shared.empty()) warnings.back()["shared"] = w.shared;
   }
   stack.warnings.clear();
-  if (auto ok = check_threshold(a, stack); !ok) return ok.error();
+  if (auto ok = check_input(a, stack); !ok) return ok.error();
   return std::unique_ptr<farm::OpenedScan>(
       std::make_unique<Opened>(std::move(*parsed), std::move(*scan), std::move(warnings)));
 }

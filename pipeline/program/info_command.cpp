@@ -4,6 +4,7 @@
 #include <cstdio>
 #include <system_error>
 
+#include "formats/base/command_line.h"
 #include "formats/base/json_text.h"
 #include "formats/base/terminal_text.h"
 #include "pipeline/program/asset_description.h"
@@ -71,9 +72,9 @@ void print_description(const fs::path& file, const json& out) {
 
 }  // namespace
 
-void add_info_options(const Command& command, InfoArguments& a) {
-  command.option("ASSET", a.asset, "the asset (.glb)").required();
-  command.flag("--json", a.as_json, "print JSON");
+void add_info_options(CLI::App& command, InfoArguments& a) {
+  command.add_option("ASSET", a.asset, "the asset (.glb)")->required();
+  command.add_flag("--json", a.as_json, "print JSON");
 }
 
 int run_info(const InfoArguments& a) {

@@ -5,7 +5,9 @@
 
 #include <filesystem>
 
-#include "formats/base/command_line.h"
+namespace CLI {  // NOLINT(readability-identifier-naming): CLI11's
+class App;
+}  // namespace CLI
 
 namespace trocar::pipeline {
 
@@ -15,7 +17,7 @@ struct InfoArguments {
 };
 
 /// Declares the options. Parsing writes their values to `a`.
-void add_info_options(const Command& command, InfoArguments& a);
+void add_info_options(CLI::App& command, InfoArguments& a);
 
 /// Prints the description and returns the exit code.
 int run_info(const InfoArguments& a);

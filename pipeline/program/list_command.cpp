@@ -4,6 +4,7 @@
 #include <system_error>
 #include <vector>
 
+#include "formats/base/command_line.h"
 #include "formats/base/file_io.h"
 #include "formats/base/json_text.h"
 #include "formats/base/terminal_text.h"
@@ -44,20 +45,22 @@ std::string collection_of(const json& list, const ListArguments& a,
 
 }  // namespace
 
-void add_list_options(const Command& command, ListArguments& a) {
-  command.option("FOLDER", a.folder, "folder to search for scans, with its subfolders").required();
-  const Option as_json = command.flag("--json", a.as_json, "print JSON");
-  const Option manifest = command
-                              .flag("--manifest", a.as_collection,
-                                    "print the scans as a collection, the JSON file that batch "
-                                    "reads, with absolute paths")
-                              .excludes(as_json);
+void add_list_options(CLI::App& command, ListArguments& a) {
+  command.add_option("FOLDER", a.folder, "folder to search for scans, with its subfolders")
+      ->required();
+  CLI::Option* const as_json = command.add_flag("--json", a.as_json, "print JSON");
+  CLI::Option* const manifest =
+      command
+          .add_flag("--manifest", a.as_collection,
+                    "print the scans as a collection, the JSON file that batch "
+                    "reads, with absolute paths")
+          ->excludes(as_json);
   command
-      .option(
+      .add_option(
           "-o,--output", a.output,
           "with --manifest: write the collection to this file, with paths relative to its folder")
-      .with_form("FILE")
-      .needs(manifest);
+      ->type_name("FILE")
+      ->needs(manifest);
 }
 
 int run_list(const ListArguments& a) {

@@ -5,7 +5,9 @@
 
 #include <filesystem>
 
-#include "formats/base/command_line.h"
+namespace CLI {  // NOLINT(readability-identifier-naming): CLI11's
+class App;
+}  // namespace CLI
 
 namespace trocar::pipeline {
 
@@ -16,7 +18,7 @@ struct ListArguments {
 };
 
 /// Declares the options. Parsing writes their values to `a`.
-void add_list_options(const Command& command, ListArguments& a);
+void add_list_options(CLI::App& command, ListArguments& a);
 
 /// Prints the scans and returns the exit code, which is 3 if none of them can be meshed.
 int run_list(const ListArguments& a);

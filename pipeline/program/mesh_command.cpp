@@ -19,7 +19,6 @@
 #include "pipeline/program/asset_export.h"
 #include "pipeline/program/mesh_scan.h"
 #include "pipeline/program/messages.h"
-#include "pipeline/program/stage_options.h"
 #include "pipeline/read/digest.h"
 #include "pipeline/scan/mesh_stack.h"
 #include "pipeline/scan/small_pixels.h"
@@ -46,12 +45,12 @@ Result<void> check_outputs(const Arguments& a, const std::vector<fs::path>& read
                  ": an asset is a .glb, its surface alone a .stl, .ply or .obj; trocar-mesh export "
                  "writes the slices of an asset as .poly, .obj, .svg");
   }
-  const bool has_context = a.context_option.is_given();
-  if (ending != ".glb" && (a.lines || a.colour || has_context)) {
+  const StackOptions& stack = a.stack;
+  if (ending != ".glb" && (stack.lines || stack.colours || stack.context_mm)) {
     return usage("-o " + a.output.string() + ": a surface has no place for " +
-                 (a.lines    ? "--lines"
-                  : a.colour ? "--colour"
-                             : "--context") +
+                 (stack.lines     ? "--lines"
+                  : stack.colours ? "--colour"
+                                  : "--context") +
                  "; an asset (.glb) has");
   }
   return {};
@@ -202,31 +201,29 @@ void print_outcome(const Arguments& a, const StackResult& result) {
 
 }  // namespace
 
-int run_mesh(const Arguments& given) {
-  Arguments a = given;
+int run_mesh(Arguments a) {
   a.surface = a.surface || is_surface_ending(ending_of(a.output));
   if (a.inputs.empty()) return fail(usage("no INPUT given; see trocar-mesh --help"));
   if (a.output.empty()) return fail(usage("no output given: -o OUT.glb"));
   if (auto ok = check_outputs(a, a.inputs); !ok) return fail(ok.error());
-  auto options = stack_options(a);
-  if (!options) return fail(options.error());
-  auto open = open_options(a);
-  if (!open) return fail(open.error());
-  open->unpack_behind = true;
+  if (auto ok = complete(a); !ok) return fail(ok.error());
+  StackOptions& options = a.stack;
+  OpenOptions& open = a.open;
+  open.unpack_behind = true;
   stop_on_signals();
-  const auto scan = open_scan(a, *open);
+  const auto scan = open_scan(a);
   if (!scan) return fail(scan.error());
   const std::unique_ptr<SliceStack>& stack = scan->labels;
-  options->mesh.hu = scan->ct.get();
+  options.mesh.hu = scan->ct.get();
   if (auto ok = check_outputs(a, files_read(a, *scan)); !ok) return fail(ok.error());
-  if (auto ok = check_threshold(a, *stack); !ok) return fail(ok.error());
-  if (!a.quiet && ::isatty(STDERR_FILENO) != 0) options->progress = slice_progress();
-  options->stop = &stop_requested;
+  if (auto ok = check_input(a, *stack); !ok) return fail(ok.error());
+  if (!a.quiet && ::isatty(STDERR_FILENO) != 0) options.progress = slice_progress();
+  options.stop = &stop_requested;
   // A volume that is not DICOM is axial even without --axis.
-  if (!stack->series && open->axis == SliceAxis::kAxial) open->axis.reset();
-  options->axis = open->axis;
-  follow_small_pixels(*stack, *options);
-  auto result = mesh_stack(*stack, *options, parameters_json(*options, *open));
+  if (!stack->series && open.axis == SliceAxis::kAxial) open.axis.reset();
+  options.axis = open.axis;
+  follow_small_pixels(*stack, options);
+  auto result = mesh_stack(*stack, options, parameters_json(options, open));
   if (!result) return fail(result.error());
   if (!a.dump_stages.empty() && result->stages.is_null())
     return fail(usage("--dump-stages needs --dump-slice with a slice that was meshed"));

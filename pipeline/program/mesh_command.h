@@ -11,6 +11,6 @@ namespace trocar::pipeline {
 /// .glb, the output is the asset; if it ends in .stl, .ply or .obj, the output is only the
 /// surface. With --report, a report is written too, and with --dump-stages the intermediate
 /// results of one slice.
-int run_mesh(const Arguments& a);
+int run_mesh(Arguments a);
 
 }  // namespace trocar::pipeline

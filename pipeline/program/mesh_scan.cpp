@@ -26,9 +26,9 @@ std::string shared_kernel(const std::string& kernel) {
 
 }  // namespace
 
-Result<LabelsWithCt> open_scan(const Arguments& a, const OpenOptions& options) {
-  if (!a.hu.empty()) return open_labels_with_ct(a.inputs, a.hu, options);
-  auto stack = open_stack(a.inputs, options);
+Result<LabelsWithCt> open_scan(const Arguments& a) {
+  if (!a.hu.empty()) return open_labels_with_ct(a.inputs, a.hu, a.open);
+  auto stack = open_stack(a.inputs, a.open);
   if (!stack) return stack.error();
   return LabelsWithCt{std::move(*stack), nullptr};
 }
@@ -38,16 +38,18 @@ std::vector<std::filesystem::path> files_read(const Arguments& a, const LabelsWi
   if (scan.ct != nullptr) out.insert(out.end(), scan.ct->files.begin(), scan.ct->files.end());
   if (!a.names.empty()) out.emplace_back(a.names);
   if (!a.input_key.empty()) out.push_back(a.input_key);
-  if (!a.mask.empty()) out.emplace_back(a.mask.substr(0, a.mask.rfind(':')));
+  if (!a.stack.solid.mask_file.empty()) out.emplace_back(a.stack.solid.mask_file);
   return out;
 }
 
-Result<void> check_threshold(const Arguments& a, SliceStack& stack) {
-  if (stack.pixel_unit() == PixelUnit::kHounsfield || a.labels_option.is_given() ||
-      a.equalize_option.is_given())
-    return {};
+Result<void> check_input(const Arguments& a, SliceStack& stack) {
+  if (a.open.completeness_unknown) {
+    stack.warnings.push_back({"completeness_unknown", "--completeness-unknown",
+                              "nobody has said how many images the scan has; some may be missing"});
+  }
+  if (stack.pixel_unit() == PixelUnit::kHounsfield || a.labels || a.equalize) return {};
   if (stack.pixel_unit() == PixelUnit::kUncalibrated) {
-    if (!a.threshold_option.is_given() || !a.preset.empty()) {
+    if (!a.threshold || !a.preset.empty()) {
       const auto sentence = [](const std::string& modality) {
         return "its default and the presets are meant in HU; values of " + modality +
                " need one of their own";
@@ -62,11 +64,11 @@ Result<void> check_threshold(const Arguments& a, SliceStack& stack) {
                  " is for HU, which images do not carry: give --equalize "
                  "LEVEL, or --threshold with a grey level of 0..255");
   }
-  if (!a.threshold_option.is_given()) {
+  if (!a.threshold) {
     return usage(
         "images carry no HU: give --equalize LEVEL, or --threshold with a grey level of 0..255");
   }
-  if (!(a.threshold >= 0 && a.threshold <= 255)) {
+  if (!(*a.threshold >= 0 && *a.threshold <= 255)) {
     stack.warnings.push_back({"threshold_out_of_range", "--threshold",
                               "images have grey levels of 0..255, whatever their depth; with this "
                               "threshold all of a slice is material, or nothing"});

@@ -17,12 +17,13 @@ namespace trocar::pipeline {
 
 /// Opens the scan. If --hu is given, the scan is a label map, and the CT of --hu is opened too;
 /// both must have the same voxel grid. Errors: those of open_stack() and open_labels_with_ct().
-Result<LabelsWithCt> open_scan(const Arguments& a, const OpenOptions& options);
+Result<LabelsWithCt> open_scan(const Arguments& a);
 
 /// All files that a run reads: those of the scan, those of the CT of --hu, and the files of
 /// --names, --input-key and --mask. The caller must not write an output over one of them.
 std::vector<std::filesystem::path> files_read(const Arguments& a, const LabelsWithCt& scan);
 
+/// Adds the warning completeness_unknown to the stack if --completeness-unknown is given.
 /// Checks whether the threshold suits a scan whose values are not HU. The default threshold and the
 /// thresholds of presets are meant for HU only. With --labels or --equalize nothing is checked,
 /// because these options replace the threshold.
@@ -31,7 +32,7 @@ std::vector<std::filesystem::path> files_read(const Arguments& a, const LabelsWi
 ///    threshold_out_of_range to the stack.
 ///  - DICOM other than CT: if there is a preset or no threshold, the function adds the warning
 ///    default_threshold to the stack.
-Result<void> check_threshold(const Arguments& a, SliceStack& stack);
+Result<void> check_input(const Arguments& a, SliceStack& stack);
 
 /// The series of a report (its member input.series): number, kernel and modality. Whatever may
 /// identify the patient is left out: the series' UID and description, a kernel that could be a name

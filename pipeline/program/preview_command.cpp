@@ -18,7 +18,6 @@
 #include "pipeline/preview/sheet_png.h"
 #include "pipeline/program/mesh_scan.h"
 #include "pipeline/program/messages.h"
-#include "pipeline/program/stage_options.h"
 #include "pipeline/scan/small_pixels.h"
 
 namespace trocar::pipeline {
@@ -48,30 +47,28 @@ Result<void> check_sheet(const Arguments& a, const std::vector<fs::path>& read) 
 
 }  // namespace
 
-int run_preview(const Arguments& a) {
+int run_preview(Arguments a) {
   if (a.inputs.empty()) return fail(usage("no INPUT given; see trocar-mesh preview --help"));
   if (a.output.empty()) return fail(usage("no output given: -o SHEET.png or -o SHEET.html"));
   if (auto ok = check_sheet(a, a.inputs); !ok) return fail(ok.error());
-  auto options = stack_options(a);
-  if (!options) return fail(options.error());
-  const auto open = open_options(a);
-  if (!open) return fail(open.error());
+  if (auto ok = complete(a); !ok) return fail(ok.error());
   stop_on_signals();
-  options->stop = &stop_requested;
-  options->axis = open->axis;
-  const int threads = a.jobs > 0 ? a.jobs : oneapi::tbb::info::default_concurrency();
+  a.stack.stop = &stop_requested;
+  a.stack.axis = a.open.axis;
+  const int threads =
+      a.stack.threads > 0 ? a.stack.threads : oneapi::tbb::info::default_concurrency();
   const oneapi::tbb::global_control limit(oneapi::tbb::global_control::max_allowed_parallelism,
                                           static_cast<std::size_t>(threads));
-  const auto scan = open_scan(a, *open);
+  const auto scan = open_scan(a);
   if (!scan) return fail(scan.error());
   const std::unique_ptr<SliceStack>& stack = scan->labels;
   if (auto ok = check_sheet(a, files_read(a, *scan)); !ok) return fail(ok.error());
-  if (auto ok = check_threshold(a, *stack); !ok) return fail(ok.error());
-  follow_small_pixels(*stack, *options);
-  const auto made = make_preview(*stack, *options, a.count);
+  if (auto ok = check_input(a, *stack); !ok) return fail(ok.error());
+  follow_small_pixels(*stack, a.stack);
+  const auto made = make_preview(*stack, a.stack, a.count);
   if (!made) return fail(made.error());
   const SheetText text{sheet_title(*stack, *made),
-                       options_text(*options, *open, stack->pixel_unit())};
+                       options_text(a.stack, a.open, stack->pixel_unit())};
   const Sheet sheet = draw_sheet(*made, text);
   const auto png = png_of(sheet.picture);
   if (!png) return fail(png.error());

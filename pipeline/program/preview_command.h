@@ -9,6 +9,6 @@
 namespace trocar::pipeline {
 
 /// Writes the picture or page and returns the exit code.
-int run_preview(const Arguments& a);
+int run_preview(Arguments a);
 
 }  // namespace trocar::pipeline

@@ -7,6 +7,7 @@
 #include <cstdio>
 #include <string>
 
+#include "formats/base/command_line.h"
 #include "formats/base/file_io.h"
 #include "formats/base/json_text.h"
 #include "formats/base/program.h"
@@ -25,10 +26,6 @@ void print_summary(const ReviewArguments& a, const json& numbers) {
         a.page, numbers["scans"].get<std::size_t>(), numbers["done"].get<std::size_t>(),
         numbers["failed"].get<std::size_t>(), numbers["damaged"].get<std::size_t>(),
         numbers["warned"].get<std::size_t>(), numbers["pages"].size());
-  for (const auto& [kind, count] : numbers["products"].items()) {
-    const auto failed = count["failed"].get<std::size_t>();
-    if (failed > 0) print(stdout, "  failed products: %zu of kind %s\n", failed, kind);
-  }
   if (!numbers.contains("differences")) return;
   const json& differences = numbers["differences"];
   print(stdout, "against %s: %zu the same, %zu differ\n", a.against,
@@ -52,24 +49,25 @@ void print_summary(const ReviewArguments& a, const json& numbers) {
 
 }  // namespace
 
-void add_review_options(const Command& command, ReviewArguments& a) {
+void add_review_options(CLI::App& command, ReviewArguments& a) {
   command
-      .option("STORE", a.store, "the store, a folder in which trocar-mesh batch keeps its results")
-      .required();
+      .add_option("STORE", a.store,
+                  "the store, a folder in which trocar-mesh batch keeps its results")
+      ->required();
   command
-      .option("-o,--output", a.page,
-              "page to write (NAME.html); with more than 240 scans also NAME-2.html and so on")
-      .with_form("FILE")
-      .required();
+      .add_option("-o,--output", a.page,
+                  "page to write (NAME.html); with more than 240 scans also NAME-2.html and so on")
+      ->type_name("FILE")
+      ->required();
   command
-      .option(
+      .add_option(
           "--against", a.against,
           "an older store: show how the scans of STORE differ from those of the older store, in "
           "this\n"
           "order: damaged, failed, gone (only in the older store), changed, repaired and new scans")
-      .with_form("STORE");
-  command.flag("--json", a.as_json, "print the summary as JSON");
-  command.flag("--quiet", a.quiet, "print errors only");
+      ->type_name("STORE");
+  command.add_flag("--json", a.as_json, "print the summary as JSON");
+  command.add_flag("--quiet", a.quiet, "print errors only");
 }
 
 int run_review(const ReviewArguments& a) {

@@ -5,7 +5,9 @@
 
 #include <filesystem>
 
-#include "formats/base/command_line.h"
+namespace CLI {  // NOLINT(readability-identifier-naming): CLI11's
+class App;
+}  // namespace CLI
 
 namespace trocar::pipeline {
 
@@ -15,7 +17,7 @@ struct ReviewArguments {
 };
 
 /// Declares the options. Parsing writes their values to `a`.
-void add_review_options(const Command& command, ReviewArguments& a);
+void add_review_options(CLI::App& command, ReviewArguments& a);
 
 /// Writes the pages and returns the exit code: 0, even if assets are damaged or differ from those
 /// in `against`; 2 for wrong options; 3 if a folder is not a store, or if `store` has no scans; 4

@@ -8,6 +8,7 @@
 
 #include "formats/asset/asset.h"
 #include "formats/asset/deidentification.h"
+#include "formats/base/command_line.h"
 #include "formats/base/file_io.h"
 #include "formats/base/json_text.h"
 #include "formats/base/terminal_text.h"
@@ -50,15 +51,15 @@ Checked check(const fs::path& file, const VerifyArguments& a) {
 
 }  // namespace
 
-void add_verify_options(const Command& command, VerifyArguments& a) {
-  command.option("ASSET", a.assets, "one or more assets (.glb)").required();
-  command.flag(
+void add_verify_options(CLI::App& command, VerifyArguments& a) {
+  command.add_option("ASSET", a.assets, "one or more assets (.glb)")->required();
+  command.add_flag(
       "--private", a.deidentified,
       "also refuse an asset if a text in it may identify the patient, or if it has HU around\n"
       "the material (--context), which can show a face");
-  command.flag("--independent", a.with_cgal,
-               "also compare each slice with the triangulation of the library CGAL");
-  command.flag("--json", a.as_json, "print JSON");
+  command.add_flag("--independent", a.with_cgal,
+                   "also compare each slice with the triangulation of the library CGAL");
+  command.add_flag("--json", a.as_json, "print JSON");
 }
 
 int run_verify(const VerifyArguments& a) {

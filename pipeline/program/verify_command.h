@@ -6,7 +6,9 @@
 #include <filesystem>
 #include <vector>
 
-#include "formats/base/command_line.h"
+namespace CLI {  // NOLINT(readability-identifier-naming): CLI11's
+class App;
+}  // namespace CLI
 
 namespace trocar::pipeline {
 
@@ -19,7 +21,7 @@ struct VerifyArguments {
 };
 
 /// Declares the options. Parsing writes their values to `a`.
-void add_verify_options(const Command& command, VerifyArguments& a);
+void add_verify_options(CLI::App& command, VerifyArguments& a);
 
 /// Checks every asset and prints the outcome. Returns 0 if all assets are valid, otherwise the exit
 /// code of the first failure.

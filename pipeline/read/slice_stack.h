@@ -141,6 +141,7 @@ struct OpenOptions {
   bool as_labels = false;         ///< read grey levels as stored, and accept DICOM segmentations;
                                   ///< slices are read by SliceStack::read_labels()
   bool any_modality = false;      ///< accept DICOM that is not CT (MR, localisers) as kUncalibrated
+  bool completeness_unknown = false;  ///< nobody has said how many images the scan has
   /// Unpack a gzipped volume on another thread, while its first slices are already read. If the
   /// volume is damaged, SliceStack::read() and finish() return the error.
   bool unpack_behind = false;

@@ -375,8 +375,8 @@ struct Proposal {
   }
 
   static std::string describe_warnings(const std::vector<std::string>& warnings) {
-    if (warnings.empty()) return "and --check has no warning. ";
-    return "and --check has " + std::to_string(warnings.size()) +
+    if (warnings.empty()) return "and check has no warning. ";
+    return "and check has " + std::to_string(warnings.size()) +
            (warnings.size() == 1 ? " warning: " : " warnings, the first: ") + warnings.front() +
            ". ";
   }

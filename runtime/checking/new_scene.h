@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Proposes a scene for an asset (`trocar-run --new-scene`). The tool enters where the bone is
+// Proposes a scene for an asset (`trocar-run new-scene`). The tool enters where the bone is
 // thickest, or goes through points that a person has chosen. Slices are placed at heights that the
 // device's tip can reach.
 // Tests: tests/runtime/checking/scene_check_test.cpp, tests/e2e/new_scene_test.py
@@ -41,7 +41,7 @@ struct NewSceneChoices {
 ///    `cutting` are not made. The next candidates have the law `hooke`. They leave out slices, so
 ///    that the remaining slices are at least 9.5 mm apart and each puncture is felt separately. In
 ///    all candidates the distances between slices are those of the scan.
-///  - Choice: the candidates are checked one after another, as `--check --strict` with `options`
+///  - Choice: the candidates are checked one after another, as `check --strict` with `options`
 ///    would do. The first candidate that has no warning and punctures a slice is returned.
 ///  - Live hand: if `choices.has_live_hand` is true, a candidate is checked twice, first with a
 ///    scripted hand, then with a live hand that starts at the first pose of the scripted hand. The

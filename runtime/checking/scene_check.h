@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Checks a scene before a session (`trocar-run --check`). The text of the check describes the
+// Checks a scene before a session (`trocar-run check`). The text of the check describes the
 // scene's requirements, the tip's workspace, the hand's path and a dry run. Warnings describe
 // problems that a session would have.
 //

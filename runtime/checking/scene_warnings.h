@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The warnings of `trocar-run --check`. To add a warning, write a function in scene_warnings.cpp
+// The warnings of `trocar-run check`. To add a warning, write a function in scene_warnings.cpp
 // and call it in find_warnings().
 // Tests: tests/e2e/scene_check_e2e_test.py
 #pragma once

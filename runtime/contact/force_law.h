@@ -67,7 +67,7 @@ struct ForceLawInput {
 };
 
 /// Stiffness and threshold of a sheet at the tip, for checks before a session and for
-/// `trocar-run --check`. The device renders `scale` times these values.
+/// `trocar-run check`. The device renders `scale` times these values.
 struct TipForce {
   double stiffness_N_per_m = 0, threshold_N = 0, scale = 1;
 };
@@ -106,7 +106,7 @@ class ForceLaw {
 
   /// The law's prefetch worker, which the session runs; null: the law needs none.
   virtual PrefetchWorker* prefetch_worker() noexcept { return nullptr; }
-  /// The law's lines in the output of `--check`. Each line ends with a line feed.
+  /// The law's lines in the output of `check`. Each line ends with a line feed.
   virtual std::string describe() const = 0;
   /// One line that says why, with this law at this rate, the loop may oscillate or give energy to
   /// the hand, and what helps. The line is empty if no such reason is known.
@@ -115,7 +115,7 @@ class ForceLaw {
   virtual TipForce tip_force(std::size_t /*index*/, const Sheet& sheet) const {
     return {sheet.tissue.stiffness_N_per_m, sheet.tissue.threshold_N, 1};
   }
-  /// Text that `--check` appends to its line about a sheet, with the plate at this pose.
+  /// Text that `check` appends to its line about a sheet, with the plate at this pose.
   virtual std::string describe_sheet(std::size_t /*index*/, const Sheet& /*sheet*/,
                                      const Pose& /*T_device_plate*/) {
     return {};

@@ -86,7 +86,7 @@ class DeviceSpecification {
 
   /// Name of the device, for display.
   virtual std::string_view name() const noexcept = 0;
-  /// Returns the largest force or torque as text for `--check`, such as "6 Nm peak a motor".
+  /// Returns the largest force or torque as text for `check`, such as "6 Nm peak a motor".
   virtual std::string describe_strength() const = 0;
   /// False if the device measures only its position. The plate then always has the orientation that
   /// it had at the start.
@@ -112,7 +112,7 @@ class DeviceSpecification {
   /// whole wrench, 0 if the pose is unreachable.
   virtual double renderable_fraction(const Pose& T_device_plate,
                                      const Wrench& wrench_device) const = 0;
-  /// Returns, as text for `--check`, the motor torque or the force that the device needs to render
+  /// Returns, as text for `check`, the motor torque or the force that the device needs to render
   /// this wrench at this pose. `what` names the wrench in this text.
   virtual std::string describe_demand(std::string_view what, const Pose& T_device_plate,
                                       const Wrench& wrench_device) const = 0;
@@ -120,7 +120,7 @@ class DeviceSpecification {
   /// The margins of this pose from the limits that HandDevice::find_pose() and
   /// HandDevice::check_own_workspace() check.
   virtual DeviceMargins margins(const Pose& /*T_device_plate*/) const noexcept { return {}; }
-  /// Describes, as text for `--check`, the smallest margins over several reachable poses. The text
+  /// Describes, as text for `check`, the smallest margins over several reachable poses. The text
   /// is empty if the device itself limits neither joints nor the inverse condition.
   virtual std::string describe_margins(const DeviceMargins& /*smallest*/) const { return {}; }
   /// Describes how the pose exceeds the limit that belongs to `fault`: the value at the pose,

@@ -160,7 +160,7 @@ Result<void> UdpLink<Kind>::shake_hands(bool resets_world) {
   if (welcome.clock != options_.clock) {
     return usage(to_string(options_.peer) +
                  (welcome.clock == LinkClock::kLockStep
-                      ? ": this device runs in lock-step; use --clock virtual (for --test, start "
+                      ? ": this device runs in lock-step; use --clock virtual (for a test, start "
                         "the device with --clock real)"
                       : ": this device runs by its own clock; use --clock real"));
   }

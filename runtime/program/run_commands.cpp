@@ -55,15 +55,16 @@ Result<SessionResult> run(const RunArguments& arguments, const SessionInputs& in
         inputs.scene, remesher, *replayed.device, [](double) {}, options);
   }
   const AnyDeviceDescription description = inputs.device();
-  Result<OpenedDevice> opened = open_device(arguments.device, {.scene = inputs.scene,
-                                                               .scene_name = arguments.scene,
-                                                               .description = description,
-                                                               .key_file = arguments.key_file,
-                                                               .is_simulated = arguments.simulated,
-                                                               .clock = options.clock,
-                                                               .rate_Hz = options.rate_Hz,
-                                                               .hand = hand,
-                                                               .say = say_line});
+  Result<OpenedDevice> opened =
+      open_device(arguments.device, {.scene = inputs.scene,
+                                     .scene_name = arguments.scene,
+                                     .description = description,
+                                     .key_file = arguments.key_file,
+                                     .is_simulated = arguments.is_simulated,
+                                     .clock = options.clock,
+                                     .rate_Hz = options.rate_Hz,
+                                     .hand = hand,
+                                     .say = say_line});
   if (!opened) return opened.error();
   HandDevice& device = *opened->device;
   // A lock-step drive waits for the loop.
@@ -106,13 +107,13 @@ Result<void> check_hand_options(const RunArguments& arguments, const Scene& scen
   const bool is_live = scene.hand.live && arguments.replay.empty();
   if (!is_live && !arguments.hand_path.empty())
     return usage("--hand-path: is for a session whose hand is live");
-  if (!is_live || arguments.check) return {};
+  if (!is_live || arguments.task == SceneTask::kCheck) return {};
   const std::string live_hand = arguments.scene + ": its hand is live";
   if (arguments.device != kDefaultDevice)
     return usage("--device " + arguments.device + ": " + live_hand +
                  ", which is for the simulated device " + std::string(kDefaultDevice));
-  if (arguments.clock != "real")
-    return usage("--clock " + arguments.clock + ": " + live_hand + ", which needs the real clock");
+  if (arguments.session.clock != Clock::kReal)
+    return usage("--clock virtual: " + live_hand + ", which needs the real clock");
   if (arguments.live.empty())
     return usage(live_hand +
                  ", and without --live FILE nobody could move it; start it with trocar-console");
@@ -165,15 +166,32 @@ void warn_of_long(const RunArguments& arguments, const SessionOptions& options) 
   print(stderr,
         "trocar-run: warning: %s: may become larger than 4 GiB, and can then neither be "
         "replayed nor exported; at this rate record at most %.0f minutes\n",
-        arguments.record, std::floor(kMaxTicks / options.rate_Hz / 60));
+        *options.record, std::floor(kMaxTicks / options.rate_Hz / 60));
+}
+
+/// The folder of the recording, or else the current folder, or else the one for temporary files.
+std::filesystem::path default_black_box(const RunArguments& arguments) {
+  if (arguments.session.record) {
+    const std::filesystem::path folder = arguments.session.record->parent_path();
+    return folder.empty() ? "." : folder;
+  }
+  if (check_writable("./black_box")) return ".";
+  std::error_code failed;
+  std::filesystem::path temporary = std::filesystem::temp_directory_path(failed);
+  if (failed) return ".";
+  if (!arguments.quiet)
+    print(stderr,
+          "trocar-run: note: the current folder cannot be written to; a black box would go "
+          "to %s\n",
+          temporary);
+  return temporary;
 }
 
 /// Returns the session's options, without outputs. Errors: (refused) the recording to replay
 /// has no rate.
-Result<SessionOptions> session_options(const RunArguments& arguments, const SessionInputs& inputs,
-                                       std::atomic<bool>& recover) {
-  SessionOptions options;
-  options.clock = arguments.clock == "real" ? Clock::kReal : Clock::kVirtual;
+Result<SessionOptions> options_for(const RunArguments& arguments, const SessionInputs& inputs,
+                                   std::atomic<bool>& recover) {
+  SessionOptions options = session_options(arguments);
   options.rate_Hz = arguments.rate_Hz.value_or(inputs.scene.rate_Hz.value_or(kDefaultRate_Hz));
   options.duration_s = arguments.duration_s.value_or(inputs.scene.duration_s);
   if (!inputs.replay.empty()) {
@@ -184,25 +202,23 @@ Result<SessionOptions> session_options(const RunArguments& arguments, const Sess
     options.duration_s = stated_duration_s(inputs.replay_origin, inputs.scene);
     warn_of_short(arguments, inputs, tick_count(options.duration_s, *rate_Hz));
     options.replay = inputs.replay;
+    set_stated_limits(inputs.replay_origin, options);
+    options.counts_xray = recording_kind(inputs.replay_origin).has_xray;
+  } else {
+    warn_of_long(arguments, options);
   }
-  if (!arguments.record.empty()) options.record = arguments.record;
-  if (inputs.replay.empty()) warn_of_long(arguments, options);
   options.on_low_space = [&arguments](double left_s) {
     if (arguments.quiet) return;
     print(stderr, "trocar-run: warning: %s: the disk has space for %s of recording\n",
-          arguments.record, words_of_time(left_s));
+          *arguments.session.record, words_of_time(left_s));
   };
   options.on_message = [&arguments](const OperatorMessage& message) {
     print_message(arguments, message);
   };
   options.stop = &stop_requested;
   options.recover = &recover;
-  options.counts_xray = arguments.xray;
-  set_loop_options(arguments, options);
-  if (!inputs.replay.empty()) {
-    set_stated_limits(inputs.replay_origin, options);
-    options.counts_xray = recording_kind(inputs.replay_origin).has_xray;
-  }
+  if (!options.black_box && arguments.task == SceneTask::kSession)
+    options.black_box = default_black_box(arguments);
   if (inputs.pose_device) {
     if (const auto stated = read_pose_device_origin(inputs.replay_origin))
       options.stiffness.margin = stated->stiffness_margin;
@@ -220,9 +236,8 @@ Result<void> set_origin(const RunArguments& arguments, const SessionInputs& inpu
   if (!origin) return origin.error();
   options.origin = std::move(*origin);
   if (!arguments.procedure.empty())
-    options.origin.entries.emplace_back(
-        "procedure",
-        arguments.procedure + "/" + (arguments.strength.empty() ? "median" : arguments.strength));
+    options.origin.entries.emplace_back("procedure",
+                                        arguments.procedure + "/" + to_string(arguments.strength));
   if (inputs.pose_device)
     write_pose_device_origin(inputs.pose_device_origin, *inputs.pose_device, inputs.scene, options,
                              options.origin);
@@ -244,14 +259,14 @@ TelemetryOptions telemetry_options(const RunArguments& arguments, const SessionI
   TelemetryOptions telemetry{arguments.live,
                              arguments.scene,
                              inputs.replay.empty() ? arguments.device : "replay",
-                             arguments.recover,
+                             to_string(arguments.session.recovery),
                              {}};
   for (const SliceTissue& slice : inputs.tissues)
     telemetry.tissue_of_sheet.push_back(slice.choice.name);
   return telemetry;
 }
 
-/// Default of --duration with --test.
+/// Default of test --duration.
 constexpr double kTrial_s = 5;
 /// Height of the tip at which a scene for a pose device is proposed.
 constexpr double kProposedMiddle_m = 0.15;
@@ -286,7 +301,7 @@ int check_inputs(const RunArguments& arguments, const SessionInputs& inputs,
   if (!arguments.quiet) print_lines(stdout, checked->text);
   for (const std::string& warning : checked->warnings)
     warn(arguments, warning);
-  if (!arguments.strict || checked->warnings.empty()) return 0;
+  if (!arguments.is_strict || checked->warnings.empty()) return 0;
   return fail(refused(arguments.scene + ": " + std::to_string(checked->warnings.size()) +
                       (checked->warnings.size() == 1 ? " warning" : " warnings") +
                       ", and --strict allows none"));
@@ -300,11 +315,12 @@ int run_scene(const RunArguments& arguments, std::atomic<bool>& recover) {
   if (const auto good = check_run_outputs(arguments, *inputs); !good) return fail(good.error());
   if (const auto good = check_hand_options(arguments, inputs->scene); !good)
     return fail(good.error());
-  Result<SessionOptions> options = session_options(arguments, *inputs, recover);
+  Result<SessionOptions> options = options_for(arguments, *inputs, recover);
   if (!options) return fail(options.error());
   const auto specification = make_specification(inputs->device(), inputs->scene);
   const DeviceSpecification& device = *specification;
-  if (arguments.check) return check_inputs(arguments, *inputs, device, *options);
+  if (arguments.task == SceneTask::kCheck)
+    return check_inputs(arguments, *inputs, device, *options);
   const std::optional<std::string> unfitting = warn_of_unfitting(inputs->scene, inputs->tissues);
   if (unfitting && !arguments.quiet) warn(arguments, *unfitting);
   if (const auto done = set_origin(arguments, *inputs, *options); !done) return fail(done.error());
@@ -334,11 +350,12 @@ int run_scene(const RunArguments& arguments, std::atomic<bool>& recover) {
 }
 
 int explain_procedures(const RunArguments& arguments) {
-  for (const Procedure& procedure : procedures())
-    if (arguments.procedure.empty() || arguments.procedure == procedure.name)
-      std::printf("%s%s",
-                  &procedure != procedures().data() && arguments.procedure.empty() ? "\n" : "",
-                  explain(procedure).c_str());
+  const char* between = "";
+  for (const Procedure& procedure : procedures()) {
+    if (!arguments.procedure.empty() && arguments.procedure != procedure.name) continue;
+    std::printf("%s%s", between, explain(procedure).c_str());
+    between = "\n";
+  }
   return 0;
 }
 
@@ -347,13 +364,13 @@ int write_history(const RunArguments& arguments) {
                               table = std::filesystem::path(page).replace_extension(".history.csv");
   const OutputFile outputs[] = {{"-o", page}, {"-o (its table)", table}};
   if (const Result<void> good = check_outputs(outputs, {}); !good) return fail(good.error());
-  const Result<History> history = read_history(arguments.history);
+  const Result<History> history = read_history(arguments.input);
   if (!history) return fail(history.error());
   for (const std::string& line : history->skipped)
     print(stderr, "trocar-run: skipped: %s\n", line);
   if (history->sessions == 0)
-    return fail(refused(arguments.history + ": has no figures of a session; trocar-run "
-                                            "--session-report writes them"));
+    return fail(refused(arguments.input + ": has no figures of a session; trocar-run "
+                                          "--session-report writes them"));
   if (!arguments.quiet) print_lines(stdout, history_text(*history));
   for (const auto& [file, text] :
        {std::pair{page, history_page(*history)}, std::pair{table, history_csv(*history)}}) {
@@ -364,24 +381,25 @@ int write_history(const RunArguments& arguments) {
 }
 
 int test_device(const RunArguments& arguments) {
+  if (!may_have_motors(arguments.device))
+    return fail(usage("test: is for a device process; " + arguments.device +
+                      " has nothing to test; give --device"));
   const OutputFile outputs[] = {{"--summary", arguments.summary}};
   const std::filesystem::path inputs[] = {arguments.key_file, arguments.description};
   if (const Result<void> good = check_outputs(outputs, inputs); !good) return fail(good.error());
   const Result<AnyDeviceDescription> description =
       read_description(arguments.description, arguments.device, HandleOrientation::kAsked);
   if (!description) return fail(description.error());
-  SessionOptions options;
-  set_loop_options(arguments, options);
-  options.rate_Hz = arguments.rate_Hz.value_or(kDefaultRate_Hz);
+  SessionOptions options = session_options(arguments);
   options.duration_s = arguments.duration_s.value_or(kTrial_s);
   options.stop = &stop_requested;
   const Scene no_scene;
   const Result<OpenedDevice> opened =
       open_device(arguments.device, {.scene = no_scene,
-                                     .scene_name = "--test",
+                                     .scene_name = "test",
                                      .description = *description,
                                      .key_file = arguments.key_file,
-                                     .is_simulated = arguments.simulated,
+                                     .is_simulated = arguments.is_simulated,
                                      .rate_Hz = options.rate_Hz,
                                      .say = say_line});
   if (!opened) return fail(opened.error());
@@ -409,21 +427,19 @@ int test_device(const RunArguments& arguments) {
 
 int make_new_scene(const RunArguments& arguments) {
   const OutputFile outputs[] = {{"-o", arguments.output}};
-  const std::filesystem::path inputs[] = {arguments.new_scene, arguments.description};
+  const std::filesystem::path inputs[] = {arguments.input, arguments.description};
   if (const Result<void> good = check_outputs(outputs, inputs); !good) return fail(good.error());
   const Result<AnyDeviceDescription> description =
       read_description(arguments.description, arguments.device, HandleOrientation::kAssumed);
   if (!description) return fail(description.error());
-  Result<Asset> asset = read_asset(arguments.new_scene);
+  Result<Asset> asset = read_asset(arguments.input);
   if (!asset) return fail(asset.error());
-  if (const auto ok = weld_materials(*asset, arguments.new_scene); !ok) return fail(ok.error());
-  SessionOptions options;
+  if (const auto ok = weld_materials(*asset, arguments.input); !ok) return fail(ok.error());
+  SessionOptions options = session_options(arguments);
   options.clock = Clock::kVirtual;
-  options.rate_Hz = arguments.rate_Hz.value_or(kDefaultRate_Hz);
   options.stop = &stop_requested;
-  set_loop_options(arguments, options);
-  Scene
-      middle;  // a pose device lies around the middle of the scene's path, which is proposed around this place
+  // A pose device lies around the middle of the scene's path, which is proposed around this place.
+  Scene middle;
   middle.hand.trajectory = {{0, {0, 0, kProposedMiddle_m}, {}}};
   const auto specification = make_specification(*description, middle);
   DeviceToCheck device = to_check(*specification, *description);
@@ -433,13 +449,12 @@ int make_new_scene(const RunArguments& arguments) {
       set_pose_device_options(*pose_device, scene, set);
     };
     device.set_options(middle, options);
-    options.coupling.on = arguments.coupling_N_per_m.has_value();
+    options.coupling.on = arguments.session.coupling.on;
   }
-  const Result<std::optional<ChosenPoints>> points = chosen_points(arguments);
-  if (!points) return fail(points.error());
-  const NewSceneChoices choices{arguments.live_hand, *points};
+  NewSceneChoices choices{arguments.has_live_hand, {}};
+  if (arguments.entry_mm) choices.points = ChosenPoints{*arguments.entry_mm, arguments.target_mm};
   const Result<NewScene> made =
-      propose_scene(*asset, arguments.new_scene, arguments.output, device, options, choices);
+      propose_scene(*asset, arguments.input, arguments.output, device, options, choices);
   if (!made) return fail(made.error());
   if (const auto written = write_file_atomically(arguments.output, made->json); !written)
     return fail(written.error());

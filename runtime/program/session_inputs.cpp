@@ -21,15 +21,14 @@ Result<Scene> load_scene(const RunArguments& arguments) {
   Result<Scene> scene = read_scene(arguments.scene);
   if (!scene) return scene.error();
   if (!arguments.asset.empty()) scene->asset = arguments.asset;
-  if (const auto law = force_law_from_string(arguments.force_law)) scene->force_law.kind = *law;
+  if (arguments.force_law) scene->force_law.kind = *arguments.force_law;
   if (const Procedure* procedure = find_procedure(arguments.procedure)) {
-    const Strength strength = strength_from_string(arguments.strength).value_or(Strength::kMedian);
-    if (const auto applied = apply_procedure(*procedure, strength, *scene); !applied)
+    if (const auto applied = apply_procedure(*procedure, arguments.strength, *scene); !applied)
       return refused(arguments.scene + ": " + applied.error().message);
   }
-  if (arguments.coupling_N_per_m) {
+  if (const CouplingOptions& coupling = arguments.session.coupling; coupling.on) {
     scene->force_law.axis = ToolAxis::kCoupled;
-    scene->force_law.coupling_N_per_m = *arguments.coupling_N_per_m;
+    scene->force_law.coupling_N_per_m = coupling.stiffness_N_per_m;
   }
   if (!arguments.description.empty()) scene->device = arguments.description;
   if (scene->body && !traits_of(scene->force_law.kind).uses_bone_volume)
@@ -69,7 +68,7 @@ Result<void> load_device(const RunArguments& arguments, SessionInputs& inputs) {
   if (const auto stated = read_pose_device_origin(inputs.replay_origin)) {
     built_in = stated->built_in.value_or("");
   } else {
-    const bool is_asked = !arguments.check && arguments.description.empty();
+    const bool is_asked = arguments.task != SceneTask::kCheck && arguments.description.empty();
     const Result<std::string> name = built_in_name(
         arguments.device, is_asked ? HandleOrientation::kAsked : HandleOrientation::kAssumed);
     if (!name) return name.error();
@@ -111,7 +110,8 @@ Result<void> fit_forces(const RunArguments& arguments, SessionInputs& inputs) {
     return {};
   }
   // A recording of an earlier version may state that it was made with this option.
-  if (arguments.replay.empty() && arguments.compensate != "none")
+  const CompensationOptions& compensation = arguments.session.compensation;
+  if (arguments.replay.empty() && (compensation.friction || compensation.gravity))
     return usage("--compensate: is not for a device that measures its own pose");
   PoseDeviceDescription& device = *inputs.pose_device;
   if (const auto stated = read_pose_device_origin(inputs.replay_origin)) {

@@ -17,7 +17,7 @@
 #include "runtime/checking/scene_requirements.h"
 #include "runtime/checking/tissue_assignment.h"
 #include "runtime/contact/sheet.h"
-#include "runtime/program/run_arguments.h"
+#include "runtime/program/run_options.h"
 
 namespace trocar::runtime {
 

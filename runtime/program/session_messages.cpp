@@ -63,11 +63,12 @@ std::string causes_of(const LateTicks::Counts& late_ticks) {
 
 /// Returns true if the operator can end what the message says with SIGUSR1 only.
 bool asks_for_signal(const RunArguments& arguments, const OperatorMessage& message) {
-  if (!arguments.replay.empty() || arguments.recover == "never" ||
+  const RecoveryPolicy recovery = arguments.session.recovery;
+  if (!arguments.replay.empty() || recovery == RecoveryPolicy::kNever ||
       message.detail.fault == Fault::kRecordingFailed)
     return false;
   return (message.kind == OperatorMessage::Kind::kFault &&
-          (arguments.recover == "signal" || is_stop(message.detail.fault))) ||
+          (recovery == RecoveryPolicy::kOnRequest || is_stop(message.detail.fault))) ||
          message.kind == OperatorMessage::Kind::kRefused;
 }
 
@@ -111,7 +112,7 @@ void print_outcome(const SessionResult& report, const SessionOptions& options) {
         causes_of(report.late_ticks), report.max_force_N, report.torque_max_Nm);
   constexpr double kMinShown_N = 5e-4;
   if (report.max_force_N < kMinShown_N && report.punctures.empty() && report.fault == Fault::kNone)
-    std::printf("the tool touched nothing; trocar-run --check says why\n");
+    std::printf("the tool touched nothing; trocar-run check says why\n");
   for (const PunctureEvent& event : report.punctures) {
     std::printf(
         "slice %d was punctured at %.4f s: %.3f N at the tip, %.3f N on the hand, depth %.3f mm, "

@@ -8,7 +8,7 @@
 #include <vector>
 
 #include "formats/base/result.h"
-#include "runtime/program/run_arguments.h"
+#include "runtime/program/run_options.h"
 #include "runtime/realtime/triple_buffer.h"
 #include "runtime/session/session.h"
 #include "runtime/telemetry/tick_observer.h"

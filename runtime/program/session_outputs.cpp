@@ -78,7 +78,7 @@ std::string describe_hand(const SceneHand& hand, const HandTrajectory& path) {
 
 Result<void> check_run_outputs(const RunArguments& arguments, const SessionInputs& inputs) {
   const OutputFile outputs[] = {
-      {"--record", arguments.record},
+      {"--record", arguments.session.record.value_or("")},
       {"--summary", arguments.summary},
       {"--meshes", arguments.meshes},
       {"--frames", arguments.frames},

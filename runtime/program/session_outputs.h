@@ -12,7 +12,7 @@
 #include "formats/base/result.h"
 #include "runtime/device/link_report.h"
 #include "runtime/devices/live_hand.h"
-#include "runtime/program/run_arguments.h"
+#include "runtime/program/run_options.h"
 #include "runtime/program/session_inputs.h"
 #include "runtime/reporting/session_observer.h"
 #include "runtime/reporting/session_report.h"

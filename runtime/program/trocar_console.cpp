@@ -26,38 +26,38 @@ namespace {
 constexpr const char* kName = "trocar-console";
 
 struct Arguments {
-  std::string folder, listen = "127.0.0.1", public_url, attach, page, igtl;
+  std::string folder, public_url, page, igtl, recording, against, scene, start;
   std::vector<std::string> devices;
-  std::string recording, against, scene, start;
-  int port = 4841;
-  std::optional<double> stiffness_limit_N_per_m;
+  ServerSettings server;
 };
 
 int fail(const Error& error) {
   return report_error(kName, error);
 }
 
-void declare(CommandLine& line, Arguments& arguments) {
-  line.option(
+void declare(CLI::App& line, Arguments& arguments) {
+  CLI::Option* const folder = line.add_option(
       "FOLDER", arguments.folder,
       "folder of the scenes, assets and recordings to choose from. Sessions are kept in its\n"
       "subfolder sessions/. If FOLDER cannot be written to, or was installed with the program\n"
       "(like /usr/share/trocar/examples), sessions are kept in ~/.local/state/trocar/sessions");
-  line.option("--port", arguments.port, "TCP port of the page; 0: any free one (default: 4841)")
-      .within(0, 65535);
-  line.option("--listen", arguments.listen,
-              "IP address to listen on (default: 127.0.0.1). Any other than 127.0.0.1 or ::1 lets\n"
-              "other machines connect, and their connections are not encrypted")
-      .with_form("ADDRESS");
-  line.option("--public-url", arguments.public_url,
-              "address of the page for browsers that reach it through a tunnel or proxy:\n"
-              "http://HOST:PORT or https://HOST. The printed links begin with this address")
-      .with_form("URL");
-  line.option("--attach", arguments.attach,
-              "show and command a running session, whose trocar-run was started with --live FILE.\n"
-              "The console then starts no sessions")
-      .with_form("FILE");
-  line.option(
+  add_number(line, "--port", arguments.server.port, {0, 65535},
+             "TCP port of the page; 0: any free one");
+  line.add_option(
+          "--listen", arguments.server.listen,
+          "IP address to listen on (default: 127.0.0.1); connections from other machines are not\n"
+          "encrypted")
+      ->type_name("ADDRESS");
+  line.add_option(
+          "--public-url", arguments.public_url,
+          "address of the page through a tunnel or proxy, http://HOST:PORT or https://HOST: the\n"
+          "printed links begin with it")
+      ->type_name("URL");
+  CLI::Option* const attach =
+      line.add_option("--attach", arguments.server.session.attach,
+                      "show and command the session of trocar-run --live FILE; start none")
+          ->type_name("FILE");
+  line.add_option(
           "--device", arguments.devices,
           "a device that can be chosen on the page for a session. Repeat the option for several;\n"
           "the first is the default. Without this option, inproc is the only choice. Devices:\n"
@@ -66,60 +66,50 @@ void declare(CommandLine& line, Arguments& arguments) {
           "URI: any other device of trocar-run --device. Its options may follow, each after a "
           "comma:\n"
           "key-file=FILE, device-description=FILE, force-limit=N, force-scale=F, simulated")
-      .with_form("DEVICE")
-      .one_value_each();
-  line.option("--start", arguments.start,
+      ->type_name("DEVICE")
+      ->allow_extra_args(false);
+  CLI::Option* const start =
+      line.add_option(
+              "--start", arguments.start,
               "a scene in FOLDER; its session starts when the operator's page is first opened")
-      .with_form("SCENE");
-  line.option("--page", arguments.page,
-              "for developers of the page: take the page's files (HTML, scripts) from this folder\n"
-              "(default: the folder that was installed with the program)")
-      .with_form("FOLDER");
-  line.option(
-          "--igtl", arguments.igtl,
-          "let 3D Slicer and other programs show the session, by the protocol OpenIGTLink at\n"
-          "[ADDRESS:]PORT, for instance 18944. These programs cannot command the session. The\n"
-          "default address is 127.0.0.1; any other than 127.0.0.1 or [::1] lets other machines\n"
-          "watch")
-      .with_form("[ADDRESS:]PORT");
-  line.option("--recording", arguments.recording,
-              "play this recording, and start no sessions; needs --scene")
-      .with_form("FILE");
-  line.option(
-          "--stiffness-limit", arguments.stiffness_limit_N_per_m,
-          "in every session: largest stiffness of contact at the tool's tip, N/m. With a device\n"
-          "that measures its own pose, the option limits every force law. With the four-legged\n"
-          "device it limits only the force law cutting. There are also other limits, which\n"
-          "the help of trocar-run explains. The lowest limit counts. Without this option, only\n"
-          "the other limits apply")
-      .within(10.0, 1e8, "N/M", "N/m");
-  line.option("--against", arguments.against,
-              "with --recording: a second recording, to show beside the first")
-      .with_form("FILE");
-  line.option("--scene", arguments.scene, "with --recording: the scene in which it was recorded")
-      .with_form("FILE");
-  line.set_footer(
+          ->type_name("SCENE");
+  line.add_option(
+          "--page", arguments.page,
+          "for developers: folder of the page's files (default: the one that was installed)")
+      ->type_name("FOLDER");
+  CLI::Option* const igtl =
+      line.add_option(
+              "--igtl", arguments.igtl,
+              "let 3D Slicer and others watch the session by OpenIGTLink at [ADDRESS:]PORT, "
+              "such as 18944\n"
+              "(default address: 127.0.0.1)")
+          ->type_name("[ADDRESS:]PORT");
+  CLI::Option* const recording =
+      line.add_option("--recording", arguments.recording,
+                      "play this recording, and start no sessions; needs --scene")
+          ->type_name("FILE");
+  add_number(line, "--stiffness-limit", arguments.server.session.stiffness_limit_N_per_m,
+             {10.0, 1e8, "N/M", "N/m"}, "in every session: trocar-run --stiffness-limit");
+  CLI::Option* const against =
+      line.add_option("--against", arguments.against,
+                      "with --recording: a second recording, to show beside the first")
+          ->type_name("FILE");
+  CLI::Option* const scene = line.add_option("--scene", arguments.scene,
+                                             "with --recording: the scene in which it was recorded")
+                                 ->type_name("FILE");
+  recording->needs(scene);
+  scene->needs(recording);
+  against->needs(recording);
+  start->excludes(attach);
+  for (CLI::Option* option : {folder, attach, start, igtl})
+    option->excludes(recording);
+  line.footer(
       "Prints two links. With the first link, the operator commands the device. With the second\n"
       "link, an audience watches; the audience can press only the emergency stop. Ctrl-C ends\n"
       "the console and the session that it has started. If the console is killed, its session\n"
       "goes on; a new console for the same folder finds it, and does not end it.\n"
       "Exit codes: 0 done; 2 wrong usage; 3 input refused; 4 the address is not available; 1 an "
       "internal error.");
-}
-
-Result<void> check_arguments(const Arguments& a) {
-  const bool plays = !a.recording.empty();
-  if (plays && a.scene.empty()) return usage("--recording: needs --scene");
-  if (!plays && !a.scene.empty()) return usage("--scene: is for --recording");
-  if (!plays && !a.against.empty()) return usage("--against: is for --recording");
-  if (plays && !a.folder.empty()) return usage("FOLDER: is not for --recording");
-  if (plays && !a.attach.empty()) return usage("--attach: is not for --recording");
-  if (!a.start.empty() && (plays || !a.attach.empty()))
-    return usage("--start: is not for --recording or --attach");
-  if (plays && !a.igtl.empty()) return usage("--igtl: is not for --recording");
-  if (!plays && a.folder.empty())
-    return usage("FOLDER is missing; or name a recording by --recording");
-  return {};
 }
 
 Result<void> check_device(const DeviceChoice& device) {
@@ -173,18 +163,18 @@ std::filesystem::path sessions_elsewhere(const std::string& folder,
 
 int run_command_line(int argc, char** argv) {
   Arguments arguments;
-  CommandLine line(
-      kName,
+  arguments.server.port = 4841;
+  CLI::App line(
       "Serves the operator's console: a web page that starts, shows and commands sessions of\n"
       "trocar-run, and plays their recordings.",
-      "trocar-console " TROCAR_VERSION " (" + library_versions() +
-          ", Boost.Beast, OpenIGTLink, Draco and tinygltf for assets)");
+      kName);
+  add_help(line, "trocar-console " TROCAR_VERSION " (" + library_versions() +
+                     ", Boost.Beast, OpenIGTLink, Draco and tinygltf for assets)");
   declare(line, arguments);
-  if (const auto done = line.parse_or_end({argv, argv + argc})) return *done;
-  if (const Result<void> good = check_arguments(arguments); !good) return fail(good.error());
-  ServerSettings settings;
-  settings.listen = arguments.listen;
-  settings.port = static_cast<std::uint16_t>(arguments.port);
+  if (const auto done = parse_or_end(line, {argv, argv + argc})) return *done;
+  if (arguments.folder.empty() && arguments.recording.empty())
+    return fail(usage("FOLDER is missing; or name a recording by --recording"));
+  ServerSettings& settings = arguments.server;
   if (!arguments.public_url.empty()) {
     Result<std::string> url = public_url_of(arguments.public_url);
     if (!url) return fail(url.error());
@@ -200,8 +190,6 @@ int run_command_line(int argc, char** argv) {
   Result<std::vector<DeviceChoice>> devices = devices_of(arguments);
   if (!devices) return fail(devices.error());
   settings.session.devices = std::move(*devices);
-  settings.session.stiffness_limit_N_per_m = arguments.stiffness_limit_N_per_m;
-  settings.session.attach = arguments.attach;
   const bool plays = !arguments.recording.empty();
   Result<Files> files =
       plays ? Files::of_recording(arguments.recording, arguments.against, arguments.scene)

@@ -35,10 +35,12 @@ namespace {
 constexpr const char* kName = "trocar-device-sim";
 
 struct Arguments {
-  std::string scene, listen = "127.0.0.1:4840", key_file, clock = "real", model = "light";
-  std::string faults, description, summary, record;
-  double rate_Hz = 4000, noise_rad = 0, watchdog_s = 0.01;
-  std::uint64_t seed = 1, sessions = 0;
+  std::string scene, listen = "127.0.0.1:4840", key_file, faults, description, summary, record;
+  DriveOptions drive;
+  MechanicsOptions mechanics;
+  bool is_full = false;  ///< simulates `mechanics`
+  double rate_Hz = 4000;
+  std::uint64_t sessions = 0;
   bool quiet = false;
 };
 
@@ -46,55 +48,41 @@ int fail(const Error& error) {
   return report_error(kName, error);
 }
 
-std::string version() {
-  return "trocar-device-sim " TROCAR_VERSION " (" + library_versions() + ", libsodium)";
-}
-
-// Refuses negative numbers, because CLI11 reads "-1" for an unsigned number as the largest number.
-std::string not_negative(const std::string& text) {
-  return text.starts_with('-') ? text + " is less than 0" : "";
-}
-
-void declare(CommandLine& line, Arguments& a) {
-  line.option(
+void declare(CLI::App& line, Arguments& a) {
+  constexpr double kMost = 9e15;  // a double has all whole numbers up to it
+  line.add_option(
       "SCENE", a.scene,
       "the scene (JSON) with the simulated hand that holds the tool. Without a scene, nothing\n"
       "holds the tool");
-  line.option(
+  line.add_option(
           "--listen", a.listen,
-          "ADDRESS:PORT to listen on; port 0: any free one (default: 127.0.0.1:4840). If ADDRESS\n"
-          "does not begin with 127 (this computer), the key file must exist already")
-      .with_form("ADDRESS:PORT");
-  line.option("--key-file", a.key_file,
-              "file with the secret key by which this program and trocar-run recognise each "
-              "other; both\n"
-              "need the same key. If the file does not exist, it is created (mode 0600)")
-      .with_form("FILE")
-      .required();
-  line.option("--clock", a.clock,
-              "real: time follows the wall clock; lock-step, for trocar-run --clock virtual: time\n"
-              "advances by one tick for each command of trocar-run (default: real)")
-      .one_of({"real", "lock-step"});
-  line.option("--rate", a.rate_Hz,
-              "rate of the drive, the simulated electronics of the motors, 100 to 10000 Hz\n"
-              "(default: 4000)")
-      .within(100.0, 10'000.0, "HZ", "Hz");
-  line.option("--watchdog", a.watchdog_s,
-              "if no command comes for this time, the torques go to zero; 0.01 to 0.5 s (default:\n"
-              "0.01). A value below 2.5 ticks of trocar-run is raised to 2.5 ticks. On a computer "
-              "that\n"
-              "also does other work, use 0.25 here and the option --simulated of trocar-run")
-      .within(0.01, 0.5, "S", "s");
-  line.option(
-          "--model", a.model,
-          "what is simulated. light: the plate that the hand holds, with viscous friction; full:\n"
-          "also links, rotors, dry friction and the lag of the motors' currents (default: light)")
-      .one_of({"light", "full"});
-  line.option("--encoder-noise", a.noise_rad,
-              "standard deviation of the noise of measured angles, rad; needs --model full "
-              "(default: 0)")
-      .within(0.0, 0.1, "RAD", "rad");
-  line.option(
+          "ADDRESS:PORT to listen on; port 0: any free one (default: 127.0.0.1:4840). Beyond this\n"
+          "computer, the key file must exist already")
+      ->type_name("ADDRESS:PORT");
+  line.add_option("--key-file", a.key_file,
+                  "secret key, by which this program and trocar-run recognise each other; made "
+                  "(mode 0600) if\n"
+                  "there is no such file")
+      ->type_name("FILE")
+      ->required();
+  add_choice<LinkClock>(
+      line, "--clock", a.drive.clock,
+      {{"real", LinkClock::kReal}, {"lock-step", LinkClock::kLockStep}},
+      "real: time follows the wall clock; lock-step, for trocar-run --clock virtual: time\n"
+      "advances by one tick for each command of trocar-run (default: real)");
+  add_number(line, "--rate", a.rate_Hz, {100.0, 10'000.0, "HZ", "Hz"},
+             "rate of the drive, the simulated electronics of the motors, 100 to 10000 Hz");
+  add_number(
+      line, "--watchdog", a.drive.watchdog_s, {0.01, 0.5, "S", "s"},
+      "time without a command after which the torques go to zero, 0.01 to 0.5 s, at least 2.5\n"
+      "ticks of trocar-run (on a computer that does other work, 0.25)");
+  add_choice<bool>(
+      line, "--model", a.is_full, {{"light", false}, {"full", true}},
+      "what is simulated. light: the plate that the hand holds, with viscous friction; full:\n"
+      "also links, rotors, dry friction and the lag of the motors' currents (default: light)");
+  add_number(line, "--encoder-noise", a.mechanics.encoder_noise_rad, {0.0, 0.1, "RAD", "rad"},
+             "standard deviation of the noise of measured angles, rad; needs --model full");
+  line.add_option(
           "--faults", a.faults,
           "faults to inject, separated by commas: KIND[:VALUE[:VALUE]][@FROM[..TO]]. FROM and TO\n"
           "are seconds since the session's start. Faults of packets, with probability P: loss:P,\n"
@@ -103,33 +91,27 @@ void declare(CommandLine& line, Arguments& a) {
           "affected.\n"
           "Faults of the device: stuck:ENCODER, jump:ENCODER:RAD, dead:MOTOR (ENCODER is 0 to 15,\n"
           "MOTOR is 0 to 7), stop (its emergency stop is pressed), kill (its process is killed)")
-      .with_form("FAULTS");
-  line.option("--seed", a.seed, "seed of the random faults and noise (default: 1)")
-      .checked_by(not_negative);
-  line.option(
-          "--sessions", a.sessions,
-          "end after this many sessions of trocar-run; 0: run until stopped (default: 0). With\n"
-          "--clock lock-step: if trocar-run runs on this computer and dies during the last\n"
-          "session, trocar-device-sim ends 10 s after the last packet of trocar-run. (A dead\n"
-          "trocar-run on another computer, or in a container, looks like a paused one, so then\n"
-          "the program does not end.)")
-      .checked_by(not_negative);
-  line.option("--device-description", a.description,
-              "JSON file with the device's geometry and limits, instead of the one that the scene "
-              "names")
-      .with_form("FILE");
-  line.option(
-          "--record", a.record,
-          "write a CSV file with a row for each of the first million steps; a step takes 1 / "
-          "--rate.\n"
-          "A row has the drive's mode (ready, torque, watchdog or emergency_stop), the largest\n"
-          "torque of the eight motors in this step, and the tip position")
-      .with_form("FILE");
-  line.option("--summary", a.summary,
-              "write counts (sessions, packets, watchdog trips) and forces on the hand, as JSON")
-      .with_form("FILE");
-  line.flag("--quiet", a.quiet, "print errors and the address only");
-  line.set_footer(
+      ->type_name("FAULTS");
+  add_number(line, "--seed", a.mechanics.seed, {0, kMost, "N"},
+             "seed of the random faults and noise");
+  add_number(line, "--sessions", a.sessions, {0, kMost, "N"},
+             "end after this many sessions of trocar-run; 0: run until stopped. With\n"
+             "--clock lock-step also 10 s after a trocar-run on this computer has died in the last "
+             "one");
+  line.add_option("--device-description", a.description,
+                  "geometry and limits of the device (JSON), instead of the scene's")
+      ->type_name("FILE");
+  line.add_option("--record", a.record,
+                  "write a CSV file with a row for each of the first million steps of 1 / --rate: "
+                  "mode of the\n"
+                  "drive, largest torque and position of the tip")
+      ->type_name("FILE");
+  line.add_option(
+          "--summary", a.summary,
+          "write counts (sessions, packets, watchdog trips) and forces on the hand, as JSON")
+      ->type_name("FILE");
+  line.add_flag("--quiet", a.quiet, "print errors and the address only");
+  line.footer(
       "Exit codes: 0 done or stopped by Ctrl-C; 2 wrong usage; 3 input refused; 4 a file could\n"
       "not be written, or the address is not available; 1 an internal error.\n"
       "The page formats/session/device_link.md describes the protocol.");
@@ -149,11 +131,7 @@ Result<LinkKey> load_key(const Arguments& arguments, const Endpoint& local) {
 
 Result<SimulatedDevice> load_model(const Arguments& arguments) {
   std::optional<MechanicsOptions> mechanics;
-  if (arguments.model == "full") {
-    mechanics.emplace();
-    mechanics->encoder_noise_rad = arguments.noise_rad;
-    mechanics->seed = arguments.seed;
-  }
+  if (arguments.is_full) mechanics = arguments.mechanics;
   std::optional<Scene> scene;
   std::string description_file = arguments.description;
   if (!arguments.scene.empty()) {
@@ -193,8 +171,8 @@ class Server {
          const Arguments& arguments)
       : drive_(options, std::move(model)),
         socket_(std::move(socket)),
-        in_(options.faults, LinkDirection::kCommands, 2 * arguments.seed),
-        out_(options.faults, LinkDirection::kStates, 2 * arguments.seed + 1),
+        in_(options.faults, LinkDirection::kCommands, 2 * arguments.mechanics.seed),
+        out_(options.faults, LinkDirection::kStates, 2 * arguments.mechanics.seed + 1),
         sessions_(arguments.sessions),
         record_(arguments.record),
         period_s_(options.period_s) {}
@@ -310,8 +288,8 @@ nlohmann::json summarize(const Arguments& arguments, const Drive& drive,
   for (const ForcePeak& peak : report.peaks)
     peaks.push_back({{"t_s", peak.t_s}, {"force_N", peak.force_N}});
   return {{"program", "trocar-device-sim " TROCAR_VERSION},
-          {"clock", arguments.clock},
-          {"model", arguments.model},
+          {"clock", arguments.drive.clock == LinkClock::kReal ? "real" : "lock-step"},
+          {"model", arguments.is_full ? "full" : "light"},
           {"rate_Hz", arguments.rate_Hz},
           {"sessions", report.sessions},
           {"packets", {{"accepted", report.packets.accepted()}, {"refused", refused}}},
@@ -344,10 +322,8 @@ int serve(const Arguments& arguments) {
   const std::filesystem::path inputs[] = {arguments.scene, arguments.description,
                                           arguments.key_file};
   if (const Result<void> good = check_outputs(outputs, inputs); !good) return fail(good.error());
-  DriveOptions options;
-  options.clock = arguments.clock == "real" ? LinkClock::kReal : LinkClock::kLockStep;
+  DriveOptions options = arguments.drive;
   options.period_s = 1 / arguments.rate_Hz;
-  options.watchdog_s = arguments.watchdog_s;
   options.record_steps = arguments.record.empty() ? 0 : kMaxRecordedSteps;
   Result<FaultPlan> faults = parse_fault_plan(arguments.faults);
   if (!faults) return fail(faults.error());
@@ -394,14 +370,14 @@ int serve(const Arguments& arguments) {
 
 int run_command_line(int argc, char** argv) {
   Arguments arguments;
-  CommandLine line(
-      kName,
+  CLI::App line(
       "Simulates the four-legged haptic device in a process of its own. trocar-run connects to\n"
       "this process with its option --device udp:HOST:PORT.",
-      version());
+      kName);
+  add_help(line, "trocar-device-sim " TROCAR_VERSION " (" + library_versions() + ", libsodium)");
   declare(line, arguments);
-  if (const auto done = line.parse_or_end({argv, argv + argc})) return *done;
-  if (arguments.noise_rad > 0 && arguments.model != "full")
+  if (const auto done = parse_or_end(line, {argv, argv + argc})) return *done;
+  if (arguments.mechanics.encoder_noise_rad > 0 && !arguments.is_full)
     return fail(usage("--encoder-noise: needs --model full"));
   stop_on_signals();
   return serve(arguments);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The program trocar-run apart from main(). It runs a session of the haptic loop over a scene.
-// run_options.h has the options, run_arguments.h their values, and run_commands.h the commands.
+// The program trocar-run apart from main(): its options are in run_options.h, what its commands do
+// in run_commands.h.
 // Tests: tests/e2e/experiments_e2e_test.py
 #pragma once
 

@@ -66,7 +66,7 @@ struct Session {
   std::string file, scene, end, time;
   std::int64_t changed_ns = 0;
   Trainee trainee;
-  /// How many the scene states, and how many of them were attempted (reports since 0.3.0).
+  /// How many the scene states, and how many of them were attempted.
   std::optional<std::int64_t> goals, goals_attempted;
   std::array<std::optional<double>, kFigures.size()> figure;
 };
@@ -305,7 +305,7 @@ Result<History> read_history(const std::filesystem::path& folder) {
   for (const std::string& name : unfinished) {
     if (with_report.contains((folder / name).parent_path())) continue;
     history.skipped.push_back(one_line(name) +
-                              ": its session did not end properly; trocar-run SCENE --replay " +
+                              ": its session did not end properly; trocar-run replay SCENE " +
                               "makes its report");
   }
   std::map<std::array<std::string, 3>, std::vector<Session>> all;

@@ -82,13 +82,13 @@ def test_links():
 
 def test_steps(lab):
     drive = lab.drive(command("./pose_drive link.key 7700 move").removesuffix(" move"))
-    code, text = lab.run(command("trocar-run --device pose:127.0.0.1:7700"))
+    code, text = lab.run(command("trocar-run test --device pose:127.0.0.1:7700"))
     end(drive)
     assert code in (0, 5) and text.endswith(("should hold.\n", "will not hold well.\n")), text
     assert " 0 packets refused" in text and "round trip" in text
 
     session, replay = command("trocar-run one_slice.json --asset sample.glb --device pose:"), command(
-        "trocar-run one_slice.json --asset sample.glb --device-description my.json --replay")
+        "trocar-run replay one_slice.json session.csv --asset sample.glb")
     drive = lab.drive(command("./pose_drive link.key 7700 move"))
     code, text = lab.run(session)
     end(drive)

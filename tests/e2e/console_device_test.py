@@ -34,7 +34,7 @@ def words_of_test(console):
     """The words of the only child. Between fork and exec a process has none."""
     for _ in range(200):
         words = next(iter(children(console).values()), [])
-        if "--test" in words:
+        if "test" in words:
             break
         time.sleep(0.01)
     return words
@@ -96,7 +96,7 @@ def test_refused(console, name):
 def test_trial(console, name, source, hidden):
     check(console.post("/api/test", {"device": name}) == (200, {"ok": True}), "the start of a test")
     words = words_of_test(console)
-    check({"--test", "--simulated", "--key-file"} <= set(words) and name in words, f"the test's process: {words}")
+    check({"test", "--simulated", "--key-file"} <= set(words) and name in words, f"the test's process: {words}")
     for path, body in (("/api/test", {"device": name}), ("/api/start", {"scene": "scenes/one_slice.json"})):
         status, answer = console.post(path, body)
         check(status == 409 and "being tested" in answer["error"], f"{path} during a test: {status} {answer}")

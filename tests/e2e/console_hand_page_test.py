@@ -50,7 +50,7 @@ def check_bar(name, recording, samples):
 
 def check_replay(name, scene, recording):
     again = WORK / f"{name}_again.csv"
-    run(PROGRAMS / "trocar-run", scene, "--replay", recording, "--record", again, "--quiet", expect=5 if name == "keys" else 0)  # 5: it ends by an emergency stop
+    run(PROGRAMS / "trocar-run", "replay", scene, recording, "--record", again, "--quiet", expect=5 if name == "keys" else 0)  # 5: it ends by an emergency stop
     check(again.read_bytes() == recording.read_bytes(), f"{name}: the replay differs")
 
 

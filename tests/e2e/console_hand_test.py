@@ -290,7 +290,7 @@ def rows_of(file):
 
 def test_replay(programs, folder, recording, *options):
     again = folder / "again.csv"
-    done = subprocess.run([programs / "trocar-run", folder / "scenes/live.json", "--replay", recording, "--record", again, *options],
+    done = subprocess.run([programs / "trocar-run", "replay", folder / "scenes/live.json", recording, "--record", again, *options],
                           capture_output=True, text=True, check=False)
     check(done.returncode == 0 and "identical" in done.stdout + done.stderr, f"replay: {done.returncode}: {done.stdout}{done.stderr}")
     check(again.read_bytes() == recording.read_bytes(), "a replay has other bytes")

@@ -48,7 +48,7 @@ def check_counts(name, folder, session):
     check(report["xray"] == summary["xray"], f"{name}: the report does not say {summary['xray']}")
     again, said = WORK / f"{name}_again.csv", WORK / f"{name}_again.json"
     scene = folder / ("apart.json" if name == "apart" else "vertebra.json")
-    run(PROGRAMS / "trocar-run", scene, "--replay", recording, "--record", again, "--summary", said, "--quiet")
+    run(PROGRAMS / "trocar-run", "replay", scene, recording, "--record", again, "--summary", said, "--quiet")
     check(again.read_bytes() == recording.read_bytes(), f"{name}: the replay differs")
     check(json.loads(said.read_text())["xray"] == summary["xray"], f"{name}: the replay counts {json.loads(said.read_text())['xray']}")
     print(f"{name}: {shots} shots, {beams / 1000} s; {summary['missed_deadlines']} missed deadlines, tick p99.9 {summary['tick_us']['p999']:.1f} us")

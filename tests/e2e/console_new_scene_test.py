@@ -77,7 +77,7 @@ def test_made(console, folder, entry, target):
     check(scene["asset"] == "sample.glb" and scene["hand"]["live"] and set(scene["goals"]) == {"target", "line"}, f"{scene['asset']}, {scene['goals']}")
     again = WORK / "again.json"
     words = [",".join(f"{x:.3f}" for x in point) for point in (entry, target)]
-    run(PROGRAMS / "trocar-run", "--new-scene", folder / "sample.glb", "-o", again, "--entry", words[0], "--target", words[1], "--live-hand", "--quiet")
+    run(PROGRAMS / "trocar-run", "new-scene", folder / "sample.glb", "-o", again, "--entry", words[0], "--target", words[1], "--live-hand", "--quiet")
     check({**json.loads(again.read_text()), "asset": 0} == {**scene, "asset": 0}, "the program makes another scene of the same points")
     listed = [each for each in console.get("/api/folder")[1]["scenes"] if each["file"] == "to_target.json"]
     check(listed and "error" not in listed[0] and listed[0]["live_hand"], f"{listed}")
@@ -127,8 +127,8 @@ def test_stopped_check(console, folder):
 STAND_IN = """#!/bin/sh
 echo "$@" >> {said}
 case "$*" in
-  *--new-scene*) {make} ;;
-  *--check*) echo "what the check says"; echo "trocar-run: warning: x.json: at 1 s: too soft" >&2; echo "trocar-run: warning: x.json: second" >&2; {check} ;;
+  new-scene*) {make} ;;
+  check*) echo "what the check says"; echo "trocar-run: warning: x.json: at 1 s: too soft" >&2; echo "trocar-run: warning: x.json: second" >&2; {check} ;;
 esac
 """
 MAKE = 'while [ $# -gt 0 ]; do if [ "$1" = -o ]; then echo "{}" > "$2"; fi; shift; done; echo made'

@@ -332,7 +332,7 @@ def test_recording_of_killed_session(programs, console, folder):
     check(head["rows"] == len(rows) and head["is_cut"] is True, f"playback of {head['rows']} rows of {len(rows)}")
     check(name.removeprefix("sessions/").encode() in console.get("/api/history", raw=True)[1], "the history does not name it")
     report = folder / "killed.html"
-    done = subprocess.run([programs / "trocar-run", folder / "scenes/one_slice.json", "--replay", folder / name, "--session-report", report],
+    done = subprocess.run([programs / "trocar-run", "replay", folder / "scenes/one_slice.json", folder / name, "--session-report", report],
                           capture_output=True, text=True, check=False)
     check(done.returncode == 0 and "identical" in done.stdout and "its last row is cut off" in done.stderr and report.exists(), f"the replay: {done}")
 

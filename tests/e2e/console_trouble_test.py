@@ -299,7 +299,7 @@ def test_full_disk(programs, source, folder, work, device):
     head, _ = container(console.get(f"/api/recording?file={name}")[1])
     check(head["rows"] == len(rows) and head["is_cut"] is False, f"playback of {head['rows']} rows of {len(rows)}")
     check(json.loads((disk / name).with_suffix(".json").read_text())["end"] == "interrupted", "the report")
-    replayed = subprocess.run([programs / "trocar-run", folder / "scenes/one_slice.json", "--asset", folder / "sample.glb", "--replay", disk / name], capture_output=True, text=True, check=False)
+    replayed = subprocess.run([programs / "trocar-run", "replay", folder / "scenes/one_slice.json", "--asset", folder / "sample.glb", disk / name], capture_output=True, text=True, check=False)
     check(replayed.returncode == 0 and "identical" in replayed.stdout, f"the replay: {replayed}")
     # Nothing fits any more, and the next session says so before it begins.
     fill(disk, 0)

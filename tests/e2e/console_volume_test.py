@@ -38,7 +38,7 @@ class Case:
         self.asset = WORK / f"{name}.glb"
         run(PROGRAMS / "trocar-mesh", scan, "-o", self.asset, "--quiet", *options)
         run(PROGRAMS / "trocar-mesh", "export", self.asset, "-o", WORK / name)
-        run(PROGRAMS / "trocar-run", "--new-scene", self.asset, "-o", WORK / f"{name}.json")
+        run(PROGRAMS / "trocar-run", "new-scene", self.asset, "-o", WORK / f"{name}.json")
         scene = json.loads((WORK / f"{name}.json").read_text())
         image = nibabel.load(scan)
         hu = np.transpose(np.asanyarray(image.dataobj).astype(np.float32), axes)
@@ -357,7 +357,7 @@ def test_no_xray_says_why(console):
                              ("apart", "with.glb", "The scene's slices are not as far apart as in the scan."),
                              ("tilted", "tilted.glb", "The scan's slices are not straight above each other (a tilted gantry).")):
         if name != "apart":
-            run(PROGRAMS / "trocar-run", "--new-scene", WORK / asset, "-o", WORK / f"{name}.json")
+            run(PROGRAMS / "trocar-run", "new-scene", WORK / asset, "-o", WORK / f"{name}.json")
         else:
             scene["asset"] = asset
             (WORK / f"{name}.json").write_text(json.dumps(scene))

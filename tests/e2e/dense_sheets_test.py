@@ -55,7 +55,7 @@ def test_dense_sheets():
     dense, vertices = asset("dense", scan, DENSE_MM2)
     assert vertices >= VERTICES, vertices
     coarse, _ = asset("coarse", scan, COARSE_MM2)
-    run(PROGRAMS / "trocar-run", "--new-scene", coarse, "-o", WORK / "scene.json", "--quiet")
+    run(PROGRAMS / "trocar-run", "new-scene", coarse, "-o", WORK / "scene.json", "--quiet")
     scene = json.loads((WORK / "scene.json").read_text())
     assert scene["body"]["to"] - scene["body"]["from"] == SLICES - 1
     few, _ = session("coarse", {**scene, "asset": coarse.name})

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""trocar-run --test finds planted trouble of a drive: stalls of 3 ms, 2 % loss, 100 states a second, noisy encoders.
+"""trocar-run test finds planted trouble of a drive: stalls of 3 ms, 2 % loss, 100 states a second, noisy encoders.
 
 A machine with other work adds troubles of its own, so only the planted ones are asserted.
 """
@@ -17,7 +17,7 @@ SECONDS = "2"
 
 def verdict(programs, simulator, *options):
     """(exit code, stdout) of a test of the simulator."""
-    command = [programs / "trocar-run", "--device", f"udp:{simulator.address}", "--key-file", simulator.key_file, "--test",
+    command = [programs / "trocar-run", "test", "--device", f"udp:{simulator.address}", "--key-file", simulator.key_file,
                "--duration", SECONDS, *options]
     done = subprocess.run([str(word) for word in command], capture_output=True, text=True, check=False)
     assert done.stderr == "", done.stderr
@@ -66,7 +66,7 @@ def test_stalls_of_3_ms(programs, work):
 def test_an_interrupted_test_has_no_verdict(programs, work):
     result = work / "interrupted.json"
     with Simulator(programs, work) as simulator:
-        command = (programs / "trocar-run", "--device", f"udp:{simulator.address}", "--key-file", simulator.key_file, "--test",
+        command = (programs / "trocar-run", "test", "--device", f"udp:{simulator.address}", "--key-file", simulator.key_file,
                    "--duration", "60", "--summary", result)
         process = subprocess.Popen([str(word) for word in command], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
         begun = process.stdout.readline()
@@ -81,8 +81,8 @@ def test_an_interrupted_test_has_no_verdict(programs, work):
 
 def test_usage(programs, source):
     scene = source / "runtime" / "scenes" / "one_slice.json"
-    for words, said in ((("--test",), "--test: is for a device process; inproc has nothing to test"),
-                        ((scene, "--test"), "--test: runs no session; leave the scene out"),
-                        (("--device", "udp:127.0.0.1:1", "--test"), "--device udp:127.0.0.1:1: needs --key-file")):
+    for words, said in ((("test",), "test: is for a device process; inproc has nothing to test"),
+                        (("test", scene), "not expected: "),
+                        (("test", "--device", "udp:127.0.0.1:1"), "--device udp:127.0.0.1:1: needs --key-file")):
         done = run(programs / "trocar-run", *words, expect=2)
         assert said in done.stderr

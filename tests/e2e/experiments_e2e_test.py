@@ -76,7 +76,7 @@ def test_experiments(source, programs, scan, work):
     for name in ("one_slice", "three_slices"):
         scene_file = source / "runtime" / "scenes" / f"{name}.json"
         scene = json.loads(scene_file.read_text())
-        needs = run(trocar_run, scene_file, "--asset", asset, "--check").stdout
+        needs = run(trocar_run, "check", scene_file, "--asset", asset).stdout
         # The share of the file that is read is about the share of its slices that the scene uses.
         read, of = map(float, re.search(r"([\d.]+) of its ([\d.]+) kB read", needs).groups())
         assert of == round(asset.stat().st_size / 1e3, 1) and read < 1.5 * of * len(scene["slices"]) / 35, f"{name}: {needs}"
@@ -93,32 +93,32 @@ def test_experiments(source, programs, scan, work):
             shipped = json.loads((work / "shipped.json").read_text())
             assert shipped["allocations_in_loop"] is None, f"{name}: the shipped program counts allocations"
             replayed = work / "replayed.csv"
-            run(*loaded, "--replay", record, "--record", replayed)
+            run(trocar_run, "replay", scene_file, record, "--asset", asset, "--record", replayed, "--quiet")
             torques = [[row[c] for c in row if c.startswith("tau_")] for row in read_recording(record)]
             once_more = [[row[c] for c in row if c.startswith("tau_")] for row in read_recording(replayed)]
             assert len(torques[0]) == 8 and torques == once_more, f"{name} at {rate} Hz: the replay's torques differ"
 
     # Exit codes.
     one_line(run(trocar_run, work / "absent.json", expect=3), "absent.json")
-    one_line(run(trocar_run, scene_file, "--asset", work / "absent.glb", "--check", expect=3), "absent.glb")
+    one_line(run(trocar_run, "check", scene_file, "--asset", work / "absent.glb", expect=3), "absent.glb")
     # A changed byte in the Draco payload of the scene's slice.
     damaged = bytearray(asset.read_bytes())
     payloads = [at for at in range(len(damaged)) if damaged.startswith(b"DRACO", at)]
     damaged[payloads[17] + 300] ^= 1
     (work / "damaged.glb").write_bytes(damaged)
     one_slice = source / "runtime" / "scenes" / "one_slice.json"
-    one_line(run(trocar_run, one_slice, "--asset", work / "damaged.glb", "--check", expect=3), "damaged.glb", "slice 17", "checksum")
+    one_line(run(trocar_run, "check", one_slice, "--asset", work / "damaged.glb", expect=3), "damaged.glb", "slice 17", "checksum")
     broken = work / "broken.json"
     broken.write_text(json.dumps({**scene, "no_such_key": 1}))
-    one_line(run(trocar_run, broken, "--asset", asset, "--check", expect=3), "broken.json", "no_such_key")
+    one_line(run(trocar_run, "check", broken, "--asset", asset, expect=3), "broken.json", "no_such_key")
     one_line(run(trocar_run, scene_file, "--asset", asset, "--clock", "virtual", "--quiet",
                  "--record", work / "no" / "such" / "folder.csv", expect=4), "folder.csv")
     # An output never overwrites an input or another output.
     broken.write_text(json.dumps(scene))
     kept = {file: file.read_bytes() for file in (asset, broken, record)}
-    for words in (("--summary", broken), ("--record", asset), ("--replay", record, "--record", record),
-                  ("--record", work / "both", "--summary", work / "." / "both")):
-        one_line(run(trocar_run, broken, "--asset", asset, "--clock", "virtual", *words, expect=2), str(words[-1]))
+    for words in ((broken, "--summary", broken), (broken, "--record", asset), ("replay", broken, record, "--record", record),
+                  (broken, "--record", work / "both", "--summary", work / "." / "both")):
+        one_line(run(trocar_run, *words, "--asset", asset, expect=2), str(words[-1]))
     assert all(file.read_bytes() == kept[file] for file in kept), "an input was overwritten"
     run(trocar_run, scene_file, "--no-such-option", expect=2)
     run(trocar_run, expect=2)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""history_test.py SOURCE PROGRAMS SCAN WORK: `trocar-run --history` over 50 short sessions of two trainees, damaged and foreign files among
+"""history_test.py SOURCE PROGRAMS SCAN WORK: `trocar-run history` over 50 short sessions of two trainees, damaged and foreign files among
 them. The order and each figure are compared with the sessions' own reports; the page is rendered in a browser, and has a point for each
 session in each curve. Also: what the origin of a recording, the summary and a replay say of the trainee."""
 import csv
@@ -116,7 +116,8 @@ def check_recording(programs, source, asset, work):
     with open(record, newline="") as lines:
         origin = next(csv.DictReader(lines))["origin"]
     check("trainee=C3;attempt=12" in origin and "course" not in origin, f"origin: {origin}")
-    run(*base, "--replay", record, "--session-report", work / "again.html", "--summary", work / "again.summary.json", "--record", work / "again.csv")
+    replay = (base[0], "replay", *base[1:])
+    run(*replay, record, "--session-report", work / "again.html", "--summary", work / "again.summary.json", "--record", work / "again.csv")
     for kind in ("html", "json", "figures.csv"):
         check((work / f"again.{kind}").read_bytes() == (work / f"who.{kind}").read_bytes(), f"a replay's {kind} differs")
     check((work / "again.csv").read_bytes() == record.read_bytes(), "the recording of a replay differs")
@@ -124,9 +125,9 @@ def check_recording(programs, source, asset, work):
     check(said["who"] == said["again"] == {"code": "C3", "course": None, "attempt": 12}, f"summaries: {said}")
     spoilt = work / "spoilt.csv"
     spoilt.write_text(record.read_text().replace("trainee=C3", "trainee=../C3", 1))
-    for words, code, why in ((("--replay", record, "--trainee", "D"), 2, "are the recording's"), (("--replay", spoilt), 3, "the entry trainee of its origin must be 1 to 32"),
-                             (("--trainee", "Jane Doe"), 2, "must be 1 to 32 letters, digits, - or _"), (("--course", "x" * 33), 2, "must be 1 to 32"), (("--attempt", "0"), 2, "within 1 and 9999")):
-        done = subprocess.run([str(word) for word in (*base, *words)], capture_output=True, text=True, check=False)
+    for words, code, why in (((*replay, record, "--trainee", "D"), 2, "not expected: --trainee"), ((*replay, spoilt), 3, "the entry trainee of its origin must be 1 to 32"),
+                             ((*base, "--trainee", "Jane Doe"), 2, "must be 1 to 32 letters, digits, - or _"), ((*base, "--course", "x" * 33), 2, "must be 1 to 32"), ((*base, "--attempt", "0"), 2, "within 1 and 9999")):
+        done = subprocess.run([str(word) for word in words], capture_output=True, text=True, check=False)
         check(done.returncode == code and why in done.stderr and done.stderr.count("\n") == 1, f"{words}: {done}")
 
 
@@ -148,7 +149,7 @@ def main():
     (folder / "device-test" / "test.json").write_text('{"schema": "trocar.device-test/1"}')
 
     page = work / "history.html"
-    done = subprocess.run([programs / "trocar-run", "--history", folder, "-o", page], capture_output=True, text=True, check=True)
+    done = subprocess.run([programs / "trocar-run", "history", folder, "-o", page], capture_output=True, text=True, check=True)
     skipped = done.stderr.splitlines()
     check(len(skipped) == len(wrong) and all(line.startswith("trocar-run: skipped: ") for line in skipped), f"skipped: {done.stderr}")
     for name in wrong:
@@ -170,16 +171,16 @@ def main():
             check((None if row[figure] == "" else float(row[figure])) == value, f"csv: {row['file']}: {figure} is {row[figure]}, not {value}")
     check(sum(re.match(r" *\d+  \d{4}-", line) is not None for line in done.stdout.splitlines()) == SESSIONS + 1, f"table: {done.stdout[:500]}")
     again = work / "again_history.html"
-    run(programs / "trocar-run", "--history", folder, "-o", again, "--quiet")
+    run(programs / "trocar-run", "history", folder, "-o", again, "--quiet")
     check(again.read_bytes() == page.read_bytes(), "a second history differs")
     (work / "nothing").mkdir()
-    for words, code in ((("--history", work / "nothing", "-o", page), 3), (("--history", work / "missing", "-o", page), 3), (("--history", folder), 2), (("--history", folder, "-o", work / "x.txt"), 2)):
-        done = subprocess.run([str(word) for word in (programs / "trocar-run", *words)], capture_output=True, text=True, check=False)
+    for words, code in (((work / "nothing", "-o", page), 3), ((work / "missing", "-o", page), 3), ((folder,), 2), ((folder, "-o", work / "x.txt"), 2)):
+        done = subprocess.run([str(word) for word in (programs / "trocar-run", "history", *words)], capture_output=True, text=True, check=False)
         check(done.returncode == code and done.stderr.count("\n") == 1, f"{words}: {done}")
     deep = work / "deep"
     deep.joinpath(*"abcdefg").mkdir(parents=True)
     shutil.copy(next(folder.glob("*/session.json")), deep / "session.json")
-    few = subprocess.run(["prlimit", "--nofile=8", programs / "trocar-run", "--history", deep, "-o", work / "deep.html"], capture_output=True, text=True, check=False)
+    few = subprocess.run(["prlimit", "--nofile=8", programs / "trocar-run", "history", deep, "-o", work / "deep.html"], capture_output=True, text=True, check=False)
     named = re.search(r"not all of its folders can be read, (a[b-g/]*) or what follows it: Too many open files", few.stderr)
     check(few.returncode == 3 and named is not None and deep.joinpath(named[1]).is_dir() and not (work / "deep.html").exists(),
           f"folders that cannot be read: {few}")

@@ -201,7 +201,7 @@ def check_same_recording(name, scene, asset):
 
 
 def replay(folder, scene, asset, expect=0):
-    done = run(RUN, scene, "--asset", asset, "--replay", folder / "r.csv", "--record", folder / "again.csv", expect=expect)
+    done = run(RUN, "replay", scene, "--asset", asset, folder / "r.csv", "--record", folder / "again.csv", expect=expect)
     assert "identical" in done.stdout, f"{folder.name}: {done.stdout} {done.stderr}"
     assert (folder / "again.csv").read_bytes() == (folder / "r.csv").read_bytes(), f"{folder.name}: the replay differs"
 

@@ -117,13 +117,13 @@ def test_groups_labels():
             (("20+22,21",), ["L1 + label 22", "L2"], [20, 21, 22], [[20, 22]]), (("22", "23+20"), ["L1 + label 23", "label 22"], [20, 22, 23], [[20, 23]]),
             (("20-21+23", "22"), ["L1 + L2 + label 23", "label 22"], [20, 21, 22, 23], [[20, 21, 23]]), (("20,20",), ["L1"], [20], None),
             (("20,99",), ["L1"], [20, 99], None)):
-        run(MESH, file, "--labels", *words, "--names", names, "-o", asset, "--quiet")
+        run(MESH, file, *(f"--labels={word}" for word in words), "--names", names, "-o", asset, "--quiet")
         told = info(asset)
         assert [m["name"] for m in told["materials"]] == materials, f"{words}: {told['materials']}"
         assert told["parameters"]["labels"] == labels and told["parameters"].get("joined_labels") == joined, f"{words}: {told['parameters']}"
         assert [s["index"] for s in told["slices"]] == [0] * len(materials) + [1], f"{words}: entries {told['slices']}"
         run(MESH, "verify", "--private", "--independent", asset)
-    for words, because in ((("20+21,21",), "label 21 is in two materials"), (("20+21", "22+20"), "label 20 is in two materials"),
+    for words, because in ((("20+21,21",), "label 21 is in two materials"), (("20+21", "--labels", "22+20"), "label 20 is in two materials"),
                            (("20-22,21+23",), "label 21 is in two materials"), (("20+20",), "label 20 is joined to itself"),
                            (("20+",), "must be all, or labels"), (("20++21",), "must be all, or labels"),
                            (("20,21", "--contour", "pixel"), "join the labels"), (("all", "--contour", "pixel"), "join the labels"),

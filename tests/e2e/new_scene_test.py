@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`trocar-run --new-scene` on assets of several kinds.
+"""`trocar-run new-scene` on assets of several kinds.
 
-What it writes passes `--check --strict` and runs to its punctures: for the phantom, solid bone, an asset without HU, a label map with
+What it writes passes `check --strict` and runs to its punctures: for the phantom, solid bone, an asset without HU, a label map with
 and without the HU of a CT, the real L3 (if there is TROCAR_REAL_CT) and a stack that is taller than the device's reach. Its place is
 compared with the asset itself: the entry point is material in the slices it names, and slices stand at their true spacing. What cannot
 give a scene is refused in one line, and nothing is written.
@@ -32,7 +32,7 @@ class Maker:
         folder = self.work / f"scene of {name}"
         folder.mkdir()
         file = folder / "scene.json"
-        done = run(self.run, "--new-scene", os.path.relpath(asset, self.work), "-o", file.relative_to(self.work), cwd=self.work)
+        done = run(self.run, "new-scene", os.path.relpath(asset, self.work), "-o", file.relative_to(self.work), cwd=self.work)
         assert done.stdout.count("\n") == 1 and done.stderr == "" and "thickest" in done.stdout, f"{name}: {done.stdout!r} {done.stderr!r}"
         scene, info = json.loads(file.read_text()), json.loads(run(self.mesh, "info", asset, "--json").stdout)
         assert scene["force_law"]["kind"] == law, f"{name}: {scene['force_law']}"
@@ -41,13 +41,13 @@ class Maker:
         thick = float(re.search(r"([0-9.]+) mm thick", done.stdout)[1])
         planes = sorted({each["z_mm"] for each in info["slices"] if each["triangles"] > 0})
         assert 0 < thick <= planes[-1] - planes[0] + planes[1] - planes[0] + 0.06, f"{name}: {thick} mm thick"
-        run(self.run, file, "--check", "--strict", "--quiet")
+        run(self.run, "check", file, "--strict", "--quiet")
         summary = folder / "summary.json"
         run(self.run, file, "--clock", "virtual", "--quiet", "--summary", summary)
         told = json.loads(summary.read_text())
         assert told["end"] == "done" and len(told["punctures"]) >= least_punctures and told["max_force_N"] > 1, f"{name}: {told['end']}, {len(told['punctures'])} punctures"
         again = folder / "again.json"
-        run(self.run, "--new-scene", asset, "-o", again, "--quiet")
+        run(self.run, "new-scene", asset, "-o", again, "--quiet")
         assert {**json.loads(again.read_text()), "asset": 0} == {**scene, "asset": 0}, f"{name}: the second proposal is another"
         return scene, done.stdout
 
@@ -69,7 +69,7 @@ class Maker:
 
     def refuse(self, asset, said, *options):
         out = self.work / "refused.json"
-        done = subprocess.run([str(w) for w in (self.run, "--new-scene", asset, "-o", out, *options)], capture_output=True, text=True, check=False)
+        done = subprocess.run([str(w) for w in (self.run, "new-scene", asset, "-o", out, *options)], capture_output=True, text=True, check=False)
         assert done.returncode == 3 and said in done.stderr and done.stderr.count("\n") == 1 and str(asset) in done.stderr, f"{said}: {done}"
         assert not out.exists(), f"{said}: a scene was written"
 
@@ -105,11 +105,11 @@ def test_new_scene(source, programs, scan, work):
     assert scene["body"]["to"] - scene["body"]["from"] >= 20 and "HU" in said, f"sample: {scene['body']}, {said}"
     assert list(scene)[:4] == ["schema", "name", "asset", "placement"], f"the keys are not in the order for readers: {list(scene)}"
     live = work / "live.json"
-    said = run(make.run, "--new-scene", work / "sample.glb", "--live-hand", "-o", live).stdout
+    said = run(make.run, "new-scene", work / "sample.glb", "--live-hand", "-o", live).stdout
     assert "the hand is now live" in said and said.count("\n") == 1, f"live: {said!r}"
     hand = json.loads(live.read_text())["hand"]
     assert hand["live"] is True and hand["trajectory"] == scene["hand"]["trajectory"][:1], f"live: {hand}"
-    run(make.run, live, "--check", "--strict", "--quiet")
+    run(make.run, "check", live, "--strict", "--quiet")
     make.propose(make.asset("solid", scan / "dicom", "--preset", "vertebra"), "cutting", 10)
     scene, said = make.propose(make.asset("no_hu", scan / "dicom", "--no-hu"), "hooke", 2)
     assert "since the asset has no HU" in said and len(scene["slices"]) >= 2, f"no_hu: {said}"
@@ -133,9 +133,9 @@ def test_new_scene(source, programs, scan, work):
     make.refuse(make.asset("thin", column(work / "thin.nii", 3, 5, radius_mm=2)), "nowhere as wide as the tool")
     make.refuse(work / "none.glb", "none.glb")
     sample = work / "sample.glb"
-    for words, said in ((("--new-scene", sample), "needs -o"), (("-o", work / "x.json"), "SCENE is required"),
-                        ((work / "scene.json", "-o", work / "x.json"), "-o: is for --new-scene"),
-                        ((work / "scene.json", "--new-scene", sample, "-o", work / "x.json"), "leave"),
-                        (("--new-scene", sample, "-o", sample), "sample.glb")):
+    for words, said in ((("new-scene", sample), "--output is required"), (("new-scene", "-o", work / "x.json"), "ASSET is required"),
+                        ((work / "scene.json", "-o", work / "x.json"), "not expected: -o"),
+                        ((work / "scene.json", "new-scene", sample, "-o", work / "x.json"), "leave SCENE out"),
+                        (("new-scene", sample, "-o", sample), "sample.glb")):
         done = subprocess.run([str(word) for word in (make.run, *words)], capture_output=True, text=True, check=False)
         assert done.returncode == 2 and said in done.stderr and done.stderr.count("\n") == 1, f"{words}: {done}"

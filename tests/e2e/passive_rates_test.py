@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The law `cutting` with its default coupling gives a hand no energy, or `--check --strict` refuses the scene.
+"""The law `cutting` with its default coupling gives a hand no energy, or `check --strict` refuses the scene.
 
 Hands from undamped to firm shake the needle of the shipped scene at 5, 20 and 60 Hz in the bone, tap on it, and let it go, at rates from
 250 to 8,000 Hz on the virtual clock. The summary's `given_max_J` is the largest net energy that the hand has received. Where it exceeds
@@ -64,7 +64,7 @@ def test_passive():
                     continue
                 where = f"{rate_Hz} Hz, {hand} hand, {name}: {summary['end']}, {given_J:.2e} J"
                 assert rate_Hz < PASSIVE_FROM_HZ, where
-                assert run(trocar_run, file, "--check", "--strict", "--quiet", expect=None).returncode == 3, where
+                assert run(trocar_run, "check", file, "--strict", "--quiet", expect=None).returncode == 3, where
                 refused += 1
         print(f"{rate_Hz} Hz: at most", ", ".join(f"{1e3 * value:.2g} mJ {kind}" for kind, value in largest_J.items()))
     assert refused > 0, "the lowest rate shows that the test can see energy"
@@ -74,5 +74,5 @@ def test_default_coupling_has_no_stability_warning():
     file = WORK / "check.json"
     for rate_Hz in RATES_HZ:
         file.write_text(json.dumps({**NEEDLE, "asset": str(ASSETS / "sample.glb"), "rate_Hz": rate_Hz}))
-        warnings = run(PROGRAMS / "trocar-run", file, "--check", "--quiet").stderr
+        warnings = run(PROGRAMS / "trocar-run", "check", file, "--quiet").stderr
         assert "K T^2 / M" not in warnings and ("faster than" in warnings) == (rate_Hz < PASSIVE_FROM_HZ), f"{rate_Hz} Hz: {warnings}"

@@ -127,7 +127,7 @@ def planted_session(attempt):
 
 
 def assert_replays(programs, scene, asset, work, *options):
-    done = run(programs / "trocar-run", scene, "--asset", asset, "--replay", work / "session.csv", *options)
+    done = run(programs / "trocar-run", "replay", scene, "--asset", asset, work / "session.csv", *options)
     assert "all torques identical" in done.stdout, done.stdout
 
 
@@ -249,15 +249,16 @@ def test_a_replay_takes_no_other_forces(programs, source, asset, work):
     run(*command, "--clock", "virtual", "--duration", 0.2, "--record", record)
     stated = dict(entry.split("=") for entry in recorded(record)[0]["origin"].split(";"))
     same = [word for option in ("force-limit", "force-scale") for word in (f"--{option}", stated[option])]
-    assert run(*command, "--replay", record, *same).stderr == ""
+    replay = (command[0], "replay", *command[1:], record)
+    assert run(*replay, *same).stderr == ""
     for option in ("force-limit", "force-scale"):
-        done = run(*command, "--replay", record, f"--{option}", 2, expect=3)
+        done = run(*replay, f"--{option}", 2, expect=3)
         assert f"{option} ({stated[option]}, here 2)" in done.stderr, done.stderr
 
 
 def trial(programs, uri, env=None):
     """The numbers of a test without force; troubles of this machine are no error."""
-    command = [programs / "trocar-run", "--device", uri, *NO_MOTORS, "--test", "--duration", "2"]
+    command = [programs / "trocar-run", "test", "--device", uri, *NO_MOTORS, "--duration", "2"]
     done = subprocess.run([str(word) for word in command], capture_output=True, text=True, check=False, timeout=60,
                           env=dict(os.environ, **(env or {})))
     assert done.returncode in (0, 5), done.stderr
@@ -288,7 +289,7 @@ def tilted_path(work, position_m):
 
 def assert_tilt_is_found(programs, uri, env=None):
     """The test of a device that measures its handle's orientation says what would end a session."""
-    done = run(programs / "trocar-run", "--device", uri, *NO_MOTORS, "--test", "--duration", 1, expect=5,
+    done = run(programs / "trocar-run", "test", "--device", uri, *NO_MOTORS, "--duration", 1, expect=5,
                env=dict(os.environ, **(env or {})))
     assert "trouble: the handle is tilted by 60.0 deg, and more than 34.4 deg end a session" in done.stdout, done.stdout
 

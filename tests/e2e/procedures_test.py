@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """`trocar-run --procedure` and a scene's "procedure": both give the same session, a stronger one needs more force, a recording says
-which it was and replays to the bit, and --explain prints every value with its source."""
+which it was and replays to the bit, and `procedures` prints every value with its source."""
 import json
 import subprocess
 
@@ -12,7 +12,7 @@ NAMES = ("pedicle-probe", "jamshidi-8g", "vertebroplasty-11g", "bone-marrow-trep
 def test_procedures(programs, scan, work):
     trocar_run, asset, file = programs / "trocar-run", work / "sample.glb", work / "scene.json"
     run(programs / "trocar-mesh", scan / "dicom", "-o", asset, "--quiet")
-    run(trocar_run, "--new-scene", asset, "-o", file, "--quiet")
+    run(trocar_run, "new-scene", asset, "-o", file, "--quiet")
     scene = json.loads(file.read_text())
     top = scene["body"]["top_z_m"]
 
@@ -32,7 +32,7 @@ def test_procedures(programs, scan, work):
 
     # A recording says what it was made with.
     assert "procedure=pedicle-probe/high" in (work / "high.csv").read_text()
-    replay = (trocar_run, file, "--replay", work / "high.csv", "--quiet")
+    replay = (trocar_run, "replay", file, work / "high.csv", "--quiet")
     run(*replay, "--procedure", "pedicle-probe", "--strength", "high")
     other = subprocess.run([str(word) for word in (*replay, "--procedure", "pedicle-probe")], capture_output=True, text=True, check=False)
     assert other.returncode == 3 and "procedure (pedicle-probe/high, here pedicle-probe/median)" in other.stderr, other
@@ -49,7 +49,7 @@ def test_procedures(programs, scan, work):
         assert json.loads((work / "summary.json").read_text())["cutting"]["tissue_max_N"] > 0.5
     assert top < 0.2
 
-    everything = run(trocar_run, "--explain").stdout
+    everything = run(trocar_run, "procedures").stdout
     for name in NAMES:
-        one = run(trocar_run, "--explain", "--procedure", name).stdout
+        one = run(trocar_run, "procedures", name).stdout
         assert one.startswith(name + ": ") and one in everything and "assumed" in one, name

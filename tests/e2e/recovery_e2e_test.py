@@ -38,7 +38,7 @@ def check_closed_folder(trocar_run, scene, work):
     closed.chmod(0o555)
     # Root may write everywhere, so the session runs as nobody, if nobody can read program and scene.
     as_user = ["setpriv", "--reuid", "65534", "--clear-groups"] if os.geteuid() == 0 else []
-    if subprocess.run([*as_user, trocar_run, scene.resolve(), "--check"], cwd="/", capture_output=True, check=False).returncode != 0:
+    if subprocess.run([*as_user, trocar_run, "check", scene.resolve()], cwd="/", capture_output=True, check=False).returncode != 0:
         return
     done = subprocess.run([*as_user, trocar_run, scene.resolve(), "--clock", "virtual", "--duration", "0.01"], cwd=closed, capture_output=True, text=True,
                           check=False)
@@ -47,7 +47,7 @@ def check_closed_folder(trocar_run, scene, work):
     opened = work / "opened"
     opened.mkdir(exist_ok=True)
     opened.chmod(0o777)
-    done = subprocess.run([*as_user, trocar_run, "--new-scene", (work / "sample.glb").resolve(), "-o", opened.resolve() / "scene.json"],
+    done = subprocess.run([*as_user, trocar_run, "new-scene", (work / "sample.glb").resolve(), "-o", opened.resolve() / "scene.json"],
                           cwd=closed, capture_output=True, text=True, check=False)
     assert done.returncode == 0 and done.stderr == "", f"a new scene: {done}"
 
@@ -101,7 +101,7 @@ def test_recovery(source, programs, scan, work):
     assert fault["recovered_t_s"] is not None and fault["recovered_t_s"] > fault["t_s"] + 0.25, fault
     assert len(summary["punctures"]) == 1 and abs(summary["punctures"][0]["tip_N"] - 35) < 0.2, summary["punctures"]
     assert len(boxes(auto)) == 1, boxes(auto)
-    replayed = run(trocar_run, scene, "--replay", auto / "r.csv", "--recover", "auto", "--record", auto / "again.csv")
+    replayed = run(trocar_run, "replay", scene, auto / "r.csv", "--recover", "auto", "--record", auto / "again.csv")
     assert "identical" in replayed.stdout, replayed.stdout
     assert (auto / "r.csv").read_bytes() == (auto / "again.csv").read_bytes(), "the replay of a recovery differs"
     assert len(boxes(auto)) == 1, "a replay wrote a black box"
@@ -179,17 +179,17 @@ def test_recovery(source, programs, scan, work):
 
     # Standard output that cannot be written is an error, except for a closed pipe. A replay reports differing torques.
     with open("/dev/full", "w") as nowhere:
-        printed = subprocess.run([trocar_run, scene, "--check"], stdout=nowhere, stderr=subprocess.PIPE, text=True, check=False)
+        printed = subprocess.run([trocar_run, "check", scene], stdout=nowhere, stderr=subprocess.PIPE, text=True, check=False)
     assert printed.returncode == 4 and "standard output could not be written" in printed.stderr, f"a full standard output: {printed.returncode}, {printed.stderr!r}"
     process = subprocess.Popen([trocar_run, "--help"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     process.stdout.close()
     assert process.wait() == 0, f"a closed pipe: {process.returncode}, {process.stderr.read()!r}"
     weaker = work / "weaker.json"
     weaker.write_text(json.dumps({**scene_of(source, asset), "tissue": {"stiffness_N_per_m": 5000, "threshold_N": 20}}))
-    replayed = run(trocar_run, weaker, "--replay", auto / "r.csv", "--recover", "auto", "--quiet", expect=3)
+    replayed = run(trocar_run, "replay", weaker, auto / "r.csv", "--recover", "auto", "--quiet", expect=3)
     assert "was recorded with other inputs: the scene" in replayed.stderr, f"a replay that differs: {replayed.stderr!r}"
 
-    for option in ("--replay", "--record", "--summary", "--duration", "--force-law", "--asset"):
+    for option in ("--record", "--summary", "--duration", "--force-law", "--asset"):
         done = run(trocar_run, scene, option, "", "--clock", "virtual", expect=2)
         assert option in done.stderr, f"{option} with an empty value: {done.stderr!r}"
     run(trocar_run, scene, "--recover", "perhaps", expect=2)

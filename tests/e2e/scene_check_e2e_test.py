@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`trocar-run --check` against the sessions that it judges.
+"""`trocar-run check` against the sessions that it judges.
 
-The promise: `--check --strict` ends with 0 exactly if the session on the same options, with the simulated device in virtual
+The promise: `check --strict` ends with 0 exactly if the session on the same options, with the simulated device in virtual
 time, ends with 0 without a fault, touches every slice, and renders every wrench in full, and no slice gets the default tissue
 because none of the scene's tissues by HU or label fits it. Contact must also feel like bone, as `scene_check.h` states. Here sessions are run, on the shipped scenes, on scenes that are broken
 in one way each and on random ones; what happened in them is read from recording and summary, and compared with the exit code.
@@ -194,7 +194,7 @@ class Judge:
         return done.returncode, good
 
     def let_go(self, name, scene, rows, options):
-        """(largest distance, largest speed) of the plate after letting go at the ten moments that --check takes."""
+        """(largest distance, largest speed) of the plate after letting go at the ten moments that check takes."""
         pressed = [row["t_s"] for row in rows if math.hypot(row["fx_wanted_N"], row["fy_wanted_N"], row["fz_wanted_N"]) > 0.5]
         distance, speed, scene_file, record = 0, 0, self.work / f"{name}_lets_go.json", self.work / f"{name}_lets_go.csv"
         moments = [max(rows, key=lambda row: row["fz_wanted_N"])["t_s"], *(pressed[0] + (i + 0.5) / 9 * (pressed[-1] - pressed[0]) for i in range(9))]
@@ -213,7 +213,7 @@ class Judge:
         """Checks what --strict gave against the session, and returns the session's exit code."""
         code, good = self.session(name, scene_file, options)
         assert (strict.returncode == 0) == good or name == ONLY_TISSUE, (f"{name} {options}: the session ended with {code} "
-              f"({'good' if good else 'not good'}), --check --strict with {strict.returncode}: {strict.stderr}{strict.stdout}")
+              f"({'good' if good else 'not good'}), check --strict with {strict.returncode}: {strict.stderr}{strict.stdout}")
         return code
 
     def judged(self, name, scene, options=()):
@@ -223,12 +223,12 @@ class Judge:
             scene_file = scene
         else:
             scene_file.write_text(json.dumps(scene))
-        words = (scene_file, "--asset", self.asset, "--check", *options)
+        words = ("check", scene_file, "--asset", self.asset, *options)
         plain, strict = self.call(*words), self.call(*words, "--strict")
         lines = plain.stderr.splitlines()
         warnings = [line for line in lines if line.startswith(f"trocar-run: warning: {scene_file}: ")]
-        assert plain.returncode == 0, f"{name}: --check ended with {plain.returncode}: {plain.stderr}"
-        assert warnings == lines, f"{name}: --check says more than warnings: {plain.stderr}"
+        assert plain.returncode == 0, f"{name}: check ended with {plain.returncode}: {plain.stderr}"
+        assert warnings == lines, f"{name}: check says more than warnings: {plain.stderr}"
         assert strict.returncode == (REFUSED if warnings else 0), f"{name}: --strict ended with {strict.returncode}: {strict.stderr}"
         assert strict.stderr.splitlines()[:len(lines)] == lines and len(strict.stderr.splitlines()) == len(lines) + bool(lines), f"{name}: --strict says something else: {strict.stderr}"
         assert untimed(strict.stdout) == untimed(plain.stdout), f"{name}: --strict prints something else"
@@ -246,8 +246,8 @@ def check_broken(judge):
     scene_file = judge.work / f"{ONLY_TISSUE}.json"
     common = (scene_file, "--asset", judge.asset, "--clock", "virtual", "--duration", "0.01")
     said = judge.call(*common).stderr.splitlines()
-    warned = judge.call(scene_file, "--asset", judge.asset, "--check").stderr.splitlines()
-    assert said == warned and len(said) == 1, f"a session does not say that no tissue fits: {said}, --check: {warned}"
+    warned = judge.call("check", scene_file, "--asset", judge.asset).stderr.splitlines()
+    assert said == warned and len(said) == 1, f"a session does not say that no tissue fits: {said}, check: {warned}"
     assert judge.call(*common, "--quiet").stderr == "", "--quiet: a warning of tissues"
 
 
@@ -259,19 +259,19 @@ def check_refused(judge):
         scene_file.write_text(json.dumps(scene))
         common = (scene_file, "--asset", judge.asset, *options)
         said = None
-        for words in (("--check",), ("--check", "--strict"), ("--clock", "virtual", "--record", record)):
-            done = judge.call(*common, *words)
+        for words in (("check", *common), ("check", *common, "--strict"), (*common, "--clock", "virtual", "--record", record)):
+            done = judge.call(*words)
             assert done.returncode == REFUSED and not done.stdout, f"{name} {words}: {done.returncode}: {done.stdout}{done.stderr}"
             assert len(done.stderr.splitlines()) == 1 and done.stderr == (said or done.stderr), f"{name} {words}: {done.stderr}"
             said = done.stderr
         assert not record.exists(), f"{name}: a recording of a session that did not start"
         assert said.startswith(f"trocar-run: {scene_file}: force_law: ") and "K T^2 / M" in said and "at most 0.5 " in said, said
         if rate := re.search(r"--rate of at least (\d+) Hz", said):
-            assert judge.call(scene_file, "--asset", judge.asset, "--rate", rate[1], "--check").returncode == 0, said
+            assert judge.call("check", scene_file, "--asset", judge.asset, "--rate", rate[1]).returncode == 0, said
         assert rate or name != "rigid_and_slow", said
         soft = scene | {"force_law": {**scene["force_law"], "axis": "auto"}}
         scene_file.write_text(json.dumps(soft))
-        assert judge.call(*common, "--check").returncode == 0, f"{name}: without axis it does not start either"
+        assert judge.call("check", *common).returncode == 0, f"{name}: without axis it does not start either"
 
 
 def check_live_hand(judge, source):
@@ -282,7 +282,7 @@ def check_live_hand(judge, source):
         file = judge.work / f"live_{name}.json"
         hand = {"live": True, "trajectory": [{"t_s": 0, "tip_m": tip_m}]}
         file.write_text(json.dumps({**scene, "body": {**scene["body"], "top_z_m": top_z_m}, "hand": hand}))
-        done = judge.call(file, "--asset", judge.asset, "--check", "--strict")
+        done = judge.call("check", file, "--asset", judge.asset, "--strict")
         assert done.returncode == (REFUSED if wrong else 0), f"live_{name}: {done.returncode}: {done.stderr}"
         assert "dry run    " not in done.stdout and "path  " not in done.stdout, f"live_{name}: {done.stdout}"
         assert wrong in done.stderr if wrong else "hand       live, begins" in done.stdout, f"live_{name}: {done.stdout}{done.stderr}"
@@ -308,9 +308,9 @@ def check_cutting(judge):
 
 
 def check_text(judge, source):
-    """The figures that --check prints of the paper's experiment: the path, the reach, the tissue, what is under the tool."""
+    """The figures that check prints of the paper's experiment: the path, the reach, the tissue, what is under the tool."""
     scene = source / "runtime" / "scenes" / "three_slices.json"
-    text = judge.call(scene, "--asset", judge.asset, "--check").stdout
+    text = judge.call("check", scene, "--asset", judge.asset).stdout
     for pattern in (r"path .*x 0\.0000 to 0\.0000, y 0\.0000 to 0\.0000, z 0\.0880 to 0\.2020 m",
                     r"speed at most 0\.0175 of 2 m/s",
                     r"workspace .*z 0\.06\d+ to 0\.23\d+ m",
@@ -318,31 +318,31 @@ def check_text(judge, source):
                     r"dry run .*7000 ticks.*no fault",
                     r"goes through at 0\.884\d s at \(0\.0000, 0\.0000\) m: 100 % of the tool over material; threshold needs 0\.77 of 6\.00 Nm",
                     r"punctured at 1\.5\d+ s", r"slice 21 .*the scene's \"tissue\""):
-        assert re.search(pattern, text), f"--check does not say {pattern}: {text}"
-    fits = judge.call(judge.work / "tissue_fits.json", "--asset", judge.asset, "--check").stdout
-    assert re.search(r"slice 17 .*tissue \"bone\": mean HU \d+", fits), f"--check does not say why a tissue was chosen: {fits}"
-    named = judge.call(judge.work / "tissue_is_named.json", "--asset", judge.asset, "--check").stdout
-    assert re.search(r"slice 17 .*tissue \"bone\": named by the slice", named), f"--check does not say why: {named}"
-    assert "does not get there" in judge.call(judge.work / "held_inside_box.json", "--asset", judge.asset, "--check").stdout, "--check does not say that the path leaves the box"
+        assert re.search(pattern, text), f"check does not say {pattern}: {text}"
+    fits = judge.call("check", judge.work / "tissue_fits.json", "--asset", judge.asset).stdout
+    assert re.search(r"slice 17 .*tissue \"bone\": mean HU \d+", fits), f"check does not say why a tissue was chosen: {fits}"
+    named = judge.call("check", judge.work / "tissue_is_named.json", "--asset", judge.asset).stdout
+    assert re.search(r"slice 17 .*tissue \"bone\": named by the slice", named), f"check does not say why: {named}"
+    assert "does not get there" in judge.call("check", judge.work / "held_inside_box.json", "--asset", judge.asset).stdout, "check does not say that the path leaves the box"
     # Nothing is written, and --quiet leaves only the judgement.
     before = sorted(judge.work.iterdir())
-    quiet = judge.call(judge.work / "no_material.json", "--asset", judge.asset, "--check", "--strict", "--quiet")
+    quiet = judge.call("check", judge.work / "no_material.json", "--asset", judge.asset, "--strict", "--quiet")
     assert quiet.returncode == REFUSED and quiet.stdout == "" and len(quiet.stderr.splitlines()) == 2, f"--quiet: {quiet}"
-    assert sorted(judge.work.iterdir()) == before, "--check has written a file"
+    assert sorted(judge.work.iterdir()) == before, "check has written a file"
     lone = judge.call(scene, "--asset", judge.asset, "--strict")
-    assert lone.returncode == 2 and "--check" in lone.stderr, f"--strict without --check: {lone}"
+    assert lone.returncode == 2 and "not expected: --strict" in lone.stderr, f"--strict without check: {lone}"
 
 
 def check_beyond_dry_run(judge):
-    """A session longer than what --check simulates is checked by its path from there on."""
+    """A session longer than what check simulates is checked by its path from there on."""
     late = descent((0, 0, 0, 0.14), (1, 0, 0, 0.11), (2, 0, 0, 0.16), (700, 0, 0, 0.16), (701, 0.09, 0, 0.16), duration=900)
     (judge.work / "late.json").write_text(json.dumps(late))
-    done = judge.call(judge.work / "late.json", "--asset", judge.asset, "--check")
+    done = judge.call("check", judge.work / "late.json", "--asset", judge.asset)
     assert done.returncode == 0 and re.search(r"at 700\.\d+ s: .*path.*workspace.*x 0\.06\d+ m", done.stderr), f"late: {done}"
     assert re.search(r"dry run .*of 900 s", done.stdout), f"late: {done.stdout}"
     late["hand"]["trajectory"].pop()
     (judge.work / "long.json").write_text(json.dumps(late))
-    done = judge.call(judge.work / "long.json", "--asset", judge.asset, "--check", "--strict")
+    done = judge.call("check", judge.work / "long.json", "--asset", judge.asset, "--strict")
     assert done.returncode == 0, f"long: {done}"
 
 
@@ -352,7 +352,7 @@ def check_random(judge):
     for i in range(RANDOM_SCENES):
         scene_file, options = judge.work / f"random_{i}.json", rng.choice(OPTIONS)
         scene_file.write_text(json.dumps(random_scene(rng)))
-        strict = judge.call(scene_file, "--asset", judge.asset, "--check", "--strict", *options)
+        strict = judge.call("check", scene_file, "--asset", judge.asset, "--strict", *options)
         judge.agrees(scene_file.stem, scene_file, options, strict)
         warned += strict.returncode == REFUSED
     assert 6 <= warned <= RANDOM_SCENES - 6, f"{warned} of {RANDOM_SCENES} random scenes are warned of: too little is compared"

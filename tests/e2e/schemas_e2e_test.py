@@ -107,7 +107,7 @@ def reports(source, programs, scan, work):
             ("joined", (labelled, "--labels", "20+21,22")),
             ("all", (labelled, "--labels", "all")),
             ("coronal", (scan / "sample.nii.gz", "--axis", "coronal", "--slices", "100:130")),
-            ("coarse", (scan / "sample.nii.gz", "--volume", "0", "--slices", "3:5", "--lattice-bits", "5", "--min-angle", "33", "--max-area", "0.01", "--keep-table"))):
+            ("coarse", (scan / "sample.nii.gz", "--volume", "0", "--slices", "3:5", "--lattice-bits", "5", "--min-angle", "33", "--max-area", "0.01", "--keep-table", "--completeness-unknown"))):
         report = work / f"{name}.report.json"
         run(mesh, *words, "-o", work / f"{name}.glb", "--report", report, "--quiet")
         document = json.loads(report.read_bytes())
@@ -138,7 +138,7 @@ def sessions(source, programs, work):
     fast = ("--clock", "virtual")
     for name, expect, words in (
             ("three", 0, (scenes["three_slices"], *fast, "--record", replayed)),
-            ("replay", 0, (scenes["three_slices"], "--replay", replayed)),
+            ("replay", 0, ("replay", scenes["three_slices"], replayed)),
             ("network", 0, (scenes["network_middle"], *fast)),
             ("fault", 5, (away, *fast, "--black-box", work)),
             ("fault_record", 5, (away, *fast, "--record", work / "away.csv")),
@@ -247,7 +247,7 @@ def scenes(source, programs, work):
     def check_scene(what, document, expect):
         made.write_text(json.dumps(document))
         rate = ("--rate", "8000") if '"rigid"' in made.read_text() else ()  # where a rigid axis is passive
-        done = subprocess.run([trocar_run, made, "--check", "--asset", work / "surface.glb", *rate], capture_output=True, text=True, check=False)
+        done = subprocess.run([trocar_run, "check", made, "--asset", work / "surface.glb", *rate], capture_output=True, text=True, check=False)
         assert done.returncode == expect, f"scene {what}: {done.returncode}, {done.stderr!r}"
         return done
 

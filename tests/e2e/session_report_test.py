@@ -119,7 +119,7 @@ class Sessions:
         meshes = self.work / f"{name}.meshes.json"
         page, record, summary = self.work / f"{name}.html", self.work / f"{name}.csv", self.work / f"{name}.summary.json"
         run(self.programs / "trocar-run", made, "--asset", self.asset, "--clock", clock, "--quiet", "--session-report", page,
-            *(() if "--replay" in options else ("--black-box", self.work)), "--record", record, "--summary", summary, "--meshes", meshes, *options, expect=expect)
+            "--black-box", self.work, "--record", record, "--summary", summary, "--meshes", meshes, *options, expect=expect)
         report, summed = json.loads(page.with_suffix(".json").read_text()), json.loads(summary.read_text())
         rows = read_rows(record)
         found = layer_punctures(rows) if layer_punctures else ()
@@ -239,7 +239,7 @@ def check_options(sessions, scene):
         check(done.returncode == code and said in done.stderr and done.stderr.count("\n") == 1, f"{words}: {done}")
     far = {**scene, "goals": {"target": {"at_m": [0.3, 0, 0.1], "radius_m": 0.003}}}
     made.write_text(json.dumps(far))
-    done = subprocess.run([str(word) for word in (*base, "--check", "--strict")], capture_output=True, text=True, check=False)
+    done = subprocess.run([str(word) for word in (trocar_run, "check", made, "--asset", sessions.asset, "--strict")], capture_output=True, text=True, check=False)
     check(done.returncode == 3 and "the target at (0.3000, 0.0000, 0.1000) m cannot be reached" in done.stderr, f"target: {done}")
 
 
@@ -308,7 +308,7 @@ def main():
     check(report["samples"]["stride"] > 8, f"long: {report['samples']['stride']}")
 
     made = work / "met.json.scene"
-    run(programs / "trocar-run", made, "--asset", asset, "--quiet", "--replay", work / "met.csv", "--session-report", work / "again.html")
+    run(programs / "trocar-run", "replay", made, "--asset", asset, "--quiet", work / "met.csv", "--session-report", work / "again.html")
     for kind in ("html", "json"):
         check((work / f"again.{kind}").read_bytes() == (work / f"met.{kind}").read_bytes(), f"a replay's {kind} differs")
     sessions.run("real", descent(scenes["one_slice"], (0, 0, 0, 0.125), (0.6, 0, 0, 0.11), duration_s=0.8), clock="real")

@@ -66,7 +66,7 @@ def test_a_simulated_drive_rides_it_out(source, programs, asset, work):
         print(f"session {session + 1}: {summary['missed_deadlines']} missed deadlines: {by}")
         assert summary["missed_deadlines_in_row_max"] >= 25, "the stalls came too late"
         assert len(summary["punctures"]) == 3
-        run(programs / "trocar-run", scene, "--asset", asset, "--replay", work / "stalled.csv", "--quiet")
+        run(programs / "trocar-run", "replay", scene, "--asset", asset, work / "stalled.csv", "--quiet")
         # The count in the summary also has what was missed after the last tick began.
         assert 0 <= summary["missed_deadlines"] - sum(by.values()) <= summary["missed_deadlines_in_row_max"]
 
@@ -82,7 +82,7 @@ def test_a_gap_that_ends_other_sessions_is_in_the_recording_and_replays(source, 
     times = [float(row["state_t_s"]) for row in rows]
     assert max(after - before for before, after in zip(times, times[1:])) > 0.1, "no gap came"
     assert "state-gap=any" in rows[0]["origin"]
-    run(programs / "trocar-run", scene, "--asset", asset, "--replay", record, "--quiet")
+    run(programs / "trocar-run", "replay", scene, "--asset", asset, record, "--quiet")
 
 
 def test_a_simulated_drive_that_stalls_alone_ends_no_session(source, programs, asset, work):
@@ -95,7 +95,7 @@ def test_a_simulated_drive_that_stalls_alone_ends_no_session(source, programs, a
     assert "no-data-limit=0.25" in rows[0]["origin"]
     silent = "".join(row["device_read"] == "no_data" and "x" or " " for row in rows)
     assert "x" * 15 in silent, "no stall came"
-    run(programs / "trocar-run", scene, "--asset", asset, "--replay", work / "stalled.csv", "--quiet")
+    run(programs / "trocar-run", "replay", scene, "--asset", asset, work / "stalled.csv", "--quiet")
     code, stderr, summary = stalled_session(programs, work, scene, asset, ("--watchdog", "0.25"), stalls=("drive",))
     assert code == 5, f"ended with {code}: {stderr}"
     assert {fault["fault"] for fault in summary["faults"]} <= STALLS

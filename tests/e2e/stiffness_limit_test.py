@@ -16,7 +16,7 @@ def rendered(summary):
 def test_stiffness_limit(programs, scan, work):
     trocar_run, asset, scene = programs / "trocar-run", work / "sample.glb", work / "scene.json"
     run(programs / "trocar-mesh", scan / "dicom", "-o", asset, "--quiet")
-    run(trocar_run, "--new-scene", asset, "-o", scene, "--quiet")
+    run(trocar_run, "new-scene", asset, "-o", scene, "--quiet")
     summary = work / "summary.json"
     fast = ("--clock", "virtual", "--quiet", "--summary", summary)
     run(trocar_run, scene, *fast)
@@ -26,9 +26,9 @@ def test_stiffness_limit(programs, scan, work):
     run(trocar_run, scene, *fast, "--stiffness-limit", limit, "--record", work / "limited.csv")
     assert abs(rendered(summary) / limit - 1) < 1e-6
     assert "stiffness-limit=" in (work / "limited.csv").read_text()
-    run(trocar_run, scene, "--quiet", "--replay", work / "limited.csv", "--stiffness-limit", limit)
-    run(trocar_run, scene, "--quiet", "--replay", work / "limited.csv", expect=3)
-    assert "the limit that the device or the operator states" in run(trocar_run, scene, "--check", "--stiffness-limit", limit).stdout
+    run(trocar_run, "replay", scene, "--quiet", work / "limited.csv", "--stiffness-limit", limit)
+    run(trocar_run, "replay", scene, "--quiet", work / "limited.csv", expect=3)
+    assert "the limit that the device or the operator states" in run(trocar_run, "check", scene, "--stiffness-limit", limit).stdout
 
     device = json.loads((SOURCE / "runtime/device/four_legs.json").read_text())
     device["plate"]["stiffness_max_N_per_m"] = 5000
@@ -48,7 +48,7 @@ def test_stiffness_limit(programs, scan, work):
             assert drive.wait(60) == 0
         assert abs(rendered(summary) / full / part - 1) < 1e-6
         assert ("stiffness-margin=2" in record.read_text()) == (part == 0.5)
-        run(trocar_run, scene, "--quiet", "--replay", record)
+        run(trocar_run, "replay", scene, "--quiet", record)
 
     for words, said in ((("--stiffness-limit", "5"), "--stiffness-limit 5: must be within"), (("--simulated",), "--simulated: is for a device process")):
         wrong = run(trocar_run, scene, *words, expect=2)

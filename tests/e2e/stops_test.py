@@ -146,7 +146,7 @@ def test_a_request_while_the_stop_is_pressed(programs, drive):
     code, errors, rows, summary = sim.finish()
     assert code == 0 and len(entries_into_running(rows)) == 2, (code, entries_into_running(rows), errors)
     assert summary["faults"][0]["recovered_t_s"] > 4.25 and any(sim.torques[4300:])
-    run(programs / "trocar-run", sim.file, "--replay", sim.record, "--recover", "signal", "--quiet")
+    run(programs / "trocar-run", "replay", sim.file, sim.record, "--recover", "signal", "--quiet")
 
 
 def test_automatic_recovery_resets_no_stop(drive):

@@ -18,7 +18,7 @@ import pytest
 from console_client import Console
 from programs import ASSETS, BUILD, run
 
-PROGRAMS = ("trocar-mesh", "trocar-sample-ct", "trocar-run", "trocar-device-sim", "trocar-console", "trocar-export")
+PROGRAMS = ("trocar-mesh", "trocar-sample-ct", "trocar-run", "trocar-device-sim", "trocar-console", "trocar-fit", "trocar-hdf5")
 
 
 @pytest.fixture(name="usr", scope="module")
@@ -73,7 +73,7 @@ def test_examples(usr):
     scenes = sorted((usr / "share/trocar/examples/scenes").glob("*.json"))
     assert len(scenes) >= 5, f"installed scenes: {scenes}"
     for scene in scenes:
-        run(usr / "bin/trocar-run", scene, "--device-description", usr / "share/trocar/device/four_legs.json", "--check", "--strict")
+        run(usr / "bin/trocar-run", "check", scene, "--device-description", usr / "share/trocar/device/four_legs.json", "--strict")
 
 
 def test_farm(usr, work):

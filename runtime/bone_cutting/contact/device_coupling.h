@@ -94,7 +94,7 @@ DeviceCoupling choose_coupling(const BoneVolume& bone, const SceneForceLaw& law,
                                const DeviceSpecification& device, const Pose& T_device_plate,
                                double rate_Hz, const StiffnessLimits& limits = {});
 
-/// Returns the choice as one line of text, for `--check`.
+/// Returns the choice as one line of text, for `check`.
 std::string describe(const DeviceCoupling& chosen, const SceneForceLaw& law);
 
 /// False if the rendered stiffness is too large for the plate's inertia and the rate (contract 4).

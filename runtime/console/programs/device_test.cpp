@@ -32,7 +32,7 @@ Result<void> DeviceTest::start(const DeviceChoice& device, const std::filesystem
   auto folder = create_session_folder(sessions, "device-test");
   if (!folder) return folder.error();
   std::vector<std::string> words = {
-      programs / "trocar-run", "--device", device.name, "--test", "--summary",
+      programs / "trocar-run", "test", "--device", device.name, "--summary",
       *folder / kTestResult};
   words.insert(words.end(), device.words.begin(), device.words.end());
   if (auto started = run_.start(words, *folder / kTestLog); !started) return started;

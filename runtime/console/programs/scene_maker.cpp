@@ -32,7 +32,7 @@ std::string exists_already(const std::string& name) {
   return "there is a file " + name + ".json already; choose another name";
 }
 
-/// Takes the warnings of --check out of what it printed.
+/// Takes the warnings of the check out of what it printed.
 json warnings_in(std::string& text) {
   json warnings = json::array();
   std::string rest;
@@ -66,7 +66,7 @@ Result<void> SceneMaker::start(const NewSceneRequest& request, const Folders& fo
   options_.insert(options_.end(), request.device.words.begin(), request.device.words.end());
   options_.insert(options_.end(), options.begin(), options.end());
   std::vector<std::string> words =
-      words_of({program_, "--new-scene", request.asset, "-o", unfinished(scene)});
+      words_of({program_, "new-scene", request.asset, "-o", unfinished(scene)});
   if (request.entry_mm) words.insert(words.end(), {"--entry", point_text(*request.entry_mm)});
   if (request.target_mm) words.insert(words.end(), {"--target", point_text(*request.target_mm)});
   if (request.has_live_hand) words.emplace_back("--live-hand");
@@ -115,7 +115,7 @@ void SceneMaker::poll(Clock::time_point now) {
   if (!made) return;
   publish();
   if (!is_written_ || was_stopped_) return;
-  if (const auto started = run_.start(words_of({program_, scene_, "--check"}), logs_ / kCheckLog);
+  if (const auto started = run_.start(words_of({program_, "check", scene_}), logs_ / kCheckLog);
       started)
     state_ = State::kChecking;
   else

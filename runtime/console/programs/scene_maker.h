@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Makes a scene. A person may choose on the bone where the needle enters and where it goes. The
-// console first runs trocar-run --new-scene, which makes the scene, and then trocar-run --check.
+// console first runs trocar-run new-scene, and then trocar-run check.
 // Tests: tests/e2e/console_new_scene_test.py
 #pragma once
 
@@ -47,8 +47,8 @@ class SceneMaker {
   }
   /// Asks the running program to end. If the scene is already written, it stays.
   void stop(Clock::time_point now) { run_.stop(now); }
-  /// Checks whether the running program has ended. When --new-scene has succeeded, renames the new
-  /// file from its temporary name to the scene's name, and starts --check. The caller must call
+  /// Checks whether the running program has ended. When new-scene has succeeded, renames the new
+  /// file from its temporary name to the scene's name, and starts check. The caller must call
   /// this every few milliseconds.
   void poll(Clock::time_point now);
   /// Returns a function that makes the answer to GET /api/new_scene (protocol.md). The function

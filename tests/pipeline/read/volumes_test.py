@@ -507,7 +507,7 @@ def test_names_are_escaped_on_the_terminal(place, kind):
                 ("trocar-mesh", twisted, "-o", out), ("trocar-mesh", "verify", out), ("trocar-mesh", "verify", "--json", out), ("trocar-mesh", "info", out),
                 ("trocar-mesh", "preview", evil, "-o", place / f"p{name}.png"), ("trocar-mesh", f"n{name}", "-o", out), ("trocar-mesh", evil, "-o", out, f"--{name}"),
                 ("trocar-mesh", "verify", evil), ("trocar-mesh", "batch", collection, "-o", place / f"st{name}"), ("trocar-mesh", "export", out, "-o", place / f"x{name}"),
-                ("trocar-run", scene), ("trocar-run", f"n{name}.json"), ("trocar-run", scene, "--device", f"udp:{name}"), ("trocar-run", scene, "--check"),
+                ("trocar-run", scene), ("trocar-run", f"n{name}.json"), ("trocar-run", scene, "--device", f"udp:{name}"), ("trocar-run", "check", scene),
                 ("trocar-console", f"no{name}"), ("trocar-console", f"--{name}")]
     for program, *words in commands:
         done = run_raw(PROGRAMS / program, *words)

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The table of force laws: the shipped laws, and a fourth one that a test adds. The added law runs in a
-// session and appears in the recording, the telemetry, the output of --check and the reports.
+// session and appears in the recording, the telemetry, the output of check and the reports.
 #include "runtime/force_law/force_law_table.h"
 
 #include <gtest/gtest.h>
