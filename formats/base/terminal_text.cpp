@@ -70,6 +70,12 @@ std::optional<char32_t> next_code_point(std::string_view text, std::size_t& at) 
   return static_cast<char32_t>(out);
 }
 
+bool is_utf8(std::string_view text) {
+  for (std::size_t at = 0; at < text.size();)
+    if (!next_code_point(text, at)) return false;
+  return true;
+}
+
 bool is_printable(char32_t c) {
   const auto within = [c](char32_t low, char32_t high) { return c >= low && c <= high; };
   return !(c < 0x20 || within(0x7f, 0x9f) || c == 0xad || c == 0x61c || c == 0x180e ||

@@ -19,6 +19,9 @@ namespace trocar {
 /// are not UTF-8.
 std::optional<char32_t> next_code_point(std::string_view text, std::size_t& at);
 
+/// Is the text UTF-8? A path may have any bytes, but JSON text is UTF-8.
+bool is_utf8(std::string_view text);
+
 /// Is it neither a control character nor one that changes the direction or position of others?
 bool is_printable(char32_t c);
 

@@ -347,8 +347,8 @@ const char* refusal_words(Fault found) {
   return found == Fault::kLinkLost
              ? "the device's emergency stop was pressed when its link was lost, and the link is "
                "being restored; release the stop, then ask again"
-             : "the device's emergency stop is pressed; release it when that is safe, then ask "
-               "again";
+             : "the device's emergency stop is pressed, or was until now; release it when that is "
+               "safe, then ask again";
 }
 
 bool is_known(const FaultDetail& detail) {

@@ -136,7 +136,7 @@ struct RecordingRow {
   /// along the shaft, with the laws `hooke` and `network` along z.
   double tip_N = 0;
   /// A break-through that was found in this tick (runtime/control/break_through.h): the resistance
-  /// that was lost, as a force on the tip like tip_N; 0: none was found.
+  /// before it, as a force on the tip like tip_N; 0: none was found.
   double break_through_N = 0;
   /// Where: the slice that was punctured last, or is in contact; kBreakThroughLayer - i: the soft
   /// layer i; -1: nothing is known, or no break-through.
@@ -167,7 +167,7 @@ struct RecordingRow {
 };
 
 /// A line about a break-through: RecordingRow::break_through_at, t_s and break_through_N.
-std::string describe_break_through(std::int32_t at, double t_s, double lost_N);
+std::string describe_break_through(std::int32_t at, double t_s, double resistance_N);
 
 /// The columns in which recordings differ.
 struct RecordingKind {
@@ -188,8 +188,8 @@ RecordingKind recording_kind(const RecordingOrigin& origin);
 /// break_through_at,origin. The column origin holds
 /// to_text() of the RecordingOrigin in the first row and is empty in all other rows. With
 /// has_cutting, these columns take the place of tip_N: fx_tissue_N,...,tz_tissue_Nm,front_z_m,
-/// front_HU,tip_N,embedded_m,cut_J,absorbed_J,tissue_stored_J,steps. With has_xray, the column xray follows
-/// motor_heat_max. With has_pose_device, the columns device_x_m,device_y_m,device_z_m,
+/// front_HU,tip_N,embedded_m,cut_J,absorbed_J,tissue_stored_J,steps. With has_xray, the column xray
+/// follows motor_heat_max. With has_pose_device, the columns device_x_m,device_y_m,device_z_m,
 /// device_qw,...,device_qz,buttons,fx_device_N,...,tz_device_Nm take the place of tau_* and th_*.
 std::string recording_header(const RecordingKind& kind = {});
 
@@ -234,14 +234,12 @@ class RecordingWriter {
   Result<void> commit();
   /// "the first N rows are in FILE" or "no row was kept".
   std::string kept() const;
-  /// Path of the partial file; empty after commit().
-  std::filesystem::path partial_file() const { return partial_; }
   const std::filesystem::path& file() const { return file_; }
 
   /// Mean size of a row so far, without the origin; 0 before the first row.
   double bytes_per_row() const;
-  /// Number of bytes that still fit on the disk; 0 if that is not known.
-  std::uint64_t free_bytes() const;
+  /// Number of bytes that still fit on the disk, if that is known.
+  std::optional<std::uint64_t> free_bytes() const;
 
  private:
   RecordingWriter(std::filesystem::path file, std::string partial, int fd,

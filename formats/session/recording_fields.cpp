@@ -148,13 +148,13 @@ const char* to_string(DeviceStatus status) {
   return kDeviceStatusNames.at(static_cast<std::size_t>(status));
 }
 
-std::string describe_break_through(std::int32_t at, double t_s, double lost_N) {
+std::string describe_break_through(std::int32_t at, double t_s, double resistance_N) {
   const std::string what = at >= 0 ? text_line("slice %d", at)
                            : at <= kBreakThroughLayer
                                ? text_line("soft layer %d", kBreakThroughLayer - at + 1)
                                : std::string("the tissue");
   return text_line("broke through %s at %.3f s: %.2f N at the tip before", what.c_str(), t_s,
-                   lost_N);
+                   resistance_N);
 }
 
 std::string recording_header(const RecordingKind& kind) {

@@ -173,9 +173,9 @@ double RecordingWriter::bytes_per_row() const {
   return rows_ == 0 ? 0 : static_cast<double>(bytes_) / static_cast<double>(rows_);
 }
 
-std::uint64_t RecordingWriter::free_bytes() const {
+std::optional<std::uint64_t> RecordingWriter::free_bytes() const {
   struct statvfs disk {};
-  if (::fstatvfs(fd_, &disk) != 0) return 0;
+  if (::fstatvfs(fd_, &disk) != 0) return std::nullopt;
   return std::uint64_t{disk.f_bavail} * disk.f_frsize;
 }
 

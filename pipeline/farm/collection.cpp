@@ -11,6 +11,7 @@
 #include "formats/base/file_io.h"
 #include "formats/base/json_text.h"
 #include "formats/base/strict_json.h"
+#include "formats/base/terminal_text.h"
 #include "pipeline/farm/scan_files.h"
 #include "pipeline/farm/sha256.h"
 

@@ -4,13 +4,13 @@
 #include <fcntl.h>
 #include <unistd.h>
 
-#include <array>
 #include <chrono>
-#include <cstdio>
 #include <ctime>
 #include <string>
 
 #include "formats/base/json_text.h"
+#include "formats/base/text_line.h"
+#include "formats/base/utc_time.h"
 #include "pipeline/farm/atomic_file.h"
 #include "pipeline/farm/failpoint.h"
 #include "pipeline/farm/process_identity.h"
@@ -21,15 +21,10 @@ namespace {
 std::string time_text() {
   using namespace std::chrono;
   const auto now = system_clock::now();
-  const std::time_t seconds = system_clock::to_time_t(now);
   const auto ms = duration_cast<milliseconds>(now.time_since_epoch()).count() % 1000;
-  std::tm parts{};
-  ::gmtime_r(&seconds, &parts);
-  std::array<char, 40> day{};
-  const std::size_t n = std::strftime(day.data(), day.size(), "%Y-%m-%dT%H:%M:%S", &parts);
-  std::array<char, 8> rest{};
-  std::snprintf(rest.data(), rest.size(), ".%03dZ", static_cast<int>(ms));
-  return std::string(day.data(), n) + rest.data();
+  std::string out = utc_text(system_clock::to_time_t(now));
+  out.pop_back();  // the Z
+  return out + text_line(".%03dZ", static_cast<int>(ms));
 }
 
 }  // namespace

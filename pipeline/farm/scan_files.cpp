@@ -13,6 +13,7 @@
 
 #include "formats/base/json_text.h"
 #include "formats/base/system_message.h"
+#include "formats/base/terminal_text.h"
 #include "pipeline/farm/sha256.h"
 #include "pipeline/open/scan_folder.h"
 #include "pipeline/read/file_names.h"
@@ -56,7 +57,7 @@ Result<void> append_folder(const NamedFile& folder, std::vector<ScanFile>& files
     // A link that leads nowhere has a state of its own: the scan is made again when it leads to a
     // file.
     if (::stat(path.c_str(), &status) != 0 && ::lstat(path.c_str(), &status) != 0)
-      return refused(path.string() + ": " + system_message(errno));
+      return refused_for_now(path.string() + ": " + system_message(errno));
     files.push_back(file_of({folder.of, path}, status));
   }
   return {};
@@ -73,11 +74,6 @@ std::optional<std::string> from_hex(const std::string& hex) {
 }
 
 }  // namespace
-
-bool is_utf8(const std::string& text) {
-  const auto is_ascii = [](char c) { return static_cast<unsigned char>(c) < 0x80; };
-  return std::all_of(text.begin(), text.end(), is_ascii) || parse_json(json_text(text)) == text;
-}
 
 bool same_state(const ScanFile& a, const ScanFile& b) {
   return a.of == b.of && a.path == b.path && a.size == b.size && a.mtime_ns == b.mtime_ns &&

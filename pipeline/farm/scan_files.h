@@ -59,9 +59,6 @@ void let_times_settle(const std::vector<ScanFile>& files);
 /// read.
 Result<void> digest_files(const std::vector<NamedFile>& wanted, std::vector<ScanFile>& files);
 
-/// Is the text UTF-8? A path may have any bytes, but JSON text is UTF-8.
-bool is_utf8(const std::string& text);
-
 nlohmann::json files_json(const std::vector<ScanFile>& files);
 /// Reads the result of files_json(); std::nullopt if it is damaged.
 std::optional<std::vector<ScanFile>> files_from(const nlohmann::json& files);

@@ -176,7 +176,8 @@ class Worker {
     out.reason = entry_.reason;
     out.exit_code = entry_.exit_code;
     const auto before = store_.read_entry(scan_.name);  // this run may have written it
-    if (!before && !entry_.is_lasting) return out;      // see record_killed()
+    out.is_recorded = false;
+    if (!before && !entry_.is_lasting) return out;  // see record_killed()
     known_ = before ? *before : std::nullopt;
     if (!entry_.is_lasting) keep_results(store_, known_, entry_);
     out.is_recorded = static_cast<bool>(put_changed_entry());
@@ -466,6 +467,7 @@ Outcome record_killed(const Work& work, const Store& store, const ScanProgram& p
   out.signal = signal;
   // An entry that cannot be read may name an asset. It stays, so that --gc stops at it.
   const auto before = store.read_entry(entry.name);
+  out.is_recorded = false;
   if (!before) return out;
   keep_results(store, *before, entry);
   out.is_recorded = static_cast<bool>(store.put_entry(entry));

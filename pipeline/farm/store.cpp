@@ -207,14 +207,14 @@ Result<void> check_user(const fs::path& folder, const fs::path& tmp) {
   }
   const fs::path probe = temporary_name(tmp);
   const FileDescriptor fd(::open(probe.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0600));
-  const int error = fd.get() < 0 ? errno : 0;
   const bool is_given =
       fd.get() >= 0 && give_to_users(fd.get(), tmp, 0600) && ::fstat(fd.get(), &own) == 0;
+  const int error = is_given ? 0 : errno;
   if (fd.get() >= 0) ::unlink(probe.c_str());
   if (is_given && own.st_uid == users.st_uid) return {};
   if (is_given && is_shared(users) && own.st_gid == users.st_gid) return {};
-  if (error != 0 && (error != EACCES || ::geteuid() == users.st_uid))
-    return cannot_write(tmp, error);
+  const bool is_of_rights = error == EACCES || error == EPERM;
+  if (error != 0 && (!is_of_rights || ::geteuid() == users.st_uid)) return cannot_write(tmp, error);
   return unwritable(folder.string() + ": belongs to user " + std::to_string(users.st_uid) +
                     (is_shared(users) ? " and group " + std::to_string(users.st_gid)
                                       : " alone; to share a store, make its folder with the "

@@ -47,7 +47,7 @@ Result<std::unique_ptr<SliceStack>> open_image_files(const std::vector<fs::path>
     return usage(where + ": --axis applies to volumes only; images keep their planes");
   if (!options.series.empty())
     return usage(where + ": --series chooses among DICOM files; there are none");
-  if (auto ok = check_no_volume(where, options); !ok) return ok.error();
+  if (auto ok = check_no_volume(where, options.volume); !ok) return ok.error();
   for (const fs::path& file : files) {
     if (auto ok = check_readable(file); !ok) return ok.error();
   }

@@ -28,7 +28,7 @@ inline constexpr float kNoData_HU = -1024;
 struct Image {
   int width = 0, height = 0;
   std::vector<float> values;
-  /// Number of pixels that are NaN in the file. Their `values` are kNoData_HU or, for labels, 0.
+  /// Number of pixels that are NaN in the file. Their `values` are kNoData_HU.
   std::size_t not_numbers = 0;
   float at(int x, int y) const { return values[static_cast<std::size_t>(y) * width + x]; }
 };

@@ -217,7 +217,7 @@ Result<void> VolumeFile::read(std::int64_t at, std::span<char> to, const std::st
     if (auto ok = unpacking_->wait_for(at + static_cast<std::int64_t>(to.size())); !ok) return ok;
   }
   if (read_at(descriptor_, start_ + at, to) == to.size()) return {};
-  return refused(name + ": the file has become shorter");
+  return refused_for_now(name + ": the file has become shorter");
 }
 
 Result<void> VolumeFile::finish() const {

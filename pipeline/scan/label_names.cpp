@@ -81,8 +81,7 @@ std::string as_name(const std::string& text) {
 std::optional<int> label_of(const std::string& text) {
   int out = 0;
   const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), out);
-  if (error != std::errc() || end != text.data() + text.size() || out < 1 || out > kMaxLabel ||
-      text.front() == '0')
+  if (error != std::errc() || end != text.data() + text.size() || out < 1 || text.front() == '0')
     return {};
   return out;
 }

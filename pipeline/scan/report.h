@@ -13,12 +13,12 @@
 
 namespace trocar::pipeline {
 
-/// Makes the entry of the report's list `slices` for one material of a slice. mesh_stack() adds the
-/// members `ms` (the times by stage) and `material`.
 /// Makes those members of a slice's first entry that tell what was changed in it: dropped_mm2,
 /// filled_mm2 and moved_mm2, with SolidBone also solid_dropped_mm2 and solid_filled_mm2.
 nlohmann::json changes_report(const SliceChanges& changes);
 
+/// Makes the entry of the report's list `slices` for one material of a slice. mesh_stack() adds the
+/// members `ms` (the times by stage) and `material`.
 nlohmann::json slice_report(int index, double z_mm, const MeshedMaterial& material,
                             double max_area_bound_mm2);
 

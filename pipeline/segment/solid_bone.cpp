@@ -401,11 +401,6 @@ Result<void> keep_near_mask(const SliceStack& stack, const VoxelGrid& grid,
   OpenOptions open;
   open.axis = axis;
   open.as_labels = true;
-  // The advice after the semicolon is that for --labels.
-  const auto no_mask = [](const Error& error) {
-    const std::string what = error.message.substr(0, error.message.rfind("; if this"));
-    return Error{error.code, what + "; --mask needs a label map", error.is_temporary};
-  };
   const auto mask = open_volume(options.mask_file, open);
   if (!mask) return mask.error();
   if (const auto differs = grid_difference(**mask, stack)) {
@@ -415,12 +410,19 @@ Result<void> keep_near_mask(const SliceStack& stack, const VoxelGrid& grid,
   ValueTally tally;
   for (int k = 0; k < (*mask)->size(); ++k) {
     const auto image = (*mask)->read_labels(k);
-    if (!image) return no_mask(image.error());
+    if (!image) {
+      Error error = image.error();
+      const std::size_t advice = error.message.rfind("; if this is no label map");
+      if (advice != std::string::npos)  // what to do with --labels
+        error.message.replace(advice, std::string::npos, "; --mask needs a label map");
+      return error;
+    }
     tally.add(tally_values(*image));
   }
   const Labels labels{options.mask_labels};
   if (const auto doubt = value_warning(tally, (*mask)->pixel_unit(), labels, options.mask_file))
-    return no_mask(refused(doubt->where + ": " + doubt->sentence));
+    return refused(doubt->where + ": " + doubt->sentence.substr(0, doubt->sentence.find(';')) +
+                   "; --mask needs a label map");
   if (auto rounded = rounding_warning(tally, options.mask_file))
     warnings.push_back(std::move(*rounded));
   const auto flags = segmented(**mask, labels, grid);

@@ -84,7 +84,6 @@ std::optional<LinkReport> ConnectedDevice::link_report() const {
 }
 
 void ConnectedDevice::lose(const Error& error) {
-  refused_.set(connection_->refused_contents());
   state_.store(State::kLost, std::memory_order_release);
   connection_->close();
   command_ = {};
@@ -97,8 +96,8 @@ void ConnectedDevice::exchange_once() {
   const bool is_fresh = age_s < stale_s_;
   const Result<PoseReading> reading =
       connection_->exchange(is_fresh ? command_.wrench : HandleWrench{});
+  refused_.set(connection_->refused_contents());
   if (!reading) return lose(reading.error());
-  refused_.set({});
   answers_.write({*reading, is_fresh ? command_.at_ns : 0});
   said_.clear();
 }
@@ -120,6 +119,7 @@ void ConnectedDevice::run() {
           command_ = {};  // a force from before the loss is not rendered after it
           state_.store(State::kConnected, std::memory_order_release);
         } else {
+          refused_.set({});
           lose(opened.error());
           pause(kRetryPause_ns);
         }

@@ -196,12 +196,15 @@ Result<PoseReading> ForceDimension::Device::exchange(const HandleWrench& wrench)
   if (code < 0) return failed_call(*sdk, function, code);
   // Written so that NaN fails.
   if (!(std::hypot(x, y, z) <= kMaxOriginDistance_m)) {
-    for (int i = 2; i >= 0; --i) {
-      const double at_m = reading.p_m[static_cast<std::size_t>(i)];
-      if (!(std::abs(at_m) <= kMaxOriginDistance_m / std::numbers::sqrt3))
-        refused = {Fault::kRefusedState, FaultQuantity::kMeasuredPosition, i, at_m,
-                   std::copysign(kMaxOriginDistance_m, at_m)};
+    constexpr double kLargest_m = kMaxOriginDistance_m / std::numbers::sqrt3;
+    int worst = 0;  // NaN is worse than any number
+    for (int i = 1; i < 3; ++i) {
+      const double least_m = std::abs(reading.p_m[static_cast<std::size_t>(worst)]);
+      if (!(std::abs(reading.p_m[static_cast<std::size_t>(i)]) <= least_m)) worst = i;
     }
+    const double at_m = reading.p_m[static_cast<std::size_t>(worst)];
+    refused = {Fault::kRefusedState, FaultQuantity::kMeasuredPosition, worst, at_m,
+               std::copysign(kLargest_m, at_m)};
     return sdk_error(text_line("%s returned no usable position: %g %g %g m", function, x, y, z));
   }
   if (!is_rotation(frame)) {

@@ -53,8 +53,8 @@ class ForceDimension final : public PoseConnection {
   /// PoseConnection::exchange(): the wrench is not finite, or the SDK's calls do not
   /// return within kExchangeTimeout_s.
   Result<PoseReading> exchange(const HandleWrench& wrench) override;
-  /// If a call of the SDK hangs, zero force is commanded as soon as that call returns.
   FaultDetail refused_contents() const noexcept override { return refused_; }
+  /// If a call of the SDK hangs, zero force is commanded as soon as that call returns.
   void close() noexcept override;
 
   /// After open(): true if ForceDimensionOptions::wants_rotation is set and the device measures

@@ -126,7 +126,8 @@ std::array<double, 4> orientation_of(Reader& reader, const json& state, FaultDet
   const double norm = std::sqrt(w * w + x * x + y * y + z * z);
   if (!(std::abs(norm - 1) <= kMaxQuaternionError)) {
     reader.reject("its orientation is no unit quaternion");
-    refused = {Fault::kRefusedState, FaultQuantity::kMeasuredRotation, -1, norm, 1};
+    if (!std::isnan(norm))  // no number is missing
+      refused = {Fault::kRefusedState, FaultQuantity::kMeasuredRotation, -1, norm, 1};
   }
   return {w, x, y, z};
 }
@@ -241,8 +242,9 @@ HaplyAnswer parse_haply_answer(std::string_view text, const HaplyDevices& device
       const double at_m = answer.state.p_m[static_cast<std::size_t>(i)];
       if (std::abs(at_m) <= kMaxCoordinate_m || answer.refused != Fault::kNone) continue;
       reader.reject("its position is beyond 10 m");
-      answer.refused = {Fault::kRefusedState, FaultQuantity::kMeasuredPosition, i, at_m,
-                        std::copysign(kMaxCoordinate_m, at_m)};
+      if (!std::isnan(at_m))  // it is not missing
+        answer.refused = {Fault::kRefusedState, FaultQuantity::kMeasuredPosition, i, at_m,
+                          std::copysign(kMaxCoordinate_m, at_m)};
     }
   });
   if (devices.grip) {

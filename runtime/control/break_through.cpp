@@ -47,7 +47,7 @@ double follow(const BreakThroughInput& input, BreakThroughState& state,
                                 part * (state.tip.at_m - state.filtered.at_m));
 }
 
-/// Law 3, and the end of a fall by law 4.
+/// Law 3, and the end of a fall by law 4. `change_m`: of d', limited as law 3 says.
 void follow_reference(double change_m, BreakThroughState& state) noexcept {
   if (change_m < 0) {
     state.phase = Phase::kLoaded;
@@ -90,7 +90,7 @@ BreakThroughTick find_break_through(const BreakThroughInput& input,
   out.force_N = contact.force_N;
   note_punctures(contact, state);
   const double change_m = follow(input, state, out);
-  follow_reference(change_m, state);
+  follow_reference(std::min(change_m, kBreakFeed_m_per_s * input.interval_s), state);
   if (contact.is_released) {
     const double before_N = contact.force_before_N > 0 ? contact.force_before_N  //
                                                        : contact.trial_force_N;

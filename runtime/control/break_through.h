@@ -13,8 +13,9 @@
 //     changes u by at most 6 times as much, so nothing that is made from u has a step.
 //  3. State `loaded`: the reference P is the largest F'; it is multiplied by
 //     exp(-change of d' / kBreakReach_m) while d' grows, and P is 0 when d' falls. So P is the
-//     resistance of the last millimetres, not of a time. The mean loss is that of u(F', P) over d',
-//     a low-pass with the length kBreakRun_m.
+//     resistance of the last millimetres, not of a time. A tip that jumps does so because the
+//     resistance fell: here and in law 4 a change of d' counts as at most kBreakFeed_m_per_s. The
+//     mean loss is that of u(F', P) over d', a low-pass with the length kBreakRun_m.
 //  4. A fall begins when the mean loss reaches kFallBegins; P then stays as it is. It is a
 //     break-through in the tick in which the mean loss reaches one half: its only event. The fall is
 //     over, and the state is `loaded` again, after an advance of kBreakReach_m, or when F' + f
@@ -43,6 +44,7 @@ namespace trocar::runtime {
 
 inline constexpr double kBreakFilter_s = 0.003, kBreakMemory_s = 0.1, kPlunge_s = 0.5;
 inline constexpr double kBreakNoise_N = 1.5, kBreakRise = 1.5, kFallBegins = 0.03;
+inline constexpr double kBreakFeed_m_per_s = 0.04;
 inline constexpr double kBreakReach_m = 2e-3, kBreakRun_m = 2e-5, kBreakBack_m = 1e-3;
 
 /// The loss u of law 2.

@@ -12,10 +12,12 @@
 namespace trocar::runtime {
 namespace {
 
-/// Sets pose_interval_s (contract 4). Returns false if the device state is not new. `leap`: set if
-/// this computer's clock is needed to know that the device's clock has leapt.
+/// Sets pose_interval_s (contract 4). Returns false if the device state is not new. `leap`: before,
+/// true in the replay of a tick in which the device's clock leapt; afterwards, true if this
+/// computer's clock is needed to know that.
 bool take_time(const LoopModel& model, double t_s, LoopState& state, FaultDetail& fault,
                bool& leap) noexcept {
+  const bool is_replayed_leap = std::exchange(leap, false);
   if (!std::isfinite(t_s)) return false;
   const SafetyLimits& limits = model.limits;
   // Both time stamps are whole nanoseconds (device_link.md).
@@ -25,7 +27,7 @@ bool take_time(const LoopModel& model, double t_s, LoopState& state, FaultDetail
   // If ticks may be late, a late tick explains as much.
   const bool may_be_late = limits.gap_max_s == 0;
   const double most_s = limits.state_gap_max_s + (may_be_late ? state.host_s : 0);
-  const bool too_long = !(since_s <= most_s);
+  const bool too_long = is_replayed_leap || !(since_s <= most_s);
   if (since_s > 0 && !too_long) {
     const double ticks_s = (1 + state.no_data_ticks) / model.rate_Hz;
     state.pose_interval_s = since_s;
@@ -213,7 +215,9 @@ void describe(const LoopModel& model, const HandDevice& device, const LoopState&
   row.fault = state.safety.fault;
   const bool stopped = row.safety == SafetyState::kFault || row.safety == SafetyState::kRecovering;
   if (stopped) row.phase = ContactPhase::kFault;
-  row.authority = row.safety == SafetyState::kRunning ? state.safety.authority : 0;
+  const bool is_running = row.safety == SafetyState::kRunning;
+  row.authority = is_running ? state.safety.authority : 0;
+  row.tip_N = is_running ? result.contact.force_N : 0;
   row.passivity_J = state.passivity.balance_J;
   row.passivity_N_s_per_m = state.passivity.damping_N_s_per_m;
 }
@@ -240,7 +244,7 @@ TickReading read_and_check(const LoopModel& model, const TickInputs& inputs, Han
                            LoopState& state, TickResult& result) noexcept {
   TickReading out;
   double t_s = state.reading_t_s;
-  bool leap = false;
+  bool leap = inputs.outside == Fault::kNoData;  // no live caller finds this fault
   state.host_s += inputs.gap_s;
   out.fault = read_device(model, device, state, result, t_s, out.is_fresh, leap);
   if (result.end_of_data) return out;
@@ -325,15 +329,14 @@ void write_command(HandDevice& device, LoopState& state, FaultDetail& fault,
 }
 
 /// Looks for a break-through. Call this when the row is complete but for these columns.
-void note_force_on_tip(const LoopModel& model, std::span<const Sheet* const> sheets,
-                       LoopState& state, TickResult& result) noexcept {
+void note_break_through(const LoopModel& model, std::span<const Sheet* const> sheets,
+                        LoopState& state, TickResult& result) noexcept {
   RecordingRow& row = result.row;
   if (row.safety != SafetyState::kRunning) {
     state.break_through = {};
     return;
   }
   const Pose& plate = state.T_device_plate;
-  row.tip_N = result.contact.force_N;
   result.break_through = find_break_through(
       {1 / model.rate_Hz, Eigen::Vector3d(row.tool_m.data()), plate * model.tool.tip_plate_m,
        -(plate.q * model.tool.axis_plate), result.contact},
@@ -394,7 +397,7 @@ void haptic_tick(const LoopModel& model, const TickInputs& inputs, HandDevice& d
   result.torques_are_zero = torques_are_zero(safety, timing, model.rate_Hz);
   describe(model, device, state, result);
   law.finish_tick(row);
-  note_force_on_tip(model, inputs.sheets, state, result);
+  note_break_through(model, inputs.sheets, state, result);
   ++state.tick;
 }
 

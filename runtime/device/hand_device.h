@@ -240,9 +240,11 @@ class HandDevice {
   /// says about it. Precondition: the status is kLinkLost, kEmergencyStop or kMotorFault.
   virtual FaultDetail fault_of(DeviceStatus status) const noexcept {
     if (status == DeviceStatus::kEmergencyStop) return Fault::kEmergencyStop;
+    if (status == DeviceStatus::kLinkLost)
+      if (const FaultDetail refused = refused_contents(); refused != Fault::kNone) return refused;
     return status == DeviceStatus::kMotorFault ? Fault::kMotorFault : Fault::kLinkLost;
   }
-  /// After a read() that returned kNoData: as PoseDevice::refused_contents().
+  /// After a read() that returned kNoData or kLinkLost: as PoseDevice::refused_contents().
   virtual FaultDetail refused_contents() const noexcept { return {}; }
   /// After a read() that returned kLinkLost or kMotorFault, requests a new connection. Returns
   /// immediately; read() returns kLinkLost until the connection is established.

@@ -130,7 +130,7 @@ void CuttingForceLaw::finish_tick(RecordingRow& row) noexcept {
   columns.stored_J = result.stored_J;
   columns.steps = result.steps;
 
-  report_.tip_max_N = std::max(report_.tip_max_N, result.tip_N);
+  report_.tip_max_N = std::max(report_.tip_max_N, row.tip_N);
   report_.tissue_max_N = std::max(report_.tissue_max_N, result.wrench_device.head<3>().norm());
   if (!result.has_converged) ++report_.unconverged_ticks;
   report_.steps_max = std::max(report_.steps_max, result.steps);

@@ -21,7 +21,7 @@ namespace trocar::runtime {
 struct CuttingReport {
   DeviceCoupling coupling;
   double force_scale = 1;
-  /// `tip_max_N`: largest force on the tip along the shaft. `tissue_max_N`: largest force of the
+  /// `tip_max_N`: largest RecordingRow::tip_N. `tissue_max_N`: largest force of the
   /// tissue on the plate.
   double tip_max_N = 0, tissue_max_N = 0;
   BoneEnergyAccount energy;             ///< energies after the last tick

@@ -106,9 +106,6 @@ FaultDetail FourLegs::fault_of(DeviceStatus status) const noexcept {
   const unsigned motors = status == DeviceStatus::kMotorFault ? device_.fault_byte() : 0U;
   if (motors != 0)
     return {Fault::kMotorFault, FaultQuantity::kMotor, std::countr_zero(motors), 0, 0};
-  if (status == DeviceStatus::kLinkLost)
-    if (const FaultDetail refused = device_.refused_contents(); refused != Fault::kNone)
-      return refused;
   return HandDevice::fault_of(status);
 }
 

@@ -114,9 +114,6 @@ FaultDetail PoseHand::fault_of(DeviceStatus status) const noexcept {
   if (byte != 0)
     return {Fault::kMotorFault, FaultQuantity::kFaultByte, -1, static_cast<double>(byte),
             kAnyFinite};
-  if (status == DeviceStatus::kLinkLost)
-    if (const FaultDetail refused = device_.refused_contents(); refused != Fault::kNone)
-      return refused;
   return HandDevice::fault_of(status);
 }
 

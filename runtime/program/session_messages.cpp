@@ -120,7 +120,8 @@ void print_outcome(const SessionResult& report, const SessionOptions& options) {
         event.tool_z_m);
   }
   for (const BreakThroughEvent& found : report.break_throughs)
-    std::printf("the tip %s\n", describe_break_through(found.at, found.t_s, found.lost_N).c_str());
+    std::printf("the tip %s\n",
+                describe_break_through(found.at, found.t_s, found.resistance_N).c_str());
   if (!options.replay.empty() && report.replay_first_difference < 0 &&
       report.ticks == options.replay.size()) {
     std::printf("replay: all torques identical to the recording's\n");

@@ -31,7 +31,8 @@ Suspension the_suspension;
 void handle(int signal, void (*handler)(int)) {
   struct sigaction action {};
   action.sa_handler = handler;
-  action.sa_flags = SA_RESTART;
+  // Writing to a terminal that is not the process's own raises SIGTTOU: the write then fails.
+  action.sa_flags = signal == SIGTTOU ? 0 : SA_RESTART;
   ::sigaction(signal, &action, nullptr);
 }
 
@@ -63,11 +64,11 @@ void SuspendingSignals::serve() {
   while (the_suspension.paused_periods.load() < wanted && std::chrono::steady_clock::now() < until)
     std::this_thread::sleep_for(kPoll);
   ::kill(::getpid(), SIGSTOP);
+  the_suspension.is_requested.store(false);  // the loop has latched the pause
   std::fprintf(stderr,
                "trocar-run: the session was stopped, and is paused: resume it on its page, or let "
                "forces return with kill -USR1 %d\n",
                static_cast<int>(::getpid()));
-  the_suspension.is_requested.store(false);
 }
 
 }  // namespace trocar::runtime

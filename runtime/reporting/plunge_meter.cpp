@@ -47,15 +47,19 @@ void PlungeMeter::observe(const RecordingRow& row, const BreakThroughTick& tick,
     open.made.t_s = row.t_s;
     open.ticks_left = max_ticks_;
   }
-  for (Open& open : open_) {
+  std::erase_if(open_, [&](Open& open) {
     const double loss = loss_of_resistance(tick.force_N, open.reference_N);
     open.made.plunge_m += loss * tick.advance_m;
     open.made.hand_m += loss * tick.hand_m;
     if (z_m < open.lowest_z_m) open.made.lowest_t_s = row.t_s;
     open.lowest_z_m = std::min(open.lowest_z_m, z_m);
-    if (open.ticks_left-- == 0) close(open, PlungeEnd::kTime, row.t_s, figures);
-  }
-  std::erase_if(open_, [this](const Open& open) { return open.ticks_left > max_ticks_; });
+    if (open.ticks_left == 0) {
+      close(open, PlungeEnd::kTime, row.t_s, figures);
+      return true;
+    }
+    --open.ticks_left;
+    return false;
+  });
 }
 
 void PlungeMeter::end(PlungeEnd end, double t_s, SessionFigures& figures) {

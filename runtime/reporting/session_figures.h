@@ -124,7 +124,7 @@ enum class PlungeEnd : std::uint8_t { kTime, kReversed, kFault, kEnd };
 struct BreakThrough {
   std::optional<Punctured> what;  ///< punctured last; none: nothing was
   double t_s = 0, plunge_m = 0;
-  double tip_N = 0;   ///< the force that was lost: P of break_through.h
+  double tip_N = 0;   ///< the resistance before it: P of break_through.h
   double hand_m = 0;  ///< the part of the plunge that is motion of the hand
   /// Depth of the lowest tip below the sheet, or below the layer's bottom.
   std::optional<double> below_m;

@@ -25,8 +25,8 @@
 namespace trocar::runtime {
 
 /// The comment of each observer names an option. If this option is not set, the observer is null.
-/// The force law is the first member, so that it is destroyed after the observers, which use the
-/// prefetch worker of the force law.
+/// Members are destroyed in reverse order: the force law last, because the observers use its prefetch
+/// worker, and the recorder after the publisher, which reads it.
 struct SessionWorkers {
   std::shared_ptr<ForceLaw> law;                ///< never null
   std::unique_ptr<Recorder> recorder;           ///< SessionOptions::record

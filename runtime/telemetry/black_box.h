@@ -31,8 +31,8 @@ struct BlackBoxFile {
   double t_s = 0;          ///< time of the fault
   std::uint64_t rows = 0;  ///< number of rows copied from the ring buffer for this file
   std::filesystem::path file;
-  /// None: the file is complete. Otherwise: the reason why there is no file. If some rows could be
-  /// written, they are in RecordingWriter::partial_file().
+  /// None: the file is complete. Otherwise: the reason why there is no file, and where the rows are
+  /// that could be written.
   std::optional<Error> error;
 };
 

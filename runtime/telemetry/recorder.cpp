@@ -61,8 +61,9 @@ void Recorder::measure_space() {
   const auto now = std::chrono::steady_clock::now();
   if (writer_.bytes_per_row() == 0 || now - measured_at_ < kMeasureEvery) return;
   measured_at_ = now;
-  const double left_s =
-      static_cast<double>(writer_.free_bytes()) / (writer_.bytes_per_row() * rate_Hz_);
+  const std::optional<std::uint64_t> free_bytes = writer_.free_bytes();
+  if (!free_bytes) return;
+  const double left_s = static_cast<double>(*free_bytes) / (writer_.bytes_per_row() * rate_Hz_);
   left_s_.store(left_s, std::memory_order_relaxed);
   if (left_s >= kLowSpace_s || std::exchange(is_low_, true)) return;
   if (low_space_) low_space_(left_s);

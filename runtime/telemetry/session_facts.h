@@ -47,7 +47,8 @@ struct PublishedSession {
   std::optional<std::filesystem::path> record;  ///< file of the recording; none: no recording
   bool counts_xray = false;  ///< the session accepts and counts X-ray shots and screening
   SafetyLimits limits;
-  const Recorder* recorder = nullptr;  ///< writes `record`; null: no recording
+  const Recorder* recorder =
+      nullptr;  ///< writes `record`, outlives the publisher; null: no recording
 };
 
 /// Returns the facts as JSON text.

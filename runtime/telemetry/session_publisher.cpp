@@ -98,7 +98,7 @@ void SessionPublisher::on_break_through(const BreakThroughEvent& found) noexcept
   event.sheet = found.sheet;
   event.slice = found.at;
   event.tool_z_m = found.tool_z_m;
-  event.tip_N = found.lost_N;
+  event.tip_N = found.resistance_N;
   push(event);
 }
 

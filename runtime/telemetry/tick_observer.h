@@ -49,7 +49,7 @@ struct BreakThroughEvent {
   std::int32_t at = -1;     ///< RecordingRow::break_through_at
   double t_s = 0;
   double tool_z_m = 0;
-  double lost_N = 0;  ///< RecordingRow::break_through_N
+  double resistance_N = 0;  ///< RecordingRow::break_through_N
 };
 
 /// A message to the operator while a session runs.

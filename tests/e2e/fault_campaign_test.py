@@ -43,7 +43,7 @@ STALLS = {"no_data", "link_lost", "deadline_missed"}
 class Kind:
     """How a fault is injected, and its required effect."""
 
-    def __init__(self, plan, names=(), within_s=0.02, clock="lock-step", counted=None, own_s=None, contact_s=CONTACT_S):
+    def __init__(self, plan, names=(), within_s=0.02, clock="lock-step", counted=None, own_s=None, contact_s=CONTACT_S, by_operator=False):
         self.plan = plan          # function of (random, time): the fault plan's item
         self.names = set(names)   # allowed names of the fault; empty: no fault may occur
         self.within_s = within_s  # longest time from the injection to the detection
@@ -51,6 +51,7 @@ class Kind:
         self.counted = counted    # function of (summary, simulator's summary): number of packets counted as faulty
         self.own_s = own_s        # the drive itself zeroes the torques within this time
         self.contact_s = contact_s  # range of its start in a cycle
+        self.by_operator = by_operator or clock == "real"  # who asks for recovery; otherwise trocar-run does
 
 
 def refused(words):
@@ -79,9 +80,8 @@ KINDS = {
                           ["pose_residual"], 0.25, contact_s=(0.40, 0.46)),
     # Of the motors of theta1, which carry the load; a dead motor without a commanded torque cannot be detected.
     "motor_dead": Kind(lambda r, at: f"dead:{2 * r.randrange(4)}@{at:.5f}..{at + 0.05:.5f}", ["motor_fault"], 0.012),
-    # In real time, because nothing but an operator resets a stop.
-    "emergency_stop": Kind(timed("stop", 0.02), ["emergency_stop"], 0.02, "real", own_s=0.001),
-    "emergency_stop_1ms": Kind(timed("stop", 0.001), ["emergency_stop"], 0.02, "real", own_s=0.001),
+    "emergency_stop": Kind(timed("stop", 0.02), ["emergency_stop"], 0.003, own_s=0.001, by_operator=True),
+    "emergency_stop_1ms": Kind(timed("stop", 0.001), ["emergency_stop"], 0.003, own_s=0.001, by_operator=True),
     "drive_killed": Kind(lambda r, at: f"kill@{at:.5f}", ["link_lost"], 0.003, own_s=0.001),
     "drive_killed_real": Kind(lambda r, at: f"kill@{at:.5f}", ["link_lost", "no_data"], 0.02, "real", own_s=0.001),
     "loss_of_states": Kind(timed("state-loss:1", 0.04), ["link_lost", "no_data"], 0.02, "real"),
@@ -187,10 +187,11 @@ class Rig:
         made.mkdir()
         return made
 
-    def start(self, simulator, folder, clock, duration_s):
+    def start(self, simulator, folder, kind, duration_s):
+        lock_step = kind.clock == "lock-step"
         command = [self.programs / "trocar-run", self.scene, "--device", f"udp:{simulator.address}", "--key-file", folder / "key",
-                   "--clock", "virtual" if clock == "lock-step" else "real", "--rate", RATE_HZ, "--duration", duration_s,
-                   *(("--recover", "auto", "--simulated") if clock == "lock-step" else ("--recover", "signal")), "--record", folder / "run.csv",
+                   "--clock", "virtual" if lock_step else "real", "--rate", RATE_HZ, "--duration", duration_s,
+                   "--recover", "signal" if kind.by_operator else "auto", *(["--simulated"] if lock_step else []), "--record", folder / "run.csv",
                    "--summary", folder / "run.json", "--black-box", folder, "--quiet"]
         return subprocess.Popen([str(word) for word in command], stderr=subprocess.PIPE, text=True)
 
@@ -207,6 +208,15 @@ def operator(process, folder):
             requests.pop(0)
             process.send_signal(signal.SIGUSR1)
         time.sleep(0.01)
+
+
+def hasty_operator(process, folder):
+    """Requests recovery all the time. In lock-step a session runs faster than an operator can see a black box, and a stop wants a
+    request that is newer than its release."""
+    while process.poll() is None:
+        if (folder / "run.csv.partial").exists():  # it runs, and takes signals
+            process.send_signal(signal.SIGUSR1)
+        time.sleep(0.005)
 
 
 def check_files(row, recording, report, folder, duration_s):
@@ -356,9 +366,9 @@ def many(rig, name, kind, row, wanted):
     plan = ",".join(kind.plan(row.random, at) for at in moments) if kind.plan else ""
     duration_s = round((count + 1) * CYCLE_S, 3)
     simulator = Simulator(rig, row, folder, plan, kind.clock)
-    process = rig.start(simulator, folder, kind.clock, duration_s)
-    if kind.clock == "real":
-        threading.Thread(target=operator, args=(process, folder), daemon=True).start()
+    process = rig.start(simulator, folder, kind, duration_s)
+    if kind.by_operator:
+        threading.Thread(target=operator if kind.clock == "real" else hasty_operator, args=(process, folder), daemon=True).start()
     stderr = process.communicate(timeout=300)[1]
     simulator.end()
     if process.returncode not in (0, 5) or not (folder / "run.csv").exists():
@@ -450,7 +460,7 @@ def killed_drive(rig, name, kind, row, _):
     # Real time: long enough for a slow start and for the hand to come back a second time.
     duration_s = 3.25 if kind.clock == "real" else 1.75
     simulator = Simulator(rig, row, folder, kind.plan(row.random, moment_s), kind.clock)
-    process = rig.start(simulator, folder, kind.clock, duration_s)
+    process = rig.start(simulator, folder, kind, duration_s)
     if kind.clock == "real":
         threading.Thread(target=operator, args=(process, folder), daemon=True).start()
     if not await_end(simulator.process, process):
@@ -519,11 +529,11 @@ def killed_host(rig, name, kind, row, _):
     """trocar-run is killed under load: the drive's watchdog trips; then another host gets a session."""
     folder = rig.folder()
     simulator = Simulator(rig, row, folder, "", "real")
-    process = rig.start(simulator, folder, "real", 2.0)
+    process = rig.start(simulator, folder, kind, 2.0)
     time.sleep(0.1 + row.random.uniform(*CONTACT_S))
     process.send_signal(signal.SIGKILL)
     process.communicate(timeout=30)
-    second = rig.start(simulator, folder, "real", 0.6)
+    second = rig.start(simulator, folder, kind, 0.6)
     stderr = second.communicate(timeout=60)[1]
     simulator.end()
     times, _, applied, modes, sessions, _ = simulator.steps()

@@ -21,10 +21,10 @@ def scene_of(source, asset):
     return scene
 
 
-def limited(*command):
-    """The finished process, with files limited to 5 kB."""
+def limited(*command, size=5_000):
+    """The finished process, with files limited to so many bytes."""
     return subprocess.run([str(word) for word in command], capture_output=True, text=True, check=False,
-                          preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (5_000, 5_000)))
+                          preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (size, size)))
 
 
 def boxes(folder):
@@ -144,6 +144,13 @@ def test_recovery(source, programs, scan, work):
     assert text.endswith(b"\n") and f"r.csv: File too large; the first {text.count(bytes([10])) - 1} rows are in {kept}" in done.stderr, f"a full disk: {done.stderr!r}"
     left = sorted(file.name for file in full.iterdir() if not file.name.startswith("black_box_"))
     assert left == ["r.csv.partial", "s.json"], f"a full disk: {left}"
+    # The disk is full only after a fault, with the last rows: the session keeps the fault, and so does its exit code.
+    late = work / "full_late"
+    late.mkdir()
+    done = limited(trocar_run, scene, "--clock", "virtual", "--record", late / "r.csv", "--summary", late / "s.json", "--black-box", late,
+                   "--quiet", size=len(recording) - 100)
+    assert done.returncode == 5 and "joint_limit" in done.stderr and "r.csv: File too large; the first " in done.stderr, f"full after a fault: {done}"
+    assert [each["fault"] for each in json.loads((late / "s.json").read_text())["faults"]] == ["joint_limit"], f"full after a fault: {done}"
     # The next recording of that name moves them aside.
     run(trocar_run, one_slice, "--asset", asset, "--clock", "virtual", "--record", full / "r.csv", "--quiet")
     assert (full / "r.csv.partial.1").read_bytes() == text and (full / "r.csv").exists() and not kept.exists(), "kept rows are not moved aside"
@@ -151,14 +158,24 @@ def test_recovery(source, programs, scan, work):
     # A killed session: its rows are under the documented name.
     killed = work / "killed"
     killed.mkdir()
+    def rows():
+        """The whole rows of the file so far."""
+        return kept.read_bytes().rpartition(b"\n")[0].split(b"\n")[1:] if kept.exists() else []
+
+    began = time.monotonic()
     process = subprocess.Popen([trocar_run, source / "runtime" / "scenes" / "one_slice.json", "--asset", asset, "--rate", "8000", "--duration", "60",
                                 "--record", killed / "r.csv", "--quiet"], cwd=killed, stderr=subprocess.DEVNULL)
     kept = killed / "r.csv.partial"
-    while process.poll() is None and (not kept.exists() or kept.stat().st_size < 200_000):
-        time.sleep(0.02)
+    while process.poll() is None and not (seen := rows()):
+        time.sleep(0.01)
+    seen_at, seen_s = time.monotonic(), float(seen[-1].split(b",")[0])
+    time.sleep(1.5)
     process.kill()
+    killed_at = time.monotonic()
     process.wait()
-    assert [file.name for file in killed.iterdir()] == [kept.name] and kept.read_bytes().count(b"\n") > 100, f"a killed session: {list(killed.iterdir())}"
+    assert [file.name for file in killed.iterdir()] == [kept.name], f"a killed session: {list(killed.iterdir())}"
+    last_s, at_least_s = float(rows()[-1].split(b",")[0]), seen_s + killed_at - seen_at
+    assert at_least_s - 0.2 <= last_s <= killed_at - began, f"a killed session has {last_s} s of at least {at_least_s} s"
 
     # Standard output that cannot be written is an error, except for a closed pipe. A replay reports differing torques.
     with open("/dev/full", "w") as nowhere:

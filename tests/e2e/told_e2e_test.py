@@ -100,6 +100,7 @@ def recoveries(source, programs, work, asset):
         with Simulator(programs, work, scene, "--clock", "lock-step", "--faults", plan) as simulator:
             done = run(programs / "trocar-run", scene, "--asset", asset, *simulator.link(), "--clock", "virtual", "--recover", "auto", "--simulated", "--duration", "3.3",
                        "--quiet", cwd=work, expect=5)
+        assert plan[:4] != "stop" or "fault emergency_stop at" in done.stderr, f"{plan}: {done.stderr}"
         told = [line for line in done.stderr.splitlines() if "no recovery yet" in line]
         reasons = [re.sub(r"lift it \d+ mm", "lift it N mm", line.partition(" s: ")[2]) for line in told]
         assert reasons == wanted, f"{plan}: told {told}"

@@ -41,15 +41,19 @@ struct AttributeItems {
 struct VolumeKey {
   const char* name;
   DcmTagKey macro, tag;
+  enum { kOfVolume, kOfEither, kOfSlice } of = kOfEither;  // DicomVolumeKey
 };
 const VolumeKey kVolumeKeys[] = {
-    {"TemporalPositionIdentifier", DCM_UndefinedTagKey, DCM_TemporalPositionIdentifier},
-    {"TemporalPositionIndex", DCM_FrameContentSequence, DCM_TemporalPositionIndex},
-    {"TemporalPositionTimeOffset", DCM_TemporalPositionSequence, DCM_TemporalPositionTimeOffset},
+    {"TemporalPositionIdentifier", DCM_UndefinedTagKey, DCM_TemporalPositionIdentifier,
+     VolumeKey::kOfVolume},
+    {"TemporalPositionIndex", DCM_FrameContentSequence, DCM_TemporalPositionIndex,
+     VolumeKey::kOfVolume},
+    {"TemporalPositionTimeOffset", DCM_TemporalPositionSequence, DCM_TemporalPositionTimeOffset,
+     VolumeKey::kOfVolume},
     {"NominalPercentageOfCardiacPhase", DCM_CardiacSynchronizationSequence,
-     DCM_NominalPercentageOfCardiacPhase},
+     DCM_NominalPercentageOfCardiacPhase, VolumeKey::kOfVolume},
     {"NominalPercentageOfRespiratoryPhase", DCM_RespiratorySynchronizationSequence,
-     DCM_NominalPercentageOfRespiratoryPhase},
+     DCM_NominalPercentageOfRespiratoryPhase, VolumeKey::kOfVolume},
     {"AcquisitionNumber", DCM_UndefinedTagKey, DCM_AcquisitionNumber},
     {"FrameAcquisitionNumber", DCM_FrameContentSequence, DCM_FrameAcquisitionNumber},
     {"StackID", DCM_FrameContentSequence, DCM_StackID},
@@ -61,15 +65,16 @@ const VolumeKey kVolumeKeys[] = {
     {"ConvolutionKernel", DCM_CTReconstructionSequence, DCM_ConvolutionKernel},
     {"ImageType", DCM_UndefinedTagKey, DCM_ImageType},
     {"SliceThickness", DCM_PixelMeasuresSequence, DCM_SliceThickness},
-    {"TriggerTime", DCM_UndefinedTagKey, DCM_TriggerTime},
+    {"TriggerTime", DCM_UndefinedTagKey, DCM_TriggerTime, VolumeKey::kOfSlice},
     {"NominalCardiacTriggerDelayTime", DCM_CardiacSynchronizationSequence,
-     DCM_NominalCardiacTriggerDelayTime},
-    {"AcquisitionDateTime", DCM_UndefinedTagKey, DCM_AcquisitionDateTime},
-    {"AcquisitionTime", DCM_UndefinedTagKey, DCM_AcquisitionTime},
-    {"FrameAcquisitionDateTime", DCM_FrameContentSequence, DCM_FrameAcquisitionDateTime},
-    {"ContentTime", DCM_UndefinedTagKey, DCM_ContentTime},
-    {"SeriesTime", DCM_UndefinedTagKey, DCM_SeriesTime},
-    {"InstanceNumber", DCM_UndefinedTagKey, DCM_InstanceNumber}};
+     DCM_NominalCardiacTriggerDelayTime, VolumeKey::kOfSlice},
+    {"AcquisitionDateTime", DCM_UndefinedTagKey, DCM_AcquisitionDateTime, VolumeKey::kOfSlice},
+    {"AcquisitionTime", DCM_UndefinedTagKey, DCM_AcquisitionTime, VolumeKey::kOfSlice},
+    {"FrameAcquisitionDateTime", DCM_FrameContentSequence, DCM_FrameAcquisitionDateTime,
+     VolumeKey::kOfSlice},
+    {"ContentTime", DCM_UndefinedTagKey, DCM_ContentTime, VolumeKey::kOfSlice},
+    {"SeriesTime", DCM_UndefinedTagKey, DCM_SeriesTime, VolumeKey::kOfSlice},
+    {"InstanceNumber", DCM_UndefinedTagKey, DCM_InstanceNumber, VolumeKey::kOfSlice}};
 
 // All values of an element as text.
 std::string all_values(DcmItem& item, const DcmTagKey& tag) {
@@ -395,7 +400,9 @@ std::optional<std::string> read_offsets(const AttributeItems& at, const GivenSpa
       out.along_mm[i] = static_cast<double>(i) * step_mm;
     out.placement += text_of(step_mm, 4) + " mm apart (" + how + ")";
   }
-  if (!(std::abs(out.along_mm.back()) < 1e6)) return "its frames are spread too far";
+  if (!std::all_of(out.along_mm.begin(), out.along_mm.end(),
+                   [](double along) { return std::abs(along) < 1e6; }))
+    return "its frames are spread too far";
   out.placement +=
       ", from ImagePositionPatient on along the normal of the image; the direction is assumed: if "
       "it is the opposite one, the shape is mirrored";
@@ -482,10 +489,10 @@ std::optional<std::string> read_frames(DcmFileFormat& format, const GivenSpacing
 
 }  // namespace
 
-std::vector<std::string> dicom_volume_keys() {
-  std::vector<std::string> out;
-  std::transform(std::begin(kVolumeKeys), std::end(kVolumeKeys), std::back_inserter(out),
-                 [](const VolumeKey& key) { return key.name; });
+std::vector<DicomVolumeKey> dicom_volume_keys() {
+  std::vector<DicomVolumeKey> out;
+  for (const VolumeKey& key : kVolumeKeys)
+    out.push_back({key.name, key.of == VolumeKey::kOfVolume, key.of == VolumeKey::kOfSlice});
   return out;
 }
 

@@ -7,6 +7,7 @@
 
 #include <Eigen/Core>
 #include <array>
+#include <cmath>
 #include <cstdint>
 #include <filesystem>
 #include <map>
@@ -20,10 +21,15 @@
 
 namespace trocar::pipeline {
 
-/// The names of the attributes by which volumes at the same positions in one series differ, such
-/// as "AcquisitionNumber". The most certain one comes first. Those from "TriggerTime" on may differ
-/// within a volume, too.
-std::vector<std::string> dicom_volume_keys();
+/// An attribute by which volumes at the same positions in one series differ, such as
+/// "AcquisitionNumber".
+struct DicomVolumeKey {
+  std::string name;
+  bool is_of_volume = false;  ///< it tells the time or phase of a whole volume
+  bool is_of_slice = false;   ///< it may differ within a volume, too
+};
+/// The most certain one comes first.
+std::vector<DicomVolumeKey> dicom_volume_keys();
 
 /// Fragments of compressed pixels: the index of the first one, from 1 (item 0 is the offset table),
 /// and of the one after the last.
@@ -63,6 +69,21 @@ struct DicomFrame {
   /// The file's path and, if the file has several frames, the frame's number from 1.
   std::string name() const;
 };
+
+// Do two frames agree, but for rounding in their files?
+inline bool same_orientation(const DicomFrame& a, const DicomFrame& b) {
+  return (a.u - b.u).norm() <= 1e-3 && (a.v - b.v).norm() <= 1e-3;
+}
+inline bool same_size(const DicomFrame& a, const DicomFrame& b) {
+  return a.rows == b.rows && a.columns == b.columns;
+}
+inline bool same_spacing(const DicomFrame& a, const DicomFrame& b) {
+  return std::abs(a.spacing_u_mm - b.spacing_u_mm) <= 1e-4 &&
+         std::abs(a.spacing_v_mm - b.spacing_v_mm) <= 1e-4;
+}
+inline bool same_frame_of_reference(const DicomFrame& a, const DicomFrame& b) {
+  return a.frame_of_reference == b.frame_of_reference;
+}
 
 /// A plane with the axes and the spacing of the frame and with the origin `position`. (The origin
 /// of the frame's own plane is frame.position.) SlicePlane::z_mm is measured along the frame's own

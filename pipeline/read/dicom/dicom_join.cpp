@@ -26,11 +26,10 @@ std::vector<Trait> compared(const DicomSeries& one, const DicomSeries& other) {
   const DicomFrame &a = one.slices[0], &b = other.slices[0];
   return {{"study", one.info.study_uid == other.info.study_uid},
           {"modality", one.content.name == other.content.name},
-          {"size", a.rows == b.rows && a.columns == b.columns},
-          {"frame of reference", a.frame_of_reference == b.frame_of_reference},
-          {"orientation", (a.u - b.u).norm() <= 1e-3 && (a.v - b.v).norm() <= 1e-3},
-          {"pixel spacing", std::abs(a.spacing_u_mm - b.spacing_u_mm) <= 1e-4 &&
-                                std::abs(a.spacing_v_mm - b.spacing_v_mm) <= 1e-4},
+          {"size", same_size(a, b)},
+          {"frame of reference", same_frame_of_reference(a, b)},
+          {"orientation", same_orientation(a, b)},
+          {"pixel spacing", same_spacing(a, b)},
           {"kind (ImageType)", one.info.image_type == other.info.image_type},
           {"kernel", one.info.kernel == other.info.kernel},
           {"description", one.info.description == other.info.description},

@@ -158,7 +158,7 @@ Result<std::unique_ptr<SliceStack>> open_dicom(std::vector<DicomFile> headers,
     const auto labels = chosen_segmentation(headers, uid, where);
     if (!labels) return labels.error();
     if (*labels != nullptr) {
-      if (auto ok = check_no_volume(where, options); !ok) return ok.error();
+      if (auto ok = check_no_volume(where, options.volume); !ok) return ok.error();
       return open_labels(**labels, headers, where, options);
     }
   }

@@ -21,8 +21,6 @@
 namespace trocar::pipeline {
 namespace {
 
-constexpr std::size_t kTemporalKeys = 5;  // the first ones of dicom_volume_keys()
-
 std::string slices_text(std::size_t n) {
   return std::to_string(n) + (n == 1 ? " slice" : " slices");
 }
@@ -68,20 +66,6 @@ class FrameComparison {
 
   std::array<Parsed, 2> last_;
 };
-
-bool same_orientation(const DicomFrame& a, const DicomFrame& b) {
-  return (a.u - b.u).norm() <= 1e-3 && (a.v - b.v).norm() <= 1e-3;
-}
-bool same_size(const DicomFrame& a, const DicomFrame& b) {
-  return a.rows == b.rows && a.columns == b.columns;
-}
-bool same_spacing(const DicomFrame& a, const DicomFrame& b) {
-  return std::abs(a.spacing_u_mm - b.spacing_u_mm) <= 1e-4 &&
-         std::abs(a.spacing_v_mm - b.spacing_v_mm) <= 1e-4;
-}
-bool same_frame_of_reference(const DicomFrame& a, const DicomFrame& b) {
-  return a.frame_of_reference == b.frame_of_reference;
-}
 
 using Same = bool (*)(const DicomFrame&, const DicomFrame&);
 
@@ -267,7 +251,8 @@ std::vector<DicomVolume> by_value(const Positions& positions, std::size_t key,
       if (!values.insert(value).second) return {};
       DicomVolume& volume = volumes[value];
       volume.slices.push_back(h);
-      volume.name = value.empty() ? "without " + key_name : key_name + " " + value;
+      volume.name =
+          value.empty() ? "without " + key_name : std::string(key_name).append(" ").append(value);
     }
   }
   const bool are_stacks = std::all_of(volumes.begin(), volumes.end(), [](const auto& volume) {
@@ -276,6 +261,7 @@ std::vector<DicomVolume> by_value(const Positions& positions, std::size_t key,
   if (volumes.size() < 2 || !(are_stacks || volumes.size() == most_at_one_position(positions)))
     return {};
   std::vector<DicomVolume> out;
+  out.reserve(volumes.size());
   for (auto& [value, volume] : volumes)
     out.push_back(std::move(volume));
   return out;
@@ -311,26 +297,25 @@ std::vector<DicomVolume> by_order(const Positions& positions, std::size_t key,
 
 // Volumes by the attribute that gives fewest; empty if none tells all slices at one position apart.
 std::vector<DicomVolume> divided(const Positions& positions) {
-  const std::vector<std::string> keys = dicom_volume_keys();
+  const std::vector<DicomVolumeKey> keys = dicom_volume_keys();
   std::vector<DicomVolume> best;
   for (std::size_t key = 0; key < keys.size(); ++key) {
-    auto volumes = by_value(positions, key, keys[key]);
+    auto volumes = by_value(positions, key, keys[key].name);
     if (!volumes.empty() && (best.empty() || volumes.size() < best.size()))
       best = std::move(volumes);
   }
-  const auto ordered =
-      static_cast<std::size_t>(std::find(keys.begin(), keys.end(), "TriggerTime") - keys.begin());
-  for (std::size_t key = ordered; key < keys.size() && best.empty(); ++key)
-    best = by_order(positions, key, keys[key]);
+  for (std::size_t key = 0; key < keys.size() && best.empty(); ++key)
+    if (keys[key].is_of_slice) best = by_order(positions, key, keys[key].name);
   return best;
 }
 
 // Volumes at different times, of which the slices lie between each other; empty if there are none.
 std::vector<DicomVolume> interleaved(const Positions& positions) {
-  const std::vector<std::string> keys = dicom_volume_keys();
+  const std::vector<DicomVolumeKey> keys = dicom_volume_keys();
   const Eigen::Vector3d normal = positions[0][0].u.cross(positions[0][0].v);
-  for (std::size_t key = 0; key < kTemporalKeys; ++key) {
-    auto volumes = by_value(positions, key, keys[key]);
+  for (std::size_t key = 0; key < keys.size(); ++key) {
+    if (!keys[key].is_of_volume) continue;
+    auto volumes = by_value(positions, key, keys[key].name);
     std::vector<std::pair<double, double>> ranges;
     for (const DicomVolume& volume : volumes)
       ranges.emplace_back(normal.dot(volume.slices.front().position),
@@ -428,19 +413,18 @@ Result<std::vector<DicomVolume>> volumes_of(std::vector<DicomFrame> slices,
   return out;
 }
 
-Result<void> check_no_volume(const std::string& where, const OpenOptions& options) {
-  if (!options.volume) return {};
-  return usage(where +
-               ": --volume chooses among the volumes of a NIfTI file, or of a DICOM series with "
-               "several; this is none");
+Result<void> check_no_volume(const std::string& where, std::optional<int> volume) {
+  if (!volume) return {};
+  return usage(
+      where +
+      ": --volume chooses among the volumes of a NIfTI or NRRD file, or of a DICOM series with "
+      "several; this is none");
 }
 
 Result<std::size_t> chosen_volume(const std::vector<DicomVolume>& volumes,
                                   std::optional<int> wanted, const std::string& name) {
   if (volumes.size() == 1) {
-    OpenOptions options;
-    options.volume = wanted;
-    if (auto ok = check_no_volume(name, options); !ok) return ok.error();
+    if (auto ok = check_no_volume(name, wanted); !ok) return ok.error();
     return std::size_t{0};
   }
   const std::string range = "0:" + std::to_string(volumes.size() - 1);

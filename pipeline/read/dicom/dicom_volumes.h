@@ -27,8 +27,9 @@ struct DicomVolume {
 ///
 /// - If two slices have the same position and equal pixels, one of them is removed (warning
 ///   copied_slice).
-/// - If slices at the same position differ, the first attribute of dicom_volume_keys() that has
-///   another value for each of them gives the volumes, in the order of its values.
+/// - If slices at the same position differ, the attribute of dicom_volume_keys() that tells them all
+///   apart with fewest volumes gives the volumes, in the order of its values. If there is none, an
+///   attribute of the time of a slice does, by its order at each position.
 /// - If they differ in an attribute of time, the slices may also lie between each other's.
 /// - If few slices, less than a quarter, have another orientation than the others, and the others
 ///   have no gap where they lie, they are left out (warning other_orientation).
@@ -45,8 +46,8 @@ Result<std::vector<DicomVolume>> volumes_of(std::vector<DicomFrame> slices,
 Result<std::size_t> chosen_volume(const std::vector<DicomVolume>& volumes,
                                   std::optional<int> wanted, const std::string& name);
 
-/// Errors: kUsage if options.volume is given. `where` names an input that is a single volume.
-Result<void> check_no_volume(const std::string& where, const OpenOptions& options);
+/// Errors: kUsage if a volume is given. `where` names an input that is a single volume.
+Result<void> check_no_volume(const std::string& where, std::optional<int> volume);
 
 /// Warnings about one volume: missing_slice, uneven_spacing, gantry_tilt, tilt_contradiction,
 /// dense_padding.

@@ -357,7 +357,7 @@ Result<Image> read_bmp(const std::filesystem::path& file, const std::vector<std:
 Result<Image> read_image_file(const std::filesystem::path& file, Levels wanted) {
   const std::string name = file.string();
   const auto read = read_file(file);
-  if (!read) return refused(name + ": cannot be read");
+  if (!read) return read.error();
   const std::vector<std::uint8_t>& bytes = *read;
   const auto starts = [&bytes](std::string_view magic) {
     return bytes.size() > magic.size() &&

@@ -384,7 +384,7 @@ std::map<int, std::string> names_of_segments(const Fields& fields) {
 Result<std::string> nrrd_head(const std::filesystem::path& file) {
   constexpr std::size_t kMaxBytes = 1 << 20;
   const FileDescriptor in(::open(file.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK));
-  if (in.get() < 0) return refused(file.string() + ": " + system_message(errno));
+  if (in.get() < 0) return refused_by_system(file.string(), errno);
   std::string out(kMaxBytes, '\0');
   out.resize(read_at(in.get(), 0, out));
   return out;

@@ -4,6 +4,7 @@
 #include <system_error>
 #include <utility>
 
+#include "formats/base/system_message.h"
 #include "pipeline/read/file_names.h"
 #include "pipeline/read/nifti/nifti_stack.h"
 #include "pipeline/read/nrrd/nrrd_header.h"
@@ -25,7 +26,10 @@ Result<std::unique_ptr<SliceStack>> open_nrrd(const fs::path& path, const OpenOp
     const bool is_detached = !header->data_file.empty();
     const fs::path data = is_detached ? path.parent_path() / header->data_file : path;
     std::error_code error;
-    if (!fs::is_regular_file(data, error))
+    const bool is_there = fs::is_regular_file(data, error);
+    if (error && is_of_circumstances(error.value()))
+      return refused_by_system(data.string(), error.value());
+    if (!is_there)
       return refused(file + ": its data file " + header->data_file + " is not in its folder");
     std::int64_t from = header->data_at;
     if (header->at_end) {

@@ -196,12 +196,10 @@ Result<std::string> bone_of(const std::filesystem::path& scene_file,
   json slices = json::array();
   for (const auto& sheet : loaded->sheets)
     slices.push_back(describe_sheet(*sheet, loaded->asset, arrays));
-  const json head = {{"schema", "trocar.bone/1"},
-                     {"surface", describe_surface(*loaded, arrays)},
-                     {"slices", std::move(slices)},
-                     {"tool", describe_tool(loaded->scene.tool)},
-                     {"goals", goals_of(scene_file)},
-                     {"lps_mm_of_device", patient_of_device(*loaded)}};
+  const json head = {
+      {"schema", "trocar.bone/1"},     {"surface", describe_surface(*loaded, arrays)},
+      {"slices", std::move(slices)},   {"tool", describe_tool(loaded->scene.tool)},
+      {"goals", goals_of(scene_file)}, {"lps_mm_of_device", patient_of_device(*loaded)}};
   return arrays.with_json(json_text(head));
 }
 

@@ -6,6 +6,7 @@
 
 #include <cmath>
 #include <functional>
+#include <optional>
 #include <utility>
 #include <vector>
 
@@ -21,6 +22,9 @@ constexpr double kBrokenSheet_m = 0.12;
 struct Met {
   double force_N = 0, depth_m = 0;
   bool passes_slice = false, releases = false;
+  std::optional<double> hand_depth_m =
+      std::nullopt;  ///< of a tip fixed to the plate; none: depth_m
+  bool is_running = true;
 };
 
 /// A session in `running`, of so many ticks at this rate, along a shaft that is tilted by 20 deg.
@@ -42,12 +46,18 @@ SessionFigures figures_of(int ticks, double rate_Hz, const std::function<Met(dou
     last_N = now.force_N;
     ObservedTick tick;
     tick.row.t_s = k / rate_Hz;
-    tick.row.safety = SafetyState::kRunning;
+    tick.row.safety = now.is_running ? SafetyState::kRunning : SafetyState::kFault;
     tick.row.phase = now.force_N > 0 ? ContactPhase::kContact : ContactPhase::kPunctured;
     tick.row.active_slice = 0;
-    const Eigen::Vector3d tip_m = Eigen::Vector3d(0, 0, kBrokenSheet_m) + now.depth_m * inward;
+    const Eigen::Vector3d top_m(0, 0, kBrokenSheet_m), tip_m = top_m + now.depth_m * inward;
+    const Eigen::Vector3d plate_tip_m = top_m + now.hand_depth_m.value_or(now.depth_m) * inward;
     tick.row.tool_m = {tip_m.x(), tip_m.y(), tip_m.z()};
-    tick.break_through = find_break_through({1 / rate_Hz, tip_m, tip_m, inward, contact}, state);
+    if (now.is_running) {
+      tick.break_through =
+          find_break_through({1 / rate_Hz, tip_m, plate_tip_m, inward, contact}, state);
+    } else {
+      state = {};
+    }
     observer.observe(tick);
   }
   return observer.figures();
@@ -86,6 +96,59 @@ TEST(BreakThrough, ThePlungeIsTheWayThatTheTipRunsOn) {
     EXPECT_NEAR(made.hand_m, made.plunge_m, 1e-9) << "no coupling";
     EXPECT_NEAR(made.tip_N, 48.27, 0.5);
     EXPECT_EQ(made.ended_by, PlungeEnd::kTime);
+  }
+}
+
+TEST(BreakThrough, TheHandsPartOfAPlungeIsItsOwnWay) {
+  // The spring of the coupling lets go over 5 ms: the tip runs 1 mm ahead of the hand.
+  const SessionFigures found = figures_of(2000, 1000, [](double t_s) {
+    const double ahead_m = 1e-3 * std::clamp((t_s - 1) / 5e-3, 0.0, 1.0);
+    return Met{t_s < 1 ? 48.0 : 0, 7e-3 * t_s + ahead_m, false, false, 7e-3 * t_s};
+  });
+  ASSERT_EQ(found.break_throughs.count, 1U);
+  EXPECT_NEAR(found.break_throughs.list[0].plunge_m, 7e-3 * kPlunge_s + 1e-3, 2e-4);
+  EXPECT_NEAR(found.break_throughs.list[0].hand_m, 7e-3 * kPlunge_s, 2e-4);
+}
+
+TEST(BreakThrough, APlungeEndsWhenTheTipComesBackOrForcesAreZeroed) {
+  // Through at 1 s, and back from 1.2 s on; or a fault at 1.3 s.
+  const auto dive_until = [](double back_s, double fault_s) {
+    return figures_of(2000, 1000, [=](double t_s) {
+      return Met{t_s < 1 ? 48.0 : 0,
+                 7e-3 * (t_s < back_s ? t_s : 2 * back_s - t_s),
+                 false,
+                 false,
+                 std::nullopt,
+                 t_s < fault_s};
+    });
+  };
+  const SessionFigures back = dive_until(1.2, 3), faulty = dive_until(3, 1.3);
+  ASSERT_EQ(back.break_throughs.count, 1U);
+  EXPECT_EQ(back.break_throughs.list[0].ended_by, PlungeEnd::kReversed);
+  EXPECT_NEAR(back.break_throughs.list[0].plunge_m, 7e-3 * 0.2, 5e-5);
+  ASSERT_EQ(faulty.break_throughs.count, 1U);
+  EXPECT_EQ(faulty.break_throughs.list[0].ended_by, PlungeEnd::kFault);
+  EXPECT_NEAR(faulty.break_throughs.list[0].plunge_m, 7e-3 * 0.3, 5e-5);
+  EXPECT_NEAR(faulty.break_throughs.list[0].ended_t_s, 1.3, 2e-3);
+}
+
+// The spring of hand and coupling throws the tip forwards, further than the reference reaches.
+TEST(BreakThrough, AJumpOfTheTipIsOneBreakThroughAtAllRates) {
+  for (const double rate_Hz : {500.0, 1000.0, 4000.0, 8000.0}) {
+    for (const double jump_m : {0.5e-3, 3e-3, 8e-3}) {
+      for (const double left : {0.0, 0.1, 0.4}) {
+        const SessionFigures found =
+            figures_of(static_cast<int>(2 * rate_Hz), rate_Hz, [=](double t_s) {
+              const double done = std::clamp((t_s - 1) / 4e-3, 0.0, 1.0);
+              return Met{100 * std::min(1.0, 5 * t_s) * (t_s < 1 ? 1 : left),
+                         7e-3 * t_s + jump_m * done};
+            });
+        ASSERT_EQ(found.break_throughs.count, 1U)
+            << rate_Hz << " Hz, " << jump_m << " m, " << left << " left";
+        EXPECT_NEAR(found.break_throughs.list[0].tip_N, 100, 3) << rate_Hz << ' ' << jump_m;
+        EXPECT_NEAR(found.break_throughs.list[0].t_s, 1, 0.03) << rate_Hz << ' ' << jump_m;
+      }
+    }
   }
 }
 

@@ -292,17 +292,17 @@ TEST(CuttingSession, EqualBoneBreaksOnlyAtItsFarSide) {
   ASSERT_EQ(run_.report.break_throughs.size(), 1U);
   const BreakThroughEvent& found = run_.report.break_throughs[0];
   EXPECT_EQ(found.at, 0) << "the lowest slice";
-  EXPECT_NEAR(found.lost_N, 24, 1);
+  EXPECT_NEAR(found.resistance_N, 24, 1);
   EXPECT_NEAR(found.t_s, run_.report.punctures.back().t_s, 0.02);
   const auto of_row = std::find_if(run_.rows.begin(), run_.rows.end(),
                                    [](const RecordingRow& row) { return row.break_through_N > 0; });
   ASSERT_NE(of_row, run_.rows.end());
   EXPECT_EQ(of_row->t_s, found.t_s);
-  EXPECT_EQ(of_row->break_through_N, found.lost_N);
+  EXPECT_EQ(of_row->break_through_N, found.resistance_N);
   const SessionResult replayed = replay(scene, asset, options, description, run_.rows);
   ASSERT_EQ(replayed.break_throughs.size(), 1U);
   EXPECT_EQ(replayed.break_throughs[0].t_s, found.t_s);
-  EXPECT_EQ(replayed.break_throughs[0].lost_N, found.lost_N);
+  EXPECT_EQ(replayed.break_throughs[0].resistance_N, found.resistance_N);
 }
 
 TEST(CuttingSession, ASnapCutsSeveralSheetsInATick) {
