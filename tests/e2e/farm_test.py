@@ -3,6 +3,7 @@
 by byte, however often tasks, slurmctld and slurmd are killed meanwhile. The parts: array (scripts/slurm/array.sh), snakemake (scripts/snakemake and
 its profile), gives_up (array.sh names a scan that fails in each round). Each of the first two parts gets N kills. Skipped without Slurm (scripts/setup farm)."""
 import argparse
+import contextlib
 import os
 import pathlib
 import random
@@ -49,8 +50,9 @@ class Runs:
                 time.sleep(self.random.uniform(0.2, 1.5))
                 victims = self.cluster.victims(KINDS[self.killed % len(KINDS)]) if kills > 0 and (store / "journal").exists() else []
                 if victims and self.cluster.victims("task"):
-                    os.kill(self.random.choice(sorted(victims)), signal.SIGKILL)
-                    self.killed, kills = self.killed + 1, kills - 1
+                    with contextlib.suppress(ProcessLookupError):
+                        os.kill(self.random.choice(sorted(victims)), signal.SIGKILL)
+                        self.killed, kills = self.killed + 1, kills - 1
                 if time.monotonic() > end:
                     os.killpg(process.pid, signal.SIGKILL)
                     check(False, f"{store.name}: not done after {RUN_MAX_S} s")
@@ -73,7 +75,7 @@ def same(cluster, part, collection, broken, wanted):
         # New failures are exit code 3 of array.sh. Snakemake's jobs are done with them.
         check(code == (3 if part == "array" else 0), f"{store.name}: ended with {code}: {said[-2000:]}")
         check(all(f"{name}: known failure: " in said for name in broken), f"{store.name}: does not name what failed: {said[-1000:]}")
-        run(MESH, "batch", collection, "-o", store, "--only", os.devnull, "--quiet")  # removes what killed processes have left
+        run(MESH, "batch", collection, "-o", store, "--only", "-", "--quiet", input="")  # removes what killed processes have left
         runs.check_store(store, wanted)
         print(f"{store.name}: {runs.killed - before} kills, {said.count('round ') or said.count('Trying to restart')} rounds or repeated jobs, "
               f"{time.monotonic() - began:.0f} s", flush=True)

@@ -123,11 +123,10 @@ class LocalSlurm:
         self.keeper.stdout.close()
 
     def victims(self, kind):
-        """The processes of a kind: "slurmctld", "slurmd", or "task", the processes that slurmstepd starts."""
+        """The processes of a kind: "slurmctld", "slurmd", or "task", those below slurmstepd."""
         below = descendants(self.keeper.pid)
-        steps = {pid for pid, command in below.items() if command.startswith("slurmstepd: [")}
         if kind == "task":
-            return [pid for pid, (parent, _) in processes().items() if parent in steps]
+            return [pid for step, command in below.items() if command.startswith("slurmstepd: [") for pid in descendants(step)]
         return [pid for pid, command in below.items() if command.startswith(f"{kind} -D")]
 
 
