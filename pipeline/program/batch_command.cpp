@@ -62,35 +62,19 @@ Result<std::set<std::string>> names_in(const fs::path& file) {
   return out;
 }
 
-std::string time_left(double seconds) {
-  char text[40];
-  if (seconds < 100) {
-    std::snprintf(text, sizeof text, "%.0f s", seconds);
-  } else if (seconds < 6000) {
-    std::snprintf(text, sizeof text, "%.0f min", seconds / 60);
-  } else {
-    std::snprintf(text, sizeof text, "%.1f h", seconds / 3600);
-  }
-  return text;
-}
-
-// A progress bar with the rate and the remaining time.
+// A progress bar, which changes at most every 100 ms.
 std::function<void(std::size_t, std::size_t, std::size_t)> scan_progress() {
   using Clock = std::chrono::steady_clock;
-  return [start = Clock::now(), shown = Clock::time_point()](std::size_t done, std::size_t failed,
-                                                             std::size_t total) mutable {
+  return [shown = Clock::time_point()](std::size_t done, std::size_t failed,
+                                       std::size_t total) mutable {
     const auto now = Clock::now();
     if (done < total && now - shown < std::chrono::milliseconds(100)) return;
     shown = now;
     constexpr std::size_t kWidth = 30;
-    const double spent = std::chrono::duration<double>(now - start).count();
-    const double rate = static_cast<double>(done) / std::max(spent, 1e-9);
     std::string bar(kWidth * done / total, '#');
     bar.resize(kWidth, '.');
-    std::fprintf(stderr, "\r  [%s] %zu of %zu scans, %zu failed, %.3g a second, %s left   %s",
-                 bar.c_str(), done, total, failed, rate,
-                 time_left(static_cast<double>(total - done) / rate).c_str(),
-                 done == total ? "\n" : "");
+    std::fprintf(stderr, "\r  [%s] %zu of %zu scans, %zu failed %s", bar.c_str(), done, total,
+                 failed, done == total ? "\n" : "");
   };
 }
 
