@@ -119,7 +119,9 @@ std::string name_of(const json& scan, const std::string& digest) {
   for (const char* ending : {".gz", ".nii", ".nrrd", ".nhdr"})
     if ((scan["kind"] == "nifti" || scan["kind"] == "nrrd") && out.ends_with(ending))
       out.resize(out.size() - std::string(ending).size());
-  if (out == ".") out = "scan";
+  // The path of a series is a file until its second file arrives, and then their folder.
+  if (scan.value("files", 0) == 1) out = fs::path(out).parent_path().string();
+  if (out == "." || out.empty()) out = "scan";
   if (const auto number = scan.find("number"); number != scan.end() && number->is_number())
     out += "_s" + json_text(*number);
   if (const auto volume = scan.find("volume"); volume != scan.end())

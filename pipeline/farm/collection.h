@@ -43,8 +43,8 @@ Result<Collection> read_collection(const std::filesystem::path& file);
 /// Makes a first collection for the scans in `folder`. `list` is the result of list_scans() for the
 /// folder. The collection has every scan that `list` marks as usable, except localisers. The paths
 /// of the scans are relative to `relative_to`, or absolute if it is empty. A scan keeps its name when
-/// others are added: the name of a series ends with a digest of its UID, and scans whose names would
-/// be equal get a digest of their paths. A scan whose path a collection cannot state, because it has
+/// others, or more of its files, are added: the name of a series ends with a digest of its UID, and
+/// scans whose names would be equal get a digest of their paths. A scan whose path a collection cannot state, because it has
 /// control characters or is not UTF-8, is left out, and its path added to `left_out`.
 nlohmann::json first_collection(const nlohmann::json& list, const std::filesystem::path& folder,
                                 const std::filesystem::path& relative_to,

@@ -102,6 +102,7 @@ install(FILES scripts/debian/limits.conf RENAME trocar.conf DESTINATION ../etc/s
   COMPONENT trocar-runtime EXCLUDE_FROM_ALL)
 # The head CT of the tutorial, from Debian's invesalius-examples.
 install(FILES scripts/lib/head_ct.py DESTINATION ${share} COMPONENT trocar-mesh)
+install(PROGRAMS scripts/archive/orthanc-hook scripts/archive/get-study DESTINATION ${share} COMPONENT trocar-mesh)
 
 # trocar_pages(COMPONENT FILES...): pages to read, beside those of every package. Links in them lead to the installed pages, which
 # `pages_of` names for each package.
@@ -239,7 +240,8 @@ trocar_package(trocar-console science "operator's console of a puncture simulato
   "trocar-console serves a page on this machine that starts, shows and commands\nsessions of trocar-run, and plays their recordings.")
 trocar_package(trocar-formats-dev libdevel "library to read and write Trocar's mesh assets"
   "Headers, static library and CMake package Trocar, component formats.")
-set(CPACK_DEBIAN_TROCAR-MESH_PACKAGE_SUGGESTS "python3-nibabel, invesalius-examples, slurm-wlm, snakemake, trocar-runtime, trocar-sample-ct")
+set(CPACK_DEBIAN_TROCAR-MESH_PACKAGE_SUGGESTS
+  "dcmtk, orthanc, python3-nibabel, invesalius-examples, slurm-wlm, snakemake, trocar-runtime, trocar-sample-ct")
 set(CPACK_DEBIAN_TROCAR-MESH_PACKAGE_BREAKS trocar-farm)  # of version 0.2.0
 set(CPACK_DEBIAN_TROCAR-RUNTIME_PACKAGE_DEPENDS "passwd")
 set(CPACK_DEBIAN_TROCAR-RUNTIME_PACKAGE_SUGGESTS "trocar-mesh, trocar-console, trocar-tools")

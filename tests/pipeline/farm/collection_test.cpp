@@ -85,6 +85,10 @@ TEST(Collection, AFirstOneLeavesOutWhatCannotBeUsedAndNamesEachScanOnce) {
   EXPECT_EQ(read->scans[2].paths[0], "study");
   EXPECT_EQ(read->scans[3].name, "dicom_s4-" + digest("1.2"));
   EXPECT_EQ(read->scans[3].series, "1.2");
+  series.update({{"path", "dicom/first.dcm"}, {"files", 1}});
+  list = {{"scans", json::array({series})}};
+  const json begun = first_collection(list, "/data/study", "/data");
+  EXPECT_EQ(begun["scans"][0]["name"], read->scans[3].name);
   // A collection cannot state every path.
   std::vector<std::string> left_out;
   list = {{"scans", {scan("nifti", "new\nline.nii", true), scan("nifti", "\xe9.nii", true)}}};
