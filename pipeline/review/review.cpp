@@ -14,7 +14,7 @@
 #include <utility>
 #include <vector>
 
-#include "embedded/pipeline/review/review_page.html.h"
+#include "embedded/pipeline/review/review_page.js.h"
 #include "formats/base/file_io.h"
 #include "formats/base/html_page.h"
 #include "formats/base/json_text.h"
@@ -39,7 +39,7 @@ using DifferenceKind = ScanDifference::Kind;
 
 constexpr int kThumbnail_px = 168;
 constexpr std::size_t kMaxRows = 500;  // largest number of rows in the table of differences
-constexpr const char* kMark = "<meta name=\"generator\" content=\"trocar-mesh review\">";
+constexpr std::string_view kGenerator = "trocar-mesh review";
 
 Result<Store> open_store(const fs::path& folder) {
   std::error_code ignored;
@@ -173,7 +173,8 @@ bool is_review(const fs::path& file) {
   std::string head(512, '\0');
   std::ifstream in(file, std::ios::binary);
   in.read(head.data(), static_cast<std::streamsize>(head.size()));
-  return head.find(kMark) != std::string::npos;
+  return head.find("<meta name=\"generator\" content=\"" + std::string(kGenerator) + "\">") !=
+         std::string::npos;
 }
 
 // Refuses to write a page over a file that is not a page of the same review. The first page, which
@@ -346,7 +347,7 @@ Result<json> write_review(const ReviewOptions& options) {
       shown["per_page"] = kScansPerPage;
       if (other->store) shown["differences"] = difference_rows(other->diff);
     }
-    const std::string text = html_page(kReviewPage, {{"review", json_text(shown)}});
+    const std::string text = html_page(kGenerator, kReviewPage, {{"review", json_text(shown)}});
     if (auto ok = write_file_atomically(page_file(options.page, page), text); !ok)
       return ok.error();
     done += size;
