@@ -14,7 +14,6 @@
 #include "pipeline/farm/journal.h"
 #include "pipeline/farm/lease.h"
 #include "pipeline/farm/processes.h"
-#include "pipeline/farm/product_maker.h"
 
 namespace trocar::farm {
 namespace {
@@ -45,7 +44,6 @@ json journal_line(const std::string& scan, const Outcome& outcome) {
               {"memory_bytes", outcome.memory_bytes},
               {"exit_code", outcome.exit_code}};
   if (outcome.signal != 0) out["signal"] = outcome.signal;
-  if (outcome.products_made > 0) out["products_made"] = outcome.products_made;
   if (!outcome.reason.empty()) out["reason"] = outcome.reason;
   if (!outcome.warnings.empty()) out["warnings"] = outcome.warnings;
   return out;
@@ -58,48 +56,6 @@ Outcome known_failure(const ScanState& state) {
   out.exit_code = state.why.at(0).at("exit_code").get<int>();
   return out;
 }
-
-// Checks the parameters of the products of all scans.
-class ProductChecks {
- public:
-  ProductChecks(const ScanProgram& program, const ProductPrograms& programs,
-                const std::atomic<bool>* stop)
-      : program_(program), programs_(programs), stop_(stop) {}
-
-  Result<void> operator()(const CollectionScan& scan) {
-    for (const WantedProduct& product : scan.products) {
-      if (product.parameters.empty()) continue;
-      const auto ok = check(scan, product);
-      if (!ok && ok.error().code == ExitCode::kUsage)
-        return ok.error().after("scan " + scan.name + ", product " + product_name(product.kind) +
-                                ": ");
-    }
-    return {};
-  }
-
- private:
-  Result<void> check(const CollectionScan& scan, const WantedProduct& product) {
-    if (product.kind == ProductKind::kSurface) {
-      const json parameters = product_parameters(scan, product);
-      if (!checked_.insert(json_text(parameters)).second) return {};
-      const auto read = program_.parameters(parameters);
-      if (!read) return read.error();
-      return {};
-    }
-    // A program is started once for each set of options, not for each of many thousand scans that
-    // have different values of them.
-    std::string options = product_name(product.kind);
-    for (const auto& [name, value] : product.parameters.items())
-      options.append(" ").append(name);
-    if (!checked_.insert(options).second) return {};
-    return check_options(scan, product, programs_, stop_);
-  }
-
-  const ScanProgram& program_;
-  const ProductPrograms& programs_;
-  const std::atomic<bool>* stop_;
-  std::set<std::string> checked_;
-};
 
 // One run: its queue, its processes and its summary.
 class Run {
@@ -157,9 +113,8 @@ class Run {
       const ScanState& state = *found;
       // Because of --rehash, unchanged scans get a process too, so that digests are computed
       // by several processes at the same time.
-      // A scan of which only a product failed has an asset, which --verify checks.
-      const bool has_asset = state.kind != Kind::kKnownFailure || state.asset_bytes > 0;
-      const bool is_read = settings_.rehash || (settings_.verify && has_asset);
+      const bool is_read =
+          settings_.rehash || (settings_.verify && state.kind != Kind::kKnownFailure);
       if (state.kind == Kind::kStale || is_read) {
         todo_.push_back({k, state.kind == Kind::kStale, state.kind == Kind::kDone});
       } else if (state.kind == Kind::kDone) {
@@ -167,8 +122,6 @@ class Run {
         summary_.asset_bytes += state.asset_bytes;
         add_warnings(k, state.warnings);
       } else {
-        summary_.asset_bytes += state.asset_bytes;
-        add_warnings(k, state.warnings);
         failed_.emplace_back(k, known_failure(state));
       }
     }
@@ -214,7 +167,7 @@ class Run {
     } else {
       has_killed_ = true;
       if (is_stopped()) return void(++summary_.left);
-      outcome = record_killed(work_of(todo, 1), store_, ended.signal, ended.exit_code);
+      outcome = record_killed(work_of(todo, 1), store_, program_, ended.signal, ended.exit_code);
     }
     outcome.seconds = ended.seconds;
     outcome.memory_bytes = ended.memory_bytes;
@@ -232,7 +185,6 @@ class Run {
     if (!is_same) summary_.has_journal &= journal_.add(journal_line(name, outcome));
     summary_.asset_bytes += outcome.bytes;
     add_warnings(todo.scan, outcome.warnings);
-    summary_.products_made += outcome.products_made;
     switch (outcome.kind) {
       case Outcome::Kind::kMade:
         ++summary_.made;
@@ -312,12 +264,11 @@ class Run {
 }  // namespace
 
 Result<Batch> Batch::plan(const Collection& collection, const ScanProgram& program,
-                          const ProductPrograms& programs, BatchSettings settings) {
+                          BatchSettings settings) {
   Batch out(program);
   out.settings_ = std::move(settings);
   std::set<std::string> unknown = out.settings_.only.value_or(std::set<std::string>());
   std::unordered_map<std::string, const Parameters*> known;
-  ProductChecks check_products(program, programs, out.settings_.stop);
   for (std::size_t k = 0; k < collection.scans.size(); ++k) {
     const CollectionScan& scan = collection.scans[k];
     // The parameters of all scans are checked, so that every shard refuses a wrong collection.
@@ -331,7 +282,6 @@ Result<Batch> Batch::plan(const Collection& collection, const ScanProgram& progr
         at->second = out.parameters_.back().get();
       }
     }
-    if (auto ok = check_products(scan); !ok) return ok.error();
     if (out.settings_.only) {
       unknown.erase(scan.name);
       if (!out.settings_.only->contains(scan.name)) continue;
@@ -340,7 +290,7 @@ Result<Batch> Batch::plan(const Collection& collection, const ScanProgram& progr
         shard &&
         k % static_cast<std::size_t>(shard->second) != static_cast<std::size_t>(shard->first))
       continue;
-    out.wanted_.push_back({&scan, at->second, &programs});
+    out.wanted_.push_back({&scan, at->second});
   }
   if (!unknown.empty())
     return usage("--only: " + *unknown.begin() + ": the collection has no such scan");

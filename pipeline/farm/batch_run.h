@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // A batch: selects the stale scans of a collection, meshes each one in a separate process, and
 // summarises the outcomes.
-// Tests: tests/pipeline/farm/worker_test.cpp, tests/pipeline/farm/product_test.cpp
+// Tests: tests/pipeline/farm/worker_test.cpp
 #pragma once
 
 #include <atomic>
@@ -69,8 +69,7 @@ struct BatchSummary {
   std::size_t found = 0;           ///< changed, but the store already had the new outputs
   std::size_t left = 0;            ///< not finished, because of a signal or of `max_failures`
   std::vector<FailedScan> failed;  ///< scans that failed in this run, in the collection's order
-  /// Known failures (staleness.h), in the collection's order. This run did not try again to make
-  /// the asset or the product that had failed.
+  /// Known failures (staleness.h), in the collection's order. This run did not try them again.
   std::vector<FailedScan> known;
   /// The scans with warnings, sorted by name: of those that this run made or found, and of those that
   /// an earlier run has made.
@@ -82,10 +81,9 @@ struct BatchSummary {
   /// Total size of the assets that this run has made or found up to date. Scans in the class `left`
   /// add nothing.
   std::uint64_t asset_bytes = 0;
-  bool has_unrecorded = false;    ///< true: a failure could not be written to the index
-  bool has_journal = true;        ///< false: a line of the journal could not be written
-  std::size_t products_made = 0;  ///< number of products (product.h) that this run made
-  double seconds = 0;             ///< duration of the run
+  bool has_unrecorded = false;  ///< true: a failure could not be written to the index
+  bool has_journal = true;      ///< false: a line of the journal could not be written
+  double seconds = 0;           ///< duration of the run
 };
 
 struct NamedState {
@@ -97,15 +95,11 @@ struct NamedState {
 /// directory, because the paths of the scans are relative to it.
 class Batch {
  public:
-  /// Selects the scans, and checks the parameters of all scans of the collection and of their
-  /// products. The options of a preview, a scene or a check are checked by the program that makes
-  /// it. If several scans give the same options for such a product, only those of the first scan
-  /// are checked, even if the values of the options differ. Precondition: the process has no other
-  /// threads yet, because this function starts the programs by fork(). `collection`, `program` and
-  /// `programs` must outlive the batch. Errors: kUsage if a scan or a product has wrong parameters,
-  /// or if `only` has a name that the collection lacks.
+  /// Selects the scans, and checks the parameters of all scans of the collection. `collection` and
+  /// `program` must outlive the batch. Errors: kUsage if a scan has wrong parameters, or if `only`
+  /// has a name that the collection lacks.
   static Result<Batch> plan(const Collection& collection, const ScanProgram& program,
-                            const ProductPrograms& programs, BatchSettings settings);
+                            BatchSettings settings);
 
   std::size_t scans() const { return wanted_.size(); }
   /// The states of the selected scans. A run would work on those that are stale. Errors: those of

@@ -91,77 +91,8 @@ void read_input(const json& input, const std::string& path, CollectionScan& scan
   }
 }
 
-// Why a product cannot have the option; empty if it can. The key of a product has the bytes of the
-// scan's files, but not those of a file that only the product's own options name, so that nobody
-// would notice a change of this file.
-std::string why_not_for_products(const std::string& option, const json& value) {
-  // The farm itself gives these options to the commands that make products.
-  static const std::set<std::string> reserved = {"output", "report",   "series", "jobs",
-                                                 "quiet",  "help",     "asset",  "check",
-                                                 "record", "new-scene"};
-  static const std::set<std::string> of_mesh = {"hu", "input-key", "mask"};
-  static const std::set<std::string> of_run = {"black-box",     "device-description",
-                                               "frames",        "hand-path",
-                                               "history",       "key-file",
-                                               "live",          "meshes",
-                                               "replay",        "summary",
-                                               "session-report"};
-  const bool is_word = std::all_of(option.begin(), option.end(), [](char c) {
-    return (c >= 'a' && c <= 'z') || (c >= '0' && c <= '9') || c == '-';
-  });
-  if (!is_word || option.empty() || option[0] == '-' || reserved.contains(option))
-    return "is not for products";
-  // --names takes a file or one of the tables of LabelNames::is_table().
-  const bool is_table = value == "verse" || value == "totalsegmentator";
-  if (of_mesh.contains(option) || (option == "names" && !is_table))
-    return "is not for products, because it names a file; give it to the scan as a parameter";
-  if (of_run.contains(option)) return "is not for products, because it names a file";
-  return "";
-}
-
-WantedProduct read_product(const json& given, const std::string& path, JsonErrors& errors) {
-  WantedProduct out;
-  std::string name;
-  if (given.is_string()) {
-    name = given.get<std::string>();
-  } else {
-    StrictObject reader(given, path, errors);
-    name = reader.string("product");
-    if (const json* own = reader.optional_value("parameters"); own != nullptr)
-      read_parameters(*own, reader.path("parameters"), out.parameters, errors);
-    reader.finish();
-    for (const auto& [option, value] : out.parameters.items()) {
-      if (const std::string why = why_not_for_products(option, value); !why.empty())
-        errors.add(reader.path("parameters") + "/" + option, why);
-    }
-  }
-  if (const auto kind = product_kind(name)) {
-    out.kind = *kind;
-  } else if (!errors.first) {
-    errors.add(path, "must be preview, surface, scene or check, or an object with one as product");
-  }
-  return out;
-}
-
-void read_products(const json& given, const std::string& path, std::vector<WantedProduct>& into,
-                   JsonErrors& errors) {
-  into.clear();
-  if (!given.is_array()) return errors.add(path, "must be an array");
-  std::set<ProductKind> kinds;
-  for (std::size_t k = 0; k < given.size() && !errors.first; ++k) {
-    const std::string at = path + "/" + std::to_string(k);
-    into.push_back(read_product(given[k], at, errors));
-    if (!kinds.insert(into.back().kind).second && !errors.first)
-      errors.add(at, std::string(product_name(into.back().kind)) + " is given twice");
-  }
-  if (kinds.contains(ProductKind::kCheck) && !kinds.contains(ProductKind::kScene))
-    errors.add(path, "check needs scene, the product that it checks");
-  std::sort(into.begin(), into.end(),
-            [](const WantedProduct& a, const WantedProduct& b) { return a.kind < b.kind; });
-}
-
 CollectionScan read_scan(const json& value, const std::string& path, const json& defaults,
-                         const std::vector<WantedProduct>& products, JsonErrors& errors) {
+                         JsonErrors& errors) {
   CollectionScan out;
   StrictObject reader(value, path, errors);
   out.name = reader.string("name");
@@ -176,9 +107,6 @@ CollectionScan read_scan(const json& value, const std::string& path, const json&
   out.parameters = defaults;
   if (const json* own = reader.optional_value("parameters"); own != nullptr)
     read_parameters(*own, reader.path("parameters"), out.parameters, errors);
-  out.products = products;
-  if (const json* own = reader.optional_value("products"); own != nullptr)
-    read_products(*own, reader.path("products"), out.products, errors);
   reader.finish();
   return out;
 }
@@ -234,15 +162,12 @@ Result<Collection> parse_collection(std::string_view text, const fs::path& file)
   json defaults = json::object();
   if (const json* given = reader.optional_value("defaults"); given != nullptr)
     read_parameters(*given, "/defaults", defaults, errors);
-  std::vector<WantedProduct> products;
-  if (const json* given = reader.optional_value("products"); given != nullptr)
-    read_products(*given, "/products", products, errors);
   if (const json* scans = reader.array("scans", 0, kMaxScans); scans != nullptr) {
     out.scans.reserve(scans->size());
     std::unordered_map<std::string, std::size_t> by_name;
     for (std::size_t k = 0; k < scans->size() && !errors.first; ++k) {
       const std::string path = "/scans/" + std::to_string(k);
-      out.scans.push_back(read_scan((*scans)[k], path, defaults, products, errors));
+      out.scans.push_back(read_scan((*scans)[k], path, defaults, errors));
       const auto [at, is_new] = by_name.emplace(out.scans.back().name, k);
       if (!is_new)
         errors.add(path + "/name", "\"" + at->first + "\" is also the name of /scans/" +

@@ -10,7 +10,6 @@
 #include <vector>
 
 #include "formats/base/result.h"
-#include "pipeline/farm/product.h"
 
 namespace trocar::farm {
 
@@ -24,7 +23,6 @@ struct CollectionScan {
   /// The collection's defaults, overridden by the scan's own parameters. If the scan sets a
   /// parameter to false or null, the parameter is left out, even if the defaults have it.
   nlohmann::json parameters = nlohmann::json::object();
-  std::vector<WantedProduct> products = {};  ///< in the order of kProductKinds
 };
 
 struct Collection {

@@ -60,8 +60,6 @@ Result<Inventory> take_inventory(const Store& store, const std::set<std::string>
     const auto entry = store.read_entry(name);
     if (!entry) return entry.error();
     if (!*entry) continue;  // another process has dropped it
-    if (!(*entry)->is_whole)
-      return refused(store.entry_file(name).string() + ": its products are damaged");
     if (wanted != nullptr && !wanted->contains(name)) {
       out.unwanted.push_back(name);
       continue;
@@ -69,10 +67,6 @@ Result<Inventory> take_inventory(const Store& store, const std::set<std::string>
     if (!(*entry)->key.empty()) out.keys.insert((*entry)->key);
     if (const auto& made = (*entry)->outputs)
       out.digests.insert({made->asset.sha256, made->report.sha256});
-    for (const auto& [product, stored] : (*entry)->products) {
-      if (!stored.key.empty()) out.keys.insert(stored.key);
-      if (stored.file) out.digests.insert(stored.file->sha256);
-    }
   }
   auto actions = files_in(store.folder() / "actions", ".json");
   if (!actions) return actions.error();

@@ -59,6 +59,8 @@ class ScanProgram {
   ScanProgram(const ScanProgram&) = delete;
   ScanProgram& operator=(const ScanProgram&) = delete;
   virtual ~ScanProgram() = default;
+  /// SHA-256 of the executable that meshes.
+  virtual const std::string& digest() const = 0;
   /// Checks parameters as a collection gives them: names of options with their values. Errors:
   /// kUsage if the parameters are wrong; kRefused if a file that they name cannot be used.
   virtual Result<Parameters> parameters(const nlohmann::json& given) const = 0;

@@ -7,7 +7,6 @@
 #include <algorithm>
 #include <array>
 #include <cstring>
-#include <functional>
 #include <memory>
 #include <new>
 #include <optional>
@@ -64,19 +63,14 @@ void remove_damaged(const Store& store, const Object& object, bool is_asset) {
 }
 
 // Gives an entry of a failure that may pass what the entry before has: the key, so that --gc keeps
-// what belongs to it, and those outputs and products that still exist, so that their links stay. A
-// scan whose key is known to be another one now keeps nothing.
+// what belongs to it, and the outputs if they still exist, so that their links stay. A scan whose key
+// is known to be another one now keeps nothing.
 void keep_results(const Store& store, const std::optional<ScanEntry>& before, ScanEntry& entry) {
   if (!before || (!entry.key.empty() && entry.key != before->key)) return;
   entry.key = before->key;
   const auto& outputs = before->outputs;
   if (outputs && !store.lacks(outputs->asset) && !store.lacks(outputs->report))
     entry.outputs = outputs, entry.warnings = before->warnings;
-  entry.products = before->products;
-  std::erase_if(entry.products, [&store](const auto& product) {
-    const std::optional<Object>& file = product.second.file;
-    return file && store.lacks(*file);
-  });
 }
 
 // A new link to a file, or other rights, change its ctime alone. Then the bytes decide, if they were
@@ -124,7 +118,7 @@ class Worker {
   Worker(const Work& work, const Store& store, const ScanProgram& program)
       : work_(work), scan_(*work.wanted.scan), store_(store), program_(program) {
     entry_.name = scan_.name;
-    entry_.program = work.wanted.programs->mesh_digest;
+    entry_.program = program.digest();
     entry_.series = scan_.series;
     entry_.parameters = json::object();
   }
@@ -162,16 +156,11 @@ class Worker {
     if (known_ && known_->is_lasting && !work_.retry &&
         (known_->key == entry_.key || (!opened_ && known_->key == unopened_key())))
       return put_known_failure();
-    // Products belong to the key: those of another asset are made again.
-    if (known_ && known_->key == entry_.key) entry_.products = known_->products;
-    auto kind = find_or_make(*inputs);
-    if (!kind || *kind == Outcome::Kind::kLeased) return kind;
-    return with_products(*inputs, *kind);
+    return find_or_make(*inputs);
   }
 
   // Writes a failure to the entry and to the index.
   Outcome fail(const Error& error) {
-    entry_.products.clear();
     entry_.reason = error.message;
     entry_.exit_code = static_cast<int>(error.code);
     entry_.outputs.reset();
@@ -195,7 +184,6 @@ class Worker {
   }
 
   const ScanEntry& entry() const { return entry_; }
-  const ProductsDone& products() const { return products_; }
 
  private:
   // Does the same scan always fail for this reason, and can state_of() see that it is the same? It
@@ -272,25 +260,6 @@ class Worker {
     entry_.is_lasting = true;
     if (auto ok = put_changed_entry(); !ok) return ok.error();
     return Outcome::Kind::kKnownFailure;
-  }
-
-  // Makes the products of a scan whose asset is done.
-  Result<Outcome::Kind> with_products(const std::vector<fs::path>& inputs, Outcome::Kind kind) {
-    const json before = entry_json(entry_);
-    if (work_.verify)
-      for (const auto& [name, product] : entry_.products)
-        if (product.file) remove_damaged(store_, *product.file, false);
-    const std::function<Result<void>()> check_inputs = [this] { return check_unchanged(); };
-    auto done = make_products({scan_, inputs, action_, *work_.wanted.programs, store_, check_inputs,
-                               work_.retry, work_.stop},
-                              entry_);
-    if (!done) return done.error();
-    products_ = std::move(*done);
-    if (entry_json(entry_) != before || !store_.links_fit(entry_))
-      if (auto ok = store_.put_entry(entry_); !ok) return ok.error();
-    if (products_.failure)
-      return products_.is_known ? Outcome::Kind::kKnownFailure : Outcome::Kind::kFailed;
-    return products_.made > 0 ? Outcome::Kind::kMade : kind;
   }
 
   Result<void> open(const std::vector<fs::path>& inputs) {
@@ -417,8 +386,7 @@ class Worker {
   std::vector<NamedFile> paths_;    // of all inputs and of the files that options name
   bool is_listed_ = false;          // true: the entry has the files of all paths, at least one
   bool is_unopened_ = false;        // true: the scan could not be opened
-  ProductsDone products_;
-  bool opens_first_ = false;               // true: the scan is opened before its key is known
+  bool opens_first_ = false;        // true: the scan is opened before its key is known
   json action_, opening_ = json::array();  // opening_: the warnings of opening the scan
   std::unique_ptr<OpenedScan> opened_;
 };
@@ -430,15 +398,10 @@ const char* outcome_name(Outcome::Kind kind) {
 }
 
 json outcome_json(const Outcome& o) {
-  return {{"kind", static_cast<int>(o.kind)},
-          {"key", o.key},
-          {"reason", o.reason},
-          {"exit_code", o.exit_code},
-          {"bytes", o.bytes},
-          {"input_bytes", o.input_bytes},
-          {"is_recorded", o.is_recorded},
-          {"warnings", o.warnings},
-          {"products_made", o.products_made}};
+  return {
+      {"kind", static_cast<int>(o.kind)}, {"key", o.key},          {"reason", o.reason},
+      {"exit_code", o.exit_code},         {"bytes", o.bytes},      {"input_bytes", o.input_bytes},
+      {"is_recorded", o.is_recorded},     {"warnings", o.warnings}};
 }
 
 Outcome outcome_from(const json& value) {
@@ -451,7 +414,6 @@ Outcome outcome_from(const json& value) {
   out.input_bytes = value.at("input_bytes").get<std::uint64_t>();
   out.is_recorded = value.at("is_recorded").get<bool>();
   out.warnings = value.at("warnings");
-  out.products_made = value.at("products_made").get<std::size_t>();
   return out;
 }
 
@@ -474,10 +436,8 @@ Outcome work_on(const Work& work, const Store& store, const ScanProgram& program
   } else {
     out.kind = *done;
     out.key = worker.entry().key;
-    const auto& failed = worker.products().failure;
-    out.reason = failed ? failed->message : worker.entry().reason;
-    out.exit_code = failed ? static_cast<int>(failed->code) : worker.entry().exit_code;
-    out.products_made = worker.products().made;
+    out.reason = worker.entry().reason;
+    out.exit_code = worker.entry().exit_code;
     if (worker.entry().outputs) out.bytes = worker.entry().outputs->asset.bytes;
   }
   out.input_bytes = bytes_read(worker.entry().files);
@@ -485,10 +445,11 @@ Outcome work_on(const Work& work, const Store& store, const ScanProgram& program
   return out;
 }
 
-Outcome record_killed(const Work& work, const Store& store, int signal, int exit_code) {
+Outcome record_killed(const Work& work, const Store& store, const ScanProgram& program, int signal,
+                      int exit_code) {
   ScanEntry entry;
   entry.name = work.wanted.scan->name;
-  entry.program = work.wanted.programs->mesh_digest;
+  entry.program = program.digest();
   entry.series = work.wanted.scan->series;
   entry.parameters =
       work.wanted.parameters == nullptr ? json::object() : work.wanted.parameters->canonical;

@@ -28,7 +28,7 @@ struct Work {
 /// The outcome of the work on a scan.
 struct Outcome {
   enum class Kind {
-    kMade,   ///< this run computed the asset and report, or a product such as a preview
+    kMade,   ///< this run computed the asset and report
     kFound,  ///< the store already had the outputs for the same input, parameters and program
     kFailed,
     kKnownFailure,  ///< not tried again: refused in an earlier run, and unchanged (store.md)
@@ -44,7 +44,6 @@ struct Outcome {
   /// bytes: size of the asset. input_bytes: total size of the input files whose digests were
   /// computed or taken from the index.
   std::uint64_t bytes = 0, input_bytes = 0;
-  std::size_t products_made = 0;
   std::uint64_t memory_bytes = 0;  ///< largest resident memory of the scan's process
   double seconds = 0;              ///< time that the scan's process took
   bool is_recorded = true;         ///< false: the failure could not be written to the index
@@ -56,12 +55,13 @@ nlohmann::json outcome_json(const Outcome& outcome);
 Outcome outcome_from(const nlohmann::json& value);
 
 /// Works on one scan and writes its index entry. Errors and exceptions become an outcome. After a
-/// failure for a reason that may pass, the entry keeps the key, outputs and products that the index
-/// had, unless the scan's key is known to be another one now.
+/// failure for a reason that may pass, the entry keeps the key and outputs that the index had,
+/// unless the scan's key is known to be another one now.
 Outcome work_on(const Work& work, const Store& store, const ScanProgram& program);
 
 /// Writes a failure to the index for a scan whose process was killed by a signal, or ended without
-/// an outcome. The entry keeps the key, outputs and products that the index had.
-Outcome record_killed(const Work& work, const Store& store, int signal, int exit_code);
+/// an outcome. The entry keeps the key and outputs that the index had.
+Outcome record_killed(const Work& work, const Store& store, const ScanProgram& program, int signal,
+                      int exit_code);
 
 }  // namespace trocar::farm

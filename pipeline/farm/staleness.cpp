@@ -86,41 +86,12 @@ void compare_input(const WantedScan& wanted, const ScanEntry& entry, const Compa
   compare_files(entry.files, *now, how, out);
 }
 
-json product_cause(const std::string& name, const std::string& what) {
-  return {{"cause", "product"}, {"product", name}, {"what", what}};
-}
-
-// The products that a run would make or drop. If the scan's asset changes, all of them can change.
-void compare_products(const WantedScan& wanted, const Store& store, const ScanEntry& entry,
-                      std::vector<json>& out) {
-  std::set<std::string> unwanted;
-  for (const auto& [name, stored] : entry.products)
-    unwanted.insert(name);
-  for (const WantedProduct& product : wanted.scan->products) {
-    const std::string name = product_name(product.kind);
-    unwanted.erase(name);
-    const auto at = entry.products.find(name);
-    if (at == entry.products.end()) {
-      out.push_back(product_cause(name, "new"));
-    } else if (at->second.parameters != product.parameters) {
-      out.push_back(product_cause(name, "its parameters have changed"));
-    } else if (at->second.program != wanted.programs->digest_for(product.kind)) {
-      out.push_back(product_cause(name, "its program has changed"));
-    } else if (at->second.file && !store.has(*at->second.file)) {
-      out.push_back(product_cause(name, "its file is missing or damaged"));
-    }
-  }
-  for (const std::string& name : unwanted)
-    out.push_back(product_cause(name, "no longer wanted"));
-}
-
 // The differences from the run that wrote the entry.
 std::vector<json> changes_of(const WantedScan& wanted, const ScanProgram& program,
                              const Store& store, const ScanEntry& entry, const Comparison& how) {
   std::vector<json> out;
-  if (entry.program != wanted.programs->mesh_digest)
-    out.push_back(
-        {{"cause", "program"}, {"old", entry.program}, {"new", wanted.programs->mesh_digest}});
+  if (entry.program != program.digest())
+    out.push_back({{"cause", "program"}, {"old", entry.program}, {"new", program.digest()}});
   if (wanted.parameters == nullptr) {
     const auto refused = program.parameters(wanted.scan->parameters);
     if (refused || entry.is_done() || entry.reason != refused.error().message)
@@ -131,7 +102,6 @@ std::vector<json> changes_of(const WantedScan& wanted, const ScanProgram& progra
   compare_input(wanted, entry, how, out);
   if (entry.is_done() && !store.has(*entry.outputs))
     out.push_back({{"cause", "store"}, {"what", "asset or report is missing or damaged"}});
-  if (entry.is_done()) compare_products(wanted, store, entry, out);
   if (!store.links_fit(entry)) out.push_back({{"cause", "store"}, {"what", "link"}});
   return out;
 }
@@ -146,25 +116,16 @@ Result<ScanState> state_of(const WantedScan& wanted, const ScanProgram& program,
   const auto& entry = *read;
   std::vector<json> changes = changes_of(wanted, program, store, *entry, how);
   ScanState out;
-  bool is_lasting = true;
   if (entry->is_done()) {
     out.asset_bytes = entry->outputs->asset.bytes;
     out.warnings = entry->warnings;
-    for (const auto& [name, product] : entry->products) {
-      if (product.file || product.key.empty()) continue;
-      out.why.push_back({{"cause", "failed"},
-                         {"reason", name + ": " + product.reason},
-                         {"exit_code", product.exit_code}});
-      is_lasting = is_lasting && product.is_lasting;
-    }
+    if (changes.empty()) out.kind = ScanState::Kind::kDone;
   } else {
     out.why = {{{"cause", "failed"}, {"reason", entry->reason}, {"exit_code", entry->exit_code}}};
     if (entry->signal != 0) out.why[0]["signal"] = entry->signal;
-    is_lasting = entry->is_lasting;
+    if (changes.empty() && entry->is_lasting && !how.retry)
+      out.kind = ScanState::Kind::kKnownFailure;
   }
-  if (changes.empty() && out.why.empty()) out.kind = ScanState::Kind::kDone;
-  if (changes.empty() && !out.why.empty() && is_lasting && !how.retry)
-    out.kind = ScanState::Kind::kKnownFailure;
   out.why.insert(out.why.end(), std::make_move_iterator(changes.begin()),
                  std::make_move_iterator(changes.end()));
   return out;
@@ -182,7 +143,6 @@ std::string cause_text(const json& cause) {
   if (kind == "parameter")
     return "parameter " + text("name") + ": " + text("old") + " -> " + text("new");
   if (kind == "store") return "store: " + text("what");
-  if (kind == "product") return "product " + text("product") + ": " + text("what");
   if (kind != "input") return kind;
   const std::string what = text("what");
   if (what == "series") return "input: series " + text("old") + " -> " + text("new");

@@ -1,9 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // The state of a scan: done, a known failure, or stale. A known failure is a scan that was refused
-// in an earlier run, or of which a product was refused. Another run would fail in the same way,
-// because the scan has not changed since (store.md). A scan is stale if it is new, if it failed for
-// a passing reason, or if its program, its parameters, its input, its products or its files in the
-// store have changed.
+// in an earlier run and has not changed since (store.md). A scan is stale if it is new, if it failed
+// for a passing reason, or if its program, its parameters, its input or its files in the store have
+// changed.
 // Tests: tests/pipeline/farm/worker_test.cpp
 #pragma once
 
@@ -13,7 +12,6 @@
 #include <vector>
 
 #include "pipeline/farm/collection.h"
-#include "pipeline/farm/product_maker.h"
 #include "pipeline/farm/scan_program.h"
 #include "pipeline/farm/store.h"
 
@@ -22,8 +20,7 @@ namespace trocar::farm {
 /// A scan as the collection gives it now.
 struct WantedScan {
   const CollectionScan* scan = nullptr;
-  const Parameters* parameters = nullptr;     ///< null if a file that they name was refused
-  const ProductPrograms* programs = nullptr;  ///< paths and digests of the programs
+  const Parameters* parameters = nullptr;  ///< null if a file that they name was refused
 };
 
 /// How thoroughly a scan is compared with its index entry.
@@ -45,8 +42,7 @@ struct ScanState {
   };
   Kind kind = Kind::kStale;
   /// The causes of the state, as --dry-run and --explain of `trocar-mesh batch` print them with
-  /// --json (store.md): changes, and recorded failures of the scan or of its products. Empty if the
-  /// scan is done.
+  /// --json (store.md): changes, and the recorded failure. Empty if the scan is done.
   std::vector<nlohmann::json> why;
   std::uint64_t asset_bytes = 0;  ///< size of the asset in the index; 0 if there is none
   nlohmann::json warnings = nlohmann::json::array();  ///< those of the entry (ScanEntry::warnings)

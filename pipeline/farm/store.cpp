@@ -31,8 +31,8 @@ using std::chrono::nanoseconds;
 
 constexpr const char* kMark = "trocar-store.json";
 constexpr const char* kSchema = "trocar.store/1";
-constexpr std::array<const char*, 9> kFolders = {
-    "actions", "content", "scans", "assets", "reports", "products", "journal", "claims", "tmp"};
+constexpr std::array<const char*, 8> kFolders = {"actions", "content", "scans",  "assets",
+                                                 "reports", "journal", "claims", "tmp"};
 constexpr std::uint64_t kMaxJsonBytes = std::uint64_t{1} << 28;
 constexpr mode_t kPrivate = 0600;
 
@@ -123,43 +123,6 @@ std::optional<nanoseconds> time_of(const fs::path& file) {
   return std::chrono::seconds(status.st_mtim.tv_sec) + nanoseconds(status.st_mtim.tv_nsec);
 }
 
-namespace {
-
-json product_json(const StoredProduct& product) {
-  json out = {{"key", product.key.empty() ? json() : json(product.key)},
-              {"program", product.program},
-              {"parameters", product.parameters}};
-  if (product.file) {
-    out["file"] = object_json(*product.file);
-  } else {
-    out["reason"] = product.reason;
-    out["exit_code"] = product.exit_code;
-    if (product.is_lasting) out["lasting"] = true;
-  }
-  return out;
-}
-
-// std::nullopt if it is damaged: the product is then made again.
-std::optional<StoredProduct> product_from(const json& value) try {
-  StoredProduct out;
-  if (!value.at("key").is_null()) out.key = value.at("key").get<std::string>();
-  if (!out.key.empty() && !is_sha256(out.key)) return std::nullopt;
-  out.program = value.at("program").get<std::string>();
-  out.parameters = value.at("parameters");
-  if (value.contains("file")) {
-    out.file = object_from(value.at("file"));
-  } else {
-    out.reason = value.at("reason").get<std::string>();
-    out.exit_code = value.at("exit_code").get<int>();
-    out.is_lasting = value.value("lasting", false);
-  }
-  return out;
-} catch (const json::exception&) {
-  return std::nullopt;
-}
-
-}  // namespace
-
 json entry_json(const ScanEntry& entry) {
   json out = {{"schema", "trocar.scan/1"},
               {"name", entry.name},
@@ -180,8 +143,6 @@ json entry_json(const ScanEntry& entry) {
     if (entry.signal != 0) out["signal"] = entry.signal;
     if (entry.is_lasting) out["lasting"] = true;
   }
-  for (const auto& [name, product] : entry.products)
-    out["products"][name] = product_json(product);
   return out;
 }
 
@@ -216,15 +177,6 @@ std::optional<ScanEntry> entry_from(std::string_view text) {
       out.exit_code = value.at("exit_code").get<int>();
       out.signal = value.value("signal", 0);
       out.is_lasting = value.value("lasting", false);
-    }
-    if (value.contains("products")) {
-      for (const auto& [name, product] : value.at("products").items()) {
-        auto stored = product_kind(name) ? product_from(product) : std::nullopt;
-        if (!stored)
-          out.is_whole = false;
-        else
-          out.products.emplace(name, std::move(*stored));
-      }
     }
     return out;
   } catch (const json::exception&) {
@@ -352,25 +304,6 @@ Result<std::optional<std::vector<Object>>> Store::outputs_of(const std::string& 
   return damaged(action_file(key));
 }
 
-std::optional<Object> Store::find_product(const std::string& key) const {
-  try {
-    const auto outputs = outputs_in(action_file(key), key);
-    if (!outputs) return std::nullopt;
-    const Object out = object_from(outputs->at("file"));
-    if (!has(out) || !renew_time(action_file(key)) || !renew_time(content_file(out.sha256)))
-      return std::nullopt;
-    return out;
-  } catch (const json::exception&) {
-    return std::nullopt;
-  }
-}
-
-Result<void> Store::put_product(const std::string& key, const json& action,
-                                const Object& file) const {
-  const json value = {{"action", action}, {"outputs", {{"file", object_json(file)}}}};
-  return write_atomically({action_file(key), tmp(), kPrivate}, json_text(value, 1) + "\n");
-}
-
 std::optional<Outputs> Store::find(const std::string& key) const {
   try {
     const auto outputs = outputs_in(action_file(key), key);
@@ -444,19 +377,12 @@ bool is_absent(const fs::path& link) {
 
 }  // namespace
 
-// The links of asset and report, then those of all kinds of products.
 std::vector<Store::Link> Store::links_of(const ScanEntry& entry) const {
   std::vector<Link> out = {{asset_link(folder_, entry.name), {}},
                            {report_link(folder_, entry.name), {}}};
   if (entry.outputs) {
     out[0].target = link_target(entry.outputs->asset);
     out[1].target = link_target(entry.outputs->report);
-  }
-  for (const ProductKind kind : kProductKinds) {
-    out.push_back({folder_ / "products" / entry.name / product_file(kind), {}});
-    const auto at = entry.products.find(product_name(kind));
-    if (at != entry.products.end() && at->second.file)
-      out.back().target = ".." / link_target(*at->second.file);
   }
   return out;
 }
@@ -475,19 +401,13 @@ Result<void> Store::put_entry(const ScanEntry& entry) const {
                                  json_text(entry_json(entry)) + "\n");
       !ok)
     return ok;
-  const fs::path products = folder_ / "products" / entry.name;
   for (const auto& [link, target] : links_of(entry)) {
-    const bool needs_folder = !entry.products.empty() && link.parent_path() == products;
-    if (needs_folder) {
-      if (auto ok = make_folder(products, tmp()); !ok) return ok;
-    }
     if (target) {
       if (auto ok = link_atomically(*target, link, tmp()); !ok) return ok;
     } else if (::unlink(link.c_str()) != 0 && errno != ENOENT) {
       return cannot_write(link, errno);
     }
   }
-  if (entry.products.empty()) ::rmdir(products.c_str());  // if it exists, and is empty
   return {};
 }
 
@@ -495,8 +415,6 @@ Result<void> Store::drop_entry(const std::string& name) const {
   // The entry is removed last, because links without an entry would not be found again.
   ::unlink(asset_link(folder_, name).c_str());
   ::unlink(report_link(folder_, name).c_str());
-  std::error_code ignored;
-  fs::remove_all(folder_ / "products" / name, ignored);
   if (::unlink(entry_file(name).c_str()) != 0 && errno != ENOENT)
     return cannot_write(entry_file(name), errno);
   return {};
@@ -549,8 +467,7 @@ std::size_t Store::remove_strays() const {
             const auto time = time_of(file);
             if (!time || !is_abandoned(*time, *now_here, most)) continue;
           }
-          // A product is made in a folder.
-          if (fs::remove_all(file, ignored) > 0 && !ignored) ++removed;
+          if (fs::remove(file, ignored)) ++removed;
         }
       };
   sweep(tmp(), kStrayAge,

@@ -9,7 +9,6 @@
 #include <cstdint>
 #include <filesystem>
 #include <functional>
-#include <map>
 #include <nlohmann/json.hpp>
 #include <optional>
 #include <span>
@@ -47,22 +46,9 @@ struct Outputs {
   bool operator==(const Outputs&) const = default;
 };
 
-/// A product of a scan (product.h), as the index entry of the scan records it.
-struct StoredProduct {
-  /// Empty only for a check that was not tried because the scene failed.
-  std::string key;
-  std::string program;  ///< digest of the program that makes the product
-  nlohmann::json parameters;
-  std::optional<Object> file = {};  ///< present if the product is done
-  // Set if the product failed. ScanEntry, below, explains these members.
-  std::string reason = {};
-  int exit_code = 0;
-  bool is_lasting = false;
-};
-
 /// The entry of a scan in the index: the last outcome, and the program, parameters and files that
-/// led to it. If the scan failed for a reason that may pass, `key`, `outputs` and `products` can be
-/// those of an earlier run (store.md), so that their files and links stay.
+/// led to it. If the scan failed for a reason that may pass, `key` and `outputs` can be those of an
+/// earlier run (store.md), so that their files and links stay.
 struct ScanEntry {
   std::string name;
   std::string key;      ///< key of the scan's action (action_key.h); empty if it is not known
@@ -70,10 +56,7 @@ struct ScanEntry {
   nlohmann::json parameters;
   std::string series = {};
   std::vector<ScanFile> files = {};
-  std::optional<Outputs> outputs = {};                 ///< always present if the scan is done
-  std::map<std::string, StoredProduct> products = {};  ///< key: the name of the product
-  /// False: products of the entry are left out here, because they are damaged or of another version.
-  bool is_whole = true;
+  std::optional<Outputs> outputs = {};  ///< always present if the scan is done
   /// The warnings of opening and of meshing the scan that made `outputs`: objects with the texts
   /// `code`, `where` and `sentence`. They may name files.
   nlohmann::json warnings = nlohmann::json::array();
@@ -110,9 +93,8 @@ class Store {
   std::filesystem::path entry_file(const std::string& name) const;
   std::filesystem::path lease_file(const std::string& key) const;
 
-  /// All files that the action with this key names as outputs, of a scan or of a product;
-  /// std::nullopt if there is no such action. Errors: kRefused if its file cannot be read (then the
-  /// error is temporary), or is damaged.
+  /// All files that the action with this key names as outputs; std::nullopt if there is no such
+  /// action. Errors: kRefused if its file cannot be read (then the error is temporary), or is damaged.
   Result<std::optional<std::vector<Object>>> outputs_of(const std::string& key) const;
   /// The outputs of the action with this key; std::nullopt if the action is missing or damaged, or
   /// if an output is missing or has another size (has()).
@@ -127,19 +109,13 @@ class Store {
   /// (garbage.h) keeps them. Returns false if one of these files no longer exists.
   bool renew(const std::string& key, const Outputs& outputs) const;
 
-  /// Writes the bytes of an asset, a report or a product. If the store already has a file with this
+  /// Writes the bytes of an asset or a report. If the store already has a file with this
   /// digest and size, the function only sets the file's time to the present. `prove` checks the
   /// bytes that are read back (AtomicFile::prove). Errors: kUnwritable if the bytes cannot be
   /// written; those of `prove`.
   Result<Object> put_content(
       std::span<const std::uint8_t> bytes,
       const std::function<Result<void>(std::span<const std::uint8_t>)>& prove) const;
-  /// find_product() looks for the action with this key and for the file of its product. If the
-  /// store has both, it sets their modification times to now and returns the file. put_product()
-  /// writes the action of a product, and records in it which file is the product.
-  std::optional<Object> find_product(const std::string& key) const;
-  Result<void> put_product(const std::string& key, const nlohmann::json& action,
-                           const Object& file) const;
   /// Records the outputs of an action.
   Result<void> put_action(const std::string& key, const nlohmann::json& action,
                           const Outputs& outputs) const;
@@ -149,8 +125,8 @@ class Store {
   Result<std::optional<ScanEntry>> read_entry(const std::string& name) const;
   /// The same, but std::nullopt instead of an error.
   std::optional<ScanEntry> entry(const std::string& name) const;
-  /// True if the scan's links in assets/, reports/ and products/ lead to the outputs and products
-  /// of the entry, and there is no link for an output or product that the entry does not have.
+  /// True if the scan's links in assets/ and reports/ lead to the outputs of the entry, or are absent
+  /// if it has none.
   bool links_fit(const ScanEntry& entry) const;
   /// Writes the entry, then its links.
   Result<void> put_entry(const ScanEntry& entry) const;

@@ -7,8 +7,6 @@
 #include <algorithm>
 #include <chrono>
 #include <cstdio>
-#include <cstdlib>
-#include <fstream>
 #include <iostream>
 #include <iterator>
 #include <map>
@@ -25,7 +23,6 @@
 #include "pipeline/farm/batch_run.h"
 #include "pipeline/farm/collection.h"
 #include "pipeline/farm/garbage.h"
-#include "pipeline/farm/metrics.h"
 #include "pipeline/farm/sha256.h"
 #include "pipeline/farm/staleness.h"
 #include "pipeline/program/farm_scans.h"
@@ -265,31 +262,11 @@ void print_summary(const BatchArguments& a, const farm::BatchSummary& s) {
     if (s.left > 0) std::printf(", %zu left", s.left);
     if (!s.warned.empty())
       std::printf("; %zu with warnings (--explain SCAN prints them)", s.warned.size());
-    if (s.products_made > 0)
-      print(stdout, "; %zu product%s made", s.products_made, s.products_made == 1 ? "" : "s");
     std::printf("; %.1f s\n", s.seconds);
     for (const std::string& name : s.made_again)
       print(stdout, "made again although it was done: %s\n", name);
     if (!a.strict) print_warnings(s.warned, stdout);
   }
-}
-
-Result<void> write_metrics(const BatchArguments& a, const fs::path& store,
-                           const farm::BatchSummary& summary) {
-  if (a.metrics.empty()) return {};
-  return write_file_atomically(
-      a.metrics, farm::metrics_text(summary, store.string(), std::chrono::system_clock::now()));
-}
-
-// Whether every scan is a known failure and has no asset. An asset of which only a product failed
-// counts.
-bool has_made_none(const fs::path& store, const farm::BatchSummary& summary) {
-  std::error_code ignored;
-  return summary.scans > 0 && summary.known.size() == summary.scans &&
-         std::none_of(summary.known.begin(), summary.known.end(),
-                      [&](const farm::FailedScan& failed) {
-                        return fs::exists(store / "assets" / (failed.scan + ".glb"), ignored);
-                      });
 }
 
 int run(const BatchArguments& a, const farm::Collection& collection, const farm::Batch& batch,
@@ -312,7 +289,6 @@ int run(const BatchArguments& a, const farm::Collection& collection, const farm:
                {"warned", summary->warned.size()},
                {"warnings", warnings_json(summary->warned)},
                {"asset_bytes", summary->asset_bytes},
-               {"products_made", summary->products_made},
                {"seconds", summary->seconds},
                {"made_again", summary->made_again},
                {"failures", failures_json(summary->failed)},
@@ -333,7 +309,6 @@ int run(const BatchArguments& a, const farm::Collection& collection, const farm:
       head["gc"] = std::move(*cleaned);
     }
   }
-  if (auto ok = write_metrics(a, store, *summary); !ok) wrong = ok.error();
   if (a.as_json) print_lines(stdout, json_text(head, 1) + "\n");
   if (wrong) return fail(*wrong);
   if (a.max_failures > 0 && summary->failed.size() >= a.max_failures && summary->left > 0)
@@ -342,7 +317,8 @@ int run(const BatchArguments& a, const farm::Collection& collection, const farm:
                         std::to_string(summary->left) + " scans are left for the next run"));
   const bool has_failed = !summary->failed.empty() ||
                           (a.strict && (!summary->known.empty() || !summary->warned.empty()));
-  if (!has_failed && a.only.empty() && a.shard.empty() && has_made_none(store, *summary))
+  const bool has_made_none = summary->scans > 0 && summary->known.size() == summary->scans;
+  if (!has_failed && a.only.empty() && a.shard.empty() && has_made_none)
     return fail(
         refused("none of the scans could be made, now or in earlier runs; --dry-run lists "
                 "the reasons"));
@@ -372,51 +348,10 @@ Result<farm::BatchSettings> settings_of(const BatchArguments& a, const fs::path&
   return out;
 }
 
-// The programs that make the collection's products. trocar-run is looked for beside this program,
-// then in the folders of PATH, unless `run_program` gives it.
-Result<farm::ProductPrograms> product_programs(const fs::path& run_program,
-                                               const farm::Collection& collection) {
-  std::error_code error;
-  farm::ProductPrograms out;
-  const fs::path own = fs::read_symlink("/proc/self/exe", error);
-  out.mesh = own.string();
-  const auto digest = farm::sha256_of_file("/proc/self/exe");
-  if (!digest) return digest.error();
-  out.mesh_digest = *digest;
-  std::string wanted;
-  for (const farm::CollectionScan& scan : collection.scans)
-    for (const farm::WantedProduct& product : scan.products)
-      if (is_made_by_run(product.kind)) wanted = product_name(product.kind);
-  if (wanted.empty()) return out;
-  std::vector<fs::path> places = {run_program};
-  if (run_program.empty()) {
-    places = {own.parent_path() / "trocar-run"};
-    // NOLINTNEXTLINE(concurrency-mt-unsafe): there are no threads yet
-    const char* const folders = std::getenv("PATH");
-    std::istringstream path(folders == nullptr ? "" : folders);
-    for (std::string folder; std::getline(path, folder, ':');)
-      places.push_back(fs::path(folder) / "trocar-run");
-  }
-  for (const fs::path& place : places) {
-    if (::access(place.c_str(), X_OK) != 0) continue;
-    const auto run_digest = farm::sha256_of_file(place);
-    if (!run_digest) return run_digest.error();
-    out.run = fs::absolute(place, error).string();
-    out.run_digest = *run_digest;
-    return out;
-  }
-  return usage(run_program.empty() ? "the product " + wanted +
-                                         " is made by trocar-run, which is neither beside this "
-                                         "program nor in PATH; --run-program names it"
-                                   : "--run-program " + run_program.string() + ": cannot be run");
-}
-
 Result<void> check(const BatchArguments& a) {
   if (a.dry_run && !a.explain.empty()) return usage("--dry-run and --explain exclude each other");
   if (a.gc && (a.dry_run || !a.explain.empty()))
     return usage("--gc changes the store; --dry-run and --explain do not");
-  if (!a.metrics.empty() && (a.dry_run || !a.explain.empty()))
-    return usage("--metrics states the numbers of a run; --dry-run and --explain are none");
   if (a.verify && (a.dry_run || !a.explain.empty()))
     return usage("--verify makes damaged assets again; --dry-run and --explain make none");
   return {};
@@ -473,12 +408,6 @@ void add_batch_options(const Command& command, BatchArguments& a) {
           "not tried again in this run")
       .excludes(dry_run)
       .excludes(explain);
-  command
-      .option("--run-program", a.run_program,
-              "path of trocar-run (default: the trocar-run beside this program, else the one in "
-              "PATH).\n"
-              "trocar-run is needed only if the collection asks for scenes or for checks of scenes")
-      .with_form("FILE");
   command.flag(
       "--rehash", a.rehash,
       "read all inputs again, even if their size, time of change and inode (the number of\n"
@@ -496,37 +425,28 @@ void add_batch_options(const Command& command, BatchArguments& a) {
       .within(0.0, 1e6)
       .needs(gc);
   command.flag("--json", a.as_json, "print the summary as JSON");
-  command
-      .option(
-          "--metrics", a.metrics,
-          "write the counts and the duration of the run to this file, in the text format of the\n"
-          "monitoring program Prometheus")
-      .with_form("FILE");
   command.flag("--quiet", a.quiet, "print errors only");
 }
 
-int run_batch(const BatchArguments& given) {
-  if (auto ok = check(given); !ok) return fail(ok.error());
+int run_batch(const BatchArguments& a) {
+  if (auto ok = check(a); !ok) return fail(ok.error());
   std::error_code error;
-  const fs::path store = fs::absolute(given.store, error);
-  BatchArguments a = given;
-  if (!a.metrics.empty()) a.metrics = fs::absolute(a.metrics, error);
+  const fs::path store = fs::absolute(a.store, error);
   const auto settings = settings_of(a, store);
   if (!settings) return fail(settings.error());
   const auto collection = farm::read_collection(a.collection);
   if (!collection) return fail(collection.error());
-  const auto programs = product_programs(given.run_program, *collection);
-  if (!programs) return fail(programs.error());
+  const auto digest = farm::sha256_of_file("/proc/self/exe");
+  if (!digest) return fail(digest.error());
   // Paths in the collection are relative to its folder. So are paths in messages.
   fs::current_path(collection->folder, error);
   if (error) return fail(usage(collection->folder.string() + ": " + error.message()));
   stop_on_signals();
-  const FarmScans scans;
-  const auto batch = farm::Batch::plan(*collection, scans, *programs, *settings);
+  const FarmScans scans(*digest);
+  const auto batch = farm::Batch::plan(*collection, scans, *settings);
   if (!batch) return fail(usage(a.collection.string() + ": " + batch.error().message));
-  const json head = {{"schema", "trocar.batch/1"},
-                     {"program", programs->mesh_digest},
-                     {"store", a.store.string()}};
+  const json head = {
+      {"schema", "trocar.batch/1"}, {"program", *digest}, {"store", a.store.string()}};
   if (!a.explain.empty()) return explain(a, *batch, head);
   if (a.dry_run) return dry_run(a, *batch, head);
   return run(a, *collection, *batch, store, head);

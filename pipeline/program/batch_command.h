@@ -11,7 +11,7 @@
 namespace trocar::pipeline {
 
 struct BatchArguments {
-  std::filesystem::path collection, store, only, metrics, run_program;
+  std::filesystem::path collection, store, only;
   std::string shard, explain;
   int jobs = 0;
   std::size_t max_failures = 0;
@@ -29,7 +29,7 @@ void add_batch_options(const Command& command, BatchArguments& a);
 ///  - 3, without --only and --shard: every scan of the collection failed in an earlier run and was
 ///    not tried again, and none of them has an asset.
 ///  - 3, only with --strict: a failure of an earlier run was not tried again.
-///  - 4: the store or the file of --metrics could not be written, or a signal interrupted the run.
+///  - 4: the store could not be written, or a signal interrupted the run.
 ///  - 1: there was an internal error, for example if no process could be created.
 ///  - 0: none of these applies.
 int run_batch(const BatchArguments& a);

@@ -12,7 +12,6 @@
 #include "formats/base/json_text.h"
 #include "formats/base/nearest_name.h"
 #include "formats/base/program.h"
-#include "pipeline/farm/product_maker.h"
 #include "pipeline/open/scan_folder.h"
 #include "pipeline/program/arguments.h"
 #include "pipeline/program/mesh_scan.h"
@@ -81,7 +80,13 @@ Result<void> add_words(const std::vector<Parameter>& known, const std::string& n
   }
   if (value.is_boolean() != found->is_flag)
     return usage(given + (found->is_flag ? "must be true or false" : "must be a number or a text"));
-  farm::add_option(name, value, words);
+  if (found->is_flag) {
+    words.push_back("--" + name);
+    return {};
+  }
+  for (const json& one : value.is_array() ? value : json::array({value}))
+    words.push_back("--" + name + "=" +
+                    (one.is_string() ? one.get<std::string>() : json_text(one)));
   return {};
 }
 

@@ -7,6 +7,7 @@
 
 #include <memory>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "pipeline/farm/scan_program.h"
@@ -15,6 +16,9 @@ namespace trocar::pipeline {
 
 class FarmScans : public farm::ScanProgram {
  public:
+  /// `digest`: SHA-256 of the executable that meshes.
+  explicit FarmScans(std::string digest = "") : digest_(std::move(digest)) {}
+  const std::string& digest() const override { return digest_; }
   /// Errors: kUsage if `given` names an option that trocar-mesh does not have, or one that a
   /// collection must not give; otherwise the errors of the same options on the command line.
   Result<farm::Parameters> parameters(const nlohmann::json& given) const override;
@@ -26,6 +30,9 @@ class FarmScans : public farm::ScanProgram {
                                                  const std::vector<std::filesystem::path>& inputs,
                                                  const std::string& series,
                                                  int threads) const override;
+
+ private:
+  std::string digest_;
 };
 
 /// The names of the options that a collection may give as parameters, without the leading --.

@@ -4,11 +4,9 @@
 #include <algorithm>
 #include <cctype>
 #include <cstdio>
-#include <cstdlib>
 
 #include "formats/base/program.h"
 #include "formats/base/terminal_text.h"
-#include "pipeline/farm/command.h"
 #include "pipeline/program/presets.h"
 
 namespace trocar::pipeline {
@@ -21,10 +19,7 @@ std::string ending_of(const std::filesystem::path& file) {
 }
 
 int fail(const Error& error) {
-  const int code = report_error(kProgram, error);
-  if (error.code != ExitCode::kRefused || !error.is_temporary) return code;
-  // NOLINTNEXTLINE(concurrency-mt-unsafe): nothing changes the environment
-  return std::getenv(farm::kExitForNowVariable) == nullptr ? code : farm::kExitForNow;
+  return report_error(kProgram, error);
 }
 
 void print_warning(const Warning& warning) {

@@ -13,10 +13,7 @@ namespace trocar::pipeline {
 
 inline constexpr const char* kProgram = "trocar-mesh";
 
-/// Prints the error's message to standard error and returns the error's exit code. A batch that
-/// makes a product sets the environment variable farm::kExitForNowVariable. If this variable is set
-/// and the input was refused for a passing reason (Error::is_temporary), the function returns
-/// farm::kExitForNow instead.
+/// Prints the error's message to standard error and returns the error's exit code.
 int fail(const Error& error);
 
 /// Prints a warning to standard error.

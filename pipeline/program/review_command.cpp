@@ -25,10 +25,6 @@ void print_summary(const ReviewArguments& a, const json& numbers) {
         a.page, numbers["scans"].get<std::size_t>(), numbers["done"].get<std::size_t>(),
         numbers["failed"].get<std::size_t>(), numbers["damaged"].get<std::size_t>(),
         numbers["warned"].get<std::size_t>(), numbers["pages"].size());
-  for (const auto& [kind, count] : numbers["products"].items()) {
-    const auto failed = count["failed"].get<std::size_t>();
-    if (failed > 0) print(stdout, "  failed products: %zu of kind %s\n", failed, kind);
-  }
   if (!numbers.contains("differences")) return;
   const json& differences = numbers["differences"];
   print(stdout, "against %s: %zu the same, %zu differ\n", a.against,

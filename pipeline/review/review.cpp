@@ -2,7 +2,6 @@
 #include "pipeline/review/review.h"
 
 #include <algorithm>
-#include <array>
 #include <cstdint>
 #include <fstream>
 #include <map>
@@ -26,7 +25,6 @@
 #include "pipeline/review/scan_index.h"
 #include "pipeline/review/store_diff.h"
 #include "pipeline/review/stored_asset.h"
-#include "pipeline/review/stored_products.h"
 
 namespace trocar::pipeline {
 namespace {
@@ -95,27 +93,19 @@ json asset_json(const Store& store, const farm::Object& object) {
   return out;
 }
 
-// Adds the card's links to files of the store, and the products that failed. A damaged asset has no
-// link.
-void add_links(const Store& store, const PageLinks& links, json& card) {
+// Adds the card's links to files of the store. A damaged asset has no link.
+void add_links(const PageLinks& links, json& card) {
   const auto name = card["name"].get<std::string>();
   json& shown = card["links"] = json::object();
   shown["report"] = links.to("reports/" + name + ".json");
   if (!card["asset"].contains("error")) shown["asset"] = links.to("assets/" + name + ".glb");
-  for (const ShownProduct& product : products_of(store, name)) {
-    const std::string kind = farm::product_name(product.kind);
-    if (product.is_done())
-      shown[kind] = links.to(product.file);
-    else
-      card["failed_products"][kind] = product.reason;
-  }
 }
 
 json card_json(const Store& now, const Store* before, const PageLinks& links, const Card& card) {
   json out = {{"name", card.name}};
   if (card.now) {
     out["asset"] = asset_json(now, *card.now);
-    add_links(now, links, out);
+    add_links(links, out);
   }
   if (before != nullptr && card.now && card.before)
     out["before"] = asset_json(*before, *card.before);
@@ -216,7 +206,6 @@ ScanIndex::Row index_row(const json& card, IndexedScan::Status status) {
   else
     out.flags |= status == IndexedScan::Status::kDone ? Row::kDone : Row::kFailed;
   if (card.contains("difference")) out.flags |= Row::kDifferent;
-  if (card.contains("failed_products")) out.flags |= Row::kFailedProduct;
   if (card.contains("warnings")) out.flags |= Row::kWarned;
   const auto number = [&](const char* member) -> std::optional<std::uint64_t> {
     if (!asset.contains(member)) return {};
@@ -228,14 +217,10 @@ ScanIndex::Row index_row(const json& card, IndexedScan::Status status) {
   return out;
 }
 
-// The numbers of a review. Damaged assets and products are counted when their cards are made.
+// The numbers of a review. Damaged assets are counted when their cards are made.
 struct Counts {
   std::size_t done = 0, failed = 0, damaged = 0, warned = 0;
   std::uint64_t bytes = 0;
-  struct Products {
-    std::size_t done = 0, failed = 0;
-  };
-  std::array<Products, farm::kProductKinds.size()> products;
 
   explicit Counts(const std::vector<IndexedScan>& scans) {
     for (const IndexedScan& scan : scans) {
@@ -248,25 +233,15 @@ struct Counts {
   }
 
   void add(const json& card) {
-    if (!card.contains("asset")) return;
-    damaged += card["asset"].contains("error") ? 1 : 0;
-    for (std::size_t k = 0; k < farm::kProductKinds.size(); ++k) {
-      const std::string kind = farm::product_name(farm::kProductKinds[k]);
-      products[k].done += card["links"].contains(kind) ? 1 : 0;
-      products[k].failed += card.value("failed_products", json::object()).contains(kind) ? 1 : 0;
-    }
+    damaged += card.contains("asset") && card["asset"].contains("error") ? 1 : 0;
   }
 
   json as_json() const {
-    json out = {{"done", done},
-                {"failed", failed},
-                {"damaged", damaged},
-                {"warned", warned},
-                {"bytes", bytes}};
-    for (std::size_t k = 0; k < farm::kProductKinds.size(); ++k)
-      out["products"][farm::product_name(farm::kProductKinds[k])] = {
-          {"done", products[k].done}, {"failed", products[k].failed}};
-    return out;
+    return {{"done", done},
+            {"failed", failed},
+            {"damaged", damaged},
+            {"warned", warned},
+            {"bytes", bytes}};
   }
 };
 

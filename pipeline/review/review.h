@@ -30,9 +30,8 @@ struct ReviewOptions {
 /// Each scan of the store has a card with its picture. If the review compares two stores, the cards
 /// of scans that differ come first, the most serious differences at the front. The cards of scans
 /// that failed, or whose entry in the store's index cannot be read, follow, and then all other
-/// cards; these two groups are sorted by name. A card links to the scan's report, asset and
-/// products in the store, and names the products that failed. A missing or damaged asset is
-/// reported on its card. A page contains everything that it shows; only the files to which cards
+/// cards; these two groups are sorted by name. A card links to the scan's report and asset in the
+/// store. A missing or damaged asset is reported on its card. A page contains everything that it shows; only the files to which cards
 /// link are not in it.
 ///
 /// The first page has an index of all scans (scan_index.h). With the index, a reader of the page

@@ -41,26 +41,25 @@ function assetText({ error, slice, slices, size_mm, triangles, bytes }) {
     `${triangles} triangles, ${number(bytes / 1e3, 3)} kB`);
 }
 
-function cardOf({ name, asset, before, difference, reason, links, failed_products = {}, warnings = [] }) {
+function cardOf({ name, asset, before, difference, reason, links, warnings = [] }) {
   const picture = (of) => (of?.src
     ? element("img", { loading: "lazy", decoding: "async", alt: "middle slice", width: 168, height: 168, src: of.src })
     : element("div", { class: "none" }));
   const bad = [...(difference ? [differenceText(difference)] : []), ...(reason ? [reason] : []),
     ...warnings.map(({ code, sentence }) => `${code}: ${sentence}`)];
-  const kinds = ["report", "asset", "preview", "surface", "scene", "check"].filter((kind) => links?.[kind] !== undefined);
+  const kinds = ["report", "asset"].filter((kind) => links?.[kind] !== undefined);
   return element("div", { class: before ? "card two" : "card", id: name },
     element("div", { class: "pictures" }, picture(asset), ...(before ? [picture(before)] : [])),
     element("p", {}, element("b", {}, name)),
     ...(asset ? [assetText(asset)] : []),
     ...bad.map((text) => paragraph(text, "bad")),
-    ...(links ? [element("p", { class: "links" }, ...kinds.map((kind) => element("a", { href: links[kind], "aria-label": `${kind} of ${name}` }, kind)))] : []),
-    ...Object.entries(failed_products).map(([kind, why]) => paragraph(`${kind} failed${why && ": "}${why}`, "bad")));
+    ...(links ? [element("p", { class: "links" }, ...kinds.map((kind) => element("a", { href: links[kind], "aria-label": `${kind} of ${name}` }, kind)))] : []));
 }
 
 // The bar that searches, filters and sorts by the index of all pages. The address's fragment holds its state, as in
 // "#?name=head&show=failed", so that it can be shared; a scan's name cannot begin with "?".
-const kShow = { all: "all scans", done: "done", failed: "failed", damaged: "damaged", warned: "with warnings", different: "different", product: "with a failed product" };
-const kFlags = { done: 1, failed: 2, damaged: 4, different: 8, product: 16, warned: 32 };  // as in scan_index.h
+const kShow = { all: "all scans", done: "done", failed: "failed", damaged: "damaged", warned: "with warnings", different: "different" };
+const kFlags = { done: 1, failed: 2, damaged: 4, different: 8, warned: 16 };  // as in scan_index.h
 const kSort = { page: "order of the pages", name: "name", bytes: "bytes", triangles: "triangles", slices: "slices" };
 const kOrder = { up: "ascending", down: "descending" };
 const kUsual = { name: "", show: "all", sort: "page", order: "up" };
@@ -154,12 +153,9 @@ function bar(differences, cards, shownCards) {
     } };
 }
 
-function countsText({ done, failed, damaged, warned, bytes, products }) {
-  const failures = Object.values(products).reduce((sum, kind) => sum + kind.failed, 0);
-  return `${done} assets of ${short(bytes / 1e6)} MB, ${failed} failed scans, ${damaged} damaged entries` +
-    `${warned > 0 ? `, ${warned} scans with warnings` : ""}${failures > 0 ? `, ${failures} failed products` : ""}` +
-    ". Pictures: the middle slice with its mesh and outline, grey by HU.";
-}
+const countsText = ({ done, failed, damaged, warned, bytes }) =>
+  `${done} assets of ${short(bytes / 1e6)} MB, ${failed} failed scans, ${damaged} damaged entries` +
+  `${warned > 0 ? `, ${warned} scans with warnings` : ""}. Pictures: the middle slice with its mesh and outline, grey by HU.`;
 
 const shownCards = review.cards.map(cardOf);
 const differences = element("div", {}, ...(review.differences ? differencesTable(review.differences) : []));

@@ -22,16 +22,8 @@ class ScanIndex {
   struct Row {
     /// kDone: the asset could be read. kFailed: the scan failed. kDamaged: the asset, or the scan's
     /// entry in the store's index, cannot be read. kDifferent: the scan differs between the two
-    /// stores that the review compares. kFailedProduct: a product of the scan failed. kWarned: the
-    /// scan was meshed with warnings.
-    enum Flag : std::uint8_t {
-      kDone = 1,
-      kFailed = 2,
-      kDamaged = 4,
-      kDifferent = 8,
-      kFailedProduct = 16,
-      kWarned = 32
-    };
+    /// stores that the review compares. kWarned: the scan was meshed with warnings.
+    enum Flag : std::uint8_t { kDone = 1, kFailed = 2, kDamaged = 4, kDifferent = 8, kWarned = 16 };
     std::string name;
     unsigned flags = 0;  ///< a sum of values of Flag
     /// Numbers of the asset; std::nullopt if the asset could not be read. An asset without

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-# `cmake --install` and `cpack`: seven components, each a Debian package.
+# `cmake --install` and `cpack`: six components, each a Debian package.
 #   trocar-mesh          the pipeline's program (GPL-3.0-or-later)
-#   trocar-farm          scripts/farm, for a Slurm cluster (Apache-2.0)
 #   trocar-sample-ct     the sample scan's program (Apache-2.0)
 #   trocar-runtime       trocar-run, trocar-device-sim, device description, realtime rights (Apache-2.0)
 #   trocar-console       trocar-console, trocar-export and the page with the libraries that scripts/setup console fetches (Apache-2.0)
@@ -42,9 +41,9 @@ trocar_program(trocar-run trocar-runtime)
 trocar_program(trocar-device-sim trocar-runtime)
 trocar_program(trocar-console trocar-console)
 trocar_program(trocar-export trocar-console)
-install(PROGRAMS scripts/farm RENAME trocar-farm DESTINATION ${CMAKE_INSTALL_BINDIR} COMPONENT trocar-farm)
-install(DIRECTORY scripts/lib/farm DESTINATION ${share} COMPONENT trocar-farm FILES_MATCHING PATTERN *.py)
-trocar_man_page(trocar-farm trocar-farm ${CMAKE_SOURCE_DIR}/scripts/farm ${CMAKE_SOURCE_DIR}/scripts/lib/farm/main.py)
+# Many scans on a cluster (docs/farm.md).
+install(DIRECTORY scripts/slurm scripts/snakemake DESTINATION ${CMAKE_INSTALL_DATADIR}/doc/trocar-mesh/examples COMPONENT trocar-mesh
+  USE_SOURCE_PERMISSIONS)
 
 # --- examples -------------------------------------------------------------------------------------
 # The sample's asset, the same vertebra filled inside and with a surface, and the scenes that need no other asset. Made by default only
@@ -97,8 +96,7 @@ install(FILES scripts/lib/head_ct.py DESTINATION ${share} COMPONENT trocar-mesh)
 
 # trocar_pages(COMPONENT FILES...): pages to read, beside those of every package. Links in them lead to the installed pages, which
 # `pages_of` names for each package.
-set(pages_of_trocar-mesh TUTORIAL.md trocar-mesh.md archive.md wrong-uses.md store.md)
-set(pages_of_trocar-farm farm.md Snakefile)
+set(pages_of_trocar-mesh TUTORIAL.md trocar-mesh.md farm.md archive.md wrong-uses.md store.md)
 set(pages_of_trocar-runtime trocar-run.md add-your-device.md device_link.md telemetry.md pose_drive.cpp)
 set(pages_of_trocar-console trocar-console.md hdf5.md openigtlink.md operating.md protocol.md)
 function(trocar_pages component)
@@ -107,7 +105,7 @@ function(trocar_pages component)
     if(name MATCHES "[.]md$")
       file(READ ${CMAKE_SOURCE_DIR}/${page} text)
       set_property(DIRECTORY ${CMAKE_SOURCE_DIR} APPEND PROPERTY CMAKE_CONFIGURE_DEPENDS ${page})
-      foreach(package trocar-mesh trocar-farm trocar-runtime trocar-console)
+      foreach(package trocar-mesh trocar-runtime trocar-console)
         foreach(other ${pages_of_${package}})
           string(REGEX REPLACE "\\]\\(([^()#: ]*/)?${other}([^)]*)\\)" "](/usr/share/doc/${package}/${other}\\2)" text "${text}")
         endforeach()
@@ -119,8 +117,7 @@ function(trocar_pages component)
     install(FILES ${page} DESTINATION ${CMAKE_INSTALL_DATADIR}/doc/${component} COMPONENT ${component})
   endforeach()
 endfunction()
-trocar_pages(trocar-mesh TUTORIAL.md docs/trocar-mesh.md docs/archive.md docs/wrong-uses.md docs/glossary.md pipeline/farm/store.md)
-trocar_pages(trocar-farm docs/farm.md docs/glossary.md scripts/snakemake/Snakefile)
+trocar_pages(trocar-mesh TUTORIAL.md docs/trocar-mesh.md docs/farm.md docs/archive.md docs/wrong-uses.md docs/glossary.md pipeline/farm/store.md)
 trocar_pages(trocar-runtime docs/trocar-run.md docs/glossary.md docs/add-your-device.md formats/examples/pose_drive.cpp
   formats/session/device_link.md formats/session/telemetry.md)
 install(FILES scripts/debian/realtime.md RENAME README.Debian
@@ -167,7 +164,7 @@ set(TROCAR_HOMEPAGE "" CACHE STRING "The packages' address on the web; empty: no
 cmake_host_system_information(RESULT debian QUERY DISTRIB_VERSION_ID)
 set(CPACK_DEBIAN_PACKAGE_RELEASE 1~deb${debian})
 set(release ${PROJECT_VERSION}-${CPACK_DEBIAN_PACKAGE_RELEASE})
-set(packages trocar-mesh trocar-farm trocar-sample-ct trocar-runtime trocar-console trocar-examples trocar-formats-dev)
+set(packages trocar-mesh trocar-sample-ct trocar-runtime trocar-console trocar-examples trocar-formats-dev)
 if(TROCAR_HOMEPAGE)
   set(CPACK_DEBIAN_PACKAGE_HOMEPAGE ${TROCAR_HOMEPAGE})
 endif()
@@ -194,7 +191,7 @@ add_custom_command(OUTPUT ${changes}
 add_custom_target(trocar-changelog ALL DEPENDS ${changes})
 foreach(package ${packages})
   set(copyright scripts/debian/${package}.copyright)
-  if(package MATCHES "farm|examples")
+  if(package MATCHES "examples")
     set(copyright scripts/debian/own_work.copyright)
   endif()
   set(doc ${CMAKE_INSTALL_DATADIR}/doc/${package})
@@ -219,8 +216,6 @@ function(trocar_package name section summary text)
 endfunction()
 trocar_package(trocar-mesh science "CT scans to exact triangle meshes of bone, one a slice"
   "trocar-mesh turns images, DICOM or NIfTI into a verified glTF/Draco asset.")
-trocar_package(trocar-farm science "assets of many CT scans on a Slurm cluster"
-  "trocar-farm brings the store of a collection up to date as job arrays.")
 trocar_package(trocar-examples science "scenes of a puncture simulator with their meshes"
   "Scenes and assets of a phantom vertebra, for trocar-run and trocar-console.")
 trocar_package(trocar-sample-ct science "sample CT scan of a lumbar vertebra"
@@ -231,7 +226,8 @@ trocar_package(trocar-console science "operator's console of a puncture simulato
   "trocar-console serves a page on this machine that starts, shows and commands\nsessions of trocar-run, and plays their recordings.")
 trocar_package(trocar-formats-dev libdevel "library to read and write Trocar's mesh assets"
   "Headers, static library and CMake package Trocar, component formats.")
-set(CPACK_DEBIAN_TROCAR-MESH_PACKAGE_SUGGESTS "python3-nibabel, invesalius-examples, trocar-farm, trocar-runtime, trocar-sample-ct")
+set(CPACK_DEBIAN_TROCAR-MESH_PACKAGE_SUGGESTS "python3-nibabel, invesalius-examples, slurm-wlm, snakemake, trocar-runtime, trocar-sample-ct")
+set(CPACK_DEBIAN_TROCAR-MESH_PACKAGE_BREAKS trocar-farm)  # of version 0.2.0
 set(CPACK_DEBIAN_TROCAR-RUNTIME_PACKAGE_DEPENDS "passwd")
 set(CPACK_DEBIAN_TROCAR-RUNTIME_PACKAGE_SUGGESTS "trocar-mesh, trocar-console")
 file(WRITE ${CMAKE_BINARY_DIR}/conffiles "/etc/security/limits.d/trocar.conf\n")
@@ -240,13 +236,9 @@ set(CPACK_DEBIAN_TROCAR-RUNTIME_PACKAGE_CONTROL_EXTRA
 set(CPACK_DEBIAN_TROCAR-CONSOLE_PACKAGE_DEPENDS "trocar-runtime (= ${release}), trocar-examples (= ${release})")
 set(CPACK_DEBIAN_TROCAR-CONSOLE_PACKAGE_SUGGESTS "chromium | firefox-esr")
 set(CPACK_DEBIAN_TROCAR-FORMATS-DEV_PACKAGE_DEPENDS "libdraco-dev, libeigen3-dev, zlib1g-dev")
-set(CPACK_DEBIAN_TROCAR-FARM_PACKAGE_DEPENDS "python3, trocar-mesh (= ${release})")
-set(CPACK_DEBIAN_TROCAR-FARM_PACKAGE_SUGGESTS "slurm-wlm, munge, snakemake, trocar-runtime, trocar-sample-ct")
 set(CPACK_DEBIAN_TROCAR-EXAMPLES_PACKAGE_SUGGESTS "trocar-console")
-foreach(package FORMATS-DEV FARM EXAMPLES)  # no programs in them
+foreach(package FORMATS-DEV EXAMPLES)  # no programs in them
   set(CPACK_DEBIAN_TROCAR-${package}_PACKAGE_SHLIBDEPS OFF)
 endforeach()
-foreach(package FARM EXAMPLES)
-  set(CPACK_DEBIAN_TROCAR-${package}_PACKAGE_ARCHITECTURE all)
-endforeach()
+set(CPACK_DEBIAN_TROCAR-EXAMPLES_PACKAGE_ARCHITECTURE all)
 include(CPack)

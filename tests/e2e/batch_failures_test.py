@@ -1,9 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What trocar-mesh batch does about scans that have failed before: known failures, --retry, --strict, --max-failures, and what it says of them.
-Also --metrics, which states the classes of scans."""
+"""What trocar-mesh batch does about scans that have failed before: known failures, --retry, --strict, --max-failures, and what it says of them."""
 import json
 import shutil
-import time
 
 import pytest
 from batch_collection import broken, make_scans, snapshot, write_collection
@@ -69,20 +67,6 @@ def test_max_failures_ends_a_run(store, tmp_path):
                input="\n".join(store.codes))
     few = json.loads(done.stdout)
     assert (few["failed"], few["left"]) == (3, 7) and "stopped after 3 failures" in done.stderr
-
-
-def test_metrics_state_the_classes(store, tmp_path):
-    metrics = tmp_path / "farm.prom"
-    store.run("--metrics", metrics)
-    lines = metrics.read_text().splitlines()
-    asset_bytes = (store.folder / "assets/good.glb").stat().st_size
-    for name, count in (("unchanged", 1), ("made", 0), ("failed", 0), ("known_failure", 10)):
-        assert f'trocar_batch_scans{{store="{store.folder}",class="{name}"}} {count}' in lines
-    assert f'trocar_batch_asset_bytes{{store="{store.folder}"}} {asset_bytes}' in lines
-    assert 0 <= time.time() - float(lines[-1].split()[1]) < 60
-    assert [file.name for file in tmp_path.iterdir()] == ["farm.prom"]
-    done = store.run("--metrics", tmp_path / "no" / "such", expect=4)
-    assert done.stderr.count("\n") == 1
 
 
 def test_images_refused_for_want_of_a_threshold_are_tried_again_when_it_is_given(store, tmp_path):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Shared by the tests of the build farm: a collection of the sample scan, and what two stores must have in common."""
+"""Shared by farm_test.py and snakemake_test.py: a collection of the sample scan, and what two stores must have in common."""
 import datetime
 import gzip
 import hashlib
@@ -8,7 +8,7 @@ import os
 import pathlib
 
 # What a store holds is a function of collection, files and program, the journal excepted; nothing is left under claims and tmp.
-COMPARED = ("trocar-store.json", "actions", "content", "scans", "assets", "reports", "products")
+COMPARED = ("trocar-store.json", "actions", "content", "scans", "assets", "reports")
 EMPTY = ("claims", "tmp")
 VARIANTS = ({"slices": "5:8"}, {"slices": "10:12"}, {"slices": "15:18", "tolerance": 0.1}, {"slices": "20:22", "threshold": 180},
             {"slices": "8:10", "simplify": "dp"}, {"slices": "24:26", "min-angle": 25})
@@ -59,10 +59,10 @@ def content_of(store):
 
 def strays(store):
     """Files that a run should not have left, in and beside the store."""
-    known = {*COMPARED, *EMPTY, "journal"}
+    known = {*COMPARED, *EMPTY, "journal", "products"}
     left = [file for name in EMPTY if (store / name).exists() for file in (store / name).iterdir()]
     left += [file for file in store.iterdir() if file.name not in known]
-    return [str(file) for file in left + [pathlib.Path(f"{store}.farm")] if file.exists()]
+    return [str(file) for file in left if file.exists()]
 
 
 def journal_of(store):

@@ -58,28 +58,6 @@ TEST(Collection, TheSecondScanOfANameIsRefusedAndBothAreNamed) {
             "/data/c.json: /scans/1/name: \"a\" is also the name of /scans/0");
 }
 
-// A file that only a product's parameters name is in no key.
-TEST(Collection, AProductsParametersNameNoFile) {
-  const auto message = [](const char* product, const json& parameters) {
-    json value = one_scan("x");
-    value["products"] = json::array({"scene"});
-    value["scans"][0]["products"] =
-        json::array({"scene", json{{"product", product}, {"parameters", parameters}}});
-    const auto read = parsed(value);
-    return read ? std::string("accepted") : read.error().message;
-  };
-  EXPECT_EQ(message("surface", {{"mask", "seg.nii.gz:22"}}),
-            "/data/c.json: /scans/0/products/1/parameters/mask: is not for products, because it "
-            "names a file; give it to the scan as a parameter");
-  for (const char* option : {"hu", "input-key", "mask", "names"})
-    EXPECT_NE(message("preview", {{option, "file"}}), "accepted") << option;
-  for (const char* option : {"device-description", "key-file", "replay", "summary"})
-    EXPECT_NE(message("check", {{option, "file"}}), "accepted") << option;
-  for (const char* table : {"verse", "totalsegmentator"})
-    EXPECT_EQ(message("preview", {{"names", table}}), "accepted") << table;
-  EXPECT_EQ(message("surface", {{"surface-triangles", 2000}}), "accepted");
-}
-
 TEST(Collection, AFirstOneLeavesOutWhatCannotBeUsedAndNamesEachScanOnce) {
   const auto scan = [](const char* kind, const char* path, bool usable) {
     return json{{"kind", kind}, {"path", path}, {"usable", usable}};

@@ -55,8 +55,8 @@ ScanEntry entry_of(const std::string& name, const Made& made) {
   return out;
 }
 
-// Scans that are done, of which two share an asset and one has a product, a scan that failed after
-// it was done, one that was refused, and what no scan refers to.
+// Scans that are done, of which two share an asset, a scan that failed after it was done, one that
+// was refused, and what no scan refers to.
 void fill(const Store& store) {
   for (const char* name : {"a", "b", "c"})
     ASSERT_TRUE(store.put_entry(entry_of(name, make(store, name))));
@@ -71,12 +71,6 @@ void fill(const Store& store) {
   refused.exit_code = 3;
   refused.is_lasting = true;
   ASSERT_TRUE(store.put_entry(refused));
-  ScanEntry with_product = entry_of("product", make(store, "product"));
-  const json action = {{"product", "surface"}};
-  const Object file = store_content(store, "surface");
-  ASSERT_TRUE(store.put_product(key_of(action), action, file));
-  with_product.products["surface"] = {key_of(action), "p", json::object(), file};
-  ASSERT_TRUE(store.put_entry(with_product));
   make(store, "dead");
   make(store, "dead too");
   store_content(store, "of nobody");
@@ -141,9 +135,8 @@ TEST_F(GarbageTest, KeepsWhatEntriesNameThoughAllActionsAreGone) {
   const auto done = collect_garbage(store, 0s);
   ASSERT_TRUE(done);
   EXPECT_EQ(done->removed, 5u);  // two dead assets and reports, and what belonged to nobody
-  for (const char* name : {"a", "b", "c", "twin", "failed", "product"})
+  for (const char* name : {"a", "b", "c", "twin", "failed"})
     EXPECT_TRUE(store.has(*store.entry(name)->outputs)) << name;
-  EXPECT_TRUE(store.has(*store.entry("product")->products.at("surface").file));
 }
 
 TEST_F(GarbageTest, WhatCannotBeReadStopsIt) {
@@ -163,7 +156,7 @@ TEST_F(GarbageTest, WhatCannotBeReadStopsIt) {
     std::ofstream(action) << text;
     expect_refusal(store, action.string());
   }
-  // An action with other outputs than those of this version, and one of a product likewise.
+  // An action with other outputs than those of this version.
   Store store = copy();
   const auto change = [](const fs::path& file, const std::function<void(json&)>& how) {
     json value = json::parse(bytes_in(file));
@@ -176,14 +169,6 @@ TEST_F(GarbageTest, WhatCannotBeReadStopsIt) {
     change(action, [&](json& value) { value["outputs"] = outputs; });
     expect_refusal(store, action.string());
   }
-  store = copy();
-  for (const char* product : {"key", "file"}) {
-    change(store.entry_file("product"), [&](json& v) { v["products"]["surface"][product] = 7; });
-    expect_refusal(store, store.entry_file("product").string());
-    store = copy();
-  }
-  change(store.entry_file("product"), [](json& v) { v["products"]["film"] = json::object(); });
-  expect_refusal(store, store.entry_file("product").string());
   for (const char* part : {"actions", "content", "scans"}) {
     store = copy();
     fs::remove_all(store.folder() / part);
@@ -211,7 +196,7 @@ TEST_F(GarbageTest, DropsNoScanIfItRemovesNothing) {
   ASSERT_TRUE(store.put_entry(entry_of("b", make(store, "b"))));
   const auto done = collect_garbage(store, 0s, &wanted);
   ASSERT_TRUE(done);
-  EXPECT_EQ(done->dropped, 5u);
+  EXPECT_EQ(done->dropped, 4u);
   EXPECT_EQ(*store.names(), (std::vector<std::string>{"a", "b"}));
 }
 
@@ -232,8 +217,6 @@ std::set<std::string> named_by(const std::optional<ScanEntry>& entry) {
   std::set<std::string> out;
   if (!entry) return out;
   if (entry->outputs) out = {entry->outputs->asset.sha256, entry->outputs->report.sha256};
-  for (const auto& [name, product] : entry->products)
-    if (product.file) out.insert(product.file->sha256);
   return out;
 }
 

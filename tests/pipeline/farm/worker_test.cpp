@@ -72,6 +72,7 @@ class TestScan : public OpenedScan {
 
 class TestProgram : public ScanProgram {
  public:
+  const std::string& digest() const override { return digest_; }
   Result<Parameters> parameters(const json& given) const override {
     if (given.contains("wrong")) return usage("wrong");
     if (given.contains("mask") && !fs::exists(given["mask"].get<std::string>()))
@@ -90,6 +91,8 @@ class TestProgram : public ScanProgram {
       return refused("no such image");
     return std::unique_ptr<OpenedScan>(std::make_unique<TestScan>(given, inputs));
   }
+
+  std::string digest_ = "program";
 };
 
 class BatchTest : public testing::Test {
@@ -108,7 +111,7 @@ class BatchTest : public testing::Test {
     return run(settings);
   }
   BatchSummary run(const BatchSettings& settings) {
-    const auto batch = Batch::plan(collection_, program_, programs_, settings);
+    const auto batch = Batch::plan(collection_, program_, settings);
     if (!batch) throw std::runtime_error(batch.error().message);
     const auto summary = batch->run();
     if (!summary) throw std::runtime_error(summary.error().message);
@@ -128,21 +131,10 @@ class BatchTest : public testing::Test {
     ASSERT_TRUE(store);
     ASSERT_TRUE(collect_garbage(*store, std::chrono::seconds(0)));
   }
-  // Makes a program that makes products: a shell script with these lines, in which $output and
-  // $input are the files of the product and of the scan.
-  void write_program(const std::string& lines) {
-    const fs::path file = folder_ / "program";
-    std::ofstream(file) << "#!/bin/sh\nwhile [ \"$1\" != -o ]; do shift; done\n"
-                        << "output=$2 input=$4\n"
-                        << lines;
-    fs::permissions(file, fs::perms::owner_all);
-    programs_.mesh = file.string();
-  }
 
   test::TemporaryFolder folder_;
   Collection collection_;
   TestProgram program_;
-  ProductPrograms programs_ = {"", "program", "", ""};
 };
 
 TEST_F(BatchTest, EachWayToFailIsAnEntryAndTheOthersAreDone) {
@@ -215,7 +207,7 @@ TEST_F(BatchTest, AFailureThatTheScanExplainsIsKnownUntilTheScanChanges) {
   collection_.scans[0].parameters["n"] = 2;
   EXPECT_EQ(names_of(run().failed), Names{"refused"}) << "parameters";
   EXPECT_EQ(names_of(run().known), Names{"refused"});
-  programs_.mesh_digest = "another program";
+  program_.digest_ = "another program";
   EXPECT_EQ(names_of(run().failed), Names{"refused"}) << "program";
   EXPECT_EQ(names_of(run().known), Names{"refused"});
   EXPECT_EQ(names_of(retry().failed), Names{"refused"}) << "retry";
@@ -253,7 +245,7 @@ TEST_F(BatchTest, AnEntryThatCannotBeReadEndsTheRunAndADamagedOneIsMadeAgain) {
   fs::create_symlink(entry, entry);
   BatchSettings settings;
   settings.store = folder_ / "store";
-  const auto batch = Batch::plan(collection_, program_, programs_, settings)->run();
+  const auto batch = Batch::plan(collection_, program_, settings)->run();
   EXPECT_FALSE(batch);
 }
 
@@ -267,7 +259,7 @@ TEST_F(BatchTest, ATouchedInputWithTheSameBytesIsTheSameFailure) {
   // The index has the new times, so that the files are not read again.
   BatchSettings settings;
   settings.store = folder_ / "store";
-  const auto states = Batch::plan(collection_, program_, programs_, settings)->dry_run();
+  const auto states = Batch::plan(collection_, program_, settings)->dry_run();
   for (const NamedState& one : *states)
     EXPECT_EQ(one.state.kind, ScanState::Kind::kKnownFailure) << one.scan;
   settings.rehash = true;
@@ -304,7 +296,7 @@ TEST_F(BatchTest, WhatIsMissingIsAKnownFailureUntilItIsThere) {
   fs::remove(input);
   EXPECT_EQ(names_of(run().failed), (Names{"input", "mask"}));
   EXPECT_EQ(names_of(run().known), (Names{"input", "mask"}));
-  programs_.mesh_digest = "another program";
+  program_.digest_ = "another program";
   EXPECT_EQ(names_of(run().failed), (Names{"input", "mask"}));
   EXPECT_EQ(names_of(run().known), (Names{"input", "mask"}));
   std::ofstream(input) << "x";
@@ -325,12 +317,9 @@ TEST_F(BatchTest, AnInputThatDisappearsFailsInEachRun) {
 // The file system of the inputs may not be mounted for a while, and --gc may run in this time.
 TEST_F(BatchTest, AnInputOutOfReachCostsNoAsset) {
   const std::string input = add("input", {{"n", 1}});
-  write_program("echo surface > \"$output\"\n");
-  collection_.scans[0].products.push_back({ProductKind::kSurface});
   EXPECT_EQ(run().made, 1u);
   const fs::path links[] = {folder_ / "store/assets/input.glb",
-                            folder_ / "store/reports/input.json",
-                            folder_ / "store/products/input/surface.stl"};
+                            folder_ / "store/reports/input.json"};
   fs::rename(input, input + ".away");
   for (int k = 0; k < 2; ++k) {
     EXPECT_EQ(names_of(run().failed), Names{"input"}) << k;
@@ -343,9 +332,7 @@ TEST_F(BatchTest, AnInputOutOfReachCostsNoAsset) {
     EXPECT_FALSE(entry->is_lasting);
   }
   fs::rename(input + ".away", input);
-  const BatchSummary back = run();
-  EXPECT_EQ(back.found, 1u);
-  EXPECT_EQ(back.products_made, 0u);
+  EXPECT_EQ(run().found, 1u);
   EXPECT_EQ(run().unchanged, 1u);
 }
 
@@ -382,44 +369,6 @@ TEST_F(BatchTest, AnAssetOfOtherBytesIsNotKeptAfterAFailure) {
   collection_.scans[0].parameters["do"] = "memory";
   EXPECT_EQ(names_of(run().failed), Names{"a"});
   EXPECT_FALSE(fs::is_symlink(folder_ / "store/assets/a.glb"));
-}
-
-std::size_t files_below(const fs::path& folder) {
-  std::size_t out = 0;
-  for (const auto& one : fs::recursive_directory_iterator(folder))
-    out += one.is_regular_file() ? 1 : 0;
-  return out;
-}
-
-TEST_F(BatchTest, AnInputThatChangesWhileAProductIsMadeIsAFailureOfTheProduct) {
-  const std::string input = add("a", {{"n", 1}});
-  collection_.scans[0].products.push_back({ProductKind::kSurface});
-  write_program("cat \"$input\" > \"$output\"; echo more >> \"$input\"\n");
-  const BatchSummary first = run();
-  ASSERT_EQ(names_of(first.failed), Names{"a"});
-  EXPECT_EQ(
-      first.failed[0].outcome.reason,
-      "surface: " + input + ": changed while the scan was read; run again when it is complete");
-  EXPECT_EQ(files_below(folder_ / "store/actions"), 1u);  // that of the asset
-  // A command that fails because of the change is no known failure either.
-  write_program("echo more >> \"$input\"; echo refused >&2; exit 3\n");
-  EXPECT_EQ(names_of(run().failed), Names{"a"});
-  EXPECT_EQ(names_of(run().failed), Names{"a"});
-  write_program("cat \"$input\" > \"$output\"\n");
-  const BatchSummary last = run();
-  EXPECT_EQ(last.made, 1u);
-  EXPECT_EQ(last.products_made, 1u);
-}
-
-TEST_F(BatchTest, APassingFailureOfAProductIsTriedAgain) {
-  add("a", {{"n", 1}});
-  collection_.scans[0].products.push_back({ProductKind::kSurface});
-  write_program("exit 75\n");
-  EXPECT_EQ(names_of(run().failed), Names{"a"});
-  EXPECT_EQ(names_of(run().failed), Names{"a"});
-  write_program("exit 3\n");
-  EXPECT_EQ(names_of(run().failed), Names{"a"});
-  EXPECT_EQ(names_of(run().known), Names{"a"});
 }
 
 TEST_F(BatchTest, AFailureThatTheScanDoesNotExplainIsTriedAgain) {
@@ -464,10 +413,10 @@ TEST_F(BatchTest, ASecondRunDoesNothingAndTheSameBytesAreFound) {
   EXPECT_EQ(first.made, 2u);
   EXPECT_EQ(first.found, 1u);
   EXPECT_EQ(run().unchanged, 3u);
-  programs_.mesh_digest = "another program";
+  program_.digest_ = "another program";
   const BatchSummary other = run();
   EXPECT_EQ(other.made, 2u);
-  programs_.mesh_digest = "program";
+  program_.digest_ = "program";
   EXPECT_EQ(run().found, 3u);
 }
 
@@ -486,13 +435,11 @@ TEST_F(BatchTest, WhatTookPartIsKnownByNameSoThatExplainCanSayIt) {
   run();
   BatchSettings settings;
   settings.store = folder_ / "store";
-  const auto why = [&] {
-    return Batch::plan(collection_, program_, programs_, settings)->explain("a")->why;
-  };
+  const auto why = [&] { return Batch::plan(collection_, program_, settings)->explain("a")->why; };
   EXPECT_TRUE(why().empty());
   collection_.scans[0].parameters = {{"n", 3}, {"k", 4}};
   std::ofstream(file) << "z";
-  programs_.mesh_digest = "new";
+  program_.digest_ = "new";
   const std::vector<json> expected = {
       {{"cause", "program"}, {"old", "program"}, {"new", "new"}},
       {{"cause", "parameter"}, {"name", "k"}, {"old", nullptr}, {"new", 4}},
@@ -526,7 +473,7 @@ TEST_F(BatchTest, ShardsAreTheCollectionAndNoScanIsInTwo) {
     BatchSettings settings;
     settings.store = folder_ / "store";
     settings.shard = std::pair{shard, 3};
-    const auto summary = Batch::plan(collection_, program_, programs_, settings)->run();
+    const auto summary = Batch::plan(collection_, program_, settings)->run();
     EXPECT_EQ(summary->made, summary->scans);
     total += summary->made;
   }
@@ -537,7 +484,7 @@ TEST_F(BatchTest, ShardsAreTheCollectionAndNoScanIsInTwo) {
 TEST_F(BatchTest, WrongParametersRefuseTheCollectionBeforeAnythingIsDone) {
   add("a", {{"n", 1}});
   add("b", {{"wrong", 1}});
-  const auto refused = Batch::plan(collection_, program_, programs_, {});
+  const auto refused = Batch::plan(collection_, program_, {});
   ASSERT_FALSE(refused);
   EXPECT_EQ(refused.error().code, ExitCode::kUsage);
   EXPECT_EQ(refused.error().message, "scan b: wrong");

@@ -11,7 +11,6 @@
 #include "formats/asset/deidentification.h"
 #include "formats/base/command_line.h"
 #include "formats/geometry/slice_mesh.h"
-#include "pipeline/farm/collection.h"
 #include "pipeline/program/arguments.h"
 #include "pipeline/program/farm_scans.h"
 #include "pipeline/program/stage_options.h"
@@ -74,15 +73,6 @@ TEST(Parameters, TheSameInOtherWordsIsTheSame) {
   EXPECT_EQ(canonical({{"preset", "vertebra"}, {"close", 3}, {"min-volume", 100}}),
             canonical({{"threshold", 180}, {"close", 3}, {"fill", 2500}, {"min-volume", 100}}));
   EXPECT_EQ(canonical({{"preset", "skin"}, {"threshold", 180}})["threshold"], 180);
-}
-
-// Does a collection accept this option as a parameter of a product?
-bool is_for_products(const std::string& option, const json& value) {
-  const json product = {{"product", "preview"}, {"parameters", {{option, value}}}};
-  const json collection = {{"schema", "trocar.collection/1"},
-                           {"products", json::array({product})},
-                           {"scans", json::array()}};
-  return static_cast<bool>(farm::parse_collection(collection.dump(), "c.json"));
 }
 
 // Returns what `trocar-mesh verify --private` says of an asset that was made with these options.
@@ -168,7 +158,6 @@ TEST(Parameters, EveryOptionIsInTheKeyOrNamesAFile) {
     const auto after = FarmScans().parameters(given);
     ASSERT_TRUE(before && after) << name << ": " << (after ? "" : after.error().message);
     EXPECT_EQ(privacy_of(given), "") << name;
-    EXPECT_EQ(is_for_products(name, given[name]), name != "mask" && !files.contains(name)) << name;
     if (files.contains(name)) {
       ASSERT_EQ(after->files.size(), 1u) << name;
       EXPECT_EQ(after->files[0].of, name);
@@ -184,7 +173,6 @@ TEST(Parameters, EveryOptionIsInTheKeyOrNamesAFile) {
   ASSERT_EQ(table->files.size(), 1u);
   EXPECT_EQ(table->files[0].of, "names");
   EXPECT_EQ(table->canonical["names"], json());  // its path is not part of the key
-  EXPECT_FALSE(is_for_products("names", (folder / "names.json").string()));
 }
 
 TEST(Parameters, ADefaultOfSurfaceTrianglesMayBeExceededAndTheSameNumberMayNot) {
