@@ -59,7 +59,7 @@ function cardOf({ name, asset, before, difference, reason, links, warnings = [] 
 // The bar that searches, filters and sorts by the index of all pages. The address's fragment holds its state, as in
 // "#?name=head&show=failed", so that it can be shared; a scan's name cannot begin with "?".
 const kShow = { all: "all scans", done: "done", failed: "failed", damaged: "damaged", warned: "with warnings", different: "different" };
-const kFlags = { done: 1, failed: 2, damaged: 4, different: 8, warned: 16 };  // as in scan_index.h
+const kFlags = { done: 1, failed: 2, damaged: 4, different: 8, warned: 16 };  // as in review.cpp
 const kSort = { page: "order of the pages", name: "name", bytes: "bytes", triangles: "triangles", slices: "slices" };
 const kOrder = { up: "ascending", down: "descending" };
 const kUsual = { name: "", show: "all", sort: "page", order: "up" };
