@@ -25,12 +25,11 @@ std::string html_page(std::string_view generator, std::string_view script,
     data.append(R"(<script type="application/json" id=")").append(document.id).append("\">");
     data.append(embedded_json(document.json)).append("</script>\n");
   }
+  using Part = std::pair<std::string_view, std::string_view>;
   std::string out;
   std::string_view rest = kPageTemplate;
-  for (const auto& [mark, text] :
-       {std::pair<std::string_view, std::string_view>{"{{generator}}", generator},
-        {"{{documents}}", data},
-        {"{{script}}", script}}) {
+  for (const auto& [mark, text] : {Part{"{{generator}}", generator}, Part{"{{documents}}", data},
+                                   Part{"{{script}}", script}}) {
     const std::size_t at = rest.find(mark);
     out.append(rest.substr(0, at)).append(text);
     rest.remove_prefix(at + mark.size());
