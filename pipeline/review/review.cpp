@@ -358,7 +358,7 @@ Result<json> write_review(const ReviewOptions& options) {
     shown["cards"] = std::move(made);
     if (page == 0) {
       shown["counts"] = counts.as_json();
-      shown["index"] = std::move(index);
+      shown["index"].swap(index);
       shown["per_page"] = kScansPerPage;
       if (other->store) shown["differences"] = difference_rows(other->diff);
     }
