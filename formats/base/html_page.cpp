@@ -1,7 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "formats/base/html_page.h"
 
-#include <stdexcept>
+#include <utility>
+
+#include "embedded/formats/base/page.html.h"
 
 namespace trocar {
 
@@ -16,18 +18,23 @@ std::string embedded_json(std::string_view json) {
   return out;
 }
 
-std::string html_page(std::string_view page_template,
+std::string html_page(std::string_view generator, std::string_view script,
                       std::initializer_list<EmbeddedDocument> documents) {
-  std::string out;
+  std::string data;
   for (const EmbeddedDocument& document : documents) {
-    const std::string mark = "{{" + std::string(document.name) + "}}";
-    const std::size_t at = page_template.find(mark);
-    if (at == std::string_view::npos) throw std::logic_error("the page's template has no " + mark);
-    out += page_template.substr(0, at);
-    page_template.remove_prefix(at + mark.size());
-    out += embedded_json(document.json);
+    data.append(R"(<script type="application/json" id=")").append(document.id).append("\">");
+    data.append(embedded_json(document.json)).append("</script>\n");
   }
-  return out.append(page_template);
+  using Part = std::pair<std::string_view, std::string_view>;
+  std::string out;
+  std::string_view rest = kPageTemplate;
+  for (const auto& [mark, text] : {Part{"{{generator}}", generator}, Part{"{{documents}}", data},
+                                   Part{"{{script}}", script}}) {
+    const std::size_t at = rest.find(mark);
+    out.append(rest.substr(0, at)).append(text);
+    rest.remove_prefix(at + mark.size());
+  }
+  return out.append(rest);
 }
 
 }  // namespace trocar

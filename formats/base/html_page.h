@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// HTML pages that the programs write. A page is a template with styles and a script. The script
-// renders JSON documents that are embedded in the page. A page needs no other file and no network.
+// The HTML pages that the programs write. All are made from one template (page.html): the style
+// sheet, and functions for elements, tables and pictures. The script of a page draws the JSON
+// documents that are embedded in it. A page needs no other file and no network.
 #pragma once
 
 #include <initializer_list>
@@ -10,20 +11,19 @@
 namespace trocar {
 
 struct EmbeddedDocument {
-  std::string_view name;
+  std::string_view id;  ///< of the script element that holds it
   std::string_view json;
 };
 
 /// Returns JSON as it stands in a page: each `<` is written as \u003c, so that no document can end
-/// its own script element.
+/// its own script element or begin a comment. It is never run, only parsed as JSON, to which U+2028
+/// and U+2029 are plain characters.
 std::string embedded_json(std::string_view json);
 
-/// Returns the template with each mark `{{name}}` replaced by the embedded_json() of that name.
-/// Preconditions: each mark stands in a `<script type="application/json">`; the marks have the same
-/// order in the template as the documents in `documents`; the template's script sets texts by
-/// `textContent` only, so that no text becomes HTML. Throws std::logic_error if the template has no
-/// mark for a document.
-std::string html_page(std::string_view page_template,
+/// Returns the page. `generator` names the program and its command; `script` is JavaScript that
+/// reads data(id) and calls show() of the template. Both are constants of the program. The script
+/// makes elements by the template's functions only, so that no text becomes HTML.
+std::string html_page(std::string_view generator, std::string_view script,
                       std::initializer_list<EmbeddedDocument> documents);
 
 }  // namespace trocar

@@ -9,190 +9,124 @@
 namespace trocar {
 namespace {
 
-// The switches have no default, so a fault without a row is a compile error.
-constexpr const char* cause_of(Fault fault) {
-  switch (fault) {
-    case Fault::kNone:
-      return "nothing went wrong";
-    case Fault::kNoData:
-      return "the drive is off, a cable is loose, or another program holds up the drive";
-    case Fault::kLinkLost:
-      return "the drive has ended, its network failed, or its watchdog tripped because this "
-             "computer was late";
-    case Fault::kWriteFailed:
-      return "the drive refuses commands, or the connection to it has just broken";
-    case Fault::kEncoderNotFinite:
-      return "an encoder or its cable is broken, or the device stated a value without a reading";
-    case Fault::kEncoderJump:
-      return "a plug is loose, counts were lost, or data came from another device";
-    case Fault::kJointLimit:
-      return "the tool was moved to the edge of what the mechanism can reach";
-    case Fault::kPoseResidual:
-      return "an encoder slipped or sticks, or its zero is wrong";
-    case Fault::kSingularity:
-      return "the tool is at the edge of the workspace, where a leg is stretched";
-    case Fault::kTorqueNotFinite:
-      return "a defect of the program";
-    case Fault::kDeadlineMissed:
-      return "other programs hold this computer up, or the loop has no realtime priority";
-    case Fault::kRemeshBacklog:
-      return "punctures follow each other very fast";
-    case Fault::kToolTilt:
-      return "the tool was tilted";
-    case Fault::kEmergencyStop:
-      return "somebody pressed it";
-    case Fault::kMotorFault:
-      return "the drive reports a motor that is broken, too hot or disconnected, or another fault "
-             "of the device";
-    case Fault::kWorkspace:
-      return "the tool was moved to where the device cannot be held safely";
-    case Fault::kSpeed:
-      return "the tool was let go or pulled fast, or a measurement jumped";
-    case Fault::kTorqueLimit:
-      return "the tissue needs more torque than the motors may give";
-    case Fault::kTorqueRate:
-      return "the tool hit stiff tissue fast";
-    case Fault::kMotorOverload:
-      return "large forces were held for long";
-    case Fault::kEnergyLimit:
-      return "the tissue is too stiff for the rate or for the delay of the device";
-    case Fault::kPaused:
-      return "the operator pressed Pause";
-    case Fault::kForcesOff:
-      return "the operator pressed Zero forces";
-    case Fault::kRecordingFailed:
-      return "the disk is full, slow or broken, or another program has filled it";
-    case Fault::kRefusedState:
-      return "the device's program states millimetres instead of metres, a number that is not "
-             "finite, or a quaternion that is not a unit";
-  }
-  return nullptr;
-}
+struct FaultRow {
+  Fault fault = Fault::kNone;
+  FaultWords words;
+};
 
-/// The words without the cause.
-constexpr FaultWords meaning_of(Fault fault) {
-  switch (fault) {
-    case Fault::kNone:
-      return {"none", "there is no fault", "there is no fault", "go on"};
-    case Fault::kNoData:
-      return {"no_data", "no data came from the device for too long",
-              "no data comes from the device", "check the drive's power and its cable"};
-    case Fault::kLinkLost:
-      return {"link_lost", "the link to the device is lost", "the link to the device is still lost",
-              "check that the drive runs, its network cable, and that no other program holds this "
-              "computer up"};
-    case Fault::kWriteFailed:
-      return {"write_failed", "the device did not take the torques",
-              "the device still does not take torques", "check the drive and the link to it"};
-    case Fault::kEncoderNotFinite:
-      return {"encoder_not_finite", "an encoder gives no number",
-              "an encoder still gives no number", "check that encoder and its cable"};
-    case Fault::kEncoderJump:
-      return {"encoder_jump", "an encoder moved faster than the mechanism can",
-              "an encoder still jumps", "check that encoder, its plug and its cable"};
-    case Fault::kJointLimit:
-      return {"joint_limit", "a joint is outside its limits", "a joint is still outside its limits",
-              "move the tool back towards the middle"};
-    case Fault::kPoseResidual:
-      return {"pose_residual", "the encoders contradict each other, or give no pose",
-              "the encoders still contradict each other",
-              "check for a stuck or slipped encoder and the zeros of all encoders"};
-    case Fault::kSingularity:
-      return {"singularity", "the mechanism is too close to a singular pose",
-              "the mechanism is still too close to a singular pose",
-              "move the tool back towards the middle"};
-    case Fault::kTorqueNotFinite:
-      return {"torque_not_finite", "a computed force or torque is not a number",
-              "a computed force or torque is still not a number",
-              "report this to the developers with the black box and the scene"};
-    case Fault::kDeadlineMissed:
-      return {"deadline_missed", "the loop was too late", "the loop is still too late",
-              "end other programs, give realtime rights, or allow more late ticks "
-              "(--late-ticks-in-row)"};
-    case Fault::kRemeshBacklog:
-      return {"remesh_backlog", "holes are made faster than their meshes",
-              "holes still wait for their meshes", "lift the tool, and puncture more slowly"};
-    case Fault::kToolTilt:
-      return {"tool_tilt", "the tool's axis is too far from upright",
-              "the tool's axis is still too far from upright", "hold the tool upright"};
-    case Fault::kEmergencyStop:
-      return {"emergency_stop", "the emergency stop is pressed, the device's or the operator's",
-              "the emergency stop is still pressed", "release it when that is safe"};
-    case Fault::kMotorFault:
-      return {"motor_fault", "a motor does not give its torque, or the device has another fault",
-              "a motor still does not give its torque, or the device still has another fault",
-              "check that motor, its cable and its drive, or what the device's maker says of its "
-              "fault"};
-    case Fault::kWorkspace:
-      return {"workspace", "the plate is outside its box, or tilted too far",
-              "the plate is still outside its box, or tilted too far",
-              "move the tool back towards the middle"};
-    case Fault::kSpeed:
-      return {"speed", "the plate moves or rotates too fast", "the plate still moves too fast",
-              "move the tool more slowly"};
-    case Fault::kTorqueLimit:
-      return {"torque_limit", "a motor's wanted torque exceeds the session's limit",
-              "a motor's wanted torque still exceeds the session's limit",
-              "press with less force, or use a softer tissue"};
-    case Fault::kTorqueRate:
-      return {"torque_rate", "the wanted torques rise faster than they may, for too long",
-              "the wanted torques still rise faster than they may",
-              "move the tool more slowly, or use a tissue with less stiffness and damping"};
-    case Fault::kMotorOverload:
-      return {"motor_overload", "the motors are overloaded", "the motors are still hot",
-              "lift the tool, let the motors cool, and press with less force"};
-    case Fault::kEnergyLimit:
-      return {"energy_limit",
-              "the loop drives the hand: it gave more energy than tissue and limit allow",
-              "the loop still drives the hand",
-              "use a tissue with less stiffness and friction, or a higher --rate"};
-    case Fault::kPaused:
-      return {"paused", "the operator pauses the session", "the operator still pauses the session",
-              "resume it at the console"};
-    case Fault::kForcesOff:
-      return {"forces_off", "the operator has turned the forces off",
-              "the operator still has the forces off",
-              "press Recover when the device may push the tool again"};
-    case Fault::kRecordingFailed:
-      return {"recording_failed", "the recording cannot be written, so the session ends",
-              "the recording still cannot be written",
-              "free some space on the disk, and start again"};
-    case Fault::kRefusedState:
-      return {"refused_state",
-              "the device's states arrive, but are refused because of their contents",
-              "the device's states are still refused because of their contents",
-              "correct what the device's program states: metres, radians, finite numbers, a unit "
-              "quaternion"};
-  }
-  return {};
-}
-
-constexpr FaultWords make_words(Fault fault) {
-  FaultWords words = meaning_of(fault);
-  words.cause = cause_of(fault);
-  return words;
-}
-
-constexpr bool has_words(int i) {
-  const FaultWords words = make_words(static_cast<Fault>(i));
-  for (const char* text :
-       {words.name, words.meaning, words.meaning_in_recovery, words.advice, words.cause})
-    if (text == nullptr || *text == '\0') return false;
-  return true;
-}
-constexpr bool all_have_words() {
-  for (int i = 0; i < kFaults; ++i)
-    if (!has_words(i)) return false;
-  return !has_words(kFaults);
-}
-static_assert(all_have_words(), "kFaults is not the number of faults, or a fault has no words");
-
-constexpr auto kWords = [] {
-  std::array<FaultWords, kFaults> words;
-  for (int i = 0; i < kFaults; ++i)
-    words[static_cast<std::size_t>(i)] = make_words(static_cast<Fault>(i));
-  return words;
-}();
+constexpr std::array<FaultRow, kFaults> kFaultRows{{
+    {Fault::kNone,
+     {"none", "there is no fault", "there is no fault", "go on", "nothing went wrong"}},
+    {Fault::kNoData,
+     {"no_data", "no data came from the device for too long", "no data comes from the device",
+      "check the drive's power and its cable",
+      "the drive is off, a cable is loose, or another program holds up the drive"}},
+    {Fault::kLinkLost,
+     {"link_lost", "the link to the device is lost", "the link to the device is still lost",
+      "check that the drive runs, its network cable, and that no other program holds this "
+      "computer up",
+      "the drive has ended, its network failed, or its watchdog tripped because this "
+      "computer was late"}},
+    {Fault::kWriteFailed,
+     {"write_failed", "the device did not take the torques",
+      "the device still does not take torques", "check the drive and the link to it",
+      "the drive refuses commands, or the connection to it has just broken"}},
+    {Fault::kEncoderNotFinite,
+     {"encoder_not_finite", "an encoder gives no number", "an encoder still gives no number",
+      "check that encoder and its cable",
+      "an encoder or its cable is broken, or the device stated a value without a reading"}},
+    {Fault::kEncoderJump,
+     {"encoder_jump", "an encoder moved faster than the mechanism can", "an encoder still jumps",
+      "check that encoder, its plug and its cable",
+      "a plug is loose, counts were lost, or data came from another device"}},
+    {Fault::kJointLimit,
+     {"joint_limit", "a joint is outside its limits", "a joint is still outside its limits",
+      "move the tool back towards the middle",
+      "the tool was moved to the edge of what the mechanism can reach"}},
+    {Fault::kPoseResidual,
+     {"pose_residual", "the encoders contradict each other, or give no pose",
+      "the encoders still contradict each other",
+      "check for a stuck or slipped encoder and the zeros of all encoders",
+      "an encoder slipped or sticks, or its zero is wrong"}},
+    {Fault::kSingularity,
+     {"singularity", "the mechanism is too close to a singular pose",
+      "the mechanism is still too close to a singular pose",
+      "move the tool back towards the middle",
+      "the tool is at the edge of the workspace, where a leg is stretched"}},
+    {Fault::kTorqueNotFinite,
+     {"torque_not_finite", "a computed force or torque is not a number",
+      "a computed force or torque is still not a number",
+      "report this to the developers with the black box and the scene", "a defect of the program"}},
+    {Fault::kDeadlineMissed,
+     {"deadline_missed", "the loop was too late", "the loop is still too late",
+      "end other programs, give realtime rights, or allow more late ticks "
+      "(--late-ticks-in-row)",
+      "other programs hold this computer up, or the loop has no realtime priority"}},
+    {Fault::kRemeshBacklog,
+     {"remesh_backlog", "holes are made faster than their meshes",
+      "holes still wait for their meshes", "lift the tool, and puncture more slowly",
+      "punctures follow each other very fast"}},
+    {Fault::kToolTilt,
+     {"tool_tilt", "the tool's axis is too far from upright",
+      "the tool's axis is still too far from upright", "hold the tool upright",
+      "the tool was tilted"}},
+    {Fault::kEmergencyStop,
+     {"emergency_stop", "the emergency stop is pressed, the device's or the operator's",
+      "the emergency stop is still pressed", "release it when that is safe",
+      "somebody pressed it"}},
+    {Fault::kMotorFault,
+     {"motor_fault", "a motor does not give its torque, or the device has another fault",
+      "a motor still does not give its torque, or the device still has another fault",
+      "check that motor, its cable and its drive, or what the device's maker says of its "
+      "fault",
+      "the drive reports a motor that is broken, too hot or disconnected, or another fault "
+      "of the device"}},
+    {Fault::kWorkspace,
+     {"workspace", "the plate is outside its box, or tilted too far",
+      "the plate is still outside its box, or tilted too far",
+      "move the tool back towards the middle",
+      "the tool was moved to where the device cannot be held safely"}},
+    {Fault::kSpeed,
+     {"speed", "the plate moves or rotates too fast", "the plate still moves too fast",
+      "move the tool more slowly", "the tool was let go or pulled fast, or a measurement jumped"}},
+    {Fault::kTorqueLimit,
+     {"torque_limit", "a motor's wanted torque exceeds the session's limit",
+      "a motor's wanted torque still exceeds the session's limit",
+      "press with less force, or use a softer tissue",
+      "the tissue needs more torque than the motors may give"}},
+    {Fault::kTorqueRate,
+     {"torque_rate", "the wanted torques rise faster than they may, for too long",
+      "the wanted torques still rise faster than they may",
+      "move the tool more slowly, or use a tissue with less stiffness and damping",
+      "the tool hit stiff tissue fast"}},
+    {Fault::kMotorOverload,
+     {"motor_overload", "the motors are overloaded", "the motors are still hot",
+      "lift the tool, let the motors cool, and press with less force",
+      "large forces were held for long"}},
+    {Fault::kEnergyLimit,
+     {"energy_limit", "the loop drives the hand: it gave more energy than tissue and limit allow",
+      "the loop still drives the hand",
+      "use a tissue with less stiffness and friction, or a higher --rate",
+      "the tissue is too stiff for the rate or for the delay of the device"}},
+    {Fault::kPaused,
+     {"paused", "the operator pauses the session", "the operator still pauses the session",
+      "resume it at the console", "the operator pressed Pause"}},
+    {Fault::kForcesOff,
+     {"forces_off", "the operator has turned the forces off",
+      "the operator still has the forces off",
+      "press Recover when the device may push the tool again", "the operator pressed Zero forces"}},
+    {Fault::kRecordingFailed,
+     {"recording_failed", "the recording cannot be written, so the session ends",
+      "the recording still cannot be written", "free some space on the disk, and start again",
+      "the disk is full, slow or broken, or another program has filled it"}},
+    {Fault::kRefusedState,
+     {"refused_state", "the device's states arrive, but are refused because of their contents",
+      "the device's states are still refused because of their contents",
+      "correct what the device's program states: metres, radians, finite numbers, a unit "
+      "quaternion",
+      "the device's program states millimetres instead of metres, a number that is not "
+      "finite, or a quaternion that is not a unit"}},
+}};
 
 /// The things that an index counts, each with their number. '#' in a row's texts stands for the
 /// index.
@@ -205,7 +139,8 @@ enum class Counts : std::uint8_t {
   kEncoders = 16
 };
 
-struct QuantityWords {
+struct QuantityRow {
+  FaultQuantity quantity = FaultQuantity::kNone;
   const char* name = nullptr;  ///< result of quantity_name()
   const char* words = nullptr;
   const char* unit = "";  ///< unit in measured(), which shows the value times `factor`
@@ -215,89 +150,76 @@ struct QuantityWords {
 
 constexpr double kDeg = 57.29577951308232;
 
-// The switch has no default, as in meaning_of().
-constexpr QuantityWords make_quantity(FaultQuantity quantity) {
+constexpr std::array<QuantityRow, kFaultQuantities> kQuantityRows = [] {
   using enum Counts;
-  switch (quantity) {
-    case FaultQuantity::kNone:
-      return {"", "", "", 0};
-    case FaultQuantity::kTimeWithoutData:
-      return {"time_without_data_s", "time without data", " ms", 1e3};
-    case FaultQuantity::kEncoderAngle:
-      return {"th_#_rad", "angle theta #", " deg", kDeg, kEncoders};
-    case FaultQuantity::kEncoderStep:
-      return {"th_#_step_rad", "step of encoder theta #", " deg", kDeg, kEncoders};
-    case FaultQuantity::kEncoderResidual:
-      return {"th_#_residual_rad", "difference of encoder theta # from the pose", " deg", kDeg,
-              kEncoders};
-    case FaultQuantity::kPoseResidual:
-      return {"pose_residual_m", "misfit of the legs", " mm", 1e3};
-    case FaultQuantity::kInverseCondition:
-      return {"inverse_condition", "inverse condition number"};
-    case FaultQuantity::kBranchDistance:
-      return {"branch_distance_#_m", "distance of leg # from the edge of its workspace", " mm", 1e3,
-              kLegs};
-    case FaultQuantity::kTickGap:
-      return {"tick_gap_s", "time between two ticks", " ms", 1e3};
-    case FaultQuantity::kMissedDeadlines:
-      return {"missed_deadlines_in_row", "deadlines missed in a row:"};
-    case FaultQuantity::kWaitingHoles:
-      return {"waiting_holes", "holes that wait:"};
-    case FaultQuantity::kToolTilt:
-      return {"tool_tilt_rad", "tool tilt", " deg", kDeg};
-    case FaultQuantity::kPlatePosition:
-      return {"#_m", "plate #", " mm", 1e3, kAxes};
-    case FaultQuantity::kPlateTilt:
-      return {"plate_tilt_rad", "plate tilt", " deg", kDeg};
-    case FaultQuantity::kPlateSpeed:
-      return {"plate_speed_m_per_s", "plate speed", " m/s"};
-    case FaultQuantity::kPlateRotation:
-      return {"plate_rotation_rad_per_s", "plate rotation", " rad/s"};
-    case FaultQuantity::kPrefetchedStiffness:
-      return {"response_stiffness_N_per_m", "stiffness of the spring network", " N/m"};
-    case FaultQuantity::kWantedWrench:
-      return {"#", "wanted #", "", 1, kWrench};
-    case FaultQuantity::kMotorTorque:
-      return {"tau_#_Nm", "torque of motor theta #", " N m", 1, kMotors};
-    case FaultQuantity::kCompensationTorque:
-      return {"compensation_#_Nm", "compensation torque of motor theta #", " N m", 1, kMotors};
-    case FaultQuantity::kTorqueRiseTime:
-      return {"torque_rise_time_s", "time of rising at the limit", " ms", 1e3};
-    case FaultQuantity::kMotorHeat:
-      return {"motor_heat_#", "thermal state of motor theta #", " %", 100, kMotors};
-    case FaultQuantity::kWeakForceTime:
-      return {"weak_force_time_s", "time with too little of the wanted force", " s"};
-    case FaultQuantity::kMotor:
-      return {"motor_#", "motor theta #", "", 0, kMotors};
-    case FaultQuantity::kReleasedEnergy:
-      return {"energy_released_J", "energy released to the hand", " mJ", 1e3};
-    case FaultQuantity::kMeasuredPosition:
-      return {"device_#_m", "measured position #", " mm", 1e3, kAxes};
-    case FaultQuantity::kMeasuredRotation:
-      return {"device_quaternion", "length of the measured quaternion"};
-    case FaultQuantity::kPositionStep:
-      return {"device_step_m", "step of the measured position", " mm", 1e3};
-    case FaultQuantity::kRotationStep:
-      return {"device_step_rad", "step of the measured orientation", " deg", kDeg};
-    case FaultQuantity::kFaultByte:
-      return {"device_fault", "fault byte of the device:"};
-    case FaultQuantity::kRefusedContents:
-      return {"unreadable_message", "a message that cannot be read", "", 0};
-    case FaultQuantity::kStateMode:
-      return {"state_mode", "mode"};
-    case FaultQuantity::kStateZeros:
-      return {"state_zeros", "a byte that must be zero is not", "", 0};
+  return std::array<QuantityRow, kFaultQuantities>{{
+      {FaultQuantity::kNone, "", "", "", 0},
+      {FaultQuantity::kTimeWithoutData, "time_without_data_s", "time without data", " ms", 1e3},
+      {FaultQuantity::kEncoderAngle, "th_#_rad", "angle theta #", " deg", kDeg, kEncoders},
+      {FaultQuantity::kEncoderStep, "th_#_step_rad", "step of encoder theta #", " deg", kDeg,
+       kEncoders},
+      {FaultQuantity::kEncoderResidual, "th_#_residual_rad",
+       "difference of encoder theta # from the pose", " deg", kDeg, kEncoders},
+      {FaultQuantity::kPoseResidual, "pose_residual_m", "misfit of the legs", " mm", 1e3},
+      {FaultQuantity::kInverseCondition, "inverse_condition", "inverse condition number"},
+      {FaultQuantity::kBranchDistance, "branch_distance_#_m",
+       "distance of leg # from the edge of its workspace", " mm", 1e3, kLegs},
+      {FaultQuantity::kTickGap, "tick_gap_s", "time between two ticks", " ms", 1e3},
+      {FaultQuantity::kMissedDeadlines, "missed_deadlines_in_row", "deadlines missed in a row:"},
+      {FaultQuantity::kWaitingHoles, "waiting_holes", "holes that wait:"},
+      {FaultQuantity::kToolTilt, "tool_tilt_rad", "tool tilt", " deg", kDeg},
+      {FaultQuantity::kPlatePosition, "#_m", "plate #", " mm", 1e3, kAxes},
+      {FaultQuantity::kPlateTilt, "plate_tilt_rad", "plate tilt", " deg", kDeg},
+      {FaultQuantity::kPlateSpeed, "plate_speed_m_per_s", "plate speed", " m/s"},
+      {FaultQuantity::kPlateRotation, "plate_rotation_rad_per_s", "plate rotation", " rad/s"},
+      {FaultQuantity::kPrefetchedStiffness, "response_stiffness_N_per_m",
+       "stiffness of the spring network", " N/m"},
+      {FaultQuantity::kWantedWrench, "#", "wanted #", "", 1, kWrench},
+      {FaultQuantity::kMotorTorque, "tau_#_Nm", "torque of motor theta #", " N m", 1, kMotors},
+      {FaultQuantity::kCompensationTorque, "compensation_#_Nm",
+       "compensation torque of motor theta #", " N m", 1, kMotors},
+      {FaultQuantity::kTorqueRiseTime, "torque_rise_time_s", "time of rising at the limit", " ms",
+       1e3},
+      {FaultQuantity::kMotorHeat, "motor_heat_#", "thermal state of motor theta #", " %", 100,
+       kMotors},
+      {FaultQuantity::kWeakForceTime, "weak_force_time_s",
+       "time with too little of the wanted force", " s"},
+      {FaultQuantity::kMotor, "motor_#", "motor theta #", "", 0, kMotors},
+      {FaultQuantity::kReleasedEnergy, "energy_released_J", "energy released to the hand", " mJ",
+       1e3},
+      {FaultQuantity::kMeasuredPosition, "device_#_m", "measured position #", " mm", 1e3, kAxes},
+      {FaultQuantity::kMeasuredRotation, "device_quaternion", "length of the measured quaternion"},
+      {FaultQuantity::kPositionStep, "device_step_m", "step of the measured position", " mm", 1e3},
+      {FaultQuantity::kRotationStep, "device_step_rad", "step of the measured orientation", " deg",
+       kDeg},
+      {FaultQuantity::kFaultByte, "device_fault", "fault byte of the device:"},
+      {FaultQuantity::kRefusedContents, "unreadable_message", "a message that cannot be read", "",
+       0},
+      {FaultQuantity::kStateMode, "state_mode", "mode"},
+      {FaultQuantity::kStateZeros, "state_zeros", "a byte that must be zero is not", "", 0},
+  }};
+}();
+
+/// Each row stands at the place of its enumerator, and has all words.
+constexpr bool are_whole() {
+  for (std::size_t i = 0; i < kFaultRows.size(); ++i) {
+    const auto& [fault, words] = kFaultRows[i];
+    if (static_cast<std::size_t>(fault) != i) return false;
+    for (const char* text :
+         {words.name, words.meaning, words.meaning_in_recovery, words.advice, words.cause})
+      if (text == nullptr || *text == '\0') return false;
   }
-  return {};
-}
-constexpr bool all_quantities_have_words() {
-  for (int i = 0; i < kFaultQuantities; ++i) {
-    const QuantityWords row = make_quantity(static_cast<FaultQuantity>(i));
-    if (row.name == nullptr || row.words == nullptr) return false;
+  for (std::size_t i = 0; i < kQuantityRows.size(); ++i) {
+    const QuantityRow& row = kQuantityRows[i];
+    if (static_cast<std::size_t>(row.quantity) != i || row.words == nullptr) return false;
   }
-  return make_quantity(static_cast<FaultQuantity>(kFaultQuantities)).name == nullptr;
+  return true;
 }
-static_assert(all_quantities_have_words(), "kFaultQuantities, or a quantity has no words");
+static_assert(are_whole(), "a fault or a quantity has no words, or stands at another's place");
+
+const QuantityRow& row_of(FaultQuantity quantity) {
+  return kQuantityRows.at(static_cast<std::size_t>(quantity));
+}
 
 /// Writes an index as in a column's name ("2_3": leg, joint) or in words ("3 of leg 2").
 std::string index_text(Counts counts, int index, bool in_words) {
@@ -340,7 +262,7 @@ std::string with_digits(double x, int digits) {
 }  // namespace
 
 const FaultWords& words_of(Fault fault) {
-  return kWords.at(static_cast<std::size_t>(fault));
+  return kFaultRows.at(static_cast<std::size_t>(fault)).words;
 }
 
 const char* refusal_words(Fault found) {
@@ -354,18 +276,18 @@ const char* refusal_words(Fault found) {
 bool is_known(const FaultDetail& detail) {
   const auto fault = static_cast<int>(detail.fault), quantity = static_cast<int>(detail.quantity);
   if (fault < 0 || fault >= kFaults || quantity < 0 || quantity >= kFaultQuantities) return false;
-  const int count = static_cast<int>(make_quantity(detail.quantity).counts);
+  const int count = static_cast<int>(row_of(detail.quantity).counts);
   return detail.index >= (count == 0 ? -1 : 0) && (count == 0 || detail.index < count);
 }
 
 std::string quantity_name(const FaultDetail& detail) {
-  const QuantityWords row = make_quantity(detail.quantity);
+  const QuantityRow& row = row_of(detail.quantity);
   return filled(row.name, index_text(row.counts, detail.index, false));
 }
 
 std::string measured(const FaultDetail& detail) {
   if (detail.quantity == FaultQuantity::kNone) return {};
-  const QuantityWords row = make_quantity(detail.quantity);
+  const QuantityRow& row = row_of(detail.quantity);
   std::string text = filled(row.words, index_text(row.counts, detail.index, true));
   if (row.factor == 0) return text;
   const double value = detail.value * row.factor, limit = detail.limit * row.factor;

@@ -11,7 +11,7 @@
 
 namespace trocar {
 
-/// The quantity that a check measured; make_quantity() in fault_words.cpp has its words and unit.
+/// The quantity that a check measured; fault_words.cpp has its words and unit.
 /// The comments give the unit and, if FaultDetail::index is used, the thing that it numbers.
 enum class FaultQuantity : std::uint8_t {
   kNone,                 ///< nothing was measured: a device reported the fault, or a solver failed

@@ -3,7 +3,7 @@
 
 #include <nlohmann/json.hpp>
 
-#include "embedded/pipeline/preview/preview_page.html.h"
+#include "embedded/pipeline/preview/preview_page.js.h"
 #include "formats/base/html_page.h"
 #include "formats/base/json_text.h"
 #include "pipeline/preview/preview_text.h"
@@ -81,8 +81,9 @@ std::string preview_page(const Preview& preview, const Sheet& sheet, const Sheet
         std::holds_alternative<Equalize>(preview.segmentation) ? "level" : "threshold";
     page["changes"] = changes_text(preview);
   }
-  return html_page(kPreviewPage, {{"preview", json_text(numbers_of(preview, sheet, kind))},
-                                  {"page", json_text(page)}});
+  return html_page(
+      "trocar-mesh preview", kPreviewPage,
+      {{"preview", json_text(numbers_of(preview, sheet, kind))}, {"page", json_text(page)}});
 }
 
 }  // namespace trocar::pipeline

@@ -13,7 +13,7 @@
 #include <utility>
 #include <vector>
 
-#include "embedded/pipeline/review/review_page.html.h"
+#include "embedded/pipeline/review/review_page.js.h"
 #include "formats/base/file_io.h"
 #include "formats/base/html_page.h"
 #include "formats/base/json_text.h"
@@ -21,8 +21,6 @@
 #include "pipeline/farm/store.h"
 #include "pipeline/preview/sheet_png.h"
 #include "pipeline/review/mesh_thumbnail.h"
-#include "pipeline/review/page_links.h"
-#include "pipeline/review/scan_index.h"
 #include "pipeline/review/store_diff.h"
 #include "pipeline/review/stored_asset.h"
 
@@ -37,13 +35,59 @@ using DifferenceKind = ScanDifference::Kind;
 
 constexpr int kThumbnail_px = 168;
 constexpr std::size_t kMaxRows = 500;  // largest number of rows in the table of differences
-constexpr const char* kMark = "<meta name=\"generator\" content=\"trocar-mesh review\">";
+constexpr std::string_view kGenerator = "trocar-mesh review";
+// Largest number of scans in the index. A scan takes 20 to 35 bytes of text in addition to its name,
+// and a name has at most 120 bytes, so the index has at most about 15 MB.
+constexpr std::size_t kMaxIndexed = 100'000;
 
 Result<Store> open_store(const fs::path& folder) {
   std::error_code ignored;
   if (!fs::exists(folder / "trocar-store.json", ignored))
     return refused(folder.string() + ": is no store of trocar-mesh batch");
   return Store::open_for_reading(folder);
+}
+
+// Every byte that has a meaning in a URL, or none in ASCII, is written as %XX.
+std::string url_encoded(std::string_view path) {
+  constexpr std::string_view kPlain =
+      "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789-._~/";
+  constexpr std::string_view kDigits = "0123456789ABCDEF";
+  std::string out;
+  for (const char c : path) {
+    if (kPlain.find(c) != std::string_view::npos) {
+      out += c;
+      continue;
+    }
+    const auto byte = static_cast<unsigned char>(c);
+    out += {'%', kDigits[byte >> 4], kDigits[byte & 15]};
+  }
+  return out;
+}
+
+// The absolute path of a folder without "." and "..". Where `..` follows a symbolic link, only the
+// file system can resolve it.
+fs::path plain_path(const fs::path& folder) {
+  std::error_code ignored;
+  fs::path out = fs::absolute(folder, ignored);
+  if (std::find(out.begin(), out.end(), "..") != out.end())
+    out = fs::weakly_canonical(out, ignored);
+  out = out.lexically_normal();
+  return out.has_filename() ? out : out.parent_path();
+}
+
+// The URL of the store for a page, with a slash at its end; empty if the store is the page's folder.
+// It is relative if possible, so that page and store can be moved together. If the page's path goes
+// through a symbolic link, a relative URL can lead astray, because for `..` a browser only cuts off
+// the last part of the page's address. So it is relative only if it works with the page's path as it
+// was given and with symbolic links resolved, else absolute (`file:///...`).
+std::string store_url(const fs::path& page, const fs::path& store) {
+  std::error_code error;
+  const fs::path from = plain_path(fs::absolute(page, error).parent_path()), to = plain_path(store);
+  const fs::path relative = to.lexically_relative(from);
+  const fs::path resolved = (fs::weakly_canonical(from, error) / relative).lexically_normal();
+  if (relative.empty() || !fs::equivalent(resolved, to, error))
+    return "file://" + url_encoded(to.generic_string()) + "/";
+  return relative == "." ? "" : url_encoded(relative.generic_string()) + "/";
 }
 
 json difference_json(const ScanDifference& d) {
@@ -93,19 +137,13 @@ json asset_json(const Store& store, const farm::Object& object) {
   return out;
 }
 
-// Adds the card's links to files of the store. A damaged asset has no link.
-void add_links(const PageLinks& links, json& card) {
-  const auto name = card["name"].get<std::string>();
-  json& shown = card["links"] = json::object();
-  shown["report"] = links.to("reports/" + name + ".json");
-  if (!card["asset"].contains("error")) shown["asset"] = links.to("assets/" + name + ".glb");
-}
-
-json card_json(const Store& now, const Store* before, const PageLinks& links, const Card& card) {
+json card_json(const Store& now, const Store* before, const std::string& url, const Card& card) {
   json out = {{"name", card.name}};
   if (card.now) {
     out["asset"] = asset_json(now, *card.now);
-    add_links(links, out);
+    out["links"]["report"] = url + "reports/" + url_encoded(card.name) + ".json";
+    if (!out["asset"].contains("error"))
+      out["links"]["asset"] = url + "assets/" + url_encoded(card.name) + ".glb";
   }
   if (before != nullptr && card.now && card.before)
     out["before"] = asset_json(*before, *card.before);
@@ -163,7 +201,8 @@ bool is_review(const fs::path& file) {
   std::string head(512, '\0');
   std::ifstream in(file, std::ios::binary);
   in.read(head.data(), static_cast<std::streamsize>(head.size()));
-  return head.find(kMark) != std::string::npos;
+  return head.find("<meta name=\"generator\" content=\"" + std::string(kGenerator) + "\">") !=
+         std::string::npos;
 }
 
 // Refuses to write a page over a file that is not a page of the same review. The first page, which
@@ -193,27 +232,29 @@ json difference_rows(const StoreDiff& diff) {
   return {{"further", diff.differences.size() - rows.size()}, {"scans", std::move(rows)}};
 }
 
-ScanIndex::Row index_row(const json& card, IndexedScan::Status status) {
-  using Row = ScanIndex::Row;
-  Row out;
-  out.name = card["name"];
-  static const json kNone = json::object();
-  const json& asset = card.contains("asset") ? card["asset"] : kNone;
-  const bool is_damaged = status == IndexedScan::Status::kDamaged || asset.contains("error");
-  if (is_damaged)
-    out.flags |= Row::kDamaged;
-  else
-    out.flags |= status == IndexedScan::Status::kDone ? Row::kDone : Row::kFailed;
-  if (card.contains("difference")) out.flags |= Row::kDifferent;
-  if (card.contains("warnings")) out.flags |= Row::kWarned;
-  const auto number = [&](const char* member) -> std::optional<std::uint64_t> {
-    if (!asset.contains(member)) return {};
-    return asset[member].get<std::uint64_t>();
-  };
-  out.bytes = number("bytes");
-  out.triangles = number("triangles");
-  out.slices = number("slices");
-  return out;
+// The index of all scans: one array for each column, because that is the shortest text. The position
+// of a scan in the arrays determines its page. "further" is the number of scans without a row.
+json empty_index(std::size_t scans) {
+  const std::size_t rows = std::min(scans, kMaxIndexed);
+  json index = {{"further", scans - rows}};
+  for (const char* column : {"names", "flags", "bytes", "triangles", "slices"})
+    index[column] = json::array_t(rows);
+  return index;
+}
+
+// Sets the row of the scan whose card is number `place`, counted from 0 over all pages.
+void set_row(json& index, std::size_t place, const json& card, IndexedScan::Status status) {
+  enum Flag : unsigned { kDone = 1, kFailed = 2, kDamaged = 4, kDifferent = 8, kWarned = 16 };
+  if (place >= index["names"].size()) return;
+  const json asset = card.value("asset", json::object());
+  unsigned flags = status == IndexedScan::Status::kDone ? kDone : kFailed;
+  if (status == IndexedScan::Status::kDamaged || asset.contains("error")) flags = kDamaged;
+  if (card.contains("difference")) flags |= kDifferent;
+  if (card.contains("warnings")) flags |= kWarned;
+  index["names"][place] = card["name"];
+  index["flags"][place] = flags;
+  for (const char* figure : {"bytes", "triangles", "slices"})
+    if (asset.contains(figure)) index[figure][place] = asset[figure];
 }
 
 // The numbers of a review. Damaged assets are counted when their cards are made.
@@ -270,12 +311,12 @@ Result<Comparison> compare(const ReviewOptions& options, const Store& store) {
 
 std::vector<json> cards_json(const ReviewOptions& options, const Store& now, const Store* before,
                              std::span<const Card> cards) {
-  const PageLinks links(options.page, options.store);
+  const std::string url = store_url(options.page, options.store);
   std::vector<json> out(cards.size());
   parallel_for(static_cast<int>(cards.size()), [&](int i) {
     if (options.stop != nullptr && *options.stop) return;
     const auto k = static_cast<std::size_t>(i);
-    out[k] = card_json(now, before, links, cards[k]);
+    out[k] = card_json(now, before, url, cards[k]);
   });
   return out;
 }
@@ -299,7 +340,7 @@ Result<json> write_review(const ReviewOptions& options) {
   json files = json::array();
   for (std::size_t page = 0; page < pages; ++page)
     files.push_back(page_file(options.page, page).filename().string());
-  ScanIndex index(cards.size());
+  json index = empty_index(cards.size());
   std::size_t done = 0;
   // The first page is written last, because its index has the figures of all assets.
   for (std::size_t k = 1; k <= pages; ++k) {
@@ -311,17 +352,17 @@ Result<json> write_review(const ReviewOptions& options) {
     if (options.stop != nullptr && *options.stop) return unwritable("interrupted");
     for (std::size_t i = 0; i < size; ++i) {
       counts.add(made[i]);
-      index.set(first + i, index_row(made[i], on_page[i].status));
+      set_row(index, first + i, made[i], on_page[i].status);
     }
     json shown = {{"pages", files}, {"page", page}, {"scans", cards.size()}};
     shown["cards"] = std::move(made);
     if (page == 0) {
       shown["counts"] = counts.as_json();
-      shown["index"] = index.as_json();
+      shown["index"].swap(index);
       shown["per_page"] = kScansPerPage;
       if (other->store) shown["differences"] = difference_rows(other->diff);
     }
-    const std::string text = html_page(kReviewPage, {{"review", json_text(shown)}});
+    const std::string text = html_page(kGenerator, kReviewPage, {{"review", json_text(shown)}});
     if (auto ok = write_file_atomically(page_file(options.page, page), text); !ok)
       return ok.error();
     done += size;

@@ -31,15 +31,15 @@ struct ReviewOptions {
 /// of scans that differ come first, the most serious differences at the front. The cards of scans
 /// that failed, or whose entry in the store's index cannot be read, follow, and then all other
 /// cards; these two groups are sorted by name. A card links to the scan's report and asset in the
-/// store. A missing or damaged asset is reported on its card. A page contains everything that it shows; only the files to which cards
-/// link are not in it.
+/// store. A missing or damaged asset is reported on its card. A page contains everything that it
+/// shows; only the files to which cards link are not in it.
 ///
-/// The first page has an index of all scans (scan_index.h). With the index, a reader of the page
-/// can search, filter and sort the scans of all pages; the results link to the cards. The other
-/// pages link to the first page. They have no index of their own, because otherwise the size of a
-/// review would grow with the square of the number of scans. Only one page and the index are in
-/// memory at a time. The first page is written last, because the index needs the numbers of all
-/// assets. Pages of an earlier, longer review with the same name are removed.
+/// The first page has an index of all scans, by which it searches, filters and sorts the scans of
+/// all pages; the results link to the cards. The other pages link to the first page. They have no
+/// index, because otherwise the size of a review would grow with the square of the number of scans.
+/// Only one page and the index are in memory at a time. The first page is written last, because the
+/// index needs the numbers of all assets. Pages of an earlier, longer review with the same name are
+/// removed.
 ///
 /// Errors: kRefused if a folder is not a store, or the store has no scans; kUnwritable if a page
 /// cannot be written, if a file with the name of a later page is not a page of this review, or if

@@ -260,7 +260,7 @@ Reply get_history(const ConsoleState& console) {
   return [folder = std::move(folder), hidden = console.supervisor.hidden()]() -> Answer {
     const Result<History> history = read_history(folder);
     if (!history) return unprocessable(hidden, history.error());
-    return {200, "text/html; charset=utf-8", history_page(*history), history_policy()};
+    return {200, "text/html; charset=utf-8", history_page(*history), report_policy()};
   };
 }
 

@@ -8,9 +8,10 @@
 #include <utility>
 #include <vector>
 
-#include "embedded/runtime/reporting/history_page.html.h"
-#include "embedded/runtime/reporting/session_page.html.h"
+#include "embedded/runtime/reporting/history_page.js.h"
+#include "embedded/runtime/reporting/session_page.js.h"
 #include "formats/base/file_io.h"
+#include "formats/base/html_page.h"
 
 namespace trocar::runtime {
 namespace {
@@ -35,11 +36,10 @@ std::string type_of(const std::filesystem::path& file) {
   return found == types.end() ? "" : found->second;
 }
 
-/// Returns the policy of a page made from this template.
-std::string policy_of(std::string_view page_template) {
-  return "default-src 'none'; style-src 'unsafe-inline'; script-src" +
-         script_hashes(page_template, "<script>") +
-         "; sandbox allow-scripts; frame-ancestors 'none'";
+/// Returns the hashes of the scripts in session reports and in the history.
+std::string report_hashes() {
+  return script_hashes(html_page("", kSessionPage, {}), "<script>") +
+         script_hashes(html_page("", kHistoryPage, {}), "<script>");
 }
 
 constexpr const char* kIncomplete =
@@ -72,12 +72,9 @@ std::string script_hashes(std::string_view html, std::string_view tag) {
 }
 
 const std::string& report_policy() {
-  static const std::string policy = policy_of(kSessionPage);
-  return policy;
-}
-
-const std::string& history_policy() {
-  static const std::string policy = policy_of(kHistoryPage);
+  static const std::string policy = "default-src 'none'; style-src 'unsafe-inline'; script-src" +
+                                    report_hashes() +
+                                    "; sandbox allow-scripts; frame-ancestors 'none'";
   return policy;
 }
 
@@ -109,8 +106,7 @@ Result<PageFiles> PageFiles::read(const std::filesystem::path& folder) {
   page.policy_ =
       "default-src 'none'; script-src 'self'" +
       script_hashes(index->second.bytes, "<script type=\"importmap\">") +
-      script_hashes(kSessionPage, "<script>") +  // a report in a frame inherits this policy
-      script_hashes(kHistoryPage, "<script>") +  // and so does the history
+      report_hashes() +  // a report in a frame inherits this policy
       "; style-src 'self' 'unsafe-inline'; img-src 'self' data: blob:; font-src 'self'; "
       "connect-src 'self'; frame-src blob:; worker-src 'self'; base-uri 'none'; form-action "
       "'none'; frame-ancestors 'none'";

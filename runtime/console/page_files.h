@@ -42,11 +42,10 @@ class PageFiles {
 /// PREFIX/share/trocar/console. Otherwise it is the folder runtime/console/page of the sources.
 std::filesystem::path page_folder();
 
-/// The Content-Security-Policy of session reports, and the Content-Security-Policy of the history
-/// of sessions. Others may have changed the reports in the console's folder. Therefore only the
-/// script that this version of Trocar writes into its reports may run.
+/// The Content-Security-Policy of session reports and of the history of sessions. Others may have
+/// changed the reports in the console's folder. Therefore only the scripts that this version of
+/// Trocar writes into these pages may run.
 const std::string& report_policy();
-const std::string& history_policy();
 
 /// Returns the hashes of the scripts in an HTML page that have the opening tag `tag`, such as
 /// "<script>". Before each hash is a blank, and each hash has the form 'sha256-HASH' of a

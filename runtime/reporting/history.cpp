@@ -15,7 +15,7 @@
 #include <system_error>
 #include <tuple>
 
-#include "embedded/runtime/reporting/history_page.html.h"
+#include "embedded/runtime/reporting/history_page.js.h"
 #include "formats/base/csv_field.h"
 #include "formats/base/file_io.h"
 #include "formats/base/html_page.h"
@@ -396,7 +396,7 @@ std::string history_csv(const History& history) {
 }
 
 std::string history_page(const History& history) {
-  return html_page(kHistoryPage, {{"history", history.json}});
+  return html_page("trocar-run --history", kHistoryPage, {{"history", history.json}});
 }
 
 }  // namespace trocar::runtime

@@ -42,8 +42,8 @@ Result<History> read_history(const std::filesystem::path& folder);
 std::string history_text(const History& history);
 std::string history_csv(const History& history);
 
-/// Returns an HTML page that contains the JSON document and needs no other file. The page is made
-/// from the template history_page.html.
+/// Returns an HTML page that contains the JSON document and needs no other file
+/// (formats/base/html_page.h). history_page.js draws it.
 std::string history_page(const History& history);
 
 }  // namespace trocar::runtime

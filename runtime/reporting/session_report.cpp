@@ -7,7 +7,7 @@
 #include <optional>
 #include <utility>
 
-#include "embedded/runtime/reporting/session_page.html.h"
+#include "embedded/runtime/reporting/session_page.js.h"
 #include "formats/base/csv_field.h"
 #include "formats/base/html_page.h"
 #include "formats/base/json_text.h"
@@ -340,8 +340,9 @@ std::string session_report_csv(const std::string& report_json) {
 
 std::string session_report_page(const Scene& scene, const SessionFigures& figures,
                                 const ReportFacts& facts) {
-  return html_page(kSessionPage, {{"report", session_report_json(scene, figures, facts)},
-                                  {"drawing", json_text(describe_drawing(scene, figures, facts))}});
+  return html_page("trocar-run --session-report", kSessionPage,
+                   {{"report", session_report_json(scene, figures, facts)},
+                    {"drawing", json_text(describe_drawing(scene, figures, facts))}});
 }
 
 }  // namespace trocar::runtime

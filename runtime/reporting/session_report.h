@@ -43,7 +43,7 @@ std::string session_report_json(const Scene& scene, const SessionFigures& figure
 /// "punctures/0/t_s". The samples are left out.
 std::string session_report_csv(const std::string& report_json);
 /// Returns one HTML page that contains the document of session_report_json() and needs no other
-/// file. The page is made from the template session_page.html.
+/// file (formats/base/html_page.h). session_page.js draws it.
 std::string session_report_page(const Scene& scene, const SessionFigures& figures,
                                 const ReportFacts& facts);
 

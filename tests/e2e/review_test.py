@@ -139,7 +139,7 @@ def test_hostile_texts():
     shutil.copytree(WORK / "before", store, symlinks=True)
     entry = store / "scans" / "works.json"
     index = json.loads(entry.read_text())
-    index["reason"] = hostile = "</script><img src=x onerror=alert(1)><!--"
+    index["reason"] = hostile = "</script><img src=x onerror=alert(1)><!--\u2028x"
     entry.write_text(json.dumps(index))
     page = WORK / "hostile.html"
     review(store, page)

@@ -1,96 +1,6 @@
-<!DOCTYPE html>
-<!-- SPDX-License-Identifier: Apache-2.0 -->
-<html lang="en">
-<head>
-<meta charset="utf-8">
-<meta name="viewport" content="width=device-width">
-<meta http-equiv="Content-Security-Policy" content="default-src 'none'; style-src 'unsafe-inline'; script-src 'unsafe-inline'">
-<title>Session report</title>
-<style>
-:root { color-scheme: light dark; --page: #fff; --ink: #1a1c1e; --soft: #5c6268; --rule: #d4d8dc; --card: #f3f5f7;
-  --force: #0066a8; --mark: #c04a00; --plan: #007a5a; --zone: #a8407f; --bone: #9a8a5c; --good: #00694d; --bad: #b02a00; }
-@media (prefers-color-scheme: dark) {
-  :root { --page: #15181b; --ink: #e8eaec; --soft: #a3aab1; --rule: #3a4046; --card: #20252a;
-    --force: #5ab4f0; --mark: #f59a4c; --plan: #3ed0a4; --zone: #e38dc4; --bone: #cdbd8c; --good: #4fd3a8; --bad: #ff9a7a; }
-}
-@media print {
-  :root { --page: #fff; --ink: #000; --soft: #444; --rule: #bbb; --card: #fff;
-    --force: #0066a8; --mark: #c04a00; --plan: #007a5a; --zone: #a8407f; --bone: #9a8a5c; --good: #00694d; --bad: #b02a00; }
-}
-* { box-sizing: border-box; }
-body { margin: 0 auto; padding: 24px; max-width: 1120px; background: var(--page); color: var(--ink);
-  font: 16px/1.45 system-ui, "DejaVu Sans", sans-serif; }
-h1 { font-size: 26px; margin: 0 0 4px; }
-h2 { font-size: 19px; margin: 28px 0 8px; border-bottom: 1px solid var(--rule); padding-bottom: 4px; }
-p { margin: 6px 0; max-width: 80ch; }
-.soft { color: var(--soft); }
-.tiles { display: grid; grid-template-columns: repeat(auto-fit, minmax(132px, 1fr)); gap: 10px; margin: 16px 0; }
-.tile { background: var(--card); border: 1px solid var(--rule); border-radius: 6px; padding: 10px 12px; }
-.tile b { display: block; font-size: 21px; font-variant-numeric: tabular-nums; white-space: nowrap; }
-.tile span { color: var(--soft); font-size: 14px; }
-.wide { overflow-x: auto; }
-table { border-collapse: collapse; width: 100%; font-size: 15px; }
-th, td { text-align: left; padding: 5px 10px 5px 0; vertical-align: top; border-bottom: 1px solid var(--rule); }
-th { font-weight: 600; color: var(--soft); }
-td.n, th.n { text-align: right; font-variant-numeric: tabular-nums; }
-td.n { white-space: nowrap; }
-th { vertical-align: bottom; }
-.met { color: var(--good); }
-.miss { color: var(--bad); }
-.met, .miss { font-weight: 600; white-space: nowrap; }
-p.miss { white-space: normal; }
-.pair { display: grid; grid-template-columns: 1fr 1fr; gap: 16px; }
-@media (max-width: 760px) { .pair { grid-template-columns: 1fr; } }
-@media screen and (min-width: 2800px) { body { zoom: 2; } } /* a 4K screen, seen from as far as the console is */
-figure { margin: 0; }
-figcaption { font-size: 14px; color: var(--soft); }
-svg { width: 100%; height: auto; display: block; }
-svg text { fill: var(--ink); font-size: 13px; }
-svg .soft { fill: var(--soft); }
-svg .end { text-anchor: end; }
-svg .mid { text-anchor: middle; }
-.grid { stroke: var(--rule); fill: none; }
-.force, .path { stroke: var(--force); fill: none; stroke-width: 1.9; }
-.hu { stroke: var(--bone); fill: none; stroke-width: 1.9; }
-.mark { fill: var(--mark); }
-.plan { stroke: var(--plan); fill: none; stroke-width: 1.6; stroke-dasharray: 7 4; }
-.aim { stroke: var(--plan); fill: none; stroke-width: 2; }
-.zone { fill: var(--zone); fill-opacity: .25; stroke: var(--zone); }
-svg .zonetext { fill: var(--zone); paint-order: stroke; stroke: var(--page); stroke-width: 3px; }
-.layer { fill: var(--mark); fill-opacity: .12; }
-.bone { stroke: var(--bone); stroke-width: 3.5; stroke-linecap: butt; }
-.limit { stroke: var(--plan); stroke-dasharray: 7 4; }
-.event { stroke: var(--mark); stroke-width: 1; stroke-dasharray: 2 3; }
-svg .eventtext { fill: var(--mark); font-size: 12px; text-anchor: middle; }
-.cursor { stroke: var(--ink); fill: var(--ink); stroke-width: 1; visibility: hidden; }
-@page { margin: 14mm 12mm; }
-@media print {
-  body { font-size: 9.5pt; max-width: none; padding: 0; }
-  h1 { font-size: 17pt; }
-  h2 { font-size: 12.5pt; margin-top: 14pt; break-after: avoid; }
-  table, figcaption { font-size: 8.5pt; }
-  th, td { padding: 2.5pt 6pt 2.5pt 0; }
-  thead { display: table-header-group; }
-  .wide { overflow: visible; }
-  .tiles { grid-template-columns: repeat(5, 1fr); gap: 5pt; }
-  .tile { padding: 4pt 6pt; }
-  .tile b { font-size: 12pt; }
-  .tile span { font-size: 8pt; }
-  .pair { grid-template-columns: 1fr 1fr; }
-  figure, tr, .tile, p { break-inside: avoid; }
-  .screen { display: none; }
-}
-</style>
-</head>
-<body>
-<p id="waiting">The script in this file draws the report from the data in this file. Open the file in a browser that runs scripts.</p>
-<main></main>
-<!-- report: the file REPORT.json beside this page, formats/session/session_report.schema.json. drawing: what the pictures need besides. -->
-<script type="application/json" id="report">{{report}}</script>
-<script type="application/json" id="drawing">{{drawing}}</script>
-<script>
-"use strict";
-const data = (id) => JSON.parse(document.getElementById(id).textContent);
+// SPDX-License-Identifier: Apache-2.0
+// Draws the session report. report: the file REPORT.json beside the page, formats/session/session_report.schema.json.
+// drawing: what the pictures need besides.
 const report = data("report"), drawing = data("drawing");
 const goals = drawing.goals;  // null: the scene states none
 
@@ -101,7 +11,6 @@ const mm = or_none((m) => `${fixed(1e3 * m, 2)} mm`);
 const fine_mm = or_none((m) => `${fixed(1e3 * m, 4)} mm`);
 const seconds = or_none((s) => `${fixed(s, 3)} s`);
 const newtons = or_none((N) => `${fixed(N, 2)} N`);
-const number = (x) => String(Math.abs(x) < 1e-12 ? 0 : Number(x.toPrecision(6)));
 const newton_seconds = (x) => `${fixed(x, 2)} N s`;
 const hu_text = (hu) => (hu === null || !has_hu ? "none" : hu <= -1000 ? "no bone" : fixed(hu, 0));
 const with_unit = (value, unit) =>
@@ -112,36 +21,6 @@ const name_of = ({ layer, slice }) => {
   return `slice ${slice}${tissue ? ` (${tissue})` : ""}`;
 };
 
-// ---- elements; every text goes in as a text node ----
-function element(tag, attributes, ...children) {
-  const made = document.createElement(tag);
-  for (const [name, value] of Object.entries(attributes)) made.setAttribute(name, value);
-  made.append(...children);
-  return made;
-}
-function svg(tag, attributes, ...children) {
-  const made = document.createElementNS("http://www.w3.org/2000/svg", tag);
-  for (const [name, value] of Object.entries(attributes))
-    made.setAttribute(name, typeof value === "number" ? value.toFixed(2) : value);
-  made.append(...children);
-  return made;
-}
-const line = (name, x1, y1, x2, y2) => svg("line", { class: name, x1, y1, x2, y2 });
-const label = (name, x, y, text) => svg("text", { class: name, x, y }, text);
-const paragraph = (text, name = "soft") => element("p", { class: name }, text);
-const section = (title, ...children) => element("section", {}, element("h2", {}, title), ...children);
-const pair = (...children) => element("div", { class: "pair" }, ...children);
-
-/// A column whose head begins with '#' holds numbers. `kind` gives the class of a row's first cell.
-function table(heads, rows, kind = () => "") {
-  const is_number = heads.map((head) => head.startsWith("#"));
-  const cell = (tag, text, name) => element(tag, name ? { class: name } : {}, text);
-  const head = heads.map((text, i) => cell("th", text.replace("#", ""), is_number[i] ? "n" : ""));
-  const body = rows.map((cells, r) =>
-    element("tr", {}, ...cells.map((text, i) => cell("td", String(text), is_number[i] ? "n" : i === 0 ? kind(r) : ""))));
-  return element("div", { class: "wide" },
-    element("table", {}, element("thead", {}, element("tr", {}, ...head)), element("tbody", {}, ...body)));
-}
 const not_listed = (count, listed) => (count > listed.length ? [paragraph(`${count - listed.length} more are not listed.`)] : []);
 
 // ---- pictures ----
@@ -164,30 +43,6 @@ const all_events = [
   ...(report.walls.final ? [{ t_s: report.walls.final.t_s, text: "deepest point" }] : [])].sort((a, b) => a.t_s - b.t_s);
 const events = all_events.slice(0, kMaxEvents).map((event, i) => ({ ...event, number: i + 1 }));
 const followers = [];  // each puts the cursor of one picture to a sample, or hides it (null)
-
-/// The multiples between `low` and `high` of a step of 1, 2 or 5 times a power of ten: at most `most` steps.
-function ticks(low, high, most) {
-  const min = Math.max(high - low, 1e-9) / most, power = 10 ** Math.floor(Math.log10(min));
-  const step = power * ([1, 2, 5].find((factor) => factor * power >= min) ?? 10);
-  const out = [];
-  for (let k = Math.ceil(low / step - 1e-9); k * step <= high + 1e-9 * step; ++k) out.push(k * step);
-  return out;
-}
-
-/// Grid and labels of a picture's two axes. The frame reaches from kLeft, kTop to `right`, `bottom` in pixels.
-function axes({ right, bottom, x, y, x_ticks, y_ticks, x_name, y_name }) {
-  const middle = (kTop + bottom) / 2;
-  return [
-    ...x_ticks.flatMap((at) => [line("grid", x(at), kTop, x(at), bottom), label("mid", x(at), bottom + 17, number(at))]),
-    ...y_ticks.flatMap((at) => [line("grid", kLeft, y(at), right, y(at)), label("end", kLeft - 6, y(at) + 4, number(at))]),
-    label("mid", (kLeft + right) / 2, bottom + 38, x_name),
-    svg("text", { class: "mid", transform: `translate(14 ${middle}) rotate(-90)` }, y_name)];
-}
-
-function figure(height, title, caption, ...children) {
-  return element("figure", {}, svg("svg", { viewBox: `0 0 ${kWidth} ${height}`, role: "img", "aria-label": title }, ...children),
-    element("figcaption", {}, caption));
-}
 
 /// A picture's cursor. `place` gives x, y of a sample; without y the cursor is a line across the picture.
 function cursor(bottom, place) {
@@ -213,21 +68,15 @@ function event_marks(bottom, x_of) {
 
 /// A curve of the samples. `value` gives what it shows, null: a gap. `along`: what it is plotted against, one for each sample.
 function plot({ height, width, title, caption, name, along, along_name, value, y_name, low_value = 0, limit = null, at_event, is_linked }) {
-  const right = width - 12, bottom = height - kBottom, values = samples.map(value);
+  const frame = { left: kLeft, top: kTop, right: width - 12, bottom: height - kBottom }, { right, bottom } = frame, values = samples.map(value);
   const low = Math.min(...along), high = Math.max(...along) > low ? Math.max(...along) : low + 1;
-  const top = Math.max(low_value + 1, limit ?? -1e9, ...values.filter((v) => v !== null)), pad = 0.06 * (top - low_value);
-  const x = (at) => kLeft + (at - low) / (high - low) * (right - kLeft), y = (v) => bottom - (v - low_value) / (top + pad - low_value) * (bottom - kTop);
-  let is_gap = true, d = "";
-  values.forEach((v, i) => {
-    if (v !== null) d += `${is_gap ? "M" : "L"}${x(along[i]).toFixed(1)} ${y(v).toFixed(1)}`;
-    is_gap = v === null;
-  });
-  const made = figure(height, title, caption,
-    ...axes({ right, bottom, x, y, x_ticks: ticks(low, high, 8), y_ticks: ticks(low_value, top + pad, 5), x_name: along_name, y_name }),
+  const most = Math.max(low_value + 1, limit ?? -1e9, ...values.filter((v) => v !== null)), end = most + 0.06 * (most - low_value);
+  const { x, y, grid } = axes(frame, [low, high], [low_value, end],
+    { x_ticks: ticks(low, high, 8), y_ticks: ticks(low_value, end, 5), x_name: along_name, y_name });
+  const made = figure(width, height, title, caption, ...grid,
     ...(limit === null ? [] : [line("limit", kLeft, y(limit), right, y(limit))]),
-    ...event_marks(bottom, (event) => x(at_event(event))), svg("path", { class: name, d }),
+    ...event_marks(bottom, (event) => x(at_event(event))), trace(name, values.map((v, i) => (v === null ? null : [x(along[i]), y(v)]))),
     cursor(bottom, (sample) => { const i = samples.indexOf(sample); return is_linked ? [x(along[i])] : [x(along[i]), y(values[i] ?? low_value)]; }));
-  made.firstChild.setAttribute("viewBox", `0 0 ${width} ${height}`);
   if (!is_linked) return made;
   made.addEventListener("pointermove", (event) => {
     const box = made.firstChild.getBoundingClientRect();
@@ -251,11 +100,11 @@ function plots_section() {
     return [number, seconds(t_s), text, newtons(s.hand_N), `${fixed(depth_mm(s), 2)} mm`, ...(has_hu ? [hu_text(s.hu)] : [])];
   });
   return section("Force, depth and HU", says,
-    plot({ ...over_time, height: 230, title: "Force on the hand over time", name: "force", value: ({ hand_N }) => hand_N, y_name: "force (N)", limit }),
-    plot({ ...over_time, height: 190, title: "Depth of the tip over time", name: "path", value: depth_mm, y_name: "depth (mm)", low_value: Math.min(0, ...depths) }),
+    plot({ ...over_time, height: 230, title: "Force on the hand over time", name: "curve", value: ({ hand_N }) => hand_N, y_name: "force (N)", limit }),
+    plot({ ...over_time, height: 190, title: "Depth of the tip over time", name: "curve", value: depth_mm, y_name: "depth (mm)", low_value: Math.min(0, ...depths) }),
     ...(has_hu ? [plot({ ...over_time, height: 190, title: "HU under the tool over time", name: "hu", y_name: "HU", low_value: 0,
       value: ({ hu }) => (hu === null || hu <= -1000 ? null : Math.max(0, hu)) })] : []),
-    plot({ width, height: 260, title: "Force on the hand over depth", name: "force", along: depths, along_name: "depth of the tip below the topmost slice or layer (mm)",
+    plot({ width, height: 260, title: "Force on the hand over depth", name: "curve", along: depths, along_name: "depth of the tip below the topmost slice or layer (mm)",
       value: ({ hand_N }) => hand_N, y_name: "force (N)", limit, at_event: ({ t_s }) => depth_mm(near(t_s)), is_linked: false,
       caption: `Force, depth${has_hu ? " and HU under the tool where it cuts" : ""} over time, and force over depth, in and out. Numbers: the events in the table${ceiling}.` }),
     ...(rows.length ? [table(["#number", "#time", "event", "#force", "#depth", ...(has_hu ? ["#HU"] : [])], rows), ...not_listed(all_events.length, rows)] : []));
@@ -285,7 +134,10 @@ function side_view(axis) {
   const scale = Math.min(height / (z.high - z.low + 2 * pad), width / Math.max(kMinWidth_m, u.high - u.low + 2 * pad));
   const low_u = (u.low + u.high - width / scale) / 2, high_u = low_u + width / scale;
   const low_z = (z.low + z.high - height / scale) / 2, high_z = low_z + height / scale;
-  const x = (u_m) => kLeft + (u_m - low_u) * scale, y = (z_m) => kTop + (high_z - z_m) * scale;
+  const [name, other] = axis === 0 ? ["x", "y"] : ["y", "x"], id = `clip-${name}`, in_mm = (...values) => values.map((value) => 1e3 * value);
+  const place = axes({ left: kLeft, top: kTop, right, bottom }, in_mm(low_u, high_u), in_mm(low_z, high_z), { x_ticks: ticks(...in_mm(low_u, high_u), 6),
+    y_ticks: ticks(...in_mm(low_z, high_z), 8), x_name: `${name} (mm)`, y_name: "height z (mm)" });
+  const x = (u_m) => place.x(1e3 * u_m), y = (z_m) => place.y(1e3 * z_m);
 
   const layers = drawing.layers.map(({ top_z_m, thickness_m }) =>
     svg("rect", { class: "layer", x: kLeft, y: y(top_z_m), width, height: thickness_m * scale }));
@@ -312,7 +164,7 @@ function side_view(axis) {
   }
   if (goals?.target)
     plan.push(svg("circle", { class: "aim", cx: x(goals.target.at_m[axis]), cy: y(goals.target.at_m[2]), r: goals.target.radius_m * scale }));
-  const path = samples.map(({ tip_m }) => `${x(tip_m[axis]).toFixed(1)},${y(tip_m[2]).toFixed(1)}`).join(" ");
+  const path = trace("curve", samples.map(({ tip_m }) => [x(tip_m[axis]), y(tip_m[2])]));
   const punctures = report.punctures.map((p) => svg("circle", { class: "mark", cx: x(near(p.t_s).tip_m[axis]), cy: y(p.tip_z_m), r: 3.5 }));
   // Names of layers and sheets at the right; one that would overlap another is moved or left out.
   const names = [];
@@ -326,15 +178,13 @@ function side_view(axis) {
     last = y(z_m) + 4;
     names.push(label("soft", right + 6, last, `slice ${slice}`));
   }
-  const [name, other] = axis === 0 ? ["x", "y"] : ["y", "x"], id = `clip-${name}`;
-  return figure(kHeight, `Path of the tip, viewed along ${other}`,
+  return figure(kWidth, kHeight, `Path of the tip, viewed along ${other}`,
     `Viewed along ${other}: ${name} to the right, height up, the same scale both ways. Line: the tip; dots: punctures; bars: the material ` +
     `of the slices before the session, in the plane ${other} = ${fixed(1e3 * drawing.lowest_m[1 - axis], 1)} mm` +
     `${goals ? "; dashed and circles: the planned line, its entry, the target; areas: forbidden zones" : ""}.`,
     svg("defs", {}, svg("clipPath", { id }, svg("rect", { x: kLeft, y: kTop, width, height }))),
-    ...axes({ right, bottom, x: (u_mm) => x(u_mm / 1e3), y: (z_mm) => y(z_mm / 1e3), x_ticks: ticks(1e3 * low_u, 1e3 * high_u, 6),
-      y_ticks: ticks(1e3 * low_z, 1e3 * high_z, 8), x_name: `${name} (mm)`, y_name: "height z (mm)" }),
-    svg("g", { "clip-path": `url(#${id})` }, ...layers, ...sheets, ...zones, ...plan, svg("polyline", { class: "path", points: path }), ...punctures),
+    ...place.grid,
+    svg("g", { "clip-path": `url(#${id})` }, ...layers, ...sheets, ...zones, ...plan, path, ...punctures),
     cursor(bottom, ({ tip_m }) => [x(tip_m[axis]), y(tip_m[2])]),
     ...names);
 }
@@ -346,7 +196,7 @@ const kPlungeEnds = { time: "the observed time was over", reversed: "the tip cam
 function heading() {
   const about = `Session report. Asset ${report.asset}, force law ${report.force_law}, ${report.ticks} ticks at ${number(report.rate_Hz)} Hz ` +
     `(${report.clock} clock); the session ${kEnds[report.end]}. For training, not for planning.`;
-  const lost = report.ticks_lost > 0 ? [paragraph(`${report.ticks_lost} ticks are missing: the machine was too slow.`, "miss")] : [];
+  const lost = report.ticks_lost > 0 ? [paragraph(`${report.ticks_lost} ticks are missing: the machine was too slow.`, "bad")] : [];
   const { code, course, attempt } = report.trainee ?? {};
   const who = [code && `Trainee ${code}`, course && `course ${course}`, attempt && `attempt ${attempt}`].filter(Boolean).join(", ");
   return [element("h1", {}, report.scene), ...(who ? [paragraph(`${who}.`, "")] : []), paragraph(about), ...lost];
@@ -366,7 +216,7 @@ function goals_section() {
   if (!report.goals.length) return section("Goals", paragraph("The scene states no goals.", ""));
   const rows = report.goals.map((g) => [g.met ? "met" : g.attempted ? "not met" : "not attempted", g.zone === null ? g.goal : `${g.goal}: ${g.zone}`, with_unit(g.value, g.unit),
     `${g.limit_is === "least" ? "at least" : "at most"} ${with_unit(g.limit, g.unit)}`, g.how]);
-  return section("Goals", table(["result", "goal", "#measured", "#limit", "how it is computed"], rows, (i) => (report.goals[i].met ? "met" : report.goals[i].attempted ? "miss" : "")),
+  return section("Goals", table(["result", "goal", "#measured", "#limit", "how it is computed"], rows, { kind: (i) => (report.goals[i].met ? "met" : report.goals[i].attempted ? "miss" : "") }),
     paragraph("Each goal is judged on its own; there is no overall mark. Without contact nothing is attempted but a target that was reached, without a break-through no plunge."));
 }
 
@@ -458,7 +308,7 @@ function faults_section() {
   const stops = n ? [paragraph(`The operator paused the session or switched its forces off ${n === 1 ? "once" : `${n} times`}.`, "")] : [];
   if (!report.faults.length) return section("Faults", paragraph("None.", ""), ...stops);
   const rows = report.faults.map((f) => [f.fault, seconds(f.t_s), f.recovered_t_s === null ? "not" : seconds(f.recovered_t_s), f.message]);
-  return section("Faults", table(["fault", "#at", "#forces again at", "what it means and what to do"], rows, () => "miss"),
+  return section("Faults", table(["fault", "#at", "#forces again at", "what it means and what to do"], rows, { kind: () => "miss" }),
     ...not_listed(report.faults_count, report.faults), ...stops);
 }
 
@@ -489,12 +339,7 @@ function tremor_section() {
     `without the first ${fixed(settle_s, 1)} s after a start.`));
 }
 
-document.title = `Session report: ${report.scene}`;
-document.querySelector("main").append(...heading(), tiles(), goals_section(), evidence_section(), ...pictures(), break_throughs_section(),
+show(`Session report: ${report.scene}`, "", ...heading(), tiles(), goals_section(), evidence_section(), ...pictures(), break_throughs_section(),
   ...plan_section(), ...zones_section(), walls_section(), faults_section(), times_section(), tremor_section(),
   paragraph("Positions are in the device's frame: z up, origin in its base. Heights and depths are those of the tool's tip. The force is what the " +
     `motors delivered to the hand. Rows count while the device is ready or running. ${report.program}.`));
-document.getElementById("waiting").remove();
-</script>
-</body>
-</html>
