@@ -52,16 +52,15 @@ template <typename Work, typename Count>
 benchmark::internal::Benchmark* add(const std::string& name, benchmark::TimeUnit unit, Work work,
                                     Count count) {
   auto known = std::make_shared<std::optional<Counters>>();
-  return benchmark::RegisterBenchmark(
-             name.c_str(),
-             [work = std::move(work), count = std::move(count),
-              known = std::move(known)](benchmark::State& state) mutable {
-               for (auto _ : state)
-                 work();
-               if (!*known) *known = count();
-               for (const auto& [key, value] : **known)
-                 state.counters[key] = value;
-             })
+  return benchmark::RegisterBenchmark(name.c_str(),
+                                      [work = std::move(work), count = std::move(count),
+                                       known = std::move(known)](benchmark::State& state) mutable {
+                                        for (auto _ : state)
+                                          work();
+                                        if (!*known) *known = count();
+                                        for (const auto& [key, value] : **known)
+                                          state.counters[key] = value;
+                                      })
       ->Unit(unit);
 }
 template <typename Work>

@@ -173,8 +173,7 @@ double coefficient_error(const Network& network, const ExactNetwork& exact) {
     const auto row = static_cast<Eigen::Index>(i);
     const Precise largest = exact.spring.row(row).cwiseAbs().maxCoeff();
     for (std::uint32_t k = network.first[i]; k < network.first[i + 1]; ++k) {
-      const Precise error =
-          network.stiffness_N_per_m[k] - exact.spring(row, network.neighbour[k]);
+      const Precise error = network.stiffness_N_per_m[k] - exact.spring(row, network.neighbour[k]);
       worst = std::max(worst, error_of(error / largest));
     }
     worst = std::max(worst, error_of(network.foundation_N_per_m[i] / exact.bed[row] - 1));
@@ -275,8 +274,8 @@ double row_error(const DeviceGeometry& g, const Pose& pose, const Jacobian& G) {
   const Exact<kMotors, 6> error = G.cast<Precise>() - exact;
   double worst = 0;
   for (int i = 0; i < kMotors; ++i)
-    worst = std::max(worst, error_of(error.row(i).cwiseAbs().maxCoeff() /
-                                     exact.row(i).cwiseAbs().maxCoeff()));
+    worst = std::max(
+        worst, error_of(error.row(i).cwiseAbs().maxCoeff() / exact.row(i).cwiseAbs().maxCoeff()));
   return worst;
 }
 
@@ -313,7 +312,8 @@ void add_jacobian(const std::string& kind, int count, const Make& make) {
   for (int n = 0; n < count; ++n)
     poses.push_back(make(random));
   const std::string name = "conditioning/jacobian/" + kind;
-  add(name, benchmark::kMicrosecond,
+  add(
+      name, benchmark::kMicrosecond,
       [poses, next = std::size_t{0}]() mutable {
         const Pose& T = poses[next++ % poses.size()];
         const InverseResult inverse = inverse_kinematics(device(), T);
@@ -417,8 +417,7 @@ std::optional<Optimum> optimum_of(const Task& task) {
   const Exact<6, kMotors> pseudo = (G.transpose() * G).eval().partialPivLu().solve(G.transpose());
   e.c = pseudo.transpose() * task.wanted.cast<Precise>();
   // The null space: the projections of two motors' axes.
-  const Exact<kMotors, kMotors> projector =
-      Exact<kMotors, kMotors>::Identity() - G * pseudo;
+  const Exact<kMotors, kMotors> projector = Exact<kMotors, kMotors>::Identity() - G * pseudo;
   int found = 0;
   for (int motor = 0; motor < kMotors && found < 2; ++motor) {
     Exact<kMotors> axis = projector.col(motor);
@@ -475,7 +474,8 @@ void add_allocation(const std::string& kind, int count, const Make& make) {
     tasks.push_back(make(random));
   const auto allocate = [](const Task& t) { return allocate_torques(t.G, t.wanted, t.limit); };
   const std::string name = "conditioning/allocation/" + kind;
-  add(name, benchmark::kMicrosecond,
+  add(
+      name, benchmark::kMicrosecond,
       [tasks, allocate, next = std::size_t{0}]() mutable {
         benchmark::DoNotOptimize(allocate(tasks[next++ % tasks.size()]));
       },
@@ -540,9 +540,10 @@ void add_all(const std::vector<Input>& /*inputs*/) {
       if (branch_distance(T) > 0.002) return T;
     }
   });
-  for (const auto& [kind, distance_m] :
-       {std::pair{"1-mm-from-a-branch-end", 1e-3}, {"1-um-from-a-branch-end", 1e-6},
-        {"1-nm-from-a-branch-end", 1e-9}, {"at-a-branch-end", 0.0}}) {
+  for (const auto& [kind, distance_m] : {std::pair{"1-mm-from-a-branch-end", 1e-3},
+                                         {"1-um-from-a-branch-end", 1e-6},
+                                         {"1-nm-from-a-branch-end", 1e-9},
+                                         {"at-a-branch-end", 0.0}}) {
     add_jacobian(kind, poses / 4,
                  [d = distance_m](Random& random) { return beside_branch(random, d); });
   }

@@ -207,17 +207,21 @@ class Subject {
 /// Times by the thread's clock, with the largest of each 100 in p99_us.
 void add_timed(const std::string& name, const std::function<double()>& time_s,
                const std::function<Counters()>& count) {
-  benchmark::RegisterBenchmark(name.c_str(), [time_s, count](benchmark::State& state) {
-    std::vector<double> all;
-    for (auto _ : state) {
-      all.push_back(time_s());
-      state.SetIterationTime(all.back());
-    }
-    std::sort(all.begin(), all.end());
-    if (!all.empty()) state.counters["p99_us"] = 1e6 * all[all.size() * 99 / 100];
-    for (const auto& [key, value] : count())
-      state.counters[key] = value;
-  })->UseManualTime()->Unit(benchmark::kMicrosecond);
+  benchmark::RegisterBenchmark(name.c_str(),
+                               [time_s, count](benchmark::State& state) {
+                                 std::vector<double> all;
+                                 for (auto _ : state) {
+                                   all.push_back(time_s());
+                                   state.SetIterationTime(all.back());
+                                 }
+                                 std::sort(all.begin(), all.end());
+                                 if (!all.empty())
+                                   state.counters["p99_us"] = 1e6 * all[all.size() * 99 / 100];
+                                 for (const auto& [key, value] : count())
+                                   state.counters[key] = value;
+                               })
+      ->UseManualTime()
+      ->Unit(benchmark::kMicrosecond);
 }
 
 void add_all(const std::vector<Input>& /*inputs*/) {
@@ -226,10 +230,14 @@ void add_all(const std::vector<Input>& /*inputs*/) {
     const std::string stage = "cut/" + std::to_string(vertices) + "-vertices/";
     const auto none = [] { return Counters(); };
     const auto counters = [subject] { return subject->counters(); };
-    add_timed(stage + "trocar", [subject] { return subject->cut().first; }, counters);
-    add_timed(stage + "trocar-ready", [subject] { return subject->cut().second; }, counters);
-    add_timed(stage + "peer-CGAL-cavity", [subject] { return subject->cgal_cavity(); }, none);
-    add_timed(stage + "peer-CGAL-slice", [subject] { return subject->cgal_slice(); }, none);
+    add_timed(
+        stage + "trocar", [subject] { return subject->cut().first; }, counters);
+    add_timed(
+        stage + "trocar-ready", [subject] { return subject->cut().second; }, counters);
+    add_timed(
+        stage + "peer-CGAL-cavity", [subject] { return subject->cgal_cavity(); }, none);
+    add_timed(
+        stage + "peer-CGAL-slice", [subject] { return subject->cgal_slice(); }, none);
   }
 }
 

@@ -228,20 +228,19 @@ Pose moved(const Motion& motion, int k) {
   const double sway = motion.rests ? 2e-4 : 0.002 * motion.drag;
   Pose X;
   X.p_m = {sway * std::sin(3 * t), 0.001 * motion.drag * std::sin(2 * t), kLength_m - depth};
-  X.q = from_rotation_vector(
-      {0.02 * motion.drag * std::sin(t), 0.01, motion.turn * std::sin(5 * t)});
+  X.q =
+      from_rotation_vector({0.02 * motion.drag * std::sin(t), 0.01, motion.turn * std::sin(5 * t)});
   return X;
 }
 
 void add_motions() {
   constexpr int kTicks = 12'000;
   const auto slabs = layered();
-  for (const Motion& motion : {Motion{"push"}, Motion{.name = "hold", .rests = true},
-                               Motion{.name = "twist", .turn = 0.1},
-                               Motion{.name = "drag", .drag = 1, .turn = 0.1},
-                               Motion{.name = "drag-bevel", .drag = 1, .turn = 0.1, .bevel = true},
-                               Motion{.name = "drag-slope", .drag = 1, .turn = 0.1, .bevel = true,
-                                      .slope = true}}) {
+  for (const Motion& motion :
+       {Motion{"push"}, Motion{.name = "hold", .rests = true}, Motion{.name = "twist", .turn = 0.1},
+        Motion{.name = "drag", .drag = 1, .turn = 0.1},
+        Motion{.name = "drag-bevel", .drag = 1, .turn = 0.1, .bevel = true},
+        Motion{.name = "drag-slope", .drag = 1, .turn = 0.1, .bevel = true, .slope = true}}) {
     CuttingOptions o;
     o.tool.tip_plate_m = {0, 0, -kLength_m};
     if (motion.bevel) {
@@ -264,7 +263,8 @@ void add_published() {
   for (const test::PublishedForce& row : rows) {
     std::string name = row.id;
     std::replace(name.begin(), name.end(), '/', '|');
-    add("published/" + name + "/" +
+    add(
+        "published/" + name + "/" +
             (row.standing == test::Standing::kCounted  ? "counted"
              : row.standing == test::Standing::kFitted ? "fitted"
                                                        : "not-counted"),

@@ -175,7 +175,8 @@ void add_solver(const std::string& name, const std::shared_ptr<const Places>& pl
       {"nodes", median(nodes)}};
   check(counters.at("error_force_max") <= bound && counters.at("error_displacement_max") <= bound,
         name + ": an error is above its bound");
-  add(name, benchmark::kMicrosecond,
+  add(
+      name, benchmark::kMicrosecond,
       [all, places, next = std::size_t{0}]() mutable { (*all)[next++ % all->size()].solve(); },
       [counters] { return counters; });
 }
@@ -287,7 +288,8 @@ void add_factor(const std::string& name, Problem made) {
     check(worst <= 1e-9, name + ": the two factorisations give different answers");
     return Counters{{"error_difference", worst}, {"nodes", static_cast<double>(y.size())}};
   };
-  add("factor/" + name + "/trocar", benchmark::kMicrosecond,
+  add(
+      "factor/" + name + "/trocar", benchmark::kMicrosecond,
       [=] { benchmark::DoNotOptimize(ours->make(problem->network, problem->kind)); }, difference);
   add("factor/" + name + "/peer-Eigen", benchmark::kMicrosecond,
       [=] { eigens->make(problem->network, problem->kind); });
@@ -302,9 +304,9 @@ Region region_of(std::uint32_t free_nodes, const SheetMesh& sheet, const Ring& t
                  const Lattice& lattice) {
   ResponseOptions options;
   options.error_bound = 0;
-  const Membrane membrane = take(calibrate(kStiffness_N_per_m, kReach_m,
-                                           test::regular_polygon({}, 768, 6), lattice))
-                                .membrane;
+  const Membrane membrane =
+      take(calibrate(kStiffness_N_per_m, kReach_m, test::regular_polygon({}, 768, 6), lattice))
+          .membrane;
   RegionWorkspace workspace;
   for (double radius_m = 0.002;; radius_m += 0.0005) {
     options.region.radius_m = radius_m;
@@ -344,7 +346,8 @@ void add_tick(const Region& made, const SheetMesh& mesh, const Lattice& lattice)
     update_contact(t->model, sheets, {}, t->T_device_plate, t->model.dt_s, t->contact, t->output);
   };
   meet(-1e-3);  // from above
-  add("tick/network-200-nodes/trocar", benchmark::kMicrosecond,
+  add(
+      "tick/network-200-nodes/trocar", benchmark::kMicrosecond,
       [t, meet] {
         meet(1e-3);
         solve_general(t->region.network, t->region.mesh.kind, t->region.solution.factor, t->held,
@@ -359,14 +362,16 @@ void add_tick(const Region& made, const SheetMesh& mesh, const Lattice& lattice)
 
 void add_all(const std::vector<Input>& inputs) {
   const Lattice lattice{8};
-  const SheetMesh sheet = take(make_sheet_mesh(test::square_mesh({-51200, -51200}, 2048, 50), 0, 0));
+  const SheetMesh sheet =
+      take(make_sheet_mesh(test::square_mesh({-51200, -51200}, 2048, 50), 0, 0));
   const Ring tool = test::regular_polygon({300, 500}, 768, 6, 0.2);
   for (const std::uint32_t nodes : {100U, 200U, 400U}) {
     const Region region = region_of(nodes, sheet, tool, lattice);
     add_factor(std::to_string(nodes) + "-nodes", {region.network, region.mesh.kind});
     if (nodes == 200) add_tick(region, sheet, lattice);
   }
-  Problem slice{make_network(test::triangular_mesh({0, 0}, 256, 100), lattice, test::kMembrane), {}};
+  Problem slice{make_network(test::triangular_mesh({0, 0}, 256, 100), lattice, test::kMembrane),
+                {}};
   slice.kind.assign(slice.network.size(), NodeKind::kFree);
   slice.kind[slice.network.size() / 2] = NodeKind::kTool;
   add_factor("slice-10000-nodes", std::move(slice));

@@ -59,8 +59,8 @@ void add_workspace(const std::string& method, double tilt_deg) {
       // The largest minimum-norm torque for 35 N in the worst direction, motor by motor.
       const Eigen::Matrix<double, 6, 6> normal = solved.G.transpose() * solved.G;
       const Eigen::Matrix<double, 2 * Legs, 6> inverse = solved.G * reference::inverse(normal);
-      torque_Nm = std::max(torque_Nm,
-                           35 * inverse.template leftCols<3>().rowwise().norm().maxCoeff());
+      torque_Nm =
+          std::max(torque_Nm, 35 * inverse.template leftCols<3>().rowwise().norm().maxCoeff());
     }
     std::sort(condition.begin(), condition.end());
     return Counters{
@@ -213,12 +213,14 @@ void add_loop(double rate_Hz, double stiffness_N_per_m, bool passivity) {
     rig.run_until(1.5);
     return rig.run_until(2);
   };
-  add("loop/" + std::to_string(int(stiffness_N_per_m / 1000)) + "kN-per-m-" +
+  add(
+      "loop/" + std::to_string(int(stiffness_N_per_m / 1000)) + "kN-per-m-" +
           std::to_string(int(rate_Hz)) + "Hz/" + (passivity ? "trocar" : "peer-uncontrolled"),
       benchmark::kMillisecond, [oscillation_m] { benchmark::DoNotOptimize(oscillation_m()); },
       [oscillation_m, passivity] {
         const double mm = 1e3 * oscillation_m();
-        check(passivity ? mm < 0.1 : mm > 1, "the controller does not decide about the oscillation");
+        check(passivity ? mm < 0.1 : mm > 1,
+              "the controller does not decide about the oscillation");
         return Counters{{"error_oscillation_mm", mm}};
       });
 }

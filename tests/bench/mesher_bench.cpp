@@ -127,7 +127,9 @@ void add_triangle(const Shared& outlines, const std::string& stage, const std::s
     return triangles;
   };
   add(stage + "/" + outlines->name + "/peer-Triangle" + setting, benchmark::kMillisecond, mesh,
-      [mesh] { return Counters{{"triangles", mesh()}}; });
+      [mesh] {
+        return Counters{{"triangles", mesh()}};
+      });
 }
 #else
 void add_triangle(const Shared& /*outlines*/, const std::string& /*stage*/,
@@ -137,12 +139,15 @@ void add_triangle(const Shared& /*outlines*/, const std::string& /*stage*/,
 // ---- triangulation and refinement ----
 
 void add_triangulation(const Shared& outlines) {
-  add("triangulate/" + outlines->name + "/trocar", benchmark::kMillisecond,
+  add(
+      "triangulate/" + outlines->name + "/trocar", benchmark::kMillisecond,
       [outlines] {
         for (const Pslg& pslg : outlines->simple)
           benchmark::DoNotOptimize(triangulate(pslg));
       },
-      [outlines] { return Counters{{"vertices", vertices_of(outlines->simple)}}; });
+      [outlines] {
+        return Counters{{"vertices", vertices_of(outlines->simple)}};
+      });
   add("triangulate/" + outlines->name + "/peer-CGAL", benchmark::kMillisecond, [outlines] {
     for (const CgalInput& input : outlines->for_peers)
       benchmark::DoNotOptimize(cgal_triangulate(input));
@@ -189,7 +194,8 @@ void add_refinement(const Shared& outlines, double max_area_mm2) {
   const double area_steps2 = std::ldexp(max_area_mm2, 2 * kLattice.bits);
   char setting[32];
   std::snprintf(setting, sizeof setting, "/%gmm2", max_area_mm2);
-  add("refine/" + outlines->name + "/trocar" + setting, benchmark::kMillisecond,
+  add(
+      "refine/" + outlines->name + "/trocar" + setting, benchmark::kMillisecond,
       [outlines, options] {
         for (const Pslg& pslg : outlines->simple)
           benchmark::DoNotOptimize(refine(take(triangulate(pslg)), kLattice, options));

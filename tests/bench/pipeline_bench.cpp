@@ -55,14 +55,8 @@ Meshed mesh_and_encode(const TrueScan& scan, const MeshOptions& options) {
     MeshedSlice& slice = out.slices.emplace_back(take(mesh_slice(scan.stack, k, options)));
     const MeshedMaterial& only = slice.materials[0];
     const SlicePlane& plane = scan.stack.plane(k);
-    asset.slices.push_back({k,
-                            plane.z_mm,
-                            plane.T_lps_plane,
-                            only.outline.pslg(),
-                            only.refined.mesh,
-                            "{}",
-                            0,
-                            {}});
+    asset.slices.push_back(
+        {k, plane.z_mm, plane.T_lps_plane, only.outline.pslg(), only.refined.mesh, "{}", 0, {}});
   }
   out.glb = take(encode_asset(asset, &out.sizes));
   return out;
@@ -103,7 +97,8 @@ void add_scan(const std::string& name, TrueScan made) {
     char setting[32];
     std::snprintf(setting, sizeof setting, "%g", value);
     const std::string full = "pipeline/" + name + "/" + method + "/" + setting + unit;
-    add(full, benchmark::kMillisecond,
+    add(
+        full, benchmark::kMillisecond,
         [scan, options] { benchmark::DoNotOptimize(mesh_and_encode(*scan, options)); },
         [scan, options, full] { return errors_of(full, *scan, options); });
   };
@@ -181,7 +176,8 @@ void add_path(const std::string& name, const std::filesystem::path& path) {
       pictures.push_back(entry.path().string());
   }
   for (const int threads : {1, 2}) {
-    add("path/" + name + "/trocar" + (threads == 1 ? "" : "-2-threads"), benchmark::kMillisecond,
+    add(
+        "path/" + name + "/trocar" + (threads == 1 ? "" : "-2-threads"), benchmark::kMillisecond,
         [input, threads] { benchmark::DoNotOptimize(mesh_from_files(input, threads)); },
         [input, threads] {
           Counters out;
@@ -207,13 +203,15 @@ void add_path(const std::string& name, const std::filesystem::path& path) {
       [from = Bytes(pixels, 1), to = Bytes(pixels)]() mutable {
         std::memcpy(to.data(), from.data(), from.size());
         benchmark::ClobberMemory();
-      })->UseRealTime();
+      })
+      ->UseRealTime();
   if (path.extension() == ".gz") {
     add("path/" + name + "/peer-inflate", benchmark::kMillisecond,
         [files, buffer = Bytes(1 << 20)]() mutable {
           for (const Bytes& file : *files)
             benchmark::DoNotOptimize(inflate(file, buffer));
-        })->UseRealTime();
+        })
+        ->UseRealTime();
   }
   if (!pictures.empty()) {
     add("path/" + name + "/peer-OpenCV-decode", benchmark::kMillisecond, [pictures] {
@@ -247,7 +245,8 @@ void add_noise(int size) {
   scan->stack.planes.push_back(plane);
   MeshOptions options;
   options.segmentation = Threshold{kIso_HU};
-  add("noise/white/trocar/" + std::to_string(size) + "px", benchmark::kMillisecond,
+  add(
+      "noise/white/trocar/" + std::to_string(size) + "px", benchmark::kMillisecond,
       [scan, options] { benchmark::DoNotOptimize(mesh_and_encode(*scan, options)); },
       [scan, options] {
         const Meshed meshed = mesh_and_encode(*scan, options);

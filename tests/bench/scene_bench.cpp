@@ -148,8 +148,7 @@ Case make_case(const std::string& file, int first, int slices,
 /// Free nodes of the network under the tool, one region for each slice.
 double factored_nodes(const Case& c, const Loaded& loaded) {
   const std::vector<Tissue> tissues(loaded.sheets.size(), c.scene.tissue);
-  auto prefetch =
-      take(runtime::NetworkPrefetch::make(c.scene, tissues, loaded.part.asset.lattice));
+  auto prefetch = take(runtime::NetworkPrefetch::make(c.scene, tissues, loaded.part.asset.lattice));
   const runtime::Tool tool = runtime::make_tool(c.scene.tool);
   double sum = 0;
   for (std::size_t i = 0; i < loaded.sheets.size(); ++i) {
@@ -185,8 +184,8 @@ Counters figures(const Case& c) {
 }
 
 void add_asset(const Input& input) {
-  static const fs::path folder = fs::temp_directory_path() /
-                                 ("scene_bench." + std::to_string(::getpid()));
+  static const fs::path folder =
+      fs::temp_directory_path() / ("scene_bench." + std::to_string(::getpid()));
   fs::create_directories(folder);
   std::atexit([] { fs::remove_all(folder); });
   const Asset source = take(read_asset(input.file));
@@ -209,13 +208,13 @@ void add_asset(const Input& input) {
                     anchor_mm(asset.slices.front(), asset.lattice)));
       const Counters counters = figures(*c);
       if (alone.empty()) alone = counters;
-      const std::string name =
-          std::to_string(scene_slices) + "-of-" + std::to_string(asset_slices);
+      const std::string name = std::to_string(scene_slices) + "-of-" + std::to_string(asset_slices);
       for (const char* what : {"read_bytes", "peak_bytes", "kept_bytes"})
         check(counters.at(what) <= kBound * alone.at(what), stage + name + ": " + what);
       for (const char* what : {"decoded_triangles", "factored_nodes"})
         check(counters.at(what) == alone.at(what), stage + name + ": " + what);
-      add(stage + "trocar/" + name, benchmark::kMicrosecond,
+      add(
+          stage + "trocar/" + name, benchmark::kMicrosecond,
           [c] { benchmark::DoNotOptimize(c->load()); }, [counters] { return counters; });
       if (scene_slices > 1) continue;
       add(stage + "peer-whole-file/" + name, benchmark::kMicrosecond,

@@ -112,14 +112,16 @@ void add_all(const std::vector<Input>& inputs) {
     // ends early.
     std::replace(volume->values.begin(), volume->values.end(), 0.0F, 1e-3F);
     const std::size_t triangles = take(make_display_surface(*volume, {})).surface.triangles.size();
-    add("surface/" + input.name + "/trocar", benchmark::kMillisecond,
+    add(
+        "surface/" + input.name + "/trocar", benchmark::kMillisecond,
         [=] { benchmark::DoNotOptimize(ours(*volume, triangles)); },
         [=] {
           Counters out = counters_of(ours(*volume, triangles), *volume);
           check(out["closed"] == 1 && out["intersecting"] == 0, "the surface is not proved");
           return out;
         });
-    add("surface/" + input.name + "/peer-VTK", benchmark::kMillisecond,
+    add(
+        "surface/" + input.name + "/peer-VTK", benchmark::kMillisecond,
         [=] { benchmark::DoNotOptimize(by_vtk(*volume, triangles)); },
         [=] {
           return counters_of(surface_of(by_vtk(*volume, triangles)->GetOutput(), *volume), *volume);

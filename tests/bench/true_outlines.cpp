@@ -70,8 +70,8 @@ const CrossSection& phantom_truth(const sample::ScanGeometry& geometry, int slic
   static std::map<int, CrossSection> known;
   const auto found = known.find(slice);
   if (found != known.end()) return found->second;
-  CrossSection section = take(sample::iso_section(
-      {}, geometry, sample::pixel_centre_mm(geometry, 0, 0, slice).z, kIso_HU));
+  CrossSection section = take(
+      sample::iso_section({}, geometry, sample::pixel_centre_mm(geometry, 0, 0, slice).z, kIso_HU));
   for (auto& ring : section.rings)
     for (Vec2& p : ring)
       p = p - Vec2{geometry.first_pixel_mm.x, geometry.first_pixel_mm.y};
