@@ -269,7 +269,7 @@ void add_factor(const std::string& name, Problem made) {
   auto eigens = std::make_shared<EigenFactor>();
   if (!ours->make(problem->network, problem->kind)) throw std::runtime_error(name + ": no factor");
   eigens->make(problem->network, problem->kind);
-  const auto solve_ours = [ours, x = std::vector<double>(ours->size())]() mutable {
+  auto solve_ours = [ours, x = std::vector<double>(ours->size())]() mutable {
     std::fill(x.begin(), x.end(), 1.0);
     ours->solve(x);
     benchmark::DoNotOptimize(x.data());
