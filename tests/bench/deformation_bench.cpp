@@ -269,17 +269,17 @@ void add_factor(const std::string& name, Problem made) {
   auto eigens = std::make_shared<EigenFactor>();
   if (!ours->make(problem->network, problem->kind)) throw std::runtime_error(name + ": no factor");
   eigens->make(problem->network, problem->kind);
-  auto solve_ours = [ours, x = std::vector<double>(ours->size())]() mutable {
-    std::fill(x.begin(), x.end(), 1.0);
-    ours->solve(x);
-    benchmark::DoNotOptimize(x.data());
-    return x;
+  auto x = std::make_shared<std::vector<double>>(ours->size());
+  const auto solve_ours = [ours, x] {
+    std::fill(x->begin(), x->end(), 1.0);
+    ours->solve(*x);
+    benchmark::DoNotOptimize(x->data());
   };
-  const auto difference = [=]() mutable {
+  const auto difference = [=] {
     std::vector<double> by_node(problem->network.size());
-    const std::vector<double> x = solve_ours();
-    for (std::size_t u = 0; u < x.size(); ++u)
-      by_node[ours->nodes()[u]] = x[u];
+    solve_ours();
+    for (std::size_t u = 0; u < x->size(); ++u)
+      by_node[ours->nodes()[u]] = (*x)[u];
     const Eigen::VectorXd y = eigens->solve_ones();
     double worst = 0;
     for (Eigen::Index u = 0; u < y.size(); ++u)
