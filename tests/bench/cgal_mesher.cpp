@@ -56,7 +56,7 @@ class AngleAndArea {
       if (m < s) std::swap(m, s);  // s is the shortest, opposite the smallest angle
       q.sine2 = area2 * area2 / (l * m);
       q.doubled_area = area2;
-      q.large = max_doubled_area_ > 0 && area2 > max_doubled_area_;
+      q.large = area2 > max_doubled_area_;
       return operator()(q);
     }
 
@@ -84,7 +84,6 @@ void insert(const CgalInput& input, Cdt& cdt) {
 
 CgalInput prepare(const Pslg& pslg) {
   CgalInput out;
-  out.pslg = &pslg;
   if (pslg.rings.empty()) return out;
   std::map<LatticePoint, std::size_t> index;
   for (const Ring& ring : pslg.rings) {
@@ -127,8 +126,7 @@ CgalInput prepare(const Pslg& pslg) {
   return out;
 }
 
-CgalCounts cgal_mesh(const CgalInput& input, double min_angle_deg,
-                     std::optional<double> max_area_steps2, bool measure) {
+CgalCounts cgal_mesh(const CgalInput& input, double min_angle_deg, double max_area_steps2) {
   CgalCounts out;
   if (input.points.empty()) return out;
   Cdt cdt;
@@ -138,21 +136,16 @@ CgalCounts cgal_mesh(const CgalInput& input, double min_angle_deg,
   for (const auto& s : input.hole_seeds)
     seeds.emplace_back(s[0], s[1]);
   const double sine = std::sin(min_angle_deg * std::numbers::pi / 180);
-  const AngleAndArea criteria(sine * sine, max_area_steps2 ? 2 * *max_area_steps2 : 0);
+  const AngleAndArea criteria(sine * sine, 2 * max_area_steps2);
   CGAL::Delaunay_mesher_2<Cdt, AngleAndArea> mesher(cdt, criteria);
   mesher.set_seeds(seeds.begin(), seeds.end(), false);
   mesher.refine_mesh();
-  out.vertices = cdt.number_of_vertices();
   const AngleAndArea::Is_bad is_bad = criteria.is_bad_object();
   for (const Cdt::Face_handle f : cdt.finite_face_handles()) {
     if (!f->is_in_domain()) continue;
     ++out.triangles;
-    if (!measure) continue;
     AngleAndArea::Quality q;
     if (is_bad(f, q) != CGAL::Mesh_2::NOT_BAD) ++out.below_angle;
-    out.min_angle_deg = std::min(
-        out.min_angle_deg, std::asin(std::min(1.0, std::sqrt(q.sine2))) * 180 / std::numbers::pi);
-    out.max_doubled_area = std::max(out.max_doubled_area, q.doubled_area);
   }
   return out;
 }

@@ -3,7 +3,6 @@
 #pragma once
 
 #include <array>
-#include <optional>
 #include <utility>
 #include <vector>
 
@@ -12,7 +11,6 @@
 namespace trocar::bench {
 
 struct CgalInput {
-  const Pslg* pslg = nullptr;
   std::vector<LatticePoint> points;  ///< each once
   std::vector<std::pair<std::size_t, std::size_t>> edges;
   std::vector<std::array<double, 2>>
@@ -23,17 +21,11 @@ struct CgalInput {
 CgalInput prepare(const Pslg& pslg);
 
 struct CgalCounts {
-  std::size_t triangles = 0;
-  std::size_t vertices = 0;
-  double min_angle_deg = 180;   ///< only with `measure`
-  std::size_t below_angle = 0;  ///< only with `measure`
-  double max_doubled_area = 0;  ///< only with `measure`
+  std::size_t triangles = 0, below_angle = 0;
 };
 
-/// Triangulates and refines to an angle and, if given, an area in squared lattice steps.
-/// `measure`: also measures the result (not for timing).
-CgalCounts cgal_mesh(const CgalInput& input, double min_angle_deg,
-                     std::optional<double> max_area_steps2, bool measure);
+/// Triangulates and refines to an angle and an area in squared lattice steps; counts triangles.
+CgalCounts cgal_mesh(const CgalInput& input, double min_angle_deg, double max_area_steps2);
 
 /// The triangulation alone: number of faces.
 std::size_t cgal_triangulate(const CgalInput& input);

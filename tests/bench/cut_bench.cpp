@@ -1,46 +1,42 @@
-// SPDX-License-Identifier: Apache-2.0
-// cut_bench [Google Benchmark's options] [--out=ROWS.json]: a cut of a tool that overlaps about 30
-// triangles, in sheets of 10,000 and 200,000 vertices, stage by stage in the thread's CPU time;
-// compared with CGAL's constrained Delaunay triangulation of the whole slice with the hole, and of
-// the cavity alone, in the same run. Ends with a table of quantiles and ratios.
-//
-// A thread's CPU time includes interrupts and stalls of a virtual machine's host. To separate them,
-// the same sequence of cuts is made kPasses times from the same state: the median of a cut's times
-// contains cold caches and difficult places, which recur, but not stalls, which do not. For
-// comparison the table has the stalls of plain arithmetic that takes as long as a cut.
-#include <benchmark/benchmark.h>
+// SPDX-License-Identifier: GPL-3.0-or-later
+// cut_bench: cuts of a hexagon that overlaps about 30 triangles, in synthetic sheets of 10,000 and
+// 200,000 vertices, in the thread's CPU time; beside CGAL's constrained Delaunay triangulation of
+// the cavity alone, and of the whole slice with the hole. Every cut is proved as in a session.
+#include <CGAL/Constrained_Delaunay_triangulation_2.h>
+#include <CGAL/Exact_predicates_inexact_constructions_kernel.h>
+#include <CGAL/Triangulation_vertex_base_with_info_2.h>
 
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <cstdio>
 #include <ctime>
-#include <fstream>
-#include <map>
-#include <memory>
-#include <nlohmann/json.hpp>
+#include <functional>
 #include <random>
-#include <string>
-#include <utility>
 
+#include "formats/geometry/slice_mesh.h"
 #include "runtime/hole_cutting/cut.h"
 #include "runtime/local_refinement/local_refinement.h"
-#include "tests/bench/synthetic_sheet.h"
+#include "tests/bench/bench.h"
+#include "tests/support/whole_cut.h"
 
 namespace trocar::bench {
 namespace {
 
 using namespace trocar::runtime;
+using Kernel = CGAL::Exact_predicates_inexact_constructions_kernel;
+using VertexBase = CGAL::Triangulation_vertex_base_with_info_2<std::uint32_t, Kernel>;
+using FaceBase = CGAL::Constrained_triangulation_face_base_2<Kernel>;
+using Data = CGAL::Triangulation_data_structure_2<VertexBase, FaceBase>;
+using Cdt = CGAL::Constrained_Delaunay_triangulation_2<Kernel, Data>;
 
 constexpr int kSpacing = 512;        // steps: 2 mm
-constexpr double kToolRadius = 900;  // steps; overlaps about 30 triangles
+constexpr double kToolRadius = 900;  // steps
 constexpr double kMinAngle_deg = 20;
-constexpr int kPasses = 3, kCutsPerPass = 20'000;
 
-double thread_us() {
+double thread_s() {
   timespec now{};
   ::clock_gettime(CLOCK_THREAD_CPUTIME_ID, &now);
-  return static_cast<double>(now.tv_sec) * 1e6 + static_cast<double>(now.tv_nsec) * 1e-3;
+  return static_cast<double>(now.tv_sec) + static_cast<double>(now.tv_nsec) * 1e-9;
 }
 
 Ring hexagon(double x, double y, double turn_rad) {
@@ -53,142 +49,150 @@ Ring hexagon(double x, double y, double turn_rad) {
   return ring;
 }
 
-// CPU times of one stage, in us.
-struct Samples {
-  std::vector<double> us;
-  double at(double share) {
-    if (us.empty()) return std::nan("");
-    const auto k = static_cast<std::ptrdiff_t>(share * static_cast<double>(us.size() - 1));
-    std::nth_element(us.begin(), us.begin() + k, us.end());
-    return us[static_cast<std::size_t>(k)];
-  }
-};
-
-// The machine's stalls: pieces of arithmetic, each about as long as a cut.
-Samples plain_arithmetic(double length_us) {
-  std::uint64_t value = 1;
-  const auto work = [&value](int rounds) {
-    for (int i = 0; i < rounds; ++i) {
-      value = value * 6364136223846793005U + 1442695040888963407U;
-      benchmark::DoNotOptimize(value);
+/// A square Delaunay sheet of about `vertices` vertices: a hexagonal grid of `spacing` steps with
+/// random offsets, numbered in the order of CGAL's spatial sort.
+SliceMesh jittered_sheet(int vertices, int spacing, std::uint64_t seed) {
+  std::mt19937_64 random(seed);
+  const int columns = static_cast<int>(std::lround(std::sqrt(vertices * 0.866)));
+  const int rows = vertices / columns;
+  std::vector<Kernel::Point_2> points;
+  for (int j = 0; j < rows; ++j) {
+    for (int i = 0; i < columns; ++i) {
+      const bool rim = i == 0 || j == 0 || i + 1 == columns || j + 1 == rows;
+      const auto jitter = [&] {
+        return rim ? 0 : static_cast<int>(random() % 1024) * spacing / 2560 - spacing / 5;
+      };
+      const bool shifted = j % 2 == 1 && i > 0 && i + 1 < columns;
+      const int x = i * spacing + (shifted ? spacing / 2 : 0) + jitter();
+      points.emplace_back(x, std::lround(j * spacing * 0.866) + jitter());
     }
-  };
-  constexpr int kMany = 1'000'000;
-  const double before = thread_us();
-  work(kMany);
-  const int rounds = static_cast<int>(kMany * length_us / (thread_us() - before));
-  Samples samples;
-  for (int i = 0; i < kPasses * kCutsPerPass; ++i) {
-    const double start = thread_us();
-    work(rounds);
-    samples.us.push_back(thread_us() - start);
   }
-  return samples;
+  Cdt cdt;
+  cdt.insert(points.begin(), points.end());
+  SliceMesh mesh;
+  for (auto v = cdt.finite_vertices_begin(); v != cdt.finite_vertices_end(); ++v) {
+    v->info() = static_cast<std::uint32_t>(mesh.vertices.size());
+    mesh.vertices.push_back(
+        {static_cast<std::int32_t>(v->point().x()), static_cast<std::int32_t>(v->point().y())});
+  }
+  for (auto f = cdt.finite_faces_begin(); f != cdt.finite_faces_end(); ++f)
+    mesh.triangles.push_back({f->vertex(0)->info(), f->vertex(1)->info(), f->vertex(2)->info()});
+  return mesh;
 }
 
-// A sheet and its replica, as in the remesher.
+/// CGAL's input: points, and segments between them that do not cross.
+struct CgalPslg {
+  std::vector<std::array<double, 2>> points;
+  std::vector<std::pair<std::uint32_t, std::uint32_t>> segments;
+};
+
+/// The sheet's vertices and boundary, and the tool's outline.
+CgalPslg slice_with_hole(const SliceMesh& sheet, const Ring& tool) {
+  CgalPslg out;
+  const auto add = [&out](const Ring& ring) {
+    const auto first = static_cast<std::uint32_t>(out.points.size());
+    const auto n = static_cast<std::uint32_t>(ring.size());
+    for (std::uint32_t i = 0; i < n; ++i) {
+      out.points.push_back({double(ring[i].x), double(ring[i].y)});
+      out.segments.push_back({first + i, first + (i + 1) % n});
+    }
+  };
+  for (const Ring& ring : boundary_rings(sheet).rings)
+    add(ring);
+  add(tool);
+  for (const LatticePoint p : sheet.vertices)
+    out.points.push_back({double(p.x), double(p.y)});
+  return out;
+}
+
+CgalPslg local_pslg(const Overlay& overlay) {
+  CgalPslg out;
+  for (const LatticePoint p : overlay.points)
+    out.points.push_back({double(p.x), double(p.y)});
+  for (const Strand& strand : overlay.strands) {
+    if (!strand.gone) out.segments.push_back({strand.a, strand.b});
+  }
+  return out;
+}
+
+std::size_t cgal_cdt(const CgalPslg& input) {
+  std::vector<Kernel::Point_2> points;
+  points.reserve(input.points.size());
+  for (const auto& [x, y] : input.points)
+    points.emplace_back(x, y);
+  Cdt cdt;
+  cdt.insert_constraints(points.begin(), points.end(), input.segments.begin(),
+                         input.segments.end());
+  return cdt.number_of_faces();
+}
+
+/// A sheet and its replica, as in the remesher.
 class Subject {
  public:
   explicit Subject(int vertices)
-      : sheet(jittered_sheet(vertices, kSpacing, 7)),
-        pristine_(*make_sheet_mesh(sheet, 4096, 8192)),
+      : sheet_(jittered_sheet(vertices, kSpacing, 7)),
+        pristine_(*make_sheet_mesh(sheet_, 4096, 8192)),
         pristine_grid_(pristine_),
         edit_(pristine_),
         work_(capacity_for(pristine_.vertices.size(), pristine_.triangles.size())),
         refinement_(pristine_) {
-    for (const LatticePoint p : sheet.vertices)
+    for (const LatticePoint p : sheet_.vertices)
       extent_ = {std::max(extent_.x, p.x), std::max(extent_.y, p.y)};
     cuts_to_reset_ = std::min(vertices / 200, 300);
-    reset();
   }
 
-  Ring random_tool() {
-    const auto unit = [this] { return static_cast<double>(random_() >> 11U) * 0x1p-53; };
-    const double margin = 2 * kToolRadius;
-    return hexagon(margin + unit() * (extent_.x - 2 * margin),
-                   margin + unit() * (extent_.y - 2 * margin), unit());
-  }
-
-  // One cut as in the remesher. Returns the time until the hand-over in us.
-  double cut() {
-    if (++cuts_ % cuts_to_reset_ == 0) reset();
-    const Ring tool = random_tool();
-    const double start = thread_us();
+  /// One cut; its time in s, and that of cut, refinement and grid: what the hand-over waits for.
+  std::pair<double, double> cut() {
+    const Ring tool = next_tool();
+    const double start = thread_s();
     const CutReport report = cut_in_place(mesh_, grid_, tool, work_, edit_);
-    const double is_cut = thread_us();
+    const double is_cut = thread_s();
     LocalRefinementOptions options;
     options.min_angle_deg = kMinAngle_deg;
-    const LocalRefinementResult refined =
-        refine_locally(mesh_, edit_, work_.stitch.created, options, refinement_);
-    const double is_refined = thread_us();
+    refine_locally(mesh_, edit_, work_.stitch.created, options, refinement_);
     grid_.update(edit_.change(), mesh_);
-    const double ready = thread_us();
+    const double is_ready = thread_s();
     edit_.change().copy_to(mesh_, replica_);
     replica_grid_.update(edit_.change(), replica_);
-    const double is_copied = thread_us();
-    if (report.outcome != CutOutcome::kCut) std::abort();
-    cut_us.us.push_back(is_cut - start);
-    refine_us.us.push_back(is_refined - is_cut);
-    cut_refine_us.us.push_back(is_refined - start);
-    grid_us.us.push_back(ready - is_refined);
-    replica_us.us.push_back(is_copied - ready);
-    all_us.us.push_back(ready - start);
-    triangles.us.push_back(report.triangles_removed);
-    added.us.push_back(refined.vertices_added);
-    return is_cut - start;
+    check(report.outcome == CutOutcome::kCut, "a cut failed");
+    const std::int64_t hole = doubled_area(Pslg{to_rings(work_.hole)});
+    area_error_ = std::max(area_error_, std::abs(double(report.doubled_area_removed - hole)));
+    removed_ += report.triangles_removed;
+    ++cuts_made_;
+    return {is_cut - start, is_ready - start};
   }
-
-  // CGAL on the local PSLG of a cut that is not made.
   double cgal_cavity() {
-    if (++cuts_ % cuts_to_reset_ == 0) reset();
-    cut_in_place(mesh_, grid_, random_tool(), work_, edit_);
+    cut_in_place(mesh_, grid_, next_tool(), work_, edit_);
     edit_.undo(mesh_);
-    const CgalPslg input = local_pslg(work_.overlay);
-    const double start = thread_us();
-    benchmark::DoNotOptimize(cgal_cdt(input));
-    cavity_us.us.push_back(thread_us() - start);
-    return cavity_us.us.back();
+    return time_of(local_pslg(work_.overlay));
   }
+  double cgal_slice() { return time_of(slice_with_hole(sheet_, next_tool())); }
 
-  // The same cuts kPasses times: the median of each one's times.
-  Samples medians_of_repeated_cuts() {
-    std::vector<std::array<double, kPasses>> of(kCutsPerPass);
-    for (std::size_t pass = 0; pass < kPasses; ++pass) {
-      random_.seed(11);
-      cuts_ = 0;
-      reset();
-      for (auto& times : of)
-        times[pass] = cut();
-    }
-    Samples own;
-    for (auto& times : of) {
-      std::nth_element(times.begin(), times.begin() + kPasses / 2, times.end());
-      own.us.push_back(times[kPasses / 2]);
-    }
-    return own;
+  /// Of all cuts. The area lost is that of the hole.
+  Counters counters() const {
+    check(area_error_ == 0, "a cut removed more or less than the hole");
+    return {{"error_area_steps2", area_error_}, {"triangles_removed", removed_ / cuts_made_}};
   }
-
-  double cgal_slice() {
-    const CgalPslg input = slice_with_hole(sheet, random_tool());
-    const double start = thread_us();
-    benchmark::DoNotOptimize(cgal_cdt(input));
-    slice_us.us.push_back(thread_us() - start);
-    return slice_us.us.back();
-  }
-
-  SliceMesh sheet;
-  Samples own_us, machine_us;  // medians_of_repeated_cuts(), plain_arithmetic()
-  Samples cut_us, refine_us, cut_refine_us, grid_us, replica_us, all_us, triangles, added,
-      cavity_us, slice_us;
 
  private:
-  void reset() {
-    mesh_ = pristine_;
-    replica_ = pristine_;
-    grid_ = pristine_grid_;
-    replica_grid_ = pristine_grid_;
+  static double time_of(const CgalPslg& input) {
+    const double start = thread_s();
+    benchmark::DoNotOptimize(cgal_cdt(input));
+    return thread_s() - start;
+  }
+  Ring next_tool() {
+    if (cuts_++ % cuts_to_reset_ == 0) {
+      mesh_ = replica_ = pristine_;
+      grid_ = replica_grid_ = pristine_grid_;
+    }
+    const auto unit = [this] { return static_cast<double>(random_() >> 11U) * 0x1p-53; };
+    const double margin = 2 * kToolRadius;
+    const double x = margin + unit() * (extent_.x - 2 * margin),
+                 y = margin + unit() * (extent_.y - 2 * margin);
+    return hexagon(x, y, unit());
   }
 
+  SliceMesh sheet_;
   SheetMesh pristine_, mesh_, replica_;
   TriangleGrid pristine_grid_, grid_, replica_grid_;
   SheetEdit edit_;
@@ -197,113 +201,49 @@ class Subject {
   LatticePoint extent_{};
   std::mt19937_64 random_{11};
   int cuts_ = 0, cuts_to_reset_ = 1;
+  double area_error_ = 0, removed_ = 0, cuts_made_ = 0;
 };
 
-void print_row(const char* what, Samples& samples) {
-  std::printf("  %-36s %8.2f %8.2f %8.2f %8.2f %8zu\n", what, samples.at(0.5), samples.at(0.99),
-              samples.at(0.999), samples.at(1), samples.us.size());
+/// Times by the thread's clock, with the largest of each 100 in p99_us.
+void add_timed(const std::string& name, const std::function<double()>& time_s,
+               const std::function<Counters()>& count) {
+  benchmark::RegisterBenchmark(name.c_str(),
+                               [time_s, count](benchmark::State& state) {
+                                 std::vector<double> all;
+                                 for (auto _ : state) {
+                                   all.push_back(time_s());
+                                   state.SetIterationTime(all.back());
+                                 }
+                                 std::sort(all.begin(), all.end());
+                                 if (!all.empty())
+                                   state.counters["p99_us"] = 1e6 * all[all.size() * 99 / 100];
+                                 for (const auto& [key, value] : count())
+                                   state.counters[key] = value;
+                               })
+      ->UseManualTime()
+      ->Unit(benchmark::kMicrosecond);
 }
 
-struct Row {
-  const char* what;
-  Samples* samples;
-};
-
-std::vector<Row> rows_of(Subject& subject) {
-  return {{"cut and re-triangulation, proved", &subject.cut_us},
-          {"each cut's median of three passes", &subject.own_us},
-          {"plain arithmetic of a cut's length", &subject.machine_us},
-          {"quality pass, 20 degrees", &subject.refine_us},
-          {"cut and quality pass", &subject.cut_refine_us},
-          {"grid", &subject.grid_us},
-          {"ready to hand over", &subject.all_us},
-          {"replica, after the hand-over", &subject.replica_us},
-          {"CGAL: the cavity", &subject.cavity_us},
-          {"CGAL: the slice with the hole", &subject.slice_us}};
-}
-
-nlohmann::json describe(int vertices, Subject& subject) {
-  nlohmann::json rows = nlohmann::json::array();
-  const double cut_us = subject.cut_us.at(0.5);
-  for (const auto& [what, samples] : rows_of(subject)) {
-    rows.push_back({{"id", std::to_string(vertices) + " vertices/" + what},
-                    {"vertices", vertices},
-                    {"what", what},
-                    {"samples", samples->us.size()},
-                    {"median_us", samples->at(0.5)},
-                    {"p99_us", samples->at(0.99)},
-                    {"max_us", samples->at(1)},
-                    {"to_cut_ratio", samples->at(0.5) / cut_us}});
-  }
-  return rows;
-}
-
-// The table as JSON, for scripts/report.
-void write_rows(const std::string& file, const std::map<int, std::unique_ptr<Subject>>& subjects) {
-  nlohmann::json rows = nlohmann::json::array();
-  nlohmann::json sheets = nlohmann::json::array();
-  for (const auto& [vertices, subject] : subjects) {
-    const nlohmann::json part = describe(vertices, *subject);
-    rows.insert(rows.end(), part.begin(), part.end());
-    sheets.push_back({{"id", std::to_string(vertices) + " vertices"},
-                      {"vertices", subject->sheet.vertices.size()},
-                      {"triangles", subject->sheet.triangles.size()},
-                      {"triangles_removed_median", subject->triangles.at(0.5)},
-                      {"vertices_added_median", subject->added.at(0.5)}});
-  }
-  std::ofstream(file) << nlohmann::json{{"rows", rows}, {"sheets", sheets}}.dump(1) << '\n';
-}
-
-int run(int argc, char** argv) {
-  benchmark::Initialize(&argc, argv);
-  std::string out;
-  for (int i = 1; i < argc; ++i) {
-    if (const std::string argument = argv[i]; argument.rfind("--out=", 0) == 0)
-      out = argument.substr(6);
-  }
-  std::map<int, std::unique_ptr<Subject>> subjects;
+void add_all(const std::vector<Input>& /*inputs*/) {
   for (const int vertices : {10'000, 200'000}) {
-    Subject& subject = *(subjects[vertices] = std::make_unique<Subject>(vertices));
-    const auto add = [&](const std::string& name, double (Subject::*one)()) {
-      return benchmark::RegisterBenchmark((name + "/" + std::to_string(vertices)).c_str(),
-                                          [&subject, one](benchmark::State& state) {
-                                            for (auto _ : state)
-                                              state.SetIterationTime((subject.*one)() * 1e-6);
-                                          })
-          ->UseManualTime()
-          ->Unit(benchmark::kMicrosecond);
-    };
-    add("cut", &Subject::cut);
-    add("cgal_cavity", &Subject::cgal_cavity);
-    add("cgal_slice", &Subject::cgal_slice)->Iterations(vertices > 100'000 ? 3 : 30);
+    const auto subject = std::make_shared<Subject>(vertices);
+    const std::string stage = "cut/" + std::to_string(vertices) + "-vertices/";
+    const auto none = [] { return Counters(); };
+    const auto counters = [subject] { return subject->counters(); };
+    add_timed(
+        stage + "trocar", [subject] { return subject->cut().first; }, counters);
+    add_timed(
+        stage + "trocar-ready", [subject] { return subject->cut().second; }, counters);
+    add_timed(
+        stage + "peer-CGAL-cavity", [subject] { return subject->cgal_cavity(); }, none);
+    add_timed(
+        stage + "peer-CGAL-slice", [subject] { return subject->cgal_slice(); }, none);
   }
-  benchmark::RunSpecifiedBenchmarks();
-
-  for (auto& [vertices, subject] : subjects) {
-    subject->own_us = subject->medians_of_repeated_cuts();
-    subject->machine_us = plain_arithmetic(subject->own_us.at(0.5));
-    std::printf(
-        "\n%zu vertices, %zu triangles; a cut replaces %.0f, the quality pass adds %.1f "
-        "vertices\n  %-36s %8s %8s %8s %8s %8s\n",
-        subject->sheet.vertices.size(), subject->sheet.triangles.size(), subject->triangles.at(0.5),
-        subject->added.at(0.5), "CPU time in us", "p50", "p99", "p99.9", "max", "samples");
-    for (const auto& [what, samples] : rows_of(*subject))
-      print_row(what, *samples);
-    const double own = subject->cut_us.at(0.5);
-    std::printf("  cut against CGAL: cavity x %.1f, slice x %.0f\n",
-                subject->cavity_us.at(0.5) / own, subject->slice_us.at(0.5) / own);
-  }
-  if (!out.empty()) write_rows(out, subjects);
-  Subject &small = *subjects[10'000], &large = *subjects[200'000];
-  std::printf("\n200,000 against 10,000 vertices: cut x %.2f, ready to hand over x %.2f\n",
-              large.cut_us.at(0.5) / small.cut_us.at(0.5),
-              large.all_us.at(0.5) / small.all_us.at(0.5));
-  return 0;
 }
 
 }  // namespace
 }  // namespace trocar::bench
 
 int main(int argc, char** argv) {
-  return trocar::bench::run(argc, argv);
+  return trocar::bench::bench_main(argc, argv, trocar::bench::add_all);
 }

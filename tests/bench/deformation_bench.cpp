@@ -1,269 +1,233 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the force law `network` costs: a region from sheet to response, stage by stage; a whole
-// slice's factorisation; one solve with 200 free nodes. Medians:
-// --benchmark_repetitions=9 --benchmark_report_aggregates_only=true.
-//
-// The table at the end compares sparse_factor with Eigen's SimplicialLDLT in the same run, call by
-// call in turn: factorisation and solve alone, and the times for which a user waits. The table
-// alone: --benchmark_filter=none.
-#include <benchmark/benchmark.h>
-
+// deformation_bench NAME=ASSET...: the force law `network`. Speed against error of its solvers at
+// random places of scans' slices, beside the whole slice's equilibrium on the same triangles by
+// Eigen; the time until the answer for a new place; sparse_factor beside Eigen's SimplicialLDLT; a
+// tick of contact and network.
 #include <Eigen/SparseCholesky>
 #include <Eigen/SparseCore>
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <cstdint>
-#include <cstdio>
-#include <ctime>
-#include <map>
+#include <functional>
+#include <numeric>
+#include <random>
 #include <span>
-#include <utility>
-#include <vector>
 
+#include "formats/asset/asset.h"
 #include "runtime/contact/puncture.h"
 #include "runtime/deformation/calibration.h"
 #include "runtime/deformation/propagation.h"
 #include "runtime/deformation/response.h"
-#include "runtime/sheet_mesh/triangle_grid.h"
+#include "tests/bench/bench.h"
 #include "tests/reference/deformation/general_load.h"
 #include "tests/reference/deformation/global_solver.h"
 #include "tests/reference/deformation/region_part.h"
 #include "tests/support/deformation_fixture.h"
 #include "tests/support/sheet_fixture.h"
 
+namespace trocar::bench {
 namespace {
 
-using namespace trocar;
 using namespace trocar::runtime;
 
-constexpr double kReach_m = 0.008;
+constexpr double kStiffness_N_per_m = 5000, kReach_m = 0.008, kTool_m = 0.003;
 
-SheetMesh sheet_of(const SliceMesh& mesh) {
-  auto sheet = make_sheet_mesh(mesh, 0, 0);
-  return std::move(*sheet);
-}
+// ---- speed against error on scans ----
 
-/// A sheet of 0.4 m with 8 mm triangles, a hexagon of 3 mm in its middle, and a region of about
-/// `free_nodes` free nodes around it.
-struct Setting {
-  Lattice lattice{8};
-  SheetMesh sheet = sheet_of(test::square_mesh({-51200, -51200}, 2048, 50));
-  Ring tool = test::regular_polygon({300, 500}, 768, 6, 0.2);
-  std::vector<std::uint32_t> seeds = find_seeds(sheet, tool);
-  Membrane membrane =
-      calibrate(5000, kReach_m, test::regular_polygon({}, 768, 6), lattice)->membrane;
-  ResponseOptions options;
+/// The whole slice with the tool cut out, as one network.
+struct Place {
+  std::shared_ptr<const SheetMesh> sheet;
+  Ring tool;
+  std::vector<std::uint32_t> seeds;
+  RegionMesh mesh;
+  Network network;
+  GlobalSolution exact;
+  double borne_N_per_m = 0;  ///< stiffness of the bed under the tool
+};
+struct Places {
+  Lattice lattice;
+  Membrane membrane;
+  std::vector<Place> all;
+};
+
+std::shared_ptr<const Places> places_of(const Input& input, int count) {
+  const Asset asset = take(read_asset(input.file));
+  auto out = std::make_shared<Places>();
+  out->lattice = asset.lattice;
+  const double circumradius = kTool_m / asset.lattice.step_m();
+  out->membrane = take(calibrate(kStiffness_N_per_m, kReach_m,
+                                 test::regular_polygon({}, circumradius, 6), asset.lattice))
+                      .membrane;
+  std::vector<const AssetSlice*> slices;
+  for (const AssetSlice& slice : asset.slices)
+    if (!slice.mesh.triangles.empty()) slices.push_back(&slice);
+  if (slices.empty()) throw std::runtime_error(input.file + ": no slice has material");
   RegionWorkspace workspace;
-  Region region;
-
-  explicit Setting(std::uint32_t free_nodes) {
-    options.error_bound = 0;
-    for (double radius_m = 0.002;; radius_m += 0.0005) {
-      options.region.radius_m = radius_m;
-      auto found = prepare_region(sheet, seeds, tool, lattice, membrane, options, workspace);
-      region = std::move(*found);
-      if (region.response.free_nodes >= free_nodes) break;
-    }
+  std::mt19937_64 random(7);
+  while (std::ssize(out->all) < count) {
+    const AssetSlice& slice = *slices[random() % slices.size()];
+    Place place;
+    place.sheet = std::make_shared<SheetMesh>(take(make_sheet_mesh(slice.mesh, 0, 0)));
+    place.tool = test::regular_polygon(test::place_in(slice.mesh, random), circumradius, 6,
+                                       test::uniform(random));
+    place.seeds = find_seeds(*place.sheet, place.tool);
+    place.mesh =
+        take(make_region(*place.sheet, place.seeds, place.tool, out->lattice, {}, workspace));
+    place.network = make_network(place.mesh.mesh, out->lattice, out->membrane);
+    place.exact = take(solve_global(place.network, place.mesh.kind));
+    if (!(place.exact.stiffness_N_per_m > 0)) continue;  // the tool covers the whole slice
+    const double step_m = out->lattice.step_m();
+    place.borne_N_per_m =
+        out->membrane.foundation_N_per_m3 * place.mesh.under_tool.area_steps2 * step_m * step_m;
+    out->all.push_back(std::move(place));
   }
+  return out;
+}
+
+/// A solver that is prepared for a place: one solve for a general load, and its errors.
+struct Prepared {
+  std::function<void()> solve;
+  double force_error = 0;         ///< relative to the whole slice's force
+  double displacement_error = 0;  ///< relative to the depth
+  double nodes = 0;
 };
 
-/// A benchmark is called several times; its input is made once.
-Setting& setting(std::int64_t free_nodes) {
-  static std::map<std::int64_t, Setting> made;
-  return made.try_emplace(free_nodes, static_cast<std::uint32_t>(free_nodes)).first->second;
+double force_error(const Place& place, double network_N_per_m) {
+  return std::abs(network_N_per_m - place.exact.stiffness_N_per_m) /
+         (place.exact.stiffness_N_per_m + place.borne_N_per_m);
+}
+double largest_difference(const std::vector<double>& a, const std::vector<double>& b) {
+  double worst = 0;
+  for (std::size_t i = 0; i < a.size(); ++i)
+    worst = std::max(worst, std::abs(a[i] - b[i]));
+  return worst;
 }
 
-void note(benchmark::State& state, const Setting& s) {
-  state.counters["free_nodes"] = s.region.response.free_nodes;
-  state.counters["factor_entries"] = static_cast<double>(s.region.solution.factor.entries());
-}
-
-// A load on every node.
-void TickSolve(benchmark::State& state) {
-  const Setting& s = setting(state.range(0));
-  std::vector<double> x(s.region.solution.factor.size());
-  while (state.KeepRunning()) {
-    std::fill(x.begin(), x.end(), 1.0);
-    s.region.solution.factor.solve(x);
-    benchmark::DoNotOptimize(x.data());
-  }
-  note(state, s);
-}
-BENCHMARK(TickSolve)->Arg(100)->Arg(200)->Arg(400)->Unit(benchmark::kMicrosecond);
-
-// The same with the loads gathered, the displacements spread and the tool's reaction summed.
-struct Tick {
-  std::vector<std::uint32_t> rim;
-  std::vector<double> held_m, force_N, work, w_m;
-
-  explicit Tick(const Region& region) {
-    const std::size_t n = region.network.size();
-    for (std::uint32_t i = 0; i < n; ++i) {
-      if (region.mesh.kind[i] == NodeKind::kTool) rim.push_back(i);
-    }
-    held_m.resize(n);
-    force_N.resize(n);
-    w_m.resize(n);
-    work.resize(region.solution.factor.size());
-  }
-  double force_at(const Region& region, double depth_m) {
-    for (std::uint32_t i : rim)
-      held_m[i] = depth_m;
-    solve_general(region.network, region.mesh.kind, region.solution.factor, held_m, force_N, work,
-                  w_m);
-    double sum_N = 0;
-    for (std::uint32_t i : rim)
-      sum_N += reaction_N(region.network, w_m, i);
-    return sum_N;
-  }
-};
-
-void TickForceAndSolve(benchmark::State& state) {
-  const Setting& s = setting(state.range(0));
-  Tick tick(s.region);
-  double depth_m = 1e-3;
-  while (state.KeepRunning()) {
-    benchmark::DoNotOptimize(tick.force_at(s.region, depth_m));
-    depth_m += 1e-9;
-  }
-  note(state, s);
-}
-BENCHMARK(TickForceAndSolve)->Arg(200)->Unit(benchmark::kMicrosecond);
-
-// And with the contact before it: outline, overlap, state machine, wrench.
-void TickContactForceAndSolve(benchmark::State& state) {
-  const Setting& s = setting(state.range(0));
-  Tick tick(s.region);
-  Sheet sheet;
-  sheet.z_m = 0.12;
-  sheet.transform.lattice = s.lattice;
-  sheet.mesh = s.sheet;
-  sheet.index_mesh();
-  const std::array<const Sheet*, 1> sheets{&sheet};
-  ContactModel model;
-  model.uses_prefetched_stiffness = true;
-  model.tool = make_tool(SceneTool{});
-  ContactState contact;
-  ContactOutput output;
-  Pose T_device_plate;
-  double depth_m = -1e-3;  // from above
-  const auto meet = [&] {
-    T_device_plate.p_m = {300 * s.lattice.step_m(), 500 * s.lattice.step_m(), sheet.z_m - depth_m};
-    update_contact(model, sheets, {}, T_device_plate, model.dt_s, contact, output);
+Prepared propagation(const Place& place, int depth) {
+  struct State {
+    PropagationPlan plan;
+    PropagationState moving;
   };
-  meet();
-  depth_m = 1e-3;
-  while (state.KeepRunning()) {
-    meet();
-    benchmark::DoNotOptimize(output);
-    benchmark::DoNotOptimize(tick.force_at(s.region, depth_m));
+  auto state = std::make_shared<State>();
+  state->plan = plan_propagation(place.network, place.mesh.kind, {.depth = depth});
+  state->moving = make_propagation_state(place.network, state->plan);
+  double force = 0;
+  for (int tick = 0; tick < 4000; ++tick) {
+    const double next = propagate(place.network, state->plan, 1, state->moving);
+    const bool rests = std::abs(next - force) <= 1e-9 * next;
+    force = next;
+    if (rests) break;
   }
-  if (output.phase != ContactPhase::kContact) state.SkipWithError("no contact");
-  note(state, s);
+  return {[state, &place] {
+            benchmark::DoNotOptimize(propagate(place.network, state->plan, 1, state->moving));
+          },
+          force_error(place, force), largest_difference(state->moving.w_m, place.exact.w),
+          static_cast<double>(state->plan.active.size())};
 }
-BENCHMARK(TickContactForceAndSolve)->Arg(200)->Unit(benchmark::kMicrosecond);
 
-void PrepareRegion(benchmark::State& state) {
-  Setting& s = setting(state.range(0));
-  while (state.KeepRunning()) {
-    auto region =
-        prepare_region(s.sheet, s.seeds, s.tool, s.lattice, s.membrane, s.options, s.workspace);
-    benchmark::DoNotOptimize(region);
+Prepared local(const Places& places, const Place& place, double radius_m) {
+  struct State {
+    RegionPart part;
+    Network network;
+    LocalSolution solution;
+    std::vector<double> held, force, w, work;
+  };
+  auto s = std::make_shared<State>();
+  s->part = part_within(place.mesh, place.tool, places.lattice, radius_m);
+  s->network = make_network(s->part.region.mesh, places.lattice, places.membrane);
+  solve_local(s->network, s->part.region.kind, s->solution, {.bounds = false});
+  s->held.assign(s->network.size(), 0);
+  s->force = s->w = s->held;
+  s->work.resize(s->solution.factor.size());
+  std::vector<double> whole(place.exact.w.size(), 0);
+  for (std::size_t i = 0; i < s->held.size(); ++i) {
+    if (s->part.region.kind[i] == NodeKind::kTool) s->held[i] = 1;
+    whole[s->part.parent[i]] = s->solution.w[i];
   }
-  note(state, s);
+  return {[s] {
+            solve_general(s->network, s->part.region.kind, s->solution.factor, s->held, s->force,
+                          s->work, s->w);
+          },
+          force_error(place, s->solution.stiffness_N_per_m),
+          largest_difference(whole, place.exact.w), static_cast<double>(s->solution.factor.size())};
 }
-BENCHMARK(PrepareRegion)->Arg(100)->Arg(200)->Unit(benchmark::kMicrosecond);
 
-void PrepareRegionMesh(benchmark::State& state) {
-  Setting& s = setting(200);
-  while (state.KeepRunning()) {
-    auto mesh = make_region(s.sheet, s.seeds, s.tool, s.lattice, s.options.region, s.workspace);
-    benchmark::DoNotOptimize(mesh);
+double median(std::vector<double> values) {
+  std::nth_element(values.begin(), values.begin() + std::ssize(values) / 2, values.end());
+  return values[values.size() / 2];
+}
+
+void add_solver(const std::string& name, const std::shared_ptr<const Places>& places,
+                const std::function<Prepared(const Place&)>& prepare, double bound = 1e300) {
+  auto all = std::make_shared<std::vector<Prepared>>();
+  std::vector<double> force, displacement, nodes;
+  for (const Place& place : places->all) {
+    const Prepared& made = all->emplace_back(prepare(place));
+    force.push_back(made.force_error);
+    displacement.push_back(made.displacement_error);
+    nodes.push_back(made.nodes);
   }
-  note(state, s);
+  const Counters counters{
+      {"error_force", median(force)},
+      {"error_force_max", *std::max_element(force.begin(), force.end())},
+      {"error_displacement", median(displacement)},
+      {"error_displacement_max", *std::max_element(displacement.begin(), displacement.end())},
+      {"nodes", median(nodes)}};
+  check(counters.at("error_force_max") <= bound && counters.at("error_displacement_max") <= bound,
+        name + ": an error is above its bound");
+  add(
+      name, benchmark::kMicrosecond,
+      [all, places, next = std::size_t{0}]() mutable { (*all)[next++ % all->size()].solve(); },
+      [counters] { return counters; });
 }
-BENCHMARK(PrepareRegionMesh)->Unit(benchmark::kMicrosecond);
 
-void PrepareRegionNetwork(benchmark::State& state) {
-  const Setting& s = setting(200);
-  while (state.KeepRunning()) {
-    auto network = make_network(s.region.mesh.mesh, s.lattice, s.membrane);
-    benchmark::DoNotOptimize(network);
+void add_scan(const Input& input) {
+  const auto places = places_of(input, quick ? 6 : 40);
+  const std::string stage = "deformation/" + input.name + "/";
+  for (const int depth : {1, 2, 4, 8, 12}) {
+    add_solver(stage + "propagation/depth-" + std::to_string(depth), places,
+               [depth](const Place& place) { return propagation(place, depth); });
   }
-  note(state, s);
-}
-BENCHMARK(PrepareRegionNetwork)->Unit(benchmark::kMicrosecond);
-
-// After a cut, on a mesh that exists: the solution and its bounds.
-void RefactorRegion(benchmark::State& state) {
-  const Setting& s = setting(200);
-  LocalSolution solution;
-  while (state.KeepRunning()) {
-    solve_local(s.region.network, s.region.mesh.kind, solution);
-    benchmark::DoNotOptimize(solution);
+  for (const int mm : {4, 8, 16, 32, 48}) {
+    add_solver(stage + "local/" + std::to_string(mm) + "mm", places,
+               [places, mm](const Place& place) { return local(*places, place, 1e-3 * mm); });
   }
-  note(state, s);
-}
-BENCHMARK(RefactorRegion)->Unit(benchmark::kMicrosecond);
-
-void PrepareAuto(benchmark::State& state) {
-  Setting& s = setting(200);
-  ResponseOptions options = s.options;
-  options.error_bound = 1.0 / static_cast<double>(state.range(0));
-  std::uint32_t free_nodes = 0;
-  while (state.KeepRunning()) {
-    auto region =
-        prepare_region(s.sheet, s.seeds, s.tool, s.lattice, s.membrane, options, s.workspace);
-    free_nodes = region->response.free_nodes;
-    benchmark::DoNotOptimize(region);
+  const auto region_at = [places](const Place& place, const ResponseOptions& options) {
+    static RegionWorkspace workspace;
+    return take(prepare_region(*place.sheet, place.seeds, place.tool, places->lattice,
+                               places->membrane, options, workspace));
+  };
+  for (const double bound : {0.1, 0.01, 0.001}) {
+    ResponseOptions options;
+    options.error_bound = bound;
+    char setting[32];
+    std::snprintf(setting, sizeof setting, "%g-percent", 100 * bound);
+    add_solver(
+        stage + "auto/" + setting, places,
+        [=](const Place& place) {
+          return local(*places, place, region_at(place, options).response.radius_m);
+        },
+        bound);
+    add("answer/" + input.name + "/trocar/" + setting, benchmark::kMicrosecond,
+        [=, next = std::size_t{0}]() mutable {
+          benchmark::DoNotOptimize(region_at(places->all[next++ % places->all.size()], options));
+        });
   }
-  state.counters["free_nodes"] = free_nodes;
+  add("answer/" + input.name + "/peer-whole-slice-Eigen", benchmark::kMicrosecond,
+      [places, next = std::size_t{0}]() mutable {
+        const Place& place = places->all[next++ % places->all.size()];
+        benchmark::DoNotOptimize(solve_global(place.network, place.mesh.kind));
+      });
 }
-BENCHMARK(PrepareAuto)
-    ->ArgName("one_in")
-    ->Arg(10)
-    ->Arg(100)
-    ->Arg(1000)
-    ->Unit(benchmark::kMicrosecond);
 
-// A slice of 10,000 vertices, and of 40,000: factorisation and solution by Eigen.
-void GlobalSolution(benchmark::State& state) {
-  const auto cells = static_cast<int>(state.range(0));
-  const Network network =
-      make_network(test::triangular_mesh({0, 0}, 256, cells), Lattice{8}, {320, 5e6});
-  std::vector<NodeKind> kind(network.size(), NodeKind::kFree);
-  kind[network.size() / 2] = NodeKind::kTool;
-  while (state.KeepRunning()) {
-    auto solution = solve_global(network, kind);
-    benchmark::DoNotOptimize(solution);
-  }
-  state.counters["free_nodes"] = static_cast<double>(network.size() - 1);
-}
-BENCHMARK(GlobalSolution)->Arg(100)->Arg(200)->Unit(benchmark::kMillisecond);
-
-void PropagationTick(benchmark::State& state) {
-  const Setting& s = setting(400);
-  const PropagationPlan plan = plan_propagation(s.region.network, s.region.mesh.kind,
-                                                {.depth = static_cast<int>(state.range(0))});
-  PropagationState moving = make_propagation_state(s.region.network, plan);
-  double depth_m = 1e-3;
-  while (state.KeepRunning()) {
-    benchmark::DoNotOptimize(propagate(s.region.network, plan, depth_m, moving));
-    depth_m += 1e-9;
-  }
-  state.counters["active_nodes"] = static_cast<double>(plan.active.size());
-}
-BENCHMARK(PropagationTick)->DenseRange(1, 12)->Unit(benchmark::kMicrosecond);
-
-// --- sparse_factor beside Eigen's SimplicialLDLT ---
+// ---- sparse_factor beside Eigen ----
 
 /// The free nodes' matrix, factored by Eigen in its order of approximate minimum degree.
 struct EigenFactor {
   Eigen::SimplicialLDLT<Eigen::SparseMatrix<double>, Eigen::Lower> ldlt;
   std::vector<std::uint32_t> nodes;  ///< node of each unknown
 
-  bool make(const Network& network, std::span<const NodeKind> kind) {
+  void make(const Network& network, std::span<const NodeKind> kind) {
     nodes.clear();
     std::vector<int> unknown(network.size(), -1);
     for (std::uint32_t i = 0; i < network.size(); ++i) {
@@ -288,163 +252,140 @@ struct EigenFactor {
     }
     matrix.finalize();
     ldlt.compute(matrix);
-    return ldlt.info() == Eigen::Success;
+  }
+  Eigen::VectorXd solve_ones() const {
+    return ldlt.solve(Eigen::VectorXd::Ones(static_cast<Eigen::Index>(nodes.size())));
   }
 };
 
-double thread_us() {
-  timespec t{};
-  clock_gettime(CLOCK_THREAD_CPUTIME_ID, &t);
-  return 1e6 * static_cast<double>(t.tv_sec) + 1e-3 * static_cast<double>(t.tv_nsec);
-}
-
-double median(std::vector<double> values) {
-  std::nth_element(values.begin(), values.begin() + values.size() / 2, values.end());
-  return values[values.size() / 2];
-}
-
-/// Median CPU times of both in us, called in turn.
-struct Pair {
-  double ours_us = 0, eigen_us = 0;
-};
-template <typename Ours, typename Eigens>
-Pair in_turn(int repetitions, Ours&& ours, Eigens&& eigens) {
-  std::vector<double> ours_us, eigen_us;
-  for (int i = 0; i < repetitions; ++i) {
-    const double start = thread_us();
-    ours();
-    const double middle = thread_us();
-    eigens();
-    ours_us.push_back(middle - start);
-    eigen_us.push_back(thread_us() - middle);
-  }
-  return {median(ours_us), median(eigen_us)};
-}
-
-void print_row(const char* what, std::size_t free_nodes, const Pair& t) {
-  std::printf("%-58s %9zu %11.1f %11.1f %9.2f\n", what, free_nodes, t.ours_us, t.eigen_us,
-              t.eigen_us / t.ours_us);
-}
-
-struct Comparison {
-  std::size_t free_nodes = 0;
-  Pair factor, solve;
-  double difference = 0;  ///< largest relative one of the two solutions
+struct Problem {
+  Network network;
+  std::vector<NodeKind> kind;
 };
 
-/// False if the solutions differ by more than rounding: then the times mean nothing.
-bool compare(const Network& network, std::span<const NodeKind> kind, int repetitions,
-             Comparison& out) {
-  SparseFactor ours;
-  EigenFactor eigens;
-  bool made = true;
-  out.factor = in_turn(
-      repetitions, [&] { made = ours.make(network, kind) && made; },
-      [&] { made = eigens.make(network, kind) && made; });
-  if (!made) return false;
-  out.free_nodes = ours.size();
-  const auto n = static_cast<Eigen::Index>(ours.size());
-  std::vector<double> x(ours.size());
-  Eigen::VectorXd right(n), y(n);
-  out.solve = in_turn(
-      10 * repetitions,
-      [&] {
-        std::fill(x.begin(), x.end(), 1.0);
-        ours.solve(x);
-        benchmark::DoNotOptimize(x.data());
-      },
-      [&] {
-        right.setOnes();
-        y = eigens.ldlt.solve(right);
-        benchmark::DoNotOptimize(y.data());
-      });
-  std::vector<double> by_node(network.size());
-  for (std::size_t u = 0; u < ours.size(); ++u)
-    by_node[ours.nodes()[u]] = x[u];
-  for (Eigen::Index u = 0; u < n; ++u) {
-    const double expected = by_node[eigens.nodes[static_cast<std::size_t>(u)]];
-    out.difference = std::max(out.difference, std::abs(y[u] / expected - 1));
-  }
-  return out.difference <= 1e-9;
+void add_factor(const std::string& name, Problem made) {
+  const auto problem = std::make_shared<const Problem>(std::move(made));
+  auto ours = std::make_shared<SparseFactor>();
+  auto eigens = std::make_shared<EigenFactor>();
+  if (!ours->make(problem->network, problem->kind)) throw std::runtime_error(name + ": no factor");
+  eigens->make(problem->network, problem->kind);
+  auto x = std::make_shared<std::vector<double>>(ours->size());
+  const auto solve_ours = [ours, x] {
+    std::fill(x->begin(), x->end(), 1.0);
+    ours->solve(*x);
+    benchmark::DoNotOptimize(x->data());
+  };
+  const auto difference = [=] {
+    std::vector<double> by_node(problem->network.size());
+    solve_ours();
+    for (std::size_t u = 0; u < x->size(); ++u)
+      by_node[ours->nodes()[u]] = (*x)[u];
+    const Eigen::VectorXd y = eigens->solve_ones();
+    double worst = 0;
+    for (Eigen::Index u = 0; u < y.size(); ++u)
+      worst =
+          std::max(worst, std::abs(by_node[eigens->nodes[static_cast<std::size_t>(u)]] / y[u] - 1));
+    check(worst <= 1e-9, name + ": the two factorisations give different answers");
+    return Counters{{"error_difference", worst}, {"nodes", static_cast<double>(y.size())}};
+  };
+  add(
+      "factor/" + name + "/trocar", benchmark::kMicrosecond,
+      [=] { benchmark::DoNotOptimize(ours->make(problem->network, problem->kind)); }, difference);
+  add("factor/" + name + "/peer-Eigen", benchmark::kMicrosecond,
+      [=] { eigens->make(problem->network, problem->kind); });
+  add("solve/" + name + "/trocar", benchmark::kMicrosecond, solve_ours, difference);
+  add("solve/" + name + "/peer-Eigen", benchmark::kMicrosecond,
+      [=] { benchmark::DoNotOptimize(eigens->solve_ones()); });
 }
 
-/// The time of a task, and what it would be if `factors` factorisations and `solves` solves in it
-/// were Eigen's.
-Pair with_eigen(double task_us, const Comparison& c, double factors, double solves) {
-  return {task_us, task_us + factors * (c.factor.eigen_us - c.factor.ours_us) +
-                       solves * (c.solve.eigen_us - c.solve.ours_us)};
-}
-
-template <typename Act>
-double median_us(int repetitions, Act&& act) {
-  return in_turn(repetitions, act, [] {}).ours_us;
-}
-
-bool print_comparison() {
-  std::printf("\n%-58s %9s %11s %11s %9s\n", "sparse_factor beside Eigen's SimplicialLDLT", "nodes",
-              "ours, us", "Eigen's, us", "ratio");
-  bool agree = true;
-  double difference = 0;
-  for (const std::uint32_t wanted : {100U, 200U, 400U}) {
-    Setting& s = setting(wanted);
-    Comparison c;
-    agree = compare(s.region.network, s.region.mesh.kind, 201, c) && agree;
-    difference = std::max(difference, c.difference);
-    print_row("factorisation", c.free_nodes, c.factor);
-    print_row("one solve", c.free_nodes, c.solve);
-    const double prepare_us = median_us(51, [&] {
-      auto region =
-          prepare_region(s.sheet, s.seeds, s.tool, s.lattice, s.membrane, s.options, s.workspace);
-      benchmark::DoNotOptimize(region);
-    });
-    // The shape and the bounds are a solve each.
-    print_row("user waits: the response to a new place", c.free_nodes,
-              with_eigen(prepare_us, c, 1, 2));
-  }
-  for (const int cells : {100, 200}) {
-    const Network network =
-        make_network(test::triangular_mesh({0, 0}, 256, cells), Lattice{8}, {320, 5e6});
-    std::vector<NodeKind> kind(network.size(), NodeKind::kFree);
-    kind[network.size() / 2] = NodeKind::kTool;
-    Comparison c;
-    agree = compare(network, kind, 9, c) && agree;
-    difference = std::max(difference, c.difference);
-    print_row("factorisation, a whole slice", c.free_nodes, c.factor);
-    print_row("one solve, a whole slice", c.free_nodes, c.solve);
-  }
-  // calibrate() prepares 12 regions and solves each 6 times more, on sheets of two triangles.
-  const Lattice lattice{8};
-  const Ring tool = test::regular_polygon({}, 768, 6);
-  const std::int32_t half = 20000;
-  const SheetMesh square = sheet_of(
-      {{{-half, -half}, {half, -half}, {half, half}, {-half, half}}, {{0, 1, 2}, {0, 2, 3}}});
-  ResponseOptions whole;
-  whole.error_bound = 0;
+/// A sheet of 0.4 m with 8 mm triangles, a hexagon of 3 mm in its middle, and a region of about
+/// `free_nodes` free nodes around it.
+Region region_of(std::uint32_t free_nodes, const SheetMesh& sheet, const Ring& tool,
+                 const Lattice& lattice) {
+  ResponseOptions options;
+  options.error_bound = 0;
+  const Membrane membrane =
+      take(calibrate(kStiffness_N_per_m, kReach_m, test::regular_polygon({}, 768, 6), lattice))
+          .membrane;
   RegionWorkspace workspace;
-  const auto region = prepare_region(square, std::array<std::uint32_t, 2>{0, 1}, tool, lattice,
-                                     setting(200).membrane, whole, workspace);
-  Comparison c;
-  agree = compare(region->network, region->mesh.kind, 201, c) && agree;
-  difference = std::max(difference, c.difference);
-  const double load_us = median_us(9, [&] {
-    const auto calibration = calibrate(5000, kReach_m, tool, lattice);
-    benchmark::DoNotOptimize(calibration->membrane);
+  for (double radius_m = 0.002;; radius_m += 0.0005) {
+    options.region.radius_m = radius_m;
+    Region region = take(prepare_region(sheet, find_seeds(sheet, tool), tool, lattice, membrane,
+                                        options, workspace));
+    if (region.response.free_nodes >= free_nodes) return region;
+  }
+}
+
+/// Contact, and a solve for loads on every node of a region: outline, overlap, phase, wrench.
+void add_tick(const Region& made, const SheetMesh& mesh, const Lattice& lattice) {
+  struct Tick {
+    Region region;
+    Sheet sheet;
+    ContactModel model;
+    ContactState contact;
+    ContactOutput output;
+    Pose T_device_plate;
+    std::vector<double> held, force, work, w;
+  };
+  auto t = std::make_shared<Tick>();
+  t->region = made;
+  t->sheet.z_m = 0.12;
+  t->sheet.transform.lattice = lattice;
+  t->sheet.mesh = mesh;
+  t->sheet.index_mesh();
+  t->model.uses_prefetched_stiffness = true;
+  t->model.tool = make_tool(SceneTool{});
+  t->held.assign(t->region.network.size(), 1e-3);
+  t->force.assign(t->held.size(), 0);
+  t->w = t->force;
+  t->work.resize(t->region.solution.factor.size());
+  const auto meet = [t, lattice](double depth_m) {
+    const std::array<const Sheet*, 1> sheets{&t->sheet};
+    t->T_device_plate.p_m = {300 * lattice.step_m(), 500 * lattice.step_m(),
+                             t->sheet.z_m - depth_m};
+    update_contact(t->model, sheets, {}, t->T_device_plate, t->model.dt_s, t->contact, t->output);
+  };
+  meet(-1e-3);  // from above
+  add(
+      "tick/network-200-nodes/trocar", benchmark::kMicrosecond,
+      [t, meet] {
+        meet(1e-3);
+        solve_general(t->region.network, t->region.mesh.kind, t->region.solution.factor, t->held,
+                      t->force, t->work, t->w);
+        benchmark::DoNotOptimize(t->w.data());
+      },
+      [t] {
+        check(t->output.phase == ContactPhase::kContact, "the tick has no contact");
+        return Counters();
+      });
+}
+
+void add_all(const std::vector<Input>& inputs) {
+  const Lattice lattice{8};
+  const SheetMesh sheet =
+      take(make_sheet_mesh(test::square_mesh({-51200, -51200}, 2048, 50), 0, 0));
+  const Ring tool = test::regular_polygon({300, 500}, 768, 6, 0.2);
+  for (const std::uint32_t nodes : {100U, 200U, 400U}) {
+    const Region region = region_of(nodes, sheet, tool, lattice);
+    add_factor(std::to_string(nodes) + "-nodes", {region.network, region.mesh.kind});
+    if (nodes == 200) add_tick(region, sheet, lattice);
+  }
+  Problem slice{make_network(test::triangular_mesh({0, 0}, 256, 100), lattice, test::kMembrane),
+                {}};
+  slice.kind.assign(slice.network.size(), NodeKind::kFree);
+  slice.kind[slice.network.size() / 2] = NodeKind::kTool;
+  add_factor("slice-10000-nodes", std::move(slice));
+  add("calibrate/hexagon/trocar", benchmark::kMicrosecond, [lattice] {
+    benchmark::DoNotOptimize(
+        calibrate(kStiffness_N_per_m, kReach_m, test::regular_polygon({}, 768, 6), lattice));
   });
-  print_row("user waits: the calibration when a scene is loaded", c.free_nodes,
-            with_eigen(load_us, c, 12 * 7, 12 * 7));
-  std::printf("ratio: Eigen's time over ours. A haptic tick neither factors nor solves.\n");
-  std::printf("largest relative difference of the two solutions: %.2g\n", difference);
-  return agree;
+  for (const Input& input : inputs)
+    add_scan(input);
 }
 
 }  // namespace
+}  // namespace trocar::bench
 
 int main(int argc, char** argv) {
-  benchmark::Initialize(&argc, argv);
-  if (benchmark::ReportUnrecognizedArguments(argc, argv)) return 2;
-  benchmark::RunSpecifiedBenchmarks();
-  benchmark::Shutdown();
-  if (print_comparison()) return 0;
-  std::fprintf(stderr, "deformation_bench: the two factorisations give different answers\n");
-  return 1;
+  return trocar::bench::bench_main(argc, argv, trocar::bench::add_all);
 }

@@ -147,7 +147,7 @@ struct CuttingOptions {
   int max_steps = 12;  ///< largest number of Newton steps in a tick
   /// Number of Gauss points of a hole's wall in each slab, constant during a session. Two points
   /// are exact, because the displacement of a rigid shaft is linear in depth. The value 1 exists
-  /// only for the benchmark that compares one point with two (tests/bench/cutting_sweep.cpp).
+  /// only for the benchmark that compares one point with two (tests/bench/cutting_bench.cpp).
   std::size_t wall_points = kMaxWallPoints;
   double interval_s = 1e-3;  ///< time since the last tick, for viscous elements
   /// Soft tissue over the bone, uppermost first. The number of layers is at most that of

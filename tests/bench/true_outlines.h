@@ -1,0 +1,65 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// Slices with their true outlines, and the distance of an outline from the true one.
+#pragma once
+
+#include <filesystem>
+#include <vector>
+
+#include "formats/geometry/slice_mesh.h"
+#include "pipeline/read/slice_stack.h"
+#include "sample_ct/cross_section.h"
+
+namespace trocar::pipeline::bench {
+
+inline constexpr double kIso_HU = 226;
+
+/// Slices in memory: times contain neither disk nor decoder.
+class MemoryStack final : public SliceStack {
+ public:
+  int size() const override { return static_cast<int>(images.size()); }
+  int width() const override { return images.front().width; }
+  int height() const override { return images.front().height; }
+  PixelUnit pixel_unit() const override { return PixelUnit::kHounsfield; }
+  const SlicePlane& plane(int slice) const override { return planes[slice]; }
+  std::string name(int slice) const override { return "slice " + std::to_string(slice); }
+  Result<Image> read(int slice) const override { return images[slice]; }
+
+  std::vector<Image> images;
+  std::vector<SlicePlane> planes;
+};
+
+struct Truth {
+  explicit Truth(sample::CrossSection truth) : section(std::move(truth)), distance(section) {}
+  sample::CrossSection section;  ///< mm in the slice's plane
+  sample::SectionDistance distance;
+};
+
+struct TrueScan {
+  MemoryStack stack;
+  std::vector<Truth> truths;
+  double pixel_mm = 0;
+  /// 1 by default. Moved to the middle of the widest gap between the areas of true rings of 0.9 to
+  /// 1.1 mm^2: a ring that is dropped on one lattice and kept on another would change distances by
+  /// centimetres.
+  double min_region_mm2 = 1;
+};
+
+/// Slices of the sample's phantom, 512 x 512: unrounded without noise, whole HU with noise. True is
+/// where a noiseless scanner reads the iso-value; about 1 s a slice, once per slice and process.
+TrueScan phantom_scan(const std::vector<int>& slices, double noise_HU);
+
+/// Every `stride`-th slice of a scan. The sub-pixel contour at full resolution on the finest lattice
+/// counts as true.
+TrueScan file_scan(const std::filesystem::path& path, int stride);
+
+struct OutlineErrors {
+  double mean_mm = 0;       ///< mean of the two directed means
+  double hausdorff_mm = 0;  ///< greater of the two directed maxima
+  double area = 0;          ///< area / truth - 1 over all slices
+};
+/// Sampled eight times a pixel along both curves, and at all vertices. Slices with an outline on one
+/// side only are left out.
+OutlineErrors outline_errors(const std::vector<Pslg>& outlines, const Lattice& lattice,
+                             const TrueScan& scan);
+
+}  // namespace trocar::pipeline::bench
