@@ -150,14 +150,15 @@ def falls_of(force, tip, fixed, inward, released, rate):
             by_hand[k], waiting = (waiting if change[k] > 0 else 0), 0.0
     falls, phase, reference, least, mean, since, run, run_hand = [], "loaded", 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for k, (n, step) in enumerate(zip(smooth_n, slow)):
+        fed = min(step, 0.04 / rate)  # law 3: a jump of the tip is no feed
         if step < 0:
             phase, reference, mean, run, run_hand = "loaded", 0.0, 0.0, 0.0, 0.0
         if phase != "loaded":
-            least, since = min(least, n), since + max(step, 0)
+            least, since = min(least, n), since + max(fed, 0)
             if n + 1.5 >= (1.5 * (least + 1.5) if phase == "fallen" else 0.97 * (reference + 1.5)) or since >= 2e-3:
                 phase, reference, mean = "loaded", 0.0, 0.0
         if phase == "loaded":
-            reference = max(n, reference * math.exp(-max(step, 0) / 2e-3))
+            reference = max(n, reference * math.exp(-max(fed, 0) / 2e-3))
         if k in released:
             phase, reference, mean = "loaded", max(released[k], n), 1.0
         elif step > 0:
