@@ -52,7 +52,7 @@ function(trocar_script_test name label script)
   trocar_script_properties(${name} ${label})
 endfunction()
 
-set(TROCAR_PYTHON_FOLDERS tests/support tests/e2e tests/formats/session tests/pipeline/read/dicom scripts/lib)
+set(TROCAR_PYTHON_FOLDERS tests/support tests/e2e tests/formats/session tests/pipeline/read/dicom scripts/lib scripts/tools)
 # trocar_plain_script_test(NAME LABEL SCRIPT ARGUMENTS...): a Python program as a test.
 function(trocar_plain_script_test name label script)
   add_test(NAME ${name} COMMAND ${TROCAR_PYTHON} -B ${CMAKE_CURRENT_SOURCE_DIR}/${script} ${ARGN})

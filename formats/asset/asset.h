@@ -5,8 +5,7 @@
 // outline is the boundary of its mesh, so outlines are stored only on request, for viewers. The
 // file has an index of its slices (asset_index.h), so a reader can read some slices and skip the
 // rest of the file.
-// asset.md specifies the format to the byte. The format has two versions, called schemas. Files of
-// schema 1 can be read but are no longer written.
+// asset.md specifies the format to the byte.
 #pragma once
 
 #include <Eigen/Geometry>
@@ -28,7 +27,7 @@
 
 namespace trocar {
 
-inline constexpr int kAssetSchema = 2;  ///< layout version that is written; version 1 is read, too
+inline constexpr int kAssetSchema = 2;  ///< version of the layout
 /// The statement of intended use in every asset.
 inline constexpr const char* kAssetUse = "for training, not for planning";
 /// The largest |x|, |y| or |z| of a vertex of an asset, in lattice steps. A float32 holds all whole
@@ -49,8 +48,7 @@ struct AssetSlice {
   Eigen::Affine3d T_lps_plane = Eigen::Affine3d::Identity();
   Pslg pslg;       ///< the outline, which consists of exactly the mesh's boundary edges
   SliceMesh mesh;  ///< without triangles if the slice is empty
-  /// Measures of the slice: a JSON object as text. Schema 2 stores only `mean_hu`; schema 1 has
-  /// more measures (asset.md).
+  /// Measures of the slice: a JSON object as text. A file stores only `mean_hu`.
   std::string measures_json = "{}";
   int material = 0;  ///< index in Asset::materials
   /// HU at the vertices, with which viewers colour the mesh; empty if the file has none. The HU of
@@ -76,19 +74,15 @@ struct Asset {
   std::vector<AssetSlice> slices;      ///< ascending by index and, within a slice, by material
   std::string generator;               ///< program and version
   std::string parameters_json = "{}";  ///< parameters of the meshing: a JSON object as text
-  /// Digest of the input, hexadecimal; empty if unknown. Schema 2 does not store this digest,
-  /// because it would identify the scan.
-  std::string input_digest = {};
   std::vector<AssetMaterial> materials = {{"material", {}}};  ///< at least one
   /// Keyed digest of the input, hexadecimal; empty without a key. With this digest, only a holder
   /// of the user's key can recognise the input (digest_input() in pipeline/read).
   std::string input_key_digest = {};
   std::vector<AssetSurface> surfaces = {};
-  HuVolume hu = {};           ///< HU of the material and a margin around it; no planes if absent
-  HuVolume context = {};      ///< HU of everything, on a coarser grid; no planes if absent
-  bool lines = false;         ///< the file holds the outlines as lines, for viewers
-  bool colours = false;       ///< the file holds the HU as vertex colours, for viewers
-  int schema = kAssetSchema;  ///< schema of the file that the asset was read from
+  HuVolume hu = {};       ///< HU of the material and a margin around it; no planes if absent
+  HuVolume context = {};  ///< HU of everything, on a coarser grid; no planes if absent
+  bool lines = false;     ///< the file holds the outlines as lines, for viewers
+  bool colours = false;   ///< the file holds the HU as vertex colours, for viewers
 };
 
 /// The labels from which the asset was made (`labels` in its parameters), without numbers that do
@@ -108,7 +102,7 @@ struct AssetSizes {
 
 /// Encodes an asset as .glb. decode_asset() restores the asset with these differences: vertices,
 /// triangles and rings may be in another order; HU are rounded to the steps in which they are
-/// stored, and `mean_hu` to 0.1; all other measures and `input_digest` are dropped. If `sizes` is
+/// stored, and `mean_hu` to 0.1; all other measures are dropped. If `sizes` is
 /// not null, sets `*sizes` to the result of asset_sizes(). Errors: those of asset_grid(),
 /// encode_slice() and assemble_asset(); kBug if a plane of HU does not fit the outlines of its
 /// slice; kRefused if hu_mask() (hu_codec.h) refuses a plane of HU.

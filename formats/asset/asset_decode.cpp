@@ -19,26 +19,22 @@ namespace trocar {
 namespace {
 
 Result<void> decode_geometry(const tinygltf::Model& model, const StatedEntry& stated,
-                             const Asset& asset, AssetSlice& slice) {
-  const SliceRecord& record = stated.record;
+                             AssetSlice& slice) {
+  const EntryRecord& record = stated.record;
   if (record.is_empty()) return {};
   const std::span<const std::uint8_t> buffer(model.buffers[0].data);
-  const GeometryBytes bytes{buffer.subspan(record.draco_offset, record.draco_bytes),
-                            buffer.subspan(record.outline_offset, record.outline_bytes()),
-                            buffer.subspan(record.segments_offset, record.segments_bytes())};
-  if (asset.schema == 1) return decode_slice_geometry_1(record, bytes, asset.lattice, slice);
-  const auto facts = decode_slice_geometry(bytes.draco, slice);
+  const auto facts =
+      decode_slice_geometry(buffer.subspan(record.draco_offset, record.draco_bytes), slice);
   if (!facts) return facts.error();
   if (facts->z != stated.z) return refused("accessor bounds differ from the vertices");
   if (facts->has_colours != stated.has_colours)
     return refused("colours that its JSON does not name");
-  if (auto ok = compare_geometry(record, stated.has_hu, slice); !ok) return ok;
-  return stated.has_lines ? compare_lines(record, bytes, facts->z, slice) : Result<void>();
+  if (auto ok = compare_geometry(stated, slice); !ok) return ok;
+  return stated.has_lines ? compare_lines(stated, buffer, slice) : Result<void>();
 }
 
 // The slice index, if any. Checks contract 2 of asset_index.h except for the slices.
-Result<std::optional<IndexedFile>> index_of(ByteSource& source, const Asset& asset,
-                                            const nlohmann::json& extras,
+Result<std::optional<IndexedFile>> index_of(ByteSource& source, const nlohmann::json& extras,
                                             const nlohmann::json& nodes, std::size_t entries) {
   auto index = find_index(source);
   if (!index || !*index) return index;
@@ -47,10 +43,7 @@ Result<std::optional<IndexedFile>> index_of(ByteSource& source, const Asset& ass
   if (!text) return text.error();
   const Error differ = refused("its slice index and its JSON differ");
   const auto indexed_extras = parse_json_text(text->extras);
-  if (file.header.entries != entries || file.is_schema_1() != (asset.schema == 1) ||
-      !indexed_extras || *indexed_extras != extras)
-    return differ;
-  if (file.is_schema_1()) return index;
+  if (file.header.entries != entries || !indexed_extras || *indexed_extras != extras) return differ;
   const auto frame = parse_json_text(text->frame);
   if (!frame || *frame != nodes[kFrameNode]) return differ;
   return index;
@@ -61,16 +54,20 @@ class RecordChecks {
  public:
   RecordChecks(ByteSource& source, const IndexedFile& index) : source_(source), index_(index) {}
 
-  Result<void> check(const SliceRecord& expected, const nlohmann::json& node) {
+  Result<void> check(const StatedEntry& stated, const nlohmann::json& node) {
+    const EntryRecord& expected = stated.record;
     const auto record = read_record(source_, index_, next_++);
     if (!record) return record.error();
-    if (!agree(*record, expected)) return refused("the slice index and the JSON differ");
+    if (record->index != expected.index || record->material != expected.material ||
+        record->draco_offset != expected.draco_offset ||
+        record->draco_bytes != expected.draco_bytes)
+      return refused("the slice index and the JSON differ");
     // Slices may not share bytes other than a node's text, so that the work is bounded by the
     // file's size.
     const bool is_node_known =
         node_ == &node && node_offset_ == record->node_offset && node_bytes_ == record->node_bytes;
     if (!is_node_known) text_ += record->node_bytes;
-    geometry_ += record->draco_bytes + expected.outline_bytes() + expected.segments_bytes();
+    geometry_ += record->draco_bytes + stated.outline_bytes() + stated.segments_bytes();
     if (text_ > index_.header.json_bytes || geometry_ > index_.header.binary_bytes)
       return refused("the slice index has slices that share their bytes");
     const auto bytes = read_slice_bytes(source_, index_, *record);
@@ -86,17 +83,6 @@ class RecordChecks {
   }
 
  private:
-  bool agree(const SliceRecord& a, const SliceRecord& b) const {
-    const bool both = a.index == b.index && a.material == b.material &&
-                      a.draco_offset == b.draco_offset && a.draco_bytes == b.draco_bytes;
-    return both &&
-           (!index_.is_schema_1() ||
-            (a.vertices == b.vertices && a.triangles == b.triangles && a.low == b.low &&
-             a.high == b.high && a.outline_offset == b.outline_offset &&
-             a.outline_vertices == b.outline_vertices && a.segments_offset == b.segments_offset &&
-             a.segment_index_bytes == b.segment_index_bytes));
-  }
-
   ByteSource& source_;
   const IndexedFile& index_;
   std::uint32_t next_ = 0;                // number of the next record
@@ -105,30 +91,19 @@ class RecordChecks {
   std::uint64_t text_ = 0, geometry_ = 0;  // bytes of the records so far
 };
 
-struct NodeTree {
-  Eigen::Affine3d frame = Eigen::Affine3d::Identity();
-  std::size_t list = 0;  ///< the node whose children are the entries
-};
-Result<NodeTree> node_tree(const tinygltf::Model& model, const nlohmann::json& nodes,
-                           const Asset& asset) {
-  NodeTree out;
-  if (model.nodes.empty() || model.nodes.size() != nodes.size())
+// Checks the tree of nodes, and returns the frame.
+Result<Eigen::Affine3d> frame_of(const tinygltf::Model& model, const nlohmann::json& nodes,
+                                 const Asset& asset) {
+  if (model.nodes.size() != nodes.size()) return refused("no scan node, or too many slices");
+  const auto leads_to = [&model](std::size_t node, std::size_t child) {
+    return model.nodes.size() > child &&
+           model.nodes[node].children == std::vector<int>{static_cast<int>(child)};
+  };
+  if (!leads_to(0, kFrameNode) || !leads_to(kFrameNode, kListNode) ||
+      model.nodes[kListNode].children.size() > kMaxSlices ||
+      count_entries(model, model.nodes[kListNode].children) > kMaxSlices)
     return refused("no scan node, or too many slices");
-  if (asset.schema != 1) {
-    const auto leads_to = [&model](std::size_t node, std::size_t child) {
-      return model.nodes.size() > child &&
-             model.nodes[node].children == std::vector<int>{static_cast<int>(child)};
-    };
-    if (!leads_to(0, kFrameNode) || !leads_to(kFrameNode, kListNode))
-      return refused("no scan node, or too many slices");
-    const auto frame = transform_of_node(nodes[kFrameNode], asset.lattice);
-    if (!frame) return frame.error();
-    out = {*frame, kListNode};
-  }
-  if (model.nodes[out.list].children.size() > kMaxSlices ||
-      count_entries(model, model.nodes[out.list].children) > kMaxSlices)
-    return refused("no scan node, or too many slices");
-  return out;
+  return transform_of_node(nodes[kFrameNode], asset.lattice);
 }
 
 struct Entry {
@@ -141,14 +116,6 @@ Result<std::vector<Entry>> read_entries(const tinygltf::Model& model,
                                         const AssetSlice* before, const Eigen::Affine3d& frame,
                                         const Asset& asset) {
   std::vector<Entry> out;
-  if (asset.schema == 1) {
-    auto slice = slice_of_node_1(json_node);
-    if (!slice) return slice.error();
-    auto stated = stated_entries(model, model.nodes[node], slice->index, asset);
-    if (!stated) return stated.error();
-    out.push_back({std::move(*slice), stated->front()});
-    return out;
-  }
   const auto header = entry_of_node(json_node, asset.lattice);
   const std::int64_t next = before == nullptr ? 0 : std::int64_t{before->index} + 1;
   if (!header) return refused("node " + std::to_string(node) + ": " + header.error().message);
@@ -282,11 +249,11 @@ Result<Asset> decode_asset(std::span<const std::uint8_t> glb, const std::string&
   if (!stated_slices) return stated_slices.error();
   asset.generator = model.asset.generator;
 
-  const auto tree = node_tree(model, nodes, asset);
-  if (!tree) return refused(name + ": " + tree.error().message);
-  const std::vector<int>& children = model.nodes[tree->list].children;
+  const auto frame = frame_of(model, nodes, asset);
+  if (!frame) return refused(name + ": " + frame.error().message);
+  const std::vector<int>& children = model.nodes[kListNode].children;
   MemorySource source(glb);
-  const auto index = index_of(source, asset, extras, nodes, count_entries(model, children));
+  const auto index = index_of(source, extras, nodes, count_entries(model, children));
   if (!index) return refused(name + ": " + index.error().message);
   std::optional<RecordChecks> records;
   if (*index) records.emplace(source, **index);
@@ -297,24 +264,22 @@ Result<Asset> decode_asset(std::span<const std::uint8_t> glb, const std::string&
   for (const int child : children) {
     const auto at = static_cast<std::size_t>(child);
     if (child <= 0 || at >= model.nodes.size()) return refused(name + ": node index out of range");
-    auto entries =
-        read_entries(model, nodes[at], at, asset.slices.empty() ? nullptr : &asset.slices.back(),
-                     tree->frame, asset);
+    auto entries = read_entries(
+        model, nodes[at], at, asset.slices.empty() ? nullptr : &asset.slices.back(), *frame, asset);
     if (!entries) return refused(name + ": " + entries.error().message);
     for (auto& [slice, stated] : *entries) {
       const AssetSlice* const before = asset.slices.empty() ? nullptr : &asset.slices.back();
       const std::string where = name + ": slice " + std::to_string(slice.index) + ": ";
       if (records) {
-        if (auto ok = records->check(stated.record, nodes[at]); !ok)
+        if (auto ok = records->check(stated, nodes[at]); !ok)
           return refused(where + ok.error().message);
       }
       if (is_wanted(options, slice.index)) {
-        if (stated.record.triangles > triangles_left ||
-            stated.record.outline_vertices > outline_left)
+        if (stated.triangles > triangles_left || stated.outline_vertices > outline_left)
           return refused(where + "more geometry than a file of its size may have");
-        triangles_left -= stated.record.triangles;
-        outline_left -= stated.record.outline_vertices;
-        if (auto ok = decode_geometry(model, stated, asset, slice); !ok)
+        triangles_left -= stated.triangles;
+        outline_left -= stated.outline_vertices;
+        if (auto ok = decode_geometry(model, stated, slice); !ok)
           return refused(where + ok.error().message);
       }
       if (before != nullptr &&
@@ -327,7 +292,7 @@ Result<Asset> decode_asset(std::span<const std::uint8_t> glb, const std::string&
     }
   }
   const std::size_t slices = slice_count(asset);
-  if (asset.schema != 1 && slices != *stated_slices)
+  if (slices != *stated_slices)
     return refused(name + ": it has " + std::to_string(slices) + " slices and states " +
                    std::to_string(*stated_slices));
   if (*index && !asset.slices.empty() &&

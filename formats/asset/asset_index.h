@@ -60,12 +60,11 @@ Result<T> read_as(ByteSource& source, std::uint64_t offset) {
 }
 
 inline constexpr std::array<char, 8> kIndexMagic{'T', 'R', 'O', 'C', 'A', 'R', 'I', 'X'};
-/// Version of the index in assets of schema 2 (kIndexVersion) and of schema 1 (kIndexVersion1).
-inline constexpr std::uint32_t kIndexVersion = 3, kIndexVersion1 = 2;
+inline constexpr std::uint32_t kIndexVersion = 3;
 /// Largest number of slices, and of entries, in an asset.
 inline constexpr std::size_t kMaxSlices = 100'000;
 
-// The next three structures have the same bytes in memory and in the file (little-endian).
+// The next two structures have the same bytes in memory and in the file (little-endian).
 
 struct IndexHeader {
   std::array<char, 8> magic = kIndexMagic;
@@ -78,7 +77,7 @@ struct IndexHeader {
   /// AssetSlice::index in the first and in the last record; 0 if there are no records.
   std::int32_t first_index = 0, last_index = 0;
   /// Location of the frame's text in the JSON text. The frame is the node whose transform all
-  /// slices share. Version 2 of the index does not have these two numbers.
+  /// slices share.
   std::uint32_t frame_offset = 0, frame_bytes = 0;
 };
 
@@ -92,51 +91,19 @@ struct EntryRecord {
   std::uint32_t draco_offset = 0, draco_bytes = 0;
   /// CRC-32 of this record (with checksum 0) followed by the node's text and the payload.
   std::uint32_t checksum = 0;
-};
-
-/// The record of a slice in schema 1. Offsets are counted as in EntryRecord.
-struct SliceRecord1 {
-  std::int32_t index = 0;
-  std::uint32_t node_offset = 0, node_bytes = 0;
-  std::uint32_t draco_offset = 0, draco_bytes = 0;
-  std::uint32_t vertices = 0, triangles = 0;
-  LatticePoint low, high;                                  ///< box around the vertices
-  std::uint32_t outline_offset = 0, outline_vertices = 0;  ///< 12 bytes for each vertex
-  std::uint32_t segments_offset = 0,
-                segment_index_bytes = 0;  ///< size of an index in the outline's segments: 2 or 4
-  std::uint32_t checksum = 0;
-};
-inline constexpr std::size_t kIndexHeader1Bytes = 44;  ///< size of the header in version 2
-static_assert(sizeof(IndexHeader) == 52 && std::is_trivially_copyable_v<IndexHeader>);
-static_assert(sizeof(EntryRecord) == 24 && std::is_trivially_copyable_v<EntryRecord>);
-static_assert(sizeof(SliceRecord1) == 64 && std::is_trivially_copyable_v<SliceRecord1>);
-
-/// A record of schema 1 or 2. In a record that was read from an index of schema 2, the numbers of
-/// vertices and triangles, the box, and all numbers of outline and segments are 0, because
-/// EntryRecord lacks them.
-struct SliceRecord : SliceRecord1 {
-  std::uint16_t material = 0;
 
   bool is_empty() const { return draco_bytes == 0; }
-  std::uint64_t outline_bytes() const { return std::uint64_t{12} * outline_vertices; }
-  std::uint64_t segments_bytes() const {
-    return std::uint64_t{2} * outline_vertices * segment_index_bytes;
-  }
 };
+
+static_assert(sizeof(IndexHeader) == 52 && std::is_trivially_copyable_v<IndexHeader>);
+static_assert(sizeof(EntryRecord) == 24 && std::is_trivially_copyable_v<EntryRecord>);
 
 /// The index header of a file, and the positions of the file's chunks.
 struct IndexedFile {
   IndexHeader header;
   std::uint64_t json_at = 0, binary_at = 0;  ///< offsets of the chunks' data in the file
 
-  bool is_schema_1() const { return header.version == kIndexVersion1; }
-  std::uint64_t header_bytes() const {
-    return is_schema_1() ? kIndexHeader1Bytes : sizeof(IndexHeader);
-  }
-  std::uint64_t record_bytes() const {
-    return is_schema_1() ? sizeof(SliceRecord1) : sizeof(EntryRecord);
-  }
-  std::uint64_t bytes() const { return header_bytes() + header.entries * record_bytes(); }
+  std::uint64_t bytes() const { return sizeof header + header.entries * sizeof(EntryRecord); }
 };
 /// Reads the index header. Returns std::nullopt if the file has no index (contract 1). Errors:
 /// those of json_bytes_of(); kRefused if the index does not fit in the file.
@@ -144,24 +111,24 @@ Result<std::optional<IndexedFile>> find_index(ByteSource& source);
 
 /// Reads record number i, 0 <= i < header.entries. Errors: kRefused if an offset or a size points
 /// outside the file (contract 3).
-Result<SliceRecord> read_record(ByteSource& source, const IndexedFile& file, std::uint32_t i);
+Result<EntryRecord> read_record(ByteSource& source, const IndexedFile& file, std::uint32_t i);
 
 /// Finds the records of the slice `index`, in order of their materials; none if there is no such
 /// slice. Errors: those of read_record(); also kRefused if a material occurs twice or not in order,
 /// or if the payloads of the slice would be longer than the file's binary data. Takes
 /// O(log entries) reads, plus one for each material of the slice. If the scan has one material and
 /// no slice is missing, at most three reads are needed.
-Result<std::vector<SliceRecord>> find_records(ByteSource& source, const IndexedFile& file,
+Result<std::vector<EntryRecord>> find_records(ByteSource& source, const IndexedFile& file,
                                               int index);
 
 /// The bytes to which a record points.
 struct SliceBytes {
-  std::vector<std::uint8_t> node, draco, outline, segments;
+  std::vector<std::uint8_t> node, draco;
 };
 /// Reads the bytes to which a record points. Errors: kRefused if the checksum of record and bytes
 /// differs from the checksum in the record (contract 4).
 Result<SliceBytes> read_slice_bytes(ByteSource& source, const IndexedFile& file,
-                                    const SliceRecord& record);
+                                    const EntryRecord& record);
 /// The texts to which the header points.
 struct DocumentTexts {
   std::vector<std::uint8_t> extras, frame;

@@ -20,24 +20,12 @@ Error no_such_slice(const std::string& name, int index, std::size_t slices, int 
 }
 
 Result<AssetSlice> read_slice(ByteSource& source, const IndexedFile& file,
-                              const SliceRecord& record, const Lattice& lattice,
+                              const EntryRecord& record, const Lattice& lattice,
                               const Eigen::Affine3d& frame) {
   const auto bytes = read_slice_bytes(source, file, record);
   if (!bytes) return bytes.error();
   const auto node = parse_json_text(bytes->node);
   if (!node) return node.error();
-  if (file.is_schema_1()) {
-    auto slice = slice_of_node_1(*node);
-    if (!slice) return slice;
-    if (slice->index != record.index) return refused("the slice index and the JSON differ");
-    if (record.is_empty()) return slice;
-    if (auto ok = decode_slice_geometry_1(record, {bytes->draco, bytes->outline, bytes->segments},
-                                          lattice, *slice);
-        !ok) {
-      return ok.error();
-    }
-    return slice;
-  }
   const auto entry = entry_of_node(*node, lattice);
   if (!entry) return entry.error();
   AssetSlice geometry;
@@ -65,25 +53,19 @@ Result<AssetPart> read_by_index(ByteSource& source, const IndexedFile& file,
   if (!extras) return refused(name + ": " + extras.error().message);
   const auto slices = read_document_extras(*extras, part.asset, name);
   if (!slices) return slices.error();
-  if (file.is_schema_1() != (part.asset.schema == 1))
-    return refused(name + ": its slice index is of another schema");
-  part.asset_slices = file.is_schema_1() ? header.entries : *slices;
-  Eigen::Affine3d frame = Eigen::Affine3d::Identity();
-  if (!file.is_schema_1()) {
-    const auto node = parse_json_text(text->frame);
-    const auto transform =
-        node ? transform_of_node(*node, part.asset.lattice) : Result<Eigen::Affine3d>(node.error());
-    if (!transform) return refused(name + ": " + transform.error().message);
-    frame = *transform;
-  }
+  part.asset_slices = *slices;
+  const auto node = parse_json_text(text->frame);
+  const auto frame =
+      node ? transform_of_node(*node, part.asset.lattice) : Result<Eigen::Affine3d>(node.error());
+  if (!frame) return refused(name + ": " + frame.error().message);
   for (const int index : slice_indices) {
     const auto records = find_records(source, file, index);
     if (!records) return refused(name + ": " + records.error().message);
     if (records->empty())
       return no_such_slice(name, index, header.entries, header.first_index, header.last_index);
-    for (const SliceRecord& record : *records) {
+    for (const EntryRecord& record : *records) {
       auto slice = record.material < part.asset.materials.size()
-                       ? read_slice(source, file, record, part.asset.lattice, frame)
+                       ? read_slice(source, file, record, part.asset.lattice, *frame)
                        : refused("the slice index names a material that is not there");
       if (!slice) {
         return refused(name + ": slice " + std::to_string(index) + ": " + slice.error().message);

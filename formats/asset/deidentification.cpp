@@ -432,8 +432,6 @@ Result<void> check_deidentified_asset(std::span<const std::uint8_t> glb, const s
   const auto index = find_index(source);
   if (!index) return refused(name + ": " + index.error().message);
   if (!*index) return found("it has no slice index, or chunks beside those of an asset");
-  if ((*index)->is_schema_1())
-    return found("it is of schema 1, which holds a digest of its input; make it again");
   const std::string_view text(reinterpret_cast<const char*>(glb.data()) + kGlbHeader, *json_bytes);
   const std::size_t end = text.find_last_not_of(' ') + 1;
   const auto document = parse_strict_json(text, name);

@@ -180,7 +180,7 @@ Result<std::vector<std::uint8_t>> encode_draco(const SliceMesh& mesh, const Drac
 }
 
 Result<DracoSlice> decode_draco(std::span<const std::uint8_t> bytes, std::uint64_t max_vertices,
-                                std::uint64_t max_triangles, int bits) {
+                                std::uint64_t max_triangles) {
   const auto decoded = decode_payload(bytes, max_vertices, max_triangles);
   if (!decoded) return decoded.error();
   const draco::Mesh* const in = decoded->get();
@@ -197,14 +197,13 @@ Result<DracoSlice> decode_draco(std::span<const std::uint8_t> bytes, std::uint64
   DracoSlice out;
   SliceMesh& mesh = out.mesh;
   mesh.vertices.resize(in->num_points());
-  const double steps = std::ldexp(1.0, bits);  // a power of two: products are exact
   for (std::uint32_t v = 0; v < in->num_points(); ++v) {
     const draco::AttributeValueIndex at = position->mapped_index(draco::PointIndex(v));
     if (at.value() >= position->size()) return refused("Draco: attribute index out of range");
     std::array<std::int32_t, 3> whole{};
     std::size_t i = 0;
     for (const float c : position->GetValue<float, 3>(at)) {
-      const double stored = steps * c;
+      const double stored = c;
       if (!(std::abs(stored) <= kMaxCoordinate) ||
           stored != (whole[i] = static_cast<std::int32_t>(stored))) {
         return refused("Draco: vertex " + std::to_string(v) + " is off the lattice");

@@ -67,14 +67,12 @@ struct DracoSlice {
   std::int32_t z = 0;     ///< height of all vertices, steps
   bool has_colours = false;
 };
-/// Decodes a payload of encode_draco(). Vertices and triangles are in Draco's order. `bits` states
-/// the unit of the stored coordinates, 2^bits lattice steps: it is 0 for schema 2, which stores
-/// steps, and lattice.bits for schema 1, which stores mm. Errors: those of check_draco_counts(),
+/// Decodes a payload of encode_draco(). Vertices and triangles are in Draco's order. Errors: those of check_draco_counts(),
 /// which is called before Draco allocates memory; kRefused if bytes are corrupted, a coordinate is
 /// off the lattice, vertices differ in z, an index or a HU is out of range, or colours do not match
 /// the HU. Messages do not contain the file's name.
 Result<DracoSlice> decode_draco(std::span<const std::uint8_t> bytes, std::uint64_t max_vertices,
-                                std::uint64_t max_triangles, int bits = 0);
+                                std::uint64_t max_triangles);
 
 /// Checks the numbers of vertices and triangles in a payload's header, because Draco allocates
 /// memory for these numbers before it reads further. Errors: kRefused if the header is not that of

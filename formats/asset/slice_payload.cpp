@@ -10,6 +10,7 @@
 #include <utility>
 
 #include "formats/asset/draco_mesh.h"
+#include "formats/asset/stated_entries.h"
 #include "formats/base/json_text.h"
 #include "formats/geometry/mesh_validity.h"
 
@@ -25,17 +26,16 @@ std::vector<T> elements(std::span<const std::uint8_t> bytes) {
   return out;
 }
 
-// Coordinates have the unit 2^-bits mm, and all have the height z.
-Result<Pslg> decode_lines(const SliceRecord& record, const GeometryBytes& bytes, int bits,
-                          float z) {
-  const std::size_t count = record.outline_vertices;
-  const auto xyz = elements<float>(bytes.outline);
+Result<Pslg> decode_lines(const StatedEntry& stated, std::span<const std::uint8_t> binary) {
+  const std::size_t count = stated.outline_vertices;
+  const auto xyz = elements<float>(binary.subspan(stated.outline_offset, stated.outline_bytes()));
+  const auto segments = binary.subspan(stated.segments_offset, stated.segments_bytes());
   std::vector<std::uint32_t> indices;
-  if (record.segment_index_bytes == 2) {
-    const auto narrow = elements<std::uint16_t>(bytes.segments);
+  if (stated.segment_index_bytes == 2) {
+    const auto narrow = elements<std::uint16_t>(segments);
     indices.assign(narrow.begin(), narrow.end());
   } else {
-    indices = elements<std::uint32_t>(bytes.segments);
+    indices = elements<std::uint32_t>(segments);
   }
   if (xyz.size() != 3 * count || indices.size() != 2 * count)
     return refused("outline data outside the buffer or of the wrong size");
@@ -44,10 +44,9 @@ Result<Pslg> decode_lines(const SliceRecord& record, const GeometryBytes& bytes,
   Ring ring;
   std::size_t first = 0;
   for (std::size_t i = 0; i < count; ++i) {
-    const double x = std::ldexp(static_cast<double>(xyz[3 * i]), bits);
-    const double y = std::ldexp(static_cast<double>(xyz[3 * i + 1]), bits);
+    const double x = xyz[3 * i], y = xyz[3 * i + 1];
     if (!(std::abs(x) <= kMaxCoordinate && std::abs(y) <= kMaxCoordinate) || x != std::rint(x) ||
-        y != std::rint(y) || xyz[3 * i + 2] != z) {
+        y != std::rint(y) || xyz[3 * i + 2] != static_cast<float>(stated.z)) {
       return refused("outline vertex " + std::to_string(i) + " is off the lattice");
     }
     ring.push_back({static_cast<std::int32_t>(x), static_cast<std::int32_t>(y)});
@@ -133,21 +132,14 @@ Result<std::size_t> read_document_extras(const nlohmann::json& extras, Asset& as
   const nlohmann::json ours = trocar_extras(extras);
   const nlohmann::json schema =
       ours.is_object() ? ours.value("schema", nlohmann::json()) : nlohmann::json();
-  if (schema != 1 && schema != kAssetSchema) {
-    return refused(name + ": not a Trocar asset of schema 1 or " + std::to_string(kAssetSchema));
-  }
-  asset.schema = schema.get<int>();
+  if (schema != kAssetSchema)
+    return refused(name + ": not a Trocar asset of schema " + std::to_string(kAssetSchema));
   const nlohmann::json bits = ours.value("lattice_bits", nlohmann::json());
   if (!bits.is_number_integer() || bits < kMinLatticeBits || bits > kMaxLatticeBits) {
     return refused(name + ": lattice_bits missing or out of range");
   }
   asset.lattice.bits = bits.get<int>();
   asset.parameters_json = json_text(ours.value("parameters", nlohmann::json::object()));
-  if (asset.schema == 1) {
-    const nlohmann::json digest = ours.value("input_digest", nlohmann::json());
-    if (digest.is_string()) asset.input_digest = digest.get<std::string>();
-    return std::size_t{0};
-  }
   const nlohmann::json digest = ours.value("input_key_digest", nlohmann::json());
   if (digest.is_string()) asset.input_key_digest = digest.get<std::string>();
   if (const auto step = ours.find("hu_step"); step != ours.end() && *step != kHuStep)
@@ -169,26 +161,6 @@ Result<std::size_t> read_document_extras(const nlohmann::json& extras, Asset& as
   if (!slices.is_number_unsigned() || slices > kMaxSlices)
     return refused(name + ": the number of its slices is missing or too large");
   return slices.get<std::size_t>();
-}
-
-Result<AssetSlice> slice_of_node_1(const nlohmann::json& node) {
-  const nlohmann::json ours =
-      node.is_object() && node.contains("extras") ? trocar_extras(node["extras"]) : nullptr;
-  if (!ours.is_object() || !ours.contains("index") || !ours["index"].is_number_integer() ||
-      !ours.contains("z_mm") || !ours["z_mm"].is_number()) {
-    return refused("a slice node without index and z_mm");
-  }
-  AssetSlice slice;
-  if (std::abs(ours["index"].get<double>()) > std::numeric_limits<int>::max())
-    return refused("a slice index out of range");
-  slice.index = ours["index"].get<int>();
-  slice.z_mm = ours["z_mm"].get<double>();
-  slice.measures_json = json_text(ours.value("measures", nlohmann::json::object()));
-  const nlohmann::json matrix = node.value("matrix", nlohmann::json());
-  if (!are_finite_numbers(matrix, 16))
-    return refused("slice " + std::to_string(slice.index) + ": node without a finite matrix");
-  slice.T_lps_plane.matrix() = matrix_of(matrix);
-  return slice;
 }
 
 Result<Eigen::Affine3d> transform_of_node(const nlohmann::json& node, const Lattice& lattice) {
@@ -269,19 +241,6 @@ Result<AssetSlice> slice_of_entry(const EntryNode& node, int index, int material
   return slice;
 }
 
-Result<void> decode_slice_geometry_1(const SliceRecord& record, const GeometryBytes& bytes,
-                                     const Lattice& lattice, AssetSlice& slice) {
-  auto decoded = decode_draco(bytes.draco, record.vertices, record.triangles, lattice.bits);
-  if (!decoded) return decoded.error();
-  slice.mesh = std::move(decoded->mesh);
-  if (auto ok = compare_geometry(record, false, slice); !ok) return ok;
-  if (decoded->z != 0 || !decoded->hu.empty()) return refused("Draco: not a payload of schema 1");
-  auto pslg = decode_lines(record, bytes, lattice.bits, 0);
-  if (!pslg) return pslg.error();
-  slice.pslg = std::move(*pslg);
-  return {};
-}
-
 Result<PayloadFacts> decode_slice_geometry(std::span<const std::uint8_t> draco, AssetSlice& slice) {
   constexpr std::uint64_t kMax = std::numeric_limits<std::uint32_t>::max();
   auto out = decode_draco(draco, kMax, kMax);
@@ -293,9 +252,9 @@ Result<PayloadFacts> decode_slice_geometry(std::span<const std::uint8_t> draco, 
   return PayloadFacts{out->z, out->has_colours};
 }
 
-Result<void> compare_geometry(const SliceRecord& stated, bool has_hu, const AssetSlice& slice) {
+Result<void> compare_geometry(const StatedEntry& stated, const AssetSlice& slice) {
   if (slice.mesh.vertices.size() != stated.vertices ||
-      slice.mesh.triangles.size() != stated.triangles || has_hu == slice.hu.empty())
+      slice.mesh.triangles.size() != stated.triangles || stated.has_hu == slice.hu.empty())
     return refused("Draco payload and accessor counts differ");
   const auto [low, high] =
       slice.mesh.vertices.empty() ? LatticeBox{} : box_around(slice.mesh.vertices);
@@ -304,9 +263,9 @@ Result<void> compare_geometry(const SliceRecord& stated, bool has_hu, const Asse
   return {};
 }
 
-Result<void> compare_lines(const SliceRecord& record, const GeometryBytes& bytes, std::int32_t z,
+Result<void> compare_lines(const StatedEntry& stated, std::span<const std::uint8_t> binary,
                            const AssetSlice& slice) {
-  const auto pslg = decode_lines(record, bytes, 0, static_cast<float>(z));
+  const auto pslg = decode_lines(stated, binary);
   if (!pslg) return pslg.error();
   if (pslg->rings != slice.pslg.rings) return refused("the lines are not the outline of its mesh");
   return {};

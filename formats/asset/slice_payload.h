@@ -17,8 +17,10 @@
 
 namespace trocar {
 
-// An entry is one material of one slice. Consecutive entries may share a glTF node. The nodes of
-// schema 2 (asset.md) are a tree:
+struct StatedEntry;  // stated_entries.h
+
+// An entry is one material of one slice. Consecutive entries may share a glTF node. The nodes
+// (asset.md) are a tree:
 //   node 0    maps LPS in lattice steps to glTF's frame in metres
 //   node 1    the frame, the only child of node 0; its transform holds for all slices
 //   node 2    the list, the only child of the frame; its children are the nodes of entries
@@ -38,21 +40,17 @@ Result<nlohmann::json> parse_json_text(std::span<const std::uint8_t> text);
 nlohmann::json trocar_extras(const nlohmann::json& extras);
 
 /// Reads the document's extras, which describe the whole asset, into `asset`. Returns the number of
-/// slices that the extras state (0 in schema 1). Errors: kRefused if the extras are not those of an
+/// slices that the extras state. Errors: kRefused if the extras are not those of an
 /// asset; the message begins with `name`.
 Result<std::size_t> read_document_extras(const nlohmann::json& extras, Asset& asset,
                                          const std::string& name);
-
-/// Reads a slice, except its geometry, from its node of schema 1. Errors: kRefused if a value is
-/// missing or out of range.
-Result<AssetSlice> slice_of_node_1(const nlohmann::json& node);
 
 /// The transform in a node's `translation` or `matrix`, converted from lattice steps to mm; the
 /// identity if the node has neither. Errors: kRefused if the node has both or another kind of
 /// transform, or if a number is not finite.
 Result<Eigen::Affine3d> transform_of_node(const nlohmann::json& node, const Lattice& lattice);
 
-/// The contents of a node of schema 2. The node has one or more entries. From entry to entry
+/// The contents of a node. The node has one or more entries. From entry to entry
 /// AssetSlice::index increases by 1.
 struct EntryNode {
   /// AssetSlice::index of the node's first entry. If absent, the index is one more than that of the
@@ -62,7 +60,7 @@ struct EntryNode {
   std::vector<double> mean_hu;  ///< one value for each entry, or empty
   Eigen::Affine3d transform = Eigen::Affine3d::Identity();  ///< the node's transform; lengths in mm
 };
-/// Reads a node of schema 2. Errors: kRefused if a value is wrong.
+/// Reads a node. Errors: kRefused if a value is wrong.
 Result<EntryNode> entry_of_node(const nlohmann::json& node, const Lattice& lattice);
 
 /// The plane (AssetSlice::T_lps_plane) of an entry whose vertices have the third coordinate z_mm.
@@ -79,36 +77,23 @@ double z_of_plane(const Eigen::Affine3d& T_lps_plane);
 Result<AssetSlice> slice_of_entry(const EntryNode& node, int index, int material,
                                   const Eigen::Affine3d& frame, double z_mm);
 
-/// The bytes of a slice's geometry: the Draco payload, and the outline's vertices and segments. The
-/// last two are empty unless the file is of schema 1 or holds outlines as lines.
-struct GeometryBytes {
-  std::span<const std::uint8_t> draco, outline, segments;
-};
-/// Decodes the mesh and the outline of a slice of schema 1. Preconditions: the slice is not
-/// empty, and `bytes` have the sizes that `record` gives. Errors: kRefused if the bytes do not
-/// decode, or if the number of vertices or of triangles, or the box around the vertices, differs
-/// from that in `record`.
-Result<void> decode_slice_geometry_1(const SliceRecord& record, const GeometryBytes& bytes,
-                                     const Lattice& lattice, AssetSlice& slice);
-
 /// Properties of a decoded payload for which AssetSlice has no member.
 struct PayloadFacts {
   std::int32_t z = 0;  ///< height of all vertices, steps
   bool has_colours = false;
 };
-/// Decodes a payload of schema 2 into the mesh and the HU of `slice`, and sets the outline of
+/// Decodes a payload into the mesh and the HU of `slice`, and sets the outline of
 /// `slice` to the boundary of the mesh. Errors: kRefused if the payload does not decode, or has no
 /// triangles.
 Result<PayloadFacts> decode_slice_geometry(std::span<const std::uint8_t> draco, AssetSlice& slice);
-/// Compares a decoded slice with what the JSON states (`stated` and `has_hu`). Errors: kRefused if
-/// the number of vertices or of triangles, the box around the vertices, or the presence of HU
-/// differs.
-Result<void> compare_geometry(const SliceRecord& stated, bool has_hu, const AssetSlice& slice);
+/// Compares a decoded slice with what the JSON states. Errors: kRefused if the number of vertices or
+/// of triangles, the box around the vertices, or the presence of HU differs.
+Result<void> compare_geometry(const StatedEntry& stated, const AssetSlice& slice);
 /// A file may, for viewers, hold the outline of each slice, in addition to its mesh, as a glTF
-/// primitive of lines. Compares these lines with the outline of the decoded `slice`. `record` has
-/// the number of the lines, and `bytes` has their bytes. Errors: kRefused if the lines are not the
-/// outline of `slice` at a height of z steps.
-Result<void> compare_lines(const SliceRecord& record, const GeometryBytes& bytes, std::int32_t z,
+/// primitive of lines. Compares the lines of an entry, in the file's binary data, with the outline
+/// of the decoded `slice`. Errors: kRefused if they differ, or if the lines have another height than
+/// stated.z.
+Result<void> compare_lines(const StatedEntry& stated, std::span<const std::uint8_t> binary,
                            const AssetSlice& slice);
 
 }  // namespace trocar

@@ -12,19 +12,19 @@
 namespace trocar {
 namespace {
 
-// The box of vertices at one height, from the bounds of positions in units of 2^-bits mm.
+// The box of vertices at one height, from the bounds of positions.
 struct Box {
   LatticePoint low, high;
   std::int32_t z = 0;
 };
-Result<Box> box_of(const tinygltf::Accessor& position, int bits) {
+Result<Box> box_of(const tinygltf::Accessor& position) {
   const std::vector<double>&low = position.minValues, &high = position.maxValues;
   if (low.size() != 3 || high.size() != 3 || low[2] != high[2])
     return refused("accessor without bounds in the plane");
   std::array<std::int32_t, 5> steps{};
-  const std::array mm{low[0], low[1], high[0], high[1], low[2]};
-  for (std::size_t i = 0; i < mm.size(); ++i) {
-    const double c = std::ldexp(mm[i], bits);
+  const std::array bounds{low[0], low[1], high[0], high[1], low[2]};
+  for (std::size_t i = 0; i < bounds.size(); ++i) {
+    const double c = bounds[i];
     if (!(std::abs(c) <= kMaxCoordinate) || c != std::rint(c))
       return refused("accessor bounds are off the lattice");
     steps[i] = static_cast<std::int32_t>(c);
@@ -44,7 +44,7 @@ bool is_per_vertex(const tinygltf::Model& model, const tinygltf::Primitive& prim
 // Sets which attributes beside the position the payload has.
 Result<void> state_attributes(const tinygltf::Model& model, const tinygltf::Primitive& primitive,
                               StatedEntry& stated) {
-  const std::size_t vertices = stated.record.vertices;
+  const std::size_t vertices = stated.vertices;
   if (draco_id(primitive, "POSITION") != static_cast<int>(kDracoPositionId))
     return refused("its position has another Draco id");
   stated.has_hu = primitive.attributes.contains(kHuAttribute);
@@ -63,22 +63,18 @@ Result<void> state_attributes(const tinygltf::Model& model, const tinygltf::Prim
 
 Result<void> state_triangles(const tinygltf::Model& model, const tinygltf::Primitive& primitive,
                              const Asset& asset, StatedEntry& stated) {
-  SliceRecord& record = stated.record;
+  EntryRecord& record = stated.record;
   const auto draco = draco_primitive(model, primitive);
   if (!draco) return draco.error();
   record.draco_offset = draco->offset;
   record.draco_bytes = static_cast<std::uint32_t>(draco->payload.size());
-  record.vertices = draco->vertices;
-  record.triangles = draco->triangles;
-  const auto box = box_of(*draco->position, asset.schema == 1 ? asset.lattice.bits : 0);
+  stated.vertices = draco->vertices;
+  stated.triangles = draco->triangles;
+  const auto box = box_of(*draco->position);
   if (!box) return box.error();
-  record.low = box->low;
-  record.high = box->high;
+  stated.low = box->low;
+  stated.high = box->high;
   stated.z = box->z;
-  if (asset.schema == 1) {
-    if (stated.z != 0) return refused("accessor without bounds in the plane");
-    return {};
-  }
   if (element_at(asset.materials, primitive.material) == nullptr)
     return refused("its material is not in the list");
   record.material = static_cast<std::uint16_t>(primitive.material);
@@ -86,7 +82,7 @@ Result<void> state_triangles(const tinygltf::Model& model, const tinygltf::Primi
 }
 
 Result<void> state_lines(const tinygltf::Model& model, const tinygltf::Primitive& primitive,
-                         SliceRecord& record) {
+                         StatedEntry& stated) {
   const tinygltf::Accessor* position = attribute_of(model, primitive, "POSITION");
   const tinygltf::Accessor* index = element_at(model.accessors, primitive.indices);
   if (position == nullptr || index == nullptr ||
@@ -96,15 +92,15 @@ Result<void> state_lines(const tinygltf::Model& model, const tinygltf::Primitive
   }
   const bool narrow = index->componentType == TINYGLTF_COMPONENT_TYPE_UNSIGNED_SHORT;
   const bool wide = index->componentType == TINYGLTF_COMPONENT_TYPE_UNSIGNED_INT;
-  record.segment_index_bytes = narrow ? 2 : 4;
+  stated.segment_index_bytes = narrow ? 2 : 4;
   const auto points = packed_view(model, *position, 3 * sizeof(float));
-  const auto segments = packed_view(model, *index, record.segment_index_bytes);
+  const auto segments = packed_view(model, *index, stated.segment_index_bytes);
   if (!points || !segments || !(narrow || wide) || index->count != 2 * position->count) {
     return refused("outline data outside the buffer or of the wrong size");
   }
-  record.outline_offset = offset_of(model, *points);
-  record.outline_vertices = static_cast<std::uint32_t>(position->count);
-  record.segments_offset = offset_of(model, *segments);
+  stated.outline_offset = offset_of(model, *points);
+  stated.outline_vertices = static_cast<std::uint32_t>(position->count);
+  stated.segments_offset = offset_of(model, *segments);
   return {};
 }
 
@@ -123,9 +119,7 @@ Result<std::vector<StatedEntry>> stated_entries(const tinygltf::Model& model,
   const auto has_mode = [&primitives](std::size_t i, int mode) {
     return i < primitives.size() && primitives[i].mode == mode;
   };
-  const bool is_schema_1 = primitives.size() == 2 && has_mode(1, TINYGLTF_MODE_LINE);
-  if (asset.schema == 1 ? !is_schema_1 : primitives.empty())
-    return refused(at() + "expected one triangles and one lines primitive");
+  if (primitives.empty()) return refused(at() + "expected one triangles and one lines primitive");
   for (std::size_t i = 0; i < primitives.size(); ++i) {
     if (i > 0) {
       if (out.size() == kMaxNodeEntries ||
@@ -141,7 +135,7 @@ Result<std::vector<StatedEntry>> stated_entries(const tinygltf::Model& model,
       return refused(at() + ok.error().message);
     stated.has_lines = has_mode(i + 1, TINYGLTF_MODE_LINE);
     if (!stated.has_lines) continue;
-    if (auto ok = state_lines(model, primitives[++i], stated.record); !ok)
+    if (auto ok = state_lines(model, primitives[++i], stated); !ok)
       return refused(at() + ok.error().message);
   }
   return out;

@@ -93,7 +93,7 @@ struct RecordingRow {
   std::array<double, 4> q{1, 0, 0, 0};  ///< orientation of the plate, w x y z
   /// Position of the tip of the tool on which the tissue acts. With a coupling, this tool is the
   /// proxy, which springs connect to the plate, so its tip can lie away from the tip of a tool that
-  /// is fixed to the plate. Older recordings may have the tip of a tool fixed to the plate.
+  /// is fixed to the plate.
   std::array<double, 3> tool_m{};
   std::array<double, 6> wrench_wanted{};     ///< wrench before motor limits, N, N*m
   std::array<double, 6> wrench_delivered{};  ///< wrench that the torques tau_Nm produce
@@ -193,7 +193,7 @@ RecordingKind recording_kind(const RecordingOrigin& origin);
 /// device_qw,...,device_qz,buttons,fx_device_N,...,tz_device_Nm take the place of tau_* and th_*.
 std::string recording_header(const RecordingKind& kind = {});
 
-/// Size in bytes of the largest recording that read_recording() and the export as HDF5 read.
+/// Size in bytes of the largest recording that read_recording() reads.
 inline constexpr std::uint64_t kMaxRecordingBytes = std::uint64_t{1} << 32;
 
 /// Suffix of a recording's name while it is being written.
@@ -260,8 +260,7 @@ class RecordingWriter {
   std::chrono::steady_clock::time_point flushed_at_;
 };
 
-/// Reads a complete recording. Columns that older versions did not write may be absent. If `origin`
-/// is not null, sets `*origin` to the recording's origin, or to an origin without entries if the
+/// Reads a complete recording. If `origin` is not null, sets `*origin` to the recording's origin, or to an origin without entries if the
 /// recording has none. Errors: kRefused for an unknown header, a missing or surplus field, text
 /// that is not a number, t_s that does not ascend, an unknown name, or no rows. An infinite or nan
 /// number is also refused, except in encoder angles, measured poses and prefetched stiffness, where

@@ -1,10 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "formats/session/recording_fields.h"
 
-#include <algorithm>
-#include <span>
-#include <utility>
-
 #include "formats/base/text_line.h"
 #include "formats/session/fault_words.h"
 
@@ -16,8 +12,6 @@ constexpr std::array<const char*, 14> kCuttingColumns = {
     "fx_tissue_N",  "fy_tissue_N", "fz_tissue_N",     "tx_tissue_Nm", "ty_tissue_Nm",
     "tz_tissue_Nm", "front_z_m",   "front_HU",        "tip_N",        "embedded_m",
     "cut_J",        "absorbed_J",  "tissue_stored_J", "steps"};
-
-constexpr std::array kBreakThroughColumns = {"break_through_N", "break_through_at"};
 
 /// Appends the columns of a wrench, such as fx_wanted_N.
 void add_wrench(const std::string& which, std::vector<std::string>& columns) {
@@ -41,7 +35,19 @@ void add_joints(std::vector<std::string>& columns) {
   }
 }
 
-std::vector<std::string> make_columns(const RecordingKind& kind) {
+}  // namespace
+
+const std::array<const char*, kFaults>& fault_names() {
+  static const auto names = [] {
+    std::array<const char*, kFaults> made{};
+    for (std::size_t i = 0; i < made.size(); ++i)
+      made[i] = words_of(static_cast<Fault>(i)).name;
+    return made;
+  }();
+  return names;
+}
+
+std::vector<std::string> recording_columns(const RecordingKind& kind) {
   std::vector<std::string> columns = {"t_s", "x_m", "y_m",      "z_m",      "qw",      "qx",
                                       "qy",  "qz",  "tool_x_m", "tool_y_m", "tool_z_m"};
   for (const char* which : {"wanted", "delivered"})
@@ -69,62 +75,18 @@ std::vector<std::string> make_columns(const RecordingKind& kind) {
     columns.insert(columns.end(), kCuttingColumns.begin(), kCuttingColumns.end());
   else
     columns.emplace_back("tip_N");
-  for (const char* name : kBreakThroughColumns)
+  // The last is text, in the first row only.
+  for (const char* name : {"break_through_N", "break_through_at", "origin"})
     columns.emplace_back(name);
-  columns.emplace_back("origin");  // the last: text, in the first row only
   return columns;
 }
 
-std::string joined(std::span<const std::string> names) {
-  std::string line;
-  for (const std::string& name : names)
-    line.append(line.empty() ? "" : ",").append(name);
-  return line;
-}
-
-}  // namespace
-
-const std::array<const char*, kFaults>& fault_names() {
-  static const auto names = [] {
-    std::array<const char*, kFaults> made{};
-    for (std::size_t i = 0; i < made.size(); ++i)
-      made[i] = words_of(static_cast<Fault>(i)).name;
-    return made;
-  }();
-  return names;
-}
-
-RecordingColumns recording_columns(const RecordingKind& kind) {
-  return {.names = make_columns(kind), .kind = kind};
-}
-
-RecordingColumns columns_in_header(std::string_view header) {
-  const auto without_break_through = [](const RecordingKind& kind) {
-    RecordingColumns columns = recording_columns(kind);
-    for (const char* name : kBreakThroughColumns)
-      std::erase(columns.names, name);
-    if (!kind.has_cutting) std::erase(columns.names, "tip_N");
-    columns.has_break_through = false;
-    return columns;
-  };
+std::optional<RecordingKind> kind_of_header(std::string_view header) {
   for (unsigned bits = 0; bits < 8; ++bits) {
     const RecordingKind kind{(bits & 1) != 0, (bits & 2) != 0, (bits & 4) != 0};
-    if (header == recording_header(kind)) return recording_columns(kind);
-    if (RecordingColumns older = without_break_through(kind); header == joined(older.names))
-      return older;
+    if (header == recording_header(kind)) return kind;
   }
-  // Recordings of older versions lack one or both of these columns.
-  for (const auto& [has_state_time, has_origin] :
-       {std::pair(true, true), std::pair(false, true), std::pair(true, false),
-        std::pair(false, false)}) {
-    RecordingColumns columns = without_break_through({});
-    if (!has_state_time) std::erase(columns.names, "state_t_s");
-    if (!has_origin) columns.names.pop_back();
-    columns.has_state_time = has_state_time;
-    columns.has_origin = has_origin;
-    if (header == joined(columns.names)) return columns;
-  }
-  return {};
+  return std::nullopt;
 }
 
 RecordingKind recording_kind(const RecordingOrigin& origin) {
@@ -158,7 +120,10 @@ std::string describe_break_through(std::int32_t at, double t_s, double resistanc
 }
 
 std::string recording_header(const RecordingKind& kind) {
-  return joined(make_columns(kind));
+  std::string line;
+  for (const std::string& name : recording_columns(kind))
+    line.append(line.empty() ? "" : ",").append(name);
+  return line;
 }
 
 }  // namespace trocar

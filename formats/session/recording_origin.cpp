@@ -66,9 +66,7 @@ Result<RecordingOrigin> parse_origin(std::string_view text) {
     const std::size_t end = text.find(';');
     const std::string_view entry = text.substr(0, end);
     const std::size_t equals = entry.find('=');
-    // Recordings until 0.2.0 call this option energy-budget.
-    const std::string_view written = entry.substr(0, equals),
-                           key = written == "energy-budget" ? "energy-limit" : written;
+    const std::string_view key = entry.substr(0, equals);
     const bool good = equals != std::string_view::npos && is_word(key) &&
                       is_word(entry.substr(equals + 1)) && origin.find(key) == nullptr;
     if (!good || end == text.size() - 1) return refused("is not KEY=VALUE;KEY=VALUE");

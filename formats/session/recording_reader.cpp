@@ -2,7 +2,6 @@
 // Tests: tests/formats/session/recording_test.cpp
 #include <charconv>
 #include <cmath>
-#include <type_traits>
 #include <utility>
 
 #include "formats/base/file_io.h"
@@ -61,9 +60,8 @@ class RowReader {
   }
   template <typename Enum, std::size_t N>
   void name(Enum& value, const std::array<const char*, N>& names) {
-    std::string_view text = next();
+    const std::string_view text = next();
     if (!ok()) return;
-    if (std::is_same_v<Enum, Fault> && text == "energy") text = "energy_limit";  // until 0.2.0
     for (std::size_t i = 0; i < N; ++i) {
       if (text == names[i]) {
         value = static_cast<Enum>(i);
@@ -96,14 +94,14 @@ class RowReader {
 
 /// Reads the row that follows `before` (null for the first row). The message of an error does not
 /// contain the line number.
-Result<RecordingRow> parse_row(std::string_view line, const RecordingColumns& columns,
+Result<RecordingRow> parse_row(std::string_view line, const RecordingKind& kind,
                                const RecordingRow* before, RecordingOrigin& origin) {
   RecordingRow row;
   RowReader reader(line);
-  visit_fields(row, columns, reader);
-  if (!columns.has_state_time) row.state_t_s = row.t_s;
-  if (columns.has_origin) reader.origin(before == nullptr, origin);
-  if (!reader.ok()) return refused(columns.names.at(reader.field() - 1) + " " + reader.why());
+  visit_fields(row, kind, reader);
+  reader.origin(before == nullptr, origin);
+  if (!reader.ok())
+    return refused(recording_columns(kind).at(reader.field() - 1) + " " + reader.why());
   if (!reader.is_at_end()) return refused("has too many fields");
   if (before != nullptr && !(row.t_s > before->t_s))
     return refused("t_s is not later than in the row before");
@@ -120,7 +118,7 @@ Result<std::vector<RecordingRow>> parse_recording(std::string_view csv, const st
   }
   std::vector<RecordingRow> rows;
   RecordingOrigin found;
-  RecordingColumns columns;
+  std::optional<RecordingKind> kind;
   for (std::size_t line_number = 1; !csv.empty(); ++line_number) {
     const std::size_t end = csv.find('\n');
     const std::string where = name + ": line " + std::to_string(line_number) + ": ";
@@ -128,11 +126,11 @@ Result<std::vector<RecordingRow>> parse_recording(std::string_view csv, const st
     const std::string_view line = csv.substr(0, end);
     csv.remove_prefix(end + 1);
     if (line_number == 1) {
-      columns = columns_in_header(line);
-      if (columns.names.empty()) return refused(where + "is not the header of a recording");
+      kind = kind_of_header(line);
+      if (!kind) return refused(where + "is not the header of a recording");
       continue;
     }
-    const auto row = parse_row(line, columns, rows.empty() ? nullptr : &rows.back(), found);
+    const auto row = parse_row(line, *kind, rows.empty() ? nullptr : &rows.back(), found);
     if (!row) return refused(where + row.error().message);
     rows.push_back(*row);
   }

@@ -197,11 +197,10 @@ Result<RecordingWriter> RecordingWriter::open(const std::filesystem::path& file,
 }
 
 Result<void> RecordingWriter::append(std::span<const RecordingRow> rows) {
-  const RecordingColumns columns{.kind = kind_};
   for (const RecordingRow& row : rows) {
     const std::size_t before = buffer_.size();
     RowWriter fields(buffer_);
-    visit_fields(row, columns, fields);
+    visit_fields(row, kind_, fields);
     ++rows_;
     bytes_ += buffer_.size() - before;
     buffer_ += std::exchange(origin_, {});

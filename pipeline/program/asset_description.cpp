@@ -102,7 +102,7 @@ json describe_asset(const Asset& asset, std::uint64_t bytes) {
                          {"area_mm2", areas_mm2[m]}});
   }
   json out = {{"generator", asset.generator},
-              {"schema", asset.schema},
+              {"schema", kAssetSchema},
               {"lattice_bits", asset.lattice.bits},
               {"lattice_step_mm", asset.lattice.step_mm()},
               {"materials", std::move(materials)},
@@ -122,9 +122,6 @@ json describe_asset(const Asset& asset, std::uint64_t bytes) {
     if (!volume->grid.covers_everything())
       out["hu_volumes"].back()["margin_mm"] = asset.lattice.to_mm(volume->grid.margin_steps);
   }
-  // Assets of schema 1 have a digest, and so have assets of schema 2 that were made with
-  // --input-key.
-  if (!asset.input_digest.empty()) out["input_digest"] = asset.input_digest;
   if (!asset.input_key_digest.empty()) out["input_key_digest"] = asset.input_key_digest;
   return out;
 }

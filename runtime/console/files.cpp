@@ -110,13 +110,14 @@ json describe_asset(const json& document, const std::string& name) {
   const json& stated = member(ours, "slices");
   const json &nodes = member(document, "nodes"), &meshes = member(document, "meshes"),
              &accessors = member(document, "accessors");
-  if (!ours.is_object() || !nodes.is_array() || !meshes.is_array() || !accessors.is_array())
+  if (!stated.is_number_unsigned() || !nodes.is_array() || !meshes.is_array() ||
+      !accessors.is_array())
     return failed(name, name + ": is not an asset of trocar-mesh");
   // The matrix of node 0 converts a slice's units to metres.
   const double unit_mm =
       nodes.empty() ? 0 : std::abs(number_at(member(nodes[0], "matrix"), 0).value_or(0)) * 1e3;
   Extent extent;
-  std::uint64_t surface_triangles = 0, slice_nodes = 0;
+  std::uint64_t surface_triangles = 0;
   std::size_t seen = 0;  // primitives of all nodes; several nodes may share a mesh
   for (const json& node : nodes) {
     const json& mesh = member(node, "mesh");
@@ -127,7 +128,6 @@ json describe_asset(const json& document, const std::string& name) {
     seen += primitives.size();
     if (seen > kMaxPrimitives)
       return failed(name, name + ": has more meshes than an asset may have");
-    slice_nodes += is_surface ? 0 : 1;
     for (const json& primitive : primitives) {
       const json* const positions = positions_of(primitive, accessors);
       if (positions == nullptr) continue;
@@ -151,8 +151,7 @@ json describe_asset(const json& document, const std::string& name) {
       }
     }
   }
-  // Assets of schema 1 do not state the number of slices; they have one node for each slice.
-  entry["slices"] = stated.is_number_unsigned() ? stated : json(slice_nodes);
+  entry["slices"] = stated;
   if (extent.is_set && std::isfinite(unit_mm)) {
     json sides = json::array();
     for (std::size_t axis = 0; axis < 3; ++axis)

@@ -80,7 +80,7 @@ std::string LinkAttempt::why(int socket_error, LinkContents wanted) const {
   }
   return std::string(
              "no device answers there: the host is off or cannot be reached (address, "
-             "cable, firewall), or its device is of an older version and has another key") +
+             "cable, firewall), or its device has another key and does not answer") +
          (pose ? " or states angles (--device udp:)" : "");
 }
 

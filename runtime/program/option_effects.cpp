@@ -20,8 +20,7 @@ constexpr std::string_view kOfDevice[] = {"device",    "key-file",    "device-de
                                           "rate",      "quiet"};
 constexpr std::string_view kOfHistory[] = {"output", "quiet"};
 constexpr std::string_view kOfExplanation[] = {"procedure", "quiet"};
-constexpr std::string_view kOfTest[] = {"duration", "summary", "cpu", "late-ticks-in-row",
-                                        "late-ticks"};
+constexpr std::string_view kOfTest[] = {"duration", "summary", "cpu", "late-ticks-in-row"};
 // Settings of the sessions that are tried.
 constexpr std::string_view kOfTrials[] = {"compensate", "passivity", "coupling", "energy-limit",
                                           "stiffness-limit"};

@@ -132,7 +132,6 @@ Result<void> check_run_arguments(const RunArguments& a) {
   if (!a.force_law.empty() && !force_law_from_string(a.force_law)) {
     return usage("--force-law " + a.force_law + ": must be " + force_law_names());
   }
-  if (!a.energy_budget.empty()) return usage("--energy-budget: is now called --energy-limit");
   if (const Result<void> good = check_simulated(a); !good) return good.error();
   if (a.recover == "auto" && may_have_motors(a.device) &&
       !(a.simulated && is_device_process(a.device)))

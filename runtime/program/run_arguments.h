@@ -42,8 +42,7 @@ struct RunArguments {
   /// If this number of deadlines is missed in a row, a fault is raised; 0: no fault is raised.
   /// None: kDefaultLateTicks for a device with motors, 0 for a simulated device.
   std::optional<int> late_ticks_in_row;
-  int cpu = -1;               ///< the processor on which the haptic thread runs; -1: any
-  std::string energy_budget;  ///< former name of --energy-limit, refused with a hint
+  int cpu = -1;  ///< the processor on which the haptic thread runs; -1: any
 
   /// True for a session or a replay, false for the commands that run neither.
   bool runs_session() const {

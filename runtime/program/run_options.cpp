@@ -151,7 +151,6 @@ void declare_safety_options(const Command& command, RunArguments& a) {
       "raise a fault after this many consecutive late ticks (missed deadlines); 0: only count\n"
       "late ticks (default: 3 for a device with motors; 0 for a simulated device, where late\n"
       "ticks do no harm)");
-  command.option("--late-ticks", a.late_ticks_in_row).in_group("");  // the option's former name
   safety
       .option(
           "--black-box", a.black_box,
@@ -185,7 +184,6 @@ void declare_safety_options(const Command& command, RunArguments& a) {
       .within(100.0, 1e6, "N/M", "N/m");
   diagnostics.option("--cpu", a.cpu,
                      "number of the processor on which the haptic loop stays (default: any)");
-  command.option("--energy-budget", a.energy_budget).in_group("");
 }
 
 void declare_scene_options(const Command& command, RunArguments& a) {

@@ -1,14 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "runtime/program/trocar_run.h"
 
+#include <array>
 #include <atomic>
 #include <csignal>
 #include <string>
+#include <string_view>
+#include <utility>
 
 #include "formats/base/command_line.h"
 #include "formats/base/program.h"
-#include "runtime/program/export_command.h"
-#include "runtime/program/fit_command.h"
 #include "runtime/program/library_versions.h"
 #include "runtime/program/option_effects.h"
 #include "runtime/program/run_arguments.h"
@@ -20,7 +21,15 @@ namespace {
 
 std::atomic<bool> recovery_requested{false};
 
+/// Commands that are programs of their own.
+constexpr std::array kFormerCommands{std::pair{"fit", "trocar-fit"},
+                                     std::pair{"export", "trocar-hdf5"}};
+
 int run_command_line(int argc, char** argv) {
+  for (const auto& [command, program] : kFormerCommands)
+    if (argc > 1 && argv[1] == std::string_view(command))
+      return report_error(kProgram, usage(std::string(command) + ": is the program " + program +
+                                          "; the Debian package trocar-tools has it"));
   RunArguments arguments;
   CommandLine line(
       kProgram,
@@ -29,19 +38,8 @@ int run_command_line(int argc, char** argv) {
       "loop, which reads the device and computes the force in every tick, by default 1000 times\n"
       "a second.",
       "trocar-run " TROCAR_VERSION " (" + library_versions() + ", Draco and tinygltf for assets)");
-  FitArguments fit_arguments;
-  declare_fit(line, fit_arguments);
-  ExportArguments export_arguments;
-  declare_export(line, export_arguments);
   declare_run_options(line, arguments);
   if (const auto done = line.parse_or_end({argv, argv + argc})) return *done;
-  if (const std::string command = line.chosen_command(); !command.empty()) {
-    for (const Option& option : line.options())
-      if (option.is_given())
-        return report_error(kProgram, usage(command + ": is a command of its own; leave " +
-                                            option.name() + " out"));
-    return command == kFit ? run_fit(fit_arguments) : run_export(export_arguments);
-  }
   if (const Result<void> good = check_run_arguments(arguments); !good)
     return report_error(kProgram, good.error());
   if (const Result<void> good = check_option_effects(line, arguments); !good)

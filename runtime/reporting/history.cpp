@@ -66,7 +66,7 @@ struct Session {
   std::string file, scene, end, time;
   std::int64_t changed_ns = 0;
   Trainee trainee;
-  /// How many the scene states, and how many of them were attempted (reports since 0.3.0).
+  /// How many the scene states, and how many of them were attempted.
   std::optional<std::int64_t> goals, goals_attempted;
   std::array<std::optional<double>, kFigures.size()> figure;
 };

@@ -112,11 +112,7 @@ double stated_duration_s(const RecordingOrigin& recorded, const Scene& scene) {
 
 Result<std::string> check_replay(const RecordingOrigin& recorded, const RecordingOrigin& run,
                                  const std::string& name) {
-  if (recorded.entries.empty()) {
-    return name +
-           ": does not say what it was recorded with, as recordings before 0.2.0; scene, "
-           "asset and device are taken to be the same";
-  }
+  if (recorded.entries.empty()) return refused(name + ": does not say what it was recorded with");
   if (const std::string what = differences(recorded, run); !what.empty()) {
     return refused(name + ": was recorded with other inputs: " + what +
                    "; give those that it was recorded with");

@@ -52,8 +52,9 @@ double stated_duration_s(const RecordingOrigin& recorded, const Scene& scene);
 
 /// Checks that a replay has the inputs of its recording. `run`: the origin of the session that is
 /// to replay the recording; `name`: the recording's name, for messages. Returns a warning if the
-/// recording has no origin or was made by another version of the program, otherwise an empty
-/// string. Errors: kRefused if the scene, the asset, the device description or an option differs.
+/// recording was made by another version of the program, otherwise an empty string. Errors:
+/// kRefused if the recording has no origin, or if the scene, the asset, the device description or an
+/// option differs.
 Result<std::string> check_replay(const RecordingOrigin& recorded, const RecordingOrigin& run,
                                  const std::string& name);
 

@@ -21,7 +21,6 @@ PROGRAMS = {  # program: (package, licence)
     "trocar-run": ("trocar-runtime", "Apache-2.0"),
     "trocar-device-sim": ("trocar-runtime", "Apache-2.0"),
     "trocar-console": ("trocar-console", "Apache-2.0"),
-    "trocar-export": ("trocar-console", "Apache-2.0"),
 }
 
 

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-# bash completion for trocar-mesh, trocar-sample-ct, trocar-run, trocar-device-sim, trocar-console and trocar-export. Options,
-# subcommands and choices are read from the program's own --help.
+# bash completion for trocar-mesh, trocar-sample-ct, trocar-run, trocar-device-sim and trocar-console. Options, subcommands
+# and choices are read from the program's own --help.
 
 _trocar() {
     local cur prev words cword
@@ -26,16 +26,14 @@ _trocar() {
             --asset) _filedir glb ;;
             --names) COMPREPLY=($(compgen -W "verse totalsegmentator" -- "$cur")) && _filedir json ;;
             --hu | --only) _filedir ;;
-            --black-box | --page) if [[ $subcommand == fit ]]; then _filedir html; else _filedir -d; fi ;;
-            --tool) _filedir json ;;
+            --black-box | --page) _filedir -d ;;
             --procedure) COMPREPLY=($(compgen -W "pedicle-probe jamshidi-8g vertebroplasty-11g bone-marrow-trephine spinal-needle tuohy-needle" -- "$cur")) ;;
-            --tip) COMPREPLY=($(compgen -W "needle-bevel needle-conical needle-diamond trocar jamshidi" -- "$cur")) ;;
             --recording) _filedir csv ;;
             --scene) _filedir json ;;
             --igtl) COMPREPLY=($(compgen -W "18944" -- "$cur")) ;;
             --attach) _filedir ;;
             --against) if [[ $program == *console ]]; then _filedir csv; else _filedir -d; fi ;;
-            -o | --output) if [[ $program == *export || $program == *run && $subcommand == export ]]; then _filedir '@(h5|hdf5)'; elif [[ $subcommand == export || $subcommand == batch ]]; then _filedir -d; elif [[ $subcommand == preview ]]; then _filedir '@(png|html)'; elif [[ $subcommand == review ]]; then _filedir html; elif [[ $subcommand == fit ]]; then _filedir json; else _filedir glb; fi ;;
+            -o | --output) if [[ $subcommand == export || $subcommand == batch ]]; then _filedir -d; elif [[ $subcommand == preview ]]; then _filedir '@(png|html)'; elif [[ $subcommand == review ]]; then _filedir html; else _filedir glb; fi ;;
             --record | --replay | --report | --summary | --meshes | --frames | --key-file | \
                 --device-description | --dump-stages) _filedir ;;
         esac
@@ -63,13 +61,6 @@ _trocar() {
             fi
             ;;
         trocar-sample-ct | trocar-console) _filedir -d ;;
-        trocar-export) _filedir csv ;;
-        trocar-run)
-            if [[ $subcommand == fit || $subcommand == export ]]; then _filedir csv; else
-                ((cword == 1)) && COMPREPLY=($(compgen -W "$subcommands" -- "$cur"))
-                _filedir json  # adds to them
-            fi
-            ;;
         *) _filedir json ;;
     esac
-} && complete -F _trocar trocar-mesh trocar-sample-ct trocar-run trocar-device-sim trocar-console trocar-export
+} && complete -F _trocar trocar-mesh trocar-sample-ct trocar-run trocar-device-sim trocar-console

@@ -17,9 +17,9 @@ FOLDERS_IN_ORDER = (
     "pipeline/segment", "pipeline/contour", "pipeline/triangulation", "pipeline/verify", "pipeline/surface", "pipeline/scan",
     "pipeline/preview", "pipeline/farm", "pipeline/archive", "pipeline/review", "pipeline/program/archive", "pipeline/program",
     "runtime/sheet_mesh", "runtime/hole_cutting", "runtime/local_refinement", "runtime/realtime", "runtime/decompositions", "runtime/device", "runtime/mechanism", "runtime/pose_device", "runtime/contact",
-    "runtime/bone_cutting/law", "runtime/bone_cutting/material", "runtime/bone_cutting/contact", "runtime/calibration", "runtime/deformation",
+    "runtime/bone_cutting/law", "runtime/bone_cutting/material", "runtime/bone_cutting/contact", "runtime/deformation",
     "runtime/link", "runtime/connection", "runtime/simulation", "runtime/force_law", "runtime/workers", "runtime/control", "runtime/telemetry",
-    "runtime/session", "runtime/devices", "runtime/checking", "runtime/reporting", "runtime/console/programs", "runtime/console/igtl", "runtime/console/answers", "runtime/console", "runtime/hdf5", "runtime/program",
+    "runtime/session", "runtime/devices", "runtime/checking", "runtime/reporting", "runtime/console/programs", "runtime/console/igtl", "runtime/console/answers", "runtime/console", "runtime/program",
 )
 PRODUCT = ("formats", "pipeline", "runtime")
 OURS = PRODUCT + ("sample_ct", "tests")

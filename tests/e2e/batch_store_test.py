@@ -144,7 +144,7 @@ def test_a_store_of_one_user_refuses_others_before_anything_is_made(folder):
 
 @needs_root
 def test_entries_that_cannot_be_read_are_not_made_again(folder):
-    """A store of an older version, whose files only their maker can read."""
+    """A store whose files only their maker can read."""
     collection, store = two_scans(folder), folder / "store"
     store.mkdir()
     os.chown(store, A, GROUP)

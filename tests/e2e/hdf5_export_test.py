@@ -1,10 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`trocar-run export` against h5py, an independent reader of HDF5.
+"""trocar-hdf5, read back by h5py.
 
- 1. Recordings of every force law and of a pose device: each column of the CSV file is in the dataset that docs/hdf5.md names, each
+ 1. Recordings of every force law and of a pose device: each column of the CSV file is in the dataset that GROUPS names, each
     number with the same bits; units, frames, enumerations and the origin are there.
- 2. Numbers that are hard to keep (not a number, infinite, -0, subnormal, the largest), every name of every enumeration, and a recording
-    of an old version.
+ 2. Numbers that are hard to keep (not a number, infinite, -0, subnormal, the largest), and every name of every enumeration.
  3. The same recording gives the same bytes.
  4. Files that are no recordings, damaged rows, and outputs that cannot be written: one line, the exit code, and nothing written.
 """
@@ -99,7 +98,7 @@ def assert_same(recording, exported):
 
 
 def export(programs, recording, out, *options, expect=0):
-    return run(programs / "trocar-run", "export", recording, "-o", out, *options, expect=expect)
+    return run(programs / "trocar-hdf5", recording, "-o", out, *options, expect=expect)
 
 
 @pytest.fixture(name="asset", scope="module")
@@ -168,18 +167,12 @@ def test_hard_values(programs, recordings, source, work):
     made.write_text("\n".join(map(",".join, [header, *rows])) + "\n")
     export(programs, made, work / "hard.h5")
     assert_same(made, work / "hard.h5")
-    later = {at[name] for name in ("origin", "state_t_s", "tip_N", "break_through_N", "break_through_at")}
-    old = [[value for i, value in enumerate(row) if i not in later] for row in [header, *rows]]
-    made.write_text("\n".join(map(",".join, old)) + "\n")
-    export(programs, made, work / "old.h5")
-    assert_same(made, work / "old.h5")
-    assert "state_t_s" not in h5py.File(work / "old.h5")
 
 
 def refused(programs, work, code, line, recording, out, *options):
     before = sorted(path.name for path in work.iterdir())
     done = export(programs, recording, out, *options, expect=code)
-    assert done.stdout == "" and done.stderr == f"trocar-run: {line}\n"
+    assert done.stdout == "" and done.stderr == f"trocar-hdf5: {line}\n"
     assert sorted(path.name for path in work.iterdir()) == before
 
 
@@ -205,29 +198,15 @@ def test_refusals(programs, recordings, work):
     refused(programs, work, 3, f"{bad}: has no row", bad, out)
     bad.write_bytes(os.urandom(5000) + b"\n")
     done = export(programs, bad, out, expect=3)
-    assert done.stderr == f"trocar-run: {bad}: line 1: is not the header of a recording\n" and not out.exists()
+    assert done.stderr == f"trocar-hdf5: {bad}: line 1: is not the header of a recording\n" and not out.exists()
     none = work / "none.csv"
-    assert export(programs, none, out, expect=3).stderr.startswith(f"trocar-run: {none}: ")
+    assert export(programs, none, out, expect=3).stderr.startswith(f"trocar-hdf5: {none}: ")
     refused(programs, work, 2, f"-o {good}: would write over the input {good}", good, good)
     assert export(programs, good, work / "no" / "out.h5", expect=4).stderr.count("\n") == 1
-    small = subprocess.run(["prlimit", "--fsize=20000", programs / "trocar-run", "export", good, "-o", out], check=False,
-                           capture_output=True, text=True)
+    small = subprocess.run(["prlimit", "--fsize=20000", programs / "trocar-hdf5", good, "-o", out], check=False, capture_output=True, text=True)
     assert small.returncode == 4 and small.stderr.count("\n") == 1 and str(out) in small.stderr, small
     assert not list(work.glob("refused*")) and not list(work.glob(".refused*"))
-    assert run(programs / "trocar-run", "--quiet", "export", good, "-o", out, expect=2).stderr == (
-        "trocar-run: export: is a command of its own; leave --quiet out\n")
     dashed = work / "-o.csv"
     shutil.copy(good, dashed)
-    run(programs / "trocar-run", "export", "-o", "dashed.h5", "--", "-o.csv", cwd=work)
+    run(programs / "trocar-hdf5", "-o", "dashed.h5", "--", "-o.csv", cwd=work)
     assert_same(good, work / "dashed.h5")
-
-
-def test_without_the_program(programs, recordings, work):
-    alone = work / "alone"
-    alone.mkdir()
-    shutil.copy(programs / "trocar-run", alone)
-    done = run(alone / "trocar-run", "export", recordings["hooke"], "-o", work / "x.h5", expect=2)
-    assert done.stderr == (f"trocar-run: export: cannot start {alone}/trocar-export: No such file or directory; the Debian package "
-                           "trocar-console has it\n")
-    loaded = run("ldd", programs / "trocar-run").stdout
-    assert "hdf5" not in loaded and "hdf5" in run("ldd", programs / "trocar-export").stdout

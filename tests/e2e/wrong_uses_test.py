@@ -91,7 +91,7 @@ class Folder:
         if os.geteuid() == 0:  # another user may not reach the programs where they are
             self.path.chmod(0o755)
             (self.path / "bin").mkdir()
-            for name in (*PROGRAMS, "trocar-export"):
+            for name in PROGRAMS:
                 shutil.copy(programs / name, self.path / "bin" / name)
             shutil.copytree(programs.parent / "libexec", self.path / "libexec")
             shutil.copytree(SOURCE / "runtime/console/page", self.path / "share/trocar/console", ignore=shutil.ignore_patterns("node_modules"))

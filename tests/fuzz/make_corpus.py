@@ -109,9 +109,7 @@ def write_assets(folder, mesh):
         for name, options in (("coarse", ["--min-angle", "0", "--tolerance", "1"]), ("fine", ["--tolerance", "0.1"]), ("empty", ["--threshold", "5000"])):
             options = options if "--threshold" in options else options + ["--threshold", "0"]
             subprocess.run([mesh, scan, "-o", folder / f"{name}.glb", "--quiet", *options], check=True)
-        # The assets in the repository are older: without a slice index, and older_index.glb with an earlier checksum. All are still
-        # read. This one has an index, and a slice without material.
-        volume[1] = -1000
+        volume[1] = -1000  # a slice without material
         nibabel.save(nibabel.Nifti1Image(volume.T.astype("i2"), np.eye(4)), scan)
         subprocess.run([mesh, scan, "-o", folder / "indexed.glb", "--quiet", "--min-angle", "0", "--tolerance", "1", "--threshold", "0"], check=True)
 

@@ -47,12 +47,8 @@ offers trocar-mesh verify --j -- --json '!--jobs'
 offers trocar-mesh verify '' -- bone.glb '!scene.json'
 offers trocar-mesh scan --contour '' -- subpixel pixel
 offers trocar-mesh scan --axis c -- coronal '!sagittal'
-offers trocar-run '' -- scene.json fit '!bone.glb'
+offers trocar-run '' -- scene.json '!bone.glb'
 offers trocar-run scene.json --procedure tu -- tuohy-needle
-offers trocar-run export '' -- '!scene.json'
-offers trocar-run fit --g -- --gauge
-offers trocar-run fit --tool '' -- scene.json '!bone.glb'
-offers trocar-run fit --tip tro -- trocar
 offers trocar-run scene.json --force-law '' -- hooke network
 offers trocar-run scene.json --re -- --record --replay --recover
 offers trocar-run scene.json --check --st -- --strict

@@ -18,7 +18,7 @@ import pytest
 from console_client import Console
 from programs import ASSETS, BUILD, run
 
-PROGRAMS = ("trocar-mesh", "trocar-sample-ct", "trocar-run", "trocar-device-sim", "trocar-console", "trocar-export")
+PROGRAMS = ("trocar-mesh", "trocar-sample-ct", "trocar-run", "trocar-device-sim", "trocar-console", "trocar-fit", "trocar-hdf5")
 
 
 @pytest.fixture(name="usr", scope="module")

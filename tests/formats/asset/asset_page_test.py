@@ -10,8 +10,6 @@ import zlib
 
 from programs import ASSETS
 
-NO_MATERIAL = (0,) * 12
-
 
 class Broken(Exception):
     pass
@@ -32,51 +30,6 @@ def container(glb):
     binary = glb[28 + json_bytes:]
     require(binary_type == b"BIN\0" and len(binary) == binary_bytes, "binary chunk")
     return text, binary
-
-
-def find_index(text, binary):
-    """The index header's numbers, or None if the file has no index of this version."""
-    if len(binary) < 44:
-        return None
-    magic, version, slices, json_bytes, binary_bytes, *rest = struct.unpack("<8s7I2i", binary[:44])
-    if (magic, version, json_bytes, binary_bytes) != (b"TROCARIX", 2, len(text), len(binary)):
-        return None
-    return (slices, *rest)
-
-
-def record_at(binary, place):
-    at = 44 + 64 * place
-    return struct.unpack("<i6I4i5I", binary[at:at + 64])
-
-
-def slice_by_index(text, binary, wanted):
-    """One slice: (node, record, draco, positions, indices), its checksum checked."""
-    slices, _, _, _, first, _ = find_index(text, binary)
-    low, high, place = 0, slices - 1, wanted - first
-    while low <= high:
-        place = min(max(place, low), high)
-        record = record_at(binary, place)
-        if record[0] == wanted:
-            break
-        if record[0] < wanted:
-            low = place + 1
-        else:
-            high = place - 1
-        place = (low + high) // 2
-    else:
-        return None
-    (_, node_at, node_bytes, draco_at, draco_bytes, _, _, _, _, _, _, positions_at, vertices,
-     indices_at, index_bytes, checksum) = record
-    node = text[node_at:node_at + node_bytes]
-    draco = binary[draco_at:draco_at + draco_bytes]
-    positions = binary[positions_at:positions_at + 12 * vertices]
-    indices = binary[indices_at:indices_at + 2 * vertices * index_bytes]
-    at = 44 + 64 * place
-    covered = binary[at:at + 60] + bytes(4) + node + draco + positions + indices
-    require(zlib.crc32(covered) == checksum, f"checksum of slice {wanted}")
-    node = json.loads(node)
-    require(node["extras"]["trocar"]["index"] == wanted, f"index of slice {wanted}")
-    return node, record, draco, positions, indices
 
 
 def varint(data, at):
@@ -113,51 +66,6 @@ def rings_of(positions, indices, index_bytes, bits):
 
 def doubled_area(ring):
     return sum(a[0] * b[1] - a[1] * b[0] for a, b in zip(ring, ring[1:] + ring[:1]))
-
-
-def check_draco(draco, vertices, triangles, bits):
-    """Head and tail of a payload; gives its quantisation."""
-    require(draco[:11] == b"DRACO\2\2\1\1\0\0", "Draco's header")
-    stated_vertices, at = varint(draco, 12)
-    stated_triangles, _ = varint(draco, at)
-    require(stated_triangles == triangles, "Draco's triangles")
-    require(stated_vertices <= vertices, "Draco's vertices")  # before pinches are split
-    x, y, z, extent, quantisation_bits = struct.unpack("<4fB", draco[-17:])
-    require(lattice([extent], bits) == [2**quantisation_bits - 1], "Draco's range")
-    require(x == int(x) and y == int(y) and z == 0, "Draco's origin")
-    require(bits + 5 <= quantisation_bits <= 24, "Draco's bits")
-    return x, y, extent, quantisation_bits
-
-
-def check_primitives(document, node, record, binary, parts):
-    """The record says what the JSON says."""
-    (_, _, _, _, _, vertices, triangles, x0, y0, x1, y1, _, outline_vertices, _, index_bytes,
-     _) = record
-    bits = document["extras"]["trocar"]["lattice_bits"]
-    material, outline = document["meshes"][node["mesh"]]["primitives"]
-    accessors = document["accessors"]
-
-    def view(number):
-        found = document["bufferViews"][number]
-        require("byteStride" not in found and found["byteOffset"] % 4 == 0, "buffer view")
-        return binary[found["byteOffset"]:found["byteOffset"] + found["byteLength"]]
-
-    require((material["mode"], outline["mode"]) == (4, 1), "modes")
-    compressed = material["extensions"]["KHR_draco_mesh_compression"]
-    require(compressed["attributes"] == {"POSITION": 0}, "Draco's attribute")
-    position = accessors[material["attributes"]["POSITION"]]
-    index = accessors[material["indices"]]
-    require("bufferView" not in position and "bufferView" not in index, "Draco's accessors")
-    require((position["componentType"], position["type"], position["count"]) ==
-            (5126, "VEC3", vertices), "position accessor")
-    require((index["componentType"], index["count"]) == (5125, 3 * triangles), "index accessor")
-    low, high = lattice(position["min"], bits), lattice(position["max"], bits)
-    require((low, high) == ([x0, y0, 0], [x1, y1, 0]), "bounds")
-    lines = accessors[outline["attributes"]["POSITION"]], accessors[outline["indices"]]
-    require(lines[0]["count"] == outline_vertices, "outline's vertices")
-    require(lines[1]["componentType"] == {2: 5123, 4: 5125}[index_bytes], "outline's indices")
-    require([view(compressed["bufferView"])] + [view(a["bufferView"]) for a in lines] ==
-            list(parts), "buffer views")
 
 
 def colour_table(page):
@@ -231,8 +139,8 @@ def entries_of(document):
             expected += 1
 
 
-def check_schema_2(text, binary):
-    """A file of schema 2 by its JSON and by its index; gives the number of slices."""
+def check_contents(text, binary):
+    """A file by its JSON and by its index; gives the number of slices."""
     document = json.loads(text)
     head, nodes, accessors = document["extras"]["trocar"], document["nodes"], document["accessors"]
     require(0 <= head["lattice_bits"] <= 14, "lattice_bits")
@@ -274,48 +182,8 @@ def check_schema_2(text, binary):
 def check_asset(glb):
     """The whole file by its JSON and by its index; gives the number of slices."""
     text, binary = container(glb)
-    document = json.loads(text)
-    head = document["extras"]["trocar"]
-    if head["schema"] == 2:
-        return check_schema_2(text, binary)
-    require(head["schema"] == 1 and 0 <= head["lattice_bits"] <= 14, "extras.trocar")
-    require(document["scenes"][0]["nodes"] == [0], "scene")
-    nodes = [document["nodes"][i] for i in document["nodes"][0].get("children", [])]
-    require(len(nodes) == head["slices"], "number of slices")
-    indices = [node["extras"]["trocar"]["index"] for node in nodes]
-    require(indices == sorted(set(indices)), "slices do not ascend")
-    header = find_index(text, binary)
-    if header is None:
-        return len(nodes)
-    slices, extras_at, extras_bytes, extras_checksum, first, last = header
-    extras = text[extras_at:extras_at + extras_bytes]
-    require(zlib.crc32(extras) == extras_checksum, "checksum of the extras")
-    require(json.loads(extras) == document["extras"], "text of the extras")
-    require((slices, first, last) == (len(nodes), indices[0], indices[-1]) if indices
-            else (slices, first, last) == (0, 0, 0), "index header")
-    require(document["bufferViews"][0] ==
-            {"buffer": 0, "byteOffset": 0, "byteLength": 44 + 64 * slices}, "first buffer view")
-    quantisations = set()
-    for place, node in enumerate(nodes):
-        own, record, *parts = slice_by_index(text, binary, indices[place])
-        require(own == node and record == record_at(binary, place), "node")
-        ours = node["extras"]["trocar"]
-        vertices, triangles = record[5:7]
-        if "mesh" not in node:
-            require(record[3:15] == NO_MATERIAL, "a slice without material")
-            continue
-        check_primitives(document, node, record, binary, parts)
-        quantisations.add(check_draco(parts[0], vertices, triangles, head["lattice_bits"]))
-        rings = rings_of(parts[1], parts[2], record[14], head["lattice_bits"])
-        area = sum(map(doubled_area, rings)) / 2 / 4**head["lattice_bits"]
-        require(abs(area - ours["measures"]["area_mm2"]) < 1e-9 * area, "area of the outline")
-        points = [p for ring in rings for p in ring]
-        require((min(points)[0], max(points)[0]) == (record[7], record[9]), "width of the outline")
-        u, v, n = (node["matrix"][4 * i:4 * i + 3] for i in range(3))
-        cross = [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]]
-        require(max(abs(a - b) for a, b in zip(cross, n)) < 1e-4, "the matrix is no rotation")
-    require(len(quantisations) <= 1, "several quantisations")
-    return len(nodes)
+    require(json.loads(text)["extras"]["trocar"]["schema"] == 2, "schema")
+    return check_contents(text, binary)
 
 
 def check_bytes(example, source):
@@ -333,7 +201,7 @@ def check_bytes(example, source):
 
 
 def check_examples(page, source):
-    """The sections "Example", of schema 2, and "Example of schema 1"; gives the latter's file."""
+    """The section "Example"; gives the file that it names."""
     glb = check_bytes(page.split("\n## Example\n")[1].split("\n## ")[0], source)
     document = json.loads(container(glb)[0])
     entries = list(entries_of(document))
@@ -352,25 +220,16 @@ def check_examples(page, source):
     code = (source / "formats/asset/draco_mesh.cpp").read_text(encoding="utf-8")
     listed = re.findall(r"\{(\d+), (\d+), (\d+)\}", code.split("kColours{{")[1].split("}}};")[0] + "}")
     assert [tuple(map(int, row)) for row in listed] == list(zip(*(colours[c] for c in ("red", "green", "blue")))), listed
-
-    example = page.split("\n### Example of schema 1\n")[1]
-    glb = check_bytes(example, source)
-    text, binary = container(glb)
-    node, _, _, positions, _ = slice_by_index(text, binary, 0)
-    u, v, _ = struct.unpack("<3f", positions[:12])
-    m = node["matrix"]
-    lps = [m[i] * u + m[4 + i] * v + m[12 + i] for i in range(3)]
-    assert (u, v) == (2.96875, 8) and lps == [-16.03125, -15, 0], (u, v, lps)
-    assert slice_by_index(text, binary, 3) is None
     return glb
 
 
 def changes_are_found(glb):
-    """A changed byte of the example's slice 0 or of its extras is found."""
-    text, _ = container(glb)
-    record_offset = 28 + len(text) + 44
-    for offset in (20 + 600, 20 + 2600, record_offset + 4, 28 + len(text) + 300,
-                   28 + len(text) + 400):
+    """A changed byte of the example's extras, of the node of slice 0, of its record or of its payload is found."""
+    text, binary = container(glb)
+    extras_at, = struct.unpack("<I", binary[24:28])
+    _, node_at, _, _, draco_at, _, _ = struct.unpack("<iIHHIII", binary[52:76])
+    data = 28 + len(text)
+    for offset in (20 + extras_at + 30, 20 + node_at + 10, data + 52 + 4, data + draco_at + 30, data + draco_at + 60):
         changed = bytearray(glb)
         changed[offset] ^= 1
         try:
@@ -384,6 +243,6 @@ def test_asset_page(source):
     page = (source / "formats/asset/asset.md").read_text(encoding="utf-8")
     changes_are_found(check_examples(page, source))
     corpus = source / "tests/corpus/glb"
-    ours = ("indexed", "older_index", "schema_2", "coloured", "mean_hu")
+    ours = ("schema_2", "coloured", "mean_hu")
     for file in [*(corpus / f"{name}.glb" for name in ours), ASSETS / "sample.glb"]:
         print(f"{file}: {check_asset(file.read_bytes())} slices")

@@ -115,7 +115,7 @@ TEST(PrivateAsset, BytesThatBelongToNothingAreFound) {
       hu += static_cast<float>(8 * step * step);
     glb = *encode_asset(asset);
   }
-  const SliceRecord last = last_record();
+  const EntryRecord last = last_record();
   MemorySource source(glb);
   const IndexedFile file = **find_index(source);
   Bytes gap = glb;

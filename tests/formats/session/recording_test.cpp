@@ -258,23 +258,6 @@ TEST_F(Recording, CorruptedColumnsOfTheCuttingLawAreRefused) {
   }
 }
 
-TEST_F(Recording, TheNamesUntil020OfTheEnergyLimitAreRead) {
-  std::vector<RecordingRow> rows = any_rows(2);
-  rows[1].fault = rows[1].outside_fault = Fault::kEnergyLimit;
-  std::string csv = csv_of(folder_, rows);
-  for (std::size_t at = 0; (at = csv.find(",energy_limit,", at)) != std::string::npos;)
-    csv.replace(at, 14, ",energy,");
-  const auto read = parse_recording(csv, "r.csv");
-  ASSERT_TRUE(read) << read.error().message;
-  EXPECT_EQ((*read)[1].fault, Fault::kEnergyLimit);
-  EXPECT_EQ((*read)[1].outside_fault, Fault::kEnergyLimit);
-
-  const auto origin = parse_origin("energy-budget=0.05");
-  ASSERT_TRUE(origin) << origin.error().message;
-  ASSERT_NE(origin->find("energy-limit"), nullptr);
-  EXPECT_EQ(*origin->find("energy-limit"), "0.05");
-}
-
 TEST_F(Recording, TheFirstColumnsAreFixed) {
   EXPECT_EQ(recording_header().rfind(
                 "t_s,x_m,y_m,z_m,qw,qx,qy,qz,tool_x_m,tool_y_m,tool_z_m,"
@@ -388,66 +371,6 @@ TEST_F(Recording, TheOriginIsInTheFirstRowOfTheLastColumn) {
   late.insert(csv.size() - 1, "a=1");
   EXPECT_EQ(parse_recording(late, "r.csv").error().message,
             "r.csv: line 4: origin belongs to the first row only");
-}
-
-/// The recording without these columns.
-std::string without(const std::string& csv, const std::vector<std::string>& names) {
-  std::vector<bool> goes;
-  std::string out;
-  for (std::size_t begin = 0, column = 0; begin < csv.size(); ++column) {
-    const std::size_t end = csv.find_first_of(",\n", begin);
-    const std::string field = csv.substr(begin, end - begin);
-    if (goes.size() == column && out.find('\n') == std::string::npos)
-      goes.push_back(std::find(names.begin(), names.end(), field) != names.end());
-    if (!goes[column]) out += field + ",";
-    begin = end + 1;
-    if (csv[end] == ',') continue;
-    out.back() = '\n';
-    column = static_cast<std::size_t>(-1);
-  }
-  return out;
-}
-
-TEST_F(Recording, ThoseOfOlderVersionsHaveNeitherTheForceOnTheTipNorBreakThroughs) {
-  std::vector<RecordingRow> rows = any_cutting_rows(3);
-  for (RecordingRow& row : rows) {
-    row.break_through_N = 0;
-    row.break_through_at = -1;
-  }
-  const std::vector<std::string> both = {"break_through_N", "break_through_at"};
-  const auto of_cutting = parse_recording(without(cutting_csv_of(folder_, rows), both), "c.csv");
-  ASSERT_TRUE(of_cutting) << of_cutting.error().message;
-  for (std::size_t i = 0; i < rows.size(); ++i)
-    EXPECT_TRUE(same(rows[i], (*of_cutting)[i])) << i;
-  for (RecordingRow& row : rows)
-    row.tip_N = 0;
-  const auto of_sheets = parse_recording(
-      without(csv_of(folder_, rows), {"tip_N", "break_through_N", "break_through_at"}), "r.csv");
-  ASSERT_TRUE(of_sheets) << of_sheets.error().message;
-  for (std::size_t i = 0; i < rows.size(); ++i)
-    EXPECT_TRUE(same(rows[i], (*of_sheets)[i])) << i;
-}
-
-TEST_F(Recording, ThoseOfOlderVersionsHaveNoOrigin) {
-  const std::string csv = without(csv_of(folder_, any_rows(3)),
-                                  {"tip_N", "break_through_N", "break_through_at", "origin"});
-  EXPECT_NE(csv.find(",motor_heat_max\n"), std::string::npos);
-  RecordingOrigin read{{{"a", "1"}}};
-  const auto rows = parse_recording(csv, "r.csv", &read);
-  ASSERT_TRUE(rows) << rows.error().message;
-  EXPECT_EQ(rows->size(), 3U);
-  EXPECT_TRUE(read.entries.empty());
-}
-
-TEST_F(Recording, ThoseOfOlderVersionsTakeTheTicksTimeForTheStates) {
-  const auto rows =
-      parse_recording(without(csv_of(folder_, any_rows(3)),
-                              {"tip_N", "break_through_N", "break_through_at", "state_t_s"}),
-                      "r.csv");
-  ASSERT_TRUE(rows) << rows.error().message;
-  ASSERT_EQ(rows->size(), 3U);
-  for (const RecordingRow& row : *rows)
-    EXPECT_EQ(row.state_t_s, row.t_s);
 }
 
 TEST(RecordingOrigin, DifferencesNameWhatDiffers) {
