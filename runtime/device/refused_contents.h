@@ -5,6 +5,7 @@
 #pragma once
 
 #include <atomic>
+#include <cstdint>
 
 #include "formats/session/fault_words.h"
 
@@ -28,11 +29,10 @@ class RefusedContents {
   }
 
  private:
-  struct Field {
+  struct alignas(std::uint32_t) Field {  // aligned: clang calls a library for others
     FaultQuantity quantity = FaultQuantity::kNone;
     std::int8_t index = -1;
     bool is_refused = false;
-    bool padding = false;  ///< to a size that is lock-free
   };
   std::atomic<Field> field_{Field{}};
   std::atomic<double> value_{0}, limit_{0};

@@ -73,7 +73,7 @@ TEST(JsonText, ParsingEndsWhereTextIsNestedTooDeeply) {
 TEST(JsonText, TheLargestDepthIsParsed) {
   for (const auto& [open, close] :
        {std::pair<std::string, std::string>{"[", "]"}, {"{\"[\\\"[\":", "}"}}) {
-    const auto nested = [&](std::size_t depth) {
+    const auto nested = [&open = open, &close = close](std::size_t depth) {
       return repeated(open, depth) + "1" + repeated(close, depth);
     };
     EXPECT_FALSE(parse_json(nested(kMaxJsonDepth)).is_discarded());
