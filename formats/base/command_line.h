@@ -2,7 +2,6 @@
 // Declares and parses the command line of a program: its options, its commands (such as `list` in
 // `trocar-mesh list`) and their options. The library CLI11 does the work. Of the programs' files,
 // only command_line.cpp includes CLI11, because CLI11's headers take seconds to compile.
-// Tests: tests/formats/base/command_line_test.cpp
 #pragma once
 
 #include <cstddef>

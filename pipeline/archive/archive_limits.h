@@ -2,7 +2,6 @@
 // Limits on what a sender may send and on how long the sender may take. An instance is one DICOM
 // object: usually the image of one slice, sometimes a file with many images. An association is a
 // connection of the DICOM protocol.
-// Tests: tests/e2e/archive_receive_test.py
 #pragma once
 
 #include <cstddef>

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // Names that come from the network: unique identifiers (UIDs), and the titles of applications (AE
 // titles). A UID becomes part of a path only after is_uid() has accepted it.
-// Tests: tests/pipeline/archive/archive_names_test.cpp
 #pragma once
 
 #include <optional>

@@ -2,7 +2,6 @@
 // Serves one association, that is one connection of the DICOM protocol. The receiver is the program
 // `trocar-mesh receive`. It starts a process for each association, so a sender that makes DCMTK
 // crash or hang disturbs no other association.
-// Tests: tests/e2e/archive_receive_test.py, tests/e2e/archive_fuzz_test.py
 #pragma once
 
 #include <filesystem>

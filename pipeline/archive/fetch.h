@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // Gets one study from an archive by the DICOM request C-GET (`trocar-mesh fetch`).
-// Tests: tests/e2e/archive_fetch_test.py, tests/e2e/orthanc_test.py
 #pragma once
 
 #include <atomic>

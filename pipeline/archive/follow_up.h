@@ -2,7 +2,6 @@
 // What follows when `trocar-mesh receive --then COLLECTION STORE` has got a complete study: its
 // usable scans are added to a collection (a list of scans to mesh), and `trocar-mesh batch`
 // makes their assets.
-// Tests: tests/pipeline/archive/follow_up_test.cpp, tests/e2e/archive_receive_test.py
 #pragma once
 
 #include <sys/types.h>

@@ -2,7 +2,6 @@
 // Writes an instance (one DICOM object) that arrives from the network to a DICOM file. Bytes are
 // written as they arrive, so that memory does not grow with the size of the instance. The file gets
 // its final name only when it is complete and checked.
-// Tests: tests/pipeline/archive/instance_file_test.cpp
 #pragma once
 
 #include <cstdint>

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // A TCP socket that listens at one address of the computer only. DCMTK 3.6.7 cannot do this: it
 // listens at all addresses of the computer.
-// Tests: tests/e2e/archive_receive_test.py
 #pragma once
 
 #include <string>

@@ -2,7 +2,6 @@
 // Prints the messages of `trocar-mesh receive` and `trocar-mesh fetch`. Several processes of one
 // program may print at the same time. Each line is one call of write(), so that lines of several
 // processes do not mix.
-// Tests: tests/e2e/archive_receive_test.py
 #pragma once
 
 #include <string>

@@ -3,7 +3,6 @@
 // (connection of the DICOM protocol), and publishes studies. To publish a study is to move the
 // study's folder to the place where other programs find it. A study is published when it seems
 // complete, or when the receiver ends.
-// Tests: tests/e2e/archive_receive_test.py, tests/e2e/archive_fuzz_test.py
 #pragma once
 
 #include <atomic>

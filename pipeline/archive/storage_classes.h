@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // The kinds of instances (SOP classes) and the encodings (transfer syntaxes) that are accepted from
 // the network. They are the ones that trocar-mesh can read.
-// Tests: tests/e2e/archive_receive_test.py
 #pragma once
 
 #include <string_view>

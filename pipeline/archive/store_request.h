@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // Answers a C-STORE request, with which the other side sends one instance. The dataset goes from
 // the network into an InstanceStore.
-// Tests: tests/e2e/archive_receive_test.py
 #pragma once
 
 #include <dcmtk/config/osconfig.h>

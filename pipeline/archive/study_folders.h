@@ -15,7 +15,6 @@
 //   following/STUDY             empty file for each study that is still to be meshed (option
 //                               --then of `trocar-mesh receive`)
 //   received/STUDY              empty file; its modification time is when the study last grew
-// Tests: tests/pipeline/archive/study_folders_test.cpp
 #pragma once
 
 #include <cstdint>

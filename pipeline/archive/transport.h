@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // Encryption (TLS) of DICOM connections (associations). Without encryption, scans must not leave
 // this computer, unless the user gives --insecure.
-// Tests: tests/e2e/archive_receive_test.py, tests/e2e/archive_tls_test.py
 #pragma once
 
 #include <filesystem>

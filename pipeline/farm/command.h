@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // Runs another program to its end.
-// Tests: tests/pipeline/farm/product_test.cpp
 #pragma once
 
 #include <atomic>

@@ -3,7 +3,6 @@
 // scan in the store's index needs. What an entry or an action names is needed; if one of them cannot
 // be read, nothing is removed. Outputs are the files that actions have made: assets, reports,
 // and products (further files made from a scan, such as a preview or a scene).
-// Tests: tests/pipeline/farm/store_test.cpp, tests/pipeline/farm/garbage_test.cpp
 #pragma once
 
 #include <chrono>

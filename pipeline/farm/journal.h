@@ -2,7 +2,6 @@
 // The journal of a store: times and outcomes of the work on scans. Each batch writes a file of its
 // own, with one line of JSON for each scan. `scripts/farm` chooses the size of its tasks on a
 // cluster by the journal, and people read it, too. The store's correctness does not depend on it.
-// Tests: tests/e2e/batch_test.py
 #pragma once
 
 #include <filesystem>

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // The numbers of a batch for a monitoring system, in the text format of Prometheus,
 // version 0.0.4 (https://prometheus.io/docs/instrumenting/exposition_formats).
-// Tests: tests/pipeline/farm/metrics_test.cpp
 #pragma once
 
 #include <chrono>

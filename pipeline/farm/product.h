@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // The products of a scan besides its asset: a preview, a surface, a scene for trocar-run, and the
 // output of trocar-run --check for this scene.
-// Tests: tests/pipeline/farm/product_test.cpp
 #pragma once
 
 #include <array>

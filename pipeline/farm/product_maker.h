@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // Makes the products of a scan (preview, surface, scene and the check of the scene), each by a
 // command of trocar-mesh or trocar-run, unless the store has them already.
-// Tests: tests/pipeline/farm/product_test.cpp, tests/e2e/batch_products_test.py
 #pragma once
 
 #include <atomic>

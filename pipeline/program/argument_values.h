@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // Reads option values that consist of several numbers, or of a list of labels.
-// Tests: tests/pipeline/program/parameters_test.cpp
 #pragma once
 
 #include <algorithm>

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // The options of trocar-mesh for meshing or previewing a scan: their names, defaults and ranges.
-// Tests: tests/pipeline/program/parameters_test.cpp
 #pragma once
 
 #include <filesystem>

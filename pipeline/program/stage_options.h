@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // Translates the options of the command line into the options of opening and meshing a scan.
-// Tests: tests/pipeline/program/parameters_test.cpp
 #pragma once
 
 #include <nlohmann/json.hpp>

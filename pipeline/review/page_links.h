@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // Links from a page to the files of a store.
-// Tests: tests/e2e/review_test.py
 #pragma once
 
 #include <filesystem>

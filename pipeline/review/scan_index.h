@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // The index on the first page of a review. With this index, a reader of the page can search, filter
 // and sort the scans of all pages.
-// Tests: tests/e2e/review_test.py, tests/e2e/review_page_test.py
 #pragma once
 
 #include <cstdint>

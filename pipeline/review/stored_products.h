@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // The products of a scan besides its asset (farm/product.h), as a review shows them.
-// Tests: tests/e2e/review_test.py
 #pragma once
 
 #include <filesystem>

@@ -2,7 +2,6 @@
 // The options of trocar-run that are accepted without a session. Each of the options --explain,
 // --history, --test, --new-scene and --check replaces the session by another task, which most
 // options of a session do not affect.
-// Tests: tests/e2e/wrong_uses_test.py
 #pragma once
 
 #include "formats/base/command_line.h"

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 // The values on the command line of trocar-run, and their checks.
-// Tests: tests/runtime/program/run_arguments_test.cpp, tests/e2e/wrong_uses_test.py
 #pragma once
 
 #include <optional>

@@ -2,7 +2,6 @@
 // What trocar-run does without a subcommand: a session or a replay, the check of a scene, a new
 // scene, the test of a device, the list of procedures, or the history of sessions. The options
 // select one of these. (The subcommands fit and export are in other files.)
-// Tests: tests/e2e/scene_check_e2e_test.py
 #pragma once
 
 #include <atomic>

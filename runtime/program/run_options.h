@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 // The options of trocar-run: names, forms, ranges and help texts.
-// Tests: tests/e2e/wrong_uses_test.py
 #pragma once
 
 #include "formats/base/command_line.h"

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The program trocar-run apart from main(). It runs a session of the haptic loop over a scene.
 // run_options.h has the options, run_arguments.h their values, and run_commands.h the commands.
-// Tests: tests/e2e/experiments_e2e_test.py
 #pragma once
 
 namespace trocar::runtime {

@@ -21,15 +21,15 @@ MOST = {"depth_mm": 1e6, "force_N": 1e5, "speed_mm_per_s": 1e6, "time_s": 1e9}  
 GAUGES_MM = {8: 4.191, 9: 3.759, 10: 3.404, 11: 3.048, 13: 2.413, 14: 2.108, 15: 1.829, 16: 1.651, 17: 1.473, 18: 1.27, 22: 0.718, 25: 0.515}
 # What a scene's tissue allows.
 RANGES = {"stiffness_N_per_m": (1, 1e7), "threshold_N": (0.01, 1000), "strength_MPa": (0, 1000), "modulus_MPa": (0, 1e5), "friction_kPa": (0, 1e5)}
-QUANTILE_95 = 1.6448536269514722  # of the normal distribution
-POISSON = 0.3
+QUANTILE_95, POISSON = 1.6448536269514722, 0.3  # quantile of the normal distribution; Poisson's ratio of the tissue
 
 # The parameters. BASELINE: the load cell's force before contact. CONTACT: depth of the surface. LOG_STIFFNESS: of the tip, N/mm.
 # CUTTING: strength at the cut depth MIDDLE. FRICTION: per embedded length, N/mm. DRIFT: change of the strength with depth, N/mm.
 # LAYER: strength of a hard layer at the surface. LAYER_END: depth of the middle of the stretch of length FALL in which the layer's
 # force falls. MIDDLE and FALL are never fitted; FALL is 0 if there is no layer.
 BASELINE, CONTACT, LOG_STIFFNESS, CUTTING, FRICTION, DRIFT, LAYER, LAYER_END, MIDDLE, FALL = range(10)
-LEAST_OF = np.array([-np.inf, -np.inf, np.log(1e-6), 1e-6, -np.inf, -np.inf, 1e-6, -np.inf, 0, 0])  # where the model is defined
+LEAST_OF, MOST_OF = np.full(10, -np.inf), np.full(10, np.inf)  # where the model is defined
+LEAST_OF[[LOG_STIFFNESS, CUTTING, LAYER]], MOST_OF[LOG_STIFFNESS] = (np.log(1e-6), 1e-6, 1e-6), np.log(1e7)
 
 
 def parse_curve(text):
@@ -189,8 +189,7 @@ class Problem:
 
     def set_amplitudes(self, p):
         # Sizes of the correlated residuals relative to the largest, with and without the friction of the insertion.
-        tip = p.copy()
-        tip[FRICTION] = 0
+        tip = np.where(np.arange(len(p)) == FRICTION, 0, p)
         forces = self.fitted(p), np.where(self.is_insertion, self.fitted(tip), self.fitted(p))
         sizes = [np.abs(force - p[BASELINE]) + 1e-12 for force in forces]
         self.largest = sizes[0].max()
@@ -201,7 +200,7 @@ class Problem:
         def parameters(x):
             p = start.copy()
             p[free] = x
-            return np.maximum(p, LEAST_OF)
+            return np.clip(p, LEAST_OF, MOST_OF)
 
         done = least_squares(lambda x: whitening @ (self.force - self.fitted(parameters(x))), start[free],
                              lambda x: -whitening @ self.jacobian(parameters(x), free), method="lm", x_scale="jac", ftol=1e-7, max_nfev=300)
@@ -244,18 +243,18 @@ def estimate_noise(problem, p, is_rough):
             a, b = (to_modes @ jacobian) / sizes[:, None], (to_modes @ residuals) / sizes
             unit = 1 / np.sqrt(np.maximum(np.sum(a * a, axis=0), 1e-300))  # the parameters have different units
             scaled = a.T @ a * np.outer(unit, unit) + 1e-12 * np.eye(len(unit))
-            inverse = np.linalg.inv(scaled) * np.outer(unit, unit)
-            step = inverse @ (a.T @ b)
+            inverse = np.linalg.inv(scaled)
+            step = unit * (inverse @ (unit * (a.T @ b)))
             squares = max(np.sum((b - a @ step)**2), 1e-300)
             scale = np.sqrt(squares / freedom)
             prior = np.log(integral / 0.6) / 0.5
             excess = max(np.log(scale / max(problem.rough.noise, 1e-9)), 0) / 0.3
             determinant = 2 * np.log(sizes).sum() + np.linalg.slogdet(scaled)[1] - 2 * np.log(unit).sum()
             found.append((-0.5 * (determinant + freedom * np.log(squares) + prior**2 + excess**2), (smooth, of_tip, length, ratio), scale,
-                          integral, ratio * scale, inverse * scale**2 + np.outer(step, step)))
+                          integral, ratio * scale, inverse * np.outer(unit, unit) * scale**2 + np.outer(step, step)))
     best = max(found, key=lambda each: each[0])
-    weights = np.exp([each[0] - best[0] for each in found])
-    integral, structure, covariance = (sum(w * each[i] for w, each in zip(weights, found)) / weights.sum() for i in (3, 4, 5))
+    weighted = [(np.exp(each[0] - best[0]), each) for each in found if each[0] > best[0] - 14]
+    integral, structure, covariance = (sum(w * each[i] for w, each in weighted) / sum(w for w, _ in weighted) for i in (3, 4, 5))
     return SimpleNamespace(best=best[1], scale=best[2], integral=integral, structure=structure, covariance=covariance)
 
 
@@ -330,11 +329,12 @@ def thickness_of(problem, p, noise):
     local = np.sqrt(max(1 - np.exp(-stretches), 1 / (1 + stretches))) * noise.structure / problem.largest * elastic
     fall, unknown = max(p[FALL], problem.rough.rise_spacing) / np.sqrt(12), 0 if problem.resolves_rise else elastic
     half = QUANTILE_95 * np.sqrt(gradient @ noise.covariance @ gradient + local**2 + fall**2 + unknown**2)
-    return np.maximum([value, value - half, value + half], 0)
+    return np.maximum([value, value - half, value + half] if half < np.inf else [value, 0, np.inf], 0)
 
 
 def fit_curve(columns, diameter):
     # The fit. Its `rows` are {name: (unit, [value, low, high])}, with the bounds of the 90 % interval.
+    np.seterr(all="ignore")  # parameters that a start lets vanish
     rough = rough_curve(*branches_of(columns))
     if Problem(rough, diameter, False).used[1].sum() < 8:
         rough.withdrawal = rough.withdrawal[:0]
@@ -352,7 +352,7 @@ def fit_curve(columns, diameter):
                           (CUTTING, "cutting force of the tip", "N"), (FRICTION, "friction per length", "N/mm"),
                           (DRIFT, "drift of the cutting force", "N/mm")):
         if k in half:
-            interval = p[k] + half[k] * np.array([0, -1, 1])
+            interval = np.array([p[k], p[k] - half[k], p[k] + half[k]])
             rows[name] = unit, np.exp(interval) if k == LOG_STIFFNESS else interval if k == DRIFT else np.maximum(interval, 0)
         if k == LAYER and p[FALL]:
             rows["thickness of the hard layer"] = "mm", thickness_of(problem, p, noise)

@@ -21,7 +21,7 @@ import trocar_fit
 from programs import SOURCE
 from synthetic_curve import Machine, Tissue, synthetic_curve
 
-CURVES = int(os.environ.get("TROCAR_FIT_CURVES") or 24)
+CURVES = int(os.environ.get("TROCAR_FIT_CURVES") or 12)
 STIFFNESS, CUTTING, FRICTION, CONTACT = 200.0, 50.0, 1.5, 2.0  # N/mm, N, N/mm, mm
 
 

@@ -106,9 +106,8 @@ def write_assets(folder, mesh):
         z, y, x = np.mgrid[0:3, 0:24, 0:20]
         volume = 100 - 15 * np.hypot(x - 10, y - 12) + 40 * (np.hypot(x - 10, y - 12) < 2) * -5 + 0 * z
         nibabel.save(nibabel.Nifti1Image(volume.T.astype("i2"), np.eye(4)), scan)
-        for name, options in (("coarse", ["--min-angle", "0", "--tolerance", "1"]), ("fine", ["--tolerance", "0.1"]), ("empty", ["--threshold", "5000"])):
-            options = options if "--threshold" in options else options + ["--threshold", "0"]
-            subprocess.run([mesh, scan, "-o", folder / f"{name}.glb", "--quiet", *options], check=True)
+        for name, options in (("coarse", ["--min-angle", "0", "--tolerance", "1"]), ("fine", ["--tolerance", "0.1"])):
+            subprocess.run([mesh, scan, "-o", folder / f"{name}.glb", "--quiet", "--threshold", "0", *options], check=True)
         volume[1] = -1000  # a slice without material
         nibabel.save(nibabel.Nifti1Image(volume.T.astype("i2"), np.eye(4)), scan)
         subprocess.run([mesh, scan, "-o", folder / "indexed.glb", "--quiet", "--min-angle", "0", "--tolerance", "1", "--threshold", "0"], check=True)

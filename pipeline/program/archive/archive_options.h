@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // The options of `trocar-mesh receive` and `trocar-mesh fetch`.
-// Tests: tests/e2e/archive_fetch_test.py, tests/e2e/archive_receive_test.py
 #pragma once
 
 #include <filesystem>

@@ -2,7 +2,6 @@
 // The commands `receive` and `fetch` run in a program of their own, trocar-archive. If trocar-mesh
 // were linked with DCMTK's network libraries, these libraries and their dependencies would delay
 // the start of every other command.
-// Tests: tests/e2e/archive_receive_test.py, tests/e2e/archive_fetch_test.py
 #pragma once
 
 namespace trocar::pipeline {

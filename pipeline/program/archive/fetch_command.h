@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // `trocar-mesh fetch`: gets a study from an archive.
-// Tests: tests/e2e/archive_fetch_test.py, tests/e2e/orthanc_test.py
 #pragma once
 
 #include "pipeline/program/archive/archive_options.h"

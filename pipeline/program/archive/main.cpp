@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // The program trocar-archive, to which trocar-mesh hands the commands `receive` and `fetch`.
-// Tests: tests/e2e/archive_receive_test.py, tests/e2e/archive_fetch_test.py
 #include <new>
 
 #include "formats/base/command_line.h"

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // `trocar-mesh receive`: takes studies that an archive or a scanner sends by DICOM.
-// Tests: tests/e2e/archive_receive_test.py, tests/e2e/archive_fuzz_test.py
 #pragma once
 
 #include "pipeline/program/archive/archive_options.h"

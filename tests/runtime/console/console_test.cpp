@@ -215,9 +215,10 @@ TEST(ConsoleFiles, ListRefusesAssetsThatAreTooDeepOrTooLarge) {
   const test::TemporaryFolder folder;
   constexpr std::size_t kDepth = 500'000, kNodes = 50'000, kPrimitives = 50'000;
   write_glb(folder.path() / "deep.glb",
-            R"({"extras":{"trocar":{}},"accessors":[],"meshes":[],"nodes":)" +
+            R"({"extras":{"trocar":{"slices":1}},"accessors":[],"meshes":[],"nodes":)" +
                 std::string(kDepth, '[') + std::string(kDepth, ']') + "}");
-  std::string many = R"({"extras":{"trocar":{}},"accessors":[],"meshes":[{"primitives":[{})";
+  std::string many =
+      R"({"extras":{"trocar":{"slices":1}},"accessors":[],"meshes":[{"primitives":[{})";
   for (std::size_t i = 1; i < kPrimitives; ++i)
     many += ",{}";
   many += R"(]}],"nodes":[{"mesh":0})";
