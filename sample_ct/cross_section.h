@@ -15,7 +15,6 @@
 // Marching squares traces the curve in the remaining squares. Every crossing of the curve with a
 // side of a square is refined by bracketing root finding (ITP: Oliveira and Takahashi 2020). Every
 // chord is split until its distance from the curve is at most the tolerance.
-// Tests: tests/sample_ct/phantom_test.cpp
 #pragma once
 
 #include <functional>

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 // The program trocar-sample-ct without its main().
-// Tests: tests/sample_ct/sample_writers_test.cpp
 #pragma once
 
 namespace trocar::sample {

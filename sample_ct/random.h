@@ -2,7 +2,6 @@
 // Counter-based random numbers: each number is a pure function of a seed and a position, so results
 // do not depend on the order of work or the number of threads. The hash uses integers only and is
 // the same on every machine.
-// Tests: tests/sample_ct/phantom_test.cpp
 #pragma once
 
 #include <cstdint>

@@ -9,7 +9,6 @@
 //
 // Results are a pure function of the arguments: they do not depend on the number of threads or the
 // order of the slices.
-// Tests: tests/sample_ct/phantom_test.cpp
 #pragma once
 
 #include <atomic>

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // All outputs of the program: OUTDIR/png/, OUTDIR/dicom/, OUTDIR/sample.nii.gz and
 // OUTDIR/sample.json. Each of these four appears complete or not at all.
-// Tests: tests/sample_ct/sample_writers_test.cpp
 #pragma once
 
 #include <atomic>

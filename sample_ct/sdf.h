@@ -10,7 +10,6 @@
 //
 // Source: Inigo Quilez has collected the formulas at iquilezles.org in the articles "Distance
 // functions" (also those of the round cone and the polygon) and "Smooth minimum".
-// Tests: tests/sample_ct/phantom_test.cpp
 #pragma once
 
 #include <algorithm>

@@ -6,7 +6,6 @@
 // Anatomical frame (mm): x to the patient's left, y to the back, z up; origin at the middle of the
 // vertebral body of the middle vertebra. The left half is the mirror image of the right half.
 // Proportions follow a clinical CT of an L3 (see README.md).
-// Tests: tests/sample_ct/phantom_test.cpp
 #pragma once
 
 #include "sample_ct/sdf.h"

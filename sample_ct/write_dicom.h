@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Writes the scan as a DICOM series: CT Image Storage, explicit VR little endian, one file for each
 // slice. The stored values are HU + 1024. They use 12 of the 16 bits allocated for a pixel.
-// Tests: tests/sample_ct/sample_writers_test.cpp
 #pragma once
 
 #include <filesystem>

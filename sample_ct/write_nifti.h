@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Writes the scan as one NIfTI-1 file: int16 HU, with a qform and a sform to RAS in mm that agree
 // with the DICOM series' LPS geometry.
-// Tests: tests/sample_ct/sample_writers_test.cpp
 #pragma once
 
 #include <filesystem>

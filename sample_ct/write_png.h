@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Writes the scan as images like the paper's: one 24-bit PNG for each slice, with the same grey
 // level in all three channels.
-// Tests: tests/sample_ct/sample_writers_test.cpp
 #pragma once
 
 #include <filesystem>

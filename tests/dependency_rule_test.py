@@ -13,8 +13,7 @@ what the dynamic linker loads for trocar-run:
  4. Every source file carries the SPDX line of its folder: Apache-2.0, but
     GPL-3.0-or-later in pipeline/ and in tests that include pipeline or CGAL.
  5. A sub-folder of formats, pipeline and runtime includes only folders that stand
-    before it in scripts/lib/folders.py, so that no include runs back up; the picture of
-    the folders in ARCHITECTURE.md is up to date.
+    before it in scripts/lib/folders.py, so that no include runs back up.
  6. No file includes itself through others, and no library links itself through others.
  7. The haptic loop, its force laws, its session and the checks of a scene work with any hand
     device: no file of ANY_DEVICE reaches the mechanism of one, not even through others.
@@ -178,11 +177,7 @@ def check_program(ldd_output, program):
 def check_folders(source):
     """Rule 5."""
     lines = folders.include_lines(source)
-    broken = folders.check(lines, source)
-    page = source / "ARCHITECTURE.md"
-    if not broken and folders.replaced(page.read_text(encoding="utf-8"), folders.edges_of(lines)) != page.read_text(encoding="utf-8"):
-        broken.append("ARCHITECTURE.md: the picture of the folders is missing or out of date; scripts/folders renews it")
-    return broken
+    return folders.check(lines, source)
 
 
 def libraries_linked(library_links):
@@ -295,19 +290,6 @@ def test_any_device_finds_a_mechanism_behind_another_header(tmp_path):
                           "runtime/checking/path.h": '#include "runtime/simulation/hand.h"\n#include "runtime/simulation/drive.h"\n'})
     assert check_any_device(tmp_path) == ["runtime/checking/path.h reaches runtime/simulation/drive.h",
                                           "runtime/contact/tool.h reaches runtime/mechanism/legs.h", "runtime/control/loop.h reaches runtime/mechanism/legs.h"]
-
-
-def test_picture_of_folders(tmp_path):
-    write_tree(tmp_path, ORDERED)
-    edges = folders.edges_of(folders.include_lines(tmp_path))
-    assert len(edges) == 4
-    assert folders.reduced(edges) == [("runtime/sheet_mesh", "formats/asset"), ("formats/asset", "formats/geometry"), ("formats/geometry", "formats/base")]
-    picture = folders.mermaid(edges)
-    assert picture.count(" --> ") == 3 and "  runtime_sheet_mesh --> formats_asset\n" in picture
-    page = f"before\n{folders.BEGIN}\noutdated\n{folders.END}\nafter\n"
-    renewed = folders.replaced(page, edges)
-    assert picture in renewed and renewed.startswith("before\n") and renewed.endswith("\nafter\n") and "outdated" not in renewed
-    assert folders.replaced(renewed, edges) == renewed and folders.replaced("no marks", edges) is None
 
 
 @pytest.mark.parametrize("file, text, complaint", [

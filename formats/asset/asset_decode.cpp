@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 // Decodes a complete file: container, JSON, slice index, then slice by slice.
-// Tests: tests/formats/asset/asset_test.cpp
 #include <algorithm>
 #include <cmath>
 #include <limits>

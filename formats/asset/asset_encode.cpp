@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 // Assembles the file: nodes, extras and slice index around the encoded slices.
-// Tests: tests/formats/asset/asset_test.cpp
 #include <algorithm>
 #include <cmath>
 #include <cstring>

@@ -22,7 +22,6 @@
 //  4. A checksum (CRC-32) covers all bytes of an entry, so an entry with a changed byte is refused
 //     even if it would still decode. The checksum does not cover the outlines that an asset may
 //     hold as lines for viewers.
-// Tests: tests/formats/asset/asset_part_test.cpp
 #pragma once
 
 #include <array>

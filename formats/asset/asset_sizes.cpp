@@ -1,5 +1,4 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tests: tests/formats/asset/asset_test.cpp
 #include <vector>
 
 #include "formats/asset/asset.h"

@@ -8,7 +8,6 @@
 // encodes, and x = q + origin when it decodes. This float arithmetic is exact as long as all
 // numbers fit into a float's 24 bits. All vertices have the same z. The payload stores this z as
 // the third coordinate of the origin. HU are stored as integers (unit kHuStep), with no quantum.
-// Tests: tests/formats/asset/asset_test.cpp
 #pragma once
 
 #include <array>

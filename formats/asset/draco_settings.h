@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The settings of Draco's encoder, how its input is made, and how a payload is decoded. This is the
 // only header of the folder that includes Draco. Internal to formats/.
-// Tests: tests/formats/asset/asset_test.cpp
 #pragma once
 
 #include <draco/compression/decode.h>

@@ -3,7 +3,6 @@
 // accessors and buffer views. Internal to formats/; includes tinygltf. Debian's libdraco exports a
 // second tinygltf, built with other options. To keep the two apart, every file that includes this
 // header is compiled with hidden visibility (formats/CMakeLists.txt).
-// Tests: tests/formats/asset/asset_test.cpp
 #pragma once
 
 #define TINYGLTF_NO_STB_IMAGE

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The glTF elements of an asset: primitives, materials, transforms and nodes of surfaces. Internal
 // to formats/.
-// Tests: tests/formats/asset/asset_page_test.py
 #pragma once
 #include <Eigen/Geometry>
 #include <cstdint>

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Writes a binary glTF 2.0 file element by element. Internal to formats/. A scan has thousands of
 // elements. The writer keeps them as text, because JSON values would take many times the memory.
-// Tests: tests/formats/asset/asset_page_test.py
 #pragma once
 
 #include <cstddef>

@@ -11,7 +11,6 @@
 //     samples than the outlines require, and values out of range. Its memory and time are bounded
 //     by the number of edges and the number of samples in the box around outlines and margin. The
 //     box has at most kMaxHuSamples samples.
-// Tests: tests/formats/asset/hu_volume_test.cpp
 #pragma once
 
 #include <cstdint>

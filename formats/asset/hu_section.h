@@ -2,7 +2,6 @@
 // Writes volumes of HU into an asset file, and reads them. The JSON has one element of the array
 // `extras.trocar.hu_volumes` for each volume. The bytes of a volume are a buffer view, which begins
 // with a directory: one record for each plane. Internal to formats/. asset.md has the layout.
-// Tests: tests/formats/asset/hu_volume_test.cpp
 #pragma once
 
 #include <cstdint>

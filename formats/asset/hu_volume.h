@@ -3,7 +3,6 @@
 // samples of a HuPlane lie in the plane of the slice itself, so that tilt and uneven spacing need
 // no resampling. A volume covers either the material and a margin around the material, or
 // everything. asset.md has the layout in the file.
-// Tests: tests/formats/asset/hu_volume_test.cpp
 #pragma once
 
 #include <Eigen/Geometry>

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Joins the materials of each slice into one sheet. Materials are labels, for example of vertebrae,
 // and a needle that crosses from one label to the next must not feel the border between them.
-// Tests: tests/pipeline/scan/materials_test.cpp
 #pragma once
 
 #include <string>

@@ -3,7 +3,6 @@
 // JSON text, and its payload, which is its mesh as Draco has compressed it (draco_mesh.h).
 // asset_decode.cpp, which reads complete files, and asset_part.cpp, which reads some slices, both
 // use these functions. Internal to formats/.
-// Tests: tests/formats/asset/asset_part_test.cpp
 #pragma once
 
 #include <cstdint>

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The geometry of slices as the JSON of a file describes it, before any payload is decoded.
 // Internal to formats/; includes tinygltf (see gltf_document.h).
-// Tests: tests/formats/asset/asset_test.cpp
 #pragma once
 #include <cstdint>
 #include <vector>

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Encodes a surface for display as a Draco payload, and decodes it. The payload keeps the lattice
 // coordinates exactly and has a normal for each vertex. Internal to formats/.
-// Tests: tests/formats/asset/asset_surface_test.cpp
 #pragma once
 
 #include <array>

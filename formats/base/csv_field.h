@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 // One field of a CSV line (RFC 4180).
-// Tests: tests/formats/session/trainee_test.cpp
 #pragma once
 
 #include <charconv>

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 // Owner of a file descriptor. Its destructor closes the descriptor.
-// Tests: tests/formats/base/file_io_test.cpp
 #pragma once
 
 #include <unistd.h>

@@ -1,5 +1,4 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tests: tests/e2e/session_report_test.py
 #pragma once
 
 #include <string>

@@ -2,7 +2,6 @@
 // Reads and writes a JSON value as text; the value's strings need not be UTF-8. nlohmann's parser
 // and serializer take about a second to compile in each file, so call these functions instead.
 // Include this header in .cpp files only, because a public header must not include nlohmann/json.
-// Tests: tests/formats/base/json_text_test.cpp
 #pragma once
 
 #include <cmath>

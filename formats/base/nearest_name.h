@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 // Suggestions for misspelt names, such as: "--treshold": did you mean --threshold?
-// Tests: tests/formats/base/file_io_test.cpp
 #pragma once
 
 #include <string>

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // What the main() of every program does besides its work: it treats signals, errors and standard
 // output. The library trocar_command_line has these functions.
-// Tests: tests/formats/base/program_test.cpp
 #pragma once
 
 #include <atomic>

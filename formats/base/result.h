@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 // A value, or an error with its message and the exit code of the program.
-// Tests: tests/formats/base/file_io_test.cpp
 #pragma once
 
 #include <cassert>

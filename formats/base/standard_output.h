@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 // Flushes standard output at the end of a program, and reports text that could not be written.
-// Tests: tests/e2e/wrong_uses_test.py
 #pragma once
 
 namespace trocar {

@@ -2,7 +2,6 @@
 // Strict reading of JSON documents: each value is checked for its type and range, unknown keys are
 // refused, and the first error is reported with file and JSON path. Include this header in .cpp
 // files and internal headers only, because a public header must not include nlohmann/json.
-// Tests: tests/formats/session/scene_test.cpp
 #pragma once
 
 #include <array>

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 // Errors of the system: their messages, and whether another try may succeed.
-// Tests: tests/formats/base/file_io_test.cpp
 #pragma once
 
 #include <cerrno>

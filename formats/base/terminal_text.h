@@ -2,7 +2,6 @@
 // Prints texts from outside (file names, scans, scenes, devices) so that they cannot act on a
 // terminal: move its cursor, change its title, or reverse the order of letters. Everything that the
 // programs print with a text in it goes through print() or print_lines().
-// Tests: tests/formats/base/terminal_text_test.cpp
 #pragma once
 
 #include <cstddef>

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Text made from a printf format, and text about a value that is beyond its limit: above an upper
 // limit or below a lower limit.
-// Tests: tests/runtime/checking/hand_path_test.cpp
 #pragma once
 
 #include <algorithm>

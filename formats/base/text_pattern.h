@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Regular expressions by the C library. std::regex is not used: its recursion overflows the stack
 // on long texts, and each file that uses it takes two seconds longer to compile.
-// Tests: tests/formats/base/text_pattern_test.cpp
 #pragma once
 
 #include <string>

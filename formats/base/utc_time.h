@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Times of day in texts and in names of files. They are UTC and end in Z, whatever the time zone of
 // the computer is.
-// Tests: tests/formats/base/utc_time_test.cpp
 #pragma once
 
 #include <ctime>

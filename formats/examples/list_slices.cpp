@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 // list_slices ASSET.glb prints one line for each slice of an asset. It shows how to read an asset.
-// Tests: tests/install/install_test.py
 #include <cstdio>
 
 #include "formats/asset/asset.h"

@@ -2,7 +2,6 @@
 // A drive for a device of your own: the process between your device's SDK and Trocar. Copy this file, and replace
 // read_device(), apply_wrench() and begin_session(). docs/add-your-device.md says how, and formats/session/device_link.md
 // specifies the packets. The computer must be little-endian.
-// Tests: tests/e2e/pose_drive_test.py
 //   g++ -std=c++20 -O2 pose_drive.cpp -o pose_drive -lsodium && ./pose_drive link.key 7700
 #include <netinet/in.h>
 #include <sodium.h>

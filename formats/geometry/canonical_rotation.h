@@ -4,7 +4,6 @@
 // rounding; these decisions are made in the rotated plane. So if an outline is translated by whole
 // lattice steps or rotated by right angles, its mesh is translated and rotated with the outline,
 // and is otherwise the same.
-// Tests: tests/formats/geometry/triangle_operations_test.cpp
 #pragma once
 
 #include <cstdint>

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Exact predicates on the edges of a mesh: where a point lies with respect to an edge ab, and
 // whether an edge is Delaunay.
-// Tests: tests/formats/geometry/triangle_operations_test.cpp
 #pragma once
 
 #include "formats/geometry/lattice.h"

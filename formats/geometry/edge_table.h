@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The directed edges of a mesh, sorted so that the two directions of an edge are next to each
 // other. Mesh operations use this table to find the neighbours of triangles.
-// Tests: tests/formats/geometry/mesh_validity_test.cpp
 #pragma once
 
 #include <cstdint>

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 // An axis-parallel box on the lattice.
-// Tests: tests/formats/geometry/lattice_test.cpp
 #pragma once
 
 #include <algorithm>

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 // A grid of square cells over a box on the lattice.
-// Tests: tests/properties/properties_meshing_test.cpp
 #pragma once
 
 #include <algorithm>

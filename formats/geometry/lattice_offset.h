@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 // Differences of lattice points as floating-point vectors.
-// Tests: tests/formats/geometry/lattice_test.cpp
 #pragma once
 
 #include <Eigen/Core>

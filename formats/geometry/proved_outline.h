@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // An outline that is proved valid, for example without edges that cross. A function that takes a
 // ProvedOutline need not prove the outline again.
-// Tests: tests/formats/geometry/mesh_validity_test.cpp
 #pragma once
 
 #include <utility>

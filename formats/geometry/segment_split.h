@@ -3,7 +3,6 @@
 // the split points lie on shells, which are concentric circles around the corner. So both edges
 // that meet at the corner are split at equal distances from the corner, and the parts of one edge
 // do not encroach (edge_predicates.h) upon the parts of the other (Ruppert, 1995).
-// Tests: tests/formats/geometry/triangle_operations_test.cpp
 #pragma once
 
 #include <algorithm>

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The geometry of one slice: the outline of its material, called the PSLG (planar straight-line
 // graph), and the triangle mesh of the material. Both are on the lattice.
-// Tests: tests/formats/geometry/mesh_validity_test.cpp
 #pragma once
 
 #include <array>

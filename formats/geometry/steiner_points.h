@@ -2,7 +2,6 @@
 // Steiner points: lattice points inside the material at which refinement may insert a vertex. For a
 // triangle that is too sharp or too large, the Steiner point is near the circumcentre, or nearer
 // to the shortest edge, like the off-centres of Uengoer (2004).
-// Tests: tests/formats/geometry/triangle_operations_test.cpp
 #pragma once
 
 #include <algorithm>

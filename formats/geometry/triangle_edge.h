@@ -9,8 +9,6 @@
 //   edge 2 /   \ edge 1             an edge has the same two vertices in the opposite order.
 //         0-----1
 //          edge 0
-//
-// Tests: tests/formats/geometry/triangle_operations_test.cpp
 #pragma once
 
 #include <cstdint>

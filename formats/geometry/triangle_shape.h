@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Measures of a counter-clockwise triangle. From them, mesh refinement decides whether to improve
 // the triangle. Squared lengths and areas are computed as exact integers.
-// Tests: tests/formats/geometry/triangle_operations_test.cpp
 #pragma once
 
 #include <algorithm>

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 // A closed surface of triangles in space, on an integer lattice, for display.
-// Tests: tests/formats/asset/asset_surface_test.cpp
 #pragma once
 
 #include <Eigen/Core>

@@ -2,7 +2,6 @@
 // The section "assumed" of a device description. It names values of the file that nobody has
 // measured, each with a reason. Include this header in .cpp files only, because a public header
 // must not include nlohmann/json.
-// Tests: tests/formats/session/device_description_test.cpp
 #pragma once
 
 #include <nlohmann/json.hpp>

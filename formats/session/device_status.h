@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 // The status that a haptic device returns for a read or a write. It is recorded in each tick.
-// Tests: tests/formats/session/recording_test.cpp
 #pragma once
 
 #include <cstdint>

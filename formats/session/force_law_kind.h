@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The names of the force laws in scenes and on the command line, and the traits of each law that a
 // program needs to read a scene. The laws themselves are in runtime/force_law.
-// Tests: tests/runtime/force_law/force_law_table_test.cpp
 #pragma once
 
 #include <array>

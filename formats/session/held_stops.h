@@ -2,7 +2,6 @@
 // Which stops are held, from the rows of a session in order. There are four: the device's own
 // emergency stop, and the operator's commands emergency stop, pause and zero forces. The loop and
 // the readers of recordings share this rule, so they count the same presses.
-// Tests: tests/formats/session/held_stops_test.cpp
 #pragma once
 
 #include "formats/session/recording.h"

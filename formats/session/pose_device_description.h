@@ -2,7 +2,6 @@
 // The description of a haptic device that measures the pose of its handle itself, such as a desktop
 // device with an SDK: what the device can render, and in which frame it measures. File: JSON,
 // schema formats/session/pose_device.schema.json. docs/add-your-device.md says how to write one.
-// Tests: tests/formats/session/pose_device_description_test.cpp
 #pragma once
 
 #include <array>

@@ -2,7 +2,6 @@
 // Values for scenes of known interventions, such as one with an epidural needle. The values of one
 // intervention are called a procedure: the tool, the soft layers and the resistance of the bone.
 // Most values have a range, and a source or the word "assumed".
-// Tests: tests/formats/session/procedures_test.cpp, tests/runtime/bone_cutting/material/procedure_forces_test.cpp
 #pragma once
 
 #include <cstdint>

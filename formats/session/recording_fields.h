@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The columns of a recording and the fields of its rows. Writing and reading use the same list, so
 // that their order agrees. Internal to formats/session.
-// Tests: tests/formats/session/recording_test.cpp
 #pragma once
 #include <array>
 #include <optional>

@@ -3,7 +3,6 @@
 // description, the options on which torques depend, and the session's duration if it is not the
 // scene's. In the CSV, the first row has the provenance as text in the column `origin`:
 // "program=0.2.0;scene=DIGEST;...", without commas, quotes or blanks.
-// Tests: tests/formats/session/recording_test.cpp
 #pragma once
 
 #include <optional>

@@ -1,5 +1,4 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tests: tests/formats/session/recording_test.cpp
 #include <fcntl.h>
 #include <sys/file.h>
 #include <sys/stat.h>

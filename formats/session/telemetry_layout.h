@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The layout of shared-memory telemetry (telemetry.md), used by writer and reader. The memory
 // consists of 64-bit words. Internal to formats/session.
-// Tests: tests/formats/session/telemetry_test.cpp
 #pragma once
 #include <fcntl.h>
 

@@ -1,5 +1,4 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tests: tests/formats/session/telemetry_test.cpp
 #include <fcntl.h>
 #include <sched.h>
 #include <sys/mman.h>

@@ -2,7 +2,6 @@
 // Who did a session, in which course, and in which attempt. A code stands for the trainee, so no
 // name has to be stored. The origin of a recording (recording_origin.h) has these values in the
 // entries `trainee`, `course` and `attempt`.
-// Tests: tests/formats/session/trainee_test.cpp
 #pragma once
 
 #include <cstdint>

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // How much X-ray a session used. Live page, report and replay all count it from the rows of the
 // ticks, so they agree with each other and with the recording.
-// Tests: tests/formats/session/xray_use_test.cpp
 #pragma once
 
 #include <cstdint>

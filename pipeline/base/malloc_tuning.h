@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // A setting of malloc that makes meshing faster.
-// Tests: tests/e2e/memory_growth_test.py
 #pragma once
 
 namespace trocar::pipeline {

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // Texts for messages: a number, or a list of whole numbers such as "0-46, 50".
-// Tests: tests/pipeline/scan/warnings_test.cpp
 #pragma once
 
 #include <set>

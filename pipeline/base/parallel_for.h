@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // A parallel loop on the threads of the library TBB.
-// Tests: tests/e2e/same_bytes_test.py
 #pragma once
 
 #include <functional>

@@ -1,5 +1,4 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Tests: tests/e2e/stages_test.py
 #pragma once
 
 #include <chrono>

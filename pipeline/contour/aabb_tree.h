@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // A tree of axis-aligned bounding boxes, which finds the edge nearest to a point. Each box encloses
 // edges with consecutive indices.
-// Tests: tests/pipeline/contour/outline_distance_test.cpp
 #pragma once
 
 #include <array>

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // Implements simplify() of label_borders.h.
-// Tests: tests/pipeline/contour/label_borders_test.cpp
 #include <algorithm>
 #include <functional>
 #include <optional>

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // Smooths the borders between labels. A border is given by its crossings, the points at which it
 // crosses grid lines. A grid line joins the centres of two neighbouring pixels.
-// Tests: tests/pipeline/contour/label_borders_test.cpp
 #pragma once
 
 #include <optional>

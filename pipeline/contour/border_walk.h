@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // Walks around each material along its borders. LabelBorders (label_borders.h) holds the borders as
 // chains of points between nodes, the points where borders join.
-// Tests: tests/pipeline/contour/label_borders_test.cpp
 #pragma once
 
 #include <cstdint>

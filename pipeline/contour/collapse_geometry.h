@@ -3,7 +3,6 @@
 // vertices of a path of the outline by one point that keeps the area. This header computes the
 // point, rounds it to the lattice, and finds its position on the contour. It also defines the frame
 // in which the steps are made.
-// Tests: tests/pipeline/contour/area_collapse_test.cpp
 #pragma once
 
 #include <algorithm>

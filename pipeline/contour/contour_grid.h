@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // A grid that finds the contour edges that may be near a point. Each cell lists the edges whose
 // bounding boxes intersect the cell. The grid is built once.
-// Tests: tests/pipeline/contour/area_collapse_test.cpp
 #pragma once
 
 #include <algorithm>

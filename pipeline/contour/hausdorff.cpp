@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // Implements hausdorff_mm() of simplification.h.
-// Tests: tests/pipeline/contour/simplification_test.cpp
 #include <algorithm>
 #include <cmath>
 #include <utility>

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // Distances between points and segments in floating point, in the unit of the coordinates.
-// Tests: tests/pipeline/contour/outline_distance_test.cpp
 #pragma once
 
 #include <algorithm>

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // A grid that finds pairs of segments that may be near each other. Each cell lists the segments
 // that pass through it.
-// Tests: tests/pipeline/contour/simplification_test.cpp
 #pragma once
 
 #include <algorithm>

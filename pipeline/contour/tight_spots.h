@@ -2,7 +2,6 @@
 // The tight spots of an outline: edges shorter than a clearance, and pairs of edges without a
 // common end that are nearer to each other than the clearance. Precondition of all functions: edges
 // do not cross. Distances are in lattice steps.
-// Tests: tests/pipeline/contour/outline_clearance_test.cpp
 #pragma once
 
 #include <algorithm>

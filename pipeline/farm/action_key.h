@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // The key of an action. An action is everything that determines the bytes of a scan's outputs: the
 // program, the parameters and the input files.
-// Tests: tests/pipeline/farm/store_test.cpp
 #pragma once
 
 #include <nlohmann/json.hpp>

@@ -4,7 +4,6 @@
 // is renamed to its final path, and the folder there is synced. The file appears at the moment
 // of the rename, also over NFS. After each step there is a failpoint, at which a test can kill
 // the process (failpoint.h).
-// Tests: tests/pipeline/farm/store_test.cpp
 #pragma once
 
 #include <sys/stat.h>

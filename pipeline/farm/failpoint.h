@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // Failpoints: named steps at which a test program can kill or stop the process. They do nothing in
 // the shipped trocar-mesh.
-// Tests: tests/e2e/batch_test.py
 #pragma once
 
 namespace trocar::farm {

@@ -2,7 +2,6 @@
 // A lease reserves the key of an action (action_key.h) for the process that computes the action's
 // outputs, so that two batches do not do the same work. Correctness does not depend on leases,
 // because two processes that compute the outputs of a key write the same bytes.
-// Tests: tests/pipeline/farm/store_test.cpp
 #pragma once
 
 #include <condition_variable>

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // Identifies the process that made a temporary file or holds a lease, and finds out whether this
 // process is still alive.
-// Tests: tests/pipeline/farm/store_test.cpp
 #pragma once
 
 #include <cstdint>

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // Tasks that run in separate processes. A crash therefore ends only one task, and all memory of a
 // task is returned to the system.
-// Tests: tests/pipeline/farm/worker_test.cpp
 #pragma once
 
 #include <sys/types.h>

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // The files of a scan and their states. The state of a file (path, size, inode, and the times
 // of the last change of its bytes and of its status, which cannot be set back) shows whether the file has changed.
-// Tests: tests/pipeline/farm/store_test.cpp
 #pragma once
 
 #include <cstdint>

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // The interface through which a batch opens and meshes scans; program/farm_scans.h implements it.
 // The rest of this folder deals only with files, digests and processes.
-// Tests: tests/pipeline/farm/worker_test.cpp
 #pragma once
 
 #include <filesystem>

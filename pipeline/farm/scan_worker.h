@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // Does the work of `trocar-mesh batch` on one scan: reads the input, makes the asset, and writes
 // the scan's entry in the store's index of scans. Each scan has a process of its own.
-// Tests: tests/pipeline/farm/worker_test.cpp
 #pragma once
 
 #include <atomic>

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // SHA-256 of texts and files as 64 lower-case hexadecimal digits, computed by libsodium. Also the
 // bytes of a text, and the hexadecimal digits of any bytes.
-// Tests: tests/pipeline/farm/store_test.cpp
 #pragma once
 
 #include <cstdint>

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // Opens any input as a stack of slices: chooses the reader for files or a folder.
-// Tests: tests/pipeline/read/readers_test.cpp
 #pragma once
 
 #include <filesystem>

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // Finds the files in a folder and its sub-folders, and determines which of them form the scan.
-// Tests: tests/e2e/studies_e2e_test.py
 #pragma once
 
 #include <cstddef>

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // Lists the scans in a folder from their headers alone (`trocar-mesh list`). If two slices have the
 // same position, their pixels are read too, to find out whether the slices are copies.
-// Tests: tests/e2e/studies_e2e_test.py
 #pragma once
 
 #include <filesystem>

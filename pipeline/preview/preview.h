@@ -2,7 +2,6 @@
 // Computes the data of `trocar-mesh preview`: some slices with the outlines that trocar-mesh would
 // mesh with the same options, a histogram of the slices' values, and the areas that the material
 // would have at other thresholds.
-// Tests: tests/e2e/preview_test.py
 #pragma once
 
 #include <array>

@@ -2,7 +2,6 @@
 // A preview as one HTML page: the contact sheet (one picture with all slices shown), and the
 // preview's numbers as tables. The page contains neither a time nor a folder, so the same input and
 // options give the same bytes.
-// Tests: tests/e2e/preview_test.py
 #pragma once
 
 #include <cstdint>

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // The contact sheet of a preview as a picture: the slices with their outlines, and below them the
 // histogram and the effect of other thresholds.
-// Tests: tests/e2e/preview_test.py
 #pragma once
 
 #include <array>

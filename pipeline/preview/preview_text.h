@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // The sentences and numbers of a preview, for its picture and its page. Nothing in them comes from
 // names or texts of the input, because such texts may identify the patient.
-// Tests: tests/e2e/preview_test.py
 #pragma once
 
 #include <string>

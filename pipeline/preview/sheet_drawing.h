@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // Text and colours of the preview's contact sheet.
-// Tests: tests/e2e/preview_test.py
 #pragma once
 
 #include <opencv2/core.hpp>

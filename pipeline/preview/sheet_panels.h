@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // The panel below the slices of the contact sheet. It shows the histogram and the effect of other
 // thresholds or, for a label map, the number of voxels of each label.
-// Tests: tests/e2e/preview_test.py
 #pragma once
 
 #include <array>

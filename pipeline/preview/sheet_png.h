@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // PNG files of contact sheets and thumbnails. They contain no time, so that the same picture always
 // gives the same file.
-// Tests: tests/e2e/preview_test.py
 #pragma once
 
 #include <cstdint>

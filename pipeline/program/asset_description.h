@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // Describes an asset, for `trocar-mesh info`.
-// Tests: tests/e2e/info_test.py
 #pragma once
 
 #include <cstdint>

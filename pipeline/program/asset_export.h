@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // Writes the files of `trocar-mesh export`, for other programs.
-// Tests: tests/e2e/export_test.py
 #pragma once
 
 #include <atomic>

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // `trocar-mesh batch`: makes the assets of a collection of scans in a store (farm/store.md).
-// Tests: tests/e2e/batch_test.py
 #pragma once
 
 #include <filesystem>

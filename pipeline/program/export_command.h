@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // `trocar-mesh export`: writes an asset's slices or surfaces for other programs.
-// Tests: tests/e2e/assets_e2e_test.py
 #pragma once
 
 #include <filesystem>

@@ -2,7 +2,6 @@
 // Opens and meshes the scans of `trocar-mesh batch`, through the interface farm/scan_program.h.
 // The parameters of a scan in a collection are options of trocar-mesh. The parser of the command
 // line reads them.
-// Tests: tests/pipeline/program/parameters_test.cpp
 #pragma once
 
 #include <memory>

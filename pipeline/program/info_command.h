@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // `trocar-mesh info`: prints what an asset contains.
-// Tests: tests/e2e/info_test.py
 #pragma once
 
 #include <filesystem>

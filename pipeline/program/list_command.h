@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // `trocar-mesh list`: prints the scans in a folder.
-// Tests: tests/e2e/studies_e2e_test.py
 #pragma once
 
 #include <filesystem>

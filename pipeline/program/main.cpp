@@ -1,5 +1,4 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Tests: tests/e2e/wrong_uses_test.py
 #include "pipeline/program/trocar_mesh.h"
 
 int main(int argc, char** argv) {

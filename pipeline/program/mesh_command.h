@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // `trocar-mesh INPUT -o ASSET.glb`: meshes one scan.
-// Tests: tests/e2e/mesh_program_e2e_test.py
 #pragma once
 
 #include "pipeline/program/arguments.h"

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // Opens a scan with the options of the command line, for meshing, a preview or a batch, and
 // describes its series in reports.
-// Tests: tests/e2e/mesh_program_e2e_test.py, tests/e2e/studies_e2e_test.py
 #pragma once
 
 #include <filesystem>

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // Prints errors and warnings of trocar-mesh, and finds the endings of file names.
-// Tests: tests/e2e/wrong_uses_test.py
 #pragma once
 
 #include <filesystem>

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // Presets of trocar-mesh. A preset is a named list of options with values, which `--explain`
 // prints. If the command line gives an option of the preset too, the command line's value counts.
-// Tests: tests/pipeline/program/parameters_test.cpp
 #pragma once
 
 #include <set>

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // `trocar-mesh preview`: writes a picture (.png) or a page (.html) of what trocar-mesh would mesh
 // with the same options.
-// Tests: tests/e2e/preview_test.py
 #pragma once
 
 #include "pipeline/program/arguments.h"

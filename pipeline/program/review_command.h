@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // `trocar-mesh review`: writes HTML pages that show a store's assets.
-// Tests: tests/e2e/review_test.py
 #pragma once
 
 #include <filesystem>

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // A slice's outline in the format of Shewchuk's program Triangle (.poly).
-// Tests: tests/e2e/assets_e2e_test.py
 #pragma once
 
 #include <string>

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // The program trocar-mesh apart from main(), so that a test program can call it too.
-// Tests: tests/e2e/wrong_uses_test.py
 #pragma once
 
 namespace trocar::pipeline {

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // `trocar-mesh verify`: checks whether assets are valid (verify_asset() in formats/asset/asset.h).
-// Tests: tests/e2e/assets_e2e_test.py
 #pragma once
 
 #include <filesystem>

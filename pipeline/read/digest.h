@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // Digests that identify an input without revealing its contents.
-// Tests: tests/e2e/private_assets_test.py
 #pragma once
 
 #include <cstddef>

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // The kind of a file according to its name, the order of files by name, and lists of their names.
-// Tests: tests/pipeline/read/readers_test.cpp
 #pragma once
 
 #include <filesystem>

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // Makes labels of the values that a label map stores.
-// Tests: tests/pipeline/read/label_values_test.cpp
 #pragma once
 
 #include <optional>

@@ -1,5 +1,4 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Tests: tests/pipeline/read/gzip_reader_test.cpp
 #pragma once
 
 #include <unistd.h>

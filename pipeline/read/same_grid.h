@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // Compares the voxel grids of two stacks, for example of a label map and its CT. The two are used
 // together only if the grids are equal, because nothing is resampled.
-// Tests: tests/pipeline/open/labels_with_ct_test.py
 #pragma once
 
 #include <optional>

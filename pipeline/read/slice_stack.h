@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // A scan as a stack of slices, with one interface for all file formats. Slices are ordered along
 // the slice normal. Each slice keeps its own plane, because nothing is resampled.
-// Tests: tests/pipeline/read/readers_test.cpp
 #pragma once
 
 #include <Eigen/Geometry>

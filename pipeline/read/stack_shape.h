@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // The distances between slices, and the shift from one slice to the next.
-// Tests: tests/pipeline/read/readers_test.cpp
 #pragma once
 
 #include <Eigen/Core>

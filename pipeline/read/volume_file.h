@@ -3,7 +3,6 @@
 // as a stream, to a temporary file. Memory therefore does not grow with the size of the volume. The
 // temporary file has no name, so the system removes it however the program ends. A separate thread
 // can unpack the volume. The caller can then read the first bytes before the last are unpacked.
-// Tests: tests/pipeline/read/readers_test.cpp
 #pragma once
 
 #include <cstdint>

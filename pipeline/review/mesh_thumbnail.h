@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // A small picture of an asset: its middle slice with its mesh.
-// Tests: tests/e2e/review_test.py
 #pragma once
 
 #include <optional>

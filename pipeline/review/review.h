@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // `trocar-mesh review`: HTML pages with a picture of every asset of a store. On request, the pages
 // also show the differences from another store.
-// Tests: tests/e2e/review_test.py
 #pragma once
 
 #include <atomic>

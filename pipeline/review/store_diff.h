@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // The differences between the assets of two stores, the most serious first.
-// Tests: tests/e2e/review_test.py
 #pragma once
 
 #include <atomic>

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // Reads and checks the assets of a store.
-// Tests: tests/e2e/review_test.py
 #pragma once
 
 #include <nlohmann/json.hpp>

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // The names and labels of the materials of an asset that is made from a label map.
-// Tests: tests/pipeline/scan/materials_test.cpp
 #pragma once
 
 #include <map>

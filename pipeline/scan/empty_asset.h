@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // The error for a scan without any triangles.
-// Tests: tests/e2e/mesh_program_e2e_test.py
 #pragma once
 
 #include <string>

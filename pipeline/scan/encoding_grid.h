@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // The grid on which the vertices of all slices are encoded.
-// Tests: tests/pipeline/scan/materials_test.cpp
 #pragma once
 
 #include "formats/asset/asset.h"

@@ -2,7 +2,6 @@
 // The HU of a whole scan, not only of the material, on a coarse grid for X-ray pictures
 // (--context). If the scan shows the head, these HU can show the patient's face, so an asset that
 // contains them is not anonymous. The pitch is the spacing of the grid.
-// Tests: tests/pipeline/scan/hu_context_test.cpp, tests/e2e/hu_volume_test.py
 #pragma once
 
 #include "formats/asset/asset.h"

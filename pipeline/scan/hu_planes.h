@@ -2,7 +2,6 @@
 // Samples and compresses the HU of slices for the asset (formats/asset/hu_volume.h). If pixels are
 // wider than about 0.57 mm, every pixel is a sample. If they are narrower, every second, third, ...
 // pixel is a sample, so that samples are between 0.7 and 1.15 mm apart.
-// Tests: tests/pipeline/scan/hu_planes_test.cpp, tests/e2e/hu_volume_test.py
 #pragma once
 
 #include <cstdint>

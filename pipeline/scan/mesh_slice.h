@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // Turns the pixels of one slice into verified meshes of its materials.
-// Tests: tests/pipeline/triangulation/meshing_test.cpp, tests/pipeline/scan/materials_test.cpp
 #pragma once
 
 #include <map>

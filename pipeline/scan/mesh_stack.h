@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // Meshes the slices of a scan in parallel into one asset and one report.
-// Tests: tests/pipeline/scan/materials_test.cpp
 #pragma once
 
 #include <atomic>

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // Makes JSON from the results of a run: entries of the report (--report), the measures of a slice
 // that the asset stores, and the data of one slice for pictures (--dump-stages).
-// Tests: tests/e2e/mesh_program_e2e_test.py
 #pragma once
 
 #include <nlohmann/json.hpp>

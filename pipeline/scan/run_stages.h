@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // Adds up the time that each stage of a run takes, for stages_ms in the report.
-// Tests: tests/e2e/stages_test.py
 #pragma once
 
 #include <algorithm>

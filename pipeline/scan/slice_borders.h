@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // Computes the borders of the materials of one slice: first contours, then simplified outlines.
-// Tests: tests/pipeline/scan/materials_test.cpp
 #pragma once
 
 #include <optional>

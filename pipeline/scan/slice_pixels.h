@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // Segments the pixels of one slice and assigns them to materials.
-// Tests: tests/pipeline/scan/materials_test.cpp
 #pragma once
 
 #include <optional>

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // Defaults in mm that follow the pixel where it is small, as in micro-CT: they are meant for
 // clinical CT, and would drop or move most of the structures of a finer scan.
-// Tests: tests/pipeline/scan/small_pixels_test.cpp
 #pragma once
 
 #include "pipeline/read/slice_stack.h"

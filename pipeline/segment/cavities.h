@@ -6,7 +6,6 @@
 // only in a crevice (Enclosure in plane_flood.h). The cavity is closed if no voxel next to it along
 // the axis is open, that is, neither material nor enclosed. What lies beyond the first and the last
 // plane of the scan is unknown and does not count.
-// Tests: tests/pipeline/segment/solid_bone_test.cpp
 #pragma once
 
 #include <algorithm>

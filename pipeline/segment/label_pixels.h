@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // Assigns the pixels of a label map to materials, each of which is a set of labels. Also defines
 // which pixels of a material are connected.
-// Tests: tests/pipeline/contour/label_borders_test.cpp
 #pragma once
 
 #include <cstdint>

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // The field of one slice of a scan: its pixels within a crop, after segmentation. If wanted, the
 // scanner's table is removed, and SolidBone adds and removes pixels.
-// Tests: tests/pipeline/scan/materials_test.cpp
 #pragma once
 
 #include <optional>

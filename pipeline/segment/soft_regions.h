@@ -11,7 +11,6 @@
 // has a denser cortex in its shell. In the shell of a vessel, the HU fall off to those of the
 // surrounding tissue.) Each block of material near a region belongs to the nearest region and is
 // soft if this region is soft.
-// Tests: tests/pipeline/segment/canals_test.cpp
 #pragma once
 
 #include <algorithm>

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // The planes of a volume that are perpendicular to one of its axes. Each plane can be read and
 // written as an image.
-// Tests: tests/pipeline/segment/canals_test.cpp
 #pragma once
 
 #include <cstddef>

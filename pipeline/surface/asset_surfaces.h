@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // The surfaces for display that an asset stores (--surface).
-// Tests: tests/e2e/surface_test.py
 #pragma once
 
 #include <nlohmann/json.hpp>

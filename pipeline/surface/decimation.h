@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // Decimation: approximates a closed surface by fewer triangles.
-// Tests: tests/pipeline/surface/decimation_test.cpp
 #pragma once
 
 #include <array>

@@ -10,7 +10,6 @@
 //  3. The resulting surface is proved to be closed, manifold and oriented
 //     (formats/geometry/triangle_surface.h). CGAL's exact predicates prove that it does not
 //     intersect itself. The distances between the surface and the zero level are measured.
-// Tests: tests/pipeline/surface/display_surface_test.cpp
 #pragma once
 
 #include <algorithm>

@@ -2,7 +2,6 @@
 // The zero level of a volume as a closed triangle surface, by marching cubes. The surface has no
 // gaps between cells: if only two opposite corners of the face between two cells are material, both
 // cells connect these corners, or neither does.
-// Tests: tests/pipeline/surface/isosurface_test.cpp
 #pragma once
 
 #include "formats/base/result.h"

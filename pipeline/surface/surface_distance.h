@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // Distances between a triangle surface and the zero level of a volume, which is the surface on
 // which the volume's interpolated value is 0.
-// Tests: tests/pipeline/surface/display_surface_test.cpp
 #pragma once
 
 #include <limits>

@@ -4,7 +4,6 @@
 // slice's height it equals the slice's field minus the iso-value, so a plane there cuts the surface
 // along the slice's contour. (For the mask of a label map this holds only approximately, because
 // the mask is smoothed first.)
-// Tests: tests/pipeline/surface/display_surface_test.cpp
 #pragma once
 
 #include <Eigen/Geometry>

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // Lists the points at which refinement may insert vertices to divide triangles that are too large.
-// Tests: tests/pipeline/triangulation/meshing_test.cpp
 #pragma once
 
 #include <cstdint>

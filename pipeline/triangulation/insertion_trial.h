@@ -2,7 +2,6 @@
 // Evaluates what the insertion of a vertex would change, without inserting it. The insertion would
 // replace the triangles of a cavity by new triangles between the cavity's boundary and the point.
 // This header evaluates the new triangles, four at a time.
-// Tests: tests/pipeline/triangulation/cavity_boundary_test.cpp
 #pragma once
 
 #include <algorithm>

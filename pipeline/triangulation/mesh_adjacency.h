@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // Finds the neighbours of each triangle of a mesh.
-// Tests: tests/pipeline/triangulation/triangulation_test.cpp
 #pragma once
 
 #include <array>

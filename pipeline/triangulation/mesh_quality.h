@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // Measures the angles and areas of a refined mesh. An input angle is the angle in the material
 // between two neighbouring segments of the outline; refinement cannot change it.
-// Tests: tests/pipeline/triangulation/meshing_test.cpp
 #pragma once
 
 #include <vector>

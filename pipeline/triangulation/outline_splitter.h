@@ -2,7 +2,6 @@
 // The part of refinement that concerns the outline. OutlineSplitter keeps lists of the bad
 // triangles and of the encroached edges, and splits edges of the outline. (An edge of the outline
 // is encroached upon if the apex of its triangle lies in the circle whose diameter is the edge.)
-// Tests: tests/pipeline/triangulation/meshing_test.cpp
 #pragma once
 
 #include <algorithm>

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // Adds to the borders between several materials the points that refinement inserted on them.
-// Tests: tests/pipeline/triangulation/regions_test.cpp
 #pragma once
 
 #include <span>

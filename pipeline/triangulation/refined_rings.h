@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // Finds the boundary of a refined mesh, with one ring for each ring of the outline that was meshed.
-// Tests: tests/pipeline/triangulation/regions_test.cpp
 #pragma once
 
 #include "formats/geometry/slice_mesh.h"

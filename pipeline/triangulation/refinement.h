@@ -15,7 +15,6 @@
 // leaves the fewest bad triangles (similar to Erten and Uengoer's locally optimal Steiner points,
 // 2009). If the bound on the area is the same everywhere and requires many triangles, refinement
 // first fills the inside with a grid of equilateral triangles.
-// Tests: tests/pipeline/triangulation/meshing_test.cpp
 #pragma once
 
 #include <cstdint>

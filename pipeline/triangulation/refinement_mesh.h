@@ -2,7 +2,6 @@
 // The mesh during refinement, stored in flat arrays, and the insertion of points into it. The
 // triangles whose circumcircles contain a new point form the point's cavity. An insertion replaces
 // the cavity by triangles around the point (Bowyer; Watson, 1981).
-// Tests: tests/pipeline/triangulation/meshing_test.cpp
 #pragma once
 
 #include <algorithm>

@@ -4,7 +4,6 @@
 // which are concentric circles around the corner. The two segments that meet at the corner
 // are thus split at equal distances from it, and their parts do not encroach upon each other
 // (Ruppert, 1995; Shewchuk).
-// Tests: tests/pipeline/triangulation/meshing_test.cpp
 #pragma once
 
 #include <cstdint>

@@ -4,7 +4,6 @@
 // their shortest edge. From each power of two to the next there are four buckets of equal width.
 // Within a bucket the newest triangle comes first. If a triangle is replaced, its entry stays in
 // the queue until pop() drops it.
-// Tests: tests/pipeline/triangulation/meshing_test.cpp
 #pragma once
 
 #include <algorithm>

@@ -3,7 +3,6 @@
 // Each region has its own vertices, so a shared edge exists twice. SharedEdges therefore records
 // which vertices of the two regions are copies of each other. The header also chooses the points at
 // which a shared edge is split.
-// Tests: tests/pipeline/triangulation/regions_test.cpp
 #pragma once
 
 #include <array>

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // Sorts vertices and triangles of a refined mesh by position.
-// Tests: tests/pipeline/triangulation/meshing_test.cpp
 #pragma once
 
 #include "pipeline/triangulation/refinement.h"

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // Decides whether a triangle is within the bounds on angle and area that refinement must meet.
-// Tests: tests/pipeline/triangulation/meshing_test.cpp
 #pragma once
 
 #include <algorithm>

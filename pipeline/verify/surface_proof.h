@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // Finds the triangles of a surface that intersect each other, with the library CGAL.
-// Tests: tests/pipeline/surface/display_surface_test.cpp
 #pragma once
 
 #include <vector>

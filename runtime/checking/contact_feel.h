@@ -2,7 +2,6 @@
 // Measures, in a dry run (dry_run.h), what a hand would notice as unlike bone: a tool that sinks in
 // elastically and then snaps, forces that alternate from tick to tick, and a plate that is pushed
 // away when the hand lets go.
-// Tests: tests/runtime/checking/contact_feel_test.cpp
 #pragma once
 
 #include <Eigen/Core>

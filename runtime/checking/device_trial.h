@@ -3,7 +3,6 @@
 // torques. The trial measures the times from each new device state to the next, lost data, and the
 // resolution and noise of the measured values. It also keeps the last pose.
 // describe() says in words whether a session at this rate would run undisturbed.
-// Tests: tests/runtime/checking/device_trial_test.cpp, tests/e2e/device_trial_test.py
 #pragma once
 
 #include <cstdint>

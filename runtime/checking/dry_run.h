@@ -2,7 +2,6 @@
 // A dry run: a session over the scene with the simulated device, in virtual time, which writes no
 // files (`trocar-run check`). Up to kMaxDryRunTicks ticks, the result of a dry run is exactly
 // that of a session in virtual time with the same options.
-// Tests: tests/runtime/checking/dry_run_test.cpp, tests/e2e/scene_check_e2e_test.py
 #pragma once
 
 #include <Eigen/Core>

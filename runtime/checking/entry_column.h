@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Finds the column of an asset where its bone is thickest. A column is a vertical line through the
 // slices. A proposed scene (new_scene.h) has its entry point in this column.
-// Tests: tests/e2e/new_scene_test.py
 #pragma once
 
 #include <Eigen/Geometry>

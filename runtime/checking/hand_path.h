@@ -2,7 +2,6 @@
 // Follows the path of the scene's hand, and finds the points where the path exceeds a limit of the
 // device or of the haptic loop, and the points where the path crosses a sheet. The tool is assumed
 // to follow the hand exactly. The dry run (dry_run.h) shows how the tool moves if forces act on it.
-// Tests: tests/runtime/checking/hand_path_test.cpp
 #pragma once
 
 #include <Eigen/Core>

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The straight path of a proposed scene's needle through the slices: at the position where the bone
 // is thickest, or through points that a person has chosen.
-// Tests: tests/runtime/checking/needle_path_test.cpp, tests/e2e/new_scene_test.py
 #pragma once
 
 #include <Eigen/Core>

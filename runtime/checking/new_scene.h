@@ -2,7 +2,6 @@
 // Proposes a scene for an asset (`trocar-run new-scene`). The tool enters where the bone is
 // thickest, or goes through points that a person has chosen. Slices are placed at heights that the
 // device's tip can reach.
-// Tests: tests/runtime/checking/scene_check_test.cpp, tests/e2e/new_scene_test.py
 #pragma once
 
 #include <filesystem>

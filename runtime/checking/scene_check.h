@@ -32,7 +32,6 @@
 // (dry_run.h). For later times only the path of the hand is evaluated, as if the tool followed the
 // hand exactly. Item 1 then means also that this path exceeds no limit. Item 2 then holds for a
 // slice, too, if the path first crosses the slice's material after the end of the dry run.
-// Tests: tests/runtime/checking/scene_check_test.cpp, tests/e2e/scene_check_e2e_test.py
 #pragma once
 
 #include <memory>

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Drafts of scenes for a needle's path, as JSON. A draft is not checked here. propose_scene()
 // (new_scene.h) checks the drafts and chooses one.
-// Tests: tests/e2e/new_scene_test.py, tests/e2e/chosen_points_test.py
 #pragma once
 
 #include <filesystem>

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 // Computes the figures from which scene_check.h makes the text and the warnings of a check.
-// Tests: tests/e2e/scene_check_e2e_test.py
 #pragma once
 
 #include <cstddef>

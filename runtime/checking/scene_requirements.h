@@ -2,7 +2,6 @@
 // The requirements of a scene, a part of `trocar-run check`: the bytes that are loaded and kept
 // in memory, the motor torques that the tissues' threshold forces need and, with the force law
 // `network`, the time to prepare the prefetched stiffness.
-// Tests: tests/e2e/scene_check_e2e_test.py
 #pragma once
 
 #include <cstdint>

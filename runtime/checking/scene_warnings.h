@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The warnings of `trocar-run check`. To add a warning, write a function in scene_warnings.cpp
 // and call it in find_warnings().
-// Tests: tests/e2e/scene_check_e2e_test.py
 #pragma once
 
 #include <string>

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 // Finds the tissue of each slice, and states the reason in words.
-// Tests: tests/runtime/checking/tissue_assignment_test.cpp
 #pragma once
 
 #include <optional>

@@ -2,7 +2,6 @@
 // A separate thread for calls into a foreign library. Because a call may never return, the caller
 // waits for it only up to a time limit, and then continues without the result. One thread makes all
 // calls, one after the other, because a library may store data per thread, such as the last error.
-// Tests: tests/runtime/connection/call_thread_test.cpp
 #pragma once
 
 #include <functional>

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The connection to a haptic device of Force Dimension (omega, delta, sigma, lambda) or to a Novint
 // Falcon. It uses Force Dimension's SDK, which the user installs (force_dimension_library.h).
-// Tests: tests/runtime/connection/force_dimension_test.cpp
 #pragma once
 
 #include <memory>

@@ -2,7 +2,6 @@
 // The functions of Force Dimension's SDK, found at run time in the library that the user has
 // installed. Nothing of the SDK is linked or copied: the functions and types below follow the SDK's
 // public list of functions (SDK 3.16). For example, get_status is the SDK's dhdGetStatus.
-// Tests: tests/runtime/connection/force_dimension_test.cpp
 #pragma once
 
 #include <cstdint>

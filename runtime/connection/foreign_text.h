@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 // Cleans a text from a device or a library, so that it can stand in one line of a message.
-// Tests: tests/runtime/connection/foreign_text_test.cpp
 #pragma once
 
 #include <string>

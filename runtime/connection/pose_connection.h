@@ -3,7 +3,6 @@
 // (connected_device.h) turns a connection into a PoseDevice: it makes the exchanges on a separate
 // thread. An implementation of PoseConnection may therefore allocate, lock and block, and needs no
 // thread of its own.
-// Tests: tests/runtime/connection/connected_device_test.cpp
 #pragma once
 
 #include <functional>

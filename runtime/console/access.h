@@ -2,7 +2,6 @@
 // Access control of the console: tokens and the roles that they give, the host names under which
 // the console answers, the file names that a page may send, and which page holds the live hand (a
 // hand that a person moves while the session runs).
-// Tests: tests/runtime/console/console_test.cpp, tests/runtime/console/hand_holder_test.cpp
 #pragma once
 
 #include <chrono>

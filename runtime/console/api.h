@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Answers the requests whose path begins with /api/ (protocol.md). Precondition: the caller has
 // checked the request's Host, Origin and token. This code does not use sockets.
-// Tests: tests/e2e/console_server_test.py
 #pragma once
 
 #include <functional>

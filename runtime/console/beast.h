@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Boost.Beast with short names. Boost.Beast takes long to compile, so only files that handle
 // sockets include this header.
-// Tests: tests/e2e/console_hostile_test.py
 #pragma once
 
 #include <utility>  // must come before asio, which uses std::exchange without including it

@@ -2,7 +2,6 @@
 // Stores what one WebSocket client has received so far, and determines the client's next message.
 // No messages are queued for a slow client: whenever the client can take a message, the message is
 // made from the supervisor's present state.
-// Tests: tests/e2e/console_clients_test.py
 #pragma once
 
 #include <chrono>

@@ -2,7 +2,6 @@
 // The state that all connections of one console share. Only the network thread uses this state,
 // except for two parts: only the worker thread uses the members `bone` and `volume`, and only the
 // worker thread calls Files::list().
-// Tests: tests/e2e/console_clients_test.py
 #pragma once
 
 #include <boost/asio/io_context.hpp>

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The scenes, assets and recordings that pages may name. The files are those of a folder or, for
 // playback, those that were given on the command line. The contents of the files are not trusted.
-// Tests: tests/runtime/console/console_test.cpp
 #pragma once
 
 #include <cstdint>

@@ -2,7 +2,6 @@
 // The force on the hand and the height of the tip since a session began, for pages that connect
 // later. If there are more than kMaxPoints points, one point of each pair of successive points is
 // removed: the point with the smaller force, so that peaks stay.
-// Tests: tests/runtime/console/force_history_test.cpp
 #pragma once
 
 #include <cstddef>

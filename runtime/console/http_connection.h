@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // One HTTP connection: reads requests one after the other, checks whether they may be answered, and
 // sends the answers.
-// Tests: tests/e2e/console_hostile_test.py
 #pragma once
 
 #include <functional>

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Passes data of the console's session to OpenIGTLink clients, such as 3D Slicer: the tool's pose,
 // the force, the session's state, and the bone's surface (docs/openigtlink.md).
-// Tests: tests/e2e/console_igtl_test.py
 #pragma once
 
 #include <chrono>

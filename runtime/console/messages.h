@@ -2,7 +2,6 @@
 // Encodes the messages to clients (protocol.md): events as JSON with a text for the operator, ticks
 // and meshes as bytes. A binary message begins with its kind and its number. The functions
 // below encode only the contents that follow; TelemetryClient sends kind and number before them.
-// Tests: tests/e2e/console_server_test.py
 #pragma once
 
 #include <cstdint>

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The files of the console's page, which are read once when the console starts, and the policies
 // that tell a browser which scripts may run (Content-Security-Policy).
-// Tests: tests/runtime/console/console_test.cpp
 #pragma once
 
 #include <filesystem>

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 // Parses the target of an HTTP request: a path and its parameters.
-// Tests: tests/e2e/console_hostile_test.py
 #pragma once
 
 #include <map>

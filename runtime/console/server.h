@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 // The console's HTTP and WebSocket server (protocol.md).
-// Tests: tests/e2e/console_server_test.py, tests/e2e/console_hostile_test.py
 #pragma once
 
 #include <cstdint>

@@ -3,7 +3,6 @@
 // punctures and faults), the latest snapshot (the numbers of one tick) and the meshes. Every part
 // is stored in the form in which clients get it. After the session has ended, the copy is kept
 // until the next session begins.
-// Tests: tests/e2e/console_server_test.py
 #pragma once
 
 #include <array>

@@ -2,7 +2,6 @@
 // The supervisor of the one session that a console shows. The supervisor starts trocar-run (and, if
 // a page asks for it, the simulated device trocar-device-sim), or finds a session that already
 // runs. It then follows this session, and passes the commands of pages on to the session.
-// Tests: tests/runtime/console/supervisor_test.cpp, tests/e2e/console_server_test.py
 #pragma once
 
 #include <array>

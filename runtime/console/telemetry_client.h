@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 // One client, which is a page or a script that is connected by the WebSocket /live (protocol.md).
-// Tests: tests/e2e/console_clients_test.py
 #pragma once
 
 #include <array>

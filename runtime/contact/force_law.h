@@ -15,7 +15,6 @@
 //     not allocate, lock or throw, and they take a bounded time.
 //  2. The result depends only on the construction arguments and on the sequence of calls, so that a
 //     replay gives the same bits.
-// Tests: tests/runtime/force_law/force_law_table_test.cpp
 #pragma once
 
 #include <cstddef>

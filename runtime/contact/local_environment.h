@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The springs, dampers and friction elements that act on the tool at one pose: their forces, the change of
 // these forces when the tool moves a little further, and the energy that they store.
-// Tests: tests/runtime/contact/virtual_coupling_test.cpp
 #pragma once
 
 #include <Eigen/Core>

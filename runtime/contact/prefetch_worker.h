@@ -3,7 +3,6 @@
 // the haptic thread, for force laws whose computation takes longer than a tick. In each tick the
 // haptic thread selects the sheet that the tool touches or will reach next, requests this sheet's
 // stiffness at the tool's present position, and uses the latest stiffness that is ready.
-// Tests: tests/runtime/session/network_session_test.cpp
 #pragma once
 
 #include <array>

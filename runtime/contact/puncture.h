@@ -42,7 +42,6 @@
 //     is c + p h, but at most 1. Here c is the coverage of the tool, p is the fraction of the
 //     tool's outline in older holes, and h is the coverage of the nearest older hole. The term p h
 //     counts the material that older holes have removed.
-// Tests: tests/runtime/contact/contact_test.cpp
 #pragma once
 
 #include <array>

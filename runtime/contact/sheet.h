@@ -2,7 +2,6 @@
 // A sheet: one slice of an asset, placed in the device's frame {B}, with a grid to look up the
 // triangles under the tool. The haptic thread only reads sheets. Holes are cut into a second copy
 // of the sheet that the haptic thread does not use (runtime/workers/remesher.h).
-// Tests: tests/runtime/contact/place_slices_test.cpp
 #pragma once
 
 #include <cstdint>

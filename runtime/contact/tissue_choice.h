@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 // Chooses the tissue of a slice from the tissues of the scene.
-// Tests: tests/runtime/contact/place_slices_test.cpp
 #pragma once
 
 #include <cstdint>

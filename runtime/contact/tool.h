@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The tool, which is a prism on the plate, and the tool's outline on the lattice of a slice (the
 // integer grid of its mesh). The outline determines the coverage and the shape of the hole.
-// Tests: tests/runtime/contact/tool_outline_test.cpp
 #pragma once
 
 #include <Eigen/Core>

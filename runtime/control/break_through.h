@@ -31,7 +31,7 @@
 //     begin.
 //  7. Neither the boundaries of slices nor punctures enter laws 1 to 4 and 6: bone of equal strength
 //     gives no break-through, however it is sliced.
-// Realtime-safe. Tests: tests/runtime/reporting/break_through_test.cpp
+// Realtime-safe.
 #pragma once
 
 #include <Eigen/Core>

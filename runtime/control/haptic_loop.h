@@ -33,7 +33,6 @@
 //     the ramp after a fault, the rise of two factors after a recovery (the factor on the force,
 //     and the factor on the compensation of friction and weight), and the change from one
 //     prefetched stiffness to the next.
-// Tests: tests/runtime/control/loop_test.cpp
 #pragma once
 
 #include <cstdint>

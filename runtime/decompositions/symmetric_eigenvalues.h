@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The eigenvalues of symmetric 6 x 6 matrices. Eigen's solver compiles slowly, so no file of the
 // programs except symmetric_eigenvalues.cpp includes this solver.
-// Tests: tests/runtime/decompositions/symmetric_eigenvalues_test.cpp
 #pragma once
 
 #include <Eigen/Core>

@@ -17,7 +17,6 @@
 //     positions of the tool. The stiffness f is kept.
 // Step 2 lowers T by 5 to 8 %, and thereby shortens lambda by 2 to 4 %, if the given lambda is at
 // least 1.5 circumradii of the tool.
-// Tests: tests/runtime/deformation/deformation_accuracy_test.cpp
 #pragma once
 
 #include "formats/base/result.h"

@@ -26,7 +26,6 @@
 //     that are not on the ring.
 //  3. By reciprocity (the network's matrix is symmetric), F_v - F_w = sum over the ring nodes m of
 //     g_m w_m. So F_v - F_w is at most B times the sum of all g_m.
-// Tests: tests/runtime/deformation/deformation_local_test.cpp
 #pragma once
 
 #include <cstdint>

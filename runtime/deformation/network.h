@@ -25,7 +25,6 @@
 //     spring has a negative stiffness. A positive maximum and a negative minimum of w can
 //     then occur only at nodes that are held (NodeKind). The error bounds of local_solver.h
 //     follow from this principle.
-// Tests: tests/runtime/deformation/deformation_network_test.cpp
 #pragma once
 
 #include <cstddef>

@@ -2,7 +2,6 @@
 // Copies the part of a sheet around the tool into a separate mesh. From this copy, region.h makes a
 // region: it cuts the tool's outline out and refines the mesh. The stiffness under the tool is
 // computed on the region.
-// Tests: tests/runtime/deformation/deformation_region_test.cpp
 #pragma once
 
 #include <Eigen/Core>

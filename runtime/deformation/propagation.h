@@ -29,7 +29,6 @@
 //   v_i <- (1 - damping) v_i - r_i / k_i,   w_i <- w_i + v_i   (v in m per sweep)
 // where r_i is reaction_N() of network.h. A fixed point of this step is the equilibrium with
 // limited depth. With damping = 1 the step is the Gauss-Seidel iteration.
-// Tests: tests/runtime/deformation/deformation_propagation_test.cpp
 #pragma once
 
 #include <cstdint>

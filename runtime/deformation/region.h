@@ -24,7 +24,6 @@
 //     moved and rotated with them, and is otherwise the same to the bit. This does not hold if
 //     the tool and the sheet around it have no unique canonical rotation, for example because
 //     they are symmetric (formats/geometry/canonical_rotation.h).
-// Tests: tests/runtime/deformation/deformation_region_test.cpp
 #pragma once
 
 #include <Eigen/Core>

@@ -2,7 +2,6 @@
 // Finds how each node of a region is held (NodeKind), from the region's boundary edges. A
 // boundary edge lies on the tool, on the border to the rest of the sheet (the ring), or on
 // the sheet's outline.
-// Tests: tests/runtime/deformation/deformation_region_test.cpp
 #pragma once
 
 #include <cstdint>

@@ -4,7 +4,6 @@
 // the tool is computed, so the response also has bounds on the errors of stiffness and shape. A
 // worker computes the response in advance. The force is linear in the depth, so a haptic tick only
 // multiplies the stiffness by the depth.
-// Tests: tests/runtime/deformation/deformation_accuracy_test.cpp
 #pragma once
 
 #include <Eigen/Core>

@@ -15,7 +15,6 @@
 //  - To compute the response of a sheet to the tool at a new position (response.h), the program
 //    with Eigen would take 1.03 times as long.
 //  - To calibrate a sheet's stiffness (calibration.h), it would take 1.02 times as long.
-// Tests: tests/runtime/deformation/deformation_springs_test.cpp
 #pragma once
 
 #include <cstddef>

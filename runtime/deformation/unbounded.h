@@ -18,7 +18,6 @@
 // each panel (collocation). At a corner, q is singular as d^(pi/omega - 1), where d is the
 // distance from the corner and omega is the angle outside the tool. The panels therefore get
 // shorter towards the corners.
-// Tests: tests/runtime/deformation/deformation_exact_test.cpp
 #pragma once
 
 #include <Eigen/Core>

@@ -3,7 +3,6 @@
 // An implementation can be a simulated device in this process, the link to a drive (the motor
 // electronics), a recording that is replayed, or a test. runtime/mechanism/four_legs.h builds a
 // HandDevice on this interface.
-// Tests: tests/runtime/simulation/simulated_device_test.cpp
 #pragma once
 
 #include <array>

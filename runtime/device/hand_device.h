@@ -16,7 +16,6 @@
 //  2. Whatever wrench is wanted, the command of write() is finite and within the device's limits.
 //  3. delivered() is the wrench that the last command renders to the hand. The energy account
 //     (runtime/control/energy_limit.h) uses this wrench, not the wrench that was wanted.
-// Tests: tests/runtime/mechanism/four_legs_test.cpp, tests/runtime/control/loop_test.cpp
 #pragma once
 
 #include <Eigen/Core>

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 // The counts and times that a session collects on the link to its device.
-// Tests: tests/runtime/link/udp_device_test.cpp, tests/e2e/device_trial_test.py
 #pragma once
 
 #include <cstdint>

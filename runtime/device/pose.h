@@ -2,7 +2,6 @@
 // Rigid transforms, twists and wrenches of the device, in SI units. Nothing here allocates. The
 // name of a pose states its frames: T_device_plate maps coordinates in the plate's frame {T} to
 // coordinates in the device's frame {B}.
-// Tests: tests/runtime/mechanism/kinematics_test.cpp
 #pragma once
 
 #include <Eigen/Core>

@@ -8,7 +8,6 @@
 // All values are in the device's own frame, in SI units. The device's description
 // (formats/session/pose_device_description.h) says how this frame is oriented, and which values are
 // measured and rendered.
-// Tests: tests/runtime/pose_device/pose_hand_test.cpp
 #pragma once
 
 #include <array>

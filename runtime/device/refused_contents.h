@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The field for which the newest state of a device was refused. One thread writes it, another reads
 // it; neither waits.
-// Tests: tests/runtime/link/udp_pose_device_test.cpp
 #pragma once
 
 #include <atomic>

@@ -2,7 +2,6 @@
 // Opens the devices that a session can use. A URI names a device. To add a device, write one class
 // derived from PoseConnection, PoseDevice or HandDevice in a new file, and add one entry to the
 // table of open_device.cpp.
-// Tests: tests/runtime/devices/open_device_test.cpp
 #pragma once
 
 #include <filesystem>

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 // The distances of a plate pose from the limits of the device and of the loop (limits.h).
-// Tests: tests/runtime/checking/hand_path_test.cpp
 #pragma once
 
 #include "runtime/contact/tool.h"

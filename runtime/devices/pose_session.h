@@ -2,7 +2,6 @@
 // The parts that a session with a pose device (runtime/device/pose_device.h) needs besides the
 // device itself: built-in descriptions, the limits and the force scale that fit a device and a
 // scene, and the entries about the device in a recording.
-// Tests: tests/runtime/devices/pose_session_test.cpp
 #pragma once
 
 #include <memory>

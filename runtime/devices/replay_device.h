@@ -2,7 +2,6 @@
 // Plays back a recording: each read() returns the device's state and status from the next row of
 // the recording. ReplayDevice does this for the four-legged device, ReplayPoseDevice for a device
 // that measures its own pose.
-// Tests: tests/runtime/session/puncture_experiment_test.cpp, tests/runtime/devices/pose_session_test.cpp
 #pragma once
 
 #include <span>

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 // Converts the hand that a scene describes to the simulated hand of runtime/simulation/hand.h.
-// Tests: tests/runtime/session/session_test.cpp
 #pragma once
 
 #include "formats/session/scene.h"

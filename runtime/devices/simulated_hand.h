@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Makes simulated devices. A scene describes a simulated hand (SceneHand), which holds and moves
 // such a device.
-// Tests: tests/runtime/session/session_test.cpp
 #pragma once
 
 #include <optional>

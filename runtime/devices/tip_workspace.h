@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Finds tip positions that a device reaches without turning the plate. A position counts as reached
 // if pose_fault() (pose_margins.h) finds no fault there.
-// Tests: tests/runtime/checking/hand_path_test.cpp
 #pragma once
 
 #include <Eigen/Core>

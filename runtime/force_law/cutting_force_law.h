@@ -2,7 +2,6 @@
 // The force law `cutting`. The tool cuts through one bone volume (runtime/bone_cutting). The tool
 // in the bone is connected to the plate by a spring, or is rigidly fixed to the plate
 // (device_coupling.h). The law itself is passive (cutting_law.h, contract 1).
-// Tests: tests/runtime/force_law/cutting_force_law_test.cpp
 #pragma once
 
 #include <cstdint>

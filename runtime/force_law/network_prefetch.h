@@ -7,7 +7,6 @@
 // acts. A direct solver computes the stiffness. If the scene names the solver `propagation`
 // (runtime/deformation/propagation.h), this solver computes it instead. The solver is then iterated
 // until the force per depth has converged, but at most 500 times.
-// Tests: tests/runtime/session/network_session_test.cpp
 #pragma once
 
 #include <Eigen/Core>

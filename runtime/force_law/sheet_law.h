@@ -4,8 +4,6 @@
 // spring network under the tool, and a prefetch worker computes it. In all other respects the two
 // laws are the same: runtime/contact/puncture.h defines contact and puncture, and a virtual
 // coupling (runtime/contact/virtual_coupling.h) can connect the tool to the plate.
-// Tests: tests/runtime/force_law/force_law_table_test.cpp
-// Tests: tests/runtime/contact/virtual_coupling_test.cpp
 #pragma once
 
 #include <memory>

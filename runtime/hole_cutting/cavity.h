@@ -5,7 +5,6 @@
 // meshes are triangles, and the hexagon is the tool's outline.) This stage also finds the boundary
 // of the cavity. The triangles outside the cavity are the kept triangles. All intersection tests
 // are exact, because they use 64-bit and 128-bit integers.
-// Tests: tests/runtime/hole_cutting/cut_test.cpp
 #pragma once
 
 #include <array>

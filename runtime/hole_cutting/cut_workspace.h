@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The scratch memory that a cut needs. It is allocated before the first cut, so that cuts
 // need not allocate.
-// Tests: tests/runtime/hole_cutting/cut_capacity_test.cpp
 #pragma once
 
 #include <cstddef>

@@ -4,7 +4,6 @@
 // 180 degrees. If it is not, a flip replaces it by the other diagonal of the quadrangle that the
 // two triangles form (Lawson 1977). The flips start at the edges that new and kept triangles have
 // in common, and continue from there as far as necessary.
-// Tests: tests/runtime/hole_cutting/cut_property_test.cpp
 #pragma once
 
 #include <cstdint>

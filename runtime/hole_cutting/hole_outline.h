@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 // Finds the rings around the material that a cut removes. This is the fourth stage of a cut.
-// Tests: tests/runtime/hole_cutting/cut_test.cpp
 #pragma once
 
 #include <cstdint>

@@ -5,7 +5,6 @@
 // A flip replaces the edge between two triangles by the other diagonal of their quadrangle. Points
 // are inserted one by one with Lawson's flips (Lawson 1977), and edges of the PSLG (constraints)
 // with Sloan's flips (Sloan 1993). The same input always gives the same triangles.
-// Tests: tests/runtime/hole_cutting/cut_property_test.cpp
 #pragma once
 
 #include <array>

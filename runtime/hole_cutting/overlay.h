@@ -28,7 +28,6 @@
 //     (rotation_by_moments()): the order in which edges are treated, and the choice between equally
 //     near candidates (item 1). Item 5 does not hold if the canonical rotation is ambiguous, for
 //     example because cavity and tool are symmetric under a rotation.
-// Tests: tests/runtime/hole_cutting/cut_property_test.cpp
 #pragma once
 
 #include <cstdint>

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Makes the patch, which consists of the new triangles that replace the cavity. This is the third
 // stage of a cut.
-// Tests: tests/runtime/hole_cutting/cut_test.cpp
 #pragma once
 
 #include <array>

@@ -20,7 +20,6 @@
 //     them. (Old boundary edges were edges of the valid sheet before the cut, so they do not cross
 //     each other.)
 //  5. The cavity's area minus the patch's area equals the area of the hole's rings.
-// Tests: tests/runtime/hole_cutting/cut_property_test.cpp
 #pragma once
 
 #include <cstdint>

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Replaces the cavity in the sheet by the patch (the new triangles). This is the sixth stage
 // of a cut.
-// Tests: tests/runtime/hole_cutting/cut_test.cpp
 #pragma once
 
 #include <cstdint>

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Records what a host observes while it tries to reach a drive. If the attempt fails, the record
 // gives the message that says why.
-// Tests: tests/runtime/link/udp_device_test.cpp, tests/runtime/link/udp_pose_device_test.cpp
 #pragma once
 
 #include <cstdint>

@@ -12,7 +12,6 @@
 // session. With the real clock, a separate thread establishes the new session. Until it has done
 // so, no other thread uses the socket. In lock-step (the drive's time advances only by the loop's
 // commands) advance() establishes the new session.
-// Tests: tests/runtime/link/udp_device_test.cpp, tests/runtime/link/udp_loss_test.cpp, tests/runtime/link/udp_pose_device_test.cpp
 #pragma once
 
 #include <array>

@@ -2,7 +2,6 @@
 // Chooses the position at which refinement splits a boundary edge of a sheet. Near an acute corner
 // the positions lie on circles around the corner. Without these circles, the splits of the two
 // edges at the corner might make each other necessary without end.
-// Tests: tests/runtime/local_refinement/local_refinement_test.cpp
 #pragma once
 
 #include "formats/geometry/segment_split.h"

@@ -2,7 +2,6 @@
 // A priority queue of triangle slots (places of a mesh for triangles). The queue is a heap and
 // stores the position of each slot in the heap, so that a slot can be removed and its key can be
 // changed. The queue can hold every slot of the mesh, and each slot occurs at most once.
-// Tests: tests/runtime/local_refinement/local_refinement_test.cpp
 #pragma once
 
 #include <cstddef>

@@ -4,7 +4,6 @@
 // then filled by ears: an ear is a triangle of three successive corners of the polygon. An ear is
 // used only if its circumcircle contains no other corner (the simple form of Devillers, 1999). All
 // geometric tests are exact.
-// Tests: tests/runtime/local_refinement/local_refinement_test.cpp
 #pragma once
 
 #include <array>

@@ -12,7 +12,6 @@
 //     start and after stop() and fade(), so that they do not jump. The motors' limits apply to the
 //     sum of compensation and rendered torques. delivered() returns the wrench of the rendered
 //     torques without the compensation.
-// Tests: tests/runtime/mechanism/four_legs_test.cpp, tests/runtime/control/loop_motors_test.cpp
 #pragma once
 
 #include "runtime/device/device.h"

@@ -2,7 +2,6 @@
 // The DeviceSpecification of the four-legged device: its mass, damping, largest wrenches and the
 // margins of a pose, computed from the device's description. The force laws and the checks of a
 // scene use it.
-// Tests: tests/runtime/mechanism/four_legs_test.cpp
 #pragma once
 
 #include "formats/session/device_description.h"

@@ -6,7 +6,6 @@
 // thread calls its functions: no allocation, no exception. The azimuth of a leg is its direction
 // about the z axis. The device's legs are at kAzimuth. The functions with an Azimuth parameter let
 // tests compute devices that do not have four legs (tests/reference/mechanism/leg_ring.h).
-// Tests: tests/runtime/mechanism/kinematics_test.cpp
 #pragma once
 
 #include <Eigen/Core>

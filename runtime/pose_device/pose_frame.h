@@ -3,7 +3,6 @@
 // the scene (metres, z up). A session places the middle of the device's workspace at the middle of
 // the path of the scene's hand. If the handle is upright (its measured orientation is the
 // identity), the tool has the orientation with which the scene's hand begins.
-// Tests: tests/runtime/pose_device/pose_hand_test.cpp
 #pragma once
 
 #include "formats/session/pose_device_description.h"

@@ -13,7 +13,6 @@
 //  3. A quaternion and its negative are the same rotation. measured() has the sign with which the
 //     quaternion is nearer to the previously measured one, so that a mere change of the sign does
 //     not count as a motion.
-// Tests: tests/runtime/pose_device/pose_hand_test.cpp
 #pragma once
 
 #include "runtime/device/hand_device.h"

@@ -2,7 +2,6 @@
 // The DeviceSpecification of a pose device (runtime/device/pose_device.h), a device that measures
 // the pose of its handle itself. The values are taken from the device's description. Force laws
 // and the checks of a scene use them.
-// Tests: tests/runtime/pose_device/pose_hand_test.cpp
 #pragma once
 
 #include <array>

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 // States the versions of Eigen, nlohmann-json and CLI11 in one text, which --version prints.
-// Tests: tests/install/install_test.py
 #pragma once
 
 #include <string>

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Loads the inputs of a session: scene, device description, sheets of the asset, and the recording
 // that a replay needs.
-// Tests: tests/e2e/told_e2e_test.py
 #pragma once
 
 #include <cstdint>

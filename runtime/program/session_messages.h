@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 // Prints what trocar-run reports about a session: progress, messages, the outcome, and problems.
-// Tests: tests/e2e/told_e2e_test.py
 #pragma once
 
 #include <chrono>

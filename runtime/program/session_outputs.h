@@ -2,7 +2,6 @@
 // The files that trocar-run writes in addition to the recording: summary, meshes, frames, path of a
 // live hand, and session report. A frame holds the values of a tick and, with the force law
 // `network`, the deformed sheet around the tool; 30 frames are written for each second.
-// Tests: tests/e2e/session_report_test.py
 #pragma once
 
 #include <filesystem>

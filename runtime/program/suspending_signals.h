@@ -5,7 +5,6 @@
 //    was written, the process stops. After SIGCONT the session is still paused: it goes on after a
 //    resume or a request for recovery.
 //  - SIGQUIT, SIGXCPU, SIGALRM and the like: the session ends as after Ctrl-C.
-// Tests: tests/e2e/stops_test.py
 #pragma once
 
 #include "runtime/realtime/polling_thread.h"

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The program trocar-console apart from main(): the command line of the operator's console, which
 // is runtime/console.
-// Tests: tests/e2e/console_server_test.py
 #pragma once
 
 namespace trocar::runtime {

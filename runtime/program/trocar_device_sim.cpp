@@ -2,7 +2,6 @@
 // trocar-device-sim: the simulated device with its hand behind the device link, in real time or in
 // lock-step with its host. This file has the command line, the socket and the clock. The drive
 // itself is runtime/simulation/drive.h.
-// Tests: tests/e2e/device_link_e2e_test.py
 #include <algorithm>
 #include <cmath>
 #include <csignal>

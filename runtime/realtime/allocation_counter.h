@@ -7,7 +7,6 @@
 // Only programs that link the target trocar_allocation_hooks (tests/reference/hooks) count
 // allocations. In the shipped programs and in sanitizer builds nothing is counted. There, a scope
 // costs almost no time: it writes a thread-local variable at its beginning and at its end.
-// Tests: tests/runtime/realtime/handover_test.cpp
 #pragma once
 
 #include <cstdint>

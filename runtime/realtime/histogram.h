@@ -2,7 +2,6 @@
 // A histogram of durations up to 18 minutes; longer durations are counted in the last bucket. Below
 // 128 ns each nanosecond has a bucket. From 128 ns on, each octave (a factor of 2) has 64 buckets,
 // so a bucket is at most 1.6 % wide. The histogram has a fixed size and does not allocate.
-// Tests: tests/runtime/realtime/handover_test.cpp
 #pragma once
 
 #include <algorithm>

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 // Counts missed deadlines by their cause, that is, by the part of a tick that took too long.
-// Tests: tests/runtime/realtime/late_ticks_test.cpp
 #pragma once
 
 #include <algorithm>

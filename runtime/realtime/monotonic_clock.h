@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 // Reads the system's monotonic clock in nanoseconds.
-// Tests: tests/runtime/session/session_test.cpp
 #pragma once
 
 #include <cstdint>

@@ -2,7 +2,6 @@
 // A background thread that calls a function again and again, and sleeps for a fixed interval after
 // each call. The function checks whether the haptic thread has left work to do. The haptic thread
 // does not wake the background thread, because that would need a system call.
-// Tests: tests/runtime/telemetry/black_box_test.cpp
 #pragma once
 
 #include <chrono>

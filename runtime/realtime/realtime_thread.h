@@ -3,7 +3,6 @@
 // priority, locked memory and optionally one processor, and reports which of these were granted.
 // If a request is not granted, the thread still runs, but it may wake up later than requested.
 // RealtimeReport shows how late the thread was.
-// Tests: tests/runtime/realtime/handover_test.cpp
 #pragma once
 
 #include <atomic>

@@ -3,7 +3,6 @@
 // the oldest value. One reading thread copies values out, and detects whether the writer has
 // overwritten them during the copying. The method is a sequence lock, after H.-J. Boehm, "Can
 // seqlocks get along with programming language memory models?", 2012.
-// Tests: tests/runtime/realtime/handover_test.cpp
 //
 // Values are stored as atomic 64-bit words. Therefore it is no data race if the reader reads a
 // value while the writer overwrites it. On x86 atomic words cost as much as plain words. Words are

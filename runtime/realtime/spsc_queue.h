@@ -3,7 +3,6 @@
 // allocates. The algorithm is L. Lamport's ring: the writer advances one index, the reader another.
 // To save time, each thread keeps a copy of the other thread's index. It reads the index itself
 // only if the queue is full or empty according to the copy.
-// Tests: tests/runtime/realtime/handover_test.cpp
 #pragma once
 
 #include <array>

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Passes the latest value from one writing to one reading thread. Neither thread waits. The reader
 // receives only complete values, and never an older value after a newer one.
-// Tests: tests/runtime/realtime/handover_test.cpp
 #pragma once
 
 #include <array>

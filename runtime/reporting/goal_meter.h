@@ -2,7 +2,6 @@
 // Compares a session with its scene's goals. Measures the tip's distances to the target, to the
 // planned line and to the zones (session_figures.h, definition 6), and determines which goals were
 // met in the session.
-// Tests: tests/e2e/session_report_test.py
 #pragma once
 
 #include <vector>

@@ -5,7 +5,6 @@
 // content of these files is checked, since others may have changed it. The results are JSON
 // (formats/session/history.schema.json), a table and one HTML page. The history is a separate
 // library (trocar_history), because the console uses it too.
-// Tests: tests/e2e/history_test.py
 #pragma once
 
 #include <cstddef>

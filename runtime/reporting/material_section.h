@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Finds the parts of a straight line in the x-y plane at which a sheet, seen from above, has
 // material. The pictures of a session report show this material.
-// Tests: tests/e2e/session_report_test.py
 #pragma once
 
 #include <array>

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 // Measures the plunges after break-throughs (law 6 of runtime/control/break_through.h).
-// Tests: tests/runtime/reporting/break_through_test.cpp, tests/e2e/session_report_test.py
 #pragma once
 
 #include <cstdint>

@@ -63,7 +63,6 @@
 //     its force: the mean HU of the uncut bone under the tool (RecordingRow::Cutting::front_HU) in
 //     the row of this force.
 // 12. FaultStarts (held_stops.h) defines when a fault begins.
-// Tests: tests/runtime/reporting/session_observer_test.cpp, tests/e2e/session_report_test.py
 #pragma once
 
 #include <algorithm>

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 // Collects the figures of a session (session_figures.h) tick by tick.
-// Tests: tests/runtime/reporting/session_observer_test.cpp, tests/e2e/session_report_test.py
 #pragma once
 
 #include <cstdint>

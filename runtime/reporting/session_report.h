@@ -2,7 +2,6 @@
 // The session report for the debriefing (`trocar-run --session-report`): figures as JSON and as
 // CSV, and a page that shows these figures. session_figures.h defines the figures. The report also
 // states facts, such as names and the measured values at faults (ReportFacts).
-// Tests: tests/e2e/session_report_test.py
 #pragma once
 
 #include <array>

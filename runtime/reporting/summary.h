@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 // Two outputs of a session as JSON: the summary, and the sheets before and after the punctures.
-// Tests: tests/runtime/session/puncture_experiment_test.cpp
 #pragma once
 
 #include <string>

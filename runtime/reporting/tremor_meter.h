@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 // Measures the tremor of the tip (definition 5 of session_figures.h).
-// Tests: tests/e2e/session_report_test.py
 #pragma once
 
 #include <Eigen/Core>

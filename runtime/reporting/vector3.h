@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 // Points and vectors with three coordinates, in the form used by recordings and scenes.
-// Tests: tests/e2e/session_report_test.py
 #pragma once
 
 #include <array>

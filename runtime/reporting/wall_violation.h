@@ -21,7 +21,6 @@
 //     in bone and has no grade.
 //  5. The violation is the largest distance of a judged outline, rounded to 1 nm. The grade is 0
 //     for a violation of 0, 1 for less than 2 mm, 2 for 2 to 4 mm, and 3 for more than 4 mm.
-// Tests: tests/e2e/session_report_test.py
 #pragma once
 
 #include <array>

@@ -2,7 +2,6 @@
 // Receives the messages of a live hand, which is a hand that a person moves while the session runs
 // (TelemetryHand in formats/session/telemetry.h). The session passes the messages on to a
 // HandReceiver. runtime/devices/live_hand.h implements it, and decides what the messages do.
-// Tests: tests/runtime/devices/live_hand_session_test.cpp
 #pragma once
 
 #include <cstdint>

@@ -9,7 +9,6 @@
 // SessionOptions::recover. With RecoveryPolicy::kNever, the signal has no effect after a failed
 // check. A request goes to the tick that follows it, and is never kept: that tick takes or refuses
 // it (safety.h).
-// Tests: tests/runtime/session/live_session_test.cpp, tests/runtime/session/paused_session_test.cpp
 #pragma once
 
 #include <atomic>

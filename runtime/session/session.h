@@ -2,7 +2,6 @@
 // A session runs the haptic loop with a scene and a device, in real or virtual time, until all its
 // ticks are done, it is stopped, or a fault ends it. Worker threads prepare meshes and stiffness
 // for the loop; observers record and show the ticks.
-// Tests: tests/runtime/session/session_test.cpp
 #pragma once
 
 #include <functional>

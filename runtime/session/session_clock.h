@@ -8,7 +8,6 @@
 //    in the recording (column `cuts_published`). The stiffness of each tick is read from the
 //    recording (columns `response_*`). The recording also supplies requests for recovery, requests
 //    for X-ray pictures, and faults from outside the loop, such as the operator's emergency stop.
-// Tests: tests/runtime/session/session_test.cpp
 #pragma once
 
 #include <cstdint>

@@ -3,7 +3,6 @@
 // (runtime/control/haptic_loop.h) computes a tick. The loop supplies the inputs of this function:
 // the operator's commands, the current meshes and the prefetched stiffness. The loop passes
 // requests for holes to the remesher, and passes the result of the tick to the observers.
-// Tests: tests/runtime/session/session_test.cpp
 #pragma once
 
 #include <functional>

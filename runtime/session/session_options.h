@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 // The options of a session.
-// Tests: tests/runtime/session/session_test.cpp
 #pragma once
 
 #include <atomic>

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 // The result of a session, collected tick by tick.
-// Tests: tests/runtime/session/session_test.cpp
 #pragma once
 
 #include <cstdint>

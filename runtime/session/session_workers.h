@@ -2,7 +2,6 @@
 // The observers and workers of a session. The program creates them before it opens the link to a
 // drive (the electronics of a device). The reason is that a drive waits only a short time for the
 // first tick, and creating the workers takes longer.
-// Tests: tests/runtime/session/session_test.cpp
 #pragma once
 
 #include <memory>

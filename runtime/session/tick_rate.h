@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 // The number of ticks of a session, and the rate of the ticks in a recording.
-// Tests: tests/runtime/session/session_test.cpp
 #pragma once
 
 #include <cstdint>

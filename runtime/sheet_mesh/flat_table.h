@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 // Containers for code that must not allocate: their memory is allocated once and never grows.
-// Tests: tests/runtime/sheet_mesh/sheet_edit_test.cpp
 #pragma once
 
 #include <algorithm>

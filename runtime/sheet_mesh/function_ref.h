@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 // Passes a function as an argument without allocation, like std::function_ref of C++26.
-// Tests: tests/runtime/local_refinement/local_refinement_test.cpp
 #pragma once
 
 namespace trocar::runtime {

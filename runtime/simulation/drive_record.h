@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Writes a drive's steps as CSV. The first line names every column with its unit. Each number has
 // the fewest digits that give the same value when read again.
-// Tests: tests/runtime/simulation/drive_test.cpp
 #pragma once
 
 #include <span>

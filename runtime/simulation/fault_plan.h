@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Faults to inject into a simulated drive and its link, each with kind, time and probability.
 // Random choices are seeded, so the same plan, seed and packets give the same faults.
-// Tests: tests/runtime/simulation/drive_test.cpp
 //
 // A plan is a text of items separated by commas. Each item has the form
 // KIND[:VALUE[:VALUE]][@FROM[..TO]]. The fault begins at FROM (default: 0) and ends at TO (default:

@@ -2,7 +2,6 @@
 // A simulated hand. It holds the tool's tip by springs and dampers, in translation and rotation.
 // The other end of the springs, the target, moves along a trajectory or, for a live hand, as a
 // person decides while the session runs. The haptic thread evaluates the hand.
-// Tests: tests/runtime/simulation/simulated_device_test.cpp
 #pragma once
 
 #include <cstdint>

@@ -3,7 +3,6 @@
 // rigid handle with the mass and damping of the description. The commanded wrench and a simulated
 // hand move the handle. If the device does not sense rotation, the handle keeps its orientation.
 // The device is deterministic: the same calls give the same bits.
-// Tests: tests/runtime/simulation/simulated_pose_device_test.cpp
 #pragma once
 
 #include "formats/base/result.h"

@@ -5,7 +5,6 @@
 // writes the file. The ring buffer holds twice as many rows as a file, so the worker has
 // kBlackBox_s to copy the rows before they are overwritten. If the worker is too late, no file is
 // written, and BlackBoxFile::error is set.
-// Tests: tests/runtime/telemetry/black_box_test.cpp
 #pragma once
 
 #include <atomic>

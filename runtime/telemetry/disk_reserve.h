@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Space on a disk that is held free, so that the last rows and the reports of a session can be
 // written when the disk is full.
-// Tests: tests/e2e/console_trouble_test.py
 #pragma once
 
 #include <cstdint>

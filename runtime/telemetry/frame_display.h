@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Supplies frames to a display at the display's frame rate. A frame consists of the latest row and
 // the shape, which is the deformed sheet around the tool. Only the force law `network` has a shape.
-// Tests: tests/runtime/session/network_session_test.cpp
 #pragma once
 
 #include <cstdint>

@@ -2,7 +2,6 @@
 // Messages to the operator while a session runs: a fault, a recovery, a refused request for
 // recovery, or the reason why a requested recovery has not happened yet. The haptic thread pushes messages into a queue. Another
 // thread passes each message to the program's function. describe() puts a message into words.
-// Tests: tests/runtime/telemetry/operator_messages_test.cpp
 #pragma once
 
 #include <array>

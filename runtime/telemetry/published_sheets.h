@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Converts the meshes of sheets to the form in which other processes read them
 // (formats/session/telemetry.md).
-// Tests: tests/runtime/session/live_session_test.cpp
 #pragma once
 
 #include <cstdint>

@@ -3,7 +3,6 @@
 // separate thread writes the rows. If the rows cannot be written, the session is to end, because
 // what it did could not be shown. The rows until its end still fit on a full disk, because the
 // recorder holds space for them (disk_reserve.h).
-// Tests: tests/runtime/telemetry/recorder_test.cpp, tests/runtime/session/session_test.cpp
 #pragma once
 
 #include <atomic>

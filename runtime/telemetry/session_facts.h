@@ -2,7 +2,6 @@
 // The facts that do not change during a session, such as its scene, device, rate and limits. They
 // are written as JSON into the session's shared memory, for the programs that read this memory
 // (formats/session/telemetry.md, section About).
-// Tests: tests/runtime/telemetry/session_facts_test.cpp, tests/runtime/session/live_session_test.cpp
 #pragma once
 
 #include <array>

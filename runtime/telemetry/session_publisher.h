@@ -3,7 +3,6 @@
 // from these processes (formats/session/telemetry.md). The haptic thread writes the latest tick
 // into a triple buffer, and pushes events into a queue. A second thread copies tick and events to
 // the shared memory. A third thread, the remesher's, writes the sheets to the shared memory.
-// Tests: tests/runtime/session/live_session_test.cpp
 #pragma once
 
 #include <array>

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // A snapshot holds numbers of the latest tick for other processes, in the columns of
 // formats/session/telemetry.md. To add a value, add a line to the table in snapshot.cpp.
-// Tests: tests/runtime/session/live_session_test.cpp
 #pragma once
 
 #include <array>

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // A histogram of durations for the console. Each range from 2^k ns to 2^(k + 1) ns is
 // divided into four bins of equal width.
-// Tests: tests/runtime/session/live_session_test.cpp
 #pragma once
 
 #include <array>

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Passes every tick, with the sheets and layers punctured in it, to a function that may take longer
 // than the haptic thread can wait. On the real clock, another thread calls this function.
-// Tests: tests/runtime/session/session_test.cpp
 #pragma once
 
 #include <atomic>

@@ -3,7 +3,6 @@
 // the operator, the session publisher, the frame display, the tick feed, and the statistics. A new
 // observer is one class derived from TickObserver, and one line in make_workers()
 // (runtime/session/session_workers.cpp) or an entry in SessionOptions::observers.
-// Tests: tests/runtime/session/session_test.cpp
 #pragma once
 
 #include <chrono>

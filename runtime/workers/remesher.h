@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The remesher cuts requested holes into sheets on a worker thread. The haptic thread takes no lock
 // and frees no memory: it only pushes requests into a queue and reads atomic pointers.
-// Tests: tests/runtime/workers/remesher_test.cpp
 #pragma once
 
 #include <array>

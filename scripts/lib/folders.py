@@ -1,14 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""folders.py SOURCE [--check]: the folders of the product's code, which of them include which, and the picture of that
-in ARCHITECTURE.md. tests/dependency_rule_test.py uses it too.
+"""The folders of the product's code, and which of them include which; for tests/dependency_rule_test.py and clang_tidy.py.
 
 The rule: a folder includes only folders that stand before it in FOLDERS_IN_ORDER. The edges come from the #include lines
 of the sources, each of which must name a file by its full path, so that none is missed."""
 import graphlib
-import os
-import pathlib
 import re
-import sys
 
 # From the lowest layer up.
 FOLDERS_IN_ORDER = (
@@ -26,7 +22,6 @@ OURS = PRODUCT + ("sample_ct", "tests")
 GENERATED = "embedded/"  # headers that the build makes (scripts/cmake/embed_text.cmake)
 INCLUDE = re.compile(r'^\s*#\s*include\s*"([^"]+)"', re.MULTILINE)
 SYSTEM_INCLUDE = re.compile(r"^\s*#\s*include\s*<([^>]+)>", re.MULTILINE)
-BEGIN, END = "<!-- folders: begin -->", "<!-- folders: end -->"
 
 
 def units_of(source, folders):
@@ -114,69 +109,3 @@ def check(lines, source):
         broken += [f"{file} includes {other}, which is no full path from the top folder" for other in included
                    if not other.startswith(GENERATED) and not (source / other).is_file()]
     return broken
-
-
-def reduced(edges):
-    """The edges without those that follow from a path of others. Needs edges that keep the order of FOLDERS_IN_ORDER."""
-    below = {}
-    for folder in FOLDERS_IN_ORDER:  # from the bottom, so that what is below is known
-        direct = {other for a, other in edges if a == folder}
-        below[folder] = direct | {far for other in direct for far in below[other]}
-    return [(a, b) for a, b in sorted(edges, key=lambda edge: (-FOLDERS_IN_ORDER.index(edge[0]), -FOLDERS_IN_ORDER.index(edge[1])))
-            if not any(b in below[c] for x, c in edges if x == a and c != b)]
-
-
-def mermaid(edges):
-    """A flowchart in Mermaid's text form, from the highest folder down."""
-    existing = [folder for folder in FOLDERS_IN_ORDER if any(folder in edge for edge in edges)]
-    lines = ["```mermaid", "flowchart TD"]
-    for folder in reversed(PRODUCT):
-        lines.append(f"  subgraph {folder}")
-        for inner in reversed(existing):
-            if inner.startswith(f"{folder}/"):
-                lines.append(f"    {inner.replace('/', '_')}[\"{inner.partition('/')[2]}\"]")
-        lines.append("  end")
-    lines += [f"  {a} --> {b}".replace("/", "_") for a, b in reduced(edges)]
-    return "\n".join([*lines, "```"])
-
-
-def block(edges):
-    return (f"{BEGIN}\n<!-- written by scripts/folders -->\n{mermaid(edges)}\n\nAn arrow points to a folder that is included. "
-            f"A direct arrow is left out if a chain of other arrows leads to the same folder.\n{END}")
-
-
-def replaced(text, edges):
-    """The page with its block renewed; None if it has no marks."""
-    head, begin, rest = text.partition(BEGIN)
-    _, end, tail = rest.partition(END)
-    return f"{head}{block(edges)}{tail}" if begin and end else None
-
-
-def main():
-    check_only = "--check" in sys.argv
-    source = pathlib.Path(next(a for a in sys.argv[1:] if a != "--check")).resolve()
-    page = source / "ARCHITECTURE.md"
-    lines = include_lines(source)
-    broken = check(lines, source)
-    if broken:
-        print("\n".join(broken), file=sys.stderr)
-        return 1
-    text = page.read_text(encoding="utf-8") if page.exists() else ""
-    renewed = replaced(text, edges_of(lines))
-    if renewed is None:
-        print(f"{page}: has no {BEGIN} ... {END}", file=sys.stderr)
-        return 1
-    if check_only:
-        if renewed != text:
-            print(f"{page}: the picture of the folders is out of date; scripts/folders renews it", file=sys.stderr)
-        return int(renewed != text)
-    if renewed != text:
-        temporary = page.with_name(f".{page.name}.{os.getpid()}")
-        temporary.write_text(renewed, encoding="utf-8")
-        os.replace(temporary, page)
-    print(f"{page}: {len(FOLDERS_IN_ORDER)} folders, {len(reduced(edges_of(lines)))} of {len(edges_of(lines))} arrows drawn, none upwards")
-    return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())

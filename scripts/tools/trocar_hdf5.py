@@ -1,6 +1,6 @@
 #!/usr/bin/python3 -B
 # SPDX-License-Identifier: Apache-2.0
-"""trocar-hdf5 RECORDING -o FILE: a recording of trocar-run as HDF5 (docs/hdf5.md). recording_datasets.json says which columns make
+"""trocar-hdf5 RECORDING -o FILE: a recording of trocar-run as HDF5 (docs/tools.md). recording_datasets.json says which columns make
 which dataset. A number must be finite, unless its dataset has "finite": false."""
 import itertools
 import json

@@ -1,5 +1,4 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tests: tests/formats/session/scene_test.cpp
 #include <algorithm>
 #include <cmath>
 

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Readers of the scene's sections. Each function reads the object or array of one section, and adds
 // what is wrong to the errors of the document. Internal to formats/session.
-// Tests: tests/formats/session/scene_test.cpp
 #pragma once
 #include <span>
 #include <string>

@@ -2,7 +2,6 @@
 // Fills the dictionary of DCMTK, the library that parses DICOM files, with the few elements that
 // the program needs. DCMTK's own dictionary file is left out. Files in implicit VR do not state the
 // type (value representation, VR) of an element, so DCMTK looks it up in the dictionary.
-// Tests: tests/pipeline/read/dicom/dicom_dictionary_test.cpp
 #pragma once
 
 namespace trocar::pipeline {

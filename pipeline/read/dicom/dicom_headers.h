@@ -2,7 +2,6 @@
 // Reads the header of a DICOM file: a single slice, an enhanced (multi-frame) image or a
 // segmentation. The result has one entry for each frame. It has no types of DCMTK, the library that
 // parses the file.
-// Tests: tests/pipeline/read/dicom/dicom_variants_test.py
 #pragma once
 
 #include <Eigen/Core>

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // Joins series that have a part of one scan each.
-// Tests: tests/pipeline/read/dicom/odd_series_test.py
 #pragma once
 
 #include <cstddef>

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // Finds out whether pixels have gone through lossy compression, which changes HU and outlines.
-// Tests: tests/pipeline/read/dicom/doubtful_scans_test.py
 #pragma once
 
 #include <filesystem>

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // Parses DICOM files into objects of the library DCMTK, with limits against hostile files.
-// Tests: tests/pipeline/read/dicom/dicom_variants_test.py
 #pragma once
 
 #include <dcmtk/config/osconfig.h>

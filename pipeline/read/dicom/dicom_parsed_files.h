@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // A cache of parsed multi-frame DICOM files, so that a file is not parsed again for each frame.
-// Tests: tests/pipeline/read/dicom/dicom_variants_test.py
 #pragma once
 
 #include <filesystem>

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // Decodes the pixels of one DICOM frame.
-// Tests: tests/pipeline/read/dicom/dicom_variants_test.py
 #pragma once
 
 #include <cstdint>

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // Opens a DICOM segmentation (SEG) as a label map.
-// Tests: tests/pipeline/read/dicom/dicom_segmentation_test.py, tests/pipeline/read/dicom/dicom_segmentation_peer_test.cpp
 #pragma once
 
 #include <memory>

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // Groups DICOM images into series and chooses one series as the scan.
-// Tests: tests/pipeline/read/readers_test.cpp, tests/e2e/studies_e2e_test.py
 #pragma once
 
 #include <filesystem>

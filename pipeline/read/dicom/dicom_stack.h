@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // Opens DICOM files as a stack of slices: one series or, if labels are wanted, a segmentation.
-// Tests: tests/pipeline/read/readers_test.cpp
 #pragma once
 
 #include <filesystem>

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // Divides the slices of a series into volumes. Most series have one. Several phases of a heart, or
 // several acquisitions, have slices at the same positions.
-// Tests: tests/pipeline/read/dicom/odd_series_test.py
 #pragma once
 
 #include <optional>

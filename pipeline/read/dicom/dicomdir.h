@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // Reads which images a DICOMDIR names.
-// Tests: tests/e2e/studies_e2e_test.py
 #pragma once
 
 #include <filesystem>

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // Recognises CT images, whose values are HU, among DICOM images, and names the modality of others.
-// Tests: tests/pipeline/read/dicom/modality_test.py
 #pragma once
 
 #include <filesystem>

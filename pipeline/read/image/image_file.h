@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // Reads one image file as grey levels.
-// Tests: tests/pipeline/read/readers_test.cpp, tests/pipeline/read/image/label_images_test.cpp
 #pragma once
 
 #include <filesystem>

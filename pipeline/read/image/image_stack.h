@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // Opens image files as a stack of slices.
-// Tests: tests/pipeline/read/readers_test.cpp
 #pragma once
 
 #include <filesystem>

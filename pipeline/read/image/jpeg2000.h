@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // Decodes JPEG 2000 with OpenJPEG, since DCMTK has no decoder for it.
-// Tests: tests/pipeline/read/dicom/dicom_variants_test.py
 #pragma once
 
 #include <cstdint>

@@ -1,5 +1,4 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Tests: tests/pipeline/read/image/png_pixels_test.cpp
 #pragma once
 
 #include <algorithm>

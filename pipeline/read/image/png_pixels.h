@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // Decodes the pixels of the usual kinds of PNG (W3C recommendation, third edition). Intel's library
 // ISA-L unpacks the pixels, more than twice as fast as zlib.
-// Tests: tests/pipeline/read/image/png_pixels_test.cpp
 #pragma once
 
 #include <cstddef>

@@ -2,7 +2,6 @@
 // A NIfTI file can place its array in the patient twice: by its sform, which trocar-mesh uses, and
 // by its qform. If the two differ, one of them is wrong: programs that use the other show the scan
 // mirrored, rotated or elsewhere.
-// Tests: tests/pipeline/read/volumes_test.py
 #pragma once
 
 #include <Eigen/Core>

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // Reads headers of NIfTI-1 and -2, and checks the sizes in them before anything is allocated. The
 // library libnifti2 only interprets a header in memory; it never opens the file.
-// Tests: tests/pipeline/read/readers_test.cpp
 #pragma once
 
 #include <Eigen/Core>

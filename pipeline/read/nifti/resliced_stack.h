@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // Slices a stack along another axis of its volume.
-// Tests: tests/pipeline/read/readers_test.cpp, tests/pipeline/read/label_values_test.cpp
 #pragma once
 
 #include <memory>

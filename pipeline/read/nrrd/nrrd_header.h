@@ -2,7 +2,6 @@
 // Reads headers of NRRD files (teem.sourceforge.net/nrrd/format.html): lines of text, of which
 // every number is checked before anything is allocated. The data follow the header, or are in a
 // file of their own in the same folder (.nhdr).
-// Tests: tests/pipeline/read/volumes_test.py
 #pragma once
 
 #include <cstdint>

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // Opens a NRRD volume as a stack of slices along one of its axes.
-// Tests: tests/pipeline/read/volumes_test.py
 #pragma once
 
 #include <filesystem>

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The state of bone_contact.h: how it is made, how it follows twist and feed, how it forgets a hole,
 // and how motion ends and may begin again.
-// Tests: tests/runtime/bone_cutting/contact/bone_contact_test.cpp
 #include <algorithm>
 
 #include "runtime/bone_cutting/contact/bone_contact.h"

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 // Inverse of a symmetric 6 x 6 matrix, computed from blocks of 3 x 3.
-// Tests: tests/runtime/bone_cutting/law/cutting_law_test.cpp
 #pragma once
 
 #include <Eigen/Core>

@@ -4,7 +4,6 @@
 // coupling, friction and walls (potential.h). The front then moves down to the first depth at
 // which the tip's force does not exceed the strength of the bone; the front is then in equilibrium.
 // No step raises the potential.
-// Tests: tests/runtime/bone_cutting/law/cutting_energy_test.cpp
 #pragma once
 
 #include "runtime/bone_cutting/law/potential.h"

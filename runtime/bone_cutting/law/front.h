@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The cutting front (the depth down to which bone has been cut under the tool), and its advance
 // under a force. An advance only moves the front down, and stops at the first equilibrium.
-// Tests: tests/runtime/bone_cutting/law/cutting_law_test.cpp
 #pragma once
 
 #include "runtime/bone_cutting/law/tick.h"

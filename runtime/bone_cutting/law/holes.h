@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Keeps track of the holes: which hole the tool is in, how deep each slab has been cut, and which
 // length of each slab the shaft fills.
-// Tests: tests/runtime/bone_cutting/law/hole_test.cpp
 #pragma once
 
 #include "runtime/bone_cutting/law/tick.h"

@@ -3,7 +3,6 @@
 // elements, cutting_law.h), and the potential's first and second derivatives with respect to the
 // proxy's displacement. The displacement consists of a translation and of a rotation about the
 // plate's origin, in {B}.
-// Tests: tests/runtime/bone_cutting/law/cutting_energy_test.cpp
 #pragma once
 
 #include "runtime/bone_cutting/law/tick.h"

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 // The part of one tick that concerns the soft layers (soft_layer.h).
-// Tests: tests/runtime/bone_cutting/law/soft_layer_test.cpp
 #pragma once
 
 #include "runtime/bone_cutting/law/tick.h"

@@ -2,7 +2,6 @@
 // Working data of one tick of the cutting law. cutting_law.cpp passes it to the functions of
 // holes.h, front.h, soft_layers.h, potential.h and equilibrium.h. Before the tick, bone_contact.cpp
 // makes another object of this type, to ask holes.h which hole the tool is in.
-// Tests: tests/runtime/bone_cutting/law/cutting_tick_test.cpp
 #pragma once
 
 #include <algorithm>

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // A spring that yields: it is elastic up to a limit force, and beyond that its force is constant.
 // The spring's energy as a function of its extension is the function of Huber (1964).
-// Tests: tests/runtime/bone_cutting/law/cutting_law_test.cpp
 #pragma once
 
 namespace trocar::runtime {

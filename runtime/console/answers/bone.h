@@ -2,7 +2,6 @@
 // Encodes the bone of a scene for display, in {B}: the sheets and the surface of the whole bone, if
 // the asset has one. If the scene has moved slices relative to each other, the surface does not fit
 // them, and is left out.
-// Tests: tests/e2e/console_server_test.py
 #pragma once
 
 #include <Eigen/Geometry>

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 // Makes the container in which the console sends binary data: JSON and then arrays (protocol.md).
-// Tests: tests/runtime/console/console_test.cpp
 #pragma once
 
 #include <array>

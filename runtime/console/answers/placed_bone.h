@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 // Loads a scene's bone as the console shows it: the asset, and where the asset's slices lie in {B}.
-// Tests: tests/e2e/console_server_test.py
 #pragma once
 
 #include <Eigen/Geometry>

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 // Encodes a recording for playback on a page.
-// Tests: tests/runtime/console/rows_test.cpp, tests/e2e/console_server_test.py
 #pragma once
 
 #include <filesystem>

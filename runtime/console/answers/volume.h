@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Encodes the HU of a scene's scan, and their positions in {B}, the device's frame. The console's
 // page makes X-ray pictures and planes of the CT from them.
-// Tests: tests/e2e/console_volume_test.py
 #pragma once
 
 #include <filesystem>

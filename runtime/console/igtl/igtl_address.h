@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 // The address at which the console serves OpenIGTLink clients.
-// Tests: tests/e2e/console_igtl_test.py, tests/e2e/wrong_uses_test.py
 #pragma once
 
 #include <cstdint>

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Packs OpenIGTLink messages. Their headers have the protocol's version 1, which every client can
 // read. Lengths are in mm, as the protocol requires. Each function returns a whole message.
-// Tests: tests/e2e/console_igtl_test.py
 #pragma once
 
 #include <Eigen/Geometry>

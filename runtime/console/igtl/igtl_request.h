@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 // Reads the messages of OpenIGTLink clients, which are not trusted.
-// Tests: tests/e2e/console_igtl_test.py
 #pragma once
 
 #include <cstddef>

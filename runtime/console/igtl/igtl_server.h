@@ -2,7 +2,6 @@
 // Sends data of one session to OpenIGTLink clients: the tool's pose, the force, the session's state
 // and the bone's surface. Nothing is queued for a client: when the previous messages to the client
 // have been sent, the next messages are chosen from the present state.
-// Tests: tests/e2e/console_igtl_test.py
 #pragma once
 
 #include <boost/asio/io_context.hpp>

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 // Requests to the console by HTTP.
-// Tests: tests/e2e/console_page_test.py
 import { parse_container } from "./container.js";
 
 const KEY = "trocar-token", kStopAnswer_ms = 1000;

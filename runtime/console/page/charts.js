@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The curves: force over time, force over depth, HU along the path, and the two histograms. uPlot draws the axes. A hook of uPlot
 // draws the marks, and the curves whose x goes back and forth.
-// Tests: tests/e2e/console_page_test.py
 import uPlot from "uplot";
 import { hu_at } from "./data.js";
 import { is_by_operator } from "./words.js";

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 // The console's binary container (protocol.md). Runs in a worker and in node, too.
-// Tests: tests/e2e/console_page_test.py
 
 /// Returns {json, floats([offset, count]), uints(..), doubles(..), shorts(..), bytes(..)}; throws if a length does not fit.
 export function parse_container(buffer) {

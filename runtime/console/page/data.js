@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 // The data of a session or a recording that the panels show: rows by column name, the history of the force, and the bone.
-// Tests: tests/e2e/console_page_test.py
 
 /// The position of each column in a row. A missing column has the value `otherwise`.
 export class Columns {

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The devices that the console offers: the choice for a session, which this browser remembers, and the test of a device without force.
 // Names come from the console's command line; they are set by textContent only.
-// Tests: tests/e2e/console_device_test.py
 import { get_json, post } from "./api.js";
 import { by_id, element } from "./elements.js";
 

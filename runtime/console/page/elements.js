@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 // Finds and makes elements of the page. Texts, which may come from files and programs, are set by textContent only.
-// Tests: tests/e2e/console_page_test.py
 
 export const by_id = (id) => document.getElementById(id);
 

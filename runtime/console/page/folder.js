@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 // The folder's scenes, recordings and assets. Names come from files, so they are set by textContent only.
-// Tests: tests/e2e/console_page_test.py
 import { by_id, element, set_options } from "./elements.js";
 
 function item({ file, error }, lines, buttons = []) {

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 // Torques against their limits, joint and workspace limits, pose, slices and events. Texts are set by textContent only.
-// Tests: tests/e2e/console_page_test.py
 import { element } from "./elements.js";
 import { is_by_operator } from "./words.js";
 

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 // What the page shows, as data: `window.trocar`, for tests and for debugging in the browser's console.
-// Tests: tests/e2e/console_page_test.py
 import { by_id } from "./elements.js";
 
 const row_of = (source) => (source?.row ? Object.fromEntries([...source.columns.at.keys()].map((name) => [name, Array.from(source.values(name))])) : null);

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The keys of the page. Esc is the emergency stop, Shift and Q end the session, and space pauses it, or plays a recording. Space presses a
 // button that has the focus, as in any page, so no key ends a session by a slip. Buttons that act while they are pressed are here, too.
-// Tests: tests/e2e/console_trouble_page_test.py, tests/e2e/console_hand_page_test.py, tests/e2e/console_imaging_page_test.py
 
 /// True where the browser itself has a meaning for the space key.
 const takes_space = (target) => target instanceof Element && target.closest("button, a, input, select, textarea, summary, iframe, [tabindex]:not([tabindex='-1'])") !== null;

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // What comes from the console: hello, events, states, snapshots and meshes. The WebSocket itself is in a worker (live_worker.js). It is
 // closed while the page is hidden and opened again afterwards, so that the page continues with the present state. It requests the events that it has missed by their number.
-// Tests: tests/e2e/console_page_test.py
 import { token } from "./api.js";
 
 const kSnapshot = 1, kSheet = 2, kShape = 3, kHistory = 4, kTryAgainLater = 1013;

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 // Connects the parts of the page: the source that is shown (a session or a recording), buttons, keys, and the loop that draws.
-// Tests: tests/e2e/console_page_test.py
 import { emergency_stop, file_query, get_blob, get_container, get_json, post } from "./api.js";
 import { Charts } from "./charts.js";
 import { Shown, read_bone } from "./data.js";

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 // Plays a recording with its scene, and a second one to compare with.
-// Tests: tests/runtime/console/hand_page_test.py, tests/e2e/console_page_test.py
 import { file_query, get_container } from "./api.js";
 import { Shown, axis_of, is_material, read_bone } from "./data.js";
 

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Restart ends the session that runs, and starts the same again once it has ended. Every other command withdraws a Restart that still waits,
 // and so do an emergency stop of any page, a lost connection and a hidden page: no session begins that nobody wants any more.
-// Tests: tests/e2e/console_trouble_page_test.py, tests/runtime/console/page_parts_test.mjs
 import { post } from "./api.js";
 
 export class Restart {

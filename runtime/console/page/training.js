@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 // The record of learning: who does the next session (kept in the browser), and the ghost of a recording beside the tool of a session.
-// Tests: tests/e2e/console_page_test.py
 import { file_query, get_container } from "./api.js";
 import { by_id } from "./elements.js";
 import { NumberField } from "./numbers.js";

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 // Describes the state in words, and says what to do.
-// Tests: tests/e2e/console_page_test.py, tests/runtime/console/page_parts_test.mjs
 
 export const kRunning = 2, kFault = 3, kRecovering = 4;  // SafetyState
 const kLowSpace_min = 10;

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 // Runs a program that ends by itself, such as the test of a device.
-// Tests: tests/e2e/console_device_test.py, tests/e2e/console_new_scene_test.py
 #pragma once
 
 #include <chrono>

@@ -2,7 +2,6 @@
 // The devices that a page may choose. The person who starts trocar-console lists devices by the
 // option --device. A page chooses one of these devices by its name or its index in the list, or one
 // of Trocar's two simulated devices by its name. It can never choose another URI, a file or option.
-// Tests: tests/runtime/console/device_choice_test.cpp
 #pragma once
 
 #include <string>

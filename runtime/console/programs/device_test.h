@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Tests a device before a session: the console runs trocar-run test. In the test the
 // device gets no force.
-// Tests: tests/e2e/console_device_test.py
 #pragma once
 
 #include <filesystem>

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // A process that this console has started, or that an earlier console or another
 // program has started.
-// Tests: tests/runtime/console/console_test.cpp
 #pragma once
 
 #include <sys/types.h>

@@ -2,7 +2,6 @@
 // Reads two texts about a session: the description that the session publishes in its shared memory,
 // and the console's note about the session's device. Also writes the note. Both texts may be
 // damaged. If a value is missing or has the wrong type, the value counts as empty.
-// Tests: tests/e2e/console_server_test.py, tests/e2e/console_kill_test.py
 #pragma once
 
 #include <cstdint>

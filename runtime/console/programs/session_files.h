@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Files by which the console follows its sessions. Each session has a folder, a log, and a symbolic
 // link to the shared memory of the session.
-// Tests: tests/e2e/console_server_test.py
 #pragma once
 
 #include <sys/types.h>

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // A library with the functions of Force Dimension's SDK that Trocar calls, written from the public list of
 // functions. Behind them is a simulated device that a simulated hand holds, in real time, with faults on demand.
-// README.md says how to use it. Tests: stand_in_test.cpp
+// README.md says how to use it.
 #include <Eigen/Core>
 #include <algorithm>
 #include <array>

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The simulated arm: a point mass with small damping, held by a simulated hand, which is a spring and a damper to a
 // target that follows keyframes. Everything is in the arm's frame and in SI units.
-// Tests: tests/stand_ins/haply/haply_stand_in_test.py
 #pragma once
 
 #include <array>

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 // What a client sends over the WebSocket: commands for one tick, configuration, and requests for full states.
-// Tests: tests/stand_ins/haply/haply_stand_in_test.py
 #pragma once
 
 #include <optional>

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 // Faults that the stand-in injects into its answers at given times.
-// Tests: tests/stand_ins/haply/haply_stand_in_test.py
 #pragma once
 
 #include <optional>

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The HTTP interface, as far as a client of the arm needs it: GET /version, GET /devices, and the force gate's gain by
 // GET, POST and DELETE /{device_type}/{id_or_index}/config/filters/force_gate?session=... in version 3.5.
-// Tests: tests/stand_ins/haply/haply_stand_in_test.py
 #pragma once
 
 #include <string>

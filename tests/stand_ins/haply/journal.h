@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 // What the stand-in has received: a CSV file of all forces, and a summary in JSON.
-// Tests: tests/stand_ins/haply/haply_stand_in_test.py
 #pragma once
 
 #include <cstdint>

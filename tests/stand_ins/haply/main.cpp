@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // A stand-in for the service of the Haply Inverse3 arm, for tests and for trying a session without the arm. It is
 // written from the public description of the protocol alone.
-// Tests: tests/stand_ins/haply/haply_stand_in_test.py
 #include <sched.h>
 
 #include <CLI/CLI.hpp>

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 // The sockets of the stand-in: HTTP and WebSocket on one port of this machine's loopback.
-// Tests: tests/stand_ins/haply/haply_stand_in_test.py
 #pragma once
 
 #include <cstdint>

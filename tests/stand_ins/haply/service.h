@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 // The service without its sockets: it takes messages of clients and gives the answers to send.
-// Tests: tests/stand_ins/haply/haply_stand_in_test.py
 #pragma once
 
 #include <chrono>

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 // What the service sends: the states of all devices, in a full message with their configurations as well.
-// Tests: tests/stand_ins/haply/haply_stand_in_test.py
 #pragma once
 
 #include <optional>

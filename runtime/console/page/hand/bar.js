@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 // The hand's bar below the view: the button that takes the needle, force and lag, switches of sound and rumble, and the help.
-// Tests: tests/e2e/console_hand_page_test.py
 import { by_id } from "../elements.js";
 import { share_of } from "./motion.js";
 

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 // A gamepad that moves the needle: sticks across, triggers along the tool, buttons to take it and to let go; and its rumble.
-// Tests: tests/e2e/console_hand_page_test.py
 import { deflection } from "./motion.js";
 
 const kTake = 0, kLetGo = 1, kShoulders = [4, 5], kOut = 6, kIn = 7;  // buttons of the standard layout

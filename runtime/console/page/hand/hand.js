@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The hand: the operator holds the needle of a live session. While it is held, each frame sends the target of the hand's spring to the
 // console (protocol.md), and a worker repeats it during slow frames (live_worker.js). The tip lags behind the target by force over stiffness.
-// Tests: tests/e2e/console_hand_page_test.py, tests/runtime/console/hand_page_test.py
 import { is_paused } from "../words.js";
 import { HandBar } from "./bar.js";
 import { Feel } from "./feel.js";

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 // The keys that move the needle, and the buttons on the screen that act like them.
-// Tests: tests/e2e/console_hand_page_test.py
 import { while_pressed } from "../keys.js";
 
 const kMoves = { ArrowRight: ["right", 1], ArrowLeft: ["right", -1], ArrowUp: ["away", 1], ArrowDown: ["away", -1], KeyF: ["along", 1], KeyR: ["along", -1] };

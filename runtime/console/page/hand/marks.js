@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 // The hand in the view: a dot where it pulls the tip to, and a line from the tip to the dot. Both turn from blue to orange with the force.
-// Tests: tests/e2e/console_hand_page_test.py
 import * as THREE from "three";
 
 const kDot_m = 0.0012, kRim = 1.35, kLine_m = 0.0004;  // the rim is a factor of the dot's radius

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // How far a key, the wheel or a stick moves the target of the hand. Positions are in {B}, in metres, as arrays of three numbers. This
 // file uses neither the browser nor three.js.
-// Tests: tests/runtime/console/hand_page_test.py
 
 const kKeys_m_per_s = 0.012, kPad_m_per_s = 0.02, kNotch_m = 0.0004, kNotch_px = 100, kLine_px = 33;
 const kDeadZone = 0.12;

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The pointer that moves the needle: a drag with the mouse, a pen or one finger in the camera's plane, and the wheel along the tool. Two
 // fingers and the other mouse buttons stay with the camera.
-// Tests: tests/e2e/console_hand_page_test.py
 import { kFine, sum, wheel_m } from "./motion.js";
 
 export class HandPointer {

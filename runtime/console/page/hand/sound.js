@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 // The sounds of the hand, made of noise: a tap at contact, a crunch while the tool cuts, a thump at the break.
-// Tests: tests/e2e/console_hand_page_test.py
 
 const kNoise_s = 1;
 

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 // The geometry of a C-arm in {B}, in metres, and the sum of a volume along its rays. Runs in the page, in a worker, and in node for tests.
-// Tests: tests/e2e/console_volume_test.py
 import { cross, dot } from "./volume.js";
 
 const kSourceToMiddle_m = 0.6;

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 // Planes of the CT through the tip: axial, coronal, sagittal, and one along the needle, with window and level, and the needle drawn in them.
-// Tests: tests/e2e/console_imaging_page_test.py, tests/e2e/console_volume_test.py
 import { by_id } from "../elements.js";
 import { NumberField } from "../numbers.js";
 import { cross, dot, hu_at } from "./volume.js";

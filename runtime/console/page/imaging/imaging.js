@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 // The pictures beside the 3D view: X-ray and planes of the CT. They load the scan when they are opened first.
-// Tests: tests/e2e/console_imaging_page_test.py
 import { file_query, get_bytes } from "../api.js";
 import { parse_container } from "../container.js";
 import { axis_of } from "../data.js";

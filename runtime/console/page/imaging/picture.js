@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 // From sums along rays to the grey levels of an X-ray picture, with the shadow of the needle. Runs in node for tests, too.
-// Tests: tests/e2e/console_volume_test.py
 import { dot } from "./volume.js";
 import { project, ray_of } from "./c_arm.js";
 

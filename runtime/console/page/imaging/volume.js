@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The HU of a scan in {B}: the stack of planes that the console sends, and the even grids for X-ray that are made from it.
 // Runs in the page, in a worker, and in node for tests.
-// Tests: tests/e2e/console_volume_test.py
 
 const kNoHu = -32768;
 const kMaxVoxels = 6e6, kMaxLevels = 4096;  // of a grid for X-ray

@@ -2,7 +2,6 @@
 // The X-ray of the page: positions of the C-arm, shots, screening while a key is held, and two monitors, the second of which keeps the last
 // picture of another position. In a session the loop counts, and a picture appears when the loop has counted it. In playback X-ray
 // is always on and costs nothing.
-// Tests: tests/e2e/console_imaging_page_test.py
 import { post } from "../api.js";
 import { by_id } from "../elements.js";
 import { while_pressed } from "../keys.js";

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 // The X-ray pictures that the page has, by position of the C-arm, and which one is computed next. Runs in node for tests, too.
-// Tests: tests/runtime/console/page_parts_test.mjs
 
 const kCoarse = 160, kCoarseStep = 2, kFineStep = 0.8, kKept = 5;
 

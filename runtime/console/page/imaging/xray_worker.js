@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Computes X-ray pictures beside the page, which stays fluent. In: {container} once, then {key, view, size, step}. Out: {ready} once, then
 // {key, size, view, sum, is_covered}. The page sends one request at a time: the one that it then needs most.
-// Tests: tests/e2e/console_imaging_page_test.py
 import { parse_container } from "../container.js";
 import { covered_pixels, xray_sum } from "./c_arm.js";
 import { harmonise } from "./picture.js";

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 // Positions in the patient's frame (DICOM's LPS, mm) and in {B} (m).
-// Tests: tests/e2e/console_new_scene_page_test.py
 
 /// `rows`: 3 rows of 4 numbers, from {B} to the patient (`lps_mm_of_device` of /api/bone).
 export const to_patient = (rows, at_m) => rows.map((row) => row[0] * at_m[0] + row[1] * at_m[1] + row[2] * at_m[2] + row[3]);

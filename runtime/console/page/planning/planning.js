@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 // A new scene: a person chooses entry and target on the bone, and the console makes the scene and checks it.
-// Tests: tests/e2e/console_new_scene_page_test.py
 import { get_json, post } from "../api.js";
 import { by_id, element } from "../elements.js";
 import { NumberField, read_point } from "../numbers.js";

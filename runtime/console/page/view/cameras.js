@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 // The three cameras of the view: perspective, along the tool, and the cross-section from above.
-// Tests: tests/e2e/console_page_test.py
 import * as THREE from "three";
 import { OrbitControls } from "orbit";
 

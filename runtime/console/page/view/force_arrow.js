@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 // The arrow of the force on the hand, which ends at the tip of the tool.
-// Tests: tests/e2e/console_page_test.py
 import * as THREE from "three";
 
 const kMinForce_N = 0.3, kLength_m_per_N = 0.0008, kMinLength_m = 0.008;

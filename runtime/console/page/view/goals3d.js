@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 // A scene's goals in the view: target, planned line, and the zones in which the tip must not be.
-// Tests: tests/e2e/console_page_test.py
 import * as THREE from "three";
 
 const point = ([x, y, z]) => new THREE.Vector3(x, y, z);

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 // HU as colour: the map cividis (perceptually uniform, and looking the same to people with a colour vision deficiency), and its legend.
-// Tests: tests/e2e/console_page_test.py
 
 const kStops = ("00224e 002e6a 1a386f 32436d 434e6c 535a6d 61656f 6f7073 7d7c78 8c8878 9b9476 aba072 bcae6c cdbb63 dec958 f0d846 fee838")
   .split(" ").map((hex) => [0, 2, 4].map((at) => parseInt(hex.slice(at, at + 2), 16)));

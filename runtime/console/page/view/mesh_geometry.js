@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 // Geometry of slices and surfaces for three.js: coloured triangles, contours, a coarser mesh, light.
-// Tests: tests/e2e/console_page_test.py
 import * as THREE from "three";
 import { colours_of } from "./hu.js";
 

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 // Chooses the resolution of the view by its frame rate, so that the view also works without a GPU.
-// Tests: tests/e2e/console_page_test.py
 
 const kMinScale = 0.5, kSlowFrame_ms = 30, kFastFrame_ms = 19, kFramesOfMean = 20, kPause_ms = 500;
 

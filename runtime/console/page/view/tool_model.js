@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 // The tool in the view: its solid, the solid of a second recording's tool, and its outline.
-// Tests: tests/e2e/console_page_test.py
 import * as THREE from "three";
 
 const kLength_m = 0.12;

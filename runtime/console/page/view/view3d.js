@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 // The three-dimensional view: bone, tool, bending sheet, holes, force. Coordinates are in {B}, in metres, with z up.
-// Tests: tests/e2e/console_page_test.py
 import * as THREE from "three";
 import { Cameras } from "./cameras.js";
 import { ForceArrow } from "./force_arrow.js";
