@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // A batch: selects the stale scans of a collection, meshes each one in a separate process, and
 // summarises the outcomes.
-// Tests: tests/pipeline/farm/worker_test.cpp
 #pragma once
 
 #include <atomic>

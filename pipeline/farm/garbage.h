@@ -2,7 +2,6 @@
 // Garbage collection of a store (`trocar-mesh batch --gc`): removes actions and outputs that no
 // scan in the store's index needs. What an entry or an action names is needed; if one of them cannot
 // be read, nothing is removed. Outputs are the files that actions have made: assets and reports.
-// Tests: tests/pipeline/farm/store_test.cpp, tests/pipeline/farm/garbage_test.cpp
 #pragma once
 
 #include <chrono>

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // The journal of a store: times and outcomes of the work on scans. Each batch writes a file of its
 // own, with one line of JSON for each scan. It is for people; nothing else depends on it.
-// Tests: tests/e2e/batch_test.py
 #pragma once
 
 #include <filesystem>

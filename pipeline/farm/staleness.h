@@ -3,7 +3,6 @@
 // in an earlier run and has not changed since (store.md). A scan is stale if it is new, if it failed
 // for a passing reason, or if its program, its parameters, its input or its files in the store have
 // changed.
-// Tests: tests/pipeline/farm/worker_test.cpp
 #pragma once
 
 #include <cstdint>

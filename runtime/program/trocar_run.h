@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The program trocar-run apart from main(): its options are in run_options.h, what its commands do
 // in run_commands.h.
-// Tests: tests/e2e/experiments_e2e_test.py
 #pragma once
 
 namespace trocar::runtime {

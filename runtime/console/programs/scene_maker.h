@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Makes a scene. A person may choose on the bone where the needle enters and where it goes. The
 // console first runs trocar-run new-scene, and then trocar-run check.
-// Tests: tests/e2e/console_new_scene_test.py
 #pragma once
 
 #include <array>
