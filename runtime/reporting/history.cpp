@@ -396,7 +396,7 @@ std::string history_csv(const History& history) {
 }
 
 std::string history_page(const History& history) {
-  return html_page("trocar-run --history", kHistoryPage, {{"history", history.json}});
+  return html_page("trocar-run history", kHistoryPage, {{"history", history.json}});
 }
 
 }  // namespace trocar::runtime

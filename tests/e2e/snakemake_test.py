@@ -66,7 +66,7 @@ def products():
     check(made == {f"{scan}/{file}" for scan in "ab" for file in FILES.values()}, f"products: {made}")
     scene = store / "products/a/scene.json"
     check(json.loads(scene.read_text())["asset"] == "../../assets/a.glb", "the scene does not name the asset's link")
-    run(PROGRAMS / "trocar-run", scene, "--check")
+    run(PROGRAMS / "trocar-run", "check", scene)
     check("dry run" in (store / "products/a/check.txt").read_text() and (store / "products/b/preview.png").read_bytes()[:4] == b"\x89PNG", "check or preview")
     run(MESH, folder / "phantom/sample.nii.gz", "--tolerance", 0.2, "--surface", "--surface-triangles", 2000, "-o", folder / "by_hand.stl", "--quiet")
     check((store / "products/a/surface.stl").read_bytes() == (folder / "by_hand.stl").read_bytes(), "the surface is another one")
