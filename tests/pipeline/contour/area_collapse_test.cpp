@@ -271,7 +271,6 @@ TEST_F(Scans, KeepTheirAreasAndTheToleranceAsStored) {
 }
 
 TEST_F(Scans, HaveFewerVerticesThatAreNearerThanDouglasPeuckers) {
-  // Those of the report (scripts/report).
   constexpr double kTolerances_mm[] = {0.02, 0.035, 0.05, 0.07, 0.1, 0.14, 0.2,
                                        0.25, 0.35,  0.5,  0.7,  1.0, 1.4};
   struct Method {
