@@ -8,7 +8,6 @@
 #include <string>
 
 #include "formats/base/command_line.h"
-#include "formats/base/program.h"
 #include "sample_ct/render.h"
 #include "sample_ct/sample_folder.h"
 #include "sample_ct/write_dicom.h"

@@ -11,9 +11,9 @@
 #include <nlohmann/json.hpp>
 #include <system_error>
 
-#include "formats/base/file_io.h"
-#include "formats/base/json_text.h"
-#include "formats/base/text_pattern.h"
+#include "formats/base/files.h"
+#include "formats/base/json.h"
+#include "formats/base/text.h"
 #include "sample_ct/write_dicom.h"
 #include "sample_ct/write_nifti.h"
 

@@ -14,7 +14,7 @@
 #include <utility>
 #include <vector>
 
-#include "formats/base/system_message.h"
+#include "formats/base/files.h"
 #include "sample_ct/random.h"
 
 // DCMTK comes last, because its configuration header defines names of its own.

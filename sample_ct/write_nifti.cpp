@@ -14,7 +14,7 @@
 
 #include <nifti2_io.h>
 
-#include "formats/base/file_io.h"
+#include "formats/base/files.h"
 
 namespace trocar::sample {
 namespace {

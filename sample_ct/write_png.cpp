@@ -12,7 +12,7 @@
 
 #include <spng.h>
 
-#include "formats/base/file_io.h"
+#include "formats/base/files.h"
 
 namespace trocar::sample {
 

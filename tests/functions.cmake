@@ -6,8 +6,8 @@ set(TROCAR_PYTHON /usr/bin/python3 CACHE FILEPATH "Python with Debian's numpy, j
 set(TROCAR_REAL_CT ${CMAKE_SOURCE_DIR}/../shared/ct CACHE PATH
   "Folder of real scans (l3/*.nii.gz); without it their tests are skipped")
 set(TROCAR_PROGRAMS ${CMAKE_RUNTIME_OUTPUT_DIRECTORY})
-set(TROCAR_E2E ${CMAKE_BINARY_DIR}/e2e)             # outputs of the end-to-end tests
-set(TROCAR_TEST_ASSETS ${CMAKE_BINARY_DIR}/assets)  # made once (e2e/CMakeLists.txt)
+set(TROCAR_E2E ${CMAKE_BINARY_DIR}/e2e) # outputs of the end-to-end tests
+set(TROCAR_TEST_ASSETS ${CMAKE_BINARY_DIR}/assets) # made once (e2e/CMakeLists.txt)
 
 # trocar_test(PATH LABEL LIBRARIES...): the GoogleTest file PATH.cpp as one ctest test, named after the file, with the label unit,
 # property, golden, fuzz or e2e. All files of one CMake list are compiled into one program, FOLDER_tests, because linking a program
@@ -66,30 +66,6 @@ endfunction()
 function(trocar_script_properties name label)
   set_tests_properties(${name} PROPERTIES LABELS ${label} TIMEOUT 600 SKIP_RETURN_CODE 77 ENVIRONMENT
     "TROCAR_REAL_CT=${TROCAR_REAL_CT};TROCAR_SANITIZE=${TROCAR_SANITIZE};TROCAR_BUILD=${CMAKE_BINARY_DIR};TROCAR_WORK=${TROCAR_E2E}/${name}")
-endfunction()
-
-# trocar_write_links(FILE): writes a line "LIBRARY: ITEM ..." for each target of the product, with what it links privately
-# or passes on, for dependency_rule_test.py.
-function(trocar_write_links file)
-  set(folders formats pipeline runtime)
-  set(lines "")
-  while(folders)
-    list(POP_FRONT folders folder)
-    get_property(inner DIRECTORY ${CMAKE_SOURCE_DIR}/${folder} PROPERTY SUBDIRECTORIES)
-    list(TRANSFORM inner REPLACE "^${CMAKE_SOURCE_DIR}/" "")
-    list(APPEND folders ${inner})
-    get_property(targets DIRECTORY ${CMAKE_SOURCE_DIR}/${folder} PROPERTY BUILDSYSTEM_TARGETS)
-    foreach(target ${targets})
-      get_target_property(is_bundle ${target} TROCAR_BUNDLE)
-      if(is_bundle)
-        continue()
-      endif()
-      get_target_property(links ${target} LINK_LIBRARIES)
-      get_target_property(passed_on ${target} INTERFACE_LINK_LIBRARIES)
-      string(APPEND lines "${target}: ${links} ${passed_on}\n")
-    endforeach()
-  endwhile()
-  file(WRITE ${file} "${lines}")
 endfunction()
 
 # trocar_long(NAMES...): labels tests of this folder that take more than half a minute, which scripts/test leaves to

@@ -17,13 +17,12 @@
 #include <vector>
 
 #include "formats/asset/draco_mesh.h"
-#include "formats/asset/hu_volume.h"
+#include "formats/asset/hu_codec.h"
 #include "formats/base/result.h"
-#include "formats/geometry/lattice.h"
-#include "formats/geometry/lattice_box.h"
-#include "formats/geometry/proved_outline.h"
-#include "formats/geometry/slice_mesh.h"
-#include "formats/geometry/triangle_surface.h"
+#include "formats/mesh/lattice.h"
+#include "formats/mesh/mesh_validity.h"
+#include "formats/mesh/slice_mesh.h"
+#include "formats/mesh/triangle_surface.h"
 
 namespace trocar {
 
@@ -213,5 +212,26 @@ std::size_t slice_count(const Asset& asset);
 /// for none. Errors: kRefused if a proof or check fails; the message names the file, and the slice
 /// and position if there are any.
 Result<void> verify_asset(const Asset& asset, const std::string& name);
+
+// Joins the materials of each slice into one sheet. Materials are labels, for example of vertebrae,
+// and a needle that crosses from one label to the next must not feel the border between them.
+
+/// Joins the materials of each slice into one mesh with the outline of their union
+/// (weld_regions.h). The HU of merged vertices are averaged. If one of the materials has no HU at
+/// vertices, the joined mesh has none. If the mean HU of each material is known, the joined mesh
+/// gets the mean of these values, weighted by area. The mesh of a slice with one material is
+/// unchanged. If any slice had several materials, the asset afterwards has one material, to which
+/// all slices belong; otherwise nothing is changed. O(n log n). Errors: kRefused if a mesh is not
+/// valid (check_mesh_against_pslg()), or if materials overlap (check_shared_borders()) or lie in
+/// different planes. The message has the file and the slice, and the asset is unchanged.
+Result<void> weld_materials(Asset& asset, const std::string& name);
+
+/// Computes HU at the vertices, with which viewers can colour the meshes. Fills AssetSlice::hu of
+/// each slice where it is empty and where Asset::hu has a plane of the slice. The HU of a triangle
+/// are the mean of Asset::hu at four points inside the triangle. The value at a vertex is the mean
+/// of the triangles around the vertex, weighted by area; it is 0 if none of these triangles has a
+/// HU. (The HU at the vertex itself are not used: most vertices lie on the outline, where the HU
+/// are partly those of the surroundings.) Call this function before weld_materials().
+void add_hu_at_vertices(Asset& asset);
 
 }  // namespace trocar

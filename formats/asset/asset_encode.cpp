@@ -12,12 +12,10 @@
 #include "formats/asset/asset.h"
 #include "formats/asset/asset_index.h"
 #include "formats/asset/draco_mesh.h"
-#include "formats/asset/gltf_elements.h"
-#include "formats/asset/gltf_writer.h"
+#include "formats/asset/gltf.h"
 #include "formats/asset/hu_codec.h"
-#include "formats/asset/hu_section.h"
-#include "formats/asset/slice_payload.h"
-#include "formats/base/json_text.h"
+#include "formats/asset/payload.h"
+#include "formats/base/json.h"
 
 namespace trocar {
 namespace {

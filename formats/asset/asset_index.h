@@ -33,9 +33,9 @@
 #include <type_traits>
 #include <vector>
 
-#include "formats/base/file_io.h"
+#include "formats/base/files.h"
 #include "formats/base/result.h"
-#include "formats/geometry/lattice.h"
+#include "formats/mesh/lattice.h"
 
 namespace trocar {
 

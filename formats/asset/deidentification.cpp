@@ -15,10 +15,9 @@
 
 #include "formats/asset/asset.h"
 #include "formats/asset/asset_index.h"
-#include "formats/base/file_io.h"
-#include "formats/base/json_text.h"
-#include "formats/base/strict_json.h"
-#include "formats/base/text_pattern.h"
+#include "formats/base/files.h"
+#include "formats/base/json.h"
+#include "formats/base/text.h"
 
 namespace trocar {
 namespace {

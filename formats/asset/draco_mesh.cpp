@@ -1,13 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "formats/asset/draco_mesh.h"
+#include "formats/asset/draco_settings.h"
 
 #include <algorithm>
 #include <array>
 #include <cmath>
 #include <cstring>
 #include <string_view>
-
-#include "formats/asset/draco_settings.h"
 
 namespace trocar {
 namespace {

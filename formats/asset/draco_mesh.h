@@ -16,7 +16,7 @@
 #include <vector>
 
 #include "formats/base/result.h"
-#include "formats/geometry/slice_mesh.h"
+#include "formats/mesh/slice_mesh.h"
 
 namespace trocar {
 

@@ -1,5 +1,4 @@
 // SPDX-License-Identifier: Apache-2.0
-#define TINYGLTF_IMPLEMENTATION
 #include "formats/asset/gltf_document.h"
 
 #include <algorithm>
@@ -9,9 +8,11 @@
 
 #include "formats/asset/asset_index.h"
 #include "formats/asset/draco_mesh.h"
-#include "formats/asset/slice_payload.h"
-#include "formats/base/file_io.h"
-#include "formats/base/json_text.h"
+#include "formats/asset/payload.h"
+#include "formats/base/files.h"
+#include "formats/base/json.h"
+
+#define TINYGLTF_IMPLEMENTATION
 
 namespace trocar {
 namespace {

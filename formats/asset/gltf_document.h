@@ -10,6 +10,7 @@
 #define TINYGLTF_NO_INCLUDE_STB_IMAGE
 #define TINYGLTF_NO_INCLUDE_STB_IMAGE_WRITE
 #define TINYGLTF_NO_EXTERNAL_IMAGE
+
 // json.hpp must be included before tiny_gltf.h. Otherwise tiny_gltf.h includes it with hidden
 // visibility. The system headers that json.hpp includes would then get hidden visibility, too, and
 // so would functions of the C library such as close().

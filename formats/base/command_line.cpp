@@ -3,13 +3,13 @@
 
 #include <algorithm>
 #include <cmath>
+#include <csignal>
 #include <cstdio>
+#include <exception>
 #include <filesystem>
 
-#include "formats/base/nearest_name.h"
-#include "formats/base/program.h"
-#include "formats/base/text_line.h"
-#include "formats/base/text_pattern.h"
+#include "formats/base/files.h"
+#include "formats/base/text.h"
 
 namespace trocar {
 namespace {
@@ -191,6 +191,11 @@ void set_heading(CLI::App& app, const std::string& heading) {
       option->group(heading);
 }
 
+/// So many digits that a whole number is written out, and 0.07 as 0.07.
+int digits(double value) {
+  return value == std::floor(value) ? 17 : 15;
+}
+
 // CLI::Range is not used, because its messages, and whether it accepts nan, differ between versions
 // of CLI11.
 CLI::Option* within(CLI::Option* option, const NumberRange& range) {
@@ -201,8 +206,8 @@ CLI::Option* within(CLI::Option* option, const NumberRange& range) {
     double value = 0;
     if (wrong.empty() && CLI::detail::lexical_cast(text, value) && !(value >= low && value <= high))
       wrong = refuse(name, text,
-                     text_line("must be within %.15g and %.15g%s%s", low, high,
-                               *unit == '\0' ? "" : " ", unit));
+                     text_line("must be within %.*g and %.*g%s%s", digits(low), low, digits(high),
+                               high, *unit == '\0' ? "" : " ", unit));
     return wrong;
   };
   const std::string form =
@@ -311,6 +316,30 @@ Result<void> check_command(const CLI::App& app, const std::string& word) {
 
 std::string command_line_library() {
   return "CLI11 " CLI11_VERSION;
+}
+
+std::atomic<bool> stop_requested{false};
+
+void stop_on_signals() {
+  struct sigaction action {};
+  action.sa_handler = [](int) { stop_requested.store(true); };
+  for (const int signal : {SIGINT, SIGTERM, SIGHUP})
+    ::sigaction(signal, &action, nullptr);
+}
+
+int report_error(const std::string& program, const Error& error) {
+  print(stderr, "%s: %s\n", program, error.message);
+  return static_cast<int>(error.code);
+}
+
+int run_program(const std::string& program, const std::function<int()>& body) {
+  std::signal(SIGPIPE, SIG_IGN);
+  std::signal(SIGXFSZ, SIG_IGN);
+  try {
+    return finish_output(program.c_str(), body());
+  } catch (const std::exception& failure) {
+    return report_error(program, bug(std::string("internal error: ") + failure.what()));
+  }
 }
 
 }  // namespace trocar

@@ -13,6 +13,7 @@
 #include <cstdlib>
 #include <cstring>
 #include <ctime>
+
 // clang-format off
 // ---- Your device: replace the contents of the three functions by calls of your SDK. ------------------------------
 constexpr double kPeriod_s = 5e-4;  // both are called this often

@@ -2,7 +2,6 @@
 #include "formats/session/device_protocol.h"
 
 #include <sodium.h>
-
 #include <algorithm>
 #include <bit>
 #include <cmath>

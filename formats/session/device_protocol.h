@@ -22,7 +22,7 @@
 #include <span>
 
 #include "formats/base/result.h"
-#include "formats/session/fault_words.h"
+#include "formats/session/faults.h"
 
 namespace trocar {
 

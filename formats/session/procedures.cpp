@@ -5,7 +5,7 @@
 #include <array>
 #include <utility>
 
-#include "formats/base/text_line.h"
+#include "formats/base/text.h"
 
 namespace trocar {
 namespace {

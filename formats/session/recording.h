@@ -1,24 +1,83 @@
 // SPDX-License-Identifier: Apache-2.0
-// The recording of a session: a CSV file with one row for each tick and a header with every
-// column's name and unit. Numbers are written in shortest round-trip form, so that reading gives
-// the written values bit for bit. Reading is strict: a file with unknown columns or with a missing
-// or incomplete field is refused.
+// The status that a haptic device returns for a read or a write. It is recorded in each tick.
 #pragma once
 
 #include <array>
 #include <chrono>
 #include <cstdint>
 #include <filesystem>
+#include <optional>
 #include <span>
 #include <string>
 #include <string_view>
+#include <utility>
 #include <vector>
 
 #include "formats/base/result.h"
-#include "formats/session/device_status.h"
-#include "formats/session/recording_origin.h"
 
 namespace trocar {
+
+/// The comments give each status's name in recordings, in quotes.
+enum class DeviceStatus : std::uint8_t {
+  kOk,             ///< "ok"
+  kNoData,         ///< "no_data": a read gave no new state, or a write was not accepted
+  kLinkLost,       ///< "link_lost"
+  kEmergencyStop,  ///< "emergency_stop": the stop is pressed; the drives hold the torques at zero
+  kMotorFault,     ///< "motor_fault": the drives report a motor that does not give its torque
+  kEndOfData,      ///< the end of a replayed recording; never recorded
+};
+inline constexpr int kRecordedDeviceStatuses = 5;  ///< all except kEndOfData
+
+// The provenance of a recording: the program's version, digests of scene, asset and device
+// description, the options on which torques depend, and the session's duration if it is not the
+// scene's. In the CSV, the first row has the provenance as text in the column `origin`:
+// "program=0.2.0;scene=DIGEST;...", without commas, quotes or blanks.
+
+/// The key of the program's version; all other keys are inputs of the session.
+inline constexpr const char* kOriginProgram = "program";
+/// Keys whose value is a digest: BLAKE2b-256, hexadecimal, as `b2sum -l 256` gives it.
+inline constexpr const char* kOriginScene = "scene";
+inline constexpr const char* kOriginAsset = "asset";
+inline constexpr const char* kOriginDevice = "device";  ///< a digest, "built-in" or "built-in/NAME"
+/// Key and value of the entry for the kind of device. Only recordings of a pose device have it.
+inline constexpr const char* kOriginDeviceKind = "device-kind";
+inline constexpr const char* kPoseDeviceKind = "pose";
+/// Key of an entry that only recordings with the operator's X-ray have. The value "counted" means
+/// that the rows have the column `xray`, from which pictures and screening time are counted.
+inline constexpr const char* kOriginXray = "xray";
+
+struct RecordingOrigin {
+  std::vector<std::pair<std::string, std::string>> entries;  ///< key, value; no entries if unknown
+
+  /// The value of a key, or null.
+  const std::string* find(std::string_view key) const;
+  /// The value of a key as a number; std::nullopt if the key is missing or has no number as value.
+  std::optional<double> number(std::string_view key) const;
+  friend bool operator==(const RecordingOrigin&, const RecordingOrigin&) = default;
+};
+
+/// The text of a number in an entry: the shortest text from which the same number is read again.
+std::string origin_number(double x);
+
+/// The text for the CSV. Precondition: keys and values consist of letters, digits, '.', '_',
+/// '+', '-' and '/'.
+std::string to_text(const RecordingOrigin& origin);
+
+/// Reads what to_text() wrote; an empty text gives no entries. Errors: kRefused if the text has
+/// another form or more than 4096 characters, or if a key is empty or repeated.
+Result<RecordingOrigin> parse_origin(std::string_view text);
+
+/// Describes the differences between the origin of a recording and that of a run, such as "the
+/// scene (0123456789ab..., here cdef01234567...), passivity (on, here off)". Empty if there are no
+/// differences. The program's version is not compared. If the run has a key that the recording does
+/// not have, this is a difference only if recording and run name the same version of the program.
+/// With different versions it is ignored, because an older program may not have known the key.
+std::string differences(const RecordingOrigin& recorded, const RecordingOrigin& run);
+
+// The recording of a session: a CSV file with one row for each tick and a header with every
+// column's name and unit. Numbers are written in shortest round-trip form, so that reading gives
+// the written values bit for bit. Reading is strict: a file with unknown columns or with a missing
+// or incomplete field is refused.
 
 /// The tool's contact state at the active slice (RecordingRow::active_slice). The comments give the
 /// names in recordings, in quotes.
@@ -63,7 +122,7 @@ enum class Fault : std::uint8_t {
 };
 inline constexpr int kFaults = 25;
 
-/// State of the safety layer (runtime/control/safety.h).
+/// State of the safety layer (runtime/haptics/loop/safety.h).
 enum class SafetyState : std::uint8_t {
   kIdle,        ///< "idle": nothing read from the device yet
   kReady,       ///< "ready": no fault, torques are zero
@@ -135,7 +194,7 @@ struct RecordingRow {
   /// Force of the tissue on the tip (bone, sheets and soft layers), before the scene's force scale:
   /// along the shaft, with the laws `hooke` and `network` along z.
   double tip_N = 0;
-  /// A break-through that was found in this tick (runtime/control/break_through.h): the resistance
+  /// A break-through that was found in this tick (runtime/haptics/loop/break_through.h): the resistance
   /// before it, as a force on the tip like tip_N; 0: none was found.
   double break_through_N = 0;
   /// Where: the slice that was punctured last, or is in contact; kBreakThroughLayer - i: the soft
@@ -275,5 +334,85 @@ Result<std::vector<RecordingRow>> parse_recording(std::string_view csv, const st
 Result<std::vector<RecordingRow>> read_recording(const std::filesystem::path& file,
                                                  RecordingOrigin* origin = nullptr,
                                                  bool* is_cut = nullptr);
+
+// The columns of a recording and the fields of its rows. Writing and reading use the same list, so
+// that their order agrees. Internal to formats/session.
+
+inline constexpr std::array<const char*, 5> kPhaseNames = {"free", "contact", "punctured", "beside",
+                                                           "fault"};
+inline constexpr std::array<const char*, kSafetyStates> kSafetyNames = {"idle", "ready", "running",
+                                                                        "fault", "recovering"};
+inline constexpr std::array<const char*, kRecordedDeviceStatuses> kDeviceStatusNames = {
+    "ok", "no_data", "link_lost", "emergency_stop", "motor_fault"};
+const std::array<const char*, kFaults>& fault_names();
+
+/// Names of the columns, in order.
+std::vector<std::string> recording_columns(const RecordingKind& kind);
+/// The kind of recording that has this header line, if any.
+std::optional<RecordingKind> kind_of_header(std::string_view header);
+
+/// Calls a member of the visitor for each field of a row except the origin, in the order of the
+/// columns. number() gets any number; finite() gets a number that must not be infinite or nan;
+/// flag() gets 0 or 1; bits() gets an integer and the bits that may be set in it; name() gets an
+/// enumerator and the list of names.
+template <typename Row, typename Visitor>
+void visit_fields(Row& row, const RecordingKind& kind, Visitor& visitor) {
+  visitor.finite(row.t_s);
+  visitor.finite(row.p_m);
+  visitor.finite(row.q);
+  visitor.finite(row.tool_m);
+  visitor.finite(row.wrench_wanted);
+  visitor.finite(row.wrench_delivered);
+  if (kind.has_pose_device) {
+    for (auto& at_m : row.pose_device.p_m)
+      visitor.number(at_m);
+    for (auto& component : row.pose_device.q)
+      visitor.number(component);
+    visitor.number(row.pose_device.buttons);
+    visitor.finite(row.pose_device.wrench);
+  } else {
+    visitor.finite(row.tau_Nm);
+    for (auto& angle_rad : row.encoder_rad)
+      visitor.number(angle_rad);
+  }
+  visitor.name(row.phase, kPhaseNames);
+  visitor.number(row.active_slice);
+  visitor.finite(row.penetration_m);
+  visitor.finite(row.wrench_scale);
+  visitor.finite(row.pose_residual_m);
+  visitor.number(row.cuts_published);
+  visitor.number(row.response_sheet);
+  visitor.number(row.response_stiffness_N_per_m);
+  for (auto& offset_m : row.response_offset_m)
+    visitor.number(offset_m);
+  visitor.name(row.fault, fault_names());
+  visitor.name(row.device_read, kDeviceStatusNames);
+  visitor.finite(row.state_t_s);
+  visitor.name(row.device_write, kDeviceStatusNames);
+  visitor.name(row.outside_fault, fault_names());
+  visitor.flag(row.recovery_asked);
+  visitor.name(row.safety, kSafetyNames);
+  visitor.finite(row.authority);
+  visitor.finite(row.passivity_J);
+  visitor.finite(row.passivity_N_s_per_m);
+  visitor.finite(row.motor_heat_max);
+  if (kind.has_xray) visitor.bits(row.xray, kXrayPicture | kXrayBeam);
+  if (kind.has_cutting) {
+    auto& cutting = row.cutting;
+    visitor.finite(cutting.wrench_tissue);
+    visitor.finite(cutting.front_z_m);
+    visitor.finite(cutting.front_HU);
+    visitor.finite(row.tip_N);
+    visitor.finite(cutting.embedded_m);
+    visitor.finite(cutting.cut_J);
+    visitor.finite(cutting.absorbed_J);
+    visitor.finite(cutting.stored_J);
+    visitor.number(cutting.steps);
+  } else {
+    visitor.finite(row.tip_N);
+  }
+  visitor.finite(row.break_through_N);
+  visitor.number(row.break_through_at);
+}
 
 }  // namespace trocar

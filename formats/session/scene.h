@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The scene: slices of an asset and their positions in the device's frame {B} (origin in the base,
-// z up, metres), their tissues, the tool, and the simulated hand's trajectory. With the force laws
-// `hooke` and `network`, each slice is an elastic sheet. With the law `cutting`, all slices
-// together are one bone volume. The file is JSON with the schema formats/session/scene.schema.json.
+// The names of the force laws in scenes and on the command line, and the traits of each law that a
+// program needs to read a scene. The laws themselves are in runtime/force_law.
 #pragma once
 
 #include <array>
@@ -14,9 +12,49 @@
 #include <vector>
 
 #include "formats/base/result.h"
-#include "formats/session/force_law_kind.h"
 
 namespace trocar {
+
+/// Index of a law's row in the table of laws. Values beyond the last enumerator belong to laws that
+/// add_force_law() added.
+enum class ForceLawKind : std::uint8_t {
+  kHooke,    ///< each slice is an elastic sheet: a spring, F = K dx
+  kNetwork,  ///< each slice is an elastic sheet: a spring network (runtime/deformation)
+  kCutting,  ///< the slices are one bone volume, which the tool cuts (runtime/bone_cutting)
+};
+
+struct ForceLawTraits {
+  const char* name;  ///< name in scenes and on the command line
+  /// True if the law uses a bone volume: the law accepts a scene's `body`, and reads the HU under
+  /// the tool from Sheet::field.
+  bool uses_bone_volume = false;
+};
+
+/// The shipped laws, in the order of ForceLawKind.
+inline constexpr std::array kForceLaws{ForceLawTraits{"hooke"}, ForceLawTraits{"network"},
+                                       ForceLawTraits{"cutting", true}};
+static_assert(kForceLaws.size() == static_cast<std::size_t>(ForceLawKind::kCutting) + 1,
+              "a row for each ForceLawKind");
+
+/// The row of a law. Precondition: the table has this law.
+const ForceLawTraits& traits_of(ForceLawKind law) noexcept;
+inline const char* to_string(ForceLawKind law) noexcept {
+  return traits_of(law).name;
+}
+/// The law of that name, or std::nullopt.
+std::optional<ForceLawKind> force_law_from_string(std::string_view name) noexcept;
+/// All names for a message, such as "hooke, network or cutting". `quote` is written before and
+/// after each name.
+std::string force_law_names(const std::string& quote = "");
+
+/// Adds a row to the table. Only runtime::add_force_law() may call this function, and only while no
+/// other thread reads the table.
+ForceLawKind add_force_law(const ForceLawTraits& traits);
+
+// The scene: slices of an asset and their positions in the device's frame {B} (origin in the base,
+// z up, metres), their tissues, the tool, and the simulated hand's trajectory. With the force laws
+// `hooke` and `network`, each slice is an elastic sheet. With the law `cutting`, all slices
+// together are one bone volume. The file is JSON with the schema formats/session/scene.schema.json.
 
 inline constexpr const char* kSceneSchema = "trocar.scene/1";
 inline constexpr std::size_t kMaxSceneSlices = 64;
@@ -46,7 +84,7 @@ struct ShaftTissue {
 };
 
 /// The strength of bone from its HU. The density is at_0_HU + per_HU * HU, and a published law
-/// gives the strength for this density (runtime/bone_cutting/material/bone_strength.h).
+/// gives the strength for this density (runtime/haptics/bone/bone_strength.h).
 struct BoneByHu {
   std::string law;  ///< name of the law
   /// Kind of the resulting density: "qct" (mineral, calibrated by scanning a body of known
@@ -160,7 +198,7 @@ struct SceneForceLaw {
   // kCutting:
   ToolAxis axis = ToolAxis::kAuto;
   /// Stiffness of the coupling, the springs between tool and plate. 0: the largest stiffness that
-  /// the device can render stably (runtime/bone_cutting/contact/device_coupling.h).
+  /// the device can render stably (runtime/haptics/bone/device_coupling.h).
   double coupling_N_per_m = 0, coupling_Nm_per_rad = 0;
   PosePrediction prediction = PosePrediction::kAuto;
   double tip_friction = 0.3;  ///< friction coefficient of a tip that slides on bone without cutting
@@ -190,12 +228,12 @@ struct SceneBody {
   double shell_m = 0;       ///< thickness of the cortical shell; 0: none
   double shell_factor = 1;  ///< ratio of the shell's strength to that of the bone under the tool
   /// At every position of the tool, the shell counts as unsupported within this radius around the
-  /// tool. The shell then breaks as a thin wall (runtime/bone_cutting/material/thin_wall.h) if
+  /// tool. The shell then breaks as a thin wall (runtime/haptics/bone/bone_volume.h) if
   /// breaking needs less force than cutting. 0: bone supports the shell everywhere.
   double shell_free_radius_m = 0;
   /// HU of cortical bone. If a slice is thicker than a cortical wall, its HU are the mean of the
   /// wall and of the bone behind it. From cortex_HU and this mean, the law computes the thickness
-  /// of the wall (runtime/bone_cutting/material/cortical_wall.h). 0: no walls are computed, so the
+  /// of the wall (runtime/haptics/bone/bone_volume.h). 0: no walls are computed, so the
   /// strength follows the HU of each slice. Absent: 1200 (kAssumedCortex_HU), or 0 with a shell.
   std::optional<double> cortex_HU = std::nullopt;
 };
@@ -212,7 +250,7 @@ struct SceneSlice {
 /// or the polygon `outline_m`.
 struct SceneTool {
   /// Kind of tip (force law `cutting`), one of the names in
-  /// runtime/bone_cutting/material/tool_in_tissue.h; empty: flat.
+  /// runtime/haptics/bone/tool_in_tissue.h; empty: flat.
   std::string kind;
   double half_angle_deg = 30;  ///< angle of the tip's faces to the axis; not used without `kind`
   /// The half angle of a tip of the kind `kind` if none is stated: 90 for a jamshidi, because its
@@ -245,7 +283,7 @@ struct TipKeyframe {
 enum class HandGrip : std::uint8_t { kFirm, kLight, kStiff };
 
 /// The simulated hand: an impedance that pulls the tool tip along a trajectory. Absent values are
-/// taken from `grip` (runtime/simulation/hand.h).
+/// taken from `grip` (runtime/device/simulated/mechanics.h).
 struct SceneHand {
   /// True if a person moves the hand while the session runs (trocar-run --live). The trajectory
   /// then has one keyframe, the start, and let_go_t_s is absent.
@@ -287,7 +325,7 @@ struct GoalTarget {
   double radius_m = 0;
 };
 
-/// The goals against which a session is scored (runtime/reporting/session_report.h). The goals do
+/// The goals against which a session is scored (runtime/report/session_report.h). The goals do
 /// not affect the simulation. Positions are those of the tool's tip in {B}.
 struct SceneGoals {
   std::optional<GoalTarget> target;

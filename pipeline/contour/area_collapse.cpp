@@ -10,11 +10,10 @@
 #include <utility>
 #include <vector>
 
-#include "formats/geometry/lattice_box.h"
+#include "formats/mesh/lattice.h"
+#include "formats/mesh/segment_grid.h"
 #include "pipeline/contour/collapse_geometry.h"
-#include "pipeline/contour/contour_grid.h"
-#include "pipeline/contour/segment_distance.h"
-#include "pipeline/contour/tight_spots.h"
+#include "pipeline/contour/contour.h"
 
 namespace trocar::pipeline {
 namespace {

@@ -6,7 +6,7 @@
 
 #include <vector>
 
-#include "formats/geometry/slice_mesh.h"
+#include "formats/mesh/slice_mesh.h"
 #include "pipeline/contour/outline_clearance.h"
 
 namespace trocar::pipeline {

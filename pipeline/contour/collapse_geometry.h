@@ -14,11 +14,10 @@
 #include <optional>
 #include <vector>
 
-#include "formats/geometry/canonical_rotation.h"
-#include "formats/geometry/edge_predicates.h"
-#include "formats/geometry/lattice.h"
-#include "formats/geometry/lattice_box.h"
-#include "pipeline/contour/segment_distance.h"
+#include "formats/mesh/canonical_rotation.h"
+#include "formats/mesh/lattice.h"
+#include "formats/mesh/predicates.h"
+#include "formats/mesh/segment_grid.h"
 
 namespace trocar::pipeline::collapse {
 

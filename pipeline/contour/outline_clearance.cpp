@@ -9,10 +9,8 @@
 #include <span>
 #include <tuple>
 
-#include "formats/geometry/lattice_box.h"
-#include "pipeline/contour/segment_distance.h"
-#include "pipeline/contour/segment_grid.h"
-#include "pipeline/contour/tight_spots.h"
+#include "formats/mesh/lattice.h"
+#include "formats/mesh/segment_grid.h"
 
 namespace trocar::pipeline {
 namespace {

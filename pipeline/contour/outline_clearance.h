@@ -30,7 +30,7 @@
 #include <cstdint>
 #include <vector>
 
-#include "formats/geometry/slice_mesh.h"
+#include "formats/mesh/slice_mesh.h"
 #include "pipeline/contour/collapse_geometry.h"
 
 namespace trocar::pipeline {

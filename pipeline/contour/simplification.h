@@ -7,7 +7,7 @@
 #include <functional>
 #include <vector>
 
-#include "formats/geometry/slice_mesh.h"
+#include "formats/mesh/slice_mesh.h"
 
 namespace trocar::pipeline {
 

@@ -31,4 +31,22 @@ Result<std::unique_ptr<SliceStack>> open_stack(const std::vector<std::filesystem
 /// the name of an image, a NIfTI or a NRRD file, or it begins like a DICOM file (has_dicom_preamble()).
 bool is_scan_file(const std::filesystem::path& file);
 
+// Opens a label map together with the CT from which it was made. Both must have the same
+// grid of voxels.
+
+struct LabelsWithCt {
+  std::unique_ptr<SliceStack> labels;
+  std::unique_ptr<SliceStack> ct;  ///< in HU, on the grid of `labels`
+};
+
+/// Opens the label map `inputs` and the CT `ct`. options.axis applies to both, the other options
+/// only to the label map. The file of a DICOM segmentation may leave out slices without labels.
+/// Such slices are added as empty ones, so that the label map has the same slices as the CT
+/// (OpenOptions::segmented_ct). The CT's warnings are added to those of the label map. Nothing is
+/// resampled. Errors: those of open_stack(); kRefused if the CT's values are not HU, or if its grid
+/// differs from the label map's grid (same_grid.h).
+Result<LabelsWithCt> open_labels_with_ct(const std::vector<std::filesystem::path>& inputs,
+                                         const std::filesystem::path& ct,
+                                         const OpenOptions& options);
+
 }  // namespace trocar::pipeline

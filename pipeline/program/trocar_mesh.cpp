@@ -2,7 +2,6 @@
 #include "pipeline/program/trocar_mesh.h"
 
 #include <oneapi/tbb/version.h>
-
 #include <cstdio>
 #include <functional>
 #include <map>
@@ -12,20 +11,13 @@
 #include <vector>
 
 #include "formats/base/command_line.h"
-#include "formats/base/program.h"
-#include "pipeline/base/malloc_tuning.h"
 #include "pipeline/program/arguments.h"
+#include "pipeline/program/asset_commands.h"
 #include "pipeline/program/batch_command.h"
-#include "pipeline/program/export_command.h"
-#include "pipeline/program/info_command.h"
-#include "pipeline/program/list_command.h"
 #include "pipeline/program/mesh_command.h"
-#include "pipeline/program/messages.h"
-#include "pipeline/program/presets.h"
-#include "pipeline/program/preview_command.h"
-#include "pipeline/program/review_command.h"
-#include "pipeline/program/verify_command.h"
-#include "pipeline/read/dicom/dicom_dictionary.h"
+#include "pipeline/program/scan_commands.h"
+#include "pipeline/read/dicom/dicom_parse.h"
+#include "pipeline/read/parallel_for.h"
 
 namespace trocar::pipeline {
 namespace {

@@ -2,6 +2,8 @@
 // The kind of a file according to its name, the order of files by name, and lists of their names.
 #pragma once
 
+#include <cstddef>
+#include <cstdint>
 #include <filesystem>
 #include <initializer_list>
 #include <string>
@@ -38,5 +40,18 @@ bool natural_less(const std::filesystem::path& one, const std::filesystem::path&
 /// `what` names their kind. The message lists the first eight, and says how many there are.
 Error choose_one(const std::string& where, const std::string& what,
                  const std::vector<std::filesystem::path>& these);
+
+// Digests that identify an input without revealing its contents.
+
+/// BLAKE2b-256 of a file's bytes, hexadecimal. Errors: kRefused if the file cannot be read.
+Result<std::string> digest_file(const std::filesystem::path& file);
+
+inline constexpr std::size_t kMinKeyBytes = 16, kMaxKeyBytes = 64;
+
+/// The keyed digest of an input, hexadecimal: BLAKE2b-256 of the concatenated results of
+/// digest_file() for its files. Only a holder of the key can compute it and so recognise the input.
+/// Precondition: the key has kMinKeyBytes to kMaxKeyBytes bytes.
+std::string digest_input(const std::vector<std::string>& file_digests,
+                         const std::vector<std::uint8_t>& key);
 
 }  // namespace trocar::pipeline

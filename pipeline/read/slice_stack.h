@@ -3,8 +3,10 @@
 // the slice normal. Each slice keeps its own plane, because nothing is resampled.
 #pragma once
 
+#include <Eigen/Core>
 #include <Eigen/Geometry>
 #include <array>
+#include <cstddef>
 #include <cstdint>
 #include <filesystem>
 #include <limits>
@@ -12,6 +14,7 @@
 #include <memory>
 #include <optional>
 #include <set>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -155,5 +158,77 @@ inline constexpr int kMaxImageSide = 1 << 15;
 /// Slices with more pixels than this (8192 x 8192) are refused, because a header of a few bytes can
 /// claim any size.
 inline constexpr long kMaxSlicePixels = 1L << 26;
+
+// The distances between slices, and the shift from one slice to the next.
+
+struct StackShape {
+  std::vector<double> gaps_mm;  ///< distances along the normal, from each slice to the next
+  double step_mm = 0;           ///< median of gaps_mm; 0 for a single slice
+  double shift_mm = 0;  ///< largest in-plane shift of a slice's origin relative to the slice before
+  /// Gantry tilt: the angle between the normal and the line from the first position to the last.
+  double tilt_deg = 0;
+
+  bool is_tilted() const { return shift_mm > 0.01; }
+  bool is_uneven(std::size_t gap) const;  ///< true if the gap differs from step_mm by more than 1 %
+  std::optional<std::size_t> first_uneven() const;
+};
+
+/// `positions` are the origins of the slices in mm, and `normal` is a unit vector. Precondition:
+/// the positions ascend along the normal.
+StackShape stack_shape(const std::vector<Eigen::Vector3d>& positions,
+                       const Eigen::Vector3d& normal);
+
+StackShape stack_shape(const SliceStack& stack);
+
+/// Checks that each slice from `first` to `last` is parallel to slice `first`, has the same pixel
+/// spacing, and lies above the slice before it. Errors: kRefused if a slice fails one of these
+/// checks; the message ends with `advice`.
+Result<void> check_parallel(const SliceStack& stack, int first, int last,
+                            const std::string& advice);
+
+// Compares the voxel grids of two stacks, for example of a label map and its CT. The two are used
+// together only if the grids are equal, because nothing is resampled.
+
+/// Two grids are equal if no pixel is shifted by more than this fraction of a voxel's side from one
+/// to the other. Differences in spacing, orientation and origin all shift pixels.
+inline constexpr double kSameVoxel = 1e-3;
+
+/// Describes how `plane` differs from `other`, for example "spacing is 1 x 1 mm, not 1 x 1.5".
+/// Returns std::nullopt if there is no difference above kSameVoxel. Both planes have width x height
+/// pixels. `step_mm` is the distance between slices.
+std::optional<std::string> plane_difference(const SlicePlane& plane, const SlicePlane& other,
+                                            int width, int height, double step_mm);
+
+/// The distance from a slice to the next slice. For the last slice, it is the distance from the
+/// slice before. If there is only one slice, it is the smaller of that slice's pixel spacings.
+double slice_step_mm(const SliceStack& stack, int slice);
+
+/// The first difference between the grids of two stacks.
+struct GridDifference {
+  /// Index of the first slice that differs. It is -1 if the difference seems to concern all slices,
+  /// that is, if the sizes, the slice distances or the first slices of the two stacks differ.
+  int slice = -1;
+  std::string what;  ///< description, such as "size is ... voxels, not ..."
+};
+/// Returns no value if the grids are equal.
+std::optional<GridDifference> grid_difference(const SliceStack& stack, const SliceStack& other);
+
+// Makes labels of the values that a label map stores.
+
+/// A value that is no whole number is rounded if it is at most this far from one. Programs that
+/// scale or resample label maps store such values (3.0000457).
+inline constexpr double kMaxLabelRounding = 1e-3;
+
+/// The labels of `values`, the row-major pixels of an image. NaN is background. `name` is the
+/// slice's name in error messages. Errors: kRefused if a value is negative, above kMaxLabel, or
+/// farther than kMaxLabelRounding from a whole number; the message names the first such voxel and
+/// its value.
+Result<LabelImage> to_labels(std::span<const double> values, int width, int height,
+                             const std::string& name);
+
+/// The same for an image of floats. Values equal to `background` are background, too. Errors: also
+/// kRefused for a value above 2^24, beyond which whole numbers have merged in floats.
+Result<LabelImage> to_labels(const Image& image, const std::string& name,
+                             std::optional<float> background = {});
 
 }  // namespace trocar::pipeline

@@ -6,7 +6,7 @@
 #include <cmath>
 #include <numbers>
 
-#include "pipeline/base/number_ranges.h"
+#include "pipeline/read/number_ranges.h"
 #include "pipeline/read/slice_stack.h"
 
 namespace trocar::pipeline {

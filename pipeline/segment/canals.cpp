@@ -10,7 +10,7 @@
 #include <utility>
 
 #include "formats/base/disjoint_sets.h"
-#include "pipeline/base/parallel_for.h"
+#include "pipeline/read/parallel_for.h"
 
 namespace trocar::pipeline {
 namespace {

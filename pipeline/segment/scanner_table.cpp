@@ -8,10 +8,9 @@
 #include <span>
 #include <utility>
 
-#include "pipeline/base/parallel_for.h"
-#include "pipeline/read/stack_shape.h"
-#include "pipeline/segment/connected_components.h"
-#include "pipeline/segment/plane_flood.h"
+#include "pipeline/read/parallel_for.h"
+#include "pipeline/read/slice_stack.h"
+#include "pipeline/segment/components.h"
 
 namespace trocar::pipeline {
 namespace {

@@ -1,4 +1,85 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
+// Finds soft tissue whose HU exceed a threshold for bone: vessels and organs filled with
+// contrast medium.
+//
+// The scan is averaged over blocks of about kBlock_mm. A block is material here if its mean is at
+// least the threshold minus 30 HU, an allowance for noise. A region is a set of connected blocks
+// that lie deeper than 7 mm below the surface of the material. A second pass searches the rest of
+// the material for regions deeper than 4 mm. (Deep regions come first because a vessel and a bone
+// that touch are separate at that depth.) The shell of a region is the material around it at the
+// surface. A region is soft if its mean is below kMaxSoft_HU and above the mean of its shell. (Bone
+// has a denser cortex in its shell. In the shell of a vessel, the HU fall off to those of the
+// surrounding tissue.) Each block of material near a region belongs to the nearest region and is
+// soft if this region is soft.
+#pragma once
+
+#include <Eigen/Core>
+#include <algorithm>
+#include <array>
+#include <cstdint>
+#include <limits>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "formats/base/result.h"
+#include "pipeline/read/slice_stack.h"
+#include "pipeline/segment/components.h"
+#include "pipeline/segment/scanner_table.h"
+#include "pipeline/segment/segmentation.h"
+
+namespace trocar::pipeline {
+
+inline constexpr double kBlock_mm = 2;
+inline constexpr double kMaxSoft_HU = 500;
+/// A threshold below this value is not a threshold for bone, so no soft regions are searched for.
+/// (Skin and muscle have 20 to 80 HU, so the body itself would be a soft region.)
+inline constexpr double kMinBone_HU = 100;
+
+/// Means of a scan's values over blocks of voxels.
+class BlockMeans {
+ public:
+  explicit BlockMeans(const VoxelGrid& grid);
+  /// Adds the slice with this index, in HU. Several threads may add different slices at
+  /// the same time.
+  void add(std::size_t slice, const Image& image);
+  /// Computes the means. The caller calls this function once, after adding all slices.
+  void finish();
+
+  const VoxelGrid& grid() const { return blocks_; }
+  const std::vector<float>& hu() const { return hu_; }
+  /// The index of the block that contains voxel (x, y, z).
+  std::size_t block(std::size_t x, std::size_t y, std::size_t z) const {
+    const auto at = [this](std::size_t axis, std::size_t i) {
+      return std::min(i / size_[axis], blocks_.count(axis) - 1);
+    };
+    return (at(2, z) * blocks_.count(1) + at(1, y)) * blocks_.count(0) + at(0, x);
+  }
+
+ private:
+  std::array<std::size_t, 3> size_{};  // size of a block along each axis, in voxels
+  std::array<std::size_t, 3> voxels_{};
+  VoxelGrid blocks_;
+  // The mean of each block. Until finish() averages over slices, each slice has its own plane of
+  // blocks.
+  std::vector<float> hu_;
+};
+
+struct SoftRegions {
+  /// One value for each block: the highest HU that count as soft tissue, at least 1, or 0 if the
+  /// block is in no soft region.
+  std::vector<std::uint16_t> limit_HU;
+  int count = 0;                   ///< number of soft regions
+  double volume_mm3 = 0;           ///< volume of the blocks of all soft regions
+  double low_HU = 0, high_HU = 0;  ///< least and largest mean among the soft regions
+  bool touches_bone = false;       ///< a soft region is connected with more than 1 ml of bone
+};
+
+/// Finds the soft regions, given the threshold of bone. O(blocks + n), where n is the number of
+/// blocks in the bounding boxes of all regions of at least 0.3 ml.
+SoftRegions find_soft_regions(const BlockMeans& means, double threshold_HU);
+
 // Makes solid bone from the material of a segmentation: removes specks, fills the enclosed
 // interior, and keeps only the wanted components. The result is a volume of the whole scan (one
 // byte for each voxel), so that a slice's material does not depend on which slices are meshed.
@@ -24,22 +105,6 @@
 //     seed is kept. Distances are lengths of paths in the material (nearest_seed.h).
 //  5. largest: only the N components of the largest volume are kept.
 // A component is a set of voxels connected by faces, edges or corners.
-#pragma once
-
-#include <Eigen/Core>
-#include <array>
-#include <limits>
-#include <memory>
-#include <optional>
-#include <string>
-#include <vector>
-
-#include "formats/base/result.h"
-#include "pipeline/read/slice_stack.h"
-#include "pipeline/segment/scanner_table.h"
-#include "pipeline/segment/segmentation.h"
-
-namespace trocar::pipeline {
 
 inline constexpr float kAir_HU = -200;
 inline constexpr double kMaskMargin_mm = 1.5;
@@ -114,5 +179,37 @@ class SolidBone {
   double filled_mm3_ = 0, dropped_mm3_ = 0;
   std::vector<Warning> warnings_;
 };
+
+// The field of one slice of a scan: its pixels within a crop, after segmentation. If wanted, the
+// scanner's table is removed, and SolidBone adds and removes pixels.
+
+struct Crop {
+  int x0 = 0, x1 = 0, y0 = 0, y1 = 0;  ///< first and last column and row, both included
+};
+
+/// The choice of material in a scan.
+struct MaterialOptions {
+  Segmentation segmentation = Threshold{};
+  std::optional<Crop> crop;
+  const SolidBone* solid = nullptr;     ///< if not null, the voxels of `solid` are the material
+  const ScannerTable* table = nullptr;  ///< table to remove, or null; `solid` must not contain it
+  double min_region_mm2 = 1;  ///< islands below this area are dropped, holes below it are filled
+};
+
+/// Reads the values of a slice and, if `crop` has a value, crops them. Errors: those of
+/// stack.read().
+Result<Image> read_cropped(const SliceStack& stack, int slice, const std::optional<Crop>& crop);
+/// The same for the pixels that the segmentation of `options` needs. Errors: those of
+/// read_pixels().
+Result<Pixels> read_cropped(const SliceStack& stack, int slice, const MaterialOptions& options);
+
+struct SliceField {
+  Field field;
+  std::optional<double> solid_mean;  ///< result of SolidBone::apply(); no value without `solid`
+};
+
+/// The field of a slice. Precondition: `pixels` are the result of read_cropped() for this slice.
+SliceField slice_field(const SliceStack& stack, int slice, const MaterialOptions& options,
+                       Pixels pixels);
 
 }  // namespace trocar::pipeline

@@ -8,15 +8,19 @@
 //     merges a vertex into a neighbour (decimation.h). Where triangles then intersect, the last
 //     collapses near them are undone.
 //  3. The resulting surface is proved to be closed, manifold and oriented
-//     (formats/geometry/triangle_surface.h). CGAL's exact predicates prove that it does not
+//     (formats/mesh/triangle_surface.h). CGAL's exact predicates prove that it does not
 //     intersect itself. The distances between the surface and the zero level are measured.
 #pragma once
 
 #include <algorithm>
 #include <atomic>
+#include <nlohmann/json.hpp>
+#include <vector>
 
+#include "formats/asset/asset.h"
 #include "formats/base/result.h"
-#include "formats/geometry/triangle_surface.h"
+#include "formats/mesh/triangle_surface.h"
+#include "pipeline/segment/solid_bone.h"
 #include "pipeline/surface/surface_distance.h"
 #include "pipeline/surface/surface_volume.h"
 
@@ -58,5 +62,18 @@ struct DisplaySurface {
 /// 350 bytes for each vertex of the isosurface.
 Result<DisplaySurface> make_display_surface(const SurfaceVolume& volume,
                                             const SurfaceOptions& options);
+
+// The surfaces for display that an asset stores (--surface).
+
+/// Makes the surface of each material from the slices `first` to `last`, both included. Adds the
+/// surfaces to `asset` and warnings about them to `warnings`. Returns the entry `surface` of the
+/// report. `materials` has the segmentation of each material of the asset, in the same order; the
+/// function uses these segmentations instead of options.segmentation. Errors: those of
+/// read_surface_volume() and make_display_surface(); kRefused if the asset has only one material
+/// and none of its components is large enough.
+Result<nlohmann::json> add_surfaces(const SliceStack& stack, int first, int last,
+                                    const MaterialOptions& options, const SurfaceOptions& wanted,
+                                    const std::vector<Segmentation>& materials, Asset& asset,
+                                    nlohmann::json& warnings);
 
 }  // namespace trocar::pipeline

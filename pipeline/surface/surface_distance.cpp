@@ -2,19 +2,19 @@
 #include "pipeline/surface/surface_distance.h"
 
 #include <CGAL/AABB_face_graph_triangle_primitive.h>
+#include <CGAL/AABB_tree.h>
+#include <CGAL/Exact_predicates_inexact_constructions_kernel.h>
+#include <CGAL/Surface_mesh.h>
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <utility>
+
 #if __has_include(<CGAL/AABB_traits_3.h>)  // since CGAL 6
 #include <CGAL/AABB_traits_3.h>
 #else
 #include <CGAL/AABB_traits.h>
 #endif
-#include <CGAL/AABB_tree.h>
-#include <CGAL/Exact_predicates_inexact_constructions_kernel.h>
-#include <CGAL/Surface_mesh.h>
-
-#include <algorithm>
-#include <cmath>
-#include <limits>
-#include <utility>
 
 namespace trocar::pipeline {
 namespace {

@@ -6,7 +6,7 @@
 #include <limits>
 #include <vector>
 
-#include "formats/geometry/triangle_surface.h"
+#include "formats/mesh/triangle_surface.h"
 #include "pipeline/surface/surface_volume.h"
 
 namespace trocar::pipeline {

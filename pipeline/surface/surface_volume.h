@@ -11,7 +11,7 @@
 #include <cmath>
 #include <vector>
 
-#include "pipeline/segment/slice_field.h"
+#include "pipeline/segment/solid_bone.h"
 
 namespace trocar::pipeline {
 

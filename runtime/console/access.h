@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-// Access control of the console: tokens and the roles that they give, the host names under which
-// the console answers, the file names that a page may send, and which page holds the live hand (a
-// hand that a person moves while the session runs).
+// Parses the target of an HTTP request: a path and its parameters.
 #pragma once
 
 #include <chrono>
 #include <cstdint>
+#include <map>
+#include <optional>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -13,6 +13,23 @@
 #include "formats/base/result.h"
 
 namespace trocar::runtime {
+
+/// Path and parameters of a target such as "/path?name=value&name2=value2", percent-decoded. In
+/// parameters, "+" is a blank, as in the forms and the URLSearchParams of browsers.
+struct RequestTarget {
+  std::string path;  ///< begins with '/'
+  std::map<std::string, std::string> parameters;
+
+  /// Parses a target. Returns nullopt if the text is malformed, repeats a parameter, or has
+  /// more than 8 parameters.
+  static std::optional<RequestTarget> parse(std::string_view text);
+  /// Returns the value of a parameter, or an empty text if the parameter is missing.
+  std::string parameter(const char* name) const;
+};
+
+// Access control of the console: tokens and the roles that they give, the host names under which
+// the console answers, the file names that a page may send, and which page holds the live hand (a
+// hand that a person moves while the session runs).
 
 enum class Role : std::uint8_t {
   kNone,

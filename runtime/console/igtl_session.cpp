@@ -8,8 +8,8 @@
 #include <string>
 
 #include "formats/session/recording.h"
-#include "runtime/console/igtl/igtl_messages.h"
-#include "runtime/device/pose.h"
+#include "runtime/console/igtl.h"
+#include "runtime/device/device.h"
 
 namespace trocar::runtime {
 namespace {

@@ -9,9 +9,9 @@
 #include <optional>
 #include <utility>
 
-#include "runtime/console/answers/bone.h"
-#include "runtime/console/console_state.h"
-#include "runtime/console/igtl/igtl_server.h"
+#include "runtime/console/answers.h"
+#include "runtime/console/igtl.h"
+#include "runtime/console/server.h"
 
 namespace trocar::runtime {
 

@@ -9,10 +9,8 @@
 #include <sstream>
 #include <utility>
 
-#include "formats/base/terminal_text.h"
-#include "runtime/console/beast.h"
-#include "runtime/console/console_state.h"
-#include "runtime/console/http_connection.h"
+#include "formats/base/text.h"
+#include "runtime/console/connections.h"
 #include "runtime/console/igtl_session.h"
 #include "runtime/console/telemetry_client.h"
 
@@ -187,6 +185,20 @@ Result<void> serve(const ServerSettings& settings, Files files, PageFiles page) 
   std::fflush(stdout);
   server.run();
   return {};
+}
+
+void RefusalLog::refused(const char* kind, const std::string& from) {
+  if (reported_.insert(kind).second)
+    print(stderr, "trocar-console: refused: %s, from %s (further ones are not reported)\n", kind,
+          from);
+}
+
+void RefusalLog::emergency_stop(const std::string& from) {
+  constexpr auto kQuiet = std::chrono::seconds(10);
+  const auto now = std::chrono::steady_clock::now();
+  if (last_stop_ && now - *last_stop_ < kQuiet) return;
+  last_stop_ = now;
+  print(stderr, "trocar-console: emergency stop, asked for from %s\n", from);
 }
 
 }  // namespace trocar::runtime

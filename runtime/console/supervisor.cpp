@@ -9,10 +9,9 @@
 #include <system_error>
 #include <utility>
 
-#include "formats/base/json_text.h"
-#include "formats/base/text_line.h"
-#include "runtime/console/programs/session_about.h"
-#include "runtime/console/programs/session_files.h"
+#include "formats/base/json.h"
+#include "formats/base/text.h"
+#include "runtime/console/session_files.h"
 
 namespace trocar::runtime {
 namespace {

@@ -16,10 +16,9 @@
 #include "formats/base/result.h"
 #include "formats/session/telemetry.h"
 #include "formats/session/trainee.h"
-#include "runtime/console/programs/device_choice.h"
-#include "runtime/console/programs/device_test.h"
-#include "runtime/console/programs/process.h"
-#include "runtime/console/programs/scene_maker.h"
+#include "runtime/console/device_test.h"
+#include "runtime/console/process.h"
+#include "runtime/console/scene_maker.h"
 #include "runtime/console/session_telemetry.h"
 
 namespace trocar::runtime {

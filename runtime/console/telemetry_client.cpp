@@ -7,7 +7,7 @@
 #include <optional>
 #include <utility>
 
-#include "formats/base/strict_json.h"
+#include "formats/base/json.h"
 
 namespace trocar::runtime {
 namespace {

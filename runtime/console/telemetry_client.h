@@ -11,9 +11,8 @@
 #include <optional>
 #include <string>
 
-#include "runtime/console/beast.h"
-#include "runtime/console/client_progress.h"
-#include "runtime/console/console_state.h"
+#include "runtime/console/connections.h"
+#include "runtime/console/server.h"
 
 namespace trocar::runtime {
 

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The interface between the haptic loop and a device that a hand holds: a pose comes in, a wrench
 // goes out. The loop, its safety checks, the force laws and the checks of a scene use only this
-// interface. runtime/mechanism/four_legs.h implements it for the four-legged device of the paper,
+// interface. runtime/device/four_legs/four_legs.h implements it for the four-legged device of the paper,
 // on top of the interface to encoders and motors (device.h).
 //
 // A session calls start() once, and close() at its end. A tick calls the functions that it needs,
@@ -15,7 +15,7 @@
 //     sequence of calls. A replay of the readings therefore gives the same result, bit for bit.
 //  2. Whatever wrench is wanted, the command of write() is finite and within the device's limits.
 //  3. delivered() is the wrench that the last command renders to the hand. The energy account
-//     (runtime/control/energy_limit.h) uses this wrench, not the wrench that was wanted.
+//     (runtime/haptics/loop/passivity.h) uses this wrench, not the wrench that was wanted.
 #pragma once
 
 #include <Eigen/Core>
@@ -28,11 +28,9 @@
 #include <vector>
 
 #include "formats/base/result.h"
-#include "formats/session/device_status.h"
-#include "formats/session/fault_words.h"
+#include "formats/session/faults.h"
 #include "formats/session/recording.h"
-#include "runtime/device/link_report.h"
-#include "runtime/device/pose.h"
+#include "runtime/device/device.h"
 
 namespace trocar::runtime {
 

@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 // Interface to a device that measures the pose of its handle itself. A command to the device is a
 // wrench on the handle. An implementation can be a desktop device with an SDK, a process behind the
-// device link, a recording that is replayed, or a test. runtime/pose_device/pose_hand.h builds a
+// device link, a recording that is replayed, or a test. runtime/device/pose/pose_hand.h builds a
 // HandDevice on this interface and adds all checks and limits, so a new device needs only one small
 // class that implements PoseDevice.
 //
 // All values are in the device's own frame, in SI units. The device's description
-// (formats/session/pose_device_description.h) says how this frame is oriented, and which values are
+// (formats/session/device_description.h) says how this frame is oriented, and which values are
 // measured and rendered.
 #pragma once
 
@@ -15,9 +15,9 @@
 #include <optional>
 
 #include "formats/base/result.h"
-#include "formats/session/device_status.h"
-#include "formats/session/fault_words.h"
-#include "runtime/device/link_report.h"
+#include "formats/session/faults.h"
+#include "formats/session/recording.h"
+#include "runtime/device/device.h"
 
 namespace trocar::runtime {
 

@@ -2,7 +2,6 @@
 #include "runtime/program/run_commands.h"
 
 #include <unistd.h>
-
 #include <cmath>
 #include <cstdio>
 #include <filesystem>
@@ -11,27 +10,24 @@
 #include <utility>
 
 #include "formats/asset/asset.h"
-#include "formats/asset/one_sheet.h"
-#include "formats/base/file_io.h"
-#include "formats/base/json_text.h"
-#include "formats/base/program.h"
-#include "formats/base/terminal_text.h"
+#include "formats/base/command_line.h"
+#include "formats/base/files.h"
+#include "formats/base/json.h"
+#include "formats/base/text.h"
 #include "formats/session/procedures.h"
-#include "runtime/checking/device_trial.h"
-#include "runtime/checking/new_scene.h"
-#include "runtime/checking/scene_check.h"
-#include "runtime/devices/live_hand.h"
-#include "runtime/devices/open_device.h"
-#include "runtime/devices/pose_session.h"
-#include "runtime/devices/replay_device.h"
+#include "runtime/check/device_trial.h"
+#include "runtime/check/new_scene.h"
+#include "runtime/check/scene_check.h"
 #include "runtime/program/session_inputs.h"
-#include "runtime/program/session_messages.h"
 #include "runtime/program/session_outputs.h"
 #include "runtime/program/suspending_signals.h"
-#include "runtime/reporting/history.h"
+#include "runtime/report/history.h"
+#include "runtime/session/live_hand.h"
+#include "runtime/session/open_device.h"
 #include "runtime/session/origin.h"
+#include "runtime/session/pose_session.h"
 #include "runtime/session/session.h"
-#include "runtime/session/tick_rate.h"
+#include "runtime/session/session_options.h"
 
 namespace trocar::runtime {
 namespace {

@@ -2,7 +2,6 @@
 #include "runtime/program/run_options.h"
 
 #include <unistd.h>
-
 #include <algorithm>
 #include <cmath>
 #include <limits>

@@ -8,10 +8,10 @@
 #include <string>
 
 #include "formats/base/result.h"
-#include "formats/session/force_law_kind.h"
 #include "formats/session/procedures.h"
+#include "formats/session/scene.h"
 #include "formats/session/trainee.h"
-#include "runtime/devices/open_device.h"
+#include "runtime/session/open_device.h"
 #include "runtime/session/session_options.h"
 
 namespace CLI {  // NOLINT(readability-identifier-naming): CLI11's

@@ -7,12 +7,11 @@
 #include <utility>
 
 #include "formats/asset/asset.h"
-#include "formats/asset/one_sheet.h"
-#include "formats/base/terminal_text.h"
+#include "formats/base/text.h"
 #include "formats/session/procedures.h"
-#include "runtime/bone_cutting/material/bone_volume.h"
-#include "runtime/devices/pose_session.h"
+#include "runtime/haptics/bone/bone_volume.h"
 #include "runtime/session/origin.h"
+#include "runtime/session/pose_session.h"
 
 namespace trocar::runtime {
 namespace {

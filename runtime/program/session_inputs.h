@@ -10,12 +10,12 @@
 #include <vector>
 
 #include "formats/base/result.h"
-#include "formats/session/pose_device_description.h"
+#include "formats/session/device_description.h"
 #include "formats/session/recording.h"
 #include "formats/session/scene.h"
-#include "runtime/checking/scene_requirements.h"
-#include "runtime/checking/tissue_assignment.h"
-#include "runtime/contact/sheet.h"
+#include "runtime/check/new_scene.h"
+#include "runtime/check/scene_check.h"
+#include "runtime/haptics/sheet.h"
 #include "runtime/program/run_options.h"
 
 namespace trocar::runtime {

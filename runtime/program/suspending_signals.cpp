@@ -2,7 +2,6 @@
 #include "runtime/program/suspending_signals.h"
 
 #include <unistd.h>
-
 #include <chrono>
 #include <csignal>
 #include <cstdint>
@@ -10,7 +9,7 @@
 #include <thread>
 #include <utility>
 
-#include "formats/base/program.h"
+#include "formats/base/command_line.h"
 #include "runtime/realtime/realtime_thread.h"
 
 namespace trocar::runtime {

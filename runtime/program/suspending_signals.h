@@ -7,7 +7,7 @@
 //  - SIGQUIT, SIGXCPU, SIGALRM and the like: the session ends as after Ctrl-C.
 #pragma once
 
-#include "runtime/realtime/polling_thread.h"
+#include "runtime/realtime/realtime_thread.h"
 #include "runtime/session/session_options.h"
 
 namespace trocar::runtime {

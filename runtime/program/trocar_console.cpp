@@ -2,7 +2,6 @@
 #include "runtime/program/trocar_console.h"
 
 #include <unistd.h>
-
 #include <cstdlib>
 #include <filesystem>
 #include <nlohmann/json.hpp>
@@ -13,12 +12,11 @@
 #include <vector>
 
 #include "formats/base/command_line.h"
-#include "formats/base/json_text.h"
-#include "formats/base/program.h"
+#include "formats/base/json.h"
 #include "runtime/console/access.h"
 #include "runtime/console/server.h"
-#include "runtime/devices/open_device.h"
 #include "runtime/program/library_versions.h"
+#include "runtime/session/open_device.h"
 
 namespace trocar::runtime {
 namespace {

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // trocar-device-sim: the simulated device with its hand behind the device link, in real time or in
 // lock-step with its host. This file has the command line, the socket and the clock. The drive
-// itself is runtime/simulation/drive.h.
+// itself is runtime/device/simulated/drive.h.
 #include <algorithm>
 #include <cmath>
 #include <csignal>
@@ -12,21 +12,18 @@
 #include <string>
 
 #include "formats/base/command_line.h"
-#include "formats/base/file_io.h"
-#include "formats/base/json_text.h"
-#include "formats/base/program.h"
-#include "formats/base/terminal_text.h"
+#include "formats/base/files.h"
+#include "formats/base/json.h"
+#include "formats/base/text.h"
 #include "formats/session/device_description.h"
 #include "formats/session/scene.h"
-#include "runtime/devices/simulated_hand.h"
-#include "runtime/link/link_key.h"
-#include "runtime/link/udp_socket.h"
+#include "runtime/device/link/link_key.h"
+#include "runtime/device/link/udp_link.h"
+#include "runtime/device/simulated/drive.h"
 #include "runtime/program/library_versions.h"
-#include "runtime/realtime/monotonic_clock.h"
 #include "runtime/realtime/realtime_thread.h"
+#include "runtime/session/open_device.h"
 #include "runtime/session/session.h"
-#include "runtime/simulation/drive.h"
-#include "runtime/simulation/drive_record.h"
 
 namespace trocar::runtime {
 namespace {

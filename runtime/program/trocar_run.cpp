@@ -6,7 +6,6 @@
 #include <string>
 
 #include "formats/base/command_line.h"
-#include "formats/base/program.h"
 #include "runtime/program/library_versions.h"
 #include "runtime/program/run_commands.h"
 #include "runtime/program/run_options.h"

@@ -1,18 +1,34 @@
 // SPDX-License-Identifier: Apache-2.0
-// A thread that calls a function at a fixed rate on the monotonic clock. It requests realtime
-// priority, locked memory and optionally one processor, and reports which of these were granted.
-// If a request is not granted, the thread still runs, but it may wake up later than requested.
-// RealtimeReport shows how late the thread was.
+// Reads the system's monotonic clock in nanoseconds.
 #pragma once
 
+#include <algorithm>
+#include <array>
 #include <atomic>
+#include <chrono>
 #include <cstdint>
+#include <ctime>
 #include <functional>
+#include <stop_token>
 #include <string>
+#include <thread>
+#include <utility>
 
 #include "runtime/realtime/histogram.h"
 
 namespace trocar::runtime {
+
+/// Returns the time of CLOCK_MONOTONIC in ns. On most Linux kernels this needs no system call.
+inline std::int64_t monotonic_ns() noexcept {
+  timespec now{};
+  ::clock_gettime(CLOCK_MONOTONIC, &now);
+  return now.tv_sec * std::int64_t{1'000'000'000} + now.tv_nsec;
+}
+
+// A thread that calls a function at a fixed rate on the monotonic clock. It requests realtime
+// priority, locked memory and optionally one processor, and reports which of these were granted.
+// If a request is not granted, the thread still runs, but it may wake up later than requested.
+// RealtimeReport shows how late the thread was.
 
 struct RealtimeOptions {
   double rate_Hz = 1000;
@@ -68,5 +84,105 @@ void request_priority(int priority) noexcept;
 /// processor of a realtime thread, because a kernel that cannot be preempted would finish a system
 /// call of another thread on that processor before the realtime thread could run.
 void keep_off(int cpu);
+
+// Counts missed deadlines by their cause, that is, by the part of a tick that took too long.
+
+/// The parts of a tick: the thread wakes up, the device is read and written, the force law computes
+/// the force, and the tick is published to its observers.
+enum class TickPart : std::uint8_t { kWaking, kDevice, kLaw, kPublishing };
+inline constexpr std::size_t kTickParts = 4;
+inline constexpr std::array<const char*, kTickParts> kTickPartNames = {"waking", "device", "law",
+                                                                       "publishing"};
+
+/// The haptic thread calls these functions. They neither allocate nor throw.
+class LateTicks {
+ public:
+  using Counts = std::array<std::uint64_t, kTickParts>;
+
+  /// Call this when a tick begins. Deadlines that passed between the requested and the actual
+  /// wake-up of the thread count for kWaking. All other deadlines missed since the last call of
+  /// begin() passed during the previous tick. They count for the part on which the previous tick
+  /// spent the longest time, according to the calls of spend().
+  void begin(const TickTiming& timing, double period_ns) noexcept {
+    const std::uint64_t missed = timing.missed_deadlines - missed_;
+    missed_ = timing.missed_deadlines;
+    const auto asleep =
+        static_cast<std::uint64_t>(std::max(0.0, static_cast<double>(timing.late_ns) / period_ns));
+    const std::uint64_t by_waking = std::min(missed, asleep);
+    counts_[static_cast<std::size_t>(TickPart::kWaking)] += by_waking;
+    const auto longest = std::max_element(spent_ns_.begin() + 1, spent_ns_.end());
+    counts_[static_cast<std::size_t>(longest - spent_ns_.begin())] += missed - by_waking;
+    spent_ns_.fill(0);
+  }
+  /// Call this after a part of the tick. Adds to the time that the tick has spent on this part.
+  void spend(TickPart part, std::int64_t duration_ns) noexcept {
+    spent_ns_[static_cast<std::size_t>(part)] += duration_ns;
+  }
+  /// Number of missed deadlines for each part. The numbers add up to the `missed_deadlines` that
+  /// the last call of begin() received.
+  const Counts& counts() const noexcept { return counts_; }
+
+ private:
+  Counts counts_{};
+  std::array<std::int64_t, kTickParts> spent_ns_{};
+  std::uint64_t missed_ = 0;
+};
+
+// Counts the allocations of realtime code, so that tests can demand that there are none. If the
+// calling thread is inside a NoAllocationScope, calls of malloc, calloc, realloc, aligned_alloc,
+// posix_memalign and free are counted. Calls of new and delete are counted too, because they use
+// these functions.
+//
+// Only programs that link the target trocar_allocation_hooks (tests/reference/hooks) count
+// allocations. In the shipped programs and in sanitizer builds nothing is counted. There, a scope
+// costs almost no time: it writes a thread-local variable at its beginning and at its end.
+
+/// Returns true if this program counts allocations.
+bool allocations_are_counted() noexcept;
+/// Returns the number of allocations inside scopes, of all threads together, since the program
+/// started. Returns 0 if this program does not count allocations.
+std::uint64_t allocations_in_scopes() noexcept;
+
+/// While a scope exists, the allocations of the thread that created the scope are counted. A thread
+/// must not create a scope inside another scope.
+class NoAllocationScope {
+ public:
+  NoAllocationScope() noexcept;
+  ~NoAllocationScope();
+  NoAllocationScope(const NoAllocationScope&) = delete;
+  NoAllocationScope& operator=(const NoAllocationScope&) = delete;
+};
+
+// Only the hooks in tests/reference/hooks call the following functions.
+
+/// Returns true if the calling thread is inside a scope.
+bool in_no_allocation_scope() noexcept;
+/// Counts one allocation by the calling thread if it is inside a scope.
+void note_allocation() noexcept;
+/// The allocation hooks call this once. Afterwards allocations_are_counted() returns true.
+void announce_allocation_hooks() noexcept;
+
+// A background thread that calls a function again and again, and sleeps for a fixed interval after
+// each call. The function checks whether the haptic thread has left work to do. The haptic thread
+// does not wake the background thread, because that would need a system call.
+
+class PollingThread {
+ public:
+  /// Starts the thread. Until stop(), the thread calls `serve` and sleeps for `interval`, in turn.
+  void start(std::chrono::nanoseconds interval, std::function<void()> serve) {
+    thread_ = std::jthread([interval, serve = std::move(serve)](const std::stop_token& stop) {
+      while (!stop.stop_requested()) {
+        serve();
+        std::this_thread::sleep_for(interval);
+      }
+    });
+  }
+  /// Ends the thread and waits until it has ended. Does nothing if the thread was not started. Work
+  /// that arrived after the last call of `serve` is not done; the caller can do it after stop().
+  void stop() { thread_ = {}; }
+
+ private:
+  std::jthread thread_;
+};
 
 }  // namespace trocar::runtime

@@ -2,7 +2,6 @@
 #include "runtime/session/origin.h"
 
 #include <sodium.h>
-
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -10,7 +9,7 @@
 #include <memory>
 #include <vector>
 
-#include "formats/base/file_io.h"
+#include "formats/base/files.h"
 
 namespace trocar::runtime {
 namespace {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Makes, reads and compares the origin of a recording. The origin states the inputs and options of
-// the session that made the recording (formats/session/recording_origin.h).
+// the session that made the recording (formats/session/recording.h).
 #pragma once
 
 #include <filesystem>
@@ -9,7 +9,7 @@
 
 #include "formats/base/result.h"
 #include "formats/session/device_description.h"
-#include "formats/session/recording_origin.h"
+#include "formats/session/recording.h"
 #include "formats/session/scene.h"
 #include "runtime/session/session_options.h"
 

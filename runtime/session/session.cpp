@@ -1,14 +1,281 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "runtime/session/session.h"
 
+#include <Eigen/Core>
 #include <memory>
 #include <utility>
 
-#include "runtime/realtime/allocation_counter.h"
+#include "runtime/realtime/realtime_thread.h"
+#include "runtime/session/force_law_table.h"
 #include "runtime/session/session_clock.h"
-#include "runtime/session/session_loop.h"
+#include "runtime/session/session_options.h"
 
 namespace trocar::runtime {
+namespace {
+
+std::string clock_name(const SessionOptions& options) {
+  if (!options.replay.empty()) return "replay";
+  return options.clock == Clock::kReal ? "real" : "virtual";
+}
+
+Result<std::unique_ptr<ForceLaw>> make_law(const Scene& scene, const DeviceSpecification& device,
+                                           const Remesher& remesher,
+                                           const SessionOptions& options) {
+  std::vector<const Sheet*> sheets;
+  for (std::size_t i = 0; i < remesher.size(); ++i)
+    sheets.push_back(&remesher.first_version(i));
+  return make_force_law(
+      {scene, device, sheets, options.rate_Hz, options.coupling, options.stiffness});
+}
+
+}  // namespace
+
+std::vector<TickObserver*> SessionWorkers::observers() const {
+  std::vector<TickObserver*> all;
+  for (TickObserver* observer :
+       std::initializer_list<TickObserver*>{recorder.get(), black_box.get(), messages.get(),
+                                            frames.get(), publisher.get(), tick_feed.get()}) {
+    if (observer != nullptr) all.push_back(observer);
+  }
+  return all;
+}
+
+Result<SessionWorkers> make_workers(const Scene& scene, const DeviceSpecification& device,
+                                    const Remesher& remesher, const SessionOptions& options) {
+  SessionWorkers workers;
+  if (options.record) {
+    auto made =
+        Recorder::make(*options.record, options.origin, options.rate_Hz, options.on_low_space);
+    if (!made) return made.error();
+    workers.recorder = std::move(*made);
+  }
+  if (options.black_box) {
+    auto made = BlackBox::make(*options.black_box, options.rate_Hz, options.origin);
+    if (!made) return made.error();
+    workers.black_box = std::move(*made);
+  }
+  auto law = make_law(scene, device, remesher, options);
+  if (!law) return law.error();
+  workers.law = std::move(*law);
+  const PrefetchWorker* const prefetch = workers.law->prefetch_worker();
+  if (options.on_message) workers.messages = std::make_unique<OperatorMessages>(options.on_message);
+  if (options.on_frame)
+    workers.frames =
+        std::make_unique<FrameDisplay>(options.on_frame, options.frame_rate_Hz,
+                                       options.is_real_time() ? 0 : options.rate_Hz, prefetch);
+  if (options.on_tick) workers.tick_feed = std::make_unique<TickFeed>(options.on_tick);
+  if (options.telemetry) {
+    auto made =
+        SessionPublisher::make(scene, device, remesher, prefetch, *options.telemetry,
+                               {.rate_Hz = options.rate_Hz,
+                                .duration_s = options.duration_s,
+                                .clock = clock_name(options),
+                                .record = options.record,
+                                .counts_xray = options.counts_xray && options.replay.empty(),
+                                .limits = options.limits,
+                                .recorder = workers.recorder.get()});
+    if (!made) return made.error();
+    workers.publisher = std::move(*made);
+  }
+  return workers;
+}
+
+SessionLoop::SessionLoop(const Scene& scene, Remesher& remesher, HandDevice& device,
+                         const std::function<void(double)>& advance, const SessionOptions& options,
+                         const SessionWorkers& workers, SessionClock& clock)
+    : model_{.tool = make_tool(scene.tool),
+             .limits = options.limits,
+             .passivity = options.passivity,
+             .compensation = options.compensation,
+             .rate_Hz = options.rate_Hz},
+      remesher_(remesher),
+      device_(device),
+      law_(*workers.law),
+      advance_(advance),
+      options_(options),
+      clock_(clock),
+      recorder_(workers.recorder.get()),
+      publisher_(workers.publisher.get()),
+      commands_(options.recovery, options.recover),
+      statistics_(options.replay),
+      observers_(workers.observers()),
+      sheets_(remesher.size()) {
+  observers_.insert(observers_.end(), options.observers.begin(), options.observers.end());
+  observers_.push_back(&statistics_);
+  state_.safety.recovered = model_.limits.timing.ramps_at_start;
+}
+
+bool SessionLoop::tick(const TickTiming& timing) noexcept {
+  const NoAllocationScope scope;
+  if (state_.tick == clock_.ticks()) return false;
+  const std::int64_t start_ns = monotonic_ns();
+  TelemetryCommands given;
+  if (publisher_ != nullptr) given = publisher_->take_commands();
+  if (given.stop) return false;
+  if (options_.suspension != nullptr) given.pause |= options_.suspension->is_requested.load();
+  commands_.apply(given, state_.safety.fault);
+  receive_hand(start_ns);
+  const bool is_paused = pauses(start_ns);
+  xray_.apply(given, is_paused, start_ns);
+  if (is_paused) return !recording_has_failed();
+  const std::uint64_t versions = remesher_.versions_published();
+  for (std::size_t i = 0; i < sheets_.size(); ++i)
+    sheets_[i] = remesher_.current(i, versions);
+  late_ticks_.begin(timing, 1e9 / model_.rate_Hz);
+  haptic_tick(model_, inputs(timing), device_, law_, state_, result_);
+  if (result_.end_of_data) return false;
+  result_.row.cuts_published = static_cast<std::int64_t>(versions);
+  result_.row.xray = xray_of_tick();
+  for (const CutRequest& cut : result_.contact.cuts())
+    request_hole(cut);
+  last_hand_N_ = Eigen::Vector3d(result_.row.wrench_delivered.data()).norm();
+  clock_.prefetch(result_.contact.prefetch);
+  for (const OperatorMessage& message : messages_.update(result_)) {
+    for (TickObserver* observer : observers_)
+      observer->on_message(message);
+  }
+  if (const auto& found = result_.break_through.found) {
+    const RecordingRow& row = result_.row;
+    const BreakThroughEvent event{found->sheet, row.break_through_at, row.t_s, row.tool_m[2],
+                                  row.break_through_N};
+    for (TickObserver* observer : observers_)
+      observer->on_break_through(event);
+  }
+  const TickView view{
+      result_, state_, sheets_, timing, late_ticks_.counts(), options_.is_real_time(), start_ns};
+  for (TickObserver* observer : observers_)
+    observer->on_tick(view);
+  const std::int64_t done_ns = monotonic_ns();
+  statistics_.add_tick_time(done_ns - start_ns, result_.device_ns);
+  late_ticks_.spend(TickPart::kLaw, result_.law_ns);
+  late_ticks_.spend(TickPart::kPublishing, done_ns - start_ns - result_.law_ns - result_.device_ns);
+  advance_(1 / model_.rate_Hz);
+  late_ticks_.spend(TickPart::kDevice, result_.device_ns + (monotonic_ns() - done_ns));
+  return goes_on();
+}
+
+/// Returns RecordingRow::xray of this tick. state_.tick counts it already.
+std::uint8_t SessionLoop::xray_of_tick() noexcept {
+  if (!options_.counts_xray) return 0;
+  const RecordingRow* const recorded = clock_.recorded(state_.tick - 1);
+  return recorded != nullptr ? recorded->xray : xray_.take();
+}
+
+void SessionLoop::receive_hand(std::int64_t now_ns) noexcept {
+  if (options_.hand == nullptr || publisher_ == nullptr) return;
+  publisher_->read_hand(hand_);
+  if (const auto change = options_.hand->receive(hand_, now_ns))
+    publisher_->push_event(*change, result_.row.t_s);
+}
+
+/// Returns true if time is paused in this period: the operator has paused the session, and torques
+/// are zero after a tick that has seen the pause. A drive with a clock of its own meanwhile gets
+/// zero torques, because its watchdog waits for commands. If the device's own emergency stop is
+/// pressed meanwhile, the first tick after the pause latches kEmergencyStop, even if the stop has
+/// been released by then.
+bool SessionLoop::pauses(std::int64_t now_ns) noexcept {
+  const bool is_replay = clock_.recorded(state_.tick) != nullptr;
+  const bool was_paused =
+      std::exchange(is_paused_, commands_.is_paused() && (result_.torques_are_zero || is_replay));
+  if (publisher_ != nullptr && is_paused_ != was_paused)
+    publisher_->push_event(is_paused_ ? TelemetryEventKind::kPaused : TelemetryEventKind::kResumed,
+                           result_.row.t_s);
+  if (!is_paused_) {
+    if (was_paused && options_.hand != nullptr) options_.hand->restart_at_tip();
+    return false;
+  }
+  if (!is_replay && !device_.is_paced_by_loop()) {
+    double ignored_t_s = 0;
+    // The zero torques of a pause acknowledge the device's own stop, so the drive forgets it.
+    const bool is_pressed = device_.read(ignored_t_s) == DeviceStatus::kEmergencyStop;
+    if (is_pressed && !state_.safety.stops.is_device_held()) outside_ = Fault::kEmergencyStop;
+    device_.use_last_reading();
+    device_.write_zero();
+  }
+  if (options_.suspension != nullptr)
+    options_.suspension->paused_periods.fetch_add(1, std::memory_order_relaxed);
+  if (publisher_ != nullptr) publisher_->on_paused_period(now_ns);
+  return true;
+}
+
+TickInputs SessionLoop::inputs(const TickTiming& timing) noexcept {
+  TickInputs inputs;
+  inputs.sheets = sheets_;
+  inputs.prefetched = clock_.stiffness();
+  if (const RecordingRow* recorded = clock_.recorded(state_.tick)) {
+    inputs.outside = recorded->outside_fault;
+    if (recorded->recovery_asked != 0) inputs.recover = RecoveryRequest::kByOperator;
+    return inputs;
+  }
+  inputs.gap_s = timing.gap_s;
+  inputs.missed_in_row = timing.missed_in_row;
+  inputs.outside = std::exchange(outside_, Fault::kNone);
+  if (const Fault latched = commands_.latched_fault();
+      latched != Fault::kNone && inputs.outside != Fault::kEmergencyStop)
+    inputs.outside = latched;
+  is_ending_ = is_ending_ || recording_has_failed();
+  if (is_ending_ && inputs.outside != Fault::kEmergencyStop)
+    inputs.outside = Fault::kRecordingFailed;
+  if (!is_ending_) inputs.recover = commands_.request();
+  return inputs;
+}
+
+void SessionLoop::request_hole(const CutRequest& cut) noexcept {
+  if (!remesher_.request(cut)) outside_ = Fault::kRemeshBacklog;
+  if (!cut.is_puncture) return;
+  PunctureEvent event;
+  event.sheet = cut.sheet;
+  event.slice = sheets_[cut.sheet]->slice_index;
+  event.cut = cut.cut;
+  event.t_s = result_.row.t_s;
+  event.tool_z_m = result_.row.tool_m[2];  // as in the recording, from which reports are made
+  event.penetration_m = result_.contact.penetration_m;
+  event.tip_N = result_.contact.force_before_N;
+  event.hand_N = last_hand_N_;
+  event.trial_force_N = result_.contact.trial_force_N;
+  for (TickObserver* observer : observers_)
+    observer->on_puncture(event);
+}
+
+bool SessionLoop::recording_has_failed() const noexcept {
+  return recorder_ != nullptr && recorder_->has_failed();
+}
+
+bool SessionLoop::goes_on() const noexcept {
+  // A replay has no forces that would have to be ramped down.
+  if (!options_.replay.empty() && recording_has_failed()) return false;
+  if (is_ending_) {
+    const SafetyState state = state_.safety.state;
+    return state == SafetyState::kRunning ||
+           (state == SafetyState::kFault && !result_.torques_are_zero);
+  }
+  return !result_.torques_are_zero || options_.recovery != RecoveryPolicy::kNever ||
+         !options_.replay.empty() || commands_.waits_for_operator(state_.safety.fault);
+}
+
+void SessionLoop::publish_sheets() {
+  if (publisher_ != nullptr) publisher_->publish_sheets(remesher_);
+}
+
+void SessionLoop::start_observers() {
+  for (TickObserver* observer : observers_)
+    observer->start();
+}
+
+void SessionLoop::serve_observers() {
+  for (TickObserver* observer : observers_)
+    observer->serve();
+}
+
+SessionResult SessionLoop::finish() {
+  for (TickObserver* observer : observers_)
+    observer->stop();
+  // A recording may have fewer ticks than its session was to have.
+  const std::uint64_t all_ticks = tick_count(options_.duration_s, options_.rate_Hz);
+  SessionResult report = statistics_.take(state_, state_.tick >= all_ticks);
+  report.late_ticks = late_ticks_.counts();
+  return report;
+}
 
 SessionResult run_session(const Scene& scene, Remesher& remesher, HandDevice& device,
                           const std::function<void(double dt_s)>& advance,

@@ -8,8 +8,8 @@
 #include <thread>
 #include <utility>
 
-#include "runtime/session/session_loop.h"
-#include "runtime/session/tick_rate.h"
+#include "runtime/session/session.h"
+#include "runtime/session/session_options.h"
 
 namespace trocar::runtime {
 namespace {

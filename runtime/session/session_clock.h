@@ -14,11 +14,11 @@
 #include <memory>
 
 #include "formats/session/recording.h"
-#include "runtime/contact/prefetch_worker.h"
-#include "runtime/contact/puncture.h"
+#include "runtime/haptics/force_law.h"
+#include "runtime/haptics/puncture.h"
 #include "runtime/realtime/realtime_thread.h"
+#include "runtime/session/remesher.h"
 #include "runtime/session/session_options.h"
-#include "runtime/workers/remesher.h"
 
 namespace trocar::runtime {
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The options of a session.
+// The number of ticks of a session, and the rate of the ticks in a recording.
 #pragma once
 
 #include <atomic>
@@ -8,21 +8,54 @@
 #include <functional>
 #include <optional>
 #include <span>
+#include <string>
 #include <vector>
 
 #include "formats/base/result.h"
 #include "formats/session/recording.h"
-#include "runtime/contact/force_law.h"
-#include "runtime/control/haptic_loop.h"
+#include "formats/session/telemetry.h"
+#include "runtime/haptics/force_law.h"
+#include "runtime/haptics/loop/haptic_loop.h"
 #include "runtime/realtime/realtime_thread.h"
-#include "runtime/session/hand_receiver.h"
-#include "runtime/telemetry/frame_display.h"
-#include "runtime/telemetry/recorder.h"
-#include "runtime/telemetry/session_facts.h"
-#include "runtime/telemetry/tick_feed.h"
-#include "runtime/telemetry/tick_observer.h"
+#include "runtime/session/recorder.h"
+#include "runtime/session/session_publisher.h"
 
 namespace trocar::runtime {
+
+/// Returns the number of ticks of a session, at least 1. The ticks are at the times 0, 1/rate,
+/// 2/rate, ... before `duration_s`.
+std::uint64_t tick_count(double duration_s, double rate_Hz);
+
+/// Returns the rate at which a recording was made. A rate fits if the time of row k equals
+/// k / rate, bit for bit, for every row k. `stated_Hz`: the rate that the recording states; 0: none
+/// is stated. If several rates fit, the function returns the stated rate if this rate fits,
+/// otherwise the rate with the fewest decimal digits. `name`: the recording's name, for error
+/// messages. Errors: kRefused if there are fewer than two rows, if the first time is not 0, if the
+/// rate is outside kMinRate_Hz to kMaxRate_Hz, or if no rate fits.
+Result<double> recorded_rate_Hz(std::span<const RecordingRow> rows, const std::string& name,
+                                double stated_Hz = 0);
+
+// Receives the messages of a live hand, which is a hand that a person moves while the session runs
+// (TelemetryHand in formats/session/telemetry.h). The session passes the messages on to a
+// HandReceiver. runtime/session/live_hand.h implements it, and decides what the messages do.
+
+/// The haptic thread calls these functions.
+class HandReceiver {
+ public:
+  virtual ~HandReceiver() = default;
+  /// Takes the latest message. If no new message has arrived since the last call, `latest` is the
+  /// same message again. The session calls this once in each tick period, also during a pause.
+  /// `now_ns`: the present time on CLOCK_MONOTONIC. Returns kHand if the person has now taken the
+  /// tool, kHandLetGo if the person has now let go, kHandLost if no message has arrived for too
+  /// long, and otherwise none.
+  virtual std::optional<TelemetryEventKind> receive(const TelemetryHand& latest,
+                                                    std::int64_t now_ns) noexcept = 0;
+  /// Moves the hand's target, to which springs pull the tip, to the tip's present position. The
+  /// session calls this after a pause.
+  virtual void restart_at_tip() noexcept = 0;
+};
+
+// The options of a session.
 
 enum class Clock : std::uint8_t {
   kReal,     ///< ticks follow the wall clock; new meshes are used as soon as they are ready
@@ -54,7 +87,7 @@ struct SessionOptions {
   std::function<void(const OperatorMessage&)> on_message;
   /// If not empty, the session is a replay of these rows. The session uses the replay clock
   /// (session_clock.h) and compares torques with the recorded torques. The device must replay the
-  /// same rows (runtime/devices/replay_device.h).
+  /// same rows (runtime/session/open_device.h).
   std::span<const RecordingRow> replay;
   SafetyLimits limits;
   PassivityOptions passivity;

@@ -9,16 +9,14 @@
 #include <vector>
 
 #include "formats/base/result.h"
-#include "formats/session/fault_words.h"
+#include "formats/session/faults.h"
 #include "formats/session/recording.h"
 #include "formats/session/telemetry.h"
-#include "formats/session/xray_use.h"
-#include "runtime/contact/force_law.h"
+#include "formats/session/trainee.h"
+#include "runtime/haptics/force_law.h"
 #include "runtime/realtime/histogram.h"
-#include "runtime/realtime/late_ticks.h"
 #include "runtime/realtime/realtime_thread.h"
-#include "runtime/telemetry/black_box.h"
-#include "runtime/telemetry/tick_observer.h"
+#include "runtime/session/recorder.h"
 
 namespace trocar::runtime {
 
@@ -37,8 +35,8 @@ struct FaultEvent {
   double recovered_t_s = -1;     ///< time at which the state `running` began again; -1: it did not
 };
 
-/// The result of run_session(), for the program and for the summary (runtime/reporting/summary.h).
-/// The session report for the trainee (`--session-report`, runtime/reporting/session_report.h) is
+/// The result of run_session(), for the program and for the summary (runtime/report/session_report.h).
+/// The session report for the trainee (`--session-report`, runtime/report/session_report.h) is
 /// made from SessionFigures and from some members of this result.
 struct SessionResult {
   SessionEnd end = SessionEnd::kDone;

@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 # `cmake --install` and `cpack`: seven components, each a Debian package.
-#   trocar-mesh          the pipeline's program (GPL-3.0-or-later)
-#   trocar-sample-ct     the sample scan's program (Apache-2.0)
-#   trocar-runtime       trocar-run, trocar-device-sim, device description, realtime rights (Apache-2.0)
-#   trocar-tools         trocar-fit and trocar-hdf5, in Python (Apache-2.0)
-#   trocar-console       trocar-console and the page with the libraries that scripts/setup console fetches (Apache-2.0)
-#   trocar-examples      scenes with their assets (Apache-2.0)
-#   trocar-formats-dev   headers, library and CMake files for programs that read assets (Apache-2.0)
+# trocar-mesh the pipeline's program (GPL-3.0-or-later)
+# trocar-sample-ct the sample scan's program (Apache-2.0)
+# trocar-runtime trocar-run, trocar-device-sim, device description, realtime rights (Apache-2.0)
+# trocar-tools trocar-fit and trocar-hdf5, in Python (Apache-2.0)
+# trocar-console trocar-console and the page with the libraries that scripts/setup console fetches (Apache-2.0)
+# trocar-examples scenes with their assets (Apache-2.0)
+# trocar-formats-dev headers, library and CMake files for programs that read assets (Apache-2.0)
 # Package files are made by scripts/package.
 include(GNUInstallDirs)
 include(CMakePackageConfigHelpers)
@@ -128,7 +128,7 @@ function(trocar_pages component)
     install(FILES ${page} DESTINATION ${CMAKE_INSTALL_DATADIR}/doc/${component} COMPONENT ${component})
   endforeach()
 endfunction()
-trocar_pages(trocar-mesh TUTORIAL.md docs/trocar-mesh.md docs/farm.md docs/archive.md docs/wrong-uses.md docs/glossary.md pipeline/farm/store.md)
+trocar_pages(trocar-mesh TUTORIAL.md docs/trocar-mesh.md docs/farm.md docs/archive.md docs/wrong-uses.md docs/glossary.md pipeline/batch/store.md)
 trocar_pages(trocar-runtime docs/trocar-run.md docs/glossary.md docs/add-your-device.md formats/examples/pose_drive.cpp
   formats/session/device_link.md formats/session/telemetry.md)
 install(FILES scripts/debian/realtime.md RENAME README.Debian
@@ -137,24 +137,21 @@ trocar_pages(trocar-tools docs/tools.md docs/glossary.md)
 trocar_pages(trocar-console docs/trocar-console.md docs/openigtlink.md docs/operating.md docs/glossary.md runtime/console/protocol.md)
 
 # --- the library of formats -----------------------------------------------------------------------
-target_compile_features(trocar_formats PUBLIC cxx_std_20)
-target_include_directories(trocar_formats INTERFACE $<INSTALL_INTERFACE:${CMAKE_INSTALL_INCLUDEDIR}/trocar>)
+target_compile_features(trocar_mesh_kernel PUBLIC cxx_std_20)
+target_include_directories(trocar_mesh_kernel INTERFACE $<INSTALL_INTERFACE:${CMAKE_INSTALL_INCLUDEDIR}/trocar>)
+set_target_properties(trocar_mesh_kernel PROPERTIES EXPORT_NAME mesh_kernel OUTPUT_NAME trocar-mesh-kernel)
 set_target_properties(trocar_formats PROPERTIES EXPORT_NAME formats OUTPUT_NAME trocar-formats)
 add_library(Trocar::formats ALIAS trocar_formats)
 set(config ${CMAKE_INSTALL_LIBDIR}/cmake/Trocar)
-install(TARGETS trocar_formats EXPORT trocar_formats_targets
+install(TARGETS trocar_mesh_kernel trocar_formats EXPORT trocar_formats_targets
   ARCHIVE DESTINATION ${CMAKE_INSTALL_LIBDIR} COMPONENT trocar-formats-dev)
 install(EXPORT trocar_formats_targets NAMESPACE Trocar:: FILE trocar-formats-targets.cmake
   DESTINATION ${config} COMPONENT trocar-formats-dev)
-# Not the codec's own headers, which include tinygltf, Draco or nlohmann/json.
-install(DIRECTORY formats/base formats/geometry formats/asset formats/session
+# Not the headers that include tinygltf, Draco, nlohmann/json, CLI11 or, as code that is in a library of its own, libsodium.
+install(DIRECTORY formats/base formats/mesh formats/asset formats/session
   DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/trocar/formats COMPONENT trocar-formats-dev
-  FILES_MATCHING PATTERN *.h PATTERN gltf*.h EXCLUDE PATTERN slice_payload.h EXCLUDE
-  PATTERN draco_settings.h EXCLUDE PATTERN stated_entries.h EXCLUDE PATTERN hu_section.h EXCLUDE
-  PATTERN scene_readers.h EXCLUDE PATTERN assumed_values.h EXCLUDE PATTERN telemetry_layout.h EXCLUDE PATTERN recording_fields.h EXCLUDE
-  PATTERN json_text.h EXCLUDE PATTERN strict_json.h EXCLUDE PATTERN text_pattern.h EXCLUDE
-  # Their code is in libraries of their own, which are not installed.
-  PATTERN command_line.h EXCLUDE PATTERN program.h EXCLUDE PATTERN device_protocol.h EXCLUDE)
+  FILES_MATCHING PATTERN *.h PATTERN gltf*.h EXCLUDE PATTERN payload.h EXCLUDE PATTERN draco_settings.h EXCLUDE PATTERN scene_readers.h EXCLUDE
+  PATTERN json.h EXCLUDE PATTERN command_line.h EXCLUDE PATTERN device_protocol.h EXCLUDE)
 install(FILES formats/asset/asset.md
   DESTINATION ${CMAKE_INSTALL_DATADIR}/doc/trocar-formats-dev COMPONENT trocar-formats-dev)
 install(FILES formats/examples/CMakeLists.txt formats/examples/list_slices.cpp formats/examples/README.md
@@ -193,7 +190,7 @@ file(CONFIGURE OUTPUT ${CMAKE_BINARY_DIR}/changelog.Debian @ONLY CONTENT
 
   * Version @PROJECT_VERSION@. Its changes are listed in changelog.gz.
 
- -- @CPACK_PACKAGE_CONTACT@  @date@
+ -- @CPACK_PACKAGE_CONTACT@ @date@
 ")
 set(changes ${CMAKE_BINARY_DIR}/changelog.gz ${CMAKE_BINARY_DIR}/changelog.Debian.gz)
 add_custom_command(OUTPUT ${changes}
@@ -242,7 +239,7 @@ trocar_package(trocar-formats-dev libdevel "library to read and write Trocar's m
   "Headers, static library and CMake package Trocar, component formats.")
 set(CPACK_DEBIAN_TROCAR-MESH_PACKAGE_SUGGESTS
   "dcmtk, orthanc, python3-nibabel, invesalius-examples, slurm-wlm, snakemake, trocar-runtime, trocar-sample-ct")
-set(CPACK_DEBIAN_TROCAR-MESH_PACKAGE_BREAKS trocar-farm)  # of version 0.2.0
+set(CPACK_DEBIAN_TROCAR-MESH_PACKAGE_BREAKS trocar-farm) # of version 0.2.0
 set(CPACK_DEBIAN_TROCAR-RUNTIME_PACKAGE_DEPENDS "passwd")
 set(CPACK_DEBIAN_TROCAR-RUNTIME_PACKAGE_SUGGESTS "trocar-mesh, trocar-console, trocar-tools")
 set(CPACK_DEBIAN_TROCAR-TOOLS_PACKAGE_DEPENDS "python3, python3-numpy, python3-scipy, python3-h5py")
@@ -254,7 +251,7 @@ set(CPACK_DEBIAN_TROCAR-CONSOLE_PACKAGE_DEPENDS "trocar-runtime (= ${release}), 
 set(CPACK_DEBIAN_TROCAR-CONSOLE_PACKAGE_SUGGESTS "chromium | firefox-esr")
 set(CPACK_DEBIAN_TROCAR-FORMATS-DEV_PACKAGE_DEPENDS "libdraco-dev, libeigen3-dev, zlib1g-dev")
 set(CPACK_DEBIAN_TROCAR-EXAMPLES_PACKAGE_SUGGESTS "trocar-console")
-foreach(package FORMATS-DEV EXAMPLES TOOLS)  # no programs in them
+foreach(package FORMATS-DEV EXAMPLES TOOLS) # no programs in them
   set(CPACK_DEBIAN_TROCAR-${package}_PACKAGE_SHLIBDEPS OFF)
 endforeach()
 foreach(package EXAMPLES TOOLS)

@@ -6,7 +6,7 @@
 #include <utility>
 #include <vector>
 
-#include "formats/geometry/slice_mesh.h"
+#include "formats/mesh/slice_mesh.h"
 
 namespace trocar::bench {
 

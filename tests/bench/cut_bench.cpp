@@ -13,9 +13,9 @@
 #include <functional>
 #include <random>
 
-#include "formats/geometry/slice_mesh.h"
-#include "runtime/hole_cutting/cut.h"
-#include "runtime/local_refinement/local_refinement.h"
+#include "formats/mesh/cut.h"
+#include "formats/mesh/local_refinement.h"
+#include "formats/mesh/slice_mesh.h"
 #include "tests/bench/bench.h"
 #include "tests/support/whole_cut.h"
 

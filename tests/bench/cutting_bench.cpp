@@ -6,7 +6,7 @@
 #include <cmath>
 #include <numbers>
 
-#include "runtime/bone_cutting/law/cutting_law.h"
+#include "runtime/haptics/bone/cutting_law.h"
 #include "tests/bench/bench.h"
 #include "tests/bench/published_forces.h"
 #include "tests/support/body_slabs.h"

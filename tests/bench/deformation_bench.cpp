@@ -14,10 +14,9 @@
 #include <span>
 
 #include "formats/asset/asset.h"
-#include "runtime/contact/puncture.h"
-#include "runtime/deformation/calibration.h"
-#include "runtime/deformation/propagation.h"
-#include "runtime/deformation/response.h"
+#include "runtime/haptics/membrane/region.h"
+#include "runtime/haptics/membrane/response.h"
+#include "runtime/haptics/puncture.h"
 #include "tests/bench/bench.h"
 #include "tests/reference/deformation/general_load.h"
 #include "tests/reference/deformation/global_solver.h"

@@ -6,9 +6,8 @@
 #include <cmath>
 #include <numbers>
 
-#include "runtime/mechanism/jacobian.h"
-#include "runtime/mechanism/kinematics.h"
-#include "runtime/mechanism/torque_allocation.h"
+#include "runtime/device/four_legs/kinematics.h"
+#include "runtime/device/four_legs/torque_allocation.h"
 #include "tests/bench/bench.h"
 #include "tests/reference/mechanism/influence_jacobian.h"
 #include "tests/reference/mechanism/leg_ring.h"

@@ -10,14 +10,14 @@
 #include <opencv2/imgproc.hpp>
 #include <set>
 
-#include "formats/geometry/mesh_validity.h"
-#include "pipeline/base/malloc_tuning.h"
+#include "formats/mesh/mesh_quality.h"
+#include "formats/mesh/mesh_validity.h"
+#include "formats/mesh/refinement.h"
+#include "formats/mesh/triangulation.h"
 #include "pipeline/contour/contour.h"
 #include "pipeline/contour/simplification.h"
 #include "pipeline/open/open_stack.h"
-#include "pipeline/triangulation/mesh_quality.h"
-#include "pipeline/triangulation/refinement.h"
-#include "pipeline/triangulation/triangulation.h"
+#include "pipeline/read/parallel_for.h"
 #include "tests/bench/bench.h"
 #include "tests/bench/cgal_mesher.h"
 

@@ -10,9 +10,8 @@
 #include <random>
 #include <stdexcept>
 
-#include "runtime/bone_cutting/material/bone_strength.h"
-#include "runtime/bone_cutting/material/membrane.h"
-#include "runtime/bone_cutting/material/thin_wall.h"
+#include "runtime/haptics/bone/bone_strength.h"
+#include "runtime/haptics/bone/bone_volume.h"
 
 namespace trocar::test {
 namespace {

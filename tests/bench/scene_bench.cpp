@@ -15,11 +15,11 @@
 #include <nlohmann/json.hpp>
 
 #include "formats/asset/asset.h"
-#include "formats/base/file_io.h"
+#include "formats/base/files.h"
 #include "formats/session/scene.h"
-#include "runtime/contact/sheet.h"
-#include "runtime/contact/tool.h"
-#include "runtime/force_law/network_prefetch.h"
+#include "runtime/haptics/membrane/sheet_law.h"
+#include "runtime/haptics/sheet.h"
+#include "runtime/haptics/tool.h"
 #include "tests/bench/bench.h"
 
 namespace {

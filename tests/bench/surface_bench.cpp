@@ -15,10 +15,9 @@
 #include <cmath>
 
 #include "pipeline/open/open_stack.h"
-#include "pipeline/surface/decimation.h"
+#include "pipeline/surface/cgal_verification.h"
 #include "pipeline/surface/display_surface.h"
 #include "pipeline/surface/isosurface.h"
-#include "pipeline/verify/surface_proof.h"
 #include "tests/bench/bench.h"
 
 namespace trocar::bench {

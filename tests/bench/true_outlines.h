@@ -5,7 +5,7 @@
 #include <filesystem>
 #include <vector>
 
-#include "formats/geometry/slice_mesh.h"
+#include "formats/mesh/slice_mesh.h"
 #include "pipeline/read/slice_stack.h"
 #include "sample_ct/cross_section.h"
 

@@ -12,8 +12,8 @@
 #include <string>
 #include <vector>
 
-#include "runtime/device/pose.h"
-#include "runtime/mechanism/kinematics.h"
+#include "runtime/device/device.h"
+#include "runtime/device/four_legs/kinematics.h"
 #include "tests/cases/stress_case.h"
 
 namespace trocar::test {

@@ -6,8 +6,8 @@
 #include <utility>
 #include <vector>
 
-#include "runtime/control/limits.h"
-#include "runtime/mechanism/mechanism_limits.h"
+#include "runtime/device/four_legs/mechanism_limits.h"
+#include "runtime/haptics/loop/safety.h"
 
 namespace trocar::test {
 

@@ -15,9 +15,9 @@
 #include <string_view>
 #include <vector>
 
+#include "formats/base/json.h"
 #include "formats/base/result.h"
-#include "formats/base/strict_json.h"
-#include "formats/geometry/slice_mesh.h"
+#include "formats/mesh/slice_mesh.h"
 
 namespace trocar::test {
 

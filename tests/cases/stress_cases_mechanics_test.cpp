@@ -10,11 +10,10 @@
 #include <string>
 #include <vector>
 
-#include "pipeline/triangulation/triangulation.h"
-#include "runtime/deformation/calibration.h"
-#include "runtime/deformation/propagation.h"
-#include "runtime/deformation/response.h"
-#include "runtime/hole_cutting/cut.h"
+#include "formats/mesh/cut.h"
+#include "formats/mesh/triangulation.h"
+#include "runtime/haptics/membrane/region.h"
+#include "runtime/haptics/membrane/response.h"
 #include "tests/cases/cut_case.h"
 #include "tests/reference/deformation/global_solver.h"
 #include "tests/reference/deformation/network_checks.h"

@@ -13,12 +13,12 @@
 #include <vector>
 
 #include "formats/asset/asset.h"
-#include "formats/geometry/canonical_rotation.h"
-#include "formats/geometry/mesh_validity.h"
-#include "pipeline/scan/mesh_slice.h"
-#include "pipeline/triangulation/mesh_quality.h"
-#include "pipeline/triangulation/refinement.h"
-#include "pipeline/triangulation/triangulation.h"
+#include "formats/mesh/canonical_rotation.h"
+#include "formats/mesh/mesh_quality.h"
+#include "formats/mesh/mesh_validity.h"
+#include "formats/mesh/refinement.h"
+#include "formats/mesh/triangulation.h"
+#include "pipeline/bake/mesh_slice.h"
 #include "tests/cases/picture_checks.h"
 #include "tests/cases/pslg_case.h"
 #include "tests/support/motions.h"

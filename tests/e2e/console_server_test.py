@@ -19,7 +19,7 @@ import time
 from console_client import SNAPSHOT, Console, container
 from e2e import check, outcome
 
-RAMP_S = 0.004  # kRampMax_s of runtime/control/safety.h
+RAMP_S = 0.004  # kRampMax_s of runtime/haptics/loop/safety.h
 RUNNING = 2  # SafetyState
 
 

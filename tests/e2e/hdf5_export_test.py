@@ -160,7 +160,7 @@ def test_hard_values(programs, recordings, source, work):
             for i, word in enumerate(h5py.check_enum_dtype(file[name].dtype)):
                 rows[i][at[name]] = word
         assert set(h5py.check_enum_dtype(file["fault"].dtype)) == set(h5py.check_enum_dtype(file["outside_fault"].dtype))
-    words = (source / "formats/session/fault_words.cpp").read_text(encoding="utf-8")
+    words = (source / "formats/session/faults.cpp").read_text(encoding="utf-8")
     faults = h5py.check_enum_dtype(h5py.File(work / "out.h5")["fault"].dtype)
     assert len(faults) == 25 and all(f'"{word}"' in words for word in faults), faults
     made = work / "hard.csv"

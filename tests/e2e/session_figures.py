@@ -132,7 +132,7 @@ def depths(way):
 
 def falls_of(force, tip, fixed, inward, released, rate):
     """[(row of the begin, row of the break-through or None, P, plunge and hand before that)] of one run of rows in `running`, and the
-    advances. By the laws of runtime/control/break_through.h, after which this is written."""
+    advances. By the laws of runtime/haptics/loop/break_through.h, after which this is written."""
     way = np.concatenate([[0], np.cumsum(np.einsum("ij,ij->i", np.diff(tip, axis=0), inward[1:]))])
     hand = np.concatenate([[0], np.einsum("ij,ij->i", np.diff(fixed, axis=0), inward[1:])])
     part = 1 - math.exp(-1 / (rate * 0.003))

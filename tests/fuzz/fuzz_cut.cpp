@@ -7,11 +7,10 @@
 #include <cmath>
 #include <string>
 
-#include "formats/geometry/mesh_validity.h"
-#include "pipeline/triangulation/triangulation.h"
-#include "runtime/deformation/calibration.h"
-#include "runtime/deformation/response.h"
-#include "runtime/hole_cutting/cut.h"
+#include "formats/mesh/cut.h"
+#include "formats/mesh/mesh_validity.h"
+#include "formats/mesh/triangulation.h"
+#include "runtime/haptics/membrane/response.h"
 #include "tests/cases/cut_case.h"
 #include "tests/fuzz/harness.h"
 #include "tests/reference/deformation/global_solver.h"

@@ -3,7 +3,7 @@
 #include <cmath>
 #include <string_view>
 
-#include "runtime/connection/haply_messages.h"
+#include "runtime/device/pose/haply.h"
 #include "tests/fuzz/harness.h"
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {

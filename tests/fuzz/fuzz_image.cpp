@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // One image file of any kind, as levels and as labels.
-#include "pipeline/read/image/image_stack.h"
+#include "pipeline/read/image_stack.h"
 #include "tests/fuzz/harness.h"
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {

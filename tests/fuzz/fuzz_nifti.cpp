@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // One NIfTI volume, plain or gzipped, along each axis.
-#include "pipeline/read/nifti/nifti_stack.h"
+#include "pipeline/read/nifti.h"
 #include "tests/fuzz/harness.h"
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {

@@ -8,12 +8,12 @@
 #include <string>
 
 #include "formats/asset/asset.h"
-#include "formats/geometry/mesh_validity.h"
+#include "formats/mesh/mesh_quality.h"
+#include "formats/mesh/mesh_validity.h"
+#include "formats/mesh/refinement.h"
+#include "formats/mesh/triangulation.h"
 #include "pipeline/contour/contour.h"
 #include "pipeline/contour/simplification.h"
-#include "pipeline/triangulation/mesh_quality.h"
-#include "pipeline/triangulation/refinement.h"
-#include "pipeline/triangulation/triangulation.h"
 #include "tests/cases/pslg_case.h"
 #include "tests/fuzz/harness.h"
 

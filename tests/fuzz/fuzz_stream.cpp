@@ -12,7 +12,7 @@
 #include <vector>
 
 #include "formats/session/device_protocol.h"
-#include "runtime/simulation/drive.h"
+#include "runtime/device/simulated/drive.h"
 #include "tests/fuzz/harness.h"
 
 namespace {

@@ -7,14 +7,14 @@
 #include <string>
 #include <vector>
 
-#include "formats/base/file_io.h"
+#include "formats/base/files.h"
 #include "formats/session/device_description.h"
 #include "formats/session/recording.h"
 #include "formats/session/scene.h"
-#include "runtime/link/link_key.h"
+#include "runtime/device/link/link_key.h"
+#include "runtime/device/simulated/drive.h"
 #include "runtime/session/session.h"
-#include "runtime/session/tick_rate.h"
-#include "runtime/simulation/fault_plan.h"
+#include "runtime/session/session_options.h"
 #include "tests/fuzz/harness.h"
 
 namespace {

@@ -2,8 +2,8 @@
 // The device has a four-fold symmetry: a pose rotated by a quarter turn about the device's axis
 // gives each leg what the previous leg had. Values of one leg are equal to the bit; sums over all
 // legs are equal up to rounding.
-#include "runtime/mechanism/singularity.h"
-#include "runtime/mechanism/torque_allocation.h"
+#include "runtime/device/four_legs/mechanism_limits.h"
+#include "runtime/device/four_legs/torque_allocation.h"
 #include "tests/properties/property_fixture.h"
 #include "tests/reference/mechanism/leg_assemblies.h"
 #include "tests/support/device_workspace.h"

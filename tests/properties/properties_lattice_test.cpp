@@ -3,7 +3,7 @@
 // symmetries, invariance under motions, and the consistency that the proofs of meshing rely on.
 #include <boost/multiprecision/cpp_int.hpp>
 
-#include "formats/geometry/lattice.h"
+#include "formats/mesh/lattice.h"
 #include "tests/properties/property_fixture.h"
 
 namespace trocar {

@@ -7,13 +7,13 @@
 #include <numbers>
 #include <set>
 
-#include "formats/geometry/canonical_rotation.h"
-#include "formats/geometry/mesh_validity.h"
+#include "formats/mesh/canonical_rotation.h"
+#include "formats/mesh/mesh_validity.h"
+#include "formats/mesh/refinement.h"
+#include "formats/mesh/refinement_outline.h"
+#include "formats/mesh/triangulation.h"
 #include "pipeline/contour/contour.h"
 #include "pipeline/contour/simplification.h"
-#include "pipeline/triangulation/refined_rings.h"
-#include "pipeline/triangulation/refinement.h"
-#include "pipeline/triangulation/triangulation.h"
 #include "tests/cases/picture_checks.h"
 #include "tests/properties/property_fixture.h"
 #include "tests/properties/property_outlines.h"
@@ -232,7 +232,7 @@ RC_GTEST_PROP(Refinement, DoesNotDependOnTheInputOrder, ()) {
             canonical(refine(*triangulate(outline), kLattice, options).mesh));
 }
 
-// The checks of formats/geometry/mesh_validity.h, and the number of triangles by Euler.
+// The checks of formats/mesh/mesh_validity.h, and the number of triangles by Euler.
 RC_GTEST_PROP(Triangulation, GivesAValidMesh, ()) {
   const Pslg outline = any_outline();
   const auto cdt = triangulate(outline);

@@ -17,8 +17,8 @@
 #include <string>
 #include <vector>
 
-#include "runtime/control/haptic_loop.h"
-#include "runtime/mechanism/four_legs.h"
+#include "runtime/device/four_legs/four_legs.h"
+#include "runtime/haptics/loop/haptic_loop.h"
 #include "tests/support/sheet_fixture.h"
 #include "tests/support/sheet_law_fixture.h"
 

@@ -9,7 +9,7 @@
 #include <string>
 #include <vector>
 
-#include "formats/geometry/mesh_validity.h"
+#include "formats/mesh/mesh_validity.h"
 #include "pipeline/contour/contour.h"
 #include "tests/cases/pslg_case.h"
 #include "tests/properties/property_fixture.h"

@@ -18,7 +18,7 @@
 #include <opencv2/imgcodecs.hpp>
 #include <set>
 
-#include "formats/base/file_io.h"
+#include "formats/base/files.h"
 #include "sample_ct/program.h"
 #include "sample_ct/sample_folder.h"
 #include "sample_ct/write_dicom.h"

@@ -10,8 +10,8 @@
 #include <utility>
 #include <vector>
 
-#include "runtime/bone_cutting/material/bone_volume.h"
-#include "runtime/contact/sheet.h"
+#include "runtime/haptics/bone/bone_volume.h"
+#include "runtime/haptics/sheet.h"
 #include "tests/support/sheet_fixture.h"
 
 namespace trocar::test {

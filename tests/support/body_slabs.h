@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The slabs of a body from one strength per slice, for tests and measurements of the cutting law. A
-// session makes its slabs in runtime/bone_cutting/material/bone_volume.cpp, and gives each the ends
+// session makes its slabs in runtime/haptics/bone/bone_volume.cpp, and gives each the ends
 // of strength_ends(), too.
 //  1. The slabs cover the volume without gaps, from half a spacing above the first slice to half a
 //     spacing below the last.
@@ -14,8 +14,8 @@
 #include <stdexcept>
 #include <vector>
 
-#include "runtime/bone_cutting/law/cutting_law.h"
-#include "runtime/bone_cutting/material/slabs.h"
+#include "runtime/haptics/bone/bone_volume.h"
+#include "runtime/haptics/bone/cutting_law.h"
 
 namespace trocar::runtime {
 

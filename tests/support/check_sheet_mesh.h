@@ -7,8 +7,8 @@
 #include <vector>
 
 #include "formats/base/result.h"
-#include "formats/geometry/mesh_validity.h"
-#include "runtime/sheet_mesh/sheet_mesh.h"
+#include "formats/mesh/mesh_validity.h"
+#include "formats/mesh/sheet_mesh.h"
 
 namespace trocar::runtime {
 

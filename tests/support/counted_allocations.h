@@ -5,7 +5,7 @@
 
 #include <gtest/gtest.h>
 
-#include "runtime/realtime/allocation_counter.h"
+#include "runtime/realtime/realtime_thread.h"
 
 #ifdef TROCAR_SANITIZED
 #define TROCAR_NEEDS_COUNTED_ALLOCATIONS() \

@@ -9,9 +9,9 @@
 #include <string>
 #include <vector>
 
-#include "formats/geometry/mesh_validity.h"
-#include "formats/geometry/slice_mesh.h"
-#include "runtime/hole_cutting/cut.h"
+#include "formats/mesh/cut.h"
+#include "formats/mesh/mesh_validity.h"
+#include "formats/mesh/slice_mesh.h"
 #include "tests/support/whole_cut.h"
 
 namespace trocar::runtime {

@@ -14,7 +14,7 @@
 #include <vector>
 
 #include "formats/asset/asset.h"
-#include "runtime/deformation/network.h"
+#include "runtime/haptics/membrane/network.h"
 #include "tests/support/uniform.h"
 
 namespace trocar::test {

@@ -13,8 +13,8 @@
 #include <numbers>
 #include <vector>
 
-#include "runtime/hole_cutting/cut.h"
-#include "runtime/sheet_mesh/sheet_mesh.h"
+#include "formats/mesh/cut.h"
+#include "formats/mesh/sheet_mesh.h"
 #include "tests/support/random_geometry.h"
 #include "tests/support/same_sheet_mesh.h"
 #include "tests/support/sheet_fixture.h"

@@ -9,7 +9,7 @@
 #include <utility>
 #include <vector>
 
-#include "runtime/simulation/simulated_device.h"
+#include "runtime/device/simulated/simulated_device.h"
 
 namespace trocar::test {
 

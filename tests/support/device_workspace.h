@@ -7,7 +7,7 @@
 #include <numbers>
 #include <random>
 
-#include "runtime/device/pose.h"
+#include "runtime/device/device.h"
 
 namespace trocar::runtime::testing_support {
 

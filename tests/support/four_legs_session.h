@@ -5,7 +5,7 @@
 #include <functional>
 #include <utility>
 
-#include "runtime/mechanism/four_legs.h"
+#include "runtime/device/four_legs/four_legs.h"
 #include "runtime/session/session.h"
 
 namespace trocar::test {

@@ -7,9 +7,9 @@
 #include <string>
 #include <utility>
 
-#include "formats/base/text_line.h"
+#include "formats/base/text.h"
 #include "runtime/device/hand_device.h"
-#include "runtime/simulation/hand.h"
+#include "runtime/device/simulated/mechanics.h"
 
 namespace trocar::test {
 

@@ -8,7 +8,7 @@
 #include <vector>
 
 #include "formats/base/result.h"
-#include "formats/geometry/mesh_validity.h"
+#include "formats/mesh/mesh_validity.h"
 #include "pipeline/contour/label_borders.h"
 #include "pipeline/contour/simplification.h"
 

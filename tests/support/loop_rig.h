@@ -9,11 +9,11 @@
 #include <optional>
 #include <vector>
 
-#include "runtime/control/haptic_loop.h"
-#include "runtime/devices/simulated_hand.h"
-#include "runtime/mechanism/four_legs.h"
+#include "runtime/device/four_legs/four_legs.h"
+#include "runtime/device/simulated/simulated_device.h"
+#include "runtime/haptics/loop/haptic_loop.h"
+#include "runtime/session/open_device.h"
 #include "runtime/session/session.h"
-#include "runtime/simulation/simulated_device.h"
 #include "tests/support/sheet_fixture.h"
 #include "tests/support/sheet_law_fixture.h"
 

@@ -11,8 +11,8 @@
 #include <set>
 #include <vector>
 
-#include "formats/geometry/mesh_validity.h"
-#include "formats/geometry/slice_mesh.h"
+#include "formats/mesh/mesh_validity.h"
+#include "formats/mesh/slice_mesh.h"
 
 namespace trocar::runtime {
 

@@ -4,7 +4,7 @@
 
 #include <cstddef>
 
-#include "runtime/workers/remesher.h"
+#include "runtime/session/remesher.h"
 
 namespace trocar::test {
 

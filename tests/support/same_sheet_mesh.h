@@ -2,7 +2,7 @@
 // Compares sheet meshes to the last slot.
 #pragma once
 
-#include "runtime/sheet_mesh/sheet_mesh.h"
+#include "formats/mesh/sheet_mesh.h"
 
 namespace trocar::test {
 

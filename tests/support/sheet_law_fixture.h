@@ -2,8 +2,8 @@
 // Force laws of separate sheets for tests that run the haptic loop without a session.
 #pragma once
 
-#include "runtime/control/haptic_loop.h"
-#include "runtime/force_law/sheet_law.h"
+#include "runtime/haptics/loop/haptic_loop.h"
+#include "runtime/haptics/membrane/sheet_law.h"
 
 namespace trocar::test {
 

@@ -2,7 +2,7 @@
 // The lattice of most tests: 1/256 mm, the default of trocar-mesh.
 #pragma once
 
-#include "formats/geometry/lattice.h"
+#include "formats/mesh/lattice.h"
 
 namespace trocar::test {
 

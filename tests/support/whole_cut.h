@@ -6,12 +6,12 @@
 #include <vector>
 
 #include "formats/base/result.h"
-#include "runtime/hole_cutting/cut.h"
+#include "formats/mesh/cut.h"
 
 namespace trocar::runtime {
 
 struct CutResult : CutReport {
-  SliceMesh mesh;  ///< valid (formats/geometry/mesh_validity.h); empty if nothing is left
+  SliceMesh mesh;  ///< valid (formats/mesh/mesh_validity.h); empty if nothing is left
   /// Rings with the removed material on their left. If removed material encloses a void or
   /// remaining material, the ring around the enclosed region is therefore clockwise. Each ring
   /// starts at its smallest vertex (by x, then y), and the rings are in ascending order. The sum of

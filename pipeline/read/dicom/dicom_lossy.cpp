@@ -3,7 +3,6 @@
 
 #include <dcmtk/dcmdata/dcpixseq.h>
 #include <dcmtk/dcmdata/dcpxitem.h>
-
 #include <algorithm>
 #include <array>
 #include <cstdint>
@@ -14,7 +13,7 @@
 #include <string_view>
 #include <utility>
 
-#include "pipeline/base/number_ranges.h"
+#include "pipeline/read/number_ranges.h"
 
 namespace trocar::pipeline {
 namespace {

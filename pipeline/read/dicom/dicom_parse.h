@@ -4,10 +4,16 @@
 
 #include <dcmtk/config/osconfig.h>
 #include <dcmtk/dcmdata/dctk.h>
-
 #include <array>
 #include <filesystem>
+#include <memory>
+#include <mutex>
 #include <string>
+#include <utility>
+#include <vector>
+
+#include "formats/base/result.h"
+#include "pipeline/read/dicom/dicom_headers.h"
 
 namespace trocar::pipeline {
 
@@ -47,5 +53,59 @@ bool dicom_encapsulated(E_TransferSyntax syntax);
 /// The size in bytes of one frame after decompression, without padding bytes; 0 if the dataset does
 /// not state it. `compressed` tells DCMTK whether the file stores the pixels in compressed form.
 Uint32 dicom_frame_bytes(const DcmPixelData& pixels, DcmDataset& data, bool compressed);
+
+// Fills the dictionary of DCMTK, the library that parses DICOM files, with the few elements that
+// the program needs. DCMTK's own dictionary file is left out. Files in implicit VR do not state the
+// type (value representation, VR) of an element, so DCMTK looks it up in the dictionary.
+
+/// Prevents DCMTK from reading its dictionary file, because that takes 13 ms. If the environment
+/// variable DCMDICTPATH names a dictionary file, DCMTK still reads it. Call this function first in
+/// main(), and only in a program that needs no elements other than those of
+/// add_known_dicom_elements().
+void leave_out_dicom_dictionary();
+
+/// Adds the elements that trocar-mesh uses to DCMTK's dictionary, unless they are there already.
+/// set_up_dcmtk() calls this function.
+void add_known_dicom_elements();
+
+// Reads which images a DICOMDIR names.
+
+/// The paths of the images that a DICOMDIR names, relative to its folder. Empty if it cannot be
+/// read.
+std::vector<std::filesystem::path> images_of_dicomdir(const std::filesystem::path& dicomdir);
+
+// A cache of parsed multi-frame DICOM files, so that a file is not parsed again for each frame.
+
+/// Keeps the parsed multi-frame files that no thread is using. A thread calls take() to get the
+/// file of a frame, reads the frame, and calls give_back(). Before take() parses a file, it drops
+/// an unused one, so there are never more parsed files than threads. Thread-safe. Errors of take():
+/// kRefused if the file cannot be parsed.
+class ParsedFiles {
+ public:
+  Result<std::unique_ptr<DcmFileFormat>> take(const DicomFrame& h) {
+    {
+      const std::lock_guard lock(mutex_);
+      for (auto it = idle_.begin(); it != idle_.end(); ++it) {
+        if (it->first != h.file) continue;
+        auto out = std::move(it->second);
+        idle_.erase(it);
+        return out;
+      }
+      if (!idle_.empty()) idle_.erase(idle_.begin());
+    }
+    auto format = std::make_unique<DcmFileFormat>();
+    if (load_dicom(h.file, *format).bad()) return refused(h.name() + ": cannot be read");
+    return format;
+  }
+  void give_back(const DicomFrame& h, std::unique_ptr<DcmFileFormat> format) {
+    if (h.frames == 1) return;
+    const std::lock_guard lock(mutex_);
+    idle_.emplace_back(h.file, std::move(format));
+  }
+
+ private:
+  std::mutex mutex_;
+  std::vector<std::pair<std::filesystem::path, std::unique_ptr<DcmFileFormat>>> idle_;
+};
 
 }  // namespace trocar::pipeline

@@ -6,13 +6,12 @@
 #include <dcmtk/dcmdata/dcpixseq.h>
 #include <dcmtk/dcmdata/dcpxitem.h>
 #include <dcmtk/dcmdata/dcrledec.h>
-
 #include <algorithm>
 #include <array>
 #include <memory>
 #include <span>
 
-#include "pipeline/read/image/jpeg2000.h"
+#include "pipeline/read/image_file.h"
 
 namespace trocar::pipeline {
 namespace {

@@ -13,10 +13,10 @@
 #include <tuple>
 #include <utility>
 
-#include "pipeline/base/number_ranges.h"
 #include "pipeline/read/dicom/dicom_parse.h"
 #include "pipeline/read/dicom/dicom_pixels.h"
-#include "pipeline/read/digest.h"
+#include "pipeline/read/file_names.h"
+#include "pipeline/read/number_ranges.h"
 
 namespace trocar::pipeline {
 namespace {

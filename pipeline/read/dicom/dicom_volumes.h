@@ -10,7 +10,6 @@
 #include "formats/base/result.h"
 #include "pipeline/read/dicom/dicom_headers.h"
 #include "pipeline/read/slice_stack.h"
-#include "pipeline/read/stack_shape.h"
 
 namespace trocar::pipeline {
 

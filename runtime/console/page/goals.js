@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // How the scene's goals stand, in words and figures: while a session runs, from the rows that this page gets; in playback, from the rows
 // up to the moment that is shown. When the session has ended, or the recording is at its end, the verdict is that of the session report.
-// The definitions are those of runtime/reporting/session_figures.h.
+// The definitions are those of runtime/report/session_observer.h.
 import { file_query, get_text } from "./api.js";
 
 const kReady = 1, kRunning = 2, kContact = 1, kPunctured = 2;  // SafetyState, ContactPhase

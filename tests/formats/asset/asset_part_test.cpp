@@ -12,7 +12,7 @@
 
 #include "formats/asset/asset.h"
 #include "formats/asset/asset_index.h"
-#include "formats/base/file_io.h"
+#include "formats/base/files.h"
 
 namespace trocar {
 namespace {

@@ -8,7 +8,7 @@
 #include <string>
 
 #include "formats/asset/asset.h"
-#include "formats/asset/surface_payload.h"
+#include "formats/asset/payload.h"
 
 namespace trocar {
 namespace {

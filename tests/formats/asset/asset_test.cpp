@@ -14,7 +14,7 @@
 #include <utility>
 
 #include "formats/asset/draco_mesh.h"
-#include "formats/geometry/mesh_validity.h"
+#include "formats/mesh/mesh_validity.h"
 
 namespace trocar {
 namespace {

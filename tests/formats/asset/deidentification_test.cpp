@@ -11,7 +11,7 @@
 
 #include "formats/asset/asset.h"
 #include "formats/asset/asset_index.h"
-#include "formats/base/json_text.h"
+#include "formats/base/json.h"
 
 namespace trocar {
 namespace {

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // HU of slices: which samples are stored, that they survive the file and metal survives with them,
 // means and interpolation against plain formulas, and that damaged bytes are refused.
-#include "formats/asset/hu_volume.h"
+#include "formats/asset/hu_codec.h"
 
 #include <gtest/gtest.h>
 
@@ -13,8 +13,7 @@
 
 #include "formats/asset/asset.h"
 #include "formats/asset/asset_index.h"
-#include "formats/asset/hu_codec.h"
-#include "formats/asset/hu_section.h"
+#include "formats/asset/payload.h"
 #include "tests/support/sheet_fixture.h"
 
 namespace trocar {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "formats/base/file_io.h"
+#include "formats/base/files.h"
 
 #include <gtest/gtest.h>
 #include <sys/resource.h>
@@ -9,8 +9,7 @@
 #include <cerrno>
 #include <string>
 
-#include "formats/base/nearest_name.h"
-#include "formats/base/system_message.h"
+#include "formats/base/text.h"
 #include "tests/support/temporary_folder.h"
 
 namespace trocar {

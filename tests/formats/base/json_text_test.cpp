@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "formats/base/json_text.h"
+#include "formats/base/json.h"
 
 #include <gtest/gtest.h>
 
@@ -7,8 +7,6 @@
 #include <fstream>
 #include <string>
 #include <vector>
-
-#include "formats/base/strict_json.h"
 
 namespace trocar {
 namespace {

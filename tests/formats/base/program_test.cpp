@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "formats/base/program.h"
+#include "formats/base/command_line.h"
 
 #include <gtest/gtest.h>
 

@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "formats/base/terminal_text.h"
+#include "formats/base/text.h"
 
 #include <gtest/gtest.h>
 
 #include <cstdio>
 #include <string>
 
-#include "formats/base/json_text.h"
+#include "formats/base/json.h"
 
 namespace trocar {
 namespace {

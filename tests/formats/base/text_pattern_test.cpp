@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "formats/base/text_pattern.h"
+#include "formats/base/text.h"
 
 #include <gtest/gtest.h>
 

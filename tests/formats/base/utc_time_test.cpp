@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "formats/base/utc_time.h"
+#include "formats/base/text.h"
 
 #include <gtest/gtest.h>
 

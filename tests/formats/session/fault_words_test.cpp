@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The words for faults: complete, distinct, on one line, with the value told from its limit. That
 // no fault lacks words is checked when fault_words.cpp is compiled.
-#include "formats/session/fault_words.h"
+#include "formats/session/faults.h"
 
 #include <gtest/gtest.h>
 

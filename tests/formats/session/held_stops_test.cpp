@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Which stops are held, and in which rows faults begin.
-#include "formats/session/held_stops.h"
+#include "formats/session/faults.h"
 
 #include <gtest/gtest.h>
 

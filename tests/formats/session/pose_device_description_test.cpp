@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Descriptions of pose devices: what is read, and what is refused with which words.
-#include "formats/session/pose_device_description.h"
+#include "formats/session/device_description.h"
 
 #include <gtest/gtest.h>
 

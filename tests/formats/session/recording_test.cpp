@@ -17,7 +17,7 @@
 #include <set>
 #include <thread>
 
-#include "formats/base/file_io.h"
+#include "formats/base/files.h"
 #include "tests/support/file_size_limit.h"
 #include "tests/support/temporary_folder.h"
 

@@ -3,7 +3,7 @@
 
 #include <gtest/gtest.h>
 
-#include "formats/base/csv_field.h"
+#include "formats/base/text.h"
 
 namespace trocar {
 namespace {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "formats/session/xray_use.h"
+#include "formats/session/trainee.h"
 
 #include <gtest/gtest.h>
 

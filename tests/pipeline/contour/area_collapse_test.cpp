@@ -14,13 +14,13 @@
 #include <random>
 #include <vector>
 
-#include "formats/geometry/mesh_validity.h"
+#include "formats/mesh/mesh_validity.h"
+#include "formats/mesh/refinement_outline.h"
+#include "formats/mesh/triangulation.h"
+#include "pipeline/bake/mesh_slice.h"
 #include "pipeline/contour/contour.h"
 #include "pipeline/contour/simplification.h"
 #include "pipeline/open/open_stack.h"
-#include "pipeline/scan/mesh_slice.h"
-#include "pipeline/triangulation/refined_rings.h"
-#include "pipeline/triangulation/triangulation.h"
 #include "sample_ct/render.h"
 #include "tests/support/synthetic_fields.h"
 #include "tests/support/test_lattice.h"

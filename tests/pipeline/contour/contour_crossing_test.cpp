@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-#include "pipeline/contour/contour_crossing.h"
+#include "pipeline/contour/contour.h"
 #include "tests/support/uniform.h"
 
 #include <gtest/gtest.h>

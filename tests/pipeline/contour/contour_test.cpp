@@ -3,7 +3,7 @@
 
 #include <gtest/gtest.h>
 
-#include "formats/geometry/mesh_validity.h"
+#include "formats/mesh/mesh_validity.h"
 #include "tests/support/synthetic_fields.h"
 
 namespace trocar::pipeline {

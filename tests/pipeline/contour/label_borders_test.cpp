@@ -14,10 +14,10 @@
 #include <random>
 #include <utility>
 
-#include "formats/geometry/mesh_validity.h"
+#include "formats/mesh/mesh_validity.h"
+#include "formats/mesh/refinement.h"
+#include "formats/mesh/triangulation.h"
 #include "pipeline/contour/area_collapse.h"
-#include "pipeline/triangulation/refinement.h"
-#include "pipeline/triangulation/triangulation.h"
 #include "tests/support/label_border_checks.h"
 #include "tests/support/label_maps.h"
 #include "tests/support/synthetic_fields.h"

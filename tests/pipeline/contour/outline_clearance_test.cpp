@@ -15,15 +15,14 @@
 #include <utility>
 #include <vector>
 
-#include "formats/geometry/canonical_rotation.h"
-#include "formats/geometry/mesh_validity.h"
-#include "formats/geometry/outline_sweep.h"
+#include "formats/mesh/canonical_rotation.h"
+#include "formats/mesh/mesh_quality.h"
+#include "formats/mesh/mesh_validity.h"
+#include "formats/mesh/outline_sweep.h"
+#include "formats/mesh/regions.h"
+#include "formats/mesh/segment_grid.h"
 #include "pipeline/contour/label_borders.h"
-#include "pipeline/contour/segment_distance.h"
 #include "pipeline/contour/simplification.h"
-#include "pipeline/contour/tight_spots.h"
-#include "pipeline/triangulation/mesh_quality.h"
-#include "pipeline/triangulation/regions.h"
 #include "tests/cases/pslg_case.h"
 #include "tests/support/label_border_checks.h"
 #include "tests/support/label_maps.h"

@@ -7,7 +7,7 @@
 #include <chrono>
 #include <cstdlib>
 
-#include "formats/geometry/mesh_validity.h"
+#include "formats/mesh/mesh_validity.h"
 #include "pipeline/contour/contour.h"
 #include "pipeline/contour/simplification.h"
 #include "pipeline/open/open_stack.h"

@@ -10,9 +10,9 @@
 #include "formats/asset/asset.h"
 #include "formats/asset/deidentification.h"
 #include "formats/base/command_line.h"
-#include "formats/geometry/slice_mesh.h"
+#include "formats/mesh/slice_mesh.h"
 #include "pipeline/program/arguments.h"
-#include "pipeline/program/farm_scans.h"
+#include "pipeline/program/batch_command.h"
 #include "tests/support/temporary_folder.h"
 
 namespace trocar::pipeline {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // Against zlib, on whole, joined, truncated and damaged files.
-#include "pipeline/read/gzip_reader.h"
+#include "pipeline/read/volume_file.h"
 
 #include <fcntl.h>
 #include <gtest/gtest.h>
@@ -15,7 +15,6 @@
 #include <string>
 #include <vector>
 
-#include "pipeline/read/volume_file.h"
 #include "tests/support/temporary_folder.h"
 
 namespace trocar::pipeline {

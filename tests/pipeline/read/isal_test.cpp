@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // ISA-L's calls against zlib, and what they leave in the processor.
-#include "pipeline/read/isal.h"
+#include "pipeline/read/volume_file.h"
 
 #include <gtest/gtest.h>
 #include <zlib.h>

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-#include "pipeline/read/label_values.h"
+#include "pipeline/read/slice_stack.h"
 
 #include <gtest/gtest.h>
 

@@ -11,10 +11,10 @@
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
 
-#include "formats/base/file_io.h"
+#include "formats/base/files.h"
 #include "pipeline/open/open_stack.h"
 #include "pipeline/open/scan_folder.h"
-#include "pipeline/read/image/image_file.h"
+#include "pipeline/read/image_file.h"
 #include "pipeline/read/slice_stack.h"
 #include "sample_ct/sample_folder.h"
 

@@ -8,7 +8,6 @@
 #include <cmath>
 #include <random>
 
-#include "pipeline/segment/soft_regions.h"
 #include "pipeline/segment/solid_bone.h"
 
 namespace trocar::pipeline {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-#include "pipeline/segment/nearest_seed.h"
+#include "pipeline/segment/components.h"
 
 #include <gtest/gtest.h>
 

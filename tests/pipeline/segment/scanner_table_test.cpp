@@ -8,7 +8,7 @@
 #include <functional>
 #include <random>
 
-#include "pipeline/segment/slice_field.h"
+#include "pipeline/segment/solid_bone.h"
 
 namespace trocar::pipeline {
 namespace {

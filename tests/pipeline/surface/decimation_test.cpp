@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // Decimation of surfaces whose best decimation is known, and undoing it.
-#include "pipeline/surface/decimation.h"
-#include "pipeline/verify/surface_proof.h"
+#include "pipeline/surface/cgal_verification.h"
+#include "pipeline/surface/isosurface.h"
 
 #include <gtest/gtest.h>
 

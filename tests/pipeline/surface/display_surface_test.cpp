@@ -2,8 +2,8 @@
 // Surfaces for display against shapes whose surface is known: balls, the phantom, labels.
 #include "pipeline/surface/display_surface.h"
 #include "pipeline/open/open_stack.h"
+#include "pipeline/surface/cgal_verification.h"
 #include "pipeline/surface/isosurface.h"
-#include "pipeline/verify/surface_proof.h"
 #include "sample_ct/render.h"
 
 #include <gtest/gtest.h>

@@ -3,7 +3,7 @@
 // self-intersections (by CGAL), and where linear interpolation puts it.
 #include "pipeline/surface/isosurface.h"
 #include "formats/base/disjoint_sets.h"
-#include "pipeline/verify/surface_proof.h"
+#include "pipeline/surface/cgal_verification.h"
 
 #include <gtest/gtest.h>
 

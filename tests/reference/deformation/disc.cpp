@@ -5,7 +5,7 @@
 #include <cmath>
 #include <numbers>
 
-#include "runtime/deformation/unbounded.h"
+#include "runtime/haptics/membrane/network.h"
 
 namespace trocar::runtime {
 namespace {

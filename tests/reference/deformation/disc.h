@@ -11,7 +11,7 @@
 #include <span>
 
 #include "formats/base/result.h"
-#include "runtime/deformation/network.h"
+#include "runtime/haptics/membrane/network.h"
 
 namespace trocar::runtime {
 

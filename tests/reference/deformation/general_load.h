@@ -5,8 +5,8 @@
 
 #include <span>
 
-#include "runtime/deformation/network.h"
-#include "runtime/deformation/sparse_factor.h"
+#include "runtime/haptics/membrane/network.h"
+#include "runtime/haptics/membrane/region.h"
 
 namespace trocar::runtime {
 

@@ -7,7 +7,7 @@
 #include <vector>
 
 #include "formats/base/result.h"
-#include "runtime/deformation/network.h"
+#include "runtime/haptics/membrane/network.h"
 
 namespace trocar::runtime {
 

@@ -4,8 +4,8 @@
 
 #include <span>
 
-#include "formats/geometry/slice_mesh.h"
-#include "runtime/deformation/network.h"
+#include "formats/mesh/slice_mesh.h"
+#include "runtime/haptics/membrane/network.h"
 
 namespace trocar::runtime {
 

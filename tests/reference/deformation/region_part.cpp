@@ -4,8 +4,8 @@
 #include <algorithm>
 #include <utility>
 
-#include "runtime/deformation/part.h"
-#include "runtime/sheet_mesh/triangle_grid.h"
+#include "formats/mesh/triangle_grid.h"
+#include "runtime/haptics/membrane/region.h"
 
 namespace trocar::runtime {
 

@@ -6,7 +6,7 @@
 #include <cstdint>
 #include <vector>
 
-#include "runtime/deformation/region.h"
+#include "runtime/haptics/membrane/region.h"
 
 namespace trocar::runtime {
 

@@ -6,7 +6,7 @@
 #include <cstddef>
 #include <cstdlib>
 
-#include "runtime/realtime/allocation_counter.h"
+#include "runtime/realtime/realtime_thread.h"
 
 extern "C" {
 

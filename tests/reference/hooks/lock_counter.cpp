@@ -3,7 +3,7 @@
 
 #include <atomic>
 
-#include "runtime/realtime/allocation_counter.h"
+#include "runtime/realtime/realtime_thread.h"
 
 namespace trocar::runtime {
 namespace {

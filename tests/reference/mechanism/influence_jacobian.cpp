@@ -4,7 +4,7 @@
 #include <Eigen/LU>
 #include <cmath>
 
-#include "runtime/mechanism/leg.h"
+#include "runtime/device/four_legs/kinematics.h"
 
 namespace trocar::runtime {
 namespace {

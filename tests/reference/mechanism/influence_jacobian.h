@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 // The Jacobian by the paper's influence coefficients, Eq. 4-16: the upper chain's 3 x 3 coefficient
 // matrix inverted, then the lower chain's, then row selection. Independent of the compact form in
-// runtime/mechanism/jacobian.h, with which it is compared.
+// runtime/device/four_legs/kinematics.h, with which it is compared.
 #pragma once
 
-#include "runtime/mechanism/jacobian.h"
+#include "runtime/device/four_legs/kinematics.h"
 
 namespace trocar::runtime {
 

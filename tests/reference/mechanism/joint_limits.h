@@ -2,7 +2,7 @@
 // The limits of all six joints of every leg. check_joint_limits checks the four that have encoders.
 #pragma once
 
-#include "runtime/mechanism/kinematics.h"
+#include "runtime/device/four_legs/kinematics.h"
 
 namespace trocar::runtime {
 

@@ -3,7 +3,7 @@
 
 #include <cmath>
 
-#include "runtime/mechanism/leg.h"
+#include "runtime/device/four_legs/kinematics.h"
 
 namespace trocar::runtime {
 

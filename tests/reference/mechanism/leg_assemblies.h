@@ -5,7 +5,7 @@
 
 #include <array>
 
-#include "runtime/mechanism/kinematics.h"
+#include "runtime/device/four_legs/kinematics.h"
 
 namespace trocar::runtime {
 

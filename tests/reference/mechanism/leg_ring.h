@@ -9,8 +9,7 @@
 #include <cmath>
 #include <numbers>
 
-#include "runtime/mechanism/jacobian.h"
-#include "runtime/mechanism/leg.h"
+#include "runtime/device/four_legs/kinematics.h"
 #include "tests/reference/decompositions/decompositions.h"
 
 namespace trocar::runtime {

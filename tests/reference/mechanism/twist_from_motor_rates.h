@@ -2,7 +2,7 @@
 // The inverse of motor rates = G twist, by least squares.
 #pragma once
 
-#include "runtime/mechanism/jacobian.h"
+#include "runtime/device/four_legs/kinematics.h"
 
 namespace trocar::runtime {
 

@@ -18,14 +18,12 @@
 #include <thread>
 #include <vector>
 
-#include "formats/base/utc_time.h"
+#include "formats/base/text.h"
 #include "runtime/console/access.h"
-#include "runtime/console/answers/container.h"
+#include "runtime/console/answers.h"
 #include "runtime/console/files.h"
-#include "runtime/console/page_files.h"
-#include "runtime/console/programs/process.h"
-#include "runtime/console/programs/session_files.h"
-#include "runtime/console/request_target.h"
+#include "runtime/console/process.h"
+#include "runtime/console/session_files.h"
 #include "tests/support/temporary_folder.h"
 
 namespace trocar::runtime {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The devices of trocar-console --device, and what pages do not see of them.
-#include "runtime/console/programs/device_choice.h"
+#include "runtime/console/device_test.h"
 
 #include <gtest/gtest.h>
 

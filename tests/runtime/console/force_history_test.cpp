@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "runtime/console/force_history.h"
+#include "runtime/console/session_telemetry.h"
 
 #include <gtest/gtest.h>
 

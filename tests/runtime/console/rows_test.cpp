@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The events that the console finds in a recording.
-#include "runtime/console/answers/rows.h"
+#include "runtime/console/answers.h"
 
 #include <gtest/gtest.h>
 

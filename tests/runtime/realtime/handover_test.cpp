@@ -20,10 +20,8 @@
 #include <vector>
 
 #include "runtime/realtime/histogram.h"
+#include "runtime/realtime/queues.h"
 #include "runtime/realtime/realtime_thread.h"
-#include "runtime/realtime/ring_buffer.h"
-#include "runtime/realtime/spsc_queue.h"
-#include "runtime/realtime/triple_buffer.h"
 
 namespace trocar::runtime {
 namespace {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Missed deadlines are attributed to the part of the period that took the time, none twice and none to nothing.
-#include "runtime/realtime/late_ticks.h"
+#include "runtime/realtime/realtime_thread.h"
 
 #include <gtest/gtest.h>
 

@@ -11,12 +11,11 @@
 #include <map>
 
 #include "formats/session/recording.h"
-#include "runtime/control/break_damper.h"
-#include "runtime/devices/replay_device.h"
-#include "runtime/devices/simulated_hand.h"
-#include "runtime/force_law/cutting_force_law.h"
-#include "runtime/mechanism/jacobian.h"
-#include "runtime/realtime/allocation_counter.h"
+#include "runtime/device/four_legs/kinematics.h"
+#include "runtime/haptics/bone/cutting_force_law.h"
+#include "runtime/haptics/loop/break_through.h"
+#include "runtime/realtime/realtime_thread.h"
+#include "runtime/session/open_device.h"
 #include "runtime/session/session.h"
 #include "tests/support/body_fixture.h"
 #include "tests/support/counted_allocations.h"

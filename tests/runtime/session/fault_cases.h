@@ -15,12 +15,10 @@
 #include <vector>
 
 #include "runtime/device/device.h"
-#include "runtime/force_law/force_law_table.h"
-#include "runtime/force_law/sheet_law.h"
-#include "runtime/mechanism/jacobian.h"
-#include "runtime/mechanism/kinematics.h"
-#include "runtime/mechanism/mechanism_limits.h"
-#include "runtime/mechanism/singularity.h"
+#include "runtime/device/four_legs/kinematics.h"
+#include "runtime/device/four_legs/mechanism_limits.h"
+#include "runtime/haptics/membrane/sheet_law.h"
+#include "runtime/session/force_law_table.h"
 #include "runtime/session/session_options.h"
 #include "tests/support/uniform.h"
 

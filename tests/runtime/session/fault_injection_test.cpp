@@ -17,10 +17,9 @@
 #include <sstream>
 #include <thread>
 
-#include "runtime/devices/replay_device.h"
-#include "runtime/devices/simulated_hand.h"
+#include "runtime/session/open_device.h"
 #include "runtime/session/session.h"
-#include "runtime/session/tick_rate.h"
+#include "runtime/session/session_options.h"
 #include "tests/runtime/session/fault_cases.h"
 #include "tests/support/four_legs_session.h"
 #include "tests/support/sheet_fixture.h"

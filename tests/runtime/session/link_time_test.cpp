@@ -11,10 +11,9 @@
 #include <utility>
 #include <vector>
 
-#include "runtime/control/haptic_loop.h"
-#include "runtime/devices/replay_device.h"
-#include "runtime/devices/simulated_hand.h"
-#include "runtime/mechanism/four_legs.h"
+#include "runtime/device/four_legs/four_legs.h"
+#include "runtime/haptics/loop/haptic_loop.h"
+#include "runtime/session/open_device.h"
 #include "runtime/session/session.h"
 #include "tests/support/delayed_link.h"
 #include "tests/support/sheet_fixture.h"

@@ -24,8 +24,7 @@
 
 #include "formats/session/recording.h"
 #include "formats/session/telemetry.h"
-#include "runtime/devices/replay_device.h"
-#include "runtime/devices/simulated_hand.h"
+#include "runtime/session/open_device.h"
 #include "runtime/session/session.h"
 #include "tests/support/four_legs_session.h"
 #include "tests/support/sheet_fixture.h"

@@ -13,7 +13,7 @@
 #include <random>
 #include <thread>
 
-#include "runtime/realtime/allocation_counter.h"
+#include "runtime/realtime/realtime_thread.h"
 #include "tests/reference/hooks/lock_counter.h"
 #include "tests/runtime/session/live_run.h"
 #include "tests/support/counted_allocations.h"

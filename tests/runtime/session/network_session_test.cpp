@@ -10,12 +10,11 @@
 #include <mutex>
 
 #include "formats/session/recording.h"
-#include "runtime/devices/replay_device.h"
-#include "runtime/devices/simulated_hand.h"
-#include "runtime/force_law/sheet_law.h"
-#include "runtime/realtime/allocation_counter.h"
+#include "runtime/haptics/membrane/sheet_law.h"
+#include "runtime/realtime/realtime_thread.h"
+#include "runtime/session/open_device.h"
 #include "runtime/session/session.h"
-#include "runtime/telemetry/frame_display.h"
+#include "runtime/session/session_publisher.h"
 #include "tests/reference/hooks/lock_counter.h"
 #include "tests/support/counted_allocations.h"
 #include "tests/support/four_legs_session.h"

@@ -9,13 +9,12 @@
 #include <nlohmann/json.hpp>
 #include <sstream>
 
-#include "formats/geometry/mesh_validity.h"
+#include "formats/mesh/mesh_validity.h"
 #include "formats/session/recording.h"
-#include "runtime/devices/replay_device.h"
-#include "runtime/devices/simulated_hand.h"
-#include "runtime/reporting/summary.h"
+#include "runtime/report/session_report.h"
+#include "runtime/session/open_device.h"
 #include "runtime/session/session.h"
-#include "runtime/session/tick_rate.h"
+#include "runtime/session/session_options.h"
 #include "tests/support/check_sheet_mesh.h"
 #include "tests/support/four_legs_session.h"
 #include "tests/support/sheet_fixture.h"

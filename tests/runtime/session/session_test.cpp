@@ -1,9 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // How sessions begin and end, their number of ticks, and the rate of a recording.
 #include "runtime/session/session.h"
-#include "runtime/devices/replay_device.h"
-#include "runtime/devices/simulated_hand.h"
-#include "runtime/session/tick_rate.h"
+#include "runtime/session/open_device.h"
+#include "runtime/session/session_options.h"
 
 #include <gtest/gtest.h>
 
@@ -19,7 +18,7 @@
 #include <utility>
 #include <vector>
 
-#include "tests/runtime/control/loop_fixture.h"
+#include "tests/runtime/haptics/loop/loop_fixture.h"
 #include "tests/support/file_size_limit.h"
 #include "tests/support/four_legs_session.h"
 #include "tests/support/sheet_fixture.h"

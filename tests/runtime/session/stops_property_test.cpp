@@ -18,12 +18,10 @@
 #include <utility>
 #include <vector>
 
-#include "runtime/devices/open_device.h"
-#include "runtime/devices/pose_session.h"
-#include "runtime/devices/replay_device.h"
-#include "runtime/devices/simulated_hand.h"
+#include "runtime/session/open_device.h"
+#include "runtime/session/pose_session.h"
 #include "runtime/session/session.h"
-#include "tests/runtime/link/udp_peer.h"
+#include "tests/runtime/device/link/udp_peer.h"
 #include "tests/support/body_fixture.h"
 #include "tests/support/sheet_fixture.h"
 #include "tests/support/temporary_folder.h"

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // What the operator would feel, from one snapshot to the next: contact, crunch of what is cut, and the break-through. Snapshots are only
 // 60 a second, so everything faster than that is found by differences of counters. A break-through is the loop's event and nothing else
-// (runtime/control/break_through.h).
+// (runtime/haptics/loop/break_through.h).
 
 const kContact_N = 1, kFree_N = 0.4;          // the contact begins above the first and is over below the second
 const kLoudCut_W = 0.5;                       // power of cutting at which the crunch is loudest

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // The elements that are known without DCMTK's dictionary, compared with that dictionary and with
 // the source files.
-#include "pipeline/read/dicom/dicom_dictionary.h"
+#include "pipeline/read/dicom/dicom_parse.h"
 
 #include <dcmtk/config/osconfig.h>
 #include <dcmtk/dcmdata/dctk.h>

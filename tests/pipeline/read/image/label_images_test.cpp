@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // Images as labels: the stored numbers and the indices of palettes, not grey levels.
-#include "pipeline/read/image/image_file.h"
+#include "pipeline/read/image_file.h"
 
 #include <gtest/gtest.h>
 #include <unistd.h>
@@ -13,7 +13,7 @@
 #include <utility>
 #include <vector>
 
-#include "formats/base/file_io.h"
+#include "formats/base/files.h"
 #include "pipeline/open/open_stack.h"
 #include "pipeline/read/slice_stack.h"
 

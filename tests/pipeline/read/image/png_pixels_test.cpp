@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // PNG files made here byte by byte, decoded by decode_png_pixels() and by libspng.
-#include "pipeline/read/image/png_pixels.h"
+#include "pipeline/read/image_file.h"
 
 #include <gtest/gtest.h>
 #include <spng.h>

@@ -1,0 +1,648 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "runtime/check/scene_check.h"
+
+#include <algorithm>
+#include <cmath>
+#include <functional>
+#include <limits>
+#include <optional>
+#include <utility>
+
+#include "formats/base/text.h"
+#include "runtime/session/force_law_table.h"
+#include "runtime/session/open_device.h"
+#include "runtime/session/session_options.h"
+
+namespace trocar::runtime {
+namespace {
+
+/// Describes what the threshold force at the puncture of a sheet demands of the device, if the sheet is touched
+/// at this pose.
+std::string describe_puncture(const DeviceSpecification& device, const TipForce& tip,
+                              const Tool& tool, Pose T_device_plate) {
+  T_device_plate.p_m.z() -= tip.threshold_N / tip.stiffness_N_per_m;
+  return device.describe_demand("threshold", T_device_plate,
+                                wrench_at({0, 0, tip.scale * tip.threshold_N},
+                                          T_device_plate * tool.tip_plate_m, T_device_plate));
+}
+
+}  // namespace
+
+Result<SceneRequirements> describe_requirements(
+    const Scene& scene, const DeviceSpecification& device,
+    const std::vector<std::unique_ptr<const Sheet>>& sheets,
+    const std::vector<Pose>& T_device_plate, const LoadedBytes& bytes,
+    const SessionOptions& options) {
+  const double rate_Hz = options.rate_Hz, duration_s = options.duration_s;
+  const Tool tool = make_tool(scene.tool);
+  // A sheet needs memory for its mesh and for two grids in which triangles are searched. The sheet's replicas
+  // (runtime/session/remesher.h) share it. If holes change the mesh, a replica needs more bytes, which are not counted.
+  std::uint64_t kept = 0;
+  for (const auto& sheet : sheets)
+    kept += sheet->mesh.bytes() + sheet->grid.bytes() + sheet->boundary_grid.bytes();
+  SceneRequirements needs;
+  std::string& out = needs.scene;
+  out += text_line("scene      %s\n", scene.name.c_str());
+  out += text_line(
+      "asset      %s: %zu of its %zu slices, %.1f of its %.1f kB read, %.1f kB kept in memory\n",
+      scene.asset.c_str(), sheets.size(), bytes.asset_slices, static_cast<double>(bytes.read) / 1e3,
+      static_cast<double>(bytes.asset) / 1e3, static_cast<double>(kept) / 1e3);
+  out += "device     " + std::string(device.name()) + ", " + device.describe_strength() + "\n";
+  out += text_line("loop       %.6g Hz for %.6g s: %llu ticks\n", rate_Hz, duration_s,
+                   static_cast<unsigned long long>(tick_count(duration_s, rate_Hz)));
+  out += text_line("tool       %d corners, %.3g mm from the axis\n", tool.sides,
+                   (tool.corner_plate_m[0] - tool.tip_plate_m).norm() * 1e3);
+
+  std::vector<const Sheet*> all;
+  all.reserve(sheets.size());
+  for (const auto& sheet : sheets)
+    all.push_back(sheet.get());
+  const auto law = make_force_law({scene, device, all, rate_Hz, {}, options.stiffness});
+  if (!law) return law.error();
+  out += (*law)->describe();
+  needs.stability_warning = (*law)->stability_warning();
+  for (std::size_t i = 0; i < sheets.size(); ++i) {
+    const Sheet& sheet = *sheets[i];
+    const Pose& T = T_device_plate[i];
+    const TipForce tip = (*law)->tip_force(i, sheet);
+    SliceRequirements slice;
+    slice.mesh =
+        text_line("slice %-4d at %.4f m: %zu vertices, %zu triangles; %.6g N/m up to %.6g N",
+                  sheet.slice_index, sheet.z_m, sheet.mesh.vertices_in_use(),
+                  sheet.mesh.triangles_in_use(), tip.stiffness_N_per_m, tip.threshold_N);
+    slice.force = describe_puncture(device, tip, tool, T) + (*law)->describe_sheet(i, sheet, T);
+    needs.slices.push_back(std::move(slice));
+  }
+  return needs;
+}
+
+namespace {
+
+// Limits of contact_feel.h.
+constexpr double kMaxPastFront_m = 3e-3, kMaxFrontJump_m = 1.5e-3, kMaxAlternation_N = 5,
+                 kMaxLetGo_m = 3e-3, kMaxLetGo_m_per_s = 0.25;
+
+std::string describe_point(const Eigen::Vector3d& p_m) {
+  return text_line("(%.4f, %.4f, %.4f) m", p_m.x(), p_m.y(), p_m.z());
+}
+
+Pose plate_at(const RecordingRow& row) {
+  return {Eigen::Vector3d(row.p_m.data()),
+          Eigen::Quaterniond(row.q[0], row.q[1], row.q[2], row.q[3])};
+}
+
+/// Returns advice on a pose that exceeds a limit.
+std::string advise_on_workspace(const SceneEvaluation& e, const Eigen::Vector3d& tip_m) {
+  const SafetyLimits& limits = e.options.limits;
+  if (const auto r = workspace_rectangle(e.device, limits, e.tool, tip_m.z())) {
+    const bool inside = (tip_m.head<2>().array() >= r->min_m.array()).all() &&
+                        (tip_m.head<2>().array() <= r->max_m.array()).all();
+    return inside ? std::string("turn or tilt the hand less there")
+                  : "keep the path at that height within " + describe_rectangle(*r);
+  }
+  const auto heights = workspace_heights(e.device, limits, e.tool);
+  return heights ? text_line("keep the path's height within %.3f to %.3f m", heights->min_m,
+                             heights->max_m)
+                 : "choose another device description: this one reaches nothing";
+}
+
+std::string advise(const SceneEvaluation& e, Fault fault, const Eigen::Vector3d& tip_m) {
+  switch (fault) {
+    case Fault::kWorkspace:
+    case Fault::kJointLimit:
+    case Fault::kSingularity:
+    case Fault::kPoseResidual:
+      return advise_on_workspace(e, tip_m);
+    case Fault::kToolTilt:
+      return "tilt the tool or the hand less";
+    case Fault::kSpeed:
+    case Fault::kEncoderJump:
+      return "move slower there, with later keyframes";
+    case Fault::kMotorOverload:
+      return "lower the tissue's threshold_N, or push for a shorter time";
+    case Fault::kTorqueRate:
+    case Fault::kTorqueLimit:
+    case Fault::kEnergyLimit:
+      return "lower the tissue's stiffness, damping or friction";
+    default:
+      return "run the session with --record and inspect its last rows";
+  }
+}
+
+std::string at_time(double t_s) {
+  return text_line("at %.4f s: ", t_s);
+}
+
+/// Returns the warning that a fault ends the session, if it does.
+std::optional<std::string> warn_of_end(const SceneEvaluation& e) {
+  if (!e.dry_run) {
+    const HandKeyframe& start = e.path.keyframes.front();
+    const Eigen::Vector3d& tip_m = start.T_device_tool.p_m;
+    const std::string what =
+        e.report.breaches.empty() ? std::string("out of reach") : e.report.breaches.front().what;
+    return at_time(0) + "the session cannot start with the tip at " + describe_point(tip_m) + ": " +
+           what + ": " + advise_on_workspace(e, tip_m);
+  }
+  const DryRun& dry_run = *e.dry_run;
+  if (dry_run.fault != Fault::kNone) {
+    const std::string what = measured(dry_run.fault);
+    // If a check failed, the pose in the row is that of an earlier tick.
+    const Pose T_device_plate =
+        e.device.pose_of(dry_run.at_fault).value_or(plate_at(dry_run.at_fault));
+    return at_time(dry_run.fault_t_s) + "the session ends with the fault " +
+           to_string(Fault{dry_run.fault}) + (what.empty() ? "" : ": " + what) + ": " +
+           advise(e, dry_run.fault, T_device_plate * e.tool.tip_plate_m);
+  }
+  if (!dry_run.is_shortened()) return std::nullopt;
+  const PathReport rest = evaluate_path(e.path, e.device, e.options.limits, e.tool,
+                                        e.dry_run_end_s(), std::max(e.let_go_s, e.dry_run_end_s()));
+  if (rest.breaches.empty() || e.let_go_s <= e.dry_run_end_s()) return std::nullopt;
+  const PathBreach& breach = rest.breaches.front();
+  return at_time(breach.t_s) + "the path leads to the fault " + to_string(breach.fault) + ": " +
+         breach.what + ": " + advise(e, breach.fault, breach.tip_m);
+}
+
+/// Returns a text such as "slices 3-5 at 0.1200 to 0.1400 m". `sheets`: the topmost first.
+std::string name_sheets(const SceneEvaluation& e, const std::vector<std::size_t>& sheets) {
+  std::vector<int> slices;
+  slices.reserve(sheets.size());
+  for (const std::size_t i : sheets)
+    slices.push_back(e.sheets[i]->slice_index);
+  const double high_m = e.sheets[sheets.front()]->z_m, low_m = e.sheets[sheets.back()]->z_m;
+  return name_slices(slices) + (sheets.size() == 1
+                                    ? text_line(" at %.4f m", high_m)
+                                    : text_line(" at %.4f to %.4f m", low_m, high_m));
+}
+
+/// Describes the extent of a sheet's material in {B}, and its point nearest to `from_m`.
+std::string describe_material(const Sheet& sheet, const Eigen::Vector2d& from_m) {
+  Eigen::Vector2d low_m = Eigen::Vector2d::Constant(std::numeric_limits<double>::infinity());
+  Eigen::Vector2d high_m = -low_m, nearest_m = low_m;
+  for (const Triangle& triangle : sheet.mesh.triangles) {
+    if (triangle == kFreeSlot) continue;
+    for (const std::uint32_t v : triangle) {
+      const LatticePoint p = sheet.mesh.vertices[v];
+      const Eigen::Vector2d at_m = sheet.transform.to_scene(
+          Eigen::Vector2d(static_cast<double>(p.x), static_cast<double>(p.y)));
+      low_m = low_m.cwiseMin(at_m);
+      high_m = high_m.cwiseMax(at_m);
+      if ((at_m - from_m).norm() < (nearest_m - from_m).norm()) nearest_m = at_m;
+    }
+  }
+  return text_line(
+      "its material lies within x %.4f to %.4f, y %.4f to %.4f m, the nearest at "
+      "(%.4f, %.4f) m",
+      low_m.x(), high_m.x(), low_m.y(), high_m.y(), nearest_m.x(), nearest_m.y());
+}
+
+/// Returns the sheet above sheet `index` that was loaded last and was not punctured.
+std::optional<std::size_t> find_loaded_sheet(const DryRun& dry_run, std::size_t index) {
+  std::optional<std::size_t> last;
+  for (std::size_t i = 0; i < index; ++i) {
+    const SheetDryRun& above = dry_run.sheets[i];
+    const bool came_through = above.punctured_t_s >= above.loaded_t_s;
+    if (!above.touched || came_through) continue;
+    if (!last || above.loaded_t_s >= dry_run.sheets[*last].loaded_t_s) last = i;
+  }
+  return last;
+}
+
+/// Returns the reason why a sheet was not touched although the path crosses its material.
+std::string describe_held(const SceneEvaluation& e, std::size_t index) {
+  const DryRun& dry_run = *e.dry_run;
+  if (dry_run.sheets[index].missed) {
+    return "the tool does not stay on the path and misses the material: use a stiffer hand "
+           "or a slower path";
+  }
+  const std::string lowest = text_line("the tool gets no lower than %.4f m", dry_run.tip_lowest_m);
+  const std::optional<std::size_t> bearing = find_loaded_sheet(dry_run, index);
+  if (!bearing) return lowest + ": use a stiffer hand, or give the path more time";
+  const std::optional<double> threshold_N = rendered_threshold_N(e, *bearing);
+  return (dry_run.tip_lowest_m < e.sheets[index]->z_m ? "" : lowest + ", where ") +
+         name_sheets(e, {*bearing}) +
+         text_line(" bears it, with up to %.1f", dry_run.sheets[*bearing].force_max_N) +
+         (threshold_N ? text_line(" of %.6g N", *threshold_N) : std::string(" N")) +
+         ": push deeper or with a stiffer hand, or lower " +
+         (threshold_N ? "that slice's threshold_N" : "force_scale");
+}
+
+/// Describes the first of several sheets whose material the path misses.
+std::string describe_missed(const SceneEvaluation& e, const std::vector<std::size_t>& sheets) {
+  const SheetCrossing& crossing = *e.views[sheets.front()].crossing;
+  const Sheet& sheet = *e.sheets[sheets.front()];
+  return (sheets.size() == 1 ? "" : name_slices({sheet.slice_index}) + ": ") +
+         text_line(
+             "%.0f %% of the tool over material at %.4f s, where the path goes through at (%.4f, "
+             "%.4f) m, and contact takes %.0f %%; ",
+             100 * crossing.coverage, crossing.t_s, crossing.tip_m.x(), crossing.tip_m.y(),
+             100 * ContactModel{}.min_coverage) +
+         describe_material(sheet, crossing.tip_m.head<2>()) + ": move the path or the placement";
+}
+
+std::string warn_of_miss(const SceneEvaluation& e, Miss miss,
+                         const std::vector<std::size_t>& sheets) {
+  const std::optional<SheetCrossing>& crossing = e.views[sheets.front()].crossing;
+  std::string text = name_sheets(e, sheets) + ": never touched: ";
+  switch (miss) {
+    case Miss::kBeginsBelow:
+      text += text_line("the path begins below, with the tip at %.4f m: begin above",
+                        e.path.keyframes.front().T_device_tool.p_m.z());
+      break;
+    case Miss::kStaysAbove:
+      text += text_line(
+          "the path stays above, with the lowest tip at %.4f m: lower the path, or raise the slice",
+          e.report.tip_min_m.z());
+      break;
+    case Miss::kTooLate:
+      text += text_line(
+          "the path goes below at %.4f s, and the session ends at %.6g s: raise --duration or "
+          "duration_s",
+          crossing->t_s, e.options.duration_s);
+      break;
+    case Miss::kLetGo:
+      text += text_line(
+          "the hand lets go at %.6g s, and the path goes below at %.4f s: raise let_go_t_s",
+          *e.scene.hand.let_go_t_s, crossing->t_s);
+      break;
+    case Miss::kMissed:
+      text += describe_missed(e, sheets);
+      break;
+    case Miss::kHeld:
+      text += describe_held(e, sheets.front());
+      break;
+    case Miss::kTouched:
+      break;
+  }
+  return text;
+}
+
+void warn_of_misses(const SceneEvaluation& e, std::vector<std::string>& warnings) {
+  for (const Miss miss : {Miss::kBeginsBelow, Miss::kStaysAbove, Miss::kTooLate, Miss::kLetGo,
+                          Miss::kMissed, Miss::kHeld}) {
+    std::vector<std::size_t> sheets;
+    for (std::size_t i = 0; i < e.views.size(); ++i) {
+      if (e.views[i].miss == miss) sheets.push_back(i);
+    }
+    if (!sheets.empty()) warnings.push_back(warn_of_miss(e, miss, sheets));
+  }
+}
+
+/// Warns of contact that does not feel like bone (contact_feel.h).
+void warn_of_feel(const SceneEvaluation& e, std::vector<std::string>& warnings) {
+  if (!e.dry_run) return;
+  const ContactFeel& feel = e.dry_run->feel;
+  if (feel.past_front.value > kMaxPastFront_m)
+    warnings.push_back(
+        at_time(feel.past_front.t_s) +
+        text_line("the tip is %.1f mm past the front that bears it, and snaps when "
+                  "that breaks; bone lets it sink in by at most %.1f mm: raise or "
+                  "leave out stiffness_N_per_m and coupling_N_per_m, or raise --rate",
+                  1e3 * feel.past_front.value, 1e3 * kMaxPastFront_m));
+  if (feel.front_jump.value > kMaxFrontJump_m)
+    warnings.push_back(
+        at_time(feel.front_jump.t_s) +
+        text_line("the front moves %.1f mm in one tick, more than %.1f mm: raise or "
+                  "leave out stiffness_N_per_m and coupling_N_per_m, or raise --rate",
+                  1e3 * feel.front_jump.value, 1e3 * kMaxFrontJump_m));
+  if (feel.alternation.value > kMaxAlternation_N)
+    warnings.push_back(at_time(feel.alternation.t_s) +
+                       text_line("the force alternates by %.1f N from tick to tick: lower the "
+                                 "tissue's stiffness, damping or friction, or raise --rate",
+                                 feel.alternation.value));
+  if (!e.let_go) return;
+  const LetGoTrial& trial = *e.let_go;
+  if (trial.fault != Fault::kNone)
+    warnings.push_back(std::string("a hand that lets go in the bone causes the fault ") +
+                       to_string(trial.fault) +
+                       ": lower force_scale or the tissue's strength, or raise --rate");
+  else if (trial.speed_m_per_s > kMaxLetGo_m_per_s || trial.distance_m > kMaxLetGo_m)
+    warnings.push_back(
+        at_time(trial.t_s) +
+        text_line("a hand that lets go is pushed away by up to %.1f mm at %.2f m/s, more than %.1f "
+                  "mm or %.2f m/s: lower force_scale, or raise --rate",
+                  1e3 * trial.distance_m, trial.speed_m_per_s, 1e3 * kMaxLetGo_m,
+                  kMaxLetGo_m_per_s));
+}
+
+/// Returns the warning about a target that the tip cannot reach, if it cannot.
+std::optional<std::string> warn_of_target(const SceneEvaluation& e) {
+  if (!e.scene.goals || !e.scene.goals->target) return std::nullopt;
+  const Eigen::Vector3d at_m(e.scene.goals->target->at_m.data());
+  const double radius_m = e.scene.goals->target->radius_m;
+  const auto r = workspace_rectangle(e.device, e.options.limits, e.tool, at_m.z());
+  if (r && (at_m.head<2>().array() >= r->min_m.array() - radius_m).all() &&
+      (at_m.head<2>().array() <= r->max_m.array() + radius_m).all())
+    return std::nullopt;
+  return "goals: the target at " + describe_point(at_m) +
+         " cannot be reached with the plate upright, where the tip gets to " +
+         (r ? describe_rectangle(*r) : std::string("nothing at that height")) + ": move it";
+}
+
+/// Warns of what does not depend on how the hand moves.
+void warn_of_scene(const SceneEvaluation& e, const std::vector<SliceTissue>& tissues,
+                   std::vector<std::string>& warnings) {
+  if (const auto unfitting = warn_of_unfitting(e.scene, tissues)) warnings.push_back(*unfitting);
+  if (const auto target = warn_of_target(e)) warnings.push_back(*target);
+}
+
+}  // namespace
+
+std::vector<std::string> find_warnings(const SceneEvaluation& e,
+                                       const std::vector<SliceTissue>& tissues) {
+  std::vector<std::string> warnings;
+  const std::optional<std::string> end = warn_of_end(e);
+  if (end) warnings.push_back(*end);
+  // A path that ends within a bone volume does not cross all of its slices.
+  const bool ends_in_volume =
+      e.scene.body && std::any_of(e.views.begin(), e.views.end(), [](const SheetView& view) {
+        return view.miss == Miss::kTouched;
+      });
+  if (!ends_in_volume) warn_of_misses(e, warnings);
+  if (e.dry_run && e.dry_run->scaled_ticks > 0 && e.dry_run->fault != Fault::kMotorOverload) {
+    const auto peak_Nm = e.device.motors_and_joints().motor_peak_torque_Nm;
+    warnings.push_back(
+        at_time(e.dry_run->scaled_t_s) +
+        (peak_Nm ? text_line("the motors, of %.3g Nm, render", *peak_Nm)
+                 : std::string("the device renders")) +
+        text_line(" too little force, down to %.0f %% of it, in %llu ticks: lower "
+                  "the tissue's threshold_N or stiffness, or push for a shorter time",
+                  100 * e.dry_run->scale_min,
+                  static_cast<unsigned long long>(e.dry_run->scaled_ticks)));
+  }
+  if (e.dry_run && e.dry_run->hole_error) {
+    warnings.push_back("a hole cannot be cut: " + e.dry_run->hole_error->message);
+  }
+  warn_of_feel(e, warnings);
+  warn_of_scene(e, tissues, warnings);
+  return warnings;
+}
+
+std::vector<std::string> find_live_hand_warnings(const SceneEvaluation& e,
+                                                 const std::vector<SliceTissue>& tissues,
+                                                 const Result<LiveHandLimits>& hand) {
+  std::vector<std::string> warnings;
+  std::vector<std::size_t> outside;
+  if (!hand) warnings.push_back(hand.error().message);
+  for (std::size_t i = 0; hand && i < e.sheets.size(); ++i) {
+    if (e.sheets[i]->z_m < hand->min_m.z() || e.sheets[i]->z_m > hand->max_m.z())
+      outside.push_back(i);
+  }
+  if (!outside.empty())
+    warnings.push_back(name_sheets(e, outside) +
+                       text_line(": out of the live hand's heights, which are %.4f to %.4f m: move "
+                                 "the slices, or begin at another height",
+                                 hand->min_m.z(), hand->max_m.z()));
+  warn_of_scene(e, tissues, warnings);
+  return warnings;
+}
+
+namespace {
+
+SheetView view_sheet(const SceneEvaluation& e, std::size_t index) {
+  const ContactModel contact;
+  const Sheet& sheet = *e.sheets[index];
+  const std::vector<SheetCrossing> crossings = sheet_crossings(e.path, e.tool, sheet);
+  const auto touches = [&](const SheetCrossing& each) {
+    return each.t_s <= e.let_go_s && each.coverage >= contact.min_coverage;
+  };
+  SheetView view;
+  if (crossings.empty()) {
+    const double begin_m = e.path.keyframes.front().T_device_tool.p_m.z();
+    view.miss = begin_m < sheet.z_m ? Miss::kBeginsBelow : Miss::kStaysAbove;
+  } else {
+    const auto first = std::find_if(crossings.begin(), crossings.end(), touches);
+    view.crossing = first == crossings.end() ? crossings.front() : *first;
+    view.miss = first != crossings.end()          ? Miss::kHeld
+                : view.crossing->t_s > e.end_s    ? Miss::kTooLate
+                : view.crossing->t_s > e.let_go_s ? Miss::kLetGo
+                                                  : Miss::kMissed;
+  }
+  const bool touched = e.dry_run && e.dry_run->sheets[index].touched;
+  // After a fault, or after the end of the dry run, only the path shows whether the
+  // slice is touched.
+  const bool unknown =
+      view.miss == Miss::kHeld && (e.has_fault() || view.crossing->t_s >= e.dry_run_end_s());
+  if (touched || unknown) view.miss = Miss::kTouched;
+  return view;
+}
+
+}  // namespace
+
+Result<SceneEvaluation> evaluate_scene(const Scene& scene, const DeviceToCheck& device,
+                                       const std::vector<std::unique_ptr<const Sheet>>& sheets,
+                                       const SessionOptions& options) {
+  SceneEvaluation e{
+      .scene = scene, .device = device.specification, .sheets = sheets, .options = options};
+  e.tool = make_tool(scene.tool);
+  e.path = hand_trajectory(scene);
+  e.end_s =
+      static_cast<double>(tick_count(options.duration_s, options.rate_Hz) - 1) / options.rate_Hz;
+  e.let_go_s = std::min(e.end_s, scene.hand.let_go_t_s.value_or(e.end_s));
+  e.report = evaluate_path(e.path, e.device, options.limits, e.tool, 0, e.let_go_s);
+  if (scene.hand.live) {
+    e.views.resize(sheets.size());
+    return e;
+  }
+  const auto first = device.simulate(scene);
+  if (!first && first.error().code != ExitCode::kRefused) return first.error();
+  if (first) {  // otherwise the session cannot start
+    Result<DryRun> dry_run = run_dry_run(scene, device, sheets, options);
+    if (!dry_run) return dry_run.error();
+    e.dry_run = std::move(*dry_run);
+    if (scene.force_law.kind == ForceLawKind::kCutting) {
+      auto let_go = try_letting_go(scene, device, sheets, options, *e.dry_run);
+      if (!let_go) return let_go.error();
+      e.let_go = *let_go;
+    }
+  }
+  for (std::size_t i = 0; i < sheets.size(); ++i)
+    e.views.push_back(view_sheet(e, i));
+  return e;
+}
+
+std::optional<double> rendered_threshold_N(const SceneEvaluation& e, std::size_t index) {
+  const Tissue& tissue = e.sheets[index]->tissue;
+  if (e.scene.force_law.kind == ForceLawKind::kCutting && tissue.cut) return std::nullopt;
+  return e.scene.force_law.force_scale * tissue.threshold_N;
+}
+
+std::string describe_rectangle(const WorkspaceRectangle& rectangle) {
+  return text_line("x %.3f to %.3f, y %.3f to %.3f m", rectangle.min_m.x(), rectangle.max_m.x(),
+                   rectangle.min_m.y(), rectangle.max_m.y());
+}
+
+namespace {
+
+constexpr std::size_t kMaxListedHeights = 5;
+
+std::string describe_path(const SceneEvaluation& e) {
+  const PathReport& r = e.report;
+  std::string out = text_line(
+      "path       %.6g s, tip x %.4f to %.4f, y %.4f to %.4f, z %.4f to %.4f m; speed at most %.3g "
+      "of %.4g m/s\n",
+      std::min(e.path.keyframes.back().t_s, e.options.duration_s), r.tip_min_m.x(), r.tip_max_m.x(),
+      r.tip_min_m.y(), r.tip_max_m.y(), r.tip_min_m.z(), r.tip_max_m.z(), r.speed_max_m_per_s,
+      e.options.limits.speed_max_m_per_s);
+  out += text_line(
+      "           plate %.1f mm %s the workspace's box, tilted by at most %.1f of %.1f "
+      "deg",
+      1e3 * std::abs(r.box_min_m), r.box_min_m < 0 ? "outside" : "within",
+      r.tilt_max_rad * kDegreesPerRadian, e.options.limits.plate_tilt_max_rad * kDegreesPerRadian);
+  const std::string own = r.device.is_reachable ? e.device.describe_margins(r.device) : "";
+  out += own.empty() ? "\n" : "; " + own + "\n";
+  if (e.has_fault() || r.breaches.empty() || r.breaches.front().t_s > e.dry_run_end_s()) return out;
+  return out + text_line(
+                   "           at %.4f s the hand pulls beyond a limit (%s), but the tool does "
+                   "not get there\n",
+                   r.breaches.front().t_s, r.breaches.front().what.c_str());
+}
+
+std::string describe_workspace(const SceneEvaluation& e) {
+  const SafetyLimits& limits = e.options.limits;
+  const auto heights = workspace_heights(e.device, limits, e.tool);
+  if (!heights) return "workspace  nothing with the plate upright\n";
+  std::string out = text_line(
+      "workspace  tip, with the plate upright: z %.3f to %.3f m above the device's middle\n",
+      heights->min_m, heights->max_m);
+  std::vector<double> all_m{e.report.tip_max_m.z(), e.report.tip_min_m.z()};
+  for (const auto& sheet : e.sheets)
+    all_m.push_back(sheet->z_m);
+  std::sort(all_m.begin(), all_m.end(), std::greater<>());
+  all_m.erase(std::unique(all_m.begin(), all_m.end()), all_m.end());
+  const std::size_t count = std::min(all_m.size(), kMaxListedHeights);
+  std::string last, high;                    // range of heights with the same rectangle
+  for (std::size_t k = 0; k < count; ++k) {  // choose evenly, including the first and the last
+    const std::size_t at = count == 1 ? 0 : k * (all_m.size() - 1) / (count - 1);
+    const auto rectangle = workspace_rectangle(e.device, limits, e.tool, all_m[at]);
+    const std::string extent = rectangle ? describe_rectangle(*rectangle) : "nothing";
+    const std::string height = text_line("%.4f", all_m[at]);
+    if (extent == last) {
+      out.resize(out.rfind("           at "));
+      out +=
+          text_line("           at %s to %s m %s\n", height.c_str(), high.c_str(), extent.c_str());
+      continue;
+    }
+    last = extent;
+    high = height;
+    out += text_line("           at %s m %s\n", height.c_str(), extent.c_str());
+  }
+  return out;
+}
+
+std::string describe_live_hand(const LiveHandLimits& hand) {
+  const Eigen::Vector3d& at_m = hand.T_device_tool_start.p_m;
+  return text_line(
+      "hand       live, begins with the tip at (%.4f, %.4f, %.4f) m; moves within x %.3f to %.3f, "
+      "y %.3f "
+      "to %.3f, z %.3f to %.3f m, at up to %.2f m/s; no dry run\n",
+      at_m.x(), at_m.y(), at_m.z(), hand.min_m.x(), hand.max_m.x(), hand.min_m.y(), hand.max_m.y(),
+      hand.min_m.z(), hand.max_m.z(), hand.speed_max_m_per_s);
+}
+
+std::string describe_feel(const SceneEvaluation& e) {
+  const ContactFeel& feel = e.dry_run->feel;
+  std::string out = text_line(
+      "           the law wants %.2f to %.2f N along z; at most %.2f N alternate from "
+      "tick to tick\n",
+      feel.wanted_least_N, feel.wanted_most.value, feel.alternation.value);
+  if (e.scene.force_law.kind != ForceLawKind::kCutting) return out;
+  out += text_line(
+      "           tip at most %.2f mm past the front that bears it; the front moves at most "
+      "%.2f mm in a tick\n",
+      1e3 * feel.past_front.value, 1e3 * feel.front_jump.value);
+  if (e.let_go)
+    out += text_line(
+        "           letting go at %d moments: the plate moves at most %.2f mm, at up to %.3f m/s\n",
+        e.let_go->moments, 1e3 * e.let_go->distance_m, e.let_go->speed_m_per_s);
+  return out;
+}
+
+std::string describe_dry_run(const SceneEvaluation& e) {
+  if (!e.dry_run) return "dry run    none: the session cannot start\n";
+  const DryRun& dry_run = *e.dry_run;
+  const auto touched = std::count_if(dry_run.sheets.begin(), dry_run.sheets.end(),
+                                     [](const SheetDryRun& each) { return each.touched; });
+  const auto punctured =
+      std::count_if(dry_run.sheets.begin(), dry_run.sheets.end(),
+                    [](const SheetDryRun& each) { return each.punctured_t_s >= 0; });
+  std::string out = text_line("dry run    %llu ticks in virtual time",  //
+                              static_cast<unsigned long long>(dry_run.ticks));
+  if (dry_run.is_shortened()) {
+    out += text_line(", %.6g of %.6g s; after that only the path is evaluated", e.dry_run_end_s(),
+                     e.options.duration_s);
+  }
+  out +=
+      dry_run.fault == Fault::kNone
+          ? std::string(": no fault")
+          : text_line(": fault %s at %.4f s", to_string(Fault{dry_run.fault}), dry_run.fault_t_s);
+  out += text_line("; %d of %zu slices touched, %d punctured; at most %.2f N",
+                   static_cast<int>(touched), dry_run.sheets.size(), static_cast<int>(punctured),
+                   dry_run.force_max_N);
+  if (const auto peak_Nm = e.device.motors_and_joints().motor_peak_torque_Nm)
+    out += text_line(" and %.2f of %.2f Nm", dry_run.torque_max_Nm, *peak_Nm);
+  return out + '\n' + describe_feel(e);
+}
+
+std::string describe_slice(const SceneEvaluation& e, std::size_t index,
+                           const SliceRequirements& needs, const TissueChoice& choice) {
+  const std::optional<SheetCrossing>& crossing = e.views[index].crossing;
+  std::string out = needs.mesh + "; " + describe_choice(e.scene, choice) + "\n           ";
+  out += crossing ? text_line(
+                        "the path goes through at %.4f s at (%.4f, %.4f) m: %.0f %% of the "
+                        "tool over material; ",
+                        crossing->t_s, crossing->tip_m.x(), crossing->tip_m.y(),
+                        100 * crossing->coverage)
+                  : std::string(e.scene.hand.live ? "" : "the path does not go through; ") +
+                        "at the anchor ";
+  out += needs.force + '\n';
+  if (!e.dry_run || !e.dry_run->sheets[index].touched) return out;
+  const SheetDryRun& sheet = e.dry_run->sheets[index];
+  out += text_line("           touched at %.4f s, bears at most %.2f", sheet.touched_t_s,
+                   sheet.force_max_N);
+  const std::optional<double> threshold_N = rendered_threshold_N(e, index);
+  out += threshold_N ? text_line(" of %.6g N", *threshold_N) : std::string(" N");
+  return out + (sheet.punctured_t_s >= 0 ? text_line(", punctured at %.4f s\n", sheet.punctured_t_s)
+                                         : std::string(", not punctured\n"));
+}
+
+/// Returns the poses in which the tool is assumed to touch the sheets.
+std::vector<Pose> touching_poses(const SceneEvaluation& e) {
+  std::vector<Pose> poses;
+  for (std::size_t i = 0; i < e.sheets.size(); ++i) {
+    const std::optional<SheetCrossing>& crossing = e.views[i].crossing;
+    poses.push_back(crossing && is_upright(e.tool, crossing->T_device_plate)
+                        ? crossing->T_device_plate
+                        : over_anchor(*e.sheets[i], e.tool));
+  }
+  return poses;
+}
+
+}  // namespace
+
+Result<SceneCheck> check_scene(const Scene& scene, const DeviceToCheck& device,
+                               const std::vector<std::unique_ptr<const Sheet>>& sheets,
+                               const std::vector<SliceTissue>& tissues, const LoadedBytes& bytes,
+                               const SessionOptions& options) {
+  Result<SceneEvaluation> evaluated = evaluate_scene(scene, device, sheets, options);
+  if (!evaluated) return evaluated.error();
+  const SceneEvaluation& e = *evaluated;
+  const Result<SceneRequirements> needs =
+      describe_requirements(scene, e.device, sheets, touching_poses(e), bytes, options);
+  if (!needs) return needs.error();
+  SceneCheck check;
+  if (scene.hand.live) {
+    const Result<LiveHandLimits> hand = live_hand_limits(scene, e.device, options.limits);
+    check.text = needs->scene + describe_workspace(e) + (hand ? describe_live_hand(*hand) : "");
+    check.warnings = find_live_hand_warnings(e, tissues, hand);
+  } else {
+    check.text = needs->scene + describe_workspace(e) + describe_path(e) + describe_dry_run(e);
+    check.warnings = find_warnings(e, tissues);
+  }
+  for (std::size_t i = 0; i < sheets.size(); ++i)
+    check.text += describe_slice(e, i, needs->slices[i], tissues[i].choice);
+  if (options.is_stopped()) return interrupted();
+  if (!needs->stability_warning.empty()) check.warnings.push_back(needs->stability_warning);
+  return check;
+}
+
+}  // namespace trocar::runtime

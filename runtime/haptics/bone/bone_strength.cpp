@@ -1,0 +1,85 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "runtime/haptics/bone/bone_strength.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+
+namespace trocar::runtime {
+namespace {
+
+constexpr std::string_view kKopperdahl =
+    "D. Kopperdahl, E. Morgan, T. Keaveny, J. Orthop. Res. 20 (2002), human vertebrae";
+
+constexpr std::array<BoneLaw, 4> kLaws{{
+    {.name = "kopperdahl-linear",
+     .source = kKopperdahl,
+     .modulus_MPa = {-34.7, 3230, 1},
+     .strength_MPa = DensityLaw{-0.75, 24.9, 1},
+     .kind = DensityKind::kQct},
+    {.name = "kopperdahl-power",
+     .source = kKopperdahl,
+     .modulus_MPa = {0, 2980, 1.05},
+     .strength_MPa = DensityLaw{0, 37.4, 1.39},
+     .kind = DensityKind::kQct},
+    {.name = "morgan",
+     .source = "E. Morgan, H. Bayraktar, T. Keaveny, J. Biomech. 36 (2003), human vertebrae",
+     .modulus_MPa = {0, 4730, 1.56},
+     .strength_MPa = std::nullopt,
+     .kind = DensityKind::kApparent},
+    {.name = "keller",
+     .source = "T. Keller, J. Biomech. 27 (1994), human vertebrae",
+     .modulus_MPa = {0, 1890, 1.92},
+     .strength_MPa = std::nullopt,
+     .kind = DensityKind::kAsh},
+}};
+
+constexpr std::string_view kSchileo = "E. Schileo et al., J. Biomech. 41 (2008): ash over apparent";
+constexpr double kAshOverApparent = 0.598;
+
+constexpr std::array<DensityConversion, 2> kConversions{{
+    {DensityKind::kAsh, DensityKind::kApparent, 1 / kAshOverApparent, kSchileo},
+    {DensityKind::kApparent, DensityKind::kAsh, kAshOverApparent, kSchileo},
+}};
+
+}  // namespace
+
+std::string_view name_of(DensityKind kind) noexcept {
+  switch (kind) {
+    case DensityKind::kQct:
+      return "QCT mineral density";
+    case DensityKind::kAsh:
+      return "ash density";
+    case DensityKind::kApparent:
+      return "apparent density";
+  }
+  return "unknown density";
+}
+
+double density_of(const HuCalibration& calibration, double HU) noexcept {
+  return std::max(0.0, calibration.at_0_HU + calibration.per_HU * HU);
+}
+
+std::span<const BoneLaw> bone_laws() noexcept {
+  return kLaws;
+}
+
+const BoneLaw* find_bone_law(std::string_view name) noexcept {
+  const auto at = std::find_if(kLaws.begin(), kLaws.end(),
+                               [&](const BoneLaw& law) { return law.name == name; });
+  return at == kLaws.end() ? nullptr : &*at;
+}
+
+double value_of(const DensityLaw& law, double density) noexcept {
+  if (!(density > 0)) return std::max(law.constant, 0.0);
+  return std::max(law.constant + law.factor * std::pow(density, law.exponent), 0.0);
+}
+
+const DensityConversion* find_conversion(DensityKind from, DensityKind to) noexcept {
+  const auto at =
+      std::find_if(kConversions.begin(), kConversions.end(),
+                   [&](const DensityConversion& c) { return c.from == from && c.to == to; });
+  return at == kConversions.end() ? nullptr : &*at;
+}
+
+}  // namespace trocar::runtime

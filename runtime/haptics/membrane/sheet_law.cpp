@@ -1,0 +1,308 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "runtime/haptics/membrane/sheet_law.h"
+
+#include <algorithm>
+#include <array>
+#include <chrono>
+#include <cmath>
+#include <limits>
+#include <nlohmann/json.hpp>
+#include <utility>
+#include <vector>
+
+#include "formats/base/json.h"
+#include "formats/base/text.h"
+#include "runtime/haptics/membrane/response.h"
+
+namespace trocar::runtime {
+namespace {
+
+constexpr int kMaxPropagationTicks = 500;
+constexpr double kSettled = 1e-6;  // relative change of the force per tick, at most
+
+ResponseOptions options_of(const SceneForceLaw& law) {
+  ResponseOptions options;
+  options.error_bound = law.solver == NetworkSolver::kAuto ? law.error_bound : 0;
+  options.region.radius_m =
+      law.solver == NetworkSolver::kLocal ? law.radius_m : std::numeric_limits<double>::infinity();
+  // The depth of a propagation is counted in nodes of the sheet's own mesh, so the mesh
+  // is not graded.
+  options.region.grading.graded = law.solver != NetworkSolver::kPropagation;
+  return options;
+}
+
+/// Returns the force per depth to which the propagation converges.
+double settled_stiffness_N_per_m(const Region& region, const SceneForceLaw& law) {
+  PropagationOptions options;
+  options.depth = law.depth;
+  const PropagationPlan plan = plan_propagation(region.network, region.mesh.kind, options);
+  PropagationState state = make_propagation_state(region.network, plan);
+  double force_N = 0;
+  for (int tick = 0; tick < kMaxPropagationTicks; ++tick) {
+    const double next_N = propagate(region.network, plan, 1, state);
+    const bool settled = std::abs(next_N - force_N) <= kSettled * std::abs(next_N);
+    force_N = next_N;
+    if (settled) break;
+  }
+  const double of_network_N = region.solution.stiffness_N_per_m;
+  return region.response.stiffness_N_per_m - of_network_N + force_N;
+}
+
+void find_seeds_in_grid(const Sheet& sheet, const LatticeOutline& outline,
+                        std::vector<std::uint32_t>& seeds) {
+  seeds.clear();
+  sheet.grid.for_each(sheet.mesh, box_around(outline),
+                      [&](std::uint32_t t) { seeds.push_back(t); });
+  std::sort(seeds.begin(), seeds.end());
+}
+
+SheetShape shape_of(const Sheet& sheet, Region region) {
+  SheetShape shape;
+  shape.slice_index = sheet.slice_index;
+  shape.cuts = sheet.cuts;
+  shape.z_m = sheet.z_m;
+  for (const LatticePoint p : region.mesh.mesh.vertices) {
+    const Eigen::Vector2d xy_m = sheet.transform.to_scene({p.x, p.y});
+    shape.vertices_m.push_back({xy_m.x(), xy_m.y()});
+  }
+  shape.triangles = std::move(region.mesh.mesh.triangles);
+  shape.w = std::move(region.solution.w);
+  return shape;
+}
+
+}  // namespace
+
+Result<std::unique_ptr<NetworkPrefetch>> NetworkPrefetch::make(
+    const Scene& scene, const std::vector<Tissue>& tissue_of_sheet, const Lattice& lattice) {
+  std::unique_ptr<NetworkPrefetch> prefetch(new NetworkPrefetch);
+  prefetch->law_ = scene.force_law;
+  SceneTool upright = scene.tool;
+  upright.tilt_deg = 0;
+  PlanarTransform transform;
+  transform.lattice = lattice;
+  Pose T_device_plate;
+  const Tool tool = make_tool(upright);
+  T_device_plate.p_m = -tool.tip_plate_m;
+  const Ring outline = to_ring(outline_on_lattice(tool, T_device_plate, transform, 0));
+  const Grading grading = options_of(scene.force_law).region.grading;
+  for (std::size_t i = 0; i < tissue_of_sheet.size(); ++i) {
+    const Tissue& tissue = tissue_of_sheet[i];
+    // Sheets of equal stiffness share a membrane: all other values are common to the scene.
+    const auto before = std::find_if(
+        tissue_of_sheet.begin(), tissue_of_sheet.end(),
+        [&](const Tissue& other) { return other.stiffness_N_per_m == tissue.stiffness_N_per_m; });
+    const auto index_before = static_cast<std::size_t>(before - tissue_of_sheet.begin());
+    if (index_before < i) {
+      prefetch->membrane_.push_back(prefetch->membrane_[index_before]);
+      continue;
+    }
+    ++prefetch->report_.calibrations;
+    const auto found = calibrate(tissue.stiffness_N_per_m, scene.force_law.decay_length_m, outline,
+                                 lattice, grading);
+    if (!found) return found.error();
+    prefetch->membrane_.push_back(found->membrane);
+  }
+  return prefetch;
+}
+
+std::optional<PrefetchedStiffness> NetworkPrefetch::answer(const PrefetchRequest& request,
+                                                           const Sheet& sheet) {
+  if (request.sheet < 0 || request.outline.size == 0) return std::nullopt;
+  if (request.sheet == last_.sheet && request.outline == last_.outline && sheet.cuts == last_cuts_)
+    return std::nullopt;
+  last_ = request;
+  last_cuts_ = sheet.cuts;
+  const auto start = std::chrono::steady_clock::now();
+  find_seeds_in_grid(sheet, request.outline, seeds_);
+  auto region = prepare_region(
+      sheet.mesh, seeds_, to_ring(request.outline), sheet.transform.lattice,
+      membrane_[static_cast<std::size_t>(request.sheet)], options_of(law_), workspace_);
+  if (!region) {
+    ++report_.failures;
+    return std::nullopt;
+  }
+  const RegionResponse& found = region->response;
+  PrefetchedStiffness out;
+  out.sheet = request.sheet;
+  out.stiffness_N_per_m = law_.solver == NetworkSolver::kPropagation
+                              ? settled_stiffness_N_per_m(*region, law_)
+                              : found.stiffness_N_per_m;
+  if (!(out.stiffness_N_per_m > 0)) return std::nullopt;
+  const Eigen::Vector2d centre_m = sheet.transform.to_scene(found.centre_steps);
+  out.offset_m = {centre_m.x() - request.middle_m[0], centre_m.y() - request.middle_m[1]};
+
+  report_.prepare.add(
+      std::chrono::duration_cast<std::chrono::nanoseconds>(std::chrono::steady_clock::now() - start)
+          .count());
+  ++report_.answers;
+  report_.free_nodes_last = found.free_nodes;
+  report_.free_nodes_max = std::max(report_.free_nodes_max, found.free_nodes);
+  report_.force_bound_max = std::max(report_.force_bound_max, found.bounds.force);
+  report_.displacement_bound_max =
+      std::max(report_.displacement_bound_max, found.bounds.displacement);
+  report_.negative_springs_max = std::max(report_.negative_springs_max, found.negative_springs);
+  auto shape = std::make_shared<SheetShape>(shape_of(sheet, std::move(*region)));
+  const std::lock_guard lock(shape_mutex_);
+  shape_ = std::move(shape);
+  return out;
+}
+
+void NetworkPrefetch::serve(const std::function<const Sheet&(std::size_t)>& sheet) {
+  PrefetchRequest request;
+  if (!asked_.read(request) || request.sheet < 0) return;
+  if (const auto found = answer(request, sheet(static_cast<std::size_t>(request.sheet)))) {
+    answered_.write(*found);
+  }
+}
+
+std::shared_ptr<const SheetShape> NetworkPrefetch::shape() const {
+  const std::lock_guard lock(shape_mutex_);
+  return shape_;
+}
+
+namespace {
+
+constexpr std::array<const char*, 4> kSolverNames{"auto", "local", "global", "propagation"};
+
+bool is_finite(const PrefetchedStiffness& prefetched) noexcept {
+  return std::isfinite(prefetched.stiffness_N_per_m) && std::isfinite(prefetched.offset_m[0]) &&
+         std::isfinite(prefetched.offset_m[1]);
+}
+
+ContactModel contact_model(const ForceLawSetup& setup) {
+  ContactModel model;
+  model.tool = make_tool(setup.scene.tool);
+  model.dt_s = 1 / setup.rate_Hz;
+  return model;
+}
+
+}  // namespace
+
+FaultDetail SheetLaw::update(const ForceLawInput& input, ContactOutput& output) noexcept {
+  // A stiffness that is not finite would spread into later ticks, since stiffnesses are blended.
+  if (model_.uses_prefetched_stiffness && !is_finite(input.prefetched)) {
+    return {Fault::kTorqueNotFinite, FaultQuantity::kPrefetchedStiffness, -1,
+            input.prefetched.stiffness_N_per_m, std::numeric_limits<double>::quiet_NaN()};
+  }
+  const bool is_coupled = coupling_options_.on;
+  const Pose T_device_tool = is_coupled
+                                 ? move_proxy(coupling_options_, input.pose_interval_s,
+                                              input.T_device_plate, coupling_, input.previous)
+                                 : input.T_device_plate;
+  proxy_shift_m_ = coupling_.offset_m;  // coupling_wrench() may let the proxy jump afterwards
+  const PreviousPose previous =
+      is_coupled ? previous_proxy(input.pose_interval_s, input.previous, coupling_)
+                 : input.previous;
+  update_contact(model_, input.sheets, input.prefetched, T_device_tool, input.pose_interval_s,
+                 contact_, output, previous);
+  output.T_device_evaluated = T_device_tool;
+  if (output.not_upright || output.backlog) return {};
+  if (output.punctured_now && last_active_sheet_ == output.cut.sheet)
+    output.force_before_N = last_force_N_;
+  last_force_N_ = output.force_N;
+  last_active_sheet_ = output.active_sheet;
+
+  output.wrench_plate = output.wrench_device;
+  output.stored_J = output.local.stored_J;
+  output.is_released = output.punctured_now;
+  if (is_coupled) {
+    const Eigen::Vector3d before_m = coupling_.offset_m;
+    output.wrench_plate = coupling_wrench(coupling_options_, output.wrench_device, output.local,
+                                          output.punctured_now, coupling_);
+    if (output.punctured_now)
+      shift_tool(model_, T_device_tool, coupling_.offset_m - before_m, contact_);
+    output.stored_J += 0.5 * coupling_options_.stiffness_N_per_m * coupling_.offset_m.squaredNorm();
+  }
+  output.wrench_plate *= force_scale_;
+  output.stored_J *= force_scale_;
+  return {};
+}
+
+void SheetLaw::reset_motion() noexcept {
+  runtime::reset_motion(contact_);
+  coupling_ = {};
+  proxy_shift_m_.setZero();
+  last_force_N_ = 0;
+  last_active_sheet_ = -1;
+}
+
+void SheetLaw::finish_tick(RecordingRow& row) noexcept {
+  if (!coupling_options_.on) return;
+  for (int i = 0; i < 3; ++i)
+    row.tool_m[static_cast<std::size_t>(i)] += proxy_shift_m_[i];
+}
+
+double SheetLaw::retract_distance_m(std::span<const Sheet* const> sheets,
+                                    const Pose& T_device_plate) const noexcept {
+  double depth_m = 0;
+  const double tip_z_m = (T_device_plate * model_.tool.tip_plate_m).z();
+  for (std::size_t i = 0; i < sheets.size(); ++i) {
+    const SheetTrack& track = contact_.tracks[i];
+    const bool bears = track.was_above && track.state != SheetState::kPunctured &&
+                       track.state != SheetState::kMissed;
+    if (bears) depth_m = std::max(depth_m, sheets[i]->z_m - tip_z_m);
+  }
+  return depth_m;
+}
+
+std::string SheetLaw::describe() const {
+  return "force law  hooke\n";
+}
+
+std::string NetworkLaw::describe() const {
+  return text_line("force law  network, solver %s, reach %.3g mm\n",
+                   kSolverNames.at(static_cast<std::size_t>(law_.solver)),
+                   law_.decay_length_m * 1e3);
+}
+
+std::string NetworkLaw::describe_sheet(std::size_t index, const Sheet& sheet,
+                                       const Pose& T_device_plate) {
+  const Tool& tool = model().tool;
+  const Eigen::Vector3d middle_m = axis_at(tool, T_device_plate, sheet.z_m);
+  PrefetchRequest request;
+  request.sheet = static_cast<std::int32_t>(index);
+  request.middle_m = {middle_m.x(), middle_m.y()};
+  request.outline = outline_on_lattice(tool, T_device_plate, sheet.transform, sheet.z_m);
+  const auto found = prefetch_->answer(request, sheet);
+  if (!found) return {};  // the tool misses the sheet
+  const PrefetchReport& report = prefetch_->report();
+  return text_line("; the network has %.0f N/m there: %u free nodes, %.0f us to prepare",
+                   found->stiffness_N_per_m, report.free_nodes_last, report.prepare.max_us());
+}
+
+SummarySection NetworkLaw::summary() const {
+  const PrefetchReport& report = prefetch_report();
+  const nlohmann::json section = {{"responses", report.answers},
+                                  {"failures", report.failures},
+                                  {"prepare_us",
+                                   {{"p50", report.prepare.quantile_us(0.5)},
+                                    {"p99", report.prepare.quantile_us(0.99)},
+                                    {"p999", report.prepare.quantile_us(0.999)},
+                                    {"max", report.prepare.max_us()},
+                                    {"samples", report.prepare.samples()}}},
+                                  {"free_nodes_max", report.free_nodes_max},
+                                  {"force_error_bound_max", report.force_bound_max},
+                                  {"displacement_error_bound_max", report.displacement_bound_max},
+                                  {"negative_springs_max", report.negative_springs_max}};
+  return {"network", json_text(section)};
+}
+
+Result<std::unique_ptr<ForceLaw>> make_hooke_law(const ForceLawSetup& setup) {
+  return std::unique_ptr<ForceLaw>(std::make_unique<SheetLaw>(contact_model(setup), setup.coupling,
+                                                              setup.scene.force_law.force_scale));
+}
+
+Result<std::unique_ptr<ForceLaw>> make_network_law(const ForceLawSetup& setup) {
+  std::vector<Tissue> tissues;
+  for (const Sheet* sheet : setup.sheets)
+    tissues.push_back(sheet->tissue);
+  auto prefetch =
+      NetworkPrefetch::make(setup.scene, tissues, setup.sheets.front()->transform.lattice);
+  if (!prefetch) return prefetch.error();
+  ContactModel model = contact_model(setup);
+  model.uses_prefetched_stiffness = true;
+  return std::unique_ptr<ForceLaw>(std::make_unique<NetworkLaw>(
+      model, setup.coupling, setup.scene.force_law, std::move(*prefetch)));
+}
+
+}  // namespace trocar::runtime

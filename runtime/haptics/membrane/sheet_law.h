@@ -1,0 +1,156 @@
+// SPDX-License-Identifier: Apache-2.0
+// The prefetch worker of the force law `network`. Outside the haptic thread it computes how stiff a
+// sheet's spring network (runtime/deformation) is under the tool.
+//
+// The forces of the network are proportional to the depth of the tool. So the haptic thread needs
+// only two results: the stiffness, which is the force per depth, and the point where the force
+// acts. A direct solver computes the stiffness. If the scene names the solver `propagation`
+// (runtime/haptics/membrane/region.h), this solver computes it instead. The solver is then iterated
+// until the force per depth has converged, but at most 500 times.
+#pragma once
+
+#include <Eigen/Core>
+#include <array>
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <mutex>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "formats/base/result.h"
+#include "formats/session/scene.h"
+#include "runtime/haptics/force_law.h"
+#include "runtime/haptics/membrane/region.h"
+#include "runtime/haptics/membrane/response.h"
+#include "runtime/realtime/histogram.h"
+#include "runtime/realtime/queues.h"
+
+namespace trocar::runtime {
+
+/// Figures of a session, for its summary. An answer is a stiffness that was computed for a request.
+/// A failure is a request for which the solver failed.
+struct PrefetchReport {
+  std::uint64_t answers = 0, failures = 0;
+  std::uint32_t calibrations = 0;  ///< number of calls of calibrate() (see make())
+  Histogram prepare;               ///< wall times that the answers took
+  /// Number of nodes of the spring network that the solver could move: maximum of all answers, and
+  /// value of the last answer.
+  std::uint32_t free_nodes_max = 0, free_nodes_last = 0;
+  /// Bounds of the relative errors of force and displacement (RingBounds): maximum of all answers.
+  double force_bound_max = 0, displacement_bound_max = 0;
+  /// Number of springs of negative stiffness (RegionResponse::negative_springs): maximum
+  /// of all answers.
+  std::uint32_t negative_springs_max = 0;
+};
+
+class NetworkPrefetch final : public PrefetchWorker {
+ public:
+  /// Creates the worker. `tissue_of_sheet` has one tissue per sheet, in the order of
+  /// place_slices(). `lattice`: the lattice of the asset. The function calls calibrate()
+  /// (runtime/haptics/membrane/response.h) once for each distinct stiffness of a tissue. calibrate()
+  /// finds the membrane tension and the foundation's stiffness with which a sheet has the tissue's
+  /// stiffness. One call takes tens of milliseconds, or hundreds if the tool has many corners.
+  /// Errors: those of calibrate().
+  static Result<std::unique_ptr<NetworkPrefetch>> make(const Scene& scene,
+                                                       const std::vector<Tissue>& tissue_of_sheet,
+                                                       const Lattice& lattice);
+
+  void ask(const PrefetchRequest& request) noexcept override { asked_.write(request); }
+  bool latest(PrefetchedStiffness& stiffness) noexcept override {
+    return answered_.read(stiffness);
+  }
+  void serve(const std::function<const Sheet&(std::size_t)>& sheet) override;
+  /// Counts a failure of the solver in PrefetchReport::failures.
+  std::optional<PrefetchedStiffness> answer(const PrefetchRequest& request,
+                                            const Sheet& sheet) override;
+  std::shared_ptr<const SheetShape> shape() const override;
+
+  /// Call this on the thread that calls answer() or serve(), or after that thread has ended.
+  const PrefetchReport& report() const noexcept { return report_; }
+
+ private:
+  NetworkPrefetch() = default;
+
+  SceneForceLaw law_;
+  std::vector<Membrane> membrane_;  ///< one per sheet
+  TripleBuffer<PrefetchRequest> asked_;
+  TripleBuffer<PrefetchedStiffness> answered_;
+  PrefetchRequest last_;
+  std::uint32_t last_cuts_ = 0;
+  RegionWorkspace workspace_;
+  std::vector<std::uint32_t> seeds_;
+  PrefetchReport report_;
+  mutable std::mutex shape_mutex_;
+  std::shared_ptr<const SheetShape> shape_;
+};
+
+// The two force laws that treat each slice as a separate elastic sheet. With `hooke`, the stiffness
+// of a sheet is the tissue's spring constant. With `network`, the stiffness is that of the sheet's
+// spring network under the tool, and a prefetch worker computes it. In all other respects the two
+// laws are the same: runtime/haptics/puncture.h defines contact and puncture, and a virtual
+// coupling (runtime/haptics/virtual_coupling.h) can connect the tool to the plate.
+
+/// The force law `hooke`, and the common part of `hooke` and `network`.
+class SheetLaw : public ForceLaw {
+ public:
+  /// `force_scale`: SceneForceLaw::force_scale.
+  explicit SheetLaw(const ContactModel& model, const CouplingOptions& coupling = {},
+                    double force_scale = 1)
+      : model_(model), coupling_options_(coupling), force_scale_(force_scale) {}
+
+  FaultDetail update(const ForceLawInput& input, ContactOutput& output) noexcept override;
+  void reset_motion() noexcept override;
+  void finish_tick(RecordingRow& row) noexcept override;
+  double retract_distance_m(std::span<const Sheet* const> sheets,
+                            const Pose& T_device_plate) const noexcept override;
+  std::string describe() const override;
+  TipForce tip_force(std::size_t /*index*/, const Sheet& sheet) const override {
+    return {sheet.tissue.stiffness_N_per_m, sheet.tissue.threshold_N, force_scale_};
+  }
+
+  ContactModel& model() noexcept { return model_; }
+  CouplingOptions& coupling_options() noexcept { return coupling_options_; }
+  ContactState& contact() noexcept { return contact_; }
+  const ContactState& contact() const noexcept { return contact_; }
+
+ private:
+  ContactModel model_;
+  CouplingOptions coupling_options_;
+  double force_scale_;
+  ContactState contact_;
+  CouplingState coupling_;
+  /// Position of the proxy minus that of the tool on the plate, in the contact of the last update();
+  /// zero after reset_motion().
+  Eigen::Vector3d proxy_shift_m_ = Eigen::Vector3d::Zero();
+  double last_force_N_ = 0;              ///< tip force in the previous tick
+  std::int32_t last_active_sheet_ = -1;  ///< index of the sheet that exerted last_force_N_
+};
+
+/// The force law `network`.
+class NetworkLaw final : public SheetLaw {
+ public:
+  NetworkLaw(const ContactModel& model, const CouplingOptions& coupling, const SceneForceLaw& law,
+             std::unique_ptr<NetworkPrefetch> prefetch)
+      : SheetLaw(model, coupling, law.force_scale), law_(law), prefetch_(std::move(prefetch)) {}
+
+  PrefetchWorker* prefetch_worker() noexcept override { return prefetch_.get(); }
+  std::string describe() const override;
+  std::string describe_sheet(std::size_t index, const Sheet& sheet,
+                             const Pose& T_device_plate) override;
+  SummarySection summary() const override;
+
+  const PrefetchReport& prefetch_report() const noexcept { return prefetch_->report(); }
+
+ private:
+  SceneForceLaw law_;
+  std::unique_ptr<NetworkPrefetch> prefetch_;
+};
+
+Result<std::unique_ptr<ForceLaw>> make_hooke_law(const ForceLawSetup& setup);
+
+/// Errors: those of NetworkPrefetch::make().
+Result<std::unique_ptr<ForceLaw>> make_network_law(const ForceLawSetup& setup);
+
+}  // namespace trocar::runtime

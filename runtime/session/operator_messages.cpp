@@ -1,0 +1,103 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "runtime/session/operator_messages.h"
+
+#include <algorithm>
+#include <cmath>
+#include <utility>
+
+#include "formats/base/text.h"
+
+namespace trocar::runtime {
+namespace {
+
+static_assert(kFaults < 64, "RecoveryWatch has a bit for each fault and one more");
+
+std::string seconds(double t_s) {
+  return text_line("%.4f s", t_s);
+}
+
+std::string reason(const OperatorMessage& message) {
+  if (message.detail.fault == Fault::kNone) {
+    // The distance is rounded up, so that lifting by it suffices.
+    const auto up_mm = static_cast<long long>(std::ceil(message.retract_distance_m * 1e3 - 1e-6));
+    return "the tool is in material: lift it " + std::to_string(std::max(1LL, up_mm)) + " mm";
+  }
+  const FaultWords& words = words_of(message.detail.fault);
+  const std::string found = measured(message.detail);
+  return std::string(words.meaning_in_recovery) + (found.empty() ? "" : " (" + found + ")") + "; " +
+         words.advice;
+}
+
+}  // namespace
+
+std::string describe(const OperatorMessage& message) {
+  switch (message.kind) {
+    case OperatorMessage::Kind::kFault:
+      return "fault " + trocar::describe(message.detail, message.t_s);
+    case OperatorMessage::Kind::kNotRecovered:
+      return "no recovery yet at " + seconds(message.t_s) + ": " + reason(message);
+    case OperatorMessage::Kind::kRecovered:
+      return "recovered at " + seconds(message.t_s) + " from the fault " +
+             to_string(message.detail.fault) + ": forces rise again";
+    case OperatorMessage::Kind::kRefused:
+      return "recovery refused at " + seconds(message.t_s) + ": " +
+             refusal_words(message.detail.fault);
+  }
+  return {};
+}
+
+OperatorMessages::OperatorMessages(std::function<void(const OperatorMessage&)> report)
+    : TickObserver(std::chrono::milliseconds(5)), report_(std::move(report)) {}
+
+void OperatorMessages::serve() {
+  OperatorMessage message;
+  while (waiting_.pop(message))
+    report_(message);
+}
+
+bool RecoveryWatch::should_report(bool waiting, double t_s, const FaultDetail& found,
+                                  double retract_distance_m) noexcept {
+  if (!waiting) {
+    requested_t_s_ = -1;
+    return false;
+  }
+  if (requested_t_s_ < 0) requested_t_s_ = t_s;
+  if (t_s - requested_t_s_ < kPatience_s) return false;
+  if (found.fault == Fault::kNone && !(retract_distance_m > 0)) return false;
+  // The bit of kNone stands for a tool in material.
+  const std::uint64_t bit = std::uint64_t{1} << static_cast<unsigned>(found.fault);
+  if ((reported_ & bit) != 0) return false;
+  reported_ |= bit;
+  return true;
+}
+
+std::span<const OperatorMessage> MessageSource::update(const TickResult& result) noexcept {
+  using Kind = OperatorMessage::Kind;
+  count_ = 0;
+  if (result.new_fault != Fault::kNone) {
+    stopped_by_ = result.new_fault;
+    watch_.fault_latched();
+    add(Kind::kFault, result, result.found);
+  }
+  if (result.recovery_is_refused && result.row.t_s - refused_t_s_ >= kRefusalPause_s) {
+    refused_t_s_ = result.row.t_s;
+    add(Kind::kRefused, result, result.found);
+  }
+  if (stopped_by_ != Fault::kNone) {
+    const SafetyState state = result.row.safety;
+    const bool waiting = state == SafetyState::kRecovering || state == SafetyState::kReady;
+    if (watch_.should_report(waiting, result.row.t_s, result.found, result.retract_distance_m))
+      add(Kind::kNotRecovered, result, result.found);
+    if (state == SafetyState::kRunning)
+      add(Kind::kRecovered, result, std::exchange(stopped_by_, Fault::kNone));
+  }
+  return std::span(messages_.data(), count_);
+}
+
+void MessageSource::add(OperatorMessage::Kind kind, const TickResult& result,
+                        const FaultDetail& detail) noexcept {
+  const bool is_held_up = kind == OperatorMessage::Kind::kNotRecovered;
+  messages_[count_++] = {kind, result.row.t_s, detail, is_held_up ? result.retract_distance_m : 0};
+}
+
+}  // namespace trocar::runtime

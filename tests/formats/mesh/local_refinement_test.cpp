@@ -1,0 +1,457 @@
+// SPDX-License-Identifier: Apache-2.0
+// The contract of formats/mesh/local_refinement.h.
+#include "formats/mesh/local_refinement.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstdio>
+#include <filesystem>
+#include <limits>
+#include <numbers>
+#include <set>
+#include <string>
+#include <vector>
+
+#include "formats/asset/asset.h"
+#include "runtime/realtime/realtime_thread.h"
+#include "tests/formats/mesh/refinement_checks.h"
+#include "tests/support/check_sheet_mesh.h"
+#include "tests/support/counted_allocations.h"
+#include "tests/support/delaunay_fixture.h"
+#include "tests/support/whole_cut.h"
+
+namespace trocar::runtime {
+namespace {
+
+constexpr double kStepsPerMm = 256;
+
+TEST(LocalRefinement, ContractHoldsOnRandomSheets) {
+  for (int seed = 1; seed <= cases(250) && !testing::Test::HasFailure(); ++seed) {
+    Random random(static_cast<std::uint64_t>(seed));
+    for (const bool split_outline : {false, true}) {
+      SheetMesh mesh = random_sheet(random, 400, 800);
+      GradedSize size;
+      size.centre = random.point(-1000, 1000);
+      size.radius = random.between(0, 500);
+      size.at_radius = random.between(5, 300);
+      size.growth = random.unit();
+      LocalRefinementOptions options;
+      options.split_outline = split_outline;
+      options.min_angle_deg = random.between(0, 30);
+      options.max_new_vertices = 300;
+      if (random.between(0, 2) == 0) options.size = size;
+      refine_all_and_check(mesh, options, "seed " + std::to_string(seed));
+    }
+  }
+}
+
+TEST(LocalRefinement, WritesOnlyTheNeighbourhoodOfTheSeeds) {
+  // The same hole in a small and in a large sheet takes the same work.
+  std::array<std::uint32_t, 2> added{};
+  std::array<std::size_t, 2> written{};
+  for (const std::size_t i : {0U, 1U}) {
+    const int cells = i == 0 ? 10 : 60;
+    const Result<CutResult> hole = cut(test::square_mesh({-100 * cells, -100 * cells}, 200, cells),
+                                       hexagon({20, 31}, 330, 0.1));
+    ASSERT_TRUE(hole);
+    SheetMesh mesh = *make_sheet_mesh(hole->mesh, 300, 600);
+    flip_all(mesh);
+    std::vector<std::uint32_t> seeds;
+    for (const std::uint32_t t : all_triangles(mesh)) {
+      const std::array<LatticePoint, 3> v = corners(mesh, t);
+      if (std::all_of(v.begin(), v.end(),
+                      [](LatticePoint p) { return std::hypot(p.x, p.y) < 700; }))
+        seeds.push_back(t);
+    }
+    SheetEdit edit(mesh);
+    edit.begin(mesh);
+    LocalRefinementWorkspace workspace(mesh);
+    LocalRefinementOptions options;
+    options.split_outline = true;
+    options.min_angle_deg = 25;
+    added[i] = refine_locally(mesh, edit, seeds, options, workspace).vertices_added;
+    written[i] = edit.triangles().size();
+    ASSERT_TRUE(check_sheet_mesh(mesh));
+  }
+  EXPECT_GT(added[0], 3U);
+  EXPECT_EQ(added[0], added[1]);
+  EXPECT_EQ(written[0], written[1]);
+}
+
+// ---- a graded region around a hole ----
+
+// Edges of 8 mm in a hexagonal pattern, 128 mm wide; the hole's radius is 3 mm.
+SheetMesh sheet_with_hole(LatticePoint centre, double turn_rad) {
+  constexpr int kCells = 16, kHalf = 8, kEdge = 2048;
+  SliceMesh mesh;
+  for (int j = 0; j <= kCells; ++j) {
+    for (int i = 0; i <= kCells; ++i)
+      mesh.vertices.push_back({(i - kHalf) * kEdge + (j % 2) * kEdge / 2,
+                               static_cast<int>(std::lround((j - kHalf) * 0.8660254 * kEdge))});
+  }
+  for (std::uint32_t j = 0; j < kCells; ++j) {
+    for (std::uint32_t i = 0; i < kCells; ++i) {
+      const std::uint32_t a = j * (kCells + 1) + i, b = a + 1, c = a + kCells + 1, d = c + 1;
+      mesh.triangles.push_back(j % 2 == 0 ? Triangle{a, b, c} : Triangle{a, b, d});
+      mesh.triangles.push_back(j % 2 == 0 ? Triangle{b, d, c} : Triangle{a, d, c});
+    }
+  }
+  const Result<CutResult> hole = cut(mesh, hexagon(centre, 3 * kStepsPerMm, turn_rad));
+  EXPECT_TRUE(hole);
+  SheetMesh sheet = *make_sheet_mesh(hole->mesh, 3000, 6000);
+  flip_all(sheet);
+  return sheet;
+}
+
+TEST(LocalRefinement, AGradedRegionIsFineAtTheHoleAndCoarseFarAway) {
+  Random random(3);
+  for (int round = 0; round < 40; ++round) {
+    const LatticePoint centre = random.point(-3000, 3000);
+    SheetMesh mesh = sheet_with_hole(centre, random.unit());
+    GradedSize size;
+    size.centre = centre;
+    size.radius = 3 * kStepsPerMm;
+    size.at_radius = kStepsPerMm;
+    size.growth = 0.4;
+    size.largest = 8 * kStepsPerMm;
+    LocalRefinementOptions options;
+    options.size = size;
+    options.split_outline = true;
+    options.max_new_vertices = 2000;
+    const auto is_far = [centre](LatticePoint p) {
+      return std::hypot(p.x - centre.x, p.y - centre.y) > 40 * kStepsPerMm;
+    };
+    const auto keep = [&](std::uint32_t from, std::uint32_t to) {
+      return is_far(mesh.vertices[from]) && is_far(mesh.vertices[to]);
+    };
+    options.keep_edge = keep;
+    const std::vector<BoundaryEdge> before = boundary(mesh);
+    const LocalRefinementResult result =
+        refine_and_check(mesh, all_triangles(mesh), options, "round " + std::to_string(round));
+
+    EXPECT_EQ(result.outcome, LocalRefinementOutcome::kDone);
+    EXPECT_EQ(result.too_large, 0U);
+    int near = 0;
+    std::vector<bool> seen(mesh.vertices.size(), false);
+    for (const std::uint32_t t : all_triangles(mesh)) {
+      const std::array<LatticePoint, 3> v = corners(mesh, t);
+      EXPECT_GE(smallest_angle_deg(v), 20);
+      const double x = (v[0].x + v[1].x + v[2].x) / 3.0, y = (v[0].y + v[1].y + v[2].y) / 3.0;
+      // In a circle of radius 0.8 h no edge is longer than 1.6 h.
+      EXPECT_LE(longest_edge(v), 2 * kMaxRadius * size(x, y));
+      for (const std::uint32_t c : mesh.triangles[t]) {
+        const LatticePoint p = mesh.vertices[c];
+        if (!seen[c] && std::hypot(p.x - centre.x, p.y - centre.y) < 20 * kStepsPerMm) ++near;
+        seen[c] = true;
+      }
+    }
+    EXPECT_GE(near, 80);
+    EXPECT_LE(near, 160);
+    // The kept outer outline is as it was; the hole's edges are about 1 mm long.
+    const std::vector<BoundaryEdge> after = boundary(mesh);
+    for (const BoundaryEdge& s : before) {
+      if (!is_far(s.from) || !is_far(s.to)) continue;
+      EXPECT_TRUE(std::any_of(after.begin(), after.end(), [&s](const BoundaryEdge& o) {
+        return o.from == s.from && o.to == s.to;
+      }));
+    }
+    for (const BoundaryEdge& s : after) {
+      if (is_far(s.from)) continue;
+      EXPECT_LE(length(s.from, s.to), 1.5 * kStepsPerMm + 1);
+      EXPECT_FALSE(s.is_obtuse());
+    }
+  }
+}
+
+// ---- stress cases ----
+
+TEST(LocalRefinement, EndsOnFansOfNeedles) {
+  // Seven needles around one point.
+  for (const double needle_deg : {2.0, 5.0, 12.0, 25.0}) {
+    for (const bool split_outline : {false, true}) {
+      SliceMesh mesh{{{0, 0}}, {}};
+      for (int i = 0; i < 7; ++i) {
+        const double from = i * 50 * std::numbers::pi / 180,
+                     to = from + needle_deg * std::numbers::pi / 180;
+        const auto v = static_cast<std::uint32_t>(mesh.vertices.size());
+        // Each has its own vertex at the common point: a pinch.
+        mesh.vertices.push_back({0, 0});
+        for (const double angle : {from, to})
+          mesh.vertices.push_back({static_cast<int>(std::lround(3000 * std::cos(angle))),
+                                   static_cast<int>(std::lround(3000 * std::sin(angle)))});
+        mesh.triangles.push_back({v, v + 1, v + 2});
+      }
+      mesh.vertices.erase(mesh.vertices.begin());
+      for (Triangle& t : mesh.triangles) {
+        for (std::uint32_t& c : t)
+          --c;
+      }
+      SheetMesh sheet = *make_sheet_mesh(mesh, 2000, 4000);
+      LocalRefinementOptions options;
+      options.split_outline = split_outline;
+      options.max_new_vertices = 2000;
+      const std::string where =
+          std::to_string(needle_deg) + " degrees, " + (split_outline ? "split" : "whole");
+      refine_all_and_check(sheet, options, where);
+      EXPECT_LT(sheet.vertices_in_use(), 1500U) << where << ": did not end by itself";
+    }
+  }
+}
+
+TEST(LocalRefinement, AcuteCornersTakeFewPoints) {
+  // Two long edges of different lengths meet; their pieces must not keep encroaching upon each
+  // other.
+  for (const double corner_deg : {22.0, 30.0, 40.0, 50.0, 58.0, 65.0}) {
+    for (const double ratio : {0.55, 0.7, 0.9}) {
+      const double angle = corner_deg * std::numbers::pi / 180, leg = 40'000;
+      const SliceMesh mesh{{{0, 0},
+                            {static_cast<int>(leg), 0},
+                            {static_cast<int>(std::lround(ratio * leg * std::cos(angle))),
+                             static_cast<int>(std::lround(ratio * leg * std::sin(angle)))}},
+                           {{0, 1, 2}}};
+      SheetMesh sheet = *make_sheet_mesh(mesh, 500, 1000);
+      LocalRefinementOptions options;
+      options.split_outline = true;
+      const std::string where = std::to_string(corner_deg) + " degrees, " + std::to_string(ratio);
+      refine_all_and_check(sheet, options, where);
+      EXPECT_EQ(counts(sheet, 20).obtuse, 0U) << where;
+      EXPECT_EQ(counts(sheet, 20).sharp, 0U) << where;
+      EXPECT_LE(sheet.vertices_in_use(), 12U) << where;
+    }
+  }
+}
+
+TEST(LocalRefinement, KeptEdgesStay) {
+  for (int seed = 1; seed <= cases(60); ++seed) {
+    Random random(static_cast<std::uint64_t>(seed));
+    SheetMesh mesh = random_sheet(random, 400, 800);
+    // About every third boundary edge of the start.
+    std::set<std::array<std::uint32_t, 2>> kept;
+    for (const std::uint32_t t : all_triangles(mesh)) {
+      for (std::uint32_t i = 0; i < 3; ++i) {
+        if (mesh.across[t][i] == kNoSlot && random.between(0, 2) == 0)
+          kept.insert({mesh.triangles[t][i], mesh.triangles[t][(i + 1) % 3]});
+      }
+    }
+    const auto keep = [&kept](std::uint32_t from, std::uint32_t to) {
+      return kept.contains({from, to});
+    };
+    GradedSize size;
+    size.at_radius = 60;
+    LocalRefinementOptions options;
+    options.split_outline = true;
+    options.min_angle_deg = 25;
+    options.size = size;
+    options.keep_edge = keep;
+    const LocalRefinementResult result =
+        refine_and_check(mesh, all_triangles(mesh), options, "seed " + std::to_string(seed));
+    std::size_t there = 0, obtuse = 0;
+    for (const std::uint32_t t : all_triangles(mesh)) {
+      for (std::uint32_t i = 0; i < 3; ++i) {
+        const std::uint32_t from = mesh.triangles[t][i], to = mesh.triangles[t][(i + 1) % 3];
+        if (mesh.across[t][i] != kNoSlot) continue;
+        const LatticePoint apex = mesh.vertices[mesh.triangles[t][(i + 2) % 3]];
+        const bool is_kept = kept.contains({from, to});
+        there += is_kept ? 1 : 0;
+        obtuse +=
+            !is_kept && diametral_dot(mesh.vertices[from], mesh.vertices[to], apex) < 0 ? 1 : 0;
+      }
+    }
+    EXPECT_EQ(there, kept.size()) << "seed " << seed;
+    EXPECT_EQ(obtuse, result.obtuse_edges) << "seed " << seed;
+  }
+}
+
+TEST(LocalRefinement, ContractHoldsOnTinyAndExtremeTriangles) {
+  const std::vector<std::vector<LatticePoint>> shapes{
+      {{0, 0}, {1, 0}, {0, 1}},
+      {{0, 0}, {2, 0}, {0, 2}},
+      {{0, 0}, {1000, 1}, {0, 2}},
+      {{0, 0}, {1000, 0}, {999, 1}},
+      {{0, 0}, {64, 0}, {32, 1}},
+      {{0, 0}, {4000, 0}, {2000, 30}},
+      {{0, 0}, {3, 1}, {1, 3}},
+      {{0, 0}, {16, 0}, {8, 7}},
+      {{0, 0}, {4001, 3}, {17, 2900}},
+      {{-(1 << 29), -(1 << 29)}, {1 << 29, -(1 << 29)}, {0, 1 << 29}},
+  };
+  for (std::size_t i = 0; i < shapes.size(); ++i) {
+    for (const bool split_outline : {false, true}) {
+      for (const double at_radius : {1.0, 3.0, std::numeric_limits<double>::infinity()}) {
+        SheetMesh sheet = *make_sheet_mesh({shapes[i], {{0, 1, 2}}}, 200, 400);
+        GradedSize size;
+        size.at_radius = at_radius;
+        LocalRefinementOptions options;
+        options.split_outline = split_outline;
+        options.max_new_vertices = 150;
+        options.size = size;
+        refine_all_and_check(sheet, options, "shape " + std::to_string(i));
+      }
+    }
+  }
+}
+
+TEST(LocalRefinement, WithoutBudgetOrCapacityNothingChanges) {
+  Random random(17);
+  int stopped = 0;
+  for (int round = 0; round < 30; ++round) {
+    SheetMesh mesh = random_sheet(random, 0, 0);
+    const SheetMesh before = mesh;
+    LocalRefinementOptions options;
+    options.min_angle_deg = 30;
+    options.split_outline = true;
+    options.max_new_vertices = 0;
+    LocalRefinementResult result =
+        refine_and_check(mesh, all_triangles(mesh), options, "no budget");
+    EXPECT_TRUE(same(mesh, before));
+    EXPECT_TRUE(result.outcome == LocalRefinementOutcome::kBudget ||
+                result.outcome == LocalRefinementOutcome::kDone);
+
+    // Every small number of free slots.
+    for (std::size_t spare = 0; spare < 12; ++spare) {
+      SheetMesh small = *make_sheet_mesh(to_slice_mesh(before), spare / 2, spare);
+      options.max_new_vertices = 100;
+      result = refine_and_check(small, all_triangles(small), options, "few free slots");
+      stopped += result.outcome == LocalRefinementOutcome::kCapacity ? 1 : 0;
+    }
+
+    SheetEdit edit(mesh);
+    edit.begin(mesh);
+    const std::size_t vertices = mesh.vertices.size(), triangles = mesh.triangles.size();
+    for (const auto& [v, t] : {std::array{vertices - 1, triangles}, {vertices, triangles - 1}}) {
+      LocalRefinementWorkspace too_small(v, t);
+      result = refine_locally(mesh, edit, all_triangles(mesh), options, too_small);
+      EXPECT_EQ(result.outcome, LocalRefinementOutcome::kCapacity);
+      EXPECT_TRUE(same(mesh, before));
+    }
+  }
+  EXPECT_GT(stopped, 100);
+}
+
+TEST(LocalRefinement, ContractHoldsForInvalidSeedsAndOptions) {
+  Random random(23);
+  for (int round = 0; round < 20; ++round) {
+    SheetMesh mesh = random_sheet(random, 300, 600);
+    std::vector<std::uint32_t> seeds = all_triangles(mesh);
+    seeds.insert(seeds.end(), seeds.begin(), seeds.end());  // twice
+    seeds.push_back(kNoSlot);
+    seeds.push_back(static_cast<std::uint32_t>(mesh.triangles.size()));
+    seeds.push_back(mesh.free_triangles.front());
+    for (const double value : {-1.0, 0.0, 1e300, std::numeric_limits<double>::quiet_NaN()}) {
+      const auto size = [value](double, double) { return value; };
+      LocalRefinementOptions options;
+      options.split_outline = round % 2 == 0;
+      options.max_new_vertices = 60;
+      options.size = size;
+      SheetMesh copy = mesh;
+      refine_and_check(copy, seeds, options, "size " + std::to_string(value));
+      options.size = {};
+      options.min_angle_deg = value;
+      copy = mesh;
+      refine_and_check(copy, seeds, options, "angle " + std::to_string(value));
+    }
+  }
+  SheetMesh empty = *make_sheet_mesh({}, 4, 4);
+  EXPECT_EQ(refine_and_check(empty, {}, {}, "empty").outcome, LocalRefinementOutcome::kDone);
+}
+
+TEST(LocalRefinement, ASheetThatIsNotDelaunayStaysValid) {
+  for (std::uint64_t seed = 1; seed <= 60; ++seed) {
+    Random random(seed);
+    SliceMesh mesh = test::square_mesh({0, 0}, 300, 5);
+    for (LatticePoint& p : mesh.vertices) {
+      const bool is_inner = p.x > 0 && p.y > 0 && p.x < 1500 && p.y < 1500;
+      if (is_inner) p = {p.x + random.between(-70, 70), p.y + random.between(-70, 70)};
+    }
+    ASSERT_TRUE(check_mesh(mesh));
+    SheetMesh sheet = *make_sheet_mesh(mesh, 500, 1000);
+    GradedSize size;
+    size.at_radius = 60;
+    size.growth = 0.2;
+    LocalRefinementOptions options;
+    options.size = size;
+    options.min_angle_deg = 30;
+    options.split_outline = seed % 2 == 0;
+    refine_and_check(sheet, all_triangles(sheet), options, "seed " + std::to_string(seed));
+  }
+}
+
+TEST(LocalRefinement, DoesNotAllocate) {
+  TROCAR_NEEDS_COUNTED_ALLOCATIONS();
+  Random random(29);
+  std::uint32_t added = 0;
+  for (int round = 0; round < 30; ++round) {
+    SheetMesh mesh = random_sheet(random, 300, 600);
+    const std::vector<std::uint32_t> seeds = all_triangles(mesh);
+    SheetEdit edit(mesh);
+    edit.begin(mesh);
+    LocalRefinementWorkspace workspace(mesh);
+    LocalRefinementOptions options;
+    options.split_outline = round % 2 == 0;
+    const std::uint64_t before = allocations_in_scopes();
+    {
+      const NoAllocationScope scope;
+      added += refine_locally(mesh, edit, seeds, options, workspace).vertices_added;
+    }
+    EXPECT_EQ(allocations_in_scopes(), before);
+  }
+  EXPECT_GT(added, 300U);
+}
+
+// ---- after cuts in real slices ----
+
+// The folder TROCAR_ASSETS may hold sample.glb, l3.glb and head.glb; TROCAR_CASES says how many
+// cuts to make in each.
+TEST(LocalRefinement, ContractHoldsAfterCutsInRealSlices) {
+  const char* const folder = std::getenv("TROCAR_ASSETS");  // NOLINT(concurrency-mt-unsafe)
+  if (folder == nullptr) GTEST_SKIP() << "TROCAR_ASSETS is not set";
+  Random random(31);
+  for (const char* const name : {"sample", "l3", "head"}) {
+    const std::filesystem::path file = std::filesystem::path(folder) / (std::string(name) + ".glb");
+    if (!std::filesystem::exists(file)) {
+      EXPECT_STRNE(name, "sample") << "the tests always make this asset";
+      continue;
+    }
+    const Result<Asset> asset = read_asset(file);
+    ASSERT_TRUE(asset) << name;
+    std::vector<const AssetSlice*> slices;
+    for (const AssetSlice& slice : asset->slices) {
+      if (!slice.mesh.triangles.empty()) slices.push_back(&slice);
+    }
+    std::uint32_t cuts = 0, added = 0, removed = 0, before = 0, sharp = 0;
+    for (int i = 0; i < cases(100) && !testing::Test::HasFailure(); ++i) {
+      const SliceMesh& slice = slices[static_cast<std::size_t>(i) % slices.size()]->mesh;
+      const auto at =
+          static_cast<std::size_t>(random.between(0, static_cast<int>(slice.vertices.size()) - 1));
+      const Result<CutResult> hole =
+          cut(slice, hexagon(slice.vertices[at], random.between(100, 1500), random.unit()));
+      ASSERT_TRUE(hole);
+      SheetMesh mesh = *make_sheet_mesh(hole->mesh, 300, 600);
+      const std::vector<Points> was = points_of(*make_sheet_mesh(slice, 0, 0));
+      std::vector<std::uint32_t> seeds;
+      for (const std::uint32_t t : all_triangles(mesh)) {
+        if (!std::binary_search(was.begin(), was.end(), points_of(mesh, t))) seeds.push_back(t);
+      }
+      for (const std::uint32_t t : seeds)
+        before += smallest_angle_deg(corners(mesh, t)) < 20 ? 1 : 0;
+      LocalRefinementOptions options;
+      options.split_outline = random.between(0, 3) == 0;
+      const LocalRefinementResult result =
+          refine_and_check(mesh, seeds, options, name + (", cut " + std::to_string(i)));
+      EXPECT_EQ(result.sharp, result.sharp_at_outline + result.sharp_at_lattice);
+      ++cuts;
+      added += result.vertices_added;
+      removed += result.vertices_removed;
+      sharp += result.sharp;
+    }
+    std::printf(
+        "%s: %u cuts, %u vertices added, %u removed, triangles below 20 degrees: %u -> %u\n", name,
+        cuts, added, removed, before, sharp);
+  }
+}
+
+}  // namespace
+}  // namespace trocar::runtime

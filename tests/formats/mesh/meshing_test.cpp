@@ -1,0 +1,499 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// Simplification, triangulation and refinement, on random outlines and on difficult ones.
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstdlib>
+#include <filesystem>
+#include <map>
+#include <numbers>
+#include <set>
+#include <utility>
+#include <vector>
+
+#include "formats/mesh/mesh_quality.h"
+#include "formats/mesh/mesh_validity.h"
+#include "formats/mesh/refinement.h"
+#include "formats/mesh/regions.h"
+#include "formats/mesh/triangulation.h"
+#include "pipeline/bake/mesh_slice.h"
+#include "pipeline/contour/contour.h"
+#include "pipeline/contour/simplification.h"
+#include "pipeline/open/open_stack.h"
+#include "pipeline/read/slice_stack.h"
+#include "tests/support/synthetic_fields.h"
+#include "tests/support/test_lattice.h"
+
+namespace trocar::pipeline {
+namespace {
+
+using trocar::test::kLattice;
+constexpr PixelGrid kGrid{0.5, 0.5, 0, 0, kLattice};
+
+double point_to_ring(double x, double y, const Ring& ring) {
+  double best = 1e300;
+  for (std::size_t i = 0; i < ring.size(); ++i) {
+    const LatticePoint a = ring[i], b = ring[(i + 1) % ring.size()];
+    const double dx = b.x - a.x, dy = b.y - a.y;
+    const double t = std::clamp(((x - a.x) * dx + (y - a.y) * dy) / (dx * dx + dy * dy), 0.0, 1.0);
+    best = std::min(best, std::hypot(x - a.x - t * dx, y - a.y - t * dy));
+  }
+  return best;
+}
+
+// Directed Hausdorff distance by brute force, edges sampled every few steps.
+double sampled_distance(const Ring& from, const Ring& to) {
+  double worst = 0;
+  for (std::size_t i = 0; i < from.size(); ++i) {
+    const LatticePoint a = from[i], b = from[(i + 1) % from.size()];
+    const int samples = 1 + static_cast<int>(std::sqrt(static_cast<double>(distance2(a, b))) / 16);
+    for (int k = 0; k < samples; ++k) {
+      const double t = static_cast<double>(k) / samples;
+      worst = std::max(worst, point_to_ring(a.x + t * (b.x - a.x), a.y + t * (b.y - a.y), to));
+    }
+  }
+  return worst;
+}
+
+class Simplification : public testing::TestWithParam<std::tuple<int, double, ContourKind>> {};
+
+TEST_P(Simplification, StaysWithinItsBoundAndKeepsTheTopology) {
+  const auto [passes, tolerance_px, kind] = GetParam();
+  const double tolerance_mm = tolerance_px * kGrid.spacing_u_mm;
+  for (std::uint64_t seed = 100; seed < 120; ++seed) {
+    const Pslg full = contours(noise_field(40, passes, seed), kGrid, kind);
+    const Pslg simple =
+        simplify(full, kLattice, {tolerance_mm, SimplificationMethod::kDouglasPeucker});
+    const auto ok = check_pslg(simple);  // no crossing, no collapse, orientations nest
+    ASSERT_TRUE(ok) << ok.error().message << " seed " << seed;
+    ASSERT_EQ(simple.rings.size(), full.rings.size());
+    const double reported = hausdorff_mm(full, simple, kLattice);
+    EXPECT_LE(reported, tolerance_mm * (1 + 1e-12));
+    for (std::size_t r = 0; r < full.rings.size(); ++r) {
+      EXPECT_EQ(doubled_area(simple.rings[r]) > 0, doubled_area(full.rings[r]) > 0);
+      const double both = std::max(sampled_distance(full.rings[r], simple.rings[r]),
+                                   sampled_distance(simple.rings[r], full.rings[r]));
+      EXPECT_LE(both * kLattice.step_mm(), reported + 1e-9);
+    }
+  }
+}
+
+INSTANTIATE_TEST_SUITE_P(
+    Noise, Simplification,
+    testing::Combine(testing::Values(1, 3, 8), testing::Values(0.1, 0.5, 1.0, 3.0),
+                     testing::Values(ContourKind::kSubpixel, ContourKind::kPixel)));
+
+TEST(Simplification, KeepsASmallIslandInABay) {
+  // A bay one tolerance deep with an island in it: cutting off the bay would cover the island.
+  const std::int32_t s = 256;
+  const Pslg full{{{{0, 0},
+                    {20 * s, 0},
+                    {20 * s, 10 * s},
+                    {12 * s, 10 * s},
+                    {10 * s, 8 * s},
+                    {8 * s, 10 * s},
+                    {0, 10 * s}},
+                   {{10 * s - 40, 9 * s}, {10 * s + 40, 9 * s}, {10 * s, 9 * s + 60}}}};
+  ASSERT_TRUE(check_pslg(full));
+  const Pslg simple = simplify(full, kLattice, {3.0});
+  const auto ok = check_pslg(simple);
+  EXPECT_TRUE(ok) << ok.error().message;
+  EXPECT_EQ(simple.rings.size(), 2U);
+}
+
+// The mesh of every outline is valid, conforming and Delaunay, with exact area.
+void expect_valid_refinement(const Pslg& pslg, const RefinementOptions& options,
+                             const std::string& what) {
+  const auto cdt = triangulate(pslg);
+  ASSERT_TRUE(cdt) << what << ": " << cdt.error().message;
+  auto ok = check_mesh_against_pslg(cdt->mesh, pslg);
+  ASSERT_TRUE(ok) << what << ": " << ok.error().message;
+  ASSERT_TRUE(is_constrained_delaunay(cdt->mesh)) << what;
+  const Refined refined = refine(*cdt, kLattice, options);
+  ok = check_mesh_against_pslg(refined.mesh, boundary_rings(refined.mesh));
+  ASSERT_TRUE(ok) << what << ": " << ok.error().message;
+  EXPECT_TRUE(is_constrained_delaunay(refined.mesh)) << what;
+  EXPECT_NE(refined.outcome, RefinementOutcome::kVertexBudget) << what;
+  const MeshQuality quality = measure_quality(refined, kLattice, options.min_angle_deg);
+  double smallest_deg = 180;
+  for (const Triangle& t : refined.mesh.triangles) {
+    for (std::size_t i = 0; i < 3; ++i) {
+      const LatticePoint at = refined.mesh.vertices[t[i]],
+                         p = refined.mesh.vertices[t[(i + 1) % 3]],
+                         q = refined.mesh.vertices[t[(i + 2) % 3]];
+      smallest_deg =
+          std::min(smallest_deg, std::atan2(static_cast<double>(orient2d(at, p, q)),
+                                            static_cast<double>(diametral_dot(p, q, at))) *
+                                     180 / std::numbers::pi);
+    }
+  }
+  if (!refined.mesh.triangles.empty()) {
+    EXPECT_NEAR(quality.min_angle_deg, smallest_deg, 1e-9) << what;
+  }
+  EXPECT_EQ(quality.below_unexplained, 0U) << what;
+  EXPECT_EQ(quality.negative_stiffness_edges, 0U) << what;
+  EXPECT_EQ(quality.below_min_angle, quality.below_at_small_input_angle) << what;
+  if (quality.below_min_angle == 0 && !refined.mesh.triangles.empty()) {
+    EXPECT_GE(quality.min_angle_deg, options.min_angle_deg - 1e-9) << what;
+  }
+  // A boundary vertex stays within three steps of the segment it splits.
+  for (std::size_t v = 0; v < refined.mesh.vertices.size(); ++v) {
+    const std::int32_t s = refined.origins[v].segment;
+    if (s < 0) continue;
+    const LatticePoint a =
+        refined.mesh.vertices[refined.segments[static_cast<std::size_t>(s)].from];
+    const LatticePoint b = refined.mesh.vertices[refined.segments[static_cast<std::size_t>(s)].to];
+    const double off = static_cast<double>(orient2d(a, b, refined.mesh.vertices[v])) /
+                       std::sqrt(static_cast<double>(distance2(a, b)));
+    EXPECT_GE(off, 0.0) << what;
+    EXPECT_LT(off, 3.0) << what;
+  }
+}
+
+TEST(Refinement, LeavesNothingAsItIs) {
+  for (const double max_area_mm2 : {1e-6, 50.0, 1e12}) {
+    RefinementOptions options;
+    options.max_area_mm2 = max_area_mm2;
+    EXPECT_TRUE(refine(Triangulation{}, Lattice{}, options).mesh.triangles.empty()) << max_area_mm2;
+  }
+}
+
+TEST(Refinement, ReachesAnglesAndAreasOnSmoothOutlines) {
+  for (const double radius : {3.0, 12.0, 25.0}) {
+    const Pslg disc =
+        simplify(contours(disc_field(64, 31.3, 31.8, radius), kGrid, ContourKind::kSubpixel),
+                 kLattice, {0.1});
+    for (const double angle : {20.0, 30.0, 33.0}) {
+      for (const double area : {0.5, 5.0, 1e9}) {
+        RefinementOptions options;
+        options.min_angle_deg = angle;
+        options.max_area_mm2 = area;
+        const Refined refined = refine(*triangulate(disc), kLattice, options);
+        const MeshQuality quality = measure_quality(refined, kLattice, angle);
+        EXPECT_EQ(quality.below_min_angle, 0U) << radius << ' ' << angle << ' ' << area;
+        EXPECT_LE(quality.max_area_mm2, area);
+        expect_valid_refinement(disc, options, "disc");
+      }
+    }
+  }
+}
+
+// Points of splits are rounded to the lattice, which moves the outline. With keep_area, the areas
+// that the splits of a loop add and remove balance.
+TEST(Refinement, KeepsTheAreaIfWanted) {
+  double kept = 0, rounded = 0;
+  for (int k = 0; k < 20; ++k) {
+    const Pslg disc =
+        simplify(contours(disc_field(64, 31.3, 31.8, 10 + 0.7 * k), kGrid, ContourKind::kSubpixel),
+                 kLattice, {0.1});
+    for (const bool keep_area : {true, false}) {
+      RefinementOptions options;
+      options.max_area_mm2 = 0.5;
+      options.keep_area = keep_area;
+      const Refined refined = refine(*triangulate(disc), kLattice, options);
+      (keep_area ? kept : rounded) +=
+          std::abs(static_cast<double>(doubled_area(refined.mesh) - doubled_area(disc)));
+    }
+  }
+  std::printf("  area error %.3g of that without keep_area\n", kept / rounded);
+  EXPECT_LT(kept, 0.02 * rounded);
+}
+
+// If only the area bound requires triangles, nearly all are equilateral and of that area.
+TEST(Refinement, FillsLargeAreasWithHardlyMoreTrianglesThanTheAreaAsksFor) {
+  Pslg pslg = simplify(contours(disc_field(64, 31.3, 31.8, 25), kGrid, ContourKind::kSubpixel),
+                       kLattice, {0.1});
+  pslg.rings.push_back({{4000, 4000}, {3700, 4500}, {5000, 4700}});
+  const double area_mm2 =
+      0.5 * static_cast<double>(doubled_area(pslg)) * kLattice.step_mm() * kLattice.step_mm();
+  for (const double wanted : {500.0, 2000.0, 8000.0}) {
+    RefinementOptions options;
+    options.max_area_mm2 = area_mm2 / wanted;
+    const Refined refined = refine(*triangulate(pslg), kLattice, options);
+    const auto triangles = static_cast<double>(refined.mesh.triangles.size());
+    EXPECT_LE(triangles, wanted * (1.05 + 3 / std::sqrt(wanted))) << wanted;
+    const MeshQuality quality = measure_quality(refined, kLattice, 30);
+    EXPECT_EQ(quality.below_min_angle, 0U) << wanted;
+    EXPECT_LE(quality.max_area_mm2, options.max_area_mm2);
+    expect_valid_refinement(pslg, options, "filled");
+    // Moved and rotated, the same.
+    Pslg moved = pslg;
+    for (Ring& ring : moved.rings) {
+      for (LatticePoint& p : ring)
+        p = {1001 - p.y, p.x - 100'003};
+    }
+    Refined again = refine(*triangulate(moved), kLattice, options);
+    for (LatticePoint& p : again.mesh.vertices)
+      p = {p.y + 100'003, 1001 - p.x};
+    EXPECT_EQ(again.mesh.vertices, refined.mesh.vertices) << wanted;
+    EXPECT_EQ(again.mesh.triangles, refined.mesh.triangles) << wanted;
+  }
+}
+
+// Wider than an asset may be: products of coordinates do not fit into a double.
+TEST(Refinement, GivesValidMeshesOnTheWholeLattice) {
+  for (const std::int32_t scale : {1, 1 << 13}) {
+    Pslg pslg;
+    for (const Ring& ring :
+         simplify(contours(noise_field(64, 3, 5), kGrid, ContourKind::kSubpixel), kLattice, {0.25})
+             .rings) {
+      Ring& scaled = pslg.rings.emplace_back();
+      for (const LatticePoint p : ring)
+        scaled.push_back({p.x * scale, p.y * scale});
+    }
+    RefinementOptions options;
+    options.max_area_mm2 = 1e12;
+    expect_valid_refinement(pslg, options, "scaled by " + std::to_string(scale));
+  }
+}
+
+TEST(Refinement, GivesValidMeshesOnNoise) {
+  for (const int passes : {1, 2, 4, 8}) {
+    for (std::uint64_t seed = 0; seed < 15; ++seed) {
+      const Pslg full = drop_small_rings(
+          contours(noise_field(64, passes, seed), kGrid, ContourKind::kSubpixel), 0.25, kLattice);
+      expect_valid_refinement(
+          simplify(full, kLattice, {0.25, SimplificationMethod::kDouglasPeucker}), {},
+          "noise " + std::to_string(passes) + " seed " + std::to_string(seed));
+    }
+  }
+}
+
+TEST(Refinement, GivesValidMeshesOnPixelChains) {
+  for (std::uint64_t seed = 0; seed < 15; ++seed) {
+    const Pslg full = drop_small_rings(
+        contours(noise_field(64, 3, seed), kGrid, ContourKind::kPixel), 0.25, kLattice);
+    expect_valid_refinement(simplify(full, kLattice, {0.4}), {},
+                            "chains, seed " + std::to_string(seed));
+  }
+}
+
+// The same triangles, origins and segments under other numbers; neighbours have numbers that are
+// near each other.
+TEST(PlaceOrder, OnlyNumbersAnew) {
+  const Pslg outline =
+      simplify(contours(noise_field(128, 2, 1), kGrid, ContourKind::kSubpixel), kLattice, {0.2});
+  const Refined before = refine(*triangulate(outline), kLattice, {});
+  Refined after = before;
+  sort_by_position(after);
+  const auto at = [](const Refined& r, std::uint32_t v) { return r.mesh.vertices[v]; };
+  const auto triangles = [&](const Refined& r) {
+    std::vector<std::array<LatticePoint, 3>> out;
+    for (const Triangle& t : r.mesh.triangles)
+      out.push_back({at(r, t[0]), at(r, t[1]), at(r, t[2])});
+    std::sort(out.begin(), out.end());
+    return out;
+  };
+  EXPECT_EQ(triangles(after), triangles(before));
+  const auto origins = [&](const Refined& r) {
+    std::vector<std::pair<LatticePoint, std::int32_t>> out;
+    for (std::uint32_t v = 0; v < r.origins.size(); ++v)
+      out.emplace_back(at(r, v), r.origins[v].segment);
+    std::sort(out.begin(), out.end());
+    return out;
+  };
+  EXPECT_EQ(origins(after), origins(before));
+  ASSERT_EQ(after.segments.size(), before.segments.size());
+  for (std::size_t s = 0; s < before.segments.size(); ++s) {
+    EXPECT_EQ(at(after, after.segments[s].from), at(before, before.segments[s].from));
+    EXPECT_EQ(at(after, after.segments[s].to), at(before, before.segments[s].to));
+  }
+  EXPECT_TRUE(check_mesh(after.mesh));
+  const auto mean_gap = [](const Refined& r) {
+    double sum = 0;
+    for (const Triangle& t : r.mesh.triangles)
+      sum += std::max({t[0], t[1], t[2]}) - std::min({t[0], t[1], t[2]});
+    return sum / static_cast<double>(r.mesh.triangles.size());
+  };
+  EXPECT_LT(mean_gap(after), 0.2 * mean_gap(before));
+  Refined none;
+  sort_by_position(none);
+  EXPECT_TRUE(none.mesh.vertices.empty());
+}
+
+// Up to 33 degrees refinement reaches the wanted angle; beyond, it reports the largest angle that
+// it reached within its budget.
+TEST(Refinement, EndsForLargeAngles) {
+  int unreached = 0;
+  for (std::uint64_t seed = 0; seed < 8; ++seed) {
+    const Pslg full = drop_small_rings(
+        contours(noise_field(48, 3, seed), kGrid, ContourKind::kSubpixel), 0.25, kLattice);
+    const Pslg pslg = simplify(full, kLattice, {0.25, SimplificationMethod::kDouglasPeucker});
+    for (const double angle : {33.0, 36.0, 45.0, 59.0}) {
+      RefinementOptions options;
+      options.min_angle_deg = angle;
+      options.max_vertices = seed % 2 == 0 ? 0 : 20'000;
+      const Refined refined = refine(*triangulate(pslg), kLattice, options);
+      const auto ok = check_mesh_against_pslg(refined.mesh, boundary_rings(refined.mesh));
+      ASSERT_TRUE(ok) << angle << ": " << ok.error().message;
+      EXPECT_TRUE(is_constrained_delaunay(refined.mesh));
+      ASSERT_NE(refined.outcome, RefinementOutcome::kVertexBudget) << angle;
+      if (refined.outcome == RefinementOutcome::kAngleNotReached) {
+        ++unreached;
+        EXPECT_GT(angle, kSafeAngle_deg);
+        EXPECT_LT(refined.angle_deg, angle);
+      } else {
+        EXPECT_EQ(refined.angle_deg, angle);
+      }
+      EXPECT_GE(refined.angle_deg, std::min(angle, kSafeAngle_deg));
+      if (refined.bad_at_lattice_step == 0) {
+        EXPECT_EQ(measure_quality(refined, kLattice, refined.angle_deg).below_unexplained, 0U)
+            << angle;
+      }
+    }
+  }
+  EXPECT_GT(unreached, 0);
+}
+
+// Every slice of the available scans is refined completely, without negative stiffness.
+TEST(Refinement, EndsOnScans) {
+  // NOLINTNEXTLINE(concurrency-mt-unsafe): nothing sets the environment
+  const char* const folder = std::getenv("TROCAR_REAL_CT");
+  // NOLINTNEXTLINE(concurrency-mt-unsafe)
+  const char* const head = std::getenv("TROCAR_HEAD_CT");
+  std::vector<std::string> scans;
+  if (folder != nullptr) scans.push_back(std::string(folder) + "/l3/sub-ct_label-22_ct.nii.gz");
+  if (head != nullptr) scans.emplace_back(head);
+  std::erase_if(scans, [](const std::string& s) { return !std::filesystem::exists(s); });
+  if (scans.empty()) GTEST_SKIP() << "neither TROCAR_REAL_CT nor TROCAR_HEAD_CT names a scan";
+  for (const std::string& scan : scans) {
+    const auto stack = open_stack({scan}, {});
+    ASSERT_TRUE(stack) << stack.error().message;
+    for (const double angle : {30.0, kSafeAngle_deg}) {
+      MeshOptions options;
+      options.refinement.min_angle_deg = angle;
+      for (int k = 0; k < (*stack)->size(); ++k) {
+        const auto meshed = mesh_slice(**stack, k, options);
+        ASSERT_TRUE(meshed) << meshed.error().message;
+        const MeshedMaterial* const slice = &meshed->materials[0];
+        EXPECT_EQ(slice->refined.outcome, RefinementOutcome::kRefined) << scan << " slice " << k;
+        EXPECT_EQ(slice->quality.negative_stiffness_edges, 0U) << scan << " slice " << k;
+        EXPECT_EQ(slice->quality.below_unexplained, 0U) << scan << " slice " << k;
+      }
+    }
+  }
+}
+
+// If the vertex budget is too small, the mesh is valid and the outcome says that it is incomplete.
+TEST(Refinement, StopsAtItsVertexBudget) {
+  const Pslg disc = simplify(
+      contours(disc_field(64, 31.3, 31.8, 25), kGrid, ContourKind::kSubpixel), kLattice, {0.1});
+  RefinementOptions options;
+  options.max_area_mm2 = 0.5;
+  options.max_vertices = 300;
+  for (const double angle : {30.0, 40.0}) {
+    options.min_angle_deg = angle;
+    const Refined refined = refine(*triangulate(disc), kLattice, options);
+    EXPECT_EQ(refined.outcome, RefinementOutcome::kVertexBudget);
+    EXPECT_EQ(refined.mesh.vertices.size(), options.max_vertices);
+    EXPECT_TRUE(check_mesh_against_pslg(refined.mesh, boundary_rings(refined.mesh)));
+    EXPECT_TRUE(is_constrained_delaunay(refined.mesh));
+  }
+}
+
+TEST(Refinement, EndsAtSmallInputAngles) {
+  for (const double degrees : {45.0, 29.0, 10.0, 1.0, 0.1}) {
+    const double a = degrees * std::numbers::pi / 180;
+    const Pslg needle{{{{0, 0},
+                        {100'000, 0},
+                        {static_cast<std::int32_t>(100'000 * std::cos(a)),
+                         static_cast<std::int32_t>(std::ceil(100'000 * std::sin(a)))}}}};
+    expect_valid_refinement(needle, {}, "needle of " + std::to_string(degrees));
+  }
+}
+
+TEST(Refinement, RefinesNestedAndTouchingRings) {
+  Pslg nested;
+  for (std::int32_t k = 0; k < 6; ++k) {
+    const std::int32_t d = k * 700;
+    Ring ring = {{d, d}, {10'000 - d, d}, {10'000 - d, 10'000 - d}, {d, 10'000 - d}};
+    if (k % 2 == 1) std::reverse(ring.begin(), ring.end());
+    nested.rings.push_back(ring);
+  }
+  expect_valid_refinement(nested, {}, "nested");
+  expect_valid_refinement(
+      {{{{0, 0}, {8000, 0}, {8000, 8000}, {0, 8000}}, {{0, 0}, {2000, 4000}, {4000, 2000}}}}, {},
+      "touching hole");
+  expect_valid_refinement({{{{0, 0}, {4000, 0}, {4000, 4000}, {0, 4000}},
+                            {{4000, 4000}, {8000, 4000}, {8000, 8000}, {4000, 8000}}}},
+                          {}, "touching islands");
+}
+
+// No vertex that is visible from a triangle lies in its circumcircle. By brute force on a convex
+// outline, where all vertices are visible.
+TEST(Triangulation, ConvexOutlineIsDelaunayByBruteForce) {
+  Ring ring;
+  std::set<LatticePoint> seen;
+  for (int k = 0; k < 60; ++k) {
+    const double t = 2 * std::numbers::pi * (k + 0.3 * std::sin(5.0 * k)) / 60;
+    const LatticePoint p{static_cast<std::int32_t>(std::lrint(9000 * std::cos(t))),
+                         static_cast<std::int32_t>(std::lrint(5000 * std::sin(t)))};
+    if (seen.insert(p).second) ring.push_back(p);
+  }
+  const auto triangulation = triangulate({{ring}});
+  ASSERT_TRUE(triangulation);
+  const SliceMesh& mesh = triangulation->mesh;
+  EXPECT_EQ(mesh.triangles.size(), ring.size() - 2);
+  for (const Triangle& t : mesh.triangles) {
+    for (const LatticePoint p : mesh.vertices) {
+      EXPECT_LE(in_circle(mesh.vertices[t[0]], mesh.vertices[t[1]], mesh.vertices[t[2]], p), 0);
+    }
+  }
+}
+
+// Compared with cotangents in floating point; an unrefined mesh has such edges.
+TEST(MeshQuality, CountsEdgesOfNegativeStiffness) {
+  EXPECT_EQ(count_negative_stiffness_edges({{{0, 0}, {8, 0}, {4, 3}}, {{0, 1, 2}}}), 1U);
+  EXPECT_EQ(count_negative_stiffness_edges({{{0, 0}, {8, 0}, {4, 4}}, {{0, 1, 2}}}), 0U);
+  std::uint32_t in_all = 0;
+  for (std::uint64_t seed = 0; seed < 10; ++seed) {
+    const auto cdt = triangulate(simplify(
+        contours(noise_field(64, 3, seed), kGrid, ContourKind::kSubpixel), kLattice, {0.2}));
+    ASSERT_TRUE(cdt);
+    std::map<std::pair<std::uint32_t, std::uint32_t>, double> stiffness;
+    for (const Triangle& t : cdt->mesh.triangles) {
+      for (std::size_t i = 0; i < 3; ++i) {
+        const std::uint32_t p = t[(i + 1) % 3], q = t[(i + 2) % 3];
+        const LatticePoint a = cdt->mesh.vertices[t[i]], b = cdt->mesh.vertices[p],
+                           c = cdt->mesh.vertices[q];
+        stiffness[std::minmax(p, q)] +=
+            static_cast<double>(diametral_dot(b, c, a)) / static_cast<double>(orient2d(a, b, c));
+      }
+    }
+    const auto below = [&](double bound) {
+      return static_cast<std::uint32_t>(
+          std::count_if(stiffness.begin(), stiffness.end(),
+                        [bound](const auto& edge) { return edge.second < bound; }));
+    };
+    const std::uint32_t count = count_negative_stiffness_edges(cdt->mesh);
+    EXPECT_GE(count, below(-1e-9)) << seed;  // four points on a circle leave a zero
+    EXPECT_LE(count, below(1e-9)) << seed;
+    in_all += count;
+  }
+  EXPECT_GT(in_all, 100U);
+}
+
+TEST(IsAngleBelow, AgreesWithTheAngleItself) {
+  std::mt19937_64 rng(3);
+  const double sine = std::sin(30 * std::numbers::pi / 180);
+  for (int i = 0; i < 20'000; ++i) {
+    LatticePoint p[3];
+    for (LatticePoint& q : p)
+      q = {static_cast<std::int32_t>(rng() % 2000), static_cast<std::int32_t>(rng() % 2000)};
+    if (orient2d(p[0], p[1], p[2]) <= 0) continue;
+    double smallest = 10;
+    for (int k = 0; k < 3; ++k) {
+      const LatticePoint a = p[k], b = p[(k + 1) % 3], c = p[(k + 2) % 3];
+      smallest = std::min(smallest, std::atan2(static_cast<double>(orient2d(a, b, c)),
+                                               static_cast<double>(diametral_dot(b, c, a))));
+    }
+    if (std::abs(smallest - 30 * std::numbers::pi / 180) < 1e-9) continue;
+    ASSERT_EQ(is_angle_below(p[0], p[1], p[2], sine * sine),
+              smallest < 30 * std::numbers::pi / 180);
+  }
+}
+
+}  // namespace
+}  // namespace trocar::pipeline

@@ -1,0 +1,167 @@
+// SPDX-License-Identifier: Apache-2.0
+// The contract of formats/mesh/triangle_grid.h compared with a search of all triangles, on
+// triangles without any order; the grid does not need a valid mesh.
+#include "formats/mesh/triangle_grid.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <set>
+#include <utility>
+
+#include "tests/support/random_geometry.h"
+
+namespace trocar::runtime {
+namespace {
+
+struct Triangles {
+  SheetMesh mesh;
+  int size = 300;  ///< size of a triangle
+
+  // Slots for triangles, of which about a third are in use.
+  Triangles(Random& random, std::uint32_t slots, int triangle_size) : size(triangle_size) {
+    mesh.triangles.resize(slots, kFreeSlot);
+    mesh.across.resize(slots, {kNoSlot, kNoSlot, kNoSlot});
+    mesh.vertices.resize(3 * std::size_t{slots});
+    for (std::uint32_t t = slots; t-- > 0;) {
+      if (random.between(0, 2) == 0) {
+        mesh.triangles[t] = make(random, t);
+      } else {
+        mesh.free_triangles.push_back(t);
+      }
+    }
+    mesh.reserve_stacks();
+  }
+
+  // Each triangle slot has its own vertices, which change with it.
+  Triangle make(Random& random, std::uint32_t t) {
+    const LatticePoint a = random.point(-10'000, 10'000);
+    for (std::uint32_t i = 0; i < 3; ++i) {
+      const LatticePoint d = random.point(-size, size);
+      mesh.vertices[3 * t + i] = i == 0 ? a : LatticePoint{a.x + d.x, a.y + d.y};
+    }
+    return {3 * t, 3 * t + 1, 3 * t + 2};
+  }
+};
+
+void expect_same_as_search(const TriangleGrid& grid, const SheetMesh& mesh, Random& random) {
+  const LatticePoint p = random.point(-15'000, 15'000);
+  const LatticeBox box{p, {p.x + random.between(0, 4000), p.y + random.between(0, 4000)}};
+  std::multiset<std::uint32_t> expected, got;
+  for (std::uint32_t t = 0; t < mesh.triangles.size(); ++t) {
+    if (mesh.in_use(t) && !apart(bounding_box(mesh, t), box)) expected.insert(t);
+  }
+  grid.for_each(mesh, box, [&](std::uint32_t t) { got.insert(t); });
+  ASSERT_EQ(got, expected);
+}
+
+TEST(TriangleGrid, FindsTheSameAsASearchOfAllTrianglesAfterEdits) {
+  Random random(4);
+  for (const int size : {300, 10'000, 3}) {
+    Triangles some(random, 1200, size);
+    TriangleGrid grid(some.mesh);
+    SheetEdit edit(some.mesh);
+    for (int round = 0; round < 300; ++round) {
+      expect_same_as_search(grid, some.mesh, random);
+      edit.begin(some.mesh);
+      for (int i = random.between(0, 40); i > 0; --i) {
+        const auto t = static_cast<std::uint32_t>(random.between(0, 1199));
+        if (some.mesh.in_use(t)) {
+          if (random.between(0, 3) == 0) {
+            edit.touch_triangle(some.mesh, t);  // only its neighbours change
+          } else {
+            edit.release_triangle(some.mesh, t);
+          }
+        } else if (const std::uint32_t taken = edit.take_triangle(some.mesh, {0, 1, 2});
+                   taken != kNoSlot) {
+          some.mesh.triangles[taken] = some.make(random, taken);
+        }
+      }
+      grid.update(edit.change(), some.mesh);
+    }
+  }
+}
+
+TEST(TriangleGrid, GivesTheSameOrderAfterTheSameEdits) {
+  Random random(5);
+  Triangles some(random, 500, 1000);
+  TriangleGrid one(some.mesh), other(some.mesh);
+  SheetMesh replica = some.mesh;
+  SheetEdit edit(some.mesh);
+  for (int round = 0; round < 100; ++round) {
+    edit.begin(some.mesh);
+    for (int i = 0; i < 20; ++i) {
+      const auto t = static_cast<std::uint32_t>(random.between(0, 499));
+      if (some.mesh.in_use(t)) {
+        edit.release_triangle(some.mesh, t);
+      } else if (const std::uint32_t taken = edit.take_triangle(some.mesh, {0, 1, 2});
+                 taken != kNoSlot) {
+        for (std::uint32_t v = 3 * taken; v < 3 * taken + 3; ++v)
+          edit.touch_vertex(some.mesh, v);
+        some.mesh.triangles[taken] = some.make(random, taken);
+      }
+    }
+    one.update(edit.change(), some.mesh);
+    edit.change().copy_to(some.mesh, replica);
+    other.update(edit.change(), replica);
+    std::vector<std::uint32_t> first, second;
+    const LatticeBox all{{-30'000, -30'000}, {30'000, 30'000}};
+    one.for_each(some.mesh, all, [&](std::uint32_t t) { first.push_back(t); });
+    other.for_each(replica, all, [&](std::uint32_t t) { second.push_back(t); });
+    ASSERT_EQ(first, second);
+  }
+}
+
+// The grid of the boundary follows edits in which triangles come to the boundary or leave it.
+TEST(TriangleGrid, TheGridOfTheBoundaryFindsTheTrianglesWithAnOpenEdge) {
+  Random random(6);
+  Triangles some(random, 1200, 300);
+  const auto change_edges = [&](std::uint32_t t) {
+    for (std::uint32_t& beyond : some.mesh.across[t])
+      beyond = random.between(0, 1) == 0 ? 0 : kNoSlot;
+  };
+  for (std::uint32_t t = 0; t < 1200; ++t)
+    if (some.mesh.in_use(t)) change_edges(t);
+  TriangleGrid grid(some.mesh, GridTriangles::kBoundary);
+  SheetEdit edit(some.mesh);
+  std::size_t found = 0;
+  for (int round = 0; round < 300; ++round) {
+    const LatticePoint p = random.point(-15'000, 15'000);
+    const LatticeBox box{p, {p.x + random.between(0, 4000), p.y + random.between(0, 4000)}};
+    std::multiset<std::uint32_t> expected, got;
+    for (std::uint32_t t = 0; t < 1200; ++t) {
+      const auto& across = std::as_const(some.mesh).across[t];
+      if (some.mesh.in_use(t) && !apart(bounding_box(some.mesh, t), box) &&
+          std::count(across.begin(), across.end(), kNoSlot) > 0)
+        expected.insert(t);
+    }
+    grid.for_each(some.mesh, box, [&](std::uint32_t t) { got.insert(t); });
+    ASSERT_EQ(got, expected);
+    found += got.size();
+    edit.begin(some.mesh);
+    for (int i = random.between(0, 40); i > 0; --i) {
+      const auto t = static_cast<std::uint32_t>(random.between(0, 1199));
+      if (!some.mesh.in_use(t)) {
+        const std::uint32_t taken = edit.take_triangle(some.mesh, {0, 1, 2});
+        if (taken == kNoSlot) continue;
+        some.mesh.triangles[taken] = some.make(random, taken);
+        change_edges(taken);
+      } else if (random.between(0, 1) == 0) {
+        edit.release_triangle(some.mesh, t);
+      } else {
+        edit.touch_triangle(some.mesh, t);
+        change_edges(t);
+      }
+    }
+    grid.update(edit.change(), some.mesh);
+  }
+  EXPECT_GT(found, 1000U);
+}
+
+TEST(TriangleGrid, EmptyFindsNothing) {
+  TriangleGrid().for_each({}, {}, [](std::uint32_t) { FAIL(); });
+  TriangleGrid(SheetMesh{}).for_each({}, {}, [](std::uint32_t) { FAIL(); });
+}
+
+}  // namespace
+}  // namespace trocar::runtime

@@ -1,0 +1,188 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// The samples of HU: their grid, the fit to the pixels against dense least squares, and means over discs.
+#include "pipeline/bake/hu_planes.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <limits>
+#include <random>
+#include <tuple>
+
+#include "tests/reference/decompositions/decompositions.h"
+#include "tests/support/test_lattice.h"
+
+namespace trocar::pipeline {
+namespace {
+
+using trocar::test::kLattice;
+
+Image noise_image(int width, int height, std::uint32_t seed) {
+  std::mt19937 random(seed);
+  std::normal_distribution<float> hu(300, 200);
+  Image out{width, height, {}};
+  for (int i = 0; i < width * height; ++i)
+    out.values.push_back(hu(random));
+  return out;
+}
+
+HuSampling sampling_of(double spacing_mm, int width, int height) {
+  SlicePlane plane;
+  plane.spacing_u_mm = plane.spacing_v_mm = spacing_mm;
+  MeshOptions options;
+  options.lattice = kLattice;
+  return hu_sampling(plane, width, height, options);
+}
+
+HuMask whole(const HuGrid& grid) {
+  return {0, 0, grid.columns, grid.rows,
+          std::vector<char>(
+              static_cast<std::size_t>(grid.columns) * static_cast<std::size_t>(grid.rows), 1)};
+}
+
+TEST(HuSampling, HasAPitchOfAboutAMillimetre) {
+  for (int i = 0; i < 69; ++i) {  // from 0.05 to 5 mm
+    const double spacing_mm = 0.05 * std::pow(1.07, i);
+    const HuSampling sampling = sampling_of(spacing_mm, 512, 400);
+    const HuGrid& grid = sampling.grid;
+    EXPECT_TRUE(check_hu_grid(grid, kLattice));
+    EXPECT_DOUBLE_EQ(grid.pitch_mm.x(), sampling.columns_each * spacing_mm);
+    if (sampling.columns_each > 1) {
+      EXPECT_GT(grid.pitch_mm.x(), 0.57);
+      EXPECT_LE(grid.pitch_mm.x(), 1.25);
+    }
+    EXPECT_GE(grid.pitch_mm.x(), spacing_mm);
+    // The grid reaches the last pixel and ends less than a pitch behind it.
+    const double last_mm = 511 * spacing_mm, end_mm = (grid.columns - 1) * grid.pitch_mm.x();
+    EXPECT_GE(end_mm, last_mm - 1e-9);
+    EXPECT_LT(end_mm, last_mm + grid.pitch_mm.x());
+    EXPECT_GE(kLattice.to_mm(grid.margin_steps) + kLattice.step_mm(),
+              std::max(1.5, grid.pitch_mm.x()));
+  }
+  EXPECT_TRUE(check_hu_grid(sampling_of(0.001, 32768, 2048).grid, Lattice{14}));
+}
+
+TEST(HuSampling, BeginsAtTheCrop) {
+  SlicePlane plane;
+  plane.spacing_u_mm = 0.4, plane.spacing_v_mm = 2;
+  MeshOptions options;
+  options.crop = Crop{10, 109, 5, 44};
+  const HuSampling sampling = hu_sampling(plane, 100, 40, options);
+  EXPECT_EQ(sampling.grid.origin_mm, Eigen::Vector2d(10 * 0.4, 5 * 2.0));
+  EXPECT_EQ(sampling.columns_each, 2);
+  EXPECT_EQ(sampling.rows_each, 1);
+}
+
+TEST(HuSamples, AreThePixelsWhereTheseAreCoarse) {
+  const Image image = noise_image(20, 15, 1);
+  const HuSampling sampling = sampling_of(1.2, 20, 15);
+  EXPECT_EQ(hu_samples(image, sampling, whole(sampling.grid)), image.values);
+  const HuMask box{3, 4, 5, 6, std::vector<char>(30, 1)};
+  const std::vector<float> part = hu_samples(image, sampling, box);
+  ASSERT_EQ(part.size(), 30U);
+  for (int r = 0; r < 6; ++r) {
+    for (int c = 0; c < 5; ++c)
+      EXPECT_EQ(part[static_cast<std::size_t>(5 * r + c)], image.at(3 + c, 4 + r));
+  }
+}
+
+// Every pixel is the bilinear function of the four samples around it: one dense system for all.
+TEST(HuSamples, AreTheLeastSquaresFit) {
+  for (const auto& [width, height, spacing_mm] :
+       {std::tuple(13, 10, 0.4), std::tuple(14, 9, 0.3), std::tuple(17, 17, 0.25),
+        std::tuple(11, 12, 0.5)}) {
+    const Image image = noise_image(width, height, 7);
+    const HuSampling sampling = sampling_of(spacing_mm, width, height);
+    const int each = sampling.columns_each, columns = sampling.grid.columns;
+    ASSERT_GT(each, 1);
+    Eigen::MatrixXd basis = Eigen::MatrixXd::Zero(width * height, columns * sampling.grid.rows);
+    Eigen::VectorXd pixels(width * height);
+    for (int y = 0; y < height; ++y) {
+      for (int x = 0; x < width; ++x) {
+        pixels[y * width + x] = static_cast<double>(image.at(x, y));
+        for (int r = 0; r < sampling.grid.rows; ++r) {
+          for (int c = 0; c < columns; ++c)
+            basis(y * width + x, r * columns + c) =
+                std::max(0.0, 1 - std::abs(x - c * each) / static_cast<double>(each)) *
+                std::max(0.0, 1 - std::abs(y - r * each) / static_cast<double>(each));
+        }
+      }
+    }
+    const Eigen::VectorXd fit = reference::least_squares(basis, pixels);
+    const std::vector<float> samples = hu_samples(image, sampling, whole(sampling.grid));
+    ASSERT_EQ(static_cast<Eigen::Index>(samples.size()), fit.size());
+    for (Eigen::Index i = 0; i < fit.size(); ++i)
+      EXPECT_NEAR(samples[static_cast<std::size_t>(i)], fit[i], 0.01) << width << ": " << i;
+  }
+}
+
+// The fit to the surroundings of a box, not to the whole image.
+TEST(HuSamples, OfABoxAreThoseOfTheImage) {
+  const Image image = noise_image(200, 150, 3);
+  const HuSampling sampling = sampling_of(0.4, 200, 150);
+  const std::vector<float> all = hu_samples(image, sampling, whole(sampling.grid));
+  const HuMask box{30, 20, 25, 31, std::vector<char>(25 * 31, 1)};
+  const std::vector<float> part = hu_samples(image, sampling, box);
+  double sum2 = 0;
+  for (int r = 0; r < box.rows; ++r) {
+    for (int c = 0; c < box.columns; ++c) {
+      const std::ptrdiff_t in_box = std::ptrdiff_t{r} * box.columns + c,
+                           in_all = std::ptrdiff_t{r + box.first_row} * sampling.grid.columns + c +
+                                    box.first_column;
+      const auto error = static_cast<double>(part[static_cast<std::size_t>(in_box)] -
+                                             all[static_cast<std::size_t>(in_all)]);
+      EXPECT_LT(std::abs(error), 5);
+      sum2 += error * error;
+    }
+  }
+  EXPECT_LT(std::sqrt(sum2 / (25 * 31)), 1);
+}
+
+TEST(HuSamples, TakePixelsWithoutDataAsAir) {
+  Image image = noise_image(9, 9, 5);
+  image.values[40] = std::numeric_limits<float>::quiet_NaN();
+  image.values[41] = std::numeric_limits<float>::infinity();
+  const HuSampling sampling = sampling_of(1, 9, 9);
+  const std::vector<float> samples = hu_samples(image, sampling, whole(sampling.grid));
+  EXPECT_EQ(samples[40], kNoData_HU);
+  EXPECT_TRUE(std::isfinite(samples[41]));
+}
+
+TEST(EncodeHu, KeepsMeansOverDiscs) {
+  const Image image = noise_image(240, 200, 11);
+  for (const double spacing_mm : {0.3, 0.7, 1.1}) {
+    const HuSampling sampling = sampling_of(spacing_mm, 240, 200);
+    const auto at = [&](double x, double y) {
+      return LatticePoint{kLattice.snap_mm(x * spacing_mm), kLattice.snap_mm(y * spacing_mm)};
+    };
+    const Pslg outline{{{at(40, 30), at(200, 40), at(190, 160), at(60, 170)}}};
+    const Pslg* const outlines[] = {&outline};
+    const auto encoded = encode_hu(4, image, sampling, kLattice, outlines);
+    ASSERT_TRUE(encoded);
+    EXPECT_EQ(encoded->index, 4);
+    const auto plane = decode_hu_plane(encoded->bytes, sampling.grid, kLattice, outlines);
+    ASSERT_TRUE(plane) << plane.error().message;
+    HuPlane pixels;
+    pixels.pitch_mm = {spacing_mm, spacing_mm};
+    pixels.columns = image.width, pixels.rows = image.height;
+    pixels.hu = image.values;
+    std::mt19937 random(2);
+    std::uniform_real_distribution<double> x(60, 180), y(50, 150);
+    double sum2 = 0;
+    for (int i = 0; i < 400; ++i) {
+      const double x_mm = x(random) * spacing_mm, y_mm = y(random) * spacing_mm;
+      const auto error =
+          static_cast<double>(plane->mean(x_mm, y_mm, 1.524) - pixels.mean(x_mm, y_mm, 1.524));
+      sum2 += error * error;
+    }
+    // White noise of 200 HU is worse than any scan.
+    EXPECT_LT(std::sqrt(sum2 / 400), 25) << spacing_mm;
+  }
+  const HuSampling sampling = sampling_of(0.5, 240, 200);
+  const auto none = encode_hu(0, image, sampling, kLattice, {});
+  ASSERT_TRUE(none);
+  EXPECT_TRUE(none->bytes.empty());
+}
+
+}  // namespace
+}  // namespace trocar::pipeline

@@ -1,0 +1,269 @@
+// SPDX-License-Identifier: Apache-2.0
+// The verdict on a device: each planted trouble is named, and alone; noise is measured apart from motion.
+#include "runtime/check/device_trial.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <array>
+#include <atomic>
+#include <cmath>
+#include <functional>
+#include <numbers>
+#include <random>
+
+#include "runtime/device/four_legs/four_legs.h"
+#include "runtime/device/pose/pose_hand.h"
+#include "tests/support/uniform.h"
+
+namespace trocar::runtime {
+namespace {
+
+constexpr std::int64_t kMs = 1'000'000;
+
+/// A trial of 5 s at 1 kHz without any trouble.
+DeviceTrial good_trial() {
+  DeviceTrial trial;
+  trial.ticks = trial.readings = 5000;
+  trial.link.emplace();
+  trial.link->packets.emplace();
+  for (int i = 0; i < 5000; ++i) {
+    trial.state_interval.add(kMs);
+    trial.without_state.add(kMs + (i % 3) * kMs / 10);
+    trial.realtime.wake.add(20'000);
+    trial.link->round_trip.add(kMs / 2);
+    trial.link->packets->counts.add(LinkRefusal::kNone);
+  }
+  trial.position_noise_m = 2e-6;
+  return trial;
+}
+
+struct Planted {
+  const char* words;
+  std::function<void(DeviceTrial& trial)> plant;
+};
+
+TEST(DeviceVerdict, NamesEachTroubleAndNoOther) {
+  const FourLegsSpecification specification(default_device_description());
+  EXPECT_TRUE(describe(good_trial(), {}, specification).troubles.empty());
+  const Planted all[] = {
+      {"sent no state", [](DeviceTrial& t) { t.readings = 0; }},
+      {"3 ticks late in a row", [](DeviceTrial& t) { t.realtime.missed_in_row_max = 3; }},
+      {"only 100 times a second",
+       [](DeviceTrial& t) {
+         t.state_interval = {};
+         for (int i = 0; i < 500; ++i)
+           t.state_interval.add(10 * kMs);
+       }},
+      {"silent for up to 3.5 ms, 4 times",
+       [](DeviceTrial& t) { t.without_state.add(3 * kMs + kMs / 2); }},
+      {"silent for up to 12.0 ms, and 10 ms",
+       [](DeviceTrial& t) { t.without_state.add(12 * kMs); }},
+      {"answered after 6",
+       [](DeviceTrial& t) {
+         for (int i = 0; i < 100; ++i)
+           t.link->round_trip.add(6 * kMs);
+       }},
+      {"2.0 % of the device's states were lost",
+       [](DeviceTrial& t) { t.link->packets->states_missed = 102; }},
+      {"trembles by 0.05 mm at rest, which is 0.5 N",
+       [](DeviceTrial& t) { t.position_noise_m = 5e-5; }},
+      {"joint_limit", [](DeviceTrial& t) { t.fault = Fault::kJointLimit; }},
+      {"in 7 ticks", [](DeviceTrial& t) { t.lost_ticks = 7; }},
+  };
+  for (const Planted& planted : all) {
+    DeviceTrial trial = good_trial();
+    planted.plant(trial);
+    const DeviceVerdict verdict = describe(trial, {}, specification);
+    ASSERT_EQ(verdict.troubles.size(), 1U) << planted.words;
+    EXPECT_NE(verdict.troubles[0].find(planted.words), std::string::npos) << verdict.troubles[0];
+  }
+}
+
+TEST(DeviceVerdict, LateTicksAreATroubleBeyondTheSessionsLimit) {
+  const FourLegsSpecification specification(default_device_description());
+  DeviceTrial trial = good_trial();
+  trial.realtime.missed_in_row_max = 5;
+  SessionOptions options;
+  EXPECT_EQ(describe(trial, options, specification).troubles.size(), 1U);
+  options.limits.missed_deadlines_max = 5;
+  EXPECT_TRUE(describe(trial, options, specification).troubles.empty());
+  options.limits.missed_deadlines_max = 4;
+  const DeviceVerdict verdict = describe(trial, options, specification);
+  ASSERT_EQ(verdict.troubles.size(), 1U);
+  EXPECT_NE(verdict.troubles[0].find("5 end a session (deadline_missed)"), std::string::npos)
+      << verdict.troubles[0];
+}
+
+TEST(DeviceVerdict, ASilenceEndsASessionOnlyFromItsLimitOn) {
+  const FourLegsSpecification specification(default_device_description());
+  DeviceTrial trial = good_trial();
+  trial.without_state.add(12'000'000);
+  SessionOptions options;
+  options.limits.no_data_max_s = 0.25;
+  const std::vector<std::string> shorter = describe(trial, options, specification).troubles;
+  ASSERT_EQ(shorter.size(), 1U);
+  EXPECT_NE(shorter[0].find("forces jump after that"), std::string::npos) << shorter[0];
+  trial.without_state.add(251'000'000);
+  const std::vector<std::string> longer = describe(trial, options, specification).troubles;
+  ASSERT_EQ(longer.size(), 1U);
+  EXPECT_NE(longer[0].find("250 ms without a state end a session"), std::string::npos) << longer[0];
+}
+
+/// The verdict on a device of 0.2 x 0.2 x 0.1 m with y up, whose handle is at this pose in the scene's axes.
+DeviceVerdict verdict_at(const Pose& T_device_plate) {
+  PoseDeviceDescription description;
+  description.workspace_min_m = {-0.1, 0.2, -0.1};
+  description.workspace_max_m = {0.1, 0.3, 0.1};
+  description.turn_rad = {std::numbers::pi / 2, 0, 0};
+  Pose middle;
+  middle.p_m.z() = 0.3;
+  const PoseSpecification specification(description, PoseFrame(description, middle));
+  DeviceTrial trial = good_trial();
+  trial.last_T_device_plate = T_device_plate;
+  return describe(trial, {}, specification);
+}
+
+TEST(DeviceVerdict, SaysWhereTheHandleIs) {
+  const auto has = [](const std::string& text, const char* words) {
+    EXPECT_NE(text.find(words), std::string::npos) << text;
+  };
+  Pose T;
+  T.p_m << 0.0125, -0.02, 0.349;
+  T.q = Eigen::AngleAxisd(0.55, Eigen::Vector3d::UnitY());
+  const DeviceVerdict good = verdict_at(T);
+  EXPECT_TRUE(good.troubles.empty());
+  has(good.text,
+      "x +12.5, y -20.0, z +49.0 mm from the middle of the workspace, tilted by 31.5 deg");
+
+  Pose tilted = T;
+  tilted.q = Eigen::AngleAxisd(0.65, Eigen::Vector3d::UnitY());
+  const DeviceVerdict oblique = verdict_at(tilted);
+  ASSERT_EQ(oblique.troubles.size(), 1U);
+  has(oblique.troubles[0], "tilted by 37.2 deg, and more than 34.4 deg end a session (workspace)");
+
+  T.p_m.z() = 0.352;
+  const DeviceVerdict outside = verdict_at(T);
+  ASSERT_EQ(outside.troubles.size(), 1U);
+  has(outside.troubles[0],
+      "at z +52.0 mm from the middle, which is reachable from -50.0 to +50.0 mm");
+
+  EXPECT_EQ(describe(good_trial(), {}, FourLegsSpecification(default_device_description()))
+                .text.find("at the end"),
+            std::string::npos)
+      << "no pose was accepted";
+}
+
+TEST(DeviceVerdict, SaysThatTheHandleIsOutsideATurnedBox) {
+  PoseDeviceDescription description;
+  description.workspace_min_m = {-0.1, -0.1, -0.1};
+  description.workspace_max_m = {0.1, 0.1, 0.1};
+  description.turn_rad = {0, 0, std::numbers::pi / 4};
+  const PoseSpecification specification(description, PoseFrame(description, Pose{}));
+  DeviceTrial trial = good_trial();
+  trial.last_T_device_plate = Pose{};
+  EXPECT_TRUE(describe(trial, {}, specification).troubles.empty());
+  // Within the box along the scene's axes, which reaches to 141 mm.
+  trial.last_T_device_plate->p_m << 0.09, 0.09, 0;
+  const std::vector<std::string> troubles = describe(trial, {}, specification).troubles;
+  ASSERT_EQ(troubles.size(), 1U);
+  EXPECT_NE(troubles[0].find("the handle is at "), std::string::npos) << troubles[0];
+  EXPECT_NE(troubles[0].find("a session would end at once (workspace)"), std::string::npos);
+}
+
+TEST(DeviceVerdict, AtALowRateASilenceOfTwoTicksEndsNoSession) {
+  const FourLegsSpecification specification(default_device_description());
+  DeviceTrial trial = good_trial();
+  trial.state_interval = {};
+  trial.without_state = {};
+  for (int i = 0; i < 500; ++i) {
+    trial.state_interval.add(10 * kMs);
+    trial.without_state.add(10 * kMs);
+  }
+  trial.without_state.add(20 * kMs);
+  SessionOptions options;
+  options.rate_Hz = 100;
+  EXPECT_TRUE(describe(trial, options, specification).troubles.empty());
+}
+
+TEST(NoiseMeter, MeasuresNoiseAndNotMotion) {
+  std::mt19937_64 random(5);
+  NoiseMeter still, moving, quiet;
+  for (int i = 0; i < 20'000; ++i) {
+    const double noise = (test::uniform(random) - 0.5) * std::sqrt(12);  // deviation 1
+    still.add(noise);
+    moving.add(noise + 3e-3 * i + 40 * std::sin(1e-3 * i));
+    quiet.add(7 + 0.25 * i);
+  }
+  EXPECT_NEAR(still.deviation(), 1, 0.03);
+  EXPECT_NEAR(moving.deviation(), 1, 0.03);
+  EXPECT_NEAR(quiet.deviation(), 0, 1e-9);
+  EXPECT_EQ(NoiseMeter().deviation(), 0);
+}
+
+/// Encoders of a device at rest, with a new state in every tick but some.
+class StillDevice final : public Device {
+ public:
+  DeviceStatus read(DeviceState& state) override {
+    t_s_ += 1e-3;
+    if (++ticks_ % 10 == 0) return DeviceStatus::kNoData;
+    state.t_s = t_s_;
+    state.encoder_rad = encoder_rad;
+    return DeviceStatus::kOk;
+  }
+  DeviceStatus write(const DeviceCommand& command) override {
+    for (const double tau : command.tau_motor_Nm)
+      largest_Nm = std::max(largest_Nm, std::abs(tau));
+    ++writes;
+    return DeviceStatus::kOk;
+  }
+  std::array<double, kEncoders> encoder_rad{};
+  double largest_Nm = 0;
+  int writes = 0;
+
+ private:
+  double t_s_ = 0;
+  int ticks_ = 0;
+};
+
+TEST(DeviceTrial, CommandsNoForceAndCountsWhatTheDeviceSends) {
+  const DeviceDescription description = default_device_description();
+  Pose T;
+  T.p_m.z() = 0.15;
+  StillDevice still;
+  still.encoder_rad = encoder_angles(inverse_kinematics(description, T).joints);
+  FourLegs device(description, still);
+  SessionOptions options;
+  options.duration_s = 0.2;
+  const auto trial = try_device(device, options);
+  ASSERT_TRUE(trial) << trial.error().message;
+  EXPECT_EQ(trial->ticks, 200U);
+  EXPECT_EQ(trial->readings, 180U);
+  EXPECT_EQ(trial->fault, Fault::kNone);
+  EXPECT_EQ(trial->position_noise_m, 0);
+  ASSERT_TRUE(trial->last_T_device_plate);
+  EXPECT_NEAR(trial->last_T_device_plate->p_m.z(), 0.15, 1e-4);
+  const std::string text = describe(*trial, options, device.specification()).text;
+  EXPECT_NE(text.find("z +150.0 mm from the device's origin, tilted by 0.0 deg"), std::string::npos)
+      << text;
+  EXPECT_EQ(still.largest_Nm, 0);
+  EXPECT_EQ(still.writes, 201) << "one in each tick, and one at the end";
+}
+
+TEST(DeviceTrial, GivesNoResultIfItIsStopped) {
+  const DeviceDescription description = default_device_description();
+  StillDevice still;
+  FourLegs device(description, still);
+  const std::atomic<bool> stop{true};
+  SessionOptions options;
+  options.duration_s = 0.2;
+  options.stop = &stop;
+  const auto trial = try_device(device, options);
+  ASSERT_FALSE(trial);
+  EXPECT_EQ(trial.error().code, ExitCode::kDeviceFault);
+  EXPECT_NE(trial.error().message.find("interrupted"), std::string::npos);
+  EXPECT_EQ(still.writes, 1) << "the forces are zero at the end";
+}
+
+}  // namespace
+}  // namespace trocar::runtime

@@ -1,0 +1,318 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "runtime/device/four_legs/kinematics.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include "runtime/device/four_legs/mechanism_limits.h"
+#include "tests/reference/decompositions/decompositions.h"
+#include "tests/reference/mechanism/influence_jacobian.h"
+#include "tests/reference/mechanism/joint_limits.h"
+#include "tests/reference/mechanism/leg_ring.h"
+#include "tests/reference/mechanism/twist_from_motor_rates.h"
+#include "tests/support/device_workspace.h"
+
+namespace trocar::runtime {
+namespace {
+
+using testing_support::Random;
+using testing_support::random_workspace_pose;
+using testing_support::Workspace;
+
+// Motor rates by central differences of the inverse kinematics: the plate is moved along each axis
+// of {B} and rotated about each axis through its own origin.
+Jacobian by_differences(const DeviceDescription& device, const Pose& T) {
+  constexpr double kStep = 2e-7;
+  Jacobian G;
+  for (int column = 0; column < 6; ++column) {
+    Pose plus = T, minus = T;
+    Eigen::Vector3d along = Eigen::Vector3d::Zero();
+    along[column % 3] = kStep;
+    if (column < 3) {
+      plus.p_m += along;
+      minus.p_m -= along;
+    } else {
+      plus.q = Eigen::AngleAxisd(kStep, along / kStep) * T.q;
+      minus.q = Eigen::AngleAxisd(-kStep, along / kStep) * T.q;
+    }
+    G.col(column) = (motor_angles(inverse_kinematics(device, plus).joints) -
+                     motor_angles(inverse_kinematics(device, minus).joints)) /
+                    (2 * kStep);
+  }
+  return G;
+}
+
+TEST(Jacobian, AgreesWithCentralDifferencesAndInfluenceCoefficients) {
+  const DeviceDescription device = default_device_description();
+  Random random(11);
+  double worst_difference = 0, worst_influence = 0;
+  for (int n = 0; n < 100'000; ++n) {
+    const Pose T = random_workspace_pose(random);
+    const InverseResult inverse = inverse_kinematics(device, T);
+    ASSERT_TRUE(inverse.status);
+    const JacobianResult compact = jacobian(device, T, inverse.joints);
+    const JacobianResult influence = influence_jacobian(device, T, inverse.joints);
+    ASSERT_TRUE(compact.status);
+    ASSERT_TRUE(influence.status);
+    const double size = compact.G.cwiseAbs().maxCoeff();
+    worst_influence =
+        std::max(worst_influence, (compact.G - influence.G).cwiseAbs().maxCoeff() / size);
+    worst_difference = std::max(
+        worst_difference, (compact.G - by_differences(device, T)).cwiseAbs().maxCoeff() / size);
+  }
+  std::printf("relative to the largest entry: differences %.1e, influence coefficients %.1e\n",
+              worst_difference, worst_influence);
+  EXPECT_LT(worst_difference, 1e-7);
+  EXPECT_LT(worst_influence, 1e-11) << "two closed forms may differ by rounding only";
+}
+
+// Row by row, since the largest entry of the matrix would hide the error of a small row.
+TEST(Jacobian, EveryRowAgreesRelativeToItself) {
+  const DeviceDescription device = default_device_description();
+  Random random(12);
+  for (int n = 0; n < 2000; ++n) {
+    const Pose T = random_workspace_pose(random);
+    const InverseResult inverse = inverse_kinematics(device, T);
+    const Jacobian G = jacobian(device, T, inverse.joints).G;
+    const Jacobian influence = influence_jacobian(device, T, inverse.joints).G;
+    const Jacobian differences = by_differences(device, T);
+    for (int i = 0; i < kMotors; ++i) {
+      EXPECT_LT((G.row(i) - influence.row(i)).norm(), 1e-11 * G.row(i).norm());
+      EXPECT_LT((G.row(i) - differences.row(i)).norm(), 1e-7 * G.row(i).norm());
+    }
+  }
+}
+
+double inverse_condition(const Jacobian& G) {
+  const SingularRange range = singular_range(G);
+  return range.largest > 0 ? range.smallest / range.largest : 0;
+}
+
+TEST(Jacobian, SingularRangeAgreesWithTheSvd) {
+  const DeviceDescription device = default_device_description();
+  Random random(13);
+  for (int n = 0; n < 1000; ++n) {
+    const Pose T = random_workspace_pose(random);
+    const Jacobian G = jacobian(device, T, inverse_kinematics(device, T).joints).G;
+    Jacobian scaled = G;
+    scaled.rightCols<3>() /= 0.05;
+    const Eigen::VectorXd values = reference::singular_values(scaled);
+    EXPECT_NEAR(inverse_condition(G), values[5] / values[0], 1e-12);
+  }
+  Jacobian flat = Jacobian::Ones();
+  EXPECT_LT(inverse_condition(flat), 1e-6);
+  EXPECT_EQ(inverse_condition(Jacobian::Zero()), 0);
+  flat(3, 3) = std::nan("");
+  EXPECT_EQ(inverse_condition(flat), 0);
+}
+
+// Matrices made from given singular values, the smallest down to rounding.
+TEST(Jacobian, SmallestSingularValueIsFoundDownToRounding) {
+  Random random(14);
+  const auto orthonormal = [&](int size) -> Eigen::MatrixXd {
+    const Eigen::MatrixXd any =
+        Eigen::MatrixXd::NullaryExpr(size, size, [&] { return random.between(-1, 1); });
+    return reference::orthogonal_factor(any);
+  };
+  for (int bits = 0; bits < 50; ++bits) {
+    const double least = std::ldexp(1.0, -bits);
+    for (int n = 0; n < 20; ++n) {
+      Twist values;
+      values << 1, random.between(least, 1), random.between(least, 1), random.between(least, 1),
+          random.between(least, 1), least;
+      Jacobian G = orthonormal(kMotors).leftCols<6>() * values.asDiagonal() * orthonormal(6);
+      G.rightCols<3>() *= kCharacteristicLength_m;
+      G *= 40;  // of the device's size
+      EXPECT_NEAR(inverse_condition(G), least, least > 1e-3 ? 1e-13 : 1e-14);
+    }
+  }
+}
+
+// Far beyond the stated workspace, except where a chain is nearly stretched, since differences are
+// inexact there.
+TEST(Jacobian, AgreesInTheWholeReachOfTheLegs) {
+  const DeviceDescription device = default_device_description();
+  const Workspace wide = {.z_min_m = 0.05, .z_max_m = 0.24, .lateral_m = 0.08, .tilt_rad = 0.8};
+  Random random(16);
+  double worst_difference = 0, worst_influence = 0;
+  int compared = 0, out_of_reach = 0;
+  while (compared < 20'000) {
+    const Pose T = random_workspace_pose(random, wide);
+    const InverseResult inverse = inverse_kinematics(device, T);
+    out_of_reach += !inverse.status;
+    if (!inverse.status) continue;
+    const JacobianResult compact = jacobian(device, T, inverse.joints);
+    if (!compact.status ||
+        measure_singularity(device, T, inverse.joints, compact.G).nearest_branch_m < 0.002)
+      continue;
+    ++compared;
+    const JacobianResult influence = influence_jacobian(device, T, inverse.joints);
+    const double size = compact.G.cwiseAbs().maxCoeff();
+    worst_influence =
+        std::max(worst_influence, (compact.G - influence.G).cwiseAbs().maxCoeff() / size);
+    worst_difference = std::max(
+        worst_difference, (compact.G - by_differences(device, T)).cwiseAbs().maxCoeff() / size);
+  }
+  std::printf("%d poses, %d out of reach: differences %.1e, influence coefficients %.1e\n",
+              compared, out_of_reach, worst_difference, worst_influence);
+  EXPECT_LT(worst_difference, 1e-7);
+  EXPECT_LT(worst_influence, 1e-10);
+  EXPECT_GT(out_of_reach, 1000);
+}
+
+TEST(Jacobian, MotorRatesDetermineTheTwist) {
+  const DeviceDescription device = default_device_description();
+  Random random(17);
+  for (int n = 0; n < 2000; ++n) {
+    const Pose T = random_workspace_pose(random);
+    const Jacobian G = jacobian(device, T, inverse_kinematics(device, T).joints).G;
+    Twist twist;
+    twist << random.in_ball(), 20 * random.in_ball();
+    const TwistResult back = twist_from_motor_rates(G, G * twist);
+    ASSERT_TRUE(back.status);
+    EXPECT_LT((back.twist_device - twist).norm(), 1e-11 * twist.norm());
+    EXPECT_LT(back.residual_rad_per_s, 1e-11);
+
+    // Rates of no possible motion: compared with the least squares solution by the SVD.
+    MotorVector rates;
+    for (double& rate : rates)
+      rate = random.between(-10, 10);
+    const TwistResult fit = twist_from_motor_rates(G, rates);
+    const Twist expected = reference::shortest_solution(G, rates);
+    EXPECT_LT((fit.twist_device - expected).norm(), 1e-10 * expected.norm());
+    EXPECT_NEAR(fit.residual_rad_per_s, (rates - G * expected).norm() / std::sqrt(8.0), 1e-10);
+  }
+  Jacobian flat = Jacobian::Ones();
+  EXPECT_EQ(twist_from_motor_rates(flat, MotorVector::Zero()).status.failure,
+            KinematicsFailure::kSingular);
+  flat(2, 2) = std::nan("");
+  EXPECT_EQ(twist_from_motor_rates(flat, MotorVector::Zero()).status.failure,
+            KinematicsFailure::kBadInput);
+}
+
+// LegRing<4> must equal the device's Jacobian; LegRing<3>, whose azimuths are no right angles, is
+// compared with central differences.
+TEST(Jacobian, LegRingsAgreeWithTheDeviceAndWithDifferences) {
+  const DeviceDescription device = default_device_description();
+  Random random(18);
+  for (int n = 0; n < 2000; ++n) {
+    const Pose T = random_workspace_pose(random);
+    const Jacobian G = jacobian(device, T, inverse_kinematics(device, T).joints).G;
+    const auto four = LegRing<4>::solve(device, T);
+    ASSERT_TRUE(four.status);
+    EXPECT_LT((four.G - G).norm(), 1e-11 * G.norm());
+    const auto three = LegRing<3>::solve(device, T);
+    ASSERT_TRUE(three.status);
+    for (int column = 0; column < 6; ++column) {
+      Pose plus = T, minus = T;
+      Eigen::Vector3d step = Eigen::Vector3d::Zero();
+      step[column % 3] = 2e-6;
+      if (column < 3) {
+        plus.p_m += step;
+        minus.p_m -= step;
+      } else {
+        plus.q = from_rotation_vector(step) * T.q;
+        minus.q = from_rotation_vector(-step) * T.q;
+      }
+      const Eigen::Matrix<double, 6, 1> difference =
+          (LegRing<3>::solve(device, plus).motor_rad - LegRing<3>::solve(device, minus).motor_rad) /
+          4e-6;
+      EXPECT_LT((three.G.col(column) - difference).norm(), 1e-7 * three.G.norm());
+    }
+  }
+}
+
+// Over the workspace: inverse condition number, and the torque for 35 N in any direction. For a
+// unit force the minimum-norm torque of motor i is at most the length of row i of the
+// pseudo-inverse's force columns.
+struct Figures {
+  double inverse_condition = 1;
+  double torque_35N_Nm = 0;
+  int unreachable = 0, beyond_limits = 0;
+};
+Figures survey(const Workspace& workspace, std::uint64_t seed, int poses) {
+  const DeviceDescription device = default_device_description();
+  Random random(seed);
+  Figures figures;
+  for (int n = 0; n < poses; ++n) {
+    const Pose T = random_workspace_pose(random, workspace);
+    const InverseResult inverse = inverse_kinematics(device, T);
+    const JacobianResult motion =
+        inverse.status ? jacobian(device, T, inverse.joints) : JacobianResult{inverse.status, {}};
+    if (!motion.status) {
+      ++figures.unreachable;
+      continue;
+    }
+    figures.beyond_limits += !all_joints_within_limits(device, inverse.joints);
+    figures.inverse_condition = std::min(figures.inverse_condition, inverse_condition(motion.G));
+    const Eigen::Matrix<double, kMotors, 6> pseudo_inverse =
+        motion.G * reference::inverse(motion.G.transpose() * motion.G);
+    figures.torque_35N_Nm = std::max(figures.torque_35N_Nm,
+                                     35 * pseudo_inverse.leftCols<3>().rowwise().norm().maxCoeff());
+  }
+  return figures;
+}
+
+TEST(Jacobian, WorkspaceIsWellConditioned) {
+  const auto print = [](const char* what, const Figures& f) {
+    std::printf(
+        "%s: inverse condition >= %.3f, torque for 35 N <= %.2f N*m, unreachable %d, "
+        "beyond limits %d\n",
+        what, f.inverse_condition, f.torque_35N_Nm, f.unreachable, f.beyond_limits);
+  };
+  const Figures workspace = survey({}, 14, 20'000);
+  print("z 0.095..0.205 m, 20 mm, 10 deg", workspace);
+  EXPECT_EQ(workspace.unreachable, 0);
+  EXPECT_EQ(workspace.beyond_limits, 0);
+  EXPECT_GT(workspace.inverse_condition, 0.15);
+  EXPECT_LT(workspace.torque_35N_Nm, 4.5);
+
+  // The region of the experiments is near the axis, with a larger range of height.
+  const Figures axis = survey({.z_min_m = 0.085,
+                               .z_max_m = 0.21,
+                               .lateral_m = 0.005,
+                               .tilt_rad = 5 * std::numbers::pi / 180},
+                              15, 20'000);
+  print("z 0.085..0.210 m, 5 mm, 5 deg", axis);
+  EXPECT_EQ(axis.unreachable, 0);
+  EXPECT_EQ(axis.beyond_limits, 0);
+  EXPECT_GT(axis.inverse_condition, 0.1);
+  EXPECT_LT(axis.torque_35N_Nm, 6);
+}
+
+TEST(Jacobian, StatusNamesTheStretchedChain) {
+  const DeviceDescription device = default_device_description();
+  Pose T;
+  T.p_m.z() = 0.15;
+  JointAngles joints = inverse_kinematics(device, T).joints;
+  // Joint angles for which leg 3's lower links lie in one line, as at the end of its reach. They
+  // are not those of the pose.
+  joints.theta_rad[2][4] = 0;
+  joints.theta_rad[2][5] = 0;
+  const JacobianResult influence = influence_jacobian(device, T, joints);
+  EXPECT_EQ(influence.status.failure, KinematicsFailure::kSingular);
+  EXPECT_EQ(influence.status.leg, 3);
+  EXPECT_EQ(influence.status.joint, 4);
+  joints.theta_rad[1][1] = 0;
+  joints.theta_rad[1][2] = 0;
+  const JacobianResult upper = influence_jacobian(device, T, joints);
+  EXPECT_EQ(upper.status.leg, 2);
+  EXPECT_EQ(upper.status.joint, 1);
+
+  // The compact form takes C from the pose: put it in line with leg 1's first link.
+  const DeviceGeometry& g = device.geometry;
+  joints = inverse_kinematics(device, T).joints;
+  const double th1 = joints.theta_rad[0][0];
+  Pose stretched;
+  stretched.p_m = Eigen::Vector3d(g.R_B1_m - g.R_T_m, 0, g.z_A_m) +
+                  (g.l1_m + g.l2_m) * Eigen::Vector3d(std::cos(th1), 0, std::sin(th1));
+  const JacobianResult compact = jacobian(device, stretched, joints);
+  EXPECT_EQ(compact.status.failure, KinematicsFailure::kSingular);
+  EXPECT_EQ(compact.status.leg, 1);
+  EXPECT_EQ(compact.status.joint, 1);
+}
+
+}  // namespace
+}  // namespace trocar::runtime

@@ -1,0 +1,426 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "runtime/device/four_legs/kinematics.h"
+
+#include <gtest/gtest.h>
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <functional>
+#include <limits>
+#include <numbers>
+#include <vector>
+
+#include "tests/reference/mechanism/joint_limits.h"
+#include "tests/reference/mechanism/leg_assemblies.h"
+#include "tests/support/device_workspace.h"
+
+namespace trocar::runtime {
+namespace {
+
+using Eigen::Vector3d;
+using testing_support::Random;
+using testing_support::random_workspace_pose;
+
+constexpr int kPoses = 100'000;
+constexpr double kDeg = std::numbers::pi / 180;
+
+double angle_between(const Pose& a, const Pose& b) {
+  return rotation_vector(a.q * b.q.conjugate()).norm();
+}
+
+TEST(Kinematics, InverseSatisfiesBothChains) {
+  const DeviceDescription device = default_device_description();
+  const DeviceGeometry& g = device.geometry;
+  Random random(1);
+  std::array<double, kJointsPerLeg> lowest, highest;
+  lowest.fill(1e9);
+  highest.fill(-1e9);
+  for (int n = 0; n < kPoses; ++n) {
+    const Pose T = random_workspace_pose(random);
+    const InverseResult inverse = inverse_kinematics(device, T);
+    ASSERT_TRUE(inverse.status) << "pose " << n;
+    ASSERT_TRUE(all_joints_within_limits(device, inverse.joints)) << "pose " << n;
+    for (int m = 0; m < kLegs; ++m) {
+      const auto& th = inverse.joints.theta_rad[m];
+      for (std::size_t j = 0; j < kJointsPerLeg; ++j) {
+        lowest[j] = std::min(lowest[j], th[j]);
+        highest[j] = std::max(highest[j], th[j]);
+      }
+      // Both chains computed with rotation matrices instead of the functions of leg.h.
+      const Eigen::Matrix3d leg = Eigen::AngleAxisd(m * 90 * kDeg, Vector3d::UnitZ()).matrix();
+      const Vector3d C = T.p_m + T.q * (leg * Vector3d(g.R_T_m, 0, 0));
+      const auto upper = [&](double a) { return Vector3d(std::cos(a), 0, std::sin(a)); };
+      const auto lower = [&](double a) { return Vector3d(std::cos(a), std::sin(a), 0); };
+      const Vector3d E = Vector3d(g.R_B1_m, 0, g.z_A_m) + g.l1_m * upper(th[0]);
+      const Vector3d C_chain =
+          E + g.l2_m * (std::cos(th[2]) * upper(th[0] + th[1]) + Vector3d(0, std::sin(th[2]), 0));
+      EXPECT_LT((leg * C_chain - C).norm(), 1e-13);
+      const Vector3d D = E + g.l5_m / g.l2_m * (C_chain - E);
+      const Vector3d D_chain =
+          Vector3d(g.R_B2_m * std::cos(g.d_rad), g.R_B2_m * std::sin(g.d_rad), g.z_A_m - g.H_B_m) +
+          g.l3_m * lower(th[3]) +
+          g.l4_m * (std::cos(th[5]) * lower(th[3] + th[4]) + Vector3d(0, 0, std::sin(th[5])));
+      EXPECT_LT((D_chain - D).norm(), 1e-13);
+    }
+  }
+  for (std::size_t j = 0; j < kJointsPerLeg; ++j) {
+    std::printf("theta%zu: %.1f .. %.1f deg\n", j + 1, lowest[j] / kDeg, highest[j] / kDeg);
+  }
+}
+
+TEST(Kinematics, ForwardFromPassiveEncodersReturnsThePose) {
+  const DeviceDescription device = default_device_description();
+  Random random(2);
+  double worst_m = 0, worst_rad = 0;
+  for (int n = 0; n < kPoses; ++n) {
+    const Pose T = random_workspace_pose(random);
+    const InverseResult inverse = inverse_kinematics(device, T);
+    ASSERT_TRUE(inverse.status);
+    const ForwardResult forward = forward_kinematics(device, encoder_angles(inverse.joints));
+    ASSERT_TRUE(forward.status);
+    EXPECT_LT(forward.residual_m, 1e-12);
+    worst_m = std::max(worst_m, (forward.T_device_plate.p_m - T.p_m).norm());
+    worst_rad = std::max(worst_rad, angle_between(forward.T_device_plate, T));
+  }
+  std::printf("largest error: %.1e m, %.1e rad\n", worst_m, worst_rad);
+  EXPECT_LT(worst_m, 1e-10);
+  EXPECT_LT(worst_rad, 1e-10);
+}
+
+// Compared with Eigen's general Umeyama fit, for encoders that contradict each other.
+TEST(Kinematics, ForwardIsTheLeastSquaresFit) {
+  const DeviceDescription device = default_device_description();
+  Random random(3);
+  for (int n = 0; n < 2000; ++n) {
+    const Pose T = random_workspace_pose(random);
+    auto encoders = encoder_angles(inverse_kinematics(device, T).joints);
+    for (double& angle : encoders)
+      angle += random.between(-0.02, 0.02);
+    const ForwardResult forward = forward_kinematics(device, encoders);
+    ASSERT_TRUE(forward.status);
+
+    Eigen::Matrix<double, 3, kLegs> plate, measured;
+    for (int m = 0; m < kLegs; ++m) {
+      plate.col(m) = leg::plate_joint(device.geometry, m);
+      measured.col(m) = leg::from_leg(
+          m, leg::upper_tip(device.geometry, encoders[encoder_index(m, 0)],
+                            encoders[encoder_index(m, 1)], encoders[encoder_index(m, 2)]));
+    }
+    const Eigen::Matrix4d fit = Eigen::umeyama(plate, measured, false);
+    EXPECT_LT((fit.topRightCorner<3, 1>() - forward.T_device_plate.p_m).norm(), 1e-12);
+    EXPECT_LT((fit.topLeftCorner<3, 3>() - forward.T_device_plate.q.matrix()).norm(), 1e-11);
+    const double residual = std::sqrt(((fit.topLeftCorner<3, 3>() * plate).colwise() +
+                                       Vector3d(fit.topRightCorner<3, 1>()) - measured)
+                                          .squaredNorm() /
+                                      kLegs);
+    EXPECT_NEAR(forward.residual_m, residual, 1e-12);
+    EXPECT_GT(forward.residual_m, 1e-5) << "noise must raise the residual";
+  }
+}
+
+TEST(Kinematics, GaussNewtonFromTheLastPoseReturnsThePose) {
+  const DeviceDescription device = default_device_description();
+  Random random(4);
+  double worst_m = 0, worst_rad = 0;
+  int most_iterations = 0;
+  for (int n = 0; n < kPoses; ++n) {
+    const Pose T = random_workspace_pose(random);
+    const InverseResult inverse = inverse_kinematics(device, T);
+    ASSERT_TRUE(inverse.status);
+    // Far more than a tick's travel away.
+    Pose last = T;
+    last.p_m += 0.005 * random.in_ball();
+    last.q = from_rotation_vector(3 * kDeg * random.in_ball()) * T.q;
+    const ForwardResult forward =
+        forward_kinematics_from_motors(device, motor_angles(inverse.joints), last);
+    ASSERT_TRUE(forward.status) << "pose " << n;
+    EXPECT_LT(forward.residual_m, 1e-13);
+    most_iterations = std::max(most_iterations, forward.iterations);
+    worst_m = std::max(worst_m, (forward.T_device_plate.p_m - T.p_m).norm());
+    worst_rad = std::max(worst_rad, angle_between(forward.T_device_plate, T));
+  }
+  std::printf("largest error: %.1e m, %.1e rad; iterations <= %d\n", worst_m, worst_rad,
+              most_iterations);
+  EXPECT_LT(worst_m, 1e-10);
+  EXPECT_LT(worst_rad, 1e-10);
+}
+
+// A pose with status kOk is correct even from increasingly distant starts. Wrong solutions occur,
+// and each is reported as kOtherBranch.
+TEST(Kinematics, GaussNewtonReportsWrongSolutions) {
+  const DeviceDescription device = default_device_description();
+  Random random(6);
+  int right = 0, flagged_right = 0, flagged_wrong = 0, failed = 0;
+  for (const double away_m : {0.005, 0.02, 0.04, 0.06, 0.1}) {
+    for (int n = 0; n < 6000; ++n) {
+      const Pose T = random_workspace_pose(random);
+      const MotorVector motors = motor_angles(inverse_kinematics(device, T).joints);
+      Pose last = T;
+      last.p_m += away_m * random.in_ball();
+      last.q = from_rotation_vector(away_m / 0.1 * std::numbers::pi / 3 * random.in_ball()) * T.q;
+      if (!inverse_kinematics(device, last).status) continue;
+      const ForwardResult found = forward_kinematics_from_motors(device, motors, last);
+      const bool is_right = (found.T_device_plate.p_m - T.p_m).norm() < 1e-9 &&
+                            angle_between(found.T_device_plate, T) < 1e-9;
+      if (found.status) {
+        ASSERT_TRUE(is_right) << "from " << away_m << " m, residual " << found.residual_m;
+        ++right;
+      } else if (found.status.failure == KinematicsFailure::kOtherBranch) {
+        ++(is_right ? flagged_right : flagged_wrong);
+        if (away_m == 0.005) ADD_FAILURE() << "kOtherBranch within 5 mm";
+      } else {
+        ++failed;
+      }
+    }
+  }
+  std::printf("right %d; kOtherBranch: right but far %d, wrong %d; not converged or singular %d\n",
+              right, flagged_right, flagged_wrong, failed);
+  EXPECT_GT(right, 5000);
+  EXPECT_GT(flagged_wrong, 100) << "too few wrong solutions to test the check";
+}
+
+TEST(Kinematics, GaussNewtonNamesTheChainOnTheOtherBranch) {
+  const DeviceDescription device = default_device_description();
+  Random random(8);
+  std::array<std::array<int, 2>, kLegs> seen{};
+  for (int n = 0; n < 200; ++n) {
+    const Pose T = random_workspace_pose(random);
+    const JointAngles joints = inverse_kinematics(device, T).joints;
+    for (int m = 0; m < kLegs; ++m) {
+      for (const LegAssembly& each : leg_assemblies(device, T, m)) {
+        const bool upper = each.branch.theta1 < 0;
+        if (!each.status || each.branch == LegBranch{1, 1}) continue;
+        ++seen[m][upper ? 0 : 1];
+        JointAngles switched = joints;
+        switched.theta_rad[m] = each.theta_rad;
+        const ForwardResult found =
+            forward_kinematics_from_motors(device, motor_angles(switched), T);
+        EXPECT_EQ(found.status.failure, KinematicsFailure::kOtherBranch);
+        EXPECT_EQ(found.status.leg, m + 1);
+        EXPECT_EQ(found.status.joint, upper ? 1 : 4);
+        EXPECT_LT((found.T_device_plate.p_m - T.p_m).norm(), 1e-12) << "the pose is the same";
+      }
+    }
+  }
+  for (const auto& leg : seen)
+    EXPECT_TRUE(leg[0] > 0 && leg[1] > 0) << leg[0] << " " << leg[1];
+}
+
+// All zeros of f around the circle, by its changes of sign.
+std::vector<double> zeros_around(const std::function<double(double)>& f) {
+  std::vector<double> zeros;
+  constexpr int kSteps = 2000;
+  for (int i = 0; i < kSteps; ++i) {
+    double a = i * 2 * std::numbers::pi / kSteps, b = (i + 1) * 2 * std::numbers::pi / kSteps;
+    if (f(a) * f(b) > 0) continue;
+    for (int n = 0; n < 60; ++n) {
+      const double middle = (a + b) / 2;
+      (f(a) * f(middle) <= 0 ? b : a) = middle;
+    }
+    zeros.push_back(a);
+  }
+  return zeros;
+}
+
+TEST(Kinematics, InverseGivesTheDescribedOneOfAllAssemblies) {
+  const DeviceDescription device = default_device_description();
+  const DeviceGeometry& g = device.geometry;
+  Random random(7);
+  int reachable = 0, unreachable = 0;
+  for (int n = 0; n < 300; ++n) {
+    const Pose T = random_workspace_pose(random);
+    const InverseResult chosen = inverse_kinematics(device, T);
+    for (int m = 0; m < kLegs; ++m) {
+      const Vector3d C = leg::to_leg(m, T * leg::plate_joint(g, m));
+      const auto all = leg_assemblies(device, T, m);
+      EXPECT_EQ(all[0].theta_rad, chosen.joints.theta_rad[m]);
+      const auto same_angle = [](double a, double b) {
+        return std::abs(std::remainder(a - b, 2 * std::numbers::pi)) < 1e-9;
+      };
+      const auto th1s =
+          zeros_around([&](double th1) { return (C - leg::elbow(g, th1)).norm() - g.l2_m; });
+      ASSERT_EQ(th1s.size(), 2u);
+      for (const int branch : {1, -1}) {
+        const LegAssembly& first = all[branch == 1 ? 0 : 2];
+        const LegAssembly& second = all[branch == 1 ? 1 : 3];
+        EXPECT_EQ(first.branch, (LegBranch{branch, 1}));
+        EXPECT_EQ(second.branch, (LegBranch{branch, -1}));
+        const double th1 = first.theta_rad[0];
+        EXPECT_TRUE(same_angle(th1, th1s[0]) || same_angle(th1, th1s[1]));
+        const Vector3d D = leg::link_joint(g, leg::elbow(g, th1), C);
+        const auto th4s = zeros_around(
+            [&](double th4) { return (D - leg::lower_elbow(g, th4)).norm() - g.l4_m; });
+        ASSERT_EQ(th4s.size(), first.status ? 2u : 0u);
+        ASSERT_EQ(static_cast<bool>(first.status), static_cast<bool>(second.status));
+        ++(first.status ? reachable : unreachable);
+        if (!first.status) {
+          EXPECT_EQ(first.status.leg, m + 1);
+          EXPECT_TRUE(first.status.joint == 4 || first.status.joint == 6);
+          continue;
+        }
+        EXPECT_FALSE(same_angle(first.theta_rad[3], second.theta_rad[3]));
+        for (const LegAssembly* each : {&first, &second}) {
+          EXPECT_TRUE(same_angle(each->theta_rad[3], th4s[0]) ||
+                      same_angle(each->theta_rad[3], th4s[1]));
+          EXPECT_EQ(leg::branch_of(g, C, each->theta_rad[0], each->theta_rad[3]), each->branch);
+          EXPECT_LT(
+              (leg::upper_tip(g, each->theta_rad[0], each->theta_rad[1], each->theta_rad[2]) - C)
+                  .norm(),
+              1e-13);
+        }
+      }
+      EXPECT_FALSE(same_angle(all[0].theta_rad[0], all[2].theta_rad[0]));
+    }
+    // A device described with the other branch of theta4.
+    DeviceDescription other = device;
+    other.geometry.branch_theta4 = -1;
+    const InverseResult mirrored = inverse_kinematics(other, T);
+    ASSERT_TRUE(mirrored.status);
+    for (int m = 0; m < kLegs; ++m)
+      EXPECT_EQ(mirrored.joints.theta_rad[m], leg_assemblies(other, T, m)[1].theta_rad);
+  }
+  std::printf("th1's branches from which th4 can reach: %d, cannot: %d\n", reachable, unreachable);
+  Pose bad;
+  bad.q.w() = 2;
+  EXPECT_EQ(leg_assemblies(device, bad, 0)[3].status.failure, KinematicsFailure::kBadInput);
+  EXPECT_EQ(leg_assemblies(device, Pose{}, 4)[0].status.failure, KinematicsFailure::kBadInput);
+}
+
+TEST(Kinematics, ContradictingEncodersRaiseGaussNewtonsResidual) {
+  const DeviceDescription device = default_device_description();
+  Pose T;
+  T.p_m.z() = 0.15;
+  MotorVector motors = motor_angles(inverse_kinematics(device, T).joints);
+  motors[3] += 0.003;
+  ForwardResult forward = forward_kinematics_from_motors(device, motors, T);
+  ASSERT_TRUE(forward.status);
+  EXPECT_GT(forward.residual_m, 1e-5);
+  // A large error of an encoder cannot be distinguished from another branch.
+  motors[3] += 0.03;
+  forward = forward_kinematics_from_motors(device, motors, T);
+  EXPECT_EQ(forward.status.failure, KinematicsFailure::kOtherBranch);
+  EXPECT_EQ(forward.status.leg, 0);
+  forward = forward_kinematics_from_motors(device, motors, T, {.residual_max_m = 0.01});
+  EXPECT_TRUE(forward.status);
+}
+
+TEST(Kinematics, FailuresAreNamed) {
+  const DeviceDescription device = default_device_description();
+  Pose T;
+  T.p_m.z() = 0.15;
+  ASSERT_TRUE(inverse_kinematics(device, T).status);
+
+  // Leg 1 stands at +x, so it cannot reach a plate at -x.
+  Pose away = T;
+  away.p_m.x() = -0.12;
+  const KinematicsStatus stretched = inverse_kinematics(device, away).status;
+  EXPECT_EQ(stretched.failure, KinematicsFailure::kOutOfReach);
+  EXPECT_EQ(stretched.leg, 1);
+  EXPECT_EQ(stretched.joint, 1);
+  // Too far sideways for leg 1's second link.
+  Pose aside = T;
+  aside.p_m.y() = 0.14;
+  const KinematicsStatus sideways = inverse_kinematics(device, aside).status;
+  EXPECT_EQ(sideways.failure, KinematicsFailure::kOutOfReach);
+  EXPECT_EQ(sideways.leg, 1);
+  EXPECT_EQ(sideways.joint, 3);
+  // On the axis of theta1 itself.
+  Pose folded = T;
+  folded.p_m = {device.geometry.R_B1_m - device.geometry.R_T_m, 0, device.geometry.z_A_m};
+  EXPECT_EQ(inverse_kinematics(device, folded).status.failure, KinematicsFailure::kSingular);
+
+  constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
+  constexpr double kInf = std::numeric_limits<double>::infinity();
+  Pose bad = T;
+  bad.p_m.y() = kNan;
+  EXPECT_EQ(inverse_kinematics(device, bad).status.failure, KinematicsFailure::kBadInput);
+  bad = T;
+  bad.q.w() = 1.01;
+  EXPECT_EQ(inverse_kinematics(device, bad).status.failure, KinematicsFailure::kBadInput);
+  EXPECT_EQ(forward_kinematics_from_motors(device, MotorVector::Zero(), bad).status.failure,
+            KinematicsFailure::kBadInput);
+  bad.q.w() = kInf;
+  EXPECT_EQ(inverse_kinematics(device, bad).status.failure, KinematicsFailure::kBadInput);
+  auto encoders = encoder_angles(inverse_kinematics(device, T).joints);
+  encoders[6] = kNan;
+  const KinematicsStatus nan_status = forward_kinematics(device, encoders).status;
+  EXPECT_EQ(nan_status.failure, KinematicsFailure::kBadInput);
+  EXPECT_EQ(nan_status.leg, 2);
+  EXPECT_EQ(forward_kinematics_from_motors(device, MotorVector::Constant(kNan), T).status.failure,
+            KinematicsFailure::kBadInput);
+  const ForwardResult one_step = forward_kinematics_from_motors(
+      device, MotorVector::Constant(4.0), T, {.max_iterations = 1, .step_m = 1e-12});
+  EXPECT_EQ(one_step.status.failure, KinematicsFailure::kNotConverged);
+  for (int f = 0; f <= static_cast<int>(KinematicsFailure::kOtherBranch); ++f) {
+    EXPECT_STRNE(to_string(static_cast<KinematicsFailure>(f)), "unknown");
+  }
+}
+
+TEST(Kinematics, JointLimitsAreCheckedAtBothEnds) {
+  const DeviceDescription device = default_device_description();
+  Pose T;
+  T.p_m.z() = 0.15;
+  const JointAngles inside = inverse_kinematics(device, T).joints;
+  EXPECT_TRUE(check_joint_limits(device, encoder_angles(inside)));
+  for (int m = 0; m < kLegs; ++m) {
+    for (int j = 0; j < static_cast<int>(kJointsPerLeg); ++j) {
+      const JointLimit& limit = device.joint_limit[j];
+      for (const double at :
+           {limit.min_rad - 1e-6, limit.max_rad + 1e-6, std::numeric_limits<double>::quiet_NaN()}) {
+        JointAngles joints = inside;
+        joints.theta_rad[m][j] = at;
+        EXPECT_FALSE(all_joints_within_limits(device, joints));
+        const KinematicsStatus status = check_joint_limits(device, encoder_angles(joints));
+        if (j >= 4) {  // no encoder
+          EXPECT_TRUE(status);
+          continue;
+        }
+        EXPECT_EQ(status.failure, KinematicsFailure::kBeyondLimit);
+        EXPECT_EQ(status.leg, m + 1);
+        EXPECT_EQ(status.joint, j + 1);
+      }
+      JointAngles near = inside;
+      near.theta_rad[m][j] = limit.max_rad - 0.01;
+      EXPECT_TRUE(check_joint_limits(device, encoder_angles(near)));
+    }
+  }
+}
+
+TEST(Kinematics, RotationFromZIsTheShortestThatReachesTheDirection) {
+  Random random(7);
+  for (int i = 0; i < 10'000; ++i) {
+    Vector3d d = random.direction();
+    if (i % 3 == 1) d.head<2>() *= 1e-9;  // almost parallel to z, both ways
+    d.normalize();
+    const Eigen::Quaterniond q = rotation_from_z(d);
+    ASSERT_NEAR(q.norm(), 1, 1e-14);
+    ASSERT_LT((q * Vector3d::UnitZ() - d).norm(), 1e-15 * 4) << d.transpose();
+    const double angle = std::atan2(d.head<2>().norm(), d.z());
+    ASSERT_NEAR(rotation_vector(q).norm(), angle, 1e-14);
+    if (d.z() < -0.9) continue;  // Eigen's method loses digits there
+    const auto eigens = Eigen::Quaterniond::FromTwoVectors(Vector3d::UnitZ(), d);
+    ASSERT_LT((q.coeffs() - eigens.coeffs()).norm(), 1e-14);
+  }
+  EXPECT_EQ(rotation_from_z(Vector3d::UnitZ()).coeffs(), Eigen::Quaterniond::Identity().coeffs());
+  EXPECT_EQ(rotation_from_z(-Vector3d::UnitZ()) * Vector3d::UnitZ(), -Vector3d::UnitZ());
+}
+
+TEST(Kinematics, RotationVectorsConvertBothWays) {
+  Random random(5);
+  for (const double length : {0.0, 1e-13, 1e-9, 1e-6, 1e-3, 1.0, 3.0}) {
+    const Vector3d r = length * random.direction();
+    EXPECT_LT((rotation_vector(from_rotation_vector(r)) - r).norm(), 1e-14 + 1e-14 * length);
+    const Eigen::Quaterniond q = from_rotation_vector(r);
+    const Eigen::Quaterniond negative(-q.w(), -q.x(), -q.y(), -q.z());
+    EXPECT_LT((rotation_vector(negative) - r).norm(), 1e-14 + 1e-14 * length);
+    if (length > 0) {
+      const Eigen::AngleAxisd expected(length, r / length);
+      EXPECT_LT((q.matrix() - expected.matrix()).norm(), 1e-14);
+    }
+  }
+}
+
+}  // namespace
+}  // namespace trocar::runtime

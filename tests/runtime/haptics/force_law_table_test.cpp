@@ -1,0 +1,169 @@
+// SPDX-License-Identifier: Apache-2.0
+// The table of force laws: the shipped laws, and a fourth one that a test adds. The added law runs in a
+// session and appears in the recording, the telemetry, the output of check and the reports.
+#include "runtime/session/force_law_table.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <nlohmann/json.hpp>
+#include <string>
+#include <vector>
+
+#include "formats/base/files.h"
+#include "formats/session/telemetry.h"
+#include "runtime/check/scene_check.h"
+#include "runtime/report/session_observer.h"
+#include "runtime/report/session_report.h"
+#include "runtime/session/open_device.h"
+#include "runtime/session/session.h"
+#include "tests/runtime/haptics/constant_layer.h"
+#include "tests/support/body_fixture.h"
+#include "tests/support/counted_allocations.h"
+#include "tests/support/four_legs_session.h"
+#include "tests/support/sheet_fixture.h"
+#include "tests/support/temporary_folder.h"
+
+namespace trocar::runtime {
+namespace {
+
+constexpr double kSheetTop_m = 0.12;
+
+Scene scene_of(ForceLawKind law) {
+  Scene scene = test::descent_scene({kSheetTop_m, 0.11}, 0.13, 0.105, 0.05);
+  scene.force_law.kind = law;
+  return scene;
+}
+
+struct Finished {
+  SessionResult report;
+  std::vector<RecordingRow> rows;
+  std::string law_in_telemetry, summary;
+};
+
+Finished run(const Scene& scene, const std::vector<RecordingRow>& replay = {}) {
+  const test::TemporaryFolder folder;
+  Remesher remesher(*place_slices(scene, test::square_asset(2), "a"));
+  const DeviceDescription description = default_device_description();
+  auto device = make_simulated_device(scene, description);
+  EXPECT_TRUE(device);
+  SessionOptions options;
+  options.clock = Clock::kVirtual;
+  options.duration_s = 0.6;
+  options.record = folder / "r.csv";
+  options.origin.entries = {{"force-law", to_string(scene.force_law.kind)}};
+  options.limits.gap_max_s = 0;
+  options.replay = replay;
+  options.telemetry = TelemetryOptions{folder / "live", "scene.json", "x", "y", {}};
+  ReplayDevice replayed(replay);
+  Finished out;
+  options.on_tick = [&](const ObservedTick&) {
+    if (!out.law_in_telemetry.empty()) return;
+    const auto reader = TelemetryReader::open(options.telemetry->file);
+    ASSERT_TRUE(reader) << reader.error().message;
+    const auto about = nlohmann::json::parse((*reader)->about());
+    out.law_in_telemetry = about["force_law"].get<std::string>();
+  };
+  const auto advance = [&](double dt_s) {
+    if (replay.empty()) device->step(dt_s);
+  };
+  auto report =
+      run_session(scene, description, remesher,
+                  replay.empty() ? static_cast<Device&>(*device) : replayed, advance, options);
+  EXPECT_TRUE(report) << report.error().message;
+  out.report = std::move(*report);
+  out.summary = summarize(scene, options, out.report, remesher);
+  out.rows = std::move(*read_recording(folder / "r.csv"));
+  return out;
+}
+
+TEST(ForceLawTable, MakesTheShippedLaws) {
+  const FourLegsSpecification device(default_device_description());
+  for (std::size_t i = 0; i < kForceLaws.size(); ++i) {
+    Scene scene = scene_of(static_cast<ForceLawKind>(i));
+    const test::Placed placed(scene, test::square_asset(2));
+    const auto law = make_force_law({scene, device, placed.sheets, 1000, {}, {}});
+    ASSERT_TRUE(law) << law.error().message;
+    const std::string name = kForceLaws.at(i).name;
+    EXPECT_EQ((*law)->describe().rfind("force law  " + name, 0), 0U) << (*law)->describe();
+    EXPECT_EQ((*law)->prefetch_worker() != nullptr, name == "network");
+    EXPECT_EQ((*law)->is_passive(), name == "cutting");
+    EXPECT_EQ((*law)->retract_distance_m(placed.sheets, Pose{}), 0);
+  }
+}
+
+TEST(ForceLawTable, ASceneCanNameAnAddedLaw) {
+  EXPECT_EQ(add_constant_layer(), static_cast<ForceLawKind>(kForceLaws.size()));
+  const std::string text = R"({"schema": "trocar.scene/1", "name": "n", "asset": "a.glb",
+    "duration_s": 1, "slices": [{"index": 0, "z_m": 0.12}], "force_law": {"kind": "constant"},
+    "hand": {"trajectory": [{"t_s": 0, "tip_m": [0, 0, 0.13]}, {"t_s": 1, "tip_m": [0, 0, 0.11]}]}})";
+  const auto scene = parse_scene(text, "s.json", ".");
+  ASSERT_TRUE(scene) << scene.error().message;
+  EXPECT_EQ(scene->force_law.kind, add_constant_layer());
+  EXPECT_EQ(std::string(to_string(scene->force_law.kind)), "constant");
+  EXPECT_EQ(force_law_names(), "hooke, network, cutting or constant");
+}
+
+TEST(ForceLawTable, AnAddedLawRunsInASession) {
+  const Scene scene = scene_of(add_constant_layer());
+  const Finished first = run(scene);
+  EXPECT_EQ(first.report.end, SessionEnd::kDone);
+  EXPECT_EQ(first.law_in_telemetry, "constant");
+
+  // The recording.
+  std::size_t pressed = 0;
+  for (const RecordingRow& row : first.rows) {
+    const bool is_below = row.tool_m[2] < kSheetTop_m && row.safety == SafetyState::kRunning;
+    if (!is_below) continue;
+    ++pressed;
+    EXPECT_EQ(row.phase, ContactPhase::kContact);
+    EXPECT_EQ(row.active_slice, 0);
+    EXPECT_NEAR(row.wrench_wanted[2], ConstantLayerLaw::kForce_N, 1e-9) << row.t_s;
+  }
+  EXPECT_GT(pressed, 100U);
+
+  // The summary.
+  const auto summary = nlohmann::json::parse(first.summary);
+  EXPECT_GT(summary["constant"]["deepest_m"].get<double>(), 1e-3);
+  EXPECT_FALSE(summary.contains("network"));
+  EXPECT_TRUE(summary["passivity"]["on"].get<bool>());
+
+  // A replay.
+  const Finished again = run(scene, first.rows);
+  EXPECT_EQ(again.report.replay_first_difference, -1);
+}
+
+TEST(ForceLawTable, AnAddedLawIsInTheSessionReportAndInTheCheck) {
+  const Scene scene = scene_of(add_constant_layer());
+  const SessionResult result;
+  const ReportFacts facts{result};
+  SessionObserver observer(scene, {{0, kSheetTop_m, ""}, {1, 0.11, ""}}, 1000);
+  const auto report = nlohmann::json::parse(session_report_json(scene, observer.figures(), facts));
+  EXPECT_EQ(report["force_law"].get<std::string>(), "constant");
+
+  const FourLegsSpecification device(default_device_description());
+  const auto sheets = place_slices(scene, test::square_asset(2), "a");
+  ASSERT_TRUE(sheets);
+  const Tool tool = make_tool(scene.tool);
+  SessionOptions options;
+  options.rate_Hz = 1000;
+  options.duration_s = 1;
+  const auto needs = describe_requirements(
+      scene, device, *sheets, {over_anchor(*(*sheets)[0], tool), over_anchor(*(*sheets)[1], tool)},
+      {}, options);
+  ASSERT_TRUE(needs) << needs.error().message;
+  EXPECT_NE(needs->scene.find("force law  constant\n"), std::string::npos);
+}
+
+TEST(ForceLawTable, TicksOfNoLawAllocate) {
+  TROCAR_NEEDS_COUNTED_ALLOCATIONS();
+  for (const ForceLawKind law : {ForceLawKind::kHooke, ForceLawKind::kNetwork,
+                                 ForceLawKind::kCutting, add_constant_layer()}) {
+    const Finished done = run(scene_of(law));
+    ASSERT_TRUE(done.report.allocations_in_loop);
+    EXPECT_EQ(*done.report.allocations_in_loop, 0U) << to_string(law);
+  }
+}
+
+}  // namespace
+}  // namespace trocar::runtime

@@ -1,0 +1,235 @@
+// SPDX-License-Identifier: Apache-2.0
+// The shares of the tool outline of runtime/haptics/sheet.h, compared with areas
+// found by integration.
+#include <gtest/gtest.h>
+
+#include <array>
+#include <random>
+#include <set>
+#include <vector>
+
+#include "formats/mesh/mesh_validity.h"
+#include "runtime/haptics/sheet.h"
+#include "tests/runtime/haptics/contact_fixture.h"
+
+namespace trocar::runtime {
+namespace {
+
+using LongPolygon = std::vector<Eigen::Matrix<long double, 2, 1>>;
+
+LongPolygon polygon(const LatticeOutline& outline) {
+  LongPolygon result;
+  for (int i = 0; i < outline.size; ++i) {
+    result.emplace_back(outline.points[i].x, outline.points[i].y);
+  }
+  return result;
+}
+
+/// Area of the intersection of convex polygons, without clipping: integrates its width over y
+/// between all heights where the width can have a kink.
+long double intersection_area(const std::vector<LongPolygon>& convex) {
+  std::set<long double> kinks;
+  const auto crossings = [&](const LongPolygon& p, const LongPolygon& q) {
+    for (std::size_t i = 0; i < p.size(); ++i) {
+      const auto &a = p[i], &b = p[(i + 1) % p.size()];
+      for (std::size_t j = 0; j < q.size(); ++j) {
+        const auto &c = q[j], &d = q[(j + 1) % q.size()];
+        const auto r = (b - a).eval(), s = (d - c).eval();
+        const long double cross = r.x() * s.y() - r.y() * s.x();
+        if (cross == 0) continue;
+        const auto ca = (c - a).eval();
+        kinks.insert(a.y() + r.y() * (ca.x() * s.y() - ca.y() * s.x()) / cross);
+      }
+    }
+  };
+  long double bottom = -1e30L, top = 1e30L;
+  for (std::size_t i = 0; i < convex.size(); ++i) {
+    long double low = 1e30L, high = -1e30L;
+    for (const auto& p : convex[i]) {
+      kinks.insert(p.y());
+      low = std::min(low, p.y());
+      high = std::max(high, p.y());
+    }
+    bottom = std::max(bottom, low);
+    top = std::min(top, high);
+    for (std::size_t j = 0; j < i; ++j)
+      crossings(convex[i], convex[j]);
+  }
+  const auto width = [&](long double y) {
+    long double left = -1e30L, right = 1e30L;
+    for (const LongPolygon& p : convex) {
+      long double own_left = 1e30L, own_right = -1e30L;
+      for (std::size_t i = 0; i < p.size(); ++i) {
+        const auto &a = p[i], &b = p[(i + 1) % p.size()];
+        if ((a.y() - y) * (b.y() - y) > 0) continue;
+        const long double x =
+            a.y() == b.y() ? a.x() : a.x() + (b.x() - a.x()) * (y - a.y()) / (b.y() - a.y());
+        own_left = std::min(own_left, x);
+        own_right = std::max(own_right, x);
+      }
+      left = std::max(left, own_left);
+      right = std::min(right, own_right);
+    }
+    return std::max(0.0L, right - left);
+  };
+  long double area = 0, last = bottom;
+  const auto add = [&](long double to) {
+    // The width is linear in between, so its value in the middle gives the exact area.
+    if (to > last) area += (to - last) * width((last + to) / 2);
+    last = std::max(last, to);
+  };
+  if (top <= bottom) return 0;
+  for (const long double y : kinks) {
+    if (y > bottom && y < top) add(y);
+  }
+  add(top);
+  return area;
+}
+
+class OverlapTest : public ContactTest {};
+
+TEST_F(OverlapTest, OverlapIsTheSharedArea) {
+  // The sheet is a square: the intersection of tool and square is the expected area, which
+  // overlap() sums over triangles.
+  std::mt19937_64 random(1);
+  LatticeOutline square;
+  square.size = 4;
+  const int low_x = 60 * 256, low_y = 40 * 256, side = 40 * 256;
+  square.points[0] = {low_x, low_y};
+  square.points[1] = {low_x + side, low_y};
+  square.points[2] = {low_x + side, low_y + side};
+  square.points[3] = {low_x, low_y + side};
+  int partial = 0;
+  for (int i = 0; i < 2000; ++i) {
+    SceneTool shape;
+    shape.sides = 3 + static_cast<int>(random() % 30);
+    shape.radius_m = uniform(random, 0.001, 0.03);
+    const Pose pose =
+        at(uniform(random, -0.03, 0.03), uniform(random, -0.03, 0.03), 0.1, uniform(random, 0, 7));
+    const LatticeOutline outline =
+        outline_on_lattice(make_tool(shape), pose, sheets_[0]->transform, kTop_m);
+    ASSERT_EQ(outline.size, shape.sides);
+    const long double expected =
+        intersection_area({polygon(outline), polygon(square)}) / area(outline);
+    model_.tool = make_tool(shape);
+    const double got = overlap_at(outline);
+    ASSERT_NEAR(got, static_cast<double>(expected), 3e-9) << i;
+    partial += got > 0 && got < 1;
+  }
+  EXPECT_GT(partial, 200);
+}
+
+TEST_F(OverlapTest, PendingHolesAreTakenOffOnce) {
+  // Compared with inclusion and exclusion over up to three holes that may overlap.
+  std::mt19937_64 random(2);
+  for (int i = 0; i < 500; ++i) {
+    std::array<LatticeOutline, 4> outlines;  // the tool, three holes
+    SceneTool shape;
+    shape.sides = 3 + static_cast<int>(random() % 8);
+    model_.tool = make_tool(shape);
+    for (LatticeOutline& outline : outlines) {
+      outline = outline_on_lattice(model_.tool,
+                                   at(uniform(random, -0.004, 0.004),
+                                      uniform(random, -0.004, 0.004), 0.1, uniform(random, 0, 7)),
+                                   sheets_[0]->transform, kTop_m);
+    }
+    const std::size_t holes = random() % 4;
+    long double expected = 0;
+    for (std::size_t subset = 0; subset < (std::size_t{1} << holes); ++subset) {
+      std::vector<LongPolygon> shared = {polygon(outlines[0])};
+      for (std::size_t h = 0; h < holes; ++h) {
+        if (((subset >> h) & 1) != 0) shared.push_back(polygon(outlines[h + 1]));
+      }
+      expected += (shared.size() % 2 == 1 ? 1 : -1) * intersection_area(shared);
+    }
+    expected /= area(outlines[0]);
+    const auto open = std::span<const LatticeOutline>(outlines).subspan(1, holes);
+    ASSERT_NEAR(overlap_at(outlines[0], open), static_cast<double>(expected), 3e-9) << i;
+    ASSERT_NEAR(outline_outside(model_.tool, outlines[0], open), static_cast<double>(expected),
+                3e-9)
+        << i << ": all of the tool is over material";
+  }
+}
+
+TEST_F(OverlapTest, OverlapInsideIsExactlyOneAndOutsideExactlyZero) {
+  const Tool tool = make_tool(SceneTool{});
+  for (int i = 0; i < 100; ++i) {
+    const Pose pose = at(1e-4 * i, -7e-5 * i, 0.1, 0.1 * i);
+    const LatticeOutline inside = outline_on_lattice(tool, pose, sheets_[0]->transform, kTop_m);
+    EXPECT_EQ(overlap_at(inside), 1);
+    // In its own hole the overlap is exactly zero.
+    EXPECT_EQ(overlap_at(inside, std::span(&inside, 1)), 0);
+    EXPECT_EQ(outline_outside(tool, inside, std::span(&inside, 1)), 0);
+    EXPECT_EQ(outline_outside(tool, inside, {}), 1);
+  }
+  const PlanarTransform& transform = sheets_[0]->transform;
+  EXPECT_EQ(overlap_at(outline_on_lattice(tool, at(0.024, 0, 0.1), transform, kTop_m)), 0);
+  EXPECT_EQ(outline_outside(tool, LatticeOutline{}, {}), 1);
+  EXPECT_EQ(outline_on_lattice(tool, at(1e9, 0, 0.1), transform, kTop_m).size, 0);
+  EXPECT_EQ(outline_on_lattice(tool, at(NAN, 0, 0.1), transform, kTop_m).size, 0);
+}
+
+TEST_F(OverlapTest, OverlapOfAToolThatIsNotConvexIsTheSumOverItsParts) {
+  // The tool consists of two triangles; the overlap of each is found by integration.
+  std::mt19937_64 random(7);
+  model_.tool = make_tool(arrow());
+  ASSERT_EQ(model_.tool.sides, 4);
+  ASSERT_EQ(model_.tool.pieces, 2);
+  const int low_x = 60 * 256, low_y = 40 * 256, side = 40 * 256;
+  const LongPolygon square = {
+      {low_x, low_y}, {low_x + side, low_y}, {low_x + side, low_y + side}, {low_x, low_y + side}};
+  const auto halves = [](const LatticeOutline& o) {
+    const LongPolygon p = polygon(o);
+    return std::array<LongPolygon, 2>{LongPolygon{p[0], p[1], p[2]}, LongPolygon{p[0], p[2], p[3]}};
+  };
+  int partial = 0;
+  for (int i = 0; i < 1000; ++i) {
+    const auto place = [&](double reach_m) {
+      return outline_on_lattice(model_.tool,
+                                at(uniform(random, -reach_m, reach_m),
+                                   uniform(random, -reach_m, reach_m), 0.1, uniform(random, 0, 7)),
+                                sheets_[0]->transform, kTop_m);
+    };
+    const bool at_the_rim = i % 2 == 0;
+    const LatticeOutline outline = place(at_the_rim ? 0.024 : 0.004), hole = place(0.004);
+    long double expected = 0;
+    for (const LongPolygon& half : halves(outline)) {
+      expected += intersection_area({half, square});
+      if (at_the_rim) continue;
+      for (const LongPolygon& gone : halves(hole))
+        expected -= intersection_area({half, gone});
+    }
+    const double got =
+        overlap_at(outline, at_the_rim ? std::span<const LatticeOutline>() : std::span(&hole, 1));
+    ASSERT_NEAR(got, static_cast<double>(expected / area(outline)), 3e-9) << i;
+    partial += got > 0 && got < 1;
+    if (at_the_rim) continue;
+    ASSERT_NEAR(outline_outside(model_.tool, outline, std::span(&hole, 1)), got, 3e-9) << i;
+  }
+  EXPECT_GT(partial, 300);
+}
+
+TEST_F(OverlapTest, CentroidOfTheOverlapIsThatOfItsArea) {
+  // Over the edge x = 20 mm: the part over material is a rectangle, symmetric about y = 0.
+  SceneTool shape;
+  shape.outline_m = {{-0.004, -0.002}, {0.004, -0.002}, {0.004, 0.002}, {-0.004, 0.002}};
+  model_.tool = make_tool(shape);
+  const LatticeOutline outline =
+      outline_on_lattice(model_.tool, at(0.021, 0, 0.1), sheets_[0]->transform, kTop_m);
+  const Overlap part = overlap(*sheets_[0], model_.tool, outline, {});
+  EXPECT_NEAR(part.coverage, 3.0 / 8, 1e-9);
+  const Eigen::Vector2d centre_m = sheets_[0]->transform.to_scene(part.centroid_steps);
+  EXPECT_LT((centre_m - Eigen::Vector2d(0.0185, 0)).norm(), 1e-9);
+  // Wholly over material, and wholly beside it: the middle of the tool.
+  for (const double x_m : {0.0, 0.03}) {
+    const Overlap whole = overlap(
+        *sheets_[0], model_.tool,
+        outline_on_lattice(model_.tool, at(x_m, 0, 0.1), sheets_[0]->transform, kTop_m), {});
+    EXPECT_LT(
+        (sheets_[0]->transform.to_scene(whole.centroid_steps) - Eigen::Vector2d(x_m, 0)).norm(),
+        1e-9);
+  }
+}
+
+}  // namespace
+}  // namespace trocar::runtime

@@ -1,0 +1,168 @@
+// SPDX-License-Identifier: Apache-2.0
+// Sessions whose hand another process moves, here in virtual time and therefore repeatable: events, a
+// replay, the path as a scripted hand, and no allocation on the haptic thread.
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <fstream>
+#include <functional>
+#include <iterator>
+#include <nlohmann/json.hpp>
+#include <numbers>
+
+#include "formats/session/telemetry.h"
+#include "runtime/realtime/realtime_thread.h"
+#include "runtime/session/live_hand.h"
+#include "runtime/session/open_device.h"
+#include "runtime/session/session.h"
+#include "tests/support/counted_allocations.h"
+#include "tests/support/four_legs_session.h"
+#include "tests/support/sheet_fixture.h"
+#include "tests/support/temporary_folder.h"
+
+namespace trocar::runtime {
+namespace {
+
+constexpr double kHandSession_s = 1.5;
+
+struct HandRun {
+  SessionResult report;
+  std::string recording;
+  std::vector<RecordingRow> rows;
+  std::vector<TelemetryEventKind> events;
+  nlohmann::json about;
+  HandTrajectory path;
+};
+
+/// A sheet that holds, and a live hand above it.
+Scene hand_scene() {
+  Scene scene = test::descent_scene({0.12}, 0.13, 0.115, 0.1);
+  scene.tissue.threshold_N = 1000;
+  scene.duration_s = kHandSession_s;
+  scene.hand.live = true;
+  scene.hand.trajectory.resize(1);
+  return scene;
+}
+
+/// Returns the target before a tick; none: the hand lets go.
+using Person = std::function<std::optional<std::array<double, 6>>(std::uint64_t tick)>;
+
+/// Down to 5 mm below the sheet's height, and a little sideways; let go at 1 s.
+std::optional<std::array<double, 6>> press(std::uint64_t tick) {
+  if (tick >= 1000) return std::nullopt;
+  const double t_s = static_cast<double>(tick) / 1000;
+  return std::array{0.004 * t_s, 0.0, 0.13 - std::min(0.015, 0.03 * t_s), 0.1 * t_s, 0.0, 0.0};
+}
+
+/// Runs a session: with a person, with the scene's keyframes (null), or of recorded rows.
+HandRun run_hand(const Scene& scene, const Person& person,
+                 std::span<const RecordingRow> replay = {}) {
+  const test::TemporaryFolder folder;
+  const DeviceDescription description = default_device_description();
+  const FourLegsSpecification specification(description);
+  Remesher remesher(*place_slices(scene, test::square_asset(1), "a"));
+  SessionOptions options;
+  options.clock = Clock::kVirtual;
+  options.duration_s = scene.duration_s;
+  options.limits.gap_max_s = 0;
+  options.record = folder / "r.csv";
+  options.replay = replay;
+  options.telemetry = TelemetryOptions{folder / "live", "", "", "", {}};
+  std::unique_ptr<LiveHand> hand;
+  if (person) {
+    const auto limits = live_hand_limits(scene, specification, options.limits);
+    EXPECT_TRUE(limits);
+    hand = std::make_unique<LiveHand>(*limits, make_tool(scene.tool), specification, options.limits,
+                                      TargetPath(scene.duration_s));
+    options.hand = hand.get();
+    options.telemetry->hand = published_hand(scene.hand, *limits);
+  }
+  auto device = hand ? make_simulated_device(scene, description, *hand)
+                     : make_simulated_device(scene, description);
+  EXPECT_TRUE(device);
+  auto workers = test::make_workers(scene, remesher, options);
+  EXPECT_TRUE(workers);
+  auto reader = TelemetryReader::open(options.telemetry->file);
+  EXPECT_TRUE(reader);
+  std::uint64_t tick = 0;
+  const auto advance = [&](double dt_s) {
+    device->step(dt_s);
+    if (!person || ++tick % 16 != 0) return;  // about 60 messages a second
+    const auto target = person(tick);
+    (*reader)->hand({tick, target.has_value(), target.value_or(std::array<double, 6>{})});
+  };
+  HandRun run;
+  if (replay.empty()) {
+    run.report =
+        run_session(scene, description, remesher, *device, advance, options, std::move(*workers));
+  } else {
+    ReplayDevice recorded(replay);
+    run.report =
+        run_session(scene, description, remesher, recorded, advance, options, std::move(*workers));
+  }
+  TelemetryEvent event;
+  std::uint64_t lost = 0;
+  while ((*reader)->next_event(event, lost) != TelemetryReader::Next::kNone)
+    run.events.push_back(event.kind);
+  run.about = nlohmann::json::parse((*reader)->about());
+  EXPECT_EQ((*reader)->has_hand(), person != nullptr);
+  if (hand) run.path = hand->path().keyframes();
+  run.rows = *read_recording(*options.record);
+  std::ifstream file(*options.record, std::ios::binary);
+  run.recording.assign(std::istreambuf_iterator<char>(file), {});
+  return run;
+}
+
+TEST(LiveHandSession, PushesAndLetsGo) {
+  const HandRun run = run_hand(hand_scene(), press);
+  EXPECT_EQ(run.report.end, SessionEnd::kDone);
+  EXPECT_EQ(run.events, (std::vector{TelemetryEventKind::kHand, TelemetryEventKind::kHandLetGo,
+                                     TelemetryEventKind::kEnded}));
+  const auto force_N = [&](std::size_t tick) { return run.rows.at(tick).wrench_delivered[2]; };
+  EXPECT_EQ(force_N(200), 0);
+  // Springs in series: 5 mm by 4000 and 5000 N/m.
+  EXPECT_NEAR(force_N(990), 0.005 / (1 / 4000.0 + 1 / 5000.0), 0.5);
+  EXPECT_LT(std::abs(force_N(1060)), 1);
+  const nlohmann::json& about = run.about["hand"];
+  EXPECT_EQ(about["live"], true);
+  EXPECT_EQ(about["stiffness_N_per_m"], 4000);
+  EXPECT_EQ(about["start"]["tip_m"], nlohmann::json::array({0.0, 0.0, 0.13}));
+  EXPECT_NEAR(about["box"]["min_m"][2], 0.1, 1e-9);
+}
+
+TEST(LiveHandSession, AReplayNeedsNoHandAndHasTheSameBytes) {
+  const HandRun run = run_hand(hand_scene(), press), same = run_hand(hand_scene(), press);
+  EXPECT_EQ(run.recording, same.recording);
+  const HandRun again = run_hand(hand_scene(), nullptr, run.rows);
+  EXPECT_EQ(again.report.replay_first_difference, -1);
+  EXPECT_EQ(again.recording, run.recording);
+}
+
+TEST(LiveHandSession, ThePathIsAScriptedHandWithTheSameForce) {
+  const HandRun run = run_hand(hand_scene(), press);
+  Scene scripted = hand_scene();
+  scripted.hand.live = false;
+  scripted.hand.trajectory.clear();
+  for (const HandKeyframe& keyframe : run.path.keyframes) {
+    const Eigen::Vector3d& tip_m = keyframe.T_device_tool.p_m;
+    const Eigen::Vector3d turn_deg =
+        rotation_vector(keyframe.T_device_tool.q) * (180 / std::numbers::pi);
+    scripted.hand.trajectory.push_back({keyframe.t_s,
+                                        {tip_m.x(), tip_m.y(), tip_m.z()},
+                                        {turn_deg.x(), turn_deg.y(), turn_deg.z()}});
+  }
+  const HandRun again = run_hand(scripted, nullptr);
+  ASSERT_EQ(again.rows.size(), run.rows.size());
+  for (std::size_t tick = 0; tick < run.rows.size(); ++tick)
+    ASSERT_NEAR(again.rows[tick].wrench_delivered[2], run.rows[tick].wrench_delivered[2], 0.5)
+        << tick;
+}
+
+TEST(LiveHandSession, TheHapticThreadAllocatesNothing) {
+  TROCAR_NEEDS_COUNTED_ALLOCATIONS();
+  EXPECT_EQ(run_hand(hand_scene(), press).report.allocations_in_loop, 0U);
+}
+
+}  // namespace
+}  // namespace trocar::runtime
