@@ -145,10 +145,10 @@ class GridAxis {
 };
 
 // The columns or rows between two lattice coordinates, both included.
-struct Range {
+struct CodeRange {
   int first = 0, end = 0;
 };
-Range between(const GridAxis& axis, double low, double high) {
+CodeRange between(const GridAxis& axis, double low, double high) {
   const int first = axis.first_from(low);
   int end = std::max(first, axis.first_from(high));
   while (end < axis.count() && axis[end] <= high)
@@ -185,10 +185,10 @@ class MaskMaker {
       }
     }
     if (!box) return HuMask{};
-    const Range columns = between(x_, static_cast<double>(box->low.x) - margin_,
-                                  static_cast<double>(box->high.x) + margin_),
-                rows = between(y_, static_cast<double>(box->low.y) - margin_,
-                               static_cast<double>(box->high.y) + margin_);
+    const CodeRange columns = between(x_, static_cast<double>(box->low.x) - margin_,
+                                      static_cast<double>(box->high.x) + margin_),
+                    rows = between(y_, static_cast<double>(box->low.y) - margin_,
+                                   static_cast<double>(box->high.y) + margin_);
     mask_ = {columns.first, rows.first, columns.end - columns.first, rows.end - rows.first, {}};
     const std::int64_t samples = std::int64_t{mask_.columns} * mask_.rows;
     if (samples > kMaxHuSamples) return refused("more samples of HU than a slice may have");
@@ -226,7 +226,7 @@ class MaskMaker {
     each_edge(outlines, [&](LatticePoint a, LatticePoint b) {
       if (a.y > b.y) std::swap(a, b);
       // Rows with a.y <= y < b.y, so that a vertex on a row counts once.
-      Range rows = between(y_, a.y, static_cast<double>(b.y) - 1);
+      CodeRange rows = between(y_, a.y, static_cast<double>(b.y) - 1);
       for (int r = rows.first; r < rows.end; ++r) {
         const double share = (static_cast<double>(y_[r]) - a.y) / (static_cast<double>(b.y) - a.y);
         crossings[static_cast<std::size_t>(r - mask_.first_row)].push_back(
@@ -239,7 +239,7 @@ class MaskMaker {
       std::vector<double>& at = crossings[static_cast<std::size_t>(r - mask_.first_row)];
       std::sort(at.begin(), at.end());
       for (std::size_t i = 0; i + 1 < at.size(); i += 2) {
-        const Range columns = between(x_, at[i], at[i + 1]);
+        const CodeRange columns = between(x_, at[i], at[i + 1]);
         for (int c = columns.first; c < columns.end; ++c)
           stored(c, r) = 1;
       }
@@ -254,12 +254,12 @@ class MaskMaker {
                  high_x = std::max(a.x, b.x) + static_cast<double>(margin_);
     const double half_width =
         dy == 0 ? high_x - low_x : margin_ * std::hypot(dx, dy) / std::abs(dy) + 2;
-    const Range rows = between(y_, std::min(a.y, b.y) - static_cast<double>(margin_),
-                               std::max(a.y, b.y) + static_cast<double>(margin_));
+    const CodeRange rows = between(y_, std::min(a.y, b.y) - static_cast<double>(margin_),
+                                   std::max(a.y, b.y) + static_cast<double>(margin_));
     for (int r = rows.first; r < rows.end; ++r) {
       const std::int32_t y = y_[r];
       const double middle = dy == 0 ? a.x : a.x + (static_cast<double>(y) - a.y) / dy * dx;
-      const Range columns =
+      const CodeRange columns =
           between(x_, std::max(low_x, middle - half_width), std::min(high_x, middle + half_width));
       left_ -= 1 + std::max(0, columns.end - columns.first);
       for (int c = columns.first; c < columns.end; ++c) {

@@ -283,7 +283,7 @@ struct TipKeyframe {
 enum class HandGrip : std::uint8_t { kFirm, kLight, kStiff };
 
 /// The simulated hand: an impedance that pulls the tool tip along a trajectory. Absent values are
-/// taken from `grip` (runtime/device/simulated/mechanics.h).
+/// taken from `grip` (runtime/device/simulated/hand.h).
 struct SceneHand {
   /// True if a person moves the hand while the session runs (trocar-run --live). The trajectory
   /// then has one keyframe, the start, and let_go_t_s is absent.

@@ -19,7 +19,7 @@
 #include <utility>
 #include <vector>
 
-#include "embedded/pipeline/review/review_page.js.h"
+#include "embedded/pipeline/batch/review_page.js.h"
 #include "formats/base/files.h"
 #include "formats/base/html_page.h"
 #include "formats/base/json.h"

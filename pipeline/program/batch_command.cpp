@@ -51,7 +51,10 @@ const std::set<std::string>& excluded_options() {
 struct Parsed {
   CLI::App app{"", kProgram};
   Arguments a;
-  Parsed() { add_mesh_options(app, a); }
+  Parsed() {
+    app.set_help_flag();  // no parameter of a scan
+    add_mesh_options(app, a);
+  }
 };
 
 /// An option of meshing that a collection can give as a parameter.

@@ -16,7 +16,7 @@
 #include "formats/asset/asset.h"
 #include "formats/base/result.h"
 #include "runtime/device/hand_device.h"
-#include "runtime/device/simulated/mechanics.h"
+#include "runtime/device/simulated/hand.h"
 #include "runtime/haptics/loop/safety.h"
 #include "runtime/haptics/sheet.h"
 #include "runtime/haptics/tool.h"

@@ -14,7 +14,7 @@
 #include <system_error>
 #include <tuple>
 
-#include "embedded/runtime/reporting/history_page.js.h"
+#include "embedded/runtime/report/history_page.js.h"
 #include "formats/base/files.h"
 #include "formats/base/html_page.h"
 #include "formats/base/json.h"

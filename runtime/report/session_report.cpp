@@ -7,7 +7,7 @@
 #include <optional>
 #include <utility>
 
-#include "embedded/runtime/reporting/session_page.js.h"
+#include "embedded/runtime/report/session_page.js.h"
 #include "formats/base/files.h"
 #include "formats/base/html_page.h"
 #include "formats/base/json.h"

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 // A simulated hand that a person moves while the session runs. The springs of the simulated hand
-// (runtime/device/simulated/mechanics.h) pull the tool's tip to a target pose. Another process sends messages
 // with the pose that the person wants (TelemetryHand in formats/session/telemetry.h), and the
 // target follows the wanted pose.
 //
@@ -34,7 +33,7 @@
 #include "formats/session/scene.h"
 #include "formats/session/telemetry.h"
 #include "runtime/device/hand_device.h"
-#include "runtime/device/simulated/mechanics.h"
+#include "runtime/device/simulated/hand.h"
 #include "runtime/haptics/loop/safety.h"
 #include "runtime/haptics/tool.h"
 #include "runtime/session/session_options.h"

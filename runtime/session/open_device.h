@@ -19,6 +19,7 @@
 #include "runtime/device/hand_device.h"
 #include "runtime/device/pose/connected_device.h"
 #include "runtime/device/pose_device.h"
+#include "runtime/device/simulated/hand.h"
 #include "runtime/device/simulated/mechanics.h"
 #include "runtime/device/simulated/simulated_device.h"
 #include "runtime/session/session_options.h"
@@ -58,7 +59,7 @@ class RecordedDevice final : public Interface {
 using ReplayDevice = RecordedDevice<Device, DeviceState, DeviceCommand>;
 using ReplayPoseDevice = RecordedDevice<PoseDevice, PoseReading, HandleWrench>;
 
-// Converts the hand that a scene describes to the simulated hand of runtime/device/simulated/mechanics.h.
+// Converts the hand that a scene describes to the simulated hand of runtime/device/simulated/hand.h.
 
 /// Returns the keyframes of the scene's hand as the path of a target. The simulated hand pulls the
 /// tool's tip to this target.

@@ -14,7 +14,7 @@
 #include "formats/session/scene.h"
 #include "runtime/device/four_legs/four_legs.h"
 #include "runtime/device/four_legs/mechanism_limits.h"
-#include "runtime/device/simulated/mechanics.h"
+#include "runtime/device/simulated/hand.h"
 #include "runtime/device/simulated/simulated_device.h"
 #include "runtime/haptics/loop/haptic_loop.h"
 #include "tests/cases/device_case.h"

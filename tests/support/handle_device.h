@@ -9,7 +9,7 @@
 
 #include "formats/base/text.h"
 #include "runtime/device/hand_device.h"
-#include "runtime/device/simulated/mechanics.h"
+#include "runtime/device/simulated/hand.h"
 
 namespace trocar::test {
 

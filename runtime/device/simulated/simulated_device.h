@@ -16,6 +16,7 @@
 #include "runtime/device/device.h"
 #include "runtime/device/four_legs/kinematics.h"
 #include "runtime/device/pose/pose_hand.h"
+#include "runtime/device/simulated/hand.h"
 #include "runtime/device/simulated/mechanics.h"
 
 namespace trocar::runtime {

@@ -170,9 +170,9 @@ TEST(CommandLine, RefusesTheSpellingsOfFormerVersions) {
 
 TEST(CommandLine, FindsAMistypedCommand) {
   const Program program;
-  EXPECT_EQ(check_command(program.app, "inof").error().message,
-            "inof: no such file, folder or command, did you mean info?");
-  for (const char* word : {"", "scene.json", "./inof"})
+  EXPECT_EQ(check_command(program.app, "ino").error().message,
+            "ino: no such file, folder or command, did you mean info?");
+  for (const char* word : {"", "scene.json", "./ino"})
     EXPECT_TRUE(check_command(program.app, word)) << word;
 }
 

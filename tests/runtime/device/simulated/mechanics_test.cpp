@@ -2,6 +2,7 @@
 // The equation of motion compared with masses and accelerations from differences of positions; the
 // energy balance of the full model; friction, lag, noise and the hand, one by one.
 #include "runtime/device/simulated/mechanics.h"
+#include "runtime/device/simulated/hand.h"
 
 #include <gtest/gtest.h>
 
