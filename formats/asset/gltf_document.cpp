@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
+#define TINYGLTF_IMPLEMENTATION
 #include "formats/asset/gltf_document.h"
 
 #include <algorithm>
@@ -11,8 +12,6 @@
 #include "formats/asset/payload.h"
 #include "formats/base/files.h"
 #include "formats/base/json.h"
-
-#define TINYGLTF_IMPLEMENTATION
 
 namespace trocar {
 namespace {

@@ -13,7 +13,7 @@
 
 namespace trocar::pipeline {
 
-AabbTree::AabbTree(std::vector<Edge> edges) : edges_(std::move(edges)) {
+AabbTree::AabbTree(std::vector<OutlineEdge> edges) : edges_(std::move(edges)) {
   levels_.emplace_back();
   for (std::size_t i = 0; i < edges_.size(); ++i) {
     if (i % kFan == 0) levels_[0].push_back({edges_[i][0], edges_[i][0]});
@@ -68,8 +68,8 @@ void AabbTree::inspect_box(Point p, std::size_t level, std::size_t i, Nearest& b
 
 namespace {
 
-std::vector<Edge> edges_of(std::span<const OutlineRing> rings) {
-  std::vector<Edge> out;
+std::vector<OutlineEdge> edges_of(std::span<const OutlineRing> rings) {
+  std::vector<OutlineEdge> out;
   for (const OutlineRing& ring : rings) {
     for (std::size_t i = 0; i < ring.size(); ++i)
       out.push_back({ring[i], ring[i + 1 < ring.size() ? i + 1 : 0]});
@@ -100,9 +100,10 @@ void raise_by_segment(const AabbTree& to, const MeasuredEnd& a, const MeasuredEn
   raise_by_segment(to, m, b, accuracy, worst);
 }
 
-void raise(const std::vector<Edge>& from, const AabbTree& to, double accuracy, double& worst) {
+void raise(const std::vector<OutlineEdge>& from, const AabbTree& to, double accuracy,
+           double& worst) {
   std::size_t guess = 0;
-  for (const Edge& edge : from) {
+  for (const OutlineEdge& edge : from) {
     const MeasuredEnd a{edge[0], to.nearest(edge[0], guess)};
     const MeasuredEnd b{edge[1], to.nearest(edge[1], a.near.edge)};
     worst = std::max({worst, std::sqrt(a.near.d2), std::sqrt(b.near.d2)});
@@ -115,7 +116,7 @@ void raise(const std::vector<Edge>& from, const AabbTree& to, double accuracy, d
 
 double outline_distance_mm(std::span<const OutlineRing> a, std::span<const OutlineRing> b,
                            double accuracy_mm) {
-  const std::vector<Edge> of_a = edges_of(a), of_b = edges_of(b);
+  const std::vector<OutlineEdge> of_a = edges_of(a), of_b = edges_of(b);
   if (of_a.empty() || of_b.empty())
     return of_a.empty() && of_b.empty() ? 0 : std::numeric_limits<double>::infinity();
   double worst = 0;
@@ -155,8 +156,8 @@ class Target : public AabbTree {
   }
 
  private:
-  static std::vector<Edge> edges_of(const Ring& ring, bool is_open) {
-    std::vector<Edge> out;
+  static std::vector<OutlineEdge> edges_of(const Ring& ring, bool is_open) {
+    std::vector<OutlineEdge> out;
     out.reserve(ring.size());
     for (std::size_t i = 0; i + 1 < ring.size(); ++i)
       out.push_back({point(ring[i]), point(ring[i + 1])});

@@ -12,16 +12,16 @@
 
 namespace trocar::pipeline {
 
-using Edge = std::array<Point, 2>;
+using OutlineEdge = std::array<Point, 2>;
 
 class AabbTree {
  public:
   /// Precondition: there is at least one edge. Searches are quick if edges with consecutive indices
   /// are near each other. O(n).
-  explicit AabbTree(std::vector<Edge> edges);
+  explicit AabbTree(std::vector<OutlineEdge> edges);
 
   std::size_t size() const { return edges_.size(); }
-  const Edge& edge(std::size_t i) const { return edges_[i]; }
+  const OutlineEdge& edge(std::size_t i) const { return edges_[i]; }
 
   /// Squared distance from p to edge i.
   double to_edge(Point p, std::size_t i) const {
@@ -45,7 +45,7 @@ class AabbTree {
   void inspect_edges(Point p, std::size_t group, Nearest& best) const;
   void inspect_box(Point p, std::size_t level, std::size_t i, Nearest& best) const;
 
-  std::vector<Edge> edges_;
+  std::vector<OutlineEdge> edges_;
   // A box of level 0 encloses up to kFan consecutive edges; a box of a higher level encloses up to
   // kFan boxes of the level below. The last level has one box.
   std::vector<std::vector<Box>> levels_;

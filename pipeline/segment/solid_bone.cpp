@@ -527,7 +527,7 @@ Filled fill(const VoxelGrid& grid, std::size_t column, bool is_hu, const SolidOp
   return out;
 }
 
-std::string rounded(double value) {
+std::string rounded_text(double value) {
   return std::to_string(std::lround(value));
 }
 
@@ -535,18 +535,18 @@ Warning cut_warning(const SliceStack& stack, const Filled& filled) {
   const bool is_one = filled.cut_canals == 1;
   return {"cavity_cut", input_name(stack),
           (is_one ? "a cavity of " : std::to_string(filled.cut_canals) + " cavities of ") +
-              rounded(filled.cut_mm3) + " mm^3 within bone, cut by the end of the scan, " +
+              rounded_text(filled.cut_mm3) + " mm^3 within bone, cut by the end of the scan, " +
               (is_one ? "stays" : "stay") +
               " open: it cannot be told from a canal; a scan in which it ends, or a longer one, "
               "can"};
 }
 
 Warning contrast_warning(const SliceStack& stack, const SoftRegions& soft, bool is_dropped) {
-  const std::string hu = rounded(soft.low_HU) == rounded(soft.high_HU)
-                             ? rounded(soft.low_HU)
-                             : rounded(soft.low_HU) + " to " + rounded(soft.high_HU);
+  const std::string hu = rounded_text(soft.low_HU) == rounded_text(soft.high_HU)
+                             ? rounded_text(soft.low_HU)
+                             : rounded_text(soft.low_HU) + " to " + rounded_text(soft.high_HU);
   return {"contrast_filled", input_name(stack),
-          rounded(soft.volume_mm3 / 1000) + " ml of soft tissue at " + hu +
+          rounded_text(soft.volume_mm3 / 1000) + " ml of soft tissue at " + hu +
               " HU are above the threshold" + (soft.touches_bone ? " and connected to bone" : "") +
               ", such as vessels and organs filled with contrast medium; " +
               (is_dropped ? "--keep column leaves them out"
@@ -709,7 +709,7 @@ Error nothing_left_error(const SolidOptions& options, double before_mm3) {
     out.append(before).append(names[i]);
   }
   return refused(out + (names.size() > 1 ? " leave" : " leaves") + " none of the " +
-                 rounded(before_mm3) + " mm^3 of material");
+                 rounded_text(before_mm3) + " mm^3 of material");
 }
 
 Bytes difference(const Bytes& of, const Bytes& without) {

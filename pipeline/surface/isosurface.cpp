@@ -633,8 +633,8 @@ class Queue {
   std::size_t at_ = 0;
 };
 
-void collapse(std::uint32_t from, std::uint32_t to, Collapsible& mesh,
-              std::vector<Quadric>& quadrics) {
+void collapse_edge(std::uint32_t from, std::uint32_t to, Collapsible& mesh,
+                   std::vector<Quadric>& quadrics) {
   const Vector3d d = mesh.position(to) - mesh.position(from);
   mesh.error(to) += mesh.error(from) + quadrics[from].at(d);
   quadrics[to].add(quadrics[from], d);
@@ -681,7 +681,7 @@ void collapse_to(std::size_t triangles, const std::vector<bool>& locked,
       continue;
     }
     const std::uint32_t to = target->second;
-    collapse(from, to, mesh, quadrics);
+    collapse_edge(from, to, mesh, quadrics);
     collapses.push_back({from, to});
     const auto changed = [&](std::uint32_t v) {
       if (!locked[v] && !queue.contains(v)) queue.push(v, queue.current());
@@ -703,7 +703,7 @@ TriangleSurface Decimation::decimated(std::size_t triangles) {
     const bool can = mesh.triangles() > triangles && !mesh.is_deleted(c.from) &&
                      !mesh.is_deleted(c.to) && mesh.can_collapse(c.from, c.to);
     if (!can) return true;
-    collapse(c.from, c.to, mesh, quadrics);
+    collapse_edge(c.from, c.to, mesh, quadrics);
     return false;
   });
   collapse_to(triangles, locked_, stop_, mesh, quadrics, collapses_);

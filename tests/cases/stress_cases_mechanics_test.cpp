@@ -86,7 +86,7 @@ class MechanicsStress : public testing::TestWithParam<std::filesystem::path> {
     if (case_.has_outline) {
       const auto ok = check_pslg(case_.outline);
       ASSERT_TRUE(ok) << ok.error().message;
-      sheet_ = pipeline::triangulate(case_.outline)->mesh;
+      sheet_ = trocar::triangulate(case_.outline)->mesh;
     }
   }
 

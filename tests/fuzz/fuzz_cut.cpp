@@ -171,7 +171,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   SliceMesh sheet = read->sheet;
   if (read->has_outline) {
     if (const auto ok = check_pslg(read->outline); !ok) return 0;
-    const auto cdt = pipeline::triangulate(read->outline);
+    const auto cdt = trocar::triangulate(read->outline);
     if (!cdt) fail("triangulation: " + cdt.error().message);
     sheet = cdt->mesh;
   }

@@ -41,7 +41,7 @@ SliceMesh any_sheet() {
   Random random(test::any_seed());
   const int kind = random.between(0, 3);
   if (kind == 1) {
-    const auto made = pipeline::triangulate(test::any_outline());
+    const auto made = trocar::triangulate(test::any_outline());
     RC_ASSERT(static_cast<bool>(made));
     RC_PRE(!made->mesh.triangles.empty());
     return made->mesh;

@@ -7,7 +7,7 @@
 namespace trocar::test {
 
 /// True if the meshes are equal, including their free slots and the order of all slots.
-inline bool same(const runtime::SheetMesh& a, const runtime::SheetMesh& b) {
+inline bool same(const trocar::SheetMesh& a, const trocar::SheetMesh& b) {
   return a.vertices == b.vertices && a.triangles == b.triangles && a.across == b.across &&
          a.free_vertices == b.free_vertices && a.free_triangles == b.free_triangles;
 }

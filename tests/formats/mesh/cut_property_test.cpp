@@ -80,7 +80,7 @@ SliceMesh mesh_of(const std::vector<Ring>& outline, const std::vector<LatticePoi
 }
 
 // A sheet of radius about `size`: an outline, up to three holes, inner points.
-SliceMesh random_sheet(Random& random, int size, int points) {
+SliceMesh sheet_of_points(Random& random, int size, int points) {
   while (true) {
     std::vector<Ring> outline = {star(random, {0, 0}, 0.6 * size, size, random.between(8, 20))};
     const int holes = random.between(0, 3);
@@ -212,7 +212,7 @@ TEST(CutProperty, RandomToolsOnRandomSheets) {
   Count n;
   for (int s = 0; s < 60; ++s) {
     const int size = random.between(300, 3000);
-    const SliceMesh sheet = random_sheet(random, size, random.between(0, 200));
+    const SliceMesh sheet = sheet_of_points(random, size, random.between(0, 200));
     for (int k = 0; k < 40; ++k) {
       SCOPED_TRACE(testing::Message() << "sheet " << s << ", tool " << k);
       const Ring tool = any_tool(random, random.point(-size, size),
@@ -230,7 +230,7 @@ TEST(CutProperty, ManyCutsInOneSheet) {
   Count n;
   for (std::uint64_t seed = 0; seed < 6; ++seed) {
     Random random(100 + seed);
-    SliceMesh sheet = random_sheet(random, 3000, 150);
+    SliceMesh sheet = sheet_of_points(random, 3000, 150);
     for (int k = 0; k < 100; ++k) {
       SCOPED_TRACE(testing::Message() << "seed " << seed << ", cut " << k);
       const Ring tool = any_tool(random, random.point(-2000, 2000), random.between(50, 500));
@@ -247,7 +247,7 @@ TEST(CutProperty, ToolsMovedByOneStep) {
   Count n;
   for (std::uint64_t seed = 0; seed < 8; ++seed) {
     Random random(200 + seed);
-    SliceMesh sheet = random_sheet(random, 1000, 60);
+    SliceMesh sheet = sheet_of_points(random, 1000, 60);
     LatticePoint at = random.point(-500, 500);
     const Ring tool = star(random, {0, 0}, 60, 64, 6);
     for (int k = 0; k < 100; ++k) {
@@ -270,7 +270,7 @@ TEST(CutProperty, CoarseLattice) {
   for (std::uint64_t seed = 0; seed < 400; ++seed) {
     Random random(1000 + seed);
     const int size = random.between(4, 40);
-    SliceMesh sheet = random_sheet(random, size, random.between(0, 30));
+    SliceMesh sheet = sheet_of_points(random, size, random.between(0, 30));
     for (int k = 0; k < 30 && !sheet.triangles.empty(); ++k) {
       SCOPED_TRACE(testing::Message() << "seed " << seed << ", cut " << k);
       const int radius = random.between(1, std::max(2, size / 3));
@@ -318,7 +318,7 @@ TEST(CutProperty, SheetsOverTheWholeLattice) {
   Random random(7000);
   for (int s = 0; s < 20; ++s) {
     const int size = kMaxCoordinate - 1;
-    SliceMesh sheet = random_sheet(random, size, 60);
+    SliceMesh sheet = sheet_of_points(random, size, 60);
     for (int k = 0; k < 20; ++k) {
       SCOPED_TRACE(testing::Message() << "sheet " << s << ", cut " << k);
       const Ring tool = convex(random, random.point(-size / 2, size / 2), size / 2, 8);

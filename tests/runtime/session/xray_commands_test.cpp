@@ -6,7 +6,7 @@
 namespace trocar::runtime {
 namespace {
 
-constexpr std::int64_t kTick_ns = 1'000'000;
+constexpr std::int64_t kMillisecond_ns = 1'000'000;
 
 TelemetryCommands given(std::uint64_t shots, std::uint64_t screening) {
   TelemetryCommands commands;
@@ -17,23 +17,23 @@ TelemetryCommands given(std::uint64_t shots, std::uint64_t screening) {
 
 TEST(XrayCommands, ShotIsTakenInOneTick) {
   XrayCommands xray;
-  xray.apply(given(1, 0), false, kTick_ns);
+  xray.apply(given(1, 0), false, kMillisecond_ns);
   EXPECT_EQ(xray.take(), kXrayPicture);
-  xray.apply(given(0, 0), false, 2 * kTick_ns);
+  xray.apply(given(0, 0), false, 2 * kMillisecond_ns);
   EXPECT_EQ(xray.take(), 0);
 }
 
 TEST(XrayCommands, ShotsBetweenTwoTicksAreTakenOneAfterTheOther) {
   XrayCommands xray;
-  xray.apply(given(3, 0), false, kTick_ns);
+  xray.apply(given(3, 0), false, kMillisecond_ns);
   int taken = 0;
   for (int tick = 0; tick < 10; ++tick) {
     taken += xray.take();
-    xray.apply(given(0, 0), false, kTick_ns);
+    xray.apply(given(0, 0), false, kMillisecond_ns);
   }
   EXPECT_EQ(taken, 3 * kXrayPicture);
   // A hostile process cannot keep the loop busy.
-  xray.apply(given(~std::uint64_t{0}, 0), false, kTick_ns);
+  xray.apply(given(~std::uint64_t{0}, 0), false, kMillisecond_ns);
   for (taken = 0; xray.take() != 0;)
     ++taken;
   EXPECT_EQ(taken, static_cast<int>(XrayCommands::kMaxWaiting));
@@ -41,29 +41,30 @@ TEST(XrayCommands, ShotsBetweenTwoTicksAreTakenOneAfterTheOther) {
 
 TEST(XrayCommands, NothingIsTakenWhileTimeStandsStill) {
   XrayCommands xray;
-  xray.apply(given(2, 0), false, kTick_ns);
-  xray.apply(given(1, 0), true, kTick_ns);
-  xray.apply(given(0, 0), false, kTick_ns);
+  xray.apply(given(2, 0), false, kMillisecond_ns);
+  xray.apply(given(1, 0), true, kMillisecond_ns);
+  xray.apply(given(0, 0), false, kMillisecond_ns);
   EXPECT_EQ(xray.take(), 0);
 }
 
 TEST(XrayCommands, APauseEndsScreeningUntilTheNextCommand) {
   XrayCommands xray;
   xray.apply(given(0, 1), false, 0);
-  xray.apply(given(0, 3), true, 100 * kTick_ns);  // whether it was repeated in the pause or not
-  xray.apply(given(0, 3), false, 300 * kTick_ns);
+  xray.apply(given(0, 3), true,
+             100 * kMillisecond_ns);  // whether it was repeated in the pause or not
+  xray.apply(given(0, 3), false, 300 * kMillisecond_ns);
   EXPECT_EQ(xray.take(), 0);
-  xray.apply(given(0, 5), false, 400 * kTick_ns);
+  xray.apply(given(0, 5), false, 400 * kMillisecond_ns);
   EXPECT_EQ(xray.take(), kXrayBeam);
 }
 
 TEST(XrayCommands, ScreeningLastsWhileItIsHeld) {
   XrayCommands xray;
-  xray.apply(given(0, 3), false, kTick_ns);
+  xray.apply(given(0, 3), false, kMillisecond_ns);
   EXPECT_EQ(xray.take(), kXrayBeam);
-  xray.apply(given(1, 5), false, 2 * kTick_ns);
+  xray.apply(given(1, 5), false, 2 * kMillisecond_ns);
   EXPECT_EQ(xray.take(), kXrayBeam | kXrayPicture);
-  xray.apply(given(0, 6), false, 3 * kTick_ns);
+  xray.apply(given(0, 6), false, 3 * kMillisecond_ns);
   EXPECT_EQ(xray.take(), 0);
 }
 
@@ -74,7 +75,8 @@ TEST(XrayCommands, ScreeningEndsIfNobodyConfirmsIt) {
   EXPECT_EQ(xray.take(), kXrayBeam);
   xray.apply(given(0, 1), false, XrayCommands::kHeld_ns);
   EXPECT_EQ(xray.take(), 0);
-  xray.apply(given(0, 3), false, XrayCommands::kHeld_ns + kTick_ns);  // confirmed late: it goes on
+  xray.apply(given(0, 3), false,
+             XrayCommands::kHeld_ns + kMillisecond_ns);  // confirmed late: it goes on
   EXPECT_EQ(xray.take(), kXrayBeam);
 }
 

@@ -68,7 +68,7 @@ TEST(Springs, AreNegativeOnTheBoundaryOfUnrefinedMeshes) {
       const Pslg outline = before_refinement(slice.pslg);
       slice.mesh = {};
       if (!check_pslg(outline)) continue;
-      auto mesh = pipeline::triangulate(outline);
+      auto mesh = trocar::triangulate(outline);
       ASSERT_TRUE(mesh) << scan.name << ": " << mesh.error().message;
       slice.mesh = std::move(mesh->mesh);
     }
