@@ -10,7 +10,7 @@ import warnings
 
 import numpy as np
 
-VERSION = "0.2.0"  # of CMakeLists.txt
+VERSION = "0.3.0"  # of CMakeLists.txt
 USAGE, REFUSED, UNWRITABLE = 2, 3, 4
 EXIT_CODES = "Exit codes: 0 done; 2 wrong usage; 3 input refused; 4 a file could not be written; 1 a bug."
 
