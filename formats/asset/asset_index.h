@@ -12,7 +12,7 @@
 // covers its bytes. (The index has no chunk of its own. glTF allows a chunk after the binary chunk,
 // but validators warn of such a chunk, and tools that rewrite a file drop it.)
 //
-// Contract (tests/formats/asset/asset_part_test.cpp):
+// Contract:
 //  1. The index counts as absent if its version is unknown, or if the chunk sizes that its header
 //     states differ from the actual sizes. (Then another tool has rewritten the file.)
 //  2. If there is an index, decode_asset() refuses the file unless every record, and every text to

@@ -73,7 +73,7 @@ const std::array<Eigen::Vector2d, 19>& disc_points() noexcept;
 // file need not list the stored samples. asset.md specifies the bytes. Internal to formats/, except
 // for the functions that encode.
 //
-// Contract (tests/formats/asset/hu_volume_test.cpp):
+// Contract:
 //  1. A sample is stored if its distance from the material is at most HuGrid::margin_steps, the
 //     margin. This is decided exactly, on the lattice. If the margin is negative, all samples of
 //     the grid are stored.

@@ -2,7 +2,7 @@
 // The integer lattice in the slice plane and the exact predicates on it. Every coordinate that is
 // stored, or on which a decision of an algorithm depends, lies on the lattice.
 //
-// Laws (tests/formats/geometry/lattice_test.cpp compares the results with wide-integer arithmetic):
+// Laws:
 //  1. orient2d(a,b,c) > 0 iff a,b,c turn counter-clockwise; 0 iff collinear;
 //     it changes sign when two arguments are swapped.
 //  2. in_circle(a,b,c,d) > 0 iff d lies strictly inside the circle through the

@@ -218,7 +218,7 @@ class VertexRemoval {
 // placed so that, where possible, its distance from both ends of the triangle's shortest edge is
 // the wanted length of edges (Rebay, 1993).
 //
-// Contract (tests/runtime/local_refinement/local_refinement_test.cpp), for a valid SheetMesh:
+// Contract, for a valid SheetMesh:
 //  1. The mesh stays valid. An inner edge (between two triangles) is locally Delaunay if the two
 //     angles opposite the edge add up to at most 180 degrees. If every inner edge was locally
 //     Delaunay, every inner edge still is.

@@ -5,7 +5,7 @@
 // each sheet. Because of the shared pages, both together take little more memory than one, however
 // large the sheet is.
 //
-// Contract (tests/runtime/sheet_mesh/paged_array_test.cpp compares with std::vector):
+// Contract:
 //  1. A write to an array never changes what another array contains. Reading through a mutable
 //     array counts as a write and can copy a page; reading through a const reference does not.
 //  2. Threads may read an array while another thread writes to a copy of this array. While a thread

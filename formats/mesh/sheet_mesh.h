@@ -146,7 +146,7 @@ SliceMesh to_slice_mesh(const SheetMesh& mesh);
 // With these lists the edit can be undone, or repeated on a second copy of the mesh (a replica).
 // The time for this is proportional to the number of listed slots, not to the size of the mesh.
 //
-// Contract (tests/runtime/sheet_mesh/sheet_edit_test.cpp):
+// Contract:
 //  1. Precondition: a function that edits the mesh calls touch_*() before it writes to a slot. It
 //     takes and releases slots only by take_*() and release_*(), which update the lists.
 //  2. undo() restores the mesh exactly as it was at begin(): every slot and the order of

@@ -33,8 +33,7 @@ enum class GridTriangles : std::uint8_t {
   kBoundary,  ///< every triangle in use that has an edge on the sheet's boundary
 };
 
-/// Contract (tests/runtime/sheet_mesh/triangle_grid_test.cpp compares with a search of all
-/// triangles):
+/// Contract:
 ///  1. for_each() visits every listed triangle (GridTriangles) whose bounding box has a point in
 ///     common with the given box, exactly once, and no other triangle. The order depends only on
 ///     the mesh given to the constructor and on the edits since then.

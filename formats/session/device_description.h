@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The description of a haptic device: geometry, motors, joint limits, and the parameters of its
 // simulation. The mechanism is the paper's four-legged, eight-motor device (section III);
-// runtime/mechanism/README.md explains how the paper's lengths are interpreted. ("The paper" is
+// runtime/device/README.md explains how the paper's lengths are interpreted. ("The paper" is
 // cited in the README.md of the root folder.) File: JSON, schema
 // formats/session/device.schema.json.
 #pragma once
@@ -20,7 +20,7 @@ namespace trocar {
 /// base, and z points up. Leg number k, from 1 to 4, is at the azimuth (k - 1) * 90 degrees; the
 /// leg's frame is {B} turned about z by this angle. The symbols are those of the paper. Each leg
 /// has two motors. The upper motor turns its link by theta1; this link ends at the elbow E. The
-/// lower motor turns its link by theta4; this link ends at F. runtime/mechanism/README.md lists
+/// lower motor turns its link by theta4; this link ends at F. runtime/device/README.md lists
 /// all joints.
 struct DeviceGeometry {
   double l1_m = 0;    ///< distance from the motor axis of theta1 to the elbow E

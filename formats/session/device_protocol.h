@@ -7,7 +7,7 @@
 // device and takes torques (StatePacket, CommandPacket). The other kind sends the pose of a handle
 // and takes a wrench (PoseStatePacket, WrenchCommandPacket).
 //
-// Contract (tests/formats/session/device_protocol_test.cpp, pose_packets_test.cpp):
+// Contract:
 //  1. A packet that decode() accepts was made with the key that decode() was given. (Denials are
 //     not authenticated.) From the decoded packet, encode() makes the same bytes again.
 //  2. A command or state is accepted only once, in its own link session and direction, and never

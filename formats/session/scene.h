@@ -19,8 +19,8 @@ namespace trocar {
 /// add_force_law() added.
 enum class ForceLawKind : std::uint8_t {
   kHooke,    ///< each slice is an elastic sheet: a spring, F = K dx
-  kNetwork,  ///< each slice is an elastic sheet: a spring network (runtime/deformation)
-  kCutting,  ///< the slices are one bone volume, which the tool cuts (runtime/bone_cutting)
+  kNetwork,  ///< each slice is an elastic sheet: a spring network (runtime/haptics/membrane)
+  kCutting,  ///< the slices are one bone volume, which the tool cuts (runtime/haptics/bone)
 };
 
 struct ForceLawTraits {
@@ -150,7 +150,7 @@ struct NamedTissue {
   Tissue tissue;
 };
 
-/// How the force law `network` computes the displacement of a sheet (runtime/deformation).
+/// How the force law `network` computes the displacement of a sheet (runtime/haptics/membrane).
 enum class NetworkSolver : std::uint8_t { kAuto, kLocal, kGlobal, kPropagation };
 
 /// A layer of soft tissue over the bone (force law `cutting`). Until it is punctured, the layer is

@@ -2,7 +2,7 @@
 // Shared-memory telemetry: the memory through which other processes observe and command a running
 // session (trocar-run --live FILE). telemetry.md specifies its layout to the byte.
 //
-// Contract (tests/formats/session/telemetry_test.cpp):
+// Contract:
 //  1. The writer never waits for a reader. The writer reads back only two things from the memory:
 //     the command words and the live hand (item 5). A command word is a counter that a reader
 //     raises to give a command. The writer only looks whether the word has changed and, for X-ray

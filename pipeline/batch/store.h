@@ -24,7 +24,7 @@
 namespace trocar::farm {
 
 /// The function that is called at each failpoint, with the name of the failpoint. Only the test
-/// program tests/pipeline/farm/trocar_mesh_failpoints.cpp sets it, before it starts threads.
+/// program tests/pipeline/batch/trocar_mesh_failpoints.cpp sets it, before it starts threads.
 inline void (*failpoint_hook)(const char* name) = nullptr;
 
 inline void failpoint(const char* name) {

@@ -95,7 +95,7 @@ enum class HandShare : std::uint8_t { kYours, kOther, kFree };
 const char* to_string(HandShare share) noexcept;
 
 /// Decides which client (page or script) holds the live hand of a session, and which of the
-/// holder's messages go to the session. Contract (tests/runtime/console/hand_holder_test.cpp):
+/// holder's messages go to the session. Contract:
 ///  1. At most one client holds the hand. If nobody holds the hand, the first client that moves the
 ///     hand becomes the holder. The holder keeps the hand until it lets go, disconnects, or has
 ///     been silent for 1 s. Messages of other clients have no effect.

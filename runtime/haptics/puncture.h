@@ -3,7 +3,7 @@
 // machine of each sheet, and the sheet's force on the tool. There is one tool, and the sheets are
 // stacked along z. (Paper, II.C, Fig. 11 and 12.)
 //
-// Contract (tests/runtime/contact/contact_test.cpp tests each point):
+// Contract:
 //  1. Coverage is the fraction of the area of the tool's outline that lies over material. Contact
 //     begins when the tip passes from above to below a sheet with a coverage of at least
 //     `min_coverage`. With less coverage the tool misses the sheet. A missed sheet exerts no force

@@ -20,7 +20,7 @@
 
 namespace trocar::runtime {
 
-/// Contract (tests/runtime/contact/slice_field_test.cpp):
+/// Contract:
 ///  1. A pixel has material if its centre lies in a triangle. Its HU is that of the asset's HU
 ///     volume at the centre. If the asset has HU at vertices only, the pixel's HU is interpolated
 ///     linearly between the corners of the triangle. If the asset has no HU, the pixel's HU is 0.

@@ -120,7 +120,7 @@ double smallest_clearance_m(const Tool& tool) noexcept;
 // tissue, IEEE TBME 51(10), 2004). Sideways the rim, which is the hole's boundary, resists being
 // pushed aside.
 //
-// Contract (tests/runtime/contact/shaft_test.cpp):
+// Contract:
 //  1. Dry friction is a spring between shaft and hole. The spring's force rises linearly with its
 //     deflection. At the deflection `presliding_m` the force is dry_friction_N, and beyond it the
 //     spring slides with this force (after P. Dahl, 1968, with a linear rise). The work of the

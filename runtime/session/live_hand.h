@@ -3,7 +3,7 @@
 // with the pose that the person wants (TelemetryHand in formats/session/telemetry.h), and the
 // target follows the wanted pose.
 //
-// Contract (tests/runtime/devices/live_hand_test.cpp), for any messages:
+// Contract, for any messages:
 //  1. While the person holds the hand, the target approaches the wanted pose with a time
 //     constant of 12 ms, at no more than 0.15 m/s and 1 rad/s. HandTarget::twist_device is
 //     the target's velocity.

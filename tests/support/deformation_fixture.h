@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Sheets and tools for the tests of runtime/deformation, and the assets of the three scans where
+// Sheets and tools for the tests of runtime/haptics/membrane, and the assets of the three scans where
 // they are available.
 #pragma once
 

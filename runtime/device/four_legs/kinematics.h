@@ -109,7 +109,7 @@ struct GaussNewtonOptions {
   /// residual_max_m, the result is kOtherBranch, because from a distant start the iteration can
   /// converge to a wrong pose. In tests with the defaults, the iteration started up to 100 mm and
   /// 60 deg from the true pose, and every wrong pose was rejected
-  /// (tests/runtime/mechanism/kinematics_test.cpp). To allow larger motions, increase travel_max_m.
+  /// (tests/runtime/device/four_legs/kinematics_test.cpp). To allow larger motions, increase travel_max_m.
   double travel_max_m = 0.01;  ///< largest plate motion since the last pose; 1 rad counts as 0.05 m
   double residual_max_m = 3e-4;  ///< largest ForwardResult::residual_m
 };
@@ -139,7 +139,7 @@ namespace trocar::runtime::leg {
 // One leg of the mechanism in the leg's own frame: x points radially outward, y is tangential, z
 // points up, and the origin is that of {B}. A leg has two chains of two links: the upper chain from
 // A over the elbow E to the ball joint C, and the lower chain from B over F to D (README.md of this
-// folder). Outside of this folder, only runtime/simulation and tests use this header. The haptic
+// folder). Outside of this folder, only runtime/device/simulated and tests use this header. The haptic
 // thread calls its functions: no allocation, no exception. The azimuth of a leg is its direction
 // about the z axis. The device's legs are at kAzimuth. The functions with an Azimuth parameter let
 // tests compute devices that do not have four legs (tests/reference/mechanism/leg_ring.h).
@@ -259,7 +259,7 @@ namespace trocar::runtime {
 // twist of the plate, motor rates = G twist, and the wrench for motor torques, wrench = G^T torques
 // (Eq. 17). The twist [v; omega] is the motion of the plate, and the wrench [f; n] acts on the
 // plate. Both refer to the plate's origin and are expressed in {B}. The haptic thread calls these
-// functions: no allocation, no exception. tests/runtime/mechanism/jacobian_test.cpp
+// functions: no allocation, no exception. tests/runtime/device/four_legs/jacobian_test.cpp
 // compares the Jacobian with central differences and with the paper's influence coefficients
 // (tests/reference/mechanism/influence_jacobian.h).
 

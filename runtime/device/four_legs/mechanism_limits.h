@@ -54,7 +54,7 @@ Singularity measure_singularity(const DeviceDescription& device, const Pose& T_d
 // by an i2t thermal model, and compute the torques that compensate friction and weight. The haptic
 // thread calls them: no allocation, no exception.
 //
-// Laws (tests/runtime/mechanism/motor_test.cpp). They hold while no current exceeds
+// Laws. They hold while no current exceeds
 // available_current(). `peak`, `continuous` and `peak_time` are the values of MotorModel.
 //  1. Over any interval of length T the integral of the squared current is at most
 //     continuous^2 T + capacity. The i2t capacity is (peak^2 - continuous^2) peak_time. A cold
@@ -133,8 +133,7 @@ AllocationResult allocate_torques_with_bias(const Jacobian& G, const Wrench& wre
 // long, or if a limit is exceeded in spite of the reduction. The haptic thread calls these
 // functions. The caller keeps the state of the motors in a MotorState.
 //
-// Contract (tests/runtime/mechanism/mechanism_limits_test.cpp and, in the loop,
-// tests/runtime/control/loop_motors_test.cpp):
+// Contract:
 //  1. A check returns kNone if its limit is not exceeded, and otherwise its own fault, with the
 //     quantity, the quantity's value and the limit. A value that is not finite is beyond every
 //     limit. A limit counts as exceeded if it is nan, or if it is a negative upper limit on a
@@ -178,7 +177,7 @@ struct MechanismLimits {
   /// plate; LegBranch.) If this limit were smaller than the error that a pose may have
   /// (pose_residual_max_m), a leg could change its branch undetected. Among 100,000 random poses of
   /// the workspace in tests/support/device_workspace.h the smallest distance is 0.749 mm
-  /// (tests/runtime/mechanism/mechanism_limits_test.cpp).
+  /// (tests/runtime/device/four_legs/mechanism_limits_test.cpp).
   double branch_distance_min_m = 0.5e-3;
   double torque_max_Nm = 0;  ///< largest torque of a motor; 0: only its thermal state limits it
   double torque_rise_max_Nm_per_s = 5000;  ///< rate limit of item 3

@@ -132,7 +132,7 @@ class PoseConnection {
 // device's pose. The haptic thread reads the newest pose, and stores the wrench that the next
 // exchange will send. The haptic thread never waits for the connection.
 //
-// Contract (tests/runtime/connection/connected_device_test.cpp):
+// Contract:
 //  1. read() and write() do not allocate, lock or block, whatever the connection does.
 //  2. If the last write() is at least kStaleCommand_s or kStalePeriods periods old, whichever is
 //     longer, exchanges send zero force until the haptic thread calls write() again.

@@ -138,7 +138,7 @@ class FaultyLink {
 // no socket: the caller passes received datagrams to the drive, and sends the datagrams that the
 // drive returns.
 //
-// Contract (tests/runtime/simulation/drive_test.cpp):
+// Contract:
 //  1. Torques are nonzero only while three conditions hold: the newest accepted command has the
 //     mode torque; with the real clock, this command is not older than the watchdog's time; and no
 //     emergency stop is pressed. After the watchdog or the stop has set the torques to zero,

@@ -6,7 +6,7 @@
 // Bucholtz, IEEE Comput. Graph. Appl. 12(3), 1992). So the surface is continuous, with kinks at the
 // slices, although the slices themselves form steps.
 //
-// Contract (tests/runtime/bone_cutting/contact/surface_slope_test.cpp):
+// Contract:
 //  1. On a plane surface the slope is exact up to kMaxSlope (cutting_law.h). On steeper surfaces
 //     the tip increasingly touches with its face. While the slope of the surface grows from
 //     kMaxSlope to twice kMaxSlope, the result changes gradually from kMaxSlope to the slope of the
@@ -54,7 +54,7 @@ std::optional<Eigen::Vector2d> surface_slope(const BoneVolume& bone,
 // the slabs at the tool's position, runs the cutting law (cutting_law.h), and requests holes in the
 // meshes.
 //
-// Contract (tests/runtime/bone_cutting/contact/bone_contact_test.cpp, hole_contact_test.cpp):
+// Contract:
 //  1. The strength of a slab is the strength of the material under the tool's outline, multiplied
 //     by the coverage: the fraction of the outline over material that is not yet cut. The tissue
 //     states the strength of the material, or the strength is computed from HU. Friction is

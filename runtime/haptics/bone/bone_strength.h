@@ -20,7 +20,7 @@
 //    programs use Keller's law for the femur with ash density. Trocar uses the law with ash
 //    density.
 //
-// Contract (tests/runtime/bone_cutting/material/bone_strength_test.cpp):
+// Contract:
 // Values are those of the published formulas. If a formula gives less than 0, the value is 0.
 #pragma once
 

@@ -74,7 +74,7 @@ class BlockInverse {
 // the global minimum of the energy would cut through a hard layer, such as a cortical shell, long
 // before the force reaches that layer's strength.)
 //
-// Contract (tests/runtime/bone_cutting/law/cutting_law_test.cpp, cutting_energy_test.cpp, hole_test.cpp):
+// Contract:
 //  1. The law is passive except for the energy introduced by the zero-order hold. Let w be the
 //     wrench on the plate that the previous tick computed and that is held until this tick, dx the
 //     displacement of the plate since the previous tick, dx^T its transpose, and K the stiffness of

@@ -3,7 +3,7 @@
 // by values per area, per length of perimeter and per area of wall. The tool is described by its
 // shape. So the same tissue gives the right forces for tools of different shapes.
 //
-// Contract (tests/runtime/bone_cutting/material/tool_in_tissue_test.cpp):
+// Contract:
 //  1. The strength of the tip without twist is
 //       coverage * (pressure * A * (1 + mu cot(half angle)) + tearing * torn length).
 //     A is the area of the displaced material: a disc, or a ring for a hollow tool. The term mu

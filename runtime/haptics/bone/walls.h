@@ -44,7 +44,7 @@ inline YieldSpring yield_spring(double stiffness, double most, double length,
 // layer: whether it is punctured, and the depth of its front. The puncture changes no energy. The
 // front only moves down. This motion shortens z, so W can only decrease.
 //
-// Contract (tests/runtime/bone_cutting/law/soft_layer_test.cpp, cutting_energy_test.cpp):
+// Contract:
 //  1. The energy inequality of cutting_law.h (contract 1) holds with `layer_cut_J` added on its left side.
 //  2. If the tip came from above, the layer's force until the puncture is a1 z + a2 z^2. Here z is
 //     the distance along the shaft from the layer's top down to the tip.
@@ -113,7 +113,7 @@ struct SoftLayerState {
 // its coefficients are kept. Therefore usually only the first evaluation of a tick visits all
 // points. Later evaluations visit only the few points whose energy is not quadratic.
 //
-// Contract (tests/runtime/bone_cutting/law/walls_test.cpp): add_walls() adds the sum over all
+// Contract: add_walls() adds the sum over all
 // Gauss points, quadratic or not. Apart from rounding, the sum does not depend on the poses of
 // earlier evaluations.
 
@@ -224,7 +224,7 @@ void add_walls(const Tick& tick, const Eigen::Vector3d& tip, const Eigen::Vector
 // region can only grow, so that pushing the wall aside always costs energy. (A region that moved
 // with the tool would close again behind the tool.)
 //
-// Contract (tests/runtime/bone_cutting/law/slot_test.cpp):
+// Contract:
 //  1. reach(p).distance_m is the distance of p from the convex hull of the corners, minus the
 //     clearance, but at least 0.
 //  2. include(p) extends the region so that it contains p, unless p is less than a femtometre away

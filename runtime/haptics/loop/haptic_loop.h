@@ -3,7 +3,7 @@
 // pose that a device measures. The outputs are the wrench that the device is to render, and one row
 // of the recording. A tick does not allocate, lock or throw.
 //
-// Contract (tests/runtime/control/loop_test.cpp), in addition to the contracts of safety.h,
+// Contract, in addition to the contracts of safety.h,
 // limits.h, energy_limit.h and passivity.h:
 //  1. The loop writes only commands that the device has prepared (hand_device.h), so all commands
 //     are within the device's limits.

@@ -2,7 +2,7 @@
 // The safety state machine. It has five states (idle, ready, running, fault, recovering), events
 // that lead from one state to another, and factors on the force and on the torques.
 //
-// Contract (tests/runtime/control/safety_test.cpp):
+// Contract:
 //  1. A fault in any state but `recovering` leads to `fault`, and the first fault is kept. Only
 //     answer_request() leaves the state `fault`, so no other way leads to `recovering` or back to
 //     `running`. A stop (held_stops.h) leads to `fault` from every state. A newly pressed emergency
@@ -129,7 +129,7 @@ bool torques_are_zero(const Safety& safety, const SafetyTiming& timing, double r
 // haptic_loop.cpp has the checks of times. Each implementation of HandDevice checks the limits of
 // the device's own parts. The haptic thread calls the check functions, which keep no state.
 //
-// Contract (limits_test.cpp in tests/runtime/control/):
+// Contract:
 //  1. A check returns kNone if no limit is exceeded. Otherwise it returns its fault with the
 //     quantity, the quantity's value and the limit. A value that is not finite exceeds every limit.
 //     A limit of nan is always exceeded. If a quantity cannot be negative, a negative limit is

@@ -10,7 +10,7 @@
 // membrane on a Winkler foundation that acts only at the nodes. Sources: Pinkall and Polthier 1993
 // for the cotangents, MacNeal 1949 for the network.
 //
-// Laws (each is tested in tests/runtime/deformation/deformation_network_test.cpp):
+// Laws:
 //  1. The sum of all f_i is f times the mesh's area.
 //  2. The energy of the springs equals the energy of the membrane, which is T / 2 times the
 //     integral of the squared gradient of w, where w is linear in each triangle. The matrix of the

@@ -152,7 +152,7 @@ class SparseFactor {
 // the tool pushes:
 //   g_m = sum of k_mj v_j over the neighbours j of m that are not on the ring.
 //
-// Laws (tests/runtime/deformation/deformation_local_test.cpp):
+// Laws:
 //  1. F_w <= F_v, because the ring is an additional support. F_w >= F_n, where F_n is the force on
 //     the tool if the ring nodes are free and the sheet beyond the ring is omitted. Both
 //     inequalities hold even if some springs have a negative stiffness, because the springs of a
@@ -206,8 +206,7 @@ bool solve_local(const Network& network, std::span<const NodeKind> kind, LocalSo
 // mesh as for a puncture, because the tool is rigid and the sheet under the tool does not bend. The
 // mesh is refined towards the tool, where the sheet is steepest.
 //
-// Contract (tests/runtime/deformation/deformation_region_test.cpp and
-// tests/properties/properties_sheet_test.cpp test each point):
+// Contract:
 //  1. With radius R, the mesh contains every point of the sheet that meets three conditions. The
 //     point is nearer than R to the tool's circle (circle_around(), part.h). It is connected with
 //     the tool through such points. And it is not under the tool.

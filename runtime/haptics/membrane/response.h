@@ -8,7 +8,7 @@
 // The mesh of a sheet is stiffer than the continuum. The excess stiffness arises mostly along the
 // tool's outline and at its corners. It is nearly the same at every position of the tool: 4 to 5 %
 // of K with the default grading (triangle sizes, region.h), with a spread of 0.3 %
-// (tests/runtime/deformation/deformation_accuracy_test.cpp). The excess comes from the springs
+// (tests/runtime/haptics/membrane/deformation_accuracy_test.cpp). The excess comes from the springs
 // along the edges of the mesh, which represent the membrane, and not from the foundation. (Under a
 // tool that covers the whole sheet, only the foundation acts, and the stiffness is exactly f times
 // the area.) Therefore the calibration corrects only T:

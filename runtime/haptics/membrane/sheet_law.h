@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The prefetch worker of the force law `network`. Outside the haptic thread it computes how stiff a
-// sheet's spring network (runtime/deformation) is under the tool.
+// sheet's spring network (runtime/haptics/membrane) is under the tool.
 //
 // The forces of the network are proportional to the depth of the tool. So the haptic thread needs
 // only two results: the stiffness, which is the force per depth, and the point where the force

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The noexcept functions of runtime/deformation do not allocate: a solve, a tick of propagation.
+// The noexcept functions of runtime/haptics/membrane do not allocate: a solve, a tick of propagation.
 #include <gtest/gtest.h>
 
 #include <vector>
