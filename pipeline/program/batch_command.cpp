@@ -127,13 +127,32 @@ std::vector<farm::NamedFile> files_of(const Arguments& a) {
   return out;
 }
 
+// The option that a key of parameters_json() is of: tolerance_mm is --tolerance.
+std::string option_of(std::string key) {
+  for (const char* unit : {"_mm3", "_mm2", "_px2", "_lps_mm", "_mm", "_deg", "_hu", "_HU"}) {
+    if (!key.ends_with(unit)) continue;
+    key.resize(key.size() - std::string_view(unit).size());
+    break;
+  }
+  std::replace(key.begin(), key.end(), '_', '-');
+  return key;
+}
+
 // Every option that can change a byte of the outputs. Defaults are included, so that giving a default
 // explicitly does not change the key, unless the default follows the pixels.
 json canonical(const Arguments& a) {
-  json out = parameters_json(a.stack, a.open);
+  const json all = parameters_json(a.stack, a.open);
+  json out;
+  for (const auto& [key, value] : all.items())
+    out[option_of(key)] = value;
   const DefaultOptions& follow = a.stack.defaults;
-  out["follow_pixels"] = {follow.tolerance, follow.min_region, follow.lattice_bits, follow.close,
-                          follow.min_volume};
+  for (const auto& [option, follows] : {std::pair("tolerance", follow.tolerance),
+                                        {"min-region", follow.min_region},
+                                        {"lattice-bits", follow.lattice_bits},
+                                        {"close", follow.close},
+                                        {"min-volume", follow.min_volume}}) {
+    if (follows) out[option] = {{"default", out[option]}};
+  }
   out["all_labels"] = a.labels && a.labels->all;
   out["any_modality"] = a.open.any_modality;
   out["lines"] = a.stack.lines;
