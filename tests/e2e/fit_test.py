@@ -3,7 +3,7 @@
 
  1. The tissue that it writes is accepted by a scene and gives the forces of the curve back; the figure is a picture; wrong uses are
     refused in one line without an output.
- 2. For each parameter, the true value is inside the 90 % interval in 85 to 98 % of 200 curves; hard layers are found and not invented.
+ 2. For each parameter, the true value is inside the 90 % interval in 85 to 95 % of 200 curves; hard layers are found and not invented.
     TROCAR_FIT_CURVES: number of curves (scripts/nightly: 200). With fewer, a parameter fails only if its part cannot be 85 %.
  3. Curves to which nothing can be fitted are refused."""
 import collections
@@ -143,7 +143,7 @@ def test_intervals_contain_the_truth():
     print({name: f"{n} of {inside[name, 'all']}" for name, n in inside.items() if isinstance(name, str)}, dict(count))
     for name in (name for name in list(inside) if isinstance(name, str)):
         n = inside[name, "all"]
-        assert 0.85 - few / math.sqrt(n) <= inside[name] / n <= 0.98 + few, name
+        assert 0.85 - few / math.sqrt(n) <= inside[name] / n <= 0.95 + few, name
     assert count["found"] >= 0.95 * count["layers"] - bool(few) and count["invented"] <= 0.05 * (CURVES - count["layers"]) + bool(few)
     assert count["bounds"] >= 0.95 * count["unresolved"] - bool(few) and count["needless"] <= max(0.02 * CURVES, 1)
 
