@@ -249,8 +249,7 @@ void add_material_options(CLI::App& app, Arguments& a) {
                                               "INPUT is a label map: mesh the labels L, such as "
                                               "20 or 20-24, or all, each as one material;\n"
                                               "20+21 joins two",
-                                              "L"))
-                                  ->allow_extra_args();  // also 41 42
+                                              "L"));
   app.add_option("--hu", a.hu, "CT of a label map, on the same grid of voxels, that gives the HU")
       ->type_name("CT")
       ->needs(labels);
