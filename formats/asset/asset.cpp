@@ -7,17 +7,13 @@
 #include <cmath>
 #include <limits>
 #include <nlohmann/json.hpp>
-#include <optional>
 #include <utility>
-#include <vector>
 
 #include "formats/asset/asset_index.h"
-#include "formats/asset/draco_mesh.h"
 #include "formats/asset/gltf_document.h"
 #include "formats/asset/payload.h"
 #include "formats/base/files.h"
 #include "formats/base/json.h"
-#include "formats/mesh/mesh_validity.h"
 #include "formats/mesh/shared_borders.h"
 
 namespace trocar {

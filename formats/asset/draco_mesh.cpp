@@ -3,7 +3,6 @@
 #include "formats/asset/draco_settings.h"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <cstring>
 #include <string_view>

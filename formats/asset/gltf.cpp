@@ -6,7 +6,6 @@
 #include <cstring>
 #include <limits>
 #include <utility>
-#include <vector>
 
 #include "formats/asset/draco_mesh.h"
 #include "formats/asset/payload.h"

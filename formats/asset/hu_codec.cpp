@@ -4,14 +4,11 @@
 #include <zlib.h>
 #include <Eigen/Cholesky>
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <iterator>
 #include <limits>
 #include <numbers>
 #include <optional>
-
-#include "formats/mesh/lattice.h"
 
 namespace trocar {
 namespace {

@@ -2,16 +2,11 @@
 #include "formats/asset/payload.h"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <cstring>
 #include <limits>
-#include <nlohmann/json.hpp>
-#include <optional>
-#include <string>
 #include <utility>
 
-#include "formats/asset/asset_index.h"
 #include "formats/asset/draco_mesh.h"
 #include "formats/asset/draco_settings.h"
 #include "formats/asset/hu_codec.h"

@@ -4,15 +4,10 @@
 #include <fcntl.h>
 #include <poll.h>
 #include <sys/stat.h>
-#include <unistd.h>
 #include <algorithm>
-#include <cerrno>
 #include <cstdio>
 #include <cstdlib>
-#include <system_error>
-#include <utility>
 
-#include "formats/base/result.h"
 #include "formats/base/text.h"
 
 namespace trocar {

@@ -2,9 +2,7 @@
 #include "formats/base/text.h"
 
 #include <regex.h>
-#include <algorithm>
 #include <array>
-#include <cstddef>
 #include <cstdint>
 #include <limits>
 #include <numeric>

@@ -2,14 +2,12 @@
 #include "formats/mesh/local_refinement.h"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <limits>
 #include <numbers>
 #include <optional>
 
 #include "formats/mesh/predicates.h"
-#include "formats/mesh/steiner_points.h"
 
 namespace trocar {
 

@@ -1,19 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "formats/mesh/refinement_outline.h"
 
-#include <algorithm>
-#include <cmath>
-#include <cstdlib>
-#include <limits>
 #include <numbers>
-#include <utility>
-#include <vector>
 
 #include "formats/mesh/edge_table.h"
 #include "formats/mesh/lattice.h"
-#include "formats/mesh/predicates.h"
-#include "formats/mesh/segment_grid.h"
-#include "formats/mesh/steiner_points.h"
 
 namespace trocar {
 namespace {

@@ -2,10 +2,8 @@
 #include "formats/mesh/shared_borders.h"
 
 #include <algorithm>
-#include <cstdint>
 #include <string>
 #include <utility>
-#include <vector>
 
 #include "formats/base/disjoint_sets.h"
 #include "formats/mesh/mesh_validity.h"

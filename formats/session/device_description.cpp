@@ -6,7 +6,6 @@
 
 #include <nlohmann/json.hpp>
 #include <numbers>
-#include <string>
 
 #include "formats/base/files.h"
 #include "formats/base/json.h"

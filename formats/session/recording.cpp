@@ -7,11 +7,9 @@
 #include <sys/statvfs.h>
 #include <unistd.h>
 #include <algorithm>
-#include <array>
 #include <cerrno>
 #include <charconv>
 #include <cmath>
-#include <utility>
 
 #include "formats/base/files.h"
 #include "formats/base/text.h"

@@ -2,7 +2,6 @@
 #include "formats/session/scene.h"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <deque>
 #include <limits>

@@ -13,7 +13,6 @@
 #include "pipeline/read/file_names.h"
 #include "pipeline/read/image_stack.h"
 #include "pipeline/read/nrrd.h"
-#include "pipeline/read/slice_stack.h"
 
 namespace trocar::pipeline {
 namespace {

@@ -12,7 +12,6 @@
 #include <deque>
 #include <iterator>
 #include <map>
-#include <optional>
 #include <set>
 #include <system_error>
 #include <utility>
@@ -28,7 +27,6 @@
 #include "pipeline/read/file_names.h"
 #include "pipeline/read/nrrd.h"
 #include "pipeline/read/number_ranges.h"
-#include "pipeline/read/slice_stack.h"
 
 namespace trocar::pipeline {
 namespace {

@@ -5,21 +5,16 @@
 #include <spng.h>
 #include <tiffio.h>
 #include <turbojpeg.h>
-#include <algorithm>
 #include <array>
 #include <bit>
 #include <cstdarg>
 #include <cstdlib>
-#include <cstring>
 #include <memory>
 #include <opencv2/core.hpp>
 #include <opencv2/imgproc.hpp>
-#include <string_view>
 #include <utility>
-#include <vector>
 
 #include "formats/base/files.h"
-#include "pipeline/read/volume_file.h"
 
 namespace trocar::pipeline {
 namespace {

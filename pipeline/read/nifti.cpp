@@ -7,18 +7,14 @@
 #include <Eigen/LU>
 #include <Eigen/SVD>
 #include <algorithm>
-#include <array>
 #include <bit>
 #include <cmath>
 #include <cstdio>
 #include <cstring>
-#include <memory>
 #include <numbers>
 #include <type_traits>
 
 #include "pipeline/read/number_ranges.h"
-#include "pipeline/read/slice_stack.h"
-#include "pipeline/read/volume_file.h"
 #include "pipeline/read/voxel_volume.h"
 
 namespace trocar::pipeline {

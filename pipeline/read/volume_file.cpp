@@ -3,14 +3,11 @@
 
 #include <fcntl.h>
 #include <isa-l/crc.h>
-#include <unistd.h>
 #include <algorithm>
 #include <array>
 #include <atomic>
-#include <cerrno>
 #include <chrono>
 #include <condition_variable>
-#include <cstdint>
 #include <cstring>
 #include <mutex>
 #include <optional>

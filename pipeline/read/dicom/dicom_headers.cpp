@@ -3,23 +3,17 @@
 
 #include <Eigen/Geometry>
 #include <algorithm>
-#include <array>
-#include <cmath>
 #include <fstream>
 #include <initializer_list>
 #include <iterator>
-#include <optional>
 #include <span>
 #include <string_view>
-#include <utility>
 
 #include "formats/asset/deidentification.h"
-#include "formats/base/result.h"
 #include "pipeline/read/dicom/dicom_lossy.h"
 #include "pipeline/read/dicom/dicom_parse.h"
 #include "pipeline/read/dicom/dicom_pixels.h"
 #include "pipeline/read/number_ranges.h"
-#include "pipeline/read/slice_stack.h"
 
 namespace trocar::pipeline {
 namespace {

@@ -1,22 +1,15 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "pipeline/read/dicom/dicom_parse.h"
 
-#include <dcmtk/config/osconfig.h>
 #include <dcmtk/dcmdata/dcistrmf.h>
 #include <dcmtk/dcmdata/dcrledrg.h>
 #include <dcmtk/dcmdata/dcspchrs.h>
-#include <dcmtk/dcmdata/dctk.h>
 #include <dcmtk/dcmjpeg/djdecode.h>
 #include <dcmtk/dcmjpls/djdecode.h>
 #include <dcmtk/oflog/oflog.h>
 #include <algorithm>
 #include <cmath>
 #include <cstdlib>
-#include <memory>
-#include <mutex>
-#include <string>
-
-#include "pipeline/read/dicom/dicom_headers.h"
 
 namespace trocar::pipeline {
 namespace {

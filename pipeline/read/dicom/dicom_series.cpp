@@ -15,7 +15,6 @@
 
 #include "formats/asset/deidentification.h"
 #include "pipeline/read/file_names.h"
-#include "pipeline/read/slice_stack.h"
 
 namespace trocar::pipeline {
 namespace {

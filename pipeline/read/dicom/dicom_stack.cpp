@@ -11,7 +11,6 @@
 #include <set>
 #include <utility>
 
-#include "pipeline/read/dicom/dicom_headers.h"
 #include "pipeline/read/dicom/dicom_lossy.h"
 #include "pipeline/read/dicom/dicom_parse.h"
 #include "pipeline/read/dicom/dicom_pixels.h"
@@ -20,7 +19,6 @@
 #include "pipeline/read/file_names.h"
 #include "pipeline/read/nifti.h"
 #include "pipeline/read/number_ranges.h"
-#include "pipeline/read/slice_stack.h"
 
 namespace trocar::pipeline {
 namespace {
