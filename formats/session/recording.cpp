@@ -10,43 +10,20 @@
 #include <cerrno>
 #include <charconv>
 #include <cmath>
+#include <sstream>
 
-#include "formats/base/files.h"
 #include "formats/base/text.h"
 #include "formats/session/faults.h"
 
 namespace trocar {
 namespace {
 
-/// Columns of the force law `cutting`.
-constexpr std::array<const char*, 14> kCuttingColumns = {
-    "fx_tissue_N",  "fy_tissue_N", "fz_tissue_N",     "tx_tissue_Nm", "ty_tissue_Nm",
-    "tz_tissue_Nm", "front_z_m",   "front_HU",        "tip_N",        "embedded_m",
-    "cut_J",        "absorbed_J",  "tissue_stored_J", "steps"};
-
-/// Appends the columns of a wrench, such as fx_wanted_N.
-void add_wrench(const std::string& which, std::vector<std::string>& columns) {
-  for (const char* axis : {"fx", "fy", "fz"})
-    columns.push_back(std::string(axis) + "_" + which + "_N");
-  for (const char* axis : {"tx", "ty", "tz"})
-    columns.push_back(std::string(axis) + "_" + which + "_Nm");
-}
-
-/// Appends the columns of the four-legged device's motors and encoders.
-void add_joints(std::vector<std::string>& columns) {
-  for (int leg = 1; leg <= 4; ++leg) {
-    for (const int joint : {1, 4}) {
-      columns.push_back("tau_" + std::to_string(leg) + "_" + std::to_string(joint) + "_Nm");
-    }
-  }
-  for (int leg = 1; leg <= 4; ++leg) {
-    for (int joint = 1; joint <= 4; ++joint) {
-      columns.push_back("th_" + std::to_string(leg) + "_" + std::to_string(joint) + "_rad");
-    }
-  }
-}
-
-}  // namespace
+constexpr std::array<const char*, 5> kPhaseNames = {"free", "contact", "punctured", "beside",
+                                                    "fault"};
+constexpr std::array<const char*, kSafetyStates> kSafetyNames = {"idle", "ready", "running",
+                                                                 "fault", "recovering"};
+constexpr std::array<const char*, kRecordedDeviceStatuses> kDeviceStatusNames = {
+    "ok", "no_data", "link_lost", "emergency_stop", "motor_fault"};
 
 const std::array<const char*, kFaults>& fault_names() {
   static const auto names = [] {
@@ -58,40 +35,91 @@ const std::array<const char*, kFaults>& fault_names() {
   return names;
 }
 
-std::vector<std::string> recording_columns(const RecordingKind& kind) {
-  std::vector<std::string> columns = {"t_s", "x_m", "y_m",      "z_m",      "qw",      "qx",
-                                      "qy",  "qz",  "tool_x_m", "tool_y_m", "tool_z_m"};
-  for (const char* which : {"wanted", "delivered"})
-    add_wrench(which, columns);
+/// Names of one or more columns, separated by commas.
+using Columns = const char*;
+
+/// The columns of a recording and the fields of its rows, in order, for header, writing and reading.
+/// Calls a member of the visitor for each field except the origin: number() gets any number or
+/// numbers; finite() gets such that must not be infinite or nan; flag() gets 0 or 1; bits() gets an
+/// integer and the bits that may be set in it; name() gets an enumerator and the list of names.
+template <typename Row, typename Visitor>
+void visit_fields(Row& row, const RecordingKind& kind, Visitor& visitor) {
+  visitor.finite("t_s", row.t_s);
+  visitor.finite("x_m,y_m,z_m", row.p_m);
+  visitor.finite("qw,qx,qy,qz", row.q);
+  visitor.finite("tool_x_m,tool_y_m,tool_z_m", row.tool_m);
+  visitor.finite("fx_wanted_N,fy_wanted_N,fz_wanted_N,tx_wanted_Nm,ty_wanted_Nm,tz_wanted_Nm",
+                 row.wrench_wanted);
+  visitor.finite(
+      "fx_delivered_N,fy_delivered_N,fz_delivered_N,tx_delivered_Nm,ty_delivered_Nm,tz_delivered_"
+      "Nm",
+      row.wrench_delivered);
   if (kind.has_pose_device) {
-    for (const char* name : {"device_x_m", "device_y_m", "device_z_m", "device_qw", "device_qx",
-                             "device_qy", "device_qz", "buttons"}) {
-      columns.emplace_back(name);
-    }
-    add_wrench("device", columns);
+    visitor.number("device_x_m,device_y_m,device_z_m", row.pose_device.p_m);
+    visitor.number("device_qw,device_qx,device_qy,device_qz", row.pose_device.q);
+    visitor.number("buttons", row.pose_device.buttons);
+    visitor.finite("fx_device_N,fy_device_N,fz_device_N,tx_device_Nm,ty_device_Nm,tz_device_Nm",
+                   row.pose_device.wrench);
   } else {
-    add_joints(columns);
+    visitor.finite(
+        "tau_1_1_Nm,tau_1_4_Nm,tau_2_1_Nm,tau_2_4_Nm,tau_3_1_Nm,tau_3_4_Nm,tau_4_1_Nm,tau_4_4_Nm",
+        row.tau_Nm);
+    visitor.number(
+        "th_1_1_rad,th_1_2_rad,th_1_3_rad,th_1_4_rad,th_2_1_rad,th_2_2_rad,th_2_3_rad,th_2_4_rad,"
+        "th_3_1_rad,th_3_2_rad,th_3_3_rad,th_3_4_rad,th_4_1_rad,th_4_2_rad,th_4_3_rad,th_4_4_rad",
+        row.encoder_rad);
   }
-  for (const char* name :
-       {"state",           "active_slice",   "penetration_m",  "wrench_scale",
-        "pose_residual_m", "cuts_published", "response_sheet", "response_stiffness_N_per_m",
-        "response_x_m",    "response_y_m",   "fault",          "device_read",
-        "state_t_s",       "device_write",   "outside_fault",  "recovery_asked",
-        "safety",          "authority",      "passivity_J",    "passivity_N_s_per_m",
-        "motor_heat_max"}) {
-    columns.emplace_back(name);
+  visitor.name("state", row.phase, kPhaseNames);
+  visitor.number("active_slice", row.active_slice);
+  visitor.finite("penetration_m", row.penetration_m);
+  visitor.finite("wrench_scale", row.wrench_scale);
+  visitor.finite("pose_residual_m", row.pose_residual_m);
+  visitor.number("cuts_published", row.cuts_published);
+  visitor.number("response_sheet", row.response_sheet);
+  visitor.number("response_stiffness_N_per_m", row.response_stiffness_N_per_m);
+  visitor.number("response_x_m,response_y_m", row.response_offset_m);
+  visitor.name("fault", row.fault, fault_names());
+  visitor.name("device_read", row.device_read, kDeviceStatusNames);
+  visitor.finite("state_t_s", row.state_t_s);
+  visitor.name("device_write", row.device_write, kDeviceStatusNames);
+  visitor.name("outside_fault", row.outside_fault, fault_names());
+  visitor.flag("recovery_asked", row.recovery_asked);
+  visitor.name("safety", row.safety, kSafetyNames);
+  visitor.finite("authority", row.authority);
+  visitor.finite("passivity_J", row.passivity_J);
+  visitor.finite("passivity_N_s_per_m", row.passivity_N_s_per_m);
+  visitor.finite("motor_heat_max", row.motor_heat_max);
+  if (kind.has_xray) visitor.bits("xray", row.xray, kXrayPicture | kXrayBeam);
+  if (kind.has_cutting) {
+    auto& cutting = row.cutting;
+    visitor.finite("fx_tissue_N,fy_tissue_N,fz_tissue_N,tx_tissue_Nm,ty_tissue_Nm,tz_tissue_Nm",
+                   cutting.wrench_tissue);
+    visitor.finite("front_z_m", cutting.front_z_m);
+    visitor.finite("front_HU", cutting.front_HU);
+    visitor.finite("tip_N", row.tip_N);
+    visitor.finite("embedded_m", cutting.embedded_m);
+    visitor.finite("cut_J", cutting.cut_J);
+    visitor.finite("absorbed_J", cutting.absorbed_J);
+    visitor.finite("tissue_stored_J", cutting.stored_J);
+    visitor.number("steps", cutting.steps);
+  } else {
+    visitor.finite("tip_N", row.tip_N);
   }
-  if (kind.has_xray) columns.emplace_back("xray");
-  if (kind.has_cutting)
-    columns.insert(columns.end(), kCuttingColumns.begin(), kCuttingColumns.end());
-  else
-    columns.emplace_back("tip_N");
-  // The last is text, in the first row only.
-  for (const char* name : {"break_through_N", "break_through_at", "origin"})
-    columns.emplace_back(name);
-  return columns;
+  visitor.finite("break_through_N", row.break_through_N);
+  visitor.number("break_through_at", row.break_through_at);
 }
 
+/// Joins the names of the columns, each followed by a comma.
+struct HeaderWriter {
+  std::string header;
+  void number(Columns columns, const auto& /*x*/) { header.append(columns).push_back(','); }
+  void finite(Columns columns, const auto& x) { number(columns, x); }
+  void flag(Columns columns, const auto& x) { number(columns, x); }
+  void bits(Columns columns, const auto& x, unsigned /*all*/) { number(columns, x); }
+  void name(Columns columns, const auto& x, const auto& /*names*/) { number(columns, x); }
+};
+
+/// The kind of recording that has this header line, if any.
 std::optional<RecordingKind> kind_of_header(std::string_view header) {
   for (unsigned bits = 0; bits < 8; ++bits) {
     const RecordingKind kind{(bits & 1) != 0, (bits & 2) != 0, (bits & 4) != 0};
@@ -99,6 +127,17 @@ std::optional<RecordingKind> kind_of_header(std::string_view header) {
   }
   return std::nullopt;
 }
+
+/// Name of a column, counted from 0.
+std::string column_name(const RecordingKind& kind, std::size_t column) {
+  std::istringstream names(recording_header(kind));
+  std::string name;
+  for (std::size_t i = 0; i <= column; ++i)
+    std::getline(names, name, ',');
+  return name;
+}
+
+}  // namespace
 
 RecordingKind recording_kind(const RecordingOrigin& origin) {
   const std::string *const law = origin.find("force-law"), *const device =
@@ -131,10 +170,10 @@ std::string describe_break_through(std::int32_t at, double t_s, double resistanc
 }
 
 std::string recording_header(const RecordingKind& kind) {
-  std::string line;
-  for (const std::string& name : recording_columns(kind))
-    line.append(line.empty() ? "" : ",").append(name);
-  return line;
+  const RecordingRow row;
+  HeaderWriter columns;
+  visit_fields(row, kind, columns);
+  return columns.header + "origin";  // text, in the first row only
 }
 
 namespace {
@@ -241,11 +280,16 @@ class RowReader {
   std::size_t field() const { return field_; }  ///< number of fields read so far
 
   template <typename Number>
-  void number(Number& x) {
+  void number(Columns /*columns*/, Number& x) {
     const std::string_view text = next();
     if (!ok()) return;
     const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), x);
     if (error != std::errc() || end != text.data() + text.size()) why_ = "is not a number";
+  }
+  template <typename Number, std::size_t N>
+  void number(Columns columns, std::array<Number, N>& numbers) {
+    for (Number& x : numbers)
+      number(columns, x);
   }
   /// The origin is in the first row. In other rows the field must be empty.
   void origin(bool first_row, RecordingOrigin& origin) {
@@ -260,25 +304,25 @@ class RowReader {
     if (parsed) origin = std::move(*parsed);
     if (!parsed) why_ = "is not KEY=VALUE;KEY=VALUE";
   }
-  void flag(std::uint8_t& x) {
-    number(x);
+  void flag(Columns columns, std::uint8_t& x) {
+    number(columns, x);
     if (ok() && x > 1) why_ = "is neither 0 nor 1";
   }
-  void bits(std::uint8_t& x, unsigned all) {
-    number(x);
+  void bits(Columns columns, std::uint8_t& x, unsigned all) {
+    number(columns, x);
     if (ok() && (x & ~all) != 0) why_ = "is an unknown number";
   }
-  void finite(double& x) {
-    number(x);
+  void finite(Columns columns, double& x) {
+    number(columns, x);
     if (ok() && !std::isfinite(x)) why_ = "is not finite";
   }
   template <std::size_t N>
-  void finite(std::array<double, N>& numbers) {
+  void finite(Columns columns, std::array<double, N>& numbers) {
     for (double& x : numbers)
-      finite(x);
+      finite(columns, x);
   }
   template <typename Enum, std::size_t N>
-  void name(Enum& value, const std::array<const char*, N>& names) {
+  void name(Columns /*columns*/, Enum& value, const std::array<const char*, N>& names) {
     const std::string_view text = next();
     if (!ok()) return;
     for (std::size_t i = 0; i < N; ++i) {
@@ -319,8 +363,7 @@ Result<RecordingRow> parse_row(std::string_view line, const RecordingKind& kind,
   RowReader reader(line);
   visit_fields(row, kind, reader);
   reader.origin(before == nullptr, origin);
-  if (!reader.ok())
-    return refused(recording_columns(kind).at(reader.field() - 1) + " " + reader.why());
+  if (!reader.ok()) return refused(column_name(kind, reader.field() - 1) + " " + reader.why());
   if (!reader.is_at_end()) return refused("has too many fields");
   if (before != nullptr && !(row.t_s > before->t_s))
     return refused("t_s is not later than in the row before");
@@ -380,21 +423,20 @@ class RowWriter {
   explicit RowWriter(std::string& out) : out_(out) {}
 
   template <typename Number>
-  void number(Number x) {
+  void number(Columns /*columns*/, Number x) {
     std::array<char, 32> text;
     const auto end = std::to_chars(text.data(), text.data() + text.size(), x).ptr;
     out_.append(text.data(), end).push_back(',');
   }
-  void finite(double x) { number(x); }
-  template <std::size_t N>
-  void finite(const std::array<double, N>& numbers) {
-    for (const double x : numbers)
-      number(x);
+  template <typename Number, std::size_t N>
+  void number(Columns columns, const std::array<Number, N>& numbers) {
+    for (const Number x : numbers)
+      number(columns, x);
   }
-  void flag(std::uint8_t x) { number(x); }
-  void bits(std::uint8_t x, unsigned) { number(x); }
-  template <typename Enum, std::size_t N>
-  void name(Enum value, const std::array<const char*, N>& names) {
+  void finite(Columns columns, const auto& x) { number(columns, x); }
+  void flag(Columns columns, std::uint8_t x) { number(columns, x); }
+  void bits(Columns columns, std::uint8_t x, unsigned /*all*/) { number(columns, x); }
+  void name(Columns /*columns*/, auto value, const auto& names) {
     out_.append(names.at(static_cast<std::size_t>(value))).push_back(',');
   }
 
@@ -471,41 +513,26 @@ bool is_being_recorded(const std::filesystem::path& partial) {
   return file.get() >= 0 && ::flock(file.get(), LOCK_SH | LOCK_NB) != 0 && errno == EWOULDBLOCK;
 }
 
-RecordingWriter::RecordingWriter(std::filesystem::path file, std::string partial, int fd,
+RecordingWriter::RecordingWriter(std::filesystem::path file, std::string partial, FileDescriptor fd,
                                  const RecordingKind& kind)
     : file_(std::move(file)),
       partial_(std::move(partial)),
-      fd_(fd),
+      fd_(std::move(fd)),
       kind_(kind),
       rows_in_(partial_),
       flushed_at_(SteadyClock::now()) {}
 
-RecordingWriter::RecordingWriter(RecordingWriter&& other) noexcept
-    : file_(std::move(other.file_)),
-      partial_(std::exchange(other.partial_, {})),
-      fd_(std::exchange(other.fd_, -1)),
-      buffer_(std::move(other.buffer_)),
-      kind_(other.kind_),
-      origin_(std::move(other.origin_)),
-      lines_(other.lines_),
-      rows_(other.rows_),
-      bytes_(other.bytes_),
-      rows_in_(std::move(other.rows_in_)),
-      flushed_at_(other.flushed_at_) {}
-
 RecordingWriter::~RecordingWriter() {
-  if (fd_ >= 0 && !partial_.empty()) static_cast<void>(flush());
+  if (fd_.get() >= 0) static_cast<void>(flush());
   end();
 }
 
 /// Closes the partial file, and removes it if it has no row.
 void RecordingWriter::end() {
-  if (fd_ >= 0) {
-    ::fsync(fd_);
-    ::close(std::exchange(fd_, -1));
-  }
-  if (!partial_.empty() && lines_ < 2) ::unlink(partial_.c_str());
-  partial_.clear();
+  if (fd_.get() < 0) return;
+  ::fsync(fd_.get());
+  static_cast<void>(fd_.close());
+  if (lines_ < 2) ::unlink(partial_.c_str());
 }
 
 Error RecordingWriter::failure(int error) const {
@@ -524,7 +551,7 @@ double RecordingWriter::bytes_per_row() const {
 
 std::optional<std::uint64_t> RecordingWriter::free_bytes() const {
   struct statvfs disk {};
-  if (::fstatvfs(fd_, &disk) != 0) return std::nullopt;
+  if (::fstatvfs(fd_.get(), &disk) != 0) return std::nullopt;
   return std::uint64_t{disk.f_bavail} * disk.f_frsize;
 }
 
@@ -537,7 +564,7 @@ Result<RecordingWriter> RecordingWriter::open(const std::filesystem::path& file,
     return unwritable(partial + ": another program is recording there");
   if (fd < 0) return unwritable(partial + ": " + system_message(errno));
   const RecordingKind kind = recording_kind(origin);
-  RecordingWriter writer(file, partial, fd, kind);
+  RecordingWriter writer(file, partial, FileDescriptor(fd), kind);
   writer.buffer_.reserve(kFlushBytes + (std::size_t{1} << 14));
   writer.buffer_ = recording_header(kind) + "\n";
   writer.origin_ = to_text(origin);
@@ -563,7 +590,7 @@ Result<void> RecordingWriter::flush() {
   std::size_t done = 0;
   int error = 0;
   while (done < buffer_.size() && error == 0) {
-    const ssize_t put = ::write(fd_, buffer_.data() + done, buffer_.size() - done);
+    const ssize_t put = ::write(fd_.get(), buffer_.data() + done, buffer_.size() - done);
     if (put >= 0) {
       done += static_cast<std::size_t>(put);
     } else if (errno != EINTR) {
@@ -573,9 +600,10 @@ Result<void> RecordingWriter::flush() {
   if (error != 0) {
     // The incomplete last row is removed. If that fails, too, the next call goes on within the row.
     const std::size_t whole = std::string_view(buffer_).substr(0, done).rfind('\n') + 1;
-    const off_t end = ::lseek(fd_, 0, SEEK_CUR), whole_end = end - static_cast<off_t>(done - whole);
-    if (whole < done && end >= 0 && ::ftruncate(fd_, whole_end) == 0 &&
-        ::lseek(fd_, whole_end, SEEK_SET) >= 0)
+    const off_t end = ::lseek(fd_.get(), 0, SEEK_CUR),
+                whole_end = end - static_cast<off_t>(done - whole);
+    if (whole < done && end >= 0 && ::ftruncate(fd_.get(), whole_end) == 0 &&
+        ::lseek(fd_.get(), whole_end, SEEK_SET) >= 0)
       done = whole;
   }
   const auto written = buffer_.begin() + static_cast<std::ptrdiff_t>(done);
@@ -593,11 +621,10 @@ Result<void> RecordingWriter::commit() {
   }
   struct stat replaced {};
   if (::stat(file_.c_str(), &replaced) == 0)
-    static_cast<void>(::fchmod(fd_, replaced.st_mode & 0777));
-  if (::fsync(fd_) != 0) return failure(errno);
-  if (::close(std::exchange(fd_, -1)) != 0) return failure(errno);
+    static_cast<void>(::fchmod(fd_.get(), replaced.st_mode & 0777));
+  if (::fsync(fd_.get()) != 0) return failure(errno);
+  if (!fd_.close()) return failure(errno);
   if (::rename(partial_.c_str(), file_.c_str()) != 0) return failure(errno);
-  partial_.clear();
   rows_in_ = file_;
   return {};
 }
