@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The status that a haptic device returns for a read or a write. It is recorded in each tick.
+// The recording of a session: its rows, its origin, its file.
 #pragma once
 
 #include <array>
@@ -18,7 +18,8 @@
 
 namespace trocar {
 
-/// The comments give each status's name in recordings, in quotes.
+/// The status that a haptic device returns for a read or a write. It is recorded in each tick. The
+/// comments give each status's name in recordings, in quotes.
 enum class DeviceStatus : std::uint8_t {
   kOk,             ///< "ok"
   kNoData,         ///< "no_data": a read gave no new state, or a write was not accepted
@@ -91,7 +92,7 @@ enum class ContactPhase : std::uint8_t {
 };
 
 /// The reason why the loop entered its safe state. to_string() gives the name in recordings and
-/// summaries; fault_words.h has the meaning and the advice.
+/// summaries; faults.h has the meaning and the advice.
 enum class Fault : std::uint8_t {
   kNone,
   kNoData,            ///< no data came from the device for too long
