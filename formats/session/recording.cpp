@@ -137,47 +137,6 @@ std::string column_name(const RecordingKind& kind, std::size_t column) {
   return name;
 }
 
-}  // namespace
-
-RecordingKind recording_kind(const RecordingOrigin& origin) {
-  const std::string *const law = origin.find("force-law"), *const device =
-                                                               origin.find(kOriginDeviceKind);
-  return {.has_cutting = law != nullptr && *law == "cutting",
-          .has_pose_device = device != nullptr && *device == kPoseDeviceKind,
-          .has_xray = origin.find(kOriginXray) != nullptr};
-}
-
-const char* to_string(ContactPhase phase) {
-  return kPhaseNames.at(static_cast<std::size_t>(phase));
-}
-const char* to_string(Fault fault) {
-  return words_of(fault).name;
-}
-const char* to_string(SafetyState state) {
-  return kSafetyNames.at(static_cast<std::size_t>(state));
-}
-const char* to_string(DeviceStatus status) {
-  return kDeviceStatusNames.at(static_cast<std::size_t>(status));
-}
-
-std::string describe_break_through(std::int32_t at, double t_s, double resistance_N) {
-  const std::string what = at >= 0 ? text_line("slice %d", at)
-                           : at <= kBreakThroughLayer
-                               ? text_line("soft layer %d", kBreakThroughLayer - at + 1)
-                               : std::string("the tissue");
-  return text_line("broke through %s at %.3f s: %.2f N at the tip before", what.c_str(), t_s,
-                   resistance_N);
-}
-
-std::string recording_header(const RecordingKind& kind) {
-  const RecordingRow row;
-  HeaderWriter columns;
-  visit_fields(row, kind, columns);
-  return columns.header + "origin";  // text, in the first row only
-}
-
-namespace {
-
 constexpr std::size_t kMaxCharacters = 4096;
 constexpr std::string_view kCharacters =
     "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789._+-/";
@@ -196,78 +155,6 @@ std::string shown(const std::string* value) {
   if (value == nullptr) return "not stated";
   return value->size() == kDigest ? value->substr(0, kDigits) + "..." : *value;
 }
-
-}  // namespace
-
-const std::string* RecordingOrigin::find(std::string_view key) const {
-  const auto found = std::find_if(entries.begin(), entries.end(),
-                                  [&](const auto& entry) { return entry.first == key; });
-  return found == entries.end() ? nullptr : &found->second;
-}
-
-std::optional<double> RecordingOrigin::number(std::string_view key) const {
-  const std::string* const text = find(key);
-  double number = 0;
-  if (text == nullptr) return std::nullopt;
-  const auto [end, error] = std::from_chars(text->data(), text->data() + text->size(), number);
-  if (error != std::errc() || end != text->data() + text->size()) return std::nullopt;
-  return number;
-}
-
-std::string origin_number(double x) {
-  std::array<char, 32> text;
-  const auto end = std::to_chars(text.data(), text.data() + text.size(), x).ptr;
-  return {text.data(), end};
-}
-
-std::string to_text(const RecordingOrigin& origin) {
-  std::string text;
-  for (const auto& [key, value] : origin.entries) {
-    if (!text.empty()) text += ';';
-    text.append(key).append("=").append(value);
-  }
-  return text;
-}
-
-Result<RecordingOrigin> parse_origin(std::string_view text) {
-  RecordingOrigin origin;
-  if (text.size() > kMaxCharacters) return refused("is too long");
-  while (!text.empty()) {
-    const std::size_t end = text.find(';');
-    const std::string_view entry = text.substr(0, end);
-    const std::size_t equals = entry.find('=');
-    const std::string_view key = entry.substr(0, equals);
-    const bool good = equals != std::string_view::npos && is_word(key) &&
-                      is_word(entry.substr(equals + 1)) && origin.find(key) == nullptr;
-    if (!good || end == text.size() - 1) return refused("is not KEY=VALUE;KEY=VALUE");
-    origin.entries.emplace_back(key, entry.substr(equals + 1));
-    text.remove_prefix(end == std::string_view::npos ? text.size() : end + 1);
-  }
-  return origin;
-}
-
-std::string differences(const RecordingOrigin& recorded, const RecordingOrigin& run) {
-  std::string text;
-  const auto compare = [&](const std::string& key) {
-    const std::string *const there = recorded.find(key), *const here = run.find(key);
-    const bool is_same = there != nullptr && here != nullptr && *there == *here;
-    if (key == kOriginProgram || is_same) return;
-    if (!text.empty()) text += ", ";
-    if (is_file(key)) text += "the ";
-    text += key + " (" + shown(there) + ", here " + shown(here) + ")";
-  };
-  for (const auto& [key, value] : recorded.entries)
-    compare(key);
-  const std::string* const version = recorded.find(kOriginProgram);
-  const std::string* const version_here = run.find(kOriginProgram);
-  if (version == nullptr || version_here == nullptr || *version != *version_here) return text;
-  for (const auto& [key, value] : run.entries) {
-    if (recorded.find(key) == nullptr) compare(key);
-  }
-  return text;
-}
-
-namespace {
 
 /// Reads the fields of one row (visit_fields()) and keeps the first error.
 class RowReader {
@@ -370,48 +257,6 @@ Result<RecordingRow> parse_row(std::string_view line, const RecordingKind& kind,
   return row;
 }
 
-}  // namespace
-
-Result<std::vector<RecordingRow>> parse_recording(std::string_view csv, const std::string& name,
-                                                  RecordingOrigin* origin, bool* is_cut) {
-  if (is_cut != nullptr) {
-    *is_cut = !csv.empty() && csv.back() != '\n';
-    csv = csv.substr(0, csv.rfind('\n') + 1);  // npos + 1 is 0
-  }
-  std::vector<RecordingRow> rows;
-  RecordingOrigin found;
-  std::optional<RecordingKind> kind;
-  for (std::size_t line_number = 1; !csv.empty(); ++line_number) {
-    const std::size_t end = csv.find('\n');
-    const std::string where = name + ": line " + std::to_string(line_number) + ": ";
-    if (end == std::string_view::npos) return refused(where + "has no line feed at its end");
-    const std::string_view line = csv.substr(0, end);
-    csv.remove_prefix(end + 1);
-    if (line_number == 1) {
-      kind = kind_of_header(line);
-      if (!kind) return refused(where + "is not the header of a recording");
-      continue;
-    }
-    const auto row = parse_row(line, *kind, rows.empty() ? nullptr : &rows.back(), found);
-    if (!row) return refused(where + row.error().message);
-    rows.push_back(*row);
-  }
-  if (rows.empty()) return refused(name + ": has no row");
-  if (origin != nullptr) *origin = std::move(found);
-  return rows;
-}
-
-Result<std::vector<RecordingRow>> read_recording(const std::filesystem::path& file,
-                                                 RecordingOrigin* origin, bool* is_cut) {
-  const Result<std::vector<std::uint8_t>> bytes = read_file(file, kMaxRecordingBytes);
-  if (!bytes) return bytes.error();
-  return parse_recording(
-      std::string_view(reinterpret_cast<const char*>(bytes->data()), bytes->size()), file.string(),
-      origin, is_cut);
-}
-
-namespace {
-
 using SteadyClock = std::chrono::steady_clock;
 
 constexpr std::size_t kFlushBytes = std::size_t{64} << 10;
@@ -499,6 +344,149 @@ int open_partial(const std::string& partial) {
 }
 
 }  // namespace
+
+RecordingKind recording_kind(const RecordingOrigin& origin) {
+  const std::string *const law = origin.find("force-law"), *const device =
+                                                               origin.find(kOriginDeviceKind);
+  return {.has_cutting = law != nullptr && *law == "cutting",
+          .has_pose_device = device != nullptr && *device == kPoseDeviceKind,
+          .has_xray = origin.find(kOriginXray) != nullptr};
+}
+
+const char* to_string(ContactPhase phase) {
+  return kPhaseNames.at(static_cast<std::size_t>(phase));
+}
+const char* to_string(Fault fault) {
+  return words_of(fault).name;
+}
+const char* to_string(SafetyState state) {
+  return kSafetyNames.at(static_cast<std::size_t>(state));
+}
+const char* to_string(DeviceStatus status) {
+  return kDeviceStatusNames.at(static_cast<std::size_t>(status));
+}
+
+std::string describe_break_through(std::int32_t at, double t_s, double resistance_N) {
+  const std::string what = at >= 0 ? text_line("slice %d", at)
+                           : at <= kBreakThroughLayer
+                               ? text_line("soft layer %d", kBreakThroughLayer - at + 1)
+                               : std::string("the tissue");
+  return text_line("broke through %s at %.3f s: %.2f N at the tip before", what.c_str(), t_s,
+                   resistance_N);
+}
+
+std::string recording_header(const RecordingKind& kind) {
+  const RecordingRow row;
+  HeaderWriter columns;
+  visit_fields(row, kind, columns);
+  return columns.header + "origin";  // text, in the first row only
+}
+
+const std::string* RecordingOrigin::find(std::string_view key) const {
+  const auto found = std::find_if(entries.begin(), entries.end(),
+                                  [&](const auto& entry) { return entry.first == key; });
+  return found == entries.end() ? nullptr : &found->second;
+}
+
+std::optional<double> RecordingOrigin::number(std::string_view key) const {
+  const std::string* const text = find(key);
+  double number = 0;
+  if (text == nullptr) return std::nullopt;
+  const auto [end, error] = std::from_chars(text->data(), text->data() + text->size(), number);
+  if (error != std::errc() || end != text->data() + text->size()) return std::nullopt;
+  return number;
+}
+
+std::string origin_number(double x) {
+  std::array<char, 32> text;
+  const auto end = std::to_chars(text.data(), text.data() + text.size(), x).ptr;
+  return {text.data(), end};
+}
+
+std::string to_text(const RecordingOrigin& origin) {
+  std::string text;
+  for (const auto& [key, value] : origin.entries) {
+    if (!text.empty()) text += ';';
+    text.append(key).append("=").append(value);
+  }
+  return text;
+}
+
+Result<RecordingOrigin> parse_origin(std::string_view text) {
+  RecordingOrigin origin;
+  if (text.size() > kMaxCharacters) return refused("is too long");
+  while (!text.empty()) {
+    const std::size_t end = text.find(';');
+    const std::string_view entry = text.substr(0, end);
+    const std::size_t equals = entry.find('=');
+    const std::string_view key = entry.substr(0, equals);
+    const bool good = equals != std::string_view::npos && is_word(key) &&
+                      is_word(entry.substr(equals + 1)) && origin.find(key) == nullptr;
+    if (!good || end == text.size() - 1) return refused("is not KEY=VALUE;KEY=VALUE");
+    origin.entries.emplace_back(key, entry.substr(equals + 1));
+    text.remove_prefix(end == std::string_view::npos ? text.size() : end + 1);
+  }
+  return origin;
+}
+
+std::string differences(const RecordingOrigin& recorded, const RecordingOrigin& run) {
+  std::string text;
+  const auto compare = [&](const std::string& key) {
+    const std::string *const there = recorded.find(key), *const here = run.find(key);
+    const bool is_same = there != nullptr && here != nullptr && *there == *here;
+    if (key == kOriginProgram || is_same) return;
+    if (!text.empty()) text += ", ";
+    if (is_file(key)) text += "the ";
+    text += key + " (" + shown(there) + ", here " + shown(here) + ")";
+  };
+  for (const auto& [key, value] : recorded.entries)
+    compare(key);
+  const std::string* const version = recorded.find(kOriginProgram);
+  const std::string* const version_here = run.find(kOriginProgram);
+  if (version == nullptr || version_here == nullptr || *version != *version_here) return text;
+  for (const auto& [key, value] : run.entries) {
+    if (recorded.find(key) == nullptr) compare(key);
+  }
+  return text;
+}
+
+Result<std::vector<RecordingRow>> parse_recording(std::string_view csv, const std::string& name,
+                                                  RecordingOrigin* origin, bool* is_cut) {
+  if (is_cut != nullptr) {
+    *is_cut = !csv.empty() && csv.back() != '\n';
+    csv = csv.substr(0, csv.rfind('\n') + 1);  // npos + 1 is 0
+  }
+  std::vector<RecordingRow> rows;
+  RecordingOrigin found;
+  std::optional<RecordingKind> kind;
+  for (std::size_t line_number = 1; !csv.empty(); ++line_number) {
+    const std::size_t end = csv.find('\n');
+    const std::string where = name + ": line " + std::to_string(line_number) + ": ";
+    if (end == std::string_view::npos) return refused(where + "has no line feed at its end");
+    const std::string_view line = csv.substr(0, end);
+    csv.remove_prefix(end + 1);
+    if (line_number == 1) {
+      kind = kind_of_header(line);
+      if (!kind) return refused(where + "is not the header of a recording");
+      continue;
+    }
+    const auto row = parse_row(line, *kind, rows.empty() ? nullptr : &rows.back(), found);
+    if (!row) return refused(where + row.error().message);
+    rows.push_back(*row);
+  }
+  if (rows.empty()) return refused(name + ": has no row");
+  if (origin != nullptr) *origin = std::move(found);
+  return rows;
+}
+
+Result<std::vector<RecordingRow>> read_recording(const std::filesystem::path& file,
+                                                 RecordingOrigin* origin, bool* is_cut) {
+  const Result<std::vector<std::uint8_t>> bytes = read_file(file, kMaxRecordingBytes);
+  if (!bytes) return bytes.error();
+  return parse_recording(
+      std::string_view(reinterpret_cast<const char*>(bytes->data()), bytes->size()), file.string(),
+      origin, is_cut);
+}
 
 bool is_partial_name(std::string_view name) {
   const std::size_t number = name.find_last_not_of("0123456789");
