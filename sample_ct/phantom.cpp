@@ -55,17 +55,8 @@ Vec3 to_anatomy(const PhantomOptions& phantom, Vec3 p) {
   return {c * x + s * y, -s * x + c * y, p.z};
 }
 
-Vec3 to_scan(const PhantomOptions& phantom, Vec3 p) {
-  const double c = std::cos(phantom.rotation_rad), s = std::sin(phantom.rotation_rad);
-  return {c * p.x - s * p.y + phantom.shift_mm.x, s * p.x + c * p.y + phantom.shift_mm.y, p.z};
-}
-
 BoneSample sample_bone(const PhantomOptions& phantom, Vec3 p_scan) {
   return sample_bone(to_anatomy(phantom, p_scan));
-}
-
-double bone_distance_mm(const PhantomOptions& phantom, Vec3 p_scan) {
-  return sample_bone(phantom, p_scan).distance_mm;
 }
 
 BoneFractions blurred_fractions(const PhantomOptions& phantom, const BoneSample& bone) {
@@ -118,11 +109,6 @@ double cancellous_hu(const PhantomOptions& phantom, Vec3 p_scan) {
   const double coarse = value_noise(phantom.seed ^ 0xce11, p.x / 4.0, p.y / 4.0, p.z / 4.0);
   return phantom.tissue.cancellous +
          phantom.tissue.cancellous_texture * (0.6 * fine + 0.4 * coarse);
-}
-
-double field_hu(const PhantomOptions& phantom, Vec3 p_scan) {
-  return mixed_hu(phantom, blurred_fractions(phantom, sample_bone(phantom, p_scan)),
-                  soft_tissue_hu(phantom, p_scan), cancellous_hu(phantom, p_scan));
 }
 
 }  // namespace trocar::sample

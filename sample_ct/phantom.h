@@ -45,17 +45,13 @@ struct PhantomOptions {
   Vec2 shift_mm{1.7, -1.2};     ///< shift of the anatomy in the scan frame
 };
 
-/// to_anatomy() transforms a point from the scan frame to the anatomical frame, to_scan() back.
+/// Transforms a point from the scan frame to the anatomical frame.
 Vec3 to_anatomy(const PhantomOptions& phantom, Vec3 p_scan);
-Vec3 to_scan(const PhantomOptions& phantom, Vec3 p_anatomy);
 
 /// The bone at a point of the scan frame (vertebra.h): the thickness of the cortical shell, and the
 /// signed distance from the bone's outer surface. The distance is negative inside, and 1-Lipschitz:
 /// from point to point it changes by at most the distance of the points.
 BoneSample sample_bone(const PhantomOptions& phantom, Vec3 p_scan);
-
-/// sample_bone(phantom, p_scan).distance_mm.
-double bone_distance_mm(const PhantomOptions& phantom, Vec3 p_scan);
 
 /// Volume fractions, 0..1, of bone and of its cancellous core at a point, after the in-plane blur.
 /// core <= bone.
@@ -82,8 +78,5 @@ inline double mixed_hu(const PhantomOptions& phantom, BoneFractions fraction, do
   return soft_hu + (phantom.tissue.cortical - soft_hu) * fraction.bone +
          (core_hu - phantom.tissue.cortical) * fraction.core;
 }
-
-/// Noiseless HU at a point of the scan frame, before any pixel or slice averages it.
-double field_hu(const PhantomOptions& phantom, Vec3 p_scan);
 
 }  // namespace trocar::sample

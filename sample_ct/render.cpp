@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "sample_ct/render.h"
 
-#include <atomic>
 #include <cmath>
 #include <string>
 #include <thread>

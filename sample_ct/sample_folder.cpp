@@ -36,28 +36,19 @@ Error interrupted() {
   return unwritable("interrupted; nothing was written");
 }
 
-/// Removes the folder when this object goes out of scope.
-struct Scratch {
-  fs::path path;
-  explicit Scratch(fs::path folder) : path(std::move(folder)) {}
-  Scratch(const Scratch&) = delete;
-  Scratch& operator=(const Scratch&) = delete;
-  ~Scratch() {
-    std::error_code ignored;
-    fs::remove_all(path, ignored);
-  }
-};
+enum class Removal { kWithContents, kIfEmpty };
 
-/// Removes the folder when this object goes out of scope, if the folder is then empty. An empty
-/// path means no folder.
-struct EmptyFolder {
+/// Removes the folder when this object goes out of scope. An empty path means no folder.
+struct RemovedAtEnd {
   fs::path path;
-  explicit EmptyFolder(fs::path folder) : path(std::move(folder)) {}
-  EmptyFolder(const EmptyFolder&) = delete;
-  EmptyFolder& operator=(const EmptyFolder&) = delete;
-  ~EmptyFolder() {
+  Removal removal;
+  RemovedAtEnd(fs::path folder, Removal how) : path(std::move(folder)), removal(how) {}
+  RemovedAtEnd(const RemovedAtEnd&) = delete;
+  RemovedAtEnd& operator=(const RemovedAtEnd&) = delete;
+  ~RemovedAtEnd() {
     std::error_code ignored;
-    if (!path.empty()) fs::remove(path, ignored);
+    if (removal == Removal::kWithContents) fs::remove_all(path, ignored);
+    if (removal == Removal::kIfEmpty) fs::remove(path, ignored);
   }
 };
 
@@ -70,12 +61,8 @@ Error named_after(Error error, const fs::path& scratch, const fs::path& folder) 
 }
 
 Result<void> sync_folder(const fs::path& folder) {
-  const int descriptor = ::open(folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
-  if (descriptor < 0) return failed(folder, last_error());
-  const bool synced = ::fsync(descriptor) == 0;
-  const std::error_code reason = last_error();
-  ::close(descriptor);
-  if (!synced) return failed(folder, reason);
+  const FileDescriptor opened(::open(folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC));
+  if (opened.get() < 0 || ::fsync(opened.get()) != 0) return failed(folder, last_error());
   return {};
 }
 
@@ -164,11 +151,13 @@ Result<void> write_sample_folder(const Scan& scan, const GreyWindow& window, con
   if (is_set(stop)) return interrupted();
   if (Result<void> good = check_sample_folder(folder); !good) return good;
   std::error_code error;
-  const EmptyFolder unless_filled{fs::exists(folder, error) ? fs::path() : folder};
+  const RemovedAtEnd unless_filled{fs::exists(folder, error) ? fs::path() : folder,
+                                   Removal::kIfEmpty};
   fs::create_directories(folder, error);
   if (error) return failed(folder, error);
 
-  const Scratch scratch(folder / (".trocar-sample-ct." + std::to_string(::getpid())));
+  const RemovedAtEnd scratch(folder / (".trocar-sample-ct." + std::to_string(::getpid())),
+                             Removal::kWithContents);
   fs::remove_all(scratch.path, error);
   for (const fs::path& made : {scratch.path, scratch.path / "png", scratch.path / "dicom"}) {
     fs::create_directory(made, error);

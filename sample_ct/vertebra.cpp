@@ -204,8 +204,4 @@ BoneSample sample_bone(Vec3 p) {
   return best;
 }
 
-double bone_distance_mm(Vec3 p) {
-  return sample_bone(p).distance_mm;
-}
-
 }  // namespace trocar::sample

@@ -29,9 +29,6 @@ struct BoneSample {
 /// exact distance. At the side walls of a vertebral body the magnitude is at most 4 % too small.
 BoneSample sample_bone(Vec3 p);
 
-/// sample_bone(p).distance_mm.
-double bone_distance_mm(Vec3 p);
-
 /// Signed distance from the vertebral canal, negative inside. The canal has the same cross-section
 /// at every height, 23 mm wide and 16 mm deep.
 double canal_distance_mm(Vec3 p);

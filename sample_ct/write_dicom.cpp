@@ -6,15 +6,14 @@
 #include <unistd.h>
 
 #include <algorithm>
-#include <array>
 #include <bit>
 #include <cerrno>
-#include <cstdio>
 #include <exception>
 #include <utility>
 #include <vector>
 
 #include "formats/base/files.h"
+#include "formats/base/text.h"
 #include "sample_ct/random.h"
 
 // DCMTK comes last, because its configuration header defines names of its own.
@@ -29,9 +28,7 @@ constexpr int kIntercept_hu = -1024;
 /// A decimal string (DS): at most nine decimals, no trailing zeros, 16 bytes or less
 /// for |value| < 100000.
 std::string decimal(double value) {
-  std::array<char, 64> text{};
-  std::snprintf(text.data(), text.size(), "%.9f", value);
-  std::string s = text.data();
+  std::string s = text_line("%.9f", value);
   s.erase(s.find_last_not_of('0') + 1);
   if (s.back() == '.') s.pop_back();
   return s == "-0" ? "0" : s;
@@ -132,18 +129,14 @@ void describe_slice(const Scan& scan, int k, Attributes& set) {
 }
 
 bool sync_file(const std::filesystem::path& file) {
-  const int descriptor = ::open(file.c_str(), O_RDONLY | O_CLOEXEC);
-  if (descriptor < 0) return false;
-  const bool synced = ::fsync(descriptor) == 0;
-  return ::close(descriptor) == 0 && synced;
+  FileDescriptor opened(::open(file.c_str(), O_RDONLY | O_CLOEXEC));
+  return opened.get() >= 0 && ::fsync(opened.get()) == 0 && opened.close();
 }
 
 }  // namespace
 
 std::string dicom_name(int k) {
-  std::array<char, 32> name{};
-  std::snprintf(name.data(), name.size(), "CT_%03d.dcm", k + 1);
-  return name.data();
+  return text_line("CT_%03d.dcm", k + 1);
 }
 
 std::string dicom_uid(const Scan& scan, const std::string& purpose) {

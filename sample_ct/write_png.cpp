@@ -2,9 +2,7 @@
 #include "sample_ct/write_png.h"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
-#include <cstdio>
 #include <cstdlib>
 #include <memory>
 #include <span>
@@ -13,13 +11,12 @@
 #include <spng.h>
 
 #include "formats/base/files.h"
+#include "formats/base/text.h"
 
 namespace trocar::sample {
 
 std::string png_name(int k) {
-  std::array<char, 32> name{};
-  std::snprintf(name.data(), name.size(), "slice_%03d.png", k + 1);
-  return name.data();
+  return text_line("slice_%03d.png", k + 1);
 }
 
 namespace {

@@ -7,17 +7,13 @@
 #include <cmath>
 #include <limits>
 #include <nlohmann/json.hpp>
-#include <optional>
 #include <utility>
-#include <vector>
 
 #include "formats/asset/asset_index.h"
-#include "formats/asset/draco_mesh.h"
 #include "formats/asset/gltf_document.h"
 #include "formats/asset/payload.h"
 #include "formats/base/files.h"
 #include "formats/base/json.h"
-#include "formats/mesh/mesh_validity.h"
 #include "formats/mesh/shared_borders.h"
 
 namespace trocar {
@@ -240,6 +236,219 @@ Result<void> decode_surfaces(const GltfDocument& document, Asset& asset) {
   return {};
 }
 
+Error no_such_slice(const std::string& name, int index, std::size_t slices, int first, int last) {
+  return refused(name + ": slice " + std::to_string(index) + ": the asset has no such slice" +
+                 (slices == 0
+                      ? std::string(" (it has none)")
+                      : " (it has " + std::to_string(first) + " to " + std::to_string(last) + ")"));
+}
+
+Result<AssetSlice> read_slice(ByteSource& source, const IndexedFile& file,
+                              const EntryRecord& record, const Lattice& lattice,
+                              const Eigen::Affine3d& frame) {
+  const auto bytes = read_slice_bytes(source, file, record);
+  if (!bytes) return bytes.error();
+  const auto node = parse_json_text(bytes->node);
+  if (!node) return node.error();
+  const auto entry = entry_of_node(*node, lattice);
+  if (!entry) return entry.error();
+  AssetSlice geometry;
+  std::int32_t z = 0;
+  if (!record.is_empty()) {
+    const auto decoded = decode_slice_geometry(bytes->draco, geometry);
+    if (!decoded) return decoded.error();
+    z = decoded->z;
+  }
+  auto slice = slice_of_entry(*entry, record.index, record.material, frame, lattice.to_mm(z));
+  if (!slice) return slice;
+  slice->mesh = std::move(geometry.mesh);
+  slice->pslg = std::move(geometry.pslg);
+  slice->hu = std::move(geometry.hu);
+  return slice;
+}
+
+Result<AssetPart> read_by_index(ByteSource& source, const IndexedFile& file,
+                                const std::vector<int>& slice_indices, const std::string& name) {
+  const IndexHeader& header = file.header;
+  AssetPart part;
+  const auto text = read_document_texts(source, file);
+  if (!text) return refused(name + ": " + text.error().message);
+  const auto extras = parse_json_text(text->extras);
+  if (!extras) return refused(name + ": " + extras.error().message);
+  const auto slices = read_document_extras(*extras, part.asset, name);
+  if (!slices) return slices.error();
+  part.asset_slices = *slices;
+  const auto node = parse_json_text(text->frame);
+  const auto frame =
+      node ? transform_of_node(*node, part.asset.lattice) : Result<Eigen::Affine3d>(node.error());
+  if (!frame) return refused(name + ": " + frame.error().message);
+  for (const int index : slice_indices) {
+    const auto records = find_records(source, file, index);
+    if (!records) return refused(name + ": " + records.error().message);
+    if (records->empty())
+      return no_such_slice(name, index, header.entries, header.first_index, header.last_index);
+    for (const EntryRecord& record : *records) {
+      auto slice = record.material < part.asset.materials.size()
+                       ? read_slice(source, file, record, part.asset.lattice, *frame)
+                       : refused("the slice index names a material that is not there");
+      if (!slice) {
+        return refused(name + ": slice " + std::to_string(index) + ": " + slice.error().message);
+      }
+      part.asset.slices.push_back(std::move(*slice));
+    }
+  }
+  const auto volumes = hu_sections(trocar_extras(*extras), part.asset.lattice);
+  if (!volumes) return refused(name + ": " + volumes.error().message);
+  if (auto ok =
+          read_hu_volumes(source, file.binary_at, header.binary_bytes, *volumes, false, part.asset);
+      !ok)
+    return refused(name + ": " + ok.error().message);
+  return part;
+}
+
+Result<AssetPart> read_whole(ByteSource& source, const std::vector<int>& slice_indices,
+                             const std::string& name) {
+  std::vector<std::uint8_t> glb(static_cast<std::size_t>(source.size()));
+  if (auto ok = source.read(0, glb); !ok) return refused(name + ": " + ok.error().message);
+  auto asset = decode_asset(glb, name, {false, slice_indices});
+  if (!asset) return asset.error();
+  AssetPart part;
+  part.asset_slices = slice_count(*asset);
+  std::vector<AssetSlice> all = std::exchange(asset->slices, {});
+  part.asset = std::move(*asset);
+  for (const int index : slice_indices) {
+    auto found = std::find_if(all.begin(), all.end(),
+                              [index](const AssetSlice& slice) { return slice.index == index; });
+    if (found == all.end())
+      return no_such_slice(name, index, all.size(), all.empty() ? 0 : all.front().index,
+                           all.empty() ? 0 : all.back().index);
+    for (; found != all.end() && found->index == index; ++found)
+      part.asset.slices.push_back(std::move(*found));
+  }
+  return part;
+}
+
+Result<AssetPart> read_part(ByteSource& source, std::vector<int> slice_indices,
+                            const std::string& name) {
+  std::sort(slice_indices.begin(), slice_indices.end());
+  slice_indices.erase(std::unique(slice_indices.begin(), slice_indices.end()), slice_indices.end());
+  if (source.size() > std::numeric_limits<std::uint32_t>::max())
+    return refused(name + ": larger than a .glb can be");
+  const auto index = find_index(source);
+  if (!index) return refused(name + ": " + index.error().message);
+  auto part = *index ? read_by_index(source, **index, slice_indices, name)
+                     : read_whole(source, slice_indices, name);
+  if (!part) return part;
+  part->file_bytes = source.size();
+  part->read_bytes = source.bytes_read();
+  return part;
+}
+
+// The materials of one slice must lie in one plane and must not overlap.
+Result<void> verify_together(std::span<const AssetSlice> materials) {
+  std::vector<Pslg> outlines;
+  for (const AssetSlice& one : materials) {
+    if (one.z_mm != materials[0].z_mm ||
+        one.T_lps_plane.matrix() != materials[0].T_lps_plane.matrix())
+      return refused("its materials lie in different planes");
+    outlines.push_back(one.pslg);
+  }
+  if (auto ok = check_shared_borders(outlines, outlines); !ok)
+    return refused("its materials: " + ok.error().message);
+  return {};
+}
+
+std::vector<float> mean_of_welded(std::span<const AssetSlice> materials,
+                                  const WeldedRegions& welded) {
+  std::vector<double> sum(welded.mesh.vertices.size());
+  std::vector<int> count(sum.size());
+  for (std::size_t k = 0; k < materials.size(); ++k) {
+    if (materials[k].hu.size() != materials[k].mesh.vertices.size()) return {};
+    for (std::size_t v = 0; v < materials[k].hu.size(); ++v) {
+      sum[welded.vertex[k][v]] += static_cast<double>(materials[k].hu[v]);
+      ++count[welded.vertex[k][v]];
+    }
+  }
+  std::vector<float> out;
+  for (std::size_t v = 0; v < sum.size(); ++v)
+    out.push_back(static_cast<float>(sum[v] / count[v]));
+  return out;
+}
+
+std::optional<double> mean_by_area(std::span<const AssetSlice> materials) {
+  double sum = 0, area = 0;
+  for (const AssetSlice& one : materials) {
+    const std::optional<double> mean = mean_hu_of(one);
+    if (!mean) return std::nullopt;
+    const auto weight = static_cast<double>(doubled_area(one.mesh));
+    sum += weight * *mean;
+    area += weight;
+  }
+  return area > 0 ? std::optional(sum / area) : std::nullopt;
+}
+
+Result<AssetSlice> welded(std::span<const AssetSlice> materials) {
+  std::vector<Pslg> outlines;
+  std::vector<const SliceMesh*> meshes;
+  for (const AssetSlice& one : materials) {
+    if (one.T_lps_plane.matrix() != materials[0].T_lps_plane.matrix() ||
+        one.z_mm != materials[0].z_mm)
+      return refused("its materials lie in different planes");
+    if (auto ok = check_mesh_against_pslg(one.mesh, one.pslg); !ok) return ok.error();
+    outlines.push_back(one.pslg);
+    meshes.push_back(&one.mesh);
+  }
+  auto outline = check_shared_borders(outlines, outlines);
+  if (!outline) return refused("its materials: " + outline.error().message);
+  auto made = weld_regions(meshes);
+  if (!made) return made.error();
+  AssetSlice out;
+  out.index = materials[0].index;
+  out.z_mm = materials[0].z_mm;
+  out.T_lps_plane = materials[0].T_lps_plane;
+  out.pslg = std::move(*outline);
+  out.hu = mean_of_welded(materials, *made);
+  if (const auto mean = mean_by_area(materials); mean)
+    out.measures_json = json_text(nlohmann::json{{"mean_hu", *mean}});
+  out.mesh = std::move(made->mesh);
+  return out;
+}
+
+// HU of a triangle: the mean at its centroid and half-way from there to its corners. NaN if unknown.
+double mean_in(const HuPlane& plane, const Lattice& lattice,
+               const std::array<LatticePoint, 3>& corners) {
+  Eigen::Vector2d centroid = Eigen::Vector2d::Zero();
+  for (const LatticePoint p : corners)
+    centroid += Eigen::Vector2d(lattice.to_mm(p.x), lattice.to_mm(p.y)) / 3;
+  auto sum = static_cast<double>(plane.at(centroid.x(), centroid.y()));
+  for (const LatticePoint p : corners) {
+    const Eigen::Vector2d at =
+        (centroid + Eigen::Vector2d(lattice.to_mm(p.x), lattice.to_mm(p.y))) / 2;
+    sum += static_cast<double>(plane.at(at.x(), at.y()));
+  }
+  return sum / 4;
+}
+
+std::vector<float> hu_at_vertices(const SliceMesh& mesh, const HuPlane& plane,
+                                  const Lattice& lattice) {
+  std::vector<double> sum(mesh.vertices.size(), 0), area(mesh.vertices.size(), 0);
+  for (const Triangle& t : mesh.triangles) {
+    const std::array<LatticePoint, 3> corners{mesh.vertices[t[0]], mesh.vertices[t[1]],
+                                              mesh.vertices[t[2]]};
+    const double hu = mean_in(plane, lattice, corners);
+    const auto weight = static_cast<double>(orient2d(corners[0], corners[1], corners[2]));
+    if (std::isnan(hu)) continue;
+    for (const std::uint32_t v : t) {
+      sum[v] += weight * hu;
+      area[v] += weight;
+    }
+  }
+  std::vector<float> out;
+  for (std::size_t v = 0; v < sum.size(); ++v)
+    out.push_back(area[v] > 0 ? static_cast<float>(sum[v] / area[v]) : 0.0F);
+  return out;
+}
+
 }  // namespace
 
 Result<Asset> decode_asset(std::span<const std::uint8_t> glb, const std::string& name,
@@ -361,118 +570,6 @@ Result<AssetSizes> asset_sizes(std::span<const std::uint8_t> glb, const std::str
   return out;
 }
 
-namespace {
-
-Error no_such_slice(const std::string& name, int index, std::size_t slices, int first, int last) {
-  return refused(name + ": slice " + std::to_string(index) + ": the asset has no such slice" +
-                 (slices == 0
-                      ? std::string(" (it has none)")
-                      : " (it has " + std::to_string(first) + " to " + std::to_string(last) + ")"));
-}
-
-Result<AssetSlice> read_slice(ByteSource& source, const IndexedFile& file,
-                              const EntryRecord& record, const Lattice& lattice,
-                              const Eigen::Affine3d& frame) {
-  const auto bytes = read_slice_bytes(source, file, record);
-  if (!bytes) return bytes.error();
-  const auto node = parse_json_text(bytes->node);
-  if (!node) return node.error();
-  const auto entry = entry_of_node(*node, lattice);
-  if (!entry) return entry.error();
-  AssetSlice geometry;
-  std::int32_t z = 0;
-  if (!record.is_empty()) {
-    const auto decoded = decode_slice_geometry(bytes->draco, geometry);
-    if (!decoded) return decoded.error();
-    z = decoded->z;
-  }
-  auto slice = slice_of_entry(*entry, record.index, record.material, frame, lattice.to_mm(z));
-  if (!slice) return slice;
-  slice->mesh = std::move(geometry.mesh);
-  slice->pslg = std::move(geometry.pslg);
-  slice->hu = std::move(geometry.hu);
-  return slice;
-}
-
-Result<AssetPart> read_by_index(ByteSource& source, const IndexedFile& file,
-                                const std::vector<int>& slice_indices, const std::string& name) {
-  const IndexHeader& header = file.header;
-  AssetPart part;
-  const auto text = read_document_texts(source, file);
-  if (!text) return refused(name + ": " + text.error().message);
-  const auto extras = parse_json_text(text->extras);
-  if (!extras) return refused(name + ": " + extras.error().message);
-  const auto slices = read_document_extras(*extras, part.asset, name);
-  if (!slices) return slices.error();
-  part.asset_slices = *slices;
-  const auto node = parse_json_text(text->frame);
-  const auto frame =
-      node ? transform_of_node(*node, part.asset.lattice) : Result<Eigen::Affine3d>(node.error());
-  if (!frame) return refused(name + ": " + frame.error().message);
-  for (const int index : slice_indices) {
-    const auto records = find_records(source, file, index);
-    if (!records) return refused(name + ": " + records.error().message);
-    if (records->empty())
-      return no_such_slice(name, index, header.entries, header.first_index, header.last_index);
-    for (const EntryRecord& record : *records) {
-      auto slice = record.material < part.asset.materials.size()
-                       ? read_slice(source, file, record, part.asset.lattice, *frame)
-                       : refused("the slice index names a material that is not there");
-      if (!slice) {
-        return refused(name + ": slice " + std::to_string(index) + ": " + slice.error().message);
-      }
-      part.asset.slices.push_back(std::move(*slice));
-    }
-  }
-  const auto volumes = hu_sections(trocar_extras(*extras), part.asset.lattice);
-  if (!volumes) return refused(name + ": " + volumes.error().message);
-  if (auto ok =
-          read_hu_volumes(source, file.binary_at, header.binary_bytes, *volumes, false, part.asset);
-      !ok)
-    return refused(name + ": " + ok.error().message);
-  return part;
-}
-
-Result<AssetPart> read_whole(ByteSource& source, const std::vector<int>& slice_indices,
-                             const std::string& name) {
-  std::vector<std::uint8_t> glb(static_cast<std::size_t>(source.size()));
-  if (auto ok = source.read(0, glb); !ok) return refused(name + ": " + ok.error().message);
-  auto asset = decode_asset(glb, name, {false, slice_indices});
-  if (!asset) return asset.error();
-  AssetPart part;
-  part.asset_slices = slice_count(*asset);
-  std::vector<AssetSlice> all = std::exchange(asset->slices, {});
-  part.asset = std::move(*asset);
-  for (const int index : slice_indices) {
-    auto found = std::find_if(all.begin(), all.end(),
-                              [index](const AssetSlice& slice) { return slice.index == index; });
-    if (found == all.end())
-      return no_such_slice(name, index, all.size(), all.empty() ? 0 : all.front().index,
-                           all.empty() ? 0 : all.back().index);
-    for (; found != all.end() && found->index == index; ++found)
-      part.asset.slices.push_back(std::move(*found));
-  }
-  return part;
-}
-
-Result<AssetPart> read_part(ByteSource& source, std::vector<int> slice_indices,
-                            const std::string& name) {
-  std::sort(slice_indices.begin(), slice_indices.end());
-  slice_indices.erase(std::unique(slice_indices.begin(), slice_indices.end()), slice_indices.end());
-  if (source.size() > std::numeric_limits<std::uint32_t>::max())
-    return refused(name + ": larger than a .glb can be");
-  const auto index = find_index(source);
-  if (!index) return refused(name + ": " + index.error().message);
-  auto part = *index ? read_by_index(source, **index, slice_indices, name)
-                     : read_whole(source, slice_indices, name);
-  if (!part) return part;
-  part->file_bytes = source.size();
-  part->read_bytes = source.bytes_read();
-  return part;
-}
-
-}  // namespace
-
 Result<AssetPart> read_asset_part(const std::filesystem::path& file,
                                   std::vector<int> slice_indices) {
   const auto source = open_file(file);
@@ -485,24 +582,6 @@ Result<AssetPart> decode_asset_part(std::span<const std::uint8_t> glb, const std
   MemorySource source(glb);
   return read_part(source, std::move(slice_indices), name);
 }
-
-namespace {
-
-// The materials of one slice must lie in one plane and must not overlap.
-Result<void> verify_together(std::span<const AssetSlice> materials) {
-  std::vector<Pslg> outlines;
-  for (const AssetSlice& one : materials) {
-    if (one.z_mm != materials[0].z_mm ||
-        one.T_lps_plane.matrix() != materials[0].T_lps_plane.matrix())
-      return refused("its materials lie in different planes");
-    outlines.push_back(one.pslg);
-  }
-  if (auto ok = check_shared_borders(outlines, outlines); !ok)
-    return refused("its materials: " + ok.error().message);
-  return {};
-}
-
-}  // namespace
 
 std::span<const AssetSlice> materials_of_slice(const Asset& asset, std::size_t first) {
   std::size_t end = first + 1;
@@ -545,101 +624,6 @@ Result<void> verify_asset(const Asset& asset, const std::string& name) {
   }
   return {};
 }
-
-namespace {
-
-std::vector<float> mean_of_welded(std::span<const AssetSlice> materials,
-                                  const WeldedRegions& welded) {
-  std::vector<double> sum(welded.mesh.vertices.size());
-  std::vector<int> count(sum.size());
-  for (std::size_t k = 0; k < materials.size(); ++k) {
-    if (materials[k].hu.size() != materials[k].mesh.vertices.size()) return {};
-    for (std::size_t v = 0; v < materials[k].hu.size(); ++v) {
-      sum[welded.vertex[k][v]] += static_cast<double>(materials[k].hu[v]);
-      ++count[welded.vertex[k][v]];
-    }
-  }
-  std::vector<float> out;
-  for (std::size_t v = 0; v < sum.size(); ++v)
-    out.push_back(static_cast<float>(sum[v] / count[v]));
-  return out;
-}
-
-std::optional<double> mean_by_area(std::span<const AssetSlice> materials) {
-  double sum = 0, area = 0;
-  for (const AssetSlice& one : materials) {
-    const std::optional<double> mean = mean_hu_of(one);
-    if (!mean) return std::nullopt;
-    const auto weight = static_cast<double>(doubled_area(one.mesh));
-    sum += weight * *mean;
-    area += weight;
-  }
-  return area > 0 ? std::optional(sum / area) : std::nullopt;
-}
-
-Result<AssetSlice> welded(std::span<const AssetSlice> materials) {
-  std::vector<Pslg> outlines;
-  std::vector<const SliceMesh*> meshes;
-  for (const AssetSlice& one : materials) {
-    if (one.T_lps_plane.matrix() != materials[0].T_lps_plane.matrix() ||
-        one.z_mm != materials[0].z_mm)
-      return refused("its materials lie in different planes");
-    if (auto ok = check_mesh_against_pslg(one.mesh, one.pslg); !ok) return ok.error();
-    outlines.push_back(one.pslg);
-    meshes.push_back(&one.mesh);
-  }
-  auto outline = check_shared_borders(outlines, outlines);
-  if (!outline) return refused("its materials: " + outline.error().message);
-  auto made = weld_regions(meshes);
-  if (!made) return made.error();
-  AssetSlice out;
-  out.index = materials[0].index;
-  out.z_mm = materials[0].z_mm;
-  out.T_lps_plane = materials[0].T_lps_plane;
-  out.pslg = std::move(*outline);
-  out.hu = mean_of_welded(materials, *made);
-  if (const auto mean = mean_by_area(materials); mean)
-    out.measures_json = json_text(nlohmann::json{{"mean_hu", *mean}});
-  out.mesh = std::move(made->mesh);
-  return out;
-}
-
-// HU of a triangle: the mean at its centroid and half-way from there to its corners. NaN if unknown.
-double mean_in(const HuPlane& plane, const Lattice& lattice,
-               const std::array<LatticePoint, 3>& corners) {
-  Eigen::Vector2d centroid = Eigen::Vector2d::Zero();
-  for (const LatticePoint p : corners)
-    centroid += Eigen::Vector2d(lattice.to_mm(p.x), lattice.to_mm(p.y)) / 3;
-  auto sum = static_cast<double>(plane.at(centroid.x(), centroid.y()));
-  for (const LatticePoint p : corners) {
-    const Eigen::Vector2d at =
-        (centroid + Eigen::Vector2d(lattice.to_mm(p.x), lattice.to_mm(p.y))) / 2;
-    sum += static_cast<double>(plane.at(at.x(), at.y()));
-  }
-  return sum / 4;
-}
-
-std::vector<float> hu_at_vertices(const SliceMesh& mesh, const HuPlane& plane,
-                                  const Lattice& lattice) {
-  std::vector<double> sum(mesh.vertices.size(), 0), area(mesh.vertices.size(), 0);
-  for (const Triangle& t : mesh.triangles) {
-    const std::array<LatticePoint, 3> corners{mesh.vertices[t[0]], mesh.vertices[t[1]],
-                                              mesh.vertices[t[2]]};
-    const double hu = mean_in(plane, lattice, corners);
-    const auto weight = static_cast<double>(orient2d(corners[0], corners[1], corners[2]));
-    if (std::isnan(hu)) continue;
-    for (const std::uint32_t v : t) {
-      sum[v] += weight * hu;
-      area[v] += weight;
-    }
-  }
-  std::vector<float> out;
-  for (std::size_t v = 0; v < sum.size(); ++v)
-    out.push_back(area[v] > 0 ? static_cast<float>(sum[v] / area[v]) : 0.0F);
-  return out;
-}
-
-}  // namespace
 
 void add_hu_at_vertices(Asset& asset) {
   for (AssetSlice& slice : asset.slices) {

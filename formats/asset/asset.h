@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The asset: one .glb file for a scan, with one mesh for each material of each slice. Draco
 // compresses the triangles and the HU at their vertices; lattice coordinates stay exact. Planes of
-// HU are compressed separately (hu_volume.h). Names, transforms and parameters are in the JSON. An
+// HU are compressed separately (hu_codec.h). Names, transforms and parameters are in the JSON. An
 // outline is the boundary of its mesh, so outlines are stored only on request, for viewers. The
 // file has an index of its slices (asset_index.h), so a reader can read some slices and skip the
 // rest of the file.
@@ -217,7 +217,7 @@ Result<void> verify_asset(const Asset& asset, const std::string& name);
 // and a needle that crosses from one label to the next must not feel the border between them.
 
 /// Joins the materials of each slice into one mesh with the outline of their union
-/// (weld_regions.h). The HU of merged vertices are averaged. If one of the materials has no HU at
+/// (weld_regions()). The HU of merged vertices are averaged. If one of the materials has no HU at
 /// vertices, the joined mesh has none. If the mean HU of each material is known, the joined mesh
 /// gets the mean of these values, weighted by area. The mesh of a slice with one material is
 /// unchanged. If any slice had several materials, the asset afterwards has one material, to which

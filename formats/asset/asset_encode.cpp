@@ -91,7 +91,7 @@ void put_index(GltfWriter::File& file, std::vector<EntryRecord> records,
   write_index_checksums(file.bytes);
 }
 
-// The three nodes above those of the entries (slice_payload.h).
+// The three nodes above those of the entries (payload.h).
 void add_top_nodes(GltfWriter& gltf, std::size_t nodes, const Eigen::Affine3d& frame,
                    const Lattice& lattice) {
   // LPS in steps -> glTF metres, +Y up: (x, y, z) -> (x, z, -y).

@@ -4,7 +4,6 @@
 #include <zlib.h>
 #include <algorithm>
 #include <bit>
-#include <cstring>
 #include <utility>
 
 namespace trocar {

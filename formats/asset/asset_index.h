@@ -8,7 +8,7 @@
 // first 20 bytes give the start of the binary chunk, the index header gives the number of records,
 // and the records are in ascending order of slices. A record has the offsets of the entry's Draco
 // payload and of the text of its glTF node. The entry's plane is not in the record; plane_of()
-// (slice_payload.h) computes the plane. Other glTF readers ignore the index, because no buffer view
+// (payload.h) computes the plane. Other glTF readers ignore the index, because no buffer view
 // covers its bytes. (The index has no chunk of its own. glTF allows a chunk after the binary chunk,
 // but validators warn of such a chunk, and tools that rewrite a file drop it.)
 //

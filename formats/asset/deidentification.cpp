@@ -6,9 +6,7 @@
 #include <iterator>
 #include <map>
 #include <nlohmann/json.hpp>
-#include <set>
 #include <sstream>
-#include <string_view>
 #include <tuple>
 #include <utility>
 #include <vector>

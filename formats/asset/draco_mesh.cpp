@@ -3,7 +3,6 @@
 #include "formats/asset/draco_settings.h"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <cstring>
 #include <string_view>
@@ -15,42 +14,6 @@ namespace {
 // bound the memory that a few hostile bytes can allocate. Refined meshes have 0.2 to 0.4 triangles
 // for each byte; a perfect grid can have a hundred, a large grid more.
 constexpr std::uint64_t kMaxTrianglesPerByte = 64, kAlwaysAllowedTriangles = 1 << 22;
-
-}  // namespace
-
-std::uint64_t max_triangles_in(std::uint64_t bytes) {
-  return std::max(kAlwaysAllowedTriangles, kMaxTrianglesPerByte * bytes);
-}
-
-// The bytes before Edgebreaker's symbols (bitstream 2.2): name, version, mesh, method, flags, kind
-// of traversal, vertices and faces. Draco allocates for these two numbers without a check.
-Result<void> check_draco_counts(std::span<const std::uint8_t> bytes, std::uint64_t max_vertices,
-                                std::uint64_t max_triangles) {
-  constexpr std::string_view kStart("DRACO\2\2\1\1\0\0", 11);
-  if (bytes.size() < kStart.size() + 1 ||
-      !std::equal(kStart.begin(), kStart.end(), bytes.begin(),
-                  [](char a, std::uint8_t b) { return static_cast<std::uint8_t>(a) == b; })) {
-    return refused("Draco: not an Edgebreaker mesh of bitstream 2.2");
-  }
-  std::size_t at = kStart.size() + 1;
-  const auto varint = [&bytes, &at] {
-    std::uint64_t value = 0;
-    for (int shift = 0; shift < 35 && at < bytes.size(); shift += 7) {
-      const std::uint8_t byte = bytes[at++];
-      value |= std::uint64_t{byte & 0x7fU} << shift;
-      if (byte < 0x80) break;
-    }
-    return value;
-  };
-  const std::uint64_t vertices = varint(), triangles = varint();
-  if (vertices > max_vertices || triangles > max_triangles)
-    return refused("Draco: more vertices or triangles than stated");
-  if (triangles > max_triangles_in(bytes.size()))
-    return refused("Draco: more triangles than its bytes can hold");
-  return {};
-}
-
-namespace {
 
 Result<std::vector<float>> decode_hu(const draco::Mesh& in) {
   const draco::PointAttribute* hu = in.GetAttributeByUniqueId(kDracoHuId);
@@ -87,6 +50,38 @@ Result<void> check_colours(const draco::Mesh& in, const std::vector<float>& hu) 
 }
 
 }  // namespace
+
+std::uint64_t max_triangles_in(std::uint64_t bytes) {
+  return std::max(kAlwaysAllowedTriangles, kMaxTrianglesPerByte * bytes);
+}
+
+// The bytes before Edgebreaker's symbols (bitstream 2.2): name, version, mesh, method, flags, kind
+// of traversal, vertices and faces. Draco allocates for these two numbers without a check.
+Result<void> check_draco_counts(std::span<const std::uint8_t> bytes, std::uint64_t max_vertices,
+                                std::uint64_t max_triangles) {
+  constexpr std::string_view kStart("DRACO\2\2\1\1\0\0", 11);
+  if (bytes.size() < kStart.size() + 1 ||
+      !std::equal(kStart.begin(), kStart.end(), bytes.begin(),
+                  [](char a, std::uint8_t b) { return static_cast<std::uint8_t>(a) == b; })) {
+    return refused("Draco: not an Edgebreaker mesh of bitstream 2.2");
+  }
+  std::size_t at = kStart.size() + 1;
+  const auto varint = [&bytes, &at] {
+    std::uint64_t value = 0;
+    for (int shift = 0; shift < 35 && at < bytes.size(); shift += 7) {
+      const std::uint8_t byte = bytes[at++];
+      value |= std::uint64_t{byte & 0x7fU} << shift;
+      if (byte < 0x80) break;
+    }
+    return value;
+  };
+  const std::uint64_t vertices = varint(), triangles = varint();
+  if (vertices > max_vertices || triangles > max_triangles)
+    return refused("Draco: more vertices or triangles than stated");
+  if (triangles > max_triangles_in(bytes.size()))
+    return refused("Draco: more triangles than its bytes can hold");
+  return {};
+}
 
 float stored_hu(float hu) {
   const double stored = kHuStep * std::rint(static_cast<double>(hu) / kHuStep);

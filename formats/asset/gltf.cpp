@@ -6,7 +6,6 @@
 #include <cstring>
 #include <limits>
 #include <utility>
-#include <vector>
 
 #include "formats/asset/draco_mesh.h"
 #include "formats/asset/payload.h"
@@ -37,6 +36,12 @@ json positions(std::size_t count, const SpacePoint& low, const SpacePoint& high)
 }
 json positions(std::size_t count, const LatticeBox& box, std::int32_t z) {
   return positions(count, {box.low.x, box.low.y, z}, {box.high.x, box.high.y, z});
+}
+
+using nlohmann::json;
+
+std::size_t padded(std::size_t size) {
+  return (size + 3) & ~std::size_t{3};
 }
 
 }  // namespace
@@ -185,16 +190,6 @@ Result<int> add_surface(GltfWriter& gltf, const AssetSurface& one, AssetSizes& s
                             {"lattice_bits", surface.lattice.bits},
                             {"distance_mm", one.distance_mm}}}}}});
 }
-
-namespace {
-
-using nlohmann::json;
-
-std::size_t padded(std::size_t size) {
-  return (size + 3) & ~std::size_t{3};
-}
-
-}  // namespace
 
 int GltfWriter::Array::add(const json& element) {
   if (count > 0) text += ',';

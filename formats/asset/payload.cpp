@@ -2,16 +2,11 @@
 #include "formats/asset/payload.h"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <cstring>
 #include <limits>
-#include <nlohmann/json.hpp>
-#include <optional>
-#include <string>
 #include <utility>
 
-#include "formats/asset/asset_index.h"
 #include "formats/asset/draco_mesh.h"
 #include "formats/asset/draco_settings.h"
 #include "formats/asset/hu_codec.h"
@@ -113,61 +108,6 @@ Result<void> state_lines(const tinygltf::Model& model, const tinygltf::Primitive
   return {};
 }
 
-}  // namespace
-
-Result<std::vector<StatedEntry>> stated_entries(const tinygltf::Model& model,
-                                                const tinygltf::Node& node, int first_index,
-                                                const Asset& asset) {
-  std::vector<StatedEntry> out(1);
-  out[0].record.index = first_index;
-  if (node.mesh < 0) return out;
-  const auto at = [&out] { return "slice " + std::to_string(out.back().record.index) + ": "; };
-  const tinygltf::Mesh* const mesh = element_at(model.meshes, node.mesh);
-  if (mesh == nullptr) return refused(at() + "mesh index out of range");
-  const std::vector<tinygltf::Primitive>& primitives = mesh->primitives;
-  const auto has_mode = [&primitives](std::size_t i, int mode) {
-    return i < primitives.size() && primitives[i].mode == mode;
-  };
-  if (primitives.empty()) return refused(at() + "expected one triangles and one lines primitive");
-  for (std::size_t i = 0; i < primitives.size(); ++i) {
-    if (i > 0) {
-      if (out.size() == kMaxNodeEntries ||
-          out.back().record.index == std::numeric_limits<int>::max())
-        return refused(at() + "too many slices in its node");
-      const int next = out.back().record.index + 1;
-      out.emplace_back().record.index = next;
-    }
-    StatedEntry& stated = out.back();
-    if (!has_mode(i, TINYGLTF_MODE_TRIANGLES))
-      return refused(at() + "expected one triangles and one lines primitive");
-    if (auto ok = state_triangles(model, primitives[i], asset, stated); !ok)
-      return refused(at() + ok.error().message);
-    stated.has_lines = has_mode(i + 1, TINYGLTF_MODE_LINE);
-    if (!stated.has_lines) continue;
-    if (auto ok = state_lines(model, primitives[++i], stated); !ok)
-      return refused(at() + ok.error().message);
-  }
-  return out;
-}
-
-std::size_t count_entries(const tinygltf::Model& model, const std::vector<int>& nodes) {
-  std::size_t count = 0;
-  for (const int number : nodes) {
-    const tinygltf::Node* const node = element_at(model.nodes, number);
-    const auto* const mesh = node == nullptr ? nullptr : element_at(model.meshes, node->mesh);
-    if (mesh == nullptr) {
-      ++count;
-      continue;
-    }
-    count += static_cast<std::size_t>(std::count_if(
-        mesh->primitives.begin(), mesh->primitives.end(),
-        [](const tinygltf::Primitive& p) { return p.mode == TINYGLTF_MODE_TRIANGLES; }));
-  }
-  return count;
-}
-
-namespace {
-
 constexpr std::size_t kMaxMaterials = 65'535;
 
 template <typename T>
@@ -233,7 +173,184 @@ Eigen::Matrix4d matrix_of(const nlohmann::json& list) {
   return Eigen::Map<const Eigen::Matrix4d>(column_major.data());
 }
 
+constexpr int kNormalBits = 8;
+
+using nlohmann::json;
+
+constexpr int kHuVersion = 1;
+
+// A record of the directory, little-endian as in the file. A plane's bytes begin where those of the
+// plane before it end.
+struct PlaneRecord {
+  std::int32_t index = 0;  // AssetSlice::index
+  std::uint32_t end = 0;   // offset in the view
+};
+static_assert(sizeof(PlaneRecord) == 8 && std::is_trivially_copyable_v<PlaneRecord>);
+
+std::uint64_t directory_bytes(const HuSection& section) {
+  return section.planes * sizeof(PlaneRecord);
+}
+
+Result<PlaneRecord> read_record(ByteSource& source, std::uint64_t binary_at,
+                                const HuSection& section, std::uint64_t i) {
+  return read_as<PlaneRecord>(source, binary_at + section.offset + i * sizeof(PlaneRecord));
+}
+
+struct PlaneBytes {
+  std::uint64_t offset = 0, size = 0;  // in the view
+};
+Result<PlaneBytes> plane_bytes(ByteSource& source, std::uint64_t binary_at,
+                               const HuSection& section, std::uint64_t i) {
+  std::uint64_t start = directory_bytes(section);
+  if (i > 0) {
+    const auto before = read_record(source, binary_at, section, i - 1);
+    if (!before) return before.error();
+    start = before->end;
+  }
+  const auto record = read_record(source, binary_at, section, i);
+  if (!record) return record.error();
+  if (start < directory_bytes(section) || record->end < start || record->end > section.bytes)
+    return refused("the directory of its HU is damaged");
+  return PlaneBytes{start, record->end - start};
+}
+
+// The number of a slice's record; none if it has no plane.
+Result<std::optional<std::uint64_t>> find_plane(ByteSource& source, std::uint64_t binary_at,
+                                                const HuSection& section, int index) {
+  std::uint64_t low = 0, high = section.planes;
+  while (low < high) {
+    const std::uint64_t middle = low + (high - low) / 2;
+    const auto record = read_record(source, binary_at, section, middle);
+    if (!record) return record.error();
+    if (record->index == index) return std::optional(middle);
+    (record->index < index ? low : high) = record->index < index ? middle + 1 : middle;
+  }
+  return std::optional<std::uint64_t>();
+}
+
+// A list of two finite numbers.
+std::optional<Eigen::Vector2d> pair_of(const json& list) {
+  if (!list.is_array() || list.size() != 2 || !list[0].is_number() || !list[1].is_number())
+    return std::nullopt;
+  const Eigen::Vector2d out(list[0].get<double>(), list[1].get<double>());
+  return out.allFinite() ? std::optional(out) : std::nullopt;
+}
+
+// A whole number from 0 to `most`.
+std::optional<std::uint32_t> whole_number(const json& ours, const char* key, std::uint32_t most) {
+  const auto found = ours.find(key);
+  if (found == ours.end() || !found->is_number_unsigned() || *found > most) return std::nullopt;
+  return found->get<std::uint32_t>();
+}
+
+std::optional<HuSection> section_of(const json& ours) {
+  constexpr std::uint32_t kAny = std::numeric_limits<std::uint32_t>::max();
+  HuSection out;
+  const auto origin = pair_of(ours.value("origin_mm", json())),
+             pitch = pair_of(ours.value("pitch_mm", json())),
+             size = pair_of(ours.value("size", json()));
+  const auto view = whole_number(ours, "bufferView", kAny),
+             offset = whole_number(ours, "byteOffset", kAny),
+             bytes = whole_number(ours, "byteLength", kAny),
+             planes = whole_number(ours, "planes", kMaxSlices),
+             step = whole_number(ours, "step_hu", 1 << 16);
+  if (!origin || !pitch || !size || !view || !offset || !bytes || !planes || !step ||
+      *size != size->array().rint().matrix() || size->minCoeff() < 1 ||
+      size->maxCoeff() > kMaxHuSide)
+    return std::nullopt;
+  if (ours.contains("margin_steps")) {
+    const auto margin = whole_number(ours, "margin_steps", kMaxHuMargin);
+    if (!margin) return std::nullopt;
+    out.grid.margin_steps = static_cast<std::int32_t>(*margin);
+  }
+  out.grid.origin_mm = *origin;
+  out.grid.pitch_mm = *pitch;
+  out.grid.columns = static_cast<int>(size->x());
+  out.grid.rows = static_cast<int>(size->y());
+  out.grid.step_hu = static_cast<int>(*step);
+  out.view = *view;
+  out.offset = *offset;
+  out.bytes = *bytes;
+  out.planes = *planes;
+  return out.bytes >= directory_bytes(out) ? std::optional(out) : std::nullopt;
+}
+
+// The plane of a slice, if it has one. `entries` are the slice's.
+Result<std::optional<HuPlane>> read_plane(ByteSource& source, std::uint64_t binary_at,
+                                          const HuSection& section, const Lattice& lattice,
+                                          std::span<const AssetSlice> entries) {
+  std::vector<const Pslg*> outlines;
+  for (const AssetSlice& entry : entries) {
+    if (!entry.pslg.rings.empty()) outlines.push_back(&entry.pslg);
+  }
+  if (outlines.empty() && !section.grid.covers_everything()) return std::optional<HuPlane>();
+  const auto number = find_plane(source, binary_at, section, entries[0].index);
+  if (!number) return number.error();
+  if (!*number) return std::optional<HuPlane>();
+  const auto place = plane_bytes(source, binary_at, section, **number);
+  if (!place) return place.error();
+  std::vector<std::uint8_t> bytes(static_cast<std::size_t>(place->size));
+  if (auto ok = source.read(binary_at + section.offset + place->offset, bytes); !ok)
+    return ok.error();
+  auto plane = decode_hu_plane(bytes, section.grid, lattice, outlines);
+  if (!plane) return plane.error();
+  plane->index = entries[0].index;
+  plane->T_lps_plane = entries[0].T_lps_plane;
+  return std::optional(std::move(*plane));
+}
+
 }  // namespace
+
+Result<std::vector<StatedEntry>> stated_entries(const tinygltf::Model& model,
+                                                const tinygltf::Node& node, int first_index,
+                                                const Asset& asset) {
+  std::vector<StatedEntry> out(1);
+  out[0].record.index = first_index;
+  if (node.mesh < 0) return out;
+  const auto at = [&out] { return "slice " + std::to_string(out.back().record.index) + ": "; };
+  const tinygltf::Mesh* const mesh = element_at(model.meshes, node.mesh);
+  if (mesh == nullptr) return refused(at() + "mesh index out of range");
+  const std::vector<tinygltf::Primitive>& primitives = mesh->primitives;
+  const auto has_mode = [&primitives](std::size_t i, int mode) {
+    return i < primitives.size() && primitives[i].mode == mode;
+  };
+  if (primitives.empty()) return refused(at() + "expected one triangles and one lines primitive");
+  for (std::size_t i = 0; i < primitives.size(); ++i) {
+    if (i > 0) {
+      if (out.size() == kMaxNodeEntries ||
+          out.back().record.index == std::numeric_limits<int>::max())
+        return refused(at() + "too many slices in its node");
+      const int next = out.back().record.index + 1;
+      out.emplace_back().record.index = next;
+    }
+    StatedEntry& stated = out.back();
+    if (!has_mode(i, TINYGLTF_MODE_TRIANGLES))
+      return refused(at() + "expected one triangles and one lines primitive");
+    if (auto ok = state_triangles(model, primitives[i], asset, stated); !ok)
+      return refused(at() + ok.error().message);
+    stated.has_lines = has_mode(i + 1, TINYGLTF_MODE_LINE);
+    if (!stated.has_lines) continue;
+    if (auto ok = state_lines(model, primitives[++i], stated); !ok)
+      return refused(at() + ok.error().message);
+  }
+  return out;
+}
+
+std::size_t count_entries(const tinygltf::Model& model, const std::vector<int>& nodes) {
+  std::size_t count = 0;
+  for (const int number : nodes) {
+    const tinygltf::Node* const node = element_at(model.nodes, number);
+    const auto* const mesh = node == nullptr ? nullptr : element_at(model.meshes, node->mesh);
+    if (mesh == nullptr) {
+      ++count;
+      continue;
+    }
+    count += static_cast<std::size_t>(std::count_if(
+        mesh->primitives.begin(), mesh->primitives.end(),
+        [](const tinygltf::Primitive& p) { return p.mode == TINYGLTF_MODE_TRIANGLES; }));
+  }
+  return count;
+}
 
 std::vector<int> labels_of(const Asset& asset) {
   std::vector<int> out;
@@ -486,12 +603,6 @@ Result<EncodedSlice> encode_slice(const AssetSlice& slice, const ProvedOutline& 
   return out;
 }
 
-namespace {
-
-constexpr int kNormalBits = 8;
-
-}  // namespace
-
 Result<std::vector<std::uint8_t>> encode_surface(const TriangleSurface& surface) {
   if (auto ok = check_triangle_surface(surface); !ok) return bug(ok.error().message);
   const auto vertices = static_cast<std::uint32_t>(surface.vertices.size());
@@ -580,134 +691,6 @@ std::array<double, 16> surface_matrix(const Lattice& lattice) {
   const double step = lattice.step_m();
   return {step, 0, 0, 0, 0, 0, -step, 0, 0, step, 0, 0, 0, 0, 0, 1};
 }
-
-namespace {
-
-using nlohmann::json;
-
-constexpr int kHuVersion = 1;
-
-// A record of the directory, little-endian as in the file. A plane's bytes begin where those of the
-// plane before it end.
-struct PlaneRecord {
-  std::int32_t index = 0;  // AssetSlice::index
-  std::uint32_t end = 0;   // offset in the view
-};
-static_assert(sizeof(PlaneRecord) == 8 && std::is_trivially_copyable_v<PlaneRecord>);
-
-std::uint64_t directory_bytes(const HuSection& section) {
-  return section.planes * sizeof(PlaneRecord);
-}
-
-Result<PlaneRecord> read_record(ByteSource& source, std::uint64_t binary_at,
-                                const HuSection& section, std::uint64_t i) {
-  return read_as<PlaneRecord>(source, binary_at + section.offset + i * sizeof(PlaneRecord));
-}
-
-struct PlaneBytes {
-  std::uint64_t offset = 0, size = 0;  // in the view
-};
-Result<PlaneBytes> plane_bytes(ByteSource& source, std::uint64_t binary_at,
-                               const HuSection& section, std::uint64_t i) {
-  std::uint64_t start = directory_bytes(section);
-  if (i > 0) {
-    const auto before = read_record(source, binary_at, section, i - 1);
-    if (!before) return before.error();
-    start = before->end;
-  }
-  const auto record = read_record(source, binary_at, section, i);
-  if (!record) return record.error();
-  if (start < directory_bytes(section) || record->end < start || record->end > section.bytes)
-    return refused("the directory of its HU is damaged");
-  return PlaneBytes{start, record->end - start};
-}
-
-// The number of a slice's record; none if it has no plane.
-Result<std::optional<std::uint64_t>> find_plane(ByteSource& source, std::uint64_t binary_at,
-                                                const HuSection& section, int index) {
-  std::uint64_t low = 0, high = section.planes;
-  while (low < high) {
-    const std::uint64_t middle = low + (high - low) / 2;
-    const auto record = read_record(source, binary_at, section, middle);
-    if (!record) return record.error();
-    if (record->index == index) return std::optional(middle);
-    (record->index < index ? low : high) = record->index < index ? middle + 1 : middle;
-  }
-  return std::optional<std::uint64_t>();
-}
-
-// A list of two finite numbers.
-std::optional<Eigen::Vector2d> pair_of(const json& list) {
-  if (!list.is_array() || list.size() != 2 || !list[0].is_number() || !list[1].is_number())
-    return std::nullopt;
-  const Eigen::Vector2d out(list[0].get<double>(), list[1].get<double>());
-  return out.allFinite() ? std::optional(out) : std::nullopt;
-}
-
-// A whole number from 0 to `most`.
-std::optional<std::uint32_t> whole_number(const json& ours, const char* key, std::uint32_t most) {
-  const auto found = ours.find(key);
-  if (found == ours.end() || !found->is_number_unsigned() || *found > most) return std::nullopt;
-  return found->get<std::uint32_t>();
-}
-
-std::optional<HuSection> section_of(const json& ours) {
-  constexpr std::uint32_t kAny = std::numeric_limits<std::uint32_t>::max();
-  HuSection out;
-  const auto origin = pair_of(ours.value("origin_mm", json())),
-             pitch = pair_of(ours.value("pitch_mm", json())),
-             size = pair_of(ours.value("size", json()));
-  const auto view = whole_number(ours, "bufferView", kAny),
-             offset = whole_number(ours, "byteOffset", kAny),
-             bytes = whole_number(ours, "byteLength", kAny),
-             planes = whole_number(ours, "planes", kMaxSlices),
-             step = whole_number(ours, "step_hu", 1 << 16);
-  if (!origin || !pitch || !size || !view || !offset || !bytes || !planes || !step ||
-      *size != size->array().rint().matrix() || size->minCoeff() < 1 ||
-      size->maxCoeff() > kMaxHuSide)
-    return std::nullopt;
-  if (ours.contains("margin_steps")) {
-    const auto margin = whole_number(ours, "margin_steps", kMaxHuMargin);
-    if (!margin) return std::nullopt;
-    out.grid.margin_steps = static_cast<std::int32_t>(*margin);
-  }
-  out.grid.origin_mm = *origin;
-  out.grid.pitch_mm = *pitch;
-  out.grid.columns = static_cast<int>(size->x());
-  out.grid.rows = static_cast<int>(size->y());
-  out.grid.step_hu = static_cast<int>(*step);
-  out.view = *view;
-  out.offset = *offset;
-  out.bytes = *bytes;
-  out.planes = *planes;
-  return out.bytes >= directory_bytes(out) ? std::optional(out) : std::nullopt;
-}
-
-// The plane of a slice, if it has one. `entries` are the slice's.
-Result<std::optional<HuPlane>> read_plane(ByteSource& source, std::uint64_t binary_at,
-                                          const HuSection& section, const Lattice& lattice,
-                                          std::span<const AssetSlice> entries) {
-  std::vector<const Pslg*> outlines;
-  for (const AssetSlice& entry : entries) {
-    if (!entry.pslg.rings.empty()) outlines.push_back(&entry.pslg);
-  }
-  if (outlines.empty() && !section.grid.covers_everything()) return std::optional<HuPlane>();
-  const auto number = find_plane(source, binary_at, section, entries[0].index);
-  if (!number) return number.error();
-  if (!*number) return std::optional<HuPlane>();
-  const auto place = plane_bytes(source, binary_at, section, **number);
-  if (!place) return place.error();
-  std::vector<std::uint8_t> bytes(static_cast<std::size_t>(place->size));
-  if (auto ok = source.read(binary_at + section.offset + place->offset, bytes); !ok)
-    return ok.error();
-  auto plane = decode_hu_plane(bytes, section.grid, lattice, outlines);
-  if (!plane) return plane.error();
-  plane->index = entries[0].index;
-  plane->T_lps_plane = entries[0].T_lps_plane;
-  return std::optional(std::move(*plane));
-}
-
-}  // namespace
 
 json add_hu_volume(GltfWriter& gltf, const EncodedHuVolume& volume) {
   std::vector<std::uint8_t> bytes(volume.planes.size() * sizeof(PlaneRecord));

@@ -51,10 +51,7 @@ std::size_t count_entries(const tinygltf::Model& model, const std::vector<int>& 
 
 // Decodes a slice of an asset. Two parts of the file describe the slice: its glTF node, which is
 // JSON text, and its payload, which is its mesh as Draco has compressed it (draco_mesh.h).
-// asset_decode.cpp, which reads complete files, and asset_part.cpp, which reads some slices, both
-// use these functions. Internal to formats/.
-
-struct StatedEntry;  // stated_entries.h
+// The readers of complete files and of some slices both use these functions. Internal to formats/.
 
 // An entry is one material of one slice. Consecutive entries may share a glTF node. The nodes
 // (asset.md) are a tree:

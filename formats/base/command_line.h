@@ -135,7 +135,7 @@ void stop_on_signals();
 int report_error(const std::string& program, const Error& error);
 
 /// Does the complete work of main(): runs `body`, flushes standard output and returns the exit code
-/// of `body`, or that of a failed write (finish_output() in standard_output.h). SIGPIPE and SIGXFSZ
+/// of `body`, or that of a failed write (finish_output()). SIGPIPE and SIGXFSZ
 /// are ignored. So a write() to a closed pipe, or beyond the user's limit of file size, returns an
 /// error and does not end the process. If `body` throws an exception, the exception is reported as
 /// a bug (exit code 1).

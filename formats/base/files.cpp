@@ -4,15 +4,10 @@
 #include <fcntl.h>
 #include <poll.h>
 #include <sys/stat.h>
-#include <unistd.h>
 #include <algorithm>
-#include <cerrno>
 #include <cstdio>
 #include <cstdlib>
-#include <system_error>
-#include <utility>
 
-#include "formats/base/result.h"
 #include "formats/base/text.h"
 
 namespace trocar {
@@ -54,6 +49,31 @@ class FileSource : public ByteSource {
   FileDescriptor fd_;
   std::uint64_t size_;
 };
+
+/// The canonical path of a file that may not exist. It is made absolute first, because
+/// weakly_canonical does not change a relative path of which no part exists.
+std::filesystem::path canonical_path(const std::filesystem::path& file) {
+  std::error_code ignored;
+  return std::filesystem::weakly_canonical(std::filesystem::absolute(file, ignored), ignored);
+}
+
+/// Returns the permissions of a file that is to be written: those of the file that it replaces, or
+/// those of a new one.
+mode_t mode_of(const std::filesystem::path& file, Readers readers) {
+  struct stat replaced {};
+  if (::lstat(file.c_str(), &replaced) == 0 && S_ISREG(replaced.st_mode))
+    return replaced.st_mode & 0777;
+  if (readers == Readers::kOwner) return 0600;
+  const mode_t mask = ::umask(0);
+  ::umask(mask);
+  return 0666 & ~mask;
+}
+
+/// Standard output is a pipe or a socket that nobody reads any more.
+bool reader_is_gone() {
+  pollfd out{STDOUT_FILENO, POLLOUT, 0};
+  return ::poll(&out, 1, 0) > 0 && (out.revents & POLLERR) != 0;
+}
 
 }  // namespace
 
@@ -100,17 +120,6 @@ Result<void> check_writable(const std::filesystem::path& file) {
   return {};
 }
 
-namespace {
-
-/// The canonical path of a file that may not exist. It is made absolute first, because
-/// weakly_canonical does not change a relative path of which no part exists.
-std::filesystem::path canonical_path(const std::filesystem::path& file) {
-  std::error_code ignored;
-  return std::filesystem::weakly_canonical(std::filesystem::absolute(file, ignored), ignored);
-}
-
-}  // namespace
-
 Result<void> check_outputs(std::span<const OutputFile> outputs,
                            std::span<const std::filesystem::path> inputs) {
   std::error_code ignored;
@@ -136,22 +145,6 @@ std::string without_folder(const std::filesystem::path& file) {
   if (!file.is_absolute()) return file.string();
   return (file.has_filename() ? file : file.parent_path()).filename().string();
 }
-
-namespace {
-
-/// Returns the permissions of a file that is to be written: those of the file that it replaces, or
-/// those of a new one.
-mode_t mode_of(const std::filesystem::path& file, Readers readers) {
-  struct stat replaced {};
-  if (::lstat(file.c_str(), &replaced) == 0 && S_ISREG(replaced.st_mode))
-    return replaced.st_mode & 0777;
-  if (readers == Readers::kOwner) return 0600;
-  const mode_t mask = ::umask(0);
-  ::umask(mask);
-  return 0666 & ~mask;
-}
-
-}  // namespace
 
 Result<void> write_file_atomically(const std::filesystem::path& file,
                                    std::span<const std::uint8_t> bytes, Readers readers) {
@@ -186,16 +179,6 @@ Result<void> write_file_atomically(const std::filesystem::path& file, std::strin
   return write_file_atomically(
       file, std::span(reinterpret_cast<const std::uint8_t*>(text.data()), text.size()), readers);
 }
-
-namespace {
-
-/// Standard output is a pipe or a socket that nobody reads any more.
-bool reader_is_gone() {
-  pollfd out{STDOUT_FILENO, POLLOUT, 0};
-  return ::poll(&out, 1, 0) > 0 && (out.revents & POLLERR) != 0;
-}
-
-}  // namespace
 
 int finish_output(const char* program, int code) {
   const bool failed_before = std::ferror(stdout) != 0;

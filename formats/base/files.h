@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Errors of the system: their messages, and whether another try may succeed.
+// Files: errors of the system, descriptors, reading in sections, and writing at once.
 #pragma once
 
 #include <unistd.h>
@@ -41,9 +41,12 @@ inline Error refused_by_system(const std::string& what, int error) {
 class FileDescriptor {
  public:
   /// Owns `fd`. A negative `fd` is allowed, because it is the result of an open() that failed.
-  explicit FileDescriptor(int fd) : fd_(fd) {}
+  explicit FileDescriptor(int fd = -1) : fd_(fd) {}
   FileDescriptor(FileDescriptor&& other) noexcept : fd_(std::exchange(other.fd_, -1)) {}
-  FileDescriptor& operator=(FileDescriptor&&) = delete;
+  FileDescriptor& operator=(FileDescriptor&& other) noexcept {
+    std::swap(fd_, other.fd_);
+    return *this;
+  }
   ~FileDescriptor() {
     if (fd_ >= 0) ::close(fd_);
   }

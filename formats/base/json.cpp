@@ -2,8 +2,6 @@
 #include "formats/base/json.h"
 
 #include <algorithm>
-#include <cmath>
-#include <utility>
 #include <vector>
 
 #include "formats/base/text.h"

@@ -2,9 +2,7 @@
 #include "formats/base/text.h"
 
 #include <regex.h>
-#include <algorithm>
 #include <array>
-#include <cstddef>
 #include <cstdint>
 #include <limits>
 #include <numeric>
@@ -58,26 +56,6 @@ std::size_t edit_distance(std::string_view a, std::string_view b) {
   return row.back();
 }
 
-}  // namespace
-
-std::string nearest_name(std::string_view name, const std::vector<std::string>& candidates) {
-  if (name.size() > 64) return {};
-  std::size_t best = std::max<std::size_t>(1, name.size() / 3) + 1;
-  std::string found;
-  for (const std::string& candidate : candidates) {
-    const std::size_t distance = edit_distance(name, candidate);
-    if (distance < best) best = distance, found = candidate;
-  }
-  return found;
-}
-
-std::string did_you_mean(std::string_view name, const std::vector<std::string>& candidates) {
-  const std::string near = nearest_name(name, candidates);
-  return near.empty() ? "" : ", did you mean " + near + "?";
-}
-
-namespace {
-
 std::string hex(std::uint32_t value, const char* format) {
   char out[16];
   std::snprintf(out, sizeof out, format, value);
@@ -118,7 +96,32 @@ std::string shown(std::string_view text, bool keep_lines) {
   return out;
 }
 
+std::string formatted(std::time_t time, const char* format) {
+  std::tm parts{};
+  std::array<char, 32> text{};
+  if (::gmtime_r(&time, &parts) == nullptr ||
+      std::strftime(text.data(), text.size(), format, &parts) == 0)
+    return formatted(0, format);
+  return text.data();
+}
+
 }  // namespace
+
+std::string nearest_name(std::string_view name, const std::vector<std::string>& candidates) {
+  if (name.size() > 64) return {};
+  std::size_t best = std::max<std::size_t>(1, name.size() / 3) + 1;
+  std::string found;
+  for (const std::string& candidate : candidates) {
+    const std::size_t distance = edit_distance(name, candidate);
+    if (distance < best) best = distance, found = candidate;
+  }
+  return found;
+}
+
+std::string did_you_mean(std::string_view name, const std::vector<std::string>& candidates) {
+  const std::string near = nearest_name(name, candidates);
+  return near.empty() ? "" : ", did you mean " + near + "?";
+}
 
 std::optional<char32_t> next_code_point(std::string_view text, std::size_t& at) {
   const auto byte = [&text](std::size_t i) { return static_cast<unsigned char>(text[i]); };
@@ -162,19 +165,6 @@ std::string terminal_text(std::string_view text) {
 std::string terminal_lines(std::string_view text) {
   return shown(text, true);
 }
-
-namespace {
-
-std::string formatted(std::time_t time, const char* format) {
-  std::tm parts{};
-  std::array<char, 32> text{};
-  if (::gmtime_r(&time, &parts) == nullptr ||
-      std::strftime(text.data(), text.size(), format, &parts) == 0)
-    return formatted(0, format);
-  return text.data();
-}
-
-}  // namespace
 
 std::string utc_text(std::time_t time) {
   return formatted(time, "%Y-%m-%dT%H:%M:%SZ");

@@ -182,34 +182,6 @@ void put_in(SheetMesh& mesh, const Patch& patch, StitchSpace& space, SheetEdit& 
   }
 }
 
-}  // namespace
-
-void StitchSpace::allocate(std::size_t max_triangles, std::size_t max_points) {
-  const std::size_t max_corners = 6 * max_triangles, max_created = 2 * (max_points + 4);
-  reserve_touched(corners, max_corners);
-  reserve_touched(runs, 3 * max_triangles);
-  run_at.allocate(max_corners);
-  reserve_touched(parent, 3 * max_triangles + 3 * max_created);
-  reserve_touched(vertex, 3 * max_triangles + 3 * max_created);
-  taken.allocate(3 * max_triangles);
-  reserve_touched(fresh, 3 * max_created);
-  reserve_touched(created, max_created);
-  reserve_touched(shared_edges, 3 * max_created);
-}
-
-StageOutcome stitch(SheetMesh& mesh, const Cavity& cavity, const Overlay& overlay,
-                    const Patch& patch, StitchSpace& space, SheetEdit& edit) noexcept {
-  if (!list_runs(mesh, cavity, space) || !group_corners(mesh, overlay, patch, space) ||
-      !plan_vertices(mesh, cavity, overlay, patch, space))
-    return StageOutcome::kCapacity;
-  release(mesh, cavity, space, edit);
-  number_vertices(mesh, space, edit);
-  put_in(mesh, patch, space, edit);
-  return StageOutcome::kDone;
-}
-
-namespace {
-
 bool is_tool(Outline tool) {
   const std::size_t n = tool.size();
   if (n < 3 || n > kMaxToolCorners) return false;
@@ -259,6 +231,30 @@ CutReport failure(StageOutcome stage, const char* bug) noexcept {
 }
 
 }  // namespace
+
+void StitchSpace::allocate(std::size_t max_triangles, std::size_t max_points) {
+  const std::size_t max_corners = 6 * max_triangles, max_created = 2 * (max_points + 4);
+  reserve_touched(corners, max_corners);
+  reserve_touched(runs, 3 * max_triangles);
+  run_at.allocate(max_corners);
+  reserve_touched(parent, 3 * max_triangles + 3 * max_created);
+  reserve_touched(vertex, 3 * max_triangles + 3 * max_created);
+  taken.allocate(3 * max_triangles);
+  reserve_touched(fresh, 3 * max_created);
+  reserve_touched(created, max_created);
+  reserve_touched(shared_edges, 3 * max_created);
+}
+
+StageOutcome stitch(SheetMesh& mesh, const Cavity& cavity, const Overlay& overlay,
+                    const Patch& patch, StitchSpace& space, SheetEdit& edit) noexcept {
+  if (!list_runs(mesh, cavity, space) || !group_corners(mesh, overlay, patch, space) ||
+      !plan_vertices(mesh, cavity, overlay, patch, space))
+    return StageOutcome::kCapacity;
+  release(mesh, cavity, space, edit);
+  number_vertices(mesh, space, edit);
+  put_in(mesh, patch, space, edit);
+  return StageOutcome::kDone;
+}
 
 std::string_view to_string(CutOutcome outcome) noexcept {
   switch (outcome) {

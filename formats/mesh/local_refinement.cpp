@@ -2,14 +2,12 @@
 #include "formats/mesh/local_refinement.h"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <limits>
 #include <numbers>
 #include <optional>
 
 #include "formats/mesh/predicates.h"
-#include "formats/mesh/steiner_points.h"
 
 namespace trocar {
 
@@ -52,6 +50,46 @@ constexpr std::uint8_t kLeft = kAtOutline | kAtLattice | kSizeLeft;
 constexpr std::array<double, 3> kDistanceFactors{0.95, 0.66, 0.4};
 constexpr std::array<std::array<double, 2>, 5> kDirections{
     {{0, 1}, {-0.5, 0.8660254}, {0.5, 0.8660254}, {-0.8660254, 0.5}, {0.8660254, 0.5}}};
+
+bool circumcircle_contains(const SheetMesh& mesh, std::uint32_t t, LatticePoint p) noexcept {
+  const auto [a, b, c] = corners(mesh, t);
+  return in_circle(a, b, c, p) > 0;
+}
+
+bool is_acute(LatticePoint corner, LatticePoint next, LatticePoint previous) noexcept {
+  if (orient2d(corner, next, previous) <= 0) return false;
+  const double dot = static_cast<double>(diametral_dot(next, previous, corner));
+  const double lengths2 = static_cast<double>(distance2(corner, next)) *
+                          static_cast<double>(distance2(corner, previous));
+  return dot > 0 && dot * dot > kAcuteCorner_cos * kAcuteCorner_cos * lengths2;
+}
+
+std::uint32_t edge_towards(const SheetMesh& mesh, std::uint32_t t, std::uint32_t from) noexcept {
+  return mesh.across[t][0] == from ? 0 : mesh.across[t][1] == from ? 1 : 2;
+}
+
+// Returns the start of the boundary edge that ends where e starts. It is found by turning
+// around that vertex.
+std::uint32_t previous_on_boundary(const SheetMesh& mesh, TriangleEdge e) noexcept {
+  std::uint32_t t = e.triangle, back = previous_corner(e.edge);  // the edge that ends there
+  while (mesh.across[t][back] != kNoSlot) {
+    const std::uint32_t next = mesh.across[t][back];
+    back = previous_corner(edge_towards(mesh, next, t));
+    t = next;
+  }
+  return mesh.triangles[t][back];
+}
+
+// Returns the end of the boundary edge that starts where e ends.
+std::uint32_t next_on_boundary(const SheetMesh& mesh, TriangleEdge e) noexcept {
+  std::uint32_t t = e.triangle, on = next_corner(e.edge);
+  while (mesh.across[t][on] != kNoSlot) {
+    const std::uint32_t next = mesh.across[t][on];
+    on = next_corner(edge_towards(mesh, next, t));
+    t = next;
+  }
+  return mesh.triangles[t][next_corner(on)];
+}
 
 }  // namespace
 
@@ -472,15 +510,6 @@ LocalRefinementResult refine_locally(SheetMesh& mesh, SheetEdit& edit,
   return LocalRefiner(mesh, edit, options, workspace).run(seeds);
 }
 
-namespace {
-
-bool circumcircle_contains(const SheetMesh& mesh, std::uint32_t t, LatticePoint p) noexcept {
-  const auto [a, b, c] = corners(mesh, t);
-  return in_circle(a, b, c, p) > 0;
-}
-
-}  // namespace
-
 PointInsertion::PointInsertion(std::size_t vertex_slots, std::size_t triangle_slots)
     : visited_(triangle_slots, 0), starting_(vertex_slots, kNoSlot) {
   cavity_.reserve(kMaxCavity);
@@ -562,45 +591,6 @@ InsertionOutcome PointInsertion::insert(SheetMesh& mesh, SheetEdit& edit, Lattic
   }
   return InsertionOutcome::kDone;
 }
-
-namespace {
-
-bool is_acute(LatticePoint corner, LatticePoint next, LatticePoint previous) noexcept {
-  if (orient2d(corner, next, previous) <= 0) return false;
-  const double dot = static_cast<double>(diametral_dot(next, previous, corner));
-  const double lengths2 = static_cast<double>(distance2(corner, next)) *
-                          static_cast<double>(distance2(corner, previous));
-  return dot > 0 && dot * dot > kAcuteCorner_cos * kAcuteCorner_cos * lengths2;
-}
-
-std::uint32_t edge_towards(const SheetMesh& mesh, std::uint32_t t, std::uint32_t from) noexcept {
-  return mesh.across[t][0] == from ? 0 : mesh.across[t][1] == from ? 1 : 2;
-}
-
-// Returns the start of the boundary edge that ends where e starts. It is found by turning
-// around that vertex.
-std::uint32_t previous_on_boundary(const SheetMesh& mesh, TriangleEdge e) noexcept {
-  std::uint32_t t = e.triangle, back = previous_corner(e.edge);  // the edge that ends there
-  while (mesh.across[t][back] != kNoSlot) {
-    const std::uint32_t next = mesh.across[t][back];
-    back = previous_corner(edge_towards(mesh, next, t));
-    t = next;
-  }
-  return mesh.triangles[t][back];
-}
-
-// Returns the end of the boundary edge that starts where e ends.
-std::uint32_t next_on_boundary(const SheetMesh& mesh, TriangleEdge e) noexcept {
-  std::uint32_t t = e.triangle, on = next_corner(e.edge);
-  while (mesh.across[t][on] != kNoSlot) {
-    const std::uint32_t next = mesh.across[t][on];
-    on = next_corner(edge_towards(mesh, next, t));
-    t = next;
-  }
-  return mesh.triangles[t][next_corner(on)];
-}
-
-}  // namespace
 
 SplitAim aim_split(const SheetMesh& mesh, TriangleEdge e, int parts) noexcept {
   const LatticePoint a = mesh.vertices[mesh.triangles[e.triangle][e.edge]];

@@ -2,8 +2,6 @@
 #include "formats/mesh/mesh_validity.h"
 
 #include <algorithm>
-#include <cstdint>
-#include <utility>
 #include <vector>
 
 #include "formats/mesh/edge_table.h"

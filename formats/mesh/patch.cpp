@@ -92,33 +92,6 @@ void collect(const Overlay& overlay, Patch& patch) noexcept {
   }
 }
 
-}  // namespace
-
-void Patch::allocate(std::size_t max_points) {
-  triangulation.allocate(max_points);
-  const std::size_t cells = 2 * (max_points + 4);
-  reserve_touched(triangles, cells);
-  reserve_touched(across, cells);
-  reserve_touched(kept, cells);
-  reserve_touched(absorb, 3 * cells);
-  reserve_touched(windings, cells);
-  reserve_touched(region, cells);
-  reserve_touched(number, cells);
-  reserve_touched(pending, cells);
-}
-
-StageOutcome make_patch(const Overlay& overlay, Patch& patch) noexcept {
-  if (const StageOutcome stage = triangulate(overlay, patch.triangulation);
-      stage != StageOutcome::kDone)
-    return stage;
-  find_regions(overlay, patch);
-  patch.triangulation.restore_delaunay(patch.region);
-  collect(overlay, patch);
-  return patch.absorb.empty() ? StageOutcome::kDone : StageOutcome::kAgain;
-}
-
-namespace {
-
 // Returns true if p comes before q when turning clockwise around v from the direction of u. Neither
 // may lie in the direction of u.
 bool sooner_clockwise(LatticePoint v, LatticePoint u, LatticePoint p, LatticePoint q) {
@@ -269,36 +242,6 @@ void write_sorted(const std::vector<LatticePoint>& points, HoleOutline& hole) no
   }
 }
 
-}  // namespace
-
-void HoleOutline::allocate(std::size_t max_points, std::size_t max_edges) {
-  reserve_touched(points, max_edges);
-  reserve_touched(ring_end, max_edges);
-  reserve_touched(edges, max_edges);
-  edge_at.allocate(max_edges);
-  reserve_touched(out, max_edges);
-  reserve_touched(first_out, max_points);
-  reserve_touched(path_index, max_points);
-  reserve_touched(starts, max_points);
-  reserve_touched(path, max_points);
-  reserve_touched(stops, max_points);
-  reserve_touched(unsorted, max_edges);
-  reserve_touched(unsorted_rings, max_edges);
-}
-
-StageOutcome outline_hole(const Cavity& cavity, const Overlay& overlay, const Patch& patch,
-                          HoleOutline& hole) noexcept {
-  hole.points.clear();
-  hole.ring_end.clear();
-  if (!collect_edges(cavity, overlay, patch, hole)) return StageOutcome::kCapacity;
-  if (!list_by_point(overlay.points, hole)) return StageOutcome::kCapacity;
-  if (!walk(overlay.points, hole)) return StageOutcome::kBug;
-  write_sorted(overlay.points, hole);
-  return StageOutcome::kDone;
-}
-
-namespace {
-
 using Segment = ProofSpace::Segment;
 
 // Proves statement 2 if the triangle beyond edge i is a new one. `apex` receives the apex
@@ -442,6 +385,55 @@ std::int64_t doubled_area(const HoleOutline& hole) {
 }
 
 }  // namespace
+
+void Patch::allocate(std::size_t max_points) {
+  triangulation.allocate(max_points);
+  const std::size_t cells = 2 * (max_points + 4);
+  reserve_touched(triangles, cells);
+  reserve_touched(across, cells);
+  reserve_touched(kept, cells);
+  reserve_touched(absorb, 3 * cells);
+  reserve_touched(windings, cells);
+  reserve_touched(region, cells);
+  reserve_touched(number, cells);
+  reserve_touched(pending, cells);
+}
+
+StageOutcome make_patch(const Overlay& overlay, Patch& patch) noexcept {
+  if (const StageOutcome stage = triangulate(overlay, patch.triangulation);
+      stage != StageOutcome::kDone)
+    return stage;
+  find_regions(overlay, patch);
+  patch.triangulation.restore_delaunay(patch.region);
+  collect(overlay, patch);
+  return patch.absorb.empty() ? StageOutcome::kDone : StageOutcome::kAgain;
+}
+
+void HoleOutline::allocate(std::size_t max_points, std::size_t max_edges) {
+  reserve_touched(points, max_edges);
+  reserve_touched(ring_end, max_edges);
+  reserve_touched(edges, max_edges);
+  edge_at.allocate(max_edges);
+  reserve_touched(out, max_edges);
+  reserve_touched(first_out, max_points);
+  reserve_touched(path_index, max_points);
+  reserve_touched(starts, max_points);
+  reserve_touched(path, max_points);
+  reserve_touched(stops, max_points);
+  reserve_touched(unsorted, max_edges);
+  reserve_touched(unsorted_rings, max_edges);
+}
+
+StageOutcome outline_hole(const Cavity& cavity, const Overlay& overlay, const Patch& patch,
+                          HoleOutline& hole) noexcept {
+  hole.points.clear();
+  hole.ring_end.clear();
+  if (!collect_edges(cavity, overlay, patch, hole)) return StageOutcome::kCapacity;
+  if (!list_by_point(overlay.points, hole)) return StageOutcome::kCapacity;
+  if (!walk(overlay.points, hole)) return StageOutcome::kBug;
+  write_sorted(overlay.points, hole);
+  return StageOutcome::kDone;
+}
 
 void ProofSpace::allocate(std::size_t max_edges) {
   reserve_touched(fresh, max_edges);

@@ -1,19 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "formats/mesh/refinement_outline.h"
 
-#include <algorithm>
-#include <cmath>
-#include <cstdlib>
-#include <limits>
 #include <numbers>
-#include <utility>
-#include <vector>
 
 #include "formats/mesh/edge_table.h"
 #include "formats/mesh/lattice.h"
-#include "formats/mesh/predicates.h"
-#include "formats/mesh/segment_grid.h"
-#include "formats/mesh/steiner_points.h"
 
 namespace trocar {
 namespace {
@@ -53,6 +44,20 @@ double distance2_to(LatticePoint a, LatticePoint b, LatticePoint p) {
 bool are_near(LatticePoint a, LatticePoint b, LatticePoint c, LatticePoint d) {
   return std::min({distance2_to(a, b, c), distance2_to(a, b, d), distance2_to(c, d, a),
                    distance2_to(c, d, b)}) <= double{kNearby_steps} * kNearby_steps;
+}
+
+// Finds the next vertex on the boundary, which has the material on its left, for each vertex. The
+// mesh is a manifold (a pinch is two vertices), so there is at most one.
+std::vector<std::uint32_t> next_on_boundary(const SliceMesh& mesh) {
+  std::vector<std::uint32_t> next(mesh.vertices.size());
+  edge_table(mesh).for_each_pair([&](std::uint32_t low, std::uint32_t high, const auto& edges) {
+    if (edges.size() == 1) {
+      const std::uint32_t edge = edges[0].edge, from = mesh.triangles[edge / 3][edge % 3];
+      next[from] = from == low ? high : low;
+    }
+    return true;
+  });
+  return next;
 }
 
 }  // namespace
@@ -209,24 +214,6 @@ bool may_split_either_way(const RefinementMesh& mesh, EdgeId edge, LatticePoint 
   if (orient2d(a, b, p) >= 0) return may_split(a, b, mesh.points[mesh.apex(edge)], p);
   return encroaches(a, b, p) && mesh.circumcircle_contains(triangle_of(edge), p);
 }
-
-namespace {
-
-// Finds the next vertex on the boundary, which has the material on its left, for each vertex. The
-// mesh is a manifold (a pinch is two vertices), so there is at most one.
-std::vector<std::uint32_t> next_on_boundary(const SliceMesh& mesh) {
-  std::vector<std::uint32_t> next(mesh.vertices.size());
-  edge_table(mesh).for_each_pair([&](std::uint32_t low, std::uint32_t high, const auto& edges) {
-    if (edges.size() == 1) {
-      const std::uint32_t edge = edges[0].edge, from = mesh.triangles[edge / 3][edge % 3];
-      next[from] = from == low ? high : low;
-    }
-    return true;
-  });
-  return next;
-}
-
-}  // namespace
 
 Pslg refined_rings(const Refined& refined, const Pslg& outline) {
   const std::vector<LatticePoint>& points = refined.mesh.vertices;

@@ -4,7 +4,6 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <cstdint>
 #include <limits>
 #include <numbers>
 #include <numeric>
@@ -26,6 +25,103 @@ std::vector<std::uint32_t> components_of(const SliceMesh& mesh) {
   std::vector<std::uint32_t> out(components.size());
   for (std::uint32_t v = 0; v < out.size(); ++v)
     out[v] = components.root(v);
+  return out;
+}
+
+// One triangulation of all regions. Each region has its own vertices, as each side of a pinch has.
+Triangulation joined(std::span<const Triangulation> regions) {
+  Triangulation out;
+  for (const Triangulation& region : regions) {
+    const auto vertices = static_cast<std::uint32_t>(out.mesh.vertices.size());
+    const auto triangles = static_cast<std::uint32_t>(out.mesh.triangles.size());
+    out.mesh.vertices.insert(out.mesh.vertices.end(), region.mesh.vertices.begin(),
+                             region.mesh.vertices.end());
+    for (const Triangle& t : region.mesh.triangles)
+      out.mesh.triangles.push_back({t[0] + vertices, t[1] + vertices, t[2] + vertices});
+    for (std::array<EdgeId, 3> beyond : region.beyond) {
+      for (EdgeId& e : beyond) {
+        if (e != kNoEdge) e = edge_id(triangle_of(e) + triangles, index_of(e));
+      }
+      out.beyond.push_back(beyond);
+    }
+  }
+  return out;
+}
+
+// The region of each vertex of the refined mesh. A region consists of one or more connected
+// components of the mesh.
+std::vector<std::uint32_t> regions_of_vertices(const Refined& refined,
+                                               std::span<const Triangulation> regions) {
+  // The smallest vertex of a component is its root, which is a vertex of the input.
+  DisjointSets components(refined.mesh.vertices.size());
+  for (const Triangle& t : refined.mesh.triangles) {
+    components.join(t[0], t[1]);
+    components.join(t[0], t[2]);
+  }
+  std::vector<std::uint32_t> out;
+  out.reserve(components.size());
+  for (std::uint32_t k = 0; k < regions.size(); ++k)
+    out.insert(out.end(), regions[k].mesh.vertices.size(), k);
+  for (auto v = static_cast<std::uint32_t>(out.size()); v < components.size(); ++v)
+    out.push_back(out[components.root(v)]);
+  return out;
+}
+
+std::vector<Refined> separated(const Refined& all, std::span<const Triangulation> regions) {
+  const std::vector<std::uint32_t> region = regions_of_vertices(all, regions);
+  std::vector<Refined> out(regions.size());
+  for (Refined& r : out) {
+    r.outcome = all.outcome;
+    r.angle_deg = all.angle_deg;
+    r.max_area_mm2 = all.max_area_mm2;
+    r.bad_at_lattice_step = all.bad_at_lattice_step;
+  }
+  // Segments and vertices are numbered within their region, in the same order.
+  std::vector<std::int32_t> segment;
+  std::vector<std::uint32_t> vertex;
+  for (std::size_t v = 0; v < region.size(); ++v) {
+    SliceMesh& mesh = out[region[v]].mesh;
+    vertex.push_back(static_cast<std::uint32_t>(mesh.vertices.size()));
+    mesh.vertices.push_back(all.mesh.vertices[v]);
+  }
+  for (const Refined::Segment& s : all.segments) {
+    std::vector<Refined::Segment>& segments = out[region[s.from]].segments;
+    segment.push_back(static_cast<std::int32_t>(segments.size()));
+    segments.push_back({vertex[s.from], vertex[s.to], s.previous, s.angle_at_from_deg});
+  }
+  for (Refined& r : out) {
+    for (Refined::Segment& s : r.segments)
+      s.previous = segment[static_cast<std::size_t>(s.previous)];
+  }
+  for (std::size_t v = 0; v < region.size(); ++v) {
+    const std::int32_t s = all.origins[v].segment;
+    out[region[v]].origins.push_back({s < 0 ? s : segment[static_cast<std::size_t>(s)]});
+  }
+  for (const Triangle& t : all.mesh.triangles)
+    out[region[t[0]]].mesh.triangles.push_back({vertex[t[0]], vertex[t[1]], vertex[t[2]]});
+  return out;
+}
+
+constexpr double kVerticesPerCell = 8;
+
+// The new number of each vertex.
+std::vector<std::uint32_t> numbers_by_position(const std::vector<LatticePoint>& vertices) {
+  const LatticeCells cells(box_around(vertices),
+                           std::max(1.0, static_cast<double>(vertices.size()) / kVerticesPerCell));
+  const auto columns = static_cast<std::size_t>(cells.columns);
+  std::vector<std::uint32_t> out, first(cells.count() + 1, 0);
+  out.reserve(vertices.size());
+  for (const LatticePoint p : vertices) {
+    const double x = static_cast<double>(p.x) - cells.low.x,
+                 y = static_cast<double>(p.y) - cells.low.y;
+    const std::size_t at = static_cast<std::size_t>(y / cells.size) * columns +
+                           static_cast<std::size_t>(x / cells.size);
+    out.push_back(static_cast<std::uint32_t>(at));
+    ++first[at + 1];
+  }
+  std::partial_sum(first.begin(), first.end(), first.begin());
+  for (std::uint32_t& v : out)
+    v = first[v]++;
   return out;
 }
 
@@ -131,84 +227,6 @@ void list_fill_nodes(const RefinementMesh& mesh, double doubled_area, double tri
   }
 }
 
-namespace {
-
-// One triangulation of all regions. Each region has its own vertices, as each side of a pinch has.
-Triangulation joined(std::span<const Triangulation> regions) {
-  Triangulation out;
-  for (const Triangulation& region : regions) {
-    const auto vertices = static_cast<std::uint32_t>(out.mesh.vertices.size());
-    const auto triangles = static_cast<std::uint32_t>(out.mesh.triangles.size());
-    out.mesh.vertices.insert(out.mesh.vertices.end(), region.mesh.vertices.begin(),
-                             region.mesh.vertices.end());
-    for (const Triangle& t : region.mesh.triangles)
-      out.mesh.triangles.push_back({t[0] + vertices, t[1] + vertices, t[2] + vertices});
-    for (std::array<EdgeId, 3> beyond : region.beyond) {
-      for (EdgeId& e : beyond) {
-        if (e != kNoEdge) e = edge_id(triangle_of(e) + triangles, index_of(e));
-      }
-      out.beyond.push_back(beyond);
-    }
-  }
-  return out;
-}
-
-// The region of each vertex of the refined mesh. A region consists of one or more connected
-// components of the mesh.
-std::vector<std::uint32_t> regions_of_vertices(const Refined& refined,
-                                               std::span<const Triangulation> regions) {
-  // The smallest vertex of a component is its root, which is a vertex of the input.
-  DisjointSets components(refined.mesh.vertices.size());
-  for (const Triangle& t : refined.mesh.triangles) {
-    components.join(t[0], t[1]);
-    components.join(t[0], t[2]);
-  }
-  std::vector<std::uint32_t> out;
-  out.reserve(components.size());
-  for (std::uint32_t k = 0; k < regions.size(); ++k)
-    out.insert(out.end(), regions[k].mesh.vertices.size(), k);
-  for (auto v = static_cast<std::uint32_t>(out.size()); v < components.size(); ++v)
-    out.push_back(out[components.root(v)]);
-  return out;
-}
-
-std::vector<Refined> separated(const Refined& all, std::span<const Triangulation> regions) {
-  const std::vector<std::uint32_t> region = regions_of_vertices(all, regions);
-  std::vector<Refined> out(regions.size());
-  for (Refined& r : out) {
-    r.outcome = all.outcome;
-    r.angle_deg = all.angle_deg;
-    r.max_area_mm2 = all.max_area_mm2;
-    r.bad_at_lattice_step = all.bad_at_lattice_step;
-  }
-  // Segments and vertices are numbered within their region, in the same order.
-  std::vector<std::int32_t> segment;
-  std::vector<std::uint32_t> vertex;
-  for (std::size_t v = 0; v < region.size(); ++v) {
-    SliceMesh& mesh = out[region[v]].mesh;
-    vertex.push_back(static_cast<std::uint32_t>(mesh.vertices.size()));
-    mesh.vertices.push_back(all.mesh.vertices[v]);
-  }
-  for (const Refined::Segment& s : all.segments) {
-    std::vector<Refined::Segment>& segments = out[region[s.from]].segments;
-    segment.push_back(static_cast<std::int32_t>(segments.size()));
-    segments.push_back({vertex[s.from], vertex[s.to], s.previous, s.angle_at_from_deg});
-  }
-  for (Refined& r : out) {
-    for (Refined::Segment& s : r.segments)
-      s.previous = segment[static_cast<std::size_t>(s.previous)];
-  }
-  for (std::size_t v = 0; v < region.size(); ++v) {
-    const std::int32_t s = all.origins[v].segment;
-    out[region[v]].origins.push_back({s < 0 ? s : segment[static_cast<std::size_t>(s)]});
-  }
-  for (const Triangle& t : all.mesh.triangles)
-    out[region[t[0]]].mesh.triangles.push_back({vertex[t[0]], vertex[t[1]], vertex[t[2]]});
-  return out;
-}
-
-}  // namespace
-
 Result<std::vector<Triangulation>> triangulate_regions(std::span<const Pslg> regions) {
   std::vector<Triangulation> out;
   for (const Pslg& region : regions) {
@@ -230,33 +248,6 @@ std::vector<Refined> refine_regions(std::span<const Triangulation> regions, cons
   }
   return separated(refine(joined(regions), lattice, together), regions);
 }
-
-namespace {
-
-constexpr double kVerticesPerCell = 8;
-
-// The new number of each vertex.
-std::vector<std::uint32_t> numbers_by_position(const std::vector<LatticePoint>& vertices) {
-  const LatticeCells cells(box_around(vertices),
-                           std::max(1.0, static_cast<double>(vertices.size()) / kVerticesPerCell));
-  const auto columns = static_cast<std::size_t>(cells.columns);
-  std::vector<std::uint32_t> out, first(cells.count() + 1, 0);
-  out.reserve(vertices.size());
-  for (const LatticePoint p : vertices) {
-    const double x = static_cast<double>(p.x) - cells.low.x,
-                 y = static_cast<double>(p.y) - cells.low.y;
-    const std::size_t at = static_cast<std::size_t>(y / cells.size) * columns +
-                           static_cast<std::size_t>(x / cells.size);
-    out.push_back(static_cast<std::uint32_t>(at));
-    ++first[at + 1];
-  }
-  std::partial_sum(first.begin(), first.end(), first.begin());
-  for (std::uint32_t& v : out)
-    v = first[v]++;
-  return out;
-}
-
-}  // namespace
 
 void sort_by_position(Refined& refined) {
   if (refined.mesh.vertices.empty()) return;

@@ -1,10 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "formats/mesh/segment_grid.h"
 
-#include <cmath>
-
-#include "formats/mesh/lattice.h"
-
 namespace trocar {
 
 SegmentGrid::SegmentGrid(std::span<const LatticeSegment> segments, std::int32_t max_distance)

@@ -2,10 +2,8 @@
 #include "formats/mesh/shared_borders.h"
 
 #include <algorithm>
-#include <cstdint>
 #include <string>
 #include <utility>
-#include <vector>
 
 #include "formats/base/disjoint_sets.h"
 #include "formats/mesh/mesh_validity.h"
@@ -93,6 +91,35 @@ Result<Pslg> rings_of(std::vector<BorderEdge> edges) {
   return out;
 }
 
+constexpr std::uint32_t kNotNumbered = 0xffffffff;
+
+// A boundary edge; the regions' vertices are numbered consecutively.
+struct RegionEdge {
+  LatticePoint from, to;
+  std::uint32_t first, second;
+  std::size_t region;
+  std::pair<LatticePoint, LatticePoint> ends() const { return {from, to}; }
+};
+
+Result<void> add_boundary(const SliceMesh& mesh, std::size_t region, std::uint32_t first,
+                          std::vector<RegionEdge>& out) {
+  using Pair = std::pair<std::uint32_t, std::uint32_t>;
+  std::vector<Pair> edges;
+  edges.reserve(3 * mesh.triangles.size());
+  for (const Triangle& t : mesh.triangles) {
+    for (std::size_t i = 0; i < 3; ++i) {
+      if (t[i] >= mesh.vertices.size()) return refused("a triangle has a vertex that is not there");
+      edges.emplace_back(t[i], t[(i + 1) % 3]);
+    }
+  }
+  std::sort(edges.begin(), edges.end());
+  for (const auto& [a, b] : edges) {
+    if (!std::binary_search(edges.begin(), edges.end(), Pair{b, a}))
+      out.push_back({mesh.vertices[a], mesh.vertices[b], first + a, first + b, region});
+  }
+  return {};
+}
+
 }  // namespace
 
 Result<Pslg> check_shared_borders(std::span<const Pslg> regions, std::span<const Pslg> stored) {
@@ -146,39 +173,6 @@ Result<Pslg> check_shared_borders(std::span<const Pslg> regions, std::span<const
                    std::to_string(excess) + " half squared steps");
   return outline;
 }
-
-namespace {
-
-constexpr std::uint32_t kNotNumbered = 0xffffffff;
-
-// A boundary edge; the regions' vertices are numbered consecutively.
-struct RegionEdge {
-  LatticePoint from, to;
-  std::uint32_t first, second;
-  std::size_t region;
-  std::pair<LatticePoint, LatticePoint> ends() const { return {from, to}; }
-};
-
-Result<void> add_boundary(const SliceMesh& mesh, std::size_t region, std::uint32_t first,
-                          std::vector<RegionEdge>& out) {
-  using Pair = std::pair<std::uint32_t, std::uint32_t>;
-  std::vector<Pair> edges;
-  edges.reserve(3 * mesh.triangles.size());
-  for (const Triangle& t : mesh.triangles) {
-    for (std::size_t i = 0; i < 3; ++i) {
-      if (t[i] >= mesh.vertices.size()) return refused("a triangle has a vertex that is not there");
-      edges.emplace_back(t[i], t[(i + 1) % 3]);
-    }
-  }
-  std::sort(edges.begin(), edges.end());
-  for (const auto& [a, b] : edges) {
-    if (!std::binary_search(edges.begin(), edges.end(), Pair{b, a}))
-      out.push_back({mesh.vertices[a], mesh.vertices[b], first + a, first + b, region});
-  }
-  return {};
-}
-
-}  // namespace
 
 Result<WeldedRegions> weld_regions(std::span<const SliceMesh* const> regions) {
   std::vector<RegionEdge> edges;

@@ -5,7 +5,6 @@
 #include <iterator>
 #include <numeric>
 #include <string>
-#include <vector>
 
 namespace trocar {
 namespace {
@@ -72,6 +71,18 @@ Result<std::vector<std::array<std::uint32_t, 3>>> checked_neighbours(const Slice
   return across;
 }
 
+void undo_pops(std::size_t untouched, const std::vector<std::uint32_t>& popped,
+               std::vector<std::uint32_t>& stack) noexcept {
+  stack.resize(untouched);
+  stack.insert(stack.end(), popped.rbegin(), popped.rend());
+}
+
+void copy_stack(std::size_t untouched, const std::vector<std::uint32_t>& from,
+                std::vector<std::uint32_t>& to) noexcept {
+  to.resize(untouched);
+  to.insert(to.end(), from.begin() + static_cast<std::ptrdiff_t>(untouched), from.end());
+}
+
 }  // namespace
 
 void SheetMesh::add_slots(std::size_t more_vertices, std::size_t more_triangles) {
@@ -125,22 +136,6 @@ SliceMesh to_slice_mesh(const SheetMesh& mesh) {
   }
   return out;
 }
-
-namespace {
-
-void undo_pops(std::size_t untouched, const std::vector<std::uint32_t>& popped,
-               std::vector<std::uint32_t>& stack) noexcept {
-  stack.resize(untouched);
-  stack.insert(stack.end(), popped.rbegin(), popped.rend());
-}
-
-void copy_stack(std::size_t untouched, const std::vector<std::uint32_t>& from,
-                std::vector<std::uint32_t>& to) noexcept {
-  to.resize(untouched);
-  to.insert(to.end(), from.begin() + static_cast<std::ptrdiff_t>(untouched), from.end());
-}
-
-}  // namespace
 
 std::uint32_t SheetEdit::pop(std::vector<std::uint32_t>& stack, std::size_t& untouched,
                              std::vector<std::uint32_t>& popped) noexcept {

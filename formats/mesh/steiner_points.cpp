@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "formats/mesh/steiner_points.h"
 
-#include <algorithm>
-#include <cstdint>
 #include <numeric>
 
 namespace trocar {

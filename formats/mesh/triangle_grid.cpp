@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "formats/mesh/triangle_grid.h"
 
-#include <algorithm>
 #include <array>
 #include <bit>
 #include <cmath>

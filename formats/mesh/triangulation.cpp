@@ -2,13 +2,11 @@
 #include "formats/mesh/triangulation.h"
 
 #include <algorithm>
-#include <array>
 #include <numeric>
 #include <utility>
 
 #include "formats/mesh/canonical_rotation.h"
 #include "formats/mesh/edge_table.h"
-#include "formats/mesh/predicates.h"
 
 namespace trocar {
 

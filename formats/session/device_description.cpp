@@ -1,57 +1,28 @@
 // SPDX-License-Identifier: Apache-2.0
-// The section "assumed" of a device description. It names values of the file that nobody has
-// measured, each with a reason. Include this header in .cpp files only, because a public header
-// must not include nlohmann/json.
 #include "formats/session/device_description.h"
 
 #include <nlohmann/json.hpp>
 #include <numbers>
-#include <string>
 
+#include "embedded/formats/session/four_legs.json.h"
 #include "formats/base/files.h"
 #include "formats/base/json.h"
 
 namespace trocar {
-
-/// Checks the section `assumed`. Adds an error to `errors` for each key that is not a JSON pointer
-/// to a value of `document`, and for each value that is not a text (the reason).
-void check_assumed(const nlohmann::json& assumed, const nlohmann::json& document,
-                   JsonErrors& errors);
-
-void check_assumed(const nlohmann::json& assumed, const nlohmann::json& document,
-                   JsonErrors& errors) {
-  using Json = nlohmann::json;
-  if (!assumed.is_object()) return errors.add("/assumed", "must be an object");
-  for (const auto& [pointer, reason] : assumed.items()) {
-    const std::string path =
-        "/assumed " +
-        Json(pointer.substr(0, 64)).dump(-1, ' ', true, Json::error_handler_t::replace);
-    if (!reason.is_string()) errors.add(path, "must be a string");
-    bool names_a_value = false;
-    try {
-      names_a_value = document.contains(Json::json_pointer(pointer));
-    } catch (const Json::exception&) {  // not a pointer
-    }
-    if (!names_a_value) errors.add(path, "names no value of this file");
-  }
-}
-
 namespace {
 
 using Json = nlohmann::json;
 
 constexpr std::string_view kSchema = "trocar.device/1";
+constexpr std::string_view kPoseSchema = "trocar.pose_device/1";
 constexpr std::uint64_t kMaxFileBytes = std::uint64_t{1} << 20;
+/// A smaller workspace cannot contain a tool's path.
+constexpr double kSmallestWorkspace_m = 0.01;
 constexpr std::array<const char*, kJointsPerLeg> kJointName = {"theta1", "theta2", "theta3",
                                                                "theta4", "theta5", "theta6"};
 
-// All angles are converted here, so that the built-in description equals the file's bit for bit.
 double from_deg(double deg) {
   return deg * (std::numbers::pi / 180);
-}
-
-JointLimit limit_from_deg(double min_deg, double max_deg) {
-  return {from_deg(min_deg), from_deg(max_deg)};
 }
 
 int read_branch(StrictObject& branches, const char* key) {
@@ -98,7 +69,7 @@ void read_joint_limits(StrictObject& object, DeviceDescription& device) {
     object.numbers(kJointName[j], deg, -720, 720, true);
     if (!(deg[0] < deg[1] && deg[1] - deg[0] <= 360))
       object.error(kJointName[j], "must be [min, max] with min < max <= min + 360");
-    device.joint_limit[j] = limit_from_deg(deg[0], deg[1]);
+    device.joint_limit[j] = {from_deg(deg[0]), from_deg(deg[1])};
   }
 }
 
@@ -121,92 +92,6 @@ void read_simulation(StrictObject& object, DeviceDescription& device) {
   device.maximum_substep_s = object.number("maximum_substep_s", 1e-6, 1e-2);
 }
 
-}  // namespace
-
-DeviceDescription default_device_description() {
-  DeviceDescription device;
-  device.name = "four-legged 6-DoF parallel haptic device (Kim, Suh and Yi)";
-  device.geometry = {.l1_m = 0.094,
-                     .l2_m = 0.131,
-                     .l3_m = 0.075,
-                     .l4_m = 0.075,
-                     .l5_m = 0.045,
-                     .R_T_m = 0.0627,
-                     .R_B1_m = 0.1685,
-                     .R_B2_m = 0.1188,
-                     .H_B_m = 0.0202,
-                     .z_A_m = 0.1225,
-                     .d_rad = from_deg(49.9),
-                     .branch_theta1 = 1,
-                     .branch_theta4 = 1};
-  device.motor_peak_torque_Nm = 6;
-  device.motor_continuous_torque_Nm = 3;
-  device.motor_torque_constant_Nm_per_A = 0.06;
-  device.motor_gear_ratio = 18;
-  device.upper_bevel_ratio = 1;
-  device.motor_peak_current_A = 6;
-  device.motor_continuous_current_A = 3;
-  device.motor_peak_time_s = 2;
-  device.joint_coulomb_friction_Nm = 0;
-  device.joint_limit = {limit_from_deg(190, 300), limit_from_deg(-180, 0), limit_from_deg(-60, 60),
-                        limit_from_deg(-65, 0),   limit_from_deg(-180, 0), limit_from_deg(-60, 60)};
-  device.plate_mass_kg = 0.35;
-  device.plate_inertia_kg_m2 = {4e-4, 4e-4, 7e-4};
-  device.joint_viscous_friction_Nms_per_rad = 0.005;
-  device.encoder_counts_per_revolution = 0;
-  device.gravity_m_per_s2 = 0;
-  device.minimum_substeps = 10;
-  device.maximum_substep_s = 1e-4;
-  return device;
-}
-
-Result<DeviceDescription> parse_device_description(std::string_view json_text,
-                                                   const std::string& source) {
-  const Result<Json> document = parse_strict_json(json_text, source);
-  if (!document) return document.error();
-  JsonErrors errors{.file = source, .first = std::nullopt};
-  StrictObject root(*document, "", errors);
-  DeviceDescription device;
-  if (root.string("schema") != kSchema) {
-    errors.add("/schema", "must be \"" + std::string(kSchema) + "\"");
-  }
-  device.name = root.string("name");
-  DeviceGeometry& geometry = device.geometry;
-  root.required_section("geometry", [&](StrictObject& o) { read_geometry(o, geometry); });
-  root.required_section("branches", [&](StrictObject& o) {
-    geometry.branch_theta1 = read_branch(o, "theta1");
-    geometry.branch_theta4 = read_branch(o, "theta4");
-  });
-  root.required_section("motors", [&](StrictObject& o) { read_motors(o, device); });
-  root.required_section("joint_limits_deg", [&](StrictObject& o) { read_joint_limits(o, device); });
-  root.required_section("plate", [&](StrictObject& o) { read_plate(o, device); });
-  root.required_section("simulation", [&](StrictObject& o) { read_simulation(o, device); });
-  if (const Json* assumed = root.optional_value("assumed")) {
-    check_assumed(*assumed, *document, errors);
-  } else {
-    errors.add("/assumed", "is missing");
-  }
-  root.finish();
-  if (errors.first) return *errors.first;
-  return device;
-}
-
-Result<DeviceDescription> read_device_description(const std::string& path) {
-  const auto bytes = read_file(path, kMaxFileBytes);
-  if (!bytes) return bytes.error();
-  return parse_device_description({reinterpret_cast<const char*>(bytes->data()), bytes->size()},
-                                  path);
-}
-
-namespace {
-
-using Json = nlohmann::json;
-
-constexpr std::string_view kPoseSchema = "trocar.pose_device/1";
-constexpr std::uint64_t kMaxDescriptionBytes = std::uint64_t{1} << 20;
-/// A smaller workspace cannot contain a tool's path.
-constexpr double kSmallestWorkspace_m = 0.01;
-
 void read_workspace(StrictObject& root, PoseDeviceDescription& device) {
   root.numbers("workspace_min_m", device.workspace_min_m, -10, 10, true);
   root.numbers("workspace_max_m", device.workspace_max_m, -10, 10, true);
@@ -217,45 +102,106 @@ void read_workspace(StrictObject& root, PoseDeviceDescription& device) {
   }
 }
 
-}  // namespace
+/// Checks the section `assumed`, which names values of the file that nobody has measured. Adds an error to `errors` for each key that is not a JSON pointer
+/// to a value of `document`, and for each value that is not a text (the reason).
+void check_assumed(const Json& assumed, const Json& document, JsonErrors& errors) {
+  if (!assumed.is_object()) return errors.add("/assumed", "must be an object");
+  for (const auto& [pointer, reason] : assumed.items()) {
+    const std::string path =
+        "/assumed " +
+        Json(pointer.substr(0, 64)).dump(-1, ' ', true, Json::error_handler_t::replace);
+    if (!reason.is_string()) errors.add(path, "must be a string");
+    bool names_a_value = false;
+    try {
+      names_a_value = document.contains(Json::json_pointer(pointer));
+    } catch (const Json::exception&) {  // not a pointer
+    }
+    if (!names_a_value) errors.add(path, "names no value of this file");
+  }
+}
 
-Result<PoseDeviceDescription> parse_pose_device_description(std::string_view json_text,
-                                                            const std::string& source) {
+/// Reads what both kinds have, and the rest by `read`.
+template <typename Description, typename Read>
+Result<Description> parse_description(std::string_view json_text, const std::string& source,
+                                      std::string_view schema, bool needs_assumed,
+                                      const Read& read) {
   const Result<Json> document = parse_strict_json(json_text, source);
   if (!document) return document.error();
   JsonErrors errors{.file = source, .first = std::nullopt};
   StrictObject root(*document, "", errors);
-  PoseDeviceDescription device;
-  if (root.string("schema") != kPoseSchema)
-    errors.add("/schema", "must be \"" + std::string(kPoseSchema) + "\"");
+  Description device;
+  if (root.string("schema") != schema)
+    errors.add("/schema", "must be \"" + std::string(schema) + "\"");
   device.name = root.string("name");
-  device.force_max_N = root.number("force_max_N", 0.01, 1000);
-  device.moment_max_Nm = root.number("moment_max_Nm", 0, 1000, 0);
-  device.senses_rotation = root.boolean("senses_rotation");
-  root.read("stiffness_max_N_per_m", device.stiffness_max_N_per_m, 1, 1e8);
-  device.mass_kg = root.number("mass_kg", 1e-3, 1e3);
-  root.numbers("inertia_kg_m2", device.inertia_kg_m2, 1e-8, 1e3, device.moment_max_Nm > 0);
-  root.read("damping_N_s_per_m", device.damping_N_s_per_m, 0, 1e4);
-  root.read("rotation_damping_Nm_s_per_rad", device.rotation_damping_Nm_s_per_rad, 0, 1e3);
-  root.read("position_resolution_m", device.position_resolution_m, 0, 0.01);
-  root.read("rotation_resolution_rad", device.rotation_resolution_rad, 0, 0.1);
-  read_workspace(root, device);
-  root.numbers("turn_deg", device.turn_rad, -180, 180, false);
-  for (double& angle : device.turn_rad)
-    angle *= std::numbers::pi / 180;
-  device.buttons = static_cast<int>(root.integer("buttons", 0, 32, 0));
-  if (device.moment_max_Nm > 0 && !device.senses_rotation)
-    root.error("moment_max_Nm",
-               "must be 0 for a device that does not measure the orientation of its handle");
-  if (const Json* assumed = root.optional_value("assumed"))
+  read(root, device);
+  if (const Json* assumed = root.optional_value("assumed")) {
     check_assumed(*assumed, *document, errors);
+  } else if (needs_assumed) {
+    errors.add("/assumed", "is missing");
+  }
   root.finish();
   if (errors.first) return *errors.first;
   return device;
 }
 
+}  // namespace
+
+DeviceDescription default_device_description() {
+  return *parse_device_description(kFourLegs, "built-in device");
+}
+
+Result<DeviceDescription> parse_device_description(std::string_view json_text,
+                                                   const std::string& source) {
+  const auto read = [](StrictObject& root, DeviceDescription& device) {
+    DeviceGeometry& geometry = device.geometry;
+    root.required_section("geometry", [&](StrictObject& o) { read_geometry(o, geometry); });
+    root.required_section("branches", [&](StrictObject& o) {
+      geometry.branch_theta1 = read_branch(o, "theta1");
+      geometry.branch_theta4 = read_branch(o, "theta4");
+    });
+    root.required_section("motors", [&](StrictObject& o) { read_motors(o, device); });
+    root.required_section("joint_limits_deg",
+                          [&](StrictObject& o) { read_joint_limits(o, device); });
+    root.required_section("plate", [&](StrictObject& o) { read_plate(o, device); });
+    root.required_section("simulation", [&](StrictObject& o) { read_simulation(o, device); });
+  };
+  return parse_description<DeviceDescription>(json_text, source, kSchema, true, read);
+}
+
+Result<DeviceDescription> read_device_description(const std::string& path) {
+  const auto bytes = read_file(path, kMaxFileBytes);
+  if (!bytes) return bytes.error();
+  return parse_device_description({reinterpret_cast<const char*>(bytes->data()), bytes->size()},
+                                  path);
+}
+
+Result<PoseDeviceDescription> parse_pose_device_description(std::string_view json_text,
+                                                            const std::string& source) {
+  const auto read = [](StrictObject& root, PoseDeviceDescription& device) {
+    device.force_max_N = root.number("force_max_N", 0.01, 1000);
+    device.moment_max_Nm = root.number("moment_max_Nm", 0, 1000, 0);
+    device.senses_rotation = root.boolean("senses_rotation");
+    root.read("stiffness_max_N_per_m", device.stiffness_max_N_per_m, 1, 1e8);
+    device.mass_kg = root.number("mass_kg", 1e-3, 1e3);
+    root.numbers("inertia_kg_m2", device.inertia_kg_m2, 1e-8, 1e3, device.moment_max_Nm > 0);
+    root.read("damping_N_s_per_m", device.damping_N_s_per_m, 0, 1e4);
+    root.read("rotation_damping_Nm_s_per_rad", device.rotation_damping_Nm_s_per_rad, 0, 1e3);
+    root.read("position_resolution_m", device.position_resolution_m, 0, 0.01);
+    root.read("rotation_resolution_rad", device.rotation_resolution_rad, 0, 0.1);
+    read_workspace(root, device);
+    root.numbers("turn_deg", device.turn_rad, -180, 180, false);
+    for (double& angle : device.turn_rad)
+      angle = from_deg(angle);
+    device.buttons = static_cast<int>(root.integer("buttons", 0, 32, 0));
+    if (device.moment_max_Nm > 0 && !device.senses_rotation)
+      root.error("moment_max_Nm",
+                 "must be 0 for a device that does not measure the orientation of its handle");
+  };
+  return parse_description<PoseDeviceDescription>(json_text, source, kPoseSchema, false, read);
+}
+
 Result<AnyDeviceDescription> read_any_device_description(const std::string& path) {
-  const auto bytes = read_file(path, kMaxDescriptionBytes);
+  const auto bytes = read_file(path, kMaxFileBytes);
   if (!bytes) return bytes.error();
   const std::string_view text(reinterpret_cast<const char*>(bytes->data()), bytes->size());
   const Result<Json> document = parse_strict_json(text, path);

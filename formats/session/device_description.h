@@ -82,13 +82,13 @@ struct DeviceDescription {
   friend bool operator==(const DeviceDescription&, const DeviceDescription&) = default;
 };
 
-/// The device of the paper. It is equal to runtime/device/four_legs.json.
+/// The device of the paper (formats/session/four_legs.json).
 DeviceDescription default_device_description();
 
 /// Reads a description from JSON text. `source` is the text's name in error messages, for example
 /// the file name. Errors: kRefused if the text is not JSON, if a key is unknown, repeated or
 /// missing, if a type is wrong, if a number is outside the schema's range, or if the section
-/// "assumed" (assumed_values.h) names a value that the document does not have.
+/// "assumed" names a value that the document does not have.
 Result<DeviceDescription> parse_device_description(std::string_view json_text,
                                                    const std::string& source);
 

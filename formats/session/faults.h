@@ -1,7 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Which stops are held, from the rows of a session in order. There are four: the device's own
-// emergency stop, and the operator's commands emergency stop, pause and zero forces. The loop and
-// the readers of recordings share this rule, so they count the same presses.
+// Faults: which stops are held, where faults begin, what a check measured, and their words.
 #pragma once
 
 #include <cstdint>
@@ -16,6 +14,9 @@ constexpr bool is_stop(Fault fault) noexcept {
   return fault == Fault::kEmergencyStop || fault == Fault::kPaused || fault == Fault::kForcesOff;
 }
 
+/// Which stops are held, from the rows of a session in order. There are four: the device's own
+/// emergency stop, and the operator's commands emergency stop, pause and zero forces. The loop and
+/// the readers of recordings share this rule, so they count the same presses.
 class HeldStops {
  public:
   /// Takes a tick's inputs: the status of its read, and RecordingRow::outside_fault. A read without
@@ -76,7 +77,7 @@ class FaultStarts {
 // advice of every fault. Another table has every quantity that a check can measure. A fault or
 // quantity that is missing in its table is a compile error.
 
-/// The quantity that a check measured; fault_words.cpp has its words and unit.
+/// The quantity that a check measured; faults.cpp has its words and unit.
 /// The comments give the unit and, if FaultDetail::index is used, the thing that it numbers.
 enum class FaultQuantity : std::uint8_t {
   kNone,                 ///< nothing was measured: a device reported the fault, or a solver failed

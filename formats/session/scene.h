@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The names of the force laws in scenes and on the command line, and the traits of each law that a
-// program needs to read a scene. The laws themselves are in runtime/force_law.
+// The scene of a session, and the names and traits of the force laws that a program needs to read
+// it. The laws themselves are in runtime/haptics.
 #pragma once
 
 #include <array>

@@ -16,21 +16,200 @@
 #include "formats/base/files.h"
 
 namespace trocar {
-namespace telemetry_layout {
+namespace {
 
+// The layout of shared-memory telemetry (telemetry.md), used by writer and reader. The memory
+// consists of 64-bit words.
+
+using Word = std::atomic<std::uint64_t>;
+static_assert(sizeof(Word) == 8 && Word::is_always_lock_free);
+static_assert(std::endian::native == std::endian::little);
+
+/// Word numbers in the header.
+enum Header : std::size_t {
+  kMagic,
+  kVersion,
+  kBytes,
+  kAboutOffset,
+  kAboutBytes,
+  kSnapshotOffset,
+  kColumns,
+  kShapeOffset,
+  kShapeWords,
+  kDirectoryOffset,
+  kSheets,
+  kEventsOffset,
+  kEventSlots,
+  kCommandsOffset,
+  kHandOffset,
+  kHandSize,
+  kHeaderWords = 16
+};
+constexpr std::uint64_t kMagicWord =
+    std::bit_cast<std::uint64_t>(std::array<char, 8>{'T', 'R', 'C', 'R', 'L', 'I', 'V', 'E'});
+
+/// Word numbers in the head of a mesh. The vertices and triangles of the mesh follow the head.
+enum Mesh : std::size_t {
+  kSequence,
+  kMeshVersion,
+  kFlags,
+  kVertices,
+  kTriangles,
+  kMeshSheet,
+  kMeshCuts,
+  kHeight,
+  kMeshHead
+};
+constexpr std::uint64_t kIsShown = 1, kHasHu = 2;  ///< bits of kFlags
+/// Word numbers in the region of the live hand, which follows the commands in the same kPage bytes.
+enum Hand : std::size_t {
+  kHandSequence,
+  kHandCount,
+  kHandHeld,
+  kHandPose,
+  kHandWords = kHandPose + 6
+};
+constexpr std::size_t kHandInPage = 64;  ///< offset of the hand's region in the page, bytes
+
+/// Number of words of an event, and of the head that precedes the first event.
+constexpr std::size_t kEventWords = 16, kEventsHead = 8;
+
+constexpr std::size_t kPage = 4096;
+constexpr std::uint64_t kMaxBytes = std::uint64_t{1} << 34;
+constexpr std::uint64_t kMaxAbout = std::uint64_t{1} << 24;
+constexpr int kSeals = F_SEAL_SHRINK | F_SEAL_GROW | F_SEAL_SEAL;
+
+std::uint64_t word_of(double x) {
+  return std::bit_cast<std::uint64_t>(x);
+}
+double number_in(std::uint64_t word) {
+  return std::bit_cast<double>(word);
+}
+/// The integer is sign-extended to 64 bits.
+std::uint64_t word_of(std::int32_t x) {
+  return static_cast<std::uint64_t>(std::int64_t{x});
+}
+std::int32_t int_in(std::uint64_t word) {
+  return static_cast<std::int32_t>(static_cast<std::uint32_t>(word));
+}
+
+/// The argument of fcntl() for a write lock on all bytes of a file.
+struct flock whole_file() {
+  struct flock lock {};
+  lock.l_type = F_WRLCK;
+  lock.l_whence = SEEK_SET;
+  return lock;
+}
+
+/// The text of a symbolic link; empty if `file` is not a symbolic link.
 std::string read_link(const std::filesystem::path& file) {
   std::array<char, PATH_MAX> text;
   const ssize_t size = ::readlink(file.c_str(), text.data(), text.size());
   return size <= 0 ? std::string() : std::string(text.data(), static_cast<std::size_t>(size));
 }
 
+/// Returns true if the text of a link has the form that TelemetryWriter::link() writes,
+/// "/proc/PID/fd/N".
 bool is_session_link(const std::string& target) {
   int pid = 0, fd = 0, end = 0;
   return std::sscanf(target.c_str(), "/proc/%9d/fd/%9d%n", &pid, &fd, &end) == 2 &&
          static_cast<std::size_t>(end) == target.size() && pid > 0 && fd >= 0;
 }
 
-}  // namespace telemetry_layout
+// A reader gives up after this many attempts to read a value that is being written.
+constexpr int kAttempts = 200;
+
+std::vector<float> floats(std::span<const std::uint32_t> values) {
+  std::vector<float> result(values.size());
+  std::transform(values.begin(), values.end(), result.begin(),
+                 [](std::uint32_t bits) { return std::bit_cast<float>(bits); });
+  return result;
+}
+
+constexpr std::size_t kSpareBytes = std::size_t{64} << 10;
+
+constexpr std::size_t words_for(std::size_t bytes) {
+  return (bytes + 7) / 8;
+}
+constexpr std::size_t aligned(std::size_t bytes, std::size_t to) {
+  return (bytes + to - 1) / to * to;
+}
+
+/// Stores values of 32 bits, two to a word.
+class Packer {
+ public:
+  explicit Packer(Word* to) : to_(to) {}
+  void put(std::uint32_t value) noexcept {
+    if (is_second_) {
+      to_++->store(low_ | std::uint64_t{value} << 32U, std::memory_order_release);
+    } else {
+      low_ = value;
+    }
+    is_second_ = !is_second_;
+  }
+  void finish() noexcept {
+    if (is_second_) put(0);
+  }
+
+ private:
+  Word* to_;
+  std::uint64_t low_ = 0;
+  bool is_second_ = false;
+};
+
+std::size_t mesh_words(std::size_t vertices, std::size_t per_vertex, std::size_t triangles) {
+  return words_for(4 * (vertices * per_vertex + 3 * triangles));
+}
+
+// The offsets of all regions of the memory. The header also states the size of the memory.
+struct Layout {
+  std::array<std::uint64_t, kHeaderWords> header{};
+  // Offset and capacity, in words, of each sheet.
+  std::vector<std::pair<std::size_t, std::size_t>> directory;
+};
+Layout layout_of(const TelemetrySizes& sizes) {
+  Layout out;
+  std::size_t end = sizeof out.header;
+  const auto reserve = [&end](std::size_t bytes) {
+    const std::size_t at = end;
+    end += aligned(bytes, 64);
+    return at;
+  };
+  auto& header = out.header;
+  header[kMagic] = kMagicWord;
+  header[kVersion] = kTelemetryVersion;
+  header[kAboutOffset] = reserve(sizes.about.size());
+  header[kAboutBytes] = sizes.about.size();
+  header[kSnapshotOffset] = reserve(8 * (1 + sizes.columns));
+  header[kColumns] = sizes.columns;
+  header[kDirectoryOffset] = reserve(16 * sizes.sheets.size());
+  header[kSheets] = sizes.sheets.size();
+  header[kEventsOffset] = reserve(8 * (kEventsHead + kTelemetryEvents * kEventWords));
+  header[kEventSlots] = kTelemetryEvents;
+  std::size_t shape_words = 0;
+  for (const TelemetrySizes::Mesh& mesh : sizes.sheets) {
+    const auto capacity = [&](std::size_t per_vertex) {
+      return 2 * mesh_words(mesh.vertices, per_vertex, mesh.triangles) + kSpareBytes / 8;
+    };
+    out.directory.emplace_back(0, capacity(mesh.has_hu ? 3 : 2));
+    out.directory.back().first = reserve(8 * (kMeshHead + out.directory.back().second));
+    if (sizes.has_shape) shape_words = std::max(shape_words, capacity(3));
+  }
+  if (sizes.has_shape) {
+    header[kShapeOffset] = reserve(8 * (kMeshHead + shape_words));
+    header[kShapeWords] = shape_words;
+  }
+  end = aligned(end, kPage);
+  header[kCommandsOffset] = reserve(kPage);
+  if (sizes.has_hand) {
+    header[kHandOffset] = header[kCommandsOffset] + kHandInPage;
+    header[kHandSize] = kHandWords;
+  }
+  header[kBytes] = end;
+  return out;
+}
+
+}  // namespace
 
 const char* to_string(TelemetryCommand command) {
   constexpr std::array kNames{"stop",    "pause",          "resume",   "zero",
@@ -52,22 +231,6 @@ const char* to_string(TelemetryEnd end) {
   constexpr std::array kNames{"done", "interrupted", "fault"};
   return kNames.at(static_cast<std::size_t>(end));
 }
-
-using namespace telemetry_layout;  // NOLINT(google-build-using-namespace): its own layout
-
-namespace {
-
-// A reader gives up after this many attempts to read a value that is being written.
-constexpr int kAttempts = 200;
-
-std::vector<float> floats(std::span<const std::uint32_t> values) {
-  std::vector<float> result(values.size());
-  std::transform(values.begin(), values.end(), result.begin(),
-                 [](std::uint32_t bits) { return std::bit_cast<float>(bits); });
-  return result;
-}
-
-}  // namespace
 
 Result<std::unique_ptr<TelemetryReader>> TelemetryReader::open(const std::filesystem::path& file) {
   const std::string name = file.string();
@@ -343,95 +506,6 @@ void TelemetryReader::hand(const TelemetryHand& hand) noexcept {
     hand_[kHandPose + i].store(word_of(hand.target[i]), std::memory_order_release);
   hand_[kHandSequence].store(sequence + 1, std::memory_order_release);
 }
-
-using namespace telemetry_layout;  // NOLINT(google-build-using-namespace): its own layout
-
-namespace {
-
-constexpr std::size_t kSpareBytes = std::size_t{64} << 10;
-
-constexpr std::size_t words_for(std::size_t bytes) {
-  return (bytes + 7) / 8;
-}
-constexpr std::size_t aligned(std::size_t bytes, std::size_t to) {
-  return (bytes + to - 1) / to * to;
-}
-
-/// Stores values of 32 bits, two to a word.
-class Packer {
- public:
-  explicit Packer(Word* to) : to_(to) {}
-  void put(std::uint32_t value) noexcept {
-    if (is_second_) {
-      to_++->store(low_ | std::uint64_t{value} << 32U, std::memory_order_release);
-    } else {
-      low_ = value;
-    }
-    is_second_ = !is_second_;
-  }
-  void finish() noexcept {
-    if (is_second_) put(0);
-  }
-
- private:
-  Word* to_;
-  std::uint64_t low_ = 0;
-  bool is_second_ = false;
-};
-
-std::size_t mesh_words(std::size_t vertices, std::size_t per_vertex, std::size_t triangles) {
-  return words_for(4 * (vertices * per_vertex + 3 * triangles));
-}
-
-// The offsets of all regions of the memory. The header also states the size of the memory.
-struct Layout {
-  std::array<std::uint64_t, kHeaderWords> header{};
-  // Offset and capacity, in words, of each sheet.
-  std::vector<std::pair<std::size_t, std::size_t>> directory;
-};
-Layout layout_of(const TelemetrySizes& sizes) {
-  Layout out;
-  std::size_t end = sizeof out.header;
-  const auto reserve = [&end](std::size_t bytes) {
-    const std::size_t at = end;
-    end += aligned(bytes, 64);
-    return at;
-  };
-  auto& header = out.header;
-  header[kMagic] = kMagicWord;
-  header[kVersion] = kTelemetryVersion;
-  header[kAboutOffset] = reserve(sizes.about.size());
-  header[kAboutBytes] = sizes.about.size();
-  header[kSnapshotOffset] = reserve(8 * (1 + sizes.columns));
-  header[kColumns] = sizes.columns;
-  header[kDirectoryOffset] = reserve(16 * sizes.sheets.size());
-  header[kSheets] = sizes.sheets.size();
-  header[kEventsOffset] = reserve(8 * (kEventsHead + kTelemetryEvents * kEventWords));
-  header[kEventSlots] = kTelemetryEvents;
-  std::size_t shape_words = 0;
-  for (const TelemetrySizes::Mesh& mesh : sizes.sheets) {
-    const auto capacity = [&](std::size_t per_vertex) {
-      return 2 * mesh_words(mesh.vertices, per_vertex, mesh.triangles) + kSpareBytes / 8;
-    };
-    out.directory.emplace_back(0, capacity(mesh.has_hu ? 3 : 2));
-    out.directory.back().first = reserve(8 * (kMeshHead + out.directory.back().second));
-    if (sizes.has_shape) shape_words = std::max(shape_words, capacity(3));
-  }
-  if (sizes.has_shape) {
-    header[kShapeOffset] = reserve(8 * (kMeshHead + shape_words));
-    header[kShapeWords] = shape_words;
-  }
-  end = aligned(end, kPage);
-  header[kCommandsOffset] = reserve(kPage);
-  if (sizes.has_hand) {
-    header[kHandOffset] = header[kCommandsOffset] + kHandInPage;
-    header[kHandSize] = kHandWords;
-  }
-  header[kBytes] = end;
-  return out;
-}
-
-}  // namespace
 
 Result<std::unique_ptr<TelemetryWriter>> TelemetryWriter::make(const TelemetrySizes& sizes) {
   if (sizes.columns > kMaxTelemetryColumns || sizes.sheets.size() > kMaxTelemetrySheets ||

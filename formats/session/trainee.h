@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Who did a session, in which course, and in which attempt. A code stands for the trainee, so no
-// name has to be stored. The origin of a recording (recording_origin.h) has these values in the
+// name has to be stored. The origin of a recording (recording.h) has these values in the
 // entries `trainee`, `course` and `attempt`.
 #pragma once
 

@@ -13,7 +13,6 @@
 #include "pipeline/read/file_names.h"
 #include "pipeline/read/image_stack.h"
 #include "pipeline/read/nrrd.h"
-#include "pipeline/read/slice_stack.h"
 
 namespace trocar::pipeline {
 namespace {
@@ -108,6 +107,29 @@ Result<std::unique_ptr<SliceStack>> open_files(std::vector<fs::path> files,
   return open_dicom(files, options);
 }
 
+Result<std::unique_ptr<SliceStack>> open_ct(const std::filesystem::path& ct,
+                                            std::optional<SliceAxis> axis) {
+  OpenOptions options;
+  options.axis = axis;
+  auto stack = open_stack({ct}, options);
+  if (!stack) {
+    // If the input can be opened with these options, it consists of images or is of another
+    // modality. The error is then that it has no HU.
+    options.spacing_mm = {1, 1, 1};
+    options.any_modality = true;
+    options.axis.reset();
+    const auto other = open_stack({ct}, options);
+    if (!other || (*other)->pixel_unit() == PixelUnit::kHounsfield) return stack;
+    const std::string& modality = (*other)->modality;
+    return refused(ct.string() + ": its values are not HU" +
+                   (modality.empty() ? " (images)" : " (" + modality + ")") +
+                   "; --hu takes the CT that the labels were made on");
+  }
+  if ((*stack)->pixel_unit() != PixelUnit::kHounsfield)
+    return bug(ct.string() + ": a scan without HU was taken");
+  return stack;
+}
+
 }  // namespace
 
 bool is_scan_file(const fs::path& file) {
@@ -134,33 +156,6 @@ Result<std::unique_ptr<SliceStack>> open_stack(const std::vector<fs::path>& inpu
   }
   return open_files(inputs, options);
 }
-
-namespace {
-
-Result<std::unique_ptr<SliceStack>> open_ct(const std::filesystem::path& ct,
-                                            std::optional<SliceAxis> axis) {
-  OpenOptions options;
-  options.axis = axis;
-  auto stack = open_stack({ct}, options);
-  if (!stack) {
-    // If the input can be opened with these options, it consists of images or is of another
-    // modality. The error is then that it has no HU.
-    options.spacing_mm = {1, 1, 1};
-    options.any_modality = true;
-    options.axis.reset();
-    const auto other = open_stack({ct}, options);
-    if (!other || (*other)->pixel_unit() == PixelUnit::kHounsfield) return stack;
-    const std::string& modality = (*other)->modality;
-    return refused(ct.string() + ": its values are not HU" +
-                   (modality.empty() ? " (images)" : " (" + modality + ")") +
-                   "; --hu takes the CT that the labels were made on");
-  }
-  if ((*stack)->pixel_unit() != PixelUnit::kHounsfield)
-    return bug(ct.string() + ": a scan without HU was taken");
-  return stack;
-}
-
-}  // namespace
 
 Result<LabelsWithCt> open_labels_with_ct(const std::vector<std::filesystem::path>& inputs,
                                          const std::filesystem::path& ct,

@@ -44,7 +44,7 @@ struct LabelsWithCt {
 /// Such slices are added as empty ones, so that the label map has the same slices as the CT
 /// (OpenOptions::segmented_ct). The CT's warnings are added to those of the label map. Nothing is
 /// resampled. Errors: those of open_stack(); kRefused if the CT's values are not HU, or if its grid
-/// differs from the label map's grid (same_grid.h).
+/// differs from the label map's grid (grid_difference()).
 Result<LabelsWithCt> open_labels_with_ct(const std::vector<std::filesystem::path>& inputs,
                                          const std::filesystem::path& ct,
                                          const OpenOptions& options);

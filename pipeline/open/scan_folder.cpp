@@ -8,11 +8,9 @@
 #include <array>
 #include <cctype>
 #include <cerrno>
-#include <cstdio>
 #include <deque>
 #include <iterator>
 #include <map>
-#include <optional>
 #include <set>
 #include <system_error>
 #include <utility>
@@ -28,7 +26,6 @@
 #include "pipeline/read/file_names.h"
 #include "pipeline/read/nrrd.h"
 #include "pipeline/read/number_ranges.h"
-#include "pipeline/read/slice_stack.h"
 
 namespace trocar::pipeline {
 namespace {
@@ -177,115 +174,6 @@ void warn_of_missing(const std::vector<fs::path>& files, std::vector<Warning>& w
                             " not in the folder: " + first_names(missing)});
   }
 }
-
-}  // namespace
-
-Result<void> check_readable(const fs::path& file) {
-  const FileDescriptor opened(::open(file.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK));
-  char first = 0;
-  if (opened.get() >= 0 && ::pread(opened.get(), &first, 1, 0) >= 0) return {};
-  const int error = errno;
-  if (opened.get() >= 0 && (error == EISDIR || error == ESPIPE)) return {};  // a folder, a pipe
-  std::error_code ignored;
-  const bool leads_nowhere = (error == ENOENT || error == ELOOP || error == ENOTDIR) &&
-                             fs::is_symlink(fs::symlink_status(file, ignored));
-  Error refusal = refused_by_system(file.string(), error);
-  if (leads_nowhere) refusal.message += " (a link that leads nowhere)";
-  return refusal;
-}
-
-std::optional<fs::path> folder_of_dicomdir(const fs::path& file) {
-  if (!is_dicomdir(file) || !has_dicom_preamble(file)) return {};
-  return file.has_parent_path() ? file.parent_path() : fs::path(".");
-}
-
-Result<std::vector<fs::path>> files_below(const fs::path& folder, std::vector<Warning>& warnings,
-                                          const SearchLimits& limits) {
-  return Search(limits, warnings).run(folder);
-}
-
-ScanFolder::Kind ScanFolder::kind() const {
-  const auto is_slice = [](const DicomFile& file) {
-    return file.kind == DicomFile::Kind::kImages || file.kind == DicomFile::Kind::kSegmentation ||
-           (file.kind == DicomFile::Kind::kUnusable && !file.is_capture);
-  };
-  if (std::any_of(dicom.begin(), dicom.end(), is_slice)) return Kind::kDicom;
-  if (!volumes.empty()) return Kind::kVolume;
-  if (!images.empty()) return Kind::kImages;
-  const bool is_dicom = std::any_of(dicom.begin(), dicom.end(), [](const DicomFile& file) {
-    return file.kind != DicomFile::Kind::kNotImage;
-  });
-  return is_dicom ? Kind::kDicom : Kind::kNothing;
-}
-
-bool ScanFolder::has_own_images() const {
-  return !images.empty() && same_folder(images[0][0].parent_path(), folder);
-}
-
-std::string ScanFolder::left_out(bool with_names) const {
-  const Kind taken = kind();
-  std::string out;
-  const auto add = [&](const std::vector<fs::path>& files, const std::string& what) {
-    if (files.empty()) return;
-    out += (out.empty() ? "" : ", ") + std::to_string(files.size()) + " " + what +
-           (files.size() == 1 ? "" : "s") + (with_names ? " (" + first_names(files) + ")" : "");
-  };
-  if (taken == Kind::kDicom) add(volumes, format_of_volumes(volumes) + " file");
-  std::vector<fs::path> others;
-  for (std::size_t i = taken == Kind::kImages ? 1 : 0; i < images.size(); ++i)
-    others.insert(others.end(), images[i].begin(), images[i].end());
-  if (taken != Kind::kNothing) add(others, "image");
-  return out;
-}
-
-Result<ScanFolder> search_folder(const fs::path& folder, DicomExtent extent,
-                                 const OpenOptions& options, std::vector<Warning>& warnings) {
-  const auto files = files_below(folder, warnings);
-  if (!files) return files.error();
-  if (files->empty()) return refused(folder.string() + ": an empty folder");
-  std::optional<Error> unreadable;
-  std::size_t others = 0;  // unreadable files after the first
-  ScanFolder out;
-  out.folder = folder;
-  out.where = (folder / "").string();
-  std::map<fs::path, std::vector<fs::path>> images;
-  for (const fs::path& file : *files) {
-    const bool is_slice = has_dicom_preamble(file);
-    if (!is_slice && is_volume(file)) {
-      out.volumes.push_back(file);
-    } else if (!is_slice && is_image(file)) {
-      images[file.parent_path()].push_back(file);
-    } else if (is_slice || (may_be_dicom(file) && !is_left_by_system(file))) {
-      out.dicom.push_back(
-          read_dicom_headers(file, options.spacing_mm, options.any_modality, extent));
-    } else if (auto ok = check_readable(file); ok) {
-      DicomFile other;
-      other.file = file;
-      out.dicom.push_back(std::move(other));
-    } else if (is_document(file)) {
-      warnings.push_back({"not_read", file.string(),
-                          "cannot be read; left out, as its name is not that of a slice"});
-    } else if (!unreadable) {
-      unreadable = ok.error();
-    } else {
-      ++others;
-    }
-  }
-  if (unreadable) {
-    if (others > 0)
-      unreadable->message += " (and " + std::to_string(others) +
-                             (others == 1 ? " more file" : " more files") + " that cannot be read)";
-    return *unreadable;
-  }
-  warn_of_missing(*files, warnings);
-  for (auto& [parent, group] : images) {
-    const bool is_own = same_folder(parent, folder);
-    out.images.insert(is_own ? out.images.begin() : out.images.end(), std::move(group));
-  }
-  return out;
-}
-
-namespace {
 
 namespace fs = std::filesystem;
 using nlohmann::json;
@@ -490,10 +378,7 @@ std::string spacing_cell(const json& scan) {
 }
 
 std::string tilt_cell(const json& scan) {
-  if (scan["tilt_deg"].is_null()) return "-";
-  char out[32];
-  std::snprintf(out, sizeof out, "%.1f", scan["tilt_deg"].get<double>());
-  return out;
+  return scan["tilt_deg"].is_null() ? "-" : text_line("%.1f", scan["tilt_deg"].get<double>());
 }
 
 using TableRow = std::vector<std::string>;
@@ -575,6 +460,111 @@ std::string problem_of(const json& scan) {
 }
 
 }  // namespace
+
+Result<void> check_readable(const fs::path& file) {
+  const FileDescriptor opened(::open(file.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK));
+  char first = 0;
+  if (opened.get() >= 0 && ::pread(opened.get(), &first, 1, 0) >= 0) return {};
+  const int error = errno;
+  if (opened.get() >= 0 && (error == EISDIR || error == ESPIPE)) return {};  // a folder, a pipe
+  std::error_code ignored;
+  const bool leads_nowhere = (error == ENOENT || error == ELOOP || error == ENOTDIR) &&
+                             fs::is_symlink(fs::symlink_status(file, ignored));
+  Error refusal = refused_by_system(file.string(), error);
+  if (leads_nowhere) refusal.message += " (a link that leads nowhere)";
+  return refusal;
+}
+
+std::optional<fs::path> folder_of_dicomdir(const fs::path& file) {
+  if (!is_dicomdir(file) || !has_dicom_preamble(file)) return {};
+  return file.has_parent_path() ? file.parent_path() : fs::path(".");
+}
+
+Result<std::vector<fs::path>> files_below(const fs::path& folder, std::vector<Warning>& warnings,
+                                          const SearchLimits& limits) {
+  return Search(limits, warnings).run(folder);
+}
+
+ScanFolder::Kind ScanFolder::kind() const {
+  const auto is_slice = [](const DicomFile& file) {
+    return file.kind == DicomFile::Kind::kImages || file.kind == DicomFile::Kind::kSegmentation ||
+           (file.kind == DicomFile::Kind::kUnusable && !file.is_capture);
+  };
+  if (std::any_of(dicom.begin(), dicom.end(), is_slice)) return Kind::kDicom;
+  if (!volumes.empty()) return Kind::kVolume;
+  if (!images.empty()) return Kind::kImages;
+  const bool is_dicom = std::any_of(dicom.begin(), dicom.end(), [](const DicomFile& file) {
+    return file.kind != DicomFile::Kind::kNotImage;
+  });
+  return is_dicom ? Kind::kDicom : Kind::kNothing;
+}
+
+bool ScanFolder::has_own_images() const {
+  return !images.empty() && same_folder(images[0][0].parent_path(), folder);
+}
+
+std::string ScanFolder::left_out(bool with_names) const {
+  const Kind taken = kind();
+  std::string out;
+  const auto add = [&](const std::vector<fs::path>& files, const std::string& what) {
+    if (files.empty()) return;
+    out += (out.empty() ? "" : ", ") + std::to_string(files.size()) + " " + what +
+           (files.size() == 1 ? "" : "s") + (with_names ? " (" + first_names(files) + ")" : "");
+  };
+  if (taken == Kind::kDicom) add(volumes, format_of_volumes(volumes) + " file");
+  std::vector<fs::path> others;
+  for (std::size_t i = taken == Kind::kImages ? 1 : 0; i < images.size(); ++i)
+    others.insert(others.end(), images[i].begin(), images[i].end());
+  if (taken != Kind::kNothing) add(others, "image");
+  return out;
+}
+
+Result<ScanFolder> search_folder(const fs::path& folder, DicomExtent extent,
+                                 const OpenOptions& options, std::vector<Warning>& warnings) {
+  const auto files = files_below(folder, warnings);
+  if (!files) return files.error();
+  if (files->empty()) return refused(folder.string() + ": an empty folder");
+  std::optional<Error> unreadable;
+  std::size_t others = 0;  // unreadable files after the first
+  ScanFolder out;
+  out.folder = folder;
+  out.where = (folder / "").string();
+  std::map<fs::path, std::vector<fs::path>> images;
+  for (const fs::path& file : *files) {
+    const bool is_slice = has_dicom_preamble(file);
+    if (!is_slice && is_volume(file)) {
+      out.volumes.push_back(file);
+    } else if (!is_slice && is_image(file)) {
+      images[file.parent_path()].push_back(file);
+    } else if (is_slice || (may_be_dicom(file) && !is_left_by_system(file))) {
+      out.dicom.push_back(
+          read_dicom_headers(file, options.spacing_mm, options.any_modality, extent));
+    } else if (auto ok = check_readable(file); ok) {
+      DicomFile other;
+      other.file = file;
+      out.dicom.push_back(std::move(other));
+    } else if (is_document(file)) {
+      warnings.push_back({"not_read", file.string(),
+                          "cannot be read; left out, as its name is not that of a slice"});
+    } else if (!unreadable) {
+      unreadable = ok.error();
+    } else {
+      ++others;
+    }
+  }
+  if (unreadable) {
+    if (others > 0)
+      unreadable->message += " (and " + std::to_string(others) +
+                             (others == 1 ? " more file" : " more files") + " that cannot be read)";
+    return *unreadable;
+  }
+  warn_of_missing(*files, warnings);
+  for (auto& [parent, group] : images) {
+    const bool is_own = same_folder(parent, folder);
+    out.images.insert(is_own ? out.images.begin() : out.images.end(), std::move(group));
+  }
+  return out;
+}
 
 Result<json> list_scans(const fs::path& input, std::vector<Warning>& warnings) {
   const auto found = look_into(input, warnings);

@@ -18,6 +18,14 @@ std::string lower_name(const fs::path& file) {
   return lower(file.filename().string());
 }
 
+std::string hex_digest(crypto_generichash_state& state) {
+  unsigned char hash[crypto_generichash_BYTES];
+  crypto_generichash_final(&state, hash, sizeof hash);
+  char hex[2 * sizeof hash + 1];
+  sodium_bin2hex(hex, sizeof hex, hash, sizeof hash);
+  return hex;
+}
+
 }  // namespace
 
 std::string lower(std::string text) {
@@ -91,18 +99,6 @@ Error choose_one(const std::string& where, const std::string& what,
   return usage(where + ": holds " + std::to_string(these.size()) + " " + what +
                ", give one of them: " + names);
 }
-
-namespace {
-
-std::string hex_digest(crypto_generichash_state& state) {
-  unsigned char hash[crypto_generichash_BYTES];
-  crypto_generichash_final(&state, hash, sizeof hash);
-  char hex[2 * sizeof hash + 1];
-  sodium_bin2hex(hex, sizeof hex, hash, sizeof hash);
-  return hex;
-}
-
-}  // namespace
 
 Result<std::string> digest_file(const std::filesystem::path& file) {
   if (sodium_init() < 0) return bug("libsodium does not initialise");

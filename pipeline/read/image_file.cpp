@@ -5,21 +5,16 @@
 #include <spng.h>
 #include <tiffio.h>
 #include <turbojpeg.h>
-#include <algorithm>
 #include <array>
 #include <bit>
 #include <cstdarg>
 #include <cstdlib>
-#include <cstring>
 #include <memory>
 #include <opencv2/core.hpp>
 #include <opencv2/imgproc.hpp>
-#include <string_view>
 #include <utility>
-#include <vector>
 
 #include "formats/base/files.h"
-#include "pipeline/read/volume_file.h"
 
 namespace trocar::pipeline {
 namespace {
@@ -358,37 +353,6 @@ Result<Image> read_bmp(const std::filesystem::path& file, const std::vector<std:
   return to_image(cv::Mat(height, width, CV_8UC3, loaded.get()), cv::COLOR_BGR2GRAY, wanted, name);
 }
 
-}  // namespace
-
-Result<Image> read_image_file(const std::filesystem::path& file, Levels wanted) {
-  const std::string name = file.string();
-  const auto read = read_file(file);
-  if (!read) return read.error();
-  const std::vector<std::uint8_t>& bytes = *read;
-  const auto starts = [&bytes](std::string_view magic) {
-    return bytes.size() > magic.size() &&
-           std::memcmp(bytes.data(), magic.data(), magic.size()) == 0;
-  };
-  try {
-    using namespace std::string_view_literals;
-    if (starts("\x89PNG\r\n\x1a\n"sv)) return read_png(bytes, name, wanted);
-    if (starts("\xff\xd8\xff"sv)) {
-      if (wanted == Levels::kStored)
-        return refused(name + ": a JPEG cannot hold labels: its levels are not exact");
-      return read_jpeg(bytes, name);
-    }
-    if (starts("II*\0"sv) || starts("MM\0*"sv)) return read_tiff(file, name, wanted);
-    if (starts("BM"sv)) return read_bmp(file, bytes, name, wanted);
-    return refused(name + ": not a readable image (neither PNG, JPEG, TIFF nor BMP)");
-  } catch (const cv::Exception& e) {
-    return refused(name + ": " + e.err);
-  } catch (const std::bad_alloc&) {
-    return refused_for_now(name + ": not enough memory to decode it");
-  }
-}
-
-namespace {
-
 // The state of an OpenJPEG stream over bytes in memory.
 struct Memory {
   std::span<const std::uint8_t> bytes;
@@ -434,52 +398,6 @@ bool has_expected_size(std::span<const std::uint8_t> c, int width, int height) {
   const std::uint64_t down = (static_cast<std::uint64_t>(height) + tile_y - 1) / tile_y;
   return across * down <= 4096 && c[40] == 0 && c[41] == 1;
 }
-
-}  // namespace
-
-Result<Jpeg2000> decode_jpeg2000(std::span<const std::uint8_t> codestream, int width, int height,
-                                 const std::string& name) {
-  if (!has_expected_size(codestream, width, height)) {
-    return refused(name + ": not a JPEG 2000 codestream of one component of " +
-                   std::to_string(width) + " x " + std::to_string(height));
-  }
-  const std::unique_ptr<opj_codec_t, void (*)(opj_codec_t*)> codec(
-      opj_create_decompress(OPJ_CODEC_J2K), opj_destroy_codec);
-  Memory memory{codestream};
-  const std::unique_ptr<opj_stream_t, void (*)(opj_stream_t*)> stream(
-      opj_stream_create(1 << 16, OPJ_TRUE), opj_stream_destroy);
-  if (!codec || !stream) return refused_for_now(name + ": not enough memory to decode JPEG 2000");
-  opj_stream_set_user_data(stream.get(), &memory, nullptr);
-  opj_stream_set_user_data_length(stream.get(), codestream.size());
-  opj_stream_set_read_function(stream.get(), read_bytes);
-  opj_stream_set_skip_function(stream.get(), skip_bytes);
-  opj_stream_set_seek_function(stream.get(), seek_to);
-  opj_dparameters_t parameters;
-  opj_set_default_decoder_parameters(&parameters);
-  opj_image_t* raw = nullptr;
-  const bool has_header = opj_setup_decoder(codec.get(), &parameters) &&
-                          opj_decoder_set_strict_mode(codec.get(), OPJ_TRUE) &&
-                          opj_read_header(stream.get(), codec.get(), &raw);
-  const std::unique_ptr<opj_image_t, void (*)(opj_image_t*)> image(raw, opj_image_destroy);
-  const auto fits = [&] {
-    return image->numcomps == 1 && image->comps[0].w == static_cast<OPJ_UINT32>(width) &&
-           image->comps[0].h == static_cast<OPJ_UINT32>(height) && image->comps[0].prec <= 16;
-  };
-  if (!has_header || !image || !fits())
-    return refused(name + ": its JPEG 2000 header is damaged or of more than 16 bits");
-  if (!opj_decode(codec.get(), stream.get(), image.get()) ||
-      !opj_end_decompress(codec.get(), stream.get()) || !fits() ||
-      image->comps[0].data == nullptr) {
-    return refused(name + ": its JPEG 2000 data is damaged or truncated");
-  }
-  const opj_image_comp_t& samples = image->comps[0];
-  Jpeg2000 out;
-  out.samples.assign(samples.data, samples.data + static_cast<std::size_t>(width) * height);
-  out.is_signed = samples.sgnd != 0;
-  return out;
-}
-
-namespace {
 
 using ByteSpan = std::span<const std::uint8_t>;
 
@@ -575,6 +493,75 @@ void to_host_order(std::span<std::uint8_t> samples) {
 }
 
 }  // namespace
+
+Result<Image> read_image_file(const std::filesystem::path& file, Levels wanted) {
+  const std::string name = file.string();
+  const auto read = read_file(file);
+  if (!read) return read.error();
+  const std::vector<std::uint8_t>& bytes = *read;
+  const auto starts = [&bytes](std::string_view magic) {
+    return bytes.size() > magic.size() &&
+           std::memcmp(bytes.data(), magic.data(), magic.size()) == 0;
+  };
+  try {
+    using namespace std::string_view_literals;
+    if (starts("\x89PNG\r\n\x1a\n"sv)) return read_png(bytes, name, wanted);
+    if (starts("\xff\xd8\xff"sv)) {
+      if (wanted == Levels::kStored)
+        return refused(name + ": a JPEG cannot hold labels: its levels are not exact");
+      return read_jpeg(bytes, name);
+    }
+    if (starts("II*\0"sv) || starts("MM\0*"sv)) return read_tiff(file, name, wanted);
+    if (starts("BM"sv)) return read_bmp(file, bytes, name, wanted);
+    return refused(name + ": not a readable image (neither PNG, JPEG, TIFF nor BMP)");
+  } catch (const cv::Exception& e) {
+    return refused(name + ": " + e.err);
+  } catch (const std::bad_alloc&) {
+    return refused_for_now(name + ": not enough memory to decode it");
+  }
+}
+
+Result<Jpeg2000> decode_jpeg2000(std::span<const std::uint8_t> codestream, int width, int height,
+                                 const std::string& name) {
+  if (!has_expected_size(codestream, width, height)) {
+    return refused(name + ": not a JPEG 2000 codestream of one component of " +
+                   std::to_string(width) + " x " + std::to_string(height));
+  }
+  const std::unique_ptr<opj_codec_t, void (*)(opj_codec_t*)> codec(
+      opj_create_decompress(OPJ_CODEC_J2K), opj_destroy_codec);
+  Memory memory{codestream};
+  const std::unique_ptr<opj_stream_t, void (*)(opj_stream_t*)> stream(
+      opj_stream_create(1 << 16, OPJ_TRUE), opj_stream_destroy);
+  if (!codec || !stream) return refused_for_now(name + ": not enough memory to decode JPEG 2000");
+  opj_stream_set_user_data(stream.get(), &memory, nullptr);
+  opj_stream_set_user_data_length(stream.get(), codestream.size());
+  opj_stream_set_read_function(stream.get(), read_bytes);
+  opj_stream_set_skip_function(stream.get(), skip_bytes);
+  opj_stream_set_seek_function(stream.get(), seek_to);
+  opj_dparameters_t parameters;
+  opj_set_default_decoder_parameters(&parameters);
+  opj_image_t* raw = nullptr;
+  const bool has_header = opj_setup_decoder(codec.get(), &parameters) &&
+                          opj_decoder_set_strict_mode(codec.get(), OPJ_TRUE) &&
+                          opj_read_header(stream.get(), codec.get(), &raw);
+  const std::unique_ptr<opj_image_t, void (*)(opj_image_t*)> image(raw, opj_image_destroy);
+  const auto fits = [&] {
+    return image->numcomps == 1 && image->comps[0].w == static_cast<OPJ_UINT32>(width) &&
+           image->comps[0].h == static_cast<OPJ_UINT32>(height) && image->comps[0].prec <= 16;
+  };
+  if (!has_header || !image || !fits())
+    return refused(name + ": its JPEG 2000 header is damaged or of more than 16 bits");
+  if (!opj_decode(codec.get(), stream.get(), image.get()) ||
+      !opj_end_decompress(codec.get(), stream.get()) || !fits() ||
+      image->comps[0].data == nullptr) {
+    return refused(name + ": its JPEG 2000 data is damaged or truncated");
+  }
+  const opj_image_comp_t& samples = image->comps[0];
+  Jpeg2000 out;
+  out.samples.assign(samples.data, samples.data + static_cast<std::size_t>(width) * height);
+  out.is_signed = samples.sgnd != 0;
+  return out;
+}
 
 bool decode_png_pixels(ByteSpan file, const PngRows& rows, std::span<std::uint8_t> pixels) {
   // ISA-L counts in 32 bits.

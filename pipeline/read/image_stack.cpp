@@ -6,7 +6,6 @@
 
 #include "pipeline/read/image_file.h"
 #include "pipeline/read/number_ranges.h"
-#include "pipeline/read/slice_stack.h"
 
 namespace trocar::pipeline {
 namespace {

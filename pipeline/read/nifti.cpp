@@ -7,18 +7,14 @@
 #include <Eigen/LU>
 #include <Eigen/SVD>
 #include <algorithm>
-#include <array>
 #include <bit>
 #include <cmath>
 #include <cstdio>
 #include <cstring>
-#include <memory>
 #include <numbers>
 #include <type_traits>
 
 #include "pipeline/read/number_ranges.h"
-#include "pipeline/read/slice_stack.h"
-#include "pipeline/read/volume_file.h"
 #include "pipeline/read/voxel_volume.h"
 
 namespace trocar::pipeline {
@@ -158,88 +154,6 @@ double unit_mm(int xyz_units) {
   }
 }
 
-}  // namespace
-
-Result<NiftiHeader> parse_nifti_header(const std::vector<std::uint8_t>& head,
-                                       const std::string& file, std::optional<int> volume,
-                                       std::vector<Warning>& warnings) {
-  nifti_set_debug_level(0);
-  if (head.size() < sizeof(nifti_1_header))
-    return refused(file + ": not a NIfTI file (shorter than its header)");
-  std::uint32_t size;
-  std::memcpy(&size, head.data(), sizeof size);
-  const bool swapped = size == __builtin_bswap32(348) || size == __builtin_bswap32(540);
-  if (swapped) size = __builtin_bswap32(size);
-  NiftiHeader out;
-  Result<NiftiImage> image = refused(file + ": not a NIfTI file (no header of 348 or 540 bytes)");
-  if (size == 348) {
-    image = convert<nifti_1_header>(head, swapped, file, out);
-  } else if (size == 540 && head.size() >= sizeof(nifti_2_header)) {
-    image = convert<nifti_2_header>(head, swapped, file, out);
-  }
-  if (!image) return image.error();
-  if (*image == nullptr) return refused(file + ": its header is not acceptable");
-
-  const nifti_image& m = **image;
-  out.n = {m.nx, m.ny, m.nz};
-  for (std::int64_t side : out.n) {
-    if (side < 1 || side > kMaxImageSide)
-      return refused(file + ": a side of " + std::to_string(side) + " voxels");
-  }
-  out.datatype = m.datatype;
-  out.bytes_per_voxel = bytes_of(m.datatype);
-  out.swapped = swapped;
-  out.data_start = m.iname_offset > 0 ? m.iname_offset : (size == 348 ? 352 : 544);
-  if (auto ok = choose_volume(file, volume, out); !ok) return ok.error();
-  const double mm = unit_mm(m.xyz_units);
-  if (mm == 0) return refused(file + ": unit of length " + std::to_string(m.xyz_units));
-  out.T_lps_voxel = voxel_to_lps(m, file, warnings);
-  out.T_lps_voxel.topRows<3>() *= mm;
-  if (out.pixdim_beside_sform_mm) {
-    for (double& side : *out.pixdim_beside_sform_mm)
-      side *= mm;
-  }
-  if (!out.T_lps_voxel.allFinite() || !(out.T_lps_voxel.cwiseAbs().maxCoeff() < 1e7))
-    return refused(file + ": its affine is not finite or out of range");
-  if (m.sform_code > 0 && m.qform_code > 0 && out.states_qform) {
-    Eigen::Matrix4d qform = to_lps(matrix_of(m.qto_xyz));
-    qform.topRows<3>() *= mm;
-    const bool is_valid = qform.allFinite() && qform.topLeftCorner<3, 3>().determinant() != 0 &&
-                          out.T_lps_voxel.topLeftCorner<3, 3>().determinant() != 0;
-    if (const std::string how =
-            is_valid ? form_difference(qform, out.T_lps_voxel, out.n) : std::string();
-        !how.empty())
-      warnings.push_back({"qform_differs", file,
-                          "its qform places the scan otherwise than its sform, which is used; by "
-                          "the qform it is " +
-                              how});
-  }
-  if (m.scl_slope != 0 && std::isfinite(m.scl_slope) && std::isfinite(m.scl_inter)) {
-    out.slope = m.scl_slope;
-    out.intercept = m.scl_inter;
-  }
-  return out;
-}
-
-Result<void> choose_volume(const std::string& file, std::optional<int> volume,
-                           NiftiHeader& header) {
-  constexpr double kMaxBytes = 0x1p60;
-  const std::string range = "0:" + std::to_string(header.volumes - 1);
-  if (!volume && header.volumes > 1) {
-    return usage(file + ": holds " + std::to_string(header.volumes) +
-                 " volumes (a fourth dimension); choose one of " + range + " with --volume");
-  }
-  if (volume && (*volume < 0 || *volume >= header.volumes))
-    return usage(file + ": --volume " + std::to_string(*volume) + " is outside " + range);
-  if (static_cast<double>(header.volumes) * static_cast<double>(header.data_bytes()) > kMaxBytes)
-    return refused(file + ": its header declares more than 2^60 bytes of voxels");
-  header.data_end = header.data_start + header.volumes * header.data_bytes();
-  header.data_start += volume.value_or(0) * header.data_bytes();
-  return {};
-}
-
-namespace {
-
 // The orthogonal matrix that is nearest to the array's axes.
 Eigen::Matrix3d directions(const Eigen::Matrix4d& form) {
   const Eigen::Matrix3d axes = form.topLeftCorner<3, 3>().colwise().normalized();
@@ -257,68 +171,6 @@ std::string sides_text(const Eigen::Matrix4d& form) {
 double angle_deg(const Eigen::Matrix3d& rotation) {
   return Eigen::AngleAxisd(rotation).angle() * 180 / std::numbers::pi;
 }
-
-}  // namespace
-
-std::string form_difference(const Eigen::Matrix4d& qform, const Eigen::Matrix4d& sform,
-                            const std::array<std::int64_t, 3>& n) {
-  constexpr double kMaxVoxels = 0.5;
-  const Eigen::Array3d last(static_cast<double>(n[0] - 1), static_cast<double>(n[1] - 1),
-                            static_cast<double>(n[2] - 1));
-  const auto apart_mm = [&](const Eigen::Array3d& voxel) -> Eigen::Vector3d {
-    return ((qform - sform) * voxel.matrix().homogeneous()).head<3>();
-  };
-  const Eigen::Matrix3d to_voxels = sform.topLeftCorner<3, 3>().inverse();
-  double most_mm = 0, most_voxels = 0;
-  for (int corner = 0; corner < 8; ++corner) {
-    const Eigen::Vector3d apart =
-        apart_mm(last * Eigen::Array3d(corner & 1, corner >> 1 & 1, corner >> 2));
-    most_mm = std::max(most_mm, apart.norm());
-    most_voxels = std::max(most_voxels, (to_voxels * apart).cwiseAbs().maxCoeff());
-  }
-  const Eigen::Matrix3d from = directions(sform), to = directions(qform);
-  Eigen::Matrix3d turn = to * from.transpose();
-  const bool is_mirrored = turn.determinant() < 0;
-  if (!is_mirrored && !(most_voxels > kMaxVoxels)) return {};
-
-  std::string out;
-  const auto add = [&out](const std::string& text) { out += (out.empty() ? "" : ", ") + text; };
-  if (is_mirrored) {
-    // The mirror that leaves the smallest rotation.
-    constexpr std::array<const char*, 3> kAxes{"from left to right", "from front to back",
-                                               "from head to feet"};
-    int best = 0;
-    Eigen::Matrix3d left = turn;
-    for (int k = 0; k < 3; ++k) {
-      Eigen::Matrix3d mirror = Eigen::Matrix3d::Identity();
-      mirror(k, k) = -1;
-      const Eigen::Matrix3d rest = turn * mirror;
-      if (k > 0 && !(angle_deg(rest) < angle_deg(left) - 1e-6)) continue;
-      best = k;
-      left = rest;
-    }
-    turn = left;
-    add(std::string("mirrored ") + kAxes[static_cast<std::size_t>(best)]);
-  }
-  if (const double angle = angle_deg(turn); angle > 0.01)
-    add("rotated by " + text_of(angle, 4) + " degrees");
-  if (const double shift = apart_mm(last / 2).norm(); shift > 0.001)
-    add("shifted by " + text_of(shift, 4) + " mm");
-  for (int k = 0; k < 3; ++k) {
-    const double by_sform = sform.col(k).head<3>().norm();
-    if (!(std::abs(qform.col(k).head<3>().norm() - by_sform) > 1e-3 * by_sform)) continue;
-    add("has voxels of " + sides_text(qform) + " instead of " + sides_text(sform));
-    break;
-  }
-  add("a voxel moves by up to " + text_of(most_mm, 4) + " mm");
-  return out;
-}
-
-// Reads NIfTI-1 and -2, plain or gzipped, with any order of axes. Slices are stacked along the
-// array axis that is nearest to the chosen anatomical axis. Rows and columns get the usual
-// directions of the view by the order in which voxels are read, never by resampling. Voxels stay on
-// disk.
-namespace {
 
 // The directions of u, v and the slices in LPS, as they are usual in DICOM for this axis.
 std::array<Eigen::Vector3d, 3> view_directions(SliceAxis axis) {
@@ -344,6 +196,10 @@ bool are_finite(const std::vector<float>& values) {
   return none == 0;
 }
 
+// Reads NIfTI-1 and -2, plain or gzipped, with any order of axes. Slices are stacked along the
+// array axis that is nearest to the chosen anatomical axis. Rows and columns get the usual
+// directions of the view by the order in which voxels are read, never by resampling. Voxels stay on
+// disk.
 class NiftiStack final : public SliceStack {
  public:
   int size() const override { return static_cast<int>(planes_.size()); }
@@ -570,7 +426,158 @@ Result<std::unique_ptr<NiftiStack>> without_voxels(const std::string& file,
   return stack;
 }
 
+// Errors (refused): the slices do not form a regular volume.
+Result<void> check_volume(const SliceStack& stack, const std::string& where) {
+  const std::string reason = ": --axis needs a volume of evenly spaced slices without tilt; ";
+  if (stack.size() < 2) return refused(where + reason + "it has one slice");
+  const StackShape shape = stack_shape(stack);
+  char text[64];
+  if (shape.is_tilted()) {
+    std::snprintf(text, sizeof text, "these are tilted by %.1f degrees", shape.tilt_deg);
+    return refused(where + reason + text);
+  }
+  if (const auto at = shape.first_uneven()) {
+    std::snprintf(text, sizeof text, " are %.4g mm apart, others %.4g mm", shape.gaps_mm[*at],
+                  shape.step_mm);
+    return refused(where + reason + stack.name(static_cast<int>(*at)) + " and " +
+                   stack.name(static_cast<int>(*at) + 1) + text);
+  }
+  return {};
+}
+
 }  // namespace
+
+Result<NiftiHeader> parse_nifti_header(const std::vector<std::uint8_t>& head,
+                                       const std::string& file, std::optional<int> volume,
+                                       std::vector<Warning>& warnings) {
+  nifti_set_debug_level(0);
+  if (head.size() < sizeof(nifti_1_header))
+    return refused(file + ": not a NIfTI file (shorter than its header)");
+  std::uint32_t size;
+  std::memcpy(&size, head.data(), sizeof size);
+  const bool swapped = size == __builtin_bswap32(348) || size == __builtin_bswap32(540);
+  if (swapped) size = __builtin_bswap32(size);
+  NiftiHeader out;
+  Result<NiftiImage> image = refused(file + ": not a NIfTI file (no header of 348 or 540 bytes)");
+  if (size == 348) {
+    image = convert<nifti_1_header>(head, swapped, file, out);
+  } else if (size == 540 && head.size() >= sizeof(nifti_2_header)) {
+    image = convert<nifti_2_header>(head, swapped, file, out);
+  }
+  if (!image) return image.error();
+  if (*image == nullptr) return refused(file + ": its header is not acceptable");
+
+  const nifti_image& m = **image;
+  out.n = {m.nx, m.ny, m.nz};
+  for (std::int64_t side : out.n) {
+    if (side < 1 || side > kMaxImageSide)
+      return refused(file + ": a side of " + std::to_string(side) + " voxels");
+  }
+  out.datatype = m.datatype;
+  out.bytes_per_voxel = bytes_of(m.datatype);
+  out.swapped = swapped;
+  out.data_start = m.iname_offset > 0 ? m.iname_offset : (size == 348 ? 352 : 544);
+  if (auto ok = choose_volume(file, volume, out); !ok) return ok.error();
+  const double mm = unit_mm(m.xyz_units);
+  if (mm == 0) return refused(file + ": unit of length " + std::to_string(m.xyz_units));
+  out.T_lps_voxel = voxel_to_lps(m, file, warnings);
+  out.T_lps_voxel.topRows<3>() *= mm;
+  if (out.pixdim_beside_sform_mm) {
+    for (double& side : *out.pixdim_beside_sform_mm)
+      side *= mm;
+  }
+  if (!out.T_lps_voxel.allFinite() || !(out.T_lps_voxel.cwiseAbs().maxCoeff() < 1e7))
+    return refused(file + ": its affine is not finite or out of range");
+  if (m.sform_code > 0 && m.qform_code > 0 && out.states_qform) {
+    Eigen::Matrix4d qform = to_lps(matrix_of(m.qto_xyz));
+    qform.topRows<3>() *= mm;
+    const bool is_valid = qform.allFinite() && qform.topLeftCorner<3, 3>().determinant() != 0 &&
+                          out.T_lps_voxel.topLeftCorner<3, 3>().determinant() != 0;
+    if (const std::string how =
+            is_valid ? form_difference(qform, out.T_lps_voxel, out.n) : std::string();
+        !how.empty())
+      warnings.push_back({"qform_differs", file,
+                          "its qform places the scan otherwise than its sform, which is used; by "
+                          "the qform it is " +
+                              how});
+  }
+  if (m.scl_slope != 0 && std::isfinite(m.scl_slope) && std::isfinite(m.scl_inter)) {
+    out.slope = m.scl_slope;
+    out.intercept = m.scl_inter;
+  }
+  return out;
+}
+
+Result<void> choose_volume(const std::string& file, std::optional<int> volume,
+                           NiftiHeader& header) {
+  constexpr double kMaxBytes = 0x1p60;
+  const std::string range = "0:" + std::to_string(header.volumes - 1);
+  if (!volume && header.volumes > 1) {
+    return usage(file + ": holds " + std::to_string(header.volumes) +
+                 " volumes (a fourth dimension); choose one of " + range + " with --volume");
+  }
+  if (volume && (*volume < 0 || *volume >= header.volumes))
+    return usage(file + ": --volume " + std::to_string(*volume) + " is outside " + range);
+  if (static_cast<double>(header.volumes) * static_cast<double>(header.data_bytes()) > kMaxBytes)
+    return refused(file + ": its header declares more than 2^60 bytes of voxels");
+  header.data_end = header.data_start + header.volumes * header.data_bytes();
+  header.data_start += volume.value_or(0) * header.data_bytes();
+  return {};
+}
+
+std::string form_difference(const Eigen::Matrix4d& qform, const Eigen::Matrix4d& sform,
+                            const std::array<std::int64_t, 3>& n) {
+  constexpr double kMaxVoxels = 0.5;
+  const Eigen::Array3d last(static_cast<double>(n[0] - 1), static_cast<double>(n[1] - 1),
+                            static_cast<double>(n[2] - 1));
+  const auto apart_mm = [&](const Eigen::Array3d& voxel) -> Eigen::Vector3d {
+    return ((qform - sform) * voxel.matrix().homogeneous()).head<3>();
+  };
+  const Eigen::Matrix3d to_voxels = sform.topLeftCorner<3, 3>().inverse();
+  double most_mm = 0, most_voxels = 0;
+  for (int corner = 0; corner < 8; ++corner) {
+    const Eigen::Vector3d apart =
+        apart_mm(last * Eigen::Array3d(corner & 1, corner >> 1 & 1, corner >> 2));
+    most_mm = std::max(most_mm, apart.norm());
+    most_voxels = std::max(most_voxels, (to_voxels * apart).cwiseAbs().maxCoeff());
+  }
+  const Eigen::Matrix3d from = directions(sform), to = directions(qform);
+  Eigen::Matrix3d turn = to * from.transpose();
+  const bool is_mirrored = turn.determinant() < 0;
+  if (!is_mirrored && !(most_voxels > kMaxVoxels)) return {};
+
+  std::string out;
+  const auto add = [&out](const std::string& text) { out += (out.empty() ? "" : ", ") + text; };
+  if (is_mirrored) {
+    // The mirror that leaves the smallest rotation.
+    constexpr std::array<const char*, 3> kAxes{"from left to right", "from front to back",
+                                               "from head to feet"};
+    int best = 0;
+    Eigen::Matrix3d left = turn;
+    for (int k = 0; k < 3; ++k) {
+      Eigen::Matrix3d mirror = Eigen::Matrix3d::Identity();
+      mirror(k, k) = -1;
+      const Eigen::Matrix3d rest = turn * mirror;
+      if (k > 0 && !(angle_deg(rest) < angle_deg(left) - 1e-6)) continue;
+      best = k;
+      left = rest;
+    }
+    turn = left;
+    add(std::string("mirrored ") + kAxes[static_cast<std::size_t>(best)]);
+  }
+  if (const double angle = angle_deg(turn); angle > 0.01)
+    add("rotated by " + text_of(angle, 4) + " degrees");
+  if (const double shift = apart_mm(last / 2).norm(); shift > 0.001)
+    add("shifted by " + text_of(shift, 4) + " mm");
+  for (int k = 0; k < 3; ++k) {
+    const double by_sform = sform.col(k).head<3>().norm();
+    if (!(std::abs(qform.col(k).head<3>().norm() - by_sform) > 1e-3 * by_sform)) continue;
+    add("has voxels of " + sides_text(qform) + " instead of " + sides_text(sform));
+    break;
+  }
+  add("a voxel moves by up to " + text_of(most_mm, 4) + " mm");
+  return out;
+}
 
 Result<std::unique_ptr<SliceStack>> open_array(const std::string& file, NiftiHeader header,
                                                const OpenOptions& options,
@@ -632,29 +639,6 @@ Result<std::unique_ptr<SliceStack>> open_voxels(const std::string& name, const N
   (*stack)->voxels_ = std::move(voxels);
   return std::unique_ptr<SliceStack>(std::move(*stack));
 }
-
-namespace {
-
-// Errors (refused): the slices do not form a regular volume.
-Result<void> check_volume(const SliceStack& stack, const std::string& where) {
-  const std::string reason = ": --axis needs a volume of evenly spaced slices without tilt; ";
-  if (stack.size() < 2) return refused(where + reason + "it has one slice");
-  const StackShape shape = stack_shape(stack);
-  char text[64];
-  if (shape.is_tilted()) {
-    std::snprintf(text, sizeof text, "these are tilted by %.1f degrees", shape.tilt_deg);
-    return refused(where + reason + text);
-  }
-  if (const auto at = shape.first_uneven()) {
-    std::snprintf(text, sizeof text, " are %.4g mm apart, others %.4g mm", shape.gaps_mm[*at],
-                  shape.step_mm);
-    return refused(where + reason + stack.name(static_cast<int>(*at)) + " and " +
-                   stack.name(static_cast<int>(*at) + 1) + text);
-  }
-  return {};
-}
-
-}  // namespace
 
 Result<std::unique_ptr<SliceStack>> resliced(std::unique_ptr<SliceStack> stack, SliceAxis axis,
                                              const std::string& where, bool as_labels) {

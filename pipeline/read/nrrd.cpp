@@ -15,7 +15,6 @@
 
 #include "formats/base/files.h"
 #include "pipeline/read/file_names.h"
-#include "pipeline/read/nifti.h"
 #include "pipeline/read/volume_file.h"
 
 namespace trocar::pipeline {

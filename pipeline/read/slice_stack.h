@@ -101,7 +101,7 @@ class SliceStack {
   /// Reads the pixels of a slice. Errors: kRefused; the message names file, slice and reason.
   virtual Result<Image> read(int slice) const = 0;
   /// Reads a slice of a label map that was opened with OpenOptions::as_labels. Errors: those of
-  /// read(), and those of to_labels() (label_values.h).
+  /// read(), and those of to_labels().
   virtual Result<LabelImage> read_labels(int slice) const;
   /// Waits until a volume that was opened with OpenOptions::unpack_behind is completely unpacked.
   /// Errors: kRefused if the volume is damaged, even in a part that no slice needed, such as the

@@ -3,21 +3,16 @@
 
 #include <fcntl.h>
 #include <isa-l/crc.h>
-#include <unistd.h>
 #include <algorithm>
 #include <array>
 #include <atomic>
-#include <cerrno>
 #include <chrono>
 #include <condition_variable>
-#include <cstdint>
 #include <cstring>
 #include <mutex>
 #include <optional>
 #include <thread>
 #include <utility>
-
-#include "formats/base/files.h"
 
 #if defined(__x86_64__)
 #include <immintrin.h>
@@ -37,6 +32,43 @@ void clear_vector_registers() {
 void clear_vector_registers() {}
 #endif
 
+constexpr std::size_t kPackedBytes = 1 << 17;
+constexpr std::array<char, 2> kMagic{'\x1f', '\x8b'};
+
+// Deflate cannot compress by a factor of more than 1032.
+constexpr std::int64_t kDeflateLimit = 1032;
+
+bool write_all(int descriptor, const char* from, std::size_t bytes) {
+  while (bytes > 0) {
+    const ssize_t n = ::write(descriptor, from, bytes);
+    if (n < 0 && errno == EINTR) continue;
+    if (n <= 0) return false;
+    from += n;
+    bytes -= static_cast<std::size_t>(n);
+  }
+  return true;
+}
+
+Error truncated(const std::string& name, std::int64_t wanted, std::int64_t have) {
+  return refused(name + ": truncated: its header declares voxels up to byte " +
+                 std::to_string(wanted) + ", there are " + std::to_string(have));
+}
+
+Result<int> open_nameless(const std::filesystem::path& for_file) {
+  std::error_code error;
+  const std::filesystem::path folder = std::filesystem::temp_directory_path(error);
+  int descriptor = ::open(folder.c_str(), O_TMPFILE | O_RDWR | O_CLOEXEC, 0600);
+  if (descriptor < 0) {  // not every file system supports O_TMPFILE
+    std::string name = (folder / "trocar-XXXXXX").string();
+    descriptor = ::mkostemp(name.data(), O_CLOEXEC);
+    if (descriptor >= 0) ::unlink(name.c_str());
+  }
+  if (descriptor < 0)
+    return refused_for_now(for_file.string() + ": no temporary file in " + folder.string() +
+                           " for its voxels (" + system_message(errno) + "); set TMPDIR");
+  return descriptor;
+}
+
 }  // namespace
 
 int inflate_on(inflate_state& state) {
@@ -50,13 +82,6 @@ std::uint32_t gzip_checksum(std::span<const std::uint8_t> bytes) {
   clear_vector_registers();
   return out;
 }
-
-namespace {
-
-constexpr std::size_t kPackedBytes = 1 << 17;
-constexpr std::array<char, 2> kMagic{'\x1f', '\x8b'};
-
-}  // namespace
 
 bool GzipReader::is_gzip(int descriptor, std::int64_t from) {
   std::array<char, 2> magic{};
@@ -125,50 +150,12 @@ Result<std::size_t> GzipReader::read(std::span<char> to) {
   return to.size() - s.avail_out;
 }
 
-namespace {
-
-// Deflate cannot compress by a factor of more than 1032.
-constexpr std::int64_t kDeflateLimit = 1032;
-
-bool write_all(int descriptor, const char* from, std::size_t bytes) {
-  while (bytes > 0) {
-    const ssize_t n = ::write(descriptor, from, bytes);
-    if (n < 0 && errno == EINTR) continue;
-    if (n <= 0) return false;
-    from += n;
-    bytes -= static_cast<std::size_t>(n);
-  }
-  return true;
-}
-
-Error truncated(const std::string& name, std::int64_t wanted, std::int64_t have) {
-  return refused(name + ": truncated: its header declares voxels up to byte " +
-                 std::to_string(wanted) + ", there are " + std::to_string(have));
-}
-
-Result<int> open_nameless(const std::filesystem::path& for_file) {
-  std::error_code error;
-  const std::filesystem::path folder = std::filesystem::temp_directory_path(error);
-  int descriptor = ::open(folder.c_str(), O_TMPFILE | O_RDWR | O_CLOEXEC, 0600);
-  if (descriptor < 0) {  // not every file system supports O_TMPFILE
-    std::string name = (folder / "trocar-XXXXXX").string();
-    descriptor = ::mkostemp(name.data(), O_CLOEXEC);
-    if (descriptor >= 0) ::unlink(name.c_str());
-  }
-  if (descriptor < 0)
-    return refused_for_now(for_file.string() + ": no temporary file in " + folder.string() +
-                           " for its voxels (" + system_message(errno) + "); set TMPDIR");
-  return descriptor;
-}
-
-}  // namespace
-
 // Unpacks on its thread; readers wait for the bytes that they need.
 class VolumeFile::Unpacking {
  public:
-  Unpacking(int from, std::int64_t from_at, int to, std::string name, std::int64_t start,
+  Unpacking(FileDescriptor from, std::int64_t from_at, int to, std::string name, std::int64_t start,
             std::int64_t size, std::int64_t whole)
-      : from_(from),
+      : from_(std::move(from)),
         from_at_(from_at),
         to_(to),
         name_(std::move(name)),
@@ -276,15 +263,15 @@ Result<VolumeFile> VolumeFile::open_part(const std::filesystem::path& file, std:
                                          bool behind, std::int64_t whole) {
   const std::string name = file.string();
   VolumeFile packed;
-  packed.descriptor_ = ::open(file.c_str(), O_RDONLY | O_CLOEXEC);
-  if (packed.descriptor_ < 0) return refused_by_system(name, errno);
+  packed.descriptor_ = FileDescriptor(::open(file.c_str(), O_RDONLY | O_CLOEXEC));
+  if (packed.descriptor_.get() < 0) return refused_by_system(name, errno);
   packed.start_ = from + start;
-  const std::int64_t on_disk = ::lseek(packed.descriptor_, 0, SEEK_END) - from;
+  const std::int64_t on_disk = ::lseek(packed.descriptor_.get(), 0, SEEK_END) - from;
   if (!is_gzip) {
     if (on_disk < start + size) return truncated(name, start + size, on_disk);
     return packed;
   }
-  if (!GzipReader::is_gzip(packed.descriptor_, from))
+  if (!GzipReader::is_gzip(packed.descriptor_.get(), from))
     return refused(name + ": its data are not packed by gzip as its header says");
   if ((start + size) / kDeflateLimit > on_disk) {
     return refused(name + ": truncated: its header declares " + std::to_string(start + size) +
@@ -293,10 +280,9 @@ Result<VolumeFile> VolumeFile::open_part(const std::filesystem::path& file, std:
   const auto out = open_nameless(file);
   if (!out) return out.error();
   VolumeFile unpacked;
-  unpacked.descriptor_ = *out;
-  unpacked.unpacking_ =
-      std::make_unique<Unpacking>(std::exchange(packed.descriptor_, -1), from, *out, name, start,
-                                  size, std::max(whole, start + size));
+  unpacked.descriptor_ = FileDescriptor(*out);
+  unpacked.unpacking_ = std::make_unique<Unpacking>(std::move(packed.descriptor_), from, *out, name,
+                                                    start, size, std::max(whole, start + size));
   if (behind) return unpacked;
   if (const auto ok = unpacked.finish(); !ok) return ok.error();
   return unpacked;
@@ -306,13 +292,13 @@ Result<VolumeFile> VolumeFile::temporary(const std::filesystem::path& for_file) 
   const auto descriptor = open_nameless(for_file);
   if (!descriptor) return descriptor.error();
   VolumeFile out;
-  out.descriptor_ = *descriptor;
+  out.descriptor_ = FileDescriptor(*descriptor);
   return out;
 }
 
 Result<void> VolumeFile::append(std::span<const char> bytes,
                                 const std::filesystem::path& for_file) {
-  if (write_all(descriptor_, bytes.data(), bytes.size())) return {};
+  if (write_all(descriptor_.get(), bytes.data(), bytes.size())) return {};
   return refused_for_now(for_file.string() + ": no space for a temporary file of its voxels (" +
                          system_message(errno) + "); set TMPDIR");
 }
@@ -321,7 +307,7 @@ Result<void> VolumeFile::read(std::int64_t at, std::span<char> to, const std::st
   if (unpacking_ != nullptr) {
     if (auto ok = unpacking_->wait_for(at + static_cast<std::int64_t>(to.size())); !ok) return ok;
   }
-  if (read_at(descriptor_, start_ + at, to) == to.size()) return {};
+  if (read_at(descriptor_.get(), start_ + at, to) == to.size()) return {};
   return refused_for_now(name + ": the file has become shorter");
 }
 
@@ -334,22 +320,8 @@ double VolumeFile::waited_ms() const {
 }
 
 VolumeFile::VolumeFile() = default;
-
-VolumeFile::VolumeFile(VolumeFile&& other) noexcept
-    : descriptor_(std::exchange(other.descriptor_, -1)),
-      start_(other.start_),
-      unpacking_(std::move(other.unpacking_)) {}
-
-VolumeFile& VolumeFile::operator=(VolumeFile&& other) noexcept {
-  std::swap(descriptor_, other.descriptor_);
-  std::swap(start_, other.start_);
-  std::swap(unpacking_, other.unpacking_);
-  return *this;
-}
-
-VolumeFile::~VolumeFile() {
-  unpacking_.reset();  // first, because it writes to the descriptor
-  if (descriptor_ >= 0) ::close(descriptor_);
-}
+VolumeFile::VolumeFile(VolumeFile&& other) noexcept = default;
+VolumeFile& VolumeFile::operator=(VolumeFile&& other) noexcept = default;
+VolumeFile::~VolumeFile() = default;
 
 }  // namespace trocar::pipeline

@@ -11,6 +11,7 @@
 #include <string>
 #include <vector>
 
+#include "formats/base/files.h"
 #include "formats/base/result.h"
 
 namespace trocar::pipeline {
@@ -129,9 +130,9 @@ class VolumeFile {
 
  private:
   class Unpacking;
-  int descriptor_ = -1;
+  FileDescriptor descriptor_;
   std::int64_t start_ = 0;
-  std::unique_ptr<Unpacking> unpacking_;  ///< unpacks a gzip file to descriptor_
+  std::unique_ptr<Unpacking> unpacking_;  ///< unpacks a gzip file to descriptor_; ends before it
 };
 
 }  // namespace trocar::pipeline

@@ -83,7 +83,7 @@ add_custom_target(trocar-examples ${by_default} DEPENDS ${examples}/sample.glb $
 install(DIRECTORY ${examples} DESTINATION ${share} COMPONENT trocar-examples)
 
 # --- data ---------------------------------------------------------------------------------------
-install(FILES runtime/device/four_legs.json DESTINATION ${share}/device COMPONENT trocar-runtime)
+install(FILES formats/session/four_legs.json DESTINATION ${share}/device COMPONENT trocar-runtime)
 install(FILES formats/session/scene.schema.json formats/session/device.schema.json formats/session/summary.schema.json
   formats/session/frames.schema.json formats/session/sheets.schema.json formats/session/session_report.schema.json
   formats/session/history.schema.json

@@ -7,7 +7,7 @@
 
 #include "formats/mesh/slice_mesh.h"
 #include "pipeline/read/slice_stack.h"
-#include "sample_ct/cross_section.h"
+#include "tests/reference/phantom/cross_section.h"
 
 namespace trocar::pipeline::bench {
 

@@ -168,7 +168,7 @@ def key(t_s, tip_m, rotation_deg):
 
 
 def check_angles(page, source, programs, asset, work, angles_of_vector):
-    description = json.loads((source / "runtime" / "device" / "four_legs.json").read_text())
+    description = json.loads((source / "formats" / "session" / "four_legs.json").read_text())
     mechanism = Mechanism(description)
     moving = Session(programs, asset, work, [key(0, [0.006, -0.004, 0.13], [4, -3, 5]), key(0.9, [0.009, -0.001, 0.114], [-2, 3, -8])])
     for row in range(0, len(moving.angles), 50):

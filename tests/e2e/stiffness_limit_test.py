@@ -30,7 +30,7 @@ def test_stiffness_limit(programs, scan, work):
     run(trocar_run, "replay", scene, "--quiet", work / "limited.csv", expect=3)
     assert "the limit that the device or the operator states" in run(trocar_run, "check", scene, "--stiffness-limit", limit).stdout
 
-    device = json.loads((SOURCE / "runtime/device/four_legs.json").read_text())
+    device = json.loads((SOURCE / "formats/session/four_legs.json").read_text())
     device["plate"]["stiffness_max_N_per_m"] = 5000
     (work / "soft.json").write_text(json.dumps(device))
     run(trocar_run, scene, *fast, "--device-description", work / "soft.json", "--stiffness-limit", limit)

@@ -263,7 +263,7 @@ def replays(source, programs, work, asset, scan):
     other_asset = work / "other.glb"
     run(programs / "trocar-mesh", scan / "dicom", "-o", other_asset, "--threshold", "300", "--quiet")
     refused("another asset", "the asset", origin["asset"][:12], arguments=("--asset", other_asset))
-    description = json.loads((source / "runtime" / "device" / "four_legs.json").read_text())
+    description = json.loads((source / "formats" / "session" / "four_legs.json").read_text())
     same_device, other_device = work / "same_device.json", work / "other_device.json"
     same_device.write_text(json.dumps(description))
     description["plate"]["mass_kg"] *= 1.1

@@ -11,10 +11,10 @@
 #include <tuple>
 #include <vector>
 
-#include "sample_ct/cross_section.h"
 #include "sample_ct/phantom.h"
 #include "sample_ct/random.h"
 #include "sample_ct/render.h"
+#include "tests/reference/phantom/cross_section.h"
 
 namespace trocar::sample {
 namespace {

@@ -3,23 +3,17 @@
 
 #include <Eigen/Geometry>
 #include <algorithm>
-#include <array>
-#include <cmath>
 #include <fstream>
 #include <initializer_list>
 #include <iterator>
-#include <optional>
 #include <span>
 #include <string_view>
-#include <utility>
 
 #include "formats/asset/deidentification.h"
-#include "formats/base/result.h"
 #include "pipeline/read/dicom/dicom_lossy.h"
 #include "pipeline/read/dicom/dicom_parse.h"
 #include "pipeline/read/dicom/dicom_pixels.h"
 #include "pipeline/read/number_ranges.h"
-#include "pipeline/read/slice_stack.h"
 
 namespace trocar::pipeline {
 namespace {
@@ -101,100 +95,6 @@ std::string other_rescale(DcmItem& data) {
   const std::string known = code_string(type.c_str());
   return known.starts_with("HU") || known == "US" ? std::string() : known;
 }
-
-}  // namespace
-
-ImageContent image_content(DcmItem& data) {
-  using Kind = ImageContent::Kind;
-  ImageContent out{Kind::kUnknown, modality_of(data)};
-  const auto is = [&out](Kind kind, const std::string& type) {
-    return ImageContent{kind, out.name + (out.name.empty() ? "" : " ") + type};
-  };
-  if (const auto scout = image_type_with(data, {"LOCALIZER", "SURVIEW", "SCOUT"}); !scout.empty())
-    return is(Kind::kLocaliser, scout);
-  if (const auto mosaic = image_type_with(data, {"MOSAIC"}); !mosaic.empty())
-    return is(Kind::kOther, mosaic);
-  // Pictures of a screen state the modality of what they show.
-  const std::string sop_class = dicom_text(&data, DCM_SOPClassUID);
-  const bool is_capture = sop_class == std::string(kStorage) + "7" ||
-                          sop_class.starts_with(std::string(kStorage) + "7.");
-  if (!image_type_with(data, {"SCREEN SAVE", "SCREEN_SAVE"}).empty() ||
-      (is_capture && !data.tagExists(DCM_RescaleIntercept)))
-    return is(Kind::kOther, "SECONDARY CAPTURE");
-  if (const std::string type = other_rescale(data); out.name == "CT" && !type.empty())
-    return is(Kind::kOther, type);
-  if (!out.name.empty()) out.kind = out.name == "CT" ? Kind::kCt : Kind::kOther;
-  return out;
-}
-
-std::string why_not_ct(const ImageContent& content) {
-  constexpr const char* kAsItIs = ", or --any-modality to mesh it as it is";
-  const std::string what = "its modality is " + content.name;
-  if (content.kind == ImageContent::Kind::kLocaliser) {
-    return "a localiser (" + content.name +
-           "), a view for planning whose values are not HU; give the CT series" + kAsItIs;
-  }
-  if (content.name.find("MOSAIC") != std::string::npos) {
-    return what + ", many slices side by side in one image, and its values are not HU; give a CT" +
-           kAsItIs;
-  }
-  if (content.name.find("CAPTURE") != std::string::npos)
-    return "a picture of a screen (" + content.name + "), not HU; give the CT series" + kAsItIs;
-  if (content.name.starts_with("CT ")) {
-    return "a CT whose values are not HU after the rescale (RescaleType " + content.name.substr(3) +
-           "); give the series in HU" + kAsItIs;
-  }
-  const std::string_view words = look_up(kWords, content.name);
-  const std::string named = what + (words.empty() ? "" : " (" + std::string(words) + ")");
-  if (content.is_segmentation())
-    return named + ", not HU; mesh its segments with --labels N, or --labels all";
-  return named + ", so its values are not HU; give a CT" + kAsItIs;
-}
-
-Result<void> settle_localisers(std::vector<DicomFile>& files, const std::string& wanted,
-                               bool any_modality) {
-  using Kind = DicomFile::Kind;
-  DicomFile* first = nullptr;
-  for (DicomFile& file : files) {
-    if (!wanted.empty() && file.series.uid != wanted) continue;
-    if (file.kind != Kind::kLocaliser && file.kind != Kind::kNotImage) return {};
-    if (file.kind == Kind::kLocaliser && first == nullptr) first = &file;
-  }
-  if (first == nullptr) return {};
-  if (!any_modality) return refused(first->problem);
-  for (DicomFile& file : files) {
-    if (file.kind == Kind::kLocaliser && (wanted.empty() || file.series.uid == wanted))
-      file.kind = file.frames.empty() ? Kind::kUnusable : Kind::kImages;
-  }
-  return {};
-}
-
-std::string other_modality(const std::vector<DicomFile>& files,
-                           const std::set<std::filesystem::path>& used,
-                           std::vector<Warning>& warnings) {
-  const DicomFile *other = nullptr, *unknown = nullptr;
-  for (const DicomFile& file : files) {
-    if (used.count(file.file) == 0 || file.content.kind == ImageContent::Kind::kCt) continue;
-    const bool is_unknown = file.content.kind == ImageContent::Kind::kUnknown;
-    const DicomFile*& which = is_unknown ? unknown : other;
-    if (which == nullptr) which = &file;
-  }
-  if (other != nullptr) {
-    const auto sentence = [](const std::string& name) {
-      return "values are not HU: these images are " + name + "; no mean HU is stored";
-    };
-    warnings.push_back({"not_hu", other->file.string(), sentence(other->content.name),
-                        sentence(shared_modality(other->content.name))});
-    return other->content.name;
-  }
-  if (unknown != nullptr) {
-    warnings.push_back({"no_modality", unknown->file.string(),
-                        "no modality is given; the values are taken as HU of a CT"});
-  }
-  return {};
-}
-
-namespace {
 
 using GivenSpacing = std::optional<std::array<double, 3>>;
 
@@ -666,6 +566,96 @@ std::optional<std::string> read_frames(DcmFileFormat& format, const GivenSpacing
 }
 
 }  // namespace
+
+ImageContent image_content(DcmItem& data) {
+  using Kind = ImageContent::Kind;
+  ImageContent out{Kind::kUnknown, modality_of(data)};
+  const auto is = [&out](Kind kind, const std::string& type) {
+    return ImageContent{kind, out.name + (out.name.empty() ? "" : " ") + type};
+  };
+  if (const auto scout = image_type_with(data, {"LOCALIZER", "SURVIEW", "SCOUT"}); !scout.empty())
+    return is(Kind::kLocaliser, scout);
+  if (const auto mosaic = image_type_with(data, {"MOSAIC"}); !mosaic.empty())
+    return is(Kind::kOther, mosaic);
+  // Pictures of a screen state the modality of what they show.
+  const std::string sop_class = dicom_text(&data, DCM_SOPClassUID);
+  const bool is_capture = sop_class == std::string(kStorage) + "7" ||
+                          sop_class.starts_with(std::string(kStorage) + "7.");
+  if (!image_type_with(data, {"SCREEN SAVE", "SCREEN_SAVE"}).empty() ||
+      (is_capture && !data.tagExists(DCM_RescaleIntercept)))
+    return is(Kind::kOther, "SECONDARY CAPTURE");
+  if (const std::string type = other_rescale(data); out.name == "CT" && !type.empty())
+    return is(Kind::kOther, type);
+  if (!out.name.empty()) out.kind = out.name == "CT" ? Kind::kCt : Kind::kOther;
+  return out;
+}
+
+std::string why_not_ct(const ImageContent& content) {
+  constexpr const char* kAsItIs = ", or --any-modality to mesh it as it is";
+  const std::string what = "its modality is " + content.name;
+  if (content.kind == ImageContent::Kind::kLocaliser) {
+    return "a localiser (" + content.name +
+           "), a view for planning whose values are not HU; give the CT series" + kAsItIs;
+  }
+  if (content.name.find("MOSAIC") != std::string::npos) {
+    return what + ", many slices side by side in one image, and its values are not HU; give a CT" +
+           kAsItIs;
+  }
+  if (content.name.find("CAPTURE") != std::string::npos)
+    return "a picture of a screen (" + content.name + "), not HU; give the CT series" + kAsItIs;
+  if (content.name.starts_with("CT ")) {
+    return "a CT whose values are not HU after the rescale (RescaleType " + content.name.substr(3) +
+           "); give the series in HU" + kAsItIs;
+  }
+  const std::string_view words = look_up(kWords, content.name);
+  const std::string named = what + (words.empty() ? "" : " (" + std::string(words) + ")");
+  if (content.is_segmentation())
+    return named + ", not HU; mesh its segments with --labels N, or --labels all";
+  return named + ", so its values are not HU; give a CT" + kAsItIs;
+}
+
+Result<void> settle_localisers(std::vector<DicomFile>& files, const std::string& wanted,
+                               bool any_modality) {
+  using Kind = DicomFile::Kind;
+  DicomFile* first = nullptr;
+  for (DicomFile& file : files) {
+    if (!wanted.empty() && file.series.uid != wanted) continue;
+    if (file.kind != Kind::kLocaliser && file.kind != Kind::kNotImage) return {};
+    if (file.kind == Kind::kLocaliser && first == nullptr) first = &file;
+  }
+  if (first == nullptr) return {};
+  if (!any_modality) return refused(first->problem);
+  for (DicomFile& file : files) {
+    if (file.kind == Kind::kLocaliser && (wanted.empty() || file.series.uid == wanted))
+      file.kind = file.frames.empty() ? Kind::kUnusable : Kind::kImages;
+  }
+  return {};
+}
+
+std::string other_modality(const std::vector<DicomFile>& files,
+                           const std::set<std::filesystem::path>& used,
+                           std::vector<Warning>& warnings) {
+  const DicomFile *other = nullptr, *unknown = nullptr;
+  for (const DicomFile& file : files) {
+    if (used.count(file.file) == 0 || file.content.kind == ImageContent::Kind::kCt) continue;
+    const bool is_unknown = file.content.kind == ImageContent::Kind::kUnknown;
+    const DicomFile*& which = is_unknown ? unknown : other;
+    if (which == nullptr) which = &file;
+  }
+  if (other != nullptr) {
+    const auto sentence = [](const std::string& name) {
+      return "values are not HU: these images are " + name + "; no mean HU is stored";
+    };
+    warnings.push_back({"not_hu", other->file.string(), sentence(other->content.name),
+                        sentence(shared_modality(other->content.name))});
+    return other->content.name;
+  }
+  if (unknown != nullptr) {
+    warnings.push_back({"no_modality", unknown->file.string(),
+                        "no modality is given; the values are taken as HU of a CT"});
+  }
+  return {};
+}
 
 std::vector<DicomVolumeKey> dicom_volume_keys() {
   std::vector<DicomVolumeKey> out;

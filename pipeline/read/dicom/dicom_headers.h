@@ -32,7 +32,7 @@ struct Warning;
 /// 3. kCt: the modality is CT.
 /// 4. kUnknown: there is no modality.
 /// The modality comes from the attribute Modality. If this attribute is missing or empty, the
-/// modality comes from the SOP class, if modality.cpp lists that class.
+/// modality comes from the SOP class, if dicom_headers.cpp lists that class.
 struct ImageContent {
   enum class Kind { kCt, kUnknown, kLocaliser, kOther };
   Kind kind = Kind::kUnknown;

@@ -1,22 +1,15 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "pipeline/read/dicom/dicom_parse.h"
 
-#include <dcmtk/config/osconfig.h>
 #include <dcmtk/dcmdata/dcistrmf.h>
 #include <dcmtk/dcmdata/dcrledrg.h>
 #include <dcmtk/dcmdata/dcspchrs.h>
-#include <dcmtk/dcmdata/dctk.h>
 #include <dcmtk/dcmjpeg/djdecode.h>
 #include <dcmtk/dcmjpls/djdecode.h>
 #include <dcmtk/oflog/oflog.h>
 #include <algorithm>
 #include <cmath>
 #include <cstdlib>
-#include <memory>
-#include <mutex>
-#include <string>
-
-#include "pipeline/read/dicom/dicom_headers.h"
 
 namespace trocar::pipeline {
 namespace {
@@ -65,95 +58,6 @@ class GuardedStream final : public DcmInputFileStream {
   offile_off_t parsed_ = 0;
   mutable const char* over_ = nullptr;
 };
-
-}  // namespace
-
-void set_up_dcmtk() {
-  static std::once_flag once;
-  std::call_once(once, [] {
-    OFLog::configure(OFLogger::OFF_LOG_LEVEL);
-    add_known_dicom_elements();
-    // Some systems store standard elements with an unknown representation (UN).
-    dcmEnableUnknownVRConversion.set(OFTrue);
-    DcmRLEDecoderRegistration::registerCodecs();
-    DJDecoderRegistration::registerCodecs();
-    DJLSDecoderRegistration::registerCodecs();
-  });
-}
-
-// NOLINTBEGIN(clang-analyzer-unix.Malloc): of DCMTK's condition, which owns its text
-OFCondition load_dicom(const std::filesystem::path& file, DcmFileFormat& format,
-                       const DcmTagKey& end) {
-  GuardedStream stream(OFFilename(file.c_str()));
-  if (stream.status().bad()) return stream.status();
-  format.transferInit();
-  OFCondition done = format.readUntilTag(stream, EXS_Unknown, EGL_noChange, 4096, end);
-  format.transferEnd();
-  return stream.was_over() ? stream.status() : done;
-}
-// NOLINTEND(clang-analyzer-unix.Malloc)
-
-std::string dicom_text(DcmItem* item, const DcmTagKey& tag) {
-  OFString value;
-  if (item == nullptr || item->findAndGetOFString(tag, value).bad()) return {};
-  return without_control(value.c_str());
-}
-
-std::string dicom_utf8(DcmDataset& data, const DcmTagKey& tag, DcmItem* item) {
-  OFString value, set, converted;
-  DcmItem& holder = item != nullptr ? *item : data;
-  if (holder.findAndGetOFString(tag, value).bad()) return {};
-  data.findAndGetOFStringArray(DCM_SpecificCharacterSet, set);
-  DcmSpecificCharacterSet charset;
-  if (!set.empty() && charset.selectCharacterSet(set).good() &&
-      charset.convertString(value, converted).good()) {
-    value = converted;
-  }
-  std::string out = without_control(value.c_str());
-  out.erase(0, out.find_first_not_of(' '));
-  out.erase(out.find_last_not_of(' ') + 1);
-  return out;
-}
-
-bool dicom_numbers(DcmItem* item, const DcmTagKey& tag, double* out, unsigned count) {
-  if (item == nullptr) return false;
-  for (unsigned i = 0; i < count; ++i) {
-    if (item->findAndGetFloat64(tag, out[i], i).bad() || !std::isfinite(out[i])) return false;
-  }
-  return true;
-}
-
-int dicom_integer(DcmItem* item, const DcmTagKey& tag, int otherwise) {
-  Uint16 value = 0;
-  return item != nullptr && item->findAndGetUint16(tag, value).good() ? value : otherwise;
-}
-
-DcmPixelData* dicom_pixel_data(DcmFileFormat& format) {
-  DcmElement* element = nullptr;
-  if (format.getDataset()->findAndGetElement(DCM_PixelData, element).bad()) return nullptr;
-  return dynamic_cast<DcmPixelData*>(element);
-}
-
-bool dicom_encapsulated(E_TransferSyntax syntax) {
-#if PACKAGE_VERSION_NUMBER >= 369
-  return DcmXfer(syntax).usesEncapsulatedFormat();
-#else
-  return DcmXfer(syntax).isEncapsulated();
-#endif
-}
-
-Uint32 dicom_frame_bytes(const DcmPixelData& pixels, DcmDataset& data, bool compressed) {
-  Uint32 bytes = 0;
-#if PACKAGE_VERSION_NUMBER >= 369
-  const OFCondition found = pixels.getUncompressedFrameSize(&data, bytes, !compressed);
-#else
-  static_cast<void>(compressed);
-  const OFCondition found = pixels.getUncompressedFrameSize(&data, bytes);
-#endif
-  return found.good() ? bytes : 0;
-}
-
-namespace {
 
 struct Known {
   DcmTagKey tag;
@@ -256,6 +160,91 @@ const Known kKnown[] = {
 };
 
 }  // namespace
+
+void set_up_dcmtk() {
+  static std::once_flag once;
+  std::call_once(once, [] {
+    OFLog::configure(OFLogger::OFF_LOG_LEVEL);
+    add_known_dicom_elements();
+    // Some systems store standard elements with an unknown representation (UN).
+    dcmEnableUnknownVRConversion.set(OFTrue);
+    DcmRLEDecoderRegistration::registerCodecs();
+    DJDecoderRegistration::registerCodecs();
+    DJLSDecoderRegistration::registerCodecs();
+  });
+}
+
+// NOLINTBEGIN(clang-analyzer-unix.Malloc): of DCMTK's condition, which owns its text
+OFCondition load_dicom(const std::filesystem::path& file, DcmFileFormat& format,
+                       const DcmTagKey& end) {
+  GuardedStream stream(OFFilename(file.c_str()));
+  if (stream.status().bad()) return stream.status();
+  format.transferInit();
+  OFCondition done = format.readUntilTag(stream, EXS_Unknown, EGL_noChange, 4096, end);
+  format.transferEnd();
+  return stream.was_over() ? stream.status() : done;
+}
+// NOLINTEND(clang-analyzer-unix.Malloc)
+
+std::string dicom_text(DcmItem* item, const DcmTagKey& tag) {
+  OFString value;
+  if (item == nullptr || item->findAndGetOFString(tag, value).bad()) return {};
+  return without_control(value.c_str());
+}
+
+std::string dicom_utf8(DcmDataset& data, const DcmTagKey& tag, DcmItem* item) {
+  OFString value, set, converted;
+  DcmItem& holder = item != nullptr ? *item : data;
+  if (holder.findAndGetOFString(tag, value).bad()) return {};
+  data.findAndGetOFStringArray(DCM_SpecificCharacterSet, set);
+  DcmSpecificCharacterSet charset;
+  if (!set.empty() && charset.selectCharacterSet(set).good() &&
+      charset.convertString(value, converted).good()) {
+    value = converted;
+  }
+  std::string out = without_control(value.c_str());
+  out.erase(0, out.find_first_not_of(' '));
+  out.erase(out.find_last_not_of(' ') + 1);
+  return out;
+}
+
+bool dicom_numbers(DcmItem* item, const DcmTagKey& tag, double* out, unsigned count) {
+  if (item == nullptr) return false;
+  for (unsigned i = 0; i < count; ++i) {
+    if (item->findAndGetFloat64(tag, out[i], i).bad() || !std::isfinite(out[i])) return false;
+  }
+  return true;
+}
+
+int dicom_integer(DcmItem* item, const DcmTagKey& tag, int otherwise) {
+  Uint16 value = 0;
+  return item != nullptr && item->findAndGetUint16(tag, value).good() ? value : otherwise;
+}
+
+DcmPixelData* dicom_pixel_data(DcmFileFormat& format) {
+  DcmElement* element = nullptr;
+  if (format.getDataset()->findAndGetElement(DCM_PixelData, element).bad()) return nullptr;
+  return dynamic_cast<DcmPixelData*>(element);
+}
+
+bool dicom_encapsulated(E_TransferSyntax syntax) {
+#if PACKAGE_VERSION_NUMBER >= 369
+  return DcmXfer(syntax).usesEncapsulatedFormat();
+#else
+  return DcmXfer(syntax).isEncapsulated();
+#endif
+}
+
+Uint32 dicom_frame_bytes(const DcmPixelData& pixels, DcmDataset& data, bool compressed) {
+  Uint32 bytes = 0;
+#if PACKAGE_VERSION_NUMBER >= 369
+  const OFCondition found = pixels.getUncompressedFrameSize(&data, bytes, !compressed);
+#else
+  static_cast<void>(compressed);
+  const OFCondition found = pixels.getUncompressedFrameSize(&data, bytes);
+#endif
+  return found.good() ? bytes : 0;
+}
 
 void leave_out_dicom_dictionary() {
   // There are no other threads yet. NOLINTNEXTLINE(concurrency-mt-unsafe)

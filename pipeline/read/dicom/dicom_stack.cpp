@@ -11,7 +11,6 @@
 #include <set>
 #include <utility>
 
-#include "pipeline/read/dicom/dicom_headers.h"
 #include "pipeline/read/dicom/dicom_lossy.h"
 #include "pipeline/read/dicom/dicom_parse.h"
 #include "pipeline/read/dicom/dicom_pixels.h"
@@ -20,7 +19,6 @@
 #include "pipeline/read/file_names.h"
 #include "pipeline/read/nifti.h"
 #include "pipeline/read/number_ranges.h"
-#include "pipeline/read/slice_stack.h"
 
 namespace trocar::pipeline {
 namespace {
@@ -131,81 +129,6 @@ Result<std::unique_ptr<SliceStack>> open_labels(const DicomFile& file,
   return stack;
 }
 
-}  // namespace
-
-Result<std::unique_ptr<SliceStack>> open_dicom(const std::vector<std::filesystem::path>& files,
-                                               const OpenOptions& options) {
-  const std::filesystem::path folder = files[0].parent_path();
-  const std::string where = ((folder.empty() ? "." : folder) / "").string();
-  std::vector<DicomFile> headers;
-  headers.reserve(files.size());
-  for (const std::filesystem::path& file : files)
-    headers.push_back(read_dicom_headers(file, options.spacing_mm, options.any_modality));
-  return open_dicom(std::move(headers), where, options);
-}
-
-Result<std::unique_ptr<SliceStack>> open_dicom(std::vector<DicomFile> headers,
-                                               const std::string& where,
-                                               const OpenOptions& options) {
-  auto stack = std::make_unique<DicomStack>();
-  std::vector<Warning> ignored;
-  const auto before = group_series(headers, ignored);
-  if (before.empty()) return no_dicom(headers, where);
-  std::string uid;
-  if (!options.series.empty()) {
-    const auto wanted = named_series(before, options.series);
-    if (!wanted) return wanted.error();
-    uid = *wanted;
-  }
-  if (options.as_labels) {
-    const auto labels = chosen_segmentation(headers, uid, where);
-    if (!labels) return labels.error();
-    if (*labels != nullptr) {
-      if (auto ok = check_no_volume(where, options.volume); !ok) return ok.error();
-      return open_labels(**labels, headers, where, options);
-    }
-  }
-  if (auto ok = settle_localisers(headers, uid, options.any_modality); !ok) return ok.error();
-  const auto series = group_series(headers, stack->warnings);
-  const auto chosen = choose_series(series, uid, where);
-  if (!chosen) return chosen.error();
-  auto slices = slices_of(series, *chosen, where, stack->warnings);
-  if (!slices) return slices.error();
-  stack->series = series[chosen->index].info;
-  const auto with_advice = [&](const Error& error) {
-    return Error{error.code,
-                 error.message + (chosen->why.empty() ? "" : "; --series chooses another series")};
-  };
-  auto volumes = volumes_of(std::move(*slices), stack->warnings);
-  if (!volumes) return with_advice(volumes.error());
-  const auto volume = chosen_volume(*volumes, options.volume, where);
-  if (!volume) return with_advice(volume.error());
-  stack->slices_ = std::move((*volumes)[*volume].slices);
-  warn_of_volume(stack->slices_, stack->warnings);
-  std::set<std::filesystem::path> used;
-  for (const DicomFrame& h : stack->slices_)
-    used.insert(h.file);
-  const bool has_given_step = warn_of_placement(headers, used, stack->warnings);
-  if (options.spacing_mm)
-    stack->warnings.push_back(use_of_spacing(stack->slices_, has_given_step, where));
-  warn_of_lossy(headers, used, stack->warnings);
-  stack->modality = other_modality(headers, used, stack->warnings);
-  for (const DicomFile& file : headers) {
-    if (used.count(file.file) > 0) stack->files.push_back(file.file);
-  }
-  const Eigen::Vector3d normal = stack->slices_[0].u.cross(stack->slices_[0].v);
-  for (const DicomFrame& h : stack->slices_) {
-    stack->planes_.push_back(plane_of(h, h.position));
-    stack->planes_.back().z_mm = normal.dot(h.position);
-  }
-  if (options.axis) return resliced(std::move(stack), *options.axis, where, options.as_labels);
-  return std::unique_ptr<SliceStack>(std::move(stack));
-}
-
-// A segmentation (PS3.3, A.51) has one frame for each segment and slice, in any order. Frames
-// without a pixel of the segment are often missing.
-namespace {
-
 constexpr int kMaxSlices = 1 << 15;
 
 std::string segment_text(const DicomSegments& segments, int number) {
@@ -217,6 +140,8 @@ std::string segment_text(const DicomSegments& segments, int number) {
 // The frames of a slice, each of another segment.
 using SliceFrames = std::vector<DicomFrame>;
 
+// A segmentation (PS3.3, A.51) has one frame for each segment and slice, in any order. Frames
+// without a pixel of the segment are often missing.
 class SegmentationStack final : public SliceStack {
  public:
   int size() const override { return static_cast<int>(planes_.size()); }
@@ -331,11 +256,8 @@ Result<std::vector<SliceFrames>> slices_of_frames(const DicomFile& file) {
     const auto differs = [&](const char* what) {
       return refused(h.name() + ": its " + what + " differs from frame 1");
     };
-    if ((h.u - first.u).norm() > 1e-3 || (h.v - first.v).norm() > 1e-3)
-      return differs("orientation");
-    if (std::abs(h.spacing_u_mm - first.spacing_u_mm) > 1e-4 ||
-        std::abs(h.spacing_v_mm - first.spacing_v_mm) > 1e-4)
-      return differs("pixel spacing");
+    if (!same_orientation(h, first)) return differs("orientation");
+    if (!same_spacing(h, first)) return differs("pixel spacing");
   }
   std::stable_sort(frames.begin(), frames.end(), [&](const DicomFrame& a, const DicomFrame& b) {
     return normal.dot(a.position) < normal.dot(b.position);
@@ -469,6 +391,75 @@ std::string empty_slices(const std::vector<SliceFrames>& frames) {
 }
 
 }  // namespace
+
+Result<std::unique_ptr<SliceStack>> open_dicom(const std::vector<std::filesystem::path>& files,
+                                               const OpenOptions& options) {
+  const std::filesystem::path folder = files[0].parent_path();
+  const std::string where = ((folder.empty() ? "." : folder) / "").string();
+  std::vector<DicomFile> headers;
+  headers.reserve(files.size());
+  for (const std::filesystem::path& file : files)
+    headers.push_back(read_dicom_headers(file, options.spacing_mm, options.any_modality));
+  return open_dicom(std::move(headers), where, options);
+}
+
+Result<std::unique_ptr<SliceStack>> open_dicom(std::vector<DicomFile> headers,
+                                               const std::string& where,
+                                               const OpenOptions& options) {
+  auto stack = std::make_unique<DicomStack>();
+  std::vector<Warning> ignored;
+  const auto before = group_series(headers, ignored);
+  if (before.empty()) return no_dicom(headers, where);
+  std::string uid;
+  if (!options.series.empty()) {
+    const auto wanted = named_series(before, options.series);
+    if (!wanted) return wanted.error();
+    uid = *wanted;
+  }
+  if (options.as_labels) {
+    const auto labels = chosen_segmentation(headers, uid, where);
+    if (!labels) return labels.error();
+    if (*labels != nullptr) {
+      if (auto ok = check_no_volume(where, options.volume); !ok) return ok.error();
+      return open_labels(**labels, headers, where, options);
+    }
+  }
+  if (auto ok = settle_localisers(headers, uid, options.any_modality); !ok) return ok.error();
+  const auto series = group_series(headers, stack->warnings);
+  const auto chosen = choose_series(series, uid, where);
+  if (!chosen) return chosen.error();
+  auto slices = slices_of(series, *chosen, where, stack->warnings);
+  if (!slices) return slices.error();
+  stack->series = series[chosen->index].info;
+  const auto with_advice = [&](const Error& error) {
+    return Error{error.code,
+                 error.message + (chosen->why.empty() ? "" : "; --series chooses another series")};
+  };
+  auto volumes = volumes_of(std::move(*slices), stack->warnings);
+  if (!volumes) return with_advice(volumes.error());
+  const auto volume = chosen_volume(*volumes, options.volume, where);
+  if (!volume) return with_advice(volume.error());
+  stack->slices_ = std::move((*volumes)[*volume].slices);
+  warn_of_volume(stack->slices_, stack->warnings);
+  std::set<std::filesystem::path> used;
+  for (const DicomFrame& h : stack->slices_)
+    used.insert(h.file);
+  const bool has_given_step = warn_of_placement(headers, used, stack->warnings);
+  if (options.spacing_mm)
+    stack->warnings.push_back(use_of_spacing(stack->slices_, has_given_step, where));
+  warn_of_lossy(headers, used, stack->warnings);
+  stack->modality = other_modality(headers, used, stack->warnings);
+  for (const DicomFile& file : headers) {
+    if (used.count(file.file) > 0) stack->files.push_back(file.file);
+  }
+  const Eigen::Vector3d normal = stack->slices_[0].u.cross(stack->slices_[0].v);
+  for (const DicomFrame& h : stack->slices_) {
+    stack->planes_.push_back(plane_of(h, h.position));
+    stack->planes_.back().z_mm = normal.dot(h.position);
+  }
+  if (options.axis) return resliced(std::move(stack), *options.axis, where, options.as_labels);
+  return std::unique_ptr<SliceStack>(std::move(stack));
+}
 
 Result<std::unique_ptr<SliceStack>> open_segmentation(const DicomFile& file,
                                                       const OpenOptions& options) {

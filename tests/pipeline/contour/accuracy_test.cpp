@@ -7,7 +7,7 @@
 
 #include "pipeline/contour/contour.h"
 #include "pipeline/contour/simplification.h"
-#include "sample_ct/cross_section.h"
+#include "tests/reference/phantom/cross_section.h"
 #include "tests/support/test_lattice.h"
 
 namespace trocar::pipeline {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Ground truth, against which errors of contours are measured: the exact outline of the bone at any
+// Ground truth of the sample scan, against which errors of contours are measured: the exact outline of the bone at any
 // height. It is the curve in the plane at this height on which a smooth function has the value 0
 // (the level set 0 of the function).
 //
@@ -24,6 +24,16 @@
 #include "sample_ct/render.h"
 
 namespace trocar::sample {
+
+/// The inverse of to_anatomy().
+Vec3 to_scan(const PhantomOptions& phantom, Vec3 p_anatomy);
+
+/// The signed distance of sample_bone() at a point of the anatomical frame, and of the scan frame.
+double bone_distance_mm(Vec3 p);
+double bone_distance_mm(const PhantomOptions& phantom, Vec3 p_scan);
+
+/// Noiseless HU at a point of the scan frame, before any pixel or slice averages it.
+double field_hu(const PhantomOptions& phantom, Vec3 p_scan);
 
 struct SectionOptions {
   /// Cell size of marching squares. Islands and gaps smaller than a cell may be missed. The cell

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "sample_ct/cross_section.h"
+#include "tests/reference/phantom/cross_section.h"
 
 #include <array>
 #include <cmath>
@@ -216,6 +216,24 @@ Result<CrossSection> trace_bone(const PhantomOptions& phantom, double z_mm, cons
 }
 
 }  // namespace
+
+Vec3 to_scan(const PhantomOptions& phantom, Vec3 p) {
+  const double c = std::cos(phantom.rotation_rad), s = std::sin(phantom.rotation_rad);
+  return {c * p.x - s * p.y + phantom.shift_mm.x, s * p.x + c * p.y + phantom.shift_mm.y, p.z};
+}
+
+double bone_distance_mm(Vec3 p) {
+  return sample_bone(p).distance_mm;
+}
+
+double bone_distance_mm(const PhantomOptions& phantom, Vec3 p_scan) {
+  return sample_bone(phantom, p_scan).distance_mm;
+}
+
+double field_hu(const PhantomOptions& phantom, Vec3 p_scan) {
+  return mixed_hu(phantom, blurred_fractions(phantom, sample_bone(phantom, p_scan)),
+                  soft_tissue_hu(phantom, p_scan), cancellous_hu(phantom, p_scan));
+}
 
 Result<CrossSection> trace_section(const PlaneField& field, Vec2 lower, Vec2 upper, double z_mm,
                                    const SectionOptions& options) {
