@@ -1,15 +1,12 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "pipeline/contour/contour.h"
 
-#include <algorithm>
-#include <array>
 #include <bit>
 #include <cmath>
 #include <cstring>
 #include <map>
 #include <opencv2/imgproc.hpp>
 #include <optional>
-#include <vector>
 
 #include "pipeline/contour/label_borders.h"
 

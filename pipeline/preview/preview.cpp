@@ -2,7 +2,6 @@
 #include "pipeline/preview/preview.h"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <cstdio>
 #include <functional>
@@ -12,7 +11,6 @@
 #include <utility>
 
 #include "pipeline/bake/mesh_slice.h"
-#include "pipeline/bake/mesh_stack.h"
 #include "pipeline/bake/report.h"
 #include "pipeline/read/file_names.h"
 #include "pipeline/read/number_ranges.h"

@@ -2,7 +2,6 @@
 #include "pipeline/segment/components.h"
 
 #include <algorithm>
-#include <cmath>
 #include <initializer_list>
 #include <limits>
 #include <queue>

@@ -7,9 +7,7 @@
 #include <functional>
 #include <map>
 #include <numeric>
-#include <optional>
 #include <queue>
-#include <string>
 #include <tuple>
 #include <type_traits>
 #include <unordered_map>

@@ -5,11 +5,9 @@
 #include <array>
 #include <cmath>
 #include <cstdint>
-#include <span>
 #include <utility>
 
 #include "pipeline/read/parallel_for.h"
-#include "pipeline/read/slice_stack.h"
 #include "pipeline/segment/components.h"
 
 namespace trocar::pipeline {

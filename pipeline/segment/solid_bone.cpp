@@ -1,21 +1,16 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "pipeline/segment/solid_bone.h"
 
-#include <algorithm>
 #include <bit>
 #include <cmath>
 #include <cstddef>
 #include <cstdio>
-#include <limits>
 #include <numeric>
-#include <queue>
 #include <utility>
 
 #include "pipeline/read/nrrd.h"
 #include "pipeline/read/parallel_for.h"
-#include "pipeline/read/slice_stack.h"
 #include "pipeline/segment/canals.h"
-#include "pipeline/segment/components.h"
 #include "pipeline/segment/label_pixels.h"
 
 namespace trocar::pipeline {

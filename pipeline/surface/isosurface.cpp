@@ -11,9 +11,7 @@
 
 #include <Eigen/Geometry>
 #include <algorithm>
-#include <array>
 #include <bit>
-#include <cmath>
 #include <cstring>
 #include <limits>
 #include <optional>

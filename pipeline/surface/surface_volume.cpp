@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "pipeline/surface/surface_volume.h"
 
-#include <algorithm>
 #include <cstdint>
 #include <limits>
 #include <opencv2/imgproc.hpp>
