@@ -2,6 +2,7 @@
 #include "pipeline/preview/preview.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstdio>
 #include <functional>
