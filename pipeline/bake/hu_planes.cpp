@@ -6,12 +6,8 @@
 #include <cmath>
 #include <iterator>
 #include <optional>
-#include <utility>
-#include <vector>
 
-#include "formats/asset/hu_codec.h"
 #include "pipeline/read/parallel_for.h"
-#include "pipeline/read/slice_stack.h"
 #include "pipeline/segment/solid_bone.h"
 
 namespace trocar::pipeline {

@@ -6,7 +6,6 @@
 #include <map>
 #include <set>
 #include <string>
-#include <string_view>
 
 #include "formats/base/result.h"
 #include "pipeline/read/slice_stack.h"

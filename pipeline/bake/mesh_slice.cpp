@@ -6,19 +6,14 @@
 #include <cstdint>
 #include <memory>
 #include <numbers>
-#include <utility>
 #include <variant>
-#include <vector>
 
 #include "formats/asset/asset.h"
-#include "formats/mesh/mesh_validity.h"
 #include "formats/mesh/refinement_outline.h"
 #include "formats/mesh/regions.h"
 #include "formats/mesh/shared_borders.h"
-#include "pipeline/contour/simplification.h"
 #include "pipeline/read/number_ranges.h"
 #include "pipeline/read/parallel_for.h"
-#include "pipeline/segment/label_pixels.h"
 
 namespace trocar::pipeline {
 namespace {

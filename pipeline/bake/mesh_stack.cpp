@@ -4,15 +4,10 @@
 #include <oneapi/tbb/global_control.h>
 #include <oneapi/tbb/info.h>
 #include <Eigen/Geometry>
-#include <algorithm>
 #include <iterator>
-#include <map>
 #include <mutex>
 #include <new>
 #include <numeric>
-#include <set>
-#include <string>
-#include <utility>
 
 #include "formats/asset/deidentification.h"
 #include "formats/asset/hu_codec.h"
@@ -21,9 +16,7 @@
 #include "pipeline/bake/report.h"
 #include "pipeline/read/file_names.h"
 #include "pipeline/read/number_ranges.h"
-#include "pipeline/read/parallel_for.h"
 #include "pipeline/segment/label_pixels.h"
-#include "pipeline/surface/display_surface.h"
 
 namespace trocar::pipeline {
 namespace {

@@ -9,9 +9,7 @@
 #include <set>
 #include <utility>
 
-#include "formats/asset/asset.h"
 #include "formats/base/json.h"
-#include "pipeline/bake/mesh_stack.h"
 #include "pipeline/read/number_ranges.h"
 
 namespace trocar::pipeline {

@@ -5,15 +5,11 @@
 #include <chrono>
 #include <csignal>
 #include <deque>
-#include <memory>
-#include <set>
 #include <unordered_map>
 
 #include "formats/base/json.h"
 #include "formats/base/text.h"
 #include "pipeline/batch/lease.h"
-#include "pipeline/batch/scan_worker.h"
-#include "pipeline/batch/store.h"
 
 namespace trocar::farm {
 namespace {

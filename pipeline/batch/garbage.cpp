@@ -9,14 +9,11 @@
 #include <iterator>
 #include <map>
 #include <optional>
-#include <set>
-#include <string>
 #include <utility>
 #include <vector>
 
 #include "pipeline/batch/lease.h"
 #include "pipeline/batch/scan_files.h"
-#include "pipeline/batch/store.h"
 
 namespace trocar::farm {
 namespace {

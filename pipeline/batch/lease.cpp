@@ -11,8 +11,6 @@
 #include <charconv>
 #include <chrono>
 #include <fstream>
-#include <iterator>
-#include <optional>
 #include <sstream>
 #include <system_error>
 #include <tuple>
@@ -21,7 +19,6 @@
 
 #include "formats/base/files.h"
 #include "pipeline/batch/scan_files.h"
-#include "pipeline/batch/store.h"
 
 namespace trocar::farm {
 namespace {

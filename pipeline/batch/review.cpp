@@ -11,22 +11,17 @@
 #include <map>
 #include <opencv2/core.hpp>
 #include <opencv2/imgproc.hpp>
-#include <optional>
 #include <span>
-#include <string>
 #include <string_view>
 #include <system_error>
 #include <utility>
-#include <vector>
 
 #include "embedded/pipeline/batch/review_page.js.h"
 #include "formats/base/files.h"
 #include "formats/base/html_page.h"
 #include "formats/base/json.h"
 #include "pipeline/batch/scan_files.h"
-#include "pipeline/batch/store.h"
 #include "pipeline/batch/store_diff.h"
-#include "pipeline/preview/preview_sheet.h"
 #include "pipeline/read/parallel_for.h"
 
 namespace trocar::pipeline {

@@ -9,7 +9,6 @@
 #include <chrono>
 #include <thread>
 #include <unordered_map>
-#include <vector>
 
 #include "formats/base/files.h"
 #include "formats/base/json.h"

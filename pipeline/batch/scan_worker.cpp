@@ -5,7 +5,6 @@
 #include <poll.h>
 #include <sys/prctl.h>
 #include <sys/resource.h>
-#include <sys/stat.h>
 #include <sys/wait.h>
 #include <unistd.h>
 #include <algorithm>
@@ -18,7 +17,6 @@
 #include <map>
 #include <memory>
 #include <new>
-#include <optional>
 #include <set>
 #include <span>
 #include <system_error>
@@ -29,7 +27,6 @@
 #include "formats/base/json.h"
 #include "pipeline/batch/lease.h"
 #include "pipeline/batch/scan_files.h"
-#include "pipeline/batch/store.h"
 
 namespace trocar::farm {
 namespace {

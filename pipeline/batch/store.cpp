@@ -2,25 +2,18 @@
 #include "pipeline/batch/store.h"
 
 #include <fcntl.h>
-#include <sys/stat.h>
 #include <unistd.h>
 #include <algorithm>
 #include <array>
 #include <atomic>
 #include <cerrno>
-#include <chrono>
 #include <ctime>
-#include <string>
-#include <string_view>
 #include <system_error>
-#include <utility>
 
-#include "formats/base/files.h"
 #include "formats/base/json.h"
 #include "formats/base/text.h"
 #include "pipeline/batch/collection.h"
 #include "pipeline/batch/lease.h"
-#include "pipeline/batch/scan_files.h"
 
 namespace trocar::farm {
 namespace {

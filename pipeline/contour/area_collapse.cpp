@@ -6,9 +6,6 @@
 #include <cmath>
 #include <optional>
 #include <queue>
-#include <tuple>
-#include <utility>
-#include <vector>
 
 #include "formats/mesh/lattice.h"
 #include "formats/mesh/segment_grid.h"

@@ -1,20 +1,19 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "pipeline/contour/contour.h"
 
-#include <algorithm>
-#include <array>
 #include <bit>
 #include <cmath>
 #include <cstring>
 #include <map>
 #include <opencv2/imgproc.hpp>
 #include <optional>
-#include <vector>
 
 #include "pipeline/contour/label_borders.h"
 
 namespace trocar::pipeline {
 namespace {
+
+using DirectedEdge = std::pair<LatticePoint, LatticePoint>;
 
 // Marching squares (Lorensen and Cline's idea in the plane), saddles by the asymptotic decider
 // (Nielson and Hamann). The rings are valid by construction:
@@ -237,8 +236,6 @@ class MarchingSquares {
   std::vector<Segment> segments_;
 };
 
-using DirectedEdge = std::pair<LatticePoint, LatticePoint>;
-
 // Does direction b come before c when rotating clockwise from a? (All nonzero, from one point.)
 bool clockwise_before(LatticePoint a, LatticePoint b, LatticePoint c) {
   const LatticePoint o{0, 0};
@@ -336,38 +333,6 @@ Pslg pixel_chains(const Field& field, const PixelGrid& grid) {
   return out;
 }
 
-}  // namespace
-
-Pslg contours(const Field& field, const PixelGrid& grid, ContourKind kind) {
-  Pslg out =
-      kind == ContourKind::kPixel ? pixel_chains(field, grid) : MarchingSquares(field, grid).run();
-  normalise(out);
-  return out;
-}
-
-void normalise(Pslg& outline) {
-  for (Ring& ring : outline.rings)
-    std::rotate(ring.begin(), std::min_element(ring.begin(), ring.end()), ring.end());
-  std::sort(outline.rings.begin(), outline.rings.end());
-}
-
-Pslg drop_small_rings(Pslg contours, double min_area_mm2, const Lattice& lattice,
-                      AreaChange* change) {
-  const double step_mm2 = lattice.step_mm() * lattice.step_mm(),
-               steps2 = 2 * min_area_mm2 / step_mm2;
-  std::erase_if(contours.rings, [&](const Ring& ring) {
-    const auto doubled = static_cast<double>(doubled_area(ring));
-    if (!(std::abs(doubled) < steps2)) return false;
-    if (change != nullptr)
-      (doubled > 0 ? change->dropped_mm2 : change->filled_mm2) +=
-          0.5 * std::abs(doubled) * step_mm2;
-    return true;
-  });
-  return contours;
-}
-
-namespace {
-
 // The position of a jump between the constant values on both sides that gives the same sum of
 // samples; nothing if the samples do not rise or fall monotonically between two constant values.
 std::optional<double> jump_between_flats(const GridLine& line) {
@@ -398,6 +363,34 @@ double slope(double s, double t) {
 }
 
 }  // namespace
+
+Pslg contours(const Field& field, const PixelGrid& grid, ContourKind kind) {
+  Pslg out =
+      kind == ContourKind::kPixel ? pixel_chains(field, grid) : MarchingSquares(field, grid).run();
+  normalise(out);
+  return out;
+}
+
+void normalise(Pslg& outline) {
+  for (Ring& ring : outline.rings)
+    std::rotate(ring.begin(), std::min_element(ring.begin(), ring.end()), ring.end());
+  std::sort(outline.rings.begin(), outline.rings.end());
+}
+
+Pslg drop_small_rings(Pslg contours, double min_area_mm2, const Lattice& lattice,
+                      AreaChange* change) {
+  const double step_mm2 = lattice.step_mm() * lattice.step_mm(),
+               steps2 = 2 * min_area_mm2 / step_mm2;
+  std::erase_if(contours.rings, [&](const Ring& ring) {
+    const auto doubled = static_cast<double>(doubled_area(ring));
+    if (!(std::abs(doubled) < steps2)) return false;
+    if (change != nullptr)
+      (doubled > 0 ? change->dropped_mm2 : change->filled_mm2) +=
+          0.5 * std::abs(doubled) * step_mm2;
+    return true;
+  });
+  return contours;
+}
 
 double crossing(const GridLine& line) {
   const auto& f = line.value;

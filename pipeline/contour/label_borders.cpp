@@ -2,11 +2,8 @@
 #include "pipeline/contour/label_borders.h"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
-#include <cstdint>
 #include <cstring>
-#include <optional>
 #include <span>
 #include <utility>
 

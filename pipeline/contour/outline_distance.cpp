@@ -3,12 +3,9 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstddef>
 #include <limits>
 #include <utility>
-#include <vector>
 
-#include "formats/mesh/segment_grid.h"
 #include "pipeline/contour/simplification.h"
 
 namespace trocar::pipeline {

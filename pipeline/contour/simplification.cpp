@@ -2,8 +2,6 @@
 #include "pipeline/contour/simplification.h"
 
 #include <algorithm>
-#include <cmath>
-#include <functional>
 #include <iterator>
 #include <limits>
 #include <numeric>

@@ -12,7 +12,6 @@
 #include <utility>
 
 #include "pipeline/bake/mesh_slice.h"
-#include "pipeline/bake/mesh_stack.h"
 #include "pipeline/bake/report.h"
 #include "pipeline/read/file_names.h"
 #include "pipeline/read/number_ranges.h"

@@ -4,7 +4,6 @@
 // would have at other thresholds.
 #pragma once
 
-#include <array>
 #include <cstdint>
 #include <map>
 #include <string>

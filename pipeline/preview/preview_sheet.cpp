@@ -12,7 +12,6 @@
 #include <fstream>
 #include <memory>
 #include <nlohmann/json.hpp>
-#include <opencv2/core.hpp>
 #include <opencv2/imgproc.hpp>
 #include <tuple>
 #include <utility>
@@ -20,7 +19,6 @@
 #include "embedded/pipeline/preview/preview_page.js.h"
 #include "formats/base/html_page.h"
 #include "formats/base/json.h"
-#include "pipeline/preview/preview.h"
 #include "pipeline/read/parallel_for.h"
 
 namespace trocar::pipeline {

@@ -2,12 +2,10 @@
 #include "pipeline/program/arguments.h"
 
 #include <algorithm>
-#include <array>
 #include <charconv>
 #include <cmath>
 #include <iterator>
 #include <limits>
-#include <utility>
 
 #include "formats/asset/asset.h"
 #include "formats/base/command_line.h"

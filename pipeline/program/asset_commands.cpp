@@ -9,21 +9,16 @@
 #include <array>
 #include <cerrno>
 #include <cmath>
-#include <cstdint>
 #include <cstdio>
 #include <cstdlib>
 #include <limits>
 #include <memory>
-#include <nlohmann/json.hpp>
 #include <optional>
 #include <set>
 #include <sstream>
-#include <string>
 #include <system_error>
 #include <utility>
-#include <vector>
 
-#include "formats/asset/asset.h"
 #include "formats/asset/deidentification.h"
 #include "formats/base/command_line.h"
 #include "formats/base/files.h"

@@ -5,7 +5,6 @@
 #include <unistd.h>
 #include <algorithm>
 #include <chrono>
-#include <cmath>
 #include <cstdio>
 #include <iostream>
 #include <iterator>
@@ -14,16 +13,12 @@
 #include <set>
 #include <sstream>
 #include <system_error>
-#include <utility>
-#include <variant>
 
 #include "formats/base/command_line.h"
 #include "formats/base/files.h"
 #include "formats/base/json.h"
 #include "formats/base/text.h"
 #include "pipeline/bake/report.h"
-#include "pipeline/batch/batch_run.h"
-#include "pipeline/batch/collection.h"
 #include "pipeline/batch/garbage.h"
 #include "pipeline/batch/scan_files.h"
 #include "pipeline/batch/scan_worker.h"

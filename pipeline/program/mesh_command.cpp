@@ -9,7 +9,6 @@
 #include <functional>
 #include <memory>
 #include <set>
-#include <string>
 #include <utility>
 
 #include "formats/asset/asset.h"
@@ -20,8 +19,6 @@
 #include "formats/base/text.h"
 #include "pipeline/bake/mesh_stack.h"
 #include "pipeline/bake/report.h"
-#include "pipeline/open/open_stack.h"
-#include "pipeline/program/arguments.h"
 #include "pipeline/program/asset_commands.h"
 #include "pipeline/read/file_names.h"
 

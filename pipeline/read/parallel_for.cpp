@@ -6,6 +6,7 @@
 #include <oneapi/tbb/parallel_for.h>
 #include <atomic>
 #include <limits>
+#include <vector>
 
 namespace trocar::pipeline {
 
@@ -43,6 +44,14 @@ void parallel_for(int count, const std::function<void(int)>& task) {
   oneapi::tbb::parallel_for(oneapi::tbb::blocked_range<int>(0, count),
                             TaskRange{&task, &begun, &ended}, oneapi::tbb::simple_partitioner());
   ended.load(std::memory_order_acquire);
+}
+
+Result<void> try_in_parallel(int count, const std::function<Result<void>(int)>& task) {
+  std::vector<Result<void>> done(static_cast<std::size_t>(count));
+  parallel_for(count, [&](int i) { done[static_cast<std::size_t>(i)] = task(i); });
+  for (const Result<void>& one : done)
+    if (!one) return one;
+  return {};
 }
 
 }  // namespace trocar::pipeline

@@ -4,6 +4,8 @@
 #include <chrono>
 #include <functional>
 
+#include "formats/base/result.h"
+
 namespace trocar::pipeline {
 
 /// Measures the times of consecutive steps (laps).
@@ -39,5 +41,8 @@ void keep_freed_memory();
 /// order. Returns when all have ended. What the caller wrote before the call is visible in every
 /// task, and what the tasks wrote is visible after the call.
 void parallel_for(int count, const std::function<void(int)>& task);
+
+/// The same for tasks that can fail. Returns the error of the lowest index.
+Result<void> try_in_parallel(int count, const std::function<Result<void>(int)>& task);
 
 }  // namespace trocar::pipeline

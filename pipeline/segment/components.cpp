@@ -2,7 +2,6 @@
 #include "pipeline/segment/components.h"
 
 #include <algorithm>
-#include <cmath>
 #include <initializer_list>
 #include <limits>
 #include <queue>
@@ -11,85 +10,6 @@
 #include "formats/base/disjoint_sets.h"
 
 namespace trocar::pipeline {
-
-VoxelGrid grid_of(const SliceStack& stack) {
-  VoxelGrid grid;
-  const SlicePlane& first = stack.plane(0);
-  for (int x = 0; x < stack.width(); ++x)
-    grid.at_mm[0].push_back(x * first.spacing_u_mm);
-  for (int y = 0; y < stack.height(); ++y)
-    grid.at_mm[1].push_back(y * first.spacing_v_mm);
-  for (int k = 0; k < stack.size(); ++k)
-    grid.at_mm[2].push_back(stack.plane(k).z_mm);
-  return grid;
-}
-
-VoxelRuns find_runs(const std::array<std::size_t, 3>& size, std::span<const std::uint8_t> voxels,
-                    bool by_corners) {
-  const std::size_t nx = size[0], ny = size[1], nz = size[2];
-  VoxelRuns out;
-  std::vector<std::size_t> first(ny * nz + 1);  // index of each row's first run
-  for (std::size_t row = 0; row < ny * nz; ++row) {
-    first[row] = out.runs.size();
-    const std::size_t end = (row + 1) * nx;
-    for (std::size_t i = row * nx; i < end;) {
-      if (voxels[i] == 0) {
-        ++i;
-        continue;
-      }
-      VoxelRuns::Run run{i, i, 0};
-      while (run.end < end && voxels[run.end] != 0)
-        ++run.end;
-      i = run.end;
-      out.runs.push_back(run);
-    }
-  }
-  first[ny * nz] = out.runs.size();
-
-  DisjointSets sets(out.runs.size());
-  // Joins the runs of two rows that share a face, or a corner. `apart` is the offset from a voxel
-  // of `other` to the voxel of `row` at the same x.
-  const std::size_t reach = by_corners ? 1 : 0;
-  const auto join_rows = [&](std::size_t row, std::size_t other, std::size_t apart) {
-    std::size_t a = first[row], b = first[other];
-    while (a < first[row + 1] && b < first[other + 1]) {
-      const auto &r = out.runs[a], &s = out.runs[b];
-      if (r.begin < s.end + apart + reach && s.begin + apart < r.end + reach)
-        sets.join(static_cast<std::uint32_t>(a), static_cast<std::uint32_t>(b));
-      (r.end < s.end + apart ? a : b) += 1;
-    }
-  };
-  for (std::size_t z = 0; z < nz; ++z) {
-    for (std::size_t y = 0; y < ny; ++y) {
-      const std::size_t row = z * ny + y;
-      if (y > 0) join_rows(row, row - 1, nx);
-      if (z == 0) continue;
-      if (by_corners && y > 0) join_rows(row, row - ny - 1, (ny + 1) * nx);
-      join_rows(row, row - ny, ny * nx);
-      if (by_corners && y + 1 < ny) join_rows(row, row - ny + 1, (ny - 1) * nx);
-    }
-  }
-  for (std::size_t r = 0; r < out.runs.size(); ++r) {
-    const std::uint32_t root = sets.root(static_cast<std::uint32_t>(r));
-    out.runs[r].component =
-        root == r ? static_cast<std::uint32_t>(out.components++) : out.runs[root].component;
-  }
-  return out;
-}
-
-VoxelComponents find_components(const VoxelGrid& grid, std::span<const std::uint8_t> voxels) {
-  const std::size_t nx = grid.count(0), ny = grid.count(1);
-  VoxelComponents out{find_runs({nx, ny, grid.count(2)}, voxels, true), {}};
-  out.volume_mm3.resize(out.components, 0);
-  for (const VoxelRuns::Run& run : out.runs) {
-    const std::size_t row = run.begin / nx;
-    const double area_mm2 = grid.width_mm(1, row % ny) * grid.width_mm(2, row / ny);
-    for (std::size_t i = run.begin; i < run.end; ++i)
-      out.volume_mm3[run.component] += area_mm2 * grid.width_mm(0, i % nx);
-  }
-  return out;
-}
-
 namespace {
 
 // Calls visit(neighbour, distance in mm) for each of the 6 neighbours in the grid.
@@ -104,69 +24,6 @@ void each_neighbour(const VoxelGrid& grid, std::size_t voxel, const Visit& visit
     stride *= at.size();
   }
 }
-
-}  // namespace
-
-void keep_near(const VoxelGrid& grid, std::vector<std::uint8_t>& near, double margin_mm,
-               std::vector<std::uint8_t>& material) {
-  // Works axis by axis. `left` is the largest remaining part of the squared margin at each voxel.
-  // It is >= 0 after all axes if some voxel of `near` is within the margin.
-  const auto none = -std::numeric_limits<float>::infinity();
-  std::vector<float> left(grid.size(), none), line;
-  for (std::size_t i = 0; i < near.size(); ++i)
-    if (near[i] != 0) left[i] = static_cast<float>(margin_mm * margin_mm * (1 + 1e-6));
-  std::size_t stride = 1;
-  for (std::size_t axis = 0; axis < 3; ++axis) {
-    const std::vector<double>& at = grid.at_mm[axis];
-    const std::size_t n = at.size();
-    line.resize(n);
-    for (std::size_t start = 0; start < grid.size(); ++start) {
-      if (start / stride % n != 0) continue;  // only the first voxel of each line
-      for (std::size_t i = 0; i < n; ++i)
-        line[i] = left[start + i * stride];
-      for (std::size_t i = 0; i < n; ++i) {
-        float best = line[i];
-        for (const int way : {-1, 1}) {
-          for (std::size_t k = i; way < 0 ? k > 0 : k + 1 < n;) {
-            k = way < 0 ? k - 1 : k + 1;
-            const double apart = at[k] - at[i];
-            if (apart * apart > margin_mm * margin_mm * (1 + 1e-6)) break;
-            best = std::max(best, line[k] - static_cast<float>(apart * apart));
-          }
-        }
-        left[start + i * stride] = best >= 0 ? best : none;
-      }
-    }
-    stride *= n;
-  }
-  for (std::size_t i = 0; i < material.size(); ++i)
-    if (!(left[i] >= 0)) material[i] = 0;
-}
-
-void keep_nearest_to_first(const VoxelGrid& grid, const std::vector<std::size_t>& seeds,
-                           std::vector<std::uint8_t>& material) {
-  using Step = std::tuple<double, std::uint32_t, std::size_t>;  // length of the path, seed, voxel
-  std::priority_queue<Step, std::vector<Step>, std::greater<>> front;
-  constexpr auto kNobody = std::numeric_limits<std::uint32_t>::max();
-  std::vector<std::uint32_t> owner(material.size(), kNobody);
-  for (std::size_t s = 0; s < seeds.size(); ++s)
-    front.emplace(0.0, static_cast<std::uint32_t>(s), seeds[s]);
-  while (!front.empty()) {
-    const Step step = front.top();
-    front.pop();
-    const std::size_t voxel = std::get<2>(step);
-    if (owner[voxel] != kNobody) continue;
-    owner[voxel] = std::get<1>(step);
-    each_neighbour(grid, voxel, [&](std::size_t other, double apart) {
-      if (material[other] != 0 && owner[other] == kNobody)
-        front.emplace(std::get<0>(step) + apart, std::get<1>(step), other);
-    });
-  }
-  for (std::size_t i = 0; i < material.size(); ++i)
-    material[i] = owner[i] == 0 ? 1 : 0;
-}
-
-namespace {
 
 constexpr double kInfinite = std::numeric_limits<double>::infinity();
 
@@ -324,6 +181,116 @@ class NearDistances {
 };
 
 }  // namespace
+
+VoxelGrid grid_of(const SliceStack& stack) {
+  VoxelGrid grid;
+  const SlicePlane& first = stack.plane(0);
+  for (int x = 0; x < stack.width(); ++x)
+    grid.at_mm[0].push_back(x * first.spacing_u_mm);
+  for (int y = 0; y < stack.height(); ++y)
+    grid.at_mm[1].push_back(y * first.spacing_v_mm);
+  for (int k = 0; k < stack.size(); ++k)
+    grid.at_mm[2].push_back(stack.plane(k).z_mm);
+  return grid;
+}
+
+VoxelRuns find_runs(const std::array<std::size_t, 3>& size, std::span<const std::uint8_t> voxels,
+                    bool by_corners) {
+  const std::size_t nx = size[0], ny = size[1], nz = size[2];
+  VoxelRuns out;
+  std::vector<std::size_t> first(ny * nz + 1);  // index of each row's first run
+  for (std::size_t row = 0; row < ny * nz; ++row) {
+    first[row] = out.runs.size();
+    const std::size_t end = (row + 1) * nx;
+    for (std::size_t i = row * nx; i < end;) {
+      if (voxels[i] == 0) {
+        ++i;
+        continue;
+      }
+      VoxelRuns::Run run{i, i, 0};
+      while (run.end < end && voxels[run.end] != 0)
+        ++run.end;
+      i = run.end;
+      out.runs.push_back(run);
+    }
+  }
+  first[ny * nz] = out.runs.size();
+
+  DisjointSets sets(out.runs.size());
+  // Joins the runs of two rows that share a face, or a corner. `apart` is the offset from a voxel
+  // of `other` to the voxel of `row` at the same x.
+  const std::size_t reach = by_corners ? 1 : 0;
+  const auto join_rows = [&](std::size_t row, std::size_t other, std::size_t apart) {
+    std::size_t a = first[row], b = first[other];
+    while (a < first[row + 1] && b < first[other + 1]) {
+      const auto &r = out.runs[a], &s = out.runs[b];
+      if (r.begin < s.end + apart + reach && s.begin + apart < r.end + reach)
+        sets.join(static_cast<std::uint32_t>(a), static_cast<std::uint32_t>(b));
+      (r.end < s.end + apart ? a : b) += 1;
+    }
+  };
+  for (std::size_t z = 0; z < nz; ++z) {
+    for (std::size_t y = 0; y < ny; ++y) {
+      const std::size_t row = z * ny + y;
+      if (y > 0) join_rows(row, row - 1, nx);
+      if (z == 0) continue;
+      if (by_corners && y > 0) join_rows(row, row - ny - 1, (ny + 1) * nx);
+      join_rows(row, row - ny, ny * nx);
+      if (by_corners && y + 1 < ny) join_rows(row, row - ny + 1, (ny - 1) * nx);
+    }
+  }
+  for (std::size_t r = 0; r < out.runs.size(); ++r) {
+    const std::uint32_t root = sets.root(static_cast<std::uint32_t>(r));
+    out.runs[r].component =
+        root == r ? static_cast<std::uint32_t>(out.components++) : out.runs[root].component;
+  }
+  return out;
+}
+
+VoxelComponents find_components(const VoxelGrid& grid, std::span<const std::uint8_t> voxels) {
+  const std::size_t nx = grid.count(0), ny = grid.count(1);
+  VoxelComponents out{find_runs({nx, ny, grid.count(2)}, voxels, true), {}};
+  out.volume_mm3.resize(out.components, 0);
+  for (const VoxelRuns::Run& run : out.runs) {
+    const std::size_t row = run.begin / nx;
+    const double area_mm2 = grid.width_mm(1, row % ny) * grid.width_mm(2, row / ny);
+    for (std::size_t i = run.begin; i < run.end; ++i)
+      out.volume_mm3[run.component] += area_mm2 * grid.width_mm(0, i % nx);
+  }
+  return out;
+}
+
+void keep_near(const VoxelGrid& grid, std::span<const std::uint8_t> near, double margin_mm,
+               std::vector<std::uint8_t>& material) {
+  std::vector<float> apart2;
+  squared_distances(grid.at_mm, near, apart2);
+  const auto most2 = static_cast<float>(margin_mm * margin_mm * (1 + 1e-6));  // against rounding
+  for (std::size_t i = 0; i < material.size(); ++i)
+    if (apart2[i] > most2) material[i] = 0;
+}
+
+void keep_nearest_to_first(const VoxelGrid& grid, const std::vector<std::size_t>& seeds,
+                           std::vector<std::uint8_t>& material) {
+  using Step = std::tuple<double, std::uint32_t, std::size_t>;  // length of the path, seed, voxel
+  std::priority_queue<Step, std::vector<Step>, std::greater<>> front;
+  constexpr auto kNobody = std::numeric_limits<std::uint32_t>::max();
+  std::vector<std::uint32_t> owner(material.size(), kNobody);
+  for (std::size_t s = 0; s < seeds.size(); ++s)
+    front.emplace(0.0, static_cast<std::uint32_t>(s), seeds[s]);
+  while (!front.empty()) {
+    const Step step = front.top();
+    front.pop();
+    const std::size_t voxel = std::get<2>(step);
+    if (owner[voxel] != kNobody) continue;
+    owner[voxel] = std::get<1>(step);
+    each_neighbour(grid, voxel, [&](std::size_t other, double apart) {
+      if (material[other] != 0 && owner[other] == kNobody)
+        front.emplace(std::get<0>(step) + apart, std::get<1>(step), other);
+    });
+  }
+  for (std::size_t i = 0; i < material.size(); ++i)
+    material[i] = owner[i] == 0 ? 1 : 0;
+}
 
 void squared_distances(const PlaneGrid& grid, std::span<const std::uint8_t> set,
                        std::vector<float>& squared_mm2) {

@@ -146,8 +146,8 @@ struct VoxelPlanes {
 // Selects material by distance: near a set of voxels, or nearest to a seed.
 
 /// Removes the voxels of `material` whose centres are farther than `margin_mm` from the centre of
-/// every voxel of `near`. O(voxels * margin / voxel width).
-void keep_near(const VoxelGrid& grid, std::vector<std::uint8_t>& near, double margin_mm,
+/// every voxel of `near`. O(voxels).
+void keep_near(const VoxelGrid& grid, std::span<const std::uint8_t> near, double margin_mm,
                std::vector<std::uint8_t>& material);
 
 /// Keeps the material that belongs to the first seed. Each seed is the index of a voxel. A path

@@ -7,9 +7,7 @@
 #include <functional>
 #include <map>
 #include <numeric>
-#include <optional>
 #include <queue>
-#include <string>
 #include <tuple>
 #include <type_traits>
 #include <unordered_map>
@@ -197,63 +195,6 @@ class Components {
   std::vector<std::unordered_map<std::uint32_t, std::int64_t>> borders_;  // by root
 };
 
-}  // namespace
-
-Result<LabelMaterials> label_materials(const LabelImage& labels, const Labels& wanted) {
-  std::unordered_map<int, int> first_of_joined;
-  for (const std::set<int>& joined : wanted.joined) {
-    for (const int label : joined)
-      first_of_joined.emplace(label, *joined.begin());
-  }
-  // Materials are numbered in the order in which they occur; 0 is the background.
-  std::vector<std::pair<int, std::set<int>>> found(1);
-  std::unordered_map<int, std::size_t> of_label, of_first;
-  const auto number_of = [&](int label) -> std::size_t {
-    const auto [known, is_new] = of_label.try_emplace(label, 0);
-    if (!is_new || !(wanted.all ? label != 0 : wanted.labels.contains(label))) return known->second;
-    const auto joined = first_of_joined.find(label);
-    const int first = joined == first_of_joined.end() ? label : joined->second;
-    const auto [number, is_new_material] = of_first.try_emplace(first, found.size());
-    if (is_new_material) found.emplace_back(first, std::set<int>());
-    found[number->second].second.insert(label);
-    return known->second = number->second;
-  };
-  LabelMaterials out{{labels.width, labels.height, {}, {}}, {}};
-  std::vector<MaterialNumber>& values = out.image.values;
-  values.resize(labels.values.size());
-  for (std::size_t i = 0; i < values.size();) {
-    const std::int32_t label = labels.values[i];
-    const std::size_t number = number_of(label);
-    if (number > kMaxMaterials)
-      return refused("more than " + std::to_string(kMaxMaterials) +
-                     " labels; join some to one material, as --labels 1-20+21");
-    do {
-      values[i++] = static_cast<MaterialNumber>(number);
-    } while (i < values.size() && labels.values[i] == label);
-  }
-
-  std::vector<std::size_t> order(found.size() - 1);
-  std::iota(order.begin(), order.end(), std::size_t{1});
-  std::sort(order.begin(), order.end(),
-            [&found](std::size_t a, std::size_t b) { return found[a].first < found[b].first; });
-  std::vector<MaterialNumber> index(found.size(), kNoMaterial);
-  for (std::size_t k = 0; k < order.size(); ++k) {
-    auto& [first, used] = found[order[k]];
-    index[order[k]] = static_cast<MaterialNumber>(k + 1);
-    out.first_labels.push_back(first);
-    out.image.labels.push_back(std::move(used));
-  }
-  for (MaterialNumber& number : values)
-    number = index[number];
-  return out;
-}
-
-void merge_small_components(MaterialImage& image, double min_pixels) {
-  if (min_pixels > 0 && !image.values.empty()) Components(image).merge_below(min_pixels);
-}
-
-namespace {
-
 bool may_be_labels(const ValueTally& t) {
   return !t.has_negative && !t.has_fractions && t.values.size() <= kMaxLabels;
 }
@@ -354,6 +295,59 @@ bool changes_everywhere(const ValueTally& t) {
 }
 
 }  // namespace
+
+Result<LabelMaterials> label_materials(const LabelImage& labels, const Labels& wanted) {
+  std::unordered_map<int, int> first_of_joined;
+  for (const std::set<int>& joined : wanted.joined) {
+    for (const int label : joined)
+      first_of_joined.emplace(label, *joined.begin());
+  }
+  // Materials are numbered in the order in which they occur; 0 is the background.
+  std::vector<std::pair<int, std::set<int>>> found(1);
+  std::unordered_map<int, std::size_t> of_label, of_first;
+  const auto number_of = [&](int label) -> std::size_t {
+    const auto [known, is_new] = of_label.try_emplace(label, 0);
+    if (!is_new || !(wanted.all ? label != 0 : wanted.labels.contains(label))) return known->second;
+    const auto joined = first_of_joined.find(label);
+    const int first = joined == first_of_joined.end() ? label : joined->second;
+    const auto [number, is_new_material] = of_first.try_emplace(first, found.size());
+    if (is_new_material) found.emplace_back(first, std::set<int>());
+    found[number->second].second.insert(label);
+    return known->second = number->second;
+  };
+  LabelMaterials out{{labels.width, labels.height, {}, {}}, {}};
+  std::vector<MaterialNumber>& values = out.image.values;
+  values.resize(labels.values.size());
+  for (std::size_t i = 0; i < values.size();) {
+    const std::int32_t label = labels.values[i];
+    const std::size_t number = number_of(label);
+    if (number > kMaxMaterials)
+      return refused("more than " + std::to_string(kMaxMaterials) +
+                     " labels; join some to one material, as --labels 1-20+21");
+    do {
+      values[i++] = static_cast<MaterialNumber>(number);
+    } while (i < values.size() && labels.values[i] == label);
+  }
+
+  std::vector<std::size_t> order(found.size() - 1);
+  std::iota(order.begin(), order.end(), std::size_t{1});
+  std::sort(order.begin(), order.end(),
+            [&found](std::size_t a, std::size_t b) { return found[a].first < found[b].first; });
+  std::vector<MaterialNumber> index(found.size(), kNoMaterial);
+  for (std::size_t k = 0; k < order.size(); ++k) {
+    auto& [first, used] = found[order[k]];
+    index[order[k]] = static_cast<MaterialNumber>(k + 1);
+    out.first_labels.push_back(first);
+    out.image.labels.push_back(std::move(used));
+  }
+  for (MaterialNumber& number : values)
+    number = index[number];
+  return out;
+}
+
+void merge_small_components(MaterialImage& image, double min_pixels) {
+  if (min_pixels > 0 && !image.values.empty()) Components(image).merge_below(min_pixels);
+}
 
 void ValueTally::add(const ValueTally& other) {
   if (other.pixels == 0) return;

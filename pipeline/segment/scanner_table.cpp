@@ -5,11 +5,10 @@
 #include <array>
 #include <cmath>
 #include <cstdint>
-#include <span>
+#include <string>
 #include <utility>
 
 #include "pipeline/read/parallel_for.h"
-#include "pipeline/read/slice_stack.h"
 #include "pipeline/segment/components.h"
 
 namespace trocar::pipeline {
@@ -163,8 +162,7 @@ class Sampler {
       if (areas.begin() + c == largest || long_mm < kMinWidth_mm ||
           areas[run.component] > kMaxThickness_mm * long_mm)
         continue;
-      std::fill(body_.begin() + static_cast<std::ptrdiff_t>(run.begin),
-                body_.begin() + static_cast<std::ptrdiff_t>(run.end), std::uint8_t{0});
+      std::fill_n(&body_[run.begin], run.end - run.begin, std::uint8_t{0});
     }
     return true;
   }

@@ -30,7 +30,6 @@
 
 #include <cstddef>
 #include <optional>
-#include <string>
 #include <vector>
 
 #include "pipeline/read/slice_stack.h"

@@ -1,21 +1,16 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "pipeline/segment/solid_bone.h"
 
-#include <algorithm>
 #include <bit>
 #include <cmath>
 #include <cstddef>
 #include <cstdio>
-#include <limits>
 #include <numeric>
-#include <queue>
 #include <utility>
 
 #include "pipeline/read/nrrd.h"
 #include "pipeline/read/parallel_for.h"
-#include "pipeline/read/slice_stack.h"
 #include "pipeline/segment/canals.h"
-#include "pipeline/segment/components.h"
 #include "pipeline/segment/label_pixels.h"
 
 namespace trocar::pipeline {
@@ -32,6 +27,41 @@ constexpr double kSpread_HU = 100;  // of values above a region's mean that stil
 float squared(double mm) {
   return static_cast<float>(mm * mm);
 }
+
+// A box of voxels: along each axis from a first one to before the last.
+struct Box {
+  std::array<std::size_t, 3> from{}, to{};
+  VoxelGrid grid;
+
+  // Nothing yet of a grid.
+  explicit Box(const VoxelGrid& whole) : from{whole.count(0), whole.count(1), whole.count(2)} {}
+
+  std::size_t row(const VoxelGrid& whole, std::size_t y, std::size_t z) const {
+    return ((from[2] + z) * whole.count(1) + from[1] + y) * whole.count(0) + from[0];
+  }
+  // Extends the box to the voxels from `first` to before `last` of a row of the grid.
+  void take(const VoxelGrid& whole, std::size_t row, std::size_t first, std::size_t last) {
+    const std::size_t y = row % whole.count(1), z = row / whole.count(1);
+    const std::array low{first, y, z}, high{last, y + 1, z + 1};
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+      from[axis] = std::min(from[axis], low[axis]);
+      to[axis] = std::max(to[axis], high[axis]);
+    }
+  }
+  // Sets the grid after all voxels were taken: adds a margin that is wider than margin_mm, as far as
+  // the whole grid goes.
+  void widen(const VoxelGrid& whole, double margin_mm) {
+    for (std::size_t axis = 0; axis < 3 && to[axis] > 0; ++axis) {
+      const std::vector<double>& at = whole.at_mm[axis];
+      const double low = at[from[axis]] - margin_mm, high = at[to[axis] - 1] + margin_mm;
+      while (from[axis] > 0 && at[from[axis]] >= low)
+        --from[axis];
+      while (to[axis] < at.size() && at[to[axis] - 1] <= high)
+        ++to[axis];
+      grid.at_mm[axis].assign(&at[from[axis]], at.data() + to[axis]);
+    }
+  }
+};
 
 class Search {
  public:
@@ -70,36 +100,13 @@ class Search {
     taken_ = std::move(now);
   }
 
-  // A box of blocks: along each axis from a first one to before the last.
-  struct Box {
-    std::array<std::size_t, 3> from{}, to{};
-    std::array<std::vector<double>, 3> at_mm;
-  };
-
   // The blocks that are within a distance of the core along each axis.
   Box box_around(const std::vector<VoxelComponents::Run>& core, double margin_mm) const {
-    Box out;
-    out.from.fill(grid_.size());
-    const std::size_t nx = grid_.count(0), ny = grid_.count(1);
-    for (const VoxelComponents::Run& run : core) {
-      const std::array first{run.begin % nx, run.begin / nx % ny, run.begin / nx / ny};
-      const std::array last{(run.end - 1) % nx + 1, first[1] + 1, first[2] + 1};
-      for (std::size_t axis = 0; axis < 3; ++axis) {
-        out.from[axis] = std::min(out.from[axis], first[axis]);
-        out.to[axis] = std::max(out.to[axis], last[axis]);
-      }
-    }
-    for (std::size_t axis = 0; axis < 3; ++axis) {
-      const std::vector<double>& at = grid_.at_mm[axis];
-      std::size_t &from = out.from[axis], &to = out.to[axis];
-      const double low = at[from] - margin_mm, high = at[to - 1] + margin_mm;
-      while (from > 0 && at[from - 1] >= low)
-        --from;
-      while (to < at.size() && at[to] <= high)
-        ++to;
-      out.at_mm[axis].assign(at.begin() + static_cast<std::ptrdiff_t>(from),
-                             at.begin() + static_cast<std::ptrdiff_t>(to));
-    }
+    Box out(grid_);
+    const std::size_t nx = grid_.count(0);
+    for (const VoxelComponents::Run& run : core)
+      out.take(grid_, run.begin / nx, run.begin % nx, (run.end - 1) % nx + 1);
+    out.widen(grid_, margin_mm);
     return out;
   }
 
@@ -118,19 +125,18 @@ class Search {
   void assign(const std::vector<VoxelComponents::Run>& runs, double depth_mm, Bytes& taken) {
     constexpr double kFar = 1 + 1e-6;  // a little more than the distance that is compared with
     const Box box = box_around(runs, (depth_mm + kSurface_mm) * kFar);
-    const std::size_t width = box.at_mm[0].size(), height = box.at_mm[1].size();
-    Bytes core(width * height * box.at_mm[2].size(), 0);
+    const std::size_t width = box.grid.count(0), height = box.grid.count(1);
+    Bytes core(box.grid.size(), 0);
     for (const VoxelComponents::Run& run : runs) {
       const std::size_t row = run.begin / grid_.count(0),
                         first = row * grid_.count(0) + box.from[0];
       const std::size_t y = row % grid_.count(1) - box.from[1],
                         z = row / grid_.count(1) - box.from[2];
-      const auto to = core.begin() + static_cast<std::ptrdiff_t>((z * height + y) * width);
-      std::fill(to + static_cast<std::ptrdiff_t>(run.begin - first),
-                to + static_cast<std::ptrdiff_t>(run.end - first), std::uint8_t{1});
+      std::fill_n(&core[(z * height + y) * width + run.begin - first], run.end - run.begin,
+                  std::uint8_t{1});
     }
     std::vector<float> apart2;
-    squared_distances(box.at_mm, core, apart2);
+    squared_distances(box.grid.at_mm, core, apart2);
     double sum = 0, count = 0, shell_sum = 0, shell_count = 0;
     each_in(box, [&](std::size_t here, std::size_t i) {
       if (core[here] != 0) sum += double{hu_[i]}, count += 1;
@@ -163,9 +169,7 @@ class Search {
     for (const VoxelComponents::Run& run : parts.runs) {
       for (std::size_t i = run.begin; i < run.end; ++i) {
         if (out_.limit_HU[i] == 0) continue;
-        const std::size_t nx = grid_.count(0), ny = grid_.count(1);
-        soft[run.component] += grid_.width_mm(0, i % nx) * grid_.width_mm(1, i / nx % ny) *
-                               grid_.width_mm(2, i / nx / ny);
+        soft[run.component] += grid_.mm3(i);
       }
     }
     constexpr double kBone_mm3 = 1000;
@@ -182,60 +186,6 @@ class Search {
   SoftRegions out_;
 };
 
-}  // namespace
-
-BlockMeans::BlockMeans(const VoxelGrid& grid) {
-  for (std::size_t axis = 0; axis < 3; ++axis) {
-    const std::vector<double>& at = grid.at_mm[axis];
-    const std::size_t n = voxels_[axis] = at.size();
-    const double step = n > 1 ? (at.back() - at.front()) / static_cast<double>(n - 1) : kBlock_mm;
-    size_[axis] = std::clamp<std::size_t>(
-        static_cast<std::size_t>(std::lround(std::min(kBlock_mm / step, 1e6))), 1, n);
-    for (std::size_t i = 0; i + size_[axis] <= n; i += size_[axis])
-      blocks_.at_mm[axis].push_back((at[i] + at[i + size_[axis] - 1]) / 2);
-  }
-  hu_.assign(blocks_.count(0) * blocks_.count(1) * voxels_[2], 0);
-}
-
-void BlockMeans::add(std::size_t slice, const Image& image) {
-  const std::size_t nx = blocks_.count(0), ny = blocks_.count(1);
-  std::vector<double> sums(nx);
-  for (std::size_t by = 0; by < ny; ++by) {
-    std::fill(sums.begin(), sums.end(), 0.0);
-    for (std::size_t y = by * size_[1]; y < (by + 1) * size_[1]; ++y) {
-      const float* row = &image.values[y * voxels_[0]];
-      for (std::size_t bx = 0; bx < nx; ++bx)
-        for (std::size_t x = bx * size_[0]; x < (bx + 1) * size_[0]; ++x)
-          sums[bx] += double{row[x]};
-    }
-    for (std::size_t bx = 0; bx < nx; ++bx)
-      hu_[(slice * ny + by) * nx + bx] =
-          static_cast<float>(sums[bx] / static_cast<double>(size_[0] * size_[1]));
-  }
-}
-
-void BlockMeans::finish() {
-  const std::size_t plane = blocks_.count(0) * blocks_.count(1);
-  for (std::size_t z = 0; z < blocks_.count(2); ++z) {
-    for (std::size_t i = 0; i < plane; ++i) {
-      double sum = 0;
-      for (std::size_t k = z * size_[2]; k < (z + 1) * size_[2]; ++k)
-        sum += double{hu_[k * plane + i]};
-      hu_[z * plane + i] = static_cast<float>(sum / static_cast<double>(size_[2]));
-    }
-  }
-  hu_.resize(plane * blocks_.count(2));
-  hu_.shrink_to_fit();
-}
-
-SoftRegions find_soft_regions(const BlockMeans& means, double threshold_HU) {
-  return Search(means, threshold_HU).run();
-}
-
-namespace {
-
-using Bytes = std::vector<std::uint8_t>;
-
 enum VoxelFlag : std::uint8_t { kMaterial = 1, kFillable = 2 };
 
 bool has_hu(const SliceStack& stack, const Segmentation& how) {
@@ -249,17 +199,6 @@ bool needs_soft_regions(const SliceStack& stack, const Segmentation& how,
          std::get<Threshold>(how).value >= kMinBone_HU;
 }
 
-// Calls work(slice) -> Result<void> for every slice, several at once. Returns the lowest slice's
-// error.
-template <typename Work>
-Result<void> for_each_slice(int slices, const Work& work) {
-  std::vector<Result<void>> done(static_cast<std::size_t>(slices));
-  parallel_for(slices, [&](int k) { done[static_cast<std::size_t>(k)] = work(k); });
-  for (Result<void>& one : done)
-    if (!one) return one;
-  return {};
-}
-
 // The VoxelFlags of each voxel, one byte each; the upper six bits are packed_hu() of a scan in HU.
 // Adds all slices to `means`, and the labels found to `labels`, if these are given.
 Result<Bytes> segmented(const SliceStack& stack, const Segmentation& how, const VoxelGrid& grid,
@@ -268,7 +207,7 @@ Result<Bytes> segmented(const SliceStack& stack, const Segmentation& how, const 
   std::vector<std::set<int>> labels_of(static_cast<std::size_t>(stack.size()));
   Bytes out(grid.size());
   const bool is_hu = has_hu(stack, how);
-  const auto ok = for_each_slice(stack.size(), [&](int k) -> Result<void> {
+  const auto ok = try_in_parallel(stack.size(), [&](int k) -> Result<void> {
     auto image = read_pixels(stack, k, how);
     if (!image) return image.error();
     if (means != nullptr) means->add(static_cast<std::size_t>(k), std::get<Image>(*image));
@@ -290,13 +229,23 @@ Result<Bytes> segmented(const SliceStack& stack, const Segmentation& how, const 
   return out;
 }
 
+Bytes material_of(const Bytes& flags) {
+  Bytes out(flags.size());
+  for (std::size_t i = 0; i < out.size(); ++i)
+    out[i] = (flags[i] & kMaterial) != 0 ? 1 : 0;
+  return out;
+}
+
+bool holds_any(const Bytes& voxels) {
+  return std::find(voxels.begin(), voxels.end(), 1) != voxels.end();
+}
+
 // Keeps the material of those of its components for which keep(component) holds.
 template <typename Keep>
 void keep_components(const VoxelComponents& components, const Keep& keep, Bytes& material) {
   for (const VoxelComponents::Run& run : components.runs) {
-    if (keep(run.component)) continue;
-    std::fill(material.begin() + static_cast<std::ptrdiff_t>(run.begin),
-              material.begin() + static_cast<std::ptrdiff_t>(run.end), std::uint8_t{0});
+    if (!keep(run.component))
+      std::fill_n(&material[run.begin], run.end - run.begin, std::uint8_t{0});
   }
 }
 
@@ -323,45 +272,19 @@ std::size_t column_axis(const SliceStack& stack) {
   return out;
 }
 
-// A box of voxels: along each axis from a first one to before the last.
-struct Box {
-  std::array<std::size_t, 3> from{}, to{};
-  VoxelGrid grid;
-  std::size_t row(const VoxelGrid& whole, std::size_t y, std::size_t z) const {
-    return ((from[2] + z) * whole.count(1) + from[1] + y) * whole.count(0) + from[0];
-  }
-};
-
 // The box of the material with a margin that is wider than margin_mm, as far as the grid goes.
 Box box_of(const VoxelGrid& grid, const Bytes& material, double margin_mm) {
-  Box out{{grid.count(0), grid.count(1), grid.count(2)}, {0, 0, 0}, {}};
-  const auto take = [&out](std::size_t axis, std::size_t first, std::size_t last) {
-    out.from[axis] = std::min(out.from[axis], first);
-    out.to[axis] = std::max(out.to[axis], last + 1);
-  };
-  const auto nx = static_cast<std::ptrdiff_t>(grid.count(0));
+  Box out(grid);
+  const std::size_t nx = grid.count(0);
   for (std::size_t row = 0; row < grid.count(1) * grid.count(2); ++row) {
-    const auto begin = material.begin() + static_cast<std::ptrdiff_t>(row) * nx, end = begin + nx;
-    const auto first = std::find(begin, end, 1);
-    if (first == end) continue;
-    const auto last =
-        std::find(std::make_reverse_iterator(end), std::make_reverse_iterator(first), 1).base() - 1;
-    take(0, static_cast<std::size_t>(first - begin), static_cast<std::size_t>(last - begin));
-    take(1, row % grid.count(1), row % grid.count(1));
-    take(2, row / grid.count(1), row / grid.count(1));
+    const std::span<const std::uint8_t> line(&material[row * nx], nx);
+    const auto first = std::find(line.begin(), line.end(), 1);
+    if (first == line.end()) continue;
+    const auto last = std::find(line.rbegin(), line.rend(), 1).base();
+    out.take(grid, row, static_cast<std::size_t>(first - line.begin()),
+             static_cast<std::size_t>(last - line.begin()));
   }
-  for (std::size_t axis = 0; axis < 3; ++axis) {
-    const std::vector<double>& at = grid.at_mm[axis];
-    std::size_t &from = out.from[axis], &to = out.to[axis];
-    if (to == 0) return {};
-    const double low = at[from] - margin_mm, high = at[to - 1] + margin_mm;
-    while (from > 0 && at[from] >= low)
-      --from;
-    while (to < at.size() && at[to - 1] <= high)
-      ++to;
-    out.grid.at_mm[axis].assign(at.begin() + static_cast<std::ptrdiff_t>(from),
-                                at.begin() + static_cast<std::ptrdiff_t>(to));
-  }
+  out.widen(grid, margin_mm);
   return out;
 }
 
@@ -637,11 +560,8 @@ Result<void> keep_near_mask(const SliceStack& stack, const VoxelGrid& grid,
     warnings.push_back(std::move(*rounded));
   const auto flags = segmented(**mask, labels, grid);
   if (!flags) return flags.error();
-  Bytes near(grid.size());
-  std::transform(flags->begin(), flags->end(), near.begin(), [](std::uint8_t f) {
-    return static_cast<std::uint8_t>((f & kMaterial) != 0 ? 1 : 0);
-  });
-  if (std::find(near.begin(), near.end(), 1) == near.end())
+  const Bytes near = material_of(*flags);
+  if (!holds_any(near))
     return refused(options.mask_file + ": holds none of the labels wanted of --mask");
   keep_near(grid, near, kMaskMargin_mm, material);
   return {};
@@ -693,10 +613,6 @@ double volume_mm3(const VoxelGrid& grid, const Bytes& voxels) {
   return std::accumulate(volumes.begin(), volumes.end(), 0.0);
 }
 
-bool holds_any(const Bytes& voxels) {
-  return std::find(voxels.begin(), voxels.end(), 1) != voxels.end();
-}
-
 // The error if nothing is left of the material. It names all options that can have removed it.
 Error nothing_left_error(const SolidOptions& options, double before_mm3) {
   std::vector<const char*> names;
@@ -719,7 +635,70 @@ Bytes difference(const Bytes& of, const Bytes& without) {
   return out;
 }
 
+template <typename AnyImage>
+AnyImage cropped(AnyImage image, const Crop& c) {
+  const int width = c.x1 - c.x0 + 1, height = c.y1 - c.y0 + 1;
+  decltype(image.values) values;
+  values.reserve(static_cast<std::size_t>(width) * height);
+  for (int y = c.y0; y <= c.y1; ++y) {
+    const auto row = image.values.begin() + static_cast<std::ptrdiff_t>(y) * image.width;
+    values.insert(values.end(), row + c.x0, row + c.x1 + 1);
+  }
+  image.width = width;
+  image.height = height;
+  image.values = std::move(values);
+  return image;
+}
+
 }  // namespace
+
+BlockMeans::BlockMeans(const VoxelGrid& grid) {
+  for (std::size_t axis = 0; axis < 3; ++axis) {
+    const std::vector<double>& at = grid.at_mm[axis];
+    const std::size_t n = voxels_[axis] = at.size();
+    const double step = n > 1 ? (at.back() - at.front()) / static_cast<double>(n - 1) : kBlock_mm;
+    size_[axis] = std::clamp<std::size_t>(
+        static_cast<std::size_t>(std::lround(std::min(kBlock_mm / step, 1e6))), 1, n);
+    for (std::size_t i = 0; i + size_[axis] <= n; i += size_[axis])
+      blocks_.at_mm[axis].push_back((at[i] + at[i + size_[axis] - 1]) / 2);
+  }
+  hu_.assign(blocks_.count(0) * blocks_.count(1) * voxels_[2], 0);
+}
+
+void BlockMeans::add(std::size_t slice, const Image& image) {
+  const std::size_t nx = blocks_.count(0), ny = blocks_.count(1);
+  std::vector<double> sums(nx);
+  for (std::size_t by = 0; by < ny; ++by) {
+    std::fill(sums.begin(), sums.end(), 0.0);
+    for (std::size_t y = by * size_[1]; y < (by + 1) * size_[1]; ++y) {
+      const float* row = &image.values[y * voxels_[0]];
+      for (std::size_t bx = 0; bx < nx; ++bx)
+        for (std::size_t x = bx * size_[0]; x < (bx + 1) * size_[0]; ++x)
+          sums[bx] += double{row[x]};
+    }
+    for (std::size_t bx = 0; bx < nx; ++bx)
+      hu_[(slice * ny + by) * nx + bx] =
+          static_cast<float>(sums[bx] / static_cast<double>(size_[0] * size_[1]));
+  }
+}
+
+void BlockMeans::finish() {
+  const std::size_t plane = blocks_.count(0) * blocks_.count(1);
+  for (std::size_t z = 0; z < blocks_.count(2); ++z) {
+    for (std::size_t i = 0; i < plane; ++i) {
+      double sum = 0;
+      for (std::size_t k = z * size_[2]; k < (z + 1) * size_[2]; ++k)
+        sum += double{hu_[k * plane + i]};
+      hu_[z * plane + i] = static_cast<float>(sum / static_cast<double>(size_[2]));
+    }
+  }
+  hu_.resize(plane * blocks_.count(2));
+  hu_.shrink_to_fit();
+}
+
+SoftRegions find_soft_regions(const BlockMeans& means, double threshold_HU) {
+  return Search(means, threshold_HU).run();
+}
 
 Error fill_of_several_error() {
   return usage("--fill fills one material: join the labels with +, as --labels 20+21");
@@ -743,14 +722,10 @@ Result<SolidBone> SolidBone::make(const SliceStack& stack, const Segmentation& s
   const auto* wanted = std::get_if<Labels>(&segmentation);
   const bool fills_all = options.fill_mm2 && wanted != nullptr && wanted->all;
   if (fills_all && labels.size() > 1) return fill_of_several_error();
-  Bytes material(grid.size());
-  std::transform(flags->begin(), flags->end(), material.begin(), [](std::uint8_t f) {
-    return static_cast<std::uint8_t>((f & kMaterial) != 0 ? 1 : 0);
-  });
+  Bytes material = material_of(*flags);
   if (table != nullptr) {
     for (const ScannerTable::Run& run : table->runs())
-      std::fill(material.begin() + static_cast<std::ptrdiff_t>(run.begin),
-                material.begin() + static_cast<std::ptrdiff_t>(run.end), std::uint8_t{0});
+      std::fill_n(&material[run.begin], run.end - run.begin, std::uint8_t{0});
   }
   const Bytes before = material;
   const auto is_emptied = [&] { return holds_any(before) && !holds_any(material); };
@@ -830,25 +805,6 @@ std::optional<double> SolidBone::apply(int slice, int offset_x, int offset_y, Fi
   if (count == 0) return std::nullopt;
   return sum / static_cast<double>(count);
 }
-
-namespace {
-
-template <typename AnyImage>
-AnyImage cropped(AnyImage image, const Crop& c) {
-  const int width = c.x1 - c.x0 + 1, height = c.y1 - c.y0 + 1;
-  decltype(image.values) values;
-  values.reserve(static_cast<std::size_t>(width) * height);
-  for (int y = c.y0; y <= c.y1; ++y) {
-    const auto row = image.values.begin() + static_cast<std::ptrdiff_t>(y) * image.width;
-    values.insert(values.end(), row + c.x0, row + c.x1 + 1);
-  }
-  image.width = width;
-  image.height = height;
-  image.values = std::move(values);
-  return image;
-}
-
-}  // namespace
 
 Result<Image> read_cropped(const SliceStack& stack, int slice, const std::optional<Crop>& crop) {
   auto image = stack.read(slice);

@@ -15,9 +15,7 @@
 #include <map>
 #include <set>
 #include <span>
-#include <string>
 #include <utility>
-#include <vector>
 
 namespace trocar::pipeline {
 namespace {

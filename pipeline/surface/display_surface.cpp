@@ -1,19 +1,16 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "pipeline/surface/display_surface.h"
 
-#include <algorithm>
 #include <cmath>
 #include <cstdio>
 #include <string>
 #include <utility>
-#include <vector>
 
 #include "formats/base/disjoint_sets.h"
 #include "formats/base/json.h"
 #include "pipeline/read/parallel_for.h"
 #include "pipeline/surface/cgal_verification.h"
 #include "pipeline/surface/isosurface.h"
-#include "pipeline/surface/surface_volume.h"
 
 namespace trocar::pipeline {
 namespace {

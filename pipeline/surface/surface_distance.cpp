@@ -7,7 +7,6 @@
 #include <CGAL/Surface_mesh.h>
 #include <algorithm>
 #include <cmath>
-#include <limits>
 #include <utility>
 
 #if __has_include(<CGAL/AABB_traits_3.h>)  // since CGAL 6

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "pipeline/surface/surface_volume.h"
 
-#include <algorithm>
+#include <cmath>
 #include <cstdint>
 #include <limits>
 #include <opencv2/imgproc.hpp>

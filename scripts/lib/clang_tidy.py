@@ -1,14 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""clang_tidy.py ROOT BUILD [--since COMMIT] [--most N] [REGEX]: clang-tidy over the compile database, in parallel.
-
-With --since only the translation units that differ from the commit, and for each header that differs at least one that
-includes it. A file that differs only in its comments does not count. If the commit is not in this clone, all.
-
-A file that passes leaves a stamp in the user's cache folder and is skipped while its digest
-stays the same, in any clone on this machine. The digest is of the file, the project's headers
-that it includes, .clang-tidy, the version of clang-tidy and the compile command, with paths relative to the clone.
-Exit 0 if all pass, 1 otherwise. With --most, if more than N files would have to be checked, none is, and the last line says so.
-"""
+"""clang_tidy.py ROOT BUILD [--since COMMIT] [--most N] [REGEX]: clang-tidy over the compile database, in parallel."""
+# With --since only the translation units that differ from the commit, and for each header that differs at least one that
+# includes it. A file that differs only in its comments does not count. If the commit is not in this clone, all.
+# A file that passes leaves a stamp in the user's cache folder and is skipped while its digest
+# stays the same, in any clone on this machine. The digest is of the file, the project's headers
+# that it includes, .clang-tidy, the version of clang-tidy and the compile command, with paths relative to the clone.
+# Exit 0 if all pass, 1 otherwise. With --most, if more than N files would have to be checked, none is, and the last line says so.
 import argparse
 import concurrent.futures
 import hashlib

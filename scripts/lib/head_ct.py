@@ -1,19 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
-"""head_ct.py Cranium.inv3 OUT.nii.gz: an InVesalius project's voxels as NIfTI.
-
-An .inv3 is a gzipped tar of main.plist (shape, type, spacing) and matrix.dat
-(int16 little-endian HU in z, y, x order). It is read in memory, and every size is
-checked before it is used.
-
-Orientation. InVesalius flips the rows of transverse DICOM images, so that its y runs
-from posterior to anterior (visible in the images: the head rest is at low y, the face
-at high y, the jaw at low z); its x is that of DICOM, towards the patient's left. Rows are
-flipped back here: array axes run towards L, P, S, as in a DICOM series, and the affine
-is diag(-sx, -sy, +sz) in the RAS frame of NIfTI. The project does not store the origin;
-it is set to the volume's centre.
-
-The same archive gives the same bytes. Exit: 3 refused, 4 not written.
-"""
+"""head_ct.py Cranium.inv3 OUT.nii.gz: an InVesalius project's voxels as NIfTI."""
+# An .inv3 is a gzipped tar of main.plist (shape, type, spacing) and matrix.dat
+# (int16 little-endian HU in z, y, x order). It is read in memory, and every size is
+# checked before it is used.
+# Orientation. InVesalius flips the rows of transverse DICOM images, so that its y runs
+# from posterior to anterior (visible in the images: the head rest is at low y, the face
+# at high y, the jaw at low z); its x is that of DICOM, towards the patient's left. Rows are
+# flipped back here: array axes run towards L, P, S, as in a DICOM series, and the affine
+# is diag(-sx, -sy, +sz) in the RAS frame of NIfTI. The project does not store the origin;
+# it is set to the volume's centre.
+# The same archive gives the same bytes. Exit: 3 refused, 4 not written.
 import gzip
 import io
 import os
