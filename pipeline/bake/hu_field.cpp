@@ -13,6 +13,8 @@
 namespace trocar::pipeline {
 namespace {
 
+using SparseMatrix = Eigen::SparseMatrix<double, Eigen::ColMajor, std::int32_t>;
+
 // The lattice coordinates of the centres of an image's columns or rows, in ascending order.
 class Centres {
  public:
@@ -97,8 +99,6 @@ double nearest_pixel(LatticePoint p, const Image& hu, const PixelGrid& grid) {
   return bounded(hu.at(index(p.x, grid.spacing_u_mm, grid.offset_x, hu.width),
                        index(p.y, grid.spacing_v_mm, grid.offset_y, hu.height)));
 }
-
-using SparseMatrix = Eigen::SparseMatrix<double, Eigen::ColMajor, std::int32_t>;
 
 // A matrix of zeros with the entries of the normal matrix's lower half: the diagonal and the edges.
 SparseMatrix zeros_for(const SliceMesh& mesh) {

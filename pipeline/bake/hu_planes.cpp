@@ -5,7 +5,6 @@
 #include <algorithm>
 #include <cmath>
 #include <iterator>
-#include <optional>
 
 #include "pipeline/read/parallel_for.h"
 #include "pipeline/segment/solid_bone.h"
@@ -88,81 +87,6 @@ std::vector<float> pixels_of(const Image& hu, const HuMask& box) {
   }
   return out;
 }
-
-}  // namespace
-
-HuSampling hu_sampling(const SlicePlane& plane, int width, int height, const MeshOptions& options,
-                       int coarser) {
-  HuSampling out;
-  out.columns_each = pixels_each(plane.spacing_u_mm, width, coarser);
-  out.rows_each = pixels_each(plane.spacing_v_mm, height, coarser);
-  HuGrid& grid = out.grid;
-  if (options.crop)
-    grid.origin_mm = {options.crop->x0 * plane.spacing_u_mm, options.crop->y0 * plane.spacing_v_mm};
-  grid.pitch_mm = {out.columns_each * plane.spacing_u_mm, out.rows_each * plane.spacing_v_mm};
-  grid.columns = samples_of(width, out.columns_each);
-  grid.rows = samples_of(height, out.rows_each);
-  const double pitch_mm = grid.pitch_mm.maxCoeff();
-  grid.step_hu = 8 * static_cast<int>(std::clamp(std::floor(9 / pitch_mm), 1.0, 12.0));
-  grid.margin_steps = static_cast<std::int32_t>(
-      std::min(std::rint(std::max(kMargin_mm, pitch_mm) / options.lattice.step_mm()),
-               static_cast<double>(kMaxHuMargin)));
-  return out;
-}
-
-std::vector<float> hu_samples(const Image& hu, const HuSampling& sampling, const HuMask& box) {
-  if (sampling.columns_each == 1 && sampling.rows_each == 1) return pixels_of(hu, box);
-  const int around_x = sampling.columns_each > 1 ? kAround : 0,
-            around_y = sampling.rows_each > 1 ? kAround : 0;
-  const int first_column = std::max(0, box.first_column - around_x),
-            first_row = std::max(0, box.first_row - around_y);
-  const int left = first_column * sampling.columns_each, top = first_row * sampling.rows_each;
-  const int right = std::min(hu.width - 1, (box.first_column + box.columns - 1 + around_x) *
-                                               sampling.columns_each),
-            bottom = std::min(hu.height - 1,
-                              (box.first_row + box.rows - 1 + around_y) * sampling.rows_each);
-  const int width = right - left + 1, height = bottom - top + 1;
-  std::vector<double> pixels(static_cast<std::size_t>(width));
-  const auto row_of_pixels = [&](int y) {
-    const auto row = hu.values.begin() + static_cast<std::ptrdiff_t>(top + y) * hu.width + left;
-    std::transform(row, row + width, pixels.begin(), finite_hu);
-    return pixels.data();
-  };
-  const std::vector<double> by_column = fitted(row_of_pixels, height, width, sampling.rows_each);
-  const int rows = samples_of(height, sampling.rows_each);
-  const auto row_of_columns = [&](int x) {
-    return by_column.data() + static_cast<std::ptrdiff_t>(x) * rows;
-  };
-  const std::vector<double> values = fitted(row_of_columns, width, rows, sampling.columns_each);
-  const int columns = samples_of(width, sampling.columns_each);
-  std::vector<float> out;
-  out.reserve(static_cast<std::size_t>(box.columns) * static_cast<std::size_t>(box.rows));
-  for (int r = box.first_row; r < box.first_row + box.rows; ++r) {
-    const auto row = values.begin() + static_cast<std::ptrdiff_t>(r - first_row) * columns +
-                     (box.first_column - first_column);
-    std::transform(row, row + box.columns, std::back_inserter(out),
-                   [](double value) { return static_cast<float>(value); });
-  }
-  return out;
-}
-
-Result<EncodedHu> encode_hu(int index, const Image& hu, const HuSampling& sampling,
-                            const Lattice& lattice, Outlines outlines) {
-  EncodedHu out{{index, {}}};
-  const auto mask = hu_mask(sampling.grid, lattice, outlines);
-  if (!mask) return mask.error();
-  if (mask->is_stored.empty()) return out;
-  out.samples = std::int64_t{mask->columns} * mask->rows;
-  const std::vector<float> samples = hu_samples(hu, sampling, *mask);
-  out.bytes = encode_hu_plane(sampling.grid, *mask, [&](int column, int row) {
-    return samples[static_cast<std::size_t>(row - mask->first_row) *
-                       static_cast<std::size_t>(mask->columns) +
-                   static_cast<std::size_t>(column - mask->first_column)];
-  });
-  return out;
-}
-
-namespace {
 
 constexpr int kStep_hu = 16;
 
@@ -267,6 +191,77 @@ void add_means(const Image& hu, const Blocks& blocks, double weight, std::vector
 
 }  // namespace
 
+HuSampling hu_sampling(const SlicePlane& plane, int width, int height, const MeshOptions& options,
+                       int coarser) {
+  HuSampling out;
+  out.columns_each = pixels_each(plane.spacing_u_mm, width, coarser);
+  out.rows_each = pixels_each(plane.spacing_v_mm, height, coarser);
+  HuGrid& grid = out.grid;
+  if (options.crop)
+    grid.origin_mm = {options.crop->x0 * plane.spacing_u_mm, options.crop->y0 * plane.spacing_v_mm};
+  grid.pitch_mm = {out.columns_each * plane.spacing_u_mm, out.rows_each * plane.spacing_v_mm};
+  grid.columns = samples_of(width, out.columns_each);
+  grid.rows = samples_of(height, out.rows_each);
+  const double pitch_mm = grid.pitch_mm.maxCoeff();
+  grid.step_hu = 8 * static_cast<int>(std::clamp(std::floor(9 / pitch_mm), 1.0, 12.0));
+  grid.margin_steps = static_cast<std::int32_t>(
+      std::min(std::rint(std::max(kMargin_mm, pitch_mm) / options.lattice.step_mm()),
+               static_cast<double>(kMaxHuMargin)));
+  return out;
+}
+
+std::vector<float> hu_samples(const Image& hu, const HuSampling& sampling, const HuMask& box) {
+  if (sampling.columns_each == 1 && sampling.rows_each == 1) return pixels_of(hu, box);
+  const int around_x = sampling.columns_each > 1 ? kAround : 0,
+            around_y = sampling.rows_each > 1 ? kAround : 0;
+  const int first_column = std::max(0, box.first_column - around_x),
+            first_row = std::max(0, box.first_row - around_y);
+  const int left = first_column * sampling.columns_each, top = first_row * sampling.rows_each;
+  const int right = std::min(hu.width - 1, (box.first_column + box.columns - 1 + around_x) *
+                                               sampling.columns_each),
+            bottom = std::min(hu.height - 1,
+                              (box.first_row + box.rows - 1 + around_y) * sampling.rows_each);
+  const int width = right - left + 1, height = bottom - top + 1;
+  std::vector<double> pixels(static_cast<std::size_t>(width));
+  const auto row_of_pixels = [&](int y) {
+    const auto row = hu.values.begin() + static_cast<std::ptrdiff_t>(top + y) * hu.width + left;
+    std::transform(row, row + width, pixels.begin(), finite_hu);
+    return pixels.data();
+  };
+  const std::vector<double> by_column = fitted(row_of_pixels, height, width, sampling.rows_each);
+  const int rows = samples_of(height, sampling.rows_each);
+  const auto row_of_columns = [&](int x) {
+    return by_column.data() + static_cast<std::ptrdiff_t>(x) * rows;
+  };
+  const std::vector<double> values = fitted(row_of_columns, width, rows, sampling.columns_each);
+  const int columns = samples_of(width, sampling.columns_each);
+  std::vector<float> out;
+  out.reserve(static_cast<std::size_t>(box.columns) * static_cast<std::size_t>(box.rows));
+  for (int r = box.first_row; r < box.first_row + box.rows; ++r) {
+    const auto row = values.begin() + static_cast<std::ptrdiff_t>(r - first_row) * columns +
+                     (box.first_column - first_column);
+    std::transform(row, row + box.columns, std::back_inserter(out),
+                   [](double value) { return static_cast<float>(value); });
+  }
+  return out;
+}
+
+Result<EncodedHu> encode_hu(int index, const Image& hu, const HuSampling& sampling,
+                            const Lattice& lattice, Outlines outlines) {
+  EncodedHu out{{index, {}}};
+  const auto mask = hu_mask(sampling.grid, lattice, outlines);
+  if (!mask) return mask.error();
+  if (mask->is_stored.empty()) return out;
+  out.samples = std::int64_t{mask->columns} * mask->rows;
+  const std::vector<float> samples = hu_samples(hu, sampling, *mask);
+  out.bytes = encode_hu_plane(sampling.grid, *mask, [&](int column, int row) {
+    return samples[static_cast<std::size_t>(row - mask->first_row) *
+                       static_cast<std::size_t>(mask->columns) +
+                   static_cast<std::size_t>(column - mask->first_column)];
+  });
+  return out;
+}
+
 double default_context_mm(const SlicePlane& plane, int width, int height) {
   const double size_mm = std::max(width * plane.spacing_u_mm, height * plane.spacing_v_mm);
   return size_mm <= 128 ? 2 : size_mm <= 256 ? 3 : 4;
@@ -289,30 +284,26 @@ Result<EncodedHuVolume> encode_context(const SliceStack& stack, int first, int l
   const auto mask = hu_mask(blocks.grid, options.lattice, {});
   if (!mask) return mask.error();
   const PlaneSpacing spacing{stack, stack_shape(stack), first, last, each, each * thick_mm};
-  std::vector<std::optional<Error>> errors(out.planes.size());
-  parallel_for(static_cast<int>(out.planes.size()), [&](int i) {
-    EncodedHuPlane& plane = out.planes[static_cast<std::size_t>(i)];
-    std::vector<double> sums(mask->is_stored.size(), 0);
-    double weights = 0;
-    for (const auto& [slice, weight] : weights_near(spacing, plane.index)) {
-      const auto image = read_cropped(stack, slice, options.crop);
-      if (!image) {
-        errors[static_cast<std::size_t>(i)] = image.error();
-        return;
-      }
-      add_means(*image, blocks, weight, sums);
-      weights += weight;
-    }
-    plane.bytes = encode_hu_plane(blocks.grid, *mask, [&](int column, int row) {
-      return static_cast<float>(
-          sums[static_cast<std::size_t>(row) * static_cast<std::size_t>(blocks.grid.columns) +
-               static_cast<std::size_t>(column)] /
-          weights);
-    });
-  });
-  for (const auto& error : errors) {
-    if (error) return *error;
-  }
+  const auto done =
+      try_in_parallel(static_cast<int>(out.planes.size()), [&](int i) -> Result<void> {
+        EncodedHuPlane& plane = out.planes[static_cast<std::size_t>(i)];
+        std::vector<double> sums(mask->is_stored.size(), 0);
+        double weights = 0;
+        for (const auto& [slice, weight] : weights_near(spacing, plane.index)) {
+          const auto image = read_cropped(stack, slice, options.crop);
+          if (!image) return image.error();
+          add_means(*image, blocks, weight, sums);
+          weights += weight;
+        }
+        plane.bytes = encode_hu_plane(blocks.grid, *mask, [&](int column, int row) {
+          return static_cast<float>(
+              sums[static_cast<std::size_t>(row) * static_cast<std::size_t>(blocks.grid.columns) +
+                   static_cast<std::size_t>(column)] /
+              weights);
+        });
+        return {};
+      });
+  if (!done) return done.error();
   return out;
 }
 

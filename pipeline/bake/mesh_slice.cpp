@@ -6,6 +6,7 @@
 #include <cstdint>
 #include <memory>
 #include <numbers>
+#include <span>
 #include <variant>
 
 #include "formats/asset/asset.h"
@@ -17,6 +18,13 @@
 
 namespace trocar::pipeline {
 namespace {
+
+struct SliceBorders {
+  std::vector<Pslg> outlines;  // outline of each material
+  // If there are several materials: all of their borders, also those with the background.
+  // `outlines` are then the result of material_outlines() for these borders.
+  std::optional<LabelBorders> shared;
+};
 
 // The materials of a label map. If `solid` is not null, it has changed `field`, and the materials
 // follow the field.
@@ -96,6 +104,300 @@ Result<void> list_materials(const SliceStack& stack, const MeshOptions& options,
   return {};
 }
 
+constexpr double kGrowth = 0.5;  // growth of the edge length per distance
+constexpr double kAreaOfEdge2 = std::numbers::sqrt3 / 4;
+
+// Rotates the corners: the corner opposite edge 0 comes first, as in refined meshes.
+SliceMesh stored_cdt(SliceMesh mesh) {
+  for (Triangle& t : mesh.triangles)
+    t = {t[2], t[0], t[1]};
+  return mesh;
+}
+
+Result<void> check_simplified(const std::vector<Pslg>& outlines) {
+  for (const Pslg& outline : outlines) {
+    if (auto ok = check_pslg(outline); !ok)
+      return bug("after simplification: " + ok.error().message);
+  }
+  if (outlines.size() == 1) return {};
+  if (auto ok = check_shared_borders(outlines, outlines); !ok)
+    return bug("after simplification: " + ok.error().message);
+  return {};
+}
+
+// Returns for each material the largest two-sided Hausdorff distance, in mm, between one of its
+// borders in `contours` and the border of the same index in `other`.
+std::vector<double> distances_mm(const SliceBorders& contours, const SliceBorders& other,
+                                 const Lattice& lattice) {
+  if (!contours.shared) return {hausdorff_mm(contours.outlines[0], other.outlines[0], lattice)};
+  const LabelBorders& full = *contours.shared;
+  std::vector<double> out(full.materials, 0);
+  for (std::size_t c = 0; c < full.chains.size(); ++c) {
+    const BorderChain& chain = full.chains[c];
+    const double mm = hausdorff_mm({{chain.points}}, {{other.shared->chains[c].points}}, lattice,
+                                   {!chain.is_closed});
+    for (const MaterialNumber m : {chain.left, chain.right}) {
+      if (m != kNoMaterial) out[m - 1U] = std::max(out[m - 1U], mm);
+    }
+  }
+  return out;
+}
+
+// The moved_area_mm2() of all borders.
+double moved_mm2(const SliceBorders& contours, const SliceBorders& other, const Lattice& lattice,
+                 double beyond_mm) {
+  if (!contours.shared)
+    return moved_area_mm2(contours.outlines[0], other.outlines[0], lattice, beyond_mm);
+  double sum = 0;
+  for (std::size_t c = 0; c < contours.shared->chains.size(); ++c) {
+    const BorderChain& chain = contours.shared->chains[c];
+    sum += moved_area_mm2({{chain.points}}, {{other.shared->chains[c].points}}, lattice, beyond_mm,
+                          {!chain.is_closed});
+  }
+  return sum;
+}
+
+// Returns the borders with the points at which refinement split their edges. Preconditions:
+// `outlines` are material_outlines(borders), the materials' outlines before refinement; `stored`
+// are the same outlines with the vertices that refinement inserted on their edges; `outlines` and
+// `stored` have the same rings in the same order, and each ring has the same first vertex in both.
+// (If the first vertices differ, check_shared_borders() of formats/mesh/shared_borders.h
+// fails.) O(n log n).
+LabelBorders refined_borders(const LabelBorders& borders, std::span<const Pslg> outlines,
+                             std::span<const Pslg> stored) {
+  // An outline's edge, and the edges that it became.
+  struct Divided {
+    std::pair<LatticePoint, LatticePoint> ends;
+    const Ring* ring;
+    std::size_t first, edges;
+    LatticePoint point(std::size_t i) const { return (*ring)[(first + i) % ring->size()]; }
+  };
+  std::vector<Divided> divided;
+  for (std::size_t k = 0; k < outlines.size(); ++k) {
+    for (std::size_t r = 0; r < outlines[k].rings.size(); ++r) {
+      const Ring &ring = outlines[k].rings[r], &fine = stored[k].rings[r];
+      std::size_t at = 0;
+      for (std::size_t i = 0; i < ring.size(); ++i) {
+        const LatticePoint to = ring[(i + 1) % ring.size()];
+        const std::size_t first = at++;
+        while (at < fine.size() && (i + 1 == ring.size() || fine[at] != to))
+          ++at;
+        divided.push_back({{ring[i], to}, &fine, first, at - first});
+      }
+    }
+  }
+  std::sort(divided.begin(), divided.end(),
+            [](const Divided& a, const Divided& b) { return a.ends < b.ends; });
+  LabelBorders out = borders;
+  for (BorderChain& chain : out.chains) {
+    const std::vector<LatticePoint> coarse = std::exchange(chain.points, {});
+    const std::size_t edges = coarse.size() - (chain.is_closed ? 0 : 1);
+    // The outline of the material on the left has the edge; if there is none, the outline of the
+    // material on the right has its reverse.
+    const bool is_forward = chain.left != kNoMaterial;
+    for (std::size_t i = 0; i < edges; ++i) {
+      std::pair ends{coarse[i], coarse[(i + 1) % coarse.size()]};
+      if (!is_forward) std::swap(ends.first, ends.second);
+      const auto found =
+          std::lower_bound(divided.begin(), divided.end(), ends,
+                           [](const Divided& a, const auto& b) { return a.ends < b; });
+      for (std::size_t j = 0; j < found->edges; ++j)
+        chain.points.push_back(found->point(is_forward ? j : found->edges - j));
+    }
+    if (!chain.is_closed) chain.points.push_back(coarse.back());
+  }
+  return out;
+}
+
+// Sets MeshedMaterial::outline and simplification_error_mm of every material and
+// SliceChanges::moved_mm2, and proves the refined meshes.
+Result<void> check_refined(const SliceBorders& contours, const SliceBorders& simple,
+                           const std::vector<Refined>& refined, const Lattice& lattice,
+                           const SimplificationOptions& simplification, double half_pixel_mm,
+                           MeshedSlice& slice) {
+  std::vector<MeshedMaterial>& out = slice.materials;
+  const auto failed = [](const std::string& why) { return bug("after refinement: " + why); };
+  const bool keeps_area = simplification.method == SimplificationMethod::kArea;
+  const bool are_shared = simple.shared.has_value();
+  std::vector<Pslg> stored;
+  for (std::size_t k = 0; (keeps_area || are_shared) && k < refined.size(); ++k)
+    stored.push_back(refined_rings(refined[k], simple.outlines[k]));
+  for (std::size_t k = 0; k < refined.size(); ++k) {
+    auto outline = ProvedOutline::of(are_shared ? stored[k] : boundary_rings(refined[k].mesh));
+    if (!outline) return failed(outline.error().message);
+    if (auto ok = check_delaunay_mesh(refined[k].mesh, *outline); !ok)
+      return failed(ok.error().message);
+    out[k].outline = std::move(*outline);
+  }
+  SliceBorders with_steiner_points;
+  if (are_shared) {
+    if (auto ok = check_shared_borders(simple.outlines, stored); !ok)
+      return failed(ok.error().message);
+    if (keeps_area)
+      with_steiner_points.shared = refined_borders(*simple.shared, simple.outlines, stored);
+  }
+  with_steiner_points.outlines = std::move(stored);
+  // If areas are kept, the points of refinement move the outline on purpose and therefore count.
+  const SliceBorders& outlines = keeps_area ? with_steiner_points : simple;
+  const std::vector<double> errors_mm = distances_mm(contours, outlines, lattice);
+  if (*std::max_element(errors_mm.begin(), errors_mm.end()) > half_pixel_mm)
+    slice.changes.moved_mm2 = moved_mm2(contours, outlines, lattice, half_pixel_mm);
+  for (std::size_t k = 0; k < out.size(); ++k) {
+    out[k].simplification_error_mm = errors_mm[k];
+    if (keeps_area && simplification.tolerance_mm > 0 && errors_mm[k] > simplification.tolerance_mm)
+      return failed("the outline is beyond the tolerance");
+  }
+  return {};
+}
+
+SliceBorders simplified(const SliceBorders& contours, const Lattice& lattice,
+                        const SimplificationOptions& options) {
+  if (!contours.shared) return {{simplify(contours.outlines[0], lattice, options)}, {}};
+  LabelBorders shared = simplify(*contours.shared, lattice, options);
+  std::vector<Pslg> outlines = material_outlines(shared);
+  return {std::move(outlines), std::move(shared)};
+}
+
+// Makes the proved meshes of the materials from their contours.
+Result<void> mesh_materials(SliceBorders contours, const Lattice& lattice,
+                            const SimplificationOptions& simplification,
+                            const RefinementOptions& refinement, double half_pixel_mm,
+                            Stopwatch& watch, MeshedSlice& slice) {
+  std::vector<MeshedMaterial>& out = slice.materials;
+  StageTimes& times = slice.times;
+  SliceBorders simple = simplified(contours, lattice, simplification);
+  times["simplify"] = watch.lap_ms();
+  if (auto ok = check_simplified(simple.outlines); !ok) return ok;
+  times["check"] += watch.lap_ms();
+
+  auto cdts = triangulate_regions(simple.outlines);
+  if (!cdts) return cdts.error();
+  times["triangulate"] = watch.lap_ms();
+  std::vector<Refined> refined = refine_regions(*cdts, lattice, refinement);
+  for (Refined& region : refined)
+    sort_by_position(region);
+  times["refine"] = watch.lap_ms();
+
+  if (auto ok =
+          check_refined(contours, simple, refined, lattice, simplification, half_pixel_mm, slice);
+      !ok)
+    return ok;
+  for (std::size_t k = 0; k < out.size(); ++k) {
+    out[k].contours = std::move(contours.outlines[k]);
+    out[k].pslg = std::move(simple.outlines[k]);
+    out[k].cdt = stored_cdt(std::move((*cdts)[k].mesh));
+    out[k].refined = std::move(refined[k]);
+  }
+  times["check"] += watch.lap_ms();
+  return {};
+}
+
+// The grid of the slice's cropped pixels.
+PixelGrid pixel_grid(const SlicePlane& plane, const MeshOptions& options) {
+  const Crop crop = options.crop.value_or(Crop{});
+  return {plane.spacing_u_mm, plane.spacing_v_mm, crop.x0, crop.y0, options.lattice};
+}
+
+// The bounds of refinement in this slice; `hu` may be null.
+RefinementOptions refinement_of_slice(const SlicePlane& plane, const MeshOptions& options,
+                                      const Image* hu) {
+  RefinementOptions out = options.refinement;
+  if (options.max_area_px2)
+    out.max_area_mm2 = *options.max_area_px2 * plane.spacing_u_mm * plane.spacing_v_mm;
+  out.keep_area = options.simplification.method == SimplificationMethod::kArea;
+  out.max_distance_steps =
+      std::min(kMaxDistanceFromOutline_steps,
+               left_for_refinement_steps(options.lattice, options.simplification));
+  if (hu != nullptr && options.grade_hu > 0) {
+    const auto graded =
+        std::make_shared<GradedArea>(*hu, pixel_grid(plane, options), options.grade_hu);
+    out.area_mm2_at = [graded](LatticePoint p) { return graded->mm2_at(p); };
+    out.min_area_mm2 = graded->min_mm2();
+  }
+  return out;
+}
+
+void measure(const Lattice& lattice, double min_angle_deg, MeshedMaterial& out) {
+  out.quality = measure_quality(out.refined, lattice, min_angle_deg);
+  out.area_mm2 = 0.5 * static_cast<double>(doubled_area(out.refined.mesh)) * lattice.step_mm() *
+                 lattice.step_mm();
+  out.holes = static_cast<int>(std::count_if(out.pslg.rings.begin(), out.pslg.rings.end(),
+                                             [](const Ring& r) { return doubled_area(r) < 0; }));
+}
+
+// Merges small components (merge_small_components()) and adds their areas to `change`.
+void merge_small(MaterialImage& image, const PixelGrid& grid, double min_region_mm2,
+                 AreaChange* change) {
+  const std::vector<MaterialNumber> before = image.values;
+  const double pixel_mm2 = grid.spacing_u_mm * grid.spacing_v_mm;
+  merge_small_components(image, min_region_mm2 / pixel_mm2);
+  if (change == nullptr) return;
+  std::size_t dropped = 0, filled = 0;
+  for (std::size_t i = 0; i < before.size(); ++i) {
+    if (before[i] == image.values[i]) continue;
+    dropped += before[i] != kNoMaterial ? 1 : 0;
+    filled += image.values[i] != kNoMaterial ? 1 : 0;
+  }
+  change->dropped_mm2 += static_cast<double>(dropped) * pixel_mm2;
+  change->filled_mm2 += static_cast<double>(filled) * pixel_mm2;
+}
+
+// The smooth outline of a mask.
+Pslg smooth_outline(const Field& field, const PixelGrid& grid, double min_region_mm2,
+                    AreaChange* change) {
+  MaterialImage image{field.image.width, field.image.height, {}, {}};
+  image.labels.resize(1);
+  image.values.reserve(field.image.values.size());
+  for (const float value : field.image.values)
+    image.values.push_back(value >= field.iso ? 1 : kNoMaterial);
+  merge_small(image, grid, min_region_mm2, change);
+  return std::move(material_outlines(label_borders(image, grid)).front());
+}
+
+// Removes the materials without pixels from the image and from the list `out` of materials.
+void leave_out_empty(MaterialImage& image, std::vector<MeshedMaterial>& out) {
+  std::vector<MaterialNumber> number(out.size() + 1, kNoMaterial);
+  for (const MaterialNumber m : image.values)
+    number[m] = 1;
+  number[kNoMaterial] = kNoMaterial;
+  std::size_t left = 0;
+  for (std::size_t m = 1; m < number.size(); ++m) {
+    if (number[m] == 0) continue;
+    if (left != m - 1) {
+      out[left] = std::move(out[m - 1]);
+      image.labels[left] = std::move(image.labels[m - 1]);
+    }
+    number[m] = static_cast<MaterialNumber>(++left);
+  }
+  out.resize(left);
+  image.labels.resize(left);
+  for (MaterialNumber& m : image.values)
+    m = number[m];
+}
+
+// Traces the contours of all materials of a slice. If there are several materials, the function
+// first merges small components of pixels.several into their neighbours. A material that vanishes
+// because of this is removed from `materials`, which keeps at least one entry. Adds the areas of
+// the components to `change`; one that becomes another material counts as dropped and filled.
+SliceBorders slice_contours(const SliceStack& stack, int slice, const MeshOptions& options,
+                            SlicePixels& pixels, std::vector<MeshedMaterial>& materials,
+                            AreaChange& change) {
+  if (materials.size() == 1)
+    return {{contours_of(stack, slice, options, pixels.field, &change)}, {}};
+  const PixelGrid grid = pixel_grid(stack.plane(slice), options);
+  merge_small(pixels.several, grid, options.min_region_mm2, &change);
+  leave_out_empty(pixels.several, materials);
+  LabelBorders borders = label_borders(pixels.several, grid);
+  SliceBorders out{material_outlines(borders), {}};
+  if (materials.size() > 1) {
+    out.shared = std::move(borders);
+  } else {
+    materials.resize(1);
+    out.outlines.resize(1);
+  }
+  return out;
+}
+
 }  // namespace
 
 Result<SliceImages> read_slice(const SliceStack& stack, int slice, const MeshOptions& options) {
@@ -135,13 +437,6 @@ Result<SlicePixels> segment_slice(const SliceStack& stack, int slice, const Mesh
                                  [iso = pixels.field.iso](float value) { return value >= iso; });
   return pixels;
 }
-
-namespace {
-
-constexpr double kGrowth = 0.5;  // growth of the edge length per distance
-constexpr double kAreaOfEdge2 = std::numbers::sqrt3 / 4;
-
-}  // namespace
 
 GradedArea::GradedArea(const Image& hu, const PixelGrid& grid, double hu_per_edge)
     : grid_(grid),
@@ -204,130 +499,6 @@ double GradedArea::mm2_at(LatticePoint p) const {
                                index(p.x, grid_.spacing_u_mm, grid_.offset_x, width_)];
   return std::max(min_mm2_, kAreaOfEdge2 * edge * edge);
 }
-
-namespace {
-
-// Rotates the corners: the corner opposite edge 0 comes first, as in refined meshes.
-SliceMesh stored_cdt(SliceMesh mesh) {
-  for (Triangle& t : mesh.triangles)
-    t = {t[2], t[0], t[1]};
-  return mesh;
-}
-
-Result<void> check_simplified(const std::vector<Pslg>& outlines) {
-  for (const Pslg& outline : outlines) {
-    if (auto ok = check_pslg(outline); !ok)
-      return bug("after simplification: " + ok.error().message);
-  }
-  if (outlines.size() == 1) return {};
-  if (auto ok = check_shared_borders(outlines, outlines); !ok)
-    return bug("after simplification: " + ok.error().message);
-  return {};
-}
-
-// Sets MeshedMaterial::outline and simplification_error_mm of every material and
-// SliceChanges::moved_mm2, and proves the refined meshes.
-Result<void> check_refined(const SliceBorders& contours, const SliceBorders& simple,
-                           const std::vector<Refined>& refined, const Lattice& lattice,
-                           const SimplificationOptions& simplification, double half_pixel_mm,
-                           MeshedSlice& slice) {
-  std::vector<MeshedMaterial>& out = slice.materials;
-  const auto failed = [](const std::string& why) { return bug("after refinement: " + why); };
-  const bool keeps_area = simplification.method == SimplificationMethod::kArea;
-  const bool are_shared = simple.shared.has_value();
-  std::vector<Pslg> stored;
-  for (std::size_t k = 0; (keeps_area || are_shared) && k < refined.size(); ++k)
-    stored.push_back(refined_rings(refined[k], simple.outlines[k]));
-  for (std::size_t k = 0; k < refined.size(); ++k) {
-    auto outline = ProvedOutline::of(are_shared ? stored[k] : boundary_rings(refined[k].mesh));
-    if (!outline) return failed(outline.error().message);
-    if (auto ok = check_delaunay_mesh(refined[k].mesh, *outline); !ok)
-      return failed(ok.error().message);
-    out[k].outline = std::move(*outline);
-  }
-  SliceBorders with_steiner_points;
-  if (are_shared) {
-    if (auto ok = check_shared_borders(simple.outlines, stored); !ok)
-      return failed(ok.error().message);
-    if (keeps_area)
-      with_steiner_points.shared = refined_borders(*simple.shared, simple.outlines, stored);
-  }
-  with_steiner_points.outlines = std::move(stored);
-  // If areas are kept, the points of refinement move the outline on purpose and therefore count.
-  const SliceBorders& outlines = keeps_area ? with_steiner_points : simple;
-  const std::vector<double> errors_mm = distances_mm(contours, outlines, lattice);
-  if (*std::max_element(errors_mm.begin(), errors_mm.end()) > half_pixel_mm)
-    slice.changes.moved_mm2 = moved_area_mm2(contours, outlines, lattice, half_pixel_mm);
-  for (std::size_t k = 0; k < out.size(); ++k) {
-    out[k].simplification_error_mm = errors_mm[k];
-    if (keeps_area && simplification.tolerance_mm > 0 && errors_mm[k] > simplification.tolerance_mm)
-      return failed("the outline is beyond the tolerance");
-  }
-  return {};
-}
-
-// Makes the proved meshes of the materials from their contours.
-Result<void> mesh_materials(SliceBorders contours, const Lattice& lattice,
-                            const SimplificationOptions& simplification,
-                            const RefinementOptions& refinement, double half_pixel_mm,
-                            Stopwatch& watch, MeshedSlice& slice) {
-  std::vector<MeshedMaterial>& out = slice.materials;
-  StageTimes& times = slice.times;
-  SliceBorders simple = simplified(contours, lattice, simplification);
-  times["simplify"] = watch.lap_ms();
-  if (auto ok = check_simplified(simple.outlines); !ok) return ok;
-  times["check"] += watch.lap_ms();
-
-  auto cdts = triangulate_regions(simple.outlines);
-  if (!cdts) return cdts.error();
-  times["triangulate"] = watch.lap_ms();
-  std::vector<Refined> refined = refine_regions(*cdts, lattice, refinement);
-  for (Refined& region : refined)
-    sort_by_position(region);
-  times["refine"] = watch.lap_ms();
-
-  if (auto ok =
-          check_refined(contours, simple, refined, lattice, simplification, half_pixel_mm, slice);
-      !ok)
-    return ok;
-  for (std::size_t k = 0; k < out.size(); ++k) {
-    out[k].contours = std::move(contours.outlines[k]);
-    out[k].pslg = std::move(simple.outlines[k]);
-    out[k].cdt = stored_cdt(std::move((*cdts)[k].mesh));
-    out[k].refined = std::move(refined[k]);
-  }
-  times["check"] += watch.lap_ms();
-  return {};
-}
-
-// The bounds of refinement in this slice; `hu` may be null.
-RefinementOptions refinement_of_slice(const SlicePlane& plane, const MeshOptions& options,
-                                      const Image* hu) {
-  RefinementOptions out = options.refinement;
-  if (options.max_area_px2)
-    out.max_area_mm2 = *options.max_area_px2 * plane.spacing_u_mm * plane.spacing_v_mm;
-  out.keep_area = options.simplification.method == SimplificationMethod::kArea;
-  out.max_distance_steps =
-      std::min(kMaxDistanceFromOutline_steps,
-               left_for_refinement_steps(options.lattice, options.simplification));
-  if (hu != nullptr && options.grade_hu > 0) {
-    const auto graded =
-        std::make_shared<GradedArea>(*hu, pixel_grid(plane, options), options.grade_hu);
-    out.area_mm2_at = [graded](LatticePoint p) { return graded->mm2_at(p); };
-    out.min_area_mm2 = graded->min_mm2();
-  }
-  return out;
-}
-
-void measure(const Lattice& lattice, double min_angle_deg, MeshedMaterial& out) {
-  out.quality = measure_quality(out.refined, lattice, min_angle_deg);
-  out.area_mm2 = 0.5 * static_cast<double>(doubled_area(out.refined.mesh)) * lattice.step_mm() *
-                 lattice.step_mm();
-  out.holes = static_cast<int>(std::count_if(out.pslg.rings.begin(), out.pslg.rings.end(),
-                                             [](const Ring& r) { return doubled_area(r) < 0; }));
-}
-
-}  // namespace
 
 Result<void> check_lattice(const SliceStack& stack, int slice, const Lattice& lattice) {
   const SlicePlane& plane = stack.plane(slice);
@@ -401,65 +572,6 @@ Result<MeshedSlice> mesh_slice(const SliceStack& stack, int slice, const MeshOpt
   return out;
 }
 
-namespace {
-
-// Merges small components (merge_small_components()) and adds their areas to `change`.
-void merge_small(MaterialImage& image, const PixelGrid& grid, double min_region_mm2,
-                 AreaChange* change) {
-  const std::vector<MaterialNumber> before = image.values;
-  const double pixel_mm2 = grid.spacing_u_mm * grid.spacing_v_mm;
-  merge_small_components(image, min_region_mm2 / pixel_mm2);
-  if (change == nullptr) return;
-  std::size_t dropped = 0, filled = 0;
-  for (std::size_t i = 0; i < before.size(); ++i) {
-    if (before[i] == image.values[i]) continue;
-    dropped += before[i] != kNoMaterial ? 1 : 0;
-    filled += image.values[i] != kNoMaterial ? 1 : 0;
-  }
-  change->dropped_mm2 += static_cast<double>(dropped) * pixel_mm2;
-  change->filled_mm2 += static_cast<double>(filled) * pixel_mm2;
-}
-
-// The smooth outline of a mask.
-Pslg smooth_outline(const Field& field, const PixelGrid& grid, double min_region_mm2,
-                    AreaChange* change) {
-  MaterialImage image{field.image.width, field.image.height, {}, {}};
-  image.labels.resize(1);
-  image.values.reserve(field.image.values.size());
-  for (const float value : field.image.values)
-    image.values.push_back(value >= field.iso ? 1 : kNoMaterial);
-  merge_small(image, grid, min_region_mm2, change);
-  return std::move(material_outlines(label_borders(image, grid)).front());
-}
-
-// Removes the materials without pixels from the image and from the list `out` of materials.
-void leave_out_empty(MaterialImage& image, std::vector<MeshedMaterial>& out) {
-  std::vector<MaterialNumber> number(out.size() + 1, kNoMaterial);
-  for (const MaterialNumber m : image.values)
-    number[m] = 1;
-  number[kNoMaterial] = kNoMaterial;
-  std::size_t left = 0;
-  for (std::size_t m = 1; m < number.size(); ++m) {
-    if (number[m] == 0) continue;
-    if (left != m - 1) {
-      out[left] = std::move(out[m - 1]);
-      image.labels[left] = std::move(image.labels[m - 1]);
-    }
-    number[m] = static_cast<MaterialNumber>(++left);
-  }
-  out.resize(left);
-  image.labels.resize(left);
-  for (MaterialNumber& m : image.values)
-    m = number[m];
-}
-
-}  // namespace
-
-PixelGrid pixel_grid(const SlicePlane& plane, const MeshOptions& options) {
-  const Crop crop = options.crop.value_or(Crop{});
-  return {plane.spacing_u_mm, plane.spacing_v_mm, crop.x0, crop.y0, options.lattice};
-}
-
 Pslg contours_of(const SliceStack& stack, int slice, const MeshOptions& options, const Field& field,
                  AreaChange* change) {
   const PixelGrid grid = pixel_grid(stack.plane(slice), options);
@@ -467,108 +579,6 @@ Pslg contours_of(const SliceStack& stack, int slice, const MeshOptions& options,
     return smooth_outline(field, grid, options.min_region_mm2, change);
   return drop_small_rings(contours(field, grid, options.contour), options.min_region_mm2,
                           options.lattice, change);
-}
-
-SliceBorders slice_contours(const SliceStack& stack, int slice, const MeshOptions& options,
-                            SlicePixels& pixels, std::vector<MeshedMaterial>& materials,
-                            AreaChange& change) {
-  if (materials.size() == 1)
-    return {{contours_of(stack, slice, options, pixels.field, &change)}, {}};
-  const PixelGrid grid = pixel_grid(stack.plane(slice), options);
-  merge_small(pixels.several, grid, options.min_region_mm2, &change);
-  leave_out_empty(pixels.several, materials);
-  LabelBorders borders = label_borders(pixels.several, grid);
-  SliceBorders out{material_outlines(borders), {}};
-  if (materials.size() > 1) {
-    out.shared = std::move(borders);
-  } else {
-    materials.resize(1);
-    out.outlines.resize(1);
-  }
-  return out;
-}
-
-SliceBorders simplified(const SliceBorders& contours, const Lattice& lattice,
-                        const SimplificationOptions& options) {
-  if (!contours.shared) return {{simplify(contours.outlines[0], lattice, options)}, {}};
-  LabelBorders shared = simplify(*contours.shared, lattice, options);
-  std::vector<Pslg> outlines = material_outlines(shared);
-  return {std::move(outlines), std::move(shared)};
-}
-
-std::vector<double> distances_mm(const SliceBorders& contours, const SliceBorders& other,
-                                 const Lattice& lattice) {
-  if (!contours.shared) return {hausdorff_mm(contours.outlines[0], other.outlines[0], lattice)};
-  const LabelBorders& full = *contours.shared;
-  std::vector<double> out(full.materials, 0);
-  for (std::size_t c = 0; c < full.chains.size(); ++c) {
-    const BorderChain& chain = full.chains[c];
-    const double mm = hausdorff_mm({{chain.points}}, {{other.shared->chains[c].points}}, lattice,
-                                   {!chain.is_closed});
-    for (const MaterialNumber m : {chain.left, chain.right}) {
-      if (m != kNoMaterial) out[m - 1U] = std::max(out[m - 1U], mm);
-    }
-  }
-  return out;
-}
-
-double moved_area_mm2(const SliceBorders& contours, const SliceBorders& other,
-                      const Lattice& lattice, double beyond_mm) {
-  if (!contours.shared)
-    return moved_area_mm2(contours.outlines[0], other.outlines[0], lattice, beyond_mm);
-  double sum = 0;
-  for (std::size_t c = 0; c < contours.shared->chains.size(); ++c) {
-    const BorderChain& chain = contours.shared->chains[c];
-    sum += moved_area_mm2({{chain.points}}, {{other.shared->chains[c].points}}, lattice, beyond_mm,
-                          {!chain.is_closed});
-  }
-  return sum;
-}
-
-LabelBorders refined_borders(const LabelBorders& borders, std::span<const Pslg> outlines,
-                             std::span<const Pslg> stored) {
-  // An outline's edge, and the edges that it became.
-  struct Divided {
-    std::pair<LatticePoint, LatticePoint> ends;
-    const Ring* ring;
-    std::size_t first, edges;
-    LatticePoint point(std::size_t i) const { return (*ring)[(first + i) % ring->size()]; }
-  };
-  std::vector<Divided> divided;
-  for (std::size_t k = 0; k < outlines.size(); ++k) {
-    for (std::size_t r = 0; r < outlines[k].rings.size(); ++r) {
-      const Ring &ring = outlines[k].rings[r], &fine = stored[k].rings[r];
-      std::size_t at = 0;
-      for (std::size_t i = 0; i < ring.size(); ++i) {
-        const LatticePoint to = ring[(i + 1) % ring.size()];
-        const std::size_t first = at++;
-        while (at < fine.size() && (i + 1 == ring.size() || fine[at] != to))
-          ++at;
-        divided.push_back({{ring[i], to}, &fine, first, at - first});
-      }
-    }
-  }
-  std::sort(divided.begin(), divided.end(),
-            [](const Divided& a, const Divided& b) { return a.ends < b.ends; });
-  LabelBorders out = borders;
-  for (BorderChain& chain : out.chains) {
-    const std::vector<LatticePoint> coarse = std::exchange(chain.points, {});
-    const std::size_t edges = coarse.size() - (chain.is_closed ? 0 : 1);
-    // The outline of the material on the left has the edge; if there is none, the outline of the
-    // material on the right has its reverse.
-    const bool is_forward = chain.left != kNoMaterial;
-    for (std::size_t i = 0; i < edges; ++i) {
-      std::pair ends{coarse[i], coarse[(i + 1) % coarse.size()]};
-      if (!is_forward) std::swap(ends.first, ends.second);
-      const auto found =
-          std::lower_bound(divided.begin(), divided.end(), ends,
-                           [](const Divided& a, const auto& b) { return a.ends < b; });
-      for (std::size_t j = 0; j < found->edges; ++j)
-        chain.points.push_back(found->point(is_forward ? j : found->edges - j));
-    }
-    if (!chain.is_closed) chain.points.push_back(coarse.back());
-  }
-  return out;
 }
 
 }  // namespace trocar::pipeline

@@ -4,10 +4,13 @@
 #include <oneapi/tbb/global_control.h>
 #include <oneapi/tbb/info.h>
 #include <Eigen/Geometry>
+#include <algorithm>
 #include <iterator>
+#include <map>
 #include <mutex>
 #include <new>
 #include <numeric>
+#include <set>
 
 #include "formats/asset/deidentification.h"
 #include "formats/asset/hu_codec.h"
@@ -22,6 +25,35 @@ namespace trocar::pipeline {
 namespace {
 
 using nlohmann::json;
+
+// The materials of an asset. Key: MeshedMaterial::first_label; value: index in Asset::materials.
+using MaterialIndices = std::map<int, int>;
+
+class RunStages {
+ public:
+  explicit RunStages(Stopwatch::TimePoint start) : watch_(start) {}
+
+  // Ends a lap and adds its duration to the stage. The first lap begins at `start`, every other
+  // one when the lap before ends.
+  void lap(const char* stage) { ms_[stage] += watch_.lap_ms(); }
+
+  // Ends a lap in which several threads worked on several stages. `thread_ms` has the time of each
+  // stage, summed over all threads; this sum, divided by the number of threads, is added to the
+  // stage. `busy_ms` is the time in which threads were busy, summed over all threads. The duration
+  // of the lap minus busy_ms / threads is added to the stage `idle`. Busy time that belongs to no
+  // stage is not listed, so the stages can add up to less than the time of the run.
+  void lap_shared(int threads, double busy_ms, const std::map<std::string, double>& thread_ms) {
+    for (const auto& [stage, ms] : thread_ms)
+      ms_[stage] += ms / threads;
+    ms_["idle"] += std::max(0.0, watch_.lap_ms() - busy_ms / threads);
+  }
+
+  const std::map<std::string, double>& ms() const { return ms_; }
+
+ private:
+  Stopwatch watch_;
+  std::map<std::string, double> ms_;
+};
 
 // The input of all stages.
 struct Run {
@@ -250,25 +282,20 @@ Result<void> encode_hu_again(const Run& run, Collected& all) {
   std::map<int, std::vector<const Pslg*>> outlines;  // by slice
   for (const EncodedMaterial& material : all.materials)
     outlines[material.slice.index].push_back(&material.slice.pslg);
-  std::vector<std::optional<Result<EncodedHu>>> planes(all.hu.size());
-  parallel_for(static_cast<int>(planes.size()), [&](int i) {
-    const int index = all.hu[static_cast<std::size_t>(i)].index;
-    auto& plane = planes[static_cast<std::size_t>(i)];
+  std::vector<std::int64_t> samples(all.hu.size());
+  auto done = try_in_parallel(static_cast<int>(samples.size()), [&](int i) -> Result<void> {
+    EncodedHuPlane& plane = all.hu[static_cast<std::size_t>(i)];
+    const int index = plane.index;
     const auto image = read_cropped(ct, index, run.options.mesh.crop);
-    if (!image) {
-      plane = image.error();
-      return;
-    }
-    plane = encode_hu(index, *image, run.sampling, run.options.mesh.lattice, outlines.at(index));
-    if (!*plane) plane = after_hu(plane->error(), ct.name(index));
+    if (!image) return image.error();
+    auto hu = encode_hu(index, *image, run.sampling, run.options.mesh.lattice, outlines.at(index));
+    if (!hu) return after_hu(hu.error(), ct.name(index));
+    samples[static_cast<std::size_t>(i)] = hu->samples;
+    plane = std::move(*hu);
+    return {};
   });
-  all.hu_samples = 0;
-  for (std::size_t i = 0; i < planes.size(); ++i) {
-    if (!*planes[i]) return planes[i]->error();
-    all.hu_samples += (**planes[i]).samples;
-    all.hu[i] = std::move(**planes[i]);
-  }
-  return {};
+  all.hu_samples = std::accumulate(samples.begin(), samples.end(), std::int64_t{0});
+  return done;
 }
 
 // Slices with little material in large boxes can have more samples of HU than a reader admits for a
@@ -355,6 +382,25 @@ std::vector<EncodedSlice> take_slices(std::vector<EncodedMaterial>& materials,
   return out;
 }
 
+// The set of joined labels that contains the label; null if the label is not joined.
+const std::set<int>* joined_with(const Labels& wanted, int label) {
+  const auto found =
+      std::find_if(wanted.joined.begin(), wanted.joined.end(),
+                   [label](const std::set<int>& one) { return one.contains(label); });
+  return found == wanted.joined.end() ? nullptr : &*found;
+}
+
+// Returns the `labels` that belong to a material that is missing from `indices`.
+std::set<int> labels_without_material(const std::set<int>& labels, const Labels& wanted,
+                                      const MaterialIndices& indices) {
+  std::set<int> out;
+  for (const int label : labels) {
+    const std::set<int>* const joined = joined_with(wanted, label);
+    if (!indices.contains(joined == nullptr ? label : *joined->begin())) out.insert(label);
+  }
+  return out;
+}
+
 void warn_of_labels(const Run& run, const Collected& all, const MaterialIndices& indices,
                     json& warnings) {
   const Labels& wanted = *run.labels();
@@ -410,6 +456,166 @@ json sums_of_changes(const Collected& all) {
 
 json solid_report(const SolidBone& solid) {
   return {{"filled_mm3", solid.filled_mm3()}, {"dropped_mm3", solid.dropped_mm3()}};
+}
+
+// The values of the slices within the crop.
+struct Values {
+  ValueTally tally;
+  bool has_material = false;  // the segmentation finds material
+  bool has_wanted = false;    // some of it is left by ScannerTable and SolidBone
+
+  bool is_label_map() const {
+    return !tally.has_fractions && !tally.has_inexact && tally.values.size() <= kMaxLabels;
+  }
+  // The labels, if the values are those of a label map.
+  std::set<int> labels() const {
+    std::set<int> out = tally.values;
+    out.erase(0);
+    return out;
+  }
+};
+
+bool holds_material(const Field& field) {
+  return std::any_of(field.image.values.begin(), field.image.values.end(),
+                     [&field](float value) { return value >= field.iso; });
+}
+
+Result<Values> read_values(const SliceStack& stack, int first, int last,
+                           const MeshOptions& options) {
+  Values found;
+  for (int k = first; k <= last; ++k) {
+    auto pixels = read_cropped(stack, k, options);
+    if (!pixels) return pixels.error();
+    found.tally.add(tally_values(*pixels, true));
+    found.has_material |=
+        holds_material(segment(*pixels, stack.pixel_unit(), options.segmentation));
+    found.has_wanted |= holds_material(slice_field(stack, k, options, std::move(*pixels)).field);
+  }
+  return found;
+}
+
+std::string input_text(const SliceStack& stack, int first, int last) {
+  std::set<int> slices;
+  for (int k = first; k <= last; ++k)
+    slices.insert(k);
+  const std::string input = input_name(stack);
+  return input + (input.empty() ? "" : ", ") + named_ranges("slice", slices);
+}
+
+std::string reason(const Values& found, const MeshOptions& options, const LabelNames& names) {
+  if (found.has_wanted)
+    return "all components of material are smaller than --min-region " +
+           text_of(options.min_region_mm2) + " mm^2";
+  if (found.has_material)
+    return options.solid == nullptr
+               ? "the material there belongs to the scanner's table, which is left out"
+               : "the material there is left out by the option that keeps a part of the material "
+                 "(--min-volume, --keep, --mask, --seed or --largest)";
+  if (const auto* threshold = std::get_if<Threshold>(&options.segmentation))
+    return "nothing is at or above the threshold of " + text_of(threshold->value);
+  if (const auto* paper = std::get_if<Equalize>(&options.segmentation))
+    return "nothing is at or above the level of " + text_of(paper->level) + " after equalisation";
+  const auto& [wanted, all, joined] = std::get<Labels>(options.segmentation);
+  if (all) return "nothing is labelled";
+  return "the " + names.list(wanted) + (wanted.size() == 1 ? " is" : " are") + " not there";
+}
+
+std::string values_text(const Values& found, const SliceStack& stack, bool as_labels,
+                        const LabelNames& names) {
+  std::string out = "the values found are ";
+  out += found.tally.low == found.tally.high
+             ? "all " + text_of(found.tally.low, 10)
+             : text_of(found.tally.low, 10) + " to " + text_of(found.tally.high, 10);
+  if (as_labels) {
+    return out + (found.labels().empty() ? ", so there is no label"
+                                         : ", the " + names.list(found.labels()));
+  }
+  if (stack.pixel_unit() == PixelUnit::kUncalibrated) return out + " (" + stack.modality + ")";
+  return out + (stack.pixel_unit() == PixelUnit::kHounsfield ? " HU" : " (grey levels)");
+}
+
+// Advice for the user; empty if there is none.
+std::string advice(const Values& found, const SliceStack& stack, bool as_labels,
+                   const MeshOptions& options) {
+  constexpr double kBone = Threshold{}.value;
+  const bool is_hu = stack.pixel_unit() == PixelUnit::kHounsfield;
+  if (!as_labels && std::holds_alternative<Labels>(options.segmentation))
+    return "it without --labels (this is no label map)";
+  if (found.has_wanted) return "a smaller --min-region";
+  if (found.has_material)
+    return options.solid == nullptr ? "--keep-table" : "it without this option";
+  if (as_labels && !found.labels().empty())
+    return "--labels " + number_ranges(found.labels(), ",") + " or some of these";
+  if (std::holds_alternative<Equalize>(options.segmentation) && found.tally.low < found.tally.high)
+    return "a lower --equalize";
+  if (found.tally.low < found.tally.high && !as_labels) {
+    return is_hu && found.tally.low < kBone && kBone <= found.tally.high
+               ? "--threshold " + text_of(kBone)
+               : "a --threshold from " + text_of(found.tally.low) + " to " +
+                     text_of(found.tally.high);
+  }
+  return "";
+}
+
+// Makes Asset::materials: one entry for each entry of `indices`, in the same order.
+std::vector<AssetMaterial> asset_materials(const LabelNames& names, const Labels& wanted,
+                                           const MaterialIndices& indices) {
+  std::vector<AssetMaterial> out;
+  for (const auto& [first_label, index] : indices) {
+    AssetMaterial& material = out.emplace_back();
+    material.name = material_name(names, wanted, first_label);
+    if (joined_with(wanted, first_label) == nullptr) material.label = first_label;
+  }
+  return out;
+}
+
+// Returns one segmentation for each entry of `indices`, in the same order. Each segmentation
+// selects only the pixels of its material. If `segmentation` is not Labels, returns `segmentation`
+// alone.
+std::vector<Segmentation> material_segmentations(const Segmentation& segmentation,
+                                                 const MaterialIndices& indices) {
+  const auto* const wanted = std::get_if<Labels>(&segmentation);
+  if (wanted == nullptr) return {segmentation};
+  std::vector<Segmentation> out;
+  for (const auto& [first_label, index] : indices) {
+    const std::set<int>* const joined = joined_with(*wanted, first_label);
+    out.emplace_back(Labels{joined == nullptr ? std::set{first_label} : *joined});
+  }
+  return out;
+}
+
+// The largest distance of a vertex from the edge of the image's outermost pixels, where contours
+// end.
+double margin_mm(const MeshOptions& options) {
+  const double step_mm = options.lattice.step_mm();  // allows for rounding to the lattice
+  return std::max(options.simplification.tolerance_mm, kMaxDistanceFromOutline_steps * step_mm) +
+         step_mm;
+}
+
+// Returns the grid to which Draco quantises the vertices of the slices `first` to `last`, both
+// included. It covers the image of these slices, or the crop of the image, and a margin. It
+// therefore contains every vertex. Errors: those of asset_grid().
+Result<DracoGrid> encoding_grid(const SliceStack& stack, int first, int last,
+                                const MeshOptions& options) {
+  const Crop c = options.crop.value_or(Crop{0, stack.width() - 1, 0, stack.height() - 1});
+  const double beyond = margin_mm(options);
+  Eigen::AlignedBox2d box;  // mm
+  for (int k = first; k <= last; ++k) {
+    const SlicePlane& plane = stack.plane(k);
+    const double u = plane.spacing_u_mm, v = plane.spacing_v_mm;
+    const Eigen::Vector2d margin(0.5 * u + std::max(0.5 * u, beyond),
+                                 0.5 * v + std::max(0.5 * v, beyond));
+    box.extend(Eigen::Vector2d(c.x0 * u, c.y0 * v) - margin);
+    box.extend(Eigen::Vector2d(c.x1 * u, c.y1 * v) + margin);
+  }
+  LatticeBox lattice_box;
+  const auto snapped = [&](double mm) {
+    const double farthest = options.lattice.to_mm(kMaxCoordinate);
+    return options.lattice.snap_mm(std::clamp(mm, -farthest, farthest));
+  };
+  lattice_box.low = {snapped(box.min().x()), snapped(box.min().y())};
+  lattice_box.high = {snapped(box.max().x()), snapped(box.max().y())};
+  return asset_grid(options.lattice, lattice_box);
 }
 
 }  // namespace
@@ -552,109 +758,6 @@ Result<StackResult> mesh_stack(const SliceStack& stack, const StackOptions& give
   return out;
 }
 
-namespace {
-
-// The values of the slices within the crop.
-struct Values {
-  ValueTally tally;
-  bool has_material = false;  // the segmentation finds material
-  bool has_wanted = false;    // some of it is left by ScannerTable and SolidBone
-
-  bool is_label_map() const {
-    return !tally.has_fractions && !tally.has_inexact && tally.values.size() <= kMaxLabels;
-  }
-  // The labels, if the values are those of a label map.
-  std::set<int> labels() const {
-    std::set<int> out = tally.values;
-    out.erase(0);
-    return out;
-  }
-};
-
-bool holds_material(const Field& field) {
-  return std::any_of(field.image.values.begin(), field.image.values.end(),
-                     [&field](float value) { return value >= field.iso; });
-}
-
-Result<Values> read_values(const SliceStack& stack, int first, int last,
-                           const MeshOptions& options) {
-  Values found;
-  for (int k = first; k <= last; ++k) {
-    auto pixels = read_cropped(stack, k, options);
-    if (!pixels) return pixels.error();
-    found.tally.add(tally_values(*pixels, true));
-    found.has_material |=
-        holds_material(segment(*pixels, stack.pixel_unit(), options.segmentation));
-    found.has_wanted |= holds_material(slice_field(stack, k, options, std::move(*pixels)).field);
-  }
-  return found;
-}
-
-std::string input_text(const SliceStack& stack, int first, int last) {
-  std::set<int> slices;
-  for (int k = first; k <= last; ++k)
-    slices.insert(k);
-  const std::string input = input_name(stack);
-  return input + (input.empty() ? "" : ", ") + named_ranges("slice", slices);
-}
-
-std::string reason(const Values& found, const MeshOptions& options, const LabelNames& names) {
-  if (found.has_wanted)
-    return "all components of material are smaller than --min-region " +
-           text_of(options.min_region_mm2) + " mm^2";
-  if (found.has_material)
-    return options.solid == nullptr
-               ? "the material there belongs to the scanner's table, which is left out"
-               : "the material there is left out by the option that keeps a part of the material "
-                 "(--min-volume, --keep, --mask, --seed or --largest)";
-  if (const auto* threshold = std::get_if<Threshold>(&options.segmentation))
-    return "nothing is at or above the threshold of " + text_of(threshold->value);
-  if (const auto* paper = std::get_if<Equalize>(&options.segmentation))
-    return "nothing is at or above the level of " + text_of(paper->level) + " after equalisation";
-  const auto& [wanted, all, joined] = std::get<Labels>(options.segmentation);
-  if (all) return "nothing is labelled";
-  return "the " + names.list(wanted) + (wanted.size() == 1 ? " is" : " are") + " not there";
-}
-
-std::string values_text(const Values& found, const SliceStack& stack, bool as_labels,
-                        const LabelNames& names) {
-  std::string out = "the values found are ";
-  out += found.tally.low == found.tally.high
-             ? "all " + text_of(found.tally.low, 10)
-             : text_of(found.tally.low, 10) + " to " + text_of(found.tally.high, 10);
-  if (as_labels) {
-    return out + (found.labels().empty() ? ", so there is no label"
-                                         : ", the " + names.list(found.labels()));
-  }
-  if (stack.pixel_unit() == PixelUnit::kUncalibrated) return out + " (" + stack.modality + ")";
-  return out + (stack.pixel_unit() == PixelUnit::kHounsfield ? " HU" : " (grey levels)");
-}
-
-// Advice for the user; empty if there is none.
-std::string advice(const Values& found, const SliceStack& stack, bool as_labels,
-                   const MeshOptions& options) {
-  constexpr double kBone = Threshold{}.value;
-  const bool is_hu = stack.pixel_unit() == PixelUnit::kHounsfield;
-  if (!as_labels && std::holds_alternative<Labels>(options.segmentation))
-    return "it without --labels (this is no label map)";
-  if (found.has_wanted) return "a smaller --min-region";
-  if (found.has_material)
-    return options.solid == nullptr ? "--keep-table" : "it without this option";
-  if (as_labels && !found.labels().empty())
-    return "--labels " + number_ranges(found.labels(), ",") + " or some of these";
-  if (std::holds_alternative<Equalize>(options.segmentation) && found.tally.low < found.tally.high)
-    return "a lower --equalize";
-  if (found.tally.low < found.tally.high && !as_labels) {
-    return is_hu && found.tally.low < kBone && kBone <= found.tally.high
-               ? "--threshold " + text_of(kBone)
-               : "a --threshold from " + text_of(found.tally.low) + " to " +
-                     text_of(found.tally.high);
-  }
-  return "";
-}
-
-}  // namespace
-
 Error empty_asset_error(const SliceStack& stack, int first, int last, const MeshOptions& options,
                         const LabelNames& names) {
   const auto found = read_values(stack, first, last, options);
@@ -675,18 +778,6 @@ Error empty_asset_error(const SliceStack& stack, int first, int last, const Mesh
                  values_text(*found, stack, as_labels, names) + "; try " + tries);
 }
 
-namespace {
-
-// The set of joined labels that contains the label; null if the label is not joined.
-const std::set<int>* joined_with(const Labels& wanted, int label) {
-  const auto found =
-      std::find_if(wanted.joined.begin(), wanted.joined.end(),
-                   [label](const std::set<int>& one) { return one.contains(label); });
-  return found == wanted.joined.end() ? nullptr : &*found;
-}
-
-}  // namespace
-
 std::string material_name(const LabelNames& names, const Labels& wanted, int first_label) {
   const std::set<int>* const joined = joined_with(wanted, first_label);
   if (joined == nullptr) return names.name_of(first_label);
@@ -701,74 +792,6 @@ std::string material_name(const LabelNames& names, const Labels& wanted, int fir
     --left;
   }
   return out;
-}
-
-std::vector<AssetMaterial> asset_materials(const LabelNames& names, const Labels& wanted,
-                                           const MaterialIndices& indices) {
-  std::vector<AssetMaterial> out;
-  for (const auto& [first_label, index] : indices) {
-    AssetMaterial& material = out.emplace_back();
-    material.name = material_name(names, wanted, first_label);
-    if (joined_with(wanted, first_label) == nullptr) material.label = first_label;
-  }
-  return out;
-}
-
-std::vector<Segmentation> material_segmentations(const Segmentation& segmentation,
-                                                 const MaterialIndices& indices) {
-  const auto* const wanted = std::get_if<Labels>(&segmentation);
-  if (wanted == nullptr) return {segmentation};
-  std::vector<Segmentation> out;
-  for (const auto& [first_label, index] : indices) {
-    const std::set<int>* const joined = joined_with(*wanted, first_label);
-    out.emplace_back(Labels{joined == nullptr ? std::set{first_label} : *joined});
-  }
-  return out;
-}
-
-std::set<int> labels_without_material(const std::set<int>& labels, const Labels& wanted,
-                                      const MaterialIndices& indices) {
-  std::set<int> out;
-  for (const int label : labels) {
-    const std::set<int>* const joined = joined_with(wanted, label);
-    if (!indices.contains(joined == nullptr ? label : *joined->begin())) out.insert(label);
-  }
-  return out;
-}
-
-namespace {
-
-// The largest distance of a vertex from the edge of the image's outermost pixels, where contours
-// end.
-double margin_mm(const MeshOptions& options) {
-  const double step_mm = options.lattice.step_mm();  // allows for rounding to the lattice
-  return std::max(options.simplification.tolerance_mm, kMaxDistanceFromOutline_steps * step_mm) +
-         step_mm;
-}
-
-}  // namespace
-
-Result<DracoGrid> encoding_grid(const SliceStack& stack, int first, int last,
-                                const MeshOptions& options) {
-  const Crop c = options.crop.value_or(Crop{0, stack.width() - 1, 0, stack.height() - 1});
-  const double beyond = margin_mm(options);
-  Eigen::AlignedBox2d box;  // mm
-  for (int k = first; k <= last; ++k) {
-    const SlicePlane& plane = stack.plane(k);
-    const double u = plane.spacing_u_mm, v = plane.spacing_v_mm;
-    const Eigen::Vector2d margin(0.5 * u + std::max(0.5 * u, beyond),
-                                 0.5 * v + std::max(0.5 * v, beyond));
-    box.extend(Eigen::Vector2d(c.x0 * u, c.y0 * v) - margin);
-    box.extend(Eigen::Vector2d(c.x1 * u, c.y1 * v) + margin);
-  }
-  LatticeBox lattice_box;
-  const auto snapped = [&](double mm) {
-    const double farthest = options.lattice.to_mm(kMaxCoordinate);
-    return options.lattice.snap_mm(std::clamp(mm, -farthest, farthest));
-  };
-  lattice_box.low = {snapped(box.min().x()), snapped(box.min().y())};
-  lattice_box.high = {snapped(box.max().x()), snapped(box.max().y())};
-  return asset_grid(options.lattice, lattice_box);
 }
 
 }  // namespace trocar::pipeline

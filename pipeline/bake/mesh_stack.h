@@ -2,14 +2,11 @@
 // Meshes the slices of a scan in parallel into one asset and one report.
 #pragma once
 
-#include <algorithm>
 #include <atomic>
 #include <chrono>
 #include <functional>
-#include <map>
 #include <nlohmann/json.hpp>
 #include <optional>
-#include <set>
 #include <string>
 #include <utility>
 #include <vector>
@@ -89,63 +86,10 @@ Error empty_asset_error(const SliceStack& stack, int first, int last, const Mesh
 
 // The names and labels of the materials of an asset that is made from a label map.
 
-/// The materials of an asset. Key: MeshedMaterial::first_label; value: index in Asset::materials.
-using MaterialIndices = std::map<int, int>;
-
 /// Returns the name of the material with this first label. A material of one label has that label's
 /// name. A material of several labels (Labels::joined) has their names, with " + " between them. If
 /// not all names fit into kMaxNameBytes, the text ends with the number of the missing ones, as in
 /// "L1 + L2 + 3 more".
 std::string material_name(const LabelNames& names, const Labels& wanted, int first_label);
-
-/// Makes Asset::materials: one entry for each entry of `indices`, in the same order.
-std::vector<AssetMaterial> asset_materials(const LabelNames& names, const Labels& wanted,
-                                           const MaterialIndices& indices);
-
-/// Returns one segmentation for each entry of `indices`, in the same order. Each segmentation
-/// selects only the pixels of its material. If `segmentation` is not Labels, returns `segmentation`
-/// alone.
-std::vector<Segmentation> material_segmentations(const Segmentation& segmentation,
-                                                 const MaterialIndices& indices);
-
-/// Returns the `labels` that belong to a material that is missing from `indices`.
-std::set<int> labels_without_material(const std::set<int>& labels, const Labels& wanted,
-                                      const MaterialIndices& indices);
-
-// The grid on which the vertices of all slices are encoded.
-
-/// Returns the grid to which Draco quantises the vertices of the slices `first` to `last`, both
-/// included. It covers the image of these slices, or the crop of the image, and a margin. It
-/// therefore contains every vertex. Errors: those of asset_grid().
-Result<DracoGrid> encoding_grid(const SliceStack& stack, int first, int last,
-                                const MeshOptions& options);
-
-// Adds up the time that each stage of a run takes, for stages_ms in the report.
-
-class RunStages {
- public:
-  explicit RunStages(Stopwatch::TimePoint start) : watch_(start) {}
-
-  /// Ends a lap and adds its duration to the stage. The first lap begins at `start`, every other
-  /// one when the lap before ends.
-  void lap(const char* stage) { ms_[stage] += watch_.lap_ms(); }
-
-  /// Ends a lap in which several threads worked on several stages. `thread_ms` has the time of each
-  /// stage, summed over all threads; this sum, divided by the number of threads, is added to the
-  /// stage. `busy_ms` is the time in which threads were busy, summed over all threads. The duration
-  /// of the lap minus busy_ms / threads is added to the stage `idle`. Busy time that belongs to no
-  /// stage is not listed, so the stages can add up to less than the time of the run.
-  void lap_shared(int threads, double busy_ms, const std::map<std::string, double>& thread_ms) {
-    for (const auto& [stage, ms] : thread_ms)
-      ms_[stage] += ms / threads;
-    ms_["idle"] += std::max(0.0, watch_.lap_ms() - busy_ms / threads);
-  }
-
-  const std::map<std::string, double>& ms() const { return ms_; }
-
- private:
-  Stopwatch watch_;
-  std::map<std::string, double> ms_;
-};
 
 }  // namespace trocar::pipeline

@@ -17,6 +17,9 @@ namespace {
 
 using nlohmann::json;
 
+// Defaults follow pixels whose narrower side is below this width.
+constexpr double kSmallPixel_mm = 0.3;
+
 // Skin and muscle have 20 to 80 HU.
 constexpr double kSkin_HU = 100;
 
@@ -27,6 +30,19 @@ struct Statement {
   std::vector<std::string> places;
   double low = 0, high = 0;  // range of the values that # stands for
 };
+
+std::string sentence(const Statement& statement) {
+  const std::size_t at =
+      statement.slices.empty() ? std::string::npos : statement.sentence.find('#');
+  if (at == std::string::npos) return statement.sentence;
+  char value[64];
+  if (statement.low == statement.high) {
+    std::snprintf(value, sizeof value, "%.6g", statement.low);
+  } else {
+    std::snprintf(value, sizeof value, "%.6g to %.6g", statement.low, statement.high);
+  }
+  return statement.sentence.substr(0, at) + value + statement.sentence.substr(at + 1);
+}
 
 // All statements with one code.
 struct CodeGroup {
@@ -61,19 +77,6 @@ std::string where(const std::set<int>& slices, const std::vector<std::string>& p
   return slices.empty() ? first_of(places, ", ") : named_ranges("slice", slices);
 }
 
-std::string sentence(const Statement& statement) {
-  const std::size_t at =
-      statement.slices.empty() ? std::string::npos : statement.sentence.find('#');
-  if (at == std::string::npos) return statement.sentence;
-  char value[64];
-  if (statement.low == statement.high) {
-    std::snprintf(value, sizeof value, "%.6g", statement.low);
-  } else {
-    std::snprintf(value, sizeof value, "%.6g to %.6g", statement.low, statement.high);
-  }
-  return statement.sentence.substr(0, at) + value + statement.sentence.substr(at + 1);
-}
-
 json entry(const CodeGroup& kind) {
   Statement all;
   std::vector<std::string> sentences;
@@ -99,6 +102,33 @@ void add_volumes(const VoxelConflict& conflict, double area_mm2, json& warnings)
     warning["voxel_mm3"] = {{"sform", conflict.sform_mm3}, {"pixdim", conflict.pixdim_mm3}};
     warning["material_mm3"] = {{"sform", material.sform_mm3}, {"pixdim", material.pixdim_mm3}};
   }
+}
+
+constexpr double kSame = 1 - 1e-3;  // headers round the width of pixels
+constexpr double kTolerance_px = 0.4, kMinRegion_px2 = 4, kSteps = 64;
+
+std::size_t vertex_count(const Pslg& pslg) {
+  std::size_t n = 0;
+  for (const Ring& ring : pslg.rings)
+    n += ring.size();
+  return n;
+}
+
+void append_points(const std::vector<LatticePoint>& points, const Lattice& lattice, json& out) {
+  for (const LatticePoint p : points)
+    out.push_back({lattice.to_mm(p.x), lattice.to_mm(p.y)});
+}
+
+void append_rings(const Pslg& pslg, const Lattice& lattice, json& out) {
+  for (const Ring& ring : pslg.rings)
+    append_points(ring, lattice, out.emplace_back(json::array()));
+}
+
+void append_mesh(const SliceMesh& mesh, const Lattice& lattice, json& out) {
+  const auto first = static_cast<std::uint32_t>(out["vertices_mm"].size());
+  append_points(mesh.vertices, lattice, out["vertices_mm"]);
+  for (const Triangle& t : mesh.triangles)
+    out["triangles"].push_back({t[0] + first, t[1] + first, t[2] + first});
 }
 
 }  // namespace
@@ -255,13 +285,6 @@ json run_warnings(const SliceStack& stack, const Segmentation& segmentation,
   return entries;
 }
 
-namespace {
-
-constexpr double kSame = 1 - 1e-3;  // headers round the width of pixels
-constexpr double kTolerance_px = 0.4, kMinRegion_px2 = 4, kSteps = 64;
-
-}  // namespace
-
 void follow_small_pixels(const SliceStack& stack, StackOptions& options) {
   double narrow_mm = std::numeric_limits<double>::infinity(), pixel_mm2 = narrow_mm, wide_mm = 0;
   for (int k = 0; k < stack.size(); ++k) {
@@ -291,36 +314,6 @@ void follow_small_pixels(const SliceStack& stack, StackOptions& options) {
   if (is_default.close) options.solid.close_mm *= scale;
   if (is_default.min_volume) options.solid.min_volume_mm3 *= scale * scale * scale;
 }
-
-namespace {
-
-using nlohmann::json;
-
-std::size_t vertex_count(const Pslg& pslg) {
-  std::size_t n = 0;
-  for (const Ring& ring : pslg.rings)
-    n += ring.size();
-  return n;
-}
-
-void append_points(const std::vector<LatticePoint>& points, const Lattice& lattice, json& out) {
-  for (const LatticePoint p : points)
-    out.push_back({lattice.to_mm(p.x), lattice.to_mm(p.y)});
-}
-
-void append_rings(const Pslg& pslg, const Lattice& lattice, json& out) {
-  for (const Ring& ring : pslg.rings)
-    append_points(ring, lattice, out.emplace_back(json::array()));
-}
-
-void append_mesh(const SliceMesh& mesh, const Lattice& lattice, json& out) {
-  const auto first = static_cast<std::uint32_t>(out["vertices_mm"].size());
-  append_points(mesh.vertices, lattice, out["vertices_mm"]);
-  for (const Triangle& t : mesh.triangles)
-    out["triangles"].push_back({t[0] + first, t[1] + first, t[2] + first});
-}
-
-}  // namespace
 
 json slice_measures(const MeshedMaterial& slice) {
   json out = {

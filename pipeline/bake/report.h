@@ -62,9 +62,6 @@ nlohmann::json run_warnings(const SliceStack& stack, const Segmentation& segment
 // Defaults in mm that follow the pixel where it is small, as in micro-CT: they are meant for
 // clinical CT, and would drop or move most of the structures of a finer scan.
 
-/// Defaults follow pixels whose narrower side is below this width.
-inline constexpr double kSmallPixel_mm = 0.3;
-
 /// Sets the options of DefaultOptions for a scan with small pixels; otherwise changes nothing. Of
 /// different pixels the smallest counts.
 ///  - tolerance: at most 0.4 of the narrower side, so that no outline moves by half a pixel

@@ -140,9 +140,8 @@ class Run {
       const std::size_t at_once = std::min(jobs, todo_.size() + processes_.running());
       const Todo todo = todo_.front();
       const Work work = work_of(todo, static_cast<int>(std::max<std::size_t>(1, jobs / at_once)));
-      auto ok = processes_.start(started_.size(), [&] {
-        return json_text(outcome_json(work_on(work, store_, program_)));
-      });
+      auto ok = processes_.start(started_.size(),
+                                 [&] { return json_text(json(work_on(work, store_, program_))); });
       if (!ok) return ok;
       todo_.pop_front();
       started_.push_back(todo);
@@ -159,7 +158,7 @@ class Run {
     const json sent = parse_json(ended.text);
     Outcome outcome;
     if (ended.signal == 0 && sent.is_object()) {
-      outcome = outcome_from(sent);
+      sent.get_to(outcome);
     } else {
       has_killed_ = true;
       if (is_stopped()) return void(++summary_.left);
@@ -228,9 +227,9 @@ class Run {
       }
       const json sent = parse_json(ended->text);
       const Todo todo = started_[ended->task];
-      if (ended->signal == 0 && sent.is_object() &&
-          outcome_from(sent).kind != Outcome::Kind::kFailed) {
-        Outcome outcome = outcome_from(sent);
+      Outcome outcome;
+      if (ended->signal == 0 && sent.is_object()) sent.get_to(outcome);
+      if (outcome.kind != Outcome::Kind::kFailed) {
         outcome.seconds = ended->seconds;
         count(todo, std::move(outcome));
       } else {

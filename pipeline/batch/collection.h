@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// The interface through which a batch opens and meshes scans; program/farm_scans.h implements it.
+// The interface through which a batch opens and meshes scans; FarmScans (program/commands.h) implements it.
 // The rest of this folder deals only with files, digests and processes.
 #pragma once
 

@@ -23,6 +23,8 @@
 namespace trocar::farm {
 namespace {
 
+namespace fs = std::filesystem;
+
 std::string host_name() {
   std::array<char, 256> name{};
   if (::gethostname(name.data(), name.size() - 1) != 0) return "unknown";
@@ -66,48 +68,6 @@ std::optional<std::uint64_t> start_of(int pid) {
   if (!rest || !number(field, start)) return std::nullopt;
   return start;
 }
-
-}  // namespace
-
-std::string ProcessIdentity::text() const {
-  return host + "." + boot + "." + std::to_string(pid) + "." + std::to_string(start);
-}
-
-ProcessIdentity this_process() {
-  static const std::string host = host_name(), boot = boot_name();
-  static ProcessIdentity known;
-  const int pid = ::getpid();
-  if (known.pid != pid) known = {host, boot, pid, start_of(pid).value_or(0)};
-  return known;
-}
-
-std::optional<ProcessIdentity> identity_in(std::string_view text) {
-  std::vector<std::string_view> parts;
-  for (std::size_t at = 0; at <= text.size();) {
-    const std::size_t dot = std::min(text.find('.', at), text.size());
-    parts.push_back(text.substr(at, dot - at));
-    at = dot + 1;
-  }
-  if (parts.size() < 5) return std::nullopt;
-  const std::size_t n = parts.size();
-  ProcessIdentity out;
-  out.boot = parts[n - 4];
-  if (!number(parts[n - 3], out.pid) || !number(parts[n - 2], out.start)) return std::nullopt;
-  for (std::size_t k = 0; k + 4 < n; ++k)
-    out.host.append(k == 0 ? "" : ".").append(parts[k]);
-  return out;
-}
-
-Life life_of(const ProcessIdentity& process) {
-  const ProcessIdentity here = this_process();
-  if (process.host != here.host || process.boot != here.boot) return Life::kUnknown;
-  const auto start = start_of(process.pid);
-  return start && *start == process.start ? Life::kAlive : Life::kDead;
-}
-
-namespace {
-
-namespace fs = std::filesystem;
 
 constexpr std::chrono::seconds kRenewal{5};
 
@@ -169,6 +129,42 @@ int create_lease(const fs::path& file, const std::string& text) {
 }
 
 }  // namespace
+
+std::string ProcessIdentity::text() const {
+  return host + "." + boot + "." + std::to_string(pid) + "." + std::to_string(start);
+}
+
+ProcessIdentity this_process() {
+  static const std::string host = host_name(), boot = boot_name();
+  static ProcessIdentity known;
+  const int pid = ::getpid();
+  if (known.pid != pid) known = {host, boot, pid, start_of(pid).value_or(0)};
+  return known;
+}
+
+std::optional<ProcessIdentity> identity_in(std::string_view text) {
+  std::vector<std::string_view> parts;
+  for (std::size_t at = 0; at <= text.size();) {
+    const std::size_t dot = std::min(text.find('.', at), text.size());
+    parts.push_back(text.substr(at, dot - at));
+    at = dot + 1;
+  }
+  if (parts.size() < 5) return std::nullopt;
+  const std::size_t n = parts.size();
+  ProcessIdentity out;
+  out.boot = parts[n - 4];
+  if (!number(parts[n - 3], out.pid) || !number(parts[n - 2], out.start)) return std::nullopt;
+  for (std::size_t k = 0; k + 4 < n; ++k)
+    out.host.append(k == 0 ? "" : ".").append(parts[k]);
+  return out;
+}
+
+Life life_of(const ProcessIdentity& process) {
+  const ProcessIdentity here = this_process();
+  if (process.host != here.host || process.boot != here.boot) return Life::kUnknown;
+  const auto start = start_of(process.pid);
+  return start && *start == process.start ? Life::kAlive : Life::kDead;
+}
 
 Result<std::unique_ptr<Lease>> Lease::take(const Store& store, const std::string& key,
                                            const std::string& scan) {

@@ -9,23 +9,36 @@
 #include <fstream>
 #include <limits>
 #include <map>
-#include <opencv2/core.hpp>
 #include <opencv2/imgproc.hpp>
+#include <optional>
 #include <span>
+#include <string>
 #include <string_view>
 #include <system_error>
+#include <tuple>
 #include <utility>
+#include <vector>
 
 #include "embedded/pipeline/batch/review_page.js.h"
+#include "formats/asset/asset.h"
 #include "formats/base/files.h"
 #include "formats/base/html_page.h"
 #include "formats/base/json.h"
 #include "pipeline/batch/scan_files.h"
-#include "pipeline/batch/store_diff.h"
+#include "pipeline/batch/store.h"
+#include "pipeline/contour/outline_distance.h"
+#include "pipeline/preview/preview_sheet.h"
 #include "pipeline/read/parallel_for.h"
 
 namespace trocar::pipeline {
 namespace {
+
+namespace fs = std::filesystem;
+using farm::Object;
+using farm::Store;
+using nlohmann::json;
+
+// --- a small picture of an asset: its middle slice with its mesh
 
 // All colours are RGB. The picture is drawn larger and then reduced, which makes its lines smooth.
 constexpr int kLarger = 3, kShift = 4;
@@ -65,8 +78,8 @@ cv::Scalar colour(int material, double light) {
   return {c[0] * light, c[1] * light, c[2] * light};
 }
 
-}  // namespace
-
+// The AssetSlice::index of the middle one of the slices with triangles; std::nullopt if there is
+// no such slice.
 std::optional<int> middle_slice(const Asset& asset) {
   std::vector<int> with;
   for (const AssetSlice& s : asset.slices) {
@@ -77,6 +90,15 @@ std::optional<int> middle_slice(const Asset& asset) {
   return with[with.size() / 2];
 }
 
+struct Thumbnail {
+  Picture picture;
+  double width_mm = 0, height_mm = 0;  // size of the material's bounding box in the slice
+};
+
+// Draws the slice whose AssetSlice::index is `slice` into a square of size_px x size_px pixels.
+// The picture shows the triangles, their edges, and the outline. Materials have different colours,
+// which repeat after six. If the asset has HU, a triangle with higher HU at its centroid is
+// brighter. Precondition: the slice has triangles.
 Thumbnail draw_thumbnail(const Asset& asset, int slice, int size_px) {
   std::vector<const AssetSlice*> shown;
   Eigen::AlignedBox2d box;
@@ -130,10 +152,22 @@ Thumbnail draw_thumbnail(const Asset& asset, int slice, int size_px) {
           height * step};
 }
 
-}  // namespace trocar::pipeline
+// --- the assets of a store
 
-namespace trocar::farm {
+enum class Status { kDone, kFailed, kDamaged };
 
+// The data of a scan in the store's index. An entry is small, so that the entries of all scans fit
+// into memory together.
+struct IndexedScan {
+  std::string name;
+  Status status = Status::kDamaged;
+  Object asset;                                       // set if the status is kDone
+  std::string reason;                                 // set if the status is not kDone
+  nlohmann::json warnings = nlohmann::json::array();  // ScanEntry::warnings
+};
+
+// All scans of the store's index, sorted by name. A scan whose entry cannot be read is kDamaged.
+// Errors: those of Store::names().
 Result<std::vector<IndexedScan>> indexed_scans(const Store& store) {
   std::vector<IndexedScan> out;
   const auto names = store.names();  // sorted
@@ -146,7 +180,7 @@ Result<std::vector<IndexedScan>> indexed_scans(const Store& store) {
       scan.reason = read.error().is_temporary ? "its entry in the index cannot be read"
                                               : "its entry in the index is damaged";
     } else if (const auto& entry = *read) {
-      scan.status = entry->is_done() ? IndexedScan::Status::kDone : IndexedScan::Status::kFailed;
+      scan.status = entry->is_done() ? Status::kDone : Status::kFailed;
       if (entry->is_done()) scan.asset = entry->outputs->asset;
       scan.reason = entry->reason;
       scan.warnings = entry->warnings;
@@ -158,30 +192,257 @@ Result<std::vector<IndexedScan>> indexed_scans(const Store& store) {
   return out;
 }
 
+// Reads the asset `object` and checks that its bytes have the digest object.sha256. Errors:
+// kRefused if the file is missing, has another digest, or is not an asset; the message names the
+// file.
 Result<Asset> read_stored_asset(const Store& store, const Object& object) {
-  const std::filesystem::path file = store.content_file(object.sha256);
+  const fs::path file = store.content_file(object.sha256);
   const auto damaged = [&](const std::string& why) {
     return refused(file.string() + ": " + why + "; trocar-mesh batch --verify makes it again");
   };
   const auto bytes = read_file(file, object.bytes);
   if (!bytes) return damaged("cannot be read, or is longer than the index says");
-  if (sha256_of(*bytes) != object.sha256) return damaged("its bytes are not those of its digest");
+  if (farm::sha256_of(*bytes) != object.sha256)
+    return damaged("its bytes are not those of its digest");
   return decode_asset(*bytes, file.string());
 }
 
-}  // namespace trocar::farm
+// --- the differences between the assets of two stores, the most serious first
 
-namespace trocar::pipeline {
-namespace {
+// A value in the reviewed store (`now`), and the same value in the store to compare with
+// (`before`).
+template <typename T>
+struct Both {
+  T now{}, before{};
+};
 
-namespace fs = std::filesystem;
-using farm::IndexedScan;
-using farm::Store;
-using nlohmann::json;
-using DifferenceKind = ScanDifference::Kind;
+double area_mm2(const Asset& asset) {
+  double steps2 = 0;
+  for (const AssetSlice& s : asset.slices)
+    steps2 += static_cast<double>(doubled_area(s.mesh)) / 2;
+  return steps2 * asset.lattice.step_mm() * asset.lattice.step_mm();
+}
+
+// The differences between two assets. Slices with material correspond to each other if their index
+// and material are equal. In the numbers of slices, each material of a slice counts as a slice.
+struct AssetDifference {
+  // The largest two-sided Hausdorff distance between the outlines of corresponding slices,
+  // accurate to 0.001 mm. If the planes of two slices differ, the outline of `before` is projected
+  // onto the plane of `now`. The distance of these two slices is then the larger of two numbers:
+  // the Hausdorff distance in the plane of `now`, and the largest distance between a point of the
+  // outline of `before` and the point's projection.
+  double hausdorff_mm = 0;
+  int worst_slice = -1;    // index of the slice with hausdorff_mm; -1 if no slices correspond
+  int slices_changed = 0;  // corresponding slices whose outlines or numbers of triangles differ
+  Both<int> slices_alone;  // slices with material that have no corresponding slice
+  Both<double> area_mm2;
+  Both<std::uint64_t> triangles;
+};
+
+// The most serious first.
+enum class DifferenceKind { kDamaged, kFailed, kGone, kChanged, kRepaired, kNew };
+
+struct ScanDifference {
+  std::string name;
+  DifferenceKind kind = DifferenceKind::kChanged;
+  std::string reason;         // reason of kDamaged or kFailed
+  AssetDifference geometry;   // set if the kind is kChanged
+  Both<std::uint64_t> bytes;  // sizes of the assets
+};
+struct StoreDiff {
+  std::size_t same = 0;  // number of scans whose assets are equal, or that failed in both stores
+  std::vector<ScanDifference> differences;
+};
+using SliceKey = std::pair<int, int>;  // slice, material
+
+// The number of triangles of all slices.
+std::uint64_t triangles_of(const Asset& asset) {
+  std::uint64_t out = 0;
+  for (const AssetSlice& s : asset.slices)
+    out += s.mesh.triangles.size();
+  return out;
+}
+
+std::map<SliceKey, const AssetSlice*> slices_with_material(const Asset& asset) {
+  std::map<SliceKey, const AssetSlice*> out;
+  for (const AssetSlice& s : asset.slices) {
+    if (!s.pslg.rings.empty()) out[{s.index, s.material}] = &s;
+  }
+  return out;
+}
+
+// The rings in mm in the plane to which `T` maps, and their largest distance from this plane.
+std::pair<std::vector<OutlineRing>, double> rings_in(const Eigen::Affine3d& T,
+                                                     const AssetSlice& slice,
+                                                     const Lattice& lattice) {
+  std::pair<std::vector<OutlineRing>, double> out;
+  for (const Ring& ring : slice.pslg.rings) {
+    OutlineRing placed;
+    for (const LatticePoint p : ring) {
+      const Eigen::Vector3d q = T * Eigen::Vector3d(lattice.to_mm(p.x), lattice.to_mm(p.y), 0);
+      placed.push_back({q.x(), q.y()});
+      out.second = std::max(out.second, std::abs(q.z()));
+    }
+    out.first.push_back(std::move(placed));
+  }
+  return out;
+}
+
+double distance_mm(const AssetSlice& now, const Lattice& lattice_now, const AssetSlice& before,
+                   const Lattice& lattice_before) {
+  // If the planes are equal, nothing is transformed, because rounding would move the outline.
+  const bool is_same_plane = now.T_lps_plane.matrix() == before.T_lps_plane.matrix();
+  const Eigen::Affine3d T_now_before =
+      is_same_plane ? Eigen::Affine3d::Identity()
+                    : Eigen::Affine3d(now.T_lps_plane.inverse() * before.T_lps_plane);
+  const auto a = rings_in(Eigen::Affine3d::Identity(), now, lattice_now);
+  const auto b = rings_in(T_now_before, before, lattice_before);
+  return std::max(b.second, outline_distance_mm(a.first, b.first));
+}
+
+template <typename T>
+T magnitude(const Both<T>& of) {
+  return std::max(of.now, of.before) - std::min(of.now, of.before);
+}
+
+bool is_worse(const ScanDifference& a, const ScanDifference& b) {
+  const auto rank = [](const ScanDifference& d) {
+    const AssetDifference& g = d.geometry;
+    return std::tuple(static_cast<int>(d.kind), -(g.slices_alone.now + g.slices_alone.before),
+                      -g.hausdorff_mm, -magnitude(g.area_mm2));
+  };
+  const auto ra = rank(a), rb = rank(b);
+  if (ra != rb) return ra < rb;
+  const auto ta = magnitude(a.geometry.triangles), tb = magnitude(b.geometry.triangles);
+  if (ta != tb) return ta > tb;
+  if (magnitude(a.bytes) != magnitude(b.bytes)) return magnitude(a.bytes) > magnitude(b.bytes);
+  return a.name < b.name;
+}
+
+// Sets the difference that follows from two entries without reading their assets. Returns false if
+// there is none.
+bool differ(const IndexedScan& now, const IndexedScan& before, ScanDifference& out) {
+  out.bytes = {now.asset.bytes, before.asset.bytes};
+  if (now.status == Status::kDamaged) {
+    out.kind = DifferenceKind::kDamaged, out.reason = now.reason;
+  } else if (now.status == Status::kFailed) {
+    if (before.status == Status::kFailed) return false;
+    out.kind = DifferenceKind::kFailed, out.reason = now.reason;
+  } else if (before.status != Status::kDone) {
+    out.kind = DifferenceKind::kRepaired;
+  } else {
+    return now.asset.sha256 != before.asset.sha256;
+  }
+  return true;
+}
+
+AssetDifference compare_assets(const Asset& now, const Asset& before) {
+  AssetDifference out;
+  out.area_mm2 = {area_mm2(now), area_mm2(before)};
+  out.triangles = {triangles_of(now), triangles_of(before)};
+  const auto a = slices_with_material(now), b = slices_with_material(before);
+  for (const auto& [key, slice] : a) {
+    const auto other = b.find(key);
+    if (other == b.end()) {
+      ++out.slices_alone.now;
+      continue;
+    }
+    const double d = distance_mm(*slice, now.lattice, *other->second, before.lattice);
+    if (d > 0 || slice->mesh.triangles.size() != other->second->mesh.triangles.size())
+      ++out.slices_changed;
+    if (out.worst_slice < 0 || d > out.hausdorff_mm)
+      out.hausdorff_mm = d, out.worst_slice = key.first;
+  }
+  for (const auto& [key, slice] : b)
+    out.slices_alone.before += a.contains(key) ? 0 : 1;
+  return out;
+}
+
+struct Pair {
+  std::size_t index = 0;  // index in the differences
+  Object now, before;
+};
+
+void compare_pair(const Store& now, const Store& before, const Pair& pair, ScanDifference& out) {
+  const auto a = read_stored_asset(now, pair.now);
+  const auto b = a ? read_stored_asset(before, pair.before) : a;
+  if (!a || !b) {
+    out.kind = DifferenceKind::kDamaged;
+    out.reason = (a ? b : a).error().message;
+    return;
+  }
+  out.geometry = compare_assets(*a, *b);
+}
+
+// The name of a kind. A scan has the first kind of this list whose condition holds:
+//  - "damaged": the scan's entry in the reviewed store cannot be read. Or both stores name an
+//    asset for the scan, the digests of the two assets differ, and one of the two assets cannot be
+//    read.
+//  - "failed": the scan failed in the reviewed store, but not in the store to compare with.
+//  - "gone": only the store to compare with has the scan.
+//  - "changed": both stores have an asset, and the digests of the two assets differ.
+//  - "repaired": the reviewed store names an asset for the scan. In the store to compare with, the
+//    scan failed, or its entry cannot be read.
+//  - "new": the reviewed store names an asset for the scan, and the store to compare with does not
+//    have the scan.
+const char* name_of(DifferenceKind kind) {
+  constexpr std::array kNames = {"damaged", "failed", "gone", "changed", "repaired", "new"};
+  return kNames.at(static_cast<std::size_t>(kind));
+}
+
+// Compares two stores. Only assets whose digests differ are read. The differences are ordered by
+// kind. Within a kind, they are ordered by these numbers, the largest first: slices without a
+// corresponding slice, hausdorff_mm, and the differences of area, triangles and bytes. Equal ones
+// are ordered by name. Errors: kUnwritable if `stop` was set; the comparison then ends early.
+Result<StoreDiff> compare_stores(const Store& now, const Store& before,
+                                 const std::atomic<bool>* stop) {
+  const auto scans_now = indexed_scans(now);
+  if (!scans_now) return scans_now.error();
+  const auto scans_before = indexed_scans(before);
+  if (!scans_before) return scans_before.error();
+  StoreDiff out;
+  std::vector<Pair> pairs;
+  std::map<std::string, const IndexedScan*> others;
+  for (const IndexedScan& scan : *scans_before)
+    others[scan.name] = &scan;
+  for (const IndexedScan& scan : *scans_now) {
+    ScanDifference one{scan.name, DifferenceKind::kChanged, {}, {}, {}};
+    const auto other = others.find(scan.name);
+    if (other == others.end()) {
+      one.kind = scan.status == Status::kDone     ? DifferenceKind::kNew
+                 : scan.status == Status::kFailed ? DifferenceKind::kFailed
+                                                  : DifferenceKind::kDamaged;
+      one.reason = scan.reason;
+      one.bytes.now = scan.asset.bytes;
+    } else if (differ(scan, *other->second, one)) {
+      if (one.kind == DifferenceKind::kChanged)
+        pairs.push_back({out.differences.size(), scan.asset, other->second->asset});
+    } else {
+      ++out.same;
+      others.erase(other);
+      continue;
+    }
+    if (other != others.end()) others.erase(other);
+    out.differences.push_back(std::move(one));
+  }
+  for (const auto& [name, scan] : others)
+    out.differences.push_back({name, DifferenceKind::kGone, {}, {}, {0, scan->asset.bytes}});
+
+  parallel_for(static_cast<int>(pairs.size()), [&](int i) {
+    if (stop != nullptr && *stop) return;
+    const Pair& pair = pairs[static_cast<std::size_t>(i)];
+    compare_pair(now, before, pair, out.differences[pair.index]);
+  });
+  if (stop != nullptr && *stop) return unwritable("interrupted");
+  std::sort(out.differences.begin(), out.differences.end(), is_worse);
+  return out;
+}
+
+// --- the pages
 
 constexpr int kThumbnail_px = 168;
-constexpr std::size_t kMaxRows = 500;  // largest number of rows in the table of differences
+constexpr std::size_t kScansPerPage = 240;  // largest number of cards on a page
+constexpr std::size_t kMaxRows = 500;       // largest number of rows in the table of differences
 constexpr std::string_view kGenerator = "trocar-mesh review";
 // Largest number of scans in the index. A scan takes 20 to 35 bytes of text in addition to its name,
 // and a name has at most 120 bytes, so the index has at most about 15 MB.
@@ -260,8 +521,8 @@ json difference_json(const ScanDifference& d) {
 // The data of a scan that a page shows.
 struct Card {
   std::string name;
-  IndexedScan::Status status = IndexedScan::Status::kDamaged;
-  std::optional<farm::Object> now, before;
+  Status status = Status::kDamaged;
+  std::optional<Object> now, before;
   std::string reason;  // reason why there is no picture of the asset
   const ScanDifference* difference = nullptr;
   json warnings = json::array();
@@ -269,8 +530,8 @@ struct Card {
 
 // Picture and figures of an asset. If the asset is damaged, there is only "error"; if it has no
 // triangles, only "bytes".
-json asset_json(const Store& store, const farm::Object& object) {
-  const auto asset = farm::read_stored_asset(store, object);
+json asset_json(const Store& store, const Object& object) {
+  const auto asset = read_stored_asset(store, object);
   if (!asset) return {{"error", asset.error().message}};
   json out = {{"bytes", object.bytes}};
   const auto slice = middle_slice(*asset);
@@ -303,7 +564,7 @@ json card_json(const Store& now, const Store* before, const std::string& url, co
 
 // The scans that differ, most serious first, then those that are not done, then the others.
 std::vector<Card> cards_of(const std::vector<IndexedScan>& scans,
-                           const std::map<std::string, farm::Object>& before,
+                           const std::map<std::string, Object>& before,
                            const std::vector<ScanDifference>& differences) {
   std::map<std::string, const IndexedScan*> by_name;
   for (const IndexedScan& scan : scans)
@@ -311,7 +572,7 @@ std::vector<Card> cards_of(const std::vector<IndexedScan>& scans,
   std::vector<Card> out;
   const auto add = [&](const IndexedScan& scan, const ScanDifference* difference) {
     Card card{scan.name, scan.status, {}, {}, scan.reason, difference, scan.warnings};
-    if (scan.status == IndexedScan::Status::kDone) card.now = scan.asset;
+    if (scan.status == Status::kDone) card.now = scan.asset;
     const auto other = before.find(scan.name);
     if (difference != nullptr && other != before.end()) card.before = other->second;
     out.push_back(std::move(card));
@@ -324,7 +585,7 @@ std::vector<Card> cards_of(const std::vector<IndexedScan>& scans,
   }
   for (const bool is_done : {false, true}) {
     for (const auto& [name, scan] : by_name) {
-      if ((scan->status == IndexedScan::Status::kDone) == is_done) add(*scan, nullptr);
+      if ((scan->status == Status::kDone) == is_done) add(*scan, nullptr);
     }
   }
   return out;
@@ -390,12 +651,12 @@ json empty_index(std::size_t scans) {
 }
 
 // Sets the row of the scan whose card is number `place`, counted from 0 over all pages.
-void set_row(json& index, std::size_t place, const json& card, IndexedScan::Status status) {
+void set_row(json& index, std::size_t place, const json& card, Status status) {
   enum Flag : unsigned { kDone = 1, kFailed = 2, kDamaged = 4, kDifferent = 8, kWarned = 16 };
   if (place >= index["names"].size()) return;
   const json asset = card.value("asset", json::object());
-  unsigned flags = status == IndexedScan::Status::kDone ? kDone : kFailed;
-  if (status == IndexedScan::Status::kDamaged || asset.contains("error")) flags = kDamaged;
+  unsigned flags = status == Status::kDone ? kDone : kFailed;
+  if (status == Status::kDamaged || asset.contains("error")) flags = kDamaged;
   if (card.contains("difference")) flags |= kDifferent;
   if (card.contains("warnings")) flags |= kWarned;
   index["names"][place] = card["name"];
@@ -411,9 +672,9 @@ struct Counts {
 
   explicit Counts(const std::vector<IndexedScan>& scans) {
     for (const IndexedScan& scan : scans) {
-      done += scan.status == IndexedScan::Status::kDone ? 1 : 0;
-      failed += scan.status == IndexedScan::Status::kFailed ? 1 : 0;
-      damaged += scan.status == IndexedScan::Status::kDamaged ? 1 : 0;
+      done += scan.status == Status::kDone ? 1 : 0;
+      failed += scan.status == Status::kFailed ? 1 : 0;
+      damaged += scan.status == Status::kDamaged ? 1 : 0;
       warned += scan.warnings.empty() ? 0 : 1;
       bytes += scan.asset.bytes;
     }
@@ -436,7 +697,7 @@ struct Counts {
 struct Comparison {
   std::optional<Store> store;
   StoreDiff diff;
-  std::map<std::string, farm::Object> assets;  // of the other store, by the scan's name
+  std::map<std::string, Object> assets;  // of the other store, by the scan's name
 };
 
 Result<Comparison> compare(const ReviewOptions& options, const Store& store) {
@@ -448,10 +709,10 @@ Result<Comparison> compare(const ReviewOptions& options, const Store& store) {
   auto compared = compare_stores(store, *out.store, options.stop);
   if (!compared) return compared.error();
   out.diff = std::move(*compared);
-  auto scans = farm::indexed_scans(*out.store);
+  auto scans = indexed_scans(*out.store);
   if (!scans) return scans.error();
   for (IndexedScan& scan : *scans) {
-    if (scan.status == IndexedScan::Status::kDone) out.assets[scan.name] = scan.asset;
+    if (scan.status == Status::kDone) out.assets[scan.name] = scan.asset;
   }
   return out;
 }
@@ -473,7 +734,7 @@ std::vector<json> cards_json(const ReviewOptions& options, const Store& now, con
 Result<json> write_review(const ReviewOptions& options) {
   const auto store = open_store(options.store);
   if (!store) return store.error();
-  const auto indexed = farm::indexed_scans(*store);
+  const auto indexed = indexed_scans(*store);
   if (!indexed) return indexed.error();
   const std::vector<IndexedScan>& scans = *indexed;
   if (scans.empty()) return refused(options.store.string() + ": the store has no scans");

@@ -1,71 +1,16 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// A small picture of an asset: its middle slice with its mesh.
+// `trocar-mesh review`: HTML pages with a picture of every asset of a store. On request, the pages
+// also show the differences from another store.
 #pragma once
 
 #include <atomic>
 #include <filesystem>
 #include <functional>
 #include <nlohmann/json.hpp>
-#include <optional>
-#include <string>
-#include <vector>
 
-#include "formats/asset/asset.h"
 #include "formats/base/result.h"
-#include "pipeline/batch/store.h"
-#include "pipeline/preview/preview_sheet.h"
 
 namespace trocar::pipeline {
-
-/// The AssetSlice::index of the middle one of the slices with triangles; std::nullopt if there is
-/// no such slice.
-std::optional<int> middle_slice(const Asset& asset);
-
-struct Thumbnail {
-  Picture picture;
-  double width_mm = 0, height_mm = 0;  ///< size of the material's bounding box in the slice
-};
-
-/// Draws the slice whose AssetSlice::index is `slice` into a square of size_px x size_px pixels.
-/// The picture shows the triangles, their edges, and the outline. Materials have different colours,
-/// which repeat after six. If the asset has HU, a triangle with higher HU at its centroid is
-/// brighter. Precondition: the slice has triangles.
-Thumbnail draw_thumbnail(const Asset& asset, int slice, int size_px);
-
-}  // namespace trocar::pipeline
-
-namespace trocar::farm {
-
-// Reads and checks the assets of a store.
-
-/// The data of a scan in the store's index. An entry is small, so that the entries of all scans fit
-/// into memory together.
-struct IndexedScan {
-  enum class Status { kDone, kFailed, kDamaged };
-  std::string name;
-  Status status = Status::kDamaged;
-  Object asset;                                       ///< set if the status is kDone
-  std::string reason;                                 ///< set if the status is not kDone
-  nlohmann::json warnings = nlohmann::json::array();  ///< ScanEntry::warnings
-};
-
-/// All scans of the store's index, sorted by name. A scan whose entry cannot be read is kDamaged.
-/// Errors: those of Store::names().
-Result<std::vector<IndexedScan>> indexed_scans(const Store& store);
-
-/// Reads the asset `object` and checks that its bytes have the digest object.sha256. Errors:
-/// kRefused if the file is missing, has another digest, or is not an asset; the message names the
-/// file.
-Result<Asset> read_stored_asset(const Store& store, const Object& object);
-
-}  // namespace trocar::farm
-
-namespace trocar::pipeline {
-
-// `trocar-mesh review`: HTML pages with a picture of every asset of a store. On request, the pages
-// also show the differences from another store.
-
-inline constexpr std::size_t kScansPerPage = 240;  ///< largest number of cards on a page
 
 struct ReviewOptions {
   std::filesystem::path store;

@@ -18,54 +18,18 @@
 #include "pipeline/read/nrrd.h"
 
 namespace trocar::farm {
+namespace {
 
-std::span<const std::uint8_t> text_bytes(std::string_view text) {
-  return {reinterpret_cast<const std::uint8_t*>(text.data()), text.size()};
-}
+namespace fs = std::filesystem;
+using nlohmann::json;
 
+// The bytes as lower-case hexadecimal digits.
 std::string hex_of(std::span<const std::uint8_t> bytes) {
   std::string out(2 * bytes.size() + 1, '\0');
   sodium_bin2hex(out.data(), out.size(), bytes.data(), bytes.size());
   out.pop_back();
   return out;
 }
-
-std::string sha256_of(std::span<const std::uint8_t> bytes) {
-  unsigned char hash[crypto_hash_sha256_BYTES];
-  crypto_hash_sha256(hash, bytes.data(), bytes.size());
-  return hex_of(hash);
-}
-
-std::string sha256_of(std::string_view text) {
-  return sha256_of(text_bytes(text));
-}
-
-Result<std::string> sha256_of_file(const std::filesystem::path& file) {
-  const auto source = open_file(file);
-  if (!source) return source.error();
-  crypto_hash_sha256_state state;
-  crypto_hash_sha256_init(&state);
-  std::vector<std::uint8_t> block(1 << 18);
-  for (std::uint64_t at = 0; at < (*source)->size(); at += block.size()) {
-    const auto n = std::min<std::uint64_t>(block.size(), (*source)->size() - at);
-    const std::span chunk(block.data(), static_cast<std::size_t>(n));
-    if (auto ok = (*source)->read(at, chunk); !ok) return ok.error().after(file.string() + ": ");
-    crypto_hash_sha256_update(&state, chunk.data(), chunk.size());
-  }
-  unsigned char hash[crypto_hash_sha256_BYTES];
-  crypto_hash_sha256_final(&state, hash);
-  return hex_of(hash);
-}
-
-bool is_sha256(std::string_view text) {
-  return text.size() == 2 * crypto_hash_sha256_BYTES &&
-         text.find_first_not_of("0123456789abcdef") == std::string_view::npos;
-}
-
-namespace {
-
-namespace fs = std::filesystem;
-using nlohmann::json;
 
 Result<struct stat> status_of(const fs::path& path) {
   struct stat status {};
@@ -116,6 +80,42 @@ std::optional<std::string> from_hex(const std::string& hex) {
 }
 
 }  // namespace
+
+std::span<const std::uint8_t> text_bytes(std::string_view text) {
+  return {reinterpret_cast<const std::uint8_t*>(text.data()), text.size()};
+}
+
+std::string sha256_of(std::span<const std::uint8_t> bytes) {
+  unsigned char hash[crypto_hash_sha256_BYTES];
+  crypto_hash_sha256(hash, bytes.data(), bytes.size());
+  return hex_of(hash);
+}
+
+std::string sha256_of(std::string_view text) {
+  return sha256_of(text_bytes(text));
+}
+
+Result<std::string> sha256_of_file(const std::filesystem::path& file) {
+  const auto source = open_file(file);
+  if (!source) return source.error();
+  crypto_hash_sha256_state state;
+  crypto_hash_sha256_init(&state);
+  std::vector<std::uint8_t> block(1 << 18);
+  for (std::uint64_t at = 0; at < (*source)->size(); at += block.size()) {
+    const auto n = std::min<std::uint64_t>(block.size(), (*source)->size() - at);
+    const std::span chunk(block.data(), static_cast<std::size_t>(n));
+    if (auto ok = (*source)->read(at, chunk); !ok) return ok.error().after(file.string() + ": ");
+    crypto_hash_sha256_update(&state, chunk.data(), chunk.size());
+  }
+  unsigned char hash[crypto_hash_sha256_BYTES];
+  crypto_hash_sha256_final(&state, hash);
+  return hex_of(hash);
+}
+
+bool is_sha256(std::string_view text) {
+  return text.size() == 2 * crypto_hash_sha256_BYTES &&
+         text.find_first_not_of("0123456789abcdef") == std::string_view::npos;
+}
 
 bool same_state(const ScanFile& a, const ScanFile& b) {
   return a.of == b.of && a.path == b.path && a.size == b.size && a.mtime_ns == b.mtime_ns &&
@@ -254,8 +254,6 @@ std::optional<std::vector<ScanFile>> files_from(const json& files) {
     return std::nullopt;
   }
 }
-
-using nlohmann::json;
 
 json action_of(const std::string& program, const json& parameters,
                const std::vector<NamedFile>& wanted, const std::vector<ScanFile>& files) {

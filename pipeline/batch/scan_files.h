@@ -19,8 +19,6 @@ namespace trocar::farm {
 
 /// The bytes of a text.
 std::span<const std::uint8_t> text_bytes(std::string_view text);
-/// The bytes as lower-case hexadecimal digits.
-std::string hex_of(std::span<const std::uint8_t> bytes);
 
 std::string sha256_of(std::span<const std::uint8_t> bytes);
 std::string sha256_of(std::string_view text);

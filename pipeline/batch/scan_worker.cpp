@@ -32,6 +32,7 @@ namespace trocar::farm {
 namespace {
 
 using nlohmann::json;
+namespace fs = std::filesystem;
 
 void compare_parameters(const json& old, const json& now, std::vector<json>& out) {
   std::set<std::string> names;
@@ -125,53 +126,8 @@ std::vector<json> changes_of(const WantedScan& wanted, const ScanProgram& progra
   return out;
 }
 
-}  // namespace
-
-Result<ScanState> state_of(const WantedScan& wanted, const ScanProgram& program, const Store& store,
-                           const Comparison& how) {
-  const auto read = store.read_entry(wanted.scan->name);
-  if (!read && read.error().is_temporary) return read.error();
-  if (!read || !*read) return ScanState{ScanState::Kind::kStale, {{{"cause", "new"}}}};
-  const auto& entry = *read;
-  std::vector<json> changes = changes_of(wanted, program, store, *entry, how);
-  ScanState out;
-  if (entry->is_done()) {
-    out.asset_bytes = entry->outputs->asset.bytes;
-    out.warnings = entry->warnings;
-    if (changes.empty()) out.kind = ScanState::Kind::kDone;
-  } else {
-    out.why = {{{"cause", "failed"}, {"reason", entry->reason}, {"exit_code", entry->exit_code}}};
-    if (entry->signal != 0) out.why[0]["signal"] = entry->signal;
-    if (changes.empty() && entry->is_lasting && !how.retry)
-      out.kind = ScanState::Kind::kKnownFailure;
-  }
-  out.why.insert(out.why.end(), std::make_move_iterator(changes.begin()),
-                 std::make_move_iterator(changes.end()));
-  return out;
-}
-
-std::string cause_text(const json& cause) {
-  std::string kind = cause["cause"];
-  const auto text = [&cause](const char* key) {
-    const json& value = cause[key];
-    return value.is_string() ? value.get<std::string>() : json_text(value);
-  };
-  if (kind == "failed") return "it failed: " + text("reason");
-  if (kind == "program")
-    return "program: " + text("old").substr(0, 12) + " -> " + text("new").substr(0, 12);
-  if (kind == "parameter")
-    return "parameter " + text("name") + ": " + text("old") + " -> " + text("new");
-  if (kind == "store") return "store: " + text("what");
-  if (kind != "input") return kind;
-  const std::string what = text("what");
-  if (what == "series") return "input: series " + text("old") + " -> " + text("new");
-  if (!cause.contains("path")) return "input: " + what;
-  return "input " + text("path") + ": " +
-         (what == "time"    ? "its time, path or inode changed; a run compares its bytes"
-          : what == "order" ? "the order of files changed"
-                            : what);
-}
-
+// Calls fork(). If this process dies, the new process gets the signal, or ends if it has not begun
+// yet. The new process may have been forked from a process with threads.
 pid_t fork_with_signal(int signal) {
   const pid_t parent = ::getpid();
   const pid_t pid = ::fork();
@@ -180,81 +136,6 @@ pid_t fork_with_signal(int signal) {
   if (::getppid() != parent) ::_exit(1);  // the parent died before prctl()
   return 0;
 }
-
-Processes::~Processes() {
-  signal_all(SIGKILL);
-  for (const Running& one : running_) {
-    ::close(one.fd);
-    ::waitpid(one.pid, nullptr, 0);
-  }
-}
-
-Result<void> Processes::start(std::size_t task, const std::function<std::string()>& work) {
-  std::array<int, 2> ends{};
-  if (::pipe2(ends.data(), O_CLOEXEC) != 0)
-    return bug("cannot create a pipe for a scan's process: " + system_message(errno));
-  std::fflush(nullptr);
-  const pid_t pid = fork_with_signal(SIGKILL);
-  if (pid < 0) {
-    const int error = errno;
-    ::close(ends[0]);
-    ::close(ends[1]);
-    return bug("cannot create a process for a scan: " + system_message(error));
-  }
-  if (pid == 0) {
-    ::close(ends[0]);
-    for (const Running& other : running_)
-      ::close(other.fd);
-    write_all(ends[1], work());
-    std::fflush(nullptr);
-    ::_exit(0);  // without the destructors of the parent's objects
-  }
-  ::close(ends[1]);
-  running_.push_back({task, pid, ends[0], {}, std::chrono::steady_clock::now()});
-  return {};
-}
-
-std::optional<Ended> Processes::wait(std::chrono::milliseconds most) {
-  std::vector<pollfd> waiting;
-  for (const Running& one : running_)
-    waiting.push_back({one.fd, POLLIN, 0});
-  if (::poll(waiting.data(), waiting.size(), static_cast<int>(most.count())) <= 0)
-    return std::nullopt;
-  for (std::size_t k = 0; k < waiting.size(); ++k) {
-    if (waiting[k].revents == 0) continue;
-    std::array<char, 4096> block{};
-    const ssize_t got = ::read(running_[k].fd, block.data(), block.size());
-    if (got > 0) running_[k].text.append(block.data(), static_cast<std::size_t>(got));
-    if (got > 0 || (got < 0 && errno == EINTR)) continue;
-    const Running one = std::move(running_[k]);
-    running_.erase(running_.begin() + static_cast<std::ptrdiff_t>(k));
-    ::close(one.fd);
-    int status = 0;
-    rusage used{};
-    while (::wait4(one.pid, &status, 0, &used) < 0 && errno == EINTR) {
-    }
-    Ended out;
-    out.memory_bytes = static_cast<std::uint64_t>(used.ru_maxrss) * 1024;
-    out.task = one.task;
-    out.text = one.text;
-    if (WIFSIGNALED(status)) out.signal = WTERMSIG(status);
-    if (WIFEXITED(status)) out.exit_code = WEXITSTATUS(status);
-    out.seconds =
-        std::chrono::duration<double>(std::chrono::steady_clock::now() - one.start).count();
-    return out;
-  }
-  return std::nullopt;
-}
-
-void Processes::signal_all(int signal) const {
-  for (const Running& one : running_)
-    ::kill(one.pid, signal);
-}
-
-namespace {
-
-namespace fs = std::filesystem;
-using nlohmann::json;
 
 constexpr std::array<const char*, 6> kOutcomes = {"made",          "found",  "failed",
                                                   "known_failure", "leased", "interrupted"};
@@ -622,28 +503,123 @@ class Worker {
 
 }  // namespace
 
+Result<ScanState> state_of(const WantedScan& wanted, const ScanProgram& program, const Store& store,
+                           const Comparison& how) {
+  const auto read = store.read_entry(wanted.scan->name);
+  if (!read && read.error().is_temporary) return read.error();
+  if (!read || !*read) return ScanState{ScanState::Kind::kStale, {{{"cause", "new"}}}};
+  const auto& entry = *read;
+  std::vector<json> changes = changes_of(wanted, program, store, *entry, how);
+  ScanState out;
+  if (entry->is_done()) {
+    out.asset_bytes = entry->outputs->asset.bytes;
+    out.warnings = entry->warnings;
+    if (changes.empty()) out.kind = ScanState::Kind::kDone;
+  } else {
+    out.why = {{{"cause", "failed"}, {"reason", entry->reason}, {"exit_code", entry->exit_code}}};
+    if (entry->signal != 0) out.why[0]["signal"] = entry->signal;
+    if (changes.empty() && entry->is_lasting && !how.retry)
+      out.kind = ScanState::Kind::kKnownFailure;
+  }
+  out.why.insert(out.why.end(), std::make_move_iterator(changes.begin()),
+                 std::make_move_iterator(changes.end()));
+  return out;
+}
+
+std::string cause_text(const json& cause) {
+  std::string kind = cause["cause"];
+  const auto text = [&cause](const char* key) {
+    const json& value = cause[key];
+    return value.is_string() ? value.get<std::string>() : json_text(value);
+  };
+  if (kind == "failed") return "it failed: " + text("reason");
+  if (kind == "program")
+    return "program: " + text("old").substr(0, 12) + " -> " + text("new").substr(0, 12);
+  if (kind == "parameter")
+    return "parameter " + text("name") + ": " + text("old") + " -> " + text("new");
+  if (kind == "store") return "store: " + text("what");
+  if (kind != "input") return kind;
+  const std::string what = text("what");
+  if (what == "series") return "input: series " + text("old") + " -> " + text("new");
+  if (!cause.contains("path")) return "input: " + what;
+  return "input " + text("path") + ": " +
+         (what == "time"    ? "its time, path or inode changed; a run compares its bytes"
+          : what == "order" ? "the order of files changed"
+                            : what);
+}
+
+Processes::~Processes() {
+  signal_all(SIGKILL);
+  for (const Running& one : running_) {
+    ::close(one.fd);
+    ::waitpid(one.pid, nullptr, 0);
+  }
+}
+
+Result<void> Processes::start(std::size_t task, const std::function<std::string()>& work) {
+  std::array<int, 2> ends{};
+  if (::pipe2(ends.data(), O_CLOEXEC) != 0)
+    return bug("cannot create a pipe for a scan's process: " + system_message(errno));
+  std::fflush(nullptr);
+  const pid_t pid = fork_with_signal(SIGKILL);
+  if (pid < 0) {
+    const int error = errno;
+    ::close(ends[0]);
+    ::close(ends[1]);
+    return bug("cannot create a process for a scan: " + system_message(error));
+  }
+  if (pid == 0) {
+    ::close(ends[0]);
+    for (const Running& other : running_)
+      ::close(other.fd);
+    write_all(ends[1], work());
+    std::fflush(nullptr);
+    ::_exit(0);  // without the destructors of the parent's objects
+  }
+  ::close(ends[1]);
+  running_.push_back({task, pid, ends[0], {}, std::chrono::steady_clock::now()});
+  return {};
+}
+
+std::optional<Ended> Processes::wait(std::chrono::milliseconds most) {
+  std::vector<pollfd> waiting;
+  for (const Running& one : running_)
+    waiting.push_back({one.fd, POLLIN, 0});
+  if (::poll(waiting.data(), waiting.size(), static_cast<int>(most.count())) <= 0)
+    return std::nullopt;
+  for (std::size_t k = 0; k < waiting.size(); ++k) {
+    if (waiting[k].revents == 0) continue;
+    std::array<char, 4096> block{};
+    const ssize_t got = ::read(running_[k].fd, block.data(), block.size());
+    if (got > 0) running_[k].text.append(block.data(), static_cast<std::size_t>(got));
+    if (got > 0 || (got < 0 && errno == EINTR)) continue;
+    const Running one = std::move(running_[k]);
+    running_.erase(running_.begin() + static_cast<std::ptrdiff_t>(k));
+    ::close(one.fd);
+    int status = 0;
+    rusage used{};
+    while (::wait4(one.pid, &status, 0, &used) < 0 && errno == EINTR) {
+    }
+    Ended out;
+    out.memory_bytes = static_cast<std::uint64_t>(used.ru_maxrss) * 1024;
+    out.task = one.task;
+    out.text = one.text;
+    if (WIFSIGNALED(status)) out.signal = WTERMSIG(status);
+    if (WIFEXITED(status)) out.exit_code = WEXITSTATUS(status);
+    out.seconds =
+        std::chrono::duration<double>(std::chrono::steady_clock::now() - one.start).count();
+    return out;
+  }
+  return std::nullopt;
+}
+
+void Processes::signal_all(int signal) const {
+  for (const Running& one : running_)
+    ::kill(one.pid, signal);
+}
+
 const char* outcome_name(Outcome::Kind kind) {
   return kOutcomes.at(static_cast<std::size_t>(kind));
-}
-
-json outcome_json(const Outcome& o) {
-  return {
-      {"kind", static_cast<int>(o.kind)}, {"key", o.key},          {"reason", o.reason},
-      {"exit_code", o.exit_code},         {"bytes", o.bytes},      {"input_bytes", o.input_bytes},
-      {"is_recorded", o.is_recorded},     {"warnings", o.warnings}};
-}
-
-Outcome outcome_from(const json& value) {
-  Outcome out;
-  out.kind = static_cast<Outcome::Kind>(value.at("kind").get<int>());
-  out.key = value.at("key").get<std::string>();
-  out.reason = value.at("reason").get<std::string>();
-  out.exit_code = value.at("exit_code").get<int>();
-  out.bytes = value.at("bytes").get<std::uint64_t>();
-  out.input_bytes = value.at("input_bytes").get<std::uint64_t>();
-  out.is_recorded = value.at("is_recorded").get<bool>();
-  out.warnings = value.at("warnings");
-  return out;
 }
 
 Outcome work_on(const Work& work, const Store& store, const ScanProgram& program) {

@@ -65,10 +65,6 @@ std::string cause_text(const nlohmann::json& cause);
 // Tasks that run in separate processes. A crash therefore ends only one task, and all memory of a
 // task is returned to the system.
 
-/// Calls fork(). If this process dies, the new process gets the signal, or ends if it has not begun
-/// yet. The new process may have been forked from a process with threads.
-pid_t fork_with_signal(int signal);
-
 /// A process that has ended.
 struct Ended {
   std::size_t task = 0;
@@ -150,8 +146,9 @@ struct Outcome {
       nlohmann::json::array();  ///< ScanEntry::warnings; empty after a failure
 };
 const char* outcome_name(Outcome::Kind kind);
-nlohmann::json outcome_json(const Outcome& outcome);
-Outcome outcome_from(const nlohmann::json& value);
+/// What the scan's process sends; the process that started it knows the rest.
+NLOHMANN_DEFINE_TYPE_NON_INTRUSIVE(Outcome, kind, key, reason, exit_code, bytes, input_bytes,
+                                   is_recorded, warnings)
 
 /// Works on one scan and writes its index entry. Errors and exceptions become an outcome. After a
 /// failure for a reason that may pass, the entry keeps the key and outputs that the index had,

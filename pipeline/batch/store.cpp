@@ -19,6 +19,8 @@ namespace trocar::farm {
 namespace {
 
 namespace fs = std::filesystem;
+using nlohmann::json;
+using std::chrono::nanoseconds;
 
 // Removes a temporary file that has not become the target.
 class Temporary {
@@ -50,27 +52,8 @@ mode_t process_mask() {
   return mask;
 }
 
-}  // namespace
-
-bool is_shared(const struct stat& folder) {
-  constexpr mode_t kBits = S_ISGID | S_IWGRP;
-  return (folder.st_mode & kBits) == kBits;
-}
-
-bool give_to_users(int fd, const fs::path& like, mode_t mode) {
-  struct stat users {
-  }, own{};
-  if (::stat(like.c_str(), &users) != 0 || ::fstat(fd, &own) != 0) return false;
-  const uid_t owner = ::geteuid() == 0 ? users.st_uid : own.st_uid;
-  const gid_t group = is_shared(users) || ::geteuid() == 0 ? users.st_gid : own.st_gid;
-  if ((owner != own.st_uid || group != own.st_gid) && ::fchown(fd, owner, group) == 0)
-    own.st_gid = group;
-  mode &= ~process_mask();
-  if (is_shared(users) && own.st_gid == users.st_gid) mode |= (mode & S_IRWXU) >> 3;
-  if (S_ISDIR(own.st_mode) && is_shared(users)) mode |= S_ISGID;
-  return ::fchmod(fd, mode) == 0;
-}
-
+// Makes a folder like `like` (give_to_users()). If it exists, it is left as it is. Errors:
+// kUnwritable.
 // The new folder's own entry is not synced here: file systems with a journal write it together with
 // the later sync of a file in the folder.
 Result<void> make_folder(const fs::path& folder, const fs::path& like) {
@@ -83,29 +66,7 @@ Result<void> make_folder(const fs::path& folder, const fs::path& like) {
   return {};
 }
 
-fs::path temporary_name(const fs::path& folder) {
-  static std::atomic<unsigned> count{0};
-  return folder / (this_process().text() + "." + std::to_string(++count));
-}
-
-Error cannot_write(const fs::path& file, int error) {
-  return unwritable(file.string() + ": cannot be written: " + system_message(error));
-}
-
-bool write_all(int fd, std::span<const std::uint8_t> bytes) {
-  while (!bytes.empty()) {
-    const ssize_t put = ::write(fd, bytes.data(), bytes.size());
-    if (put < 0 && errno == EINTR) continue;
-    if (put < 0) return false;
-    bytes = bytes.subspan(static_cast<std::size_t>(put));
-  }
-  return true;
-}
-
-bool write_all(int fd, std::string_view text) {
-  return write_all(fd, text_bytes(text));
-}
-
+// Syncs a folder's entries to the disk. Errors: kUnwritable; the message names the folder.
 Result<void> sync_folder(const fs::path& folder) {
   const FileDescriptor fd(::open(folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC));
   if (fd.get() < 0) return cannot_write(folder, errno);
@@ -115,41 +76,8 @@ Result<void> sync_folder(const fs::path& folder) {
   return {};
 }
 
-Result<void> write_atomically(const AtomicFile& file, std::span<const std::uint8_t> bytes) {
-  const fs::path folder = file.target.parent_path();
-  if (auto ok = make_folder(folder, file.tmp); !ok) return ok;
-  Temporary temporary(temporary_name(file.tmp));
-  FileDescriptor fd(::open(temporary.name(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0600));
-  if (fd.get() < 0) return cannot_write(file.target, errno);
-  failpoint("created");
-  const std::size_t half = bytes.size() / 2;
-  if (!write_all(fd.get(), bytes.first(half))) return cannot_write(file.target, errno);
-  failpoint("half-written");
-  if (!write_all(fd.get(), bytes.subspan(half))) return cannot_write(file.target, errno);
-  failpoint("written");
-  if (!give_to_users(fd.get(), file.tmp, file.mode) || (file.is_synced && ::fsync(fd.get()) != 0) ||
-      !fd.close())
-    return cannot_write(file.target, errno);
-  failpoint("synced");
-  const auto back = read_file(temporary.path());
-  if (!back || !std::ranges::equal(*back, bytes))
-    return unwritable(file.target.string() + ": the bytes read back differ from those written");
-  if (file.prove) {
-    if (auto ok = file.prove(*back); !ok) return ok;
-  }
-  failpoint("proven");
-  if (!temporary.rename_to(file.target)) return cannot_write(file.target, errno);
-  failpoint("renamed");
-  if (!file.is_synced) return {};
-  auto synced = sync_folder(folder);
-  failpoint("folder-synced");
-  return synced;
-}
-
-Result<void> write_atomically(const AtomicFile& file, const std::string& text) {
-  return write_atomically(file, text_bytes(text));
-}
-
+// Makes `link` a symbolic link to `target` by a rename, which replaces an older link. The link is
+// not synced. Errors: kUnwritable; the message names the link.
 Result<void> link_atomically(const fs::path& target, const fs::path& link, const fs::path& tmp) {
   std::error_code error;
   if (fs::read_symlink(link, error) == target && !error) return {};
@@ -160,12 +88,6 @@ Result<void> link_atomically(const fs::path& target, const fs::path& link, const
   failpoint("link-renamed");
   return {};
 }
-
-namespace {
-
-namespace fs = std::filesystem;
-using nlohmann::json;
-using std::chrono::nanoseconds;
 
 constexpr const char* kMark = "trocar-store.json";
 constexpr const char* kSchema = "trocar.store/1";
@@ -243,7 +165,149 @@ Result<void> check_empty(const fs::path& folder) {
   return {};
 }
 
+// Refuses a process whose files the users of the store could not read or replace. A probe shows
+// whose file it is for the file system, which may map users to others.
+Result<void> check_user(const fs::path& folder, const fs::path& tmp) {
+  struct stat users {
+  }, own{};
+  if (::stat(tmp.c_str(), &users) != 0) {
+    if (errno == ENOENT) return {};  // a new store
+    return cannot_write(tmp, errno);
+  }
+  const fs::path probe = temporary_name(tmp);
+  const FileDescriptor fd(::open(probe.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0600));
+  const bool is_given =
+      fd.get() >= 0 && give_to_users(fd.get(), tmp, 0600) && ::fstat(fd.get(), &own) == 0;
+  const int error = is_given ? 0 : errno;
+  if (fd.get() >= 0) ::unlink(probe.c_str());
+  if (is_given && own.st_uid == users.st_uid) return {};
+  if (is_given && is_shared(users) && own.st_gid == users.st_gid) return {};
+  const bool is_of_rights = error == EACCES || error == EPERM;
+  if (error != 0 && (!is_of_rights || ::geteuid() == users.st_uid)) return cannot_write(tmp, error);
+  return unwritable(folder.string() + ": belongs to user " + std::to_string(users.st_uid) +
+                    (is_shared(users) ? " and group " + std::to_string(users.st_gid)
+                                      : " alone; to share a store, make its folder with the "
+                                        "group's rights and the bit setgid (chmod 2775)"));
+}
+
+// The outputs that an action's file states; null if there is no such file. Errors: those of
+// outputs_of(), but the shape of the outputs is not checked.
+Result<json> outputs_in(const fs::path& file, const std::string& key) {
+  const auto text = text_of(file);
+  if (!text) return text.error();
+  if (!*text) return json();
+  const json value = parse_json(**text);
+  try {
+    if (sha256_of(json_text(value.at("action"))) == key) return json(value.at("outputs"));
+  } catch (const json::exception&) {
+  }
+  return damaged(file);
+}
+
+fs::path asset_link(const fs::path& store, const std::string& name) {
+  return store / "assets" / (name + ".glb");
+}
+fs::path report_link(const fs::path& store, const std::string& name) {
+  return store / "reports" / (name + ".json");
+}
+
+bool leads_to(const fs::path& link, const fs::path& target) {
+  std::error_code error;
+  return fs::read_symlink(link, error) == target && !error;
+}
+
+bool is_absent(const fs::path& link) {
+  struct stat status {};
+  return ::lstat(link.c_str(), &status) != 0 && errno == ENOENT;
+}
+
+std::string time_text() {
+  using namespace std::chrono;
+  const auto now = system_clock::now();
+  const auto ms = duration_cast<milliseconds>(now.time_since_epoch()).count() % 1000;
+  std::string out = utc_text(system_clock::to_time_t(now));
+  out.pop_back();  // the Z
+  return out + text_line(".%03dZ", static_cast<int>(ms));
+}
+
 }  // namespace
+
+bool is_shared(const struct stat& folder) {
+  constexpr mode_t kBits = S_ISGID | S_IWGRP;
+  return (folder.st_mode & kBits) == kBits;
+}
+
+bool give_to_users(int fd, const fs::path& like, mode_t mode) {
+  struct stat users {
+  }, own{};
+  if (::stat(like.c_str(), &users) != 0 || ::fstat(fd, &own) != 0) return false;
+  const uid_t owner = ::geteuid() == 0 ? users.st_uid : own.st_uid;
+  const gid_t group = is_shared(users) || ::geteuid() == 0 ? users.st_gid : own.st_gid;
+  if ((owner != own.st_uid || group != own.st_gid) && ::fchown(fd, owner, group) == 0)
+    own.st_gid = group;
+  mode &= ~process_mask();
+  if (is_shared(users) && own.st_gid == users.st_gid) mode |= (mode & S_IRWXU) >> 3;
+  if (S_ISDIR(own.st_mode) && is_shared(users)) mode |= S_ISGID;
+  return ::fchmod(fd, mode) == 0;
+}
+
+fs::path temporary_name(const fs::path& folder) {
+  static std::atomic<unsigned> count{0};
+  return folder / (this_process().text() + "." + std::to_string(++count));
+}
+
+Error cannot_write(const fs::path& file, int error) {
+  return unwritable(file.string() + ": cannot be written: " + system_message(error));
+}
+
+bool write_all(int fd, std::span<const std::uint8_t> bytes) {
+  while (!bytes.empty()) {
+    const ssize_t put = ::write(fd, bytes.data(), bytes.size());
+    if (put < 0 && errno == EINTR) continue;
+    if (put < 0) return false;
+    bytes = bytes.subspan(static_cast<std::size_t>(put));
+  }
+  return true;
+}
+
+bool write_all(int fd, std::string_view text) {
+  return write_all(fd, text_bytes(text));
+}
+
+Result<void> write_atomically(const AtomicFile& file, std::span<const std::uint8_t> bytes) {
+  const fs::path folder = file.target.parent_path();
+  if (auto ok = make_folder(folder, file.tmp); !ok) return ok;
+  Temporary temporary(temporary_name(file.tmp));
+  FileDescriptor fd(::open(temporary.name(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0600));
+  if (fd.get() < 0) return cannot_write(file.target, errno);
+  failpoint("created");
+  const std::size_t half = bytes.size() / 2;
+  if (!write_all(fd.get(), bytes.first(half))) return cannot_write(file.target, errno);
+  failpoint("half-written");
+  if (!write_all(fd.get(), bytes.subspan(half))) return cannot_write(file.target, errno);
+  failpoint("written");
+  if (!give_to_users(fd.get(), file.tmp, file.mode) || (file.is_synced && ::fsync(fd.get()) != 0) ||
+      !fd.close())
+    return cannot_write(file.target, errno);
+  failpoint("synced");
+  const auto back = read_file(temporary.path());
+  if (!back || !std::ranges::equal(*back, bytes))
+    return unwritable(file.target.string() + ": the bytes read back differ from those written");
+  if (file.prove) {
+    if (auto ok = file.prove(*back); !ok) return ok;
+  }
+  failpoint("proven");
+  if (!temporary.rename_to(file.target)) return cannot_write(file.target, errno);
+  failpoint("renamed");
+  if (!file.is_synced) return {};
+  auto synced = sync_folder(folder);
+  failpoint("folder-synced");
+  return synced;
+}
+
+Result<void> write_atomically(const AtomicFile& file, const std::string& text) {
+  return write_atomically(file, text_bytes(text));
+}
 
 Result<std::vector<fs::path>> listed(const fs::path& folder) {
   std::vector<fs::path> out;
@@ -332,35 +396,6 @@ Result<Store> Store::open_for_reading(const fs::path& folder) {
   return Store(folder);
 }
 
-namespace {
-
-// Refuses a process whose files the users of the store could not read or replace. A probe shows
-// whose file it is for the file system, which may map users to others.
-Result<void> check_user(const fs::path& folder, const fs::path& tmp) {
-  struct stat users {
-  }, own{};
-  if (::stat(tmp.c_str(), &users) != 0) {
-    if (errno == ENOENT) return {};  // a new store
-    return cannot_write(tmp, errno);
-  }
-  const fs::path probe = temporary_name(tmp);
-  const FileDescriptor fd(::open(probe.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0600));
-  const bool is_given =
-      fd.get() >= 0 && give_to_users(fd.get(), tmp, 0600) && ::fstat(fd.get(), &own) == 0;
-  const int error = is_given ? 0 : errno;
-  if (fd.get() >= 0) ::unlink(probe.c_str());
-  if (is_given && own.st_uid == users.st_uid) return {};
-  if (is_given && is_shared(users) && own.st_gid == users.st_gid) return {};
-  const bool is_of_rights = error == EACCES || error == EPERM;
-  if (error != 0 && (!is_of_rights || ::geteuid() == users.st_uid)) return cannot_write(tmp, error);
-  return unwritable(folder.string() + ": belongs to user " + std::to_string(users.st_uid) +
-                    (is_shared(users) ? " and group " + std::to_string(users.st_gid)
-                                      : " alone; to share a store, make its folder with the "
-                                        "group's rights and the bit setgid (chmod 2775)"));
-}
-
-}  // namespace
-
 Result<Store> Store::open_for_writing(const fs::path& folder) {
   const Store store(folder);
   if (::mkdir(folder.c_str(), 0777) != 0 && errno != EEXIST) return cannot_write(folder, errno);
@@ -409,24 +444,6 @@ bool Store::lacks(const Object& object) const {
 bool Store::has(const Outputs& outputs) const {
   return has(outputs.asset) && has(outputs.report);
 }
-
-namespace {
-
-// The outputs that an action's file states; null if there is no such file. Errors: those of
-// outputs_of(), but the shape of the outputs is not checked.
-Result<json> outputs_in(const fs::path& file, const std::string& key) {
-  const auto text = text_of(file);
-  if (!text) return text.error();
-  if (!*text) return json();
-  const json value = parse_json(**text);
-  try {
-    if (sha256_of(json_text(value.at("action"))) == key) return json(value.at("outputs"));
-  } catch (const json::exception&) {
-  }
-  return damaged(file);
-}
-
-}  // namespace
 
 Result<std::optional<std::vector<Object>>> Store::outputs_of(const std::string& key) const {
   const auto outputs = outputs_in(action_file(key), key);
@@ -493,27 +510,6 @@ std::optional<ScanEntry> Store::entry(const std::string& name) const {
   auto out = read_entry(name);
   return out ? std::move(*out) : std::nullopt;
 }
-
-namespace {
-
-fs::path asset_link(const fs::path& store, const std::string& name) {
-  return store / "assets" / (name + ".glb");
-}
-fs::path report_link(const fs::path& store, const std::string& name) {
-  return store / "reports" / (name + ".json");
-}
-
-bool leads_to(const fs::path& link, const fs::path& target) {
-  std::error_code error;
-  return fs::read_symlink(link, error) == target && !error;
-}
-
-bool is_absent(const fs::path& link) {
-  struct stat status {};
-  return ::lstat(link.c_str(), &status) != 0 && errno == ENOENT;
-}
-
-}  // namespace
 
 std::vector<Store::Link> Store::links_of(const ScanEntry& entry) const {
   std::vector<Link> out = {{asset_link(folder_, entry.name), {}},
@@ -616,19 +612,6 @@ std::size_t Store::remove_strays() const {
   });
   return removed;
 }
-
-namespace {
-
-std::string time_text() {
-  using namespace std::chrono;
-  const auto now = system_clock::now();
-  const auto ms = duration_cast<milliseconds>(now.time_since_epoch()).count() % 1000;
-  std::string out = utc_text(system_clock::to_time_t(now));
-  out.pop_back();  // the Z
-  return out + text_line(".%03dZ", static_cast<int>(ms));
-}
-
-}  // namespace
 
 bool Journal::add(nlohmann::json line) {
   const ProcessIdentity me = this_process();

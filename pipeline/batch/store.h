@@ -53,10 +53,6 @@ bool give_to_users(int fd, const std::filesystem::path& like, mode_t mode);
 /// setgid)?
 bool is_shared(const struct stat& folder);
 
-/// Makes a folder like `like` (give_to_users()). If it exists, it is left as it is. Errors:
-/// kUnwritable.
-Result<void> make_folder(const std::filesystem::path& folder, const std::filesystem::path& like);
-
 struct AtomicFile {
   std::filesystem::path target;
   std::filesystem::path tmp;  ///< folder of temporary files, in the same file system as the target
@@ -75,17 +71,9 @@ struct AtomicFile {
 Result<void> write_atomically(const AtomicFile& file, std::span<const std::uint8_t> bytes);
 Result<void> write_atomically(const AtomicFile& file, const std::string& text);
 
-/// Makes `link` a symbolic link to `target` by a rename, which replaces an older link. The link is
-/// not synced. Errors: kUnwritable; the message names the link.
-Result<void> link_atomically(const std::filesystem::path& target, const std::filesystem::path& link,
-                             const std::filesystem::path& tmp);
-
 /// Writes all bytes to a descriptor. Returns false and sets errno if they cannot be written.
 bool write_all(int fd, std::span<const std::uint8_t> bytes);
 bool write_all(int fd, std::string_view text);
-
-/// Syncs a folder's entries to the disk. Errors: kUnwritable; the message names the folder.
-Result<void> sync_folder(const std::filesystem::path& folder);
 
 /// The error "FILE: cannot be written: REASON" for an errno.
 Error cannot_write(const std::filesystem::path& file, int error);

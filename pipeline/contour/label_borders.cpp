@@ -214,34 +214,6 @@ class BorderTracer {
   LabelBorders out_;
 };
 
-}  // namespace
-
-LabelBorders label_borders(const MaterialImage& image, const PixelGrid& grid) {
-  return BorderTracer(image, grid).run();
-}
-
-Pslg outline_of(const LabelBorders& borders, const std::function<bool(MaterialNumber)>& is_wanted) {
-  Pslg out;
-  for_loops(
-      borders, is_wanted,
-      [&](MaterialNumber a, MaterialNumber b) { return is_wanted(a) == is_wanted(b); },
-      [&](const ChainLoop& loop) { split_at_pinches(loop.ring(borders), out.rings); });
-  normalise(out);
-  return out;
-}
-
-std::vector<Pslg> material_outlines(const LabelBorders& borders) {
-  std::vector<Pslg> out(borders.materials);
-  for_loops(
-      borders, [](MaterialNumber m) { return m != kNoMaterial; }, std::equal_to<>{},
-      [&](const ChainLoop& loop) { out[loop.material - 1U].rings.push_back(loop.ring(borders)); });
-  for (Pslg& pslg : out)
-    normalise(pslg);
-  return out;
-}
-
-namespace {
-
 constexpr std::size_t kCrossingsPerSigma = 14;
 constexpr std::size_t kMaxSigma = 3;
 constexpr std::size_t kMaxKernelCrossings = kCrossingsPerSigma * kMaxSigma;  // crossings
@@ -435,6 +407,30 @@ class FreeCrossings {
 };
 
 }  // namespace
+
+LabelBorders label_borders(const MaterialImage& image, const PixelGrid& grid) {
+  return BorderTracer(image, grid).run();
+}
+
+Pslg outline_of(const LabelBorders& borders, const std::function<bool(MaterialNumber)>& is_wanted) {
+  Pslg out;
+  for_loops(
+      borders, is_wanted,
+      [&](MaterialNumber a, MaterialNumber b) { return is_wanted(a) == is_wanted(b); },
+      [&](const ChainLoop& loop) { split_at_pinches(loop.ring(borders), out.rings); });
+  normalise(out);
+  return out;
+}
+
+std::vector<Pslg> material_outlines(const LabelBorders& borders) {
+  std::vector<Pslg> out(borders.materials);
+  for_loops(
+      borders, [](MaterialNumber m) { return m != kNoMaterial; }, std::equal_to<>{},
+      [&](const ChainLoop& loop) { out[loop.material - 1U].rings.push_back(loop.ring(borders)); });
+  for (Pslg& pslg : out)
+    normalise(pslg);
+  return out;
+}
 
 void smooth_border(std::vector<Crossing>& border, const std::optional<BorderEnds>& ends) {
   const auto is_fixed = [](const Crossing& c) { return c.fixed; };

@@ -377,34 +377,6 @@ SimplifiedOutline douglas_peucker(const Pslg& contours, double tolerance,
   return out;
 }
 
-}  // namespace
-
-double left_for_refinement_steps(const Lattice& lattice, const SimplificationOptions& options) {
-  return options.method == SimplificationMethod::kArea && options.tolerance_mm > 0
-             ? left_for_refinement(options.tolerance_mm / lattice.step_mm())
-             : std::numeric_limits<double>::infinity();
-}
-
-Pslg simplify(const Pslg& contours, const Lattice& lattice, const SimplificationOptions& options) {
-  return simplify_lines(contours, {}, lattice, options, {});
-}
-
-Pslg simplify_lines(const Pslg& lines, const std::vector<bool>& is_open, const Lattice& lattice,
-                    const SimplificationOptions& options, const MarkMisplaced& mark_misplaced) {
-  const double tolerance = options.tolerance_mm / lattice.step_mm();
-  const bool keeps_area = options.method == SimplificationMethod::kArea && tolerance > 0;
-  SimplifiedOutline out = keeps_area ? collapse_segments(lines, tolerance, is_open)
-                                     : douglas_peucker(lines, tolerance, is_open, mark_misplaced);
-  // The result of Douglas-Peucker moves with every outline, also with one that a rotation maps to
-  // itself. Such an outline has no canonical orientation to order the steps of clearing by.
-  if (keeps_area || !rotation_may_map_to_itself(lines))
-    clear_outline(lines, is_open, keeps_area ? left_for_collapse(tolerance) : tolerance, out);
-  return std::move(out.outline);
-}
-
-// Implements simplify() of label_borders.h.
-namespace {
-
 // Compares simplified chains, which do not cross, with the original chains. The two embeddings are
 // topologically equal if at every node the chains leave in the same order, each loop around a
 // material has the same orientation, and each connected component of the borders lies inside the
@@ -520,6 +492,31 @@ class Embedding {
 };
 
 }  // namespace
+
+double left_for_refinement_steps(const Lattice& lattice, const SimplificationOptions& options) {
+  return options.method == SimplificationMethod::kArea && options.tolerance_mm > 0
+             ? left_for_refinement(options.tolerance_mm / lattice.step_mm())
+             : std::numeric_limits<double>::infinity();
+}
+
+Pslg simplify(const Pslg& contours, const Lattice& lattice, const SimplificationOptions& options) {
+  return simplify_lines(contours, {}, lattice, options, {});
+}
+
+Pslg simplify_lines(const Pslg& lines, const std::vector<bool>& is_open, const Lattice& lattice,
+                    const SimplificationOptions& options, const MarkMisplaced& mark_misplaced) {
+  const double tolerance = options.tolerance_mm / lattice.step_mm();
+  const bool keeps_area = options.method == SimplificationMethod::kArea && tolerance > 0;
+  SimplifiedOutline out = keeps_area ? collapse_segments(lines, tolerance, is_open)
+                                     : douglas_peucker(lines, tolerance, is_open, mark_misplaced);
+  // The result of Douglas-Peucker moves with every outline, also with one that a rotation maps to
+  // itself. Such an outline has no canonical orientation to order the steps of clearing by.
+  if (keeps_area || !rotation_may_map_to_itself(lines))
+    clear_outline(lines, is_open, keeps_area ? left_for_collapse(tolerance) : tolerance, out);
+  return std::move(out.outline);
+}
+
+// Implements simplify() of label_borders.h.
 
 LabelBorders simplify(const LabelBorders& borders, const Lattice& lattice,
                       const SimplificationOptions& options) {

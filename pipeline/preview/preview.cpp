@@ -69,6 +69,11 @@ struct OneSlice {
   bool has_uncounted = false;  // more labels than are counted
 };
 
+EdgeLetters edge_letters(const SlicePlane& plane) {
+  const Eigen::Matrix3d& R = plane.T_lps_plane.linear();
+  return {letters_of(-R.col(0)), letters_of(R.col(0)), letters_of(-R.col(1)), letters_of(R.col(1))};
+}
+
 class Maker {
  public:
   Maker(const SliceStack& stack, const StackOptions& options) : stack_(stack), options_(options) {}
@@ -110,22 +115,17 @@ class Maker {
   // Calls the work for each index in parallel. If several fail, returns the error with the lowest
   // index.
   Result<void> in_parallel(std::size_t count, const Work& work) {
-    std::vector<Result<void>> done(count);
-    parallel_for(static_cast<int>(count), [&](int i) {
-      if (options_.stop != nullptr && options_.stop->load()) return;
-      const auto k = static_cast<std::size_t>(i);
+    const auto is_stopped = [this] { return options_.stop != nullptr && options_.stop->load(); };
+    auto done = try_in_parallel(static_cast<int>(count), [&](int i) -> Result<void> {
+      if (is_stopped()) return {};
       try {
-        done[k] = work(k);
+        return work(static_cast<std::size_t>(i));
       } catch (const std::bad_alloc&) {
-        done[k] = refused_for_now("not enough memory for these slices");
+        return refused_for_now("not enough memory for these slices");
       }
     });
-    if (options_.stop != nullptr && options_.stop->load())
-      return unwritable("interrupted; nothing was written");
-    for (const Result<void>& result : done) {
-      if (!result) return result;
-    }
-    return {};
+    if (is_stopped()) return unwritable("interrupted; nothing was written");
+    return done;
   }
 
   // The contours of a slice. Sets `values` to the statistics of its pixels. Errors: those of
@@ -376,26 +376,6 @@ class Maker {
   Preview out_;
 };
 
-}  // namespace
-
-EdgeLetters edge_letters(const SlicePlane& plane) {
-  const Eigen::Matrix3d& R = plane.T_lps_plane.linear();
-  return {letters_of(-R.col(0)), letters_of(R.col(0)), letters_of(-R.col(1)), letters_of(R.col(1))};
-}
-
-Result<Preview> make_preview(const SliceStack& stack, const StackOptions& options, int count) {
-  if (auto ok = check_ranges(stack, options); !ok) return ok.error();
-  return Maker(stack, options).make(count);
-}
-
-std::string unit_name(const Preview& preview) {
-  if (labels_of(preview.segmentation) != nullptr) return "labels";
-  if (preview.unit == PixelUnit::kHounsfield) return "HU";
-  return preview.unit == PixelUnit::kGrey ? "grey levels" : "values";
-}
-
-namespace {
-
 // A sentence about how much of a bone is filled at the distance between the slices. The figures were
 // measured on vertebrae and ribs with expert masks, and on phantoms between them.
 std::string fill_text(const Preview& preview) {
@@ -431,6 +411,17 @@ std::string solid_text(const SolidOptions& o) {
 }
 
 }  // namespace
+
+Result<Preview> make_preview(const SliceStack& stack, const StackOptions& options, int count) {
+  if (auto ok = check_ranges(stack, options); !ok) return ok.error();
+  return Maker(stack, options).make(count);
+}
+
+std::string unit_name(const Preview& preview) {
+  if (labels_of(preview.segmentation) != nullptr) return "labels";
+  if (preview.unit == PixelUnit::kHounsfield) return "HU";
+  return preview.unit == PixelUnit::kGrey ? "grey levels" : "values";
+}
 
 std::string slices_shown(const Preview& preview) {
   const std::size_t n = preview.shown.size();

@@ -20,7 +20,6 @@ namespace trocar::pipeline {
 struct EdgeLetters {
   std::string left, right, top, bottom;
 };
-EdgeLetters edge_letters(const SlicePlane& plane);
 
 struct PreviewSlice {
   int index = 0;

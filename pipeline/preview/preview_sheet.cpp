@@ -5,6 +5,7 @@
 #include <spng.h>
 #include <Eigen/Geometry>
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstdio>
 #include <cstdlib>
@@ -24,64 +25,22 @@
 namespace trocar::pipeline {
 namespace {
 
+using nlohmann::json;
+
+// All colours are RGB.
+const cv::Scalar kBackground(20, 22, 25), kText(228, 230, 233), kFaint(150, 155, 162),
+    kLine(70, 74, 80), kOutlineColour(255, 165, 0), kThreshold(255, 165, 0), kBars(120, 140, 160),
+    kMaterialBars(200, 140, 40), kWarning(255, 205, 90), kLabel(160, 225, 255);
+
+// All colours are RGB.
+constexpr int kWidth = 1600, kMargin = 24;  // pixels
+
+// All colours are RGB.
+constexpr double kSmall = 0.46, kNormal = 0.54, kLarge = 0.85;  // font scales of OpenCV
+
+enum class Align { kLeft, kCentre, kRight };
+
 constexpr const char* kSoftware = "trocar-mesh preview";
-
-}  // namespace
-
-Result<std::vector<std::uint8_t>> png_of(const Picture& picture) {
-  const std::unique_ptr<spng_ctx, void (*)(spng_ctx*)> png(spng_ctx_new(SPNG_CTX_ENCODER),
-                                                           spng_ctx_free);
-  if (!png) return refused_for_now("not enough memory for the preview");
-  const auto failed = [](int error) {
-    return bug(std::string("the preview's PNG: ") + spng_strerror(error));
-  };
-  spng_ihdr header{};
-  header.width = static_cast<std::uint32_t>(picture.width);
-  header.height = static_cast<std::uint32_t>(picture.height);
-  header.bit_depth = 8;
-  header.color_type = SPNG_COLOR_TYPE_TRUECOLOR;
-  spng_set_option(png.get(), SPNG_ENCODE_TO_BUFFER, 1);
-  // Higher levels take several times as long and make files only a few per cent smaller.
-  spng_set_option(png.get(), SPNG_IMG_COMPRESSION_LEVEL, 2);
-  spng_set_option(png.get(), SPNG_FILTER_CHOICE, SPNG_FILTER_CHOICE_SUB);
-  if (const int e = spng_set_ihdr(png.get(), &header); e != 0) return failed(e);
-  std::string software = kSoftware;
-  spng_text text{};
-  std::strcpy(text.keyword, "Software");  // NOLINT(clang-analyzer-security.insecureAPI.strcpy)
-  text.type = SPNG_TEXT;
-  text.length = software.size();
-  text.text = software.data();
-  if (const int e = spng_set_text(png.get(), &text, 1); e != 0) return failed(e);
-  if (const int e = spng_encode_image(png.get(), picture.rgb.data(), picture.rgb.size(),
-                                      SPNG_FMT_PNG, SPNG_ENCODE_FINALIZE);
-      e != 0)
-    return failed(e);
-  std::size_t size = 0;
-  int error = 0;
-  const std::unique_ptr<void, void (*)(void*)> bytes(spng_get_png_buffer(png.get(), &size, &error),
-                                                     std::free);
-  if (!bytes) return failed(error);
-  const auto* first = static_cast<const std::uint8_t*>(bytes.get());
-  return std::vector<std::uint8_t>(first, first + size);
-}
-
-bool is_sheet(const std::filesystem::path& file) {
-  // The text chunk precedes the pixels.
-  std::string head(256, '\0');
-  std::ifstream in(file, std::ios::binary);
-  in.read(head.data(), static_cast<std::streamsize>(head.size()));
-  head.resize(static_cast<std::size_t>(in.gcount()));
-  return head.find(std::string("tEXtSoftware") + '\0' + kSoftware) != std::string::npos;
-}
-
-std::string png_url(std::span<const std::uint8_t> png) {
-  std::string out(sodium_base64_ENCODED_LEN(png.size(), sodium_base64_VARIANT_ORIGINAL), '\0');
-  sodium_bin2base64(out.data(), out.size(), png.data(), png.size(), sodium_base64_VARIANT_ORIGINAL);
-  out.pop_back();  // the final zero
-  return "data:image/png;base64," + out;
-}
-
-namespace {
 
 constexpr int kFont = cv::FONT_HERSHEY_SIMPLEX;
 
@@ -98,20 +57,24 @@ int aligned(int x, int width, Align align) {
   return align == Align::kLeft ? x : x - (align == Align::kCentre ? width / 2 : width);
 }
 
-}  // namespace
-
+// Width in pixels of an ASCII text. In all functions of this header, `size` is a font scale.
 int text_width(const std::string& text, double size) {
   int baseline = 0;
   return cv::getTextSize(text, kFont, size, 1, &baseline).width;
 }
 
+// Draws a text whose baseline is y pixels below the upper edge. Depending on `align`, the left
+// end, the middle or the right end of the text is at x. Characters that are not printable ASCII
+// become question marks.
 void draw_text(cv::Mat& on, const std::string& text, int x, int y, double size,
-               const cv::Scalar& colour, Align align) {
+               const cv::Scalar& colour, Align align = Align::kLeft) {
   const std::string drawn = ascii(text);
   cv::putText(on, drawn, {aligned(x, text_width(drawn, size), align), y}, kFont, size, colour,
               size > 0.8 ? 2 : 1, cv::LINE_AA);
 }
 
+// Draws lines of text below each other: the first one's baseline is at y, and baselines are
+// `height` pixels apart. Returns the y of a further line.
 int draw_lines(cv::Mat& on, const std::vector<std::string>& lines, int x, int y, double size,
                const cv::Scalar& colour, int height) {
   for (const std::string& line : lines) {
@@ -121,6 +84,8 @@ int draw_lines(cv::Mat& on, const std::vector<std::string>& lines, int x, int y,
   return y;
 }
 
+// Like draw_text(), but in light blue with a dark border, so that the text is legible on any
+// image.
 void draw_label(cv::Mat& on, const std::string& text, int x, int y, double size, Align align) {
   const std::string drawn = ascii(text);
   const cv::Point at(aligned(x, text_width(drawn, size), align), y);
@@ -128,6 +93,8 @@ void draw_label(cv::Mat& on, const std::string& text, int x, int y, double size,
   cv::putText(on, drawn, at, kFont, size, kLabel, 1, cv::LINE_AA);
 }
 
+// The text broken into lines of at most `width` pixels. As in draw_text(), characters that are not
+// printable ASCII become question marks. A word that is too long for a line is broken too.
 std::vector<std::string> wrapped(const std::string& text, double size, int width) {
   std::vector<std::string> out(1);
   const std::string drawn = ascii(text) + " ";
@@ -153,6 +120,8 @@ std::vector<std::string> wrapped(const std::string& text, double size, int width
   return out;
 }
 
+// The largest number not above `value` that is 1, 2 or 5 times a power of ten. Such a number is a
+// good distance between the marks of an axis.
 double nice_below(double value) {
   const double power = std::pow(10.0, std::floor(std::log10(value)));
   for (const double factor : {5.0, 2.0}) {
@@ -160,8 +129,6 @@ double nice_below(double value) {
   }
   return power;
 }
-
-namespace {
 
 constexpr int kPanel = 300;  // height, pixels
 constexpr std::size_t kLabelRows = 9, kLabelColumns = 4;
@@ -306,6 +273,25 @@ void draw_changes(cv::Mat& sheet, const Preview& preview, int x, int y) {
              y + 52 + 24 * 6 + 8, 0.42, kFaint, 18);
 }
 
+// Colour of a label that is material, RGB; grey for other labels. There are seven colours (of
+// Okabe and Ito), which people with the usual kinds of colour blindness can distinguish. From the
+// eighth label on, colours are repeated.
+std::array<std::uint8_t, 3> label_colour(const Preview& preview, int label) {
+  static constexpr std::array<std::array<std::uint8_t, 3>, 7> kColours{{{230, 159, 0},
+                                                                        {86, 180, 233},
+                                                                        {0, 158, 115},
+                                                                        {240, 228, 66},
+                                                                        {0, 114, 178},
+                                                                        {213, 94, 0},
+                                                                        {204, 121, 167}}};
+  const auto* labels = std::get_if<Labels>(&preview.segmentation);
+  if (labels == nullptr || !(labels->all || labels->labels.contains(label))) return {95, 98, 102};
+  const auto position =
+      labels->all ? std::distance(preview.label_voxels.begin(), preview.label_voxels.find(label))
+                  : std::distance(labels->labels.begin(), labels->labels.find(label));
+  return kColours[static_cast<std::size_t>(position) % kColours.size()];
+}
+
 // Draws the wanted labels, then as many others as fit.
 void draw_labels(cv::Mat& sheet, const Preview& preview, int x, int y) {
   draw_text(sheet, "Voxels of " + slices_shown(preview) + ", by label (grey: not material)", x,
@@ -342,8 +328,7 @@ void draw_labels(cv::Mat& sheet, const Preview& preview, int x, int y) {
               y + 50 + static_cast<int>(kLabelRows) * 24, kSmall, kFaint);
 }
 
-}  // namespace
-
+// Height of the panel, pixels.
 int panel_height(const Preview& preview) {
   if (!std::holds_alternative<Labels>(preview.segmentation)) return kPanel;
   const std::size_t labels = preview.label_voxels.size();
@@ -352,6 +337,7 @@ int panel_height(const Preview& preview) {
   return 50 + 24 * static_cast<int>(rows);
 }
 
+// Draws the panel with its upper edge at y.
 void draw_panel(cv::Mat& sheet, const Preview& preview, int y) {
   if (std::holds_alternative<Labels>(preview.segmentation)) {
     draw_labels(sheet, preview, kMargin, y);
@@ -360,24 +346,6 @@ void draw_panel(cv::Mat& sheet, const Preview& preview, int y) {
     draw_changes(sheet, preview, kMargin + 980, y);
   }
 }
-
-std::array<std::uint8_t, 3> label_colour(const Preview& preview, int label) {
-  static constexpr std::array<std::array<std::uint8_t, 3>, 7> kColours{{{230, 159, 0},
-                                                                        {86, 180, 233},
-                                                                        {0, 158, 115},
-                                                                        {240, 228, 66},
-                                                                        {0, 114, 178},
-                                                                        {213, 94, 0},
-                                                                        {204, 121, 167}}};
-  const auto* labels = std::get_if<Labels>(&preview.segmentation);
-  if (labels == nullptr || !(labels->all || labels->labels.contains(label))) return {95, 98, 102};
-  const auto position =
-      labels->all ? std::distance(preview.label_voxels.begin(), preview.label_voxels.find(label))
-                  : std::distance(labels->labels.begin(), labels->labels.find(label));
-  return kColours[static_cast<std::size_t>(position) % kColours.size()];
-}
-
-namespace {
 
 constexpr int kGap = 14;
 constexpr int kTileArea = 1160;  // height of all tiles of up to 16 slices
@@ -575,7 +543,107 @@ std::string window_text(const Preview& preview, std::pair<double, double> window
          number_text(window.second - window.first) + unit;
 }
 
+json numbers_of(const Preview& preview, const Sheet& sheet, const std::string& kind) {
+  const Crop& v = sheet.view;
+  json out = {{"schema", "trocar.preview/1"},
+              {"program", "trocar-mesh " TROCAR_VERSION},
+              {"input", kind},
+              {"unit", unit_name(preview)},
+              {"slices_of_scan", preview.slices},
+              {"pixels_shown", {v.x0, v.x1, v.y0, v.y1}},
+              {"slices", json::array()},
+              {"warnings", json::array()}};
+  for (std::size_t k = 0; k < preview.shown.size(); ++k) {
+    const PreviewSlice& s = preview.shown[k];
+    const Tile& t = sheet.tiles[k];
+    out["slices"].push_back({{"index", s.index},
+                             {"z_mm", s.plane.z_mm},
+                             {"spacing_mm", {s.plane.spacing_u_mm, s.plane.spacing_v_mm}},
+                             {"area_mm2", s.area_mm2},
+                             {"outlines", s.contours.rings.size()},
+                             {"tile_px", {t.x, t.y, t.width, t.height}},
+                             {"letters",
+                              {{"left", s.letters.left},
+                               {"right", s.letters.right},
+                               {"top", s.letters.top},
+                               {"bottom", s.letters.bottom}}}});
+  }
+  for (const Warning& w : shown_warnings(preview))
+    out["warnings"].push_back({{"code", w.code}, {"sentence", w.sentence}});
+  if (std::holds_alternative<Labels>(preview.segmentation)) {
+    out["label_voxels"] = json::array();
+    for (const auto& [label, voxels] : preview.label_voxels)
+      out["label_voxels"].push_back({{"label", label}, {"voxels", voxels}});
+    return out;
+  }
+  out["window"] = {sheet.window_low, sheet.window_high};
+  out["histogram"] = {{"low", preview.histogram.low},
+                      {"bin_width", preview.histogram.width},
+                      {"counts", preview.histogram.counts}};
+  out["changes"] = json::array();
+  for (const Change& c : preview.changes) {
+    out["changes"].push_back({{"change", c.change},
+                              {"threshold", c.threshold},
+                              {"area_mm2", c.area_mm2},
+                              {"outlines", c.outlines}});
+  }
+  return out;
+}
+
 }  // namespace
+
+Result<std::vector<std::uint8_t>> png_of(const Picture& picture) {
+  const std::unique_ptr<spng_ctx, void (*)(spng_ctx*)> png(spng_ctx_new(SPNG_CTX_ENCODER),
+                                                           spng_ctx_free);
+  if (!png) return refused_for_now("not enough memory for the preview");
+  const auto failed = [](int error) {
+    return bug(std::string("the preview's PNG: ") + spng_strerror(error));
+  };
+  spng_ihdr header{};
+  header.width = static_cast<std::uint32_t>(picture.width);
+  header.height = static_cast<std::uint32_t>(picture.height);
+  header.bit_depth = 8;
+  header.color_type = SPNG_COLOR_TYPE_TRUECOLOR;
+  spng_set_option(png.get(), SPNG_ENCODE_TO_BUFFER, 1);
+  // Higher levels take several times as long and make files only a few per cent smaller.
+  spng_set_option(png.get(), SPNG_IMG_COMPRESSION_LEVEL, 2);
+  spng_set_option(png.get(), SPNG_FILTER_CHOICE, SPNG_FILTER_CHOICE_SUB);
+  if (const int e = spng_set_ihdr(png.get(), &header); e != 0) return failed(e);
+  std::string software = kSoftware;
+  spng_text text{};
+  std::strcpy(text.keyword, "Software");  // NOLINT(clang-analyzer-security.insecureAPI.strcpy)
+  text.type = SPNG_TEXT;
+  text.length = software.size();
+  text.text = software.data();
+  if (const int e = spng_set_text(png.get(), &text, 1); e != 0) return failed(e);
+  if (const int e = spng_encode_image(png.get(), picture.rgb.data(), picture.rgb.size(),
+                                      SPNG_FMT_PNG, SPNG_ENCODE_FINALIZE);
+      e != 0)
+    return failed(e);
+  std::size_t size = 0;
+  int error = 0;
+  const std::unique_ptr<void, void (*)(void*)> bytes(spng_get_png_buffer(png.get(), &size, &error),
+                                                     std::free);
+  if (!bytes) return failed(error);
+  const auto* first = static_cast<const std::uint8_t*>(bytes.get());
+  return std::vector<std::uint8_t>(first, first + size);
+}
+
+bool is_sheet(const std::filesystem::path& file) {
+  // The text chunk precedes the pixels.
+  std::string head(256, '\0');
+  std::ifstream in(file, std::ios::binary);
+  in.read(head.data(), static_cast<std::streamsize>(head.size()));
+  head.resize(static_cast<std::size_t>(in.gcount()));
+  return head.find(std::string("tEXtSoftware") + '\0' + kSoftware) != std::string::npos;
+}
+
+std::string png_url(std::span<const std::uint8_t> png) {
+  std::string out(sodium_base64_ENCODED_LEN(png.size(), sodium_base64_VARIANT_ORIGINAL), '\0');
+  sodium_bin2base64(out.data(), out.size(), png.data(), png.size(), sodium_base64_VARIANT_ORIGINAL);
+  out.pop_back();  // the final zero
+  return "data:image/png;base64," + out;
+}
 
 Sheet draw_sheet(const Preview& preview, const SheetText& text) {
   Sheet out;
@@ -646,59 +714,6 @@ Sheet draw_sheet(const Preview& preview, const SheetText& text) {
   out.picture = {sheet.cols, sheet.rows, std::vector<std::uint8_t>(sheet.datastart, sheet.dataend)};
   return out;
 }
-
-namespace {
-
-using nlohmann::json;
-
-json numbers_of(const Preview& preview, const Sheet& sheet, const std::string& kind) {
-  const Crop& v = sheet.view;
-  json out = {{"schema", "trocar.preview/1"},
-              {"program", "trocar-mesh " TROCAR_VERSION},
-              {"input", kind},
-              {"unit", unit_name(preview)},
-              {"slices_of_scan", preview.slices},
-              {"pixels_shown", {v.x0, v.x1, v.y0, v.y1}},
-              {"slices", json::array()},
-              {"warnings", json::array()}};
-  for (std::size_t k = 0; k < preview.shown.size(); ++k) {
-    const PreviewSlice& s = preview.shown[k];
-    const Tile& t = sheet.tiles[k];
-    out["slices"].push_back({{"index", s.index},
-                             {"z_mm", s.plane.z_mm},
-                             {"spacing_mm", {s.plane.spacing_u_mm, s.plane.spacing_v_mm}},
-                             {"area_mm2", s.area_mm2},
-                             {"outlines", s.contours.rings.size()},
-                             {"tile_px", {t.x, t.y, t.width, t.height}},
-                             {"letters",
-                              {{"left", s.letters.left},
-                               {"right", s.letters.right},
-                               {"top", s.letters.top},
-                               {"bottom", s.letters.bottom}}}});
-  }
-  for (const Warning& w : shown_warnings(preview))
-    out["warnings"].push_back({{"code", w.code}, {"sentence", w.sentence}});
-  if (std::holds_alternative<Labels>(preview.segmentation)) {
-    out["label_voxels"] = json::array();
-    for (const auto& [label, voxels] : preview.label_voxels)
-      out["label_voxels"].push_back({{"label", label}, {"voxels", voxels}});
-    return out;
-  }
-  out["window"] = {sheet.window_low, sheet.window_high};
-  out["histogram"] = {{"low", preview.histogram.low},
-                      {"bin_width", preview.histogram.width},
-                      {"counts", preview.histogram.counts}};
-  out["changes"] = json::array();
-  for (const Change& c : preview.changes) {
-    out["changes"].push_back({{"change", c.change},
-                              {"threshold", c.threshold},
-                              {"area_mm2", c.area_mm2},
-                              {"outlines", c.outlines}});
-  }
-  return out;
-}
-
-}  // namespace
 
 std::string preview_page(const Preview& preview, const Sheet& sheet, const SheetText& text,
                          const std::string& kind, std::span<const std::uint8_t> png) {

@@ -6,6 +6,9 @@
 #include <cmath>
 #include <iterator>
 #include <limits>
+#include <span>
+#include <string_view>
+#include <utility>
 
 #include "formats/asset/asset.h"
 #include "formats/base/command_line.h"
@@ -16,40 +19,19 @@
 namespace trocar::pipeline {
 namespace {
 
+using nlohmann::json;
+
+struct Preset {
+  std::string_view name, words;  // words: what the preset is for
+  // The name of each option, such as "--threshold", and the option's value.
+  std::vector<std::pair<std::string_view, std::string_view>> options;
+};
+
 bool gives(const std::vector<std::string>& words, std::string_view option) {
   return std::any_of(words.begin(), words.end(), [option](const std::string& word) {
     return word.starts_with(option) && (word.size() == option.size() || word[option.size()] == '=');
   });
 }
-
-const Preset* find_preset(std::string_view name) {
-  const auto all = presets();
-  const auto at =
-      std::find_if(all.begin(), all.end(), [name](const Preset& p) { return p.name == name; });
-  return at == all.end() ? nullptr : &*at;
-}
-
-// The options of the preset that the words do not give themselves.
-std::vector<std::pair<std::string_view, std::string_view>> added(
-    const std::vector<std::string>& words) {
-  std::string name;
-  for (std::size_t i = 0; i < words.size(); ++i) {
-    if (words[i].starts_with("--preset=")) name = words[i].substr(std::string("--preset=").size());
-    if (words[i] == "--preset" && i + 1 < words.size()) name = words[i + 1];
-  }
-  std::vector<std::pair<std::string_view, std::string_view>> out;
-  const Preset* preset = find_preset(name);
-  if (preset == nullptr) return out;
-  std::copy_if(preset->options.begin(), preset->options.end(), std::back_inserter(out),
-               [&words](const auto& each) {
-                 const bool other_unit =
-                     each.first == "--max-area-px" && gives(words, "--max-area");
-                 return !gives(words, each.first) && !other_unit;
-               });
-  return out;
-}
-
-}  // namespace
 
 std::span<const Preset> presets() {
   static const std::vector<Preset> all{
@@ -84,41 +66,32 @@ std::span<const Preset> presets() {
   return all;
 }
 
-std::vector<std::string> with_preset_options(const std::vector<std::string>& words) {
-  std::vector<std::string> out = words;
-  // After "--" there are only inputs.
-  auto end = std::find(out.begin(), out.end(), "--") - out.begin();
-  for (const auto& [option, value] : added(words))
-    out.insert(out.begin() + end++, std::string(option).append("=").append(value));
-  return out;
+const Preset* find_preset(std::string_view name) {
+  const auto all = presets();
+  const auto at =
+      std::find_if(all.begin(), all.end(), [name](const Preset& p) { return p.name == name; });
+  return at == all.end() ? nullptr : &*at;
 }
 
-std::set<std::string> added_by_preset(const std::vector<std::string>& words) {
-  std::set<std::string> out;
-  for (const auto& [option, value] : added(words))
-    out.emplace(option);
-  return out;
-}
-
-Result<std::string> explain_presets(const std::string& name) {
-  std::vector<std::string> names;
-  std::string out;
-  for (const Preset& preset : presets()) {
-    names.emplace_back(preset.name);
-    if (!name.empty() && name != preset.name) continue;
-    out.append(preset.name).append(":");
-    for (const auto& [option, value] : preset.options)
-      out.append(" ").append(option).append(" ").append(value);
-    out.append("\n  ").append(preset.words).append("\n");
+// The options of the preset that the words do not give themselves.
+std::vector<std::pair<std::string_view, std::string_view>> added(
+    const std::vector<std::string>& words) {
+  std::string name;
+  for (std::size_t i = 0; i < words.size(); ++i) {
+    if (words[i].starts_with("--preset=")) name = words[i].substr(std::string("--preset=").size());
+    if (words[i] == "--preset" && i + 1 < words.size()) name = words[i + 1];
   }
-  if (out.empty())
-    return usage("--preset " + name + ": no such preset" + did_you_mean(name, names));
+  std::vector<std::pair<std::string_view, std::string_view>> out;
+  const Preset* preset = find_preset(name);
+  if (preset == nullptr) return out;
+  std::copy_if(preset->options.begin(), preset->options.end(), std::back_inserter(out),
+               [&words](const auto& each) {
+                 const bool other_unit =
+                     each.first == "--max-area-px" && gives(words, "--max-area");
+                 return !gives(words, each.first) && !other_unit;
+               });
   return out;
 }
-
-namespace {
-
-using nlohmann::json;
 
 // Reads a list such as "7,20-24" into `labels`. If `joined` is not null, + joins labels, as in
 // "20+21", to a set of it, which is one material. Returns why the list is wrong.
@@ -444,7 +417,46 @@ void add_solid_parameters(const SolidOptions& o, json& out) {
   if (!o.mask_labels.empty()) out["mask_labels"] = o.mask_labels;
 }
 
+// The name of the axis: "transverse" (for kAxial), "coronal" or "sagittal".
+const char* axis_name(SliceAxis axis) {
+  return axis == SliceAxis::kCoronal    ? "coronal"
+         : axis == SliceAxis::kSagittal ? "sagittal"
+                                        : "transverse";
+}
+
 }  // namespace
+
+std::vector<std::string> with_preset_options(const std::vector<std::string>& words) {
+  std::vector<std::string> out = words;
+  // After "--" there are only inputs.
+  auto end = std::find(out.begin(), out.end(), "--") - out.begin();
+  for (const auto& [option, value] : added(words))
+    out.insert(out.begin() + end++, std::string(option).append("=").append(value));
+  return out;
+}
+
+std::set<std::string> added_by_preset(const std::vector<std::string>& words) {
+  std::set<std::string> out;
+  for (const auto& [option, value] : added(words))
+    out.emplace(option);
+  return out;
+}
+
+Result<std::string> explain_presets(const std::string& name) {
+  std::vector<std::string> names;
+  std::string out;
+  for (const Preset& preset : presets()) {
+    names.emplace_back(preset.name);
+    if (!name.empty() && name != preset.name) continue;
+    out.append(preset.name).append(":");
+    for (const auto& [option, value] : preset.options)
+      out.append(" ").append(option).append(" ").append(value);
+    out.append("\n  ").append(preset.words).append("\n");
+  }
+  if (out.empty())
+    return usage("--preset " + name + ": no such preset" + did_you_mean(name, names));
+  return out;
+}
 
 void add_mesh_options(CLI::App& app, Arguments& a) {
   add_common_options(app, a, "the asset to write (.glb), or only its surface (.stl, .ply, .obj)");
@@ -508,12 +520,6 @@ Result<void> complete(Arguments& a) {
                  " bytes; a key has 16 to 64");
   stack.input_key = std::move(*key);
   return {};
-}
-
-const char* axis_name(SliceAxis axis) {
-  return axis == SliceAxis::kCoronal    ? "coronal"
-         : axis == SliceAxis::kSagittal ? "sagittal"
-                                        : "transverse";
 }
 
 json parameters_json(const StackOptions& o, const OpenOptions& input) {

@@ -1,31 +1,24 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Presets of trocar-mesh. A preset is a named list of options with values, which `--explain`
-// prints. If the command line gives an option of the preset too, the command line's value counts.
+// The options of trocar-mesh for meshing or previewing a scan, and their presets. A preset is a named
+// list of options with values, which `--explain` prints; what the command line gives itself counts.
 #pragma once
 
 #include <filesystem>
 #include <nlohmann/json.hpp>
 #include <optional>
 #include <set>
-#include <span>
 #include <string>
-#include <string_view>
-#include <utility>
 #include <vector>
 
 #include "formats/base/result.h"
 #include "pipeline/bake/mesh_stack.h"
 #include "pipeline/read/slice_stack.h"
 
+namespace CLI {  // NOLINT(readability-identifier-naming): CLI11's
+class App;
+}  // namespace CLI
+
 namespace trocar::pipeline {
-
-struct Preset {
-  std::string_view name, words;  ///< words: what the preset is for
-  /// The name of each option, such as "--threshold", and the option's value.
-  std::vector<std::pair<std::string_view, std::string_view>> options;
-};
-
-std::span<const Preset> presets();
 
 /// Returns the words of a command line together with the options of its `--preset`. An option that
 /// the command line gives itself is not added. If the command line gives `--max-area`, the preset's
@@ -40,17 +33,7 @@ std::set<std::string> added_by_preset(const std::vector<std::string>& words);
 /// empty. Errors: kUsage if there is no such preset.
 Result<std::string> explain_presets(const std::string& name);
 
-}  // namespace trocar::pipeline
-
-// The options of trocar-mesh for meshing or previewing a scan. Parsing fills StackOptions and
-// OpenOptions.
-
-namespace CLI {  // NOLINT(readability-identifier-naming): CLI11's
-class App;
-}  // namespace CLI
-
-namespace trocar::pipeline {
-
+/// Parsing fills StackOptions and OpenOptions.
 struct Arguments {
   std::vector<std::filesystem::path> inputs;
   std::filesystem::path output, report, dump_stages, hu, input_key;
@@ -77,9 +60,6 @@ void add_preview_options(CLI::App& app, Arguments& a);
 /// Completes the options after parsing; reads the files of --names and --input-key. Errors: kUsage
 /// if an option excludes another one; the errors of reading.
 Result<void> complete(Arguments& a);
-
-/// The name of the axis: "transverse" (for kAxial), "coronal" or "sagittal".
-const char* axis_name(SliceAxis axis);
 
 /// The options of meshing and opening as the parameters that reports and assets store.
 nlohmann::json parameters_json(const StackOptions& options, const OpenOptions& input);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-#include "pipeline/program/asset_commands.h"
+#include "pipeline/program/commands.h"
 
 #include <Eigen/Geometry>
 #include <OpenMesh/Core/IO/MeshIO.hh>
@@ -7,17 +7,16 @@
 #include <OpenMesh/Core/System/omstream.hh>
 #include <algorithm>
 #include <array>
+#include <atomic>
 #include <cerrno>
 #include <cmath>
 #include <cstdio>
 #include <cstdlib>
 #include <limits>
-#include <memory>
 #include <optional>
 #include <set>
 #include <sstream>
 #include <system_error>
-#include <utility>
 
 #include "formats/asset/deidentification.h"
 #include "formats/base/command_line.h"
@@ -25,14 +24,34 @@
 #include "formats/base/json.h"
 #include "formats/base/text.h"
 #include "formats/mesh/triangulation.h"
-#include "pipeline/program/mesh_command.h"
 #include "pipeline/read/number_ranges.h"
 #include "pipeline/surface/cgal_verification.h"
 
 namespace trocar::pipeline {
 namespace {
 
+namespace fs = std::filesystem;
+using ObjMesh = OpenMesh::TriMesh_ArrayKernelT<>;
 using nlohmann::json;
+
+struct InfoArguments {
+  std::filesystem::path asset;
+  bool as_json = false;
+};
+
+struct VerifyArguments {
+  std::vector<std::filesystem::path> assets;
+  bool as_json = false;
+  bool with_cgal = false;  // also verifies every slice with CGAL
+  // Also refuses texts that may identify the patient, and HU around the material (--context).
+  bool deidentified = false;
+};
+
+struct ExportArguments {
+  std::filesystem::path asset, folder;
+  bool surface = false;  // writes the surfaces instead of the slices
+};
+
 /// Bounding box of the mesh in the slice plane, mm; it is empty for an empty mesh.
 Eigen::AlignedBox2d box_of(const SliceMesh& mesh, double step_mm) {
   Eigen::AlignedBox2d box;
@@ -72,8 +91,11 @@ json or_null(const std::optional<T>& value) {
   return value ? json(*value) : json(nullptr);
 }
 
-}  // namespace
-
+// The JSON that `info` prints (formats/session/info.schema.json). For each slice and material, it
+// has the position, the numbers of vertices, triangles and rings, and the area, bounding box,
+// centroid and mean HU. For the asset it has the parameters, the area of each material over all
+// slices, the surfaces, and the grids on which the asset stores HU (one for the material, one for
+// the context). `bytes` is the size of the asset's file.
 json describe_asset(const Asset& asset, std::uint64_t bytes) {
   json slices = json::array();
   Eigen::AlignedBox2d all;
@@ -146,11 +168,6 @@ json describe_asset(const Asset& asset, std::uint64_t bytes) {
   return out;
 }
 
-namespace {
-
-namespace fs = std::filesystem;
-using ObjMesh = OpenMesh::TriMesh_ArrayKernelT<>;
-
 constexpr std::array kSurfaceEndings = {".stl", ".ply", ".obj"};
 
 // OpenMesh writes the file. It refuses a mesh that is not manifold, which is an independent check.
@@ -210,6 +227,91 @@ std::string slice_name(const Asset& asset, const AssetSlice& slice) {
   char name[32];
   std::snprintf(name, sizeof name, "slice_%04d", slice.index);
   return asset.materials.size() > 1 ? name + ('_' + std::to_string(slice.material)) : name;
+}
+
+// Is p strictly inside the ring, or one of its vertices?
+bool inside_or_vertex(const Ring& ring, LatticePoint p) {
+  bool in = false;
+  for (std::size_t i = 0; i < ring.size(); ++i) {
+    LatticePoint a = ring[i], b = ring[(i + 1) % ring.size()];
+    if (p == a) return true;
+    if ((a.y > p.y) == (b.y > p.y)) continue;
+    if (a.y > b.y) std::swap(a, b);
+    if (orient2d(a, b, p) > 0) in = !in;
+  }
+  return in;
+}
+
+// Finds a point in each hole, strictly inside it and outside the islands in it. If every ring in
+// the hole is reversed, the triangulation covers what is not material, and the triangles at the rim
+// of the hole lie in this hole and not in a deeper one.
+Result<std::vector<std::array<double, 2>>> hole_seeds(const Pslg& pslg, const Lattice& lattice) {
+  std::vector<std::array<double, 2>> seeds;
+  for (const Ring& hole : pslg.rings) {
+    if (doubled_area(hole) > 0) continue;
+    Pslg complement;
+    for (const Ring& ring : pslg.rings) {
+      if (!std::all_of(ring.begin(), ring.end(),
+                       [&hole](LatticePoint p) { return inside_or_vertex(hole, p); }))
+        continue;
+      complement.rings.emplace_back(ring.rbegin(), ring.rend());
+    }
+    const auto triangulation = triangulate(complement);
+    if (!triangulation) return triangulation.error();
+    const SliceMesh& mesh = triangulation->mesh;
+    std::set<std::pair<LatticePoint, LatticePoint>> rim;
+    for (std::size_t i = 0; i < hole.size(); ++i)
+      rim.emplace(hole[(i + 1) % hole.size()], hole[i]);
+    std::int64_t best = 0;
+    std::array<double, 2> seed{};
+    for (const Triangle& t : mesh.triangles) {
+      const std::array<LatticePoint, 3> p = {mesh.vertices[t[0]], mesh.vertices[t[1]],
+                                             mesh.vertices[t[2]]};
+      const bool on_rim =
+          rim.contains({p[0], p[1]}) || rim.contains({p[1], p[2]}) || rim.contains({p[2], p[0]});
+      if (on_rim && orient2d(p[0], p[1], p[2]) > best) {
+        best = orient2d(p[0], p[1], p[2]);
+        seed = {(lattice.to_mm(p[0].x) + lattice.to_mm(p[1].x) + lattice.to_mm(p[2].x)) / 3,
+                (lattice.to_mm(p[0].y) + lattice.to_mm(p[1].y) + lattice.to_mm(p[2].y)) / 3};
+      }
+    }
+    seeds.push_back(seed);
+  }
+  return seeds;
+}
+
+std::string number(double v) {
+  return text_of(v, 17);
+}
+
+// The contents of the file: the outline's vertices and segments in mm in the slice plane, and a
+// point inside each hole, by which Triangle recognises the hole. To find these points, the
+// function triangulates the holes. Errors: those of triangulate().
+Result<std::string> poly_text(const AssetSlice& slice, const Lattice& lattice) {
+  const auto seeds = hole_seeds(slice.pslg, lattice);
+  if (!seeds) return seeds.error();
+  std::size_t n = 0;
+  for (const Ring& ring : slice.pslg.rings)
+    n += ring.size();
+  std::ostringstream out;
+  out << "# slice " << slice.index << ", mm in the slice plane\n" << n << " 2 0 1\n";
+  std::size_t at = 0;
+  for (const Ring& ring : slice.pslg.rings) {
+    for (const LatticePoint p : ring)
+      out << ++at << ' ' << number(lattice.to_mm(p.x)) << ' ' << number(lattice.to_mm(p.y))
+          << " 1\n";
+  }
+  out << n << " 1\n";
+  std::size_t first = 1, segment = 0;
+  for (const Ring& ring : slice.pslg.rings) {
+    for (std::size_t i = 0; i < ring.size(); ++i)
+      out << ++segment << ' ' << first + i << ' ' << first + (i + 1) % ring.size() << " 1\n";
+    first += ring.size();
+  }
+  out << seeds->size() << '\n';
+  for (std::size_t i = 0; i < seeds->size(); ++i)
+    out << i + 1 << ' ' << number((*seeds)[i][0]) << ' ' << number((*seeds)[i][1]) << '\n';
+  return out.str();
 }
 
 // The files of a slice in the order of kEndings.
@@ -287,10 +389,21 @@ class ScratchFolder {
   bool is_new_;
 };
 
-}  // namespace
-
-Result<std::vector<std::string>> export_asset(const Asset& asset, const fs::path& folder,
-                                              const std::atomic<bool>* stop) {
+// Writes three files for each slice with material: `slice_NNNN.poly` (triangle_poly.h),
+// `slice_NNNN.obj` (mm, in the patient's LPS frame) and `slice_NNNN.svg`. NNNN is the slice's
+// index. If the asset has several materials, the files of material M are `slice_NNNN_M.poly` and
+// so on. The folder is created if needed, and files of the same names are replaced. If a file
+// cannot be made, for example because a folder has its name, no file in `folder` is changed.
+//
+// Returns the names of files in the folder that are named like exported slices, but do not belong
+// to this export: an earlier export of other slices has written them. The function keeps these
+// files. The caller should warn the user, who could take them for files of this asset.
+//
+// Errors: kUnwritable if a file cannot be written or `stop` was set; kRefused if a mesh is not
+// manifold (for example, if an edge has more than two triangles); those of poly_text().
+Result<std::vector<std::string>> export_asset(const Asset& asset,
+                                              const std::filesystem::path& folder,
+                                              const std::atomic<bool>* stop = nullptr) {
   omlog().disable();  // OpenMesh logs every file that it writes
   std::vector<std::string> others = other_exports(asset, folder);
   const auto scratch = ScratchFolder::make(folder);
@@ -311,40 +424,14 @@ Result<std::vector<std::string>> export_asset(const Asset& asset, const fs::path
   return others;
 }
 
-bool is_surface_ending(std::string_view ending) {
-  return std::find(kSurfaceEndings.begin(), kSurfaceEndings.end(), ending) != kSurfaceEndings.end();
-}
-
-Result<std::string> surface_text(const TriangleSurface& surface, const std::string& ending) {
-  omlog().disable();  // OpenMesh logs every file that it writes
-  ObjMesh mesh;
-  mesh.request_vertex_normals();
-  mesh.request_face_normals();
-  std::vector<ObjMesh::VertexHandle> handles;
-  const std::vector<Eigen::Vector3f> normals = vertex_normals(surface);
-  for (std::size_t v = 0; v < surface.vertices.size(); ++v) {
-    ObjMesh::Point p;
-    for (std::size_t k = 0; k < 3; ++k)  // a float represents lattice coordinates exactly
-      p[k] = static_cast<float>(surface.lattice.to_mm(surface.vertices[v][k]));
-    handles.push_back(mesh.add_vertex(p));
-    mesh.set_normal(handles.back(), {normals[v].x(), normals[v].y(), normals[v].z()});
-  }
-  for (const auto& t : surface.triangles) {
-    if (!mesh.add_face(handles[t[0]], handles[t[1]], handles[t[2]]).is_valid())
-      return refused("the surface: OpenMesh finds it not manifold");
-  }
-  mesh.update_face_normals();
-  using OpenMesh::IO::Options;
-  Options options(ending == ".obj" ? Options::Default : Options::Binary);
-  if (ending != ".stl") options += Options::VertexNormal;
-  std::ostringstream text;
-  if (!OpenMesh::IO::write_mesh(mesh, text, ending, options, 9))
-    return bug("OpenMesh cannot write " + ending);
-  return text.str();
-}
-
-Result<void> export_surfaces(const Asset& asset, const fs::path& folder,
-                             const std::atomic<bool>* stop) {
+// Writes each surface in the three formats of surface_text(), to `surface.stl`, `surface.ply` and
+// `surface.obj`. If the asset has several surfaces, the files of material M are `surface_M.stl`
+// and so on. If a file cannot be made, for example because a folder has its name, no file
+// in `folder` is changed.
+// Errors: kUnwritable if a file cannot be written or `stop` was set; kRefused if the asset has no
+// surface, or if a surface is not manifold.
+Result<void> export_surfaces(const Asset& asset, const std::filesystem::path& folder,
+                             const std::atomic<bool>* stop = nullptr) {
   if (asset.surfaces.empty())
     return refused("no surface in this asset; trocar-mesh SCAN --surface makes one");
   const auto scratch = ScratchFolder::make(folder);
@@ -363,97 +450,6 @@ Result<void> export_surfaces(const Asset& asset, const fs::path& folder,
   }
   return (*scratch)->move_out(names);
 }
-
-namespace {
-
-std::string number(double v) {
-  return text_of(v, 17);
-}
-
-// Is p strictly inside the ring, or one of its vertices?
-bool inside_or_vertex(const Ring& ring, LatticePoint p) {
-  bool in = false;
-  for (std::size_t i = 0; i < ring.size(); ++i) {
-    LatticePoint a = ring[i], b = ring[(i + 1) % ring.size()];
-    if (p == a) return true;
-    if ((a.y > p.y) == (b.y > p.y)) continue;
-    if (a.y > b.y) std::swap(a, b);
-    if (orient2d(a, b, p) > 0) in = !in;
-  }
-  return in;
-}
-
-// Finds a point in each hole, strictly inside it and outside the islands in it. If every ring in
-// the hole is reversed, the triangulation covers what is not material, and the triangles at the rim
-// of the hole lie in this hole and not in a deeper one.
-Result<std::vector<std::array<double, 2>>> hole_seeds(const Pslg& pslg, const Lattice& lattice) {
-  std::vector<std::array<double, 2>> seeds;
-  for (const Ring& hole : pslg.rings) {
-    if (doubled_area(hole) > 0) continue;
-    Pslg complement;
-    for (const Ring& ring : pslg.rings) {
-      if (!std::all_of(ring.begin(), ring.end(),
-                       [&hole](LatticePoint p) { return inside_or_vertex(hole, p); }))
-        continue;
-      complement.rings.emplace_back(ring.rbegin(), ring.rend());
-    }
-    const auto triangulation = triangulate(complement);
-    if (!triangulation) return triangulation.error();
-    const SliceMesh& mesh = triangulation->mesh;
-    std::set<std::pair<LatticePoint, LatticePoint>> rim;
-    for (std::size_t i = 0; i < hole.size(); ++i)
-      rim.emplace(hole[(i + 1) % hole.size()], hole[i]);
-    std::int64_t best = 0;
-    std::array<double, 2> seed{};
-    for (const Triangle& t : mesh.triangles) {
-      const std::array<LatticePoint, 3> p = {mesh.vertices[t[0]], mesh.vertices[t[1]],
-                                             mesh.vertices[t[2]]};
-      const bool on_rim =
-          rim.contains({p[0], p[1]}) || rim.contains({p[1], p[2]}) || rim.contains({p[2], p[0]});
-      if (on_rim && orient2d(p[0], p[1], p[2]) > best) {
-        best = orient2d(p[0], p[1], p[2]);
-        seed = {(lattice.to_mm(p[0].x) + lattice.to_mm(p[1].x) + lattice.to_mm(p[2].x)) / 3,
-                (lattice.to_mm(p[0].y) + lattice.to_mm(p[1].y) + lattice.to_mm(p[2].y)) / 3};
-      }
-    }
-    seeds.push_back(seed);
-  }
-  return seeds;
-}
-
-}  // namespace
-
-Result<std::string> poly_text(const AssetSlice& slice, const Lattice& lattice) {
-  const auto seeds = hole_seeds(slice.pslg, lattice);
-  if (!seeds) return seeds.error();
-  std::size_t n = 0;
-  for (const Ring& ring : slice.pslg.rings)
-    n += ring.size();
-  std::ostringstream out;
-  out << "# slice " << slice.index << ", mm in the slice plane\n" << n << " 2 0 1\n";
-  std::size_t at = 0;
-  for (const Ring& ring : slice.pslg.rings) {
-    for (const LatticePoint p : ring)
-      out << ++at << ' ' << number(lattice.to_mm(p.x)) << ' ' << number(lattice.to_mm(p.y))
-          << " 1\n";
-  }
-  out << n << " 1\n";
-  std::size_t first = 1, segment = 0;
-  for (const Ring& ring : slice.pslg.rings) {
-    for (std::size_t i = 0; i < ring.size(); ++i)
-      out << ++segment << ' ' << first + i << ' ' << first + (i + 1) % ring.size() << " 1\n";
-    first += ring.size();
-  }
-  out << seeds->size() << '\n';
-  for (std::size_t i = 0; i < seeds->size(); ++i)
-    out << i + 1 << ' ' << number((*seeds)[i][0]) << ' ' << number((*seeds)[i][1]) << '\n';
-  return out.str();
-}
-
-namespace {
-
-namespace fs = std::filesystem;
-using nlohmann::json;
 
 // The description as a table.
 void print_description(const fs::path& file, const json& out) {
@@ -509,31 +505,6 @@ void print_description(const fs::path& file, const json& out) {
   }
 }
 
-}  // namespace
-
-void add_info_options(CLI::App& command, InfoArguments& a) {
-  command.add_option("ASSET", a.asset, "the asset (.glb)")->required();
-  command.add_flag("--json", a.as_json, "print JSON");
-}
-
-int run_info(const InfoArguments& a) {
-  const auto asset = read_asset(a.asset);
-  if (!asset) return fail(asset.error());
-  std::error_code error;
-  const json out = describe_asset(*asset, fs::file_size(a.asset, error));
-  if (a.as_json) {
-    print_lines(stdout, json_text(out, 1) + "\n");
-  } else {
-    print_description(a.asset, out);
-  }
-  return 0;
-}
-
-namespace {
-
-namespace fs = std::filesystem;
-using nlohmann::json;
-
 // The results of the checks of an asset. The last two checks are made only if they are wanted and
 // the asset is valid.
 struct Checked {
@@ -562,19 +533,22 @@ Checked check(const fs::path& file, const VerifyArguments& a) {
   return out;
 }
 
-}  // namespace
-
-void add_verify_options(CLI::App& command, VerifyArguments& a) {
-  command.add_option("ASSET", a.assets, "one or more assets (.glb)")->required();
-  command.add_flag(
-      "--private", a.deidentified,
-      "also refuse an asset if a text in it may identify the patient, or if it has HU around\n"
-      "the material (--context), which can show a face");
-  command.add_flag("--independent", a.with_cgal,
-                   "also compare each slice with the triangulation of the library CGAL");
-  command.add_flag("--json", a.as_json, "print JSON");
+// Prints the description and returns the exit code.
+int run_info(const InfoArguments& a) {
+  const auto asset = read_asset(a.asset);
+  if (!asset) return fail(asset.error());
+  std::error_code error;
+  const json out = describe_asset(*asset, fs::file_size(a.asset, error));
+  if (a.as_json) {
+    print_lines(stdout, json_text(out, 1) + "\n");
+  } else {
+    print_description(a.asset, out);
+  }
+  return 0;
 }
 
+// Checks every asset and prints the outcome. Returns 0 if all assets are valid, otherwise the exit
+// code of the first failure.
 int run_verify(const VerifyArguments& a) {
   int code = 0;
   json out = json::array();
@@ -597,15 +571,7 @@ int run_verify(const VerifyArguments& a) {
   return code;
 }
 
-void add_export_options(CLI::App& command, ExportArguments& a) {
-  command.add_option("ASSET", a.asset, "the asset (.glb)")->required();
-  command.add_option("-o,--output", a.folder, "folder to write to")
-      ->type_name("FOLDER")
-      ->required();
-  command.add_flag("--surface", a.surface,
-                   "write the asset's closed surface instead, as .stl, .ply and .obj");
-}
-
+// Verifies the asset, writes the files and returns the exit code.
 int run_export(const ExportArguments& a) {
   const std::filesystem::path &file = a.asset, &folder = a.folder;
   const auto asset = read_asset(file);
@@ -628,6 +594,74 @@ int run_export(const ExportArguments& a) {
         others->size() == 1 ? "" : (" and " + std::to_string(others->size() - 1) + " more files"));
   }
   return 0;
+}
+
+}  // namespace
+
+bool is_surface_ending(std::string_view ending) {
+  return std::find(kSurfaceEndings.begin(), kSurfaceEndings.end(), ending) != kSurfaceEndings.end();
+}
+
+Result<std::string> surface_text(const TriangleSurface& surface, const std::string& ending) {
+  omlog().disable();  // OpenMesh logs every file that it writes
+  ObjMesh mesh;
+  mesh.request_vertex_normals();
+  mesh.request_face_normals();
+  std::vector<ObjMesh::VertexHandle> handles;
+  const std::vector<Eigen::Vector3f> normals = vertex_normals(surface);
+  for (std::size_t v = 0; v < surface.vertices.size(); ++v) {
+    ObjMesh::Point p;
+    for (std::size_t k = 0; k < 3; ++k)  // a float represents lattice coordinates exactly
+      p[k] = static_cast<float>(surface.lattice.to_mm(surface.vertices[v][k]));
+    handles.push_back(mesh.add_vertex(p));
+    mesh.set_normal(handles.back(), {normals[v].x(), normals[v].y(), normals[v].z()});
+  }
+  for (const auto& t : surface.triangles) {
+    if (!mesh.add_face(handles[t[0]], handles[t[1]], handles[t[2]]).is_valid())
+      return refused("the surface: OpenMesh finds it not manifold");
+  }
+  mesh.update_face_normals();
+  using OpenMesh::IO::Options;
+  Options options(ending == ".obj" ? Options::Default : Options::Binary);
+  if (ending != ".stl") options += Options::VertexNormal;
+  std::ostringstream text;
+  if (!OpenMesh::IO::write_mesh(mesh, text, ending, options, 9))
+    return bug("OpenMesh cannot write " + ending);
+  return text.str();
+}
+
+Command add_info(CLI::App& command) {
+  const auto made = std::make_shared<InfoArguments>();
+  InfoArguments& a = *made;
+  command.add_option("ASSET", a.asset, "the asset (.glb)")->required();
+  command.add_flag("--json", a.as_json, "print JSON");
+  return [made] { return run_info(*made); };
+}
+
+Command add_verify(CLI::App& command) {
+  const auto made = std::make_shared<VerifyArguments>();
+  VerifyArguments& a = *made;
+  command.add_option("ASSET", a.assets, "one or more assets (.glb)")->required();
+  command.add_flag(
+      "--private", a.deidentified,
+      "also refuse an asset if a text in it may identify the patient, or if it has HU around\n"
+      "the material (--context), which can show a face");
+  command.add_flag("--independent", a.with_cgal,
+                   "also compare each slice with the triangulation of the library CGAL");
+  command.add_flag("--json", a.as_json, "print JSON");
+  return [made] { return run_verify(*made); };
+}
+
+Command add_export(CLI::App& command) {
+  const auto made = std::make_shared<ExportArguments>();
+  ExportArguments& a = *made;
+  command.add_option("ASSET", a.asset, "the asset (.glb)")->required();
+  command.add_option("-o,--output", a.folder, "folder to write to")
+      ->type_name("FOLDER")
+      ->required();
+  command.add_flag("--surface", a.surface,
+                   "write the asset's closed surface instead, as .stl, .ply and .obj");
+  return [made] { return run_export(*made); };
 }
 
 }  // namespace trocar::pipeline

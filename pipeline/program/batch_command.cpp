@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-#include "pipeline/program/batch_command.h"
+#include "pipeline/program/commands.h"
 
 #include <sched.h>
 #include <unistd.h>
@@ -23,8 +23,6 @@
 #include "pipeline/batch/scan_files.h"
 #include "pipeline/batch/scan_worker.h"
 #include "pipeline/open/scan_folder.h"
-#include "pipeline/program/arguments.h"
-#include "pipeline/program/mesh_command.h"
 #include "pipeline/read/file_names.h"
 #include "pipeline/read/nrrd.h"
 
@@ -33,6 +31,14 @@ namespace {
 
 namespace fs = std::filesystem;
 using nlohmann::json;
+
+struct BatchArguments {
+  std::filesystem::path collection, only;
+  farm::BatchSettings settings;
+  std::string explain;
+  double grace_minutes = 60;
+  bool dry_run = false, as_json = false, gc = false, prune = false, strict = false, quiet = false;
+};
 
 // Options that a collection cannot give as parameters: the store determines the outputs, the batch
 // the number of threads, and `input` in the collection the series.
@@ -214,19 +220,11 @@ class Opened : public farm::OpenedScan {
   json warnings() const override { return warnings_; }
 
   Result<farm::ScanOutputs> mesh() override {
-    SliceStack& stack = *scan_.labels;
-    StackOptions& options = parsed_->a.stack;
-    OpenOptions& open = parsed_->a.open;
-    options.mesh.hu = scan_.ct.get();
-    options.stop = &stop_requested;
-    if (!stack.series && open.axis == SliceAxis::kAxial) open.axis.reset();
-    options.axis = open.axis;
-    follow_small_pixels(stack, options);
-    auto result = mesh_stack(stack, options, parameters_json(options, open));
+    auto result = mesh_scan(parsed_->a, scan_);
     if (!result) return result.error();
     farm::ScanOutputs out;
     out.asset = std::move(result->glb);
-    out.report = stored_report(std::move(result->report), stack);
+    out.report = stored_report(std::move(result->report), *scan_.labels);
     return out;
   }
 
@@ -240,58 +238,6 @@ bool is_nifti_file(const fs::path& path) {
   std::error_code ignored;
   return is_nifti(path) && fs::is_regular_file(path, ignored);
 }
-
-}  // namespace
-
-std::vector<std::string> collection_options() {
-  return names_of(parameters_of(Parsed().app));
-}
-
-Result<farm::Parameters> FarmScans::parameters(const json& given) const {
-  const auto parsed = parse_parameters(given);
-  if (!parsed) return parsed.error();
-  return farm::Parameters{canonical((*parsed)->a), files_of((*parsed)->a)};
-}
-
-Result<std::unique_ptr<farm::OpenedScan>> FarmScans::open(const json& given,
-                                                          const std::vector<fs::path>& inputs,
-                                                          const std::string& series,
-                                                          int threads) const {
-  auto parsed = parse_parameters(given);
-  if (!parsed) return parsed.error();
-  Arguments& a = (*parsed)->a;
-  a.inputs = inputs;
-  a.open.series = series;
-  a.stack.threads = threads;
-  auto scan = open_scan(a);
-  if (!scan) return scan.error();
-  // The report of meshing omits the warnings of opening, because they can be about files that do not
-  // belong to the scan.
-  SliceStack& stack = *scan->labels;
-  json warnings = json::array();
-  for (const Warning& w : stack.warnings) {
-    warnings.push_back({{"code", w.code}, {"where", w.where}, {"sentence", w.sentence}});
-    if (!w.shared.empty()) warnings.back()["shared"] = w.shared;
-  }
-  stack.warnings.clear();
-  if (auto ok = check_input(a, stack); !ok) return ok.error();
-  return std::unique_ptr<farm::OpenedScan>(
-      std::make_unique<Opened>(std::move(*parsed), std::move(*scan), std::move(warnings)));
-}
-
-bool FarmScans::opens_first(const std::vector<fs::path>& inputs,
-                            const farm::Parameters& parameters) const {
-  return !std::all_of(inputs.begin(), inputs.end(), is_nifti_file) ||
-         std::any_of(parameters.files.begin(), parameters.files.end(),
-                     [](const farm::NamedFile& file) {
-                       return (file.of == "hu" || file.of == "mask") && !is_nifti_file(file.path);
-                     });
-}
-
-namespace {
-
-namespace fs = std::filesystem;
-using nlohmann::json;
 
 // The number of cores that this process may use. TBB is not asked, because it would start threads,
 // and then the scans' processes could not be forked.
@@ -388,11 +334,6 @@ void print_warnings(const std::vector<farm::WarnedScan>& warned, std::FILE* to) 
   }
 }
 
-const char* name_of(farm::ScanState::Kind kind) {
-  using Kind = farm::ScanState::Kind;
-  return kind == Kind::kDone ? "unchanged" : kind == Kind::kStale ? "stale" : "known_failure";
-}
-
 int dry_run(const BatchArguments& a, const farm::Batch& batch, json head) {
   using Kind = farm::ScanState::Kind;
   const auto states = batch.dry_run();
@@ -430,6 +371,11 @@ int dry_run(const BatchArguments& a, const farm::Batch& batch, json head) {
   if (!known.empty()) std::printf(", %zu are known failures", known.size());
   std::printf("\n");
   return 0;
+}
+
+const char* name_of(farm::ScanState::Kind kind) {
+  using Kind = farm::ScanState::Kind;
+  return kind == Kind::kDone ? "unchanged" : kind == Kind::kStale ? "stale" : "known_failure";
 }
 
 int explain(const BatchArguments& a, const farm::Batch& batch, json head) {
@@ -562,9 +508,96 @@ int run(const BatchArguments& a, const farm::Collection& collection, const farm:
   return has_failed ? static_cast<int>(ExitCode::kRefused) : 0;
 }
 
+// Runs the batch and returns the exit code:
+//  - 2: the options or the collection are wrong.
+//  - 3: a scan failed in this run.
+//  - 3, without --only and --shard: every scan of the collection failed in an earlier run and was
+//    not tried again, and none of them has an asset.
+//  - 3, only with --strict: a failure of an earlier run was not tried again.
+//  - 4: the store could not be written, or a signal interrupted the run.
+//  - 1: there was an internal error, for example if no process could be created.
+//  - 0: none of these applies.
+int run_batch(const BatchArguments& a) {
+  std::error_code error;
+  const fs::path store = fs::absolute(a.settings.store, error);
+  farm::BatchSettings settings = a.settings;
+  settings.store = store;
+  if (settings.jobs == 0) settings.jobs = cores();
+  settings.stop = &stop_requested;
+  if (!a.quiet && ::isatty(STDERR_FILENO) != 0) settings.progress = scan_progress();
+  if (!a.only.empty()) {
+    auto names = names_in(a.only);
+    if (!names) return fail(names.error());
+    settings.only = std::move(*names);
+  }
+  const auto collection = farm::read_collection(a.collection);
+  if (!collection) return fail(collection.error());
+  const auto digest = farm::sha256_of_file("/proc/self/exe");
+  if (!digest) return fail(digest.error());
+  // Paths in the collection are relative to its folder. So are paths in messages.
+  fs::current_path(collection->folder, error);
+  if (error) return fail(usage(collection->folder.string() + ": " + error.message()));
+  stop_on_signals();
+  const FarmScans scans(*digest);
+  const auto batch = farm::Batch::plan(*collection, scans, std::move(settings));
+  if (!batch) return fail(usage(a.collection.string() + ": " + batch.error().message));
+  const json head = {
+      {"schema", "trocar.batch/1"}, {"program", *digest}, {"store", a.settings.store.string()}};
+  if (!a.explain.empty()) return explain(a, *batch, head);
+  if (a.dry_run) return dry_run(a, *batch, head);
+  return run(a, *collection, *batch, store, head);
+}
+
 }  // namespace
 
-void add_batch_options(CLI::App& command, BatchArguments& a) {
+std::vector<std::string> collection_options() {
+  return names_of(parameters_of(Parsed().app));
+}
+
+Result<farm::Parameters> FarmScans::parameters(const json& given) const {
+  const auto parsed = parse_parameters(given);
+  if (!parsed) return parsed.error();
+  return farm::Parameters{canonical((*parsed)->a), files_of((*parsed)->a)};
+}
+
+Result<std::unique_ptr<farm::OpenedScan>> FarmScans::open(const json& given,
+                                                          const std::vector<fs::path>& inputs,
+                                                          const std::string& series,
+                                                          int threads) const {
+  auto parsed = parse_parameters(given);
+  if (!parsed) return parsed.error();
+  Arguments& a = (*parsed)->a;
+  a.inputs = inputs;
+  a.open.series = series;
+  a.stack.threads = threads;
+  auto scan = open_scan(a);
+  if (!scan) return scan.error();
+  // The report of meshing omits the warnings of opening, because they can be about files that do not
+  // belong to the scan.
+  SliceStack& stack = *scan->labels;
+  json warnings = json::array();
+  for (const Warning& w : stack.warnings) {
+    warnings.push_back({{"code", w.code}, {"where", w.where}, {"sentence", w.sentence}});
+    if (!w.shared.empty()) warnings.back()["shared"] = w.shared;
+  }
+  stack.warnings.clear();
+  if (auto ok = check_input(a, stack); !ok) return ok.error();
+  return std::unique_ptr<farm::OpenedScan>(
+      std::make_unique<Opened>(std::move(*parsed), std::move(*scan), std::move(warnings)));
+}
+
+bool FarmScans::opens_first(const std::vector<fs::path>& inputs,
+                            const farm::Parameters& parameters) const {
+  return !std::all_of(inputs.begin(), inputs.end(), is_nifti_file) ||
+         std::any_of(parameters.files.begin(), parameters.files.end(),
+                     [](const farm::NamedFile& file) {
+                       return (file.of == "hu" || file.of == "mask") && !is_nifti_file(file.path);
+                     });
+}
+
+Command add_batch(CLI::App& command) {
+  const auto made = std::make_shared<BatchArguments>();
+  BatchArguments& a = *made;
   farm::BatchSettings& settings = a.settings;
   command
       .add_option("COLLECTION", a.collection,
@@ -634,37 +667,7 @@ void add_batch_options(CLI::App& command, BatchArguments& a) {
     option->excludes(dry_run)->excludes(explain);
   command.add_flag("--json", a.as_json, "print the summary as JSON");
   command.add_flag("--quiet", a.quiet, "print errors only");
-}
-
-int run_batch(const BatchArguments& a) {
-  std::error_code error;
-  const fs::path store = fs::absolute(a.settings.store, error);
-  farm::BatchSettings settings = a.settings;
-  settings.store = store;
-  if (settings.jobs == 0) settings.jobs = cores();
-  settings.stop = &stop_requested;
-  if (!a.quiet && ::isatty(STDERR_FILENO) != 0) settings.progress = scan_progress();
-  if (!a.only.empty()) {
-    auto names = names_in(a.only);
-    if (!names) return fail(names.error());
-    settings.only = std::move(*names);
-  }
-  const auto collection = farm::read_collection(a.collection);
-  if (!collection) return fail(collection.error());
-  const auto digest = farm::sha256_of_file("/proc/self/exe");
-  if (!digest) return fail(digest.error());
-  // Paths in the collection are relative to its folder. So are paths in messages.
-  fs::current_path(collection->folder, error);
-  if (error) return fail(usage(collection->folder.string() + ": " + error.message()));
-  stop_on_signals();
-  const FarmScans scans(*digest);
-  const auto batch = farm::Batch::plan(*collection, scans, std::move(settings));
-  if (!batch) return fail(usage(a.collection.string() + ": " + batch.error().message));
-  const json head = {
-      {"schema", "trocar.batch/1"}, {"program", *digest}, {"store", a.settings.store.string()}};
-  if (!a.explain.empty()) return explain(a, *batch, head);
-  if (a.dry_run) return dry_run(a, *batch, head);
-  return run(a, *collection, *batch, store, head);
+  return [made] { return run_batch(*made); };
 }
 
 }  // namespace trocar::pipeline

@@ -1,17 +1,13 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-#include "pipeline/program/mesh_command.h"
+#include "pipeline/program/commands.h"
 
 #include <unistd.h>
 #include <algorithm>
 #include <cctype>
 #include <chrono>
 #include <cstdio>
-#include <functional>
-#include <memory>
 #include <set>
-#include <utility>
 
-#include "formats/asset/asset.h"
 #include "formats/asset/deidentification.h"
 #include "formats/base/command_line.h"
 #include "formats/base/files.h"
@@ -19,13 +15,13 @@
 #include "formats/base/text.h"
 #include "pipeline/bake/mesh_stack.h"
 #include "pipeline/bake/report.h"
-#include "pipeline/program/asset_commands.h"
 #include "pipeline/read/file_names.h"
 
 namespace trocar::pipeline {
 namespace {
 
 using nlohmann::json;
+namespace fs = std::filesystem;
 
 // The kernel for the report, or an empty text if it could identify the patient: DICOM allows any
 // text of 16 characters, and a scanner's kernels, such as "Br40d\\3", have no ^ and no four digits
@@ -36,69 +32,6 @@ std::string shared_kernel(const std::string& kernel) {
                         !matches(kernel, ".*[0-9]{4}.*");
   return is_plain ? kernel : "";
 }
-
-}  // namespace
-
-Result<LabelsWithCt> open_scan(const Arguments& a) {
-  if (!a.hu.empty()) return open_labels_with_ct(a.inputs, a.hu, a.open);
-  auto stack = open_stack(a.inputs, a.open);
-  if (!stack) return stack.error();
-  return LabelsWithCt{std::move(*stack), nullptr};
-}
-
-std::vector<std::filesystem::path> files_read(const Arguments& a, const LabelsWithCt& scan) {
-  std::vector<std::filesystem::path> out = scan.labels->files;
-  if (scan.ct != nullptr) out.insert(out.end(), scan.ct->files.begin(), scan.ct->files.end());
-  if (!a.names.empty()) out.emplace_back(a.names);
-  if (!a.input_key.empty()) out.push_back(a.input_key);
-  if (!a.stack.solid.mask_file.empty()) out.emplace_back(a.stack.solid.mask_file);
-  return out;
-}
-
-Result<void> check_input(const Arguments& a, SliceStack& stack) {
-  if (a.open.completeness_unknown) {
-    stack.warnings.push_back({"completeness_unknown", "--completeness-unknown",
-                              "nobody has said how many images the scan has; some may be missing"});
-  }
-  if (stack.pixel_unit() == PixelUnit::kHounsfield || a.labels || a.equalize) return {};
-  if (stack.pixel_unit() == PixelUnit::kUncalibrated) {
-    if (!a.threshold || !a.preset.empty()) {
-      const auto sentence = [](const std::string& modality) {
-        return "its default and the presets are meant in HU; values of " + modality +
-               " need one of their own";
-      };
-      stack.warnings.push_back({"default_threshold", "--threshold", sentence(stack.modality),
-                                sentence(shared_modality(stack.modality))});
-    }
-    return {};
-  }
-  if (!a.preset.empty()) {
-    return usage("--preset " + a.preset +
-                 " is for HU, which images do not carry: give --equalize "
-                 "LEVEL, or --threshold with a grey level of 0..255");
-  }
-  if (!a.threshold) {
-    return usage(
-        "images carry no HU: give --equalize LEVEL, or --threshold with a grey level of 0..255");
-  }
-  if (!(*a.threshold >= 0 && *a.threshold <= 255)) {
-    stack.warnings.push_back({"threshold_out_of_range", "--threshold",
-                              "images have grey levels of 0..255, whatever their depth; with this "
-                              "threshold all of a slice is material, or nothing"});
-  }
-  return {};
-}
-
-json series_for_report(const SeriesInfo& series) {
-  return {{"number", series.number ? json(*series.number) : json()},
-          {"kernel", shared_kernel(series.kernel)},
-          {"modality", is_modality(series.modality) ? series.modality : ""}};
-}
-
-namespace {
-
-namespace fs = std::filesystem;
-using nlohmann::json;
 
 // Refuses to overwrite an input or any file that may be a scan. For example, with `-o *.png` the
 // shell inserts the name of a slice as the output.
@@ -272,29 +205,88 @@ void print_outcome(const Arguments& a, const StackResult& result) {
 
 }  // namespace
 
+Result<LabelsWithCt> open_scan(const Arguments& a) {
+  if (!a.hu.empty()) return open_labels_with_ct(a.inputs, a.hu, a.open);
+  auto stack = open_stack(a.inputs, a.open);
+  if (!stack) return stack.error();
+  return LabelsWithCt{std::move(*stack), nullptr};
+}
+
+std::vector<std::filesystem::path> files_read(const Arguments& a, const LabelsWithCt& scan) {
+  std::vector<std::filesystem::path> out = scan.labels->files;
+  if (scan.ct != nullptr) out.insert(out.end(), scan.ct->files.begin(), scan.ct->files.end());
+  if (!a.names.empty()) out.emplace_back(a.names);
+  if (!a.input_key.empty()) out.push_back(a.input_key);
+  if (!a.stack.solid.mask_file.empty()) out.emplace_back(a.stack.solid.mask_file);
+  return out;
+}
+
+Result<void> check_input(const Arguments& a, SliceStack& stack) {
+  if (a.open.completeness_unknown) {
+    stack.warnings.push_back({"completeness_unknown", "--completeness-unknown",
+                              "nobody has said how many images the scan has; some may be missing"});
+  }
+  if (stack.pixel_unit() == PixelUnit::kHounsfield || a.labels || a.equalize) return {};
+  if (stack.pixel_unit() == PixelUnit::kUncalibrated) {
+    if (!a.threshold || !a.preset.empty()) {
+      const auto sentence = [](const std::string& modality) {
+        return "its default and the presets are meant in HU; values of " + modality +
+               " need one of their own";
+      };
+      stack.warnings.push_back({"default_threshold", "--threshold", sentence(stack.modality),
+                                sentence(shared_modality(stack.modality))});
+    }
+    return {};
+  }
+  if (!a.preset.empty()) {
+    return usage("--preset " + a.preset +
+                 " is for HU, which images do not carry: give --equalize "
+                 "LEVEL, or --threshold with a grey level of 0..255");
+  }
+  if (!a.threshold) {
+    return usage(
+        "images carry no HU: give --equalize LEVEL, or --threshold with a grey level of 0..255");
+  }
+  if (!(*a.threshold >= 0 && *a.threshold <= 255)) {
+    stack.warnings.push_back({"threshold_out_of_range", "--threshold",
+                              "images have grey levels of 0..255, whatever their depth; with this "
+                              "threshold all of a slice is material, or nothing"});
+  }
+  return {};
+}
+
+Result<StackResult> mesh_scan(Arguments& a, const LabelsWithCt& scan) {
+  const SliceStack& stack = *scan.labels;
+  a.stack.mesh.hu = scan.ct.get();
+  a.stack.stop = &stop_requested;
+  // A volume that is not DICOM is axial even without --axis.
+  if (!stack.series && a.open.axis == SliceAxis::kAxial) a.open.axis.reset();
+  a.stack.axis = a.open.axis;
+  follow_small_pixels(stack, a.stack);
+  return mesh_stack(stack, a.stack, parameters_json(a.stack, a.open));
+}
+
+json series_for_report(const SeriesInfo& series) {
+  return {{"number", series.number ? json(*series.number) : json()},
+          {"kernel", shared_kernel(series.kernel)},
+          {"modality", is_modality(series.modality) ? series.modality : ""}};
+}
+
 int run_mesh(Arguments a) {
   a.surface = a.surface || is_surface_ending(ending_of(a.output));
   if (a.inputs.empty()) return fail(usage("no INPUT given; see trocar-mesh --help"));
   if (a.output.empty()) return fail(usage("no output given: -o OUT.glb"));
   if (auto ok = check_outputs(a, a.inputs); !ok) return fail(ok.error());
   if (auto ok = complete(a); !ok) return fail(ok.error());
-  StackOptions& options = a.stack;
-  OpenOptions& open = a.open;
-  open.unpack_behind = true;
+  a.open.unpack_behind = true;
   stop_on_signals();
   const auto scan = open_scan(a);
   if (!scan) return fail(scan.error());
   const std::unique_ptr<SliceStack>& stack = scan->labels;
-  options.mesh.hu = scan->ct.get();
   if (auto ok = check_outputs(a, files_read(a, *scan)); !ok) return fail(ok.error());
   if (auto ok = check_input(a, *stack); !ok) return fail(ok.error());
-  if (!a.quiet && ::isatty(STDERR_FILENO) != 0) options.progress = slice_progress();
-  options.stop = &stop_requested;
-  // A volume that is not DICOM is axial even without --axis.
-  if (!stack->series && open.axis == SliceAxis::kAxial) open.axis.reset();
-  options.axis = open.axis;
-  follow_small_pixels(*stack, options);
-  auto result = mesh_stack(*stack, options, parameters_json(options, open));
+  if (!a.quiet && ::isatty(STDERR_FILENO) != 0) a.stack.progress = slice_progress();
+  auto result = mesh_scan(a, *scan);
   if (!result) return fail(result.error());
   if (!a.dump_stages.empty() && result->stages.is_null())
     return fail(usage("--dump-stages needs --dump-slice with a slice that was meshed"));

@@ -1,32 +1,39 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-#include "pipeline/program/scan_commands.h"
+#include "pipeline/program/commands.h"
 
 #include <oneapi/tbb/global_control.h>
 #include <oneapi/tbb/info.h>
 #include <unistd.h>
 #include <algorithm>
 #include <cstdio>
-#include <string>
 #include <system_error>
-#include <vector>
 
 #include "formats/base/command_line.h"
 #include "formats/base/files.h"
 #include "formats/base/json.h"
 #include "formats/base/text.h"
 #include "pipeline/bake/report.h"
-#include "pipeline/batch/collection.h"
 #include "pipeline/batch/review.h"
 #include "pipeline/open/scan_folder.h"
 #include "pipeline/preview/preview.h"
 #include "pipeline/preview/preview_sheet.h"
-#include "pipeline/program/mesh_command.h"
 
 namespace trocar::pipeline {
 namespace {
 
 namespace fs = std::filesystem;
 using nlohmann::json;
+
+struct ListArguments {
+  std::filesystem::path folder;
+  std::filesystem::path output;                 // file for the collection; empty: standard output
+  bool as_json = false, as_collection = false;  // as_collection: print a collection (--manifest)
+};
+
+struct ReviewArguments {
+  std::filesystem::path store, page, against;  // against: store to compare with, or empty
+  bool as_json = false, quiet = false;
+};
 
 // An initial collection of the scans that `list` found, as text. Adds warnings about images, because
 // their parameters are missing, and about scans that cannot be used.
@@ -53,26 +60,54 @@ std::string collection_of(const json& list, const ListArguments& a,
   return json_text(collection, 1) + "\n";
 }
 
-}  // namespace
-
-void add_list_options(CLI::App& command, ListArguments& a) {
-  command.add_option("FOLDER", a.folder, "folder to search for scans, with its subfolders")
-      ->required();
-  CLI::Option* const as_json = command.add_flag("--json", a.as_json, "print JSON");
-  CLI::Option* const manifest =
-      command
-          .add_flag("--manifest", a.as_collection,
-                    "print the scans as a collection, the JSON file that batch "
-                    "reads, with absolute paths")
-          ->excludes(as_json);
-  command
-      .add_option(
-          "-o,--output", a.output,
-          "with --manifest: write the collection to this file, with paths relative to its folder")
-      ->type_name("FILE")
-      ->needs(manifest);
+// Refuses to overwrite a picture that is not a sheet (with `-o *.png` the shell inserts the name of
+// a slice as the output), and refuses to add a sheet to the scan's images.
+Result<void> check_sheet(const Arguments& a, const std::vector<fs::path>& read) {
+  const std::string given = "-o " + a.output.string() + ": ";
+  const std::string ending = ending_of(a.output);
+  if (ending != ".png" && ending != ".html")
+    return usage(given + "a preview is a .png or .html; an asset is made without preview");
+  const OutputFile outputs[] = {{"-o", a.output}};
+  if (auto ok = trocar::check_outputs(outputs, read); !ok) return ok;
+  std::error_code ignored;
+  if (ending == ".png" && fs::exists(a.output, ignored) && !is_sheet(a.output))
+    return usage(given + "would write over a picture that is no preview");
+  if (ending != ".png" || read.empty() || ending_of(read[0]) != ".png") return {};
+  const fs::path folder = a.output.has_parent_path() ? a.output.parent_path() : ".";
+  const fs::path scan = read[0].has_parent_path() ? read[0].parent_path() : ".";
+  if (fs::equivalent(folder, scan, ignored))
+    return usage(given + "would become one of the scan's images; give another folder");
+  return {};
 }
 
+void print_summary(const ReviewArguments& a, const json& numbers) {
+  print(stdout,
+        "%s: %zu scans: %zu assets, %zu failed, %zu damaged, %zu with warnings; %zu pages\n",
+        a.page, numbers["scans"].get<std::size_t>(), numbers["done"].get<std::size_t>(),
+        numbers["failed"].get<std::size_t>(), numbers["damaged"].get<std::size_t>(),
+        numbers["warned"].get<std::size_t>(), numbers["pages"].size());
+  if (!numbers.contains("differences")) return;
+  const json& differences = numbers["differences"];
+  print(stdout, "against %s: %zu the same, %zu differ\n", a.against,
+        numbers["same"].get<std::size_t>(), differences.size());
+  constexpr std::size_t kMax = 10;
+  for (std::size_t k = 0; k < std::min(kMax, differences.size()); ++k) {
+    const json& d = differences[k];
+    print(stdout, "  %-9s %s", d["kind"].get<std::string>(), d["scan"].get<std::string>());
+    if (d.contains("hausdorff_mm")) {
+      std::printf(": %.3f mm, area %+.2f mm2, %+lld triangles, %+lld bytes",
+                  d["hausdorff_mm"].get<double>(),
+                  d["area_mm2"].get<double>() - d["area_mm2_before"].get<double>(),
+                  d["triangles"].get<long long>() - d["triangles_before"].get<long long>(),
+                  d["bytes"].get<long long>() - d["bytes_before"].get<long long>());
+    }
+    std::printf("\n");
+  }
+  if (differences.size() > kMax)
+    std::printf("  and %zu more: see the page\n", differences.size() - kMax);
+}
+
+// Prints the scans and returns the exit code, which is 3 if none of them can be meshed.
 int run_list(const ListArguments& a) {
   const OutputFile outputs[] = {{"-o", a.output}};
   if (auto ok = check_outputs(outputs, {}); !ok) return fail(ok.error());
@@ -96,31 +131,53 @@ int run_list(const ListArguments& a) {
   return 0;
 }
 
-namespace {
-
-namespace fs = std::filesystem;
-
-// Refuses to overwrite a picture that is not a sheet (with `-o *.png` the shell inserts the name of
-// a slice as the output), and refuses to add a sheet to the scan's images.
-Result<void> check_sheet(const Arguments& a, const std::vector<fs::path>& read) {
-  const std::string given = "-o " + a.output.string() + ": ";
-  const std::string ending = ending_of(a.output);
-  if (ending != ".png" && ending != ".html")
-    return usage(given + "a preview is a .png or .html; an asset is made without preview");
-  const OutputFile outputs[] = {{"-o", a.output}};
-  if (auto ok = trocar::check_outputs(outputs, read); !ok) return ok;
-  std::error_code ignored;
-  if (ending == ".png" && fs::exists(a.output, ignored) && !is_sheet(a.output))
-    return usage(given + "would write over a picture that is no preview");
-  if (ending != ".png" || read.empty() || ending_of(read[0]) != ".png") return {};
-  const fs::path folder = a.output.has_parent_path() ? a.output.parent_path() : ".";
-  const fs::path scan = read[0].has_parent_path() ? read[0].parent_path() : ".";
-  if (fs::equivalent(folder, scan, ignored))
-    return usage(given + "would become one of the scan's images; give another folder");
-  return {};
+// Writes the pages and returns the exit code: 0, even if assets are damaged or differ from those
+// in `against`; 2 for wrong options; 3 if a folder is not a store, or if `store` has no scans; 4
+// if a page could not be written or a signal interrupted the review.
+int run_review(const ReviewArguments& a) {
+  if (a.page.extension() != ".html")
+    return fail(usage("-o " + a.page.string() + ": a review is a .html"));
+  const OutputFile outputs[] = {{"-o", a.page}};
+  if (auto ok = check_outputs(outputs, {}); !ok) return fail(ok.error());
+  stop_on_signals();
+  ReviewOptions options{a.store, a.against, a.page, &stop_requested, {}};
+  if (!a.quiet && ::isatty(STDERR_FILENO) != 0) {
+    options.progress = [](std::size_t done, std::size_t total) {
+      std::fprintf(stderr, "\r  %zu of %zu scans%s", done, total, done == total ? "\n" : "");
+    };
+  }
+  const auto numbers = write_review(options);
+  if (!numbers) return fail(numbers.error());
+  if (a.as_json) {
+    print_lines(stdout, json_text(*numbers, 1) + "\n");
+  } else if (!a.quiet) {
+    print_summary(a, *numbers);
+  }
+  return 0;
 }
 
 }  // namespace
+
+Command add_list(CLI::App& command) {
+  const auto made = std::make_shared<ListArguments>();
+  ListArguments& a = *made;
+  command.add_option("FOLDER", a.folder, "folder to search for scans, with its subfolders")
+      ->required();
+  CLI::Option* const as_json = command.add_flag("--json", a.as_json, "print JSON");
+  CLI::Option* const manifest =
+      command
+          .add_flag("--manifest", a.as_collection,
+                    "print the scans as a collection, the JSON file that batch "
+                    "reads, with absolute paths")
+          ->excludes(as_json);
+  command
+      .add_option(
+          "-o,--output", a.output,
+          "with --manifest: write the collection to this file, with paths relative to its folder")
+      ->type_name("FILE")
+      ->needs(manifest);
+  return [made] { return run_list(*made); };
+}
 
 int run_preview(Arguments a) {
   if (a.inputs.empty()) return fail(usage("no INPUT given; see trocar-mesh preview --help"));
@@ -160,40 +217,9 @@ int run_preview(Arguments a) {
   return 0;
 }
 
-namespace {
-
-using nlohmann::json;
-
-void print_summary(const ReviewArguments& a, const json& numbers) {
-  print(stdout,
-        "%s: %zu scans: %zu assets, %zu failed, %zu damaged, %zu with warnings; %zu pages\n",
-        a.page, numbers["scans"].get<std::size_t>(), numbers["done"].get<std::size_t>(),
-        numbers["failed"].get<std::size_t>(), numbers["damaged"].get<std::size_t>(),
-        numbers["warned"].get<std::size_t>(), numbers["pages"].size());
-  if (!numbers.contains("differences")) return;
-  const json& differences = numbers["differences"];
-  print(stdout, "against %s: %zu the same, %zu differ\n", a.against,
-        numbers["same"].get<std::size_t>(), differences.size());
-  constexpr std::size_t kMax = 10;
-  for (std::size_t k = 0; k < std::min(kMax, differences.size()); ++k) {
-    const json& d = differences[k];
-    print(stdout, "  %-9s %s", d["kind"].get<std::string>(), d["scan"].get<std::string>());
-    if (d.contains("hausdorff_mm")) {
-      std::printf(": %.3f mm, area %+.2f mm2, %+lld triangles, %+lld bytes",
-                  d["hausdorff_mm"].get<double>(),
-                  d["area_mm2"].get<double>() - d["area_mm2_before"].get<double>(),
-                  d["triangles"].get<long long>() - d["triangles_before"].get<long long>(),
-                  d["bytes"].get<long long>() - d["bytes_before"].get<long long>());
-    }
-    std::printf("\n");
-  }
-  if (differences.size() > kMax)
-    std::printf("  and %zu more: see the page\n", differences.size() - kMax);
-}
-
-}  // namespace
-
-void add_review_options(CLI::App& command, ReviewArguments& a) {
+Command add_review(CLI::App& command) {
+  const auto made = std::make_shared<ReviewArguments>();
+  ReviewArguments& a = *made;
   command
       .add_option("STORE", a.store,
                   "the store, a folder in which trocar-mesh batch keeps its results")
@@ -212,28 +238,7 @@ void add_review_options(CLI::App& command, ReviewArguments& a) {
       ->type_name("STORE");
   command.add_flag("--json", a.as_json, "print the summary as JSON");
   command.add_flag("--quiet", a.quiet, "print errors only");
-}
-
-int run_review(const ReviewArguments& a) {
-  if (a.page.extension() != ".html")
-    return fail(usage("-o " + a.page.string() + ": a review is a .html"));
-  const OutputFile outputs[] = {{"-o", a.page}};
-  if (auto ok = check_outputs(outputs, {}); !ok) return fail(ok.error());
-  stop_on_signals();
-  ReviewOptions options{a.store, a.against, a.page, &stop_requested, {}};
-  if (!a.quiet && ::isatty(STDERR_FILENO) != 0) {
-    options.progress = [](std::size_t done, std::size_t total) {
-      std::fprintf(stderr, "\r  %zu of %zu scans%s", done, total, done == total ? "\n" : "");
-    };
-  }
-  const auto numbers = write_review(options);
-  if (!numbers) return fail(numbers.error());
-  if (a.as_json) {
-    print_lines(stdout, json_text(*numbers, 1) + "\n");
-  } else if (!a.quiet) {
-    print_summary(a, *numbers);
-  }
-  return 0;
+  return [made] { return run_review(*made); };
 }
 
 }  // namespace trocar::pipeline

@@ -3,7 +3,6 @@
 
 #include <oneapi/tbb/version.h>
 #include <cstdio>
-#include <functional>
 #include <map>
 #include <new>
 #include <opencv2/core/version.hpp>
@@ -11,11 +10,7 @@
 #include <vector>
 
 #include "formats/base/command_line.h"
-#include "pipeline/program/arguments.h"
-#include "pipeline/program/asset_commands.h"
-#include "pipeline/program/batch_command.h"
-#include "pipeline/program/mesh_command.h"
-#include "pipeline/program/scan_commands.h"
+#include "pipeline/program/commands.h"
 #include "pipeline/read/dicom/dicom_parse.h"
 #include "pipeline/read/parallel_for.h"
 
@@ -34,13 +29,7 @@ struct MeshCommandLine {
       "NRRD file (.nii, .nii.gz, .nrrd, .nhdr), a folder of images, or a list of images.",
       kProgram};
   Arguments mesh, preview;
-  ListArguments list;
-  VerifyArguments verify;
-  InfoArguments info;
-  ExportArguments exported;
-  BatchArguments batch;
-  ReviewArguments review;
-  std::map<const CLI::App*, std::function<int()>> commands;
+  std::map<const CLI::App*, Command> commands;
 
   MeshCommandLine() {
     app.get_formatter()->column_width(34);
@@ -51,26 +40,25 @@ struct MeshCommandLine {
       if (const auto ok = check_command(app, input); !ok) return fail(ok.error());
       return mesh.explain ? explain(mesh.preset) : run_mesh(mesh);
     };
-    const auto add = [this](const char* name, const char* help, auto declare, auto& values,
-                            auto run) {
+    const auto add = [this](const char* name, const char* help, const auto& declare) {
       CLI::App* const command = app.add_subcommand(name, help);
-      declare(*command, values);
-      commands[command] = [&values, run] { return run(values); };
+      commands[command] = declare(*command);
     };
-    add("list", "list the scans in a folder", add_list_options, list, run_list);
+    add("list", "list the scans in a folder", add_list);
     add("preview", "draw the slices that a run with the same options would mesh; make no asset",
-        add_preview_options, preview,
-        [](const Arguments& a) { return a.explain ? explain(a.preset) : run_preview(a); });
-    add("verify", "check that the meshes in an asset are valid", add_verify_options, verify,
-        run_verify);
-    add("info", "show what is in an asset", add_info_options, info, run_info);
+        [this](CLI::App& command) -> Command {
+          add_preview_options(command, preview);
+          return
+              [this] { return preview.explain ? explain(preview.preset) : run_preview(preview); };
+        });
+    add("verify", "check that the meshes in an asset are valid", add_verify);
+    add("info", "show what is in an asset", add_info);
     add("export", "write the slices of an asset as .poly, .obj and .svg, or its surface",
-        add_export_options, exported, run_export);
-    add("batch", "make the assets of the stale (new or changed) scans of a collection",
-        add_batch_options, batch, run_batch);
+        add_export);
+    add("batch", "make the assets of the stale (new or changed) scans of a collection", add_batch);
     add("review",
         "show all assets in a store (the folder that batch writes), or compare two stores",
-        add_review_options, review, run_review);
+        add_review);
     // A command takes the footer that is set when it is added. This one is for the program alone.
     app.footer(
         "trocar-mesh COMMAND --help describes a command and its options.\n"

@@ -15,6 +15,8 @@
 namespace trocar::pipeline {
 namespace {
 
+using nlohmann::json;
+
 double mean_side_mm(const SurfaceVolume& volume) {
   const auto [u, v, w] = volume.voxel_mm();
   return std::cbrt(u * v * w);
@@ -64,52 +66,6 @@ std::size_t count_parts(const TriangleSurface& surface) {
   }
   return parts;
 }
-
-}  // namespace
-
-Result<DisplaySurface> make_display_surface(const SurfaceVolume& volume,
-                                            const SurfaceOptions& options) {
-  constexpr double kMaxReduction = 32;
-  DisplaySurface out;
-  Stopwatch watch;
-  out.bound_mm = mean_side_mm(volume) / 2;
-  auto fine = isosurface(volume);
-  if (!fine) return fine.error();
-  auto wanted = static_cast<std::size_t>(options.triangles);
-  const double fraction =
-      kMaxReduction * static_cast<double>(wanted) / static_cast<double>(fine->triangles.size());
-  if (options.at_most && fraction < 1) {
-    const std::array<int, 3> factor = coarsening(volume, fraction);
-    SurfaceVolume averaged = coarser(volume, factor);
-    drop_small_components(averaged, kMinSurfaceVoxels, 0);
-    auto coarse = isosurface(averaged);
-    if (!coarse) return coarse.error();
-    if (!coarse->triangles.empty()) {
-      out.coarsened = factor;
-      fine = std::move(coarse);
-    }
-  }
-  out.mesher_triangles = fine->triangles.size();
-  out.mesher_ms = watch.lap_ms();
-
-  Decimation decimation(*fine, options.stop);
-  const auto zero = points_on_zero(volume);
-  for (;; wanted *= 2) {
-    auto surface = decimated(decimation, wanted, options, out, watch);
-    if (!surface) return surface.error();
-    out.surface = std::move(*surface);
-    out.distance = distance_from(out.surface, volume);
-    out.left_out = distance_to(out.surface, volume, zero);
-    out.check_ms += watch.lap_ms();
-    if (options.at_most || wanted >= fine->triangles.size() || out.is_within_bound()) break;
-  }
-  out.parts = count_parts(out.surface);
-  return out;
-}
-
-namespace {
-
-using nlohmann::json;
 
 json percentiles(const SurfaceDistance& d) {
   return {{"p50", d.p50_mm}, {"p99", d.p99_mm}, {"max", d.max_mm}};
@@ -181,6 +137,46 @@ Result<json> add_surface(const SliceStack& stack, int first, int last,
 }
 
 }  // namespace
+
+Result<DisplaySurface> make_display_surface(const SurfaceVolume& volume,
+                                            const SurfaceOptions& options) {
+  constexpr double kMaxReduction = 32;
+  DisplaySurface out;
+  Stopwatch watch;
+  out.bound_mm = mean_side_mm(volume) / 2;
+  auto fine = isosurface(volume);
+  if (!fine) return fine.error();
+  auto wanted = static_cast<std::size_t>(options.triangles);
+  const double fraction =
+      kMaxReduction * static_cast<double>(wanted) / static_cast<double>(fine->triangles.size());
+  if (options.at_most && fraction < 1) {
+    const std::array<int, 3> factor = coarsening(volume, fraction);
+    SurfaceVolume averaged = coarser(volume, factor);
+    drop_small_components(averaged, kMinSurfaceVoxels, 0);
+    auto coarse = isosurface(averaged);
+    if (!coarse) return coarse.error();
+    if (!coarse->triangles.empty()) {
+      out.coarsened = factor;
+      fine = std::move(coarse);
+    }
+  }
+  out.mesher_triangles = fine->triangles.size();
+  out.mesher_ms = watch.lap_ms();
+
+  Decimation decimation(*fine, options.stop);
+  const auto zero = points_on_zero(volume);
+  for (;; wanted *= 2) {
+    auto surface = decimated(decimation, wanted, options, out, watch);
+    if (!surface) return surface.error();
+    out.surface = std::move(*surface);
+    out.distance = distance_from(out.surface, volume);
+    out.left_out = distance_to(out.surface, volume, zero);
+    out.check_ms += watch.lap_ms();
+    if (options.at_most || wanted >= fine->triangles.size() || out.is_within_bound()) break;
+  }
+  out.parts = count_parts(out.surface);
+  return out;
+}
 
 Result<json> add_surfaces(const SliceStack& stack, int first, int last,
                           const MaterialOptions& options, const SurfaceOptions& wanted,

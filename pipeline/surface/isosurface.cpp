@@ -308,19 +308,6 @@ bool is_in_range(const SurfaceVolume& volume, const Lattice& lattice) {
   return true;
 }
 
-}  // namespace
-
-Result<TriangleSurface> isosurface(const SurfaceVolume& volume) {
-  const Lattice lattice = lattice_for(volume);
-  if (!is_in_range(volume, lattice))
-    return refused("--surface: the scan lies too far from the patient's origin");
-  return MarchingCubes(volume, lattice).run();
-}
-
-namespace {
-
-using Eigen::Vector3d;
-
 Vector3d position_of(const SpacePoint& p) {
   return {static_cast<double>(p[0]), static_cast<double>(p[1]), static_cast<double>(p[2])};
 }
@@ -691,6 +678,13 @@ void collapse_to(std::size_t triangles, const std::vector<bool>& locked,
 }
 
 }  // namespace
+
+Result<TriangleSurface> isosurface(const SurfaceVolume& volume) {
+  const Lattice lattice = lattice_for(volume);
+  if (!is_in_range(volume, lattice))
+    return refused("--surface: the scan lies too far from the patient's origin");
+  return MarchingCubes(volume, lattice).run();
+}
 
 Decimation::Decimation(const TriangleSurface& fine, const std::atomic<bool>* stop)
     : fine_(fine), stop_(stop), locked_(fine.vertices.size(), false) {}

@@ -259,16 +259,12 @@ Result<SurfaceVolume> read_surface_volume(const SliceStack& stack, int first, in
                    "--slices or --crop");
 
   std::vector<std::vector<float>> fields(static_cast<std::size_t>(slices));
-  std::vector<Result<void>> done(static_cast<std::size_t>(slices));
   std::vector<Eigen::AlignedBox2i> boxes(static_cast<std::size_t>(slices));  // of the material
   bool is_mask = false;
-  parallel_for(slices, [&](int k) {
+  const auto done = try_in_parallel(slices, [&](int k) -> Result<void> {
     const auto here = static_cast<std::size_t>(k);
     auto pixels = read_cropped(stack, first + k, options);
-    if (!pixels) {
-      done[here] = pixels.error();
-      return;
-    }
+    if (!pixels) return pixels.error();
     Field field = segment(std::move(*pixels), stack.pixel_unit(), options.segmentation);
     if (options.table != nullptr) options.table->remove(first + k, crop.x0, crop.y0, field);
     if (options.solid != nullptr) {
@@ -287,9 +283,9 @@ Result<SurfaceVolume> read_surface_volume(const SliceStack& stack, int first, in
       }
     }
     fields[here] = std::move(field.image.values);
+    return {};
   });
-  for (Result<void>& one : done)
-    if (!one) return one.error();
+  if (!done) return done.error();
 
   // The box around the material, with a margin for smoothing.
   constexpr int kMargin = 4;

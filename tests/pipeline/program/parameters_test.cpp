@@ -12,7 +12,7 @@
 #include "formats/base/command_line.h"
 #include "formats/mesh/slice_mesh.h"
 #include "pipeline/program/arguments.h"
-#include "pipeline/program/batch_command.h"
+#include "pipeline/program/commands.h"
 #include "tests/support/temporary_folder.h"
 
 namespace trocar::pipeline {
