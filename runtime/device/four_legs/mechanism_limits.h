@@ -54,7 +54,7 @@ Singularity measure_singularity(const DeviceDescription& device, const Pose& T_d
 // by an i2t thermal model, and compute the torques that compensate friction and weight. The haptic
 // thread calls them: no allocation, no exception.
 //
-// Laws (tests/runtime/mechanism/motor_test.cpp). They hold while no current exceeds
+// Laws (tests/runtime/device/four_legs/motor_test.cpp). They hold while no current exceeds
 // available_current(). `peak`, `continuous` and `peak_time` are the values of MotorModel.
 //  1. Over any interval of length T the integral of the squared current is at most
 //     continuous^2 T + capacity. The i2t capacity is (peak^2 - continuous^2) peak_time. A cold
@@ -133,13 +133,13 @@ AllocationResult allocate_torques_with_bias(const Jacobian& G, const Wrench& wre
 // long, or if a limit is exceeded in spite of the reduction. The haptic thread calls these
 // functions. The caller keeps the state of the motors in a MotorState.
 //
-// Contract (tests/runtime/mechanism/mechanism_limits_test.cpp and, in the loop,
-// tests/runtime/control/loop_motors_test.cpp):
+// Contract (tests/runtime/device/four_legs/mechanism_limits_test.cpp and, in the loop,
+// tests/runtime/haptics/loop/loop_motors_test.cpp):
 //  1. A check returns kNone if its limit is not exceeded, and otherwise its own fault, with the
 //     quantity, the quantity's value and the limit. A value that is not finite is beyond every
 //     limit. A limit counts as exceeded if it is nan, or if it is a negative upper limit on a
 //     quantity that cannot be negative.
-//  2. The heat of a motor is computed by the model of motor.h, which sums the squared current over
+//  2. The heat of a motor is computed by the model above, which sums the squared current over
 //     time. As the motor warms up, the torque that is available from it falls smoothly from the
 //     peak to the continuous torque. The wrench is scaled down along its own direction so that no
 //     motor exceeds its thermal limit. This scaling is not a fault, because a force that falls
@@ -178,7 +178,7 @@ struct MechanismLimits {
   /// plate; LegBranch.) If this limit were smaller than the error that a pose may have
   /// (pose_residual_max_m), a leg could change its branch undetected. Among 100,000 random poses of
   /// the workspace in tests/support/device_workspace.h the smallest distance is 0.749 mm
-  /// (tests/runtime/mechanism/mechanism_limits_test.cpp).
+  /// (tests/runtime/device/four_legs/mechanism_limits_test.cpp).
   double branch_distance_min_m = 0.5e-3;
   double torque_max_Nm = 0;  ///< largest torque of a motor; 0: only its thermal state limits it
   double torque_rise_max_Nm_per_s = 5000;  ///< rate limit of item 3
@@ -208,7 +208,7 @@ FaultDetail check_heat(const MotorModel& motor, const MotorVector& tau_motor_Nm,
                        MotorState& state) noexcept;
 
 /// Returns kMotorOverload if a motor's thermal state is above `share_max` times the motor's i2t
-/// capacity (motor.h), and kNone otherwise.
+/// capacity, and kNone otherwise.
 FaultDetail check_motor_heat(const MotorModel& motor, const MotorLoad& load,
                              double share_max) noexcept;
 

@@ -2,9 +2,9 @@
 // Computes eight motor torques from a wanted wrench (paper, Eq. 17-18), within the motors' limits.
 // The haptic thread calls these functions: no allocation, no exception, bounded time.
 //
-// Laws (tests/runtime/mechanism/torque_allocation_test.cpp). The laws hold unless the result is
+// Laws (tests/runtime/device/four_legs/torque_allocation_test.cpp). The laws hold unless the result is
 // kRefused; then the torques and `scale` are 0. Let tau be the computed torques, `wanted` the
-// wanted wrench, and G the Jacobian (jacobian.h). Let c be the torques with the smallest norm that
+// wanted wrench, and G the Jacobian (kinematics.h). Let c be the torques with the smallest norm that
 // produce `wanted`. The working limit of motor i is working_i = (1 - kTorqueReserve) limit_i. P
 // projects torques onto the null space of G^T. |limit| is the norm of the vector of limits, and
 // limit_min is the smallest limit.

@@ -127,12 +127,12 @@ class PoseConnection {
   virtual void close() noexcept = 0;
 };
 
-// Turns a connection whose calls may block (pose_connection.h) into a pose device. A separate
+// Turns a connection whose calls may block into a pose device. A separate
 // thread makes one exchange after another: an exchange sends a wrench to the device and returns the
 // device's pose. The haptic thread reads the newest pose, and stores the wrench that the next
 // exchange will send. The haptic thread never waits for the connection.
 //
-// Contract (tests/runtime/connection/connected_device_test.cpp):
+// Contract (tests/runtime/device/pose/connected_device_test.cpp):
 //  1. read() and write() do not allocate, lock or block, whatever the connection does.
 //  2. If the last write() is at least kStaleCommand_s or kStalePeriods periods old, whichever is
 //     longer, exchanges send zero force until the haptic thread calls write() again.

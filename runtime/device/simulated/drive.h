@@ -138,7 +138,7 @@ class FaultyLink {
 // no socket: the caller passes received datagrams to the drive, and sends the datagrams that the
 // drive returns.
 //
-// Contract (tests/runtime/simulation/drive_test.cpp):
+// Contract (tests/runtime/device/simulated/drive_test.cpp):
 //  1. Torques are nonzero only while three conditions hold: the newest accepted command has the
 //     mode torque; with the real clock, this command is not older than the watchdog's time; and no
 //     emergency stop is pressed. After the watchdog or the stop has set the torques to zero,
@@ -246,7 +246,7 @@ class Drive {
   double session_time_s() const noexcept { return model_.truth().t_s; }
   DriveMode mode() const noexcept { return mode_; }
   /// Returns true if the fault plan says that the drive's process is to be killed now (`kill`,
-  /// fault_plan.h). The caller must then kill the process.
+  /// above). The caller must then kill the process.
   bool kill_is_due() const noexcept;
   const SimulatedDevice& model() const noexcept { return model_; }
   const DriveReport& report() const noexcept { return report_; }
