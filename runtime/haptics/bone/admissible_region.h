@@ -3,7 +3,7 @@
 // While the axis is in this region, the tool touches no uncut material. The boundary of the region
 // is a wall for a tool that presses on the material from the side.
 //
-// Contract (tests/runtime/bone_cutting/contact/admissible_region_test.cpp):
+// Contract (tests/runtime/haptics/bone/admissible_region_test.cpp):
 //  1. The distance from the region to material is at least the tool's radius. If the tool has been
 //     pressed into a wall by some depth, the axis lies outside the region by that depth.
 //  2. The region is a square around the axis, with its corners at the distance kSight_m. At most

@@ -5,7 +5,7 @@
 // `body`, slices that are at most kMaxSlabGap_m apart form a solid, and a slice that is farther
 // from all others is a slab of thickness 0.
 //
-// Contract (tests/runtime/bone_cutting/material/bone_volume_test.cpp):
+// Contract (tests/runtime/haptics/bone/bone_volume_test.cpp):
 //  1. Two successive slices of a solid are neighbours, unless the asset has empty slices (slices
 //     without material) between them. The slabs of two neighbours meet half-way, whatever the
 //     distance. On a side without a neighbour, a slab extends as far as on its other side. A slab
@@ -28,14 +28,12 @@
 //     bottom of each sheet, and it can extend over several sheets of different thicknesses. The
 //     depth at which a shell ends is exact up to kMinPart_m.
 //  5. If a tissue takes its strength from HU, the slab where the tool enters the bone and the slab
-//     where the tool leaves the bone can contain a thin cortical wall (cortical_wall.h).
+//     where the tool leaves the bone can contain a thin cortical wall.
 //     SceneBody::cortex_HU states the HU of such a wall. A scene without a `body` has no such
 //     walls, nor does a scene that states a shell and no cortex_HU.
 #pragma once
 
 #include <array>
-#include <cstdint>
-#include <memory>
 #include <span>
 #include <vector>
 
@@ -88,7 +86,7 @@ struct BoneSheet {
   /// in bone of the slice's mean HU.
   double friction_N_per_m(double hu, double nominal_N_per_m) const noexcept;
   /// Strength of the shell over bone of this HU. `strength_N`: strength of that bone.
-  /// Where nothing supports the shell, its strength is at most that of a thin wall (thin_wall.h).
+  /// Where nothing supports the shell, its strength is at most that of a thin wall.
   double shell_N(const ToolShape& shape, double hu, double strength_N) const noexcept;
   /// Strength of the front in bone of this HU. `slice_push`: result of slice_push().
   double strength_N(const ToolShape& shape, double hu, double slice_push = 0) const noexcept;
@@ -139,7 +137,7 @@ Result<BoneVolume> make_bone_volume(const Scene& scene, std::span<const Sheet* c
 // in depth, and the mean of the strength is the slice's value, wherever the slice lies in the slab.
 // So the work of cutting through the slab is the slab's thickness times the slice's value.
 //
-// Contract (tests/runtime/bone_cutting/material/slabs_test.cpp): The mean strength of a slab is the
+// Contract (tests/runtime/haptics/bone/slabs_test.cpp): The mean strength of a slab is the
 // value of its slice. In the first and the last slab the strength is constant. In every other slab
 // the straight line through the values of the two neighbouring slices gives the slope of the
 // strength. A slope limiter (B. van Leer, J. Comput. Phys. 23, 1977) reduces the slope where the
@@ -162,7 +160,7 @@ std::array<double, 2> strength_ends(double strength_N, double above_N, double ab
 // wall's thickness follows from the slab's mean HU (cortical bone mapping, after G. Treece et al.,
 // Med. Image Anal. 14, 2010, but without a model of the scanner's blur).
 //
-// Contract (tests/runtime/bone_cutting/material/cortical_wall_test.cpp):
+// Contract (tests/runtime/haptics/bone/cortical_wall_test.cpp):
 //  1. The result is 0 (no wall) if `slab_HU` exceeds `inside_HU` by less than kMinContrast_HU, or
 //     if the wall of items 2 and 3 would be thinner than kMinWall_m. The HU of cancellous bone (the
 //     porous bone inside) vary by less than kMinContrast_HU from slice to slice, so cancellous bone
@@ -190,7 +188,7 @@ double wall_thickness_m(double slab_HU, double inside_HU, double cortex_HU,
 // 61 % of the force on the tool, and spreading and friction account for the rest (A. Barnett, Y.-S.
 // Lee, J. Moore, J. Manuf. Sci. Eng. 138, 2016).
 //
-// Contract (tests/runtime/bone_cutting/material/membrane_test.cpp):
+// Contract (tests/runtime/haptics/bone/membrane_test.cpp):
 //  1. Let h be the thickness of the layer, and alpha the half angle of the tip
 //     (ToolShape::half_angle_rad).
 //       pointed tip: force = toughness * min(torn length, 2 h tan(alpha)) / 0.61
@@ -212,7 +210,7 @@ double membrane_break_N(double toughness_J_per_m2, double thickness_m,
 // experimental: measured forces of thin walls differ from its results by factors of up to 3
 // (tests/bench/published_forces.json).
 //
-// Contract (tests/runtime/bone_cutting/material/thin_wall_test.cpp):
+// Contract (tests/runtime/haptics/bone/thin_wall_test.cpp):
 //  1. Let t be the thickness, a the radius of the tip and R the free radius. The other names are
 //     members of ThinWall.
 //       bending = clamping * pi * (flow * t^2 / 4) / (1 - 2 min(a, R) / (3 R))

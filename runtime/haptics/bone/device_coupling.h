@@ -11,9 +11,9 @@
 // a class of sampled-data systems, J. Robotic Systems 14(1), 1997). If B is too small, the law is
 // evaluated at a pose that is predicted one tick ahead. Let M be the mass of the plate. With
 // prediction, the loop released no energy in simulations in which K T^2 / M was at most 0.5
-// (tests/runtime/bone_cutting/law/cutting_feel_test.cpp).
+// (tests/runtime/haptics/bone/cutting_feel_test.cpp).
 //
-// Contract (tests/runtime/bone_cutting/contact/device_coupling_test.cpp):
+// Contract (tests/runtime/haptics/bone/device_coupling_test.cpp):
 //  1. SceneForceLaw::axis says whether the tool is rigidly fixed to the plate or connected by a
 //     coupling spring. If the scene leaves the choice open (kAuto), the tool is rigid if the tissue
 //     can never be stiffer than the coupling spring would be, in translation and in rotation.

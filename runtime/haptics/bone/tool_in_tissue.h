@@ -3,7 +3,7 @@
 // by values per area, per length of perimeter and per area of wall. The tool is described by its
 // shape. So the same tissue gives the right forces for tools of different shapes.
 //
-// Contract (tests/runtime/bone_cutting/material/tool_in_tissue_test.cpp):
+// Contract (tests/runtime/haptics/bone/tool_in_tissue_test.cpp):
 //  1. The strength of the tip without twist is
 //       coverage * (pressure * A * (1 + mu cot(half angle)) + tearing * torn length).
 //     A is the area of the displaced material: a disc, or a ring for a hollow tool. The term mu
@@ -101,9 +101,5 @@ struct ToolInTissue {
 /// negative, and its Poisson ratio is at most 0.5.
 ToolInTissue tool_in_tissue(const ToolShape& tool, const CutMaterial& tissue, double share = 1,
                             double slice_push = 0) noexcept;
-
-/// Returns the outer radius of a needle of this gauge (Birmingham wire gauge, ISO 9626). Returns
-/// nothing if the table does not contain the gauge.
-std::optional<double> gauge_radius_m(int gauge) noexcept;
 
 }  // namespace trocar::runtime

@@ -44,7 +44,7 @@ inline YieldSpring yield_spring(double stiffness, double most, double length,
 // layer: whether it is punctured, and the depth of its front. The puncture changes no energy. The
 // front only moves down. This motion shortens z, so W can only decrease.
 //
-// Contract (tests/runtime/bone_cutting/law/soft_layer_test.cpp, cutting_energy_test.cpp):
+// Contract (tests/runtime/haptics/bone/soft_layer_test.cpp, cutting_energy_test.cpp):
 //  1. The energy inequality of cutting_law.h (contract 1) holds with `layer_cut_J` added on its left side.
 //  2. If the tip came from above, the layer's force until the puncture is a1 z + a2 z^2. Here z is
 //     the distance along the shaft from the layer's top down to the tip.
@@ -104,7 +104,7 @@ struct SoftLayerState {
 };
 
 // Sums the forces and stiffnesses of the walls of the hole that the tool is in. Each slab has Gauss
-// points at which the wall acts, and each Gauss point has a slot (slot.h), which is the region in
+// points at which the wall acts, and each Gauss point has a slot, which is the region in
 // which the shaft's axis does not press on the wall. While the shaft stays close to a reference
 // position, the nearest corner or edge of most slots stays the same. If this is so at a Gauss
 // point, and if the wall does not yield there, the energy of the point is a quadratic function of
@@ -113,7 +113,7 @@ struct SoftLayerState {
 // its coefficients are kept. Therefore usually only the first evaluation of a tick visits all
 // points. Later evaluations visit only the few points whose energy is not quadratic.
 //
-// Contract (tests/runtime/bone_cutting/law/walls_test.cpp): add_walls() adds the sum over all
+// Contract (tests/runtime/haptics/bone/walls_test.cpp): add_walls() adds the sum over all
 // Gauss points, quadratic or not. Apart from rounding, the sum does not depend on the poses of
 // earlier evaluations.
 
@@ -214,7 +214,7 @@ class WallModel {
 };
 
 /// Adds the walls to the energy and its derivatives in `e`. `lever`: vector from the plate's origin
-/// to the tip. `majorise`: as for evaluate() (potential.h).
+/// to the tip. `majorise`: as for evaluate() (tick.h).
 void add_walls(const Tick& tick, const Eigen::Vector3d& tip, const Eigen::Vector3d& axis,
                const Eigen::Vector3d& lever, bool majorise, Evaluation& e) noexcept;
 
@@ -224,7 +224,7 @@ void add_walls(const Tick& tick, const Eigen::Vector3d& tip, const Eigen::Vector
 // region can only grow, so that pushing the wall aside always costs energy. (A region that moved
 // with the tool would close again behind the tool.)
 //
-// Contract (tests/runtime/bone_cutting/law/slot_test.cpp):
+// Contract (tests/runtime/haptics/bone/slot_test.cpp):
 //  1. reach(p).distance_m is the distance of p from the convex hull of the corners, minus the
 //     clearance, but at least 0.
 //  2. include(p) extends the region so that it contains p, unless p is less than a femtometre away
