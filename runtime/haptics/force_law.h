@@ -72,7 +72,7 @@ class PrefetchWorker {
 //
 // To add a law to the product, follow the four steps of ARCHITECTURE.md, "A force law": the class,
 // its kind and traits, its factory, and its entry in the schema of scenes. A test needs only one
-// file with the class, and one call of add_force_law(). tests/runtime/force_law/constant_layer.h is
+// file with the class, and one call of add_force_law(). tests/runtime/haptics/constant_layer.h is
 // an example of such a file.
 //
 // Contract of an implementation:

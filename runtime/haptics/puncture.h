@@ -3,7 +3,7 @@
 // machine of each sheet, and the sheet's force on the tool. There is one tool, and the sheets are
 // stacked along z. (Paper, II.C, Fig. 11 and 12.)
 //
-// Contract (tests/runtime/contact/contact_test.cpp tests each point):
+// Contract (tests/runtime/haptics/contact_test.cpp tests each point):
 //  1. Coverage is the fraction of the area of the tool's outline that lies over material. Contact
 //     begins when the tip passes from above to below a sheet with a coverage of at least
 //     `min_coverage`. With less coverage the tool misses the sheet. A missed sheet exerts no force
@@ -25,7 +25,7 @@
 //  3. If F would exceed c times the threshold, the sheet is punctured in this tick: the force
 //     is zero, and a hole with the tool's outline is requested. Exception: if the coverage is below
 //     `min_coverage`, the tool slides off the sheet instead. After a puncture, until the tip has
-//     been above the sheet, the sheet exerts only the force of its hole on the shaft (shaft.h).
+//     been above the sheet, the sheet exerts only the force of its hole on the shaft (tool.h).
 //  4. The topmost sheet in contact bears the force and shields the sheets below. The tool does not
 //     touch a shielded sheet until the tick after the topmost sheet is punctured, or until the tool
 //     slides off the topmost sheet.

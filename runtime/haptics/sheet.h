@@ -3,7 +3,7 @@
 // this distance. Both come from a raster that the haptic thread reads in constant time. Holes cut
 // during the session do not change the raster.
 //
-// Contract (tests/runtime/contact/edge_distance_test.cpp):
+// Contract (tests/runtime/haptics/edge_distance_test.cpp):
 //  1. At the nodes of the raster the distance is exact except for rounding. Distances are limited
 //     to the range from -kReach_mm to kReach_mm. Between the nodes the distance is interpolated
 //     bilinearly, which is exact near a straight edge.

@@ -20,7 +20,7 @@
 
 namespace trocar::runtime {
 
-/// Contract (tests/runtime/contact/slice_field_test.cpp):
+/// Contract (tests/runtime/haptics/slice_field_test.cpp):
 ///  1. A pixel has material if its centre lies in a triangle. Its HU is that of the asset's HU
 ///     volume at the centre. If the asset has HU at vertices only, the pixel's HU is interpolated
 ///     linearly between the corners of the triangle. If the asset has no HU, the pixel's HU is 0.
@@ -39,7 +39,6 @@ class SliceField {
 
   bool has_hu() const noexcept { return has_hu_; }
   double mean_hu() const noexcept { return mean_hu_; }  ///< mean HU of all material
-  std::size_t bytes() const noexcept { return hu_.capacity() * sizeof(float); }
 
   struct Mean {
     double share = 0;  ///< coverage: fraction of the disc's sample points that lie over material

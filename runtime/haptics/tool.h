@@ -24,7 +24,7 @@ struct LocalEnvironment {
   double sheet_N = 0;  ///< force of the sheet's spring
   double sheet_N_per_m = 0, sheet_N_s_per_m = 0;
   // Friction acts along `axis` on the shaft, in all holes that the shaft is in. Dry friction is a
-  // spring that slides at its maximum force (shaft.h).
+  // spring that slides at its maximum force.
   Eigen::Vector3d axis = Eigen::Vector3d::UnitZ();
   double dry_N = 0, dry_max_N = 0;  ///< dry friction and its maximum, summed over the holes
   /// Stiffness of dry friction against a small motion of the shaft inwards (`in`) and outwards
@@ -120,7 +120,7 @@ double smallest_clearance_m(const Tool& tool) noexcept;
 // tissue, IEEE TBME 51(10), 2004). Sideways the rim, which is the hole's boundary, resists being
 // pushed aside.
 //
-// Contract (tests/runtime/contact/shaft_test.cpp):
+// Contract (tests/runtime/haptics/shaft_test.cpp):
 //  1. Dry friction is a spring between shaft and hole. The spring's force rises linearly with its
 //     deflection. At the deflection `presliding_m` the force is dry_friction_N, and beyond it the
 //     spring slides with this force (after P. Dahl, 1968, with a linear rise). The work of the

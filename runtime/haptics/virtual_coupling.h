@@ -13,7 +13,7 @@
 // element is linear within its limits: the sheet cannot pull, and dry friction slides at its
 // maximum.
 //
-// Contract (tests/runtime/contact/virtual_coupling_test.cpp):
+// Contract (tests/runtime/haptics/virtual_coupling_test.cpp):
 //  1. If nothing acts on the proxy, the proxy coincides with the tool on the plate, and the
 //     force is zero.
 //  2. If the proxy rests in a sheet of stiffness k, or a rim of stiffness k pushes the proxy

@@ -112,7 +112,7 @@ BreakThroughTick find_break_through(const BreakThroughInput& input,
 // sooner. A hand that holds on hardly feels the damper, because the damper's force is then a small
 // part of the force that was lost.
 //
-// Contract (tests/runtime/control/break_damper_test.cpp):
+// Contract (tests/runtime/haptics/loop/break_damper_test.cpp):
 //  1. The damper's force acts at the tip along the shaft, outwards. It tends to a target that is
 //     not 0 only while the measured velocity of the tip points inwards. The velocity is a mean over
 //     the interval that `previous` gives. While the tip moves inwards, the force takes energy from

@@ -13,7 +13,7 @@
 // Source: F. Janabi-Sharifi, V. Hayward, C. Chen, Discrete-time adaptive windowing for velocity
 // estimation, IEEE TCST 8(6), 2000.
 //
-// Contract (tests/runtime/control/velocity_window_test.cpp):
+// Contract (tests/runtime/haptics/loop/velocity_window_test.cpp):
 //  1. With exact encoders and device states on time, velocities are computed from the
 //     last two states.
 //  2. In a steady motion the window grows to kVelocitySamples intervals. The error of an encoder's
@@ -89,7 +89,7 @@ class VelocityWindow {
 // 18(1), 2002; J. Ryu, C. Preusche, B. Hannaford, G. Hirzinger, Time domain passivity control with
 // reference energy following, IEEE TCST 13(5), 2005.
 //
-// Contract (tests/runtime/control/passivity_test.cpp):
+// Contract (tests/runtime/haptics/loop/passivity_test.cpp):
 //  1. The balance equals the absorbed work minus the stored energy, up to rounding, for any motion.
 //  2. While the balance is not negative, the wrench is unchanged to the last bit. The wrench is
 //     also unchanged if the environment's wrench opposed the last motion of the plate. A push that
@@ -178,7 +178,7 @@ Wrench keep_passive(const PassivityOptions& options, double plate_mass_kg, doubl
 //   W(t) - W(s) <= S(s) + SafetyLimits::energy_limit_J,
 // or kEnergyLimit is raised at t.
 //
-// Contract (tests/runtime/control/energy_limit_test.cpp):
+// Contract (tests/runtime/haptics/loop/energy_limit_test.cpp):
 //  1. An environment that does not generate energy never raises the fault: from tick to tick, its
 //     work on the plate is at most the fall of its stored energy. If the wrench is rendered with a
 //     constant factor below 1, the fault is not raised either, because S is the unscaled energy.

@@ -10,7 +10,7 @@
 // membrane on a Winkler foundation that acts only at the nodes. Sources: Pinkall and Polthier 1993
 // for the cotangents, MacNeal 1949 for the network.
 //
-// Laws (each is tested in tests/runtime/deformation/deformation_network_test.cpp):
+// Laws (each is tested in tests/runtime/haptics/membrane/deformation_network_test.cpp):
 //  1. The sum of all f_i is f times the mesh's area.
 //  2. The energy of the springs equals the energy of the membrane, which is T / 2 times the
 //     integral of the squared gradient of w, where w is linear in each triangle. The matrix of the
@@ -23,7 +23,7 @@
 //     exactly, in integers (SpringSigns).
 //  4. Maximum principle: consider an equilibrium without load, in a network in which no
 //     spring has a negative stiffness. A positive maximum and a negative minimum of w can
-//     then occur only at nodes that are held (NodeKind). The error bounds of local_solver.h
+//     then occur only at nodes that are held (NodeKind). The error bounds of region.h
 //     follow from this principle.
 #pragma once
 

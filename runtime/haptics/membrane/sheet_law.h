@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The prefetch worker of the force law `network`. Outside the haptic thread it computes how stiff a
-// sheet's spring network (runtime/deformation) is under the tool.
+// sheet's spring network (network.h) is under the tool.
 //
 // The forces of the network are proportional to the depth of the tool. So the haptic thread needs
 // only two results: the stiffness, which is the force per depth, and the point where the force
@@ -10,7 +10,6 @@
 #pragma once
 
 #include <Eigen/Core>
-#include <array>
 #include <cstdint>
 #include <functional>
 #include <memory>
@@ -140,8 +139,6 @@ class NetworkLaw final : public SheetLaw {
   std::string describe_sheet(std::size_t index, const Sheet& sheet,
                              const Pose& T_device_plate) override;
   SummarySection summary() const override;
-
-  const PrefetchReport& prefetch_report() const noexcept { return prefetch_->report(); }
 
  private:
   SceneForceLaw law_;
