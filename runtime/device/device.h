@@ -147,17 +147,40 @@ struct DeviceCommand {
   std::array<double, kMotors> tau_motor_Nm{};
 };
 
-/// A session calls start() once, then read(), write() and advance() in each tick, and close() at
-/// its end. The haptic thread calls read(), write() and restore(), so these three functions never
-/// allocate, lock, throw or block.
-class Device {
+/// What every device offers besides measurements and commands.
+class DeviceConnection {
  public:
-  virtual ~Device() = default;
+  virtual ~DeviceConnection() = default;
 
   /// Connects to the device. May block. After a successful start() the caller must send a command
   /// in each period of the loop, because the device may have a watchdog. Precondition: start() was
   /// not called before.
   virtual Result<void> start() { return {}; }
+  /// After a read() that returned kNoData or kLinkLost: if states do arrive, but are refused
+  /// because of their contents, the fault kRefusedState with the field of the newest one.
+  /// Otherwise no fault.
+  virtual FaultDetail refused_contents() const noexcept { return {}; }
+  /// After a read() that returned kLinkLost or kMotorFault, requests a new connection. Returns
+  /// immediately; read() returns kLinkLost until the connection is established. The haptic thread
+  /// calls this function: it does not allocate, lock, throw or block.
+  virtual void restore() {}
+  /// Ends a tick of length `dt_s`. If is_paced_by_loop() is true, the device advances its time by
+  /// `dt_s`, and the call may block. Called on the thread of read() and write().
+  virtual void advance(double /*dt_s*/) {}
+  /// Commands zero force and ends the connection to the device.
+  virtual void close() {}
+
+  /// True if the device's time advances only in advance(). Such a device waits for a late tick.
+  virtual bool is_paced_by_loop() const { return false; }
+  /// Returns the counts of the link, or nullopt if there is no link. Call this only after close().
+  virtual std::optional<LinkReport> link_report() const { return std::nullopt; }
+};
+
+/// A session calls start() once, then read(), write() and advance() in each tick, and close() at
+/// its end. The haptic thread calls read() and write(), so they never allocate, lock, throw or
+/// block.
+class Device : public DeviceConnection {
+ public:
   /// Reads the latest state. `state` changes only if the result is kOk.
   virtual DeviceStatus read(DeviceState& state) = 0;
   /// Sends the torques that the motors hold until the next write(). Never returns kEndOfData,
@@ -166,23 +189,6 @@ class Device {
   /// After a read() that returned kMotorFault, bit i is set if motor i does not apply its torque.
   /// The value 0 means that the faulty motors are not known.
   virtual std::uint8_t fault_byte() const noexcept { return 0; }
-  /// After a read() that returned kNoData or kLinkLost: if states do arrive, but are refused
-  /// because of their contents, the fault kRefusedState with the field of the newest one.
-  /// Otherwise no fault.
-  virtual FaultDetail refused_contents() const noexcept { return {}; }
-  /// After a read() that returned kLinkLost or kMotorFault, requests a new connection. Returns
-  /// immediately; read() returns kLinkLost until the connection is established.
-  virtual void restore() {}
-  /// Ends a tick of length `dt_s`. If is_paced_by_loop() is true, the device advances its time by
-  /// `dt_s`, and the call may block. Called on the thread of read() and write().
-  virtual void advance(double /*dt_s*/) {}
-  /// Ends the connection to the device.
-  virtual void close() {}
-
-  /// True if the device's time advances only in advance(). Such a device waits for a late tick.
-  virtual bool is_paced_by_loop() const { return false; }
-  /// Returns the counts of the link, or nullopt if there is no link. Call this only after close().
-  virtual std::optional<LinkReport> link_report() const { return std::nullopt; }
 };
 
 // The field for which the newest state of a device was refused. One thread writes it, another reads

@@ -20,7 +20,6 @@
 
 #include <Eigen/Core>
 #include <array>
-#include <cstdint>
 #include <limits>
 #include <optional>
 #include <string>
@@ -177,16 +176,9 @@ struct DeviceReadout {
   double margin = 0;
 };
 
-class HandDevice {
+class HandDevice : public DeviceConnection {
  public:
-  virtual ~HandDevice() = default;
-
   virtual const DeviceSpecification& specification() const noexcept = 0;
-
-  /// Connects to the device. May block. After a successful start() the caller must send a command
-  /// in each period of the loop, because the device may have a watchdog. Precondition: start() was
-  /// not called before.
-  virtual Result<void> start() { return {}; }
 
   // The haptic thread calls these functions.
 
@@ -241,24 +233,8 @@ class HandDevice {
       if (const FaultDetail refused = refused_contents(); refused != Fault::kNone) return refused;
     return status == DeviceStatus::kMotorFault ? Fault::kMotorFault : Fault::kLinkLost;
   }
-  /// After a read() that returned kNoData or kLinkLost: as PoseDevice::refused_contents().
-  virtual FaultDetail refused_contents() const noexcept { return {}; }
-  /// After a read() that returned kLinkLost or kMotorFault, requests a new connection. Returns
-  /// immediately; read() returns kLinkLost until the connection is established.
-  virtual void restore() noexcept {}
   /// Fills the device's columns of the recording in `row`, and the values for the display.
   virtual void describe(RecordingRow& row, DeviceReadout& readout) const noexcept = 0;
-  /// Ends a tick of length `dt_s`. If is_paced_by_loop() is true, the device advances its time by
-  /// `dt_s`, and the call may block.
-  virtual void advance(double /*dt_s*/) {}
-
-  /// Ends the connection to the device.
-  virtual void close() {}
-
-  /// True if the device's time advances only in advance(). Such a device waits for a late tick.
-  virtual bool is_paced_by_loop() const { return false; }
-  /// Returns the counts of the link, or nullopt if there is no link. Call this only after close().
-  virtual std::optional<LinkReport> link_report() const { return std::nullopt; }
 };
 
 }  // namespace trocar::runtime

@@ -33,16 +33,9 @@ struct PoseReading {
 using HandleWrench = std::array<double, 6>;
 
 /// A session calls start() once, then read(), write() and advance() in each tick, and close() at
-/// its end. The haptic thread calls read(), write() and restore(), so these three functions never
-/// allocate, lock, throw or block.
-class PoseDevice {
+/// its end. The haptic thread calls read() and write(), so they never allocate, lock or block.
+class PoseDevice : public DeviceConnection {
  public:
-  virtual ~PoseDevice() = default;
-
-  /// Connects to the device. May block. After a successful start() the caller must send a command
-  /// in each period of the loop, because the device may have a watchdog. Precondition: start() was
-  /// not called before.
-  virtual Result<void> start() { return {}; }
   /// Reads the latest pose. `reading` changes only if the result is kOk. The caller checks the
   /// numbers, so an implementation need not check them.
   virtual DeviceStatus read(PoseReading& reading) noexcept = 0;
@@ -52,23 +45,6 @@ class PoseDevice {
   /// After a read() that returned kMotorFault, the byte with which the device reports its fault.
   /// The device's maker chooses the meaning of the byte; 0 means that the fault is not known.
   virtual std::uint8_t fault_byte() const noexcept { return 0; }
-  /// After a read() that returned kNoData or kLinkLost: if states do arrive, but are refused
-  /// because of their contents, the fault kRefusedState with the field of the newest one.
-  /// Otherwise no fault.
-  virtual FaultDetail refused_contents() const noexcept { return {}; }
-  /// After a read() that returned kLinkLost or kMotorFault, requests a new connection. Returns
-  /// immediately; read() returns kLinkLost until the connection is established.
-  virtual void restore() noexcept {}
-  /// Ends a tick of length `dt_s`. If is_paced_by_loop() is true, the device advances its time by
-  /// `dt_s`.
-  virtual void advance(double /*dt_s*/) {}
-  /// Commands zero force and ends the connection to the device.
-  virtual void close() {}
-
-  /// True if the device's time advances only in advance(). Such a device waits for a late tick.
-  virtual bool is_paced_by_loop() const { return false; }
-  /// Returns the counts of the link, or nullopt if there is no link. Call this only after close().
-  virtual std::optional<LinkReport> link_report() const { return std::nullopt; }
 };
 
 }  // namespace trocar::runtime

@@ -2,10 +2,6 @@
 #include "runtime/haptics/puncture.h"
 
 #include <algorithm>
-#include <array>
-#include <span>
-
-#include "runtime/haptics/sheet.h"
 
 namespace trocar::runtime {
 namespace {

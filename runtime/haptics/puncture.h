@@ -25,7 +25,7 @@
 //  3. If F would exceed c times the threshold, the sheet is punctured in this tick: the force
 //     is zero, and a hole with the tool's outline is requested. Exception: if the coverage is below
 //     `min_coverage`, the tool slides off the sheet instead. After a puncture, until the tip has
-//     been above the sheet, the sheet exerts only the force of its hole on the shaft (shaft.h).
+//     been above the sheet, the sheet exerts only the force of its hole on the shaft (tool.h).
 //  4. The topmost sheet in contact bears the force and shields the sheets below. The tool does not
 //     touch a shielded sheet until the tick after the topmost sheet is punctured, or until the tool
 //     slides off the topmost sheet.

@@ -6,12 +6,22 @@
 #include <cmath>
 #include <limits>
 
-#include "formats/mesh/lattice.h"
-
 namespace trocar::runtime {
 namespace {
 
 constexpr float kNoMaterial = std::numeric_limits<float>::quiet_NaN();
+
+bool has_label(const TissueChoice& choice, const NamedTissue& tissue) {
+  return std::any_of(tissue.labels.begin(), tissue.labels.end(), [&](int wanted) {
+    return std::find(choice.asset_labels.begin(), choice.asset_labels.end(), wanted) !=
+           choice.asset_labels.end();
+  });
+}
+
+bool has_hu(const TissueChoice& choice, const NamedTissue& tissue) {
+  return tissue.hu && choice.mean_hu && *choice.mean_hu >= (*tissue.hu)[0] &&
+         *choice.mean_hu <= (*tissue.hu)[1];
+}
 
 }  // namespace
 
@@ -96,22 +106,6 @@ SliceField::Mean SliceField::mean(const PlanarTransform& transform, const Eigen:
   mean.share = within / static_cast<double>(points.size());
   return mean;
 }
-
-namespace {
-
-bool has_label(const TissueChoice& choice, const NamedTissue& tissue) {
-  return std::any_of(tissue.labels.begin(), tissue.labels.end(), [&](int wanted) {
-    return std::find(choice.asset_labels.begin(), choice.asset_labels.end(), wanted) !=
-           choice.asset_labels.end();
-  });
-}
-
-bool has_hu(const TissueChoice& choice, const NamedTissue& tissue) {
-  return tissue.hu && choice.mean_hu && *choice.mean_hu >= (*tissue.hu)[0] &&
-         *choice.mean_hu <= (*tissue.hu)[1];
-}
-
-}  // namespace
 
 TissueChoice choose_tissue(const Scene& scene, const SceneSlice& wanted, const Asset& asset,
                            const AssetSlice& slice) {

@@ -39,7 +39,6 @@ class SliceField {
 
   bool has_hu() const noexcept { return has_hu_; }
   double mean_hu() const noexcept { return mean_hu_; }  ///< mean HU of all material
-  std::size_t bytes() const noexcept { return hu_.capacity() * sizeof(float); }
 
   struct Mean {
     double share = 0;  ///< coverage: fraction of the disc's sample points that lie over material

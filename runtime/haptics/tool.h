@@ -24,7 +24,7 @@ struct LocalEnvironment {
   double sheet_N = 0;  ///< force of the sheet's spring
   double sheet_N_per_m = 0, sheet_N_s_per_m = 0;
   // Friction acts along `axis` on the shaft, in all holes that the shaft is in. Dry friction is a
-  // spring that slides at its maximum force (shaft.h).
+  // spring that slides at its maximum force.
   Eigen::Vector3d axis = Eigen::Vector3d::UnitZ();
   double dry_N = 0, dry_max_N = 0;  ///< dry friction and its maximum, summed over the holes
   /// Stiffness of dry friction against a small motion of the shaft inwards (`in`) and outwards

@@ -327,7 +327,7 @@ int run_scene(const RunArguments& arguments, std::atomic<bool>& recover) {
   if (!hand) return fail(hand.error());
   options->hand = hand->get();
   if (*hand && options->telemetry)
-    options->telemetry->hand = published_hand(inputs->scene.hand, (*hand)->limits());
+    options->telemetry->hand = PublishedHand{(*hand)->limits(), hand_impedance(inputs->scene.hand)};
 
   SessionOutputs outputs(arguments, *inputs, options->rate_Hz);
   outputs.collect(*options);

@@ -6,14 +6,9 @@
 #include <sys/mman.h>
 #include <sys/prctl.h>
 #include <sys/resource.h>
-#include <algorithm>
-#include <array>
-#include <atomic>
 #include <cerrno>
 #include <cmath>
-#include <ctime>
 #include <fstream>
-#include <thread>
 
 #include "formats/base/files.h"
 
@@ -23,34 +18,6 @@ namespace {
 std::atomic<bool> hooked{false};
 std::atomic<std::uint64_t> counted{0};
 thread_local constinit bool inside = false;
-
-}  // namespace
-
-bool allocations_are_counted() noexcept {
-  return hooked.load(std::memory_order_relaxed);
-}
-std::uint64_t allocations_in_scopes() noexcept {
-  return counted.load(std::memory_order_relaxed);
-}
-
-NoAllocationScope::NoAllocationScope() noexcept {
-  inside = true;
-}
-NoAllocationScope::~NoAllocationScope() {
-  inside = false;
-}
-
-bool in_no_allocation_scope() noexcept {
-  return inside;
-}
-void note_allocation() noexcept {
-  if (inside) counted.fetch_add(1, std::memory_order_relaxed);
-}
-void announce_allocation_hooks() noexcept {
-  hooked.store(true, std::memory_order_relaxed);
-}
-
-namespace {
 
 constexpr std::int64_t kSecond_ns = 1'000'000'000;
 constexpr std::size_t kStackTouched = std::size_t{256} << 10;
@@ -194,6 +161,30 @@ void run(const RealtimeOptions& options, const std::function<bool(const TickTimi
 }
 
 }  // namespace
+
+bool allocations_are_counted() noexcept {
+  return hooked.load(std::memory_order_relaxed);
+}
+std::uint64_t allocations_in_scopes() noexcept {
+  return counted.load(std::memory_order_relaxed);
+}
+
+NoAllocationScope::NoAllocationScope() noexcept {
+  inside = true;
+}
+NoAllocationScope::~NoAllocationScope() {
+  inside = false;
+}
+
+bool in_no_allocation_scope() noexcept {
+  return inside;
+}
+void note_allocation() noexcept {
+  if (inside) counted.fetch_add(1, std::memory_order_relaxed);
+}
+void announce_allocation_hooks() noexcept {
+  hooked.store(true, std::memory_order_relaxed);
+}
 
 RealtimeReport run_realtime(const RealtimeOptions& options,
                             const std::function<bool(const TickTiming&)>& tick,

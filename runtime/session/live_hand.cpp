@@ -111,22 +111,6 @@ Result<LiveHandLimits> live_hand_limits(const Scene& scene, const DeviceSpecific
   return out;
 }
 
-PublishedHand published_hand(const SceneHand& hand, const LiveHandLimits& limits) {
-  const HandImpedance impedance = hand_impedance(hand);
-  const auto numbers = [](const Eigen::Vector3d& v) {
-    return std::array<double, 3>{v.x(), v.y(), v.z()};
-  };
-  return PublishedHand{.min_m = numbers(limits.min_m),
-                       .max_m = numbers(limits.max_m),
-                       .start_tip_m = numbers(limits.T_device_tool_start.p_m),
-                       .start_rotation_rad = numbers(rotation_vector(limits.T_device_tool_start.q)),
-                       .stiffness_N_per_m = impedance.stiffness_N_per_m,
-                       .rotation_stiffness_Nm_per_rad = impedance.rotational_stiffness_Nm_per_rad,
-                       .speed_max_m_per_s = limits.speed_max_m_per_s,
-                       .rotation_rate_max_rad_per_s = limits.rotation_rate_max_rad_per_s,
-                       .turn_max_rad = limits.turn_max_rad};
-}
-
 TargetPath::TargetPath(double duration_s, double interval_s)
     : interval_s_(std::max(interval_s, duration_s / static_cast<double>(kMaxTargets - 2))) {
   if (duration_s > 0)

@@ -41,27 +41,11 @@
 
 namespace trocar::runtime {
 
-struct LiveHandLimits {
-  Pose T_device_tool_start;  ///< target pose of the tip when the session begins
-  /// Box of tip positions in {B}. With the tool's rotation at the start, the device reaches every
-  /// position in the box and 5 mm more on each side. The box is at least 20 mm wide. It extends at
-  /// least 20 mm below the lowest slice, unless no such box reaches so far.
-  Eigen::Vector3d min_m = Eigen::Vector3d::Zero(), max_m = Eigen::Vector3d::Zero();
-  double turn_max_rad = 0;  ///< largest angle from the rotation at the start
-  /// speed_max_m_per_s: largest speed of the target while the person holds the hand. Contract 4
-  /// states the largest speed after the person has let go. rotation_rate_max_rad_per_s: largest
-  /// rotation rate of the target at all times.
-  double speed_max_m_per_s = 0.15, rotation_rate_max_rad_per_s = 1;
-};
-
 /// Returns the limits for a scene with a live hand. Precondition: place_body() has placed the
 /// slices of the scene. Errors: kRefused if the device can reach no box that is at least 20 mm wide
 /// at the height of the start, or if the start is not in the box.
 Result<LiveHandLimits> live_hand_limits(const Scene& scene, const DeviceSpecification& device,
                                         const SafetyLimits& limits);
-
-/// Returns what a session publishes about a live hand in its telemetry: limits, start and springs.
-PublishedHand published_hand(const SceneHand& hand, const LiveHandLimits& limits);
 
 /// Records the targets of a live hand over time, so that the session can write the path as
 /// keyframes for a scene. The haptic thread may call add(), because add() does not allocate.

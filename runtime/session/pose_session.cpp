@@ -20,6 +20,31 @@ double angle_to_z(const Eigen::Vector3d& axis) noexcept {
   return std::atan2(axis.head<2>().norm(), axis.z());
 }
 
+constexpr double kStep_m = 2e-3;
+
+bool is_reachable(const DeviceSpecification& device, const SafetyLimits& limits, const Tool& tool,
+                  const Eigen::Quaterniond& q, const Eigen::Vector3d& tip_m) noexcept {
+  const Pose T_device_plate{tip_m - q * tool.tip_plate_m, q};
+  return pose_fault(limits, pose_margins(device, limits, tool, T_device_plate)) == Fault::kNone;
+}
+
+constexpr const char* kForceScale = "force-scale";
+constexpr const char* kForceLimit = "force-limit";
+constexpr const char* kDeviceMargin = "device-margin";
+constexpr std::string_view kBuiltIn = "built-in/";
+/// In a bone volume friction on the shaft adds to the force at the tip. With the shipped scene of a vertebra the largest force is 1.39
+/// times the largest at the tip.
+constexpr double kShaftHeadroom = 1.5;
+/// Damping of the virtual coupling over its stiffness, as in CouplingOptions.
+constexpr double kCouplingDamping_s = 5e-4;
+constexpr double kMaxCoupling_N_per_m = 1e6;
+
+struct BuiltIn {
+  std::string_view name, text;
+};
+constexpr std::array kBuiltIns = {BuiltIn{"haply_inverse3", kHaplyInverse3},
+                                  BuiltIn{"force_dimension", kForceDimension}};
+
 }  // namespace
 
 PoseMargins pose_margins(const DeviceSpecification& device, const SafetyLimits& limits,
@@ -47,18 +72,6 @@ Fault pose_fault(const SafetyLimits& limits, const PoseMargins& margins) noexcep
   return margins.tool_tilt_rad * kDegreesPerRadian <= kMaxTilt_deg ? Fault::kNone
                                                                    : Fault::kToolTilt;
 }
-
-namespace {
-
-constexpr double kStep_m = 2e-3;
-
-bool is_reachable(const DeviceSpecification& device, const SafetyLimits& limits, const Tool& tool,
-                  const Eigen::Quaterniond& q, const Eigen::Vector3d& tip_m) noexcept {
-  const Pose T_device_plate{tip_m - q * tool.tip_plate_m, q};
-  return pose_fault(limits, pose_margins(device, limits, tool, T_device_plate)) == Fault::kNone;
-}
-
-}  // namespace
 
 std::optional<WorkspaceHeights> workspace_heights(const DeviceSpecification& device,
                                                   const SafetyLimits& limits, const Tool& tool,
@@ -120,27 +133,6 @@ std::optional<WorkspaceRectangle> workspace_rectangle(const DeviceSpecification&
   rectangle.max_m = middle_m + Eigen::Vector2d(side[2], side[3]) * kStep_m;
   return rectangle;
 }
-
-namespace {
-
-constexpr const char* kForceScale = "force-scale";
-constexpr const char* kForceLimit = "force-limit";
-constexpr const char* kDeviceMargin = "device-margin";
-constexpr std::string_view kBuiltIn = "built-in/";
-/// In a bone volume friction on the shaft adds to the force at the tip. With the shipped scene of a vertebra the largest force is 1.39
-/// times the largest at the tip.
-constexpr double kShaftHeadroom = 1.5;
-/// Damping of the virtual coupling over its stiffness, as in CouplingOptions.
-constexpr double kCouplingDamping_s = 5e-4;
-constexpr double kMaxCoupling_N_per_m = 1e6;
-
-struct BuiltIn {
-  std::string_view name, text;
-};
-constexpr std::array kBuiltIns = {BuiltIn{"haply_inverse3", kHaplyInverse3},
-                                  BuiltIn{"force_dimension", kForceDimension}};
-
-}  // namespace
 
 Result<PoseDeviceDescription> built_in_pose_device(std::string_view name) {
   const bool turns = name.ends_with(kWithRotation);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The distances of a plate pose from the limits of the device and of the loop (limits.h).
+// The distances of a plate pose from the limits of the device and of the loop (safety.h).
 #pragma once
 
 #include <Eigen/Core>
@@ -42,7 +42,7 @@ PoseMargins pose_margins(const DeviceSpecification& device, const SafetyLimits& 
 Fault pose_fault(const SafetyLimits& limits, const PoseMargins& margins) noexcept;
 
 // Finds tip positions that a device reaches without turning the plate. A position counts as reached
-// if pose_fault() (pose_margins.h) finds no fault there.
+// if pose_fault() finds no fault there.
 
 /// A range of heights of the tip in {B}, for a plate whose origin is on the z axis of {B}.
 struct WorkspaceHeights {

@@ -3,17 +3,13 @@
 
 #include <fcntl.h>
 #include <algorithm>
-#include <array>
 #include <bit>
 #include <cerrno>
 #include <cmath>
 #include <ctime>
-#include <span>
-#include <string>
 #include <system_error>
 #include <utility>
 
-#include "formats/base/files.h"
 #include "formats/base/text.h"
 
 namespace trocar::runtime {
@@ -41,6 +37,8 @@ void TickFeed::serve() {
 namespace {
 
 constexpr unsigned kFirstOctave = 8;  // 2^8 ns = 256 ns
+
+constexpr auto kMeasureEvery = std::chrono::milliseconds(200);
 
 }  // namespace
 
@@ -157,12 +155,6 @@ void BlackBox::stop() {
   if (std::exchange(is_pending_, false)) save(latched_, latched_t_s_);
   serve();
 }
-
-namespace {
-
-constexpr auto kMeasureEvery = std::chrono::milliseconds(200);
-
-}  // namespace
 
 Recorder::Recorder(RecordingWriter writer, DiskReserve reserve, double rate_Hz,
                    std::function<void(double)> low_space)

@@ -296,7 +296,7 @@ class BlackBox final : public TickObserver {
 // Writes the row of every tick to a recording, and watches the space on its disk. In real time a
 // separate thread writes the rows. If the rows cannot be written, the session is to end, because
 // what it did could not be shown. The rows until its end still fit on a full disk, because the
-// recorder holds space for them (disk_reserve.h).
+// recorder holds space for them.
 
 class Recorder final : public TickObserver {
  public:

@@ -2,21 +2,12 @@
 #include "runtime/session/session.h"
 
 #include <Eigen/Core>
-#include <memory>
 #include <utility>
 
-#include "runtime/realtime/realtime_thread.h"
 #include "runtime/session/force_law_table.h"
-#include "runtime/session/session_clock.h"
-#include "runtime/session/session_options.h"
 
 namespace trocar::runtime {
 namespace {
-
-std::string clock_name(const SessionOptions& options) {
-  if (!options.replay.empty()) return "replay";
-  return options.clock == Clock::kReal ? "real" : "virtual";
-}
 
 Result<std::unique_ptr<ForceLaw>> make_law(const Scene& scene, const DeviceSpecification& device,
                                            const Remesher& remesher,
@@ -66,14 +57,7 @@ Result<SessionWorkers> make_workers(const Scene& scene, const DeviceSpecificatio
   if (options.on_tick) workers.tick_feed = std::make_unique<TickFeed>(options.on_tick);
   if (options.telemetry) {
     auto made =
-        SessionPublisher::make(scene, device, remesher, prefetch, *options.telemetry,
-                               {.rate_Hz = options.rate_Hz,
-                                .duration_s = options.duration_s,
-                                .clock = clock_name(options),
-                                .record = options.record,
-                                .counts_xray = options.counts_xray && options.replay.empty(),
-                                .limits = options.limits,
-                                .recorder = workers.recorder.get()});
+        SessionPublisher::make(scene, device, remesher, prefetch, options, workers.recorder.get());
     if (!made) return made.error();
     workers.publisher = std::move(*made);
   }

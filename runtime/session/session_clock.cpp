@@ -9,7 +9,6 @@
 #include <utility>
 
 #include "runtime/session/session.h"
-#include "runtime/session/session_options.h"
 
 namespace trocar::runtime {
 namespace {

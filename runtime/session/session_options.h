@@ -106,13 +106,13 @@ struct SessionOptions {
   /// If set, the session is published in memory that other processes read, and the session obeys
   /// their commands (formats/session/telemetry.md).
   std::optional<TelemetryOptions> telemetry;
-  /// True: the session accepts the operator's X-ray commands (xray_commands.h) from other
+  /// True: the session accepts the operator's X-ray commands (operator_commands.h) from other
   /// processes, or from the rows of a replay, and counts shots and the time of screening.
   bool counts_xray = false;
   /// Receives the messages of a hand that a person moves. The messages come through `telemetry`,
   /// which must then be set. Null: there is no such hand. The receiver must outlive the session.
   HandReceiver* hand = nullptr;
-  /// Called with the frames for a display (frame_display.h), not on the realtime haptic thread.
+  /// Called with the frames for a display (session_publisher.h), not on the realtime haptic thread.
   FrameFunction on_frame;
   double frame_rate_Hz = 30;
   /// Called with every tick, in order, not on the realtime haptic thread.

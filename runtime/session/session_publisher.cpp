@@ -3,20 +3,14 @@
 
 #include <unistd.h>
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <ctime>
-#include <limits>
 #include <nlohmann/json.hpp>
-#include <utility>
 
 #include "formats/base/files.h"
 #include "formats/base/json.h"
 #include "formats/base/text.h"
-#include "formats/session/telemetry.h"
-#include "runtime/haptics/tool.h"
-#include "runtime/realtime/realtime_thread.h"
-#include "runtime/session/recorder.h"
+#include "runtime/session/session_options.h"
 
 namespace trocar::runtime {
 
@@ -140,21 +134,6 @@ TelemetrySheet FirstSheet::published(const Sheet& sheet) const {
   return shown;
 }
 
-TelemetryShape published(const SheetShape& shape, const std::vector<std::int32_t>& slices) {
-  TelemetryShape shown;
-  const auto sheet = std::find(slices.begin(), slices.end(), shape.slice_index);
-  shown.sheet = sheet == slices.end() ? -1 : static_cast<std::int32_t>(sheet - slices.begin());
-  shown.cuts = shape.cuts;
-  shown.z_m = shape.z_m;
-  for (std::size_t i = 0; i < shape.vertices_m.size(); ++i) {
-    for (const double x : {shape.vertices_m[i][0], shape.vertices_m[i][1], shape.w[i]})
-      shown.xyw.push_back(static_cast<float>(x));
-  }
-  for (const Triangle& triangle : shape.triangles)
-    shown.triangles.insert(shown.triangles.end(), triangle.begin(), triangle.end());
-  return shown;
-}
-
 namespace {
 
 using nlohmann::json;
@@ -206,62 +185,54 @@ json describe_device(const DeviceSpecification& device, const SafetyLimits& limi
 
 json describe_hand(const std::optional<PublishedHand>& hand) {
   if (!hand) return nullptr;
-  return {{"live", true},
-          {"box", {{"min_m", hand->min_m}, {"max_m", hand->max_m}}},
-          {"start", {{"tip_m", hand->start_tip_m}, {"rotation_rad", hand->start_rotation_rad}}},
-          {"stiffness_N_per_m", hand->stiffness_N_per_m},
-          {"rotation_stiffness_Nm_per_rad", hand->rotation_stiffness_Nm_per_rad},
-          {"speed_max_m_per_s", hand->speed_max_m_per_s},
-          {"rotation_rate_max_rad_per_s", hand->rotation_rate_max_rad_per_s},
-          {"turn_max_rad", hand->turn_max_rad}};
-}
-
-}  // namespace
-
-std::string session_facts(const Scene& scene, const DeviceSpecification& device,
-                          const Remesher& remesher, const TelemetryOptions& options,
-                          const PublishedSession& session) {
-  json about = {
-      {"schema", kTelemetrySchema},
-      {"program", "trocar-run " TROCAR_VERSION},
-      {"pid", ::getpid()},
-      {"started_at", utc_text(std::time(nullptr))},
-      {"scene", {{"file", options.scene_file}, {"name", scene.name}}},
-      {"asset", scene.asset.string()},
-      {"device", options.device},
-      {"force_law", to_string(scene.force_law.kind)},
-      {"rate_Hz", session.rate_Hz},
-      {"duration_s", session.duration_s},
-      {"clock", session.clock},
-      {"recovery", options.recovery},
-      {"record", session.record ? json(session.record->string()) : json(nullptr)},
-      {"xray", session.counts_xray},
-      {"tool", describe_tool(scene.tool)},
-      {"hand", describe_hand(options.hand)},
-      {"sheets", describe_sheets(remesher, options)},
-      {"layers", json::array()},
-      {"columns", json::array()},
-      {"phases", names_of<ContactPhase>(static_cast<int>(ContactPhase::kFault) + 1)},
-      {"faults", names_of<Fault>(kFaults)},
-      {"safety_states", names_of<SafetyState>(kSafetyStates)},
+  const auto numbers = [](const Eigen::Vector3d& v) {
+    return std::array<double, 3>{v.x(), v.y(), v.z()};
   };
-  about.update(describe_device(device, session.limits));
-  for (const SceneLayer& layer : scene.layers) {
-    about["layers"].push_back({{"name", layer.name},
-                               {"top_z_m", layer.top_z_m},
-                               {"thickness_m", layer.thickness_m},
-                               {"puncture_N", layer.puncture_N}});
-  }
-  for (const auto& [name, count] : snapshot_columns())
-    about["columns"].push_back({{"name", name}, {"count", count}});
-  json edges = json::array();
-  for (std::size_t i = 0; i <= TelemetryHistogram::kBins; ++i)
-    edges.push_back(TelemetryHistogram::lower_us(i));
-  about["histogram_edges_us"] = std::move(edges);
-  return json_text(about);
+  const LiveHandLimits& limits = hand->limits;
+  const Pose& start = limits.T_device_tool_start;
+  return {{"live", true},
+          {"box", {{"min_m", numbers(limits.min_m)}, {"max_m", numbers(limits.max_m)}}},
+          {"start",
+           {{"tip_m", numbers(start.p_m)}, {"rotation_rad", numbers(rotation_vector(start.q))}}},
+          {"stiffness_N_per_m", hand->impedance.stiffness_N_per_m},
+          {"rotation_stiffness_Nm_per_rad", hand->impedance.rotational_stiffness_Nm_per_rad},
+          {"speed_max_m_per_s", limits.speed_max_m_per_s},
+          {"rotation_rate_max_rad_per_s", limits.rotation_rate_max_rad_per_s},
+          {"turn_max_rad", limits.turn_max_rad}};
 }
 
-namespace {
+const char* clock_name(const SessionOptions& options) {
+  if (!options.replay.empty()) return "replay";
+  return options.clock == Clock::kReal ? "real" : "virtual";
+}
+
+/// Converts a shape, which is the deformed sheet around the tool. `slices`: the slice index of each
+/// sheet. If the shape's slice is not in `slices`, TelemetryShape::sheet of the result is -1.
+TelemetryShape published(const SheetShape& shape, const std::vector<std::int32_t>& slices) {
+  TelemetryShape shown;
+  const auto sheet = std::find(slices.begin(), slices.end(), shape.slice_index);
+  shown.sheet = sheet == slices.end() ? -1 : static_cast<std::int32_t>(sheet - slices.begin());
+  shown.cuts = shape.cuts;
+  shown.z_m = shape.z_m;
+  for (std::size_t i = 0; i < shape.vertices_m.size(); ++i) {
+    for (const double x : {shape.vertices_m[i][0], shape.vertices_m[i][1], shape.w[i]})
+      shown.xyw.push_back(static_cast<float>(x));
+  }
+  for (const Triangle& triangle : shape.triangles)
+    shown.triangles.insert(shown.triangles.end(), triangle.begin(), triangle.end());
+  return shown;
+}
+
+/// The values from which the columns are computed. `tick_times`: durations of ticks. `wake_times`:
+/// delays of the haptic thread's wake-ups. `last_event`: number of the last event written.
+struct SnapshotSource {
+  const TelemetryTick& tick;
+  const Tool& tool;
+  const TelemetryHistogram& tick_times;
+  const TelemetryHistogram& wake_times;
+  std::uint64_t last_event = 0;
+  double recording_left_s = std::numeric_limits<double>::infinity();  ///< Recorder::left_s()
+};
 
 struct Column {
   const char* name;
@@ -358,15 +329,6 @@ constexpr Column kColumns[] = {
          [](const S& s) { return bits_of(s.tick.sheets_punctured); }),
 };
 
-}  // namespace
-
-std::vector<std::pair<const char*, std::size_t>> snapshot_columns() {
-  std::vector<std::pair<const char*, std::size_t>> columns;
-  for (const Column& column : kColumns)
-    columns.emplace_back(column.name, column.count);
-  return columns;
-}
-
 std::size_t snapshot_size() {
   std::size_t size = 0;
   for (const Column& column : kColumns)
@@ -382,25 +344,67 @@ void snapshot_values(const SnapshotSource& source, std::span<double> values) {
   }
 }
 
+}  // namespace
+
+std::string session_facts(const Scene& scene, const DeviceSpecification& device,
+                          const Remesher& remesher, const SessionOptions& options) {
+  const TelemetryOptions& told = *options.telemetry;
+  json about = {
+      {"schema", kTelemetrySchema},
+      {"program", "trocar-run " TROCAR_VERSION},
+      {"pid", ::getpid()},
+      {"started_at", utc_text(std::time(nullptr))},
+      {"scene", {{"file", told.scene_file}, {"name", scene.name}}},
+      {"asset", scene.asset.string()},
+      {"device", told.device},
+      {"force_law", to_string(scene.force_law.kind)},
+      {"rate_Hz", options.rate_Hz},
+      {"duration_s", options.duration_s},
+      {"clock", clock_name(options)},
+      {"recovery", told.recovery},
+      {"record", options.record ? json(options.record->string()) : json(nullptr)},
+      {"xray", options.counts_xray && options.replay.empty()},
+      {"tool", describe_tool(scene.tool)},
+      {"hand", describe_hand(told.hand)},
+      {"sheets", describe_sheets(remesher, told)},
+      {"layers", json::array()},
+      {"columns", json::array()},
+      {"phases", names_of<ContactPhase>(static_cast<int>(ContactPhase::kFault) + 1)},
+      {"faults", names_of<Fault>(kFaults)},
+      {"safety_states", names_of<SafetyState>(kSafetyStates)},
+  };
+  about.update(describe_device(device, options.limits));
+  for (const SceneLayer& layer : scene.layers) {
+    about["layers"].push_back({{"name", layer.name},
+                               {"top_z_m", layer.top_z_m},
+                               {"thickness_m", layer.thickness_m},
+                               {"puncture_N", layer.puncture_N}});
+  }
+  for (const Column& column : kColumns)
+    about["columns"].push_back({{"name", column.name}, {"count", column.count}});
+  json edges = json::array();
+  for (std::size_t i = 0; i <= TelemetryHistogram::kBins; ++i)
+    edges.push_back(TelemetryHistogram::lower_us(i));
+  about["histogram_edges_us"] = std::move(edges);
+  return json_text(about);
+}
+
 SessionPublisher::SessionPublisher() : TickObserver(std::chrono::milliseconds(4)) {}
 
-Result<std::unique_ptr<SessionPublisher>> SessionPublisher::make(const Scene& scene,
-                                                                 const DeviceSpecification& device,
-                                                                 const Remesher& remesher,
-                                                                 const PrefetchWorker* prefetch,
-                                                                 const TelemetryOptions& options,
-                                                                 const PublishedSession& session) {
+Result<std::unique_ptr<SessionPublisher>> SessionPublisher::make(
+    const Scene& scene, const DeviceSpecification& device, const Remesher& remesher,
+    const PrefetchWorker* prefetch, const SessionOptions& options, const Recorder* recorder) {
   std::unique_ptr<SessionPublisher> made(new SessionPublisher);
   made->prefetch_ = prefetch;
-  made->recorder_ = session.recorder;
-  made->rate_Hz_ = session.rate_Hz;
+  made->recorder_ = recorder;
+  made->rate_Hz_ = options.rate_Hz;
   made->tool_ = make_tool(scene.tool);
   made->values_.resize(snapshot_size());
   TelemetrySizes sizes;
-  sizes.about = session_facts(scene, device, remesher, options, session);
+  sizes.about = session_facts(scene, device, remesher, options);
   sizes.columns = snapshot_size();
   sizes.has_shape = prefetch != nullptr;
-  sizes.has_hand = options.hand.has_value();
+  sizes.has_hand = options.telemetry->hand.has_value();
   for (std::size_t i = 0; i < remesher.size(); ++i) {
     const Sheet& sheet = remesher.first_version(i);
     const FirstSheet& first = made->first_.emplace_back(sheet);
@@ -414,7 +418,8 @@ Result<std::unique_ptr<SessionPublisher>> SessionPublisher::make(const Scene& sc
   made->writer_ = std::move(*writer);
   made->publish_sheets(remesher);
   made->write(TelemetryTick{});
-  if (Result<void> linked = made->writer_->link(options.file); !linked) return linked.error();
+  if (Result<void> linked = made->writer_->link(options.telemetry->file); !linked)
+    return linked.error();
   return made;
 }
 

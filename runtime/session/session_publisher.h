@@ -23,6 +23,7 @@
 #include "formats/session/telemetry.h"
 #include "formats/session/trainee.h"
 #include "runtime/device/hand_device.h"
+#include "runtime/device/simulated/hand.h"
 #include "runtime/haptics/force_law.h"
 #include "runtime/haptics/loop/safety.h"
 #include "runtime/haptics/sheet.h"
@@ -113,24 +114,30 @@ class FirstSheet {
   std::shared_ptr<const std::vector<float>> hu_;  ///< one HU for each vertex of mesh_; null: none
 };
 
-/// Converts a shape, which is the deformed sheet around the tool. `slices`: the slice index of each
-/// sheet. If the shape's slice is not in `slices`, TelemetryShape::sheet of the result is -1.
-TelemetryShape published(const SheetShape& shape, const std::vector<std::int32_t>& slices);
-
 // The facts that do not change during a session, such as its scene, device, rate and limits. They
 // are written as JSON into the session's shared memory, for the programs that read this memory
 // (formats/session/telemetry.md, section About).
 
-class Recorder;
+struct SessionOptions;
 
-/// The facts about a live hand, which is a hand that a person moves. Its springs pull the tip to a
-/// target. The target starts at start_tip_m and start_rotation_rad. While a person holds the tool,
-/// the target stays in the box from min_m to max_m, and its rotation differs from the rotation at
-/// the start by at most turn_max_rad. Frame: {B}.
+/// The limits of a live hand, which is a hand that a person moves (live_hand.h).
+struct LiveHandLimits {
+  Pose T_device_tool_start;  ///< target pose of the tip when the session begins
+  /// Box of tip positions in {B}. With the tool's rotation at the start, the device reaches every
+  /// position in the box and 5 mm more on each side. The box is at least 20 mm wide. It extends at
+  /// least 20 mm below the lowest slice, unless no such box reaches so far.
+  Eigen::Vector3d min_m = Eigen::Vector3d::Zero(), max_m = Eigen::Vector3d::Zero();
+  double turn_max_rad = 0;  ///< largest angle from the rotation at the start
+  /// speed_max_m_per_s: largest speed of the target while the person holds the hand. Contract 4
+  /// states the largest speed after the person has let go. rotation_rate_max_rad_per_s: largest
+  /// rotation rate of the target at all times.
+  double speed_max_m_per_s = 0.15, rotation_rate_max_rad_per_s = 1;
+};
+
+/// A live hand: its limits, and the springs that pull the tip to the target.
 struct PublishedHand {
-  std::array<double, 3> min_m{}, max_m{}, start_tip_m{}, start_rotation_rad{};
-  double stiffness_N_per_m = 0, rotation_stiffness_Nm_per_rad = 0;
-  double speed_max_m_per_s = 0, rotation_rate_max_rad_per_s = 0, turn_max_rad = 0;
+  LiveHandLimits limits;
+  HandImpedance impedance;
 };
 
 /// Facts that the program supplies.
@@ -143,24 +150,12 @@ struct TelemetryOptions {
   std::optional<PublishedHand> hand = {};    ///< none: the session has no live hand
 };
 
-/// Facts that come from the options of the session.
-struct PublishedSession {
-  double rate_Hz = 1000, duration_s = 1;
-  std::string clock;                            ///< "real", "virtual" or "replay"
-  std::optional<std::filesystem::path> record;  ///< file of the recording; none: no recording
-  bool counts_xray = false;  ///< the session accepts and counts X-ray shots and screening
-  SafetyLimits limits;
-  /// Writes `record` and outlives the publisher; null: no recording.
-  const Recorder* recorder = nullptr;
-};
-
-/// Returns the facts as JSON text.
+/// Returns the facts as JSON text. Precondition: options.telemetry is set.
 std::string session_facts(const Scene& scene, const DeviceSpecification& device,
-                          const Remesher& remesher, const TelemetryOptions& options,
-                          const PublishedSession& session);
+                          const Remesher& remesher, const SessionOptions& options);
 
 // A snapshot holds numbers of the latest tick for other processes, in the columns of
-// formats/session/telemetry.md. To add a value, add a line to the table in snapshot.cpp.
+// formats/session/telemetry.md. To add a value, add a line to the table in session_publisher.cpp.
 
 /// Values of a tick that the haptic thread passes to the thread that writes snapshots. All counts
 /// begin with 0 at the start of the session.
@@ -184,24 +179,6 @@ struct TelemetryTick {
 };
 static_assert(kMaxSceneSlices <= kMaxTelemetrySheets && kMaxSceneSlices <= 64);
 
-/// The values from which the columns are computed. `tick_times`: durations of ticks. `wake_times`:
-/// delays of the haptic thread's wake-ups. `last_event`: number of the last event written.
-struct SnapshotSource {
-  const TelemetryTick& tick;
-  const Tool& tool;
-  const TelemetryHistogram& tick_times;
-  const TelemetryHistogram& wake_times;
-  std::uint64_t last_event = 0;
-  double recording_left_s = std::numeric_limits<double>::infinity();  ///< Recorder::left_s()
-};
-
-/// Returns the name of each column and its number of values, in the order of snapshot_values().
-std::vector<std::pair<const char*, std::size_t>> snapshot_columns();
-/// Returns the total number of values in all columns.
-std::size_t snapshot_size();
-/// Fills `values`, which must have the size snapshot_size().
-void snapshot_values(const SnapshotSource& source, std::span<double> values);
-
 // Publishes a running session in shared memory that other processes read, and receives commands
 // from these processes (formats/session/telemetry.md). The haptic thread writes the latest tick
 // into a triple buffer, and pushes events into a queue. A second thread copies tick and events to
@@ -218,14 +195,12 @@ struct TelemetryCommands {
 class SessionPublisher final : public TickObserver {
  public:
   /// Creates the shared memory, writes the uncut sheets into it, and then creates the link by which
-  /// other processes find the memory. `prefetch`: the worker of the force law; may be null. Errors:
-  /// those of TelemetryWriter::make() and TelemetryWriter::link().
-  static Result<std::unique_ptr<SessionPublisher>> make(const Scene& scene,
-                                                        const DeviceSpecification& device,
-                                                        const Remesher& remesher,
-                                                        const PrefetchWorker* prefetch,
-                                                        const TelemetryOptions& options,
-                                                        const PublishedSession& session);
+  /// other processes find the memory. `prefetch`: the worker of the force law; may be null.
+  /// `recorder`: writes the recording and outlives the publisher; null: no recording. Precondition:
+  /// options.telemetry is set. Errors: those of TelemetryWriter::make() and TelemetryWriter::link().
+  static Result<std::unique_ptr<SessionPublisher>> make(
+      const Scene& scene, const DeviceSpecification& device, const Remesher& remesher,
+      const PrefetchWorker* prefetch, const SessionOptions& options, const Recorder* recorder);
   ~SessionPublisher() override { stop(); }
 
   // The haptic thread calls these functions.

@@ -78,11 +78,9 @@ void add_workspace(const std::string& method, double tilt_deg) {
 // ---- kinematics ----
 
 struct Sample {
-  Pose pose,
-      before;  ///< `before`: half a millimetre and half a degree away, as in the previous tick
+  Pose pose;
   InverseResult inverse;
   std::array<double, kEncoders> encoder_rad;
-  MotorVector motor_rad;
 };
 
 /// Translation in m plus rotation in rad times 0.05 m.
@@ -96,18 +94,12 @@ void add_kinematics() {
   Random random(81);
   for (Sample& s : *samples) {
     s.pose = random_workspace_pose(random);
-    s.before.p_m = s.pose.p_m + 5e-4 * random.in_ball();
-    s.before.q = from_rotation_vector(0.0087 * random.in_ball()) * s.pose.q;
     s.inverse = inverse_kinematics(device(), s.pose);
     s.encoder_rad = encoder_angles(s.inverse.joints);
-    s.motor_rad = motor_angles(s.inverse.joints);
   }
   const auto inverse = [](const Sample& s) { return inverse_kinematics(device(), s.pose); };
   const auto by_encoders = [](const Sample& s) {
     return forward_kinematics(device(), s.encoder_rad);
-  };
-  const auto by_motors = [](const Sample& s) {
-    return forward_kinematics_from_motors(device(), s.motor_rad, s.before);
   };
   const auto compact = [](const Sample& s) { return jacobian(device(), s.pose, s.inverse.joints); };
   const auto influence = [](const Sample& s) {
@@ -128,8 +120,6 @@ void add_kinematics() {
   add("kinematics/inverse/trocar", us, cycling<Sample>(samples, inverse));
   add("kinematics/forward/trocar-12-encoders", us, cycling<Sample>(samples, by_encoders),
       worst_pose(by_encoders, 1e-12));
-  add("kinematics/forward/trocar-8-motors", us, cycling<Sample>(samples, by_motors),
-      worst_pose(by_motors, 1e-10));
   add("kinematics/jacobian/trocar", us, cycling<Sample>(samples, compact), [=] {
     double worst = 0;
     for (const Sample& s : *samples) {

@@ -68,7 +68,7 @@ double density(Inputs& in, const json& model) {
   if (model.contains("density_g_per_cm3")) return in.draw("density_g_per_cm3");
   // QCT density is about the ash density.
   const double apparent = kSolid_g_per_cm3 * in.draw("bone_volume_fraction");
-  return find_conversion(DensityKind::kApparent, DensityKind::kAsh)->factor * apparent;
+  return kAshOverApparent * apparent;
 }
 
 /// Pressure under a flat tip.

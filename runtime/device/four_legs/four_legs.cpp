@@ -9,7 +9,6 @@
 
 #include "formats/base/text.h"
 #include "runtime/device/four_legs/kinematics.h"
-#include "runtime/device/four_legs/mechanism_limits.h"
 #include "runtime/device/four_legs/torque_allocation.h"
 
 namespace trocar::runtime {
@@ -49,6 +48,18 @@ std::string describe_singularity(const MechanismLimits& limits, const Singularit
   if (measured.inverse_condition >= limits.inverse_condition_min) return {};
   return describe_beyond("the inverse condition is", measured.inverse_condition,
                          limits.inverse_condition_min, "", 3);
+}
+
+/// After kMotorOverload, recovery waits until the i2t state of every motor is at most this fraction
+/// of its limit.
+constexpr double kMaxHeatToRecover = 0.5;
+
+FaultDetail not_finite(const Wrench& wanted) noexcept {
+  int i = 0;
+  while (i < 5 && std::isfinite(wanted[i]))
+    ++i;
+  return {Fault::kTorqueNotFinite, FaultQuantity::kWantedWrench, i, wanted[i],
+          std::numeric_limits<double>::quiet_NaN()};
 }
 
 }  // namespace
@@ -150,22 +161,6 @@ std::optional<Pose> FourLegsSpecification::pose_of(const RecordingRow& row) cons
   const ForwardResult forward = forward_kinematics(description_, row.encoder_rad);
   return forward.status ? std::optional(forward.T_device_plate) : std::nullopt;
 }
-
-namespace {
-
-/// After kMotorOverload, recovery waits until the i2t state of every motor is at most this fraction
-/// of its limit.
-constexpr double kMaxHeatToRecover = 0.5;
-
-FaultDetail not_finite(const Wrench& wanted) noexcept {
-  int i = 0;
-  while (i < 5 && std::isfinite(wanted[i]))
-    ++i;
-  return {Fault::kTorqueNotFinite, FaultQuantity::kWantedWrench, i, wanted[i],
-          std::numeric_limits<double>::quiet_NaN()};
-}
-
-}  // namespace
 
 DeviceStatus FourLegs::read(double& t_s) noexcept {
   DeviceState state{last_.t_s, last_.value};

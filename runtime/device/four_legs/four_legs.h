@@ -110,7 +110,6 @@ class FourLegs final : public HandDevice {
   }
   /// Jacobian at the last pose for which find_pose() raised no fault.
   const Jacobian& motor_jacobian() const noexcept { return G_; }
-  const MotorVector& torques_Nm() const noexcept { return written_Nm_; }
   const MotorVector& torques_at_stop_Nm() const noexcept { return at_stop_Nm_; }
   const MotorVector& compensation_Nm() const noexcept { return compensation_Nm_; }
   MotorState& motors() noexcept { return motors_; }

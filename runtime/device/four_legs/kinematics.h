@@ -31,12 +31,10 @@ constexpr int encoder_index(int leg, int joint) noexcept {
 
 enum class KinematicsFailure : std::uint8_t {
   kOk,
-  kBadInput,      ///< a number is not finite, or a quaternion is not of unit length
-  kOutOfReach,    ///< the pose is outside the workspace: a chain's links cannot connect its ends
-  kSingular,      ///< the input does not determine an angle, a rate or the pose uniquely
-  kBeyondLimit,   ///< an angle is outside the description's joint limits
-  kNotConverged,  ///< the iteration did not converge in the allowed number of steps
-  kOtherBranch,   ///< a leg is, or may be, on another branch (LegBranch) than the description says
+  kBadInput,     ///< a number is not finite, or a quaternion is not of unit length
+  kOutOfReach,   ///< the pose is outside the workspace: a chain's links cannot connect its ends
+  kSingular,     ///< the input does not determine an angle, a rate or the pose uniquely
+  kBeyondLimit,  ///< an angle is outside the description's joint limits
 };
 /// Name for logs and messages, such as "out of reach".
 const char* to_string(KinematicsFailure failure) noexcept;
@@ -87,9 +85,8 @@ KinematicsStatus check_joint_limits(const DeviceDescription& device,
 
 struct ForwardResult {
   KinematicsStatus status;
-  Pose T_device_plate;    ///< valid if status is kOk; with kOtherBranch the pose that was rejected
-  double residual_m = 0;  ///< disagreement of the encoders; each function below defines it
-  int iterations = 0;
+  Pose T_device_plate;    ///< valid if status is kOk
+  double residual_m = 0;  ///< disagreement of the encoders; see forward_kinematics()
 };
 
 /// Computes the pose from th1, th2 and th3 of every leg (th4 is not used). The angles of leg m
@@ -100,37 +97,6 @@ struct ForwardResult {
 /// th1 to th3 of all legs agree.
 ForwardResult forward_kinematics(const DeviceDescription& device,
                                  const std::array<double, kEncoders>& encoder_rad) noexcept;
-
-struct GaussNewtonOptions {
-  int max_iterations = 20;
-  /// The iteration ends after a step with no component above step_m; 1 rad counts as 0.05 m.
-  double step_m = 1e-12;
-  /// If the plate moved more than travel_max_m since the last pose, or if residual_m exceeds
-  /// residual_max_m, the result is kOtherBranch, because from a distant start the iteration can
-  /// converge to a wrong pose. In tests with the defaults, the iteration started up to 100 mm and
-  /// 60 deg from the true pose, and every wrong pose was rejected
-  /// (tests/runtime/device/four_legs/kinematics_test.cpp). To allow larger motions, increase travel_max_m.
-  double travel_max_m = 0.01;  ///< largest plate motion since the last pose; 1 rad counts as 0.05 m
-  double residual_max_m = 3e-4;  ///< largest ForwardResult::residual_m
-};
-/// Computes the pose from the eight motor angles alone, for a device without encoders at its
-/// passive joints. In each leg, the distance from E to C must be the link length l2, and the
-/// distance from F to D the link length l4. Gauss-Newton solves these eight equations for the six
-/// unknowns of the pose. The iteration starts at the last pose, which selects one of the solutions.
-/// Because there are more equations than unknowns, few poses fulfil the equations exactly, but many
-/// poses nearly fulfil them. From a distant start, the iteration may converge to a pose that only
-/// nearly fulfils them. kOtherBranch means that the pose found is wrong, or may be wrong. The
-/// result then still contains this pose, and `status` gives the reason:
-///  - If status.leg and status.joint are not 0, the chain of this joint is not on the branch that
-///    the description specifies.
-///  - If status.leg is 0, the plate has moved too far since the last pose, or residual_m is too
-///    large (an encoder may be wrong).
-/// residual_m is the root mean square error of the eight distances at the pose with which the
-/// iteration ended. Each iteration moves the pose by at most 20 mm and 0.4 rad per axis.
-ForwardResult forward_kinematics_from_motors(const DeviceDescription& device,
-                                             const MotorVector& motor_rad,
-                                             const Pose& T_device_plate_last,
-                                             const GaussNewtonOptions& options = {}) noexcept;
 
 }  // namespace trocar::runtime
 
@@ -146,7 +112,6 @@ namespace trocar::runtime::leg {
 
 /// If the distance between the ends of a chain is less than kMinSpan_m, inverse() fails with
 /// kSingular, because the direction from one end to the other is then undefined.
-/// forward_kinematics_from_motors() has the same limit for the distances E to C and F to D.
 inline constexpr double kMinSpan_m = 1e-9;
 
 struct Azimuth {
@@ -226,12 +191,6 @@ inline Eigen::Vector3d link_joint(const DeviceGeometry& g, const Eigen::Vector3d
 KinematicsStatus inverse(const DeviceDescription& device, const Eigen::Vector3d& C,
                          LegBranch branch, std::array<double, kJointsPerLeg>& theta) noexcept;
 
-/// Finds the branch of each chain: the branch for which inverse() computes the given th1
-/// and th4 from C. If a chain is stretched or folded, its two branches coincide, and the function
-/// returns 0 for this chain.
-LegBranch branch_of(const DeviceGeometry& g, const Eigen::Vector3d& C, double th1,
-                    double th4) noexcept;
-
 /// Computes the vectors w1 and w4 that give the motor rates of one leg: th1' = w1 . C' and
 /// th4' = w4 . C'. The prime is the time derivative; all vectors are in the leg's frame. Fails with
 /// kSingular if a chain is stretched or folded. The status does not name the leg.
@@ -287,7 +246,7 @@ inline constexpr double kCharacteristicLength_m = 0.05;
 
 /// Smallest and largest singular value of G, after the columns of G that belong to omega are
 /// divided by kCharacteristicLength_m. The error of each value is about 1e-13 of `largest`. Both
-/// values are 0 if G is not finite. singularity.h has further measures of how close a pose is to a
+/// values are 0 if G is not finite. mechanism_limits.h has further measures of how close a pose is to a
 /// singularity.
 struct SingularRange {
   double smallest = 0, largest = 0;

@@ -5,8 +5,6 @@
 #include <cmath>
 #include <limits>
 
-#include "runtime/device/four_legs/kinematics.h"
-
 namespace trocar::runtime {
 
 Singularity measure_singularity(const DeviceDescription& device, const Pose& T_device_plate,

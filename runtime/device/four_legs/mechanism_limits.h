@@ -138,7 +138,7 @@ AllocationResult allocate_torques_with_bias(const Jacobian& G, const Wrench& wre
 //     quantity, the quantity's value and the limit. A value that is not finite is beyond every
 //     limit. A limit counts as exceeded if it is nan, or if it is a negative upper limit on a
 //     quantity that cannot be negative.
-//  2. The heat of a motor is computed by the model of motor.h, which sums the squared current over
+//  2. The heat of a motor is computed by the model above, which sums the squared current over
 //     time. As the motor warms up, the torque that is available from it falls smoothly from the
 //     peak to the continuous torque. The wrench is scaled down along its own direction so that no
 //     motor exceeds its thermal limit. This scaling is not a fault, because a force that falls
@@ -207,7 +207,7 @@ FaultDetail check_heat(const MotorModel& motor, const MotorVector& tau_motor_Nm,
                        MotorState& state) noexcept;
 
 /// Returns kMotorOverload if a motor's thermal state is above `share_max` times the motor's i2t
-/// capacity (motor.h), and kNone otherwise.
+/// capacity, and kNone otherwise.
 FaultDetail check_motor_heat(const MotorModel& motor, const MotorLoad& load,
                              double share_max) noexcept;
 

@@ -4,7 +4,7 @@
 //
 // Laws. The laws hold unless the result is
 // kRefused; then the torques and `scale` are 0. Let tau be the computed torques, `wanted` the
-// wanted wrench, and G the Jacobian (jacobian.h). Let c be the torques with the smallest norm that
+// wanted wrench, and G the Jacobian (kinematics.h). Let c be the torques with the smallest norm that
 // produce `wanted`. The working limit of motor i is working_i = (1 - kTorqueReserve) limit_i. P
 // projects torques onto the null space of G^T. |limit| is the norm of the vector of limits, and
 // limit_min is the smallest limit.

@@ -6,20 +6,36 @@
 #include <poll.h>
 #include <sys/socket.h>
 #include <algorithm>
-#include <array>
 #include <cerrno>
 #include <charconv>
 #include <chrono>
 #include <cmath>
-#include <string>
 #include <system_error>
-#include <utility>
 
-#include "formats/base/files.h"
 #include "formats/base/text.h"
 #include "runtime/realtime/realtime_thread.h"
 
 namespace trocar::runtime {
+
+/// What a host observes while it tries to reach a drive. If the attempt fails, it says why.
+struct LinkAttempt {
+  LinkNonce nonce{};  ///< nonce of the host's hello, the first packet of the handshake
+  // Each flag says whether one kind of answer has arrived.
+  //  - welcomed: the drive accepted the hello.
+  //  - wrong_key: the drive denied the hello, because it has another key.
+  //  - busy: the drive denied the hello, because it serves another host.
+  //  - other_kind: the drive denied the hello. The host wanted angles and the drive has poses, or
+  //    the host wanted poses and the drive has angles.
+  //  - other_program: the answer does not come from a drive of the device link.
+  //  - other_version: the answer is of another version of the protocol.
+  bool welcomed = false, wrong_key = false, busy = false, other_kind = false;
+  bool other_program = false, other_version = false;
+  /// The reason for which the host refused the last packet after the welcome. kNone: the host
+  /// accepted this packet, or no packet arrived after the welcome.
+  LinkRefusal state_refusal = LinkRefusal::kNone;
+  FaultDetail refused;  ///< if state_refusal is kContents: the field that was refused
+};
+
 namespace {
 
 sockaddr_in to_system(const Endpoint& endpoint) noexcept {
@@ -36,6 +52,92 @@ Endpoint from_system(const sockaddr_in& address) noexcept {
 
 int make_socket() noexcept {
   return ::socket(AF_INET, SOCK_DGRAM | SOCK_NONBLOCK | SOCK_CLOEXEC, 0);
+}
+
+/// The likely mistake of a drive whose states are refused for this reason.
+std::string wrong_states(LinkRefusal refusal, const FaultDetail& refused, bool pose) {
+  switch (refusal) {
+    case LinkRefusal::kContents:
+      return measured(refused) +
+             (pose ? "; positions are in m, and the quaternion is a unit" : "; angles are in rad");
+    case LinkRefusal::kMac:
+      return "they must have a MAC with the key of the session, not with the shared one";
+    case LinkRefusal::kSession:
+      return "they do not have the number of this session";
+    case LinkRefusal::kSequence:
+      return "their number does not rise from 1";
+    case LinkRefusal::kSize:
+      return "their size, or the size that they state, is wrong";
+    default:  // magic and kind
+      return "they do not begin like a state";
+  }
+}
+
+/// Sets the flags for a datagram other than a welcome. (The caller itself evaluates a welcome and
+/// sets `welcomed`.)
+void note_answer(std::span<const std::uint8_t> datagram, LinkAttempt& attempt) noexcept {
+  constexpr std::size_t kVersionAt = 4;  // the version follows the magic
+  DenialPacket denial;
+  if (decode(datagram, attempt.nonce, denial) == LinkRefusal::kNone) {
+    attempt.wrong_key = attempt.wrong_key || denial.reason == DenialReason::kKey;
+    attempt.busy = attempt.busy || denial.reason == DenialReason::kBusy;
+    attempt.other_kind = attempt.other_kind || denial.reason == DenialReason::kKind;
+    return;
+  }
+  LinkNonce ignored;
+  const bool is_link = datagram.size() > kVersionAt &&
+                       std::equal(kLinkMagic.begin(), kLinkMagic.end(), datagram.begin());
+  attempt.other_version =
+      attempt.other_version || (is_link && datagram[kVersionAt] != kLinkVersion);
+  // A program that echoes datagrams sends back the hello.
+  attempt.other_program = attempt.other_program || !is_link || hello_nonce(datagram, ignored);
+}
+
+/// Returns the reason why the attempt failed. `socket_error`: UdpSocket::error(). `wanted`: what
+/// the hello requested, angles or poses.
+std::string why_unreachable(const LinkAttempt& attempt, int socket_error, LinkContents wanted) {
+  const bool pose = wanted == LinkContents::kPose;
+  if (attempt.welcomed && attempt.state_refusal != LinkRefusal::kNone) {
+    return std::string("the device's states are refused (") + to_string(attempt.state_refusal) +
+           "): " + wrong_states(attempt.state_refusal, attempt.refused, pose) +
+           "; compare with device_link.md";
+  }
+  // This also happens if another host's session began between the welcome and the first command.
+  if (attempt.welcomed) {
+    return "the device answered but sends no states; end another host's session with it, or "
+           "restart it";
+  }
+  if (attempt.wrong_key) {
+    return "the device there has another key; --key-file must be a copy of the file that it was "
+           "started with";
+  }
+  if (attempt.other_kind) {
+    return std::string("the device there is of another kind: it states ") +
+           (pose ? "angles; use --device udp:" : "poses; use --device pose:");
+  }
+  if (attempt.busy) return "the device there is in a session with another host; end that one first";
+  if (attempt.other_version) return "the device there speaks another version of the device link";
+  if (attempt.other_program) {
+    return "another program answers there, not a device; check the address and the port";
+  }
+  if (socket_error == ECONNREFUSED) {
+    return "no device answers there: nothing listens on this port; start the device, or check "
+           "the port";
+  }
+  if (socket_error != 0) {
+    return "no device answers there: " + system_message(socket_error);
+  }
+  return std::string(
+             "no device answers there: the host is off or cannot be reached (address, "
+             "cable, firewall), or its device has another key and does not answer") +
+         (pose ? " or states angles (--device udp:)" : "");
+}
+
+constexpr double kHelloPeriod_s = 0.05;
+constexpr auto kRequestPoll = std::chrono::milliseconds(5);
+
+double since_s(std::int64_t then_ns) noexcept {
+  return static_cast<double>(monotonic_ns() - then_ns) * 1e-9;
 }
 
 }  // namespace
@@ -149,94 +251,6 @@ Endpoint UdpSocket::local() const noexcept {
   return from_system(address);
 }
 
-namespace {
-
-/// The likely mistake of a drive whose states are refused for this reason.
-std::string wrong_states(LinkRefusal refusal, const FaultDetail& refused, bool pose) {
-  switch (refusal) {
-    case LinkRefusal::kContents:
-      return measured(refused) +
-             (pose ? "; positions are in m, and the quaternion is a unit" : "; angles are in rad");
-    case LinkRefusal::kMac:
-      return "they must have a MAC with the key of the session, not with the shared one";
-    case LinkRefusal::kSession:
-      return "they do not have the number of this session";
-    case LinkRefusal::kSequence:
-      return "their number does not rise from 1";
-    case LinkRefusal::kSize:
-      return "their size, or the size that they state, is wrong";
-    default:  // magic and kind
-      return "they do not begin like a state";
-  }
-}
-
-}  // namespace
-
-void LinkAttempt::note(std::span<const std::uint8_t> datagram) noexcept {
-  constexpr std::size_t kVersionAt = 4;  // the version follows the magic
-  DenialPacket denial;
-  if (decode(datagram, nonce, denial) == LinkRefusal::kNone) {
-    wrong_key = wrong_key || denial.reason == DenialReason::kKey;
-    busy = busy || denial.reason == DenialReason::kBusy;
-    other_kind = other_kind || denial.reason == DenialReason::kKind;
-    return;
-  }
-  LinkNonce ignored;
-  const bool is_link = datagram.size() > kVersionAt &&
-                       std::equal(kLinkMagic.begin(), kLinkMagic.end(), datagram.begin());
-  other_version = other_version || (is_link && datagram[kVersionAt] != kLinkVersion);
-  // A program that echoes datagrams sends back the hello.
-  other_program = other_program || !is_link || hello_nonce(datagram, ignored);
-}
-
-std::string LinkAttempt::why(int socket_error, LinkContents wanted) const {
-  const bool pose = wanted == LinkContents::kPose;
-  if (welcomed && state_refusal != LinkRefusal::kNone) {
-    return std::string("the device's states are refused (") + to_string(state_refusal) +
-           "): " + wrong_states(state_refusal, refused, pose) + "; compare with device_link.md";
-  }
-  // This also happens if another host's session began between the welcome and the first command.
-  if (welcomed) {
-    return "the device answered but sends no states; end another host's session with it, or "
-           "restart it";
-  }
-  if (wrong_key) {
-    return "the device there has another key; --key-file must be a copy of the file that it was "
-           "started with";
-  }
-  if (other_kind) {
-    return std::string("the device there is of another kind: it states ") +
-           (pose ? "angles; use --device udp:" : "poses; use --device pose:");
-  }
-  if (busy) return "the device there is in a session with another host; end that one first";
-  if (other_version) return "the device there speaks another version of the device link";
-  if (other_program) {
-    return "another program answers there, not a device; check the address and the port";
-  }
-  if (socket_error == ECONNREFUSED) {
-    return "no device answers there: nothing listens on this port; start the device, or check "
-           "the port";
-  }
-  if (socket_error != 0) {
-    return "no device answers there: " + system_message(socket_error);
-  }
-  return std::string(
-             "no device answers there: the host is off or cannot be reached (address, "
-             "cable, firewall), or its device has another key and does not answer") +
-         (pose ? " or states angles (--device udp:)" : "");
-}
-
-namespace {
-
-constexpr double kHelloPeriod_s = 0.05;
-constexpr auto kRequestPoll = std::chrono::milliseconds(5);
-
-double since_s(std::int64_t then_ns) noexcept {
-  return static_cast<double>(monotonic_ns() - then_ns) * 1e-9;
-}
-
-}  // namespace
-
 void AngleDrive::unpack(const State& state, Reading& reading) noexcept {
   reading.t_s = static_cast<double>(state.time_ns) / 1e9;
   reading.encoder_rad = state.encoder_rad;
@@ -348,7 +362,8 @@ Result<void> UdpLink<Kind>::shake_hands(bool resets_world) {
   const auto no_answer = [&] {
     if (!attempt.welcomed) refused_.set({});
     return Error{ExitCode::kDeviceFault,
-                 to_string(options_.peer) + ": " + attempt.why(socket_.error(), Kind::kContents)};
+                 to_string(options_.peer) + ": " +
+                     why_unreachable(attempt, socket_.error(), Kind::kContents)};
   };
   while (!attempt.welcomed) {
     if (!in_time()) return no_answer();
@@ -362,7 +377,7 @@ Result<void> UdpLink<Kind>::shake_hands(bool resets_world) {
     while (!attempt.welcomed && socket_.receive(buffer, bytes, from) == UdpSocket::Outcome::kDone) {
       const auto datagram = std::span(buffer).first(std::min(bytes, buffer.size()));
       if (bytes > buffer.size() || claimed_kind(datagram) != PacketKind::kWelcome) {
-        attempt.note(datagram);
+        note_answer(datagram, attempt);
         continue;
       }
       const LinkRefusal refusal = decode(datagram, options_.key, hello.host_nonce, welcome);

@@ -6,7 +6,6 @@
 #include <cmath>
 #include <condition_variable>
 #include <mutex>
-#include <utility>
 
 #include "runtime/realtime/realtime_thread.h"
 

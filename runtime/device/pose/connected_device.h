@@ -127,7 +127,7 @@ class PoseConnection {
   virtual void close() noexcept = 0;
 };
 
-// Turns a connection whose calls may block (pose_connection.h) into a pose device. A separate
+// Turns a connection whose calls may block into a pose device. A separate
 // thread makes one exchange after another: an exchange sends a wrench to the device and returns the
 // device's pose. The haptic thread reads the newest pose, and stores the wrench that the next
 // exchange will send. The haptic thread never waits for the connection.

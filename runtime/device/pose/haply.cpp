@@ -202,6 +202,45 @@ void append(std::string& text, double x) {
   text.append(digits.data(), end);
 }
 
+namespace net = boost::asio;
+namespace beast = boost::beast;
+namespace websocket = beast::websocket;
+using tcp = net::ip::tcp;
+using beast::error_code;
+using SteadyClock = std::chrono::steady_clock;
+using std::chrono::milliseconds;
+
+constexpr auto kInventoryPeriod = milliseconds(100);
+constexpr auto kCloseTimeout = milliseconds(100);
+constexpr int kMaxUnusable = 5;
+/// Largest number of messages without a request that are dropped before the connection is given up.
+constexpr int kMaxUnasked = 64;
+/// Largest number of steps in which a message that has already arrived is read.
+constexpr int kMaxPolls = 1000;
+
+SteadyClock::duration seconds(double s) {
+  return std::chrono::duration_cast<SteadyClock::duration>(std::chrono::duration<double>(s));
+}
+
+std::string words_of(error_code error) {
+  if (error == net::error::timed_out) return "the service did not answer in time";
+  if (error == websocket::error::closed) return "the service closed the connection";
+  if (error == websocket::error::message_too_big || error == websocket::error::buffer_overflow)
+    return "the service sent a message of more than 256 kB";
+  if (error == boost::system::errc::protocol_error)
+    return "the service floods the connection with messages that were not requested";
+  if (error.category() == error_code(websocket::error::bad_opcode).category())
+    return "the service sent something that is no WebSocket message";
+  return "the connection to the service was lost (" + error.message() + "); is it still running?";
+}
+
+bool is_host_name(std::string_view text) {
+  return !text.empty() && text.size() <= 253 && std::all_of(text.begin(), text.end(), [](char c) {
+    return (c >= '0' && c <= '9') || (c >= 'A' && c <= 'Z') || (c >= 'a' && c <= 'z') || c == '-' ||
+           c == '_' || c == '.';
+  });
+}
+
 }  // namespace
 
 Result<HaplyInventory> parse_haply_inventory(std::string_view text) {
@@ -297,49 +336,6 @@ std::string haply_force_message(const HaplyDevices& devices, const std::array<do
 std::string haply_inventory_request() {
   return R"({"session":{"force_render_full_state":{}}})";
 }
-
-namespace {
-
-namespace net = boost::asio;
-namespace beast = boost::beast;
-namespace websocket = beast::websocket;
-using tcp = net::ip::tcp;
-using beast::error_code;
-using SteadyClock = std::chrono::steady_clock;
-using std::chrono::milliseconds;
-
-constexpr auto kInventoryPeriod = milliseconds(100);
-constexpr auto kCloseTimeout = milliseconds(100);
-constexpr int kMaxUnusable = 5;
-/// Largest number of messages without a request that are dropped before the connection is given up.
-constexpr int kMaxUnasked = 64;
-/// Largest number of steps in which a message that has already arrived is read.
-constexpr int kMaxPolls = 1000;
-
-SteadyClock::duration seconds(double s) {
-  return std::chrono::duration_cast<SteadyClock::duration>(std::chrono::duration<double>(s));
-}
-
-std::string words_of(error_code error) {
-  if (error == net::error::timed_out) return "the service did not answer in time";
-  if (error == websocket::error::closed) return "the service closed the connection";
-  if (error == websocket::error::message_too_big || error == websocket::error::buffer_overflow)
-    return "the service sent a message of more than 256 kB";
-  if (error == boost::system::errc::protocol_error)
-    return "the service floods the connection with messages that were not requested";
-  if (error.category() == error_code(websocket::error::bad_opcode).category())
-    return "the service sent something that is no WebSocket message";
-  return "the connection to the service was lost (" + error.message() + "); is it still running?";
-}
-
-bool is_host_name(std::string_view text) {
-  return !text.empty() && text.size() <= 253 && std::all_of(text.begin(), text.end(), [](char c) {
-    return (c >= '0' && c <= '9') || (c >= 'A' && c <= 'Z') || (c >= 'a' && c <= 'z') || c == '-' ||
-           c == '_' || c == '.';
-  });
-}
-
-}  // namespace
 
 /// The WebSocket. At any time at most one read and one other operation are pending.
 struct HaplyConnection::Socket {
@@ -608,11 +604,11 @@ Result<PoseReading> HaplyConnection::command(const HaplyDevices& devices,
     if (!error) error = socket_->receive(text, until);
     if (error) return fault(words_of(error) + (why.empty() ? "" : "; before that: " + why));
     const double t_s = 1e-9 * static_cast<double>(monotonic_ns());
-    const HaplyAnswer answer = parse_haply_answer(text, devices);
+    HaplyAnswer answer = parse_haply_answer(text, devices);
+    answer.state.t_s = t_s;
     if (answer.kind != HaplyAnswer::Kind::kUnusable) refused_ = {};
     if (answer.kind == HaplyAnswer::Kind::kNotReady) return fault(answer.why);
-    if (answer.kind == HaplyAnswer::Kind::kState)
-      return PoseReading{t_s, answer.state.p_m, answer.state.q, answer.state.buttons};
+    if (answer.kind == HaplyAnswer::Kind::kState) return answer.state;
     why = answer.why;
     refused_ = answer.refused;
   }

@@ -87,16 +87,6 @@ struct HaplyDevices {
   HaplySpelling spelling = HaplySpelling::kVector;
 };
 
-/// The measured values in one state of an arm and a grip.
-struct HaplyState {
-  std::array<double, 3> p_m{};  ///< position; each coordinate is from -10 m to 10 m
-  /// Orientation w x y z; the norm is 1 within 1e-3. Without a grip it is the identity.
-  std::array<double, 4> q{1, 0, 0, 0};
-  /// Bit 0: button a, button_0 or the only button. Bit 1: b or button_1. Bit 2: c or button_2.
-  /// Bit 3: button_3.
-  std::uint32_t buttons = 0;
-};
-
 struct HaplyAnswer {
   enum class Kind : std::uint8_t {
     kState,
@@ -104,8 +94,11 @@ struct HaplyAnswer {
     kNotReady,  ///< the service reports that one of the devices cannot be used any more
   };
   Kind kind = Kind::kUnusable;
-  HaplyState state;  ///< kState only
-  std::string why;   ///< other kinds only: the reason, such as "it does not list device 049D"
+  /// kState only, without a time. `p_m`: each coordinate is from -10 m to 10 m. `q`: the norm is 1
+  /// within 1e-3; without a grip it is the identity. `buttons`: bit 0: button a, button_0 or the only
+  /// button; bit 1: b or button_1; bit 2: c or button_2; bit 3: button_3.
+  PoseReading state;
+  std::string why;  ///< other kinds only: the reason, such as "it does not list device 049D"
   /// kUnusable because of what the text states of the devices: kRefusedState with the field.
   FaultDetail refused;
 };
@@ -123,7 +116,7 @@ std::string haply_inventory_request();
 // The connection to a Haply Inverse3, a desktop haptic device. The maker's program, the Haply
 // Inverse service (versions 3.1 and 3.5), drives the device and exchanges messages with this class
 // through a WebSocket. An exchange sends a message with a force, and the service answers with the
-// state of the devices (haply_messages.h). The haptic thread must not call these functions, because
+// state of the devices. The haptic thread must not call these functions, because
 // they block. The class has no thread of its own. Its asynchronous operations run only within
 // open(), exchange() and close(). Each operation has a time limit, so that these functions return.
 
@@ -149,7 +142,7 @@ struct HaplyOptions {
 };
 
 /// A reading's position is that of the cursor, the point that the Inverse3 measures, in the
-/// service's application space (haply_messages.h). A reading's orientation and buttons are those of
+/// service's application space. A reading's orientation and buttons are those of
 /// a VerseGrip. The force acts on the cursor. Moments are not rendered.
 class HaplyConnection final : public PoseConnection {
  public:

@@ -14,6 +14,44 @@ Eigen::Vector3d vector(const std::array<double, 3>& values) noexcept {
   return {values[0], values[1], values[2]};
 }
 
+constexpr double kBoxRounding_m = 1e-9;
+
+/// A side of the box that a description states as the workspace, and a position beyond this side.
+struct BoxSide {
+  int axis = 0;                  ///< index of the axis in the device's frame
+  double at_m = 0, limit_m = 0;  ///< coordinates of the position and of the side along the axis
+};
+/// Finds a side of the box beyond which the position `p_m` lies. `p_m` is in the device's frame. A
+/// nanometre is allowed for rounding. Returns nullopt if the position is in the box.
+std::optional<BoxSide> side_beyond(const PoseDeviceDescription& description,
+                                   const std::array<double, 3>& p_m) noexcept {
+  for (std::size_t i = 0; i < 3; ++i) {
+    const double at_m = p_m[i], min_m = description.workspace_min_m[i],
+                 max_m = description.workspace_max_m[i];
+    // Written so that nan is beyond a side.
+    if (at_m >= min_m - kBoxRounding_m && at_m <= max_m + kBoxRounding_m) continue;
+    return BoxSide{static_cast<int>(i), at_m, at_m < min_m ? min_m : max_m};
+  }
+  return std::nullopt;
+}
+
+constexpr double kAnyFinite = std::numeric_limits<double>::quiet_NaN();
+/// Largest speed and rotation rate of a hand. If two successive readings show a faster motion,
+/// find_pose() returns kEncoderJump, the fault for measurements that jump.
+constexpr double kMaxHandSpeed_m_per_s = 5, kMaxHandRate_rad_per_s = 60;
+/// Largest deviation of a measured quaternion's length from 1.
+constexpr double kQuaternionTolerance = 1e-3;
+
+double length(const std::array<double, 4>& q) noexcept {
+  return std::sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]);
+}
+
+/// Returns the angle of the rotation from one unit quaternion to another.
+double angle_between(const std::array<double, 4>& a, const std::array<double, 4>& b) noexcept {
+  const Eigen::Quaterniond from(a[0], a[1], a[2], a[3]), to(b[0], b[1], b[2], b[3]);
+  return rotation_vector((to * from.conjugate()).normalized()).norm();
+}
+
 }  // namespace
 
 PoseFrame::PoseFrame(const PoseDeviceDescription& description, const Pose& T_device_plate_middle)
@@ -65,12 +103,6 @@ PoseFrame::Box PoseFrame::workspace() const noexcept {
   return {centre_.p_m - reach_m, centre_.p_m + reach_m};
 }
 
-namespace {
-
-constexpr double kBoxRounding_m = 1e-9;
-
-}  // namespace
-
 double renderable_fraction(const PoseDeviceDescription& description,
                            const Wrench& wrench) noexcept {
   const double force_N = wrench.head<3>().norm(), moment_Nm = wrench.tail<3>().norm();
@@ -79,18 +111,6 @@ double renderable_fraction(const PoseDeviceDescription& description,
   if (description.moment_max_Nm > 0 && moment_Nm > description.moment_max_Nm)
     share = std::min(share, description.moment_max_Nm / moment_Nm);
   return share;
-}
-
-std::optional<BoxSide> side_beyond(const PoseDeviceDescription& description,
-                                   const std::array<double, 3>& p_m) noexcept {
-  for (std::size_t i = 0; i < 3; ++i) {
-    const double at_m = p_m[i], min_m = description.workspace_min_m[i],
-                 max_m = description.workspace_max_m[i];
-    // Written so that nan is beyond a side.
-    if (at_m >= min_m - kBoxRounding_m && at_m <= max_m + kBoxRounding_m) continue;
-    return BoxSide{static_cast<int>(i), at_m, at_m < min_m ? min_m : max_m};
-  }
-  return std::nullopt;
 }
 
 std::string PoseSpecification::describe_strength() const {
@@ -158,24 +178,6 @@ std::string PoseSpecification::describe_demand(std::string_view what, const Pose
                    wrench_device.head<3>().norm(), description_.force_max_N,
                    share < 1 ? ", and is then not given in full" : "");
 }
-
-namespace {
-
-constexpr double kAnyFinite = std::numeric_limits<double>::quiet_NaN();
-/// Largest deviation of a measured quaternion's length from 1.
-constexpr double kQuaternionTolerance = 1e-3;
-
-double length(const std::array<double, 4>& q) noexcept {
-  return std::sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]);
-}
-
-/// Returns the angle of the rotation from one unit quaternion to another.
-double angle_between(const std::array<double, 4>& a, const std::array<double, 4>& b) noexcept {
-  const Eigen::Quaterniond from(a[0], a[1], a[2], a[3]), to(b[0], b[1], b[2], b[3]);
-  return rotation_vector((to * from.conjugate()).normalized()).norm();
-}
-
-}  // namespace
 
 PoseHand::PoseHand(const PoseDeviceDescription& description, const PoseFrame& frame,
                    PoseDevice& device)

@@ -52,16 +52,6 @@ class PoseFrame {
 /// moment is ignored if the device renders no moments.
 double renderable_fraction(const PoseDeviceDescription& description, const Wrench& wrench) noexcept;
 
-/// A side of the box that a description states as the workspace, and a position beyond this side.
-struct BoxSide {
-  int axis = 0;                  ///< index of the axis in the device's frame
-  double at_m = 0, limit_m = 0;  ///< coordinates of the position and of the side along the axis
-};
-/// Finds a side of the box beyond which the position `p_m` lies. `p_m` is in the device's frame. A
-/// nanometre is allowed for rounding. Returns nullopt if the position is in the box.
-std::optional<BoxSide> side_beyond(const PoseDeviceDescription& description,
-                                   const std::array<double, 3>& p_m) noexcept;
-
 class PoseSpecification final : public DeviceSpecification {
  public:
   PoseSpecification(PoseDeviceDescription description, const PoseFrame& frame)
@@ -116,9 +106,6 @@ class PoseSpecification final : public DeviceSpecification {
 //     quaternion is nearer to the previously measured one, so that a mere change of the sign does
 //     not count as a motion.
 
-/// Largest speed and rotation rate of a hand. If two successive readings show a faster motion,
-/// find_pose() returns kEncoderJump, the fault for measurements that jump.
-inline constexpr double kMaxHandSpeed_m_per_s = 5, kMaxHandRate_rad_per_s = 60;
 /// No handle is farther from its device's origin. The unit of a larger coordinate is plainly another,
 /// such as mm. If the description states a larger workspace, twice its largest coordinate counts.
 inline constexpr double kFarthest_m = 2;

@@ -2,11 +2,8 @@
 #include "runtime/device/simulated/drive.h"
 
 #include <algorithm>
-#include <array>
 #include <charconv>
 #include <cmath>
-#include <optional>
-#include <string>
 #include <utility>
 
 #include "runtime/device/device.h"
@@ -142,6 +139,27 @@ Result<PlannedFault> read_item(std::string_view item) {
   return fault;
 }
 
+/// Names of DriveMode, which counts from 1.
+constexpr const char* kModeNames[] = {"ready", "torque", "watchdog", "emergency_stop"};
+
+template <typename Number>
+void put(std::string& out, Number value, char end) {
+  std::array<char, 40> text;
+  const auto [last, error] = std::to_chars(text.data(), text.data() + text.size(), value);
+  out.append(text.data(), last);
+  out += end;
+}
+
+// A motor is reported if its torque differs from its command by more than kFollows_Nm plus the
+// fraction kFollowsFraction of the command for kFollows_s.
+constexpr double kFollows_Nm = 0.1, kFollowsFraction = 0.1, kFollows_s = 5e-3;
+// The hand's force must rise by at least this for a peak.
+constexpr double kMinPeak_N = 10;
+
+double seconds(std::int64_t ns) noexcept {
+  return static_cast<double>(ns) * 1e-9;
+}
+
 }  // namespace
 
 Result<FaultPlan> parse_fault_plan(std::string_view text) {
@@ -202,32 +220,6 @@ int FaultyLink::decide(Datagram& datagram, double t_s, std::int64_t now_ns) noex
   return copies;
 }
 
-namespace {
-
-const char* to_string(DriveMode mode) noexcept {
-  switch (mode) {
-    case DriveMode::kReady:
-      return "ready";
-    case DriveMode::kTorque:
-      return "torque";
-    case DriveMode::kWatchdog:
-      return "watchdog";
-    case DriveMode::kEmergencyStop:
-      break;
-  }
-  return "emergency_stop";
-}
-
-template <typename Number>
-void put(std::string& out, Number value, char end) {
-  std::array<char, 40> text;
-  const auto [last, error] = std::to_chars(text.data(), text.data() + text.size(), value);
-  out.append(text.data(), last);
-  out += end;
-}
-
-}  // namespace
-
 std::string to_csv(std::span<const DriveStep> steps) {
   std::string out =
       "session,t_s,mode,motor_faults,fault,command_taken,commanded_max_Nm,applied_max_Nm,"
@@ -235,7 +227,7 @@ std::string to_csv(std::span<const DriveStep> steps) {
   for (const DriveStep& step : steps) {
     put(out, step.session, ',');
     put(out, step.t_s, ',');
-    out += to_string(step.mode);
+    out += kModeNames[static_cast<std::size_t>(step.mode) - 1];
     out += ',';
     put(out, int{step.motor_faults}, ',');
     put(out, step.fault ? 1 : 0, ',');
@@ -251,20 +243,6 @@ std::string to_csv(std::span<const DriveStep> steps) {
   }
   return out;
 }
-
-namespace {
-
-// A motor is reported if its torque differs from its command by more than kFollows_Nm plus the
-// fraction kFollowsFraction of the command for kFollows_s.
-constexpr double kFollows_Nm = 0.1, kFollowsFraction = 0.1, kFollows_s = 5e-3;
-// The hand's force must rise by at least this for a peak.
-constexpr double kMinPeak_N = 10;
-
-double seconds(std::int64_t ns) noexcept {
-  return static_cast<double>(ns) * 1e-9;
-}
-
-}  // namespace
 
 Drive::Drive(const DriveOptions& options, SimulatedDevice model)
     : options_(options), fresh_(std::move(model)), model_(fresh_) {

@@ -246,7 +246,7 @@ class Drive {
   double session_time_s() const noexcept { return model_.truth().t_s; }
   DriveMode mode() const noexcept { return mode_; }
   /// Returns true if the fault plan says that the drive's process is to be killed now (`kill`,
-  /// fault_plan.h). The caller must then kill the process.
+  /// above). The caller must then kill the process.
   bool kill_is_due() const noexcept;
   const SimulatedDevice& model() const noexcept { return model_; }
   const DriveReport& report() const noexcept { return report_; }

@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "runtime/device/simulated/mechanics.h"
 
-#include "runtime/device/four_legs/kinematics.h"
-
 namespace trocar::runtime {
 namespace {
 

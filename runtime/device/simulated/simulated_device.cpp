@@ -8,8 +8,6 @@
 #include <numbers>
 #include <string>
 
-#include "runtime/device/four_legs/kinematics.h"
-
 namespace trocar::runtime {
 namespace {
 
@@ -77,6 +75,14 @@ Twist moved_to(const Twist& twist, const Vector3d& lever_m) noexcept {
   return moved;
 }
 
+constexpr double kLongestSubstep_s = 1e-4;
+/// A longer step would only follow from a stopped process; the rest of its time is lost.
+constexpr double kLongestStep_s = 0.1;
+
+double rounded_to(double value, double resolution) noexcept {
+  return resolution > 0 ? std::round(value / resolution) * resolution : value;
+}
+
 }  // namespace
 
 Result<SimulatedDevice> SimulatedDevice::make(const DeviceDescription& device,
@@ -129,12 +135,9 @@ DeviceStatus SimulatedDevice::read(DeviceState& state) noexcept {
 
 DeviceStatus SimulatedDevice::write(const DeviceCommand& command) noexcept {
   MotorVector tau(command.tau_motor_Nm.data());
-  truth_.command_refused = !tau.allFinite();
-  if (truth_.command_refused) tau.setZero();
+  if (!tau.allFinite()) tau.setZero();
   const double peak = device_.motor_peak_torque_Nm;
-  truth_.torque_limited = tau.cwiseAbs().maxCoeff() > peak;
-  if (truth_.torque_limited) tau = tau.cwiseMin(peak).cwiseMax(-peak);
-  truth_.tau_motor_Nm = tau;
+  truth_.tau_motor_Nm = tau.cwiseMin(peak).cwiseMax(-peak);
   return DeviceStatus::kOk;
 }
 
@@ -183,7 +186,7 @@ void SimulatedDevice::substep(double t_s, double h_s) noexcept {
   const JacobianResult motion = jacobian(device_, T, truth_.joints);
   const Jacobian G = motion.status ? motion.G : Jacobian::Zero();
   truth_.tau_applied_Nm = truth_.tau_motor_Nm;
-  truth_.wrench_motors = G.transpose() * truth_.tau_motor_Nm;
+  const Wrench motors = G.transpose() * truth_.tau_motor_Nm;
   const Wrench friction =
       -device_.joint_viscous_friction_Nms_per_rad * (G.transpose() * (G * before));
   truth_.wrench_hand.setZero();
@@ -194,7 +197,7 @@ void SimulatedDevice::substep(double t_s, double h_s) noexcept {
   const Wrench hand = moved_by(truth_.wrench_hand, lever_m);
   Wrench gravity = Wrench::Zero();
   gravity[2] = -device_.plate_mass_kg * device_.gravity_m_per_s2;
-  const Wrench total = truth_.wrench_motors + friction + hand + gravity;
+  const Wrench total = motors + friction + hand + gravity;
 
   // Update the momentum first, then the pose with the new velocity. The angular momentum is
   // expressed in {B}, so gyroscopic moments need no term.
@@ -216,7 +219,7 @@ void SimulatedDevice::substep(double t_s, double h_s) noexcept {
   const Twist middle = 0.5 * (before + after);
   EnergyBalance& work = truth_.work;
   work.hand_J += h_s * hand.dot(middle);
-  work.motors_J += h_s * truth_.wrench_motors.dot(middle);
+  work.motors_J += h_s * motors.dot(middle);
   work.friction_J += h_s * friction.dot(middle);
   work.gravity_J += h_s * gravity.dot(middle);
 
@@ -308,7 +311,6 @@ void SimulatedDevice::midpoint_substep(double t_s, double h_s) noexcept {
   work.motors_J += h_s * half.motors.dot(middle);
   work.friction_J += h_s * half.friction.dot(middle);
   work.gravity_J += h_s * half.mechanics.weight.dot(middle);
-  truth_.wrench_motors = half.motors;
   truth_.wrench_hand = half.hand_at_tip;
 
   const MechanicsOptions options = options_.mechanics.value_or(MechanicsOptions::none());
@@ -342,18 +344,6 @@ double SimulatedDevice::kinetic_energy() const noexcept {
   return all.status ? 0.5 * twist.dot(all.mass * twist)
                     : plate_energy(device_, truth_.T_device_plate, twist);
 }
-
-namespace {
-
-constexpr double kLongestSubstep_s = 1e-4;
-/// A longer step would only follow from a stopped process; the rest of its time is lost.
-constexpr double kLongestStep_s = 0.1;
-
-double rounded_to(double value, double resolution) noexcept {
-  return resolution > 0 ? std::round(value / resolution) * resolution : value;
-}
-
-}  // namespace
 
 Result<SimulatedPoseDevice> SimulatedPoseDevice::make(const PoseDeviceDescription& description,
                                                       const PoseFrame& frame,

@@ -52,14 +52,10 @@ struct SimulatedTruth {
   JointAngles joints;
   MotorVector tau_motor_Nm = MotorVector::Zero();    ///< commanded torques, limited to the peak
   MotorVector tau_applied_Nm = MotorVector::Zero();  ///< torques after the current loop's lag
-  // Both wrenches are those of the last substep, in {B}.
-  Wrench wrench_motors = Wrench::Zero();  ///< wrench on the plate about its origin
-  Wrench wrench_hand = Wrench::Zero();    ///< wrench on the tool about its tip
-  double kinetic_J = 0;                   ///< energy of all moving masses, including the hand's
+  Wrench wrench_hand = Wrench::Zero();  ///< on the tool about its tip, in the last substep, in {B}
+  double kinetic_J = 0;                 ///< energy of all moving masses, including the hand's
   EnergyBalance work;
-  bool torque_limited = false;   ///< the last command exceeded a motor's peak
-  bool command_refused = false;  ///< the last command was not finite; zero torques are applied
-  bool at_stop = false;          ///< the last step reached the limit of the workspace
+  bool at_stop = false;  ///< the last step reached the limit of the workspace
 };
 
 /// Position and velocity of the tool's tip, in {B}.

@@ -7,7 +7,6 @@
 #include <limits>
 
 #include "runtime/haptics/bone/admissible_region.h"
-#include "runtime/haptics/bone/bone_volume.h"
 #include "runtime/haptics/bone/holes.h"
 #include "runtime/haptics/sheet.h"
 
@@ -54,56 +53,6 @@ class LineFit {
   Vector2d gradient_ = Vector2d::Zero();
 };
 
-}  // namespace
-
-std::optional<Vector2d> surface_slope(const BoneVolume& bone, std::span<const Sheet* const> sheets,
-                                      int sheet, double front_m, const Vector2d& at_m) noexcept {
-  const auto sample = [&](int i) { return sheets[i]->edge->at(sheets[i]->transform, at_m); };
-  const EdgeDistance::Sample front = sample(sheet);
-  if (front.distance_m <= -kLimit_m) return std::nullopt;
-  const Vector2d face = downhill(front.gradient, 2 * kMaxSlope, bone.shape);
-  // The surface lies between the sheets `above` and `above + 1`.
-  int above = sheet;
-  EdgeDistance::Sample high = front, low = front;
-  if (front.distance_m >= 0) {
-    if (!bone.sheets[sheet].meets_above) return Vector2d::Zero();
-    high = sample(--above);
-    if (high.distance_m >= 0) return std::nullopt;
-  } else {
-    for (int left = kMaxSlopeSheets;; ++above) {
-      if (left-- == 0 || !bone.sheets[above].meets_below) return face;
-      low = sample(above + 1);
-      if (low.distance_m >= 0) break;
-      high = low;
-    }
-  }
-  const double high_m = -sheets[above]->z_m, low_m = -sheets[above + 1]->z_m,
-               difference_m = low.distance_m - high.distance_m;
-  const double surface_m = low_m - (low_m - high_m) * low.distance_m / difference_m;
-  if (surface_m - front_m > 2 * bone.radius_m) return face;
-  if (high.distance_m <= -kLimit_m) return Vector2d::Zero();
-  LineFit line;
-  line.add(high_m - surface_m, high);
-  line.add(low_m - surface_m, low);
-  const auto add = [&](int i) {
-    const double depth_m = -sheets[i]->z_m - surface_m;
-    const EdgeDistance::Sample at = sample(i);
-    if (std::abs(depth_m) > kSlopeWindow_m || std::abs(at.distance_m) >= kLimit_m) return false;
-    line.add(depth_m, at);
-    return true;
-  };
-  for (int i = above; i > above - kMaxSlopeSheets && bone.sheets[i].meets_above && add(i - 1);)
-    --i;
-  for (int i = above + 1; i <= above + kMaxSlopeSheets && bone.sheets[i].meets_below && add(i + 1);)
-    ++i;
-  const double nearest = difference_m / (low_m - high_m),
-               growth = std::max(line.growth(), nearest / kMostSteeper);
-  const Vector2d inwards = line.gradient();
-  return downhill(inwards, inwards.norm() / std::max(growth, 1e-9), bone.shape);
-}
-
-namespace {
-
 constexpr double kAhead_m = 3e-3;  // sheets down to this depth below the tip are evaluated
 constexpr int kMinSheetsAhead = 3;
 constexpr std::int32_t kNewOutline_steps =
@@ -119,6 +68,7 @@ constexpr double kWidening = 0.25;  // a yielded wall is cut in steps of this ma
 // A sheet has a hole under the tool if holes have reduced the coverage by at least this value.
 constexpr double kHole = 0.25;
 constexpr double kRounding_m = 1e-9;
+constexpr double kTwist_s = 0.02;
 
 bool has_moved(const LatticeOutline& a, const LatticeOutline& b) noexcept {
   if (a.size != b.size) return true;
@@ -465,6 +415,16 @@ class BoneContactTick {
   bool backlog_ = false;
 };
 
+/// Call this when the tool has left its hole or entered another one. The meshes keep the cuts.
+void forget_hole(const BoneVolume& bone, BoneContactState& state) noexcept {
+  for (std::size_t i = 0; i < state.sheets.size(); ++i) {
+    state.sheets[i].has_cut = state.sheets[i].is_in_hole = false;
+    const BoneSheet& sheet = bone.sheets[i];
+    for (int k = sheet.first_slab; k < sheet.first_slab + sheet.slabs; ++k)
+      state.slabs[k].free = nullptr;
+  }
+}
+
 // Runs the law where the tool is now.
 void evaluate(const BoneVolume& bone, std::span<const Sheet* const> sheets,
               const Pose& T_device_evaluated, std::span<SheetTrack> tracks, BoneContactState& state,
@@ -496,7 +456,77 @@ void hold(CuttingResult& result) noexcept {
   result.has_converged = true;
 }
 
+constexpr double kSlabRounding_m = 1e-9;
+
+/// Updates the velocities of twist and feed, averaged over about 20 ms, so that single encoder steps
+/// have little effect. `interval_s`: time since the pose state.T_device_plate.
+void follow_twist(const BoneVolume& bone, const Pose& T_device_plate, double interval_s,
+                  BoneContactState& state) noexcept {
+  const Twist way = displacement(state.T_device_plate, T_device_plate);
+  const Eigen::Vector3d inward = T_device_plate.q * -bone.tool.axis_plate;
+  const Eigen::Vector3d tip_way =
+      T_device_plate * bone.tool.tip_plate_m - state.T_device_plate * bone.tool.tip_plate_m;
+  const double share = std::min(1.0, interval_s / kTwist_s);
+  state.twist_rad_per_s += share * (way.tail<3>().dot(inward) / interval_s - state.twist_rad_per_s);
+  state.feed_m_per_s += share * (tip_way.dot(inward) / interval_s - state.feed_m_per_s);
+}
+
+/// Returns true if uncut material lies under the tool's outline.
+bool has_material(const BoneVolume& bone, const Sheet& sheet, const Pose& T_device_plate) noexcept {
+  const Eigen::Vector2d at_m = axis_at(bone.tool, T_device_plate, sheet.z_m).head<2>();
+  if (!(sheet.field->mean(sheet.transform, at_m, bone.radius_m).share > 0)) return false;
+  const LatticeOutline outline =
+      outline_on_lattice(bone.tool, T_device_plate, sheet.transform, sheet.z_m);
+  return overlap(sheet, bone.tool, outline, {}).coverage > kMinCoverage;
+}
+
 }  // namespace
+
+std::optional<Vector2d> surface_slope(const BoneVolume& bone, std::span<const Sheet* const> sheets,
+                                      int sheet, double front_m, const Vector2d& at_m) noexcept {
+  const auto sample = [&](int i) { return sheets[i]->edge->at(sheets[i]->transform, at_m); };
+  const EdgeDistance::Sample front = sample(sheet);
+  if (front.distance_m <= -kLimit_m) return std::nullopt;
+  const Vector2d face = downhill(front.gradient, 2 * kMaxSlope, bone.shape);
+  // The surface lies between the sheets `above` and `above + 1`.
+  int above = sheet;
+  EdgeDistance::Sample high = front, low = front;
+  if (front.distance_m >= 0) {
+    if (!bone.sheets[sheet].meets_above) return Vector2d::Zero();
+    high = sample(--above);
+    if (high.distance_m >= 0) return std::nullopt;
+  } else {
+    for (int left = kMaxSlopeSheets;; ++above) {
+      if (left-- == 0 || !bone.sheets[above].meets_below) return face;
+      low = sample(above + 1);
+      if (low.distance_m >= 0) break;
+      high = low;
+    }
+  }
+  const double high_m = -sheets[above]->z_m, low_m = -sheets[above + 1]->z_m,
+               difference_m = low.distance_m - high.distance_m;
+  const double surface_m = low_m - (low_m - high_m) * low.distance_m / difference_m;
+  if (surface_m - front_m > 2 * bone.radius_m) return face;
+  if (high.distance_m <= -kLimit_m) return Vector2d::Zero();
+  LineFit line;
+  line.add(high_m - surface_m, high);
+  line.add(low_m - surface_m, low);
+  const auto add = [&](int i) {
+    const double depth_m = -sheets[i]->z_m - surface_m;
+    const EdgeDistance::Sample at = sample(i);
+    if (std::abs(depth_m) > kSlopeWindow_m || std::abs(at.distance_m) >= kLimit_m) return false;
+    line.add(depth_m, at);
+    return true;
+  };
+  for (int i = above; i > above - kMaxSlopeSheets && bone.sheets[i].meets_above && add(i - 1);)
+    --i;
+  for (int i = above + 1; i <= above + kMaxSlopeSheets && bone.sheets[i].meets_below && add(i + 1);)
+    ++i;
+  const double nearest = difference_m / (low_m - high_m),
+               growth = std::max(line.growth(), nearest / kMostSteeper);
+  const Vector2d inwards = line.gradient();
+  return downhill(inwards, inwards.norm() / std::max(growth, 1e-9), bone.shape);
+}
 
 void update_bone_contact(const BoneVolume& bone, std::span<const Sheet* const> sheets,
                          const Pose& T_device_plate, const Pose& T_device_evaluated,
@@ -573,24 +603,6 @@ void update_bone_contact(const BoneVolume& bone, std::span<const Sheet* const> s
   }
 }
 
-// The state of bone_contact.h: how it is made, how it follows twist and feed, how it forgets a hole,
-// and how motion ends and may begin again.
-namespace {
-
-constexpr double kTwist_s = 0.02;
-constexpr double kSlabRounding_m = 1e-9;
-
-/// Returns true if uncut material lies under the tool's outline.
-bool has_material(const BoneVolume& bone, const Sheet& sheet, const Pose& T_device_plate) noexcept {
-  const Eigen::Vector2d at_m = axis_at(bone.tool, T_device_plate, sheet.z_m).head<2>();
-  if (!(sheet.field->mean(sheet.transform, at_m, bone.radius_m).share > 0)) return false;
-  const LatticeOutline outline =
-      outline_on_lattice(bone.tool, T_device_plate, sheet.transform, sheet.z_m);
-  return overlap(sheet, bone.tool, outline, {}).coverage > kMinCoverage;
-}
-
-}  // namespace
-
 BoneContactState make_bone_contact_state(const BoneVolume& bone) {
   BoneContactState state;
   state.law = make_cutting_state(bone.slabs.size(), kMaxRememberedHoles, bone.layers.size());
@@ -602,26 +614,6 @@ BoneContactState make_bone_contact_state(const BoneVolume& bone) {
   state.options = bone.options;
   state.options.layers = bone.layers;
   return state;
-}
-
-void follow_twist(const BoneVolume& bone, const Pose& T_device_plate, double interval_s,
-                  BoneContactState& state) noexcept {
-  const Twist way = displacement(state.T_device_plate, T_device_plate);
-  const Eigen::Vector3d inward = T_device_plate.q * -bone.tool.axis_plate;
-  const Eigen::Vector3d tip_way =
-      T_device_plate * bone.tool.tip_plate_m - state.T_device_plate * bone.tool.tip_plate_m;
-  const double share = std::min(1.0, interval_s / kTwist_s);
-  state.twist_rad_per_s += share * (way.tail<3>().dot(inward) / interval_s - state.twist_rad_per_s);
-  state.feed_m_per_s += share * (tip_way.dot(inward) / interval_s - state.feed_m_per_s);
-}
-
-void forget_hole(const BoneVolume& bone, BoneContactState& state) noexcept {
-  for (std::size_t i = 0; i < state.sheets.size(); ++i) {
-    state.sheets[i].has_cut = state.sheets[i].is_in_hole = false;
-    const BoneSheet& sheet = bone.sheets[i];
-    for (int k = sheet.first_slab; k < sheet.first_slab + sheet.slabs; ++k)
-      state.slabs[k].free = nullptr;
-  }
 }
 
 void reset_motion(BoneContactState& state) noexcept {

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The slope of the bone's surface under the tip. Each slice gives the distance from the tip's
 // position to the slice's outline, positive inside the material and negative outside
-// (edge_distance.h). Between two neighbouring slices this distance is interpolated linearly, and
+// (sheet.h). Between two neighbouring slices this distance is interpolated linearly, and
 // the surface is where this distance is zero (shape-based interpolation: G. Herman, J. Zheng, C.
 // Bucholtz, IEEE Comput. Graph. Appl. 12(3), 1992). So the surface is continuous, with kinks at the
 // slices, although the slices themselves form steps.
@@ -157,14 +157,6 @@ void update_bone_contact(const BoneVolume& bone, std::span<const Sheet* const> s
                          const Pose& T_device_plate, const Pose& T_device_evaluated,
                          double pose_interval_s, std::span<SheetTrack> tracks,
                          BoneContactState& state, ContactOutput& output) noexcept;
-
-/// Updates the velocities of twist and feed, averaged over about 20 ms, so that single encoder steps
-/// have little effect. `interval_s`: time since the pose state.T_device_plate.
-void follow_twist(const BoneVolume& bone, const Pose& T_device_plate, double interval_s,
-                  BoneContactState& state) noexcept;
-
-/// Call this when the tool has left its hole or entered another one. The meshes keep the cuts.
-void forget_hole(const BoneVolume& bone, BoneContactState& state) noexcept;
 
 /// Call this in ticks without update_bone_contact(). The next tick then starts without force
 /// between tool and tissue. Holes are kept.

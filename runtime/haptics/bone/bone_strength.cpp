@@ -34,26 +34,11 @@ constexpr std::array<BoneLaw, 4> kLaws{{
      .kind = DensityKind::kAsh},
 }};
 
-constexpr std::string_view kSchileo = "E. Schileo et al., J. Biomech. 41 (2008): ash over apparent";
-constexpr double kAshOverApparent = 0.598;
-
-constexpr std::array<DensityConversion, 2> kConversions{{
-    {DensityKind::kAsh, DensityKind::kApparent, 1 / kAshOverApparent, kSchileo},
-    {DensityKind::kApparent, DensityKind::kAsh, kAshOverApparent, kSchileo},
-}};
-
 }  // namespace
 
 std::string_view name_of(DensityKind kind) noexcept {
-  switch (kind) {
-    case DensityKind::kQct:
-      return "QCT mineral density";
-    case DensityKind::kAsh:
-      return "ash density";
-    case DensityKind::kApparent:
-      return "apparent density";
-  }
-  return "unknown density";
+  constexpr std::string_view kNames[] = {"QCT mineral density", "ash density", "apparent density"};
+  return kNames[static_cast<std::size_t>(kind)];
 }
 
 double density_of(const HuCalibration& calibration, double HU) noexcept {
@@ -73,13 +58,6 @@ const BoneLaw* find_bone_law(std::string_view name) noexcept {
 double value_of(const DensityLaw& law, double density) noexcept {
   if (!(density > 0)) return std::max(law.constant, 0.0);
   return std::max(law.constant + law.factor * std::pow(density, law.exponent), 0.0);
-}
-
-const DensityConversion* find_conversion(DensityKind from, DensityKind to) noexcept {
-  const auto at =
-      std::find_if(kConversions.begin(), kConversions.end(),
-                   [&](const DensityConversion& c) { return c.from == from && c.to == to; });
-  return at == kConversions.end() ? nullptr : &*at;
 }
 
 }  // namespace trocar::runtime

@@ -65,14 +65,8 @@ const BoneLaw* find_bone_law(std::string_view name) noexcept;
 /// Returns the law's value at a density in g/cm^3. The value is at least 0.
 double value_of(const DensityLaw& law, double density) noexcept;
 
-/// to = factor * from
-struct DensityConversion {
-  DensityKind from = DensityKind::kQct, to = DensityKind::kQct;
-  double factor = 1;
-  std::string_view source;
-};
-/// Returns null if no conversion is known, and if both kinds are the same. There is no conversion
+/// Ash density over apparent density (E. Schileo et al., J. Biomech. 41, 2008). There is no conversion
 /// from or to QCT density, because each published one holds for one phantom and scanner only.
-const DensityConversion* find_conversion(DensityKind from, DensityKind to) noexcept;
+inline constexpr double kAshOverApparent = 0.598;
 
 }  // namespace trocar::runtime

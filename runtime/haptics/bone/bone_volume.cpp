@@ -258,6 +258,9 @@ CuttingOptions options_of(const Scene& scene, const BoneVolume& bone, const Tiss
   return options;
 }
 
+// A slab's ends exceed its own and its neighbour's strength by at most this fraction of its own.
+constexpr double kBeyondNeighbours = 0.05;
+
 }  // namespace
 
 double BoneSheet::pressure_Pa(double hu) const noexcept {
@@ -274,8 +277,7 @@ double BoneSheet::shell_N(const ToolShape& shape, double hu, double strength_N) 
   const double supported_N = shell_factor * strength_N;
   if (law == nullptr || !(shell_free_radius_m > 0)) return supported_N;
   // QCT density is about the ash density.
-  const double apparent = find_conversion(DensityKind::kAsh, DensityKind::kApparent)->factor *
-                          density_of(calibration, hu);
+  const double apparent = 1 / kAshOverApparent * density_of(calibration, hu);
   const ThinWall wall{.thickness_m = shell_m,
                       .free_radius_m = shell_free_radius_m,
                       .flow_Pa = cortex_flow_Pa(apparent)};
@@ -405,13 +407,6 @@ Result<BoneVolume> make_bone_volume(const Scene& scene, std::span<const Sheet* c
   }
   return bone;
 }
-
-namespace {
-
-// A slab's ends exceed its own and its neighbour's strength by at most this fraction of its own.
-constexpr double kBeyondNeighbours = 0.05;
-
-}  // namespace
 
 std::array<double, 2> strength_ends(double strength_N, double above_N, double above_gap_m,
                                     double below_N, double below_gap_m,

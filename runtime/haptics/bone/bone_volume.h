@@ -28,14 +28,12 @@
 //     bottom of each sheet, and it can extend over several sheets of different thicknesses. The
 //     depth at which a shell ends is exact up to kMinPart_m.
 //  5. If a tissue takes its strength from HU, the slab where the tool enters the bone and the slab
-//     where the tool leaves the bone can contain a thin cortical wall (cortical_wall.h).
+//     where the tool leaves the bone can contain a thin cortical wall.
 //     SceneBody::cortex_HU states the HU of such a wall. A scene without a `body` has no such
 //     walls, nor does a scene that states a shell and no cortex_HU.
 #pragma once
 
 #include <array>
-#include <cstdint>
-#include <memory>
 #include <span>
 #include <vector>
 
@@ -88,7 +86,7 @@ struct BoneSheet {
   /// in bone of the slice's mean HU.
   double friction_N_per_m(double hu, double nominal_N_per_m) const noexcept;
   /// Strength of the shell over bone of this HU. `strength_N`: strength of that bone.
-  /// Where nothing supports the shell, its strength is at most that of a thin wall (thin_wall.h).
+  /// Where nothing supports the shell, its strength is at most that of a thin wall.
   double shell_N(const ToolShape& shape, double hu, double strength_N) const noexcept;
   /// Strength of the front in bone of this HU. `slice_push`: result of slice_push().
   double strength_N(const ToolShape& shape, double hu, double slice_push = 0) const noexcept;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The force law `cutting`. The tool cuts through one bone volume (runtime/haptics/bone). The tool
+// The force law `cutting`. The tool cuts through one bone volume (bone_volume.h). The tool
 // in the bone is connected to the plate by a spring, or is rigidly fixed to the plate
 // (device_coupling.h). The law itself is passive (cutting_law.h, contract 1).
 #pragma once

@@ -88,7 +88,7 @@ class BlockInverse {
 //     which the elements act move on curved paths.
 //  2. The work of cutting is the integral of the strength over the cut depth. The front never moves
 //     back. The front cuts bone only while the tip's force exceeds the strength at the front.
-//  3. A wall that has yielded stays where it was pushed (slot.h). Uncut material beside the tool is
+//  3. A wall that has yielded stays where it was pushed (walls.h). Uncut material beside the tool is
 //     a wall as well (CuttingSlab::free).
 //  4. A hole remains after the tool is withdrawn. If the tool's axis comes within `same_hole_m` of
 //     a hole, the tool is in that hole again: the tip meets no resistance down to the depth already
@@ -96,7 +96,7 @@ class BlockInverse {
 //     CuttingSlab::share reduces the strength for a tool that lies partly over an old hole. (In a
 //     session `share` is always 1, because bone_contact.cpp multiplies the strengths by the
 //     coverage instead.)
-//  5. Soft tissue over the bone has elements of its own (soft_layer.h). The work of cutting soft
+//  5. Soft tissue over the bone has elements of its own (walls.h). The work of cutting soft
 //     tissue, `layer_cut_J`, is added to cut_J in the inequality.
 //  6. On a sloping surface (CuttingOptions::slope) the tip's spring acts along the surface's
 //     normal. The spring's energy depends only on its stretch, and the stretch is carried from tick
@@ -132,7 +132,7 @@ struct CuttingCoupling {
   bool is_rigid = false;  ///< there is no spring: the proxy has the plate's pose
   double translation_N_per_m = 4000, rotation_Nm_per_rad = 20;
   /// Largest force and moment of the coupling, chosen so that the device can render them. A spring
-  /// that is stretched beyond its limit keeps this force or moment (yield_spring.h).
+  /// that is stretched beyond its limit keeps this force or moment (walls.h).
   double max_force_N = std::numeric_limits<double>::infinity();
   double max_moment_Nm = std::numeric_limits<double>::infinity();
 };
@@ -177,7 +177,7 @@ struct CuttingOptions {
   /// only while the tip is under load. The resistance reaches this moment after a rotation that
   /// moves the outline by tip_presliding_m.
   double torsion_Nm = 0;
-  /// The tool enters a hole if its axis is at most this far from the hole's slot (slot.h).
+  /// The tool enters a hole if its axis is at most this far from the hole's slot (walls.h).
   double same_hole_m = 5e-5;
   /// Gradient of the depth of the surface that the tip presses on, with respect to x and y of {B}.
   /// The gradient points downhill, and its length is the tangent of the slope. The tip's force acts

@@ -13,6 +13,62 @@ namespace {
 
 constexpr double kSlabEndSlack_m = 1e-9;
 
+Advance to_rest(Advance a, double R, double K_s) noexcept {
+  a.length_m = std::max(a.length_m, R / K_s);
+  a.strength_N = 0;
+  a.ends_free = true;
+  return a;
+}
+
+// Returns the end of the part of a slab that begins at the depth `top`. Within a part the share is constant and the
+// strength is linear.
+double part_end(const CuttingSlab& slab, double top) noexcept {
+  double end = slab.bottom_m;
+  for (const double change : {slab.share_to_m, slab.upper_wall_to_m, slab.lower_wall_from_m})
+    if (change > top) end = std::min(end, change);
+  return end;
+}
+
+bool is_cortex(const CuttingSlab& slab, double depth) noexcept {
+  return depth < slab.upper_wall_to_m || depth >= slab.lower_wall_from_m;
+}
+
+using Eigen::Vector2d;
+
+bool is_whole_below(const SoftLayer& layer, const SoftLayerState& s) noexcept {
+  return s.cut_m < layer.bottom_m;
+}
+
+// Enters the nearest hole within the tool's radius; if there is none, starts on uncut tissue.
+void enter(const Tick& tick, const SoftLayer& layer, SoftLayerState& s) noexcept {
+  s.is_punctured = false;
+  s.cut_m = layer.top_m;
+  const Vector2d at = crossing(tick.tip, tick.axis, layer.top_m);
+  double nearest = tick.options.tool.radius_m;
+  for (SoftHole& hole : s.holes) {
+    if (hole.last_used == 0) continue;
+    const double distance = (hole.at_m - at).norm();
+    if (distance > nearest) continue;
+    nearest = distance;
+    s.is_punctured = true;
+    s.cut_m = hole.cut_m;
+    s.at_m = hole.at_m;
+  }
+}
+
+void leave(const Tick& tick, SoftLayerState& s) noexcept {
+  if (!s.is_punctured || s.holes.empty()) return;
+  SoftHole* to = s.holes.data();
+  for (SoftHole& hole : s.holes) {
+    if (hole.last_used != 0 && hole.at_m == s.at_m) {
+      to = &hole;
+      break;
+    }
+    if (hole.last_used < to->last_used) to = &hole;
+  }
+  *to = {s.at_m, s.cut_m, tick.state.tick};
+}
+
 }  // namespace
 
 void find_front(Tick& tick) noexcept {
@@ -39,30 +95,6 @@ void find_front(Tick& tick) noexcept {
   tick.first_front_m = tick.front_m;
   tick.state.stretch_m = std::min((tip_m - tick.front_m) / tick.down, 0.0);
 }
-
-namespace {
-
-Advance to_rest(Advance a, double R, double K_s) noexcept {
-  a.length_m = std::max(a.length_m, R / K_s);
-  a.strength_N = 0;
-  a.ends_free = true;
-  return a;
-}
-
-// Returns the end of the part of a slab that begins at the depth `top`. Within a part the share is constant and the
-// strength is linear.
-double part_end(const CuttingSlab& slab, double top) noexcept {
-  double end = slab.bottom_m;
-  for (const double change : {slab.share_to_m, slab.upper_wall_to_m, slab.lower_wall_from_m})
-    if (change > top) end = std::min(end, change);
-  return end;
-}
-
-bool is_cortex(const CuttingSlab& slab, double depth) noexcept {
-  return depth < slab.upper_wall_to_m || depth >= slab.lower_wall_from_m;
-}
-
-}  // namespace
 
 Advance scan(const Tick& tick, double R, double K_s) noexcept {
   Advance a;
@@ -135,46 +167,6 @@ void take_back(Tick& tick, const FrontMemory& was, CuttingResult& out) noexcept 
   out.cut_J = was.cut_J;
   tick.is_free = was.is_free;
 }
-
-namespace {
-
-using Eigen::Vector2d;
-
-bool is_whole_below(const SoftLayer& layer, const SoftLayerState& s) noexcept {
-  return s.cut_m < layer.bottom_m;
-}
-
-// Enters the nearest hole within the tool's radius; if there is none, starts on uncut tissue.
-void enter(const Tick& tick, const SoftLayer& layer, SoftLayerState& s) noexcept {
-  s.is_punctured = false;
-  s.cut_m = layer.top_m;
-  const Vector2d at = crossing(tick.tip, tick.axis, layer.top_m);
-  double nearest = tick.options.tool.radius_m;
-  for (SoftHole& hole : s.holes) {
-    if (hole.last_used == 0) continue;
-    const double distance = (hole.at_m - at).norm();
-    if (distance > nearest) continue;
-    nearest = distance;
-    s.is_punctured = true;
-    s.cut_m = hole.cut_m;
-    s.at_m = hole.at_m;
-  }
-}
-
-void leave(const Tick& tick, SoftLayerState& s) noexcept {
-  if (!s.is_punctured || s.holes.empty()) return;
-  SoftHole* to = s.holes.data();
-  for (SoftHole& hole : s.holes) {
-    if (hole.last_used != 0 && hole.at_m == s.at_m) {
-      to = &hole;
-      break;
-    }
-    if (hole.last_used < to->last_used) to = &hole;
-  }
-  *to = {s.at_m, s.cut_m, tick.state.tick};
-}
-
-}  // namespace
 
 double stretch_at(const SoftLayer& layer, double force_N) noexcept {
   const double a1 = layer.stiffness_N_per_m, a2 = layer.stiffening_N_per_m2;

@@ -42,7 +42,7 @@ struct FrontMemory {
 FrontMemory remember(const Tick& tick, const CuttingResult& out) noexcept;
 void take_back(Tick& tick, const FrontMemory& was, CuttingResult& out) noexcept;
 
-// The part of one tick that concerns the soft layers (soft_layer.h).
+// The part of one tick that concerns the soft layers (walls.h).
 
 /// Determines the front of each layer, which is the depth down to which the layer is cut. A layer
 /// that the tip stretches keeps the front of the last tick. The front of any other layer is the

@@ -104,6 +104,31 @@ void embed(const Tick& tick, std::size_t i, double low, CuttingHoleSlab& s) noex
   s.wall_N_per_m = stiffness;
 }
 
+// Records that the front has moved from this depth to its present one.
+void record_cut_from(Tick& tick, double from_m, const Vector3d& tip, const Vector3d& axis,
+                     CuttingResult& out) noexcept {
+  for (int i = tick.slab_at(from_m); i < tick.slab_count(); ++i) {
+    const CuttingSlab& slab = tick.slab(i);
+    if (slab.top_m >= tick.front_m) break;
+    if (tick.state.hole < 0) enter(tick, i);
+    if (tick.state.hole < 0) return;
+    CuttingHoleSlab& s = tick.hole_in_use().slabs[static_cast<std::size_t>(i)];
+    if (s.embedded_m <= 0 && !is_near(tick, s, static_cast<std::size_t>(i))) {
+      s.cut_m = -kInfinity;
+      for (std::size_t g = 0; g < tick.options.wall_points; ++g)
+        s.walls[g].open(crossing(tip, axis, gauss_depth(slab, g, tick.options.wall_points)),
+                        slab.clearance_m);
+    }
+    const double passed = slab.bottom_m - 1e-9;  // rounding may stop the front above it
+    const bool was_passed = s.cut_m >= passed;
+    s.cut_m = std::max(s.cut_m, std::min(tick.front_m, slab.bottom_m));
+    if (!was_passed && s.cut_m >= passed) {
+      if (out.passed_from == out.passed_to) out.passed_from = i;
+      out.passed_to = i + 1;
+    }
+  }
+}
+
 }  // namespace
 
 double core_friction_factor(const CuttingOptions& options, double embedded_m) noexcept {
@@ -222,35 +247,6 @@ double yield_walls(Tick& tick, const Vector3d& tip, const Vector3d& axis) noexce
   }
   return stored;
 }
-
-namespace {
-
-// Records that the front has moved from this depth to its present one.
-void record_cut_from(Tick& tick, double from_m, const Vector3d& tip, const Vector3d& axis,
-                     CuttingResult& out) noexcept {
-  for (int i = tick.slab_at(from_m); i < tick.slab_count(); ++i) {
-    const CuttingSlab& slab = tick.slab(i);
-    if (slab.top_m >= tick.front_m) break;
-    if (tick.state.hole < 0) enter(tick, i);
-    if (tick.state.hole < 0) return;
-    CuttingHoleSlab& s = tick.hole_in_use().slabs[static_cast<std::size_t>(i)];
-    if (s.embedded_m <= 0 && !is_near(tick, s, static_cast<std::size_t>(i))) {
-      s.cut_m = -kInfinity;
-      for (std::size_t g = 0; g < tick.options.wall_points; ++g)
-        s.walls[g].open(crossing(tip, axis, gauss_depth(slab, g, tick.options.wall_points)),
-                        slab.clearance_m);
-    }
-    const double passed = slab.bottom_m - 1e-9;  // rounding may stop the front above it
-    const bool was_passed = s.cut_m >= passed;
-    s.cut_m = std::max(s.cut_m, std::min(tick.front_m, slab.bottom_m));
-    if (!was_passed && s.cut_m >= passed) {
-      if (out.passed_from == out.passed_to) out.passed_from = i;
-      out.passed_to = i + 1;
-    }
-  }
-}
-
-}  // namespace
 
 void record_cut(Tick& tick, const Vector3d& tip, const Vector3d& axis,
                 CuttingResult& out) noexcept {

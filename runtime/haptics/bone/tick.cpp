@@ -1,12 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "runtime/haptics/bone/tick.h"
 
-#include <algorithm>
 #include <cmath>
 
-#include "runtime/haptics/bone/cutting_law.h"
 #include "runtime/haptics/bone/front.h"
-#include "runtime/haptics/bone/walls.h"
 
 namespace trocar::runtime {
 namespace {
@@ -172,31 +169,6 @@ void add_tip_friction(const Tick& tick, const Vector3d& tip, const Vector3d& lev
   }
 }
 
-}  // namespace
-
-void evaluate(const Tick& tick, const Pose& X, bool majorise, Evaluation& e,
-              CuttingResult& out) noexcept {
-  ++out.evaluations;
-  e.X = X;
-  e.g.setZero();
-  e.H.setZero();
-  const Vector3d axis = X.q * tick.options.tool.inward_plate,
-                 lever = X.q * tick.options.tool.tip_plate_m;
-  const Vector3d tip = X.p_m + lever;
-  add_coupling(tick, majorise, e);
-  add_axial(tick, tip, lever, majorise, e);
-  add_walls(tick, tip, axis, lever, majorise, e);
-  e.tip_friction_J = 0;
-  if (tick.tip_friction_N > 0) add_tip_friction(tick, tip, lever, majorise, e);
-  const double stretch = tick.state.stretch_m + e.pressed_m;
-  e.V = e.coupling_J + e.friction_J + e.wall_J + e.viscous_J +
-        (stretch > 0 ? 0.5 * tick.options.tip_N_per_m * stretch * stretch : 0) + e.layer_J +
-        e.tip_friction_J + e.hold_J + e.torsion_J;
-}
-
-namespace {
-
-using Eigen::Vector2d;
 using Vector6 = Evaluation::Vector6;
 using Matrix6 = Evaluation::Matrix6;
 
@@ -440,6 +412,26 @@ bool advance_layer(Tick& tick, Evaluation& e, CuttingResult& out) noexcept {
 }
 
 }  // namespace
+
+void evaluate(const Tick& tick, const Pose& X, bool majorise, Evaluation& e,
+              CuttingResult& out) noexcept {
+  ++out.evaluations;
+  e.X = X;
+  e.g.setZero();
+  e.H.setZero();
+  const Vector3d axis = X.q * tick.options.tool.inward_plate,
+                 lever = X.q * tick.options.tool.tip_plate_m;
+  const Vector3d tip = X.p_m + lever;
+  add_coupling(tick, majorise, e);
+  add_axial(tick, tip, lever, majorise, e);
+  add_walls(tick, tip, axis, lever, majorise, e);
+  e.tip_friction_J = 0;
+  if (tick.tip_friction_N > 0) add_tip_friction(tick, tip, lever, majorise, e);
+  const double stretch = tick.state.stretch_m + e.pressed_m;
+  e.V = e.coupling_J + e.friction_J + e.wall_J + e.viscous_J +
+        (stretch > 0 ? 0.5 * tick.options.tip_N_per_m * stretch * stretch : 0) + e.layer_J +
+        e.tip_friction_J + e.hold_J + e.torsion_J;
+}
 
 void settle(Tick& tick, Evaluation& e, CuttingResult& out) noexcept {
   settle_front(tick, e, out);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Working data of one tick of the cutting law. cutting_law.cpp passes it to the functions of
-// holes.h, front.h, soft_layers.h, potential.h and equilibrium.h. Before the tick, bone_contact.cpp
+// holes.h, front.h and this header. Before the tick, bone_contact.cpp
 // makes another object of this type, to ask holes.h which hole the tool is in.
 #pragma once
 
@@ -152,13 +152,13 @@ struct Evaluation {
 
 /// Evaluates the potential at the proxy's pose X. If `majorise` is true, H is the second derivative
 /// of a parabola that touches the potential at X and lies above the potential elsewhere, even where
-/// elements yield (yield_spring.h). The function adds 1 to `out.evaluations`.
+/// elements yield (walls.h). The function adds 1 to `out.evaluations`.
 void evaluate(const Tick& tick, const Pose& X, bool majorise, Evaluation& e,
               CuttingResult& out) noexcept;
 
 // Finds the equilibrium of a tick by Newton's method. The proxy moves to a minimum of the potential
 // for the present cutting front. The potential is the sum of the energies of all elements, such as
-// coupling, friction and walls (potential.h). The front then moves down to the first depth at
+// coupling, friction and walls. The front then moves down to the first depth at
 // which the tip's force does not exceed the strength of the bone; the front is then in equilibrium.
 // No step raises the potential.
 

@@ -20,20 +20,6 @@ constexpr std::array<std::pair<ToolKind, std::string_view>, 5> kNames{{
     {ToolKind::kJamshidi, "jamshidi"},
 }};
 
-// Outer diameters in mm.
-constexpr std::array<std::pair<int, double>, 12> kGauges{{{8, 4.191},
-                                                          {9, 3.759},
-                                                          {10, 3.404},
-                                                          {11, 3.048},
-                                                          {13, 2.413},
-                                                          {14, 2.108},
-                                                          {15, 1.829},
-                                                          {16, 1.651},
-                                                          {17, 1.473},
-                                                          {18, 1.270},
-                                                          {22, 0.718},
-                                                          {25, 0.515}}};
-
 }  // namespace
 
 std::string_view name_of(ToolKind kind) noexcept {
@@ -108,12 +94,6 @@ ToolInTissue tool_in_tissue(const ToolShape& tool, const CutMaterial& tissue, do
   out.wall_N_per_m2 = tissue.wall_Pa_per_m * 2 * R;
   out.wall_strength_N_per_m = tissue.lateral_strength_Pa * 2 * R;
   return out;
-}
-
-std::optional<double> gauge_radius_m(int gauge) noexcept {
-  for (const auto& [each, diameter_mm] : kGauges)
-    if (each == gauge) return 0.5e-3 * diameter_mm;
-  return std::nullopt;
 }
 
 }  // namespace trocar::runtime

@@ -102,8 +102,4 @@ struct ToolInTissue {
 ToolInTissue tool_in_tissue(const ToolShape& tool, const CutMaterial& tissue, double share = 1,
                             double slice_push = 0) noexcept;
 
-/// Returns the outer radius of a needle of this gauge (Birmingham wire gauge, ISO 9626). Returns
-/// nothing if the table does not contain the gauge.
-std::optional<double> gauge_radius_m(int gauge) noexcept;
-
 }  // namespace trocar::runtime

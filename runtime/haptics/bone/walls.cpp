@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "runtime/haptics/bone/walls.h"
 
-#include <algorithm>
 #include <cmath>
 #include <limits>
 #include <utility>
@@ -18,6 +17,47 @@ using Eigen::Vector3d;
 // The radius is at least kReachPerStep times the displacement of the shaft within a tick. At each
 // new tick it shrinks by the factor kForgotten.
 constexpr double kReachPerStep = 2, kForgotten = 0.9, kMinReach_m = 1e-9;
+
+/// Points nearer to the region than this do not extend it. So no edge is shorter, and no quotient by
+/// the square of an edge's length overflows. A femtometre is far below what could be felt.
+constexpr double kLeastEdge_m = 1e-15;
+constexpr double kFlat = 1e-13;  // radians: more than rounding errors, less than could be felt
+
+double cross(const Eigen::Vector2d& a, const Eigen::Vector2d& b) noexcept {
+  return a.x() * b.y() - a.y() * b.x();
+}
+
+// Andrew's monotone chain (1979). Sorts `points`, and returns the size of `hull`. A corner that is
+// straight within rounding is left out: the sign of its cross product is random, so the hull would
+// not be convex.
+template <std::size_t N>
+int hull_of(std::array<Eigen::Vector2d, N>& points, int count,
+            std::array<Eigen::Vector2d, 2 * N>& hull) noexcept {
+  const auto is_before = [](const Eigen::Vector2d& a, const Eigen::Vector2d& b) {
+    return a.x() < b.x() || (a.x() == b.x() && a.y() < b.y());
+  };
+  for (int i = 1; i < count; ++i) {
+    const Eigen::Vector2d p = points[i];
+    int k = i;
+    for (; k > 0 && is_before(p, points[k - 1]); --k)
+      points[k] = points[k - 1];
+    points[k] = p;
+  }
+  int size = 0;
+  const auto add = [&](const Eigen::Vector2d& p, int least) {
+    while (size >= least) {
+      const Eigen::Vector2d last = hull[size - 1] - hull[size - 2], next = p - hull[size - 2];
+      if (cross(last, next) > kFlat * last.norm() * next.norm()) break;
+      --size;
+    }
+    hull[size++] = p;
+  };
+  for (int i = 0; i < count; ++i)
+    add(points[i], 2);
+  for (int i = count - 2, least = size + 1; i >= 0; --i)
+    add(points[i], least);
+  return size > 1 ? size - 1 : size;
+}
 
 }  // namespace
 
@@ -142,51 +182,6 @@ void add_walls(const Tick& tick, const Vector3d& tip, const Vector3d& axis, cons
   e.H.bottomLeftCorner<3, 3>() += mixed.transpose();
   e.H.bottomRightCorner<3, 3>() += CH0 * C0.transpose() + CH1 * C1.transpose();
 }
-
-namespace {
-
-/// Points nearer to the region than this do not extend it. So no edge is shorter, and no quotient by
-/// the square of an edge's length overflows. A femtometre is far below what could be felt.
-constexpr double kLeastEdge_m = 1e-15;
-constexpr double kFlat = 1e-13;  // radians: more than rounding errors, less than could be felt
-
-double cross(const Eigen::Vector2d& a, const Eigen::Vector2d& b) noexcept {
-  return a.x() * b.y() - a.y() * b.x();
-}
-
-// Andrew's monotone chain (1979). Sorts `points`, and returns the size of `hull`. A corner that is
-// straight within rounding is left out: the sign of its cross product is random, so the hull would
-// not be convex.
-template <std::size_t N>
-int hull_of(std::array<Eigen::Vector2d, N>& points, int count,
-            std::array<Eigen::Vector2d, 2 * N>& hull) noexcept {
-  const auto is_before = [](const Eigen::Vector2d& a, const Eigen::Vector2d& b) {
-    return a.x() < b.x() || (a.x() == b.x() && a.y() < b.y());
-  };
-  for (int i = 1; i < count; ++i) {
-    const Eigen::Vector2d p = points[i];
-    int k = i;
-    for (; k > 0 && is_before(p, points[k - 1]); --k)
-      points[k] = points[k - 1];
-    points[k] = p;
-  }
-  int size = 0;
-  const auto add = [&](const Eigen::Vector2d& p, int least) {
-    while (size >= least) {
-      const Eigen::Vector2d last = hull[size - 1] - hull[size - 2], next = p - hull[size - 2];
-      if (cross(last, next) > kFlat * last.norm() * next.norm()) break;
-      --size;
-    }
-    hull[size++] = p;
-  };
-  for (int i = 0; i < count; ++i)
-    add(points[i], 2);
-  for (int i = count - 2, least = size + 1; i >= 0; --i)
-    add(points[i], least);
-  return size > 1 ? size - 1 : size;
-}
-
-}  // namespace
 
 void Slot::open(const Eigen::Vector2d& at_m, double clearance_m) noexcept {
   corners_[0] = at_m;

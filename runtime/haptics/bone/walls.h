@@ -104,7 +104,7 @@ struct SoftLayerState {
 };
 
 // Sums the forces and stiffnesses of the walls of the hole that the tool is in. Each slab has Gauss
-// points at which the wall acts, and each Gauss point has a slot (slot.h), which is the region in
+// points at which the wall acts, and each Gauss point has a slot, which is the region in
 // which the shaft's axis does not press on the wall. While the shaft stays close to a reference
 // position, the nearest corner or edge of most slots stays the same. If this is so at a Gauss
 // point, and if the wall does not yield there, the energy of the point is a quadratic function of
@@ -214,7 +214,7 @@ class WallModel {
 };
 
 /// Adds the walls to the energy and its derivatives in `e`. `lever`: vector from the plate's origin
-/// to the tip. `majorise`: as for evaluate() (potential.h).
+/// to the tip. `majorise`: as for evaluate() (tick.h).
 void add_walls(const Tick& tick, const Eigen::Vector3d& tip, const Eigen::Vector3d& axis,
                const Eigen::Vector3d& lever, bool majorise, Evaluation& e) noexcept;
 

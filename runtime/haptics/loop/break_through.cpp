@@ -6,8 +6,6 @@
 #include <cmath>
 #include <utility>
 
-#include "runtime/haptics/puncture.h"
-
 namespace trocar::runtime {
 namespace {
 
@@ -69,6 +67,12 @@ void follow_reference(double change_m, BreakThroughState& state) noexcept {
       state.filtered_N, state.reference_N * std::exp(-std::max(0.0, change_m) / kBreakReach_m));
 }
 
+/// Returns the coefficient now.
+double coefficient(const BreakDamperState& state) noexcept {
+  const double left = state.left_s / kBreakDamping_s;
+  return state.start_N_s_per_m * left * (2 - left);
+}
+
 }  // namespace
 
 double loss_of_resistance(double force_N, double reference_N) noexcept {
@@ -123,16 +127,6 @@ BreakThroughTick find_break_through(const BreakThroughInput& input,
   state.run_hand_m = kept * state.run_hand_m + loss * out.hand_m;
   return out;
 }
-
-namespace {
-
-/// Returns the coefficient now.
-double coefficient(const BreakDamperState& state) noexcept {
-  const double left = state.left_s / kBreakDamping_s;
-  return state.start_N_s_per_m * left * (2 - left);
-}
-
-}  // namespace
 
 Wrench damp_break(const PassivityOptions& options, double plate_mass_kg, const Tool& tool,
                   const BreakInput& input, BreakDamperState& state) noexcept {

@@ -3,8 +3,7 @@
 // pose that a device measures. The outputs are the wrench that the device is to render, and one row
 // of the recording. A tick does not allocate, lock or throw.
 //
-// Contract, in addition to the contracts of safety.h,
-// limits.h, energy_limit.h and passivity.h:
+// Contract, in addition to the contracts of safety.h and passivity.h:
 //  1. The loop writes only commands that the device has prepared (hand_device.h), so all commands
 //     are within the device's limits.
 //  2. When a fault ends the state `running` (safety.h), the command goes to zero. It follows the
@@ -18,7 +17,7 @@
 //     differences of these time stamps determine four durations: the interval between two poses,
 //     the interval over which a velocity is computed, the time in which the device can have moved
 //     since the last reading, and the additional time for which the motors hold a command if a tick
-//     is late. The differences are rounded to nanoseconds, except in velocity_window.h. In
+//     is late. The differences are rounded to nanoseconds, except in passivity.h. In
 //     `running`, a device state counts as new if its time stamp is finite and at least
 //     kLeastInterval ticks later than that of the last new state, so no velocity is a quotient over
 //     less. After no_data_limit_s() without a new device state, the fault kNoData is raised, or
@@ -59,7 +58,7 @@ struct LoopModel {
   Tool tool;
   SafetyLimits limits;
   /// If the force law is passive, these options affect only the damping after a break
-  /// (break_damper.h).
+  /// (break_through.h).
   PassivityOptions passivity;
   CompensationOptions compensation;  ///< compensation of friction and weight, in `running`
   double rate_Hz = 1000;

@@ -25,6 +25,17 @@ struct Slopes {
   double max_per_s = std::numeric_limits<double>::infinity();
 };
 
+/// Returns the environment's wrench with a damper added, which can at most cancel its
+/// force (item 3).
+Wrench damped(const Wrench& environment, PassivityState& state, double damping_N_s_per_m) noexcept {
+  const Eigen::Vector3d force_N = environment.head<3>();
+  const double along = force_N.dot(Eigen::Vector3d(state.unit_damper.head<3>()));
+  const double force2_N2 = force_N.squaredNorm();
+  state.damping_N_s_per_m =
+      damping_N_s_per_m * along > force2_N2 ? force2_N2 / along : damping_N_s_per_m;
+  return environment - state.damping_N_s_per_m * state.unit_damper;
+}
+
 }  // namespace
 
 void VelocityWindow::add(const Measurement& measured, const Pose& T_device_plate) noexcept {
@@ -81,21 +92,6 @@ PreviousPose VelocityWindow::steady_begin(double resolution) const noexcept {
   }
   return begin;
 }
-
-namespace {
-
-/// Returns the environment's wrench with a damper added, which can at most cancel its
-/// force (item 3).
-Wrench damped(const Wrench& environment, PassivityState& state, double damping_N_s_per_m) noexcept {
-  const Eigen::Vector3d force_N = environment.head<3>();
-  const double along = force_N.dot(Eigen::Vector3d(state.unit_damper.head<3>()));
-  const double force2_N2 = force_N.squaredNorm();
-  state.damping_N_s_per_m =
-      damping_N_s_per_m * along > force2_N2 ? force2_N2 / along : damping_N_s_per_m;
-  return environment - state.damping_N_s_per_m * state.unit_damper;
-}
-
-}  // namespace
 
 double damping_max(const PassivityOptions& options, double plate_mass_kg, double dt_s) noexcept {
   return std::min(options.damping_max_N_s_per_m, options.damping_share * plate_mass_kg / dt_s);

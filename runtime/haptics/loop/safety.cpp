@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "runtime/haptics/loop/safety.h"
 
-#include <algorithm>
-#include <array>
 #include <cmath>
 #include <numbers>
 
@@ -13,6 +11,34 @@ namespace {
 /// Returns the tilt of an axis whose upright component is `cosine`; nan if that is nan.
 double tilt_rad(double cosine) noexcept {
   return std::acos(std::clamp(cosine, -1.0, 1.0));
+}
+
+using enum SafetyState;
+
+// Rows: states; columns: kSeen, kFree, kFault, kRecover, kSettled, kStop.
+constexpr std::array<std::array<SafetyState, kSafetyEvents>, kSafetyStates> kNext = {{
+    {kReady, kIdle, SafetyState::kFault, kIdle, kIdle, SafetyState::kFault},
+    {kReady, kRunning, SafetyState::kFault, kReady, kReady, SafetyState::kFault},
+    {kRunning, kRunning, SafetyState::kFault, kRunning, kRunning, SafetyState::kFault},
+    {SafetyState::kFault, SafetyState::kFault, SafetyState::kFault, kRecovering,
+     SafetyState::kFault, SafetyState::kFault},
+    {kRecovering, kRecovering, kRecovering, kRecovering, kReady, SafetyState::kFault},
+}};
+
+constexpr std::uint64_t kNoRamp = 1'000'000;  // ramp_ticks_done that is larger than any ramp
+
+void latch(Safety& safety, Fault fault, double t_s) noexcept {
+  ++safety.faults;
+  safety.waits_for_ramp = false;
+  safety.fault = fault;
+  safety.fault_t_s = t_s;
+  if (safety.state == kRunning) safety.ramp_ticks_done = fault == Fault::kEnergyLimit ? kNoRamp : 0;
+}
+
+void stop(Safety& safety, Fault fault, double t_s) noexcept {
+  latch(safety, fault, t_s);
+  safety.quiet_ticks = 0;
+  safety.state = next_state(safety.state, SafetyEvent::kStop);
 }
 
 }  // namespace
@@ -65,38 +91,6 @@ FaultDetail check_speed(const SafetyLimits& limits, const Pose& T_device_plate, 
   }
   return {};
 }
-
-namespace {
-
-using enum SafetyState;
-
-// Rows: states; columns: kSeen, kFree, kFault, kRecover, kSettled, kStop.
-constexpr std::array<std::array<SafetyState, kSafetyEvents>, kSafetyStates> kNext = {{
-    {kReady, kIdle, SafetyState::kFault, kIdle, kIdle, SafetyState::kFault},
-    {kReady, kRunning, SafetyState::kFault, kReady, kReady, SafetyState::kFault},
-    {kRunning, kRunning, SafetyState::kFault, kRunning, kRunning, SafetyState::kFault},
-    {SafetyState::kFault, SafetyState::kFault, SafetyState::kFault, kRecovering,
-     SafetyState::kFault, SafetyState::kFault},
-    {kRecovering, kRecovering, kRecovering, kRecovering, kReady, SafetyState::kFault},
-}};
-
-constexpr std::uint64_t kNoRamp = 1'000'000;  // ramp_ticks_done that is larger than any ramp
-
-void latch(Safety& safety, Fault fault, double t_s) noexcept {
-  ++safety.faults;
-  safety.waits_for_ramp = false;
-  safety.fault = fault;
-  safety.fault_t_s = t_s;
-  if (safety.state == kRunning) safety.ramp_ticks_done = fault == Fault::kEnergyLimit ? kNoRamp : 0;
-}
-
-void stop(Safety& safety, Fault fault, double t_s) noexcept {
-  latch(safety, fault, t_s);
-  safety.quiet_ticks = 0;
-  safety.state = next_state(safety.state, SafetyEvent::kStop);
-}
-
-}  // namespace
 
 SafetyState next_state(SafetyState state, SafetyEvent event) noexcept {
   return kNext[static_cast<std::size_t>(state)][static_cast<std::size_t>(event)];

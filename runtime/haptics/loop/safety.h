@@ -5,7 +5,7 @@
 // Contract:
 //  1. A fault in any state but `recovering` leads to `fault`, and the first fault is kept. Only
 //     answer_request() leaves the state `fault`, so no other way leads to `recovering` or back to
-//     `running`. A stop (held_stops.h) leads to `fault` from every state. A newly pressed emergency
+//     `running`. A stop (faults.h) leads to `fault` from every state. A newly pressed emergency
 //     stop replaces the fault that was kept, also in the state `fault`; pause and zero forces
 //     replace it in `recovering` only.
 //  2. When a fault ends `running`, torques are ramped down, beginning in the tick in which the
@@ -125,7 +125,7 @@ bool torques_are_zero(const Safety& safety, const SafetyTiming& timing, double r
 
 // All safety limits of the loop: on the plate's pose and speed, on released energy, and on times.
 // If a limit is exceeded, the fault that belongs to this limit is raised, and the forces go to
-// zero. This file has the checks of pose and speed. energy_limit.h has the check of energy, and
+// zero. This file has the checks of pose and speed. passivity.h has the check of energy, and
 // haptic_loop.cpp has the checks of times. Each implementation of HandDevice checks the limits of
 // the device's own parts. The haptic thread calls the check functions, which keep no state.
 //
@@ -146,7 +146,7 @@ struct SafetyLimits {
   double rotation_rate_max_rad_per_s = 40;  ///< rotation rate of the plate
   double speed_window_s = 0.004;            ///< time constant of the filter (item 2)
   /// Energy that the hand may receive within 0.1 s, in addition to the energy that was stored at
-  /// the beginning of this time (energy_limit.h).
+  /// the beginning of this time (passivity.h).
   double energy_limit_J = 0.05;
   /// Longest time without a new device state. During this time the loop uses the last state. If
   /// this value is positive but shorter than kNoDataTicks ticks, the limit is kNoDataTicks ticks

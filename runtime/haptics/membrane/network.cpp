@@ -7,7 +7,6 @@
 #include <cmath>
 #include <numbers>
 #include <string>
-#include <vector>
 
 namespace trocar::runtime {
 namespace {
@@ -81,76 +80,6 @@ SpringSigns for_each_edge(const Edges& all, Visit&& visit) {
   }
   return signs;
 }
-
-}  // namespace
-
-double decay_length_m(const Membrane& membrane) noexcept {
-  return std::sqrt(membrane.tension_N_per_m / membrane.foundation_N_per_m3);
-}
-
-Network make_network(const SliceMesh& mesh, const Lattice& lattice, const Membrane& membrane) {
-  const std::size_t n = mesh.vertices.size();
-  const Edges edges = edges_of(mesh);
-  Network out;
-  // Counts are stored one element further, as in edges_of().
-  out.first.assign(n + 2, 0);
-  for_each_edge(edges, [&](std::uint32_t low, std::uint32_t high, double) {
-    ++out.first[low + 2];
-    ++out.first[high + 2];
-  });
-  for (std::size_t i = 2; i < out.first.size(); ++i)
-    out.first[i] += out.first[i - 1];
-  out.neighbour.resize(out.first.back());
-  out.stiffness_N_per_m.resize(out.first.back());
-  // Edges come by their lower node, so each row fills in ascending order.
-  out.signs = for_each_edge(edges, [&](std::uint32_t low, std::uint32_t high, double cotangents) {
-    const double stiffness = membrane.tension_N_per_m / 2 * cotangents;
-    const auto put = [&](std::uint32_t at, std::uint32_t other) {
-      const std::uint32_t k = out.first[at + 1]++;
-      out.neighbour[k] = other;
-      out.stiffness_N_per_m[k] = stiffness;
-    };
-    put(low, high);
-    put(high, low);
-  });
-  out.first.pop_back();
-
-  const double step_m = lattice.step_m();
-  const double bed_per_doubled_area = membrane.foundation_N_per_m3 * step_m * step_m / 6;
-  out.foundation_N_per_m.assign(n, 0);
-  for (const Triangle& t : mesh.triangles) {
-    const double share =
-        bed_per_doubled_area * static_cast<double>(orient2d(
-                                   mesh.vertices[t[0]], mesh.vertices[t[1]], mesh.vertices[t[2]]));
-    for (std::uint32_t v : t)
-      out.foundation_N_per_m[v] += share;
-  }
-  return out;
-}
-
-std::uint32_t negative_at_free_nodes(const Network& network,
-                                     std::span<const NodeKind> kind) noexcept {
-  std::uint32_t count = 0;
-  if (network.signs.negative() == 0) return count;
-  for (std::size_t i = 0; i < network.size(); ++i) {
-    for (std::uint32_t k = network.first[i]; k < network.first[i + 1]; ++k) {
-      const std::uint32_t j = network.neighbour[k];
-      if (j > i && network.stiffness_N_per_m[k] < 0 &&
-          (kind[i] == NodeKind::kFree || kind[j] == NodeKind::kFree))
-        ++count;
-    }
-  }
-  return count;
-}
-
-double reaction_N(const Network& network, std::span<const double> w_m, std::size_t i) noexcept {
-  double force_N = network.foundation_N_per_m[i] * w_m[i];
-  for (std::uint32_t k = network.first[i]; k < network.first[i + 1]; ++k)
-    force_N += network.stiffness_N_per_m[k] * (w_m[i] - w_m[network.neighbour[k]]);
-  return force_N;
-}
-
-namespace {
 
 using Eigen::Vector2d;
 
@@ -266,6 +195,72 @@ Result<void> check(std::span<const Vector2d> outline, double decay_length, int p
 }
 
 }  // namespace
+
+double decay_length_m(const Membrane& membrane) noexcept {
+  return std::sqrt(membrane.tension_N_per_m / membrane.foundation_N_per_m3);
+}
+
+Network make_network(const SliceMesh& mesh, const Lattice& lattice, const Membrane& membrane) {
+  const std::size_t n = mesh.vertices.size();
+  const Edges edges = edges_of(mesh);
+  Network out;
+  // Counts are stored one element further, as in edges_of().
+  out.first.assign(n + 2, 0);
+  for_each_edge(edges, [&](std::uint32_t low, std::uint32_t high, double) {
+    ++out.first[low + 2];
+    ++out.first[high + 2];
+  });
+  for (std::size_t i = 2; i < out.first.size(); ++i)
+    out.first[i] += out.first[i - 1];
+  out.neighbour.resize(out.first.back());
+  out.stiffness_N_per_m.resize(out.first.back());
+  // Edges come by their lower node, so each row fills in ascending order.
+  out.signs = for_each_edge(edges, [&](std::uint32_t low, std::uint32_t high, double cotangents) {
+    const double stiffness = membrane.tension_N_per_m / 2 * cotangents;
+    const auto put = [&](std::uint32_t at, std::uint32_t other) {
+      const std::uint32_t k = out.first[at + 1]++;
+      out.neighbour[k] = other;
+      out.stiffness_N_per_m[k] = stiffness;
+    };
+    put(low, high);
+    put(high, low);
+  });
+  out.first.pop_back();
+
+  const double step_m = lattice.step_m();
+  const double bed_per_doubled_area = membrane.foundation_N_per_m3 * step_m * step_m / 6;
+  out.foundation_N_per_m.assign(n, 0);
+  for (const Triangle& t : mesh.triangles) {
+    const double share =
+        bed_per_doubled_area * static_cast<double>(orient2d(
+                                   mesh.vertices[t[0]], mesh.vertices[t[1]], mesh.vertices[t[2]]));
+    for (std::uint32_t v : t)
+      out.foundation_N_per_m[v] += share;
+  }
+  return out;
+}
+
+std::uint32_t negative_at_free_nodes(const Network& network,
+                                     std::span<const NodeKind> kind) noexcept {
+  std::uint32_t count = 0;
+  if (network.signs.negative() == 0) return count;
+  for (std::size_t i = 0; i < network.size(); ++i) {
+    for (std::uint32_t k = network.first[i]; k < network.first[i + 1]; ++k) {
+      const std::uint32_t j = network.neighbour[k];
+      if (j > i && network.stiffness_N_per_m[k] < 0 &&
+          (kind[i] == NodeKind::kFree || kind[j] == NodeKind::kFree))
+        ++count;
+    }
+  }
+  return count;
+}
+
+double reaction_N(const Network& network, std::span<const double> w_m, std::size_t i) noexcept {
+  double force_N = network.foundation_N_per_m[i] * w_m[i];
+  for (std::uint32_t k = network.first[i]; k < network.first[i + 1]; ++k)
+    force_N += network.stiffness_N_per_m[k] * (w_m[i] - w_m[network.neighbour[k]]);
+  return force_N;
+}
 
 Result<double> unbounded_stiffness_per_foundation_m2(std::span<const Vector2d> outline_m,
                                                      double decay_length_m, int panels_per_side) {

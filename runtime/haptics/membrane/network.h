@@ -23,7 +23,7 @@
 //     exactly, in integers (SpringSigns).
 //  4. Maximum principle: consider an equilibrium without load, in a network in which no
 //     spring has a negative stiffness. A positive maximum and a negative minimum of w can
-//     then occur only at nodes that are held (NodeKind). The error bounds of local_solver.h
+//     then occur only at nodes that are held (NodeKind). The error bounds of region.h
 //     follow from this principle.
 #pragma once
 

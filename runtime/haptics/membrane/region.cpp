@@ -5,13 +5,11 @@
 #include <Eigen/SparseCore>
 #include <algorithm>
 #include <cmath>
-#include <limits>
 #include <string>
 #include <utility>
 
 #include "formats/mesh/canonical_rotation.h"
 #include "formats/mesh/cavity.h"
-#include "formats/mesh/cut.h"
 #include "formats/mesh/flat_table.h"
 #include "formats/mesh/lattice.h"
 #include "formats/mesh/triangle_grid.h"
@@ -40,93 +38,10 @@ double distance2_to_origin(const std::array<Eigen::Vector2d, 3>& p) {
   return inside ? 0 : least;
 }
 
-}  // namespace
+using Eigen::Vector2d;
 
-Circle circle_around(const Ring& tool) noexcept {
-  Circle circle;
-  for (const LatticePoint& p : tool)
-    circle.centre += Eigen::Vector2d(p.x, p.y) / static_cast<double>(tool.size());
-  for (const LatticePoint& p : tool)
-    circle.radius = std::max(circle.radius, relative(p, circle.centre).norm());
-  return circle;
-}
-
-SheetPart part_around(const SheetMesh& sheet, std::span<const std::uint32_t> seeds,
-                      const Circle& circle, double radius, std::vector<std::uint32_t>& queue) {
-  FlatTable taken;  // maps the slot of a triangle to its index in the queue
-  taken.allocate(kFirstCapacity);
-  queue.clear();
-  const auto take = [&](std::uint32_t t) {
-    const auto number = static_cast<std::uint32_t>(queue.size());
-    queue.push_back(t);
-    if (taken.insert(t, number) != nullptr) return;
-    taken.allocate(4 * queue.size());
-    for (std::uint32_t k = 0; k <= number; ++k)
-      taken.insert(queue[k], k);
-  };
-  for (std::uint32_t t : seeds) {
-    if (!taken.contains(t)) take(t);
-  }
-  const double reach = circle.radius + radius;
-  for (std::size_t k = 0; k < queue.size(); ++k) {
-    for (std::uint32_t u : sheet.across[queue[k]]) {
-      if (u == kNoSlot || taken.contains(u)) continue;
-      const std::array<LatticePoint, 3> p = corners(sheet, u);
-      if (!(distance2_to_origin({relative(p[0], circle.centre), relative(p[1], circle.centre),
-                                 relative(p[2], circle.centre)}) < reach * reach))
-        continue;
-      take(u);
-    }
-  }
-
-  // Neighbours are given by their index in the queue. Each fan of triangles gets its own vertex: if
-  // the border passes through a vertex twice, the part contains that vertex twice.
-  const auto n = static_cast<std::uint32_t>(queue.size());
-  SheetPart part;
-  std::vector<std::array<std::uint32_t, 3>>& across = part.across;
-  across.resize(n);
-  part.mesh.triangles.assign(n, kFreeSlot);
-  for (std::uint32_t k = 0; k < n; ++k) {
-    const std::uint32_t t = queue[k];
-    for (std::size_t i = 0; i < 3; ++i) {
-      const std::uint32_t u = sheet.across[t][i];
-      across[k][i] = u == kNoSlot ? kNoSlot : taken.find(u);
-      if (u != kNoSlot && across[k][i] == kNoSlot) {
-        part.outer.push_back({sheet.vertices[sheet.triangles[t][i]],
-                              sheet.vertices[sheet.triangles[t][(i + 1) % 3]]});
-      }
-    }
-  }
-  for (std::uint32_t k = 0; k < n; ++k) {
-    for (std::uint32_t i = 0; i < 3; ++i) {
-      if (part.mesh.triangles[k][i] != kNoSlot) continue;
-      const std::uint32_t slot = sheet.triangles[queue[k]][i];
-      const auto vertex = static_cast<std::uint32_t>(part.mesh.vertices.size());
-      part.mesh.vertices.push_back(sheet.vertices[slot]);
-      part.parent.push_back(slot);
-      // Walk around the vertex, across the edge that ends in it, until the fan closes or the border
-      // is reached. If it was the border, walk in the other direction, too.
-      std::uint32_t t = k, corner = i;
-      const auto number = [&] { part.mesh.triangles[t][corner] = vertex; };
-      const auto step = [&](std::uint32_t edge) {
-        t = across[t][edge];
-        if (t == kNoSlot) return false;
-        const Triangle& next = sheet.triangles[queue[t]];
-        corner = next[0] == slot ? 0 : next[1] == slot ? 1 : 2;
-        return t != k;
-      };
-      for (number(); step((corner + 2) % 3);)
-        number();
-      if (t == k) continue;
-      t = k;
-      for (corner = i; step(corner);)
-        number();
-    }
-  }
-  std::sort(part.outer.begin(), part.outer.end());
-  return part;
-}
-
+/// Converts the part to a sheet mesh with vertices and triangles in the same order, and with free
+/// slots for those that refinement will add. O(slots).
 SheetMesh to_sheet(const SheetPart& part, std::size_t spare_vertices, std::size_t spare_triangles) {
   SheetMesh out;
   out.vertices = part.mesh.vertices;
@@ -136,9 +51,17 @@ SheetMesh to_sheet(const SheetPart& part, std::size_t spare_vertices, std::size_
   return out;
 }
 
-namespace {
+// Finds how each node of a region is held (NodeKind), from the region's boundary edges. A boundary
+// edge lies on the tool, on the border to the rest of the sheet (the ring), or on the sheet's
+// outline.
 
-using Eigen::Vector2d;
+/// The boundary edges of a mesh. An edge is stored at the vertex where it starts: element v of each
+/// vector describes the edge that starts at vertex v. At most one boundary edge starts at a vertex,
+/// because the triangles of a vertex form one fan (sheet_mesh.h, invariant 3).
+struct BoundaryEdges {
+  std::vector<std::uint32_t> next;  ///< vertex where the edge ends; kNoSlot: no edge starts at v
+  std::vector<NodeKind> kind;       ///< kFree for an edge on the sheet's outline
+};
 
 /// A node within this distance, in steps, of the tool's outline lies on the tool. The distance is
 /// not zero because crossings of the two outlines are rounded to the lattice
@@ -149,6 +72,20 @@ constexpr double kOnTool = 2;
 /// too thin for well-shaped triangles. The tip then moves with the tool: nodes of the outline that
 /// are nearer to the tool than this fraction of its circumradius are kTool.
 constexpr double kWedgeDistance = 0.02;
+
+/// Returns the distance from a point to the tool's outline, in steps. O(corners).
+double distance_to_outline(const Ring& tool, double x, double y) noexcept {
+  const Vector2d p(x, y);
+  double least = std::numeric_limits<double>::infinity();
+  for (std::size_t k = 0; k < tool.size(); ++k) {
+    const Vector2d a(tool[k].x, tool[k].y);
+    const LatticePoint to = tool[k + 1 == tool.size() ? 0 : k + 1];
+    const Vector2d edge = Vector2d(to.x, to.y) - a;
+    const double t = std::clamp((p - a).dot(edge) / edge.squaredNorm(), 0.0, 1.0);
+    least = std::min(least, (a + t * edge - p).squaredNorm());
+  }
+  return std::sqrt(least);
+}
 
 bool is_near(LatticePoint p, double distance, const Ring& tool, const Circle& circle) {
   return (Vector2d(p.x, p.y) - circle.centre).norm() <= circle.radius + distance &&
@@ -169,21 +106,9 @@ BoundaryEdges boundary_edges(const SheetMesh& mesh) {
   return out;
 }
 
-}  // namespace
-
-double distance_to_outline(const Ring& tool, double x, double y) noexcept {
-  const Vector2d p(x, y);
-  double least = std::numeric_limits<double>::infinity();
-  for (std::size_t k = 0; k < tool.size(); ++k) {
-    const Vector2d a(tool[k].x, tool[k].y);
-    const LatticePoint to = tool[k + 1 == tool.size() ? 0 : k + 1];
-    const Vector2d edge = Vector2d(to.x, to.y) - a;
-    const double t = std::clamp((p - a).dot(edge) / edge.squaredNorm(), 0.0, 1.0);
-    least = std::min(least, (a + t * edge - p).squaredNorm());
-  }
-  return std::sqrt(least);
-}
-
+/// Returns the boundary edges of a mesh out of which the tool was cut. `outer` is SheetPart::outer,
+/// in ascending order, and `circle` is circle_around(tool). Edges in `outer` are kBorder, edges
+/// along the tool are kTool, and all other edges are kFree. O(slots).
 BoundaryEdges classified_boundary(const SheetMesh& mesh, const std::vector<OuterEdge>& outer,
                                   const Ring& tool, const Circle& circle) {
   BoundaryEdges edges = boundary_edges(mesh);
@@ -202,6 +127,11 @@ BoundaryEdges classified_boundary(const SheetMesh& mesh, const std::vector<Outer
   return edges;
 }
 
+/// Returns the kind of each vertex slot of the refined mesh. `before` contains the boundary edges
+/// before refinement. If refinement split an edge, the parts have the kind of the edge. A node
+/// between a kTool edge and another edge is kTool. A node between a kBorder edge and a kFree edge
+/// is kBorder. Nodes of the sheet's outline very close to the tool are kTool as well (region.h,
+/// contract 2). O(slots).
 std::vector<NodeKind> node_kinds(const SheetMesh& refined, const BoundaryEdges& before,
                                  const Ring& tool, const Circle& circle) {
   const BoundaryEdges after = boundary_edges(refined);
@@ -225,8 +155,6 @@ std::vector<NodeKind> node_kinds(const SheetMesh& refined, const BoundaryEdges& 
   }
   return kind;
 }
-
-namespace {
 
 constexpr std::uint32_t kNoUnknown = 0xffffffff;
 
@@ -263,103 +191,6 @@ std::vector<std::uint32_t> elimination_order(const Network& network,
     nodes[u] = free[static_cast<std::size_t>(order.indices()[static_cast<Eigen::Index>(u)])];
   return nodes;
 }
-
-}  // namespace
-
-bool SparseFactor::make(const Network& network, std::span<const NodeKind> kind) {
-  *this = SparseFactor();
-  std::vector<std::uint32_t> nodes = elimination_order(network, kind);
-  const auto n = static_cast<std::uint32_t>(nodes.size());
-  std::vector<std::uint32_t> unknown(network.size(), kNoUnknown);
-  for (std::uint32_t u = 0; u < n; ++u)
-    unknown[nodes[u]] = u;
-
-  // Find the elimination tree and the length of each column. The entries of row u of L are on the
-  // tree's paths from the row's matrix entries up to u.
-  std::vector<std::uint32_t> parent(n, kNoUnknown), seen(n), length(n, 0);
-  const auto for_each_earlier = [&](std::uint32_t u, auto&& visit) {
-    const std::uint32_t i = nodes[u];
-    for (std::uint32_t k = network.first[i]; k < network.first[i + 1]; ++k) {
-      const std::uint32_t v = unknown[network.neighbour[k]];
-      if (v != kNoUnknown && v < u) visit(v, network.stiffness_N_per_m[k]);
-    }
-  };
-  for (std::uint32_t u = 0; u < n; ++u) {
-    seen[u] = u;
-    for_each_earlier(u, [&](std::uint32_t v, double) {
-      for (; seen[v] != u; v = parent[v]) {
-        if (parent[v] == kNoUnknown) parent[v] = u;
-        ++length[v];
-        seen[v] = u;
-      }
-    });
-  }
-  std::vector<std::uint32_t> first(n + 1, 0);
-  for (std::uint32_t u = 0; u < n; ++u)
-    first[u + 1] = first[u] + length[u];
-
-  // Compute each row by a solve with the rows above it.
-  std::vector<std::uint32_t> row(first[n]), path(n), filled(n, 0);
-  std::vector<double> value(first[n]), inverse_pivot(n), y(n, 0);
-  for (std::uint32_t u = 0; u < n; ++u) {
-    const std::uint32_t i = nodes[u];
-    double diagonal = network.foundation_N_per_m[i];
-    for (std::uint32_t k = network.first[i]; k < network.first[i + 1]; ++k)
-      diagonal += network.stiffness_N_per_m[k];
-    // Find the row's pattern in topological order: each entry precedes those that it changes.
-    std::uint32_t top = n;
-    seen[u] = u + n;  // larger than any mark of the first pass
-    for_each_earlier(u, [&](std::uint32_t v, double stiffness) {
-      y[v] -= stiffness;
-      std::uint32_t count = 0;
-      for (; seen[v] != u + n; v = parent[v]) {
-        path[count++] = v;
-        seen[v] = u + n;
-      }
-      while (count > 0)
-        path[--top] = path[--count];
-    });
-    for (; top < n; ++top) {
-      const std::uint32_t v = path[top];
-      const double y_v = y[v];
-      y[v] = 0;
-      const std::uint32_t end = first[v] + filled[v];
-      for (std::uint32_t k = first[v]; k < end; ++k)
-        y[row[k]] -= value[k] * y_v;
-      const double entry = y_v * inverse_pivot[v];
-      diagonal -= entry * y_v;
-      row[end] = u;
-      value[end] = entry;
-      ++filled[v];
-    }
-    if (!(diagonal > 0)) return false;
-    inverse_pivot[u] = 1 / diagonal;
-  }
-  node_ = std::move(nodes);
-  first_ = std::move(first);
-  row_ = std::move(row);
-  value_ = std::move(value);
-  inverse_pivot_ = std::move(inverse_pivot);
-  return true;
-}
-
-void SparseFactor::solve(std::span<double> x) const noexcept {
-  const std::size_t n = inverse_pivot_.size();
-  for (std::size_t u = 0; u < n; ++u) {
-    const double x_u = x[u];
-    for (std::uint32_t k = first_[u]; k < first_[u + 1]; ++k)
-      x[row_[k]] -= value_[k] * x_u;
-    x[u] = x_u * inverse_pivot_[u];
-  }
-  for (std::size_t u = n; u-- > 0;) {
-    double x_u = x[u];
-    for (std::uint32_t k = first_[u]; k < first_[u + 1]; ++k)
-      x_u -= value_[k] * x[row_[k]];
-    x[u] = x_u;
-  }
-}
-
-namespace {
 
 /// Calls visit(neighbour, stiffness) for the springs of node i.
 template <typename Visit>
@@ -424,29 +255,6 @@ double force_without_ring(const Network& network, std::span<const NodeKind> kind
   if (!factor.make(network, released)) return -1;
   return tool_force(network, released, unit_shape(network, released, factor, NodeKind::kTool));
 }
-
-}  // namespace
-
-bool solve_local(const Network& network, std::span<const NodeKind> kind, LocalSolution& solution,
-                 const LocalOptions& options) {
-  if (!solution.factor.make(network, kind)) return false;
-  solution.w = unit_shape(network, kind, solution.factor, NodeKind::kTool);
-  solution.stiffness_N_per_m = tool_force(network, kind, solution.w);
-  solution.bounds = {};
-  const bool has_ring = std::find(kind.begin(), kind.end(), NodeKind::kBorder) != kind.end();
-  if (!options.bounds || !has_ring || !(solution.stiffness_N_per_m > 0)) return true;
-  solution.bounds = bounds_by_maximum_principle(network, kind, solution);
-  if (negative_at_free_nodes(network, kind) != 0) {
-    solution.bounds.proved = false;
-    const double least = force_without_ring(network, kind);
-    solution.bounds.force = std::clamp(1 - least / solution.stiffness_N_per_m, 0.0, 1.0);
-  }
-  return true;
-}
-
-namespace {
-
-using Eigen::Vector2d;
 
 /// Free slots for a cut without refinement. If they do not suffice, the cut is repeated with more.
 constexpr std::size_t kSpareForCut = 64;
@@ -543,6 +351,201 @@ void compact(const SheetMesh& mesh, const std::vector<NodeKind>& by_slot, Region
 }
 
 }  // namespace
+
+Circle circle_around(const Ring& tool) noexcept {
+  Circle circle;
+  for (const LatticePoint& p : tool)
+    circle.centre += Eigen::Vector2d(p.x, p.y) / static_cast<double>(tool.size());
+  for (const LatticePoint& p : tool)
+    circle.radius = std::max(circle.radius, relative(p, circle.centre).norm());
+  return circle;
+}
+
+SheetPart part_around(const SheetMesh& sheet, std::span<const std::uint32_t> seeds,
+                      const Circle& circle, double radius, std::vector<std::uint32_t>& queue) {
+  FlatTable taken;  // maps the slot of a triangle to its index in the queue
+  taken.allocate(kFirstCapacity);
+  queue.clear();
+  const auto take = [&](std::uint32_t t) {
+    const auto number = static_cast<std::uint32_t>(queue.size());
+    queue.push_back(t);
+    if (taken.insert(t, number) != nullptr) return;
+    taken.allocate(4 * queue.size());
+    for (std::uint32_t k = 0; k <= number; ++k)
+      taken.insert(queue[k], k);
+  };
+  for (std::uint32_t t : seeds) {
+    if (!taken.contains(t)) take(t);
+  }
+  const double reach = circle.radius + radius;
+  for (std::size_t k = 0; k < queue.size(); ++k) {
+    for (std::uint32_t u : sheet.across[queue[k]]) {
+      if (u == kNoSlot || taken.contains(u)) continue;
+      const std::array<LatticePoint, 3> p = corners(sheet, u);
+      if (!(distance2_to_origin({relative(p[0], circle.centre), relative(p[1], circle.centre),
+                                 relative(p[2], circle.centre)}) < reach * reach))
+        continue;
+      take(u);
+    }
+  }
+
+  // Neighbours are given by their index in the queue. Each fan of triangles gets its own vertex: if
+  // the border passes through a vertex twice, the part contains that vertex twice.
+  const auto n = static_cast<std::uint32_t>(queue.size());
+  SheetPart part;
+  std::vector<std::array<std::uint32_t, 3>>& across = part.across;
+  across.resize(n);
+  part.mesh.triangles.assign(n, kFreeSlot);
+  for (std::uint32_t k = 0; k < n; ++k) {
+    const std::uint32_t t = queue[k];
+    for (std::size_t i = 0; i < 3; ++i) {
+      const std::uint32_t u = sheet.across[t][i];
+      across[k][i] = u == kNoSlot ? kNoSlot : taken.find(u);
+      if (u != kNoSlot && across[k][i] == kNoSlot) {
+        part.outer.push_back({sheet.vertices[sheet.triangles[t][i]],
+                              sheet.vertices[sheet.triangles[t][(i + 1) % 3]]});
+      }
+    }
+  }
+  for (std::uint32_t k = 0; k < n; ++k) {
+    for (std::uint32_t i = 0; i < 3; ++i) {
+      if (part.mesh.triangles[k][i] != kNoSlot) continue;
+      const std::uint32_t slot = sheet.triangles[queue[k]][i];
+      const auto vertex = static_cast<std::uint32_t>(part.mesh.vertices.size());
+      part.mesh.vertices.push_back(sheet.vertices[slot]);
+      part.parent.push_back(slot);
+      // Walk around the vertex, across the edge that ends in it, until the fan closes or the border
+      // is reached. If it was the border, walk in the other direction, too.
+      std::uint32_t t = k, corner = i;
+      const auto number = [&] { part.mesh.triangles[t][corner] = vertex; };
+      const auto step = [&](std::uint32_t edge) {
+        t = across[t][edge];
+        if (t == kNoSlot) return false;
+        const Triangle& next = sheet.triangles[queue[t]];
+        corner = next[0] == slot ? 0 : next[1] == slot ? 1 : 2;
+        return t != k;
+      };
+      for (number(); step((corner + 2) % 3);)
+        number();
+      if (t == k) continue;
+      t = k;
+      for (corner = i; step(corner);)
+        number();
+    }
+  }
+  std::sort(part.outer.begin(), part.outer.end());
+  return part;
+}
+
+bool SparseFactor::make(const Network& network, std::span<const NodeKind> kind) {
+  *this = SparseFactor();
+  std::vector<std::uint32_t> nodes = elimination_order(network, kind);
+  const auto n = static_cast<std::uint32_t>(nodes.size());
+  std::vector<std::uint32_t> unknown(network.size(), kNoUnknown);
+  for (std::uint32_t u = 0; u < n; ++u)
+    unknown[nodes[u]] = u;
+
+  // Find the elimination tree and the length of each column. The entries of row u of L are on the
+  // tree's paths from the row's matrix entries up to u.
+  std::vector<std::uint32_t> parent(n, kNoUnknown), seen(n), length(n, 0);
+  const auto for_each_earlier = [&](std::uint32_t u, auto&& visit) {
+    const std::uint32_t i = nodes[u];
+    for (std::uint32_t k = network.first[i]; k < network.first[i + 1]; ++k) {
+      const std::uint32_t v = unknown[network.neighbour[k]];
+      if (v != kNoUnknown && v < u) visit(v, network.stiffness_N_per_m[k]);
+    }
+  };
+  for (std::uint32_t u = 0; u < n; ++u) {
+    seen[u] = u;
+    for_each_earlier(u, [&](std::uint32_t v, double) {
+      for (; seen[v] != u; v = parent[v]) {
+        if (parent[v] == kNoUnknown) parent[v] = u;
+        ++length[v];
+        seen[v] = u;
+      }
+    });
+  }
+  std::vector<std::uint32_t> first(n + 1, 0);
+  for (std::uint32_t u = 0; u < n; ++u)
+    first[u + 1] = first[u] + length[u];
+
+  // Compute each row by a solve with the rows above it.
+  std::vector<std::uint32_t> row(first[n]), path(n), filled(n, 0);
+  std::vector<double> value(first[n]), inverse_pivot(n), y(n, 0);
+  for (std::uint32_t u = 0; u < n; ++u) {
+    const std::uint32_t i = nodes[u];
+    double diagonal = network.foundation_N_per_m[i];
+    for (std::uint32_t k = network.first[i]; k < network.first[i + 1]; ++k)
+      diagonal += network.stiffness_N_per_m[k];
+    // Find the row's pattern in topological order: each entry precedes those that it changes.
+    std::uint32_t top = n;
+    seen[u] = u + n;  // larger than any mark of the first pass
+    for_each_earlier(u, [&](std::uint32_t v, double stiffness) {
+      y[v] -= stiffness;
+      std::uint32_t count = 0;
+      for (; seen[v] != u + n; v = parent[v]) {
+        path[count++] = v;
+        seen[v] = u + n;
+      }
+      while (count > 0)
+        path[--top] = path[--count];
+    });
+    for (; top < n; ++top) {
+      const std::uint32_t v = path[top];
+      const double y_v = y[v];
+      y[v] = 0;
+      const std::uint32_t end = first[v] + filled[v];
+      for (std::uint32_t k = first[v]; k < end; ++k)
+        y[row[k]] -= value[k] * y_v;
+      const double entry = y_v * inverse_pivot[v];
+      diagonal -= entry * y_v;
+      row[end] = u;
+      value[end] = entry;
+      ++filled[v];
+    }
+    if (!(diagonal > 0)) return false;
+    inverse_pivot[u] = 1 / diagonal;
+  }
+  node_ = std::move(nodes);
+  first_ = std::move(first);
+  row_ = std::move(row);
+  value_ = std::move(value);
+  inverse_pivot_ = std::move(inverse_pivot);
+  return true;
+}
+
+void SparseFactor::solve(std::span<double> x) const noexcept {
+  const std::size_t n = inverse_pivot_.size();
+  for (std::size_t u = 0; u < n; ++u) {
+    const double x_u = x[u];
+    for (std::uint32_t k = first_[u]; k < first_[u + 1]; ++k)
+      x[row_[k]] -= value_[k] * x_u;
+    x[u] = x_u * inverse_pivot_[u];
+  }
+  for (std::size_t u = n; u-- > 0;) {
+    double x_u = x[u];
+    for (std::uint32_t k = first_[u]; k < first_[u + 1]; ++k)
+      x_u -= value_[k] * x[row_[k]];
+    x[u] = x_u;
+  }
+}
+
+bool solve_local(const Network& network, std::span<const NodeKind> kind, LocalSolution& solution,
+                 const LocalOptions& options) {
+  if (!solution.factor.make(network, kind)) return false;
+  solution.w = unit_shape(network, kind, solution.factor, NodeKind::kTool);
+  solution.stiffness_N_per_m = tool_force(network, kind, solution.w);
+  solution.bounds = {};
+  const bool has_ring = std::find(kind.begin(), kind.end(), NodeKind::kBorder) != kind.end();
+  if (!options.bounds || !has_ring || !(solution.stiffness_N_per_m > 0)) return true;
+  solution.bounds = bounds_by_maximum_principle(network, kind, solution);
+  if (negative_at_free_nodes(network, kind) != 0) {
+    solution.bounds.proved = false;
+    const double least = force_without_ring(network, kind);
+    solution.bounds.force = std::clamp(1 - least / solution.stiffness_N_per_m, 0.0, 1.0);
+  }
+  return true;
+}
 
 Result<RegionMesh> make_region(const SheetMesh& sheet, std::span<const std::uint32_t> seeds,
                                const Ring& tool_in_sheet, const Lattice& lattice,

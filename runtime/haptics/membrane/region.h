@@ -56,40 +56,6 @@ struct SheetPart {
 SheetPart part_around(const SheetMesh& sheet, std::span<const std::uint32_t> seeds,
                       const Circle& circle, double radius, std::vector<std::uint32_t>& queue);
 
-/// Converts the part to a sheet mesh with vertices and triangles in the same order. The mesh also
-/// gets `spare_vertices` free slots for vertices and `spare_triangles` free slots for triangles,
-/// for those that refinement will add. O(slots).
-SheetMesh to_sheet(const SheetPart& part, std::size_t spare_vertices, std::size_t spare_triangles);
-
-// Finds how each node of a region is held (NodeKind), from the region's boundary edges. A
-// boundary edge lies on the tool, on the border to the rest of the sheet (the ring), or on
-// the sheet's outline.
-
-/// Returns the distance from a point to the tool's outline, in steps. O(corners).
-double distance_to_outline(const Ring& tool, double x, double y) noexcept;
-
-/// The boundary edges of a mesh. An edge is stored at the vertex where it starts: element v of each
-/// vector describes the edge that starts at vertex v. At most one boundary edge starts at a vertex,
-/// because the triangles of a vertex form one fan (sheet_mesh.h, invariant 3).
-struct BoundaryEdges {
-  std::vector<std::uint32_t> next;  ///< vertex where the edge ends; kNoSlot: no edge starts at v
-  std::vector<NodeKind> kind;       ///< kFree for an edge on the sheet's outline
-};
-
-/// Returns the boundary edges of a mesh out of which the tool was cut. `outer` is SheetPart::outer,
-/// in ascending order, and `circle` is circle_around(tool). Edges in `outer` are kBorder, edges
-/// along the tool are kTool, and all other edges are kFree. O(slots).
-BoundaryEdges classified_boundary(const SheetMesh& mesh, const std::vector<OuterEdge>& outer,
-                                  const Ring& tool, const Circle& circle);
-
-/// Returns the kind of each vertex slot of the refined mesh. `before` contains the boundary edges
-/// before refinement. If refinement split an edge, the parts have the kind of the edge. A node
-/// between a kTool edge and another edge is kTool. A node between a kBorder edge and a kFree edge
-/// is kBorder. Nodes of the sheet's outline very close to the tool are kTool as well (region.h,
-/// contract 2). O(slots).
-std::vector<NodeKind> node_kinds(const SheetMesh& refined, const BoundaryEdges& before,
-                                 const Ring& tool, const Circle& circle);
-
 // Factors the matrix of a network's free nodes as L D L^T (L is lower triangular, D diagonal), so
 // that the equations for the displacements can be solved quickly. The method is an up-looking
 // factorisation along the elimination tree (Davis, "Algorithm 849", 2005), in the approximate
@@ -105,7 +71,7 @@ std::vector<NodeKind> node_kinds(const SheetMesh& refined, const BoundaryEdges& 
 //  - To solve the equations, Eigen takes 1.2 to 1.4 times as long.
 //  - To compute the response of a sheet to the tool at a new position (response.h), the program
 //    with Eigen would take 1.03 times as long.
-//  - To calibrate a sheet's stiffness (calibration.h), it would take 1.02 times as long.
+//  - To calibrate a sheet's stiffness (response.h), it would take 1.02 times as long.
 
 /// A factorisation. After make() it does not change, so any thread may read it. The unknowns are
 /// the displacements of the free nodes, in the order of elimination.
@@ -196,7 +162,7 @@ struct LocalOptions {
 };
 
 /// Solves a region. `kind`: kind of each node, network.size() elements. Returns true if the region
-/// is solved. If the matrix is not positive definite (sparse_factor.h), returns false, and
+/// is solved. If the matrix is not positive definite, returns false, and
 /// `solution` is unspecified. The function allocates, so the haptic thread must not call it.
 bool solve_local(const Network& network, std::span<const NodeKind> kind, LocalSolution& solution,
                  const LocalOptions& options = {});
@@ -208,7 +174,7 @@ bool solve_local(const Network& network, std::span<const NodeKind> kind, LocalSo
 //
 // Contract:
 //  1. With radius R, the mesh contains every point of the sheet that meets three conditions. The
-//     point is nearer than R to the tool's circle (circle_around(), part.h). It is connected with
+//     point is nearer than R to the tool's circle (circle_around()). It is connected with
 //     the tool through such points. And it is not under the tool.
 //  2. The ring is the border between the region and the rest of the sheet. Each boundary edge of
 //     the mesh lies on the tool, on the ring, or on the sheet's outline. Nodes on the tool are
@@ -228,7 +194,7 @@ bool solve_local(const Network& network, std::span<const NodeKind> kind, LocalSo
 
 /// Size of the triangles. At the tool, the edge length is `at_tool` times the tool's circumradius.
 /// At the distance d from the tool, the edge length is larger by `grade` times d. If the membrane
-/// is calibrated (calibration.h) and the decay length is at least 1.5 circumradii, the defaults
+/// is calibrated (response.h) and the decay length is at least 1.5 circumradii, the defaults
 /// give about 200 free nodes. The stiffness under a hexagon then differs by at most 1 % from the
 /// exact stiffness. If the hexagon is near an edge or a hole of the sheet, the difference is mostly
 /// at most 1.5 % (deformation_accuracy_test.cpp).

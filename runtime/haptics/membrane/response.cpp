@@ -9,7 +9,6 @@
 #include <vector>
 
 #include "runtime/haptics/membrane/network.h"
-#include "runtime/haptics/membrane/region.h"
 
 namespace trocar::runtime {
 namespace {
@@ -42,6 +41,43 @@ Ring placed(const Ring& tool, const Vector2d& centre, int k, double scatter) {
   return out;
 }
 
+/// Computes network, equilibrium and response of region.mesh.
+Result<void> answer(const Lattice& lattice, const Membrane& membrane, Region& region) {
+  region.network = make_network(region.mesh.mesh, lattice, membrane);
+  if (!solve_local(region.network, region.mesh.kind, region.solution))
+    return bug("the region's matrix is not positive definite");
+
+  const LocalSolution& solution = region.solution;
+  const double step_m = lattice.step_m();
+  const double bed_per_step2 = membrane.foundation_N_per_m3 * step_m * step_m;
+  RegionResponse& out = region.response;
+  out.stiffness_N_per_m =
+      solution.stiffness_N_per_m + bed_per_step2 * region.mesh.under_tool.area_steps2;
+  Vector2d moment = bed_per_step2 * region.mesh.under_tool.moment_steps3;
+  for (std::size_t i = 0; i < region.network.size(); ++i) {
+    if (region.mesh.kind[i] == NodeKind::kFree) ++out.free_nodes;
+    if (region.mesh.kind[i] != NodeKind::kTool) continue;
+    const LatticePoint p = region.mesh.mesh.vertices[i];
+    moment += reaction_N(region.network, solution.w, i) *
+              Vector2d(static_cast<double>(std::int64_t{p.x} - region.mesh.origin.x),
+                       static_cast<double>(std::int64_t{p.y} - region.mesh.origin.y));
+  }
+  out.centre_steps = Vector2d(region.mesh.origin.x, region.mesh.origin.y);
+  if (out.stiffness_N_per_m > 0) {
+    out.centre_steps += moment / out.stiffness_N_per_m;
+    out.bounds = solution.bounds;
+    // The foundation under the tool is exact; only the network's part has an error.
+    out.bounds.force *= solution.stiffness_N_per_m / out.stiffness_N_per_m;
+  }
+  out.nodes = static_cast<std::uint32_t>(region.network.size());
+  out.negative_springs = negative_at_free_nodes(region.network, region.mesh.kind);
+  return {};
+}
+
+bool has_ring(const RegionMesh& mesh) {
+  return std::find(mesh.kind.begin(), mesh.kind.end(), NodeKind::kBorder) != mesh.kind.end();
+}
+
 }  // namespace
 
 Result<Calibration> calibrate(double stiffness_N_per_m, double decay_length_m, const Ring& tool,
@@ -60,7 +96,7 @@ Result<Calibration> calibrate(double stiffness_N_per_m, double decay_length_m, c
     outline_m.push_back((Vector2d(p.x, p.y) - circle.centre) * lattice.step_m());
   const auto exact = membrane_for_tool(stiffness_N_per_m, decay_length_m, outline_m);
   if (!exact) return exact.error();
-  Calibration out{*exact, 0, 0, exact->foundation_N_per_m3};
+  Calibration out{*exact};
   if (!grading.graded) return out;
 
   const double scatter = circle.radius;
@@ -111,49 +147,6 @@ Result<Calibration> calibrate(double stiffness_N_per_m, double decay_length_m, c
   return out;
 }
 
-namespace {
-
-using Eigen::Vector2d;
-
-/// Computes network, equilibrium and response of region.mesh.
-Result<void> answer(const Lattice& lattice, const Membrane& membrane, Region& region) {
-  region.network = make_network(region.mesh.mesh, lattice, membrane);
-  if (!solve_local(region.network, region.mesh.kind, region.solution))
-    return bug("the region's matrix is not positive definite");
-
-  const LocalSolution& solution = region.solution;
-  const double step_m = lattice.step_m();
-  const double bed_per_step2 = membrane.foundation_N_per_m3 * step_m * step_m;
-  RegionResponse& out = region.response;
-  out.stiffness_N_per_m =
-      solution.stiffness_N_per_m + bed_per_step2 * region.mesh.under_tool.area_steps2;
-  Vector2d moment = bed_per_step2 * region.mesh.under_tool.moment_steps3;
-  for (std::size_t i = 0; i < region.network.size(); ++i) {
-    if (region.mesh.kind[i] == NodeKind::kFree) ++out.free_nodes;
-    if (region.mesh.kind[i] != NodeKind::kTool) continue;
-    const LatticePoint p = region.mesh.mesh.vertices[i];
-    moment += reaction_N(region.network, solution.w, i) *
-              Vector2d(static_cast<double>(std::int64_t{p.x} - region.mesh.origin.x),
-                       static_cast<double>(std::int64_t{p.y} - region.mesh.origin.y));
-  }
-  out.centre_steps = Vector2d(region.mesh.origin.x, region.mesh.origin.y);
-  if (out.stiffness_N_per_m > 0) {
-    out.centre_steps += moment / out.stiffness_N_per_m;
-    out.bounds = solution.bounds;
-    // The foundation under the tool is exact; only the network's part has an error.
-    out.bounds.force *= solution.stiffness_N_per_m / out.stiffness_N_per_m;
-  }
-  out.nodes = static_cast<std::uint32_t>(region.network.size());
-  out.negative_springs = negative_at_free_nodes(region.network, region.mesh.kind);
-  return {};
-}
-
-bool has_ring(const RegionMesh& mesh) {
-  return std::find(mesh.kind.begin(), mesh.kind.end(), NodeKind::kBorder) != mesh.kind.end();
-}
-
-}  // namespace
-
 Result<Region> prepare_region(const SheetMesh& sheet, std::span<const std::uint32_t> seeds,
                               const Ring& tool, const Lattice& lattice, const Membrane& membrane,
                               const ResponseOptions& options, RegionWorkspace& workspace) {
@@ -165,7 +158,7 @@ Result<Region> prepare_region(const SheetMesh& sheet, std::span<const std::uint3
   const double circumradius_m = circle_around(tool).radius * lattice.step_m();
   region_options.grading.at_tool *= std::min(1.0, lambda_m / circumradius_m);
   // Along a strip the response decays as exp(-r / lambda), and the ring doubles the remaining error
-  // (local_solver.h, law 2). In a wide sheet it decays faster, and this radius more than suffices.
+  // (region.h, law 2). In a wide sheet it decays faster, and this radius more than suffices.
   if (chosen) region_options.radius_m = lambda_m * std::log(2 / std::min(0.5, options.error_bound));
   for (;;) {
     auto mesh = make_region(sheet, seeds, tool, lattice, region_options, workspace);

@@ -12,7 +12,7 @@
 // along the edges of the mesh, which represent the membrane, and not from the foundation. (Under a
 // tool that covers the whole sheet, only the foundation acts, and the stiffness is exactly f times
 // the area.) Therefore the calibration corrects only T:
-//  1. T and f are computed from the exact solution of the continuum for K and lambda (unbounded.h).
+//  1. T and f are computed from the exact solution of the continuum for K and lambda (network.h).
 //  2. T is lowered until the mesh of a very large sheet has the stiffness K on average over twelve
 //     positions of the tool. The stiffness f is kept.
 // Step 2 lowers T by 5 to 8 %, and thereby shortens lambda by 2 to 4 %, if the given lambda is at
@@ -32,7 +32,6 @@ struct Calibration {
   Membrane membrane;  ///< calibrated T and f
   double excess = 0;  ///< mean excess of the mesh's stiffness before T is lowered, divided by K
   double spread = 0;  ///< largest relative difference of one position's stiffness from the mean
-  double exact_foundation_N_per_m3 = 0;  ///< f of the exact solution (unbounded.h)
 };
 
 /// Finds T and f. K is `stiffness_N_per_m`, and lambda of the exact solution is `decay_length_m`.

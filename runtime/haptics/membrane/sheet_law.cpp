@@ -2,17 +2,14 @@
 #include "runtime/haptics/membrane/sheet_law.h"
 
 #include <algorithm>
-#include <array>
 #include <chrono>
 #include <cmath>
 #include <limits>
 #include <nlohmann/json.hpp>
 #include <utility>
-#include <vector>
 
 #include "formats/base/json.h"
 #include "formats/base/text.h"
-#include "runtime/haptics/membrane/response.h"
 
 namespace trocar::runtime {
 namespace {
@@ -68,6 +65,20 @@ SheetShape shape_of(const Sheet& sheet, Region region) {
   shape.triangles = std::move(region.mesh.mesh.triangles);
   shape.w = std::move(region.solution.w);
   return shape;
+}
+
+constexpr std::array<const char*, 4> kSolverNames{"auto", "local", "global", "propagation"};
+
+bool is_finite(const PrefetchedStiffness& prefetched) noexcept {
+  return std::isfinite(prefetched.stiffness_N_per_m) && std::isfinite(prefetched.offset_m[0]) &&
+         std::isfinite(prefetched.offset_m[1]);
+}
+
+ContactModel contact_model(const ForceLawSetup& setup) {
+  ContactModel model;
+  model.tool = make_tool(setup.scene.tool);
+  model.dt_s = 1 / setup.rate_Hz;
+  return model;
 }
 
 }  // namespace
@@ -159,24 +170,6 @@ std::shared_ptr<const SheetShape> NetworkPrefetch::shape() const {
   const std::lock_guard lock(shape_mutex_);
   return shape_;
 }
-
-namespace {
-
-constexpr std::array<const char*, 4> kSolverNames{"auto", "local", "global", "propagation"};
-
-bool is_finite(const PrefetchedStiffness& prefetched) noexcept {
-  return std::isfinite(prefetched.stiffness_N_per_m) && std::isfinite(prefetched.offset_m[0]) &&
-         std::isfinite(prefetched.offset_m[1]);
-}
-
-ContactModel contact_model(const ForceLawSetup& setup) {
-  ContactModel model;
-  model.tool = make_tool(setup.scene.tool);
-  model.dt_s = 1 / setup.rate_Hz;
-  return model;
-}
-
-}  // namespace
 
 FaultDetail SheetLaw::update(const ForceLawInput& input, ContactOutput& output) noexcept {
   // A stiffness that is not finite would spread into later ticks, since stiffnesses are blended.
@@ -271,7 +264,7 @@ std::string NetworkLaw::describe_sheet(std::size_t index, const Sheet& sheet,
 }
 
 SummarySection NetworkLaw::summary() const {
-  const PrefetchReport& report = prefetch_report();
+  const PrefetchReport& report = prefetch_->report();
   const nlohmann::json section = {{"responses", report.answers},
                                   {"failures", report.failures},
                                   {"prepare_us",

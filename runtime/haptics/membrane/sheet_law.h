@@ -10,7 +10,6 @@
 #pragma once
 
 #include <Eigen/Core>
-#include <array>
 #include <cstdint>
 #include <functional>
 #include <memory>
@@ -140,8 +139,6 @@ class NetworkLaw final : public SheetLaw {
   std::string describe_sheet(std::size_t index, const Sheet& sheet,
                              const Pose& T_device_plate) override;
   SummarySection summary() const override;
-
-  const PrefetchReport& prefetch_report() const noexcept { return prefetch_->report(); }
 
  private:
   SceneForceLaw law_;

@@ -76,7 +76,7 @@ HandRun run_hand(const Scene& scene, const Person& person,
     hand = std::make_unique<LiveHand>(*limits, make_tool(scene.tool), specification, options.limits,
                                       TargetPath(scene.duration_s));
     options.hand = hand.get();
-    options.telemetry->hand = published_hand(scene.hand, *limits);
+    options.telemetry->hand = PublishedHand{*limits, hand_impedance(scene.hand)};
   }
   auto device = hand ? make_simulated_device(scene, description, *hand)
                      : make_simulated_device(scene, description);

@@ -7,6 +7,7 @@
 #include <nlohmann/json.hpp>
 
 #include "runtime/device/four_legs/four_legs.h"
+#include "runtime/session/session_options.h"
 #include "tests/support/handle_device.h"
 
 namespace trocar::runtime {
@@ -16,9 +17,10 @@ using nlohmann::json;
 
 json facts_of(const DeviceSpecification& device) {
   const Remesher no_sheets(std::vector<std::unique_ptr<const Sheet>>{});
-  PublishedSession session;
+  SessionOptions session;
+  session.telemetry.emplace();
   session.limits.workspace_min_m = {-1, -2, 3};
-  return json::parse(session_facts({}, device, no_sheets, {}, session));
+  return json::parse(session_facts({}, device, no_sheets, session));
 }
 
 TEST(SessionFacts, HaveTheMotorsAndJointsOfADeviceThatHasThem) {

@@ -158,7 +158,6 @@ TEST(Singularity, FunctionsOfTheHapticThreadDoNotAllocate) {
     const NoAllocationScope scope;
     kept += singular_range(flat).smallest;
     kept += measure_singularity(device, at.T, at.joints, at.G).nearest_branch_m;
-    kept += forward_kinematics_from_motors(device, motor_angles(at.joints), at.T).residual_m;
     const MotorVector bias = compensation_torques(device, motors, at.G, MotorVector::Ones(),
                                                   {.friction = true, .gravity = true});
     const MotorLoad load = advance(motors, {}, motor_currents(motors, bias), 1e-3);

@@ -72,21 +72,5 @@ TEST(BoneStrength, CalibrationIsLinearAndMarked) {
               1e-9);
 }
 
-// No conversion from QCT density is known; between ash and apparent density it is 0.598.
-TEST(BoneStrength, OnlyAshAndApparentDensityAreConverted) {
-  for (const DensityKind from : {DensityKind::kQct, DensityKind::kAsh, DensityKind::kApparent}) {
-    for (const DensityKind to : {DensityKind::kQct, DensityKind::kAsh, DensityKind::kApparent}) {
-      const bool is_known = from != to && from != DensityKind::kQct && to != DensityKind::kQct;
-      const DensityConversion* found = find_conversion(from, to);
-      ASSERT_EQ(found != nullptr, is_known);
-      EXPECT_TRUE(found == nullptr || !found->source.empty());
-    }
-  }
-  EXPECT_NEAR(find_conversion(DensityKind::kAsh, DensityKind::kApparent)->factor * 0.1196, 0.2,
-              1e-12);
-  EXPECT_NEAR(find_conversion(DensityKind::kApparent, DensityKind::kAsh)->factor * 0.2, 0.1196,
-              1e-12);
-}
-
 }  // namespace
 }  // namespace trocar::runtime
