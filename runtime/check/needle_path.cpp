@@ -10,6 +10,7 @@
 #include <string>
 #include <tuple>
 
+#include "formats/base/json.h"
 #include "formats/base/text.h"
 #include "formats/session/scene.h"
 #include "runtime/haptics/sheet.h"
@@ -18,6 +19,7 @@ namespace trocar::runtime {
 namespace {
 
 constexpr double kCell_mm = 1;
+constexpr double kEndless = std::numeric_limits<double>::infinity();
 constexpr std::size_t kMaxCells = 400'000;
 
 /// A grid over the slice plane that covers the material of all slices.
@@ -105,6 +107,24 @@ double spacing_mm(const Level& above, const Level& below) {
   return (above.z_mm - below.z_mm) / (static_cast<double>(slices_between(above, below)) - 1);
 }
 
+/// Returns the thickness that each level stands for: from half-way to the slice above to half-way
+/// to the slice below, with or without material. For slices without material that lie between two
+/// levels, their mean spacing counts. The topmost and the lowest level are assumed to have a second
+/// neighbour at the same distance as their only neighbour. A single slice counts as 1 mm thick. A
+/// distance of more than `max_gap_mm` counts as `max_gap_mm`.
+std::vector<double> level_thickness(const std::vector<Level>& levels, double max_gap_mm) {
+  const std::size_t n = levels.size();
+  std::vector<double> thickness_mm(n, 1);
+  for (std::size_t i = 0; n > 1 && i < n; ++i) {
+    const double above = i > 0 ? spacing_mm(levels[i - 1], levels[i]) : 0;
+    const double below = i + 1 < n ? spacing_mm(levels[i], levels[i + 1]) : 0;
+    thickness_mm[i] = (std::min(i > 0 ? above : below, max_gap_mm) +
+                       std::min(i + 1 < n ? below : above, max_gap_mm)) /
+                      2;
+  }
+  return thickness_mm;
+}
+
 /// Returns the last level of the window of levels that begins with `first`.
 std::size_t window_end(const std::vector<Level>& levels, std::size_t first, double height_mm,
                        double max_gap_mm) {
@@ -122,7 +142,8 @@ using Score = std::tuple<double, double, double>;
 
 struct Best {
   Score score{0, 0, 0};
-  std::optional<EntryColumn> column;
+  std::optional<std::size_t> cell;
+  NeedlePath path;
 };
 
 using Clearance = std::vector<std::vector<std::uint8_t>>;  ///< indexed by level and cell
@@ -161,11 +182,12 @@ void search_window(const std::vector<Level>& levels, const Cells& cells, const C
     const std::array<double, 2> at = cells.middle_mm(c);
     const Score score{thickness[c], wide_thickness[c],
                       -std::hypot(at[0] - sum[0] / total, at[1] - sum[1] / total)};
-    if (best.column && !(score > best.score)) continue;
+    if (best.cell && !(score > best.score)) continue;
     best.score = score;
-    best.column = EntryColumn{at, first, end[c], thickness[c], {}};
-    for (const auto& level : clear)
-      best.column->has_material.push_back(level[c]);
+    best.cell = c;
+    best.path.first = first;
+    best.path.last = end[c];
+    best.path.thickness_mm = thickness[c];
   }
 }
 
@@ -189,9 +211,8 @@ Eigen::AlignedBox2d material_box(const Asset& asset, const std::vector<Level>& l
   return box;
 }
 
-std::optional<EntryColumn> find_entry_column(const Asset& asset, const std::vector<Level>& levels,
-                                             double radius_mm, double height_mm,
-                                             double max_gap_mm) {
+std::optional<NeedlePath> find_entry_column(const Asset& asset, const std::vector<Level>& levels,
+                                            double radius_mm, double height_mm, double max_gap_mm) {
   const Cells cells(asset, levels);
   Clearance clear, wide;
   for (std::size_t i = 0; i < levels.size(); ++i) {
@@ -208,26 +229,18 @@ std::optional<EntryColumn> find_entry_column(const Asset& asset, const std::vect
     earlier_last = last;
     search_window(levels, cells, clear, wide, thickness_mm, first, last, best);
   }
-  if (!best.column) return std::nullopt;
-  EntryColumn& found = *best.column;
-  while (found.has_material[found.first] == 0)
-    ++found.first;
-  while (found.has_material[found.last] == 0)
-    --found.last;
-  return best.column;
-}
-
-std::vector<double> level_thickness(const std::vector<Level>& levels, double max_gap_mm) {
-  const std::size_t n = levels.size();
-  std::vector<double> thickness_mm(n, 1);
-  for (std::size_t i = 0; n > 1 && i < n; ++i) {
-    const double above = i > 0 ? spacing_mm(levels[i - 1], levels[i]) : 0;
-    const double below = i + 1 < n ? spacing_mm(levels[i], levels[i + 1]) : 0;
-    thickness_mm[i] = (std::min(i > 0 ? above : below, max_gap_mm) +
-                       std::min(i + 1 < n ? below : above, max_gap_mm)) /
-                      2;
-  }
-  return thickness_mm;
+  if (!best.cell) return std::nullopt;
+  NeedlePath& path = best.path;
+  for (const auto& level : clear)
+    path.has_material.push_back(level[*best.cell]);
+  while (path.has_material[path.first] == 0)
+    ++path.first;
+  while (path.has_material[path.last] == 0)
+    --path.last;
+  const auto [u_mm, v_mm] = cells.middle_mm(*best.cell);
+  path.entry_mm = {rounded(u_mm, 100), rounded(v_mm, 100), levels[path.first].z_mm};
+  path.end_mm = point_at(path, levels[path.last].z_mm);
+  return path;
 }
 
 namespace {
@@ -239,7 +252,7 @@ constexpr double kLeastDepth_mm = 1;  // of a target below the entry
 
 /// Returns a point of the patient in the frame of the levels, by the level that is nearest to it.
 Vector3d in_levels(const std::vector<Level>& levels, const std::array<double, 3>& lps_mm) {
-  Vector3d nearest = Vector3d::Constant(std::numeric_limits<double>::infinity());
+  Vector3d nearest = Vector3d::Constant(kEndless);
   double z_mm = 0;
   for (const Level& level : levels) {
     const Vector3d at = level.slice->T_lps_plane.inverse() * Vector3d(lps_mm.data());
@@ -331,18 +344,6 @@ std::size_t find_end(const std::vector<Level>& levels, const NeedlePath& path,
 
 }  // namespace
 
-NeedlePath path_through(const EntryColumn& column, const std::vector<Level>& levels) {
-  NeedlePath path;
-  const auto rounded = [](double mm) { return std::round(mm * 100) / 100; };
-  path.entry_mm = {rounded(column.at_mm[0]), rounded(column.at_mm[1]), levels[column.first].z_mm};
-  path.first = column.first;
-  path.last = column.last;
-  path.end_mm = point_at(path, levels[column.last].z_mm);
-  path.thickness_mm = column.thickness_mm;
-  path.has_material = column.has_material;
-  return path;
-}
-
 Result<NeedlePath> plan_needle_path(const Asset& asset, const std::vector<Level>& levels,
                                     const ChosenPoints& points, const PathLimits& limits) {
   NeedlePath path;
@@ -417,45 +418,8 @@ double tilt_deg(const NeedlePath& path) {
 
 namespace {
 
-constexpr double kStep_m = 5e-4;
-constexpr double kStep_rad = 0.5 / kDegreesPerRadian;
-constexpr double kMaxSteps = 16000;
-
 Pose plate_of(const Pose& T_device_tool, const Tool& tool) noexcept {
   return {T_device_tool.p_m - T_device_tool.q * tool.tip_plate_m, T_device_tool.q};
-}
-
-/// Returns the number of steps of kStep_m or kStep_rad from keyframe a to b, not rounded.
-double steps_between(const HandKeyframe& a, const HandKeyframe& b) noexcept {
-  const double turn_rad = rotation_vector(b.T_device_tool.q * a.T_device_tool.q.conjugate()).norm();
-  return std::max((b.T_device_tool.p_m - a.T_device_tool.p_m).norm() / kStep_m,
-                  turn_rad / kStep_rad);
-}
-
-/// Calls visit(t_s, target) along the path from `from_s` to `to_s`.
-template <typename Visit>
-void walk(const HandTrajectory& path, double from_s, double to_s, Visit&& visit) {
-  const auto& keyframes = path.keyframes;
-  double steps = 0;
-  for (std::size_t i = 1; i < keyframes.size(); ++i)
-    steps += steps_between(keyframes[i - 1], keyframes[i]);
-  const double density = std::min(1.0, kMaxSteps / std::max(steps, 1.0));
-  visit(from_s, hand_target(path, from_s));
-  for (std::size_t i = 1; i < keyframes.size(); ++i) {
-    const double begin_s = std::max(keyframes[i - 1].t_s, from_s);
-    const double end_s = std::min(keyframes[i].t_s, to_s);
-    if (!(end_s > begin_s)) continue;
-    const int points =
-        1 + static_cast<int>(density * steps_between(keyframes[i - 1], keyframes[i]));
-    HandTarget target;
-    for (int k = 0; k < points; ++k) {
-      const double t_s = begin_s + (end_s - begin_s) * (k + 0.5) / points;
-      target = hand_target(path, t_s);
-      visit(t_s, target);
-    }
-    target.T_device_tool = hand_target(path, end_s).T_device_tool;  // keeps the segment's velocity
-    visit(end_s, target);
-  }
 }
 
 std::string describe_box(const SafetyLimits& limits, const Pose& T_device_plate) {
@@ -527,35 +491,32 @@ std::string describe_pose_fault(Fault fault, const DeviceSpecification& device,
 }
 
 PathReport evaluate_path(const HandTrajectory& path, const DeviceSpecification& device,
-                         const SafetyLimits& limits, const Tool& tool, double from_s, double to_s) {
-  constexpr double kEndless = std::numeric_limits<double>::infinity();
+                         const SafetyLimits& limits, const Tool& tool, double rate_Hz,
+                         double to_s) {
   PathReport report;
   report.tip_min_m.setConstant(kEndless);
   report.tip_max_m.setConstant(-kEndless);
   report.box_min_m = kEndless;
-  const auto is_new = [&](Fault fault) {
-    return fault != Fault::kNone &&
-           std::none_of(report.breaches.begin(), report.breaches.end(),
-                        [&](const PathBreach& known) { return known.fault == fault; });
-  };
-  walk(path, from_s, to_s, [&](double t_s, const HandTarget& target) {
+  const double end_s = std::min(to_s, path.keyframes.back().t_s + 1 / rate_Hz);
+  for (std::uint64_t tick = 0; static_cast<double>(tick) / rate_Hz <= end_s; ++tick) {
+    const double t_s = static_cast<double>(tick) / rate_Hz;
+    const HandTarget target = hand_target(path, t_s);
     const Pose T_device_plate = plate_of(target.T_device_tool, tool);
     const Eigen::Vector3d& tip_m = target.T_device_tool.p_m;
-    report.end_s = t_s;
     report.tip_min_m = report.tip_min_m.cwiseMin(tip_m);
     report.tip_max_m = report.tip_max_m.cwiseMax(tip_m);
     const PoseMargins margins = pose_margins(device, limits, tool, T_device_plate);
     note_margins(margins, report);
     const PlateSpeed speed = plate_speed(target, T_device_plate);
     report.speed_max_m_per_s = std::max(report.speed_max_m_per_s, speed.m_per_s);
-    if (const Fault fault = pose_fault(limits, margins); is_new(fault)) {
-      report.breaches.push_back(
-          {fault, t_s, tip_m, describe_pose_fault(fault, device, limits, tool, T_device_plate)});
+    if (report.breach) continue;
+    if (const Fault fault = pose_fault(limits, margins); fault != Fault::kNone) {
+      report.breach = {fault, t_s,
+                       describe_pose_fault(fault, device, limits, tool, T_device_plate)};
+    } else if (std::string fast = describe_speed(limits, speed); !fast.empty()) {
+      report.breach = {Fault::kSpeed, t_s, std::move(fast)};
     }
-    if (std::string fast = describe_speed(limits, speed); !fast.empty() && is_new(Fault::kSpeed)) {
-      report.breaches.push_back({Fault::kSpeed, t_s, tip_m, std::move(fast)});
-    }
-  });
+  }
   return report;
 }
 

@@ -45,34 +45,6 @@ double gap_mm(const Level& above, const Level& below);
 /// Returns the smallest rectangle around the material of all slices, u and v in mm.
 Eigen::AlignedBox2d material_box(const Asset& asset, const std::vector<Level>& levels);
 
-/// A column. The tool crosses the levels from `first` to `last`.
-struct EntryColumn {
-  std::array<double, 2> at_mm{};  ///< u, v
-  std::size_t first = 0, last = 0;
-  double thickness_mm = 0;  ///< thickness of the material from `first` to `last`
-  /// One value for each element of the vector `levels` that find_entry_column() was given: 1 if the
-  /// whole cross-section of the tool lies over material, otherwise 0.
-  std::vector<std::uint8_t> has_material;
-};
-
-/// Returns the column with the thickest bone. A column's bone ends at a gap of more than
-/// kMaxBoneGap_mm, and does not begin below such a gap under other bone. A column is at most `height_mm` high, and spans at
-/// most kMaxSceneSlices slices. Its consecutive levels are at most `max_gap_mm` apart. `radius_mm`:
-/// the radius of the tool. `levels`: sorted, the topmost first. If several columns have equally
-/// thick bone, the search prefers the column whose bone would be thickest for a tool of three times
-/// the radius, because the bone around the tool is widest there. If several columns are still
-/// equal, the search prefers the one nearest to the middle of the material. None: the bone is
-/// nowhere as wide as the tool.
-std::optional<EntryColumn> find_entry_column(const Asset& asset, const std::vector<Level>& levels,
-                                             double radius_mm, double height_mm, double max_gap_mm);
-
-/// Returns the thickness that each level stands for: from half-way to the slice above to half-way
-/// to the slice below, with or without material. For slices without material that lie between two
-/// levels, their mean spacing counts. The topmost and the lowest level are assumed to have a second neighbour at
-/// the same distance as their only neighbour. A single slice counts as 1 mm thick. A distance of
-/// more than `max_gap_mm` counts as `max_gap_mm`.
-std::vector<double> level_thickness(const std::vector<Level>& levels, double max_gap_mm);
-
 // The straight path of a proposed scene's needle through the slices: at the position where the bone
 // is thickest, or through points that a person has chosen.
 
@@ -107,8 +79,17 @@ struct NeedlePath {
   double entry_shift_mm = 0;  ///< distance between `entry_mm` and the chosen entry
 };
 
-/// Returns the vertical path through a column, with u and v rounded to 0.01 mm.
-NeedlePath path_through(const EntryColumn& column, const std::vector<Level>& levels);
+/// Returns the vertical path through the column with the thickest bone, with u and v rounded to
+/// 0.01 mm; in NeedlePath::has_material, the whole cross-section of the tool counts. A column's bone
+/// ends at a gap of more than kMaxBoneGap_mm, and does not begin below such a gap under other bone. A
+/// column is at most `height_mm` high, and spans at most kMaxSceneSlices slices. Its consecutive
+/// levels are at most `max_gap_mm` apart. `radius_mm`: the radius of the tool. `levels`: sorted, the
+/// topmost first. If several columns have equally thick bone, the search prefers the column whose
+/// bone would be thickest for a tool of three times the radius, because the bone around the tool is
+/// widest there. If several columns are still equal, the search prefers the one nearest to the middle
+/// of the material. None: the bone is nowhere as wide as the tool.
+std::optional<NeedlePath> find_entry_column(const Asset& asset, const std::vector<Level>& levels,
+                                            double radius_mm, double height_mm, double max_gap_mm);
 
 /// Plans a path through chosen points. `levels`: sorted, the topmost first.
 ///  - Entry: the path enters the bone in which the chosen entry lies. If the chosen entry lies in
@@ -144,9 +125,8 @@ Eigen::Vector3d point_at(const NeedlePath& path, double z_mm);
 /// Returns the angle between a path and the vertical, in degrees.
 double tilt_deg(const NeedlePath& path);
 
-// Follows the path of the scene's hand, and finds the points where the path exceeds a limit of the
-// device or of the haptic loop, and the points where the path crosses a sheet. The tool is assumed
-// to follow the hand exactly. The dry run (dry_run.h) shows how the tool moves if forces act on it.
+// Follows the path of the scene's hand, as if the tool followed the hand exactly. The dry run
+// (dry_run.h) shows how the tool moves if forces act on it.
 
 /// If `fault` is raised because a pose exceeds a limit, returns a text with the pose's value and
 /// the limit. Returns an empty text if the pose does not exceed the limit, or if `fault` has
@@ -156,16 +136,14 @@ std::string describe_pose_fault(Fault fault, const DeviceSpecification& device,
                                 const SafetyLimits& limits, const Tool& tool,
                                 const Pose& T_device_plate);
 
-/// The first point of a path at which the haptic loop would raise `fault`.
+/// A point of a path at which the haptic loop would raise `fault`.
 struct PathBreach {
   Fault fault = Fault::kNone;
   double t_s = 0;
-  Eigen::Vector3d tip_m = Eigen::Vector3d::Zero();
   std::string what;  ///< text of describe_pose_fault(), or a similar text for kSpeed
 };
 
 struct PathReport {
-  double end_s = 0;  ///< time of the last point that was evaluated
   Eigen::Vector3d tip_min_m = Eigen::Vector3d::Zero(), tip_max_m = Eigen::Vector3d::Zero();
   /// box_min_m: smallest distance from the plate's origin to a side of the workspace; negative:
   /// outside. tilt_max_rad: largest angle between the z axes of the plate and of {B}.
@@ -175,13 +153,12 @@ struct PathReport {
   /// device's geometry allows every point. `joint_rad` (with `joint`) and `inverse_condition`: the
   /// smallest values over the points that the geometry allows. The other members are not set.
   DeviceMargins device;
-  std::vector<PathBreach> breaches;  ///< the first breach of each fault, in ascending time
+  std::optional<PathBreach> breach;  ///< the first one
 };
 
-/// Evaluates the path from `from_s` to `to_s`, at points that are at most 0.5 mm and 0.5 deg apart.
-/// On a path that would need more than 16,000 steps of this size, the points are farther apart.
+/// Evaluates the path at each tick up to `to_s`, as far as the hand moves.
 PathReport evaluate_path(const HandTrajectory& path, const DeviceSpecification& device,
-                         const SafetyLimits& limits, const Tool& tool, double from_s, double to_s);
+                         const SafetyLimits& limits, const Tool& tool, double rate_Hz, double to_s);
 
 /// A point of the path at which the tip goes from above a sheet to below it.
 struct SheetCrossing {

@@ -8,158 +8,24 @@
 #include <limits>
 #include <memory>
 #include <nlohmann/json.hpp>
-#include <numbers>
-#include <optional>
 #include <system_error>
 #include <utility>
-#include <vector>
 
 #include "formats/base/json.h"
 #include "formats/base/text.h"
 #include "formats/session/scene.h"
 #include "runtime/check/scene_check.h"
-#include "runtime/device/device.h"
 #include "runtime/haptics/bone/bone_volume.h"
-#include "runtime/haptics/sheet.h"
 #include "runtime/session/pose_session.h"
 
 namespace trocar::runtime {
 namespace {
 
-constexpr std::size_t kMaxListed = 12;  // number of labels, tissues or runs of slices
-
-std::string quoted(const std::string& name) {
-  return '"' + name + '"';
-}
-
-/// Returns the first kMaxListed elements of a list, separated by ", ", followed by a text such as
-/// "and 7 more".
-template <typename List, typename Describe>
-std::string listed(const List& list, Describe&& describe) {
-  std::string text;
-  std::size_t count = 0;
-  for (const auto& each : list) {
-    if (++count > kMaxListed) break;
-    if (!text.empty()) text += ", ";
-    text += describe(each);
-  }
-  if (list.size() > kMaxListed)
-    text += " and " + std::to_string(list.size() - kMaxListed) + " more";
-  return text;
-}
-
-std::string describe_labels(const std::vector<int>& labels) {
-  return (labels.size() == 1 ? "label " : "labels ") +
-         listed(labels, [](int label) { return std::to_string(label); });
-}
-
-/// Returns true if a slice can get this tissue by its labels or HU, without naming it.
-bool is_chosen_by_slice(const NamedTissue& tissue) {
-  return tissue.hu || !tissue.labels.empty();
-}
-
-std::string describe_condition(const NamedTissue& tissue) {
-  return quoted(tissue.name) + ' ' +
-         (tissue.hu ? text_line("%.6g to %.6g HU", (*tissue.hu)[0], (*tissue.hu)[1])
-                    : describe_labels(tissue.labels));
-}
-
-/// Describes slices that no tissue fits, by labels and range of mean HU.
-std::string describe_slices(const std::vector<const SliceTissue*>& slices) {
-  double lowest = INFINITY, highest = -INFINITY;
-  for (const SliceTissue* each : slices) {
-    if (!each->choice.mean_hu) continue;
-    lowest = std::min(lowest, *each->choice.mean_hu);
-    highest = std::max(highest, *each->choice.mean_hu);
-  }
-  const std::vector<int>& labels = slices.front()->choice.asset_labels;
-  std::string text = labels.empty() ? "" : describe_labels(labels) + ", ";
-  if (!(lowest <= highest)) return text + "no mean HU in the asset";
-  text += text_line("mean HU %.0f", lowest);
-  return std::round(lowest) == std::round(highest) ? text : text + text_line(" to %.0f", highest);
-}
-
-}  // namespace
-
-std::string name_slices(std::vector<int> slices) {
-  std::sort(slices.begin(), slices.end());
-  slices.erase(std::unique(slices.begin(), slices.end()), slices.end());
-  std::vector<std::string> runs;
-  for (std::size_t i = 0; i < slices.size();) {
-    std::size_t end = i + 1;
-    while (end < slices.size() && slices[end] == slices[end - 1] + 1)
-      ++end;
-    std::string run = std::to_string(slices[i]);
-    if (end - i > 1) run += '-' + std::to_string(slices[end - 1]);
-    runs.push_back(std::move(run));
-    i = end;
-  }
-  return (slices.size() == 1 ? "slice " : "slices ") +
-         listed(runs, [](const std::string& run) { return run; });
-}
-
-std::vector<SliceTissue> choose_tissues(const Scene& scene, const Asset& asset) {
-  std::vector<SliceTissue> tissues;
-  for (const SceneSlice& wanted : scene.slices) {
-    const auto slice =
-        std::find_if(asset.slices.begin(), asset.slices.end(),
-                     [&](const AssetSlice& each) { return each.index == wanted.index; });
-    if (slice == asset.slices.end()) continue;
-    tissues.push_back({wanted.index, wanted.z_m, choose_tissue(scene, wanted, asset, *slice)});
-  }
-  std::sort(tissues.begin(), tissues.end(),
-            [](const SliceTissue& a, const SliceTissue& b) { return a.z_m > b.z_m; });
-  return tissues;
-}
-
-std::string describe_choice(const Scene& scene, const TissueChoice& choice) {
-  switch (choice.reason) {
-    case TissueReason::kNamed:
-      return "tissue " + quoted(choice.name) + ": named by the slice";
-    case TissueReason::kLabel:
-      return "tissue " + quoted(choice.name) + ": the asset's " +
-             describe_labels(choice.asset_labels);
-    case TissueReason::kMeanHu:
-      return "tissue " + quoted(choice.name) + text_line(": mean HU %.0f", *choice.mean_hu);
-    case TissueReason::kDefault:
-      break;
-  }
-  std::string whose = scene.tissue_is_given ? "the scene's \"tissue\"" : "the default tissue";
-  if (std::none_of(scene.tissues.begin(), scene.tissues.end(), is_chosen_by_slice)) return whose;
-  return whose + (choice.mean_hu ? text_line(": no other fits mean HU %.0f", *choice.mean_hu)
-                                 : std::string(": no other fits"));
-}
-
-std::optional<std::string> warn_of_unfitting(const Scene& scene,
-                                             const std::vector<SliceTissue>& tissues) {
-  if (scene.tissue_is_given) return std::nullopt;
-  std::vector<const NamedTissue*> conditions;
-  for (const NamedTissue& tissue : scene.tissues) {
-    if (is_chosen_by_slice(tissue)) conditions.push_back(&tissue);
-  }
-  if (conditions.empty()) return std::nullopt;
-  std::vector<const SliceTissue*> unfitting;
-  std::vector<int> slices;
-  for (const SliceTissue& each : tissues) {
-    if (each.choice.reason != TissueReason::kDefault) continue;
-    unfitting.push_back(&each);
-    slices.push_back(each.slice);
-  }
-  if (unfitting.empty()) return std::nullopt;
-  return name_slices(slices) + ": none of the scene's tissues fits (" + describe_slices(unfitting) +
-         "; the scene has " +
-         listed(conditions, [](const NamedTissue* each) { return describe_condition(*each); }) +
-         text_line("): the default of %.6g N/m and %.6g N is taken; ",
-                   scene.tissue.stiffness_N_per_m, scene.tissue.threshold_N) +
-         "change a tissue's labels or hu, name a tissue in the slice, or give the scene a "
-         "\"tissue\"";
-}
-
-namespace {
-
 using Eigen::Vector3d;
 using Json = nlohmann::ordered_json;  // ordered, because people read scenes
 
+// Radius of the tool in SceneDraft::cutting() and in SceneDraft::sheets().
+constexpr double kNeedleRadius_m = 0.0015, kPaperToolRadius_m = 0.003;
 // Length of the path above the bone, below the last slice, and below a target.
 constexpr double kAbove_m = 0.006, kBelow_m = 0.013, kBelowTarget_m = 0.008;
 // Distance of slices at which each is felt separately: a puncture takes 7 mm.
@@ -167,10 +33,6 @@ constexpr double kApart_m = 0.0095;
 constexpr std::size_t kMaxSlices = 5;
 // The goals of a path that a person has chosen.
 constexpr double kTargetRadius_m = 0.002, kCorridor_m = 0.003;
-
-std::string text_of(const Json& scene) {
-  return json_text(scene, 2) + "\n";
-}
 
 Json rounded_point(const Vector3d& at_m) {
   Json point = Json::array();
@@ -181,8 +43,8 @@ Json rounded_point(const Vector3d& at_m) {
   return point;
 }
 
-}  // namespace
-
+/// Returns the indices of at most 5 levels at which the path goes through material, from the top
+/// down. The levels are at least 9.5 mm apart, so that each puncture is felt separately.
 std::vector<std::size_t> separable_levels(const std::vector<Level>& levels,
                                           const NeedlePath& path) {
   std::vector<std::size_t> felt;
@@ -194,63 +56,10 @@ std::vector<std::size_t> separable_levels(const std::vector<Level>& levels,
   return felt;
 }
 
+/// The hand's motion begins above the entry of a path and reaches below the path's end. Returns the
+/// sum of these two additional heights in m.
 double height_outside_bone_m(const NeedlePath& path) {
   return kAbove_m + (path.has_target ? kBelowTarget_m : kBelow_m);
-}
-
-SceneDraft::SceneDraft(const std::vector<Level>& asset_levels, const NeedlePath& needle_path,
-                       bool has_chosen_path, WorkspaceHeights tip_heights)
-    : levels(asset_levels), path(needle_path), is_chosen(has_chosen_path), heights(tip_heights) {
-  anchor_mm = (path.entry_mm + path.end_mm).head<2>() / 2;
-  for (double& x : anchor_mm)
-    x = rounded(x, 100);
-  // The path is in the middle of the heights.
-  const double used_m = 1e-3 * (path.entry_mm.z() - path.end_mm.z()) + height_outside_bone_m(path);
-  const double free_m = heights.max_m - heights.min_m - used_m;
-  entry_z_m = rounded(heights.max_m - kAbove_m - std::max(0.0, free_m) / 2, 1e4);
-}
-
-void SceneDraft::name_files(const std::filesystem::path& asset_file,
-                            const std::filesystem::path& scene_file) {
-  std::error_code failed;
-  std::filesystem::path folder = scene_file.parent_path();
-  if (folder.empty()) folder = ".";
-  std::filesystem::path asset = std::filesystem::relative(asset_file, folder, failed);
-  const bool is_outside = asset.empty() || *asset.begin() == "..";
-  if (asset_file.is_absolute() && is_outside) asset = asset_file;
-  if (failed || asset.empty()) asset = std::filesystem::absolute(asset_file, failed);
-  asset_name = asset.generic_string();
-  scene_name = "Proposed for " + asset_file.filename().string();
-}
-
-Vector3d SceneDraft::to_device(const Vector3d& at_mm) const {
-  const Eigen::Vector2d xy_m = 1e-3 * (at_mm.head<2>() - anchor_mm);
-  return {xy_m.x(), xy_m.y(), entry_z_m + 1e-3 * (at_mm.z() - path.entry_mm.z())};
-}
-
-double SceneDraft::height_m(std::size_t level) const {
-  return entry_z_m + 1e-3 * (levels[level].z_mm - path.entry_mm.z());
-}
-
-namespace {
-
-Json head(const SceneDraft& d) {
-  return {{"schema", kSceneSchema},
-          {"name", d.scene_name},
-          {"asset", d.asset_name},
-          {"placement", {{"anchor_mm", {d.anchor_mm.x(), d.anchor_mm.y()}}}}};
-}
-
-Json goals(const SceneDraft& d) {
-  Json line = {{"entry_m", rounded_point(d.to_device(d.path.entry_mm))}};
-  if (!d.path.has_target) line["direction"] = rounded_point(d.path.direction);
-  line["entry_radius_m"] = line["corridor_m"] = kCorridor_m;
-  Json goals;
-  if (d.path.has_target)
-    goals["target"] = {{"at_m", rounded_point(d.to_device(d.path.end_mm))},
-                       {"radius_m", kTargetRadius_m}};
-  goals["line"] = std::move(line);
-  return goals;
 }
 
 Json keyframe(const NeedlePath& path, double t_s, const Vector3d& tip_m) {
@@ -265,86 +74,164 @@ Json keyframe(const NeedlePath& path, double t_s, const Vector3d& tip_m) {
   return key;
 }
 
-Json hand(const SceneDraft& d, double speed_m_per_s, bool returns, Json& scene) {
-  constexpr double kRest_s = 0.2;
-  const Vector3d& along = d.path.direction;
-  const Vector3d from_m = d.to_device(d.path.entry_mm) + kAbove_m / along.z() * along;
-  const double below_m = d.path.has_target ? d.beyond_target_m : kBelow_m;
-  const Vector3d to_m = d.to_device(d.path.end_mm) - below_m / along.z() * along;
-  const double length_m = (to_m - from_m).norm();
-  const double down_s = kRest_s + length_m / speed_m_per_s;
-  Json keys = {keyframe(d.path, 0, from_m), keyframe(d.path, kRest_s, from_m),
-               keyframe(d.path, down_s, to_m)};
-  double end_s = down_s + 0.3;
-  if (returns) {
-    keys.push_back(keyframe(d.path, down_s + 0.5, to_m));
-    end_s = down_s + 0.5 + length_m / speed_m_per_s / 1.5;
-    keys.push_back(keyframe(d.path, end_s, from_m));
-    end_s += 0.2;
+/// A draft of a scene for a needle's path, as JSON. It is not checked here.
+struct SceneDraft {
+  /// `levels` and `path` must outlive the draft.
+  SceneDraft(const std::vector<Level>& asset_levels, const NeedlePath& needle_path,
+             bool has_chosen_path, WorkspaceHeights tip_heights)
+      : levels(asset_levels), path(needle_path), is_chosen(has_chosen_path), heights(tip_heights) {
+    anchor_mm = (path.entry_mm + path.end_mm).head<2>() / 2;
+    for (double& x : anchor_mm)
+      x = rounded(x, 100);
+    // The path is in the middle of the heights.
+    const double used_m =
+        1e-3 * (path.entry_mm.z() - path.end_mm.z()) + height_outside_bone_m(path);
+    const double free_m = heights.max_m - heights.min_m - used_m;
+    entry_z_m = rounded(heights.max_m - kAbove_m - std::max(0.0, free_m) / 2, 1e4);
   }
-  scene["duration_s"] = rounded(end_s, 100);
-  Json hand = {{"stiffness_N_per_m", 8000}, {"damping_N_s_per_m", 140}};
-  if (d.has_live_hand) {
-    hand["trajectory"] = Json::array({keys[0]});
-    hand["live"] = true;
-    scene["duration_s"] = 600;
-  } else {
-    hand["trajectory"] = std::move(keys);
+
+  /// Sets the scene's name, and the file name by which the scene names the asset.
+  void name_files(const std::filesystem::path& asset_file,
+                  const std::filesystem::path& scene_file) {
+    std::error_code failed;
+    std::filesystem::path folder = scene_file.parent_path();
+    if (folder.empty()) folder = ".";
+    std::filesystem::path asset = std::filesystem::relative(asset_file, folder, failed);
+    const bool is_outside = asset.empty() || *asset.begin() == "..";
+    if (asset_file.is_absolute() && is_outside) asset = asset_file;
+    if (failed || asset.empty()) asset = std::filesystem::absolute(asset_file, failed);
+    asset_name = asset.generic_string();
+    scene_name = "Proposed for " + asset_file.filename().string();
   }
-  return hand;
-}
 
-}  // namespace
+  Vector3d to_device(const Vector3d& at_mm) const {
+    const Eigen::Vector2d xy_m = 1e-3 * (at_mm.head<2>() - anchor_mm);
+    return {xy_m.x(), xy_m.y(), entry_z_m + 1e-3 * (at_mm.z() - path.entry_mm.z())};
+  }
 
-std::string SceneDraft::cutting(double force_scale) const {
-  Json scene = head(*this);
-  std::size_t first = path.first, last = path.last;
-  // All bone near a chosen path is there, because a person may leave it, or stop in the bone.
-  const auto is_joined = [&](std::size_t above) {
-    return levels[above].z_mm - levels[above + 1].z_mm <=
-           1e3 * (kMaxSlabGap_m + kSlabGapRounding_m);
-  };
-  const auto fits = [&](std::size_t from, std::size_t to) {
-    return slices_between(levels[from], levels[to]) <= kMaxSceneSlices;
-  };
-  while (is_chosen && last + 1 < levels.size() && is_joined(last) &&
-         height_m(last + 1) >= heights.min_m && fits(first, last + 1))
-    ++last;
-  while (is_chosen && first > 0 && is_joined(first - 1) && height_m(first - 1) <= heights.max_m &&
-         fits(first - 1, last))
-    --first;
-  const int a = levels[first].slice->index, b = levels[last].slice->index;
-  scene["body"] = {
-      {"from", std::min(a, b)}, {"to", std::max(a, b)}, {"top_z_m", rounded(height_m(first), 1e7)}};
-  scene["tissue"] = {{"cut",
-                      {{"bone", {{"law", "kopperdahl-power"}}},
-                       {"tearing_N_per_m", 500},
-                       {"friction_kPa", 60},
-                       {"bed_N_per_mm3", 30},
-                       {"lateral_strength_MPa", 5}}}};
-  scene["force_law"] = {{"kind", "cutting"}, {"force_scale", force_scale}};
-  scene["tool"] = {{"sides", 12}, {"radius_m", kNeedleRadius_m}};
-  scene["hand"] = hand(*this, 0.0115, true, scene);
-  if (is_chosen) scene["goals"] = goals(*this);
-  return text_of(scene);
-}
+  /// Height of a level in {B}.
+  double height_m(std::size_t level) const {
+    return entry_z_m + 1e-3 * (levels[level].z_mm - path.entry_mm.z());
+  }
 
-std::string SceneDraft::sheets(double threshold_N, double share) const {
-  Json scene = head(*this);
-  scene["slices"] = Json::array();
-  for (const std::size_t level : separable_levels(levels, path))
-    scene["slices"].push_back(
-        {{"index", levels[level].slice->index}, {"z_m", rounded(height_m(level), 1e7)}});
-  scene["tissue"] = {{"stiffness_N_per_m", 5000}, {"threshold_N", threshold_N}};
-  scene["force_law"] = {{"kind", "hooke"}};
-  if (share < 1) scene["force_law"]["force_scale"] = std::floor(1e3 * share) / 1e3;
-  scene["tool"] = {{"sides", 6}, {"radius_m", kPaperToolRadius_m}};
-  scene["hand"] = hand(*this, 0.0175, false, scene);
-  if (is_chosen) scene["goals"] = goals(*this);
-  return text_of(scene);
-}
+  /// Returns a scene with one bone volume, made of the levels along the path, with a strength
+  /// computed from HU, and with a hand that moves in along the path and back out. `force_scale`:
+  /// the scene's factor on the tissue's forces.
+  std::string cutting(double force_scale) const {
+    Json scene = head();
+    std::size_t first = path.first, last = path.last;
+    // All bone near a chosen path is there, because a person may leave it, or stop in the bone.
+    const auto is_joined = [&](std::size_t above) {
+      return levels[above].z_mm - levels[above + 1].z_mm <=
+             1e3 * (kMaxSlabGap_m + kSlabGapRounding_m);
+    };
+    const auto fits = [&](std::size_t from, std::size_t to) {
+      return slices_between(levels[from], levels[to]) <= kMaxSceneSlices;
+    };
+    while (is_chosen && last + 1 < levels.size() && is_joined(last) &&
+           height_m(last + 1) >= heights.min_m && fits(first, last + 1))
+      ++last;
+    while (is_chosen && first > 0 && is_joined(first - 1) && height_m(first - 1) <= heights.max_m &&
+           fits(first - 1, last))
+      --first;
+    const int a = levels[first].slice->index, b = levels[last].slice->index;
+    scene["body"] = {{"from", std::min(a, b)},
+                     {"to", std::max(a, b)},
+                     {"top_z_m", rounded(height_m(first), 1e7)}};
+    scene["tissue"] = {{"cut",
+                        {{"bone", {{"law", "kopperdahl-power"}}},
+                         {"tearing_N_per_m", 500},
+                         {"friction_kPa", 60},
+                         {"bed_N_per_mm3", 30},
+                         {"lateral_strength_MPa", 5}}}};
+    scene["force_law"] = {{"kind", "cutting"}, {"force_scale", force_scale}};
+    scene["tool"] = {{"sides", 12}, {"radius_m", kNeedleRadius_m}};
+    scene["hand"] = hand(0.0115, true, scene);
+    if (is_chosen) scene["goals"] = goals();
+    return json_text(scene, 2) + "\n";
+  }
 
-namespace {
+  /// Returns a scene with a single sheet at each of separable_levels(). `threshold_N`: puncture
+  /// threshold of the tissue. `share`: the fraction of `threshold_N` that the device can render. If
+  /// this fraction is below 1, it becomes the scene's factor on the tissue's forces.
+  std::string sheets(double threshold_N, double share) const {
+    Json scene = head();
+    scene["slices"] = Json::array();
+    for (const std::size_t level : separable_levels(levels, path))
+      scene["slices"].push_back(
+          {{"index", levels[level].slice->index}, {"z_m", rounded(height_m(level), 1e7)}});
+    scene["tissue"] = {{"stiffness_N_per_m", 5000}, {"threshold_N", threshold_N}};
+    scene["force_law"] = {{"kind", "hooke"}};
+    if (share < 1) scene["force_law"]["force_scale"] = std::floor(1e3 * share) / 1e3;
+    scene["tool"] = {{"sides", 6}, {"radius_m", kPaperToolRadius_m}};
+    scene["hand"] = hand(0.0175, false, scene);
+    if (is_chosen) scene["goals"] = goals();
+    return json_text(scene, 2) + "\n";
+  }
+
+  Json head() const {
+    return {{"schema", kSceneSchema},
+            {"name", scene_name},
+            {"asset", asset_name},
+            {"placement", {{"anchor_mm", {anchor_mm.x(), anchor_mm.y()}}}}};
+  }
+
+  Json goals() const {
+    Json line = {{"entry_m", rounded_point(to_device(path.entry_mm))}};
+    if (!path.has_target) line["direction"] = rounded_point(path.direction);
+    line["entry_radius_m"] = line["corridor_m"] = kCorridor_m;
+    Json out;
+    if (path.has_target)
+      out["target"] = {{"at_m", rounded_point(to_device(path.end_mm))},
+                       {"radius_m", kTargetRadius_m}};
+    out["line"] = std::move(line);
+    return out;
+  }
+
+  Json hand(double speed_m_per_s, bool returns, Json& scene) const {
+    constexpr double kRest_s = 0.2;
+    const Vector3d& along = path.direction;
+    const Vector3d from_m = to_device(path.entry_mm) + kAbove_m / along.z() * along;
+    const double below_m = path.has_target ? beyond_target_m : kBelow_m;
+    const Vector3d to_m = to_device(path.end_mm) - below_m / along.z() * along;
+    const double length_m = (to_m - from_m).norm();
+    const double down_s = kRest_s + length_m / speed_m_per_s;
+    Json keys = {keyframe(path, 0, from_m), keyframe(path, kRest_s, from_m),
+                 keyframe(path, down_s, to_m)};
+    double end_s = down_s + 0.3;
+    if (returns) {
+      keys.push_back(keyframe(path, down_s + 0.5, to_m));
+      end_s = down_s + 0.5 + length_m / speed_m_per_s / 1.5;
+      keys.push_back(keyframe(path, end_s, from_m));
+      end_s += 0.2;
+    }
+    scene["duration_s"] = rounded(end_s, 100);
+    Json out = {{"stiffness_N_per_m", 8000}, {"damping_N_s_per_m", 140}};
+    if (has_live_hand) {
+      out["trajectory"] = Json::array({keys[0]});
+      out["live"] = true;
+      scene["duration_s"] = 600;
+    } else {
+      out["trajectory"] = std::move(keys);
+    }
+    return out;
+  }
+
+  const std::vector<Level>& levels;  ///< the levels of the asset, the topmost first
+  const NeedlePath& path;
+  /// A person has chosen the path. It is then a goal of the scene, and so is the target if there is
+  /// one. The scene's bone volume then also includes the connected slices above and below the path.
+  bool is_chosen;
+  WorkspaceHeights heights;  ///< heights of the tip in {B} that the draft may use
+  std::string asset_name{}, scene_name{};
+  Eigen::Vector2d anchor_mm = Eigen::Vector2d::Zero();
+  double entry_z_m = 0;  ///< height of the entry in {B}
+  /// The path of the scripted hand ends this far below the target (negative: above). This
+  /// compensates for the tip's lag behind the hand. Without a target this has no effect.
+  double beyond_target_m = 0;
+  /// The scenes have a live hand, which begins at the pose where the scripted hand would begin.
+  bool has_live_hand = false;
+};
 
 constexpr double kWorkspaceMargin_m = 0.004;
 // A scripted hand is sent farther until the tip ends this near the target, so often at most.
@@ -544,8 +431,7 @@ struct Proposal {
       return std::optional<NeedlePath>();
     }
     const auto column = find_entry_column(asset, levels, 1e3 * kNeedleRadius_m, room_mm(), gap_mm);
-    return column && column->last > column->first ? std::optional(path_through(*column, levels))
-                                                  : std::nullopt;
+    return column && column->last > column->first ? column : std::nullopt;
   }
 
   /// Returns the path for single sheets, down to the last of them or to the target; none: there is none.
@@ -555,9 +441,8 @@ struct Proposal {
       const auto chosen = chosen_path({});
       if (!chosen) return chosen.error();
       path = *chosen;
-    } else if (const auto column =
-                   find_entry_column(asset, levels, 1e3 * kPaperToolRadius_m, room_mm(), kAny)) {
-      path = path_through(*column, levels);
+    } else {
+      path = find_entry_column(asset, levels, 1e3 * kPaperToolRadius_m, room_mm(), kAny);
     }
     if (path && !path->has_target) {
       path->last = separable_levels(levels, *path).back();
@@ -585,61 +470,58 @@ struct Proposal {
     return placed;
   }
 
-  /// Places a scene and sets its warnings. Errors: the scene is refused, or has a warning although nobody has chosen its path.
-  Result<Placed> check(Tried& tried) const {
-    Result<Placed> placed = place(tried.json);
-    if (!placed) return placed;
-    Result<SceneCheck> checked =
-        check_scene(placed->scene, device, placed->sheets, choose_tissues(placed->scene, asset), {},
-                    placed->options);
-    if (!checked) return checked.error();
-    tried.warnings = std::move(checked->warnings);
-    if (!tried.warnings.empty() && !is_chosen()) return refused(tried.warnings.front());
-    return placed;
+  /// Sends the scripted hand so far that the tip gets to the target of the path. Errors: it does not get there.
+  Result<void> reach_target(SceneDraft& draft, const std::function<std::string()>& make) const {
+    double beyond_m = 0, short_m = 0;
+    for (int turn = 0; turn < kMaxReaches; ++turn) {
+      draft.beyond_target_m = beyond_m;
+      const Result<Placed> placed = place(make());
+      if (!placed) return placed.error();
+      const auto dry_run = run_dry_run(placed->scene, device, placed->sheets, placed->options);
+      if (!dry_run) return dry_run.error();
+      short_m = dry_run->tip_lowest_m - draft.to_device(draft.path.end_mm).z();
+      if (std::abs(short_m) <= kReached_m) return {};
+      beyond_m += short_m;
+    }
+    return refused(
+        text_line("the scripted hand brings the tip to %.1f mm %s the target, and is "
+                  "no better when it goes farther",
+                  1e3 * std::abs(short_m), short_m > 0 ? "above" : "below"));
   }
 
-  /// Tries a draft. If its path has a target and its hand is scripted, the hand is first sent so far that the tip gets to
-  /// the target. Errors: the scene is refused, has a warning although nobody has chosen its path, punctures nothing, or does
-  /// not get to the target.
+  /// Checks a draft's scene. Errors: the scene is refused, or has a warning although nobody has chosen its path.
+  Result<SceneCheck> check(const std::string& json) const {
+    const Result<Placed> placed = place(json);
+    if (!placed) return placed.error();
+    auto checked = check_scene(placed->scene, device, placed->sheets,
+                               choose_tissues(placed->scene, asset), {}, placed->options);
+    if (checked && !checked->warnings.empty() && !is_chosen())
+      return refused(checked->warnings.front());
+    return checked;
+  }
+
+  /// Tries a draft. Errors: those of reach_target() and check(); the scene punctures nothing.
   Result<Tried> try_draft(SceneDraft& draft, const std::function<std::string()>& make) const {
     if (draft.path.has_target && !choices.has_live_hand) {
-      double beyond_m = 0, short_m = 0;
-      for (int turn = 0; turn < kMaxReaches; ++turn) {
-        draft.beyond_target_m = beyond_m;
-        const Result<Placed> placed = place(make());
-        if (!placed) return placed.error();
-        const auto dry_run = run_dry_run(placed->scene, device, placed->sheets, placed->options);
-        if (!dry_run) return dry_run.error();
-        short_m = dry_run->tip_lowest_m - draft.to_device(draft.path.end_mm).z();
-        if (std::abs(short_m) <= kReached_m) break;
-        beyond_m += short_m;
-      }
-      if (std::abs(short_m) > kReached_m)
-        return refused(
-            text_line("the scripted hand brings the tip to %.1f mm %s the target, and is "
-                      "no better when it goes farther",
-                      1e3 * std::abs(short_m), short_m > 0 ? "above" : "below"));
+      if (const auto reached = reach_target(draft, make); !reached) return reached.error();
     }
-    return try_scene(draft, make);
-  }
-
-  Result<Tried> try_scene(SceneDraft& draft, const std::function<std::string()>& make) const {
     Tried tried;
     tried.json = make();
-    const Result<Placed> placed = check(tried);
-    if (!placed) return placed.error();
-    const Result<DryRun> dry_run =
-        run_dry_run(placed->scene, device, placed->sheets, placed->options);
-    if (!dry_run) return dry_run.error();
-    tried.force_max_N = dry_run->force_max_N;
-    tried.sheets = dry_run->sheets.size();
-    for (const SheetDryRun& each : dry_run->sheets)
+    Result<SceneCheck> checked = check(tried.json);
+    if (!checked) return checked.error();
+    if (!checked->dry_run) return refused(checked->warnings.front());  // it cannot start
+    tried.force_max_N = checked->dry_run->force_max_N;
+    tried.sheets = checked->dry_run->sheets.size();
+    for (const SheetDryRun& each : checked->dry_run->sheets)
       tried.punctured += each.punctured_t_s >= 0 ? 1 : 0;
     if (tried.punctured == 0) return refused("the tool punctures nothing");
-    if (!choices.has_live_hand) return tried;
-    draft.has_live_hand = true;
-    tried.json = make();
-    if (const Result<Placed> live = check(tried); !live) return live.error();
+    if (choices.has_live_hand) {
+      draft.has_live_hand = true;
+      tried.json = make();
+      checked = check(tried.json);
+      if (!checked) return checked.error();
+    }
+    tried.warnings = std::move(checked->warnings);
     return tried;
   }
 

@@ -5,80 +5,207 @@
 #include <cmath>
 #include <functional>
 #include <limits>
-#include <optional>
 #include <utility>
 
 #include "formats/base/text.h"
+#include "runtime/check/needle_path.h"
 #include "runtime/session/force_law_table.h"
+#include "runtime/session/live_hand.h"
 #include "runtime/session/open_device.h"
-#include "runtime/session/session_options.h"
 
 namespace trocar::runtime {
 namespace {
 
-/// Describes what the threshold force at the puncture of a sheet demands of the device, if the sheet is touched
-/// at this pose.
-std::string describe_puncture(const DeviceSpecification& device, const TipForce& tip,
-                              const Tool& tool, Pose T_device_plate) {
-  T_device_plate.p_m.z() -= tip.threshold_N / tip.stiffness_N_per_m;
-  return device.describe_demand("threshold", T_device_plate,
-                                wrench_at({0, 0, tip.scale * tip.threshold_N},
-                                          T_device_plate * tool.tip_plate_m, T_device_plate));
+constexpr std::size_t kMaxListed = 12;  // number of labels, tissues or runs of slices
+
+std::string quoted(const std::string& name) {
+  return '"' + name + '"';
+}
+
+/// Returns the first kMaxListed elements of a list, separated by ", ", followed by a text such as
+/// "and 7 more".
+template <typename List, typename Describe>
+std::string listed(const List& list, Describe&& describe) {
+  std::string text;
+  std::size_t count = 0;
+  for (const auto& each : list) {
+    if (++count > kMaxListed) break;
+    if (!text.empty()) text += ", ";
+    text += describe(each);
+  }
+  if (list.size() > kMaxListed)
+    text += " and " + std::to_string(list.size() - kMaxListed) + " more";
+  return text;
+}
+
+std::string describe_labels(const std::vector<int>& labels) {
+  return (labels.size() == 1 ? "label " : "labels ") +
+         listed(labels, [](int label) { return std::to_string(label); });
+}
+
+/// Returns true if a slice can get this tissue by its labels or HU, without naming it.
+bool is_chosen_by_slice(const NamedTissue& tissue) {
+  return tissue.hu || !tissue.labels.empty();
+}
+
+std::string describe_condition(const NamedTissue& tissue) {
+  return quoted(tissue.name) + ' ' +
+         (tissue.hu ? text_line("%.6g to %.6g HU", (*tissue.hu)[0], (*tissue.hu)[1])
+                    : describe_labels(tissue.labels));
+}
+
+/// Describes slices that no tissue fits, by labels and range of mean HU.
+std::string describe_slices(const std::vector<const SliceTissue*>& slices) {
+  double lowest = INFINITY, highest = -INFINITY;
+  for (const SliceTissue* each : slices) {
+    if (!each->choice.mean_hu) continue;
+    lowest = std::min(lowest, *each->choice.mean_hu);
+    highest = std::max(highest, *each->choice.mean_hu);
+  }
+  const std::vector<int>& labels = slices.front()->choice.asset_labels;
+  std::string text = labels.empty() ? "" : describe_labels(labels) + ", ";
+  if (!(lowest <= highest)) return text + "no mean HU in the asset";
+  text += text_line("mean HU %.0f", lowest);
+  return std::round(lowest) == std::round(highest) ? text : text + text_line(" to %.0f", highest);
 }
 
 }  // namespace
 
-Result<SceneRequirements> describe_requirements(
-    const Scene& scene, const DeviceSpecification& device,
-    const std::vector<std::unique_ptr<const Sheet>>& sheets,
-    const std::vector<Pose>& T_device_plate, const LoadedBytes& bytes,
-    const SessionOptions& options) {
-  const double rate_Hz = options.rate_Hz, duration_s = options.duration_s;
-  const Tool tool = make_tool(scene.tool);
-  // A sheet needs memory for its mesh and for two grids in which triangles are searched. The sheet's replicas
-  // (runtime/session/remesher.h) share it. If holes change the mesh, a replica needs more bytes, which are not counted.
-  std::uint64_t kept = 0;
-  for (const auto& sheet : sheets)
-    kept += sheet->mesh.bytes() + sheet->grid.bytes() + sheet->boundary_grid.bytes();
-  SceneRequirements needs;
-  std::string& out = needs.scene;
-  out += text_line("scene      %s\n", scene.name.c_str());
-  out += text_line(
-      "asset      %s: %zu of its %zu slices, %.1f of its %.1f kB read, %.1f kB kept in memory\n",
-      scene.asset.c_str(), sheets.size(), bytes.asset_slices, static_cast<double>(bytes.read) / 1e3,
-      static_cast<double>(bytes.asset) / 1e3, static_cast<double>(kept) / 1e3);
-  out += "device     " + std::string(device.name()) + ", " + device.describe_strength() + "\n";
-  out += text_line("loop       %.6g Hz for %.6g s: %llu ticks\n", rate_Hz, duration_s,
-                   static_cast<unsigned long long>(tick_count(duration_s, rate_Hz)));
-  out += text_line("tool       %d corners, %.3g mm from the axis\n", tool.sides,
-                   (tool.corner_plate_m[0] - tool.tip_plate_m).norm() * 1e3);
-
-  std::vector<const Sheet*> all;
-  all.reserve(sheets.size());
-  for (const auto& sheet : sheets)
-    all.push_back(sheet.get());
-  const auto law = make_force_law({scene, device, all, rate_Hz, {}, options.stiffness});
-  if (!law) return law.error();
-  out += (*law)->describe();
-  needs.stability_warning = (*law)->stability_warning();
-  for (std::size_t i = 0; i < sheets.size(); ++i) {
-    const Sheet& sheet = *sheets[i];
-    const Pose& T = T_device_plate[i];
-    const TipForce tip = (*law)->tip_force(i, sheet);
-    SliceRequirements slice;
-    slice.mesh =
-        text_line("slice %-4d at %.4f m: %zu vertices, %zu triangles; %.6g N/m up to %.6g N",
-                  sheet.slice_index, sheet.z_m, sheet.mesh.vertices_in_use(),
-                  sheet.mesh.triangles_in_use(), tip.stiffness_N_per_m, tip.threshold_N);
-    slice.force = describe_puncture(device, tip, tool, T) + (*law)->describe_sheet(i, sheet, T);
-    needs.slices.push_back(std::move(slice));
+std::string name_slices(std::vector<int> slices) {
+  std::sort(slices.begin(), slices.end());
+  slices.erase(std::unique(slices.begin(), slices.end()), slices.end());
+  std::vector<std::string> runs;
+  for (std::size_t i = 0; i < slices.size();) {
+    std::size_t end = i + 1;
+    while (end < slices.size() && slices[end] == slices[end - 1] + 1)
+      ++end;
+    std::string run = std::to_string(slices[i]);
+    if (end - i > 1) run += '-' + std::to_string(slices[end - 1]);
+    runs.push_back(std::move(run));
+    i = end;
   }
-  return needs;
+  return (slices.size() == 1 ? "slice " : "slices ") +
+         listed(runs, [](const std::string& run) { return run; });
+}
+
+std::vector<SliceTissue> choose_tissues(const Scene& scene, const Asset& asset) {
+  std::vector<SliceTissue> tissues;
+  for (const SceneSlice& wanted : scene.slices) {
+    const auto slice =
+        std::find_if(asset.slices.begin(), asset.slices.end(),
+                     [&](const AssetSlice& each) { return each.index == wanted.index; });
+    if (slice == asset.slices.end()) continue;
+    tissues.push_back({wanted.index, wanted.z_m, choose_tissue(scene, wanted, asset, *slice)});
+  }
+  std::sort(tissues.begin(), tissues.end(),
+            [](const SliceTissue& a, const SliceTissue& b) { return a.z_m > b.z_m; });
+  return tissues;
+}
+
+std::string describe_choice(const Scene& scene, const TissueChoice& choice) {
+  switch (choice.reason) {
+    case TissueReason::kNamed:
+      return "tissue " + quoted(choice.name) + ": named by the slice";
+    case TissueReason::kLabel:
+      return "tissue " + quoted(choice.name) + ": the asset's " +
+             describe_labels(choice.asset_labels);
+    case TissueReason::kMeanHu:
+      return "tissue " + quoted(choice.name) + text_line(": mean HU %.0f", *choice.mean_hu);
+    case TissueReason::kDefault:
+      break;
+  }
+  std::string whose = scene.tissue_is_given ? "the scene's \"tissue\"" : "the default tissue";
+  if (std::none_of(scene.tissues.begin(), scene.tissues.end(), is_chosen_by_slice)) return whose;
+  return whose + (choice.mean_hu ? text_line(": no other fits mean HU %.0f", *choice.mean_hu)
+                                 : std::string(": no other fits"));
+}
+
+std::optional<std::string> warn_of_unfitting(const Scene& scene,
+                                             const std::vector<SliceTissue>& tissues) {
+  if (scene.tissue_is_given) return std::nullopt;
+  std::vector<const NamedTissue*> conditions;
+  for (const NamedTissue& tissue : scene.tissues) {
+    if (is_chosen_by_slice(tissue)) conditions.push_back(&tissue);
+  }
+  if (conditions.empty()) return std::nullopt;
+  std::vector<const SliceTissue*> unfitting;
+  std::vector<int> slices;
+  for (const SliceTissue& each : tissues) {
+    if (each.choice.reason != TissueReason::kDefault) continue;
+    unfitting.push_back(&each);
+    slices.push_back(each.slice);
+  }
+  if (unfitting.empty()) return std::nullopt;
+  return name_slices(slices) + ": none of the scene's tissues fits (" + describe_slices(unfitting) +
+         "; the scene has " +
+         listed(conditions, [](const NamedTissue* each) { return describe_condition(*each); }) +
+         text_line("): the default of %.6g N/m and %.6g N is taken; ",
+                   scene.tissue.stiffness_N_per_m, scene.tissue.threshold_N) +
+         "change a tissue's labels or hu, name a tissue in the slice, or give the scene a "
+         "\"tissue\"";
 }
 
 namespace {
 
-// Limits of contact_feel.h.
+/// Reason why the tool does not touch a slice.
+enum class Miss : std::uint8_t {
+  kTouched,      ///< touched, or unknown because the dry run had a fault or ended too early
+  kBeginsBelow,  ///< the path begins below the slice and never comes from above
+  kStaysAbove,   ///< the path never goes below the slice
+  kTooLate,      ///< the path goes below the slice only after the session's end
+  kLetGo,        ///< the path goes below the slice only after the hand has let go
+  kMissed,       ///< too little material is under the tool where the path crosses the slice
+  kHeld,         ///< forces keep the tool from following the path down to the slice
+};
+
+/// The crossing of the hand's path with a sheet, and why the tool does not touch this sheet.
+struct SheetView {
+  /// The first crossing before the hand lets go that has enough material under the tool. If there
+  /// is no such crossing, the first of all crossings. None: the path does not cross the sheet.
+  std::optional<SheetCrossing> crossing;
+  Miss miss = Miss::kTouched;
+};
+
+/// Everything from which the text and the warnings of a check are made.
+struct Evaluation {
+  const Scene& scene;
+  const DeviceSpecification& device;
+  const std::vector<std::unique_ptr<const Sheet>>& sheets;
+  const SessionOptions& options;
+  Tool tool = make_tool(scene.tool);
+  HandTrajectory path = hand_trajectory(scene);
+  double end_s = 0;                 ///< time of the last tick
+  double let_go_s = 0;              ///< time until which the hand holds the tool, at most end_s
+  PathReport report{};              ///< the path up to let_go_s, or to the end of the dry run
+  std::optional<DryRun> dry_run{};  ///< none: the session cannot start, or the hand is live
+  /// Force law `cutting` only: the result of try_letting_go(), if the dry run had contact
+  /// and no fault.
+  std::optional<LetGoTrial> let_go{};
+  std::vector<SheetView> views{};
+
+  /// Returns true if the dry run had a fault, or if there is no dry run.
+  bool has_fault() const { return !dry_run || dry_run->fault != Fault::kNone; }
+  /// Time at which the dry run ended; 0: there was none.
+  double dry_run_end_s() const {
+    return dry_run ? static_cast<double>(dry_run->ticks) / options.rate_Hz : 0;
+  }
+};
+
+/// Returns the force at which a sheet is punctured, as the device renders it. None: the force law
+/// `cutting` cuts the sheet's tissue (Tissue::cut), which breaks at the strength under the tool.
+std::optional<double> rendered_threshold_N(const Evaluation& e, std::size_t index) {
+  const Tissue& tissue = e.sheets[index]->tissue;
+  if (e.scene.force_law.kind == ForceLawKind::kCutting && tissue.cut) return std::nullopt;
+  return e.scene.force_law.force_scale * tissue.threshold_N;
+}
+
+/// Returns a text such as "x -0.050 to 0.050, y -0.050 to 0.050 m".
+std::string describe_rectangle(const WorkspaceRectangle& rectangle) {
+  return text_line("x %.3f to %.3f, y %.3f to %.3f m", rectangle.min_m.x(), rectangle.max_m.x(),
+                   rectangle.min_m.y(), rectangle.max_m.y());
+}
+
+// Limits of ContactFeel.
 constexpr double kMaxPastFront_m = 3e-3, kMaxFrontJump_m = 1.5e-3, kMaxAlternation_N = 5,
                  kMaxLetGo_m = 3e-3, kMaxLetGo_m_per_s = 0.25;
 
@@ -92,7 +219,7 @@ Pose plate_at(const RecordingRow& row) {
 }
 
 /// Returns advice on a pose that exceeds a limit.
-std::string advise_on_workspace(const SceneEvaluation& e, const Eigen::Vector3d& tip_m) {
+std::string advise_on_workspace(const Evaluation& e, const Eigen::Vector3d& tip_m) {
   const SafetyLimits& limits = e.options.limits;
   if (const auto r = workspace_rectangle(e.device, limits, e.tool, tip_m.z())) {
     const bool inside = (tip_m.head<2>().array() >= r->min_m.array()).all() &&
@@ -106,7 +233,7 @@ std::string advise_on_workspace(const SceneEvaluation& e, const Eigen::Vector3d&
                  : "choose another device description: this one reaches nothing";
 }
 
-std::string advise(const SceneEvaluation& e, Fault fault, const Eigen::Vector3d& tip_m) {
+std::string advise(const Evaluation& e, Fault fault, const Eigen::Vector3d& tip_m) {
   switch (fault) {
     case Fault::kWorkspace:
     case Fault::kJointLimit:
@@ -134,12 +261,11 @@ std::string at_time(double t_s) {
 }
 
 /// Returns the warning that a fault ends the session, if it does.
-std::optional<std::string> warn_of_end(const SceneEvaluation& e) {
+std::optional<std::string> warn_of_end(const Evaluation& e) {
   if (!e.dry_run) {
     const HandKeyframe& start = e.path.keyframes.front();
     const Eigen::Vector3d& tip_m = start.T_device_tool.p_m;
-    const std::string what =
-        e.report.breaches.empty() ? std::string("out of reach") : e.report.breaches.front().what;
+    const std::string what = e.report.breach ? e.report.breach->what : "out of reach";
     return at_time(0) + "the session cannot start with the tip at " + describe_point(tip_m) + ": " +
            what + ": " + advise_on_workspace(e, tip_m);
   }
@@ -153,17 +279,11 @@ std::optional<std::string> warn_of_end(const SceneEvaluation& e) {
            to_string(Fault{dry_run.fault}) + (what.empty() ? "" : ": " + what) + ": " +
            advise(e, dry_run.fault, T_device_plate * e.tool.tip_plate_m);
   }
-  if (!dry_run.is_shortened()) return std::nullopt;
-  const PathReport rest = evaluate_path(e.path, e.device, e.options.limits, e.tool,
-                                        e.dry_run_end_s(), std::max(e.let_go_s, e.dry_run_end_s()));
-  if (rest.breaches.empty() || e.let_go_s <= e.dry_run_end_s()) return std::nullopt;
-  const PathBreach& breach = rest.breaches.front();
-  return at_time(breach.t_s) + "the path leads to the fault " + to_string(breach.fault) + ": " +
-         breach.what + ": " + advise(e, breach.fault, breach.tip_m);
+  return std::nullopt;
 }
 
 /// Returns a text such as "slices 3-5 at 0.1200 to 0.1400 m". `sheets`: the topmost first.
-std::string name_sheets(const SceneEvaluation& e, const std::vector<std::size_t>& sheets) {
+std::string name_sheets(const Evaluation& e, const std::vector<std::size_t>& sheets) {
   std::vector<int> slices;
   slices.reserve(sheets.size());
   for (const std::size_t i : sheets)
@@ -208,7 +328,7 @@ std::optional<std::size_t> find_loaded_sheet(const DryRun& dry_run, std::size_t 
 }
 
 /// Returns the reason why a sheet was not touched although the path crosses its material.
-std::string describe_held(const SceneEvaluation& e, std::size_t index) {
+std::string describe_held(const Evaluation& e, std::size_t index) {
   const DryRun& dry_run = *e.dry_run;
   if (dry_run.sheets[index].missed) {
     return "the tool does not stay on the path and misses the material: use a stiffer hand "
@@ -227,7 +347,7 @@ std::string describe_held(const SceneEvaluation& e, std::size_t index) {
 }
 
 /// Describes the first of several sheets whose material the path misses.
-std::string describe_missed(const SceneEvaluation& e, const std::vector<std::size_t>& sheets) {
+std::string describe_missed(const Evaluation& e, const std::vector<std::size_t>& sheets) {
   const SheetCrossing& crossing = *e.views[sheets.front()].crossing;
   const Sheet& sheet = *e.sheets[sheets.front()];
   return (sheets.size() == 1 ? "" : name_slices({sheet.slice_index}) + ": ") +
@@ -239,8 +359,7 @@ std::string describe_missed(const SceneEvaluation& e, const std::vector<std::siz
          describe_material(sheet, crossing.tip_m.head<2>()) + ": move the path or the placement";
 }
 
-std::string warn_of_miss(const SceneEvaluation& e, Miss miss,
-                         const std::vector<std::size_t>& sheets) {
+std::string warn_of_miss(const Evaluation& e, Miss miss, const std::vector<std::size_t>& sheets) {
   const std::optional<SheetCrossing>& crossing = e.views[sheets.front()].crossing;
   std::string text = name_sheets(e, sheets) + ": never touched: ";
   switch (miss) {
@@ -276,7 +395,7 @@ std::string warn_of_miss(const SceneEvaluation& e, Miss miss,
   return text;
 }
 
-void warn_of_misses(const SceneEvaluation& e, std::vector<std::string>& warnings) {
+void warn_of_misses(const Evaluation& e, std::vector<std::string>& warnings) {
   for (const Miss miss : {Miss::kBeginsBelow, Miss::kStaysAbove, Miss::kTooLate, Miss::kLetGo,
                           Miss::kMissed, Miss::kHeld}) {
     std::vector<std::size_t> sheets;
@@ -287,8 +406,8 @@ void warn_of_misses(const SceneEvaluation& e, std::vector<std::string>& warnings
   }
 }
 
-/// Warns of contact that does not feel like bone (contact_feel.h).
-void warn_of_feel(const SceneEvaluation& e, std::vector<std::string>& warnings) {
+/// Warns of contact that does not feel like bone.
+void warn_of_feel(const Evaluation& e, std::vector<std::string>& warnings) {
   if (!e.dry_run) return;
   const ContactFeel& feel = e.dry_run->feel;
   if (feel.past_front.value > kMaxPastFront_m)
@@ -325,7 +444,7 @@ void warn_of_feel(const SceneEvaluation& e, std::vector<std::string>& warnings) 
 }
 
 /// Returns the warning about a target that the tip cannot reach, if it cannot.
-std::optional<std::string> warn_of_target(const SceneEvaluation& e) {
+std::optional<std::string> warn_of_target(const Evaluation& e) {
   if (!e.scene.goals || !e.scene.goals->target) return std::nullopt;
   const Eigen::Vector3d at_m(e.scene.goals->target->at_m.data());
   const double radius_m = e.scene.goals->target->radius_m;
@@ -338,18 +457,8 @@ std::optional<std::string> warn_of_target(const SceneEvaluation& e) {
          (r ? describe_rectangle(*r) : std::string("nothing at that height")) + ": move it";
 }
 
-/// Warns of what does not depend on how the hand moves.
-void warn_of_scene(const SceneEvaluation& e, const std::vector<SliceTissue>& tissues,
-                   std::vector<std::string>& warnings) {
-  if (const auto unfitting = warn_of_unfitting(e.scene, tissues)) warnings.push_back(*unfitting);
-  if (const auto target = warn_of_target(e)) warnings.push_back(*target);
-}
-
-}  // namespace
-
-std::vector<std::string> find_warnings(const SceneEvaluation& e,
-                                       const std::vector<SliceTissue>& tissues) {
-  std::vector<std::string> warnings;
+/// Warns of what the hand's path and the dry run show.
+void warn_of_session(const Evaluation& e, std::vector<std::string>& warnings) {
   const std::optional<std::string> end = warn_of_end(e);
   if (end) warnings.push_back(*end);
   // A path that ends within a bone volume does not cross all of its slices.
@@ -373,14 +482,10 @@ std::vector<std::string> find_warnings(const SceneEvaluation& e,
     warnings.push_back("a hole cannot be cut: " + e.dry_run->hole_error->message);
   }
   warn_of_feel(e, warnings);
-  warn_of_scene(e, tissues, warnings);
-  return warnings;
 }
 
-std::vector<std::string> find_live_hand_warnings(const SceneEvaluation& e,
-                                                 const std::vector<SliceTissue>& tissues,
-                                                 const Result<LiveHandLimits>& hand) {
-  std::vector<std::string> warnings;
+void warn_of_live_hand(const Evaluation& e, const Result<LiveHandLimits>& hand,
+                       std::vector<std::string>& warnings) {
   std::vector<std::size_t> outside;
   if (!hand) warnings.push_back(hand.error().message);
   for (std::size_t i = 0; hand && i < e.sheets.size(); ++i) {
@@ -392,13 +497,9 @@ std::vector<std::string> find_live_hand_warnings(const SceneEvaluation& e,
                        text_line(": out of the live hand's heights, which are %.4f to %.4f m: move "
                                  "the slices, or begin at another height",
                                  hand->min_m.z(), hand->max_m.z()));
-  warn_of_scene(e, tissues, warnings);
-  return warnings;
 }
 
-namespace {
-
-SheetView view_sheet(const SceneEvaluation& e, std::size_t index) {
+SheetView view_sheet(const Evaluation& e, std::size_t index) {
   const ContactModel contact;
   const Sheet& sheet = *e.sheets[index];
   const std::vector<SheetCrossing> crossings = sheet_crossings(e.path, e.tool, sheet);
@@ -426,19 +527,20 @@ SheetView view_sheet(const SceneEvaluation& e, std::size_t index) {
   return view;
 }
 
-}  // namespace
-
-Result<SceneEvaluation> evaluate_scene(const Scene& scene, const DeviceToCheck& device,
-                                       const std::vector<std::unique_ptr<const Sheet>>& sheets,
-                                       const SessionOptions& options) {
-  SceneEvaluation e{
+/// Follows the path and does a dry run. With a live hand there is no dry run, and SheetView::miss
+/// is kTouched for every sheet. If the device cannot reach the hand's first pose, this is no error,
+/// but the result has no dry run.
+Result<Evaluation> evaluate(const Scene& scene, const DeviceToCheck& device,
+                            const std::vector<std::unique_ptr<const Sheet>>& sheets,
+                            const SessionOptions& options) {
+  Evaluation e{
       .scene = scene, .device = device.specification, .sheets = sheets, .options = options};
-  e.tool = make_tool(scene.tool);
-  e.path = hand_trajectory(scene);
-  e.end_s =
-      static_cast<double>(tick_count(options.duration_s, options.rate_Hz) - 1) / options.rate_Hz;
+  const std::uint64_t ticks = tick_count(options.duration_s, options.rate_Hz);
+  e.end_s = static_cast<double>(ticks - 1) / options.rate_Hz;
   e.let_go_s = std::min(e.end_s, scene.hand.let_go_t_s.value_or(e.end_s));
-  e.report = evaluate_path(e.path, e.device, options.limits, e.tool, 0, e.let_go_s);
+  e.report =
+      evaluate_path(e.path, e.device, options.limits, e.tool, options.rate_Hz,
+                    std::min(e.let_go_s, static_cast<double>(kMaxDryRunTicks) / options.rate_Hz));
   if (scene.hand.live) {
     e.views.resize(sheets.size());
     return e;
@@ -460,22 +562,9 @@ Result<SceneEvaluation> evaluate_scene(const Scene& scene, const DeviceToCheck& 
   return e;
 }
 
-std::optional<double> rendered_threshold_N(const SceneEvaluation& e, std::size_t index) {
-  const Tissue& tissue = e.sheets[index]->tissue;
-  if (e.scene.force_law.kind == ForceLawKind::kCutting && tissue.cut) return std::nullopt;
-  return e.scene.force_law.force_scale * tissue.threshold_N;
-}
-
-std::string describe_rectangle(const WorkspaceRectangle& rectangle) {
-  return text_line("x %.3f to %.3f, y %.3f to %.3f m", rectangle.min_m.x(), rectangle.max_m.x(),
-                   rectangle.min_m.y(), rectangle.max_m.y());
-}
-
-namespace {
-
 constexpr std::size_t kMaxListedHeights = 5;
 
-std::string describe_path(const SceneEvaluation& e) {
+std::string describe_path(const Evaluation& e) {
   const PathReport& r = e.report;
   std::string out = text_line(
       "path       %.6g s, tip x %.4f to %.4f, y %.4f to %.4f, z %.4f to %.4f m; speed at most %.3g "
@@ -490,14 +579,14 @@ std::string describe_path(const SceneEvaluation& e) {
       r.tilt_max_rad * kDegreesPerRadian, e.options.limits.plate_tilt_max_rad * kDegreesPerRadian);
   const std::string own = r.device.is_reachable ? e.device.describe_margins(r.device) : "";
   out += own.empty() ? "\n" : "; " + own + "\n";
-  if (e.has_fault() || r.breaches.empty() || r.breaches.front().t_s > e.dry_run_end_s()) return out;
+  if (e.has_fault() || !r.breach) return out;
   return out + text_line(
                    "           at %.4f s the hand pulls beyond a limit (%s), but the tool does "
                    "not get there\n",
-                   r.breaches.front().t_s, r.breaches.front().what.c_str());
+                   r.breach->t_s, r.breach->what.c_str());
 }
 
-std::string describe_workspace(const SceneEvaluation& e) {
+std::string describe_workspace(const Evaluation& e) {
   const SafetyLimits& limits = e.options.limits;
   const auto heights = workspace_heights(e.device, limits, e.tool);
   if (!heights) return "workspace  nothing with the plate upright\n";
@@ -539,7 +628,7 @@ std::string describe_live_hand(const LiveHandLimits& hand) {
       hand.min_m.z(), hand.max_m.z(), hand.speed_max_m_per_s);
 }
 
-std::string describe_feel(const SceneEvaluation& e) {
+std::string describe_feel(const Evaluation& e) {
   const ContactFeel& feel = e.dry_run->feel;
   std::string out = text_line(
       "           the law wants %.2f to %.2f N along z; at most %.2f N alternate from "
@@ -557,7 +646,7 @@ std::string describe_feel(const SceneEvaluation& e) {
   return out;
 }
 
-std::string describe_dry_run(const SceneEvaluation& e) {
+std::string describe_dry_run(const Evaluation& e) {
   if (!e.dry_run) return "dry run    none: the session cannot start\n";
   const DryRun& dry_run = *e.dry_run;
   const auto touched = std::count_if(dry_run.sheets.begin(), dry_run.sheets.end(),
@@ -568,7 +657,7 @@ std::string describe_dry_run(const SceneEvaluation& e) {
   std::string out = text_line("dry run    %llu ticks in virtual time",  //
                               static_cast<unsigned long long>(dry_run.ticks));
   if (dry_run.is_shortened()) {
-    out += text_line(", %.6g of %.6g s; after that only the path is evaluated", e.dry_run_end_s(),
+    out += text_line(", %.6g of %.6g s; what comes after that is not checked", e.dry_run_end_s(),
                      e.options.duration_s);
   }
   out +=
@@ -583,10 +672,37 @@ std::string describe_dry_run(const SceneEvaluation& e) {
   return out + '\n' + describe_feel(e);
 }
 
-std::string describe_slice(const SceneEvaluation& e, std::size_t index,
-                           const SliceRequirements& needs, const TissueChoice& choice) {
+/// Describes what the scene, without its slices, takes: bytes that are loaded and kept, ticks and tool.
+std::string describe_scene(const Evaluation& e, const LoadedBytes& bytes) {
+  // A sheet needs memory for its mesh and for two grids in which triangles are searched. The sheet's replicas
+  // (runtime/session/remesher.h) share it. If holes change the mesh, a replica needs more bytes, which are not counted.
+  std::uint64_t kept = 0;
+  for (const auto& sheet : e.sheets)
+    kept += sheet->mesh.bytes() + sheet->grid.bytes() + sheet->boundary_grid.bytes();
+  std::string out = text_line("scene      %s\n", e.scene.name.c_str());
+  out += text_line(
+      "asset      %s: %zu of its %zu slices, %.1f of its %.1f kB read, %.1f kB kept in memory\n",
+      e.scene.asset.c_str(), e.sheets.size(), bytes.asset_slices,
+      static_cast<double>(bytes.read) / 1e3, static_cast<double>(bytes.asset) / 1e3,
+      static_cast<double>(kept) / 1e3);
+  out += "device     " + std::string(e.device.name()) + ", " + e.device.describe_strength() + "\n";
+  out += text_line(
+      "loop       %.6g Hz for %.6g s: %llu ticks\n", e.options.rate_Hz, e.options.duration_s,
+      static_cast<unsigned long long>(tick_count(e.options.duration_s, e.options.rate_Hz)));
+  return out + text_line("tool       %d corners, %.3g mm from the axis\n", e.tool.sides,
+                         (e.tool.corner_plate_m[0] - e.tool.tip_plate_m).norm() * 1e3);
+}
+
+std::string describe_slice(const Evaluation& e, std::size_t index, ForceLaw& law,
+                           const TissueChoice& choice) {
+  const Sheet& sheet = *e.sheets[index];
   const std::optional<SheetCrossing>& crossing = e.views[index].crossing;
-  std::string out = needs.mesh + "; " + describe_choice(e.scene, choice) + "\n           ";
+  const TipForce tip = law.tip_force(index, sheet);
+  std::string out =
+      text_line("slice %-4d at %.4f m: %zu vertices, %zu triangles; %.6g N/m up to %.6g N",
+                sheet.slice_index, sheet.z_m, sheet.mesh.vertices_in_use(),
+                sheet.mesh.triangles_in_use(), tip.stiffness_N_per_m, tip.threshold_N);
+  out += "; " + describe_choice(e.scene, choice) + "\n           ";
   out += crossing ? text_line(
                         "the path goes through at %.4f s at (%.4f, %.4f) m: %.0f %% of the "
                         "tool over material; ",
@@ -594,27 +710,25 @@ std::string describe_slice(const SceneEvaluation& e, std::size_t index,
                         100 * crossing->coverage)
                   : std::string(e.scene.hand.live ? "" : "the path does not go through; ") +
                         "at the anchor ";
-  out += needs.force + '\n';
+  // A pose in which the tool is assumed to touch the sheet, and the one in which it breaks there.
+  const Pose touching = crossing && is_upright(e.tool, crossing->T_device_plate)
+                            ? crossing->T_device_plate
+                            : over_anchor(sheet, e.tool);
+  Pose breaking = touching;
+  breaking.p_m.z() -= tip.threshold_N / tip.stiffness_N_per_m;
+  out += e.device.describe_demand("threshold", breaking,
+                                  wrench_at({0, 0, tip.scale * tip.threshold_N},
+                                            breaking * e.tool.tip_plate_m, breaking)) +
+         law.describe_sheet(index, sheet, touching) + '\n';
   if (!e.dry_run || !e.dry_run->sheets[index].touched) return out;
-  const SheetDryRun& sheet = e.dry_run->sheets[index];
-  out += text_line("           touched at %.4f s, bears at most %.2f", sheet.touched_t_s,
-                   sheet.force_max_N);
+  const SheetDryRun& dry_run = e.dry_run->sheets[index];
+  out += text_line("           touched at %.4f s, bears at most %.2f", dry_run.touched_t_s,
+                   dry_run.force_max_N);
   const std::optional<double> threshold_N = rendered_threshold_N(e, index);
   out += threshold_N ? text_line(" of %.6g N", *threshold_N) : std::string(" N");
-  return out + (sheet.punctured_t_s >= 0 ? text_line(", punctured at %.4f s\n", sheet.punctured_t_s)
-                                         : std::string(", not punctured\n"));
-}
-
-/// Returns the poses in which the tool is assumed to touch the sheets.
-std::vector<Pose> touching_poses(const SceneEvaluation& e) {
-  std::vector<Pose> poses;
-  for (std::size_t i = 0; i < e.sheets.size(); ++i) {
-    const std::optional<SheetCrossing>& crossing = e.views[i].crossing;
-    poses.push_back(crossing && is_upright(e.tool, crossing->T_device_plate)
-                        ? crossing->T_device_plate
-                        : over_anchor(*e.sheets[i], e.tool));
-  }
-  return poses;
+  return out + (dry_run.punctured_t_s >= 0
+                    ? text_line(", punctured at %.4f s\n", dry_run.punctured_t_s)
+                    : std::string(", not punctured\n"));
 }
 
 }  // namespace
@@ -623,25 +737,33 @@ Result<SceneCheck> check_scene(const Scene& scene, const DeviceToCheck& device,
                                const std::vector<std::unique_ptr<const Sheet>>& sheets,
                                const std::vector<SliceTissue>& tissues, const LoadedBytes& bytes,
                                const SessionOptions& options) {
-  Result<SceneEvaluation> evaluated = evaluate_scene(scene, device, sheets, options);
+  Result<Evaluation> evaluated = evaluate(scene, device, sheets, options);
   if (!evaluated) return evaluated.error();
-  const SceneEvaluation& e = *evaluated;
-  const Result<SceneRequirements> needs =
-      describe_requirements(scene, e.device, sheets, touching_poses(e), bytes, options);
-  if (!needs) return needs.error();
+  Evaluation& e = *evaluated;
+  std::vector<const Sheet*> all;
+  for (const auto& sheet : sheets)
+    all.push_back(sheet.get());
+  const auto law = make_force_law({scene, e.device, all, options.rate_Hz, {}, options.stiffness});
+  if (!law) return law.error();
   SceneCheck check;
+  check.text = describe_scene(e, bytes) + (*law)->describe() + describe_workspace(e);
   if (scene.hand.live) {
     const Result<LiveHandLimits> hand = live_hand_limits(scene, e.device, options.limits);
-    check.text = needs->scene + describe_workspace(e) + (hand ? describe_live_hand(*hand) : "");
-    check.warnings = find_live_hand_warnings(e, tissues, hand);
+    if (hand) check.text += describe_live_hand(*hand);
+    warn_of_live_hand(e, hand, check.warnings);
   } else {
-    check.text = needs->scene + describe_workspace(e) + describe_path(e) + describe_dry_run(e);
-    check.warnings = find_warnings(e, tissues);
+    check.text += describe_path(e) + describe_dry_run(e);
+    warn_of_session(e, check.warnings);
   }
+  if (const auto unfitting = warn_of_unfitting(scene, tissues))
+    check.warnings.push_back(*unfitting);
+  if (const auto target = warn_of_target(e)) check.warnings.push_back(*target);
   for (std::size_t i = 0; i < sheets.size(); ++i)
-    check.text += describe_slice(e, i, needs->slices[i], tissues[i].choice);
+    check.text += describe_slice(e, i, **law, tissues[i].choice);
   if (options.is_stopped()) return interrupted();
-  if (!needs->stability_warning.empty()) check.warnings.push_back(needs->stability_warning);
+  if (const std::string unstable = (*law)->stability_warning(); !unstable.empty())
+    check.warnings.push_back(unstable);
+  check.dry_run = std::move(e.dry_run);
   return check;
 }
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Which tissue a slice got and why, and the warning where none fits.
-#include "runtime/check/new_scene.h"
+#include "runtime/check/scene_check.h"
 
 #include <gtest/gtest.h>
 

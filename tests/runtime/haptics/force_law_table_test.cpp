@@ -141,18 +141,18 @@ TEST(ForceLawTable, AnAddedLawIsInTheSessionReportAndInTheCheck) {
   const auto report = nlohmann::json::parse(session_report_json(scene, observer.figures(), facts));
   EXPECT_EQ(report["force_law"].get<std::string>(), "constant");
 
-  const FourLegsSpecification device(default_device_description());
+  const AnyDeviceDescription description = default_device_description();
+  const auto specification = make_specification(description, scene);
   const auto sheets = place_slices(scene, test::square_asset(2), "a");
   ASSERT_TRUE(sheets);
-  const Tool tool = make_tool(scene.tool);
   SessionOptions options;
   options.rate_Hz = 1000;
   options.duration_s = 1;
-  const auto needs = describe_requirements(
-      scene, device, *sheets, {over_anchor(*(*sheets)[0], tool), over_anchor(*(*sheets)[1], tool)},
-      {}, options);
-  ASSERT_TRUE(needs) << needs.error().message;
-  EXPECT_NE(needs->scene.find("force law  constant\n"), std::string::npos);
+  const auto checked = check_scene(
+      scene, {*specification, [&](const Scene& it) { return simulate_device(it, description); }},
+      *sheets, choose_tissues(scene, test::square_asset(2)), {}, options);
+  ASSERT_TRUE(checked) << checked.error().message;
+  EXPECT_NE(checked->text.find("force law  constant\n"), std::string::npos);
 }
 
 TEST(ForceLawTable, TicksOfNoLawAllocate) {
