@@ -12,7 +12,6 @@
 #include <nlohmann/json.hpp>
 #include <span>
 #include <system_error>
-#include <utility>
 #include <vector>
 
 #include "embedded/runtime/report/history_page.js.h"

@@ -1,17 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "runtime/console/server.h"
 
-#include <chrono>
 #include <csignal>
 #include <cstdio>
-#include <memory>
-#include <optional>
 #include <sstream>
-#include <utility>
 
 #include "formats/base/text.h"
 #include "runtime/console/connections.h"
-#include "runtime/console/telemetry_client.h"
 
 namespace trocar::runtime {
 namespace {

@@ -3,7 +3,6 @@
 
 #include <cstdio>
 #include <filesystem>
-#include <string>
 #include <utility>
 
 #include "formats/asset/asset.h"

@@ -4,7 +4,6 @@
 #include <algorithm>
 #include <cmath>
 #include <nlohmann/json.hpp>
-#include <optional>
 #include <utility>
 
 #include "embedded/runtime/report/session_page.js.h"
@@ -13,7 +12,6 @@
 #include "formats/base/json.h"
 #include "formats/base/text.h"
 #include "formats/session/faults.h"
-#include "formats/session/trainee.h"
 #include "runtime/haptics/loop/break_through.h"
 
 namespace trocar::runtime {
