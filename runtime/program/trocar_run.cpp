@@ -178,7 +178,7 @@ Result<void> check_hand_options(const RunArguments& arguments, const Scene& scen
   const bool is_live = scene.hand.live && arguments.replay.empty();
   if (!is_live && !arguments.hand_path.empty())
     return usage("--hand-path: is for a session whose hand is live");
-  if (!is_live || arguments.task == SceneTask::kCheck) return {};
+  if (!is_live || arguments.is_check) return {};
   const std::string live_hand = arguments.scene + ": its hand is live";
   if (arguments.device != kDefaultDevice)
     return usage("--device " + arguments.device + ": " + live_hand +
@@ -287,7 +287,7 @@ Result<SessionOptions> options_for(const RunArguments& arguments, const SessionI
   };
   options.stop = &stop_requested;
   options.recover = &recovery_requested;
-  if (!options.black_box && arguments.task == SceneTask::kSession)
+  if (!options.black_box && !arguments.is_check && arguments.replay.empty())
     options.black_box = default_black_box(arguments);
   if (inputs.pose_device) {
     if (const auto stated = read_pose_device_origin(inputs.replay_origin))
@@ -377,7 +377,7 @@ int check_inputs(const RunArguments& arguments, const SessionInputs& inputs,
                       ", and --strict allows none"));
 }
 
-/// Runs or replays a session, or checks a scene, as RunArguments::task says.
+/// Runs or replays a session, or checks a scene, as the arguments say.
 int run_scene(const RunArguments& arguments) {
   Result<SessionInputs> inputs = load_inputs(arguments);
   if (!inputs) return fail(inputs.error());
@@ -388,8 +388,7 @@ int run_scene(const RunArguments& arguments) {
   if (!options) return fail(options.error());
   const auto specification = make_specification(inputs->device(), inputs->scene);
   const DeviceSpecification& device = *specification;
-  if (arguments.task == SceneTask::kCheck)
-    return check_inputs(arguments, *inputs, device, *options);
+  if (arguments.is_check) return check_inputs(arguments, *inputs, device, *options);
   const std::optional<std::string> unfitting = warn_of_unfitting(inputs->scene, inputs->tissues);
   if (unfitting && !arguments.quiet) warn(arguments, *unfitting);
   if (const auto done = set_origin(arguments, *inputs, *options); !done) return fail(done.error());
@@ -546,7 +545,7 @@ struct RunCommandLine {
       "a second.",
       kProgram};
   RunArguments arguments;
-  CLI::App *check, *new_scene, *replay, *test, *history, *procedures;
+  CLI::App *check, *new_scene, *test, *history, *procedures;
 
   RunCommandLine() {
     add_help(app, "trocar-run " TROCAR_VERSION " (" + library_versions() +
@@ -560,9 +559,8 @@ struct RunCommandLine {
     check = add("check", "check a scene: path, forces and region, then a dry run with warnings",
                 declare_check, arguments);
     new_scene = add("new-scene", "propose a scene for an asset", declare_new_scene, arguments);
-    replay =
-        add("replay", "compute a recorded session again from its inputs, and compare the torques",
-            declare_replay, arguments);
+    add("replay", "compute a recorded session again from its inputs, and compare the torques",
+        declare_replay, arguments);
     test = add("test", "read a device without force: would a session run without faults?",
                declare_test, arguments);
     history = add("history", "write the learning curves of a folder of sessions", declare_history,
@@ -586,8 +584,7 @@ struct RunCommandLine {
       if (arguments.scene.empty()) return fail(usage("SCENE is required (see trocar-run --help)"));
       if (const auto good = check_command(app, arguments.scene); !good) return fail(good.error());
     }
-    if (command == check) arguments.task = SceneTask::kCheck;
-    if (command == replay) arguments.task = SceneTask::kReplay;
+    arguments.is_check = command == check;
     if (const auto good = check_options(arguments); !good) return fail(good.error());
     stop_on_signals();
     struct sigaction action {};
