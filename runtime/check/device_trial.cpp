@@ -8,7 +8,6 @@
 #include <utility>
 
 #include "formats/base/text.h"
-#include "runtime/realtime/realtime_thread.h"
 #include "runtime/session/pose_session.h"
 
 namespace trocar::runtime {

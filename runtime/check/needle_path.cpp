@@ -2,18 +2,13 @@
 #include "runtime/check/needle_path.h"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
-#include <cstdint>
-#include <limits>
 #include <numbers>
-#include <string>
 #include <tuple>
 
 #include "formats/base/json.h"
 #include "formats/base/text.h"
 #include "formats/session/scene.h"
-#include "runtime/haptics/sheet.h"
 
 namespace trocar::runtime {
 namespace {

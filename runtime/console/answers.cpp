@@ -1,18 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "runtime/console/answers.h"
 
-#include <Eigen/Geometry>
 #include <algorithm>
-#include <array>
 #include <cmath>
-#include <cstdint>
 #include <map>
 #include <nlohmann/json.hpp>
 #include <span>
-#include <string>
-#include <string_view>
 #include <utility>
-#include <vector>
 
 #include "formats/asset/asset.h"
 #include "formats/asset/asset_index.h"
@@ -61,6 +55,26 @@ Result<std::string> glb_json(const std::filesystem::path& file) {
   return text;
 }
 
+namespace {
+
+/// A scene's bone as the console shows it: the asset, and where its slices lie in {B}.
+struct PlacedBone {
+  Scene scene;
+  Asset asset;  ///< the part of the asset that the scene uses: its slices, with one mesh each
+  std::vector<std::unique_ptr<const Sheet>> sheets;
+  std::vector<AssetSurface> surfaces;
+  /// All slices of the asset, also those that the scene does not use. Empty if load_bone() has read
+  /// only the scene's slices (BoneParts).
+  std::vector<AssetSlice> all;
+};
+
+/// The parts of an asset that load_bone() reads. kForView: the scene's slices, with HU at their
+/// vertices; if the asset has a surface, also the surface and all other slices. kWithVolumes: the
+/// whole asset, with its volumes of HU.
+enum class BoneParts : std::uint8_t { kForView, kWithVolumes };
+
+/// Loads a scene and its bone. If `asset` is not empty, it replaces the asset that the scene names.
+/// Errors: kRefused if trocar-run would refuse the scene or the asset.
 Result<PlacedBone> load_bone(const std::filesystem::path& scene_file,
                              const std::filesystem::path& asset, BoneParts parts) {
   PlacedBone loaded;
@@ -103,11 +117,15 @@ Result<PlacedBone> load_bone(const std::filesystem::path& scene_file,
   return loaded;
 }
 
+/// Returns the slice of the asset with this slice index. Precondition: the slice exists.
 const AssetSlice& slice_of(const Asset& asset, int index) {
   return *std::find_if(asset.slices.begin(), asset.slices.end(),
                        [index](const AssetSlice& slice) { return slice.index == index; });
 }
 
+/// Returns the transform from the patient's frame (LPS) to the frame of the topmost sheet's slice
+/// (u, v and the slice normal), both in mm. Errors: kRefused if the sheets do not lie relative to
+/// each other as in the scan; the message is a sentence that says why.
 Result<Eigen::Affine3d> plane_of_surface(const PlacedBone& loaded) {
   const Sheet& top = *loaded.sheets.front();
   const Eigen::Affine3d T_plane_lps = slice_of(loaded.asset, top.slice_index).T_lps_plane.inverse();
@@ -124,6 +142,8 @@ Result<Eigen::Affine3d> plane_of_surface(const PlacedBone& loaded) {
   return T_plane_lps;
 }
 
+/// Returns the transform from the patient's frame (LPS, mm) to {B} (m), including the scale from mm
+/// to m. Errors: those of plane_of_surface().
 Result<Eigen::Affine3d> device_of_patient(const PlacedBone& loaded) {
   const auto T_plane_lps = plane_of_surface(loaded);
   if (!T_plane_lps) return T_plane_lps.error();
@@ -140,8 +160,6 @@ Result<Eigen::Affine3d> device_of_patient(const PlacedBone& loaded) {
     T.linear().col(axis) = in_device(Eigen::Vector3d::Unit(axis)) - T.translation();
   return T;
 }
-
-namespace {
 
 double squared(double value) {
   return value * value;
@@ -347,8 +365,6 @@ Result<PatientBone> patient_bone_of(const std::filesystem::path& scene_file,
 
 namespace {
 
-using nlohmann::json;
-
 constexpr std::uint64_t kMaxBytes = std::uint64_t{2} << 30;
 constexpr std::size_t kMaxRows = 200'000;
 constexpr int kContactPhases = static_cast<int>(ContactPhase::kFault) + 1;
@@ -503,8 +519,6 @@ Result<std::string> rows_of(const std::filesystem::path& recording) {
 }
 
 namespace {
-
-using nlohmann::json;
 
 /// More samples than these are thinned, by whole columns and rows.
 constexpr std::size_t kMaxSamples = std::size_t{32} << 20;

@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// Boost.Beast with short names. Boost.Beast takes long to compile, so only files that handle
-// sockets include this header.
+// The connections of the console, by HTTP and by WebSocket. Boost.Beast takes long to compile, so
+// only files that handle sockets include this header.
 #pragma once
 
+#include <array>
 #include <boost/asio.hpp>
 #include <boost/beast/core.hpp>
 #include <boost/beast/http.hpp>
@@ -126,5 +127,54 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
   bool keep_ = false, is_idle_ = true, has_shown_token_ = false;
   int drained_ = 0;
 };
+
+struct HandRequest;
+
+/// One client, which is a page or a script that is connected by the WebSocket /live (protocol.md).
+class TelemetryClient : public std::enable_shared_from_this<TelemetryClient> {
+ public:
+  using Clock = std::chrono::steady_clock;
+  TelemetryClient(ConsoleState& console, beast::tcp_stream stream, std::string from)
+      : console_(console), socket_(std::move(stream)), from_(std::move(from)) {}
+
+  /// Answers the handshake and begins to read messages. If the client does not send its token
+  /// (Tokens in access.h) within 5 s, the connection is closed.
+  void run(const Request& request);
+  /// Sends the next message, if the previous message has been sent and a message is due. If the
+  /// client has stalled (ClientProgress::is_stalled()), closes the connection. The server calls
+  /// this after each poll of the session.
+  void pump(Clock::time_point now);
+  /// Closes the connection immediately, without a closing message to the client.
+  void abort();
+  Role role() const noexcept { return role_; }  ///< kNone until the client has sent its token
+
+ private:
+  void read();
+  void on_error(beast::error_code error);
+  void on_message();
+  bool on_first(const std::string& text);
+  bool on_later(const std::string& text);
+  bool on_hand(const HandRequest& request);
+  void release_hand();
+  /// True if the number of clients with this client's role, including this client, is at most 16
+  /// for kView, or 8 for kOperator.
+  bool has_place() const;
+  void close(websocket::close_code code);
+  std::function<void(beast::error_code, std::size_t)> written();
+
+  ConsoleState& console_;
+  websocket::stream<beast::tcp_stream> socket_;
+  std::string from_;
+  beast::flat_buffer buffer_;
+  Role role_ = Role::kNone;
+  bool is_writing_ = false, is_closing_ = false;
+  Clock::time_point opened_at_;
+  ClientProgress progress_;
+  ClientMessage message_;  ///< the message that is being sent
+  std::array<std::uint32_t, 2> head_{};
+};
+
+/// Returns the number of connected clients with a role.
+std::size_t count_clients(const ConsoleState& console, Role role);
 
 }  // namespace trocar::runtime

@@ -2,17 +2,15 @@
 #include "runtime/console/files.h"
 
 #include <sodium.h>
+#include <Eigen/Core>
 #include <algorithm>
 #include <array>
 #include <charconv>
 #include <cmath>
-#include <cstdio>
 #include <limits>
-#include <memory>
 #include <nlohmann/json.hpp>
 #include <span>
 #include <system_error>
-#include <utility>
 #include <vector>
 
 #include "embedded/runtime/report/history_page.js.h"
@@ -180,20 +178,6 @@ json describe(const Scene& scene, const std::string& name) {
   return entry;
 }
 
-/// Bounds of all positions of slices, in their planes and along their normal.
-struct Extent {
-  std::array<double, 3> low{}, high{};
-  bool is_set = false;
-  void add(std::size_t axis, double value) {
-    low[axis] = is_set_[axis] ? std::min(low[axis], value) : value;
-    high[axis] = is_set_[axis] ? std::max(high[axis], value) : value;
-    is_set_[axis] = is_set = true;
-  }
-
- private:
-  std::array<bool, 3> is_set_{};
-};
-
 std::optional<double> number_at(const json& list, std::size_t index) {
   if (!list.is_array() || index >= list.size() || !list[index].is_number()) return std::nullopt;
   return list[index].get<double>();
@@ -231,7 +215,8 @@ json describe_asset(const json& document, const std::string& name) {
   // The matrix of node 0 converts a slice's units to metres.
   const double unit_mm =
       nodes.empty() ? 0 : std::abs(number_at(member(nodes[0], "matrix"), 0).value_or(0)) * 1e3;
-  Extent extent;
+  constexpr double kUnset = std::numeric_limits<double>::infinity();
+  Eigen::Array3d low = Eigen::Array3d::Constant(kUnset), high = -low;
   std::uint64_t surface_triangles = 0;
   std::size_t seen = 0;  // primitives of all nodes; several nodes may share a mesh
   for (const json& node : nodes) {
@@ -259,19 +244,21 @@ json describe_asset(const json& document, const std::string& name) {
       for (const char* end : {"min", "max"}) {
         const json& bound = member(*positions, end);
         for (std::size_t axis = 0; axis < 3; ++axis) {
-          if (const auto x = number_at(bound, axis))
-            extent.add(axis, *x + number_at(shift, axis).value_or(0) +
-                                 number_at(matrix, kShiftOfMatrix + axis).value_or(0));
+          const auto x = number_at(bound, axis);
+          if (!x) continue;
+          const double at = *x + number_at(shift, axis).value_or(0) +
+                            number_at(matrix, kShiftOfMatrix + axis).value_or(0);
+          const auto i = static_cast<Eigen::Index>(axis);
+          low[i] = std::min(low[i], at);
+          high[i] = std::max(high[i], at);
         }
       }
     }
   }
   entry["slices"] = stated;
-  if (extent.is_set && std::isfinite(unit_mm)) {
-    json sides = json::array();
-    for (std::size_t axis = 0; axis < 3; ++axis)
-      sides.push_back((extent.high[axis] - extent.low[axis]) * unit_mm);
-    entry["extent_mm"] = sides;
+  if (low.minCoeff() < kUnset && std::isfinite(unit_mm)) {
+    const Eigen::Array3d sides_mm = (low <= high).select(high - low, 0) * unit_mm;
+    entry["extent_mm"] = {sides_mm[0], sides_mm[1], sides_mm[2]};
   }
   entry["surface_triangles"] = surface_triangles;
   return entry;

@@ -1,18 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "runtime/console/server.h"
 
-#include <chrono>
 #include <csignal>
 #include <cstdio>
-#include <memory>
-#include <optional>
 #include <sstream>
-#include <utility>
 
 #include "formats/base/text.h"
 #include "runtime/console/connections.h"
-#include "runtime/console/igtl_session.h"
-#include "runtime/console/telemetry_client.h"
 
 namespace trocar::runtime {
 namespace {
@@ -36,10 +30,10 @@ class Server {
   /// `igtl`: null if OpenIGTLink clients are not served.
   Server(ConsoleState& console, tcp::acceptor acceptor, std::unique_ptr<IgtlServer> igtl)
       : console_(console),
+        igtl_(std::move(igtl)),
         acceptor_(std::move(acceptor)),
         timer_(console.context),
         signals_(console.context, SIGINT, SIGTERM, SIGHUP) {
-    if (igtl) igtl_.emplace(console_, std::move(igtl));
     console_.poll_soon = [this] {
       timer_.expires_after(SteadyClock::duration::zero());
       wait();
@@ -135,10 +129,10 @@ class Server {
   }
 
   ConsoleState& console_;
+  std::unique_ptr<IgtlServer> igtl_;
   tcp::acceptor acceptor_;
   net::steady_timer timer_, retry_{console_.context};
   net::signal_set signals_;
-  std::optional<IgtlSession> igtl_;
   bool is_stopping_ = false;
 };
 
@@ -166,9 +160,7 @@ Result<void> serve(const ServerSettings& settings, Files files, PageFiles page) 
                        HostNames(address.to_string(), port, settings.public_url));
   std::unique_ptr<IgtlServer> igtl;
   if (settings.igtl) {
-    auto listening = IgtlServer::listen(
-        context, *settings.igtl,
-        [&console](const char* kind, const std::string& from) { console.log.refused(kind, from); });
+    auto listening = IgtlServer::listen(console, *settings.igtl);
     if (!listening) return listening.error();
     igtl = std::move(*listening);
   }

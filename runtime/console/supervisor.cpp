@@ -2,7 +2,6 @@
 #include "runtime/console/supervisor.h"
 
 #include <algorithm>
-#include <array>
 #include <csignal>
 #include <cstdio>
 #include <nlohmann/json.hpp>

@@ -9,7 +9,6 @@
 #include <vector>
 
 #include "formats/base/command_line.h"
-#include "formats/session/scene.h"
 
 namespace trocar::runtime {
 namespace {

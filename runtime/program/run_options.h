@@ -26,9 +26,6 @@ inline constexpr double kDefaultRate_Hz = 1000;
 /// in a row, a fault is raised.
 inline constexpr int kDefaultLateTicks = 3;
 
-/// What a command computes from a scene.
-enum class SceneTask : std::uint8_t { kSession, kCheck, kReplay };
-
 /// The values of all options; a command declares those that it uses. An empty text: not given.
 struct RunArguments {
   // The scene, and what replaces its own.
@@ -44,7 +41,7 @@ struct RunArguments {
   /// None: kDefaultLateTicks for a device with motors, 0 for a simulated device.
   std::optional<int> late_ticks_in_row;
   // The session.
-  SceneTask task = SceneTask::kSession;
+  bool is_check = false;  ///< the command is check
   SessionOptions session;
   Trainee trainee;
   std::string replay, live, summary, session_report, meshes, frames, hand_path;

@@ -3,7 +3,6 @@
 
 #include <cstdio>
 #include <filesystem>
-#include <string>
 #include <utility>
 
 #include "formats/asset/asset.h"
@@ -67,7 +66,7 @@ Result<void> load_device(const RunArguments& arguments, SessionInputs& inputs) {
   if (const auto stated = read_pose_device_origin(inputs.replay_origin)) {
     built_in = stated->built_in.value_or("");
   } else {
-    const bool is_asked = arguments.task != SceneTask::kCheck && arguments.description.empty();
+    const bool is_asked = !arguments.is_check && arguments.description.empty();
     const Result<std::string> name = built_in_name(
         arguments.device, is_asked ? HandleOrientation::kAsked : HandleOrientation::kAssumed);
     if (!name) return name.error();

@@ -6,8 +6,6 @@
 #include <cmath>
 #include <cstdio>
 #include <nlohmann/json.hpp>
-#include <optional>
-#include <string>
 #include <utility>
 
 #include "formats/base/command_line.h"
@@ -15,8 +13,6 @@
 #include "formats/base/json.h"
 #include "formats/base/text.h"
 #include "formats/session/faults.h"
-#include "runtime/report/session_observer.h"
-#include "runtime/report/session_report.h"
 #include "runtime/session/open_device.h"
 #include "runtime/session/pose_session.h"
 

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "runtime/program/trocar_console.h"
-
+// The program trocar-console: the command line of the operator's console, which is runtime/console.
 #include <unistd.h>
 #include <cstdlib>
 #include <filesystem>
@@ -222,9 +221,9 @@ int run_command_line(int argc, char** argv) {
 }
 
 }  // namespace
-
-int trocar_console(int argc, char** argv) {
-  return run_program(kName, [&] { return run_command_line(argc, argv); });
-}
-
 }  // namespace trocar::runtime
+
+int main(int argc, char** argv) {
+  using namespace trocar::runtime;
+  return trocar::run_program(kName, [&] { return run_command_line(argc, argv); });
+}

@@ -2,16 +2,10 @@
 #include "runtime/report/session_observer.h"
 
 #include <Eigen/Geometry>
-#include <algorithm>
-#include <cmath>
 #include <cstddef>
 #include <limits>
 #include <numbers>
-#include <optional>
-#include <utility>
-#include <vector>
 
-#include "formats/session/faults.h"
 #include "runtime/haptics/tool.h"
 
 namespace trocar::runtime {

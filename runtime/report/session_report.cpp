@@ -4,7 +4,6 @@
 #include <algorithm>
 #include <cmath>
 #include <nlohmann/json.hpp>
-#include <optional>
 #include <utility>
 
 #include "embedded/runtime/report/session_page.js.h"
@@ -13,7 +12,6 @@
 #include "formats/base/json.h"
 #include "formats/base/text.h"
 #include "formats/session/faults.h"
-#include "formats/session/trainee.h"
 #include "runtime/haptics/loop/break_through.h"
 
 namespace trocar::runtime {
@@ -255,10 +253,9 @@ const char* name_of(PlungeEnd end) {
 }
 
 json describe(const Tremor& tremor) {
-  json out = {{"ticks", tremor.ticks}, {"across_rms_m", nullptr}};
-  if (tremor.ticks > 0)
-    out["across_rms_m"] = std::sqrt(tremor.squares_m2 / static_cast<double>(tremor.ticks));
-  return out;
+  std::optional<double> rms_m;
+  if (tremor.ticks > 0) rms_m = std::sqrt(tremor.squares_m2 / static_cast<double>(tremor.ticks));
+  return {{"ticks", tremor.ticks}, {"across_rms_m", or_null(rms_m)}};
 }
 
 json describe_goals(const Scene& scene, const SessionFigures& f) {

@@ -1,6 +1,0 @@
-// SPDX-License-Identifier: Apache-2.0
-#include "runtime/program/trocar_console.h"
-
-int main(int argc, char** argv) {
-  return trocar::runtime::trocar_console(argc, argv);
-}
