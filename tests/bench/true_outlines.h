@@ -6,27 +6,12 @@
 #include <vector>
 
 #include "formats/mesh/slice_mesh.h"
-#include "pipeline/read/slice_stack.h"
 #include "sample_ct/cross_section.h"
+#include "tests/support/memory_stack.h"
 
 namespace trocar::pipeline::bench {
 
 inline constexpr double kIso_HU = 226;
-
-/// Slices in memory: times contain neither disk nor decoder.
-class MemoryStack final : public SliceStack {
- public:
-  int size() const override { return static_cast<int>(images.size()); }
-  int width() const override { return images.front().width; }
-  int height() const override { return images.front().height; }
-  PixelUnit pixel_unit() const override { return PixelUnit::kHounsfield; }
-  const SlicePlane& plane(int slice) const override { return planes[slice]; }
-  std::string name(int slice) const override { return "slice " + std::to_string(slice); }
-  Result<Image> read(int slice) const override { return images[slice]; }
-
-  std::vector<Image> images;
-  std::vector<SlicePlane> planes;
-};
 
 struct Truth {
   explicit Truth(sample::CrossSection truth) : section(std::move(truth)), distance(section) {}
@@ -35,7 +20,7 @@ struct Truth {
 };
 
 struct TrueScan {
-  MemoryStack stack;
+  MemoryStack stack;  ///< in memory: times contain neither disk nor decoder
   std::vector<Truth> truths;
   double pixel_mm = 0;
   /// 1 by default. Moved to the middle of the widest gap between the areas of true rings of 0.9 to

@@ -21,6 +21,7 @@
 #include "pipeline/bake/mesh_slice.h"
 #include "tests/cases/picture_checks.h"
 #include "tests/cases/pslg_case.h"
+#include "tests/support/memory_stack.h"
 #include "tests/support/motions.h"
 
 namespace trocar::pipeline {
@@ -59,35 +60,17 @@ double smallest_angle_deg(const SliceMesh& mesh) {
 }
 
 /// The picture as a scan whose slices are all the same.
-class PictureStack final : public SliceStack {
- public:
-  explicit PictureStack(const test::Picture& picture) : picture_(picture) {
-    for (const double z_mm : picture.z_mm) {
-      SlicePlane plane;
-      plane.spacing_u_mm = picture.pixel_mm[0];
-      plane.spacing_v_mm = picture.pixel_mm[1];
-      plane.z_mm = z_mm;
-      plane.T_lps_plane.translation() << picture.origin_mm[0], picture.origin_mm[1],
-          picture.origin_mm[2] + z_mm;
-      planes_.push_back(plane);
-    }
+MemoryStack stack_of(const test::Picture& picture) {
+  MemoryStack out;
+  for (const double z_mm : picture.z_mm) {
+    out.images.push_back({picture.width, picture.height, picture.values});
+    SlicePlane plane{picture.pixel_mm[0], picture.pixel_mm[1], Eigen::Affine3d::Identity(), z_mm};
+    plane.T_lps_plane.translation() << picture.origin_mm[0], picture.origin_mm[1],
+        picture.origin_mm[2] + z_mm;
+    out.planes.push_back(plane);
   }
-  int size() const override { return static_cast<int>(planes_.size()); }
-  int width() const override { return picture_.width; }
-  int height() const override { return picture_.height; }
-  PixelUnit pixel_unit() const override { return PixelUnit::kHounsfield; }
-  const SlicePlane& plane(int slice) const override {
-    return planes_[static_cast<std::size_t>(slice)];
-  }
-  std::string name(int slice) const override { return "slice " + std::to_string(slice); }
-  Result<Image> read(int /*slice*/) const override {
-    return Image{picture_.width, picture_.height, picture_.values};
-  }
-
- private:
-  const test::Picture& picture_;
-  std::vector<SlicePlane> planes_;
-};
+  return out;
+}
 
 class MeshingStress : public testing::TestWithParam<std::filesystem::path> {
  protected:
@@ -289,7 +272,7 @@ class MeshingStress : public testing::TestWithParam<std::filesystem::path> {
 
   void picture_is_right(SimplificationMethod method) const {
     const bool keeps_area = method == SimplificationMethod::kArea;
-    const PictureStack stack(*case_.picture);
+    const MemoryStack stack = stack_of(*case_.picture);
     Asset asset;
     asset.lattice = case_.lattice;
     for (int k = 0; k < stack.size(); ++k) {

@@ -14,34 +14,24 @@
 #include <vector>
 
 #include "formats/asset/hu_codec.h"
+#include "tests/support/memory_stack.h"
 
 namespace trocar::pipeline {
 namespace {
 
 // Slices of 8 x 8 pixels of 1 mm, each of one value.
-class FlatStack final : public SliceStack {
+class FlatStack final : public MemoryStack {
  public:
   FlatStack(const std::vector<double>& z_mm, std::vector<double> hu) : hu_(std::move(hu)) {
-    for (const double z : z_mm) {
-      SlicePlane plane{1, 1, Eigen::Affine3d::Identity(), z};
-      plane.T_lps_plane.translation().z() = z;
-      planes_.push_back(plane);
+    for (std::size_t k = 0; k < z_mm.size(); ++k) {
+      images.push_back({8, 8, std::vector<float>(64, static_cast<float>(hu_[k]))});
+      planes.push_back(axial_plane(1, z_mm[k]));
     }
-  }
-  int size() const override { return static_cast<int>(planes_.size()); }
-  int width() const override { return 8; }
-  int height() const override { return 8; }
-  PixelUnit pixel_unit() const override { return PixelUnit::kHounsfield; }
-  const SlicePlane& plane(int k) const override { return planes_[static_cast<std::size_t>(k)]; }
-  std::string name(int k) const override { return "flat slice " + std::to_string(k); }
-  Result<Image> read(int k) const override {
-    return Image{8, 8, std::vector<float>(64, static_cast<float>(hu(k)))};
   }
   double z_mm(int k) const { return plane(k).z_mm; }
   double hu(int k) const { return hu_[static_cast<std::size_t>(k)]; }
 
  private:
-  std::vector<SlicePlane> planes_;
   std::vector<double> hu_;
 };
 

@@ -6,6 +6,7 @@
 #include "pipeline/open/open_stack.h"
 #include "sample_ct/render.h"
 #include "tests/reference/decompositions/decompositions.h"
+#include "tests/support/memory_stack.h"
 #include "tests/support/test_lattice.h"
 
 #include <gtest/gtest.h>
@@ -55,14 +56,6 @@ SliceMesh random_mesh(unsigned seed) {
   std::mt19937 random(seed);
   return meshed(
       {{star(random, 10, 10, 9, 12), star(random, 10, 10, 4, 7, true), star(random, 23, 9, 3, 5)}});
-}
-
-Image image_of(int width, int height, const std::function<double(int x, int y)>& value) {
-  Image out{width, height, {}};
-  for (int y = 0; y < height; ++y)
-    for (int x = 0; x < width; ++x)
-      out.values.push_back(static_cast<float>(value(x, y)));
-  return out;
 }
 
 // The signs of the areas from a triangle's edges to the centre of a pixel: 1 left of the edge.

@@ -21,33 +21,6 @@
 namespace trocar::pipeline {
 namespace {
 
-// Slices in memory, 1 mm apart.
-class MemoryStack final : public SliceStack {
- public:
-  explicit MemoryStack(std::vector<Image> slices, PixelUnit unit = PixelUnit::kHounsfield,
-                       double spacing_mm = 0.7)
-      : slices_(std::move(slices)), unit_(unit) {
-    for (std::size_t k = 0; k < slices_.size(); ++k) {
-      SlicePlane& plane = planes_.emplace_back();
-      plane.spacing_u_mm = plane.spacing_v_mm = spacing_mm;
-      plane.z_mm = static_cast<double>(k);
-      plane.T_lps_plane.translation().z() = plane.z_mm;
-    }
-  }
-  int size() const override { return static_cast<int>(slices_.size()); }
-  int width() const override { return slices_[0].width; }
-  int height() const override { return slices_[0].height; }
-  PixelUnit pixel_unit() const override { return unit_; }
-  const SlicePlane& plane(int k) const override { return planes_[static_cast<std::size_t>(k)]; }
-  std::string name(int k) const override { return "map slice " + std::to_string(k); }
-  Result<Image> read(int k) const override { return slices_[static_cast<std::size_t>(k)]; }
-
- private:
-  std::vector<Image> slices_;
-  std::vector<SlicePlane> planes_;
-  PixelUnit unit_;
-};
-
 Image each_pixel(Image image, const std::function<float(float)>& value) {
   std::transform(image.values.begin(), image.values.end(), image.values.begin(), value);
   return image;

@@ -22,6 +22,7 @@
 #include "pipeline/contour/simplification.h"
 #include "pipeline/open/open_stack.h"
 #include "sample_ct/render.h"
+#include "tests/support/memory_stack.h"
 #include "tests/support/synthetic_fields.h"
 #include "tests/support/test_lattice.h"
 
@@ -199,31 +200,29 @@ class Scans : public testing::Test {
   }
 
  private:
-  class SampleStack final : public SliceStack {
+  // Renders its slices when they are read.
+  class SampleStack final : public MemoryStack {
    public:
     SampleStack(const sample::PhantomOptions& phantom, const sample::ScanGeometry& geometry)
         : phantom_(phantom), geometry_(geometry) {
-      plane_.spacing_u_mm = plane_.spacing_v_mm = geometry.pixel_mm;
+      planes.assign(35, axial_plane(geometry.pixel_mm, 0));
     }
     int size() const override { return 35; }
     int width() const override { return geometry_.columns; }
     int height() const override { return geometry_.rows; }
-    PixelUnit pixel_unit() const override { return PixelUnit::kHounsfield; }
-    const SlicePlane& plane(int /*slice*/) const override { return plane_; }
-    std::string name(int slice) const override { return "phantom " + std::to_string(slice); }
     Result<Image> read(int slice) const override {
-      Image out{width(), height(), {}};
       const auto noise = sample::noise_slice(geometry_, 7, 12, slice);
       const auto values = sample::render_slice(phantom_, geometry_, slice);
-      for (std::size_t i = 0; i < values.size(); ++i)
-        out.values.push_back(static_cast<float>(std::rint(values[i] + noise[i])));
-      return out;
+      return image_of(width(), height(), [&, i = std::size_t{0}](int, int) mutable {
+        const double hu = std::rint(values[i] + noise[i]);
+        ++i;
+        return hu;
+      });
     }
 
    private:
     const sample::PhantomOptions& phantom_;
     const sample::ScanGeometry& geometry_;
-    SlicePlane plane_;
   };
 
   template <typename Visit>

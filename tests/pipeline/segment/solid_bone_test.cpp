@@ -9,6 +9,7 @@
 #include <utility>
 
 #include "pipeline/contour/contour.h"
+#include "tests/support/memory_stack.h"
 
 namespace trocar::pipeline {
 namespace {
@@ -16,32 +17,15 @@ namespace {
 constexpr int kSide = 40;
 
 // A volume of kSide^3 voxels of 1 mm, its values given by a function of the place.
-class BlockStack final : public SliceStack {
+class BlockStack final : public MemoryStack {
  public:
   explicit BlockStack(const std::function<double(double x, double y, double z)>& value) {
     for (int z = 0; z < kSide; ++z) {
-      Image image{kSide, kSide, {}};
-      for (int y = 0; y < kSide; ++y)
-        for (int x = 0; x < kSide; ++x)
-          image.values.push_back(static_cast<float>(value(x, y, z)));
-      images_.push_back(std::move(image));
-      SlicePlane plane{1, 1, Eigen::Affine3d::Identity(), static_cast<double>(z)};
-      plane.T_lps_plane.translation() = Eigen::Vector3d(100, 0, z);
-      planes_.push_back(plane);
+      images.push_back(image_of(kSide, kSide, [&](int x, int y) { return value(x, y, z); }));
+      planes.push_back(axial_plane(1, z));
+      planes.back().T_lps_plane.translation().x() = 100;
     }
   }
-  int size() const override { return kSide; }
-  int width() const override { return kSide; }
-  int height() const override { return kSide; }
-  PixelUnit pixel_unit() const override { return PixelUnit::kHounsfield; }
-  const SlicePlane& plane(int slice) const override { return planes_[slice]; }
-  std::string name(int slice) const override { return "block, slice " + std::to_string(slice); }
-  Result<Image> read(int slice) const override { return images_[slice]; }
-
-  std::vector<SlicePlane> planes_;
-
- private:
-  std::vector<Image> images_;
 };
 
 double from_middle(double x, double y, double z) {
@@ -129,7 +113,7 @@ TEST(SolidBone, AShaftThatTheScanCutsIsFilled) {
 TEST(SolidBone, ALongShaftIsFilledWhateverIsInIt) {
   BlockStack stack = shaft(40);
   for (int k = 0; k < kSide; ++k)
-    stack.planes_[k].z_mm = stack.planes_[k].T_lps_plane.translation().z() = 2.0 * k;
+    stack.planes[k].z_mm = stack.planes[k].T_lps_plane.translation().z() = 2.0 * k;
   const SolidBone solid = made(stack, filling(3, 2500));
   EXPECT_TRUE(solid.inside(20, 20, 20));
   EXPECT_TRUE(solid.warnings().empty());
@@ -253,7 +237,7 @@ TEST(SolidBone, ContrastIsSearchedForWithAThresholdOfBoneOnly) {
 
 TEST(SolidBone, SlicesThatAreNotParallelAreRefused) {
   BlockStack stack = two_balls();
-  stack.planes_[7].T_lps_plane.rotate(Eigen::AngleAxisd(0.1, Eigen::Vector3d::UnitX()));
+  stack.planes[7].T_lps_plane.rotate(Eigen::AngleAxisd(0.1, Eigen::Vector3d::UnitX()));
   const auto out = SolidBone::make(stack, Threshold{226}, SliceAxis::kAxial, filling(0, 10));
   ASSERT_FALSE(out);
   EXPECT_NE(out.error().message.find("slice 7"), std::string::npos);

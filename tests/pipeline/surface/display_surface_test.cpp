@@ -5,6 +5,7 @@
 #include "pipeline/surface/cgal_verification.h"
 #include "pipeline/surface/isosurface.h"
 #include "sample_ct/render.h"
+#include "tests/support/memory_stack.h"
 
 #include <gtest/gtest.h>
 
@@ -19,11 +20,10 @@ using Eigen::Vector3d;
 
 // A stack in memory; its slices may be tilted (their origins move by `shear_mm` a slice) and
 // unevenly spaced.
-class Synthetic : public SliceStack {
+class Synthetic : public MemoryStack {
  public:
   Synthetic(std::array<int, 3> size, const Vector3d& spacing_mm, double shear_mm,
-            const std::function<double(const Vector3d&)>& hu)
-      : size_(size) {
+            const std::function<double(const Vector3d&)>& hu) {
     for (int k = 0; k < size[2]; ++k) {
       SlicePlane plane{spacing_mm.x(), spacing_mm.y(), Eigen::Affine3d::Identity(), 0};
       plane.z_mm = (k + 0.2 * (k % 2)) * spacing_mm.z();
@@ -32,27 +32,12 @@ class Synthetic : public SliceStack {
       plane.T_lps_plane.translation() =
           Vector3d(-80, 30, 500) +
           plane.T_lps_plane.linear() * Vector3d(0, shear_mm * k, plane.z_mm);
-      planes_.push_back(plane);
-      Image image{size[0], size[1], {}};
-      for (int y = 0; y < size[1]; ++y)
-        for (int x = 0; x < size[0]; ++x)
-          image.values.push_back(static_cast<float>(
-              hu(plane.T_lps_plane * Vector3d(x * spacing_mm.x(), y * spacing_mm.y(), 0))));
-      images_.push_back(std::move(image));
+      planes.push_back(plane);
+      images.push_back(image_of(size[0], size[1], [&](int x, int y) {
+        return hu(plane.T_lps_plane * Vector3d(x * spacing_mm.x(), y * spacing_mm.y(), 0));
+      }));
     }
   }
-  int size() const override { return size_[2]; }
-  int width() const override { return size_[0]; }
-  int height() const override { return size_[1]; }
-  PixelUnit pixel_unit() const override { return PixelUnit::kHounsfield; }
-  const SlicePlane& plane(int k) const override { return planes_[static_cast<std::size_t>(k)]; }
-  std::string name(int k) const override { return "slice " + std::to_string(k); }
-  Result<Image> read(int k) const override { return images_[static_cast<std::size_t>(k)]; }
-
- private:
-  std::array<int, 3> size_;
-  std::vector<SlicePlane> planes_;
-  std::vector<Image> images_;
 };
 
 // HU 1000 a mm below the surfaces of balls, about 226 at them.
@@ -287,22 +272,14 @@ TEST(DisplaySurface, OfThePhantomIsWithinItsBoundOfTheExactSurface) {
   std::size_t i = 0;
   const Eigen::Affine3d origin(
       Eigen::Translation3d(scan.first_pixel_mm.x, scan.first_pixel_mm.y, scan.first_pixel_mm.z));
-  struct Phantom : Synthetic {
-    Phantom(const sample::ScanGeometry& scan, const Eigen::Affine3d& T,
-            const std::function<double(const Vector3d&)>& hu)
-        : Synthetic({scan.columns, scan.rows, scan.slices}, {scan.pixel_mm, scan.pixel_mm, 1}, 0,
-                    hu) {
-      for (int k = 0; k < scan.slices; ++k) {
-        SlicePlane plane{scan.pixel_mm, scan.pixel_mm, T, k * scan.slice_step_mm};
-        plane.T_lps_plane.translation().z() += k * scan.slice_step_mm;
-        own.push_back(plane);
-      }
-    }
-    const SlicePlane& plane(int k) const override { return own[static_cast<std::size_t>(k)]; }
-    std::vector<SlicePlane> own;
-  };
-  const Phantom stack(scan, origin,
-                      [&](const Vector3d&) { return static_cast<double>(rendered.hu[i++]); });
+  MemoryStack stack;
+  for (int k = 0; k < scan.slices; ++k) {
+    stack.images.push_back(
+        image_of(scan.columns, scan.rows, [&](int, int) { return rendered.hu[i++]; }));
+    SlicePlane plane{scan.pixel_mm, scan.pixel_mm, origin, k * scan.slice_step_mm};
+    plane.T_lps_plane.translation().z() += k * scan.slice_step_mm;
+    stack.planes.push_back(plane);
+  }
   const auto made = surface_of(stack, {}, 50'000);
   ASSERT_TRUE(made) << made.error().message;
   expect_proved(made->surface);
