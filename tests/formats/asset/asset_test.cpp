@@ -7,7 +7,6 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <cstring>
 #include <limits>
 #include <nlohmann/json.hpp>
 #include <random>
@@ -15,9 +14,17 @@
 
 #include "formats/asset/draco_mesh.h"
 #include "formats/mesh/mesh_validity.h"
+#include "tests/support/glb_bytes.h"
+#include "tests/support/motions.h"
 
 namespace trocar {
 namespace {
+
+using test::canonical;
+using test::json_of;
+using test::put_number;
+using test::with_json;
+using test::without_index;
 
 // A grid of nx by ny cells with jittered inner vertices: valid, and of many coordinates.
 SliceMesh jittered_grid(std::int32_t nx, std::int32_t ny, std::int32_t cell, LatticePoint origin,
@@ -66,19 +73,6 @@ Asset make_asset(int bits, LatticePoint origin = {-777, 12345}) {
     asset.slices.push_back(slice);
   }
   return asset;
-}
-
-// The triangles as points, each from its smallest corner, sorted: independent of the order in a
-// mesh.
-std::vector<std::array<LatticePoint, 3>> canonical(const SliceMesh& mesh) {
-  std::vector<std::array<LatticePoint, 3>> out;
-  for (const Triangle& t : mesh.triangles) {
-    std::array<LatticePoint, 3> p = {mesh.vertices[t[0]], mesh.vertices[t[1]], mesh.vertices[t[2]]};
-    std::rotate(p.begin(), std::min_element(p.begin(), p.end()), p.end());
-    out.push_back(p);
-  }
-  std::sort(out.begin(), out.end());
-  return out;
 }
 
 class AssetRoundTrip : public testing::TestWithParam<int> {};
@@ -232,11 +226,7 @@ TEST(Asset, MaterialsOfASliceAreEntriesOfItsIndex) {
     EXPECT_EQ(out->slices[i].material, (std::array{0, 1, 0, 1, 0, 1}[i]));
     EXPECT_EQ(canonical(out->slices[i].mesh), canonical(in.slices[i].mesh));
   }
-  std::vector<std::uint8_t> rewritten = *glb;  // without its index
-  std::uint32_t json_bytes = 0;
-  std::memcpy(&json_bytes, glb->data() + 12, 4);
-  rewritten[28 + json_bytes] ^= 0xFF;
-  for (const auto& file : {*glb, rewritten}) {
+  for (const auto& file : {*glb, without_index(*glb)}) {
     const auto part = decode_asset_part(file, "test", {6, 3});
     ASSERT_TRUE(part) << part.error().message;
     EXPECT_EQ(part->asset_slices, 4U);
@@ -385,28 +375,6 @@ Asset tower() {
   return asset;
 }
 
-std::string json_of(const std::vector<std::uint8_t>& glb) {
-  std::uint32_t bytes = 0;
-  std::memcpy(&bytes, glb.data() + 12, sizeof bytes);
-  return {glb.begin() + 20, glb.begin() + 20 + bytes};
-}
-
-// The file with another JSON text and without its index.
-std::vector<std::uint8_t> with_json(const std::vector<std::uint8_t>& glb, std::string text) {
-  text.resize((text.size() + 3) & ~std::size_t{3}, ' ');
-  const std::size_t before = 20, after = before + json_of(glb).size();
-  std::vector<std::uint8_t> out(glb.size() - after + before + text.size());
-  std::memcpy(out.data(), glb.data(), before);
-  std::memcpy(out.data() + before, text.data(), text.size());
-  std::memcpy(out.data() + before + text.size(), glb.data() + after, glb.size() - after);
-  const auto size = static_cast<std::uint32_t>(out.size()),
-             bytes = static_cast<std::uint32_t>(text.size());
-  std::memcpy(out.data() + 8, &size, sizeof size);
-  std::memcpy(out.data() + 12, &bytes, sizeof bytes);
-  out[28 + text.size()] ^= 0xFF;
-  return out;
-}
-
 TEST(Asset, SlicesThatFollowEachOtherShareANode) {
   const std::vector<std::uint8_t> glb = *encode_asset(tower());
   const std::string text = json_of(glb);
@@ -432,7 +400,7 @@ TEST(Asset, SlicesThatFollowEachOtherShareANode) {
 TEST(Asset, NodesThatContradictTheirSlicesAreRefused) {
   const std::vector<std::uint8_t> glb = *encode_asset(tower());
   const std::string text = json_of(glb);
-  ASSERT_TRUE(decode_asset(with_json(glb, text), "same"));
+  ASSERT_TRUE(decode_asset(without_index(with_json(glb, text)), "same"));
   const std::string primitive =
       text.substr(text.find(R"([{"attributes")") + 1,
                   text.find(R"(,{"attributes")") - text.find(R"([{"attributes")"));
@@ -449,7 +417,7 @@ TEST(Asset, NodesThatContradictTheirSlicesAreRefused) {
     const std::size_t at = changed.find(from);
     ASSERT_NE(at, std::string::npos) << from;
     changed.replace(at, from.size(), to);
-    const auto out = decode_asset(with_json(glb, changed), "test");
+    const auto out = decode_asset(without_index(with_json(glb, changed)), "test");
     ASSERT_FALSE(out) << from << " to " << to;
     EXPECT_EQ(out.error().code, ExitCode::kRefused);
     EXPECT_NE(out.error().message.find(said), std::string::npos) << out.error().message;
@@ -482,7 +450,7 @@ TEST(Asset, SlicesShareAMeshUpToALimit) {
       node["extras"]["trocar"]["index"] = asset.slices[0].index + static_cast<int>(i);
       nodes.push_back(node);
     }
-    return with_json(glb, document.dump());
+    return without_index(with_json(glb, document.dump()));
   };
   const auto some = decode_asset(shared(100), "test");
   ASSERT_TRUE(some) << some.error().message;
@@ -582,14 +550,11 @@ TEST(Asset, HasAtMostAHundredThousandEntries) {
 
 TEST(Asset, ABinaryChunkThatIsLargerThanTheFileIsRefused) {
   const std::vector<std::uint8_t> glb = *encode_asset(make_asset(8));
-  std::uint32_t json_bytes = 0, binary_bytes = 0;
-  std::memcpy(&json_bytes, glb.data() + 12, 4);
-  std::memcpy(&binary_bytes, glb.data() + 20 + json_bytes, 4);
-  ASSERT_EQ(20 + json_bytes + 8 + binary_bytes, glb.size());
-  for (const std::uint32_t more : {4U, 8U, 12U, 0xfffffff0U - binary_bytes}) {
+  const std::size_t data = test::binary_at(glb), binary_bytes = glb.size() - data;
+  for (const std::uint32_t more :
+       {4U, 8U, 12U, static_cast<std::uint32_t>(0xfffffff0U - binary_bytes)}) {
     std::vector<std::uint8_t> bytes = glb;
-    const std::uint32_t wrong = binary_bytes + more;
-    std::memcpy(bytes.data() + 20 + json_bytes, &wrong, 4);
+    put_number(bytes, data - 8, binary_bytes + more);
     const auto out = decode_asset(bytes, "longer");
     ASSERT_FALSE(out) << more;
     EXPECT_EQ(out.error().message, "longer: broken binary chunk");
@@ -648,10 +613,7 @@ TEST(Asset, HostileBytesAreRefusedOrDecoded) {
     if (i % 4 == 0) {
       bytes.resize(rng() % bytes.size());
       // Half of the time keep the length field right, to pass the first check.
-      if (i % 8 == 0 && bytes.size() >= 12) {
-        const auto size = static_cast<std::uint32_t>(bytes.size());
-        std::memcpy(bytes.data() + 8, &size, 4);
-      }
+      if (i % 8 == 0 && bytes.size() >= 12) put_number(bytes, 8, bytes.size());
     } else {
       for (std::uint64_t k = 0; k <= rng() % 3; ++k)
         bytes[rng() % bytes.size()] = static_cast<std::uint8_t>(rng());

@@ -12,8 +12,8 @@
 #include <random>
 
 #include "formats/asset/asset.h"
-#include "formats/asset/asset_index.h"
 #include "formats/asset/payload.h"
+#include "tests/support/glb_bytes.h"
 #include "tests/support/sheet_fixture.h"
 
 namespace trocar {
@@ -309,10 +309,8 @@ TEST(HuInAsset, SurvivesTheFileWholeAndInPart) {
   expect_same(again->hu, asset.hu);
   expect_same(again->context, asset.context);
   for (const bool has_index : {true, false}) {
-    Bytes bytes = *glb;
-    MemorySource source(bytes);
-    if (!has_index) bytes[(**find_index(source)).binary_at] ^= 0xFF;
-    const auto part = decode_asset_part(bytes, "test", {1, 2});
+    const auto part =
+        decode_asset_part(has_index ? *glb : test::without_index(*glb), "test", {1, 2});
     ASSERT_TRUE(part) << part.error().message;
     ASSERT_EQ(part->asset.hu.planes.size(), 1U);
     EXPECT_TRUE(part->asset.context.planes.empty());
@@ -375,14 +373,12 @@ TEST(HuInAsset, ASmallFileHasFewSamples) {
 TEST(HuInAsset, RefusesWhatIsDamaged) {
   const auto glb = encode_asset(asset_with_hu());
   ASSERT_TRUE(glb);
-  std::uint32_t json_bytes = 0;
-  std::memcpy(&json_bytes, glb->data() + 12, 4);
-  const auto text = glb->begin() + 20;
-  const nlohmann::json document = nlohmann::json::parse(text, text + json_bytes);
+  const nlohmann::json document = nlohmann::json::parse(test::json_of(*glb));
+  const std::size_t binary_at = test::binary_at(*glb);
   const nlohmann::json& volumes = document["extras"]["trocar"]["hu_volumes"];
   ASSERT_EQ(volumes.size(), 2U);
   for (const auto& volume : volumes) {
-    const std::size_t at = 28 + json_bytes + volume["byteOffset"].get<std::size_t>();
+    const std::size_t at = binary_at + volume["byteOffset"].get<std::size_t>();
     for (std::size_t i = 0; i < volume["byteLength"].get<std::size_t>(); ++i) {
       Bytes changed = *glb;
       changed[at + i] ^= 0x55;
@@ -390,25 +386,14 @@ TEST(HuInAsset, RefusesWhatIsDamaged) {
     }
   }
   Bytes moved = *glb;  // the plane of slice 2 becomes that of slice 1, which is empty
-  const std::size_t records = 28 + json_bytes + volumes[0]["byteOffset"].get<std::size_t>();
+  const std::size_t records = binary_at + volumes[0]["byteOffset"].get<std::size_t>();
   ASSERT_EQ(moved[records + 8], 2);
   moved[records + 8] = 1;
   EXPECT_FALSE(decode_asset(moved, "test"));
   const auto with = [&](std::size_t volume, const char* key, const nlohmann::json& value) {
     nlohmann::json other = document;
     other["extras"]["trocar"]["hu_volumes"][volume][key] = value;
-    std::string changed = other.dump();
-    changed.resize((changed.size() + 3) / 4 * 4, ' ');
-    Bytes out(glb->begin(), glb->begin() + 20);
-    out.insert(out.end(), changed.begin(), changed.end());
-    out.insert(out.end(), text + json_bytes, glb->end());
-    const auto put = [&out](std::size_t at, std::size_t number) {
-      const auto n = static_cast<std::uint32_t>(number);
-      std::memcpy(out.data() + at, &n, 4);
-    };
-    put(8, out.size());
-    put(12, changed.size());
-    return out;
+    return test::without_index(test::with_json(*glb, other.dump()));
   };
   EXPECT_TRUE(decode_asset(with(0, "more", 1), "test"));
   const nlohmann::json bad[] = {nullptr, "x",    -1,         0.5,    4294967296.0,

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Simplification, triangulation and refinement, on random outlines and on difficult ones.
+// Triangulation and refinement of random outlines and of difficult ones.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -31,77 +31,6 @@ namespace {
 
 using trocar::test::kLattice;
 constexpr PixelGrid kGrid{0.5, 0.5, 0, 0, kLattice};
-
-double point_to_ring(double x, double y, const Ring& ring) {
-  double best = 1e300;
-  for (std::size_t i = 0; i < ring.size(); ++i) {
-    const LatticePoint a = ring[i], b = ring[(i + 1) % ring.size()];
-    const double dx = b.x - a.x, dy = b.y - a.y;
-    const double t = std::clamp(((x - a.x) * dx + (y - a.y) * dy) / (dx * dx + dy * dy), 0.0, 1.0);
-    best = std::min(best, std::hypot(x - a.x - t * dx, y - a.y - t * dy));
-  }
-  return best;
-}
-
-// Directed Hausdorff distance by brute force, edges sampled every few steps.
-double sampled_distance(const Ring& from, const Ring& to) {
-  double worst = 0;
-  for (std::size_t i = 0; i < from.size(); ++i) {
-    const LatticePoint a = from[i], b = from[(i + 1) % from.size()];
-    const int samples = 1 + static_cast<int>(std::sqrt(static_cast<double>(distance2(a, b))) / 16);
-    for (int k = 0; k < samples; ++k) {
-      const double t = static_cast<double>(k) / samples;
-      worst = std::max(worst, point_to_ring(a.x + t * (b.x - a.x), a.y + t * (b.y - a.y), to));
-    }
-  }
-  return worst;
-}
-
-class Simplification : public testing::TestWithParam<std::tuple<int, double, ContourKind>> {};
-
-TEST_P(Simplification, StaysWithinItsBoundAndKeepsTheTopology) {
-  const auto [passes, tolerance_px, kind] = GetParam();
-  const double tolerance_mm = tolerance_px * kGrid.spacing_u_mm;
-  for (std::uint64_t seed = 100; seed < 120; ++seed) {
-    const Pslg full = contours(noise_field(40, passes, seed), kGrid, kind);
-    const Pslg simple =
-        simplify(full, kLattice, {tolerance_mm, SimplificationMethod::kDouglasPeucker});
-    const auto ok = check_pslg(simple);  // no crossing, no collapse, orientations nest
-    ASSERT_TRUE(ok) << ok.error().message << " seed " << seed;
-    ASSERT_EQ(simple.rings.size(), full.rings.size());
-    const double reported = hausdorff_mm(full, simple, kLattice);
-    EXPECT_LE(reported, tolerance_mm * (1 + 1e-12));
-    for (std::size_t r = 0; r < full.rings.size(); ++r) {
-      EXPECT_EQ(doubled_area(simple.rings[r]) > 0, doubled_area(full.rings[r]) > 0);
-      const double both = std::max(sampled_distance(full.rings[r], simple.rings[r]),
-                                   sampled_distance(simple.rings[r], full.rings[r]));
-      EXPECT_LE(both * kLattice.step_mm(), reported + 1e-9);
-    }
-  }
-}
-
-INSTANTIATE_TEST_SUITE_P(
-    Noise, Simplification,
-    testing::Combine(testing::Values(1, 3, 8), testing::Values(0.1, 0.5, 1.0, 3.0),
-                     testing::Values(ContourKind::kSubpixel, ContourKind::kPixel)));
-
-TEST(Simplification, KeepsASmallIslandInABay) {
-  // A bay one tolerance deep with an island in it: cutting off the bay would cover the island.
-  const std::int32_t s = 256;
-  const Pslg full{{{{0, 0},
-                    {20 * s, 0},
-                    {20 * s, 10 * s},
-                    {12 * s, 10 * s},
-                    {10 * s, 8 * s},
-                    {8 * s, 10 * s},
-                    {0, 10 * s}},
-                   {{10 * s - 40, 9 * s}, {10 * s + 40, 9 * s}, {10 * s, 9 * s + 60}}}};
-  ASSERT_TRUE(check_pslg(full));
-  const Pslg simple = simplify(full, kLattice, {3.0});
-  const auto ok = check_pslg(simple);
-  EXPECT_TRUE(ok) << ok.error().message;
-  EXPECT_EQ(simple.rings.size(), 2U);
-}
 
 // The mesh of every outline is valid, conforming and Delaunay, with exact area.
 void expect_valid_refinement(const Pslg& pslg, const RefinementOptions& options,

@@ -1,69 +1,21 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // The constrained Delaunay triangulation compared with CGAL's, triangle by triangle.
-#include <CGAL/Constrained_Delaunay_triangulation_2.h>
-#include <CGAL/Exact_predicates_inexact_constructions_kernel.h>
 #include <gtest/gtest.h>
 
 #include <algorithm>
-#include <map>
 #include <set>
 
 #include "formats/mesh/mesh_validity.h"
 #include "formats/mesh/triangulation.h"
 #include "pipeline/contour/contour.h"
 #include "pipeline/contour/simplification.h"
+#include "tests/support/cgal_sheets.h"
+#include "tests/support/cut_checks.h"
 #include "tests/support/synthetic_fields.h"
 #include "tests/support/test_lattice.h"
 
 namespace trocar::pipeline {
 namespace {
-
-using Kernel = CGAL::Exact_predicates_inexact_constructions_kernel;
-using Cdt = CGAL::Constrained_Delaunay_triangulation_2<
-    Kernel,
-    CGAL::Triangulation_data_structure_2<CGAL::Triangulation_vertex_base_2<Kernel>,
-                                         CGAL::Constrained_triangulation_face_base_2<Kernel>>>;
-using Corners = std::array<LatticePoint, 3>;
-
-Corners rotated(Corners c) {
-  std::rotate(c.begin(), std::min_element(c.begin(), c.end()), c.end());
-  return c;
-}
-
-// The triangles of CGAL's triangulation in the material: every constraint separates it from void.
-std::set<Corners> by_cgal(const Pslg& pslg) {
-  Cdt cdt;
-  // Lattice integers are exact in a double, so the filtered kernel decides exactly.
-  const auto insert = [&](LatticePoint p) {
-    return cdt.insert({static_cast<double>(p.x), static_cast<double>(p.y)});
-  };
-  for (const Ring& ring : pslg.rings) {
-    for (std::size_t i = 0; i < ring.size(); ++i)
-      cdt.insert_constraint(insert(ring[i]), insert(ring[(i + 1) % ring.size()]));
-  }
-  std::map<Cdt::Face_handle, bool> in_material{{cdt.infinite_face(), false}};
-  std::vector<Cdt::Face_handle> stack{cdt.infinite_face()};
-  std::set<Corners> out;
-  while (!stack.empty()) {
-    const Cdt::Face_handle f = stack.back();
-    stack.pop_back();
-    const bool here = in_material[f];
-    if (here) {
-      Corners c;
-      for (int i = 0; i < 3; ++i) {
-        const Kernel::Point_2& p = f->vertex(i)->point();
-        c[static_cast<std::size_t>(i)] = {static_cast<std::int32_t>(p.x()),
-                                          static_cast<std::int32_t>(p.y())};
-      }
-      out.insert(rotated(c));
-    }
-    for (int i = 0; i < 3; ++i) {
-      if (in_material.emplace(f->neighbor(i), here != f->is_constrained(i)).second)
-        stack.push_back(f->neighbor(i));
-    }
-  }
-  return out;
-}
 
 // Equal except where four points lie on one circle and both diagonals are Delaunay.
 void expect_as_cgal(const Pslg& pslg, const std::string& what) {
@@ -73,23 +25,17 @@ void expect_as_cgal(const Pslg& pslg, const std::string& what) {
   const auto ok = check_mesh_against_pslg(*mesh, pslg);
   ASSERT_TRUE(ok) << what << ": " << ok.error().message;
   ASSERT_TRUE(is_constrained_delaunay(*mesh)) << what;
-  const std::set<Corners> theirs = by_cgal(pslg);
+  const auto by_cgal = runtime::triangles_of(runtime::mesh_of(pslg.rings, {}));
+  const std::set<runtime::Corners> theirs(by_cgal.begin(), by_cgal.end());
   EXPECT_EQ(mesh->triangles.size(), theirs.size()) << what;
   const Neighbours beyond = neighbours(*mesh);
   EXPECT_EQ(triangulation->beyond, beyond) << what;
   for (std::size_t t = 0; t < mesh->triangles.size(); ++t) {
     const Triangle& v = mesh->triangles[t];
-    const Corners c = {mesh->vertices[v[0]], mesh->vertices[v[1]], mesh->vertices[v[2]]};
-    if (theirs.contains(rotated(c))) continue;
-    bool cocircular = false;
-    for (const EdgeId e : beyond[t]) {
-      if (e == kNoEdge) continue;
-      for (const std::uint32_t w : mesh->triangles[triangle_of(e)]) {
-        if (std::find(v.begin(), v.end(), w) == v.end() &&
-            in_circle(c[0], c[1], c[2], mesh->vertices[w]) == 0)
-          cocircular = true;
-      }
-    }
+    if (theirs.contains(runtime::corners_of(*mesh, t))) continue;
+    const bool cocircular = std::any_of(beyond[t].begin(), beyond[t].end(), [&](EdgeId e) {
+      return e != kNoEdge && runtime::is_tie(mesh->vertices, v, mesh->triangles[triangle_of(e)]);
+    });
     EXPECT_TRUE(cocircular) << what << ": a triangle that CGAL does not have";
   }
 }

@@ -2,13 +2,13 @@
 """Every kind of DICOM file that is accepted, written by DCMTK's and
 GDCM's programs, compared voxel by voxel with the original values; and every kind that is refused,
 with the reason and the file that the message names. pydicom makes the originals and edits geometry."""
-import json
 import shutil
 import subprocess
 import zlib
 
 import numpy as np
 import pytest
+from mesh_runs import dump
 
 pydicom = pytest.importorskip("pydicom")
 from pydicom.dataset import Dataset, FileDataset, FileMetaDataset  # noqa: E402
@@ -108,7 +108,7 @@ class Case:
     """A folder of files, and checks of what the readers make of it."""
 
     def __init__(self, programs, work, name):
-        self.dump, self.folder, self.name = programs / "stack_dump", work / name, name
+        self.programs, self.folder, self.name = programs, work / name, name
         self.spacing = "-"  # or X,Y,Z, as of --spacing
         shutil.rmtree(self.folder, ignore_errors=True)
         self.folder.mkdir(parents=True)
@@ -125,13 +125,7 @@ class Case:
         return out
 
     def run(self):
-        raw = self.folder.with_suffix(".raw")
-        done = subprocess.run([self.dump, raw, "transverse", self.spacing, self.folder], stdout=subprocess.PIPE,
-                              stderr=subprocess.PIPE, text=True, check=False, timeout=60)
-        if done.returncode != 0:
-            return done.returncode, done.stderr.strip(), None
-        out = json.loads(done.stdout)
-        return 0, out, np.fromfile(raw, "<f4").reshape(len(out["slices"]), out["height"], out["width"])
+        return dump(self.programs, self.folder.with_suffix(".raw"), "transverse", self.spacing, self.folder)
 
     def gives(self, want, bound=0.0, warnings=(), step=STEP):
         """These voxels, at their positions in the patient."""
