@@ -46,7 +46,7 @@ Real common_area(const SliceMesh& sheet, const Ring& tool) {
   const SliceMesh parts = mesh_of({tool}, {});
   Real sum = 0;
   for (std::size_t t = 0; t < sheet.triangles.size(); ++t)
-    sum += common_area(corners_of(sheet, t), parts);
+    sum += runtime::common_area(corners_of(sheet, t), parts);
   return sum;
 }
 

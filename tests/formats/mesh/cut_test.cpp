@@ -295,15 +295,6 @@ TEST(Cut, AtTheLatticesLimit) {
   good_cut(sheet, {{-m, -m + 1}, {m, m - 1}, {m, m}});  // a needle from corner to corner
 }
 
-TEST(Cut, IsDeterministic) {
-  const SliceMesh sheet = grid(10, 10, 10);
-  const CutResult a = good_cut(sheet, hexagon(93, 47, 23)),
-                  b = good_cut(sheet, hexagon(93, 47, 23));
-  EXPECT_EQ(a.mesh.vertices, b.mesh.vertices);
-  EXPECT_EQ(a.mesh.triangles, b.mesh.triangles);
-  EXPECT_EQ(a.hole, b.hole);
-}
-
 TEST(Cut, RefusesInvalidTools) {
   const SliceMesh sheet = grid(3, 3, 10);
   const std::int32_t far = kMaxCoordinate + 1;

@@ -350,28 +350,6 @@ TEST(Refinement, RefinesNestedAndTouchingRings) {
                           {}, "touching islands");
 }
 
-// No vertex that is visible from a triangle lies in its circumcircle. By brute force on a convex
-// outline, where all vertices are visible.
-TEST(Triangulation, ConvexOutlineIsDelaunayByBruteForce) {
-  Ring ring;
-  std::set<LatticePoint> seen;
-  for (int k = 0; k < 60; ++k) {
-    const double t = 2 * std::numbers::pi * (k + 0.3 * std::sin(5.0 * k)) / 60;
-    const LatticePoint p{static_cast<std::int32_t>(std::lrint(9000 * std::cos(t))),
-                         static_cast<std::int32_t>(std::lrint(5000 * std::sin(t)))};
-    if (seen.insert(p).second) ring.push_back(p);
-  }
-  const auto triangulation = triangulate({{ring}});
-  ASSERT_TRUE(triangulation);
-  const SliceMesh& mesh = triangulation->mesh;
-  EXPECT_EQ(mesh.triangles.size(), ring.size() - 2);
-  for (const Triangle& t : mesh.triangles) {
-    for (const LatticePoint p : mesh.vertices) {
-      EXPECT_LE(in_circle(mesh.vertices[t[0]], mesh.vertices[t[1]], mesh.vertices[t[2]], p), 0);
-    }
-  }
-}
-
 // Compared with cotangents in floating point; an unrefined mesh has such edges.
 TEST(MeshQuality, CountsEdgesOfNegativeStiffness) {
   EXPECT_EQ(count_negative_stiffness_edges({{{0, 0}, {8, 0}, {4, 3}}, {{0, 1, 2}}}), 1U);

@@ -170,7 +170,7 @@ Real common_area(const Subject& subject, const Ring& tool) {
   const SliceMesh parts = mesh_of({tool}, {});
   Real sum = 0;
   subject.grid.for_each(subject.mesh, box_around(tool), [&](std::uint32_t t) {
-    sum += common_area(corners(subject.mesh, t), parts);
+    sum += runtime::common_area(corners(subject.mesh, t), parts);
   });
   return sum;
 }

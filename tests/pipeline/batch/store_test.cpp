@@ -15,7 +15,7 @@
 
 #include "pipeline/batch/garbage.h"
 #include "pipeline/batch/lease.h"
-#include "pipeline/batch/scan_files.h"
+#include "tests/pipeline/batch/store_fixture.h"
 #include "tests/support/file_size_limit.h"
 #include "tests/support/temporary_folder.h"
 
@@ -26,21 +26,10 @@ namespace fs = std::filesystem;
 using nlohmann::json;
 using namespace std::chrono_literals;
 
-const auto kNoProof = [](std::span<const std::uint8_t>) { return Result<void>(); };
-
 Store opened(const test::TemporaryFolder& folder) {
   auto store = Store::open_for_writing(folder / "store");
   if (!store) throw std::runtime_error(store.error().message);
   return *store;
-}
-
-std::span<const std::uint8_t> bytes_of(const std::string& text) {
-  return {reinterpret_cast<const std::uint8_t*>(text.data()), text.size()};
-}
-
-std::string text_in(const fs::path& file) {
-  std::ifstream in(file);
-  return {std::istreambuf_iterator<char>(in), {}};
 }
 
 std::size_t files_in(const fs::path& folder) {
@@ -60,26 +49,6 @@ void make_old(const fs::path& file, std::chrono::seconds age) {
   const timespec time{(now - age).count(), 0};
   const timespec times[2] = {time, time};
   ::utimensat(AT_FDCWD, file.c_str(), times, 0);
-}
-
-// An action with its outputs, which differ by the salt.
-std::pair<std::string, Outputs> put(const Store& store, const std::string& salt) {
-  const json action = {{"salt", salt}};
-  const Outputs outputs{
-      *store.put_content(bytes_of(std::string("asset ").append(salt)), kNoProof),
-      *store.put_content(bytes_of(std::string("report ").append(salt)), kNoProof)};
-  EXPECT_TRUE(store.put_action(key_of(action), action, outputs));
-  return {key_of(action), outputs};
-}
-
-ScanEntry done_entry(const std::string& name, const std::string& key, const Outputs& outputs) {
-  ScanEntry out;
-  out.name = name;
-  out.key = key;
-  out.program = std::string("p");
-  out.parameters = json::object();
-  out.outputs = outputs;
-  return out;
 }
 
 TEST(Sha256, IsTheStandards) {  // FIPS 180-2, appendix B
@@ -171,7 +140,7 @@ TEST(Store, FindsWhatIsWholeAndOnlyThat) {
   const fs::path asset = store.content_file(outputs.asset.sha256);
   fs::resize_file(asset, 3);
   EXPECT_FALSE(store.find(key));
-  EXPECT_EQ(*store.put_content(bytes_of("asset one"), kNoProof), outputs.asset);
+  EXPECT_EQ(*store.put_content(text_bytes("asset one"), {}), outputs.asset);
   EXPECT_EQ(store.find(key), outputs);
   std::ofstream(store.action_file(key)) << "{}";
   EXPECT_FALSE(store.find(key));
@@ -186,7 +155,7 @@ TEST(Store, EntriesComeBackAndDamagedOnesDoNot) {
   const test::TemporaryFolder folder;
   const Store store = opened(folder);
   const auto [key, outputs] = put(store, "one");
-  ScanEntry entry = done_entry("a", key, outputs);
+  ScanEntry entry = done_entry("a", {key, outputs});
   entry.files = {{"input", "x.nii", 5, 1795302334403408632, 7, sha256_of(std::string_view("x"))},
                  {"input", "y.nii", 5, -1, 8}};
   ASSERT_TRUE(store.put_entry(entry));
@@ -289,7 +258,7 @@ TEST(Garbage, KeepsWhatTheIndexLeadsToWhatIsYoungAndWhatIsClaimed) {
   const auto [young, young_outputs] = put(store, "young");
   const auto [leased, leased_outputs] = put(store, "leased");
   const auto [old, old_outputs] = put(store, "old");
-  ASSERT_TRUE(store.put_entry(done_entry("a", live, live_outputs)));
+  ASSERT_TRUE(store.put_entry(done_entry("a", {live, live_outputs})));
   for (const auto& [key, outputs] :
        {std::pair{live, live_outputs}, std::pair{leased, leased_outputs},
         std::pair{old, old_outputs}})

@@ -111,6 +111,12 @@ TEST(GzipReader, UnpacksMembersOneAfterTheOther) {
   EXPECT_EQ(by_reader(written(folder / "a.gz", bytes), 3000), text);
   // Zeros behind the last member are left out, as on tapes. Other bytes are damage.
   EXPECT_EQ(by_reader(written(folder / "b.gz", bytes + std::string(300'000, '\0')), 3000), text);
+  EXPECT_EQ(by_reader(written(folder / "b.gz", bytes + packed("")), 3000), text);
+  const std::string first = packed(voxels(3000, 1)), second = packed(voxels(3000, 2));
+  EXPECT_EQ(by_reader(written(folder / "b.gz", first.substr(0, first.size() - 8) + second), 3000),
+            std::nullopt);
+  EXPECT_EQ(by_reader(written(folder / "b.gz", first + second.substr(0, second.size() - 8)), 3000),
+            std::nullopt);
   for (const char* more : {"\x1f", "\x1f\x8b", "garbage"})
     EXPECT_EQ(by_reader(written(folder / "c.gz", bytes + more), 3000), std::nullopt);
   EXPECT_EQ(by_reader(written(folder / "d.gz", bytes + std::string(300'000, '\0') + "x"), 3000),

@@ -310,55 +310,6 @@ TEST_F(Readers, ATiffOfSeveralPagesIsRefused) {
   expect_error(open_stack({file}, options), ExitCode::kRefused, "several pages");
 }
 
-TEST_F(Readers, DicomSeriesAreSortedChosenAndChecked) {
-  const fs::path dicom = folder_ / "scan" / "dicom";
-  // Names in the wrong order change nothing.
-  fs::create_directories(folder_ / "shuffled");
-  int k = 0;
-  for (const char* name : {"CT_003.dcm", "CT_001.dcm", "CT_004.dcm", "CT_002.dcm"})
-    fs::copy_file(dicom / name, folder_ / "shuffled" / std::to_string(k++));
-  const auto stack = open_stack({folder_ / "shuffled"}, {});
-  ASSERT_TRUE(stack) << stack.error().message;
-  EXPECT_LT((*stack)->plane(0).z_mm, (*stack)->plane(3).z_mm);
-  EXPECT_EQ((*stack)->read(2)->values, (*open_stack({dicom}, {}))->read(2)->values);
-  // A slice twice: a copy counts once, the same instance with other bytes is refused.
-  fs::copy_file(dicom / "CT_003.dcm", folder_ / "shuffled" / "again");
-  const auto copied = open_stack({folder_ / "shuffled"}, {});
-  ASSERT_TRUE(copied) << copied.error().message;
-  EXPECT_EQ((*copied)->size(), 4);
-  EXPECT_EQ((*copied)->warnings.back().code, "copied_slice");
-  std::fstream changed(folder_ / "shuffled" / "again", std::ios::in | std::ios::out);
-  changed.seekp(-1, std::ios::end).put('x');
-  changed.close();
-  expect_error(open_stack({folder_ / "shuffled"}, {}), ExitCode::kRefused,
-               "at the same position as");
-  fs::remove(folder_ / "shuffled" / "again");
-  // A missing slice is not filled in.
-  fs::remove(folder_ / "shuffled" / "3");
-  const auto gap = open_stack({folder_ / "shuffled"}, {});
-  ASSERT_TRUE(gap);
-  EXPECT_EQ((*gap)->size(), 3);
-  // Another, smaller series beside it is left out with a warning; an unknown series is refused.
-  sample::Scan other = make_scan();
-  other.seed = 2;
-  other.geometry.slices = 2;
-  ASSERT_TRUE(sample::write_sample_folder(other, {-1000, 2000}, folder_ / "second"));
-  fs::copy_file(folder_ / "second" / "dicom" / "CT_001.dcm", folder_ / "shuffled" / "x1");
-  fs::copy_file(folder_ / "second" / "dicom" / "CT_002.dcm", folder_ / "shuffled" / "x2");
-  write("shuffled/note.txt", "left out");
-  const auto both = open_stack({folder_ / "shuffled"}, {});
-  ASSERT_TRUE(both) << both.error().message;
-  EXPECT_EQ((*both)->size(), 3);
-  std::string codes;
-  for (const Warning& w : (*both)->warnings)
-    codes += w.code + " ";
-  EXPECT_NE(codes.find("other_series"), std::string::npos) << codes;
-  EXPECT_NE(codes.find("not_dicom"), std::string::npos) << codes;
-  OpenOptions options;
-  options.series = "1.2.3";
-  expect_error(open_stack({folder_ / "shuffled"}, options), ExitCode::kUsage, "there are:");
-}
-
 // Every kind of image in the corpus (written by Pillow), compared with OpenCV's decoders.
 TEST_F(Readers, ImagesEqualWhatOpenCvReads) {
   int compared = 0;
