@@ -23,6 +23,7 @@
 #include "tests/cases/pslg_case.h"
 #include "tests/support/memory_stack.h"
 #include "tests/support/motions.h"
+#include "tests/support/take.h"
 
 namespace trocar::pipeline {
 namespace {
@@ -75,9 +76,9 @@ MemoryStack stack_of(const test::Picture& picture) {
 class MeshingStress : public testing::TestWithParam<std::filesystem::path> {
  protected:
   void SetUp() override {
-    const auto read = test::parse_pslg_case(test::text_of(GetParam()), GetParam().filename());
-    ASSERT_TRUE(read) << read.error().message;
-    case_ = *read;
+    const auto read =
+        test::take(test::parse_pslg_case(test::text_of(GetParam()), GetParam().filename()));
+    case_ = read;
   }
 
   // Checks counts and areas of an outline and its triangulation. The number of triangles is that
@@ -173,18 +174,16 @@ class MeshingStress : public testing::TestWithParam<std::filesystem::path> {
           << valid.error().message;
       return;
     }
-    const auto cdt = triangulate(case_.outline);
-    ASSERT_TRUE(cdt) << cdt.error().message;
-    const auto ok = check_mesh_against_pslg(cdt->mesh, case_.outline);
-    ASSERT_TRUE(ok) << ok.error().message;
-    EXPECT_TRUE(is_constrained_delaunay(cdt->mesh));
-    expect_counts(case_.outline, cdt->mesh);
-    const Refined refined = refine(*cdt, case_.lattice, refinement());
+    const auto cdt = test::take(triangulate(case_.outline));
+    test::take(check_mesh_against_pslg(cdt.mesh, case_.outline));
+    EXPECT_TRUE(is_constrained_delaunay(cdt.mesh));
+    expect_counts(case_.outline, cdt.mesh);
+    const Refined refined = refine(cdt, case_.lattice, refinement());
     expect_refined(refined, case_.outline);
     expect_stored_if_it_fits(refined.mesh);
-    if (case_.also_at) expect_moves_along(*cdt, refined.mesh, {0, *case_.also_at});
+    if (case_.also_at) expect_moves_along(cdt, refined.mesh, {0, *case_.also_at});
     for (int quarters = 0; quarters < 4; ++quarters)
-      expect_moves_along(*cdt, refined.mesh, {quarters, far_from(case_.outline, quarters)});
+      expect_moves_along(cdt, refined.mesh, {quarters, far_from(case_.outline, quarters)});
   }
 
   // A large translation that keeps the rotated outline on the lattice.
@@ -204,8 +203,7 @@ class MeshingStress : public testing::TestWithParam<std::filesystem::path> {
   // broken differently.
   void expect_moves_along(const Triangulation& here, const SliceMesh& refined_here,
                           const test::Motion& motion) const {
-    const auto there = triangulate(motion(case_.outline));
-    ASSERT_TRUE(there) << there.error().message;
+    const auto there = test::take(triangulate(motion(case_.outline)));
     CentroidOffset own;
     for (const Ring& ring : case_.outline.rings) {
       for (const LatticePoint p : ring)
@@ -214,9 +212,9 @@ class MeshingStress : public testing::TestWithParam<std::filesystem::path> {
     const bool undecided = motion.quarters != 0 && own.x() == 0 && own.y() == 0;
     const std::string what = std::to_string(motion.quarters) + " quarter turns";
     if (!undecided || !test::has_ties(here.mesh)) {
-      EXPECT_EQ(triangles_of(there->mesh), triangles_of(motion(here.mesh))) << what;
+      EXPECT_EQ(triangles_of(there.mesh), triangles_of(motion(here.mesh))) << what;
     }
-    const Refined refined_there = refine(*there, case_.lattice, refinement());
+    const Refined refined_there = refine(there, case_.lattice, refinement());
     if (!undecided) {
       EXPECT_EQ(triangles_of(refined_there.mesh), triangles_of(motion(refined_here))) << what;
     }
@@ -335,17 +333,15 @@ class MeshingStress : public testing::TestWithParam<std::filesystem::path> {
 
   // Encoding and decoding gives the same triangles and planes.
   static void expect_stored_in_an_asset(const Asset& asset) {
-    const auto bytes = encode_asset(asset);
-    ASSERT_TRUE(bytes) << bytes.error().message;
-    const auto back = decode_asset(*bytes, "case.glb");
-    ASSERT_TRUE(back) << back.error().message;
-    const auto proved = verify_asset(*back, "case.glb");
+    const auto bytes = test::take(encode_asset(asset));
+    const auto back = test::take(decode_asset(bytes, "case.glb"));
+    const auto proved = verify_asset(back, "case.glb");
     EXPECT_TRUE(proved) << proved.error().message;
-    ASSERT_EQ(back->slices.size(), asset.slices.size());
+    ASSERT_EQ(back.slices.size(), asset.slices.size());
     for (std::size_t k = 0; k < asset.slices.size(); ++k) {
-      EXPECT_EQ(triangles_of(back->slices[k].mesh), triangles_of(asset.slices[k].mesh));
-      EXPECT_EQ(back->slices[k].z_mm, asset.slices[k].z_mm);
-      EXPECT_EQ(back->slices[k].T_lps_plane.matrix(), asset.slices[k].T_lps_plane.matrix());
+      EXPECT_EQ(triangles_of(back.slices[k].mesh), triangles_of(asset.slices[k].mesh));
+      EXPECT_EQ(back.slices[k].z_mm, asset.slices[k].z_mm);
+      EXPECT_EQ(back.slices[k].T_lps_plane.matrix(), asset.slices[k].T_lps_plane.matrix());
     }
   }
 

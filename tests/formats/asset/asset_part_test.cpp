@@ -14,6 +14,7 @@
 #include "formats/asset/asset_index.h"
 #include "formats/base/files.h"
 #include "tests/support/glb_bytes.h"
+#include "tests/support/take.h"
 
 namespace trocar {
 namespace {
@@ -67,26 +68,23 @@ class AssetPartOf : public testing::TestWithParam<bool> {};
 
 TEST_P(AssetPartOf, EqualsTheSlicesOfTheWhole) {
   const Bytes glb = *encode_asset(discs(60, -7, GetParam()));
-  const auto whole = decode_asset(glb, "test");
-  ASSERT_TRUE(whole) << whole.error().message;
+  const auto whole = test::take(decode_asset(glb, "test"));
   for (const Bytes& file : {glb, without_index(glb)}) {
-    for (const AssetSlice& slice : whole->slices) {
-      const auto part = decode_asset_part(file, "test", {slice.index});
-      ASSERT_TRUE(part) << part.error().message;
-      EXPECT_EQ(part->asset_slices, 60U);
-      EXPECT_EQ(part->file_bytes, glb.size());
-      EXPECT_EQ(part->asset.lattice, whole->lattice);
-      EXPECT_EQ(part->asset.parameters_json, whole->parameters_json);
-      EXPECT_EQ(part->asset.input_key_digest, whole->input_key_digest);
-      ASSERT_EQ(part->asset.slices.size(), 1U);
-      EXPECT_TRUE(same_slice(part->asset.slices[0], slice));
+    for (const AssetSlice& slice : whole.slices) {
+      const auto part = test::take(decode_asset_part(file, "test", {slice.index}));
+      EXPECT_EQ(part.asset_slices, 60U);
+      EXPECT_EQ(part.file_bytes, glb.size());
+      EXPECT_EQ(part.asset.lattice, whole.lattice);
+      EXPECT_EQ(part.asset.parameters_json, whole.parameters_json);
+      EXPECT_EQ(part.asset.input_key_digest, whole.input_key_digest);
+      ASSERT_EQ(part.asset.slices.size(), 1U);
+      EXPECT_TRUE(same_slice(part.asset.slices[0], slice));
     }
     // The slices are in ascending order for any order and number of repetitions in the request.
-    const auto some = decode_asset_part(file, "test", {3, -7, 3, 0});
-    ASSERT_TRUE(some);
-    ASSERT_EQ(some->asset.slices.size(), 3U);
+    const auto some = test::take(decode_asset_part(file, "test", {3, -7, 3, 0}));
+    ASSERT_EQ(some.asset.slices.size(), 3U);
     for (std::size_t i = 0; i < 3; ++i)
-      EXPECT_EQ(some->asset.slices[i].index, (std::array{-7, 0, 3}[i]));
+      EXPECT_EQ(some.asset.slices[i].index, (std::array{-7, 0, 3}[i]));
   }
 }
 
@@ -162,9 +160,8 @@ TEST(AssetPart, AnIndexOfAnotherFileCountsAsAbsent) {
         offsetof(IndexHeader, json_bytes), offsetof(IndexHeader, binary_bytes)}) {
     Bytes other = glb;
     other[file.binary_at + field] += 4;
-    const auto part = decode_asset_part(other, "test", {2});
-    ASSERT_TRUE(part) << part.error().message;
-    EXPECT_GE(part->read_bytes, glb.size());
+    const auto part = test::take(decode_asset_part(other, "test", {2}));
+    EXPECT_GE(part.read_bytes, glb.size());
     EXPECT_TRUE(decode_asset(other, "test"));
   }
 }

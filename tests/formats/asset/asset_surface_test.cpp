@@ -9,6 +9,7 @@
 
 #include "formats/asset/asset.h"
 #include "formats/asset/payload.h"
+#include "tests/support/take.h"
 
 namespace trocar {
 namespace {
@@ -69,24 +70,21 @@ TEST(AssetSurface, IsStoredWithoutLoss) {
   const Asset asset = with_surface();
   ASSERT_TRUE(check_triangle_surface(asset.surfaces[0].surface));
   AssetSizes sizes;
-  const auto glb = encode_asset(asset, &sizes);
-  ASSERT_TRUE(glb) << glb.error().message;
-  const auto read = decode_asset(*glb, "a.glb");
-  ASSERT_TRUE(read) << read.error().message;
-  EXPECT_EQ(read->slices.size(), 3U);
-  ASSERT_EQ(read->surfaces.size(), 1U);
-  EXPECT_EQ(read->surfaces[0].material, 0);
-  EXPECT_EQ(read->surfaces[0].distance_mm, 0.125);
-  EXPECT_EQ(read->surfaces[0].surface.lattice, asset.surfaces[0].surface.lattice);
-  EXPECT_EQ(geometry(read->surfaces[0].surface), geometry(asset.surfaces[0].surface));
-  EXPECT_TRUE(verify_asset(*read, "a.glb"));
-  const auto again = asset_sizes(*glb, "a.glb");
-  ASSERT_TRUE(again);
+  const auto glb = test::take(encode_asset(asset, &sizes));
+  const auto read = test::take(decode_asset(glb, "a.glb"));
+  EXPECT_EQ(read.slices.size(), 3U);
+  ASSERT_EQ(read.surfaces.size(), 1U);
+  EXPECT_EQ(read.surfaces[0].material, 0);
+  EXPECT_EQ(read.surfaces[0].distance_mm, 0.125);
+  EXPECT_EQ(read.surfaces[0].surface.lattice, asset.surfaces[0].surface.lattice);
+  EXPECT_EQ(geometry(read.surfaces[0].surface), geometry(asset.surfaces[0].surface));
+  EXPECT_TRUE(verify_asset(read, "a.glb"));
+  const auto again = test::take(asset_sizes(glb, "a.glb"));
   EXPECT_GT(sizes.surface_bytes, 0U);
-  EXPECT_EQ(again->surface_bytes, sizes.surface_bytes);
-  EXPECT_EQ(again->triangles, sizes.triangles);
+  EXPECT_EQ(again.surface_bytes, sizes.surface_bytes);
+  EXPECT_EQ(again.triangles, sizes.triangles);
   EXPECT_EQ(sizes.triangles, 6U);  // of slices only
-  EXPECT_EQ(again->triangle_bytes, sizes.triangle_bytes);
+  EXPECT_EQ(again.triangle_bytes, sizes.triangle_bytes);
 }
 
 TEST(AssetSurface, WithBytesAfterItsMeshIsRefused) {
@@ -105,14 +103,12 @@ TEST(AssetSurface, WithBytesAfterItsMeshIsRefused) {
 }
 
 TEST(AssetSurface, IsNotReadWithSlices) {
-  const auto glb = encode_asset(with_surface());
-  ASSERT_TRUE(glb);
+  const auto glb = test::take(encode_asset(with_surface()));
   Asset plain = with_surface();
   plain.surfaces.clear();
-  const auto without = encode_asset(plain);
-  ASSERT_TRUE(without);
-  const auto part = decode_asset_part(*glb, "a.glb", {1});
-  const auto part_without = decode_asset_part(*without, "a.glb", {1});
+  const auto without = test::take(encode_asset(plain));
+  const auto part = decode_asset_part(glb, "a.glb", {1});
+  const auto part_without = decode_asset_part(without, "a.glb", {1});
   ASSERT_TRUE(part && part_without);
   EXPECT_EQ(part->read_bytes, part_without->read_bytes);
   EXPECT_TRUE(part->asset.surfaces.empty());
@@ -132,14 +128,13 @@ TEST(AssetSurface, ThatIsNotClosedIsRefused) {
 
 // The texts of the JSON stay as long as they were, so that all offsets hold.
 TEST(AssetSurface, WithOtherTextIsRefused) {
-  const auto glb = encode_asset(with_surface());
-  ASSERT_TRUE(glb);
+  const auto glb = test::take(encode_asset(with_surface()));
   for (const auto& [from, to] : std::vector<std::pair<std::string, std::string>>{
            {"\"surface\":0", "\"surface\":-"},
            {"\"lattice_bits\":7", "\"lattice_bits\":6"},
            {"\"distance_mm\":0.125", "\"distance_mm\":-.125"},
            {"\"distance_mm\":0.125", "\"distance_mm\":-0.12"}}) {
-    std::string text(glb->begin(), glb->end());
+    std::string text(glb.begin(), glb.end());
     const std::size_t at = text.rfind(from);
     ASSERT_NE(at, std::string::npos) << from;
     ASSERT_EQ(from.size(), to.size());

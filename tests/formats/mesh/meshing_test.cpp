@@ -24,6 +24,7 @@
 #include "pipeline/open/open_stack.h"
 #include "pipeline/read/slice_stack.h"
 #include "tests/support/synthetic_fields.h"
+#include "tests/support/take.h"
 #include "tests/support/test_lattice.h"
 
 namespace trocar::pipeline {
@@ -288,15 +289,13 @@ TEST(Refinement, EndsOnScans) {
   std::erase_if(scans, [](const std::string& s) { return !std::filesystem::exists(s); });
   if (scans.empty()) GTEST_SKIP() << "neither TROCAR_REAL_CT nor TROCAR_HEAD_CT names a scan";
   for (const std::string& scan : scans) {
-    const auto stack = open_stack({scan}, {});
-    ASSERT_TRUE(stack) << stack.error().message;
+    const auto stack = test::take(open_stack({scan}, {}));
     for (const double angle : {30.0, kSafeAngle_deg}) {
       MeshOptions options;
       options.refinement.min_angle_deg = angle;
-      for (int k = 0; k < (*stack)->size(); ++k) {
-        const auto meshed = mesh_slice(**stack, k, options);
-        ASSERT_TRUE(meshed) << meshed.error().message;
-        const MeshedMaterial* const slice = &meshed->materials[0];
+      for (int k = 0; k < stack->size(); ++k) {
+        const auto meshed = test::take(mesh_slice(*stack, k, options));
+        const MeshedMaterial* const slice = &meshed.materials[0];
         EXPECT_EQ(slice->refined.outcome, RefinementOutcome::kRefined) << scan << " slice " << k;
         EXPECT_EQ(slice->quality.negative_stiffness_edges, 0U) << scan << " slice " << k;
         EXPECT_EQ(slice->quality.below_unexplained, 0U) << scan << " slice " << k;
@@ -356,15 +355,14 @@ TEST(MeshQuality, CountsEdgesOfNegativeStiffness) {
   EXPECT_EQ(count_negative_stiffness_edges({{{0, 0}, {8, 0}, {4, 4}}, {{0, 1, 2}}}), 0U);
   std::uint32_t in_all = 0;
   for (std::uint64_t seed = 0; seed < 10; ++seed) {
-    const auto cdt = triangulate(simplify(
-        contours(noise_field(64, 3, seed), kGrid, ContourKind::kSubpixel), kLattice, {0.2}));
-    ASSERT_TRUE(cdt);
+    const auto cdt = test::take(triangulate(simplify(
+        contours(noise_field(64, 3, seed), kGrid, ContourKind::kSubpixel), kLattice, {0.2})));
     std::map<std::pair<std::uint32_t, std::uint32_t>, double> stiffness;
-    for (const Triangle& t : cdt->mesh.triangles) {
+    for (const Triangle& t : cdt.mesh.triangles) {
       for (std::size_t i = 0; i < 3; ++i) {
         const std::uint32_t p = t[(i + 1) % 3], q = t[(i + 2) % 3];
-        const LatticePoint a = cdt->mesh.vertices[t[i]], b = cdt->mesh.vertices[p],
-                           c = cdt->mesh.vertices[q];
+        const LatticePoint a = cdt.mesh.vertices[t[i]], b = cdt.mesh.vertices[p],
+                           c = cdt.mesh.vertices[q];
         stiffness[std::minmax(p, q)] +=
             static_cast<double>(diametral_dot(b, c, a)) / static_cast<double>(orient2d(a, b, c));
       }
@@ -374,7 +372,7 @@ TEST(MeshQuality, CountsEdgesOfNegativeStiffness) {
           std::count_if(stiffness.begin(), stiffness.end(),
                         [bound](const auto& edge) { return edge.second < bound; }));
     };
-    const std::uint32_t count = count_negative_stiffness_edges(cdt->mesh);
+    const std::uint32_t count = count_negative_stiffness_edges(cdt.mesh);
     EXPECT_GE(count, below(-1e-9)) << seed;  // four points on a circle leave a zero
     EXPECT_LE(count, below(1e-9)) << seed;
     in_all += count;

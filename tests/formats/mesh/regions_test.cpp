@@ -17,6 +17,7 @@
 #include "formats/mesh/refinement_outline.h"
 #include "formats/mesh/regions.h"
 #include "formats/mesh/shared_borders.h"
+#include "tests/support/take.h"
 #include "tests/support/test_lattice.h"
 
 namespace trocar::pipeline {
@@ -473,13 +474,12 @@ TEST(Regions, MoveAndRotateWithTheirOutlines) {
 
 TEST(Regions, OneIsRefinedAsByItself) {
   const Regions regions = slanted_outlines(random_cells(40, 1, 0.1, 5), 1, 128, 5);
-  const auto cdt = triangulate_regions(regions);
-  ASSERT_TRUE(cdt);
+  const auto cdt = test::take(triangulate_regions(regions));
   for (const bool keep_area : {false, true}) {
     RefinementOptions options;
     options.keep_area = keep_area;
-    const Refined alone = refine((*cdt)[0], kLattice, options);
-    const Refined with = refine_regions(*cdt, kLattice, options)[0];
+    const Refined alone = refine(cdt[0], kLattice, options);
+    const Refined with = refine_regions(cdt, kLattice, options)[0];
     EXPECT_EQ(with.mesh.vertices, alone.mesh.vertices);
     EXPECT_EQ(with.mesh.triangles, alone.mesh.triangles);
     EXPECT_EQ(refined_rings(with, regions[0]).rings, refined_rings(alone, regions[0]).rings);
@@ -489,9 +489,8 @@ TEST(Regions, OneIsRefinedAsByItself) {
               measure_quality(alone, kLattice, 30).below_min_angle);
   }
   EXPECT_TRUE(refine_regions({}, kLattice, {}).empty());
-  const auto none = triangulate_regions(Regions(2));
-  ASSERT_TRUE(none);
-  EXPECT_EQ(refine_regions(*none, kLattice, {}).size(), 2U);
+  const auto none = test::take(triangulate_regions(Regions(2)));
+  EXPECT_EQ(refine_regions(none, kLattice, {}).size(), 2U);
 }
 
 // If the vertex budget is too small, the meshes conform and the outcome says that they are

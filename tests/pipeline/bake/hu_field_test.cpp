@@ -7,6 +7,7 @@
 #include "sample_ct/render.h"
 #include "tests/reference/decompositions/decompositions.h"
 #include "tests/support/memory_stack.h"
+#include "tests/support/take.h"
 #include "tests/support/test_lattice.h"
 
 #include <gtest/gtest.h>
@@ -396,17 +397,15 @@ TEST(HuField, UnbiasedOnL3) {
   const std::filesystem::path file =
       std::filesystem::path(folder == nullptr ? "" : folder) / "l3" / "sub-ct_label-22_ct.nii.gz";
   if (!std::filesystem::exists(file)) GTEST_SKIP() << "no real CT";
-  const auto stack = open_stack({file}, {});
-  ASSERT_TRUE(stack) << stack.error().message;
+  const auto stack = test::take(open_stack({file}, {}));
   MeshOptions options;
   options.simplification = {0.2, SimplificationMethod::kArea};
-  for (int k = 0; k < (*stack)->size(); ++k) {
-    const auto slice = mesh_slice(**stack, k, options);
-    ASSERT_TRUE(slice) << slice.error().message;
-    const auto hu = (*stack)->read(k);
-    const SlicePlane& plane = (*stack)->plane(k);
+  for (int k = 0; k < stack->size(); ++k) {
+    const auto slice = test::take(mesh_slice(*stack, k, options));
+    const auto hu = stack->read(k);
+    const SlicePlane& plane = stack->plane(k);
     const PixelGrid grid{plane.spacing_u_mm, plane.spacing_v_mm, 0, 0, kLattice};
-    expect_unbiased(slice->materials[0].refined.mesh, *hu, grid);
+    expect_unbiased(slice.materials[0].refined.mesh, *hu, grid);
   }
 }
 

@@ -10,6 +10,7 @@
 #include <tuple>
 
 #include "tests/reference/decompositions/decompositions.h"
+#include "tests/support/take.h"
 #include "tests/support/test_lattice.h"
 
 namespace trocar::pipeline {
@@ -157,11 +158,10 @@ TEST(EncodeHu, KeepsMeansOverDiscs) {
     };
     const Pslg outline{{{at(40, 30), at(200, 40), at(190, 160), at(60, 170)}}};
     const Pslg* const outlines[] = {&outline};
-    const auto encoded = encode_hu(4, image, sampling, kLattice, outlines);
-    ASSERT_TRUE(encoded);
-    EXPECT_EQ(encoded->index, 4);
-    const auto plane = decode_hu_plane(encoded->bytes, sampling.grid, kLattice, outlines);
-    ASSERT_TRUE(plane) << plane.error().message;
+    const auto encoded = test::take(encode_hu(4, image, sampling, kLattice, outlines));
+    EXPECT_EQ(encoded.index, 4);
+    const auto plane =
+        test::take(decode_hu_plane(encoded.bytes, sampling.grid, kLattice, outlines));
     HuPlane pixels;
     pixels.pitch_mm = {spacing_mm, spacing_mm};
     pixels.columns = image.width, pixels.rows = image.height;
@@ -172,16 +172,15 @@ TEST(EncodeHu, KeepsMeansOverDiscs) {
     for (int i = 0; i < 400; ++i) {
       const double x_mm = x(random) * spacing_mm, y_mm = y(random) * spacing_mm;
       const auto error =
-          static_cast<double>(plane->mean(x_mm, y_mm, 1.524) - pixels.mean(x_mm, y_mm, 1.524));
+          static_cast<double>(plane.mean(x_mm, y_mm, 1.524) - pixels.mean(x_mm, y_mm, 1.524));
       sum2 += error * error;
     }
     // White noise of 200 HU is worse than any scan.
     EXPECT_LT(std::sqrt(sum2 / 400), 25) << spacing_mm;
   }
   const HuSampling sampling = sampling_of(0.5, 240, 200);
-  const auto none = encode_hu(0, image, sampling, kLattice, {});
-  ASSERT_TRUE(none);
-  EXPECT_TRUE(none->bytes.empty());
+  const auto none = test::take(encode_hu(0, image, sampling, kLattice, {}));
+  EXPECT_TRUE(none.bytes.empty());
 }
 
 }  // namespace

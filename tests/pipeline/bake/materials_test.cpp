@@ -17,6 +17,7 @@
 #include "pipeline/bake/mesh_stack.h"
 #include "pipeline/surface/cgal_verification.h"
 #include "tests/support/label_maps.h"
+#include "tests/support/take.h"
 
 namespace trocar::pipeline {
 namespace {
@@ -163,8 +164,7 @@ TEST(Materials, TenMapsHaveNoGapAndNoOverlap) {
       EXPECT_TRUE(again && again->glb == made->glb) << name << ": 1 and 2 threads differ";
 
       Asset sheet = asset;
-      const auto welded = weld_materials(sheet, name);
-      ASSERT_TRUE(welded) << welded.error().message;
+      test::take(weld_materials(sheet, name));
       ASSERT_EQ(sheet.slices.size(), 3U);
       for (std::size_t i = 0, k = 0; k < 3; ++k) {
         const auto materials = materials_of_slice(asset, i);
@@ -290,9 +290,8 @@ TEST(Materials, HaveTheirOwnHu) {
     ASSERT_EQ(asset.materials.size(), static_cast<std::size_t>(2 * kMapLabels));
     for (const AssetSlice& slice : asset.slices) {
       if (slice.mesh.triangles.empty()) continue;
-      const auto mean = mean_hu_of(slice);
-      ASSERT_TRUE(mean);
-      EXPECT_NEAR(*mean,
+      const auto mean = test::take(mean_hu_of(slice));
+      EXPECT_NEAR(mean,
                   100 * asset.materials[static_cast<std::size_t>(slice.material)].label.value_or(0),
                   field ? 30 : 0.01)
           << slice.index << ' ' << slice.material;
@@ -310,9 +309,8 @@ TEST(Materials, HaveTheirOwnHu) {
         area += mm2;
       }
       if (area == 0) continue;
-      const auto mean = mean_hu_of(sheet.slices[k]);
-      ASSERT_TRUE(mean);
-      EXPECT_NEAR(*mean, sum / area, field ? 10 : 0.1);
+      const auto mean = test::take(mean_hu_of(sheet.slices[k]));
+      EXPECT_NEAR(mean, sum / area, field ? 10 : 0.1);
       EXPECT_EQ(sheet.slices[k].hu.size(), field ? sheet.slices[k].mesh.vertices.size() : 0U);
     }
   }

@@ -13,6 +13,7 @@
 
 #include "formats/asset/asset.h"
 #include "tests/support/memory_stack.h"
+#include "tests/support/take.h"
 
 namespace trocar::pipeline {
 namespace {
@@ -193,14 +194,12 @@ TEST(SparseScan, ItsHuAreCoarserSoThatItsReaderAcceptsThem) {
     return (x < 4 && y < 4) || (x >= 2495 && y >= 2495) ? 1000.0 : -20.0;
   });
   StackOptions options = defaults();
-  const auto made = mesh_stack(stack, options, json::object());
-  ASSERT_TRUE(made) << made.error().message;
-  const auto asset = decode_asset(made->glb, "sparse.glb");
-  ASSERT_TRUE(asset) << asset.error().message;
-  EXPECT_EQ(codes(made->report), std::set<std::string>{"hu_coarser"});
-  ASSERT_EQ(asset->hu.planes.size(), 3U);
-  EXPECT_NEAR(asset->hu.grid.pitch_mm.x(), 1.4, 1e-9);
-  EXPECT_GT(asset->hu.planes[0].at(0.7, 0.7), 700);
+  const auto made = test::take(mesh_stack(stack, options, json::object()));
+  const auto asset = test::take(decode_asset(made.glb, "sparse.glb"));
+  EXPECT_EQ(codes(made.report), std::set<std::string>{"hu_coarser"});
+  ASSERT_EQ(asset.hu.planes.size(), 3U);
+  EXPECT_NEAR(asset.hu.grid.pitch_mm.x(), 1.4, 1e-9);
+  EXPECT_GT(asset.hu.planes[0].at(0.7, 0.7), 700);
 }
 
 }  // namespace

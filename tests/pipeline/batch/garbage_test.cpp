@@ -15,6 +15,7 @@
 #include <random>
 
 #include "tests/pipeline/batch/store_fixture.h"
+#include "tests/support/take.h"
 #include "tests/support/temporary_folder.h"
 
 namespace trocar::farm {
@@ -104,9 +105,8 @@ TEST_F(GarbageTest, KeepsWhatEntriesNameThoughAllActionsAreGone) {
   const Store store = copy();
   for (const fs::path& action : paths_below(store.folder() / "actions"))
     fs::remove(action);
-  const auto done = collect_garbage(store, 0s);
-  ASSERT_TRUE(done);
-  EXPECT_EQ(done->removed, 5u);  // two dead assets and reports, and what belonged to nobody
+  const auto done = test::take(collect_garbage(store, 0s));
+  EXPECT_EQ(done.removed, 5u);  // two dead assets and reports, and what belonged to nobody
   for (const char* name : {"a", "b", "c", "twin", "failed"})
     EXPECT_TRUE(store.has(*store.entry(name)->outputs)) << name;
 }
@@ -166,9 +166,8 @@ TEST_F(GarbageTest, DropsNoScanIfItRemovesNothing) {
   EXPECT_FALSE(collect_garbage(store, 0s, &wanted));
   EXPECT_TRUE(fs::exists(store.entry_file("c")));
   ASSERT_TRUE(store.put_entry(entry_of("b", put(store, "b"))));
-  const auto done = collect_garbage(store, 0s, &wanted);
-  ASSERT_TRUE(done);
-  EXPECT_EQ(done->dropped, 4u);
+  const auto done = test::take(collect_garbage(store, 0s, &wanted));
+  EXPECT_EQ(done.dropped, 4u);
   EXPECT_EQ(*store.names(), (std::vector<std::string>{"a", "b"}));
 }
 

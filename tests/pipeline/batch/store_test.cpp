@@ -17,6 +17,7 @@
 #include "pipeline/batch/lease.h"
 #include "tests/pipeline/batch/store_fixture.h"
 #include "tests/support/file_size_limit.h"
+#include "tests/support/take.h"
 #include "tests/support/temporary_folder.h"
 
 namespace trocar::farm {
@@ -220,9 +221,8 @@ TEST(Lease, OneProcessAtATime) {
     const auto mine = Lease::take(store, key, "scan");
     ASSERT_TRUE(mine && *mine != nullptr);
     EXPECT_TRUE(is_leased(store, key));
-    const auto second = Lease::take(store, key, "scan");
-    ASSERT_TRUE(second);
-    EXPECT_EQ(*second, nullptr);
+    const auto second = test::take(Lease::take(store, key, "scan"));
+    EXPECT_EQ(second, nullptr);
     EXPECT_EQ(mode_of(store.lease_file(key)), 0600u);
   }
   EXPECT_FALSE(is_leased(store, key));
@@ -244,9 +244,8 @@ TEST(Lease, OfADeadProcessOrAnExpiredOneIsTakenOver) {
     std::ofstream(store.lease_file(key)) << process.text() << ".0\nscan\n";
     make_old(store.lease_file(key), age);
     EXPECT_EQ(is_leased(store, key), !is_void);
-    const auto taken = Lease::take(store, key, "scan");
-    ASSERT_TRUE(taken);
-    EXPECT_EQ(*taken != nullptr, is_void) << process.host << age.count();
+    const auto taken = test::take(Lease::take(store, key, "scan"));
+    EXPECT_EQ(taken != nullptr, is_void) << process.host << age.count();
     fs::remove(store.lease_file(key));
   }
 }
@@ -266,10 +265,9 @@ TEST(Garbage, KeepsWhatTheIndexLeadsToWhatIsYoungAndWhatIsClaimed) {
                                  store.content_file(outputs.report.sha256)})
       make_old(file, 7200s);
   const auto held = Lease::take(store, leased, "scan");
-  const auto done = collect_garbage(store, 1h);
-  ASSERT_TRUE(done);
-  EXPECT_EQ(done->removed, 3u);
-  EXPECT_EQ(done->kept, 9u);
+  const auto done = test::take(collect_garbage(store, 1h));
+  EXPECT_EQ(done.removed, 3u);
+  EXPECT_EQ(done.kept, 9u);
   EXPECT_TRUE(store.find(live) && store.find(young) && store.find(leased));
   EXPECT_FALSE(store.find(old));
   EXPECT_FALSE(fs::exists(store.content_file(old_outputs.asset.sha256)));

@@ -15,6 +15,7 @@
 #include "formats/asset/asset.h"
 #include "pipeline/batch/batch_run.h"
 #include "pipeline/batch/garbage.h"
+#include "tests/support/take.h"
 #include "tests/support/temporary_folder.h"
 
 namespace trocar::farm {
@@ -130,9 +131,8 @@ class BatchTest : public testing::Test {
   }
   // Removes all files of the store that no scan refers to.
   void collect() const {
-    const auto store = Store::open_for_writing(folder_ / "store");
-    ASSERT_TRUE(store);
-    ASSERT_TRUE(collect_garbage(*store, std::chrono::seconds(0)));
+    const auto store = test::take(Store::open_for_writing(folder_ / "store"));
+    ASSERT_TRUE(collect_garbage(store, std::chrono::seconds(0)));
   }
 
   test::TemporaryFolder folder_;
@@ -319,10 +319,9 @@ TEST_F(BatchTest, AnInputOutOfReachCostsNoAsset) {
       collect();
       for (const std::string& link : {"assets/" + name + ".glb", "reports/" + name + ".json"})
         EXPECT_TRUE(fs::is_regular_file(folder_ / ("store/" + link))) << link << k;
-      const auto entry = Store::open_for_reading(folder_ / "store")->entry(name);
-      ASSERT_TRUE(entry);
-      EXPECT_FALSE(entry->is_done());
-      EXPECT_FALSE(entry->is_lasting);
+      const auto entry = test::take(Store::open_for_reading(folder_ / "store")->entry(name));
+      EXPECT_FALSE(entry.is_done());
+      EXPECT_FALSE(entry.is_lasting);
     }
     fs::remove(input);
     fs::rename(input + ".away", input);

@@ -25,6 +25,7 @@
 #include "sample_ct/render.h"
 #include "tests/support/memory_stack.h"
 #include "tests/support/synthetic_fields.h"
+#include "tests/support/take.h"
 #include "tests/support/test_lattice.h"
 
 namespace trocar::pipeline {
@@ -157,14 +158,12 @@ TEST(DouglasPeucker, RealHeadCt) {
   // NOLINTNEXTLINE(concurrency-mt-unsafe): nothing sets environment variables
   const char* const path = std::getenv("TROCAR_HEAD_CT");
   if (path == nullptr || *path == '\0') GTEST_SKIP() << "TROCAR_HEAD_CT is not set";
-  const auto stack = open_stack({path}, {});
-  ASSERT_TRUE(stack) << stack.error().message;
-  for (int k = 0; k < (*stack)->size(); ++k) {
-    const SlicePlane& plane = (*stack)->plane(k);
+  const auto stack = test::take(open_stack({path}, {}));
+  for (int k = 0; k < stack->size(); ++k) {
+    const SlicePlane& plane = stack->plane(k);
     const PixelGrid grid{plane.spacing_u_mm, plane.spacing_v_mm, 0, 0, kLattice};
-    auto image = (*stack)->read(k);
-    ASSERT_TRUE(image) << image.error().message;
-    const Field field = segment(std::move(*image), (*stack)->pixel_unit(), Threshold{});
+    auto image = test::take(stack->read(k));
+    const Field field = segment(std::move(image), stack->pixel_unit(), Threshold{});
     for (const ContourKind kind : {ContourKind::kSubpixel, ContourKind::kPixel}) {
       const Pslg full = contours(field, grid, kind);  // small rings included
       for (const double tolerance_px : kTolerances_px) {
@@ -172,7 +171,7 @@ TEST(DouglasPeucker, RealHeadCt) {
         expect_sound(
             full, simplify(full, kLattice, {tolerance_mm, SimplificationMethod::kDouglasPeucker}),
             tolerance_mm * (1 + 1e-12), false,
-            (*stack)->name(k) + " at " + std::to_string(tolerance_px) + " px");
+            stack->name(k) + " at " + std::to_string(tolerance_px) + " px");
         if (HasFatalFailure()) return;
       }
     }
@@ -201,8 +200,7 @@ TEST(AreaCollapse, TenThousandRandomSlices) {
             options.max_distance_steps, left_for_refinement_steps(kLattice, area_to(tolerance_mm)));
         const Refined refined = refine(*triangulate(simple), kLattice, options);
         const Pslg stored = refined_rings(refined, simple);
-        const auto valid = check_mesh_against_pslg(refined.mesh, boundary_rings(refined.mesh));
-        ASSERT_TRUE(valid) << valid.error().message;
+        test::take(check_mesh_against_pslg(refined.mesh, boundary_rings(refined.mesh)));
         ASSERT_TRUE(is_constrained_delaunay(refined.mesh));
         ASSERT_EQ(doubled_area(stored), doubled_area(refined.mesh));
         expect_sound(full, stored, tolerance_mm, seed % 20 == 0, "stored");
@@ -238,9 +236,8 @@ class Scans : public testing::Test {
     if (head != nullptr) scans.emplace_back(head);
     for (const std::string& scan : scans) {
       if (!std::filesystem::exists(scan)) continue;
-      const auto stack = open_stack({scan}, {});
-      ASSERT_TRUE(stack) << stack.error().message;
-      visit_slices(scan, **stack, wanted, options, visit);
+      const auto stack = test::take(open_stack({scan}, {}));
+      visit_slices(scan, *stack, wanted, options, visit);
     }
   }
 
@@ -275,9 +272,8 @@ class Scans : public testing::Test {
                            const MeshOptions& options, const Visit& visit) {
     const int every = std::max(1, stack.size() / wanted);
     for (int k = every / 2; k < stack.size(); k += every) {
-      const auto meshed = mesh_slice(stack, k, options);
-      ASSERT_TRUE(meshed) << meshed.error().message;
-      visit(name + " slice " + std::to_string(k), meshed->materials[0]);
+      const auto meshed = test::take(mesh_slice(stack, k, options));
+      visit(name + " slice " + std::to_string(k), meshed.materials[0]);
       if (HasFatalFailure()) return;
     }
   }
@@ -363,8 +359,7 @@ TEST(AreaCollapse, KeepsRingsThatTouchAndVerticesInBays) {
       {{{0, 0}, {10 * s, 0}, {10 * s, 9 * s}, {7 * s, 10 * s}, {3 * s, 10 * s}, {0, 9 * s}},
        {{7 * s, 10 * s}, {5 * s, 8 * s}, {3 * s, 10 * s}, {5 * s, 9 * s}}}};
   for (const Pslg& full : {bay, touching}) {
-    const auto valid = check_pslg(full);
-    ASSERT_TRUE(valid) << valid.error().message;
+    test::take(check_pslg(full));
     for (const double tolerance_mm : {0.5, 1.0, 2.0, 3.0, 5.0})
       expect_sound(full, simplify(full, kLattice, area_to(tolerance_mm)), tolerance_mm, true, "");
   }

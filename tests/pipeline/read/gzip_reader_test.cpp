@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // Against zlib, on whole, joined, truncated and damaged files.
 #include "pipeline/read/volume_file.h"
+#include "tests/support/take.h"
 
 #include <fcntl.h>
 #include <gtest/gtest.h>
@@ -171,14 +172,13 @@ TEST(GzipReader, SaysOfDamagedFilesWhatZlibSays) {
 
 // Another try may succeed once there is space, so a batch must not keep the failure.
 TEST(VolumeFile, AFullFolderForTemporaryFilesIsATemporaryError) {
-  auto file = VolumeFile::temporary("scan.nii");
-  ASSERT_TRUE(file);
+  auto file = test::take(VolumeFile::temporary("scan.nii"));
   rlimit before{};
   ASSERT_EQ(::getrlimit(RLIMIT_FSIZE, &before), 0);
   const rlimit small = {1000, before.rlim_max};  // as if the disk were full after 1000 bytes
   const auto signal_before = ::signal(SIGXFSZ, SIG_IGN);
   ASSERT_EQ(::setrlimit(RLIMIT_FSIZE, &small), 0);
-  const auto done = file->append(std::vector<char>(2000), "scan.nii");
+  const auto done = file.append(std::vector<char>(2000), "scan.nii");
   ASSERT_EQ(::setrlimit(RLIMIT_FSIZE, &before), 0);
   ::signal(SIGXFSZ, signal_before);
   ASSERT_FALSE(done);
@@ -197,32 +197,29 @@ TEST(VolumeFile, UnpackedBehindGivesTheSameBytesAndErrors) {
   const fs::path wrong = written(folder / "wrong.gz", flipped);
   const fs::path cut = written(folder / "cut.gz", bytes.substr(0, bytes.size() / 2));
   for (const bool behind : {false, true}) {
-    const auto opened = VolumeFile::open(good, 352, size, behind);
-    ASSERT_TRUE(opened);
+    const auto opened = test::take(VolumeFile::open(good, 352, size, behind));
     for (const std::int64_t at : {std::int64_t{0}, size - 1000, size / 2}) {
       std::string block(1000, '\0');
-      ASSERT_TRUE(opened->read(at, block, "slice"));
+      ASSERT_TRUE(opened.read(at, block, "slice"));
       EXPECT_EQ(block, text.substr(static_cast<std::size_t>(at) + 352, 1000));
     }
-    EXPECT_TRUE(opened->finish());
+    EXPECT_TRUE(opened.finish());
     std::string beyond(1000, '\0');
-    EXPECT_FALSE(opened->read(size - 10, beyond, "slice"));
+    EXPECT_FALSE(opened.read(size - 10, beyond, "slice"));
   }
   EXPECT_EQ(VolumeFile::open(wrong, 352, size).error().message, wrong.string() + ": damaged gzip");
-  const auto opened = VolumeFile::open(wrong, 352, size, true);
-  ASSERT_TRUE(opened);
+  const auto opened = test::take(VolumeFile::open(wrong, 352, size, true));
   std::string block(1000, '\0');
-  EXPECT_TRUE(opened->read(0, block, "slice 0"));
-  EXPECT_EQ(opened->finish().error().message, wrong.string() + ": damaged gzip");
+  EXPECT_TRUE(opened.read(0, block, "slice 0"));
+  EXPECT_EQ(opened.finish().error().message, wrong.string() + ": damaged gzip");
 
   const std::string said = VolumeFile::open(cut, 352, size).error().message;
   EXPECT_NE(said.find("truncated: its header declares voxels up to byte 3000000"),
             std::string::npos);
-  const auto half = VolumeFile::open(cut, 352, size, true);
-  ASSERT_TRUE(half);
-  EXPECT_TRUE(half->read(0, block, "slice 0"));
-  EXPECT_EQ(half->read(size - 1000, block, "slice 9").error().message, said);
-  EXPECT_EQ(half->finish().error().message, said);
+  const auto half = test::take(VolumeFile::open(cut, 352, size, true));
+  EXPECT_TRUE(half.read(0, block, "slice 0"));
+  EXPECT_EQ(half.read(size - 1000, block, "slice 9").error().message, said);
+  EXPECT_EQ(half.finish().error().message, said);
   // Not read to its end.
   EXPECT_TRUE(VolumeFile::open(good, 352, size, true));
 }

@@ -17,6 +17,7 @@
 #include "pipeline/read/image_file.h"
 #include "pipeline/read/slice_stack.h"
 #include "sample_ct/sample_folder.h"
+#include "tests/support/take.h"
 
 namespace trocar::pipeline {
 namespace {
@@ -62,21 +63,19 @@ fs::path Readers::folder_;
 TEST_F(Readers, DicomAndNiftiGiveEveryVoxelAndItsPlace) {
   const sample::Scan scan = make_scan();
   for (const fs::path& input : {folder_ / "scan" / "dicom", folder_ / "scan" / "sample.nii.gz"}) {
-    const auto stack = open_stack({input}, {});
-    ASSERT_TRUE(stack) << stack.error().message;
-    EXPECT_TRUE((*stack)->warnings.empty());
-    EXPECT_EQ((*stack)->pixel_unit(), PixelUnit::kHounsfield);
-    ASSERT_EQ((*stack)->size(), 4);
-    ASSERT_EQ((*stack)->width(), 32);
-    ASSERT_EQ((*stack)->height(), 24);
+    const auto stack = test::take(open_stack({input}, {}));
+    EXPECT_TRUE(stack->warnings.empty());
+    EXPECT_EQ(stack->pixel_unit(), PixelUnit::kHounsfield);
+    ASSERT_EQ(stack->size(), 4);
+    ASSERT_EQ(stack->width(), 32);
+    ASSERT_EQ(stack->height(), 24);
     for (int k = 0; k < 4; ++k) {
-      const auto image = (*stack)->read(k);
-      ASSERT_TRUE(image) << image.error().message;
+      const auto image = test::take(stack->read(k));
       for (int y = 0; y < 24; ++y) {
         for (int x = 0; x < 32; ++x)
-          ASSERT_EQ(image->at(x, y), scan.slice(k)[y * 32 + x]) << x << ' ' << y << ' ' << k;
+          ASSERT_EQ(image.at(x, y), scan.slice(k)[y * 32 + x]) << x << ' ' << y << ' ' << k;
       }
-      const SlicePlane& plane = (*stack)->plane(k);
+      const SlicePlane& plane = stack->plane(k);
       const sample::Vec3 want = sample::pixel_centre_mm(scan.geometry, 31, 23, k);
       const Eigen::Vector3d got =
           plane.T_lps_plane * Eigen::Vector3d(31 * plane.spacing_u_mm, 23 * plane.spacing_v_mm, 0);
@@ -90,16 +89,14 @@ TEST_F(Readers, ImagesGiveGreyLevelsAndNeedASpacing) {
   expect_error(open_stack({folder_ / "scan" / "png"}, {}), ExitCode::kUsage, "--spacing");
   OpenOptions options;
   options.spacing_mm = {0.5, 0.25, 2.0};
-  const auto stack = open_stack({folder_ / "scan" / "png"}, options);
-  ASSERT_TRUE(stack) << stack.error().message;
-  EXPECT_EQ((*stack)->pixel_unit(), PixelUnit::kGrey);
-  EXPECT_EQ((*stack)->plane(3).z_mm, 6.0);
+  const auto stack = test::take(open_stack({folder_ / "scan" / "png"}, options));
+  EXPECT_EQ(stack->pixel_unit(), PixelUnit::kGrey);
+  EXPECT_EQ(stack->plane(3).z_mm, 6.0);
   const sample::Scan scan = make_scan();
-  const auto image = (*stack)->read(2);
-  ASSERT_TRUE(image);
+  const auto image = test::take(stack->read(2));
   for (int i = 0; i < 32 * 24; ++i) {
     const double grey = std::clamp((scan.slice(2)[i] + 1000.0) / 3000.0 * 255.0, 0.0, 255.0);
-    ASSERT_NEAR(image->values[static_cast<std::size_t>(i)], grey, 0.51) << i;
+    ASSERT_NEAR(image.values[static_cast<std::size_t>(i)], grey, 0.51) << i;
   }
 }
 
@@ -111,11 +108,10 @@ TEST_F(Readers, ImagesComeInNaturalOrder) {
   write("natural/README.txt", "not an image");
   OpenOptions options;
   options.spacing_mm = {1, 1, 1};
-  const auto stack = open_stack({folder_ / "natural"}, options);
-  ASSERT_TRUE(stack) << stack.error().message;
+  const auto stack = test::take(open_stack({folder_ / "natural"}, options));
   std::string order;
-  for (int i = 0; i < (*stack)->size(); ++i)
-    order += fs::path((*stack)->name(i)).stem().string() + " ";
+  for (int i = 0; i < stack->size(); ++i)
+    order += fs::path(stack->name(i)).stem().string() + " ";
   EXPECT_EQ(order, "s1 s9 s10 s100 ");
 }
 
@@ -146,9 +142,9 @@ TEST_F(Readers, BrokenInputIsRefusedByName) {
   sample::Scan other = make_scan();
   other.geometry.rows = 16;
   ASSERT_TRUE(sample::write_sample_folder(other, {-1000, 2000}, folder_ / "other"));
-  const auto mixed = open_stack({first, folder_ / "other" / "png" / "slice_002.png"}, options);
-  ASSERT_TRUE(mixed);
-  const auto read = (*mixed)->read(1);
+  const auto mixed =
+      test::take(open_stack({first, folder_ / "other" / "png" / "slice_002.png"}, options));
+  const auto read = mixed->read(1);
   ASSERT_FALSE(read);
   EXPECT_NE(read.error().message.find("slice_00"), std::string::npos);
 }
@@ -165,21 +161,19 @@ TEST_F(Readers, OnlyTheSlicesOfAFolderAreTheInput) {
                "that cannot be read)");
   fs::remove(folder / "a_link");
   fs::remove(folder / "z_link");
-  const auto stack = open_stack({folder}, {});
-  ASSERT_TRUE(stack) << stack.error().message;
-  ASSERT_EQ((*stack)->size(), 4);
+  const auto stack = test::take(open_stack({folder}, {}));
+  ASSERT_EQ(stack->size(), 4);
   std::string files;
-  for (const fs::path& file : (*stack)->files)
+  for (const fs::path& file : stack->files)
     files += file.filename().string() + " ";
   EXPECT_EQ(files, "CT_001.dcm CT_002.dcm CT_003.dcm CT_004.dcm ");
   // An image beside DICOM files is left out, with a warning.
   fs::copy(folder_ / "scan" / "png" / "slice_001.png", folder / "preview.png");
-  const auto beside = open_stack({folder}, {});
-  ASSERT_TRUE(beside) << beside.error().message;
-  EXPECT_EQ((*beside)->size(), 4);
-  ASSERT_FALSE((*beside)->warnings.empty());
-  EXPECT_EQ((*beside)->warnings[0].code, "other_input");
-  EXPECT_NE((*beside)->warnings[0].sentence.find("preview.png"), std::string::npos);
+  const auto beside = test::take(open_stack({folder}, {}));
+  EXPECT_EQ(beside->size(), 4);
+  ASSERT_FALSE(beside->warnings.empty());
+  EXPECT_EQ(beside->warnings[0].code, "other_input");
+  EXPECT_NE(beside->warnings[0].sentence.find("preview.png"), std::string::npos);
 }
 
 // A wrong folder, a home for example, ends soon; a link to a folder above ends, too.
@@ -216,13 +210,11 @@ TEST_F(Readers, VolumesInOtherUnitsAreInMm) {
     bytes[kUnits] = static_cast<std::uint8_t>((bytes[kUnits] & ~7U) | code);
     return open_stack({write("units.nii", {bytes.begin(), bytes.end()})}, {});
   };
-  const auto in_mm = with(2);
-  ASSERT_TRUE(in_mm) << in_mm.error().message;
-  const SlicePlane& mm = (*in_mm)->plane((*in_mm)->size() - 1);
+  const auto in_mm = test::take(with(2));
+  const SlicePlane& mm = in_mm->plane(in_mm->size() - 1);
   for (const auto& [code, scale] : {std::pair{0, 1.0}, {1, 1000.0}, {3, 0.001}}) {
-    const auto stack = with(static_cast<std::uint8_t>(code));
-    ASSERT_TRUE(stack) << stack.error().message;
-    const SlicePlane& got = (*stack)->plane((*stack)->size() - 1);
+    const auto stack = test::take(with(static_cast<std::uint8_t>(code)));
+    const SlicePlane& got = stack->plane(stack->size() - 1);
     EXPECT_DOUBLE_EQ(got.spacing_u_mm, scale * mm.spacing_u_mm) << code;
     EXPECT_DOUBLE_EQ(got.spacing_v_mm, scale * mm.spacing_v_mm) << code;
     EXPECT_NEAR((got.T_lps_plane.translation() - scale * mm.T_lps_plane.translation()).norm(), 0,
@@ -248,19 +240,17 @@ TEST_F(Readers, AVolumeWithoutVoxelSizesNeedsASpacing) {
   OpenOptions given;
   given.spacing_mm = {0.5, 0.25, 3.0};
   for (const std::int16_t qform : {std::int16_t{0}, std::int16_t{1}}) {
-    const auto own = with({0.5F, 0.25F, 3.0F}, qform, {});
-    ASSERT_TRUE(own) << own.error().message;
+    const auto own = test::take(with({0.5F, 0.25F, 3.0F}, qform, {}));
     for (const std::array<float, 3> sizes :
          {std::array{0.0F, 0.0F, 0.0F}, {0.5F, 0.25F, 0.0F}, {NAN, 0.25F, 3.0F}}) {
       expect_error(with(sizes, qform, {}), ExitCode::kUsage, "sizes.nii: carries no voxel size");
-      const auto stack = with(sizes, qform, given);
-      ASSERT_TRUE(stack) << stack.error().message;
-      for (int k = 0; k < (*own)->size(); ++k) {
-        EXPECT_NEAR((*stack)->plane(k).spacing_u_mm, (*own)->plane(k).spacing_u_mm, 1e-9);
-        EXPECT_NEAR((*stack)->plane(k).spacing_v_mm, (*own)->plane(k).spacing_v_mm, 1e-9);
-        EXPECT_TRUE((*stack)->plane(k).T_lps_plane.isApprox((*own)->plane(k).T_lps_plane, 1e-6));
+      const auto stack = test::take(with(sizes, qform, given));
+      for (int k = 0; k < own->size(); ++k) {
+        EXPECT_NEAR(stack->plane(k).spacing_u_mm, own->plane(k).spacing_u_mm, 1e-9);
+        EXPECT_NEAR(stack->plane(k).spacing_v_mm, own->plane(k).spacing_v_mm, 1e-9);
+        EXPECT_TRUE(stack->plane(k).T_lps_plane.isApprox(own->plane(k).T_lps_plane, 1e-6));
       }
-      EXPECT_EQ((*stack)->warnings.size(), (*own)->warnings.size());
+      EXPECT_EQ(stack->warnings.size(), own->warnings.size());
     }
   }
   expect_error(with({-0.5F, 0.25F, 3.0F}, 1, {}), ExitCode::kUsage, "carries no voxel size");
@@ -380,26 +370,24 @@ TEST_F(Readers, VolumesAreSlicedAlongTheChosenAxis) {
   for (const SliceAxis axis : {SliceAxis::kCoronal, SliceAxis::kSagittal}) {
     OpenOptions options;
     options.axis = axis;
-    const auto stack = open_stack({folder_ / "scan" / "sample.nii.gz"}, options);
-    ASSERT_TRUE(stack) << stack.error().message;
+    const auto stack = test::take(open_stack({folder_ / "scan" / "sample.nii.gz"}, options));
     const bool coronal = axis == SliceAxis::kCoronal;
-    ASSERT_EQ((*stack)->size(), coronal ? 24 : 32);
-    ASSERT_EQ((*stack)->width(), coronal ? 32 : 24);
-    ASSERT_EQ((*stack)->height(), 4);
-    for (int k = 0; k < (*stack)->size(); ++k) {
-      const auto image = (*stack)->read(k);
-      ASSERT_TRUE(image);
-      const SlicePlane& plane = (*stack)->plane(k);
+    ASSERT_EQ(stack->size(), coronal ? 24 : 32);
+    ASSERT_EQ(stack->width(), coronal ? 32 : 24);
+    ASSERT_EQ(stack->height(), 4);
+    for (int k = 0; k < stack->size(); ++k) {
+      const auto image = test::take(stack->read(k));
+      const SlicePlane& plane = stack->plane(k);
       EXPECT_NEAR(plane.T_lps_plane.linear().determinant(), 1, 1e-9);
       for (int v = 0; v < 4; ++v) {
-        for (int u = 0; u < image->width; ++u) {
+        for (int u = 0; u < image.width; ++u) {
           // The position determines the voxel, and so the value.
           const Eigen::Vector3d at = plane.T_lps_plane * Eigen::Vector3d(u * plane.spacing_u_mm,
                                                                          v * plane.spacing_v_mm, 0);
           const int x = coronal ? u : 31 - k, y = coronal ? k : u, z = 3 - v;
           const sample::Vec3 want = sample::pixel_centre_mm(scan.geometry, x, y, z);
           ASSERT_NEAR((at - Eigen::Vector3d(want.x, want.y, want.z)).norm(), 0, 1e-4);
-          ASSERT_EQ(image->at(u, v), scan.slice(z)[y * 32 + x]);
+          ASSERT_EQ(image.at(u, v), scan.slice(z)[y * 32 + x]);
         }
       }
     }

@@ -6,6 +6,7 @@
 #include "pipeline/surface/isosurface.h"
 #include "sample_ct/render.h"
 #include "tests/support/memory_stack.h"
+#include "tests/support/take.h"
 
 #include <gtest/gtest.h>
 
@@ -154,10 +155,9 @@ TEST(DisplaySurface, HasMoreTrianglesWhereItsBoundNeedsThem) {
   const Synthetic frame({1, 1, 1}, {1, 1, 1}, 0, [](const Vector3d&) { return 0.0; });
   const Synthetic stack({34, 34, 28}, {1, 1, 1}, 0,
                         balls({{frame.plane(0).T_lps_plane * Vector3d(16, 16, 15), 12}}));
-  const auto volume = read_surface_volume(stack, 0, stack.size() - 1, {});
-  ASSERT_TRUE(volume) << volume.error().message;
-  const auto few = make_display_surface(*volume, {40, true}),
-             enough = make_display_surface(*volume, {40, false});
+  const auto volume = test::take(read_surface_volume(stack, 0, stack.size() - 1, {}));
+  const auto few = make_display_surface(volume, {40, true}),
+             enough = make_display_surface(volume, {40, false});
   ASSERT_TRUE(few && enough);
   EXPECT_LE(few->surface.triangles.size(), 40U);
   EXPECT_FALSE(few->is_within_bound());
@@ -171,13 +171,11 @@ TEST(DisplaySurface, OfAveragedVoxelsIsClosedWhereTheScanEnds) {
   for (const int factor : {4, 8}) {
     for (int n = 2 * factor + 1; n <= 3 * factor; ++n) {
       const Synthetic stack({n, n, 12}, {1, 1, 1}, 0, [](const Vector3d&) { return 1000.0; });
-      const auto volume = read_surface_volume(stack, 0, stack.size() - 1, {});
-      ASSERT_TRUE(volume) << volume.error().message;
-      const auto surface = isosurface(coarser(*volume, {factor, factor, 1}));
-      ASSERT_TRUE(surface) << surface.error().message;
+      const auto volume = test::take(read_surface_volume(stack, 0, stack.size() - 1, {}));
+      const auto surface = test::take(isosurface(coarser(volume, {factor, factor, 1})));
       const Eigen::Affine3d back = stack.plane(0).T_lps_plane.inverse();
       Vector3d low = Vector3d::Constant(1e3), high = -low;
-      for (const Vector3d& p : samples(*surface)) {
+      for (const Vector3d& p : samples(surface)) {
         low = low.cwiseMin(back * p);
         high = high.cwiseMax(back * p);
       }
@@ -196,17 +194,16 @@ TEST(DisplaySurface, AveragedVoxelsAreMeans) {
     ++i;
     return x < 10 && y < 9 ? 1000.0 + 8 * x + 16 * y : 200.0 - x - y;
   });
-  const auto volume = read_surface_volume(stack, 0, stack.size() - 1, {});
-  ASSERT_TRUE(volume) << volume.error().message;
-  ASSERT_EQ(volume->size, (std::array<int, 3>{13, 12, 14}));
-  const SurfaceVolume means = coarser(*volume, {4, 4, 1});
+  const auto volume = test::take(read_surface_volume(stack, 0, stack.size() - 1, {}));
+  ASSERT_EQ(volume.size, (std::array<int, 3>{13, 12, 14}));
+  const SurfaceVolume means = coarser(volume, {4, 4, 1});
   ASSERT_EQ(means.size, (std::array<int, 3>{5, 5, 14}));
   for (int y = 0; y < 3; ++y) {
     for (int x = 0; x < 3; ++x) {
       double sum = 0, count = 0;
       for (int b = 4 * y; b < std::min(4 * y + 4, 10); ++b)
         for (int a = 4 * x; a < std::min(4 * x + 4, 11); ++a)
-          sum += static_cast<double>(volume->value(a + 1, b + 1, 5)), count += 1;
+          sum += static_cast<double>(volume.value(a + 1, b + 1, 5)), count += 1;
       EXPECT_EQ(means.value(x + 1, y + 1, 5), static_cast<float>(sum / count)) << x << ", " << y;
     }
     EXPECT_EQ(means.value(4, y + 1, 5), -std::abs(means.value(3, y + 1, 5))) << y;
@@ -223,15 +220,13 @@ TEST(DisplaySurface, SaysWhatIsTooSmall) {
     const bool speck = x == 1 && y >= 1 && y <= 3 && z == 1;
     return (ball && !hole) || speck ? 500.0 : 0.0;
   });
-  const auto volume = read_surface_volume(stack, 0, 19, {});
-  ASSERT_TRUE(volume) << volume.error().message;
-  EXPECT_EQ(volume->dropped.specks, 1U);
-  EXPECT_EQ(volume->dropped.holes, 1U);
-  EXPECT_NEAR(volume->dropped.largest_mm3, 6, 0.4);  // slices are unevenly spaced
-  const auto none = read_surface_volume(stack, 0, 3, {});
-  ASSERT_TRUE(none) << none.error().message;
-  EXPECT_TRUE(none->empty());
-  EXPECT_EQ(none->dropped.specks, 1U);
+  const auto volume = test::take(read_surface_volume(stack, 0, 19, {}));
+  EXPECT_EQ(volume.dropped.specks, 1U);
+  EXPECT_EQ(volume.dropped.holes, 1U);
+  EXPECT_NEAR(volume.dropped.largest_mm3, 6, 0.4);  // slices are unevenly spaced
+  const auto none = test::take(read_surface_volume(stack, 0, 3, {}));
+  EXPECT_TRUE(none.empty());
+  EXPECT_EQ(none.dropped.specks, 1U);
 }
 
 TEST(DisplaySurface, OfNoiseIsProvedToo) {
@@ -312,9 +307,8 @@ TEST(DisplaySurface, OfARealVertebra) {
   const auto file =
       std::filesystem::path(folder == nullptr ? "" : folder) / "l3" / "sub-ct_label-22_ct.nii.gz";
   if (!std::filesystem::exists(file)) GTEST_SKIP() << "no real scan";
-  const auto stack = open_stack({file}, {});
-  ASSERT_TRUE(stack) << stack.error().message;
-  const DisplaySurface made = proved_surface(**stack, {}, 50'000);
+  const auto stack = test::take(open_stack({file}, {}));
+  const DisplaySurface made = proved_surface(*stack, {}, 50'000);
   EXPECT_LE(made.surface.triangles.size(), 50'000U);
   EXPECT_LT(made.distance.p99_mm, made.bound_mm);
 }
@@ -336,12 +330,11 @@ TEST(SurfaceProof, RefusesTrianglesThatAreNoManifold) {
 // Nothing to measure is not the same as a distance of 0.
 TEST(SurfaceDistance, OfNothingIsInfinite) {
   const Synthetic stack({20, 20, 20}, {1, 1, 1}, 0, balls({{Vector3d(-80, 30, 500), 5}}));
-  const auto volume = read_surface_volume(stack, 0, stack.size() - 1, {});
-  ASSERT_TRUE(volume) << volume.error().message;
+  const auto volume = test::take(read_surface_volume(stack, 0, stack.size() - 1, {}));
   const TriangleSurface none{};
   for (const SurfaceDistance& distance :
-       {SurfaceDistance{}, distance_from(none, *volume), distance_to(none, *volume, {}),
-        distance_to(none, *volume, {Vector3d::Zero()})}) {
+       {SurfaceDistance{}, distance_from(none, volume), distance_to(none, volume, {}),
+        distance_to(none, volume, {Vector3d::Zero()})}) {
     EXPECT_TRUE(std::isinf(distance.p50_mm));
     EXPECT_TRUE(std::isinf(distance.p99_mm));
     EXPECT_TRUE(std::isinf(distance.max_mm));

@@ -16,6 +16,7 @@
 #include "formats/base/files.h"
 #include "pipeline/open/open_stack.h"
 #include "pipeline/read/slice_stack.h"
+#include "tests/support/take.h"
 
 namespace trocar::pipeline {
 namespace {
@@ -84,9 +85,8 @@ TEST_F(LabelImages, OfFewBitsOrAPaletteAreReadUnscaled) {
   for (const char* kind :
        {".png", "_raw.tif", "_packbits.tif", "_tiff_lzw.tif", "_tiff_deflate.tif"}) {
     for (const auto& [name, want] : {std::pair{"palette", &indices}, {"bits", &bits}}) {
-      const auto got = as_labels(corpus / (std::string(name) + kind));
-      ASSERT_TRUE(got) << got.error().message;
-      EXPECT_EQ(got->values, *want) << name << kind;
+      const auto got = test::take(as_labels(corpus / (std::string(name) + kind)));
+      EXPECT_EQ(got.values, *want) << name << kind;
     }
     EXPECT_EQ(as_labels(corpus / (std::string("grey") + kind))->values,
               read_image_file(corpus / (std::string("grey") + kind))->values);
@@ -114,19 +114,17 @@ TEST_F(LabelImages, OfABmpAreTheIndicesOfItsPalette) {
     EXPECT_TRUE(write_file_atomically(file, bytes));
     return read_image_file(file, Levels::kStored);
   };
-  const auto same = changed(0, 'B', bmp.size());
-  ASSERT_TRUE(same) << same.error().message;
-  EXPECT_EQ(same->values, indices);
+  const auto same = test::take(changed(0, 'B', bmp.size()));
+  EXPECT_EQ(same.values, indices);
   // A negative height (-14 after a change of all its bytes): the highest row comes first.
   auto turned = bmp;
   for (const auto& [at, to] : {std::pair{22U, 0xf2}, {23U, 0xff}, {24U, 0xff}, {25U, 0xff}})
     turned[at] = static_cast<std::uint8_t>(to);
   ASSERT_TRUE(write_file_atomically(file, turned));
-  const auto upside_down = read_image_file(file, Levels::kStored);
-  ASSERT_TRUE(upside_down) << upside_down.error().message;
-  for (int y = 0; y < same->height; ++y)
-    for (int x = 0; x < same->width; ++x)
-      ASSERT_EQ(upside_down->at(x, y), same->at(x, same->height - 1 - y)) << x << ", " << y;
+  const auto upside_down = test::take(read_image_file(file, Levels::kStored));
+  for (int y = 0; y < same.height; ++y)
+    for (int x = 0; x < same.width; ++x)
+      ASSERT_EQ(upside_down.at(x, y), same.at(x, same.height - 1 - y)) << x << ", " << y;
   expect_error(changed(0, 'B', bmp.size() - 1), ExitCode::kRefused, "broken BMP");
   expect_error(changed(0, 'B', 50), ExitCode::kRefused, "broken BMP");
   expect_error(changed(30, 1, bmp.size()), ExitCode::kRefused, "compressed");
