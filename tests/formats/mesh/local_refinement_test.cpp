@@ -391,12 +391,10 @@ TEST(LocalRefinement, DoesNotAllocate) {
     LocalRefinementWorkspace workspace(mesh);
     LocalRefinementOptions options;
     options.split_outline = round % 2 == 0;
-    const std::uint64_t before = allocations_in_scopes();
-    {
-      const NoAllocationScope scope;
-      added += refine_locally(mesh, edit, seeds, options, workspace).vertices_added;
-    }
-    EXPECT_EQ(allocations_in_scopes(), before);
+    EXPECT_EQ(allocations_of([&] {
+                added += refine_locally(mesh, edit, seeds, options, workspace).vertices_added;
+              }),
+              0U);
   }
   EXPECT_GT(added, 300U);
 }

@@ -34,6 +34,17 @@ sample::Scan make_scan() {
   return scan;
 }
 
+OpenOptions with_spacing(const std::array<double, 3>& spacing_mm) {
+  OpenOptions out;
+  out.spacing_mm = spacing_mm;
+  return out;
+}
+OpenOptions along(SliceAxis axis) {
+  OpenOptions out;
+  out.axis = axis;
+  return out;
+}
+
 class Readers : public testing::Test {
  protected:
   static void SetUpTestSuite() {
@@ -87,8 +98,7 @@ TEST_F(Readers, DicomAndNiftiGiveEveryVoxelAndItsPlace) {
 
 TEST_F(Readers, ImagesGiveGreyLevelsAndNeedASpacing) {
   expect_error(open_stack({folder_ / "scan" / "png"}, {}), ExitCode::kUsage, "--spacing");
-  OpenOptions options;
-  options.spacing_mm = {0.5, 0.25, 2.0};
+  const OpenOptions options = with_spacing({0.5, 0.25, 2.0});
   const auto stack = test::take(open_stack({folder_ / "scan" / "png"}, options));
   EXPECT_EQ(stack->pixel_unit(), PixelUnit::kGrey);
   EXPECT_EQ(stack->plane(3).z_mm, 6.0);
@@ -106,8 +116,7 @@ TEST_F(Readers, ImagesComeInNaturalOrder) {
     write(std::string("natural/") + name, {png.begin(), png.end()});
   }
   write("natural/README.txt", "not an image");
-  OpenOptions options;
-  options.spacing_mm = {1, 1, 1};
+  OpenOptions options = with_spacing({1, 1, 1});
   const auto stack = test::take(open_stack({folder_ / "natural"}, options));
   std::string order;
   for (int i = 0; i < stack->size(); ++i)
@@ -116,8 +125,7 @@ TEST_F(Readers, ImagesComeInNaturalOrder) {
 }
 
 TEST_F(Readers, BrokenInputIsRefusedByName) {
-  OpenOptions options;
-  options.spacing_mm = {1, 1, 1};
+  OpenOptions options = with_spacing({1, 1, 1});
   expect_error(open_stack({folder_ / "nowhere"}, options), ExitCode::kRefused,
                "nowhere: no such file");
   fs::create_directories(folder_ / "empty");
@@ -237,8 +245,7 @@ TEST_F(Readers, AVolumeWithoutVoxelSizesNeedsASpacing) {
     std::memset(bytes.data() + kSformCode, 0, sizeof(std::int16_t));
     return open_stack({write("sizes.nii", {bytes.begin(), bytes.end()})}, options);
   };
-  OpenOptions given;
-  given.spacing_mm = {0.5, 0.25, 3.0};
+  const OpenOptions given = with_spacing({0.5, 0.25, 3.0});
   for (const std::int16_t qform : {std::int16_t{0}, std::int16_t{1}}) {
     const auto own = test::take(with({0.5F, 0.25F, 3.0F}, qform, {}));
     for (const std::array<float, 3> sizes :
@@ -258,8 +265,7 @@ TEST_F(Readers, AVolumeWithoutVoxelSizesNeedsASpacing) {
 
 TEST_F(Readers, MissingImageNumbersGiveAWarning) {
   const std::vector<std::uint8_t> png = *read_file(folder_ / "scan" / "png" / "slice_001.png");
-  OpenOptions options;
-  options.spacing_mm = {1, 1, 2.5};
+  const OpenOptions options = with_spacing({1, 1, 2.5});
   const auto warned = [&](const std::string& folder, const std::vector<std::string>& names) {
     std::vector<std::string> out;
     for (const std::string& name : names)
@@ -283,8 +289,7 @@ TEST_F(Readers, MissingImageNumbersGiveAWarning) {
 }
 
 TEST_F(Readers, SeriesIsForDicomInputOnly) {
-  OpenOptions options;
-  options.spacing_mm = {1, 1, 1};
+  OpenOptions options = with_spacing({1, 1, 1});
   options.series = "1.2.3";
   for (const char* input : {"png", "sample.nii.gz"})
     expect_error(open_stack({folder_ / "scan" / input}, options), ExitCode::kUsage, "--series");
@@ -295,8 +300,7 @@ TEST_F(Readers, ATiffOfSeveralPagesIsRefused) {
   const std::vector<cv::Mat> pages(3, cv::Mat(8, 8, CV_8UC1, cv::Scalar(90)));
   const std::string file = (folder_ / "pages.tif").string();
   ASSERT_TRUE(cv::imwritemulti(file, pages));
-  OpenOptions options;
-  options.spacing_mm = {1, 1, 1};
+  OpenOptions options = with_spacing({1, 1, 1});
   expect_error(open_stack({file}, options), ExitCode::kRefused, "several pages");
 }
 
@@ -343,8 +347,7 @@ TEST_F(Readers, HugeDeclaredSizesAreRefused) {
     std::copy(bytes.begin(), bytes.end(), whole.begin() + static_cast<std::ptrdiff_t>(at));
     return write(name, {whole.begin(), whole.end()});
   };
-  OpenOptions options;
-  options.spacing_mm = {1, 1, 1};
+  OpenOptions options = with_spacing({1, 1, 1});
   expect_error(open_stack({patched("colour.bmp", 18,
                                    std::string("\xff\xff\x00\x00\xff\xff\x00\x00", 8), "huge.bmp")},
                           options),
@@ -368,8 +371,7 @@ TEST_F(Readers, HugeDeclaredSizesAreRefused) {
 TEST_F(Readers, VolumesAreSlicedAlongTheChosenAxis) {
   const sample::Scan scan = make_scan();  // 32 x 24 x 4, axes along LPS
   for (const SliceAxis axis : {SliceAxis::kCoronal, SliceAxis::kSagittal}) {
-    OpenOptions options;
-    options.axis = axis;
+    const OpenOptions options = along(axis);
     const auto stack = test::take(open_stack({folder_ / "scan" / "sample.nii.gz"}, options));
     const bool coronal = axis == SliceAxis::kCoronal;
     ASSERT_EQ(stack->size(), coronal ? 24 : 32);
@@ -396,8 +398,7 @@ TEST_F(Readers, VolumesAreSlicedAlongTheChosenAxis) {
 
 TEST_F(Readers, DicomVolumesAreSlicedAsTheEqualNifti) {
   for (const SliceAxis axis : {SliceAxis::kAxial, SliceAxis::kCoronal, SliceAxis::kSagittal}) {
-    OpenOptions options;
-    options.axis = axis;
+    const OpenOptions options = along(axis);
     const auto dicom = open_stack({folder_ / "scan" / "dicom"}, options);
     const auto nifti = open_stack({folder_ / "scan" / "sample.nii.gz"}, options);
     ASSERT_TRUE(dicom) << dicom.error().message;
@@ -411,8 +412,7 @@ TEST_F(Readers, DicomVolumesAreSlicedAsTheEqualNifti) {
       EXPECT_LT(difference.cwiseAbs().maxCoeff(), 1e-4) << k;  // an sform is in floats
     }
   }
-  OpenOptions options;
-  options.axis = SliceAxis::kCoronal;
+  const OpenOptions options = along(SliceAxis::kCoronal);
   expect_error(open_stack({folder_ / "scan" / "dicom" / "CT_001.dcm"}, options), ExitCode::kRefused,
                "one slice");
 }
