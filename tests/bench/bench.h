@@ -38,6 +38,13 @@ inline void check(bool holds, const std::string& what) {
 
 using test::take;
 
+/// A number as %g has it.
+inline std::string short_text(double value) {
+  char out[32];
+  std::snprintf(out, sizeof out, "%g", value);
+  return out;
+}
+
 /// Adds a benchmark: `work()` is timed; `count()` returns the counters, once, after the first run.
 template <typename Work, typename Count>
 benchmark::internal::Benchmark* add(const std::string& name, benchmark::TimeUnit unit, Work work,
