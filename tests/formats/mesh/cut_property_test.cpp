@@ -93,8 +93,7 @@ void checked_cut(const SliceMesh& sheet, const Ring& tool, Random& random, Count
 
   // Membership of points farther from all outlines than bends reach.
   for (int i = 0; i < 20; ++i) {
-    const LatticePoint near =
-        tool[static_cast<std::size_t>(random.between(0, static_cast<int>(tool.size()) - 1))];
+    const LatticePoint near = random.pick(tool);
     const Real x = near.x + 60 * (random.unit() - 0.5), y = near.y + 60 * (random.unit() - 0.5);
     if (nearest_edge(x, y, old_rings) < 3 || nearest_edge(x, y, {tool}) < 3) continue;
     ++n.points;

@@ -52,8 +52,7 @@ TEST(PointInsertion, InsertionAndRemovalRestoreTheSheet) {
     VertexRemoval removal;
     for (int round = 0; round < 10; ++round) {
       const std::vector<std::uint32_t> slots = all_triangles(mesh);
-      const std::uint32_t t =
-          slots[static_cast<std::size_t>(random.between(0, static_cast<int>(slots.size()) - 1))];
+      const std::uint32_t t = random.pick(slots);
       const LatticePoint p = inside(random, mesh, t);
       if (!is_inside(mesh, t, p)) continue;
       const std::vector<Points> before = points_of(mesh);

@@ -17,6 +17,7 @@
 #include "formats/mesh/refinement_outline.h"
 #include "formats/mesh/regions.h"
 #include "formats/mesh/shared_borders.h"
+#include "tests/support/rings_of_edges.h"
 #include "tests/support/take.h"
 #include "tests/support/test_lattice.h"
 
@@ -24,45 +25,12 @@ namespace trocar::pipeline {
 namespace {
 
 using trocar::test::kLattice;
+using trocar::test::rings_of;
 using Regions = std::vector<Pslg>;
 using Edge = std::pair<LatticePoint, LatticePoint>;
-using Edges = std::vector<Edge>;
+using Edges = trocar::test::DirectedEdges;
 
 // ---- generators ----
-
-// Simple rings from directed edges with the material on their left. Where several edges leave a
-// point, the one that bounds the same connected component.
-Pslg rings_of(const Edges& edges) {
-  std::map<LatticePoint, std::vector<LatticePoint>> out;
-  for (const auto& [from, to] : edges)
-    out[from].push_back(to);
-  Pslg pslg;
-  for (auto& [start, leaving] : out) {
-    while (!leaving.empty()) {
-      Ring path;
-      LatticePoint from = start, at = leaving.back();
-      leaving.pop_back();
-      path.push_back(start);
-      while (at != start) {
-        path.push_back(at);
-        std::vector<LatticePoint>& next = out[at];
-        const auto clockwise = [&](LatticePoint q) {
-          const double angle =
-              std::atan2(from.y - at.y, from.x - at.x) - std::atan2(q.y - at.y, q.x - at.x);
-          return angle <= 0 ? angle + 2 * std::numbers::pi : angle;
-        };
-        const auto best = std::min_element(
-            next.begin(), next.end(),
-            [&](LatticePoint p, LatticePoint q) { return clockwise(p) < clockwise(q); });
-        from = at;
-        at = *best;
-        next.erase(best);
-      }
-      split_at_pinches(path, pslg.rings);
-    }
-  }
-  return pslg;
-}
 
 struct LabelMap {
   int size;

@@ -148,9 +148,8 @@ Ring next_tool(Random& random, const Subject& subject, const Ring& last) {
   if (random.between(0, 2) > 0) radius = std::min(radius, 3 * subject.edge);
   LatticePoint at = random_corner(random, subject);
   if (where < 6) {
-    const Ring& ring = subject.rings[static_cast<std::size_t>(
-        random.between(0, static_cast<int>(subject.rings.size()) - 1))];
-    at = ring[static_cast<std::size_t>(random.between(0, static_cast<int>(ring.size()) - 1))];
+    const Ring& ring = random.pick(subject.rings);
+    at = random.pick(ring);
     if (where == 5) {
       const LatticeBox box = box_around(ring);
       const double half = 0.5 * std::hypot(box.high.x - box.low.x, box.high.y - box.low.y);
