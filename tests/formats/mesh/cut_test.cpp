@@ -9,6 +9,7 @@
 #include <set>
 
 #include "tests/support/cut_checks.h"
+#include "tests/support/take.h"
 #include "tests/support/whole_cut.h"
 
 namespace trocar::runtime {
@@ -67,12 +68,10 @@ std::size_t fans_at(const SliceMesh& mesh, LatticePoint p) {
 // Cuts, checks the result and returns it.
 CutResult good_cut(const SliceMesh& sheet, const Ring& tool) {
   EXPECT_TRUE(check_mesh(sheet)) << "the test's sheet is not valid";
-  Result<CutResult> result = cut(sheet, tool);
-  EXPECT_TRUE(result) << result.error().message;
-  if (!result) return {};
-  EXPECT_EQ(contract_violation(sheet, *result), "");
-  EXPECT_EQ(outline_violation(*result), "");
-  return *result;
+  const CutResult result = test::take(cut(sheet, tool));
+  EXPECT_EQ(contract_violation(sheet, result), "");
+  EXPECT_EQ(outline_violation(result), "");
+  return result;
 }
 
 // The tool lies wholly over material: the hole is exactly the tool.

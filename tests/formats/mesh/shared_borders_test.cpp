@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "formats/mesh/mesh_validity.h"
+#include "tests/support/take.h"
 
 namespace trocar {
 namespace {
@@ -154,21 +155,18 @@ WeldedRegions expect_welded(const std::vector<SliceMesh>& regions, std::size_t v
     outlines.push_back(boundary_rings(region));
     area += doubled_area(region);
   }
-  const auto welded = weld_regions(meshes);
-  EXPECT_TRUE(welded) << welded.error().message;
-  if (!welded) return {};
-  const auto outline = check_shared_borders(outlines, outlines);
-  EXPECT_TRUE(outline) << outline.error().message;
-  const auto ok = check_mesh_against_pslg(welded->mesh, *outline);
+  const WeldedRegions welded = test::take(weld_regions(meshes));
+  const Pslg outline = test::take(check_shared_borders(outlines, outlines));
+  const auto ok = check_mesh_against_pslg(welded.mesh, outline);
   EXPECT_TRUE(ok) << ok.error().message;
-  EXPECT_EQ(boundary_rings(welded->mesh).rings, outline->rings);
-  EXPECT_EQ(doubled_area(welded->mesh), area);
-  EXPECT_EQ(welded->mesh.vertices.size(), vertices);
+  EXPECT_EQ(boundary_rings(welded.mesh).rings, outline.rings);
+  EXPECT_EQ(doubled_area(welded.mesh), area);
+  EXPECT_EQ(welded.mesh.vertices.size(), vertices);
   for (std::size_t k = 0; k < regions.size(); ++k) {
     for (std::size_t v = 0; v < regions[k].vertices.size(); ++v)
-      EXPECT_EQ(welded->mesh.vertices[welded->vertex[k][v]], regions[k].vertices[v]);
+      EXPECT_EQ(welded.mesh.vertices[welded.vertex[k][v]], regions[k].vertices[v]);
   }
-  return *welded;
+  return welded;
 }
 
 TEST(WeldRegions, SharedEdgesBecomeOne) {

@@ -210,9 +210,7 @@ class FlatStack final : public MemoryStack {
 };
 
 EncodedHuVolume context_of(const FlatStack& stack, double pitch_mm) {
-  auto made = encode_context(stack, 0, stack.size() - 1, pitch_mm, {});
-  EXPECT_TRUE(made) << made.error().message;
-  return std::move(*made);
+  return test::take(encode_context(stack, 0, stack.size() - 1, pitch_mm, {}));
 }
 
 // The mean HU of each plane, by the index of its slice. Samples have steps of 16 HU.

@@ -43,11 +43,7 @@ StackOptions all_labels(double min_region_mm2 = 1) {
 }
 
 Asset asset_of(const Result<StackResult>& made) {
-  EXPECT_TRUE(made) << made.error().message;
-  if (!made) return {};
-  auto asset = decode_asset(made->glb, "made.glb");
-  EXPECT_TRUE(asset) << asset.error().message;
-  return asset ? *asset : Asset{};
+  return test::take(decode_asset(test::take(made).glb, "made.glb"));
 }
 
 using Edge = std::pair<LatticePoint, LatticePoint>;

@@ -124,9 +124,7 @@ std::vector<Refined> refined(const std::vector<Pslg>& outlines,
   options.keep_area = simplification.method == SimplificationMethod::kArea;
   options.max_distance_steps =
       std::min(kMaxDistanceFromOutline_steps, left_for_refinement_steps(kLattice, simplification));
-  const auto cdts = triangulate_regions(outlines);
-  EXPECT_TRUE(cdts) << cdts.error().message;
-  return refine_regions(*cdts, kLattice, options);
+  return refine_regions(test::take(triangulate_regions(outlines)), kLattice, options);
 }
 
 // Triangles with an angle below 30 degrees that lie at no input angle below 60 degrees.

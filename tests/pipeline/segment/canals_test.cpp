@@ -10,6 +10,7 @@
 
 #include "pipeline/segment/solid_bone.h"
 #include "tests/support/memory_stack.h"
+#include "tests/support/take.h"
 
 namespace trocar::pipeline {
 namespace {
@@ -138,9 +139,7 @@ SolidBone filled(const ColumnStack& stack, bool column = false) {
   options.fill_mm2 = 2500;
   options.min_volume_mm3 = 100;
   options.column = column;
-  auto out = SolidBone::make(stack, Threshold{180}, SliceAxis::kAxial, options);
-  EXPECT_TRUE(out) << out.error().message;
-  return std::move(*out);
+  return test::take(SolidBone::make(stack, Threshold{180}, SliceAxis::kAxial, options));
 }
 
 // The largest part of the canal that is filled in a slice, of its pixels that touch no other

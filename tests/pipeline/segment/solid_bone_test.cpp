@@ -34,9 +34,7 @@ double from_middle(double x, double y, double z) {
 }
 
 SolidBone made(const BlockStack& stack, const SolidOptions& options) {
-  auto out = SolidBone::make(stack, Threshold{226}, SliceAxis::kAxial, options);
-  EXPECT_TRUE(out) << out.error().message;
-  return std::move(*out);
+  return test::take(SolidBone::make(stack, Threshold{226}, SliceAxis::kAxial, options));
 }
 
 SolidOptions filling(double close_mm, double fill_mm2) {
@@ -215,9 +213,9 @@ TEST(SolidBone, ContrastIsSearchedForWithAThresholdOfBoneOnly) {
   options.min_volume_mm3 = 1000;
   options.largest = 1;
   const auto warnings = [&options](const BlockStack& stack, double threshold_HU) {
-    const auto out = SolidBone::make(stack, Threshold{threshold_HU}, SliceAxis::kAxial, options);
-    EXPECT_TRUE(out) << out.error().message;
-    return out ? out->warnings() : std::vector<Warning>();
+    return std::vector(
+        test::take(SolidBone::make(stack, Threshold{threshold_HU}, SliceAxis::kAxial, options))
+            .warnings());
   };
   EXPECT_TRUE(warnings(ball(60, -1000), -300).empty());
   EXPECT_TRUE(warnings(ball(300, 40), 99).empty());
