@@ -349,8 +349,7 @@ TEST(TriangleSurface, NamesWhatIsWrong) {
   ASSERT_TRUE(check_triangle_surface(s));
   EXPECT_NEAR(enclosed_volume(s), 1000.0 / 6, 1e-9);
   EXPECT_NEAR(vertex_normals(s)[1].norm(), 1, 1e-6);
-  using Damage = void (*)(TriangleSurface&);
-  const std::pair<Damage, const char*> damages[] = {
+  const std::pair<void (*)(TriangleSurface&), const char*> damages[] = {
       {[](TriangleSurface& b) { b.triangles.pop_back(); }, "not closed"},
       {[](TriangleSurface& b) { std::swap(b.triangles[0][0], b.triangles[0][1]); },
        "same direction"},
