@@ -11,12 +11,11 @@
 #include <map>
 #include <memory>
 #include <optional>
-#include <stdexcept>
 #include <string>
 #include <utility>
 #include <vector>
 
-#include "formats/base/result.h"
+#include "tests/support/take.h"
 
 namespace trocar::bench {
 
@@ -37,14 +36,13 @@ inline void check(bool holds, const std::string& what) {
   ++failures;
 }
 
-/// The value of a result, or std::runtime_error.
-template <typename T>
-T take(Result<T> result) {
-  if (!result) throw std::runtime_error(result.error().message);
-  return std::move(*result);
-}
-inline void take(const Result<void>& result) {
-  if (!result) throw std::runtime_error(result.error().message);
+using test::take;
+
+/// A number as %g has it.
+inline std::string short_text(double value) {
+  char out[32];
+  std::snprintf(out, sizeof out, "%g", value);
+  return out;
 }
 
 /// Adds a benchmark: `work()` is timed; `count()` returns the counters, once, after the first run.

@@ -2,10 +2,6 @@
 // cut_bench: cuts of a hexagon that overlaps about 30 triangles, in synthetic sheets of 10,000 and
 // 200,000 vertices, in the thread's CPU time; beside CGAL's constrained Delaunay triangulation of
 // the cavity alone, and of the whole slice with the hole. Every cut is proved as in a session.
-#include <CGAL/Constrained_Delaunay_triangulation_2.h>
-#include <CGAL/Exact_predicates_inexact_constructions_kernel.h>
-#include <CGAL/Triangulation_vertex_base_with_info_2.h>
-
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -17,18 +13,13 @@
 #include "formats/mesh/local_refinement.h"
 #include "formats/mesh/slice_mesh.h"
 #include "tests/bench/bench.h"
+#include "tests/support/cgal_sheets.h"
 #include "tests/support/whole_cut.h"
 
 namespace trocar::bench {
 namespace {
 
 using namespace trocar::runtime;
-using Kernel = CGAL::Exact_predicates_inexact_constructions_kernel;
-using VertexBase = CGAL::Triangulation_vertex_base_with_info_2<std::uint32_t, Kernel>;
-using FaceBase = CGAL::Constrained_triangulation_face_base_2<Kernel>;
-using Data = CGAL::Triangulation_data_structure_2<VertexBase, FaceBase>;
-using Cdt = CGAL::Constrained_Delaunay_triangulation_2<Kernel, Data>;
-
 constexpr int kSpacing = 512;        // steps: 2 mm
 constexpr double kToolRadius = 900;  // steps
 constexpr double kMinAngle_deg = 20;

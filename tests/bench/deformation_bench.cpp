@@ -199,8 +199,7 @@ void add_scan(const Input& input) {
   for (const double bound : {0.1, 0.01, 0.001}) {
     ResponseOptions options;
     options.error_bound = bound;
-    char setting[32];
-    std::snprintf(setting, sizeof setting, "%g-percent", 100 * bound);
+    const std::string setting = short_text(100 * bound) + "-percent";
     add_solver(
         stage + "auto/" + setting, places,
         [=](const Place& place) {

@@ -12,6 +12,7 @@
 #include <cmath>
 #include <cstring>
 #include <filesystem>
+#include <map>
 #include <nlohmann/json.hpp>
 #include <numeric>
 #include <opencv2/imgcodecs.hpp>
@@ -20,23 +21,208 @@
 #include "formats/base/files.h"
 #include "pipeline/bake/mesh_slice.h"
 #include "pipeline/bake/mesh_stack.h"
+#include "pipeline/contour/contour.h"
 #include "pipeline/open/open_stack.h"
 #include "pipeline/read/parallel_for.h"
 #include "pipeline/read/volume_file.h"
+#include "tests/reference/phantom/cross_section.h"
+#include "sample_ct/render.h"
 #include "tests/bench/bench.h"
-#include "tests/bench/true_outlines.h"
+#include "tests/support/memory_stack.h"
 
 namespace trocar::pipeline::bench {
 namespace {
 
 using nlohmann::json;
+using sample::CrossSection;
+using sample::SectionDistance;
+using sample::Vec2;
 using trocar::bench::add;
 using trocar::bench::check;
 using trocar::bench::Counters;
 using trocar::bench::Input;
 using trocar::bench::quick;
+using trocar::bench::short_text;
 using trocar::bench::take;
 using Bytes = std::vector<std::uint8_t>;
+
+// ---- slices with their true outlines, and the distance of an outline from the true one ----
+
+constexpr double kIso_HU = 226;
+
+struct Truth {
+  explicit Truth(sample::CrossSection truth) : section(std::move(truth)), distance(section) {}
+  sample::CrossSection section;  ///< mm in the slice's plane
+  sample::SectionDistance distance;
+};
+
+struct TrueScan {
+  MemoryStack stack;  ///< in memory: times contain neither disk nor decoder
+  std::vector<Truth> truths;
+  double pixel_mm = 0;
+  /// 1 by default. Moved to the middle of the widest gap between the areas of true rings of 0.9 to
+  /// 1.1 mm^2: a ring that is dropped on one lattice and kept on another would change distances by
+  /// centimetres.
+  double min_region_mm2 = 1;
+};
+
+constexpr Lattice kFinest{kMaxLatticeBits};
+
+CrossSection as_section(const Pslg& outline, const Lattice& lattice) {
+  CrossSection out;
+  out.area_mm2 =
+      0.5 * static_cast<double>(doubled_area(outline)) * lattice.step_mm() * lattice.step_mm();
+  for (const Ring& ring : outline.rings) {
+    auto& points = out.rings.emplace_back();
+    for (const LatticePoint p : ring)
+      points.push_back({lattice.to_mm(p.x), lattice.to_mm(p.y)});
+  }
+  return out;
+}
+
+double ring_area_mm2(const std::vector<Vec2>& ring) {
+  double doubled = 0;
+  for (std::size_t i = 0; i < ring.size(); ++i)
+    doubled += cross(ring[i], ring[(i + 1) % ring.size()]);
+  return 0.5 * doubled;
+}
+
+/// Chooses min_region_mm2 and removes smaller rings from the true outlines.
+void take_truths(std::vector<CrossSection> sections, TrueScan& scan) {
+  std::vector<double> areas{0.9, 1.1};
+  for (const CrossSection& section : sections) {
+    for (const auto& ring : section.rings) {
+      const double area = std::abs(ring_area_mm2(ring));
+      if (area > 0.9 && area < 1.1) areas.push_back(area);
+    }
+  }
+  std::sort(areas.begin(), areas.end());
+  double widest = 0;
+  for (std::size_t i = 1; i < areas.size(); ++i) {
+    if (areas[i] - areas[i - 1] <= widest) continue;
+    widest = areas[i] - areas[i - 1];
+    scan.min_region_mm2 = 0.5 * (areas[i - 1] + areas[i]);
+  }
+  for (CrossSection& section : sections) {
+    std::erase_if(section.rings, [&](const auto& ring) {
+      const double area = ring_area_mm2(ring);
+      if (std::abs(area) >= scan.min_region_mm2) return false;
+      section.area_mm2 -= area;
+      return true;
+    });
+    scan.truths.emplace_back(std::move(section));
+  }
+}
+
+const CrossSection& phantom_truth(const sample::ScanGeometry& geometry, int slice) {
+  static std::map<int, CrossSection> known;
+  const auto found = known.find(slice);
+  if (found != known.end()) return found->second;
+  CrossSection section = take(
+      sample::iso_section({}, geometry, sample::pixel_centre_mm(geometry, 0, 0, slice).z, kIso_HU));
+  for (auto& ring : section.rings)
+    for (Vec2& p : ring)
+      p = p - Vec2{geometry.first_pixel_mm.x, geometry.first_pixel_mm.y};
+  return known.emplace(slice, std::move(section)).first->second;
+}
+
+struct Directed {
+  double sum_mm = 0, most_mm = 0;
+  int samples = 0;
+
+  void add(const CrossSection& from, const SectionDistance& to, double step_mm) {
+    for (const std::vector<Vec2>& ring : from.rings) {
+      double next = step_mm / 2;  // of arc length, from the current edge's start
+      for (std::size_t i = 0; i < ring.size(); ++i) {
+        const Vec2 a = ring[i], ab = ring[(i + 1) % ring.size()] - a;
+        const double length = std::sqrt(dot(ab, ab));
+        most_mm = std::max(most_mm, std::abs(to(a)));
+        for (; next < length; next += step_mm) {
+          const double d = std::abs(to(a + (next / length) * ab));
+          sum_mm += d;
+          most_mm = std::max(most_mm, d);
+          ++samples;
+        }
+        next -= length;
+      }
+    }
+  }
+  double mean_mm() const { return sum_mm / std::max(samples, 1); }
+};
+
+/// Slices of the sample's phantom, 512 x 512: unrounded without noise, whole HU with noise. True is
+/// where a noiseless scanner reads the iso-value; about 1 s a slice, once per slice and process.
+TrueScan phantom_scan(const std::vector<int>& slices, double noise_HU) {
+  const sample::PhantomOptions phantom;
+  const sample::ScanGeometry scan = *sample::sample_geometry(512, 35);
+  TrueScan out;
+  std::vector<CrossSection> sections;
+  out.pixel_mm = scan.pixel_mm;
+  for (const int k : slices) {
+    sections.push_back(phantom_truth(scan, k));
+    const std::vector<double> hu = sample::render_slice(phantom, scan, k);
+    const std::vector<double> noise =
+        noise_HU > 0 ? sample::noise_slice(scan, phantom.seed, noise_HU, k) : std::vector<double>();
+    Image image{scan.columns, scan.rows, {}};
+    for (std::size_t i = 0; i < hu.size(); ++i)
+      image.values.push_back(
+          static_cast<float>(noise.empty() ? hu[i] : std::rint(hu[i] + noise[i])));
+    out.stack.images.push_back(std::move(image));
+    SlicePlane plane;
+    plane.spacing_u_mm = plane.spacing_v_mm = scan.pixel_mm;
+    plane.z_mm = sample::pixel_centre_mm(scan, 0, 0, k).z;
+    plane.T_lps_plane.translation() << scan.first_pixel_mm.x, scan.first_pixel_mm.y, plane.z_mm;
+    out.stack.planes.push_back(plane);
+  }
+  take_truths(std::move(sections), out);
+  return out;
+}
+
+/// Every `stride`-th slice of a scan. The sub-pixel contour at full resolution on the finest lattice
+/// counts as true.
+TrueScan file_scan(const std::filesystem::path& path, int stride) {
+  const auto stack = take(open_stack({path}, {}));
+  TrueScan out;
+  std::vector<CrossSection> sections;
+  for (int k = stride / 2; k < stack->size(); k += stride) {
+    const SlicePlane& plane = stack->plane(k);
+    out.pixel_mm = std::min(plane.spacing_u_mm, plane.spacing_v_mm);
+    out.stack.images.push_back(take(stack->read(k)));
+    out.stack.planes.push_back(plane);
+    const Field field =
+        segment(out.stack.images.back(), PixelUnit::kHounsfield, Threshold{kIso_HU});
+    const PixelGrid grid{plane.spacing_u_mm, plane.spacing_v_mm, 0, 0, kFinest};
+    sections.push_back(as_section(contours(field, grid, ContourKind::kSubpixel), kFinest));
+  }
+  if (sections.empty()) throw std::runtime_error(path.string() + ": has too few slices");
+  take_truths(std::move(sections), out);
+  return out;
+}
+
+struct OutlineErrors {
+  double mean_mm = 0;       ///< mean of the two directed means
+  double hausdorff_mm = 0;  ///< greater of the two directed maxima
+  double area = 0;          ///< area / truth - 1 over all slices
+};
+
+/// Sampled eight times a pixel along both curves, and at all vertices. Slices with an outline on one
+/// side only are left out.
+OutlineErrors outline_errors(const std::vector<Pslg>& outlines, const Lattice& lattice,
+                             const TrueScan& scan) {
+  Directed from, to;
+  double area_mm2 = 0, truth_mm2 = 0;
+  for (std::size_t k = 0; k < outlines.size(); ++k) {
+    const CrossSection section = as_section(outlines[k], lattice);
+    const Truth& truth = scan.truths[k];
+    if (section.rings.empty() || truth.section.rings.empty()) continue;
+    from.add(section, truth.distance, scan.pixel_mm / 8);
+    to.add(truth.section, SectionDistance(section), scan.pixel_mm / 8);
+    area_mm2 += section.area_mm2;
+    truth_mm2 += truth.section.area_mm2;
+  }
+  return {0.5 * (from.mean_mm() + to.mean_mm()), std::max(from.most_mm, to.most_mm),
+          truth_mm2 > 0 ? area_mm2 / truth_mm2 - 1 : 0};
+}
 
 // ---- speed against error ----
 
@@ -97,9 +283,7 @@ void add_scan(const std::string& name, TrueScan made) {
   defaults.min_region_mm2 = scan->min_region_mm2;
   const auto at = [&](const std::string& method, double value, const std::string& unit,
                       const MeshOptions& options) {
-    char setting[32];
-    std::snprintf(setting, sizeof setting, "%g", value);
-    const std::string full = "pipeline/" + name + "/" + method + "/" + setting + unit;
+    const std::string full = "pipeline/" + name + "/" + method + "/" + short_text(value) + unit;
     add(
         full, benchmark::kMillisecond,
         [scan, options] { benchmark::DoNotOptimize(mesh_and_encode(*scan, options)); },

@@ -5,7 +5,6 @@
 #include <array>
 #include <cmath>
 #include <fstream>
-#include <limits>
 #include <numbers>
 #include <random>
 #include <stdexcept>
@@ -159,13 +158,6 @@ double ratio(const PublishedForce& row, const Prediction& prediction) {
   return prediction.median / row.mean;
 }
 
-double median(std::vector<double> values) {
-  if (values.empty()) return std::numeric_limits<double>::quiet_NaN();
-  std::sort(values.begin(), values.end());
-  const std::size_t middle = values.size() / 2;
-  return values.size() % 2 == 1 ? values[middle] : 0.5 * (values[middle - 1] + values[middle]);
-}
-
 }  // namespace
 
 std::vector<PublishedForce> read_published_forces(const std::filesystem::path& file) {
@@ -232,33 +224,6 @@ bool is_hit(const PublishedForce& row, const Prediction& prediction) {
   const double times = ratio(row, prediction);
   return prediction.high >= row.low && prediction.low <= row.high && times <= 1.5 &&
          times >= 1 / 1.5;
-}
-
-std::map<std::string, Score> scores(const std::vector<PublishedForce>& rows,
-                                    const std::vector<Prediction>& predictions,
-                                    std::string PublishedForce::*by) {
-  std::map<std::string, Score> all;
-  for (std::size_t i = 0; i < rows.size(); ++i) {
-    if (rows[i].standing != Standing::kCounted) continue;
-    Score& score = all[rows[i].*by];
-    ++score.rows;
-    score.hits += is_hit(rows[i], predictions[i]) ? 1 : 0;
-  }
-  return all;
-}
-
-std::vector<double> leave_one_out(const std::vector<PublishedForce>& rows,
-                                  const std::vector<Prediction>& predictions) {
-  std::vector<double> left;
-  for (std::size_t i = 0; i < rows.size(); ++i) {
-    std::vector<double> others;
-    for (std::size_t j = 0; j < rows.size(); ++j)
-      if (j != i && rows[j].standing == Standing::kCounted &&
-          rows[j].mechanism == rows[i].mechanism)
-        others.push_back(std::log(ratio(rows[j], predictions[j])));
-    left.push_back(ratio(rows[i], predictions[i]) / std::exp(median(others)));
-  }
-  return left;
 }
 
 }  // namespace trocar::test

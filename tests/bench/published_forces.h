@@ -8,7 +8,6 @@
 #pragma once
 
 #include <filesystem>
-#include <map>
 #include <nlohmann/json.hpp>
 #include <string>
 #include <vector>
@@ -48,18 +47,5 @@ Prediction predict(const PublishedForce& row, WallPressure wall_pressure);
 WallPressure fit(const std::vector<PublishedForce>& rows);
 
 bool is_hit(const PublishedForce& row, const Prediction& prediction);
-
-struct Score {
-  int hits = 0, rows = 0;
-};
-/// Counted rows by a text of the row.
-std::map<std::string, Score> scores(const std::vector<PublishedForce>& rows,
-                                    const std::vector<Prediction>& predictions,
-                                    std::string PublishedForce::*by);
-
-/// The ratio of each row's median to its mean after division by the median ratio of the other counted rows of its
-/// mechanism: what a factor that is fitted on the others would leave. NaN for rows without others.
-std::vector<double> leave_one_out(const std::vector<PublishedForce>& rows,
-                                  const std::vector<Prediction>& predictions);
 
 }  // namespace trocar::test

@@ -155,26 +155,5 @@ TEST(PublishedForces, AHitOverlapsAndItsMedianIsWithinAFactor) {
   EXPECT_FALSE(is_hit(row, {10, 79, 700}));
 }
 
-TEST(PublishedForces, ScoresCountAndOneIsLeftOut) {
-  std::vector<PublishedForce> rows(4, row_of({}));
-  for (std::size_t i = 0; i < 4; ++i) {
-    rows[i].mechanism = i < 3 ? "wall" : "tip";
-    rows[i].low = 90;
-    rows[i].high = 110;
-  }
-  rows[2].standing = Standing::kShown;
-  const std::vector<Prediction> predictions{
-      {90, 100, 110}, {190, 200, 210}, {90, 100, 110}, {90, 100, 110}};
-  const auto by = scores(rows, predictions, &PublishedForce::mechanism);
-  EXPECT_EQ(by.at("wall").rows, 2);
-  EXPECT_EQ(by.at("wall").hits, 1);
-  EXPECT_EQ(by.at("tip").hits, 1);
-  const auto left = leave_one_out(rows, predictions);
-  EXPECT_NEAR(left[0], 0.5, 1e-12) << "the other row's ratio is 2";
-  EXPECT_NEAR(left[1], 2, 1e-12);
-  EXPECT_NEAR(left[2], 1 / std::sqrt(2), 1e-12) << "not counted, but compared";
-  EXPECT_TRUE(std::isnan(left[3])) << "no other row";
-}
-
 }  // namespace
 }  // namespace trocar::test

@@ -21,7 +21,9 @@
 #include "pipeline/bake/mesh_slice.h"
 #include "tests/cases/picture_checks.h"
 #include "tests/cases/pslg_case.h"
+#include "tests/support/memory_stack.h"
 #include "tests/support/motions.h"
+#include "tests/support/take.h"
 
 namespace trocar::pipeline {
 namespace {
@@ -59,42 +61,24 @@ double smallest_angle_deg(const SliceMesh& mesh) {
 }
 
 /// The picture as a scan whose slices are all the same.
-class PictureStack final : public SliceStack {
- public:
-  explicit PictureStack(const test::Picture& picture) : picture_(picture) {
-    for (const double z_mm : picture.z_mm) {
-      SlicePlane plane;
-      plane.spacing_u_mm = picture.pixel_mm[0];
-      plane.spacing_v_mm = picture.pixel_mm[1];
-      plane.z_mm = z_mm;
-      plane.T_lps_plane.translation() << picture.origin_mm[0], picture.origin_mm[1],
-          picture.origin_mm[2] + z_mm;
-      planes_.push_back(plane);
-    }
+MemoryStack stack_of(const test::Picture& picture) {
+  MemoryStack out;
+  for (const double z_mm : picture.z_mm) {
+    out.images.push_back({picture.width, picture.height, picture.values});
+    SlicePlane plane{picture.pixel_mm[0], picture.pixel_mm[1], Eigen::Affine3d::Identity(), z_mm};
+    plane.T_lps_plane.translation() << picture.origin_mm[0], picture.origin_mm[1],
+        picture.origin_mm[2] + z_mm;
+    out.planes.push_back(plane);
   }
-  int size() const override { return static_cast<int>(planes_.size()); }
-  int width() const override { return picture_.width; }
-  int height() const override { return picture_.height; }
-  PixelUnit pixel_unit() const override { return PixelUnit::kHounsfield; }
-  const SlicePlane& plane(int slice) const override {
-    return planes_[static_cast<std::size_t>(slice)];
-  }
-  std::string name(int slice) const override { return "slice " + std::to_string(slice); }
-  Result<Image> read(int /*slice*/) const override {
-    return Image{picture_.width, picture_.height, picture_.values};
-  }
-
- private:
-  const test::Picture& picture_;
-  std::vector<SlicePlane> planes_;
-};
+  return out;
+}
 
 class MeshingStress : public testing::TestWithParam<std::filesystem::path> {
  protected:
   void SetUp() override {
-    const auto read = test::parse_pslg_case(test::text_of(GetParam()), GetParam().filename());
-    ASSERT_TRUE(read) << read.error().message;
-    case_ = *read;
+    const auto read =
+        test::take(test::parse_pslg_case(test::text_of(GetParam()), GetParam().filename()));
+    case_ = read;
   }
 
   // Checks counts and areas of an outline and its triangulation. The number of triangles is that
@@ -190,18 +174,16 @@ class MeshingStress : public testing::TestWithParam<std::filesystem::path> {
           << valid.error().message;
       return;
     }
-    const auto cdt = triangulate(case_.outline);
-    ASSERT_TRUE(cdt) << cdt.error().message;
-    const auto ok = check_mesh_against_pslg(cdt->mesh, case_.outline);
-    ASSERT_TRUE(ok) << ok.error().message;
-    EXPECT_TRUE(is_constrained_delaunay(cdt->mesh));
-    expect_counts(case_.outline, cdt->mesh);
-    const Refined refined = refine(*cdt, case_.lattice, refinement());
+    const auto cdt = test::take(triangulate(case_.outline));
+    test::take(check_mesh_against_pslg(cdt.mesh, case_.outline));
+    EXPECT_TRUE(is_constrained_delaunay(cdt.mesh));
+    expect_counts(case_.outline, cdt.mesh);
+    const Refined refined = refine(cdt, case_.lattice, refinement());
     expect_refined(refined, case_.outline);
     expect_stored_if_it_fits(refined.mesh);
-    if (case_.also_at) expect_moves_along(*cdt, refined.mesh, {0, *case_.also_at});
+    if (case_.also_at) expect_moves_along(cdt, refined.mesh, {0, *case_.also_at});
     for (int quarters = 0; quarters < 4; ++quarters)
-      expect_moves_along(*cdt, refined.mesh, {quarters, far_from(case_.outline, quarters)});
+      expect_moves_along(cdt, refined.mesh, {quarters, far_from(case_.outline, quarters)});
   }
 
   // A large translation that keeps the rotated outline on the lattice.
@@ -221,8 +203,7 @@ class MeshingStress : public testing::TestWithParam<std::filesystem::path> {
   // broken differently.
   void expect_moves_along(const Triangulation& here, const SliceMesh& refined_here,
                           const test::Motion& motion) const {
-    const auto there = triangulate(motion(case_.outline));
-    ASSERT_TRUE(there) << there.error().message;
+    const auto there = test::take(triangulate(motion(case_.outline)));
     CentroidOffset own;
     for (const Ring& ring : case_.outline.rings) {
       for (const LatticePoint p : ring)
@@ -231,9 +212,9 @@ class MeshingStress : public testing::TestWithParam<std::filesystem::path> {
     const bool undecided = motion.quarters != 0 && own.x() == 0 && own.y() == 0;
     const std::string what = std::to_string(motion.quarters) + " quarter turns";
     if (!undecided || !test::has_ties(here.mesh)) {
-      EXPECT_EQ(triangles_of(there->mesh), triangles_of(motion(here.mesh))) << what;
+      EXPECT_EQ(triangles_of(there.mesh), triangles_of(motion(here.mesh))) << what;
     }
-    const Refined refined_there = refine(*there, case_.lattice, refinement());
+    const Refined refined_there = refine(there, case_.lattice, refinement());
     if (!undecided) {
       EXPECT_EQ(triangles_of(refined_there.mesh), triangles_of(motion(refined_here))) << what;
     }
@@ -289,7 +270,7 @@ class MeshingStress : public testing::TestWithParam<std::filesystem::path> {
 
   void picture_is_right(SimplificationMethod method) const {
     const bool keeps_area = method == SimplificationMethod::kArea;
-    const PictureStack stack(*case_.picture);
+    const MemoryStack stack = stack_of(*case_.picture);
     Asset asset;
     asset.lattice = case_.lattice;
     for (int k = 0; k < stack.size(); ++k) {
@@ -352,17 +333,15 @@ class MeshingStress : public testing::TestWithParam<std::filesystem::path> {
 
   // Encoding and decoding gives the same triangles and planes.
   static void expect_stored_in_an_asset(const Asset& asset) {
-    const auto bytes = encode_asset(asset);
-    ASSERT_TRUE(bytes) << bytes.error().message;
-    const auto back = decode_asset(*bytes, "case.glb");
-    ASSERT_TRUE(back) << back.error().message;
-    const auto proved = verify_asset(*back, "case.glb");
+    const auto bytes = test::take(encode_asset(asset));
+    const auto back = test::take(decode_asset(bytes, "case.glb"));
+    const auto proved = verify_asset(back, "case.glb");
     EXPECT_TRUE(proved) << proved.error().message;
-    ASSERT_EQ(back->slices.size(), asset.slices.size());
+    ASSERT_EQ(back.slices.size(), asset.slices.size());
     for (std::size_t k = 0; k < asset.slices.size(); ++k) {
-      EXPECT_EQ(triangles_of(back->slices[k].mesh), triangles_of(asset.slices[k].mesh));
-      EXPECT_EQ(back->slices[k].z_mm, asset.slices[k].z_mm);
-      EXPECT_EQ(back->slices[k].T_lps_plane.matrix(), asset.slices[k].T_lps_plane.matrix());
+      EXPECT_EQ(triangles_of(back.slices[k].mesh), triangles_of(asset.slices[k].mesh));
+      EXPECT_EQ(back.slices[k].z_mm, asset.slices[k].z_mm);
+      EXPECT_EQ(back.slices[k].T_lps_plane.matrix(), asset.slices[k].T_lps_plane.matrix());
     }
   }
 

@@ -8,17 +8,11 @@
 #include "formats/asset/asset.h"
 #include "formats/asset/asset_index.h"
 #include "tests/fuzz/harness.h"
+#include "tests/support/glb_bytes.h"
 
 namespace {
 
 using trocar::AssetSlice;
-
-bool same(const AssetSlice& a, const AssetSlice& b) {
-  return a.index == b.index && a.z_mm == b.z_mm && a.measures_json == b.measures_json &&
-         a.T_lps_plane.matrix() == b.T_lps_plane.matrix() && a.pslg.rings == b.pslg.rings &&
-         a.mesh.vertices == b.mesh.vertices && a.mesh.triangles == b.mesh.triangles &&
-         a.material == b.material && a.hu == b.hu;
-}
 
 // Planes of HU, which may hold NaN.
 bool same(const trocar::HuPlane* a, const trocar::HuPlane* b) {
@@ -54,7 +48,8 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
     if (!part || part->asset.slices.empty()) std::abort();
     if (!same(part->asset.hu.find(index), asset->hu.find(index))) std::abort();
     for (const AssetSlice& slice : part->asset.slices) {
-      if (at == asset->slices.size() || !same(slice, asset->slices[at++])) std::abort();
+      if (at == asset->slices.size() || !trocar::test::same_slice(slice, asset->slices[at++]))
+        std::abort();
     }
     if (at < asset->slices.size() && asset->slices[at].index == index) std::abort();
     if (slices++; slices > part->asset_slices) std::abort();

@@ -15,3 +15,18 @@
   ASSERT_TRUE(trocar::runtime::allocations_are_counted()) \
       << "this program does not link trocar_allocation_hooks"
 #endif
+
+namespace trocar::runtime {
+
+/// The allocations of `act()` in a realtime scope.
+template <typename Act>
+std::uint64_t allocations_of(Act&& act) {
+  const std::uint64_t before = allocations_in_scopes();
+  {
+    const NoAllocationScope scope;
+    act();
+  }
+  return allocations_in_scopes() - before;
+}
+
+}  // namespace trocar::runtime

@@ -12,11 +12,12 @@
 #include "formats/mesh/cut.h"
 #include "formats/mesh/mesh_validity.h"
 #include "formats/mesh/slice_mesh.h"
+#include "tests/support/motions.h"
 #include "tests/support/whole_cut.h"
 
 namespace trocar::runtime {
 
-using Corners = std::array<LatticePoint, 3>;
+using test::Corners;
 
 /// A triangle by its points, the smallest first, independent of vertex numbers.
 inline Corners corners_of(const SliceMesh& mesh, std::size_t t) {
@@ -35,11 +36,7 @@ inline Ring from_smallest(Ring ring) {
 
 /// The triangles of a mesh by their points, in order.
 inline std::vector<Corners> triangles_of(const SliceMesh& mesh) {
-  std::vector<Corners> all;
-  for (std::size_t t = 0; t < mesh.triangles.size(); ++t)
-    all.push_back(corners_of(mesh, t));
-  std::sort(all.begin(), all.end());
-  return all;
+  return test::canonical(mesh);
 }
 
 /// Empty, or the first part of the contract that the result violates.

@@ -15,6 +15,7 @@
 
 #include "formats/mesh/cut.h"
 #include "formats/mesh/sheet_mesh.h"
+#include "tests/support/motions.h"
 #include "tests/support/random_geometry.h"
 #include "tests/support/same_sheet_mesh.h"
 #include "tests/support/sheet_fixture.h"
@@ -90,11 +91,7 @@ inline Points points_of(const SheetMesh& mesh, std::uint32_t t) {
 }
 /// All of them, in ascending order.
 inline std::vector<Points> points_of(const SheetMesh& mesh) {
-  std::vector<Points> out;
-  for (const std::uint32_t t : all_triangles(mesh))
-    out.push_back(points_of(mesh, t));
-  std::sort(out.begin(), out.end());
-  return out;
+  return test::canonical(to_slice_mesh(mesh));
 }
 
 /// How many cases a test runs: `usual`, or the environment's TROCAR_CASES for a long run.

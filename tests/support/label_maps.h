@@ -12,6 +12,7 @@
 
 #include "pipeline/segment/label_pixels.h"
 #include "pipeline/segment/segmentation.h"
+#include "tests/support/memory_stack.h"
 
 namespace trocar::pipeline {
 
@@ -58,17 +59,6 @@ inline MaterialImage material_image(const Image& labels, std::span<const Labels>
       }
     }
     out.values.push_back(last_material);
-  }
-  return out;
-}
-
-/// Labels by `label(x, y)`.
-template <typename LabelAt>
-Image image_of(int width, int height, const LabelAt& label) {
-  Image out{width, height, {}};
-  for (int y = 0; y < height; ++y) {
-    for (int x = 0; x < width; ++x)
-      out.values.push_back(static_cast<float>(label(x, y)));
   }
   return out;
 }

@@ -25,6 +25,12 @@ class Random {
   }
   double unit() { return static_cast<double>(bits_() >> 11U) * 0x1p-53; }
   LatticePoint point(int low, int high) { return {between(low, high), between(low, high)}; }
+  /// An element of a container that is not empty.
+  template <typename Container>
+  auto& pick(Container& from) {
+    return from[bits_() % from.size()];
+  }
+  std::mt19937_64& bits() { return bits_; }
 
  private:
   std::mt19937_64 bits_;

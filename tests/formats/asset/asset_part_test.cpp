@@ -13,11 +13,15 @@
 #include "formats/asset/asset.h"
 #include "formats/asset/asset_index.h"
 #include "formats/base/files.h"
+#include "tests/support/glb_bytes.h"
+#include "tests/support/take.h"
 
 namespace trocar {
 namespace {
 
 using Bytes = std::vector<std::uint8_t>;
+using test::same_slice;
+using test::without_index;
 
 // A disc of n corners, triangulated from its centre.
 AssetSlice disc(int index, int corners) {
@@ -55,57 +59,32 @@ Asset discs(int slices, int first, bool gap = false) {
   return asset;
 }
 
-void expect_same(const AssetSlice& a, const AssetSlice& b) {
-  EXPECT_EQ(a.index, b.index);
-  EXPECT_EQ(a.z_mm, b.z_mm);
-  EXPECT_EQ(a.measures_json, b.measures_json);
-  EXPECT_EQ(a.T_lps_plane.matrix(), b.T_lps_plane.matrix());
-  EXPECT_EQ(a.pslg.rings, b.pslg.rings);
-  EXPECT_EQ(a.mesh.vertices, b.mesh.vertices);
-  EXPECT_EQ(a.mesh.triangles, b.mesh.triangles);
-}
-
-bool same(const AssetSlice& a, const AssetSlice& b) {
-  return a.index == b.index && a.z_mm == b.z_mm && a.measures_json == b.measures_json &&
-         a.T_lps_plane.matrix() == b.T_lps_plane.matrix() && a.pslg.rings == b.pslg.rings &&
-         a.mesh.vertices == b.mesh.vertices && a.mesh.triangles == b.mesh.triangles;
-}
-
 IndexedFile file_index(const Bytes& glb) {
   MemorySource source(glb);
   return **find_index(source);
-}
-
-// The file without a slice index (its magic is changed), as after another tool has rewritten it.
-Bytes without_index(Bytes glb) {
-  glb[file_index(glb).binary_at] ^= 0xFF;
-  return glb;
 }
 
 class AssetPartOf : public testing::TestWithParam<bool> {};
 
 TEST_P(AssetPartOf, EqualsTheSlicesOfTheWhole) {
   const Bytes glb = *encode_asset(discs(60, -7, GetParam()));
-  const auto whole = decode_asset(glb, "test");
-  ASSERT_TRUE(whole) << whole.error().message;
+  const auto whole = test::take(decode_asset(glb, "test"));
   for (const Bytes& file : {glb, without_index(glb)}) {
-    for (const AssetSlice& slice : whole->slices) {
-      const auto part = decode_asset_part(file, "test", {slice.index});
-      ASSERT_TRUE(part) << part.error().message;
-      EXPECT_EQ(part->asset_slices, 60U);
-      EXPECT_EQ(part->file_bytes, glb.size());
-      EXPECT_EQ(part->asset.lattice, whole->lattice);
-      EXPECT_EQ(part->asset.parameters_json, whole->parameters_json);
-      EXPECT_EQ(part->asset.input_key_digest, whole->input_key_digest);
-      ASSERT_EQ(part->asset.slices.size(), 1U);
-      expect_same(part->asset.slices[0], slice);
+    for (const AssetSlice& slice : whole.slices) {
+      const auto part = test::take(decode_asset_part(file, "test", {slice.index}));
+      EXPECT_EQ(part.asset_slices, 60U);
+      EXPECT_EQ(part.file_bytes, glb.size());
+      EXPECT_EQ(part.asset.lattice, whole.lattice);
+      EXPECT_EQ(part.asset.parameters_json, whole.parameters_json);
+      EXPECT_EQ(part.asset.input_key_digest, whole.input_key_digest);
+      ASSERT_EQ(part.asset.slices.size(), 1U);
+      EXPECT_TRUE(same_slice(part.asset.slices[0], slice));
     }
     // The slices are in ascending order for any order and number of repetitions in the request.
-    const auto some = decode_asset_part(file, "test", {3, -7, 3, 0});
-    ASSERT_TRUE(some);
-    ASSERT_EQ(some->asset.slices.size(), 3U);
+    const auto some = test::take(decode_asset_part(file, "test", {3, -7, 3, 0}));
+    ASSERT_EQ(some.asset.slices.size(), 3U);
     for (std::size_t i = 0; i < 3; ++i)
-      EXPECT_EQ(some->asset.slices[i].index, (std::array{-7, 0, 3}[i]));
+      EXPECT_EQ(some.asset.slices[i].index, (std::array{-7, 0, 3}[i]));
   }
 }
 
@@ -162,7 +141,7 @@ TEST(AssetPart, FromAFileEqualsFromMemory) {
   std::filesystem::remove(file);
   ASSERT_TRUE(from_file) << from_file.error().message;
   const auto from_memory = decode_asset_part(glb, "test", {9});
-  expect_same(from_file->asset.slices[0], from_memory->asset.slices[0]);
+  EXPECT_TRUE(same_slice(from_file->asset.slices[0], from_memory->asset.slices[0]));
   EXPECT_EQ(from_file->read_bytes, from_memory->read_bytes);
   EXPECT_LT(from_file->read_bytes, glb.size() / 5);
   const auto absent = read_asset_part(file, {9});
@@ -181,9 +160,8 @@ TEST(AssetPart, AnIndexOfAnotherFileCountsAsAbsent) {
         offsetof(IndexHeader, json_bytes), offsetof(IndexHeader, binary_bytes)}) {
     Bytes other = glb;
     other[file.binary_at + field] += 4;
-    const auto part = decode_asset_part(other, "test", {2});
-    ASSERT_TRUE(part) << part.error().message;
-    EXPECT_GE(part->read_bytes, glb.size());
+    const auto part = test::take(decode_asset_part(other, "test", {2}));
+    EXPECT_GE(part.read_bytes, glb.size());
     EXPECT_TRUE(decode_asset(other, "test"));
   }
 }
@@ -272,7 +250,7 @@ TEST(AssetPart, AChangedByteIsDetected) {
       // Without an index the file is read whole, without checksums.
       if (part->read_bytes >= glb.size()) continue;
       ++unchanged;
-      EXPECT_TRUE(same(part->asset.slices[0], whole->slices[static_cast<std::size_t>(index)]))
+      EXPECT_TRUE(same_slice(part->asset.slices[0], whole->slices[static_cast<std::size_t>(index)]))
           << "byte " << at;
       EXPECT_EQ(part->asset.lattice, whole->lattice);
       EXPECT_EQ(part->asset.parameters_json, whole->parameters_json);

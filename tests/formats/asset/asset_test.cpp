@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The asset codec: lossless on the lattice, and safe against hostile bytes.
+// The asset codec: lossless on the lattice, and safe against hostile bytes. Surfaces for display:
+// stored without loss, not read with slices, damage refused.
 #include "formats/asset/asset.h"
 
 #include <gtest/gtest.h>
@@ -7,17 +8,28 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <cstring>
+#include <functional>
 #include <limits>
 #include <nlohmann/json.hpp>
 #include <random>
+#include <string>
 #include <utility>
 
 #include "formats/asset/draco_mesh.h"
+#include "formats/asset/payload.h"
 #include "formats/mesh/mesh_validity.h"
+#include "tests/support/glb_bytes.h"
+#include "tests/support/motions.h"
+#include "tests/support/take.h"
 
 namespace trocar {
 namespace {
+
+using test::canonical;
+using test::json_of;
+using test::put_number;
+using test::with_json;
+using test::without_index;
 
 // A grid of nx by ny cells with jittered inner vertices: valid, and of many coordinates.
 SliceMesh jittered_grid(std::int32_t nx, std::int32_t ny, std::int32_t cell, LatticePoint origin,
@@ -68,41 +80,26 @@ Asset make_asset(int bits, LatticePoint origin = {-777, 12345}) {
   return asset;
 }
 
-// The triangles as points, each from its smallest corner, sorted: independent of the order in a
-// mesh.
-std::vector<std::array<LatticePoint, 3>> canonical(const SliceMesh& mesh) {
-  std::vector<std::array<LatticePoint, 3>> out;
-  for (const Triangle& t : mesh.triangles) {
-    std::array<LatticePoint, 3> p = {mesh.vertices[t[0]], mesh.vertices[t[1]], mesh.vertices[t[2]]};
-    std::rotate(p.begin(), std::min_element(p.begin(), p.end()), p.end());
-    out.push_back(p);
-  }
-  std::sort(out.begin(), out.end());
-  return out;
-}
-
 class AssetRoundTrip : public testing::TestWithParam<int> {};
 
 TEST_P(AssetRoundTrip, IsLosslessAndDeterministic) {
   const Asset in = make_asset(GetParam());
-  const auto glb = encode_asset(in);
-  ASSERT_TRUE(glb) << glb.error().message;
-  EXPECT_EQ(*glb, *encode_asset(in));
-  const auto out = decode_asset(*glb, "test");
-  ASSERT_TRUE(out) << out.error().message;
-  EXPECT_TRUE(verify_asset(*out, "test"));
-  EXPECT_EQ(out->lattice, in.lattice);
-  EXPECT_EQ(out->parameters_json, in.parameters_json);
-  EXPECT_EQ(out->input_key_digest, in.input_key_digest);
-  EXPECT_EQ(out->generator, in.generator);
-  ASSERT_EQ(out->slices.size(), in.slices.size());
+  const auto glb = test::take(encode_asset(in));
+  EXPECT_EQ(glb, *encode_asset(in));
+  const auto out = test::take(decode_asset(glb, "test"));
+  EXPECT_TRUE(verify_asset(out, "test"));
+  EXPECT_EQ(out.lattice, in.lattice);
+  EXPECT_EQ(out.parameters_json, in.parameters_json);
+  EXPECT_EQ(out.input_key_digest, in.input_key_digest);
+  EXPECT_EQ(out.generator, in.generator);
+  ASSERT_EQ(out.slices.size(), in.slices.size());
   for (std::size_t i = 0; i < in.slices.size(); ++i) {
-    EXPECT_EQ(out->slices[i].index, in.slices[i].index);
-    EXPECT_EQ(out->slices[i].z_mm, in.slices[i].z_mm);
-    EXPECT_EQ(out->slices[i].measures_json, R"({"mean_hu":431.3})");
-    EXPECT_EQ(out->slices[i].T_lps_plane.matrix(), in.slices[i].T_lps_plane.matrix());
-    EXPECT_EQ(out->slices[i].pslg.rings, in.slices[i].pslg.rings);
-    EXPECT_EQ(canonical(out->slices[i].mesh), canonical(in.slices[i].mesh));
+    EXPECT_EQ(out.slices[i].index, in.slices[i].index);
+    EXPECT_EQ(out.slices[i].z_mm, in.slices[i].z_mm);
+    EXPECT_EQ(out.slices[i].measures_json, R"({"mean_hu":431.3})");
+    EXPECT_EQ(out.slices[i].T_lps_plane.matrix(), in.slices[i].T_lps_plane.matrix());
+    EXPECT_EQ(out.slices[i].pslg.rings, in.slices[i].pslg.rings);
+    EXPECT_EQ(canonical(out.slices[i].mesh), canonical(in.slices[i].mesh));
   }
 }
 
@@ -111,14 +108,13 @@ INSTANTIATE_TEST_SUITE_P(LatticeBits, AssetRoundTrip, testing::Values(0, 1, 4, 6
 TEST(Asset, SizesFromEncodingEqualThoseOfTheFile) {
   AssetSizes stated;
   const auto glb = encode_asset(make_asset(8), &stated);
-  const auto found = asset_sizes(*glb, "test");
-  ASSERT_TRUE(found);
-  EXPECT_EQ(stated.json_bytes, found->json_bytes);
-  EXPECT_EQ(stated.index_bytes, found->index_bytes);
+  const auto found = test::take(asset_sizes(*glb, "test"));
+  EXPECT_EQ(stated.json_bytes, found.json_bytes);
+  EXPECT_EQ(stated.index_bytes, found.index_bytes);
   EXPECT_EQ(stated.index_bytes, 52U + 3 * 24);
-  EXPECT_EQ(stated.triangle_bytes, found->triangle_bytes);
-  EXPECT_EQ(stated.outline_bytes, found->outline_bytes);
-  EXPECT_EQ(stated.triangles, found->triangles);
+  EXPECT_EQ(stated.triangle_bytes, found.triangle_bytes);
+  EXPECT_EQ(stated.outline_bytes, found.outline_bytes);
+  EXPECT_EQ(stated.triangles, found.triangles);
   EXPECT_EQ(stated.triangles, 2U * 7 * (13 + 15));
 }
 
@@ -165,9 +161,8 @@ Asset with_hu(Asset asset) {
 
 TEST(Asset, HuComeBackOnTheirStep) {
   const Asset in = with_hu(make_asset(8));
-  const auto out = decode_asset(*encode_asset(in), "test");
-  ASSERT_TRUE(out) << out.error().message;
-  for (const AssetSlice& slice : out->slices) {
+  const auto out = test::take(decode_asset(*encode_asset(in), "test"));
+  for (const AssetSlice& slice : out.slices) {
     ASSERT_EQ(slice.hu.size(), slice.mesh.vertices.size());
     for (std::size_t v = 0; v < slice.hu.size(); ++v) {
       const double exact = std::clamp(hu_at(slice.mesh.vertices[v]), -8192.0F, 24568.0F);
@@ -217,35 +212,28 @@ Asset two_materials() {
 
 TEST(Asset, MaterialsOfASliceAreEntriesOfItsIndex) {
   const Asset in = with_hu(two_materials());
-  const auto glb = encode_asset(in);
-  ASSERT_TRUE(glb) << glb.error().message;
-  const auto out = decode_asset(*glb, "test");
-  ASSERT_TRUE(out) << out.error().message;
-  ASSERT_EQ(out->materials.size(), 2U);
-  EXPECT_EQ(out->materials[0].name, "L3");
-  EXPECT_EQ(out->materials[0].label, 22);
-  EXPECT_EQ(out->materials[1].name, "marrow");
-  EXPECT_FALSE(out->materials[1].label);
-  ASSERT_EQ(out->slices.size(), 6U);
+  const auto glb = test::take(encode_asset(in));
+  const auto out = test::take(decode_asset(glb, "test"));
+  ASSERT_EQ(out.materials.size(), 2U);
+  EXPECT_EQ(out.materials[0].name, "L3");
+  EXPECT_EQ(out.materials[0].label, 22);
+  EXPECT_EQ(out.materials[1].name, "marrow");
+  EXPECT_FALSE(out.materials[1].label);
+  ASSERT_EQ(out.slices.size(), 6U);
   for (std::size_t i = 0; i < 6; ++i) {
-    EXPECT_EQ(out->slices[i].index, (std::array{1, 1, 3, 5, 6, 6}[i]));
-    EXPECT_EQ(out->slices[i].material, (std::array{0, 1, 0, 1, 0, 1}[i]));
-    EXPECT_EQ(canonical(out->slices[i].mesh), canonical(in.slices[i].mesh));
+    EXPECT_EQ(out.slices[i].index, (std::array{1, 1, 3, 5, 6, 6}[i]));
+    EXPECT_EQ(out.slices[i].material, (std::array{0, 1, 0, 1, 0, 1}[i]));
+    EXPECT_EQ(canonical(out.slices[i].mesh), canonical(in.slices[i].mesh));
   }
-  std::vector<std::uint8_t> rewritten = *glb;  // without its index
-  std::uint32_t json_bytes = 0;
-  std::memcpy(&json_bytes, glb->data() + 12, 4);
-  rewritten[28 + json_bytes] ^= 0xFF;
-  for (const auto& file : {*glb, rewritten}) {
-    const auto part = decode_asset_part(file, "test", {6, 3});
-    ASSERT_TRUE(part) << part.error().message;
-    EXPECT_EQ(part->asset_slices, 4U);
-    ASSERT_EQ(part->asset.slices.size(), 3U);
-    EXPECT_EQ(part->asset.slices[1].material, 0);
-    EXPECT_EQ(part->asset.slices[2].material, 1);
-    EXPECT_EQ(part->asset.slices[2].mesh.vertices, out->slices[5].mesh.vertices);
-    EXPECT_EQ(part->asset.slices[2].hu, out->slices[5].hu);
-    EXPECT_EQ(part->asset.materials.size(), 2U);
+  for (const auto& file : {glb, without_index(glb)}) {
+    const auto part = test::take(decode_asset_part(file, "test", {6, 3}));
+    EXPECT_EQ(part.asset_slices, 4U);
+    ASSERT_EQ(part.asset.slices.size(), 3U);
+    EXPECT_EQ(part.asset.slices[1].material, 0);
+    EXPECT_EQ(part.asset.slices[2].material, 1);
+    EXPECT_EQ(part.asset.slices[2].mesh.vertices, out.slices[5].mesh.vertices);
+    EXPECT_EQ(part.asset.slices[2].hu, out.slices[5].hu);
+    EXPECT_EQ(part.asset.materials.size(), 2U);
   }
   Asset wrong = in;
   std::swap(wrong.slices[0], wrong.slices[1]);
@@ -270,23 +258,20 @@ TEST(Asset, ColoursAreThoseOfTheHu) {
   const std::vector<std::uint8_t> glb = *encode_asset(in);
   const std::string text(glb.begin(), glb.end());
   EXPECT_NE(text.find(R"("COLOR_0":2)"), std::string::npos);
-  const auto out = decode_asset(glb, "test");
-  ASSERT_TRUE(out) << out.error().message;
-  EXPECT_TRUE(out->colours);
+  const auto out = test::take(decode_asset(glb, "test"));
+  EXPECT_TRUE(out.colours);
   EXPECT_FALSE(plain->colours);
-  const auto part = decode_asset_part(glb, "test", {6});
-  ASSERT_TRUE(part) << part.error().message;
-  EXPECT_EQ(part->asset.slices[1].hu, out->slices[5].hu);
+  const auto part = test::take(decode_asset_part(glb, "test", {6}));
+  EXPECT_EQ(part.asset.slices[1].hu, out.slices[5].hu);
   for (std::size_t i = 0; i < in.slices.size(); ++i) {
-    EXPECT_EQ(canonical(out->slices[i].mesh), canonical(in.slices[i].mesh));
-    EXPECT_EQ(mean_hu_of(out->slices[i]), mean_hu_of(plain->slices[i]));
+    EXPECT_EQ(canonical(out.slices[i].mesh), canonical(in.slices[i].mesh));
+    EXPECT_EQ(mean_hu_of(out.slices[i]), mean_hu_of(plain->slices[i]));
   }
   // Without HU there are none.
   for (AssetSlice& slice : in.slices)
     slice.hu.clear();
-  const auto bare = decode_asset(*encode_asset(in), "test");
-  ASSERT_TRUE(bare) << bare.error().message;
-  EXPECT_FALSE(bare->colours);
+  const auto bare = test::take(decode_asset(*encode_asset(in), "test"));
+  EXPECT_FALSE(bare.colours);
 }
 
 // Planes above each other share a frame; others have each their own. Both come back bit for bit.
@@ -305,14 +290,11 @@ TEST(Asset, EveryPlaneComesBackBitForBit) {
           in.slices[i].T_lps_plane.translation() =
               R * Eigen::Vector3d(-30.1, shears ? 135 - 0.13 * z : 135.2, z);
         }
-        const auto glb = encode_asset(in);
-        ASSERT_TRUE(glb);
-        const auto out = decode_asset(*glb, "test");
-        ASSERT_TRUE(out) << out.error().message;
+        const auto glb = test::take(encode_asset(in));
+        const auto out = test::take(decode_asset(glb, "test"));
         for (std::size_t i = 0; i < in.slices.size(); ++i) {
-          const auto part = decode_asset_part(*glb, "test", {in.slices[i].index});
-          ASSERT_TRUE(part);
-          for (const AssetSlice& slice : {out->slices[i], part->asset.slices[0]}) {
+          const auto part = test::take(decode_asset_part(glb, "test", {in.slices[i].index}));
+          for (const AssetSlice& slice : {out.slices[i], part.asset.slices[0]}) {
             EXPECT_EQ(slice.T_lps_plane.matrix(), in.slices[i].T_lps_plane.matrix());
             EXPECT_EQ(slice.z_mm, in.slices[i].z_mm);
           }
@@ -329,16 +311,15 @@ TEST(Asset, LinesAreTheOutlineAndChangeNothingElse) {
   const auto without = decode_asset(*encode_asset(in, &plain), "test");
   in.lines = true;
   const std::vector<std::uint8_t> glb = *encode_asset(in, &lined);
-  const auto with = decode_asset(glb, "test");
-  ASSERT_TRUE(with) << with.error().message;
+  const auto with = test::take(decode_asset(glb, "test"));
   EXPECT_FALSE(without->lines);
-  EXPECT_TRUE(with->lines);
+  EXPECT_TRUE(with.lines);
   EXPECT_EQ(plain.outline_bytes, 0U);
   EXPECT_EQ(plain.triangle_bytes, lined.triangle_bytes);
   EXPECT_GT(lined.outline_bytes, 0U);
   for (std::size_t i = 0; i < in.slices.size(); ++i) {
-    EXPECT_EQ(with->slices[i].pslg.rings, boundary_rings(in.slices[i].mesh).rings);
-    EXPECT_EQ(without->slices[i].pslg.rings, with->slices[i].pslg.rings);
+    EXPECT_EQ(with.slices[i].pslg.rings, boundary_rings(in.slices[i].mesh).rings);
+    EXPECT_EQ(without->slices[i].pslg.rings, with.slices[i].pslg.rings);
   }
   // A line that is moved: the file is refused. Its last bytes are indices of lines.
   std::vector<std::uint8_t> moved = glb;
@@ -385,28 +366,6 @@ Asset tower() {
   return asset;
 }
 
-std::string json_of(const std::vector<std::uint8_t>& glb) {
-  std::uint32_t bytes = 0;
-  std::memcpy(&bytes, glb.data() + 12, sizeof bytes);
-  return {glb.begin() + 20, glb.begin() + 20 + bytes};
-}
-
-// The file with another JSON text and without its index.
-std::vector<std::uint8_t> with_json(const std::vector<std::uint8_t>& glb, std::string text) {
-  text.resize((text.size() + 3) & ~std::size_t{3}, ' ');
-  const std::size_t before = 20, after = before + json_of(glb).size();
-  std::vector<std::uint8_t> out(glb.size() - after + before + text.size());
-  std::memcpy(out.data(), glb.data(), before);
-  std::memcpy(out.data() + before, text.data(), text.size());
-  std::memcpy(out.data() + before + text.size(), glb.data() + after, glb.size() - after);
-  const auto size = static_cast<std::uint32_t>(out.size()),
-             bytes = static_cast<std::uint32_t>(text.size());
-  std::memcpy(out.data() + 8, &size, sizeof size);
-  std::memcpy(out.data() + 12, &bytes, sizeof bytes);
-  out[28 + text.size()] ^= 0xFF;
-  return out;
-}
-
 TEST(Asset, SlicesThatFollowEachOtherShareANode) {
   const std::vector<std::uint8_t> glb = *encode_asset(tower());
   const std::string text = json_of(glb);
@@ -414,25 +373,23 @@ TEST(Asset, SlicesThatFollowEachOtherShareANode) {
   for (std::size_t at = 0; (at = text.find(R"("mesh":)", at)) != std::string::npos; ++at)
     ++nodes;
   EXPECT_EQ(nodes, 4U);  // of 32, 32, 6 and 2 slices
-  const auto whole = decode_asset(glb, "test");
-  ASSERT_TRUE(whole) << whole.error().message;
-  ASSERT_EQ(whole->slices.size(), 72U);
+  const auto whole = test::take(decode_asset(glb, "test"));
+  ASSERT_EQ(whole.slices.size(), 72U);
   for (std::size_t i = 0; i < 72; ++i) {
-    const AssetSlice& slice = whole->slices[i];
+    const AssetSlice& slice = whole.slices[i];
     EXPECT_EQ(slice.index, static_cast<int>(i < 70 ? i : i + 5));
     EXPECT_EQ(mean_hu_of(slice), 400 + static_cast<double>(i));
-    const auto part = decode_asset_part(glb, "test", {slice.index});
-    ASSERT_TRUE(part) << part.error().message;
-    EXPECT_EQ(part->asset.slices[0].measures_json, slice.measures_json);
-    EXPECT_EQ(part->asset.slices[0].T_lps_plane.matrix(), slice.T_lps_plane.matrix());
-    EXPECT_EQ(part->asset.slices[0].mesh.vertices, slice.mesh.vertices);
+    const auto part = test::take(decode_asset_part(glb, "test", {slice.index}));
+    EXPECT_EQ(part.asset.slices[0].measures_json, slice.measures_json);
+    EXPECT_EQ(part.asset.slices[0].T_lps_plane.matrix(), slice.T_lps_plane.matrix());
+    EXPECT_EQ(part.asset.slices[0].mesh.vertices, slice.mesh.vertices);
   }
 }
 
 TEST(Asset, NodesThatContradictTheirSlicesAreRefused) {
   const std::vector<std::uint8_t> glb = *encode_asset(tower());
   const std::string text = json_of(glb);
-  ASSERT_TRUE(decode_asset(with_json(glb, text), "same"));
+  ASSERT_TRUE(decode_asset(without_index(with_json(glb, text)), "same"));
   const std::string primitive =
       text.substr(text.find(R"([{"attributes")") + 1,
                   text.find(R"(,{"attributes")") - text.find(R"([{"attributes")"));
@@ -449,7 +406,7 @@ TEST(Asset, NodesThatContradictTheirSlicesAreRefused) {
     const std::size_t at = changed.find(from);
     ASSERT_NE(at, std::string::npos) << from;
     changed.replace(at, from.size(), to);
-    const auto out = decode_asset(with_json(glb, changed), "test");
+    const auto out = decode_asset(without_index(with_json(glb, changed)), "test");
     ASSERT_FALSE(out) << from << " to " << to;
     EXPECT_EQ(out.error().code, ExitCode::kRefused);
     EXPECT_NE(out.error().message.find(said), std::string::npos) << out.error().message;
@@ -482,12 +439,11 @@ TEST(Asset, SlicesShareAMeshUpToALimit) {
       node["extras"]["trocar"]["index"] = asset.slices[0].index + static_cast<int>(i);
       nodes.push_back(node);
     }
-    return with_json(glb, document.dump());
+    return without_index(with_json(glb, document.dump()));
   };
-  const auto some = decode_asset(shared(100), "test");
-  ASSERT_TRUE(some) << some.error().message;
-  EXPECT_EQ(some->slices.size(), 100U);
-  EXPECT_EQ(some->slices[99].mesh.triangles, some->slices[0].mesh.triangles);
+  const auto some = test::take(decode_asset(shared(100), "test"));
+  EXPECT_EQ(some.slices.size(), 100U);
+  EXPECT_EQ(some.slices[99].mesh.triangles, some.slices[0].mesh.triangles);
   const std::size_t limit = std::max<std::size_t>(std::size_t{1} << 22, 64 * glb.size());
   const auto many = decode_asset(shared(limit / triangles + 2), "test");
   ASSERT_FALSE(many);
@@ -498,11 +454,10 @@ TEST(Asset, SlicesShareAMeshUpToALimit) {
 
 TEST(Asset, DecodesOnlyTheRequestedSlices) {
   const auto glb = encode_asset(make_asset(8));
-  const auto out = decode_asset(*glb, "test", {.all = false, .slice_indices = {5}});
-  ASSERT_TRUE(out);
-  ASSERT_EQ(out->slices.size(), 3U);
-  EXPECT_TRUE(out->slices[0].mesh.triangles.empty());
-  EXPECT_FALSE(out->slices[2].mesh.triangles.empty());
+  const auto out = test::take(decode_asset(*glb, "test", {.all = false, .slice_indices = {5}}));
+  ASSERT_EQ(out.slices.size(), 3U);
+  EXPECT_TRUE(out.slices[0].mesh.triangles.empty());
+  EXPECT_FALSE(out.slices[2].mesh.triangles.empty());
 }
 
 TEST(Asset, PinchVerticesAreKept) {
@@ -511,12 +466,10 @@ TEST(Asset, PinchVerticesAreKept) {
   asset.slices[0].mesh = {{{0, 0}, {10, 0}, {5, 5}, {5, 5}, {10, 10}, {0, 10}},
                           {{0, 1, 2}, {3, 4, 5}}};
   asset.slices[0].pslg = boundary_rings(asset.slices[0].mesh);
-  const auto glb = encode_asset(asset);
-  ASSERT_TRUE(glb) << glb.error().message;
-  const auto out = decode_asset(*glb, "test");
-  ASSERT_TRUE(out);
-  EXPECT_TRUE(verify_asset(*out, "test"));
-  EXPECT_EQ(out->slices[0].mesh.vertices.size(), 6U);
+  const auto glb = test::take(encode_asset(asset));
+  const auto out = test::take(decode_asset(glb, "test"));
+  EXPECT_TRUE(verify_asset(out, "test"));
+  EXPECT_EQ(out.slices[0].mesh.vertices.size(), 6U);
 }
 
 TEST(Asset, HoldsSlicesUpToTheWidestSpan) {
@@ -528,11 +481,9 @@ TEST(Asset, HoldsSlicesUpToTheWidestSpan) {
     const std::int32_t high = low + kMost;  // odd: Draco's encoder would round an odd one of 2^23
     asset.slices[0].mesh = {{{low, low}, {high, low + 3}, {low + 7, high}}, {{0, 1, 2}}};
     asset.slices[0].pslg = boundary_rings(asset.slices[0].mesh);
-    const auto glb = encode_asset(asset);
-    ASSERT_TRUE(glb) << glb.error().message;
-    const auto out = decode_asset(*glb, "wide");
-    ASSERT_TRUE(out) << out.error().message;
-    EXPECT_EQ(out->slices[0].pslg.rings, asset.slices[0].pslg.rings);
+    const auto glb = test::take(encode_asset(asset));
+    const auto out = test::take(decode_asset(glb, "wide"));
+    EXPECT_EQ(out.slices[0].pslg.rings, asset.slices[0].pslg.rings);
     ++asset.slices[0].mesh.vertices[1].x;
     asset.slices[0].pslg = boundary_rings(asset.slices[0].mesh);
     const auto wider = encode_asset(asset);
@@ -569,10 +520,9 @@ TEST(Asset, HasAtMostAHundredThousandEntries) {
   };
   const auto full = assembled(100'000);
   ASSERT_TRUE(full) << full.error().message;
-  const auto out = decode_asset(*full, "full");
-  ASSERT_TRUE(out) << out.error().message;
-  EXPECT_EQ(out->slices.size(), 100'000U);
-  EXPECT_EQ(out->slices.back().z_mm, 0.5 * 99'999);
+  const auto out = test::take(decode_asset(*full, "full"));
+  EXPECT_EQ(out.slices.size(), 100'000U);
+  EXPECT_EQ(out.slices.back().z_mm, 0.5 * 99'999);
   const auto more = assembled(100'001);
   ASSERT_FALSE(more);
   EXPECT_EQ(more.error().code, ExitCode::kRefused);
@@ -582,14 +532,11 @@ TEST(Asset, HasAtMostAHundredThousandEntries) {
 
 TEST(Asset, ABinaryChunkThatIsLargerThanTheFileIsRefused) {
   const std::vector<std::uint8_t> glb = *encode_asset(make_asset(8));
-  std::uint32_t json_bytes = 0, binary_bytes = 0;
-  std::memcpy(&json_bytes, glb.data() + 12, 4);
-  std::memcpy(&binary_bytes, glb.data() + 20 + json_bytes, 4);
-  ASSERT_EQ(20 + json_bytes + 8 + binary_bytes, glb.size());
-  for (const std::uint32_t more : {4U, 8U, 12U, 0xfffffff0U - binary_bytes}) {
+  const std::size_t data = test::binary_at(glb), binary_bytes = glb.size() - data;
+  for (const std::uint32_t more :
+       {4U, 8U, 12U, static_cast<std::uint32_t>(0xfffffff0U - binary_bytes)}) {
     std::vector<std::uint8_t> bytes = glb;
-    const std::uint32_t wrong = binary_bytes + more;
-    std::memcpy(bytes.data() + 20 + json_bytes, &wrong, 4);
+    put_number(bytes, data - 8, binary_bytes + more);
     const auto out = decode_asset(bytes, "longer");
     ASSERT_FALSE(out) << more;
     EXPECT_EQ(out.error().message, "longer: broken binary chunk");
@@ -632,9 +579,8 @@ TEST(Asset, APerfectGridIsNotRefused) {
   const DracoGrid grid{{8}, {0, 0}, 16};
   const std::vector<std::uint8_t> bytes = *encode_draco(mesh, grid);
   EXPECT_GT(mesh.triangles.size(), 64 * bytes.size());
-  const auto out = decode_draco(bytes, mesh.vertices.size(), mesh.triangles.size());
-  ASSERT_TRUE(out) << out.error().message;
-  EXPECT_EQ(canonical(out->mesh), canonical(mesh));
+  const auto out = test::take(decode_draco(bytes, mesh.vertices.size(), mesh.triangles.size()));
+  EXPECT_EQ(canonical(out.mesh), canonical(mesh));
 }
 
 TEST(Asset, HostileBytesAreRefusedOrDecoded) {
@@ -648,10 +594,7 @@ TEST(Asset, HostileBytesAreRefusedOrDecoded) {
     if (i % 4 == 0) {
       bytes.resize(rng() % bytes.size());
       // Half of the time keep the length field right, to pass the first check.
-      if (i % 8 == 0 && bytes.size() >= 12) {
-        const auto size = static_cast<std::uint32_t>(bytes.size());
-        std::memcpy(bytes.data() + 8, &size, 4);
-      }
+      if (i % 8 == 0 && bytes.size() >= 12) put_number(bytes, 8, bytes.size());
     } else {
       for (std::uint64_t k = 0; k <= rng() % 3; ++k)
         bytes[rng() % bytes.size()] = static_cast<std::uint8_t>(rng());
@@ -667,6 +610,137 @@ TEST(Asset, HostileBytesAreRefusedOrDecoded) {
     }
   }
   EXPECT_GT(refused_count, 1000);
+}
+
+// A torus of n x n squares: closed, with a handle. Far from the origin, as a patient's coordinates.
+TriangleSurface torus(std::int32_t n) {
+  TriangleSurface out;
+  out.lattice.bits = 7;
+  const auto at = [n](std::int32_t i, std::int32_t j) {
+    return static_cast<std::uint32_t>((i % n) * n + j % n);
+  };
+  for (std::int32_t i = 0; i < n; ++i) {
+    for (std::int32_t j = 0; j < n; ++j) {
+      const double a = 2 * M_PI * i / n, b = 2 * M_PI * j / n, r = 3000 + 1000 * std::cos(b);
+      out.vertices.push_back(
+          {static_cast<std::int32_t>(std::lrint(r * std::cos(a))) - 2'000'001,
+           static_cast<std::int32_t>(std::lrint(r * std::sin(a))) + 77'777,
+           static_cast<std::int32_t>(std::lrint(1000 * std::sin(b))) + 12'345'678});
+      out.triangles.push_back({at(i, j), at(i + 1, j), at(i + 1, j + 1)});
+      out.triangles.push_back({at(i, j), at(i + 1, j + 1), at(i, j + 1)});
+    }
+  }
+  return out;
+}
+
+AssetSlice square(int index) {
+  AssetSlice slice;
+  slice.index = index;
+  slice.z_mm = index;
+  slice.T_lps_plane.translation().z() = index;
+  slice.pslg.rings = {{{0, 0}, {512, 0}, {512, 512}, {0, 512}}};
+  slice.mesh.vertices = slice.pslg.rings[0];
+  slice.mesh.triangles = {{0, 1, 2}, {0, 2, 3}};
+  return slice;
+}
+
+Asset with_surface() {
+  Asset asset;
+  asset.generator = "test";
+  asset.slices = {square(0), square(1), square(2)};
+  asset.surfaces = {{0, torus(24), 0.125}};
+  return asset;
+}
+
+// Triangles by their corners' coordinates, each beginning with the least, in order.
+std::vector<std::array<SpacePoint, 3>> geometry(const TriangleSurface& s) {
+  std::vector<std::array<SpacePoint, 3>> out;
+  for (const auto& t : s.triangles) {
+    std::array<SpacePoint, 3> p{s.vertices[t[0]], s.vertices[t[1]], s.vertices[t[2]]};
+    std::rotate(p.begin(), std::min_element(p.begin(), p.end()), p.end());
+    out.push_back(p);
+  }
+  std::sort(out.begin(), out.end());
+  return out;
+}
+
+TEST(AssetSurface, IsStoredWithoutLoss) {
+  const Asset asset = with_surface();
+  ASSERT_TRUE(check_triangle_surface(asset.surfaces[0].surface));
+  AssetSizes sizes;
+  const auto glb = test::take(encode_asset(asset, &sizes));
+  const auto read = test::take(decode_asset(glb, "a.glb"));
+  EXPECT_EQ(read.slices.size(), 3U);
+  ASSERT_EQ(read.surfaces.size(), 1U);
+  EXPECT_EQ(read.surfaces[0].material, 0);
+  EXPECT_EQ(read.surfaces[0].distance_mm, 0.125);
+  EXPECT_EQ(read.surfaces[0].surface.lattice, asset.surfaces[0].surface.lattice);
+  EXPECT_EQ(geometry(read.surfaces[0].surface), geometry(asset.surfaces[0].surface));
+  EXPECT_TRUE(verify_asset(read, "a.glb"));
+  const auto again = test::take(asset_sizes(glb, "a.glb"));
+  EXPECT_GT(sizes.surface_bytes, 0U);
+  EXPECT_EQ(again.surface_bytes, sizes.surface_bytes);
+  EXPECT_EQ(again.triangles, sizes.triangles);
+  EXPECT_EQ(sizes.triangles, 6U);  // of slices only
+  EXPECT_EQ(again.triangle_bytes, sizes.triangle_bytes);
+}
+
+TEST(AssetSurface, WithBytesAfterItsMeshIsRefused) {
+  const TriangleSurface surface = torus(24);
+  auto bytes = encode_surface(surface);
+  ASSERT_TRUE(bytes);
+  const auto decode = [&] {
+    return decode_surface(*bytes, surface.vertices.size(), surface.triangles.size(),
+                          surface.lattice);
+  };
+  ASSERT_TRUE(decode());
+  bytes->push_back(0);
+  const auto out = decode();
+  ASSERT_FALSE(out);
+  EXPECT_EQ(out.error().message, "Draco: bytes after the mesh");
+}
+
+TEST(AssetSurface, IsNotReadWithSlices) {
+  const auto glb = test::take(encode_asset(with_surface()));
+  Asset plain = with_surface();
+  plain.surfaces.clear();
+  const auto without = test::take(encode_asset(plain));
+  const auto part = decode_asset_part(glb, "a.glb", {1});
+  const auto part_without = decode_asset_part(without, "a.glb", {1});
+  ASSERT_TRUE(part && part_without);
+  EXPECT_EQ(part->read_bytes, part_without->read_bytes);
+  EXPECT_TRUE(part->asset.surfaces.empty());
+  EXPECT_EQ(part->asset.slices.size(), 1U);
+}
+
+TEST(AssetSurface, ThatIsNotClosedIsRefused) {
+  Asset asset = with_surface();
+  asset.surfaces[0].surface.triangles.pop_back();
+  const auto verified = verify_asset(asset, "a.glb");
+  ASSERT_FALSE(verified);
+  EXPECT_EQ(verified.error().code, ExitCode::kRefused);
+  EXPECT_TRUE(verified.error().message.starts_with("a.glb: surface of material 0: "))
+      << verified.error().message;
+  EXPECT_FALSE(encode_asset(asset));
+}
+
+// The texts of the JSON stay as long as they were, so that all offsets hold.
+TEST(AssetSurface, WithOtherTextIsRefused) {
+  const auto glb = test::take(encode_asset(with_surface()));
+  for (const auto& [from, to] : std::vector<std::pair<std::string, std::string>>{
+           {"\"surface\":0", "\"surface\":-"},
+           {"\"lattice_bits\":7", "\"lattice_bits\":6"},
+           {"\"distance_mm\":0.125", "\"distance_mm\":-.125"},
+           {"\"distance_mm\":0.125", "\"distance_mm\":-0.12"}}) {
+    std::string text(glb.begin(), glb.end());
+    const std::size_t at = text.rfind(from);
+    ASSERT_NE(at, std::string::npos) << from;
+    ASSERT_EQ(from.size(), to.size());
+    text.replace(at, from.size(), to);
+    const std::vector<std::uint8_t> bytes(text.begin(), text.end());
+    const auto read = decode_asset(bytes, "a.glb");
+    EXPECT_FALSE(read) << to;
+  }
 }
 
 }  // namespace

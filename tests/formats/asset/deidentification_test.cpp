@@ -5,19 +5,22 @@
 
 #include <gtest/gtest.h>
 
-#include <cstring>
+#include <cstddef>
 #include <functional>
 #include <nlohmann/json.hpp>
 
 #include "formats/asset/asset.h"
 #include "formats/asset/asset_index.h"
 #include "formats/base/json.h"
+#include "tests/support/glb_bytes.h"
 
 namespace trocar {
 namespace {
 
 using Bytes = std::vector<std::uint8_t>;
 using nlohmann::json;
+using test::put_number;
+using test::with_json;
 
 Asset plain_asset() {
   Asset asset;
@@ -122,27 +125,25 @@ TEST(PrivateAsset, BytesThatBelongToNothingAreFound) {
   gap[file.binary_at + last.draco_offset + last.draco_bytes] = 'D';
   EXPECT_NE(found_in(gap).find("do not belong to any content"), std::string::npos);
 
-  const auto put = [](Bytes& bytes, std::size_t at, std::size_t value) {
-    const auto number = static_cast<std::uint32_t>(value);
-    std::memcpy(bytes.data() + at, &number, 4);
-  };
   Bytes longer = glb;  // four bytes at the end, with all sizes right
   longer.insert(longer.end(), {'D', 'O', 'E', 0});
-  put(longer, 8, longer.size());
-  put(longer, file.binary_at - 8, file.header.binary_bytes + 4);
-  put(longer, file.binary_at + offsetof(IndexHeader, binary_bytes), file.header.binary_bytes + 4);
+  put_number(longer, 8, longer.size());
+  put_number(longer, file.binary_at - 8, file.header.binary_bytes + 4);
+  put_number(longer, file.binary_at + offsetof(IndexHeader, binary_bytes),
+             file.header.binary_bytes + 4);
   EXPECT_NE(found_in(longer).find("do not belong to any content"), std::string::npos);
 
   Bytes chunk = glb;  // a chunk of another kind
   chunk.insert(chunk.end(), {4, 0, 0, 0, 'D', 'O', 'E', 0, 1, 2, 3, 4});
-  put(chunk, 8, chunk.size());
+  put_number(chunk, 8, chunk.size());
   EXPECT_NE(found_in(chunk).find("chunks beside"), std::string::npos);
 
   Bytes spaces = glb;  // a space for each of the JSON's bytes could be a text
   spaces.insert(spaces.begin() + static_cast<std::ptrdiff_t>(file.binary_at - 8), 4, ' ');
-  put(spaces, 8, spaces.size());
-  put(spaces, 12, file.header.json_bytes + 4);
-  put(spaces, file.binary_at + 4 + offsetof(IndexHeader, json_bytes), file.header.json_bytes + 4);
+  put_number(spaces, 8, spaces.size());
+  put_number(spaces, 12, file.header.json_bytes + 4);
+  put_number(spaces, file.binary_at + 4 + offsetof(IndexHeader, json_bytes),
+             file.header.json_bytes + 4);
   EXPECT_NE(found_in(spaces).find("more characters"), std::string::npos);
 }
 
@@ -150,31 +151,20 @@ TEST(PrivateAsset, BytesThatBelongToNothingAreFound) {
 Bytes with_text(const Bytes& glb, const std::function<void(json&, std::size_t view)>& refer) {
   MemorySource source(glb);
   const IndexedFile file = **find_index(source);
-  json document =
-      json::parse(glb.begin() + kGlbHeader, glb.begin() + kGlbHeader + file.header.json_bytes);
+  json document = json::parse(test::json_of(glb));
   const std::string hidden = "DOE^JANE 19700101 PID4711...";
   const std::size_t end = file.header.binary_bytes, view = document["bufferViews"].size();
   document["bufferViews"].push_back(
       {{"buffer", 0}, {"byteOffset", end}, {"byteLength", hidden.size()}});
   document["buffers"][0]["byteLength"] = end + hidden.size();
   refer(document, view);
-  std::string text = json_text(document);
-  text.resize((text.size() + 3) / 4 * 4, ' ');
-  Bytes out(glb.begin(), glb.begin() + kGlbHeader);
-  out.insert(out.end(), text.begin(), text.end());
-  const std::size_t binary_at = out.size() + kGlbChunkHeader;
-  out.insert(out.end(), glb.begin() + static_cast<std::ptrdiff_t>(file.binary_at - kGlbChunkHeader),
-             glb.end());
+  Bytes out = with_json(glb, json_text(document));
+  const std::size_t binary_at = test::binary_at(out);
   out.insert(out.end(), hidden.begin(), hidden.end());
-  const auto put = [&out](std::size_t at, std::size_t value) {
-    const auto number = static_cast<std::uint32_t>(value);
-    std::memcpy(out.data() + at, &number, 4);
-  };
-  put(8, out.size());
-  put(12, text.size());
-  put(binary_at - kGlbChunkHeader, end + hidden.size());
-  put(binary_at + offsetof(IndexHeader, json_bytes), text.size());
-  put(binary_at + offsetof(IndexHeader, binary_bytes), end + hidden.size());
+  put_number(out, 8, out.size());
+  put_number(out, binary_at - kGlbChunkHeader, end + hidden.size());
+  put_number(out, binary_at + offsetof(IndexHeader, json_bytes), binary_at - 28);
+  put_number(out, binary_at + offsetof(IndexHeader, binary_bytes), end + hidden.size());
   return out;
 }
 

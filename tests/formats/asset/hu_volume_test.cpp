@@ -12,9 +12,10 @@
 #include <random>
 
 #include "formats/asset/asset.h"
-#include "formats/asset/asset_index.h"
 #include "formats/asset/payload.h"
+#include "tests/support/glb_bytes.h"
 #include "tests/support/sheet_fixture.h"
+#include "tests/support/take.h"
 
 namespace trocar {
 namespace {
@@ -76,18 +77,17 @@ TEST(HuMask, StoresTheSamplesNearTheMaterial) {
     const HuGrid grid = grid_of(40, 30, 0.5 + 0.1 * seed, 8);
     const Pslg outline = star(seed);
     const Pslg* const outlines[] = {&outline};
-    const auto mask = hu_mask(grid, kLattice, outlines);
-    ASSERT_TRUE(mask) << mask.error().message;
+    const auto mask = test::take(hu_mask(grid, kLattice, outlines));
     for (int r = 0; r < grid.rows; ++r) {
       for (int c = 0; c < grid.columns; ++c) {
         const LatticePoint p{kLattice.snap_mm(grid.origin_mm.x() + c * grid.pitch_mm.x()),
                              kLattice.snap_mm(grid.origin_mm.y() + r * grid.pitch_mm.y())};
-        const int i = c - mask->first_column, j = r - mask->first_row;
-        const bool in_box = i >= 0 && j >= 0 && i < mask->columns && j < mask->rows;
+        const int i = c - mask.first_column, j = r - mask.first_row;
+        const bool in_box = i >= 0 && j >= 0 && i < mask.columns && j < mask.rows;
         const bool stored =
             in_box &&
-            mask->is_stored[static_cast<std::size_t>(j) * static_cast<std::size_t>(mask->columns) +
-                            static_cast<std::size_t>(i)] != 0;
+            mask.is_stored[static_cast<std::size_t>(j) * static_cast<std::size_t>(mask.columns) +
+                           static_cast<std::size_t>(i)] != 0;
         ASSERT_EQ(stored, should_be_stored(p, outline, grid.margin_steps))
             << "seed " << seed << ", sample " << c << ", " << r;
       }
@@ -106,35 +106,31 @@ TEST(HuCodec, KeepsMultiplesOfTheStepAndMeans) {
   const HuGrid grid = grid_of(60, 40, 0.5, 8);
   const Pslg outline = star(3);
   const Pslg* const outlines[] = {&outline};
-  const auto mask = hu_mask(grid, kLattice, outlines);
-  ASSERT_TRUE(mask);
+  const auto mask = test::take(hu_mask(grid, kLattice, outlines));
   const auto exact = [](int c, int r) { return 8 * std::rint(noise(c, r) / 8); };
-  const Bytes bytes = encode_hu_plane(grid, *mask, exact);
-  const auto plane = decode_hu_plane(bytes, grid, kLattice, outlines);
-  ASSERT_TRUE(plane) << plane.error().message;
-  const Bytes rounded = encode_hu_plane(grid, *mask, noise);
-  const auto near = decode_hu_plane(rounded, grid, kLattice, outlines);
-  ASSERT_TRUE(near) << near.error().message;
+  const Bytes bytes = encode_hu_plane(grid, mask, exact);
+  const auto plane = test::take(decode_hu_plane(bytes, grid, kLattice, outlines));
+  const Bytes rounded = encode_hu_plane(grid, mask, noise);
+  const auto near = test::take(decode_hu_plane(rounded, grid, kLattice, outlines));
   std::size_t stored = 0;
-  for (std::size_t i = 0; i < plane->hu.size(); ++i) {
-    const int c = plane->first_column + static_cast<int>(i) % plane->columns,
-              r = plane->first_row + static_cast<int>(i) / plane->columns;
-    ASSERT_EQ(std::isnan(plane->hu[i]), mask->is_stored[i] == 0);
-    if (mask->is_stored[i] == 0) continue;
+  for (std::size_t i = 0; i < plane.hu.size(); ++i) {
+    const int c = plane.first_column + static_cast<int>(i) % plane.columns,
+              r = plane.first_row + static_cast<int>(i) / plane.columns;
+    ASSERT_EQ(std::isnan(plane.hu[i]), mask.is_stored[i] == 0);
+    if (mask.is_stored[i] == 0) continue;
     ++stored;
-    EXPECT_EQ(plane->hu[i], exact(c, r)) << c << ", " << r;
+    EXPECT_EQ(plane.hu[i], exact(c, r)) << c << ", " << r;
     const double most = 16 + 1e-6 * std::abs(static_cast<double>(noise(c, r)));
-    EXPECT_NEAR(near->hu[i], noise(c, r), most) << c << ", " << r;
+    EXPECT_NEAR(near.hu[i], noise(c, r), most) << c << ", " << r;
   }
   EXPECT_GT(stored, 300U);
   // Clamped, not undefined.
   for (const float far : {1e30F, -1e30F, std::numeric_limits<float>::infinity()}) {
-    const Bytes clamped = encode_hu_plane(grid, *mask, [far](int, int) { return far; });
-    const auto decoded = decode_hu_plane(clamped, grid, kLattice, outlines);
-    ASSERT_TRUE(decoded);
-    for (std::size_t i = 0; i < decoded->hu.size(); ++i) {
-      if (mask->is_stored[i] != 0) {
-        EXPECT_EQ(decoded->hu[i], std::copysign(8 * static_cast<float>(kMaxHuSteps), far));
+    const Bytes clamped = encode_hu_plane(grid, mask, [far](int, int) { return far; });
+    const auto decoded = test::take(decode_hu_plane(clamped, grid, kLattice, outlines));
+    for (std::size_t i = 0; i < decoded.hu.size(); ++i) {
+      if (mask.is_stored[i] != 0) {
+        EXPECT_EQ(decoded.hu[i], std::copysign(8 * static_cast<float>(kMaxHuSteps), far));
       }
     }
   }
@@ -294,31 +290,25 @@ void expect_same(const HuVolume& a, const HuVolume& b) {
 TEST(HuInAsset, SurvivesTheFileWholeAndInPart) {
   const Asset asset = asset_with_hu();
   AssetSizes sizes;
-  const auto glb = encode_asset(asset, &sizes);
-  ASSERT_TRUE(glb) << glb.error().message;
-  const auto whole = decode_asset(*glb, "test");
-  ASSERT_TRUE(whole) << whole.error().message;
-  EXPECT_EQ(whole->hu.planes.size(), 2U);
-  expect_same(whole->hu, asset.hu);
-  expect_same(whole->context, asset.context);
-  EXPECT_EQ(asset_sizes(*glb, "test")->hu_bytes, sizes.hu_bytes);
+  const auto glb = test::take(encode_asset(asset, &sizes));
+  const auto whole = test::take(decode_asset(glb, "test"));
+  EXPECT_EQ(whole.hu.planes.size(), 2U);
+  expect_same(whole.hu, asset.hu);
+  expect_same(whole.context, asset.context);
+  EXPECT_EQ(asset_sizes(glb, "test")->hu_bytes, sizes.hu_bytes);
   EXPECT_GT(sizes.hu_bytes, 500U);
   // Stored again, they are the same, although Draco orders the triangles anew.
-  const auto again = decode_asset(*encode_asset(*whole), "test");
-  ASSERT_TRUE(again) << again.error().message;
-  expect_same(again->hu, asset.hu);
-  expect_same(again->context, asset.context);
+  const auto again = test::take(decode_asset(*encode_asset(whole), "test"));
+  expect_same(again.hu, asset.hu);
+  expect_same(again.context, asset.context);
   for (const bool has_index : {true, false}) {
-    Bytes bytes = *glb;
-    MemorySource source(bytes);
-    if (!has_index) bytes[(**find_index(source)).binary_at] ^= 0xFF;
-    const auto part = decode_asset_part(bytes, "test", {1, 2});
-    ASSERT_TRUE(part) << part.error().message;
-    ASSERT_EQ(part->asset.hu.planes.size(), 1U);
-    EXPECT_TRUE(part->asset.context.planes.empty());
+    const auto part =
+        test::take(decode_asset_part(has_index ? glb : test::without_index(glb), "test", {1, 2}));
+    ASSERT_EQ(part.asset.hu.planes.size(), 1U);
+    EXPECT_TRUE(part.asset.context.planes.empty());
     HuVolume second = asset.hu;
     second.planes.erase(second.planes.begin());
-    expect_same(part->asset.hu, second);
+    expect_same(part.asset.hu, second);
   }
 }
 
@@ -354,9 +344,8 @@ Asset asset_of_corners(int side, int slices) {
 }
 
 TEST(HuInAsset, ASmallFileHasFewSamples) {
-  const auto small = encode_asset(asset_of_corners(1000, 2));
-  ASSERT_TRUE(small) << small.error().message;
-  const auto decoded = decode_asset(*small, "test");
+  const auto small = test::take(encode_asset(asset_of_corners(1000, 2)));
+  const auto decoded = decode_asset(small, "test");
   EXPECT_TRUE(decoded) << decoded.error().message;
   const auto large = encode_asset(asset_of_corners(3000, 5));
   ASSERT_TRUE(large) << large.error().message;
@@ -373,42 +362,28 @@ TEST(HuInAsset, ASmallFileHasFewSamples) {
 
 // Every byte of the volumes changed, and every number of their JSON.
 TEST(HuInAsset, RefusesWhatIsDamaged) {
-  const auto glb = encode_asset(asset_with_hu());
-  ASSERT_TRUE(glb);
-  std::uint32_t json_bytes = 0;
-  std::memcpy(&json_bytes, glb->data() + 12, 4);
-  const auto text = glb->begin() + 20;
-  const nlohmann::json document = nlohmann::json::parse(text, text + json_bytes);
+  const auto glb = test::take(encode_asset(asset_with_hu()));
+  const nlohmann::json document = nlohmann::json::parse(test::json_of(glb));
+  const std::size_t binary_at = test::binary_at(glb);
   const nlohmann::json& volumes = document["extras"]["trocar"]["hu_volumes"];
   ASSERT_EQ(volumes.size(), 2U);
   for (const auto& volume : volumes) {
-    const std::size_t at = 28 + json_bytes + volume["byteOffset"].get<std::size_t>();
+    const std::size_t at = binary_at + volume["byteOffset"].get<std::size_t>();
     for (std::size_t i = 0; i < volume["byteLength"].get<std::size_t>(); ++i) {
-      Bytes changed = *glb;
+      Bytes changed = glb;
       changed[at + i] ^= 0x55;
       EXPECT_FALSE(decode_asset(changed, "test")) << i;
     }
   }
-  Bytes moved = *glb;  // the plane of slice 2 becomes that of slice 1, which is empty
-  const std::size_t records = 28 + json_bytes + volumes[0]["byteOffset"].get<std::size_t>();
+  Bytes moved = glb;  // the plane of slice 2 becomes that of slice 1, which is empty
+  const std::size_t records = binary_at + volumes[0]["byteOffset"].get<std::size_t>();
   ASSERT_EQ(moved[records + 8], 2);
   moved[records + 8] = 1;
   EXPECT_FALSE(decode_asset(moved, "test"));
   const auto with = [&](std::size_t volume, const char* key, const nlohmann::json& value) {
     nlohmann::json other = document;
     other["extras"]["trocar"]["hu_volumes"][volume][key] = value;
-    std::string changed = other.dump();
-    changed.resize((changed.size() + 3) / 4 * 4, ' ');
-    Bytes out(glb->begin(), glb->begin() + 20);
-    out.insert(out.end(), changed.begin(), changed.end());
-    out.insert(out.end(), text + json_bytes, glb->end());
-    const auto put = [&out](std::size_t at, std::size_t number) {
-      const auto n = static_cast<std::uint32_t>(number);
-      std::memcpy(out.data() + at, &n, 4);
-    };
-    put(8, out.size());
-    put(12, changed.size());
-    return out;
+    return test::without_index(test::with_json(glb, other.dump()));
   };
   EXPECT_TRUE(decode_asset(with(0, "more", 1), "test"));
   const nlohmann::json bad[] = {nullptr, "x",    -1,         0.5,    4294967296.0,

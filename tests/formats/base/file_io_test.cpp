@@ -10,6 +10,7 @@
 #include <string>
 
 #include "formats/base/text.h"
+#include "tests/support/take.h"
 #include "tests/support/temporary_folder.h"
 
 namespace trocar {
@@ -45,9 +46,8 @@ TEST_F(FileIo, WritesAndReadsBack) {
   text[3] = 0;
   ASSERT_TRUE(write_file_atomically(folder_ / "a", std::string_view(text)));
   ASSERT_TRUE(write_file_atomically(folder_ / "a", std::string_view("shorter")));
-  const auto back = read_file(folder_ / "a");
-  ASSERT_TRUE(back);
-  EXPECT_EQ(std::string(back->begin(), back->end()), "shorter");
+  const auto back = test::take(read_file(folder_ / "a"));
+  EXPECT_EQ(std::string(back.begin(), back.end()), "shorter");
   EXPECT_EQ(files(), 1U);  // no temporary left
   struct stat status {};
   ASSERT_EQ(::stat((folder_ / "a").c_str(), &status), 0);

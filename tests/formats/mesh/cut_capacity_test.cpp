@@ -137,16 +137,6 @@ TEST_F(Outcomes, InvalidToolsAndToolsBesideTheSheetLeaveItUnchanged) {
 
 // --- allocations ---
 
-template <typename Act>
-std::uint64_t counted(Act&& act) {
-  const std::uint64_t before = allocations_in_scopes();
-  {
-    const NoAllocationScope scope;
-    act();
-  }
-  return allocations_in_scopes() - before;
-}
-
 TEST(CutAllocations, NoOutcomeAllocates) {
   TROCAR_NEEDS_COUNTED_ALLOCATIONS();
   SheetMesh mesh = sheet(2000, 4000), replica = mesh;
@@ -163,7 +153,7 @@ TEST(CutAllocations, NoOutcomeAllocates) {
   for (int i = 0; i < 400; ++i) {
     const Ring tool = any_tool(random, random.point(-100, 2100), random.between(5, 400));
     bool small_failed = false;
-    EXPECT_EQ(counted([&] {
+    EXPECT_EQ(allocations_of([&] {
                 CutReport report = cut_in_place(mesh, grid, tool, small, edit);
                 small_failed = report.outcome == CutOutcome::kCapacity;
                 if (small_failed) report = cut_in_place(mesh, grid, tool, work, edit);
@@ -193,7 +183,7 @@ TEST(CutAllocations, TheRemesherDoesNotAllocate) {
     pose.p_m = {-0.02 + 0.0005 * i, 0.001 * (i % 7), 0.1};
     const Sheet* sheet = current(remesher, 0);
     CutRequest request{0, i, outline_on_lattice(tool, pose, sheet->transform, sheet->z_m)};
-    EXPECT_EQ(counted([&] {
+    EXPECT_EQ(allocations_of([&] {
                 remesher.request(request);
                 remesher.serve();
                 remesher.publish_next();

@@ -2,82 +2,21 @@
 // The cut and its triangulation on thousands of random sheets and tools, compared with CGAL's
 // constrained Delaunay triangulation and with clipping in floating point. The seeds are fixed;
 // small coordinates make every degenerate case common.
-#include <CGAL/Constrained_Delaunay_triangulation_2.h>
-#include <CGAL/Exact_predicates_inexact_constructions_kernel.h>
-#include <CGAL/Triangulation_vertex_base_with_info_2.h>
 #include <gtest/gtest.h>
 
 #include <algorithm>
 #include <cmath>
-#include <map>
-#include <queue>
-#include <random>
 #include <set>
 
 #include "formats/mesh/cut.h"
 #include "formats/mesh/local_delaunay.h"
+#include "tests/support/cgal_sheets.h"
 #include "tests/support/cut_checks.h"
 #include "tests/support/random_geometry.h"
 #include "tests/support/whole_cut.h"
 
 namespace trocar::runtime {
 namespace {
-
-using Kernel = CGAL::Exact_predicates_inexact_constructions_kernel;
-using VertexBase = CGAL::Triangulation_vertex_base_with_info_2<std::uint32_t, Kernel>;
-using FaceBase = CGAL::Constrained_triangulation_face_base_2<Kernel>;
-using Data = CGAL::Triangulation_data_structure_2<VertexBase, FaceBase>;
-using Cdt = CGAL::Constrained_Delaunay_triangulation_2<Kernel, Data>;
-
-Kernel::Point_2 to_cgal(LatticePoint p) {
-  return {p.x, p.y};
-}
-LatticePoint from_cgal(const Kernel::Point_2& p) {
-  return {static_cast<std::int32_t>(p.x()), static_cast<std::int32_t>(p.y())};
-}
-
-// The material of outline minus holes with random points in it, by CGAL.
-SliceMesh mesh_of(const std::vector<Ring>& outline, const std::vector<LatticePoint>& inner) {
-  Cdt cdt;
-  for (const Ring& ring : outline) {
-    for (std::size_t i = 0; i < ring.size(); ++i) {
-      cdt.insert_constraint(to_cgal(ring[i]), to_cgal(ring[(i + 1) % ring.size()]));
-    }
-  }
-  for (LatticePoint p : inner) {
-    cdt.insert(to_cgal(p));  // on a constraint it splits it
-  }
-  // Parity of constraints crossed from outside.
-  std::map<Cdt::Face_handle, int> depth;
-  std::queue<Cdt::Face_handle> queue;
-  depth[cdt.infinite_face()] = 0;
-  queue.push(cdt.infinite_face());
-  while (!queue.empty()) {
-    const Cdt::Face_handle f = queue.front();
-    queue.pop();
-    for (int i = 0; i < 3; ++i) {
-      const Cdt::Face_handle g = f->neighbor(i);
-      if (depth.contains(g)) continue;
-      depth[g] = depth[f] + (cdt.is_constrained({f, i}) ? 1 : 0);
-      queue.push(g);
-    }
-  }
-  SliceMesh mesh;
-  std::map<LatticePoint, std::uint32_t> index;
-  for (auto f = cdt.finite_faces_begin(); f != cdt.finite_faces_end(); ++f) {
-    if (depth[f] % 2 == 0) continue;
-    Triangle t{};
-    for (int i = 0; i < 3; ++i) {
-      const LatticePoint p = from_cgal(f->vertex(i)->point());
-      const auto [at, is_new] =
-          index.try_emplace(p, static_cast<std::uint32_t>(mesh.vertices.size()));
-      if (is_new) mesh.vertices.push_back(p);
-      t[static_cast<std::size_t>(i)] = at->second;
-    }
-    mesh.triangles.push_back(t);
-  }
-  return mesh;
-}
 
 // A sheet of radius about `size`: an outline, up to three holes, inner points.
 SliceMesh sheet_of_points(Random& random, int size, int points) {
@@ -106,21 +45,8 @@ SliceMesh sheet_of_points(Random& random, int size, int points) {
 Real common_area(const SliceMesh& sheet, const Ring& tool) {
   const SliceMesh parts = mesh_of({tool}, {});
   Real sum = 0;
-  for (std::size_t p = 0; p < parts.triangles.size(); ++p) {
-    const Corners knife = corners_of(parts, p);
-    for (std::size_t t = 0; t < sheet.triangles.size(); ++t) {
-      const Corners c = corners_of(sheet, t);
-      Polygon polygon;
-      for (LatticePoint q : c)
-        polygon.push_back({Real(q.x), Real(q.y)});
-      for (std::size_t i = 0; i < 3; ++i)
-        polygon = clip(polygon, knife[i], knife[(i + 1) % 3]);
-      for (std::size_t i = 0; i < polygon.size(); ++i) {
-        const auto &q = polygon[i], &r = polygon[(i + 1) % polygon.size()];
-        sum += q[0] * r[1] - q[1] * r[0];
-      }
-    }
-  }
+  for (std::size_t t = 0; t < sheet.triangles.size(); ++t)
+    sum += runtime::common_area(corners_of(sheet, t), parts);
   return sum;
 }
 
@@ -167,8 +93,7 @@ void checked_cut(const SliceMesh& sheet, const Ring& tool, Random& random, Count
 
   // Membership of points farther from all outlines than bends reach.
   for (int i = 0; i < 20; ++i) {
-    const LatticePoint near =
-        tool[static_cast<std::size_t>(random.between(0, static_cast<int>(tool.size()) - 1))];
+    const LatticePoint near = random.pick(tool);
     const Real x = near.x + 60 * (random.unit() - 0.5), y = near.y + 60 * (random.unit() - 0.5);
     if (nearest_edge(x, y, old_rings) < 3 || nearest_edge(x, y, {tool}) < 3) continue;
     ++n.points;
@@ -450,12 +375,8 @@ TEST(LocalDelaunayProperty, RestoredPartsAgreeWithCgalExceptForCocircularPoints)
                            b = ours.points()[cell.vertex[(i + 1) % 3]];
         if (of_cgal.contains({a, b})) continue;
         const Cell& beyond = ours.cells()[cell.across[i]];
-        int cocircular = 0;
-        for (std::uint32_t v : beyond.vertex) {
-          cocircular += in_circle(ours.points()[cell.vertex[0]], ours.points()[cell.vertex[1]],
-                                  ours.points()[cell.vertex[2]], ours.points()[v]) == 0;
-        }
-        ASSERT_EQ(cocircular, 3) << "an edge that is neither CGAL's nor a tie";
+        ASSERT_TRUE(is_tie(ours.points(), cell.vertex, beyond.vertex))
+            << "an edge that is neither CGAL's nor a tie";
       }
     }
   }

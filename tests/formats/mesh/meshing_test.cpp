@@ -1,5 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Simplification, triangulation and refinement, on random outlines and on difficult ones.
+// Triangulation and refinement of random outlines and of difficult ones; the constrained Delaunay
+// triangulation compared with CGAL's, triangle by triangle.
+#include "formats/mesh/mesh_quality.h"
+
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -13,7 +16,6 @@
 #include <utility>
 #include <vector>
 
-#include "formats/mesh/mesh_quality.h"
 #include "formats/mesh/mesh_validity.h"
 #include "formats/mesh/refinement.h"
 #include "formats/mesh/regions.h"
@@ -23,7 +25,10 @@
 #include "pipeline/contour/simplification.h"
 #include "pipeline/open/open_stack.h"
 #include "pipeline/read/slice_stack.h"
+#include "tests/support/cgal_sheets.h"
+#include "tests/support/cut_checks.h"
 #include "tests/support/synthetic_fields.h"
+#include "tests/support/take.h"
 #include "tests/support/test_lattice.h"
 
 namespace trocar::pipeline {
@@ -31,77 +36,6 @@ namespace {
 
 using trocar::test::kLattice;
 constexpr PixelGrid kGrid{0.5, 0.5, 0, 0, kLattice};
-
-double point_to_ring(double x, double y, const Ring& ring) {
-  double best = 1e300;
-  for (std::size_t i = 0; i < ring.size(); ++i) {
-    const LatticePoint a = ring[i], b = ring[(i + 1) % ring.size()];
-    const double dx = b.x - a.x, dy = b.y - a.y;
-    const double t = std::clamp(((x - a.x) * dx + (y - a.y) * dy) / (dx * dx + dy * dy), 0.0, 1.0);
-    best = std::min(best, std::hypot(x - a.x - t * dx, y - a.y - t * dy));
-  }
-  return best;
-}
-
-// Directed Hausdorff distance by brute force, edges sampled every few steps.
-double sampled_distance(const Ring& from, const Ring& to) {
-  double worst = 0;
-  for (std::size_t i = 0; i < from.size(); ++i) {
-    const LatticePoint a = from[i], b = from[(i + 1) % from.size()];
-    const int samples = 1 + static_cast<int>(std::sqrt(static_cast<double>(distance2(a, b))) / 16);
-    for (int k = 0; k < samples; ++k) {
-      const double t = static_cast<double>(k) / samples;
-      worst = std::max(worst, point_to_ring(a.x + t * (b.x - a.x), a.y + t * (b.y - a.y), to));
-    }
-  }
-  return worst;
-}
-
-class Simplification : public testing::TestWithParam<std::tuple<int, double, ContourKind>> {};
-
-TEST_P(Simplification, StaysWithinItsBoundAndKeepsTheTopology) {
-  const auto [passes, tolerance_px, kind] = GetParam();
-  const double tolerance_mm = tolerance_px * kGrid.spacing_u_mm;
-  for (std::uint64_t seed = 100; seed < 120; ++seed) {
-    const Pslg full = contours(noise_field(40, passes, seed), kGrid, kind);
-    const Pslg simple =
-        simplify(full, kLattice, {tolerance_mm, SimplificationMethod::kDouglasPeucker});
-    const auto ok = check_pslg(simple);  // no crossing, no collapse, orientations nest
-    ASSERT_TRUE(ok) << ok.error().message << " seed " << seed;
-    ASSERT_EQ(simple.rings.size(), full.rings.size());
-    const double reported = hausdorff_mm(full, simple, kLattice);
-    EXPECT_LE(reported, tolerance_mm * (1 + 1e-12));
-    for (std::size_t r = 0; r < full.rings.size(); ++r) {
-      EXPECT_EQ(doubled_area(simple.rings[r]) > 0, doubled_area(full.rings[r]) > 0);
-      const double both = std::max(sampled_distance(full.rings[r], simple.rings[r]),
-                                   sampled_distance(simple.rings[r], full.rings[r]));
-      EXPECT_LE(both * kLattice.step_mm(), reported + 1e-9);
-    }
-  }
-}
-
-INSTANTIATE_TEST_SUITE_P(
-    Noise, Simplification,
-    testing::Combine(testing::Values(1, 3, 8), testing::Values(0.1, 0.5, 1.0, 3.0),
-                     testing::Values(ContourKind::kSubpixel, ContourKind::kPixel)));
-
-TEST(Simplification, KeepsASmallIslandInABay) {
-  // A bay one tolerance deep with an island in it: cutting off the bay would cover the island.
-  const std::int32_t s = 256;
-  const Pslg full{{{{0, 0},
-                    {20 * s, 0},
-                    {20 * s, 10 * s},
-                    {12 * s, 10 * s},
-                    {10 * s, 8 * s},
-                    {8 * s, 10 * s},
-                    {0, 10 * s}},
-                   {{10 * s - 40, 9 * s}, {10 * s + 40, 9 * s}, {10 * s, 9 * s + 60}}}};
-  ASSERT_TRUE(check_pslg(full));
-  const Pslg simple = simplify(full, kLattice, {3.0});
-  const auto ok = check_pslg(simple);
-  EXPECT_TRUE(ok) << ok.error().message;
-  EXPECT_EQ(simple.rings.size(), 2U);
-}
 
 // The mesh of every outline is valid, conforming and Delaunay, with exact area.
 void expect_valid_refinement(const Pslg& pslg, const RefinementOptions& options,
@@ -359,15 +293,13 @@ TEST(Refinement, EndsOnScans) {
   std::erase_if(scans, [](const std::string& s) { return !std::filesystem::exists(s); });
   if (scans.empty()) GTEST_SKIP() << "neither TROCAR_REAL_CT nor TROCAR_HEAD_CT names a scan";
   for (const std::string& scan : scans) {
-    const auto stack = open_stack({scan}, {});
-    ASSERT_TRUE(stack) << stack.error().message;
+    const auto stack = test::take(open_stack({scan}, {}));
     for (const double angle : {30.0, kSafeAngle_deg}) {
       MeshOptions options;
       options.refinement.min_angle_deg = angle;
-      for (int k = 0; k < (*stack)->size(); ++k) {
-        const auto meshed = mesh_slice(**stack, k, options);
-        ASSERT_TRUE(meshed) << meshed.error().message;
-        const MeshedMaterial* const slice = &meshed->materials[0];
+      for (int k = 0; k < stack->size(); ++k) {
+        const auto meshed = test::take(mesh_slice(*stack, k, options));
+        const MeshedMaterial* const slice = &meshed.materials[0];
         EXPECT_EQ(slice->refined.outcome, RefinementOutcome::kRefined) << scan << " slice " << k;
         EXPECT_EQ(slice->quality.negative_stiffness_edges, 0U) << scan << " slice " << k;
         EXPECT_EQ(slice->quality.below_unexplained, 0U) << scan << " slice " << k;
@@ -421,43 +353,20 @@ TEST(Refinement, RefinesNestedAndTouchingRings) {
                           {}, "touching islands");
 }
 
-// No vertex that is visible from a triangle lies in its circumcircle. By brute force on a convex
-// outline, where all vertices are visible.
-TEST(Triangulation, ConvexOutlineIsDelaunayByBruteForce) {
-  Ring ring;
-  std::set<LatticePoint> seen;
-  for (int k = 0; k < 60; ++k) {
-    const double t = 2 * std::numbers::pi * (k + 0.3 * std::sin(5.0 * k)) / 60;
-    const LatticePoint p{static_cast<std::int32_t>(std::lrint(9000 * std::cos(t))),
-                         static_cast<std::int32_t>(std::lrint(5000 * std::sin(t)))};
-    if (seen.insert(p).second) ring.push_back(p);
-  }
-  const auto triangulation = triangulate({{ring}});
-  ASSERT_TRUE(triangulation);
-  const SliceMesh& mesh = triangulation->mesh;
-  EXPECT_EQ(mesh.triangles.size(), ring.size() - 2);
-  for (const Triangle& t : mesh.triangles) {
-    for (const LatticePoint p : mesh.vertices) {
-      EXPECT_LE(in_circle(mesh.vertices[t[0]], mesh.vertices[t[1]], mesh.vertices[t[2]], p), 0);
-    }
-  }
-}
-
 // Compared with cotangents in floating point; an unrefined mesh has such edges.
 TEST(MeshQuality, CountsEdgesOfNegativeStiffness) {
   EXPECT_EQ(count_negative_stiffness_edges({{{0, 0}, {8, 0}, {4, 3}}, {{0, 1, 2}}}), 1U);
   EXPECT_EQ(count_negative_stiffness_edges({{{0, 0}, {8, 0}, {4, 4}}, {{0, 1, 2}}}), 0U);
   std::uint32_t in_all = 0;
   for (std::uint64_t seed = 0; seed < 10; ++seed) {
-    const auto cdt = triangulate(simplify(
-        contours(noise_field(64, 3, seed), kGrid, ContourKind::kSubpixel), kLattice, {0.2}));
-    ASSERT_TRUE(cdt);
+    const auto cdt = test::take(triangulate(simplify(
+        contours(noise_field(64, 3, seed), kGrid, ContourKind::kSubpixel), kLattice, {0.2})));
     std::map<std::pair<std::uint32_t, std::uint32_t>, double> stiffness;
-    for (const Triangle& t : cdt->mesh.triangles) {
+    for (const Triangle& t : cdt.mesh.triangles) {
       for (std::size_t i = 0; i < 3; ++i) {
         const std::uint32_t p = t[(i + 1) % 3], q = t[(i + 2) % 3];
-        const LatticePoint a = cdt->mesh.vertices[t[i]], b = cdt->mesh.vertices[p],
-                           c = cdt->mesh.vertices[q];
+        const LatticePoint a = cdt.mesh.vertices[t[i]], b = cdt.mesh.vertices[p],
+                           c = cdt.mesh.vertices[q];
         stiffness[std::minmax(p, q)] +=
             static_cast<double>(diametral_dot(b, c, a)) / static_cast<double>(orient2d(a, b, c));
       }
@@ -467,7 +376,7 @@ TEST(MeshQuality, CountsEdgesOfNegativeStiffness) {
           std::count_if(stiffness.begin(), stiffness.end(),
                         [bound](const auto& edge) { return edge.second < bound; }));
     };
-    const std::uint32_t count = count_negative_stiffness_edges(cdt->mesh);
+    const std::uint32_t count = count_negative_stiffness_edges(cdt.mesh);
     EXPECT_GE(count, below(-1e-9)) << seed;  // four points on a circle leave a zero
     EXPECT_LE(count, below(1e-9)) << seed;
     in_all += count;
@@ -493,6 +402,73 @@ TEST(IsAngleBelow, AgreesWithTheAngleItself) {
     ASSERT_EQ(is_angle_below(p[0], p[1], p[2], sine * sine),
               smallest < 30 * std::numbers::pi / 180);
   }
+}
+
+// Equal except where four points lie on one circle and both diagonals are Delaunay.
+void expect_as_cgal(const Pslg& pslg, const std::string& what) {
+  const auto triangulation = triangulate(pslg);
+  ASSERT_TRUE(triangulation) << what << ": " << triangulation.error().message;
+  const SliceMesh* mesh = &triangulation->mesh;
+  const auto ok = check_mesh_against_pslg(*mesh, pslg);
+  ASSERT_TRUE(ok) << what << ": " << ok.error().message;
+  ASSERT_TRUE(is_constrained_delaunay(*mesh)) << what;
+  const auto by_cgal = runtime::triangles_of(runtime::mesh_of(pslg.rings, {}));
+  const std::set<runtime::Corners> theirs(by_cgal.begin(), by_cgal.end());
+  EXPECT_EQ(mesh->triangles.size(), theirs.size()) << what;
+  const Neighbours beyond = neighbours(*mesh);
+  EXPECT_EQ(triangulation->beyond, beyond) << what;
+  for (std::size_t t = 0; t < mesh->triangles.size(); ++t) {
+    const Triangle& v = mesh->triangles[t];
+    if (theirs.contains(runtime::corners_of(*mesh, t))) continue;
+    const bool cocircular = std::any_of(beyond[t].begin(), beyond[t].end(), [&](EdgeId e) {
+      return e != kNoEdge && runtime::is_tie(mesh->vertices, v, mesh->triangles[triangle_of(e)]);
+    });
+    EXPECT_TRUE(cocircular) << what << ": a triangle that CGAL does not have";
+  }
+}
+
+TEST(Triangulation, AgreesWithCgalOnNoise) {
+  for (const double pixel_mm : {0.5, 0.3711}) {
+    const PixelGrid grid{pixel_mm, pixel_mm, 0, 0, test::kLattice};
+    for (const ContourKind kind : {ContourKind::kSubpixel, ContourKind::kPixel}) {
+      for (const int passes : {1, 2, 5}) {
+        for (std::uint64_t seed = 0; seed < 12; ++seed) {
+          const Pslg full = contours(noise_field(48, passes, seed), grid, kind);
+          expect_as_cgal(full, "full, seed " + std::to_string(seed));
+          expect_as_cgal(simplify(full, test::kLattice, {0.4}),
+                         "simple, seed " + std::to_string(seed));
+        }
+      }
+    }
+  }
+}
+
+TEST(Triangulation, AgreesWithCgalOnVerticalsTouchesAndCocircularPoints) {
+  // A comb of verticals, with holes that touch its teeth and each other.
+  Ring comb = {{0, 0}, {900, 0}, {900, 500}};
+  for (std::int32_t x = 800; x > 0; x -= 200)
+    comb.insert(comb.end(), {{x, 500}, {x, 200}, {x - 100, 200}, {x - 100, 500}});
+  comb.push_back({0, 500});
+  expect_as_cgal({{comb}}, "comb");
+  expect_as_cgal(
+      {{comb, {{100, 100}, {200, 200}, {200, 100}}, {{200, 100}, {300, 150}, {300, 100}}}},
+      "comb with touching holes");
+  expect_as_cgal({{{{0, 0}, {10, 0}, {10, 10}, {0, 10}}, {{4, 4}, {4, 6}, {6, 6}, {6, 4}}}},
+                 "square in square");
+  expect_as_cgal({{{{-5, 0}, {0, -5}, {5, 0}, {0, 5}}, {{-5, 0}, {0, 4}, {5, 0}, {0, -4}}}},
+                 "hole that touches twice");
+  const std::int32_t m = kMaxCoordinate;
+  expect_as_cgal({{{{-m, -m}, {m, -m}, {m, m}, {-m, m}}, {{-1, 0}, {0, 1}, {1, 0}, {0, -1}}}},
+                 "the lattice's corners");
+}
+
+TEST(Triangulation, RefusesInvalidOutlines) {
+  EXPECT_FALSE(triangulate({{{{0, 0}, {10, 10}, {10, 0}, {0, 10}}}}));  // crosses itself
+  EXPECT_FALSE(triangulate({{{{0, 0}, {0, 10}, {10, 10}, {10, 0}}}}));  // clockwise
+  EXPECT_FALSE(triangulate(
+      {{{{0, 0}, {10, 0}, {10, 10}, {0, 10}}, {{5, 5}, {15, 5}, {15, 8}}}}));  // rings cross
+  EXPECT_FALSE(triangulate({{{{0, 0}, {10, 0}, {10, 10}, {0, 10}},
+                             {{4, 4}, {6, 4}, {6, 6}, {4, 6}}}}));  // island in material
 }
 
 }  // namespace

@@ -17,9 +17,13 @@
 #include <utility>
 
 #include "formats/mesh/mesh_validity.h"
+#include "tests/support/random_geometry.h"
+#include "tests/support/rings_of_edges.h"
 
 namespace trocar {
 namespace {
+
+using runtime::Random;
 
 std::string text(LatticePoint p) {
   std::string out = "(";
@@ -109,21 +113,15 @@ void compare(const Pslg& pslg, Tally& tally) {
   ++tally[wanted.substr(0, wanted.find(" near lattice")).substr(0, wanted.find(" at lattice"))];
 }
 
-class Random {
- public:
-  explicit Random(std::uint64_t seed) : rng_(seed) {}
-  std::int32_t in(std::int32_t low, std::int32_t high) {  // both included
-    return low + static_cast<std::int32_t>(rng_() % static_cast<std::uint64_t>(high - low + 1));
-  }
-  std::mt19937_64& rng() { return rng_; }
-
- private:
-  std::mt19937_64 rng_;
-};
+void rotate_anyhow(Ring& ring, Random& random) {
+  std::rotate(ring.begin(),
+              ring.begin() + random.between(0, static_cast<std::int32_t>(ring.size()) - 1),
+              ring.end());
+}
 
 // Points under one of several maps that keep lines: rotated, sheared, large, or in one thin strip.
 Pslg mapped(Pslg pslg, Random& random) {
-  const std::int32_t kind = random.in(0, 5), shear = random.in(-3, 3);
+  const std::int32_t kind = random.between(0, 5), shear = random.between(-3, 3);
   for (Ring& ring : pslg.rings) {
     for (LatticePoint& p : ring) {
       if (kind == 1) p = {-p.y, p.x};
@@ -141,49 +139,28 @@ Pslg random_cells(std::int32_t size, int density, Random& random) {
   const auto width = static_cast<std::size_t>(size);
   std::vector<char> cell(width * width);
   for (char& c : cell)
-    c = random.in(0, 99) < density ? 1 : 0;
+    c = random.between(0, 99) < density ? 1 : 0;
   const auto is_in = [&](std::int32_t x, std::int32_t y) {
     return x >= 0 && y >= 0 && x < size && y < size &&
            cell[static_cast<std::size_t>(y) * width + static_cast<std::size_t>(x)] != 0;
   };
-  // The edges from each start: at most two ends, each with the cell on its left.
-  std::map<LatticePoint, std::vector<LatticePoint>> out;
+  test::DirectedEdges edges;
   for (std::int32_t y = 0; y < size; ++y) {
     for (std::int32_t x = 0; x < size; ++x) {
       if (!is_in(x, y)) continue;
-      if (!is_in(x, y - 1)) out[{x, y}].push_back({x + 1, y});
-      if (!is_in(x + 1, y)) out[{x + 1, y}].push_back({x + 1, y + 1});
-      if (!is_in(x, y + 1)) out[{x + 1, y + 1}].push_back({x, y + 1});
-      if (!is_in(x - 1, y)) out[{x, y + 1}].push_back({x, y});
+      if (!is_in(x, y - 1)) edges.push_back({{x, y}, {x + 1, y}});
+      if (!is_in(x + 1, y)) edges.push_back({{x + 1, y}, {x + 1, y + 1}});
+      if (!is_in(x, y + 1)) edges.push_back({{x + 1, y + 1}, {x, y + 1}});
+      if (!is_in(x - 1, y)) edges.push_back({{x, y + 1}, {x, y}});
     }
   }
-  Pslg rings;
-  while (!out.empty()) {
-    Ring path;
-    LatticePoint from = out.begin()->first, at = from;
-    while (true) {
-      const auto it = out.find(at);
-      if (it == out.end()) break;
-      std::vector<LatticePoint>& ends = it->second;
-      // Around the same cell: to the left.
-      std::size_t best = 0;
-      if (ends.size() == 2 && orient2d(from, at, ends[1]) > 0) best = 1;
-      const LatticePoint to = ends[best];
-      ends.erase(ends.begin() + static_cast<std::ptrdiff_t>(best));
-      if (ends.empty()) out.erase(it);
-      path.push_back(at);
-      from = std::exchange(at, to);
-    }
-    split_at_pinches(path, rings.rings);
-  }
+  Pslg rings = test::rings_of(edges);
   for (Ring& ring : rings.rings) {
     for (LatticePoint& p : ring)
       p = {4 * p.x, 4 * p.y};
-    std::rotate(ring.begin(),
-                ring.begin() + random.in(0, static_cast<std::int32_t>(ring.size()) - 1),
-                ring.end());
+    rotate_anyhow(ring, random);
   }
-  std::shuffle(rings.rings.begin(), rings.rings.end(), random.rng());
+  std::shuffle(rings.rings.begin(), rings.rings.end(), random.bits());
   return rings;
 }
 
@@ -192,7 +169,7 @@ Pslg random_rings(std::int32_t rings, std::int32_t corners, std::int32_t size, R
   for (std::int32_t r = 0; r < rings; ++r) {
     Ring& ring = out.rings.emplace_back();
     for (std::int32_t i = 0; i < corners; ++i)
-      ring.push_back({random.in(0, size), random.in(0, size)});
+      ring.push_back({random.between(0, size), random.between(0, size)});
   }
   return out;
 }
@@ -201,8 +178,8 @@ TEST(OutlineSweep, SaysOfFewRandomRingsWhatPairsOfEdgesSay) {
   Random random(11);
   Tally tally;
   for (int i = 0; i < 60'000 && !HasFatalFailure(); ++i) {
-    const std::int32_t rings = random.in(1, 4), corners = random.in(3, 5);
-    compare(mapped(random_rings(rings, corners, random.in(2, 9), random), random), tally);
+    const std::int32_t rings = random.between(1, 4), corners = random.between(3, 5);
+    compare(mapped(random_rings(rings, corners, random.between(2, 9), random), random), tally);
   }
   EXPECT_GT(tally[""], 1'000);
   EXPECT_GT(tally["outline edges cross"], 10'000);
@@ -215,17 +192,15 @@ TEST(OutlineSweep, SaysOfTouchingRingsWhatPairsOfEdgesSay) {
   Random random(12);
   Tally tally;
   for (int i = 0; i < 4'000 && !HasFatalFailure(); ++i) {
-    Pslg cells = random_cells(random.in(2, 9), random.in(20, 80), random);
+    Pslg cells = random_cells(random.between(2, 9), random.between(20, 80), random);
     if (cells.rings.empty()) continue;
     compare(mapped(cells, random), tally);
     // One vertex moved, one ring turned, or one given twice.
-    Ring& ring = cells.rings[static_cast<std::size_t>(
-        random.in(0, static_cast<std::int32_t>(cells.rings.size()) - 1))];
-    const std::int32_t how = random.in(0, 5);
+    Ring& ring = random.pick(cells.rings);
+    const std::int32_t how = random.between(0, 5);
     if (how <= 3) {
-      LatticePoint& p =
-          ring[static_cast<std::size_t>(random.in(0, static_cast<std::int32_t>(ring.size()) - 1))];
-      p = {p.x + random.in(-5, 5), p.y + random.in(-5, 5)};
+      LatticePoint& p = random.pick(ring);
+      p = {p.x + random.between(-5, 5), p.y + random.between(-5, 5)};
     } else if (how == 4) {
       std::reverse(ring.begin(), ring.end());
     } else {
@@ -252,9 +227,9 @@ TEST(OutlineSweep, RefusesRingsThatPassIntoEachOtherInVertices) {
   Tally tally;
   for (int i = 0; i < 20'000 && !HasFatalFailure(); ++i) {
     Pslg boxes;
-    for (std::int32_t k = random.in(2, 3); k > 0; --k) {
-      const LatticePoint low{random.in(0, 3), random.in(0, 3)},
-          high{low.x + random.in(1, 3), low.y + random.in(1, 3)};
+    for (std::int32_t k = random.between(2, 3); k > 0; --k) {
+      const LatticePoint low{random.between(0, 3), random.between(0, 3)},
+          high{low.x + random.between(1, 3), low.y + random.between(1, 3)};
       Ring ring;
       for (std::int32_t x = low.x; x < high.x; ++x)
         ring.push_back({x, low.y});
@@ -264,10 +239,8 @@ TEST(OutlineSweep, RefusesRingsThatPassIntoEachOtherInVertices) {
         ring.push_back({x, high.y});
       for (std::int32_t y = high.y; y > low.y; --y)
         ring.push_back({low.x, y});
-      if (random.in(0, 3) == 0) std::reverse(ring.begin(), ring.end());
-      std::rotate(ring.begin(),
-                  ring.begin() + random.in(0, static_cast<std::int32_t>(ring.size()) - 1),
-                  ring.end());
+      if (random.between(0, 3) == 0) std::reverse(ring.begin(), ring.end());
+      rotate_anyhow(ring, random);
       boxes.rings.push_back(ring);
     }
     compare(mapped(boxes, random), tally);
@@ -279,11 +252,11 @@ TEST(OutlineSweep, CountsWindingsOfEveryEdge) {
   Random random(14);
   int deep = 0;
   for (int i = 0; i < 2'000; ++i) {
-    Pslg pslg = random_rings(random.in(1, 5), 3, 12, random);
+    Pslg pslg = random_rings(random.between(1, 5), 3, 12, random);
     for (std::int32_t h = 20; h < 20 + 3 * (i % 4); h += 3) {  // around these
       pslg.rings.push_back({{-h, -h}, {h, -h}, {h, h}, {-h, h}});
       Ring& ring = pslg.rings.back();
-      if (random.in(0, 1) == 0) std::reverse(ring.begin(), ring.end());
+      if (random.between(0, 1) == 0) std::reverse(ring.begin(), ring.end());
     }
     pslg = mapped(pslg, random);
     const std::string why = by_pairs(pslg);
@@ -308,12 +281,12 @@ TEST(RingsAround, AreThoseInWhichTheRingLies) {
   Random random(17);
   int around = 0;
   for (int i = 0; i < 3'000; ++i) {
-    Pslg pslg = i % 2 == 0 ? random_cells(random.in(2, 12), random.in(30, 80), random)
-                           : random_rings(random.in(1, 5), 3, 12, random);
+    Pslg pslg = i % 2 == 0 ? random_cells(random.between(2, 12), random.between(30, 80), random)
+                           : random_rings(random.between(1, 5), 3, 12, random);
     if (i % 2 == 1 && !crossing_by_pairs(pslg).empty()) continue;
     if (by_pairs(pslg).starts_with("a ring")) continue;
     for (Ring& ring : pslg.rings)
-      if (random.in(0, 3) == 0) std::reverse(ring.begin(), ring.end());
+      if (random.between(0, 3) == 0) std::reverse(ring.begin(), ring.end());
     const auto found = enclosing_rings(pslg.rings);
     const auto is_in = [&](std::size_t q, std::size_t r) {
       const Ring& ring = pslg.rings[q];
@@ -428,13 +401,11 @@ TEST(OutlineSweep, AgreesOnShapesWithLongEdges) {
     compare(valid, tally);
     for (int i = 0; i < 60 && !HasFatalFailure(); ++i) {
       Pslg moved = valid;
-      for (std::int32_t k = random.in(1, 2); k > 0; --k) {
-        Ring& ring = moved.rings[static_cast<std::size_t>(
-            random.in(0, static_cast<std::int32_t>(moved.rings.size()) - 1))];
-        LatticePoint& p = ring[static_cast<std::size_t>(
-            random.in(0, static_cast<std::int32_t>(ring.size()) - 1))];
-        const std::int32_t far = random.in(0, 1) == 0 ? 6 : 200;
-        p = {p.x + random.in(-far, far), p.y + random.in(-far, far)};
+      for (std::int32_t k = random.between(1, 2); k > 0; --k) {
+        Ring& ring = random.pick(moved.rings);
+        LatticePoint& p = random.pick(ring);
+        const std::int32_t far = random.between(0, 1) == 0 ? 6 : 200;
+        p = {p.x + random.between(-far, far), p.y + random.between(-far, far)};
       }
       compare(moved, tally);
     }

@@ -86,18 +86,12 @@ TEST(PagedArray, AWriteToAReservedPageDoesNotAllocate) {
   const Array first(2000, 7);
   Array copy = first;
   copy.reserve_pages(3);
-  const std::uint64_t before = allocations_in_scopes();
-  {
-    const NoAllocationScope scope;
-    copy[0] = copy[1000] = copy[1999] = 1;
-    copy[1] = 2;
-  }
-  EXPECT_EQ(allocations_in_scopes(), before);
-  {
-    const NoAllocationScope scope;
-    copy[600] = 1;
-  }
-  EXPECT_GT(allocations_in_scopes(), before) << "the fourth page was not reserved";
+  EXPECT_EQ(allocations_of([&] {
+              copy[0] = copy[1000] = copy[1999] = 1;
+              copy[1] = 2;
+            }),
+            0U);
+  EXPECT_GT(allocations_of([&] { copy[600] = 1; }), 0U) << "the fourth page was not reserved";
 }
 
 // A reader of the published array, while the other one is written to. The thread sanitizer sees a race.

@@ -17,51 +17,20 @@
 #include "formats/mesh/refinement_outline.h"
 #include "formats/mesh/regions.h"
 #include "formats/mesh/shared_borders.h"
+#include "tests/support/rings_of_edges.h"
+#include "tests/support/take.h"
 #include "tests/support/test_lattice.h"
 
 namespace trocar::pipeline {
 namespace {
 
 using trocar::test::kLattice;
+using trocar::test::rings_of;
 using Regions = std::vector<Pslg>;
 using Edge = std::pair<LatticePoint, LatticePoint>;
-using Edges = std::vector<Edge>;
+using Edges = trocar::test::DirectedEdges;
 
 // ---- generators ----
-
-// Simple rings from directed edges with the material on their left. Where several edges leave a
-// point, the one that bounds the same connected component.
-Pslg rings_of(const Edges& edges) {
-  std::map<LatticePoint, std::vector<LatticePoint>> out;
-  for (const auto& [from, to] : edges)
-    out[from].push_back(to);
-  Pslg pslg;
-  for (auto& [start, leaving] : out) {
-    while (!leaving.empty()) {
-      Ring path;
-      LatticePoint from = start, at = leaving.back();
-      leaving.pop_back();
-      path.push_back(start);
-      while (at != start) {
-        path.push_back(at);
-        std::vector<LatticePoint>& next = out[at];
-        const auto clockwise = [&](LatticePoint q) {
-          const double angle =
-              std::atan2(from.y - at.y, from.x - at.x) - std::atan2(q.y - at.y, q.x - at.x);
-          return angle <= 0 ? angle + 2 * std::numbers::pi : angle;
-        };
-        const auto best = std::min_element(
-            next.begin(), next.end(),
-            [&](LatticePoint p, LatticePoint q) { return clockwise(p) < clockwise(q); });
-        from = at;
-        at = *best;
-        next.erase(best);
-      }
-      split_at_pinches(path, pslg.rings);
-    }
-  }
-  return pslg;
-}
 
 struct LabelMap {
   int size;
@@ -473,13 +442,12 @@ TEST(Regions, MoveAndRotateWithTheirOutlines) {
 
 TEST(Regions, OneIsRefinedAsByItself) {
   const Regions regions = slanted_outlines(random_cells(40, 1, 0.1, 5), 1, 128, 5);
-  const auto cdt = triangulate_regions(regions);
-  ASSERT_TRUE(cdt);
+  const auto cdt = test::take(triangulate_regions(regions));
   for (const bool keep_area : {false, true}) {
     RefinementOptions options;
     options.keep_area = keep_area;
-    const Refined alone = refine((*cdt)[0], kLattice, options);
-    const Refined with = refine_regions(*cdt, kLattice, options)[0];
+    const Refined alone = refine(cdt[0], kLattice, options);
+    const Refined with = refine_regions(cdt, kLattice, options)[0];
     EXPECT_EQ(with.mesh.vertices, alone.mesh.vertices);
     EXPECT_EQ(with.mesh.triangles, alone.mesh.triangles);
     EXPECT_EQ(refined_rings(with, regions[0]).rings, refined_rings(alone, regions[0]).rings);
@@ -489,9 +457,8 @@ TEST(Regions, OneIsRefinedAsByItself) {
               measure_quality(alone, kLattice, 30).below_min_angle);
   }
   EXPECT_TRUE(refine_regions({}, kLattice, {}).empty());
-  const auto none = triangulate_regions(Regions(2));
-  ASSERT_TRUE(none);
-  EXPECT_EQ(refine_regions(*none, kLattice, {}).size(), 2U);
+  const auto none = test::take(triangulate_regions(Regions(2)));
+  EXPECT_EQ(refine_regions(none, kLattice, {}).size(), 2U);
 }
 
 // If the vertex budget is too small, the meshes conform and the outcome says that they are

@@ -5,10 +5,6 @@
 //
 // TROCAR_ASSETS names the folder of sample.glb, l3.glb and head.glb. TROCAR_CUTS: total
 // number of cuts; TROCAR_SEED: their seed.
-#include <CGAL/Constrained_Delaunay_triangulation_2.h>
-#include <CGAL/Exact_predicates_inexact_constructions_kernel.h>
-#include <CGAL/Triangulation_face_base_with_info_2.h>
-#include <CGAL/Triangulation_vertex_base_with_info_2.h>
 #include <gtest/gtest.h>
 
 #include <cstdlib>
@@ -19,22 +15,16 @@
 #include "formats/asset/asset.h"
 #include "formats/mesh/cut.h"
 #include "formats/mesh/local_refinement.h"
+#include "tests/support/cgal_sheets.h"
 #include "tests/support/check_sheet_mesh.h"
 #include "tests/support/cut_checks.h"
 #include "tests/support/random_geometry.h"
 #include "tests/support/same_sheet_mesh.h"
+#include "tests/support/take.h"
 #include "tests/support/whole_cut.h"
 
 namespace trocar::runtime {
 namespace {
-
-using Kernel = CGAL::Exact_predicates_inexact_constructions_kernel;
-using VertexBase = CGAL::Triangulation_vertex_base_with_info_2<std::uint32_t, Kernel>;
-using ScanFaceBase =
-    CGAL::Triangulation_face_base_with_info_2<std::int8_t, Kernel,
-                                              CGAL::Constrained_triangulation_face_base_2<Kernel>>;
-using ScanCdt = CGAL::Constrained_Delaunay_triangulation_2<
-    Kernel, CGAL::Triangulation_data_structure_2<VertexBase, ScanFaceBase>>;
 
 int from_environment(const char* name, int usual) {
   const char* const wanted = std::getenv(name);  // NOLINT(concurrency-mt-unsafe)
@@ -73,18 +63,10 @@ Ring moved(const Ring& ring, LatticePoint by) {
 
 // --- CGAL --------------------------------------------------------------------------------------
 
-// Is the edge between a patch's two triangles a tie: four points on one circle?
-bool is_tie(const std::vector<LatticePoint>& points, const Triangle& t, const Triangle& u) {
-  int cocircular = 0;
-  for (const std::uint32_t v : u)
-    cocircular += in_circle(points[t[0]], points[t[1]], points[t[2]], points[v]) == 0 ? 1 : 0;
-  return cocircular == 3;
-}
-
 // Empty, or how the patch differs from CGAL's triangulation of the same points and boundary.
 std::string differs_from_cgal(const Overlay& overlay, const Patch& patch) {
-  ScanCdt cdt;
-  std::vector<ScanCdt::Vertex_handle> vertex;
+  Cdt cdt;
+  std::vector<Cdt::Vertex_handle> vertex;
   for (std::uint32_t i = 0; i < overlay.points.size(); ++i) {
     vertex.push_back(cdt.insert({overlay.points[i].x, overlay.points[i].y}));
     vertex.back()->info() = i;
@@ -99,23 +81,8 @@ std::string differs_from_cgal(const Overlay& overlay, const Patch& patch) {
   }
   if (cdt.number_of_vertices() != overlay.points.size()) return "CGAL has other points";
   // The patch's boundary separates inside from outside.
-  for (auto f = cdt.all_faces_begin(); f != cdt.all_faces_end(); ++f)
-    f->info() = -1;
-  std::vector<ScanCdt::Face_handle> pending = {cdt.infinite_face()};
-  cdt.infinite_face()->info() = 0;
-  std::size_t inside = 0;
-  while (!pending.empty()) {
-    const ScanCdt::Face_handle f = pending.back();
-    pending.pop_back();
-    inside += f->info() == 1 ? 1 : 0;
-    for (int i = 0; i < 3; ++i) {
-      const ScanCdt::Face_handle g = f->neighbor(i);
-      if (g->info() >= 0) continue;
-      g->info() = static_cast<std::int8_t>(cdt.is_constrained({f, i}) ? 1 - f->info() : f->info());
-      pending.push_back(g);
-    }
-  }
-  if (inside != patch.triangles.size()) return "CGAL has another number of triangles";
+  if (faces_inside(cdt).size() != patch.triangles.size())
+    return "CGAL has another number of triangles";
   for (std::size_t t = 0; t < patch.triangles.size(); ++t) {
     for (std::size_t i = 0; i < 3; ++i) {
       const std::uint32_t u = patch.across[t][i];
@@ -181,9 +148,8 @@ Ring next_tool(Random& random, const Subject& subject, const Ring& last) {
   if (random.between(0, 2) > 0) radius = std::min(radius, 3 * subject.edge);
   LatticePoint at = random_corner(random, subject);
   if (where < 6) {
-    const Ring& ring = subject.rings[static_cast<std::size_t>(
-        random.between(0, static_cast<int>(subject.rings.size()) - 1))];
-    at = ring[static_cast<std::size_t>(random.between(0, static_cast<int>(ring.size()) - 1))];
+    const Ring& ring = random.pick(subject.rings);
+    at = random.pick(ring);
     if (where == 5) {
       const LatticeBox box = box_around(ring);
       const double half = 0.5 * std::hypot(box.high.x - box.low.x, box.high.y - box.low.y);
@@ -201,45 +167,17 @@ Ring next_tool(Random& random, const Subject& subject, const Ring& last) {
 
 // Twice the area that sheet and tool have in common, of the triangles near the tool.
 Real common_area(const Subject& subject, const Ring& tool) {
-  ScanCdt cdt;
-  for (std::size_t i = 0; i < tool.size(); ++i) {
-    const LatticePoint a = tool[i], b = tool[(i + 1) % tool.size()];
-    cdt.insert_constraint({a.x, a.y}, {b.x, b.y});
-  }
-  std::vector<Corners> parts;
-  for (auto f = cdt.finite_faces_begin(); f != cdt.finite_faces_end(); ++f) {
-    Corners c{};
-    Real x = 0, y = 0;
-    for (int i = 0; i < 3; ++i) {
-      const auto& p = f->vertex(i)->point();
-      c[static_cast<std::size_t>(i)] = {static_cast<std::int32_t>(p.x()),
-                                        static_cast<std::int32_t>(p.y())};
-      x += static_cast<Real>(p.x()) / 3;
-      y += static_cast<Real>(p.y()) / 3;
-    }
-    if (winding(x, y, {tool}) != 0) parts.push_back(c);
-  }
+  const SliceMesh parts = mesh_of({tool}, {});
   Real sum = 0;
   subject.grid.for_each(subject.mesh, box_around(tool), [&](std::uint32_t t) {
-    for (const Corners& knife : parts) {
-      Polygon polygon;
-      for (const LatticePoint q : corners(subject.mesh, t))
-        polygon.push_back({Real(q.x), Real(q.y)});
-      for (std::size_t i = 0; i < 3 && !polygon.empty(); ++i)
-        polygon = clip(polygon, knife[i], knife[(i + 1) % 3]);
-      for (std::size_t i = 0; i < polygon.size(); ++i) {
-        const auto &q = polygon[i], &r = polygon[(i + 1) % polygon.size()];
-        sum += (q[0] - tool[0].x) * (r[1] - tool[0].y) - (q[1] - tool[0].y) * (r[0] - tool[0].x);
-      }
-    }
+    sum += runtime::common_area(corners(subject.mesh, t), parts);
   });
   return sum;
 }
 
 // Checks the whole sheet.
 void check_whole(const Subject& subject, Random& random) {
-  const auto valid = check_sheet_mesh(subject.mesh);
-  ASSERT_TRUE(valid) << valid.error().message;
+  test::take(check_sheet_mesh(subject.mesh));
   const SliceMesh mesh = to_slice_mesh(subject.mesh);
   ASSERT_TRUE(is_constrained_delaunay(mesh));
   ASSERT_EQ(doubled_area(mesh), subject.doubled_area);

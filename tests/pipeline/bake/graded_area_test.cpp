@@ -11,6 +11,7 @@
 #include "formats/mesh/mesh_validity.h"
 #include "formats/mesh/refinement.h"
 #include "pipeline/bake/hu_field.h"
+#include "tests/support/memory_stack.h"
 #include "tests/support/test_lattice.h"
 
 namespace trocar::pipeline {
@@ -20,12 +21,8 @@ using trocar::test::kLattice;
 constexpr int kFieldSide = 81;
 const PixelGrid kGrid{0.5, 0.5, 0, 0, kLattice};
 
-Image image_of(const std::function<double(int x, int y)>& value) {
-  Image out{kFieldSide, kFieldSide, {}};
-  for (int y = 0; y < kFieldSide; ++y)
-    for (int x = 0; x < kFieldSide; ++x)
-      out.values.push_back(static_cast<float>(value(x, y)));
-  return out;
+Image field_of(const std::function<double(int x, int y)>& value) {
+  return image_of(kFieldSide, kFieldSide, value);
 }
 
 // A square of 40 mm, refined without and with the bound.
@@ -50,13 +47,13 @@ double centroid_x_mm(const SliceMesh& mesh, const Triangle& t) {
 
 TEST(GradedArea, AreaFollowsTheGradient) {
   // 20 HU/mm everywhere: along an edge of 5 mm 100 HU.
-  const GradedArea ramp(image_of([](int x, int) { return 10 * x; }), kGrid, 100);
+  const GradedArea ramp(field_of([](int x, int) { return 10 * x; }), kGrid, 100);
   const LatticePoint middle{kLattice.snap_mm(20), kLattice.snap_mm(20)};
   EXPECT_NEAR(ramp.mm2_at(middle), std::sqrt(3) / 4 * 25, 0.01);
   // Flat: no bound of its own. A step: one pixel, and from there the edge grows by half the
   // distance.
-  EXPECT_GT(GradedArea(image_of([](int, int) { return 7; }), kGrid, 100).mm2_at(middle), 1e9);
-  const GradedArea step(image_of([](int x, int) { return x < 40 ? 0 : 1000; }), kGrid, 100);
+  EXPECT_GT(GradedArea(field_of([](int, int) { return 7; }), kGrid, 100).mm2_at(middle), 1e9);
+  const GradedArea step(field_of([](int x, int) { return x < 40 ? 0 : 1000; }), kGrid, 100);
   EXPECT_DOUBLE_EQ(step.mm2_at(middle), 0.25);
   EXPECT_DOUBLE_EQ(step.min_mm2(), 0.25);
   const double edge =
@@ -66,7 +63,7 @@ TEST(GradedArea, AreaFollowsTheGradient) {
 
 // Waves in the right half of the square only.
 TEST(GradedArea, RefinesWhereHuChange) {
-  const Image hu = image_of([](int x, int y) {
+  const Image hu = field_of([](int x, int y) {
     return 600 + (x > 48 ? 200 * std::sin(0.3 * (x - 48)) * std::cos(0.2 * y) : 0);
   });
   const Refined plain = refined(nullptr);
@@ -102,7 +99,7 @@ TEST(GradedArea, RefinesWhereHuChange) {
 
 // A step thinner than the triangles that it crosses is not missed between their centroids.
 TEST(GradedArea, FindsAThinLine) {
-  const Image hu = image_of([](int x, int) { return x == 50 ? 1500 : 500; });
+  const Image hu = field_of([](int x, int) { return x == 50 ? 1500 : 500; });
   const GradedArea graded(hu, kGrid, 100);
   const Refined finer = refined(&graded);
   EXPECT_LT(fit_hu_field(finer.mesh, hu, kGrid).rms_hu,
@@ -112,7 +109,7 @@ TEST(GradedArea, FindsAThinLine) {
 // Noise without bounds: refinement ends, at a pixel for a triangle.
 TEST(GradedArea, EndsOnNoise) {
   std::uint32_t state = 1;
-  const Image hu = image_of([&](int, int) {
+  const Image hu = field_of([&](int, int) {
     state = state * 1664525U + 1013904223U;
     return static_cast<double>(state >> 16U) - 32768;
   });
@@ -126,8 +123,8 @@ TEST(GradedArea, EndsOnNoise) {
 // Turned by right angles, image and outline give the turned mesh.
 TEST(GradedArea, TurnsWithTheImage) {
   const auto at = [](int x, int y) { return 4.0 * x * x - 3.0 * y + (x > 60 && y > 50 ? 900 : 0); };
-  const Image hu = image_of(at),
-              turned_hu = image_of([&](int x, int y) { return at(y, kFieldSide - 1 - x); });
+  const Image hu = field_of(at),
+              turned_hu = field_of([&](int x, int y) { return at(y, kFieldSide - 1 - x); });
   const GradedArea graded(hu, kGrid, 80), turned(turned_hu, kGrid, 80);
   const auto mesh_of = [](const Ring& ring, const GradedArea& area) {
     RefinementOptions options;

@@ -6,6 +6,8 @@
 #include "pipeline/open/open_stack.h"
 #include "sample_ct/render.h"
 #include "tests/reference/decompositions/decompositions.h"
+#include "tests/support/memory_stack.h"
+#include "tests/support/take.h"
 #include "tests/support/test_lattice.h"
 
 #include <gtest/gtest.h>
@@ -55,14 +57,6 @@ SliceMesh random_mesh(unsigned seed) {
   std::mt19937 random(seed);
   return meshed(
       {{star(random, 10, 10, 9, 12), star(random, 10, 10, 4, 7, true), star(random, 23, 9, 3, 5)}});
-}
-
-Image image_of(int width, int height, const std::function<double(int x, int y)>& value) {
-  Image out{width, height, {}};
-  for (int y = 0; y < height; ++y)
-    for (int x = 0; x < width; ++x)
-      out.values.push_back(static_cast<float>(value(x, y)));
-  return out;
 }
 
 // The signs of the areas from a triangle's edges to the centre of a pixel: 1 left of the edge.
@@ -403,17 +397,15 @@ TEST(HuField, UnbiasedOnL3) {
   const std::filesystem::path file =
       std::filesystem::path(folder == nullptr ? "" : folder) / "l3" / "sub-ct_label-22_ct.nii.gz";
   if (!std::filesystem::exists(file)) GTEST_SKIP() << "no real CT";
-  const auto stack = open_stack({file}, {});
-  ASSERT_TRUE(stack) << stack.error().message;
+  const auto stack = test::take(open_stack({file}, {}));
   MeshOptions options;
   options.simplification = {0.2, SimplificationMethod::kArea};
-  for (int k = 0; k < (*stack)->size(); ++k) {
-    const auto slice = mesh_slice(**stack, k, options);
-    ASSERT_TRUE(slice) << slice.error().message;
-    const auto hu = (*stack)->read(k);
-    const SlicePlane& plane = (*stack)->plane(k);
+  for (int k = 0; k < stack->size(); ++k) {
+    const auto slice = test::take(mesh_slice(*stack, k, options));
+    const auto hu = stack->read(k);
+    const SlicePlane& plane = stack->plane(k);
     const PixelGrid grid{plane.spacing_u_mm, plane.spacing_v_mm, 0, 0, kLattice};
-    expect_unbiased(slice->materials[0].refined.mesh, *hu, grid);
+    expect_unbiased(slice.materials[0].refined.mesh, *hu, grid);
   }
 }
 

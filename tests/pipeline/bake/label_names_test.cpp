@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // Names of labels: the tables, strict files, and names that a scan gives.
 #include "pipeline/bake/label_names.h"
+#include "tests/support/take.h"
 
 #include <gtest/gtest.h>
 #include <unistd.h>
@@ -73,11 +74,10 @@ TEST_F(Names, TablesNameTheirLabels) {
 }
 
 TEST_F(Names, AFileNamesItsLabels) {
-  const auto names = of(R"({"20": "L1", "2147483647": "Kreuzbein (künstlich) 骶骨"})");
-  ASSERT_TRUE(names) << names.error().message;
-  EXPECT_EQ(names->name_of(20), "L1");
-  EXPECT_EQ(names->name_of(2147483647), "Kreuzbein (künstlich) 骶骨");
-  EXPECT_EQ(names->name_of(21), "label 21");
+  const auto names = test::take(of(R"({"20": "L1", "2147483647": "Kreuzbein (künstlich) 骶骨"})"));
+  EXPECT_EQ(names.name_of(20), "L1");
+  EXPECT_EQ(names.name_of(2147483647), "Kreuzbein (künstlich) 骶骨");
+  EXPECT_EQ(names.name_of(21), "label 21");
   EXPECT_TRUE(of("{\"1\": \"" + std::string(64, 'x') + "\"}"));
 }
 
@@ -115,32 +115,30 @@ TEST_F(Names, NoSuchFile) {
 }
 
 TEST_F(Names, WhatTheScanSaysIsTheDefault) {
-  auto names = of(R"({"1": "L1", "5": "disc"})");
-  ASSERT_TRUE(names);
-  names->add_defaults({{1, "first"},
-                       {2, "  L2\xff\x01\xe2\x80\xae"},
-                       {3, "disc"},
-                       {4, " \t"},
-                       {6, std::string(100, 'x')},
-                       {7, std::string(63, 'x') + "ü"},
-                       {8, "   "}});
-  EXPECT_EQ(names->name_of(1), "L1");
-  EXPECT_EQ(names->name_of(2), "L2???");
-  EXPECT_EQ(names->name_of(3), "label 3") << "two labels of one name";
-  EXPECT_EQ(names->name_of(4), "?");
-  EXPECT_EQ(names->name_of(6), std::string(64, 'x'));
-  EXPECT_EQ(names->name_of(7), std::string(63, 'x'));
-  EXPECT_EQ(names->name_of(8), "label 8");
+  auto names = test::take(of(R"({"1": "L1", "5": "disc"})"));
+  names.add_defaults({{1, "first"},
+                      {2, "  L2\xff\x01\xe2\x80\xae"},
+                      {3, "disc"},
+                      {4, " \t"},
+                      {6, std::string(100, 'x')},
+                      {7, std::string(63, 'x') + "ü"},
+                      {8, "   "}});
+  EXPECT_EQ(names.name_of(1), "L1");
+  EXPECT_EQ(names.name_of(2), "L2???");
+  EXPECT_EQ(names.name_of(3), "label 3") << "two labels of one name";
+  EXPECT_EQ(names.name_of(4), "?");
+  EXPECT_EQ(names.name_of(6), std::string(64, 'x'));
+  EXPECT_EQ(names.name_of(7), std::string(63, 'x'));
+  EXPECT_EQ(names.name_of(8), "label 8");
 }
 
 TEST_F(Names, ListsInMessages) {
-  const auto verse = LabelNames::named("verse");
-  ASSERT_TRUE(verse);
+  const auto verse = test::take(LabelNames::named("verse"));
   EXPECT_EQ(LabelNames().list({20, 21, 22, 30}), "labels 20-22, 30");
-  EXPECT_EQ(verse->list({22}), "label 22 (L3)");
-  EXPECT_EQ(verse->list({20, 22, 100}), "labels 20 (L1), 22 (L3), 100");
-  EXPECT_EQ(verse->list({100, 101}), "labels 100-101");
-  EXPECT_EQ(verse->list({1, 2, 3, 4, 5, 6, 7, 8, 9, 10}),
+  EXPECT_EQ(verse.list({22}), "label 22 (L3)");
+  EXPECT_EQ(verse.list({20, 22, 100}), "labels 20 (L1), 22 (L3), 100");
+  EXPECT_EQ(verse.list({100, 101}), "labels 100-101");
+  EXPECT_EQ(verse.list({1, 2, 3, 4, 5, 6, 7, 8, 9, 10}),
             "labels 1 (C1), 2 (C2), 3 (C3), 4 (C4), 5 (C5), 6 (C6), 7 (C7), 8 (T1) and 2 more");
 }
 

@@ -17,36 +17,10 @@
 #include "pipeline/bake/mesh_stack.h"
 #include "pipeline/surface/cgal_verification.h"
 #include "tests/support/label_maps.h"
+#include "tests/support/take.h"
 
 namespace trocar::pipeline {
 namespace {
-
-// Slices in memory, 1 mm apart.
-class MemoryStack final : public SliceStack {
- public:
-  explicit MemoryStack(std::vector<Image> slices, PixelUnit unit = PixelUnit::kHounsfield,
-                       double spacing_mm = 0.7)
-      : slices_(std::move(slices)), unit_(unit) {
-    for (std::size_t k = 0; k < slices_.size(); ++k) {
-      SlicePlane& plane = planes_.emplace_back();
-      plane.spacing_u_mm = plane.spacing_v_mm = spacing_mm;
-      plane.z_mm = static_cast<double>(k);
-      plane.T_lps_plane.translation().z() = plane.z_mm;
-    }
-  }
-  int size() const override { return static_cast<int>(slices_.size()); }
-  int width() const override { return slices_[0].width; }
-  int height() const override { return slices_[0].height; }
-  PixelUnit pixel_unit() const override { return unit_; }
-  const SlicePlane& plane(int k) const override { return planes_[static_cast<std::size_t>(k)]; }
-  std::string name(int k) const override { return "map slice " + std::to_string(k); }
-  Result<Image> read(int k) const override { return slices_[static_cast<std::size_t>(k)]; }
-
- private:
-  std::vector<Image> slices_;
-  std::vector<SlicePlane> planes_;
-  PixelUnit unit_;
-};
 
 Image each_pixel(Image image, const std::function<float(float)>& value) {
   std::transform(image.values.begin(), image.values.end(), image.values.begin(), value);
@@ -69,11 +43,7 @@ StackOptions all_labels(double min_region_mm2 = 1) {
 }
 
 Asset asset_of(const Result<StackResult>& made) {
-  EXPECT_TRUE(made) << made.error().message;
-  if (!made) return {};
-  auto asset = decode_asset(made->glb, "made.glb");
-  EXPECT_TRUE(asset) << asset.error().message;
-  return asset ? *asset : Asset{};
+  return test::take(decode_asset(test::take(made).glb, "made.glb"));
 }
 
 using Edge = std::pair<LatticePoint, LatticePoint>;
@@ -190,8 +160,7 @@ TEST(Materials, TenMapsHaveNoGapAndNoOverlap) {
       EXPECT_TRUE(again && again->glb == made->glb) << name << ": 1 and 2 threads differ";
 
       Asset sheet = asset;
-      const auto welded = weld_materials(sheet, name);
-      ASSERT_TRUE(welded) << welded.error().message;
+      test::take(weld_materials(sheet, name));
       ASSERT_EQ(sheet.slices.size(), 3U);
       for (std::size_t i = 0, k = 0; k < 3; ++k) {
         const auto materials = materials_of_slice(asset, i);
@@ -317,9 +286,8 @@ TEST(Materials, HaveTheirOwnHu) {
     ASSERT_EQ(asset.materials.size(), static_cast<std::size_t>(2 * kMapLabels));
     for (const AssetSlice& slice : asset.slices) {
       if (slice.mesh.triangles.empty()) continue;
-      const auto mean = mean_hu_of(slice);
-      ASSERT_TRUE(mean);
-      EXPECT_NEAR(*mean,
+      const auto mean = test::take(mean_hu_of(slice));
+      EXPECT_NEAR(mean,
                   100 * asset.materials[static_cast<std::size_t>(slice.material)].label.value_or(0),
                   field ? 30 : 0.01)
           << slice.index << ' ' << slice.material;
@@ -337,9 +305,8 @@ TEST(Materials, HaveTheirOwnHu) {
         area += mm2;
       }
       if (area == 0) continue;
-      const auto mean = mean_hu_of(sheet.slices[k]);
-      ASSERT_TRUE(mean);
-      EXPECT_NEAR(*mean, sum / area, field ? 10 : 0.1);
+      const auto mean = test::take(mean_hu_of(sheet.slices[k]));
+      EXPECT_NEAR(mean, sum / area, field ? 10 : 0.1);
       EXPECT_EQ(sheet.slices[k].hu.size(), field ? sheet.slices[k].mesh.vertices.size() : 0U);
     }
   }

@@ -12,6 +12,8 @@
 #include <vector>
 
 #include "formats/asset/asset.h"
+#include "tests/support/memory_stack.h"
+#include "tests/support/take.h"
 
 namespace trocar::pipeline {
 namespace {
@@ -21,39 +23,19 @@ using nlohmann::json;
 constexpr int kPixels = 85, kPlanes = 2;
 
 // Slices in HU, all the same.
-class EqualSlices final : public SliceStack {
- public:
-  EqualSlices(double pixel_mm, int side, int slices,
-              const std::function<double(int x, int y)>& value)
-      : image_{side, side, {}} {
-    for (int y = 0; y < side; ++y)
-      for (int x = 0; x < side; ++x)
-        image_.values.push_back(static_cast<float>(value(x, y)));
-    for (int k = 0; k < slices; ++k) {
-      SlicePlane plane{pixel_mm, pixel_mm, Eigen::Affine3d::Identity(), k * pixel_mm};
-      plane.T_lps_plane.translation().z() = plane.z_mm;
-      planes_.push_back(plane);
-    }
-  }
-  int size() const override { return static_cast<int>(planes_.size()); }
-  int width() const override { return image_.width; }
-  int height() const override { return image_.height; }
-  PixelUnit pixel_unit() const override { return PixelUnit::kHounsfield; }
-  const SlicePlane& plane(int slice) const override {
-    return planes_[static_cast<std::size_t>(slice)];
-  }
-  std::string name(int slice) const override { return "equal slice " + std::to_string(slice); }
-  Result<Image> read(int /*slice*/) const override { return image_; }
-
- private:
-  Image image_;
-  std::vector<SlicePlane> planes_;
-};
+MemoryStack equal_slices(double pixel_mm, int side, int slices,
+                         const std::function<double(int x, int y)>& value) {
+  MemoryStack out;
+  out.images.assign(static_cast<std::size_t>(slices), image_of(side, side, value));
+  for (int k = 0; k < slices; ++k)
+    out.planes.push_back(axial_plane(pixel_mm, k * pixel_mm));
+  return out;
+}
 
 // Walls of 5 pixels around 16 cells of 15 x 15.
-EqualSlices grid_of_walls(double pixel_mm) {
-  return {pixel_mm, kPixels, kPlanes,
-          [](int x, int y) { return x % 20 < 5 || y % 20 < 5 ? 1500.0 : -20.0; }};
+MemoryStack grid_of_walls(double pixel_mm) {
+  return equal_slices(pixel_mm, kPixels, kPlanes,
+                      [](int x, int y) { return x % 20 < 5 || y % 20 < 5 ? 1500.0 : -20.0; });
 }
 
 StackOptions defaults() {
@@ -66,9 +48,7 @@ StackOptions defaults() {
 
 json report_of(const SliceStack& stack, StackOptions options) {
   follow_small_pixels(stack, options);
-  const auto made = mesh_stack(stack, options, json::object());
-  EXPECT_TRUE(made) << made.error().message;
-  return made ? made->report : json();
+  return test::take(mesh_stack(stack, options, json::object())).report;
 }
 
 double area_px(const json& report, double pixel_mm) {
@@ -133,25 +113,15 @@ TEST(SmallPixels, GivenValuesStay) {
 
 // An asset holds 2^23 lattice steps.
 TEST(SmallPixels, TheLatticeIsNoFinerThanAnAssetHolds) {
-  const EqualSlices stack(0.01, 2, 1, [](int, int) { return 1500.0; });
+  const MemoryStack stack = equal_slices(0.01, 2, 1, [](int, int) { return 1500.0; });
   StackOptions options = defaults();
   follow_small_pixels(stack, options);
   EXPECT_EQ(options.mesh.lattice.bits, 13);
-  class Wide final : public SliceStack {
-   public:
-    int size() const override { return 1; }
-    int width() const override { return 100; }
-    int height() const override { return 100; }
-    PixelUnit pixel_unit() const override { return PixelUnit::kHounsfield; }
-    const SlicePlane& plane(int) const override { return plane_; }
-    std::string name(int) const override { return "wide"; }
-    Result<Image> read(int) const override { return Image{100, 100, std::vector<float>(10'000)}; }
-
-   private:
-    SlicePlane plane_{0.01, 20, Eigen::Affine3d::Identity(), 0};
-  };
+  MemoryStack wide;
+  wide.images.push_back({100, 100, std::vector<float>(10'000)});
+  wide.planes.push_back({0.01, 20, Eigen::Affine3d::Identity(), 0});
   options = defaults();
-  follow_small_pixels(Wide(), options);
+  follow_small_pixels(wide, options);
   EXPECT_EQ(options.mesh.lattice.bits, 12);
 }
 
@@ -176,7 +146,7 @@ TEST(SmallPixels, WhatAGivenRegionFillsIsCountedAndNamed) {
 
 TEST(SmallPixels, DroppedIslandsAreCountedAndNamed) {
   // A large square and nine small ones.
-  const EqualSlices stack(0.5, 60, 1, [](int x, int y) {
+  const MemoryStack stack = equal_slices(0.5, 60, 1, [](int x, int y) {
     const bool is_small = y >= 50 && y < 52 && x % 6 < 2 && x < 54;
     return (x >= 10 && x < 30 && y >= 10 && y < 30) || is_small ? 1000.0 : -20.0;
   });
@@ -190,7 +160,7 @@ TEST(SmallPixels, DroppedIslandsAreCountedAndNamed) {
 }
 
 TEST(SmallPixels, WhatAGivenToleranceMovesIsCountedAndNamed) {
-  const EqualSlices disc(
+  const MemoryStack disc = equal_slices(
       0.05, 60, 1, [](int x, int y) { return std::hypot(x - 30, y - 30) < 20 ? 1000.0 : -20.0; });
   StackOptions options = defaults();
   options.defaults.tolerance = false;
@@ -202,7 +172,7 @@ TEST(SmallPixels, WhatAGivenToleranceMovesIsCountedAndNamed) {
 
 // A map of 0 and 1 loses its small components as pixels.
 TEST(SmallPixels, ChangesOfALabelMapAreThoseOfItsPixels) {
-  const EqualSlices stack(0.5, 40, 1, [](int x, int y) {
+  const MemoryStack stack = equal_slices(0.5, 40, 1, [](int x, int y) {
     const bool is_square = x >= 5 && x < 25 && y >= 5 && y < 25;
     const bool is_hole = x >= 10 && x < 11 && y >= 10 && y < 12;
     const bool is_speck = x >= 30 && x < 33 && y == 30;
@@ -218,18 +188,16 @@ TEST(SmallPixels, ChangesOfALabelMapAreThoseOfItsPixels) {
 // Two specks in opposite corners: their HU lie in a box of the whole image, with more samples than
 // a reader admits for so small a file.
 TEST(SparseScan, ItsHuAreCoarserSoThatItsReaderAcceptsThem) {
-  const EqualSlices stack(0.7, 2500, 3, [](int x, int y) {
+  const MemoryStack stack = equal_slices(0.7, 2500, 3, [](int x, int y) {
     return (x < 4 && y < 4) || (x >= 2495 && y >= 2495) ? 1000.0 : -20.0;
   });
   StackOptions options = defaults();
-  const auto made = mesh_stack(stack, options, json::object());
-  ASSERT_TRUE(made) << made.error().message;
-  const auto asset = decode_asset(made->glb, "sparse.glb");
-  ASSERT_TRUE(asset) << asset.error().message;
-  EXPECT_EQ(codes(made->report), std::set<std::string>{"hu_coarser"});
-  ASSERT_EQ(asset->hu.planes.size(), 3U);
-  EXPECT_NEAR(asset->hu.grid.pitch_mm.x(), 1.4, 1e-9);
-  EXPECT_GT(asset->hu.planes[0].at(0.7, 0.7), 700);
+  const auto made = test::take(mesh_stack(stack, options, json::object()));
+  const auto asset = test::take(decode_asset(made.glb, "sparse.glb"));
+  EXPECT_EQ(codes(made.report), std::set<std::string>{"hu_coarser"});
+  ASSERT_EQ(asset.hu.planes.size(), 3U);
+  EXPECT_NEAR(asset.hu.grid.pitch_mm.x(), 1.4, 1e-9);
+  EXPECT_GT(asset.hu.planes[0].at(0.7, 0.7), 700);
 }
 
 }  // namespace

@@ -6,6 +6,7 @@
 #include <string>
 
 #include "pipeline/batch/scan_files.h"
+#include "tests/support/take.h"
 
 namespace trocar::farm {
 namespace {
@@ -72,23 +73,22 @@ TEST(Collection, AFirstOneLeavesOutWhatCannotBeUsedAndNamesEachScanOnce) {
   list["scans"].push_back(series);
   list["scans"].push_back(localiser);
   const json made = first_collection(list, "/data/study", "/data");
-  const auto read = parse_collection(made.dump(), "/data/c.json");
-  ASSERT_TRUE(read);
-  ASSERT_EQ(read->scans.size(), 4u);
+  const auto read = test::take(parse_collection(made.dump(), "/data/c.json"));
+  ASSERT_EQ(read.scans.size(), 4u);
   // Two scans that would have the same name have a digest of their paths, also if one is added later.
   const auto digest = [](const char* text) {
     return sha256_of(std::string_view(text)).substr(0, 12);
   };
-  EXPECT_EQ(read->scans[0].name, "a_ct-" + digest("a/ct.nii.gz"));
-  EXPECT_EQ(read->scans[0].paths[0], "study/a/ct.nii.gz");
-  EXPECT_EQ(read->scans[1].name, "a_ct-" + digest("a_ct.nii"));
-  EXPECT_EQ(read->scans[2].paths[0], "study");
-  EXPECT_EQ(read->scans[3].name, "dicom_s4-" + digest("1.2"));
-  EXPECT_EQ(read->scans[3].series, "1.2");
+  EXPECT_EQ(read.scans[0].name, "a_ct-" + digest("a/ct.nii.gz"));
+  EXPECT_EQ(read.scans[0].paths[0], "study/a/ct.nii.gz");
+  EXPECT_EQ(read.scans[1].name, "a_ct-" + digest("a_ct.nii"));
+  EXPECT_EQ(read.scans[2].paths[0], "study");
+  EXPECT_EQ(read.scans[3].name, "dicom_s4-" + digest("1.2"));
+  EXPECT_EQ(read.scans[3].series, "1.2");
   series.update({{"path", "dicom/first.dcm"}, {"files", 1}});
   list = {{"scans", json::array({series})}};
   const json begun = first_collection(list, "/data/study", "/data");
-  EXPECT_EQ(begun["scans"][0]["name"], read->scans[3].name);
+  EXPECT_EQ(begun["scans"][0]["name"], read.scans[3].name);
   // A collection cannot state every path.
   std::vector<std::string> left_out;
   list = {{"scans", {scan("nifti", "new\nline.nii", true), scan("nifti", "\xe9.nii", true)}}};

@@ -14,7 +14,8 @@
 #include <map>
 #include <random>
 
-#include "pipeline/batch/scan_files.h"
+#include "tests/pipeline/batch/store_fixture.h"
+#include "tests/support/take.h"
 #include "tests/support/temporary_folder.h"
 
 namespace trocar::farm {
@@ -26,30 +27,8 @@ using namespace std::chrono_literals;
 
 constexpr uid_t kNobody = 65534;
 
-Object store_content(const Store& store, const std::string& text) {
-  return *store.put_content(text_bytes(text), {});
-}
-
-struct Made {
-  std::string key;
-  Outputs outputs;
-};
-
-Made make(const Store& store, const std::string& salt) {
-  const json action = {{"salt", salt}};
-  Made out{key_of(action),
-           {store_content(store, "asset of " + salt), store_content(store, "report of " + salt)}};
-  EXPECT_TRUE(store.put_action(out.key, action, out.outputs));
-  return out;
-}
-
 ScanEntry entry_of(const std::string& name, const Made& made) {
-  ScanEntry out;
-  out.name = name;
-  out.key = made.key;
-  out.program = std::string("p");
-  out.parameters = json::object();
-  out.outputs = made.outputs;
+  ScanEntry out = done_entry(name, made);
   out.files = {{"input", name + ".nii", 5, 17, 7, sha256_of(std::string_view(name))}};
   return out;
 }
@@ -58,9 +37,9 @@ ScanEntry entry_of(const std::string& name, const Made& made) {
 // was refused, and what no scan refers to.
 void fill(const Store& store) {
   for (const char* name : {"a", "b", "c"})
-    ASSERT_TRUE(store.put_entry(entry_of(name, make(store, name))));
-  ASSERT_TRUE(store.put_entry(entry_of("twin", make(store, "a"))));
-  ScanEntry failed = entry_of("failed", make(store, "failed"));
+    ASSERT_TRUE(store.put_entry(entry_of(name, put(store, name))));
+  ASSERT_TRUE(store.put_entry(entry_of("twin", put(store, "a"))));
+  ScanEntry failed = entry_of("failed", put(store, "failed"));
   failed.reason = std::string("out of reach");
   failed.exit_code = 3;
   ASSERT_TRUE(store.put_entry(failed));
@@ -70,9 +49,9 @@ void fill(const Store& store) {
   refused.exit_code = 3;
   refused.is_lasting = true;
   ASSERT_TRUE(store.put_entry(refused));
-  make(store, "dead");
-  make(store, "dead too");
-  store_content(store, "of nobody");
+  put(store, "dead");
+  put(store, "dead too");
+  ASSERT_TRUE(store.put_content(text_bytes("of nobody"), {}));
   std::ofstream(store.folder() / "journal/host-1-2.ndjson") << "{\"scan\":\"a\"}\n";
 }
 
@@ -84,11 +63,6 @@ std::vector<fs::path> paths_below(const fs::path& folder) {
     if (!one->is_directory()) out.push_back(one->path());
   std::sort(out.begin(), out.end());
   return out;
-}
-
-std::string bytes_in(const fs::path& file) {
-  std::ifstream in(file, std::ios::binary);
-  return {std::istreambuf_iterator<char>(in), {}};
 }
 
 void age(const fs::path& store, std::chrono::seconds age = 7200s) {
@@ -131,9 +105,8 @@ TEST_F(GarbageTest, KeepsWhatEntriesNameThoughAllActionsAreGone) {
   const Store store = copy();
   for (const fs::path& action : paths_below(store.folder() / "actions"))
     fs::remove(action);
-  const auto done = collect_garbage(store, 0s);
-  ASSERT_TRUE(done);
-  EXPECT_EQ(done->removed, 5u);  // two dead assets and reports, and what belonged to nobody
+  const auto done = test::take(collect_garbage(store, 0s));
+  EXPECT_EQ(done.removed, 5u);  // two dead assets and reports, and what belonged to nobody
   for (const char* name : {"a", "b", "c", "twin", "failed"})
     EXPECT_TRUE(store.has(*store.entry(name)->outputs)) << name;
 }
@@ -158,7 +131,7 @@ TEST_F(GarbageTest, WhatCannotBeReadStopsIt) {
   // An action with other outputs than those of this version.
   Store store = copy();
   const auto change = [](const fs::path& file, const std::function<void(json&)>& how) {
-    json value = json::parse(bytes_in(file));
+    json value = json::parse(text_in(file));
     how(value);
     std::ofstream(file) << value.dump();
   };
@@ -192,10 +165,9 @@ TEST_F(GarbageTest, DropsNoScanIfItRemovesNothing) {
   const std::set<std::string> wanted = {"a", "b"};
   EXPECT_FALSE(collect_garbage(store, 0s, &wanted));
   EXPECT_TRUE(fs::exists(store.entry_file("c")));
-  ASSERT_TRUE(store.put_entry(entry_of("b", make(store, "b"))));
-  const auto done = collect_garbage(store, 0s, &wanted);
-  ASSERT_TRUE(done);
-  EXPECT_EQ(done->dropped, 4u);
+  ASSERT_TRUE(store.put_entry(entry_of("b", put(store, "b"))));
+  const auto done = test::take(collect_garbage(store, 0s, &wanted));
+  EXPECT_EQ(done.dropped, 4u);
   EXPECT_EQ(*store.names(), (std::vector<std::string>{"a", "b"}));
 }
 
@@ -229,7 +201,7 @@ class Damage {
     const std::vector<fs::path> files = paths_below(store / part);
     if (files.empty()) return "nothing";
     const fs::path file = files[below(files.size())];
-    const std::string bytes = bytes_in(file);
+    const std::string bytes = text_in(file);
     const std::string where = file.lexically_relative(store).string();
     std::error_code ignored;
     switch (below(9)) {

@@ -15,8 +15,9 @@
 
 #include "pipeline/batch/garbage.h"
 #include "pipeline/batch/lease.h"
-#include "pipeline/batch/scan_files.h"
+#include "tests/pipeline/batch/store_fixture.h"
 #include "tests/support/file_size_limit.h"
+#include "tests/support/take.h"
 #include "tests/support/temporary_folder.h"
 
 namespace trocar::farm {
@@ -26,21 +27,10 @@ namespace fs = std::filesystem;
 using nlohmann::json;
 using namespace std::chrono_literals;
 
-const auto kNoProof = [](std::span<const std::uint8_t>) { return Result<void>(); };
-
 Store opened(const test::TemporaryFolder& folder) {
   auto store = Store::open_for_writing(folder / "store");
   if (!store) throw std::runtime_error(store.error().message);
   return *store;
-}
-
-std::span<const std::uint8_t> bytes_of(const std::string& text) {
-  return {reinterpret_cast<const std::uint8_t*>(text.data()), text.size()};
-}
-
-std::string text_in(const fs::path& file) {
-  std::ifstream in(file);
-  return {std::istreambuf_iterator<char>(in), {}};
 }
 
 std::size_t files_in(const fs::path& folder) {
@@ -60,26 +50,6 @@ void make_old(const fs::path& file, std::chrono::seconds age) {
   const timespec time{(now - age).count(), 0};
   const timespec times[2] = {time, time};
   ::utimensat(AT_FDCWD, file.c_str(), times, 0);
-}
-
-// An action with its outputs, which differ by the salt.
-std::pair<std::string, Outputs> put(const Store& store, const std::string& salt) {
-  const json action = {{"salt", salt}};
-  const Outputs outputs{
-      *store.put_content(bytes_of(std::string("asset ").append(salt)), kNoProof),
-      *store.put_content(bytes_of(std::string("report ").append(salt)), kNoProof)};
-  EXPECT_TRUE(store.put_action(key_of(action), action, outputs));
-  return {key_of(action), outputs};
-}
-
-ScanEntry done_entry(const std::string& name, const std::string& key, const Outputs& outputs) {
-  ScanEntry out;
-  out.name = name;
-  out.key = key;
-  out.program = std::string("p");
-  out.parameters = json::object();
-  out.outputs = outputs;
-  return out;
 }
 
 TEST(Sha256, IsTheStandards) {  // FIPS 180-2, appendix B
@@ -171,7 +141,7 @@ TEST(Store, FindsWhatIsWholeAndOnlyThat) {
   const fs::path asset = store.content_file(outputs.asset.sha256);
   fs::resize_file(asset, 3);
   EXPECT_FALSE(store.find(key));
-  EXPECT_EQ(*store.put_content(bytes_of("asset one"), kNoProof), outputs.asset);
+  EXPECT_EQ(*store.put_content(text_bytes("asset one"), {}), outputs.asset);
   EXPECT_EQ(store.find(key), outputs);
   std::ofstream(store.action_file(key)) << "{}";
   EXPECT_FALSE(store.find(key));
@@ -186,7 +156,7 @@ TEST(Store, EntriesComeBackAndDamagedOnesDoNot) {
   const test::TemporaryFolder folder;
   const Store store = opened(folder);
   const auto [key, outputs] = put(store, "one");
-  ScanEntry entry = done_entry("a", key, outputs);
+  ScanEntry entry = done_entry("a", {key, outputs});
   entry.files = {{"input", "x.nii", 5, 1795302334403408632, 7, sha256_of(std::string_view("x"))},
                  {"input", "y.nii", 5, -1, 8}};
   ASSERT_TRUE(store.put_entry(entry));
@@ -251,9 +221,8 @@ TEST(Lease, OneProcessAtATime) {
     const auto mine = Lease::take(store, key, "scan");
     ASSERT_TRUE(mine && *mine != nullptr);
     EXPECT_TRUE(is_leased(store, key));
-    const auto second = Lease::take(store, key, "scan");
-    ASSERT_TRUE(second);
-    EXPECT_EQ(*second, nullptr);
+    const auto second = test::take(Lease::take(store, key, "scan"));
+    EXPECT_EQ(second, nullptr);
     EXPECT_EQ(mode_of(store.lease_file(key)), 0600u);
   }
   EXPECT_FALSE(is_leased(store, key));
@@ -275,9 +244,8 @@ TEST(Lease, OfADeadProcessOrAnExpiredOneIsTakenOver) {
     std::ofstream(store.lease_file(key)) << process.text() << ".0\nscan\n";
     make_old(store.lease_file(key), age);
     EXPECT_EQ(is_leased(store, key), !is_void);
-    const auto taken = Lease::take(store, key, "scan");
-    ASSERT_TRUE(taken);
-    EXPECT_EQ(*taken != nullptr, is_void) << process.host << age.count();
+    const auto taken = test::take(Lease::take(store, key, "scan"));
+    EXPECT_EQ(taken != nullptr, is_void) << process.host << age.count();
     fs::remove(store.lease_file(key));
   }
 }
@@ -289,7 +257,7 @@ TEST(Garbage, KeepsWhatTheIndexLeadsToWhatIsYoungAndWhatIsClaimed) {
   const auto [young, young_outputs] = put(store, "young");
   const auto [leased, leased_outputs] = put(store, "leased");
   const auto [old, old_outputs] = put(store, "old");
-  ASSERT_TRUE(store.put_entry(done_entry("a", live, live_outputs)));
+  ASSERT_TRUE(store.put_entry(done_entry("a", {live, live_outputs})));
   for (const auto& [key, outputs] :
        {std::pair{live, live_outputs}, std::pair{leased, leased_outputs},
         std::pair{old, old_outputs}})
@@ -297,10 +265,9 @@ TEST(Garbage, KeepsWhatTheIndexLeadsToWhatIsYoungAndWhatIsClaimed) {
                                  store.content_file(outputs.report.sha256)})
       make_old(file, 7200s);
   const auto held = Lease::take(store, leased, "scan");
-  const auto done = collect_garbage(store, 1h);
-  ASSERT_TRUE(done);
-  EXPECT_EQ(done->removed, 3u);
-  EXPECT_EQ(done->kept, 9u);
+  const auto done = test::take(collect_garbage(store, 1h));
+  EXPECT_EQ(done.removed, 3u);
+  EXPECT_EQ(done.kept, 9u);
   EXPECT_TRUE(store.find(live) && store.find(young) && store.find(leased));
   EXPECT_FALSE(store.find(old));
   EXPECT_FALSE(fs::exists(store.content_file(old_outputs.asset.sha256)));

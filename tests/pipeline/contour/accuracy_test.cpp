@@ -8,6 +8,7 @@
 #include "pipeline/contour/contour.h"
 #include "pipeline/contour/simplification.h"
 #include "tests/reference/phantom/cross_section.h"
+#include "tests/support/take.h"
 #include "tests/support/test_lattice.h"
 
 namespace trocar::pipeline {
@@ -23,9 +24,8 @@ TEST_P(Accuracy, OutlinesFollowTheExactCrossSection) {
   const sample::PhantomOptions phantom;
   const sample::ScanGeometry scan = *sample::sample_geometry(512, 35);
   const double z = sample::pixel_centre_mm(scan, 0, 0, k).z;
-  const auto truth = sample::iso_section(phantom, scan, z, kIso_HU);
-  ASSERT_TRUE(truth) << truth.error().message;
-  const sample::SectionDistance distance(*truth);
+  const auto truth = test::take(sample::iso_section(phantom, scan, z, kIso_HU));
+  const sample::SectionDistance distance(truth);
 
   Field field{{scan.columns, scan.rows, {}}, static_cast<float>(kIso_HU)};
   for (const double hu : sample::render_slice(phantom, scan, k))
@@ -45,7 +45,7 @@ TEST_P(Accuracy, OutlinesFollowTheExactCrossSection) {
   for (const Expected& e : {Expected{ContourKind::kSubpixel, 0.004, 0.032, 0.0005},
                             Expected{ContourKind::kPixel, 0.25, 0.45, 0.15}}) {
     const Pslg full = drop_small_rings(contours(field, grid, e.kind), 1.0, kLattice);
-    ASSERT_EQ(full.rings.size(), truth->rings.size());
+    ASSERT_EQ(full.rings.size(), truth.rings.size());
     double sum = 0, worst = 0;
     std::size_t count = 0;
     for (const Ring& ring : full.rings) {
@@ -59,7 +59,7 @@ TEST_P(Accuracy, OutlinesFollowTheExactCrossSection) {
         0.5 * static_cast<double>(doubled_area(full)) * kLattice.step_mm() * kLattice.step_mm();
     EXPECT_LT(sum / static_cast<double>(count), e.mean_mm);
     EXPECT_LT(worst, e.max_mm);
-    EXPECT_NEAR(area_mm2 / truth->area_mm2, 1.0, e.area);
+    EXPECT_NEAR(area_mm2 / truth.area_mm2, 1.0, e.area);
 
     const SimplificationOptions options;
     const Pslg simple = simplify(full, kLattice, options);

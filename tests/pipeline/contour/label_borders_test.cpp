@@ -20,6 +20,7 @@
 #include "pipeline/contour/area_collapse.h"
 #include "tests/support/label_border_checks.h"
 #include "tests/support/label_maps.h"
+#include "tests/support/random_geometry.h"
 #include "tests/support/synthetic_fields.h"
 #include "tests/support/test_lattice.h"
 #include "tests/support/uniform.h"
@@ -167,16 +168,7 @@ using Edge = std::pair<LatticePoint, LatticePoint>;
 
 // How often the outline winds around a point off the lattice.
 int winding(const Pslg& pslg, double x, double y) {
-  int out = 0;
-  for (const Ring& ring : pslg.rings) {
-    for (std::size_t i = 0; i < ring.size(); ++i) {
-      const LatticePoint a = ring[i], b = ring[(i + 1) % ring.size()];
-      if ((a.y > y) == (b.y > y)) continue;
-      const double at = a.x + (y - a.y) / (static_cast<double>(b.y) - a.y) * (b.x - a.x);
-      if (at > x) out += b.y > a.y ? 1 : -1;
-    }
-  }
-  return out;
+  return runtime::winding(x, y, pslg.rings);
 }
 
 // Everything that makes a tiling, without check_label_borders() where that is possible.
@@ -256,16 +248,11 @@ TEST(LabelBorders, TenMapsAreTiledAndKeepEveryPixel) {
 }
 
 double distance_to_line(double x, double y, const BorderChain& line) {
-  double best2 = 1e300;
+  runtime::Real best = 1e300;
   const std::size_t n = line.points.size();
-  for (std::size_t i = 0; i + (line.is_closed ? 0 : 1) < n; ++i) {
-    const LatticePoint a = line.points[i], b = line.points[(i + 1) % n];
-    const double dx = b.x - a.x, dy = b.y - a.y, px = x - a.x, py = y - a.y;
-    const double length2 = dx * dx + dy * dy;
-    const double t = length2 > 0 ? std::clamp((px * dx + py * dy) / length2, 0.0, 1.0) : 0.0;
-    best2 = std::min(best2, (px - t * dx) * (px - t * dx) + (py - t * dy) * (py - t * dy));
-  }
-  return std::sqrt(best2);
+  for (std::size_t i = 0; i + (line.is_closed ? 0 : 1) < n; ++i)
+    best = std::min(best, runtime::distance(x, y, line.points[i], line.points[(i + 1) % n]));
+  return static_cast<double>(best);
 }
 
 double farthest(const BorderChain& from, const BorderChain& to) {

@@ -27,6 +27,7 @@
 #include "tests/support/label_border_checks.h"
 #include "tests/support/label_maps.h"
 #include "tests/support/motions.h"
+#include "tests/support/take.h"
 #include "tests/support/test_lattice.h"
 #include "tests/support/uniform.h"
 
@@ -123,9 +124,7 @@ std::vector<Refined> refined(const std::vector<Pslg>& outlines,
   options.keep_area = simplification.method == SimplificationMethod::kArea;
   options.max_distance_steps =
       std::min(kMaxDistanceFromOutline_steps, left_for_refinement_steps(kLattice, simplification));
-  const auto cdts = triangulate_regions(outlines);
-  EXPECT_TRUE(cdts) << cdts.error().message;
-  return refine_regions(*cdts, kLattice, options);
+  return refine_regions(test::take(triangulate_regions(outlines)), kLattice, options);
 }
 
 // Triangles with an angle below 30 degrees that lie at no input angle below 60 degrees.
@@ -296,8 +295,7 @@ TEST(OutlineClearance, ClearsSharedBorders) {
     const LabelBorders full = label_borders(material_image(image, each_label()), grid);
     for (const SimplificationOptions& options : {kByArea, kByDouglasPeucker}) {
       const LabelBorders simple = simplify(full, kLattice, options);
-      const auto proved = check_label_borders(simple);
-      ASSERT_TRUE(proved) << proved.error().message;
+      test::take(check_label_borders(simple));
       EXPECT_LE(hausdorff_mm(full, simple, kLattice), kTolerance_mm);
       EXPECT_EQ(free_angles(material_outlines(simple), options), 0U) << seed;
       const auto count = [](const LabelBorders& borders) {
@@ -330,21 +328,20 @@ bool is_symmetric(const Pslg& outline) {
 TEST(OutlineClearance, TheCorpusHasNoFreeAngles) {
   int outlines = 0;
   for (const auto& file : test::case_files(TROCAR_CORPUS "/pslg")) {
-    const auto read = test::parse_pslg_case(test::text_of(file), file.filename());
-    ASSERT_TRUE(read) << read.error().message;
-    if (read->picture || !check_pslg(read->outline) || read->outline.rings.empty()) continue;
-    if (read->lattice.bits != kLattice.bits) continue;
+    const auto read = test::take(test::parse_pslg_case(test::text_of(file), file.filename()));
+    if (read.picture || !check_pslg(read.outline) || read.outline.rings.empty()) continue;
+    if (read.lattice.bits != kLattice.bits) continue;
     // Needles of less than 0.03 degrees, whose sides are nearer than the clearance over most of
     // their length, are sharp corners that the input forces.
     if (file.stem() == "needles_in_one_corner") continue;
     ++outlines;
     for (const SimplificationOptions& options : {kByArea, kByDouglasPeucker}) {
-      const Pslg simple = simplify(read->outline, kLattice, options);
-      expect_same_topology(read->outline, simple, file.filename());
+      const Pslg simple = simplify(read.outline, kLattice, options);
+      expect_same_topology(read.outline, simple, file.filename());
       // Not reached: Douglas-Peucker's outlines that a rotation maps to themselves are not cleared.
-      if (options.method == SimplificationMethod::kDouglasPeucker && is_symmetric(read->outline))
+      if (options.method == SimplificationMethod::kDouglasPeucker && is_symmetric(read.outline))
         continue;
-      EXPECT_EQ(free_angles({simple}, options, read->max_area_mm2), 0U) << file.filename();
+      EXPECT_EQ(free_angles({simple}, options, read.max_area_mm2), 0U) << file.filename();
     }
   }
   EXPECT_GT(outlines, 15);

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "pipeline/read/slice_stack.h"
+#include "tests/support/take.h"
 
 #include <gtest/gtest.h>
 
@@ -15,21 +16,19 @@ std::string said(const Result<LabelImage>& result) {
 
 TEST(LabelValues, WholeNumbersUpToTheLargestStayAsTheyAre) {
   const std::vector<double> values{0, -0.0, 1, 16777217, 614454277, 614454280, 2147483647, NAN};
-  const auto labels = to_labels(values, 4, 2, "a");
-  ASSERT_TRUE(labels) << labels.error().message;
-  EXPECT_EQ(labels->values,
+  const auto labels = test::take(to_labels(values, 4, 2, "a"));
+  EXPECT_EQ(labels.values,
             (std::vector<std::int32_t>{0, 0, 1, 16777217, 614454277, 614454280, kMaxLabel, 0}));
-  EXPECT_EQ(labels->not_numbers, 1U);
-  EXPECT_EQ(labels->rounded, 0U);
+  EXPECT_EQ(labels.not_numbers, 1U);
+  EXPECT_EQ(labels.rounded, 0U);
 }
 
 TEST(LabelValues, NearlyWholeNumbersAreRoundedAndCounted) {
   const std::vector<double> values{3.0000457, 2.9991, 3, 1e-3, -1e-3, 2147483647.0005};
-  const auto labels = to_labels(values, 3, 2, "a");
-  ASSERT_TRUE(labels) << labels.error().message;
-  EXPECT_EQ(labels->values, (std::vector<std::int32_t>{3, 3, 3, 0, 0, kMaxLabel}));
-  EXPECT_EQ(labels->rounded, 5U);
-  EXPECT_EQ(labels->largest_rounding, 1e-3);
+  const auto labels = test::take(to_labels(values, 3, 2, "a"));
+  EXPECT_EQ(labels.values, (std::vector<std::int32_t>{3, 3, 3, 0, 0, kMaxLabel}));
+  EXPECT_EQ(labels.rounded, 5U);
+  EXPECT_EQ(labels.largest_rounding, 1e-3);
 }
 
 TEST(LabelValues, OthersAreRefusedWithVoxelAndValue) {

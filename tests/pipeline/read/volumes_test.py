@@ -143,23 +143,16 @@ def test_huge_labels_without_labels_are_recognised(place):
 
 
 def damaged(whole):
-    yield from ((f"cut by {n}", whole[:-n], 3) for n in range(1, 9))
-    yield "cut in the stream", whole[:-20], 3
+    """What the reader finds is gzip_reader_test's; here the program reads to the end."""
+    yield "its trailer is missing", whole[:-8], 3
     yield "cut in the middle", whole[:len(whole) // 2], 3
-    yield "its header alone", whole[:10], 3
-    for at, name in ((-8, "checksum"), (-4, "length")):
-        other = bytearray(whole)
-        other[at] ^= 1
-        yield name, bytes(other), 3
+    other = bytearray(whole)
+    other[-8] ^= 1
+    yield "checksum", bytes(other), 3
     yield "garbage behind it", whole + b"garbage", 3
-    yield "half a header behind it", whole + b"\x1f", 3
-    yield "zeros behind it", whole + bytes(600), 0
     half = len(gzip.decompress(whole)) // 2
     members = [gzip.compress(part) for part in (gzip.decompress(whole)[:half], gzip.decompress(whole)[half:])]
     yield "two members", b"".join(members), 0
-    yield "the second without its trailer", b"".join(members)[:-8], 3
-    yield "the first without its trailer", members[0][:-8] + members[1], 3
-    yield "an empty member behind it", whole + gzip.compress(b""), 0
 
 
 def test_gzip_is_verified_to_its_end(place):

@@ -1,13 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """A NIfTI whose sform disagrees with pixdim by more than 1 %, or shears, is warned of with the
 voxel's and the material's volume by both. nibabel writes the files; the header is patched afterwards."""
-import json
 import math
 import struct
-import subprocess
 
 import nibabel
 import numpy as np
+from mesh_runs import MeshRuns
 
 N, BLOCK = (40, 32, 12), (slice(8, 30), slice(6, 26), slice(2, 9))
 BONE, AIR = 500, -200  # half-way is above the skin: no warning of a face
@@ -36,16 +35,10 @@ def codes(report):
     return [w["code"] for w in report["warnings"]]
 
 
-class DryRun:
-    def __init__(self, programs, work):
-        self.mesh, self.work = programs / "trocar-mesh", work
-
+class DryRun(MeshRuns):
     def run(self, file, *words):
-        report = self.work / "out.json"
-        report.unlink(missing_ok=True)
-        done = subprocess.run([self.mesh, file, "-o", self.work / "out.glb", "--report", report, "--threshold", str((AIR + BONE) / 2), *words], stdout=subprocess.PIPE,
-                              stderr=subprocess.PIPE, text=True, check=False, timeout=60)
-        return done.returncode, done.stderr, json.loads(report.read_bytes()) if report.exists() else None
+        code, lines, report, *_ = super().run(file, "--threshold", (AIR + BONE) / 2, *words)
+        return code, "\n".join(lines), report
 
     def agrees(self, name, columns, pixdim, **keys):
         code, said, report = self.run(volume(self.work / f"{name}.nii", columns, pixdim, **keys))

@@ -9,6 +9,8 @@
 #include <random>
 
 #include "pipeline/segment/solid_bone.h"
+#include "tests/support/memory_stack.h"
+#include "tests/support/take.h"
 
 namespace trocar::pipeline {
 namespace {
@@ -80,7 +82,7 @@ double hu_of(const CanalPhantom& phantom, Tissue tissue) {
 
 // The phantom within x -45 to 45, y -65 to 40 (-110 with vessels), z 0 to length_mm. Each voxel is
 // the mean of 2 x 2 x 2 points.
-class ColumnStack final : public SliceStack {
+class ColumnStack final : public MemoryStack {
  public:
   explicit ColumnStack(const CanalPhantom& phantom) {
     const double front = phantom.has_vessels ? -110 : -65;
@@ -94,39 +96,26 @@ class ColumnStack final : public SliceStack {
     const auto count = [](double length, double by) { return static_cast<int>(length / by); };
     const int nx = count(90, step.x()), ny = count(40 - front, step.y()),
               nz = count(phantom.length_mm, step.z());
-    width_ = is_sagittal ? ny : nx;
-    height_ = is_sagittal ? nz : ny;
-    const int slices = is_sagittal ? nx : nz;
+    const int width = is_sagittal ? ny : nx, height = is_sagittal ? nz : ny,
+              slices = is_sagittal ? nx : nz;
     for (int k = 0; k < slices; ++k) {
-      Image image{width_, height_, {}};
-      std::vector<Tissue> tissue;
-      for (int v = 0; v < height_; ++v) {
-        for (int u = 0; u < width_; ++u) {
-          const Eigen::Vector3d index =
-              is_sagittal ? Eigen::Vector3d(k, u, v) : Eigen::Vector3d(u, v, k);
-          const Eigen::Vector3d at = Eigen::Vector3d(-45, front, 0) + index.cwiseProduct(step);
-          const auto [hu, middle] = voxel(phantom, at, step);
-          image.values.push_back(static_cast<float>(hu + phantom.noise_HU * noise(random)));
-          tissue.push_back(middle);
-        }
-      }
-      images_.push_back(std::move(image));
-      tissue_.push_back(std::move(tissue));
+      std::vector<Tissue>& tissue = tissue_.emplace_back();
+      images.push_back(image_of(width, height, [&](int u, int v) {
+        const Eigen::Vector3d index =
+            is_sagittal ? Eigen::Vector3d(k, u, v) : Eigen::Vector3d(u, v, k);
+        const Eigen::Vector3d at = Eigen::Vector3d(-45, front, 0) + index.cwiseProduct(step);
+        const auto [hu, middle] = voxel(phantom, at, step);
+        tissue.push_back(middle);
+        return hu + phantom.noise_HU * noise(random);
+      }));
       SlicePlane plane{a_mm, a_mm, Eigen::Affine3d::Identity(), k * b_mm};
       if (is_sagittal) plane.T_lps_plane.linear() << 0, 0, 1, 1, 0, 0, 0, 1, 0;
       plane.T_lps_plane.translation() = plane.T_lps_plane.linear().col(2) * (k * b_mm);
-      planes_.push_back(plane);
+      planes.push_back(plane);
     }
   }
-  int size() const override { return static_cast<int>(images_.size()); }
-  int width() const override { return width_; }
-  int height() const override { return height_; }
-  PixelUnit pixel_unit() const override { return PixelUnit::kHounsfield; }
-  const SlicePlane& plane(int slice) const override { return planes_[slice]; }
-  std::string name(int slice) const override { return "column, slice " + std::to_string(slice); }
-  Result<Image> read(int slice) const override { return images_[slice]; }
   Tissue tissue(int slice, int u, int v) const {
-    return tissue_[slice][static_cast<std::size_t>(v) * width_ + u];
+    return tissue_[slice][static_cast<std::size_t>(v) * width() + u];
   }
 
  private:
@@ -141,10 +130,7 @@ class ColumnStack final : public SliceStack {
     return {sum / 8, tissue_at(phantom, at.x(), at.y(), at.z())};
   }
 
-  int width_ = 0, height_ = 0;
-  std::vector<Image> images_;
   std::vector<std::vector<Tissue>> tissue_;
-  std::vector<SlicePlane> planes_;
 };
 
 SolidBone filled(const ColumnStack& stack, bool column = false) {
@@ -153,9 +139,7 @@ SolidBone filled(const ColumnStack& stack, bool column = false) {
   options.fill_mm2 = 2500;
   options.min_volume_mm3 = 100;
   options.column = column;
-  auto out = SolidBone::make(stack, Threshold{180}, SliceAxis::kAxial, options);
-  EXPECT_TRUE(out) << out.error().message;
-  return std::move(*out);
+  return test::take(SolidBone::make(stack, Threshold{180}, SliceAxis::kAxial, options));
 }
 
 // The largest part of the canal that is filled in a slice, of its pixels that touch no other

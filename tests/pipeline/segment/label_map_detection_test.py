@@ -2,20 +2,15 @@
 """A label map given as a CT and a CT given with --labels are recognised by their values and warned of,
 naming what was found and what to try; pictures, crops and phantoms that only resemble one are not. Made-up scans, and the real CT
 and label maps in TROCAR_REAL_CT, if it has them."""
-import json
-import subprocess
-
 import nibabel
 import numpy as np
 import pytest
+from mesh_runs import MeshRuns
 from PIL import Image
 from programs import L3_SCAN, REAL_CT
 
 
-class DryRun:
-    def __init__(self, programs, work):
-        self.mesh, self.work = programs / "trocar-mesh", work
-
+class DryRun(MeshRuns):
     def nifti(self, name, data):
         nibabel.save(nibabel.Nifti1Image(data, np.diag([-1.0, -1.0, 1.0, 1.0])), self.work / f"{name}.nii")
         return self.work / f"{name}.nii"
@@ -29,20 +24,12 @@ class DryRun:
 
     def doubts(self, name, *words):
         """What the warnings of these two codes say."""
-        report = self.work / "out.json"
-        report.unlink(missing_ok=True)
-        done = subprocess.run([self.mesh, *words, "-o", self.work / "out.glb", "--report", report], stdout=subprocess.PIPE,
-                              stderr=subprocess.PIPE, text=True, check=False, timeout=120)
-        assert done.returncode == 0, f"{name}: exit {done.returncode}, {done.stderr!r}"
-        said = {w["code"]: w["where"] + ": " + w["sentence"] for w in json.loads(report.read_bytes())["warnings"]}
-        said = {code: text for code, text in said.items() if code.startswith("looks_")}
-        lines = [line for line in done.stderr.splitlines() if "looks_" in line]
+        code, lines, report, *_ = self.run(*words)
+        assert code == 0, f"{name}: exit {code}, {lines}"
+        said = {w["code"]: w["where"] + ": " + w["sentence"] for w in report["warnings"] if w["code"].startswith("looks_")}
+        lines = [line for line in lines if "looks_" in line]
         assert len(lines) == len(said) and all(any(code in line for line in lines) for code in said), f"{name}: {lines}"
         return said
-
-    def refused(self, name, texts, *words):
-        done = subprocess.run([self.mesh, *words, "-o", self.work / "out.glb"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, check=False, timeout=120)
-        assert done.returncode == 3 and all(text in done.stderr for text in texts), f"{name}: exit {done.returncode}, {done.stderr!r}"
 
     def warned(self, name, code, texts, *words):
         said = self.doubts(name, *words)
@@ -150,7 +137,7 @@ def test_ct_with_labels(t):
     whole, half = t.nifti("whole", ct.round().astype(np.int16)), t.nifti("half", (ct.clip(0) * 2).round().astype(np.float32) / 2)
     positive = t.nifti("positive", ct.clip(0).round().astype(np.int16))
     for words in (("40",), ("20-60",), ("all",)):
-        t.refused("CT", (f"{whole.name} slice 0: voxel 0, 0 is -", "which is no label", "without --labels"), whole, "--labels", *words, "--min-region", "0")
+        t.refused(whole, f"{whole.name} slice 0: voxel 0, 0 is -", "which is no label", "without --labels", words=("--labels", *words, "--min-region", "0"))
         t.warned("CT from 0", "looks_like_ct", (f"{positive.name}: ", "HU", f"0 to {int(ct.round().max())}", "without --labels"), positive, "--labels", *words,
                  "--min-region", "0")
     t.warned("a slice of CT", "looks_like_ct", (), positive, "--labels", "all", "--slices", "2:2")
@@ -159,7 +146,7 @@ def test_ct_with_labels(t):
     t.warned("PNG", "looks_like_ct", ("grey levels",), t.work / "png", "--spacing", "1,1,1", "--labels", "all")
     soft = t.nifti("soft_labels", smooth(blocks((21, 22, 23)), 1).astype(np.float32))
     for file in (half, soft):  # an interpolated label map, too
-        t.refused(file.stem, ("which is no label",), file, "--labels", "all", "--min-region", "0")
+        t.refused(file, "which is no label", words=("--labels", "all", "--min-region", "0"))
 
 
 def test_are_labels(t):
@@ -175,7 +162,7 @@ def test_are_labels(t):
     for name, data in (("points", points), ("thin", thin), ("a hundred labels", many), ("binary", blocks((1,)))):
         t.silent(name, t.nifti(name.replace(" ", "_"), data), "--labels", "all")
     for name, data in (("minus one", blocks((1, 2, 3), background=-1)), ("phantom", blocks((40, 1000), background=-1000))):
-        t.refused(name, ("voxel 0, 0 is -1",), t.nifti(name.replace(" ", "_"), data), "--labels", "all")
+        t.refused(t.nifti(name.replace(" ", "_"), data), "voxel 0, 0 is -1", words=("--labels", "all"))
     t.silent("PNG of labels", t.work / "png_of_labels", "--spacing", "1,1,1", "--labels", "100-102")
 
 
@@ -191,7 +178,7 @@ def test_real(t):
         t.silent("vertebrae as labels", vertebrae, "--labels", "22", *along)
         t.silent("parts as labels", parts, "--labels", "41,42", *along)
         t.silent("CT", ct, *along)
-        t.refused("CT as labels", ("which is no label", "without --labels"), ct, "--labels", "all", "--min-region", "100", *along)
+        t.refused(ct, "which is no label", "without --labels", words=("--labels", "all", "--min-region", "100", *along))
     t.silent("a crop of parts", parts, "--labels", "all", "--crop", "20:44,20:44", "--slices", "15:25")
     t.silent("a crop of CT", ct, "--crop", "30:44,30:44", "--slices", "20:24")
     hu = np.asanyarray(nibabel.load(ct).dataobj)

@@ -9,6 +9,7 @@
 #include <random>
 
 #include "pipeline/segment/solid_bone.h"
+#include "tests/support/memory_stack.h"
 
 namespace trocar::pipeline {
 namespace {
@@ -22,43 +23,28 @@ const double kNothing = std::nan("");
 
 // Slices of 400 x 320 mm, 2 mm pixels and 5 mm apart. The first thing that is at a point gives its
 // HU. `frame` gives the patient's axes.
-class PhantomStack final : public SliceStack {
+class PhantomStack final : public MemoryStack {
  public:
   explicit PhantomStack(const std::vector<Thing>& things, double noise_HU = 15,
                         const Eigen::Matrix3d& frame = Eigen::Matrix3d::Identity()) {
     std::mt19937_64 random(3);
     std::normal_distribution<double> noise(0, noise_HU);
     for (int k = 0; k < 20; ++k) {
-      Image image{200, 160, {}};
-      for (int v = 0; v < image.height; ++v) {
-        for (int u = 0; u < image.width; ++u) {
-          double value = kAir;
-          for (const Thing& thing : things) {
-            const double hu = thing(2 * u - 200, 2 * v - 160, 5 * k - 50);
-            if (std::isnan(hu)) continue;
-            value = hu;
-            break;
-          }
-          image.values.push_back(static_cast<float>(value + noise(random)));
+      images.push_back(image_of(200, 160, [&](int u, int v) {
+        double value = kAir;
+        for (const Thing& thing : things) {
+          const double hu = thing(2 * u - 200, 2 * v - 160, 5 * k - 50);
+          if (std::isnan(hu)) continue;
+          value = hu;
+          break;
         }
-      }
-      images_.push_back(std::move(image));
+        return value + noise(random);
+      }));
       SlicePlane plane{2, 2, Eigen::Affine3d(frame), 5.0 * k};
       plane.T_lps_plane.translation() = frame.col(2) * (5.0 * k);
-      planes_.push_back(plane);
+      planes.push_back(plane);
     }
   }
-  int size() const override { return static_cast<int>(images_.size()); }
-  int width() const override { return 200; }
-  int height() const override { return 160; }
-  PixelUnit pixel_unit() const override { return PixelUnit::kHounsfield; }
-  const SlicePlane& plane(int slice) const override { return planes_[slice]; }
-  std::string name(int slice) const override { return "phantom, slice " + std::to_string(slice); }
-  Result<Image> read(int slice) const override { return images_[slice]; }
-
- private:
-  std::vector<Image> images_;
-  std::vector<SlicePlane> planes_;
 };
 
 Thing ellipse(double x0, double y0, double a, double b, double hu) {

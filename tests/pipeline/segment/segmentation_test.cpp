@@ -8,7 +8,7 @@
 namespace trocar::pipeline {
 namespace {
 
-Image image_of(int width, int height, std::vector<float> values) {
+Image image_with(int width, int height, std::vector<float> values) {
   return {width, height, std::move(values)};
 }
 
@@ -19,7 +19,8 @@ TEST(Segmentation, MeanOfMaterialIsOverValuesAtOrAboveTheThreshold) {
     for (float& value : values)
       value = static_cast<float>(static_cast<int>(random() % 2000) - 1000) + 0.25F;
     values[0] = 100;  // the threshold itself is material
-    const Field field = segment(image_of(width, 5, values), PixelUnit::kHounsfield, Threshold{100});
+    const Field field =
+        segment(image_with(width, 5, values), PixelUnit::kHounsfield, Threshold{100});
     long double sum = 0;
     int count = 0;
     for (const float value : values) {
@@ -40,22 +41,23 @@ TEST(Segmentation, MeanOfAnotherImagesValuesOverTheMaterial) {
     hu[i] = 100.0F * static_cast<float>(i);
   }
   const Field field = segment(LabelImage{13, 1, labels}, PixelUnit::kUncalibrated, Labels{{7}});
-  ASSERT_TRUE(mean_of_material(field, image_of(13, 1, hu)));
-  EXPECT_EQ(*mean_of_material(field, image_of(13, 1, hu)), 1400.0 / 3);
+  ASSERT_TRUE(mean_of_material(field, image_with(13, 1, hu)));
+  EXPECT_EQ(*mean_of_material(field, image_with(13, 1, hu)), 1400.0 / 3);
 }
 
 TEST(Segmentation, MeanOfMaterialFindsASinglePixelAnywhere) {
   for (std::size_t i = 0; i < 200; ++i) {
     std::vector<float> values(200, 99);
     values[i] = 100;  // the threshold itself is material
-    const Field field = segment(image_of(200, 1, values), PixelUnit::kHounsfield, Threshold{100});
+    const Field field = segment(image_with(200, 1, values), PixelUnit::kHounsfield, Threshold{100});
     ASSERT_TRUE(mean_of_material(field)) << i;
     EXPECT_EQ(*mean_of_material(field), 100) << i;
   }
 }
 
 TEST(Segmentation, MeanOfMaterialIsEmptyWithoutMaterial) {
-  const Field field = segment(image_of(2, 2, {1, 2, 3, 4}), PixelUnit::kHounsfield, Threshold{100});
+  const Field field =
+      segment(image_with(2, 2, {1, 2, 3, 4}), PixelUnit::kHounsfield, Threshold{100});
   EXPECT_FALSE(mean_of_material(field));
 }
 

@@ -9,6 +9,8 @@
 #include <utility>
 
 #include "pipeline/contour/contour.h"
+#include "tests/support/memory_stack.h"
+#include "tests/support/take.h"
 
 namespace trocar::pipeline {
 namespace {
@@ -16,32 +18,15 @@ namespace {
 constexpr int kSide = 40;
 
 // A volume of kSide^3 voxels of 1 mm, its values given by a function of the place.
-class BlockStack final : public SliceStack {
+class BlockStack final : public MemoryStack {
  public:
   explicit BlockStack(const std::function<double(double x, double y, double z)>& value) {
     for (int z = 0; z < kSide; ++z) {
-      Image image{kSide, kSide, {}};
-      for (int y = 0; y < kSide; ++y)
-        for (int x = 0; x < kSide; ++x)
-          image.values.push_back(static_cast<float>(value(x, y, z)));
-      images_.push_back(std::move(image));
-      SlicePlane plane{1, 1, Eigen::Affine3d::Identity(), static_cast<double>(z)};
-      plane.T_lps_plane.translation() = Eigen::Vector3d(100, 0, z);
-      planes_.push_back(plane);
+      images.push_back(image_of(kSide, kSide, [&](int x, int y) { return value(x, y, z); }));
+      planes.push_back(axial_plane(1, z));
+      planes.back().T_lps_plane.translation().x() = 100;
     }
   }
-  int size() const override { return kSide; }
-  int width() const override { return kSide; }
-  int height() const override { return kSide; }
-  PixelUnit pixel_unit() const override { return PixelUnit::kHounsfield; }
-  const SlicePlane& plane(int slice) const override { return planes_[slice]; }
-  std::string name(int slice) const override { return "block, slice " + std::to_string(slice); }
-  Result<Image> read(int slice) const override { return images_[slice]; }
-
-  std::vector<SlicePlane> planes_;
-
- private:
-  std::vector<Image> images_;
 };
 
 double from_middle(double x, double y, double z) {
@@ -49,9 +34,7 @@ double from_middle(double x, double y, double z) {
 }
 
 SolidBone made(const BlockStack& stack, const SolidOptions& options) {
-  auto out = SolidBone::make(stack, Threshold{226}, SliceAxis::kAxial, options);
-  EXPECT_TRUE(out) << out.error().message;
-  return std::move(*out);
+  return test::take(SolidBone::make(stack, Threshold{226}, SliceAxis::kAxial, options));
 }
 
 SolidOptions filling(double close_mm, double fill_mm2) {
@@ -129,7 +112,7 @@ TEST(SolidBone, AShaftThatTheScanCutsIsFilled) {
 TEST(SolidBone, ALongShaftIsFilledWhateverIsInIt) {
   BlockStack stack = shaft(40);
   for (int k = 0; k < kSide; ++k)
-    stack.planes_[k].z_mm = stack.planes_[k].T_lps_plane.translation().z() = 2.0 * k;
+    stack.planes[k].z_mm = stack.planes[k].T_lps_plane.translation().z() = 2.0 * k;
   const SolidBone solid = made(stack, filling(3, 2500));
   EXPECT_TRUE(solid.inside(20, 20, 20));
   EXPECT_TRUE(solid.warnings().empty());
@@ -190,43 +173,33 @@ TEST(SolidBone, TheLargestPieceOrTheSeedsPieceStays) {
   EXPECT_TRUE(made(stack, seeded).inside(20, 10, 20));
 }
 
-TEST(SolidBone, ASeedInTheAirIsRefused) {
-  const BlockStack stack = two_balls();
-  SolidOptions options;
-  options.seeds_lps_mm = {{20, 20, 20}};
+std::string refusal(const BlockStack& stack, const SolidOptions& options) {
   const auto out = SolidBone::make(stack, Threshold{226}, SliceAxis::kAxial, options);
-  ASSERT_FALSE(out);
+  EXPECT_FALSE(out);
+  if (out) return {};
   EXPECT_EQ(out.error().code, ExitCode::kRefused);
-  EXPECT_NE(out.error().message.find("--seed 20,20,20: no material within 10 mm"),
+  return out.error().message;
+}
+
+TEST(SolidBone, WhatCannotBeMadeIsRefused) {
+  const BlockStack stack = two_balls();
+  SolidOptions in_air;
+  in_air.seeds_lps_mm = {{20, 20, 20}};
+  EXPECT_NE(refusal(stack, in_air).find("--seed 20,20,20: no material within 10 mm"),
             std::string::npos);
-}
-
-TEST(SolidBone, NothingLeftIsRefused) {
-  const BlockStack stack = two_balls();
-  SolidOptions options;
-  options.min_volume_mm3 = 1e6;
-  const auto out = SolidBone::make(stack, Threshold{226}, SliceAxis::kAxial, options);
-  ASSERT_FALSE(out);
-  EXPECT_EQ(out.error().code, ExitCode::kRefused);
-  EXPECT_TRUE(out.error().message.starts_with("--min-volume leaves none of the "))
-      << out.error().message;
-  options.fill_mm2 = 2500;
-  options.column = true;
-  const auto column = SolidBone::make(stack, Threshold{226}, SliceAxis::kAxial, options);
-  ASSERT_FALSE(column);
-  EXPECT_EQ(column.error().code, ExitCode::kRefused);
+  SolidOptions large;
+  large.min_volume_mm3 = 1e6;
+  EXPECT_TRUE(refusal(stack, large).starts_with("--min-volume leaves none of the "));
+  large.fill_mm2 = 2500;
+  large.column = true;
   EXPECT_TRUE(
-      column.error().message.starts_with("--min-volume and --keep column leave none of the "))
-      << column.error().message;
-}
-
-TEST(SolidBone, AColumnWithoutACanalIsRefused) {
-  SolidOptions options = filling(3, 2500);
-  options.column = true;
-  const auto out = SolidBone::make(two_balls(), Threshold{226}, SliceAxis::kAxial, options);
-  ASSERT_FALSE(out);
-  EXPECT_NE(out.error().message.find("no spinal canal found"), std::string::npos)
-      << out.error().message;
+      refusal(stack, large).starts_with("--min-volume and --keep column leave none of the "));
+  SolidOptions column = filling(3, 2500);
+  column.column = true;
+  EXPECT_NE(refusal(stack, column).find("no spinal canal found"), std::string::npos);
+  BlockStack turned = two_balls();
+  turned.planes[7].T_lps_plane.rotate(Eigen::AngleAxisd(0.1, Eigen::Vector3d::UnitX()));
+  EXPECT_NE(refusal(turned, filling(0, 10)).find("slice 7"), std::string::npos);
 }
 
 // The body is no vessel with contrast medium if the threshold is one for skin.
@@ -240,23 +213,15 @@ TEST(SolidBone, ContrastIsSearchedForWithAThresholdOfBoneOnly) {
   options.min_volume_mm3 = 1000;
   options.largest = 1;
   const auto warnings = [&options](const BlockStack& stack, double threshold_HU) {
-    const auto out = SolidBone::make(stack, Threshold{threshold_HU}, SliceAxis::kAxial, options);
-    EXPECT_TRUE(out) << out.error().message;
-    return out ? out->warnings() : std::vector<Warning>();
+    return std::vector(
+        test::take(SolidBone::make(stack, Threshold{threshold_HU}, SliceAxis::kAxial, options))
+            .warnings());
   };
   EXPECT_TRUE(warnings(ball(60, -1000), -300).empty());
   EXPECT_TRUE(warnings(ball(300, 40), 99).empty());
   const std::vector<Warning> named = warnings(ball(300, 40), 100);
   ASSERT_EQ(named.size(), 1U);
   EXPECT_EQ(named[0].code, "contrast_filled");
-}
-
-TEST(SolidBone, SlicesThatAreNotParallelAreRefused) {
-  BlockStack stack = two_balls();
-  stack.planes_[7].T_lps_plane.rotate(Eigen::AngleAxisd(0.1, Eigen::Vector3d::UnitX()));
-  const auto out = SolidBone::make(stack, Threshold{226}, SliceAxis::kAxial, filling(0, 10));
-  ASSERT_FALSE(out);
-  EXPECT_NE(out.error().message.find("slice 7"), std::string::npos);
 }
 
 // The outline is unchanged to the bit where no voxel was changed, and the field agrees with the
@@ -301,10 +266,9 @@ TEST(SolidBone, TheMeanIsThatOfTheValuesBefore) {
     sum += static_cast<double>(field.image.values[i]);
     ++count;
   }
-  const auto mean = solid.apply(20, 0, 0, field);
-  ASSERT_TRUE(mean);
-  EXPECT_NEAR(*mean, sum / count, 1e-9);
-  EXPECT_LT(*mean, 500);  // marrow counts
+  const auto mean = test::take(solid.apply(20, 0, 0, field));
+  EXPECT_NEAR(mean, sum / count, 1e-9);
+  EXPECT_LT(mean, 500);  // marrow counts
 }
 
 }  // namespace

@@ -16,6 +16,7 @@
 
 #include "pipeline/open/open_stack.h"
 #include "pipeline/read/slice_stack.h"
+#include "tests/support/take.h"
 
 namespace trocar::pipeline {
 namespace {
@@ -106,21 +107,19 @@ TEST_P(Peer, FramesOfDcmtksWriterAreTheLabels) {
 
   OpenOptions options;
   options.as_labels = true;
-  const auto stack = open_stack({file}, options);
-  ASSERT_TRUE(stack) << stack.error().message;
-  EXPECT_EQ((*stack)->label_names, (std::map<int, std::string>{{1, "L1"}, {2, "Disc"}}));
-  ASSERT_EQ((*stack)->size(), kSlices);
-  ASSERT_EQ((*stack)->width(), kWidth);
-  ASSERT_EQ((*stack)->height(), kHeight);
+  const auto stack = test::take(open_stack({file}, options));
+  EXPECT_EQ(stack->label_names, (std::map<int, std::string>{{1, "L1"}, {2, "Disc"}}));
+  ASSERT_EQ(stack->size(), kSlices);
+  ASSERT_EQ(stack->width(), kWidth);
+  ASSERT_EQ(stack->height(), kHeight);
   for (int slice = 0; slice < kSlices; ++slice) {
-    const Eigen::Vector3d at = (*stack)->plane(slice).T_lps_plane.translation();
+    const Eigen::Vector3d at = stack->plane(slice).T_lps_plane.translation();
     EXPECT_LT((at - Eigen::Vector3d(-10, 20, 5 + 1.25 * slice)).norm(), 1e-9);
-    const auto image = (*stack)->read(slice);
-    ASSERT_TRUE(image) << image.error().message;
+    const auto image = test::take(stack->read(slice));
     for (int y = 0; y < kHeight; ++y) {
       for (int x = 0; x < kWidth; ++x) {
         const float want = inside(1, x, y, slice) ? 1.0F : inside(2, x, y, slice) ? 2.0F : 0.0F;
-        ASSERT_EQ(image->at(x, y), want) << x << ' ' << y << ' ' << slice;
+        ASSERT_EQ(image.at(x, y), want) << x << ' ' << y << ' ' << slice;
       }
     }
   }

@@ -10,14 +10,15 @@ import numpy as np
 import pytest
 
 from dicom_variants_test import COLUMNS, ROWS, item, make_enhanced, make_slice, pydicom  # skipped without pydicom
-from modality_test import DryRun, series
+from mesh_runs import MeshRuns
+from modality_test import series
 
 AFFINE = np.diag([-1, -1, 2, 1])
 
 
 @pytest.fixture(name="t", scope="module")
 def dry_run(programs, work):
-    return DryRun(programs, work)
+    return MeshRuns(programs, work)
 
 
 def edit(folder, change):

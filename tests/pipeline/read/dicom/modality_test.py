@@ -1,12 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """DICOM that is not CT is refused by its name, with what to do; with --any-modality it is meshed, and
 the report and the asset say that its values are not HU. pydicom writes the files."""
-import json
-import struct
-import subprocess
 
 import nibabel
 import numpy as np
+from mesh_runs import MeshRuns
 
 from dicom_variants_test import COLUMNS, CT, ENHANCED_CT, ROWS, item, make_enhanced, make_slice  # skipped without pydicom
 
@@ -16,37 +14,6 @@ MR, PT, SEG = "1.2.840.10008.5.1.4.1.1.4", "1.2.840.10008.5.1.4.1.1.128", "1.2.8
 ENHANCED_MR, CAPTURE = "1.2.840.10008.5.1.4.1.1.4.1", "1.2.840.10008.5.1.4.1.1.7"
 AXIAL = ["ORIGINAL", "PRIMARY", "AXIAL"]
 SLICES = 3
-
-
-class DryRun:
-    def __init__(self, programs, work):
-        self.mesh, self.work, self.count = programs / "trocar-mesh", work, 0
-
-    def folder(self):
-        self.count += 1
-        out = self.work / f"{self.count:02}"
-        out.mkdir()
-        return out
-
-    def run(self, folder, *words):
-        """Exit code, lines on stderr, report, and the asset's JSON and bytes (None if nothing was written)."""
-        asset, report = self.work / "out.glb", self.work / "out.json"
-        for file in (asset, report):
-            file.unlink(missing_ok=True)
-        done = subprocess.run([self.mesh, folder, "-o", asset, "--report", report, *words], stdout=subprocess.PIPE,
-                              stderr=subprocess.PIPE, text=True, check=False, timeout=60)
-        lines = done.stderr.splitlines()
-        if not asset.exists():
-            assert not report.exists(), f"{folder}: a report without an asset"
-            return done.returncode, lines, None, None, None
-        data = asset.read_bytes()
-        text = data[20 : 20 + struct.unpack_from("<I", data, 12)[0]]
-        return done.returncode, lines, json.loads(report.read_bytes()), json.loads(text), data
-
-    def refused(self, folder, *texts, words=()):
-        code, lines, report, _, _ = self.run(folder, *words)
-        ok = code == 3 and len(lines) == 1 and all(text in lines[0] for text in texts) and report is None
-        assert ok, f"{folder.name} {words}: exit {code}, {lines} lacks one of {texts}"
 
 
 def series(folder, uid="1.2.3.4", names="slice", count=SLICES, first=0, value=500, **keys):
@@ -84,7 +51,7 @@ def segmentation(folder):
 
 @pytest.fixture(name="t", scope="module")
 def dry_run(programs, work):
-    return DryRun(programs, work)
+    return MeshRuns(programs, work)
 
 
 def test_other_modalities(t):

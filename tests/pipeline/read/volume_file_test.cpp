@@ -1,21 +1,30 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Against zlib, on whole, joined, truncated and damaged files.
+// Against zlib, on whole, joined, truncated and damaged files; and what ISA-L's calls leave in the
+// processor.
 #include "pipeline/read/volume_file.h"
 
-#include <fcntl.h>
 #include <gtest/gtest.h>
+
+#include <fcntl.h>
 #include <sys/resource.h>
 #include <unistd.h>
 #include <zlib.h>
-
 #include <csignal>
+#include <cstdint>
 #include <fstream>
+#include <memory>
 #include <optional>
 #include <random>
 #include <string>
 #include <vector>
 
+#include "tests/support/take.h"
 #include "tests/support/temporary_folder.h"
+
+#if defined(__x86_64__)
+#include <cpuid.h>
+#include <immintrin.h>
+#endif
 
 namespace trocar::pipeline {
 namespace {
@@ -111,6 +120,12 @@ TEST(GzipReader, UnpacksMembersOneAfterTheOther) {
   EXPECT_EQ(by_reader(written(folder / "a.gz", bytes), 3000), text);
   // Zeros behind the last member are left out, as on tapes. Other bytes are damage.
   EXPECT_EQ(by_reader(written(folder / "b.gz", bytes + std::string(300'000, '\0')), 3000), text);
+  EXPECT_EQ(by_reader(written(folder / "b.gz", bytes + packed("")), 3000), text);
+  const std::string first = packed(voxels(3000, 1)), second = packed(voxels(3000, 2));
+  EXPECT_EQ(by_reader(written(folder / "b.gz", first.substr(0, first.size() - 8) + second), 3000),
+            std::nullopt);
+  EXPECT_EQ(by_reader(written(folder / "b.gz", first + second.substr(0, second.size() - 8)), 3000),
+            std::nullopt);
   for (const char* more : {"\x1f", "\x1f\x8b", "garbage"})
     EXPECT_EQ(by_reader(written(folder / "c.gz", bytes + more), 3000), std::nullopt);
   EXPECT_EQ(by_reader(written(folder / "d.gz", bytes + std::string(300'000, '\0') + "x"), 3000),
@@ -165,14 +180,13 @@ TEST(GzipReader, SaysOfDamagedFilesWhatZlibSays) {
 
 // Another try may succeed once there is space, so a batch must not keep the failure.
 TEST(VolumeFile, AFullFolderForTemporaryFilesIsATemporaryError) {
-  auto file = VolumeFile::temporary("scan.nii");
-  ASSERT_TRUE(file);
+  auto file = test::take(VolumeFile::temporary("scan.nii"));
   rlimit before{};
   ASSERT_EQ(::getrlimit(RLIMIT_FSIZE, &before), 0);
   const rlimit small = {1000, before.rlim_max};  // as if the disk were full after 1000 bytes
   const auto signal_before = ::signal(SIGXFSZ, SIG_IGN);
   ASSERT_EQ(::setrlimit(RLIMIT_FSIZE, &small), 0);
-  const auto done = file->append(std::vector<char>(2000), "scan.nii");
+  const auto done = file.append(std::vector<char>(2000), "scan.nii");
   ASSERT_EQ(::setrlimit(RLIMIT_FSIZE, &before), 0);
   ::signal(SIGXFSZ, signal_before);
   ASSERT_FALSE(done);
@@ -191,34 +205,83 @@ TEST(VolumeFile, UnpackedBehindGivesTheSameBytesAndErrors) {
   const fs::path wrong = written(folder / "wrong.gz", flipped);
   const fs::path cut = written(folder / "cut.gz", bytes.substr(0, bytes.size() / 2));
   for (const bool behind : {false, true}) {
-    const auto opened = VolumeFile::open(good, 352, size, behind);
-    ASSERT_TRUE(opened);
+    const auto opened = test::take(VolumeFile::open(good, 352, size, behind));
     for (const std::int64_t at : {std::int64_t{0}, size - 1000, size / 2}) {
       std::string block(1000, '\0');
-      ASSERT_TRUE(opened->read(at, block, "slice"));
+      ASSERT_TRUE(opened.read(at, block, "slice"));
       EXPECT_EQ(block, text.substr(static_cast<std::size_t>(at) + 352, 1000));
     }
-    EXPECT_TRUE(opened->finish());
+    EXPECT_TRUE(opened.finish());
     std::string beyond(1000, '\0');
-    EXPECT_FALSE(opened->read(size - 10, beyond, "slice"));
+    EXPECT_FALSE(opened.read(size - 10, beyond, "slice"));
   }
   EXPECT_EQ(VolumeFile::open(wrong, 352, size).error().message, wrong.string() + ": damaged gzip");
-  const auto opened = VolumeFile::open(wrong, 352, size, true);
-  ASSERT_TRUE(opened);
+  const auto opened = test::take(VolumeFile::open(wrong, 352, size, true));
   std::string block(1000, '\0');
-  EXPECT_TRUE(opened->read(0, block, "slice 0"));
-  EXPECT_EQ(opened->finish().error().message, wrong.string() + ": damaged gzip");
+  EXPECT_TRUE(opened.read(0, block, "slice 0"));
+  EXPECT_EQ(opened.finish().error().message, wrong.string() + ": damaged gzip");
 
   const std::string said = VolumeFile::open(cut, 352, size).error().message;
   EXPECT_NE(said.find("truncated: its header declares voxels up to byte 3000000"),
             std::string::npos);
-  const auto half = VolumeFile::open(cut, 352, size, true);
-  ASSERT_TRUE(half);
-  EXPECT_TRUE(half->read(0, block, "slice 0"));
-  EXPECT_EQ(half->read(size - 1000, block, "slice 9").error().message, said);
-  EXPECT_EQ(half->finish().error().message, said);
+  const auto half = test::take(VolumeFile::open(cut, 352, size, true));
+  EXPECT_TRUE(half.read(0, block, "slice 0"));
+  EXPECT_EQ(half.read(size - 1000, block, "slice 9").error().message, said);
+  EXPECT_EQ(half.finish().error().message, said);
   // Not read to its end.
   EXPECT_TRUE(VolumeFile::open(good, 352, size, true));
+}
+
+std::vector<std::uint8_t> bytes_of(std::size_t size) {
+  std::mt19937 random(1);
+  std::vector<std::uint8_t> out(size);
+  for (std::size_t i = 0; i < size; ++i)
+    out[i] = i < size / 2 ? static_cast<std::uint8_t>(random()) : out[i - size / 2];
+  return out;
+}
+
+#if defined(__x86_64__)
+bool tells_what_is_in_use() {
+  unsigned a = 0, b = 0, c = 0, d = 0;
+  return __get_cpuid_count(0xd, 1, &a, &b, &c, &d) != 0 && (a & 4U) != 0;
+}
+// The upper halves of the registers that all vector code uses: bit 2 of AVX, bit 6 of AVX-512.
+[[gnu::target("xsave")]] std::uint64_t upper_halves_in_use() {
+  return _xgetbv(1) & 0x44U;
+}
+#else
+bool tells_what_is_in_use() {
+  return false;
+}
+std::uint64_t upper_halves_in_use() {
+  return 0;
+}
+#endif
+
+// SSE code that follows would be slowed down.
+TEST(Isal, LeavesNoUpperHalvesOfVectorRegistersInUse) {
+  if (!tells_what_is_in_use()) GTEST_SKIP() << "this processor does not tell";
+  const std::vector<std::uint8_t> plain = bytes_of(1'000'000);
+  std::vector<std::uint8_t> packed(compressBound(plain.size()));
+  uLongf size = packed.size();
+  ASSERT_EQ(compress(packed.data(), &size, plain.data(), plain.size()), Z_OK);
+  const auto state = std::make_unique<inflate_state>();
+  isal_inflate_init(state.get());
+  state->crc_flag = ISAL_ZLIB;
+  std::vector<std::uint8_t> back(plain.size());
+  state->next_in = packed.data();
+  state->avail_in = static_cast<std::uint32_t>(size);
+  state->next_out = back.data();
+  state->avail_out = static_cast<std::uint32_t>(back.size());
+  const int inflated = inflate_on(*state);
+  const std::uint64_t after_inflate = upper_halves_in_use();
+  const std::uint32_t checksum = gzip_checksum(plain);
+  const std::uint64_t after_checksum = upper_halves_in_use();
+  EXPECT_EQ(inflated, ISAL_DECOMP_OK);
+  EXPECT_EQ(back, plain);
+  EXPECT_EQ(checksum, crc32(0, plain.data(), static_cast<uInt>(plain.size())));
+  EXPECT_EQ(after_inflate, 0U);
+  EXPECT_EQ(after_checksum, 0U);
 }
 
 }  // namespace

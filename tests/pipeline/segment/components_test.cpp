@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
+// Components, nearest seeds and floods compared with their definitions by brute force.
 #include "pipeline/segment/components.h"
 
 #include <gtest/gtest.h>
@@ -6,11 +7,189 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <cstdlib>
 #include <limits>
+#include <numeric>
 #include <random>
 
 namespace trocar::pipeline {
 namespace {
+
+VoxelGrid random_grid(std::mt19937_64& random) {
+  std::uniform_int_distribution<int> side(1, 9);
+  std::uniform_real_distribution<double> width(0.5, 3);
+  VoxelGrid grid;
+  for (auto& at : grid.at_mm) {
+    at.assign(1, 0);
+    for (int i = side(random); i > 1; --i)
+      at.push_back(at.back() + width(random));
+  }
+  return grid;
+}
+
+// Numbers the voxels by relaxation: each takes the least number among its 26 neighbours.
+std::vector<std::size_t> relaxed(const VoxelGrid& grid, const std::vector<std::uint8_t>& voxels) {
+  const auto nx = static_cast<int>(grid.count(0)), ny = static_cast<int>(grid.count(1)),
+             nz = static_cast<int>(grid.count(2));
+  std::vector<std::size_t> number(voxels.size());
+  std::iota(number.begin(), number.end(), 0U);
+  const auto index = [&](int x, int y, int z) {
+    return (static_cast<std::size_t>(z) * ny + y) * nx + x;
+  };
+  for (bool changes = true; changes;) {
+    changes = false;
+    for (int i = 0; i < nx * ny * nz; ++i) {
+      const int x = i % nx, y = i / nx % ny, z = i / (nx * ny);
+      for (int n = 0; n < 27; ++n) {
+        const int a = x + n % 3 - 1, b = y + n / 3 % 3 - 1, c = z + n / 9 - 1;
+        if (a < 0 || b < 0 || c < 0 || a >= nx || b >= ny || c >= nz) continue;
+        const std::size_t me = index(x, y, z), other = index(a, b, c);
+        if (voxels[me] == 0 || voxels[other] == 0 || number[other] >= number[me]) continue;
+        number[me] = number[other];
+        changes = true;
+      }
+    }
+  }
+  return number;
+}
+
+TEST(VoxelComponents, AreThoseOfRelaxation) {
+  std::mt19937_64 random(1);
+  std::size_t most = 0;
+  for (int run = 0; run < 400; ++run) {
+    const VoxelGrid grid = random_grid(random);
+    std::bernoulli_distribution is_set(run % 2 == 0 ? 0.15 : 0.45);
+    std::vector<std::uint8_t> voxels;
+    for (std::size_t i = 0; i < grid.size(); ++i)
+      voxels.push_back(is_set(random) ? 1 : 0);
+    const VoxelComponents pieces = find_components(grid, voxels);
+    const std::vector<std::size_t> expected = relaxed(grid, voxels);
+    std::vector<std::size_t> first(pieces.volume_mm3.size(), grid.size());
+    std::vector<double> volume(pieces.volume_mm3.size(), 0);
+    std::vector<std::uint8_t> covered(grid.size(), 0);
+    for (const VoxelComponents::Run& piece : pieces.runs) {
+      for (std::size_t i = piece.begin; i < piece.end; ++i) {
+        covered[i] = 1;
+        std::size_t& begin = first[piece.component];
+        if (begin == grid.size()) begin = expected[i];
+        ASSERT_EQ(begin, expected[i]) << run;
+        volume[piece.component] += grid.width_mm(0, i % grid.count(0)) *
+                                   grid.width_mm(1, i / grid.count(0) % grid.count(1)) *
+                                   grid.width_mm(2, i / (grid.count(0) * grid.count(1)));
+      }
+    }
+    ASSERT_EQ(covered, voxels);
+    for (std::size_t p = 0; p < first.size(); ++p) {
+      ASSERT_NEAR(pieces.volume_mm3[p], volume[p], 1e-9);
+      if (p > 0) {
+        ASSERT_LT(first[p - 1], first[p]);
+      }  // different pieces, in their order
+    }
+    most = std::max(most, first.size());
+  }
+  EXPECT_GT(most, 5U);
+}
+
+struct Volume {
+  VoxelGrid grid;
+  std::vector<std::uint8_t> material;
+};
+
+Volume random_volume(std::mt19937_64& random, double share) {
+  std::uniform_int_distribution<int> side(1, 8);
+  Volume out;
+  for (auto& at : out.grid.at_mm) {
+    at.assign(1, 0);
+    // Widths of eighths of a millimetre, so that the lengths of paths are exact.
+    for (int i = side(random); i > 1; --i)
+      at.push_back(at.back() + 0.125 * static_cast<double>(1 + random() % 24));
+  }
+  std::bernoulli_distribution is_set(share);
+  for (std::size_t i = 0; i < out.grid.size(); ++i)
+    out.material.push_back(is_set(random) ? 1 : 0);
+  return out;
+}
+
+std::array<double, 3> place(const VoxelGrid& grid, std::size_t i) {
+  const std::size_t nx = grid.count(0), ny = grid.count(1);
+  return {grid.at_mm[0][i % nx], grid.at_mm[1][i / nx % ny], grid.at_mm[2][i / (nx * ny)]};
+}
+
+TEST(NearestSeed, KeepNearIsThatOfAllPairs) {
+  std::mt19937_64 random(1);
+  for (int run = 0; run < 200; ++run) {
+    Volume v = random_volume(random, 0.7);
+    const double margin = std::uniform_real_distribution<double>(0.2, 4)(random);
+    std::vector<std::uint8_t> near, expected = v.material;
+    for (std::size_t i = 0; i < v.grid.size(); ++i)
+      near.push_back(random() % 20 == 0 ? 1 : 0);
+    for (std::size_t i = 0; i < v.grid.size(); ++i) {
+      bool stays = false;
+      const auto a = place(v.grid, i);
+      for (std::size_t k = 0; k < v.grid.size() && !stays; ++k) {
+        const auto b = place(v.grid, k);
+        stays = near[k] != 0 && std::hypot(a[0] - b[0], a[1] - b[1], a[2] - b[2]) <= margin;
+      }
+      if (!stays) expected[i] = 0;
+    }
+    keep_near(v.grid, near, margin, v.material);
+    ASSERT_EQ(v.material, expected) << run;
+  }
+}
+
+// Lengths of shortest paths by relaxation until nothing changes (Bellman and Ford).
+std::vector<double> lengths(const Volume& v, std::size_t seed) {
+  std::vector<double> out(v.grid.size(), std::numeric_limits<double>::infinity());
+  out[seed] = 0;
+  for (bool changes = true; changes;) {
+    changes = false;
+    for (std::size_t i = 0; i < out.size(); ++i) {
+      if (v.material[i] == 0) continue;
+      std::size_t stride = 1;
+      for (std::size_t axis = 0; axis < 3; ++axis) {
+        const auto& at = v.grid.at_mm[axis];
+        const std::size_t k = i / stride % at.size();
+        if (k + 1 < at.size() && v.material[i + stride] != 0) {
+          const double step = at[k + 1] - at[k];
+          if (out[i] + step < out[i + stride]) out[i + stride] = out[i] + step, changes = true;
+          if (out[i + stride] + step < out[i]) out[i] = out[i + stride] + step, changes = true;
+        }
+        stride *= at.size();
+      }
+    }
+  }
+  return out;
+}
+
+TEST(NearestSeed, TheNearestSeedAlongPathsWins) {
+  std::mt19937_64 random(2);
+  int kept = 0, dropped = 0;
+  for (int run = 0; run < 300; ++run) {
+    Volume v = random_volume(random, 0.75);
+    std::vector<std::size_t> material, seeds;
+    for (std::size_t i = 0; i < v.material.size(); ++i)
+      if (v.material[i] != 0) material.push_back(i);
+    if (material.empty()) continue;
+    for (std::size_t k = 1 + random() % 3; k > 0; --k)
+      seeds.push_back(material[random() % material.size()]);
+    std::vector<std::vector<double>> length;
+    length.reserve(seeds.size());
+    for (const std::size_t seed : seeds)
+      length.push_back(lengths(v, seed));
+    std::vector<std::uint8_t> expected(v.material.size(), 0);
+    for (std::size_t i = 0; i < expected.size(); ++i) {
+      bool first = std::isfinite(length[0][i]);
+      for (const auto& other : length)
+        first = first && length[0][i] <= other[i];
+      expected[i] = first ? 1 : 0;
+      ++(first ? kept : dropped);
+    }
+    keep_nearest_to_first(v.grid, seeds, v.material);
+    ASSERT_EQ(v.material, expected) << run;
+  }
+  EXPECT_GT(kept, 1000);
+  EXPECT_GT(dropped, 1000);
+}
 
 using Bytes = std::vector<std::uint8_t>;
 
