@@ -64,7 +64,7 @@ TEST(CuttingLaw, ATiltedToolStaysOnItsSheet) {
     b.options.coupling.translation_N_per_m = 50'000;
     b.options.coupling.rotation_Nm_per_rad = 50;
     b.options.tip_N_per_m = 5000;
-    b.move(plate_at(0, -0.001), plate_at(0, 0.003), 1e-5);
+    b.push(-0.001, 0.003, 1e-5);
     const double upright_N = b.out.tip_N;
     ASSERT_GT(upright_N, 12);
     for (const double aim : {0.2, -0.2, 0.0}) {
@@ -77,10 +77,7 @@ TEST(CuttingLaw, ATiltedToolStaysOnItsSheet) {
       }
     }
     EXPECT_NEAR(b.out.tip_N, upright_N, 1e-3 * upright_N) << "upright again";
-    double max_N = 0;
-    b.move(plate_at(0, 0.003), plate_at(0, 0.012), 1e-5,
-           [&](const CuttingResult& out, const Pose&) { max_N = std::max(max_N, out.tip_N); });
-    EXPECT_NEAR(max_N, 35, 0.06);
+    EXPECT_NEAR(b.peak_N(plate_at(0, 0.003), plate_at(0, 0.012), 1e-5), 35, 0.06);
     EXPECT_EQ(b.out.tip_N, 0) << "broken";
   }
 }
@@ -95,11 +92,10 @@ TEST(CuttingLaw, CouplingAndThicknessMoveTheBreak) {
       b.options.coupling.translation_N_per_m = 10'000;
       b.options.tip_N_per_m = 5000;
       double last_loaded = 0, peak = 0;
-      b.move(plate_at(0, -0.001), plate_at(0, 0.014), 1e-5,
-             [&](const CuttingResult& out, const Pose& X) {
-               peak = std::max(peak, out.wrench_device[2]);
-               if (out.wrench_device[2] > 1) last_loaded = -X.p_m.z();
-             });
+      b.push(-0.001, 0.014, 1e-5, [&](const CuttingResult& out, const Pose& X) {
+        peak = std::max(peak, out.wrench_device[2]);
+        if (out.wrench_device[2] > 1) last_loaded = -X.p_m.z();
+      });
       EXPECT_NEAR(last_loaded, 0.007 + thickness + (has_coupling ? 0.0035 : 0), 1.1e-5);
       EXPECT_NEAR(peak, 35, 0.051);
       EXPECT_NEAR(b.cut_J, 35 * thickness, 1e-12);
@@ -149,14 +145,11 @@ TEST(CuttingLaw, WallsInASlabHaveTheirOwnStrength) {
     b.options.coupling.is_rigid = true;
     b.options.tip_N_per_m = 1e6;
     double upper_N = 0, inside_N = 0, lower_N = 0;
-    b.move(plate_at(0, -0.001), plate_at(0, 0.006), 1e-6,
-           [&](const CuttingResult& out, const Pose&) {
-             if (out.front_m > 0.8e-3 && out.front_m < 1.19e-3)
-               upper_N = std::max(upper_N, out.tip_N);
-             if (out.front_m > 1.3e-3 && out.front_m < 3.49e-3)
-               inside_N = std::max(inside_N, out.tip_N);
-             if (out.front_m > 3.51e-3) lower_N = std::max(lower_N, out.tip_N);
-           });
+    b.push(-0.001, 0.006, 1e-6, [&](const CuttingResult& out, const Pose&) {
+      if (out.front_m > 0.8e-3 && out.front_m < 1.19e-3) upper_N = std::max(upper_N, out.tip_N);
+      if (out.front_m > 1.3e-3 && out.front_m < 3.49e-3) inside_N = std::max(inside_N, out.tip_N);
+      if (out.front_m > 3.51e-3) lower_N = std::max(lower_N, out.tip_N);
+    });
     EXPECT_NEAR(upper_N, 50, 1e-9) << share;
     EXPECT_NEAR(inside_N, 10, 1e-9) << share;
     EXPECT_NEAR(lower_N, 50, 1e-9) << share;
@@ -207,12 +200,7 @@ TEST(CuttingLaw, TheWrenchIsTheEnergysDerivative) {
     b.options.tool.tip_plate_m = {0.01, -0.02, -0.1};
     b.options.tool.inward_plate = Vector3d(0.1, 0.05, -1).normalized();
     b.options.tool.radius_m = 3e-3;
-    for (CuttingSlab& slab : b.slabs) {
-      slab.friction_N_per_m = 300;
-      slab.wall_N_per_m2 = 1e7;
-      slab.wall_strength_N_per_m = 3e4;
-      slab.clearance_m = clearance;
-    }
+    b.hold_shaft(300, 1e7, 3e4, clearance);
     Pose X = plate_at(0, -0.105, 0.03);
     Pose deep = X;
     deep.p_m += X.q * b.options.tool.inward_plate * 0.018;
@@ -245,14 +233,13 @@ TEST(CuttingLaw, TheWrenchIsTheEnergysDerivative) {
 TEST(CuttingLaw, ACoresFrictionGrowsWithItsLength) {
   constexpr double kFraction = 0.4, kGrowth_per_m = 60, kFriction_N_per_m = 1000;
   Bench b(even_slabs(40, 1e-3, 20));
-  for (CuttingSlab& slab : b.slabs)
-    slab.friction_N_per_m = kFriction_N_per_m;
+  b.hold_shaft(kFriction_N_per_m, 0, 0);
   b.options.core_fraction = kFraction;
   b.options.core_growth_per_m = kGrowth_per_m;
   b.options.presliding_m = 1e-5;
   b.options.coupling.translation_N_per_m = 1e5;
   for (const double depth_m : {0.01, 0.02, 0.03}) {
-    b.move(plate_at(0, depth_m - 0.0101), plate_at(0, depth_m), 1e-5);
+    b.push(depth_m - 0.0101, depth_m, 1e-5);
     const double length_m = b.out.embedded_m;
     double core_N = 0;
     for (int k = 0; k < 1000; ++k)
@@ -271,11 +258,7 @@ TEST(CuttingLaw, ACoresFrictionGrowsWithItsLength) {
 
 Bench body_of_64() {
   Bench b(even_slabs(64, 5e-4, 15), 3);
-  for (CuttingSlab& slab : b.slabs) {
-    slab.friction_N_per_m = 100;
-    slab.wall_N_per_m2 = 1e7;
-    slab.wall_strength_N_per_m = 1e4;
-  }
+  b.hold_shaft(100, 1e7, 1e4);
   b.options.tool.tip_plate_m = {0, 0, -0.1};
   b.options.coupling.max_force_N = 60;
   return b;
@@ -283,19 +266,8 @@ Bench body_of_64() {
 
 // The scene has two soft layers over the bone, and friction of the tip.
 Bench soft_body_of_64() {
-  static const std::array<SoftLayer, 2> layers{{{.top_m = -0.002,
-                                                 .bottom_m = 0.002,
-                                                 .stiffness_N_per_m = 500,
-                                                 .stiffening_N_per_m2 = 2e5,
-                                                 .puncture_N = 5,
-                                                 .cutting_N = 1,
-                                                 .friction_N_per_m = 100},
-                                                {.top_m = 0.004,
-                                                 .bottom_m = 0.0045,
-                                                 .stiffness_N_per_m = 150,
-                                                 .stiffening_N_per_m2 = 1e4,
-                                                 .puncture_N = 0.6,
-                                                 .cutting_N = 0.1}}};
+  static const std::array<SoftLayer, 2> layers{soft_layer(-0.002, 0.002, 500, 2e5, 5, 1, 100),
+                                               soft_layer(0.004, 0.0045, 150, 1e4, 0.6, 0.1)};
   Bench b = body_of_64();
   b.options.tip_friction = 0.3;
   b.options.layers = layers;
@@ -364,20 +336,23 @@ constexpr double kHoleStep = 5e-5;
 
 Bench hole_bench(std::size_t holes = 4) {
   Bench b(even_slabs(20, 1e-3, 20), holes);
-  for (CuttingSlab& slab : b.slabs) {
-    slab.friction_N_per_m = 200;
-    slab.wall_N_per_m2 = 1e7;
-    slab.wall_strength_N_per_m = 1e6;
-  }
+  b.hold_shaft(200, 1e7, 1e6);
   b.options.coupling.translation_N_per_m = 1e5;
   return b;
 }
 
+// Three sheets of no thickness, 2 cm apart, under a rigid tool.
+Bench sheet_bench() {
+  Bench b(even_slabs(3, 0, 35));
+  for (std::size_t i = 0; i < 3; ++i)
+    b.slabs[i].top_m = b.slabs[i].bottom_m = 0.02 * static_cast<double>(i);
+  b.options.coupling.is_rigid = true;
+  b.options.tip_N_per_m = 5000;
+  return b;
+}
+
 double push_to(Bench& b, double x, double depth) {
-  double most = 0;
-  b.move(plate_at(x, -0.002), plate_at(x, depth), kHoleStep,
-         [&](const CuttingResult& out, const Pose&) { most = std::max(most, out.tip_N); });
-  return most;
+  return b.peak_N(plate_at(x, -0.002), plate_at(x, depth), kHoleStep);
 }
 void pull_from(Bench& b, double x, double depth) {
   b.move(plate_at(x, depth), plate_at(x, -0.01), kHoleStep);
@@ -404,7 +379,7 @@ TEST(Hole, OutlivesWithdrawal) {
   b.move(plate_at(0.001, 0.009), plate_at(0, 0.009), kHoleStep);
 
   // And at its bottom the bone.
-  b.move(plate_at(0, 0.009), plate_at(0, 0.02), kHoleStep);
+  b.push(0.009, 0.02, kHoleStep);
   EXPECT_NEAR(b.out.tip_N, 20, 1e-6);
   EXPECT_GT(b.cut_J, cut + 0.01 * 0.02);
 }
@@ -482,12 +457,7 @@ TEST(Hole, WithinTheReachOfAHoleTheToolGoesIntoIt) {
 
 // Sheets of no thickness remember where they were passed.
 TEST(Hole, OfASheet) {
-  std::vector<CuttingSlab> sheets = even_slabs(3, 0, 35);
-  for (std::size_t i = 0; i < 3; ++i)
-    sheets[i].top_m = sheets[i].bottom_m = 0.02 * static_cast<double>(i);
-  Bench b(sheets);
-  b.options.coupling.is_rigid = true;
-  b.options.tip_N_per_m = 5000;
+  Bench b = sheet_bench();
   for (const double x : {0.0, 0.01}) {
     int peaks = 0;
     double before = 0;
@@ -536,15 +506,10 @@ TEST(Hole, PassedSlabsAreReportedOnce) {
 // The sliver between a tool and an old hole 0.5 mm beside it breaks at its share, and shields
 // nothing.
 TEST(Hole, ASliverBreaksAtItsShare) {
-  std::vector<CuttingSlab> sheets = even_slabs(3, 0, 35);
-  for (std::size_t i = 0; i < 3; ++i)
-    sheets[i].top_m = sheets[i].bottom_m = 0.02 * static_cast<double>(i);
-  sheets[0].share = share(3e-3, 5e-4);
-  Bench b(sheets);
-  b.options.coupling.is_rigid = true;
-  b.options.tip_N_per_m = 5000;
+  Bench b = sheet_bench();
+  b.slabs[0].share = share(3e-3, 5e-4);
   std::vector<double> peaks{0};
-  b.move(plate_at(0, -0.005), plate_at(0, 0.06), 1e-5, [&](const CuttingResult& out, const Pose&) {
+  b.push(-0.005, 0.06, 1e-5, [&](const CuttingResult& out, const Pose&) {
     if (out.tip_N == 0 && peaks.back() > 0) peaks.push_back(0);
     peaks.back() = std::max(peaks.back(), out.tip_N);
   });
@@ -558,8 +523,8 @@ TEST(Hole, ASliverBreaksAtItsShare) {
 TEST(Hole, LeftBySlanting) {
   Bench b = hole_bench();
   b.options.tool.tip_plate_m = {0, 0, -0.1};
-  b.move(plate_at(0, -0.102), plate_at(0, -0.1 + 0.015), kHoleStep);
-  b.move(plate_at(0, -0.1 + 0.015), plate_at(0, -0.102), kHoleStep);
+  b.push(-0.102, -0.1 + 0.015, kHoleStep);
+  b.push(-0.1 + 0.015, -0.102, kHoleStep);
   const double cut = b.cut_J;
   // 0.1 rad about the mouth of the hole.
   const auto slanting = [](double depth) {
@@ -567,10 +532,7 @@ TEST(Hole, LeftBySlanting) {
     X.p_m = X.q * Eigen::Vector3d(0, 0, 0.1 - depth);
     return X;
   };
-  double most = 0;
-  b.move(slanting(-0.002), slanting(0.01), kHoleStep,
-         [&](const CuttingResult& out, const Pose&) { most = std::max(most, out.tip_N); });
-  EXPECT_NEAR(most, 20, 1e-3);
+  EXPECT_NEAR(b.peak_N(slanting(-0.002), slanting(0.01), kHoleStep), 20, 1e-3);
   EXPECT_GT(b.cut_J, cut + 20 * 0.005);
 }
 
@@ -590,7 +552,7 @@ TEST(Hole, BoneIsAWallFromOutside) {
     slab.free = &beside;
     slab.free_version = 1;
   }
-  b.move(plate_at(0, -0.002), plate_at(0, 0.01), kHoleStep,
+  b.push(-0.002, 0.01, kHoleStep,
          [](const CuttingResult& out, const Pose&) { ASSERT_LT(out.wrench_device.norm(), 1e-12); });
   b.move(plate_at(0, 0.01), plate_at(0.0019, 0.01), kHoleStep);
   EXPECT_LT(b.out.wrench_device.norm(), 1e-12);
@@ -618,23 +580,10 @@ TEST(Hole, BoneIsAWallFromOutside) {
 
 // Ligamentum flavum: 11 N at 6.12 mm, where 500 z + 2.12e5 z^2 = 3.06 + 7.94.
 SoftLayer ligament() {
-  SoftLayer layer;
-  layer.bottom_m = 0.004;
-  layer.stiffness_N_per_m = 500;
-  layer.stiffening_N_per_m2 = 2.12e5;
-  layer.puncture_N = 11;
-  layer.cutting_N = 2;
-  layer.friction_N_per_m = 200;
-  return layer;
+  return soft_layer(0, 0.004, 500, 2.12e5, 11, 2, 200);
 }
 SoftLayer dura() {
-  SoftLayer layer;
-  layer.bottom_m = 4e-4;
-  layer.stiffness_N_per_m = 150;
-  layer.stiffening_N_per_m2 = 1e4;
-  layer.puncture_N = 0.6;
-  layer.cutting_N = 0.1;
-  return layer;
+  return soft_layer(0, 4e-4, 150, 1e4, 0.6, 0.1);
 }
 SoftLayer at_depth(SoftLayer layer, double top_m) {
   layer.bottom_m += top_m - layer.top_m;
@@ -653,9 +602,6 @@ struct SoftBench : Bench {
     options.layers = layers;
     state = make_cutting_state(slabs.size(), 4, layers.size());
   }
-  void push(double from, double to, double step = 1e-5) {
-    move(plate_at(0, from), plate_at(0, to), step);
-  }
 };
 
 TEST(SoftLayer, StiffensAsItsClosedFormUntilThePuncture) {
@@ -668,18 +614,17 @@ TEST(SoftLayer, StiffensAsItsClosedFormUntilThePuncture) {
       EXPECT_NEAR(stretch_at(layer, 11), z_puncture, 1e-12);
       const double at_puncture = z_puncture + (is_rigid ? 0 : 11.0 / 4000);
       double peak = 0, at_peak = 0;
-      b.move(plate_at(0, -0.002), plate_at(0, 0.01), step,
-             [&](const CuttingResult& out, const Pose& X) {
-               const double F = out.wrench_device[2], depth = -X.p_m.z();
-               if (depth < 0) {
-                 EXPECT_EQ(F, 0);
-               }
-               if (depth > 0 && depth < at_puncture - 1e-9) {
-                 const double z = is_rigid ? depth : depth - F / 4000;
-                 EXPECT_NEAR(F, 500 * z + 2.12e5 * z * z, 1e-5) << depth;
-               }
-               if (F > peak) peak = F, at_peak = depth;
-             });
+      b.push(-0.002, 0.01, step, [&](const CuttingResult& out, const Pose& X) {
+        const double F = out.wrench_device[2], depth = -X.p_m.z();
+        if (depth < 0) {
+          EXPECT_EQ(F, 0);
+        }
+        if (depth > 0 && depth < at_puncture - 1e-9) {
+          const double z = is_rigid ? depth : depth - F / 4000;
+          EXPECT_NEAR(F, 500 * z + 2.12e5 * z * z, 1e-5) << depth;
+        }
+        if (F > peak) peak = F, at_peak = depth;
+      });
       EXPECT_LE(peak, 11 + 1e-6);
       const double steepest = 500 + 2 * 2.12e5 * z_puncture;
       EXPECT_GE(peak, 11 - steepest * step - 1e-6);
@@ -696,7 +641,7 @@ TEST(SoftLayer, IsCutWithFrictionAfterThePuncture) {
   b.push(-0.002, 0.0105, 1e-5);
   ASSERT_TRUE(b.state.layers[0].is_punctured);
   double work = 0, last_cut = 0;
-  b.move(plate_at(0, 0.0105), plate_at(0, 0.04), 1e-5, [&](const CuttingResult& out, const Pose&) {
+  b.push(0.0105, 0.04, 1e-5, [&](const CuttingResult& out, const Pose&) {
     const double cut = b.state.layers[0].cut_m;
     if (cut < 0.02 - 1e-9) {
       EXPECT_NEAR(out.layer_N, 2, 1e-5);
@@ -757,18 +702,17 @@ TEST(SoftLayer, LayersInSeriesOverBone) {
   double before = 0;
   bool has_fallen = true;
   double ligament_at = 0, dura_at = 0, bone_at = 0;
-  b.move(plate_at(0, -0.001), plate_at(0, 0.0235), 1e-5,
-         [&](const CuttingResult& out, const Pose& X) {
-           const double F = out.layer_N + out.tip_N, depth = -X.p_m.z();
-           if (has_fallen && F < before - 0.3 && before > 0) {
-             peaks.push_back(before);
-             (peaks.size() == 1 ? ligament_at : dura_at) = depth;
-             has_fallen = false;
-           }
-           has_fallen = has_fallen || F > before;
-           if (bone_at == 0 && out.tip_N > 0) bone_at = depth;
-           before = F;
-         });
+  b.push(-0.001, 0.0235, 1e-5, [&](const CuttingResult& out, const Pose& X) {
+    const double F = out.layer_N + out.tip_N, depth = -X.p_m.z();
+    if (has_fallen && F < before - 0.3 && before > 0) {
+      peaks.push_back(before);
+      (peaks.size() == 1 ? ligament_at : dura_at) = depth;
+      has_fallen = false;
+    }
+    has_fallen = has_fallen || F > before;
+    if (bone_at == 0 && out.tip_N > 0) bone_at = depth;
+    before = F;
+  });
   ASSERT_EQ(peaks.size(), 2U);
   EXPECT_NEAR(peaks[0], 11, 0.05);
   EXPECT_NEAR(ligament_at, stretch_at(b.layers[0], 11), 2e-5);
@@ -795,11 +739,10 @@ TEST(SoftLayer, AThinLayerCloseBehindIsTornToo) {
   b.push(0.0058, 0.0059, 1e-5);
   EXPECT_FALSE(b.state.layers[1].is_punctured);  // the ligament holds
   std::uint64_t punctured = 0;
-  b.move(plate_at(0, 0.0059), plate_at(0, 0.0063), 1e-5,
-         [&](const CuttingResult& out, const Pose&) {
-           EXPECT_EQ(punctured & out.layers_punctured, 0U) << "reported twice";
-           punctured |= out.layers_punctured;
-         });
+  b.push(0.0059, 0.0063, 1e-5, [&](const CuttingResult& out, const Pose&) {
+    EXPECT_EQ(punctured & out.layers_punctured, 0U) << "reported twice";
+    punctured |= out.layers_punctured;
+  });
   EXPECT_EQ(punctured, 0b11U);
   EXPECT_TRUE(b.state.layers[0].is_punctured);
   EXPECT_TRUE(b.state.layers[1].is_punctured);
@@ -809,7 +752,7 @@ TEST(SoftLayer, AThinLayerCloseBehindIsTornToo) {
 TEST(SoftLayer, IsPuncturedAgainstTheBone) {
   SoftBench b({ligament()}, 0.004);
   double most = 0;
-  b.move(plate_at(0, -0.002), plate_at(0, 0.025), 1e-5, [&](const CuttingResult& out, const Pose&) {
+  b.push(-0.002, 0.025, 1e-5, [&](const CuttingResult& out, const Pose&) {
     if (!b.state.layers[0].is_punctured) most = std::max(most, out.layer_N + out.tip_N);
   });
   EXPECT_NEAR(most, 11, 0.05);
