@@ -215,6 +215,11 @@ struct Stack {
     const Vector3d at = T_lps * Vector3d(u, v, z);
     return {at.x(), at.y(), at.z()};
   }
+  /// Moves a slice's material along x.
+  void move(std::size_t i, double mm) {
+    for (LatticePoint& vertex : asset.slices[i].mesh.vertices)
+      vertex.x += static_cast<int>(mm / asset.lattice.step_mm());
+  }
   Result<NeedlePath> plan(std::array<double, 3> entry, std::optional<std::array<double, 3>> target,
                           const PathLimits& limits = {}) const {
     return plan_needle_path(asset, levels, {entry, target}, limits);
@@ -289,10 +294,8 @@ TEST(NeedlePath, SlicesWithoutMaterialPartTheBone) {
             std::string::npos);
   // Air above the lower piece, where the upper one is absent.
   Stack aside(10, {4, 5});
-  for (std::size_t i = 6; i < 10; ++i) {
-    for (LatticePoint& vertex : aside.asset.slices[i].mesh.vertices)
-      vertex.x += static_cast<int>(60 / aside.asset.lattice.step_mm());
-  }
+  for (std::size_t i = 6; i < 10; ++i)
+    aside.move(i, 60);
   const auto path = aside.plan(aside.lps(80, 60, 9), {});
   ASSERT_TRUE(path) << path.error().message;
   EXPECT_TRUE(near(path->entry_mm, {80, 60, 6}));
@@ -309,11 +312,8 @@ TEST(NeedlePath, NeedsSlicesStraightAboveEachOther) {
 TEST(NeedlePath, KeepsASurfacePointBetweenLevels) {
   Stack stack(10);
   // Only the lower half of the stack has material at this point.
-  for (AssetSlice& slice : stack.asset.slices) {
-    if (slice.index < 5) continue;
-    for (LatticePoint& vertex : slice.mesh.vertices)
-      vertex.x += static_cast<int>(40 / stack.asset.lattice.step_mm());
-  }
+  for (std::size_t i = 5; i < 10; ++i)
+    stack.move(i, 40);
   const auto path = stack.plan(stack.lps(75, 60, 8.6), {});
   ASSERT_TRUE(path) << path.error().message;
   EXPECT_TRUE(near(path->entry_mm, {75, 60, 8.6}));
@@ -330,10 +330,8 @@ TEST(NeedlePath, SaysWhyThereIsNone) {
   EXPECT_NE(stack.refusal(stack.lps(80, 60, 40), stack.lps(80, 60, 30)).find("above the bone"),
             std::string::npos);
   // The slices from 5 to 7 have their material elsewhere, so the bone is in two pieces there.
-  for (std::size_t i = 5; i < 8; ++i) {
-    for (LatticePoint& vertex : stack.asset.slices[i].mesh.vertices)
-      vertex.x += static_cast<int>(60 / stack.asset.lattice.step_mm());
-  }
+  for (std::size_t i = 5; i < 8; ++i)
+    stack.move(i, 60);
   EXPECT_NE(stack.refusal(stack.lps(80, 60, 8), {}).find("through the bone of slice 9"),
             std::string::npos);
   EXPECT_TRUE(stack.plan(stack.lps(80, 60, 18), {}));
@@ -365,11 +363,10 @@ TEST(NeedlePath, EndsAfterTheLargestNumberOfSlices) {
 
 TEST(NeedlePath, AGapOfMoreThanThreeMillimetresEndsTheBone) {
   // Levels 2 mm apart; some lie 60 mm aside, so that the path meets no bone there.
-  const auto with_gap = [](int from, int to) {
+  const auto with_gap = [](std::size_t from, std::size_t to) {
     Stack stack(12);
-    for (int i = from; i <= to; ++i)
-      for (LatticePoint& vertex : stack.asset.slices[static_cast<std::size_t>(i)].mesh.vertices)
-        vertex.x += static_cast<int>(60 / stack.asset.lattice.step_mm());
+    for (std::size_t i = from; i <= to; ++i)
+      stack.move(i, 60);
     return stack;
   };
   const Stack narrow = with_gap(5, 5), wide = with_gap(5, 6);

@@ -9,6 +9,7 @@
 #include <cstdio>
 #include <functional>
 #include <limits>
+#include <memory>
 #include <numbers>
 #include <optional>
 #include <set>
@@ -16,11 +17,12 @@
 #include <utility>
 #include <vector>
 
+#include "formats/mesh/cut.h"
 #include "runtime/haptics/sheet.h"
-#include "tests/runtime/haptics/bone/dry_run.h"
 #include "tests/support/body_fixture.h"
 #include "tests/support/counted_allocations.h"
 #include "tests/support/random_geometry.h"
+#include "tests/support/whole_cut.h"
 
 namespace trocar::runtime {
 namespace {
@@ -32,6 +34,105 @@ using test::kHexagon_m2;
 using test::spaced_asset;
 using test::square_asset;
 using test::stack;
+
+constexpr double kTick_s = 1e-3;
+
+/// Ten slices of 1 mm whose walls yield at 0.5 mm.
+Scene walled() {
+  Scene scene = test::body_scene(0, 9, 0.12);
+  scene.tissue.cut = CutTissue{0.2, std::nullopt, 0, 1, 0, 0, 0, 10, 5};
+  scene.tissue.stiffness_N_per_m = 50'000;
+  scene.force_law.tip_friction = 0;
+  return scene;
+}
+
+/// A body, a plate that is put anywhere, and what a session does with the holes.
+class DryRun {
+ public:
+  DryRun(Scene scene, const Asset& asset, bool is_rigid = true)
+      : placed_(scene, asset), bone_(*make_bone_volume(scene, placed_.sheets)) {
+    bone_.options.coupling = {
+        .is_rigid = is_rigid, .translation_N_per_m = 10'000, .rotation_Nm_per_rad = 25};
+    state_ = make_bone_contact_state(bone_);
+  }
+
+  const ContactOutput& tick(double x_m, double z_m, double interval_s = kTick_s) {
+    Pose T;
+    T.p_m = {x_m, 0, z_m};
+    update_bone_contact(bone_, placed_.sheets, T, T, interval_s, tracks_.tracks, state_, out_);
+    EXPECT_FALSE(out_.backlog);
+    for (const CutRequest& cut : out_.cuts()) {
+      requests_.push_back(cut);
+      (cut.is_puncture ? fronts_ : sides_) += 1;
+    }
+    peak_N_ = std::max(peak_N_, state_.result.tip_N);
+    most_in_a_tick_ = std::max(most_in_a_tick_, out_.cuts().size());
+    return out_;
+  }
+  /// In steps of 20 um.
+  void move(double x0_m, double z0_m, double x1_m, double z1_m) {
+    const int steps = std::max(1, static_cast<int>(std::hypot(x1_m - x0_m, z1_m - z0_m) / 20e-6));
+    for (int k = 0; k <= steps; ++k) {
+      const double part = static_cast<double>(k) / steps;
+      tick(x0_m + part * (x1_m - x0_m), z0_m + part * (z1_m - z0_m));
+    }
+  }
+  /// Cuts all holes that were requested and puts the meshes in use.
+  void publish() {
+    for (const CutRequest& request : requests_) {
+      const auto i = static_cast<std::size_t>(request.sheet);
+      const Sheet& before = *placed_.sheets[i];
+      EXPECT_EQ(request.cut, before.cuts + 1) << "in order";
+      auto after = std::make_unique<Sheet>(before);
+      auto result = cut(to_slice_mesh(before.mesh), to_ring(request.outline));
+      ASSERT_TRUE(result) << result.error().message;
+      after->mesh = *make_sheet_mesh(result->mesh, kSpareVertices, kSpareTriangles);
+      after->index_mesh();
+      ++after->cuts;
+      placed_.owned.push_back(std::move(after));
+      placed_.sheets[i] = placed_.owned.back().get();
+    }
+    requests_.clear();
+  }
+  double force_N() const { return state_.wrench_device[2]; }
+  double side_N() const { return state_.wrench_device[0]; }
+
+  test::Placed placed_;
+  BoneVolume bone_;
+  BoneContactState state_;
+  ContactState tracks_;
+  ContactOutput out_;
+  std::vector<CutRequest> requests_;
+  int fronts_ = 0, sides_ = 0;
+  double peak_N_ = 0;
+  std::size_t most_in_a_tick_ = 0;
+};
+
+/// Cancellous bone whose strength follows the HU.
+CutTissue bone_by_hu() {
+  CutTissue cut;
+  cut.bone = BoneByHu{"kopperdahl-linear", "qct", 8e-4, 0, false};
+  return cut;
+}
+
+/// Ten slices of 150 HU towards -x and of 350 HU towards +x.
+Asset of_two_halves() {
+  Asset asset = spaced_asset(10, 1, std::vector<double>(10, 0.0));
+  for (AssetSlice& slice : asset.slices)
+    for (std::size_t v = 0; v < slice.mesh.vertices.size(); ++v)
+      slice.hu[v] = slice.mesh.vertices[v].x / 256 < 80 ? 150.F : 350.F;
+  return asset;
+}
+
+/// Moves slice i along x by this many steps.
+void shift(Asset& asset, std::size_t i, int steps) {
+  AssetSlice& slice = asset.slices[i];
+  for (LatticePoint& p : slice.mesh.vertices)
+    p.x += steps;
+  for (Ring& ring : slice.pslg.rings)
+    for (LatticePoint& p : ring)
+      p.x += steps;
+}
 
 // The law `cutting` on sheets, tick by tick, with holes cut and published as a session does.
 
@@ -96,13 +197,9 @@ TEST(BodyContact, ARimBreaksAtItsShareOfTheThreshold) {
 
 TEST(BodyContact, TheStrengthIsThatOfTheHuUnderTheTool) {
   Scene scene = body_scene(0, 9, 0.12);
-  scene.tissue.cut = CutTissue{};
-  scene.tissue.cut->bone = BoneByHu{"kopperdahl-linear", "qct", 8e-4, 0, false};
+  scene.tissue.cut = bone_by_hu();
   scene.tissue.stiffness_N_per_m = 200'000;
-  Asset asset = spaced_asset(10, 1, std::vector<double>(10, 0.0));
-  for (AssetSlice& slice : asset.slices)
-    for (std::size_t v = 0; v < slice.mesh.vertices.size(); ++v)
-      slice.hu[v] = slice.mesh.vertices[v].x / 256 < 80 ? 150.F : 350.F;
+  const Asset asset = of_two_halves();
   for (const double x_mm : {-10.0, 10.0}) {
     const double hu = x_mm < 0 ? 150 : 350;
     DryRun trial(scene, asset);
@@ -122,14 +219,8 @@ TEST(BodyContact, ASlopePushesTheToolSidewaysAndLetsItSlide) {
     scene.tissue.stiffness_N_per_m = 200'000;
     scene.force_law.tip_friction = friction;
     Asset asset = spaced_asset(16, 1);
-    for (int i = 0; i < 16; ++i) {  // the edge of slice 8 is under the tool's axis
-      AssetSlice& slice = asset.slices[static_cast<std::size_t>(i)];
-      for (LatticePoint& p : slice.mesh.vertices)
-        p.x += 256 * (i + 12);
-      for (Ring& ring : slice.pslg.rings)
-        for (LatticePoint& p : ring)
-          p.x += 256 * (i + 12);
-    }
+    for (int i = 0; i < 16; ++i)  // the edge of slice 8 is under the tool's axis
+      shift(asset, static_cast<std::size_t>(i), 256 * (i + 12));
     DryRun trial(scene, asset, false);
     int loaded = 0;
     double z_m = 0;
@@ -156,16 +247,12 @@ TEST(BodyContact, ASlopePushesTheToolSidewaysAndLetsItSlide) {
 // mean.
 TEST(BodyContact, FrictionAndAThinShellAreThoseOfTheHuUnderTheTool) {
   Scene scene = body_scene(0, 9, 0.12);
-  scene.tissue.cut = CutTissue{};
-  scene.tissue.cut->bone = BoneByHu{"kopperdahl-linear", "qct", 8e-4, 0, false};
+  scene.tissue.cut = bone_by_hu();
   scene.tissue.cut->friction_kPa = 20;
   scene.tissue.cut->friction_coefficient = 0.05;
   scene.body->shell_m = 0.8e-3;
   scene.body->shell_free_radius_m = 5e-3;
-  Asset asset = spaced_asset(10, 1, std::vector<double>(10, 0.0));
-  for (AssetSlice& slice : asset.slices)
-    for (std::size_t v = 0; v < slice.mesh.vertices.size(); ++v)
-      slice.hu[v] = slice.mesh.vertices[v].x / 256 < 80 ? 150.F : 350.F;
+  const Asset asset = of_two_halves();
   for (const double x_mm : {-10.0, 10.0}) {
     const double hu = x_mm < 0 ? 150 : 350;
     DryRun trial(scene, asset);
@@ -533,8 +620,7 @@ TEST(BodyContact, ATickAllocatesNothing) {
 // thick slices average with it.
 TEST(WallContact, AWallHasItsStrengthInSlicesThatAreThickerThanTheWall) {
   Scene scene = body_scene(0, 0, 0.12);
-  scene.tissue.cut = CutTissue{};
-  scene.tissue.cut->bone = BoneByHu{"kopperdahl-linear", "qct", 8e-4, 0, false};
+  scene.tissue.cut = bone_by_hu();
   scene.tissue.stiffness_N_per_m = 2e6;
   const auto N = [](double hu) { return (-0.75 + 24.9 * 8e-4 * hu) * 1e6 * kHexagon_m2; };
   constexpr double kHeight_mm = 24, kStep_mm = 0.01;
@@ -586,8 +672,7 @@ TEST(WallContact, AWallHasItsStrengthInSlicesThatAreThickerThanTheWall) {
 // A scene can say that the strength follows the HU of each slice.
 TEST(WallContact, WithoutCortexHuTheStrengthIsThatOfTheSlice) {
   Scene scene = body_scene(0, 4, 0.12);
-  scene.tissue.cut = CutTissue{};
-  scene.tissue.cut->bone = BoneByHu{"kopperdahl-linear", "qct", 8e-4, 0, false};
+  scene.tissue.cut = bone_by_hu();
   for (const double cortex_HU : {0.0, 1000.0}) {
     scene.body->cortex_HU = cortex_HU;
     DryRun trial(scene, spaced_asset(5, 2, {250, 250, 250, 250, 820}));
@@ -742,15 +827,9 @@ class Body {
        double rotation_deg = 0, double half_angle_deg = 30)
       : spacing_m_(spacing_mm * 1e-3) {
     Asset asset = test::spaced_asset(slices, spacing_mm);
-    for (int i = 0; i < slices; ++i) {
-      AssetSlice& slice = asset.slices[static_cast<std::size_t>(i)];
-      const int steps = static_cast<int>(std::lround(256 * shift_mm(slices - 1 - i)));
-      for (LatticePoint& p : slice.mesh.vertices)
-        p.x += steps;
-      for (Ring& ring : slice.pslg.rings)
-        for (LatticePoint& p : ring)
-          p.x += steps;
-    }
+    for (int i = 0; i < slices; ++i)
+      shift(asset, static_cast<std::size_t>(i),
+            static_cast<int>(std::lround(256 * shift_mm(slices - 1 - i))));
     Scene scene = test::body_scene(0, slices - 1, kTop_m);
     scene.tool.kind = half_angle_deg < 90 ? "needle-conical" : "";
     scene.tool.half_angle_deg = half_angle_deg;

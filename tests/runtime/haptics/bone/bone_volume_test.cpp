@@ -34,6 +34,8 @@ using test::stack;
 // The slabs of a body from its sheets: extents, what tissues oppose by hand-computed figures, parts
 // for a shell, and what is refused.
 
+const BoneByHu kLinear{"kopperdahl-linear", "qct", 8e-4, 0, false};
+
 void expect_extent(const BoneSheet& sheet, double top_m, double bottom_m) {
   EXPECT_NEAR(sheet.top_m, top_m, 1e-12);
   EXPECT_NEAR(sheet.bottom_m, bottom_m, 1e-12);
@@ -216,8 +218,7 @@ TEST(BoneVolume, ATissueThatIsCutOpposesByAreaPerimeterAndWall) {
 
 TEST(BoneVolume, BoneHasTheStrengthOfItsHu) {
   Scene scene = cutting_scene(stack(0.12, 1e-3, 3));
-  scene.tissue.cut.emplace();
-  scene.tissue.cut->bone = BoneByHu{"kopperdahl-linear", "qct", 8e-4, 0, false};
+  scene.tissue.cut.emplace().bone = kLinear;
   scene.tissue.cut->tearing_N_per_m = 100;
   const BoneVolume body = bone_volume_of(scene, spaced_asset(3, 1, {200, 400, 20}));
   // -0.75 + 24.9 * 8e-4 HU, in MPa, over 23.38 mm^2, and 100 N/m * 18 mm.
@@ -332,8 +333,7 @@ TEST(BoneVolume, ALayersForceFollowsFromItsToughness) {
 // coefficient makes it, and is the nominal one at the slice's mean HU.
 TEST(BoneVolume, FrictionFollowsTheStrengthUnderTheTool) {
   Scene scene = cutting_scene(stack(0.12, 1e-3, 3));
-  scene.tissue.cut.emplace();
-  scene.tissue.cut->bone = BoneByHu{"kopperdahl-linear", "qct", 8e-4, 0, false};
+  scene.tissue.cut.emplace().bone = kLinear;
   scene.tissue.cut->friction_kPa = 20;
   scene.tissue.cut->friction_coefficient = 0.05;
   const BoneVolume body = bone_volume_of(scene, spaced_asset(3, 1, {200, 400, 20}));
@@ -356,8 +356,7 @@ TEST(BoneVolume, FrictionFollowsTheStrengthUnderTheTool) {
 // A tissue that states no stiffness has a tip as stiff as its bone; one that states it keeps it.
 TEST(BoneVolume, TheTipsStiffnessIsTheBonesUnlessItIsStated) {
   Scene scene = cutting_scene(stack(0.12, 1e-3, 3));
-  scene.tissue.cut.emplace();
-  scene.tissue.cut->bone = BoneByHu{"kopperdahl-linear", "qct", 8e-4, 0, false};
+  scene.tissue.cut.emplace().bone = kLinear;
   const Asset asset = spaced_asset(3, 1, {200, 400, -500});
   const BoneVolume body = bone_volume_of(scene, asset);
   // A flat punch of radius a on a half-space: 2 a E / (1 - nu^2) (I. Sneddon, Int. J. Eng. Sci. 3,

@@ -124,6 +124,17 @@ class LoopFixture : public testing::Test {
     for (int i = 0; i < count; ++i)
       tick();
   }
+  /// A fault that the caller finds in one tick.
+  void tick_with(Fault outside) {
+    outside_ = outside;
+    tick();
+    outside_ = Fault::kNone;
+  }
+  /// Ticks until a stop has faded, at most 100.
+  void wait_for_zero_torques() {
+    for (int i = 0; !result_.torques_are_zero && i < 100; ++i)
+      tick();
+  }
   /// The operator asks for recovery during one tick.
   void ask_to_recover() {
     recover_ = true;

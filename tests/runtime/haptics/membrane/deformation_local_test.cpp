@@ -34,14 +34,18 @@ using trocar::test::kMembrane;
 // The laws of runtime/haptics/membrane/network.h, compared with finite elements assembled triangle by
 // triangle, and sparse_factor compared with dense factorisations.
 
+void shake_mesh(SliceMesh& mesh, double most, std::mt19937_64& random) {
+  for (LatticePoint& p : mesh.vertices) {
+    p.x += static_cast<std::int32_t>(most * (2 * test::uniform(random) - 1));
+    p.y += static_cast<std::int32_t>(most * (2 * test::uniform(random) - 1));
+  }
+}
+
 /// A grid whose points are moved at random by up to `shake` of a cell.
 SliceMesh shaken_square(std::uint64_t seed, double shake) {
   SliceMesh mesh = test::square_mesh({-1000, -700}, 256, 6);
   std::mt19937_64 random(seed);
-  for (LatticePoint& p : mesh.vertices) {
-    p.x += static_cast<std::int32_t>(256 * shake * (2 * test::uniform(random) - 1));
-    p.y += static_cast<std::int32_t>(256 * shake * (2 * test::uniform(random) - 1));
-  }
+  shake_mesh(mesh, 256 * shake, random);
   return mesh;
 }
 
@@ -356,10 +360,7 @@ TEST(Local, BoundsHoldOnRandomNetworks) {
   for (int i = 0; i < 400; ++i) {
     SliceMesh mesh = test::triangular_mesh({-4096, -3600}, 512, 17);
     const double shake = i % 2 == 0 ? 0.1 : 0.24;
-    for (LatticePoint& p : mesh.vertices) {
-      p.x += static_cast<std::int32_t>(512 * shake * (2 * test::uniform(random) - 1));
-      p.y += static_cast<std::int32_t>(512 * shake * (2 * test::uniform(random) - 1));
-    }
+    shake_mesh(mesh, 512 * shake, random);
     const double lambda_m = 2e-3 * std::exp(2.5 * test::uniform(random));
     const Membrane membrane{5e6 * lambda_m * lambda_m, 5e6};
     const double radius = 1200 + 2600 * test::uniform(random);
@@ -509,10 +510,7 @@ struct Net {
 
   explicit Net(double shake = 0.15) {
     std::mt19937_64 random(3);
-    for (LatticePoint& p : mesh.vertices) {
-      p.x += static_cast<std::int32_t>(256 * shake * (2 * test::uniform(random) - 1));
-      p.y += static_cast<std::int32_t>(256 * shake * (2 * test::uniform(random) - 1));
-    }
+    shake_mesh(mesh, 256 * shake, random);
     network = make_network(mesh, kLattice, kMembrane);
     kind.assign(network.size(), NodeKind::kFree);
     for (std::size_t i = 0; i < kind.size(); ++i) {
