@@ -268,11 +268,7 @@ TEST(SliceField, APixelIsThatOfTheTriangleUnderItsMiddle) {
       value = static_cast<float>(random.between(-500, 2500));
     const bool has_hu = trial % 4 != 3;
     if (!has_hu) hu.clear();
-    PlanarTransform transform;
-    transform.anchor_mm = {3.5, -2};
-    transform.at_m = {0.004, 0.011};
-    transform.cosine = std::cos(0.1 * trial);
-    transform.sine = std::sin(0.1 * trial);
+    const PlanarTransform transform = placed_at_angle(0.1 * trial);
     const SliceField field(mesh, hu, transform.lattice);
     EXPECT_EQ(field.has_hu(), has_hu);
     const LatticeBox box = box_around(std::span<const LatticePoint>(mesh.vertices));
