@@ -253,8 +253,8 @@ PlanarTransform plain() {
 }
 
 /// At a point of the slice plane in mm.
-SliceField::Mean at(const SliceField& field, const PlanarTransform& transform, double x_mm,
-                    double y_mm, double radius_m = 0) {
+SliceField::Mean mean_at(const SliceField& field, const PlanarTransform& transform, double x_mm,
+                         double y_mm, double radius_m = 0) {
   return field.mean(transform, transform.to_scene(Vector2d(x_mm, y_mm) / kStep_mm), radius_m);
 }
 
@@ -281,7 +281,7 @@ TEST(SliceField, APixelIsThatOfTheTriangleUnderItsMiddle) {
         const auto wanted = by_triangles(mesh, hu, x_mm, y_mm);
         // Wherever in the pixel.
         const double dx_mm = 0.12 * (2 * random.unit() - 1), dy_mm = 0.12 * (2 * random.unit() - 1);
-        const SliceField::Mean got = at(field, transform, x_mm + dx_mm, y_mm + dy_mm);
+        const SliceField::Mean got = mean_at(field, transform, x_mm + dx_mm, y_mm + dy_mm);
         ASSERT_EQ(got.share, wanted ? 1 : 0) << trial << ": " << x_mm << ", " << y_mm;
         ASSERT_NEAR(got.hu, wanted.value_or(0), 1e-3) << trial << ": " << x_mm << ", " << y_mm;
         ++(wanted ? with : without);
@@ -307,8 +307,8 @@ TEST(SliceField, PixelsAreLargerOnlyWhereThereWouldBeTooMany) {
   const SliceField wide = field_of(400);
   EXPECT_GT(wide.bytes(), 0.9 * SliceField::kMaxPixels * sizeof(float));
   EXPECT_LT(wide.bytes(), 1.01 * SliceField::kMaxPixels * sizeof(float));
-  EXPECT_EQ(at(wide, plain(), 399, 399).share, 1);
-  EXPECT_EQ(at(wide, plain(), 401, 200).share, 0);
+  EXPECT_EQ(mean_at(wide, plain(), 399, 399).share, 1);
+  EXPECT_EQ(mean_at(wide, plain(), 401, 200).share, 0);
 }
 
 TEST(SliceField, ADiscsMeanIsThatOfItsArea) {
@@ -321,18 +321,18 @@ TEST(SliceField, ADiscsMeanIsThatOfItsArea) {
   }
   const SliceField of_ramp(mesh, ramp, Lattice{}), of_bowl(mesh, bowl, Lattice{});
   for (const double radius_mm : {1.0, 3.0, 6.0}) {
-    const SliceField::Mean flat = at(of_ramp, plain(), 2, 3, radius_mm * 1e-3);
+    const SliceField::Mean flat = mean_at(of_ramp, plain(), 2, 3, radius_mm * 1e-3);
     EXPECT_EQ(flat.share, 1);
     // A pixel's value is that of its middle: half a pixel in each direction.
     EXPECT_NEAR(flat.hu, 500 + 40 - 30, 0.5 * 0.25 * 30);
-    const double r2 = at(of_bowl, plain(), 0, 0, radius_mm * 1e-3).hu;
+    const double r2 = mean_at(of_bowl, plain(), 0, 0, radius_mm * 1e-3).hu;
     EXPECT_NEAR(r2, radius_mm * radius_mm / 2, 0.04 * radius_mm * radius_mm + 0.02) << radius_mm;
   }
   // Over an edge the HU are those of the part over material.
-  const SliceField::Mean half = at(of_ramp, plain(), 20, 0, 3e-3);
+  const SliceField::Mean half = mean_at(of_ramp, plain(), 20, 0, 3e-3);
   EXPECT_NEAR(half.share, 0.5, 2.0 / 19);
   EXPECT_NEAR(half.hu, 500 + 20 * (20 - 4 * 3 / (3 * std::numbers::pi)), 10);
-  const SliceField::Mean none = at(of_ramp, plain(), 24, 0, 3e-3);
+  const SliceField::Mean none = mean_at(of_ramp, plain(), 24, 0, 3e-3);
   EXPECT_EQ(none.share, 0);
   EXPECT_EQ(none.hu, 0);
 }
@@ -348,8 +348,8 @@ TEST(SliceField, TheMeanHuIsThatOfAllMaterial) {
 
 TEST(SliceField, AnEmptySliceHasNoMaterial) {
   const SliceField none({}, {}, Lattice{});
-  EXPECT_EQ(at(none, plain(), 0, 0, 1e-3).share, 0);
-  EXPECT_EQ(at(SliceField(), plain(), 0, 0).share, 0);
+  EXPECT_EQ(mean_at(none, plain(), 0, 0, 1e-3).share, 0);
+  EXPECT_EQ(mean_at(SliceField(), plain(), 0, 0).share, 0);
   const SliceField some(test::square_mesh({0, 0}, 256, 10), {}, Lattice{});
   for (const double far : {1e9, -1e9, std::nan("")})
     EXPECT_EQ(some.mean(plain(), Vector2d(far, 0), 1e-3).share, 0);
@@ -363,7 +363,7 @@ TEST(SliceField, TheMeanIsReadWithoutAllocation) {
   {
     const NoAllocationScope scope;
     for (int i = 0; i < 100; ++i)
-      share += at(field, plain(), 0.1 * i, 5, 2e-3).share;
+      share += mean_at(field, plain(), 0.1 * i, 5, 2e-3).share;
   }
   EXPECT_GT(share, 50);
   EXPECT_EQ(allocations_in_scopes(), before);

@@ -363,8 +363,6 @@ TEST_F(OverlapTest, CentroidOfTheOverlapIsThatOfItsArea) {
 
 // The contract of runtime/haptics/tool.h.
 
-constexpr double kTick_s = 1e-3;
-
 ShaftSection down_to(double inserted_m, double x_m = 0, double y_m = 0) {
   ShaftSection place;
   place.at_m = {x_m, y_m, 0.12};

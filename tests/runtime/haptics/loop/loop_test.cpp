@@ -9,6 +9,7 @@
 #include <memory>
 #include <numbers>
 #include <string>
+#include <vector>
 
 #include "runtime/haptics/loop/haptic_loop.h"
 #include "tests/runtime/haptics/loop/loop_fixture.h"
@@ -18,7 +19,6 @@ namespace trocar::runtime {
 namespace {
 
 using testing_support::largest;
-using enum DeviceStatus;
 
 // Single ticks of the haptic loop against a scripted device: every fault by name and measured quantity,
 // the ramp, recovery, and the bounds of the torques.
@@ -148,9 +148,9 @@ void move_against(double SafetyLimits::*limit, double value, double z_m, Loop& l
   l.go_to(z_m);
 }
 
-using M = MechanismLimits;
 const JointLimit kFirst = default_device_description().joint_limit[0];
-const double kPoseMax_m = M{}.pose_residual_max_m, kTheta4Max_rad = M{}.theta4_residual_max_rad;
+const double kPoseMax_m = MechanismLimits{}.pose_residual_max_m,
+             kTheta4Max_rad = MechanismLimits{}.theta4_residual_max_rad;
 constexpr double kTiltMax_rad = std::numbers::pi / 4;
 
 // One refused state is no fault; the link drops it, so that no data comes. Encoders 0, 4, ... are theta1; the fit of the pose
@@ -159,56 +159,60 @@ Found row(const char* name, Fault fault, const Prepare& prepare, const Said& sai
           double gap_s = 1e-3) {
   return {name, fault, prepare, said, gap_s};
 }
-const Found kFound[] = {
-    row("LinkLost", Fault::kLinkLost, status(kLinkLost, kOk)),
-    row("LinkLostInWriting", Fault::kLinkLost, status(kOk, kLinkLost)),
-    row("WriteFailed", Fault::kWriteFailed, status(kOk, kNoData), {"", 0, 0}),
-    row("MotorOfTheDrive", Fault::kMotorFault, status(kMotorFault, kOk), {"motor_2_1"}),
-    row("NoData", Fault::kNoData, status(kNoData, kOk), {"time_without_data_s", 0.01, 0.01}),
-    row("RefusedField", Fault::kRefusedState,
-        status(kNoData, kOk, {Fault::kRefusedState, FaultQuantity::kEncoderAngle, 6, NAN, 1000}),
-        {"th_2_3_rad", NAN}),
-    row("RefusedFieldOnALostLink", Fault::kRefusedState,
-        status(kLinkLost, kOk, {Fault::kRefusedState, FaultQuantity::kStateMode, -1, 9, 4}),
-        {"state_mode", 9, 4}),
-    row("NotFinite", Fault::kEncoderNotFinite, encoder(7, NAN), {"th_2_4_rad", NAN}),
-    row("NotFiniteToo", Fault::kEncoderNotFinite, encoder(13, NAN), {"th_4_2_rad", NAN}),
-    row("Jump", Fault::kEncoderJump, encoder_by(4, 0.061), {"th_2_1_step_rad", 0.061, 0.06}),
-    row("JumpBack", Fault::kEncoderJump, encoder_by(6, -0.3), {"th_2_3_step_rad", 0.3, 0.06}),
-    row("JointAbove", Fault::kJointLimit, encoder(0, kFirst.max_rad + 1e-6),
-        {"th_1_1_rad", kFirst.max_rad + 1e-6, kFirst.max_rad}),
-    row("JointBelow", Fault::kJointLimit, encoder(8, kFirst.min_rad - 0.01),
-        {"th_3_1_rad", kFirst.min_rad - 0.01, kFirst.min_rad}),
-    row("UpperChains", Fault::kPoseResidual, encoder_by(1, 0.05),
-        {"pose_residual_m", kAbove, kPoseMax_m}),
-    row("LowerMotor", Fault::kPoseResidual, encoder_by(3, 0.05),
-        {"th_1_4_residual_rad", 0.05, kTheta4Max_rad, 1e-6}),
-    row("LowerMotorToo", Fault::kPoseResidual, encoder_by(11, 0.05),
-        {"th_3_4_residual_rad", 0.05, kTheta4Max_rad, 1e-6}),
-    row("Condition", Fault::kSingularity, mechanism(&M::inverse_condition_min, 0.999),
-        {"inverse_condition", kBelow, 0.999}),
-    row("Branch", Fault::kSingularity, mechanism(&M::branch_distance_min_m, 0.2),
-        {"branch_distance_", kBelow, 0.2}),
-    row("TorqueNotFinite", Fault::kTorqueNotFinite, break_the_tissue),
-    row("Deadline", Fault::kDeadlineMissed, miss_almost, {"tick_gap_s", 0.1001, 0.1}, 0.1001),
-    row("ThreeDeadlines", Fault::kDeadlineMissed, miss_deadlines,
-        {"missed_deadlines_in_row", 3, 2}),
-    row("Workspace", Fault::kWorkspace, go_beyond_the_workspace, {"x_m", 0.0101, 0.01}),
-    row("TorqueLimit", Fault::kTorqueLimit, press_too_hard, {"tau_", kAbove}),
-    row("TorqueRate", Fault::kTorqueRate, let_torques_rise_slowly),
-    row("RemeshBacklog", Fault::kRemeshBacklog, fill_the_list_of_holes),
-    row("ToolTilt", Fault::kToolTilt, tilt_the_tool,
-        {"tool_tilt_rad", kTiltMax_rad + 0.01, kTiltMax_rad, 1e-6}),
-    row("Speed", Fault::kSpeed,
-        std::bind_front(move_against, &SafetyLimits::speed_max_m_per_s, 0, 0.1159),
-        {"plate_speed_m_per_s", kAbove, 0}),
-    row("Energy", Fault::kEnergyLimit,
-        std::bind_front(move_against, &SafetyLimits::energy_limit_J, 1e-5, 0.1165),
-        {"energy_released_J", 0.01, 1e-5}),
-};
+std::vector<Found> found_faults() {
+  using M = MechanismLimits;
+  using enum DeviceStatus;
+  return {
+      row("LinkLost", Fault::kLinkLost, status(kLinkLost, kOk)),
+      row("LinkLostInWriting", Fault::kLinkLost, status(kOk, kLinkLost)),
+      row("WriteFailed", Fault::kWriteFailed, status(kOk, kNoData), {"", 0, 0}),
+      row("MotorOfTheDrive", Fault::kMotorFault, status(kMotorFault, kOk), {"motor_2_1"}),
+      row("NoData", Fault::kNoData, status(kNoData, kOk), {"time_without_data_s", 0.01, 0.01}),
+      row("RefusedField", Fault::kRefusedState,
+          status(kNoData, kOk, {Fault::kRefusedState, FaultQuantity::kEncoderAngle, 6, NAN, 1000}),
+          {"th_2_3_rad", NAN}),
+      row("RefusedFieldOnALostLink", Fault::kRefusedState,
+          status(kLinkLost, kOk, {Fault::kRefusedState, FaultQuantity::kStateMode, -1, 9, 4}),
+          {"state_mode", 9, 4}),
+      row("NotFinite", Fault::kEncoderNotFinite, encoder(7, NAN), {"th_2_4_rad", NAN}),
+      row("NotFiniteToo", Fault::kEncoderNotFinite, encoder(13, NAN), {"th_4_2_rad", NAN}),
+      row("Jump", Fault::kEncoderJump, encoder_by(4, 0.061), {"th_2_1_step_rad", 0.061, 0.06}),
+      row("JumpBack", Fault::kEncoderJump, encoder_by(6, -0.3), {"th_2_3_step_rad", 0.3, 0.06}),
+      row("JointAbove", Fault::kJointLimit, encoder(0, kFirst.max_rad + 1e-6),
+          {"th_1_1_rad", kFirst.max_rad + 1e-6, kFirst.max_rad}),
+      row("JointBelow", Fault::kJointLimit, encoder(8, kFirst.min_rad - 0.01),
+          {"th_3_1_rad", kFirst.min_rad - 0.01, kFirst.min_rad}),
+      row("UpperChains", Fault::kPoseResidual, encoder_by(1, 0.05),
+          {"pose_residual_m", kAbove, kPoseMax_m}),
+      row("LowerMotor", Fault::kPoseResidual, encoder_by(3, 0.05),
+          {"th_1_4_residual_rad", 0.05, kTheta4Max_rad, 1e-6}),
+      row("LowerMotorToo", Fault::kPoseResidual, encoder_by(11, 0.05),
+          {"th_3_4_residual_rad", 0.05, kTheta4Max_rad, 1e-6}),
+      row("Condition", Fault::kSingularity, mechanism(&M::inverse_condition_min, 0.999),
+          {"inverse_condition", kBelow, 0.999}),
+      row("Branch", Fault::kSingularity, mechanism(&M::branch_distance_min_m, 0.2),
+          {"branch_distance_", kBelow, 0.2}),
+      row("TorqueNotFinite", Fault::kTorqueNotFinite, break_the_tissue),
+      row("Deadline", Fault::kDeadlineMissed, miss_almost, {"tick_gap_s", 0.1001, 0.1}, 0.1001),
+      row("ThreeDeadlines", Fault::kDeadlineMissed, miss_deadlines,
+          {"missed_deadlines_in_row", 3, 2}),
+      row("Workspace", Fault::kWorkspace, go_beyond_the_workspace, {"x_m", 0.0101, 0.01}),
+      row("TorqueLimit", Fault::kTorqueLimit, press_too_hard, {"tau_", kAbove}),
+      row("TorqueRate", Fault::kTorqueRate, let_torques_rise_slowly),
+      row("RemeshBacklog", Fault::kRemeshBacklog, fill_the_list_of_holes),
+      row("ToolTilt", Fault::kToolTilt, tilt_the_tool,
+          {"tool_tilt_rad", kTiltMax_rad + 0.01, kTiltMax_rad, 1e-6}),
+      row("Speed", Fault::kSpeed,
+          std::bind_front(move_against, &SafetyLimits::speed_max_m_per_s, 0, 0.1159),
+          {"plate_speed_m_per_s", kAbove, 0}),
+      row("Energy", Fault::kEnergyLimit,
+          std::bind_front(move_against, &SafetyLimits::energy_limit_J, 1e-5, 0.1165),
+          {"energy_released_J", 0.01, 1e-5}),
+  };
+}
 
 class LoopFound : public Loop, public testing::WithParamInterface<Found> {};
-INSTANTIATE_TEST_SUITE_P(Loop, LoopFound, testing::ValuesIn(kFound),
+INSTANTIATE_TEST_SUITE_P(Loop, LoopFound, testing::ValuesIn(found_faults()),
                          [](const auto& row) { return std::string(row.param.name); });
 
 TEST_P(LoopFound, IsNamedWithItsQuantityAndTorquesRampDown) {
