@@ -20,9 +20,6 @@ namespace {
 
 using testing_support::largest;
 
-// Single ticks of the haptic loop against a scripted device: every fault by name and measured quantity,
-// the ramp, recovery, and the bounds of the torques.
-
 using Loop = testing_support::LoopFixture;
 
 TEST_F(Loop, AGoodTickHasNoFault) {
@@ -38,10 +35,10 @@ TEST_F(Loop, AGoodTickHasNoFault) {
 
 constexpr double kAny = HUGE_VAL, kAbove = 1e200, kBelow = -1e200;  // the limit
 
-/// What the tick says of its fault: which sensor or quantity, its value, its limit.
+/// What the tick says of its fault: which sensor or quantity (none: not looked at; with '_' at its end: what it begins
+/// with), its value, its limit.
 struct Said {
-  const char* quantity =
-      nullptr;  ///< none: not looked at; with '_' at its end, what it begins with
+  const char* quantity = nullptr;
   double value = kAny, limit = kAny, within = 1e-9;
 };
 
