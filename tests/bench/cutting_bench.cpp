@@ -48,7 +48,7 @@ std::vector<CuttingSlab> textured(int count, double texture) {
     s.wall_N_per_m2 = 5e6;
     s.wall_strength_N_per_m = 2e4;
   }
-  return make_slabs(slices, {}, 0);
+  return make_slabs(slices);
 }
 
 struct Errors {

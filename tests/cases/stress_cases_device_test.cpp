@@ -6,6 +6,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <map>
 #include <memory>
 #include <string>
 #include <vector>
@@ -33,7 +34,7 @@ using test::DeviceFields;
 using test::SetDevice;
 
 class DeviceStress : public testing::TestWithParam<std::filesystem::path> {
- protected:
+ public:
   void SetUp() override {
     auto json = parse_strict_json(test::text_of(GetParam()), GetParam().filename());
     ASSERT_TRUE(json) << json.error().message;
@@ -506,27 +507,18 @@ TEST_P(DeviceStress, IsRight) {
   ASSERT_FALSE(statement.empty()) << GetParam() << " does not state the correct result";
   SCOPED_TRACE(GetParam().filename().string() + ": correct is: " + statement);
   DeviceFields right(file.object("expect"), "/expect", errors_);
-  if (ask == "pose") {
-    ask_pose(file, right);
-  } else if (ask == "encoders") {
-    ask_encoders(file, right);
-  } else if (ask == "allocation") {
-    ask_allocation(file, right);
-  } else if (ask == "motor") {
-    ask_motor(file, right);
-  } else if (ask == "hand") {
-    ask_hand(file, right);
-  } else if (ask == "scene") {
-    ask_scene(file, right);
-  } else if (ask == "description") {
-    ask_description(file, right);
-  } else if (ask == "packet") {
-    ask_packet(file, right);
-  } else if (ask == "loop") {
-    ask_loop(file, right);
-  } else {
-    FAIL() << "unknown: ask = " << ask;
-  }
+  using Ask = void (DeviceStress::*)(DeviceFields&, DeviceFields&);
+  static const std::map<std::string, Ask> kAsks = {{"pose", &DeviceStress::ask_pose},
+                                                   {"encoders", &DeviceStress::ask_encoders},
+                                                   {"allocation", &DeviceStress::ask_allocation},
+                                                   {"motor", &DeviceStress::ask_motor},
+                                                   {"hand", &DeviceStress::ask_hand},
+                                                   {"scene", &DeviceStress::ask_scene},
+                                                   {"description", &DeviceStress::ask_description},
+                                                   {"packet", &DeviceStress::ask_packet},
+                                                   {"loop", &DeviceStress::ask_loop}};
+  ASSERT_TRUE(kAsks.contains(ask)) << "unknown: ask = " << ask;
+  (this->*kAsks.at(ask))(file, right);
   if (HasFatalFailure()) return;
   file.finish();
   right.finish();

@@ -211,6 +211,12 @@ RC_GTEST_PROP(Propagation, NeverRaisesTheEnergy, ()) {
 
 // ---- the cut ----
 
+CutResult made_cut(const SliceMesh& sheet, const Ring& tool) {
+  auto made = cut(sheet, tool);
+  RC_ASSERT(static_cast<bool>(made));
+  return std::move(*made);
+}
+
 Ring any_tool_on(const SliceMesh& sheet) {
   Random random(test::any_seed());
   const LatticePoint at = sheet.vertices[static_cast<std::size_t>(
@@ -230,14 +236,11 @@ Ring any_tool_on(const SliceMesh& sheet) {
 RC_GTEST_PROP(Cut, IsEquivariantUnderTranslations, ()) {
   const SliceMesh sheet = any_sheet();
   const Ring tool = any_tool_on(sheet);
-  const auto here = cut(sheet, tool);
-  RC_ASSERT(static_cast<bool>(here));
   const Motion m = test::any_translation();
-  const auto there = cut(m(sheet), m(tool));
-  RC_ASSERT(static_cast<bool>(there));
-  RC_ASSERT(there->doubled_area_removed == here->doubled_area_removed);
-  RC_ASSERT(canonical(there->mesh) == canonical(m(here->mesh)));
-  RC_ASSERT(canonical(there->hole) == canonical(m(Pslg{here->hole}).rings));
+  const CutResult here = made_cut(sheet, tool), there = made_cut(m(sheet), m(tool));
+  RC_ASSERT(there.doubled_area_removed == here.doubled_area_removed);
+  RC_ASSERT(canonical(there.mesh) == canonical(m(here.mesh)));
+  RC_ASSERT(canonical(there.hole) == canonical(m(Pslg{here.hole}).rings));
 }
 
 // Hole, area and triangles are equal to the bit, with all crossings. `up_to_ties`: triangles may
@@ -260,32 +263,24 @@ void expect_equal(const SliceMesh& sheet, const Ring& tool, const CutResult& her
 RC_GTEST_PROP(Cut, IsEquivariantUnderRotations, ()) {
   const SliceMesh sheet = any_sheet();
   const Ring tool = any_tool_on(sheet);
-  const auto here = cut(sheet, tool);
-  RC_ASSERT(static_cast<bool>(here));
   const Motion m = test::any_motion();
-  const auto there = cut(m(sheet), m(tool));
-  RC_ASSERT(static_cast<bool>(there));
-  expect_equal(sheet, tool, *here, m(Pslg{here->hole}).rings, m(here->mesh), *there, false);
+  const CutResult here = made_cut(sheet, tool), there = made_cut(m(sheet), m(tool));
+  expect_equal(sheet, tool, here, m(Pslg{here.hole}).rings, m(here.mesh), there, false);
 }
 
 RC_GTEST_PROP(Cut, DoesNotDependOnTheFirstCornerOfTheTool, ()) {
   const SliceMesh sheet = any_sheet();
   Ring tool = any_tool_on(sheet);
-  const auto here = cut(sheet, tool);
-  RC_ASSERT(static_cast<bool>(here));
+  const CutResult here = made_cut(sheet, tool);
   std::rotate(tool.begin(), tool.begin() + 1, tool.end());
-  const auto there = cut(sheet, tool);
-  RC_ASSERT(static_cast<bool>(there));
-  expect_equal(sheet, tool, *here, here->hole, here->mesh, *there, true);
+  expect_equal(sheet, tool, here, here.hole, here.mesh, made_cut(sheet, tool), true);
 }
 
 RC_GTEST_PROP(Cut, DoesNotDependOnTheOrderOfTheSheet, ()) {
   const SliceMesh sheet = any_sheet();
   const Ring tool = any_tool_on(sheet);
-  const auto here = cut(sheet, tool), there = cut(permuted(sheet).mesh, tool);
-  const bool both = here && there;
-  RC_ASSERT(both);
-  expect_equal(sheet, tool, *here, here->hole, here->mesh, *there, true);
+  const CutResult here = made_cut(sheet, tool), there = made_cut(permuted(sheet).mesh, tool);
+  expect_equal(sheet, tool, here, here.hole, here.mesh, there, true);
 }
 
 // ---- the quality pass, the region that a force is computed on, and the force ----
@@ -340,15 +335,17 @@ Eigen::Vector2d moved(const Motion& m, Eigen::Vector2d p) {
   return p + Eigen::Vector2d(m.by.x, m.by.y);
 }
 
-Result<Region> region(const SliceMesh& sheet, const Ring& tool, double radius_m) {
+Region region(const SliceMesh& sheet, const Ring& tool, double radius_m) {
   const auto made = make_sheet_mesh(sheet, 0, 0);
   RegionWorkspace workspace;
   ResponseOptions options;
   options.error_bound = 0;
   options.region.radius_m = radius_m;
   options.region.grading.max_new_vertices = 300;
-  return prepare_region(*made, find_seeds(*made, tool), tool, kLattice, kMembrane, options,
-                        workspace);
+  auto out =
+      prepare_region(*made, find_seeds(*made, tool), tool, kLattice, kMembrane, options, workspace);
+  RC_ASSERT(static_cast<bool>(out));
+  return std::move(*out);
 }
 
 // If the order of the sheet changes, the area under the tool is exactly equal; the force is equal
@@ -357,14 +354,12 @@ RC_GTEST_PROP(Region, HasTheSameForceInEveryOrderOfTheSheet, ()) {
   const SliceMesh sheet = any_sheet();
   const Ring tool = any_tool_on(sheet);
   const double radius_m = *rc::gen::element(1e-3, 5e-3, 1e9);
-  const auto here = region(sheet, tool, radius_m),
-             there = region(permuted(sheet).mesh, tool, radius_m);
-  const bool both = here && there;
-  RC_ASSERT(both);
-  RC_ASSERT(there->mesh.under_tool.area_steps2 == here->mesh.under_tool.area_steps2);
-  const bool same = canonical(there->mesh.mesh) == canonical(here->mesh.mesh);
+  const Region here = region(sheet, tool, radius_m),
+               there = region(permuted(sheet).mesh, tool, radius_m);
+  RC_ASSERT(there.mesh.under_tool.area_steps2 == here.mesh.under_tool.area_steps2);
+  const bool same = canonical(there.mesh.mesh) == canonical(here.mesh.mesh);
   RC_TAG(std::string(same ? "the same triangles" : "other triangles"));
-  const double is = there->response.stiffness_N_per_m, right = here->response.stiffness_N_per_m;
+  const double is = there.response.stiffness_N_per_m, right = here.response.stiffness_N_per_m;
   RC_ASSERT(std::abs(is - right) <= (same ? 1e-9 : 0.05) * right);
 }
 
@@ -373,16 +368,14 @@ RC_GTEST_PROP(Region, IsEquivariantUnderMotions, ()) {
   const Ring tool = any_tool_on(sheet);
   const Motion m = any_translation_or_motion();
   const double radius_m = *rc::gen::element(1e-3, 5e-3, 1e9);
-  const auto here = region(sheet, tool, radius_m), there = region(m(sheet), m(tool), radius_m);
-  const bool both = here && there;
-  RC_ASSERT(both);
+  const Region here = region(sheet, tool, radius_m), there = region(m(sheet), m(tool), radius_m);
   RC_TAG(std::string(m.quarters == 0 ? "translated" : "rotated"));
-  RC_ASSERT(canonical(there->mesh.mesh) == canonical(m(here->mesh.mesh)));
-  RC_ASSERT(there->mesh.kind == here->mesh.kind);
-  RC_ASSERT(there->solution.w == here->solution.w);
-  RC_ASSERT(there->response.stiffness_N_per_m == here->response.stiffness_N_per_m);
-  if (here->response.stiffness_N_per_m == 0) return;  // no force, no point of action
-  RC_ASSERT((there->response.centre_steps - moved(m, here->response.centre_steps)).norm() < 1e-6);
+  RC_ASSERT(canonical(there.mesh.mesh) == canonical(m(here.mesh.mesh)));
+  RC_ASSERT(there.mesh.kind == here.mesh.kind);
+  RC_ASSERT(there.solution.w == here.solution.w);
+  RC_ASSERT(there.response.stiffness_N_per_m == here.response.stiffness_N_per_m);
+  if (here.response.stiffness_N_per_m == 0) return;  // no force, no point of action
+  RC_ASSERT((there.response.centre_steps - moved(m, here.response.centre_steps)).norm() < 1e-6);
 }
 
 // ---- contact: share of the tool outline over material ----

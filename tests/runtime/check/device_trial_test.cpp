@@ -38,14 +38,30 @@ DeviceTrial good_trial() {
   return trial;
 }
 
+const FourLegsSpecification& four_legs() {
+  static const FourLegsSpecification specification(default_device_description());
+  return specification;
+}
+
+/// The only trouble of this trial; empty: there is none.
+std::string trouble_of(const DeviceTrial& trial, const SessionOptions& options = {},
+                       const DeviceSpecification& specification = four_legs()) {
+  const DeviceVerdict verdict = describe(trial, options, specification);
+  EXPECT_LE(verdict.troubles.size(), 1U);
+  return verdict.troubles.empty() ? std::string() : verdict.troubles[0];
+}
+
+void expect_has(const std::string& text, const std::string& words) {
+  EXPECT_NE(text.find(words), std::string::npos) << text;
+}
+
 struct Planted {
   const char* words;
   std::function<void(DeviceTrial& trial)> plant;
 };
 
 TEST(DeviceVerdict, NamesEachTroubleAndNoOther) {
-  const FourLegsSpecification specification(default_device_description());
-  EXPECT_TRUE(describe(good_trial(), {}, specification).troubles.empty());
+  EXPECT_EQ(trouble_of(good_trial()), "");
   const Planted all[] = {
       {"sent no state", [](DeviceTrial& t) { t.readings = 0; }},
       {"3 ticks late in a row", [](DeviceTrial& t) { t.realtime.missed_in_row_max = 3; }},
@@ -74,40 +90,29 @@ TEST(DeviceVerdict, NamesEachTroubleAndNoOther) {
   for (const Planted& planted : all) {
     DeviceTrial trial = good_trial();
     planted.plant(trial);
-    const DeviceVerdict verdict = describe(trial, {}, specification);
-    ASSERT_EQ(verdict.troubles.size(), 1U) << planted.words;
-    EXPECT_NE(verdict.troubles[0].find(planted.words), std::string::npos) << verdict.troubles[0];
+    expect_has(trouble_of(trial), planted.words);
   }
 }
 
 TEST(DeviceVerdict, LateTicksAreATroubleBeyondTheSessionsLimit) {
-  const FourLegsSpecification specification(default_device_description());
   DeviceTrial trial = good_trial();
   trial.realtime.missed_in_row_max = 5;
   SessionOptions options;
-  EXPECT_EQ(describe(trial, options, specification).troubles.size(), 1U);
+  EXPECT_NE(trouble_of(trial, options), "");
   options.limits.missed_deadlines_max = 5;
-  EXPECT_TRUE(describe(trial, options, specification).troubles.empty());
+  EXPECT_EQ(trouble_of(trial, options), "");
   options.limits.missed_deadlines_max = 4;
-  const DeviceVerdict verdict = describe(trial, options, specification);
-  ASSERT_EQ(verdict.troubles.size(), 1U);
-  EXPECT_NE(verdict.troubles[0].find("5 end a session (deadline_missed)"), std::string::npos)
-      << verdict.troubles[0];
+  expect_has(trouble_of(trial, options), "5 end a session (deadline_missed)");
 }
 
 TEST(DeviceVerdict, ASilenceEndsASessionOnlyFromItsLimitOn) {
-  const FourLegsSpecification specification(default_device_description());
   DeviceTrial trial = good_trial();
   trial.without_state.add(12'000'000);
   SessionOptions options;
   options.limits.no_data_max_s = 0.25;
-  const std::vector<std::string> shorter = describe(trial, options, specification).troubles;
-  ASSERT_EQ(shorter.size(), 1U);
-  EXPECT_NE(shorter[0].find("forces jump after that"), std::string::npos) << shorter[0];
+  expect_has(trouble_of(trial, options), "forces jump after that");
   trial.without_state.add(251'000'000);
-  const std::vector<std::string> longer = describe(trial, options, specification).troubles;
-  ASSERT_EQ(longer.size(), 1U);
-  EXPECT_NE(longer[0].find("250 ms without a state end a session"), std::string::npos) << longer[0];
+  expect_has(trouble_of(trial, options), "250 ms without a state end a session");
 }
 
 /// The verdict on a device of 0.2 x 0.2 x 0.1 m with y up, whose handle is at this pose in the scene's axes.
@@ -125,32 +130,28 @@ DeviceVerdict verdict_at(const Pose& T_device_plate) {
 }
 
 TEST(DeviceVerdict, SaysWhereTheHandleIs) {
-  const auto has = [](const std::string& text, const char* words) {
-    EXPECT_NE(text.find(words), std::string::npos) << text;
-  };
   Pose T;
   T.p_m << 0.0125, -0.02, 0.349;
   T.q = Eigen::AngleAxisd(0.55, Eigen::Vector3d::UnitY());
   const DeviceVerdict good = verdict_at(T);
   EXPECT_TRUE(good.troubles.empty());
-  has(good.text,
-      "x +12.5, y -20.0, z +49.0 mm from the middle of the workspace, tilted by 31.5 deg");
+  expect_has(good.text,
+             "x +12.5, y -20.0, z +49.0 mm from the middle of the workspace, tilted by 31.5 deg");
 
   Pose tilted = T;
   tilted.q = Eigen::AngleAxisd(0.65, Eigen::Vector3d::UnitY());
   const DeviceVerdict oblique = verdict_at(tilted);
   ASSERT_EQ(oblique.troubles.size(), 1U);
-  has(oblique.troubles[0], "tilted by 37.2 deg, and more than 34.4 deg end a session (workspace)");
+  expect_has(oblique.troubles[0],
+             "tilted by 37.2 deg, and more than 34.4 deg end a session (workspace)");
 
   T.p_m.z() = 0.352;
   const DeviceVerdict outside = verdict_at(T);
   ASSERT_EQ(outside.troubles.size(), 1U);
-  has(outside.troubles[0],
-      "at z +52.0 mm from the middle, which is reachable from -50.0 to +50.0 mm");
+  expect_has(outside.troubles[0],
+             "at z +52.0 mm from the middle, which is reachable from -50.0 to +50.0 mm");
 
-  EXPECT_EQ(describe(good_trial(), {}, FourLegsSpecification(default_device_description()))
-                .text.find("at the end"),
-            std::string::npos)
+  EXPECT_EQ(describe(good_trial(), {}, four_legs()).text.find("at the end"), std::string::npos)
       << "no pose was accepted";
 }
 
@@ -162,17 +163,14 @@ TEST(DeviceVerdict, SaysThatTheHandleIsOutsideATurnedBox) {
   const PoseSpecification specification(description, PoseFrame(description, Pose{}));
   DeviceTrial trial = good_trial();
   trial.last_T_device_plate = Pose{};
-  EXPECT_TRUE(describe(trial, {}, specification).troubles.empty());
+  EXPECT_EQ(trouble_of(trial, {}, specification), "");
   // Within the box along the scene's axes, which reaches to 141 mm.
   trial.last_T_device_plate->p_m << 0.09, 0.09, 0;
-  const std::vector<std::string> troubles = describe(trial, {}, specification).troubles;
-  ASSERT_EQ(troubles.size(), 1U);
-  EXPECT_NE(troubles[0].find("the handle is at "), std::string::npos) << troubles[0];
-  EXPECT_NE(troubles[0].find("a session would end at once (workspace)"), std::string::npos);
+  expect_has(trouble_of(trial, {}, specification), "the handle is at ");
+  expect_has(trouble_of(trial, {}, specification), "a session would end at once (workspace)");
 }
 
 TEST(DeviceVerdict, AtALowRateASilenceOfTwoTicksEndsNoSession) {
-  const FourLegsSpecification specification(default_device_description());
   DeviceTrial trial = good_trial();
   trial.state_interval = {};
   trial.without_state = {};
@@ -183,7 +181,7 @@ TEST(DeviceVerdict, AtALowRateASilenceOfTwoTicksEndsNoSession) {
   trial.without_state.add(20 * kMs);
   SessionOptions options;
   options.rate_Hz = 100;
-  EXPECT_TRUE(describe(trial, options, specification).troubles.empty());
+  EXPECT_EQ(trouble_of(trial, options), "");
 }
 
 TEST(NoiseMeter, MeasuresNoiseAndNotMotion) {
@@ -244,8 +242,7 @@ TEST(DeviceTrial, CommandsNoForceAndCountsWhatTheDeviceSends) {
   ASSERT_TRUE(trial->last_T_device_plate);
   EXPECT_NEAR(trial->last_T_device_plate->p_m.z(), 0.15, 1e-4);
   const std::string text = describe(*trial, options, device.specification()).text;
-  EXPECT_NE(text.find("z +150.0 mm from the device's origin, tilted by 0.0 deg"), std::string::npos)
-      << text;
+  expect_has(text, "z +150.0 mm from the device's origin, tilted by 0.0 deg");
   EXPECT_EQ(still.largest_Nm, 0);
   EXPECT_EQ(still.writes, 201) << "one in each tick, and one at the end";
 }
@@ -261,7 +258,7 @@ TEST(DeviceTrial, GivesNoResultIfItIsStopped) {
   const auto trial = try_device(device, options);
   ASSERT_FALSE(trial);
   EXPECT_EQ(trial.error().code, ExitCode::kDeviceFault);
-  EXPECT_NE(trial.error().message.find("interrupted"), std::string::npos);
+  expect_has(trial.error().message, "interrupted");
   EXPECT_EQ(still.writes, 1) << "the forces are zero at the end";
 }
 

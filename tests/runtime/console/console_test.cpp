@@ -1,13 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tokens, names of the server, names of files, the list of a folder, the page's policy, processes.
-#include <fcntl.h>
+// The console without its server: tokens, names, files, the page's policy, processes, devices, the hand,
+// the history of forces and the events of a recording.
 #include <gtest/gtest.h>
+
+#include <fcntl.h>
 #include <sys/file.h>
 #include <sys/stat.h>
 #include <unistd.h>
-
 #include <chrono>
+#include <cmath>
 #include <csignal>
+#include <cstdint>
 #include <cstdlib>
 #include <cstring>
 #include <ctime>
@@ -16,18 +19,27 @@
 #include <set>
 #include <string>
 #include <thread>
+#include <utility>
 #include <vector>
 
 #include "formats/base/text.h"
+#include "formats/session/recording.h"
 #include "runtime/console/access.h"
 #include "runtime/console/answers.h"
+#include "runtime/console/device_test.h"
 #include "runtime/console/files.h"
 #include "runtime/console/process.h"
 #include "runtime/console/session_files.h"
+#include "runtime/console/session_telemetry.h"
 #include "tests/support/temporary_folder.h"
 
 namespace trocar::runtime {
 namespace {
+
+using nlohmann::json;
+using std::chrono::milliseconds;
+
+// Tokens, names of the server, names of files, the list of a folder, the page's policy, processes.
 
 void write(const std::filesystem::path& file, const std::string& text) {
   std::filesystem::create_directories(file.parent_path());
@@ -343,6 +355,244 @@ TEST(ConsoleProcess, ItsEndAndItsOutput) {
   ASSERT_TRUE(ends_soon(*killed));
   EXPECT_EQ(killed->end(), "signal 9");
   EXPECT_FALSE(Process::start({"/no/such/program"}, log));
+}
+
+// The devices of trocar-console --device, and what pages do not see of them.
+
+TEST(DeviceChoice, UriWithOptionsInAnyOrder) {
+  const auto plain = parse_device_choice("haply:");
+  ASSERT_TRUE(plain);
+  EXPECT_EQ(plain->name, "haply:");
+  EXPECT_TRUE(plain->words.empty());
+  EXPECT_FALSE(plain->is_simulated());
+  const auto full =
+      parse_device_choice("udp:[::1]:4840,simulated,key-file=/a=b/k,device-description=d.json");
+  ASSERT_TRUE(full);
+  EXPECT_EQ(full->name, "udp:[::1]:4840");
+  EXPECT_EQ(full->words, (std::vector<std::string>{"--simulated", "--key-file", "/a=b/k",
+                                                   "--device-description", "d.json"}));
+  EXPECT_TRUE(full->is_simulated() && full->can_be_tested());
+  const auto limited = parse_device_choice("haply:,force-limit=3,force-scale=0.2");
+  ASSERT_TRUE(limited);
+  EXPECT_EQ(limited->words,
+            (std::vector<std::string>{"--force-limit", "3", "--force-scale", "0.2"}));
+  for (const char* own : {"inproc", "sim"}) {
+    const auto simulated = parse_device_choice(own);
+    EXPECT_TRUE(simulated && simulated->is_simulated() && !simulated->can_be_tested()) << own;
+  }
+}
+
+TEST(DeviceChoice, RefusesOtherOptions) {
+  for (const char* wrong :
+       {"udp:a:1,", "udp:a:1,,simulated", "udp:a:1,key-file", "udp:a:1,key-file=",
+        "haply:,force-limit", "haply:,force-limit=", "udp:a:1,simulated=", "udp:a:1,simulated=1",
+        "udp:a:1,Simulated", "udp:a:1,--live=x", "udp:a:1,late-ticks-in-row=0",
+        "udp:a:1, simulated", "udp:a:1,simulated,simulated", "udp:a:1,key-file=x,key-file=x"}) {
+    const auto choice = parse_device_choice(wrong);
+    ASSERT_FALSE(choice) << wrong;
+    EXPECT_EQ(choice.error().code, ExitCode::kUsage);
+    EXPECT_EQ(choice.error().message.find('\n'), std::string::npos);
+  }
+}
+
+TEST(HiddenTexts, ReplacesTheLongestFirst) {
+  HiddenTexts hidden;
+  hidden.add("/data/", "");
+  hidden.add("/data/sessions/", "sessions/");
+  hidden.add("", "nothing");
+  const auto device = parse_device_choice("udp:a:1,simulated,key-file=/data/secret.key");
+  ASSERT_TRUE(device);
+  hidden.add(*device);
+  EXPECT_EQ(hidden.hide("/data/sessions/1/log, /data/a.json, /data/secret.key: no"),
+            "sessions/1/log, a.json, the file of key-file: no");
+  EXPECT_EQ(hidden.hide("nothing to hide"), "nothing to hide");
+}
+
+TEST(HiddenTexts, KeepsNamesWithoutFolder) {
+  HiddenTexts hidden;
+  const auto device = parse_device_choice("udp:a:1,key-file=k");
+  ASSERT_TRUE(device);
+  hidden.add(*device);
+  EXPECT_EQ(hidden.hide("k is kept"), "k is kept");
+}
+
+// The contract of HandHolder.
+
+struct TwoClients {
+  HandHolder hand;
+  int first = 0, second = 0;
+  HandHolder::Clock::time_point now = HandHolder::Clock::time_point(std::chrono::hours(1));
+};
+
+TEST(HandHolder, TheFirstHoldsUntilItLetsGo) {
+  TwoClients t;
+  EXPECT_EQ(t.hand.share_of(&t.first), HandShare::kFree);
+  EXPECT_TRUE(t.hand.move(&t.first, 1, t.now));
+  EXPECT_EQ(t.hand.share_of(&t.first), HandShare::kYours);
+  EXPECT_EQ(t.hand.share_of(&t.second), HandShare::kOther);
+  EXPECT_FALSE(t.hand.move(&t.second, 1, t.now + milliseconds(20)));
+  EXPECT_FALSE(t.hand.let_go(&t.second));
+  EXPECT_TRUE(t.hand.move(&t.first, 2, t.now + milliseconds(20)));
+  EXPECT_TRUE(t.hand.let_go(&t.first));
+  EXPECT_EQ(t.hand.share_of(&t.second), HandShare::kFree);
+  EXPECT_TRUE(t.hand.move(&t.second, 1, t.now + milliseconds(40)));
+  EXPECT_EQ(t.hand.share_of(&t.first), HandShare::kOther);
+}
+
+TEST(HandHolder, SilenceOfASecondFreesIt) {
+  TwoClients t;
+  EXPECT_FALSE(t.hand.lose_silent(t.now));
+  t.hand.move(&t.first, 1, t.now);
+  // Another client's messages, and old ones, are silence.
+  for (int i = 1; i < 10; ++i) {
+    t.hand.move(&t.second, static_cast<std::uint64_t>(i), t.now + milliseconds(100 * i));
+    t.hand.move(&t.first, 1, t.now + milliseconds(100 * i));
+  }
+  EXPECT_FALSE(t.hand.lose_silent(t.now + milliseconds(999)));
+  EXPECT_TRUE(t.hand.lose_silent(t.now + milliseconds(1000)));
+  EXPECT_FALSE(t.hand.lose_silent(t.now + milliseconds(1000)));
+  EXPECT_EQ(t.hand.share_of(&t.first), HandShare::kFree);
+  EXPECT_TRUE(t.hand.move(&t.first, 1, t.now + milliseconds(1001))) << "numbers begin anew";
+}
+
+TEST(HandHolder, AFloodIsThinnedOut) {
+  TwoClients t;
+  std::uint64_t number = 0;
+  int used = 0;
+  for (int us = 0; us < 4'000'000; us += 100)  // 10,000 messages a second
+    used += t.hand.move(&t.first, ++number, t.now + std::chrono::microseconds(us)) ? 1 : 0;
+  EXPECT_GE(used, 495);
+  EXPECT_LE(used, 505);
+  EXPECT_FALSE(t.hand.lose_silent(t.now + milliseconds(4500))) << "dropped ones are no silence";
+}
+
+TEST(HandHolder, EveryFrameOfAPageIsUsed) {
+  TwoClients t;
+  std::uint64_t number = 0;
+  for (int frame = 0; frame < 600; ++frame) {  // 60 a second, which arrive up to 12 ms late
+    const int us = frame * 16'667 + frame % 4 * 4000;
+    ASSERT_TRUE(t.hand.move(&t.first, ++number, t.now + std::chrono::microseconds(us))) << frame;
+  }
+}
+
+TEST(ForceHistory, KeepsEveryPointWhileThereAreFew) {
+  ForceHistory history;
+  for (int i = 0; i < 100; ++i)
+    history.add({0.004 * i, 1.0 * i, -1e-3 * i});
+  ASSERT_EQ(history.points().size(), 100U);
+  EXPECT_EQ(history.points()[37].force_N, 37);
+  EXPECT_EQ(history.points()[37].tip_z_m, -0.037);
+  history.add({0.1, 999, 0});
+  history.add({std::nan(""), 999, 0});
+  EXPECT_EQ(history.points().size(), 100U) << "time goes forward";
+  history.clear();
+  EXPECT_TRUE(history.points().empty());
+  history.add({0, 1, 0});
+  EXPECT_EQ(history.points().size(), 1U);
+}
+
+// An hour at 250 snapshots a second, with short peaks.
+TEST(ForceHistory, AnHourIsSmallAndKeepsItsPeaks) {
+  ForceHistory history;
+  constexpr int kSnapshots = 900'000, kEvery = 45'000;
+  for (int i = 0; i < kSnapshots; ++i) {
+    const int peak = i / kEvery;
+    history.add({0.004 * i, i % kEvery == kEvery / 2 ? 50.0 + peak : 1.0, 0});
+  }
+  EXPECT_LE(history.points().size(), ForceHistory::kMaxPoints);
+  EXPECT_GT(history.points().size(), ForceHistory::kMaxPoints / 4);
+  int peaks = 0;
+  double last_t_s = -1;
+  for (const ForceHistory::Point& point : history.points()) {
+    EXPECT_GT(point.t_s, last_t_s);
+    last_t_s = point.t_s;
+    if (point.force_N == 1) continue;
+    EXPECT_EQ(point.force_N, 50 + peaks);
+    ++peaks;
+  }
+  EXPECT_EQ(peaks, kSnapshots / kEvery);
+}
+
+// Points are removed when there is one more than kMaxPoints, so the newest one has no partner.
+TEST(ForceHistory, APeakThatFillsTheHistoryStays) {
+  ForceHistory history;
+  constexpr auto kMost = static_cast<int>(ForceHistory::kMaxPoints);
+  for (int i = 0; i <= kMost; ++i)
+    history.add({0.004 * i, i == kMost ? 50.0 : 1.0, 0});
+  ASSERT_FALSE(history.points().empty());
+  EXPECT_EQ(history.points().back().force_N, 50);
+}
+
+// The events that the console finds in a recording.
+
+/// Returns the JSON of the console's answer for a recording of these rows, at 1 kHz.
+json answer_for(std::vector<RecordingRow> rows, const char* device_kind = "legs") {
+  const test::TemporaryFolder folder;
+  for (std::size_t i = 0; i < rows.size(); ++i)
+    rows[i].t_s = static_cast<double>(i) / 1000;
+  RecordingOrigin origin;
+  origin.entries = {
+      {"rate_Hz", "1000"}, {kOriginXray, "counted"}, {kOriginDeviceKind, device_kind}};
+  auto writer = RecordingWriter::open(folder / "r.csv", origin);
+  EXPECT_TRUE(writer && writer->append(rows) && writer->commit());
+  const auto answer = rows_of(folder / "r.csv");
+  EXPECT_TRUE(answer) << answer.error().message;
+  std::uint32_t size = 0;
+  std::memcpy(&size, answer->data(), sizeof size);
+  return json::parse(answer->substr(sizeof size, size));
+}
+
+json events_of(std::vector<RecordingRow> rows) {
+  return answer_for(std::move(rows))["events"];
+}
+
+TEST(Rows, AnEmergencyStopDuringTheRecoveryFromAnotherOneIsAnEventOfItsOwn) {
+  std::vector<RecordingRow> rows;
+  const auto add = [&rows](SafetyState safety, Fault fault) {
+    RecordingRow row;
+    row.safety = safety;
+    row.fault = fault;
+    rows.push_back(row);
+  };
+  add(SafetyState::kRunning, Fault::kNone);
+  for (int i = 0; i < 2; ++i) {
+    add(SafetyState::kFault, Fault::kEmergencyStop);
+    add(SafetyState::kFault, Fault::kEmergencyStop);
+    add(SafetyState::kRecovering, Fault::kEmergencyStop);
+  }
+  add(SafetyState::kReady, Fault::kNone);
+  std::vector<std::pair<std::string, double>> found;
+  for (const json& event : events_of(rows))
+    found.emplace_back(event["kind"].get<std::string>(), event["t_s"].get<double>());
+  const std::vector<std::pair<std::string, double>> expected = {
+      {"fault", 0.001}, {"fault", 0.004}, {"recovered", 0.007}};
+  EXPECT_EQ(found, expected);
+}
+
+TEST(Rows, ARecordingOfAPoseDeviceHasNoTorquesAndNoAnglesOfMotors) {
+  for (const char* kind : {"legs", "pose"}) {
+    std::set<std::string> names;
+    std::size_t width = 0;
+    const json answer = answer_for(std::vector<RecordingRow>(3), kind);
+    for (const json& column : answer["columns"]) {
+      names.insert(column["name"].get<std::string>());
+      width += column["count"].get<std::size_t>();
+    }
+    EXPECT_EQ(answer["rows_at"][1].get<std::size_t>(), 3 * width);
+    EXPECT_TRUE(names.contains("wrench_delivered"));
+    for (const char* of_motors : {"tau_Nm", "motor_angle_rad"})
+      EXPECT_EQ(names.contains(of_motors), std::string(kind) == "legs") << of_motors;
+  }
+}
+
+TEST(Rows, TheNumberOfEventsIsBounded) {
+  std::vector<RecordingRow> rows(19'999);
+  for (std::size_t i = 0; i < rows.size(); i += 2)
+    rows[i].xray = kXrayBeam;  // each row switches it on or off
+  RecordingRow row;
+  row.xray = kXrayPicture;
+  rows.insert(rows.end(), 1001, row);  // the first of these is a picture and the end of screening
+  EXPECT_EQ(events_of(rows).size(), 20'001U);
 }
 
 }  // namespace

@@ -1,19 +1,30 @@
 // SPDX-License-Identifier: Apache-2.0
-// Figures of made-up rows that real sessions have rarely.
+// Figures of made-up rows that real sessions have rarely; plunges that are continuous in the forces, and
+// the damper after a break (break_through.h).
 #include "runtime/report/session_observer.h"
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <cstddef>
+#include <functional>
+#include <optional>
+#include <random>
 #include <string>
 #include <utility>
 #include <vector>
 
+#include "runtime/haptics/loop/break_through.h"
 #include "tests/support/sheet_fixture.h"
+#include "tests/support/uniform.h"
 
 namespace trocar::runtime {
 namespace {
+
+using trocar::test::uniform;
+
+// Figures of made-up rows that real sessions have rarely.
 
 constexpr double kObservedSheet_m = 0.12;
 constexpr int kSlice = 3;
@@ -224,6 +235,380 @@ TEST(SessionObserver, TremorIsAcrossTheNeedle) {
     } else {
       EXPECT_LT(rms_m, 1e-9);
     }
+  }
+}
+
+// The laws of break_through.h: plunges that are continuous in the forces, and the damper after a break.
+
+// The laws of runtime/haptics/loop/break_through.h, and plunges that are continuous in the forces.
+
+constexpr double kBrokenSheet_m = 0.12;
+
+/// What a tick meets: force on the tip, depth of the tip, and a sheet that is punctured in it.
+struct Met {
+  double force_N = 0, depth_m = 0;
+  bool passes_slice = false, releases = false;
+  /// Of a tip fixed to the plate; none: depth_m.
+  std::optional<double> hand_depth_m = std::nullopt;
+  bool is_running = true;
+};
+
+/// A session in `running`, of so many ticks at this rate, along a shaft that is tilted by 20 deg.
+SessionFigures figures_of(int ticks, double rate_Hz, const std::function<Met(double t_s)>& met) {
+  const Scene scene = test::descent_scene({kBrokenSheet_m}, 0.15, 0.1, 0.015);
+  SessionObserver observer(scene, {{0, kBrokenSheet_m, ""}}, rate_Hz);
+  BreakThroughState state;
+  const Eigen::Vector3d inward(std::sin(0.35), 0, -std::cos(0.35));
+  double last_N = 0;
+  for (int k = 0; k < ticks; ++k) {
+    const Met now = met(k / rate_Hz);
+    ContactOutput contact;
+    contact.force_N = now.force_N;
+    contact.force_before_N = last_N;
+    contact.punctured_now = now.passes_slice || now.releases;
+    contact.cut.sheet = 0;
+    contact.is_released = now.releases;
+    contact.active_sheet = 0;
+    last_N = now.force_N;
+    ObservedTick tick;
+    tick.row.t_s = k / rate_Hz;
+    tick.row.safety = now.is_running ? SafetyState::kRunning : SafetyState::kFault;
+    tick.row.phase = now.force_N > 0 ? ContactPhase::kContact : ContactPhase::kPunctured;
+    tick.row.active_slice = 0;
+    const Eigen::Vector3d top_m(0, 0, kBrokenSheet_m), tip_m = top_m + now.depth_m * inward;
+    const Eigen::Vector3d plate_tip_m = top_m + now.hand_depth_m.value_or(now.depth_m) * inward;
+    tick.row.tool_m = {tip_m.x(), tip_m.y(), tip_m.z()};
+    if (now.is_running) {
+      tick.break_through =
+          find_break_through({1 / rate_Hz, tip_m, plate_tip_m, inward, contact}, state);
+    } else {
+      state = {};
+    }
+    observer.observe(tick);
+  }
+  return observer.figures();
+}
+
+/// Presses 48.27 N for a second at 7 mm/s; the force then falls to a part of that over some ticks.
+SessionFigures dive(double part, int fall_ticks, double rate_Hz = 1000) {
+  return figures_of(static_cast<int>(2 * rate_Hz), rate_Hz, [=](double t_s) {
+    const double fallen = std::clamp(((t_s - 1) * rate_Hz + 1) / fall_ticks, 0.0, 1.0);
+    return Met{48.27 * std::min(1.0, 5 * t_s) * (1 - fallen * (1 - part)), 7e-3 * t_s, false,
+               false};
+  });
+}
+
+TEST(BreakThrough, TwoDivesThatDifferByOnePercentHaveTheSamePlunge) {
+  double last_m = 0;
+  for (double part = 0.25; part < 0.75; part *= 1.01) {
+    const double plunge_m = dive(part, 1).plunge_max_m;
+    if (last_m > 0) {
+      EXPECT_NEAR(plunge_m / last_m, 1, 0.1) << part;
+    }
+    EXPECT_NEAR(dive(part, 2).plunge_max_m / plunge_m, 1, 0.1) << part << ": over two ticks";
+    last_m = plunge_m;
+  }
+  // 48.27 to 24.08 N in a tick, 48.28 to 24.43 N over two.
+  EXPECT_NEAR(dive(24.08 / 48.27, 1).plunge_max_m / dive(24.43 / 48.28, 2).plunge_max_m, 1, 0.1);
+}
+
+TEST(BreakThrough, ThePlungeIsTheWayThatTheTipRunsOn) {
+  for (const double rate_Hz : {500.0, 1000.0, 8000.0}) {
+    const SessionFigures found = dive(0, 1, rate_Hz);
+    ASSERT_EQ(found.break_throughs.count, 1U) << rate_Hz;
+    const BreakThrough& made = found.break_throughs.list[0];
+    EXPECT_NEAR(made.t_s, 1, 0.006) << rate_Hz;
+    EXPECT_NEAR(made.plunge_m, 7e-3 * kPlunge_s, 2e-4) << rate_Hz;
+    EXPECT_NEAR(made.hand_m, made.plunge_m, 1e-9) << "no coupling";
+    EXPECT_NEAR(made.tip_N, 48.27, 0.5);
+    EXPECT_EQ(made.ended_by, PlungeEnd::kTime);
+  }
+}
+
+TEST(BreakThrough, TheHandsPartOfAPlungeIsItsOwnWay) {
+  // The spring of the coupling lets go over 5 ms: the tip runs 1 mm ahead of the hand.
+  const SessionFigures found = figures_of(2000, 1000, [](double t_s) {
+    const double ahead_m = 1e-3 * std::clamp((t_s - 1) / 5e-3, 0.0, 1.0);
+    return Met{t_s < 1 ? 48.0 : 0, 7e-3 * t_s + ahead_m, false, false, 7e-3 * t_s};
+  });
+  ASSERT_EQ(found.break_throughs.count, 1U);
+  EXPECT_NEAR(found.break_throughs.list[0].plunge_m, 7e-3 * kPlunge_s + 1e-3, 2e-4);
+  EXPECT_NEAR(found.break_throughs.list[0].hand_m, 7e-3 * kPlunge_s, 2e-4);
+}
+
+TEST(BreakThrough, APlungeEndsWhenTheTipComesBackOrForcesAreZeroed) {
+  // Through at 1 s, and back from 1.2 s on; or a fault at 1.3 s.
+  const auto dive_until = [](double back_s, double fault_s) {
+    return figures_of(2000, 1000, [=](double t_s) {
+      return Met{t_s < 1 ? 48.0 : 0,
+                 7e-3 * (t_s < back_s ? t_s : 2 * back_s - t_s),
+                 false,
+                 false,
+                 std::nullopt,
+                 t_s < fault_s};
+    });
+  };
+  const SessionFigures back = dive_until(1.2, 3), faulty = dive_until(3, 1.3);
+  ASSERT_EQ(back.break_throughs.count, 1U);
+  EXPECT_EQ(back.break_throughs.list[0].ended_by, PlungeEnd::kReversed);
+  EXPECT_NEAR(back.break_throughs.list[0].plunge_m, 7e-3 * 0.2, 5e-5);
+  ASSERT_EQ(faulty.break_throughs.count, 1U);
+  EXPECT_EQ(faulty.break_throughs.list[0].ended_by, PlungeEnd::kFault);
+  EXPECT_NEAR(faulty.break_throughs.list[0].plunge_m, 7e-3 * 0.3, 5e-5);
+  EXPECT_NEAR(faulty.break_throughs.list[0].ended_t_s, 1.3, 2e-3);
+}
+
+// The spring of hand and coupling throws the tip forwards, further than the reference reaches.
+TEST(BreakThrough, AJumpOfTheTipIsOneBreakThroughAtAllRates) {
+  for (const double rate_Hz : {500.0, 1000.0, 4000.0, 8000.0}) {
+    for (const double jump_m : {0.5e-3, 3e-3, 8e-3}) {
+      for (const double left : {0.0, 0.1, 0.4}) {
+        const SessionFigures found =
+            figures_of(static_cast<int>(2 * rate_Hz), rate_Hz, [=](double t_s) {
+              const double done = std::clamp((t_s - 1) / 4e-3, 0.0, 1.0);
+              return Met{100 * std::min(1.0, 5 * t_s) * (t_s < 1 ? 1 : left),
+                         7e-3 * t_s + jump_m * done};
+            });
+        ASSERT_EQ(found.break_throughs.count, 1U)
+            << rate_Hz << " Hz, " << jump_m << " m, " << left << " left";
+        EXPECT_NEAR(found.break_throughs.list[0].tip_N, 100, 3) << rate_Hz << ' ' << jump_m;
+        EXPECT_NEAR(found.break_throughs.list[0].t_s, 1, 0.03) << rate_Hz << ' ' << jump_m;
+      }
+    }
+  }
+}
+
+TEST(BreakThrough, SlicesOfEqualBoneAreNone) {
+  // A slice every 0.83 s, of constant 24 N with the loop's noise; the far side after 10 s.
+  int tick = 0;
+  const SessionFigures found = figures_of(11'000, 1000, [&tick](double t_s) {
+    const bool is_in = t_s < 10;
+    const bool passes = is_in && std::fmod(t_s, 0.83) < 0.0005 && t_s > 0.5;
+    const double noise_N = ++tick % 2 == 0 ? 3 : -3;
+    return Met{is_in ? 24 * std::min(1.0, 10 * t_s) + (t_s > 0.2 ? noise_N : 0) : 0, 1e-3 * t_s,
+               passes, false};
+  });
+  ASSERT_EQ(found.break_throughs.count, 1U);
+  EXPECT_NEAR(found.break_throughs.list[0].t_s, 10, 0.05);
+}
+
+TEST(BreakThrough, NeitherUnloadingNorPressingAgainIsOne) {
+  const SessionFigures found = figures_of(8000, 1000, [](double t_s) {
+    const double load = std::abs(std::sin(3 * t_s));  // elastic: 0.3 mm at 40 N, once 2 mm back
+    const double back_m = t_s > 4 && t_s < 5 ? -2e-3 * std::sin(M_PI * (t_s - 4)) : 0;
+    return Met{back_m < 0 ? 0 : 40 * load, 3e-4 * load + back_m, false, false};
+  });
+  EXPECT_EQ(found.break_throughs.count, 0U);
+  EXPECT_LT(found.plunge_max_m, 2e-5);
+}
+
+TEST(BreakThrough, AFallInStepsIsOne) {
+  const SessionFigures found = figures_of(3000, 1000, [](double t_s) {
+    const double depth_m = 5e-3 * t_s;
+    const double fallen = std::clamp((depth_m - 5e-3) / 1.2e-3, 0.0, 1.0);
+    return Met{48 * std::min(1.0, 10 * t_s) * (1 - std::floor(4 * fallen) / 4), depth_m, false,
+               false};
+  });
+  EXPECT_EQ(found.break_throughs.count, 1U);
+}
+
+TEST(BreakThrough, ForcesLikeNoiseAreNone) {
+  const SessionFigures found = figures_of(3000, 1000, [](double t_s) {
+    return Met{std::fmod(t_s, 0.2) < 0.1 ? 0.8 : 0.0, 10e-3 * t_s, false, false};
+  });
+  EXPECT_EQ(found.break_throughs.count, 0U);
+}
+
+TEST(BreakThrough, EachPunctureOfASheetIsOne) {
+  // Sheets of 5 N, 2 mm apart; the next bears at once. The proxy jumps by 1 mm at each.
+  const SessionFigures found = figures_of(2000, 1000, [](double t_s) {
+    const auto tick = std::lround(1000 * t_s);
+    const auto sheet = static_cast<double>(tick / 400),
+               in_s = static_cast<double>(tick % 400) / 1000;
+    return Met{5 * in_s / 0.4, 5e-3 * t_s + 1e-3 * sheet, false, tick >= 400 && tick % 400 == 0};
+  });
+  ASSERT_EQ(found.break_throughs.count, 4U);
+  for (const BreakThrough& made : found.break_throughs.list) {
+    EXPECT_NEAR(made.tip_N, 5, 0.05);
+    EXPECT_GT(made.plunge_m, 1e-3) << "the jump";
+  }
+}
+
+// The damper after a break, on random motions and on a point mass that coasts.
+
+constexpr double kMass_kg = 0.35;
+
+Tool tool_with_offset() {
+  Tool tool;
+  tool.tip_plate_m = {0.01, -0.02, -0.1};
+  return tool;
+}
+
+TEST(BreakDamper, WithoutABreakThereIsNoForce) {
+  std::mt19937_64 random(1);
+  BreakDamperState state;
+  BreakInput input;
+  input.pose_interval_s = 1e-3;
+  for (int i = 0; i < 1000; ++i) {
+    input.T_device_plate.p_m.z() -= 1e-3 * uniform(random);
+    EXPECT_EQ(damp_break({}, kMass_kg, tool_with_offset(), input, state), Wrench::Zero());
+  }
+}
+
+TEST(BreakDamper, OnlyTakesEnergyAndActsAtTheTipAlongTheShaft) {
+  std::mt19937_64 random(2);
+  const Tool tool = tool_with_offset();
+  const auto around_zero = [&] { return uniform(random) - 0.5; };
+  BreakDamperState state;
+  BreakInput input;
+  input.pose_interval_s = 1e-3;
+  int pushed = 0;
+  for (int i = 0; i < 20'000; ++i) {
+    const Pose before = input.T_device_plate;
+    Pose& plate = input.T_device_plate;
+    plate.p_m += 1e-4 * Eigen::Vector3d(around_zero(), around_zero(), around_zero());
+    plate.q =
+        (from_rotation_vector(1e-3 * Eigen::Vector3d(around_zero(), around_zero(), around_zero())) *
+         plate.q)
+            .normalized();
+    input.lost_force_N = i % 50 == 0 ? 60 * uniform(random) : 0;
+    const Wrench wrench = damp_break({}, kMass_kg, tool, input, state);
+    const Eigen::Vector3d tip_m = plate * tool.tip_plate_m, up = plate.q * tool.axis_plate,
+                          force_N = wrench.head<3>(),
+                          moment_Nm = (tip_m - plate.p_m).cross(force_N);
+    ASSERT_NEAR(force_N.cross(up).norm(), 0, 1e-12);
+    ASSERT_NEAR((Eigen::Vector3d(wrench.tail<3>()) - moment_Nm).norm(), 0, 1e-12);
+    const double inward_m = up.dot(before * tool.tip_plate_m - tip_m);
+    if (inward_m <= 0 || i == 0) {
+      ASSERT_EQ(wrench, Wrench::Zero()) << i;
+      continue;
+    }
+    ASSERT_GE(force_N.dot(up), 0);
+    ASSERT_LE(force_N.dot(up), damping_max({}, kMass_kg, 1e-3) * inward_m / 1e-3 + 1e-9);
+    pushed += force_N.dot(up) > 0;
+  }
+  EXPECT_GT(pushed, 5000);
+}
+
+TEST(BreakDamper, TheCoefficientFallsWithTheSquareOfTimeAndALaterBreakOnlyRaisesIt) {
+  BreakDamperState state;
+  BreakInput input;
+  input.pose_interval_s = 1e-3;
+  const auto coefficient_after = [&](double lost_N) {
+    input.T_device_plate.p_m.z() -= 1e-4;
+    input.lost_force_N = lost_N;
+    return damp_break({}, kMass_kg, Tool(), input, state)[2] / 0.1;  // at 0.1 m/s
+  };
+  EXPECT_EQ(coefficient_after(0), 0);
+  const double start_N_s_per_m = 30 / kBreakSpeed_m_per_s;
+  EXPECT_NEAR(coefficient_after(30), start_N_s_per_m, 1e-9) << "from the tick of the break on";
+  for (int k = 1; k < 50; ++k)
+    ASSERT_NEAR(coefficient_after(0),
+                start_N_s_per_m * (1 - std::pow(k * 1e-3 / kBreakDamping_s, 2)), 1e-9);
+  // Three quarters of 30 N are left, so 20 N change nothing.
+  EXPECT_NEAR(coefficient_after(20), start_N_s_per_m * 0.75, 1e-9);
+  EXPECT_NEAR(coefficient_after(25), 25 / kBreakSpeed_m_per_s, 1e-9);
+  for (int k = 0; k < 99; ++k)
+    EXPECT_GT(coefficient_after(0), 0);
+  EXPECT_NEAR(coefficient_after(0), 0, 1e-9);
+}
+
+TEST(BreakDamper, WithoutANewPoseTheForceIsHeld) {
+  BreakDamperState state;
+  BreakInput input{.pose_interval_s = 1e-3};
+  damp_break({}, kMass_kg, Tool(), input, state);
+  input.lost_force_N = 30;
+  input.T_device_plate.p_m.z() = -1e-4;
+  const Wrench wrench = damp_break({}, kMass_kg, Tool(), input, state);
+  EXPECT_GT(wrench[2], 1);
+  input.lost_force_N = 0;
+  input.pose_interval_s = 0;
+  for (int i = 0; i < 5; ++i)
+    EXPECT_EQ(damp_break({}, kMass_kg, Tool(), input, state), wrench);
+}
+
+// Time stamps that are off by 0.49 ms make intervals of 0.02 to 1.98 ms out of ticks of 1 ms.
+TEST(BreakDamper, WhateverTheIntervalsTheForceIsAtMostTheLostForceAndStepsByAFifthOfIt) {
+  std::mt19937_64 random(3);
+  for (const double speed_m_per_s : {0.05, 0.3, 1.0, 4.0}) {
+    for (const double off_s : {0.49e-3, 0.475e-3, 0.3e-3, 0.0}) {
+      BreakDamperState state;
+      BreakInput input;
+      double before_s = 0, before_N = 0, max_N = 0;
+      constexpr double kLost_N = 10;
+      for (int k = 1; k <= 300; ++k) {
+        const double t_s = 1e-3 * k + off_s * (2 * uniform(random) - 1);
+        input.pose_interval_s = k % 17 == 0 ? 0 : t_s - before_s;
+        if (k % 17 != 0) {
+          before_s = t_s;
+          // Now and then the tip turns back, or a reading is off by 0.1 mm.
+          const double noise_m = k % 23 == 0 ? 1e-4 * (2 * uniform(random) - 1) : 0;
+          const double way_m = 1e-3 * speed_m_per_s * k;
+          input.T_device_plate.p_m.z() = (k / 30 == 2 ? way_m : -way_m) + noise_m;
+        }
+        input.lost_force_N = k == 20 ? kLost_N : 0;
+        const double now_N = damp_break({}, kMass_kg, Tool(), input, state)[2];
+        ASSERT_GE(now_N, 0);
+        ASSERT_LE(now_N, kLost_N) << speed_m_per_s << " m/s, off by " << off_s << " s, tick " << k;
+        ASSERT_LE(std::abs(now_N - before_N), kLost_N / 5 + 1e-9)
+            << speed_m_per_s << " m/s, off by " << off_s << " s, tick " << k;
+        before_N = now_N;
+        max_N = std::max(max_N, now_N);
+      }
+      EXPECT_GT(max_N, 0.5 * kLost_N * std::min(1.0, speed_m_per_s / kBreakSpeed_m_per_s));
+      EXPECT_EQ(before_N, 0) << "after its time it is zero";
+    }
+  }
+}
+
+// A difference of 0.05 ms, on its own, gave 40 N.
+TEST(BreakDamper, ASingleShortIntervalDoesNotRaiseTheForceAboveTheLostOne) {
+  for (const double interval_s : {5e-5, 1e-6, 1e-9}) {
+    BreakDamperState state;
+    BreakInput input{.pose_interval_s = 1e-3};
+    damp_break({}, kMass_kg, Tool(), input, state);
+    input.lost_force_N = 10;
+    input.pose_interval_s = interval_s;
+    input.T_device_plate.p_m.z() = -3e-4;
+    EXPECT_LE(damp_break({}, kMass_kg, Tool(), input, state)[2], 2 + 1e-12) << interval_s;
+    input.lost_force_N = 0;
+    for (int i = 0; i < 20; ++i) {
+      input.pose_interval_s = 0;
+      ASSERT_LE(damp_break({}, kMass_kg, Tool(), input, state)[2], 10) << interval_s;
+    }
+  }
+}
+
+// A plate that coasts freely goes as far as the exact solution of m dv/dt = -b(t) v says, up to the
+// way of a tick and a half (the delay of sampling), and never turns back.
+TEST(BreakDamper, StopsAPlateThatCoastsWithoutTurningItBack) {
+  constexpr double kLost_N = 30, kSpeed_m_per_s = 0.2;
+  constexpr double kRate_per_s = kLost_N / kBreakSpeed_m_per_s / kMass_kg;
+  double exact_m = 0;
+  constexpr int kSteps = 10'000;
+  for (int i = 0; i < kSteps; ++i) {
+    const double t_s = (i + 0.5) / kSteps * kBreakDamping_s;
+    exact_m += kBreakDamping_s / kSteps * kSpeed_m_per_s *
+               std::exp(-kRate_per_s * (t_s - std::pow(t_s, 3) / 3 / std::pow(kBreakDamping_s, 2)));
+  }
+  for (const double rate_Hz : {250.0, 500.0, 1000.0, 8000.0}) {
+    BreakDamperState state;
+    BreakInput input{.pose_interval_s = 1 / rate_Hz};
+    double z_m = kSpeed_m_per_s / rate_Hz, v_m_per_s = -kSpeed_m_per_s;
+    input.T_device_plate.p_m.z() = z_m;
+    damp_break({}, kMass_kg, Tool(), input, state);
+    input.lost_force_N = kLost_N;
+    z_m = 0;
+    for (int i = 0; i < std::lround(kBreakDamping_s * rate_Hz); ++i) {
+      input.T_device_plate.p_m.z() = z_m;
+      const double a = damp_break({}, kMass_kg, Tool(), input, state)[2] / kMass_kg;
+      input.lost_force_N = 0;
+      z_m += v_m_per_s / rate_Hz + 0.5 * a / (rate_Hz * rate_Hz);
+      v_m_per_s += a / rate_Hz;
+      ASSERT_LE(v_m_per_s, 1e-12) << rate_Hz;
+    }
+    EXPECT_NEAR(-z_m, exact_m, 0.01 * exact_m + 1.5 / rate_Hz * kSpeed_m_per_s) << rate_Hz;
+    EXPECT_GT(v_m_per_s, -0.05 * kSpeed_m_per_s) << rate_Hz;
   }
 }
 

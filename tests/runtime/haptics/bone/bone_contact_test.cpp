@@ -6,24 +6,135 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdio>
+#include <functional>
+#include <limits>
+#include <memory>
 #include <numbers>
+#include <optional>
 #include <set>
 #include <string>
+#include <utility>
+#include <vector>
 
-#include "tests/runtime/haptics/bone/dry_run.h"
+#include "formats/mesh/cut.h"
+#include "runtime/haptics/sheet.h"
 #include "tests/support/body_fixture.h"
 #include "tests/support/counted_allocations.h"
 #include "tests/support/random_geometry.h"
+#include "tests/support/whole_cut.h"
 
 namespace trocar::runtime {
 namespace {
 
+using Eigen::Vector2d;
 using test::body_scene;
 using test::cutting_scene;
 using test::kHexagon_m2;
 using test::spaced_asset;
 using test::square_asset;
 using test::stack;
+
+constexpr double kTick_s = 1e-3;
+
+/// Ten slices of 1 mm whose walls yield at 0.5 mm.
+Scene walled() {
+  Scene scene = test::body_scene(0, 9, 0.12);
+  scene.tissue.cut = CutTissue{0.2, std::nullopt, 0, 1, 0, 0, 0, 10, 5};
+  scene.tissue.stiffness_N_per_m = 50'000;
+  scene.force_law.tip_friction = 0;
+  return scene;
+}
+
+/// A body, a plate that is put anywhere, and what a session does with the holes.
+class DryRun {
+ public:
+  DryRun(Scene scene, const Asset& asset, bool is_rigid = true)
+      : placed_(scene, asset), bone_(*make_bone_volume(scene, placed_.sheets)) {
+    bone_.options.coupling = {
+        .is_rigid = is_rigid, .translation_N_per_m = 10'000, .rotation_Nm_per_rad = 25};
+    state_ = make_bone_contact_state(bone_);
+  }
+
+  const ContactOutput& tick(double x_m, double z_m, double interval_s = kTick_s) {
+    Pose T;
+    T.p_m = {x_m, 0, z_m};
+    update_bone_contact(bone_, placed_.sheets, T, T, interval_s, tracks_.tracks, state_, out_);
+    EXPECT_FALSE(out_.backlog);
+    for (const CutRequest& cut : out_.cuts()) {
+      requests_.push_back(cut);
+      (cut.is_puncture ? fronts_ : sides_) += 1;
+    }
+    peak_N_ = std::max(peak_N_, state_.result.tip_N);
+    most_in_a_tick_ = std::max(most_in_a_tick_, out_.cuts().size());
+    return out_;
+  }
+  /// In steps of 20 um.
+  void move(double x0_m, double z0_m, double x1_m, double z1_m) {
+    const int steps = std::max(1, static_cast<int>(std::hypot(x1_m - x0_m, z1_m - z0_m) / 20e-6));
+    for (int k = 0; k <= steps; ++k) {
+      const double part = static_cast<double>(k) / steps;
+      tick(x0_m + part * (x1_m - x0_m), z0_m + part * (z1_m - z0_m));
+    }
+  }
+  /// Cuts all holes that were requested and puts the meshes in use.
+  void publish() {
+    for (const CutRequest& request : requests_) {
+      const auto i = static_cast<std::size_t>(request.sheet);
+      const Sheet& before = *placed_.sheets[i];
+      EXPECT_EQ(request.cut, before.cuts + 1) << "in order";
+      auto after = std::make_unique<Sheet>(before);
+      auto result = cut(to_slice_mesh(before.mesh), to_ring(request.outline));
+      ASSERT_TRUE(result) << result.error().message;
+      after->mesh = *make_sheet_mesh(result->mesh, kSpareVertices, kSpareTriangles);
+      after->index_mesh();
+      ++after->cuts;
+      placed_.owned.push_back(std::move(after));
+      placed_.sheets[i] = placed_.owned.back().get();
+    }
+    requests_.clear();
+  }
+  double force_N() const { return state_.wrench_device[2]; }
+  double side_N() const { return state_.wrench_device[0]; }
+
+  test::Placed placed_;
+  BoneVolume bone_;
+  BoneContactState state_;
+  ContactState tracks_;
+  ContactOutput out_;
+  std::vector<CutRequest> requests_;
+  int fronts_ = 0, sides_ = 0;
+  double peak_N_ = 0;
+  std::size_t most_in_a_tick_ = 0;
+};
+
+/// Cancellous bone whose strength follows the HU.
+CutTissue bone_by_hu() {
+  CutTissue cut;
+  cut.bone = BoneByHu{"kopperdahl-linear", "qct", 8e-4, 0, false};
+  return cut;
+}
+
+/// Ten slices of 150 HU towards -x and of 350 HU towards +x.
+Asset of_two_halves() {
+  Asset asset = spaced_asset(10, 1, std::vector<double>(10, 0.0));
+  for (AssetSlice& slice : asset.slices)
+    for (std::size_t v = 0; v < slice.mesh.vertices.size(); ++v)
+      slice.hu[v] = slice.mesh.vertices[v].x / 256 < 80 ? 150.F : 350.F;
+  return asset;
+}
+
+/// Moves slice i along x by this many steps.
+void shift(Asset& asset, std::size_t i, int steps) {
+  AssetSlice& slice = asset.slices[i];
+  for (LatticePoint& p : slice.mesh.vertices)
+    p.x += steps;
+  for (Ring& ring : slice.pslg.rings)
+    for (LatticePoint& p : ring)
+      p.x += steps;
+}
+
+// The law `cutting` on sheets, tick by tick, with holes cut and published as a session does.
 
 /// The default tool's corners in mm.
 Polygon hexagon(double x_mm) {
@@ -86,13 +197,9 @@ TEST(BodyContact, ARimBreaksAtItsShareOfTheThreshold) {
 
 TEST(BodyContact, TheStrengthIsThatOfTheHuUnderTheTool) {
   Scene scene = body_scene(0, 9, 0.12);
-  scene.tissue.cut = CutTissue{};
-  scene.tissue.cut->bone = BoneByHu{"kopperdahl-linear", "qct", 8e-4, 0, false};
+  scene.tissue.cut = bone_by_hu();
   scene.tissue.stiffness_N_per_m = 200'000;
-  Asset asset = spaced_asset(10, 1, std::vector<double>(10, 0.0));
-  for (AssetSlice& slice : asset.slices)
-    for (std::size_t v = 0; v < slice.mesh.vertices.size(); ++v)
-      slice.hu[v] = slice.mesh.vertices[v].x / 256 < 80 ? 150.F : 350.F;
+  const Asset asset = of_two_halves();
   for (const double x_mm : {-10.0, 10.0}) {
     const double hu = x_mm < 0 ? 150 : 350;
     DryRun trial(scene, asset);
@@ -112,14 +219,8 @@ TEST(BodyContact, ASlopePushesTheToolSidewaysAndLetsItSlide) {
     scene.tissue.stiffness_N_per_m = 200'000;
     scene.force_law.tip_friction = friction;
     Asset asset = spaced_asset(16, 1);
-    for (int i = 0; i < 16; ++i) {  // the edge of slice 8 is under the tool's axis
-      AssetSlice& slice = asset.slices[static_cast<std::size_t>(i)];
-      for (LatticePoint& p : slice.mesh.vertices)
-        p.x += 256 * (i + 12);
-      for (Ring& ring : slice.pslg.rings)
-        for (LatticePoint& p : ring)
-          p.x += 256 * (i + 12);
-    }
+    for (int i = 0; i < 16; ++i)  // the edge of slice 8 is under the tool's axis
+      shift(asset, static_cast<std::size_t>(i), 256 * (i + 12));
     DryRun trial(scene, asset, false);
     int loaded = 0;
     double z_m = 0;
@@ -146,16 +247,12 @@ TEST(BodyContact, ASlopePushesTheToolSidewaysAndLetsItSlide) {
 // mean.
 TEST(BodyContact, FrictionAndAThinShellAreThoseOfTheHuUnderTheTool) {
   Scene scene = body_scene(0, 9, 0.12);
-  scene.tissue.cut = CutTissue{};
-  scene.tissue.cut->bone = BoneByHu{"kopperdahl-linear", "qct", 8e-4, 0, false};
+  scene.tissue.cut = bone_by_hu();
   scene.tissue.cut->friction_kPa = 20;
   scene.tissue.cut->friction_coefficient = 0.05;
   scene.body->shell_m = 0.8e-3;
   scene.body->shell_free_radius_m = 5e-3;
-  Asset asset = spaced_asset(10, 1, std::vector<double>(10, 0.0));
-  for (AssetSlice& slice : asset.slices)
-    for (std::size_t v = 0; v < slice.mesh.vertices.size(); ++v)
-      slice.hu[v] = slice.mesh.vertices[v].x / 256 < 80 ? 150.F : 350.F;
+  const Asset asset = of_two_halves();
   for (const double x_mm : {-10.0, 10.0}) {
     const double hu = x_mm < 0 ? 150 : 350;
     DryRun trial(scene, asset);
@@ -514,6 +611,317 @@ TEST(BodyContact, ATickAllocatesNothing) {
       EXPECT_GT(sides, 0U);
     }
     EXPECT_EQ(allocations_in_scopes(), before);
+  }
+}
+
+// Cortical walls that are thinner than a slice (cortical_wall.h), tick by tick in the law `cutting`.
+
+// The same body in slices of several thicknesses: cancellous bone with a texture, and a wall of cortical bone that
+// thick slices average with it.
+TEST(WallContact, AWallHasItsStrengthInSlicesThatAreThickerThanTheWall) {
+  Scene scene = body_scene(0, 0, 0.12);
+  scene.tissue.cut = bone_by_hu();
+  scene.tissue.stiffness_N_per_m = 2e6;
+  const auto N = [](double hu) { return (-0.75 + 24.9 * 8e-4 * hu) * 1e6 * kHexagon_m2; };
+  constexpr double kHeight_mm = 24, kStep_mm = 0.01;
+  for (const double wall_mm : {0.5, 0.8, 1.2, 2.0}) {
+    const auto hu_at = [&](double depth_mm) {
+      return depth_mm < wall_mm || depth_mm > kHeight_mm - wall_mm
+                 ? 1200
+                 : 250 + 40 * std::sin(2 * std::numbers::pi * depth_mm / 8);
+    };
+    for (const double spacing_mm : {0.5, 1.0, 2.0}) {
+      const int slices = static_cast<int>(kHeight_mm / spacing_mm);
+      std::vector<double> hu(static_cast<std::size_t>(slices));
+      for (int i = 0; i < slices; ++i) {  // index 0 is the lowest
+        const int samples = static_cast<int>(std::lround(spacing_mm / kStep_mm));
+        for (int k = 0; k < samples; ++k)
+          hu[static_cast<std::size_t>(slices - 1 - i)] +=
+              hu_at(i * spacing_mm + (k + 0.5) * kStep_mm) / samples;
+      }
+      scene.body->to = slices - 1;
+      DryRun trial(scene, spaced_asset(slices, spacing_mm, hu));
+      const double top_m = -trial.bone_.sheets.front().top_m;
+      double entry_N = 0, exit_N = 0, plateau_N = 0, least_N = 1e9;
+      int inside = 0;
+      for (int step = 0; step < 1350; ++step) {
+        const double way_m = -1e-3 + 20e-6 * step;
+        trial.tick(0, top_m - way_m);
+        const double depth_mm = 1e3 * (trial.state_.result.front_m + top_m),
+                     tip_N = trial.state_.result.tip_N;
+        if (!std::isfinite(depth_mm) || !(tip_N > 0)) continue;
+        if (depth_mm < 3) entry_N = std::max(entry_N, tip_N);
+        if (depth_mm > kHeight_mm - 3) exit_N = std::max(exit_N, tip_N);
+        if (depth_mm < 4 || depth_mm > kHeight_mm - 4) continue;
+        plateau_N += tip_N / N(hu_at(depth_mm));
+        least_N = std::min(least_N, tip_N / N(hu_at(depth_mm)));
+        ++inside;
+      }
+      const std::string where =
+          std::to_string(wall_mm) + " mm in slices of " + std::to_string(spacing_mm);
+      std::printf("wall of %s: entry %.3f, exit %.3f, plateau %.3f, least %.3f of the truth\n",
+                  where.c_str(), entry_N / N(1200), exit_N / N(1200), plateau_N / inside, least_N);
+      EXPECT_NEAR(entry_N / N(1200), 1, 0.08) << where;
+      EXPECT_NEAR(exit_N / N(1200), 1, 0.08) << where;
+      EXPECT_NEAR(plateau_N / inside, 1, 0.03) << where;
+      EXPECT_GT(least_N, 0.8) << where;
+    }
+  }
+}
+
+// A scene can say that the strength follows the HU of each slice.
+TEST(WallContact, WithoutCortexHuTheStrengthIsThatOfTheSlice) {
+  Scene scene = body_scene(0, 4, 0.12);
+  scene.tissue.cut = bone_by_hu();
+  for (const double cortex_HU : {0.0, 1000.0}) {
+    scene.body->cortex_HU = cortex_HU;
+    DryRun trial(scene, spaced_asset(5, 2, {250, 250, 250, 250, 820}));
+    trial.move(0, 0.122, 0, 0.1215);
+    const CuttingSlab& first = trial.state_.slabs[0];
+    EXPECT_EQ(first.upper_wall_to_m > first.top_m, cortex_HU > 0);
+    EXPECT_EQ(first.lower_wall_from_m, std::numeric_limits<double>::infinity());
+  }
+}
+
+// The coverage that the law `cutting` computes from the outline's distance and the holes, against that of the mesh.
+
+// cut_in_place() moves edges by less than sqrt(2) lattice steps where a hole crosses the boundary of another hole.
+constexpr double kBent = std::numbers::sqrt2 / 256e3 * test::kHexagonOutline_m / test::kHexagon_m2;
+
+// Holes anywhere, near the edge (at 20 mm) and far from it, up to more than the law remembers; some are in the mesh
+// and some are not yet.
+TEST(CoverageContact, TheShareIsThatOfTheMeshAndThePendingHoles) {
+  Random random(21);
+  int partial = 0, checked = 0;
+  for (int trial_number = 0; trial_number < 30; ++trial_number) {
+    DryRun trial(cutting_scene({0.12}), square_asset(1));
+    for (int hole = 0; hole < 7; ++hole) {
+      const double x_m = 1e-3 * random.between(hole % 2 == 0 ? 5 : 12, hole % 2 == 0 ? 13 : 22);
+      trial.move(x_m, 0.121, x_m, 0.117);
+      trial.move(x_m, 0.117, x_m, 0.121);
+      if (random.between(0, 1) == 0 || trial.tracks_.tracks[0].pending_count == kMaxPendingHoles)
+        trial.publish();
+      for (int k = 0; k < 20; ++k) {
+        const double at_m = 5e-3 + 18e-3 * random.unit();
+        trial.tick(at_m, 0.1205);
+        Pose T;
+        T.p_m = {at_m, 0, 0.1205};
+        const SheetTrack& track = trial.tracks_.tracks[0];
+        const Sheet& sheet = *trial.placed_.sheets[0];
+        const double wanted =
+            overlap(sheet, trial.bone_.tool,
+                    outline_on_lattice(trial.bone_.tool, T, sheet.transform, sheet.z_m),
+                    {track.pending.data(), static_cast<std::size_t>(track.pending_count)})
+                .coverage;
+        ASSERT_NEAR(trial.state_.sheets[0].share, wanted, kBent) << at_m << ", hole " << hole;
+        partial += wanted > 0 && wanted < 1 ? 1 : 0;
+        ++checked;
+      }
+    }
+  }
+  EXPECT_GT(partial, checked / 10);
+}
+
+// Which walls and which strength the law `cutting` gives the tool in a hole: in a hole elsewhere,
+// in a hole entered again, and with a coupling that holds the tool far from the plate. (Contract of
+// bone_contact.h.)
+
+// The tool hovers beside the bone, over the topmost slices, before it drills elsewhere. What was
+// free beside the bone is not free in the hole.
+TEST(HoleContact, AHoleInSolidBoneHasItsWallsWhereverTheToolWasBefore) {
+  const auto side_N = [](bool was_beside) {
+    DryRun trial(walled(), spaced_asset(10, 1));
+    if (was_beside) trial.move(25e-3, 0.121, 10e-3, 0.121);
+    trial.move(10e-3, 0.121, 10e-3, 0.1171);
+    trial.move(10e-3, 0.1171, 12e-3, 0.1171);
+    return trial.side_N();
+  };
+  // 5 MPa over the width of 5.46 mm and the depth of 3.3 mm.
+  EXPECT_LT(side_N(false), -80);
+  EXPECT_NEAR(side_N(true), side_N(false), 1e-6);
+}
+
+TEST(HoleContact, AWallThatYieldsInAHoleEnteredAgainStaysWhereItWasPushed) {
+  DryRun trial(walled(), spaced_asset(10, 1));
+  trial.move(0, 0.121, 0, 0.1171);
+  trial.publish();
+  trial.move(0, 0.1171, 0, 0.121);
+  // Beside the old axis by less than CuttingOptions::same_hole_m, so that little material is under
+  // the tool.
+  trial.move(0, 0.121, 30e-6, 0.121);
+  trial.move(30e-6, 0.121, 30e-6, 0.1171);
+  EXPECT_EQ(trial.sides_, 0);
+  trial.move(30e-6, 0.1171, 3e-3, 0.1171);
+  EXPECT_LT(trial.side_N(), -80) << "the walls have yielded";
+  EXPECT_GT(trial.sides_, 0) << "and are cut";
+  trial.move(3e-3, 0.1171, 1e-3, 0.1171);
+  EXPECT_NEAR(trial.side_N(), 0, 1) << "they do not close behind the shaft";
+}
+
+TEST(HoleContact, AHoleEnteredAgainIsAsWideAsItWasLeft) {
+  DryRun trial(walled(), spaced_asset(10, 1));
+  trial.move(0, 0.121, 0, 0.1171);
+  trial.move(0, 0.1171, 2.5e-3, 0.1171);  // the walls yield by 2 mm
+  EXPECT_GT(trial.sides_, 0);
+  trial.publish();
+  trial.move(2.5e-3, 0.1171, 1e-3, 0.1171);
+  trial.move(1e-3, 0.1171, 1e-3, 0.121);
+  trial.move(1e-3, 0.121, 1e-3, 0.1171);
+  for (const double x_m : {1.9e-3, 0.1e-3, 1e-3}) {
+    trial.move(trial.state_.T_device_plate.p_m.x(), 0.1171, x_m, 0.1171);
+    EXPECT_NEAR(trial.side_N(), 0, 1) << x_m;
+  }
+}
+
+// The walls hold the needle while the hand pulls the plate so far aside that no bone is under the
+// plate's tool.
+TEST(HoleContact, ACoupledToolCutsTheBoneUnderItselfNotUnderThePlate) {
+  DryRun trial(walled(), spaced_asset(10, 1), false);
+  trial.move(16.3e-3, 0.121, 16.3e-3, 0.1172);
+  trial.move(16.3e-3, 0.1172, 23.2e-3, 0.1172);
+  EXPECT_LT(trial.state_.law.T_device_proxy.p_m.x(), 17e-3) << "the bone ends at 20 mm";
+  const int fronts = trial.fronts_;
+  trial.peak_N_ = 0;
+  trial.move(23.2e-3, 0.1172, 23.2e-3, 0.1132);
+  EXPECT_NEAR(trial.peak_N_, 0.2e6 * kHexagon_m2, 1e-3);
+  EXPECT_EQ(trial.fronts_, fronts + 4);
+}
+
+// The bone's edge holds the needle in the air beside the bone, while the hand pushes the plate over
+// the bone.
+TEST(HoleContact, ACoupledToolBesideTheBoneIsNotStoppedByTheBoneUnderThePlate) {
+  DryRun trial(walled(), spaced_asset(10, 1), false);
+  trial.move(25e-3, 0.121, 25e-3, 0.117);
+  trial.move(25e-3, 0.117, 17e-3, 0.117);
+  EXPECT_GT(trial.state_.law.T_device_proxy.p_m.x(), 22.2e-3) << "it would touch at 22.7 mm";
+  trial.peak_N_ = 0;
+  trial.move(17e-3, 0.117, 17e-3, 0.113);
+  EXPECT_LT(trial.peak_N_, 0.5) << "a corner of the tool is over the edge";
+}
+
+// Slices at 0, 1 and 4 mm: the bone of the slices is 1, 2 and 3 mm thick, and the shell below ends
+// in the middle one.
+TEST(HoleContact, AShellIsAsThickInSlicesOfUnevenSpacing) {
+  Asset asset = spaced_asset(3, 1);
+  asset.slices[2].z_mm = 4;
+  Scene scene = body_scene(0, 2, 0.12);
+  scene.body->shell_m = 1.25e-3;
+  scene.body->shell_factor = 3;
+  scene.tissue.threshold_N = 10;
+  scene.tissue.stiffness_N_per_m = 50'000;
+  DryRun trial(scene, asset);
+  trial.move(0, 0.1225, 0, 0.114);
+  EXPECT_NEAR(trial.peak_N_, 30, 1e-6);
+  EXPECT_NEAR(trial.state_.energy.cut_J, 2 * 30 * 1.25e-3 + 10 * (6e-3 - 2 * 1.25e-3), 1e-6);
+}
+
+// The slope under a tip on bodies whose surface is known.
+
+constexpr double kTop_m = 0.12;
+
+/// Squares of 40 mm, the highest around the device's axis, each moved along x in mm. The z of a slice is that of its
+/// middle.
+class Body {
+ public:
+  Body(int slices, double spacing_mm, const std::function<double(int)>& shift_mm,
+       double rotation_deg = 0, double half_angle_deg = 30)
+      : spacing_m_(spacing_mm * 1e-3) {
+    Asset asset = test::spaced_asset(slices, spacing_mm);
+    for (int i = 0; i < slices; ++i)
+      shift(asset, static_cast<std::size_t>(i),
+            static_cast<int>(std::lround(256 * shift_mm(slices - 1 - i))));
+    Scene scene = test::body_scene(0, slices - 1, kTop_m);
+    scene.tool.kind = half_angle_deg < 90 ? "needle-conical" : "";
+    scene.tool.half_angle_deg = half_angle_deg;
+    scene.placement.anchor_mm = {80, 60};
+    scene.placement.rotation_deg = rotation_deg;
+    placed_.emplace(scene, asset);
+    bone_ = *make_bone_volume(scene, placed_->sheets);
+    turn_ = rotation_deg * std::numbers::pi / 180;
+  }
+  /// `x_mm`: along the body's x. `sheet`: counted from the top. The front is at the sheet's top.
+  std::optional<Vector2d> slope(double x_mm, int sheet) const {
+    const Vector2d at_m = 1e-3 * x_mm * along();
+    return surface_slope(bone_, placed_->sheets, sheet, bone_.sheets[sheet].top_m, at_m);
+  }
+  Vector2d along() const { return {std::cos(turn_), std::sin(turn_)}; }
+
+  double spacing_m_;
+  std::optional<test::Placed> placed_;
+  BoneVolume bone_;
+  double turn_ = 0;
+};
+
+// Towards -x the slices reach further, the deeper they are.
+TEST(SurfaceSlope, IsExactOnAPlane) {
+  for (const double spacing_mm : {0.5, 1.0, 2.0}) {
+    for (const double slope : {0.3, 0.5, 1.0, 1.5}) {
+      for (const double rotation_deg : {0.0, 50.0, 200.0}) {
+        const double run_mm = spacing_mm / slope;
+        const Body body(
+            12, spacing_mm, [&](int below) { return -run_mm * below; }, rotation_deg);
+        // The edge of sheet k is at -20 - run * k, and the surface is half way between sheets 5 and 6.
+        const double x_mm = -20 - run_mm * 5.5;
+        const auto got = body.slope(x_mm, 6);
+        ASSERT_TRUE(got) << spacing_mm << ", " << slope;
+        EXPECT_NEAR((*got - -slope * body.along()).norm(), 0, 0.01 * slope)
+            << spacing_mm << ", " << slope << ", " << rotation_deg;
+        // A tool that touches a slice above with its rim feels the same plane.
+        const auto rim = body.slope(x_mm, 5);
+        ASSERT_TRUE(rim);
+        EXPECT_NEAR((*rim - *got).norm(), 0, 0.01 * slope);
+      }
+    }
+  }
+}
+
+// Outlines that move by whole pixels of 0.4 mm.
+TEST(SurfaceSlope, IsCloseOnAPlaneOfWholePixels) {
+  constexpr double kPixel_mm = 0.4;
+  const Body body(16, 1,
+                  [&](int below) { return -kPixel_mm * std::floor(below / kPixel_mm + 0.5); });
+  for (int sheet = 4; sheet < 12; ++sheet) {
+    for (int step = 1; step <= 8; ++step) {
+      const double off_mm = 0.1 * step;
+      const auto got = body.slope(-20 - sheet + off_mm, sheet);
+      if (!got) continue;  // the tip is in the sheet above
+      EXPECT_NEAR(got->x(), -1, 0.08) << sheet << ", " << off_mm;
+    }
+  }
+}
+
+TEST(SurfaceSlope, TheEndOfABodyIsLevelAndItsInsideHasNoSurface) {
+  const Body body(10, 1, [](int) { return 0.0; });
+  const auto top = body.slope(0, 0);
+  ASSERT_TRUE(top);
+  EXPECT_EQ(top->norm(), 0);
+  EXPECT_FALSE(body.slope(0, 1));
+  EXPECT_FALSE(body.slope(0, 9));
+  EXPECT_FALSE(body.slope(-30, 0)) << "nothing is near";
+}
+
+TEST(SurfaceSlope, AWideStepIsLevel) {
+  const Body body(10, 1, [](int below) { return below < 4 ? 0.0 : -12.0; });
+  const auto step = body.slope(-27, 4);
+  ASSERT_TRUE(step);
+  EXPECT_EQ(step->norm(), 0);
+}
+
+// Beside a vertical side the face of the tip touches the rim. A flat tip has no face.
+TEST(SurfaceSlope, BesideARimItIsThatOfTheTipsFace) {
+  for (const auto& [half_angle_deg, wanted] :
+       {std::pair{30.0, kMaxSlope}, {45.0, 1.0}, {90.0, 0.0}}) {
+    const Body body(
+        10, 1, [](int) { return 0.0; }, 0, half_angle_deg);
+    const auto left = body.slope(-20.5, 0), right = body.slope(20.5, 0);
+    ASSERT_TRUE(left && right);
+    EXPECT_NEAR(left->x(), -wanted, 1e-6);
+    EXPECT_NEAR(right->x(), wanted, 1e-6);
+    EXPECT_NEAR(left->y(), 0, 1e-6);
+    // The bottom of a body: nothing is below.
+    const auto lowest = body.slope(-20.5, 9);
+    ASSERT_TRUE(lowest);
+    EXPECT_NEAR(lowest->x(), -wanted, 1e-6);
   }
 }
 

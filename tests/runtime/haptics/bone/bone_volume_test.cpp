@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The slabs of a body from its sheets: extents, what tissues oppose by hand-computed figures, parts
-// for a shell, and what is refused.
+// The slabs of a body from its sheets, and what tissues oppose to tools.
 #include "runtime/haptics/bone/bone_volume.h"
 
 #include <gtest/gtest.h>
@@ -8,9 +7,16 @@
 #include <algorithm>
 #include <cmath>
 #include <numbers>
+#include <set>
+#include <stdexcept>
 #include <string>
 
+#include "formats/session/procedures.h"
+#include "runtime/haptics/bone/bone_strength.h"
+#include "runtime/haptics/bone/tool_in_tissue.h"
+#include "tests/runtime/haptics/bone/cutting_fixture.h"
 #include "tests/support/body_fixture.h"
+#include "tests/support/body_slabs.h"
 
 namespace trocar::runtime {
 namespace {
@@ -24,6 +30,11 @@ using test::refusal_of;
 using test::spaced_asset;
 using test::square_asset;
 using test::stack;
+
+// The slabs of a body from its sheets: extents, what tissues oppose by hand-computed figures, parts
+// for a shell, and what is refused.
+
+const BoneByHu kLinear{"kopperdahl-linear", "qct", 8e-4, 0, false};
 
 void expect_extent(const BoneSheet& sheet, double top_m, double bottom_m) {
   EXPECT_NEAR(sheet.top_m, top_m, 1e-12);
@@ -207,8 +218,7 @@ TEST(BoneVolume, ATissueThatIsCutOpposesByAreaPerimeterAndWall) {
 
 TEST(BoneVolume, BoneHasTheStrengthOfItsHu) {
   Scene scene = cutting_scene(stack(0.12, 1e-3, 3));
-  scene.tissue.cut.emplace();
-  scene.tissue.cut->bone = BoneByHu{"kopperdahl-linear", "qct", 8e-4, 0, false};
+  scene.tissue.cut.emplace().bone = kLinear;
   scene.tissue.cut->tearing_N_per_m = 100;
   const BoneVolume body = bone_volume_of(scene, spaced_asset(3, 1, {200, 400, 20}));
   // -0.75 + 24.9 * 8e-4 HU, in MPa, over 23.38 mm^2, and 100 N/m * 18 mm.
@@ -323,8 +333,7 @@ TEST(BoneVolume, ALayersForceFollowsFromItsToughness) {
 // coefficient makes it, and is the nominal one at the slice's mean HU.
 TEST(BoneVolume, FrictionFollowsTheStrengthUnderTheTool) {
   Scene scene = cutting_scene(stack(0.12, 1e-3, 3));
-  scene.tissue.cut.emplace();
-  scene.tissue.cut->bone = BoneByHu{"kopperdahl-linear", "qct", 8e-4, 0, false};
+  scene.tissue.cut.emplace().bone = kLinear;
   scene.tissue.cut->friction_kPa = 20;
   scene.tissue.cut->friction_coefficient = 0.05;
   const BoneVolume body = bone_volume_of(scene, spaced_asset(3, 1, {200, 400, 20}));
@@ -347,8 +356,7 @@ TEST(BoneVolume, FrictionFollowsTheStrengthUnderTheTool) {
 // A tissue that states no stiffness has a tip as stiff as its bone; one that states it keeps it.
 TEST(BoneVolume, TheTipsStiffnessIsTheBonesUnlessItIsStated) {
   Scene scene = cutting_scene(stack(0.12, 1e-3, 3));
-  scene.tissue.cut.emplace();
-  scene.tissue.cut->bone = BoneByHu{"kopperdahl-linear", "qct", 8e-4, 0, false};
+  scene.tissue.cut.emplace().bone = kLinear;
   const Asset asset = spaced_asset(3, 1, {200, 400, -500});
   const BoneVolume body = bone_volume_of(scene, asset);
   // A flat punch of radius a on a half-space: 2 a E / (1 - nu^2) (I. Sneddon, Int. J. Eng. Sci. 3,
@@ -503,6 +511,469 @@ TEST(PlaceBody, RefusesWhatIsNoBody) {
   EXPECT_NE(refusal(spaced_asset(4, 400), 0, 3).find("1 m"), std::string::npos);
   EXPECT_NE(refusal(spaced_asset(4, 300), 0, 3, -0.5).find("1 m"), std::string::npos)
       << "the lowest would be 1.4 m below the device's origin";
+}
+
+// What a body feels like does not depend on where its slices fall.
+
+// Slices at a spacing, the first slab beginning at `from`; each has the mean of its slab.
+template <class Mean>
+std::vector<BodySlice> slices_of(double from, double to, double spacing, Mean mean) {
+  std::vector<BodySlice> slices;
+  const auto count = static_cast<int>(std::ceil((to - from) / spacing - 1e-6));
+  for (int i = 0; i < count; ++i) {
+    const double top = from + i * spacing;
+    slices.push_back({.depth_m = top + spacing / 2, .strength_N = mean(top, top + spacing)});
+  }
+  return slices;
+}
+
+// Cancellous bone of 15 N whose strength varies by 20 % over a wavelength.
+constexpr double kMean_N = 15, kVaries = 0.2;
+double texture(double depth, double wave) {
+  return kMean_N * (1 + kVaries * std::sin(2 * std::numbers::pi * depth / wave));
+}
+double texture_mean(double a, double b, double wave) {
+  const double k = 2 * std::numbers::pi / wave;
+  return kMean_N * (1 + kVaries * (std::cos(k * a) - std::cos(k * b)) / (k * (b - a)));
+}
+
+// The slope is that of the neighbours' line unless an end would exceed both its own and the neighbour's
+// strength by more than 5 % of its own.
+TEST(Slabs, TheSlopeIsLimitedByTheNeighbours) {
+  const auto slope = [](double above_N, double own_N, double below_N) {
+    const auto [top_N, bottom_N] = strength_ends(own_N, above_N, 1e-3, below_N, 1e-3, 1e-3);
+    EXPECT_DOUBLE_EQ((top_N + bottom_N) / 2, own_N);
+    EXPECT_GE(std::min(top_N, bottom_N), 0);
+    return bottom_N - top_N;
+  };
+  EXPECT_DOUBLE_EQ(slope(10, 20, 30), 10) << "a straight line is kept";
+  EXPECT_DOUBLE_EQ(slope(30, 20, 10), -10);
+  EXPECT_DOUBLE_EQ(slope(10, 12, 40), 2 * (2 + 0.6)) << "the top is at least 0.95 of 12 below 10";
+  EXPECT_DOUBLE_EQ(slope(40, 12, 10), -2 * (2 + 0.6));
+  EXPECT_DOUBLE_EQ(slope(10, 38, 40), 2 * (2 + 1.9));
+  EXPECT_DOUBLE_EQ(slope(10, 40, 12), 1) << "a symmetrical peak has the slope of the line";
+  EXPECT_DOUBLE_EQ(slope(10, 40, 38), 2 * 2) << "a peak: at most 5 % above it";
+  EXPECT_DOUBLE_EQ(slope(0, 0, 40), 0) << "no strength, no slope";
+  EXPECT_DOUBLE_EQ(slope(60, 10, 0.1), -20) << "the bottom has no strength, not a negative one";
+  EXPECT_DOUBLE_EQ(slope(0.1, 10, 60), 20);
+  // By the distances of the neighbours: 1 and 2 mm here, over a slab of 1.5 mm.
+  EXPECT_NEAR(strength_ends(20, 10, 1e-3, 40, 2e-3, 1.5e-3)[1], 27.5, 1e-12);
+  EXPECT_NEAR(strength_ends(20, 10, 1e-3, 1, 2e-3, 1.5e-3)[1], 19, 1e-12);
+}
+
+// Force over depth within 3 %, work within 1.5 % of the texture itself, wherever the slices begin.
+TEST(Slabs, SpacingDoesNotShow) {
+  constexpr double kWave = 0.012, kEnd = 0.036;
+  double worst_force = 0, worst_work = 0;
+  for (const double spacing : {5e-4, 1e-3, 2e-3}) {
+    for (int shift = 0; shift < 5; ++shift) {
+      const double from = -spacing * shift / 5;
+      Bench b(make_slabs(slices_of(from, kEnd, spacing,
+                                   [](double x, double y) { return texture_mean(x, y, kWave); })));
+      b.options.coupling.translation_N_per_m = 1e5;
+      b.options.tip_N_per_m = 1e5;
+      double work = 0, expected = 0, last = b.slabs.front().top_m;
+      b.push(-0.002, 0.035, 1e-5, [&](const CuttingResult& out, const Pose&) {
+        // Not in the first and last slab, whose slope is one-sided.
+        if (out.front_m < 0.003 || out.front_m > 0.032 || out.cut_J <= 0) return;
+        const double Y = texture(out.front_m, kWave);
+        worst_force = std::max(worst_force, std::abs(out.tip_N - Y) / Y);
+        if (work > 0) {
+          work += out.cut_J;
+          expected += texture_mean(last, out.front_m, kWave) * (out.front_m - last);
+        } else {
+          work = 1e-300;
+        }
+        last = out.front_m;
+      });
+      worst_work = std::max(worst_work, std::abs(work / expected - 1));
+      EXPECT_GT(expected, 0.3);
+    }
+  }
+  RecordProperty("worst_force", std::to_string(worst_force));
+  RecordProperty("worst_work", std::to_string(worst_work));
+  EXPECT_LE(worst_force, 0.03);
+  EXPECT_GT(worst_force, 1e-3);  // or nothing was compared
+  EXPECT_LE(worst_work, 0.015);
+}
+
+// The limit load of a simply supported plate by the work of one collapse mechanism, a cone around the disc: for a
+// yield moment M for each length the work of the hinges in a cone of slope w / (R - a), integrated over r, is
+// 2 pi M w R / (R - a) from the circumferential curvature, and 0 in radial direction. Prager's exact load is at
+// most this.
+TEST(ThinWall, BendingIsBelowTheLoadOfASimpleMechanism) {
+  for (const double a : {0.5e-3, 1.5e-3}) {
+    for (const double R : {3e-3, 6e-3}) {
+      const ThinWall wall{.thickness_m = 8e-4, .free_radius_m = R, .clamping = 2};
+      const double moment_N = 100e6 * 8e-4 * 8e-4 / 4;
+      const double mechanism_N = 2 * std::numbers::pi * moment_N * R / (R - a);
+      EXPECT_LE(bending_N(wall, a), mechanism_N * (1 + 1e-12));
+      EXPECT_GE(bending_N(wall, a), 2 * std::numbers::pi * moment_N) << "a point load needs least";
+    }
+  }
+}
+
+TEST(ThinWall, TheWeakerModeBreaksIt) {
+  const ThinWall wall{.thickness_m = 1e-3, .free_radius_m = 4e-3};
+  // 3 pi 100 MPa (1 mm)^2 / 4 / (1 - 2 * 1.5 / 12) = 314.2 N; 2 pi 1.5 mm 1 mm 51.6 MPa = 486.3 N
+  EXPECT_NEAR(bending_N(wall, 1.5e-3), 314.159, 1e-3);
+  EXPECT_NEAR(punching_N(wall, 1.5e-3), 486.319, 1e-3);
+  EXPECT_EQ(break_N(wall, 1.5e-3), bending_N(wall, 1.5e-3));
+  const ThinWall thick{.thickness_m = 3e-3, .free_radius_m = 4e-3};
+  EXPECT_EQ(break_N(thick, 1.5e-3), punching_N(thick, 1.5e-3));
+  EXPECT_NEAR(bending_N(thick, 1.5e-3), 9 * bending_N(wall, 1.5e-3), 1e-9);
+  EXPECT_EQ(bending_N(wall, 9e-3), bending_N(wall, 4e-3)) << "a tip wider than the hole is as wide";
+}
+
+TEST(ThinWall, FlowStressFallsWithTheSquareOfDensity) {
+  EXPECT_NEAR(cortex_flow_Pa(1.9), 100e6, 1e-3);
+  EXPECT_NEAR(cortex_flow_Pa(0.95), 25e6, 1e-3);
+  EXPECT_EQ(cortex_flow_Pa(0), 0);
+}
+
+// The mean of a wall and of the bone behind it, in slices that are thicker than the wall.
+TEST(CorticalWall, TheThicknessIsThatOfTheWallThatWasAveraged) {
+  for (const double slice_mm : {1.0, 2.0, 3.0}) {
+    for (const double wall_mm : {0.5, 0.8, 1.2, 2.0}) {
+      if (wall_mm > slice_mm) continue;
+      for (const double inside : {-50.0, 120.0, 300.0}) {
+        const double mean = (wall_mm * 1200 + (slice_mm - wall_mm) * inside) / slice_mm;
+        const double found = wall_thickness_m(mean, inside, 1200, slice_mm * 1e-3);
+        if (mean - inside < kMinContrast_HU)
+          EXPECT_EQ(found, 0);
+        else
+          EXPECT_NEAR(found, wall_mm * 1e-3, 1e-12);
+      }
+    }
+  }
+}
+
+TEST(CorticalWall, ASlabOfDenserBoneIsAllWall) {
+  EXPECT_EQ(wall_thickness_m(1500, 200, 1200, 2e-3), 2e-3);
+  EXPECT_EQ(wall_thickness_m(1200, 200, 1200, 2e-3), 2e-3);
+}
+
+TEST(CorticalWall, ThereIsNoneWithoutContrast) {
+  EXPECT_EQ(wall_thickness_m(350, 200, 1200, 2e-3), 0);
+  EXPECT_EQ(wall_thickness_m(200, 350, 1200, 2e-3), 0);
+  EXPECT_EQ(wall_thickness_m(3000, 2900, 1200, 2e-3), 0);
+}
+
+TEST(Membrane, AThinLayerLimitsTheCrackOfAPointedTip) {
+  ToolShape needle{.kind = ToolKind::kNeedleBevel,
+                   .outer_radius_m = 0.7e-3,
+                   .inner_radius_m = 0,
+                   .half_angle_rad = 0.25};
+  // 1.2 kJ/m^2; a layer of 0.3 mm leaves the tip with a width of 2 * 0.3 mm * tan(0.25) = 0.1532 mm.
+  EXPECT_NEAR(membrane_break_N(1200, 0.3e-3, needle), 1200 * 0.1532e-3 / 0.61, 2e-4);
+  // A thick one opens a crack of the needle's diameter.
+  EXPECT_NEAR(membrane_break_N(1200, 5e-3, needle), 1200 * 1.4e-3 / 0.61, 1e-9);
+  // A pyramid of three faces opens three radii.
+  needle.kind = ToolKind::kTrocar;
+  EXPECT_NEAR(membrane_break_N(1200, 5e-3, needle), 1200 * 2.1e-3 / 0.61, 1e-9);
+}
+
+TEST(Membrane, AFlatOrHollowTipStampsItsOutline) {
+  ToolShape flat{
+      .outer_radius_m = 1e-3, .inner_radius_m = 0, .half_angle_rad = std::acos(-1.0) / 2};
+  EXPECT_NEAR(membrane_break_N(1000, 1e-4, flat), 1000 * 2 * std::acos(-1.0) * 1e-3 / 0.61, 1e-9);
+  const ToolShape hollow{.kind = ToolKind::kJamshidi,
+                         .outer_radius_m = 2e-3,
+                         .inner_radius_m = 1e-3,
+                         .half_angle_rad = std::acos(-1.0) / 2};
+  EXPECT_NEAR(membrane_break_N(1000, 1e-4, hollow), 1000 * 2 * std::acos(-1.0) * 3e-3 / 0.61, 1e-9);
+}
+
+const BoneLaw& law(std::string_view name) {
+  const BoneLaw* found = find_bone_law(name);
+  if (found == nullptr) throw std::invalid_argument("no such law");
+  return *found;
+}
+
+// Computed by hand, with logarithms: 0.2^1.05 = exp(1.05 * -1.6094379) = 0.184536,
+// 0.2^1.39 = exp(-2.2371187) = 0.106765, 0.2^1.56 = exp(-2.5107231) = 0.081210,
+// 0.2^1.92 = exp(-3.0901208) = 0.045496.
+TEST(BoneStrength, PublishedLawsAtOneDensity) {
+  constexpr double kRho = 0.2;
+  EXPECT_NEAR(value_of(law("kopperdahl-linear").modulus_MPa, kRho), 611.3, 1e-9);
+  EXPECT_NEAR(value_of(*law("kopperdahl-linear").strength_MPa, kRho), 4.23, 1e-9);
+  EXPECT_NEAR(value_of(law("kopperdahl-power").modulus_MPa, kRho), 549.91, 0.01);
+  EXPECT_NEAR(value_of(*law("kopperdahl-power").strength_MPa, kRho), 3.9930, 1e-4);
+  EXPECT_NEAR(value_of(law("morgan").modulus_MPa, kRho), 384.12, 0.01);
+  EXPECT_NEAR(value_of(law("keller").modulus_MPa, kRho), 85.987, 0.005);
+}
+
+TEST(BoneStrength, AtOneGramTheFactorsShow) {
+  EXPECT_DOUBLE_EQ(value_of(law("morgan").modulus_MPa, 1), 4730);
+  EXPECT_DOUBLE_EQ(value_of(law("keller").modulus_MPa, 1), 1890);
+  EXPECT_DOUBLE_EQ(value_of(*law("kopperdahl-linear").strength_MPa, 1), 24.15);
+  EXPECT_FALSE(law("morgan").strength_MPa.has_value());
+  EXPECT_FALSE(law("keller").strength_MPa.has_value());
+}
+
+TEST(BoneStrength, NeverNegative) {
+  EXPECT_EQ(value_of(*law("kopperdahl-linear").strength_MPa, 0.03), 0);  // root at 0.0301
+  EXPECT_GT(value_of(*law("kopperdahl-linear").strength_MPa, 0.031), 0);
+  for (const BoneLaw& each : bone_laws()) {
+    EXPECT_EQ(value_of(each.modulus_MPa, 0), 0) << each.name;
+    EXPECT_EQ(value_of(each.modulus_MPa, -1), 0) << each.name;
+  }
+}
+
+TEST(BoneStrength, EachLawSaysWhichDensityItTakes) {
+  std::set<std::string_view> names;
+  for (const BoneLaw& each : bone_laws()) {
+    EXPECT_TRUE(names.insert(each.name).second);
+    EXPECT_FALSE(each.source.empty());
+  }
+  EXPECT_EQ(law("kopperdahl-linear").kind, DensityKind::kQct);
+  EXPECT_EQ(law("kopperdahl-power").kind, DensityKind::kQct);
+  EXPECT_EQ(law("morgan").kind, DensityKind::kApparent);
+  EXPECT_EQ(law("keller").kind, DensityKind::kAsh);
+  EXPECT_EQ(name_of(DensityKind::kQct), "QCT mineral density");
+  EXPECT_EQ(name_of(DensityKind::kApparent), "apparent density");
+  EXPECT_EQ(name_of(DensityKind::kAsh), "ash density");
+  EXPECT_EQ(find_bone_law("keler"), nullptr);
+}
+
+TEST(BoneStrength, CalibrationIsLinearAndMarked) {
+  const HuCalibration assumed;
+  EXPECT_TRUE(assumed.is_assumed);
+  EXPECT_NEAR(density_of(assumed, 150), 0.12, 1e-12);
+  EXPECT_EQ(density_of(assumed, -1000), 0);
+  const HuCalibration measured{.per_HU = 7.5e-4, .at_0_HU = -0.006, .is_assumed = false};
+  EXPECT_NEAR(density_of(measured, 200), 0.144, 1e-12);
+  EXPECT_NEAR(value_of(*law("kopperdahl-linear").strength_MPa, density_of(assumed, 150)), 2.238,
+              1e-9);
+}
+
+// Cancellous bone: 4 MPa, 500 N/m, 300 MPa and no friction on the faces unless said.
+CutMaterial bone() {
+  CutMaterial t;
+  t.strength_Pa = 4e6;
+  t.tearing_N_per_m = 500;
+  t.modulus_Pa = 300e6;
+  t.friction_Pa = 2e4;
+  t.wall_Pa_per_m = 5e9;
+  t.lateral_strength_Pa = 6e6;
+  return t;
+}
+ToolShape tool(ToolKind kind, double outer_radius_m, double half_angle_rad = 0.5) {
+  ToolShape s;
+  s.kind = kind;
+  s.outer_radius_m = outer_radius_m;
+  s.half_angle_rad = half_angle_rad;
+  return s;
+}
+constexpr double kFlat = std::numbers::pi / 2;
+
+// Computed by hand: pi 1.525^2 = 7.30617 mm^2 and pi 3.05 = 9.58186 mm; pi 3^2 = 28.27433 mm^2 and pi 6 =
+// 18.84956 mm. Times 4 N/mm^2 and 0.5 N/mm.
+TEST(ToolInTissue, AnElevenGaugeNeedleAndATrocarInTheSameBone) {
+  const ToolInTissue needle =
+      tool_in_tissue(tool(ToolKind::kNeedleConical, 1.525e-3, kFlat), bone());
+  const ToolInTissue trocar = tool_in_tissue(tool(ToolKind::kTrocar, 3e-3, kFlat), bone());
+  EXPECT_NEAR(needle.strength_N, 29.22467 + 4.79093, 1e-4);
+  EXPECT_NEAR(trocar.strength_N, 113.09734 + 9.42478, 1e-4);
+  // All along the shaft grows as the radius, the tip's stiffness too: 2 * 1.525 mm * 300 MPa /
+  // 0.91.
+  EXPECT_NEAR(needle.friction_N_per_m, 2e4 * 9.58186e-3, 1e-3);
+  EXPECT_NEAR(trocar.friction_N_per_m, 2e4 * 18.84956e-3, 1e-3);
+  EXPECT_NEAR(needle.wall_N_per_m2, 5e9 * 3.05e-3, 1e-3);
+  EXPECT_NEAR(trocar.wall_strength_N_per_m, 6e6 * 6e-3, 1e-6);
+  EXPECT_NEAR(needle.tip_N_per_m, 1.00549e6, 10);
+  EXPECT_NEAR(trocar.tip_N_per_m / needle.tip_N_per_m, 3 / 1.525, 1e-12);
+}
+
+TEST(ToolInTissue, StrengthIsInProportionToTheShare) {
+  const ToolShape s = tool(ToolKind::kTrocar, 3e-3);
+  for (const double xi : {0.0, 2.0}) {
+    const ToolInTissue whole = tool_in_tissue(s, bone(), 1, xi),
+                       part = tool_in_tissue(s, bone(), 0.21, xi);
+    EXPECT_NEAR(part.strength_N, 0.21 * whole.strength_N, 1e-12);
+    EXPECT_NEAR(part.torsion_Nm, 0.21 * whole.torsion_Nm, 1e-15);
+    EXPECT_EQ(part.friction_N_per_m, whole.friction_N_per_m);
+  }
+  EXPECT_EQ(tool_in_tissue(s, bone(), 0).strength_N, 0);
+}
+
+// 8 G with a bore of 3.2 mm: pi (2.0955^2 - 1.6^2) = 5.75263 mm^2, 2 pi (2.0955 + 1.6) = 23.21951
+// mm.
+TEST(ToolInTissue, AHollowToolStampsARing) {
+  ToolShape s = tool(ToolKind::kJamshidi, 2.0955e-3, kFlat);
+  s.inner_radius_m = 1.6e-3;
+  EXPECT_NEAR(displaced_area_m2(s), 5.75263e-6, 1e-10);
+  EXPECT_NEAR(torn_length_m(s), 23.21951e-3, 1e-8);
+  const ToolInTissue out = tool_in_tissue(s, bone());
+  EXPECT_NEAR(out.strength_N, 4 * 5.75263 + 0.5 * 23.21951, 1e-3);
+  EXPECT_NEAR(out.friction_N_per_m, 2e4 * 23.21951e-3, 1e-3);  // the core's too
+  EXPECT_NEAR(out.wall_N_per_m2, 5e9 * 4.191e-3, 1e-3);        // guided from outside
+}
+
+// A half angle of 30 degrees: cot = 1.7320508; friction on the faces of 0.2 adds 34.641 %.
+TEST(ToolInTissue, FrictionOnTheFacesOfATip) {
+  CutMaterial t = bone();
+  t.tearing_N_per_m = 0;
+  t.face_friction = 0.2;
+  for (const ToolKind kind :
+       {ToolKind::kNeedleBevel, ToolKind::kNeedleConical, ToolKind::kNeedleDiamond}) {
+    EXPECT_NEAR(tool_in_tissue(tool(kind, 1.525e-3, std::numbers::pi / 6), t).strength_N,
+                29.22467 * 1.3464102, 1e-4);
+    EXPECT_NEAR(tool_in_tissue(tool(kind, 1.525e-3, kFlat), t).strength_N, 29.22467, 1e-4);
+  }
+}
+
+// The force on a wedge of half angle a with the friction angle phi: cot(a + phi) to the side.
+TEST(ToolInTissue, ABevelIsPushedToTheSide) {
+  CutMaterial t = bone();
+  t.tearing_N_per_m = 0;
+  for (const double half_angle_rad : {0.2, 0.5, 1.0, 1.4}) {
+    for (const double friction : {0.0, 0.1, 0.3}) {
+      t.face_friction = friction;
+      const ToolInTissue in =
+          tool_in_tissue(tool(ToolKind::kNeedleBevel, 1.5e-3, half_angle_rad), t);
+      EXPECT_NEAR(in.lateral_N / in.strength_N,
+                  std::max(0.0, 1 / std::tan(half_angle_rad + std::atan(friction))), 1e-12);
+    }
+  }
+  EXPECT_EQ(tool_in_tissue(tool(ToolKind::kNeedleConical, 1.5e-3), t).lateral_N, 0);
+  EXPECT_EQ(tool_in_tissue(tool(ToolKind::kNeedleBevel, 1.5e-3, kFlat), t).lateral_N, 0);
+}
+
+// The moment of the friction on a turned cone and on a ring, summed over narrow rings.
+TEST(ToolInTissue, TurningTakesTheMomentOfTheFacesFriction) {
+  CutMaterial t = bone();
+  t.tearing_N_per_m = 0;
+  t.face_friction = 0.25;
+  for (const double inner_m : {0.0, 1e-3}) {
+    for (const double half_angle_rad : {0.4, kFlat}) {
+      for (const double xi : {0.5, 4.0}) {
+        ToolShape s = tool(ToolKind::kNeedleConical, 2e-3, half_angle_rad);
+        s.inner_radius_m = inner_m;
+        double moment_Nm = 0;
+        constexpr int kRings = 10'000;
+        const double width_m = (s.outer_radius_m - inner_m) / kRings;
+        for (int i = 0; i < kRings; ++i) {
+          const double r_m = inner_m + (i + 0.5) * width_m;
+          const double face_m2 = 2 * std::numbers::pi * r_m * width_m / std::sin(half_angle_rad);
+          moment_Nm += t.face_friction * t.strength_Pa * face_m2 * r_m * xi / std::hypot(1, xi);
+        }
+        EXPECT_NEAR(tool_in_tissue(s, t, 1, xi).torsion_Nm, moment_Nm, 1e-6 * moment_Nm);
+        EXPECT_NEAR(tool_in_tissue(s, t, 0.5, xi).torsion_Nm, 0.5 * moment_Nm, 1e-6 * moment_Nm);
+      }
+    }
+  }
+}
+
+TEST(ToolInTissue, APointOpensACrackAFlatTipARing) {
+  EXPECT_DOUBLE_EQ(torn_length_m(tool(ToolKind::kNeedleConical, 1e-3)), 2e-3);
+  EXPECT_DOUBLE_EQ(torn_length_m(tool(ToolKind::kNeedleBevel, 1e-3)), 2e-3);
+  EXPECT_DOUBLE_EQ(torn_length_m(tool(ToolKind::kTrocar, 1e-3)), 3e-3);
+  EXPECT_DOUBLE_EQ(torn_length_m(tool(ToolKind::kNeedleDiamond, 1e-3)), 4e-3);
+  EXPECT_NEAR(torn_length_m(tool(ToolKind::kNeedleBevel, 1e-3, kFlat)), 6.283185e-3, 1e-9);
+}
+
+// A turn a second (6.2832 rad/s) at 3 mm and 5 mm/s: xi = 3.76991, 1 + xi^2 = 15.21223.
+TEST(ToolInTissue, TwistLowersTheTearing) {
+  const ToolShape s = tool(ToolKind::kTrocar, 3e-3, kFlat);
+  const double xi = slice_push(s, -2 * std::numbers::pi, 5e-3);
+  EXPECT_NEAR(xi, 3.76991, 1e-5);
+  const ToolInTissue still = tool_in_tissue(s, bone()), turned = tool_in_tissue(s, bone(), 1, xi);
+  EXPECT_NEAR(still.strength_N - turned.strength_N, 9.42478 * (1 - 1 / 15.21223), 1e-4);
+  EXPECT_NEAR(turned.torsion_Nm, 3.76991 / 15.21223 * 9.42478 * 3e-3, 1e-7);
+  EXPECT_EQ(still.torsion_Nm, 0);
+  // The work of the tearing stays: along plus around is the tearing a length of the path's feed.
+  const double feed = 5e-3, twist = 2 * std::numbers::pi;
+  const double tearing_along = turned.strength_N - 113.09734;
+  EXPECT_NEAR(tearing_along * feed + turned.torsion_Nm * twist, 9.42478 * feed, 1e-6);
+  // No feed, or a withdrawal: the bound.
+  EXPECT_EQ(slice_push(s, 1, 0), kMaxSlicePush);
+  EXPECT_EQ(slice_push(s, 1, -1), kMaxSlicePush);
+  EXPECT_EQ(slice_push(s, 0, 0), 0);
+  EXPECT_GT(tool_in_tissue(s, bone(), 1, kMaxSlicePush).strength_N, 113.09);
+}
+
+TEST(ToolInTissue, WhatCannotBeIsNamed) {
+  EXPECT_FALSE(error_of(ToolShape{}).has_value());
+  ToolShape s = tool(ToolKind::kJamshidi, 1e-3, kFlat);
+  EXPECT_TRUE(error_of(s).has_value());  // not hollow
+  s.inner_radius_m = 0.8e-3;
+  EXPECT_FALSE(error_of(s).has_value());
+  s.half_angle_rad = 0.5;  // not flat
+  EXPECT_TRUE(error_of(s).has_value());
+  s.half_angle_rad = kFlat;
+  s.inner_radius_m = 1e-3;
+  EXPECT_TRUE(error_of(s).has_value());
+  EXPECT_TRUE(error_of(tool(ToolKind::kTrocar, -1e-3)).has_value());
+  EXPECT_TRUE(error_of(tool(ToolKind::kTrocar, std::nan(""))).has_value());
+  EXPECT_TRUE(error_of(tool(ToolKind::kTrocar, 1e-3, 0)).has_value());
+  EXPECT_TRUE(error_of(tool(ToolKind::kTrocar, 1e-3, 1.6)).has_value());
+}
+
+TEST(ToolInTissue, Names) {
+  for (const ToolKind kind : {ToolKind::kNeedleBevel, ToolKind::kNeedleConical,
+                              ToolKind::kNeedleDiamond, ToolKind::kTrocar, ToolKind::kJamshidi})
+    EXPECT_EQ(find_tool_kind(name_of(kind)), kind);
+  EXPECT_FALSE(find_tool_kind("spoon").has_value());
+}
+
+// The forces of the procedures' tools in bone of the published densities, against the published forces.
+
+struct Forces {
+  double tip_N = 0, shaft_N_per_m = 0;
+};
+
+/// In uniform bone of a QCT density in g/cm^3, as a scene makes them.
+Forces forces_of(std::string_view name, Strength strength, double density) {
+  Scene scene = test::body_scene(0, 9, 0.12);
+  scene.hand.trajectory.front().tip_m = {0, 0, 0.5};
+  EXPECT_TRUE(apply_procedure(*find_procedure(name), strength, scene));
+  EXPECT_TRUE(resolve_layers(scene));
+  const double hu = density / BoneByHu{}.per_HU;
+  const BoneVolume bone =
+      test::bone_volume_of(scene, test::spaced_asset(10, 1, std::vector<double>(10, hu)));
+  return {bone.sheets[3].strength_N(bone.shape, hu),
+          bone.slabs[bone.sheets[3].first_slab].friction_N_per_m};
+}
+
+// Abstract of CORS 2013-220: 90 N, SD assumed 35 %; bone of a volume fraction of 0.209.
+TEST(ProcedureForces, APedicleProbeNeedsThePublishedForce) {
+  const double density = 0.598 * 1.9 * 0.209;
+  const double N = forces_of("pedicle-probe", Strength::kMedian, density).tip_N;
+  EXPECT_GT(N, 58.5);
+  EXPECT_LT(N, 121.5);
+  EXPECT_LT(forces_of("pedicle-probe", Strength::kLow, density).tip_N, 58.5);
+  EXPECT_GT(forces_of("pedicle-probe", Strength::kHigh, density).tip_N, 121.5);
+}
+
+// Mulligan et al. 2010: 1,000 N, SD assumed 35 %, 25 mm deep, in bone of 0.30 g/cm^3. The friction's factor was fitted on it.
+TEST(ProcedureForces, AJamshidiNeedleNeedsThePublishedForce) {
+  const Forces forces = forces_of("jamshidi-8g", Strength::kMedian, 0.3);
+  const double N = forces.tip_N + 0.025 * forces.shaft_N_per_m;
+  EXPECT_GT(N, 650);
+  EXPECT_LT(N, 1350);
+}
+
+// A needle through the back: each layer gives a few newtons, and the ligamentum flavum more than the dura.
+TEST(ProcedureForces, TheLayersOfTheBackBreakInTheOrderOfTheirToughness) {
+  for (const char* name : {"spinal-needle", "tuohy-needle"}) {
+    double before_N = 0;
+    for (const Strength strength : {Strength::kLow, Strength::kMedian, Strength::kHigh}) {
+      Scene scene = test::body_scene(0, 9, 0.12);
+      scene.hand.trajectory.front().tip_m = {0, 0, 0.5};
+      ASSERT_TRUE(apply_procedure(*find_procedure(name), strength, scene));
+      ASSERT_TRUE(resolve_layers(scene));
+      ASSERT_EQ(scene.layers.size(), 5U);
+      for (const SceneLayer& layer : scene.layers) {
+        EXPECT_GT(layer.puncture_N, 0.1) << name << ", " << layer.name;
+        EXPECT_LT(layer.puncture_N, 25) << name << ", " << layer.name;
+        EXPECT_NEAR(layer.cutting_N, 0.61 * layer.puncture_N, 1e-9);
+      }
+      EXPECT_GT(scene.layers[3].puncture_N, scene.layers[4].puncture_N);
+      EXPECT_GT(scene.layers[3].puncture_N, before_N);
+      before_N = scene.layers[3].puncture_N;
+    }
+  }
 }
 
 }  // namespace

@@ -135,12 +135,7 @@ TEST(CuttingFeel, TheHoleGuides) {
   for (const double clearance : {0.0, 5e-5}) {
     Bench b(even_slabs(40, 1e-3, 20));
     b.options.tool.tip_plate_m = {0, 0, -0.1};
-    for (CuttingSlab& slab : b.slabs) {
-      slab.friction_N_per_m = 200;
-      slab.wall_N_per_m2 = 5e7;
-      slab.wall_strength_N_per_m = 2e4;
-      slab.clearance_m = clearance;
-    }
+    b.hold_shaft(200, 5e7, 2e4, clearance);
     const double tilt = 10 * std::numbers::pi / 180;
     const Pose from = plate_at(0, -0.105, tilt);
     const Vector3d inward = from.q * -Vector3d::UnitZ();
@@ -162,11 +157,8 @@ TEST(CuttingFeel, TheWallYieldsAndStaysWide) {
   Bench b(even_slabs(12, 1e-3, 5));
   b.options.coupling.translation_N_per_m = 1e5;
   b.options.coupling.rotation_Nm_per_rad = 1e4;
-  for (CuttingSlab& slab : b.slabs) {
-    slab.wall_N_per_m2 = 1e7;
-    slab.wall_strength_N_per_m = 2000;
-  }
-  b.move(plate_at(0, -0.001), plate_at(0, 0.01), 1e-4);
+  b.hold_shaft(0, 1e7, 2000);
+  b.push(-0.001, 0.01, 1e-4);
   const double embedded = b.out.embedded_m;
   ASSERT_GT(embedded, 0.0095);
   b.move(plate_at(0, 0.01), plate_at(0.002, 0.01), 1e-5);
@@ -213,10 +205,8 @@ double most_given(std::mt19937& random, double damping_share, double ahead = 0, 
   if (uniform(0, 1) < 0.5) b.options.coupling.max_force_N = uniform(20, 80);
   const double friction = uniform(0, 300), wall = power(5.5, 8), strength = power(3, 4.7),
                scale = uniform(0.2, 1.2);
+  b.hold_shaft(friction, wall, strength);
   for (CuttingSlab& slab : b.slabs) {
-    slab.friction_N_per_m = friction;
-    slab.wall_N_per_m2 = wall;
-    slab.wall_strength_N_per_m = strength;
     slab.strength_top_N *= scale;
     slab.strength_bottom_N *= scale;
   }
@@ -224,19 +214,11 @@ double most_given(std::mt19937& random, double damping_share, double ahead = 0, 
   if (soft) {
     b.options.tip_friction = uniform(0, 0.6);
     b.options.tip_hold = uniform(0, 1);
-    layers = {{.top_m = -0.001,
-               .bottom_m = 0.002,
-               .stiffness_N_per_m = power(2, 3.3),
-               .stiffening_N_per_m2 = power(4, 5.7),
-               .puncture_N = uniform(2, 15),
-               .cutting_N = uniform(0, 2),
-               .friction_N_per_m = uniform(0, 200)},
-              {.top_m = 0.003,
-               .bottom_m = 0.0035,
-               .stiffness_N_per_m = 150,
-               .stiffening_N_per_m2 = 1e4,
-               .puncture_N = 0.6,
-               .cutting_N = 0.1}};
+    const double stiffness = power(2, 3.3), stiffening = power(4, 5.7), puncture_N = uniform(2, 15),
+                 cutting_N = uniform(0, 2), layer_friction = uniform(0, 200);
+    layers = {
+        soft_layer(-0.001, 0.002, stiffness, stiffening, puncture_N, cutting_N, layer_friction),
+        soft_layer(0.003, 0.0035, 150, 1e4, 0.6, 0.1)};
     b.options.layers = layers;
     b.state = make_cutting_state(b.slabs.size(), 4, layers.size());
   }

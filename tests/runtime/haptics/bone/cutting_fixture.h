@@ -30,6 +30,20 @@ inline std::vector<CuttingSlab> even_slabs(int count, double thickness_m, double
   return slabs;
 }
 
+inline SoftLayer soft_layer(double top_m, double bottom_m, double stiffness_N_per_m,
+                            double stiffening_N_per_m2, double puncture_N, double cutting_N,
+                            double friction_N_per_m = 0) {
+  SoftLayer layer;
+  layer.top_m = top_m;
+  layer.bottom_m = bottom_m;
+  layer.stiffness_N_per_m = stiffness_N_per_m;
+  layer.stiffening_N_per_m2 = stiffening_N_per_m2;
+  layer.puncture_N = puncture_N;
+  layer.cutting_N = cutting_N;
+  layer.friction_N_per_m = friction_N_per_m;
+  return layer;
+}
+
 /// A body, a tool and what they remember; the tip is the plate's origin unless the tool says else.
 struct Bench {
   CuttingOptions options;
@@ -41,6 +55,16 @@ struct Bench {
   explicit Bench(std::vector<CuttingSlab> body, std::size_t holes = 4)
       : slabs(std::move(body)), state(make_cutting_state(slabs.size(), holes)) {}
 
+  /// The shaft's friction and walls in every slab.
+  void hold_shaft(double friction_N_per_m, double wall_N_per_m2, double wall_strength_N_per_m,
+                  double clearance_m = 0) {
+    for (CuttingSlab& slab : slabs) {
+      slab.friction_N_per_m = friction_N_per_m;
+      slab.wall_N_per_m2 = wall_N_per_m2;
+      slab.wall_strength_N_per_m = wall_strength_N_per_m;
+      slab.clearance_m = clearance_m;
+    }
+  }
   const CuttingResult& tick(const Pose& plate) {
     cutting_tick(options, plate, slabs, state, out);
     cut_J += out.cut_J;
@@ -60,6 +84,22 @@ struct Bench {
   }
   void move(const Pose& from, const Pose& to, double step_m) {
     move(from, to, step_m, [](const CuttingResult&, const Pose&) {});
+  }
+  /// Upright on the z axis, from one depth to the other.
+  template <class Each>
+  void push(double from_m, double to_m, double step_m, Each each) {
+    move(plate_at(0, from_m), plate_at(0, to_m), step_m, each);
+  }
+  void push(double from_m, double to_m, double step_m) {
+    move(plate_at(0, from_m), plate_at(0, to_m), step_m);
+  }
+  /// The largest force on the tip on the way.
+  double peak_N(const Pose& from, const Pose& to, double step_m) {
+    double most_N = 0;
+    move(from, to, step_m, [&](const CuttingResult& result, const Pose&) {
+      most_N = std::max(most_N, result.tip_N);
+    });
+    return most_N;
   }
 };
 

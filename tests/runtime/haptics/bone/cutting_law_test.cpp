@@ -1,14 +1,20 @@
 // SPDX-License-Identifier: Apache-2.0
+// The cutting law: closed forms, its ticks, holes that outlive withdrawal, and soft layers. Its energy is
+// in cutting_energy_test.
 #include <gtest/gtest.h>
 
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <cstdint>
+#include <numbers>
 #include <random>
 #include <vector>
 
 #include "runtime/haptics/bone/bone_volume.h"
+#include "runtime/realtime/realtime_thread.h"
 #include "tests/runtime/haptics/bone/cutting_fixture.h"
+#include "tests/support/counted_allocations.h"
 
 namespace trocar::runtime {
 namespace {
@@ -58,7 +64,7 @@ TEST(CuttingLaw, ATiltedToolStaysOnItsSheet) {
     b.options.coupling.translation_N_per_m = 50'000;
     b.options.coupling.rotation_Nm_per_rad = 50;
     b.options.tip_N_per_m = 5000;
-    b.move(plate_at(0, -0.001), plate_at(0, 0.003), 1e-5);
+    b.push(-0.001, 0.003, 1e-5);
     const double upright_N = b.out.tip_N;
     ASSERT_GT(upright_N, 12);
     for (const double aim : {0.2, -0.2, 0.0}) {
@@ -71,10 +77,7 @@ TEST(CuttingLaw, ATiltedToolStaysOnItsSheet) {
       }
     }
     EXPECT_NEAR(b.out.tip_N, upright_N, 1e-3 * upright_N) << "upright again";
-    double max_N = 0;
-    b.move(plate_at(0, 0.003), plate_at(0, 0.012), 1e-5,
-           [&](const CuttingResult& out, const Pose&) { max_N = std::max(max_N, out.tip_N); });
-    EXPECT_NEAR(max_N, 35, 0.06);
+    EXPECT_NEAR(b.peak_N(plate_at(0, 0.003), plate_at(0, 0.012), 1e-5), 35, 0.06);
     EXPECT_EQ(b.out.tip_N, 0) << "broken";
   }
 }
@@ -89,11 +92,10 @@ TEST(CuttingLaw, CouplingAndThicknessMoveTheBreak) {
       b.options.coupling.translation_N_per_m = 10'000;
       b.options.tip_N_per_m = 5000;
       double last_loaded = 0, peak = 0;
-      b.move(plate_at(0, -0.001), plate_at(0, 0.014), 1e-5,
-             [&](const CuttingResult& out, const Pose& X) {
-               peak = std::max(peak, out.wrench_device[2]);
-               if (out.wrench_device[2] > 1) last_loaded = -X.p_m.z();
-             });
+      b.push(-0.001, 0.014, 1e-5, [&](const CuttingResult& out, const Pose& X) {
+        peak = std::max(peak, out.wrench_device[2]);
+        if (out.wrench_device[2] > 1) last_loaded = -X.p_m.z();
+      });
       EXPECT_NEAR(last_loaded, 0.007 + thickness + (has_coupling ? 0.0035 : 0), 1.1e-5);
       EXPECT_NEAR(peak, 35, 0.051);
       EXPECT_NEAR(b.cut_J, 35 * thickness, 1e-12);
@@ -143,14 +145,11 @@ TEST(CuttingLaw, WallsInASlabHaveTheirOwnStrength) {
     b.options.coupling.is_rigid = true;
     b.options.tip_N_per_m = 1e6;
     double upper_N = 0, inside_N = 0, lower_N = 0;
-    b.move(plate_at(0, -0.001), plate_at(0, 0.006), 1e-6,
-           [&](const CuttingResult& out, const Pose&) {
-             if (out.front_m > 0.8e-3 && out.front_m < 1.19e-3)
-               upper_N = std::max(upper_N, out.tip_N);
-             if (out.front_m > 1.3e-3 && out.front_m < 3.49e-3)
-               inside_N = std::max(inside_N, out.tip_N);
-             if (out.front_m > 3.51e-3) lower_N = std::max(lower_N, out.tip_N);
-           });
+    b.push(-0.001, 0.006, 1e-6, [&](const CuttingResult& out, const Pose&) {
+      if (out.front_m > 0.8e-3 && out.front_m < 1.19e-3) upper_N = std::max(upper_N, out.tip_N);
+      if (out.front_m > 1.3e-3 && out.front_m < 3.49e-3) inside_N = std::max(inside_N, out.tip_N);
+      if (out.front_m > 3.51e-3) lower_N = std::max(lower_N, out.tip_N);
+    });
     EXPECT_NEAR(upper_N, 50, 1e-9) << share;
     EXPECT_NEAR(inside_N, 10, 1e-9) << share;
     EXPECT_NEAR(lower_N, 50, 1e-9) << share;
@@ -201,12 +200,7 @@ TEST(CuttingLaw, TheWrenchIsTheEnergysDerivative) {
     b.options.tool.tip_plate_m = {0.01, -0.02, -0.1};
     b.options.tool.inward_plate = Vector3d(0.1, 0.05, -1).normalized();
     b.options.tool.radius_m = 3e-3;
-    for (CuttingSlab& slab : b.slabs) {
-      slab.friction_N_per_m = 300;
-      slab.wall_N_per_m2 = 1e7;
-      slab.wall_strength_N_per_m = 3e4;
-      slab.clearance_m = clearance;
-    }
+    b.hold_shaft(300, 1e7, 3e4, clearance);
     Pose X = plate_at(0, -0.105, 0.03);
     Pose deep = X;
     deep.p_m += X.q * b.options.tool.inward_plate * 0.018;
@@ -239,14 +233,13 @@ TEST(CuttingLaw, TheWrenchIsTheEnergysDerivative) {
 TEST(CuttingLaw, ACoresFrictionGrowsWithItsLength) {
   constexpr double kFraction = 0.4, kGrowth_per_m = 60, kFriction_N_per_m = 1000;
   Bench b(even_slabs(40, 1e-3, 20));
-  for (CuttingSlab& slab : b.slabs)
-    slab.friction_N_per_m = kFriction_N_per_m;
+  b.hold_shaft(kFriction_N_per_m, 0, 0);
   b.options.core_fraction = kFraction;
   b.options.core_growth_per_m = kGrowth_per_m;
   b.options.presliding_m = 1e-5;
   b.options.coupling.translation_N_per_m = 1e5;
   for (const double depth_m : {0.01, 0.02, 0.03}) {
-    b.move(plate_at(0, depth_m - 0.0101), plate_at(0, depth_m), 1e-5);
+    b.push(depth_m - 0.0101, depth_m, 1e-5);
     const double length_m = b.out.embedded_m;
     double core_N = 0;
     for (int k = 0; k < 1000; ++k)
@@ -258,6 +251,526 @@ TEST(CuttingLaw, ACoresFrictionGrowsWithItsLength) {
   }
   EXPECT_EQ(core_friction_factor(b.options, 0), 1);
   EXPECT_LT(core_friction_factor(b.options, 10), 6) << "limited";
+}
+
+// What the haptic thread needs of the cutting law: no allocation, the same bits for the same input,
+// a bound on what a tick computes.
+
+Bench body_of_64() {
+  Bench b(even_slabs(64, 5e-4, 15), 3);
+  b.hold_shaft(100, 1e7, 1e4);
+  b.options.tool.tip_plate_m = {0, 0, -0.1};
+  b.options.coupling.max_force_N = 60;
+  return b;
+}
+
+// The scene has two soft layers over the bone, and friction of the tip.
+Bench soft_body_of_64() {
+  static const std::array<SoftLayer, 2> layers{soft_layer(-0.002, 0.002, 500, 2e5, 5, 1, 100),
+                                               soft_layer(0.004, 0.0045, 150, 1e4, 0.6, 0.1)};
+  Bench b = body_of_64();
+  b.options.tip_friction = 0.3;
+  b.options.layers = layers;
+  b.state = make_cutting_state(b.slabs.size(), 3, layers.size());
+  return b;
+}
+
+// Down, sideways, out and in again at three places.
+Pose pose_at(int k) {
+  const double t = 1e-3 * k, depth = 0.04 * std::abs(std::sin(3 * t)) - 0.003;
+  Pose X = plate_at(0.005 * std::floor(t / 1.1) + 0.002 * std::sin(9 * t), depth - 0.1,
+                    0.05 * std::sin(2 * t));
+  X.q = from_rotation_vector({0, 0, 0.3 * std::sin(7 * t)}) * X.q;
+  return X;
+}
+
+TEST(CuttingTick, AllocatesNothing) {
+  TROCAR_NEEDS_COUNTED_ALLOCATIONS();
+  for (Bench b : {body_of_64(), soft_body_of_64()}) {
+    const std::uint64_t before = allocations_in_scopes();
+    int entered = 0, punctured = 0;
+    {
+      const NoAllocationScope scope;
+      for (int k = 0; k < 4000; ++k) {
+        const int hole = b.state.hole;
+        b.tick(pose_at(k));
+        entered += hole < 0 && b.state.hole >= 0;
+        punctured += b.out.layer_cut_J > 0;
+      }
+    }
+    EXPECT_EQ(allocations_in_scopes(), before);
+    EXPECT_GE(entered, 4);
+    EXPECT_EQ(punctured > 0, !b.options.layers.empty());
+  }
+}
+
+TEST(CuttingTick, SameInputSameBits) {
+  Bench a = soft_body_of_64(), b = soft_body_of_64();
+  for (int k = 0; k < 3000; ++k) {
+    a.tick(pose_at(k));
+    b.tick(pose_at(k));
+    for (int i = 0; i < 6; ++i)
+      ASSERT_EQ(a.out.wrench_device[i], b.out.wrench_device[i]);
+    ASSERT_EQ(a.out.stored_J, b.out.stored_J);
+    ASSERT_EQ(a.out.front_m, b.out.front_m);
+  }
+}
+
+TEST(CuttingTick, StepsAreBounded) {
+  Bench b = body_of_64();
+  int most = 0, evaluations = 0;
+  for (int k = 0; k < 4000; k += 7) {  // 7 ms a tick: every one is hard
+    b.tick(pose_at(k));
+    most = std::max(most, b.out.steps);
+    evaluations = std::max(evaluations, b.out.evaluations);
+    ASSERT_TRUE(b.out.wrench_device.allFinite());
+  }
+  EXPECT_GT(most, 5);
+  EXPECT_LE(most, b.options.max_steps);
+  EXPECT_LE(evaluations, 13 * b.options.max_steps + 30);
+}
+
+// Holes of the cutting law outlive withdrawal (contract 4 of cutting_law.h).
+
+constexpr double kHoleStep = 5e-5;
+
+Bench hole_bench(std::size_t holes = 4) {
+  Bench b(even_slabs(20, 1e-3, 20), holes);
+  b.hold_shaft(200, 1e7, 1e6);
+  b.options.coupling.translation_N_per_m = 1e5;
+  return b;
+}
+
+// Three sheets of no thickness, 2 cm apart, under a rigid tool.
+Bench sheet_bench() {
+  Bench b(even_slabs(3, 0, 35));
+  for (std::size_t i = 0; i < 3; ++i)
+    b.slabs[i].top_m = b.slabs[i].bottom_m = 0.02 * static_cast<double>(i);
+  b.options.coupling.is_rigid = true;
+  b.options.tip_N_per_m = 5000;
+  return b;
+}
+
+double push_to(Bench& b, double x, double depth) {
+  return b.peak_N(plate_at(x, -0.002), plate_at(x, depth), kHoleStep);
+}
+void pull_from(Bench& b, double x, double depth) {
+  b.move(plate_at(x, depth), plate_at(x, -0.01), kHoleStep);
+}
+
+TEST(Hole, OutlivesWithdrawal) {
+  Bench b = hole_bench();
+  EXPECT_NEAR(push_to(b, 0, 0.015), 20, 1e-6);
+  const double friction = b.out.wrench_device[2] - 20, depth = b.out.embedded_m, cut = b.cut_J;
+  EXPECT_NEAR(friction, 200 * depth, 0.02 * friction);
+  pull_from(b, 0, 0.015);
+  EXPECT_EQ(b.out.embedded_m, 0);
+  EXPECT_EQ(b.out.wrench_device.norm(), 0);
+  EXPECT_LT(b.out.stored_J, 1e-18);
+
+  // Again: no strength above the old bottom, but the friction and the walls of the hole.
+  const double most = push_to(b, 0, 0.009);
+  EXPECT_LT(most, 1e-9);
+  EXPECT_EQ(b.cut_J, cut);
+  EXPECT_NEAR(b.out.wrench_device[2], 200 * b.out.embedded_m, 0.02 * b.out.wrench_device[2]);
+  EXPECT_GT(b.out.embedded_m, 0.008);
+  b.move(plate_at(0, 0.009), plate_at(0.001, 0.009), kHoleStep);
+  EXPECT_LT(b.out.wrench_device[0], -5);
+  b.move(plate_at(0.001, 0.009), plate_at(0, 0.009), kHoleStep);
+
+  // And at its bottom the bone.
+  b.push(0.009, 0.02, kHoleStep);
+  EXPECT_NEAR(b.out.tip_N, 20, 1e-6);
+  EXPECT_GT(b.cut_J, cut + 0.01 * 0.02);
+}
+
+TEST(Hole, AnotherPlaceIsAnotherHole) {
+  Bench b = hole_bench();
+  push_to(b, 0, 0.012);
+  pull_from(b, 0, 0.012);
+  EXPECT_NEAR(push_to(b, 0.005, 0.012), 20, 1e-6);
+  EXPECT_NE(b.state.hole, -1);
+  pull_from(b, 0.005, 0.012);
+  const double cut = b.cut_J;
+  for (const double x : {0.0, 0.005, 0.0}) {
+    EXPECT_LT(push_to(b, x, 0.006), 1e-9) << x;
+    EXPECT_GT(b.out.embedded_m, 0.005) << x;
+    pull_from(b, x, 0.006);
+  }
+  EXPECT_EQ(b.cut_J, cut);
+}
+
+TEST(Hole, TheOldestIsForgotten) {
+  Bench b = hole_bench(2);
+  for (const double x : {0.0, 0.005, 0.01}) {
+    EXPECT_NEAR(push_to(b, x, 0.01), 20, 1e-6);
+    pull_from(b, x, 0.01);
+  }
+  EXPECT_LT(push_to(b, 0.005, 0.004), 1e-9);
+  pull_from(b, 0.005, 0.004);
+  EXPECT_NEAR(push_to(b, 0, 0.01), 20, 1e-6);
+}
+
+// A round tool of radius R beside an old hole of the same radius: the part of the tool outside it.
+double share(double R, double e) {
+  if (e >= 2 * R) return 1;
+  const double lens = 2 * R * R * std::acos(e / (2 * R)) - e / 2 * std::sqrt(4 * R * R - e * e);
+  return 1 - lens / (std::numbers::pi * R * R);
+}
+
+TEST(Hole, HalfOverAnOldOneCutsByItsShare) {
+  EXPECT_NEAR(share(1.525e-3, 5e-4), 0.21, 0.005);
+  EXPECT_NEAR(share(3e-3, 5e-4), 0.11, 0.005);
+  for (const double e : {2e-4, 5e-4, 1e-3, 2e-3, 4e-3}) {
+    Bench b = hole_bench();
+    push_to(b, 0, 0.013);
+    const double bottom = b.out.front_m;
+    pull_from(b, 0, 0.013);
+    const double before = b.cut_J;
+    for (CuttingSlab& slab : b.slabs) {
+      slab.share = share(1.525e-3, e);
+      slab.share_to_m = bottom;
+    }
+    double to_bottom = 0;
+    b.move(plate_at(e, -0.002), plate_at(e, 0.019), kHoleStep,
+           [&](const CuttingResult& out, const Pose&) {
+             if (out.front_m < bottom - 1e-9 && out.cut_J > 0) {
+               EXPECT_NEAR(out.tip_N, 20 * share(1.525e-3, e), 1e-5);
+               to_bottom = out.front_m;
+             }
+           });
+    EXPECT_GT(to_bottom, bottom - 0.001);
+    EXPECT_NEAR(b.out.tip_N, 20, 1e-5);
+    EXPECT_NEAR(b.cut_J - before, 20 * (share(1.525e-3, e) * bottom + b.out.front_m - bottom),
+                1e-8);
+  }
+}
+
+TEST(Hole, WithinTheReachOfAHoleTheToolGoesIntoIt) {
+  Bench b = hole_bench();
+  push_to(b, 0, 0.012);
+  pull_from(b, 0, 0.012);
+  EXPECT_LT(push_to(b, 4e-5, 0.008), 1e-9);
+  pull_from(b, 4e-5, 0.008);
+  EXPECT_NEAR(push_to(b, 2e-4, 0.008), 20, 1e-6);
+}
+
+// Sheets of no thickness remember where they were passed.
+TEST(Hole, OfASheet) {
+  Bench b = sheet_bench();
+  for (const double x : {0.0, 0.01}) {
+    int peaks = 0;
+    double before = 0;
+    b.move(plate_at(x, -0.005), plate_at(x, 0.06), kHoleStep,
+           [&](const CuttingResult& out, const Pose&) {
+             peaks += before > 34 && out.tip_N == 0;
+             before = out.tip_N;
+           });
+    EXPECT_EQ(peaks, 3) << x;
+    b.move(plate_at(x, 0.06), plate_at(x, -0.005), kHoleStep);
+    EXPECT_LT(push_to(b, x, 0.06), 1e-9) << x;
+    b.move(plate_at(x, 0.06), plate_at(x, -0.005), kHoleStep);
+  }
+}
+
+// Each slab is reported once for each hole through it, however many a tick passes.
+TEST(Hole, PassedSlabsAreReportedOnce) {
+  for (const double step : {2e-5, 1e-4, 3e-3}) {
+    for (const double thickness : {1e-3, 0.0}) {
+      Bench b = hole_bench();
+      for (std::size_t i = 0; i < b.slabs.size(); ++i)
+        b.slabs[i].bottom_m = b.slabs[i].top_m + thickness;
+      for (const double x : {0.0, 0.005}) {
+        std::vector<int> passed(b.slabs.size());
+        int next = 0;
+        const auto note = [&](const CuttingResult& out, const Pose&) {
+          if (out.passed_from == out.passed_to) return;
+          EXPECT_EQ(out.passed_from, next);
+          next = out.passed_to;
+          for (int i = out.passed_from; i < out.passed_to; ++i)
+            ++passed[static_cast<std::size_t>(i)];
+        };
+        b.tick(plate_at(x, -0.002));
+        b.move(plate_at(x, -0.002), plate_at(x, 0.008), step, note);
+        b.move(plate_at(x, 0.008), plate_at(x, -0.002), step, note);  // out and in between
+        b.move(plate_at(x, -0.002), plate_at(x, 0.03), step, note);
+        b.move(plate_at(x, 0.03), plate_at(x, -0.01), step, note);
+        b.move(plate_at(x, -0.002), plate_at(x, 0.03), step, note);
+        b.move(plate_at(x, 0.03), plate_at(x, -0.01), step, note);
+        EXPECT_EQ(passed, std::vector<int>(b.slabs.size(), 1)) << step << " " << thickness;
+      }
+    }
+  }
+}
+
+// The sliver between a tool and an old hole 0.5 mm beside it breaks at its share, and shields
+// nothing.
+TEST(Hole, ASliverBreaksAtItsShare) {
+  Bench b = sheet_bench();
+  b.slabs[0].share = share(3e-3, 5e-4);
+  std::vector<double> peaks{0};
+  b.push(-0.005, 0.06, 1e-5, [&](const CuttingResult& out, const Pose&) {
+    if (out.tip_N == 0 && peaks.back() > 0) peaks.push_back(0);
+    peaks.back() = std::max(peaks.back(), out.tip_N);
+  });
+  ASSERT_EQ(peaks.size(), 4U);
+  EXPECT_NEAR(peaks[0], 35 * share(3e-3, 5e-4), 0.05);
+  EXPECT_NEAR(peaks[1], 35, 0.051);
+  EXPECT_NEAR(peaks[2], 35, 0.051);
+}
+
+// Slanting from its old hole into whole bone, the tool cuts again where it leaves the hole.
+TEST(Hole, LeftBySlanting) {
+  Bench b = hole_bench();
+  b.options.tool.tip_plate_m = {0, 0, -0.1};
+  b.push(-0.102, -0.1 + 0.015, kHoleStep);
+  b.push(-0.1 + 0.015, -0.102, kHoleStep);
+  const double cut = b.cut_J;
+  // 0.1 rad about the mouth of the hole.
+  const auto slanting = [](double depth) {
+    Pose X = plate_at(0, 0, 0.1);
+    X.p_m = X.q * Eigen::Vector3d(0, 0, 0.1 - depth);
+    return X;
+  };
+  EXPECT_NEAR(b.peak_N(slanting(-0.002), slanting(0.01), kHoleStep), 20, 1e-3);
+  EXPECT_GT(b.cut_J, cut + 20 * 0.005);
+}
+
+// Down beside the bone without force, then against it from outside: the wall holds the tool, yields
+// at its strength, and has then been pushed in.
+TEST(Hole, BoneIsAWallFromOutside) {
+  Slot beside;  // all of x < 2 mm
+  beside.open({-1, -1}, 0);
+  for (const Eigen::Vector2d& corner : {Eigen::Vector2d(0.002, -1), {0.002, 1}, {-1, 1}})
+    beside.include(corner);
+  Bench b = hole_bench();
+  b.options.coupling.rotation_Nm_per_rad = 1e4;
+  for (CuttingSlab& slab : b.slabs) {
+    slab.share = 0;
+    slab.friction_N_per_m = 0;
+    slab.wall_strength_N_per_m = 2000;
+    slab.free = &beside;
+    slab.free_version = 1;
+  }
+  b.push(-0.002, 0.01, kHoleStep,
+         [](const CuttingResult& out, const Pose&) { ASSERT_LT(out.wrench_device.norm(), 1e-12); });
+  b.move(plate_at(0, 0.01), plate_at(0.0019, 0.01), kHoleStep);
+  EXPECT_LT(b.out.wrench_device.norm(), 1e-12);
+  double before = 0;
+  b.move(plate_at(0.0019, 0.01), plate_at(0.004, 0.01), 1e-5,
+         [&](const CuttingResult& out, const Pose&) {
+           EXPECT_GE(-out.wrench_device[0], before - 1e-5);  // never through bone without force
+           before = -out.wrench_device[0];
+         });
+  EXPECT_NEAR(before, 2000 * 0.01, 0.02 * 20);
+  const double pushed = b.state.T_device_proxy.p_m.x();
+  EXPECT_GT(pushed, 0.003);
+
+  // A new outline from the geometry, without what was pushed in: no energy comes with it.
+  const double stored = b.out.stored_J;
+  for (CuttingSlab& slab : b.slabs)
+    slab.free_version = 2;
+  b.tick(plate_at(0.004, 0.01));
+  EXPECT_LE(b.out.stored_J, stored + 1e-12);
+  EXPECT_NEAR(-b.out.wrench_device[0], before, 0.01 * before);
+}
+
+// Soft layers over the bone, against closed forms (contract of soft_layer.h). Their energy is in
+// cutting_energy_test.
+
+// Ligamentum flavum: 11 N at 6.12 mm, where 500 z + 2.12e5 z^2 = 3.06 + 7.94.
+SoftLayer ligament() {
+  return soft_layer(0, 0.004, 500, 2.12e5, 11, 2, 200);
+}
+SoftLayer dura() {
+  return soft_layer(0, 4e-4, 150, 1e4, 0.6, 0.1);
+}
+SoftLayer at_depth(SoftLayer layer, double top_m) {
+  layer.bottom_m += top_m - layer.top_m;
+  layer.top_m = top_m;
+  return layer;
+}
+
+struct SoftBench : Bench {
+  std::vector<SoftLayer> layers;
+  SoftBench(std::vector<SoftLayer> soft, double bone_m, double bone_N = 60)
+      : Bench(even_slabs(10, 1e-3, bone_N)), layers(std::move(soft)) {
+    for (CuttingSlab& slab : slabs) {
+      slab.top_m += bone_m;
+      slab.bottom_m += bone_m;
+    }
+    options.layers = layers;
+    state = make_cutting_state(slabs.size(), 4, layers.size());
+  }
+};
+
+TEST(SoftLayer, StiffensAsItsClosedFormUntilThePuncture) {
+  for (const bool is_rigid : {true, false}) {
+    for (const double step : {1e-5, 1e-4, 1e-3}) {
+      SoftBench b({ligament()}, 0.05);
+      b.options.coupling.is_rigid = is_rigid;
+      const SoftLayer& layer = b.layers[0];
+      const double z_puncture = (-500 + std::sqrt(500 * 500 + 4 * 2.12e5 * 11)) / (2 * 2.12e5);
+      EXPECT_NEAR(stretch_at(layer, 11), z_puncture, 1e-12);
+      const double at_puncture = z_puncture + (is_rigid ? 0 : 11.0 / 4000);
+      double peak = 0, at_peak = 0;
+      b.push(-0.002, 0.01, step, [&](const CuttingResult& out, const Pose& X) {
+        const double F = out.wrench_device[2], depth = -X.p_m.z();
+        if (depth < 0) {
+          EXPECT_EQ(F, 0);
+        }
+        if (depth > 0 && depth < at_puncture - 1e-9) {
+          const double z = is_rigid ? depth : depth - F / 4000;
+          EXPECT_NEAR(F, 500 * z + 2.12e5 * z * z, 1e-5) << depth;
+        }
+        if (F > peak) peak = F, at_peak = depth;
+      });
+      EXPECT_LE(peak, 11 + 1e-6);
+      const double steepest = 500 + 2 * 2.12e5 * z_puncture;
+      EXPECT_GE(peak, 11 - steepest * step - 1e-6);
+      EXPECT_NEAR(at_peak, at_puncture, step + 1e-9);
+    }
+  }
+}
+
+// After it the cutting force and the friction of what is cut, until the bottom; then friction only.
+TEST(SoftLayer, IsCutWithFrictionAfterThePuncture) {
+  SoftLayer layer = ligament();
+  layer.bottom_m = 0.02;
+  SoftBench b({layer}, 0.1);
+  b.push(-0.002, 0.0105, 1e-5);
+  ASSERT_TRUE(b.state.layers[0].is_punctured);
+  double work = 0, last_cut = 0;
+  b.push(0.0105, 0.04, 1e-5, [&](const CuttingResult& out, const Pose&) {
+    const double cut = b.state.layers[0].cut_m;
+    if (cut < 0.02 - 1e-9) {
+      EXPECT_NEAR(out.layer_N, 2, 1e-5);
+      EXPECT_NEAR(out.wrench_device[2], 2 + 200 * cut, 2e-2);
+      if (last_cut > 0) {
+        EXPECT_NEAR(out.layer_cut_J, 2 * (cut - last_cut), 1e-10);
+      }
+      last_cut = cut;
+      work += out.layer_cut_J;
+    } else {
+      EXPECT_EQ(out.layer_N, 0);
+    }
+  });
+  EXPECT_NEAR(b.out.wrench_device[2], 200 * 0.02, 1e-4);
+  EXPECT_GT(work, 0.8 * 2 * 0.01);
+}
+
+// The hole outlives withdrawal; beside it the layer is whole.
+TEST(SoftLayer, RemembersItsHoles) {
+  SoftBench b({ligament()}, 0.05);
+  b.options.tool.radius_m = 5e-4;
+  const auto peak = [&](double x) {
+    double most = 0;
+    b.move(plate_at(x, -0.002), plate_at(x, 0.015), 2e-5,
+           [&](const CuttingResult& out, const Pose&) { most = std::max(most, out.layer_N); });
+    b.move(plate_at(x, 0.015), plate_at(x, -0.002), 2e-5);
+    EXPECT_LT(b.out.stored_J, 1e-15);
+    EXPECT_EQ(b.out.wrench_device.norm(), 0);
+    return most;
+  };
+  EXPECT_NEAR(peak(0), 11, 0.1);
+  EXPECT_EQ(peak(0), 0);
+  EXPECT_EQ(peak(3e-4), 0);  // within the tool's radius
+  EXPECT_NEAR(peak(0.005), 11, 0.1);
+  EXPECT_EQ(peak(0), 0);
+  EXPECT_EQ(peak(0.005), 0);
+}
+
+// Withdrawn before the puncture a layer is as it was.
+TEST(SoftLayer, IsElasticBeforeThePuncture) {
+  SoftBench b({ligament()}, 0.05);
+  for (int again = 0; again < 3; ++again) {
+    b.push(-0.002, 0.006, 1e-4);
+    EXPECT_GT(b.out.wrench_device[2], 4);
+    EXPECT_NEAR(b.out.layer_N, b.out.wrench_device[2], 1e-5);
+    b.push(0.006, -0.002, 1e-4);
+    EXPECT_EQ(b.out.wrench_device[2], 0);
+  }
+  EXPECT_FALSE(b.state.layers[0].is_punctured);
+  EXPECT_EQ(b.cut_J, 0);
+}
+
+// Lumbar puncture: ligament of 4 mm, 5 mm of epidural space, the dura, 10 mm on a vertebral body.
+TEST(SoftLayer, LayersInSeriesOverBone) {
+  SoftBench b({ligament(), at_depth(dura(), 0.009)}, 0.019, 60);
+  b.options.coupling.is_rigid = true;
+  std::vector<double> peaks;
+  double before = 0;
+  bool has_fallen = true;
+  double ligament_at = 0, dura_at = 0, bone_at = 0;
+  b.push(-0.001, 0.0235, 1e-5, [&](const CuttingResult& out, const Pose& X) {
+    const double F = out.layer_N + out.tip_N, depth = -X.p_m.z();
+    if (has_fallen && F < before - 0.3 && before > 0) {
+      peaks.push_back(before);
+      (peaks.size() == 1 ? ligament_at : dura_at) = depth;
+      has_fallen = false;
+    }
+    has_fallen = has_fallen || F > before;
+    if (bone_at == 0 && out.tip_N > 0) bone_at = depth;
+    before = F;
+  });
+  ASSERT_EQ(peaks.size(), 2U);
+  EXPECT_NEAR(peaks[0], 11, 0.05);
+  EXPECT_NEAR(ligament_at, stretch_at(b.layers[0], 11), 2e-5);
+  EXPECT_NEAR(peaks[1], 0.6, 0.01);
+  EXPECT_NEAR(dura_at, 0.009 + stretch_at(b.layers[1], 0.6), 2e-5);
+  // The bone begins where it is, not where a soft tip would have it.
+  EXPECT_NEAR(bone_at, 0.019, 2e-5);
+  EXPECT_NEAR(b.out.tip_N, 60, 1e-6);
+}
+
+// A ligament that fails at 6 mm over a dura at 4.5 mm: the dura tears with it, by what stretched
+// the ligament.
+TEST(SoftLayer, AThinLayerCloseBehindIsTornToo) {
+  SoftLayer close = at_depth(dura(), 0.0045);
+  SoftBench b({ligament(), close}, 0.1);
+  b.options.coupling.is_rigid = true;
+  b.push(-0.001, 0.0058, 1e-5);
+  EXPECT_FALSE(b.state.layers[0].is_punctured);
+  // Stretched by 1.3 mm: 0.21 N of its 0.6, but only through the ligament.
+  EXPECT_NEAR(b.out.layer_N,
+              soft_spring(b.layers[0], 0.0058).force_N + soft_spring(close, 0.0013).force_N, 1e-9);
+  close.puncture_N = 0.2;
+  b.layers[1] = close;
+  b.push(0.0058, 0.0059, 1e-5);
+  EXPECT_FALSE(b.state.layers[1].is_punctured);  // the ligament holds
+  std::uint64_t punctured = 0;
+  b.push(0.0059, 0.0063, 1e-5, [&](const CuttingResult& out, const Pose&) {
+    EXPECT_EQ(punctured & out.layers_punctured, 0U) << "reported twice";
+    punctured |= out.layers_punctured;
+  });
+  EXPECT_EQ(punctured, 0b11U);
+  EXPECT_TRUE(b.state.layers[0].is_punctured);
+  EXPECT_TRUE(b.state.layers[1].is_punctured);
+}
+
+// On bone that holds, a layer is squeezed until all that presses on it punctures it.
+TEST(SoftLayer, IsPuncturedAgainstTheBone) {
+  SoftBench b({ligament()}, 0.004);
+  double most = 0;
+  b.push(-0.002, 0.025, 1e-5, [&](const CuttingResult& out, const Pose&) {
+    if (!b.state.layers[0].is_punctured) most = std::max(most, out.layer_N + out.tip_N);
+  });
+  EXPECT_NEAR(most, 11, 0.05);
+  EXPECT_EQ(b.state.layers[0].cut_m, 0.004);
+  EXPECT_EQ(b.out.layer_N, 0);
+  EXPECT_NEAR(b.out.tip_N, 60, 1e-5);
+}
+
+// The same motion with no layers, and with layers that are never reached: the same bits.
+TEST(SoftLayer, ChangeNothingWhereTheyAreNot) {
+  SoftBench with({at_depth(ligament(), 0.2)}, 0), without({}, 0);
+  for (int k = 0; k < 3000; ++k) {
+    const Pose X = plate_at(1e-3 * std::sin(0.01 * k), 0.008 * std::sin(0.002 * k), 0.02);
+    with.tick(X);
+    without.tick(X);
+    ASSERT_EQ(with.out.wrench_device, without.out.wrench_device);
+    ASSERT_EQ(with.out.stored_J, without.out.stored_J);
+  }
 }
 
 }  // namespace

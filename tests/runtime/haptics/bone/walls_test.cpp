@@ -1,9 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-// The walls' part of the potential against the sum over all Gauss points one by one.
+// The region of a hole, and the walls' part of the potential.
 #include "runtime/haptics/bone/walls.h"
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
+#include <array>
 #include <cmath>
 #include <random>
 #include <vector>
@@ -16,6 +18,212 @@ namespace {
 
 using Eigen::Vector2d;
 using Eigen::Vector3d;
+
+TEST(Slot, PointAndClearance) {
+  Slot slot;
+  EXPECT_FALSE(slot.is_open());
+  slot.open({1, 2}, 0.25);
+  EXPECT_EQ(slot.reach({1.2, 2}).distance_m, 0);
+  const Slot::Reach r = slot.reach({1, 3});
+  EXPECT_NEAR(r.distance_m, 0.75, 1e-15);
+  EXPECT_NEAR((r.away - Vector2d(0, 1)).norm(), 0, 1e-15);
+  EXPECT_NEAR(r.bend, 0.75, 1e-15);
+}
+
+TEST(Slot, SegmentHasFlatSides) {
+  Slot slot;
+  slot.open({0, 0}, 0);
+  slot.include({2, 0});
+  EXPECT_EQ(slot.corners(), 2);
+  const Slot::Reach beside = slot.reach({1, -0.5});
+  EXPECT_NEAR(beside.distance_m, 0.5, 1e-15);
+  EXPECT_EQ(beside.bend, 0);
+  EXPECT_NEAR(slot.reach({3, 0}).bend, 1, 1e-15);
+  EXPECT_EQ(slot.reach({0.5, 0}).distance_m, 0);
+}
+
+// The second corner would be the first one by rounding.
+TEST(Slot, SegmentOfNoLength) {
+  Slot slot;
+  const double at = 0.05, x = 0.051;
+  slot.open({at, 0}, std::nextafter(x - at, 0));
+  slot.include({x, 0});
+  ASSERT_EQ(slot.corners(), 1);
+  const Slot::Reach r = slot.reach({at, 2e-3});
+  EXPECT_NEAR(r.distance_m, 1e-3, 1e-15);
+  EXPECT_NEAR((r.away - Vector2d(0, 1)).norm(), 0, 1e-15);
+  EXPECT_NEAR(r.bend, 0.5, 1e-12);
+}
+
+// An estimator or a hand exactly along the axis moves the shaft by as little as a number can say. The
+// square of such a distance underflows, and a stiffness divided by it is infinite.
+TEST(Slot, ADistanceWhoseSquareUnderflowsMakesNoEdge) {
+  for (int exponent = -320; exponent <= -10; ++exponent) {
+    const double tiny_m = std::pow(10.0, exponent);
+    for (const double clearance_m : {0.0, 1e-5}) {
+      for (int corners = 1; corners <= 4; ++corners) {
+        Slot slot;
+        slot.open({0, 0}, clearance_m);
+        const std::array<Vector2d, 4> steps{Vector2d(tiny_m, 0), Vector2d(tiny_m, tiny_m),
+                                            Vector2d(-tiny_m, 2 * tiny_m), Vector2d(0, -tiny_m)};
+        for (int i = 0; i < corners; ++i)
+          slot.include(clearance_m * Vector2d(1, 0) + steps[static_cast<std::size_t>(i)]);
+        for (const Vector2d& p : {Vector2d(tiny_m / 2, 1e-3), Vector2d(-1e-3, tiny_m / 2),
+                                  Vector2d(tiny_m / 2, tiny_m / 3), Vector2d(0, 0)}) {
+          const Slot::Reach r = slot.reach(p);
+          ASSERT_TRUE(std::isfinite(r.distance_m) && r.away.allFinite() && std::isfinite(r.bend));
+          ASSERT_NEAR(r.distance_m, std::max(0.0, p.norm() - clearance_m), 1e-9) << exponent;
+          slot.nearest(
+              p, 1e-9, [&](const Vector2d& offset) { return offset.allFinite(); },
+              [&](const Vector2d& offset, const Vector2d& edge, double edge2) {
+                EXPECT_TRUE(offset.allFinite()) << exponent;
+                // The wall's stiffness across the edge, as in walls.cpp.
+                EXPECT_NEAR(1e8 / edge2 * edge.x() * edge.x() + 1e8 / edge2 * edge.y() * edge.y(),
+                            1e8, 1)
+                    << exponent;
+                return true;
+              });
+        }
+      }
+    }
+  }
+}
+
+// Against the distance to the hull of all points by brute force: the region is never smaller, and
+// while the corners suffice it is the same.
+TEST(Slot, OnlyWidens) {
+  std::mt19937 random(5);
+  std::normal_distribution<double> normal(0, 1e-3);
+  for (int run = 0; run < 300; ++run) {
+    Slot slot;
+    const double clearance = run % 2 ? 5e-5 : 0;
+    // Regions as thin as rounding, too, and not at the origin.
+    const double thin = run % 3 == 0 ? std::pow(10.0, -run % 19) : 1;
+    const Vector2d at = run % 5 == 0 ? Vector2d(0, 0) : Vector2d(0.02, -0.07);
+    slot.open(at, clearance);
+    std::vector<Vector2d> probes(60);
+    std::vector<double> before(probes.size());
+    for (std::size_t i = 0; i < probes.size(); ++i) {
+      probes[i] = at + Vector2d(3 * normal(random), 3 * normal(random) * (i % 2 ? thin : 1));
+      before[i] = slot.reach(probes[i]).distance_m;
+    }
+    for (int step = 0; step < 40; ++step) {
+      const Vector2d p = at + Vector2d(normal(random), thin * normal(random));
+      slot.include(p);
+      ASSERT_NEAR(slot.reach(p).distance_m, 0, 1e-12);
+      for (std::size_t i = 0; i < probes.size(); ++i) {
+        const double now = slot.reach(probes[i]).distance_m;
+        ASSERT_LE(now, before[i] + 1e-12);
+        before[i] = now;
+      }
+    }
+  }
+}
+
+// The reach's direction and bend are the derivatives of distance^2 / 2.
+TEST(Slot, Derivatives) {
+  std::mt19937 random(6);
+  std::normal_distribution<double> normal(0, 1);
+  for (int run = 0; run < 500; ++run) {
+    Slot slot;
+    slot.open({0, 0}, run % 3 == 0 ? 0.1 : 0);
+    for (int k = 0; k < run % 6; ++k)
+      slot.include({normal(random), normal(random)});
+    const Vector2d p(3 * normal(random), 3 * normal(random));
+    const Slot::Reach r = slot.reach(p);
+    if (r.distance_m < 0.05) continue;
+    const auto half2 = [&](const Vector2d& at) {
+      const double d = slot.reach(at).distance_m;
+      return d * d / 2;
+    };
+    const double h = 1e-4;
+    const Vector2d along = r.away, across(-along.y(), along.x());
+    EXPECT_NEAR((half2(p + h * along) - half2(p - h * along)) / (2 * h), r.distance_m, 1e-6);
+    EXPECT_NEAR((half2(p + h * across) - half2(p - h * across)) / (2 * h), 0, 1e-3);
+    const double bend = (half2(p + h * across) - 2 * half2(p) + half2(p - h * across)) / (h * h);
+    if (slot.reach(p + h * across).bend == slot.reach(p - h * across).bend || r.bend > 0) {
+      EXPECT_NEAR(bend, r.bend, 2e-2) << run;
+    }
+  }
+}
+
+// A result of nearest() agrees with offset(), and nearest() has a result for most points.
+TEST(Slot, NearestPartStaysSoWithinReach) {
+  std::mt19937 random(8);
+  std::normal_distribution<double> normal(0, 1e-3);
+  std::uniform_real_distribution<double> uniform(0, 1);
+  enum { kCorner, kEdge, kInside, kUnknown };
+  std::array<int, 4> seen{};
+  for (int run = 0; run < 20000; ++run) {
+    Slot slot;
+    const Vector2d at(0.02, -0.07);
+    slot.open(at, run % 2 ? 1e-4 : 0);
+    for (int k = 0; k < run % 7; ++k)
+      slot.include(at + Vector2d(normal(random), (run % 3 ? 1 : 1e-6) * normal(random)));
+    const double reach = std::pow(10.0, -3 - 6 * uniform(random));
+    const double spread = run % 5 == 0 ? 0.2 : 2;
+    const Vector2d p = at + spread * Vector2d(normal(random), normal(random));
+    slot.offset(p);
+    int part = kInside;
+    Vector2d from = Vector2d::Zero(), along = Vector2d::Zero();
+    const bool known = slot.nearest(
+        p, reach,
+        [&](const Vector2d& offset) {
+          part = kCorner;
+          from = offset;
+          return true;
+        },
+        [&](const Vector2d& offset, const Vector2d& edge, double length2) {
+          part = kEdge;
+          from = offset;
+          along = edge / std::sqrt(length2);
+          return true;
+        });
+    ++seen[known ? part : kUnknown];
+    if (!known) continue;
+    for (int k = 0; k < 20; ++k) {
+      const double turn = 6.2832 * uniform(random);
+      const Vector2d step =
+          (k == 0 ? 0 : reach * uniform(random)) * Vector2d(std::cos(turn), std::sin(turn));
+      Vector2d expected = from;
+      if (part == kCorner) expected += step;
+      if (part == kEdge) expected += step - along * along.dot(step);
+      const Slot::Offset found = slot.offset(p + step);
+      ASSERT_LE((Vector2d(found.x_m, found.y_m) - expected).norm(), 1e-14) << run;
+    }
+  }
+  EXPECT_GT(seen[kCorner], 5000);
+  EXPECT_GT(seen[kEdge], 1000);
+  EXPECT_GT(seen[kInside], 500);
+  EXPECT_LT(seen[kUnknown], 8000);
+}
+
+// A region that is all but a line, as a tool leaves that is pushed along one: beyond its end the
+// distance is that from the end, whatever the signs of areas that are rounding.
+TEST(Slot, AllButALine) {
+  std::mt19937 random(7);
+  std::uniform_real_distribution<double> uniform(0, 1);
+  for (int run = 0; run < 3000; ++run) {
+    const Vector2d from(0.1 * uniform(random), 0.1 * uniform(random));
+    const double angle = 6.28 * uniform(random);
+    const Vector2d along(std::cos(angle), std::sin(angle));
+    Slot slot;
+    slot.open(from, 0);
+    double end = 0;
+    for (int k = 0; k < 6; ++k) {
+      const double at = 0.01 * uniform(random);
+      end = std::max(end, at);
+      slot.include(from + at * along);
+    }
+    const double beyond = 0.01 * uniform(random);
+    const Vector2d p = from + (end + beyond) * along;
+    ASSERT_NEAR(slot.reach(p).distance_m, beyond, 1e-12) << run;
+    ASSERT_NEAR(slot.reach(from + uniform(random) * end * along).distance_m, 0, 1e-12) << run;
+    ASSERT_NEAR(slot.reach(p).distance_m, beyond, 1e-12) << run;
+  }
+}
+
+// The walls' part of the potential against the sum over all Gauss points one by one.
 
 constexpr int kSlabs = 20;
 constexpr double kThickness_m = 1e-3, kLever_m = 0.1;

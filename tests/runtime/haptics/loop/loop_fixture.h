@@ -49,7 +49,7 @@ inline double largest(const DeviceCommand& command) {
 
 /// A sheet at 0.12 m and a device pushed 4 mm into it (20 N). The loop is running before each test.
 class LoopFixture : public testing::Test {
- protected:
+ public:
   void SetUp() override {
     const Scene scene = test::descent_scene({0.12}, 0.2, 0.1, 0.015);
     sheets_ = std::move(*place_slices(scene, test::square_asset(1), "a"));
@@ -92,10 +92,18 @@ class LoopFixture : public testing::Test {
     four_legs_->read(ignored_t_s);
     four_legs_->keep_reading();
   }
+  /// The sheet gets this tissue.
+  void use(const Tissue& tissue) {
+    auto changed = std::make_unique<Sheet>(*current_[0]);
+    changed->tissue = tissue;
+    current_ = {changed.get()};
+    sheets_.push_back(std::move(changed));
+  }
   void use_tool(const Tool& tool) { model_.tool = law_.model().tool = tool; }
-  void go_to(double z_m, double x_m = 0) {
+  void go_to(double z_m, double x_m = 0, double turn_rad = 0) {
     Pose pose;
     pose.p_m = {x_m, 0, z_m};
+    pose.q = Eigen::AngleAxisd(turn_rad, Eigen::Vector3d::UnitY());
     const InverseResult inverse = inverse_kinematics(description_, pose);
     ASSERT_TRUE(inverse.status);
     device_.next.encoder_rad = encoder_angles(inverse.joints);
@@ -112,13 +120,48 @@ class LoopFixture : public testing::Test {
     four_legs_->change(description_, mechanism_);
     haptic_tick(model_, inputs, *four_legs_, law_, state_, result_);
   }
+  void ticks(int count) {
+    for (int i = 0; i < count; ++i)
+      tick();
+  }
+  /// A fault that the caller finds in one tick.
+  void tick_with(Fault outside) {
+    outside_ = outside;
+    tick();
+    outside_ = Fault::kNone;
+  }
+  /// Ticks until a stop has faded, at most 100.
+  void wait_for_zero_torques() {
+    for (int i = 0; !result_.torques_are_zero && i < 100; ++i)
+      tick();
+  }
+  /// The operator asks for recovery during one tick.
+  void ask_to_recover() {
+    recover_ = true;
+    tick();
+    recover_ = false;
+  }
+  /// Ticks until the loop is in this state, at most 1,000.
+  void wait_for(SafetyState wanted) {
+    for (int i = 0; state_.safety.state != wanted && i < 1000; ++i)
+      tick();
+    ASSERT_EQ(state_.safety.state, wanted);
+  }
   /// The next tick must have this fault; it latches, and torques ramp down to zero.
   void expect_fault(Fault fault, double gap_s = 1e-3) {
+    expect_found(fault, gap_s);
+    expect_ramp();
+  }
+  void expect_found(Fault fault, double gap_s = 1e-3) {
     tick(gap_s);
     ASSERT_EQ(state_.safety.fault, fault) << to_string(state_.safety.fault);
     EXPECT_EQ(result_.found.fault, fault) << "with what was measured";
+    EXPECT_EQ(result_.new_fault, fault);
     EXPECT_EQ(result_.row.fault, fault);
     EXPECT_EQ(result_.row.phase, ContactPhase::kFault);
+  }
+  void expect_ramp() {
+    const Fault fault = state_.safety.fault;
     device_.on_read = device_.on_write = DeviceStatus::kOk;  // the fault is latched
     go_to(0.116);
     double last = largest(device_.written);

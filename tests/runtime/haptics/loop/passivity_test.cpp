@@ -1,12 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
-// The passivity controller, on a point mass that moves exactly under held forces, and in the loop:
-// a hand without damping pressed against walls that would oscillate without the controller.
+// The window of velocities, the passivity controller and the limit on the energy released to the hand:
+// against their definitions, on a point mass, and in the loop.
 #include "runtime/haptics/loop/passivity.h"
 
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <functional>
+#include <numbers>
 #include <random>
+#include <utility>
+#include <vector>
 
 #include "tests/support/loop_rig.h"
 #include "tests/support/uniform.h"
@@ -15,6 +19,141 @@ namespace trocar::runtime {
 namespace {
 
 using trocar::test::uniform;
+
+// The window over which velocities are taken, on encoders of known motion and resolution.
+
+constexpr double kPeriod_s = 1e-3;
+constexpr double kCount_rad = 2 * std::numbers::pi / 20'000;
+
+/// A plate at a height of 0.1 m per radian of each encoder.
+struct Motion {
+  explicit Motion(std::function<double(double)> angle, double count = 0)
+      : angle_rad(std::move(angle)), count_rad(count) {}
+  std::function<double(double)> angle_rad;
+  double count_rad;
+  VelocityWindow window;
+  Pose last, newest;
+  double last_t_s = 0, newest_t_s = 0;
+
+  void at(double t_s) {
+    Measurement state{t_s, kMaxMeasured, {}};
+    for (std::size_t i = 0; i < kMaxMeasured; ++i) {
+      // Each encoder has another zero, so that counts come at different times.
+      const double exact = angle_rad(t_s) + 0.1 * static_cast<double>(i) * kCount_rad;
+      state.value[i] = count_rad > 0 ? std::round(exact / count_rad) * count_rad : exact;
+    }
+    last = newest;
+    last_t_s = newest_t_s;
+    newest.p_m.z() = 0.1 * state.value[0];
+    newest_t_s = t_s;
+    window.add(state, newest);
+  }
+  double velocity() const {
+    const PreviousPose begin = window.begin(count_rad, kPeriod_s);
+    const Pose& from = begin.ago_s > 0 ? begin.T_device_plate : last;
+    const double over_s = begin.ago_s > 0 ? begin.ago_s : newest_t_s - last_t_s;
+    return (newest.p_m.z() - from.p_m.z()) / over_s;
+  }
+};
+
+TEST(VelocityWindow, ExactEncodersOnTimeTakeTheLastState) {
+  Motion motion([](double t_s) { return std::sin(30 * t_s); });
+  for (int i = 0; i < 100; ++i) {
+    motion.at(i * kPeriod_s);
+    EXPECT_EQ(motion.window.begin(0, kPeriod_s).ago_s, 0) << i;
+  }
+}
+
+TEST(VelocityWindow, ASteadyMotionHasTheErrorOfACountOverTheWholeWindow) {
+  for (const double speed : {0.0, 0.01, 0.3, 1.0, -2.0}) {
+    Motion motion([&](double t_s) { return speed * t_s; }, kCount_rad);
+    std::mt19937_64 random(7);
+    double t_s = 0, largest = 0, ago_s = 0;
+    for (int i = 0; i < 500; ++i) {
+      t_s += kPeriod_s * (0.25 + static_cast<double>(random() % 8) / 4);
+      motion.at(t_s);
+      if (i <= kVelocitySamples) continue;
+      largest = std::max(largest, std::abs(motion.velocity() - 0.1 * speed));
+      ago_s = motion.window.begin(kCount_rad, kPeriod_s).ago_s;
+      ASSERT_LE(std::abs(motion.velocity() - 0.1 * speed), 0.1 * kCount_rad / ago_s * (1 + 1e-6));
+    }
+    EXPECT_GT(ago_s, 0.7 * kVelocitySamples * 1.125 * kPeriod_s) << "the whole window";
+    EXPECT_LT(largest, 0.1 * kCount_rad / (0.5 * kVelocitySamples * kPeriod_s));
+  }
+}
+
+// A difference over one period has an error of up to a count in it: 31 mm/s here.
+TEST(VelocityWindow, AnAcceleratingMotionLagsByWhatTheEncodersCannotTell) {
+  for (const double acceleration : {5.0, 20.0, 80.0}) {  // rad/s^2; 0.5 to 8 m/s^2
+    Motion motion([&](double t_s) { return acceleration * t_s * t_s / 2; }, kCount_rad);
+    double largest = 0;
+    for (int i = 0; i < 300; ++i) {
+      motion.at(i * kPeriod_s);
+      if (i < 50) continue;
+      largest = std::max(largest, std::abs(motion.velocity() - 0.1 * acceleration * i * kPeriod_s));
+    }
+    // A line leaves a parabola by a T^2 / 8: with a band of one count, and half a count of each
+    // reading, that is at most two counts. The lag is a T / 2, and the ends' error a count over T.
+    const double window_s = std::sqrt(16 * kCount_rad / acceleration) + kPeriod_s;
+    EXPECT_LE(largest, 0.1 * (acceleration * window_s / 2 + 2 * kCount_rad / window_s))
+        << acceleration;
+    EXPECT_LT(largest, 0.1 * kCount_rad / kPeriod_s) << "less than without a window";
+  }
+}
+
+TEST(VelocityWindow, ATurnEndsTheWindow) {
+  Motion motion([](double t_s) { return -std::abs(t_s - 0.1); }, kCount_rad);
+  for (int i = 0; i <= 110; ++i)
+    motion.at(i * kPeriod_s);
+  EXPECT_NEAR(motion.velocity(), -0.1, 0.005) << "10 ms after a turn, as before it";
+  EXPECT_LE(motion.window.begin(kCount_rad, kPeriod_s).ago_s, 10.5 * kPeriod_s);
+}
+
+TEST(VelocityWindow, ALateStateHasTheVelocityOfOneOnTime) {
+  // At constant acceleration the result is the velocity half a period earlier, whatever the intervals.
+  Motion motion([](double t_s) { return 40 * t_s * t_s; });
+  std::mt19937_64 random(3);
+  double t_s = 0;
+  for (int i = 0; i < 200; ++i) {
+    const double interval_s = kPeriod_s * (1.25 + static_cast<double>(random() % 20) / 4);
+    t_s += interval_s;
+    motion.at(t_s);
+    if (i < 3) continue;
+    EXPECT_NEAR(motion.velocity(), 8 * (t_s - kPeriod_s / 2), 1e-9) << i;
+  }
+}
+
+// Before a late state, an interval of a fifth of a tick: the time stamps are off, and an
+// extrapolation over it would turn the velocity round.
+TEST(VelocityWindow, AShortIntervalIsNotExtrapolated) {
+  for (const double before_s : {0.2e-3, 0.3e-3, 0.49e-3}) {
+    Motion motion([](double t_s) { return t_s; });
+    for (int i = 0; i < 5; ++i)
+      motion.at(i * kPeriod_s);
+    // The true motion is one period from state to state.
+    Pose pose = motion.newest;
+    for (const double stamp_s : {4e-3 + before_s, 6e-3}) {
+      pose.p_m.z() += 1e-4;
+      motion.window.add({stamp_s, 0, {}}, pose);
+    }
+    EXPECT_EQ(motion.window.begin(0, kPeriod_s).ago_s, 0) << before_s;
+  }
+}
+
+TEST(VelocityWindow, ClearedItHasNoMotion) {
+  Motion motion([](double t_s) { return t_s; }, kCount_rad);
+  for (int i = 0; i < 20; ++i)
+    motion.at(i * kPeriod_s);
+  ASSERT_GT(motion.window.begin(kCount_rad, kPeriod_s).ago_s, 0);
+  motion.window.clear();
+  EXPECT_EQ(motion.window.begin(kCount_rad, kPeriod_s).ago_s, 0);
+  motion.at(1);
+  motion.at(1 + 5 * kPeriod_s);
+  EXPECT_EQ(motion.window.begin(kCount_rad, kPeriod_s).ago_s, 0);
+}
+
+// The passivity controller, on a point mass that moves exactly under held forces, and in the loop:
+// a hand without damping pressed against walls that would oscillate without the controller.
 
 /// A point mass against an elastic half space z < 0, a force of the hand added; the motion between
 /// two ticks is the exact one under constant force.
@@ -400,6 +539,211 @@ TEST(PassivityInTheLoop, AReleaseGivesLessThanAMillijoule) {
       EXPECT_LE(lifted.state_.passivity.released_max_J, 1e-3);
     }
   }
+}
+
+// The limit on the energy released to the hand: against its definition, and in the loop.
+
+/// A point that is moved along z; `along_N` is delivered on the way.
+struct Moved {
+  EnergyAccount account;
+  SafetyLimits limits;
+  double rate_Hz = 1000;
+  Pose pose;
+  Fault move(double along_N, double step_m, double stored_J, bool is_released = false) {
+    account.note_delivered(along_N * Wrench::Unit(2));
+    pose.p_m.z() += step_m;
+    return account.check(limits, rate_Hz, {pose, true, stored_J, is_released});
+  }
+};
+
+TEST(EnergyLimit, AnEnergyThatIsNotFiniteIsBeyondIt) {
+  for (const double stored_J : {std::nan(""), HUGE_VAL}) {
+    Moved moved;
+    EXPECT_EQ(moved.move(0, 1e-3, 0), Fault::kNone);
+    EXPECT_EQ(moved.move(0, 1e-3, stored_J), Fault::kEnergyLimit);
+  }
+}
+
+// W(t) - W(s) <= S(s) + limit for all s of the window, written out; with rotations, ticks without
+// motion and punctures.
+TEST(EnergyLimit, IsItsDefinition) {
+  std::mt19937_64 random(3);
+  int raised = 0, kept = 0;
+  for (const double rate_Hz : {100.0, 333.0, 1000.0, 7999.0, 8000.0}) {
+    EnergyAccount account;
+    SafetyLimits limits;
+    limits.energy_limit_J = 0.02;
+    const auto window = static_cast<std::size_t>(std::floor(0.1 * rate_Hz + 1e-9));
+    std::vector<double> work_J, stored_J;
+    std::vector<bool> is_released;
+    Pose pose;
+    Wrench held = Wrench::Zero();
+    double total_J = 0;
+    for (std::size_t i = 0; i < 3 * window + 50; ++i) {
+      Pose next = pose;
+      if (random() % 5 != 0) {
+        for (int k = 0; k < 3; ++k)
+          next.p_m[k] += 1e-3 * (uniform(random) - 0.5);
+        const Eigen::Vector3d turn = 1e-3 * Eigen::Vector3d(uniform(random), 0, -uniform(random));
+        next.q = (from_rotation_vector(turn) * pose.q).normalized();
+        total_J += held.head<3>().dot(next.p_m - pose.p_m) + held.tail<3>().dot(turn);
+      }
+      pose = next;
+      work_J.push_back(total_J);
+      stored_J.push_back(0.02 * uniform(random));
+      is_released.push_back(random() % 9 == 0);
+      double expected_J = 0;
+      for (std::size_t s = i < window ? 0 : i - window; s <= i; ++s) {
+        if (!is_released[s]) expected_J = std::max(expected_J, total_J - work_J[s] - stored_J[s]);
+      }
+      const Fault fault = account.check(limits, rate_Hz, {pose, true, stored_J[i], is_released[i]});
+      ASSERT_NEAR(account.excess_J(), expected_J, 1e-12) << rate_Hz << ", " << i;
+      ASSERT_EQ(fault, account.excess_J() <= 0.02 ? Fault::kNone : Fault::kEnergyLimit);
+      ++(fault == Fault::kNone ? kept : raised);
+      for (int k = 0; k < 6; ++k)
+        held[k] = (k < 3 ? 20 : 2) * (uniform(random) - 0.4);
+      account.note_delivered(held);
+    }
+  }
+  EXPECT_GT(raised, 100);
+  EXPECT_GT(kept, 100);
+}
+
+// Item 1: springs of random stiffness, rendered at a share, with the exact work of every step;
+// losses, punctures and forces that are held without a new pose in between.
+TEST(EnergyLimit, AnEnvironmentThatGivesBackAtMostWhatItStoredNeverRaisesIt) {
+  std::mt19937_64 random(5);
+  for (int run = 0; run < 200; ++run) {
+    Moved moved;
+    moved.rate_Hz = std::exp(std::log(100.0) + uniform(random) * std::log(80.0));
+    moved.limits.energy_limit_J = 1e-9;  // rounding
+    const double share = run % 3 == 0 ? 1 : uniform(random);
+    const double k = 1e5 * uniform(random);
+    double depth_m = 0;
+    for (int i = 0; i < 1000; ++i) {
+      const double next_m = std::max(0.0, depth_m + 4e-3 * (uniform(random) - 0.5));
+      const bool is_released = random() % 50 == 0;
+      const double mean_N = share * k * (depth_m + next_m) / 2;
+      const double lost_N = 5 * uniform(random) * (next_m > depth_m ? 1 : -1);
+      const Fault fault = moved.move(mean_N + lost_N, depth_m - next_m,
+                                     is_released ? 0 : 0.5 * k * next_m * next_m, is_released);
+      ASSERT_EQ(fault, Fault::kNone) << run << ", " << i << ": " << moved.account.excess_J();
+      depth_m = is_released ? 0 : next_m;
+    }
+  }
+}
+
+// Item 2: what a punctured sheet had stored may pass to the one below, and no more.
+TEST(EnergyLimit, ASheetBelowMayTakeOverEnergyOfThePuncturedOne) {
+  for (const double below_J : {0.09, 0.19}) {
+    Moved moved;
+    ASSERT_EQ(moved.move(0, 0, 0), Fault::kNone);
+    ASSERT_EQ(moved.move(10, -0.012, 0.12), Fault::kNone);
+    ASSERT_EQ(moved.move(0, 0, 0, true), Fault::kNone);
+    ASSERT_EQ(moved.move(0, 0, below_J), Fault::kNone);
+    EXPECT_EQ(moved.move(10, below_J / 10, 0),
+              below_J < 0.12 + 0.05 ? Fault::kNone : Fault::kEnergyLimit);
+    EXPECT_NEAR(moved.account.excess_J(), std::max(0.0, below_J - 0.12), 1e-12);
+  }
+}
+
+// Item 3: while no pose comes the wrench changes and the plate moves on, at a constant speed.
+TEST(EnergyLimit, WithoutNewPosesTheWorkIsCountedWithTheNextOne) {
+  EnergyAccount account;
+  SafetyLimits limits;
+  limits.energy_limit_J = 1;
+  Pose pose;
+  ASSERT_EQ(account.check(limits, 1000, {pose}), Fault::kNone);
+  double work_J = 0;
+  for (int i = 0; i < 9; ++i) {
+    account.note_delivered((1 + i) * Wrench::Unit(2));
+    pose.p_m.z() += 1e-3;
+    work_J += (1 + i) * 1e-3;
+    account.check(limits, 1000, {pose, i == 8});
+    EXPECT_NEAR(account.excess_J(), i == 8 ? work_J : 0, 1e-15) << i;
+  }
+  account.note_delivered(2 * Wrench::Unit(2));
+  pose.p_m.z() += 1e-3;
+  account.check(limits, 1000, {pose});
+  EXPECT_NEAR(account.excess_J(), work_J + 2e-3, 1e-15);
+}
+
+// The energy counts that is given within 0.1 s, at every rate.
+TEST(EnergyLimit, HoldsForAnyTenthOfASecond) {
+  for (const double rate_Hz : {100.0, 500.0, 1000.0, 3000.0, 8000.0}) {
+    Moved slow;
+    slow.rate_Hz = rate_Hz;
+    for (int i = 0; i < 3 * rate_Hz; ++i)  // 0.49 W
+      ASSERT_EQ(slow.move(1, 0.49 / rate_Hz, 0), Fault::kNone) << rate_Hz;
+    EXPECT_NEAR(slow.account.excess_J(), 0.049, 1e-9);
+    Moved fast;
+    fast.rate_Hz = rate_Hz;
+    int ticks = 0;
+    while (fast.move(1, 1 / rate_Hz, 0) == Fault::kNone)  // 1 W
+      ASSERT_LT(++ticks, rate_Hz);
+    EXPECT_NEAR(ticks / rate_Hz, 0.05, 1.01 / rate_Hz) << rate_Hz;
+    fast.account.reset();
+    EXPECT_EQ(fast.move(0, 1, 0), Fault::kNone) << "the account starts again";
+    EXPECT_EQ(fast.account.excess_J(), 0);
+  }
+}
+
+TEST(EnergyLimit, ALimitOfNanOrANegativeLimitAlwaysTrips) {
+  for (const double bad : {static_cast<double>(NAN), -0.1, -static_cast<double>(INFINITY)}) {
+    Moved moved;
+    moved.limits.energy_limit_J = bad;
+    EXPECT_EQ(moved.move(0, 0, 0), Fault::kEnergyLimit) << bad;
+    EXPECT_EQ(moved.move(0, 0, 1), Fault::kEnergyLimit) << bad;
+  }
+  Moved moved;
+  moved.limits.energy_limit_J = 0;
+  EXPECT_EQ(moved.move(0, 0, 0), Fault::kNone);
+  EXPECT_EQ(moved.move(1, 1e-6, 0), Fault::kEnergyLimit);
+  moved.limits.energy_limit_J = INFINITY;
+  EXPECT_EQ(moved.move(1, 1e6, 0), Fault::kNone);
+}
+
+// --- in the loop ----------------------------------------------------------------------------
+
+test::RigOptions undamped_wall(bool passivity) {
+  test::RigOptions options;
+  options.tissue.stiffness_N_per_m = 30000;
+  options.rate_Hz = 1000;
+  options.passivity = passivity;
+  return options;
+}
+
+// A stiff wall, pressed by a hand without damping: without the controller it is driven by the
+// sampling, and the limit acts all the same. Torques are zero in the tick that finds it.
+TEST(EnergyInTheLoop, AWallThatDrivesTheHandIsAFaultAlsoWithoutTheController) {
+  test::Rig rig(undamped_wall(false));
+  rig.model_.limits.energy_limit_J = 0.05;
+  double given_J = 0, before_J = 0;
+  Pose last;
+  Wrench held = Wrench::Zero();
+  for (int i = 0; i < 1000; ++i) {
+    const TickResult& result = rig.tick();
+    if (i > 0) given_J += held.dot(displacement(last, rig.state_.T_device_plate));
+    last = rig.state_.T_device_plate;
+    held = Wrench(result.row.wrench_delivered.data());
+    if (result.new_fault != Fault::kNone) {
+      EXPECT_EQ(result.new_fault, Fault::kEnergyLimit);
+      EXPECT_TRUE(result.torques_are_zero);
+      EXPECT_EQ(MotorVector(result.row.tau_Nm.data()).norm(), 0);
+      EXPECT_GT(given_J, before_J);
+      return;
+    }
+    before_J = given_J;
+  }
+  FAIL() << "no fault";
+}
+
+TEST(EnergyInTheLoop, WithTheControllerTheSameWallIsRendered) {
+  test::Rig rig(undamped_wall(true));
+  rig.model_.limits.energy_limit_J = 0.05;
+  rig.run_until(2);
+  EXPECT_EQ(rig.state_.safety.fault, Fault::kNone) << to_string(rig.state_.safety.fault);
+  EXPECT_NEAR(rig.result_.contact.force_N, 35, 1);
 }
 
 }  // namespace

@@ -1,21 +1,245 @@
 // SPDX-License-Identifier: Apache-2.0
-// The laws of runtime/haptics/membrane/region.h: the errors caused by the ring, their decay with
-// its radius, and the bounds on them.
-#include "runtime/haptics/membrane/region.h"
+// The spring network against finite elements assembled triangle by triangle, dense factorisations, discs
+// in closed form and the equilibrium of the whole network.
+#include "runtime/haptics/membrane/network.h"
 
 #include <gtest/gtest.h>
 
+#include <Eigen/Cholesky>
+#include <algorithm>
 #include <cmath>
+#include <set>
+#include <vector>
 
+#include "formats/mesh/mesh_validity.h"
+#include "runtime/haptics/membrane/region.h"
+#include "runtime/realtime/realtime_thread.h"
+#include "tests/reference/decompositions/decompositions.h"
 #include "tests/reference/deformation/disc.h"
 #include "tests/reference/deformation/general_load.h"
 #include "tests/reference/deformation/global_solver.h"
 #include "tests/reference/deformation/network_checks.h"
+#include "tests/support/counted_allocations.h"
 #include "tests/support/deformation_fixture.h"
 #include "tests/support/sheet_fixture.h"
+#include "tests/support/test_lattice.h"
 
 namespace trocar::runtime {
 namespace {
+
+using Eigen::Matrix3d, Eigen::MatrixXd, Eigen::Vector2d, Eigen::Vector3d;
+using trocar::test::kLattice;
+using trocar::test::kMembrane;
+
+// The laws of runtime/haptics/membrane/network.h, compared with finite elements assembled triangle by
+// triangle, and sparse_factor compared with dense factorisations.
+
+void shake_mesh(SliceMesh& mesh, double most, std::mt19937_64& random) {
+  for (LatticePoint& p : mesh.vertices) {
+    p.x += static_cast<std::int32_t>(most * (2 * test::uniform(random) - 1));
+    p.y += static_cast<std::int32_t>(most * (2 * test::uniform(random) - 1));
+  }
+}
+
+/// A grid whose points are moved at random by up to `shake` of a cell.
+SliceMesh shaken_square(std::uint64_t seed, double shake) {
+  SliceMesh mesh = test::square_mesh({-1000, -700}, 256, 6);
+  std::mt19937_64 random(seed);
+  shake_mesh(mesh, 256 * shake, random);
+  return mesh;
+}
+
+/// T times the integral of grad phi_i . grad phi_j over each triangle, assembled from the
+/// gradients, without cotangents.
+MatrixXd membrane_matrix(const SliceMesh& mesh) {
+  const auto n = static_cast<Eigen::Index>(mesh.vertices.size());
+  MatrixXd matrix = MatrixXd::Zero(n, n);
+  for (const Triangle& t : mesh.triangles) {
+    Matrix3d corners;  // rows 1, x, y
+    for (int k = 0; k < 3; ++k) {
+      const LatticePoint p = mesh.vertices[t[static_cast<std::size_t>(k)]];
+      corners.col(k) = Vector3d(1, p.x, p.y);
+    }
+    const double area = corners.determinant() / 2;
+    const Matrix3d shape = corners.inverse();  // row k: the coefficients of phi_k
+    for (int a = 0; a < 3; ++a) {
+      for (int b = 0; b < 3; ++b) {
+        matrix(t[static_cast<std::size_t>(a)], t[static_cast<std::size_t>(b)]) +=
+            kMembrane.tension_N_per_m * area * shape.row(a).tail<2>().dot(shape.row(b).tail<2>());
+      }
+    }
+  }
+  return matrix;
+}
+
+MatrixXd network_matrix(const Network& network, bool with_bed) {
+  const auto n = static_cast<Eigen::Index>(network.size());
+  MatrixXd matrix = MatrixXd::Zero(n, n);
+  for (std::size_t i = 0; i < network.size(); ++i) {
+    if (with_bed) matrix(i, i) += network.foundation_N_per_m[i];
+    for (std::uint32_t k = network.first[i]; k < network.first[i + 1]; ++k) {
+      matrix(i, i) += network.stiffness_N_per_m[k];
+      matrix(i, network.neighbour[k]) -= network.stiffness_N_per_m[k];
+    }
+  }
+  return matrix;
+}
+
+TEST(Network, IsTheMembraneOfLinearElements) {
+  for (std::uint64_t seed = 0; seed < 20; ++seed) {
+    const SliceMesh mesh = shaken_square(seed, 0.24);
+    ASSERT_TRUE(check_mesh(mesh)) << seed;
+    const Network network = make_network(mesh, kLattice, kMembrane);
+    const MatrixXd expected = membrane_matrix(mesh);
+    const double scale = expected.cwiseAbs().maxCoeff();
+    EXPECT_LT((network_matrix(network, false) - expected).cwiseAbs().maxCoeff(), 1e-12 * scale);
+    double bed = 0;
+    for (double f : network.foundation_N_per_m)
+      bed += f;
+    const double area_m2 =
+        static_cast<double>(doubled_area(mesh)) / 2 * std::pow(kLattice.step_m(), 2);
+    EXPECT_NEAR(bed / (kMembrane.foundation_N_per_m3 * area_m2), 1, 1e-13);
+    for (std::size_t i = 0; i < network.size(); ++i) {
+      EXPECT_TRUE(std::is_sorted(network.neighbour.begin() + network.first[i],
+                                 network.neighbour.begin() + network.first[i + 1]));
+    }
+  }
+}
+
+TEST(Network, ReactionIsTheGradientOfTheEnergy) {
+  const Network network = make_network(shaken_square(7, 0.24), kLattice, kMembrane);
+  std::mt19937_64 random(1);
+  std::vector<double> w(network.size());
+  for (double& w_i : w)
+    w_i = 1e-3 * test::uniform(random);
+  Eigen::Map<const Eigen::VectorXd> v(w.data(), static_cast<Eigen::Index>(w.size()));
+  const MatrixXd matrix = network_matrix(network, true);
+  EXPECT_NEAR(energy_J(network, w) / (0.5 * v.dot(matrix * v)), 1, 1e-12);
+  const Eigen::VectorXd force = matrix * v;
+  for (std::size_t i = 0; i < w.size(); ++i)
+    EXPECT_NEAR(reaction_N(network, w, i), force[static_cast<Eigen::Index>(i)], 1e-12);
+}
+
+// Law 3, compared with floating point, and where floating point cannot decide.
+TEST(Network, SignsAreExact) {
+  std::uint32_t negative = 0;
+  for (std::uint64_t seed = 0; seed < 40; ++seed) {
+    const SliceMesh mesh = shaken_square(seed, 0.24);
+    const Network network = make_network(mesh, kLattice, kMembrane);
+    std::uint32_t found = 0;
+    for (std::size_t i = 0; i < network.size(); ++i) {
+      for (std::uint32_t k = network.first[i]; k < network.first[i + 1]; ++k) {
+        if (network.neighbour[k] > i && network.stiffness_N_per_m[k] < -1e-9) ++found;
+      }
+    }
+    EXPECT_EQ(network.signs.negative(), found) << seed;
+    EXPECT_EQ(spring_signs(mesh).negative_interior, network.signs.negative_interior);
+    EXPECT_EQ(is_constrained_delaunay(mesh), network.signs.negative_interior == 0) << seed;
+    negative += found;
+  }
+  EXPECT_GT(negative, 50U);
+
+  // A right angle gives no negative spring, one step more does; far from the origin, in large
+  // triangles.
+  const std::int32_t far = kMaxCoordinate - 10;
+  SliceMesh right{{{-far, -far}, {far, -far}, {-far, far}}, {{0, 1, 2}}};
+  EXPECT_EQ(spring_signs(right).negative(), 0U);
+  right.vertices[0] = {-far + 1, -far};
+  EXPECT_EQ(spring_signs(right).negative_boundary, 1U);
+  // Both diagonals of a square give 0; one step off, one of them is negative.
+  SliceMesh square{{{0, 0}, {far, 0}, {far, far}, {0, far}}, {{0, 1, 2}, {0, 2, 3}}};
+  EXPECT_EQ(spring_signs(square).negative(), 0U);
+  square.vertices[1] = {far - 1, 1};
+  EXPECT_EQ(spring_signs(square).negative_interior, 1U);
+  square.vertices[1] = {far + 1, -1};
+  EXPECT_EQ(spring_signs(square).negative_interior, 0U);
+}
+
+// Law 2 on meshes with many negative springs: all eigenvalues positive, both factorisations
+// succeed.
+TEST(Network, IsPositiveDefiniteForAnyAngles) {
+  for (std::uint64_t seed = 0; seed < 20; ++seed) {
+    SliceMesh mesh = shaken_square(seed, 0.24);
+    for (LatticePoint& p : mesh.vertices)
+      p.x *= 12;  // needles
+    const Network network = make_network(mesh, kLattice, kMembrane);
+    EXPECT_GT(network.signs.negative(), 20U);
+    const MatrixXd springs = network_matrix(network, false), all = network_matrix(network, true);
+    const double least_bed =
+        *std::min_element(network.foundation_N_per_m.begin(), network.foundation_N_per_m.end());
+    const Eigen::VectorXd of_springs = reference::eigenvalues(springs);
+    EXPECT_GT(of_springs[0], -1e-12 * of_springs.tail<1>()[0]);
+    EXPECT_GT(reference::eigenvalues(all)[0], 0.99 * least_bed);
+    const std::vector<NodeKind> free(network.size(), NodeKind::kFree);
+    SparseFactor factor;
+    EXPECT_TRUE(factor.make(network, free));
+    EXPECT_TRUE(solve_global(network, free));
+  }
+}
+
+TEST(SparseFactor, AgreesWithADenseFactorisation) {
+  for (std::uint64_t seed = 0; seed < 10; ++seed) {
+    const Network network = make_network(shaken_square(seed, 0.24), kLattice, kMembrane);
+    std::mt19937_64 random(seed);
+    std::vector<NodeKind> kind(network.size());
+    for (NodeKind& k : kind)
+      k = random() % 4 == 0   ? NodeKind::kTool
+          : random() % 4 == 0 ? NodeKind::kBorder
+                              : NodeKind::kFree;
+    SparseFactor factor;
+    ASSERT_TRUE(factor.make(network, kind));
+    const MatrixXd all = network_matrix(network, true);
+    const auto n = static_cast<Eigen::Index>(factor.size());
+    MatrixXd matrix(n, n);
+    for (Eigen::Index a = 0; a < n; ++a) {
+      EXPECT_EQ(kind[factor.nodes()[a]], NodeKind::kFree);
+      for (Eigen::Index b = 0; b < n; ++b)
+        matrix(a, b) = all(factor.nodes()[a], factor.nodes()[b]);
+    }
+    std::vector<double> x(factor.size());
+    for (double& x_i : x)
+      x_i = test::uniform(random);
+    const Eigen::VectorXd expected =
+        matrix.llt().solve(Eigen::Map<const Eigen::VectorXd>(x.data(), n));
+    factor.solve(x);
+    for (Eigen::Index a = 0; a < n; ++a)
+      EXPECT_NEAR(x[a] / expected[a], 1, 1e-11);
+  }
+}
+
+// A planar mesh in a good order has about n log n entries: here 8 for each of 225 unknowns; in the
+// given order of the nodes there are 15.
+TEST(SparseFactor, OrderKeepsItSparse) {
+  const Network network = make_network(test::triangular_mesh({0, 0}, 256, 15), kLattice, kMembrane);
+  SparseFactor factor;
+  ASSERT_TRUE(factor.make(network, std::vector(network.size(), NodeKind::kFree)));
+  EXPECT_LT(factor.entries(), 10 * factor.size());
+}
+
+TEST(SparseFactor, IsEmptyWithoutFreeNodes) {
+  const Network network = make_network(shaken_square(0, 0), kLattice, kMembrane);
+  SparseFactor factor;
+  EXPECT_TRUE(factor.make(network, std::vector(network.size(), NodeKind::kTool)));
+  EXPECT_EQ(factor.size(), 0U);
+  factor.solve({});
+  EXPECT_TRUE(factor.make(make_network({}, kLattice, kMembrane), {}));
+}
+
+TEST(SparseFactor, FailsIfTheMatrixIsNotDefinite) {
+  Network network = make_network(shaken_square(0, 0.2), kLattice, kMembrane);
+  for (double& f : network.foundation_N_per_m)
+    f = -f;
+  const std::vector<NodeKind> kind(network.size(), NodeKind::kFree);
+  SparseFactor factor;
+  EXPECT_FALSE(factor.make(network, kind));
+  EXPECT_EQ(factor.size(), 0U);
+  LocalSolution solution;
+  EXPECT_FALSE(solve_local(network, kind, solution));
+  EXPECT_FALSE(solve_global(network, kind));
+}
+
+// The laws of runtime/haptics/membrane/region.h: the errors caused by the ring, their decay with
+// its radius, and the bounds on them.
 
 const Lattice kFine{12};
 
@@ -136,10 +360,7 @@ TEST(Local, BoundsHoldOnRandomNetworks) {
   for (int i = 0; i < 400; ++i) {
     SliceMesh mesh = test::triangular_mesh({-4096, -3600}, 512, 17);
     const double shake = i % 2 == 0 ? 0.1 : 0.24;
-    for (LatticePoint& p : mesh.vertices) {
-      p.x += static_cast<std::int32_t>(512 * shake * (2 * test::uniform(random) - 1));
-      p.y += static_cast<std::int32_t>(512 * shake * (2 * test::uniform(random) - 1));
-    }
+    shake_mesh(mesh, 512 * shake, random);
     const double lambda_m = 2e-3 * std::exp(2.5 * test::uniform(random));
     const Membrane membrane{5e6 * lambda_m * lambda_m, 5e6};
     const double radius = 1200 + 2600 * test::uniform(random);
@@ -215,6 +436,208 @@ TEST(Local, SolvesForAnyLoadAndHeldDisplacements) {
       EXPECT_EQ(w[i], held[i]);
     }
   }
+}
+
+// The network under a fine polygon in a large sheet converges to the exact disc with the
+// theoretical order.
+
+const Lattice kVeryFine{14};  // rounding error far below the discretisation error
+constexpr double kRadius_mm = 3;
+constexpr double kFar_mm = 200;
+
+struct Solved {
+  double error = 0;        ///< error of the stiffness relative to the disc's
+  double shape_error = 0;  ///< largest of w, in depths
+};
+
+Solved solve_polar(double lambda_mm, int sides) {
+  const Membrane membrane = membrane_for_disc(5000, lambda_mm * 1e-3, kRadius_mm * 1e-3);
+  const double step_per_mm = 1 / kVeryFine.step_mm();
+  // Rings of nearly equilateral triangles.
+  const int rings = static_cast<int>(std::lround(sides * std::log(kFar_mm / kRadius_mm) /
+                                                 (2 * std::numbers::pi) * 2 / std::sqrt(3)));
+  const SliceMesh mesh =
+      test::polar_mesh(kRadius_mm * step_per_mm, kFar_mm * step_per_mm, sides, rings);
+  EXPECT_TRUE(check_mesh(mesh));
+  const Network network = make_network(mesh, kVeryFine, membrane);
+  EXPECT_EQ(network.signs.negative(), 0U);
+  std::vector<NodeKind> kind(network.size(), NodeKind::kFree);
+  std::fill(kind.begin(), kind.begin() + sides, NodeKind::kTool);
+  const auto solution = solve_global(network, kind);
+  EXPECT_TRUE(solution);
+  const double under_tool_m2 =
+      0.5 * sides * std::sin(2 * std::numbers::pi / sides) * std::pow(kRadius_mm * 1e-3, 2);
+  Solved out;
+  out.error =
+      (solution->stiffness_N_per_m + membrane.foundation_N_per_m3 * under_tool_m2) / 5000 - 1;
+  for (std::size_t i = 0; i < network.size(); ++i) {
+    const double r_m = std::hypot(mesh.vertices[i].x, mesh.vertices[i].y) * kVeryFine.step_m();
+    const double exact =
+        r_m <= kRadius_mm * 1e-3 ? 1 : disc_shape(membrane, kRadius_mm * 1e-3, r_m);
+    out.shape_error = std::max(out.shape_error, std::abs(solution->w[i] - exact));
+  }
+  return out;
+}
+
+// Linear elements: the energy, and so the stiffness, converges with the square of the mesh size;
+// so does the polygon to the disc. Halving the size divides the error by four.
+TEST(Convergence, StiffnessTendsToTheDiscWithTheSquareOfTheMeshSize) {
+  for (const double lambda_mm : {5.0, 8.0, 20.0}) {
+    double last = 0, last_shape = 0;
+    for (const int sides : {12, 24, 48, 96}) {
+      const Solved now = solve_polar(lambda_mm, sides);
+      printf("lambda %g mm, %d sides: stiffness %.3e shape %.3e order %.2f %.2f\n", lambda_mm,
+             sides, now.error, now.shape_error, std::log2(last / now.error),
+             std::log2(last_shape / now.shape_error));
+      if (last != 0) {
+        EXPECT_GT(std::log2(last / now.error), 1.7) << lambda_mm << " mm, " << sides;
+        EXPECT_LT(std::log2(last / now.error), 2.3) << lambda_mm << " mm, " << sides;
+      }
+      last = now.error;
+      last_shape = now.shape_error;
+    }
+    EXPECT_LT(std::abs(last), 2e-3);
+    EXPECT_LT(last_shape, 2e-3);
+  }
+}
+
+// Force propagation (runtime/haptics/membrane/region.h) compared with the equilibrium.
+
+struct Net {
+  SliceMesh mesh = test::triangular_mesh({0, 0}, 256, 41);
+  Network network;
+  std::vector<NodeKind> kind;
+
+  explicit Net(double shake = 0.15) {
+    std::mt19937_64 random(3);
+    shake_mesh(mesh, 256 * shake, random);
+    network = make_network(mesh, kLattice, kMembrane);
+    kind.assign(network.size(), NodeKind::kFree);
+    for (std::size_t i = 0; i < kind.size(); ++i) {
+      if (std::hypot(mesh.vertices[i].x - 5000, mesh.vertices[i].y - 4400) < 700)
+        kind[i] = NodeKind::kTool;
+    }
+  }
+};
+
+double settle(const Net& net, const PropagationPlan& plan, PropagationState& state, int ticks) {
+  double force = 0;
+  for (int tick = 0; tick < ticks; ++tick)
+    force = propagate(net.network, plan, 1, state);
+  return force;
+}
+
+TEST(Propagation, ActivatesBreadthFirstDownToItsDepth) {
+  const Net net;
+  std::vector<int> depth(net.network.size(), 1000);
+  for (std::size_t i = 0; i < depth.size(); ++i) {
+    if (net.kind[i] == NodeKind::kTool) depth[i] = 0;
+  }
+  for (int round = 0; round < 60; ++round) {
+    for (std::size_t i = 0; i < depth.size(); ++i) {
+      for (std::uint32_t k = net.network.first[i]; k < net.network.first[i + 1]; ++k)
+        depth[i] = std::min(depth[i], depth[net.network.neighbour[k]] + 1);
+    }
+  }
+  for (const int wanted : {1, 3, 8, 200}) {
+    const PropagationPlan plan = plan_propagation(net.network, net.kind, {.depth = wanted});
+    EXPECT_TRUE(
+        std::is_sorted(plan.active.begin(), plan.active.end(),
+                       [&](std::uint32_t a, std::uint32_t b) { return depth[a] < depth[b]; }));
+    const auto expected =
+        std::count_if(depth.begin(), depth.end(), [&](int d) { return d >= 1 && d <= wanted; });
+    EXPECT_EQ(plan.active.size(), static_cast<std::size_t>(expected));
+    EXPECT_EQ(std::set<std::uint32_t>(plan.active.begin(), plan.active.end()).size(),
+              plan.active.size());
+  }
+}
+
+// The state at rest is the equilibrium with all deeper nodes held at 0.
+TEST(Propagation, SettlesAtTheDepthLimitedEquilibrium) {
+  const Net net;
+  for (const int depth : {1, 4, 9}) {
+    for (const double damping : /* the first is taken as the least */ {0.1, 0.6, 0.7, 1.0}) {
+      const PropagationPlan plan = plan_propagation(
+          net.network, net.kind, {.depth = depth, .sweeps = 4, .damping = damping});
+      std::vector<NodeKind> limited(net.kind.size(), NodeKind::kBorder);
+      for (std::uint32_t i : plan.active)
+        limited[i] = NodeKind::kFree;
+      for (std::uint32_t i : plan.tool)
+        limited[i] = NodeKind::kTool;
+      LocalSolution expected;
+      ASSERT_TRUE(solve_local(net.network, limited, expected));
+      PropagationState state = make_propagation_state(net.network, plan);
+      const double force = settle(net, plan, state, 400);
+      EXPECT_NEAR(force / expected.stiffness_N_per_m, 1, 1e-9) << depth << ", " << damping;
+      for (std::size_t i = 0; i < state.w_m.size(); ++i)
+        EXPECT_NEAR(state.w_m[i], expected.w[i], 1e-9);
+      // Linear: half as deep, half the force.
+      for (int tick = 0; tick < 400; ++tick)
+        propagate(net.network, plan, 0.5, state);
+      EXPECT_NEAR(propagate(net.network, plan, 0.5, state) / force, 0.5, 1e-9);
+    }
+  }
+}
+
+TEST(Propagation, ErrorFallsWithTheDepth) {
+  const Net net;
+  const auto global = solve_global(net.network, net.kind);
+  ASSERT_TRUE(global);
+  double last = 1e9;
+  for (int depth = 1; depth <= 12; ++depth) {
+    const PropagationPlan plan = plan_propagation(net.network, net.kind, {.depth = depth});
+    PropagationState state = make_propagation_state(net.network, plan);
+    const double error = settle(net, plan, state, 300) / global->stiffness_N_per_m - 1;
+    EXPECT_GT(error, -1e-9);
+    EXPECT_LT(error, last);
+    last = error;
+  }
+  EXPECT_LT(last, 0.1);
+}
+
+// One tick moves every ring, as nodes are updated in the order of activation.
+TEST(Propagation, OneTickReachesTheWholeDepth) {
+  const Net net;
+  const PropagationPlan plan = plan_propagation(net.network, net.kind, {.depth = 7, .sweeps = 1});
+  PropagationState state = make_propagation_state(net.network, plan);
+  propagate(net.network, plan, 1e-3, state);
+  for (std::uint32_t i : plan.active)
+    EXPECT_GT(state.w_m[i], 0);
+}
+
+TEST(Propagation, WithoutAToolNothingMoves) {
+  const Net net;
+  const std::vector<NodeKind> free(net.kind.size(), NodeKind::kFree);
+  const PropagationPlan plan = plan_propagation(net.network, free, {});
+  EXPECT_TRUE(plan.active.empty());
+  PropagationState state = make_propagation_state(net.network, plan);
+  EXPECT_EQ(propagate(net.network, plan, 1, state), 0);
+}
+
+// The noexcept functions of runtime/deformation do not allocate: a solve, a tick of propagation.
+
+TEST(DeformationSolve, DoesNotAllocate) {
+  TROCAR_NEEDS_COUNTED_ALLOCATIONS();
+  const Network network =
+      make_network(test::triangular_mesh({0, 0}, 256, 20), Lattice{8}, {320, 5e6});
+  std::vector<NodeKind> kind(network.size(), NodeKind::kFree);
+  kind[190] = kind[191] = NodeKind::kTool;
+  kind[0] = NodeKind::kBorder;
+  LocalSolution solution;
+  ASSERT_TRUE(solve_local(network, kind, solution));
+  std::vector<double> x(solution.factor.size(), 1), held(network.size(), 1e-3),
+      force(network.size(), 0), w(network.size());
+  const PropagationPlan plan = plan_propagation(network, kind, {});
+  PropagationState state = make_propagation_state(network, plan);
+  const std::uint64_t before = allocations_in_scopes();
+  {
+    const NoAllocationScope scope;
+    solution.factor.solve(x);
+    solve_general(network, kind, solution.factor, held, force, x, w);
+    propagate(network, plan, 1e-3, state);
+  }
+  EXPECT_EQ(allocations_in_scopes() - before, 0U);
+  EXPECT_GT(w[180], 0);
 }
 
 }  // namespace

@@ -1,9 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-// The shares of the tool outline of runtime/haptics/sheet.h, compared with areas
-// found by integration.
+// The tool: its outline in a sheet, its coverage, and its shaft in holes.
+#include "runtime/haptics/tool.h"
+
 #include <gtest/gtest.h>
 
 #include <array>
+#include <cmath>
+#include <numbers>
 #include <random>
 #include <set>
 #include <vector>
@@ -14,6 +17,133 @@
 
 namespace trocar::runtime {
 namespace {
+
+// The tool's prism and its section with a sheet (runtime/haptics/tool.h).
+
+TEST(ToolOutline, IsSimpleWhereTheClearanceAllowsIt) {
+  std::mt19937_64 random(3);
+  int narrow = 0;
+  for (int i = 0; i < 5000; ++i) {
+    SceneTool shape;
+    shape.sides = 3 + static_cast<int>(random() % 30);
+    shape.radius_m = uniform(random, 0.0001, 0.003);
+    if (i % 3 == 0) {
+      shape = arrow();
+      for (auto& p : shape.outline_m)
+        p = {0.2 * p[0], 0.2 * p[1]};
+    }
+    shape.tilt_deg = uniform(random, 0, 45);
+    shape.tilt_azimuth_deg = uniform(random, 0, 360);
+    const Tool tool = make_tool(shape);
+    PlanarTransform transform;
+    transform.lattice.bits = static_cast<int>(random() % 9);
+    if (smallest_clearance_m(tool) < kMinClearance * transform.lattice.step_m()) {
+      ++narrow;
+      continue;
+    }
+    const LatticeOutline outline =
+        outline_on_lattice(tool, at(0, 0, 0, uniform(random, 0, 7)), transform, 0.01);
+    ASSERT_EQ(outline.size, tool.sides);
+    for (int k = 0; k < outline.size; ++k) {
+      for (int j = 0; j < k; ++j) {
+        ASSERT_NE(outline.points[j], outline.points[k]);
+        ASSERT_FALSE(segments_cross(outline.points[j], outline.points[(j + 1) % outline.size],
+                                    outline.points[k], outline.points[(k + 1) % outline.size]));
+      }
+    }
+    ASSERT_GT(doubled_area(to_ring(outline)), 0);
+  }
+  EXPECT_GT(narrow, 100);
+  EXPECT_LT(narrow, 4000);
+}
+
+TEST(ToolOutline, IsTheSectionOfThePrismWithTheSheet) {
+  // The section's points, projected along the axis, are the corners of the cross-section.
+  std::mt19937_64 random(5);
+  for (int i = 0; i < 1000; ++i) {
+    SceneTool shape;
+    shape.radius_m = 0.01;
+    shape.tilt_deg = uniform(random, 0, 35);
+    shape.tilt_azimuth_deg = uniform(random, 0, 360);
+    shape.tip_in_plate_m = {0.01, -0.02, 0.03};
+    const Tool tool = make_tool(shape);
+    Pose pose;
+    pose.p_m = {uniform(random, -0.02, 0.02), uniform(random, -0.02, 0.02), 0.1};
+    pose.q = Eigen::AngleAxisd(
+        0.15, Eigen::Vector3d(uniform(random, -1, 1), uniform(random, -1, 1), 0.3).normalized());
+    PlanarTransform transform;
+    const double z_m = uniform(random, 0.08, 0.12);
+    const LatticeOutline outline = outline_on_lattice(tool, pose, transform, z_m);
+    ASSERT_EQ(outline.size, 6);
+    const Eigen::Vector3d axis = pose.q * tool.axis_plate, at_m = axis_at(tool, pose, z_m);
+    EXPECT_NEAR(at_m.z(), z_m, 1e-15);
+    EXPECT_LT((at_m - pose * tool.tip_plate_m).cross(axis).norm(), 1e-15);
+    for (int k = 0; k < 6; ++k) {
+      const Eigen::Vector2d xy = transform.to_scene({outline.points[k].x, outline.points[k].y});
+      const Eigen::Vector3d from_axis = Eigen::Vector3d(xy.x(), xy.y(), z_m) - at_m;
+      const Eigen::Vector3d across = from_axis - from_axis.dot(axis) * axis;
+      const Eigen::Vector3d corner = pose.q * (tool.corner_plate_m[k] - tool.tip_plate_m);
+      ASSERT_LT((across - corner).norm(), 2 * transform.lattice.step_m());
+    }
+  }
+}
+
+TEST(ToolOutline, PiecesTileTheCrossSection) {
+  SceneTool star;
+  for (int k = 0; k < 10; ++k) {
+    const double r = k % 2 == 0 ? 0.004 : 0.0015, angle = 2 * std::numbers::pi * k / 10;
+    star.outline_m.push_back({r * std::cos(angle), r * std::sin(angle)});
+  }
+  for (const SceneTool& shape : {star, arrow(), SceneTool{}}) {
+    const Tool tool = make_tool(shape);
+    ASSERT_GT(tool.pieces, 0);
+    const auto cross = [&](int i, int j, int k) {
+      return (tool.corner_plate_m[j] - tool.corner_plate_m[i])
+          .cross(tool.corner_plate_m[k] - tool.corner_plate_m[i])
+          .z();
+    };
+    double whole = 0, sum = 0;
+    for (int i = 2; i < tool.sides; ++i)
+      whole += cross(0, i - 1, i);
+    for (int p = 0; p < tool.pieces; ++p) {
+      const ConvexPiece& piece = tool.piece[p];
+      for (int i = 0; i < piece.size; ++i) {
+        EXPECT_GE(cross(piece.corner[i], piece.corner[(i + 1) % piece.size],
+                        piece.corner[(i + 2) % piece.size]),
+                  0);
+      }
+      for (int i = 2; i < piece.size; ++i)
+        sum += cross(piece.corner[0], piece.corner[i - 1], piece.corner[i]);
+    }
+    EXPECT_NEAR(sum, whole, 1e-12 * whole);
+  }
+  EXPECT_EQ(make_tool(SceneTool{}).pieces, 1);
+  SceneTool comb;  // 15 teeth: more than kMaxToolPieces parts
+  for (int k = 0; k < 15; ++k) {
+    comb.outline_m.push_back({0.001 * k, -0.002});
+    comb.outline_m.push_back({0.001 * k + 0.0005, 0});
+  }
+  comb.outline_m.push_back({0.02, 0.004});
+  comb.outline_m.push_back({-0.002, 0.004});
+  EXPECT_EQ(make_tool(comb).pieces, 0);
+}
+
+TEST(ToolOutline, TransformAndItsInverseCancel) {
+  PlanarTransform transform;
+  transform.at_m = {0.01, -0.02};
+  transform.anchor_mm = {80, 72};
+  transform.cosine = std::cos(0.7);
+  transform.sine = std::sin(0.7);
+  const Eigen::Vector2d p(0.013, 0.004);
+  EXPECT_LT((transform.to_scene(transform.to_lattice(p)) - p).norm(), 1e-15);
+  EXPECT_LT((transform.to_lattice(transform.at_m) - transform.anchor_mm * 256).norm(), 1e-9);
+  // x is u rotated by +0.7: one mm along u.
+  const Eigen::Vector2d u = transform.to_scene({256 * 81, 256 * 72}) - transform.at_m;
+  EXPECT_LT((u - Eigen::Vector2d(std::cos(0.7), std::sin(0.7)) * 1e-3).norm(), 1e-15);
+}
+
+// The shares of the tool outline of runtime/haptics/sheet.h, compared with areas
+// found by integration.
 
 using LongPolygon = std::vector<Eigen::Matrix<long double, 2, 1>>;
 
@@ -229,6 +359,108 @@ TEST_F(OverlapTest, CentroidOfTheOverlapIsThatOfItsArea) {
         (sheets_[0]->transform.to_scene(whole.centroid_steps) - Eigen::Vector2d(x_m, 0)).norm(),
         1e-9);
   }
+}
+
+// The contract of runtime/haptics/tool.h.
+
+ShaftSection down_to(double inserted_m, double x_m = 0, double y_m = 0) {
+  ShaftSection place;
+  place.at_m = {x_m, y_m, 0.12};
+  place.inserted_m = inserted_m;
+  return place;
+}
+
+ShaftTissue sticky() {
+  ShaftTissue tissue;
+  tissue.dry_friction_N = 2;
+  return tissue;
+}
+
+TEST(Shaft, NoForceWithoutAHoleOrWithDefaultTissue) {
+  ShaftState state;
+  EXPECT_EQ(shaft_force(sticky(), down_to(0.01, 0.01), kTick_s, state), Eigen::Vector3d::Zero());
+  EXPECT_EQ(shaft_force(sticky(), down_to(0.02, 0.01), kTick_s, state), Eigen::Vector3d::Zero());
+  enter_hole(down_to(0.02), state);
+  EXPECT_EQ(shaft_force({}, down_to(0.03, 0.01), kTick_s, state), Eigen::Vector3d::Zero());
+}
+
+TEST(Shaft, DryFrictionRisesToItsValueAndReversesWithTheMotion) {
+  const ShaftTissue tissue = sticky();
+  ShaftState state;
+  enter_hole(down_to(0.01), state);
+  EXPECT_NEAR(shaft_force(tissue, down_to(0.01 + tissue.presliding_m / 2), kTick_s, state).z(), 1,
+              1e-12);
+  EXPECT_NEAR(shaft_force(tissue, down_to(0.02), kTick_s, state).z(), 2, 1e-12);
+  EXPECT_NEAR(shaft_force(tissue, down_to(0.02), kTick_s, state).z(), 2, 1e-12) << "at rest";
+  EXPECT_NEAR(shaft_force(tissue, down_to(0.02 - tissue.presliding_m), kTick_s, state).z(), 0,
+              1e-12);
+  EXPECT_NEAR(shaft_force(tissue, down_to(0.015), kTick_s, state).z(), -2, 1e-12);
+}
+
+TEST(Shaft, ViscousFrictionIsTheSpeedTimesTheCoefficientAlongATiltedAxis) {
+  ShaftTissue tissue;
+  tissue.viscous_friction_N_s_per_m = 10;
+  ShaftState state;
+  ShaftSection place = down_to(0.01);
+  place.axis = Eigen::Vector3d(0.6, 0, 0.8);
+  enter_hole(place, state);
+  place.inserted_m += 1e-4;  // 0.1 m/s
+  EXPECT_LT((shaft_force(tissue, place, kTick_s, state) - Eigen::Vector3d(0.6, 0, 0.8)).norm(),
+            1e-12);
+}
+
+TEST(Shaft, FrictionIsBoundedAndDissipatesOverAClosedMotion) {
+  const ShaftTissue tissue = sticky();
+  std::mt19937_64 random(1);
+  for (int trial = 0; trial < 200; ++trial) {
+    ShaftState state;
+    enter_hole(down_to(0.02), state);
+    double inserted_m = 0.02, taken_J = 0;
+    const auto go = [&](double to_m) {
+      const double before_N = tissue.dry_friction_N * state.spring_m / tissue.presliding_m;
+      const double force_N = shaft_force(tissue, down_to(to_m), kTick_s, state).z();
+      ASSERT_LE(std::abs(force_N), tissue.dry_friction_N * (1 + 1e-12));
+      taken_J += (before_N + force_N) / 2 * (to_m - inserted_m);
+      inserted_m = to_m;
+    };
+    // Steps below the spring's length, so that the trapezoidal sum is the work.
+    for (int i = 0; i < 500; ++i) {
+      const double u = static_cast<double>(random() >> 11) * 0x1p-53;
+      go(inserted_m + (u - 0.5) * tissue.presliding_m);
+    }
+    while (std::abs(inserted_m - 0.02) > 1e-5)
+      go(inserted_m + (inserted_m < 0.02 ? 1e-5 : -1e-5));
+    go(0.02);
+    ASSERT_GE(taken_J, -1e-9);
+  }
+}
+
+TEST(Shaft, TheRimForceOpposesTheDisplacementInThePlane) {
+  ShaftTissue tissue;
+  tissue.rim_stiffness_N_per_m = 3000;
+  ShaftState state;
+  enter_hole(down_to(0.01, 0.005, -0.002), state);
+  EXPECT_LT((shaft_force(tissue, down_to(0.02, 0.006, -0.004), kTick_s, state) -
+             Eigen::Vector3d(-3, 6, 0))
+                .norm(),
+            1e-12);
+}
+
+TEST(Shaft, EnteringAHoleAgainTakesAndGivesNoEnergy) {
+  ShaftTissue tissue = sticky();
+  tissue.viscous_friction_N_s_per_m = 10;
+  tissue.rim_stiffness_N_per_m = 3000;
+  ShaftState state;
+  enter_hole(down_to(0.01), state);
+  EXPECT_GT(shaft_force(tissue, down_to(0.02, 0.004), kTick_s, state).norm(), 10);
+  state.in_hole = false;  // drawn out
+  const ShaftSection back = down_to(1e-4, 2e-4, -1e-4);
+  EXPECT_EQ(shaft_force(tissue, back, kTick_s, state), Eigen::Vector3d::Zero());
+  enter_hole(back, state);
+  EXPECT_EQ(shaft_force(tissue, back, kTick_s, state), Eigen::Vector3d::Zero());
+  // Friction and rim then act as after a puncture at this position.
+  const Eigen::Vector3d force_N = shaft_force(tissue, down_to(1e-2, 2e-4, 0), kTick_s, state);
+  EXPECT_LT((force_N - Eigen::Vector3d(0, -0.3, 2 + 10 * 9.9)).norm(), 1e-9);
 }
 
 }  // namespace
