@@ -426,8 +426,9 @@ class DeviceProtocol : public testing::Test {
 
 template <typename Packet>
 class EachPacket : public DeviceProtocol {};
-TYPED_TEST_SUITE(EachPacket, (testing::Types<HelloPacket, WelcomePacket, CommandPacket, StatePacket,
-                                             WrenchCommandPacket, PoseStatePacket>));
+using AllPackets = testing::Types<HelloPacket, WelcomePacket, CommandPacket, StatePacket,
+                                  WrenchCommandPacket, PoseStatePacket>;
+TYPED_TEST_SUITE(EachPacket, AllPackets);
 
 TYPED_TEST(EachPacket, HasTheBytesOfTheDocumentation) {
   using This = Of<TypeParam>;
