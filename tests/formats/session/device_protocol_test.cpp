@@ -513,9 +513,9 @@ TYPED_TEST(EachPacket, WithInvalidContentsIsRefused) {
 
 template <typename Packet>
 class EachPacketOfASession : public DeviceProtocol {};
-TYPED_TEST_SUITE(
-    EachPacketOfASession,
-    (testing::Types<CommandPacket, StatePacket, WrenchCommandPacket, PoseStatePacket>));
+using PacketsOfASession =
+    testing::Types<CommandPacket, StatePacket, WrenchCommandPacket, PoseStatePacket>;
+TYPED_TEST_SUITE(EachPacketOfASession, PacketsOfASession);
 
 TYPED_TEST(EachPacketOfASession, IsAcceptedOnceInItsOrderSessionDirectionAndKey) {
   using This = Of<TypeParam>;
