@@ -4,35 +4,25 @@
 // bytes.
 #include <algorithm>
 #include <cstdlib>
-#include <type_traits>
+#include <tuple>
 #include <vector>
 
 #include "formats/session/device_protocol.h"
 #include "tests/fuzz/harness.h"
+#include "tests/support/link_corpus.h"
 
 namespace {
 
 using namespace trocar;  // NOLINT(google-build-using-namespace): a program of one file
 using Bytes = std::vector<std::uint8_t>;
 
-LinkKey shared_key() {
-  static const LinkKey made = [] {
-    if (!start_link()) std::abort();
-    LinkKey k;
-    for (std::size_t i = 0; i < k.bytes.size(); ++i)
-      k.bytes[i] = static_cast<std::uint8_t>(7 * i + 1);
-    return k;
-  }();
-  return made;
-}
-constexpr LinkNonce kHost = {1, 2, 3}, kDrive = {4, 5, 6};
-
 template <typename Packet>
 const LinkKey& key_for() {
-  static const LinkKey shared = shared_key();
-  static const LinkKey of_session = session_key(shared, kHost, kDrive);
-  return std::is_same_v<Packet, HelloPacket> || std::is_same_v<Packet, WelcomePacket> ? shared
-                                                                                      : of_session;
+  static const LinkKey key = [] {
+    if (!start_link()) std::abort();
+    return link_corpus::key_for<Packet>();
+  }();
+  return key;
 }
 
 template <typename Packet>
@@ -42,30 +32,12 @@ Bytes encoded(const Packet& packet) {
   return bytes;
 }
 
-/// The packets of the corpus, which tests/fuzz/make_corpus.py makes independently.
 const std::vector<Bytes>& valid_packets() {
   static const std::vector<Bytes> made = [] {
-    const std::uint64_t session = session_number(kDrive);
-    HelloPacket hello{1000, kHost, 1e-3, true};
-    WelcomePacket welcome{2000, kHost, kDrive, 2.5e-4, LinkClock::kReal};
-    CommandPacket command{session, 1, 3000, CommandMode::kTorque, 1, {}};
-    StatePacket state{session, 1, 4000, DriveMode::kTorque, 0, 1, {}};
-    for (std::size_t i = 0; i < kLinkMotors; ++i)
-      command.tau_motor_Nm[i] = 0.25 * static_cast<double>(i) - 1;
-    for (std::size_t i = 0; i < kLinkEncoders; ++i)
-      state.encoder_rad[i] = 0.125 * static_cast<double>(i) - 1;
-    HelloPacket hello_pose = hello;
-    hello_pose.contents = LinkContents::kPose;
-    WrenchCommandPacket wrench{session, 1, 3000, CommandMode::kTorque, 1, {}, {}};
-    PoseStatePacket pose{session, 1, 4000, DriveMode::kTorque, 0, 6, 1, {}, {0.6, -0.8, 0, 0}};
-    for (std::size_t i = 0; i < 3; ++i) {
-      wrench.force_N[i] = command.tau_motor_Nm[i];
-      wrench.moment_Nm[i] = command.tau_motor_Nm[i + 3];
-      pose.p_m[i] = state.encoder_rad[i];
-    }
-    return std::vector<Bytes>{encoded(hello), encoded(welcome), encoded(command),
-                              encoded(state), encoded(wrench),  encoded(hello_pose),
-                              encoded(pose)};
+    std::vector<Bytes> all = {encoded(link_corpus::hello_for_poses())};
+    std::apply([&](const auto&... packet) { (all.push_back(encoded(packet)), ...); },
+               link_corpus::packets());
+    return all;
   }();
   return made;
 }
@@ -85,12 +57,12 @@ void check(LinkRefusal refusal, const Packet& packet, const Bytes& bytes) {
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   const Bytes bytes(data, data + size);
-  const std::uint64_t session = session_number(kDrive);
+  const std::uint64_t session = session_number(link_corpus::kDrive);
   valid_packets();
   HelloPacket hello;
   check(decode(bytes, key_for<HelloPacket>(), hello), hello, bytes);
   WelcomePacket welcome;
-  check(decode(bytes, key_for<WelcomePacket>(), kHost, welcome), welcome, bytes);
+  check(decode(bytes, key_for<WelcomePacket>(), link_corpus::kHost, welcome), welcome, bytes);
   CommandPacket command;
   std::uint64_t last = 0;
   check(decode(bytes, key_for<CommandPacket>(), session, last, command), command, bytes);
@@ -105,7 +77,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   check(decode(bytes, key_for<PoseStatePacket>(), session, last, pose), pose, bytes);
   DenialPacket denial;  // anyone can make one
   Bytes again(kDenialBytes);
-  const bool denied = decode(bytes, kHost, denial) == LinkRefusal::kNone;
+  const bool denied = decode(bytes, link_corpus::kHost, denial) == LinkRefusal::kNone;
   if (denied ? encode(denial, again) == 0 || again != bytes : !(denial == DenialPacket{}))
     std::abort();
   LinkNonce nonce{};

@@ -14,23 +14,18 @@
 #include "formats/session/device_protocol.h"
 #include "runtime/device/simulated/drive.h"
 #include "tests/fuzz/harness.h"
+#include "tests/support/link_corpus.h"
 
 namespace {
 
 using namespace trocar;           // NOLINT(google-build-using-namespace): a program of one file
 using namespace trocar::runtime;  // NOLINT(google-build-using-namespace)
 using fuzz::fail;
+using link_corpus::shared_key;
 using Datagram = std::vector<std::uint8_t>;
 
 constexpr int kMaxOperations = 200, kMaxPeriods = 100;
 constexpr double kPeriod_s = 1e-3;  // the host's
-
-LinkKey shared_key() {
-  LinkKey key;
-  for (std::size_t i = 0; i < key.bytes.size(); ++i)
-    key.bytes[i] = static_cast<std::uint8_t>(7 * i + 1);
-  return key;
-}
 
 const SimulatedDevice& model() {
   static const SimulatedDevice made = [] {

@@ -53,20 +53,15 @@ std::vector<RecordingRow> any_rows(std::size_t count) {
   for (std::size_t i = 0; i < count; ++i) {
     RecordingRow& row = rows[i];
     row.t_s = static_cast<double>(i) / 3;
-    for (auto* numbers : {row.p_m.data(), row.tool_m.data()}) {
-      for (int k = 0; k < 3; ++k)
-        numbers[k] = any_double(random);
-    }
-    for (double& x : row.q)
-      x = any_double(random);
-    for (double& x : row.wrench_wanted)
-      x = any_double(random);
-    for (double& x : row.wrench_delivered)
-      x = any_double(random);
-    for (double& x : row.tau_Nm)
-      x = any_double(random);
-    for (double& x : row.encoder_rad)
-      x = any_double(random);
+    const auto fill = [&](auto&... numbers) {
+      const auto each = [&](auto& all) {
+        for (double& x : all)
+          x = any_double(random);
+      };
+      (each(numbers), ...);
+    };
+    fill(row.p_m, row.tool_m, row.q, row.wrench_wanted, row.wrench_delivered, row.tau_Nm,
+         row.encoder_rad);
     row.phase = static_cast<ContactPhase>(random() % 5);
     row.active_slice = static_cast<std::int32_t>(random() % 40) - 1;
     row.penetration_m = any_double(random);
@@ -121,8 +116,9 @@ std::string text_of(const fs::path& file) {
   return bytes ? std::string(bytes->begin(), bytes->end()) : std::string();
 }
 
-std::string csv_of(const fs::path& folder, std::span<const RecordingRow> rows) {
-  auto writer = RecordingWriter::open(folder / "r.csv");
+std::string csv_of(const fs::path& folder, std::span<const RecordingRow> rows,
+                   const RecordingOrigin& origin = {}) {
+  auto writer = RecordingWriter::open(folder / "r.csv", origin);
   EXPECT_TRUE(writer);
   EXPECT_TRUE(writer->append(rows));
   EXPECT_TRUE(writer->commit());
@@ -167,20 +163,12 @@ bool same_cutting(const RecordingRow::Cutting& a, const RecordingRow::Cutting& b
 
 const RecordingOrigin kOfCutting{{{"force-law", "cutting"}}};
 
-std::string cutting_csv_of(const fs::path& folder, std::span<const RecordingRow> rows) {
-  auto writer = RecordingWriter::open(folder / "c.csv", kOfCutting);
-  EXPECT_TRUE(writer);
-  EXPECT_TRUE(writer->append(rows));
-  EXPECT_TRUE(writer->commit());
-  return text_of(folder / "c.csv");
-}
-
 TEST_F(Recording, ThoseOfTheCuttingLawHaveItsColumnsBitForBit) {
   const std::vector<RecordingRow> rows = any_cutting_rows(2000);
-  const std::string csv = cutting_csv_of(folder_, rows);
+  const std::string csv = csv_of(folder_, rows, kOfCutting);
   EXPECT_EQ(csv.substr(0, csv.find('\n')), recording_header({.has_cutting = true}));
   RecordingOrigin origin;
-  const auto read = read_recording(folder_ / "c.csv", &origin);
+  const auto read = read_recording(folder_ / "r.csv", &origin);
   ASSERT_TRUE(read) << read.error().message;
   EXPECT_EQ(origin, kOfCutting);
   ASSERT_EQ(read->size(), rows.size());
@@ -208,11 +196,7 @@ TEST_F(Recording, OtherLawsRecordNothingOfTheCuttingLaw) {
   for (const RecordingOrigin& origin :
        {RecordingOrigin{}, RecordingOrigin{{{"force-law", "hooke"}}},
         RecordingOrigin{{{"force-law", "network"}}}, RecordingOrigin{{{"scene", "cutting"}}}}) {
-    auto writer = RecordingWriter::open(folder_ / "r.csv", origin);
-    ASSERT_TRUE(writer);
-    ASSERT_TRUE(writer->append(rows));
-    ASSERT_TRUE(writer->commit());
-    const std::string csv = text_of(folder_ / "r.csv");
+    const std::string csv = csv_of(folder_, rows, origin);
     EXPECT_EQ(csv.substr(0, csv.find('\n')), recording_header());
     const auto read = read_recording(folder_ / "r.csv");
     ASSERT_TRUE(read) << read.error().message;
@@ -225,7 +209,7 @@ TEST_F(Recording, OtherLawsRecordNothingOfTheCuttingLaw) {
 }
 
 TEST_F(Recording, CorruptedColumnsOfTheCuttingLawAreRefused) {
-  const std::string good = cutting_csv_of(folder_, any_cutting_rows(3));
+  const std::string good = csv_of(folder_, any_cutting_rows(3), kOfCutting);
   const std::size_t second = good.find('\n', good.find('\n') + 1) + 1;
   const std::size_t end = good.find('\n', second);
   const char* const names[] = {

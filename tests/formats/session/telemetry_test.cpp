@@ -18,19 +18,14 @@
 #include <random>
 #include <thread>
 
+#include "tests/support/temporary_folder.h"
+
 namespace trocar {
 namespace {
 
 using std::chrono::steady_clock;
 
-struct Folder {
-  Folder() {
-    std::string name = (std::filesystem::temp_directory_path() / "live_XXXXXX").string();
-    path = ::mkdtemp(name.data());
-  }
-  ~Folder() { std::filesystem::remove_all(path); }
-  std::filesystem::path path;
-};
+using test::TemporaryFolder;
 
 TelemetrySizes some_sizes() {
   TelemetrySizes sizes;
@@ -174,14 +169,14 @@ TEST(TelemetryMemory, ThreadsReadNothingTornAndNothingBackwards) {
 }
 
 TEST(TelemetryMemory, ProcessesReadNothingTornAndNothingBackwards) {
-  const Folder folder;
+  const TemporaryFolder folder;
   const auto writer = make_writer();
-  ASSERT_TRUE(writer->link(folder.path / "live"));
+  ASSERT_TRUE(writer->link(folder / "live"));
   std::vector<pid_t> children;
   for (int i = 0; i < 6; ++i) {
     const pid_t child = ::fork();
     if (child == 0) {
-      const auto reader = TelemetryReader::open(folder.path / "live");
+      const auto reader = TelemetryReader::open(folder / "live");
       if (!reader) ::_exit(9);
       const auto end = steady_clock::now() + std::chrono::milliseconds(1500);
       const std::string wrong = watch(**reader, [&] { return steady_clock::now() < end; });
@@ -429,22 +424,31 @@ TEST(TelemetryMemory, ATornOrHostileHandChangesNothingAndTheNextOneHeals) {
   ::munmap(page, 4096);
 }
 
-TEST(TelemetryMemory, ALinkOfADeadProcessIsReplacedAndOfALivingOneRefused) {
-  const Folder folder;
-  const std::filesystem::path file = folder.path / "live";
-  EXPECT_FALSE(TelemetryReader::open(file));
+/// A process with a writer that is linked and then does this. Returns once the link is there.
+pid_t fork_writer(const std::filesystem::path& file,
+                  const std::function<void(TelemetryWriter&)>& goes_on) {
   std::array<int, 2> pipe{};
-  ASSERT_EQ(::pipe(pipe.data()), 0);
+  EXPECT_EQ(::pipe(pipe.data()), 0);
   const pid_t child = ::fork();
+  char ready = 0;
   if (child == 0) {
     const auto writer = make_writer();
-    char ready = writer->link(file) ? 1 : 0;
-    if (::write(pipe[1], &ready, 1) == 1) ::pause();
+    ready = writer->link(file) ? 1 : 0;
+    if (::write(pipe[1], &ready, 1) == 1) goes_on(*writer);
     ::_exit(0);
   }
-  char ready = 0;
-  ASSERT_EQ(::read(pipe[0], &ready, 1), 1);
-  ASSERT_EQ(ready, 1);
+  EXPECT_EQ(::read(pipe[0], &ready, 1), 1);
+  EXPECT_EQ(ready, 1);
+  ::close(pipe[0]);
+  ::close(pipe[1]);
+  return child;
+}
+
+TEST(TelemetryMemory, ALinkOfADeadProcessIsReplacedAndOfALivingOneRefused) {
+  const TemporaryFolder folder;
+  const std::filesystem::path file = folder / "live";
+  EXPECT_FALSE(TelemetryReader::open(file));
+  const pid_t child = fork_writer(file, [](TelemetryWriter&) { ::pause(); });
   auto reader = TelemetryReader::open(file);
   ASSERT_TRUE(reader);
   EXPECT_TRUE((*reader)->writer_is_alive());
@@ -467,37 +471,25 @@ TEST(TelemetryMemory, ALinkOfADeadProcessIsReplacedAndOfALivingOneRefused) {
   EXPECT_FALSE(std::filesystem::is_symlink(std::filesystem::symlink_status(file)));
 
   // A file that is not a session's link is left unchanged.
-  std::ofstream(folder.path / "data") << "data";
-  EXPECT_FALSE(make_writer()->link(folder.path / "data"));
-  std::filesystem::create_symlink(folder.path / "data", folder.path / "to_data");
-  EXPECT_FALSE(make_writer()->link(folder.path / "to_data"));
-  std::filesystem::create_symlink(folder.path / "nowhere", folder.path / "dangling");
-  EXPECT_FALSE(make_writer()->link(folder.path / "dangling"));
+  std::ofstream(folder / "data") << "data";
+  EXPECT_FALSE(make_writer()->link(folder / "data"));
+  std::filesystem::create_symlink(folder / "data", folder / "to_data");
+  EXPECT_FALSE(make_writer()->link(folder / "to_data"));
+  std::filesystem::create_symlink(folder / "nowhere", folder / "dangling");
+  EXPECT_FALSE(make_writer()->link(folder / "dangling"));
 }
 
 TEST(TelemetryMemory, AWriterKilledInAWriteLeavesReadersThatGoOn) {
-  const Folder folder;
+  const TemporaryFolder folder;
   for (int round = 0; round < 20; ++round) {
-    std::array<int, 2> pipe{};
-    ASSERT_EQ(::pipe(pipe.data()), 0);
-    const pid_t child = ::fork();
-    if (child == 0) {
-      const auto writer = make_writer();
-      const char ready = writer->link(folder.path / "live") ? 1 : 0;
-      if (::write(pipe[1], &ready, 1) != 1) ::_exit(1);
-      write_for(*writer, std::chrono::seconds(60));
-      ::_exit(0);
-    }
-    char ready = 0;
-    ASSERT_EQ(::read(pipe[0], &ready, 1), 1);
-    ASSERT_EQ(ready, 1);
-    auto reader = TelemetryReader::open(folder.path / "live");
+    const pid_t child = fork_writer(folder / "live", [](TelemetryWriter& writer) {
+      write_for(writer, std::chrono::seconds(60));
+    });
+    auto reader = TelemetryReader::open(folder / "live");
     ASSERT_TRUE(reader);
     std::this_thread::sleep_for(std::chrono::milliseconds(10));
     ::kill(child, SIGKILL);
     ::waitpid(child, nullptr, 0);
-    ::close(pipe[0]);
-    ::close(pipe[1]);
     // Ends, and tears nothing; the writer may have died in the middle of any part.
     std::vector<double> values;
     if ((*reader)->snapshot(values)) {
@@ -577,13 +569,13 @@ class Copy {
 
 TEST(TelemetryMemory, WhatIsNotAMemoryIsRefused) {
   EXPECT_TRUE(Copy().open());
-  const Folder folder;
-  std::ofstream(folder.path / "file") << std::string(100'000, 'x');
-  EXPECT_FALSE(TelemetryReader::open(folder.path / "file"));
-  EXPECT_FALSE(TelemetryReader::open(folder.path));
+  const TemporaryFolder folder;
+  std::ofstream(folder / "file") << std::string(100'000, 'x');
+  EXPECT_FALSE(TelemetryReader::open(folder / "file"));
+  EXPECT_FALSE(TelemetryReader::open(folder.path()));
   EXPECT_FALSE(TelemetryReader::open("/dev/null"));
-  ASSERT_EQ(::mkfifo((folder.path / "fifo").c_str(), 0600), 0);
-  EXPECT_FALSE(TelemetryReader::open(folder.path / "fifo"));
+  ASSERT_EQ(::mkfifo((folder / "fifo").c_str(), 0600), 0);
+  EXPECT_FALSE(TelemetryReader::open(folder / "fifo"));
   for (const int seals : {0, F_SEAL_SHRINK, F_SEAL_GROW, F_SEAL_SHRINK | F_SEAL_GROW})
     EXPECT_FALSE(Copy(seals).open()) << seals;
   const auto other = Copy(F_SEAL_SHRINK | F_SEAL_GROW | F_SEAL_SEAL, 4096).open();

@@ -6,21 +6,19 @@
 #include <algorithm>
 #include <bit>
 #include <cmath>
-#include <filesystem>
 #include <functional>
 #include <map>
+#include <utility>
 
 #include "formats/session/recording.h"
 #include "runtime/device/four_legs/kinematics.h"
 #include "runtime/haptics/bone/cutting_force_law.h"
 #include "runtime/haptics/loop/break_through.h"
 #include "runtime/realtime/realtime_thread.h"
-#include "runtime/session/open_device.h"
 #include "runtime/session/session.h"
+#include "tests/runtime/session/test_session.h"
 #include "tests/support/body_fixture.h"
 #include "tests/support/counted_allocations.h"
-#include "tests/support/four_legs_session.h"
-#include "tests/support/temporary_folder.h"
 
 namespace trocar::runtime {
 namespace {
@@ -30,6 +28,7 @@ const CuttingReport& cutting_of(const SessionResult& report) {
 }
 
 using test::body_scene, test::cutting_scene, test::spaced_asset, test::square_asset;
+using testing_support::TestSession;
 
 struct CuttingRun {
   SessionResult report;
@@ -41,26 +40,6 @@ DeviceDescription description_with(double friction_Nms_per_rad) {
   description.joint_viscous_friction_Nms_per_rad = friction_Nms_per_rad;
   description.motor_peak_time_s = 1e6;
   return description;
-}
-
-SessionOptions options_at(double rate_Hz, const Scene& scene) {
-  SessionOptions options;
-  options.clock = Clock::kVirtual;
-  options.rate_Hz = rate_Hz;
-  options.duration_s = scene.duration_s;
-  options.origin.entries = {{"force-law", to_string(scene.force_law.kind)}};
-  options.limits.gap_max_s = 0;
-  options.limits.speed_max_m_per_s = options.limits.rotation_rate_max_rad_per_s = 1e6;
-  options.limits.energy_limit_J = 1e9;
-  return options;
-}
-
-MechanismLimits mechanism_without_limits() {
-  MechanismLimits limits;
-  limits.encoder_rate_max_rad_per_s = 1e6;
-  limits.torque_rise_time_max_s = 1e6;
-  limits.torque_rise_max_Nm_per_s = 1e9;
-  return limits;
 }
 
 /// Between the device and the loop: what a device that fails does.
@@ -84,42 +63,33 @@ class FailingDevice final : public Device {
   std::uint64_t tick_ = 0;
 };
 
-CuttingRun run(Scene scene, const Asset& asset, SessionOptions options,
-               const DeviceDescription& description, const StatusOfTick& faults = {}) {
-  const test::TemporaryFolder folder;
-  CuttingRun out;
-  const Result<void> body = place_body(scene, asset, "asset");
-  EXPECT_TRUE(body) << body.error().message;
-  auto sheets = place_slices(scene, asset, "asset");
-  EXPECT_TRUE(sheets) << sheets.error().message;
-  Remesher remesher(*sheets);
-  auto simulated = make_simulated_device(scene, description);
-  EXPECT_TRUE(simulated) << simulated.error().message;
-  FailingDevice device(*simulated, faults);
-  options.record = folder / "r.csv";
-  auto report = run_session(
-      scene, description, remesher, device, [&](double dt_s) { simulated->step(dt_s); }, options,
-      mechanism_without_limits());
-  EXPECT_TRUE(report) << report.error().message;
-  out.report = *report;
-  EXPECT_TRUE(faults || out.report.fault == Fault::kNone) << to_string(out.report.fault);
-  auto rows = read_recording(folder / "r.csv");
-  EXPECT_TRUE(rows) << rows.error().message;
-  out.rows = *rows;
-  return out;
-}
+/// A session without the limits that fast motion would exceed.
+struct CuttingSession : TestSession {
+  CuttingSession(const Scene& of, Asset with, double rate_Hz = 1000,
+                 const DeviceDescription& on = description_with(0.005))
+      : TestSession(of, std::move(with)) {
+    description = on;
+    options.rate_Hz = rate_Hz;
+    options.origin.entries = {{"force-law", to_string(of.force_law.kind)}};
+    options.limits.speed_max_m_per_s = options.limits.rotation_rate_max_rad_per_s = 1e6;
+    options.limits.energy_limit_J = 1e9;
+    mechanism.encoder_rate_max_rad_per_s = 1e6;
+    mechanism.torque_rise_time_max_s = 1e6;
+    mechanism.torque_rise_max_Nm_per_s = 1e9;
+  }
+  CuttingRun run(const StatusOfTick& faults = {}) {
+    simulate();
+    FailingDevice failing(*device, faults);
+    CuttingRun out;
+    out.report = TestSession::run(failing, [&](double dt_s) { device->step(dt_s); });
+    EXPECT_TRUE(faults || out.report.fault == Fault::kNone) << to_string(out.report.fault);
+    out.rows = rows();
+    return out;
+  }
+};
 
-SessionResult replay(Scene scene, const Asset& asset, SessionOptions options,
-                     const DeviceDescription& description, const std::vector<RecordingRow>& rows) {
-  EXPECT_TRUE(place_body(scene, asset, "asset"));
-  auto sheets = place_slices(scene, asset, "asset");
-  Remesher remesher(*sheets);
-  ReplayDevice device(rows);
-  options.replay = rows;
-  const auto report = run_session(
-      scene, description, remesher, device, [](double) {}, options, mechanism_without_limits());
-  EXPECT_TRUE(report) << report.error().message;
-  return *report;
+CuttingRun run(const Scene& scene, const Asset& asset, double rate_Hz = 1000) {
+  return CuttingSession(scene, asset, rate_Hz).run();
 }
 
 /// A stiff hand that moves down at this speed from 2 mm above 0.12 m to `depth_m` below.
@@ -187,8 +157,7 @@ TEST(CuttingSession, ThePapersSliceBreaksAtThirtyFiveNewtonsAtEveryRateAndSpeed)
   for (const double speed : {0.02, 0.1, 0.3}) {
     for (const double rate_Hz : {500.0, 1000.0, 2000.0, 4000.0, 8000.0}) {
       const Scene scene = paper(speed);
-      const CuttingRun run_ =
-          run(scene, square_asset(1), options_at(rate_Hz, scene), description_with(0.005));
+      const CuttingRun run_ = run(scene, square_asset(1), rate_Hz);
       const std::string where = std::to_string(speed) + " m/s, " + std::to_string(rate_Hz) + " Hz";
       ASSERT_EQ(run_.report.punctures.size(), 1U) << where;
       std::size_t peak = 0;
@@ -213,8 +182,7 @@ TEST(CuttingSession, ThePlateGetsTheScaledForceAndTheRecordingHoldsBoth) {
     Scene scene = paper(0.05);
     scene.tissue.threshold_N = 20;
     scene.force_law.force_scale = scale;
-    const CuttingRun run_ =
-        run(scene, square_asset(1), options_at(1000, scene), description_with(0.005));
+    const CuttingRun run_ = run(scene, square_asset(1));
     double max_N = 0, felt_N = 0;
     ASSERT_EQ(run_.report.punctures.size(), 1U);
     const double break_s = run_.report.punctures[0].t_s;
@@ -257,15 +225,14 @@ TEST(CuttingSession, ASecondRunAndAReplayGiveTheSameBits) {
   Case cases[] = {{"snap", snapping(), square_asset(10)},
                   {"procedure", procedure(), spaced_asset(12, 1)}};
   for (Case& one : cases) {
-    const SessionOptions options = options_at(1000, one.scene);
-    const DeviceDescription description = description_with(0.005);
-    const CuttingRun once = run(one.scene, one.asset, options, description),
-                     twice = run(one.scene, one.asset, options, description);
+    CuttingSession session(one.scene, one.asset);
+    const CuttingRun once = session.run(), twice = session.run();
+    session.options.record.reset();
     ASSERT_EQ(once.rows.size(), twice.rows.size());
     for (std::size_t k = 0; k < once.rows.size(); ++k)
       ASSERT_TRUE(same_row(once.rows[k], twice.rows[k])) << one.name << " " << k;
     EXPECT_GE(once.report.punctures.size(), 8U) << one.name;
-    const SessionResult replayed = replay(one.scene, one.asset, options, description, once.rows);
+    const SessionResult replayed = session.replay(once.rows);
     EXPECT_EQ(replayed.replay_first_difference, -1) << one.name;
     EXPECT_EQ(replayed.ticks, once.rows.size());
     EXPECT_EQ(replayed.punctures.size(), once.report.punctures.size());
@@ -274,8 +241,7 @@ TEST(CuttingSession, ASecondRunAndAReplayGiveTheSameBits) {
     std::vector<RecordingRow> forged = once.rows;
     const std::size_t at = forged.size() / 3;
     forged[at].tau_Nm[2] = std::nextafter(forged[at].tau_Nm[2], 1e9);
-    EXPECT_EQ(replay(one.scene, one.asset, options, description, forged).replay_first_difference,
-              static_cast<std::int64_t>(at));
+    EXPECT_EQ(session.replay(forged).replay_first_difference, static_cast<std::int64_t>(at));
   }
 }
 
@@ -283,10 +249,8 @@ TEST(CuttingSession, ASecondRunAndAReplayGiveTheSameBits) {
 TEST(CuttingSession, EqualBoneBreaksOnlyAtItsFarSide) {
   Scene scene = descending(body_scene(0, 29, 0.12), 0.02, 0.03);
   scene.tissue.threshold_N = 24;
-  const Asset asset = spaced_asset(30, 0.83);
-  const SessionOptions options = options_at(1000, scene);
-  const DeviceDescription description = description_with(0.005);
-  const CuttingRun run_ = run(scene, asset, options, description);
+  CuttingSession session(scene, spaced_asset(30, 0.83));
+  const CuttingRun run_ = session.run();
   EXPECT_EQ(run_.report.punctures.size(), 30U);
   ASSERT_EQ(run_.report.break_throughs.size(), 1U);
   const BreakThroughEvent& found = run_.report.break_throughs[0];
@@ -298,7 +262,8 @@ TEST(CuttingSession, EqualBoneBreaksOnlyAtItsFarSide) {
   ASSERT_NE(of_row, run_.rows.end());
   EXPECT_EQ(of_row->t_s, found.t_s);
   EXPECT_EQ(of_row->break_through_N, found.resistance_N);
-  const SessionResult replayed = replay(scene, asset, options, description, run_.rows);
+  session.options.record.reset();
+  const SessionResult replayed = session.replay(run_.rows);
   ASSERT_EQ(replayed.break_throughs.size(), 1U);
   EXPECT_EQ(replayed.break_throughs[0].t_s, found.t_s);
   EXPECT_EQ(replayed.break_throughs[0].resistance_N, found.resistance_N);
@@ -306,8 +271,7 @@ TEST(CuttingSession, EqualBoneBreaksOnlyAtItsFarSide) {
 
 TEST(CuttingSession, ASnapCutsSeveralSheetsInATick) {
   const Scene scene = snapping();
-  const CuttingRun run_ =
-      run(scene, square_asset(10), options_at(1000, scene), description_with(0.005));
+  const CuttingRun run_ = run(scene, square_asset(10));
   EXPECT_EQ(run_.report.punctures.size(), 10U);
   std::map<double, int> in_tick;
   for (const PunctureEvent& puncture : run_.report.punctures)
@@ -323,8 +287,7 @@ TEST(CuttingSession, TheToolIsRecordedWhereTheCouplingHoldsIt) {
   Scene scene = snapping();
   scene.force_law.axis = ToolAxis::kCoupled;
   scene.force_law.coupling_N_per_m = 8000;
-  const CuttingRun run_ =
-      run(scene, square_asset(10), options_at(1000, scene), description_with(0.005));
+  const CuttingRun run_ = run(scene, square_asset(10));
   const double free_m = run_.rows.front().tool_m[2] - run_.rows.front().p_m[2];
   double most_m = 0;
   for (const RecordingRow& row : run_.rows) {
@@ -340,8 +303,7 @@ TEST(CuttingSession, PuncturesHaveTheHeightOfTheRecordedTool) {
   Scene scene = procedure();
   scene.force_law.axis = ToolAxis::kCoupled;
   scene.force_law.coupling_N_per_m = 8000;
-  const CuttingRun run_ =
-      run(scene, spaced_asset(12, 1), options_at(1000, scene), description_with(0.005));
+  const CuttingRun run_ = run(scene, spaced_asset(12, 1));
   ASSERT_FALSE(run_.report.punctures.empty());
   for (const PunctureEvent& puncture : run_.report.punctures)  // of summary and telemetry
     EXPECT_EQ(puncture.tool_z_m,
@@ -355,9 +317,9 @@ TEST(CuttingSession, LettingGoRightAfterABreakLeavesTheToolNearTheBone) {
   held.hand.stiffness_N_per_m = 8000;
   held.hand.damping_N_s_per_m = 140;
   const auto run_with = [&](const Scene& scene, bool damps) {
-    SessionOptions options = options_at(1000, scene);
-    options.passivity.on = damps;
-    return run(scene, square_asset(1), options, description_with(0.005));
+    CuttingSession session(scene, square_asset(1));
+    session.options.passivity.on = damps;
+    return session.run();
   };
   const auto fastest_m_per_s = [](const CuttingRun& of) {
     double most = 0;
@@ -393,12 +355,11 @@ TEST(CuttingSession, AFaultUnderLoadIsLeftByLiftingOnly) {
   scene.hand.trajectory.push_back({1.0, {0, 0, 0.122}, {}});
   scene.hand.trajectory.push_back({1.3, {0, 0, 0.117}, {}});
   scene.duration_s = 1.35;
-  SessionOptions options = options_at(1000, scene);
-  options.recovery = RecoveryPolicy::kAuto;
-  const CuttingRun run_ =
-      run(scene, square_asset(1), options, description_with(0.005), [](std::uint64_t tick) {
-        return tick >= 300 && tick < 330 ? DeviceStatus::kLinkLost : DeviceStatus::kOk;
-      });
+  CuttingSession session(scene, square_asset(1));
+  session.options.recovery = RecoveryPolicy::kAuto;
+  const CuttingRun run_ = session.run([](std::uint64_t tick) {
+    return tick >= 300 && tick < 330 ? DeviceStatus::kLinkLost : DeviceStatus::kOk;
+  });
   ASSERT_EQ(run_.report.faults.size(), 1U);
   EXPECT_GT(run_.rows[299].tip_N, 15);
   std::size_t again = 330;
@@ -455,14 +416,15 @@ TEST(CuttingSession, WhereTheDampingSufficesNothingIsGivenToTheHand) {
         ASSERT_TRUE(place_body(probe, assets[i], "a"));
         auto sheets = place_slices(probe, assets[i], "a");
         Remesher remesher(*sheets);
-        const auto workers =
-            test::make_workers(probe, remesher, options_at(rate_Hz, probe), description);
+        SessionOptions options = CuttingSession(probe, assets[i], rate_Hz).options;
+        options.record.reset();
+        const auto workers = test::make_workers(probe, remesher, options, description);
         ASSERT_TRUE(workers);
         if (dynamic_cast<const CuttingForceLaw&>(*workers->law).report().coupling.damping_share >
             1.1)
           break;
       }
-      run_ = run(scene, assets[i], options_at(rate_Hz, scene), description);
+      run_ = CuttingSession(scene, assets[i], rate_Hz, description).run();
       ASSERT_TRUE(run_.report.law->is_passive());
       ASSERT_GE(cutting_of(run_.report).coupling.damping_share, 1);
       ASSERT_FALSE(cutting_of(run_.report).coupling.predicts_pose);
@@ -483,8 +445,7 @@ TEST(CuttingSession, WhereTheDampingSufficesNothingIsGivenToTheHand) {
 TEST(CuttingSession, TheLoopAllocatesNothing) {
   TROCAR_NEEDS_COUNTED_ALLOCATIONS();
   for (const Scene& scene : {snapping(), procedure()}) {
-    const CuttingRun run_ = run(scene, scene.body ? spaced_asset(12, 1) : square_asset(10),
-                                options_at(1000, scene), description_with(0.005));
+    const CuttingRun run_ = run(scene, scene.body ? spaced_asset(12, 1) : square_asset(10));
     ASSERT_TRUE(run_.report.allocations_in_loop);
     EXPECT_EQ(*run_.report.allocations_in_loop, 0U);
     EXPECT_GE(run_.report.punctures.size(), 8U);
@@ -501,9 +462,7 @@ TEST(CuttingSession, OtherLawsAreAsTheyWere) {
     with.force_law.axis = ToolAxis::kCoupled;
     with.force_law.coupling_N_per_m = 300;
     with.force_law.prediction = PosePrediction::kOn;
-    const SessionOptions options = options_at(1000, plain);
-    const CuttingRun a = run(plain, square_asset(2), options, description_with(0.005)),
-                     b = run(with, square_asset(2), options, description_with(0.005));
+    const CuttingRun a = run(plain, square_asset(2)), b = run(with, square_asset(2));
     EXPECT_FALSE(a.report.law->is_passive());
     EXPECT_FALSE(b.report.law->is_passive());
     EXPECT_FALSE(a.report.punctures.empty());

@@ -9,30 +9,23 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdlib>
-#include <filesystem>
-#include <fstream>
 #include <functional>
-#include <optional>
 #include <random>
-#include <sstream>
 #include <thread>
 
-#include "runtime/session/open_device.h"
 #include "runtime/session/session.h"
 #include "runtime/session/session_options.h"
 #include "tests/runtime/session/fault_cases.h"
-#include "tests/support/four_legs_session.h"
-#include "tests/support/sheet_fixture.h"
-#include "tests/support/temporary_folder.h"
+#include "tests/runtime/session/test_session.h"
 #include "tests/support/uniform.h"
 
 namespace trocar::runtime {
 namespace {
 
-namespace fs = std::filesystem;
-
 using testing_support::FaultCase;
 using testing_support::Injection;
+using testing_support::TestSession;
+using testing_support::text_of;
 using trocar::test::uniform;
 
 constexpr double kRest_s = 0.005;
@@ -70,13 +63,6 @@ class FaultyDevice final : public Device {
   std::uint64_t begin_, end_, tick_ = 0;
   DeviceState at_begin_;
 };
-
-std::string text_of(const fs::path& file) {
-  std::ifstream stream(file, std::ios::binary);
-  std::stringstream all;
-  all << stream.rdbuf();
-  return all.str();
-}
 
 /// Down into the sheet, held there, slowly deeper, up, and after a pause down again.
 Scene pressing() {
@@ -172,17 +158,14 @@ void expect_black_boxes(const SessionResult& report, const std::string& recordin
 
 void run(const FaultCase& test, int index) {
   std::mt19937_64 random(static_cast<std::uint64_t>(index) * 7919 + test.name[0]);
-  const test::TemporaryFolder folder;
   Scene scene = pressing();
   if (test.prepare) test.prepare(scene);
-  DeviceDescription description = default_device_description();
-  SessionOptions options;
-  options.clock = Clock::kVirtual;
+  TestSession session(scene);
+  SessionOptions& options = session.options;
+  options.limits.gap_max_s = SafetyLimits{}.gap_max_s;
   constexpr double kRates_Hz[] = {500, 1000, 2000};
   options.rate_Hz = kRates_Hz[random() % 3];
-  options.duration_s = scene.duration_s;
-  options.record = folder.path() / "r.csv";
-  options.black_box = folder.path();
+  options.black_box = session.folder.path();
   options.limits.timing.quiet_s = options.limits.timing.ramp_up_s = 0.05;
   std::atomic<bool> button{false};
   // A stop is never reset by itself.
@@ -192,43 +175,31 @@ void run(const FaultCase& test, int index) {
   const double begin_s = 0.18 + 0.25 * uniform(random);
   const auto begin = static_cast<std::uint64_t>(begin_s * options.rate_Hz);
   const auto lasts = static_cast<std::uint64_t>(std::ceil(test.lasts_s * options.rate_Hz));
-  MechanismLimits mechanism;
-  Injection injection = test.make(random, options, mechanism);
+  Injection injection = test.make(random, options, session.mechanism);
   if (test.fault == Fault::kMotorOverload) {
-    description.motor_continuous_torque_Nm = 0.1;
-    description.motor_peak_torque_Nm = 0.6;
-    description.motor_peak_time_s = 0.01;
+    session.description.motor_continuous_torque_Nm = 0.1;
+    session.description.motor_peak_torque_Nm = 0.6;
+    session.description.motor_peak_time_s = 0.01;
   }
 
-  Remesher remesher(*place_slices(scene, test::square_asset(1), "a"));
-  auto simulated = make_simulated_device(scene, description);
-  ASSERT_TRUE(simulated);
-  FaultyDevice device(*simulated, injection, begin, begin + lasts);
+  session.simulate();
+  FaultyDevice device(*session.device, injection, begin, begin + lasts);
   if (by_hand) device.recover = &button;
-  const auto report = run_session(
-      scene, description, remesher, device, [&](double dt_s) { simulated->step(dt_s); }, options,
-      mechanism);
-  ASSERT_TRUE(report) << report.error().message;
-  const auto rows = read_recording(*options.record);
-  ASSERT_TRUE(rows) << rows.error().message;
-  ASSERT_EQ(rows->size(), report->ticks) << "no row is lost";
-  ASSERT_EQ(report->ticks, tick_count(scene.duration_s, options.rate_Hz));
-  expect_safe_stop_and_recovery(test, *rows, *report, options.rate_Hz, begin);
+  const SessionResult report =
+      session.run(device, [&](double dt_s) { session.device->step(dt_s); });
+  const std::vector<RecordingRow> rows = session.rows();
+  const std::string recording = session.recording();
+  ASSERT_EQ(rows.size(), report.ticks) << "no row is lost";
+  ASSERT_EQ(report.ticks, tick_count(scene.duration_s, options.rate_Hz));
+  expect_safe_stop_and_recovery(test, rows, report, options.rate_Hz, begin);
   if (testing::Test::HasFatalFailure()) return;
-  expect_black_boxes(*report, text_of(*options.record), options.rate_Hz);
+  expect_black_boxes(report, recording, options.rate_Hz);
   if (testing::Test::HasFatalFailure()) return;
 
-  ReplayDevice replay(*rows);
-  Remesher fresh(*place_slices(scene, test::square_asset(1), "a"));
-  SessionOptions again = options;
-  again.replay = *rows;
-  again.record = folder.path() / "again.csv";
-  again.black_box.reset();
-  const auto repeated = run_session(
-      scene, description, fresh, replay, [](double) {}, again, mechanism);
-  ASSERT_TRUE(repeated);
-  ASSERT_EQ(repeated->replay_first_difference, -1);
-  ASSERT_EQ(text_of(*again.record), text_of(*options.record));
+  options.record = session.folder / "again.csv";
+  options.black_box.reset();
+  ASSERT_EQ(session.replay(rows).replay_first_difference, -1);
+  ASSERT_EQ(session.recording(), recording);
 }
 
 class Faults : public testing::TestWithParam<FaultCase> {};
@@ -255,42 +226,33 @@ TEST(Faults, EachIsInjectedOrListedWithAReason) {
 }
 
 TEST(Faults, ALateTickInRealTime) {
-  const test::TemporaryFolder folder;
-  const Scene scene = pressing();
-  SessionOptions options;
+  TestSession session(pressing());
+  SessionOptions& options = session.options;
+  options.clock = Clock::kReal;
   options.rate_Hz = 500;
   options.duration_s = 0.6;
-  options.record = folder.path() / "r.csv";
-  options.black_box = folder.path();
+  options.black_box = session.folder.path();
   options.limits.missed_deadlines_max = 1'000'000;  // of this machine: not under test
   options.limits.gap_max_s = 0.25;
-  Remesher remesher(*place_slices(scene, test::square_asset(1), "a"));
-  auto simulated = make_simulated_device(scene, default_device_description());
+  session.simulate();
   Injection late;
   late.late_ms = 300;
-  FaultyDevice device(*simulated, late, 120, 121);
-  const auto report = run_session(
-      scene, default_device_description(), remesher, device,
-      [&](double dt_s) { simulated->step(dt_s); }, options);
-  ASSERT_TRUE(report) << report.error().message;
-  EXPECT_EQ(report->end, SessionEnd::kFault);
-  EXPECT_EQ(report->fault, Fault::kDeadlineMissed);
-  EXPECT_GE(report->realtime.missed_in_row_max, 100);
-  const auto rows = read_recording(*options.record);
-  ASSERT_TRUE(rows);
-  EXPECT_EQ(rows->size(), report->ticks);
-  expect_black_boxes(*report, text_of(*options.record), 500);
+  FaultyDevice device(*session.device, late, 120, 121);
+  const SessionResult report =
+      session.run(device, [&](double dt_s) { session.device->step(dt_s); });
+  EXPECT_EQ(report.end, SessionEnd::kFault);
+  EXPECT_EQ(report.fault, Fault::kDeadlineMissed);
+  EXPECT_GE(report.realtime.missed_in_row_max, 100);
+  const std::vector<RecordingRow> rows = session.rows();
+  EXPECT_EQ(rows.size(), report.ticks);
+  expect_black_boxes(report, session.recording(), 500);
   // The replay has the fault too, although its own ticks are on time.
-  ReplayDevice replay(*rows);
-  Remesher fresh(*place_slices(scene, test::square_asset(1), "a"));
-  SessionOptions again;
-  again.rate_Hz = 500;
-  again.replay = *rows;
-  const auto repeated = run_session(
-      scene, default_device_description(), fresh, replay, [](double) {}, again);
-  ASSERT_TRUE(repeated);
-  EXPECT_EQ(repeated->replay_first_difference, -1);
-  EXPECT_EQ(repeated->fault, Fault::kDeadlineMissed);
+  TestSession again(pressing());
+  again.options.rate_Hz = 500;
+  again.options.limits = SafetyLimits{};
+  const SessionResult repeated = again.replay(rows);
+  EXPECT_EQ(repeated.replay_first_difference, -1);
+  EXPECT_EQ(repeated.fault, Fault::kDeadlineMissed);
 }
 
 }  // namespace

@@ -5,27 +5,23 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
-#include <cstdlib>
-#include <filesystem>
+#include <functional>
 #include <mutex>
 #include <nlohmann/json.hpp>
 
 #include "formats/session/recording.h"
 #include "runtime/haptics/membrane/sheet_law.h"
 #include "runtime/realtime/realtime_thread.h"
-#include "runtime/session/open_device.h"
 #include "runtime/session/session.h"
 #include "runtime/session/session_publisher.h"
 #include "tests/reference/hooks/lock_counter.h"
+#include "tests/runtime/session/test_session.h"
 #include "tests/support/counted_allocations.h"
-#include "tests/support/four_legs_session.h"
-#include "tests/support/sheet_fixture.h"
-#include "tests/support/temporary_folder.h"
 
 namespace trocar::runtime {
 namespace {
 
-namespace fs = std::filesystem;
+using testing_support::TestSession;
 
 TEST(NetworkSession, EqualTissuesAreCalibratedOnce) {
   Scene scene = test::descent_scene({0.12}, 0.125, 0.125, 1);
@@ -66,32 +62,12 @@ struct NetworkRun {
   std::vector<RecordingRow> rows;
 };
 
-NetworkRun run(const Scene& scene, SessionOptions options, const fs::path& record) {
-  NetworkRun out;
-  auto sheets = place_slices(scene, test::square_asset(1), "asset");
-  EXPECT_TRUE(sheets) << sheets.error().message;
-  Remesher remesher(*sheets);
-  const DeviceDescription description = default_device_description();
-  auto device = make_simulated_device(scene, description);
-  EXPECT_TRUE(device) << device.error().message;
-  options.duration_s = scene.duration_s;
-  options.record = record;
-  options.limits.gap_max_s = 0;
-  auto report = run_session(
-      scene, description, remesher, *device, [&](double dt_s) { device->step(dt_s); }, options);
-  EXPECT_TRUE(report) << report.error().message;
-  out.report = *report;
+NetworkRun run(const Scene& scene, const std::function<void(SessionOptions&)>& change = {}) {
+  TestSession session(scene);
+  if (change) change(session.options);
+  NetworkRun out{session.run(), session.rows()};
   EXPECT_EQ(out.report.fault, Fault::kNone) << to_string(out.report.fault);
-  auto rows = read_recording(record);
-  EXPECT_TRUE(rows) << rows.error().message;
-  out.rows = *rows;
   return out;
-}
-
-SessionOptions virtual_time() {
-  SessionOptions options;
-  options.clock = Clock::kVirtual;
-  return options;
 }
 
 /// Force over penetration at the end of each press.
@@ -106,9 +82,7 @@ std::vector<double> felt_N_per_m(const std::vector<RecordingRow>& rows) {
 }
 
 TEST(NetworkSession, HasTheTissuesStiffnessInTheMiddleAndLessNearARim) {
-  const test::TemporaryFolder folder;
-  const std::vector<double> felt = felt_N_per_m(
-      run(presses({0, 0.012, 0.015, 0.017}, 0.004), virtual_time(), folder / "r").rows);
+  const std::vector<double> felt = felt_N_per_m(run(presses({0, 0.012, 0.015, 0.017}, 0.004)).rows);
   ASSERT_EQ(felt.size(), 4U);
   EXPECT_NEAR(felt[0], 5000, 0.02 * 5000) << "20 mm from the rim, five times the reach";
   EXPECT_LT(felt[1], felt[0]);
@@ -118,14 +92,13 @@ TEST(NetworkSession, HasTheTissuesStiffnessInTheMiddleAndLessNearARim) {
 }
 
 TEST(NetworkSession, TheForceIsSmoothWhileTheToolIsDraggedInContact) {
-  const test::TemporaryFolder folder;
   // Dragged over 15 mm while pressed: new responses come into use all the time.
   Scene scene = presses({0}, 0.004);
   scene.hand.trajectory.resize(3);
   const double t_s = scene.hand.trajectory.back().t_s;
   scene.hand.trajectory.push_back({t_s + 1.5, {0.015, 0, 0.116}, {}});
   scene.duration_s = t_s + 1.5;
-  const NetworkRun session = run(scene, virtual_time(), folder / "r");
+  const NetworkRun session = run(scene);
   const ForceLaw* const law = session.report.law.get();
   const auto summary = nlohmann::json::parse(law->summary().json);
   EXPECT_GT(summary["responses"].get<int>(), 100);
@@ -142,10 +115,9 @@ TEST(NetworkSession, TheForceIsSmoothWhileTheToolIsDraggedInContact) {
 }
 
 TEST(NetworkSession, ASecondRunAndAReplayGiveTheSameTorques) {
-  const test::TemporaryFolder folder;
   const Scene scene = presses({-0.006, 0.008, -0.004}, 0.0105);  // punctured; then beside the hole
-  const NetworkRun once = run(scene, virtual_time(), folder / "a");
-  const NetworkRun twice = run(scene, virtual_time(), folder / "b");
+  const NetworkRun once = run(scene);
+  const NetworkRun twice = run(scene);
   EXPECT_GE(once.report.punctures.size(), 2U);
   ASSERT_EQ(once.rows.size(), twice.rows.size());
   for (std::size_t k = 0; k < once.rows.size(); ++k)
@@ -154,25 +126,16 @@ TEST(NetworkSession, ASecondRunAndAReplayGiveTheSameTorques) {
     return row.response_sheet == 0 && row.response_stiffness_N_per_m < 4900;
   }));
 
-  auto sheets = place_slices(scene, test::square_asset(1), "asset");
-  Remesher remesher(*sheets);
-  ReplayDevice device(once.rows);
-  SessionOptions options = virtual_time();
-  options.replay = once.rows;
-  options.duration_s = scene.duration_s;
-  options.limits.gap_max_s = 0;
-  const auto replayed = run_session(
-      scene, default_device_description(), remesher, device, [](double) {}, options);
-  ASSERT_TRUE(replayed);
-  EXPECT_EQ(replayed->replay_first_difference, -1);
+  TestSession session(scene);
+  session.options.record.reset();
+  EXPECT_EQ(session.replay(once.rows).replay_first_difference, -1);
 }
 
 TEST(NetworkSession, LocalSolversAndPropagationAgreeWithTheGlobalSolver) {
-  const test::TemporaryFolder folder;
   Scene scene = presses({0, 0.013}, 0.004);
   const auto felt = [&](NetworkSolver solver) {
     scene.force_law.solver = solver;
-    return felt_N_per_m(run(scene, virtual_time(), folder / "r").rows);
+    return felt_N_per_m(run(scene).rows);
   };
   const std::vector<double> global = felt(NetworkSolver::kGlobal);
   scene.force_law.radius_m = 0.02;
@@ -192,12 +155,11 @@ TEST(NetworkSession, LocalSolversAndPropagationAgreeWithTheGlobalSolver) {
 }
 
 TEST(NetworkSession, FramesComeAtTheFrameRateWithTheSheetsShape) {
-  const test::TemporaryFolder folder;
   const Scene scene = presses({0}, 0.004);
-  SessionOptions options = virtual_time();
   int frames = 0;
   double deepest_m = 0;
-  options.on_frame = [&](const RecordingRow& row, const std::shared_ptr<const SheetShape>& shape) {
+  const auto on_frame = [&](const RecordingRow& row,
+                            const std::shared_ptr<const SheetShape>& shape) {
     ++frames;
     if (shape == nullptr) return;
     const double depth_m = shape_depth_m(row, *shape);
@@ -211,7 +173,7 @@ TEST(NetworkSession, FramesComeAtTheFrameRateWithTheSheetsShape) {
     EXPECT_LE(*std::max_element(z_m.begin(), z_m.end()), 0.12 + 1e-12);
     deepest_m = std::max(deepest_m, depth_m);
   };
-  const NetworkRun session = run(scene, options, folder / "r");
+  run(scene, [&](SessionOptions& options) { options.on_frame = on_frame; });
   EXPECT_NEAR(frames, 30 * scene.duration_s, 1.5);
   EXPECT_GT(deepest_m, 0.003);
 }
@@ -248,11 +210,9 @@ TEST_P(HundredPunctures, NeedNoAllocationAndNoLock) {
     }
   }
   scene.duration_s = t_s;
-  SessionOptions options;
-  options.clock = GetParam();
-  const test::TemporaryFolder folder;
   const std::uint64_t locks_before = locks_in_scopes();
-  const NetworkRun session = run(scene, options, folder / "r");
+  const NetworkRun session =
+      run(scene, [](SessionOptions& options) { options.clock = GetParam(); });
   EXPECT_EQ(session.report.punctures.size(), 100U);
   ASSERT_TRUE(session.report.allocations_in_loop);
   EXPECT_EQ(*session.report.allocations_in_loop, 0U);

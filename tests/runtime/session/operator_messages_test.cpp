@@ -10,13 +10,12 @@
 #include <thread>
 #include <vector>
 
-#include "runtime/session/open_device.h"
-#include "runtime/session/session.h"
-#include "tests/support/four_legs_session.h"
-#include "tests/support/sheet_fixture.h"
+#include "tests/runtime/session/test_session.h"
 
 namespace trocar::runtime {
 namespace {
+
+using testing_support::TestSession;
 
 /// The simulated device; its emergency stop is pressed from tick `begin` to `end`. The operator asks
 /// for recovery once in between, and once after it.
@@ -61,28 +60,23 @@ struct Told {
 };
 
 std::vector<Told> run(Clock clock, std::thread::id& haptic_thread) {
-  const Scene scene = scene_that_presses();
-  Remesher remesher(*place_slices(scene, test::square_asset(1), "a"));
-  auto simulated = make_simulated_device(scene, default_device_description());
-  EXPECT_TRUE(simulated);
-  StoppedDevice device(*simulated, 100, 250);  // at 500 Hz: from 0.2 s to 0.5 s
+  TestSession session(scene_that_presses());
+  session.simulate();
+  StoppedDevice device(*session.device, 100, 250);  // at 500 Hz: from 0.2 s to 0.5 s
   std::vector<Told> told;
-  SessionOptions options;
+  SessionOptions& options = session.options;
   options.clock = clock;
   options.rate_Hz = 500;
-  options.duration_s = scene.duration_s;
+  options.record.reset();
   options.recovery = RecoveryPolicy::kOnRequest;
   options.recover = &device.recover;
-  options.limits.gap_max_s = 0;
   options.on_message = [&](const OperatorMessage& notice) {
     told.push_back({notice, device.ticks.load(), std::this_thread::get_id()});
   };
-  const auto report = run_session(
-      scene, default_device_description(), remesher, device,
-      [&](double dt_s) { simulated->step(dt_s); }, options);
-  EXPECT_TRUE(report);
-  EXPECT_EQ(report->end, SessionEnd::kDone);
-  EXPECT_EQ(report->faults.at(0).detail.fault, Fault::kEmergencyStop);
+  const SessionResult report =
+      session.run(device, [&](double dt_s) { session.device->step(dt_s); });
+  EXPECT_EQ(report.end, SessionEnd::kDone);
+  EXPECT_EQ(report.faults.at(0).detail.fault, Fault::kEmergencyStop);
   haptic_thread = device.haptic_thread;
   return told;
 }

@@ -40,6 +40,42 @@ Scene scene_of(ForceLawKind kind) {
   return scene;
 }
 
+/// A session in virtual time of a simulated pose device, or of another one of the same description.
+struct PoseRun {
+  PoseRun(PoseDeviceDescription of, Scene with, const SliceMesh& mesh)
+      : device(std::move(of)), scene(std::move(with)), asset(test::asset_of(mesh, 1)) {
+    options.clock = Clock::kVirtual;
+    options.duration_s = scene.duration_s;
+    set_pose_device_options(device, scene, options);
+  }
+  std::unique_ptr<SimulatedPoseDevice> simulated() const {
+    auto made = make_simulated_pose_device(scene, device, nullptr);
+    EXPECT_TRUE(made);
+    return std::make_unique<SimulatedPoseDevice>(std::move(*made));
+  }
+  SessionResult run(std::unique_ptr<PoseDevice> with) {
+    const OpenedDevice opened = make_pose_hand(device, scene, std::move(with));
+    auto sheets = place_slices(scene, asset, "test.glb");
+    EXPECT_TRUE(sheets) << sheets.error().message;
+    Remesher remesher(*sheets);
+    auto workers = make_workers(scene, opened.device->specification(), remesher, options);
+    EXPECT_TRUE(workers) << workers.error().message;
+    return run_session(
+        scene, remesher, *opened.device, [&](double dt_s) { opened.device->advance(dt_s); },
+        options, std::move(*workers));
+  }
+
+  PoseDeviceDescription device;
+  Scene scene;
+  Asset asset;
+  SessionOptions options;
+};
+
+const SliceMesh& wide_mesh() {
+  static const SliceMesh made = test::square_mesh({-25600, -25600}, 5120, 10);
+  return made;
+}
+
 TEST(PoseSession, BuiltInDescriptionsAreValid) {
   for (const char* name : {"haply_inverse3", "force_dimension"}) {
     const auto device = built_in_pose_device(name);
@@ -114,23 +150,9 @@ TEST(PoseSession, LeavingATurnedBoxIsAFault) {
                            {1, {-0.05, -0.05, 0.14}, {}},
                            {3, {0.07, 0.07, 0.14}, {}},
                            {3.5, {-0.07, -0.07, 0.14}, {}}};
-  const Asset asset = test::asset_of(test::square_mesh({-25600, -25600}, 5120, 10), 1);
-  const auto sheets = place_slices(scene, asset, "test.glb");
-  ASSERT_TRUE(sheets);
-  SessionOptions options;
-  options.clock = Clock::kVirtual;
-  options.duration_s = 3;
-  set_pose_device_options(device, scene, options);
-  auto simulated = make_simulated_pose_device(scene, device, nullptr);
-  ASSERT_TRUE(simulated);
-  const OpenedDevice opened =
-      make_pose_hand(device, scene, std::make_unique<SimulatedPoseDevice>(std::move(*simulated)));
-  Remesher remesher(*sheets);
-  auto workers = make_workers(scene, opened.device->specification(), remesher, options);
-  ASSERT_TRUE(workers);
-  const SessionResult report = run_session(
-      scene, remesher, *opened.device, [&](double dt_s) { opened.device->advance(dt_s); }, options,
-      std::move(*workers));
+  PoseRun session(device, scene, wide_mesh());
+  session.options.duration_s = 3;
+  const SessionResult report = session.run(session.simulated());
   EXPECT_EQ(report.fault, Fault::kWorkspace) << to_string(report.fault);
   EXPECT_GT(report.fault_t_s, 2) << "at 14 mm from the middle";
 }
@@ -160,8 +182,8 @@ class PoseSessionTest : public testing::TestWithParam<ForceLawKind> {};
 
 TEST_P(PoseSessionTest, RunsWithinTheDevicesForceAndReplaysBitByBit) {
   Scene scene = scene_of(GetParam());
-  const Asset asset = test::asset_of(test::square_mesh({-5120, -5120}, 1024, 10), 1);
-  auto sheets = place_slices(scene, asset, "test.glb");
+  const SliceMesh mesh = test::square_mesh({-5120, -5120}, 1024, 10);
+  auto sheets = place_slices(scene, test::asset_of(mesh, 1), "test.glb");
   ASSERT_TRUE(sheets) << sheets.error().message;
   const auto scale = fitting_force_scale(arm_of_session(), scene, *sheets, 1000);
   ASSERT_TRUE(scale) << scale.error().message;
@@ -169,27 +191,12 @@ TEST_P(PoseSessionTest, RunsWithinTheDevicesForceAndReplaysBitByBit) {
   scene.force_law.force_scale = *scale;
 
   const test::TemporaryFolder folder;
-  SessionOptions options;
-  options.clock = Clock::kVirtual;
-  options.duration_s = scene.duration_s;
+  PoseRun session(arm_of_session(), scene, mesh);
+  SessionOptions& options = session.options;
   options.record = folder.path() / "session.csv";
-  set_pose_device_options(arm_of_session(), scene, options);
   options.origin.entries = {{kOriginDevice, "built-in"}};
   write_pose_device_origin("digest", arm_of_session(), scene, options, options.origin);
-  const auto run = [&](OpenedDevice opened) {
-    Remesher remesher(*sheets);
-    const PoseSpecification specification(arm_of_session(), pose_frame(arm_of_session(), scene));
-    auto workers = make_workers(scene, specification, remesher, options);
-    EXPECT_TRUE(workers);
-    HandDevice& device = *opened.device;
-    return run_session(
-        scene, remesher, device, [&](double dt_s) { device.advance(dt_s); }, options,
-        std::move(*workers));
-  };
-  auto simulated = make_simulated_pose_device(scene, arm_of_session(), nullptr);
-  ASSERT_TRUE(simulated);
-  const SessionResult report = run(make_pose_hand(
-      arm_of_session(), scene, std::make_unique<SimulatedPoseDevice>(std::move(*simulated))));
+  const SessionResult report = session.run(session.simulated());
   EXPECT_EQ(report.end, SessionEnd::kDone) << to_string(report.fault);
   EXPECT_EQ(report.punctures.size(), 1U);
   EXPECT_GT(report.max_force_N, 4);
@@ -213,18 +220,14 @@ TEST_P(PoseSessionTest, RunsWithinTheDevicesForceAndReplaysBitByBit) {
 
   options.record.reset();
   options.replay = *rows;
-  const SessionResult again =
-      run(make_pose_hand(arm_of_session(), scene, std::make_unique<ReplayPoseDevice>(*rows)));
+  const SessionResult again = session.run(std::make_unique<ReplayPoseDevice>(*rows));
   EXPECT_EQ(again.ticks, report.ticks);
   EXPECT_EQ(again.replay_first_difference, -1);
   // A replay that differs is found.
   std::vector<RecordingRow> changed = *rows;
   changed[1000].pose_device.wrench[2] = std::nextafter(changed[1000].pose_device.wrench[2], 100);
   options.replay = changed;
-  EXPECT_EQ(
-      run(make_pose_hand(arm_of_session(), scene, std::make_unique<ReplayPoseDevice>(changed)))
-          .replay_first_difference,
-      1000);
+  EXPECT_EQ(session.run(std::make_unique<ReplayPoseDevice>(changed)).replay_first_difference, 1000);
 }
 
 // The sum of work, written again from the columns of the recording: the force at each tick is held until the next.
@@ -242,28 +245,13 @@ TEST(PoseSession, EnergyAccountCountsTheForceAloneIfTheMomentIsDropped) {
                            {1, {0, 0, 0.117}, {0, 8, 0}},
                            {1.3, {0, 0, 0.125}, {}}};
   scene.duration_s = 1.4;
-  const Asset asset = test::asset_of(test::square_mesh({-25600, -25600}, 5120, 10), 1);
-  auto sheets = place_slices(scene, asset, "test.glb");
-  ASSERT_TRUE(sheets) << sheets.error().message;
   const test::TemporaryFolder folder;
-  SessionOptions options;
-  options.clock = Clock::kVirtual;
-  options.duration_s = scene.duration_s;
+  PoseRun session(device, scene, wide_mesh());
+  SessionOptions& options = session.options;
   options.record = folder.path() / "session.csv";
-  set_pose_device_options(device, scene, options);
   options.origin.entries = {{kOriginDevice, "built-in"}, {"force-law", "cutting"}};
   write_pose_device_origin("digest", device, scene, options, options.origin);
-  Remesher remesher(*sheets);
-  const PoseSpecification specification(device, pose_frame(device, scene));
-  auto workers = make_workers(scene, specification, remesher, options);
-  ASSERT_TRUE(workers) << workers.error().message;
-  auto simulated = make_simulated_pose_device(scene, device, nullptr);
-  ASSERT_TRUE(simulated);
-  const OpenedDevice opened =
-      make_pose_hand(device, scene, std::make_unique<SimulatedPoseDevice>(std::move(*simulated)));
-  const SessionResult report = run_session(
-      scene, remesher, *opened.device, [&](double dt_s) { opened.device->advance(dt_s); }, options,
-      std::move(*workers));
+  const SessionResult report = session.run(session.simulated());
   ASSERT_EQ(report.end, SessionEnd::kDone) << to_string(report.fault);
   const auto rows = read_recording(*options.record);
   ASSERT_TRUE(rows) << rows.error().message;
@@ -298,25 +286,27 @@ INSTANTIATE_TEST_SUITE_P(SheetLaws, PoseSessionTest,
 /// Fails in one way from a tick on.
 class FailingDevice final : public PoseDevice {
  public:
+  /// `written` gets each wrench.
   FailingDevice(SimulatedPoseDevice device, int from,
-                const std::function<DeviceStatus(PoseReading&)>& fail)
-      : device_(std::move(device)), from_(from), fail_(fail) {}
+                const std::function<DeviceStatus(PoseReading&)>& fail,
+                std::vector<HandleWrench>& written)
+      : device_(std::move(device)), from_(from), fail_(fail), written_(written) {}
   DeviceStatus read(PoseReading& reading) noexcept override {
     const DeviceStatus status = device_.read(reading);
     return ++tick_ > from_ ? fail_(reading) : status;
   }
   DeviceStatus write(const HandleWrench& wrench) noexcept override {
-    written.push_back(wrench);
+    written_.push_back(wrench);
     return device_.write(wrench);
   }
   void advance(double dt_s) noexcept override { device_.advance(dt_s); }
   bool is_paced_by_loop() const noexcept override { return true; }
-  std::vector<HandleWrench> written;
 
  private:
   SimulatedPoseDevice device_;
   int from_, tick_ = 0;
   std::function<DeviceStatus(PoseReading&)> fail_;
+  std::vector<HandleWrench>& written_;
 };
 
 TEST(PoseSession, EveryFaultOfTheDeviceEndsInZeroForceInTheTickThatFindsIt) {
@@ -325,9 +315,6 @@ TEST(PoseSession, EveryFaultOfTheDeviceEndsInZeroForceInTheTickThatFindsIt) {
     made.force_law.force_scale = 0.25;
     return made;
   }();
-  const Asset asset = test::asset_of(test::square_mesh({-25600, -25600}, 5120, 10), 1);
-  const auto sheets = place_slices(scene, asset, "test.glb");
-  ASSERT_TRUE(sheets);
   const std::pair<Fault, std::function<DeviceStatus(PoseReading&)>> failures[] = {
       {Fault::kLinkLost, [](PoseReading&) { return DeviceStatus::kLinkLost; }},
       {Fault::kNoData, [](PoseReading&) { return DeviceStatus::kNoData; }},
@@ -348,30 +335,19 @@ TEST(PoseSession, EveryFaultOfTheDeviceEndsInZeroForceInTheTickThatFindsIt) {
          return DeviceStatus::kOk;
        }}};
   for (const auto& [fault, fail] : failures) {
-    SessionOptions options;
-    options.clock = Clock::kVirtual;
-    options.duration_s = 2;
-    set_pose_device_options(arm_of_session(), scene, options);
-    auto simulated = make_simulated_pose_device(scene, arm_of_session(), nullptr);
-    ASSERT_TRUE(simulated);
-    auto failing = std::make_unique<FailingDevice>(std::move(*simulated), 1100, fail);
-    FailingDevice& device = *failing;
-    const OpenedDevice opened = make_pose_hand(arm_of_session(), scene, std::move(failing));
-    Remesher remesher(*sheets);
+    PoseRun session(arm_of_session(), scene, wide_mesh());
+    std::vector<HandleWrench> written;
+    const SessionResult report = session.run(
+        std::make_unique<FailingDevice>(std::move(*session.simulated()), 1100, fail, written));
     int found = -1;
-    auto workers = make_workers(scene, opened.device->specification(), remesher, options);
-    ASSERT_TRUE(workers);
-    const SessionResult report = run_session(
-        scene, remesher, *opened.device, [&](double dt_s) { opened.device->advance(dt_s); },
-        options, std::move(*workers));
     EXPECT_EQ(report.fault, fault) << to_string(report.fault);
-    for (std::size_t i = 1100; i < device.written.size() && found < 0; ++i)
-      if (std::abs(device.written[i][2]) == 0) found = static_cast<int>(i);
+    for (std::size_t i = 1100; i < written.size() && found < 0; ++i)
+      if (std::abs(written[i][2]) == 0) found = static_cast<int>(i);
     ASSERT_GE(found, 0) << to_string(fault);
-    EXPECT_GT(device.written[1099][2], 1) << "there was a force before";
+    EXPECT_GT(written[1099][2], 1) << "there was a force before";
     const auto at = static_cast<std::size_t>(std::lround(report.fault_t_s * 1000));
-    EXPECT_EQ(device.written.at(at), HandleWrench{}) << to_string(fault);
-    EXPECT_EQ(device.written.back(), HandleWrench{});
+    EXPECT_EQ(written.at(at), HandleWrench{}) << to_string(fault);
+    EXPECT_EQ(written.back(), HandleWrench{});
     // On its way out of the workspace the tool leaves the bone.
     if (fault == Fault::kWorkspace) continue;
     EXPECT_EQ(static_cast<std::size_t>(found), at) << to_string(fault);

@@ -3,67 +3,34 @@
 // alone: force zero until contact, linear to 35 N, zero from the puncture on.
 #include <gtest/gtest.h>
 
-#include <cstdlib>
-#include <filesystem>
-#include <fstream>
+#include <cmath>
 #include <nlohmann/json.hpp>
-#include <sstream>
 
 #include "formats/mesh/mesh_validity.h"
 #include "formats/session/recording.h"
 #include "runtime/report/session_report.h"
-#include "runtime/session/open_device.h"
 #include "runtime/session/session.h"
 #include "runtime/session/session_options.h"
+#include "tests/runtime/session/test_session.h"
 #include "tests/support/check_sheet_mesh.h"
-#include "tests/support/four_legs_session.h"
-#include "tests/support/sheet_fixture.h"
-#include "tests/support/temporary_folder.h"
 
 namespace trocar::runtime {
 namespace {
 
-namespace fs = std::filesystem;
 constexpr double kStiffness_N_per_m = 5000, kThreshold_N = 35;
 constexpr double kPuncture_m = kThreshold_N / kStiffness_N_per_m;
 
-std::string bytes_of(const fs::path& file) {
-  std::ifstream stream(file, std::ios::binary);
-  std::stringstream all;
-  all << stream.rdbuf();
-  return all.str();
-}
+using testing_support::TestSession;
 
-struct Experiment {
+/// A session of a scene at a rate, which is run.
+struct Experiment : TestSession {
+  Experiment(const Scene& of, double rate_Hz)
+      : TestSession(of, static_cast<int>(of.slices.size())) {
+    options.rate_Hz = rate_Hz;
+    report = run();
+  }
   SessionResult report;
-  std::unique_ptr<Remesher> remesher;
-  std::vector<RecordingRow> rows;
 };
-
-Experiment run_virtual(const Scene& scene, double rate_Hz, const fs::path& record) {
-  Experiment run;
-  const Asset asset = test::square_asset(static_cast<int>(scene.slices.size()));
-  auto sheets = place_slices(scene, asset, "asset");
-  EXPECT_TRUE(sheets) << sheets.error().message;
-  run.remesher = std::make_unique<Remesher>(*sheets);
-  const DeviceDescription description = default_device_description();
-  auto device = make_simulated_device(scene, description);
-  EXPECT_TRUE(device) << device.error().message;
-  SessionOptions options;
-  options.clock = Clock::kVirtual;
-  options.rate_Hz = rate_Hz;
-  options.duration_s = scene.duration_s;
-  options.record = record;
-  auto report = run_session(
-      scene, description, *run.remesher, *device, [&](double dt_s) { device->step(dt_s); },
-      options);
-  EXPECT_TRUE(report) << report.error().message;
-  run.report = *report;
-  auto rows = read_recording(record);
-  EXPECT_TRUE(rows) << rows.error().message;
-  run.rows = *rows;
-  return run;
-}
 
 Scene one_slice() {
   return test::descent_scene({0.12}, 0.148, 0.1, 0.015);
@@ -121,9 +88,8 @@ INSTANTIATE_TEST_SUITE_P(Paper, Rates, testing::Values(500.0, 1000.0),
                          [](const auto& rate) { return std::to_string(int(rate.param)) + "Hz"; });
 
 TEST_P(Rates, OneSliceGivesOnePeak) {
-  const test::TemporaryFolder folder;
-  const Experiment run = run_virtual(one_slice(), GetParam(), folder / "r.csv");
-  expect_paper_force(run.rows, {0.12}, {0});
+  const Experiment run(one_slice(), GetParam());
+  expect_paper_force(run.rows(), {0.12}, {0});
   ASSERT_EQ(run.report.punctures.size(), 1U);
   EXPECT_NEAR(run.report.punctures[0].tip_N, 35, 0.2);
   EXPECT_NEAR(run.report.punctures[0].tool_z_m, 0.113, 5e-5);
@@ -132,59 +98,38 @@ TEST_P(Rates, OneSliceGivesOnePeak) {
 }
 
 TEST_P(Rates, ThreeSlicesGiveThreePeaksAtTheirHeights) {
-  const test::TemporaryFolder folder;
-  const Experiment run = run_virtual(three_slices(), GetParam(), folder / "r.csv");
-  expect_paper_force(run.rows, {0.19, 0.14, 0.10}, {0, 1, 2});
+  const Experiment run(three_slices(), GetParam());
+  expect_paper_force(run.rows(), {0.19, 0.14, 0.10}, {0, 1, 2});
   ASSERT_EQ(run.report.punctures.size(), 3U);
   EXPECT_LT(run.report.wrench_error_max, 1e-9);
 }
 
-TEST_P(Rates, VirtualTimeIsReproducible) {
-  const test::TemporaryFolder folder;
-  run_virtual(three_slices(), GetParam(), folder / "a.csv");
-  run_virtual(three_slices(), GetParam(), folder / "b.csv");
-  const std::string a = bytes_of(folder / "a.csv");
-  EXPECT_GT(a.size(), 100'000U);
-  EXPECT_TRUE(a == bytes_of(folder / "b.csv"));
-}
-
-TEST_P(Rates, ReplayGivesTheTorquesBitForBit) {
-  const test::TemporaryFolder folder;
-  const Scene scene = three_slices();
-  const Experiment run = run_virtual(scene, GetParam(), folder / "a.csv");
-  const auto rate_Hz = recorded_rate_Hz(run.rows, "a.csv");
+TEST_P(Rates, VirtualTimeIsReproducibleAndAReplayGivesTheTorquesBitForBit) {
+  Experiment run(three_slices(), GetParam());
+  const Experiment same(three_slices(), GetParam());
+  const std::string recording = run.recording();
+  EXPECT_GT(recording.size(), 100'000U);
+  EXPECT_TRUE(recording == same.recording());
+  const std::vector<RecordingRow> rows = run.rows();
+  const auto rate_Hz = recorded_rate_Hz(rows, "r.csv");
   ASSERT_TRUE(rate_Hz);
   EXPECT_EQ(*rate_Hz, GetParam());
 
-  Remesher remesher(*place_slices(scene, test::square_asset(3), "asset"));
-  ReplayDevice device(run.rows);
-  SessionOptions options;
-  options.rate_Hz = *rate_Hz;
-  options.replay = run.rows;
-  options.record = folder / "b.csv";
-  const auto report = run_session(
-      scene, default_device_description(), remesher, device, [](double) {}, options);
-  ASSERT_TRUE(report);
-  EXPECT_EQ(report->ticks, run.rows.size());
-  EXPECT_EQ(report->replay_first_difference, -1);
-  EXPECT_TRUE(bytes_of(folder / "a.csv") == bytes_of(folder / "b.csv"));
+  run.options.record = run.folder / "again.csv";
+  const SessionResult report = run.replay(rows);
+  EXPECT_EQ(report.ticks, rows.size());
+  EXPECT_EQ(report.replay_first_difference, -1);
+  EXPECT_TRUE(recording == run.recording());
 
   // One different bit is detected.
-  std::vector<RecordingRow> other = run.rows;
+  std::vector<RecordingRow> other = rows;
   other[1234].tau_Nm[3] = std::nextafter(other[1234].tau_Nm[3], 10.0);
-  ReplayDevice again(other);
-  Remesher fresh(*place_slices(scene, test::square_asset(3), "asset"));
-  options.replay = other;
-  options.record.reset();
-  const auto differs = run_session(
-      scene, default_device_description(), fresh, again, [](double) {}, options);
-  ASSERT_TRUE(differs);
-  EXPECT_EQ(differs->replay_first_difference, 1234);
+  run.options.record.reset();
+  EXPECT_EQ(run.replay(other).replay_first_difference, 1234);
 }
 
 TEST_P(Rates, PuncturedSheetsAreValidAndLackExactlyTheHole) {
-  const test::TemporaryFolder folder;
-  const Experiment run = run_virtual(three_slices(), GetParam(), folder / "r.csv");
+  const Experiment run(three_slices(), GetParam());
   ASSERT_EQ(run.remesher->records().size(), 3U);
   for (const CutRecord& record : run.remesher->records()) {
     ASSERT_FALSE(record.error) << record.error->message;
@@ -202,16 +147,13 @@ TEST_P(Rates, PuncturedSheetsAreValidAndLackExactlyTheHole) {
     EXPECT_EQ(boundary_rings(after).rings.size(), 2U);
   }
   // The new meshes came into use during the session.
-  EXPECT_EQ(run.rows.back().cuts_published, 3);
+  EXPECT_EQ(run.rows().back().cuts_published, 3);
 }
 
 TEST(Session, SummaryHasEveryDocumentedField) {
-  const test::TemporaryFolder folder;
-  const Scene scene = one_slice();
-  const Experiment run = run_virtual(scene, 1000, folder / "r.csv");
-  SessionOptions options;
-  options.clock = Clock::kVirtual;
-  const auto summary = nlohmann::json::parse(summarize(scene, options, run.report, *run.remesher));
+  const Experiment run(one_slice(), 1000);
+  const auto summary =
+      nlohmann::json::parse(summarize(run.scene, run.options, run.report, *run.remesher));
   for (const char* field :
        {"ticks", "missed_deadlines", "tick_us", "wake_us", "allocations_in_loop", "max_force_N",
         "punctures", "faults", "wrench_error_max", "torque_max_Nm"}) {
@@ -227,11 +169,11 @@ TEST(Session, SummaryHasEveryDocumentedField) {
     EXPECT_TRUE(summary["punctures"][0][field].is_number()) << field;
   }
   EXPECT_EQ(summary["punctures"][0]["hole_vertices"], 6);
-  EXPECT_EQ(summary["ticks"], run.rows.size());
+  EXPECT_EQ(summary["ticks"], run.rows().size());
   EXPECT_NEAR(summary["max_force_N"].get<double>(), 35, 0.2);
   EXPECT_GT(summary["torque_max_Nm"].get<double>(), 0.5);
 
-  const auto sheets = nlohmann::json::parse(describe_sheets(scene, *run.remesher));
+  const auto sheets = nlohmann::json::parse(describe_sheets(run.scene, *run.remesher));
   ASSERT_EQ(sheets["sheets"].size(), 1U);
   EXPECT_EQ(sheets["sheets"][0]["before"]["triangles"].size(), 800U);
   EXPECT_EQ(sheets["sheets"][0]["cuts"][0]["tool"].size(), 6U);
@@ -240,40 +182,22 @@ TEST(Session, SummaryHasEveryDocumentedField) {
 
 TEST(Session, ForcesAreTheSameOnTheRealClock) {
   // Timing depends on the machine; the force at a position does not.
-  const test::TemporaryFolder folder;
-  Scene scene = test::descent_scene({0.12}, 0.123, 0.105, 0.05);
-  const DeviceDescription description = default_device_description();
-  Remesher remesher(*place_slices(scene, test::square_asset(1), "asset"));
-  auto device = make_simulated_device(scene, description);
-  ASSERT_TRUE(device);
-  SessionOptions options;
-  options.rate_Hz = 500;
-  options.duration_s = scene.duration_s;
-  options.record = folder / "real.csv";
-  options.limits.gap_max_s = 0;
-  const auto report = run_session(
-      scene, description, remesher, *device, [&](double dt_s) { device->step(dt_s); }, options);
-  ASSERT_TRUE(report);
-  EXPECT_EQ(report->end, SessionEnd::kDone);
-  EXPECT_EQ(report->ticks, tick_count(scene.duration_s, 500));
-  EXPECT_EQ(report->realtime.wake.samples(), report->ticks + 1);
-  const auto rows = read_recording(folder / "real.csv");
-  ASSERT_TRUE(rows) << rows.error().message;
-  expect_paper_force(*rows, {0.12}, {0});
-  EXPECT_EQ(rows->size(), report->ticks);
-  ASSERT_EQ(remesher.records().size(), 1U);
-  EXPECT_FALSE(remesher.records()[0].error);
+  TestSession session(test::descent_scene({0.12}, 0.123, 0.105, 0.05));
+  session.options.clock = Clock::kReal;
+  session.options.rate_Hz = 500;
+  const SessionResult report = session.run();
+  EXPECT_EQ(report.end, SessionEnd::kDone);
+  EXPECT_EQ(report.ticks, tick_count(session.scene.duration_s, 500));
+  EXPECT_EQ(report.realtime.wake.samples(), report.ticks + 1);
+  const std::vector<RecordingRow> rows = session.rows();
+  expect_paper_force(rows, {0.12}, {0});
+  EXPECT_EQ(rows.size(), report.ticks);
+  ASSERT_EQ(session.remesher->records().size(), 1U);
+  EXPECT_FALSE(session.remesher->records()[0].error);
 
   // The replay puts new meshes into use in the recorded ticks.
-  ReplayDevice replay(*rows);
-  Remesher fresh(*place_slices(scene, test::square_asset(1), "asset"));
-  SessionOptions again;
-  again.rate_Hz = 500;
-  again.replay = *rows;
-  const auto repeated = run_session(
-      scene, description, fresh, replay, [](double) {}, again);
-  ASSERT_TRUE(repeated);
-  EXPECT_EQ(repeated->replay_first_difference, -1);
+  session.options.record.reset();
+  EXPECT_EQ(session.replay(rows).replay_first_difference, -1);
 }
 
 }  // namespace

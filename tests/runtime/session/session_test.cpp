@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // How sessions begin and end, their number of ticks, and the rate of a recording.
 #include "runtime/session/session.h"
-#include "runtime/session/open_device.h"
 #include "runtime/session/session_options.h"
 
 #include <gtest/gtest.h>
@@ -11,114 +10,79 @@
 #include <chrono>
 #include <cmath>
 #include <fstream>
-#include <iterator>
-#include <optional>
 #include <string>
 #include <thread>
 #include <utility>
 #include <vector>
 
 #include "tests/runtime/haptics/loop/loop_fixture.h"
+#include "tests/runtime/session/test_session.h"
 #include "tests/support/file_size_limit.h"
-#include "tests/support/four_legs_session.h"
-#include "tests/support/sheet_fixture.h"
-#include "tests/support/temporary_folder.h"
 
 namespace trocar::runtime {
 namespace {
 
 using testing_support::largest;
 using testing_support::ScriptedDevice;
+using testing_support::TestSession;
 
 TEST(Session, StopEndsItWithTorquesAtZero) {
   const Scene scene = test::descent_scene({0.12}, 0.13, 0.1, 0.015);
   for (const Clock clock : {Clock::kVirtual, Clock::kReal}) {
-    Remesher remesher(*place_slices(scene, test::square_asset(1), "a"));
-    auto device = make_simulated_device(scene, default_device_description());
-    ASSERT_TRUE(device);
+    TestSession session(scene);
     std::atomic<bool> stop{false};
     std::uint64_t ticks = 0;
-    SessionOptions options;
-    options.clock = clock;
-    options.duration_s = 60;
-    options.stop = &stop;
-    options.limits.gap_max_s = 0;
-    const auto report = run_session(
-        scene, default_device_description(), remesher, *device,
-        [&](double dt_s) {
-          device->step(dt_s);
-          if (++ticks == 50) stop = true;
-        },
-        options);
-    ASSERT_TRUE(report);
-    EXPECT_EQ(report->end, SessionEnd::kInterrupted);
-    EXPECT_EQ(report->ticks, 50U);
-    device->step(1e-3);
-    EXPECT_EQ(device->truth().tau_motor_Nm.norm(), 0);
+    session.options.clock = clock;
+    session.options.duration_s = 60;
+    session.options.stop = &stop;
+    const SessionResult report = session.run([&] {
+      if (++ticks == 50) stop = true;
+    });
+    EXPECT_EQ(report.end, SessionEnd::kInterrupted);
+    EXPECT_EQ(report.ticks, 50U);
+    session.device->step(1e-3);
+    EXPECT_EQ(session.device->truth().tau_motor_Nm.norm(), 0);
   }
 }
 
 TEST(Session, AStopBeforeTheFirstTickKeepsAnEarlierRecording) {
   const Scene scene = test::descent_scene({0.12}, 0.13, 0.1, 0.015);
   for (const Clock clock : {Clock::kVirtual, Clock::kReal}) {
-    const test::TemporaryFolder folder;
-    Remesher remesher(*place_slices(scene, test::square_asset(1), "a"));
+    TestSession session(scene);
     ScriptedDevice device;
     const std::atomic<bool> stop{true};
-    SessionOptions options;
-    options.clock = clock;
-    options.stop = &stop;
-    options.record = folder / "r.csv";
-    std::ofstream(*options.record) << "an earlier recording";
-    const auto report = run_session(
-        scene, default_device_description(), remesher, device, [](double) { FAIL(); }, options);
-    ASSERT_TRUE(report);
-    EXPECT_EQ(report->ticks, 0U);
-    EXPECT_EQ(report->end, SessionEnd::kInterrupted);
-    EXPECT_FALSE(report->recording_error);
-    std::ifstream file(*options.record);
-    const std::string text{std::istreambuf_iterator<char>(file), {}};
-    EXPECT_EQ(text, "an earlier recording");
-    EXPECT_EQ(folder.files(), 1U);
+    session.options.clock = clock;
+    session.options.stop = &stop;
+    std::ofstream(*session.options.record) << "an earlier recording";
+    const SessionResult report = session.run(device, [](double) { FAIL(); });
+    EXPECT_EQ(report.ticks, 0U);
+    EXPECT_EQ(report.end, SessionEnd::kInterrupted);
+    EXPECT_FALSE(report.recording_error);
+    EXPECT_EQ(session.recording(), "an earlier recording");
+    EXPECT_EQ(session.folder.files(), 1U);
   }
 }
 
 TEST(Session, TheReplayOfAnInterruptedSessionIsInterrupted) {
-  const test::TemporaryFolder folder;
-  const Scene scene = test::descent_scene({0.12}, 0.13, 0.1, 0.015);
-  Remesher remesher(*place_slices(scene, test::square_asset(1), "a"));
-  auto device = make_simulated_device(scene, default_device_description());
-  ASSERT_TRUE(device);
+  TestSession session(test::descent_scene({0.12}, 0.13, 0.1, 0.015));
   std::atomic<bool> stop{false};
   std::uint64_t ticks = 0;
-  SessionOptions options;
-  options.clock = Clock::kVirtual;
-  options.duration_s = 0.1;
-  options.stop = &stop;
-  options.record = folder / "r.csv";
-  ASSERT_TRUE(run_session(
-      scene, default_device_description(), remesher, *device,
-      [&](double dt_s) {
-        device->step(dt_s);
-        if (++ticks == 50) stop = true;
-      },
-      options));
-  const auto rows = read_recording(*options.record);
-  ASSERT_TRUE(rows) << rows.error().message;
+  session.options.duration_s = 0.1;
+  session.options.stop = &stop;
+  session.run([&] {
+    if (++ticks == 50) stop = true;
+  });
+  const std::vector<RecordingRow> rows = session.rows();
+  session.options.stop = nullptr;
+  session.options.record.reset();
   const std::pair<double, SessionEnd> ends[] = {{0.1, SessionEnd::kInterrupted},
                                                 {0.05, SessionEnd::kDone}};
   for (const auto& [duration_s, end] : ends) {
-    Remesher fresh(*place_slices(scene, test::square_asset(1), "a"));
-    ReplayDevice recorded(*rows);
-    SessionOptions again;
-    again.replay = *rows;
-    again.duration_s = duration_s;
-    const auto repeated = run_session(
-        scene, default_device_description(), fresh, recorded, [](double) {}, again);
-    ASSERT_TRUE(repeated);
-    EXPECT_EQ(repeated->end, end) << duration_s;
-    EXPECT_EQ(repeated->ticks, 50U);
-    EXPECT_EQ(repeated->replay_first_difference, -1);
+    session.options.duration_s = duration_s;
+    const SessionResult repeated = session.replay(rows);
+    EXPECT_EQ(repeated.end, end) << duration_s;
+    EXPECT_EQ(repeated.ticks, 50U);
+    EXPECT_EQ(repeated.replay_first_difference, -1);
   }
 }
 
@@ -139,16 +103,15 @@ class WatchedDevice final : public Device {
 };
 
 TEST(Session, TorquesAreZeroBeforeOtherThreadsEnd) {
-  const Scene scene = test::descent_scene({0.12}, 0.121, 0.1, 0.05);
-  Remesher remesher(*place_slices(scene, test::square_asset(1), "a"));
-  auto simulated = make_simulated_device(scene, default_device_description());
-  ASSERT_TRUE(simulated);
-  WatchedDevice device(*simulated);
+  TestSession session(test::descent_scene({0.12}, 0.121, 0.1, 0.05));
+  session.simulate();
+  WatchedDevice device(*session.device);
   std::atomic<bool> stop{false}, loaded{false}, released{false};
-  SessionOptions options;
+  SessionOptions& options = session.options;
+  options.clock = Clock::kReal;
+  options.record.reset();
   options.duration_s = 2;
   options.stop = &stop;
-  options.limits.gap_max_s = 0;
   // A display that is busy when the session ends: until torques are zero, at most 5 s.
   options.on_frame = [&](const RecordingRow&, const auto&) {
     const auto start = std::chrono::steady_clock::now();
@@ -158,34 +121,25 @@ TEST(Session, TorquesAreZeroBeforeOtherThreadsEnd) {
     }
   };
   options.frame_rate_Hz = 1000;
-  const auto report = run_session(
-      scene, default_device_description(), remesher, device,
-      [&](double dt_s) {
-        simulated->step(dt_s);
-        if (!device.is_loaded || simulated->truth().tau_motor_Nm.norm() < 0.5) return;
-        loaded = true;
-        stop = true;
-      },
-      options);
-  ASSERT_TRUE(report);
+  const SessionResult report = session.run(device, [&](double dt_s) {
+    session.device->step(dt_s);
+    if (!device.is_loaded || session.device->truth().tau_motor_Nm.norm() < 0.5) return;
+    loaded = true;
+    stop = true;
+  });
   ASSERT_TRUE(loaded) << "the tool was never pressed into the sheet";
-  EXPECT_EQ(report->end, SessionEnd::kInterrupted);
+  EXPECT_EQ(report.end, SessionEnd::kInterrupted);
   EXPECT_TRUE(released) << "torques stayed on while the session waited for the display";
 }
 
 TEST(Session, AFaultEndsItAfterTheRamp) {
-  const Scene scene = test::descent_scene({0.12}, 0.13, 0.1, 0.015);
-  Remesher remesher(*place_slices(scene, test::square_asset(1), "a"));
+  TestSession session(test::descent_scene({0.12}, 0.13, 0.1, 0.015));
   ScriptedDevice device;
   device.on_read = DeviceStatus::kLinkLost;
-  SessionOptions options;
-  options.clock = Clock::kVirtual;
-  const auto report = run_session(
-      scene, default_device_description(), remesher, device, [](double) {}, options);
-  ASSERT_TRUE(report);
-  EXPECT_EQ(report->end, SessionEnd::kFault);
-  EXPECT_EQ(report->fault, Fault::kLinkLost);
-  EXPECT_EQ(report->ticks, 4U);
+  const SessionResult report = session.run(device, [](double) {});
+  EXPECT_EQ(report.end, SessionEnd::kFault);
+  EXPECT_EQ(report.fault, Fault::kLinkLost);
+  EXPECT_EQ(report.ticks, 4U);
 }
 
 TEST(Session, AnUnwritableRecordingIsAnErrorBeforeTheFirstTick) {
@@ -203,35 +157,24 @@ TEST(Session, AnUnwritableRecordingIsAnErrorBeforeTheFirstTick) {
 // Sheet, shaft and rim, damping by the controller, through the coupling or not: all of it.
 TEST(Session, TheLargestForceIsOfAllThatActsOnTheHand) {
   for (const bool couples : {false, true}) {
-    const test::TemporaryFolder folder;
     Scene scene = test::descent_scene({0.12}, 0.13, 0.105, 0.05);
     scene.tissue.threshold_N = 5;
     scene.tissue.shaft.dry_friction_N = 10;
     scene.tissue.shaft.viscous_friction_N_s_per_m = 50;
-    Remesher remesher(*place_slices(scene, test::square_asset(1), "a"));
-    auto device = make_simulated_device(scene, default_device_description());
-    ASSERT_TRUE(device);
-    SessionOptions options;
-    options.clock = Clock::kVirtual;
-    options.duration_s = 0.6;
-    options.coupling.on = couples;
-    options.record = folder / "r.csv";
-    const auto report = run_session(
-        scene, default_device_description(), remesher, *device,
-        [&](double dt_s) { device->step(dt_s); }, options);
-    ASSERT_TRUE(report);
-    EXPECT_EQ(report->fault, Fault::kNone) << to_string(report->fault);
-    ASSERT_FALSE(report->punctures.empty());
-    const auto rows = read_recording(folder / "r.csv");
-    ASSERT_TRUE(rows);
+    TestSession session(scene);
+    session.options.duration_s = 0.6;
+    session.options.coupling.on = couples;
+    const SessionResult report = session.run();
+    EXPECT_EQ(report.fault, Fault::kNone) << to_string(report.fault);
+    ASSERT_FALSE(report.punctures.empty());
     double largest_N = 0;
-    for (const RecordingRow& row : *rows) {
+    for (const RecordingRow& row : session.rows()) {
       largest_N = std::max(largest_N, Eigen::Vector3d(row.wrench_delivered.data()).norm());
     }
     if (!couples) {
       EXPECT_GT(largest_N, 10) << "friction exceeds the sheet's 5 N";
     }
-    EXPECT_NEAR(report->max_force_N, largest_N, 1e-12 * largest_N) << couples;
+    EXPECT_NEAR(report.max_force_N, largest_N, 1e-12 * largest_N) << couples;
   }
 }
 
@@ -253,48 +196,30 @@ class Forces final : public TickObserver {
   static constexpr std::size_t kMost = 20'000;
 };
 
-/// Runs a session whose recording fails when the tool presses on the sheet.
-struct UnrecordedSession {
-  test::TemporaryFolder folder;
-  Forces forces;
-  std::optional<SessionResult> report;
-
-  explicit UnrecordedSession(RecoveryPolicy recovery) {
-    Scene scene = test::descent_scene({0.12}, 0.13, 0.11, 0.05);
-    scene.tissue.threshold_N = 1000;
-    Remesher remesher(*place_slices(scene, test::square_asset(1), "a"));
-    auto device = make_simulated_device(scene, default_device_description());
-    SessionOptions options;
-    options.clock = Clock::kVirtual;
-    options.duration_s = 15;
-    options.record = folder / "r.csv";
-    options.black_box = folder.path();
-    options.recovery = recovery;
-    options.observers.push_back(&forces);
-    const test::FileSizeLimit limit(280'000);
-    auto done = run_session(
-        scene, default_device_description(), remesher, *device,
-        [&](double dt_s) { device->step(dt_s); }, options);
-    EXPECT_TRUE(done);
-    if (done) report = std::move(*done);
-  }
-};
-
 TEST(Session, OneThatCannotBeRecordedEndsAsByAnOperatorsStopAfterARampOfTheForces) {
   for (const RecoveryPolicy recovery :
        {RecoveryPolicy::kNever, RecoveryPolicy::kOnRequest, RecoveryPolicy::kAuto}) {
-    const UnrecordedSession session(recovery);
-    ASSERT_TRUE(session.report);
-    const SessionResult& report = *session.report;
-    const std::vector<double>& forces = session.forces.N;
+    Scene scene = test::descent_scene({0.12}, 0.13, 0.11, 0.05);
+    scene.tissue.threshold_N = 1000;
+    TestSession session(scene);
+    Forces observed;
+    session.options.duration_s = 15;
+    session.options.black_box = session.folder.path();
+    session.options.recovery = recovery;
+    session.options.observers.push_back(&observed);
+    const SessionResult report = [&] {
+      const test::FileSizeLimit limit(280'000);  // reached while the tool presses on the sheet
+      return session.run();
+    }();
+    const std::vector<double>& forces = observed.N;
     EXPECT_EQ(report.end, SessionEnd::kInterrupted);
     EXPECT_EQ(report.fault, Fault::kRecordingFailed);
     ASSERT_EQ(report.faults.size(), 1U);
     EXPECT_TRUE(report.black_boxes.empty()) << "it is no failure of the device";
     // The last force falls to zero in equal steps, within the time of the ramp.
-    const auto failed = std::find(session.forces.faults.begin(), session.forces.faults.end(),
-                                  Fault::kRecordingFailed);
-    const auto first = static_cast<std::size_t>(failed - session.forces.faults.begin());
+    const auto failed =
+        std::find(observed.faults.begin(), observed.faults.end(), Fault::kRecordingFailed);
+    const auto first = static_cast<std::size_t>(failed - observed.faults.begin());
     ASSERT_LE(first + 4, forces.size());
     EXPECT_LE(forces.size(), first + 5);
     const double before_N = forces[first - 1];

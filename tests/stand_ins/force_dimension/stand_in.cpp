@@ -8,14 +8,20 @@
 #include <chrono>
 #include <cstdint>
 #include <cstdio>
+#include <cstdlib>
 #include <limits>
 #include <memory>
 #include <mutex>
 #include <optional>
+#include <stdexcept>
 #include <string>
+#include <string_view>
 #include <thread>
+#include <utility>
+#include <vector>
 
-#include "tests/stand_ins/force_dimension/settings.h"
+#include "tests/stand_ins/faults.h"
+#include "tests/stand_ins/simulated_arm.h"
 
 #define DHD_FUNCTION extern "C" __attribute__((visibility("default")))
 
@@ -60,6 +66,64 @@ constexpr std::array kErrorTexts{
     "regulation is not running",
 };
 
+constexpr std::array<std::string_view, 13> kFaultKinds{
+    "silence", "late", "error",      "read_error", "nan",        "skew",        "jump",
+    "frozen",  "same", "disconnect", "no_device",  "open_fails", "uncalibrated"};
+
+struct Settings {
+  std::string model = "omega.3";
+  bool has_wrist = false;
+  bool has_active_wrist = false;
+  std::vector<int> serials;  ///< serial numbers of the devices that are connected
+  std::vector<Keyframe> path;
+  std::string log;
+  std::vector<Fault> faults;
+  std::string error;  ///< names the setting that cannot be read; empty if there is none
+};
+
+std::string variable(const char* name) {
+  const char* const value = std::getenv(name);  // NOLINT(concurrency-mt-unsafe)
+  return value == nullptr ? "" : value;
+}
+
+/// The values of all variables in one text, to find out whether they have changed.
+std::string environment() {
+  std::string all;
+  for (const char* const name : {"TROCAR_DHD_MODEL", "TROCAR_DHD_PATH", "TROCAR_DHD_LOG",
+                                 "TROCAR_DHD_FAULT", "TROCAR_DHD_SERIALS"}) {
+    all += variable(name) + "\n";
+  }
+  return all;
+}
+
+Settings read_settings() {
+  Settings settings;
+  if (const std::string model = variable("TROCAR_DHD_MODEL"); !model.empty())
+    settings.model = model;
+  settings.has_active_wrist = settings.model == "sigma.7";
+  settings.has_wrist = settings.has_active_wrist || settings.model == "omega.6";
+  settings.log = variable("TROCAR_DHD_LOG");
+  try {
+    if (!settings.has_wrist && settings.model != "omega.3")
+      throw std::runtime_error(settings.model + " is not omega.3, omega.6 or sigma.7");
+    if (const std::string path = variable("TROCAR_DHD_PATH"); !path.empty())
+      settings.path = read_path(path);
+    std::string serials = variable("TROCAR_DHD_SERIALS");
+    if (serials.empty()) serials = "1";
+    for (std::string_view text = serials; !text.empty();) {
+      const auto [one, rest] = split(text, ',');
+      const std::optional<int> serial = number_of<int>(one);
+      if (!serial) throw std::runtime_error(std::string(one) + " is no number");
+      settings.serials.push_back(*serial);
+      text = rest;
+    }
+    settings.faults = parse_faults(variable("TROCAR_DHD_FAULT"), kFaultKinds);
+  } catch (const std::exception& error) {
+    settings.error = error.what();
+  }
+  return settings;
+}
+
 thread_local int last_error = 0;
 
 int fail(int error) {
@@ -87,7 +151,7 @@ struct Device {
   double now_s() const {
     return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
   }
-  const Fault* fault(FaultKind kind) const;
+  const Fault* fault(std::string_view kind) const;
   void move();
   void write(const char* call, const Eigen::Vector3d& f, const Eigen::Vector3d& t);
 };
@@ -95,12 +159,13 @@ struct Device {
 std::mutex mutex;              // guards `device`
 Device& device = *new Device;  // never destroyed: a call that hangs may outlive the end of main()
 
-const Fault* Device::fault(FaultKind kind) const {
+const Fault* Device::fault(std::string_view kind) const {
   const double t_s = now_s();
-  const auto found = std::find_if(
-      settings.faults.begin(), settings.faults.end(),
-      [&](const Fault& f) { return f.kind == kind && t_s >= f.start_s && t_s < f.end_s; });
-  return found == settings.faults.end() ? nullptr : &*found;
+  for (const Fault& each : settings.faults) {
+    const double left_s = each.duration_s.value_or(t_s + 1) - (t_s - each.start_s);
+    if (each.kind == kind && t_s >= each.start_s && left_s > 0) return &each;
+  }
+  return nullptr;
 }
 
 void Device::move() {
@@ -147,8 +212,8 @@ void wait(bool may_be_late) {
   for (;;) {
     {
       const std::lock_guard lock(mutex);
-      if (device.fault(FaultKind::kSilence) == nullptr) {
-        if (!may_be_late || device.fault(FaultKind::kLate) == nullptr) return;
+      if (device.fault("silence") == nullptr) {
+        if (!may_be_late || device.fault("late") == nullptr) return;
         break;
       }
     }
@@ -159,13 +224,13 @@ void wait(bool may_be_late) {
 
 /// The error of a call for device `id`: 0 if there is none.
 int error_of(char id) {
-  if (id == device.id && device.fault(FaultKind::kDisconnect) != nullptr) {
+  if (id == device.id && device.fault("disconnect") != nullptr) {
     device.open = false;  // it has to be opened again when it is back
     device.enabled = false;
     return kErrorCom;
   }
   if (!device.open || id != device.id) return kErrorInvalidIndex;
-  const Fault* const error = device.fault(FaultKind::kError);
+  const Fault* const error = device.fault("error");
   return error == nullptr ? 0 : error->code;
 }
 
@@ -173,9 +238,9 @@ int open(std::size_t index) {
   renew();
   if (!device.settings.error.empty()) return fail(kErrorConfiguration);
   if (index >= device.settings.serials.size()) return fail(kErrorInvalidIndex);
-  if (device.fault(FaultKind::kDisconnect) != nullptr) return fail(kErrorCom);
-  if (device.fault(FaultKind::kNoDevice) != nullptr) return fail(kErrorNoDevice);
-  if (device.fault(FaultKind::kOpenFails) != nullptr) return fail(kErrorInUse);
+  if (device.fault("disconnect") != nullptr) return fail(kErrorCom);
+  if (device.fault("no_device") != nullptr) return fail(kErrorNoDevice);
+  if (device.fault("open_fails") != nullptr) return fail(kErrorInUse);
   device.open = true;
   device.index = index;
   device.write("open", Eigen::Vector3d::Zero(), Eigen::Vector3d::Zero());
@@ -201,15 +266,15 @@ struct Pose {
 
 Pose measure(bool is_same) {
   device.move();
-  if (!is_same && device.fault(FaultKind::kFrozen) == nullptr) {
+  if (!is_same && device.fault("frozen") == nullptr) {
     device.last_position = device.arm.position_m();
     device.last_orientation = device.arm.orientation();
   }
   Pose pose{device.last_position, Eigen::Matrix3d::Identity()};
   if (device.settings.has_wrist) pose.frame = device.last_orientation.toRotationMatrix();
-  if (device.fault(FaultKind::kJump) != nullptr) pose.position.x() += kJump_m;
-  if (device.fault(FaultKind::kSkew) != nullptr) pose.frame(0, 1) += kSkew;
-  if (device.fault(FaultKind::kNan) != nullptr) {
+  if (device.fault("jump") != nullptr) pose.position.x() += kJump_m;
+  if (device.fault("skew") != nullptr) pose.frame(0, 1) += kSkew;
+  if (device.fault("nan") != nullptr) {
     pose.position.y() = std::numeric_limits<double>::quiet_NaN();
   }
   return pose;
@@ -225,8 +290,8 @@ int get(char id, double* x, double* y, double* z, double (*frame)[3]) {
   if (x == nullptr || y == nullptr || z == nullptr) return fail(kErrorNull);
   const std::lock_guard lock(mutex);
   if (const int error = error_of(id)) return fail(error);
-  if (device.fault(FaultKind::kReadError) != nullptr) return fail(kErrorCom);
-  const bool is_same = device.fault(FaultKind::kSame) != nullptr;
+  if (device.fault("read_error") != nullptr) return fail(kErrorCom);
+  const bool is_same = device.fault("same") != nullptr;
   const Pose pose = measure(is_same);
   *x = pose.position.x();
   *y = pose.position.y();
@@ -259,8 +324,7 @@ DHD_FUNCTION const char* dhdErrorGetLastStr() {
 DHD_FUNCTION int dhdGetDeviceCount() {
   const std::lock_guard lock(stand_in::mutex);
   stand_in::renew();
-  return device.fault(stand_in::FaultKind::kNoDevice) == nullptr &&
-                 device.fault(stand_in::FaultKind::kDisconnect) == nullptr
+  return device.fault("no_device") == nullptr && device.fault("disconnect") == nullptr
              ? static_cast<int>(device.settings.serials.size())
              : 0;
 }
@@ -306,7 +370,7 @@ DHD_FUNCTION int dhdGetStatus(int* status, char id) {
   // power, connected, started, reset, idle, force, brake, torque, wrist, error, gravity, time guard, wrist initialised
   const int wrist = device.settings.has_wrist ? 1 : 0;
   const int on = device.enabled ? 1 : 0;
-  const int reset = device.fault(stand_in::FaultKind::kUncalibrated) == nullptr ? 0 : 1;
+  const int reset = device.fault("uncalibrated") == nullptr ? 0 : 1;
   const std::array<int, 17> values{1, 1, 1, reset, 0, on, 1 - on, on, wrist, 0, 1, 1, wrist};
   std::copy(values.begin(), values.end(), status);
   return 0;

@@ -1,39 +1,39 @@
 // SPDX-License-Identifier: Apache-2.0
-// One thread does everything, so that answers come in the order of the messages.
-#include "tests/stand_ins/haply/server.h"
+// A stand-in for the service of the Haply Inverse3 arm, for tests and for trying a session without the arm. It is
+// written from the public description of the protocol alone. One thread does everything, so that answers come in the
+// order of the messages.
+#include <sched.h>
 
 #include <utility>  // before asio, which uses std::exchange without it
 
+#include <CLI/CLI.hpp>
 #include <boost/asio.hpp>
 #include <boost/beast/core.hpp>
-#include <boost/beast/http.hpp>
 #include <boost/beast/websocket.hpp>
 #include <chrono>
-#include <csignal>
 #include <cstdio>
 #include <deque>
+#include <exception>
 #include <functional>
+#include <map>
 #include <memory>
+#include <optional>
 #include <stdexcept>
 #include <string>
 #include <vector>
 
-#include "tests/stand_ins/haply/http_routes.h"
+#include "tests/stand_ins/haply/service.h"
 
-namespace trocar::haply_stand_in {
+namespace stand_in {
 namespace {
 
 namespace net = boost::asio;
 namespace beast = boost::beast;
-namespace http = beast::http;
 namespace websocket = beast::websocket;
 using tcp = net::ip::tcp;
 using Clock = Service::Clock;
 
-// Limits against hostile clients.
-constexpr std::size_t kMaxConnections = 16, kMaxMessage = 65536, kMaxBody = 4096, kMaxQueue = 1000;
-constexpr auto kRequestWithin = std::chrono::seconds(10);
-constexpr auto kRetryAccept = std::chrono::milliseconds(100);
+constexpr std::size_t kMaxMessage = 65536;
 
 Clock::duration duration_of(double seconds) {
   return std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(seconds));
@@ -41,62 +41,18 @@ Clock::duration duration_of(double seconds) {
 
 using Restart = std::function<void(double seconds)>;
 
-/// A client, first of HTTP, and of the WebSocket after its upgrade.
-class Connection : public std::enable_shared_from_this<Connection> {
+class Client : public std::enable_shared_from_this<Client> {
  public:
-  Connection(Service& service, tcp::socket socket, const Restart& restart)
+  Client(Service& service, tcp::socket socket, const Restart& restart)
       : service_(service),
         restart_(restart),
-        stream_(std::move(socket)),
-        timer_(stream_.get_executor()) {}
+        web_(std::move(socket)),
+        timer_(web_.get_executor()) {}
 
-  void read_request() {
-    parser_.emplace();
-    parser_->body_limit(kMaxBody);
-    stream_.expires_after(kRequestWithin);
-    http::async_read(stream_, buffer_, *parser_,
-                     [self = shared_from_this()](beast::error_code error, std::size_t) {
-                       if (!error) self->answer_request();
-                     });
-  }
-
-  /// Ends the connection at once. `with_reset`: by a TCP reset.
-  void abort(bool with_reset) {
-    auto& socket = web_ ? beast::get_lowest_layer(*web_).socket() : stream_.socket();
-    beast::error_code ignored;
-    if (with_reset) socket.set_option(net::socket_base::linger(true, 0), ignored);
-    socket.close(ignored);
-    end(false);
-  }
-
- private:
-  void answer_request() {
-    auto request = parser_->release();
-    const std::string target(request.target());
-    if (websocket::is_upgrade(request) && target == "/") return open_websocket(request);
-    const HttpAnswer answer =
-        answer_http(service_, std::string(request.method_string()), target, request.body());
-    response_ = {http::int_to_status(answer.status), request.version(), answer.body};
-    response_.set(http::field::content_type, "application/json");
-    response_.keep_alive(request.keep_alive());
-    response_.prepare_payload();
-    http::async_write(stream_, response_,
-                      [self = shared_from_this()](beast::error_code error, std::size_t) {
-                        if (error) return;
-                        if (self->response_.keep_alive()) return self->read_request();
-                        beast::error_code ignored;
-                        self->stream_.socket().shutdown(tcp::socket::shutdown_send, ignored);
-                      });
-  }
-
-  void open_websocket(const http::request<http::string_body>& request) {
-    stream_.expires_never();
-    web_.emplace(std::move(stream_));
-    web_->set_option(
-        websocket::stream_base::timeout{kRequestWithin, websocket::stream_base::none(), false});
-    web_->read_message_max(kMaxMessage);
-    web_->auto_fragment(false);
-    web_->async_accept(request, [self = shared_from_this()](beast::error_code error) {
+  void start() {
+    web_.read_message_max(kMaxMessage);
+    web_.auto_fragment(false);
+    web_.async_accept([self = shared_from_this()](beast::error_code error) {
       if (error) return;
       Answer inventory;
       self->session_ = self->service_.begin_session(inventory);
@@ -105,14 +61,19 @@ class Connection : public std::enable_shared_from_this<Connection> {
     });
   }
 
+  /// Ends the connection at once. `with_reset`: by a TCP reset.
+  void abort(bool with_reset) {
+    auto& socket = web_.next_layer();
+    beast::error_code ignored;
+    if (with_reset) socket.set_option(net::socket_base::linger(true, 0), ignored);
+    socket.close(ignored);
+    end();
+  }
+
+ private:
   void read_message() {
-    web_->async_read(buffer_, [self = shared_from_this()](beast::error_code error, std::size_t) {
-      if (error) {
-        const bool has_left = error == websocket::error::closed || error == net::error::eof ||
-                              error == net::error::operation_aborted ||
-                              error == net::error::connection_reset;
-        return self->end(!has_left);
-      }
+    web_.async_read(buffer_, [self = shared_from_this()](beast::error_code error, std::size_t) {
+      if (error) return self->end();
       const auto bytes = self->buffer_.cdata();
       const Answer answer = self->service_.receive(
           self->session_, {static_cast<const char*>(bytes.data()), bytes.size()});
@@ -133,8 +94,8 @@ class Connection : public std::enable_shared_from_this<Connection> {
       case Act::kClose:
         is_closing_ = true;
         queue_.clear();
-        return web_->async_close(websocket::close_code::going_away,
-                                 [self = shared_from_this()](beast::error_code) {});
+        return web_.async_close(websocket::close_code::going_away,
+                                [self = shared_from_this()](beast::error_code) {});
       case Act::kSend:
         break;
     }
@@ -142,7 +103,6 @@ class Connection : public std::enable_shared_from_this<Connection> {
     const auto due = Clock::now() + duration_of(answer.delay_s);
     for (int copy = 0; copy < answer.copies; ++copy)
       queue_.push_back({answer.bytes, answer.is_binary, due});
-    if (queue_.size() > kMaxQueue) return abort(false);  // it does not read
     send();
   }
 
@@ -159,17 +119,17 @@ class Connection : public std::enable_shared_from_this<Connection> {
     }
     sent_ = std::move(queue_.front());
     queue_.pop_front();
-    web_->binary(sent_.is_binary);
-    web_->async_write(net::buffer(sent_.bytes),
-                      [self = shared_from_this()](beast::error_code error, std::size_t) {
-                        self->is_sending_ = false;
-                        if (!error && self->session_ != 0) self->send();
-                      });
+    web_.binary(sent_.is_binary);
+    web_.async_write(net::buffer(sent_.bytes),
+                     [self = shared_from_this()](beast::error_code error, std::size_t) {
+                       self->is_sending_ = false;
+                       if (!error && self->session_ != 0) self->send();
+                     });
   }
 
-  void end(bool by_protocol_error) {
+  void end() {
     if (session_ == 0) return;
-    service_.end_session(session_, by_protocol_error);
+    service_.end_session(session_);
     session_ = 0;
     timer_.cancel();
   }
@@ -182,12 +142,9 @@ class Connection : public std::enable_shared_from_this<Connection> {
 
   Service& service_;
   const Restart& restart_;
-  beast::tcp_stream stream_;
-  std::optional<websocket::stream<beast::tcp_stream>> web_;
+  websocket::stream<tcp::socket> web_;
   net::steady_timer timer_;
   beast::flat_buffer buffer_;
-  std::optional<http::request_parser<http::string_body>> parser_;
-  http::response<http::string_body> response_;
   int session_ = 0;  // 0: none, or no longer
   bool is_sending_ = false, is_closing_ = false;
   std::deque<Queued> queue_;
@@ -221,20 +178,12 @@ class Server {
 
   void accept() {
     acceptor_.async_accept([this](beast::error_code error, tcp::socket socket) {
-      if (error == net::error::operation_aborted) return;
-      if (error) {  // no free descriptors
-        timer_.expires_after(kRetryAccept);
-        return timer_.async_wait([this](beast::error_code late) {
-          if (!late) accept();
-        });
-      }
+      if (error) return;
       socket.set_option(tcp::no_delay(true), error);
-      std::erase_if(connections_, [](const auto& one) { return one.expired(); });
-      if (connections_.size() < kMaxConnections) {
-        const auto connection = std::make_shared<Connection>(service_, std::move(socket), restart_);
-        connections_.push_back(connection);
-        connection->read_request();
-      }
+      std::erase_if(clients_, [](const auto& one) { return one.expired(); });
+      const auto client = std::make_shared<Client>(service_, std::move(socket), restart_);
+      clients_.push_back(client);
+      client->start();
       accept();
     });
   }
@@ -242,8 +191,8 @@ class Server {
   void restart(double seconds) {
     beast::error_code ignored;
     acceptor_.close(ignored);
-    for (const auto& one : std::exchange(connections_, {}))
-      if (const auto connection = one.lock()) connection->abort(false);
+    for (const auto& one : std::exchange(clients_, {}))
+      if (const auto client = one.lock()) client->abort(false);
     timer_.expires_after(duration_of(seconds));
     timer_.async_wait([this](beast::error_code late) {
       if (late) return;
@@ -260,24 +209,97 @@ class Server {
   tcp::endpoint endpoint_;
   net::steady_timer timer_;
   Restart restart_;
-  std::vector<std::weak_ptr<Connection>> connections_;
+  std::vector<std::weak_ptr<Client>> clients_;
 };
 
-}  // namespace
-
-void serve(Service& service, std::uint16_t port, std::optional<double> duration_s) {
+void serve(Service& service, std::uint16_t port, double duration_s) {
   net::io_context context(1);
   Server server(context, service, port);
   net::signal_set signals(context, SIGINT, SIGTERM);
   signals.async_wait([&](beast::error_code, int) { context.stop(); });
-  net::steady_timer timer(context);
-  if (duration_s) {
-    timer.expires_after(duration_of(*duration_s));
-    timer.async_wait([&](beast::error_code) { context.stop(); });
-  }
+  net::steady_timer timer(context, duration_of(duration_s));
+  timer.async_wait([&](beast::error_code) { context.stop(); });
   std::printf("listening on %u\n", static_cast<unsigned>(server.port()));
   std::fflush(stdout);
   context.run();
 }
 
-}  // namespace trocar::haply_stand_in
+struct CommandLine {
+  ServiceSettings service;
+  std::uint16_t port = 10001;
+  double duration_s = 1e6;
+  std::optional<double> force_gate;
+  std::string grip = "none", path, faults;
+};
+
+void declare(CLI::App& app, CommandLine& line) {
+  ServiceSettings& service = line.service;
+  app.add_option("--port", line.port, "Port on 127.0.0.1; 0: any free one")->capture_default_str();
+  app.add_option("--duration", line.duration_s, "End after this many seconds")
+      ->check(CLI::Range(0.0, 1e6));
+  app.add_option("--protocol", service.protocol, "Version: 3.1 or 3.5 (default)")
+      ->transform(CLI::Transformer(
+          std::map<std::string, Protocol>{{"3.1", Protocol::kV31}, {"3.5", Protocol::kV35}}));
+  app.add_option("--grip", line.grip, "none or verse_grip")
+      ->check(CLI::IsMember({"none", "verse_grip"}))
+      ->capture_default_str();
+  app.add_option("--force-gate", line.force_gate,
+                 "Gain of the force filter, from 0 (off) to less than 1; only with version 3.5 "
+                 "(default 0.3)")
+      ->check(CLI::Range(0.0, 0.999));
+  app.add_option("--path", line.path, "Keyframes of the hand (JSON)");
+  app.add_option("--hand-stiffness", service.arm.hand_stiffness_N_per_m, "N/m")
+      ->check(CLI::Range(0.0, 1e5))
+      ->capture_default_str();
+  app.add_option("--hand-damping", service.arm.hand_damping_N_s_per_m, "N*s/m")
+      ->check(CLI::Range(0.0, 1e4))
+      ->capture_default_str();
+  app.add_option("--log", service.log, "Write all forces to this CSV file");
+  app.add_option("--summary", service.summary, "Write counts to this JSON file at the end");
+  app.add_option("--fault", line.faults,
+                 "KIND@SECONDS[:DURATION],..., after the first force; without DURATION for one "
+                 "answer");
+  std::string kinds = "Kinds of faults:\n";
+  for (const auto& [name, meaning] : kFaultKinds)
+    kinds.append("  ").append(name).append(": ").append(meaning).append("\n");
+  app.footer(kinds);
+}
+
+void run(CommandLine& line) {
+  ServiceSettings& service = line.service;
+  const bool is_new = service.protocol == Protocol::kV35;
+  if (line.force_gate && !is_new)
+    throw std::runtime_error("--force-gate needs --protocol 3.5: version 3.1 states no filters");
+  service.force_gate_gain = is_new ? line.force_gate.value_or(0.3) : 0;
+  service.has_grip = line.grip == "verse_grip";
+  service.path = {{0, {0, -0.12, 0.15}, Eigen::Vector3d::Zero(), 0}};
+  if (!line.path.empty()) service.path = read_path(line.path);
+  std::vector<std::string_view> kinds;
+  for (const auto& kind : kFaultKinds)
+    kinds.push_back(kind[0]);
+  service.faults = parse_faults(line.faults, kinds);
+  Service running(service);
+  // A real service waits for nobody, so the stand-in takes realtime priority if it may.
+  sched_param priority{};
+  priority.sched_priority = 70;
+  static_cast<void>(::sched_setscheduler(0, SCHED_FIFO, &priority));
+  serve(running, line.port, line.duration_s);
+  running.finish();
+}
+
+}  // namespace
+}  // namespace stand_in
+
+int main(int argc, char** argv) {
+  CLI::App app("Stand-in for the service of the Haply Inverse3 arm");
+  stand_in::CommandLine line;
+  stand_in::declare(app, line);
+  CLI11_PARSE(app, argc, argv);
+  try {
+    stand_in::run(line);
+  } catch (const std::exception& error) {
+    std::fprintf(stderr, "%s\n", error.what());
+    return 2;
+  }
+  return 0;
+}

@@ -1,15 +1,18 @@
 // SPDX-License-Identifier: Apache-2.0
 // The loop's side of the link over real sockets of this machine: accepted and refused packets,
-// connecting, and no allocation. udp_loss_test.cpp has the loss of the link.
+// connecting, when the link counts as lost, new sessions after a loss, and no allocation.
 #include "runtime/device/link/udp_link.h"
 
 #include <gtest/gtest.h>
 
 #include <array>
+#include <chrono>
 #include <cmath>
 #include <csignal>
+#include <functional>
 #include <limits>
 #include <memory>
+#include <stdexcept>
 #include <string>
 #include <thread>
 #include <utility>
@@ -22,158 +25,224 @@ namespace trocar::runtime {
 namespace {
 
 using namespace testing_support;
+using SteadyClock = std::chrono::steady_clock;
 
-TEST(UdpDevice, ReceivesStatesAndSendsTorques) {
-  Peer peer(LinkClock::kReal);
-  const auto device = connected(to(peer));
-  ASSERT_TRUE(device);
-  DeviceState state;
+class UdpDeviceTest : public testing::Test {
+ protected:
+  using Change = std::function<void(UdpLinkOptions&)>;
+  /// Starts a drive, and the device that is connected to it.
+  void start(LinkClock clock = LinkClock::kReal, const char* faults = "", double watchdog_s = 10,
+             const Change& change = {}) {
+    peer_ = std::make_unique<Peer>(clock, faults, watchdog_s);
+    at_ = peer_->endpoint;
+    key_ = peer_->key;
+    UdpLinkOptions options = to(*peer_, clock);
+    if (change) change(options);
+    connect_to(options);
+  }
+  void start_with(const Change& change) { start(LinkClock::kReal, "", 10, change); }
+  /// Starts the drive again, as another one at the same address.
+  void restart(LinkClock clock, double watchdog_s = 10) {
+    peer_ = std::make_unique<Peer>(clock, "", watchdog_s, at_, key_);
+  }
+  void connect_to(const UdpLinkOptions& options) {
+    device_ = connected(options);
+    if (!device_) throw std::runtime_error("not connected");
+  }
+  /// The status of read(), which is called each millisecond until it is this one, for at most five seconds.
+  DeviceStatus read_until(DeviceStatus wanted, bool writes = false) {
+    DeviceStatus status = DeviceStatus::kOk;
+    for (int ms = 0; ms < 5000 && status != wanted; ++ms) {
+      if (writes) device_->write({});
+      sleep_ms(1);
+      status = device_->read(state_);
+    }
+    return status;
+  }
+  /// Behaves like a recovering loop: calls restore() in each tick until read() returns kOk, for at
+  /// most five seconds. Returns the last status.
+  DeviceStatus restored() {
+    DeviceStatus status = DeviceStatus::kLinkLost;
+    for (int ms = 0; ms < 5000; ++ms) {
+      status = device_->read(state_);
+      if (status == DeviceStatus::kOk) break;
+      if (status != DeviceStatus::kNoData) device_->restore();
+      device_->write({});
+      sleep_ms(1);
+    }
+    return status;
+  }
+  template <typename Link = UdpDevice>
+  static void expect_refused(const UdpLinkOptions& options, ExitCode code, const char* words) {
+    auto made = Link::make(options);
+    ASSERT_TRUE(made);
+    const Result<void> started = (*made)->start();
+    ASSERT_FALSE(started) << words;
+    EXPECT_EQ(started.error().code, code);
+    EXPECT_NE(started.error().message.find(words), std::string::npos) << started.error().message;
+  }
+  DeviceStatus next_state() { return next(*device_, state_); }
+  /// Writes, and waits for the answer in lock-step.
+  DeviceStatus answer_to(const DeviceCommand& command) {
+    EXPECT_EQ(device_->write(command), DeviceStatus::kOk);
+    EXPECT_TRUE(device_->wait_for_answer());
+    return device_->read(state_);
+  }
+  static DeviceCommand torques(double tau_Nm) {
+    DeviceCommand command;
+    command.tau_motor_Nm.fill(tau_Nm);
+    return command;
+  }
+
+  std::unique_ptr<Peer> peer_;  // outlives the device
+  std::unique_ptr<UdpDevice> device_;
+  Endpoint at_;
+  LinkKey key_;
+  DeviceState state_;
+};
+
+TEST(Endpoint, ParsesHostAndPort) {
+  const auto good = parse_endpoint("127.0.0.1:4840", 1);
+  ASSERT_TRUE(good);
+  EXPECT_EQ(*good, (Endpoint{0x7f000001, 4840}));
+  EXPECT_TRUE(good->is_loopback());
+  EXPECT_EQ(to_string(*good), "127.0.0.1:4840");
+  EXPECT_TRUE(parse_endpoint("localhost:1", 1)->is_loopback());
+  EXPECT_FALSE(parse_endpoint("192.0.2.1:9", 1)->is_loopback());
+  EXPECT_TRUE(parse_endpoint("127.0.0.1:0", 0));
+  for (const char* bad :
+       {"", ":", "127.0.0.1", "127.0.0.1:", ":4840", "127.0.0.1:0", "127.0.0.1:65536",
+        "127.0.0.1:-1", "127.0.0.1:4840x", "127.0.0.1: 1", "300.0.0.1:1"}) {
+    const auto refused = parse_endpoint(bad, 1);
+    ASSERT_FALSE(refused) << bad;
+    EXPECT_EQ(refused.error().code, ExitCode::kUsage);
+  }
+  const auto taken = UdpSocket::listen({0x7f000001, 0});
+  ASSERT_TRUE(taken);
+  const auto twice = UdpSocket::listen(taken->local());
+  ASSERT_FALSE(twice);
+  EXPECT_EQ(twice.error().code, ExitCode::kUnwritable);
+}
+
+TEST_F(UdpDeviceTest, ReceivesStatesAndSendsTorques) {
+  start();
   DeviceState expected;
   held_device().read(expected);
-  ASSERT_EQ(device->read(state), DeviceStatus::kOk) << "no state after connect()";
-  EXPECT_EQ(state.encoder_rad, expected.encoder_rad);
+  ASSERT_EQ(device_->read(state_), DeviceStatus::kOk) << "no state after connect()";
+  EXPECT_EQ(state_.encoder_rad, expected.encoder_rad);
   for (int tick = 0; tick < 50; ++tick) {
-    DeviceCommand command;
-    command.tau_motor_Nm.fill(0.2);
-    ASSERT_EQ(device->write(command), DeviceStatus::kOk);
-    const double before_s = state.t_s;
-    ASSERT_EQ(next(*device, state), DeviceStatus::kOk);
-    EXPECT_GT(state.t_s, before_s);
+    ASSERT_EQ(device_->write(torques(0.2)), DeviceStatus::kOk);
+    const double before_s = state_.t_s;
+    ASSERT_EQ(next_state(), DeviceStatus::kOk);
+    EXPECT_GT(state_.t_s, before_s);
   }
-  EXPECT_NE(state.encoder_rad, expected.encoder_rad) << "the torques did not move the device";
-  EXPECT_EQ(device->packets().refused(), 0U);
+  EXPECT_NE(state_.encoder_rad, expected.encoder_rad) << "the torques did not move the device";
+  EXPECT_EQ(device_->packets().refused(), 0U);
   // A round trip belongs to a command, and two commands that one state acknowledges count once.
-  const Histogram round_trip = device->link_report()->round_trip;
+  const Histogram round_trip = device_->link_report()->round_trip;
   EXPECT_GT(round_trip.samples(), 10U);
   EXPECT_LE(round_trip.samples(), 51U) << "one command of connect(), and 50 others";
   EXPECT_GT(round_trip.quantile_us(0.5), 0);
 }
 
-TEST(UdpDevice, ReadGivesTheNewestOfSeveralStates) {
-  Peer peer(LinkClock::kReal);
-  const auto device = connected(to(peer));
-  ASSERT_TRUE(device);
-  DeviceState state, last;
-  next(*device, state);
-  peer.wait_for_states(10);
-  ASSERT_EQ(device->read(last), DeviceStatus::kOk);
-  EXPECT_GT(last.t_s, state.t_s + 9e-3);
-  EXPECT_GT(device->packets().accepted(), 3U);
+TEST_F(UdpDeviceTest, ReadGivesTheNewestOfSeveralStates) {
+  start();
+  DeviceState last;
+  next_state();
+  peer_->wait_for_states(10);
+  ASSERT_EQ(device_->read(last), DeviceStatus::kOk);
+  EXPECT_GT(last.t_s, state_.t_s + 9e-3);
+  EXPECT_GT(device_->packets().accepted(), 3U);
 }
 
-TEST(UdpDevice, ALongQueueIsDiscardedUntilTheNextState) {
-  Peer peer(LinkClock::kReal);
-  const auto device = connected(to(peer));
-  ASSERT_TRUE(device);
-  peer.wait_for_states(400);  // a slow start of the loop: the socket's buffer is full
-  DeviceState state;
-  EXPECT_EQ(device->read(state), DeviceStatus::kNoData);
-  EXPECT_EQ(state.t_s, 0);
-  ASSERT_EQ(next(*device, state), DeviceStatus::kOk);
-  EXPECT_GT(state.t_s, 0.4);
+TEST_F(UdpDeviceTest, ALongQueueIsDiscardedUntilTheNextState) {
+  start();
+  peer_->wait_for_states(400);  // a slow start of the loop: the socket's buffer is full
+  EXPECT_EQ(device_->read(state_), DeviceStatus::kNoData);
+  EXPECT_EQ(state_.t_s, 0);
+  ASSERT_EQ(next_state(), DeviceStatus::kOk);
+  EXPECT_GT(state_.t_s, 0.4);
 }
 
-TEST(UdpDevice, AStopInALongQueueIsReported) {
-  Peer peer(LinkClock::kReal, "stop@0.05");
-  const auto device = connected(to(peer));
-  ASSERT_TRUE(device);
-  peer.wait_for_states(200);
-  DeviceState state;
-  EXPECT_EQ(device->read(state), DeviceStatus::kEmergencyStop);
+TEST_F(UdpDeviceTest, AStopInALongQueueIsReported) {
+  start(LinkClock::kReal, "stop@0.05");
+  peer_->wait_for_states(200);
+  EXPECT_EQ(device_->read(state_), DeviceStatus::kEmergencyStop);
 }
 
 // 100 states in each tick are usual for this drive, and 150 after a late tick.
-TEST(UdpDevice, AQueueOfTheStatesOfATickIsNotTooLong) {
-  Peer peer(LinkClock::kReal, "", 10, 1e-4);
-  UdpLinkOptions options = to(peer);
+TEST_F(UdpDeviceTest, AQueueOfTheStatesOfATickIsNotTooLong) {
+  peer_ = std::make_unique<Peer>(LinkClock::kReal, "", 10, 1e-4);
+  UdpLinkOptions options = to(*peer_);
   options.period_s = 1e-2;
-  const auto device = connected(options);
-  ASSERT_TRUE(device);
-  DeviceState state;
-  ASSERT_EQ(next(*device, state), DeviceStatus::kOk);
-  peer.wait_for_states(150);
-  EXPECT_EQ(device->read(state), DeviceStatus::kOk);
+  connect_to(options);
+  ASSERT_EQ(next_state(), DeviceStatus::kOk);
+  peer_->wait_for_states(150);
+  EXPECT_EQ(device_->read(state_), DeviceStatus::kOk);
+  // Twice as many are refused.
+  device_.reset();
+  peer_ = std::make_unique<Peer>(LinkClock::kReal, "", 10, 5e-5);
+  options.peer = peer_->endpoint;
+  options.key = peer_->key;
+  expect_refused(options, ExitCode::kUsage, "sends 200 states in each tick, and at most 128 can");
 }
 
-TEST(UdpDevice, ADriveWithMoreStatesThanCanBeReadIsRefused) {
-  Peer peer(LinkClock::kReal, "", 10, 5e-5);
-  UdpLinkOptions options = to(peer);
-  options.period_s = 1e-2;
-  const auto device = connect(options);
-  ASSERT_FALSE(device);
-  EXPECT_EQ(device.error().code, ExitCode::kUsage);
-  EXPECT_NE(device.error().message.find("sends 200 states in each tick, and at most 128 can"),
-            std::string::npos)
-      << device.error().message;
-}
-
-TEST(UdpDevice, InLockStepEachWriteIsAnswered) {
-  Peer peer(LinkClock::kLockStep);
-  const auto device = connected(to(peer, LinkClock::kLockStep));
-  ASSERT_TRUE(device);
+TEST_F(UdpDeviceTest, InLockStepEachWriteIsAnswered) {
+  start(LinkClock::kLockStep);
   SimulatedDevice twin = held_device();
-  DeviceState state, expected;
-  ASSERT_EQ(device->read(state), DeviceStatus::kOk);
+  DeviceState expected;
+  ASSERT_EQ(device_->read(state_), DeviceStatus::kOk);
   for (int tick = 0; tick < 100; ++tick) {
-    DeviceCommand command;
-    command.tau_motor_Nm.fill(0.01 * tick);
-    ASSERT_EQ(device->write(command), DeviceStatus::kOk);
-    ASSERT_TRUE(device->wait_for_answer());
+    const DeviceCommand command = torques(0.01 * tick);
+    ASSERT_EQ(device_->write(command), DeviceStatus::kOk);
+    device_->advance(1e-3);
     twin.write(command);
     twin.step(1e-3);
     twin.read(expected);
-    ASSERT_EQ(device->read(state), DeviceStatus::kOk);
-    ASSERT_EQ(state.encoder_rad, expected.encoder_rad);
+    ASSERT_EQ(device_->read(state_), DeviceStatus::kOk);
+    ASSERT_EQ(state_.encoder_rad, expected.encoder_rad);
   }
-  EXPECT_EQ(device->link_report()->round_trip.samples(), 0U) << "time that is not the wall clock's";
+  EXPECT_TRUE(device_->is_paced_by_loop());
+  EXPECT_EQ(device_->link_report()->round_trip.samples(), 0U)
+      << "time that is not the wall clock's";
 }
 
 // SIGUSR1 asks trocar-run for a recovery, and interrupts the thread that waits.
-TEST(UdpDevice, InLockStepASignalDoesNotEndTheWait) {
-  Peer peer(LinkClock::kLockStep);
-  const auto device = connected(to(peer, LinkClock::kLockStep));
-  ASSERT_TRUE(device);
-  DeviceState state;
-  ASSERT_EQ(device->read(state), DeviceStatus::kOk);
+TEST_F(UdpDeviceTest, InLockStepASignalDoesNotEndTheWait) {
+  start(LinkClock::kLockStep);
+  ASSERT_EQ(device_->read(state_), DeviceStatus::kOk);
   const auto before = std::signal(SIGUSR1, [](int) {});
-  peer.is_slow = true;
-  ASSERT_EQ(device->write({}), DeviceStatus::kOk);
+  peer_->is_slow = true;
+  ASSERT_EQ(device_->write({}), DeviceStatus::kOk);
   std::thread signaller([waiting = ::pthread_self()] {
     sleep_ms(20);
     ::pthread_kill(waiting, SIGUSR1);
   });
-  EXPECT_TRUE(device->wait_for_answer());
+  EXPECT_TRUE(device_->wait_for_answer());
   signaller.join();
   std::signal(SIGUSR1, before);
-  EXPECT_EQ(device->read(state), DeviceStatus::kOk);
+  EXPECT_EQ(device_->read(state_), DeviceStatus::kOk);
 }
 
-TEST(UdpDevice, ReportsEmergencyStopAndMotorFault) {
+TEST_F(UdpDeviceTest, ReportsEmergencyStopAndMotorFault) {
   for (const auto& [faults, wanted] : {std::pair{"stop@0.02", DeviceStatus::kEmergencyStop},
                                        std::pair{"dead:2@0.02", DeviceStatus::kMotorFault}}) {
-    Peer peer(LinkClock::kLockStep, faults);
-    const auto device = connected(to(peer, LinkClock::kLockStep));
-    ASSERT_TRUE(device);
-    DeviceState state;
-    DeviceCommand command;
-    command.tau_motor_Nm.fill(1);
-    DeviceStatus status = device->read(state);
+    device_.reset();
+    start(LinkClock::kLockStep, faults);
+    DeviceStatus status = device_->read(state_);
     int tick = 0;
-    for (; tick < 60 && status == DeviceStatus::kOk; ++tick) {
-      ASSERT_EQ(device->write(command), DeviceStatus::kOk);
-      ASSERT_TRUE(device->wait_for_answer());
-      status = device->read(state);
-    }
+    for (; tick < 60 && status == DeviceStatus::kOk; ++tick)
+      status = answer_to(torques(1));
     EXPECT_EQ(status, wanted);
     EXPECT_GE(tick, 20);
     EXPECT_LE(tick, 28);
   }
 }
 
-TEST(UdpDevice, InvalidAndReplayedPacketsAreOnlyCounted) {
-  Peer peer(LinkClock::kReal);
+TEST_F(UdpDeviceTest, InvalidAndReplayedPacketsAreOnlyCounted) {
+  peer_ = std::make_unique<Peer>(LinkClock::kReal);
   Drive::Answer first;
-  peer.also = [&](const Drive::Answer& state, UdpSocket& socket, const Endpoint& host) {
+  peer_->also = [&](const Drive::Answer& state, UdpSocket& socket, const Endpoint& host) {
     if (first.size == 0) first = state;
     Drive::Answer changed = state;
     changed.bytes[60] ^= 4;
@@ -184,109 +253,259 @@ TEST(UdpDevice, InvalidAndReplayedPacketsAreOnlyCounted) {
     socket.send_to(std::span(large).first(0), host);  // empty
     socket.send_to(large, host);
   };
-  peer.sends_more = true;
-  const auto device = connected(to(peer));
-  ASSERT_TRUE(device);
-  DeviceState state;
+  peer_->sends_more = true;
+  connect_to(to(*peer_));
   double last_s = -1;
   for (int tick = 0; tick < 40; ++tick) {
-    ASSERT_EQ(device->write({}), DeviceStatus::kOk);
-    ASSERT_EQ(next(*device, state), DeviceStatus::kOk);
-    EXPECT_GT(state.t_s, last_s);
-    last_s = state.t_s;
+    ASSERT_EQ(device_->write({}), DeviceStatus::kOk);
+    ASSERT_EQ(next_state(), DeviceStatus::kOk);
+    EXPECT_GT(state_.t_s, last_s);
+    last_s = state_.t_s;
   }
-  const auto& counts = device->packets().by_refusal;
+  const auto& counts = device_->packets().by_refusal;
   EXPECT_GT(counts[static_cast<std::size_t>(LinkRefusal::kSequence)], 10U);
   EXPECT_GT(counts[static_cast<std::size_t>(LinkRefusal::kMac)], 10U);
   EXPECT_GT(counts[static_cast<std::size_t>(LinkRefusal::kSize)], 30U);
 }
 
-TEST(UdpDevice, InvalidTorquesAreNotSent) {
-  Peer peer(LinkClock::kLockStep);
-  const auto device = connected(to(peer, LinkClock::kLockStep));
-  ASSERT_TRUE(device);
+TEST_F(UdpDeviceTest, InvalidTorquesAreNotSent) {
+  start(LinkClock::kLockStep);
   for (const double bad : {std::nan(""), std::numeric_limits<double>::infinity(), 1e4}) {
     DeviceCommand command;
     command.tau_motor_Nm[3] = bad;
-    EXPECT_EQ(device->write(command), DeviceStatus::kNoData);
+    EXPECT_EQ(device_->write(command), DeviceStatus::kNoData);
   }
-  EXPECT_EQ(device->write({}), DeviceStatus::kOk);
+  EXPECT_EQ(device_->write({}), DeviceStatus::kOk);
 }
 
-TEST(UdpDevice, ConnectNamesTheWrongClockAndTheWrongKey) {
-  Peer peer(LinkClock::kReal);
-  UdpLinkOptions options = to(peer, LinkClock::kLockStep);
-  auto wrong_clock = connect(options);
-  ASSERT_FALSE(wrong_clock);
-  EXPECT_EQ(wrong_clock.error().code, ExitCode::kUsage);
-  EXPECT_NE(wrong_clock.error().message.find("--clock real"), std::string::npos);
-  options = to(peer);
-  options.key = random_link_key();
-  options.connect_timeout_s = 0.2;
-  auto wrong_key = connect(options);
-  ASSERT_FALSE(wrong_key);
-  EXPECT_EQ(wrong_key.error().code, ExitCode::kDeviceFault);
-  EXPECT_NE(wrong_key.error().message.find("has another key"), std::string::npos)
-      << wrong_key.error().message;
-}
-
-TEST(UdpDevice, AHostForPosesLearnsThatTheDriveStatesAngles) {
-  Peer peer(LinkClock::kReal);
-  UdpLinkOptions options = to(peer);
+TEST_F(UdpDeviceTest, ConnectSaysWhyItFails) {
+  peer_ = std::make_unique<Peer>(LinkClock::kReal, "", 1000);
+  UdpLinkOptions options = to(*peer_, LinkClock::kLockStep);
+  expect_refused(options, ExitCode::kUsage, "--clock real");
+  options = to(*peer_);
   options.connect_timeout_s = 0.3;
-  auto other = UdpPoseDevice::make(options);
-  ASSERT_TRUE(other);
-  const Result<void> started = (*other)->start();
-  ASSERT_FALSE(started);
-  EXPECT_EQ(started.error().code, ExitCode::kDeviceFault);
-  EXPECT_NE(started.error().message.find("it states angles; use --device udp:"), std::string::npos)
-      << started.error().message;
-}
-
-TEST(UdpDevice, ConnectTellsABusyDeviceFromOneThatIsNotThere) {
-  const auto why = [](const UdpLinkOptions& options) {
-    const auto none = connect(options);
-    EXPECT_FALSE(none);
-    return none ? std::string() : none.error().message;
-  };
-  auto peer = std::make_unique<Peer>(LinkClock::kReal, "", 1000);
-  UdpLinkOptions options = to(*peer);
+  expect_refused<UdpPoseDevice>(options, ExitCode::kDeviceFault,
+                                "it states angles; use --device udp:");
+  options.key = random_link_key();
+  expect_refused(options, ExitCode::kDeviceFault, "has another key");
+  options.key = peer_->key;
   options.connect_timeout_s = 1;
-  {
-    const auto first = connected(to(*peer));
-    ASSERT_TRUE(first);
-    EXPECT_NE(why(options).find("in a session with another host"), std::string::npos);
-  }
-  peer = std::make_unique<Peer>(LinkClock::kReal);
-  peer->mute = true;
-  options.peer = peer->endpoint;
-  options.key = peer->key;
-  EXPECT_NE(why(options).find("sends no states; end another host's session"), std::string::npos);
-  peer.reset();
-  EXPECT_NE(why(options).find("nothing listens on this port"), std::string::npos);
+  connect_to(to(*peer_));
+  expect_refused(options, ExitCode::kDeviceFault, "in a session with another host");
+  device_.reset();
+  peer_ = std::make_unique<Peer>(LinkClock::kReal);
+  peer_->mute = true;
+  options.peer = peer_->endpoint;
+  options.key = peer_->key;
+  expect_refused(options, ExitCode::kDeviceFault, "sends no states; end another host's session");
+  peer_.reset();
+  expect_refused(options, ExitCode::kDeviceFault, "nothing listens on this port");
   auto silent = UdpSocket::listen({0x7f000001, 0});
   ASSERT_TRUE(silent);
   options.peer = silent->local();
-  EXPECT_NE(why(options).find("cannot be reached"), std::string::npos);
+  expect_refused(options, ExitCode::kDeviceFault, "cannot be reached");
 }
 
-TEST(UdpDevice, ReadAndWriteAllocateNothing) {
+TEST_F(UdpDeviceTest, ReadAndWriteAllocateNothing) {
   TROCAR_NEEDS_COUNTED_ALLOCATIONS();
-  Peer peer(LinkClock::kReal);
-  const auto device = connected(to(peer));
-  ASSERT_TRUE(device);
-  DeviceState state;
+  start();
   const std::uint64_t before = allocations_in_scopes();
   for (int tick = 0; tick < 100; ++tick) {
     {
       const NoAllocationScope scope;
-      device->read(state);
-      device->write({});
+      device_->read(state_);
+      device_->write({});
     }
     sleep_ms(1);
   }
   EXPECT_EQ(allocations_in_scopes(), before);
-  EXPECT_GT(device->packets().accepted(), 10U);
+  EXPECT_GT(device_->packets().accepted(), 10U);
+}
+
+// At 10 Hz, 30 ms without a state are shorter than a tick.
+TEST_F(UdpDeviceTest, AtALowRateATickWithoutAStateIsNoLoss) {
+  start_with([](UdpLinkOptions& options) {
+    options.no_state_s = 0.01;
+    options.period_s = 0.1;
+  });
+  peer_->mute = true;
+  read_until(DeviceStatus::kNoData);
+  sleep_ms(30);
+  EXPECT_EQ(device_->read(state_), DeviceStatus::kNoData);
+}
+
+// restore() must not end a link whose states arrive again.
+TEST_F(UdpDeviceTest, ALongQueueAfterALossShowsThatTheLinkWorks) {
+  start_with([](UdpLinkOptions& options) { options.no_state_s = 0.3; });
+  peer_->mute = true;
+  ASSERT_EQ(read_until(DeviceStatus::kLinkLost), DeviceStatus::kLinkLost);
+  peer_->mute = false;
+  peer_->wait_for_states(400);  // the loop is held up meanwhile
+  ASSERT_EQ(device_->read(state_), DeviceStatus::kNoData);
+  device_->restore();
+  EXPECT_EQ(next_state(), DeviceStatus::kOk);
+  EXPECT_EQ(device_->sessions(), 1U);
+}
+
+TEST_F(UdpDeviceTest, LinkIsLostAfterTheTimeoutWithoutStates) {
+  start_with([](UdpLinkOptions& options) { options.no_state_s = 0.3; });
+  peer_->mute = true;
+  sleep_ms(5);
+  state_.t_s = -1;
+  DeviceStatus status = DeviceStatus::kOk;
+  while (status == DeviceStatus::kOk)
+    status = device_->read(state_);
+  const auto quiet = SteadyClock::now();
+  const DeviceState before = state_;
+  EXPECT_EQ(read_until(DeviceStatus::kLinkLost), DeviceStatus::kLinkLost);
+  EXPECT_GT(SteadyClock::now() - quiet, std::chrono::milliseconds(150));
+  EXPECT_EQ(state_.t_s, before.t_s);
+  EXPECT_EQ(state_.encoder_rad, before.encoder_rad) << "the state changed without a new one";
+  // A new session with the same drive, in the same world.
+  peer_->mute = false;
+  ASSERT_EQ(restored(), DeviceStatus::kOk);
+  EXPECT_GT(state_.t_s, before.t_s);
+}
+
+TEST_F(UdpDeviceTest, RestoreDoesNothingWhileTheLinkWorks) {
+  start();
+  for (int tick = 0; tick < 50; ++tick) {
+    ASSERT_EQ(device_->write({}), DeviceStatus::kOk);
+    ASSERT_EQ(next_state(), DeviceStatus::kOk);
+    device_->restore();
+  }
+  EXPECT_EQ(device_->sessions(), 1U);
+}
+
+TEST_F(UdpDeviceTest, RestoreConnectsToARestartedDrive) {
+  start_with([](UdpLinkOptions& options) {
+    options.no_state_s = 0.05;
+    options.connect_timeout_s = 0.1;  // one attempt of many
+  });
+  ASSERT_EQ(device_->write({}), DeviceStatus::kOk);
+  peer_.reset();
+  ASSERT_EQ(read_until(DeviceStatus::kLinkLost, true), DeviceStatus::kLinkLost);
+  device_->restore();
+  for (int ms = 0; ms < 300; ms += 10) {  // no drive is running yet
+    ASSERT_EQ(device_->read(state_), DeviceStatus::kLinkLost);
+    ASSERT_EQ(device_->write({}), DeviceStatus::kLinkLost);
+    device_->restore();
+    sleep_ms(10);
+  }
+  restart(LinkClock::kReal);
+  EXPECT_EQ(restored(), DeviceStatus::kOk);
+  EXPECT_EQ(device_->sessions(), 2U);
+  EXPECT_LT(state_.t_s, 1) << "the simulated world did not start again";
+  ASSERT_EQ(device_->write({}), DeviceStatus::kOk);
+  EXPECT_EQ(next_state(), DeviceStatus::kOk);
+}
+
+TEST_F(UdpDeviceTest, RestoreRetriesWithPausesAndReportsAnotherClock) {
+  start();
+  peer_.reset();
+  ASSERT_EQ(read_until(DeviceStatus::kLinkLost, true), DeviceStatus::kLinkLost);
+  restart(LinkClock::kLockStep, 1);
+  const auto before = SteadyClock::now();
+  device_->restore();
+  for (int ms = 0; ms < 5000 && peer_->received < 6; ++ms)
+    sleep_ms(1);
+  sleep_ms(200);
+  device_->close();
+  const int received = peer_->received;
+  const double tried_s = std::chrono::duration<double>(SteadyClock::now() - before).count();
+  EXPECT_GE(received, 6) << "too few attempts";
+  EXPECT_LE(received, 2 * (tried_s / 0.05 + 2)) << "more than a stop and a hello per attempt";
+  ASSERT_TRUE(device_->restore_error());
+  EXPECT_NE(device_->restore_error()->message.find("--clock virtual"), std::string::npos);
+}
+
+TEST_F(UdpDeviceTest, InLockStepRestoreWaitsForARestartedDrive) {
+  start(LinkClock::kLockStep, "", 10, [](UdpLinkOptions& options) {
+    options.answer_s = 0.2;
+    options.connect_timeout_s = 2;
+  });
+  ASSERT_EQ(device_->read(state_), DeviceStatus::kOk);
+  const auto lose = [&] {
+    peer_.reset();
+    device_->write({});
+    EXPECT_FALSE(device_->wait_for_answer());
+    EXPECT_EQ(device_->read(state_), DeviceStatus::kLinkLost);
+    device_->restore();
+  };
+  lose();
+  std::thread later([&] {
+    sleep_ms(300);
+    restart(LinkClock::kLockStep, 1);
+  });
+  EXPECT_TRUE(device_->wait_for_answer());
+  later.join();
+  ASSERT_EQ(device_->read(state_), DeviceStatus::kOk);
+  EXPECT_EQ(state_.t_s, 0);
+  ASSERT_EQ(answer_to({}), DeviceStatus::kOk);
+  EXPECT_NEAR(state_.t_s, 1e-3, 1e-9);
+  // Without a restarted drive it gives up: later ticks do not wait.
+  lose();
+  EXPECT_FALSE(device_->wait_for_answer());
+  const auto before = SteadyClock::now();
+  for (int tick = 0; tick < 20; ++tick) {
+    EXPECT_EQ(device_->read(state_), DeviceStatus::kLinkLost);
+    device_->restore();
+    device_->write({});
+    EXPECT_FALSE(device_->wait_for_answer());
+  }
+  EXPECT_LT(SteadyClock::now() - before, std::chrono::seconds(2)) << "later ticks wait";
+}
+
+TEST_F(UdpDeviceTest, AMotorFaultLastsUntilTheNextSession) {
+  start(LinkClock::kReal, "dead:2@0.02..0.2");
+  DeviceStatus status = DeviceStatus::kOk;
+  for (int ms = 0; ms < 3000 && status == DeviceStatus::kOk; ++ms) {
+    device_->write(torques(1));
+    status = next_state();
+  }
+  ASSERT_EQ(status, DeviceStatus::kMotorFault);
+  for (int ms = 0; ms < 400; ++ms) {  // the motor works again, but the fault stays
+    device_->write({});
+    status = next_state();
+  }
+  ASSERT_EQ(status, DeviceStatus::kMotorFault);
+  EXPECT_EQ(restored(), DeviceStatus::kOk);
+  EXPECT_EQ(device_->sessions(), 2U);
+}
+
+// Lost because the commands do not arrive, or because the watchdog trips.
+TEST_F(UdpDeviceTest, LinkIsLostIfTheDriveReceivesNoCommands) {
+  for (const bool by_watchdog : {false, true}) {
+    device_.reset();
+    start(LinkClock::kReal, "", by_watchdog ? 0.01 : 1000,
+          [&](UdpLinkOptions& options) { options.no_state_s = by_watchdog ? 10 : 0.4; });
+    EXPECT_EQ(device_->write({}), DeviceStatus::kOk);
+    sleep_ms(30);
+    next_state();
+    peer_->drops_commands = true;
+    const int most = by_watchdog ? 2000 : 3000;
+    int sent = 0;
+    while (sent++ <= most) {
+      EXPECT_EQ(device_->write({}), DeviceStatus::kOk);
+      sleep_ms(1);
+      if (device_->read(state_) == DeviceStatus::kLinkLost) break;
+    }
+    EXPECT_LE(sent, most);
+    if (!by_watchdog) {
+      EXPECT_GE(sent, 200) << "lost before 400 ms of commands were dropped";
+    }
+  }
+}
+
+TEST_F(UdpDeviceTest, AClosedPortIsReportedAtOnce) {
+  start_with([](UdpLinkOptions& options) { options.no_state_s = 1000; });
+  peer_.reset();
+  while (device_->read(state_) == DeviceStatus::kOk) {
+  }
+  device_->write({});
+  sleep_ms(20);
+  EXPECT_TRUE(device_->read(state_) == DeviceStatus::kLinkLost ||
+              device_->write({}) == DeviceStatus::kLinkLost);
 }
 
 }  // namespace

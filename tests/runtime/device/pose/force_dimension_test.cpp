@@ -178,19 +178,13 @@ TEST_F(ForceDimensionTest, DeviceThatCannotDoWhatItsDescriptionSaysIsRefused) {
   expect_line(turned.error(), {"moment_max_Nm"});
 }
 
-TEST_F(ForceDimensionTest, MissingFunctionIsNamed) {
-  set(kForceDimensionVariable, TROCAR_DHD_INCOMPLETE);
-  expect_open_fails({"no function dhdGetPosition;", "3.16"});
-}
-
-TEST_F(ForceDimensionTest, MissingDeviceSaysWhatToCheck) {
+TEST_F(ForceDimensionTest, DeviceThatCannotBeUsedSaysWhy) {
   set("TROCAR_DHD_FAULT", "no_device@0");
   expect_open_fails({"no device is connected", "USB"});
-}
-
-TEST_F(ForceDimensionTest, DeviceThatCannotBeOpenedHasTheSdksReason) {
   set("TROCAR_DHD_FAULT", "open_fails@0");
   expect_open_fails({"dhdOpen failed: the device is in use (-1)"});
+  set(kForceDimensionVariable, TROCAR_DHD_INCOMPLETE);
+  expect_open_fails({"no function dhdGetPosition;", "3.16"});
 }
 
 // Its positions would be wrong by an unknown distance, so it must get no force.

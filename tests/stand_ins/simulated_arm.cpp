@@ -1,7 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "tests/stand_ins/force_dimension/simulated_arm.h"
+#include "tests/stand_ins/simulated_arm.h"
 
 #include <algorithm>
+#include <array>
+#include <fstream>
+#include <nlohmann/json.hpp>
+#include <stdexcept>
 #include <utility>
 
 namespace stand_in {
@@ -21,10 +25,33 @@ Eigen::Vector3d rotation_vector(const Eigen::Quaterniond& q) {
   return turn.angle() * turn.axis();
 }
 
+Eigen::Vector3d vector_of(const nlohmann::json& entry, const char* key) {
+  const auto v = entry.value(key, std::array<double, 3>{});
+  return {v[0], v[1], v[2]};
+}
+
 }  // namespace
 
-SimulatedArm::SimulatedArm(std::vector<Keyframe> path)
+std::vector<Keyframe> read_path(const std::string& file) {
+  std::vector<Keyframe> path;
+  try {
+    std::ifstream stream(file);
+    for (const nlohmann::json& entry : nlohmann::json::parse(stream)) {
+      path.push_back({entry.at("t_s").get<double>(), vector_of(entry, "position_m"),
+                      vector_of(entry, "rotation_vector_rad"),
+                      entry.value("buttons", std::uint32_t{0})});
+      if (path.size() > 1 && !(path.back().t_s > path[path.size() - 2].t_s))
+        throw std::runtime_error("t_s does not ascend");
+    }
+  } catch (const std::exception& error) {
+    throw std::runtime_error(file + ": " + error.what());
+  }
+  return path;
+}
+
+SimulatedArm::SimulatedArm(std::vector<Keyframe> path, const ArmSettings& settings)
     : path_(std::move(path)),
+      settings_(settings),
       position_m_(target(0).position_m),
       orientation_(rotation(target(0).rotation_vector_rad)) {}
 
@@ -55,17 +82,25 @@ void SimulatedArm::step(double dt_s, const Eigen::Vector3d& force, const Eigen::
   const Keyframe here = target(t_s_);
   const Keyframe there = target(t_s_ + kStep_s);
   const Eigen::Vector3d wanted_velocity = (there.position_m - here.position_m) / kStep_s;
-  velocity_ += dt_s / kMass_kg *
-               (force + kStiffness_N_per_m * (here.position_m - position_m_) +
-                kDamping_N_s_per_m * (wanted_velocity - velocity_));
+  // The semi-implicit Euler method, with the dampers of the way at the new velocity: stable for every damping.
+  const double slowing = 1 + dt_s *
+                                 (settings_.damping_N_s_per_m + settings_.hand_damping_N_s_per_m) /
+                                 settings_.mass_kg;
+  velocity_ =
+      (velocity_ + dt_s / settings_.mass_kg *
+                       (force + settings_.hand_stiffness_N_per_m * (here.position_m - position_m_) +
+                        settings_.hand_damping_N_s_per_m * wanted_velocity)) /
+      slowing;
   position_m_ += dt_s * velocity_;
 
   const Eigen::Quaterniond wanted = rotation(here.rotation_vector_rad);
   const Eigen::Vector3d wanted_rate =
       rotation_vector(rotation(there.rotation_vector_rad) * wanted.conjugate()) / kStep_s;
-  rate_ += dt_s / kInertia_kg_m2 *
-           (moment + kStiffness_Nm_per_rad * rotation_vector(wanted * orientation_.conjugate()) +
-            kDamping_Nm_s_per_rad * (wanted_rate - rate_));
+  rate_ +=
+      dt_s / settings_.inertia_kg_m2 *
+      (moment +
+       settings_.hand_stiffness_Nm_per_rad * rotation_vector(wanted * orientation_.conjugate()) +
+       settings_.hand_damping_Nm_s_per_rad * (wanted_rate - rate_));
   orientation_ = (rotation(dt_s * rate_) * orientation_).normalized();
 }
 

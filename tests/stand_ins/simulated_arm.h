@@ -6,6 +6,7 @@
 #include <Eigen/Core>
 #include <Eigen/Geometry>
 #include <cstdint>
+#include <string>
 #include <vector>
 
 namespace stand_in {
@@ -17,22 +18,31 @@ struct Keyframe {
   std::uint32_t buttons = 0;
 };
 
-// A firm hand with a desktop device. README.md states these values.
-inline constexpr double kMass_kg = 0.3;
-inline constexpr double kStiffness_N_per_m = 2000;
-inline constexpr double kDamping_N_s_per_m = 40;
-inline constexpr double kInertia_kg_m2 = 2e-4;
-inline constexpr double kStiffness_Nm_per_rad = 3;
-inline constexpr double kDamping_Nm_s_per_rad = 0.03;
+/// Reads [{"t_s", "position_m", "rotation_vector_rad", "buttons"}, ...]; all but t_s, which ascends, are optional.
+/// Throws std::runtime_error with one line.
+std::vector<Keyframe> read_path(const std::string& file);
+
+/// A firm hand with a desktop device.
+struct ArmSettings {
+  double mass_kg = 0.3;
+  double damping_N_s_per_m = 0;  ///< of the arm alone
+  double hand_stiffness_N_per_m = 2000;
+  double hand_damping_N_s_per_m = 40;
+  double inertia_kg_m2 = 2e-4;
+  double hand_stiffness_Nm_per_rad = 3;
+  double hand_damping_Nm_s_per_rad = 0.03;
+};
 
 class SimulatedArm {
  public:
-  /// `path` is in ascending order of time. An empty one holds the handle at the origin. Time begins at 0.
-  explicit SimulatedArm(std::vector<Keyframe> path);
+  /// An empty path holds the handle at the origin. Time begins at 0.
+  explicit SimulatedArm(std::vector<Keyframe> path, const ArmSettings& settings = {});
   /// Moves on to time `t_s` with a constant force (N) and moment (N*m). At most the last second of a gap is simulated.
   void advance(double t_s, const Eigen::Vector3d& force, const Eigen::Vector3d& moment);
 
+  double t_s() const { return t_s_; }
   const Eigen::Vector3d& position_m() const { return position_m_; }
+  const Eigen::Vector3d& velocity_m_per_s() const { return velocity_; }
   const Eigen::Quaterniond& orientation() const { return orientation_; }
   /// The buttons of the last keyframe that has been reached.
   std::uint32_t buttons() const { return target(t_s_).buttons; }
@@ -42,6 +52,7 @@ class SimulatedArm {
   void step(double dt_s, const Eigen::Vector3d& force, const Eigen::Vector3d& moment);
 
   std::vector<Keyframe> path_;
+  ArmSettings settings_;
   double t_s_ = 0;
   Eigen::Vector3d position_m_;
   Eigen::Vector3d velocity_ = Eigen::Vector3d::Zero();
