@@ -284,8 +284,6 @@ def test_a_manifest_works_where_it_is_saved(folder):
         done = batch(folder / file, folder / f"store of {pathlib.Path(file).name}", expect=3)  # images need a spacing
         assert (done["made"] + done["found"], done["failed"]) == (2, 1), file
     assert str(folder) not in (folder / "sub/two.json").read_text()
-    run(MESH, "list", folder, "-o", folder / "x.json", expect=2)
-    run(MESH, "list", folder, "--manifest", "-o", folder / "no/x.json", expect=4)
 
 
 def test_names_that_a_collection_cannot_state_are_left_out_and_named(folder):

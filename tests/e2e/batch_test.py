@@ -629,13 +629,6 @@ def part_hostile():
         check(said in done.stderr and "scan a: " in done.stderr and done.stderr.count("\n") == 1, f"{parameters}: {done.stderr}")
         check(not store.exists(), f"{parameters}: a store was made")
     write_collection(collection, [one])
-    for options in (("--shard", "2/2"), ("--shard", "1"), ("--shard", "-1/2"), ("--shard", "0/0"), ("--jobs", "-1"), ("--jobs", "x"), ("--explain", "b"),
-                    ("--dry-run", "--explain", "a"), ("--prune",), ("--gc", "--dry-run"), ("--only", "nowhere"), ("--gc", "--grace", "nan"),
-                    ("--grace", "5"), ("--dry-run", "--strict"), ("--dry-run", "--max-failures", "3")):
-        done = run(MESH, "batch", collection, "-o", store, *options, expect=2)
-        check(done.stderr.count("\n") == 1, f"{options}: {done.stderr}")
-    run(MESH, "batch", collection, expect=2)
-    run(MESH, "batch", folder / "nowhere.json", "-o", store, expect=2)
     # Hostile contents of a store become no paths.
     batch(collection, store)
     entry = json.loads((store / "scans/a.json").read_text())

@@ -10,7 +10,6 @@ import time
 
 import pytest
 from device_link_e2e_test import Simulator
-from programs import run
 
 SECONDS = "2"
 
@@ -77,12 +76,3 @@ def test_an_interrupted_test_has_no_verdict(programs, work):
     said = "trocar-run: interrupted: the device was not tested to the end\n"
     assert (process.returncode, text, errors) == (5, "", said), (process.returncode, text, errors)
     assert not result.exists()
-
-
-def test_usage(programs, source):
-    scene = source / "runtime" / "scenes" / "one_slice.json"
-    for words, said in ((("test",), "test: is for a device process; inproc has nothing to test"),
-                        (("test", scene), "not expected: "),
-                        (("test", "--device", "udp:127.0.0.1:1"), "--device udp:127.0.0.1:1: needs --key-file")):
-        done = run(programs / "trocar-run", *words, expect=2)
-        assert said in done.stderr

@@ -173,10 +173,6 @@ def main():
     again = work / "again_history.html"
     run(programs / "trocar-run", "history", folder, "-o", again, "--quiet")
     check(again.read_bytes() == page.read_bytes(), "a second history differs")
-    (work / "nothing").mkdir()
-    for words, code in (((work / "nothing", "-o", page), 3), ((work / "missing", "-o", page), 3), ((folder,), 2), ((folder, "-o", work / "x.txt"), 2)):
-        done = subprocess.run([str(word) for word in (programs / "trocar-run", "history", *words)], capture_output=True, text=True, check=False)
-        check(done.returncode == code and done.stderr.count("\n") == 1, f"{words}: {done}")
     deep = work / "deep"
     deep.joinpath(*"abcdefg").mkdir(parents=True)
     shutil.copy(next(folder.glob("*/session.json")), deep / "session.json")

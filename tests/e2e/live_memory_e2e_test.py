@@ -321,11 +321,6 @@ def check_links(scene, asset):
     assert (folder / "live").is_symlink() and not (folder / "live").exists(), "the link of a killed session"
     run(RUN, scene, "--asset", asset, "--quiet", "--clock", "virtual", "--live", folder / "live")
     assert not (folder / "live").is_symlink(), "the link was not replaced and removed"
-    (folder / "file").write_text("text")
-    run(RUN, scene, "--asset", asset, "--quiet", "--live", folder / "file", expect=4)
-    assert (folder / "file").read_text() == "text", "a file was replaced"
-    run(RUN, scene, "--asset", asset, "--quiet", "--live", folder / "no" / "live", expect=4)
-    run(RUN, scene, "--asset", asset, "--quiet", "--live", folder / "r", "--record", folder / "r", expect=2)
 
 
 def compare_in_real_time(scene, asset):

@@ -37,48 +37,6 @@ def wait_until_caught(process, signal_number):
         time.sleep(0.01)
 
 
-def test_one_clear_line(programs, scan, work):
-    """Errors name the option: empty values, options without effect, numbers out of range."""
-    mesh, volume, png, out = programs / "trocar-mesh", scan / "sample.nii.gz", scan / "png", ("-o", work / "never.glb")
-    grey = ("--spacing", "0.3125,0.3125,1", "--threshold", "95.2")
-    for option in ("--labels", "--slices", "--crop", "--series", "--report", "--equalize", "--spacing"):
-        refuses(2, f"{option}: its value is empty", mesh, volume, *out, option, "")
-        refuses(2, f"{option}: its value is empty", mesh, volume, option + "=", *out)
-    refuses(2, "-o: its value is empty", mesh, volume, "-o", "")
-    for text in (",", "1,,2", "1,", "one", "1.5", "99999999999"):
-        refuses(2, "--labels " + text, mesh, volume, *out, "--labels", text)
-    refuses(2, "--threshold", mesh, volume, *out, "--threshold", "nan")
-    refuses(2, "--max-area", mesh, volume, *out, "--max-area", "nan")
-    refuses(2, "between 1e-6 and 1e6 mm", mesh, png, *out, "--spacing", "1e9,1,1", "--threshold", "95")
-    refuses(2, "two pixels", mesh, volume, *out, "--crop", "10:10,10:10")
-    refuses(2, "--crop 10:600,10:20 is outside", mesh, volume, *out, "--crop", "10:600,10:20")
-    refuses(2, "before it begins", mesh, volume, *out, "--slices", "5:3")
-    # --series for input without series; --dump-slice without a file; options of another command.
-    refuses(2, "--series", mesh, volume, *out, "--series", "1.2.3")
-    refuses(2, "--series", mesh, png, *out, *grey, "--series", "1.2.3")
-    refuses(2, "--dump-stages", mesh, volume, *out, "--dump-slice", "3")
-    for words, name in (((png,), "INPUT"), (out, "--output"), (("--threshold", "3"), "--threshold")):
-        for command in ("verify", "info"):
-            refuses(2, name, mesh, *words, command, work / "good.glb")
-    # A file that is not a scan; its name is in the message also in the working folder.
-    text = work / "env.sh"
-    text.write_text("no scan")
-    refuses(3, "trocar-mesh: env.sh: ", mesh, "env.sh", *out, cwd=work)
-    refuses(3, f"trocar-mesh: {text}: ", mesh, text, *out)
-    text.unlink()
-    # Damage that no slice needs to find: of the checksum after the voxels, of the last voxels.
-    packed = bytearray(volume.read_bytes())
-    damaged = work / "damaged.nii.gz"
-    packed[-6] ^= 1
-    damaged.write_bytes(packed)
-    refuses(3, f"{damaged}: damaged gzip", mesh, damaged, *out)
-    refuses(3, f"{damaged}: damaged gzip", mesh, damaged, *out, "--slices", "0:0")
-    damaged.write_bytes(packed[:-4000])
-    refuses(3, f"{damaged}: truncated", mesh, damaged, *out, "--slices", "0:0")
-    damaged.unlink()
-    assert not (work / "never.glb").exists(), "something was written"
-
-
 def label_map(scan, file, values):
     """Writes a label map of 20 x 20 pixels; slice k holds a square of each label in `values[k]`, side by side."""
     header = bytearray(gzip.decompress((scan / "sample.nii.gz").read_bytes())[:352])
@@ -129,29 +87,6 @@ def test_refuses_an_empty_asset(programs, scan, work):
     assert "empty_slice" in said and out.exists() and report.exists(), f"some empty slices: {said!r}"
 
 
-def test_refuses_other_outputs(programs, scan, work):
-    """An asset or a surface never goes into a file that is named as something else."""
-    mesh, volume = programs / "trocar-mesh", scan / "sample.nii.gz"
-    for name in ("x.gltf", "x", "glb", "stl", "x.glb.gz"):
-        refuses(2, f"-o {work / name}: an asset is a .glb", mesh, volume, "-o", work / name, "--slices", "3:3")
-        assert not (work / name).exists(), f"{name} was written"
-    for words in (("--lines",), ("--colour",), ("--context", "3")):
-        refuses(2, f"x.stl: a surface has no place for {words[0]}", mesh, volume, "-o", work / "x.stl", "--slices", "3:4", *words)
-        assert not (work / "x.stl").exists(), f"{words}: x.stl was written"
-    run(mesh, volume, "-o", work / "x.GLB", "--slices", "3:3", "--quiet")
-
-
-def test_suggests_a_command(programs, scan, work):
-    """A mistyped command is not taken for an input; a file of such a name is."""
-    mesh = programs / "trocar-mesh"
-    for wrong, right in (("verfy", "verify"), ("Verify", "verify"), ("inf", "info"), ("exprot", "export")):
-        for words in ((work / "good.glb",), (work / "good.glb", "-o", work / "x.glb")):
-            refuses(2, f"{wrong}: no such file, folder or command, did you mean {right}?", mesh, wrong, *words)
-    refuses(3, "nowhere: no such file or folder", mesh, "nowhere", "-o", work / "x.glb")
-    (work / "verfy").write_text("no scan")
-    refuses(3, "trocar-mesh: verfy: ", mesh, "verfy", "-o", work / "x.glb", cwd=work)
-
-
 def test_takes_labels(programs, scan, work):
     """Lists, ranges and `all` give the same asset as single labels."""
     mesh, file = programs / "trocar-mesh", label_map(scan, work / "many.nii", ((20, 21, 22), (23, 24, 41), (42,)))
@@ -164,8 +99,6 @@ def test_takes_labels(programs, scan, work):
     assert len(made) == 1, f"different assets: {list(made.values())}"
     info = json.loads(run(mesh, "info", work / "many.glb", "--json").stdout)
     assert info["parameters"]["labels"] == [20, 21, 22, 23, 24, 41, 42], f"{info['parameters']}"
-    for text in ("24-20", "20-", "-", "0-70000", "all,3", "a-b", "20-24-26"):
-        refuses(2, "--labels " + text, mesh, file, "-o", work / "none.glb", "--labels=" + text)
     empty = label_map(scan, work / "zero.nii", ((),))
     refuses(3, "there is no label", mesh, empty, "-o", work / "none.glb", "--labels", "all")
 
@@ -210,17 +143,6 @@ def test_presets_are_their_options(programs, scan, work):
     assert (parameters["threshold"] == 300 and parameters["close_mm"] == 3 and parameters["fill_mm2"] == 2500
           and parameters["min_volume_mm3"] == 100), f"parameters: {parameters}"
     out = ("-o", work / "never.glb")
-    refuses(2, "--close needs --fill", mesh, volume, *out, "--close", "3")
-    refuses(2, "--keep column needs --fill", mesh, volume, *out, "--keep", "column")
-    refuses(2, "--fill some: must be an area in mm^2, or all", mesh, volume, *out, "--fill", "some")
-    refuses(2, "--seed 1,2: must be X,Y,Z in mm", mesh, volume, *out, "--seed", "1,2")
-    refuses(2, "must be LABELS.nii.gz:L[,L]", mesh, volume, *out, "--mask", "labels.nii.gz")
-    refuses(2, "--mask labels.nii.gz:1,x", mesh, volume, *out, "--mask", "labels.nii.gz:1,x")
-    refuses(2, "--max-area excludes --max-area-px", mesh, volume, *out, "--max-area", "9", "--max-area-px", "9")
-    refuses(2, "is for HU, which images do not carry", mesh, scan / "png", *out, "--preset", "vertebra", "--spacing", "0.3125,0.3125,1")
-    refuses(3, "no material within 10 mm", mesh, volume, *out, "--seed", "9000,0,0")
-    refuses(3, "--min-volume leaves none of the", mesh, volume, *out, "--min-volume", "1e9")
-    refuses(3, "--seed 9000,0,0: no material", mesh, volume, *out, "--seed", "9000,0,0", "--seed", "0,0,0")
     refuses(3, "which is no label, a whole number from 0 to 2147483647; --mask needs a label map", mesh, volume, *out, "--mask", f"{volume}:300")
     said = warned(mesh, work / "all.json", volume, "-o", work / "all.glb", "--threshold", "-5000", "--slices", "14:15")
     assert "every pixel is material" in said.get("all_material", ""), f"all_material: {said}"
@@ -230,15 +152,6 @@ def test_presets_are_their_options(programs, scan, work):
     struct.pack_into("<f", aside, 292, struct.unpack_from("<f", aside, 292)[0] + 0.01)  # the origin's x, mm
     (work / "aside.nii").write_bytes(aside)
     refuses(3, "its origin is (", mesh, volume, *out, "--mask", f"{work / 'aside.nii'}:1")
-
-
-def test_names_what_is_no_number(programs, scan, work):
-    mesh, words = programs / "trocar-mesh", (scan / "sample.nii.gz", "-o", work / "none.glb")
-    for option, text, kind in (("--threshold", "bone", "number"), ("--max-area", "1mm", "number"), ("--jobs", "two", "whole number"),
-                               ("--jobs", "1.5", "whole number"), ("--lattice-bits", "x", "whole number")):
-        refuses(2, f"{option}: {text} is not a {kind}", mesh, *words, option, text)
-    refuses(2, "--threshold 1e7: must be within -1000000 and 1000000", mesh, *words, "--threshold", "1e7")
-    refuses(2, "--rate: fast is not a number", programs / "trocar-run", work / "scene.json", "--rate", "fast")
 
 
 def test_says_permission_denied(programs, scan, work):
@@ -435,7 +348,6 @@ def test_outputs_complete_or_none(programs, scan, work):
         refuses(4, "File too large", "prlimit", f"--fsize={limit}", sample_ct, folder, "--slices", "8", "--size",
                 "128", "--quiet")
         assert list(folder.iterdir()) == [], f"left behind: {list(folder.iterdir())}"
-    refuses(4, "File too large", "prlimit", "--fsize=2000", mesh, scan / "dicom", "-o", work / "never.glb", "--slices", "3:5")
     assert not list(work.glob("never.glb*")), "a partial asset is left"
     # If a later file fails, the message names the asset, which is written.
     asset, stages = work / "written.glb", work / "stages.json"
@@ -462,6 +374,9 @@ def test_outputs_complete_or_none(programs, scan, work):
 
 def test_files_and_parameters(programs, scan, work):
     mesh = programs / "trocar-mesh"
+    run(mesh, scan / "sample.nii.gz", "-o", work / "x.GLB", "--slices", "3:3", "--quiet")
+    (work / "verfy").write_text("no scan")  # a file with the name of a mistyped command
+    refuses(3, "trocar-mesh: verfy: ", mesh, "verfy", "-o", work / "x.glb", cwd=work)
     slices = []
     for k in (1, 2, 3):
         slices.append(work / f"s{k}.png")

@@ -131,11 +131,3 @@ def test_new_scene(source, programs, scan, work):
         print("no TROCAR_REAL_CT: L3 is not tried")
 
     make.refuse(make.asset("thin", column(work / "thin.nii", 3, 5, radius_mm=2)), "nowhere as wide as the tool")
-    make.refuse(work / "none.glb", "none.glb")
-    sample = work / "sample.glb"
-    for words, said in ((("new-scene", sample), "--output is required"), (("new-scene", "-o", work / "x.json"), "ASSET is required"),
-                        ((work / "scene.json", "-o", work / "x.json"), "not expected: -o"),
-                        ((work / "scene.json", "new-scene", sample, "-o", work / "x.json"), "leave SCENE out"),
-                        (("new-scene", sample, "-o", sample), "sample.glb")):
-        done = subprocess.run([str(word) for word in (make.run, *words)], capture_output=True, text=True, check=False)
-        assert done.returncode == 2 and said in done.stderr and done.stderr.count("\n") == 1, f"{words}: {done}"

@@ -159,13 +159,6 @@ def test_automatic_recovery_resets_no_stop(drive):
     assert [fault["fault"] for fault in summary["faults"]] == ["encoder_jump", "emergency_stop"], errors
 
 
-def test_automatic_recovery_is_not_for_motors(programs, scene, work):
-    key = work / "link.key"
-    for device, more in (("udp:127.0.0.1:9", ("--key-file", key)), ("pose:127.0.0.1:9", ("--key-file", key)), ("haply:", ()), ("forcedimension:", ())):
-        done = run(programs / "trocar-run", scene[0], "--device", device, *more, "--recover", "auto", expect=2)
-        assert "--recover auto" in done.stderr and "may have motors" in done.stderr, done.stderr
-
-
 @pytest.mark.parametrize("asks_at", [1200, 2000])
 def test_a_stop_during_a_fault(drive, asks_at):
     """The stop is pressed while another fault is latched: it replaces the fault, is reported, and is in a black box of its own."""

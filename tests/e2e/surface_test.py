@@ -240,8 +240,3 @@ def test_surface():
             assert part.read_text().count("\nf ") == exported.read_text().count("\nf "), f"{part} differs from the export"
         told = json.loads(report.read_text())["surface"][0]
         assert told["file"] == part.name and f"{part}: a surface of {told['triangles']} triangles" in said, f"{part}: {told}, {said}"
-
-    run(MESH, scan, "-o", plain, "--quiet")
-    refused = run(MESH, "export", plain, "-o", WORK / "none", "--surface", expect=3).stderr
-    assert "no surface in this asset" in refused and not (WORK / "none").exists(), f"export without a surface: {refused}"
-    assert "needs --surface" in run(MESH, scan, "-o", plain, "--surface-triangles", 5000, expect=2).stderr, "no word of --surface"
