@@ -24,7 +24,7 @@ import subprocess
 import sys
 import time
 
-from e2e import SANITIZED, check, outcome, run
+from e2e import check, outcome, run
 
 try:
     import jsonschema

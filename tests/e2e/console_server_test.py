@@ -16,7 +16,7 @@ import subprocess
 import sys
 import time
 
-from console_client import SNAPSHOT, Console, container
+from console_client import Console, container
 from e2e import check, outcome
 
 RAMP_S = 0.004  # kRampMax_s of runtime/haptics/loop/safety.h

@@ -29,13 +29,6 @@ FORCE_N, SHARE = 35.0, 0.02
 STALLS = {"no_data", "link_lost", "deadline_missed"}
 
 
-@pytest.fixture(name="asset", scope="module")
-def sample_asset(programs, scan, work):
-    asset = work / "sample.glb"
-    run(programs / "trocar-mesh", scan / "dicom", "-o", asset, "--quiet")
-    return asset
-
-
 class Simulator:
     """A running trocar-device-sim, ended on leaving the context."""
 
@@ -68,11 +61,14 @@ class Simulator:
         assert code == 0, f"the simulator ended with {code}"
         return json.loads(self.summary_file.read_text())
 
+    def link(self):
+        """The options with which trocar-run uses it."""
+        return "--device", f"udp:{self.address}", "--key-file", self.key_file
+
     def session(self, trocar_run, scene, asset, *arguments):
         """(exit code, stderr) of trocar-run on it."""
-        command = [trocar_run, scene, "--asset", asset, "--device", f"udp:{self.address}",
-                   "--key-file", self.key_file, "--quiet", *arguments]
-        done = subprocess.run([str(word) for word in command], capture_output=True, text=True, check=False)
+        command = [trocar_run, scene, "--asset", asset, *self.link(), "--quiet", *arguments]
+        done = run(*command, expect=None)
         return done.returncode, done.stderr
 
     def socket(self, timeout_s=0.5):

@@ -16,7 +16,7 @@ SECONDS = "2"
 
 def verdict(programs, simulator, *options):
     """(exit code, stdout) of a test of the simulator."""
-    command = [programs / "trocar-run", "test", "--device", f"udp:{simulator.address}", "--key-file", simulator.key_file,
+    command = [programs / "trocar-run", "test", *simulator.link(),
                "--duration", SECONDS, *options]
     done = subprocess.run([str(word) for word in command], capture_output=True, text=True, check=False)
     assert done.stderr == "", done.stderr
@@ -65,7 +65,7 @@ def test_stalls_of_3_ms(programs, work):
 def test_an_interrupted_test_has_no_verdict(programs, work):
     result = work / "interrupted.json"
     with Simulator(programs, work) as simulator:
-        command = (programs / "trocar-run", "test", "--device", f"udp:{simulator.address}", "--key-file", simulator.key_file,
+        command = (programs / "trocar-run", "test", *simulator.link(),
                    "--duration", "60", "--summary", result)
         process = subprocess.Popen([str(word) for word in command], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
         begun = process.stdout.readline()

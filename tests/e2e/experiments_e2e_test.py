@@ -68,10 +68,8 @@ def one_line(done, *words):
         assert word in done.stderr, f"{word!r} is not named in {done.stderr!r}"
 
 
-def test_experiments(source, programs, scan, work):
+def test_experiments(source, programs, asset, work):
     trocar_run = programs / "trocar-run"
-    asset = work / "sample.glb"
-    run(programs / "trocar-mesh", scan / "dicom", "-o", asset, "--quiet")
 
     for name in ("one_slice", "three_slices"):
         scene_file = source / "runtime" / "scenes" / f"{name}.json"

@@ -281,9 +281,8 @@ def late_tick(bench):
     for attempt in range(20):
         summary.unlink(missing_ok=True)
         with Simulator(bench.programs, bench.work, scene) as simulator:
-            command = [bench.programs / "trocar-run", scene, "--asset", bench.asset, "--device", f"udp:{simulator.address}",
-                       "--force-law", bench.law,
-                       "--key-file", simulator.key_file, "--late-ticks-in-row", "3", "--record", record, "--summary", summary,
+            command = [bench.programs / "trocar-run", scene, "--asset", bench.asset, *simulator.link(),
+                       "--force-law", bench.law, "--late-ticks-in-row", "3", "--record", record, "--summary", summary,
                        "--quiet"]
             with subprocess.Popen([str(word) for word in command], stderr=subprocess.PIPE, text=True) as process:
                 stop_often(process)

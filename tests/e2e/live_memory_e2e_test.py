@@ -5,7 +5,6 @@ import csv
 import json
 import math
 import os
-import re
 import shutil
 import signal
 import struct
@@ -13,9 +12,10 @@ import subprocess
 import time
 
 import pytest
-from programs import PROGRAMS, SCAN, SOURCE, WORK, run
+from device_link_e2e_test import Simulator
 from live_reader import Live
 from machine_stalls import MachineStalls
+from programs import PROGRAMS, SOURCE, WORK, run
 
 RUN = PROGRAMS / "trocar-run"
 TIMES = 100  # that readers are killed, and stopped
@@ -206,29 +206,17 @@ def replay(folder, scene, asset, expect=0):
     assert (folder / "again.csv").read_bytes() == (folder / "r.csv").read_bytes(), f"{folder.name}: the replay differs"
 
 
-def times_of(recording):
-    with open(recording, newline="", encoding="utf-8") as file:
-        return [float(row["t_s"]) for row in csv.DictReader(file)]
-
-
 def pause_a_drive(scene, asset, clock, of_drive, seconds):
     """The folder of a session that was paused for 1.5 s; None if it lost its link in real time."""
     folder = WORK / f"drive_{clock}"
-    drive = subprocess.Popen([str(PROGRAMS / "trocar-device-sim"), str(scene), "--listen", "127.0.0.1:0", "--key-file", str(WORK / "key"),
-                              "--clock", of_drive, "--quiet"], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
-    try:
-        port = re.search(r":(\d+)", drive.stdout.readline())[1]
-        session, live = start(folder, scene, asset, "--device", f"udp:127.0.0.1:{port}", "--key-file", WORK / "key", "--duration",
-                              str(seconds), clock=clock)
+    with Simulator(PROGRAMS, WORK, scene, "--clock", of_drive) as drive:
+        session, live = start(folder, scene, asset, *drive.link(), "--duration", str(seconds), clock=clock)
         wait_for(lambda: live.snapshot()["ticks"][0] > 200 or session.poll() is not None, "ticks")
         live.command("pause")
         wait_for(lambda: live.snapshot()["paused"][0] == 1 or session.poll() is not None, "the pause")
         time.sleep(1.5)
         live.command("resume")
         errors = session.communicate(timeout=PATIENCE_S)[1]
-    finally:
-        drive.terminate()
-        drive.communicate()
     summary = json.loads((folder / "s.json").read_text())
     faults = [fault["fault"] for fault in summary["faults"]]
     if clock == "real" and (summary["link"]["sessions"] > 1 or set(faults) & {"no_data", "link_lost", "deadline_missed"}):
@@ -257,9 +245,7 @@ def check_pause_of_a_drive(scene, asset):
         replay(folder, scene, asset)
 
 
-def test_live_memory():
-    asset = WORK / "sample.glb"
-    run(PROGRAMS / "trocar-mesh", SCAN / "dicom", "-o", asset, "--quiet")
+def test_live_memory(asset):
     scenes = SOURCE / "runtime" / "scenes"
     three = scenes / "three_slices.json"
     check_same_recording("three_slices", three, asset)

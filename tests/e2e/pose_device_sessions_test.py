@@ -41,13 +41,6 @@ def one_processor():
     os.sched_setaffinity(0, before)
 
 
-@pytest.fixture(name="asset", scope="module")
-def sample_asset(programs, scan, work):
-    asset = work / "sample.glb"
-    run(programs / "trocar-mesh", scan / "dicom", "-o", asset, "--quiet")
-    return asset
-
-
 def hand_path(scene_file, seconds, turn=lambda p: p):
     """The scene's path as keyframes of a hand in the device's frame, stretched to `seconds`: down from above the bone, and back."""
     keys = json.loads(scene_file.read_text())["hand"]["trajectory"]

@@ -52,10 +52,8 @@ def check_closed_folder(trocar_run, scene, work):
     assert done.returncode == 0 and done.stderr == "", f"a new scene: {done}"
 
 
-def test_recovery(source, programs, scan, work):
+def test_recovery(source, programs, asset, work):
     trocar_run = programs / "trocar-run"
-    asset = work / "sample.glb"
-    run(programs / "trocar-mesh", scan / "dicom", "-o", asset, "--quiet")
     scene = work / "scene.json"
     scene.write_text(json.dumps(scene_of(source, asset)))
 

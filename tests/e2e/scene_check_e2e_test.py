@@ -15,8 +15,6 @@ import random
 import re
 import subprocess
 
-from programs import run
-
 REFUSED = 3
 FAULT = 5
 RANDOM_SCENES = 24
@@ -356,9 +354,7 @@ def check_random(judge):
     assert 6 <= warned <= RANDOM_SCENES - 6, f"{warned} of {RANDOM_SCENES} random scenes are warned of: too little is compared"
 
 
-def test_scene_check(source, programs, scan, work):
-    asset = work / "sample.glb"
-    run(programs / "trocar-mesh", scan / "dicom", "-o", asset, "--quiet")
+def test_scene_check(source, programs, asset, work):
     judge = Judge(programs, work, asset)
     for scene in sorted((source / "runtime" / "scenes").glob("*.json")):
         if json.loads(scene.read_text())["asset"] != "../../out/sample.glb" or scene.stem == "vertebra_live":

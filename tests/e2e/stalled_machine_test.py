@@ -15,7 +15,6 @@ import subprocess
 import threading
 import time
 
-import pytest
 from device_link_e2e_test import STALLS, Simulator
 from programs import run
 
@@ -23,20 +22,12 @@ SESSIONS = int(os.environ.get("TROCAR_STALLED_SESSIONS", "3"))
 STALL_S, EVERY_S = 0.030, 1.0
 
 
-@pytest.fixture(name="asset", scope="module")
-def sample_asset(programs, scan, work):
-    asset = work / "sample.glb"
-    run(programs / "trocar-mesh", scan / "dicom", "-o", asset, "--quiet")
-    return asset
-
-
 def stalled_session(programs, work, scene, asset, simulator_options, *options, stall_s=STALL_S, stalls=("run", "drive")):
     """(exit code, stderr, summary) of a session during which the programs named by `stalls`, trocar-run and its drive, are stopped for
     `stall_s` once in EVERY_S."""
     summary = work / "stalled.json"
     with Simulator(programs, work, scene, *simulator_options) as simulator:
-        command = [programs / "trocar-run", scene, "--asset", asset, "--device", f"udp:{simulator.address}",
-                   "--key-file", simulator.key_file, "--quiet", "--summary", summary, "--record", work / "stalled.csv",
+        command = [programs / "trocar-run", scene, "--asset", asset, *simulator.link(), "--quiet", "--summary", summary, "--record", work / "stalled.csv",
                    "--black-box", work, *options]
         with subprocess.Popen([str(word) for word in command], stderr=subprocess.PIPE, text=True) as process:
             over = threading.Event()

@@ -19,10 +19,8 @@ PRESSED_S = (1.6, 4.0)
 
 
 @pytest.fixture(name="scene", scope="module")
-def pressing_scene(source, programs, scan, work):
+def pressing_scene(source, programs, asset, work):
     """A hand that presses 2 mm deep, lifts the tool, and presses again, to the end. Returns (scene, encoder angles of each tick)."""
-    asset = work / "sample.glb"
-    run(programs / "trocar-mesh", scan / "dicom", "-o", asset, "--quiet")
     scene = json.loads((source / "runtime" / "scenes" / "one_slice.json").read_text())
     path = ((0, 0.13), (0.4, 0.118), (0.8, 0.118), (1.2, 0.13), (4.3, 0.13), (4.5, 0.118), (5, 0.118))
     scene.update(asset=str(asset), duration_s=5, hand={"trajectory": [{"t_s": t, "tip_m": [0, 0, z]} for t, z in path]})

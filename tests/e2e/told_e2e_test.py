@@ -19,29 +19,10 @@ import subprocess
 import threading
 import time
 
+from device_link_e2e_test import Simulator
 from programs import run
 
 READY_S = 20  # a limit for a hanging program, not a bound
-
-
-class Simulator:
-    """A running trocar-device-sim on a port of its own."""
-
-    def __init__(self, programs, work, *arguments):
-        self.key = work / "link.key"
-        command = [programs / "trocar-device-sim", "--listen", "127.0.0.1:0", "--key-file", self.key, "--quiet", *arguments]
-        self.process = subprocess.Popen([str(word) for word in command], stdout=subprocess.PIPE, text=True)
-        self.address = self.process.stdout.readline().split()[2]
-
-    def __enter__(self):
-        return self
-
-    def __exit__(self, *_):
-        self.process.terminate()
-        self.process.communicate(timeout=READY_S)
-
-    def link(self):
-        return "--device", f"udp:{self.address}", "--key-file", self.key
 
 
 def at_reach_end(source, asset):
@@ -243,9 +224,8 @@ def too_long(source, programs, work, asset):
     assert "GiB" not in done.stderr, f"0.1 s: {done.stderr!r}"
 
 
-def test_told(source, programs, scan, work):
-    asset, scene = work / "sample.glb", work / "reach_end.json"
-    run(programs / "trocar-mesh", scan / "dicom", "-o", asset, "--quiet")
+def test_told(source, programs, asset, scan, work):
+    scene = work / "reach_end.json"
     scene.write_text(json.dumps(at_reach_end(source, asset)))
     faults_at_once(programs, work, scene)
     a_granted_recovery(source, programs, work, asset)

@@ -18,7 +18,6 @@ import threading
 
 import device_link as link
 import pytest
-from programs import run
 
 FAULT, PERIOD_S = 5, 1e-3
 MIDDLE_M = (0.0, -0.12, 0.15)  # of the workspace of runtime/device/haply_inverse3.json
@@ -73,12 +72,6 @@ class Drive(threading.Thread):
             position, orientation, time_s = self.wrong(*good(ticks * PERIOD_S))
             self.socket.sendto(link.pose_state(key, session, sent, link.TORQUE_ON, 0, 0, command[1], position, orientation,
                                                round(time_s * 1e9)), host)
-
-
-@pytest.fixture(name="asset", scope="module")
-def sample_asset(programs, scan, work):
-    run(programs / "trocar-mesh", scan / "dicom", "-o", work / "sample.glb", "--quiet")
-    return work / "sample.glb"
 
 
 @pytest.fixture(name="session")
