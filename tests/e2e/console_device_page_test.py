@@ -5,11 +5,10 @@ import json
 import pathlib
 import sys
 
-from chromium_page import PAGE, drive, links_of, need_browser
-from console_client import Console
+from chromium_page import drive, need_browser, page_of
 from console_server_test import make_folder
 from device_link_e2e_test import Simulator
-from e2e import check, outcome
+from e2e import outcome
 
 SOURCE, PROGRAMS, ASSET, WORK = (pathlib.Path(word).resolve() for word in sys.argv[1:5])
 DEAD = "udp:127.0.0.1:9"  # nobody answers there
@@ -28,18 +27,12 @@ def main():
     need_browser()
     folder = make_folder(SOURCE, ASSET, WORK)
     make_scenes(folder)
-    for name in ("pictures", "keys"):
-        (WORK / name).mkdir()
-    with Simulator(PROGRAMS, WORK / "keys", folder / "scenes/outside.json", "--watchdog", "0.25") as simulator, (WORK / "console.log").open("w") as log:
-        key = f"key-file={simulator.key_file}"
-        device = f"udp:{simulator.address}"
-        console = Console(PROGRAMS / "trocar-console", folder, "--device", "inproc", "--device", f"{device},{key},simulated", "--device", f"{DEAD},{key}",
-                          page=PAGE, stderr=log)
-        plain = Console(PROGRAMS / "trocar-console", folder, page=PAGE, stderr=log)
-        given = {**links_of(console),
-                 "plain_link": f"http://{plain.host}/#{plain.token}", "device": device, "dead": DEAD, "secret": str(WORK), "out": str(WORK / "pictures")}
-        drive("drive_devices.mjs", given)
-        check(console.stop() == 0 and plain.stop() == 0, "a console did not end as it should")
+    (WORK / "keys").mkdir()
+    with Simulator(PROGRAMS, WORK / "keys", folder / "scenes/outside.json", "--watchdog", "0.25") as simulator:
+        key, device = f"key-file={simulator.key_file}", f"udp:{simulator.address}"
+        with page_of(PROGRAMS, folder, WORK) as (_, plain), page_of(PROGRAMS, folder, WORK, "--device", "inproc", "--device", f"{device},{key},simulated",
+                                                                    "--device", f"{DEAD},{key}") as (_, given):
+            drive("drive_devices.mjs", {**given, "plain_link": plain["link"], "device": device, "dead": DEAD, "secret": str(WORK)})
     return outcome()
 
 

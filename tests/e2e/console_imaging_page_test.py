@@ -10,8 +10,7 @@ import re
 import shutil
 import sys
 
-from chromium_page import PAGE, drive, links_of, need_browser
-from console_client import Console
+from chromium_page import drive, need_browser, page_of
 from e2e import check, outcome, run
 
 SOURCE, PROGRAMS, SCAN, WORK = (pathlib.Path(word).resolve() for word in sys.argv[1:5])
@@ -58,14 +57,10 @@ def check_counts(name, folder, session):
 def main():
     need_browser()
     shutil.rmtree(WORK, ignore_errors=True)
-    (WORK / "pictures").mkdir(parents=True)
     folder = WORK / "folder"
     make_folder(folder)
-    with (WORK / "console.log").open("w") as log:
-        console = Console(PROGRAMS / "trocar-console", folder, page=PAGE, stderr=log)
-        result = drive("drive_imaging.mjs", {**links_of(console), "out": str(WORK / "pictures"), "scene": "vertebra.json", "apart": "apart.json",
-                                               "foreign": FOREIGN})
-        check(console.stop() == 0, "the console did not end as it should")
+    with page_of(PROGRAMS, folder, WORK) as (_, given):
+        result = drive("drive_imaging.mjs", {**given, "scene": "vertebra.json", "apart": "apart.json", "foreign": FOREIGN})
     shots = {name: check_counts(name, folder, session) for name, session in result["sessions"].items()}
     check(shots.get("hundred") == 100 and shots.get("vertebra", 0) >= 5 and "apart" in shots, f"{shots}")
     figures = result["figures"]

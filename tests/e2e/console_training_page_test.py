@@ -8,8 +8,7 @@ import math
 import pathlib
 import sys
 
-from chromium_page import PAGE, drive, links_of, need_browser
-from console_client import Console
+from chromium_page import drive, need_browser, page_of
 from console_server_test import make_folder
 from e2e import check, outcome
 from html_pages import embedded_json
@@ -62,14 +61,12 @@ def main():
     need_browser()
     folder = make_folder(SOURCE, ASSET, WORK)
     make_scenes(folder)
-    (WORK / "pictures").mkdir()
-    with (WORK / "console.log").open("w") as log:
-        console = Console(PROGRAMS / "trocar-console", folder, page=PAGE, stderr=log)
+    with page_of(PROGRAMS, folder, WORK) as (console, given):
         check(console.get("/api/history")[0] == 404, "a history without sessions")
         for said in ({"trainee": "Jane Doe"}, {"trainee": "x" * 33}, {"trainee": ""}, {"course": "../x"}, {"attempt": 0}, {"attempt": 1.5}, {"attempt": "1"}, {"attempt": 10000}, {"trainee": 7}):
             status, answer = console.post("/api/start", {"scene": "scenes/met.json", **said})
             check(status == 400 and next(iter(said)) in answer["error"], f"{said}: {status} {answer}")
-        result = drive("drive_training.mjs", {**links_of(console), "out": str(WORK / "pictures")})
+        result = drive("drive_training.mjs", given)
         for attempt, (scene, recording) in enumerate(result["sessions"].items(), 1):
             check_goals(folder, scene, result["goals"][scene], recording)
             check_session(folder, recording, attempt)
@@ -79,7 +76,6 @@ def main():
             history = embedded_json(page.decode(), "history")
             check(sorted(each["attempt"] for series in history["series"] for each in series["sessions"]) == [1, 2, 3] and not history["skipped"], f"history: {history['series']}, {history['skipped']}")
         check(console.get("/api/history", token=None)[0] == 401, "a history without a token")
-        check(console.stop() == 0, "the console did not end as it should")
     return outcome()
 
 

@@ -8,7 +8,7 @@ import socket
 import sys
 import threading
 
-from chromium_page import PAGE, drive, links_of, need_browser
+from chromium_page import PAGE, drive, links_of, need_browser, page_of
 from console_client import Closed, Console
 from console_server_test import make_folder
 from console_trouble_test import console_on_small_disk
@@ -76,12 +76,9 @@ def main():
     outside |= {"name": "Outside", "duration_s": 600, "goals": {"target": {"at_m": [0, 0, 0.11], "radius_m": 0.003}}}
     outside["hand"]["trajectory"] = outside["hand"]["trajectory"][:2]  # the tool stays above the bone
     (folder / "scenes/outside.json").write_text(json.dumps(outside), encoding="utf-8")
-    (WORK / "pictures").mkdir()
-    with (WORK / "console.log").open("w") as log:
-        console = Console(PROGRAMS / "trocar-console", folder, page=PAGE, stderr=log)
-        drive("drive_trouble.mjs", {**links_of(console), "out": str(WORK / "pictures")})
-        drive("drive_rescue.mjs", {**links_of(console), "pid": console.process.pid, "out": str(WORK / "pictures")})
-        check(console.stop() == 0, "the console did not end as it should")
+    with page_of(PROGRAMS, folder, WORK) as (console, given):
+        drive("drive_trouble.mjs", given)
+        drive("drive_rescue.mjs", {**given, "pid": console.process.pid})
     check_outside(folder)
     return outcome()
 
