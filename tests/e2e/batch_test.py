@@ -26,8 +26,8 @@ import time
 from e2e import check, outcome, run
 
 try:
-    import jsonschema
     from batch_collection import collection_of_200, difference, label_map, make_scans, snapshot, strays, write_collection
+    from exported import schema_of
 except ImportError as missing:
     print(missing)
     sys.exit(77)
@@ -38,13 +38,6 @@ PART = sys.argv[4]
 MESH = PROGRAMS / ("trocar-mesh-failpoints" if PART in ("faults", "trouble", "several") else "trocar-mesh")
 ROUNDS = int(sys.argv[sys.argv.index("--rounds") + 1]) if "--rounds" in sys.argv else 10
 SHA256_DIGITS = 64
-
-
-def schema_of(name):
-    tree = json.loads((SOURCE / "formats/session" / f"{name}.schema.json").read_text())
-    jsonschema.Draft202012Validator.check_schema(tree)
-    del tree["$id"]  # python3-jsonschema 4.10 joins a relative one to itself
-    return jsonschema.Draft202012Validator(tree)
 
 
 def batch(collection, store, *options, expect=0, program=MESH, **keys):

@@ -10,7 +10,8 @@ import subprocess
 import numpy as np
 import pytest
 
-from new_scene_test import column, nifti
+from exported import nifti
+from new_scene_test import column
 from programs import PROGRAMS, run
 
 RUN, MESH = PROGRAMS / "trocar-run", PROGRAMS / "trocar-mesh"

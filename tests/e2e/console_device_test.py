@@ -9,11 +9,11 @@ import subprocess
 import sys
 import time
 
-import jsonschema
 from console_client import Console
 from console_server_test import make_folder, newest, start
 from device_link_e2e_test import Simulator
 from e2e import check, outcome
+from exported import conforms
 
 DEAD = "udp:127.0.0.1:9"  # nobody answers there
 TEST_WITHIN_s, STOP_WITHIN_s = 30, 4
@@ -77,7 +77,7 @@ def test_refused(console, name):
     check(not children(console) and console.get("/api/test")[1] == {"state": "none"}, f"a refused request started {children(console)}")
 
 
-def test_trial(console, name, source, hidden):
+def test_trial(console, name, hidden):
     check(console.post("/api/test", {"device": name}) == (200, {"ok": True}), "the start of a test")
     words = words_of_test(console)
     check({"test", "--simulated", "--key-file"} <= set(words) and name in words, f"the test's process: {words}")
@@ -87,9 +87,7 @@ def test_trial(console, name, source, hidden):
     told = console.get("/api/test")[1]
     check(told["state"] == "running" and told["device"] == name and "result" not in told, f"a test that runs: {told}")
     told = after_test(console)
-    schema = json.loads((source / "formats/session/device_test.schema.json").read_text(encoding="utf-8"))
-    schema.pop("$id")
-    jsonschema.validate(told["result"], schema)
+    conforms("device_test", told["result"])
     result = told["result"]
     check(told["exit_code"] == (0 if result["holds"] else 5) and result["holds"] == (not result["troubles"]), f"{told}")
     check(result["device"] == name and "round trip" in result["numbers"] and result["verdict"] in told["text"], f"{told}")
@@ -195,7 +193,7 @@ def main():
         check([d["simulated"] for d in devices] == [True, True, False, False] and [d["can_be_tested"] for d in devices] == [False, True, True, True], f"{devices}")
         check(status == 200 and not any(path in answer.decode() for path in hidden), "a path is told in the list")
         test_refused(console, name)
-        test_trial(console, name, source, hidden)
+        test_trial(console, name, hidden)
         test_stop(console, name)
         test_stop_beside_a_session(programs, console, folder, name)
         test_dead(console, hidden)

@@ -4,7 +4,6 @@ by keys, mouse, gamepad and touch; two pages and an audience; a page that hangs,
 are checked: what the bar said is the recorded force, and a replay gives the same bytes. The test prints times; TROCAR_JUDGE_TIMES=1
 checks them against their bounds."""
 import bisect
-import csv
 import json
 import os
 import pathlib
@@ -13,6 +12,7 @@ import sys
 
 from chromium_page import drive, need_browser, page_of
 from e2e import check, outcome, run
+from exported import rows_of
 
 SOURCE, PROGRAMS, SCAN, WORK = (pathlib.Path(word).resolve() for word in sys.argv[1:5])
 SLICES, BONE = "slices_by_hand.json", "bone_by_hand.json"
@@ -32,8 +32,7 @@ def make_folder(folder):
 
 def check_bar(name, recording, samples):
     """What the bar said in each frame is the force of that tick in the recording."""
-    with recording.open() as file:
-        rows = list(csv.DictReader(file))
+    rows = rows_of(recording)
     times = [float(row["t_s"]) for row in rows]
     worst = (0, 0, 0)
     for t_s, said_N, _ in samples:

@@ -3,7 +3,6 @@
 bone, sessions with their events and commands, roles, the emergency stop, a console that is killed and started again, a session
 and a device process that are killed."""
 import base64
-import csv
 import hashlib
 import json
 import os
@@ -18,6 +17,7 @@ import time
 
 from console_client import Console, container
 from e2e import check, outcome
+from exported import rows_of
 
 RAMP_S = 0.004  # kRampMax_s of runtime/haptics/loop/safety.h
 RUNNING = 2  # SafetyState
@@ -98,11 +98,6 @@ def test_bone(console):
     head, arrays = container(console.get("/api/bone?scene=scenes/vertebra.json")[1])
     heights = [s["z_m"] for s in head["slices"]]
     check(len(heights) == 35 and heights == sorted(heights, reverse=True) and head["slices"][0]["hu"], "bone of a body")
-
-
-def rows_of(file):
-    with open(file, encoding="ascii") as lines:
-        return list(csv.DictReader(lines))
 
 
 def newest(folder):

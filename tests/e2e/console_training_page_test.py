@@ -2,7 +2,6 @@
 """console_training_page_test.py SOURCE PROGRAMS ASSET WORK: the trainee of a session, live goals, verdict, history and ghost in the console's
 page, in a headless Chromium (console/drive_training.mjs). The verdict of the page is compared with the session report's, and what the page
 has seen of a recording with the report's values."""
-import csv
 import json
 import math
 import pathlib
@@ -11,6 +10,7 @@ import sys
 from chromium_page import drive, need_browser, page_of
 from console_server_test import make_folder
 from e2e import check, outcome
+from exported import rows_of
 from html_pages import embedded_json
 from session_report_test import goals
 
@@ -50,8 +50,7 @@ def check_goals(folder, scene, shown, recording):
 
 
 def check_session(folder, recording, attempt):
-    with open(folder / recording, newline="") as lines:
-        origin = next(csv.DictReader(lines))["origin"]
+    origin = rows_of(folder / recording)[0]["origin"]
     check(f"trainee=A-17;course=spine_2026;attempt={attempt}" in origin, f"{recording}: {origin}")
     report = json.loads((folder / recording).with_suffix(".json").read_text())
     check(report["trainee"] == {"code": "A-17", "course": "spine_2026", "attempt": attempt}, f"{recording}: {report['trainee']}")

@@ -13,8 +13,9 @@ import sys
 import time
 
 from console_client import Closed, Console, container
-from console_server_test import make_folder, newest, rows_of
+from console_server_test import make_folder, newest
 from e2e import check, outcome
+from exported import rows_of
 
 
 def begin(console, scene="scenes/three_slices.json", **what):

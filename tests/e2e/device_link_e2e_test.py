@@ -13,7 +13,6 @@
 
 Injected faults: fault_campaign_test.py.
 """
-import csv
 import json
 import os
 import signal
@@ -23,6 +22,7 @@ import time
 
 import device_link as link
 import pytest
+from exported import rows_of
 from programs import COUNTED_RUN, NO_ALLOCATIONS, run
 
 FORCE_N, SHARE = 35.0, 0.02
@@ -149,7 +149,7 @@ def test_slow_preparation(source, programs, asset, work):
     print(f"slow preparation: {time.monotonic() - begun:.2f} s")
     with Simulator(programs, work, file) as simulator:
         code, stderr = simulator.session(programs / "trocar-run", file, asset, "--duration", "0.3", "--record", record)
-    rows = list(csv.DictReader(record.open()))
+    rows = rows_of(record)
     assert any(row["device_read"] == "ok" for row in rows), f"no data after a long preparation: {code} {stderr}"
 
 

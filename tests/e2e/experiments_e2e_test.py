@@ -7,16 +7,11 @@ penetration, up to the threshold within one tick's rise; penetration F_th / K at
 tick's travel; no force from the puncture until the next slice. Two runs give the same bytes, a replay gives
 the same torques, and errors have their documented exit codes and one line on stderr.
 """
-import csv
 import json
 import re
 
+from exported import rows_of
 from programs import COUNTED_RUN, NO_ALLOCATIONS, run
-
-
-def read_recording(path):
-    with open(path, encoding="ascii", newline="") as stream:
-        return list(csv.DictReader(stream))
 
 
 def check_experiment(name, rows, scene, summary, rate):
@@ -83,7 +78,7 @@ def test_experiments(source, programs, asset, work):
             loaded = (trocar_run, scene_file, "--asset", asset, "--clock", "virtual", "--quiet")
             common = (*loaded, "--rate", rate)
             run(programs / COUNTED_RUN, *common[1:], "--record", record, "--summary", summary)
-            check_experiment(f"{name} at {rate} Hz", read_recording(record), scene,
+            check_experiment(f"{name} at {rate} Hz", rows_of(record), scene,
                              json.loads(summary.read_text()), rate)
             again = work / "again.csv"
             run(*common, "--record", again, "--summary", work / "shipped.json")
@@ -92,8 +87,8 @@ def test_experiments(source, programs, asset, work):
             assert shipped["allocations_in_loop"] is None, f"{name}: the shipped program counts allocations"
             replayed = work / "replayed.csv"
             run(trocar_run, "replay", scene_file, record, "--asset", asset, "--record", replayed, "--quiet")
-            torques = [[row[c] for c in row if c.startswith("tau_")] for row in read_recording(record)]
-            once_more = [[row[c] for c in row if c.startswith("tau_")] for row in read_recording(replayed)]
+            torques = [[row[c] for c in row if c.startswith("tau_")] for row in rows_of(record)]
+            once_more = [[row[c] for c in row if c.startswith("tau_")] for row in rows_of(replayed)]
             assert len(torques[0]) == 8 and torques == once_more, f"{name} at {rate} Hz: the replay's torques differ"
 
     # Exit codes.

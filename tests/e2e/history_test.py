@@ -2,7 +2,6 @@
 """history_test.py SOURCE PROGRAMS SCAN WORK: `trocar-run history` over 50 short sessions of two trainees, damaged and foreign files among
 them. The order and each figure are compared with the sessions' own reports; the page is rendered in a browser, and has a point for each
 session in each curve. Also: what the origin of a recording, the summary and a replay say of the trainee."""
-import csv
 import json
 import os
 import pathlib
@@ -12,6 +11,7 @@ import subprocess
 import sys
 
 from e2e import check, outcome, run
+from exported import rows_of
 from html_pages import check_self_contained, embedded_json, rendered, texts_of
 from schemas_e2e_test import Schema
 
@@ -113,8 +113,7 @@ def check_recording(programs, source, asset, work):
     base = (programs / "trocar-run", scene, "--asset", asset, "--quiet")
     run(*base, "--clock", "virtual", "--duration", "0.3", "--record", record, "--session-report", work / "who.html", "--summary", work / "who.summary.json",
         "--trainee", "C3", "--attempt", "12")
-    with open(record, newline="") as lines:
-        origin = next(csv.DictReader(lines))["origin"]
+    origin = rows_of(record)[0]["origin"]
     check("trainee=C3;attempt=12" in origin and "course" not in origin, f"origin: {origin}")
     replay = (base[0], "replay", *base[1:])
     run(*replay, record, "--session-report", work / "again.html", "--summary", work / "again.summary.json", "--record", work / "again.csv")
@@ -162,8 +161,7 @@ def main():
     check(alone["figures"]["force_max_N"] == summary["max_force_N"] and alone["figures"]["path_m"] is None and alone["figures"]["total_s"] == summary["ticks"] / summary["rate_Hz"], f"summary: {alone}")
     check(alone["figures"]["faults"] == 1, f"pauses are no faults: {alone}")
     check_page("history", page, history)
-    with open(page.with_suffix(".history.csv"), newline="") as lines:
-        table = list(csv.DictReader(lines))
+    table = rows_of(page.with_suffix(".history.csv"))
     check(len(table) == SESSIONS + 1, f"csv: {len(table)} lines")
     for row in table:
         report = made.get(row["file"])

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Sessions that are shown in memory and read. Recordings are the same with and without, whatever happens to readers; events and sheets are
 those of the summary and of --meshes; a drive is paused. (Commands: live_session_test.cpp, paused_session_test.cpp; links: telemetry_test.cpp.)"""
-import csv
 import json
 import math
 import os
@@ -13,6 +12,7 @@ import time
 
 import pytest
 from device_link_e2e_test import Simulator
+from exported import rows_of
 from live_reader import Live
 from machine_stalls import MachineStalls
 from programs import PROGRAMS, SOURCE, WORK, run
@@ -151,8 +151,7 @@ def check_sheets(name, live, meshes):
 
 def check_rows(name, snapshots, recording):
     """Each snapshot is a row of the recording."""
-    with open(recording, newline="", encoding="utf-8") as file:
-        rows = list(csv.DictReader(file))
+    rows = rows_of(recording)
     joints = [f"tau_{leg}_{joint}_Nm" for leg in (1, 2, 3, 4) for joint in (1, 4)]
     for snapshot in snapshots:
         ticks = int(snapshot["ticks"][0])
@@ -239,8 +238,7 @@ def check_pause_of_a_drive(scene, asset):
             print(f"{clock}: all 20 sessions lost their link. {machine}")
             assert not machine.is_on_time, "links were lost, though the machine was on time"
             continue
-        with open(folder / "r.csv", newline="", encoding="utf-8") as file:
-            lost = [row["device_read"] for row in csv.DictReader(file) if row["device_read"] not in ("ok", "no_data")]
+        lost = [row["device_read"] for row in rows_of(folder / "r.csv") if row["device_read"] not in ("ok", "no_data")]
         assert not lost, f"{clock}: {lost[:3]}"
         replay(folder, scene, asset)
 

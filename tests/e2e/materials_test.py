@@ -7,6 +7,7 @@ import json
 import nibabel
 import numpy
 
+from exported import read_poly
 from programs import PROGRAMS, WORK, run
 
 MESH = PROGRAMS / "trocar-mesh"
@@ -45,14 +46,11 @@ def outlines(folder):
     found = collections.defaultdict(dict)
     for file in sorted(folder.glob("slice_*_*.poly")):
         _, index, material = file.stem.split("_")
-        lines = [line.split() for line in file.read_text().splitlines()[1:]]
-        count = int(lines[0][0])
-        points = []
-        for _, x, y, _ in lines[1:1 + count]:
-            place = (float(x) * STEPS, float(y) * STEPS)
-            assert all(value == round(value) for value in place), f"{file.name}: {x} {y} is not on the lattice"
-            points.append(tuple(map(round, place)))
-        found[int(index)][int(material)] = [(points[int(a) - 1], points[int(b) - 1]) for _, a, b, _ in lines[2 + count:2 + 2 * count]]
+        places, ends = read_poly(file)
+        places *= STEPS
+        assert (places == places.round()).all(), f"{file.name}: a point is not on the lattice"
+        points = [tuple(map(int, place)) for place in places]
+        found[int(index)][int(material)] = [(points[a], points[b]) for a, b in ends]
     return found
 
 

@@ -9,7 +9,6 @@ Dimension's SDK.
 
 TROCAR_POSE_DEVICE_S: duration of the sessions of item 1 (default: 4).
 """
-import csv
 import itertools
 import json
 import math
@@ -19,6 +18,7 @@ import subprocess
 import time
 
 import pytest
+from exported import rows_of
 from haply_stand_in import StandIn
 from programs import BUILD, run
 
@@ -58,11 +58,6 @@ def write_path(file, path, middle):
     return file
 
 
-def recorded(file):
-    with open(file, encoding="ascii", newline="") as lines:
-        return list(csv.DictReader(lines))
-
-
 def forces_of(row):
     return tuple(float(row[f"f{axis}_N"]) for axis in "xyz")
 
@@ -96,7 +91,7 @@ def session(programs, scene, asset, work, uri, *options, expect=(0,), env=None, 
     out, err = process.communicate(timeout=SECONDS + 120)
     print(out, err)
     assert process.returncode in expect, err
-    return err, json.loads(summary.read_text()), recorded(record)
+    return err, json.loads(summary.read_text()), rows_of(record)
 
 
 def steady_session(attempt):
@@ -240,7 +235,7 @@ def test_a_replay_takes_no_other_forces(programs, source, asset, work):
     command = (programs / "trocar-run", source / "runtime/scenes/one_slice.json", "--asset", asset, "--device-description",
                source / "runtime/device/haply_inverse3.json", "--quiet")
     run(*command, "--clock", "virtual", "--duration", 0.2, "--record", record)
-    stated = dict(entry.split("=") for entry in recorded(record)[0]["origin"].split(";"))
+    stated = dict(entry.split("=") for entry in rows_of(record)[0]["origin"].split(";"))
     same = [word for option in ("force-limit", "force-scale") for word in (f"--{option}", stated[option])]
     replay = (command[0], "replay", *command[1:], record)
     assert run(*replay, *same).stderr == ""
@@ -318,7 +313,7 @@ def test_force_dimension_session(programs, source, asset, work, law):
                                                       expect=(0, 5), env=env))
     assert summary["end"] == "done" and summary["punctures"], summary
     assert 2 < summary["max_force_N"] <= 12 * (1 + 1e-9)
-    log = recorded(work / "dhd.csv")
+    log = rows_of(work / "dhd.csv")
     forces = [forces_of(row) for row in log if row["call"].startswith("set_force")]
     assert assert_forces_are_recorded(forces, rows) > 100
     assert not any(forces[-1])

@@ -4,19 +4,17 @@ orientations against the scan's NIfTI file, read by nibabel. The real scans TROC
 so, where they are missing."""
 import base64
 import io
-import json
 import pathlib
 import re
 import shutil
 
-import jsonschema
 import nibabel
 import numpy
 import PIL.Image
 import pydicom
 
-import pytest
-from programs import HEAD_CT, L3_SCAN, PROGRAMS, SCAN, SOURCE, WORK, run
+from exported import conforms, read_rings
+from programs import HEAD_CT, L3_SCAN, PROGRAMS, SCAN, WORK, run
 from html_pages import check_self_contained, embedded_json, rendered, texts_of
 
 MESH = PROGRAMS / "trocar-mesh"
@@ -58,10 +56,7 @@ def sheet(name, scan, *options):
     assert numpy.array_equal(numpy.asarray(PIL.Image.open(io.BytesIO(data))), picture), f"{name}: the page has another picture"
     numbers = embedded_json(text, "preview")
     check_rendered(name, page, shown, numbers)
-    schema = json.loads((SOURCE / "formats" / "session" / "preview.schema.json").read_text())
-    schema.pop("$id")
-    for error in list(jsonschema.Draft202012Validator(schema).iter_errors(numbers))[:3]:
-        pytest.fail(f"{name}: {error.json_path}: {error.message[:300]}")
+    conforms("preview", numbers, name)
     return picture, numbers
 
 
@@ -90,12 +85,7 @@ def rings_of(scan, *options):
     run(MESH, "export", asset, "-o", folder)
     out = {}
     for file in folder.glob("*.poly"):
-        lines = [line.split() for line in file.read_text().splitlines()[1:]]
-        count = int(lines[0][0])
-        points = numpy.array([line[1:3] for line in lines[1:count + 1]], float)
-        segments = numpy.array([line[1:3] for line in lines[count + 2:2 * count + 2]], int) - 1
-        ends = numpy.flatnonzero(segments[:, 1] <= segments[:, 0]) + 1  # a ring's last segment leads back to its first point
-        out[int(file.stem.removeprefix("slice_"))] = numpy.split(points, ends[:-1])
+        out[int(file.stem.removeprefix("slice_"))] = read_rings(file)
     return out
 
 

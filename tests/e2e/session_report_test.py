@@ -7,7 +7,6 @@ it is reached, a session that ends by a fault, one with two faults and recoverie
 soft layers, and one of 90 s whose samples are thinned. A replay and a session in real time give what their recordings say, too. The page
 embeds the same report and refers to nothing outside; rendered in a browser it shows the figures, and text of the scene stays text.
 """
-import csv
 import html.parser
 import json
 import pathlib
@@ -19,6 +18,7 @@ import sys
 import numpy as np
 
 from e2e import check, outcome, run
+from exported import rows_of
 from html_pages import check_self_contained, embedded_json, rendered, texts_of
 from schemas_e2e_test import Schema, mutations, planted
 from session_figures import expected, read_rows
@@ -54,8 +54,7 @@ def check_csv(name, report, file):
         else:
             yield path, value
     want = {path: value for path, value in leaves({key: value for key, value in report.items() if key != "samples"})}
-    with open(file, newline="") as lines:
-        got = {row["figure"]: row["value"] for row in csv.DictReader(lines)}
+    got = {row["figure"]: row["value"] for row in rows_of(file)}
     empty = {path for path, text in got.items() if text == "" and path not in want}  # empty lists
     check(set(got) - empty == set(want), f"{name}: csv: {sorted(set(got) ^ set(want))[:5]}")
     for path, value in want.items():

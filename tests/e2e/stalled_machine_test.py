@@ -7,7 +7,6 @@
 
 TROCAR_STALLED_SESSIONS: number of sessions of item 1 (default: 3).
 """
-import csv
 import json
 import os
 import signal
@@ -16,6 +15,7 @@ import threading
 import time
 
 from device_link_e2e_test import STALLS, Simulator
+from exported import rows_of
 from programs import run
 
 SESSIONS = int(os.environ.get("TROCAR_STALLED_SESSIONS", "3"))
@@ -68,8 +68,7 @@ def test_a_gap_that_ends_other_sessions_is_in_the_recording_and_replays(source, 
     code, stderr, _ = stalled_session(programs, work, scene, asset, ("--watchdog", "0.4"), "--simulated", "--duration", "1.5",
                                       stall_s=0.15, stalls=("run",))
     assert code == 0, f"ended with {code}: {stderr}"
-    with record.open(newline="", encoding="utf-8") as file:
-        rows = list(csv.DictReader(file))
+    rows = rows_of(record)
     times = [float(row["state_t_s"]) for row in rows]
     assert max(after - before for before, after in zip(times, times[1:])) > 0.1, "no gap came"
     assert "state-gap=any" in rows[0]["origin"]
@@ -81,8 +80,7 @@ def test_a_simulated_drive_that_stalls_alone_ends_no_session(source, programs, a
     scene = source / "runtime" / "scenes" / "three_slices.json"
     code, stderr, _ = stalled_session(programs, work, scene, asset, ("--watchdog", "0.25"), "--simulated", stalls=("drive",))
     assert code == 0, f"ended with {code}: {stderr}"
-    with (work / "stalled.csv").open(newline="", encoding="utf-8") as file:
-        rows = list(csv.DictReader(file))
+    rows = rows_of(work / "stalled.csv")
     assert "no-data-limit=0.25" in rows[0]["origin"]
     silent = "".join(row["device_read"] == "no_data" and "x" or " " for row in rows)
     assert "x" * 15 in silent, "no stall came"

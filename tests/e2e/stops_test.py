@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Stops of a device and signals to the program, in lock-step with a drive of this test: the drive's time stands still while a
 signal is delivered, so that the machine's speed does not matter. The hand's path is that of the scene with the simulated device."""
-import csv
 import json
 import os
 import re
@@ -13,6 +12,7 @@ import time
 
 import device_link as link
 import pytest
+from exported import rows_of
 from programs import run
 
 PRESSED_S = (1.6, 4.0)
@@ -27,8 +27,7 @@ def pressing_scene(source, programs, asset, work):
     file, record = work / "scene.json", work / "path.csv"
     file.write_text(json.dumps(scene))
     run(programs / "trocar-run", file, "--clock", "virtual", "--record", record, "--quiet")
-    with record.open() as rows:
-        angles = [[float(row[f"th_{leg}_{i}_rad"]) for leg in range(1, 5) for i in range(1, 5)] for row in csv.DictReader(rows)]
+    angles = [[float(row[f"th_{leg}_{i}_rad"]) for leg in range(1, 5) for i in range(1, 5)] for row in rows_of(record)]
     return file, angles
 
 
@@ -101,8 +100,7 @@ class Drive:
         self.serve()
         self.socket.close()
         errors = self.process.communicate(timeout=60)[1]
-        with self.record.open() as rows:
-            return self.process.returncode, errors, list(csv.DictReader(rows)), json.loads(self.summary.read_text())
+        return self.process.returncode, errors, rows_of(self.record), json.loads(self.summary.read_text())
 
 
 @pytest.fixture(name="drive")

@@ -8,9 +8,9 @@ import re
 import shutil
 import subprocess
 
-import jsonschema
 import numpy as np
 import pytest
+from exported import schema_of
 
 pydicom = pytest.importorskip("pydicom")
 from pydicom.uid import generate_uid  # noqa: E402
@@ -23,10 +23,7 @@ class Studies:
         self.programs, self.mesh, self.work = programs, programs / "trocar-mesh", work
         subprocess.run([programs / "trocar-sample-ct", work / "scan", "--size", str(SIZE), "--slices", str(SLICES), "--quiet"], check=True)
         self.scan = work / "scan"
-        schema = json.loads((pathlib.Path(__file__).resolve().parents[2] / "formats" / "session" / "list.schema.json").read_text())
-        jsonschema.Draft202012Validator.check_schema(schema)
-        del schema["$id"]  # python3-jsonschema 4.10 joins a relative one to itself
-        self.schema = jsonschema.Draft202012Validator(schema)
+        self.schema = schema_of("list")
         self.plain = self.asset(self.scan / "dicom")
 
     def run(self, *words, expect=0, **keys):

@@ -10,7 +10,6 @@
     too large to be read is warned of at its start.
 """
 import contextlib
-import csv
 import json
 import re
 import signal
@@ -20,6 +19,7 @@ import threading
 import time
 
 from device_link_e2e_test import Simulator
+from exported import rows_of
 from programs import run
 
 READY_S = 20  # a limit for a hanging program, not a bound
@@ -125,8 +125,7 @@ def replays(source, programs, work, asset, scan):
     assert run(trocar_run, *replay).stderr == "", "the same session: something was said"
 
     # The column: last, full in the first row only, and any reader of CSV gets the other columns.
-    with recording.open(newline="") as stream:
-        rows = list(csv.DictReader(stream))
+    rows = rows_of(recording)
     assert list(rows[0])[-1] == "origin" and all(None not in row and None not in row.values() for row in rows), "the columns"
     stated = rows[0].get("origin", "")
     assert stated.startswith("program=") and all(row["origin"] == "" for row in rows[1:]), f"{stated!r}"
