@@ -5,8 +5,7 @@
     with the device in the process, 35 N within 2 % on the simulated hand, with both models.
  2. The same in real time. If the machine stalls the processes for so long that the safety layer stops
     the session, it is tried again, and skipped after four attempts.
- 3. A host of another implementation (device_link.py) is served; replays, a second host and other keys
-    are refused; the watchdog trips.
+ 3. A host of another implementation (device_link.py) is served. (What a drive refuses, and its watchdog: drive_test.cpp.)
  4. A host begins a session only after its preparation, however long that takes.
  5. A clean end by Ctrl-C, and in lock-step an end some seconds after its last host has died,
     but not in a pause.
@@ -14,7 +13,6 @@
 Injected faults: fault_campaign_test.py.
 """
 import json
-import os
 import signal
 import socket
 import subprocess
@@ -168,52 +166,8 @@ def test_other_implementation(source, programs, work):
             if state is not None:
                 modes.add(state["mode"])
         assert link.TORQUE_ON in modes, f"modes under torque: {modes}"
-        # A second host gets no welcome while the session is active. Without commands the watchdog trips.
-        try:
-            end = time.monotonic() + 0.3
-            while time.monotonic() < end:
-                host.command(link.TORQUE, [0.1] * 8)
-                second = simulator.socket(0.002)
-                link.Host(second, simulator.key(), tries=1)
-                pytest.fail("a second host got a welcome during a session")
-                break
-        except TimeoutError:
-            pass
-        time.sleep(0.1)
-        host.socket.setblocking(False)
-        newest = None
-        while True:
-            state = host.state()
-            if state is None:
-                break
-            newest = state
-        assert newest is not None and newest["mode"] == link.WATCHDOG, f"without commands: {newest}"
-        # A replay of all packets does not bring the torques back.
-        host.socket.settimeout(0.05)
-        for data in host.sent:
-            host.socket.send(data)
-        time.sleep(0.05)
-        host.socket.setblocking(False)
-        while (state := host.state()) is not None:
-            newest = state
-        assert newest["mode"] == link.WATCHDOG, f"after a replay: {newest['mode']}"
-        other_key = simulator.socket(0.02)
-        try:
-            link.Host(other_key, os.urandom(32), tries=5)
-            pytest.fail("a host with another key got a welcome")
-        except TimeoutError:
-            pass
-        # A restarted host gets a session again, in the same simulated world.
-        again = link.Host(simulator.socket(), simulator.key(), resets_world=False)
-        again.command(link.HOLD)
-        state = again.state()
-        assert state is not None and state["time_ns"] > newest["time_ns"], "a restarted host is not served"
-        again.command(link.STOP)
-        report = simulator.summary()
-        assert report["sessions"] == 2, f"{report['sessions']} sessions"
-        assert report["packets"]["refused"]["sequence"] >= 1, f"replays: {report['packets']}"
-        assert report["packets"]["refused"]["mac"] >= 5, f"other keys: {report['packets']}"
-        assert report["watchdog_trips"] >= 1, f"{report['watchdog_trips']} watchdog trips"
+        host.command(link.STOP)
+        assert simulator.summary()["sessions"] == 1
 
 
 def test_host_that_dies(source, programs, work):

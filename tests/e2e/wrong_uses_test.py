@@ -79,8 +79,9 @@ class Folder:
 
     def __exit__(self, *_):
         self.taken.close()
-        for folder, _, _ in os.walk(self.path):
-            os.chmod(folder, 0o700)
+        for folder, names, _ in os.walk(self.path):
+            for name in names:
+                os.chmod(os.path.join(folder, name), 0o700)
         shutil.rmtree(self.path)
 
     def run(self, command):

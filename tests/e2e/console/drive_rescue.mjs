@@ -48,6 +48,7 @@ await expect_none("Stop while a session starts");
 await start("scenes/outside.json", 600);
 await page.click("#pause");
 await until(page, `${pill} === "Paused"`, "a pause");
+await browser.picture(page, "paused");
 await page.click("#zero");
 await page.click("#pause");
 await until(page, `${pill} === "Forces off"`, "forces that were switched off in a pause");
