@@ -10,7 +10,7 @@ import sys
 import time
 
 from console_client import Console
-from console_server_test import make_folder, newest, start
+from console_server_test import add_outside, make_folder, newest, start
 from device_link_e2e_test import Simulator
 from e2e import check, outcome
 from exported import conforms
@@ -174,11 +174,8 @@ def main():
     source, programs, asset, work = map(pathlib.Path, sys.argv[1:])
     page = source / "runtime/console/page"
     folder = make_folder(source, asset, work)
-    scene = json.loads((folder / "scenes/one_slice.json").read_text(encoding="utf-8"))
-    scene["hand"]["trajectory"] = scene["hand"]["trajectory"][:2]  # the tool stays above the bone
-    (folder / "scenes/outside.json").write_text(json.dumps(scene), encoding="utf-8")
-    scene["hand"] = {"live": True, "trajectory": scene["hand"]["trajectory"][:1]}
-    (folder / "scenes/live.json").write_text(json.dumps(scene), encoding="utf-8")
+    scene = add_outside(folder)
+    add_outside(folder, "live", hand={"live": True, "trajectory": scene["hand"]["trajectory"][:1]})
     test_default(programs, page, folder)
     keys = work / "keys"
     keys.mkdir()

@@ -36,6 +36,14 @@ def make_folder(source, asset, work):
     return folder
 
 
+def add_outside(folder, name="outside", **fields):
+    """A scene in which the tool stays above the bone, so that each recovery is granted."""
+    scene = json.loads((folder / "scenes/one_slice.json").read_text())
+    scene["hand"]["trajectory"] = scene["hand"]["trajectory"][:2]
+    (folder / f"scenes/{name}.json").write_text(json.dumps(scene | fields))
+    return scene
+
+
 def spoil(folder):
     (folder / "wrong.json").write_text('{"schema": "trocar.scene/1", "nothing": 1}')
     (folder / "cut.json").write_text('{"schema": "trocar.scene/1", "na')
@@ -402,12 +410,9 @@ def kill_device(console, folder):
 
 
 def test_killed_device(console, folder):
-    scene = json.loads((folder / "scenes/one_slice.json").read_text())
-    scene["hand"]["trajectory"] = scene["hand"]["trajectory"][:2]  # the tool stays above the bone: there is no recovery inside it
-    outside = folder / "scenes/outside.json"
-    outside.write_text(json.dumps(scene))
+    add_outside(folder)
     check(any(kill_device(console, folder) for _ in range(5)), "late ticks only")
-    outside.unlink()
+    (folder / "scenes/outside.json").unlink()
 
 
 def test_end(console, folder):

@@ -13,7 +13,7 @@ import sys
 import time
 
 from console_client import Closed, Console, container
-from console_server_test import make_folder, newest
+from console_server_test import add_outside, make_folder, newest
 from e2e import check, outcome
 from exported import rows_of
 
@@ -122,10 +122,7 @@ def test_stop_in_recovery(console):
 
 
 def test_pause_is_no_fault(console, folder):
-    scene = json.loads((folder / "scenes/one_slice.json").read_text())
-    scene["duration_s"] = 60
-    scene["hand"]["trajectory"] = scene["hand"]["trajectory"][:2]  # the tool stays above the bone
-    (folder / "scenes/outside.json").write_text(json.dumps(scene))
+    add_outside(folder, duration_s=60)
     live = begin(console, "scenes/outside.json")
     running = live.hello["safety_states"].index("running")
     for take, give_back in (("pause", "resume"), ("zero", "recover")):

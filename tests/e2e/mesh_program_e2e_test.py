@@ -75,6 +75,7 @@ def test_refuses_an_empty_asset(programs, scan, work):
             ((labelled, "--labels", "20,24", "--slices", "2:2"), ("slice 2: ", "labels 20, 24 are not there", "labels 22-23")),
             ((labelled, "--labels", "20", "--crop", "0:19,0:3"), ("no label", "a larger --crop")),
             ((nothing, "--labels", "1"), ("slices 0-1: ", "the values found are all 0")),
+            ((nothing, "--labels", "all"), ("there is no label",)),
             ((labelled, "--labels", "21,24", "--largest", "1", "--slices", "3:3"),
              ("left out by the option that keeps a part", "try it without this option, or other --slices")),
             ((labelled, "--labels", "22", "--min-region", "1000"), ("smaller than --min-region 1000 mm^2", "try a smaller --min-region")),
@@ -86,22 +87,6 @@ def test_refuses_an_empty_asset(programs, scan, work):
     # Slices without material beside others are fine.
     said = run(mesh, labelled, *whole, "--labels", "22").stderr
     assert "empty_slice" in said and out.exists() and report.exists(), f"some empty slices: {said!r}"
-
-
-def test_takes_labels(programs, scan, work):
-    """Lists, ranges and `all` give the same asset as single labels."""
-    mesh, file = programs / "trocar-mesh", label_map(scan, work / "many.nii", ((20, 21, 22), (23, 24, 41), (42,)))
-    made = {}
-    for name, words in (("list", ("20,21,22,23,24,41,42",)), ("range", ("20-24,41-42",)), ("all", ("all",)),
-                        ("repeated", ("20-24", "--labels", "41,42"))):
-        for order in ((file, "--labels", *words), ("--labels", *words, file)):
-            run(mesh, *order, "-o", work / "many.glb", "--quiet")
-            made.setdefault((work / "many.glb").read_bytes(), []).append(name)
-    assert len(made) == 1, f"different assets: {list(made.values())}"
-    info = json.loads(run(mesh, "info", work / "many.glb", "--json").stdout)
-    assert info["parameters"]["labels"] == [20, 21, 22, 23, 24, 41, 42], f"{info['parameters']}"
-    empty = label_map(scan, work / "zero.nii", ((),))
-    refuses(3, "there is no label", mesh, empty, "-o", work / "none.glb", "--labels", "all")
 
 
 def verifies_several(mesh, good, broken):
@@ -350,10 +335,13 @@ def test_files_and_parameters(programs, scan, work):
     answer = run(mesh, "verify", os.fsdecode(os.fsencode(work) + b"/\xff.glb"), "--json")
     assert json.loads(answer.stdout)["valid"], "verify of an odd name: " + answer.stdout
 
-    # Options before and after the input.
-    labelled = label_map(scan, work / "order.nii", ((1, 2), (1,)))
-    for words in (("--labels", "1,2", labelled), (labelled, "--labels", "1,2")):
-        run(mesh, *words, "-o", work / "labels.glb", "--slices", "0:1", "--quiet")
+    # Options before and after the input; labels as a list, a range, all, and one by one.
+    labelled, made = label_map(scan, work / "order.nii", ((20, 21, 22), (23, 24, 41), (42,))), set()
+    for words in (("20,21,22,23,24,41,42",), ("20-24,41-42",), ("all",), ("20-24", "--labels", "41,42")):
+        for order in ((labelled, "--labels", *words), ("--labels", *words, labelled)):
+            run(mesh, *order, "-o", work / "labels.glb", "--quiet")
+            made.add((work / "labels.glb").read_bytes())
+    assert len(made) == 1, "different assets of the same labels"
 
     # The parameters in the asset include those of the input.
     run(mesh, scan / "sample.nii.gz", "-o", work / "coronal.glb", "--axis", "coronal", "--slices", "250:252", "--quiet")

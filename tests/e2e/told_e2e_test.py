@@ -106,13 +106,6 @@ def connections(source, programs, work, asset):
             assert returncode == code and len(stderr.splitlines()) == 1 and words in stderr, f"{address}: {returncode}, {stderr!r}"
 
 
-def ended(code, *command):
-    """As run(), and goes on if the exit code is another."""
-    done = subprocess.run([str(word) for word in command], capture_output=True, text=True, check=False)
-    assert done.returncode == code, f"{' '.join(str(word) for word in command[1:])}: ended with {done.returncode}, not {code}: {done.stderr!r}"
-    return done
-
-
 def replays(source, programs, work, asset, scan):
     scene_file, recording = work / "replayed.json", work / "replayed.csv"
     scene = json.loads((source / "runtime" / "scenes" / "one_slice.json").read_text())
@@ -135,9 +128,9 @@ def replays(source, programs, work, asset, scan):
         assert origin[key] == digest, f"{key}: {origin[key]}, b2sum {digest}"
 
     def refused(name, *words, arguments=(), file=scene_file, of=recording):
-        done = ended(3, trocar_run, "replay", file, of, "--quiet", *arguments)
+        done = run(trocar_run, "replay", file, of, "--quiet", *arguments, expect=3)
         lines = done.stderr.splitlines()
-        assert done.returncode == 3 and len(lines) == 1 and lines[0].startswith(f"trocar-run: {of}: ") and all(word in lines[0] for word in words), f"{name}: {done.stderr!r}"
+        assert len(lines) == 1 and lines[0].startswith(f"trocar-run: {of}: ") and all(word in lines[0] for word in words), f"{name}: {done.stderr!r}"
 
     other = work / "other.json"
     other.write_text(json.dumps({**scene, "tissue": {"stiffness_N_per_m": 5000, "threshold_N": 20}}))
@@ -160,7 +153,7 @@ def replays(source, programs, work, asset, scan):
     fields = lines[at].split(",")
     fields[column] = repr(float(fields[column]) * (1 + 1e-15))
     changed.write_text("".join(lines[:at] + [",".join(fields)] + lines[at + 1:]))
-    done = ended(3, trocar_run, "replay", scene_file, changed, "--quiet")
+    done = run(trocar_run, "replay", scene_file, changed, "--quiet", expect=3)
     assert f"the torques differ from the recording's from row {at} on" in done.stderr, f"other torques: {done.stderr!r}"
     # With --duration, the recording and not the scene says how long its session was to be.
     for duration_s, kept in ((0.5, 100), (1, 900)):
@@ -180,9 +173,9 @@ def replays(source, programs, work, asset, scan):
     reach.write_text(json.dumps({**at_reach_end(source, asset), "duration_s": 1}))
     boxes = work / "boxes"
     boxes.mkdir()
-    ended(5, trocar_run, reach, *virtual, "--black-box", boxes)
+    run(trocar_run, reach, *virtual, "--black-box", boxes, expect=5)
     box, = boxes.iterdir()
-    ended(5, trocar_run, "replay", reach, box, "--quiet")
+    run(trocar_run, "replay", reach, box, "--quiet", expect=5)
     refused("a black box on another scene", "the scene", file=other, of=box)
 
 
