@@ -113,6 +113,7 @@ def collection_of_200(programs, folder):
 
 def write_collection(file, scans, defaults=None):
     file.write_text(json.dumps({"schema": "trocar.collection/1", "defaults": defaults or {}, "scans": scans}))
+    return file
 
 
 def collection_of_samples(folder, sample, scans, broken):
