@@ -13,7 +13,7 @@ import sys
 import time
 
 from console_client import Closed, Console, container
-from console_server_test import add_outside, make_folder, newest
+from console_server_test import add_outside, make_folder, newest, start
 from e2e import check, outcome
 from exported import rows_of
 
@@ -21,11 +21,8 @@ from exported import rows_of
 def begin(console, scene="scenes/three_slices.json", **what):
     """The Live of a session that has begun."""
     live = console.live()
-    check(live.until(lambda l: l.hellos > 0), "no hello")
-    before = live.session
-    status, answer = console.post("/api/start", {"scene": scene, **what})
-    check(status == 200, f"start of {scene}: {status} {answer}")
-    check(live.until(lambda l: l.session not in (before, "") and l.values and l.state() == "running"), f"{scene} does not run: {live.states[-1:]}")
+    start(console, live, scene=scene, **what)
+    check(live.until(lambda l: l.values and l.state() == "running"), f"{scene} does not run: {live.states[-1:]}")
     return live
 
 

@@ -94,24 +94,24 @@ def session(programs, scene, asset, work, uri, *options, expect=(0,), env=None, 
     return err, json.loads(summary.read_text()), rows_of(record)
 
 
-def steady_session(attempt):
-    """The result of attempt(), which is repeated if the machine stalled for longer than the 10 ms after which the loop stops."""
+def repeated(attempt, is_void):
+    """The result of attempt(), which is repeated at most twice if the machine made one of its faults, so that it is void."""
     for _ in range(2):
         result = attempt()
-        if not any(each["fault"] in ("no_data", "link_lost") for each in result[1]["faults"]):
+        if not any(is_void(fault) for fault in result[1]["faults"]):
             return result
         print("repeated, since it ended with", result[1]["faults"])
     return attempt()
 
 
+def steady_session(attempt):
+    """The machine stalled for longer than the 10 ms after which the loop stops."""
+    return repeated(attempt, lambda fault: fault["fault"] in ("no_data", "link_lost"))
+
+
 def planted_session(attempt):
-    """The result of attempt(), which is repeated if the machine stalled before the time at which a fault was planted."""
-    for _ in range(2):
-        result = attempt()
-        if not any(each["t_s"] < PLANTED_S - 0.2 for each in result[1]["faults"]):
-            return result
-        print("repeated, since it ended before the planted fault with", result[1]["faults"])
-    return attempt()
+    """The machine stalled before the time at which a fault was planted."""
+    return repeated(attempt, lambda fault: fault["t_s"] < PLANTED_S - 0.2)
 
 
 def assert_replays(programs, scene, asset, work, *options):
@@ -259,12 +259,9 @@ def trial(programs, uri, env=None):
     return done.stdout
 
 
-def test_haply_trial(programs):
+def test_trials(programs, work):
     with StandIn() as stand_in:
         print(trial(programs, f"haply:127.0.0.1:{stand_in.port}"))
-
-
-def test_force_dimension_trial(programs, work):
     print(trial(programs, "forcedimension:", sdk(work)))
 
 
@@ -282,12 +279,9 @@ def assert_tilt_is_found(programs, uri, env=None):
     assert "trouble: the handle is tilted by 60.0 deg, and more than 34.4 deg end a session" in done.stdout, done.stdout
 
 
-def test_haply_trial_finds_a_tilted_grip(programs, work):
+def test_trials_find_a_tilted_grip_and_wrist(programs, work):
     with StandIn("--grip", "verse_grip", "--path", tilted_path(work, HAPLY_MIDDLE_M)) as stand_in:
         assert_tilt_is_found(programs, f"haply:127.0.0.1:{stand_in.port}")
-
-
-def test_force_dimension_trial_finds_a_tilted_wrist(programs, work):
     path = str(tilted_path(work, (0, 0, 0)))
     assert_tilt_is_found(programs, "forcedimension:", sdk(work, TROCAR_DHD_MODEL="omega.6", TROCAR_DHD_PATH=path))
 
