@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""For the tests of trocar-mesh batch: a collection of scans of every kind, and what is in a store."""
+"""For the tests of trocar-mesh batch, by itself, in a farm and by Snakemake: collections of scans, and what is in a store."""
+import datetime
+import gzip
 import json
 import os
 import pathlib
@@ -10,7 +12,11 @@ import numpy
 
 from e2e import run
 
-COMPARED = ("actions", "content", "scans", "assets", "reports")
+# What a store holds is a function of collection, files and program, the journal excepted; nothing is left under claims and tmp.
+COMPARED = ("trocar-store.json", "actions", "content", "scans", "assets", "reports")
+EMPTY = ("claims", "tmp")
+VARIANTS = ({"slices": "5:8"}, {"slices": "10:12"}, {"slices": "15:18", "tolerance": 0.1}, {"slices": "20:22", "threshold": 180},
+            {"slices": "8:10", "simplify": "dp"}, {"slices": "24:26", "min-angle": 25})
 
 
 def label_map(file, source, crop):
@@ -107,17 +113,49 @@ def collection_of_200(programs, folder):
 
 def write_collection(file, scans, defaults=None):
     file.write_text(json.dumps({"schema": "trocar.collection/1", "defaults": defaults or {}, "scans": scans}))
+    return file
+
+
+def collection_of_samples(folder, sample, scans, broken):
+    """`scans` entries of the sample's three forms, and of L3 and its label map if TROCAR_REAL_CT has it; `broken` of them refused.
+    Returns the collection's file and the names of the broken ones."""
+    folder.mkdir(parents=True, exist_ok=True)
+    whole = (sample / "sample.nii.gz").read_bytes()
+    (folder / "truncated.nii.gz").write_bytes(whole[:len(whole) // 2])
+    (folder / "text.nii.gz").write_bytes(gzip.compress(b"not an image\n" * 100))
+    (folder / "empty").mkdir(exist_ok=True)
+    (folder / "noise.nii").write_bytes(bytes(range(256)) * 40)
+    bad = ["truncated.nii.gz", "text.nii.gz", "empty", "noise.nii", "missing.nii.gz"]
+    forms = [(str(sample / "sample.nii.gz"), {}), (str(sample / "dicom"), {}), (str(sample / "png"), {"equalize": 230, "spacing": "0.3,0.3,1"})]
+    real = pathlib.Path(os.environ.get("TROCAR_REAL_CT", "")) / "l3"
+    l3, labels = real / "sub-ct_label-22_ct.nii.gz", real / "sub-ct_seg-vert_label-22_msk.nii.gz"
+    if l3.is_file() and labels.is_file():
+        forms += [(str(l3), {"crop": "10:65,5:65"}), (str(labels), {"labels": "22"})]
+    entries, wrong = [], []
+    for k in range(scans):
+        source, fixed = forms[k % len(forms)]
+        parameters = {**VARIANTS[k // len(forms) % len(VARIANTS)], "max-area": 20 + k, **fixed}
+        if "equalize" in fixed or "labels" in fixed:
+            parameters.pop("threshold", None)
+        name = f"s{k:04}"
+        if broken and k % (scans // broken) == 1 and len(wrong) < broken:
+            wrong.append(name)
+            source = bad[len(wrong) % len(bad)]
+        entries.append({"name": name, "input": source, "parameters": parameters})
+    file = folder / "collection.json"
+    write_collection(file, entries)
+    return file, wrong
 
 
 def snapshot(store):
-    """{path: bytes, or a link's text} of what two equal stores have in common."""
+    """{path: (bytes, mode), or a link's text} of what two equal stores have in common."""
     out = {}
     for top in COMPARED:
-        for path in sorted((store / top).rglob("*")):
+        for path in sorted([store / top, *(store / top).rglob("*")]):
             if path.is_symlink():
                 out[str(path.relative_to(store))] = os.readlink(path)
             elif path.is_file():
-                out[str(path.relative_to(store))] = path.read_bytes()
+                out[str(path.relative_to(store))] = (path.read_bytes(), path.stat().st_mode & 0o777)
     return out
 
 
@@ -127,4 +165,34 @@ def difference(a, b):
 
 
 def strays(store):
-    return [str(path) for top in ("tmp", "claims") for path in (store / top).iterdir()]
+    """Files that a run should not have left, in and beside the store."""
+    known = {*COMPARED, *EMPTY, "journal", "products"}
+    left = [file for name in EMPTY if (store / name).exists() for file in (store / name).iterdir()]
+    left += [file for file in store.iterdir() if file.name not in known]
+    return [str(file) for file in left if file.exists()]
+
+
+def journal_of(store):
+    rows = []
+    for file in (store / "journal").glob("*.ndjson"):
+        for line in file.read_text(errors="replace").splitlines():
+            try:
+                rows.append(json.loads(line))
+            except ValueError:
+                pass  # its writer was killed
+    return rows
+
+
+def made_again(store):
+    """Keys that were computed although they had been finished before that. The journal's times are whole seconds at the end."""
+
+    by_key = {}
+    for row in journal_of(store):
+        if row["outcome"] == "made":
+            end = datetime.datetime.fromisoformat(row["time"].replace("Z", "+00:00")).timestamp()
+            by_key.setdefault(row["key"], []).append((end - row["seconds"], end))
+    out = []
+    for key, times in by_key.items():
+        first_end = min(end for _, end in times)
+        out += [key for start, _ in times if start > first_end + 1]
+    return out

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What trocar-mesh batch does about scans that have failed before: known failures, --retry, --strict, --max-failures, and what it says of them."""
 import json
-import shutil
 
 import pytest
 from batch_collection import broken, make_scans, snapshot, write_collection
@@ -67,39 +66,6 @@ def test_max_failures_ends_a_run(store, tmp_path):
                input="\n".join(store.codes))
     few = json.loads(done.stdout)
     assert (few["failed"], few["left"]) == (3, 7) and "stopped after 3 failures" in done.stderr
-
-
-def test_images_refused_for_want_of_a_threshold_are_tried_again_when_it_is_given(store, tmp_path):
-    collection = store.collection.parent / "images.json"
-    scan = {"name": "images", "input": "phantom/png", "parameters": {"spacing": "1,1,1"}}
-    # 226 is the default, which is meant in HU; no grey level of these images reaches it.
-    for more, said in (({}, "images carry no HU"), ({"threshold": 226}, "nothing is at or above the threshold of 226")):
-        scan["parameters"].update(more)
-        write_collection(collection, [scan])
-        done = run(MESH, "batch", collection, "-o", tmp_path / "store", expect=3)
-        assert "1 failed" in done.stdout and said in done.stderr, done
-
-
-def test_a_wrong_series_or_name_is_tried_again_when_it_is_corrected(store, tmp_path):
-    folder = store.collection.parent
-    collection, named = folder / "corrected.json", folder / "volume"
-    named.mkdir()
-    shutil.copy(folder / "phantom/sample.nii.gz", named / "volume.bin")
-    for k, (wrong, right, said) in enumerate((({"folder": "phantom/dicom", "series": 7}, {"folder": "phantom/dicom", "series": 1}, "no series 7"),
-                                              ({"folder": "phantom/dicom", "series": 7}, "phantom/dicom", "no series 7"),
-                                              ({"folder": "phantom/sample.nii.gz", "series": 7}, "phantom/sample.nii.gz", "--series chooses among DICOM files"),
-                                              ("volume/volume.bin", "volume/volume.nii.gz", "its name is not that of a NIfTI"))):
-        write_collection(collection, [{"name": "a", "input": wrong}])
-        command = (MESH, "batch", collection, "-o", tmp_path / f"store_{k}", "--json")
-        first = json.loads(run(*command, expect=3).stdout)
-        assert said in first["failures"][0]["reason"], first
-        again = json.loads(run(*command, expect=3).stdout)  # 3, because no scan at all could be made
-        assert (again["failed"], again["known"]) == (0, 1), again
-        if wrong == "volume/volume.bin":
-            (named / "volume.bin").rename(named / "volume.nii.gz")
-        write_collection(collection, [{"name": "a", "input": right}])
-        corrected = json.loads(run(*command).stdout)
-        assert (corrected["made"], corrected["known"]) == (1, 0), corrected
 
 
 def test_a_collection_without_any_good_scan_never_ends_well(store, tmp_path):

@@ -5,6 +5,7 @@ import os
 import subprocess
 
 import pytest
+from batch_collection import write_collection
 from programs import PROGRAMS, SANITIZED, run
 
 MESH = PROGRAMS / "trocar-mesh"
@@ -18,9 +19,8 @@ def test_without_hard_links(tmp_path):
     refused = run("ln", source, tmp_path / "b", env=WITHOUT_LINKS, expect=None)
     assert refused.returncode != 0 and not (tmp_path / "b").exists(), "the library does not work"
     run(PROGRAMS / "trocar-sample-ct", tmp_path / "phantom", "--slices", 3, "--size", 64, "--quiet")
-    collection = tmp_path / "collection.json"
     scans = [{"name": f"s{k}", "input": "phantom/sample.nii.gz", "parameters": {"threshold": 150 + k}} for k in range(20)]
-    collection.write_text(json.dumps({"schema": "trocar.collection/1", "scans": scans}))
+    collection = write_collection(tmp_path / "collection.json", scans)
     command = [str(MESH), "batch", str(collection), "-o", str(tmp_path / "store"), "--json"]
     both = [subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=WITHOUT_LINKS) for _ in range(2)]
     summaries = [json.loads(process.communicate()[0]) for process in both]

@@ -10,7 +10,8 @@ import subprocess
 import numpy as np
 import pytest
 
-from new_scene_test import column, nifti
+from exported import nifti
+from new_scene_test import column
 from programs import PROGRAMS, run
 
 RUN, MESH = PROGRAMS / "trocar-run", PROGRAMS / "trocar-mesh"
@@ -153,14 +154,3 @@ def test_what_no_needle_can_do(bone, folder):
         done = propose(asset, out, "--entry", words_of(entry), *(("--target", words_of(target)) if target else ()))
         assert done.returncode == 3 and said in done.stderr and done.stderr.count("\n") == 1 and str(asset) in done.stderr, f"{said}: {done}"
         assert not out.exists(), f"{said}: a scene was written"
-
-
-def test_wrong_uses(bone, folder):
-    out = folder / "never.json"
-    for words, said in ((("--entry", "1,2"), "--entry 1,2: must be three numbers"), (("--entry", "1,2,3,4"), "must be three numbers"),
-                        (("--entry", "1,2,nan"), "must be three numbers"), (("--entry", "1,2,20000"), "must be three numbers"),
-                        (("--entry", "1,2,3", "--target", "a"), "--target a: must be three numbers"), (("--target", "1,2,3"), "--target requires --entry")):
-        done = propose(bone, out, *words)
-        assert done.returncode == 2 and said in done.stderr and done.stderr.count("\n") == 1 and not out.exists(), f"{words}: {done}"
-    done = subprocess.run([RUN, folder / "x.json", "--entry", "1,2,3"], capture_output=True, text=True, check=False)
-    assert done.returncode == 2 and "not expected: --entry" in done.stderr, done

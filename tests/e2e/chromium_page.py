@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The console's page, or a review's, in a headless Chromium, for tests that drive it by a script of console/."""
+import contextlib
 import json
 import os
 import pathlib
@@ -7,6 +8,7 @@ import shutil
 import subprocess
 import sys
 
+from console_client import Console
 from e2e import check
 
 SOURCE = pathlib.Path(__file__).resolve().parents[2]
@@ -29,6 +31,16 @@ def need_browser(with_console=True):
 
 def links_of(console):
     return {"link": f"http://{console.host}/#{console.token}", "view_link": f"http://{console.host}/#{console.view}"}
+
+
+@contextlib.contextmanager
+def page_of(programs, folder, work, *options):
+    """(a console of the folder, what its driver is given). Log and pictures go to `work`. It must end well."""
+    (work / "pictures").mkdir(parents=True, exist_ok=True)
+    with (work / "console.log").open("a") as log:
+        console = Console(programs / "trocar-console", folder, *options, page=PAGE, stderr=log)
+        yield console, {**links_of(console), "out": str(work / "pictures")}
+        check(console.stop() == 0, "the console did not end as it should")
 
 
 def drive(driver, given):

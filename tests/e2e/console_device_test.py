@@ -9,11 +9,11 @@ import subprocess
 import sys
 import time
 
-import jsonschema
 from console_client import Console
-from console_server_test import make_folder, newest, start
+from console_server_test import add_outside, make_folder, newest, start
 from device_link_e2e_test import Simulator
 from e2e import check, outcome
+from exported import conforms
 
 DEAD = "udp:127.0.0.1:9"  # nobody answers there
 TEST_WITHIN_s, STOP_WITHIN_s = 30, 4
@@ -50,22 +50,6 @@ def after_test(console, within_s=TEST_WITHIN_s):
     return check(False, f"the test has not ended: {told}") or told
 
 
-def test_usage(programs, folder):
-    for words, said in (
-            (["motor"], "--device motor: must be "), (["udp:127.0.0.1:1"], "needs ,key-file=FILE"),
-            (["inproc,key-file=x"], "--device inproc: takes no key-file"), (["sim,simulated"], "--device sim: takes no options"),
-            (["haply:,simulated"], "--device haply:: has motors; leave ,simulated out"),
-            (["inproc,simulated"], "--device inproc: is always simulated"), (["inproc", "inproc"], "--device inproc: is given twice"),
-            *(([f"udp:127.0.0.1:1,{wrong}"], "after the device may follow ,key-file=FILE")
-              for wrong in ("key-file=", "key-file", "simulated=1", "live=x", "", "key-file=x,", "test")),
-            (["udp:127.0.0.1:1,key-file=x,key-file=y"], "key-file is given twice")):
-        command = [programs / "trocar-console", folder, "--port", "0"]
-        for word in words:
-            command += ["--device", word]
-        done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=20)
-        check(done.returncode == 2 and said in done.stderr and done.stderr.count("\n") == 1, f"{words}: {done.returncode} {done.stderr}")
-
-
 def test_default(programs, page, folder):
     console = Console(programs / "trocar-console", folder, page=page)
     devices = console.get("/api/folder")[1]["devices"]
@@ -93,7 +77,7 @@ def test_refused(console, name):
     check(not children(console) and console.get("/api/test")[1] == {"state": "none"}, f"a refused request started {children(console)}")
 
 
-def test_trial(console, name, source, hidden):
+def test_trial(console, name, hidden):
     check(console.post("/api/test", {"device": name}) == (200, {"ok": True}), "the start of a test")
     words = words_of_test(console)
     check({"test", "--simulated", "--key-file"} <= set(words) and name in words, f"the test's process: {words}")
@@ -103,9 +87,7 @@ def test_trial(console, name, source, hidden):
     told = console.get("/api/test")[1]
     check(told["state"] == "running" and told["device"] == name and "result" not in told, f"a test that runs: {told}")
     told = after_test(console)
-    schema = json.loads((source / "formats/session/device_test.schema.json").read_text(encoding="utf-8"))
-    schema.pop("$id")
-    jsonschema.validate(told["result"], schema)
+    conforms("device_test", told["result"])
     result = told["result"]
     check(told["exit_code"] == (0 if result["holds"] else 5) and result["holds"] == (not result["troubles"]), f"{told}")
     check(result["device"] == name and "round trip" in result["numbers"] and result["verdict"] in told["text"], f"{told}")
@@ -192,12 +174,8 @@ def main():
     source, programs, asset, work = map(pathlib.Path, sys.argv[1:])
     page = source / "runtime/console/page"
     folder = make_folder(source, asset, work)
-    scene = json.loads((folder / "scenes/one_slice.json").read_text(encoding="utf-8"))
-    scene["hand"]["trajectory"] = scene["hand"]["trajectory"][:2]  # the tool stays above the bone
-    (folder / "scenes/outside.json").write_text(json.dumps(scene), encoding="utf-8")
-    scene["hand"] = {"live": True, "trajectory": scene["hand"]["trajectory"][:1]}
-    (folder / "scenes/live.json").write_text(json.dumps(scene), encoding="utf-8")
-    test_usage(programs, folder)
+    scene = add_outside(folder)
+    add_outside(folder, "live", hand={"live": True, "trajectory": scene["hand"]["trajectory"][:1]})
     test_default(programs, page, folder)
     keys = work / "keys"
     keys.mkdir()
@@ -212,7 +190,7 @@ def main():
         check([d["simulated"] for d in devices] == [True, True, False, False] and [d["can_be_tested"] for d in devices] == [False, True, True, True], f"{devices}")
         check(status == 200 and not any(path in answer.decode() for path in hidden), "a path is told in the list")
         test_refused(console, name)
-        test_trial(console, name, source, hidden)
+        test_trial(console, name, hidden)
         test_stop(console, name)
         test_stop_beside_a_session(programs, console, folder, name)
         test_dead(console, hidden)

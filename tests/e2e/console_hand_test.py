@@ -3,7 +3,6 @@
 bone; a closed page, a killed console and a silent page stop the pushing; one client holds it at a time; hostile messages, N or 20,000
 of them, cause no fault and need no memory; a replay has the same bytes; --hand-path repeats the session."""
 import argparse
-import csv
 import json
 import math
 import pathlib
@@ -17,6 +16,7 @@ import time
 from console_client import BINARY, TEXT, Closed, Console, Live, WebSocket
 from console_server_test import make_folder, newest
 from e2e import check, outcome
+from exported import rows_of
 
 FRAME_S = 1 / 60
 START_M = (0, 0, 0.162)
@@ -281,11 +281,6 @@ def test_hostile(console, messages):
         watcher.close()
         flooder.close()
         stop(console, console.live())
-
-
-def rows_of(file):
-    with open(file, encoding="ascii") as lines:
-        return list(csv.DictReader(lines))
 
 
 def test_replay(programs, folder, recording, *options):

@@ -9,7 +9,6 @@ import random
 import re
 import socket
 import struct
-import subprocess
 import sys
 import time
 

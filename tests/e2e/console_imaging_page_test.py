@@ -2,7 +2,6 @@
 """console_imaging_page_test.py SOURCE PROGRAMS SCAN WORK: X-ray and planes of the CT in the console's page, in a headless Chromium
 (console/drive_imaging.mjs). Then the counts of the page are compared with the recording, the summary, the session report and a replay. The
 test prints times; TROCAR_JUDGE_TIMES=1 checks them against their bounds."""
-import csv
 import json
 import os
 import pathlib
@@ -10,9 +9,9 @@ import re
 import shutil
 import sys
 
-from chromium_page import PAGE, drive, links_of, need_browser
-from console_client import Console
+from chromium_page import drive, need_browser, page_of
 from e2e import check, outcome, run
+from exported import rows_of
 
 SOURCE, PROGRAMS, SCAN, WORK = (pathlib.Path(word).resolve() for word in sys.argv[1:5])
 PICTURE_ms, PICTURES_PER_S = 1500, 30
@@ -36,8 +35,7 @@ def make_folder(folder):
 def check_counts(name, folder, session):
     """The counts of the page, recording, summary and replay are the same."""
     recording = folder / session["recording"]
-    with recording.open() as file:
-        flags = [int(row["xray"]) for row in csv.DictReader(file)]
+    flags = [int(row["xray"]) for row in rows_of(recording)]
     shots, beams = sum(flag & 1 for flag in flags), sum(flag >> 1 for flag in flags)
     check(shots == session["shots"], f"{name}: the page counts {session['shots']} shots, the recording has {shots}")
     check(abs(beams / 1000 - session["screening_s"]) < 1e-6, f"{name}: the page counts {session['screening_s']} s, the recording has {beams} ticks")
@@ -58,14 +56,10 @@ def check_counts(name, folder, session):
 def main():
     need_browser()
     shutil.rmtree(WORK, ignore_errors=True)
-    (WORK / "pictures").mkdir(parents=True)
     folder = WORK / "folder"
     make_folder(folder)
-    with (WORK / "console.log").open("w") as log:
-        console = Console(PROGRAMS / "trocar-console", folder, page=PAGE, stderr=log)
-        result = drive("drive_imaging.mjs", {**links_of(console), "out": str(WORK / "pictures"), "scene": "vertebra.json", "apart": "apart.json",
-                                               "foreign": FOREIGN})
-        check(console.stop() == 0, "the console did not end as it should")
+    with page_of(PROGRAMS, folder, WORK) as (_, given):
+        result = drive("drive_imaging.mjs", {**given, "scene": "vertebra.json", "apart": "apart.json", "foreign": FOREIGN})
     shots = {name: check_counts(name, folder, session) for name, session in result["sessions"].items()}
     check(shots.get("hundred") == 100 and shots.get("vertebra", 0) >= 5 and "apart" in shots, f"{shots}")
     figures = result["figures"]

@@ -7,8 +7,8 @@ import shutil
 import sys
 
 import numpy as np
-from chromium_page import PAGE, drive, links_of, need_browser
-from console_client import Console, container
+from chromium_page import drive, need_browser, page_of
+from console_client import container
 from e2e import check, outcome, run
 
 SOURCE, PROGRAMS, SCAN, WORK = (pathlib.Path(word).resolve() for word in sys.argv[1:5])
@@ -44,14 +44,12 @@ def point(text):
 def main():
     need_browser()
     shutil.rmtree(WORK, ignore_errors=True)
-    (WORK / "pictures").mkdir(parents=True)
     folder = WORK / "folder"
     make_folder(folder)
-    with (WORK / "console.log").open("w") as log:
-        console = Console(PROGRAMS / "trocar-console", folder, page=PAGE, stderr=log)
+    with page_of(PROGRAMS, folder, WORK) as (console, given):
         bone, arrays = bone_of(console, "scenes/vertebra.json")
         entry = largest_triangle(bone, arrays)
-        result = drive("drive_new_scene.mjs", {**links_of(console), "out": str(WORK / "pictures"), "entry": entry, "beside": largest_triangle(bone, arrays, 0.018)})
+        result = drive("drive_new_scene.mjs", {**given, "entry": entry, "beside": largest_triangle(bone, arrays, 0.018)})
         said = result["chosen"]
         there = np.array(bone["lps_mm_of_device"]) @ [*entry, 1]
         check(np.linalg.norm(point(said["section"]["entry"]) - there) < 0.4, f"the page says {said['section']}, the point is {there}")
@@ -61,7 +59,6 @@ def main():
             away = np.linalg.norm(rows @ [*at_m, 1] - point(said["made"][name]))
             check(away < 0.1, f"{name}: the page says {said['made'][name]}, the scene has {rows @ [*at_m, 1]}")
         check(scene["hand"]["live"] and "live" not in json.loads((folder / "thickest.json").read_text())["hand"], "the hand is not the one that was chosen")
-        check(console.stop() == 0, "the console did not end as it should")
     return outcome()
 
 

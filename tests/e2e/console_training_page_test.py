@@ -2,16 +2,15 @@
 """console_training_page_test.py SOURCE PROGRAMS ASSET WORK: the trainee of a session, live goals, verdict, history and ghost in the console's
 page, in a headless Chromium (console/drive_training.mjs). The verdict of the page is compared with the session report's, and what the page
 has seen of a recording with the report's values."""
-import csv
 import json
 import math
 import pathlib
 import sys
 
-from chromium_page import PAGE, drive, links_of, need_browser
-from console_client import Console
+from chromium_page import drive, need_browser, page_of
 from console_server_test import make_folder
 from e2e import check, outcome
+from exported import rows_of
 from html_pages import embedded_json
 from session_report_test import goals
 
@@ -51,8 +50,7 @@ def check_goals(folder, scene, shown, recording):
 
 
 def check_session(folder, recording, attempt):
-    with open(folder / recording, newline="") as lines:
-        origin = next(csv.DictReader(lines))["origin"]
+    origin = rows_of(folder / recording)[0]["origin"]
     check(f"trainee=A-17;course=spine_2026;attempt={attempt}" in origin, f"{recording}: {origin}")
     report = json.loads((folder / recording).with_suffix(".json").read_text())
     check(report["trainee"] == {"code": "A-17", "course": "spine_2026", "attempt": attempt}, f"{recording}: {report['trainee']}")
@@ -62,14 +60,12 @@ def main():
     need_browser()
     folder = make_folder(SOURCE, ASSET, WORK)
     make_scenes(folder)
-    (WORK / "pictures").mkdir()
-    with (WORK / "console.log").open("w") as log:
-        console = Console(PROGRAMS / "trocar-console", folder, page=PAGE, stderr=log)
+    with page_of(PROGRAMS, folder, WORK) as (console, given):
         check(console.get("/api/history")[0] == 404, "a history without sessions")
         for said in ({"trainee": "Jane Doe"}, {"trainee": "x" * 33}, {"trainee": ""}, {"course": "../x"}, {"attempt": 0}, {"attempt": 1.5}, {"attempt": "1"}, {"attempt": 10000}, {"trainee": 7}):
             status, answer = console.post("/api/start", {"scene": "scenes/met.json", **said})
             check(status == 400 and next(iter(said)) in answer["error"], f"{said}: {status} {answer}")
-        result = drive("drive_training.mjs", {**links_of(console), "out": str(WORK / "pictures")})
+        result = drive("drive_training.mjs", given)
         for attempt, (scene, recording) in enumerate(result["sessions"].items(), 1):
             check_goals(folder, scene, result["goals"][scene], recording)
             check_session(folder, recording, attempt)
@@ -79,7 +75,6 @@ def main():
             history = embedded_json(page.decode(), "history")
             check(sorted(each["attempt"] for series in history["series"] for each in series["sessions"]) == [1, 2, 3] and not history["skipped"], f"history: {history['series']}, {history['skipped']}")
         check(console.get("/api/history", token=None)[0] == 401, "a history without a token")
-        check(console.stop() == 0, "the console did not end as it should")
     return outcome()
 
 

@@ -8,9 +8,9 @@ import socket
 import sys
 import threading
 
-from chromium_page import PAGE, drive, links_of, need_browser
+from chromium_page import PAGE, drive, links_of, need_browser, page_of
 from console_client import Closed, Console
-from console_server_test import make_folder
+from console_server_test import add_outside, make_folder
 from console_trouble_test import console_on_small_disk
 from e2e import check, outcome
 
@@ -72,16 +72,10 @@ def main():
     lost |= {"name": "Lost asset", "asset": "../no_such.glb"}
     (folder / "scenes/lost.json").write_text(json.dumps(lost), encoding="utf-8")
     (folder / "scenes/broken.json").write_text("{", encoding="utf-8")
-    outside = json.loads((folder / "scenes/one_slice.json").read_text(encoding="utf-8"))
-    outside |= {"name": "Outside", "duration_s": 600, "goals": {"target": {"at_m": [0, 0, 0.11], "radius_m": 0.003}}}
-    outside["hand"]["trajectory"] = outside["hand"]["trajectory"][:2]  # the tool stays above the bone
-    (folder / "scenes/outside.json").write_text(json.dumps(outside), encoding="utf-8")
-    (WORK / "pictures").mkdir()
-    with (WORK / "console.log").open("w") as log:
-        console = Console(PROGRAMS / "trocar-console", folder, page=PAGE, stderr=log)
-        drive("drive_trouble.mjs", {**links_of(console), "out": str(WORK / "pictures")})
-        drive("drive_rescue.mjs", {**links_of(console), "pid": console.process.pid, "out": str(WORK / "pictures")})
-        check(console.stop() == 0, "the console did not end as it should")
+    add_outside(folder, duration_s=600, goals={"target": {"at_m": [0, 0, 0.11], "radius_m": 0.003}})
+    with page_of(PROGRAMS, folder, WORK) as (console, given):
+        drive("drive_trouble.mjs", given)
+        drive("drive_rescue.mjs", {**given, "pid": console.process.pid})
     check_outside(folder)
     return outcome()
 

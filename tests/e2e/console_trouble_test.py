@@ -13,18 +13,16 @@ import sys
 import time
 
 from console_client import Closed, Console, container
-from console_server_test import make_folder, newest, rows_of
+from console_server_test import add_outside, make_folder, newest, start
 from e2e import check, outcome
+from exported import rows_of
 
 
 def begin(console, scene="scenes/three_slices.json", **what):
     """The Live of a session that has begun."""
     live = console.live()
-    check(live.until(lambda l: l.hellos > 0), "no hello")
-    before = live.session
-    status, answer = console.post("/api/start", {"scene": scene, **what})
-    check(status == 200, f"start of {scene}: {status} {answer}")
-    check(live.until(lambda l: l.session not in (before, "") and l.values and l.state() == "running"), f"{scene} does not run: {live.states[-1:]}")
+    start(console, live, scene=scene, **what)
+    check(live.until(lambda l: l.values and l.state() == "running"), f"{scene} does not run: {live.states[-1:]}")
     return live
 
 
@@ -121,10 +119,7 @@ def test_stop_in_recovery(console):
 
 
 def test_pause_is_no_fault(console, folder):
-    scene = json.loads((folder / "scenes/one_slice.json").read_text())
-    scene["duration_s"] = 60
-    scene["hand"]["trajectory"] = scene["hand"]["trajectory"][:2]  # the tool stays above the bone
-    (folder / "scenes/outside.json").write_text(json.dumps(scene))
+    add_outside(folder, duration_s=60)
     live = begin(console, "scenes/outside.json")
     running = live.hello["safety_states"].index("running")
     for take, give_back in (("pause", "resume"), ("zero", "recover")):

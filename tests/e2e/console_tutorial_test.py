@@ -7,9 +7,8 @@ import re
 import shutil
 import sys
 
-from chromium_page import PAGE, drive, links_of, need_browser
-from console_client import Console
-from e2e import check, outcome
+from chromium_page import drive, need_browser, page_of
+from e2e import outcome
 from programs import HEAD_CT, run
 
 SOURCE, PROGRAMS, WORK = (pathlib.Path(word).resolve() for word in sys.argv[1:4])
@@ -21,10 +20,9 @@ def main():
         print("skipped: TROCAR_HEAD_CT does not name the head CT (scripts/head-ct head.nii.gz fetches it)")
         return 77
     text = (SOURCE / "TUTORIAL.md").read_text(encoding="utf-8")
-    folder, pictures = WORK / "folder", WORK / "pictures"
+    folder = WORK / "folder"
     shutil.rmtree(WORK, ignore_errors=True)
     folder.mkdir(parents=True)
-    pictures.mkdir()
     words = re.search(r"^trocar-mesh head\.nii\.gz (.*) -o head\.glb$", text[text.index("## 3."):], re.M)[1].split()
     run(PROGRAMS / "trocar-mesh", HEAD_CT, *words, "-o", folder / "head.glb", "--quiet")
     scene = re.search(r"^```json puncture\.json\n(.*?)^```$", text, re.M | re.S)[1]
@@ -32,10 +30,8 @@ def main():
     stay = json.loads(scene) | {"name": "The tool stays above the bone", "duration_s": 600}
     stay["hand"]["trajectory"] = stay["hand"]["trajectory"][:2]
     (folder / "stay.json").write_text(json.dumps(stay), encoding="utf-8")
-    with (WORK / "console.log").open("w") as log:
-        console = Console(PROGRAMS / "trocar-console", folder, page=PAGE, stderr=log)
-        drive("drive_tutorial.mjs", {**links_of(console), "out": str(pictures)})
-        check(console.stop() == 0, "the console did not end as it should")
+    with page_of(PROGRAMS, folder, WORK) as (_, given):
+        drive("drive_tutorial.mjs", given)
     return outcome()
 
 

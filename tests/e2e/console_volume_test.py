@@ -18,7 +18,7 @@ import pytest
 
 from console_client import Console
 from hu_volume_test import Volume, segments_of
-from new_scene_test import nifti
+from exported import nifti
 from programs import HEAD_CT, L3_SCAN, PROGRAMS, SCAN, SOURCE, WORK, run
 from torso_phantom import SPACING_MM, torso
 

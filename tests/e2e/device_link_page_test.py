@@ -6,7 +6,6 @@
  2. Angles: the page's formulas, with the angles of a recorded session and of the state's vector, give the recorded pose.
  3. Torques: positive ones do positive work at rising angles, so that the motors' work is that of the wrench on the hand.
 """
-import csv
 import hashlib
 import json
 import math
@@ -17,6 +16,7 @@ import numpy as np
 
 import device_link as link
 import pytest
+from exported import rows_of
 from programs import run
 
 KINDS = {"hello": link.HELLO, "welcome": link.WELCOME, "command": link.COMMAND, "state": link.STATE, "hello for poses": link.HELLO,
@@ -135,8 +135,7 @@ class Session:
             "schema": "trocar.scene/1", "name": "sign", "asset": str(asset), "duration_s": 1,
             "placement": {"anchor_mm": [81.5, 53.6]}, "slices": [{"index": 17, "z_m": 0.12}], "hand": {"trajectory": trajectory}}))
         run(programs / "trocar-run", scene, "--clock", "virtual", "--record", record, "--quiet")
-        with open(record, encoding="ascii", newline="") as stream:
-            rows = list(csv.DictReader(stream))
+        rows = rows_of(record)
         legs = range(1, 5)
         self.angles = self.columns(rows, [f"th_{leg}_{joint}_rad" for leg in legs for joint in range(1, 5)])
         self.motors = self.columns(rows, [f"th_{leg}_{joint}_rad" for leg in legs for joint in (1, 4)])
@@ -208,7 +207,6 @@ def test_changed_page_is_noticed(page, right, wrong):
         check_vectors(page.replace(right, wrong))
 
 
-def test_page(page, source, programs, scan, work):
+def test_page(page, source, programs, asset, work):
     angles = check_vectors(page)
-    run(programs / "trocar-mesh", scan / "dicom", "-o", work / "sample.glb", "--quiet")
-    check_angles(page, source, programs, work / "sample.glb", work, angles)
+    check_angles(page, source, programs, asset, work, angles)

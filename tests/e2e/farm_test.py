@@ -14,8 +14,8 @@ import subprocess
 import sys
 import time
 
+from batch_collection import collection_of_samples, difference, made_again, snapshot, strays
 from e2e import check, outcome, run
-from farm_collection import content_of, made_again, make_collection, strays
 from local_slurm import LocalSlurm, is_installed
 
 NODES = 3
@@ -59,9 +59,8 @@ class Runs:
         return process.wait(), log.read_text(errors="replace")
 
     def check_store(self, store, wanted):
-        mine = content_of(store)
-        different = [name for name in mine.keys() | wanted.keys() if mine.get(name) != wanted.get(name)]
-        check(not different, f"{store.name}: not as that of one machine: {sorted(different)[:5]} ({len(different)} of {len(wanted)})")
+        different = difference(snapshot(store), wanted)
+        check(not different, f"{store.name}: not as that of one machine: {different}")
         check(not strays(store), f"{store.name}: left behind: {strays(store)[:5]}")
         check(not made_again(store), f"{store.name}: finished keys were computed again: {made_again(store)[:3]}")
 
@@ -82,9 +81,9 @@ def same(cluster, part, collection, broken, wanted):
         if runs.killed == before:
             check(False, f"{store.name}: too fast to be killed")
             break
-    before = content_of(store)
+    before = snapshot(store)
     code, said = runs.start(store, 0)
-    check(code == 0 and content_of(store) == before and "round " not in said and "rule scans" not in said, f"{part}: a second run ended with {code}: {said[-500:]}")
+    check(code == 0 and snapshot(store) == before and "round " not in said and "rule scans" not in said, f"{part}: a second run ended with {code}: {said[-500:]}")
 
 
 def gives_up(cluster, folder):
@@ -107,10 +106,10 @@ def main():
         return 77
     shutil.rmtree(WORK, ignore_errors=True)
     WORK.mkdir(parents=True)
-    collection, broken = make_collection(WORK / "collection's", GIVEN.scan.resolve(), GIVEN.scans, max(3, GIVEN.scans // 20))
+    collection, broken = collection_of_samples(WORK / "collection's", GIVEN.scan.resolve(), GIVEN.scans, max(3, GIVEN.scans // 20))
     time.sleep(3)  # an input younger than its index entry by less than 2 s is read again
     run(MESH, "batch", collection, "-o", WORK / "one machine", "--quiet", expect=3)
-    wanted = content_of(WORK / "one machine")
+    wanted = snapshot(WORK / "one machine")
     try:
         with LocalSlurm(NODES) as cluster:
             for part in GIVEN.parts or ("gives_up", "array", "snakemake"):

@@ -4,7 +4,6 @@
 For each scene: what is right in it, as a sentence, and its figures from recording and summary, by each force law that can show it.
 The scene `late_tick` runs in real time over the device link (`-k late_tick`), the others in virtual time.
 """
-import csv
 import json
 import math
 import os
@@ -15,6 +14,7 @@ from typing import Callable, NamedTuple
 
 import pytest
 from device_link_e2e_test import STALLS, Simulator
+from exported import rows_of
 from programs import ASSETS
 
 # The demo's tissue, which all scenes but unstable_shaft and late_tick use.
@@ -28,8 +28,7 @@ class Session:
 
     def __init__(self, code, record, summary):
         self.code, self.summary = code, json.loads(summary.read_text())
-        with open(record, encoding="ascii", newline="") as stream:
-            self.rows = list(csv.DictReader(stream))
+        self.rows = rows_of(record)
 
     def column(self, name):
         return [float(row[name]) for row in self.rows]
@@ -281,9 +280,8 @@ def late_tick(bench):
     for attempt in range(20):
         summary.unlink(missing_ok=True)
         with Simulator(bench.programs, bench.work, scene) as simulator:
-            command = [bench.programs / "trocar-run", scene, "--asset", bench.asset, "--device", f"udp:{simulator.address}",
-                       "--force-law", bench.law,
-                       "--key-file", simulator.key_file, "--late-ticks-in-row", "3", "--record", record, "--summary", summary,
+            command = [bench.programs / "trocar-run", scene, "--asset", bench.asset, *simulator.link(),
+                       "--force-law", bench.law, "--late-ticks-in-row", "3", "--record", record, "--summary", summary,
                        "--quiet"]
             with subprocess.Popen([str(word) for word in command], stderr=subprocess.PIPE, text=True) as process:
                 stop_often(process)

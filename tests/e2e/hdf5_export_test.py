@@ -101,12 +101,6 @@ def export(programs, recording, out, *options, expect=0):
     return run(programs / "trocar-hdf5", recording, "-o", out, *options, expect=expect)
 
 
-@pytest.fixture(name="asset", scope="module")
-def sample_asset(programs, scan, work):
-    run(programs / "trocar-mesh", scan / "dicom", "-o", work / "sample.glb", "--quiet")
-    return work / "sample.glb"
-
-
 @pytest.fixture(name="recordings", scope="module")
 def recordings_of_all_kinds(programs, source, asset, work):
     made = {}

@@ -7,32 +7,11 @@ of a scan of two materials that is made here. The JSON conforms to its schema, a
 import json
 import re
 
-import jsonschema
 import numpy as np
 
 import pytest
+from exported import nifti, read_rings, schema_of
 from programs import run
-from new_scene_test import nifti
-
-
-def outline(file):
-    """The rings of a .poly: [(n, 2)], in the slice plane, mm."""
-    words = [line.split("#")[0].split() for line in file.read_text().splitlines()]
-    words = [line for line in words if line]
-    count = int(words[0][0])
-    points = {int(line[0]): (float(line[1]), float(line[2])) for line in words[1:1 + count]}
-    segments = int(words[1 + count][0])
-    after = {int(line[1]): int(line[2]) for line in words[2 + count:2 + count + segments]}
-    rings = []
-    while after:
-        start = at = next(iter(after))
-        ring = []
-        while at in after:
-            ring.append(points[at])
-            at = after.pop(at)
-        assert at == start, f"{file}: an outline is open"
-        rings.append(np.array(ring))
-    return rings
 
 
 def moments(rings):
@@ -48,10 +27,7 @@ def moments(rings):
 
 def test_info(source, programs, scan, work):
     mesh = programs / "trocar-mesh"
-    schema = json.loads((source / "formats/session/info.schema.json").read_text())
-    jsonschema.Draft202012Validator.check_schema(schema)
-    schema.pop("$id")
-    validator = jsonschema.Draft202012Validator(schema)
+    validator = schema_of("info")
 
     def info(asset):
         document = json.loads(run(mesh, "info", asset, "--json").stdout)
@@ -68,7 +44,7 @@ def test_info(source, programs, scan, work):
     text = run(mesh, "info", sample).stdout
     corners = []
     for each in document["slices"]:
-        rings = outline(work / "exported" / f"slice_{each['index']:04}.poly")
+        rings = read_rings(work / "exported" / f"slice_{each['index']:04}.poly")
         area, centroid = moments(rings)
         points = np.concatenate(rings)
         name = f"slice {each['index']}"

@@ -1,11 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Sessions that are shown in memory, read and commanded. Recordings are the same with and without, whatever happens to readers; events and sheets are
-those of the summary and of --meshes; commands; links of sessions that were killed."""
-import csv
+"""Sessions that are shown in memory and read. Recordings are the same with and without, whatever happens to readers; events and sheets are
+those of the summary and of --meshes; a drive is paused. (Commands: live_session_test.cpp, paused_session_test.cpp; links: telemetry_test.cpp.)"""
 import json
 import math
 import os
-import re
 import shutil
 import signal
 import struct
@@ -13,9 +11,11 @@ import subprocess
 import time
 
 import pytest
-from programs import PROGRAMS, SCAN, SOURCE, WORK, run
+from device_link_e2e_test import Simulator
+from exported import rows_of
 from live_reader import Live
 from machine_stalls import MachineStalls
+from programs import PROGRAMS, SOURCE, WORK, run
 
 RUN = PROGRAMS / "trocar-run"
 TIMES = 100  # that readers are killed, and stopped
@@ -83,9 +83,9 @@ def end_reader(child):
     os.waitpid(child, 0)
 
 
-def with_bad_readers(folder, scene, asset, counts, clock="virtual", *options):
+def with_bad_readers(folder, scene, asset, counts):
     """A session during which readers are killed and stopped, in turns, until it ends."""
-    session, live = start(folder, scene, asset, *options, clock=clock)
+    session, live = start(folder, scene, asset)
     stopped = []
     while session.poll() is None:
         child = fork_reader(folder / "live")
@@ -151,8 +151,7 @@ def check_sheets(name, live, meshes):
 
 def check_rows(name, snapshots, recording):
     """Each snapshot is a row of the recording."""
-    with open(recording, newline="", encoding="utf-8") as file:
-        rows = list(csv.DictReader(file))
+    rows = rows_of(recording)
     joints = [f"tau_{leg}_{joint}_Nm" for leg in (1, 2, 3, 4) for joint in (1, 4)]
     for snapshot in snapshots:
         ticks = int(snapshot["ticks"][0])
@@ -206,79 +205,17 @@ def replay(folder, scene, asset, expect=0):
     assert (folder / "again.csv").read_bytes() == (folder / "r.csv").read_bytes(), f"{folder.name}: the replay differs"
 
 
-def times_of(recording):
-    with open(recording, newline="", encoding="utf-8") as file:
-        return [float(row["t_s"]) for row in csv.DictReader(file)]
-
-
-def check_commands(scene, asset):
-    def kinds(live):
-        live.seen += live.events()
-        return {event["kind"] for event in live.seen}
-
-    # Pause and resume; zero and recover; each may come at any tick.
-    folder = WORK / "pause"
-    session, live = start(folder, scene, asset, clock="real", *("--duration", "2"))
-    live.seen = []
-    wait_for(lambda: live.snapshot()["ticks"][0] > 200, "ticks", session)
-    live.command("pause")
-    wait_for(lambda: PAUSED in kinds(live), "the pause", session)
-    time.sleep(0.05)
-    ticks = live.snapshot()["ticks"][0]
-    time.sleep(0.3)
-    snapshot = live.snapshot()
-    assert snapshot["paused"][0] == 1 and snapshot["ticks"][0] == ticks, "time goes on in a pause"
-    assert live.about["faults"][int(snapshot["fault"][0])] == "paused", f"fault {snapshot['fault']} in a pause"
-    live.command("resume")
-    wait_for(lambda: RECOVERED in kinds(live), "the recovery", session)
-    live.command("zero")
-    wait_for(lambda: any(e["kind"] == FAULT and live.about["faults"][e["fault"]] == "forces_off" for e in live.seen + live.events()),
-             "forces off", session)
-    live.command("recover")
-    finish(session)
-    times = times_of(folder / "r.csv")
-    assert times == [k / 1000 for k in range(2000)], f"times with a gap, or {len(times)} rows"
-    summary = json.loads((folder / "s.json").read_text())
-    assert [fault["fault"] for fault in summary["faults"]] == ["paused", "forces_off"], summary["faults"]
-    assert summary["end"] == "done" and not list(folder.glob("black_box*")), summary["end"]
-    replay(folder, scene, asset)
-
-    folder = WORK / "emergency_stop"
-    session, live = start(folder, scene, asset, clock="real")
-    wait_for(lambda: live.snapshot()["tip_N"][0] > 5, "a force", session)
-    live.command("emergency_stop")
-    errors = finish(session, expect=5)
-    assert "emergency_stop" in errors, errors
-    fault, = json.loads((folder / "s.json").read_text())["faults"]
-    assert 0 <= fault["torques_zero_t_s"] - fault["t_s"] <= 0.005, f"torques were not zero in time: {fault}"
-    assert live.snapshot()["tau_Nm"] == (0,) * 8, "torques after the emergency stop"
-    replay(folder, scene, asset, expect=5)
-
-    folder = WORK / "stop"
-    session, live = start(folder, scene, asset, clock="real")
-    live.command("stop")
-    finish(session)
-    assert json.loads((folder / "s.json").read_text())["end"] == "interrupted", "not stopped"
-
-
 def pause_a_drive(scene, asset, clock, of_drive, seconds):
     """The folder of a session that was paused for 1.5 s; None if it lost its link in real time."""
     folder = WORK / f"drive_{clock}"
-    drive = subprocess.Popen([str(PROGRAMS / "trocar-device-sim"), str(scene), "--listen", "127.0.0.1:0", "--key-file", str(WORK / "key"),
-                              "--clock", of_drive, "--quiet"], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
-    try:
-        port = re.search(r":(\d+)", drive.stdout.readline())[1]
-        session, live = start(folder, scene, asset, "--device", f"udp:127.0.0.1:{port}", "--key-file", WORK / "key", "--duration",
-                              str(seconds), clock=clock)
+    with Simulator(PROGRAMS, WORK, scene, "--clock", of_drive) as drive:
+        session, live = start(folder, scene, asset, *drive.link(), "--duration", str(seconds), clock=clock)
         wait_for(lambda: live.snapshot()["ticks"][0] > 200 or session.poll() is not None, "ticks")
         live.command("pause")
         wait_for(lambda: live.snapshot()["paused"][0] == 1 or session.poll() is not None, "the pause")
         time.sleep(1.5)
         live.command("resume")
         errors = session.communicate(timeout=PATIENCE_S)[1]
-    finally:
-        drive.terminate()
-        drive.communicate()
     summary = json.loads((folder / "s.json").read_text())
     faults = [fault["fault"] for fault in summary["faults"]]
     if clock == "real" and (summary["link"]["sessions"] > 1 or set(faults) & {"no_data", "link_lost", "deadline_missed"}):
@@ -301,55 +238,14 @@ def check_pause_of_a_drive(scene, asset):
             print(f"{clock}: all 20 sessions lost their link. {machine}")
             assert not machine.is_on_time, "links were lost, though the machine was on time"
             continue
-        with open(folder / "r.csv", newline="", encoding="utf-8") as file:
-            lost = [row["device_read"] for row in csv.DictReader(file) if row["device_read"] not in ("ok", "no_data")]
+        lost = [row["device_read"] for row in rows_of(folder / "r.csv") if row["device_read"] not in ("ok", "no_data")]
         assert not lost, f"{clock}: {lost[:3]}"
         replay(folder, scene, asset)
 
 
-def check_links(scene, asset):
-    folder = WORK / "links"
-    session, live = start(folder, scene, asset, clock="real")
-    second = run(RUN, scene, "--asset", asset, "--quiet", "--live", folder / "live", expect=4)
-    assert "a running session" in second.stderr and second.stderr.count("\n") == 1, second.stderr
-    session.send_signal(signal.SIGSTOP)
-    time.sleep(0.05)
-    assert live.is_alive(), "a stopped session counts as dead"
-    session.kill()
-    session.communicate()
-    assert not live.is_alive(), "a killed session counts as alive"
-    assert (folder / "live").is_symlink() and not (folder / "live").exists(), "the link of a killed session"
-    run(RUN, scene, "--asset", asset, "--quiet", "--clock", "virtual", "--live", folder / "live")
-    assert not (folder / "live").is_symlink(), "the link was not replaced and removed"
-    (folder / "file").write_text("text")
-    run(RUN, scene, "--asset", asset, "--quiet", "--live", folder / "file", expect=4)
-    assert (folder / "file").read_text() == "text", "a file was replaced"
-    run(RUN, scene, "--asset", asset, "--quiet", "--live", folder / "no" / "live", expect=4)
-    run(RUN, scene, "--asset", asset, "--quiet", "--live", folder / "r", "--record", folder / "r", expect=2)
-
-
-def compare_in_real_time(scene, asset):
-    """Printed only: how many deadlines are missed depends on the machine."""
-    for name, live in (("without", False), ("with", True), ("with readers that are killed and stopped", None)):
-        folder = WORK / "real"
-        if live is None:
-            with_bad_readers(folder, scene, asset, {"killed": 0, "stopped": 0}, "real", "--duration", "2")
-        else:
-            session, _ = start(folder, scene, asset, "--duration", "2", clock="real", live=live)
-            finish(session)
-        summary = json.loads((folder / "s.json").read_text())
-        print(f"real time, {name}: {summary['missed_deadlines']} missed deadlines, tick p50 {summary['tick_us']['p50']:.1f} us, "
-              f"p99.9 {summary['tick_us']['p999']:.1f} us")
-
-
-def test_live_memory():
-    asset = WORK / "sample.glb"
-    run(PROGRAMS / "trocar-mesh", SCAN / "dicom", "-o", asset, "--quiet")
+def test_live_memory(asset):
     scenes = SOURCE / "runtime" / "scenes"
     three = scenes / "three_slices.json"
     check_same_recording("three_slices", three, asset)
     check_same_recording("vertebra", scenes / "vertebra.json", asset)
-    check_commands(three, asset)
     check_pause_of_a_drive(three, asset)
-    check_links(three, asset)
-    compare_in_real_time(three, asset)

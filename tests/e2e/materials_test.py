@@ -7,6 +7,7 @@ import json
 import nibabel
 import numpy
 
+from exported import read_poly
 from programs import PROGRAMS, WORK, run
 
 MESH = PROGRAMS / "trocar-mesh"
@@ -45,14 +46,11 @@ def outlines(folder):
     found = collections.defaultdict(dict)
     for file in sorted(folder.glob("slice_*_*.poly")):
         _, index, material = file.stem.split("_")
-        lines = [line.split() for line in file.read_text().splitlines()[1:]]
-        count = int(lines[0][0])
-        points = []
-        for _, x, y, _ in lines[1:1 + count]:
-            place = (float(x) * STEPS, float(y) * STEPS)
-            assert all(value == round(value) for value in place), f"{file.name}: {x} {y} is not on the lattice"
-            points.append(tuple(map(round, place)))
-        found[int(index)][int(material)] = [(points[int(a) - 1], points[int(b) - 1]) for _, a, b, _ in lines[2 + count:2 + 2 * count]]
+        places, ends = read_poly(file)
+        places *= STEPS
+        assert (places == places.round()).all(), f"{file.name}: a point is not on the lattice"
+        points = [tuple(map(int, place)) for place in places]
+        found[int(index)][int(material)] = [(points[a], points[b]) for a, b in ends]
     return found
 
 
@@ -123,13 +121,9 @@ def test_groups_labels():
         assert told["parameters"]["labels"] == labels and told["parameters"].get("joined_labels") == joined, f"{words}: {told['parameters']}"
         assert [s["index"] for s in told["slices"]] == [0] * len(materials) + [1], f"{words}: entries {told['slices']}"
         run(MESH, "verify", "--private", "--independent", asset)
-    for words, because in ((("20+21,21",), "label 21 is in two materials"), (("20+21", "--labels", "22+20"), "label 20 is in two materials"),
-                           (("20-22,21+23",), "label 21 is in two materials"), (("20+20",), "label 20 is joined to itself"),
-                           (("20+",), "must be all, or labels"), (("20++21",), "must be all, or labels"),
-                           (("20,21", "--contour", "pixel"), "join the labels"), (("all", "--contour", "pixel"), "join the labels"),
-                           (("20,21", "--fill", "all"), "--fill fills one material"), (("all", "--fill", "all"), "--fill fills one material")):
-        said = run(MESH, file, "--labels", *words, "-o", WORK / "none.glb", expect=2).stderr
-        assert because in said and len(said.splitlines()) == 1, f"{words}: {said}"
+    for option, because in (("--contour=pixel", "join the labels"), ("--fill=all", "--fill fills one material")):
+        said = run(MESH, file, "--labels", "all", option, "-o", WORK / "none.glb", expect=2).stderr
+        assert because in said and len(said.splitlines()) == 1, f"{option}: {said}"
     run(MESH, file, "--labels", "20+21", "--contour", "pixel", "-o", asset, "--quiet")
     text = run(MESH, file, "--labels", "20-22", "--names", names, "-o", asset).stdout
     assert ": 2 slices, " in text, text

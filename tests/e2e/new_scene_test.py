@@ -9,11 +9,11 @@ give a scene is refused in one line, and nothing is written.
 import json
 import os
 import re
-import struct
 import subprocess
 
 import numpy as np
 
+from exported import nifti
 from programs import L3_SCAN, REAL_CT, run
 
 REACH_M = 0.18  # from the lowest to the highest place of the plate
@@ -74,23 +74,6 @@ class Maker:
         assert not out.exists(), f"{said}: a scene was written"
 
 
-def nifti(file, voxels, spacing):
-    """int16 voxels [z, y, x]."""
-    z, y, x = voxels.shape
-    header = bytearray(352)
-    struct.pack_into("<i", header, 0, 348)
-    struct.pack_into("<8h", header, 40, 3, x, y, z, 1, 1, 1, 1)
-    struct.pack_into("<2h", header, 70, 4, 16)
-    struct.pack_into("<8f", header, 76, 1, *spacing, 0, 0, 0, 0)
-    struct.pack_into("<3f", header, 108, 352, 1, 0)
-    header[123] = 2
-    struct.pack_into("<2h", header, 252, 0, 1)
-    struct.pack_into("<12f", header, 280, spacing[0], 0, 0, 0, 0, spacing[1], 0, 0, 0, 0, spacing[2], 0)
-    header[344:348] = b"n+1\0"
-    file.write_bytes(bytes(header) + voxels.astype("<i2").tobytes())
-    return file
-
-
 def column(file, slices, spacing_mm, radius_mm=12, hu=400):
     """A round column of bone."""
     y, x = np.mgrid[0:48, 0:48]
@@ -131,11 +114,3 @@ def test_new_scene(source, programs, scan, work):
         print("no TROCAR_REAL_CT: L3 is not tried")
 
     make.refuse(make.asset("thin", column(work / "thin.nii", 3, 5, radius_mm=2)), "nowhere as wide as the tool")
-    make.refuse(work / "none.glb", "none.glb")
-    sample = work / "sample.glb"
-    for words, said in ((("new-scene", sample), "--output is required"), (("new-scene", "-o", work / "x.json"), "ASSET is required"),
-                        ((work / "scene.json", "-o", work / "x.json"), "not expected: -o"),
-                        ((work / "scene.json", "new-scene", sample, "-o", work / "x.json"), "leave SCENE out"),
-                        (("new-scene", sample, "-o", sample), "sample.glb")):
-        done = subprocess.run([str(word) for word in (make.run, *words)], capture_output=True, text=True, check=False)
-        assert done.returncode == 2 and said in done.stderr and done.stderr.count("\n") == 1, f"{words}: {done}"

@@ -4,19 +4,17 @@ orientations against the scan's NIfTI file, read by nibabel. The real scans TROC
 so, where they are missing."""
 import base64
 import io
-import json
 import pathlib
 import re
 import shutil
 
-import jsonschema
 import nibabel
 import numpy
 import PIL.Image
 import pydicom
 
-import pytest
-from programs import HEAD_CT, L3_SCAN, PROGRAMS, SCAN, SOURCE, WORK, run
+from exported import conforms, read_rings
+from programs import HEAD_CT, L3_SCAN, PROGRAMS, SCAN, WORK, run
 from html_pages import check_self_contained, embedded_json, rendered, texts_of
 
 MESH = PROGRAMS / "trocar-mesh"
@@ -58,10 +56,7 @@ def sheet(name, scan, *options):
     assert numpy.array_equal(numpy.asarray(PIL.Image.open(io.BytesIO(data))), picture), f"{name}: the page has another picture"
     numbers = embedded_json(text, "preview")
     check_rendered(name, page, shown, numbers)
-    schema = json.loads((SOURCE / "formats" / "session" / "preview.schema.json").read_text())
-    schema.pop("$id")
-    for error in list(jsonschema.Draft202012Validator(schema).iter_errors(numbers))[:3]:
-        pytest.fail(f"{name}: {error.json_path}: {error.message[:300]}")
+    conforms("preview", numbers, name)
     return picture, numbers
 
 
@@ -90,12 +85,7 @@ def rings_of(scan, *options):
     run(MESH, "export", asset, "-o", folder)
     out = {}
     for file in folder.glob("*.poly"):
-        lines = [line.split() for line in file.read_text().splitlines()[1:]]
-        count = int(lines[0][0])
-        points = numpy.array([line[1:3] for line in lines[1:count + 1]], float)
-        segments = numpy.array([line[1:3] for line in lines[count + 2:2 * count + 2]], int) - 1
-        ends = numpy.flatnonzero(segments[:, 1] <= segments[:, 0]) + 1  # a ring's last segment leads back to its first point
-        out[int(file.stem.removeprefix("slice_"))] = numpy.split(points, ends[:-1])
+        out[int(file.stem.removeprefix("slice_"))] = read_rings(file)
     return out
 
 
@@ -346,27 +336,6 @@ def check_several_materials():
         assert ("--contour pixel leaves gaps" in shown) == (code == 2), f"--labels {labels}: {shown!r}"
 
 
-def check_refusals(file):
-    images = WORK / "images"
-    shutil.copytree(SCAN / "png", images)
-    first, *_ = slices = sorted(images.glob("*.png"))
-    before = {f.name: f.read_bytes() for f in slices}
-    spacing = ("--spacing", "0.3,0.3,1", "--equalize", "230", "-o")
-    for code, reason, words in (
-            (2, "a preview is a .png or .html", (file, "-o", WORK / "sheet.jpg")),
-            (2, "a preview is a .png or .html", (file, "-o", WORK / "sheet.glb")),
-            (2, "would write over", (images, *spacing, first)),
-            (2, "would write over", (file, "-o", first)),
-            (2, "would become one of the scan's images", (*slices, *spacing, images / "sheet.png")),
-            (3, "nothing is at or above the threshold of 30000", (file, "--threshold", "30000", "-o", WORK / "none.png"))):
-        said = run(MESH, "preview", *words, expect=code).stderr
-        assert reason in said and said.count("\n") == 1, f"refusal: {said!r} and not {reason!r}"
-    assert {f.name: f.read_bytes() for f in images.iterdir()} == before, "a refusal changed the scan's folder"
-    assert not list(WORK.glob("sheet.*")) and not list(WORK.glob("none.*")), "a refusal left a file"
-    sheet("again", file)
-    run(MESH, "preview", file, "-o", WORK / "again.png", "--quiet")  # a sheet may be replaced
-
-
 def test_preview():
     phantom = SCAN / "sample.nii.gz"
     for axis in LETTERS:
@@ -375,7 +344,8 @@ def test_preview():
     check_same_bytes(phantom)
     check_labels(phantom)
     check_private(SCAN / "dicom")
-    check_refusals(phantom)
+    sheet("again", phantom)
+    run(MESH, "preview", phantom, "-o", WORK / "again.png", "--quiet")  # a sheet may be replaced
     check_many_labels()
     check_inspected()
     check_several_materials()

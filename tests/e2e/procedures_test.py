@@ -9,9 +9,8 @@ from programs import run
 NAMES = ("pedicle-probe", "jamshidi-8g", "vertebroplasty-11g", "bone-marrow-trephine", "spinal-needle", "tuohy-needle")
 
 
-def test_procedures(programs, scan, work):
-    trocar_run, asset, file = programs / "trocar-run", work / "sample.glb", work / "scene.json"
-    run(programs / "trocar-mesh", scan / "dicom", "-o", asset, "--quiet")
+def test_procedures(programs, asset, work):
+    trocar_run, file = programs / "trocar-run", work / "scene.json"
     run(trocar_run, "new-scene", asset, "-o", file, "--quiet")
     scene = json.loads(file.read_text())
     top = scene["body"]["top_z_m"]

@@ -13,6 +13,7 @@ import subprocess
 import jsonschema
 
 import pytest
+from device_link_e2e_test import Simulator
 from programs import run
 from mesh_program_e2e_test import label_map
 
@@ -151,13 +152,10 @@ def sessions(source, programs, work):
         run(*limit, trocar_run, *words, *outputs, "--asset", asset, "--quiet", expect=expect)
         yield name
     # Over the device link.
-    key = work / "link.key"
-    with subprocess.Popen([programs / "trocar-device-sim", scenes["one_slice"], "--listen", "127.0.0.1:0", "--key-file", key,
-                           "--clock", "lock-step", "--sessions", "1", "--quiet"], stdout=subprocess.PIPE, text=True) as drive:
-        address = drive.stdout.readline().split()[-1]
-        run(trocar_run, scenes["one_slice"], *fast, "--asset", asset, "--device", f"udp:{address}", "--key-file", key, "--quiet",
+    with Simulator(programs, work, scenes["one_slice"], "--clock", "lock-step", "--sessions", "1") as drive:
+        run(trocar_run, scenes["one_slice"], *fast, "--asset", asset, *drive.link(), "--quiet",
             *[word for kind in ("summary", "frames", "meshes") for word in (f"--{kind}", work / f"link.{kind}")])
-        assert drive.wait(30) == 0, f"the drive ended with {drive.returncode}"
+        assert drive.process.wait(30) == 0, f"the drive ended with {drive.process.returncode}"
     yield "link"
 
 

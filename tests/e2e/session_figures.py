@@ -1,17 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """The figures of a session report, computed from the recording, the scene and, for what no recording holds, the scene's heights: numpy,
 written from the definitions of formats/session/session_report.schema.json and not from the program. session_report_test.py compares."""
-import csv
 import math
 
 import numpy as np
+from exported import rows_of
 
 PLUNGE_S, SETTLE_S, SAMPLES, PUNCTURES, SPANS = 0.5, 0.5, 1024, 1024, 64
 
 
 def read_rows(file):
-    with open(file, newline="") as lines:
-        rows = list(csv.DictReader(lines))
+    rows = rows_of(file)
     texts = {"state", "fault", "safety", "device_read", "device_write", "outside_fault", "origin"}
     return {key: np.array([row[key] if key in texts else float(row[key]) for row in rows]) for key in rows[0]}
 

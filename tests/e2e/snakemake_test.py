@@ -11,8 +11,8 @@ import subprocess
 import sys
 import time
 
+from batch_collection import collection_of_samples, difference, made_again, snapshot, strays
 from e2e import check, outcome, run
-from farm_collection import content_of, made_again, make_collection, strays
 
 SOURCE, PROGRAMS, SCAN, WORK = (pathlib.Path(word).resolve() for word in sys.argv[1:5])
 SCANS = int(sys.argv[5]) if len(sys.argv) > 5 else 100
@@ -28,9 +28,8 @@ def command(collection, store, *config):
 
 
 def expect_same(store, wanted, what):
-    mine = content_of(store)
-    different = [name for name in mine.keys() | wanted.keys() if mine.get(name) != wanted.get(name)]
-    check(not different, f"{what}: not as batch makes it: {sorted(different)[:5]} ({len(different)} of {len(wanted)})")
+    different = difference(snapshot(store), wanted)
+    check(not different, f"{what}: not as batch makes it: {different}")
     check(not strays(store), f"{what}: left behind: {strays(store)[:5]}")
 
 
@@ -83,10 +82,10 @@ def main():
         return 77
     shutil.rmtree(WORK, ignore_errors=True)
     WORK.mkdir(parents=True)
-    collection, bad = make_collection(WORK / "collection's", SCAN, SCANS, 5)
+    collection, bad = collection_of_samples(WORK / "collection's", SCAN, SCANS, 5)
     time.sleep(2.1)  # an input younger than that is read again
     run(MESH, "batch", collection, "-o", WORK / "batch", "--quiet", expect=3)
-    wanted = content_of(WORK / "batch")
+    wanted = snapshot(WORK / "batch")
 
     done = run(*command(collection, WORK / "store"), cwd=WORK)
     check(f"0 of {SCANS} scans are stale, {len(bad)} are known failures" in done.stdout, f"summary: {done.stdout[-300:]}")

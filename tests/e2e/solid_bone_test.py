@@ -7,6 +7,7 @@ import subprocess
 import nibabel
 import numpy
 import pytest
+from exported import read_obj
 from programs import HEAD_CT, L3_SCAN, REAL_CT, PROGRAMS, WORK, run
 
 MESH = PROGRAMS / "trocar-mesh"
@@ -19,20 +20,9 @@ def canonical(file):
     return numpy.asarray(image.dataobj), image.affine
 
 
-def triangles(file):
-    """Vertices in patient coordinates (left, back, up) and triangles of an .obj."""
-    vertices, corners = [], []
-    for line in file.read_text().splitlines():
-        if line.startswith("v "):
-            vertices.append([float(word) for word in line.split()[1:4]])
-        elif line.startswith("f "):
-            corners.append([int(word.split("/")[0]) - 1 for word in line.split()[1:4]])
-    return numpy.array(vertices).reshape(-1, 3), numpy.array(corners, int).reshape(-1, 3)
-
-
 def covered(file, affine, shape):
     """Which voxels' centres of a transverse slice (right, front) lie in a triangle."""
-    vertices, corners = triangles(file)
+    vertices, corners = read_obj(file)
     i = (-vertices[:, 0] - affine[0, 3]) / affine[0, 0]
     j = (-vertices[:, 1] - affine[1, 3]) / affine[1, 1]
     out = numpy.zeros(shape, bool)

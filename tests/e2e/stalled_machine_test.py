@@ -7,7 +7,6 @@
 
 TROCAR_STALLED_SESSIONS: number of sessions of item 1 (default: 3).
 """
-import csv
 import json
 import os
 import signal
@@ -15,19 +14,12 @@ import subprocess
 import threading
 import time
 
-import pytest
 from device_link_e2e_test import STALLS, Simulator
+from exported import rows_of
 from programs import run
 
 SESSIONS = int(os.environ.get("TROCAR_STALLED_SESSIONS", "3"))
 STALL_S, EVERY_S = 0.030, 1.0
-
-
-@pytest.fixture(name="asset", scope="module")
-def sample_asset(programs, scan, work):
-    asset = work / "sample.glb"
-    run(programs / "trocar-mesh", scan / "dicom", "-o", asset, "--quiet")
-    return asset
 
 
 def stalled_session(programs, work, scene, asset, simulator_options, *options, stall_s=STALL_S, stalls=("run", "drive")):
@@ -35,8 +27,7 @@ def stalled_session(programs, work, scene, asset, simulator_options, *options, s
     `stall_s` once in EVERY_S."""
     summary = work / "stalled.json"
     with Simulator(programs, work, scene, *simulator_options) as simulator:
-        command = [programs / "trocar-run", scene, "--asset", asset, "--device", f"udp:{simulator.address}",
-                   "--key-file", simulator.key_file, "--quiet", "--summary", summary, "--record", work / "stalled.csv",
+        command = [programs / "trocar-run", scene, "--asset", asset, *simulator.link(), "--quiet", "--summary", summary, "--record", work / "stalled.csv",
                    "--black-box", work, *options]
         with subprocess.Popen([str(word) for word in command], stderr=subprocess.PIPE, text=True) as process:
             over = threading.Event()
@@ -77,8 +68,7 @@ def test_a_gap_that_ends_other_sessions_is_in_the_recording_and_replays(source, 
     code, stderr, _ = stalled_session(programs, work, scene, asset, ("--watchdog", "0.4"), "--simulated", "--duration", "1.5",
                                       stall_s=0.15, stalls=("run",))
     assert code == 0, f"ended with {code}: {stderr}"
-    with record.open(newline="", encoding="utf-8") as file:
-        rows = list(csv.DictReader(file))
+    rows = rows_of(record)
     times = [float(row["state_t_s"]) for row in rows]
     assert max(after - before for before, after in zip(times, times[1:])) > 0.1, "no gap came"
     assert "state-gap=any" in rows[0]["origin"]
@@ -90,8 +80,7 @@ def test_a_simulated_drive_that_stalls_alone_ends_no_session(source, programs, a
     scene = source / "runtime" / "scenes" / "three_slices.json"
     code, stderr, _ = stalled_session(programs, work, scene, asset, ("--watchdog", "0.25"), "--simulated", stalls=("drive",))
     assert code == 0, f"ended with {code}: {stderr}"
-    with (work / "stalled.csv").open(newline="", encoding="utf-8") as file:
-        rows = list(csv.DictReader(file))
+    rows = rows_of(work / "stalled.csv")
     assert "no-data-limit=0.25" in rows[0]["origin"]
     silent = "".join(row["device_read"] == "no_data" and "x" or " " for row in rows)
     assert "x" * 15 in silent, "no stall came"

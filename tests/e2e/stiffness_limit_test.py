@@ -2,8 +2,8 @@
 """The limits of the stiffness of contact: what the operator allows, what the device states, and half of what the stated mass allows
 for a device process that may have motors. A recording names them, and its replay gives the same torques."""
 import json
-import subprocess
 
+from device_link_e2e_test import Simulator
 from programs import SOURCE, run
 
 
@@ -13,9 +13,8 @@ def rendered(summary):
     return cutting["coupling_N_per_m"] * cutting["force_scale"]
 
 
-def test_stiffness_limit(programs, scan, work):
-    trocar_run, asset, scene = programs / "trocar-run", work / "sample.glb", work / "scene.json"
-    run(programs / "trocar-mesh", scan / "dicom", "-o", asset, "--quiet")
+def test_stiffness_limit(programs, asset, work):
+    trocar_run, scene = programs / "trocar-run", work / "scene.json"
     run(trocar_run, "new-scene", asset, "-o", scene, "--quiet")
     summary = work / "summary.json"
     fast = ("--clock", "virtual", "--quiet", "--summary", summary)
@@ -37,19 +36,11 @@ def test_stiffness_limit(programs, scan, work):
     assert abs(rendered(summary) / min(limit, 5000) - 1) < 1e-6
 
     # Over the link.
-    key = work / "link.key"
     for words, part in (((), 0.5), (("--simulated",), 1)):
-        with subprocess.Popen([str(word) for word in (programs / "trocar-device-sim", scene, "--listen", "127.0.0.1:0", "--key-file", key,
-                                                      "--clock", "lock-step", "--sessions", "1", "--quiet")],
-                              stdout=subprocess.PIPE, text=True) as drive:
-            address = drive.stdout.readline().split()[-1]
-            record = work / f"link{part}.csv"
-            run(trocar_run, scene, *fast, "--device", f"udp:{address}", "--key-file", key, "--record", record, *words)
-            assert drive.wait(60) == 0
+        record = work / f"link{part}.csv"
+        with Simulator(programs, work, scene, "--clock", "lock-step", "--sessions", "1") as drive:
+            run(trocar_run, scene, *fast, *drive.link(), "--record", record, *words)
+            assert drive.process.wait(60) == 0
         assert abs(rendered(summary) / full / part - 1) < 1e-6
         assert ("stiffness-margin=2" in record.read_text()) == (part == 0.5)
         run(trocar_run, "replay", scene, "--quiet", record)
-
-    for words, said in ((("--stiffness-limit", "5"), "--stiffness-limit 5: must be within"), (("--simulated",), "--simulated: is for a device process")):
-        wrong = run(trocar_run, scene, *words, expect=2)
-        assert said in wrong.stderr and wrong.stderr.count("\n") == 1

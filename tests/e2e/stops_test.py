@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Stops of a device and signals to the program, in lock-step with a drive of this test: the drive's time stands still while a
 signal is delivered, so that the machine's speed does not matter. The hand's path is that of the scene with the simulated device."""
-import csv
 import json
 import os
 import re
@@ -13,24 +12,22 @@ import time
 
 import device_link as link
 import pytest
+from exported import rows_of
 from programs import run
 
 PRESSED_S = (1.6, 4.0)
 
 
 @pytest.fixture(name="scene", scope="module")
-def pressing_scene(source, programs, scan, work):
+def pressing_scene(source, programs, asset, work):
     """A hand that presses 2 mm deep, lifts the tool, and presses again, to the end. Returns (scene, encoder angles of each tick)."""
-    asset = work / "sample.glb"
-    run(programs / "trocar-mesh", scan / "dicom", "-o", asset, "--quiet")
     scene = json.loads((source / "runtime" / "scenes" / "one_slice.json").read_text())
     path = ((0, 0.13), (0.4, 0.118), (0.8, 0.118), (1.2, 0.13), (4.3, 0.13), (4.5, 0.118), (5, 0.118))
     scene.update(asset=str(asset), duration_s=5, hand={"trajectory": [{"t_s": t, "tip_m": [0, 0, z]} for t, z in path]})
     file, record = work / "scene.json", work / "path.csv"
     file.write_text(json.dumps(scene))
     run(programs / "trocar-run", file, "--clock", "virtual", "--record", record, "--quiet")
-    with record.open() as rows:
-        angles = [[float(row[f"th_{leg}_{i}_rad"]) for leg in range(1, 5) for i in range(1, 5)] for row in csv.DictReader(rows)]
+    angles = [[float(row[f"th_{leg}_{i}_rad"]) for leg in range(1, 5) for i in range(1, 5)] for row in rows_of(record)]
     return file, angles
 
 
@@ -103,8 +100,7 @@ class Drive:
         self.serve()
         self.socket.close()
         errors = self.process.communicate(timeout=60)[1]
-        with self.record.open() as rows:
-            return self.process.returncode, errors, list(csv.DictReader(rows)), json.loads(self.summary.read_text())
+        return self.process.returncode, errors, rows_of(self.record), json.loads(self.summary.read_text())
 
 
 @pytest.fixture(name="drive")
@@ -157,13 +153,6 @@ def test_automatic_recovery_resets_no_stop(drive):
     assert code == 5 and len(entries_into_running(rows)) == 2, (code, entries_into_running(rows))
     assert not any(sim.torques[1620:]), "force after the release"
     assert [fault["fault"] for fault in summary["faults"]] == ["encoder_jump", "emergency_stop"], errors
-
-
-def test_automatic_recovery_is_not_for_motors(programs, scene, work):
-    key = work / "link.key"
-    for device, more in (("udp:127.0.0.1:9", ("--key-file", key)), ("pose:127.0.0.1:9", ("--key-file", key)), ("haply:", ()), ("forcedimension:", ())):
-        done = run(programs / "trocar-run", scene[0], "--device", device, *more, "--recover", "auto", expect=2)
-        assert "--recover auto" in done.stderr and "may have motors" in done.stderr, done.stderr
 
 
 @pytest.mark.parametrize("asks_at", [1200, 2000])

@@ -11,6 +11,7 @@ import nibabel
 import numpy
 import scipy.ndimage
 import scipy.spatial
+from exported import read_obj
 from programs import L3_SCAN, PROGRAMS, SOURCE, WORK, run
 
 MESH = PROGRAMS / "trocar-mesh"
@@ -79,14 +80,9 @@ def distances_to_iso(scan, points):
 
 def outline_points(file):
     """Points on the boundary edges of a slice's .obj."""
-    vertices, triangles = [], []
-    for line in file.read_text().splitlines():
-        if line.startswith("v "):
-            vertices.append([float(word) for word in line.split()[1:4]])
-        elif line.startswith("f "):
-            triangles.append([int(word.split("/")[0]) - 1 for word in line.split()[1:4]])
-    vertices, seen = numpy.array(vertices), {}
-    for t in triangles:
+    vertices, triangles = read_obj(file)
+    seen = {}
+    for t in triangles.tolist():
         for k in range(3):
             edge = (t[k], t[(k + 1) % 3])
             if edge[::-1] in seen:
@@ -240,8 +236,3 @@ def test_surface():
             assert part.read_text().count("\nf ") == exported.read_text().count("\nf "), f"{part} differs from the export"
         told = json.loads(report.read_text())["surface"][0]
         assert told["file"] == part.name and f"{part}: a surface of {told['triangles']} triangles" in said, f"{part}: {told}, {said}"
-
-    run(MESH, scan, "-o", plain, "--quiet")
-    refused = run(MESH, "export", plain, "-o", WORK / "none", "--surface", expect=3).stderr
-    assert "no surface in this asset" in refused and not (WORK / "none").exists(), f"export without a surface: {refused}"
-    assert "needs --surface" in run(MESH, scan, "-o", plain, "--surface-triangles", 5000, expect=2).stderr, "no word of --surface"

@@ -19,7 +19,7 @@ def smooth_noise(shape, width, random):
 
 
 def torso():
-    """int16 HU [z, y, x]: x to the patient's right, y to the front, z to the head. nifti() of new_scene_test.py takes them."""
+    """int16 HU [z, y, x]: x to the patient's right, y to the front, z to the head. nifti() of exported.py takes them."""
     random = np.random.default_rng(7)
     nx, ny, nz = (round(size / pitch) for size, pitch in zip(SIZE_MM, SPACING_MM))
     z, y, x = np.meshgrid((np.arange(nz) + 0.5) * SPACING_MM[2], (np.arange(ny) + 0.5) * SPACING_MM[1] - SIZE_MM[1] / 2,

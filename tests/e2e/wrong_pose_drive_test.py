@@ -7,7 +7,6 @@
  3. Time stamps that are off by up to 0.49 ms end no session, and the damper after a break stays within the force that was lost, and
     changes by at most a fifth of it in a tick.
 """
-import csv
 import json
 import math
 import os
@@ -18,7 +17,7 @@ import threading
 
 import device_link as link
 import pytest
-from programs import run
+from exported import rows_of
 
 FAULT, PERIOD_S = 5, 1e-3
 MIDDLE_M = (0.0, -0.12, 0.15)  # of the workspace of runtime/device/haply_inverse3.json
@@ -75,12 +74,6 @@ class Drive(threading.Thread):
                                                round(time_s * 1e9)), host)
 
 
-@pytest.fixture(name="asset", scope="module")
-def sample_asset(programs, scan, work):
-    run(programs / "trocar-mesh", scan / "dicom", "-o", work / "sample.glb", "--quiet")
-    return work / "sample.glb"
-
-
 @pytest.fixture(name="session")
 def session_with(programs, source, asset, work):
     def session(wrong, *options, law="hooke", **fields):
@@ -99,11 +92,7 @@ def session_with(programs, source, asset, work):
         done = subprocess.run([str(word) for word in command], capture_output=True, text=True, check=False, timeout=60)
         drive.is_over = True
         drive.join()
-        rows = []
-        if record.exists():
-            with record.open(newline="", encoding="ascii") as lines:
-                rows = list(csv.DictReader(lines))
-        return done.returncode, done.stderr, rows
+        return done.returncode, done.stderr, rows_of(record) if record.exists() else []
 
     return session
 

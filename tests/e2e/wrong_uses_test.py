@@ -1,19 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Every wrong use in SOURCE/docs/wrong-uses.md, with its exit code and its
-message; with WORDS only those whose line has them.
+"""Every wrong use in wrong_uses.json, with its exit code and its message; and that docs/wrong-uses.md tells twelve of them as they are.
 
-To add a wrong use, add a line to a table of the page; if it needs a file, make it in the page's ```sh block.
-
-How the page is read:
-- ```json NAME: a file, written as it stands; ```sh: commands that make the other files, in a new empty folder.
-- ### PROGRAM: the lines of its table are | mistake | `command` | exit code | `message` |. A command is run by bash in that folder.
-  The program must end with the exit code, and its standard error must be "PROGRAM: message" and nothing else. `...` in a message
-  stands for a number or name that differs between machines or versions; few lines may have it. <br> stands for a line feed.
+How the file is read:
+- "files": name and lines of files that are written as they stand; "preparation": commands that make the other files, in a new empty folder.
+- PROGRAM: rows [mistake, command, exit code, message]. The command is run by bash in that folder. The program must end with the exit code,
+  and its standard error must be "PROGRAM: message" and nothing else. `...` in a message stands for a number or name that differs between
+  machines or versions; few rows may have it.
 - After each command the folder holds the same files with the same bytes as before, except for NAME.partial if the message names it.
 - Port 4840 stands for one that is taken, by a socket of this test.
 
 As root, the commands run as another user, since nothing is forbidden to root.
 """
+import json
 import os
 import pathlib
 import re
@@ -23,7 +21,6 @@ import subprocess
 import tempfile
 from dataclasses import dataclass
 
-import pytest
 from programs import SOURCE
 
 
@@ -31,12 +28,11 @@ PROGRAMS = ("trocar-mesh", "trocar-run", "trocar-device-sim", "trocar-console", 
 LEAST, MOST_WITH_DOTS = 20, 3  # lines for each program
 TIMEOUT_S = 60
 NOBODY = 65534
-HEADER = ["mistake", "command", "exit code", "message"]
+ON_PAGE, PAGE_WORDS = 12, 400
 
 
 @dataclass
 class WrongUse:
-    line: int  # of the page
     program: str
     mistake: str
     command: str
@@ -44,30 +40,7 @@ class WrongUse:
     message: str
 
     def pattern(self):
-        text = f"{self.program}: {self.message}".replace("<br>", "\n") + "\n"
-        return ".+".join(re.escape(piece) for piece in text.split("..."))
-
-
-def unquoted(cell):
-    quoted = re.fullmatch(r"`([^`]+)`", cell)
-    return quoted[1] if quoted else None
-
-
-def parse(page):
-    """The wrong uses of the page."""
-    found, program = [], None
-    for number, line in enumerate(page.splitlines(), 1):
-        if line.startswith("### "):
-            program = line[4:].strip()
-        cells = [cell.strip() for cell in line.strip("|").split(" | ")]
-        if not line.startswith("|") or cells == HEADER or set(line) <= set("|-: "):
-            continue
-        command, message = unquoted(cells[1]) if len(cells) == 4 else None, unquoted(cells[-1])
-        if command is None or message is None or not cells[2].isdigit():
-            pytest.fail(f"line {number}: not | mistake | `command` | exit code | `message` |")
-            continue
-        found.append(WrongUse(number, program, cells[0], command, int(cells[2]), message))
-    return found
+        return ".+".join(re.escape(piece) for piece in f"{self.program}: {self.message}\n".split("..."))
 
 
 def check_table(uses):
@@ -77,12 +50,12 @@ def check_table(uses):
         assert len({use.command for use in its}) == len(its), f"{program}: a command twice"
         assert sum("..." in use.message for use in its) <= MOST_WITH_DOTS, f"{program}: more than {MOST_WITH_DOTS} lines with ..."
     for use in uses:
-        assert use.program in PROGRAMS and use.program in use.command.split(), f"line {use.line}: not a command of {use.program}"
-        assert use.code in (2, 3, 4, 5) and len(use.message) >= 10, f"line {use.line}: {use.code} {use.message!r}"
+        assert use.program in PROGRAMS and use.program in use.command.split(), f"{use.command}: not a command of {use.program}"
+        assert use.code in (2, 3, 4, 5) and len(use.message) >= 10, f"{use.command}: {use.code} {use.message!r}"
 
 
 class Folder:
-    """A new folder with the files of the page, in which commands run."""
+    """A new folder with the files of wrong_uses.json, in which commands run."""
 
     def __init__(self, programs):
         self.path = pathlib.Path(tempfile.mkdtemp(prefix="trocar-wrong-uses-"))
@@ -106,8 +79,9 @@ class Folder:
 
     def __exit__(self, *_):
         self.taken.close()
-        for folder, _, _ in os.walk(self.path):
-            os.chmod(folder, 0o700)
+        for folder, names, _ in os.walk(self.path):
+            for name in names:
+                os.chmod(os.path.join(folder, name), 0o700)
         shutil.rmtree(self.path)
 
     def run(self, command):
@@ -120,15 +94,13 @@ class Folder:
             return None, str(late.stderr)
         return done.returncode, done.stderr.replace(f"127.0.0.1:{self.port}", "127.0.0.1:4840")
 
-    def prepare(self, page):
-        for kind, name, body in re.findall(r"^```(\w*)[ \t]*(\S*)\n(.*?)^```$", page, re.M | re.S):
-            if kind == "json":
-                (self.work / name).write_text(body, encoding="utf-8")
-                if self.user:
-                    os.chown(self.work / name, NOBODY, NOBODY)
-                continue
-            code, said = self.run("set -e\n" + body)
-            assert code == 0 and not said, f"the page's preparation ended with {code}: {said}"
+    def prepare(self, table):
+        for name, lines in table["files"].items():
+            (self.work / name).write_text("\n".join(lines) + "\n", encoding="utf-8")
+            if self.user:
+                os.chown(self.work / name, NOBODY, NOBODY)
+        code, said = self.run("\n".join(("set -e", *table["preparation"])))
+        assert code == 0 and not said, f"the preparation ended with {code}: {said}"
 
     def files(self):
         """Name and state of each file; a file that is written again has another state."""
@@ -145,16 +117,16 @@ class Folder:
         before, wrong = self.files(), []
         code, said = self.run(use.command)
         if code != use.code or not re.fullmatch(use.pattern(), said):
-            wrong.append(f"line {use.line}: {use.command}\n  ended with {code}, not {use.code}, and said\n  {said!r}, not\n"
+            wrong.append(f"{use.command}\n  ended with {code}, not {use.code}, and said\n  {said!r}, not\n"
                          f"  {use.program}: {use.message}")
         after = self.files()
         for name in sorted(after.keys() - before.keys()):
             if name.endswith(".partial") and pathlib.Path(name).name in use.message:
                 os.unlink(name)
             else:
-                wrong.append(f"line {use.line}: {use.command} left {name}")
+                wrong.append(f"{use.command} left {name}")
         changed = [name for name, state in before.items() if after.get(name) != state]
-        return wrong + [f"line {use.line}: {use.command} changed {name}" for name in changed]
+        return wrong + [f"{use.command} changed {name}" for name in changed]
 
 
 def check_that_it_can_fail(folder, use):
@@ -167,14 +139,24 @@ def check_that_it_can_fail(folder, use):
 
 
 def test_wrong_uses(programs, source):
-    page = (source / "docs" / "wrong-uses.md").read_text(encoding="utf-8")
-    uses = parse(page)
+    table = json.loads((source / "tests/e2e/wrong_uses.json").read_text(encoding="utf-8"))
+    uses = [WrongUse(program, *row) for program in PROGRAMS for row in table[program]]
     check_table(uses)
     with Folder(programs) as folder:
-        folder.prepare(page)
+        folder.prepare(table)
         wrong = folder.try_out(uses[0])
         assert not wrong, wrong
         check_that_it_can_fail(folder, uses[0])
         wrong = [line for use in uses for line in folder.try_out(use)]
     print(f"{len(uses)} wrong uses")
     assert not wrong, "\n".join(wrong)
+
+
+def test_the_page_tells_what_the_programs_say(source):
+    table = json.loads((source / "tests/e2e/wrong_uses.json").read_text(encoding="utf-8"))
+    known = {(mistake, command, code, f"{program}: {message}") for program in PROGRAMS for mistake, command, code, message in table[program]}
+    page = (source / "docs/wrong-uses.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^\| ([^|`]+) \| `([^`]+)` \| (\d) \| `([^`]+)` \|$", page, re.M)
+    told = [(mistake, command, int(code), message) for mistake, command, code, message in rows]
+    assert len(set(told)) == len(told) == ON_PAGE and set(told) <= known, set(told) - known
+    assert len(re.sub(r"```.*?```", "", page, flags=re.S).split()) <= PAGE_WORDS

@@ -59,13 +59,14 @@ export class Browser {
     return false;
   }
 
-  /// Starts a session of a scene from the form, and waits until it runs.
-  async start(page, scene, seconds) {
+  /// Starts a session of a scene from the form, with these entries of its other lists, and waits until `begun` is true of it.
+  async start(page, scene, { select = {}, seconds, begun = `trocar.state.state === "running" && trocar.row?.safety[0] === 2` } = {}) {
     await page.click("[data-to=folder]");
-    await page.selectOption("#start-scene", scene);
-    await page.fill("#start-duration", String(seconds));
+    for (const [name, value] of Object.entries({ scene, ...select })) await page.selectOption(`#start-${name}`, value);
+    if (seconds) await page.fill("#start-duration", String(seconds));
+    const before = await page.evaluate("trocar.session");
     await page.click("#start");
-    await this.until(page, `trocar.state.state === "running" && trocar.row && trocar.row.t_s[0] > 0.1`, `the session of ${scene}`);
+    await this.until(page, `trocar.session !== ${JSON.stringify(before)} && ${begun}`, `the start of ${scene}`);
   }
 
   /// Takes a picture, and checks that no text is cut off or covered. `is_scrolled`: a small window in which panels are below its edge.
@@ -113,3 +114,33 @@ export class Browser {
     await session.detach();
   }
 }
+
+/// What each driver needs: its argument, the browser, and short names for what it does most. `results` is printed besides the failures.
+export async function driver(results = {}, patience_ms = 30000) {
+  const given = JSON.parse(process.argv[2]), browser = await Browser.launch(given, results);
+  return {
+    given, browser,
+    check: (condition, words) => browser.check(condition, words),
+    until: (page, expression, what, timeout_ms = patience_ms) => browser.until(page, expression, what, timeout_ms),
+    get: (page, expression) => page.evaluate(expression),
+  };
+}
+
+/// The page's word for the state of the session.
+export const pill = `document.getElementById("state").textContent`;
+
+export const events_of = (kind) => `trocar.events.filter((event) => event.kind === "${kind}").length`;
+
+/// The page goes into the background, or comes back.
+export const set_hidden = (page, is_hidden) => page.evaluate((hidden) => {
+  if (hidden) Object.defineProperty(document, "hidden", { configurable: true, get: () => true });
+  else delete document.hidden;
+  document.dispatchEvent(new Event("visibilitychange"));
+}, is_hidden);
+
+/// Moves the playback to this part of the recording.
+export const seek = (page, part) => page.evaluate((value) => {
+  const slider = document.getElementById("seek");
+  slider.value = String(value);
+  slider.dispatchEvent(new Event("input"));
+}, Math.round(1000 * part));

@@ -1,20 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
 // drive.mjs JSON: drives the console's page in a headless Chromium as an operator would. The argument: {link, view_link, console_pid,
-// out, is_idle}. Prints one JSON object: {failures, figures, sessions}; pictures go to the folder `out`.
+// out, scenes}. Prints one JSON object: {failures, figures, sessions}; pictures go to the folder `out`.
 import { execFileSync } from "node:child_process";
 import { writeFileSync } from "node:fs";
-import { Browser } from "./browser.mjs";
+import { driver, pill, seek, set_hidden } from "./browser.mjs";
 import { layout_faults } from "./layout.mjs";
 
-const given = JSON.parse(process.argv[2]);
 const figures = {}, sessions = {};
-const check = (condition, words) => browser.check(condition, words);
+const { given, browser, check, until, get } = await driver({ figures, sessions });
 const size = { small: { width: 1280, height: 720 }, wall: { width: 3840, height: 2160 } };
 
-const browser = await Browser.launch(given, { figures, sessions });
 const open = (link) => browser.open(link);
-const get = (page, expression) => page.evaluate(expression);
-const until = (...words) => browser.until(...words);
 /// Like until(), but presses Recover in each fault.
 async function until_recovered(page, expression, what) {
   for (const end = Date.now() + 30000; Date.now() < end; await page.waitForTimeout(200)) {
@@ -24,15 +20,8 @@ async function until_recovered(page, expression, what) {
   browser.fail(`${what}: did not happen within 30 s; the page says "${await get(page, "trocar.words")}"`);
 }
 const picture = (page, name) => browser.picture(page, name);
-async function start(page, scene, options = {}) {
-  await page.click("[data-to=folder]");
-  await page.selectOption("#start-scene", scene);
-  await page.selectOption("#start-device", options.device ?? "inproc");
-  await page.selectOption("#start-clock", options.clock ?? "");
-  const before = await get(page, "trocar.session");
-  await page.click("#start");
-  await until(page, `trocar.session !== ${JSON.stringify(before)} && trocar.state.state === ${options.clock === "virtual" ? '"ended"' : '"running"'} && trocar.row`, `the start of ${scene}`);
-}
+const start = (page, scene, { device = "inproc", clock = "" } = {}) => browser.start(page, scene, { select: { device, clock },
+  begun: `trocar.state.state === "${clock === "virtual" ? "ended" : "running"}" && trocar.row` });
 async function ended(page, name) {
   await until(page, `trocar.state.state === "ended"`, `the end of ${name}`);
   sessions[name] = (await get(page, "trocar.state")).recording;
@@ -101,16 +90,10 @@ check(await get(page, `trocar.events.some((event) => event.kind === "puncture")`
 await page.selectOption("#shown", "near");
 
 // ---- a hidden page comes back with the present state, and has lost no event ----
-await page.evaluate(() => {
-  Object.defineProperty(document, "hidden", { configurable: true, get: () => true });
-  document.dispatchEvent(new Event("visibilitychange"));
-});
+await set_hidden(page, true);
 await page.waitForTimeout(700);
 const hidden_t = (await get(page, "trocar.row")).t_s[0];
-await page.evaluate(() => {
-  delete document.hidden;
-  document.dispatchEvent(new Event("visibilitychange"));
-});
+await set_hidden(page, false);
 await until(page, `trocar.row.t_s[0] > ${hidden_t} + 0.3 || trocar.state.state === "ended"`, "the present state after the page was hidden");
 await ended(page, "vertebra");
 await until(page, "trocar.drawn_surface_triangles === trocar.surface_triangles", "the whole surface when nothing moves");
@@ -129,28 +112,9 @@ await ended(page, "network");
 const audience = await open(given.view_link);
 await until(audience, `trocar.role === "view" && trocar.bone_shown_ms !== null`, "the audience's page");
 check(await audience.locator(".operator:visible").count() === 0, "the audience has controls");
-check(await audience.evaluate(async () => {
-  const token = sessionStorage.getItem("trocar-token");
-  const answer = await fetch("/api/command", { method: "POST", headers: { Authorization: `Bearer ${token}`, "Content-Type": "application/json" }, body: JSON.stringify({ command: "stop" }) });
-  return answer.status;
-}) === 403, "the audience's command was not refused");
 await audience.close();
 
-// ---- pause, zero, recover, restart of the device ----
-await start(page, "waiting.json");
-await until(page, "trocar.row.safety[0] === 2", "a session that runs");
-await page.click("#pause");
-await until(page, `document.getElementById("state").textContent === "Paused"`, "the pause");
-await picture(page, "paused");
-await page.click("#pause");
-await until(page, `document.getElementById("state").textContent === "Running"`, "going on after the pause");
-await page.click("#zero");
-await until(page, `document.getElementById("state").textContent === "Forces off"`, "zero forces");
-await page.click("#recover");
-await until(page, `document.getElementById("state").textContent === "Running"`, "the recovery from zero forces");
-await page.keyboard.press("Shift+Q");
-await ended(page, "stopped");
-
+// ---- restart of the device ----
 // A machine that stalls for some ms causes faults of its own: recover from them, and if one comes first, begin again.
 let fault = "", recoveries = 0;
 for (let attempt = 0; attempt < 5 && !["no_data", "link_lost"].includes(fault); ++attempt) {
@@ -164,7 +128,7 @@ for (let attempt = 0; attempt < 5 && !["no_data", "link_lost"].includes(fault); 
   const device = /^\s*(\d+)\s+trocar-device-s/m.exec(children);
   check(device, `the console has no device process: ${children}`);
   if (device) process.kill(Number(device[1]), "SIGKILL");
-  await until(page, `document.getElementById("state").textContent.startsWith("Fault")`, "a fault when the device process is killed");
+  await until(page, `${pill}.startsWith("Fault")`, "a fault when the device process is killed");
   fault = await get(page, `trocar.events.findLast((event) => event.kind === "fault")?.fault`);
   recoveries = await get(page, `trocar.events.filter((event) => event.kind === "recovered").length`);
 }
@@ -177,18 +141,9 @@ for (const theme of ["dark", "light"]) {
 await browser.accessible(page, "fault");
 await browser.sizes(page, "fault");
 await page.click("#recover");
-await until_recovered(page, `trocar.events.filter((event) => event.kind === "recovered").length > ${recoveries} && document.getElementById("state").textContent === "Running"`, "the recovery on command");
+await until_recovered(page, `trocar.events.filter((event) => event.kind === "recovered").length > ${recoveries} && ${pill} === "Running"`, "the recovery on command");
 await page.keyboard.press("Shift+Q");
 await ended(page, "device_killed");
-
-// ---- emergency stop while a slice bears force ----
-await start(page, "three_slices.json");
-await until(page, "Math.abs(trocar.row.tip_N[0]) > 10", "a force of 10 N");
-await page.keyboard.press("Escape");
-await until(page, `trocar.events.some((event) => event.fault === "emergency_stop")`, "the emergency stop");
-await until(page, "trocar.row.tau_Nm.every((torque) => torque === 0)", "torques of zero");
-await page.keyboard.press("Shift+Q");
-await ended(page, "emergency_stop");
 
 // ---- playback, two recordings, report ----
 await start(page, "beside.json", { clock: "virtual" });
@@ -198,13 +153,8 @@ const entry = (file) => page.locator("#recordings li", { has: page.locator(".fil
 await entry(sessions.vertebra).waitFor();
 await entry(sessions.vertebra).getByText("Play", { exact: true }).click();
 await until(page, "trocar.playback.end_s > 8 && trocar.slices.length === 35", "the recording of the vertebra");
-const seek = (share) => page.evaluate((to) => {
-  const slider = document.getElementById("seek");
-  slider.value = String(1000 * to);
-  slider.dispatchEvent(new Event("input"));
-}, share);
 for (const share of [0.9, 0.25, 0.55]) {
-  await seek(share);
+  await seek(page, share);
   const { time_s, end_s } = await get(page, "trocar.playback");
   check(Math.abs(time_s - share * end_s) < 0.002 * end_s, `sought ${share} of ${end_s} s, got ${time_s} s`);
   const found = await get(page, "trocar.playback_row.t_s[0]");
@@ -227,7 +177,7 @@ await until(page, "trocar.playback.time_s > 0.6 * trocar.playback.end_s", "playi
 await page.click("#play");
 await page.selectOption("#against", sessions.beside);
 await until(page, "trocar.playback.second", "the second recording");
-await seek(0.4);
+await seek(page, 0.4);
 await browser.accessible(page, "playback");
 await browser.sizes(page, "playback");
 for (const [name, viewport] of Object.entries(size)) {
@@ -250,19 +200,15 @@ for (const [name, viewport] of Object.entries(size)) {
   }
 }
 await page.setViewportSize(size.small);
-check(await page.isEnabled("#player-report") === given.has_report, `a report can ${given.has_report ? "not " : ""}be opened`);
-if (given.has_report) await open_report();
-async function open_report() {
-  await page.click("#player-report");
-  await page.locator("#report-box[open]").waitFor();
-  await page.waitForTimeout(800);
-  const inside = page.frames().find((frame) => frame !== page.mainFrame());
-  const report = inside ? await inside.evaluate(() => document.body?.innerText ?? "").catch(() => "") : "";
-  check(/\bN\b/.test(report) && /Times, path and force/.test(report) && report.length > 1000, `the report did not open: "${report.slice(0, 80)}", ${await get(page, "trocar.words")}`);
-  await page.screenshot({ path: `${given.out}/report.png` });
-  await browser.accessible(page, "report");
-  await browser.sizes(page, "report");
-}
+await page.click("#player-report");
+await page.locator("#report-box[open]").waitFor();
+await page.waitForTimeout(800);
+const inside = page.frames().find((frame) => frame !== page.mainFrame());
+const report = inside ? await inside.evaluate(() => document.body?.innerText ?? "").catch(() => "") : "";
+check(/\bN\b/.test(report) && /Times, path and force/.test(report) && report.length > 1000, `the report did not open: "${report.slice(0, 80)}", ${await get(page, "trocar.words")}`);
+await page.screenshot({ path: `${given.out}/report.png` });
+await browser.accessible(page, "report");
+await browser.sizes(page, "report");
 
 // ---- a device without motors and joints of its own ----
 const shown_rows = await page.evaluate(async () => {

@@ -2,13 +2,9 @@
 // drive_devices.mjs JSON: chooses and tests a device in the console's page. The argument: {link, view_link, plain_link, chromium, out,
 // device, dead, secret}; the console of `plain_link` lists no device, and no page may show `secret`. Prints {failures}; pictures go to
 // the folder `out`.
-import { Browser } from "./browser.mjs";
+import { driver } from "./browser.mjs";
 
-const given = JSON.parse(process.argv[2]);
-const browser = await Browser.launch(given);
-const check = (condition, words) => browser.check(condition, words);
-const until = (...words) => browser.until(...words);
-const get = (page, expression) => page.evaluate(expression);
+const { given, browser, check, until, get } = await driver();
 
 const focused = `document.activeElement.id`;
 const is_over = `document.getElementById("test-result").checkVisibility()`;

@@ -1,26 +1,17 @@
 // SPDX-License-Identifier: Apache-2.0
 // drive_hand.mjs JSON: holds the needle in the console's page by keys, mouse, touch and gamepad. The argument: {link, view_link, chromium,
 // out, slices, bone}; the last two are scenes. Prints one JSON object: {failures, figures, sessions}; pictures go to the folder `out`.
-import { Browser } from "./browser.mjs";
+import { driver, events_of, pill, set_hidden } from "./browser.mjs";
 
-const given = JSON.parse(process.argv[2]);
 const figures = {}, sessions = {};  // a session: {recording, samples: [[t_s, N that the bar says, lag in mm]], lost_at?...}
-const browser = await Browser.launch(given, { figures, sessions });
-const check = (condition, words) => browser.check(condition, words);
-const until = (page, expression, what, timeout_ms = 12000) => browser.until(page, expression, what, timeout_ms);
-const get = (page, expression) => page.evaluate(expression);
+const { given, browser, check, until, get } = await driver({ figures, sessions }, 12000);
 
 const kAbove_m = 0.195;  // the tip above the first of the three slices, which is at 0.19 m
-const kPunctures = `trocar.events.filter(({ kind }) => kind === "puncture").length`;
-const events_of = (kind) => `trocar.events.filter((event) => event.kind === "${kind}").length`;
+const kPunctures = events_of("puncture");
 
 async function start(page, scene) {
-  await page.click("[data-to=folder]");
-  await page.selectOption("#start-scene", scene);
-  const before = await get(page, "trocar.session");
   await page.evaluate("window.samples = []");
-  await page.click("#start");
-  await until(page, `trocar.session !== ${JSON.stringify(before)} && trocar.state.state === "running" && trocar.row?.safety[0] === 2`, `the start of ${scene}`);
+  await browser.start(page, scene);
   if (await page.isVisible("#hand-help")) await page.click("#hand-help-close");
 }
 /// Notes in each frame what the bar says, from now on in each session.
@@ -148,13 +139,13 @@ await hold_again(page, "the pause");
 await page.keyboard.down("f");
 await page.waitForTimeout(200);
 await page.click("#pause");
-await until(page, `document.getElementById("state").textContent === "Paused"`, "the pause");
+await until(page, `${pill} === "Paused"`, "the pause");
 await page.waitForTimeout(200);
 const paused = await get(page, "[trocar.hand.target, trocar.row.tool_m, trocar.hand.is_held]");
 check(!paused[2] || Math.hypot(...paused[0].map((x, k) => x - paused[1][k])) < 1e-6, `in the pause the target is at ${paused[0]}, the tip at ${paused[1]}`);
 await page.keyboard.up("f");
 await page.click("#pause");
-await until(page, `document.getElementById("state").textContent === "Running" && ${events_of("resumed")} === 1`, "going on after the pause");
+await until(page, `${pill} === "Running" && ${events_of("resumed")} === 1`, "going on after the pause");
 await page.waitForTimeout(200);
 check(Math.abs(await get(page, "trocar.row.tool_m[2]") - paused[1][2]) < 3e-4, "the tip moved after the pause");
 // Letting go: by H, by blur, by a hidden page, by another tab of the page, by a session that does not answer, by Esc.
@@ -167,12 +158,7 @@ const lets_go = async (what, act) => {
 await lets_go("H", () => page.keyboard.press("h"));
 await lets_go("blur", () => page.evaluate(() => { dispatchEvent(new Event("blur")); }));
 await lets_go("another tab", async () => { await page.click("[data-to=folder]"); await page.waitForTimeout(100); await page.click("[data-to=session]"); });
-await lets_go("a hidden page", () => page.evaluate(() => {
-  Object.defineProperty(document, "hidden", { configurable: true, get: () => true });
-  document.dispatchEvent(new Event("visibilitychange"));
-  delete document.hidden;
-  document.dispatchEvent(new Event("visibilitychange"));
-}));
+await lets_go("a hidden page", async () => { await set_hidden(page, true); await set_hidden(page, false); });
 await lets_go("a session that does not answer", async () => {
   process.kill(await get(page, "trocar.pid"), "SIGSTOP");
   await until(page, `trocar.state.state === "silent"`, "a session that does not answer");
@@ -347,36 +333,24 @@ await take(other, "the second page's needle", () => other.keyboard.press("h"));
 await until(page, `trocar.hand.holder === "other"`, "the first page's word");
 
 // ---- silence, and a page that is closed, while the needle presses ----
-/// Presses in `other` until 8 N, ends its messages by `end`, and returns the time until the force is below a tenth, ms, as `page` sees it.
-async function abandoned(end, what) {
-  const force = "Math.hypot(...trocar.row.wrench_delivered.slice(0, 3))";
-  // On a busy machine the key may be released so late that the slice breaks; then the next slice is pressed.
+const force = "Math.hypot(...trocar.row.wrench_delivered.slice(0, 3))";
+/// Presses in `other` until 8 N. On a busy machine the key may be released so late that the slice breaks; then the next slice is pressed.
+async function press_in_other(what) {
   for (let attempt = 0; attempt < 5 && await get(page, force) < 4; ++attempt) {
     await move_until(other, "trocar.hand.force_N > 8", `a force before ${what}`, () => other.keyboard.down("f"), () => other.keyboard.up("f"));
     await other.waitForTimeout(300);
   }
-  await page.evaluate(() => {
-    window.forces = [];
-    const note = () => { if (window.forces) window.forces.push([Date.now(), trocar.row.t_s[0], Math.hypot(...trocar.row.wrench_delivered.slice(0, 3))]); setTimeout(note, 4); };
-    note();
-  });
-  const force_N = await get(page, force);
-  const ended_ms = await end();
-  await until(page, `window.forces.at(-1)[2] < ${0.1 * force_N}`, `the force after ${what}`);
-  const forces = await get(page, "window.forces");
-  await page.evaluate("window.forces = null");
-  check(force_N > 4, `the force before ${what} is only ${force_N} N`);
-  return forces.find(([ms, , N]) => ms >= ended_ms && N < 0.1 * force_N)?.[0] - ended_ms;
+  check(await get(page, force) > 4, `the force before ${what} is only ${await get(page, force)} N`);
 }
 const lost = await get(page, events_of("hand_lost"));
 /// The worker with the WebSocket.
 const link_of = (one) => one.workers().find((worker) => worker.url().endsWith("live_worker.js"));
-figures.silent_ms = await abandoned(() => link_of(other).evaluate(() => {
-  // No message of the hand leaves the page.
+await press_in_other("silence");
+await link_of(other).evaluate(() => {  // no message of the hand leaves the page
   const send = WebSocket.prototype.send;
   WebSocket.prototype.send = function (words) { if (!("hand" in JSON.parse(words))) send.call(this, words); };
-  return Date.now();
-}), "silence");
+});
+await until(page, `${force} < 1`, "the force after silence");
 await until(page, `${events_of("hand_lost")} > ${lost}`, "the event of a lost hand");
 await until(other, "!trocar.hand.is_held", "a lost hand on its own page");
 check(/let go of the needle, because this page sent nothing/.test(await other.innerText("#hand-words")), `the lost hand is not told: ${await other.innerText("#hand-words")}`);
@@ -385,11 +359,9 @@ await other.reload();
 await until(other, `trocar.state.state === "running" && trocar.row && trocar.hand.holder === "free"`, "the second page again");
 await take(other, "the second page's needle again");
 const ended = `${events_of("hand_lost")} + ${events_of("hand_let_go")}`, ended_before = await get(page, ended);
-figures.closed_ms = await abandoned(async () => {
-  const now = Date.now();
-  await other.close();
-  return now;
-}, "a closed page");
+await press_in_other("a closed page");
+await other.close();
+await until(page, `${force} < 1`, "the force after a closed page");
 await until(page, `${ended} > ${ended_before}`, "the event of the closed page");
 await until(page, `trocar.hand.holder === "free"`, "the needle of a closed page");
 // One slow frame takes nothing from the operator: the worker goes on sending. A page that stands still for longer lets go, and what it does

@@ -2,24 +2,12 @@
 // drive_imaging.mjs JSON: X-ray and planes of the CT in the console's page. The argument: {link, view_link, chromium, out, scene, apart,
 // foreign}; `scene` is a scene whose asset has a context volume, `apart` one that has no X-ray, and `foreign` a recording whose scene is not in
 // the folder. Prints one JSON object: {failures, figures, sessions}.
-import { Browser } from "./browser.mjs";
+import { driver, events_of, seek, set_hidden } from "./browser.mjs";
 
-const given = JSON.parse(process.argv[2]);
 const figures = {}, sessions = {};  // a session: {recording, shots, screening_s}
-const browser = await Browser.launch(given, { figures, sessions });
-const check = (condition, words) => browser.check(condition, words);
-const until = (page, expression, what, timeout_ms = 20000) => browser.until(page, expression, what, timeout_ms);
-const get = (page, expression) => page.evaluate(expression);
+const { given, browser, check, until, get } = await driver({ figures, sessions }, 20000);
 const counts = `({ shots: trocar.row.xray_shots[0], screening_s: trocar.row.xray_screening_s[0], words: document.getElementById("xray-count").textContent })`;
-const events_of = (kind) => `trocar.events.filter((event) => event.kind === "${kind}").length`;
 
-async function start(page, scene) {
-  await page.click("[data-to=folder]");
-  await page.selectOption("#start-scene", scene);
-  const before = await get(page, "trocar.session");
-  await page.click("#start");
-  await until(page, `trocar.session !== ${JSON.stringify(before)} && trocar.state.state === "running" && trocar.row?.safety[0] === 2`, `the start of ${scene}`);
-}
 async function stop(page, name) {
   await page.keyboard.press("Shift+Q");
   await until(page, `trocar.state.state === "ended" && trocar.row.ended[0] === 1`, `the end of ${name}`);
@@ -48,7 +36,7 @@ async function shot(page, what) {
 
 const page = await browser.open(given.link);
 await until(page, "trocar.bone_shown_ms !== null", "the bone of the first scene");
-await start(page, given.scene);
+await browser.start(page, given.scene);
 
 // ---- shots ----
 await page.click("[data-picture=xray]");
@@ -180,18 +168,16 @@ await viewer.evaluate(() => {
   window.real_frame = window.requestAnimationFrame;
   window.waiting_frames = [];
   window.requestAnimationFrame = (next) => window.waiting_frames.push(next);
-  Object.defineProperty(document, "hidden", { configurable: true, get: () => true });
-  document.dispatchEvent(new Event("visibilitychange"));
 });
+await set_hidden(viewer, true);
 const [hidden_drawn, hidden_shots] = await get(viewer, `[trocar.imaging.drawn, ${events_of("xray_shot")}]`);
 await shot(page, "a picture that one page misses");
 await page.waitForTimeout(2500);
 await viewer.evaluate(() => {
   window.requestAnimationFrame = window.real_frame;
   for (const next of window.waiting_frames) requestAnimationFrame(next);
-  delete document.hidden;
-  document.dispatchEvent(new Event("visibilitychange"));
 });
+await set_hidden(viewer, false);
 await until(viewer, `${events_of("xray_shot")} === ${hidden_shots + 1}`, "the missed shot on the audience's page");
 await viewer.waitForTimeout(1000);
 check(await get(viewer, "trocar.imaging.drawn") === hidden_drawn, "a shot was shown with the needle of another time");
@@ -223,7 +209,7 @@ await stop(page, "vertebra");
 check(!await get(page, "trocar.imaging.is_screening"), "X-ray is on after the end");
 
 // ---- a hundred shots ----
-await start(page, given.scene);
+await browser.start(page, given.scene);
 await until(page, "trocar.imaging.is_ready && trocar.imaging.positions >= 1", "the sum along the rays of the second session");
 check(await get(page, "trocar.row.xray_shots[0] === 0 && !trocar.imaging.is_screening"), "the second session began with X-ray");
 await page.keyboard.up("c");
@@ -239,12 +225,12 @@ await stop(page, "hundred");
 await page.click("#ended-play");
 await until(page, `trocar.tab === "playback" && trocar.playback.end_s > 0`, "playback");
 await until(page, "trocar.imaging.positions >= 1", "the sum along the rays in playback");
-await page.evaluate(() => { const seek = document.getElementById("seek"); seek.value = 1000; seek.dispatchEvent(new Event("input")); });
+await seek(page, 1);
 await until(page, "trocar.playback_row.xray_shots?.[0] === 100", "a hundred shots at the end of the playback");
 check(await page.isDisabled("#xray-shot"), "a picture can be taken in playback");
 await until(page, `document.getElementById("xray-count").textContent.includes("100 shots")`, "the count in playback");
 const drawn = await get(page, "trocar.imaging.drawn");
-await page.evaluate(() => { const seek = document.getElementById("seek"); seek.value = 100; seek.dispatchEvent(new Event("input")); });
+await seek(page, 0.1);
 await until(page, `trocar.imaging.drawn > ${drawn}`, "the picture at another time of the playback");
 await browser.picture(page, "playback");
 // The scan of one recording is not shown with another one whose scene is not in the folder.
@@ -258,7 +244,7 @@ await until(page, `document.getElementById("xray-count").textContent === "No sca
 
 // ---- no X-ray ----
 await page.click("[data-to=folder]");
-await start(page, given.apart);
+await browser.start(page, given.apart);
 await until(page, `trocar.imaging.why.includes("not as far apart")`, "the reason why there is no X-ray");
 await until(page, `document.getElementById("xray-shot").disabled`, "no button for a picture without X-ray");
 await until(page, `document.getElementById("xray-count").textContent.includes("not as far apart")`, "the words without X-ray");

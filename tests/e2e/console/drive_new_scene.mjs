@@ -3,17 +3,19 @@
 // {link, view_link, out, entry, beside}; `entry` is a position in {B} on the topmost slice, and
 // `beside` one on the bone 18 mm below that slice. Prints one JSON object: {failures, chosen}, where
 // `chosen` has the texts of the points at each step.
-import { Browser } from "./browser.mjs";
+import { driver } from "./browser.mjs";
 
-const given = JSON.parse(process.argv[2]);
 const chosen = {};
-const browser = await Browser.launch(given, { chosen });
-const check = (condition, words) => browser.check(condition, words);
+const { given, browser, check } = await driver({ chosen });
 const page = await browser.open(given.link);
 const get = (expression) => page.evaluate(expression);
 const until = (expression, what, timeout) => browser.until(page, expression, what, timeout);
 const words = () => page.innerText("#plan-words");
 const texts = async () => ({ entry: await page.inputValue("#plan-entry"), target: await page.inputValue("#plan-target"), depth: await page.inputValue("#plan-depth") });
+const fill = async (name, text) => {
+  await page.fill(`#plan-${name}`, text);
+  await page.keyboard.press("Tab");
+};
 const numbers = (text) => text.split(", ").map(Number);
 
 /// Clicks at a pixel of the view.
@@ -43,8 +45,7 @@ chosen.section = await texts();
 const entry = await get("trocar.planning.points.entry");
 check(Math.hypot(...entry.map((x, k) => x - given.entry[k])) < 3e-4, `clicked at ${given.entry}, the entry is ${entry}`);
 check(/at the target/.test(await words()) && await page.getAttribute("#plan-pick-target", "aria-pressed") === "true", `after the entry: ${await words()}`);
-await page.fill("#plan-depth", "18");
-await page.keyboard.press("Tab");
+await fill("depth", "18");
 await until("trocar.planning.points.target", "the target by its depth");
 const below = await get("trocar.planning.points.target");
 check(Math.hypot(below[0] - entry[0], below[1] - entry[1], below[2] - entry[2] + 0.018) < 1e-9, `18 mm below ${entry} is ${below}`);
@@ -56,10 +57,8 @@ const canvas = await page.locator("#canvas").boundingBox(), [bx, by] = await pix
 await page.mouse.dblclick(canvas.x + bx, canvas.y + by);
 const moved = await get("trocar.planning.points");
 check(Math.hypot(moved.target[0] - beside[0], moved.target[1] - beside[1]) < 3e-4 && JSON.stringify(moved.entry) === JSON.stringify(entry), `a double click at ${beside}, pixel ${[bx, by]} of ${JSON.stringify(canvas)}, where there is ${JSON.stringify(await get(`trocar.pick(${bx}, ${by})`))}, gives ${JSON.stringify(moved)}`);
-await page.fill("#plan-target", "");
-await page.keyboard.press("Tab");
-await page.fill("#plan-depth", "18");
-await page.keyboard.press("Tab");
+await fill("target", "");
+await fill("depth", "18");
 await page.waitForTimeout(400);
 
 // ---- the target by a click in a plane of the CT: 10 mm to the patient's left, 5 mm to the head ----
@@ -96,8 +95,7 @@ await page.mouse.up();
 check(JSON.stringify(await get("trocar.planning.points.entry")) === JSON.stringify(on_surface), "a drag sets the entry");
 
 // ---- points by their numbers; what no needle can do, in words ----
-await page.fill("#plan-entry", "one, two");
-await page.keyboard.press("Tab");
+await fill("entry", "one, two");
 await until("/one, two: a point is three numbers in mm/.test(trocar.words)", "the refusal of a point");
 check(await page.inputValue("#plan-entry") === "one, two" && await page.isDisabled("#plan-make"), "a point that is refused is emptied, or can be made into a scene");
 // With a decimal comma, as people type them. A field that drops the comma takes 12,5 for 125.
@@ -115,10 +113,8 @@ check(await page.inputValue("#plan-depth") === "1.234,5" && await page.isDisable
 await until("/is not one number/.test(trocar.words)", "the refusal of a depth");
 await type("#plan-depth", "12.5");
 check((await texts()).depth === "12.5" && await page.isEnabled("#plan-make"), "a depth that is mended is refused");
-await page.fill("#plan-entry", "5000, 0, 0");
-await page.keyboard.press("Tab");
-await page.fill("#plan-target", "");
-await page.keyboard.press("Tab");
+await fill("entry", "5000, 0, 0");
+await fill("target", "");
 await page.fill("#plan-name", "nowhere");
 await page.click("#plan-make");
 await until("!trocar.planning.is_making && trocar.planning.result", "the answer about a point outside", 60000);
@@ -126,10 +122,8 @@ check(/the needle meets no bone there/.test(await page.innerText("#plan-verdict"
 await browser.picture(page, "refused");
 
 // ---- the scene ----
-await page.fill("#plan-entry", chosen.section.entry);
-await page.keyboard.press("Tab");
-await page.fill("#plan-depth", "15");
-await page.keyboard.press("Tab");
+await fill("entry", chosen.section.entry);
+await fill("depth", "15");
 await page.fill("#plan-name", "../x");
 check(await page.isDisabled("#plan-make"), "a name that leads out of the folder can be made");
 await page.fill("#plan-name", "clicked");
@@ -160,13 +154,10 @@ await until("trocar.state.state === 'ended'", "its end");
 await page.click("[data-to=folder]");
 await page.click("#plan-open");
 await until("/Click on the bone/.test(document.getElementById('plan-words').textContent)", "points on the scene whose session has ended");
-await page.fill("#plan-entry", chosen.section.entry);
-await page.keyboard.press("Tab");
-await page.fill("#plan-target", chosen.section.entry);
-await page.keyboard.press("Tab");
+await fill("entry", chosen.section.entry);
+await fill("target", chosen.section.entry);
 check(/must lie below the entry/.test(await words()) && await page.isDisabled("#plan-make"), `a target at the entry: ${await words()}`);
-await page.fill("#plan-target", "");
-await page.keyboard.press("Tab");
+await fill("target", "");
 await page.fill("#plan-name", "elsewhere");
 await page.click("#plan-make");
 await page.click("[data-to=playback]");

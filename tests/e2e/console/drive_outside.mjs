@@ -1,13 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // drive_outside.mjs JSON: a page for which the console has no place, one behind a tunnel, and one whose console has a full disk. The
 // argument: {full_link, full_view_link, tunnel, disk_link or null, chromium, out}. Prints {failures}.
-import { Browser } from "./browser.mjs";
+import { driver, pill } from "./browser.mjs";
 
-const given = JSON.parse(process.argv[2]);
-const browser = await Browser.launch(given);
-const check = (condition, words) => browser.check(condition, words);
-const until = (...words) => browser.until(...words);
-const pill = `document.getElementById("state").textContent`;
+const { given, browser, check, until } = await driver();
 
 // ---- sixteen pages of an audience ----
 const seventeenth = await browser.open(given.full_view_link);

@@ -1,14 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // drive_rescue.mjs JSON: the emergency stop and Restart when other things happen: a report has the focus, the session starts, hangs in a pause or
 // is restarted, the console stands still, the link is a new one. The argument: {link, view_link, pid, chromium, out}. Prints {failures}.
-import { Browser } from "./browser.mjs";
+import { driver, pill } from "./browser.mjs";
 
-const given = JSON.parse(process.argv[2]);
-const browser = await Browser.launch(given);
-const check = (condition, words) => browser.check(condition, words);
-const until = (...words) => browser.until(...words);
-const get = (page, expression) => page.evaluate(expression);
-const pill = `document.getElementById("state").textContent`;
+const { given, browser, check, until, get } = await driver();
 
 // ---- a link with another token, in the tab of this page ----
 const page = await browser.open(given.view_link);
@@ -17,7 +12,7 @@ await Promise.all([page.waitForEvent("load"), page.goto(given.link)]);  // the p
 await until(page, `window.trocar?.role === "operator"`, "the operator's link in the tab of the audience");
 check(await get(page, "location.hash") === "", "the token stays in the address");
 
-const start = (scene, seconds) => browser.start(page, scene, seconds);
+const start = (scene, seconds) => browser.start(page, scene, { seconds });
 const session = () => get(page, "trocar.session");
 const is_over = `["ended", "idle", "lost"].includes(trocar.state.state)`;
 async function expect_none(what) {
@@ -53,6 +48,7 @@ await expect_none("Stop while a session starts");
 await start("scenes/outside.json", 600);
 await page.click("#pause");
 await until(page, `${pill} === "Paused"`, "a pause");
+await browser.picture(page, "paused");
 await page.click("#zero");
 await page.click("#pause");
 await until(page, `${pill} === "Forces off"`, "forces that were switched off in a pause");

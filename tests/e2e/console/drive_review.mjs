@@ -3,11 +3,10 @@
 // names}], different, by_bytes}. `large` is the address of a review of several pages, `small` that of one page that compares two stores.
 // Prints {failures}; pictures go to the folder `out`.
 import axe from "axe-core";
-import { Browser } from "./browser.mjs";
+import { driver } from "./browser.mjs";
 
 const kPerPage = 240, kRows = 50;  // cards of a page; rows that the table shows at first
-const given = JSON.parse(process.argv[2]);
-const browser = await Browser.launch(given);
+const { given, browser } = await driver();
 const same = (found, wanted, what) => browser.check(JSON.stringify(found) === JSON.stringify(wanted),
   `${what}: ${found.length} found, ${wanted.length} wanted; ${JSON.stringify(found).slice(0, 300)} instead of ${JSON.stringify(wanted).slice(0, 300)}`);
 

@@ -1,23 +1,17 @@
 // SPDX-License-Identifier: Apache-2.0
 // drive_start.mjs JSON: opens the pages of a console with --start. The argument: {link, view_link, chromium}. Prints {failures}.
-import { Browser } from "./browser.mjs";
+import { driver, set_hidden } from "./browser.mjs";
 
-const given = JSON.parse(process.argv[2]);
-const browser = await Browser.launch(given);
+const { given, browser, until } = await driver();
 const open = (link) => browser.open(link);
-const until = (...words) => browser.until(...words);
 
 const audience = await open(given.view_link);
 await until(audience, `trocar.is_connected && trocar.state.state === "idle"`, "the audience's page before the session");
 await audience.waitForTimeout(500);
 if (await audience.evaluate(`trocar.state.state !== "idle"`)) browser.fail("the audience's page started a session");
 // A page that was hidden before any session comes back.
-await audience.evaluate(`{
-  Object.defineProperty(document, "hidden", { configurable: true, get: () => true });
-  document.dispatchEvent(new Event("visibilitychange"));
-  delete document.hidden;
-  document.dispatchEvent(new Event("visibilitychange"));
-}`);
+await set_hidden(audience, true);
+await set_hidden(audience, false);
 await audience.waitForTimeout(500);
 await until(audience, `trocar.is_connected && document.getElementById("state").textContent === "Idle"`, "the page after it was hidden before any session");
 const { origin, hash } = new URL(given.link);

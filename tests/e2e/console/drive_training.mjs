@@ -1,29 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
 // drive_training.mjs JSON: trainee, goals, history and ghost in the console's page. The argument: {link, view_link, out}. Prints one JSON
 // object: {failures, goals, sessions}; `goals` has what the page showed at the end of each session and of each playback.
-import { Browser } from "./browser.mjs";
+import { driver, seek } from "./browser.mjs";
 
-const given = JSON.parse(process.argv[2]);
 const goals = {}, sessions = {};
-const browser = await Browser.launch(given, { goals, sessions });
-const check = (condition, words) => browser.check(condition, words);
+const { given, browser, check } = await driver({ goals, sessions });
 const page = await browser.open(given.link);
 const get = (expression) => page.evaluate(expression);
 const until = (expression, what) => browser.until(page, expression, what);
 
-async function start(scene, clock = "virtual") {
-  await page.click("[data-to=folder]");
-  await page.selectOption("#start-scene", scene);
-  await page.selectOption("#start-clock", clock);
-  const before = await get("trocar.session");
-  await page.click("#start");
-  await until(`trocar.session !== ${JSON.stringify(before)} && trocar.row`, `the start of ${scene}`);
-}
-const seek = (part) => page.evaluate((value) => {
-  const slider = document.getElementById("seek");
-  slider.value = String(value);
-  slider.dispatchEvent(new Event("input"));
-}, Math.round(1000 * part));
+const start = (scene, clock = "virtual") => browser.start(page, scene, { select: { clock }, begun: "trocar.row" });
 
 // ---- who does it ----
 for (const [name, value] of [["trainee", "A-17"], ["course", "spine_2026"], ["attempt", "1"]]) await page.fill(`#start-${name}`, value);
@@ -53,14 +39,14 @@ for (const scene of ["scenes/met.json", "scenes/broken.json"]) {
   await browser.picture(page, `verdict_${scene.replace(/\W/g, "_")}`);
   await page.click("#ended-play");
   await until(`trocar.playback.file === ${JSON.stringify(sessions[scene])} && trocar.goals.t_s < 0.1`, `the playback of ${scene}`);
-  await seek(0.5);
+  await seek(page, 0.5);
   await until("!trocar.goals.is_final && trocar.goals.t_s > 3", "the middle of the playback");
   goals[scene].middle = await get("trocar.goals");
   await browser.picture(page, `goals_${scene.replace(/\W/g, "_")}`);
-  await seek(1);
+  await seek(page, 1);
   await until("trocar.goals.is_final", "the verdict at the end of the playback");
   goals[scene].playback = await get("trocar.goals");
-  await seek(0.1);
+  await seek(page, 0.1);
   await until("!trocar.goals.is_final && trocar.goals.t_s < 1", "goals after going back");
   goals[scene].back = await get("trocar.goals");
 }

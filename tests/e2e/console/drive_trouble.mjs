@@ -1,14 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // drive_trouble.mjs JSON: what the page says of sessions in trouble, and what its keys do. The argument: {link, view_link, chromium, out}.
 // Prints {failures}; pictures go to the folder `out`.
-import { Browser } from "./browser.mjs";
+import { driver, pill } from "./browser.mjs";
 
-const given = JSON.parse(process.argv[2]);
-const browser = await Browser.launch(given);
-const check = (condition, words) => browser.check(condition, words);
-const until = (...words) => browser.until(...words);
-const get = (page, expression) => page.evaluate(expression);
-const pill = `document.getElementById("state").textContent`;
+const { given, browser, check, until, get } = await driver();
 
 const page = await browser.open(given.link);
 await until(page, "trocar.bone_shown_ms !== null", "the bone of the first scene");
@@ -18,7 +13,7 @@ check(/broken\.json/.test(await page.innerText("#scenes")), "a scene with broken
 await browser.accessible(page, "folder");
 await browser.sizes(page, "folder");
 
-const start = (scene, seconds) => browser.start(page, scene, seconds);
+const start = (scene, seconds) => browser.start(page, scene, { seconds });
 const pid = () => get(page, "trocar.pid");
 
 // ---- the space key presses what has the focus, and never ends a session ----

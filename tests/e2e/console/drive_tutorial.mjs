@@ -1,13 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // drive_tutorial.mjs JSON: the tutorial's step in the console, as its reader does it. The argument: {link, view_link, chromium, out}. Prints
 // {failures}; the tutorial's two pictures go to the folder `out`.
-import { Browser } from "./browser.mjs";
+import { driver, pill, seek } from "./browser.mjs";
 
-const given = JSON.parse(process.argv[2]);
-const browser = await Browser.launch(given);
-const check = (condition, words) => browser.check(condition, words);
-const until = (...words) => browser.until(...words);
-const pill = `document.getElementById("state").textContent`;
+const { given, browser, check, until } = await driver();
 
 const page = await browser.open(given.link);
 await until(page, "trocar.bone_shown_ms !== null", "the bone of the first scene");
@@ -24,11 +20,7 @@ await until(page, `trocar.state.state === "ended"`, "the end");
 await page.click("[data-to=folder]");
 await page.locator("#recordings").getByText("Play", { exact: true }).first().click();
 await until(page, "trocar.playback.end_s > 3", "the recording");
-await page.evaluate(() => {
-  const slider = document.getElementById("seek");
-  slider.value = "920";
-  slider.dispatchEvent(new Event("input"));
-});
+await seek(page, 0.92);
 await page.waitForTimeout(700);
 await browser.picture(page, "tutorial_playback");
 
