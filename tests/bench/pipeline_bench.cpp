@@ -25,9 +25,9 @@
 #include "pipeline/open/open_stack.h"
 #include "pipeline/read/parallel_for.h"
 #include "pipeline/read/volume_file.h"
-#include "tests/reference/phantom/cross_section.h"
 #include "sample_ct/render.h"
 #include "tests/bench/bench.h"
+#include "tests/reference/phantom/cross_section.h"
 #include "tests/support/memory_stack.h"
 
 namespace trocar::pipeline::bench {

@@ -660,7 +660,8 @@ TEST_F(LoopMotors, CompensationRisesSlowlyAndKeepsTheLimits) {
     tick();
     ASSERT_EQ(state_.safety.fault, Fault::kNone);
     ASSERT_NEAR(result_.row.wrench_delivered[2], 20, 1e-9);
-    const Wrench all = four_legs_->motor_jacobian().transpose() * MotorVector(result_.row.tau_Nm.data());
+    const Wrench all =
+        four_legs_->motor_jacobian().transpose() * MotorVector(result_.row.tau_Nm.data());
     ASSERT_NEAR(all[2] - 20, std::min(1.0, i / 250.0) * 0.35 * 9.81, 1e-6);
     ASSERT_GE(all[2], last_N);
     last_N = all[2];
