@@ -9,7 +9,6 @@
 #include <bit>
 #include <cerrno>
 #include <exception>
-#include <utility>
 #include <vector>
 
 #include "formats/base/files.h"

@@ -6,7 +6,6 @@
 #include <sys/stat.h>
 #include <algorithm>
 #include <cstdio>
-#include <cstdlib>
 
 #include "formats/base/text.h"
 

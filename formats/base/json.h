@@ -4,7 +4,6 @@
 // Include this header in .cpp files only, because a public header must not include nlohmann/json.
 #pragma once
 
-#include <array>
 #include <cmath>
 #include <concepts>
 #include <cstdint>

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "formats/mesh/local_delaunay.h"
 
-#include <algorithm>
 
 #include "formats/mesh/predicates.h"
 

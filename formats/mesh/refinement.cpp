@@ -3,11 +3,9 @@
 
 #include <algorithm>
 #include <array>
-#include <bit>
 #include <cmath>
 #include <limits>
 #include <numbers>
-#include <optional>
 
 #include "formats/mesh/canonical_rotation.h"
 #include "formats/mesh/predicates.h"

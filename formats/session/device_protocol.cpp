@@ -6,7 +6,6 @@
 #include <bit>
 #include <cmath>
 #include <concepts>
-#include <cstring>
 #include <string_view>
 #include <type_traits>
 

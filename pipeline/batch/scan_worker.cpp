@@ -12,14 +12,12 @@
 #include <cerrno>
 #include <csignal>
 #include <cstdio>
-#include <cstring>
 #include <iterator>
 #include <map>
 #include <memory>
 #include <new>
 #include <set>
 #include <span>
-#include <system_error>
 #include <utility>
 
 #include "formats/asset/asset.h"

@@ -6,7 +6,6 @@
 #include <unistd.h>
 #include <algorithm>
 #include <array>
-#include <cctype>
 #include <cerrno>
 #include <deque>
 #include <iterator>
