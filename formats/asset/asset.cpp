@@ -291,9 +291,8 @@ Result<AssetPart> read_by_index(ByteSource& source, const IndexedFile& file,
       auto slice = record.material < part.asset.materials.size()
                        ? read_slice(source, file, record, part.asset.lattice, *frame)
                        : refused("the slice index names a material that is not there");
-      if (!slice) {
+      if (!slice)
         return refused(name + ": slice " + std::to_string(index) + ": " + slice.error().message);
-      }
       part.asset.slices.push_back(std::move(*slice));
     }
   }

@@ -128,9 +128,8 @@ Result<std::size_t> draco_z_at(std::span<const std::uint8_t> payload, const Drac
 Result<std::vector<std::uint8_t>> encode_draco(const SliceMesh& mesh, const DracoGrid& grid,
                                                std::span<const float> hu) {
   if (mesh.triangles.empty()) return bug("Draco: empty mesh");
-  if (grid.quantization_bits < 1 || grid.quantization_bits > 24) {
+  if (grid.quantization_bits < 1 || grid.quantization_bits > 24)
     return bug("Draco: " + std::to_string(grid.quantization_bits) + " quantisation bits");
-  }
   const std::int64_t max_q = (std::int64_t{1} << grid.quantization_bits) - 1;
   if (!hu.empty() && hu.size() != mesh.vertices.size())
     return bug("Draco: " + std::to_string(hu.size()) + " HU of " +
@@ -183,9 +182,8 @@ Result<DracoSlice> decode_draco(std::span<const std::uint8_t> bytes, std::uint64
       position->num_components() != 3) {
     return refused("Draco: no float position");
   }
-  if (in->num_points() > max_vertices || in->num_faces() > max_triangles) {
+  if (in->num_points() > max_vertices || in->num_faces() > max_triangles)
     return refused("Draco: more vertices or triangles than stated");
-  }
   const int attributes = in->num_attributes();
   if (attributes < 1 || attributes > 3) return refused("Draco: unknown attributes");
   DracoSlice out;

@@ -119,9 +119,8 @@ Result<GltfDocument> parse_gltf(std::span<const std::uint8_t> glb, const std::st
     std::replace(error.begin(), error.end(), '\n', ' ');
     return refused(name + ": not readable as glTF: " + error);
   }
-  if (model.buffers.size() > 1 || (model.buffers.size() == 1 && !model.buffers[0].uri.empty())) {
+  if (model.buffers.size() > 1 || (model.buffers.size() == 1 && !model.buffers[0].uri.empty()))
     return refused(name + ": an asset has one embedded buffer");
-  }
   return document;
 }
 

@@ -99,9 +99,8 @@ Result<void> state_lines(const tinygltf::Model& model, const tinygltf::Primitive
   stated.segment_index_bytes = narrow ? 2 : 4;
   const auto points = packed_view(model, *position, 3 * sizeof(float));
   const auto segments = packed_view(model, *index, stated.segment_index_bytes);
-  if (!points || !segments || !(narrow || wide) || index->count != 2 * position->count) {
+  if (!points || !segments || !(narrow || wide) || index->count != 2 * position->count)
     return refused("outline data outside the buffer or of the wrong size");
-  }
   stated.outline_offset = offset_of(model, *points);
   stated.outline_vertices = static_cast<std::uint32_t>(position->count);
   stated.segments_offset = offset_of(model, *segments);
@@ -142,9 +141,8 @@ Result<Pslg> decode_lines(const StatedEntry& stated, std::span<const std::uint8_
     }
     ring.push_back({static_cast<std::int32_t>(x), static_cast<std::int32_t>(y)});
     const std::uint32_t to = indices[2 * i + 1];
-    if (indices[2 * i] != i || (to != i + 1 && to != first) || (to == first && ring.size() < 3)) {
+    if (indices[2 * i] != i || (to != i + 1 && to != first) || (to == first && ring.size() < 3))
       return refused("outline segment " + std::to_string(i) + " does not continue its ring");
-    }
     if (to == first) {
       pslg.rings.push_back(std::exchange(ring, {}));
       first = i + 1;
@@ -403,9 +401,8 @@ Result<std::size_t> read_document_extras(const nlohmann::json& extras, Asset& as
   if (schema != kAssetSchema)
     return refused(name + ": not a Trocar asset of schema " + std::to_string(kAssetSchema));
   const nlohmann::json bits = ours.value("lattice_bits", nlohmann::json());
-  if (!bits.is_number_integer() || bits < kMinLatticeBits || bits > kMaxLatticeBits) {
+  if (!bits.is_number_integer() || bits < kMinLatticeBits || bits > kMaxLatticeBits)
     return refused(name + ": lattice_bits missing or out of range");
-  }
   asset.lattice.bits = bits.get<int>();
   asset.parameters_json = json_text(ours.value("parameters", nlohmann::json::object()));
   const nlohmann::json digest = ours.value("input_key_digest", nlohmann::json());
@@ -589,9 +586,8 @@ Result<EncodedSlice> encode_slice(const AssetSlice& slice, const ProvedOutline& 
       triangles.size() != slice.mesh.triangles.size() || decoded.hu.size() != slice.hu.size()) {
     return bug(where + "Draco did not keep every vertex and triangle");
   }
-  if (auto ok = check_mesh_against_outline(decoded.mesh, outline); !ok) {
+  if (auto ok = check_mesh_against_outline(decoded.mesh, outline); !ok)
     return bug(where + ok.error().message);
-  }
   out.pslg = std::move(decoded.pslg);
   const auto z_at = draco_z_at(*bytes, grid);
   if (!z_at) return bug(where + z_at.error().message);

@@ -106,12 +106,10 @@ Result<void> check_writable(const std::filesystem::path& file) {
   std::error_code ignored;
   // The final rename would replace a device or a pipe by a file.
   const std::filesystem::file_status there = std::filesystem::status(file, ignored);
-  if (std::filesystem::exists(there) && !std::filesystem::is_regular_file(there)) {
+  if (std::filesystem::exists(there) && !std::filesystem::is_regular_file(there))
     return unwritable(file.string() + ": exists and is not a regular file");
-  }
-  if (!std::filesystem::is_directory(folder, ignored)) {
+  if (!std::filesystem::is_directory(folder, ignored))
     return unwritable(file.string() + ": there is no folder " + folder.string());
-  }
   if (::access(folder.c_str(), W_OK) != 0) {
     return unwritable(file.string() +
                       ": its folder cannot be written to: " + system_message(errno));

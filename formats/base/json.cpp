@@ -73,9 +73,8 @@ Result<nlohmann::json> parse_strict_json(std::string_view text, const std::strin
       keys.pop_back();
     } else if (event == Event::key) {
       const auto& key = parsed.get_ref<const std::string&>();
-      if (!keys.back().insert(key).second && !wrong) {
+      if (!keys.back().insert(key).second && !wrong)
         wrong = "key " + json_text(key) + " occurs twice";
-      }
     }
     return true;
   };

@@ -82,9 +82,8 @@ LatticePoint bend_point(const Strand& s, const Strand& t, const CanonicalRotatio
       return rotate(p) < rotate(*than);
     };
     if (closer(nearest, best)) nearest = p, best = distance;
-    if (recedes(s, p) && recedes(t, p) && closer(nearest_receding, best_receding)) {
+    if (recedes(s, p) && recedes(t, p) && closer(nearest_receding, best_receding))
       nearest_receding = p, best_receding = distance;
-    }
   }
   return nearest_receding ? *nearest_receding : *nearest;
 }

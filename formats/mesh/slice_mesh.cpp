@@ -94,9 +94,8 @@ void split_at_pinches(const Ring& ring, std::vector<Ring>& out) {
 
 std::int64_t doubled_area(const Ring& ring) {
   std::uint64_t sum = 0;
-  for (std::size_t i = 0, n = ring.size(); i < n; ++i) {
+  for (std::size_t i = 0, n = ring.size(); i < n; ++i)
     sum += static_cast<std::uint64_t>(orient2d(ring[0], ring[i], ring[i + 1 == n ? 0 : i + 1]));
-  }
   return static_cast<std::int64_t>(sum);
 }
 
@@ -131,9 +130,8 @@ Pslg rings_along(const SliceMesh& mesh, std::vector<std::uint32_t> next) {
     }
     split_at_pinches(ring, out.rings);
   }
-  for (Ring& ring : out.rings) {
+  for (Ring& ring : out.rings)
     std::rotate(ring.begin(), std::min_element(ring.begin(), ring.end()), ring.end());
-  }
   std::sort(out.rings.begin(), out.rings.end());
   return out;
 }

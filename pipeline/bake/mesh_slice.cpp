@@ -475,16 +475,14 @@ GradedArea::GradedArea(const Image& hu, const PixelGrid& grid, double hu_per_edg
     edge(x, y) = std::min(edge(x, y), max_edge);
   };
   for (int y = 0; y < height_; ++y) {
-    for (int x = 0; x < width_; ++x) {
+    for (int x = 0; x < width_; ++x)
       limit(x, y, -1, 0), limit(x, y, 0, -1), limit(x, y, -1, -1), limit(x, y, 1, -1);
-    }
     for (int x = width_ - 1; x >= 0; --x)
       limit(x, y, 1, 0);
   }
   for (int y = height_ - 1; y >= 0; --y) {
-    for (int x = width_ - 1; x >= 0; --x) {
+    for (int x = width_ - 1; x >= 0; --x)
       limit(x, y, 1, 0), limit(x, y, 0, 1), limit(x, y, 1, 1), limit(x, y, -1, 1);
-    }
     for (int x = 0; x < width_; ++x)
       limit(x, y, -1, 0);
   }

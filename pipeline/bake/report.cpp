@@ -139,18 +139,15 @@ std::vector<SliceWarning> slice_warnings(int index, const MeshedSlice& meshed,
   std::vector<SliceWarning> out;
   // All materials of a slice have the same bounds and the same outcome.
   const Refined& refined = meshed.materials[0].refined;
-  if (refined.mesh.triangles.empty()) {
-    out.push_back({"empty_slice", index, "without material"});
-  }
+  if (refined.mesh.triangles.empty()) out.push_back({"empty_slice", index, "without material"});
   if (meshed.not_numbers > 0) {
     out.push_back({"not_numbers", index,
                    "# voxels are not numbers (NaN); they are taken as air, "
                    "or in a label map as background",
                    static_cast<double>(meshed.not_numbers)});
   }
-  if (meshed.all_material) {
+  if (meshed.all_material)
     out.push_back({"all_material", index, "every pixel is material: nothing is outside"});
-  }
   if (refined.max_area_mm2 > meshed.max_area_bound_mm2) {
     out.push_back({"area_not_reached", index,
                    "the wanted area needs too many vertices here; refined to # mm^2 "

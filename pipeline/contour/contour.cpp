@@ -80,9 +80,8 @@ class MarchingSquares {
       const bool padded = y + 2 == rows_;
       const float* row =
           padded ? nullptr : &image_.values[static_cast<std::size_t>(y) * image_.width];
-      for (int x = 0; x < image_.width; ++x) {
+      for (int x = 0; x < image_.width; ++x)
         above[static_cast<std::size_t>(x) + 1] = !padded && row[x] >= iso_ ? 1 : 0;
-      }
       for (int x = 0; x + 1 < columns_;) {
         std::uint64_t lower = 0, upper = 0;
         std::memcpy(&lower, &below[static_cast<std::size_t>(x)], 8);

@@ -181,9 +181,8 @@ Result<std::string> obj_text(const AssetSlice& slice, const Lattice& lattice) {
         static_cast<float>(q.x()), static_cast<float>(q.y()), static_cast<float>(q.z()))));
   }
   for (const Triangle& t : slice.mesh.triangles) {
-    if (!mesh.add_face(handles[t[0]], handles[t[1]], handles[t[2]]).is_valid()) {
+    if (!mesh.add_face(handles[t[0]], handles[t[1]], handles[t[2]]).is_valid())
       return refused("slice " + std::to_string(slice.index) + ": OpenMesh finds it not manifold");
-    }
   }
   std::ostringstream out;
   if (!OpenMesh::IO::write_mesh(mesh, out, ".obj", OpenMesh::IO::Options::Default, 9))

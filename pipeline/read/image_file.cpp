@@ -347,9 +347,8 @@ Result<Image> read_bmp(const std::filesystem::path& file, const std::vector<std:
   int width = 0, height = 0, format = TJPF_BGR;
   const std::unique_ptr<unsigned char, void (*)(unsigned char*)> loaded(
       tjLoadImage(file.c_str(), &width, 1, &height, &format, 0), tjFree);
-  if (!loaded || width != columns || height != rows) {
+  if (!loaded || width != columns || height != rows)
     return refused(name + ": broken BMP, or one of neither 8, 24 nor 32 bits a pixel");
-  }
   return to_image(cv::Mat(height, width, CV_8UC3, loaded.get()), cv::COLOR_BGR2GRAY, wanted, name);
 }
 

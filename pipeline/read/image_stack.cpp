@@ -87,9 +87,7 @@ void warn_of_missing(const std::vector<std::filesystem::path>& files, double ste
 
 Result<std::unique_ptr<SliceStack>> open_images(std::vector<std::filesystem::path> files,
                                                 const OpenOptions& options) {
-  if (!options.spacing_mm) {
-    return usage("images carry no pixel size: give --spacing X,Y,Z in mm");
-  }
+  if (!options.spacing_mm) return usage("images carry no pixel size: give --spacing X,Y,Z in mm");
   const Levels levels = options.as_labels ? Levels::kStored : Levels::kTo255;
   auto first = read_image_file(files[0], levels);
   if (!first) return first.error();

@@ -67,9 +67,8 @@ Result<NiftiImage> convert(const std::vector<std::uint8_t>& head, bool swapped,
   std::memcpy(&h, head.data(), sizeof h);
   constexpr bool kFirst = sizeof(Header) == sizeof(nifti_1_header);
   const char* magic = h.magic;
-  if (std::memcmp(magic, kFirst ? "ni1" : "ni2", 4) == 0) {
+  if (std::memcmp(magic, kFirst ? "ni1" : "ni2", 4) == 0)
     return refused(file + ": one of a pair of files (.hdr and .img); single .nii files are read");
-  }
   if (std::memcmp(magic, kFirst ? "n+1" : "n+2", 4) != 0)
     return refused(file + ": not a NIfTI file (no magic number)");
   if (swapped) swap_nifti_header(&h, kFirst ? 1 : 2);

@@ -478,9 +478,8 @@ void warn_of_session(const Evaluation& e, std::vector<std::string>& warnings) {
                   100 * e.dry_run->scale_min,
                   static_cast<unsigned long long>(e.dry_run->scaled_ticks)));
   }
-  if (e.dry_run && e.dry_run->hole_error) {
+  if (e.dry_run && e.dry_run->hole_error)
     warnings.push_back("a hole cannot be cut: " + e.dry_run->hole_error->message);
-  }
   warn_of_feel(e, warnings);
 }
 

@@ -255,9 +255,8 @@ void update_contact(const ContactModel& model, std::span<const Sheet* const> she
                   std::span(track.pending.data(), static_cast<std::size_t>(track.pending_count)));
     }
     track.state = next_state(model, track, shielded, section.overlap.coverage);
-    if (may_bear && track.state == SheetState::kMissed) {
+    if (may_bear && track.state == SheetState::kMissed)
       enter_old_hole(model, sheet, section, track);
-    }
     if (track.state != SheetState::kContact) {
       if (!shielded && track.state != SheetState::kShielded) {
         output.active_sheet = static_cast<std::int32_t>(i);

@@ -108,9 +108,8 @@ void clip(const Polygon& polygon, const Eigen::Vector2d& a, const Eigen::Vector2
     // Because of rounding, a convex polygon can cross a line more than twice, by about one rounding error.
     // Then the capacity bounds the size, and the loss is of the order of that error.
     if (at_p >= 0 && result.size < Polygon::kCapacity) result.points[result.size++] = p;
-    if (((at_p > 0 && at_q < 0) || (at_p < 0 && at_q > 0)) && result.size < Polygon::kCapacity) {
+    if (((at_p > 0 && at_q < 0) || (at_p < 0 && at_q > 0)) && result.size < Polygon::kCapacity)
       result.points[result.size++] = p + (at_p / (at_p - at_q)) * (q - p);
-    }
   }
   if (result.size < 3) result.size = 0;
 }
@@ -148,9 +147,8 @@ void add_outside(const Polygon& polygon, const Holes& holes, int k, Moments& mom
 Polygon whole_outline(const LatticeOutline& outline) noexcept {
   Polygon whole;
   whole.size = outline.size;
-  for (int i = 0; i < outline.size; ++i) {
+  for (int i = 0; i < outline.size; ++i)
     whole.points[i] = offset_in_steps(outline.points[i], outline.points[0]);
-  }
   return whole;
 }
 
@@ -302,9 +300,8 @@ Result<std::vector<std::unique_ptr<const Sheet>>> place_slices(const Scene& scen
                                 std::to_string(asset.slices.back().index) + ")"));
     }
     if (slice->mesh.triangles.empty()) return refused(where + ": has no material");
-    if (const Result<void> valid = check_mesh(slice->mesh); !valid) {
+    if (const Result<void> valid = check_mesh(slice->mesh); !valid)
       return refused(where + ": " + valid.error().message);
-    }
     slices.push_back(slice);
   }
 

@@ -278,9 +278,8 @@ nlohmann::json summarize(const Arguments& arguments, const Drive& drive,
   const DriveReport& report = drive.report();
   const SimulatedTruth& truth = drive.model().truth();
   nlohmann::json refused = nlohmann::json::object(), peaks = nlohmann::json::array();
-  for (std::size_t i = 1; i < kLinkRefusals; ++i) {
+  for (std::size_t i = 1; i < kLinkRefusals; ++i)
     refused[to_string(static_cast<LinkRefusal>(i))] = report.packets.by_refusal[i];
-  }
   for (const ForcePeak& peak : report.peaks)
     peaks.push_back({{"t_s", peak.t_s}, {"force_N", peak.force_N}});
   return {{"program", "trocar-device-sim " TROCAR_VERSION},
@@ -350,16 +349,13 @@ int serve(const Arguments& arguments) {
         static_cast<unsigned long long>(report.sessions),
         static_cast<unsigned long long>(report.packets.accepted()),
         static_cast<unsigned long long>(report.packets.refused()), report.largest_hand_force_N);
-    if (!realtime.note.empty()) {
-      print(stderr, "trocar-device-sim: note: %s\n", realtime.note);
-    }
+    if (!realtime.note.empty()) print(stderr, "trocar-device-sim: note: %s\n", realtime.note);
   }
   if (const auto done = write_record(arguments.record, report); !done) return fail(done.error());
   if (!arguments.summary.empty()) {
     const std::string text = json_text(summarize(arguments, server.drive(), realtime), 2) + "\n";
-    if (const auto done = write_file_atomically(arguments.summary, text); !done) {
+    if (const auto done = write_file_atomically(arguments.summary, text); !done)
       return fail(done.error());
-    }
   }
   return 0;
 }

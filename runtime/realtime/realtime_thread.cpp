@@ -89,9 +89,7 @@ void ask_for_cpu(const RealtimeOptions& options, RealtimeReport& report) {
                "not on processor " + std::to_string(options.cpu) + ": " + system_message(error));
     }
   }
-  if (::pthread_getaffinity_np(::pthread_self(), sizeof set, &set) == 0) {
-    report.cpus = list_of(set);
-  }
+  if (::pthread_getaffinity_np(::pthread_self(), sizeof set, &set) == 0) report.cpus = list_of(set);
 }
 
 void ask_for_realtime(const RealtimeOptions& options, RealtimeReport& report) {

@@ -188,9 +188,8 @@ std::string summarize(const Scene& scene, const SessionOptions& options,
   if (report.allocations_in_loop) summary["allocations_in_loop"] = *report.allocations_in_loop;
   if (const SummarySection law = report.law->summary(); !law.key.empty())
     summary[law.key] = parse_known_json(law.json);
-  for (const PunctureEvent& event : report.punctures) {
+  for (const PunctureEvent& event : report.punctures)
     summary["punctures"].push_back(describe(event, remesher));
-  }
   if (!options.replay.empty()) {
     const bool differs = report.replay_first_difference >= 0;
     summary["replay"] = {{"rows", options.replay.size()},

@@ -13,9 +13,8 @@ void OperatorCommands::apply(const TelemetryCommands& given, Fault latched) noex
                                          latched_fault() != Fault::kNone));
   is_recovery_requested_ = is_recover;
   if (is_recover) is_paused_ = forces_are_off_ = emergency_stop_ = false;
-  if (given.resume && std::exchange(is_paused_, false)) {
+  if (given.resume && std::exchange(is_paused_, false))
     is_recovery_requested_ |= latched == Fault::kPaused && latched_fault() == Fault::kNone;
-  }
   is_paused_ |= given.pause;
   forces_are_off_ |= given.zero;
   emergency_stop_ |= given.emergency_stop;

@@ -195,9 +195,8 @@ std::optional<std::string> read_rescale(const AttributeItems& at, DicomFrame& h)
   if (h.slope == 0) return "a rescale slope of zero";
   if (!(std::abs(h.slope) * 65536 + std::abs(h.intercept) < 1e9))
     return "its rescale is out of range";
-  if (!has_slope && at.dataset->tagExists(DCM_ModalityLUTSequence)) {
+  if (!has_slope && at.dataset->tagExists(DCM_ModalityLUTSequence))
     return "a modality look-up table instead of a rescale slope";
-  }
   return {};
 }
 
@@ -253,14 +252,12 @@ std::optional<std::string> read_geometry(const AttributeItems& at, const GivenSp
 std::optional<std::string> read_format(DcmItem& data, bool is_binary, DicomFrame& h) {
   h.rows = dicom_integer(&data, DCM_Rows, 0);
   h.columns = dicom_integer(&data, DCM_Columns, 0);
-  if (const int samples = dicom_integer(&data, DCM_SamplesPerPixel, 1); samples != 1) {
+  if (const int samples = dicom_integer(&data, DCM_SamplesPerPixel, 1); samples != 1)
     return std::to_string(samples) + " samples a pixel: colour, not CT";
-  }
   // The two differ only in how they are displayed. HU come from the rescale.
   const std::string photometric = dicom_text(&data, DCM_PhotometricInterpretation);
-  if (photometric != "MONOCHROME1" && photometric != "MONOCHROME2") {
+  if (photometric != "MONOCHROME1" && photometric != "MONOCHROME2")
     return "photometric interpretation '" + photometric + "'";
-  }
   h.bits_allocated = dicom_integer(&data, DCM_BitsAllocated, 0);
   h.bits_stored = dicom_integer(&data, DCM_BitsStored, h.bits_allocated);
   h.high_bit = dicom_integer(&data, DCM_HighBit, h.bits_stored - 1);

@@ -219,9 +219,8 @@ Result<std::vector<std::uint16_t>> decode_by_dcmtk(const DicomFrame& h, DcmDatas
   Uint32 fragment = 0;
   OFString colour_model;
   const Uint32 frame_size = dicom_frame_bytes(pixels, data, compressed);
-  if (frame_size != bytes && frame_size != bytes + 1) {
+  if (frame_size != bytes && frame_size != bytes + 1)
     return refused(h.name() + ": its frames are not of " + std::to_string(bytes) + " bytes");
-  }
   words.resize(std::max(count, (static_cast<std::size_t>(frame_size) + 1) / 2));
   // DCMTK needs a buffer of even size, even for a frame with an odd number of bytes.
   const auto buffer_size = static_cast<Uint32>(words.size() * sizeof(std::uint16_t));

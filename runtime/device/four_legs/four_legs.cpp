@@ -275,9 +275,8 @@ FaultDetail FourLegs::render(const RenderInput& input, double& scale) noexcept {
   const AllocationResult allocation =
       compensates ? allocate_torques_with_bias(G_, input.wanted, limit_Nm, compensation_Nm)
                   : allocate_torques(G_, input.wanted, limit_Nm);
-  if (allocation.kind == AllocationKind::kRefused) {
+  if (allocation.kind == AllocationKind::kRefused)
     return input.wanted.allFinite() ? FaultDetail(Fault::kSingularity) : not_finite(input.wanted);
-  }
   const FaultDetail overload =
       check_overload(limits_, motor_, allocation.scale, input.dt_s, motors_);
   if (overload != Fault::kNone) return overload;

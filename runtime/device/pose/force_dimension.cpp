@@ -254,17 +254,15 @@ Result<FoundDevice> ForceDimension::Device::open_device(int index, bool wants_ro
   senses_rotation = wants_rotation && sdk->has_wrist(*id);
   renders_moment = wants_moment && has_active_wrist;
   std::array<int, kStatusLength> status{};
-  if (const int code = sdk->get_status(status.data(), *id); code < 0) {
+  if (const int code = sdk->get_status(status.data(), *id); code < 0)
     return failed_call(*sdk, "dhdGetStatus", code);
-  }
   if (status[kStatusReset] != 0) {
     return sdk_error(
         "the device is not calibrated, so its position is unknown; put its handle to the rest "
         "position, as its manual says");
   }
-  if (const int code = sdk->enable_force(1, *id); code < 0) {
+  if (const int code = sdk->enable_force(1, *id); code < 0)
     return failed_call(*sdk, "dhdEnableForce", code);
-  }
   if (Result<void> none = command({}, has_active_wrist); !none) return none.error();
 
   FoundDevice found{{}, senses_rotation, renders_moment};

@@ -56,9 +56,8 @@ FaultDetail read_device(const LoopModel& model, HandDevice& device, LoopState& s
   state.pose_interval_s = 0;
   DeviceStatus status = device.read(t_s);
   result.end_of_data = status == DeviceStatus::kEndOfData;
-  if (status == DeviceStatus::kOk && !take_time(model, t_s, state, fault, leap)) {
+  if (status == DeviceStatus::kOk && !take_time(model, t_s, state, fault, leap))
     status = DeviceStatus::kNoData;
-  }
   if (!result.end_of_data) result.row.device_read = status;
   fresh = status == DeviceStatus::kOk;
   if (fresh || result.end_of_data) return fault;
@@ -289,9 +288,8 @@ void advance_safety(const LoopModel& model, const TickInputs& inputs, const Forc
   const double late_s = state.ahead_s > dt_s / 2 ? std::exchange(state.ahead_s, 0) : 0;
   const FaultDetail heat = device.account_held_time(dt_s + late_s);
   if (fault == Fault::kNone) fault = heat;
-  if (fault == Fault::kNone && safety.state == SafetyState::kRecovering && state.must_rest) {
+  if (fault == Fault::kNone && safety.state == SafetyState::kRecovering && state.must_rest)
     fault = device.check_rested();
-  }
   if (fault == Fault::kNone && reading.is_known)
     result.retract_distance_m = law.retract_distance_m(inputs.sheets, state.T_device_plate);
   const bool is_free =

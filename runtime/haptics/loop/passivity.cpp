@@ -120,9 +120,8 @@ Wrench keep_passive(const PassivityOptions& options, double plate_mass_kg, doubl
   }
   state.balance_J = std::min(state.balance_J, options.credit_max_J);
 
-  if (!(pose_interval_s > 0)) {
+  if (!(pose_interval_s > 0))
     return damped(input.wrench_device, state, input.planned_release ? 0 : acting_N_s_per_m);
-  }
   const double deficit_J = -state.balance_J;
   if (!options.on || !gives || !(deficit_J > 0)) return input.wrench_device;
   const bool is_steady = input.previous.ago_s > 0;

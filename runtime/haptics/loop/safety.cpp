@@ -82,9 +82,8 @@ FaultDetail check_speed(const SafetyLimits& limits, const Pose& T_device_plate, 
   const double speed_m_per_s = state.twist_device.head<3>().norm();
   const double rotation_rad_per_s = state.twist_device.tail<3>().norm();
   if (!state.twist_device.allFinite()) state.has_pose = false;
-  if (!(limits.speed_window_s >= 0 && speed_m_per_s <= limits.speed_max_m_per_s)) {
+  if (!(limits.speed_window_s >= 0 && speed_m_per_s <= limits.speed_max_m_per_s))
     return {Fault::kSpeed, FaultQuantity::kPlateSpeed, -1, speed_m_per_s, limits.speed_max_m_per_s};
-  }
   if (!(rotation_rad_per_s <= limits.rotation_rate_max_rad_per_s)) {
     return {Fault::kSpeed, FaultQuantity::kPlateRotation, -1, rotation_rad_per_s,
             limits.rotation_rate_max_rad_per_s};

@@ -161,9 +161,8 @@ std::optional<PrefetchedStiffness> NetworkPrefetch::answer(const PrefetchRequest
 void NetworkPrefetch::serve(const std::function<const Sheet&(std::size_t)>& sheet) {
   PrefetchRequest request;
   if (!asked_.read(request) || request.sheet < 0) return;
-  if (const auto found = answer(request, sheet(static_cast<std::size_t>(request.sheet)))) {
+  if (const auto found = answer(request, sheet(static_cast<std::size_t>(request.sheet))))
     answered_.write(*found);
-  }
 }
 
 std::shared_ptr<const SheetShape> NetworkPrefetch::shape() const {
