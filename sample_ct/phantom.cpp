@@ -2,7 +2,6 @@
 #include "sample_ct/phantom.h"
 
 #include <array>
-#include <cmath>
 #include <limits>
 #include <numbers>
 

@@ -5,11 +5,9 @@
 #include <fcntl.h>
 #include <unistd.h>
 
-#include <algorithm>
 #include <bit>
 #include <cerrno>
 #include <exception>
-#include <vector>
 
 #include "formats/base/files.h"
 #include "formats/base/text.h"

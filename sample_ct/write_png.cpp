@@ -1,12 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "sample_ct/write_png.h"
 
-#include <algorithm>
-#include <cmath>
 #include <cstdlib>
 #include <memory>
-#include <span>
-#include <vector>
 
 #include <spng.h>
 

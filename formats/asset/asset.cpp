@@ -2,12 +2,8 @@
 // Decodes a complete file: container, JSON, slice index, then slice by slice.
 #include "formats/asset/asset.h"
 
-#include <algorithm>
-#include <array>
-#include <cmath>
 #include <limits>
 #include <nlohmann/json.hpp>
-#include <utility>
 
 #include "formats/asset/asset_index.h"
 #include "formats/asset/gltf_document.h"

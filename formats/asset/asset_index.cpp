@@ -2,9 +2,6 @@
 #include "formats/asset/asset_index.h"
 
 #include <zlib.h>
-#include <algorithm>
-#include <bit>
-#include <utility>
 
 namespace trocar {
 namespace {

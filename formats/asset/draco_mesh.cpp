@@ -2,8 +2,6 @@
 #include "formats/asset/draco_mesh.h"
 #include "formats/asset/draco_settings.h"
 
-#include <algorithm>
-#include <cmath>
 #include <cstring>
 #include <string_view>
 

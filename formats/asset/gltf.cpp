@@ -1,13 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "formats/asset/gltf.h"
 
-#include <array>
-#include <cmath>
-#include <cstring>
 #include <limits>
-#include <utility>
 
-#include "formats/asset/draco_mesh.h"
 #include "formats/asset/payload.h"
 #include "formats/base/json.h"
 #include "formats/mesh/outline_sweep.h"

@@ -5,7 +5,6 @@
 #include <algorithm>
 #include <cstring>
 #include <limits>
-#include <utility>
 
 #include "formats/asset/asset_index.h"
 #include "formats/asset/draco_mesh.h"

@@ -3,11 +3,8 @@
 
 #include <zlib.h>
 #include <Eigen/Cholesky>
-#include <algorithm>
-#include <cmath>
 #include <limits>
 #include <numbers>
-#include <optional>
 
 namespace trocar {
 namespace {

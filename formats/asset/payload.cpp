@@ -1,17 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "formats/asset/payload.h"
 
-#include <algorithm>
-#include <cmath>
-#include <cstring>
 #include <limits>
-#include <utility>
 
-#include "formats/asset/draco_mesh.h"
 #include "formats/asset/draco_settings.h"
-#include "formats/asset/hu_codec.h"
 #include "formats/base/json.h"
-#include "formats/mesh/mesh_validity.h"
 
 namespace trocar {
 namespace {

@@ -1,10 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "formats/mesh/cavity.h"
 
-#include <algorithm>
-
-#include "formats/mesh/predicates.h"
-
 namespace trocar {
 namespace {
 

@@ -3,8 +3,6 @@
 
 #include <numeric>
 
-#include "formats/mesh/predicates.h"
-
 namespace trocar {
 namespace {
 

@@ -1,9 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "formats/mesh/local_delaunay.h"
 
-
-#include "formats/mesh/predicates.h"
-
 namespace trocar {
 namespace {
 

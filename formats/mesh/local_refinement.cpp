@@ -1,13 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "formats/mesh/local_refinement.h"
 
-#include <algorithm>
-#include <cmath>
 #include <limits>
 #include <numbers>
-#include <optional>
-
-#include "formats/mesh/predicates.h"
 
 namespace trocar {
 

@@ -1,15 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "formats/mesh/outline_sweep.h"
 
-#include <algorithm>
-#include <array>
-#include <bit>
 #include <numeric>
 #include <set>
 #include <tuple>
-#include <utility>
-
-#include "formats/mesh/lattice.h"
 
 namespace trocar {
 namespace {

@@ -1,12 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "formats/mesh/overlay.h"
 
-#include <algorithm>
-#include <optional>
-#include <utility>
-
-#include "formats/mesh/predicates.h"
-
 namespace trocar {
 namespace {
 

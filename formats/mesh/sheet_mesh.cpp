@@ -1,10 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "formats/mesh/sheet_mesh.h"
 
-#include <algorithm>
-#include <iterator>
 #include <numeric>
-#include <string>
 
 namespace trocar {
 namespace {

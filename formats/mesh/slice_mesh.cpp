@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "formats/mesh/slice_mesh.h"
 
-#include <algorithm>
 #include <map>
 #include <utility>
 

@@ -1,11 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "formats/mesh/triangle_grid.h"
 
-#include <array>
-#include <bit>
-#include <cmath>
-#include <utility>
-
 namespace trocar {
 
 TriangleGrid::TriangleGrid(const SheetMesh& mesh, GridTriangles lists)

@@ -1,9 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "formats/mesh/triangulation.h"
 
-#include <algorithm>
 #include <numeric>
-#include <utility>
 
 #include "formats/mesh/canonical_rotation.h"
 #include "formats/mesh/edge_table.h"

@@ -6,7 +6,6 @@
 #include <bit>
 #include <cmath>
 #include <concepts>
-#include <string_view>
 #include <type_traits>
 
 namespace trocar {

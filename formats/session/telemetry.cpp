@@ -5,16 +5,11 @@
 #include <sched.h>
 #include <sys/mman.h>
 #include <sys/stat.h>
-#include <unistd.h>
 #include <algorithm>
 #include <bit>
-#include <cerrno>
 #include <climits>
 #include <cstdio>
 #include <cstring>
-#include <utility>
-
-#include "formats/base/files.h"
 
 namespace trocar {
 namespace {

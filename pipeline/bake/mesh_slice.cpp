@@ -1,13 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "pipeline/bake/mesh_slice.h"
 
-#include <algorithm>
-#include <cmath>
-#include <cstdint>
 #include <memory>
 #include <numbers>
-#include <span>
-#include <variant>
 
 #include "formats/asset/asset.h"
 #include "formats/mesh/refinement_outline.h"

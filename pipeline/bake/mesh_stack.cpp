@@ -3,23 +3,17 @@
 
 #include <oneapi/tbb/global_control.h>
 #include <oneapi/tbb/info.h>
-#include <Eigen/Geometry>
-#include <algorithm>
 #include <iterator>
-#include <map>
 #include <mutex>
 #include <new>
 #include <numeric>
-#include <set>
 
 #include "formats/asset/deidentification.h"
-#include "formats/asset/hu_codec.h"
 #include "formats/base/json.h"
 #include "pipeline/bake/hu_planes.h"
 #include "pipeline/bake/report.h"
 #include "pipeline/read/file_names.h"
 #include "pipeline/read/number_ranges.h"
-#include "pipeline/segment/label_pixels.h"
 
 namespace trocar::pipeline {
 namespace {

@@ -2,12 +2,7 @@
 #include "pipeline/bake/report.h"
 
 #include <sys/resource.h>
-#include <algorithm>
-#include <cmath>
 #include <cstdio>
-#include <limits>
-#include <set>
-#include <utility>
 
 #include "formats/base/json.h"
 #include "pipeline/read/number_ranges.h"

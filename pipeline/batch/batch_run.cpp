@@ -2,7 +2,6 @@
 #include "pipeline/batch/batch_run.h"
 
 #include <algorithm>
-#include <chrono>
 #include <csignal>
 #include <deque>
 #include <unordered_map>

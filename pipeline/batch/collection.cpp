@@ -6,7 +6,6 @@
 #include <set>
 #include <system_error>
 #include <unordered_map>
-#include <utility>
 
 #include "formats/base/files.h"
 #include "formats/base/json.h"

@@ -1,19 +1,11 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "pipeline/batch/garbage.h"
 
-#include <sys/stat.h>
-#include <unistd.h>
 #include <algorithm>
-#include <filesystem>
-#include <functional>
 #include <iterator>
 #include <map>
-#include <optional>
-#include <utility>
-#include <vector>
 
 #include "pipeline/batch/lease.h"
-#include "pipeline/batch/scan_files.h"
 
 namespace trocar::farm {
 namespace {

@@ -10,13 +10,10 @@
 #include <limits>
 #include <map>
 #include <opencv2/imgproc.hpp>
-#include <optional>
 #include <span>
-#include <string>
 #include <string_view>
 #include <system_error>
 #include <tuple>
-#include <utility>
 #include <vector>
 
 #include "embedded/pipeline/batch/review_page.js.h"

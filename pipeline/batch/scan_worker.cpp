@@ -6,25 +6,18 @@
 #include <sys/prctl.h>
 #include <sys/resource.h>
 #include <sys/wait.h>
-#include <unistd.h>
 #include <algorithm>
 #include <array>
-#include <cerrno>
 #include <csignal>
 #include <cstdio>
 #include <iterator>
 #include <map>
-#include <memory>
 #include <new>
 #include <set>
-#include <span>
-#include <utility>
 
 #include "formats/asset/asset.h"
-#include "formats/base/files.h"
 #include "formats/base/json.h"
 #include "pipeline/batch/lease.h"
-#include "pipeline/batch/scan_files.h"
 
 namespace trocar::farm {
 namespace {

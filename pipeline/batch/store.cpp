@@ -2,17 +2,13 @@
 #include "pipeline/batch/store.h"
 
 #include <fcntl.h>
-#include <unistd.h>
 #include <algorithm>
 #include <array>
 #include <atomic>
-#include <cerrno>
 #include <ctime>
-#include <system_error>
 
 #include "formats/base/json.h"
 #include "formats/base/text.h"
-#include "pipeline/batch/collection.h"
 #include "pipeline/batch/lease.h"
 
 namespace trocar::farm {

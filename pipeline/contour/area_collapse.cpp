@@ -1,15 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "pipeline/contour/area_collapse.h"
 
-#include <algorithm>
-#include <array>
-#include <cmath>
-#include <optional>
 #include <queue>
 
-#include "formats/mesh/lattice.h"
-#include "formats/mesh/segment_grid.h"
-#include "pipeline/contour/collapse_geometry.h"
 #include "pipeline/contour/contour.h"
 
 namespace trocar::pipeline {

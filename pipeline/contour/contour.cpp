@@ -1,12 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "pipeline/contour/contour.h"
 
-#include <bit>
-#include <cmath>
 #include <cstring>
-#include <map>
 #include <opencv2/imgproc.hpp>
-#include <optional>
 
 #include "pipeline/contour/label_borders.h"
 

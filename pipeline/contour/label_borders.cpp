@@ -1,11 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "pipeline/contour/label_borders.h"
 
-#include <algorithm>
-#include <cmath>
 #include <cstring>
-#include <span>
-#include <utility>
 
 namespace trocar::pipeline {
 namespace {

@@ -1,16 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "pipeline/contour/outline_clearance.h"
 
-#include <algorithm>
-#include <array>
-#include <cmath>
 #include <cstdlib>
-#include <optional>
-#include <span>
-#include <tuple>
-
-#include "formats/mesh/lattice.h"
-#include "formats/mesh/segment_grid.h"
 
 namespace trocar::pipeline {
 namespace {

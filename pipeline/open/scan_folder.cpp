@@ -5,14 +5,10 @@
 #include <sys/stat.h>
 #include <unistd.h>
 #include <algorithm>
-#include <array>
 #include <cerrno>
 #include <deque>
 #include <iterator>
-#include <map>
-#include <set>
 #include <system_error>
-#include <utility>
 
 #include "formats/base/files.h"
 #include "formats/base/json.h"

@@ -1,21 +1,12 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "pipeline/preview/preview.h"
 
-#include <algorithm>
-#include <array>
-#include <cmath>
 #include <cstdio>
-#include <functional>
-#include <limits>
 #include <new>
-#include <optional>
-#include <utility>
 
-#include "pipeline/bake/mesh_slice.h"
 #include "pipeline/bake/report.h"
 #include "pipeline/read/file_names.h"
 #include "pipeline/read/number_ranges.h"
-#include "pipeline/read/parallel_for.h"
 
 namespace trocar::pipeline {
 namespace {

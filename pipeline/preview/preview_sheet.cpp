@@ -3,24 +3,16 @@
 
 #include <sodium.h>
 #include <spng.h>
-#include <Eigen/Geometry>
-#include <algorithm>
-#include <array>
-#include <cmath>
 #include <cstdio>
 #include <cstdlib>
 #include <cstring>
 #include <fstream>
 #include <memory>
-#include <nlohmann/json.hpp>
 #include <opencv2/imgproc.hpp>
-#include <tuple>
-#include <utility>
 
 #include "embedded/pipeline/preview/preview_page.js.h"
 #include "formats/base/html_page.h"
 #include "formats/base/json.h"
-#include "pipeline/read/parallel_for.h"
 
 namespace trocar::pipeline {
 namespace {

@@ -1,16 +1,10 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "pipeline/program/arguments.h"
 
-#include <algorithm>
 #include <charconv>
-#include <cmath>
 #include <iterator>
-#include <limits>
-#include <span>
 #include <string_view>
-#include <utility>
 
-#include "formats/asset/asset.h"
 #include "formats/base/command_line.h"
 #include "formats/base/files.h"
 #include "formats/base/text.h"

@@ -5,16 +5,11 @@
 #include <spng.h>
 #include <tiffio.h>
 #include <turbojpeg.h>
-#include <array>
 #include <bit>
 #include <cstdarg>
 #include <cstdlib>
-#include <memory>
 #include <opencv2/core.hpp>
 #include <opencv2/imgproc.hpp>
-#include <utility>
-
-#include "formats/base/files.h"
 
 namespace trocar::pipeline {
 namespace {

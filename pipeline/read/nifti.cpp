@@ -3,7 +3,6 @@
 
 #include <nifti1.h>
 #include <nifti2_io.h>
-#include <Eigen/Geometry>
 #include <Eigen/LU>
 #include <Eigen/SVD>
 #include <algorithm>
@@ -15,7 +14,6 @@
 #include <type_traits>
 
 #include "pipeline/read/number_ranges.h"
-#include "pipeline/read/voxel_volume.h"
 
 namespace trocar::pipeline {
 namespace {

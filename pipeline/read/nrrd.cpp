@@ -4,18 +4,11 @@
 #include <fcntl.h>
 #include <nifti1.h>
 #include <algorithm>
-#include <array>
 #include <bit>
-#include <cerrno>
 #include <charconv>
 #include <cmath>
-#include <limits>
-#include <system_error>
-#include <utility>
 
-#include "formats/base/files.h"
 #include "pipeline/read/file_names.h"
-#include "pipeline/read/volume_file.h"
 
 namespace trocar::pipeline {
 namespace {

@@ -2,11 +2,8 @@
 #include "pipeline/segment/segmentation.h"
 
 #include <algorithm>
-#include <array>
 #include <bit>
 #include <cmath>
-#include <cstdint>
-#include <limits>
 #include <numeric>
 #include <opencv2/imgproc.hpp>
 

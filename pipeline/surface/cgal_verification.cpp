@@ -10,12 +10,9 @@
 #include <CGAL/Triangulation_data_structure_2.h>
 #include <CGAL/Triangulation_face_base_with_info_2.h>
 #include <CGAL/Triangulation_vertex_base_2.h>
-#include <algorithm>
 #include <iterator>
 #include <map>
 #include <set>
-#include <span>
-#include <utility>
 
 namespace trocar::pipeline {
 namespace {

@@ -1,10 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "pipeline/surface/display_surface.h"
 
-#include <cmath>
 #include <cstdio>
-#include <string>
-#include <utility>
 
 #include "formats/base/disjoint_sets.h"
 #include "formats/base/json.h"

@@ -2,14 +2,9 @@
 #include "pipeline/surface/surface_volume.h"
 
 #include <cmath>
-#include <cstdint>
-#include <limits>
 #include <opencv2/imgproc.hpp>
-#include <utility>
 
 #include "pipeline/read/parallel_for.h"
-#include "pipeline/read/slice_stack.h"
-#include "pipeline/segment/components.h"
 
 namespace trocar::pipeline {
 namespace {

@@ -1,12 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "runtime/check/device_trial.h"
 
-#include <algorithm>
-#include <array>
-#include <cmath>
-#include <memory>
-#include <utility>
-
 #include "formats/base/text.h"
 #include "runtime/session/pose_session.h"
 

@@ -1,13 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "runtime/check/dry_run.h"
 
-#include <Eigen/Geometry>
-#include <algorithm>
-#include <cmath>
-#include <limits>
-
-#include "runtime/session/session_options.h"
-
 namespace trocar::runtime {
 namespace {
 

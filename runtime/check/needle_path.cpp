@@ -1,14 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "runtime/check/needle_path.h"
 
-#include <algorithm>
-#include <cmath>
-#include <numbers>
 #include <tuple>
 
 #include "formats/base/json.h"
 #include "formats/base/text.h"
-#include "formats/session/scene.h"
 
 namespace trocar::runtime {
 namespace {

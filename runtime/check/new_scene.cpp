@@ -1,22 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "runtime/check/new_scene.h"
 
-#include <Eigen/Geometry>
-#include <algorithm>
-#include <cmath>
-#include <functional>
-#include <limits>
-#include <memory>
 #include <nlohmann/json.hpp>
-#include <system_error>
-#include <utility>
 
 #include "formats/base/json.h"
 #include "formats/base/text.h"
-#include "formats/session/scene.h"
 #include "runtime/check/scene_check.h"
 #include "runtime/haptics/bone/bone_volume.h"
-#include "runtime/session/pose_session.h"
 
 namespace trocar::runtime {
 namespace {

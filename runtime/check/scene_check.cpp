@@ -1,12 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "runtime/check/scene_check.h"
 
-#include <algorithm>
-#include <cmath>
-#include <functional>
-#include <limits>
-#include <utility>
-
 #include "formats/base/text.h"
 #include "runtime/check/needle_path.h"
 #include "runtime/session/force_law_table.h"

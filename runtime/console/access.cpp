@@ -6,7 +6,6 @@
 #include <array>
 #include <charconv>
 #include <stdexcept>
-#include <utility>
 
 namespace trocar::runtime {
 namespace {

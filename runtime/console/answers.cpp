@@ -6,7 +6,6 @@
 #include <map>
 #include <nlohmann/json.hpp>
 #include <span>
-#include <utility>
 
 #include "formats/asset/asset.h"
 #include "formats/asset/asset_index.h"

@@ -2,16 +2,11 @@
 #include "runtime/console/api.h"
 
 #include <nlohmann/json.hpp>
-#include <utility>
 
-#include "formats/base/files.h"
 #include "formats/base/json.h"
 #include "formats/base/text.h"
-#include "formats/session/recording.h"
 #include "formats/session/scene.h"
-#include "formats/session/trainee.h"
 #include "runtime/console/answers.h"
-#include "runtime/console/session_files.h"
 #include "runtime/report/history.h"
 
 namespace trocar::runtime {

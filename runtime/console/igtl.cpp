@@ -18,10 +18,8 @@
 #include <charconv>
 #include <cmath>
 #include <exception>
-#include <optional>
 #include <span>
 #include <sstream>
-#include <utility>
 #include <vector>
 
 #include "formats/session/recording.h"

@@ -11,7 +11,6 @@
 #include <csignal>
 #include <fstream>
 #include <iterator>
-#include <utility>
 
 extern "C" {  // glibc 2.36 leaves it to who includes it
 #include <sys/pidfd.h>

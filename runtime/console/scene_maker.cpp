@@ -3,9 +3,7 @@
 
 #include <nlohmann/json.hpp>
 #include <sstream>
-#include <string_view>
 #include <system_error>
-#include <utility>
 
 #include "formats/base/json.h"
 #include "formats/base/text.h"

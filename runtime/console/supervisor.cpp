@@ -5,12 +5,9 @@
 #include <csignal>
 #include <cstdio>
 #include <nlohmann/json.hpp>
-#include <system_error>
-#include <utility>
 
 #include "formats/base/json.h"
 #include "formats/base/text.h"
-#include "runtime/console/session_files.h"
 
 namespace trocar::runtime {
 namespace {

@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "runtime/haptics/puncture.h"
 
-#include <algorithm>
-
 namespace trocar::runtime {
 namespace {
 

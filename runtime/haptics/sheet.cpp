@@ -1,14 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "runtime/haptics/sheet.h"
 
-#include <algorithm>
-#include <array>
-#include <cmath>
-#include <numbers>
-#include <utility>
-
-#include "formats/mesh/mesh_validity.h"
-
 namespace trocar::runtime {
 namespace {
 

@@ -1,10 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "runtime/haptics/tool.h"
 
-#include <cmath>
 #include <limits>
-#include <numbers>
-#include <vector>
 
 namespace trocar::runtime {
 namespace {

@@ -2,15 +2,10 @@
 #include "runtime/program/session_inputs.h"
 
 #include <cstdio>
-#include <filesystem>
-#include <utility>
 
-#include "formats/asset/asset.h"
 #include "formats/base/text.h"
-#include "formats/session/procedures.h"
 #include "runtime/haptics/bone/bone_volume.h"
 #include "runtime/session/origin.h"
-#include "runtime/session/pose_session.h"
 
 namespace trocar::runtime {
 namespace {

@@ -1,19 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "runtime/program/session_outputs.h"
 
-#include <unistd.h>
-#include <algorithm>
 #include <cstdio>
 #include <nlohmann/json.hpp>
-#include <utility>
 
 #include "formats/base/command_line.h"
-#include "formats/base/files.h"
 #include "formats/base/json.h"
 #include "formats/base/text.h"
-#include "formats/session/faults.h"
-#include "runtime/session/open_device.h"
-#include "runtime/session/pose_session.h"
 
 namespace trocar::runtime {
 namespace {

@@ -1,13 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "runtime/report/session_observer.h"
 
-#include <Eigen/Geometry>
-#include <cstddef>
-#include <limits>
-#include <numbers>
-
-#include "runtime/haptics/tool.h"
-
 namespace trocar::runtime {
 
 std::vector<std::array<double, 2>> material_along(const Sheet& sheet, int axis, double at_m) {

@@ -1,18 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "runtime/report/session_report.h"
 
-#include <algorithm>
-#include <cmath>
 #include <nlohmann/json.hpp>
-#include <utility>
 
 #include "embedded/runtime/report/session_page.js.h"
-#include "formats/base/files.h"
 #include "formats/base/html_page.h"
 #include "formats/base/json.h"
 #include "formats/base/text.h"
-#include "formats/session/faults.h"
-#include "runtime/haptics/loop/break_through.h"
 
 namespace trocar::runtime {
 namespace {

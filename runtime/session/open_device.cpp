@@ -1,21 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "runtime/session/open_device.h"
 
-#include <Eigen/Geometry>
-#include <algorithm>
-#include <functional>
-#include <iterator>
-#include <numbers>
-#include <utility>
-#include <vector>
-
 #include "runtime/device/four_legs/four_legs.h"
 #include "runtime/device/link/link_key.h"
 #include "runtime/device/link/udp_link.h"
 #include "runtime/device/pose/force_dimension.h"
 #include "runtime/device/pose/haply.h"
-#include "runtime/device/pose/pose_hand.h"
-#include "runtime/haptics/tool.h"
 #include "runtime/session/pose_session.h"
 
 namespace trocar::runtime {

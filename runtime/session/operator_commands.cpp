@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "runtime/session/operator_commands.h"
 
-#include <utility>
-
 namespace trocar::runtime {
 
 void OperatorCommands::apply(const TelemetryCommands& given, Fault latched) noexcept {

@@ -1,10 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "runtime/session/operator_messages.h"
 
-#include <algorithm>
-#include <cmath>
-#include <utility>
-
 #include "formats/base/text.h"
 
 namespace trocar::runtime {

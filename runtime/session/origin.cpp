@@ -2,14 +2,6 @@
 #include "runtime/session/origin.h"
 
 #include <sodium.h>
-#include <algorithm>
-#include <array>
-#include <cmath>
-#include <limits>
-#include <memory>
-#include <vector>
-
-#include "formats/base/files.h"
 
 namespace trocar::runtime {
 namespace {

@@ -1,12 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "runtime/session/pose_session.h"
 
-#include <algorithm>
-#include <array>
-#include <cmath>
-#include <limits>
-#include <vector>
-
 #include "embedded/runtime/device/force_dimension.json.h"
 #include "embedded/runtime/device/haply_inverse3.json.h"
 #include "runtime/device/pose/pose_hand.h"

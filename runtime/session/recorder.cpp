@@ -2,13 +2,6 @@
 #include "runtime/session/recorder.h"
 
 #include <fcntl.h>
-#include <algorithm>
-#include <bit>
-#include <cerrno>
-#include <cmath>
-#include <ctime>
-#include <system_error>
-#include <utility>
 
 #include "formats/base/text.h"
 

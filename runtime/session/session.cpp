@@ -1,9 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "runtime/session/session.h"
 
-#include <Eigen/Core>
-#include <utility>
-
 #include "runtime/session/force_law_table.h"
 
 namespace trocar::runtime {

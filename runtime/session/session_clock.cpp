@@ -1,12 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "runtime/session/session_clock.h"
 
-#include <algorithm>
-#include <chrono>
-#include <cmath>
 #include <deque>
-#include <thread>
-#include <utility>
 
 #include "runtime/session/session.h"
 

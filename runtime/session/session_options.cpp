@@ -1,13 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "runtime/session/session_options.h"
 
-#include <algorithm>
-#include <cmath>
-#include <cstdlib>
-#include <limits>
-
 #include "formats/base/text.h"
-#include "formats/session/scene.h"
 
 namespace trocar::runtime {
 

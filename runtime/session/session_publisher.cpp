@@ -1,13 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "runtime/session/session_publisher.h"
 
-#include <unistd.h>
-#include <algorithm>
-#include <cmath>
-#include <ctime>
 #include <nlohmann/json.hpp>
 
-#include "formats/base/files.h"
 #include "formats/base/json.h"
 #include "formats/base/text.h"
 #include "runtime/session/session_options.h"

@@ -1,11 +1,9 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "pipeline/read/dicom/dicom_headers.h"
 
-#include <Eigen/Geometry>
 #include <algorithm>
 #include <fstream>
 #include <initializer_list>
-#include <span>
 #include <string_view>
 
 #include "formats/asset/deidentification.h"

@@ -4,14 +4,9 @@
 #include <dcmtk/dcmdata/dcpixseq.h>
 #include <dcmtk/dcmdata/dcpxitem.h>
 #include <algorithm>
-#include <array>
-#include <cstdint>
 #include <cstdlib>
-#include <map>
 #include <sstream>
-#include <string>
 #include <string_view>
-#include <utility>
 
 #include "pipeline/read/number_ranges.h"
 

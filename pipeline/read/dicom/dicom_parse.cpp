@@ -8,7 +8,6 @@
 #include <dcmtk/dcmjpls/djdecode.h>
 #include <dcmtk/oflog/oflog.h>
 #include <algorithm>
-#include <cmath>
 #include <cstdlib>
 
 namespace trocar::pipeline {

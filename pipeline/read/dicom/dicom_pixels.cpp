@@ -7,9 +7,6 @@
 #include <dcmtk/dcmdata/dcpxitem.h>
 #include <dcmtk/dcmdata/dcrledec.h>
 #include <algorithm>
-#include <array>
-#include <memory>
-#include <span>
 
 #include "pipeline/read/image_file.h"
 

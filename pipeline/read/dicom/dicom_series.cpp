@@ -1,16 +1,10 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "pipeline/read/dicom/dicom_series.h"
 
-#include <Eigen/Geometry>
 #include <algorithm>
 #include <charconv>
-#include <cmath>
 #include <cstdio>
 #include <iterator>
-#include <limits>
-#include <map>
-#include <set>
-#include <utility>
 
 #include "formats/asset/deidentification.h"
 #include "pipeline/read/file_names.h"

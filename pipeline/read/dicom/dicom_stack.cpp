@@ -3,13 +3,7 @@
 // (dicom_series). Pixels are decoded when a slice is read (dicom_pixels).
 #include "pipeline/read/dicom/dicom_stack.h"
 
-#include <Eigen/Geometry>
 #include <algorithm>
-#include <cmath>
-#include <cstdint>
-#include <limits>
-#include <set>
-#include <utility>
 
 #include "pipeline/read/dicom/dicom_lossy.h"
 #include "pipeline/read/dicom/dicom_parse.h"

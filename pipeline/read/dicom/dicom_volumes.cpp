@@ -1,17 +1,11 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "pipeline/read/dicom/dicom_volumes.h"
 
-#include <Eigen/Geometry>
 #include <algorithm>
-#include <array>
-#include <cmath>
 #include <cstdlib>
-#include <map>
 #include <memory>
 #include <numbers>
-#include <set>
 #include <tuple>
-#include <utility>
 
 #include "pipeline/read/dicom/dicom_parse.h"
 #include "pipeline/read/dicom/dicom_pixels.h"

@@ -1,15 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "runtime/device/four_legs/four_legs.h"
 
-#include <algorithm>
-#include <bit>
-#include <cmath>
-#include <limits>
-#include <numbers>
-
 #include "formats/base/text.h"
-#include "runtime/device/four_legs/kinematics.h"
-#include "runtime/device/four_legs/torque_allocation.h"
 
 namespace trocar::runtime {
 namespace {

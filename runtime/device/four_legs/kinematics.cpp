@@ -3,8 +3,6 @@
 
 #include <Eigen/QR>
 #include <Eigen/SVD>
-#include <algorithm>
-#include <numbers>
 
 #include "runtime/device/symmetric_eigenvalues.h"
 

@@ -1,10 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "runtime/device/four_legs/mechanism_limits.h"
 
-#include <algorithm>
-#include <cmath>
-#include <limits>
-
 namespace trocar::runtime {
 
 Singularity measure_singularity(const DeviceDescription& device, const Pose& T_device_plate,

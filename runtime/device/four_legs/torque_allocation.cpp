@@ -2,8 +2,6 @@
 #include "runtime/device/four_legs/torque_allocation.h"
 
 #include <Eigen/QR>
-#include <algorithm>
-#include <cmath>
 
 namespace trocar::runtime {
 namespace {

@@ -5,12 +5,7 @@
 #include <netinet/in.h>
 #include <poll.h>
 #include <sys/socket.h>
-#include <algorithm>
-#include <cerrno>
 #include <charconv>
-#include <chrono>
-#include <cmath>
-#include <system_error>
 
 #include "formats/base/text.h"
 #include "runtime/realtime/realtime_thread.h"

@@ -1,9 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "runtime/device/pose/connected_device.h"
 
-#include <algorithm>
-#include <chrono>
-#include <cmath>
 #include <condition_variable>
 #include <mutex>
 

@@ -2,16 +2,8 @@
 #include "runtime/device/pose/force_dimension.h"
 
 #include <dlfcn.h>
-#include <Eigen/Core>
-#include <Eigen/Geometry>
-#include <array>
 #include <charconv>
-#include <chrono>
-#include <cmath>
 #include <cstdlib>
-#include <numbers>
-#include <optional>
-#include <vector>
 
 #include "formats/base/text.h"
 

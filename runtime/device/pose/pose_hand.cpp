@@ -1,10 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "runtime/device/pose/pose_hand.h"
 
-#include <algorithm>
-#include <cmath>
-#include <limits>
-
 #include "formats/base/text.h"
 
 namespace trocar::runtime {

@@ -1,12 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "runtime/device/simulated/drive.h"
 
-#include <algorithm>
 #include <charconv>
-#include <cmath>
-#include <utility>
-
-#include "runtime/device/device.h"
 
 namespace trocar::runtime {
 namespace {

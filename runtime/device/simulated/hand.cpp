@@ -1,11 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "runtime/device/simulated/hand.h"
 
-#include <algorithm>
-#include <cmath>
-#include <span>
-#include <string>
-
 namespace trocar::runtime {
 
 namespace {

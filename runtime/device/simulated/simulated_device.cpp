@@ -3,10 +3,6 @@
 
 #include <Eigen/Cholesky>
 #include <Eigen/Eigenvalues>
-#include <algorithm>
-#include <cmath>
-#include <numbers>
-#include <string>
 
 namespace trocar::runtime {
 namespace {

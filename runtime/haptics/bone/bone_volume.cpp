@@ -1,11 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "runtime/haptics/bone/bone_volume.h"
 
-#include <algorithm>
-#include <cmath>
-#include <numbers>
-#include <string>
-
 namespace trocar::runtime {
 namespace {
 

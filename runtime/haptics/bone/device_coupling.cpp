@@ -1,11 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "runtime/haptics/bone/device_coupling.h"
 
-#include <algorithm>
-#include <array>
-#include <cmath>
-#include <limits>
-
 #include "formats/base/text.h"
 #include "runtime/device/symmetric_eigenvalues.h"
 

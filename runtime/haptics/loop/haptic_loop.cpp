@@ -1,12 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "runtime/haptics/loop/haptic_loop.h"
 
-#include <algorithm>
-#include <cmath>
-#include <limits>
-#include <numbers>
-#include <utility>
-
 #include "runtime/realtime/realtime_thread.h"
 
 namespace trocar::runtime {

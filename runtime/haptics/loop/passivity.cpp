@@ -1,11 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "runtime/haptics/loop/passivity.h"
 
-#include <algorithm>
-#include <cmath>
-#include <limits>
-#include <utility>
-
 namespace trocar::runtime {
 namespace {
 

@@ -1,9 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "runtime/haptics/loop/safety.h"
 
-#include <cmath>
-#include <numbers>
-
 namespace trocar::runtime {
 
 namespace {

@@ -3,16 +3,6 @@
 
 #include <Eigen/OrderingMethods>
 #include <Eigen/SparseCore>
-#include <algorithm>
-#include <cmath>
-#include <string>
-#include <utility>
-
-#include "formats/mesh/canonical_rotation.h"
-#include "formats/mesh/cavity.h"
-#include "formats/mesh/flat_table.h"
-#include "formats/mesh/lattice.h"
-#include "formats/mesh/triangle_grid.h"
 
 namespace trocar::runtime {
 namespace {

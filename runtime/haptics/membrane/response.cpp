@@ -1,14 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "runtime/haptics/membrane/response.h"
 
-#include <algorithm>
-#include <array>
-#include <cmath>
-#include <limits>
 #include <numbers>
-#include <vector>
-
-#include "runtime/haptics/membrane/network.h"
 
 namespace trocar::runtime {
 namespace {

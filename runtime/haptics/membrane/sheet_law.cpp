@@ -1,12 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "runtime/haptics/membrane/sheet_law.h"
 
-#include <algorithm>
-#include <chrono>
-#include <cmath>
-#include <limits>
 #include <nlohmann/json.hpp>
-#include <utility>
 
 #include "formats/base/json.h"
 #include "formats/base/text.h"
