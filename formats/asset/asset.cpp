@@ -271,9 +271,8 @@ Result<AssetPart> read_by_index(ByteSource& source, const IndexedFile& file,
   if (!text) return refused(name + ": " + text.error().message);
   const auto extras = parse_json_text(text->extras);
   if (!extras) return refused(name + ": " + extras.error().message);
-  const auto slices = read_document_extras(*extras, part.asset, name);
-  if (!slices) return slices.error();
-  part.asset_slices = *slices;
+  if (const auto ok = read_document_extras(*extras, part.asset, name).into(part.asset_slices); !ok)
+    return ok.error();
   const auto node = parse_json_text(text->frame);
   const auto frame =
       node ? transform_of_node(*node, part.asset.lattice) : Result<Eigen::Affine3d>(node.error());

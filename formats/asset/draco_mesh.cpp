@@ -214,9 +214,7 @@ Result<DracoSlice> decode_draco(std::span<const std::uint8_t> bytes, std::uint64
     }
   }
   if (attributes > 1) {
-    auto hu = decode_hu(*in);
-    if (!hu) return hu.error();
-    out.hu = std::move(*hu);
+    if (const auto ok = decode_hu(*in).into(out.hu); !ok) return ok.error();
   }
   out.has_colours = attributes == 3;
   if (out.has_colours) {

@@ -442,9 +442,7 @@ Result<Eigen::Affine3d> transform_of_node(const nlohmann::json& node, const Latt
 Result<EntryNode> entry_of_node(const nlohmann::json& node, const Lattice& lattice) {
   if (!node.is_object()) return refused("a node that is no object");
   EntryNode out;
-  const auto transform = transform_of_node(node, lattice);
-  if (!transform) return transform.error();
-  out.transform = *transform;
+  if (const auto ok = transform_of_node(node, lattice).into(out.transform); !ok) return ok.error();
   if (!node.contains("extras")) return out;
   const nlohmann::json ours = trocar_extras(node["extras"]);
   if (!ours.is_object()) return refused("a node with other extras");

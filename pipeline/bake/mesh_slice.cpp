@@ -400,9 +400,8 @@ Result<SliceImages> read_slice(const SliceStack& stack, int slice, const MeshOpt
   if (!pixels) return pixels.error();
   SliceImages out{std::move(*pixels), {}};
   if (options.hu == nullptr) return out;
-  auto ct = read_cropped(*options.hu, slice, options.crop);
-  if (!ct) return ct.error();
-  out.ct = std::move(*ct);
+  if (const auto ok = read_cropped(*options.hu, slice, options.crop).into(out.ct); !ok)
+    return ok.error();
   return out;
 }
 

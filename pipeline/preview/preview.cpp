@@ -205,12 +205,10 @@ class Maker {
     PreviewSlice& shown = one.shown;
     shown.plane = stack_.plane(shown.index);
     if (stack_.pixel_unit() != PixelUnit::kGrey) shown.letters = edge_letters(shown.plane);
-    auto pixels = read_cropped(stack_, shown.index, options_.mesh);
-    if (!pixels) return pixels.error();
-    shown.pixels = std::move(*pixels);
-    auto contours = contours_at(shown.index, shown.pixels, one.tally);
-    if (!contours) return contours.error();
-    shown.contours = std::move(*contours);
+    if (const auto ok = read_cropped(stack_, shown.index, options_.mesh).into(shown.pixels); !ok)
+      return ok.error();
+    if (const auto ok = contours_at(shown.index, shown.pixels, one.tally).into(shown.contours); !ok)
+      return ok.error();
     shown.area_mm2 = area_of(shown.contours, options_.mesh.lattice);
     std::visit(
         [&one](const auto& image) {

@@ -485,17 +485,13 @@ void add_preview_options(CLI::App& app, Arguments& a) {
 
 Result<void> complete(Arguments& a) {
   StackOptions& stack = a.stack;
-  auto how = segmentation(a);
-  if (!how) return how.error();
-  stack.mesh.segmentation = std::move(*how);
+  if (const auto ok = segmentation(a).into(stack.mesh.segmentation); !ok) return ok.error();
   if (const auto* wanted = std::get_if<Labels>(&stack.mesh.segmentation)) {
     a.open.as_labels = true;
     if (!wanted->all) a.open.labels = wanted->labels;
   }
   if (!a.names.empty()) {
-    auto names = LabelNames::named(a.names);
-    if (!names) return names.error();
-    stack.names = std::move(*names);
+    if (const auto ok = LabelNames::named(a.names).into(stack.names); !ok) return ok.error();
   }
   if (auto ok = complete_solid(stack); !ok) return ok;
   stack.defaults.close = a.of_preset.contains("--close");

@@ -260,9 +260,8 @@ Result<Frame> frame_of(const Fields& fields, std::size_t dimension) {
     out.is_oriented = false;
     std::vector<double> spacings(dimension, kMissing);
     if (fields.get("spacings")) {
-      auto given = fields.numbers("spacings", dimension);
-      if (!given) return given.error();
-      spacings = std::move(*given);
+      if (const auto ok = fields.numbers("spacings", dimension).into(spacings); !ok)
+        return ok.error();
     }
     int next = 0;
     for (std::size_t k = 0; k < dimension; ++k) {

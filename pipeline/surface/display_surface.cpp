@@ -163,9 +163,8 @@ Result<DisplaySurface> make_display_surface(const SurfaceVolume& volume,
   Decimation decimation(*fine, options.stop);
   const auto zero = points_on_zero(volume);
   for (;; wanted *= 2) {
-    auto surface = decimated(decimation, wanted, options, out, watch);
-    if (!surface) return surface.error();
-    out.surface = std::move(*surface);
+    if (const auto ok = decimated(decimation, wanted, options, out, watch).into(out.surface); !ok)
+      return ok.error();
     out.distance = distance_from(out.surface, volume);
     out.left_out = distance_to(out.surface, volume, zero);
     out.check_ms += watch.lap_ms();

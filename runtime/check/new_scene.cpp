@@ -428,9 +428,7 @@ struct Proposal {
   Result<std::optional<NeedlePath>> path_through_sheets() const {
     std::optional<NeedlePath> path;
     if (is_chosen()) {
-      const auto chosen = chosen_path({});
-      if (!chosen) return chosen.error();
-      path = *chosen;
+      if (const auto ok = chosen_path({}).into(path); !ok) return ok.error();
     } else {
       path = find_entry_column(asset, levels, 1e3 * kPaperToolRadius_m, room_mm(), kAny);
     }

@@ -541,9 +541,8 @@ Result<Evaluation> evaluate(const Scene& scene, const DeviceToCheck& device,
   const auto first = device.simulate(scene);
   if (!first && first.error().code != ExitCode::kRefused) return first.error();
   if (first) {  // otherwise the session cannot start
-    Result<DryRun> dry_run = run_dry_run(scene, device, sheets, options);
-    if (!dry_run) return dry_run.error();
-    e.dry_run = std::move(*dry_run);
+    if (const auto ok = run_dry_run(scene, device, sheets, options).into(e.dry_run); !ok)
+      return ok.error();
     if (scene.force_law.kind == ForceLawKind::kCutting) {
       auto let_go = try_letting_go(scene, device, sheets, options, *e.dry_run);
       if (!let_go) return let_go.error();

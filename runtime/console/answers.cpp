@@ -77,9 +77,7 @@ enum class BoneParts : std::uint8_t { kForView, kWithVolumes };
 Result<PlacedBone> load_bone(const std::filesystem::path& scene_file,
                              const std::filesystem::path& asset, BoneParts parts) {
   PlacedBone loaded;
-  Result<Scene> scene = read_scene(scene_file);
-  if (!scene) return scene.error();
-  loaded.scene = std::move(*scene);
+  if (const auto ok = read_scene(scene_file).into(loaded.scene); !ok) return ok.error();
   if (!asset.empty()) loaded.scene.asset = asset;
   const std::string name = loaded.scene.asset.string();
   const Result<std::string> text = glb_json(loaded.scene.asset);
@@ -110,9 +108,8 @@ Result<PlacedBone> load_bone(const std::filesystem::path& scene_file,
   }
   if (const auto ok = weld_materials(loaded.asset, name); !ok) return ok.error();
   if (const auto ok = place_body(loaded.scene, loaded.asset, name); !ok) return ok.error();
-  auto sheets = place_slices(loaded.scene, loaded.asset, name);
-  if (!sheets) return sheets.error();
-  loaded.sheets = std::move(*sheets);
+  if (const auto ok = place_slices(loaded.scene, loaded.asset, name).into(loaded.sheets); !ok)
+    return ok.error();
   return loaded;
 }
 

@@ -138,9 +138,7 @@ void Process::signal(int number) const noexcept {
 
 Result<void> BriefRun::start(const std::vector<std::string>& words,
                              const std::filesystem::path& log) {
-  Result<Process> process = Process::start(words, log);
-  if (!process) return process.error();
-  process_ = std::move(*process);
+  if (const auto ok = Process::start(words, log).into(process_); !ok) return ok.error();
   stopped_at_.reset();
   has_ended_ = false;
   return {};

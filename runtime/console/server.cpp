@@ -160,9 +160,8 @@ Result<void> serve(const ServerSettings& settings, Files files, PageFiles page) 
                        HostNames(address.to_string(), port, settings.public_url));
   std::unique_ptr<IgtlServer> igtl;
   if (settings.igtl) {
-    auto listening = IgtlServer::listen(console, *settings.igtl);
-    if (!listening) return listening.error();
-    igtl = std::move(*listening);
+    if (const auto ok = IgtlServer::listen(console, *settings.igtl).into(igtl); !ok)
+      return ok.error();
   }
   const std::string link =
       (settings.public_url.empty() ? "http://" + host + ":" + std::to_string(port)

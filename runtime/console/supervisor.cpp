@@ -209,9 +209,7 @@ Result<void> Supervisor::start_run() {
     add("--device", request_.device.name);
     words.insert(words.end(), request_.device.words.begin(), request_.device.words.end());
   }
-  Result<Process> process = Process::start(words, log_file());
-  if (!process) return process.error();
-  run_ = std::move(*process);
+  if (const auto ok = Process::start(words, log_file()).into(run_); !ok) return ok.error();
   Result<void> noted = note_device();
   if (!noted) run_->signal(SIGKILL);
   return noted;

@@ -131,18 +131,15 @@ Result<SimulatedDevice> load_model(const Arguments& arguments) {
   std::optional<Scene> scene;
   std::string description_file = arguments.description;
   if (!arguments.scene.empty()) {
-    Result<Scene> read = read_scene(arguments.scene);
-    if (!read) return read.error();
-    scene = std::move(*read);
+    if (const auto ok = read_scene(arguments.scene).into(scene); !ok) return ok.error();
     if (scene->hand.live)
       return usage(arguments.scene + ": its hand is live, which is for trocar-run --device inproc");
     if (description_file.empty() && scene->device) description_file = scene->device->string();
   }
   DeviceDescription description = default_device_description();
   if (!description_file.empty()) {
-    Result<DeviceDescription> read = read_device_description(description_file);
-    if (!read) return read.error();
-    description = std::move(*read);
+    if (const auto ok = read_device_description(description_file).into(description); !ok)
+      return ok.error();
   }
   if (scene) {
     Result<SimulatedDevice> made = make_simulated_device(*scene, description, mechanics);

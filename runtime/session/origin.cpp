@@ -47,9 +47,7 @@ Result<RecordingOrigin> make_origin(const std::filesystem::path& scene_file, con
   if (!asset_digest) return asset_digest.error();
   std::string device = "built-in";
   if (scene.device && description != default_device_description()) {
-    const Result<std::string> digest = digest_of(*scene.device);
-    if (!digest) return digest.error();
-    device = *digest;
+    if (const auto ok = digest_of(*scene.device).into(device); !ok) return ok.error();
   }
   RecordingOrigin origin;
   origin.entries = {

@@ -42,9 +42,8 @@ Result<SessionWorkers> make_workers(const Scene& scene, const DeviceSpecificatio
     if (!made) return made.error();
     workers.black_box = std::move(*made);
   }
-  auto law = make_law(scene, device, remesher, options);
-  if (!law) return law.error();
-  workers.law = std::move(*law);
+  if (const auto ok = make_law(scene, device, remesher, options).into(workers.law); !ok)
+    return ok.error();
   const PrefetchWorker* const prefetch = workers.law->prefetch_worker();
   if (options.on_message) workers.messages = std::make_unique<OperatorMessages>(options.on_message);
   if (options.on_frame)

@@ -408,9 +408,7 @@ Result<std::unique_ptr<SessionPublisher>> SessionPublisher::make(
     made->slices_.push_back(sheet.slice_index);
   }
   made->published_cuts_.assign(remesher.size(), -1);
-  auto writer = TelemetryWriter::make(sizes);
-  if (!writer) return writer.error();
-  made->writer_ = std::move(*writer);
+  if (const auto ok = TelemetryWriter::make(sizes).into(made->writer_); !ok) return ok.error();
   made->publish_sheets(remesher);
   made->write(TelemetryTick{});
   if (Result<void> linked = made->writer_->link(options.telemetry->file); !linked)

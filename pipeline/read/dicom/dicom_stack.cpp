@@ -406,9 +406,7 @@ Result<std::unique_ptr<SliceStack>> open_dicom(std::vector<DicomFile> headers,
   if (before.empty()) return no_dicom(headers, where);
   std::string uid;
   if (!options.series.empty()) {
-    const auto wanted = named_series(before, options.series);
-    if (!wanted) return wanted.error();
-    uid = *wanted;
+    if (const auto ok = named_series(before, options.series).into(uid); !ok) return ok.error();
   }
   if (options.as_labels) {
     const auto labels = chosen_segmentation(headers, uid, where);

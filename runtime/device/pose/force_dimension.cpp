@@ -186,9 +186,7 @@ struct ForceDimension::Device {
 Result<FoundDevice> ForceDimension::Device::open(int index, bool wants_rotation,
                                                  bool wants_moment) {
   close();  // an open() whose caller has given up may have opened it
-  Result<ForceDimensionLibrary> library = load_force_dimension_library();
-  if (!library) return library.error();
-  sdk = *library;
+  if (const auto ok = load_force_dimension_library().into(sdk); !ok) return ok.error();
   Result<FoundDevice> found = open_device(index, wants_rotation, wants_moment);
   if (found) {
     identity = identity_of_open();

@@ -331,9 +331,7 @@ Result<BoneVolume> make_bone_volume(const Scene& scene, std::span<const Sheet* c
   BoneVolume bone;
   bone.tool = make_tool(scene.tool);
   bone.radius_m = radius_of(bone.tool);
-  Result<ToolShape> shape = tool_shape(scene.tool);
-  if (!shape) return shape.error();
-  bone.shape = *shape;
+  if (const auto ok = tool_shape(scene.tool).into(bone.shape); !ok) return ok.error();
   double outline_m = 0;
   for (int i = 0; i < bone.tool.sides; ++i)
     outline_m +=
