@@ -23,6 +23,19 @@ std::string_view take_part(std::string_view& rest) {
   return part;
 }
 
+using nlohmann::json;
+
+constexpr const char *kTestLog = "log.txt", *kTestResult = "test.json";
+
+/// Returns the result that trocar-run has written; null if it has written none.
+json result_in(const std::filesystem::path& file) {
+  constexpr std::uint64_t kMaxResultBytes = std::uint64_t{64} << 10;
+  const auto bytes = read_file(file, kMaxResultBytes);
+  if (!bytes) return nullptr;
+  json result = parse_json(*bytes);
+  return result.is_object() ? result : json(nullptr);
+}
+
 }  // namespace
 
 bool DeviceChoice::has(std::string_view word) const {
@@ -76,23 +89,6 @@ std::string HiddenTexts::hide(std::string text) const {
   }
   return text;
 }
-
-namespace {
-
-using nlohmann::json;
-
-constexpr const char *kTestLog = "log.txt", *kTestResult = "test.json";
-
-/// Returns the result that trocar-run has written; null if it has written none.
-json result_in(const std::filesystem::path& file) {
-  constexpr std::uint64_t kMaxResultBytes = std::uint64_t{64} << 10;
-  const auto bytes = read_file(file, kMaxResultBytes);
-  if (!bytes) return nullptr;
-  json result = parse_json(*bytes);
-  return result.is_object() ? result : json(nullptr);
-}
-
-}  // namespace
 
 Result<void> DeviceTest::start(const DeviceChoice& device, const std::filesystem::path& programs,
                                const std::filesystem::path& sessions) {

@@ -69,6 +69,64 @@ bool asks_for_signal(const RunArguments& arguments, const OperatorMessage& messa
          message.kind == OperatorMessage::Kind::kRefused;
 }
 
+/// Returns the summary's "link": the number of sessions, and of the device link the number of accepted packets and the
+/// numbers of refused packets by reason.
+nlohmann::json describe(const LinkReport& link) {
+  nlohmann::json out = {{"sessions", link.sessions}};
+  if (!link.packets) return out;
+  nlohmann::json refused = nlohmann::json::object();
+  for (std::size_t i = 1; i < kLinkRefusals; ++i)
+    refused[to_string(static_cast<LinkRefusal>(i))] = link.packets->counts.by_refusal[i];
+  out["packets_accepted"] = link.packets->counts.accepted();
+  out["packets_refused"] = refused;
+  out["states_missed"] = link.packets->states_missed;
+  return out;
+}
+
+/// Returns the file of the session report's figures with this extension.
+std::filesystem::path figures_file(const RunArguments& arguments, const char* extension) {
+  return arguments.session_report.empty()
+             ? std::filesystem::path()
+             : std::filesystem::path(arguments.session_report).replace_extension(extension);
+}
+constexpr const char* kFiguresJson = ".json";
+constexpr const char* kFiguresCsv = ".figures.csv";  // NAME.csv may be the recording
+
+std::vector<ReportSheet> report_sheets(const SessionInputs& inputs) {
+  std::vector<ReportSheet> sheets;
+  sheets.reserve(inputs.sheets.size());
+  for (std::size_t i = 0; i < inputs.sheets.size(); ++i)
+    sheets.push_back({inputs.sheets[i]->slice_index, inputs.sheets[i]->z_m,
+                      i < inputs.tissues.size() ? inputs.tissues[i].choice.name : ""});
+  return sheets;
+}
+
+/// Returns the `hand` of a scene, with the impedance of `hand` and this path.
+std::string describe_hand(const SceneHand& hand, const HandTrajectory& path) {
+  const HandImpedance impedance = hand_impedance(hand);
+  nlohmann::ordered_json out = {
+      {"stiffness_N_per_m", impedance.stiffness_N_per_m},
+      {"damping_N_s_per_m", impedance.damping_Ns_per_m},
+      {"rotation_stiffness_Nm_per_rad", impedance.rotational_stiffness_Nm_per_rad},
+      {"rotation_damping_Nm_s_per_rad", impedance.rotational_damping_Nms_per_rad},
+      {"mass_kg", impedance.mass_kg},
+      {"trajectory", nlohmann::ordered_json::array()}};
+  for (const HandKeyframe& keyframe : path.keyframes) {
+    const Eigen::Vector3d tip_m = keyframe.T_device_tool.p_m,
+                          turn_deg = rotation_vector(keyframe.T_device_tool.q) * kDegreesPerRadian;
+    constexpr double kParts = 1e8;
+    auto tip = nlohmann::ordered_json::array(), turn = nlohmann::ordered_json::array();
+    for (const double x : tip_m)
+      tip.push_back(rounded(x, kParts));
+    for (const double x : turn_deg)
+      turn.push_back(rounded(x, kParts));
+    out["trajectory"].push_back({{"t_s", rounded(keyframe.t_s, kParts)},
+                                 {"tip_m", std::move(tip)},
+                                 {"rotation_deg", std::move(turn)}});
+  }
+  return json_text(out);
+}
+
 }  // namespace
 
 int fail(const Error& error) {
@@ -146,68 +204,6 @@ int conclude(const SessionResult& report, std::vector<Error> errors, const Remes
   if (!has_failed) return code;
   return static_cast<int>(ExitCode::kDeviceFault);
 }
-
-namespace {
-
-/// Returns the summary's "link": the number of sessions, and of the device link the number of accepted packets and the
-/// numbers of refused packets by reason.
-nlohmann::json describe(const LinkReport& link) {
-  nlohmann::json out = {{"sessions", link.sessions}};
-  if (!link.packets) return out;
-  nlohmann::json refused = nlohmann::json::object();
-  for (std::size_t i = 1; i < kLinkRefusals; ++i)
-    refused[to_string(static_cast<LinkRefusal>(i))] = link.packets->counts.by_refusal[i];
-  out["packets_accepted"] = link.packets->counts.accepted();
-  out["packets_refused"] = refused;
-  out["states_missed"] = link.packets->states_missed;
-  return out;
-}
-
-/// Returns the file of the session report's figures with this extension.
-std::filesystem::path figures_file(const RunArguments& arguments, const char* extension) {
-  return arguments.session_report.empty()
-             ? std::filesystem::path()
-             : std::filesystem::path(arguments.session_report).replace_extension(extension);
-}
-constexpr const char* kFiguresJson = ".json";
-constexpr const char* kFiguresCsv = ".figures.csv";  // NAME.csv may be the recording
-
-std::vector<ReportSheet> report_sheets(const SessionInputs& inputs) {
-  std::vector<ReportSheet> sheets;
-  sheets.reserve(inputs.sheets.size());
-  for (std::size_t i = 0; i < inputs.sheets.size(); ++i)
-    sheets.push_back({inputs.sheets[i]->slice_index, inputs.sheets[i]->z_m,
-                      i < inputs.tissues.size() ? inputs.tissues[i].choice.name : ""});
-  return sheets;
-}
-
-/// Returns the `hand` of a scene, with the impedance of `hand` and this path.
-std::string describe_hand(const SceneHand& hand, const HandTrajectory& path) {
-  const HandImpedance impedance = hand_impedance(hand);
-  nlohmann::ordered_json out = {
-      {"stiffness_N_per_m", impedance.stiffness_N_per_m},
-      {"damping_N_s_per_m", impedance.damping_Ns_per_m},
-      {"rotation_stiffness_Nm_per_rad", impedance.rotational_stiffness_Nm_per_rad},
-      {"rotation_damping_Nm_s_per_rad", impedance.rotational_damping_Nms_per_rad},
-      {"mass_kg", impedance.mass_kg},
-      {"trajectory", nlohmann::ordered_json::array()}};
-  for (const HandKeyframe& keyframe : path.keyframes) {
-    const Eigen::Vector3d tip_m = keyframe.T_device_tool.p_m,
-                          turn_deg = rotation_vector(keyframe.T_device_tool.q) * kDegreesPerRadian;
-    constexpr double kParts = 1e8;
-    auto tip = nlohmann::ordered_json::array(), turn = nlohmann::ordered_json::array();
-    for (const double x : tip_m)
-      tip.push_back(rounded(x, kParts));
-    for (const double x : turn_deg)
-      turn.push_back(rounded(x, kParts));
-    out["trajectory"].push_back({{"t_s", rounded(keyframe.t_s, kParts)},
-                                 {"tip_m", std::move(tip)},
-                                 {"rotation_deg", std::move(turn)}});
-  }
-  return json_text(out);
-}
-
-}  // namespace
 
 Result<void> check_run_outputs(const RunArguments& arguments, const SessionInputs& inputs) {
   const OutputFile outputs[] = {
