@@ -99,10 +99,6 @@ StrictObject::StrictObject(const nlohmann::json& value, std::string path, JsonEr
   if (!value_.is_object()) errors_.add(path_, "must be an object");
 }
 
-bool StrictObject::has(const char* key) const {
-  return value_.is_object() && value_.contains(key);
-}
-
 const nlohmann::json* StrictObject::find(const char* key, bool required) {
   known_.insert(key);
   if (has(key)) return &value_[key];
@@ -213,10 +209,6 @@ const nlohmann::json* StrictObject::array(const char* key, std::size_t shortest,
     return wrong(key, "must be an array of " + sizes + " elements", nullptr);
   }
   return found;
-}
-
-const nlohmann::json* StrictObject::optional_value(const char* key) {
-  return find(key, false);
 }
 
 void StrictObject::finish() {

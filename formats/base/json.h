@@ -90,7 +90,7 @@ class StrictObject {
   /// `value` and `errors` must outlive this object.
   StrictObject(const nlohmann::json& value, std::string path, JsonErrors& errors);
 
-  bool has(const char* key) const;
+  bool has(const char* key) const { return value_.is_object() && value_.contains(key); }
   /// Adds an error about this object, or about the value under `key`.
   void error(const std::string& why) { errors_.add(path_, why); }
   void error(const char* key, const std::string& why) { errors_.add(path(key), why); }
@@ -119,7 +119,7 @@ class StrictObject {
   const nlohmann::json* array(const char* key, std::size_t shortest, std::size_t longest);
   /// Returns the value under `key` unchecked, or null if the key is missing. finish() does not
   /// report the key as unknown.
-  const nlohmann::json* optional_value(const char* key);
+  const nlohmann::json* optional_value(const char* key) { return find(key, false); }
   /// Makes a StrictObject of the object under `key`, and calls read(object), followed by
   /// object.finish(). Returns false if the key is missing.
   template <typename Read>

@@ -423,9 +423,6 @@ fs::path Store::content_file(const std::string& sha256) const {
 fs::path Store::entry_file(const std::string& name) const {
   return folder_ / "scans" / (name + ".json");
 }
-fs::path Store::lease_file(const std::string& key) const {
-  return folder_ / "claims" / key;
-}
 
 bool Store::has(const Object& object) const {
   return is_there(content_file(object.sha256), object.bytes);
@@ -435,10 +432,6 @@ bool Store::lacks(const Object& object) const {
   struct stat status {};
   const bool is_found = ::stat(content_file(object.sha256).c_str(), &status) == 0;
   return is_found ? !has(object) : errno == ENOENT;
-}
-
-bool Store::has(const Outputs& outputs) const {
-  return has(outputs.asset) && has(outputs.report);
 }
 
 Result<std::optional<std::vector<Object>>> Store::outputs_of(const std::string& key) const {

@@ -153,7 +153,9 @@ class Store {
   std::filesystem::path action_file(const std::string& key) const;
   std::filesystem::path content_file(const std::string& sha256) const;
   std::filesystem::path entry_file(const std::string& name) const;
-  std::filesystem::path lease_file(const std::string& key) const;
+  std::filesystem::path lease_file(const std::string& key) const {
+    return folder_ / "claims" / key;
+  }
 
   /// All files that the action with this key names as outputs; std::nullopt if there is no such
   /// action. Errors: kRefused if its file cannot be read (then the error is temporary), or is damaged.
@@ -162,7 +164,7 @@ class Store {
   /// if an output is missing or has another size (has()).
   std::optional<Outputs> find(const std::string& key) const;
   /// Do the files exist with the recorded sizes? The files are not read.
-  bool has(const Outputs& outputs) const;
+  bool has(const Outputs& outputs) const { return has(outputs.asset) && has(outputs.report); }
   bool has(const Object& object) const;
   /// Is it certain that the store does not have the file? has() is also false if the file system
   /// does not answer.

@@ -42,10 +42,6 @@ bool DeviceChoice::has(std::string_view word) const {
   return std::find(words.begin(), words.end(), word) != words.end();
 }
 
-bool DeviceChoice::is_simulated() const {
-  return !can_be_tested() || has("--simulated");
-}
-
 Result<DeviceChoice> parse_device_choice(std::string_view text) {
   const std::string shown = "--device " + std::string(text);
   std::string_view rest = text;

@@ -25,7 +25,7 @@ struct DeviceChoice {
 
   bool has(std::string_view word) const;
   /// True if Trocar itself simulates the device, or if `words` contains --simulated.
-  bool is_simulated() const;
+  bool is_simulated() const { return !can_be_tested() || has("--simulated"); }
   /// True unless Trocar itself simulates the device (kInProcess, kSimulator).
   bool can_be_tested() const { return name != kInProcess && name != kSimulator; }
 };

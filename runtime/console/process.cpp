@@ -157,8 +157,4 @@ void BriefRun::poll(Clock::time_point now) {
   has_ended_ = process_->has_ended();
 }
 
-std::optional<int> BriefRun::exit_code() const {
-  return has_ended_ ? process_->exit_code() : std::nullopt;
-}
-
 }  // namespace trocar::runtime

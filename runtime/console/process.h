@@ -79,7 +79,7 @@ class BriefRun {
   void poll(Clock::time_point now);
   /// Returns the exit code of the program. Returns nullopt if the program was not started, still
   /// runs, or was ended by a signal.
-  std::optional<int> exit_code() const;
+  std::optional<int> exit_code() const { return has_ended_ ? process_->exit_code() : std::nullopt; }
   /// Returns how the program ended, such as "exit code 3" or "signal 9". Empty if it has not ended.
   std::string end() const { return has_ended_ ? process_->end() : std::string(); }
 

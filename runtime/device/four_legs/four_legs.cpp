@@ -163,10 +163,6 @@ DeviceStatus FourLegs::read(double& t_s) noexcept {
   return status;
 }
 
-void FourLegs::use_last_reading() noexcept {
-  reading_ = last_;
-}
-
 bool FourLegs::keep_reading() noexcept {
   const bool is_finite = std::all_of(reading_.value.begin(), reading_.value.end(),
                                      [](double angle) { return std::isfinite(angle); });
@@ -282,10 +278,6 @@ FaultDetail FourLegs::render(const RenderInput& input, double& scale) noexcept {
   return Fault::kNone;
 }
 
-void FourLegs::stop() noexcept {
-  at_stop_Nm_ = written_Nm_;
-}
-
 void FourLegs::fade(double share) noexcept {
   next_Nm_ = share * at_stop_Nm_;
   motors_.rise_s = motors_.overload_s = 0;
@@ -298,10 +290,6 @@ DeviceStatus FourLegs::write() noexcept {
   std::copy(next_Nm_.data(), next_Nm_.data() + kMotors, command.tau_motor_Nm.begin());
   written_Nm_ = next_Nm_;
   return device_.write(command);
-}
-
-Wrench FourLegs::delivered() const noexcept {
-  return G_.transpose() * (written_Nm_ - compensation_Nm_);
 }
 
 void FourLegs::describe(RecordingRow& row, DeviceReadout& readout) const noexcept {

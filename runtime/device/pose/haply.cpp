@@ -429,14 +429,6 @@ HaplyConnection::~HaplyConnection() {
   HaplyConnection::close();
 }
 
-Error HaplyConnection::fault(const std::string& why) const {
-  return {ExitCode::kDeviceFault, uri_ + ": " + why};
-}
-
-void HaplyConnection::say(const std::string& line) const {
-  if (options_.say) options_.say(uri_ + ": " + line);
-}
-
 Result<void> HaplyConnection::open() {
   close();
   try {

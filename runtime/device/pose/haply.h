@@ -170,8 +170,10 @@ class HaplyConnection final : public PoseConnection {
  private:
   struct Socket;
   using Instant = std::chrono::steady_clock::time_point;
-  Error fault(const std::string& why) const;
-  void say(const std::string& line) const;
+  Error fault(const std::string& why) const { return {ExitCode::kDeviceFault, uri_ + ": " + why}; }
+  void say(const std::string& line) const {
+    if (options_.say) options_.say(uri_ + ": " + line);
+  }
   Result<void> connect(Instant until);
   /// Waits for an inventory (the service's list of its devices) in which the chosen
   /// devices are ready.

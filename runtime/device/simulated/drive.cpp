@@ -256,10 +256,6 @@ bool Drive::is_injected(FaultKind kind) const noexcept {
                      });
 }
 
-bool Drive::kill_is_due() const noexcept {
-  return session_ && is_injected(FaultKind::kKill);
-}
-
 LinkRefusal Drive::receive(std::span<const std::uint8_t> datagram, std::int64_t now_ns,
                            Answer& answer, bool& from_host) noexcept {
   answer.size = 0;

@@ -247,7 +247,7 @@ class Drive {
   DriveMode mode() const noexcept { return mode_; }
   /// Returns true if the fault plan says that the drive's process is to be killed now (`kill`,
   /// above). The caller must then kill the process.
-  bool kill_is_due() const noexcept;
+  bool kill_is_due() const noexcept { return session_ && is_injected(FaultKind::kKill); }
   const SimulatedDevice& model() const noexcept { return model_; }
   const DriveReport& report() const noexcept { return report_; }
 

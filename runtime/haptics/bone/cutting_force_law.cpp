@@ -165,10 +165,6 @@ std::string CuttingForceLaw::describe() const {
   return out;
 }
 
-std::string CuttingForceLaw::stability_warning() const {
-  return runtime::stability_warning(report_.coupling);
-}
-
 TipForce CuttingForceLaw::tip_force(std::size_t index, const Sheet& /*sheet*/) const {
   return {bone_.sheets[index].tip_N_per_m, bone_.sheets[index].nominal_N, law_.force_scale};
 }

@@ -45,7 +45,9 @@ class CuttingForceLaw final : public ForceLaw {
   bool is_passive() const noexcept override { return true; }
 
   std::string describe() const override;
-  std::string stability_warning() const override;
+  std::string stability_warning() const override {
+    return runtime::stability_warning(report_.coupling);
+  }
   TipForce tip_force(std::size_t index, const Sheet& sheet) const override;
   SummarySection summary() const override;
 

@@ -232,10 +232,6 @@ double SheetLaw::retract_distance_m(std::span<const Sheet* const> sheets,
   return depth_m;
 }
 
-std::string SheetLaw::describe() const {
-  return "force law  hooke\n";
-}
-
 std::string NetworkLaw::describe() const {
   return text_line("force law  network, solver %s, reach %.3g mm\n",
                    kSolverNames.at(static_cast<std::size_t>(law_.solver)),

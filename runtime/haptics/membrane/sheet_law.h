@@ -104,7 +104,7 @@ class SheetLaw : public ForceLaw {
   void finish_tick(RecordingRow& row) noexcept override;
   double retract_distance_m(std::span<const Sheet* const> sheets,
                             const Pose& T_device_plate) const noexcept override;
-  std::string describe() const override;
+  std::string describe() const override { return "force law  hooke\n"; }
   TipForce tip_force(std::size_t /*index*/, const Sheet& sheet) const override {
     return {sheet.tissue.stiffness_N_per_m, sheet.tissue.threshold_N, force_scale_};
   }
