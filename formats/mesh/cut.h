@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Replaces the cavity in the sheet by the patch (the new triangles). This is the sixth stage
-// of a cut.
+// Cuts the hole of a puncture into a sheet: stitches the patch into it and records the edit (SheetEdit).
 #pragma once
 
 #include <cstddef>
@@ -160,7 +159,7 @@ struct CutReport {
 ///     doubled_area_removed is exact in any case.
 ///  4. If the tool has no area in common with the sheet, nothing changes.
 ///  5. With every outcome other than kCut the sheet is unchanged. With kCut the new sheet was
-///     proved valid (patch_proof.h) before the first slot was written.
+///     proved valid (patch.h) before the first slot was written.
 ///  6. The function allocates memory in two cases only. First, the cut writes to more shared pages
 ///     than SheetMesh::reserve_pages() has reserved. (A shared page is a block of array elements
 ///     that a copy of the mesh uses too, paged_array.h.) Second, the cut frees more than

@@ -44,7 +44,7 @@ StageOutcome restore_delaunay(SheetMesh& mesh, std::span<const TriangleEdge> edg
 // are inserted one by one with Lawson's flips (Lawson 1977), and edges of the PSLG (constraints)
 // with Sloan's flips (Sloan 1993). The same input always gives the same triangles.
 
-/// A counter-clockwise triangle; its edges are numbered as in triangle_edge.h.
+/// A counter-clockwise triangle; its edges are numbered as in predicates.h.
 struct Cell {
   std::array<std::uint32_t, 3> vertex;
   std::array<std::uint32_t, 3> across;      ///< cell beyond edge i; kNoSlot: there is no cell

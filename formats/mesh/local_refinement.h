@@ -153,7 +153,7 @@ class TriangleQueue {
   std::vector<std::uint32_t> position_;  // per slot: position in the heap, or kNoSlot
 };
 
-// Removes an inner vertex from a SheetMesh. If the mesh is constrained Delaunay (point_insertion.h
+// Removes an inner vertex from a SheetMesh. If the mesh is constrained Delaunay (as above
 // has the definition), it stays so. The triangles around the vertex form a polygon. The polygon is
 // then filled by ears: an ear is a triangle of three successive corners of the polygon. An ear is
 // used only if its circumcircle contains no other corner (the simple form of Devillers, 1999). All

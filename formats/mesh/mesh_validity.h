@@ -49,7 +49,7 @@ Result<void> check_mesh_against_pslg(const SliceMesh& mesh, const Pslg& pslg);
 /// Like check_mesh_against_pslg(), but for an outline that has already been proved valid.
 Result<void> check_mesh_against_outline(const SliceMesh& mesh, const ProvedOutline& outline);
 /// Like check_mesh_against_outline(), and proves also that every interior edge is locally Delaunay
-/// (edge_predicates.h). If only this property fails, the message is "not constrained Delaunay".
+/// (predicates.h). If only this property fails, the message is "not constrained Delaunay".
 Result<void> check_delaunay_mesh(const SliceMesh& mesh, const ProvedOutline& outline);
 
 /// Proves that an outline is valid:

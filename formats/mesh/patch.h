@@ -14,7 +14,7 @@
 
 namespace trocar {
 
-/// The new triangles; their edges are numbered as in triangle_edge.h.
+/// The new triangles; their edges are numbered as in predicates.h.
 struct Patch {
   std::vector<Triangle> triangles;  ///< corners are indices into Overlay::points
   /// Triangle of the patch beyond each edge; kNoSlot: there is none.

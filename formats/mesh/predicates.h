@@ -108,7 +108,7 @@ inline double edge_length(LatticePoint a, LatticePoint b) noexcept {
   return std::sqrt(static_cast<double>(distance2(a, b)));
 }
 
-/// Number of the shortest edge (0 to 2, as in triangle_edge.h) and its squared length. If several
+/// Number of the shortest edge (0 to 2, as above) and its squared length. If several
 /// edges are equally short, the first one counts.
 struct ShortestEdge {
   std::uint32_t edge;

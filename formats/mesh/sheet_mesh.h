@@ -58,7 +58,7 @@ inline constexpr Triangle kFreeSlot{kNoSlot, kNoSlot, kNoSlot};
 /// Invariants (tests/support/check_sheet_mesh.h verifies 1 to 3):
 ///  1. A triangle in use is strictly counter-clockwise and has three vertices in use. A free
 ///     triangle slot contains kFreeSlot, and `free_triangles` lists it exactly once.
-///  2. across[t][i] is the triangle beyond edge i of t (triangle_edge.h); kNoSlot on the sheet's
+///  2. across[t][i] is the triangle beyond edge i of t (predicates.h); kNoSlot on the sheet's
 ///     boundary.
 ///  3. A vertex in use belongs to a triangle. Its triangles form one fan: each triangle shares
 ///     an edge at this vertex with the next. If two fans touch at a point, each fan has a vertex

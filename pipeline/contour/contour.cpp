@@ -20,7 +20,7 @@ using DirectedEdge = std::pair<LatticePoint, LatticePoint>;
 //  - A crossing stays 1/32 pixel, and at least two lattice steps, away from the grid points. All
 //    points of one grid line snap to one lattice line in order. Snapped segments of a cell thus
 //    keep their order on the cell's border, so two of them cannot cross.
-// contour_crossing.h computes the position of a crossing on its grid edge.
+// contour.h describes the position of a crossing on its grid edge.
 class MarchingSquares {
  public:
   MarchingSquares(const Field& field, const PixelGrid& grid)

@@ -388,7 +388,7 @@ class ScratchFolder {
   bool is_new_;
 };
 
-// Writes three files for each slice with material: `slice_NNNN.poly` (triangle_poly.h),
+// Writes three files for each slice with material: `slice_NNNN.poly` (for Triangle),
 // `slice_NNNN.obj` (mm, in the patient's LPS frame) and `slice_NNNN.svg`. NNNN is the slice's
 // index. If the asset has several materials, the files of material M are `slice_NNNN_M.poly` and
 // so on. The folder is created if needed, and files of the same names are replaced. If a file
