@@ -1,7 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Reads and writes a JSON value as text; the value's strings need not be UTF-8. nlohmann's parser
-// and serializer take about a second to compile in each file, so call these functions instead.
-// Include this header in .cpp files only, because a public header must not include nlohmann/json.
+// JSON: values as text, and strict reading of documents.
 #pragma once
 
 #include <cmath>
@@ -18,6 +16,10 @@
 #include "formats/base/result.h"
 
 namespace trocar {
+
+// Reads and writes a JSON value as text; the value's strings need not be UTF-8. nlohmann's parser
+// and serializer take about a second to compile in each file, so call these functions instead.
+// Include this header in .cpp files only, because a public header must not include nlohmann/json.
 
 /// Returns `value` as JSON text. Bytes that are not UTF-8 (in file names or in text from scans)
 /// are replaced by U+FFFD. Never throws. `indent` has the meaning of nlohmann::json::dump(); -1

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Cuts the hole of a puncture into a sheet: stitches the patch into it and records the edit (SheetEdit).
+// A cut: the hole of a puncture in a sheet, its scratch memory, and the last stage, the stitch.
 #pragma once
 
 #include <cstddef>
@@ -17,6 +17,8 @@
 #include "formats/mesh/triangle_grid.h"
 
 namespace trocar {
+
+// Cuts the hole of a puncture into a sheet: stitches the patch into it and records the edit (SheetEdit).
 
 struct StitchSpace {
   /// One corner of a triangle of the sheet.

@@ -1,11 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Inserts a point into a SheetMesh. If the mesh is constrained Delaunay, it stays so. A sheet is
-// constrained Delaunay if, for each edge between two triangles, the two angles opposite the edge
-// add up to at most 180 degrees. Only the edges of the sheet's boundary are constraints: a border
-// between two materials inside the sheet is not one. The triangles whose circumcircles contain the
-// point form the cavity. They are replaced by the star of the point, which consists of the
-// triangles between the point and the edges of the cavity's boundary (Bowyer; Watson, 1981). All
-// geometric tests are exact.
+// Refinement of a part of a sheet in place: points inserted and removed, triangles queued.
 #pragma once
 
 #include <array>
@@ -19,6 +13,14 @@
 #include "formats/mesh/steiner_points.h"
 
 namespace trocar {
+
+// Inserts a point into a SheetMesh. If the mesh is constrained Delaunay, it stays so. A sheet is
+// constrained Delaunay if, for each edge between two triangles, the two angles opposite the edge
+// add up to at most 180 degrees. Only the edges of the sheet's boundary are constraints: a border
+// between two materials inside the sheet is not one. The triangles whose circumcircles contain the
+// point form the cavity. They are replaced by the star of the point, which consists of the
+// triangles between the point and the edges of the cavity's boundary (Bowyer; Watson, 1981). All
+// geometric tests are exact.
 
 /// An edge of the cavity's boundary, with the cavity on its left.
 struct CavityEdge {

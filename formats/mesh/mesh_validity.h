@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// An outline that is proved valid, for example without edges that cross. A function that takes a
-// ProvedOutline need not prove the outline again.
+// Proofs that meshes and outlines are valid.
 #pragma once
 
 #include <cstdint>
@@ -10,6 +9,9 @@
 #include "formats/mesh/slice_mesh.h"
 
 namespace trocar {
+
+// An outline that is proved valid, for example without edges that cross. A function that takes a
+// ProvedOutline need not prove the outline again.
 
 class ProvedOutline {
  public:

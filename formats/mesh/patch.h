@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Makes the patch, which consists of the new triangles that replace the cavity. This is the third
-// stage of a cut.
+// The patch of a cut: its triangles, the rings around what is removed, and the proof.
 #pragma once
 
 #include <array>
@@ -13,6 +12,9 @@
 #include "formats/mesh/overlay.h"
 
 namespace trocar {
+
+// Makes the patch, which consists of the new triangles that replace the cavity. This is the third
+// stage of a cut.
 
 /// The new triangles; their edges are numbered as in predicates.h.
 struct Patch {

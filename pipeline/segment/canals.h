@@ -1,4 +1,16 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
+// Canals and cavities of bone.
+#pragma once
+
+#include <algorithm>
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "pipeline/segment/components.h"
+
+namespace trocar::pipeline {
+
 // Finds canals, such as the spinal canal. A canal is a tunnel through bone that leads along an axis
 // from one opening to another, and is filled with soft tissue or air. (Marrow is also enclosed by
 // bone, but bone closes its ends.)
@@ -21,16 +33,6 @@
 //  5. Growth: in each plane a canal takes the pixels without bone within 5.5 mm of its section,
 //     except those that are nearer to a section that belongs to no canal. These distances are
 //     lengths of paths that avoid bone.
-#pragma once
-
-#include <algorithm>
-#include <cstdint>
-#include <span>
-#include <vector>
-
-#include "pipeline/segment/components.h"
-
-namespace trocar::pipeline {
 
 /// Radius of the disc that must fit into a canal. (A spinal canal is at least about 10 mm wide.)
 inline constexpr double kCanalDisc_mm = 2.5;

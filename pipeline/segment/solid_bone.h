@@ -1,16 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Finds soft tissue whose HU exceed a threshold for bone: vessels and organs filled with
-// contrast medium.
-//
-// The scan is averaged over blocks of about kBlock_mm. A block is material here if its mean is at
-// least the threshold minus 30 HU, an allowance for noise. A region is a set of connected blocks
-// that lie deeper than 7 mm below the surface of the material. A second pass searches the rest of
-// the material for regions deeper than 4 mm. (Deep regions come first because a vessel and a bone
-// that touch are separate at that depth.) The shell of a region is the material around it at the
-// surface. A region is soft if its mean is below kMaxSoft_HU and above the mean of its shell. (Bone
-// has a denser cortex in its shell. In the shell of a vessel, the HU fall off to those of the
-// surrounding tissue.) Each block of material near a region belongs to the nearest region and is
-// soft if this region is soft.
+// Solid bone from the material of a segmentation, without soft tissue above the threshold.
 #pragma once
 
 #include <Eigen/Core>
@@ -28,6 +17,19 @@
 #include "pipeline/segment/segmentation.h"
 
 namespace trocar::pipeline {
+
+// Finds soft tissue whose HU exceed a threshold for bone: vessels and organs filled with
+// contrast medium.
+//
+// The scan is averaged over blocks of about kBlock_mm. A block is material here if its mean is at
+// least the threshold minus 30 HU, an allowance for noise. A region is a set of connected blocks
+// that lie deeper than 7 mm below the surface of the material. A second pass searches the rest of
+// the material for regions deeper than 4 mm. (Deep regions come first because a vessel and a bone
+// that touch are separate at that depth.) The shell of a region is the material around it at the
+// surface. A region is soft if its mean is below kMaxSoft_HU and above the mean of its shell. (Bone
+// has a denser cortex in its shell. In the shell of a vessel, the HU fall off to those of the
+// surrounding tissue.) Each block of material near a region belongs to the nearest region and is
+// soft if this region is soft.
 
 inline constexpr double kBlock_mm = 2;
 inline constexpr double kMaxSoft_HU = 500;

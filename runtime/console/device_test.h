@@ -1,7 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The devices that a page may choose. The person who starts trocar-console lists devices by the
-// option --device. A page chooses one of these devices by its name or its index in the list, or one
-// of Trocar's two simulated devices by its name. It can never choose another URI, a file or option.
+// The devices that a page may choose, and the test of one.
 #pragma once
 
 #include <filesystem>
@@ -14,6 +12,10 @@
 #include "runtime/console/process.h"
 
 namespace trocar::runtime {
+
+// The devices that a page may choose. The person who starts trocar-console lists devices by the
+// option --device. A page chooses one of these devices by its name or its index in the list, or one
+// of Trocar's two simulated devices by its name. It can never choose another URI, a file or option.
 
 /// The names of the two devices that Trocar itself simulates. kInProcess: trocar-run simulates the
 /// device. kSimulator: the console starts a separate process that simulates the device.

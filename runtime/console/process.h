@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A process that this console has started, or that an earlier console or another
-// program has started.
+// Processes that the console starts or finds.
 #pragma once
 
 #include <sys/types.h>
@@ -14,6 +13,9 @@
 #include "formats/base/result.h"
 
 namespace trocar::runtime {
+
+// A process that this console has started, or that an earlier console or another
+// program has started.
 
 /// Refers to a process by a pidfd (a file descriptor for a process). A process number can be given
 /// to another process after the end of the first one, but a pidfd never refers to another process,

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Points and vectors with three coordinates, in the form used by recordings and scenes.
+// A session's figures for the debriefing: definitions, meters and the observer that collects them.
 #pragma once
 
 #include <Eigen/Core>
@@ -21,6 +21,8 @@
 #include "runtime/session/recorder.h"
 
 namespace trocar::runtime {
+
+// Points and vectors with three coordinates, in the form used by recordings and scenes.
 
 using Vector3 = std::array<double, 3>;
 

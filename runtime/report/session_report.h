@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Two outputs of a session as JSON: the summary, and the sheets before and after the punctures.
+// Outputs of a session: summary, sheets, and the report for the debriefing.
 #pragma once
 
 #include <array>
@@ -14,6 +14,8 @@
 #include "runtime/session/session_statistics.h"
 
 namespace trocar::runtime {
+
+// Two outputs of a session as JSON: the summary, and the sheets before and after the punctures.
 
 /// Returns the document of formats/session/summary.schema.json, which describes the fields and
 /// their units. The text is indented by two spaces and has no line feed at its end. All top-level

@@ -1,7 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The operator's X-ray commands, which come from other processes. A shot is one picture. Screening
-// is X-ray that stays on while a key is held. The process in which the key is held repeats the
-// command for screening, so that the X-ray ends by itself if that process dies.
+// The operator's commands while a session runs, and those for X-ray.
 #pragma once
 
 #include <algorithm>
@@ -13,6 +11,10 @@
 #include "runtime/session/session_publisher.h"
 
 namespace trocar::runtime {
+
+// The operator's X-ray commands, which come from other processes. A shot is one picture. Screening
+// is X-ray that stays on while a key is held. The process in which the key is held repeats the
+// command for screening, so that the X-ray ends by itself if that process dies.
 
 /// Only the haptic thread uses this class. It does not allocate.
 class XrayCommands {

@@ -1,7 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The observers and workers of a session. The program creates them before it opens the link to a
-// drive (the electronics of a device). The reason is that a drive waits only a short time for the
-// first tick, and creating the workers takes longer.
+// A session: its workers, its loop, and its run.
 #pragma once
 
 #include <functional>
@@ -24,6 +22,10 @@
 #include "runtime/session/session_statistics.h"
 
 namespace trocar::runtime {
+
+// The observers and workers of a session. The program creates them before it opens the link to a
+// drive (the electronics of a device). The reason is that a drive waits only a short time for the
+// first tick, and creating the workers takes longer.
 
 /// The comment of each observer names an option. If this option is not set, the observer is null.
 /// Members are destroyed in reverse order: the force law last, because the observers use its prefetch

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The number of ticks of a session, and the rate of the ticks in a recording.
+// The options of a session, the number of its ticks, and the receiver of a live hand.
 #pragma once
 
 #include <atomic>
@@ -21,6 +21,8 @@
 #include "runtime/session/session_publisher.h"
 
 namespace trocar::runtime {
+
+// The number of ticks of a session, and the rate of the ticks in a recording.
 
 /// Returns the number of ticks of a session, at least 1. The ticks are at the times 0, 1/rate,
 /// 2/rate, ... before `duration_s`.

@@ -1,7 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The DeviceSpecification of the four-legged device: its mass, damping, largest wrenches and the
-// margins of a pose, computed from the device's description. The force laws and the checks of a
-// scene use it.
+// The four-legged device: its specification, and the device as a HandDevice.
 #pragma once
 
 #include "formats/session/device_description.h"
@@ -10,6 +8,10 @@
 #include "runtime/device/hand_device.h"
 
 namespace trocar::runtime {
+
+// The DeviceSpecification of the four-legged device: its mass, damping, largest wrenches and the
+// margins of a pose, computed from the device's description. The force laws and the checks of a
+// scene use it.
 
 class FourLegsSpecification final : public DeviceSpecification {
  public:

@@ -1,4 +1,24 @@
 // SPDX-License-Identifier: Apache-2.0
+// A simulated drive behind the device link, the faults to inject into it, and its steps as CSV.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <limits>
+#include <optional>
+#include <random>
+#include <span>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "formats/base/result.h"
+#include "formats/session/device_protocol.h"
+#include "runtime/device/link/udp_link.h"
+#include "runtime/device/simulated/simulated_device.h"
+
+namespace trocar::runtime {
+
 // Faults to inject into a simulated drive and its link, each with kind, time and probability.
 // Random choices are seeded, so the same plan, seed and packets give the same faults.
 //
@@ -20,24 +40,6 @@
 // commands and states. If "command-" or "state-" stands before the kind, the fault concerns only
 // commands or only states.
 // Example: loss:0.01,state-loss:1@2.5..2.6,jump:4:0.2@3,stop@4
-#pragma once
-
-#include <array>
-#include <cstdint>
-#include <limits>
-#include <optional>
-#include <random>
-#include <span>
-#include <string>
-#include <string_view>
-#include <vector>
-
-#include "formats/base/result.h"
-#include "formats/session/device_protocol.h"
-#include "runtime/device/link/udp_link.h"
-#include "runtime/device/simulated/simulated_device.h"
-
-namespace trocar::runtime {
 
 enum class FaultKind : std::uint8_t {
   kLoss,

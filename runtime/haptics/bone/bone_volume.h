@@ -1,4 +1,20 @@
 // SPDX-License-Identifier: Apache-2.0
+// The bone volume of a scene, its strength over depth, and the forces that break thin layers.
+#pragma once
+
+#include <array>
+#include <span>
+#include <vector>
+
+#include "formats/session/scene.h"
+#include "runtime/haptics/bone/bone_strength.h"
+#include "runtime/haptics/bone/cutting_law.h"
+#include "runtime/haptics/bone/tool_in_tissue.h"
+#include "runtime/haptics/sheet.h"
+#include "runtime/haptics/tool.h"
+
+namespace trocar::runtime {
+
 // The bone volume of a scene, for one tool: the slabs, the sheet that each slab belongs to, and the
 // resistance of each slab to the tool. A sheet is a slice that is placed in the scene, and a slab
 // is the bone around it. The slices of the scene's `body` form one solid. In a scene without a
@@ -31,20 +47,6 @@
 //     where the tool leaves the bone can contain a thin cortical wall.
 //     SceneBody::cortex_HU states the HU of such a wall. A scene without a `body` has no such
 //     walls, nor does a scene that states a shell and no cortex_HU.
-#pragma once
-
-#include <array>
-#include <span>
-#include <vector>
-
-#include "formats/session/scene.h"
-#include "runtime/haptics/bone/bone_strength.h"
-#include "runtime/haptics/bone/cutting_law.h"
-#include "runtime/haptics/bone/tool_in_tissue.h"
-#include "runtime/haptics/sheet.h"
-#include "runtime/haptics/tool.h"
-
-namespace trocar::runtime {
 
 inline constexpr double kMaxSlabGap_m = 3e-3;
 /// Tolerance that is added to kMaxSlabGap_m, so that rounding does not separate two slices whose

@@ -1,7 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Copies the part of a sheet around the tool into a separate mesh. From this copy, region.h makes a
-// region: it cuts the tool's outline out and refines the mesh. The stiffness under the tool is
-// computed on the region.
+// A region of a sheet around the tool: its mesh, its equilibrium, and its shape.
 #pragma once
 
 #include <Eigen/Core>
@@ -21,6 +19,10 @@
 #include "runtime/haptics/membrane/network.h"
 
 namespace trocar::runtime {
+
+// Copies the part of a sheet around the tool into a separate mesh. From this copy, region.h makes a
+// region: it cuts the tool's outline out and refines the mesh. The stiffness under the tool is
+// computed on the region.
 
 /// A circle around the tool, in lattice steps.
 struct Circle {

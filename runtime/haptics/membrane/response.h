@@ -1,4 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
+// A sheet's calibration, and its response to the tool at one position.
+#pragma once
+
+#include <Eigen/Core>
+#include <cstdint>
+#include <span>
+
+#include "formats/base/result.h"
+#include "runtime/haptics/membrane/region.h"
+
+namespace trocar::runtime {
+
 // Finds the two constants of a sheet with which it has a given stiffness K under the tool. The
 // constants are the membrane tension T (force per length) and the stiffness f per area of the
 // Winkler foundation, which consists of a spring between each node and a fixed ground (network.h).
@@ -17,16 +29,6 @@
 //     positions of the tool. The stiffness f is kept.
 // Step 2 lowers T by 5 to 8 %, and thereby shortens lambda by 2 to 4 %, if the given lambda is at
 // least 1.5 circumradii of the tool.
-#pragma once
-
-#include <Eigen/Core>
-#include <cstdint>
-#include <span>
-
-#include "formats/base/result.h"
-#include "runtime/haptics/membrane/region.h"
-
-namespace trocar::runtime {
 
 struct Calibration {
   Membrane membrane;  ///< calibrated T and f

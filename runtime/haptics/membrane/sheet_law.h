@@ -1,12 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The prefetch worker of the force law `network`. Outside the haptic thread it computes how stiff a
-// sheet's spring network (runtime/haptics/membrane) is under the tool.
-//
-// The forces of the network are proportional to the depth of the tool. So the haptic thread needs
-// only two results: the stiffness, which is the force per depth, and the point where the force
-// acts. A direct solver computes the stiffness. If the scene names the solver `propagation`
-// (runtime/haptics/membrane/region.h), this solver computes it instead. The solver is then iterated
-// until the force per depth has converged, but at most 500 times.
+// The force laws `hooke` and `network`, and the prefetch worker of `network`.
 #pragma once
 
 #include <Eigen/Core>
@@ -27,6 +20,15 @@
 #include "runtime/realtime/queues.h"
 
 namespace trocar::runtime {
+
+// The prefetch worker of the force law `network`. Outside the haptic thread it computes how stiff a
+// sheet's spring network (runtime/haptics/membrane) is under the tool.
+//
+// The forces of the network are proportional to the depth of the tool. So the haptic thread needs
+// only two results: the stiffness, which is the force per depth, and the point where the force
+// acts. A direct solver computes the stiffness. If the scene names the solver `propagation`
+// (runtime/haptics/membrane/region.h), this solver computes it instead. The solver is then iterated
+// until the force per depth has converged, but at most 500 times.
 
 /// Figures of a session, for its summary. An answer is a stiffness that was computed for a request.
 /// A failure is a request for which the solver failed.
