@@ -154,13 +154,8 @@ Result<void> write_file_atomically(const std::filesystem::path& file,
     ::unlink(temporary.c_str());
     return unwritable(file.string() + ": " + system_message(error));
   };
-  std::size_t done = 0;
-  while (done < bytes.size()) {
-    const ssize_t put = ::write(fd.get(), bytes.data() + done, bytes.size() - done);
-    if (put < 0 && errno == EINTR) continue;
-    if (put < 0) return fail();
-    done += static_cast<std::size_t>(put);
-  }
+  if (!write_all(fd.get(), {reinterpret_cast<const char*>(bytes.data()), bytes.size()}))
+    return fail();
   if (::fchmod(fd.get(), mode_of(file, readers)) != 0 || ::fsync(fd.get()) != 0 || !fd.close() ||
       ::rename(temporary.c_str(), file.c_str()) != 0) {
     return fail();
@@ -175,6 +170,16 @@ Result<void> write_file_atomically(const std::filesystem::path& file, std::strin
                                    Readers readers) {
   return write_file_atomically(
       file, std::span(reinterpret_cast<const std::uint8_t*>(text.data()), text.size()), readers);
+}
+
+bool write_all(int fd, std::span<const char> bytes) {
+  while (!bytes.empty()) {
+    const ssize_t put = ::write(fd, bytes.data(), bytes.size());
+    if (put < 0 && errno == EINTR) continue;
+    if (put <= 0) return false;
+    bytes = bytes.subspan(static_cast<std::size_t>(put));
+  }
+  return true;
 }
 
 int finish_output(const char* program, int code) {

@@ -71,10 +71,6 @@ struct AtomicFile {
 Result<void> write_atomically(const AtomicFile& file, std::span<const std::uint8_t> bytes);
 Result<void> write_atomically(const AtomicFile& file, const std::string& text);
 
-/// Writes all bytes to a descriptor. Returns false and sets errno if they cannot be written.
-bool write_all(int fd, std::span<const std::uint8_t> bytes);
-bool write_all(int fd, std::string_view text);
-
 /// The error "FILE: cannot be written: REASON" for an errno.
 Error cannot_write(const std::filesystem::path& file, int error);
 
