@@ -54,10 +54,9 @@ std::optional<VoxelConflict> voxel_conflict(const Eigen::Matrix3d& axes_mm,
   }
   if (largest_cosine(axes_mm) > kMaxCosine)
     out.reason = "its sform shears by " + shear_text(axes_mm);
-  if (differs) {
+  if (differs)
     out.reason += (out.reason.empty() ? "its" : ", and its") + std::string(" spacing is ") +
                   sides_text(by_sform) + " by sform but " + sides_text(by_pixdim) + " by pixdim";
-  }
   if (out.reason.empty()) return {};
   return out;
 }
