@@ -1,6 +1,48 @@
 // SPDX-License-Identifier: Apache-2.0
+// The phantom: a lumbar vertebra and what surrounds it.
+#pragma once
+
+#include <cstdint>
+
+#include "sample_ct/sdf.h"
+
+namespace trocar::sample {
+
+// The bone of the phantom: an L3-like lumbar vertebra as a blend of analytic solids. The same
+// vertebra is repeated above and below, so that the facet joints (the small joints between the
+// arches of neighbouring vertebrae) are complete, as in a real scan.
+//
+// Anatomical frame (mm): x to the patient's left, y to the back, z up; origin at the middle of the
+// vertebral body of the middle vertebra. The left half is the mirror image of the right half.
+// Proportions follow a clinical CT of an L3 (see README.md).
+
+/// Distance between neighbouring vertebrae along z: 28 mm for the body and 10 mm for the disc.
+inline constexpr double kVertebraPitch_mm = 38.0;
+/// Half the height of the vertebral body, measured at the rim of its end plates (its upper and
+/// lower faces, which are hollow in the middle).
+inline constexpr double kBodyHalfHeight_mm = 14.0;
+
+/// The bone near a point.
+struct BoneSample {
+  double distance_mm = 0;  ///< signed distance to the outer surface, negative inside
+  double cortical_mm = 1;  ///< thickness of the cortical shell near the point
+};
+
+/// The bone (all vertebrae) at a point of the anatomical frame. The distance is 1-Lipschitz
+/// (sdf.h). It has the sign of the exact distance, and its magnitude never exceeds that of the
+/// exact distance. At the side walls of a vertebral body the magnitude is at most 4 % too small.
+BoneSample sample_bone(Vec3 p);
+
+/// Signed distance from the vertebral canal, negative inside. The canal has the same cross-section
+/// at every height, 23 mm wide and 16 mm deep.
+double canal_distance_mm(Vec3 p);
+
+/// Signed distance from the column of vertebral bodies and discs, positive outside. At every
+/// height, the column has the outline of the body, grown by 1 mm, because the discs bulge.
+double disc_column_distance_mm(Vec3 p);
+
 // The phantom: tissue and radio-density (HU) at any point in space. Formulas describe the shape of
-// the bone (vertebra.h); soft tissue is made of simple solids. Bone and soft tissue have a faint
+// the bone (above); soft tissue is made of simple solids. Bone and soft tissue have a faint
 // random texture, which depends on a seed. render.h computes pixels and slices and adds noise.
 //
 // Scan frame: DICOM's patient frame, LPS in mm, z along the patient. The anatomy is slightly
@@ -12,14 +54,6 @@
 // the outer tissue, with f = Phi(-d / sigma). Phi is the cumulative normal distribution, and sigma
 // is PhantomOptions::edge_sigma_mm. The formula is exact for a flat surface, and a close
 // approximation if the radius of curvature is larger than sigma.
-#pragma once
-
-#include <cstdint>
-
-#include "sample_ct/sdf.h"
-#include "sample_ct/vertebra.h"
-
-namespace trocar::sample {
 
 /// Mean radio-density of each tissue in HU.
 struct TissueHu {
@@ -48,7 +82,7 @@ struct PhantomOptions {
 /// Transforms a point from the scan frame to the anatomical frame.
 Vec3 to_anatomy(const PhantomOptions& phantom, Vec3 p_scan);
 
-/// The bone at a point of the scan frame (vertebra.h): the thickness of the cortical shell, and the
+/// The bone at a point of the scan frame (above): the thickness of the cortical shell, and the
 /// signed distance from the bone's outer surface. The distance is negative inside, and 1-Lipschitz:
 /// from point to point it changes by at most the distance of the points.
 BoneSample sample_bone(const PhantomOptions& phantom, Vec3 p_scan);
