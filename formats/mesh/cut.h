@@ -303,7 +303,7 @@ struct CutReport {
 ///     proved valid (above) before the first slot was written.
 ///  6. The function allocates memory in two cases only. First, the cut writes to more shared pages
 ///     than SheetMesh::reserve_pages() has reserved. (A shared page is a block of array elements
-///     that a copy of the mesh uses too, paged_array.h.) Second, the cut frees more than
+///     that a copy of the mesh uses too, PagedArray.) Second, the cut frees more than
 ///     SheetMesh::kReservedFree slots. The time depends on the mesh near the tool, not on the size
 ///     of the sheet.
 /// After the cut, `edit` lists the slots written, work.stitch.created lists the slots of the new
