@@ -79,11 +79,10 @@ void collect(const Overlay& overlay, Patch& patch) noexcept {
       if (cells[c].constraint[i] == kNoSlot) continue;
       const Strand& strand = overlay.strands[cells[c].constraint[i]];
       if (strand.kept == kNoSlot) continue;
-      if (strand.kept_right == (cells[c].vertex[i] == strand.a)) {
+      if (strand.kept_right == (cells[c].vertex[i] == strand.a))
         kept[i] = strand.kept;
-      } else {
+      else
         patch.absorb.push_back(strand.kept);
-      }
     }
     patch.across.push_back(across);
     patch.kept.push_back(kept);

@@ -80,11 +80,10 @@ void TriangleGrid::insert(const SheetMesh& mesh, std::uint32_t t) noexcept {
 
 void TriangleGrid::remove(std::uint32_t t) noexcept {
   Link& own = link_[t];
-  if (own.before != kNoSlot) {
+  if (own.before != kNoSlot)
     link_[own.before].next = own.next;
-  } else {
+  else
     head_[own.cell] = own.next;
-  }
   if (own.next != kNoSlot) link_[own.next].before = own.before;
   std::size_t level = levels_.size() - 1;
   while (levels_[level].first_cell > own.cell)

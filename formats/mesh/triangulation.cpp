@@ -301,11 +301,10 @@ class Sweep {
       Active& active = status_[low + i];
       active = {e.left, e.right, at, points_[e.right], kNone, kNone, material};
       if (!material) continue;
-      if (i + 1 < more) {
+      if (i + 1 < more)
         active.front = active.back = add_node(p);
-      } else {
+      else
         active.front = upper_front, active.back = upper_back;
-      }
     }
     return material == above;
   }

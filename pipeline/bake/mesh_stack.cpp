@@ -232,11 +232,10 @@ Result<Finished> digest_and_mesh(Run& run, const Result<DracoGrid>& grid) {
     const auto task = static_cast<std::size_t>(i);
     Stopwatch watch;
     if (run.is_stopped()) return;
-    if (task < files.size()) {
+    if (task < files.size())
       out.digests[task] = digest_file(files[task]);
-    } else {
+    else
       mesh(task - files.size());
-    }
     task_ms[task] = watch.lap_ms();
   });
   if (run.is_stopped()) return unwritable("interrupted; nothing was written");

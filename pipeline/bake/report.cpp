@@ -31,11 +31,10 @@ std::string sentence(const Statement& statement) {
       statement.slices.empty() ? std::string::npos : statement.sentence.find('#');
   if (at == std::string::npos) return statement.sentence;
   char value[64];
-  if (statement.low == statement.high) {
+  if (statement.low == statement.high)
     std::snprintf(value, sizeof value, "%.6g", statement.low);
-  } else {
+  else
     std::snprintf(value, sizeof value, "%.6g to %.6g", statement.low, statement.high);
-  }
   return statement.sentence.substr(0, at) + value + statement.sentence.substr(at + 1);
 }
 

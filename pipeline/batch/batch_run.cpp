@@ -330,11 +330,10 @@ Result<BatchSummary> Batch::run() const {
       if (state.kind == ScanState::Kind::kStale) return store.error();
       out.asset_bytes += state.asset_bytes;
       if (!state.warnings.empty()) out.warned.push_back({scan, state.warnings});
-      if (state.kind == ScanState::Kind::kKnownFailure) {
+      if (state.kind == ScanState::Kind::kKnownFailure)
         out.known.push_back({scan, known_failure(state)});
-      } else {
+      else
         ++out.unchanged;
-      }
     }
     return out;
   }

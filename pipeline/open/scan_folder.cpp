@@ -314,11 +314,10 @@ json volume_scan(const fs::path& file, const ScanFolder& found) {
     options.spacing_mm = {1, 1, 1};
     stack = open_volume(file, options, true);
   }
-  if (stack) {
+  if (stack)
     add_stack(out, **stack, has_size);
-  } else {
+  else
     set_unusable(out, stack.error().message, found);
-  }
   return out;
 }
 
@@ -327,13 +326,12 @@ ScanFolder only(const fs::path& file) {
   ScanFolder out;
   out.folder = file.parent_path();
   out.where = out.folder.empty() ? "" : (out.folder / "").string();
-  if (is_volume(file)) {
+  if (is_volume(file))
     out.volumes = {file};
-  } else if (is_image(file)) {
+  else if (is_image(file))
     out.images = {{file}};
-  } else {
+  else
     out.dicom = {read_dicom_headers(file, {}, true, DicomExtent::kHeader)};
-  }
   return out;
 }
 

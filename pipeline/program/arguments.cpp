@@ -120,11 +120,10 @@ std::string read_labels(const std::string& list, std::set<int>& labels,
       return "a range has more than 65536 labels";
     if (before_plus && !after_plus) joined->emplace_back();
     for (std::int64_t label = first; label <= last; ++label) {
-      if (!before_plus && !after_plus) {
+      if (!before_plus && !after_plus)
         labels.insert(static_cast<int>(label));
-      } else if (!joined->back().insert(static_cast<int>(label)).second) {
+      else if (!joined->back().insert(static_cast<int>(label)).second)
         return "label " + std::to_string(label) + " is joined to itself";
-      }
     }
     if (rest == end) return {};
     after_plus = before_plus;
@@ -522,11 +521,10 @@ json parameters_json(const StackOptions& o, const OpenOptions& input) {
   if (!o.mesh.hu_volume) out["hu"] = false;
   if (o.mesh.grade_hu > 0) out["grade_hu"] = o.mesh.grade_hu;
   if (o.context_mm) out["context_mm"] = *o.context_mm;
-  if (o.mesh.max_area_px2) {
+  if (o.mesh.max_area_px2)
     out["max_area_px2"] = *o.mesh.max_area_px2;
-  } else {
+  else
     out["max_area_mm2"] = o.mesh.refinement.max_area_mm2;
-  }
   if (const auto* t = std::get_if<Threshold>(&o.mesh.segmentation)) out["threshold"] = t->value;
   if (const auto* e = std::get_if<Equalize>(&o.mesh.segmentation)) out["equalize"] = e->level;
   if (const auto* l = std::get_if<Labels>(&o.mesh.segmentation)) {

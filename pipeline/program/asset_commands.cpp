@@ -476,11 +476,10 @@ void print_description(const fs::path& file, const json& out) {
     const auto middle = s["centroid_mm"].get<std::array<double, 2>>();
     std::printf("  %7.1f to %6.1f, %6.1f to %6.1f  %7.1f, %7.1f", box[0][0], box[1][0], box[0][1],
                 box[1][1], middle[0], middle[1]);
-    if (s["mean_hu"].is_null()) {
+    if (s["mean_hu"].is_null())
       std::printf("        -\n");
-    } else {
+    else
       std::printf(" %8.0f\n", s["mean_hu"].get<double>());
-    }
   }
   if (several) {
     std::printf("\n  material   area mm2\n");
@@ -537,11 +536,10 @@ int run_info(const InfoArguments& a) {
   if (!asset) return fail(asset.error());
   std::error_code error;
   const json out = describe_asset(*asset, fs::file_size(a.asset, error));
-  if (a.as_json) {
+  if (a.as_json)
     print_lines(stdout, json_text(out, 1) + "\n");
-  } else {
+  else
     print_description(a.asset, out);
-  }
   return 0;
 }
 

@@ -482,11 +482,10 @@ int run(const BatchArguments& a, const farm::Collection& collection, const farm:
                        " scans are left for the next run");
   } else if (a.gc) {
     auto cleaned = clean(a, store, collection);
-    if (!cleaned) {
+    if (!cleaned)
       wrong = cleaned.error();
-    } else {
+    else
       head["gc"] = std::move(*cleaned);
-    }
   }
   if (a.as_json) print_lines(stdout, json_text(head, 1) + "\n");
   if (wrong) return fail(*wrong);

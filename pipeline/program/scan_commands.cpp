@@ -115,11 +115,10 @@ int run_list(const ListArguments& a) {
   if (!scans) return fail(scans.error());
   if (a.as_collection) {
     const std::string text = collection_of(*scans, a, warnings);
-    if (a.output.empty()) {
+    if (a.output.empty())
       print_lines(stdout, text);
-    } else if (auto ok = write_file_atomically(a.output, text); !ok) {
+    else if (auto ok = write_file_atomically(a.output, text); !ok)
       return fail(ok.error());
-    }
   } else {
     print_lines(stdout,
                 a.as_json ? json_text(*scans, 1) + "\n" : scan_table(*scans, a.folder.string()));
@@ -147,11 +146,10 @@ int run_review(const ReviewArguments& a) {
   }
   const auto numbers = write_review(options);
   if (!numbers) return fail(numbers.error());
-  if (a.as_json) {
+  if (a.as_json)
     print_lines(stdout, json_text(*numbers, 1) + "\n");
-  } else if (!a.quiet) {
+  else if (!a.quiet)
     print_summary(a, *numbers);
-  }
   return 0;
 }
 

@@ -454,11 +454,10 @@ Result<NiftiHeader> parse_nifti_header(const std::vector<std::uint8_t>& head,
   if (swapped) size = __builtin_bswap32(size);
   NiftiHeader out;
   Result<NiftiImage> image = refused(file + ": not a NIfTI file (no header of 348 or 540 bytes)");
-  if (size == 348) {
+  if (size == 348)
     image = convert<nifti_1_header>(head, swapped, file, out);
-  } else if (size == 540 && head.size() >= sizeof(nifti_2_header)) {
+  else if (size == 540 && head.size() >= sizeof(nifti_2_header))
     image = convert<nifti_2_header>(head, swapped, file, out);
-  }
   if (!image) return image.error();
   if (*image == nullptr) return refused(file + ": its header is not acceptable");
 

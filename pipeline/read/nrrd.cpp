@@ -227,13 +227,12 @@ Result<Frame> frame_of(const Fields& fields, std::size_t dimension) {
   if (const auto space = fields.get("space")) {
     const std::string name = lower(std::string(*space));
     out.is_oriented = true;
-    if (name == "ras" || name == "right-anterior-superior") {
+    if (name == "ras" || name == "right-anterior-superior")
       to_lps = {-1, -1, 1};
-    } else if (name == "las" || name == "left-anterior-superior") {
+    else if (name == "las" || name == "left-anterior-superior")
       to_lps = {1, -1, 1};
-    } else if (name != "lps" && name != "left-posterior-superior") {
+    else if (name != "lps" && name != "left-posterior-superior")
       return fields.wrong("space " + name.substr(0, 60) + " is neither LPS, RAS nor LAS");
-    }
   } else if (const auto space_dimension = fields.get("space dimension");
              space_dimension && number_of<int>(*space_dimension) != 3) {
     return fields.wrong_field("space dimension");

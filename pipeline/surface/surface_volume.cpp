@@ -55,11 +55,10 @@ SurfaceVolume with_border(SurfaceVolume inner) {
       const int cy = std::clamp(y, 0, inner.size[1] - 1), cz = std::clamp(z, 0, inner.size[2] - 1);
       const float* row = &inner.values[(static_cast<std::size_t>(cz) * inner.size[1] + cy) * width];
       *to++ = outside(row[0]);
-      if (cy == y && cz == z) {
+      if (cy == y && cz == z)
         to = std::copy_n(row, width, to);
-      } else {
+      else
         to = std::transform(row, row + width, to, outside);
-      }
       *to++ = outside(row[width - 1]);
     }
   }

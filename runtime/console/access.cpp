@@ -116,11 +116,10 @@ HostNames::HostNames(const std::string& listen_address, std::uint16_t port, std:
 
 bool HostNames::is_host(std::string_view host) const {
   if (!public_host_.empty() && host == public_host_) return true;
-  if (host.ends_with(port_)) {
+  if (host.ends_with(port_))
     host.remove_suffix(port_.size());
-  } else if (port_ != ":80") {
+  else if (port_ != ":80")
     return false;
-  }
   return std::find(names_.begin(), names_.end(), host) != names_.end() ||
          (any_address_ && is_numerical(host));
 }

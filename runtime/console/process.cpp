@@ -114,11 +114,10 @@ bool Process::has_ended() {
   if (!is_child_) return true;
   siginfo_t info{};
   if (::waitid(P_PIDFD, static_cast<id_t>(fd_), &info, WEXITED | WNOHANG) == 0) {
-    if (info.si_code == CLD_EXITED) {
+    if (info.si_code == CLD_EXITED)
       status_ = info.si_status;
-    } else {
+    else
       signal_ = info.si_status;
-    }
   }
   return true;
 }

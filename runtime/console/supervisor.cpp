@@ -433,13 +433,12 @@ void Supervisor::measure_silence(Clock::time_point now) {
 }
 
 void Supervisor::show_running() {
-  if (silence_ >= kSilentAfter) {
+  if (silence_ >= kSilentAfter)
     set_state(RunState::kSilent, "the session has stated nothing for more than 0.2 s");
-  } else if (telemetry_.value("paused") != 0) {
+  else if (telemetry_.value("paused") != 0)
     set_state(RunState::kPaused, "paused");
-  } else {
+  else
     set_state(RunState::kRunning, "runs");
-  }
 }
 
 void Supervisor::on_end() {

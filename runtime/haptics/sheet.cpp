@@ -376,13 +376,12 @@ Overlap overlap(const Sheet& sheet, const Tool& tool, const LatticeOutline& outl
   const Eigen::Vector2d offset(origin.x, origin.y);
   result.coverage = covered.area() / all.area();
   result.centroid_steps = offset + all.centroid();
-  if (!(result.coverage > kSnap)) {
+  if (!(result.coverage > kSnap))
     result.coverage = 0;
-  } else if (result.coverage > 1 - kSnap) {
+  else if (result.coverage > 1 - kSnap)
     result.coverage = 1;
-  } else {
+  else
     result.centroid_steps = offset + covered.centroid();
-  }
   return result;
 }
 

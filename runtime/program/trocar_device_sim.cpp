@@ -334,11 +334,10 @@ int serve(const Arguments& arguments) {
   std::fflush(stdout);
   Server server(options, std::move(*model), std::move(*socket), arguments);
   RealtimeReport realtime;
-  if (options.clock == LinkClock::kReal) {
+  if (options.clock == LinkClock::kReal)
     realtime = server.run_real();
-  } else {
+  else
     server.run_in_lock_step();
-  }
   const DriveReport& report = server.drive().report();
   if (!arguments.quiet) {
     std::printf(

@@ -450,11 +450,10 @@ void SessionObserver::observe(const ObservedTick& tick) {
   if (row.safety != SafetyState::kIdle) sample(row, force_N);
   observe_fault(row);
   plunge_.observe(row, tick.break_through, out_);
-  if (counts(row)) {
+  if (counts(row))
     observe_counted(tick, force_N);
-  } else {
+  else
     observe_gap();
-  }
   last_hand_N_ = force_N;
   last_t_s_ = row.t_s;
   last_front_HU_ = front_HU(row);

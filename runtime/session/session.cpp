@@ -61,11 +61,10 @@ class ImmediateClock : public SessionClock {
   RealtimeReport run(SessionLoop& loop) final {
     hand_over(loop.ticks_done());
     while (!options_.is_stopped() && loop.tick({})) {
-      if (loop.is_paused()) {
+      if (loop.is_paused())
         std::this_thread::sleep_for(std::chrono::milliseconds(1));
-      } else {
+      else
         after_tick(loop.ticks_done(), loop.contact());
-      }
       hand_over(loop.ticks_done());
       loop.publish_sheets();
       loop.serve_observers();

@@ -707,11 +707,10 @@ DicomFile read_dicom_headers(const std::filesystem::path& file, const GivenSpaci
   };
   if (loaded.bad()) {
     // Files that are not DICOM (text, for example) are skipped, but damaged DICOM files are not.
-    if (!std::ifstream(file).good()) {
+    if (!std::ifstream(file).good())
       unusable("cannot be read");
-    } else if (has_dicom_preamble(file) || !out.series.uid.empty()) {
+    else if (has_dicom_preamble(file) || !out.series.uid.empty())
       unusable(std::string("damaged or truncated DICOM (") + loaded.text() + ")");
-    }
     return out;
   }
   const bool has_pixels = data.tagExists(DCM_PixelData);

@@ -269,11 +269,10 @@ std::vector<std::vector<std::size_t>> alike(const std::vector<DicomSeries>& seri
     const auto at = std::find_if(of_key.begin(), of_key.end(), [&](const auto& group) {
       return all_agree(series[group[0]], series[i]);
     });
-    if (at == of_key.end()) {
+    if (at == of_key.end())
       of_key.push_back({i});
-    } else {
+    else
       at->push_back(i);
-    }
   }
   std::vector<std::vector<std::size_t>> out;
   for (auto& [key, of_key] : groups) {

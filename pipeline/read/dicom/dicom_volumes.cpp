@@ -187,13 +187,12 @@ Result<void> remove_copies(Positions& positions, FrameComparison& comparison, Co
     std::vector<DicomFrame> out;
     for (DicomFrame& h : here) {
       const auto [at, is_new] = kept.emplace(h.volume_values, out.size());
-      if (is_new) {
+      if (is_new)
         out.push_back(std::move(h));
-      } else if (const DicomFrame& other = out[at->second]; comparison.are_equal(other, h)) {
+      else if (const DicomFrame& other = out[at->second]; comparison.are_equal(other, h))
         copies.add(h);
-      } else {
+      else
         return at_same_position(other, h);
-      }
     }
     here = std::move(out);
   }

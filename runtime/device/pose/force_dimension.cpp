@@ -187,11 +187,10 @@ Result<FoundDevice> ForceDimension::Device::open(int index, bool wants_rotation,
   close();  // an open() whose caller has given up may have opened it
   if (const auto ok = load_force_dimension_library().into(sdk); !ok) return ok.error();
   Result<FoundDevice> found = open_device(index, wants_rotation, wants_moment);
-  if (found) {
+  if (found)
     identity = identity_of_open();
-  } else {
+  else
     close();
-  }
   return found;
 }
 

@@ -119,11 +119,10 @@ class FaultyLink {
   void release(std::int64_t now_ns, bool overtaken, Deliver&& deliver) {
     std::size_t kept = 0;
     for (std::size_t i = 0; i < held_count_; ++i) {
-      if (held_[i].due_ns <= now_ns || (overtaken && held_[i].until_overtaken)) {
+      if (held_[i].due_ns <= now_ns || (overtaken && held_[i].until_overtaken))
         deliver(held_[i].datagram);
-      } else if (kept++ != i) {
+      else if (kept++ != i)
         held_[kept - 1] = held_[i];
-      }
     }
     held_count_ = kept;
   }

@@ -88,13 +88,12 @@ Result<SimulatedDevice> SimulatedDevice::make(const DeviceDescription& device,
   if (auto checked = check_mechanics(options); !checked) return checked.error();
   SimulatedDevice simulated(device, motion, impedance, options);
   Pose& T = simulated.truth_.T_device_plate;
-  if (options.T_device_plate_start) {
+  if (options.T_device_plate_start)
     T = *options.T_device_plate_start;
-  } else if (const std::optional<Pose> T_device_tool = hand_start(motion)) {
+  else if (const std::optional<Pose> T_device_tool = hand_start(motion))
     T = *T_device_tool * inverse(options.T_plate_tool);
-  } else {
+  else
     T.p_m.z() = kSimulatedHomeHeight_m;
-  }
   const InverseResult start = inverse_kinematics(device, T);
   if (!start.status)
     return refused("simulated device: the start pose is " +
@@ -159,11 +158,10 @@ bool SimulatedDevice::step(double dt_s) noexcept {
   for (int i = 0; i < substeps; ++i) {
     const double t_s = truth_.t_s + i * h_s;
     if (hand_mass_attached_ && !hand_holds(motion_, impedance_, t_s)) release_hand_mass();
-    if (uses_mechanics()) {
+    if (uses_mechanics())
       midpoint_substep(t_s, h_s);
-    } else {
+    else
       substep(t_s, h_s);
-    }
   }
   truth_.t_s += dt_s;
   truth_.kinetic_J = kinetic_energy();

@@ -98,11 +98,10 @@ Wrench keep_passive(const PassivityOptions& options, double plate_mass_kg, doubl
                                     : Twist(Twist::Zero());
   const bool gives = state.environment.dot(step) > 0;
   state.balance_J -= state.delivered.dot(step);
-  if (input.planned_release) {
+  if (input.planned_release)
     state.balance_J = 0;
-  } else {
+  else
     state.balance_J -= input.stored_J - state.stored_J;
-  }
   state.has_last = true;
   state.T_device_plate = input.T_device_plate;
   state.environment = input.wrench_device;
