@@ -19,8 +19,6 @@
 
 namespace trocar {
 
-// The patch of a cut: its triangles, the rings around what is removed, and the proof.
-
 // Makes the patch, which consists of the new triangles that replace the cavity. This is the third
 // stage of a cut.
 

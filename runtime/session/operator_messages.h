@@ -19,8 +19,6 @@
 
 namespace trocar::runtime {
 
-// The operator's commands while a session runs, and those for X-ray.
-
 // The operator's X-ray commands, which come from other processes. A shot is one picture. Screening
 // is X-ray that stays on while a key is held. The process in which the key is held repeats the
 // command for screening, so that the X-ray ends by itself if that process dies.

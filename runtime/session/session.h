@@ -71,8 +71,6 @@ class SessionClock {
 std::unique_ptr<SessionClock> make_clock(const SessionOptions& options, Remesher& remesher,
                                          PrefetchWorker* prefetch);
 
-// A session: its workers, its loop, and its run.
-
 // The observers and workers of a session. The program creates them before it opens the link to a
 // drive (the electronics of a device). The reason is that a drive waits only a short time for the
 // first tick, and creating the workers takes longer.

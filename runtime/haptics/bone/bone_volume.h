@@ -175,8 +175,6 @@ double value_of(const DensityLaw& law, double density) noexcept;
 /// from or to QCT density, because each published one holds for one phantom and scanner only.
 inline constexpr double kAshOverApparent = 0.598;
 
-// The bone volume of a scene, its strength over depth, and the forces that break thin layers.
-
 // The bone volume of a scene, for one tool: the slabs, the sheet that each slab belongs to, and the
 // resistance of each slab to the tool. A sheet is a slice that is placed in the scene, and a slab
 // is the bone around it. The slices of the scene's `body` form one solid. In a scene without a

@@ -21,8 +21,6 @@
 
 namespace trocar::runtime {
 
-// A sheet's calibration, and its response to the tool at one position.
-
 // Finds the two constants of a sheet with which it has a given stiffness K under the tool. The
 // constants are the membrane tension T (force per length) and the stiffness f per area of the
 // Winkler foundation, which consists of a spring between each node and a fixed ground (network.h).
