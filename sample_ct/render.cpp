@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "sample_ct/render.h"
 
-#include <cmath>
-#include <string>
 #include <thread>
 
 #include "sample_ct/random.h"

@@ -5,12 +5,9 @@
 #include <fcntl.h>
 #include <unistd.h>
 
-#include <algorithm>
 #include <bit>
 #include <cerrno>
 #include <exception>
-#include <utility>
-#include <vector>
 
 #include "formats/base/files.h"
 #include "formats/base/text.h"
@@ -168,10 +165,9 @@ Result<void> write_dicom(const Scan& scan, const std::filesystem::path& folder) 
       errno = 0;
       if (outcome.good()) outcome = format.saveFile(file.c_str(), EXS_LittleEndianExplicit);
       const int reason = errno;  // DCMTK's own message for a full disk is about suspended streams
-      if (outcome.bad()) {
+      if (outcome.bad())
         return unwritable(file.string() + ": " +
                           (reason != 0 ? system_message(reason) : outcome.text()));
-      }
     } catch (const std::exception& e) {
       return unwritable(file.string() + ": " + e.what());
     }

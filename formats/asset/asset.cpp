@@ -2,12 +2,8 @@
 // Decodes a complete file: container, JSON, slice index, then slice by slice.
 #include "formats/asset/asset.h"
 
-#include <algorithm>
-#include <array>
-#include <cmath>
 #include <limits>
 #include <nlohmann/json.hpp>
-#include <utility>
 
 #include "formats/asset/asset_index.h"
 #include "formats/asset/gltf_document.h"
@@ -275,9 +271,8 @@ Result<AssetPart> read_by_index(ByteSource& source, const IndexedFile& file,
   if (!text) return refused(name + ": " + text.error().message);
   const auto extras = parse_json_text(text->extras);
   if (!extras) return refused(name + ": " + extras.error().message);
-  const auto slices = read_document_extras(*extras, part.asset, name);
-  if (!slices) return slices.error();
-  part.asset_slices = *slices;
+  if (const auto ok = read_document_extras(*extras, part.asset, name).into(part.asset_slices); !ok)
+    return ok.error();
   const auto node = parse_json_text(text->frame);
   const auto frame =
       node ? transform_of_node(*node, part.asset.lattice) : Result<Eigen::Affine3d>(node.error());
@@ -291,9 +286,8 @@ Result<AssetPart> read_by_index(ByteSource& source, const IndexedFile& file,
       auto slice = record.material < part.asset.materials.size()
                        ? read_slice(source, file, record, part.asset.lattice, *frame)
                        : refused("the slice index names a material that is not there");
-      if (!slice) {
+      if (!slice)
         return refused(name + ": slice " + std::to_string(index) + ": " + slice.error().message);
-      }
       part.asset.slices.push_back(std::move(*slice));
     }
   }
@@ -497,9 +491,8 @@ Result<Asset> decode_asset(std::span<const std::uint8_t> glb, const std::string&
           return refused(where + ok.error().message);
       }
       if (before != nullptr &&
-          std::pair(before->index, before->material) >= std::pair(slice.index, slice.material)) {
+          std::pair(before->index, before->material) >= std::pair(slice.index, slice.material))
         return refused(name + ": slice indices do not ascend");
-      }
       asset.lines = asset.lines || stated.has_lines;
       asset.colours = asset.colours || stated.has_colours;
       asset.slices.push_back(std::move(slice));
@@ -511,9 +504,8 @@ Result<Asset> decode_asset(std::span<const std::uint8_t> glb, const std::string&
                    std::to_string(*stated_slices));
   if (*index && !asset.slices.empty() &&
       ((*index)->header.first_index != asset.slices.front().index ||
-       (*index)->header.last_index != asset.slices.back().index)) {
+       (*index)->header.last_index != asset.slices.back().index))
     return refused(name + ": its slice index and its JSON differ");
-  }
   if (auto ok = decode_hu_volumes(*document, index->has_value(), options, asset); !ok)
     return refused(name + ": " + ok.error().message);
   if (options.all) {

@@ -135,11 +135,10 @@ std::vector<NodeEntries> node_entries(const std::vector<EncodedSlice>& slices,
         slices[i].index == std::int64_t{slices[i - 1].index} + 1 &&
         slices[i].material == slices[i - 1].material &&
         stated_mean_hu(slices[i]).has_value() == stated_mean_hu(slices[i - 1]).has_value();
-    if (joins) {
+    if (joins)
       ++out.back().count;
-    } else {
+    else
       out.push_back({i, 1});
-    }
   }
   return out;
 }

@@ -8,7 +8,6 @@
 #include <nlohmann/json.hpp>
 #include <sstream>
 #include <tuple>
-#include <utility>
 #include <vector>
 
 #include "formats/asset/asset.h"

@@ -2,8 +2,6 @@
 #include "formats/asset/draco_mesh.h"
 #include "formats/asset/draco_settings.h"
 
-#include <algorithm>
-#include <cmath>
 #include <cstring>
 #include <string_view>
 
@@ -18,9 +16,8 @@ constexpr std::uint64_t kMaxTrianglesPerByte = 64, kAlwaysAllowedTriangles = 1 <
 Result<std::vector<float>> decode_hu(const draco::Mesh& in) {
   const draco::PointAttribute* hu = in.GetAttributeByUniqueId(kDracoHuId);
   if (hu == nullptr || hu->attribute_type() != draco::GeometryAttribute::GENERIC ||
-      hu->data_type() != draco::DT_INT16 || hu->num_components() != 1) {
+      hu->data_type() != draco::DT_INT16 || hu->num_components() != 1)
     return refused("Draco: its second attribute is not HU");
-  }
   std::vector<float> out(in.num_points());
   for (std::uint32_t v = 0; v < in.num_points(); ++v) {
     const draco::AttributeValueIndex at = hu->mapped_index(draco::PointIndex(v));
@@ -62,9 +59,8 @@ Result<void> check_draco_counts(std::span<const std::uint8_t> bytes, std::uint64
   constexpr std::string_view kStart("DRACO\2\2\1\1\0\0", 11);
   if (bytes.size() < kStart.size() + 1 ||
       !std::equal(kStart.begin(), kStart.end(), bytes.begin(),
-                  [](char a, std::uint8_t b) { return static_cast<std::uint8_t>(a) == b; })) {
+                  [](char a, std::uint8_t b) { return static_cast<std::uint8_t>(a) == b; }))
     return refused("Draco: not an Edgebreaker mesh of bitstream 2.2");
-  }
   std::size_t at = kStart.size() + 1;
   const auto varint = [&bytes, &at] {
     std::uint64_t value = 0;
@@ -128,9 +124,8 @@ Result<std::size_t> draco_z_at(std::span<const std::uint8_t> payload, const Drac
 Result<std::vector<std::uint8_t>> encode_draco(const SliceMesh& mesh, const DracoGrid& grid,
                                                std::span<const float> hu) {
   if (mesh.triangles.empty()) return bug("Draco: empty mesh");
-  if (grid.quantization_bits < 1 || grid.quantization_bits > 24) {
+  if (grid.quantization_bits < 1 || grid.quantization_bits > 24)
     return bug("Draco: " + std::to_string(grid.quantization_bits) + " quantisation bits");
-  }
   const std::int64_t max_q = (std::int64_t{1} << grid.quantization_bits) - 1;
   if (!hu.empty() && hu.size() != mesh.vertices.size())
     return bug("Draco: " + std::to_string(hu.size()) + " HU of " +
@@ -180,12 +175,10 @@ Result<DracoSlice> decode_draco(std::span<const std::uint8_t> bytes, std::uint64
   const draco::Mesh* const in = decoded->get();
   const draco::PointAttribute* position = in->GetNamedAttribute(draco::GeometryAttribute::POSITION);
   if (position == nullptr || position->data_type() != draco::DT_FLOAT32 ||
-      position->num_components() != 3) {
+      position->num_components() != 3)
     return refused("Draco: no float position");
-  }
-  if (in->num_points() > max_vertices || in->num_faces() > max_triangles) {
+  if (in->num_points() > max_vertices || in->num_faces() > max_triangles)
     return refused("Draco: more vertices or triangles than stated");
-  }
   const int attributes = in->num_attributes();
   if (attributes < 1 || attributes > 3) return refused("Draco: unknown attributes");
   DracoSlice out;
@@ -199,9 +192,8 @@ Result<DracoSlice> decode_draco(std::span<const std::uint8_t> bytes, std::uint64
     for (const float c : position->GetValue<float, 3>(at)) {
       const double stored = c;
       if (!(std::abs(stored) <= kMaxCoordinate) ||
-          stored != (whole[i] = static_cast<std::int32_t>(stored))) {
+          stored != (whole[i] = static_cast<std::int32_t>(stored)))
         return refused("Draco: vertex " + std::to_string(v) + " is off the lattice");
-      }
       ++i;
     }
     if (v == 0) out.z = whole[2];
@@ -218,9 +210,7 @@ Result<DracoSlice> decode_draco(std::span<const std::uint8_t> bytes, std::uint64
     }
   }
   if (attributes > 1) {
-    auto hu = decode_hu(*in);
-    if (!hu) return hu.error();
-    out.hu = std::move(*hu);
+    if (const auto ok = decode_hu(*in).into(out.hu); !ok) return ok.error();
   }
   out.has_colours = attributes == 3;
   if (out.has_colours) {

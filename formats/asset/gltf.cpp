@@ -1,13 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "formats/asset/gltf.h"
 
-#include <array>
-#include <cmath>
-#include <cstring>
 #include <limits>
-#include <utility>
 
-#include "formats/asset/draco_mesh.h"
 #include "formats/asset/payload.h"
 #include "formats/base/json.h"
 #include "formats/mesh/outline_sweep.h"
@@ -148,11 +143,10 @@ json gltf_materials(const Asset& head) {
     if (head.materials.size() > 1) one["name"] = material.name;
     out.push_back(std::move(one));
   }
-  if (head.lines) {
+  if (head.lines)
     out.push_back({{"name", "outline"},
                    {"pbrMetallicRoughness", {{"baseColorFactor", {0.55, 0.1, 0.1, 1}}}},
                    {"extensions", {{kUnlitExtension, json::object()}}}});
-  }
   return out;
 }
 

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Writes a binary glTF 2.0 file element by element. Internal to formats/. A scan has thousands of
-// elements. The writer keeps them as text, because JSON values would take many times the memory.
+// Writes the glTF elements of an asset.
 #pragma once
 
 #include <Eigen/Geometry>
@@ -16,6 +15,9 @@
 #include "formats/base/result.h"
 
 namespace trocar {
+
+// Writes a binary glTF 2.0 file element by element. Internal to formats/. A scan has thousands of
+// elements. The writer keeps them as text, because JSON values would take many times the memory.
 
 class GltfWriter {
  public:

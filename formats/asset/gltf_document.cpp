@@ -5,7 +5,6 @@
 #include <algorithm>
 #include <cstring>
 #include <limits>
-#include <utility>
 
 #include "formats/asset/asset_index.h"
 #include "formats/asset/draco_mesh.h"
@@ -119,9 +118,8 @@ Result<GltfDocument> parse_gltf(std::span<const std::uint8_t> glb, const std::st
     std::replace(error.begin(), error.end(), '\n', ' ');
     return refused(name + ": not readable as glTF: " + error);
   }
-  if (model.buffers.size() > 1 || (model.buffers.size() == 1 && !model.buffers[0].uri.empty())) {
+  if (model.buffers.size() > 1 || (model.buffers.size() == 1 && !model.buffers[0].uri.empty()))
     return refused(name + ": an asset has one embedded buffer");
-  }
   return document;
 }
 

@@ -3,12 +3,8 @@
 
 #include <zlib.h>
 #include <Eigen/Cholesky>
-#include <algorithm>
-#include <cmath>
-#include <iterator>
 #include <limits>
 #include <numbers>
-#include <optional>
 
 namespace trocar {
 namespace {

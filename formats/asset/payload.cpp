@@ -1,17 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "formats/asset/payload.h"
 
-#include <algorithm>
-#include <cmath>
-#include <cstring>
 #include <limits>
-#include <utility>
 
-#include "formats/asset/draco_mesh.h"
 #include "formats/asset/draco_settings.h"
-#include "formats/asset/hu_codec.h"
 #include "formats/base/json.h"
-#include "formats/mesh/mesh_validity.h"
 
 namespace trocar {
 namespace {
@@ -91,17 +84,15 @@ Result<void> state_lines(const tinygltf::Model& model, const tinygltf::Primitive
   const tinygltf::Accessor* index = element_at(model.accessors, primitive.indices);
   if (position == nullptr || index == nullptr ||
       position->componentType != TINYGLTF_COMPONENT_TYPE_FLOAT ||
-      position->type != TINYGLTF_TYPE_VEC3 || index->type != TINYGLTF_TYPE_SCALAR) {
+      position->type != TINYGLTF_TYPE_VEC3 || index->type != TINYGLTF_TYPE_SCALAR)
     return refused("outline without positions or indices");
-  }
   const bool narrow = index->componentType == TINYGLTF_COMPONENT_TYPE_UNSIGNED_SHORT;
   const bool wide = index->componentType == TINYGLTF_COMPONENT_TYPE_UNSIGNED_INT;
   stated.segment_index_bytes = narrow ? 2 : 4;
   const auto points = packed_view(model, *position, 3 * sizeof(float));
   const auto segments = packed_view(model, *index, stated.segment_index_bytes);
-  if (!points || !segments || !(narrow || wide) || index->count != 2 * position->count) {
+  if (!points || !segments || !(narrow || wide) || index->count != 2 * position->count)
     return refused("outline data outside the buffer or of the wrong size");
-  }
   stated.outline_offset = offset_of(model, *points);
   stated.outline_vertices = static_cast<std::uint32_t>(position->count);
   stated.segments_offset = offset_of(model, *segments);
@@ -137,14 +128,12 @@ Result<Pslg> decode_lines(const StatedEntry& stated, std::span<const std::uint8_
   for (std::size_t i = 0; i < count; ++i) {
     const double x = xyz[3 * i], y = xyz[3 * i + 1];
     if (!(std::abs(x) <= kMaxCoordinate && std::abs(y) <= kMaxCoordinate) || x != std::rint(x) ||
-        y != std::rint(y) || xyz[3 * i + 2] != static_cast<float>(stated.z)) {
+        y != std::rint(y) || xyz[3 * i + 2] != static_cast<float>(stated.z))
       return refused("outline vertex " + std::to_string(i) + " is off the lattice");
-    }
     ring.push_back({static_cast<std::int32_t>(x), static_cast<std::int32_t>(y)});
     const std::uint32_t to = indices[2 * i + 1];
-    if (indices[2 * i] != i || (to != i + 1 && to != first) || (to == first && ring.size() < 3)) {
+    if (indices[2 * i] != i || (to != i + 1 && to != first) || (to == first && ring.size() < 3))
       return refused("outline segment " + std::to_string(i) + " does not continue its ring");
-    }
     if (to == first) {
       pslg.rings.push_back(std::exchange(ring, {}));
       first = i + 1;
@@ -360,9 +349,8 @@ std::vector<int> labels_of(const Asset& asset) {
     if (!label.is_number()) continue;
     const double number = label.get<double>();
     if (number == std::rint(number) && number >= std::numeric_limits<int>::min() &&
-        number <= std::numeric_limits<int>::max()) {
+        number <= std::numeric_limits<int>::max())
       out.push_back(static_cast<int>(number));
-    }
   }
   return out;
 }
@@ -403,9 +391,8 @@ Result<std::size_t> read_document_extras(const nlohmann::json& extras, Asset& as
   if (schema != kAssetSchema)
     return refused(name + ": not a Trocar asset of schema " + std::to_string(kAssetSchema));
   const nlohmann::json bits = ours.value("lattice_bits", nlohmann::json());
-  if (!bits.is_number_integer() || bits < kMinLatticeBits || bits > kMaxLatticeBits) {
+  if (!bits.is_number_integer() || bits < kMinLatticeBits || bits > kMaxLatticeBits)
     return refused(name + ": lattice_bits missing or out of range");
-  }
   asset.lattice.bits = bits.get<int>();
   asset.parameters_json = json_text(ours.value("parameters", nlohmann::json::object()));
   const nlohmann::json digest = ours.value("input_key_digest", nlohmann::json());
@@ -436,9 +423,8 @@ Result<Eigen::Affine3d> transform_of_node(const nlohmann::json& node, const Latt
   const bool has_matrix = node.contains("matrix"), moves = node.contains("translation");
   if ((has_matrix && (moves || !are_finite_numbers(node["matrix"], 16))) ||
       (moves && !are_finite_numbers(node["translation"], 3)) || node.contains("rotation") ||
-      node.contains("scale")) {
+      node.contains("scale"))
     return refused("a node without a finite translation or matrix");
-  }
   if (has_matrix) {
     out.matrix() = matrix_of(node["matrix"]);
   } else if (moves) {
@@ -452,9 +438,7 @@ Result<Eigen::Affine3d> transform_of_node(const nlohmann::json& node, const Latt
 Result<EntryNode> entry_of_node(const nlohmann::json& node, const Lattice& lattice) {
   if (!node.is_object()) return refused("a node that is no object");
   EntryNode out;
-  const auto transform = transform_of_node(node, lattice);
-  if (!transform) return transform.error();
-  out.transform = *transform;
+  if (const auto ok = transform_of_node(node, lattice).into(out.transform); !ok) return ok.error();
   if (!node.contains("extras")) return out;
   const nlohmann::json ours = trocar_extras(node["extras"]);
   if (!ours.is_object()) return refused("a node with other extras");
@@ -586,12 +570,10 @@ Result<EncodedSlice> encode_slice(const AssetSlice& slice, const ProvedOutline& 
     return bug(where + "the bytes that Draco wrote do not decode: " + ok.error().message);
   const auto& [vertices, triangles] = decoded.mesh;
   if (vertices.size() != slice.mesh.vertices.size() ||
-      triangles.size() != slice.mesh.triangles.size() || decoded.hu.size() != slice.hu.size()) {
+      triangles.size() != slice.mesh.triangles.size() || decoded.hu.size() != slice.hu.size())
     return bug(where + "Draco did not keep every vertex and triangle");
-  }
-  if (auto ok = check_mesh_against_outline(decoded.mesh, outline); !ok) {
+  if (auto ok = check_mesh_against_outline(decoded.mesh, outline); !ok)
     return bug(where + ok.error().message);
-  }
   out.pslg = std::move(decoded.pslg);
   const auto z_at = draco_z_at(*bytes, grid);
   if (!z_at) return bug(where + z_at.error().message);
@@ -655,9 +637,8 @@ Result<TriangleSurface> decode_surface(std::span<const std::uint8_t> bytes, std:
   if (in->num_attributes() != 2 || position == nullptr || normal == nullptr ||
       position->attribute_type() != draco::GeometryAttribute::POSITION ||
       normal->attribute_type() != draco::GeometryAttribute::NORMAL ||
-      position->data_type() != draco::DT_FLOAT32 || position->num_components() != 3) {
+      position->data_type() != draco::DT_FLOAT32 || position->num_components() != 3)
     return refused("Draco: not the positions and normals of a surface");
-  }
   if (in->num_points() != vertices || in->num_faces() != triangles)
     return refused("Draco: other numbers of vertices or triangles than stated");
   TriangleSurface out;

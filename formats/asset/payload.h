@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The geometry of slices as the JSON of a file describes it, before any payload is decoded.
-// Internal to formats/; includes tinygltf (see gltf_document.h).
+// A slice's geometry in the file: as the JSON describes it, as Draco payload; volumes of HU.
 #pragma once
 
 #include <array>
@@ -20,6 +19,9 @@
 #include "formats/mesh/triangle_surface.h"
 
 namespace trocar {
+
+// The geometry of slices as the JSON of a file describes it, before any payload is decoded.
+// Internal to formats/; includes tinygltf (see gltf_document.h).
 
 /// An entry (one material of one slice) as the JSON describes it. `record` is filled except for the
 /// location of the node's text and the checksum.

@@ -89,11 +89,10 @@ std::optional<std::vector<T>> numbers(const std::string& text, std::string_view 
   std::vector<T> out;
   std::istringstream in(text);
   for (const char c : pattern) {
-    if (c == '#') {
+    if (c == '#')
       in >> out.emplace_back();
-    } else if (in.get() != c) {
+    else if (in.get() != c)
       return std::nullopt;
-    }
   }
   if (in.fail() || in.peek() != std::char_traits<char>::eof()) return std::nullopt;
   return out;

@@ -6,7 +6,6 @@
 #include <sys/stat.h>
 #include <algorithm>
 #include <cstdio>
-#include <cstdlib>
 
 #include "formats/base/text.h"
 
@@ -107,16 +106,13 @@ Result<void> check_writable(const std::filesystem::path& file) {
   std::error_code ignored;
   // The final rename would replace a device or a pipe by a file.
   const std::filesystem::file_status there = std::filesystem::status(file, ignored);
-  if (std::filesystem::exists(there) && !std::filesystem::is_regular_file(there)) {
+  if (std::filesystem::exists(there) && !std::filesystem::is_regular_file(there))
     return unwritable(file.string() + ": exists and is not a regular file");
-  }
-  if (!std::filesystem::is_directory(folder, ignored)) {
+  if (!std::filesystem::is_directory(folder, ignored))
     return unwritable(file.string() + ": there is no folder " + folder.string());
-  }
-  if (::access(folder.c_str(), W_OK) != 0) {
+  if (::access(folder.c_str(), W_OK) != 0)
     return unwritable(file.string() +
                       ": its folder cannot be written to: " + system_message(errno));
-  }
   return {};
 }
 
@@ -133,9 +129,8 @@ Result<void> check_outputs(std::span<const OutputFile> outputs,
     }
     for (const OutputFile& other : outputs) {
       if (&other != &output && !other.file.empty() &&
-          canonical_path(other.file) == canonical_path(output.file)) {
+          canonical_path(other.file) == canonical_path(output.file))
         return usage(said + ": is also the file of " + other.option);
-      }
     }
   }
   return {};
@@ -157,17 +152,11 @@ Result<void> write_file_atomically(const std::filesystem::path& file,
     ::unlink(temporary.c_str());
     return unwritable(file.string() + ": " + system_message(error));
   };
-  std::size_t done = 0;
-  while (done < bytes.size()) {
-    const ssize_t put = ::write(fd.get(), bytes.data() + done, bytes.size() - done);
-    if (put < 0 && errno == EINTR) continue;
-    if (put < 0) return fail();
-    done += static_cast<std::size_t>(put);
-  }
-  if (::fchmod(fd.get(), mode_of(file, readers)) != 0 || ::fsync(fd.get()) != 0 || !fd.close() ||
-      ::rename(temporary.c_str(), file.c_str()) != 0) {
+  if (!write_all(fd.get(), {reinterpret_cast<const char*>(bytes.data()), bytes.size()}))
     return fail();
-  }
+  if (::fchmod(fd.get(), mode_of(file, readers)) != 0 || ::fsync(fd.get()) != 0 || !fd.close() ||
+      ::rename(temporary.c_str(), file.c_str()) != 0)
+    return fail();
   const std::filesystem::path folder = file.has_parent_path() ? file.parent_path() : ".";
   const FileDescriptor directory(::open(folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC));
   if (directory.get() >= 0) ::fsync(directory.get());
@@ -178,6 +167,16 @@ Result<void> write_file_atomically(const std::filesystem::path& file, std::strin
                                    Readers readers) {
   return write_file_atomically(
       file, std::span(reinterpret_cast<const std::uint8_t*>(text.data()), text.size()), readers);
+}
+
+bool write_all(int fd, std::span<const char> bytes) {
+  while (!bytes.empty()) {
+    const ssize_t put = ::write(fd, bytes.data(), bytes.size());
+    if (put < 0 && errno == EINTR) continue;
+    if (put <= 0) return false;
+    bytes = bytes.subspan(static_cast<std::size_t>(put));
+  }
+  return true;
 }
 
 int finish_output(const char* program, int code) {

@@ -58,6 +58,9 @@ class FileDescriptor {
   int fd_;
 };
 
+/// Writes all bytes to a descriptor. Returns false and sets errno if they cannot be written.
+bool write_all(int fd, std::span<const char> bytes);
+
 // Reading files, completely or in sections, and writing them atomically: an output appears complete
 // or not at all.
 

@@ -73,9 +73,8 @@ Result<nlohmann::json> parse_strict_json(std::string_view text, const std::strin
       keys.pop_back();
     } else if (event == Event::key) {
       const auto& key = parsed.get_ref<const std::string&>();
-      if (!keys.back().insert(key).second && !wrong) {
+      if (!keys.back().insert(key).second && !wrong)
         wrong = "key " + json_text(key) + " occurs twice";
-      }
     }
     return true;
   };
@@ -98,10 +97,6 @@ void JsonErrors::add(const std::string& path, const std::string& why) {
 StrictObject::StrictObject(const nlohmann::json& value, std::string path, JsonErrors& errors)
     : value_(value), path_(std::move(path)), errors_(errors) {
   if (!value_.is_object()) errors_.add(path_, "must be an object");
-}
-
-bool StrictObject::has(const char* key) const {
-  return value_.is_object() && value_.contains(key);
 }
 
 const nlohmann::json* StrictObject::find(const char* key, bool required) {
@@ -214,10 +209,6 @@ const nlohmann::json* StrictObject::array(const char* key, std::size_t shortest,
     return wrong(key, "must be an array of " + sizes + " elements", nullptr);
   }
   return found;
-}
-
-const nlohmann::json* StrictObject::optional_value(const char* key) {
-  return find(key, false);
 }
 
 void StrictObject::finish() {

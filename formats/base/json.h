@@ -1,10 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Reads and writes a JSON value as text; the value's strings need not be UTF-8. nlohmann's parser
-// and serializer take about a second to compile in each file, so call these functions instead.
-// Include this header in .cpp files only, because a public header must not include nlohmann/json.
+// JSON: values as text, and strict reading of documents.
 #pragma once
 
-#include <array>
 #include <cmath>
 #include <concepts>
 #include <cstdint>
@@ -19,6 +16,10 @@
 #include "formats/base/result.h"
 
 namespace trocar {
+
+// Reads and writes a JSON value as text; the value's strings need not be UTF-8. nlohmann's parser
+// and serializer take about a second to compile in each file, so call these functions instead.
+// Include this header in .cpp files only, because a public header must not include nlohmann/json.
 
 /// Returns `value` as JSON text. Bytes that are not UTF-8 (in file names or in text from scans)
 /// are replaced by U+FFFD. Never throws. `indent` has the meaning of nlohmann::json::dump(); -1
@@ -91,7 +92,7 @@ class StrictObject {
   /// `value` and `errors` must outlive this object.
   StrictObject(const nlohmann::json& value, std::string path, JsonErrors& errors);
 
-  bool has(const char* key) const;
+  bool has(const char* key) const { return value_.is_object() && value_.contains(key); }
   /// Adds an error about this object, or about the value under `key`.
   void error(const std::string& why) { errors_.add(path_, why); }
   void error(const char* key, const std::string& why) { errors_.add(path(key), why); }
@@ -120,7 +121,7 @@ class StrictObject {
   const nlohmann::json* array(const char* key, std::size_t shortest, std::size_t longest);
   /// Returns the value under `key` unchecked, or null if the key is missing. finish() does not
   /// report the key as unknown.
-  const nlohmann::json* optional_value(const char* key);
+  const nlohmann::json* optional_value(const char* key) { return find(key, false); }
   /// Makes a StrictObject of the object under `key`, and calls read(object), followed by
   /// object.finish(). Returns false if the key is missing.
   template <typename Read>

@@ -29,6 +29,22 @@ struct Error {
   Error after(const std::string& prefix) const { return {code, prefix + message, is_temporary}; }
 };
 
+template <typename T>
+class Result;
+
+/// Success, or an Error.
+template <>
+class [[nodiscard]] Result<void> {
+ public:
+  Result() = default;
+  Result(Error error) : error_(std::move(error)) {}  // NOLINT(google-explicit-constructor)
+  explicit operator bool() const { return !error_.has_value(); }
+  const Error& error() const { return assert(error_), *error_; }
+
+ private:
+  std::optional<Error> error_;
+};
+
 /// Holds a T or an Error. Access to a T that is not there, or to an Error that is not there, is a
 /// bug (assert).
 template <typename T>
@@ -43,23 +59,17 @@ class [[nodiscard]] Result {
   T* operator->() { return assert(value_), &*value_; }
   const T* operator->() const { return assert(value_), &*value_; }
   const Error& error() const { return assert(!value_), error_; }
+  /// Moves the value to `to`, or returns the error.
+  template <typename To>
+  Result<void> into(To& to) && {
+    if (!value_) return std::move(error_);
+    to = *std::move(value_);
+    return {};
+  }
 
  private:
   std::optional<T> value_;
   Error error_;
-};
-
-/// Success, or an Error.
-template <>
-class [[nodiscard]] Result<void> {
- public:
-  Result() = default;
-  Result(Error error) : error_(std::move(error)) {}  // NOLINT(google-explicit-constructor)
-  explicit operator bool() const { return !error_.has_value(); }
-  const Error& error() const { return assert(error_), *error_; }
-
- private:
-  std::optional<Error> error_;
 };
 
 // Each of these functions makes an Error with one exit code. refused_for_now() also sets

@@ -85,13 +85,12 @@ std::string shown(std::string_view text, bool keep_lines) {
   for (std::size_t at = 0; at < text.size();) {
     const std::size_t from = at;
     const auto c = next_code_point(text, at);
-    if (!c) {
+    if (!c)
       out += hex(static_cast<unsigned char>(text[at++]), "\\x%02x");
-    } else if (is_printable(*c) || (keep_lines && *c == U'\n')) {
+    else if (is_printable(*c) || (keep_lines && *c == U'\n'))
       out += text.substr(from, at - from);
-    } else {
+    else
       out += escaped(*c);
-    }
   }
   return out;
 }

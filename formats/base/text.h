@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Text made from a printf format, and text about a value that is beyond its limit: above an upper
-// limit or below a lower limit.
+// Text: formats, CSV, regular expressions, suggestions, safe printing, times of day.
 #pragma once
 
 #include <algorithm>
@@ -17,6 +16,9 @@
 #include <vector>
 
 namespace trocar {
+
+// Text made from a printf format, and text about a value that is beyond its limit: above an upper
+// limit or below a lower limit.
 
 /// The text that printf() would print.
 template <typename... Values>

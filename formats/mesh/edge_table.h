@@ -12,7 +12,7 @@
 namespace trocar {
 
 /// All three edges of every triangle. The number 3 t + i stands for edge i of triangle t. The edges
-/// of a triangle are numbered 0 to 2, as in triangle_edge.h.
+/// of a triangle are numbered 0 to 2, as in predicates.h.
 struct EdgeTable {
   struct Entry {
     std::uint32_t high;  ///< the higher of the edge's two vertices

@@ -1,10 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "formats/mesh/local_delaunay.h"
 
-#include <algorithm>
-
-#include "formats/mesh/predicates.h"
-
 namespace trocar {
 namespace {
 
@@ -158,11 +154,10 @@ bool LocalTriangulation::insert(std::uint32_t v) noexcept {
     if (orientation(c, i, p) == 0) on_edge = i;
   }
   suspects_.clear();
-  if (on_edge != kNoSlot) {
+  if (on_edge != kNoSlot)
     split_edge(c, on_edge, v);
-  } else {
+  else
     split_cell(c, v);
-  }
   legalise();
   return true;
 }

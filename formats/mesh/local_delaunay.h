@@ -1,9 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Makes all edges of the sheet locally Delaunay again. This is the last stage of a cut. An edge
-// between two triangles is locally Delaunay if the two angles opposite the edge add up to at most
-// 180 degrees. If it is not, a flip replaces it by the other diagonal of the quadrangle that the
-// two triangles form (Lawson 1977). The flips start at the edges that new and kept triangles have
-// in common, and continue from there as far as necessary.
+// Flips that make edges locally Delaunay: after a cut, and in a small PSLG.
 #pragma once
 
 #include <array>
@@ -18,6 +14,12 @@
 #include "formats/mesh/slice_mesh.h"
 
 namespace trocar {
+
+// Makes all edges of the sheet locally Delaunay again. This is the last stage of a cut. An edge
+// between two triangles is locally Delaunay if the two angles opposite the edge add up to at most
+// 180 degrees. If it is not, a flip replaces it by the other diagonal of the quadrangle that the
+// two triangles form (Lawson 1977). The flips start at the edges that new and kept triangles have
+// in common, and continue from there as far as necessary.
 
 struct FlipSpace {
   std::vector<std::uint32_t> waiting;  ///< triangles whose edges must be tested
@@ -44,7 +46,7 @@ StageOutcome restore_delaunay(SheetMesh& mesh, std::span<const TriangleEdge> edg
 // are inserted one by one with Lawson's flips (Lawson 1977), and edges of the PSLG (constraints)
 // with Sloan's flips (Sloan 1993). The same input always gives the same triangles.
 
-/// A counter-clockwise triangle; its edges are numbered as in triangle_edge.h.
+/// A counter-clockwise triangle; its edges are numbered as in predicates.h.
 struct Cell {
   std::array<std::uint32_t, 3> vertex;
   std::array<std::uint32_t, 3> across;      ///< cell beyond edge i; kNoSlot: there is no cell

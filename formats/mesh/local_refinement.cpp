@@ -1,13 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "formats/mesh/local_refinement.h"
 
-#include <algorithm>
-#include <cmath>
 #include <limits>
 #include <numbers>
-#include <optional>
-
-#include "formats/mesh/predicates.h"
 
 namespace trocar {
 
@@ -279,11 +274,10 @@ class LocalRefiner {
   bool work_at_edges(std::uint32_t t) noexcept {
     const std::optional<Task> task = task_at_edges(t);
     if (!task || task->what == Task::kClear) {
-      if (task && removal_.plan(mesh_, t, previous_corner(task->edge))) {
+      if (task && removal_.plan(mesh_, t, previous_corner(task->edge)))
         remove_vertex();
-      } else {
+      else
         give_up(t, kApexStays);
-      }
       return true;
     }
     const TriangleEdge e{t, task->edge};
@@ -352,11 +346,10 @@ class LocalRefiner {
     std::uint32_t number = kNoSlot;
     const std::span<const CavityEdge> boundary = insertion_.boundary();
     for (std::uint32_t k = 0; k < boundary.size(); ++k) {
-      if (boundary[k].inside.triangle == e.triangle && boundary[k].inside.edge == e.edge) {
+      if (boundary[k].inside.triangle == e.triangle && boundary[k].inside.edge == e.edge)
         number = k;
-      } else if (!options_.split_outline && blocks_point(boundary[k], *p)) {
+      else if (!options_.split_outline && blocks_point(boundary[k], *p))
         return Step::kOutline;
-      }
     }
     const Step step = insert(*p, number);
     if (step == Step::kDone) result_.doubled_area_lost += orient2d(a, b, *p);

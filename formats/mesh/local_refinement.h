@@ -1,11 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Inserts a point into a SheetMesh. If the mesh is constrained Delaunay, it stays so. A sheet is
-// constrained Delaunay if, for each edge between two triangles, the two angles opposite the edge
-// add up to at most 180 degrees. Only the edges of the sheet's boundary are constraints: a border
-// between two materials inside the sheet is not one. The triangles whose circumcircles contain the
-// point form the cavity. They are replaced by the star of the point, which consists of the
-// triangles between the point and the edges of the cavity's boundary (Bowyer; Watson, 1981). All
-// geometric tests are exact.
+// Refinement of a part of a sheet in place: points inserted and removed, triangles queued.
 #pragma once
 
 #include <array>
@@ -19,6 +13,14 @@
 #include "formats/mesh/steiner_points.h"
 
 namespace trocar {
+
+// Inserts a point into a SheetMesh. If the mesh is constrained Delaunay, it stays so. A sheet is
+// constrained Delaunay if, for each edge between two triangles, the two angles opposite the edge
+// add up to at most 180 degrees. Only the edges of the sheet's boundary are constraints: a border
+// between two materials inside the sheet is not one. The triangles whose circumcircles contain the
+// point form the cavity. They are replaced by the star of the point, which consists of the
+// triangles between the point and the edges of the cavity's boundary (Bowyer; Watson, 1981). All
+// geometric tests are exact.
 
 /// An edge of the cavity's boundary, with the cavity on its left.
 struct CavityEdge {
@@ -153,7 +155,7 @@ class TriangleQueue {
   std::vector<std::uint32_t> position_;  // per slot: position in the heap, or kNoSlot
 };
 
-// Removes an inner vertex from a SheetMesh. If the mesh is constrained Delaunay (point_insertion.h
+// Removes an inner vertex from a SheetMesh. If the mesh is constrained Delaunay (as above
 // has the definition), it stays so. The triangles around the vertex form a polygon. The polygon is
 // then filled by ears: an ear is a triangle of three successive corners of the polygon. An ear is
 // used only if its circumcircle contains no other corner (the simple form of Devillers, 1999). All

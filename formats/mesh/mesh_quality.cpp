@@ -1,12 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "formats/mesh/mesh_quality.h"
 
-#include <algorithm>
-#include <cmath>
 #include <numbers>
-
-#include "formats/mesh/predicates.h"
-#include "formats/mesh/triangulation.h"
 
 namespace trocar {
 namespace {

@@ -1,9 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "formats/mesh/mesh_validity.h"
 
-#include <algorithm>
-#include <vector>
-
 #include "formats/mesh/edge_table.h"
 #include "formats/mesh/outline_sweep.h"
 #include "formats/mesh/predicates.h"

@@ -1,16 +1,17 @@
 // SPDX-License-Identifier: Apache-2.0
-// An outline that is proved valid, for example without edges that cross. A function that takes a
-// ProvedOutline need not prove the outline again.
+// Proofs that meshes and outlines are valid.
 #pragma once
 
 #include <cstdint>
-#include <string>
 #include <utility>
 
 #include "formats/base/result.h"
 #include "formats/mesh/slice_mesh.h"
 
 namespace trocar {
+
+// An outline that is proved valid, for example without edges that cross. A function that takes a
+// ProvedOutline need not prove the outline again.
 
 class ProvedOutline {
  public:
@@ -50,7 +51,7 @@ Result<void> check_mesh_against_pslg(const SliceMesh& mesh, const Pslg& pslg);
 /// Like check_mesh_against_pslg(), but for an outline that has already been proved valid.
 Result<void> check_mesh_against_outline(const SliceMesh& mesh, const ProvedOutline& outline);
 /// Like check_mesh_against_outline(), and proves also that every interior edge is locally Delaunay
-/// (edge_predicates.h). If only this property fails, the message is "not constrained Delaunay".
+/// (predicates.h). If only this property fails, the message is "not constrained Delaunay".
 Result<void> check_delaunay_mesh(const SliceMesh& mesh, const ProvedOutline& outline);
 
 /// Proves that an outline is valid:

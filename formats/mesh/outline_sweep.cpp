@@ -1,15 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "formats/mesh/outline_sweep.h"
 
-#include <algorithm>
-#include <array>
-#include <bit>
 #include <numeric>
 #include <set>
 #include <tuple>
-#include <utility>
-
-#include "formats/mesh/lattice.h"
 
 namespace trocar {
 namespace {
@@ -128,11 +122,10 @@ class Sweeper {
       for (const auto& [edge, other] :
            {std::pair{in, loops_.points[in]}, std::pair{v, loops_.to(v)}}) {
         if (!is_swept(edge)) continue;
-        if (other < p) {
+        if (other < p)
           ends_.push_back(edge);
-        } else {
+        else
           begin_.push_back({p, other, nullptr, nullptr, edge, 0, edge == v});
-        }
       }
     }
     Line::iterator above;
@@ -341,11 +334,10 @@ Result<void> check_no_crossing(const EdgeLoops& loops, std::span<const std::uint
     for (std::size_t e = 0; e < edges.size(); ++e)
       is_swept[e] = rank[e] <= middle ? 1 : 0;
     const SweepResult part = sweep(loops, order, is_swept);
-    if (part.crosses) {
+    if (part.crosses)
       last = last_of(part);
-    } else {
+    else
       low = middle + 1;
-    }
   }
   const LatticePoint p = loops.points[edges[last]];
   return refused(std::string(what) + " cross near " + to_text(p));

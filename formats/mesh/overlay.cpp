@@ -1,12 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "formats/mesh/overlay.h"
 
-#include <algorithm>
-#include <optional>
-#include <utility>
-
-#include "formats/mesh/predicates.h"
-
 namespace trocar {
 namespace {
 
@@ -82,9 +76,8 @@ LatticePoint bend_point(const Strand& s, const Strand& t, const CanonicalRotatio
       return rotate(p) < rotate(*than);
     };
     if (closer(nearest, best)) nearest = p, best = distance;
-    if (recedes(s, p) && recedes(t, p) && closer(nearest_receding, best_receding)) {
+    if (recedes(s, p) && recedes(t, p) && closer(nearest_receding, best_receding))
       nearest_receding = p, best_receding = distance;
-    }
   }
   return nearest_receding ? *nearest_receding : *nearest;
 }

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Exact predicates on the edges of a mesh: where a point lies with respect to an edge ab, and
-// whether an edge is Delaunay.
+// Exact predicates and measures of a mesh's edges and triangles.
 #pragma once
 
 #include <algorithm>
@@ -12,6 +11,9 @@
 #include "formats/mesh/slice_mesh.h"
 
 namespace trocar {
+
+// Exact predicates on the edges of a mesh: where a point lies with respect to an edge ab, and
+// whether an edge is Delaunay.
 
 /// Returns true if p lies in the interior of the segment ab.
 inline bool is_inside_segment(LatticePoint a, LatticePoint b, LatticePoint p) noexcept {
@@ -108,7 +110,7 @@ inline double edge_length(LatticePoint a, LatticePoint b) noexcept {
   return std::sqrt(static_cast<double>(distance2(a, b)));
 }
 
-/// Number of the shortest edge (0 to 2, as in triangle_edge.h) and its squared length. If several
+/// Number of the shortest edge (0 to 2, as above) and its squared length. If several
 /// edges are equally short, the first one counts.
 struct ShortestEdge {
   std::uint32_t edge;

@@ -1,16 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "formats/mesh/refinement.h"
 
-#include <algorithm>
-#include <array>
-#include <bit>
-#include <cmath>
 #include <limits>
 #include <numbers>
-#include <optional>
 
 #include "formats/mesh/canonical_rotation.h"
-#include "formats/mesh/predicates.h"
 #include "formats/mesh/refinement_outline.h"
 #include "formats/mesh/regions.h"
 #include "formats/mesh/steiner_points.h"

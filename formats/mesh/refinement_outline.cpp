@@ -1,10 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "formats/mesh/refinement_outline.h"
 
-#include <numbers>
-
 #include "formats/mesh/edge_table.h"
-#include "formats/mesh/lattice.h"
 
 namespace trocar {
 namespace {

@@ -80,7 +80,7 @@ class RefinementOutline {
   }
 
   /// Returns true if a segment starts or ends in an acute corner (below kAcuteCorner_deg of
-  /// segment_split.h). The segment's splits must then lie on shells. If two regions share the
+  /// steiner_points.h). The segment's splits must then lie on shells. If two regions share the
   /// segment, it suffices that the corner is acute in one of them.
   bool has_shells(std::uint32_t segment) const {
     return is_acute_from(segment) || is_acute_to(segment);

@@ -1,16 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "formats/mesh/regions.h"
 
-#include <algorithm>
-#include <array>
-#include <cmath>
-#include <limits>
-#include <numbers>
 #include <numeric>
-#include <utility>
 
 #include "formats/base/disjoint_sets.h"
-#include "formats/mesh/lattice.h"
 
 namespace trocar {
 namespace {

@@ -1,10 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "formats/mesh/shared_borders.h"
 
-#include <algorithm>
-#include <string>
-#include <utility>
-
 #include "formats/base/disjoint_sets.h"
 #include "formats/mesh/mesh_validity.h"
 

@@ -1,10 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "formats/mesh/sheet_mesh.h"
 
-#include <algorithm>
-#include <iterator>
 #include <numeric>
-#include <string>
 
 namespace trocar {
 namespace {
@@ -111,9 +108,7 @@ Result<SheetMesh> make_sheet_mesh(const SliceMesh& mesh, std::size_t spare_verti
   SheetMesh out;
   out.vertices = mesh.vertices;
   out.triangles = mesh.triangles;
-  auto across = checked_neighbours(mesh);
-  if (!across) return across.error();
-  out.across = *across;
+  if (const auto ok = checked_neighbours(mesh).into(out.across); !ok) return ok.error();
   out.add_slots(spare_vertices, spare_triangles);
   return out;
 }

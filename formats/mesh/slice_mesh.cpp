@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "formats/mesh/slice_mesh.h"
 
-#include <algorithm>
 #include <map>
 #include <utility>
 
@@ -94,9 +93,8 @@ void split_at_pinches(const Ring& ring, std::vector<Ring>& out) {
 
 std::int64_t doubled_area(const Ring& ring) {
   std::uint64_t sum = 0;
-  for (std::size_t i = 0, n = ring.size(); i < n; ++i) {
+  for (std::size_t i = 0, n = ring.size(); i < n; ++i)
     sum += static_cast<std::uint64_t>(orient2d(ring[0], ring[i], ring[i + 1 == n ? 0 : i + 1]));
-  }
   return static_cast<std::int64_t>(sum);
 }
 
@@ -109,10 +107,9 @@ std::int64_t doubled_area(const Pslg& pslg) {
 
 std::int64_t doubled_area(const SliceMesh& mesh) {
   std::uint64_t sum = 0;
-  for (const Triangle& t : mesh.triangles) {
+  for (const Triangle& t : mesh.triangles)
     sum += static_cast<std::uint64_t>(
         orient2d(mesh.vertices[t[0]], mesh.vertices[t[1]], mesh.vertices[t[2]]));
-  }
   return static_cast<std::int64_t>(sum);
 }
 
@@ -131,9 +128,8 @@ Pslg rings_along(const SliceMesh& mesh, std::vector<std::uint32_t> next) {
     }
     split_at_pinches(ring, out.rings);
   }
-  for (Ring& ring : out.rings) {
+  for (Ring& ring : out.rings)
     std::rotate(ring.begin(), std::min_element(ring.begin(), ring.end()), ring.end());
-  }
   std::sort(out.rings.begin(), out.rings.end());
   return out;
 }

@@ -108,7 +108,7 @@ inline double rounding_allowance(double length) noexcept {
 // Lattice points at which refinement may split a boundary edge. Near an acute corner of the outline
 // the split points lie on shells, which are concentric circles around the corner. So both edges
 // that meet at the corner are split at equal distances from the corner, and the parts of one edge
-// do not encroach (edge_predicates.h) upon the parts of the other (Ruppert, 1995).
+// do not encroach (predicates.h) upon the parts of the other (Ruppert, 1995).
 
 /// A corner of the outline has shells if its angle in the material is below this angle.
 inline constexpr double kAcuteCorner_deg = 75, kAcuteCorner_cos = 0.25881904510252074;

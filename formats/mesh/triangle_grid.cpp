@@ -1,11 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "formats/mesh/triangle_grid.h"
 
-#include <array>
-#include <bit>
-#include <cmath>
-#include <utility>
-
 namespace trocar {
 
 TriangleGrid::TriangleGrid(const SheetMesh& mesh, GridTriangles lists)
@@ -85,11 +80,10 @@ void TriangleGrid::insert(const SheetMesh& mesh, std::uint32_t t) noexcept {
 
 void TriangleGrid::remove(std::uint32_t t) noexcept {
   Link& own = link_[t];
-  if (own.before != kNoSlot) {
+  if (own.before != kNoSlot)
     link_[own.before].next = own.next;
-  } else {
+  else
     head_[own.cell] = own.next;
-  }
   if (own.next != kNoSlot) link_[own.next].before = own.before;
   std::size_t level = levels_.size() - 1;
   while (levels_[level].first_cell > own.cell)

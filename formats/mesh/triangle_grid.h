@@ -38,7 +38,7 @@ enum class GridTriangles : std::uint8_t {
 ///     common with the given box, exactly once, and no other triangle. The order depends only on
 ///     the mesh given to the constructor and on the edits since then.
 ///  2. The constructor and add_slots() allocate. A copy of the grid shares its pages of memory
-///     (paged_array.h) until one of the two is updated. An update() allocates only if it writes to
+///     (PagedArray) until one of the two is updated. An update() allocates only if it writes to
 ///     more shared pages than reserve_pages() has reserved.
 class TriangleGrid {
  public:

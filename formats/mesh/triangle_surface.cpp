@@ -2,9 +2,6 @@
 #include "formats/mesh/triangle_surface.h"
 
 #include <Eigen/Geometry>
-#include <algorithm>
-#include <cmath>
-#include <string>
 
 namespace trocar {
 namespace {

@@ -1,9 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "formats/mesh/triangulation.h"
 
-#include <algorithm>
 #include <numeric>
-#include <utility>
 
 #include "formats/mesh/canonical_rotation.h"
 #include "formats/mesh/edge_table.h"
@@ -106,12 +104,11 @@ class Sweep {
     vertex_of_corner_.resize(total);
     points_.reserve(total);
     for (std::size_t i = 0; i < total; ++i) {
-      if (i == 0 || items[i].key != items[i - 1].key) {
+      if (i == 0 || items[i].key != items[i - 1].key)
         points_.push_back(
             {static_cast<std::int32_t>(static_cast<std::uint32_t>(items[i].key >> 32) ^
                                        0x80000000U),
              static_cast<std::int32_t>(static_cast<std::uint32_t>(items[i].key) ^ 0x80000000U)});
-      }
       vertex_of_corner_[items[i].corner] = static_cast<std::uint32_t>(points_.size() - 1);
     }
     has_pinches_ = points_.size() != total;
@@ -304,11 +301,10 @@ class Sweep {
       Active& active = status_[low + i];
       active = {e.left, e.right, at, points_[e.right], kNone, kNone, material};
       if (!material) continue;
-      if (i + 1 < more) {
+      if (i + 1 < more)
         active.front = active.back = add_node(p);
-      } else {
+      else
         active.front = upper_front, active.back = upper_back;
-      }
     }
     return material == above;
   }

@@ -11,7 +11,7 @@
 
 namespace trocar {
 
-/// Element [t][i] belongs to edge i of triangle t (numbered as in triangle_edge.h). It identifies
+/// Element [t][i] belongs to edge i of triangle t (numbered as in predicates.h). It identifies
 /// the same edge in the neighbouring triangle. It is kNoEdge if the edge is on the boundary.
 using Neighbours = std::vector<std::array<EdgeId, 3>>;
 

@@ -134,11 +134,10 @@ Result<Description> parse_description(std::string_view json_text, const std::str
     errors.add("/schema", "must be \"" + std::string(schema) + "\"");
   device.name = root.string("name");
   read(root, device);
-  if (const Json* assumed = root.optional_value("assumed")) {
+  if (const Json* assumed = root.optional_value("assumed"))
     check_assumed(*assumed, *document, errors);
-  } else if (needs_assumed) {
+  else if (needs_assumed)
     errors.add("/assumed", "is missing");
-  }
   root.finish();
   if (errors.first) return *errors.first;
   return device;

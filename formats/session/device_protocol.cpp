@@ -6,8 +6,6 @@
 #include <bit>
 #include <cmath>
 #include <concepts>
-#include <cstring>
-#include <string_view>
 #include <type_traits>
 
 namespace trocar {
@@ -35,6 +33,7 @@ class Writer {
     for (const Element value : values)
       field(value);
   }
+  void fields(const auto&... values) noexcept { (field(values), ...); }
 
  private:
   void put(std::uint64_t value, int count) noexcept {
@@ -69,6 +68,7 @@ class Reader {
     for (Element& value : values)
       field(value);
   }
+  void fields(auto&... values) noexcept { (field(values), ...); }
 
  private:
   std::uint64_t get(int count) noexcept {
@@ -131,18 +131,14 @@ void mac_of(Bytes bytes, const LinkKey& key, std::uint8_t* out) noexcept {
 template <typename Packet>
 LinkRefusal open_header(Bytes bytes, Header& header) noexcept {
   if (bytes.size() < kHeaderBytes || bytes.size() > kMaxPacketBytes) return LinkRefusal::kSize;
-  if (!std::equal(kLinkMagic.begin(), kLinkMagic.end(), bytes.begin()) ||
-      bytes[4] != kLinkVersion) {
+  if (!std::equal(kLinkMagic.begin(), kLinkMagic.end(), bytes.begin()) || bytes[4] != kLinkVersion)
     return LinkRefusal::kMagic;
-  }
   if (bytes[5] != static_cast<std::uint8_t>(Format<Packet>::kKind)) return LinkRefusal::kKind;
   Reader reader(bytes.data() + 6);
   std::uint16_t size = 0;
   reader.field(size);
   if (size != bytes.size() || size != Format<Packet>::kBytes) return LinkRefusal::kSize;
-  reader.field(header.session);
-  reader.field(header.sequence);
-  reader.field(header.time_ns);
+  reader.fields(header.session, header.sequence, header.time_ns);
   return LinkRefusal::kNone;
 }
 
@@ -247,52 +243,36 @@ template <typename T, typename Packet>
 concept MaybeConst = std::same_as<std::remove_const_t<T>, Packet>;
 
 void contents(auto& io, MaybeConst<HelloPacket> auto& packet) noexcept {
-  io.field(packet.host_nonce);
-  io.field(packet.period_s);
-  io.field(packet.resets_world);
-  io.field(packet.contents);
+  io.fields(packet.host_nonce, packet.period_s, packet.resets_world, packet.contents);
   io.zeros(6);
 }
 void contents(auto& io, MaybeConst<WelcomePacket> auto& packet) noexcept {
-  io.field(packet.host_nonce);
-  io.field(packet.drive_nonce);
-  io.field(packet.period_s);
-  io.field(packet.clock);
+  io.fields(packet.host_nonce, packet.drive_nonce, packet.period_s, packet.clock);
   io.zeros(7);
 }
 void contents(auto& io, MaybeConst<DenialPacket> auto& packet) noexcept {
-  io.field(packet.host_nonce);
-  io.field(packet.reason);
+  io.fields(packet.host_nonce, packet.reason);
   io.zeros(7);
 }
 void contents(auto& io, MaybeConst<CommandPacket> auto& packet) noexcept {
   io.field(packet.mode);
   io.zeros(7);
-  io.field(packet.state_seen);
-  io.field(packet.tau_motor_Nm);
+  io.fields(packet.state_seen, packet.tau_motor_Nm);
 }
 void contents(auto& io, MaybeConst<StatePacket> auto& packet) noexcept {
-  io.field(packet.mode);
-  io.field(packet.motor_faults);
+  io.fields(packet.mode, packet.motor_faults);
   io.zeros(6);
-  io.field(packet.command_taken);
-  io.field(packet.encoder_rad);
+  io.fields(packet.command_taken, packet.encoder_rad);
 }
 void contents(auto& io, MaybeConst<WrenchCommandPacket> auto& packet) noexcept {
   io.field(packet.mode);
   io.zeros(7);
-  io.field(packet.state_seen);
-  io.field(packet.force_N);
-  io.field(packet.moment_Nm);
+  io.fields(packet.state_seen, packet.force_N, packet.moment_Nm);
 }
 void contents(auto& io, MaybeConst<PoseStatePacket> auto& packet) noexcept {
-  io.field(packet.mode);
-  io.field(packet.faults);
+  io.fields(packet.mode, packet.faults);
   io.zeros(2);
-  io.field(packet.buttons);
-  io.field(packet.command_taken);
-  io.field(packet.p_m);
-  io.field(packet.q);
+  io.fields(packet.buttons, packet.command_taken, packet.p_m, packet.q);
 }
 
 /// Writes header and contents, but no MAC. The caller has checked the size of `out`.
@@ -300,13 +280,9 @@ template <typename Packet>
 void write_packet(const Packet& packet, std::uint8_t* out) noexcept {
   const Header header = header_of(packet);
   Writer writer(out);
-  writer.field(kLinkMagic);
-  writer.field(kLinkVersion);
-  writer.field(Format<Packet>::kKind);
-  writer.field(static_cast<std::uint16_t>(Format<Packet>::kBytes));
-  writer.field(header.session);
-  writer.field(header.sequence);
-  writer.field(header.time_ns);
+  writer.fields(kLinkMagic, kLinkVersion, Format<Packet>::kKind,
+                static_cast<std::uint16_t>(Format<Packet>::kBytes), header.session, header.sequence,
+                header.time_ns);
   contents(writer, packet);
 }
 

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "formats/session/faults.h"
 
-#include <array>
 #include <cmath>
 
 #include "formats/base/text.h"

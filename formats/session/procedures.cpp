@@ -2,8 +2,6 @@
 #include "formats/session/procedures.h"
 
 #include <algorithm>
-#include <array>
-#include <utility>
 
 #include "formats/base/text.h"
 

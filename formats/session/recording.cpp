@@ -5,9 +5,7 @@
 #include <sys/file.h>
 #include <sys/stat.h>
 #include <sys/statvfs.h>
-#include <unistd.h>
 #include <algorithm>
-#include <cerrno>
 #include <charconv>
 #include <cmath>
 #include <sstream>
@@ -579,11 +577,10 @@ Result<void> RecordingWriter::flush() {
   int error = 0;
   while (done < buffer_.size() && error == 0) {
     const ssize_t put = ::write(fd_.get(), buffer_.data() + done, buffer_.size() - done);
-    if (put >= 0) {
+    if (put >= 0)
       done += static_cast<std::size_t>(put);
-    } else if (errno != EINTR) {
+    else if (errno != EINTR)
       error = errno;
-    }
   }
   if (error != 0) {
     // The incomplete last row is removed. If that fails, too, the next call goes on within the row.

@@ -204,11 +204,10 @@ void read_cutting(StrictObject& object, SceneForceLaw& law) {
 }
 
 void read_force_law(StrictObject& object, SceneForceLaw& law) {
-  if (const auto kind = force_law_from_string(object.string("kind"))) {
+  if (const auto kind = force_law_from_string(object.string("kind")))
     law.kind = *kind;
-  } else {
+  else
     object.error("kind", "must be " + force_law_names("\""));
-  }
   object.read("force_scale", law.force_scale, 1e-3, 10.0);
   if (law.kind == ForceLawKind::kNetwork) read_network(object, law);
   if (law.kind == ForceLawKind::kCutting) read_cutting(object, law);

@@ -84,7 +84,7 @@ struct ShaftTissue {
 };
 
 /// The strength of bone from its HU. The density is at_0_HU + per_HU * HU, and a published law
-/// gives the strength for this density (runtime/haptics/bone/bone_strength.h).
+/// gives the strength for this density (runtime/haptics/bone/bone_volume.h).
 struct BoneByHu {
   std::string law;  ///< name of the law
   /// Kind of the resulting density: "qct" (mineral, calibrated by scanning a body of known
@@ -174,7 +174,7 @@ inline constexpr std::size_t kMaxLayers = 8;
 enum class ToolAxis : std::uint8_t {
   kAuto,  ///< kRigid if the tissue is softer than the coupling would be, otherwise kCoupled
   /// The tool is fixed to the plate. If the rendered stiffness would then exceed a limit of the
-  /// device or the operator, kCoupled is used (device_coupling.h, contract 3).
+  /// device or the operator, kCoupled is used (cutting_force_law.h, contract 3).
   kRigid,
   kCoupled,  ///< springs connect tool and plate: SceneForceLaw::coupling_N_per_m
 };
@@ -198,7 +198,7 @@ struct SceneForceLaw {
   // kCutting:
   ToolAxis axis = ToolAxis::kAuto;
   /// Stiffness of the coupling, the springs between tool and plate. 0: the largest stiffness that
-  /// the device can render stably (runtime/haptics/bone/device_coupling.h).
+  /// the device can render stably (runtime/haptics/bone/cutting_force_law.h).
   double coupling_N_per_m = 0, coupling_Nm_per_rad = 0;
   PosePrediction prediction = PosePrediction::kAuto;
   double tip_friction = 0.3;  ///< friction coefficient of a tip that slides on bone without cutting
@@ -250,7 +250,7 @@ struct SceneSlice {
 /// or the polygon `outline_m`.
 struct SceneTool {
   /// Kind of tip (force law `cutting`), one of the names in
-  /// runtime/haptics/bone/tool_in_tissue.h; empty: flat.
+  /// runtime/haptics/bone/bone_volume.h; empty: flat.
   std::string kind;
   double half_angle_deg = 30;  ///< angle of the tip's faces to the axis; not used without `kind`
   /// The half angle of a tip of the kind `kind` if none is stated: 90 for a jamshidi, because its

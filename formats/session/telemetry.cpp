@@ -5,15 +5,11 @@
 #include <sched.h>
 #include <sys/mman.h>
 #include <sys/stat.h>
-#include <unistd.h>
 #include <algorithm>
-#include <cerrno>
+#include <bit>
 #include <climits>
 #include <cstdio>
 #include <cstring>
-#include <utility>
-
-#include "formats/base/files.h"
 
 namespace trocar {
 namespace {
@@ -140,11 +136,10 @@ class Packer {
  public:
   explicit Packer(Word* to) : to_(to) {}
   void put(std::uint32_t value) noexcept {
-    if (is_second_) {
+    if (is_second_)
       to_++->store(low_ | std::uint64_t{value} << 32U, std::memory_order_release);
-    } else {
+    else
       low_ = value;
-    }
     is_second_ = !is_second_;
   }
   void finish() noexcept {
@@ -380,11 +375,10 @@ TelemetryReader::Next TelemetryReader::next_event(TelemetryEvent& event, std::ui
   found.sheet = int_in(values[3]);
   found.slice = int_in(values[4]);
   const bool has_end = kind == TelemetryEventKind::kEnded;
-  if (has_end) {
+  if (has_end)
     found.end = static_cast<TelemetryEnd>(values[5]);
-  } else {
+  else
     found.cut = static_cast<std::uint32_t>(values[5]);
-  }
   found.tool_z_m = number_in(values[6]);
   found.penetration_m = number_in(values[7]);
   found.tip_N = number_in(values[8]);

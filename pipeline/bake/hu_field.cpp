@@ -2,11 +2,7 @@
 #include "pipeline/bake/hu_field.h"
 
 #include <Eigen/SparseCholesky>
-#include <algorithm>
-#include <array>
-#include <cmath>
 #include <numeric>
-#include <utility>
 
 #include "formats/mesh/regions.h"
 

@@ -1,13 +1,9 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "pipeline/bake/hu_planes.h"
 
-#include <Eigen/Core>
-#include <algorithm>
-#include <cmath>
 #include <iterator>
 
 #include "pipeline/read/parallel_for.h"
-#include "pipeline/segment/solid_bone.h"
 
 namespace trocar::pipeline {
 namespace {

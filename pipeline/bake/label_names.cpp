@@ -4,7 +4,6 @@
 #include <algorithm>
 #include <charconv>
 #include <nlohmann/json.hpp>
-#include <optional>
 #include <sstream>
 
 #include "formats/base/files.h"
@@ -94,10 +93,6 @@ std::map<int, std::string> numbered(const char* names) {
 }
 
 }  // namespace
-
-bool LabelNames::is_table(const std::string& what) {
-  return what == "verse" || what == "totalsegmentator";
-}
 
 Result<LabelNames> LabelNames::named(const std::string& what) {
   if (!is_table(what)) return of_file(what);

@@ -1,13 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "pipeline/bake/mesh_slice.h"
 
-#include <algorithm>
-#include <cmath>
-#include <cstdint>
 #include <memory>
 #include <numbers>
-#include <span>
-#include <variant>
 
 #include "formats/asset/asset.h"
 #include "formats/mesh/refinement_outline.h"
@@ -405,9 +400,8 @@ Result<SliceImages> read_slice(const SliceStack& stack, int slice, const MeshOpt
   if (!pixels) return pixels.error();
   SliceImages out{std::move(*pixels), {}};
   if (options.hu == nullptr) return out;
-  auto ct = read_cropped(*options.hu, slice, options.crop);
-  if (!ct) return ct.error();
-  out.ct = std::move(*ct);
+  if (const auto ok = read_cropped(*options.hu, slice, options.crop).into(out.ct); !ok)
+    return ok.error();
   return out;
 }
 
@@ -475,16 +469,14 @@ GradedArea::GradedArea(const Image& hu, const PixelGrid& grid, double hu_per_edg
     edge(x, y) = std::min(edge(x, y), max_edge);
   };
   for (int y = 0; y < height_; ++y) {
-    for (int x = 0; x < width_; ++x) {
+    for (int x = 0; x < width_; ++x)
       limit(x, y, -1, 0), limit(x, y, 0, -1), limit(x, y, -1, -1), limit(x, y, 1, -1);
-    }
     for (int x = width_ - 1; x >= 0; --x)
       limit(x, y, 1, 0);
   }
   for (int y = height_ - 1; y >= 0; --y) {
-    for (int x = width_ - 1; x >= 0; --x) {
+    for (int x = width_ - 1; x >= 0; --x)
       limit(x, y, 1, 0), limit(x, y, 0, 1), limit(x, y, 1, 1), limit(x, y, -1, 1);
-    }
     for (int x = 0; x < width_; ++x)
       limit(x, y, -1, 0);
   }

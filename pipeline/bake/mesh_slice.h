@@ -32,13 +32,13 @@ struct MeshOptions : MaterialOptions {
   /// refinement.max_area_mm2.
   std::optional<double> max_area_px2;
   Lattice lattice;
-  const SliceStack* hu = nullptr;  ///< CT of a label map (open/labels_with_ct.h) or null
+  const SliceStack* hu = nullptr;  ///< CT of a label map (open/open_stack.h) or null
   /// Stores the HU of the slices in the asset. This has an effect only if the input is in HU or is
   /// a label map with its CT.
   bool hu_volume = true;
   /// Fits a field of HU to each mesh (hu_field.h). This option needs the same input as hu_volume.
   bool hu_field = false;
-  /// Makes triangles smaller where HU change: GradedArea's `hu_per_edge` (graded_area.h). 0: off.
+  /// Makes triangles smaller where HU change: GradedArea's `hu_per_edge`. 0: off.
   /// Only for a scan in HU: check_ranges() of mesh_stack.h refuses it for other input.
   double grade_hu = 0;
 };

@@ -3,23 +3,17 @@
 
 #include <oneapi/tbb/global_control.h>
 #include <oneapi/tbb/info.h>
-#include <Eigen/Geometry>
-#include <algorithm>
 #include <iterator>
-#include <map>
 #include <mutex>
 #include <new>
 #include <numeric>
-#include <set>
 
 #include "formats/asset/deidentification.h"
-#include "formats/asset/hu_codec.h"
 #include "formats/base/json.h"
 #include "pipeline/bake/hu_planes.h"
 #include "pipeline/bake/report.h"
 #include "pipeline/read/file_names.h"
 #include "pipeline/read/number_ranges.h"
-#include "pipeline/segment/label_pixels.h"
 
 namespace trocar::pipeline {
 namespace {
@@ -238,11 +232,10 @@ Result<Finished> digest_and_mesh(Run& run, const Result<DracoGrid>& grid) {
     const auto task = static_cast<std::size_t>(i);
     Stopwatch watch;
     if (run.is_stopped()) return;
-    if (task < files.size()) {
+    if (task < files.size())
       out.digests[task] = digest_file(files[task]);
-    } else {
+    else
       mesh(task - files.size());
-    }
     task_ms[task] = watch.lap_ms();
   });
   if (run.is_stopped()) return unwritable("interrupted; nothing was written");
@@ -526,10 +519,9 @@ std::string values_text(const Values& found, const SliceStack& stack, bool as_la
   out += found.tally.low == found.tally.high
              ? "all " + text_of(found.tally.low, 10)
              : text_of(found.tally.low, 10) + " to " + text_of(found.tally.high, 10);
-  if (as_labels) {
+  if (as_labels)
     return out + (found.labels().empty() ? ", so there is no label"
                                          : ", the " + names.list(found.labels()));
-  }
   if (stack.pixel_unit() == PixelUnit::kUncalibrated) return out + " (" + stack.modality + ")";
   return out + (stack.pixel_unit() == PixelUnit::kHounsfield ? " HU" : " (grey levels)");
 }
@@ -548,12 +540,11 @@ std::string advice(const Values& found, const SliceStack& stack, bool as_labels,
     return "--labels " + number_ranges(found.labels(), ",") + " or some of these";
   if (std::holds_alternative<Equalize>(options.segmentation) && found.tally.low < found.tally.high)
     return "a lower --equalize";
-  if (found.tally.low < found.tally.high && !as_labels) {
+  if (found.tally.low < found.tally.high && !as_labels)
     return is_hu && found.tally.low < kBone && kBone <= found.tally.high
                ? "--threshold " + text_of(kBone)
                : "a --threshold from " + text_of(found.tally.low) + " to " +
                      text_of(found.tally.high);
-  }
   return "";
 }
 

@@ -21,7 +21,7 @@
 namespace trocar::pipeline {
 
 /// Which options have their default value, or close and min_volume that of a preset
-/// (small_pixels.h).
+/// (report.h).
 struct DefaultOptions {
   bool tolerance = false, min_region = false, lattice_bits = false, close = false,
        min_volume = false;
@@ -61,13 +61,13 @@ struct StackResult {
 
 /// Checks the options against the stack. Errors: kUsage if slices or crop are outside the stack, if
 /// the crop is less than two pixels wide or high, if vertex colours or a context are wanted but
-/// there are no HU, or if areas graded by HU (graded_area.h) are wanted but the scan is not in HU
+/// there are no HU, or if areas graded by HU (GradedArea) are wanted but the scan is not in HU
 /// (the CT of a label map does not suffice).
 Result<void> check_ranges(const SliceStack& stack, const StackOptions& options);
 
 /// Meshes the stack. The same stack and options give the same glb, with any number of threads.
 /// `parameters` is stored in asset and report, which also state the modality if values are
-/// uncalibrated (formats/asset/asset.md). warnings.h describes the warnings in the report. If a
+/// uncalibrated (formats/asset/asset.md). report.h describes the warnings in the report. If a
 /// slice fails, there is no asset. If several slices fail, the error of the one with the lowest
 /// index is returned. Errors: those of check_ranges(), SolidBone::make(), encoding_grid(),
 /// mesh_slice(), check_entry_count() and add_surfaces(); kRefused if no slice has any material, or

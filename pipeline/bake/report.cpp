@@ -2,12 +2,7 @@
 #include "pipeline/bake/report.h"
 
 #include <sys/resource.h>
-#include <algorithm>
-#include <cmath>
 #include <cstdio>
-#include <limits>
-#include <set>
-#include <utility>
 
 #include "formats/base/json.h"
 #include "pipeline/read/number_ranges.h"
@@ -36,11 +31,10 @@ std::string sentence(const Statement& statement) {
       statement.slices.empty() ? std::string::npos : statement.sentence.find('#');
   if (at == std::string::npos) return statement.sentence;
   char value[64];
-  if (statement.low == statement.high) {
+  if (statement.low == statement.high)
     std::snprintf(value, sizeof value, "%.6g", statement.low);
-  } else {
+  else
     std::snprintf(value, sizeof value, "%.6g to %.6g", statement.low, statement.high);
-  }
   return statement.sentence.substr(0, at) + value + statement.sentence.substr(at + 1);
 }
 
@@ -139,18 +133,15 @@ std::vector<SliceWarning> slice_warnings(int index, const MeshedSlice& meshed,
   std::vector<SliceWarning> out;
   // All materials of a slice have the same bounds and the same outcome.
   const Refined& refined = meshed.materials[0].refined;
-  if (refined.mesh.triangles.empty()) {
-    out.push_back({"empty_slice", index, "without material"});
-  }
+  if (refined.mesh.triangles.empty()) out.push_back({"empty_slice", index, "without material"});
   if (meshed.not_numbers > 0) {
     out.push_back({"not_numbers", index,
                    "# voxels are not numbers (NaN); they are taken as air, "
                    "or in a label map as background",
                    static_cast<double>(meshed.not_numbers)});
   }
-  if (meshed.all_material) {
+  if (meshed.all_material)
     out.push_back({"all_material", index, "every pixel is material: nothing is outside"});
-  }
   if (refined.max_area_mm2 > meshed.max_area_bound_mm2) {
     out.push_back({"area_not_reached", index,
                    "the wanted area needs too many vertices here; refined to # mm^2 "
@@ -181,10 +172,9 @@ std::vector<SliceWarning> slice_warnings(int index, const MeshedSlice& meshed,
   for (const MeshedMaterial& material : meshed.materials) {
     if (material.quality.below_unexplained == 0) continue;
     std::string which;
-    if (meshed.materials.size() > 1) {
+    if (meshed.materials.size() > 1)
       which = " of " + json_text(json(material_name(names, std::get<Labels>(segmentation),
                                                     material.first_label)));
-    }
     out.push_back({"angle_not_reached", index,
                    "# triangles" + which +
                        " are below the wanted angle although the input has no such small "
@@ -267,16 +257,14 @@ json run_warnings(const SliceStack& stack, const Segmentation& segmentation,
                   const std::vector<SliceWarning>& of_slices) {
   std::vector<Warning> out = stack.warnings;
   const std::string input = input_name(stack);
-  if (stack.voxel_conflict) {
+  if (stack.voxel_conflict)
     out.push_back(voxel_volume_warning(*stack.voxel_conflict,
                                        material_volumes(*stack.voxel_conflict, area_mm2), input));
-  }
   const auto* threshold = std::get_if<Threshold>(&segmentation);
   if (threshold != nullptr && stack.pixel_unit() == PixelUnit::kHounsfield &&
-      threshold->value < kSkin_HU) {
+      threshold->value < kSkin_HU)
     out.push_back({"face", "--threshold",
                    "below 100 HU the skin is material: a face can be recognised in the asset"});
-  }
   if (auto doubt = value_warning(values, stack.pixel_unit(), segmentation, input))
     out.push_back(std::move(*doubt));
   if (auto rounded = rounding_warning(values, input)) out.push_back(std::move(*rounded));

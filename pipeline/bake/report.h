@@ -51,9 +51,9 @@ nlohmann::json warnings_json(const std::vector<Warning>& of_scan,
 std::vector<Warning> grouped(const std::vector<Warning>& warnings);
 
 /// Makes the first entries of `warnings[]` for a run. They are the warnings of the stack and of the
-/// slices and, if they apply: voxel_volume (the input states two voxel sizes, read/voxel_volume.h),
+/// slices and, if they apply: voxel_volume (the input states two voxel sizes, read/slice_stack.h),
 /// face (the threshold is so low that a face can be recognised in the asset), and the result of
-/// value_warning() in label_map_detection.h. mesh_stack() appends the warnings of other steps.
+/// value_warning() in segment/label_pixels.h. mesh_stack() appends the warnings of other steps.
 /// `values` and `area_mm2` are totals over all meshed slices.
 nlohmann::json run_warnings(const SliceStack& stack, const Segmentation& segmentation,
                             const ValueTally& values, double area_mm2,

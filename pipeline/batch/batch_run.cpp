@@ -2,7 +2,6 @@
 #include "pipeline/batch/batch_run.h"
 
 #include <algorithm>
-#include <chrono>
 #include <csignal>
 #include <deque>
 #include <unordered_map>
@@ -331,11 +330,10 @@ Result<BatchSummary> Batch::run() const {
       if (state.kind == ScanState::Kind::kStale) return store.error();
       out.asset_bytes += state.asset_bytes;
       if (!state.warnings.empty()) out.warned.push_back({scan, state.warnings});
-      if (state.kind == ScanState::Kind::kKnownFailure) {
+      if (state.kind == ScanState::Kind::kKnownFailure)
         out.known.push_back({scan, known_failure(state)});
-      } else {
+      else
         ++out.unchanged;
-      }
     }
     return out;
   }

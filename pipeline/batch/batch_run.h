@@ -65,7 +65,7 @@ struct BatchSummary {
   std::size_t found = 0;           ///< changed, but the store already had the new outputs
   std::size_t left = 0;            ///< not finished, because of a signal or of `max_failures`
   std::vector<FailedScan> failed;  ///< scans that failed in this run, in the collection's order
-  /// Known failures (staleness.h), in the collection's order. This run did not try them again.
+  /// Known failures, in the collection's order. This run did not try them again.
   std::vector<FailedScan> known;
   /// The scans with warnings, sorted by name: of those that this run made or found, and of those that
   /// an earlier run has made.

@@ -6,7 +6,6 @@
 #include <set>
 #include <system_error>
 #include <unordered_map>
-#include <utility>
 
 #include "formats/base/files.h"
 #include "formats/base/json.h"
@@ -76,13 +75,12 @@ void read_input(const json& input, const std::string& path, CollectionScan& scan
     StrictObject reader(input, path, errors);
     scan.paths = {reader.string("folder")};
     if (const json* series = reader.optional_value("series"); series != nullptr) {
-      if (series->is_number_integer()) {
+      if (series->is_number_integer())
         scan.series = json_text(*series);
-      } else if (is_text(*series)) {
+      else if (is_text(*series))
         scan.series = series->get<std::string>();
-      } else {
+      else
         errors.add(reader.path("series"), "must be a number or a text");
-      }
     }
     reader.finish();
   } else {
@@ -98,11 +96,10 @@ CollectionScan read_scan(const json& value, const std::string& path, const json&
   if (!out.name.empty() && !is_scan_name(out.name))
     errors.add(reader.path("name"),
                "must begin with a letter, digit or _, and hold only these and . + -, 120 at most");
-  if (const json* input = reader.optional_value("input"); input == nullptr) {
+  if (const json* input = reader.optional_value("input"); input == nullptr)
     errors.add(reader.path("input"), "is missing");
-  } else {
+  else
     read_input(*input, reader.path("input"), out, errors);
-  }
   out.parameters = defaults;
   if (const json* own = reader.optional_value("parameters"); own != nullptr)
     read_parameters(*own, reader.path("parameters"), out.parameters, errors);

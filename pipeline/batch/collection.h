@@ -42,7 +42,7 @@ class OpenedScan {
   OpenedScan(const OpenedScan&) = delete;
   OpenedScan& operator=(const OpenedScan&) = delete;
   virtual ~OpenedScan() = default;
-  /// The files that the scan consists of, in the order in which the action (action_key.h) lists the
+  /// The files that the scan consists of, in the order in which the action (scan_files.h) lists the
   /// digests of each role.
   virtual std::vector<NamedFile> files() const = 0;
   /// The warnings of opening the scan: an array of objects with the texts `code`, `where` and
@@ -63,7 +63,7 @@ class ScanProgram {
   /// Checks parameters as a collection gives them: names of options with their values. Errors:
   /// kUsage if the parameters are wrong; kRefused if a file that they name cannot be used.
   virtual Result<Parameters> parameters(const nlohmann::json& given) const = 0;
-  /// Must the scan be opened before its key (action_key.h) can be computed? True if it must be
+  /// Must the scan be opened before its key (scan_files.h) can be computed? True if it must be
   /// opened to find out which files of a folder belong to it, or whether the parameters suit it.
   virtual bool opens_first(const std::vector<std::filesystem::path>& inputs,
                            const Parameters& parameters) const = 0;

@@ -1,19 +1,11 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "pipeline/batch/garbage.h"
 
-#include <sys/stat.h>
-#include <unistd.h>
 #include <algorithm>
-#include <filesystem>
-#include <functional>
 #include <iterator>
 #include <map>
-#include <optional>
-#include <utility>
-#include <vector>
 
 #include "pipeline/batch/lease.h"
-#include "pipeline/batch/scan_files.h"
 
 namespace trocar::farm {
 namespace {
@@ -63,18 +55,16 @@ Result<Inventory> take_inventory(const Store& store, const std::set<std::string>
     if (const auto& made = (*entry)->outputs)
       out.digests.insert({made->asset.sha256, made->report.sha256});
   }
-  auto actions = files_in(store.folder() / "actions", ".json");
-  if (!actions) return actions.error();
-  out.actions = std::move(*actions);
+  if (const auto ok = files_in(store.folder() / "actions", ".json").into(out.actions); !ok)
+    return ok.error();
   for (const fs::path& action : out.actions) {
     const std::string key = action.stem().string();
     auto outputs = store.outputs_of(key);
     if (!outputs) return outputs.error();
     if (*outputs) out.outputs.emplace(key, std::move(**outputs));
   }
-  auto contents = files_in(store.folder() / "content", "");
-  if (!contents) return contents.error();
-  out.contents = std::move(*contents);
+  if (const auto ok = files_in(store.folder() / "content", "").into(out.contents); !ok)
+    return ok.error();
   return out;
 }
 

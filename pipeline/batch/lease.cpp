@@ -2,23 +2,13 @@
 #include "pipeline/batch/lease.h"
 
 #include <fcntl.h>
-#include <sys/stat.h>
-#include <unistd.h>
 #include <algorithm>
 #include <array>
 #include <cctype>
-#include <cerrno>
 #include <charconv>
-#include <chrono>
 #include <fstream>
 #include <sstream>
-#include <system_error>
 #include <tuple>
-#include <utility>
-#include <vector>
-
-#include "formats/base/files.h"
-#include "pipeline/batch/scan_files.h"
 
 namespace trocar::farm {
 namespace {

@@ -44,7 +44,7 @@ enum class Life { kAlive, kDead, kUnknown };
 /// Is the process alive? kUnknown if it belongs to another host, boot or namespace.
 Life life_of(const ProcessIdentity& process);
 
-// A lease reserves the key of an action (action_key.h) for the process that computes the action's
+// A lease reserves the key of an action (scan_files.h) for the process that computes the action's
 // outputs, so that two batches do not do the same work. Correctness does not depend on leases,
 // because two processes that compute the outputs of a key write the same bytes.
 

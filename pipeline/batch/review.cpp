@@ -10,13 +10,10 @@
 #include <limits>
 #include <map>
 #include <opencv2/imgproc.hpp>
-#include <optional>
 #include <span>
-#include <string>
 #include <string_view>
 #include <system_error>
 #include <tuple>
-#include <utility>
 #include <vector>
 
 #include "embedded/pipeline/batch/review_page.js.h"
@@ -703,12 +700,9 @@ struct Comparison {
 Result<Comparison> compare(const ReviewOptions& options, const Store& store) {
   Comparison out;
   if (options.against.empty()) return out;
-  auto opened = open_store(options.against);
-  if (!opened) return opened.error();
-  out.store = std::move(*opened);
-  auto compared = compare_stores(store, *out.store, options.stop);
-  if (!compared) return compared.error();
-  out.diff = std::move(*compared);
+  if (const auto ok = open_store(options.against).into(out.store); !ok) return ok.error();
+  if (const auto ok = compare_stores(store, *out.store, options.stop).into(out.diff); !ok)
+    return ok.error();
   auto scans = indexed_scans(*out.store);
   if (!scans) return scans.error();
   for (IndexedScan& scan : *scans) {

@@ -212,9 +212,7 @@ Result<void> digest_files(const std::vector<NamedFile>& wanted, std::vector<Scan
     }
     ScanFile& file = files[at->second];
     if (!file.sha256.empty()) continue;
-    auto digest = sha256_of_file(one.path);
-    if (!digest) return digest.error();
-    file.sha256 = std::move(*digest);
+    if (const auto ok = sha256_of_file(one.path).into(file.sha256); !ok) return ok.error();
   }
   return {};
 }

@@ -6,27 +6,18 @@
 #include <sys/prctl.h>
 #include <sys/resource.h>
 #include <sys/wait.h>
-#include <unistd.h>
 #include <algorithm>
 #include <array>
-#include <cerrno>
 #include <csignal>
 #include <cstdio>
-#include <cstring>
 #include <iterator>
 #include <map>
-#include <memory>
 #include <new>
 #include <set>
-#include <span>
-#include <system_error>
-#include <utility>
 
 #include "formats/asset/asset.h"
-#include "formats/base/files.h"
 #include "formats/base/json.h"
 #include "pipeline/batch/lease.h"
-#include "pipeline/batch/scan_files.h"
 
 namespace trocar::farm {
 namespace {
@@ -245,9 +236,7 @@ class Worker {
     const auto inputs = inputs_of(scan_);
     if (!inputs) return inputs.error();
     paths_ = all_paths(*inputs, *work_.wanted.parameters);
-    auto listed = list_files(paths_);
-    if (!listed) return listed.error();
-    entry_.files = std::move(*listed);
+    if (const auto ok = list_files(paths_).into(entry_.files); !ok) return ok.error();
     is_listed_ = !entry_.files.empty();
     let_times_settle(entry_.files);
     if (known_ && !work_.rehash) reuse_digests(known_->files, entry_.files);
@@ -417,9 +406,7 @@ class Worker {
         // The previous holder of the lease may have finished.
         found = store_.find(entry_.key);
         if (!found || !store_.renew(entry_.key, *found)) {
-          auto made = make(inputs);
-          if (!made) return made.error();
-          found = *made;
+          if (const auto ok = make(inputs).into(found); !ok) return ok.error();
           kind = Outcome::Kind::kMade;
         }
         failpoint("action-done");
@@ -475,9 +462,8 @@ class Worker {
     Outputs out;
     const std::string text =
         opens_first_ ? outputs->report : with_warnings(outputs->report, opening_);
-    auto report = store_.put_content(text_bytes(text), {});
-    if (!report) return report.error();
-    out.report = *report;
+    if (const auto ok = store_.put_content(text_bytes(text), {}).into(out.report); !ok)
+      return ok.error();
     auto asset = store_.put_content(outputs->asset, [this](std::span<const std::uint8_t> glb) {
       return check_asset(glb, scan_.name);
     });

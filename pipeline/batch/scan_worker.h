@@ -131,7 +131,7 @@ struct Outcome {
     kInterrupted,   ///< a signal ended the batch
   };
   Kind kind = Kind::kFailed;
-  /// key: digest of the input, the parameters and the program (action_key.h), by which the store
+  /// key: digest of the input, the parameters and the program (scan_files.h), by which the store
   /// finds outputs; empty if not known. reason: the message of the failure.
   std::string key, reason;
   /// signal: the signal that killed the scan's process; 0 if none did.

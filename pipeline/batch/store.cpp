@@ -2,17 +2,13 @@
 #include "pipeline/batch/store.h"
 
 #include <fcntl.h>
-#include <unistd.h>
 #include <algorithm>
 #include <array>
 #include <atomic>
-#include <cerrno>
 #include <ctime>
-#include <system_error>
 
 #include "formats/base/json.h"
 #include "formats/base/text.h"
-#include "pipeline/batch/collection.h"
 #include "pipeline/batch/lease.h"
 
 namespace trocar::farm {
@@ -260,20 +256,6 @@ Error cannot_write(const fs::path& file, int error) {
   return unwritable(file.string() + ": cannot be written: " + system_message(error));
 }
 
-bool write_all(int fd, std::span<const std::uint8_t> bytes) {
-  while (!bytes.empty()) {
-    const ssize_t put = ::write(fd, bytes.data(), bytes.size());
-    if (put < 0 && errno == EINTR) continue;
-    if (put < 0) return false;
-    bytes = bytes.subspan(static_cast<std::size_t>(put));
-  }
-  return true;
-}
-
-bool write_all(int fd, std::string_view text) {
-  return write_all(fd, text_bytes(text));
-}
-
 Result<void> write_atomically(const AtomicFile& file, std::span<const std::uint8_t> bytes) {
   const fs::path folder = file.target.parent_path();
   if (auto ok = make_folder(folder, file.tmp); !ok) return ok;
@@ -281,10 +263,11 @@ Result<void> write_atomically(const AtomicFile& file, std::span<const std::uint8
   FileDescriptor fd(::open(temporary.name(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0600));
   if (fd.get() < 0) return cannot_write(file.target, errno);
   failpoint("created");
+  const std::span chars(reinterpret_cast<const char*>(bytes.data()), bytes.size());
   const std::size_t half = bytes.size() / 2;
-  if (!write_all(fd.get(), bytes.first(half))) return cannot_write(file.target, errno);
+  if (!write_all(fd.get(), chars.first(half))) return cannot_write(file.target, errno);
   failpoint("half-written");
-  if (!write_all(fd.get(), bytes.subspan(half))) return cannot_write(file.target, errno);
+  if (!write_all(fd.get(), chars.subspan(half))) return cannot_write(file.target, errno);
   failpoint("written");
   if (!give_to_users(fd.get(), file.tmp, file.mode) || (file.is_synced && ::fsync(fd.get()) != 0) ||
       !fd.close())
@@ -427,9 +410,6 @@ fs::path Store::content_file(const std::string& sha256) const {
 fs::path Store::entry_file(const std::string& name) const {
   return folder_ / "scans" / (name + ".json");
 }
-fs::path Store::lease_file(const std::string& key) const {
-  return folder_ / "claims" / key;
-}
 
 bool Store::has(const Object& object) const {
   return is_there(content_file(object.sha256), object.bytes);
@@ -439,10 +419,6 @@ bool Store::lacks(const Object& object) const {
   struct stat status {};
   const bool is_found = ::stat(content_file(object.sha256).c_str(), &status) == 0;
   return is_found ? !has(object) : errno == ENOENT;
-}
-
-bool Store::has(const Outputs& outputs) const {
-  return has(outputs.asset) && has(outputs.report);
 }
 
 Result<std::optional<std::vector<Object>>> Store::outputs_of(const std::string& key) const {

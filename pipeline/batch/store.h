@@ -35,7 +35,7 @@ inline void failpoint(const char* name) {
 // temporary file in the store's tmp/, synced, read back and checked. Then the temporary file
 // is renamed to its final path, and the folder there is synced. The file appears at the moment
 // of the rename, also over NFS. After each step there is a failpoint, at which a test can kill
-// the process (failpoint.h).
+// the process (failpoint_hook).
 
 /// A path in `folder` for a temporary file, which no other process uses. Its name begins with this
 /// process's ProcessIdentity::text().
@@ -71,16 +71,12 @@ struct AtomicFile {
 Result<void> write_atomically(const AtomicFile& file, std::span<const std::uint8_t> bytes);
 Result<void> write_atomically(const AtomicFile& file, const std::string& text);
 
-/// Writes all bytes to a descriptor. Returns false and sets errno if they cannot be written.
-bool write_all(int fd, std::span<const std::uint8_t> bytes);
-bool write_all(int fd, std::string_view text);
-
 /// The error "FILE: cannot be written: REASON" for an errno.
 Error cannot_write(const std::filesystem::path& file, int error);
 
 // The store into which `trocar-mesh batch` writes; store.md describes the store's layout. The
 // store's index has an entry for each scan. All files of the store except the journal and the
-// leases are written atomically (atomic_file.h). A lease is a file by which a process reserves the
+// leases are written atomically (AtomicFile). A lease is a file by which a process reserves the
 // work on one asset (lease.h).
 
 /// The ages at which a temporary file (kStrayAge) and a lease (kLeaseDuration) count as abandoned.
@@ -113,7 +109,7 @@ struct Outputs {
 /// earlier run (store.md), so that their files and links stay.
 struct ScanEntry {
   std::string name;
-  std::string key;      ///< key of the scan's action (action_key.h); empty if it is not known
+  std::string key;      ///< key of the scan's action (scan_files.h); empty if it is not known
   std::string program;  ///< digest of trocar-mesh
   nlohmann::json parameters;
   std::string series = {};
@@ -139,7 +135,7 @@ class Store {
  public:
   /// Creates the store, or folders that are missing in it, and removes files that killed processes
   /// have left in it. A store belongs to the owner of its folder `tmp`. If this folder is shared by
-  /// a group (atomic_file.h), it belongs to the group. Root may write for them. Errors: kUsage if
+  /// a group (AtomicFile), it belongs to the group. Root may write for them. Errors: kUsage if
   /// the folder has files that are not a store's, or is a store of another version; kRefused if it
   /// cannot be read; kUnwritable if a file or folder cannot be written, or if the store belongs to
   /// others, who could not read what this process writes.
@@ -153,7 +149,9 @@ class Store {
   std::filesystem::path action_file(const std::string& key) const;
   std::filesystem::path content_file(const std::string& sha256) const;
   std::filesystem::path entry_file(const std::string& name) const;
-  std::filesystem::path lease_file(const std::string& key) const;
+  std::filesystem::path lease_file(const std::string& key) const {
+    return folder_ / "claims" / key;
+  }
 
   /// All files that the action with this key names as outputs; std::nullopt if there is no such
   /// action. Errors: kRefused if its file cannot be read (then the error is temporary), or is damaged.
@@ -162,7 +160,7 @@ class Store {
   /// if an output is missing or has another size (has()).
   std::optional<Outputs> find(const std::string& key) const;
   /// Do the files exist with the recorded sizes? The files are not read.
-  bool has(const Outputs& outputs) const;
+  bool has(const Outputs& outputs) const { return has(outputs.asset) && has(outputs.report); }
   bool has(const Object& object) const;
   /// Is it certain that the store does not have the file? has() is also false if the file system
   /// does not answer.

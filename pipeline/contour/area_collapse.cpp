@@ -1,15 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "pipeline/contour/area_collapse.h"
 
-#include <algorithm>
-#include <array>
-#include <cmath>
-#include <optional>
 #include <queue>
 
-#include "formats/mesh/lattice.h"
-#include "formats/mesh/segment_grid.h"
-#include "pipeline/contour/collapse_geometry.h"
 #include "pipeline/contour/contour.h"
 
 namespace trocar::pipeline {
@@ -260,11 +253,10 @@ class Collapser {
   // Queues a node. If its displacement grows later, the entry is queued again when its turn comes.
   void queue(std::uint32_t b) {
     NodeState& node = states_[b];
-    if (rings_[node.ring].size <= 3) {
+    if (rings_[node.ring].size <= 3)
       node.displacement = kNever;
-    } else if (displacement(b) < node.queued) {
+    else if (displacement(b) < node.queued)
       push(b);
-    }
   }
   double displacement(std::uint32_t b) {
     NodeState& node = states_[b];
@@ -411,11 +403,10 @@ class Collapser {
       const auto at = std::find_if(runs_.begin(), runs_.end(), [&run](const ContourGrid::Run& r) {
         return run.first <= r.last + 1 && r.first <= run.last + 1;
       });
-      if (at == runs_.end()) {
+      if (at == runs_.end())
         runs_.push_back(run);
-      } else {
+      else
         *at = {std::min(at->first, run.first), std::max(at->last, run.last), kNoNode};
-      }
       return false;
     });
     return std::none_of(runs_.begin(), runs_.end(), [&](const ContourGrid::Run& run) {

@@ -1,12 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "pipeline/contour/contour.h"
 
-#include <bit>
-#include <cmath>
 #include <cstring>
-#include <map>
 #include <opencv2/imgproc.hpp>
-#include <optional>
 
 #include "pipeline/contour/label_borders.h"
 
@@ -24,7 +20,7 @@ using DirectedEdge = std::pair<LatticePoint, LatticePoint>;
 //  - A crossing stays 1/32 pixel, and at least two lattice steps, away from the grid points. All
 //    points of one grid line snap to one lattice line in order. Snapped segments of a cell thus
 //    keep their order on the cell's border, so two of them cannot cross.
-// contour_crossing.h computes the position of a crossing on its grid edge.
+// contour.h describes the position of a crossing on its grid edge.
 class MarchingSquares {
  public:
   MarchingSquares(const Field& field, const PixelGrid& grid)
@@ -80,9 +76,8 @@ class MarchingSquares {
       const bool padded = y + 2 == rows_;
       const float* row =
           padded ? nullptr : &image_.values[static_cast<std::size_t>(y) * image_.width];
-      for (int x = 0; x < image_.width; ++x) {
+      for (int x = 0; x < image_.width; ++x)
         above[static_cast<std::size_t>(x) + 1] = !padded && row[x] >= iso_ ? 1 : 0;
-      }
       for (int x = 0; x + 1 < columns_;) {
         std::uint64_t lower = 0, upper = 0;
         std::memcpy(&lower, &below[static_cast<std::size_t>(x)], 8);
@@ -316,10 +311,9 @@ Pslg pixel_chains(const Field& field, const PixelGrid& grid) {
   std::vector<DirectedEdge> edges;
   for (std::size_t c = 0; c < chains.size(); ++c) {
     Ring ring;
-    for (const cv::Point& p : chains[c]) {
+    for (const cv::Point& p : chains[c])
       ring.push_back({grid.lattice.snap_mm((p.x + grid.offset_x) * grid.spacing_u_mm),
                       grid.lattice.snap_mm((p.y + grid.offset_y) * grid.spacing_v_mm)});
-    }
     // OpenCV orients outer and hole chains oppositely. Here outer chains are counter-clockwise.
     const bool hole = hierarchy[c][3] >= 0;
     if ((doubled_area(ring) < 0) != hole) std::reverse(ring.begin(), ring.end());

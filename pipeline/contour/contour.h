@@ -88,7 +88,7 @@ class ContourGrid {
 // The outline of the material as rings on the lattice, including holes and nested rings.
 
 enum class ContourKind {
-  kSubpixel,  ///< marching squares; contour_crossing.h places the vertices between pixels
+  kSubpixel,  ///< marching squares; GridLine places the vertices between pixels
   kPixel,     ///< the paper's chains through pixel centres (Suzuki and Abe, cv::findContours)
 };
 
@@ -111,7 +111,7 @@ inline constexpr int kMinStepsPerPixel = 8;
 /// SolidBone and ScannerTable (pipeline/segment) add pixels to the material or remove them. For
 /// this they move values across the iso-value (Field::changed). Between a changed and an unchanged
 /// pixel, the values do not say where the border lies. With kSubpixel, the border there is a smooth
-/// curve (border_smoothing.h) that joins the crossings computed from values.
+/// curve (label_borders.h) that joins the crossings computed from values.
 Pslg contours(const Field& field, const PixelGrid& grid, ContourKind kind);
 
 /// Lets each ring start at its smallest vertex, and sorts the rings.

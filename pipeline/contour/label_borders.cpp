@@ -1,11 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "pipeline/contour/label_borders.h"
 
-#include <algorithm>
-#include <cmath>
 #include <cstring>
-#include <span>
-#include <utility>
 
 namespace trocar::pipeline {
 namespace {
@@ -197,9 +193,8 @@ class BorderTracer {
       const std::int32_t margin = std::max(2, (high - low) / 50);
       return std::clamp(at, low + margin, high - margin);
     };
-    if (c.along_v) {
+    if (c.along_v)
       return {snapped_u(c.x), between(snapped_v(c.y + c.t), snapped_v(c.y), snapped_v(c.y + 1))};
-    }
     return {between(snapped_u(c.x + c.t), snapped_u(c.x), snapped_u(c.x + 1)), snapped_v(c.y)};
   }
 

@@ -44,7 +44,7 @@ struct LabelBorders {
   std::vector<BorderChain> chains;
 };
 
-/// Traces smooth borders (border_smoothing.h) on the lattice. Precondition: pixels are at least
+/// Traces smooth borders on the lattice. Precondition: pixels are at least
 /// kMinStepsPerPixel steps wide. No two borders cross, whatever the pixels are:
 ///  - Exactly one point of a border, called a crossing, lies between the centres of any two
 ///    neighbouring pixels of different materials. Outside the image every pixel counts as

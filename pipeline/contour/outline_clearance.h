@@ -6,7 +6,7 @@
 //
 // Definitions, with the clearance c = clearance_steps(tolerance), at most 12 lattice steps:
 //  - A tight spot is an edge shorter than c, or two edges without a common end whose distance is
-//    less than c (tight_spots.h).
+//    less than c.
 //  - The scan forces a tight spot if clear_outline() finds no change there that stays within the
 //    tolerance, keeps the topology and reduces the number of tight spots.
 //  - A small input angle is an angle of the outline itself that is below 60 degrees. Some triangles

@@ -1,10 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "pipeline/contour/outline_distance.h"
 
-#include <algorithm>
-#include <cmath>
 #include <limits>
-#include <utility>
 
 #include "pipeline/contour/simplification.h"
 

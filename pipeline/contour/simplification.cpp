@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "pipeline/contour/simplification.h"
 
-#include <algorithm>
 #include <iterator>
 #include <limits>
 #include <numeric>
@@ -9,7 +8,6 @@
 #include <utility>
 
 #include "formats/base/disjoint_sets.h"
-#include "formats/mesh/lattice.h"
 #include "formats/mesh/mesh_validity.h"
 #include "formats/mesh/outline_sweep.h"
 #include "formats/mesh/predicates.h"

@@ -3,7 +3,6 @@
 
 #include <algorithm>
 #include <system_error>
-#include <utility>
 
 #include "formats/base/files.h"
 #include "pipeline/open/scan_folder.h"

@@ -5,15 +5,10 @@
 #include <sys/stat.h>
 #include <unistd.h>
 #include <algorithm>
-#include <array>
-#include <cctype>
 #include <cerrno>
 #include <deque>
 #include <iterator>
-#include <map>
-#include <set>
 #include <system_error>
-#include <utility>
 
 #include "formats/base/files.h"
 #include "formats/base/json.h"
@@ -319,11 +314,10 @@ json volume_scan(const fs::path& file, const ScanFolder& found) {
     options.spacing_mm = {1, 1, 1};
     stack = open_volume(file, options, true);
   }
-  if (stack) {
+  if (stack)
     add_stack(out, **stack, has_size);
-  } else {
+  else
     set_unusable(out, stack.error().message, found);
-  }
   return out;
 }
 
@@ -332,13 +326,12 @@ ScanFolder only(const fs::path& file) {
   ScanFolder out;
   out.folder = file.parent_path();
   out.where = out.folder.empty() ? "" : (out.folder / "").string();
-  if (is_volume(file)) {
+  if (is_volume(file))
     out.volumes = {file};
-  } else if (is_image(file)) {
+  else if (is_image(file))
     out.images = {{file}};
-  } else {
+  else
     out.dicom = {read_dicom_headers(file, {}, true, DicomExtent::kHeader)};
-  }
   return out;
 }
 
@@ -596,12 +589,11 @@ Result<json> list_scans(const fs::path& input, std::vector<Warning>& warnings) {
     scans.back()["taken"] = taken == ScanFolder::Kind::kImages && &files == &found->images[0] &&
                             (found->has_own_images() || found->images.size() == 1);
   }
-  if (scans.empty()) {
+  if (scans.empty())
     return refused(input.string() +
                    ": contains no DICOM images, NIfTI (.nii, .nii.gz) or NRRD files (.nrrd, .nhdr) "
                    "or images (.png, .tif, "
                    ".bmp, .jpg)");
-  }
   const auto others =
       std::count_if(found->dicom.begin(), found->dicom.end(),
                     [](const DicomFile& file) { return file.kind == DicomFile::Kind::kNotImage; });

@@ -1,21 +1,12 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "pipeline/preview/preview.h"
 
-#include <algorithm>
-#include <array>
-#include <cmath>
 #include <cstdio>
-#include <functional>
-#include <limits>
 #include <new>
-#include <optional>
-#include <utility>
 
-#include "pipeline/bake/mesh_slice.h"
 #include "pipeline/bake/report.h"
 #include "pipeline/read/file_names.h"
 #include "pipeline/read/number_ranges.h"
-#include "pipeline/read/parallel_for.h"
 
 namespace trocar::pipeline {
 namespace {
@@ -214,12 +205,10 @@ class Maker {
     PreviewSlice& shown = one.shown;
     shown.plane = stack_.plane(shown.index);
     if (stack_.pixel_unit() != PixelUnit::kGrey) shown.letters = edge_letters(shown.plane);
-    auto pixels = read_cropped(stack_, shown.index, options_.mesh);
-    if (!pixels) return pixels.error();
-    shown.pixels = std::move(*pixels);
-    auto contours = contours_at(shown.index, shown.pixels, one.tally);
-    if (!contours) return contours.error();
-    shown.contours = std::move(*contours);
+    if (const auto ok = read_cropped(stack_, shown.index, options_.mesh).into(shown.pixels); !ok)
+      return ok.error();
+    if (const auto ok = contours_at(shown.index, shown.pixels, one.tally).into(shown.contours); !ok)
+      return ok.error();
     shown.area_mm2 = area_of(shown.contours, options_.mesh.lattice);
     std::visit(
         [&one](const auto& image) {
@@ -343,10 +332,9 @@ class Maker {
     out_.slices = stack_.size();
     out_.width = stack_.width();
     out_.height = stack_.height();
-    if (stack_.size() > 1) {
+    if (stack_.size() > 1)
       out_.step_mm = std::abs(stack_.plane(stack_.size() - 1).z_mm - stack_.plane(0).z_mm) /
                      (stack_.size() - 1);
-    }
     out_.has_solid = options_.solid.any();
     out_.has_table = options_.mesh.table != nullptr && !options_.mesh.table->runs().empty();
     out_.is_filled = options_.solid.fill_mm2.has_value();

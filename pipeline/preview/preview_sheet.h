@@ -63,7 +63,7 @@ std::string png_url(std::span<const std::uint8_t> png);
 // options give the same bytes.
 
 /// Makes the page. `kind` is a word for the kind of the input, the result of input_kind()
-/// (preview_text.h). `png` is the sheet's picture as a PNG file. Programs can read the numbers as
+/// (preview.h). `png` is the sheet's picture as a PNG file. Programs can read the numbers as
 /// JSON (`trocar.preview/1`) from the script element with the id "preview".
 std::string preview_page(const Preview& preview, const Sheet& sheet, const SheetText& text,
                          const std::string& kind, std::span<const std::uint8_t> png);

@@ -1,16 +1,10 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "pipeline/program/arguments.h"
 
-#include <algorithm>
 #include <charconv>
-#include <cmath>
 #include <iterator>
-#include <limits>
-#include <span>
 #include <string_view>
-#include <utility>
 
-#include "formats/asset/asset.h"
 #include "formats/base/command_line.h"
 #include "formats/base/files.h"
 #include "formats/base/text.h"
@@ -126,11 +120,10 @@ std::string read_labels(const std::string& list, std::set<int>& labels,
       return "a range has more than 65536 labels";
     if (before_plus && !after_plus) joined->emplace_back();
     for (std::int64_t label = first; label <= last; ++label) {
-      if (!before_plus && !after_plus) {
+      if (!before_plus && !after_plus)
         labels.insert(static_cast<int>(label));
-      } else if (!joined->back().insert(static_cast<int>(label)).second) {
+      else if (!joined->back().insert(static_cast<int>(label)).second)
         return "label " + std::to_string(label) + " is joined to itself";
-      }
     }
     if (rest == end) return {};
     after_plus = before_plus;
@@ -491,17 +484,13 @@ void add_preview_options(CLI::App& app, Arguments& a) {
 
 Result<void> complete(Arguments& a) {
   StackOptions& stack = a.stack;
-  auto how = segmentation(a);
-  if (!how) return how.error();
-  stack.mesh.segmentation = std::move(*how);
+  if (const auto ok = segmentation(a).into(stack.mesh.segmentation); !ok) return ok.error();
   if (const auto* wanted = std::get_if<Labels>(&stack.mesh.segmentation)) {
     a.open.as_labels = true;
     if (!wanted->all) a.open.labels = wanted->labels;
   }
   if (!a.names.empty()) {
-    auto names = LabelNames::named(a.names);
-    if (!names) return names.error();
-    stack.names = std::move(*names);
+    if (const auto ok = LabelNames::named(a.names).into(stack.names); !ok) return ok.error();
   }
   if (auto ok = complete_solid(stack); !ok) return ok;
   stack.defaults.close = a.of_preset.contains("--close");
@@ -532,11 +521,10 @@ json parameters_json(const StackOptions& o, const OpenOptions& input) {
   if (!o.mesh.hu_volume) out["hu"] = false;
   if (o.mesh.grade_hu > 0) out["grade_hu"] = o.mesh.grade_hu;
   if (o.context_mm) out["context_mm"] = *o.context_mm;
-  if (o.mesh.max_area_px2) {
+  if (o.mesh.max_area_px2)
     out["max_area_px2"] = *o.mesh.max_area_px2;
-  } else {
+  else
     out["max_area_mm2"] = o.mesh.refinement.max_area_mm2;
-  }
   if (const auto* t = std::get_if<Threshold>(&o.mesh.segmentation)) out["threshold"] = t->value;
   if (const auto* e = std::get_if<Equalize>(&o.mesh.segmentation)) out["equalize"] = e->level;
   if (const auto* l = std::get_if<Labels>(&o.mesh.segmentation)) {

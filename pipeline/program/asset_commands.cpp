@@ -181,9 +181,8 @@ Result<std::string> obj_text(const AssetSlice& slice, const Lattice& lattice) {
         static_cast<float>(q.x()), static_cast<float>(q.y()), static_cast<float>(q.z()))));
   }
   for (const Triangle& t : slice.mesh.triangles) {
-    if (!mesh.add_face(handles[t[0]], handles[t[1]], handles[t[2]]).is_valid()) {
+    if (!mesh.add_face(handles[t[0]], handles[t[1]], handles[t[2]]).is_valid())
       return refused("slice " + std::to_string(slice.index) + ": OpenMesh finds it not manifold");
-    }
   }
   std::ostringstream out;
   if (!OpenMesh::IO::write_mesh(mesh, out, ".obj", OpenMesh::IO::Options::Default, 9))
@@ -389,7 +388,7 @@ class ScratchFolder {
   bool is_new_;
 };
 
-// Writes three files for each slice with material: `slice_NNNN.poly` (triangle_poly.h),
+// Writes three files for each slice with material: `slice_NNNN.poly` (for Triangle),
 // `slice_NNNN.obj` (mm, in the patient's LPS frame) and `slice_NNNN.svg`. NNNN is the slice's
 // index. If the asset has several materials, the files of material M are `slice_NNNN_M.poly` and
 // so on. The folder is created if needed, and files of the same names are replaced. If a file
@@ -477,11 +476,10 @@ void print_description(const fs::path& file, const json& out) {
     const auto middle = s["centroid_mm"].get<std::array<double, 2>>();
     std::printf("  %7.1f to %6.1f, %6.1f to %6.1f  %7.1f, %7.1f", box[0][0], box[1][0], box[0][1],
                 box[1][1], middle[0], middle[1]);
-    if (s["mean_hu"].is_null()) {
+    if (s["mean_hu"].is_null())
       std::printf("        -\n");
-    } else {
+    else
       std::printf(" %8.0f\n", s["mean_hu"].get<double>());
-    }
   }
   if (several) {
     std::printf("\n  material   area mm2\n");
@@ -498,11 +496,10 @@ void print_description(const fs::path& file, const json& out) {
           volume["planes"].get<std::size_t>(), volume["pitch_mm"][0].get<double>(),
           volume["step_hu"].get<int>(), is_context ? "; a head's can show a face" : "");
   }
-  for (const json& s : out["surfaces"]) {
+  for (const json& s : out["surfaces"])
     std::printf("  surface of material %d: %zu triangles, 99 %% of it within %.3f mm\n",
                 s["material"].get<int>(), s["triangles"].get<std::size_t>(),
                 s["distance_p99_mm"].get<double>());
-  }
 }
 
 // The results of the checks of an asset. The last two checks are made only if they are wanted and
@@ -539,11 +536,10 @@ int run_info(const InfoArguments& a) {
   if (!asset) return fail(asset.error());
   std::error_code error;
   const json out = describe_asset(*asset, fs::file_size(a.asset, error));
-  if (a.as_json) {
+  if (a.as_json)
     print_lines(stdout, json_text(out, 1) + "\n");
-  } else {
+  else
     print_description(a.asset, out);
-  }
   return 0;
 }
 
@@ -587,12 +583,11 @@ int run_export(const ExportArguments& a) {
   }
   const auto others = export_asset(*asset, folder, &stop_requested);
   if (!others) return fail(others.error());
-  if (!others->empty()) {
+  if (!others->empty())
     print(
         stderr, "%s: warning: %s: still holds %s%s of another export\n", kProgram, folder.string(),
         others->front(),
         others->size() == 1 ? "" : (" and " + std::to_string(others->size() - 1) + " more files"));
-  }
   return 0;
 }
 

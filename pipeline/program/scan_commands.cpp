@@ -94,13 +94,12 @@ void print_summary(const ReviewArguments& a, const json& numbers) {
   for (std::size_t k = 0; k < std::min(kMax, differences.size()); ++k) {
     const json& d = differences[k];
     print(stdout, "  %-9s %s", d["kind"].get<std::string>(), d["scan"].get<std::string>());
-    if (d.contains("hausdorff_mm")) {
+    if (d.contains("hausdorff_mm"))
       std::printf(": %.3f mm, area %+.2f mm2, %+lld triangles, %+lld bytes",
                   d["hausdorff_mm"].get<double>(),
                   d["area_mm2"].get<double>() - d["area_mm2_before"].get<double>(),
                   d["triangles"].get<long long>() - d["triangles_before"].get<long long>(),
                   d["bytes"].get<long long>() - d["bytes_before"].get<long long>());
-    }
     std::printf("\n");
   }
   if (differences.size() > kMax)
@@ -116,11 +115,10 @@ int run_list(const ListArguments& a) {
   if (!scans) return fail(scans.error());
   if (a.as_collection) {
     const std::string text = collection_of(*scans, a, warnings);
-    if (a.output.empty()) {
+    if (a.output.empty())
       print_lines(stdout, text);
-    } else if (auto ok = write_file_atomically(a.output, text); !ok) {
+    else if (auto ok = write_file_atomically(a.output, text); !ok)
       return fail(ok.error());
-    }
   } else {
     print_lines(stdout,
                 a.as_json ? json_text(*scans, 1) + "\n" : scan_table(*scans, a.folder.string()));
@@ -148,11 +146,10 @@ int run_review(const ReviewArguments& a) {
   }
   const auto numbers = write_review(options);
   if (!numbers) return fail(numbers.error());
-  if (a.as_json) {
+  if (a.as_json)
     print_lines(stdout, json_text(*numbers, 1) + "\n");
-  } else if (!a.quiet) {
+  else if (!a.quiet)
     print_summary(a, *numbers);
-  }
   return 0;
 }
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Reads one image file as grey levels.
+// Image files as grey levels: PNG, TIFF, JPEG, JPEG 2000.
 #pragma once
 
 #include <algorithm>
@@ -17,6 +17,8 @@
 #include "pipeline/read/volume_file.h"
 
 namespace trocar::pipeline {
+
+// Reads one image file as grey levels.
 
 enum class Levels {
   kTo255,  ///< grey levels of 0..255; levels of 16 bits are divided by 257 without rounding

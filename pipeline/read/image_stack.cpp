@@ -21,11 +21,10 @@ class ImageStack final : public SliceStack {
   Result<Image> read(int slice) const override {
     if (slice == 0) return first_;
     auto image = read_image_file(files_[slice], levels_);
-    if (image && (image->width != width() || image->height != height())) {
+    if (image && (image->width != width() || image->height != height()))
       return refused(name(slice) + ": " + std::to_string(image->width) + " x " +
                      std::to_string(image->height) + " pixels, the first image has " +
                      std::to_string(width()) + " x " + std::to_string(height()));
-    }
     return image;
   }
 
@@ -87,9 +86,7 @@ void warn_of_missing(const std::vector<std::filesystem::path>& files, double ste
 
 Result<std::unique_ptr<SliceStack>> open_images(std::vector<std::filesystem::path> files,
                                                 const OpenOptions& options) {
-  if (!options.spacing_mm) {
-    return usage("images carry no pixel size: give --spacing X,Y,Z in mm");
-  }
+  if (!options.spacing_mm) return usage("images carry no pixel size: give --spacing X,Y,Z in mm");
   const Levels levels = options.as_labels ? Levels::kStored : Levels::kTo255;
   auto first = read_image_file(files[0], levels);
   if (!first) return first.error();

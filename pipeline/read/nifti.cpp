@@ -3,7 +3,6 @@
 
 #include <nifti1.h>
 #include <nifti2_io.h>
-#include <Eigen/Geometry>
 #include <Eigen/LU>
 #include <Eigen/SVD>
 #include <algorithm>
@@ -15,7 +14,6 @@
 #include <type_traits>
 
 #include "pipeline/read/number_ranges.h"
-#include "pipeline/read/voxel_volume.h"
 
 namespace trocar::pipeline {
 namespace {
@@ -67,9 +65,8 @@ Result<NiftiImage> convert(const std::vector<std::uint8_t>& head, bool swapped,
   std::memcpy(&h, head.data(), sizeof h);
   constexpr bool kFirst = sizeof(Header) == sizeof(nifti_1_header);
   const char* magic = h.magic;
-  if (std::memcmp(magic, kFirst ? "ni1" : "ni2", 4) == 0) {
+  if (std::memcmp(magic, kFirst ? "ni1" : "ni2", 4) == 0)
     return refused(file + ": one of a pair of files (.hdr and .img); single .nii files are read");
-  }
   if (std::memcmp(magic, kFirst ? "n+1" : "n+2", 4) != 0)
     return refused(file + ": not a NIfTI file (no magic number)");
   if (swapped) swap_nifti_header(&h, kFirst ? 1 : 2);
@@ -90,16 +87,14 @@ Result<NiftiImage> convert(const std::vector<std::uint8_t>& head, bool swapped,
   const auto start = static_cast<double>(h.vox_offset);
   if (start != 0 && !(start >= static_cast<double>(sizeof(Header)) && start < 1e12))
     return refused(file + ": voxels at byte " + std::to_string(start));
-  if (bytes_of(h.datatype) == 0 || h.bitpix != 8 * bytes_of(h.datatype)) {
+  if (bytes_of(h.datatype) == 0 || h.bitpix != 8 * bytes_of(h.datatype))
     return refused(file + ": voxel type " + std::string(nifti_datatype_string(h.datatype)) +
                    " of " + std::to_string(h.bitpix) + " bits is not a real number");
-  }
   out.has_voxel_size = has_voxel_size(h);
   out.states_qform = states_qform(h);
-  if (h.sform_code > 0) {
+  if (h.sform_code > 0)
     out.pixdim_beside_sform_mm = {std::abs(h.pixdim[1]), std::abs(h.pixdim[2]),
                                   h.dim[0] < 3 ? 0 : std::abs(h.pixdim[3])};
-  }
   if constexpr (kFirst) {
     return NiftiImage(nifti_convert_n1hdr2nim(h, file.c_str()), nifti_image_free);
   } else {
@@ -459,11 +454,10 @@ Result<NiftiHeader> parse_nifti_header(const std::vector<std::uint8_t>& head,
   if (swapped) size = __builtin_bswap32(size);
   NiftiHeader out;
   Result<NiftiImage> image = refused(file + ": not a NIfTI file (no header of 348 or 540 bytes)");
-  if (size == 348) {
+  if (size == 348)
     image = convert<nifti_1_header>(head, swapped, file, out);
-  } else if (size == 540 && head.size() >= sizeof(nifti_2_header)) {
+  else if (size == 540 && head.size() >= sizeof(nifti_2_header))
     image = convert<nifti_2_header>(head, swapped, file, out);
-  }
   if (!image) return image.error();
   if (*image == nullptr) return refused(file + ": its header is not acceptable");
 

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Reads headers of NIfTI-1 and -2, and checks the sizes in them before anything is allocated. The
-// library libnifti2 only interprets a header in memory; it never opens the file.
+// NIfTI: headers, and volumes as stacks of slices along any axis.
 #pragma once
 
 #include <Eigen/Core>
@@ -18,6 +17,9 @@
 #include "pipeline/read/volume_file.h"
 
 namespace trocar::pipeline {
+
+// Reads headers of NIfTI-1 and -2, and checks the sizes in them before anything is allocated. The
+// library libnifti2 only interprets a header in memory; it never opens the file.
 
 struct NiftiHeader {
   /// Number of voxels along each axis of the array. The first index varies fastest in the file.

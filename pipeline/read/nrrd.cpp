@@ -4,18 +4,11 @@
 #include <fcntl.h>
 #include <nifti1.h>
 #include <algorithm>
-#include <array>
 #include <bit>
-#include <cerrno>
 #include <charconv>
 #include <cmath>
-#include <limits>
-#include <system_error>
-#include <utility>
 
-#include "formats/base/files.h"
 #include "pipeline/read/file_names.h"
-#include "pipeline/read/volume_file.h"
 
 namespace trocar::pipeline {
 namespace {
@@ -234,13 +227,12 @@ Result<Frame> frame_of(const Fields& fields, std::size_t dimension) {
   if (const auto space = fields.get("space")) {
     const std::string name = lower(std::string(*space));
     out.is_oriented = true;
-    if (name == "ras" || name == "right-anterior-superior") {
+    if (name == "ras" || name == "right-anterior-superior")
       to_lps = {-1, -1, 1};
-    } else if (name == "las" || name == "left-anterior-superior") {
+    else if (name == "las" || name == "left-anterior-superior")
       to_lps = {1, -1, 1};
-    } else if (name != "lps" && name != "left-posterior-superior") {
+    else if (name != "lps" && name != "left-posterior-superior")
       return fields.wrong("space " + name.substr(0, 60) + " is neither LPS, RAS nor LAS");
-    }
   } else if (const auto space_dimension = fields.get("space dimension");
              space_dimension && number_of<int>(*space_dimension) != 3) {
     return fields.wrong_field("space dimension");
@@ -267,9 +259,8 @@ Result<Frame> frame_of(const Fields& fields, std::size_t dimension) {
     out.is_oriented = false;
     std::vector<double> spacings(dimension, kMissing);
     if (fields.get("spacings")) {
-      auto given = fields.numbers("spacings", dimension);
-      if (!given) return given.error();
-      spacings = std::move(*given);
+      if (const auto ok = fields.numbers("spacings", dimension).into(spacings); !ok)
+        return ok.error();
     }
     int next = 0;
     for (std::size_t k = 0; k < dimension; ++k) {

@@ -1,7 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Reads headers of NRRD files (teem.sourceforge.net/nrrd/format.html): lines of text, of which
-// every number is checked before anything is allocated. The data follow the header, or are in a
-// file of their own in the same folder (.nhdr).
+// NRRD: headers, and volumes as stacks of slices.
 #pragma once
 
 #include <cstdint>
@@ -18,6 +16,10 @@
 #include "pipeline/read/slice_stack.h"
 
 namespace trocar::pipeline {
+
+// Reads headers of NRRD files (teem.sourceforge.net/nrrd/format.html): lines of text, of which
+// every number is checked before anything is allocated. The data follow the header, or are in a
+// file of their own in the same folder (.nhdr).
 
 struct NrrdHeader {
   /// The array. `data_start` and `data_end` are offsets in the unpacked data, which begin at

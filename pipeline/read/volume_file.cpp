@@ -10,9 +10,7 @@
 #include <condition_variable>
 #include <cstring>
 #include <mutex>
-#include <optional>
 #include <thread>
-#include <utility>
 
 #if defined(__x86_64__)
 #include <immintrin.h>
@@ -37,17 +35,6 @@ constexpr std::array<char, 2> kMagic{'\x1f', '\x8b'};
 
 // Deflate cannot compress by a factor of more than 1032.
 constexpr std::int64_t kDeflateLimit = 1032;
-
-bool write_all(int descriptor, const char* from, std::size_t bytes) {
-  while (bytes > 0) {
-    const ssize_t n = ::write(descriptor, from, bytes);
-    if (n < 0 && errno == EINTR) continue;
-    if (n <= 0) return false;
-    from += n;
-    bytes -= static_cast<std::size_t>(n);
-  }
-  return true;
-}
 
 Error truncated(const std::string& name, std::int64_t wanted, std::int64_t have) {
   return refused(name + ": truncated: its header declares voxels up to byte " +
@@ -209,7 +196,7 @@ class VolumeFile::Unpacking {
       if (!n && !(in.is_truncated() && done < end)) return n.error();
       if (done < end && (!n || *n == 0)) return truncated(name_, end, done);
       if (*n == 0) break;
-      if (done >= start_ && done < end && !write_all(to_, block.data(), *n)) {
+      if (done >= start_ && done < end && !write_all(to_, std::span(block).first(*n))) {
         return refused_for_now(name_ + ": no space for a temporary file to unpack it (" +
                                system_message(errno) + "); set TMPDIR");
       }
@@ -273,10 +260,9 @@ Result<VolumeFile> VolumeFile::open_part(const std::filesystem::path& file, std:
   }
   if (!GzipReader::is_gzip(packed.descriptor_.get(), from))
     return refused(name + ": its data are not packed by gzip as its header says");
-  if ((start + size) / kDeflateLimit > on_disk) {
+  if ((start + size) / kDeflateLimit > on_disk)
     return refused(name + ": truncated: its header declares " + std::to_string(start + size) +
                    " bytes, more than " + std::to_string(on_disk) + " bytes of gzip can hold");
-  }
   const auto out = open_nameless(file);
   if (!out) return out.error();
   VolumeFile unpacked;
@@ -298,7 +284,7 @@ Result<VolumeFile> VolumeFile::temporary(const std::filesystem::path& for_file) 
 
 Result<void> VolumeFile::append(std::span<const char> bytes,
                                 const std::filesystem::path& for_file) {
-  if (write_all(descriptor_.get(), bytes.data(), bytes.size())) return {};
+  if (write_all(descriptor_.get(), bytes)) return {};
   return refused_for_now(for_file.string() + ": no space for a temporary file of its voxels (" +
                          system_message(errno) + "); set TMPDIR");
 }

@@ -2,11 +2,8 @@
 #include "pipeline/segment/canals.h"
 
 #include <cmath>
-#include <limits>
-#include <map>
 #include <queue>
 #include <tuple>
-#include <utility>
 
 #include "formats/base/disjoint_sets.h"
 #include "pipeline/read/parallel_for.h"

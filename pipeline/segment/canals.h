@@ -1,11 +1,23 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
+// Canals and cavities of bone.
+#pragma once
+
+#include <algorithm>
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "pipeline/segment/components.h"
+
+namespace trocar::pipeline {
+
 // Finds canals, such as the spinal canal. A canal is a tunnel through bone that leads along an axis
 // from one opening to another, and is filled with soft tissue or air. (Marrow is also enclosed by
 // bone, but bone closes its ends.)
 //
 // The search works in the planes perpendicular to the axis, in five steps.
 //  1. Sections: a section is a connected set of pixels of one plane. Each of these pixels is
-//     enclosed by bone (plane_flood.h), and a disc of radius kCanalDisc_mm around it contains no
+//     enclosed by bone (components.h), and a disc of radius kCanalDisc_mm around it contains no
 //     bone. A section is soft if its mean is below kMaxCanal_HU and its area is 15 to 400 mm^2.
 //     The mean has no lower bound, so a section of air is soft, too. (All values below -200 HU are
 //     packed as the lowest step, so they count as -194 HU in the mean.)
@@ -21,16 +33,6 @@
 //  5. Growth: in each plane a canal takes the pixels without bone within 5.5 mm of its section,
 //     except those that are nearer to a section that belongs to no canal. These distances are
 //     lengths of paths that avoid bone.
-#pragma once
-
-#include <algorithm>
-#include <cstdint>
-#include <span>
-#include <vector>
-
-#include "pipeline/segment/components.h"
-
-namespace trocar::pipeline {
 
 /// Radius of the disc that must fit into a canal. (A spinal canal is at least about 10 mm wide.)
 inline constexpr double kCanalDisc_mm = 2.5;
@@ -76,7 +78,7 @@ bool is_in_highest_step(std::uint8_t packed);
 // end of the scan may cut them.
 //
 // A cavity is a set of voxels connected by faces. In its plane each of them is enclosed, and not
-// only in a crevice (Enclosure in plane_flood.h). The cavity is closed if no voxel next to it along
+// only in a crevice (Enclosure in components.h). The cavity is closed if no voxel next to it along
 // the axis is open, that is, neither material nor enclosed. What lies beyond the first and the last
 // plane of the scan is unknown and does not count.
 

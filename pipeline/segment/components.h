@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// The connected components of a volume of voxels.
+// Components of a volume, planes across an axis, and selection by distance.
 #pragma once
 
 #include <array>
@@ -11,6 +11,8 @@
 #include "pipeline/read/slice_stack.h"
 
 namespace trocar::pipeline {
+
+// The connected components of a volume of voxels.
 
 /// The width of cell i along an axis on which the cells' centres are at `at`: half of the distance
 /// between its two neighbours. At an end of the axis, the width is the distance to the only

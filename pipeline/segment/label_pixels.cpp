@@ -2,16 +2,13 @@
 #include "pipeline/segment/label_pixels.h"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <functional>
-#include <map>
 #include <numeric>
 #include <queue>
 #include <tuple>
 #include <type_traits>
 #include <unordered_map>
-#include <utility>
 
 #include "formats/base/disjoint_sets.h"
 #include "pipeline/read/number_ranges.h"

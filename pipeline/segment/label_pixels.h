@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Assigns the pixels of a label map to materials, each of which is a set of labels. Also defines
-// which pixels of a material are connected.
+// Materials of the pixels of a label map, and label maps that are found by their values.
 #pragma once
 
 #include <cstdint>
@@ -14,6 +13,9 @@
 #include "pipeline/segment/segmentation.h"
 
 namespace trocar::pipeline {
+
+// Assigns the pixels of a label map to materials, each of which is a set of labels. Also defines
+// which pixels of a material are connected.
 
 using MaterialNumber = std::uint16_t;
 inline constexpr MaterialNumber kNoMaterial = 0;

@@ -2,11 +2,7 @@
 #include "pipeline/segment/scanner_table.h"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
-#include <cstdint>
-#include <string>
-#include <utility>
 
 #include "pipeline/read/parallel_for.h"
 #include "pipeline/segment/components.h"

@@ -3,10 +3,8 @@
 
 #include <bit>
 #include <cmath>
-#include <cstddef>
 #include <cstdio>
 #include <numeric>
-#include <utility>
 
 #include "pipeline/read/nrrd.h"
 #include "pipeline/read/parallel_for.h"

@@ -1,16 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Finds soft tissue whose HU exceed a threshold for bone: vessels and organs filled with
-// contrast medium.
-//
-// The scan is averaged over blocks of about kBlock_mm. A block is material here if its mean is at
-// least the threshold minus 30 HU, an allowance for noise. A region is a set of connected blocks
-// that lie deeper than 7 mm below the surface of the material. A second pass searches the rest of
-// the material for regions deeper than 4 mm. (Deep regions come first because a vessel and a bone
-// that touch are separate at that depth.) The shell of a region is the material around it at the
-// surface. A region is soft if its mean is below kMaxSoft_HU and above the mean of its shell. (Bone
-// has a denser cortex in its shell. In the shell of a vessel, the HU fall off to those of the
-// surrounding tissue.) Each block of material near a region belongs to the nearest region and is
-// soft if this region is soft.
+// Solid bone from the material of a segmentation, without soft tissue above the threshold.
 #pragma once
 
 #include <Eigen/Core>
@@ -28,6 +17,19 @@
 #include "pipeline/segment/segmentation.h"
 
 namespace trocar::pipeline {
+
+// Finds soft tissue whose HU exceed a threshold for bone: vessels and organs filled with
+// contrast medium.
+//
+// The scan is averaged over blocks of about kBlock_mm. A block is material here if its mean is at
+// least the threshold minus 30 HU, an allowance for noise. A region is a set of connected blocks
+// that lie deeper than 7 mm below the surface of the material. A second pass searches the rest of
+// the material for regions deeper than 4 mm. (Deep regions come first because a vessel and a bone
+// that touch are separate at that depth.) The shell of a region is the material around it at the
+// surface. A region is soft if its mean is below kMaxSoft_HU and above the mean of its shell. (Bone
+// has a denser cortex in its shell. In the shell of a vessel, the HU fall off to those of the
+// surrounding tissue.) Each block of material near a region belongs to the nearest region and is
+// soft if this region is soft.
 
 inline constexpr double kBlock_mm = 2;
 inline constexpr double kMaxSoft_HU = 500;
@@ -88,10 +90,10 @@ SoftRegions find_soft_regions(const BlockMeans& means, double threshold_HU);
 //     because a speck in a gap of the bone could make the gap so narrow that it counts as closed.
 //     With or without min_volume, another step follows if `column` is given and the material is
 //     given by a threshold of at least kMinBone_HU. This step removes soft tissue whose values are
-//     above the threshold, such as vessels with contrast medium (soft_regions.h), but no voxels of
+//     above the threshold, such as vessels with contrast medium (find_soft_regions()), but no voxels of
 //     at least 556 HU. With min_volume, small components are then removed once more.
-//  2. fill, close: a voxel is filled if it is enclosed (plane_flood.h) in at least two of the three
-//     planes of voxels through it, or lies in a closed cavity (cavities.h), such as a shaft that the
+//  2. fill, close: a voxel is filled if it is enclosed (components.h) in at least two of the three
+//     planes of voxels through it, or lies in a closed cavity (canals.h), such as a shaft that the
 //     end of the scan cuts. Canals (canals.h) along the patient's long axis stay open. A closed
 //     cavity is no canal if at least half of it is fat (below -30 HU), or if it is at least 60 mm
 //     long and its wall has no gap. A cavity with more than 10 % of air is no closed cavity; and
@@ -100,7 +102,7 @@ SoftRegions find_soft_regions(const BlockMeans& means, double threshold_HU);
 //     With `column`, only material near the longest canal is kept (kColumn_mm, kColumnCore_mm).
 //  3. mask: material farther than kMaskMargin_mm from the wanted labels of a label map is removed.
 //  4. seeds: only material that is connected to the first seed and nearer to it than to any other
-//     seed is kept. Distances are lengths of paths in the material (nearest_seed.h).
+//     seed is kept. Distances are lengths of paths in the material (components.h).
 //  5. largest: only the N components of the largest volume are kept.
 // A component is a set of voxels connected by faces, edges or corners.
 
@@ -116,7 +118,7 @@ inline constexpr double kMaxSeedDistance_mm = 10;
 struct SolidOptions {
   /// A gap in the bone counts as closed if it is at most twice as wide as this distance. (The
   /// distance is the radius of a disc. Regions that the disc cannot enter from outside are
-  /// enclosed: find_enclosed() in plane_flood.h.)
+  /// enclosed: find_enclosed() in components.h.)
   double close_mm = 0;
   /// Largest area that is filled in a plane, or infinite. No value: nothing is filled.
   std::optional<double> fill_mm2;
@@ -164,7 +166,7 @@ class SolidBone {
   int filled_label() const { return filled_label_; }
 
   /// Warnings: contrast_filled if filling is wanted, the threshold is at least kMinBone_HU, and
-  /// there is soft tissue above the threshold (soft_regions.h); cavity_cut if a closed cavity that
+  /// there is soft tissue above the threshold (find_soft_regions()); cavity_cut if a closed cavity that
   /// the end of the scan cuts stays open because it may be a canal.
   const std::vector<Warning>& warnings() const { return warnings_; }
   /// Volumes that were added to the material and removed from it, for the report.

@@ -25,7 +25,7 @@ namespace trocar::pipeline {
 ///    vertices lie on one circle, so that there are several constrained Delaunay triangulations.
 ///  - The outlines of the slice's materials neither cross nor overlap. Each region between outlines
 ///    has one material or none: all edges around the region agree on this.
-/// Also confirms that a surface for display does not intersect itself (surface_proof.h).
+/// Also confirms that a surface for display does not intersect itself.
 /// Precondition: verify_asset() has proved that the surface is closed and manifold (each edge has
 /// exactly two triangles). Coordinates are integers of the lattice, so nothing is rounded. `name`
 /// is the file's name in messages. Errors: kRefused if a property does not hold; the message names

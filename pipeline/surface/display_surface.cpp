@@ -1,10 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "pipeline/surface/display_surface.h"
 
-#include <cmath>
 #include <cstdio>
-#include <string>
-#include <utility>
 
 #include "formats/base/disjoint_sets.h"
 #include "formats/base/json.h"
@@ -72,13 +69,11 @@ json percentiles(const SurfaceDistance& d) {
 }
 
 void warn_of_surface(const DisplaySurface& made, const SurfaceOptions& wanted, json& warnings) {
-  if (wanted.at_most &&
-      made.surface.triangles.size() > static_cast<std::size_t>(wanted.triangles)) {
+  if (wanted.at_most && made.surface.triangles.size() > static_cast<std::size_t>(wanted.triangles))
     warnings.push_back({{"code", "surface_triangles"},
                         {"where", "--surface"},
                         {"sentence", std::to_string(made.surface.triangles.size()) +
                                          " triangles: with fewer it would intersect itself"}});
-  }
   const bool is_far = made.distance.p99_mm > made.bound_mm;
   if (!is_far && made.left_out.p99_mm <= made.bound_mm) return;
   const char* const advice = wanted.at_most ? "; give more --surface-triangles" : "";
@@ -166,9 +161,8 @@ Result<DisplaySurface> make_display_surface(const SurfaceVolume& volume,
   Decimation decimation(*fine, options.stop);
   const auto zero = points_on_zero(volume);
   for (;; wanted *= 2) {
-    auto surface = decimated(decimation, wanted, options, out, watch);
-    if (!surface) return surface.error();
-    out.surface = std::move(*surface);
+    if (const auto ok = decimated(decimation, wanted, options, out, watch).into(out.surface); !ok)
+      return ok.error();
     out.distance = distance_from(out.surface, volume);
     out.left_out = distance_to(out.surface, volume, zero);
     out.check_ms += watch.lap_ms();

@@ -5,7 +5,7 @@
 //     the points at which the values of SurfaceVolume are zero. The vertices lie on an integer
 //     lattice, whose step the asset stores.
 //  2. The isosurface is decimated to the wanted number of triangles by collapses, each of which
-//     merges a vertex into a neighbour (decimation.h). Where triangles then intersect, the last
+//     merges a vertex into a neighbour (isosurface.h). Where triangles then intersect, the last
 //     collapses near them are undone.
 //  3. The resulting surface is proved to be closed, manifold and oriented
 //     (formats/mesh/triangle_surface.h). CGAL's exact predicates prove that it does not

@@ -9,14 +9,7 @@
 //    face. Polygons for which there are no such diagonals get a vertex in the middle.
 #include "pipeline/surface/isosurface.h"
 
-#include <Eigen/Geometry>
-#include <algorithm>
-#include <bit>
-#include <cmath>
 #include <cstring>
-#include <limits>
-#include <optional>
-#include <utility>
 
 namespace trocar::pipeline {
 namespace {

@@ -1,7 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// The zero level of a volume as a closed triangle surface, by marching cubes. The surface has no
-// gaps between cells: if only two opposite corners of the face between two cells are material, both
-// cells connect these corners, or neither does.
+// A closed surface by marching cubes, and its decimation.
 #pragma once
 
 #include <array>
@@ -15,6 +13,10 @@
 #include "pipeline/surface/surface_volume.h"
 
 namespace trocar::pipeline {
+
+// The zero level of a volume as a closed triangle surface, by marching cubes. The surface has no
+// gaps between cells: if only two opposite corners of the face between two cells are material, both
+// cells connect these corners, or neither does.
 
 /// Makes the surface of the material, in the patient's frame (LPS). The surface is closed, manifold
 /// and oriented by construction. At a slice's height it follows the slice's contour. On each edge

@@ -5,9 +5,6 @@
 #include <CGAL/AABB_tree.h>
 #include <CGAL/Exact_predicates_inexact_constructions_kernel.h>
 #include <CGAL/Surface_mesh.h>
-#include <algorithm>
-#include <cmath>
-#include <utility>
 
 #if __has_include(<CGAL/AABB_traits_3.h>)  // since CGAL 6
 #include <CGAL/AABB_traits_3.h>

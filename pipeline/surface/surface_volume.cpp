@@ -2,14 +2,9 @@
 #include "pipeline/surface/surface_volume.h"
 
 #include <cmath>
-#include <cstdint>
-#include <limits>
 #include <opencv2/imgproc.hpp>
-#include <utility>
 
 #include "pipeline/read/parallel_for.h"
-#include "pipeline/read/slice_stack.h"
-#include "pipeline/segment/components.h"
 
 namespace trocar::pipeline {
 namespace {
@@ -60,11 +55,10 @@ SurfaceVolume with_border(SurfaceVolume inner) {
       const int cy = std::clamp(y, 0, inner.size[1] - 1), cz = std::clamp(z, 0, inner.size[2] - 1);
       const float* row = &inner.values[(static_cast<std::size_t>(cz) * inner.size[1] + cy) * width];
       *to++ = outside(row[0]);
-      if (cy == y && cz == z) {
+      if (cy == y && cz == z)
         to = std::copy_n(row, width, to);
-      } else {
+      else
         to = std::transform(row, row + width, to, outside);
-      }
       *to++ = outside(row[width - 1]);
     }
   }

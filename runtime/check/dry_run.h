@@ -1,7 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Measures, in a dry run (dry_run.h), what a hand would notice as unlike bone: a tool that sinks in
-// elastically and then snaps, forces that alternate from tick to tick, and a plate that is pushed
-// away when the hand lets go.
+// A dry run of a scene with the simulated device, and what a hand would notice in it.
 #pragma once
 
 #include <Eigen/Core>
@@ -21,6 +19,10 @@
 #include "runtime/session/session.h"
 
 namespace trocar::runtime {
+
+// Measures, in a dry run, what a hand would notice as unlike bone: a tool that sinks in
+// elastically and then snaps, forces that alternate from tick to tick, and a plate that is pushed
+// away when the hand lets go.
 
 /// A largest value and the time at which it occurred.
 struct Peak {

@@ -1,14 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "runtime/check/needle_path.h"
 
-#include <algorithm>
-#include <cmath>
-#include <numbers>
 #include <tuple>
 
 #include "formats/base/json.h"
 #include "formats/base/text.h"
-#include "formats/session/scene.h"
 
 namespace trocar::runtime {
 namespace {
@@ -186,60 +182,6 @@ void search_window(const std::vector<Level>& levels, const Cells& cells, const C
   }
 }
 
-}  // namespace
-
-double gap_mm(const Level& above, const Level& below) {
-  return spacing_mm(above, below) * (static_cast<double>(slices_between(above, below)) - 2);
-}
-
-std::size_t slices_between(const Level& a, const Level& b) {
-  return static_cast<std::size_t>(std::abs(a.slice->index - b.slice->index)) + 1;
-}
-
-Eigen::AlignedBox2d material_box(const Asset& asset, const std::vector<Level>& levels) {
-  const double step_mm = asset.lattice.step_mm();
-  Eigen::AlignedBox2d box;
-  for (const Level& level : levels) {
-    for (const LatticePoint p : level.slice->mesh.vertices)
-      box.extend(Eigen::Vector2d(p.x * step_mm, p.y * step_mm));
-  }
-  return box;
-}
-
-std::optional<NeedlePath> find_entry_column(const Asset& asset, const std::vector<Level>& levels,
-                                            double radius_mm, double height_mm, double max_gap_mm) {
-  const Cells cells(asset, levels);
-  Clearance clear, wide;
-  for (std::size_t i = 0; i < levels.size(); ++i) {
-    clear.push_back(cells.clear(i, radius_mm));
-    wide.push_back(cells.clear(i, 3 * radius_mm));
-  }
-  const std::vector<double> thickness_mm = level_thickness(levels, max_gap_mm);
-  Best best;
-  std::size_t earlier_last = 0;
-  for (std::size_t first = 0; first < levels.size(); ++first) {
-    const std::size_t last = window_end(levels, first, height_mm, max_gap_mm);
-    // The windows that follow are parts of this one.
-    if (first > 0 && last + 1 == levels.size() && last == earlier_last) break;
-    earlier_last = last;
-    search_window(levels, cells, clear, wide, thickness_mm, first, last, best);
-  }
-  if (!best.cell) return std::nullopt;
-  NeedlePath& path = best.path;
-  for (const auto& level : clear)
-    path.has_material.push_back(level[*best.cell]);
-  while (path.has_material[path.first] == 0)
-    ++path.first;
-  while (path.has_material[path.last] == 0)
-    --path.last;
-  const auto [u_mm, v_mm] = cells.middle_mm(*best.cell);
-  path.entry_mm = {rounded(u_mm, 100), rounded(v_mm, 100), levels[path.first].z_mm};
-  path.end_mm = point_at(path, levels[path.last].z_mm);
-  return path;
-}
-
-namespace {
-
 using Eigen::Vector3d;
 
 constexpr double kSame_mm = 0.15;     // a height this far above a point counts as its own
@@ -337,7 +279,104 @@ std::size_t find_end(const std::vector<Level>& levels, const NeedlePath& path,
   return last;
 }
 
+Pose plate_of(const Pose& T_device_tool, const Tool& tool) noexcept {
+  return {T_device_tool.p_m - T_device_tool.q * tool.tip_plate_m, T_device_tool.q};
+}
+
+std::string describe_box(const SafetyLimits& limits, const Pose& T_device_plate) {
+  constexpr std::array<const char*, 3> kAxes{"x", "y", "z"};
+  for (std::size_t i = 0; i < 3; ++i) {
+    const double at_m = T_device_plate.p_m[static_cast<Eigen::Index>(i)];
+    if (at_m >= limits.workspace_min_m[i] && at_m <= limits.workspace_max_m[i]) continue;
+    const double low_m = limits.workspace_min_m[i], high_m = limits.workspace_max_m[i];
+    return text_line("the plate is at %s %s m; its workspace is %.4f to %.4f m", kAxes[i],
+                     apart_from(at_m, at_m < low_m ? low_m : high_m, 4).c_str(), low_m, high_m);
+  }
+  return {};
+}
+
+/// Speed of the plate's origin, and its rotation rate.
+struct PlateSpeed {
+  double m_per_s = 0, rad_per_s = 0;
+};
+PlateSpeed plate_speed(const HandTarget& target, const Pose& T_device_plate) noexcept {
+  const Eigen::Vector3d omega = target.twist_device.tail<3>();
+  const Eigen::Vector3d lever_m = T_device_plate.p_m - target.T_device_tool.p_m;
+  return {(target.twist_device.head<3>() + omega.cross(lever_m)).norm(), omega.norm()};
+}
+
+std::string describe_speed(const SafetyLimits& limits, const PlateSpeed& speed) {
+  if (speed.m_per_s > limits.speed_max_m_per_s)
+    return describe_beyond("the plate moves at", speed.m_per_s, limits.speed_max_m_per_s, " m/s",
+                           2);
+  if (!(speed.rad_per_s > limits.rotation_rate_max_rad_per_s)) return {};
+  return describe_beyond("the plate turns at", speed.rad_per_s, limits.rotation_rate_max_rad_per_s,
+                         " rad/s", 1);
+}
+
+void note_margins(const PoseMargins& margins, PathReport& report) noexcept {
+  report.box_min_m = std::min(report.box_min_m, margins.box_m);
+  report.tilt_max_rad = std::max(report.tilt_max_rad, margins.tilt_rad);
+  DeviceMargins& device = report.device;
+  device.is_reachable = device.is_reachable && margins.device.is_reachable;
+  if (!margins.device.is_reachable) return;
+  device.inverse_condition = std::min(device.inverse_condition, margins.device.inverse_condition);
+  if (!(margins.device.joint_rad < device.joint_rad)) return;
+  device.joint_rad = margins.device.joint_rad;
+  device.joint = margins.device.joint;
+}
+
 }  // namespace
+
+double gap_mm(const Level& above, const Level& below) {
+  return spacing_mm(above, below) * (static_cast<double>(slices_between(above, below)) - 2);
+}
+
+std::size_t slices_between(const Level& a, const Level& b) {
+  return static_cast<std::size_t>(std::abs(a.slice->index - b.slice->index)) + 1;
+}
+
+Eigen::AlignedBox2d material_box(const Asset& asset, const std::vector<Level>& levels) {
+  const double step_mm = asset.lattice.step_mm();
+  Eigen::AlignedBox2d box;
+  for (const Level& level : levels) {
+    for (const LatticePoint p : level.slice->mesh.vertices)
+      box.extend(Eigen::Vector2d(p.x * step_mm, p.y * step_mm));
+  }
+  return box;
+}
+
+std::optional<NeedlePath> find_entry_column(const Asset& asset, const std::vector<Level>& levels,
+                                            double radius_mm, double height_mm, double max_gap_mm) {
+  const Cells cells(asset, levels);
+  Clearance clear, wide;
+  for (std::size_t i = 0; i < levels.size(); ++i) {
+    clear.push_back(cells.clear(i, radius_mm));
+    wide.push_back(cells.clear(i, 3 * radius_mm));
+  }
+  const std::vector<double> thickness_mm = level_thickness(levels, max_gap_mm);
+  Best best;
+  std::size_t earlier_last = 0;
+  for (std::size_t first = 0; first < levels.size(); ++first) {
+    const std::size_t last = window_end(levels, first, height_mm, max_gap_mm);
+    // The windows that follow are parts of this one.
+    if (first > 0 && last + 1 == levels.size() && last == earlier_last) break;
+    earlier_last = last;
+    search_window(levels, cells, clear, wide, thickness_mm, first, last, best);
+  }
+  if (!best.cell) return std::nullopt;
+  NeedlePath& path = best.path;
+  for (const auto& level : clear)
+    path.has_material.push_back(level[*best.cell]);
+  while (path.has_material[path.first] == 0)
+    ++path.first;
+  while (path.has_material[path.last] == 0)
+    --path.last;
+  const auto [u_mm, v_mm] = cells.middle_mm(*best.cell);
+  path.entry_mm = {rounded(u_mm, 100), rounded(v_mm, 100), levels[path.first].z_mm};
+  path.end_mm = point_at(path, levels[path.last].z_mm);
+  return path;
+}
 
 Result<NeedlePath> plan_needle_path(const Asset& asset, const std::vector<Level>& levels,
                                     const ChosenPoints& points, const PathLimits& limits) {
@@ -410,58 +449,6 @@ Vector3d point_at(const NeedlePath& path, double z_mm) {
 double tilt_deg(const NeedlePath& path) {
   return std::acos(std::clamp(-path.direction.z(), -1.0, 1.0)) * 180 / std::numbers::pi;
 }
-
-namespace {
-
-Pose plate_of(const Pose& T_device_tool, const Tool& tool) noexcept {
-  return {T_device_tool.p_m - T_device_tool.q * tool.tip_plate_m, T_device_tool.q};
-}
-
-std::string describe_box(const SafetyLimits& limits, const Pose& T_device_plate) {
-  constexpr std::array<const char*, 3> kAxes{"x", "y", "z"};
-  for (std::size_t i = 0; i < 3; ++i) {
-    const double at_m = T_device_plate.p_m[static_cast<Eigen::Index>(i)];
-    if (at_m >= limits.workspace_min_m[i] && at_m <= limits.workspace_max_m[i]) continue;
-    const double low_m = limits.workspace_min_m[i], high_m = limits.workspace_max_m[i];
-    return text_line("the plate is at %s %s m; its workspace is %.4f to %.4f m", kAxes[i],
-                     apart_from(at_m, at_m < low_m ? low_m : high_m, 4).c_str(), low_m, high_m);
-  }
-  return {};
-}
-
-/// Speed of the plate's origin, and its rotation rate.
-struct PlateSpeed {
-  double m_per_s = 0, rad_per_s = 0;
-};
-PlateSpeed plate_speed(const HandTarget& target, const Pose& T_device_plate) noexcept {
-  const Eigen::Vector3d omega = target.twist_device.tail<3>();
-  const Eigen::Vector3d lever_m = T_device_plate.p_m - target.T_device_tool.p_m;
-  return {(target.twist_device.head<3>() + omega.cross(lever_m)).norm(), omega.norm()};
-}
-
-std::string describe_speed(const SafetyLimits& limits, const PlateSpeed& speed) {
-  if (speed.m_per_s > limits.speed_max_m_per_s) {
-    return describe_beyond("the plate moves at", speed.m_per_s, limits.speed_max_m_per_s, " m/s",
-                           2);
-  }
-  if (!(speed.rad_per_s > limits.rotation_rate_max_rad_per_s)) return {};
-  return describe_beyond("the plate turns at", speed.rad_per_s, limits.rotation_rate_max_rad_per_s,
-                         " rad/s", 1);
-}
-
-void note_margins(const PoseMargins& margins, PathReport& report) noexcept {
-  report.box_min_m = std::min(report.box_min_m, margins.box_m);
-  report.tilt_max_rad = std::max(report.tilt_max_rad, margins.tilt_rad);
-  DeviceMargins& device = report.device;
-  device.is_reachable = device.is_reachable && margins.device.is_reachable;
-  if (!margins.device.is_reachable) return;
-  device.inverse_condition = std::min(device.inverse_condition, margins.device.inverse_condition);
-  if (!(margins.device.joint_rad < device.joint_rad)) return;
-  device.joint_rad = margins.device.joint_rad;
-  device.joint = margins.device.joint;
-}
-
-}  // namespace
 
 std::string describe_pose_fault(Fault fault, const DeviceSpecification& device,
                                 const SafetyLimits& limits, const Tool& tool,

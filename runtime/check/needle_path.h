@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Finds the column of an asset where its bone is thickest. A column is a vertical line through the
-// slices. A proposed scene (new_scene.h) has its entry point in this column.
+// The needle's path of a proposed scene: the thickest column of bone, the path through chosen
+// points, and the path of the scene's hand.
 #pragma once
 
 #include <Eigen/Core>
@@ -23,6 +23,9 @@
 #include "runtime/session/pose_session.h"
 
 namespace trocar::runtime {
+
+// Finds the column of an asset where its bone is thickest. A column is a vertical line through the
+// slices. A proposed scene (new_scene.h) has its entry point in this column.
 
 /// A slice with material.
 struct Level {

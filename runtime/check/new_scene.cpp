@@ -1,22 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "runtime/check/new_scene.h"
 
-#include <Eigen/Geometry>
-#include <algorithm>
-#include <cmath>
-#include <functional>
-#include <limits>
-#include <memory>
 #include <nlohmann/json.hpp>
-#include <system_error>
-#include <utility>
 
 #include "formats/base/json.h"
 #include "formats/base/text.h"
-#include "formats/session/scene.h"
 #include "runtime/check/scene_check.h"
 #include "runtime/haptics/bone/bone_volume.h"
-#include "runtime/session/pose_session.h"
 
 namespace trocar::runtime {
 namespace {
@@ -438,9 +428,7 @@ struct Proposal {
   Result<std::optional<NeedlePath>> path_through_sheets() const {
     std::optional<NeedlePath> path;
     if (is_chosen()) {
-      const auto chosen = chosen_path({});
-      if (!chosen) return chosen.error();
-      path = *chosen;
+      if (const auto ok = chosen_path({}).into(path); !ok) return ok.error();
     } else {
       path = find_entry_column(asset, levels, 1e3 * kPaperToolRadius_m, room_mm(), kAny);
     }

@@ -1,12 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "runtime/check/scene_check.h"
 
-#include <algorithm>
-#include <cmath>
-#include <functional>
-#include <limits>
-#include <utility>
-
 #include "formats/base/text.h"
 #include "runtime/check/needle_path.h"
 #include "runtime/session/force_law_table.h"
@@ -68,84 +62,6 @@ std::string describe_slices(const std::vector<const SliceTissue*>& slices) {
   text += text_line("mean HU %.0f", lowest);
   return std::round(lowest) == std::round(highest) ? text : text + text_line(" to %.0f", highest);
 }
-
-}  // namespace
-
-std::string name_slices(std::vector<int> slices) {
-  std::sort(slices.begin(), slices.end());
-  slices.erase(std::unique(slices.begin(), slices.end()), slices.end());
-  std::vector<std::string> runs;
-  for (std::size_t i = 0; i < slices.size();) {
-    std::size_t end = i + 1;
-    while (end < slices.size() && slices[end] == slices[end - 1] + 1)
-      ++end;
-    std::string run = std::to_string(slices[i]);
-    if (end - i > 1) run += '-' + std::to_string(slices[end - 1]);
-    runs.push_back(std::move(run));
-    i = end;
-  }
-  return (slices.size() == 1 ? "slice " : "slices ") +
-         listed(runs, [](const std::string& run) { return run; });
-}
-
-std::vector<SliceTissue> choose_tissues(const Scene& scene, const Asset& asset) {
-  std::vector<SliceTissue> tissues;
-  for (const SceneSlice& wanted : scene.slices) {
-    const auto slice =
-        std::find_if(asset.slices.begin(), asset.slices.end(),
-                     [&](const AssetSlice& each) { return each.index == wanted.index; });
-    if (slice == asset.slices.end()) continue;
-    tissues.push_back({wanted.index, wanted.z_m, choose_tissue(scene, wanted, asset, *slice)});
-  }
-  std::sort(tissues.begin(), tissues.end(),
-            [](const SliceTissue& a, const SliceTissue& b) { return a.z_m > b.z_m; });
-  return tissues;
-}
-
-std::string describe_choice(const Scene& scene, const TissueChoice& choice) {
-  switch (choice.reason) {
-    case TissueReason::kNamed:
-      return "tissue " + quoted(choice.name) + ": named by the slice";
-    case TissueReason::kLabel:
-      return "tissue " + quoted(choice.name) + ": the asset's " +
-             describe_labels(choice.asset_labels);
-    case TissueReason::kMeanHu:
-      return "tissue " + quoted(choice.name) + text_line(": mean HU %.0f", *choice.mean_hu);
-    case TissueReason::kDefault:
-      break;
-  }
-  std::string whose = scene.tissue_is_given ? "the scene's \"tissue\"" : "the default tissue";
-  if (std::none_of(scene.tissues.begin(), scene.tissues.end(), is_chosen_by_slice)) return whose;
-  return whose + (choice.mean_hu ? text_line(": no other fits mean HU %.0f", *choice.mean_hu)
-                                 : std::string(": no other fits"));
-}
-
-std::optional<std::string> warn_of_unfitting(const Scene& scene,
-                                             const std::vector<SliceTissue>& tissues) {
-  if (scene.tissue_is_given) return std::nullopt;
-  std::vector<const NamedTissue*> conditions;
-  for (const NamedTissue& tissue : scene.tissues) {
-    if (is_chosen_by_slice(tissue)) conditions.push_back(&tissue);
-  }
-  if (conditions.empty()) return std::nullopt;
-  std::vector<const SliceTissue*> unfitting;
-  std::vector<int> slices;
-  for (const SliceTissue& each : tissues) {
-    if (each.choice.reason != TissueReason::kDefault) continue;
-    unfitting.push_back(&each);
-    slices.push_back(each.slice);
-  }
-  if (unfitting.empty()) return std::nullopt;
-  return name_slices(slices) + ": none of the scene's tissues fits (" + describe_slices(unfitting) +
-         "; the scene has " +
-         listed(conditions, [](const NamedTissue* each) { return describe_condition(*each); }) +
-         text_line("): the default of %.6g N/m and %.6g N is taken; ",
-                   scene.tissue.stiffness_N_per_m, scene.tissue.threshold_N) +
-         "change a tissue's labels or hu, name a tissue in the slice, or give the scene a "
-         "\"tissue\"";
-}
-
-namespace {
 
 /// Reason why the tool does not touch a slice.
 enum class Miss : std::uint8_t {
@@ -330,10 +246,9 @@ std::optional<std::size_t> find_loaded_sheet(const DryRun& dry_run, std::size_t 
 /// Returns the reason why a sheet was not touched although the path crosses its material.
 std::string describe_held(const SceneEvaluation& e, std::size_t index) {
   const DryRun& dry_run = *e.dry_run;
-  if (dry_run.sheets[index].missed) {
+  if (dry_run.sheets[index].missed)
     return "the tool does not stay on the path and misses the material: use a stiffer hand "
            "or a slower path";
-  }
   const std::string lowest = text_line("the tool gets no lower than %.4f m", dry_run.tip_lowest_m);
   const std::optional<std::size_t> bearing = find_loaded_sheet(dry_run, index);
   if (!bearing) return lowest + ": use a stiffer hand, or give the path more time";
@@ -479,9 +394,8 @@ void warn_of_session(const SceneEvaluation& e, std::vector<std::string>& warning
                   100 * e.dry_run->scale_min,
                   static_cast<unsigned long long>(e.dry_run->scaled_ticks)));
   }
-  if (e.dry_run && e.dry_run->hole_error) {
+  if (e.dry_run && e.dry_run->hole_error)
     warnings.push_back("a hole cannot be cut: " + e.dry_run->hole_error->message);
-  }
   warn_of_feel(e, warnings);
 }
 
@@ -549,9 +463,8 @@ Result<SceneEvaluation> evaluate(const Scene& scene, const DeviceToCheck& device
   const auto first = device.simulate(scene);
   if (!first && first.error().code != ExitCode::kRefused) return first.error();
   if (first) {  // otherwise the session cannot start
-    Result<DryRun> dry_run = run_dry_run(scene, device, sheets, options);
-    if (!dry_run) return dry_run.error();
-    e.dry_run = std::move(*dry_run);
+    if (const auto ok = run_dry_run(scene, device, sheets, options).into(e.dry_run); !ok)
+      return ok.error();
     if (scene.force_law.kind == ForceLawKind::kCutting) {
       auto let_go = try_letting_go(scene, device, sheets, options, *e.dry_run);
       if (!let_go) return let_go.error();
@@ -733,6 +646,80 @@ std::string describe_slice(const SceneEvaluation& e, std::size_t index, ForceLaw
 }
 
 }  // namespace
+
+std::string name_slices(std::vector<int> slices) {
+  std::sort(slices.begin(), slices.end());
+  slices.erase(std::unique(slices.begin(), slices.end()), slices.end());
+  std::vector<std::string> runs;
+  for (std::size_t i = 0; i < slices.size();) {
+    std::size_t end = i + 1;
+    while (end < slices.size() && slices[end] == slices[end - 1] + 1)
+      ++end;
+    std::string run = std::to_string(slices[i]);
+    if (end - i > 1) run += '-' + std::to_string(slices[end - 1]);
+    runs.push_back(std::move(run));
+    i = end;
+  }
+  return (slices.size() == 1 ? "slice " : "slices ") +
+         listed(runs, [](const std::string& run) { return run; });
+}
+
+std::vector<SliceTissue> choose_tissues(const Scene& scene, const Asset& asset) {
+  std::vector<SliceTissue> tissues;
+  for (const SceneSlice& wanted : scene.slices) {
+    const auto slice =
+        std::find_if(asset.slices.begin(), asset.slices.end(),
+                     [&](const AssetSlice& each) { return each.index == wanted.index; });
+    if (slice == asset.slices.end()) continue;
+    tissues.push_back({wanted.index, wanted.z_m, choose_tissue(scene, wanted, asset, *slice)});
+  }
+  std::sort(tissues.begin(), tissues.end(),
+            [](const SliceTissue& a, const SliceTissue& b) { return a.z_m > b.z_m; });
+  return tissues;
+}
+
+std::string describe_choice(const Scene& scene, const TissueChoice& choice) {
+  switch (choice.reason) {
+    case TissueReason::kNamed:
+      return "tissue " + quoted(choice.name) + ": named by the slice";
+    case TissueReason::kLabel:
+      return "tissue " + quoted(choice.name) + ": the asset's " +
+             describe_labels(choice.asset_labels);
+    case TissueReason::kMeanHu:
+      return "tissue " + quoted(choice.name) + text_line(": mean HU %.0f", *choice.mean_hu);
+    case TissueReason::kDefault:
+      break;
+  }
+  std::string whose = scene.tissue_is_given ? "the scene's \"tissue\"" : "the default tissue";
+  if (std::none_of(scene.tissues.begin(), scene.tissues.end(), is_chosen_by_slice)) return whose;
+  return whose + (choice.mean_hu ? text_line(": no other fits mean HU %.0f", *choice.mean_hu)
+                                 : std::string(": no other fits"));
+}
+
+std::optional<std::string> warn_of_unfitting(const Scene& scene,
+                                             const std::vector<SliceTissue>& tissues) {
+  if (scene.tissue_is_given) return std::nullopt;
+  std::vector<const NamedTissue*> conditions;
+  for (const NamedTissue& tissue : scene.tissues) {
+    if (is_chosen_by_slice(tissue)) conditions.push_back(&tissue);
+  }
+  if (conditions.empty()) return std::nullopt;
+  std::vector<const SliceTissue*> unfitting;
+  std::vector<int> slices;
+  for (const SliceTissue& each : tissues) {
+    if (each.choice.reason != TissueReason::kDefault) continue;
+    unfitting.push_back(&each);
+    slices.push_back(each.slice);
+  }
+  if (unfitting.empty()) return std::nullopt;
+  return name_slices(slices) + ": none of the scene's tissues fits (" + describe_slices(unfitting) +
+         "; the scene has " +
+         listed(conditions, [](const NamedTissue* each) { return describe_condition(*each); }) +
+         text_line("): the default of %.6g N/m and %.6g N is taken; ",
+                   scene.tissue.stiffness_N_per_m, scene.tissue.threshold_N) +
+         "change a tissue's labels or hu, name a tissue in the slice, or give the scene a "
+         "\"tissue\"";
+}
 
 Result<SceneCheck> check_scene(const Scene& scene, const DeviceToCheck& device,
                                const std::vector<std::unique_ptr<const Sheet>>& sheets,

@@ -6,7 +6,6 @@
 #include <array>
 #include <charconv>
 #include <stdexcept>
-#include <utility>
 
 namespace trocar::runtime {
 namespace {
@@ -28,36 +27,6 @@ std::optional<std::string> decoded(std::string_view text, char blank = ' ') {
   }
   return out;
 }
-
-}  // namespace
-
-std::optional<RequestTarget> RequestTarget::parse(std::string_view text) {
-  constexpr std::size_t kMaxParameters = 8;
-  RequestTarget target;
-  const std::size_t question = text.find('?');
-  const auto path = decoded(text.substr(0, question));
-  if (!path || !path->starts_with('/')) return std::nullopt;
-  target.path = *path;
-  std::string_view rest = question == std::string_view::npos ? "" : text.substr(question + 1);
-  while (!rest.empty()) {
-    const std::string_view one = rest.substr(0, rest.find('&'));
-    rest.remove_prefix(std::min(rest.size(), one.size() + 1));
-    const std::size_t equals = one.find('=');
-    if (equals == std::string_view::npos || target.parameters.size() == kMaxParameters)
-      return std::nullopt;
-    const auto name = decoded(one.substr(0, equals), '+'),
-               value = decoded(one.substr(equals + 1), '+');
-    if (!name || !value || !target.parameters.emplace(*name, *value).second) return std::nullopt;
-  }
-  return target;
-}
-
-std::string RequestTarget::parameter(const char* name) const {
-  const auto found = parameters.find(name);
-  return found == parameters.end() ? "" : found->second;
-}
-
-namespace {
 
 constexpr std::size_t kTokenBytes = 16, kTokenDigits = 2 * kTokenBytes;
 
@@ -86,6 +55,32 @@ constexpr double kMessagesPerSecond = 125, kMaxAtOnce = 4;
 constexpr auto kSilent = std::chrono::seconds(1);
 
 }  // namespace
+
+std::optional<RequestTarget> RequestTarget::parse(std::string_view text) {
+  constexpr std::size_t kMaxParameters = 8;
+  RequestTarget target;
+  const std::size_t question = text.find('?');
+  const auto path = decoded(text.substr(0, question));
+  if (!path || !path->starts_with('/')) return std::nullopt;
+  target.path = *path;
+  std::string_view rest = question == std::string_view::npos ? "" : text.substr(question + 1);
+  while (!rest.empty()) {
+    const std::string_view one = rest.substr(0, rest.find('&'));
+    rest.remove_prefix(std::min(rest.size(), one.size() + 1));
+    const std::size_t equals = one.find('=');
+    if (equals == std::string_view::npos || target.parameters.size() == kMaxParameters)
+      return std::nullopt;
+    const auto name = decoded(one.substr(0, equals), '+'),
+               value = decoded(one.substr(equals + 1), '+');
+    if (!name || !value || !target.parameters.emplace(*name, *value).second) return std::nullopt;
+  }
+  return target;
+}
+
+std::string RequestTarget::parameter(const char* name) const {
+  const auto found = parameters.find(name);
+  return found == parameters.end() ? "" : found->second;
+}
 
 const char* to_string(Role role) noexcept {
   return role == Role::kOperator ? "operator" : role == Role::kView ? "view" : "none";
@@ -121,11 +116,10 @@ HostNames::HostNames(const std::string& listen_address, std::uint16_t port, std:
 
 bool HostNames::is_host(std::string_view host) const {
   if (!public_host_.empty() && host == public_host_) return true;
-  if (host.ends_with(port_)) {
+  if (host.ends_with(port_))
     host.remove_suffix(port_.size());
-  } else if (port_ != ":80") {
+  else if (port_ != ":80")
     return false;
-  }
   return std::find(names_.begin(), names_.end(), host) != names_.end() ||
          (any_address_ && is_numerical(host));
 }

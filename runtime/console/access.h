@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Parses the target of an HTTP request: a path and its parameters.
+// Targets of HTTP requests, and access control of the console.
 #pragma once
 
 #include <chrono>
@@ -13,6 +13,8 @@
 #include "formats/base/result.h"
 
 namespace trocar::runtime {
+
+// Parses the target of an HTTP request: a path and its parameters.
 
 /// Path and parameters of a target such as "/path?name=value&name2=value2", percent-decoded. In
 /// parameters, "+" is a blank, as in the forms and the URLSearchParams of browsers.

@@ -6,7 +6,6 @@
 #include <map>
 #include <nlohmann/json.hpp>
 #include <span>
-#include <utility>
 
 #include "formats/asset/asset.h"
 #include "formats/asset/asset_index.h"
@@ -41,22 +40,6 @@ bool has_surface(std::string_view glb_json) {
   return glb_json.find("\"surface\":") != std::string_view::npos;
 }
 
-}  // namespace
-
-Result<std::string> glb_json(const std::filesystem::path& file) {
-  Result<std::unique_ptr<ByteSource>> source = open_file(file);
-  if (!source) return source.error();
-  const Result<std::uint32_t> size = json_bytes_of(**source);
-  if (!size) return refused(file.string() + ": " + size.error().message);
-  if (*size > kMaxGlbJson) return refused(file.string() + ": its JSON is larger than 64 MiB");
-  std::string text(*size, '\0');
-  const std::span<std::uint8_t> into(reinterpret_cast<std::uint8_t*>(text.data()), text.size());
-  if (const auto read = (*source)->read(kGlbHeader, into); !read) return read.error();
-  return text;
-}
-
-namespace {
-
 /// A scene's bone as the console shows it: the asset, and where its slices lie in {B}.
 struct PlacedBone {
   Scene scene;
@@ -78,9 +61,7 @@ enum class BoneParts : std::uint8_t { kForView, kWithVolumes };
 Result<PlacedBone> load_bone(const std::filesystem::path& scene_file,
                              const std::filesystem::path& asset, BoneParts parts) {
   PlacedBone loaded;
-  Result<Scene> scene = read_scene(scene_file);
-  if (!scene) return scene.error();
-  loaded.scene = std::move(*scene);
+  if (const auto ok = read_scene(scene_file).into(loaded.scene); !ok) return ok.error();
   if (!asset.empty()) loaded.scene.asset = asset;
   const std::string name = loaded.scene.asset.string();
   const Result<std::string> text = glb_json(loaded.scene.asset);
@@ -111,9 +92,8 @@ Result<PlacedBone> load_bone(const std::filesystem::path& scene_file,
   }
   if (const auto ok = weld_materials(loaded.asset, name); !ok) return ok.error();
   if (const auto ok = place_body(loaded.scene, loaded.asset, name); !ok) return ok.error();
-  auto sheets = place_slices(loaded.scene, loaded.asset, name);
-  if (!sheets) return sheets.error();
-  loaded.sheets = std::move(*sheets);
+  if (const auto ok = place_slices(loaded.scene, loaded.asset, name).into(loaded.sheets); !ok)
+    return ok.error();
   return loaded;
 }
 
@@ -325,46 +305,6 @@ json goals_of(const std::filesystem::path& scene_file) {
   return scene.is_object() && scene.contains("goals") ? scene["goals"] : json();
 }
 
-}  // namespace
-
-Result<std::string> bone_of(const std::filesystem::path& scene_file,
-                            const std::filesystem::path& asset) {
-  const Result<PlacedBone> loaded = load_bone(scene_file, asset, BoneParts::kForView);
-  if (!loaded) return loaded.error();
-  Arrays arrays;
-  json slices = json::array();
-  for (const auto& sheet : loaded->sheets)
-    slices.push_back(describe_sheet(*sheet, loaded->asset, arrays));
-  const json head = {
-      {"schema", "trocar.bone/1"},     {"surface", describe_surface(*loaded, arrays)},
-      {"slices", std::move(slices)},   {"tool", describe_tool(loaded->scene.tool)},
-      {"goals", goals_of(scene_file)}, {"lps_mm_of_device", patient_of_device(*loaded)}};
-  return arrays.with_json(json_text(head));
-}
-
-Result<PatientBone> patient_bone_of(const std::filesystem::path& scene_file,
-                                    const std::filesystem::path& asset) {
-  const Result<PlacedBone> loaded = load_bone(scene_file, asset, BoneParts::kForView);
-  if (!loaded) return loaded.error();
-  PatientBone bone;
-  const auto T_device_lps = device_of_patient(*loaded);
-  if (!T_device_lps) return bone;
-  // DICOM's LPS and RAS differ by the signs of x and y, and {B} is in m.
-  bone.T_patient_device =
-      Eigen::Scaling(-1.0, -1.0, 1.0) * T_device_lps->inverse() * Eigen::Scaling(1e-3);
-  for (const AssetSurface& one : loaded->surfaces) {
-    add_triangles(one, bone.vertices_mm.size() / 3, bone.triangles);
-    const double step_mm = one.surface.lattice.step_mm();
-    for (const SpacePoint& p : one.surface.vertices) {
-      for (const double x : {-step_mm * p[0], -step_mm * p[1], step_mm * p[2]})
-        bone.vertices_mm.push_back(static_cast<float>(x));
-    }
-  }
-  return bone;
-}
-
-namespace {
-
 constexpr std::uint64_t kMaxBytes = std::uint64_t{2} << 30;
 constexpr std::size_t kMaxRows = 200'000;
 constexpr int kContactPhases = static_cast<int>(ContactPhase::kFault) + 1;
@@ -428,7 +368,7 @@ json events_of(const std::vector<RecordingRow>& rows, bool with_punctures) {
     const bool is_punctured =
         with_punctures && row.phase == ContactPhase::kPunctured &&
         (before.phase != ContactPhase::kPunctured || before.active_slice != row.active_slice);
-    if (is_punctured) {
+    if (is_punctured)
       events.push_back({{"kind", "puncture"},
                         {"t_s", row.t_s},
                         {"slice", row.active_slice},
@@ -436,8 +376,7 @@ json events_of(const std::vector<RecordingRow>& rows, bool with_punctures) {
                         {"penetration_m", row.penetration_m},
                         {"text", text_line("slice %d punctured at %.3f s: depth %.2f mm",
                                            row.active_slice, row.t_s, row.penetration_m * 1e3)}});
-    }
-    if (row.break_through_N > 0) {
+    if (row.break_through_N > 0)
       events.push_back(
           {{"kind", "break_through"},
            {"t_s", row.t_s},
@@ -445,7 +384,6 @@ json events_of(const std::vector<RecordingRow>& rows, bool with_punctures) {
            {"tool_z_m", row.tool_m[2]},
            {"tip_N", row.break_through_N},
            {"text", describe_break_through(row.break_through_at, row.t_s, row.break_through_N)}});
-    }
     if (faults.take(row)) {
       const FaultWords& words = words_of(row.fault);
       events.push_back({{"kind", "fault"},
@@ -455,70 +393,20 @@ json events_of(const std::vector<RecordingRow>& rows, bool with_punctures) {
                         {"advice", words.advice},
                         {"text", describe(FaultDetail(row.fault), row.t_s)}});
     }
-    if (row.fault != before.fault && row.fault == Fault::kNone) {
+    if (row.fault != before.fault && row.fault == Fault::kNone)
       events.push_back(
           {{"kind", "recovered"},
            {"t_s", row.t_s},
            {"fault", to_string(before.fault)},
            {"text", text_line("recovered from %s at %.3f s", to_string(before.fault), row.t_s)}});
-    }
     if ((row.xray & kXrayPicture) != 0) add_xray("xray_shot", "X-ray shot", row.t_s);
-    if (const int is_on = row.xray & kXrayBeam; is_on != (before.xray & kXrayBeam)) {
+    if (const int is_on = row.xray & kXrayBeam; is_on != (before.xray & kXrayBeam))
       add_xray(is_on != 0 ? "xray_on" : "xray_off",
                is_on != 0 ? "X-ray screening began" : "X-ray screening ended", row.t_s);
-    }
     before = row;
   }
   return events;
 }
-
-}  // namespace
-
-Result<std::string> rows_of(const std::filesystem::path& recording) {
-  const auto bytes = read_file(recording, kMaxBytes);
-  if (!bytes) return bytes.error();
-  RecordingOrigin origin;
-  bool is_cut = false;
-  const auto rows = parse_recording({reinterpret_cast<const char*>(bytes->data()), bytes->size()},
-                                    recording.filename().string(), &origin, &is_cut);
-  if (!rows) return rows.error();
-  const RecordingKind kind = recording_kind(origin);
-  const double rate_Hz = origin.number("rate_Hz").value_or(0);
-  if (kind.has_xray && !(rate_Hz > 0))
-    return refused(recording.filename().string() + ": has X-ray, but not the rate of its ticks");
-  const std::size_t every = std::max<std::size_t>(1, (rows->size() + kMaxRows - 1) / kMaxRows);
-  XrayUse xray;
-  json columns = json::array();
-  std::size_t width = 0;
-  visit_columns({}, kind, xray, rate_Hz, [&](const char* name, std::span<const double> values) {
-    columns.push_back({{"name", name}, {"count", values.size()}});
-    width += values.size();
-  });
-  std::vector<double> table;
-  table.reserve((rows->size() / every + 2) * width);
-  const auto append = [&table](const char*, std::span<const double> values) {
-    table.insert(table.end(), values.begin(), values.end());
-  };
-  for (std::size_t i = 0; i < rows->size(); ++i) {
-    const RecordingRow& row = (*rows)[i];
-    xray.add(row);
-    if (i % every == 0 || i + 1 == rows->size()) visit_columns(row, kind, xray, rate_Hz, append);
-  }
-  Arrays arrays;
-  const auto at = arrays.add(table);
-  return arrays.with_json(json_text({{"schema", "trocar.rows/1"},
-                                     {"is_cut", is_cut},
-                                     {"columns", columns},
-                                     {"rows", table.size() / width},
-                                     {"every", every},
-                                     {"rows_at", at},
-                                     {"phases", names_of<ContactPhase>(kContactPhases)},
-                                     {"faults", names_of<Fault>(kFaults)},
-                                     {"safety_states", names_of<SafetyState>(kSafetyStates)},
-                                     {"events", events_of(*rows, !kind.has_cutting)}}));
-}
-
-namespace {
 
 /// More samples than these are thinned, by whole columns and rows.
 constexpr std::size_t kMaxSamples = std::size_t{32} << 20;
@@ -698,6 +586,98 @@ Eigen::Vector3d middle_of(const PlacedBone& bone) {
 }
 
 }  // namespace
+
+Result<std::string> glb_json(const std::filesystem::path& file) {
+  Result<std::unique_ptr<ByteSource>> source = open_file(file);
+  if (!source) return source.error();
+  const Result<std::uint32_t> size = json_bytes_of(**source);
+  if (!size) return refused(file.string() + ": " + size.error().message);
+  if (*size > kMaxGlbJson) return refused(file.string() + ": its JSON is larger than 64 MiB");
+  std::string text(*size, '\0');
+  const std::span<std::uint8_t> into(reinterpret_cast<std::uint8_t*>(text.data()), text.size());
+  if (const auto read = (*source)->read(kGlbHeader, into); !read) return read.error();
+  return text;
+}
+
+Result<std::string> bone_of(const std::filesystem::path& scene_file,
+                            const std::filesystem::path& asset) {
+  const Result<PlacedBone> loaded = load_bone(scene_file, asset, BoneParts::kForView);
+  if (!loaded) return loaded.error();
+  Arrays arrays;
+  json slices = json::array();
+  for (const auto& sheet : loaded->sheets)
+    slices.push_back(describe_sheet(*sheet, loaded->asset, arrays));
+  const json head = {
+      {"schema", "trocar.bone/1"},     {"surface", describe_surface(*loaded, arrays)},
+      {"slices", std::move(slices)},   {"tool", describe_tool(loaded->scene.tool)},
+      {"goals", goals_of(scene_file)}, {"lps_mm_of_device", patient_of_device(*loaded)}};
+  return arrays.with_json(json_text(head));
+}
+
+Result<PatientBone> patient_bone_of(const std::filesystem::path& scene_file,
+                                    const std::filesystem::path& asset) {
+  const Result<PlacedBone> loaded = load_bone(scene_file, asset, BoneParts::kForView);
+  if (!loaded) return loaded.error();
+  PatientBone bone;
+  const auto T_device_lps = device_of_patient(*loaded);
+  if (!T_device_lps) return bone;
+  // DICOM's LPS and RAS differ by the signs of x and y, and {B} is in m.
+  bone.T_patient_device =
+      Eigen::Scaling(-1.0, -1.0, 1.0) * T_device_lps->inverse() * Eigen::Scaling(1e-3);
+  for (const AssetSurface& one : loaded->surfaces) {
+    add_triangles(one, bone.vertices_mm.size() / 3, bone.triangles);
+    const double step_mm = one.surface.lattice.step_mm();
+    for (const SpacePoint& p : one.surface.vertices) {
+      for (const double x : {-step_mm * p[0], -step_mm * p[1], step_mm * p[2]})
+        bone.vertices_mm.push_back(static_cast<float>(x));
+    }
+  }
+  return bone;
+}
+
+Result<std::string> rows_of(const std::filesystem::path& recording) {
+  const auto bytes = read_file(recording, kMaxBytes);
+  if (!bytes) return bytes.error();
+  RecordingOrigin origin;
+  bool is_cut = false;
+  const auto rows = parse_recording({reinterpret_cast<const char*>(bytes->data()), bytes->size()},
+                                    recording.filename().string(), &origin, &is_cut);
+  if (!rows) return rows.error();
+  const RecordingKind kind = recording_kind(origin);
+  const double rate_Hz = origin.number("rate_Hz").value_or(0);
+  if (kind.has_xray && !(rate_Hz > 0))
+    return refused(recording.filename().string() + ": has X-ray, but not the rate of its ticks");
+  const std::size_t every = std::max<std::size_t>(1, (rows->size() + kMaxRows - 1) / kMaxRows);
+  XrayUse xray;
+  json columns = json::array();
+  std::size_t width = 0;
+  visit_columns({}, kind, xray, rate_Hz, [&](const char* name, std::span<const double> values) {
+    columns.push_back({{"name", name}, {"count", values.size()}});
+    width += values.size();
+  });
+  std::vector<double> table;
+  table.reserve((rows->size() / every + 2) * width);
+  const auto append = [&table](const char*, std::span<const double> values) {
+    table.insert(table.end(), values.begin(), values.end());
+  };
+  for (std::size_t i = 0; i < rows->size(); ++i) {
+    const RecordingRow& row = (*rows)[i];
+    xray.add(row);
+    if (i % every == 0 || i + 1 == rows->size()) visit_columns(row, kind, xray, rate_Hz, append);
+  }
+  Arrays arrays;
+  const auto at = arrays.add(table);
+  return arrays.with_json(json_text({{"schema", "trocar.rows/1"},
+                                     {"is_cut", is_cut},
+                                     {"columns", columns},
+                                     {"rows", table.size() / width},
+                                     {"every", every},
+                                     {"rows_at", at},
+                                     {"phases", names_of<ContactPhase>(kContactPhases)},
+                                     {"faults", names_of<Fault>(kFaults)},
+                                     {"safety_states", names_of<SafetyState>(kSafetyStates)},
+                                     {"events", events_of(*rows, !kind.has_cutting)}}));
+}
 
 Result<std::string> volume_of(const std::filesystem::path& scene_file,
                               const std::filesystem::path& asset) {

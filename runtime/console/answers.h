@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Makes the container in which the console sends binary data: JSON and then arrays (protocol.md).
+// The console's answers in binary form: container, bone, recording and HU (protocol.md).
 #pragma once
 
 #include <Eigen/Geometry>
@@ -16,6 +16,8 @@
 #include "formats/base/result.h"
 
 namespace trocar::runtime {
+
+// Makes the container in which the console sends binary data: JSON and then arrays (protocol.md).
 
 /// Collects the arrays of one container and makes the container.
 class Arrays {

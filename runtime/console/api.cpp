@@ -2,16 +2,11 @@
 #include "runtime/console/api.h"
 
 #include <nlohmann/json.hpp>
-#include <utility>
 
-#include "formats/base/files.h"
 #include "formats/base/json.h"
 #include "formats/base/text.h"
-#include "formats/session/recording.h"
 #include "formats/session/scene.h"
-#include "formats/session/trainee.h"
 #include "runtime/console/answers.h"
-#include "runtime/console/session_files.h"
 #include "runtime/report/history.h"
 
 namespace trocar::runtime {
@@ -128,48 +123,6 @@ json as_json(const TelemetryEvent& event) {
   out["text"] = std::move(text);
   return out;
 }
-
-}  // namespace
-
-std::string event_message(const TelemetryEvent& event) {
-  return json_text(as_json(event));
-}
-
-std::string snapshot_message(const std::vector<double>& values) {
-  std::string bytes;
-  append(bytes, values);
-  return bytes;
-}
-
-std::string history_message(const std::vector<ForceHistory::Point>& points) {
-  std::string bytes;
-  for (const ForceHistory::Point& point : points)
-    for (const double number : {point.t_s, point.force_N, point.tip_z_m})
-      append(bytes, number);
-  return bytes;
-}
-
-std::string mesh_message(std::int32_t sheet, std::uint32_t cuts, std::int32_t slice,
-                         const std::vector<float>& positions, std::size_t floats_of_vertex,
-                         const std::vector<float>& hu,
-                         const std::vector<std::uint32_t>& triangles) {
-  std::string bytes;
-  bytes.reserve(24 + 4 * (positions.size() + hu.size() + triangles.size()));
-  append(bytes, sheet);
-  append(bytes, cuts);
-  append(bytes, slice);
-  append(bytes, static_cast<std::uint32_t>(positions.size() / floats_of_vertex));
-  append(bytes, static_cast<std::uint32_t>(triangles.size() / 3));
-  append(bytes, static_cast<std::uint32_t>(hu.empty() ? 0 : 1));
-  append(bytes, positions);
-  append(bytes, hu);
-  append(bytes, triangles);
-  return bytes;
-}
-
-namespace {
-
-using nlohmann::json;
 
 /// The answer about a file that cannot be used, without the names of the console's folders.
 Answer unprocessable(const HiddenTexts& hidden, const Error& error) {
@@ -446,6 +399,42 @@ Answer post(ConsoleState& console, const ApiRequest& request) {
 }
 
 }  // namespace
+
+std::string event_message(const TelemetryEvent& event) {
+  return json_text(as_json(event));
+}
+
+std::string snapshot_message(const std::vector<double>& values) {
+  std::string bytes;
+  append(bytes, values);
+  return bytes;
+}
+
+std::string history_message(const std::vector<ForceHistory::Point>& points) {
+  std::string bytes;
+  for (const ForceHistory::Point& point : points)
+    for (const double number : {point.t_s, point.force_N, point.tip_z_m})
+      append(bytes, number);
+  return bytes;
+}
+
+std::string mesh_message(std::int32_t sheet, std::uint32_t cuts, std::int32_t slice,
+                         const std::vector<float>& positions, std::size_t floats_of_vertex,
+                         const std::vector<float>& hu,
+                         const std::vector<std::uint32_t>& triangles) {
+  std::string bytes;
+  bytes.reserve(24 + 4 * (positions.size() + hu.size() + triangles.size()));
+  append(bytes, sheet);
+  append(bytes, cuts);
+  append(bytes, slice);
+  append(bytes, static_cast<std::uint32_t>(positions.size() / floats_of_vertex));
+  append(bytes, static_cast<std::uint32_t>(triangles.size() / 3));
+  append(bytes, static_cast<std::uint32_t>(hu.empty() ? 0 : 1));
+  append(bytes, positions);
+  append(bytes, hu);
+  append(bytes, triangles);
+  return bytes;
+}
 
 Answer failure(unsigned status, const std::string& message) {
   return {status, "application/json", json_text({{"ok", false}, {"error", message}})};

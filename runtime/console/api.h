@@ -1,7 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Encodes the messages to clients (protocol.md): events as JSON with a text for the operator, ticks
-// and meshes as bytes. A binary message begins with its kind and its number. The functions
-// below encode only the contents that follow; TelemetryClient sends kind and number before them.
+// Messages to clients, and answers to requests whose path begins with /api/ (protocol.md).
 #pragma once
 
 #include <cstdint>
@@ -17,6 +15,10 @@
 #include "runtime/console/session_telemetry.h"
 
 namespace trocar::runtime {
+
+// Encodes the messages to clients (protocol.md): events as JSON with a text for the operator, ticks
+// and meshes as bytes. A binary message begins with its kind and its number. The functions
+// below encode only the contents that follow; TelemetryClient sends kind and number before them.
 
 /// Returns one event as a JSON object, for the list in the message `events`.
 std::string event_message(const TelemetryEvent& event);

@@ -1,19 +1,19 @@
 // SPDX-License-Identifier: Apache-2.0
-// The files of the console's page, which are read once when the console starts, and the policies
-// that tell a browser which scripts may run (Content-Security-Policy).
+// The files that the console serves: those of its page, and scenes, assets and recordings.
 #pragma once
 
 #include <cstdint>
 #include <filesystem>
 #include <map>
-#include <optional>
 #include <string>
 #include <string_view>
-#include <utility>
 
 #include "formats/base/result.h"
 
 namespace trocar::runtime {
+
+// The files of the console's page, which are read once when the console starts, and the policies
+// that tell a browser which scripts may run (Content-Security-Policy).
 
 struct PageFile {
   std::string type;  ///< value of the header Content-Type

@@ -18,10 +18,8 @@
 #include <charconv>
 #include <cmath>
 #include <exception>
-#include <optional>
 #include <span>
 #include <sstream>
-#include <utility>
 #include <vector>
 
 #include "formats/session/recording.h"
@@ -235,11 +233,10 @@ class Client : public std::enable_shared_from_this<Client> {
       return;
     }
     // A client that takes no more poses has stopped reading, although nothing is being written to it.
-    if (waiting() <= kMaxWaiting) {
+    if (waiting() <= kMaxWaiting)
       progress_at_ = now;
-    } else if (now - progress_at_ > kIgtlStalled) {
+    else if (now - progress_at_ > kIgtlStalled)
       return close();
-    }
     if (session_ != state.session) {
       session_ = state.session;
       status_ = tick_ = 0;

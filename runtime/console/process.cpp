@@ -11,7 +11,6 @@
 #include <csignal>
 #include <fstream>
 #include <iterator>
-#include <utility>
 
 extern "C" {  // glibc 2.36 leaves it to who includes it
 #include <sys/pidfd.h>
@@ -115,11 +114,10 @@ bool Process::has_ended() {
   if (!is_child_) return true;
   siginfo_t info{};
   if (::waitid(P_PIDFD, static_cast<id_t>(fd_), &info, WEXITED | WNOHANG) == 0) {
-    if (info.si_code == CLD_EXITED) {
+    if (info.si_code == CLD_EXITED)
       status_ = info.si_status;
-    } else {
+    else
       signal_ = info.si_status;
-    }
   }
   return true;
 }
@@ -139,9 +137,7 @@ void Process::signal(int number) const noexcept {
 
 Result<void> BriefRun::start(const std::vector<std::string>& words,
                              const std::filesystem::path& log) {
-  Result<Process> process = Process::start(words, log);
-  if (!process) return process.error();
-  process_ = std::move(*process);
+  if (const auto ok = Process::start(words, log).into(process_); !ok) return ok.error();
   stopped_at_.reset();
   has_ended_ = false;
   return {};
@@ -158,10 +154,6 @@ void BriefRun::poll(Clock::time_point now) {
   if (!is_running()) return;
   if (stopped_at_ && now - *stopped_at_ > kKillAfter) process_->signal(SIGKILL);
   has_ended_ = process_->has_ended();
-}
-
-std::optional<int> BriefRun::exit_code() const {
-  return has_ended_ ? process_->exit_code() : std::nullopt;
 }
 
 }  // namespace trocar::runtime

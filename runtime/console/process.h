@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A process that this console has started, or that an earlier console or another
-// program has started.
+// Processes that the console starts or finds.
 #pragma once
 
 #include <sys/types.h>
@@ -14,6 +13,9 @@
 #include "formats/base/result.h"
 
 namespace trocar::runtime {
+
+// A process that this console has started, or that an earlier console or another
+// program has started.
 
 /// Refers to a process by a pidfd (a file descriptor for a process). A process number can be given
 /// to another process after the end of the first one, but a pidfd never refers to another process,
@@ -79,7 +81,7 @@ class BriefRun {
   void poll(Clock::time_point now);
   /// Returns the exit code of the program. Returns nullopt if the program was not started, still
   /// runs, or was ended by a signal.
-  std::optional<int> exit_code() const;
+  std::optional<int> exit_code() const { return has_ended_ ? process_->exit_code() : std::nullopt; }
   /// Returns how the program ended, such as "exit code 3" or "signal 9". Empty if it has not ended.
   std::string end() const { return has_ended_ ? process_->end() : std::string(); }
 

@@ -42,6 +42,18 @@ json read_note(const std::filesystem::path& file) {
   return object_of({reinterpret_cast<const char*>(bytes->data()), bytes->size()});
 }
 
+std::string folder_name(const std::filesystem::path& scene) {
+  std::string name = scene.stem().string().substr(0, 64);
+  std::replace_if(
+      name.begin(), name.end(),
+      [](char c) {
+        return !((c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') ||
+                 c == '_' || c == '-');
+      },
+      '_');
+  return utc_name(std::time(nullptr)) + "-" + name;
+}
+
 }  // namespace
 
 SessionAbout parse_about(std::string_view text, std::size_t snapshot_values) {
@@ -100,22 +112,6 @@ std::optional<DeviceNote> read_device_note(const std::filesystem::path& file) {
                     static_cast<std::uint64_t>(whole_of(note, "device_start_ticks")),
                     text_of(note, "device_endpoint")};
 }
-
-namespace {
-
-std::string folder_name(const std::filesystem::path& scene) {
-  std::string name = scene.stem().string().substr(0, 64);
-  std::replace_if(
-      name.begin(), name.end(),
-      [](char c) {
-        return !((c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') ||
-                 c == '_' || c == '-');
-      },
-      '_');
-  return utc_name(std::time(nullptr)) + "-" + name;
-}
-
-}  // namespace
 
 Result<std::filesystem::path> create_session_folder(const std::filesystem::path& sessions,
                                                     const std::filesystem::path& scene) {

@@ -1,7 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Reads two texts about a session: the description that the session publishes in its shared memory,
-// and the console's note about the session's device. Also writes the note. Both texts may be
-// damaged. If a value is missing or has the wrong type, the value counts as empty.
+// The files of the console's sessions, and the texts about a session.
 #pragma once
 
 #include <sys/types.h>
@@ -16,6 +14,10 @@
 #include "formats/base/result.h"
 
 namespace trocar::runtime {
+
+// Reads two texts about a session: the description that the session publishes in its shared memory,
+// and the console's note about the session's device. Also writes the note. Both texts may be
+// damaged. If a value is missing or has the wrong type, the value counts as empty.
 
 /// The description in a session's shared memory (formats/session/telemetry.md).
 struct SessionAbout {

@@ -1,7 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The force on the hand and the height of the tip since a session began, for pages that connect
-// later. If there are more than kMaxPoints points, one point of each pair of successive points is
-// removed: the point with the smaller force, so that peaks stay.
+// The console's copy of a session's telemetry, with the history of the force.
 #pragma once
 
 #include <array>
@@ -17,6 +15,10 @@
 #include "runtime/console/session_files.h"
 
 namespace trocar::runtime {
+
+// The force on the hand and the height of the tip since a session began, for pages that connect
+// later. If there are more than kMaxPoints points, one point of each pair of successive points is
+// removed: the point with the smaller force, so that peaks stay.
 
 class ForceHistory {
  public:

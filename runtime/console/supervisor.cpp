@@ -5,12 +5,9 @@
 #include <csignal>
 #include <cstdio>
 #include <nlohmann/json.hpp>
-#include <system_error>
-#include <utility>
 
 #include "formats/base/json.h"
 #include "formats/base/text.h"
-#include "runtime/console/session_files.h"
 
 namespace trocar::runtime {
 namespace {
@@ -212,9 +209,7 @@ Result<void> Supervisor::start_run() {
     add("--device", request_.device.name);
     words.insert(words.end(), request_.device.words.begin(), request_.device.words.end());
   }
-  Result<Process> process = Process::start(words, log_file());
-  if (!process) return process.error();
-  run_ = std::move(*process);
+  if (const auto ok = Process::start(words, log_file()).into(run_); !ok) return ok.error();
   Result<void> noted = note_device();
   if (!noted) run_->signal(SIGKILL);
   return noted;
@@ -438,13 +433,12 @@ void Supervisor::measure_silence(Clock::time_point now) {
 }
 
 void Supervisor::show_running() {
-  if (silence_ >= kSilentAfter) {
+  if (silence_ >= kSilentAfter)
     set_state(RunState::kSilent, "the session has stated nothing for more than 0.2 s");
-  } else if (telemetry_.value("paused") != 0) {
+  else if (telemetry_.value("paused") != 0)
     set_state(RunState::kPaused, "paused");
-  } else {
+  else
     set_state(RunState::kRunning, "runs");
-  }
 }
 
 void Supervisor::on_end() {

@@ -18,7 +18,6 @@
 #include "formats/session/trainee.h"
 #include "runtime/console/device_test.h"
 #include "runtime/console/process.h"
-#include "runtime/console/scene_maker.h"
 #include "runtime/console/session_telemetry.h"
 
 namespace trocar::runtime {

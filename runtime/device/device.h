@@ -1,7 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Rigid transforms, twists and wrenches of the device, in SI units. Nothing here allocates. The
-// name of a pose states its frames: T_device_plate maps coordinates in the plate's frame {T} to
-// coordinates in the device's frame {B}.
+// Poses, link counts, and the interface to encoders and motors of the four-legged device.
 #pragma once
 
 #include <Eigen/Core>
@@ -20,6 +18,10 @@
 #include "runtime/realtime/histogram.h"
 
 namespace trocar::runtime {
+
+// Rigid transforms, twists and wrenches of the device, in SI units. Nothing here allocates. The
+// name of a pose states its frames: T_device_plate maps coordinates in the plate's frame {T} to
+// coordinates in the device's frame {B}.
 
 inline constexpr double kDegreesPerRadian = 180 / std::numbers::pi;
 

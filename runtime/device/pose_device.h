@@ -12,7 +12,6 @@
 
 #include <array>
 #include <cstdint>
-#include <optional>
 
 #include "formats/base/result.h"
 #include "formats/session/faults.h"

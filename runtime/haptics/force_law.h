@@ -1,8 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Interface of a prefetch worker. The worker computes a sheet's stiffness under the tool outside
-// the haptic thread, for force laws whose computation takes longer than a tick. In each tick the
-// haptic thread selects the sheet that the tool touches or will reach next, requests this sheet's
-// stiffness at the tool's present position, and uses the latest stiffness that is ready.
+// The interfaces of a force law and of its prefetch worker.
 #pragma once
 
 #include <array>
@@ -24,6 +21,11 @@
 #include "runtime/haptics/virtual_coupling.h"
 
 namespace trocar::runtime {
+
+// Interface of a prefetch worker. The worker computes a sheet's stiffness under the tool outside
+// the haptic thread, for force laws whose computation takes longer than a tick. In each tick the
+// haptic thread selects the sheet that the tool touches or will reach next, requests this sheet's
+// stiffness at the tool's present position, and uses the latest stiffness that is ready.
 
 /// The deformed mesh around the tool, with the tool's outline cut out. If the tip is at depth d
 /// below the undeformed sheet, vertex i is at the height z_m - d w[i].

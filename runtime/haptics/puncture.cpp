@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "runtime/haptics/puncture.h"
 
-#include <algorithm>
-
 namespace trocar::runtime {
 namespace {
 
@@ -235,10 +233,9 @@ void update_contact(const ContactModel& model, std::span<const Sheet* const> she
     const ShaftTissue tissue = scaled_tissue(sheet.tissue.shaft, track.hole_coverage);
     const double previous_m = sheet.z_m - previous_tip_z_m;
     PreviousShaft previous_shaft;
-    if (track.shaft.in_hole && previous.ago_s > 0) {
+    if (track.shaft.in_hole && previous.ago_s > 0)
       previous_shaft = {shaft_section(model, sheet, previous.T_device_plate, previous_m).inserted_m,
                         previous.ago_s};
-    }
     const Eigen::Vector3d hole_force_N =
         shaft_force(tissue, section.shaft, pose_interval_s, track.shaft, previous_shaft);
     output.wrench_device += wrench_at(hole_force_N, section.shaft.at_m, T_device_plate);
@@ -255,9 +252,8 @@ void update_contact(const ContactModel& model, std::span<const Sheet* const> she
                   std::span(track.pending.data(), static_cast<std::size_t>(track.pending_count)));
     }
     track.state = next_state(model, track, shielded, section.overlap.coverage);
-    if (may_bear && track.state == SheetState::kMissed) {
+    if (may_bear && track.state == SheetState::kMissed)
       enter_old_hole(model, sheet, section, track);
-    }
     if (track.state != SheetState::kContact) {
       if (!shielded && track.state != SheetState::kShielded) {
         output.active_sheet = static_cast<std::int32_t>(i);

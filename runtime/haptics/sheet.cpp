@@ -1,14 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "runtime/haptics/sheet.h"
 
-#include <algorithm>
-#include <array>
-#include <cmath>
-#include <numbers>
-#include <utility>
-
-#include "formats/mesh/mesh_validity.h"
-
 namespace trocar::runtime {
 namespace {
 
@@ -108,9 +100,8 @@ void clip(const Polygon& polygon, const Eigen::Vector2d& a, const Eigen::Vector2
     // Because of rounding, a convex polygon can cross a line more than twice, by about one rounding error.
     // Then the capacity bounds the size, and the loss is of the order of that error.
     if (at_p >= 0 && result.size < Polygon::kCapacity) result.points[result.size++] = p;
-    if (((at_p > 0 && at_q < 0) || (at_p < 0 && at_q > 0)) && result.size < Polygon::kCapacity) {
+    if (((at_p > 0 && at_q < 0) || (at_p < 0 && at_q > 0)) && result.size < Polygon::kCapacity)
       result.points[result.size++] = p + (at_p / (at_p - at_q)) * (q - p);
-    }
   }
   if (result.size < 3) result.size = 0;
 }
@@ -148,9 +139,8 @@ void add_outside(const Polygon& polygon, const Holes& holes, int k, Moments& mom
 Polygon whole_outline(const LatticeOutline& outline) noexcept {
   Polygon whole;
   whole.size = outline.size;
-  for (int i = 0; i < outline.size; ++i) {
+  for (int i = 0; i < outline.size; ++i)
     whole.points[i] = offset_in_steps(outline.points[i], outline.points[0]);
-  }
   return whole;
 }
 
@@ -294,17 +284,15 @@ Result<std::vector<std::unique_ptr<const Sheet>>> place_slices(const Scene& scen
   for (const SceneSlice& wanted : scene.slices) {
     const std::string where = name + ": slice " + std::to_string(wanted.index);
     const AssetSlice* slice = find_slice(asset, wanted.index);
-    if (slice == nullptr) {
+    if (slice == nullptr)
       return refused(where + ": the asset has no such slice" +
                      (asset.slices.empty()
                           ? std::string(" (it has none)")
                           : " (it has " + std::to_string(asset.slices.front().index) + " to " +
                                 std::to_string(asset.slices.back().index) + ")"));
-    }
     if (slice->mesh.triangles.empty()) return refused(where + ": has no material");
-    if (const Result<void> valid = check_mesh(slice->mesh); !valid) {
+    if (const Result<void> valid = check_mesh(slice->mesh); !valid)
       return refused(where + ": " + valid.error().message);
-    }
     slices.push_back(slice);
   }
 
@@ -321,14 +309,12 @@ Result<std::vector<std::unique_ptr<const Sheet>>> place_slices(const Scene& scen
 
   // The tool's outlines must be simple polygons even after rounding to the lattice.
   const Tool tool = make_tool(scene.tool);
-  if (smallest_clearance_m(tool) < kMinClearance * asset.lattice.step_m()) {
+  if (smallest_clearance_m(tool) < kMinClearance * asset.lattice.step_m())
     return refused(name + ": the scene's tool has corners too close for the asset's lattice of " +
                    std::to_string(asset.lattice.step_mm()) + " mm");
-  }
-  if (tool.pieces == 0) {
+  if (tool.pieces == 0)
     return refused(name + ": the scene's tool has more than " + std::to_string(kMaxToolPieces) +
                    " convex parts");
-  }
 
   std::vector<std::unique_ptr<const Sheet>> sheets;
   for (std::size_t i = 0; i < slices.size(); ++i) {
@@ -390,13 +376,12 @@ Overlap overlap(const Sheet& sheet, const Tool& tool, const LatticeOutline& outl
   const Eigen::Vector2d offset(origin.x, origin.y);
   result.coverage = covered.area() / all.area();
   result.centroid_steps = offset + all.centroid();
-  if (!(result.coverage > kSnap)) {
+  if (!(result.coverage > kSnap))
     result.coverage = 0;
-  } else if (result.coverage > 1 - kSnap) {
+  else if (result.coverage > 1 - kSnap)
     result.coverage = 1;
-  } else {
+  else
     result.centroid_steps = offset + covered.centroid();
-  }
   return result;
 }
 

@@ -1,14 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The signed distance of a point to the edge of the material of an uncut slice, and the gradient of
-// this distance. Both come from a raster that the haptic thread reads in constant time. Holes cut
-// during the session do not change the raster.
-//
-// Contract:
-//  1. At the nodes of the raster the distance is exact except for rounding. Distances are limited
-//     to the range from -kReach_mm to kReach_mm. Between the nodes the distance is interpolated
-//     bilinearly, which is exact near a straight edge.
-//  2. The distance is positive inside the material and negative outside the material. Outside the
-//     raster it is -kReach_mm.
+// A sheet, the distance to its edge, and the coverage of the tool on it.
 #pragma once
 
 #include <Eigen/Core>
@@ -28,6 +19,17 @@
 #include "runtime/haptics/tool.h"
 
 namespace trocar::runtime {
+
+// The signed distance of a point to the edge of the material of an uncut slice, and the gradient of
+// this distance. Both come from a raster that the haptic thread reads in constant time. Holes cut
+// during the session do not change the raster.
+//
+// Contract:
+//  1. At the nodes of the raster the distance is exact except for rounding. Distances are limited
+//     to the range from -kReach_mm to kReach_mm. Between the nodes the distance is interpolated
+//     bilinearly, which is exact near a straight edge.
+//  2. The distance is positive inside the material and negative outside the material. Outside the
+//     raster it is -kReach_mm.
 
 class EdgeDistance {
  public:

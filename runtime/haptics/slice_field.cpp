@@ -1,9 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "runtime/haptics/slice_field.h"
 
-#include <algorithm>
-#include <array>
-#include <cmath>
 #include <limits>
 
 namespace trocar::runtime {
@@ -115,9 +112,8 @@ TissueChoice choose_tissue(const Scene& scene, const SceneSlice& wanted, const A
   choice.mean_hu = mean_hu_of(slice);
   for (const NamedTissue& tissue : scene.tissues) {
     const bool named = wanted.tissue && tissue.name == *wanted.tissue;
-    if (!named && (wanted.tissue || !(has_label(choice, tissue) || has_hu(choice, tissue)))) {
+    if (!named && (wanted.tissue || !(has_label(choice, tissue) || has_hu(choice, tissue))))
       continue;
-    }
     choice.tissue = tissue.tissue;
     choice.name = tissue.name;
     choice.reason = named                       ? TissueReason::kNamed

@@ -1,7 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A raster of an uncut slice. Each pixel says whether there is material, and gives its HU. The
-// haptic thread reads the raster in constant time. Holes cut during the session do not change the
-// raster.
+// A raster of an uncut slice, and the choice of its tissue.
 #pragma once
 
 #include <Eigen/Core>
@@ -19,6 +17,10 @@
 #include "runtime/haptics/tool.h"
 
 namespace trocar::runtime {
+
+// A raster of an uncut slice. Each pixel says whether there is material, and gives its HU. The
+// haptic thread reads the raster in constant time. Holes cut during the session do not change the
+// raster.
 
 /// Contract:
 ///  1. A pixel has material if its centre lies in a triangle. Its HU is that of the asset's HU

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The springs, dampers and friction elements that act on the tool at one pose: their forces, the change of
-// these forces when the tool moves a little further, and the energy that they store.
+// The tool: its shape, the elements that act on it, and the forces on its shaft.
 #pragma once
 
 #include <Eigen/Core>
@@ -14,6 +13,9 @@
 #include "runtime/device/device.h"
 
 namespace trocar::runtime {
+
+// The springs, dampers and friction elements that act on the tool at one pose: their forces, the change of
+// these forces when the tool moves a little further, and the energy that they store.
 
 /// Forces on the tool in the device's frame {B}. The unit vector `axis` points up the shaft. If the
 /// tool moves by the vector m without turning, the part of the shaft below the plane of each hole

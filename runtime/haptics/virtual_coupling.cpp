@@ -2,7 +2,6 @@
 #include "runtime/haptics/virtual_coupling.h"
 
 #include <Eigen/LU>
-#include <cmath>
 
 namespace trocar::runtime {
 namespace {

@@ -1,13 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "runtime/program/run_options.h"
 
-#include <unistd.h>
-#include <algorithm>
-#include <cmath>
-#include <limits>
-#include <utility>
-#include <vector>
-
 #include "formats/base/command_line.h"
 
 namespace trocar::runtime {

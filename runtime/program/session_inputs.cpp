@@ -2,15 +2,10 @@
 #include "runtime/program/session_inputs.h"
 
 #include <cstdio>
-#include <filesystem>
-#include <utility>
 
-#include "formats/asset/asset.h"
 #include "formats/base/text.h"
-#include "formats/session/procedures.h"
 #include "runtime/haptics/bone/bone_volume.h"
 #include "runtime/session/origin.h"
-#include "runtime/session/pose_session.h"
 
 namespace trocar::runtime {
 namespace {
@@ -87,9 +82,8 @@ Result<void> load_device(const RunArguments& arguments, SessionInputs& inputs) {
     inputs.pose_device = std::move(*std::get_if<PoseDeviceDescription>(&*read));
     inputs.pose_device_origin = *digest;
   } else if (!built_in.empty()) {
-    Result<PoseDeviceDescription> made = built_in_pose_device(built_in);
-    if (!made) return made.error();
-    inputs.pose_device = std::move(*made);
+    if (const auto ok = built_in_pose_device(built_in).into(inputs.pose_device); !ok)
+      return ok.error();
     inputs.pose_device_origin = "built-in/" + built_in;
   }
   inputs.description = default_device_description();
@@ -151,9 +145,7 @@ Result<AnyDeviceDescription> read_description(const std::filesystem::path& file,
 
 Result<SessionInputs> load_inputs(const RunArguments& arguments) {
   SessionInputs inputs;
-  Result<Scene> scene = load_scene(arguments);
-  if (!scene) return scene.error();
-  inputs.scene = std::move(*scene);
+  if (const auto ok = load_scene(arguments).into(inputs.scene); !ok) return ok.error();
   if (inputs.scene.force_law.kind == ForceLawKind::kCutting)
     if (const auto resolved = resolve_layers(inputs.scene); !resolved)
       return refused(arguments.scene + ": " + resolved.error().message);
@@ -171,9 +163,8 @@ Result<SessionInputs> load_inputs(const RunArguments& arguments) {
   add_hu_at_vertices(part->asset);
   if (const auto ok = weld_materials(part->asset, asset); !ok) return ok.error();
   if (const auto ok = place_body(inputs.scene, part->asset, asset); !ok) return ok.error();
-  auto sheets = place_slices(inputs.scene, part->asset, asset);
-  if (!sheets) return sheets.error();
-  inputs.sheets = std::move(*sheets);
+  if (const auto ok = place_slices(inputs.scene, part->asset, asset).into(inputs.sheets); !ok)
+    return ok.error();
   inputs.tissues = choose_tissues(inputs.scene, part->asset);
   inputs.bytes = {part->file_bytes, part->read_bytes, part->asset_slices};
 

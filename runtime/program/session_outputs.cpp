@@ -1,20 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "runtime/program/session_outputs.h"
 
-#include <unistd.h>
-#include <algorithm>
-#include <cmath>
 #include <cstdio>
 #include <nlohmann/json.hpp>
-#include <utility>
 
 #include "formats/base/command_line.h"
-#include "formats/base/files.h"
 #include "formats/base/json.h"
 #include "formats/base/text.h"
-#include "formats/session/faults.h"
-#include "runtime/session/open_device.h"
-#include "runtime/session/pose_session.h"
 
 namespace trocar::runtime {
 namespace {
@@ -77,86 +69,6 @@ bool asks_for_signal(const RunArguments& arguments, const OperatorMessage& messa
          message.kind == OperatorMessage::Kind::kRefused;
 }
 
-}  // namespace
-
-int fail(const Error& error) {
-  return report_error(kProgram, error);
-}
-
-void warn(const RunArguments& arguments, const std::string& what) {
-  print(stderr, "trocar-run: warning: %s: %s\n", arguments.scene, what);
-}
-
-void Progress::serve() {
-  RecordingRow row;
-  if (!latest_.read(row)) return;
-  print(stderr, "\r%7.2f of %.2f s  tip %8.4f m  force %6.2f N  %-10s", row.t_s, duration_s_,
-        row.tool_m[2], row.wrench_wanted[2], to_string(row.phase));
-}
-
-void Progress::stop() {
-  join();
-  print(stderr, "\r%*s\r", kProgressWidth, "");
-}
-
-void print_message(const RunArguments& arguments, const OperatorMessage& message) {
-  std::string line = kProgram + std::string(": ") + describe(message);
-  if (asks_for_signal(arguments, message))
-    line += "; then request recovery: kill -USR1 " + std::to_string(::getpid());
-  if (::isatty(STDERR_FILENO) != 0) print(stderr, "\r%*s\r", kProgressWidth, "");
-  print(stderr, "%s\n", line);
-  std::fflush(stderr);
-}
-
-void print_outcome(const SessionResult& report, const SessionOptions& options) {
-  print(stdout,
-        "%llu ticks at %.6g Hz, %llu missed deadlines%s, largest force %.3f N, largest torque "
-        "%.3f Nm\n",
-        static_cast<unsigned long long>(report.ticks), options.rate_Hz,
-        static_cast<unsigned long long>(report.realtime.missed_deadlines),
-        causes_of(report.late_ticks), report.max_force_N, report.torque_max_Nm);
-  constexpr double kMinShown_N = 5e-4;
-  if (report.max_force_N < kMinShown_N && report.punctures.empty() && report.fault == Fault::kNone)
-    std::printf("the tool touched nothing; trocar-run check says why\n");
-  for (const PunctureEvent& event : report.punctures) {
-    std::printf(
-        "slice %d was punctured at %.4f s: %.3f N at the tip, %.3f N on the hand, depth %.3f mm, "
-        "tip at %.5f m\n",
-        event.slice, event.t_s, event.tip_N, event.hand_N, event.penetration_m * 1e3,
-        event.tool_z_m);
-  }
-  for (const BreakThroughEvent& found : report.break_throughs)
-    std::printf("the tip %s\n",
-                describe_break_through(found.at, found.t_s, found.resistance_N).c_str());
-  if (!options.replay.empty() && report.replay_first_difference < 0 &&
-      report.ticks == options.replay.size()) {
-    std::printf("replay: all torques identical to the recording's\n");
-  }
-}
-
-int conclude(const SessionResult& report, std::vector<Error> errors, const Remesher& remesher) {
-  if (const std::optional<Error> hole = failed_hole(report, remesher)) errors.push_back(*hole);
-  const bool black_boxes_written = print_black_boxes(report);
-  int code = black_boxes_written ? 0 : static_cast<int>(ExitCode::kUnwritable);
-  for (const Error& error : errors) {
-    const int error_code = fail(error);
-    if (code == 0) code = error_code;
-  }
-  const bool has_failed = report.end == SessionEnd::kFault;
-  if (has_failed) {
-    print(stderr, "trocar-run: stopped at %.4f s by the fault %s\n", report.fault_t_s,
-          to_string(report.fault));
-  }
-  if (report.replay_first_difference >= 0) {
-    return fail(refused("the torques differ from the recording's from row " +
-                        std::to_string(report.replay_first_difference + 1) + " on"));
-  }
-  if (!has_failed) return code;
-  return static_cast<int>(ExitCode::kDeviceFault);
-}
-
-namespace {
-
 /// Returns the summary's "link": the number of sessions, and of the device link the number of accepted packets and the
 /// numbers of refused packets by reason.
 nlohmann::json describe(const LinkReport& link) {
@@ -216,6 +128,78 @@ std::string describe_hand(const SceneHand& hand, const HandTrajectory& path) {
 }
 
 }  // namespace
+
+int fail(const Error& error) {
+  return report_error(kProgram, error);
+}
+
+void warn(const RunArguments& arguments, const std::string& what) {
+  print(stderr, "trocar-run: warning: %s: %s\n", arguments.scene, what);
+}
+
+void Progress::serve() {
+  RecordingRow row;
+  if (!latest_.read(row)) return;
+  print(stderr, "\r%7.2f of %.2f s  tip %8.4f m  force %6.2f N  %-10s", row.t_s, duration_s_,
+        row.tool_m[2], row.wrench_wanted[2], to_string(row.phase));
+}
+
+void Progress::stop() {
+  join();
+  print(stderr, "\r%*s\r", kProgressWidth, "");
+}
+
+void print_message(const RunArguments& arguments, const OperatorMessage& message) {
+  std::string line = kProgram + std::string(": ") + describe(message);
+  if (asks_for_signal(arguments, message))
+    line += "; then request recovery: kill -USR1 " + std::to_string(::getpid());
+  if (::isatty(STDERR_FILENO) != 0) print(stderr, "\r%*s\r", kProgressWidth, "");
+  print(stderr, "%s\n", line);
+  std::fflush(stderr);
+}
+
+void print_outcome(const SessionResult& report, const SessionOptions& options) {
+  print(stdout,
+        "%llu ticks at %.6g Hz, %llu missed deadlines%s, largest force %.3f N, largest torque "
+        "%.3f Nm\n",
+        static_cast<unsigned long long>(report.ticks), options.rate_Hz,
+        static_cast<unsigned long long>(report.realtime.missed_deadlines),
+        causes_of(report.late_ticks), report.max_force_N, report.torque_max_Nm);
+  constexpr double kMinShown_N = 5e-4;
+  if (report.max_force_N < kMinShown_N && report.punctures.empty() && report.fault == Fault::kNone)
+    std::printf("the tool touched nothing; trocar-run check says why\n");
+  for (const PunctureEvent& event : report.punctures)
+    std::printf(
+        "slice %d was punctured at %.4f s: %.3f N at the tip, %.3f N on the hand, depth %.3f mm, "
+        "tip at %.5f m\n",
+        event.slice, event.t_s, event.tip_N, event.hand_N, event.penetration_m * 1e3,
+        event.tool_z_m);
+  for (const BreakThroughEvent& found : report.break_throughs)
+    std::printf("the tip %s\n",
+                describe_break_through(found.at, found.t_s, found.resistance_N).c_str());
+  if (!options.replay.empty() && report.replay_first_difference < 0 &&
+      report.ticks == options.replay.size())
+    std::printf("replay: all torques identical to the recording's\n");
+}
+
+int conclude(const SessionResult& report, std::vector<Error> errors, const Remesher& remesher) {
+  if (const std::optional<Error> hole = failed_hole(report, remesher)) errors.push_back(*hole);
+  const bool black_boxes_written = print_black_boxes(report);
+  int code = black_boxes_written ? 0 : static_cast<int>(ExitCode::kUnwritable);
+  for (const Error& error : errors) {
+    const int error_code = fail(error);
+    if (code == 0) code = error_code;
+  }
+  const bool has_failed = report.end == SessionEnd::kFault;
+  if (has_failed)
+    print(stderr, "trocar-run: stopped at %.4f s by the fault %s\n", report.fault_t_s,
+          to_string(report.fault));
+  if (report.replay_first_difference >= 0)
+    return fail(refused("the torques differ from the recording's from row " +
+                        std::to_string(report.replay_first_difference + 1) + " on"));
+  if (!has_failed) return code;
+  return static_cast<int>(ExitCode::kDeviceFault);
+}
 
 Result<void> check_run_outputs(const RunArguments& arguments, const SessionInputs& inputs) {
   const OutputFile outputs[] = {

@@ -1,9 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Prints what trocar-run reports about a session: progress, messages, the outcome, and problems.
+// What trocar-run prints about a session, and the files that it writes besides the recording.
 #pragma once
 
 #include <chrono>
-#include <filesystem>
 #include <optional>
 #include <string>
 #include <vector>
@@ -21,6 +20,8 @@
 #include "runtime/session/session_publisher.h"
 
 namespace trocar::runtime {
+
+// Prints what trocar-run reports about a session: progress, messages, the outcome, and problems.
 
 /// Prints the error, and returns the exit code that belongs to this error.
 int fail(const Error& error);

@@ -131,18 +131,15 @@ Result<SimulatedDevice> load_model(const Arguments& arguments) {
   std::optional<Scene> scene;
   std::string description_file = arguments.description;
   if (!arguments.scene.empty()) {
-    Result<Scene> read = read_scene(arguments.scene);
-    if (!read) return read.error();
-    scene = std::move(*read);
+    if (const auto ok = read_scene(arguments.scene).into(scene); !ok) return ok.error();
     if (scene->hand.live)
       return usage(arguments.scene + ": its hand is live, which is for trocar-run --device inproc");
     if (description_file.empty() && scene->device) description_file = scene->device->string();
   }
   DeviceDescription description = default_device_description();
   if (!description_file.empty()) {
-    Result<DeviceDescription> read = read_device_description(description_file);
-    if (!read) return read.error();
-    description = std::move(*read);
+    if (const auto ok = read_device_description(description_file).into(description); !ok)
+      return ok.error();
   }
   if (scene) {
     Result<SimulatedDevice> made = make_simulated_device(*scene, description, mechanics);
@@ -278,9 +275,8 @@ nlohmann::json summarize(const Arguments& arguments, const Drive& drive,
   const DriveReport& report = drive.report();
   const SimulatedTruth& truth = drive.model().truth();
   nlohmann::json refused = nlohmann::json::object(), peaks = nlohmann::json::array();
-  for (std::size_t i = 1; i < kLinkRefusals; ++i) {
+  for (std::size_t i = 1; i < kLinkRefusals; ++i)
     refused[to_string(static_cast<LinkRefusal>(i))] = report.packets.by_refusal[i];
-  }
   for (const ForcePeak& peak : report.peaks)
     peaks.push_back({{"t_s", peak.t_s}, {"force_N", peak.force_N}});
   return {{"program", "trocar-device-sim " TROCAR_VERSION},
@@ -338,11 +334,10 @@ int serve(const Arguments& arguments) {
   std::fflush(stdout);
   Server server(options, std::move(*model), std::move(*socket), arguments);
   RealtimeReport realtime;
-  if (options.clock == LinkClock::kReal) {
+  if (options.clock == LinkClock::kReal)
     realtime = server.run_real();
-  } else {
+  else
     server.run_in_lock_step();
-  }
   const DriveReport& report = server.drive().report();
   if (!arguments.quiet) {
     std::printf(
@@ -350,16 +345,13 @@ int serve(const Arguments& arguments) {
         static_cast<unsigned long long>(report.sessions),
         static_cast<unsigned long long>(report.packets.accepted()),
         static_cast<unsigned long long>(report.packets.refused()), report.largest_hand_force_N);
-    if (!realtime.note.empty()) {
-      print(stderr, "trocar-device-sim: note: %s\n", realtime.note);
-    }
+    if (!realtime.note.empty()) print(stderr, "trocar-device-sim: note: %s\n", realtime.note);
   }
   if (const auto done = write_record(arguments.record, report); !done) return fail(done.error());
   if (!arguments.summary.empty()) {
     const std::string text = json_text(summarize(arguments, server.drive(), realtime), 2) + "\n";
-    if (const auto done = write_file_atomically(arguments.summary, text); !done) {
+    if (const auto done = write_file_atomically(arguments.summary, text); !done)
       return fail(done.error());
-    }
   }
   return 0;
 }

@@ -167,9 +167,8 @@ Result<SessionResult> run(const RunArguments& arguments, const SessionInputs& in
   device.close();
   signals.reset();
   link = device.link_report();
-  if (link && link->restore_error) {
+  if (link && link->restore_error)
     print(stderr, "trocar-run: the link was not restored: %s\n", link->restore_error->message);
-  }
   return report;
 }
 

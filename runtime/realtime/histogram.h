@@ -30,9 +30,8 @@ class Histogram {
     std::uint64_t seen = 0;
     for (std::size_t i = 0; i < kBuckets; ++i) {
       seen += count_[i];
-      if (static_cast<double>(seen) >= wanted && seen > 0) {
+      if (static_cast<double>(seen) >= wanted && seen > 0)
         return static_cast<double>(std::min(upper_end(i), max_ns_)) * 1e-3;
-      }
     }
     return max_us();
   }
@@ -47,9 +46,8 @@ class Histogram {
       std::uint64_t sum = 0;
       for (std::size_t k = i; k < std::min(i + kPerQuarter, kBuckets); ++k)
         sum += count_[k];
-      if (sum > 0) {
+      if (sum > 0)
         found(static_cast<double>(upper_end(std::min(i + kPerQuarter, kBuckets) - 1)) * 1e-3, sum);
-      }
     }
   }
 

@@ -1,14 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A ring buffer with the latest values of one writing thread. The writer never waits; it overwrites
-// the oldest value. One reading thread copies values out, and detects whether the writer has
-// overwritten them during the copying. The method is a sequence lock, after H.-J. Boehm, "Can
-// seqlocks get along with programming language memory models?", 2012.
-//
-// Values are stored as atomic 64-bit words. Therefore it is no data race if the reader reads a
-// value while the writer overwrites it. On x86 atomic words cost as much as plain words. Words are
-// stored with memory order release and loaded with memory order acquire. Therefore the reader
-// detects overwriting: if it has loaded a word of a newer value, with number c (counted from 0), it
-// then finds that at least c values have been pushed.
+// Queues between two threads, without locks.
 #pragma once
 
 #include <array>
@@ -20,6 +11,17 @@
 #include <vector>
 
 namespace trocar::runtime {
+
+// A ring buffer with the latest values of one writing thread. The writer never waits; it overwrites
+// the oldest value. One reading thread copies values out, and detects whether the writer has
+// overwritten them during the copying. The method is a sequence lock, after H.-J. Boehm, "Can
+// seqlocks get along with programming language memory models?", 2012.
+//
+// Values are stored as atomic 64-bit words. Therefore it is no data race if the reader reads a
+// value while the writer overwrites it. On x86 atomic words cost as much as plain words. Words are
+// stored with memory order release and loaded with memory order acquire. Therefore the reader
+// detects overwriting: if it has loaded a word of a newer value, with number c (counted from 0), it
+// then finds that at least c values have been pushed.
 
 template <typename T>
 class RingBuffer {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Reads the system's monotonic clock in nanoseconds.
+// Realtime threads: clock, missed deadlines, allocations, and background threads.
 #pragma once
 
 #include <algorithm>
@@ -17,6 +17,8 @@
 #include "runtime/realtime/histogram.h"
 
 namespace trocar::runtime {
+
+// Reads the system's monotonic clock in nanoseconds.
 
 /// Returns the time of CLOCK_MONOTONIC in ns. On most Linux kernels this needs no system call.
 inline std::int64_t monotonic_ns() noexcept {

@@ -9,7 +9,6 @@
 #include <ctime>
 #include <limits>
 #include <map>
-#include <optional>
 #include <set>
 #include <system_error>
 #include <tuple>

@@ -1,13 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "runtime/report/session_observer.h"
 
-#include <Eigen/Geometry>
-#include <cstddef>
-#include <limits>
-#include <numbers>
-
-#include "runtime/haptics/tool.h"
-
 namespace trocar::runtime {
 
 std::vector<std::array<double, 2>> material_along(const Sheet& sheet, int axis, double at_m) {
@@ -86,6 +79,85 @@ double zone_distance_m(const ForbiddenZone& zone, const Vector3& p_m) {
   for (double& each : beyond)
     each = std::max(each, 0.0);
   return length(beyond);
+}
+
+std::optional<Punctured> punctured_at(const ResistanceFall& found) {
+  if (found.layer >= 0) return Punctured{true, static_cast<std::size_t>(found.layer)};
+  if (found.sheet >= 0) return Punctured{false, static_cast<std::size_t>(found.sheet)};
+  return std::nullopt;
+}
+
+constexpr double kFar = std::numeric_limits<double>::infinity();
+
+/// The material of a sheet in {B}: its triangles, and the edges of its outline.
+struct Material {
+  double z_m = 0;
+  std::vector<std::array<Eigen::Vector2d, 3>> triangles;
+  std::vector<std::array<Eigen::Vector2d, 2>> edges;
+};
+
+double cross(const Eigen::Vector2d& a, const Eigen::Vector2d& b) {
+  return a.x() * b.y() - a.y() * b.x();
+}
+
+Material material_of(const Sheet& sheet) {
+  Material out;
+  out.z_m = sheet.z_m;
+  for (std::uint32_t t = 0; t < sheet.mesh.triangles.size(); ++t) {
+    if (!sheet.mesh.in_use(t)) continue;
+    std::array<Eigen::Vector2d, 3> corner;
+    for (std::size_t k = 0; k < 3; ++k) {
+      const LatticePoint p = sheet.mesh.vertices[sheet.mesh.triangles[t][k]];
+      corner[k] = sheet.transform.to_scene(
+          Eigen::Vector2d(static_cast<double>(p.x), static_cast<double>(p.y)));
+    }
+    out.triangles.push_back(corner);
+    for (std::size_t k = 0; k < 3; ++k) {
+      if (sheet.mesh.across[t][k] == kNoSlot) out.edges.push_back({corner[k], corner[(k + 1) % 3]});
+    }
+  }
+  return out;
+}
+
+bool is_over(const Material& material, const Eigen::Vector2d& p) {
+  return std::any_of(material.triangles.begin(), material.triangles.end(), [&](const auto& c) {
+    return cross(c[1] - c[0], p - c[0]) >= 0 && cross(c[2] - c[1], p - c[1]) >= 0 &&
+           cross(c[0] - c[2], p - c[2]) >= 0;
+  });
+}
+
+double distance_m(const Material& material, const Eigen::Vector2d& p) {
+  if (is_over(material, p)) return 0;
+  double least = kFar;
+  for (const auto& [a, b] : material.edges) {
+    const Eigen::Vector2d way = b - a;
+    const double along = std::clamp((p - a).dot(way) / way.squaredNorm(), 0.0, 1.0);
+    least = std::min(least, (p - a - along * way).squaredNorm());
+  }
+  return std::sqrt(least);
+}
+
+/// Distance of a point in the plane of bone[at] to the material of all slices.
+double distance_m(const std::vector<Material>& bone, std::size_t at, const Eigen::Vector2d& p) {
+  double least = distance_m(bone[at], p);
+  for (const Material& other : bone) {
+    const double apart = std::abs(other.z_m - bone[at].z_m);
+    if (apart < least) least = std::min(least, std::hypot(apart, distance_m(other, p)));
+  }
+  return least;
+}
+
+double force_of(const RecordingRow& row) noexcept {
+  const std::array<double, 6>& w = row.wrench_delivered;
+  return length({w[0], w[1], w[2]});
+}
+bool counts(const RecordingRow& row) noexcept {
+  return row.safety == SafetyState::kReady || row.safety == SafetyState::kRunning;
+}
+
+bool is_in_bone(const RecordingRow& row) {
+  return (row.phase == ContactPhase::kContact || row.phase == ContactPhase::kPunctured) &&
+         row.active_slice >= 0;
 }
 
 }  // namespace
@@ -188,16 +260,6 @@ void GoalMeter::judge(SessionFigures& figures) const {
          false, false,
          "smallest distance of the tip to the zone, at least its margin; negative: inside"});
 }
-
-namespace {
-
-std::optional<Punctured> punctured_at(const ResistanceFall& found) {
-  if (found.layer >= 0) return Punctured{true, static_cast<std::size_t>(found.layer)};
-  if (found.sheet >= 0) return Punctured{false, static_cast<std::size_t>(found.sheet)};
-  return std::nullopt;
-}
-
-}  // namespace
 
 double height_of(const Punctured& what, const Scene& scene,
                  const std::vector<ReportSheet>& sheets) {
@@ -306,70 +368,6 @@ void TremorMeter::observe(const RecordingRow& row, SessionFigures& figures) {
   tremor->squares_m2 += (q * axis_plate_).cross(Eigen::Vector3d(passed.data())).squaredNorm();
 }
 
-namespace {
-
-constexpr double kFar = std::numeric_limits<double>::infinity();
-
-/// The material of a sheet in {B}: its triangles, and the edges of its outline.
-struct Material {
-  double z_m = 0;
-  std::vector<std::array<Eigen::Vector2d, 3>> triangles;
-  std::vector<std::array<Eigen::Vector2d, 2>> edges;
-};
-
-double cross(const Eigen::Vector2d& a, const Eigen::Vector2d& b) {
-  return a.x() * b.y() - a.y() * b.x();
-}
-
-Material material_of(const Sheet& sheet) {
-  Material out;
-  out.z_m = sheet.z_m;
-  for (std::uint32_t t = 0; t < sheet.mesh.triangles.size(); ++t) {
-    if (!sheet.mesh.in_use(t)) continue;
-    std::array<Eigen::Vector2d, 3> corner;
-    for (std::size_t k = 0; k < 3; ++k) {
-      const LatticePoint p = sheet.mesh.vertices[sheet.mesh.triangles[t][k]];
-      corner[k] = sheet.transform.to_scene(
-          Eigen::Vector2d(static_cast<double>(p.x), static_cast<double>(p.y)));
-    }
-    out.triangles.push_back(corner);
-    for (std::size_t k = 0; k < 3; ++k) {
-      if (sheet.mesh.across[t][k] == kNoSlot) out.edges.push_back({corner[k], corner[(k + 1) % 3]});
-    }
-  }
-  return out;
-}
-
-bool is_over(const Material& material, const Eigen::Vector2d& p) {
-  return std::any_of(material.triangles.begin(), material.triangles.end(), [&](const auto& c) {
-    return cross(c[1] - c[0], p - c[0]) >= 0 && cross(c[2] - c[1], p - c[1]) >= 0 &&
-           cross(c[0] - c[2], p - c[2]) >= 0;
-  });
-}
-
-double distance_m(const Material& material, const Eigen::Vector2d& p) {
-  if (is_over(material, p)) return 0;
-  double least = kFar;
-  for (const auto& [a, b] : material.edges) {
-    const Eigen::Vector2d way = b - a;
-    const double along = std::clamp((p - a).dot(way) / way.squaredNorm(), 0.0, 1.0);
-    least = std::min(least, (p - a - along * way).squaredNorm());
-  }
-  return std::sqrt(least);
-}
-
-/// Distance of a point in the plane of bone[at] to the material of all slices.
-double distance_m(const std::vector<Material>& bone, std::size_t at, const Eigen::Vector2d& p) {
-  double least = distance_m(bone[at], p);
-  for (const Material& other : bone) {
-    const double apart = std::abs(other.z_m - bone[at].z_m);
-    if (apart < least) least = std::min(least, std::hypot(apart, distance_m(other, p)));
-  }
-  return least;
-}
-
-}  // namespace
-
 std::optional<WallViolation> measure_wall_violation(std::span<const Sheet* const> sheets,
                                                     const Tool& tool,
                                                     const std::array<double, 3>& tip_m,
@@ -420,23 +418,6 @@ const char* words_of_grade(int grade) {
   return kWords[static_cast<std::size_t>(grade)];
 }
 
-namespace {
-
-double force_of(const RecordingRow& row) noexcept {
-  const std::array<double, 6>& w = row.wrench_delivered;
-  return length({w[0], w[1], w[2]});
-}
-bool counts(const RecordingRow& row) noexcept {
-  return row.safety == SafetyState::kReady || row.safety == SafetyState::kRunning;
-}
-
-bool is_in_bone(const RecordingRow& row) {
-  return (row.phase == ContactPhase::kContact || row.phase == ContactPhase::kPunctured) &&
-         row.active_slice >= 0;
-}
-
-}  // namespace
-
 SessionObserver::SessionObserver(const Scene& scene, std::vector<ReportSheet> sheets,
                                  double rate_Hz)
     : scene_(scene),
@@ -469,11 +450,10 @@ void SessionObserver::observe(const ObservedTick& tick) {
   if (row.safety != SafetyState::kIdle) sample(row, force_N);
   observe_fault(row);
   plunge_.observe(row, tick.break_through, out_);
-  if (counts(row)) {
+  if (counts(row))
     observe_counted(tick, force_N);
-  } else {
+  else
     observe_gap();
-  }
   last_hand_N_ = force_N;
   last_t_s_ = row.t_s;
   last_front_HU_ = front_HU(row);

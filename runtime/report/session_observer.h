@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Points and vectors with three coordinates, in the form used by recordings and scenes.
+// A session's figures for the debriefing: definitions, meters and the observer that collects them.
 #pragma once
 
 #include <Eigen/Core>
@@ -21,6 +21,8 @@
 #include "runtime/session/recorder.h"
 
 namespace trocar::runtime {
+
+// Points and vectors with three coordinates, in the form used by recordings and scenes.
 
 using Vector3 = std::array<double, 3>;
 
@@ -100,12 +102,12 @@ std::vector<std::array<double, 2>> material_along(const Sheet& sheet, int axis, 
 //     `punctured`. Every attempt after the first one is a re-entry into the bone.
 //  9. The force-time integral is the sum of the force over the counted rows, divided by the rate.
 // 10. The final position is the tip's position in the counted row in which the tip is lowest. If
-//     several rows have the same height, it is the position in the first of them. wall_violation.h
+//     several rows have the same height, it is the position in the first of them. measure_wall_violation()
 //     defines how far the tool is outside bone at this position.
 // 11. With the force law `cutting`, each puncture and each sample has an HU value in addition to
 //     its force: the mean HU of the uncut bone under the tool (RecordingRow::Cutting::front_HU) in
 //     the row of this force.
-// 12. FaultStarts (held_stops.h) defines when a fault begins.
+// 12. FaultStarts (faults.h) defines when a fault begins.
 
 inline constexpr double kTremorLow_Hz = 4, kTremorHigh_Hz = 12, kTremorSettle_s = 0.5;
 inline constexpr double kLeave_m = 1e-3;
@@ -253,7 +255,7 @@ inline std::uint64_t ticks_of(double duration_s, double rate_Hz) {
 }
 
 // Compares a session with its scene's goals. Measures the tip's distances to the target, to the
-// planned line and to the zones (session_figures.h, definition 6), and determines which goals were
+// planned line and to the zones (definition 6), and determines which goals were
 // met in the session.
 
 class GoalMeter {
@@ -261,7 +263,7 @@ class GoalMeter {
   /// The goals must outlive this object.
   explicit GoalMeter(const SceneGoals& goals) : goals_(goals), in_zone_(goals.zones.size()) {}
   /// Call this for each counted row: a row in the safety state `ready` or `running`
-  /// (session_figures.h). Precondition: figures.zones has an entry for each zone.
+  /// Precondition: figures.zones has an entry for each zone.
   void observe(const RecordingRow& row, SessionFigures& figures);
   /// Call this for each row that is not counted. It ends all breaches (stays of the tip in zones),
   /// so that the next row in a zone begins a new breach.
@@ -307,12 +309,12 @@ class PlungeMeter {
 /// Returns the height of a punctured sheet, or of the top of a punctured layer.
 double height_of(const Punctured& what, const Scene& scene, const std::vector<ReportSheet>& sheets);
 
-// Measures the tremor of the tip (definition 5 of session_figures.h).
+// Measures the tremor of the tip (definition 5).
 
 class TremorMeter {
  public:
   TremorMeter(const Scene& scene, double rate_Hz);
-  /// Call this for each counted row (definition 1 of session_figures.h). Filters the tip's
+  /// Call this for each counted row (definition 1). Filters the tip's
   /// position, and adds the squares of the output to the sums in `figures`.
   void observe(const RecordingRow& row, SessionFigures& figures);
   /// Call this for each row that is not counted. Resets the filters before the next row.
@@ -380,7 +382,7 @@ int grade_of(double outside_m);
 /// Returns the range of violations with this grade: "0", "under 2 mm", "2 to 4 mm" or "over 4 mm".
 const char* words_of_grade(int grade);
 
-// Collects the figures of a session (session_figures.h) tick by tick.
+// Collects the figures of a session tick by tick.
 
 class SessionObserver {
  public:

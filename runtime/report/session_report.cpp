@@ -1,18 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "runtime/report/session_report.h"
 
-#include <algorithm>
-#include <cmath>
 #include <nlohmann/json.hpp>
-#include <utility>
 
 #include "embedded/runtime/report/session_page.js.h"
-#include "formats/base/files.h"
 #include "formats/base/html_page.h"
 #include "formats/base/json.h"
 #include "formats/base/text.h"
-#include "formats/session/faults.h"
-#include "runtime/haptics/loop/break_through.h"
 
 namespace trocar::runtime {
 namespace {
@@ -142,100 +136,6 @@ json describe(const SliceMesh& mesh) {
   return {{"vertices", points(mesh.vertices)}, {"triangles", mesh.triangles}};
 }
 
-}  // namespace
-
-std::string summarize(const Scene& scene, const SessionOptions& options,
-                      const SessionResult& report, const Remesher& remesher,
-                      const std::string& link_json) {
-  json summary = {
-      {"schema", "trocar.summary/1"},
-      {"program", "trocar-run " TROCAR_VERSION},
-      {"scene", scene.name},
-      {"trainee", nullptr},
-      {"clock", options.is_real_time() ? "real" : "virtual"},
-      {"rate_Hz", options.rate_Hz},
-      {"end", to_string(report.end)},
-      {"ticks", report.ticks},
-      {"missed_deadlines", report.realtime.missed_deadlines},
-      {"tick_us", quantiles(report.tick)},
-      {"device_us", quantiles(report.device)},
-      {"wake_us", quantiles(report.realtime.wake)},
-      {"allocations_in_loop", nullptr},
-      {"page_faults_in_loop", report.realtime.page_faults},
-      {"missed_deadlines_by", describe(report.late_ticks)},
-      {"missed_deadlines_in_row_max", report.realtime.missed_in_row_max},
-      {"realtime", describe(report.realtime)},
-      {"tick_histogram_us", buckets(report.tick)},
-      {"wake_histogram_us", buckets(report.realtime.wake)},
-      {"xray",
-       {{"shots", report.xray.shots}, {"screening_s", report.xray.screening_s(options.rate_Hz)}}},
-      {"max_force_N", report.max_force_N},
-      {"punctures", json::array()},
-      {"punctures_not_listed", report.punctures_not_listed},
-      {"faults", describe_faults(report)},
-      {"faults_count", report.faults_count},
-      {"passivity",
-       {{"on", options.passivity.on && !report.law->is_passive()},
-        {"damped_ticks", report.damped_ticks},
-        {"damping_max_N_s_per_m", report.damping_max_N_s_per_m},
-        {"energy_released_max_J", report.energy_released_max_J}}},
-      {"wrench_error_max", report.wrench_error_max},
-      {"scaled_ticks", report.scaled_ticks},
-      {"torque_max_Nm", report.torque_max_Nm},
-  };
-  if (const Result<Trainee> trainee = stated_trainee(options.origin); trainee)
-    summary["trainee"] = parse_known_json(to_json(*trainee));
-  if (report.allocations_in_loop) summary["allocations_in_loop"] = *report.allocations_in_loop;
-  if (const SummarySection law = report.law->summary(); !law.key.empty())
-    summary[law.key] = parse_known_json(law.json);
-  for (const PunctureEvent& event : report.punctures) {
-    summary["punctures"].push_back(describe(event, remesher));
-  }
-  if (!options.replay.empty()) {
-    const bool differs = report.replay_first_difference >= 0;
-    summary["replay"] = {{"rows", options.replay.size()},
-                         {"identical_torques", !differs},
-                         {"first_difference_row", nullptr}};
-    if (differs) summary["replay"]["first_difference_row"] = report.replay_first_difference + 1;
-  }
-  if (!link_json.empty()) summary["link"] = parse_known_json(link_json);
-  return json_text(summary, 2);
-}
-
-std::string describe_sheets(const Scene& scene, const Remesher& remesher) {
-  json sheets = json::array();
-  for (std::size_t i = 0; i < remesher.size(); ++i) {
-    const Sheet& first = remesher.first_version(i);
-    json sheet = {{"slice", first.slice_index},
-                  {"z_m", first.z_m},
-                  {"at_m", {first.transform.at_m.x(), first.transform.at_m.y()}},
-                  {"anchor_mm", {first.transform.anchor_mm.x(), first.transform.anchor_mm.y()}},
-                  {"rotation_deg", scene.placement.rotation_deg},
-                  {"before", describe(to_slice_mesh(first.mesh))},
-                  {"after", describe(to_slice_mesh(remesher.last_version(i).mesh))},
-                  {"cuts", json::array()}};
-    for (const CutRecord& record : remesher.records()) {
-      if (record.request.sheet != static_cast<std::int32_t>(i) || record.error) continue;
-      json hole = json::array();
-      for (const Ring& ring : remesher.hole(record))
-        hole.push_back(points(ring));
-      sheet["cuts"].push_back({{"tool", points(to_ring(record.request.outline))},
-                               {"hole", hole},
-                               {"triangles_removed", record.cut.triangles_removed},
-                               {"triangles_created", record.cut.triangles_created},
-                               {"doubled_area_removed", record.cut.doubled_area_removed}});
-    }
-    sheets.push_back(std::move(sheet));
-  }
-  const int bits = remesher.size() > 0 ? remesher.first_version(0).transform.lattice.bits : 0;
-  return json_text(
-      {{"schema", "trocar.sheets/1"}, {"lattice_bits", bits}, {"sheets", std::move(sheets)}});
-}
-
-namespace {
-
-using nlohmann::json;
-
 json or_null(const std::optional<double>& value) {
   return value ? json(*value) : json(nullptr);
 }
@@ -270,11 +170,10 @@ json describe_goals(const Scene& scene, const SessionFigures& f) {
       out["line"]["entry_m"] = f.line_entry_m;
     }
   }
-  if (scene.goals->target) {
+  if (scene.goals->target)
     out["target"] = {{"closest_m", or_null(f.target_m)},
                      {"closest_t_s", f.target_m ? json(f.target_t_s) : json(nullptr)},
                      {"reached_t_s", or_null(f.target_reached_s)}};
-  }
   for (std::size_t i = 0; i < f.zones.size(); ++i) {
     const ZoneFigures& zone = f.zones[i];
     json breaches = json::array();
@@ -493,6 +392,93 @@ json describe_drawing(const Scene& scene, const SessionFigures& f, const ReportF
 }
 
 }  // namespace
+
+std::string summarize(const Scene& scene, const SessionOptions& options,
+                      const SessionResult& report, const Remesher& remesher,
+                      const std::string& link_json) {
+  json summary = {
+      {"schema", "trocar.summary/1"},
+      {"program", "trocar-run " TROCAR_VERSION},
+      {"scene", scene.name},
+      {"trainee", nullptr},
+      {"clock", options.is_real_time() ? "real" : "virtual"},
+      {"rate_Hz", options.rate_Hz},
+      {"end", to_string(report.end)},
+      {"ticks", report.ticks},
+      {"missed_deadlines", report.realtime.missed_deadlines},
+      {"tick_us", quantiles(report.tick)},
+      {"device_us", quantiles(report.device)},
+      {"wake_us", quantiles(report.realtime.wake)},
+      {"allocations_in_loop", nullptr},
+      {"page_faults_in_loop", report.realtime.page_faults},
+      {"missed_deadlines_by", describe(report.late_ticks)},
+      {"missed_deadlines_in_row_max", report.realtime.missed_in_row_max},
+      {"realtime", describe(report.realtime)},
+      {"tick_histogram_us", buckets(report.tick)},
+      {"wake_histogram_us", buckets(report.realtime.wake)},
+      {"xray",
+       {{"shots", report.xray.shots}, {"screening_s", report.xray.screening_s(options.rate_Hz)}}},
+      {"max_force_N", report.max_force_N},
+      {"punctures", json::array()},
+      {"punctures_not_listed", report.punctures_not_listed},
+      {"faults", describe_faults(report)},
+      {"faults_count", report.faults_count},
+      {"passivity",
+       {{"on", options.passivity.on && !report.law->is_passive()},
+        {"damped_ticks", report.damped_ticks},
+        {"damping_max_N_s_per_m", report.damping_max_N_s_per_m},
+        {"energy_released_max_J", report.energy_released_max_J}}},
+      {"wrench_error_max", report.wrench_error_max},
+      {"scaled_ticks", report.scaled_ticks},
+      {"torque_max_Nm", report.torque_max_Nm},
+  };
+  if (const Result<Trainee> trainee = stated_trainee(options.origin); trainee)
+    summary["trainee"] = parse_known_json(to_json(*trainee));
+  if (report.allocations_in_loop) summary["allocations_in_loop"] = *report.allocations_in_loop;
+  if (const SummarySection law = report.law->summary(); !law.key.empty())
+    summary[law.key] = parse_known_json(law.json);
+  for (const PunctureEvent& event : report.punctures)
+    summary["punctures"].push_back(describe(event, remesher));
+  if (!options.replay.empty()) {
+    const bool differs = report.replay_first_difference >= 0;
+    summary["replay"] = {{"rows", options.replay.size()},
+                         {"identical_torques", !differs},
+                         {"first_difference_row", nullptr}};
+    if (differs) summary["replay"]["first_difference_row"] = report.replay_first_difference + 1;
+  }
+  if (!link_json.empty()) summary["link"] = parse_known_json(link_json);
+  return json_text(summary, 2);
+}
+
+std::string describe_sheets(const Scene& scene, const Remesher& remesher) {
+  json sheets = json::array();
+  for (std::size_t i = 0; i < remesher.size(); ++i) {
+    const Sheet& first = remesher.first_version(i);
+    json sheet = {{"slice", first.slice_index},
+                  {"z_m", first.z_m},
+                  {"at_m", {first.transform.at_m.x(), first.transform.at_m.y()}},
+                  {"anchor_mm", {first.transform.anchor_mm.x(), first.transform.anchor_mm.y()}},
+                  {"rotation_deg", scene.placement.rotation_deg},
+                  {"before", describe(to_slice_mesh(first.mesh))},
+                  {"after", describe(to_slice_mesh(remesher.last_version(i).mesh))},
+                  {"cuts", json::array()}};
+    for (const CutRecord& record : remesher.records()) {
+      if (record.request.sheet != static_cast<std::int32_t>(i) || record.error) continue;
+      json hole = json::array();
+      for (const Ring& ring : remesher.hole(record))
+        hole.push_back(points(ring));
+      sheet["cuts"].push_back({{"tool", points(to_ring(record.request.outline))},
+                               {"hole", hole},
+                               {"triangles_removed", record.cut.triangles_removed},
+                               {"triangles_created", record.cut.triangles_created},
+                               {"doubled_area_removed", record.cut.doubled_area_removed}});
+    }
+    sheets.push_back(std::move(sheet));
+  }
+  const int bits = remesher.size() > 0 ? remesher.first_version(0).transform.lattice.bits : 0;
+  return json_text(
+      {{"schema", "trocar.sheets/1"}, {"lattice_bits", bits}, {"sheets", std::move(sheets)}});
+}
 
 std::string session_report_json(const Scene& scene, const SessionFigures& f,
                                 const ReportFacts& facts) {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Two outputs of a session as JSON: the summary, and the sheets before and after the punctures.
+// Outputs of a session: summary, sheets, and the report for the debriefing.
 #pragma once
 
 #include <array>
@@ -15,13 +15,15 @@
 
 namespace trocar::runtime {
 
+// Two outputs of a session as JSON: the summary, and the sheets before and after the punctures.
+
 /// Returns the document of formats/session/summary.schema.json, which describes the fields and
 /// their units. The text is indented by two spaces and has no line feed at its end. All top-level
 /// fields are present in every session, with four exceptions: `network` is present only with the
 /// force law `network`, `cutting` only with the force law `cutting`, `replay` only in a replay, and
 /// `link` only if the device has a link. If there is nothing to count or to list, a field is 0 or
 /// an empty list. The field `allocations_in_loop` is null if the program does not count allocations
-/// (allocation_counter.h). If the hole of a puncture was not cut, the puncture's fields `remesh_us`
+/// (realtime_thread.h). If the hole of a puncture was not cut, the puncture's fields `remesh_us`
 /// and `hole_vertices` are null. If a path is absolute, only the file's name is written.
 /// `link_json`: the object `link` as JSON text; empty: the device has no link.
 std::string summarize(const Scene& scene, const SessionOptions& options,
@@ -34,7 +36,7 @@ std::string summarize(const Scene& scene, const SessionOptions& options,
 std::string describe_sheets(const Scene& scene, const Remesher& remesher);
 
 // The session report for the debriefing (`trocar-run --session-report`): figures as JSON and as
-// CSV, and a page that shows these figures. session_figures.h defines the figures. The report also
+// CSV, and a page that shows these figures. session_observer.h defines the figures. The report also
 // states facts, such as names and the measured values at faults (ReportFacts).
 
 /// Facts that the report states in addition to the figures.
@@ -43,7 +45,7 @@ struct ReportFacts {
   bool is_virtual = false;      ///< the session had a virtual clock or was a replay
   std::vector<ReportSheet> sheets{};
   Trainee trainee{};
-  /// Result of measure_wall_violation() at the final position (definition 10 of session_figures.h).
+  /// Result of measure_wall_violation() at the final position (definition 10 of session_observer.h).
   std::optional<WallViolation> final_wall{};
   /// Material of the uncut sheets in two vertical planes through the tip's lowest position.
   /// material_m[0][i]: intervals of x, in m, in which sheet i has material in the plane parallel to

@@ -1,9 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "runtime/session/force_law_table.h"
 
-#include <array>
-#include <vector>
-
 #include "runtime/haptics/bone/cutting_force_law.h"
 #include "runtime/haptics/membrane/sheet_law.h"
 

@@ -1,11 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "runtime/session/live_hand.h"
 
-#include <algorithm>
-#include <cmath>
-#include <string>
-#include <utility>
-
 #include "formats/base/text.h"
 #include "runtime/session/open_device.h"
 #include "runtime/session/pose_session.h"

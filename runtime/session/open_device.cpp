@@ -1,21 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "runtime/session/open_device.h"
 
-#include <Eigen/Geometry>
-#include <algorithm>
-#include <functional>
-#include <iterator>
-#include <numbers>
-#include <utility>
-#include <vector>
-
 #include "runtime/device/four_legs/four_legs.h"
 #include "runtime/device/link/link_key.h"
 #include "runtime/device/link/udp_link.h"
 #include "runtime/device/pose/force_dimension.h"
 #include "runtime/device/pose/haply.h"
-#include "runtime/device/pose/pose_hand.h"
-#include "runtime/haptics/tool.h"
 #include "runtime/session/pose_session.h"
 
 namespace trocar::runtime {
@@ -296,9 +286,8 @@ Result<void> check_device_uri(std::string_view uri, bool has_key_file) {
     return usage("--device " + std::string(uri) + ": must be " +
                  uris([](const DeviceKind&) { return true; }));
   }
-  if (kind->needs_key_file && !has_key_file) {
+  if (kind->needs_key_file && !has_key_file)
     return usage("--device " + std::string(uri) + ": needs --key-file");
-  }
   if (!kind->needs_key_file && has_key_file) {
     return usage("--key-file: is for --device " +
                  uris([](const DeviceKind& each) { return each.needs_key_file; }) + " only");
@@ -344,9 +333,8 @@ std::unique_ptr<DeviceSpecification> make_specification(const AnyDeviceDescripti
 }
 
 Result<OpenedDevice> open_device(std::string_view uri, const OpenDeviceOptions& options) {
-  if (auto checked = check_device_uri(uri, !options.key_file.empty()); !checked) {
+  if (auto checked = check_device_uri(uri, !options.key_file.empty()); !checked)
     return checked.error();
-  }
   const DeviceKind& kind = *find_device(uri);
   const bool is_pose_device = std::holds_alternative<PoseDeviceDescription>(options.description);
   if (kind.description != DescriptionKind::kAny &&

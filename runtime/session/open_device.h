@@ -1,7 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Plays back a recording: each read() returns the device's state and status from the next row of
-// the recording. ReplayDevice does this for the four-legged device, ReplayPoseDevice for a device
-// that measures its own pose.
+// Opens the devices of a session: by URI, simulated, or from a recording.
 #pragma once
 
 #include <filesystem>
@@ -25,6 +23,10 @@
 #include "runtime/session/session_options.h"
 
 namespace trocar::runtime {
+
+// Plays back a recording: each read() returns the device's state and status from the next row of
+// the recording. ReplayDevice does this for the four-legged device, ReplayPoseDevice for a device
+// that measures its own pose.
 
 /// Sets the device's state of a row, which the device had sent or measured in the row's tick.
 inline void take_state(const RecordingRow& row, DeviceState& state) noexcept {

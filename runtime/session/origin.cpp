@@ -2,14 +2,6 @@
 #include "runtime/session/origin.h"
 
 #include <sodium.h>
-#include <algorithm>
-#include <array>
-#include <cmath>
-#include <limits>
-#include <memory>
-#include <vector>
-
-#include "formats/base/files.h"
 
 namespace trocar::runtime {
 namespace {
@@ -55,9 +47,7 @@ Result<RecordingOrigin> make_origin(const std::filesystem::path& scene_file, con
   if (!asset_digest) return asset_digest.error();
   std::string device = "built-in";
   if (scene.device && description != default_device_description()) {
-    const Result<std::string> digest = digest_of(*scene.device);
-    if (!digest) return digest.error();
-    device = *digest;
+    if (const auto ok = digest_of(*scene.device).into(device); !ok) return ok.error();
   }
   RecordingOrigin origin;
   origin.entries = {

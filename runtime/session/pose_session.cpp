@@ -1,12 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "runtime/session/pose_session.h"
 
-#include <algorithm>
-#include <array>
-#include <cmath>
-#include <limits>
-#include <vector>
-
 #include "embedded/runtime/device/force_dimension.json.h"
 #include "embedded/runtime/device/haply_inverse3.json.h"
 #include "runtime/device/pose/pose_hand.h"
@@ -66,9 +60,8 @@ PoseMargins pose_margins(const DeviceSpecification& device, const SafetyLimits& 
 // The order is that of the loop's checks (haptic_loop.cpp).
 Fault pose_fault(const SafetyLimits& limits, const PoseMargins& margins) noexcept {
   if (margins.device.fault != Fault::kNone) return margins.device.fault;
-  if (!(margins.box_m >= 0 && margins.tilt_rad <= limits.plate_tilt_max_rad)) {
+  if (!(margins.box_m >= 0 && margins.tilt_rad <= limits.plate_tilt_max_rad))
     return Fault::kWorkspace;
-  }
   return margins.tool_tilt_rad * kDegreesPerRadian <= kMaxTilt_deg ? Fault::kNone
                                                                    : Fault::kToolTilt;
 }

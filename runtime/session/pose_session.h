@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The distances of a plate pose from the limits of the device and of the loop (safety.h).
+// Sessions with a pose device, and the tip positions that a device reaches.
 #pragma once
 
 #include <Eigen/Core>
@@ -23,6 +23,8 @@
 #include "runtime/session/session_options.h"
 
 namespace trocar::runtime {
+
+// The distances of a plate pose from the limits of the device and of the loop (safety.h).
 
 /// Distances of a pose from the limits. `tilt_rad` and `tool_tilt_rad`, however, are the tilts
 /// themselves, not their distances from the limits.

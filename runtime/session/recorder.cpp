@@ -2,13 +2,6 @@
 #include "runtime/session/recorder.h"
 
 #include <fcntl.h>
-#include <algorithm>
-#include <bit>
-#include <cerrno>
-#include <cmath>
-#include <ctime>
-#include <system_error>
-#include <utility>
 
 #include "formats/base/text.h"
 
@@ -115,9 +108,8 @@ std::filesystem::path BlackBox::name_of(const Request& request) const {
       name_ + "_t" + text_line("%.4f", request.t_s) + "s_" + to_string(request.fault);
   std::filesystem::path file = folder_ / (stem + ".csv");
   std::error_code ignored;
-  for (int again = 2; std::filesystem::exists(file, ignored); ++again) {
+  for (int again = 2; std::filesystem::exists(file, ignored); ++again)
     file = folder_ / (stem + "_" + std::to_string(again) + ".csv");
-  }
   return file;
 }
 

@@ -1,8 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The interface between the haptic loop and its observers: the recorder, the black box, messages to
-// the operator, the session publisher, the frame display, the tick feed, and the statistics. A new
-// observer is one class derived from TickObserver, and one line in make_workers()
-// (runtime/session/session.cpp) or an entry in SessionOptions::observers.
+// The interface to a loop's observers, and those that record: recorder and black box.
 #pragma once
 
 #include <array>
@@ -28,6 +25,11 @@
 #include "runtime/realtime/realtime_thread.h"
 
 namespace trocar::runtime {
+
+// The interface between the haptic loop and its observers: the recorder, the black box, messages to
+// the operator, the session publisher, the frame display, the tick feed, and the statistics. A new
+// observer is one class derived from TickObserver, and one line in make_workers()
+// (runtime/session/session.cpp) or an entry in SessionOptions::observers.
 
 /// Returns true for the faults that the operator's commands pause and zero raise. These faults are
 /// not failures: the session waits for the operator.

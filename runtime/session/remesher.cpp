@@ -1,11 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "runtime/session/remesher.h"
 
-#include <algorithm>
-#include <chrono>
-#include <string>
-#include <utility>
-
 namespace trocar::runtime {
 namespace {
 

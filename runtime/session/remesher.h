@@ -46,7 +46,7 @@ struct CutRecord {
 /// atomic write then publishes the new version. From its next call of current() on, the haptic
 /// thread reads the replica with the hole. Once it no longer uses the older replica, the change is
 /// applied to the older replica, too. The replicas, the first version and the caller's sheet share
-/// the memory of their common parts (paged_array.h). So no mesh is copied as a whole, and the time
+/// the memory of their common parts (PagedArray). So no mesh is copied as a whole, and the time
 /// of a cut depends on the hole alone. Before a cut, the thread that calls serve() allocates memory
 /// for the pages that the cut will write to. After some hundred holes, or for a large hole, the
 /// free slots for vertices or triangles may not suffice. Slots are then added to each replica while

@@ -1,13 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "runtime/session/session_options.h"
 
-#include <algorithm>
-#include <cmath>
-#include <cstdlib>
-#include <limits>
-
 #include "formats/base/text.h"
-#include "formats/session/scene.h"
 
 namespace trocar::runtime {
 
@@ -28,9 +22,8 @@ Result<double> recorded_rate_Hz(std::span<const RecordingRow> rows, const std::s
                    "one; it cannot be replayed");
   }
   const double exact = static_cast<double>(rows.size() - 1) / rows.back().t_s;
-  if (!(exact >= kMinRate_Hz * (1 - 1e-12) && exact <= kMaxRate_Hz * (1 + 1e-12))) {
+  if (!(exact >= kMinRate_Hz * (1 - 1e-12) && exact <= kMaxRate_Hz * (1 + 1e-12)))
     return refused(name + ": its rate is outside the range of the loop");
-  }
   // Users set rates as short decimals, so the shortest decimal that gives the time of every row is
   // used. `exact` may differ by a few rounding errors.
   std::size_t max_rows = 0;  // largest number of rows whose times a candidate has matched

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The number of ticks of a session, and the rate of the ticks in a recording.
+// The options of a session, the number of its ticks, and the receiver of a live hand.
 #pragma once
 
 #include <atomic>
@@ -21,6 +21,8 @@
 #include "runtime/session/session_publisher.h"
 
 namespace trocar::runtime {
+
+// The number of ticks of a session, and the rate of the ticks in a recording.
 
 /// Returns the number of ticks of a session, at least 1. The ticks are at the times 0, 1/rate,
 /// 2/rate, ... before `duration_s`.
@@ -86,7 +88,7 @@ struct SessionOptions {
   /// Called with each message to the operator, not on the realtime haptic thread.
   std::function<void(const OperatorMessage&)> on_message;
   /// If not empty, the session is a replay of these rows. The session uses the replay clock
-  /// (session_clock.h) and compares torques with the recorded torques. The device must replay the
+  /// (session.h) and compares torques with the recorded torques. The device must replay the
   /// same rows (runtime/session/open_device.h).
   std::span<const RecordingRow> replay;
   SafetyLimits limits;
@@ -96,7 +98,7 @@ struct SessionOptions {
   CompensationOptions compensation;
   RecoveryPolicy recovery = RecoveryPolicy::kNever;
   /// A flag that the program sets to request a recovery, for example after SIGUSR1
-  /// (operator_commands.h). The next tick clears the flag. Null: no such flag.
+  /// (operator_messages.h). The next tick clears the flag. Null: no such flag.
   std::atomic<bool>* recover = nullptr;
   Suspension* suspension = nullptr;  ///< must outlive the session; may be null
   /// Folder of the black boxes, which keep the last seconds before a fault; none: no black boxes.
@@ -106,7 +108,7 @@ struct SessionOptions {
   /// If set, the session is published in memory that other processes read, and the session obeys
   /// their commands (formats/session/telemetry.md).
   std::optional<TelemetryOptions> telemetry;
-  /// True: the session accepts the operator's X-ray commands (operator_commands.h) from other
+  /// True: the session accepts the operator's X-ray commands (operator_messages.h) from other
   /// processes, or from the rows of a replay, and counts shots and the time of screening.
   bool counts_xray = false;
   /// Receives the messages of a hand that a person moves. The messages come through `telemetry`,

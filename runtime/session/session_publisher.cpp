@@ -1,13 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "runtime/session/session_publisher.h"
 
-#include <unistd.h>
-#include <algorithm>
-#include <cmath>
-#include <ctime>
 #include <nlohmann/json.hpp>
 
-#include "formats/base/files.h"
 #include "formats/base/json.h"
 #include "formats/base/text.h"
 #include "runtime/session/session_options.h"
@@ -374,12 +369,11 @@ std::string session_facts(const Scene& scene, const DeviceSpecification& device,
       {"safety_states", names_of<SafetyState>(kSafetyStates)},
   };
   about.update(describe_device(device, options.limits));
-  for (const SceneLayer& layer : scene.layers) {
+  for (const SceneLayer& layer : scene.layers)
     about["layers"].push_back({{"name", layer.name},
                                {"top_z_m", layer.top_z_m},
                                {"thickness_m", layer.thickness_m},
                                {"puncture_N", layer.puncture_N}});
-  }
   for (const Column& column : kColumns)
     about["columns"].push_back({{"name", column.name}, {"count", column.count}});
   json edges = json::array();
@@ -413,9 +407,7 @@ Result<std::unique_ptr<SessionPublisher>> SessionPublisher::make(
     made->slices_.push_back(sheet.slice_index);
   }
   made->published_cuts_.assign(remesher.size(), -1);
-  auto writer = TelemetryWriter::make(sizes);
-  if (!writer) return writer.error();
-  made->writer_ = std::move(*writer);
+  if (const auto ok = TelemetryWriter::make(sizes).into(made->writer_); !ok) return ok.error();
   made->publish_sheets(remesher);
   made->write(TelemetryTick{});
   if (Result<void> linked = made->writer_->link(options.telemetry->file); !linked)

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Supplies frames to a display at the display's frame rate. A frame consists of the latest row and
-// the shape, which is the deformed sheet around the tool. Only the force law `network` has a shape.
+// Publishes a running session in shared memory: facts, snapshots, meshes and frames.
 #pragma once
 
 #include <array>
@@ -8,10 +7,8 @@
 #include <cstdint>
 #include <filesystem>
 #include <functional>
-#include <limits>
 #include <memory>
 #include <optional>
-#include <span>
 #include <string>
 #include <utility>
 #include <vector>
@@ -34,6 +31,9 @@
 #include "runtime/session/remesher.h"
 
 namespace trocar::runtime {
+
+// Supplies frames to a display at the display's frame rate. A frame consists of the latest row and
+// the shape, which is the deformed sheet around the tool. Only the force law `network` has a shape.
 
 /// Receives a frame: the latest row, and the shape or null.
 using FrameFunction =

@@ -1,12 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "runtime/session/session_statistics.h"
 
-#include <algorithm>
-#include <array>
-#include <bit>
-#include <cmath>
-#include <utility>
-
 namespace trocar::runtime {
 namespace {
 

@@ -380,7 +380,7 @@ def text_of(fit):
 
 
 def tissue_of(fit, tool):
-    # The tissue of a scene that gives the fit's forces with this tool (runtime/haptics/bone/tool_in_tissue.h).
+    # The tissue of a scene that gives the fit's forces with this tool (runtime/haptics/bone/bone_volume.h).
     outer, inner, outline = tool
     stiffness, cutting, friction = np.exp(fit.p[LOG_STIFFNESS]), fit.p[CUTTING], max(fit.p[FRICTION], 0)
     cut = {"strength_MPa": cutting / (np.pi * (outer**2 - inner**2)), "modulus_MPa": stiffness * (1 - POISSON**2) / (2 * outer),

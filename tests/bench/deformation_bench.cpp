@@ -15,7 +15,7 @@
 
 #include "formats/asset/asset.h"
 #include "runtime/haptics/membrane/region.h"
-#include "runtime/haptics/membrane/response.h"
+#include "runtime/haptics/membrane/sheet_law.h"
 #include "runtime/haptics/puncture.h"
 #include "tests/bench/bench.h"
 #include "tests/reference/deformation/general_load.h"

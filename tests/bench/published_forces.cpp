@@ -9,7 +9,6 @@
 #include <random>
 #include <stdexcept>
 
-#include "runtime/haptics/bone/bone_strength.h"
 #include "runtime/haptics/bone/bone_volume.h"
 
 namespace trocar::test {

@@ -13,7 +13,7 @@
 #include "formats/mesh/cut.h"
 #include "formats/mesh/triangulation.h"
 #include "runtime/haptics/membrane/region.h"
-#include "runtime/haptics/membrane/response.h"
+#include "runtime/haptics/membrane/sheet_law.h"
 #include "tests/cases/cut_case.h"
 #include "tests/reference/deformation/global_solver.h"
 #include "tests/reference/deformation/network_checks.h"

@@ -10,7 +10,7 @@
 #include "formats/mesh/cut.h"
 #include "formats/mesh/mesh_validity.h"
 #include "formats/mesh/triangulation.h"
-#include "runtime/haptics/membrane/response.h"
+#include "runtime/haptics/membrane/sheet_law.h"
 #include "tests/cases/cut_case.h"
 #include "tests/fuzz/harness.h"
 #include "tests/reference/deformation/global_solver.h"

@@ -13,7 +13,7 @@
 #include "formats/mesh/triangulation.h"
 #include "runtime/haptics/membrane/network.h"
 #include "runtime/haptics/membrane/region.h"
-#include "runtime/haptics/membrane/response.h"
+#include "runtime/haptics/membrane/sheet_law.h"
 #include "runtime/haptics/sheet.h"
 #include "tests/properties/property_fixture.h"
 #include "tests/properties/property_outlines.h"

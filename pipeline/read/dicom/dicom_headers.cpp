@@ -1,12 +1,9 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "pipeline/read/dicom/dicom_headers.h"
 
-#include <Eigen/Geometry>
 #include <algorithm>
 #include <fstream>
 #include <initializer_list>
-#include <iterator>
-#include <span>
 #include <string_view>
 
 #include "formats/asset/deidentification.h"
@@ -107,9 +104,8 @@ struct AttributeItems {
     for (DcmItem* group : {per_frame, shared}) {
       DcmItem* item = nullptr;
       if (group != nullptr && group->findAndGetSequenceItem(macro, item).good() &&
-          item != nullptr && item->tagExists(attribute)) {
+          item != nullptr && item->tagExists(attribute))
         return item;
-      }
     }
     return dataset;
   }
@@ -196,9 +192,8 @@ std::optional<std::string> read_rescale(const AttributeItems& at, DicomFrame& h)
   if (h.slope == 0) return "a rescale slope of zero";
   if (!(std::abs(h.slope) * 65536 + std::abs(h.intercept) < 1e9))
     return "its rescale is out of range";
-  if (!has_slope && at.dataset->tagExists(DCM_ModalityLUTSequence)) {
+  if (!has_slope && at.dataset->tagExists(DCM_ModalityLUTSequence))
     return "a modality look-up table instead of a rescale slope";
-  }
   return {};
 }
 
@@ -228,22 +223,19 @@ std::optional<std::string> read_geometry(const AttributeItems& at, const GivenSp
                                          DicomFrame& h) {
   double position[3], orientation[6];
   if (!dicom_numbers(at.find(DCM_PlanePositionSequence, DCM_ImagePositionPatient),
-                     DCM_ImagePositionPatient, position, 3)) {
+                     DCM_ImagePositionPatient, position, 3))
     return "no image position (ImagePositionPatient)";
-  }
   if (!dicom_numbers(at.find(DCM_PlaneOrientationSequence, DCM_ImageOrientationPatient),
-                     DCM_ImageOrientationPatient, orientation, 6)) {
+                     DCM_ImageOrientationPatient, orientation, 6))
     return "no image orientation (ImageOrientationPatient)";
-  }
   if (auto wrong = read_spacing(at, given, h)) return wrong;
   h.position = Eigen::Vector3d(position[0], position[1], position[2]);
   h.u = Eigen::Vector3d(orientation[0], orientation[1], orientation[2]);
   h.v = Eigen::Vector3d(orientation[3], orientation[4], orientation[5]);
   if (!(h.position.cwiseAbs().maxCoeff() < 1e7)) return "its image position is out of range";
   if (!(std::abs(h.u.norm() - 1) <= 1e-3) || !(std::abs(h.v.norm() - 1) <= 1e-3) ||
-      !(std::abs(h.u.dot(h.v)) <= 1e-3)) {
+      !(std::abs(h.u.dot(h.v)) <= 1e-3))
     return "its orientation is not two unit vectors at right angles";
-  }
   h.u.normalize();
   h.v = (h.v - h.u * h.u.dot(h.v)).normalized();
   return read_rescale(at, h);
@@ -254,14 +246,12 @@ std::optional<std::string> read_geometry(const AttributeItems& at, const GivenSp
 std::optional<std::string> read_format(DcmItem& data, bool is_binary, DicomFrame& h) {
   h.rows = dicom_integer(&data, DCM_Rows, 0);
   h.columns = dicom_integer(&data, DCM_Columns, 0);
-  if (const int samples = dicom_integer(&data, DCM_SamplesPerPixel, 1); samples != 1) {
+  if (const int samples = dicom_integer(&data, DCM_SamplesPerPixel, 1); samples != 1)
     return std::to_string(samples) + " samples a pixel: colour, not CT";
-  }
   // The two differ only in how they are displayed. HU come from the rescale.
   const std::string photometric = dicom_text(&data, DCM_PhotometricInterpretation);
-  if (photometric != "MONOCHROME1" && photometric != "MONOCHROME2") {
+  if (photometric != "MONOCHROME1" && photometric != "MONOCHROME2")
     return "photometric interpretation '" + photometric + "'";
-  }
   h.bits_allocated = dicom_integer(&data, DCM_BitsAllocated, 0);
   h.bits_stored = dicom_integer(&data, DCM_BitsStored, h.bits_allocated);
   h.high_bit = dicom_integer(&data, DCM_HighBit, h.bits_stored - 1);
@@ -277,9 +267,8 @@ std::optional<std::string> read_format(DcmItem& data, bool is_binary, DicomFrame
            " in " + std::to_string(h.bits_allocated) + "; 8 and 16 bits allocated are read";
   }
   if (h.rows < 2 || h.columns < 2 || h.rows > kMaxImageSide || h.columns > kMaxImageSide ||
-      static_cast<long>(h.rows) * h.columns > kMaxSlicePixels) {
+      static_cast<long>(h.rows) * h.columns > kMaxSlicePixels)
     return std::to_string(h.columns) + " x " + std::to_string(h.rows) + " pixels";
-  }
   return {};
 }
 
@@ -316,10 +305,9 @@ std::optional<std::string> check_length(DcmFileFormat& format, const DicomFrame&
   const double have = pixels->getLength(syntax);
   if (const std::string uid = unknown_syntax(format); have < want && !uid.empty())
     return "no decoder for its transfer syntax (" + uid.substr(0, 64) + ")";
-  if (have < want) {
+  if (have < want)
     return "truncated: " + std::to_string(static_cast<long>(have)) +
            " bytes of pixels, its header declares " + std::to_string(static_cast<long>(want));
-  }
   // Some faulty programs pad each frame. Then only the first frame would be at the position where
   // it is read.
   if (h.bits_allocated == 1 && have > want + 1) {
@@ -509,18 +497,16 @@ std::optional<std::string> read_frames(DcmFileFormat& format, const GivenSpacing
     return "a BINARY segmentation of " + std::to_string(common.bits_allocated) + " bits a pixel";
   Sint32 frames = 1;
   if (data.tagExists(DCM_NumberOfFrames) &&
-      (data.findAndGetSint32(DCM_NumberOfFrames, frames).bad() || frames < 1)) {
+      (data.findAndGetSint32(DCM_NumberOfFrames, frames).bad() || frames < 1))
     return "its number of frames is not a positive number";
-  }
   common.frames = frames;
   DcmSequenceOfItems* groups = nullptr;
   data.findAndGetSequence(DCM_PerFrameFunctionalGroupsSequence, groups);
   const bool has_one_position = groups == nullptr && frames != 1 && !is_segmentation;
   if (!has_one_position &&
-      (groups == nullptr ? frames != 1 : groups->card() != static_cast<unsigned long>(frames))) {
+      (groups == nullptr ? frames != 1 : groups->card() != static_cast<unsigned long>(frames)))
     return std::to_string(frames) + " frames, but per-frame functional groups for " +
            std::to_string(groups == nullptr ? 0 : groups->card());
-  }
   AttributeItems at{nullptr, nullptr, &data};
   data.findAndGetSequenceItem(DCM_SharedFunctionalGroupsSequence, at.shared);
   FrameOffsets offsets;
@@ -721,11 +707,10 @@ DicomFile read_dicom_headers(const std::filesystem::path& file, const GivenSpaci
   };
   if (loaded.bad()) {
     // Files that are not DICOM (text, for example) are skipped, but damaged DICOM files are not.
-    if (!std::ifstream(file).good()) {
+    if (!std::ifstream(file).good())
       unusable("cannot be read");
-    } else if (has_dicom_preamble(file) || !out.series.uid.empty()) {
+    else if (has_dicom_preamble(file) || !out.series.uid.empty())
       unusable(std::string("damaged or truncated DICOM (") + loaded.text() + ")");
-    }
     return out;
   }
   const bool has_pixels = data.tagExists(DCM_PixelData);

@@ -4,14 +4,9 @@
 #include <dcmtk/dcmdata/dcpixseq.h>
 #include <dcmtk/dcmdata/dcpxitem.h>
 #include <algorithm>
-#include <array>
-#include <cstdint>
 #include <cstdlib>
-#include <map>
 #include <sstream>
-#include <string>
 #include <string_view>
-#include <utility>
 
 #include "pipeline/read/number_ranges.h"
 
@@ -191,13 +186,12 @@ std::optional<LossyCompression> lossy_compression(DcmFileFormat& format, int fra
   if (!is_lossy && method.empty()) return {};
   if (method.empty()) return std::move(stated.compression);
   const Fragments fragments = look_at_fragments(format);
-  if (syntax == EXS_JPEGLSLossy) {
+  if (syntax == EXS_JPEGLSLossy)
     is_lossy = is_lossy || !is_exact_jpeg_ls(fragments.head);
-  } else if (method == "JPEG 2000") {
+  else if (method == "JPEG 2000")
     is_lossy = is_lossy || stated.is_lossy != "00" || !is_reversible_jpeg2000(fragments.head);
-  } else {
+  else
     is_lossy = true;
-  }
   if (!is_lossy) return {};
   LossyCompression& out = stated.compression;
   if (out.method.empty()) out.method = method;

@@ -4,7 +4,6 @@
 
 #include <dcmtk/config/osconfig.h>
 #include <dcmtk/dcmdata/dctk.h>
-#include <array>
 #include <filesystem>
 #include <memory>
 #include <mutex>

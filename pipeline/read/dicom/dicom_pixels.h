@@ -2,7 +2,6 @@
 // Decodes the pixels of one DICOM frame.
 #pragma once
 
-#include <cstdint>
 #include <vector>
 
 #include "formats/base/result.h"

@@ -1,17 +1,11 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "pipeline/read/dicom/dicom_volumes.h"
 
-#include <Eigen/Geometry>
 #include <algorithm>
-#include <array>
-#include <cmath>
 #include <cstdlib>
-#include <map>
 #include <memory>
 #include <numbers>
-#include <set>
 #include <tuple>
-#include <utility>
 
 #include "pipeline/read/dicom/dicom_parse.h"
 #include "pipeline/read/dicom/dicom_pixels.h"
@@ -193,13 +187,12 @@ Result<void> remove_copies(Positions& positions, FrameComparison& comparison, Co
     std::vector<DicomFrame> out;
     for (DicomFrame& h : here) {
       const auto [at, is_new] = kept.emplace(h.volume_values, out.size());
-      if (is_new) {
+      if (is_new)
         out.push_back(std::move(h));
-      } else if (const DicomFrame& other = out[at->second]; comparison.are_equal(other, h)) {
+      else if (const DicomFrame& other = out[at->second]; comparison.are_equal(other, h))
         copies.add(h);
-      } else {
+      else
         return at_same_position(other, h);
-      }
     }
     here = std::move(out);
   }
@@ -435,10 +428,9 @@ Result<std::size_t> chosen_volume(const std::vector<DicomVolume>& volumes,
   if (wanted) return usage(name + ": --volume " + std::to_string(*wanted) + " is outside " + range);
   constexpr std::size_t kMax = 8;
   std::string text;
-  for (std::size_t i = 0; i < std::min(volumes.size(), kMax); ++i) {
+  for (std::size_t i = 0; i < std::min(volumes.size(), kMax); ++i)
     text += (i == 0 ? "" : ", ") + std::to_string(i) + " (" + volumes[i].name + ", " +
             slices_text(volumes[i].slices.size()) + ")";
-  }
   if (volumes.size() > kMax) text += " and more, see trocar-mesh list";
   return usage(name + ": holds " + std::to_string(volumes.size()) +
                " volumes at the same positions: " + text + "; choose one of " + range +

@@ -1,15 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "runtime/device/four_legs/four_legs.h"
 
-#include <algorithm>
-#include <bit>
-#include <cmath>
-#include <limits>
-#include <numbers>
-
 #include "formats/base/text.h"
-#include "runtime/device/four_legs/kinematics.h"
-#include "runtime/device/four_legs/torque_allocation.h"
 
 namespace trocar::runtime {
 namespace {
@@ -171,10 +163,6 @@ DeviceStatus FourLegs::read(double& t_s) noexcept {
   return status;
 }
 
-void FourLegs::use_last_reading() noexcept {
-  reading_ = last_;
-}
-
 bool FourLegs::keep_reading() noexcept {
   const bool is_finite = std::all_of(reading_.value.begin(), reading_.value.end(),
                                      [](double angle) { return std::isfinite(angle); });
@@ -186,10 +174,9 @@ FaultDetail FourLegs::check_encoders(const ReadingInterval& interval) const noex
   constexpr double kAnyFinite = std::numeric_limits<double>::quiet_NaN();
   const std::array<double, kEncoders>& encoder_rad = reading_.value;
   for (int i = 0; i < kEncoders; ++i) {
-    if (!std::isfinite(encoder_rad[i])) {
+    if (!std::isfinite(encoder_rad[i]))
       return {Fault::kEncoderNotFinite, FaultQuantity::kEncoderAngle, i, encoder_rad[i],
               kAnyFinite};
-    }
   }
   if (interval.has_last) {
     // At rest two readings may still differ by a count.
@@ -215,24 +202,21 @@ FaultDetail FourLegs::find_pose(const ReadingInterval& interval, PlatePose& pose
   const DeviceDescription& device = description();
   const ForwardResult forward = forward_kinematics(device, reading_.value);
   if (!forward.status) return Fault::kPoseResidual;
-  if (!(forward.residual_m <= limits_.pose_residual_max_m)) {
+  if (!(forward.residual_m <= limits_.pose_residual_max_m))
     return {Fault::kPoseResidual, FaultQuantity::kPoseResidual, -1, forward.residual_m,
             limits_.pose_residual_max_m};
-  }
   const InverseResult inverse = inverse_kinematics(device, forward.T_device_plate);
   if (!inverse.status) return Fault::kPoseResidual;
   const MotorVector difference = motor_angles(inverse.joints) - motor_angles(reading_.value);
   for (int motor = 1; motor < kMotors; motor += 2) {
-    if (!(std::abs(difference[motor]) <= limits_.theta4_residual_max_rad)) {
+    if (!(std::abs(difference[motor]) <= limits_.theta4_residual_max_rad))
       return {Fault::kPoseResidual, FaultQuantity::kEncoderResidual, 2 * motor + 1,
               std::abs(difference[motor]), limits_.theta4_residual_max_rad};
-    }
   }
   const JacobianResult motion = jacobian(device, forward.T_device_plate, inverse.joints);
-  if (!motion.status) {
+  if (!motion.status)
     return {Fault::kSingularity, FaultQuantity::kBranchDistance, motion.status.leg - 1, 0,
             limits_.branch_distance_min_m};
-  }
   const Singularity singularity =
       measure_singularity(device, forward.T_device_plate, inverse.joints, motion.G);
   if (const FaultDetail f = check_singularity(limits_, singularity); f != Fault::kNone) return f;
@@ -268,16 +252,14 @@ FaultDetail FourLegs::render(const RenderInput& input, double& scale) noexcept {
   const bool compensates = input.compensation.friction || input.compensation.gravity;
   const MotorVector compensation_Nm = compensates ? compensation(input) : MotorVector::Zero();
   int weakest = 0;
-  if (!((limit_Nm - compensation_Nm.cwiseAbs()).minCoeff(&weakest) > 0)) {
+  if (!((limit_Nm - compensation_Nm.cwiseAbs()).minCoeff(&weakest) > 0))
     return {Fault::kMotorOverload, FaultQuantity::kCompensationTorque, weakest,
             std::abs(compensation_Nm[weakest]), limit_Nm[weakest]};
-  }
   const AllocationResult allocation =
       compensates ? allocate_torques_with_bias(G_, input.wanted, limit_Nm, compensation_Nm)
                   : allocate_torques(G_, input.wanted, limit_Nm);
-  if (allocation.kind == AllocationKind::kRefused) {
+  if (allocation.kind == AllocationKind::kRefused)
     return input.wanted.allFinite() ? FaultDetail(Fault::kSingularity) : not_finite(input.wanted);
-  }
   const FaultDetail overload =
       check_overload(limits_, motor_, allocation.scale, input.dt_s, motors_);
   if (overload != Fault::kNone) return overload;
@@ -289,10 +271,6 @@ FaultDetail FourLegs::render(const RenderInput& input, double& scale) noexcept {
   compensation_Nm_ = compensation_Nm;
   scale = allocation.scale;
   return Fault::kNone;
-}
-
-void FourLegs::stop() noexcept {
-  at_stop_Nm_ = written_Nm_;
 }
 
 void FourLegs::fade(double share) noexcept {
@@ -307,10 +285,6 @@ DeviceStatus FourLegs::write() noexcept {
   std::copy(next_Nm_.data(), next_Nm_.data() + kMotors, command.tau_motor_Nm.begin());
   written_Nm_ = next_Nm_;
   return device_.write(command);
-}
-
-Wrench FourLegs::delivered() const noexcept {
-  return G_.transpose() * (written_Nm_ - compensation_Nm_);
 }
 
 void FourLegs::describe(RecordingRow& row, DeviceReadout& readout) const noexcept {

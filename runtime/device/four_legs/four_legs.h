@@ -1,7 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The DeviceSpecification of the four-legged device: its mass, damping, largest wrenches and the
-// margins of a pose, computed from the device's description. The force laws and the checks of a
-// scene use it.
+// The four-legged device: its specification, and the device as a HandDevice.
 #pragma once
 
 #include "formats/session/device_description.h"
@@ -10,6 +8,10 @@
 #include "runtime/device/hand_device.h"
 
 namespace trocar::runtime {
+
+// The DeviceSpecification of the four-legged device: its mass, damping, largest wrenches and the
+// margins of a pose, computed from the device's description. The force laws and the checks of a
+// scene use it.
 
 class FourLegsSpecification final : public DeviceSpecification {
  public:
@@ -76,7 +78,7 @@ class FourLegs final : public HandDevice {
   Result<void> start() override { return device_.start(); }
 
   DeviceStatus read(double& t_s) noexcept override;
-  void use_last_reading() noexcept override;
+  void use_last_reading() noexcept override { reading_ = last_; }
   /// Checks the encoders (values, steps and limits) and the pose (residuals and distance from
   /// singularities).
   FaultDetail find_pose(const ReadingInterval& interval, PlatePose& pose) noexcept override;
@@ -86,11 +88,13 @@ class FourLegs final : public HandDevice {
   /// Returns kMotorOverload while a motor has used more than half of its i2t capacity.
   FaultDetail check_rested() const noexcept override;
   FaultDetail render(const RenderInput& input, double& scale) noexcept override;
-  void stop() noexcept override;
+  void stop() noexcept override { at_stop_Nm_ = written_Nm_; }
   void fade(double share) noexcept override;
   DeviceStatus write() noexcept override;
   void write_zero() noexcept override { device_.write(DeviceCommand{}); }
-  Wrench delivered() const noexcept override;
+  Wrench delivered() const noexcept override {
+    return G_.transpose() * (written_Nm_ - compensation_Nm_);
+  }
   FaultDetail fault_of(DeviceStatus status) const noexcept override;
   FaultDetail refused_contents() const noexcept override { return device_.refused_contents(); }
   void restore() noexcept override { device_.restore(); }

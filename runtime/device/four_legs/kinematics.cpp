@@ -3,8 +3,6 @@
 
 #include <Eigen/QR>
 #include <Eigen/SVD>
-#include <algorithm>
-#include <numbers>
 
 #include "runtime/device/symmetric_eigenvalues.h"
 
@@ -90,21 +88,18 @@ KinematicsStatus inverse(const DeviceDescription& device, const Vector3d& C, Leg
   theta[4] = angles.second;
   theta[5] = angles.lift;
 
-  for (std::size_t j = 0; j < kJointsPerLeg; ++j) {
+  for (std::size_t j = 0; j < kJointsPerLeg; ++j)
     theta[j] = wrapped_near(theta[j], middle(device.joint_limit[j]));
-  }
   return {};
 }
 
 KinematicsStatus motor_rates(const DeviceGeometry& g, const Vector3d& C, double th1, double th4,
                              Vector3d& w1, Vector3d& w4) noexcept {
   const Arms a = arms(g, C, th1, th4);
-  if (!(std::abs(a.upper_arm_m2) > kMinSine * g.l1_m * g.l2_m)) {
+  if (!(std::abs(a.upper_arm_m2) > kMinSine * g.l1_m * g.l2_m))
     return {KinematicsFailure::kSingular, 0, 1};
-  }
-  if (!(std::abs(a.lower_arm_m2) > kMinSine * g.l3_m * g.l4_m)) {
+  if (!(std::abs(a.lower_arm_m2) > kMinSine * g.l3_m * g.l4_m))
     return {KinematicsFailure::kSingular, 0, 4};
-  }
   // |C - E| = l2 implies th1' = w1 . C'. With D' = (1 - k) E_th1 th1' + k C', |D - F| = l4 implies
   // th4' = lower . D' / lower_arm.
   const double k = g.l5_m / g.l2_m;
@@ -195,9 +190,8 @@ KinematicsStatus check_joint_limits(const DeviceDescription& device,
                                     const std::array<double, kEncoders>& encoder_rad) noexcept {
   for (int m = 0; m < kLegs; ++m) {
     for (int j = 0; j < 4; ++j) {
-      if (!inside(device.joint_limit[j], encoder_rad[encoder_index(m, j)])) {
+      if (!inside(device.joint_limit[j], encoder_rad[encoder_index(m, j)]))
         return {KinematicsFailure::kBeyondLimit, m + 1, j + 1};
-      }
     }
   }
   return {};
@@ -241,9 +235,8 @@ ForwardResult forward_kinematics(const DeviceDescription& device,
   result.T_device_plate.p_m = (C[0] + C[1] + C[2] + C[3]) / 4;
   result.T_device_plate.q = Eigen::Quaterniond(R).normalized();
   double sum = 0;
-  for (int m = 0; m < kLegs; ++m) {
+  for (int m = 0; m < kLegs; ++m)
     sum += (C[m] - result.T_device_plate * leg::plate_joint(g, m)).squaredNorm();
-  }
   result.residual_m = std::sqrt(sum / kLegs);
   return result;
 }

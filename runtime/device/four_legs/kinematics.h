@@ -1,10 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Position kinematics of the four-legged device (paper, section III.B): joint angles from a pose
-// (inverse), and a pose from joint angles (forward). Each leg has two chains of two links: the
-// upper chain with the joint angles th1 to th3, and the lower chain with th4 to th6 (also theta1 to
-// theta6). Motors turn th1 and th4; encoders measure th1 to th4. README.md of this folder defines
-// the points A to F and the lengths. The haptic thread may call all functions: no allocation, no
-// exception, bounded loops.
+// Kinematics of the four-legged device: positions, one leg, and the Jacobian.
 #pragma once
 
 #include <Eigen/Core>
@@ -16,6 +11,13 @@
 #include "runtime/device/device.h"
 
 namespace trocar::runtime {
+
+// Position kinematics of the four-legged device (paper, section III.B): joint angles from a pose
+// (inverse), and a pose from joint angles (forward). Each leg has two chains of two links: the
+// upper chain with the joint angles th1 to th3, and the lower chain with th4 to th6 (also theta1 to
+// theta6). Motors turn th1 and th4; encoders measure th1 to th4. README.md of this folder defines
+// the points A to F and the lengths. The haptic thread may call all functions: no allocation, no
+// exception, bounded loops.
 
 /// One value per motor: th1 and th4 of leg 1, then of leg 2, and so on (as in DeviceCommand).
 using MotorVector = Eigen::Matrix<double, kMotors, 1>;

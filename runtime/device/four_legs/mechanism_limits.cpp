@@ -1,10 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "runtime/device/four_legs/mechanism_limits.h"
 
-#include <algorithm>
-#include <cmath>
-#include <limits>
-
 namespace trocar::runtime {
 
 Singularity measure_singularity(const DeviceDescription& device, const Pose& T_device_plate,
@@ -153,14 +149,12 @@ AllocationResult allocate_torques_with_bias(const Jacobian& G, const Wrench& wre
 
 FaultDetail check_singularity(const MechanismLimits& limits,
                               const Singularity& singularity) noexcept {
-  if (!(singularity.inverse_condition >= limits.inverse_condition_min)) {
+  if (!(singularity.inverse_condition >= limits.inverse_condition_min))
     return {Fault::kSingularity, FaultQuantity::kInverseCondition, -1,
             singularity.inverse_condition, limits.inverse_condition_min};
-  }
-  if (!(singularity.nearest_branch_m >= limits.branch_distance_min_m)) {
+  if (!(singularity.nearest_branch_m >= limits.branch_distance_min_m))
     return {Fault::kSingularity, FaultQuantity::kBranchDistance, singularity.nearest_leg - 1,
             singularity.nearest_branch_m, limits.branch_distance_min_m};
-  }
   return {};
 }
 
@@ -214,10 +208,9 @@ FaultDetail limit_torques(const MechanismLimits& limits, const MotorVector& limi
                                      ? MotorVector(limit_Nm * (1 + 1e-9))
                                      : MotorVector::Constant(limits.torque_max_Nm);
   for (int i = 0; i < kMotors; ++i) {
-    if (!(std::abs(wanted_Nm[i]) <= largest_Nm[i])) {
+    if (!(std::abs(wanted_Nm[i]) <= largest_Nm[i]))
       return {Fault::kTorqueLimit, FaultQuantity::kMotorTorque, i, std::abs(wanted_Nm[i]),
               largest_Nm[i]};
-    }
   }
   const double rise_max_Nm = limits.torque_rise_max_Nm_per_s * dt_s;
   if (!(rise_max_Nm >= 0)) return Fault::kTorqueRate;

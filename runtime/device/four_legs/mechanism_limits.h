@@ -1,12 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Measures the distance of a pose from the mechanism's two kinds of singularity (Gosselin and
-// Angeles). The haptic thread calls these functions: no allocation, no exception, bounded time.
-//  - Loss of stiffness: the motors cannot resist some motion of the plate. The smallest singular
-//    value of the Jacobian goes to 0.
-//  - Limit of a leg's workspace: one of the leg's two chains (kinematics.h) is stretched or folded.
-//    At other poses, the chain can have two shapes with the same end points, called its branches
-//    (LegBranch). At this limit the two branches coincide, and the row of the Jacobian that belongs
-//    to the chain's motor grows without bound. The distance from this limit is measured in metres.
+// Limits of the four-legged device: singularities, motors, and safety limits.
 #pragma once
 
 #include <array>
@@ -19,6 +12,15 @@
 #include "runtime/device/hand_device.h"
 
 namespace trocar::runtime {
+
+// Measures the distance of a pose from the mechanism's two kinds of singularity (Gosselin and
+// Angeles). The haptic thread calls these functions: no allocation, no exception, bounded time.
+//  - Loss of stiffness: the motors cannot resist some motion of the plate. The smallest singular
+//    value of the Jacobian goes to 0.
+//  - Limit of a leg's workspace: one of the leg's two chains (kinematics.h) is stretched or folded.
+//    At other poses, the chain can have two shapes with the same end points, called its branches
+//    (LegBranch). At this limit the two branches coincide, and the row of the Jacobian that belongs
+//    to the chain's motor grows without bound. The distance from this limit is measured in metres.
 
 struct BranchDistance {
   /// theta1_m belongs to the upper chain, which ends at the ball joint C. It is the distance of C

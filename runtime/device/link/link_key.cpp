@@ -3,14 +3,7 @@
 
 #include <fcntl.h>
 #include <sys/stat.h>
-#include <unistd.h>
-#include <array>
-#include <cerrno>
 #include <charconv>
-#include <string>
-#include <system_error>
-
-#include "formats/base/files.h"
 
 namespace trocar::runtime {
 namespace {

@@ -5,12 +5,7 @@
 #include <netinet/in.h>
 #include <poll.h>
 #include <sys/socket.h>
-#include <algorithm>
-#include <cerrno>
 #include <charconv>
-#include <chrono>
-#include <cmath>
-#include <system_error>
 
 #include "formats/base/text.h"
 #include "runtime/realtime/realtime_thread.h"
@@ -117,16 +112,13 @@ std::string why_unreachable(const LinkAttempt& attempt, int socket_error, LinkCo
   }
   if (attempt.busy) return "the device there is in a session with another host; end that one first";
   if (attempt.other_version) return "the device there speaks another version of the device link";
-  if (attempt.other_program) {
+  if (attempt.other_program)
     return "another program answers there, not a device; check the address and the port";
-  }
   if (socket_error == ECONNREFUSED) {
     return "no device answers there: nothing listens on this port; start the device, or check "
            "the port";
   }
-  if (socket_error != 0) {
-    return "no device answers there: " + system_message(socket_error);
-  }
+  if (socket_error != 0) return "no device answers there: " + system_message(socket_error);
   return std::string(
              "no device answers there: the host is off or cannot be reached (address, "
              "cable, firewall), or its device has another key and does not answer") +
@@ -144,9 +136,8 @@ double since_s(std::int64_t then_ns) noexcept {
 
 std::string to_string(const Endpoint& endpoint) {
   std::string text;
-  for (int shift = 24; shift >= 0; shift -= 8) {
+  for (int shift = 24; shift >= 0; shift -= 8)
     text += std::to_string((endpoint.address >> shift) & 0xff) + (shift > 0 ? "." : ":");
-  }
   return text + std::to_string(endpoint.port);
 }
 
@@ -154,17 +145,15 @@ Result<Endpoint> parse_endpoint(std::string_view text, int lowest_port) {
   const std::size_t colon = text.rfind(':');
   std::string quoted = "\"";
   quoted.append(text.substr(0, 256)).append("\"");
-  if (colon == std::string_view::npos || colon == 0) {
+  if (colon == std::string_view::npos || colon == 0)
     return usage(quoted + ": must be HOST:PORT, for instance 127.0.0.1:4840");
-  }
   const std::string_view digits = text.substr(colon + 1);
   int port = -1;
   const auto [end, error] = std::from_chars(digits.data(), digits.data() + digits.size(), port);
   if (error != std::errc{} || end != digits.data() + digits.size() || port < lowest_port ||
-      port > 65535) {
+      port > 65535)
     return usage(quoted + ": the port must be within " + std::to_string(lowest_port) +
                  " and 65535");
-  }
   addrinfo hints{};
   hints.ai_family = AF_INET;
   hints.ai_socktype = SOCK_DGRAM;
@@ -185,9 +174,8 @@ Result<UdpSocket> UdpSocket::listen(const Endpoint& local) {
   UdpSocket made(make_socket());
   const sockaddr_in address = to_system(local);
   if (made.fd_.get() < 0 ||
-      ::bind(made.fd_.get(), reinterpret_cast<const sockaddr*>(&address), sizeof address) != 0) {
+      ::bind(made.fd_.get(), reinterpret_cast<const sockaddr*>(&address), sizeof address) != 0)
     return unwritable(to_string(local) + ": cannot listen: " + system_message(errno));
-  }
   return made;
 }
 
@@ -195,9 +183,8 @@ Result<UdpSocket> UdpSocket::connect(const Endpoint& peer) {
   UdpSocket made(make_socket());
   const sockaddr_in address = to_system(peer);
   if (made.fd_.get() < 0 ||
-      ::connect(made.fd_.get(), reinterpret_cast<const sockaddr*>(&address), sizeof address) != 0) {
+      ::connect(made.fd_.get(), reinterpret_cast<const sockaddr*>(&address), sizeof address) != 0)
     return Error{ExitCode::kDeviceFault, to_string(peer) + ": " + system_message(errno)};
-  }
   return made;
 }
 
@@ -279,9 +266,8 @@ template <typename Kind>
 Result<void> UdpLink<Kind>::start() {
   if (restorer_.joinable()) return bug("a device is started once");
   if (Result<void> done = shake_hands(options_.resets_world); !done) return done;
-  if (options_.clock == LinkClock::kReal) {
+  if (options_.clock == LinkClock::kReal)
     restorer_ = std::thread([this] { restore_when_requested(); });
-  }
   return {};
 }
 

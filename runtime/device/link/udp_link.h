@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A non-blocking IPv4 datagram socket (UDP), and its addresses. After a socket has been made, each
-// of its functions makes at most one system call, and none allocates or throws. Only wait() blocks.
+// The host's end of the device link, and the UDP socket under it.
 #pragma once
 
 #include <array>
@@ -23,6 +22,9 @@
 #include "runtime/device/pose_device.h"
 
 namespace trocar::runtime {
+
+// A non-blocking IPv4 datagram socket (UDP), and its addresses. After a socket has been made, each
+// of its functions makes at most one system call, and none allocates or throws. Only wait() blocks.
 
 struct Endpoint {
   std::uint32_t address = 0;  ///< in the machine's byte order; 0x7f000001 is 127.0.0.1

@@ -1,9 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "runtime/device/pose/connected_device.h"
 
-#include <algorithm>
-#include <chrono>
-#include <cmath>
 #include <condition_variable>
 #include <mutex>
 
@@ -37,11 +34,10 @@ CallThread::~CallThread() {
   shared_->changed.notify_all();
   const bool ended = shared_->wait(lock, kPatience_s, [this] { return shared_->ended; });
   lock.unlock();
-  if (ended) {
+  if (ended)
     thread_.join();
-  } else {
+  else
     thread_.detach();
-  }
 }
 
 bool CallThread::run(std::function<void()> function, double timeout_s) {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Cleans a text from a device or a library, so that it can stand in one line of a message.
+// Pose devices behind a maker's library or service, whose calls may block.
 #pragma once
 
 #include <atomic>
@@ -21,6 +21,8 @@
 #include "runtime/realtime/queues.h"
 
 namespace trocar::runtime {
+
+// Cleans a text from a device or a library, so that it can stand in one line of a message.
 
 /// Returns `text` with "?" in place of each character that is not printable ASCII. If the text has
 /// more than `max_chars` characters, the rest is replaced by "...". An empty text becomes

@@ -2,16 +2,8 @@
 #include "runtime/device/pose/force_dimension.h"
 
 #include <dlfcn.h>
-#include <Eigen/Core>
-#include <Eigen/Geometry>
-#include <array>
 #include <charconv>
-#include <chrono>
-#include <cmath>
 #include <cstdlib>
-#include <numbers>
-#include <optional>
-#include <vector>
 
 #include "formats/base/text.h"
 
@@ -87,10 +79,9 @@ Result<LoadedLibrary> find_library() {
     if (void* const handle = load_library(name)) return LoadedLibrary{handle, name};
     // A library that is there but cannot be loaded, for example without libusb, is worth its message.
     const std::string why = load_error();
-    if (!why.starts_with(std::string(name) + ": cannot open shared object file")) {
+    if (!why.starts_with(std::string(name) + ": cannot open shared object file"))
       return sdk_error("Force Dimension's library " + std::string(name) +
                        " cannot be loaded: " + why);
-    }
   }
   return sdk_error(
       "Force Dimension's library (libdhd.so.3) was not found; install the SDK from "
@@ -194,15 +185,12 @@ struct ForceDimension::Device {
 Result<FoundDevice> ForceDimension::Device::open(int index, bool wants_rotation,
                                                  bool wants_moment) {
   close();  // an open() whose caller has given up may have opened it
-  Result<ForceDimensionLibrary> library = load_force_dimension_library();
-  if (!library) return library.error();
-  sdk = *library;
+  if (const auto ok = load_force_dimension_library().into(sdk); !ok) return ok.error();
   Result<FoundDevice> found = open_device(index, wants_rotation, wants_moment);
-  if (found) {
+  if (found)
     identity = identity_of_open();
-  } else {
+  else
     close();
-  }
   return found;
 }
 
@@ -254,17 +242,15 @@ Result<FoundDevice> ForceDimension::Device::open_device(int index, bool wants_ro
   senses_rotation = wants_rotation && sdk->has_wrist(*id);
   renders_moment = wants_moment && has_active_wrist;
   std::array<int, kStatusLength> status{};
-  if (const int code = sdk->get_status(status.data(), *id); code < 0) {
+  if (const int code = sdk->get_status(status.data(), *id); code < 0)
     return failed_call(*sdk, "dhdGetStatus", code);
-  }
   if (status[kStatusReset] != 0) {
     return sdk_error(
         "the device is not calibrated, so its position is unknown; put its handle to the rest "
         "position, as its manual says");
   }
-  if (const int code = sdk->enable_force(1, *id); code < 0) {
+  if (const int code = sdk->enable_force(1, *id); code < 0)
     return failed_call(*sdk, "dhdEnableForce", code);
-  }
   if (Result<void> none = command({}, has_active_wrist); !none) return none.error();
 
   FoundDevice found{{}, senses_rotation, renders_moment};
@@ -353,11 +339,10 @@ Result<int> parse_force_dimension_address(std::string_view address) {
   int id = -1;
   const char* const end = address.data() + address.size();
   const auto [stop, error] = std::from_chars(address.data(), end, id);
-  if (error != std::errc() || stop != end || address.front() == '-' || id > kMaxDeviceIndex) {
+  if (error != std::errc() || stop != end || address.front() == '-' || id > kMaxDeviceIndex)
     return usage("forcedimension:" + foreign_text(address, 40) +
                  ": after the colon stands nothing, or the index of a device, 0 to " +
                  std::to_string(kMaxDeviceIndex));
-  }
   return id;
 }
 
@@ -391,13 +376,12 @@ Result<void> ForceDimension::open() {
     if (options_.say) options_.say(uri_ + " " + line);
   }
   const bool lacks_rotation = options_.wants_rotation && !senses_rotation_;
-  if (options_.needs_all && (lacks_rotation || (options_.wants_moment && !renders_moment_))) {
+  if (options_.needs_all && (lacks_rotation || (options_.wants_moment && !renders_moment_)))
     return fault(lacks_rotation
                      ? "the device does not measure the orientation of its handle, and its "
                        "description says that it does (senses_rotation)"
                      : "the device renders no moment, and its description says that it does "
                        "(moment_max_Nm)");
-  }
   return {};
 }
 

@@ -4,11 +4,9 @@
 // copied: its functions are found at run time.
 #pragma once
 
-#include <cstdint>
 #include <memory>
 #include <string>
 #include <string_view>
-#include <utility>
 
 #include "formats/base/result.h"
 #include "runtime/device/pose/connected_device.h"

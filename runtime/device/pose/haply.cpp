@@ -1,17 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "runtime/device/pose/haply.h"
 
-#include <algorithm>
 #include <boost/asio/io_context.hpp>
 #include <boost/asio/ip/tcp.hpp>
 #include <boost/beast/core/flat_buffer.hpp>
 #include <boost/beast/websocket/stream.hpp>
 #include <charconv>
-#include <cmath>
-#include <cstring>
 #include <exception>
 #include <nlohmann/json.hpp>
-#include <thread>
 #include <utility>  // before asio, which uses std::exchange without it
 
 #include "formats/base/json.h"
@@ -431,14 +427,6 @@ HaplyConnection::HaplyConnection(HaplyOptions options) : options_(std::move(opti
 
 HaplyConnection::~HaplyConnection() {
   HaplyConnection::close();
-}
-
-Error HaplyConnection::fault(const std::string& why) const {
-  return {ExitCode::kDeviceFault, uri_ + ": " + why};
-}
-
-void HaplyConnection::say(const std::string& line) const {
-  if (options_.say) options_.say(uri_ + ": " + line);
 }
 
 Result<void> HaplyConnection::open() {

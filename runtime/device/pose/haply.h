@@ -1,16 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Reads and writes the JSON messages of the Haply Inverse service, versions 3.1 and 3.5. Text from
-// the service is not trusted: the functions check sizes, nesting, types, numbers and ids. Members
-// of a message that are not used here may have any form.
-//
-// When a client connects, the service sends an inventory: the list of its devices with their
-// properties. Then it answers each message with exactly one message. The answer contains the state
-// (measured values) of the devices, or after haply_inventory_request() the inventory. A commanded
-// force holds until the next message. Positions are in m and forces in N, in the frame that the
-// service calls application space: by default x points to the right, y forward and z up, and the
-// origin is at the base of the device.
-// Source: docs.haply.co/inverseSDK/service, pages "WebSocket Protocol", "Control Commands" and
-// "Device Configuration".
+// The connection to a Haply Inverse3, and the messages of Haply's service.
 #pragma once
 
 #include <array>
@@ -29,6 +18,19 @@
 #include "runtime/device/pose/connected_device.h"
 
 namespace trocar::runtime {
+
+// Reads and writes the JSON messages of the Haply Inverse service, versions 3.1 and 3.5. Text from
+// the service is not trusted: the functions check sizes, nesting, types, numbers and ids. Members
+// of a message that are not used here may have any form.
+//
+// When a client connects, the service sends an inventory: the list of its devices with their
+// properties. Then it answers each message with exactly one message. The answer contains the state
+// (measured values) of the devices, or after haply_inventory_request() the inventory. A commanded
+// force holds until the next message. Positions are in m and forces in N, in the frame that the
+// service calls application space: by default x points to the right, y forward and z up, and the
+// origin is at the base of the device.
+// Source: docs.haply.co/inverseSDK/service, pages "WebSocket Protocol", "Control Commands" and
+// "Device Configuration".
 
 /// Longest message that is accepted from the service. An inventory has about 2 kB for each device.
 inline constexpr std::size_t kMaxHaplyMessageBytes = 256 << 10;
@@ -170,8 +172,10 @@ class HaplyConnection final : public PoseConnection {
  private:
   struct Socket;
   using Instant = std::chrono::steady_clock::time_point;
-  Error fault(const std::string& why) const;
-  void say(const std::string& line) const;
+  Error fault(const std::string& why) const { return {ExitCode::kDeviceFault, uri_ + ": " + why}; }
+  void say(const std::string& line) const {
+    if (options_.say) options_.say(uri_ + ": " + line);
+  }
   Result<void> connect(Instant until);
   /// Waits for an inventory (the service's list of its devices) in which the chosen
   /// devices are ready.

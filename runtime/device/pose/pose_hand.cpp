@@ -1,10 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "runtime/device/pose/pose_hand.h"
 
-#include <algorithm>
-#include <cmath>
-#include <limits>
-
 #include "formats/base/text.h"
 
 namespace trocar::runtime {
@@ -128,10 +124,9 @@ std::optional<WorkspaceBox> PoseSpecification::workspace() const noexcept {
 DeviceMargins PoseSpecification::margins(const Pose& T_device_plate) const noexcept {
   DeviceMargins out;
   const PoseReading at = frame_.reading(T_device_plate);
-  for (std::size_t i = 0; i < 3; ++i) {
+  for (std::size_t i = 0; i < 3; ++i)
     out.box_m = std::min({out.box_m, at.p_m[i] - description_.workspace_min_m[i],
                           description_.workspace_max_m[i] - at.p_m[i]});
-  }
   out.box_m += kBoxRounding_m;
   return out;
 }
@@ -299,10 +294,9 @@ void PoseHand::describe(RecordingRow& row, DeviceReadout& readout) const noexcep
   row.pose_device = {reading_.p_m, reading_.q, reading_.buttons, written_};
   row.state_t_s = reading_.t_s;
   readout.margin = std::numeric_limits<double>::infinity();
-  for (std::size_t i = 0; i < 3; ++i) {
+  for (std::size_t i = 0; i < 3; ++i)
     readout.margin = std::min({readout.margin, reading_.p_m[i] - description().workspace_min_m[i],
                                description().workspace_max_m[i] - reading_.p_m[i]});
-  }
 }
 
 }  // namespace trocar::runtime

@@ -1,8 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Converts between the frame of a pose device (runtime/device/pose_device.h) and {B}, the frame of
-// the scene (metres, z up). A session places the middle of the device's workspace at the middle of
-// the path of the scene's hand. If the handle is upright (its measured orientation is the
-// identity), the tool has the orientation with which the scene's hand begins.
+// A pose device as a HandDevice: frames, specification, adapter.
 #pragma once
 
 #include <array>
@@ -16,6 +13,11 @@
 #include "runtime/device/pose_device.h"
 
 namespace trocar::runtime {
+
+// Converts between the frame of a pose device (runtime/device/pose_device.h) and {B}, the frame of
+// the scene (metres, z up). A session places the middle of the device's workspace at the middle of
+// the path of the scene's hand. If the handle is upright (its measured orientation is the
+// identity), the tool has the orientation with which the scene's hand begins.
 
 class PoseFrame {
  public:

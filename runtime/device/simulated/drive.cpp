@@ -1,12 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "runtime/device/simulated/drive.h"
 
-#include <algorithm>
 #include <charconv>
-#include <cmath>
-#include <utility>
-
-#include "runtime/device/device.h"
 
 namespace trocar::runtime {
 namespace {
@@ -106,9 +101,8 @@ Result<PlannedFault> read_item(std::string_view item) {
   std::string_view rest = item;
   bool timed = false;
   std::string_view what = cut(rest, "@", timed);
-  if (timed && !read_when(rest, fault)) {
+  if (timed && !read_when(rest, fault))
     return usage(quote(item) + "@ must be followed by FROM or FROM..TO, in s, TO not before FROM");
-  }
   bool more = true;
   std::string_view name = cut(what, ":", more);
   std::vector<std::string_view> values;
@@ -124,18 +118,15 @@ Result<PlannedFault> read_item(std::string_view item) {
   const auto* const known =
       std::find_if(std::begin(kGrammar), std::end(kGrammar),
                    [&](const Grammar& grammar) { return name == grammar.name; });
-  if (known == std::end(kGrammar)) {
+  if (known == std::end(kGrammar))
     return usage(quote(item) +
                  "must be one of loss, delay, duplicate, reorder, flip, stuck, "
                  "jump, dead, stop, kill");
-  }
   fault.kind = known->kind;
-  if (!is_of_packets(fault.kind) && !(fault.on_commands && fault.on_states)) {
+  if (!is_of_packets(fault.kind) && !(fault.on_commands && fault.on_states))
     return usage(quote(item) + "command- and state- are for faults of packets only");
-  }
-  if (static_cast<int>(values.size()) != known->values || !read_values(values, fault)) {
+  if (static_cast<int>(values.size()) != known->values || !read_values(values, fault))
     return usage(quote(item) + "must be " + known->form);
-  }
   return fault;
 }
 
@@ -264,10 +255,6 @@ bool Drive::is_injected(FaultKind kind) const noexcept {
                      });
 }
 
-bool Drive::kill_is_due() const noexcept {
-  return session_ && is_injected(FaultKind::kKill);
-}
-
 LinkRefusal Drive::receive(std::span<const std::uint8_t> datagram, std::int64_t now_ns,
                            Answer& answer, bool& from_host) noexcept {
   answer.size = 0;
@@ -278,9 +265,8 @@ LinkRefusal Drive::receive(std::span<const std::uint8_t> datagram, std::int64_t 
     if (session_) {
       const std::uint64_t before = session_->last_command;
       refusal = decode(datagram, session_->key, session_->number, session_->last_command, command);
-      if (refusal == LinkRefusal::kNone) {
+      if (refusal == LinkRefusal::kNone)
         report_.commands_missed += session_->last_command - before - 1;
-      }
     }
     if (refusal == LinkRefusal::kSession && !is_alive(now_ns)) {
       for (auto& offered : offers_) {
@@ -433,9 +419,8 @@ void Drive::check_watchdog(std::int64_t now_ns) noexcept {
   if (without_command_s > options_.session_s) return end_session();
   if (without_command_s <= session_->watchdog_s || mode_ != DriveMode::kTorque) return;
   const auto& tau = command_.tau_motor_Nm;
-  if (std::any_of(tau.begin(), tau.end(), [](double t) { return t != 0; })) {
+  if (std::any_of(tau.begin(), tau.end(), [](double t) { return t != 0; }))
     ++report_.watchdog_trips;
-  }
   zero_torques(DriveMode::kWatchdog);
 }
 
@@ -455,9 +440,8 @@ void Drive::advance(double dt_s) noexcept {
                                  [&](const PlannedFault& f) { return f.is_on(session_time_s()); });
   DeviceCommand applied = command_;
   for (const PlannedFault& f : options_.faults) {
-    if (f.kind == FaultKind::kDead && f.is_on(session_time_s())) {
+    if (f.kind == FaultKind::kDead && f.is_on(session_time_s()))
       applied.tau_motor_Nm[static_cast<std::size_t>(f.channel)] = 0;
-    }
   }
   model_.write(applied);
   model_.step(dt_s);
@@ -492,9 +476,8 @@ void Drive::supervise(double dt_s) noexcept {
     const bool follows =
         std::abs(given - wanted) <= kFollows_Nm + kFollowsFraction * std::abs(wanted);
     not_following_s_[i] = follows ? 0 : not_following_s_[i] + dt_s;
-    if (not_following_s_[i] > kFollows_s) {
+    if (not_following_s_[i] > kFollows_s)
       motor_faults_ = static_cast<std::uint8_t>(motor_faults_ | (1U << i));
-    }
   }
 }
 
@@ -511,9 +494,8 @@ void Drive::record_hand_force() noexcept {
     peak_N_ = force_N;
     peak_t_s_ = session_time_s();
   } else if (force_N < peak_N_ / 2 && peak_N_ >= kMinPeak_N) {
-    if (report_.peaks.size() < DriveReport::kMaxPeaks) {
+    if (report_.peaks.size() < DriveReport::kMaxPeaks)
       report_.peaks.push_back({peak_t_s_, peak_N_});
-    }
     falling_ = true;
     valley_N_ = force_N;
   }

@@ -1,4 +1,24 @@
 // SPDX-License-Identifier: Apache-2.0
+// A simulated drive behind the device link, the faults to inject into it, and its steps as CSV.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <limits>
+#include <optional>
+#include <random>
+#include <span>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "formats/base/result.h"
+#include "formats/session/device_protocol.h"
+#include "runtime/device/link/udp_link.h"
+#include "runtime/device/simulated/simulated_device.h"
+
+namespace trocar::runtime {
+
 // Faults to inject into a simulated drive and its link, each with kind, time and probability.
 // Random choices are seeded, so the same plan, seed and packets give the same faults.
 //
@@ -20,24 +40,6 @@
 // commands and states. If "command-" or "state-" stands before the kind, the fault concerns only
 // commands or only states.
 // Example: loss:0.01,state-loss:1@2.5..2.6,jump:4:0.2@3,stop@4
-#pragma once
-
-#include <array>
-#include <cstdint>
-#include <limits>
-#include <optional>
-#include <random>
-#include <span>
-#include <string>
-#include <string_view>
-#include <vector>
-
-#include "formats/base/result.h"
-#include "formats/session/device_protocol.h"
-#include "runtime/device/link/udp_link.h"
-#include "runtime/device/simulated/simulated_device.h"
-
-namespace trocar::runtime {
 
 enum class FaultKind : std::uint8_t {
   kLoss,
@@ -117,11 +119,10 @@ class FaultyLink {
   void release(std::int64_t now_ns, bool overtaken, Deliver&& deliver) {
     std::size_t kept = 0;
     for (std::size_t i = 0; i < held_count_; ++i) {
-      if (held_[i].due_ns <= now_ns || (overtaken && held_[i].until_overtaken)) {
+      if (held_[i].due_ns <= now_ns || (overtaken && held_[i].until_overtaken))
         deliver(held_[i].datagram);
-      } else if (kept++ != i) {
+      else if (kept++ != i)
         held_[kept - 1] = held_[i];
-      }
     }
     held_count_ = kept;
   }
@@ -247,7 +248,7 @@ class Drive {
   DriveMode mode() const noexcept { return mode_; }
   /// Returns true if the fault plan says that the drive's process is to be killed now (`kill`,
   /// above). The caller must then kill the process.
-  bool kill_is_due() const noexcept;
+  bool kill_is_due() const noexcept { return session_ && is_injected(FaultKind::kKill); }
   const SimulatedDevice& model() const noexcept { return model_; }
   const DriveReport& report() const noexcept { return report_; }
 

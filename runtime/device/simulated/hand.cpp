@@ -1,11 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "runtime/device/simulated/hand.h"
 
-#include <algorithm>
-#include <cmath>
-#include <span>
-#include <string>
-
 namespace trocar::runtime {
 
 namespace {
@@ -83,23 +78,19 @@ Result<void> check_hand(const HandMotion& motion, const HandImpedance& impedance
   for (std::size_t i = 0; i < keyframes.size(); ++i) {
     const HandKeyframe& keyframe = keyframes[i];
     const std::string where = "hand: keyframe " + std::to_string(i);
-    if (!std::isfinite(keyframe.t_s) || !is_finite(keyframe.T_device_tool)) {
+    if (!std::isfinite(keyframe.t_s) || !is_finite(keyframe.T_device_tool))
       return refused(where + ": not finite");
-    }
-    if (std::abs(keyframe.T_device_tool.q.squaredNorm() - 1) > 1e-9) {
+    if (std::abs(keyframe.T_device_tool.q.squaredNorm() - 1) > 1e-9)
       return refused(where + ": quaternion is not of unit length");
-    }
-    if (i > 0 && !(keyframe.t_s > keyframes[i - 1].t_s)) {
+    if (i > 0 && !(keyframe.t_s > keyframes[i - 1].t_s))
       return refused(where + ": time does not increase");
-    }
   }
   const double parts[] = {impedance.stiffness_N_per_m, impedance.damping_Ns_per_m,
                           impedance.rotational_stiffness_Nm_per_rad,
                           impedance.rotational_damping_Nms_per_rad, impedance.mass_kg};
   for (const double part : parts) {
-    if (!std::isfinite(part) || part < 0) {
+    if (!std::isfinite(part) || part < 0)
       return refused("hand: stiffness, damping and mass must be finite and not negative");
-    }
   }
   if (std::isnan(impedance.let_go_t_s)) return refused("hand: let_go_t_s is not a number");
   return {};

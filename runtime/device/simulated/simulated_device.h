@@ -1,11 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A simulated four-legged haptic device, which runs in this process. Four things act on the plate:
-// the motors' wrench G^T tau at the true pose (G: Jacobian), the joints' friction, the weight, and
-// a simulated hand. The weight is zero unless the description sets a gravity, because the mechanism
-// is assumed to be balanced. There are two variants of the model. In the light model only the plate
-// has mass, and friction is viscous. The full model of mechanics.h
-// (SimulatedDeviceOptions::mechanics) has links, rotors, dry friction, current lag and encoder
-// noise. The model is deterministic: the same calls give the same bits.
+// Simulated devices in this process: four-legged, and one that measures its own pose.
 #pragma once
 
 #include <optional>
@@ -20,6 +14,14 @@
 #include "runtime/device/simulated/mechanics.h"
 
 namespace trocar::runtime {
+
+// A simulated four-legged haptic device, which runs in this process. Four things act on the plate:
+// the motors' wrench G^T tau at the true pose (G: Jacobian), the joints' friction, the weight, and
+// a simulated hand. The weight is zero unless the description sets a gravity, because the mechanism
+// is assumed to be balanced. There are two variants of the model. In the light model only the plate
+// has mass, and friction is viscous. The full model of mechanics.h
+// (SimulatedDeviceOptions::mechanics) has links, rotors, dry friction, current lag and encoder
+// noise. The model is deterministic: the same calls give the same bits.
 
 struct SimulatedDeviceOptions {
   Pose T_plate_tool;  ///< pose of the tool's tip on the plate

@@ -1,14 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "runtime/haptics/bone/bone_contact.h"
 
-#include <algorithm>
-#include <cmath>
 #include <cstdlib>
-#include <limits>
 
 #include "runtime/haptics/bone/admissible_region.h"
 #include "runtime/haptics/bone/holes.h"
-#include "runtime/haptics/sheet.h"
 
 namespace trocar::runtime {
 namespace {

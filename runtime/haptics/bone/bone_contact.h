@@ -1,4 +1,19 @@
 // SPDX-License-Identifier: Apache-2.0
+// Ticks of the force law `cutting` on a session's sheets, and the slope of the surface.
+#pragma once
+
+#include <Eigen/Core>
+#include <array>
+#include <cstdint>
+#include <optional>
+#include <span>
+#include <vector>
+
+#include "runtime/haptics/bone/bone_volume.h"
+#include "runtime/haptics/puncture.h"
+
+namespace trocar::runtime {
+
 // The slope of the bone's surface under the tip. Each slice gives the distance from the tip's
 // position to the slice's outline, positive inside the material and negative outside
 // (sheet.h). Between two neighbouring slices this distance is interpolated linearly, and
@@ -18,19 +33,6 @@
 //  3. If no surface is found within a diameter of the tool below the front, a face of the tip is
 //     assumed to touch an edge of the bone. In this case the slope is that of the tip's face, but
 //     at most kMaxSlope, and the gradient points away from the material.
-#pragma once
-
-#include <Eigen/Core>
-#include <array>
-#include <cstdint>
-#include <optional>
-#include <span>
-#include <vector>
-
-#include "runtime/haptics/bone/bone_volume.h"
-#include "runtime/haptics/puncture.h"
-
-namespace trocar::runtime {
 
 inline constexpr double kSlopeWindow_m = 2.6e-3;
 /// Largest number of sheets that are read to search for the surface, and on each side of the

@@ -1,13 +1,44 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "runtime/haptics/bone/bone_volume.h"
 
-#include <algorithm>
-#include <cmath>
-#include <numbers>
-#include <string>
-
 namespace trocar::runtime {
 namespace {
+
+constexpr double kPi = std::numbers::pi;
+
+constexpr std::array<std::pair<ToolKind, std::string_view>, 5> kNames{{
+    {ToolKind::kNeedleBevel, "needle-bevel"},
+    {ToolKind::kNeedleConical, "needle-conical"},
+    {ToolKind::kNeedleDiamond, "needle-diamond"},
+    {ToolKind::kTrocar, "trocar"},
+    {ToolKind::kJamshidi, "jamshidi"},
+}};
+
+constexpr std::string_view kKopperdahl =
+    "D. Kopperdahl, E. Morgan, T. Keaveny, J. Orthop. Res. 20 (2002), human vertebrae";
+
+constexpr std::array<BoneLaw, 4> kLaws{{
+    {.name = "kopperdahl-linear",
+     .source = kKopperdahl,
+     .modulus_MPa = {-34.7, 3230, 1},
+     .strength_MPa = DensityLaw{-0.75, 24.9, 1},
+     .kind = DensityKind::kQct},
+    {.name = "kopperdahl-power",
+     .source = kKopperdahl,
+     .modulus_MPa = {0, 2980, 1.05},
+     .strength_MPa = DensityLaw{0, 37.4, 1.39},
+     .kind = DensityKind::kQct},
+    {.name = "morgan",
+     .source = "E. Morgan, H. Bayraktar, T. Keaveny, J. Biomech. 36 (2003), human vertebrae",
+     .modulus_MPa = {0, 4730, 1.56},
+     .strength_MPa = std::nullopt,
+     .kind = DensityKind::kApparent},
+    {.name = "keller",
+     .source = "T. Keller, J. Biomech. 27 (1994), human vertebrae",
+     .modulus_MPa = {0, 1890, 1.92},
+     .strength_MPa = std::nullopt,
+     .kind = DensityKind::kAsh},
+}};
 
 // Pressure of a core of bone on the bore over the pressure along it; assumed, 0.05 to 0.25.
 constexpr double kCorePressureRatio = 0.15;
@@ -263,6 +294,104 @@ constexpr double kBeyondNeighbours = 0.05;
 
 }  // namespace
 
+std::string_view name_of(ToolKind kind) noexcept {
+  for (const auto& [each, name] : kNames)
+    if (each == kind) return name;
+  return "unknown";
+}
+
+std::optional<ToolKind> find_tool_kind(std::string_view name) noexcept {
+  for (const auto& [kind, each] : kNames)
+    if (each == name) return kind;
+  return std::nullopt;
+}
+
+std::optional<std::string_view> error_of(const ToolShape& tool) noexcept {
+  if (!(tool.outer_radius_m > 0) || !std::isfinite(tool.outer_radius_m))
+    return "the tool's outer radius must be above 0";
+  if (!(tool.inner_radius_m >= 0 && tool.inner_radius_m < tool.outer_radius_m))
+    return "the tool's inner radius must be at least 0 and less than the outer";
+  if ((tool.kind == ToolKind::kJamshidi) != (tool.inner_radius_m > 0))
+    return "a jamshidi is hollow (inner radius above 0), other tools are not";
+  // Below 3 degrees the tip is a needle's length of its own.
+  if (!(tool.half_angle_rad >= kPi / 60 - 1e-9 && tool.half_angle_rad <= kPi / 2 + 1e-9))
+    return "the tip's half angle must be within 3 and 90 degrees";
+  if (tool.kind == ToolKind::kJamshidi && tool.half_angle_rad < kPi / 2 - 1e-9)
+    return "a jamshidi's edge is flat, so its half angle must be 90 degrees";
+  return std::nullopt;
+}
+
+double slice_push(const ToolShape& tool, double twist_rad_per_s, double feed_m_per_s) noexcept {
+  const double across = std::abs(twist_rad_per_s) * tool.outer_radius_m;
+  if (!(across > 0)) return 0;
+  const double along = std::max(feed_m_per_s, 0.0);
+  return across >= kMaxSlicePush * along ? kMaxSlicePush : across / along;
+}
+
+bool is_flat(const ToolShape& tool) noexcept {
+  return tool.inner_radius_m > 0 || tool.half_angle_rad >= kPi / 2;
+}
+
+double displaced_area_m2(const ToolShape& tool) noexcept {
+  return kPi *
+         (tool.outer_radius_m * tool.outer_radius_m - tool.inner_radius_m * tool.inner_radius_m);
+}
+
+double torn_length_m(const ToolShape& tool) noexcept {
+  if (is_flat(tool)) return 2 * kPi * (tool.outer_radius_m + tool.inner_radius_m);
+  if (tool.kind == ToolKind::kNeedleDiamond) return 4 * tool.outer_radius_m;
+  if (tool.kind == ToolKind::kTrocar) return 3 * tool.outer_radius_m;
+  return 2 * tool.outer_radius_m;
+}
+
+ToolInTissue tool_in_tissue(const ToolShape& tool, const CutMaterial& tissue, double share,
+                            double slice_push) noexcept {
+  const double R = tool.outer_radius_m, around = 2 * kPi * (R + tool.inner_radius_m);
+  const double xi2 = slice_push * slice_push;
+  const double faces =
+      is_flat(tool) ? 0 : tissue.face_friction / std::tan(tool.half_angle_rad) / std::sqrt(1 + xi2);
+  const double tearing = share * tissue.tearing_N_per_m * torn_length_m(tool) / (1 + xi2);
+  ToolInTissue out;
+  const double r = tool.inner_radius_m, lever_m = 2 * (R * R + R * r + r * r) / (3 * (R + r));
+  const double pressed_N = share * tissue.strength_Pa * displaced_area_m2(tool);
+  out.strength_N = pressed_N * (1 + faces) + tearing;
+  out.torsion_Nm = slice_push * tearing * R + tissue.face_friction * pressed_N /
+                                                  std::sin(tool.half_angle_rad) * lever_m *
+                                                  slice_push / std::sqrt(1 + xi2);
+  if (tool.kind == ToolKind::kNeedleBevel && !is_flat(tool))
+    out.lateral_N =
+        pressed_N * std::max(1 / std::tan(tool.half_angle_rad) - tissue.face_friction, 0.0);
+  out.tip_N_per_m = 2 * R * tissue.modulus_Pa / (1 - tissue.poisson * tissue.poisson);
+  out.friction_N_per_m = tissue.friction_Pa * around;
+  out.wall_N_per_m2 = tissue.wall_Pa_per_m * 2 * R;
+  out.wall_strength_N_per_m = tissue.lateral_strength_Pa * 2 * R;
+  return out;
+}
+
+std::string_view name_of(DensityKind kind) noexcept {
+  constexpr std::string_view kNames[] = {"QCT mineral density", "ash density", "apparent density"};
+  return kNames[static_cast<std::size_t>(kind)];
+}
+
+double density_of(const HuCalibration& calibration, double HU) noexcept {
+  return std::max(0.0, calibration.at_0_HU + calibration.per_HU * HU);
+}
+
+std::span<const BoneLaw> bone_laws() noexcept {
+  return kLaws;
+}
+
+const BoneLaw* find_bone_law(std::string_view name) noexcept {
+  const auto at = std::find_if(kLaws.begin(), kLaws.end(),
+                               [&](const BoneLaw& law) { return law.name == name; });
+  return at == kLaws.end() ? nullptr : &*at;
+}
+
+double value_of(const DensityLaw& law, double density) noexcept {
+  if (!(density > 0)) return std::max(law.constant, 0.0);
+  return std::max(law.constant + law.factor * std::pow(density, law.exponent), 0.0);
+}
+
 double BoneSheet::pressure_Pa(double hu) const noexcept {
   return pressure_over_yield * 1e6 *
          std::max(kMinStrength_MPa, value_of(*law->strength_MPa, density_of(calibration, hu)));
@@ -336,9 +465,7 @@ Result<BoneVolume> make_bone_volume(const Scene& scene, std::span<const Sheet* c
   BoneVolume bone;
   bone.tool = make_tool(scene.tool);
   bone.radius_m = radius_of(bone.tool);
-  Result<ToolShape> shape = tool_shape(scene.tool);
-  if (!shape) return shape.error();
-  bone.shape = *shape;
+  if (const auto ok = tool_shape(scene.tool).into(bone.shape); !ok) return ok.error();
   double outline_m = 0;
   for (int i = 0; i < bone.tool.sides; ++i)
     outline_m +=

@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "runtime/haptics/bone/cutting_law.h"
 
-#include <algorithm>
-
 #include "runtime/haptics/bone/front.h"
 #include "runtime/haptics/bone/holes.h"
 #include "runtime/haptics/bone/tick.h"

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Inverse of a symmetric 6 x 6 matrix, computed from blocks of 3 x 3.
+// The mechanics of one tool in one bone volume.
 #pragma once
 
 #include <Eigen/Core>
@@ -14,6 +14,8 @@
 #include "runtime/haptics/bone/walls.h"
 
 namespace trocar::runtime {
+
+// Inverse of a symmetric 6 x 6 matrix, computed from blocks of 3 x 3.
 
 /// Computes the inverse of a symmetric matrix. Returns false if the matrix is not positive
 /// definite.

@@ -1,11 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "runtime/haptics/bone/front.h"
 
-#include <algorithm>
-#include <cmath>
-#include <cstdint>
-#include <limits>
-
 #include "runtime/haptics/bone/holes.h"
 
 namespace trocar::runtime {

@@ -1,11 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
-// The cutting front (the depth down to which bone has been cut under the tool), and its advance
-// under a force. An advance only moves the front down, and stops at the first equilibrium.
+// The cutting front, and the soft layers in a tick.
 #pragma once
 
 #include "runtime/haptics/bone/tick.h"
 
 namespace trocar::runtime {
+
+// The cutting front (the depth down to which bone has been cut under the tool), and its advance
+// under a force. An advance only moves the front down, and stops at the first equilibrium.
 
 /// Determines the depth of the front. While the tip presses on the front, the front lies above the
 /// tip by CuttingState::stretch_m, measured along the shaft, or at the depth of the slab

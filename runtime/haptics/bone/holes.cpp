@@ -1,9 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "runtime/haptics/bone/holes.h"
 
-#include <algorithm>
-#include <cmath>
-
 #include "runtime/haptics/bone/front.h"
 
 namespace trocar::runtime {

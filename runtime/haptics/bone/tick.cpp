@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "runtime/haptics/bone/tick.h"
 
-#include <cmath>
-
 #include "runtime/haptics/bone/front.h"
 
 namespace trocar::runtime {

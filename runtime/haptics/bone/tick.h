@@ -1,7 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Working data of one tick of the cutting law. cutting_law.cpp passes it to the functions of
-// holes.h, front.h and this header. Before the tick, bone_contact.cpp
-// makes another object of this type, to ask holes.h which hole the tool is in.
+// One tick of the cutting law: working data, potential, and equilibrium.
 #pragma once
 
 #include <algorithm>
@@ -10,6 +8,10 @@
 #include "runtime/haptics/bone/walls.h"
 
 namespace trocar::runtime {
+
+// Working data of one tick of the cutting law. cutting_law.cpp passes it to the functions of
+// holes.h, front.h and this header. Before the tick, bone_contact.cpp
+// makes another object of this type, to ask holes.h which hole the tool is in.
 
 struct Tick {
   const CuttingOptions& options;

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A spring that yields: it is elastic up to a limit force, and beyond that its force is constant.
-// The spring's energy as a function of its extension is the function of Huber (1964).
+// Soft layers, the walls of a hole and its slot, and the springs that yield.
 #pragma once
 
 #include <Eigen/Core>
@@ -11,6 +10,9 @@
 #include <vector>
 
 namespace trocar::runtime {
+
+// A spring that yields: it is elastic up to a limit force, and beyond that its force is constant.
+// The spring's energy as a function of its extension is the function of Huber (1964).
 
 /// Energy, force, and second derivatives of the energy along the spring and across it.
 struct YieldSpring {

@@ -1,11 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "runtime/haptics/loop/break_through.h"
 
-#include <algorithm>
-#include <bit>
-#include <cmath>
-#include <utility>
-
 namespace trocar::runtime {
 namespace {
 

@@ -1,4 +1,18 @@
 // SPDX-License-Identifier: Apache-2.0
+// Break-throughs, and the damping of the plunge after one.
+#pragma once
+
+#include <Eigen/Core>
+#include <cstdint>
+#include <optional>
+
+#include "runtime/device/device.h"
+#include "runtime/haptics/loop/passivity.h"
+#include "runtime/haptics/puncture.h"
+#include "runtime/haptics/tool.h"
+
+namespace trocar::runtime {
+
 // A break-through: the resistance in front of the tip falls, and the tip runs on. This file is the
 // only definition. Sound, rumble, charts, recordings, reports and history use its events.
 //
@@ -32,18 +46,6 @@
 //  7. Neither the boundaries of slices nor punctures enter laws 1 to 4 and 6: bone of equal strength
 //     gives no break-through, however it is sliced.
 // Realtime-safe.
-#pragma once
-
-#include <Eigen/Core>
-#include <cstdint>
-#include <optional>
-
-#include "runtime/device/device.h"
-#include "runtime/haptics/loop/passivity.h"
-#include "runtime/haptics/puncture.h"
-#include "runtime/haptics/tool.h"
-
-namespace trocar::runtime {
 
 inline constexpr double kBreakFilter_s = 0.003, kBreakMemory_s = 0.1, kPlunge_s = 0.5;
 inline constexpr double kBreakNoise_N = 1.5, kBreakRise = 1.5, kFallBegins = 0.03;

@@ -1,12 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "runtime/haptics/loop/haptic_loop.h"
 
-#include <algorithm>
-#include <cmath>
-#include <limits>
-#include <numbers>
-#include <utility>
-
 #include "runtime/realtime/realtime_thread.h"
 
 namespace trocar::runtime {
@@ -56,9 +50,8 @@ FaultDetail read_device(const LoopModel& model, HandDevice& device, LoopState& s
   state.pose_interval_s = 0;
   DeviceStatus status = device.read(t_s);
   result.end_of_data = status == DeviceStatus::kEndOfData;
-  if (status == DeviceStatus::kOk && !take_time(model, t_s, state, fault, leap)) {
+  if (status == DeviceStatus::kOk && !take_time(model, t_s, state, fault, leap))
     status = DeviceStatus::kNoData;
-  }
   if (!result.end_of_data) result.row.device_read = status;
   fresh = status == DeviceStatus::kOk;
   if (fresh || result.end_of_data) return fault;
@@ -109,9 +102,8 @@ FaultDetail check_health(const LoopModel& model, HandDevice& device, bool fresh,
                          TickResult& result) noexcept {
   PlatePose pose;
   if (const FaultDetail f = device.find_pose(reading_interval(model, state), pose);
-      f != Fault::kNone) {
+      f != Fault::kNone)
     return f;
-  }
   state.T_device_plate = pose.T_device_plate;
   result.row.pose_residual_m = pose.residual_m;
   if (fresh) {
@@ -121,10 +113,8 @@ FaultDetail check_health(const LoopModel& model, HandDevice& device, bool fresh,
         check_speed(model.limits, state.T_device_plate, interval_s, state.speed);
     if (speed != Fault::kNone) return speed;
   }
-  if (const FaultDetail f = check_workspace(model.limits, state.T_device_plate);
-      f != Fault::kNone) {
+  if (const FaultDetail f = check_workspace(model.limits, state.T_device_plate); f != Fault::kNone)
     return f;
-  }
   if (const FaultDetail f = device.check_own_workspace(); f != Fault::kNone) return f;
   return is_upright(model.tool, state.T_device_plate) ? FaultDetail()
                                                       : tool_tilt(model.tool, state.T_device_plate);
@@ -144,10 +134,9 @@ FaultDetail wanted_wrench(const LoopModel& model, const TickInputs& inputs, doub
   const FaultDetail refused = law.update(input, contact);
   if (refused != Fault::kNone) return refused;
   if (contact.not_upright) return tool_tilt(model.tool, contact.T_device_evaluated);
-  if (contact.backlog) {
+  if (contact.backlog)
     return {Fault::kRemeshBacklog, FaultQuantity::kWaitingHoles, -1, kMaxPendingHoles + 1,
             kMaxPendingHoles};
-  }
   const FaultDetail energy = state.energy.check(
       model.limits, model.rate_Hz,
       {state.T_device_plate, state.pose_interval_s > 0, contact.stored_J, contact.is_released});
@@ -289,9 +278,8 @@ void advance_safety(const LoopModel& model, const TickInputs& inputs, const Forc
   const double late_s = state.ahead_s > dt_s / 2 ? std::exchange(state.ahead_s, 0) : 0;
   const FaultDetail heat = device.account_held_time(dt_s + late_s);
   if (fault == Fault::kNone) fault = heat;
-  if (fault == Fault::kNone && safety.state == SafetyState::kRecovering && state.must_rest) {
+  if (fault == Fault::kNone && safety.state == SafetyState::kRecovering && state.must_rest)
     fault = device.check_rested();
-  }
   if (fault == Fault::kNone && reading.is_known)
     result.retract_distance_m = law.retract_distance_m(inputs.sheets, state.T_device_plate);
   const bool is_free =

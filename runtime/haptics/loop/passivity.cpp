@@ -1,11 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "runtime/haptics/loop/passivity.h"
 
-#include <algorithm>
-#include <cmath>
-#include <limits>
-#include <utility>
-
 namespace trocar::runtime {
 namespace {
 
@@ -103,11 +98,10 @@ Wrench keep_passive(const PassivityOptions& options, double plate_mass_kg, doubl
                                     : Twist(Twist::Zero());
   const bool gives = state.environment.dot(step) > 0;
   state.balance_J -= state.delivered.dot(step);
-  if (input.planned_release) {
+  if (input.planned_release)
     state.balance_J = 0;
-  } else {
+  else
     state.balance_J -= input.stored_J - state.stored_J;
-  }
   state.has_last = true;
   state.T_device_plate = input.T_device_plate;
   state.environment = input.wrench_device;
@@ -120,9 +114,8 @@ Wrench keep_passive(const PassivityOptions& options, double plate_mass_kg, doubl
   }
   state.balance_J = std::min(state.balance_J, options.credit_max_J);
 
-  if (!(pose_interval_s > 0)) {
+  if (!(pose_interval_s > 0))
     return damped(input.wrench_device, state, input.planned_release ? 0 : acting_N_s_per_m);
-  }
   const double deficit_J = -state.balance_J;
   if (!options.on || !gives || !(deficit_J > 0)) return input.wrench_device;
   const bool is_steady = input.previous.ago_s > 0;
@@ -142,10 +135,9 @@ Wrench keep_passive(const PassivityOptions& options, double plate_mass_kg, doubl
 FaultDetail EnergyAccount::check(const SafetyLimits& limits, double rate_Hz,
                                  const EnergyInput& input) noexcept {
   if (input.new_pose) {
-    if (has_last_ && delivered_ticks_ > 0) {
+    if (has_last_ && delivered_ticks_ > 0)
       work_J_ +=
           delivered_.dot(displacement(T_device_plate_, input.T_device_plate)) / delivered_ticks_;
-    }
     T_device_plate_ = input.T_device_plate;
     has_last_ = true;
     delivered_.setZero();

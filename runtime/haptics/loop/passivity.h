@@ -1,4 +1,17 @@
 // SPDX-License-Identifier: Apache-2.0
+// Velocities of the loop, and the limits on the energy that it releases.
+#pragma once
+
+#include <array>
+
+#include "formats/session/recording.h"
+#include "formats/session/scene.h"
+#include "runtime/device/device.h"
+#include "runtime/device/hand_device.h"
+#include "runtime/haptics/loop/safety.h"
+
+namespace trocar::runtime {
+
 // Chooses the interval over which velocities are computed, and corrects the velocity if a device
 // state came late.
 //
@@ -29,17 +42,6 @@
 //     than half a period, item 4 does not apply, because an error of the time stamps would be amplified.
 //     Unless the encoders are exact, item 4 does not apply either if the last interval is more than
 //     twice as long as the one before, because the noise of the encoders would be amplified.
-#pragma once
-
-#include <array>
-
-#include "formats/session/recording.h"
-#include "formats/session/scene.h"
-#include "runtime/device/device.h"
-#include "runtime/device/hand_device.h"
-#include "runtime/haptics/loop/safety.h"
-
-namespace trocar::runtime {
 
 inline constexpr int kVelocitySamples = 32;
 

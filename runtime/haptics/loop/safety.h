@@ -1,4 +1,17 @@
 // SPDX-License-Identifier: Apache-2.0
+// The loop's safety: state machine and limits.
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <cstdint>
+
+#include "formats/session/faults.h"
+#include "formats/session/recording.h"
+#include "runtime/device/device.h"
+
+namespace trocar::runtime {
+
 // The safety state machine. It has five states (idle, ready, running, fault, recovering), events
 // that lead from one state to another, and factors on the force and on the torques.
 //
@@ -28,17 +41,6 @@
 //     stop was released. So `running` begins only after a request that is newer than the release of
 //     every stop, as the loop saw them. An automatic request has no effect if a stop is held or
 //     latched.
-#pragma once
-
-#include <algorithm>
-#include <array>
-#include <cstdint>
-
-#include "formats/session/faults.h"
-#include "formats/session/recording.h"
-#include "runtime/device/device.h"
-
-namespace trocar::runtime {
 
 /// Longest time from the tick in which a fault is found to the tick that writes zero torques.
 inline constexpr double kRampMax_s = 0.004;

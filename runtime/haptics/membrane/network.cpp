@@ -2,11 +2,7 @@
 #include "runtime/haptics/membrane/network.h"
 
 #include <Eigen/LU>
-#include <algorithm>
-#include <array>
-#include <cmath>
 #include <numbers>
-#include <string>
 
 namespace trocar::runtime {
 namespace {

@@ -1,4 +1,19 @@
 // SPDX-License-Identifier: Apache-2.0
+// The spring network of a sheet, and the stiffness of an unbounded one.
+#pragma once
+
+#include <Eigen/Core>
+#include <cstddef>
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "formats/base/result.h"
+#include "formats/mesh/lattice.h"
+#include "formats/mesh/slice_mesh.h"
+
+namespace trocar::runtime {
+
 // The spring network of a sheet. Each node i has one displacement w_i, perpendicular to the sheet.
 // The network has the energy
 //   E(w) = 1/2 sum over springs k_ij (w_i - w_j)^2 + 1/2 sum over nodes f_i w_i^2.
@@ -25,19 +40,6 @@
 //     spring has a negative stiffness. A positive maximum and a negative minimum of w can
 //     then occur only at nodes that are held (NodeKind). The error bounds of region.h
 //     follow from this principle.
-#pragma once
-
-#include <Eigen/Core>
-#include <cstddef>
-#include <cstdint>
-#include <span>
-#include <vector>
-
-#include "formats/base/result.h"
-#include "formats/mesh/lattice.h"
-#include "formats/mesh/slice_mesh.h"
-
-namespace trocar::runtime {
 
 /// Elastic constants of a sheet. Both are positive.
 struct Membrane {

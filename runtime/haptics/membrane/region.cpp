@@ -3,16 +3,6 @@
 
 #include <Eigen/OrderingMethods>
 #include <Eigen/SparseCore>
-#include <algorithm>
-#include <cmath>
-#include <string>
-#include <utility>
-
-#include "formats/mesh/canonical_rotation.h"
-#include "formats/mesh/cavity.h"
-#include "formats/mesh/flat_table.h"
-#include "formats/mesh/lattice.h"
-#include "formats/mesh/triangle_grid.h"
 
 namespace trocar::runtime {
 namespace {
@@ -401,10 +391,9 @@ SheetPart part_around(const SheetMesh& sheet, std::span<const std::uint32_t> see
     for (std::size_t i = 0; i < 3; ++i) {
       const std::uint32_t u = sheet.across[t][i];
       across[k][i] = u == kNoSlot ? kNoSlot : taken.find(u);
-      if (u != kNoSlot && across[k][i] == kNoSlot) {
+      if (u != kNoSlot && across[k][i] == kNoSlot)
         part.outer.push_back({sheet.vertices[sheet.triangles[t][i]],
                               sheet.vertices[sheet.triangles[t][(i + 1) % 3]]});
-      }
     }
   }
   for (std::uint32_t k = 0; k < n; ++k) {

@@ -1,7 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Copies the part of a sheet around the tool into a separate mesh. From this copy, region.h makes a
-// region: it cuts the tool's outline out and refines the mesh. The stiffness under the tool is
-// computed on the region.
+// A region of a sheet around the tool: its mesh, its equilibrium, and its shape.
 #pragma once
 
 #include <Eigen/Core>
@@ -21,6 +19,10 @@
 #include "runtime/haptics/membrane/network.h"
 
 namespace trocar::runtime {
+
+// Copies the part of a sheet around the tool into a separate mesh. From this copy, region.h makes a
+// region: it cuts the tool's outline out and refines the mesh. The stiffness under the tool is
+// computed on the region.
 
 /// A circle around the tool, in lattice steps.
 struct Circle {
@@ -69,9 +71,9 @@ SheetPart part_around(const SheetMesh& sheet, std::span<const std::uint32_t> see
 //  - To factor the matrix of 100 to 10,000 nodes, Eigen takes 1.1 to 1.2 times as long as this
 //    class. For 40,000 nodes it takes the same time.
 //  - To solve the equations, Eigen takes 1.2 to 1.4 times as long.
-//  - To compute the response of a sheet to the tool at a new position (response.h), the program
+//  - To compute the response of a sheet to the tool at a new position (sheet_law.h), the program
 //    with Eigen would take 1.03 times as long.
-//  - To calibrate a sheet's stiffness (response.h), it would take 1.02 times as long.
+//  - To calibrate a sheet's stiffness (sheet_law.h), it would take 1.02 times as long.
 
 /// A factorisation. After make() it does not change, so any thread may read it. The unknowns are
 /// the displacements of the free nodes, in the order of elimination.
@@ -168,7 +170,7 @@ bool solve_local(const Network& network, std::span<const NodeKind> kind, LocalSo
                  const LocalOptions& options = {});
 
 // Makes a region: the mesh of the part of a sheet around the tool. A worker thread makes a region
-// to compute the stiffness at one tool position (response.h). The tool's outline is cut out of the
+// to compute the stiffness at one tool position (sheet_law.h). The tool's outline is cut out of the
 // mesh as for a puncture, because the tool is rigid and the sheet under the tool does not bend. The
 // mesh is refined towards the tool, where the sheet is steepest.
 //
@@ -194,7 +196,7 @@ bool solve_local(const Network& network, std::span<const NodeKind> kind, LocalSo
 
 /// Size of the triangles. At the tool, the edge length is `at_tool` times the tool's circumradius.
 /// At the distance d from the tool, the edge length is larger by `grade` times d. If the membrane
-/// is calibrated (response.h) and the decay length is at least 1.5 circumradii, the defaults
+/// is calibrated (sheet_law.h) and the decay length is at least 1.5 circumradii, the defaults
 /// give about 200 free nodes. The stiffness under a hexagon then differs by at most 1 % from the
 /// exact stiffness. If the hexagon is near an edge or a hole of the sheet, the difference is mostly
 /// at most 1.5 % (deformation_accuracy_test.cpp).

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The contract of formats/mesh/paged_array.h, compared with std::vector under random writes to copies of
+// The contract of formats/mesh/sheet_mesh.h (PagedArray), compared with std::vector under random writes to copies of
 // copies.
-#include "formats/mesh/paged_array.h"
+#include "formats/mesh/sheet_mesh.h"
 
 #include <gtest/gtest.h>
 

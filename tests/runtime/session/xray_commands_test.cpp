@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "runtime/session/operator_commands.h"
+#include "runtime/session/operator_messages.h"
 
 #include <gtest/gtest.h>
 

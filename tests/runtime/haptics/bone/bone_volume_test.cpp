@@ -12,8 +12,6 @@
 #include <string>
 
 #include "formats/session/procedures.h"
-#include "runtime/haptics/bone/bone_strength.h"
-#include "runtime/haptics/bone/tool_in_tissue.h"
 #include "tests/runtime/haptics/bone/cutting_fixture.h"
 #include "tests/support/body_fixture.h"
 #include "tests/support/body_slabs.h"

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The coupling of tool and plate against the device's damping and torques, computed directly; and the
 // force law that is made with it.
-#include "runtime/haptics/bone/device_coupling.h"
 
 #include <gtest/gtest.h>
 

@@ -6,7 +6,7 @@
 #include <cmath>
 
 #include "runtime/haptics/membrane/network.h"
-#include "runtime/haptics/membrane/response.h"
+#include "runtime/haptics/membrane/sheet_law.h"
 #include "tests/reference/deformation/region_part.h"
 #include "tests/support/deformation_fixture.h"
 #include "tests/support/sheet_fixture.h"

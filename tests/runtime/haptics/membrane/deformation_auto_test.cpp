@@ -11,7 +11,7 @@
 
 #include "formats/mesh/cut.h"
 #include "runtime/haptics/membrane/region.h"
-#include "runtime/haptics/membrane/response.h"
+#include "runtime/haptics/membrane/sheet_law.h"
 #include "tests/reference/deformation/global_solver.h"
 #include "tests/reference/deformation/region_part.h"
 #include "tests/support/deformation_fixture.h"

@@ -8,7 +8,7 @@
 #include <set>
 
 #include "formats/mesh/mesh_validity.h"
-#include "runtime/haptics/membrane/response.h"
+#include "runtime/haptics/membrane/sheet_law.h"
 #include "tests/reference/deformation/region_part.h"
 #include "tests/support/deformation_fixture.h"
 #include "tests/support/sheet_fixture.h"
