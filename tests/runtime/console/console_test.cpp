@@ -424,21 +424,6 @@ struct TwoClients {
   HandHolder::Clock::time_point now = HandHolder::Clock::time_point(std::chrono::hours(1));
 };
 
-TEST(HandHolder, TheFirstHoldsUntilItLetsGo) {
-  TwoClients t;
-  EXPECT_EQ(t.hand.share_of(&t.first), HandShare::kFree);
-  EXPECT_TRUE(t.hand.move(&t.first, 1, t.now));
-  EXPECT_EQ(t.hand.share_of(&t.first), HandShare::kYours);
-  EXPECT_EQ(t.hand.share_of(&t.second), HandShare::kOther);
-  EXPECT_FALSE(t.hand.move(&t.second, 1, t.now + milliseconds(20)));
-  EXPECT_FALSE(t.hand.let_go(&t.second));
-  EXPECT_TRUE(t.hand.move(&t.first, 2, t.now + milliseconds(20)));
-  EXPECT_TRUE(t.hand.let_go(&t.first));
-  EXPECT_EQ(t.hand.share_of(&t.second), HandShare::kFree);
-  EXPECT_TRUE(t.hand.move(&t.second, 1, t.now + milliseconds(40)));
-  EXPECT_EQ(t.hand.share_of(&t.first), HandShare::kOther);
-}
-
 TEST(HandHolder, SilenceOfASecondFreesIt) {
   TwoClients t;
   EXPECT_FALSE(t.hand.lose_silent(t.now));

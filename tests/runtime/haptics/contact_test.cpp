@@ -298,18 +298,6 @@ TEST_F(ContactTest, Contract6MovingAlongATiltedAxisKeepsTheOutline) {
   EXPECT_NEAR(stretch, 1 / axis.z(), 1e-3);
 }
 
-TEST_F(ContactTest, BeyondTheLargestTiltTheToolIsNotUpright) {
-  SceneTool shape;
-  shape.tilt_deg = 45;
-  model_.tool = make_tool(shape);
-  EXPECT_FALSE(tick(at(0, 0, 0.125)).not_upright);
-  Pose tilted = at(0, 0, 0.125);
-  tilted.q = Eigen::AngleAxisd(0.01, Eigen::Vector3d::UnitY());
-  EXPECT_TRUE(tick(tilted).not_upright);
-  tilted.q = Eigen::AngleAxisd(-0.01, Eigen::Vector3d::UnitY());
-  EXPECT_FALSE(tick(tilted).not_upright);
-}
-
 TEST_F(ContactTest, EachSheetHasItsTissueAndItsHoleActsOnTheShaft) {
   place({0.12, 0.11});
   Tissue soft;
@@ -472,17 +460,6 @@ TEST_F(HoleTest, Contract7ASheetRemembersItsLastHoles) {
   for (int k = 0; k < all; ++k) {
     EXPECT_NEAR(again(place_m(k).x(), place_m(k).y())[2], k < all - most ? 0 : 3, 1e-9) << k;
   }
-}
-
-TEST_F(ContactTest, TheToolRotatesWithThePlate) {
-  // A tip beside the plate's axis: rotating the plate moves it off the sheet.
-  model_.tool.tip_plate_m = {0.03, 0, 0};
-  for (Eigen::Vector3d& corner : model_.tool.corner_plate_m)
-    corner.x() += 0.03;
-  tick(at(-0.03, 0, 0.125));
-  EXPECT_EQ(tick(at(-0.03, 0, 0.119)).phase, ContactPhase::kContact);
-  tick(at(-0.03, 0, 0.125));
-  EXPECT_EQ(tick(at(-0.03, 0, 0.119, std::numbers::pi)).phase, ContactPhase::kMissed);
 }
 
 }  // namespace

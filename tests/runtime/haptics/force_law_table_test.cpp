@@ -19,7 +19,6 @@
 #include "runtime/session/session.h"
 #include "tests/runtime/haptics/constant_layer.h"
 #include "tests/support/body_fixture.h"
-#include "tests/support/counted_allocations.h"
 #include "tests/support/four_legs_session.h"
 #include "tests/support/sheet_fixture.h"
 #include "tests/support/temporary_folder.h"
@@ -153,16 +152,6 @@ TEST(ForceLawTable, AnAddedLawIsInTheSessionReportAndInTheCheck) {
       *sheets, choose_tissues(scene, test::square_asset(2)), {}, options);
   ASSERT_TRUE(checked) << checked.error().message;
   EXPECT_NE(checked->text.find("force law  constant\n"), std::string::npos);
-}
-
-TEST(ForceLawTable, TicksOfNoLawAllocate) {
-  TROCAR_NEEDS_COUNTED_ALLOCATIONS();
-  for (const ForceLawKind law : {ForceLawKind::kHooke, ForceLawKind::kNetwork,
-                                 ForceLawKind::kCutting, add_constant_layer()}) {
-    const Finished done = run(scene_of(law));
-    ASSERT_TRUE(done.report.allocations_in_loop);
-    EXPECT_EQ(*done.report.allocations_in_loop, 0U) << to_string(law);
-  }
 }
 
 }  // namespace

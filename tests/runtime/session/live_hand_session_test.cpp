@@ -139,30 +139,5 @@ TEST(LiveHandSession, AReplayNeedsNoHandAndHasTheSameBytes) {
   EXPECT_EQ(again.recording, run.recording);
 }
 
-TEST(LiveHandSession, ThePathIsAScriptedHandWithTheSameForce) {
-  const HandRun run = run_hand(hand_scene(), press);
-  Scene scripted = hand_scene();
-  scripted.hand.live = false;
-  scripted.hand.trajectory.clear();
-  for (const HandKeyframe& keyframe : run.path.keyframes) {
-    const Eigen::Vector3d& tip_m = keyframe.T_device_tool.p_m;
-    const Eigen::Vector3d turn_deg =
-        rotation_vector(keyframe.T_device_tool.q) * (180 / std::numbers::pi);
-    scripted.hand.trajectory.push_back({keyframe.t_s,
-                                        {tip_m.x(), tip_m.y(), tip_m.z()},
-                                        {turn_deg.x(), turn_deg.y(), turn_deg.z()}});
-  }
-  const HandRun again = run_hand(scripted, nullptr);
-  ASSERT_EQ(again.rows.size(), run.rows.size());
-  for (std::size_t tick = 0; tick < run.rows.size(); ++tick)
-    ASSERT_NEAR(again.rows[tick].wrench_delivered[2], run.rows[tick].wrench_delivered[2], 0.5)
-        << tick;
-}
-
-TEST(LiveHandSession, TheHapticThreadAllocatesNothing) {
-  TROCAR_NEEDS_COUNTED_ALLOCATIONS();
-  EXPECT_EQ(run_hand(hand_scene(), press).report.allocations_in_loop, 0U);
-}
-
 }  // namespace
 }  // namespace trocar::runtime

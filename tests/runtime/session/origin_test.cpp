@@ -12,41 +12,6 @@
 namespace trocar::runtime {
 namespace {
 
-TEST(Origin, TheDigestIsThatOfB2sum) {
-  const test::TemporaryFolder folder;
-  std::ofstream(folder / "abc") << "abc";
-  const auto digest = digest_of(folder / "abc");
-  ASSERT_TRUE(digest);
-  EXPECT_EQ(*digest, "bddd813c634239723171ef3fee98579b94964e3bb1cb3e427262c8c068d52319");
-  EXPECT_FALSE(digest_of(folder / "absent"));
-  std::ofstream(folder / "long") << std::string(3'000'001, 'x');
-  ASSERT_TRUE(digest_of(folder / "long"));
-}
-
-TEST(Origin, AReplayNeedsTheSameInputs) {
-  const RecordingOrigin run{{{"program", TROCAR_VERSION}, {"scene", "1"}, {"rate_Hz", "997.3"}}};
-  EXPECT_EQ(stated_rate_Hz(run), 997.3);
-  EXPECT_EQ(stated_rate_Hz({}), 0);
-  const auto same = check_replay(run, run, "r.csv");
-  ASSERT_TRUE(same);
-  EXPECT_EQ(*same, "");
-  const auto none = check_replay({}, run, "r.csv");
-  ASSERT_FALSE(none);
-  EXPECT_EQ(none.error().message, "r.csv: does not say what it was recorded with");
-  RecordingOrigin other = run;
-  other.entries[0].second = std::string("0.0.1");
-  const auto version = check_replay(other, run, "r.csv");
-  ASSERT_TRUE(version);
-  EXPECT_NE(version->find("version 0.0.1"), std::string::npos);
-  other.entries[1].second = std::string("2");
-  const auto refused = check_replay(other, run, "r.csv");
-  ASSERT_FALSE(refused);
-  EXPECT_EQ(refused.error().code, ExitCode::kRefused);
-  EXPECT_EQ(refused.error().message,
-            "r.csv: was recorded with other inputs: the scene (2, here 1); give those that it was "
-            "recorded with");
-}
-
 TEST(Origin, AReplayTakesNoOptionThatTheRecordingDoesNotState) {
   const RecordingOrigin recorded{{{"program", TROCAR_VERSION}, {"scene", "1"}}};
   RecordingOrigin run = recorded;

@@ -76,16 +76,6 @@ const SliceMesh& wide_mesh() {
   return made;
 }
 
-TEST(PoseSession, BuiltInDescriptionsAreValid) {
-  for (const char* name : {"haply_inverse3", "force_dimension"}) {
-    const auto device = built_in_pose_device(name);
-    ASSERT_TRUE(device) << device.error().message;
-    EXPECT_FALSE(device->senses_rotation);
-  }
-  EXPECT_EQ(built_in_pose_device("haply_inverse3")->force_max_N, 5);
-  EXPECT_FALSE(built_in_pose_device("other"));
-}
-
 TEST(PoseSession, MiddleOfThePathIsTheMiddleOfTheWorkspace) {
   Scene scene = scene_of(ForceLawKind::kHooke);
   scene.tool.tip_in_plate_m = {0, 0, -0.02};
@@ -138,23 +128,6 @@ TEST(PoseSession, NoCouplingIsStifferThanTheDeviceAllows) {
           << force_scale << ", " << chosen_N_per_m;
     }
   }
-}
-
-// The hand moves along the device's x axis, which lies along the diagonal of the scene's x and y: to
-// 99 mm, beyond the 80 mm of the device's box, but within the box of 113 mm around the turned one.
-TEST(PoseSession, LeavingATurnedBoxIsAFault) {
-  PoseDeviceDescription device = arm_of_session();
-  device.turn_rad = {0, 0, std::numbers::pi / 4};
-  Scene scene = scene_of(ForceLawKind::kHooke);
-  scene.hand.trajectory = {{0, {0, 0, 0.14}, {}},
-                           {1, {-0.05, -0.05, 0.14}, {}},
-                           {3, {0.07, 0.07, 0.14}, {}},
-                           {3.5, {-0.07, -0.07, 0.14}, {}}};
-  PoseRun session(device, scene, wide_mesh());
-  session.options.duration_s = 3;
-  const SessionResult report = session.run(session.simulated());
-  EXPECT_EQ(report.fault, Fault::kWorkspace) << to_string(report.fault);
-  EXPECT_GT(report.fault_t_s, 2) << "at 14 mm from the middle";
 }
 
 TEST(PoseSession, OriginStatesTheDeviceAndIsReadBack) {

@@ -26,43 +26,6 @@ using testing_support::largest;
 using testing_support::ScriptedDevice;
 using testing_support::TestSession;
 
-TEST(Session, StopEndsItWithTorquesAtZero) {
-  const Scene scene = test::descent_scene({0.12}, 0.13, 0.1, 0.015);
-  for (const Clock clock : {Clock::kVirtual, Clock::kReal}) {
-    TestSession session(scene);
-    std::atomic<bool> stop{false};
-    std::uint64_t ticks = 0;
-    session.options.clock = clock;
-    session.options.duration_s = 60;
-    session.options.stop = &stop;
-    const SessionResult report = session.run([&] {
-      if (++ticks == 50) stop = true;
-    });
-    EXPECT_EQ(report.end, SessionEnd::kInterrupted);
-    EXPECT_EQ(report.ticks, 50U);
-    session.device->step(1e-3);
-    EXPECT_EQ(session.device->truth().tau_motor_Nm.norm(), 0);
-  }
-}
-
-TEST(Session, AStopBeforeTheFirstTickKeepsAnEarlierRecording) {
-  const Scene scene = test::descent_scene({0.12}, 0.13, 0.1, 0.015);
-  for (const Clock clock : {Clock::kVirtual, Clock::kReal}) {
-    TestSession session(scene);
-    ScriptedDevice device;
-    const std::atomic<bool> stop{true};
-    session.options.clock = clock;
-    session.options.stop = &stop;
-    std::ofstream(*session.options.record) << "an earlier recording";
-    const SessionResult report = session.run(device, [](double) { FAIL(); });
-    EXPECT_EQ(report.ticks, 0U);
-    EXPECT_EQ(report.end, SessionEnd::kInterrupted);
-    EXPECT_FALSE(report.recording_error);
-    EXPECT_EQ(session.recording(), "an earlier recording");
-    EXPECT_EQ(session.folder.files(), 1U);
-  }
-}
-
 TEST(Session, TheReplayOfAnInterruptedSessionIsInterrupted) {
   TestSession session(test::descent_scene({0.12}, 0.13, 0.1, 0.015));
   std::atomic<bool> stop{false};

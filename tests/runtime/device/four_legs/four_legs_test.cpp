@@ -99,21 +99,6 @@ TEST_F(FourLegsTest, DeliversTheWantedWrenchTimesTheScaleWithinTheMotorsLimits) 
   EXPECT_GT(scaled, 200);
 }
 
-TEST_F(FourLegsTest, CompensationActsOnTheMotorsAndIsNotDelivered) {
-  description_.gravity_m_per_s2 = 9.81;
-  device_.change(description_, limits_);
-  compensation_.gravity = true;
-  ASSERT_EQ(go_to(middle()), Fault::kNone);
-  Wrench wanted = Wrench::Zero();
-  wanted[0] = 3;
-  ASSERT_EQ(render(wanted), Fault::kNone);
-  ASSERT_EQ(device_.write(), DeviceStatus::kOk);
-  EXPECT_LT((device_.delivered() - wanted).norm(), 1e-9);
-  const MotorVector tau = Eigen::Map<const MotorVector>(encoders_.written.data());
-  const Wrench all = device_.motor_jacobian().transpose() * tau;
-  EXPECT_NEAR(all[2], description_.plate_mass_kg * 9.81, 1e-9);
-}
-
 TEST_F(FourLegsTest, AForceThatEndsFadesFromTheLastCommandEvenIfWritingFailed) {
   ASSERT_EQ(go_to(middle()), Fault::kNone);
   Wrench wanted = Wrench::Zero();

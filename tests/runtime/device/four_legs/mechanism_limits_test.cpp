@@ -272,23 +272,6 @@ TEST(LimitRise, WithinItChangesNothingBeyondItActsAndItsResultIsWithinIt) {
   EXPECT_GT(released, 10'000);
 }
 
-// In the loop's call: torques that flip by more than the limit in every tick are a fault.
-TEST(MechanismLimits, TorquesThatFlipInEveryTickAreAFault) {
-  const MechanismLimits limits;
-  MotorState state;
-  MotorVector last = MotorVector::Constant(-5.94);
-  Fault fault = Fault::kNone;
-  int tick = 0;
-  for (; tick < 1000 && fault == Fault::kNone; ++tick) {
-    MotorVector wanted = MotorVector::Constant(tick % 2 == 0 ? 5.94 : -5.94);
-    fault = limit_torques(limits, MotorVector::Constant(6), last, 1e-3, wanted, state);
-    ASSERT_LE(largest_rise(last, wanted), 5 * (1 + 1e-12));
-    last = wanted;
-  }
-  EXPECT_EQ(fault, Fault::kTorqueRate);
-  EXPECT_LE(tick * 1e-3, limits.torque_rise_time_max_s + 2e-3);
-}
-
 TEST(MechanismLimits, AWallThatOscillatesAtTheRateLimitIsAFault) {
   const MechanismLimits limits;
   MotorState state;

@@ -120,17 +120,6 @@ TEST(MotorLoad, PeakEqualToContinuousGivesAConstantLimit) {
   EXPECT_EQ(available_current(model, {}), MotorVector::Constant(2));
 }
 
-TEST(Compensation, IsOffByDefault) {
-  DeviceDescription device = default_device_description();
-  device.gravity_m_per_s2 = 9.81;
-  device.joint_coulomb_friction_Nm = 0.1;
-  Pose T;
-  T.p_m.z() = 0.15;
-  const Jacobian G = jacobian(device, T, inverse_kinematics(device, T).joints).G;
-  EXPECT_EQ(compensation_torques(device, make_motor_model(device), G, MotorVector::Ones(), {}),
-            MotorVector::Zero());
-}
-
 TEST(Compensation, FrictionPartIsContinuousInTheRateAndBelowTheFriction) {
   DeviceDescription device = default_device_description();
   device.joint_coulomb_friction_Nm = 0.1;

@@ -359,28 +359,6 @@ TEST(TorqueAllocation, TorquesStayConstantBeyondTheLimits) {
   }
 }
 
-// In comparison, the pseudo-inverse's torques clipped motor by motor change the force's direction.
-TEST(TorqueAllocation, KeepsTheDirectionThatClippingChanges) {
-  const DeviceDescription device = default_device_description();
-  Random random(28);
-  const MotorVector limit = MotorVector::Constant(6);
-  double clipped_deg = 0;
-  for (int n = 0; n < 5000; ++n) {
-    const Jacobian G = jacobian_at(device, random_workspace_pose(random));
-    const Wrench wanted = random_wrench(random, random.between(20, 150));
-    const MotorVector least = reference(G, wanted).minimum_norm;
-    const Wrench clipped = G.transpose() * MotorVector(least.cwiseMin(limit).cwiseMax(-limit));
-    const auto deviation_deg = [&](const Wrench& delivered) {
-      const double cosine = delivered.head<3>().normalized().dot(wanted.head<3>().normalized());
-      return std::acos(std::clamp(cosine, -1.0, 1.0)) * 180 / std::numbers::pi;
-    };
-    clipped_deg = std::max(clipped_deg, deviation_deg(clipped));
-    ASSERT_LT(deviation_deg(allocate_torques(G, wanted, limit).wrench_device), 1e-5);
-  }
-  std::printf("clipping changes the direction by up to %.0f deg\n", clipped_deg);
-  EXPECT_GT(clipped_deg, 10) << "too few clipped wrenches to show the difference";
-}
-
 TEST(TorqueAllocation, LargeSmallAndInvalidInputs) {
   const DeviceDescription device = default_device_description();
   Random random(25);

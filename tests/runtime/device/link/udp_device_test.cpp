@@ -187,26 +187,6 @@ TEST_F(UdpDeviceTest, AQueueOfTheStatesOfATickIsNotTooLong) {
   expect_refused(options, ExitCode::kUsage, "sends 200 states in each tick, and at most 128 can");
 }
 
-TEST_F(UdpDeviceTest, InLockStepEachWriteIsAnswered) {
-  start(LinkClock::kLockStep);
-  SimulatedDevice twin = held_device();
-  DeviceState expected;
-  ASSERT_EQ(device_->read(state_), DeviceStatus::kOk);
-  for (int tick = 0; tick < 100; ++tick) {
-    const DeviceCommand command = torques(0.01 * tick);
-    ASSERT_EQ(device_->write(command), DeviceStatus::kOk);
-    device_->advance(1e-3);
-    twin.write(command);
-    twin.step(1e-3);
-    twin.read(expected);
-    ASSERT_EQ(device_->read(state_), DeviceStatus::kOk);
-    ASSERT_EQ(state_.encoder_rad, expected.encoder_rad);
-  }
-  EXPECT_TRUE(device_->is_paced_by_loop());
-  EXPECT_EQ(device_->link_report()->round_trip.samples(), 0U)
-      << "time that is not the wall clock's";
-}
-
 // SIGUSR1 asks trocar-run for a recovery, and interrupts the thread that waits.
 TEST_F(UdpDeviceTest, InLockStepASignalDoesNotEndTheWait) {
   start(LinkClock::kLockStep);
@@ -222,21 +202,6 @@ TEST_F(UdpDeviceTest, InLockStepASignalDoesNotEndTheWait) {
   signaller.join();
   std::signal(SIGUSR1, before);
   EXPECT_EQ(device_->read(state_), DeviceStatus::kOk);
-}
-
-TEST_F(UdpDeviceTest, ReportsEmergencyStopAndMotorFault) {
-  for (const auto& [faults, wanted] : {std::pair{"stop@0.02", DeviceStatus::kEmergencyStop},
-                                       std::pair{"dead:2@0.02", DeviceStatus::kMotorFault}}) {
-    device_.reset();
-    start(LinkClock::kLockStep, faults);
-    DeviceStatus status = device_->read(state_);
-    int tick = 0;
-    for (; tick < 60 && status == DeviceStatus::kOk; ++tick)
-      status = answer_to(torques(1));
-    EXPECT_EQ(status, wanted);
-    EXPECT_GE(tick, 20);
-    EXPECT_LE(tick, 28);
-  }
 }
 
 TEST_F(UdpDeviceTest, InvalidAndReplayedPacketsAreOnlyCounted) {

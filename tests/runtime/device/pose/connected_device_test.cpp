@@ -119,13 +119,6 @@ TEST_F(ConnectedDeviceTest, RoundTripIsFromAWrenchToThePoseReturnedForIt) {
   EXPECT_GE(link->round_trip.quantile_us(0), 19'000);
 }
 
-TEST_F(ConnectedDeviceTest, FailedOpenIsAnErrorOfStart) {
-  script_.opens = false;
-  const auto started = device_.start();
-  ASSERT_FALSE(started);
-  EXPECT_EQ(started.error().message, "test: nothing there");
-}
-
 TEST_F(ConnectedDeviceTest, ReadAndWriteNeitherWaitNorAllocate) {
   TROCAR_NEEDS_COUNTED_ALLOCATIONS();
   script_.wait_ms = 50;

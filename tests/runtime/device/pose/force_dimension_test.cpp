@@ -407,22 +407,6 @@ TEST_F(ForceDimensionTest, SilenceIsGivenUpAndEndsWithoutForce) {
   EXPECT_TRUE(device.exchange({}));
 }
 
-TEST_F(ForceDimensionTest, LateAndJumpingAndFrozenStatesPass) {
-  set("TROCAR_DHD_FAULT", "late@0.05:0.05,jump@0.2:0.1,frozen@0.4");
-  ForceDimension device(options());
-  ASSERT_TRUE(device.open());
-  bool jumped = false;
-  bool back = false;
-  for (int i = 0; i < 10'000 && !back; ++i) {
-    const Result<PoseReading> reading = device.exchange({0, 0, 1, 0, 0, 0});
-    ASSERT_TRUE(reading) << reading.error().message;
-    jumped = jumped || reading->p_m[0] == 0.05;
-    back = jumped && reading->p_m[0] == 0;
-    std::this_thread::sleep_for(milliseconds(1));
-  }
-  EXPECT_TRUE(back);
-}
-
 TEST_F(ForceDimensionTest, AMeasurementThatIsGivenAgainHasItsTime) {
   set("TROCAR_DHD_FAULT", "same@0.1:0.5");
   ForceDimension device(options());
@@ -465,25 +449,6 @@ TEST_F(ForceDimensionTest, OpensTheSameDeviceAgainAndNoOther) {
     device.close();
     expect_closed_without_force();
   }
-}
-
-TEST_F(ForceDimensionTest, OpensAgainAfterADisconnection) {
-  set("TROCAR_DHD_FAULT", "disconnect@0.1:0.2");
-  ForceDimension device(options());
-  ASSERT_TRUE(device.open());
-  const Result<PoseReading> lost = exchange_until_error(device);
-  ASSERT_FALSE(lost);
-  device.close();
-  Result<void> opened = device.open();
-  for (int i = 0; i < 10'000 && !opened; ++i) {
-    device.close();
-    std::this_thread::sleep_for(milliseconds(1));
-    opened = device.open();
-  }
-  ASSERT_TRUE(opened) << opened.error().message;
-  EXPECT_TRUE(device.exchange({0, 0, 1, 0, 0, 0}));
-  device.close();
-  expect_closed_without_force();
 }
 
 }  // namespace

@@ -17,19 +17,6 @@
 namespace trocar::runtime {
 namespace {
 
-/// The same text as in the record, in shortest round-trip form.
-std::string text_of(const TrueTip& tip) {
-  std::string text;
-  for (const double x : {tip.at_m.x(), tip.at_m.y(), tip.at_m.z(), tip.velocity_m_per_s.x(),
-                         tip.velocity_m_per_s.y(), tip.velocity_m_per_s.z()}) {
-    std::array<char, 40> digits;
-    const auto end = std::to_chars(digits.data(), digits.data() + digits.size(), x).ptr;
-    text.append(digits.data(), end) += ',';
-  }
-  text.back() = '\n';
-  return text;
-}
-
 constexpr std::int64_t kMs = 1'000'000;
 using Bytes = std::vector<std::uint8_t>;
 
@@ -261,41 +248,6 @@ TEST_F(DriveLink, DelayedCommandsDoNotBringTheTorquesBack) {
     drive.tick(ms * kMs, 4, state);
     EXPECT_EQ(torque_of(drive), 1);
     EXPECT_EQ(host.state_in(state).mode, DriveMode::kTorque);
-  }
-}
-
-TEST_F(DriveLink, StepsAreRecordedAndWrittenAsCsv) {
-  DriveOptions some = options(LinkClock::kLockStep, "stop@0.01..0.02");
-  some.record_steps = 25;
-  Drive drive(some, slowly_lowered_device());
-  Host host(drive, key_);
-  ASSERT_TRUE(host.handshake(0));
-  for (int tick = 0; tick < 30; ++tick) {
-    host.torque(-0.25, 0);
-    host.state();
-  }
-  const std::vector<DriveStep>& steps = drive.report().steps;
-  ASSERT_EQ(steps.size(), 25U) << "more than record_steps";
-  for (std::size_t k = 0; k < steps.size(); ++k) {
-    const bool pressed = k >= 10 && k < 20, stopped = k >= 10;
-    EXPECT_EQ(steps[k].session, 1U);
-    EXPECT_NEAR(steps[k].t_s, 1e-3 * static_cast<double>(k + 1), 1e-12);
-    EXPECT_EQ(steps[k].command_taken, k + 1);
-    EXPECT_EQ(steps[k].fault, pressed);
-    EXPECT_EQ(steps[k].commanded_max_Nm, stopped ? 0 : 0.25);
-    EXPECT_EQ(steps[k].applied_max_Nm, stopped ? 0 : 0.25);
-    EXPECT_EQ(steps[k].mode, stopped ? DriveMode::kEmergencyStop : DriveMode::kTorque);
-  }
-  EXPECT_EQ(to_csv(std::span(steps).subspan(9, 2)),
-            "session,t_s,mode,motor_faults,fault,command_taken,commanded_max_Nm,applied_max_Nm,"
-            "packets_refused,tool_x_m,tool_y_m,tool_z_m,tool_x_m_per_s,tool_y_m_per_s,"
-            "tool_z_m_per_s\n"
-            "1,0.010000000000000002,torque,0,0,10,0.25,0.25,0," +
-                text_of(steps[9].tip) + "1,0.011000000000000003,emergency_stop,0,1,11,0,0,0," +
-                text_of(steps[10].tip));
-  for (std::size_t k = 1; k < steps.size(); ++k) {
-    const Eigen::Vector3d moved_m = steps[k].tip.at_m - steps[k - 1].tip.at_m;
-    EXPECT_LT((moved_m / 1e-3 - steps[k].tip.velocity_m_per_s).norm(), 0.02);
   }
 }
 
@@ -531,39 +483,6 @@ TEST_F(DriveLink, ALaterSessionReportsAStopThatNoHostHasAcknowledged) {
   }
 }
 
-TEST_F(DriveLink, ADeadMotorGivesNoTorqueAndIsReported) {
-  Drive drive(options(LinkClock::kLockStep, "dead:3@0.01"), slowly_lowered_device());
-  Host host(drive, key_);
-  ASSERT_TRUE(host.handshake(0));
-  for (int tick = 0; tick < 30; ++tick) {
-    ASSERT_EQ(host.torque(1, 0), LinkRefusal::kNone);
-    const int faults = host.state().motor_faults;
-    EXPECT_EQ(drive.model().truth().tau_motor_Nm[3], tick < 10 ? 1 : 0) << tick;
-    EXPECT_EQ(drive.model().truth().tau_motor_Nm[2], 1);
-    if (tick < 14) {
-      EXPECT_EQ(faults, 0) << tick;
-    }
-    if (tick > 16) {
-      EXPECT_EQ(faults, 8) << tick;
-    }
-  }
-}
-
-TEST_F(DriveLink, AnEncoderSticksAtItsCurrentAngleEachTime) {
-  Drive drive(options(LinkClock::kLockStep, "stuck:0@0.01..0.02,stuck:0@0.03..0.04"),
-              slowly_lowered_device());
-  Host host(drive, key_);
-  ASSERT_TRUE(host.handshake(0));
-  double stuck_rad[2] = {0, 0};
-  for (int tick = 0; tick < 38; ++tick) {
-    ASSERT_EQ(host.torque(0, 0), LinkRefusal::kNone);
-    const double angle_rad = host.state().encoder_rad[0];
-    if (tick == 15) stuck_rad[0] = angle_rad;
-    if (tick == 35) stuck_rad[1] = angle_rad;
-  }
-  EXPECT_GT(std::abs(stuck_rad[1] - stuck_rad[0]), 1e-6);
-}
-
 TEST_F(DriveLink, EncodersStickAndJumpAsPlanned) {
   Drive drive(options(LinkClock::kLockStep, "stuck:0@0.01,jump:5:0.25@0.02"),
               slowly_lowered_device());
@@ -583,17 +502,6 @@ TEST_F(DriveLink, EncodersStickAndJumpAsPlanned) {
     if (tick == 39) {
       EXPECT_NE(truth.encoder_rad[0], stuck_rad);
     }
-  }
-}
-
-TEST_F(DriveLink, AnInjectedKillIsDueAtItsTime) {
-  Drive drive(options(LinkClock::kLockStep, "kill@0.005"), slowly_lowered_device());
-  Host host(drive, key_);
-  EXPECT_FALSE(drive.kill_is_due());
-  ASSERT_TRUE(host.handshake(0));
-  for (int tick = 0; tick < 8; ++tick) {
-    ASSERT_EQ(host.torque(0, 0), LinkRefusal::kNone);
-    EXPECT_EQ(drive.kill_is_due(), tick >= 4) << tick;
   }
 }
 

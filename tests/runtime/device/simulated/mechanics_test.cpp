@@ -193,22 +193,6 @@ TEST(Mechanics, EnergyBalanceClosesToSecondOrder) {
   EXPECT_LT(fine, coarse / 8);
 }
 
-TEST(Mechanics, FreeMotionConservesEnergy) {
-  DeviceDescription device = default_device_description();
-  device.joint_viscous_friction_Nms_per_rad = 0;
-  SimulatedDevice simulated = make(device, kHeavy, {}, {});
-  simulated.write({{1, -0.5, 0.8, 0.3, 1, 0.2, 0.7, -0.4}});
-  for (int tick = 0; tick < 15; ++tick)
-    ASSERT_TRUE(simulated.step(1e-3));
-  simulated.write({});
-  const double pushed_J = simulated.truth().kinetic_J;
-  ASSERT_GT(pushed_J, 1e-3);
-  for (int tick = 0; tick < 40 && !simulated.truth().at_stop; ++tick) {
-    ASSERT_TRUE(simulated.step(1e-3));
-    ASSERT_NEAR(simulated.truth().kinetic_J, pushed_J, 1e-5 * pushed_J) << "tick " << tick;
-  }
-}
-
 TEST(Mechanics, WithoutExtraMassesItAgreesWithTheLightModel) {
   const DeviceDescription device = default_device_description();
   HandTrajectory hand = rest_at(0.15);

@@ -241,27 +241,6 @@ TEST(SimulatedDevice, StopsAtTheEndOfReach) {
   EXPECT_LT(work.stop_J, 0);
 }
 
-TEST(SimulatedDevice, TheSameCallsGiveTheSameBits) {
-  const DeviceDescription device = default_device_description();
-  const auto run = [&] {
-    HandTrajectory hand;
-    hand.keyframes = {keyframe(0, 0.15), keyframe(0.2, 0.12)};
-    hand.keyframes[1].T_device_tool.q = from_rotation_vector({0.1, 0, -0.05});
-    SimulatedDevice simulated = make(device, hand);
-    std::vector<double> all;
-    for (int tick = 0; tick < 200; ++tick) {
-      simulated.write({{1, -1, 0.5, 0.25, 0, 1, 0, 0.125}});
-      EXPECT_TRUE(simulated.step(1e-3));
-      DeviceState state;
-      simulated.read(state);
-      all.insert(all.end(), state.encoder_rad.begin(), state.encoder_rad.end());
-    }
-    return all;
-  };
-  const std::vector<double> first = run(), second = run();
-  EXPECT_EQ(std::memcmp(first.data(), second.data(), first.size() * sizeof(double)), 0);
-}
-
 TEST(SimulatedDevice, MakeRefusesInvalidHandsAndStarts) {
   const DeviceDescription device = default_device_description();
   HandTrajectory hand;
@@ -336,83 +315,6 @@ TEST(Hand, TrajectoryPassesItsKeyframesAndTheTwistIsItsDerivative) {
           rotation_vector(after.T_device_tool.q * before.T_device_tool.q.conjugate()) / (2 * kStep);
       EXPECT_LT((difference - hand_target(hand, t).twist_device).norm(), 1e-8);
     }
-  }
-}
-
-// A loop with a wall of the paper's stiffness: encoders -> pose -> F = K dx -> torques, held for a
-// tick.
-struct WallRun {
-  std::vector<double> force_N;  // a tick each
-  double largest_drop_N = 0;    // from tick to tick while in contact, before puncture
-  double peak_N = 0;
-  double puncture_depth_m = 0;
-};
-WallRun push_through_wall(const DeviceDescription& device, const HandImpedance& impedance,
-                          const HandTrajectory& hand, double rate_Hz, double duration_s,
-                          double threshold_N) {
-  constexpr double kWall_m = 0.12, kStiffness_N_per_m = 5000;
-  SimulatedDevice simulated = make(device, hand, impedance);
-  WallRun run;
-  bool punctured = false;
-  const int ticks = static_cast<int>(duration_s * rate_Hz);
-  double last_N = 0;
-  for (int tick = 0; tick < ticks; ++tick) {
-    DeviceState state;
-    simulated.read(state);
-    const ForwardResult forward = forward_kinematics(device, state.encoder_rad);
-    EXPECT_TRUE(forward.status);
-    const double depth_m = kWall_m - forward.T_device_plate.p_m.z();
-    double force_N = !punctured && depth_m > 0 ? kStiffness_N_per_m * depth_m : 0;
-    if (force_N > threshold_N) {
-      punctured = true;
-      run.puncture_depth_m = depth_m;
-      force_N = 0;
-    }
-    if (!punctured) run.largest_drop_N = std::max(run.largest_drop_N, last_N - force_N);
-    run.peak_N = std::max(run.peak_N, force_N);
-    run.force_N.push_back(force_N);
-    last_N = force_N;
-    Wrench wanted = Wrench::Zero();
-    wanted[2] = force_N;
-    simulated.write(command_for(device, forward.T_device_plate, wanted));
-    EXPECT_TRUE(simulated.step(1 / rate_Hz));
-  }
-  return run;
-}
-
-TEST(SimulatedDevice, DefaultHandPushesThroughTheWallWithoutChatter) {
-  const DeviceDescription device = default_device_description();
-  HandTrajectory hand;
-  hand.keyframes = {keyframe(0, 0.13), keyframe(0.1, 0.13), keyframe(2.1, 0.09)};  // 20 mm/s
-  for (const double rate_Hz : {500.0, 1000.0, 8000.0}) {
-    const WallRun run = push_through_wall(device, {}, hand, rate_Hz, 2.3, 35);
-    std::printf("%.0f Hz: peak %.3f N, puncture at %.4f mm, largest drop %.1e N\n", rate_Hz,
-                run.peak_N, run.puncture_depth_m * 1e3, run.largest_drop_N);
-    // 20 mm/s times 5 kN/m is 100 N/s, shared by hand and wall.
-    EXPECT_GT(run.peak_N, 35 - 100 / rate_Hz);
-    EXPECT_LE(run.peak_N, 35);
-    EXPECT_NEAR(run.puncture_depth_m, 0.007, 0.02 / rate_Hz);
-    EXPECT_LT(run.largest_drop_N, 1e-6) << "the force fell before the puncture";
-  }
-  // Without damping the same test does detect chatter: an undamped grip, no friction.
-  DeviceDescription frictionless = device;
-  frictionless.joint_viscous_friction_Nms_per_rad = 0;
-  const HandImpedance undamped = {4000, 0, 20, 0.3};
-  EXPECT_GT(push_through_wall(frictionless, undamped, hand, 500, 2.3, 35).largest_drop_N, 0.1);
-}
-
-TEST(SimulatedDevice, ForceOnTheWallSettlesAtTheExactBalance) {
-  const DeviceDescription device = default_device_description();
-  const HandImpedance impedance;
-  HandTrajectory hand;
-  hand.keyframes = {keyframe(0, 0.13), keyframe(0.5, 0.11)};  // 10 mm into the wall
-  const double balance_N = 0.01 / (1 / impedance.stiffness_N_per_m + 1 / 5000.0);
-  for (const double rate_Hz : {500.0, 1000.0}) {
-    const WallRun run = push_through_wall(device, impedance, hand, rate_Hz, 2, 1000);
-    const auto last_half_second =
-        std::minmax_element(run.force_N.end() - static_cast<int>(rate_Hz / 2), run.force_N.end());
-    EXPECT_NEAR(*last_half_second.first, balance_N, 1e-6);
-    EXPECT_NEAR(*last_half_second.second, balance_N, 1e-6);
   }
 }
 

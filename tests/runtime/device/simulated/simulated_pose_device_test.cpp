@@ -32,18 +32,6 @@ Result<SimulatedPoseDevice> make(const PoseDeviceDescription& device, const Hand
   return SimulatedPoseDevice::make(device, PoseFrame(device, Pose{}), motion, impedance, Pose{});
 }
 
-TEST(SimulatedPoseDevice, ForceAgainstTheHandsSpringSettlesAtForceOverStiffness) {
-  auto made = make(simulated_arm(), at_rest(), {});
-  ASSERT_TRUE(made);
-  made->write({0, 0, 6, 0, 0, 0});
-  for (int i = 0; i < 2000; ++i)
-    made->advance(1e-3);
-  PoseReading reading;
-  EXPECT_EQ(made->read(reading), DeviceStatus::kOk);
-  EXPECT_NEAR(reading.p_m[2], 6 / HandImpedance{}.stiffness_N_per_m, 1e-9);
-  EXPECT_EQ(reading.t_s, 2);
-}
-
 TEST(SimulatedPoseDevice, OscillatesLikeADampedSpring) {
   HandImpedance hand;
   hand.stiffness_N_per_m = 500;

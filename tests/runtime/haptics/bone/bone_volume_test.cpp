@@ -70,19 +70,6 @@ void expect_ordered(const BoneVolume& body) {
   EXPECT_EQ(static_cast<std::size_t>(slabs), body.slabs.size());
 }
 
-TEST(BoneVolume, SlabsReachHalfWayToTheirNeighbours) {
-  const BoneVolume body = bone_volume_of(cutting_scene({0.12, 0.119, 0.1176}), square_asset(3));
-  expect_ordered(body);
-  ASSERT_EQ(body.slabs.size(), 3U);
-  expect_extent(body.sheets[0], -0.1205, -0.1195);
-  expect_extent(body.sheets[1], -0.1195, -0.1183);
-  expect_extent(body.sheets[2], -0.1183, -0.1169);
-  EXPECT_FALSE(body.sheets[0].meets_above);
-  EXPECT_FALSE(body.sheets[2].meets_below);
-  for (const CuttingSlab& slab : body.slabs)
-    EXPECT_EQ(slab.hole_m, 0);
-}
-
 // The slices of a scene are one body by their distance, whatever their other distances are.
 TEST(BoneVolume, SlicesAtMostThreeMillimetresApartAreOneBody) {
   const BoneVolume body =
@@ -237,13 +224,6 @@ TEST(BoneVolume, BoneHasTheStrengthOfItsHu) {
   const BoneVolume power = bone_volume_of(scene, spaced_asset(3, 1, {200, 400, 20}));
   EXPECT_NEAR(power.sheets[0].nominal_N, 37.4e6 * std::pow(0.25, 1.39) * kHexagon_m2 + 1.8, 1e-9);
   EXPECT_FALSE(power.sheets[0].calibration.is_assumed);
-}
-
-TEST(BoneVolume, AShellHasTheStrengthUnderTheToolTimesItsFactor) {
-  Scene scene = body_scene(0, 2, 0.12);
-  scene.body->shell_m = 1e-3;
-  scene.body->shell_factor = 3;
-  EXPECT_EQ(bone_volume_of(scene, square_asset(3)).sheets[0].shell_factor, 3);
 }
 
 // A shell without support breaks as a thin wall where that needs less force, by the density under
@@ -625,12 +605,6 @@ TEST(ThinWall, TheWeakerModeBreaksIt) {
   EXPECT_EQ(bending_N(wall, 9e-3), bending_N(wall, 4e-3)) << "a tip wider than the hole is as wide";
 }
 
-TEST(ThinWall, FlowStressFallsWithTheSquareOfDensity) {
-  EXPECT_NEAR(cortex_flow_Pa(1.9), 100e6, 1e-3);
-  EXPECT_NEAR(cortex_flow_Pa(0.95), 25e6, 1e-3);
-  EXPECT_EQ(cortex_flow_Pa(0), 0);
-}
-
 // The mean of a wall and of the bone behind it, in slices that are thicker than the wall.
 TEST(CorticalWall, TheThicknessIsThatOfTheWallThatWasAveraged) {
   for (const double slice_mm : {1.0, 2.0, 3.0}) {
@@ -703,14 +677,6 @@ TEST(BoneStrength, PublishedLawsAtOneDensity) {
   EXPECT_NEAR(value_of(law("keller").modulus_MPa, kRho), 85.987, 0.005);
 }
 
-TEST(BoneStrength, AtOneGramTheFactorsShow) {
-  EXPECT_DOUBLE_EQ(value_of(law("morgan").modulus_MPa, 1), 4730);
-  EXPECT_DOUBLE_EQ(value_of(law("keller").modulus_MPa, 1), 1890);
-  EXPECT_DOUBLE_EQ(value_of(*law("kopperdahl-linear").strength_MPa, 1), 24.15);
-  EXPECT_FALSE(law("morgan").strength_MPa.has_value());
-  EXPECT_FALSE(law("keller").strength_MPa.has_value());
-}
-
 TEST(BoneStrength, NeverNegative) {
   EXPECT_EQ(value_of(*law("kopperdahl-linear").strength_MPa, 0.03), 0);  // root at 0.0301
   EXPECT_GT(value_of(*law("kopperdahl-linear").strength_MPa, 0.031), 0);
@@ -718,33 +684,6 @@ TEST(BoneStrength, NeverNegative) {
     EXPECT_EQ(value_of(each.modulus_MPa, 0), 0) << each.name;
     EXPECT_EQ(value_of(each.modulus_MPa, -1), 0) << each.name;
   }
-}
-
-TEST(BoneStrength, EachLawSaysWhichDensityItTakes) {
-  std::set<std::string_view> names;
-  for (const BoneLaw& each : bone_laws()) {
-    EXPECT_TRUE(names.insert(each.name).second);
-    EXPECT_FALSE(each.source.empty());
-  }
-  EXPECT_EQ(law("kopperdahl-linear").kind, DensityKind::kQct);
-  EXPECT_EQ(law("kopperdahl-power").kind, DensityKind::kQct);
-  EXPECT_EQ(law("morgan").kind, DensityKind::kApparent);
-  EXPECT_EQ(law("keller").kind, DensityKind::kAsh);
-  EXPECT_EQ(name_of(DensityKind::kQct), "QCT mineral density");
-  EXPECT_EQ(name_of(DensityKind::kApparent), "apparent density");
-  EXPECT_EQ(name_of(DensityKind::kAsh), "ash density");
-  EXPECT_EQ(find_bone_law("keler"), nullptr);
-}
-
-TEST(BoneStrength, CalibrationIsLinearAndMarked) {
-  const HuCalibration assumed;
-  EXPECT_TRUE(assumed.is_assumed);
-  EXPECT_NEAR(density_of(assumed, 150), 0.12, 1e-12);
-  EXPECT_EQ(density_of(assumed, -1000), 0);
-  const HuCalibration measured{.per_HU = 7.5e-4, .at_0_HU = -0.006, .is_assumed = false};
-  EXPECT_NEAR(density_of(measured, 200), 0.144, 1e-12);
-  EXPECT_NEAR(value_of(*law("kopperdahl-linear").strength_MPa, density_of(assumed, 150)), 2.238,
-              1e-9);
 }
 
 // Cancellous bone: 4 MPa, 500 N/m, 300 MPa and no friction on the faces unless said.
@@ -908,13 +847,6 @@ TEST(ToolInTissue, WhatCannotBeIsNamed) {
   EXPECT_TRUE(error_of(tool(ToolKind::kTrocar, std::nan(""))).has_value());
   EXPECT_TRUE(error_of(tool(ToolKind::kTrocar, 1e-3, 0)).has_value());
   EXPECT_TRUE(error_of(tool(ToolKind::kTrocar, 1e-3, 1.6)).has_value());
-}
-
-TEST(ToolInTissue, Names) {
-  for (const ToolKind kind : {ToolKind::kNeedleBevel, ToolKind::kNeedleConical,
-                              ToolKind::kNeedleDiamond, ToolKind::kTrocar, ToolKind::kJamshidi})
-    EXPECT_EQ(find_tool_kind(name_of(kind)), kind);
-  EXPECT_FALSE(find_tool_kind("spoon").has_value());
 }
 
 // The forces of the procedures' tools in bone of the published densities, against the published forces.

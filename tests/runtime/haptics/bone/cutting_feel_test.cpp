@@ -152,24 +152,6 @@ TEST(CuttingFeel, TheHoleGuides) {
   }
 }
 
-// Pushed sideways the hole holds the tool; the wall yields at its strength and is then wider.
-TEST(CuttingFeel, TheWallYieldsAndStaysWide) {
-  Bench b(even_slabs(12, 1e-3, 5));
-  b.options.coupling.translation_N_per_m = 1e5;
-  b.options.coupling.rotation_Nm_per_rad = 1e4;
-  b.hold_shaft(0, 1e7, 2000);
-  b.push(-0.001, 0.01, 1e-4);
-  const double embedded = b.out.embedded_m;
-  ASSERT_GT(embedded, 0.0095);
-  b.move(plate_at(0, 0.01), plate_at(0.002, 0.01), 1e-5);
-  EXPECT_NEAR(-b.out.wrench_device[0], 2000 * embedded, 0.02 * 2000 * embedded);
-  // Back: no force from the side that was pushed away until the other side is met.
-  b.move(plate_at(0.002, 0.01), plate_at(0.001, 0.01), 1e-5);
-  EXPECT_NEAR(b.out.wrench_device[0], 0, 1e-3);
-  b.move(plate_at(0.001, 0.01), plate_at(-0.001, 0.01), 1e-5);
-  EXPECT_GT(b.out.wrench_device[0], 0.9 * 2000 * embedded);
-}
-
 // A device in a hand, with the force held over the tick. Its own damping b >= K T / 2 takes what
 // holding leaks, so that the hand never has more back than it and the damping put in.
 struct Device {

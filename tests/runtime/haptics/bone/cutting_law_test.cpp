@@ -82,27 +82,6 @@ TEST(CuttingLaw, ATiltedToolStaysOnItsSheet) {
   }
 }
 
-// The same sheet behind a coupling of 10 kN/m breaks at 10.5 mm of the device's depth; a shell of 1
-// mm holds its 35 N for that much longer.
-TEST(CuttingLaw, CouplingAndThicknessMoveTheBreak) {
-  for (const bool has_coupling : {false, true}) {
-    for (const double thickness : {0.0, 1e-3}) {
-      Bench b(even_slabs(1, thickness, 35));
-      b.options.coupling.is_rigid = !has_coupling;
-      b.options.coupling.translation_N_per_m = 10'000;
-      b.options.tip_N_per_m = 5000;
-      double last_loaded = 0, peak = 0;
-      b.push(-0.001, 0.014, 1e-5, [&](const CuttingResult& out, const Pose& X) {
-        peak = std::max(peak, out.wrench_device[2]);
-        if (out.wrench_device[2] > 1) last_loaded = -X.p_m.z();
-      });
-      EXPECT_NEAR(last_loaded, 0.007 + thickness + (has_coupling ? 0.0035 : 0), 1.1e-5);
-      EXPECT_NEAR(peak, 35, 0.051);
-      EXPECT_NEAR(b.cut_J, 35 * thickness, 1e-12);
-    }
-  }
-}
-
 // The front's work does not depend on speed or rate, and the force is the quasi-static one.
 TEST(CuttingLaw, WorkIsThatOfTheStrength) {
   CuttingOptions options;
@@ -304,18 +283,6 @@ TEST(CuttingTick, AllocatesNothing) {
   }
 }
 
-TEST(CuttingTick, SameInputSameBits) {
-  Bench a = soft_body_of_64(), b = soft_body_of_64();
-  for (int k = 0; k < 3000; ++k) {
-    a.tick(pose_at(k));
-    b.tick(pose_at(k));
-    for (int i = 0; i < 6; ++i)
-      ASSERT_EQ(a.out.wrench_device[i], b.out.wrench_device[i]);
-    ASSERT_EQ(a.out.stored_J, b.out.stored_J);
-    ASSERT_EQ(a.out.front_m, b.out.front_m);
-  }
-}
-
 TEST(CuttingTick, StepsAreBounded) {
   Bench b = body_of_64();
   int most = 0, evaluations = 0;
@@ -338,16 +305,6 @@ Bench hole_bench(std::size_t holes = 4) {
   Bench b(even_slabs(20, 1e-3, 20), holes);
   b.hold_shaft(200, 1e7, 1e6);
   b.options.coupling.translation_N_per_m = 1e5;
-  return b;
-}
-
-// Three sheets of no thickness, 2 cm apart, under a rigid tool.
-Bench sheet_bench() {
-  Bench b(even_slabs(3, 0, 35));
-  for (std::size_t i = 0; i < 3; ++i)
-    b.slabs[i].top_m = b.slabs[i].bottom_m = 0.02 * static_cast<double>(i);
-  b.options.coupling.is_rigid = true;
-  b.options.tip_N_per_m = 5000;
   return b;
 }
 
@@ -382,22 +339,6 @@ TEST(Hole, OutlivesWithdrawal) {
   b.push(0.009, 0.02, kHoleStep);
   EXPECT_NEAR(b.out.tip_N, 20, 1e-6);
   EXPECT_GT(b.cut_J, cut + 0.01 * 0.02);
-}
-
-TEST(Hole, AnotherPlaceIsAnotherHole) {
-  Bench b = hole_bench();
-  push_to(b, 0, 0.012);
-  pull_from(b, 0, 0.012);
-  EXPECT_NEAR(push_to(b, 0.005, 0.012), 20, 1e-6);
-  EXPECT_NE(b.state.hole, -1);
-  pull_from(b, 0.005, 0.012);
-  const double cut = b.cut_J;
-  for (const double x : {0.0, 0.005, 0.0}) {
-    EXPECT_LT(push_to(b, x, 0.006), 1e-9) << x;
-    EXPECT_GT(b.out.embedded_m, 0.005) << x;
-    pull_from(b, x, 0.006);
-  }
-  EXPECT_EQ(b.cut_J, cut);
 }
 
 TEST(Hole, TheOldestIsForgotten) {
@@ -455,24 +396,6 @@ TEST(Hole, WithinTheReachOfAHoleTheToolGoesIntoIt) {
   EXPECT_NEAR(push_to(b, 2e-4, 0.008), 20, 1e-6);
 }
 
-// Sheets of no thickness remember where they were passed.
-TEST(Hole, OfASheet) {
-  Bench b = sheet_bench();
-  for (const double x : {0.0, 0.01}) {
-    int peaks = 0;
-    double before = 0;
-    b.move(plate_at(x, -0.005), plate_at(x, 0.06), kHoleStep,
-           [&](const CuttingResult& out, const Pose&) {
-             peaks += before > 34 && out.tip_N == 0;
-             before = out.tip_N;
-           });
-    EXPECT_EQ(peaks, 3) << x;
-    b.move(plate_at(x, 0.06), plate_at(x, -0.005), kHoleStep);
-    EXPECT_LT(push_to(b, x, 0.06), 1e-9) << x;
-    b.move(plate_at(x, 0.06), plate_at(x, -0.005), kHoleStep);
-  }
-}
-
 // Each slab is reported once for each hole through it, however many a tick passes.
 TEST(Hole, PassedSlabsAreReportedOnce) {
   for (const double step : {2e-5, 1e-4, 3e-3}) {
@@ -501,22 +424,6 @@ TEST(Hole, PassedSlabsAreReportedOnce) {
       }
     }
   }
-}
-
-// The sliver between a tool and an old hole 0.5 mm beside it breaks at its share, and shields
-// nothing.
-TEST(Hole, ASliverBreaksAtItsShare) {
-  Bench b = sheet_bench();
-  b.slabs[0].share = share(3e-3, 5e-4);
-  std::vector<double> peaks{0};
-  b.push(-0.005, 0.06, 1e-5, [&](const CuttingResult& out, const Pose&) {
-    if (out.tip_N == 0 && peaks.back() > 0) peaks.push_back(0);
-    peaks.back() = std::max(peaks.back(), out.tip_N);
-  });
-  ASSERT_EQ(peaks.size(), 4U);
-  EXPECT_NEAR(peaks[0], 35 * share(3e-3, 5e-4), 0.05);
-  EXPECT_NEAR(peaks[1], 35, 0.051);
-  EXPECT_NEAR(peaks[2], 35, 0.051);
 }
 
 // Slanting from its old hole into whole bone, the tool cuts again where it leaves the hole.
@@ -759,18 +666,6 @@ TEST(SoftLayer, IsPuncturedAgainstTheBone) {
   EXPECT_EQ(b.state.layers[0].cut_m, 0.004);
   EXPECT_EQ(b.out.layer_N, 0);
   EXPECT_NEAR(b.out.tip_N, 60, 1e-5);
-}
-
-// The same motion with no layers, and with layers that are never reached: the same bits.
-TEST(SoftLayer, ChangeNothingWhereTheyAreNot) {
-  SoftBench with({at_depth(ligament(), 0.2)}, 0), without({}, 0);
-  for (int k = 0; k < 3000; ++k) {
-    const Pose X = plate_at(1e-3 * std::sin(0.01 * k), 0.008 * std::sin(0.002 * k), 0.02);
-    with.tick(X);
-    without.tick(X);
-    ASSERT_EQ(with.out.wrench_device, without.out.wrench_device);
-    ASSERT_EQ(with.out.stored_J, without.out.stored_J);
-  }
 }
 
 }  // namespace

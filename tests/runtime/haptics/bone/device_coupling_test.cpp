@@ -178,6 +178,7 @@ TEST(DeviceCoupling, ItPredictsWhereTheDampingIsTooSmall) {
     DeviceCoupling chosen = choose(bone_volume(), law, device);
     ASSERT_EQ(chosen.damping_share < 1, friction < 1);
     EXPECT_EQ(chosen.predicts_pose, friction < 1);
+    EXPECT_EQ(describe(chosen, law).find("a tick ahead") != std::string::npos, friction < 1);
     law.prediction = PosePrediction::kOn;
     EXPECT_TRUE(choose(bone_volume(), law, device).predicts_pose);
     law.prediction = PosePrediction::kOff;
@@ -219,26 +220,7 @@ TEST(DeviceCoupling, WithAPredictionTheStiffnessIsWithinWhatWasTried) {
   }
 }
 
-// A sinusoidal motion along a spring whose force is evaluated at the pose that the last two poses predict, and is
-// held for a tick: the work that the motion gets over many periods.
-TEST(DeviceCoupling, APredictedPoseGivesEnergyToMotionsAboveASixthOfTheRate) {
-  const auto work_J = [](double frequency_Hz, double rate_Hz) {
-    constexpr double kSpring_N_per_m = 1000, kAmplitude_m = 1e-3;
-    const auto at_m = [&](int tick) {
-      return kAmplitude_m * std::sin(2 * std::acos(-1.0) * frequency_Hz * tick / rate_Hz);
-    };
-    double work = 0;
-    for (int tick = 0; tick < 20'000; ++tick) {
-      const double predicted_m = 2 * at_m(tick) - at_m(tick - 1);
-      work -= kSpring_N_per_m * predicted_m * (at_m(tick + 1) - at_m(tick));
-    }
-    return work;
-  };
-  for (const double rate_Hz : {250.0, 1000.0, 8000.0}) {
-    EXPECT_LT(work_J(0.98 * rate_Hz / 6, rate_Hz), -1e-3);
-    EXPECT_GT(work_J(1.02 * rate_Hz / 6, rate_Hz), 1e-3);
-  }
-  EXPECT_LT(work_J(0.98 * kHandMotion_Hz, kMinPredictedRate_Hz), -1e-3);
+TEST(DeviceCoupling, ItWarnsOfMotionsAboveASixthOfALowRate) {
   SceneForceLaw law = coupled(0, 0);
   const DeviceDescription device = default_device_description();
   EXPECT_NE(stability_warning(choose(bone_volume(), law, device, upright(), 250)).find("41.7 Hz"),
@@ -465,20 +447,6 @@ TEST(DeviceCoupling, OutOfReachNothingIsKnown) {
       choose(bone_volume(), coupled(), default_device_description(), upright(5));
   EXPECT_EQ(chosen.damping_share, 0);
   EXPECT_TRUE(chosen.predicts_pose);
-}
-
-TEST(DeviceCoupling, ItSaysInALineWhatWasChosen) {
-  SceneForceLaw law = coupled();
-  law.force_scale = 0.25;
-  DeviceCoupling chosen = choose(bone_volume(), law, default_device_description());
-  std::string line = describe(chosen, law);
-  EXPECT_EQ(line.find('\n'), std::string::npos);
-  EXPECT_NE(line.find("coupled"), std::string::npos) << line;
-  EXPECT_NE(line.find("0.25"), std::string::npos) << line;
-  EXPECT_EQ(line.find("a tick ahead") != std::string::npos, chosen.predicts_pose) << line;
-  law.axis = ToolAxis::kRigid;
-  line = describe(choose(bone_volume(), law, default_device_description()), law);
-  EXPECT_NE(line.find("rigid"), std::string::npos) << line;
 }
 
 // The force law `cutting` without a session, tick by tick.

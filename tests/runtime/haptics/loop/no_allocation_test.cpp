@@ -87,30 +87,6 @@ TEST_F(NoAllocation, EveryAllocationFunctionIsCounted) {
   EXPECT_EQ(counted([] { std::free(nullptr); }), 0U);
 }
 
-TEST_F(NoAllocation, OnlyTheScopesOwnThreadAndDurationAreCounted) {
-  const std::uint64_t before = allocations_in_scopes();
-  kept_block = std::malloc(10);
-  std::free(kept_block);
-  {
-    std::atomic<bool> go{false}, done{false};
-    std::thread other([&] {
-      while (!go) {
-      }
-      kept_block = std::malloc(10);
-      std::free(kept_block);
-      done = true;
-    });
-    {
-      const NoAllocationScope scope;
-      go = true;
-      while (!done) {
-      }
-    }
-    other.join();
-  }
-  EXPECT_EQ(allocations_in_scopes(), before);
-}
-
 class Clocks : public NoAllocation, public testing::WithParamInterface<Clock> {};
 INSTANTIATE_TEST_SUITE_P(NoAllocation, Clocks, testing::Values(Clock::kVirtual, Clock::kReal));
 

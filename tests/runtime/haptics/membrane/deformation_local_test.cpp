@@ -579,32 +579,6 @@ TEST(Propagation, SettlesAtTheDepthLimitedEquilibrium) {
   }
 }
 
-TEST(Propagation, ErrorFallsWithTheDepth) {
-  const Net net;
-  const auto global = solve_global(net.network, net.kind);
-  ASSERT_TRUE(global);
-  double last = 1e9;
-  for (int depth = 1; depth <= 12; ++depth) {
-    const PropagationPlan plan = plan_propagation(net.network, net.kind, {.depth = depth});
-    PropagationState state = make_propagation_state(net.network, plan);
-    const double error = settle(net, plan, state, 300) / global->stiffness_N_per_m - 1;
-    EXPECT_GT(error, -1e-9);
-    EXPECT_LT(error, last);
-    last = error;
-  }
-  EXPECT_LT(last, 0.1);
-}
-
-// One tick moves every ring, as nodes are updated in the order of activation.
-TEST(Propagation, OneTickReachesTheWholeDepth) {
-  const Net net;
-  const PropagationPlan plan = plan_propagation(net.network, net.kind, {.depth = 7, .sweeps = 1});
-  PropagationState state = make_propagation_state(net.network, plan);
-  propagate(net.network, plan, 1e-3, state);
-  for (std::uint32_t i : plan.active)
-    EXPECT_GT(state.w_m[i], 0);
-}
-
 TEST(Propagation, WithoutAToolNothingMoves) {
   const Net net;
   const std::vector<NodeKind> free(net.kind.size(), NodeKind::kFree);
