@@ -66,40 +66,6 @@ TEST(PlaceSlices, SortsTheTopmostFirstAndPlacesTheCentroid) {
   EXPECT_LT(((*placed)[0]->transform.anchor_mm - Eigen::Vector2d(80, 60)).norm(), 1e-9);
 }
 
-TEST(TissueChoice, ByNameThenByLabelOrHuThenTheSceneDefault) {
-  Scene scene;
-  scene.tissue.threshold_N = 1;
-  const auto add = [&](const char* name, double threshold_N) -> NamedTissue& {
-    NamedTissue tissue;
-    tissue.name = name;
-    tissue.tissue.threshold_N = threshold_N;
-    scene.tissues.push_back(tissue);
-    return scene.tissues.back();
-  };
-  add("named", 2);
-  add("label", 3).labels = {7, 22};
-  add("range", 4).hu = {300, 500};
-  Asset asset;
-  AssetSlice slice;
-  SceneSlice wanted;
-  const auto threshold = [&] {
-    return choose_tissue(scene, wanted, asset, slice).tissue.threshold_N;
-  };
-  EXPECT_EQ(threshold(), 1);
-  slice.measures_json = R"({"mean_hu":500})";
-  EXPECT_EQ(threshold(), 4);
-  slice.measures_json = R"({"mean_hu":501})";
-  EXPECT_EQ(threshold(), 1);
-  asset.parameters_json = R"({"labels":[5,22]})";
-  EXPECT_EQ(threshold(), 3);
-  wanted.tissue = "named";
-  EXPECT_EQ(threshold(), 2);
-  wanted.tissue.reset();
-  asset.parameters_json = R"({"labels":"22"})";  // not an array, as the pipeline writes
-  slice.measures_json = R"({"mean_hu":"400"})";
-  EXPECT_EQ(threshold(), 1);
-}
-
 // The raster of distances to an outline against the distance to each edge in turn.
 
 constexpr double kLattice_mm = 1.0 / 256, kReach_mm = EdgeDistance::kReach_mm;

@@ -297,20 +297,5 @@ TEST(RealtimeThread, ACallThatWakesUpLateKnowsBeforeItActs) {
   EXPECT_GE(late, 3);
 }
 
-TEST(RealtimeThread, ALateCallIsCountedAndNoCallsCatchUp) {
-  RealtimeOptions options;
-  options.rate_Hz = 1000;
-  int calls = 0;
-  const auto start = std::chrono::steady_clock::now();
-  const RealtimeReport report = run_realtime(options, [&](const TickTiming&) {
-    if (calls == 0) std::this_thread::sleep_for(std::chrono::milliseconds(20));
-    return ++calls < 10;
-  });
-  const double took_s =
-      std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
-  EXPECT_GE(report.missed_deadlines, 1U);
-  EXPECT_GE(took_s, 0.028) << "the nine other calls keep their period of 1 ms";
-}
-
 }  // namespace
 }  // namespace trocar::runtime

@@ -7,7 +7,6 @@
 #include <bit>
 #include <cmath>
 #include <functional>
-#include <map>
 #include <utility>
 
 #include "formats/session/recording.h"
@@ -201,6 +200,7 @@ TEST(CuttingSession, ASecondRunAndAReplayGiveTheSameBits) {
     for (std::size_t k = 0; k < once.rows.size(); ++k)
       ASSERT_TRUE(same_row(once.rows[k], twice.rows[k])) << one.name << " " << k;
     EXPECT_GE(once.report.punctures.size(), 8U) << one.name;
+    EXPECT_EQ(once.report.allocations_in_loop.value_or(0), 0U) << one.name;
     const SessionResult replayed = session.replay(once.rows);
     EXPECT_EQ(replayed.replay_first_difference, -1) << one.name;
     EXPECT_EQ(replayed.ticks, once.rows.size());

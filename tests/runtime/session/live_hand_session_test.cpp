@@ -9,7 +9,6 @@
 #include <functional>
 #include <iterator>
 #include <nlohmann/json.hpp>
-#include <numbers>
 
 #include "formats/session/telemetry.h"
 #include "runtime/realtime/realtime_thread.h"
@@ -117,6 +116,7 @@ HandRun run_hand(const Scene& scene, const Person& person,
 TEST(LiveHandSession, PushesAndLetsGo) {
   const HandRun run = run_hand(hand_scene(), press);
   EXPECT_EQ(run.report.end, SessionEnd::kDone);
+  EXPECT_EQ(run.report.allocations_in_loop.value_or(0), 0U) << "on the haptic thread";
   EXPECT_EQ(run.events, (std::vector{TelemetryEventKind::kHand, TelemetryEventKind::kHandLetGo,
                                      TelemetryEventKind::kEnded}));
   const auto force_N = [&](std::size_t tick) { return run.rows.at(tick).wrench_delivered[2]; };

@@ -25,42 +25,6 @@ struct Opened {
   }
 };
 
-std::string usage_error(const Result<void>& checked) {
-  if (checked) return "accepted";
-  EXPECT_EQ(checked.error().code, ExitCode::kUsage);
-  return checked.error().message;
-}
-
-TEST(OpenDevice, HelpNamesEveryUri) {
-  const std::string help = device_uri_help();
-  EXPECT_TRUE(help.starts_with(
-      "inproc: simulated in this process;\n"
-      "udp:HOST:PORT: another process that drives the device, such as trocar-device-sim;\n"
-      "pose:HOST:PORT: "))
-      << help;
-  for (const char* uri : {"haply:[HOST[:PORT]]: ", "forcedimension:[ID]: "})
-    EXPECT_NE(help.find(uri), std::string::npos) << uri;
-}
-
-TEST(OpenDevice, UnknownUrisAreUsageErrors) {
-  for (const char* uri : {"", "udp", "inproc:", "inproc:x", "serial:/dev/ttyS0", "UDP:a:1"}) {
-    EXPECT_EQ(usage_error(check_device_uri(uri, false)),
-              "--device " + std::string(uri) +
-                  ": must be inproc or udp:HOST:PORT or pose:HOST:PORT or haply:[HOST[:PORT]] or "
-                  "forcedimension:[ID]");
-    EXPECT_FALSE(Opened().open(uri));
-  }
-}
-
-TEST(OpenDevice, KeyFileIsRequiredForTheLinkOnly) {
-  EXPECT_TRUE(check_device_uri("inproc", false));
-  EXPECT_TRUE(check_device_uri("udp:127.0.0.1:4840", true));
-  EXPECT_EQ(usage_error(check_device_uri("udp:127.0.0.1:4840", false)),
-            "--device udp:127.0.0.1:4840: needs --key-file");
-  EXPECT_EQ(usage_error(check_device_uri("inproc", true)),
-            "--key-file: is for --device udp:HOST:PORT or pose:HOST:PORT only");
-}
-
 TEST(OpenDevice, DescriptionMustBeOfTheDevicesKind) {
   Opened legs;
   for (const char* uri : {"haply:", "haply:127.0.0.1:1", "forcedimension:"}) {
@@ -95,23 +59,6 @@ TEST(OpenDevice, SimulatedDeviceIsPacedByTheLoop) {
   EXPECT_EQ(t_s, 1e-3);
   device.close();
   EXPECT_FALSE(device.link_report());
-}
-
-TEST(OpenDevice, ErrorsNameTheSceneTheAddressOrTheKeyFile) {
-  Opened out_of_reach;
-  out_of_reach.scene.hand.trajectory[0].tip_m = {0, 0, 1};
-  const auto scene = out_of_reach.open("inproc");
-  ASSERT_FALSE(scene);
-  EXPECT_EQ(scene.error().code, ExitCode::kRefused);
-  EXPECT_TRUE(scene.error().message.starts_with("scene.json: "));
-  const auto address = Opened().open("udp:127.0.0.1", "key");
-  ASSERT_FALSE(address);
-  EXPECT_EQ(address.error().code, ExitCode::kUsage);
-  EXPECT_NE(address.error().message.find("127.0.0.1"), std::string::npos);
-  const auto key = Opened().open("udp:127.0.0.1:4840", "absent.key");
-  ASSERT_FALSE(key);
-  EXPECT_EQ(key.error().code, ExitCode::kRefused);
-  EXPECT_NE(key.error().message.find("absent.key"), std::string::npos);
 }
 
 }  // namespace

@@ -5,7 +5,6 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
-#include <numbers>
 
 #include "runtime/device/pose/pose_hand.h"
 #include "runtime/session/open_device.h"
@@ -255,78 +254,6 @@ TEST(PoseSession, EnergyAccountCountsTheForceAloneIfTheMomentIsDropped) {
 
 INSTANTIATE_TEST_SUITE_P(SheetLaws, PoseSessionTest,
                          testing::Values(ForceLawKind::kHooke, ForceLawKind::kNetwork));
-
-/// Fails in one way from a tick on.
-class FailingDevice final : public PoseDevice {
- public:
-  /// `written` gets each wrench.
-  FailingDevice(SimulatedPoseDevice device, int from,
-                const std::function<DeviceStatus(PoseReading&)>& fail,
-                std::vector<HandleWrench>& written)
-      : device_(std::move(device)), from_(from), fail_(fail), written_(written) {}
-  DeviceStatus read(PoseReading& reading) noexcept override {
-    const DeviceStatus status = device_.read(reading);
-    return ++tick_ > from_ ? fail_(reading) : status;
-  }
-  DeviceStatus write(const HandleWrench& wrench) noexcept override {
-    written_.push_back(wrench);
-    return device_.write(wrench);
-  }
-  void advance(double dt_s) noexcept override { device_.advance(dt_s); }
-  bool is_paced_by_loop() const noexcept override { return true; }
-
- private:
-  SimulatedPoseDevice device_;
-  int from_, tick_ = 0;
-  std::function<DeviceStatus(PoseReading&)> fail_;
-  std::vector<HandleWrench>& written_;
-};
-
-TEST(PoseSession, EveryFaultOfTheDeviceEndsInZeroForceInTheTickThatFindsIt) {
-  const Scene scene = [] {
-    Scene made = scene_of(ForceLawKind::kHooke);
-    made.force_law.force_scale = 0.25;
-    return made;
-  }();
-  const std::pair<Fault, std::function<DeviceStatus(PoseReading&)>> failures[] = {
-      {Fault::kLinkLost, [](PoseReading&) { return DeviceStatus::kLinkLost; }},
-      {Fault::kNoData, [](PoseReading&) { return DeviceStatus::kNoData; }},
-      {Fault::kEmergencyStop, [](PoseReading&) { return DeviceStatus::kEmergencyStop; }},
-      {Fault::kMotorFault, [](PoseReading&) { return DeviceStatus::kMotorFault; }},
-      {Fault::kRefusedState,
-       [](PoseReading& r) {
-         r.p_m[0] = NAN;
-         return DeviceStatus::kOk;
-       }},
-      {Fault::kEncoderJump,
-       [](PoseReading& r) {
-         r.p_m[0] += 0.05;
-         return DeviceStatus::kOk;
-       }},
-      {Fault::kWorkspace, [at = 0.0](PoseReading& r) mutable {
-         r.p_m[0] += at += 1e-3;
-         return DeviceStatus::kOk;
-       }}};
-  for (const auto& [fault, fail] : failures) {
-    PoseRun session(arm_of_session(), scene, wide_mesh());
-    std::vector<HandleWrench> written;
-    const SessionResult report = session.run(
-        std::make_unique<FailingDevice>(std::move(*session.simulated()), 1100, fail, written));
-    int found = -1;
-    EXPECT_EQ(report.fault, fault) << to_string(report.fault);
-    for (std::size_t i = 1100; i < written.size() && found < 0; ++i)
-      if (std::abs(written[i][2]) == 0) found = static_cast<int>(i);
-    ASSERT_GE(found, 0) << to_string(fault);
-    EXPECT_GT(written[1099][2], 1) << "there was a force before";
-    const auto at = static_cast<std::size_t>(std::lround(report.fault_t_s * 1000));
-    EXPECT_EQ(written.at(at), HandleWrench{}) << to_string(fault);
-    EXPECT_EQ(written.back(), HandleWrench{});
-    // On its way out of the workspace the tool leaves the bone.
-    if (fault == Fault::kWorkspace) continue;
-    EXPECT_EQ(static_cast<std::size_t>(found), at) << to_string(fault);
-    EXPECT_LE(found - 1100, 10) << to_string(fault);
-  }
-}
 
 }  // namespace
 }  // namespace trocar::runtime

@@ -6,7 +6,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 #include <random>
 #include <utility>
 
@@ -64,7 +63,6 @@ TEST(MechanismLimits, TheStatedWorkspaceKeepsItsDistanceFromSingularities) {
     ASSERT_EQ(check_singularity(limits, found), Fault::kNone);
     least_m = std::min(least_m, found.nearest_branch_m);
   }
-  std::printf("nearest branch over the stated workspace: %.3f mm\n", least_m * 1e3);
   EXPECT_LT(least_m, 1e-3) << "close enough that the limit has a purpose";
   int by_distance_alone = 0;
   for (int i = 0; i < 100'000; ++i) {

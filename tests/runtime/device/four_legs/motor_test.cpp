@@ -76,32 +76,9 @@ TEST(MotorLoad, SquaredCurrentOverAnyIntervalIsBounded) {
     lowest = std::min(lowest, each);
     worst = std::max(worst, each - lowest);
   }
-  std::printf(
-      "largest i2t over continuous in any interval: %.3f of the capacity; limit changes <= %.1f "
-      "A/s\n",
-      worst / capacity, fastest_A_per_s);
   EXPECT_LE(worst, capacity * (1 + 1e-9));
   EXPECT_GT(worst, 0.95 * capacity) << "the capacity is not used";
   EXPECT_LT(fastest_A_per_s, 0.01 / kMotorTick_s) << "law 2: without jumps";
-}
-
-TEST(MotorLoad, PeakLastsThreeQuartersOfItsTimeAndReturnsAfterCooling) {
-  const MotorModel model = make_motor_model(default_device_description());
-  MotorLoad load;
-  double at_peak_s = 0;
-  for (int tick = 0; tick < 20'000; ++tick) {
-    const MotorVector current = available_current(model, load);
-    at_peak_s += current[3] == model.peak_A[3] ? kMotorTick_s : 0;
-    load = advance(model, load, current, kMotorTick_s);
-  }
-  EXPECT_NEAR(at_peak_s, 0.75 * model.peak_time_s, 2 * kMotorTick_s);
-  EXPECT_NEAR(available_torque(model, load)[3], 3, 0.01) << "continuous from then on";
-  const double used_A2s = load.excess_A2s[3];
-  const double rest_s = used_A2s / (model.continuous_A[3] * model.continuous_A[3]);
-  for (int tick = 0; tick < rest_s / kMotorTick_s + 2; ++tick)
-    load = advance(model, load, MotorVector::Zero(), kMotorTick_s);
-  EXPECT_EQ(load.excess_A2s[3], 0);
-  EXPECT_EQ(available_torque(model, load), MotorVector::Constant(6));
 }
 
 TEST(MotorLoad, CurrentThatIsNotFiniteCountsAsThePeak) {

@@ -107,8 +107,6 @@ TEST(Singularity, BranchDistanceIsTheLargestSafeMove) {
     const BranchDistance& nearest = s.branch[s.nearest_leg - 1];
     EXPECT_EQ(s.nearest_joint == 1 ? nearest.theta1_m : nearest.theta4_m, least_m);
   }
-  std::printf("chains nearer than 5 mm: %d; of 2400, left when moved 1.2 times as far: %d\n", near,
-              tight);
   EXPECT_GT(near, 20);
   EXPECT_GT(tight, 2000) << "the distance is too small";
 }

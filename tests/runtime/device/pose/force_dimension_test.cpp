@@ -151,16 +151,6 @@ TEST_F(ForceDimensionTest, MissingLibrarySaysWhatToInstall) {
       {"forcedimension: ", "libdhd.so.3", "install the SDK", kForceDimensionVariable});
 }
 
-TEST_F(ForceDimensionTest, NamedLibraryThatCannotBeLoadedIsNamed) {
-  const std::string missing = (folder_ / "libnone.so").string();
-  set(kForceDimensionVariable, missing);
-  expect_open_fails({kForceDimensionVariable, missing, "No such file"});
-  const std::string text = (folder_ / "libtext.so").string();
-  std::ofstream(text) << "no library";
-  set(kForceDimensionVariable, text);
-  expect_open_fails({kForceDimensionVariable, text});
-}
-
 TEST_F(ForceDimensionTest, DeviceThatCannotDoWhatItsDescriptionSaysIsRefused) {
   const auto open = [&](bool wants_rotation, bool wants_moment) {
     ForceDimensionOptions wanted = options();

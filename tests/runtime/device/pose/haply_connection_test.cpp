@@ -10,7 +10,6 @@
 #include <boost/beast/core/buffers_to_string.hpp>
 #include <boost/beast/core/flat_buffer.hpp>
 #include <boost/beast/websocket/stream.hpp>
-#include <cmath>
 #include <functional>
 #include <limits>
 #include <nlohmann/json.hpp>
@@ -120,13 +119,6 @@ class Service {
 Answers with(const std::string& inventory, const std::string& update) {
   return [=](int n, const std::string&) -> std::vector<std::string> {
     return {n == 0 ? inventory : update};
-  };
-}
-
-/// An inventory and a state of version 3.5, and from then on this.
-Answers then(const std::string& text) {
-  return [=](int n, const std::string&) -> std::vector<std::string> {
-    return {n == 0 ? kInventory35 : n == 1 ? kUpdate35 : text};
   };
 }
 
@@ -261,16 +253,6 @@ TEST(HaplyConnection, UnknownVersionGetsBothForms) {
   }
   const json message = json::parse(service.received().front());
   EXPECT_EQ(message["inverse3"][0]["commands"]["set_cursor_force"].size(), 2U);
-}
-
-TEST(HaplyConnection, NothingListens) {
-  std::uint16_t port = 0;
-  {
-    port = Server([](tcp::socket) {}).port();
-  }
-  Client client(port);
-  client.expect_error(client.connection->open(), "nothing listens there");
-  client.expect_error(client.connection->exchange({}), "is not connected");
 }
 
 TEST(HaplyConnection, AnotherServerListens) {

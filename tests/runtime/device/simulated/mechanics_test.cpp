@@ -8,7 +8,6 @@
 
 #include <cmath>
 #include <cstring>
-#include <numbers>
 #include <vector>
 
 #include "runtime/device/four_legs/kinematics.h"
@@ -130,8 +129,6 @@ TEST(Mechanics, MassBiasAndWeightAgreeWithDifferencesOfPoints) {
     EXPECT_LT((got.mass - got.mass.transpose()).norm(), 1e-15 * got.mass.norm());
     EXPECT_TRUE(got.mass.ldlt().isPositive());
   }
-  std::printf("relative differences: mass %.1e, bias %.1e, weight %.1e\n", worst_mass, worst_bias,
-              worst_weight);
   EXPECT_LT(worst_mass, 1e-7);
   EXPECT_LT(worst_bias, 1e-4);  // second differences: rounding over the squared time
   EXPECT_LT(worst_weight, 1e-7);
@@ -187,8 +184,6 @@ TEST(Mechanics, EnergyBalanceClosesToSecondOrder) {
            most;
   };
   const double coarse = imbalance(1e-4), fine = imbalance(2.5e-5);
-  std::printf("energy imbalance relative to the largest energy: %.1e at 0.1 ms, %.1e at 0.025 ms\n",
-              coarse, fine);
   EXPECT_LT(coarse, 1e-4);
   EXPECT_LT(fine, coarse / 8);
 }

@@ -5,10 +5,8 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstring>
 #include <limits>
 #include <numbers>
-#include <vector>
 
 #include "runtime/device/four_legs/kinematics.h"
 #include "runtime/device/four_legs/torque_allocation.h"
@@ -88,8 +86,6 @@ TEST(SimulatedDevice, FollowsTheExactOscillationToFirstOrder) {
   for (const bool rotation : {false, true}) {
     const double coarse = oscillation_error(rotation, 1e-4);
     const double fine = oscillation_error(rotation, 1e-5);
-    std::printf("%s: relative error %.1e at 0.1 ms, %.1e at 0.01 ms\n",
-                rotation ? "rotation" : "translation", coarse, fine);
     EXPECT_LT(coarse, 0.02);
     EXPECT_NEAR(coarse / fine, 10, 2) << "semi-implicit Euler is of first order";
   }
@@ -164,8 +160,6 @@ TEST(SimulatedDevice, EnergyBalanceCloses) {
   // Different friction of the legs rotates the plate slightly even in straight motion.
   EXPECT_LT(imbalance(1e-4, false), 1e-9);
   const double coarse = imbalance(1e-4, true), fine = imbalance(1e-5, true);
-  std::printf("energy imbalance with rotation: %.1e J at 0.1 ms, %.1e J at 0.01 ms\n", coarse,
-              fine);
   EXPECT_LT(coarse, 1e-5);
   EXPECT_LT(fine, coarse / 5);
 }

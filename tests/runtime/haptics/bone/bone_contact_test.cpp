@@ -6,7 +6,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 #include <functional>
 #include <limits>
 #include <memory>
@@ -618,8 +617,6 @@ TEST(WallContact, AWallHasItsStrengthInSlicesThatAreThickerThanTheWall) {
       }
       const std::string where =
           std::to_string(wall_mm) + " mm in slices of " + std::to_string(spacing_mm);
-      std::printf("wall of %s: entry %.3f, exit %.3f, plateau %.3f, least %.3f of the truth\n",
-                  where.c_str(), entry_N / N(1200), exit_N / N(1200), plateau_N / inside, least_N);
       EXPECT_NEAR(entry_N / N(1200), 1, 0.08) << where;
       EXPECT_NEAR(exit_N / N(1200), 1, 0.08) << where;
       EXPECT_NEAR(plateau_N / inside, 1, 0.03) << where;

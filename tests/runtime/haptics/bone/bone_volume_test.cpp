@@ -7,7 +7,6 @@
 #include <algorithm>
 #include <cmath>
 #include <numbers>
-#include <set>
 #include <stdexcept>
 #include <string>
 
@@ -309,30 +308,6 @@ TEST(BoneVolume, ALayersForceFollowsFromItsToughness) {
   EXPECT_NEAR(scene.layers[2].cutting_N, 0.61 * tear_N, 1e-9) << "the part that tears";
 }
 
-// The shaft's friction follows the strength of the bone under the tool, as far as the friction
-// coefficient makes it, and is the nominal one at the slice's mean HU.
-TEST(BoneVolume, FrictionFollowsTheStrengthUnderTheTool) {
-  Scene scene = cutting_scene(stack(0.12, 1e-3, 3));
-  scene.tissue.cut.emplace().bone = kLinear;
-  scene.tissue.cut->friction_kPa = 20;
-  scene.tissue.cut->friction_coefficient = 0.05;
-  const BoneVolume body = bone_volume_of(scene, spaced_asset(3, 1, {200, 400, 20}));
-  constexpr double kOutline_m = 18e-3;
-  const auto friction = [&](double hu) {
-    const double strength_Pa = std::max(0.16, -0.75 + 24.9 * 8e-4 * hu) * 1e6;
-    return (20e3 + 0.05 * strength_Pa) * kOutline_m;
-  };
-  for (std::size_t i = 0; i < 3; ++i) {
-    const double nominal = body.slabs[i].friction_N_per_m;
-    EXPECT_NEAR(nominal, friction((std::array{200.0, 400.0, 20.0})[i]), 1e-6) << i;
-    for (const double hu : {-100.0, 150.0, 900.0})
-      EXPECT_NEAR(body.sheets[i].friction_N_per_m(hu, nominal), friction(hu), 1e-6) << i << hu;
-  }
-  scene.tissue.cut->friction_coefficient = 0;
-  const BoneVolume constant = bone_volume_of(scene, spaced_asset(3, 1, {200, 400, 20}));
-  EXPECT_EQ(constant.sheets[0].friction_N_per_m(900, 360), 360) << "20 kPa alone";
-}
-
 // A tissue that states no stiffness has a tip as stiff as its bone; one that states it keeps it.
 TEST(BoneVolume, TheTipsStiffnessIsTheBonesUnlessItIsStated) {
   Scene scene = cutting_scene(stack(0.12, 1e-3, 3));
@@ -575,22 +550,6 @@ TEST(Slabs, SpacingDoesNotShow) {
   EXPECT_LE(worst_force, 0.03);
   EXPECT_GT(worst_force, 1e-3);  // or nothing was compared
   EXPECT_LE(worst_work, 0.015);
-}
-
-// The limit load of a simply supported plate by the work of one collapse mechanism, a cone around the disc: for a
-// yield moment M for each length the work of the hinges in a cone of slope w / (R - a), integrated over r, is
-// 2 pi M w R / (R - a) from the circumferential curvature, and 0 in radial direction. Prager's exact load is at
-// most this.
-TEST(ThinWall, BendingIsBelowTheLoadOfASimpleMechanism) {
-  for (const double a : {0.5e-3, 1.5e-3}) {
-    for (const double R : {3e-3, 6e-3}) {
-      const ThinWall wall{.thickness_m = 8e-4, .free_radius_m = R, .clamping = 2};
-      const double moment_N = 100e6 * 8e-4 * 8e-4 / 4;
-      const double mechanism_N = 2 * std::numbers::pi * moment_N * R / (R - a);
-      EXPECT_LE(bending_N(wall, a), mechanism_N * (1 + 1e-12));
-      EXPECT_GE(bending_N(wall, a), 2 * std::numbers::pi * moment_N) << "a point load needs least";
-    }
-  }
 }
 
 TEST(ThinWall, TheWeakerModeBreaksIt) {

@@ -16,7 +16,6 @@
 #include <functional>
 #include <new>
 #include <string>
-#include <thread>
 #include <vector>
 
 #include "runtime/realtime/realtime_thread.h"

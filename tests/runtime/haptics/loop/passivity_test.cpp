@@ -56,14 +56,6 @@ struct Motion {
   }
 };
 
-TEST(VelocityWindow, ExactEncodersOnTimeTakeTheLastState) {
-  Motion motion([](double t_s) { return std::sin(30 * t_s); });
-  for (int i = 0; i < 100; ++i) {
-    motion.at(i * kPeriod_s);
-    EXPECT_EQ(motion.window.begin(0, kPeriod_s).ago_s, 0) << i;
-  }
-}
-
 TEST(VelocityWindow, ASteadyMotionHasTheErrorOfACountOverTheWholeWindow) {
   for (const double speed : {0.0, 0.01, 0.3, 1.0, -2.0}) {
     Motion motion([&](double t_s) { return speed * t_s; }, kCount_rad);
