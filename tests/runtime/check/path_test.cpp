@@ -8,7 +8,6 @@
 #include <array>
 #include <cmath>
 #include <cstddef>
-#include <numbers>
 #include <string>
 #include <utility>
 #include <vector>
@@ -322,22 +321,6 @@ TEST(NeedlePath, KeepsASurfacePointBetweenLevels) {
   EXPECT_EQ(stack.levels[path->first].slice->index, 4);
 }
 
-TEST(NeedlePath, SaysWhyThereIsNone) {
-  Stack stack(10);
-  EXPECT_NE(
-      stack.refusal(stack.lps(80, 60, 5), stack.lps(80, 60, 8)).find("is not below the entry"),
-      std::string::npos);
-  EXPECT_NE(stack.refusal(stack.lps(20, 60, 18), {}).find("meets no bone"), std::string::npos);
-  EXPECT_NE(stack.refusal(stack.lps(80, 60, 40), stack.lps(80, 60, 30)).find("above the bone"),
-            std::string::npos);
-  // The slices from 5 to 7 have their material elsewhere, so the bone is in two pieces there.
-  for (std::size_t i = 5; i < 8; ++i)
-    stack.move(i, 60);
-  EXPECT_NE(stack.refusal(stack.lps(80, 60, 8), {}).find("through the bone of slice 9"),
-            std::string::npos);
-  EXPECT_TRUE(stack.plan(stack.lps(80, 60, 18), {}));
-}
-
 TEST(NeedlePath, EndsAtAGapThatIsTooWide) {
   const Stack stack(10, {4, 5});
   const auto path = stack.plan(stack.lps(80, 60, 18), {}, {.gap_mm = 3});
@@ -346,20 +329,6 @@ TEST(NeedlePath, EndsAtAGapThatIsTooWide) {
   EXPECT_EQ(path->max_gap_mm, 2);
   const auto through = stack.plan(stack.lps(80, 60, 18), stack.lps(80, 60, 1), {.gap_mm = 3});
   EXPECT_TRUE(through && through->max_gap_mm == 6);
-}
-
-TEST(NeedlePath, EndsAfterTheLargestNumberOfSlices) {
-  const Stack stack(10, {7});  // the empty slice counts
-  const std::pair<std::size_t, double> ends_mm[] = {{4, 12}, {3, 16}, {2, 16}};
-  for (const auto& [slices, end_mm] : ends_mm) {
-    const auto path = stack.plan(stack.lps(80, 60, 18), {}, {.slices = slices});
-    ASSERT_TRUE(path) << path.error().message;
-    EXPECT_TRUE(near(path->end_mm, {80, 60, end_mm})) << slices;
-  }
-  const auto path = stack.plan(stack.lps(80, 60, 18), stack.lps(80, 60, 1), {.slices = 4});
-  ASSERT_TRUE(path) << path.error().message;
-  EXPECT_EQ(slices_between(stack.levels[path->first], stack.levels[path->last]), 9U)
-      << "a target is not given up";
 }
 
 TEST(NeedlePath, AGapOfMoreThanThreeMillimetresEndsTheBone) {

@@ -375,28 +375,6 @@ TEST_F(ForceDimensionTest, ForceEndsWhenAPoseIsUnusable) {
   expect_closed_without_force();
 }
 
-TEST_F(ForceDimensionTest, SilenceIsGivenUpAndEndsWithoutForce) {
-  set("TROCAR_DHD_FAULT", "silence@0.1:0.6");
-  ForceDimension device(options());
-  ASSERT_TRUE(device.open());
-  const Result<PoseReading> reading = exchange_until_error(device);
-  ASSERT_FALSE(reading);
-  expect_line(reading.error(), {"the SDK has not answered for 100 ms"});
-  device.close();
-  EXPECT_FALSE(device.exchange({}));
-  // open() waits for the call that hangs, and close() has followed it.
-  const Result<void> opened = device.open();
-  ASSERT_TRUE(opened) << opened.error().message;
-  const std::vector<Logged> entries = log();
-  std::size_t closed = 0;
-  while (closed < entries.size() && entries[closed].call != "close")
-    ++closed;
-  ASSERT_LT(closed, entries.size());
-  EXPECT_EQ(entries[closed - 1].call, "disable_force");
-  EXPECT_EQ(entries[closed - 2].wrench, HandleWrench{});
-  EXPECT_TRUE(device.exchange({}));
-}
-
 TEST_F(ForceDimensionTest, AMeasurementThatIsGivenAgainHasItsTime) {
   set("TROCAR_DHD_FAULT", "same@0.1:0.5");
   ForceDimension device(options());

@@ -208,42 +208,6 @@ TEST(Mechanics, WithoutExtraMassesItAgreesWithTheLightModel) {
   }
 }
 
-TEST(Mechanics, HandsMassLowersTheFrequencyAsExpected) {
-  DeviceDescription device = default_device_description();
-  device.joint_viscous_friction_Nms_per_rad = 0;
-  HandImpedance impedance = {4000, 0, 20, 0.3, 0.65};
-  Pose start;
-  start.p_m = {0.002, 0, 0.13};
-  const double omega = std::sqrt(4000 / (device.plate_mass_kg + 0.65));
-  SimulatedDeviceOptions options;  // tip in the plate's origin: no coupling with rotation
-  options.T_device_plate_start = start;
-  auto simulated = SimulatedDevice::make(device, rest_at(0.13), impedance, options);
-  ASSERT_TRUE(simulated);
-  for (int tick = 1; tick <= 100; ++tick) {
-    ASSERT_TRUE(simulated->step(1e-3));
-    ASSERT_NEAR(simulated->truth().T_device_plate.p_m.x(), 0.002 * std::cos(omega * tick * 1e-3),
-                2e-7);
-  }
-}
-
-TEST(Mechanics, AReleasedToolFeelsNoHandForce) {
-  const DeviceDescription device = default_device_description();
-  for (const bool with_mechanics : {false, true}) {
-    HandImpedance impedance;
-    impedance.let_go_t_s = 0.05;
-    impedance.mass_kg = with_mechanics ? 0.1 : 0;
-    SimulatedDeviceOptions options;
-    if (with_mechanics) options.mechanics = MechanicsOptions{};
-    auto simulated = SimulatedDevice::make(device, rest_at(0.15), impedance, options);
-    ASSERT_TRUE(simulated);
-    simulated->write({{1, 0, 1, 0, 1, 0, 1, 0}});
-    for (int tick = 0; tick < 80; ++tick) {
-      ASSERT_TRUE(simulated->step(1e-3));
-      EXPECT_EQ(simulated->truth().wrench_hand.norm() > 0, tick < 50) << tick;
-    }
-  }
-}
-
 // Below the Coulomb torque the device moves by the presliding deflection and stops; above it, it
 // slides.
 TEST(Mechanics, DryFrictionHoldsUpToTheCoulombTorque) {

@@ -683,18 +683,6 @@ TEST(ToolInTissue, AnElevenGaugeNeedleAndATrocarInTheSameBone) {
   EXPECT_NEAR(trocar.tip_N_per_m / needle.tip_N_per_m, 3 / 1.525, 1e-12);
 }
 
-TEST(ToolInTissue, StrengthIsInProportionToTheShare) {
-  const ToolShape s = tool(ToolKind::kTrocar, 3e-3);
-  for (const double xi : {0.0, 2.0}) {
-    const ToolInTissue whole = tool_in_tissue(s, bone(), 1, xi),
-                       part = tool_in_tissue(s, bone(), 0.21, xi);
-    EXPECT_NEAR(part.strength_N, 0.21 * whole.strength_N, 1e-12);
-    EXPECT_NEAR(part.torsion_Nm, 0.21 * whole.torsion_Nm, 1e-15);
-    EXPECT_EQ(part.friction_N_per_m, whole.friction_N_per_m);
-  }
-  EXPECT_EQ(tool_in_tissue(s, bone(), 0).strength_N, 0);
-}
-
 // 8 G with a bore of 3.2 mm: pi (2.0955^2 - 1.6^2) = 5.75263 mm^2, 2 pi (2.0955 + 1.6) = 23.21951
 // mm.
 TEST(ToolInTissue, AHollowToolStampsARing) {

@@ -16,7 +16,7 @@
 #include <functional>
 #include <new>
 #include <string>
-#include <vector>
+#include <utility>
 
 #include "runtime/realtime/realtime_thread.h"
 #include "runtime/session/open_device.h"
@@ -49,41 +49,31 @@ class NoAllocation : public testing::Test {
 };
 
 TEST_F(NoAllocation, EveryAllocationFunctionIsCounted) {
-  EXPECT_EQ(counted([] {}), 0U);
-  EXPECT_EQ(counted([] {
-              kept_block = std::malloc(10);
-              std::free(kept_block);
-            }),
-            2U);
-  EXPECT_EQ(counted([] {
-              kept_block = std::calloc(3, 7);
-              kept_block = std::realloc(kept_block, 5000);
-              std::free(kept_block);
-            }),
-            3U);
-  EXPECT_EQ(counted([] {
-              kept_block = std::aligned_alloc(64, 128);
-              std::free(kept_block);
-            }),
-            2U);
-  EXPECT_EQ(counted([] {
-              void* block = nullptr;
-              ASSERT_EQ(::posix_memalign(&block, 64, 100), 0);
-              kept_block = block;
-              std::free(kept_block);
-            }),
-            2U);
+  const std::pair<std::uint64_t, std::function<void*()>> functions[] = {
+      {2, [] { return std::malloc(10); }},
+      {2, [] { return std::calloc(3, 7); }},
+      {3, [] { return std::realloc(std::malloc(10), 5000); }},
+      {2, [] { return std::aligned_alloc(64, 128); }},
+      {2,
+       [] {
+         void* block = nullptr;
+         EXPECT_EQ(::posix_memalign(&block, 64, 100), 0);
+         return block;
+       }},
+      {0, [] { return static_cast<void*>(nullptr); }},
+  };
+  for (const auto& [calls, allocate] : functions) {
+    EXPECT_EQ(counted([&] {
+                kept_block = allocate();
+                std::free(kept_block);
+              }),
+              calls);
+  }
   EXPECT_EQ(counted([] {
               int* volatile one = new int(7);
               delete one;
             }),
             2U);
-  EXPECT_EQ(counted([] {
-              std::vector<double> numbers(100);
-              kept_block = numbers.data();
-            }),
-            2U);
-  EXPECT_EQ(counted([] { std::free(nullptr); }), 0U);
 }
 
 class Clocks : public NoAllocation, public testing::WithParamInterface<Clock> {};
