@@ -163,7 +163,6 @@ TEST(TelemetrySession, ShowsWhatTheSessionReportsAndChangesNothing) {
 }
 
 TEST(TelemetrySession, HuOfVerticesThatACutMadeAreInterpolated) {
-  const test::TemporaryFolder folder;
   Scene scene = test::descent_scene({0.12}, 0.13, 0.1, 0.05);
   scene.tissue.threshold_N = 10;
   Asset asset = test::square_asset(1);
@@ -172,22 +171,13 @@ TEST(TelemetrySession, HuOfVerticesThatACutMadeAreInterpolated) {
   AssetSlice& slice = asset.slices[0];
   for (const LatticePoint& p : slice.mesh.vertices)
     slice.hu.push_back(static_cast<float>(hu_at(p.x / 256.0 - 80, p.y / 256.0 - 60)));
-  Remesher remesher(*place_slices(scene, asset, "a"));
-  auto device = make_simulated_device(scene, default_device_description());
-  ASSERT_TRUE(device);
-  SessionOptions options;
-  options.clock = Clock::kVirtual;
-  options.duration_s = scene.duration_s;
-  options.limits.gap_max_s = 0;
-  options.telemetry = TelemetryOptions{folder / "live", "", "", "", {}};
-  auto workers = test::make_workers(scene, remesher, options);
-  ASSERT_TRUE(workers);
-  Console console(options.telemetry->file);
+  TestSession session(scene, std::move(asset));
+  session.options.telemetry = TelemetryOptions{session.folder / "live", "", "", "", {}};
+  session.prepare();
+  Console console(session.options.telemetry->file);
   TelemetrySheet first;
   ASSERT_TRUE(console.reader().sheet(0, first));
-  run_session(
-      scene, default_device_description(), remesher, *device,
-      [&](double dt_s) { device->step(dt_s); }, options, std::move(*workers));
+  session.run();
   TelemetrySheet sheet;
   ASSERT_TRUE(console.reader().sheet(0, sheet));
   EXPECT_EQ(sheet.cuts, 1U);

@@ -146,14 +146,13 @@ TEST(TelemetrySession, APauseDuringARecoveryBeginsTheQuietTimeAgain) {
 SessionResult run_paused(
     const Scene& scene, ClockedDevice& device,
     const std::function<void(Console& console, std::uint64_t ticks)>& while_paused) {
-  const test::TemporaryFolder folder;
-  Remesher remesher(*place_slices(scene, test::square_asset(3), "a"));
-  SessionOptions options;
+  TestSession session(scene, 3);
+  SessionOptions& options = session.options;
+  options.clock = Clock::kReal;
   options.duration_s = 0.5;
-  options.limits.gap_max_s = 0;
-  options.telemetry = TelemetryOptions{folder / "live", "", "", "", {}};
-  auto workers = test::make_workers(scene, remesher, options);
-  EXPECT_TRUE(workers);
+  options.record.reset();
+  options.telemetry = TelemetryOptions{session.folder / "live", "", "", "", {}};
+  session.prepare();
   Console console(options.telemetry->file);
   Console other(options.telemetry->file);
   std::uint64_t ticks = 0;
@@ -167,8 +166,7 @@ SessionResult run_paused(
     device.advance(dt_s);
     if (++ticks == 450) console.give(TelemetryCommand::kPause);
   };
-  SessionResult report = run_session(scene, default_device_description(), remesher, device, advance,
-                                     options, std::move(*workers));
+  SessionResult report = session.run(device, advance);
   thread.join();
   return report;
 }

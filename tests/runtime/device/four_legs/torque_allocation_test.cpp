@@ -334,43 +334,21 @@ TEST(TorqueAllocation, TorquesStayConstantBeyondTheLimits) {
   }
 }
 
-TEST(TorqueAllocation, LargeSmallAndInvalidInputs) {
-  const DeviceDescription device = default_device_description();
+// Numbers of all sizes and those that are not finite: tests/corpus/device.
+TEST(TorqueAllocation, RefusesASingularJacobianAndALimitThatIsNotPositive) {
   Random random(25);
-  const Jacobian G = jacobian_at(device, random_workspace_pose(random));
-  const MotorVector limit = MotorVector::Constant(6);
-  for (const double force_N : {1e-300, 1e-12, 1e3, 1e6, 1e12, 1e100}) {
-    const Wrench wanted = random_wrench(random, force_N);
-    expect_law_1_and_2(allocate_torques(G, wanted, 6.0), G, wanted, limit);
-  }
-  const AllocationResult none = allocate_torques(G, Wrench::Zero(), 6.0);
-  EXPECT_EQ(none.kind, AllocationKind::kMinimumNorm);
-  EXPECT_EQ(none.tau_motor_Nm, MotorVector::Zero());
-
-  const auto expect_refused = [](const AllocationResult& result) {
+  const Jacobian G = jacobian_at(default_device_description(), random_workspace_pose(random));
+  Jacobian flat = G;
+  flat.col(4) = 2 * flat.col(1);
+  const Wrench wanted = random_wrench(random, 10);
+  for (const AllocationResult& result :
+       {allocate_torques(flat, wanted, 6.0), allocate_torques(Jacobian::Zero(), wanted, 6.0),
+        allocate_torques(G, wanted, 0.0), allocate_torques(G, wanted, -1.0)}) {
     EXPECT_EQ(result.kind, AllocationKind::kRefused);
     EXPECT_TRUE(result.limited());
     EXPECT_EQ(result.tau_motor_Nm, MotorVector::Zero());
     EXPECT_EQ(result.scale, 0);
-  };
-  constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
-  constexpr double kInf = std::numeric_limits<double>::infinity();
-  const Wrench wanted = random_wrench(random, 10);
-  for (const double bad : {kNan, kInf}) {
-    Wrench bad_wrench = wanted;
-    bad_wrench[4] = bad;
-    expect_refused(allocate_torques(G, bad_wrench, 6.0));
-    Jacobian bad_G = G;
-    bad_G(7, 5) = bad;
-    expect_refused(allocate_torques(bad_G, wanted, 6.0));
-    expect_refused(allocate_torques(G, wanted, bad));
   }
-  expect_refused(allocate_torques(G, wanted, 0.0));
-  expect_refused(allocate_torques(G, wanted, -1.0));
-  Jacobian flat = G;
-  flat.col(4) = 2 * flat.col(1);
-  expect_refused(allocate_torques(flat, wanted, 6.0));
-  expect_refused(allocate_torques(Jacobian::Zero(), wanted, 6.0));
 }
 
 }  // namespace

@@ -44,7 +44,6 @@ class PosePeer {
 
   std::atomic<bool> mute{false};  ///< no states are sent
   std::atomic<std::uint8_t> faults{0};
-  std::atomic<DriveMode> mode{DriveMode::kTorque};
   static constexpr std::size_t kNoByte = kMaxPacketBytes;
   std::atomic<std::size_t> wrong_byte{
       kNoByte};  ///< each state is sent with wrong bits in this byte
@@ -110,7 +109,7 @@ class PosePeer {
     state.session = session_number(drive_nonce_);
     state.sequence = ++last_state_;
     state.time_ns = ++ticks_ * 1'000'000;
-    state.mode = mode;
+    state.mode = DriveMode::kTorque;
     state.faults = faults;
     state.buttons = 5;
     state.command_taken = last_command_;
@@ -248,7 +247,7 @@ TEST(UdpPoseDevice, StatesRefusedInASessionAreToldFromALostLink) {
   EXPECT_EQ(device->refused_contents(), Fault::kNone);
 }
 
-TEST(UdpPoseDevice, ReportsFaultStopAndWatchdog) {
+TEST(UdpPoseDevice, ReportsAFaultWithItsByte) {
   PosePeer peer;
   const auto device = connected_pose(to(peer));
   ASSERT_TRUE(device);
@@ -258,12 +257,6 @@ TEST(UdpPoseDevice, ReportsFaultStopAndWatchdog) {
   EXPECT_EQ(device->fault_byte(), 0x80);
   peer.faults = 0;
   EXPECT_TRUE(reaches(*device, reading, DeviceStatus::kOk, true));
-  peer.mode = DriveMode::kEmergencyStop;
-  EXPECT_TRUE(reaches(*device, reading, DeviceStatus::kEmergencyStop));
-  peer.mode = DriveMode::kReady;
-  EXPECT_TRUE(reaches(*device, reading, DeviceStatus::kOk));
-  peer.mode = DriveMode::kWatchdog;
-  EXPECT_TRUE(reaches(*device, reading, DeviceStatus::kLinkLost));
 }
 
 TEST(UdpPoseDevice, StartNamesTheWrongClockKeyAndKind) {

@@ -97,39 +97,6 @@ TEST(CuttingFeel, NoGapsDropsAndRisesOfTheBoneOnly) {
   }
 }
 
-TEST(CuttingFeel, WorkAtEveryRateWithFriction) {
-  std::vector<CuttingSlab> body = vertebra();
-  double strength_J = 0;
-  for (CuttingSlab& slab : body) {
-    slab.friction_N_per_m = 100;
-    strength_J += 0.5 * (slab.strength_top_N + slab.strength_bottom_N) * 1e-3;
-  }
-  // The hand's work, in steps so small that its trapezoids do not show.
-  const auto pushed = [&](Bench& b, double step) {
-    double work = 0, before = 0;
-    for (int k = 0; step * k < 0.062; ++k) {
-      b.tick(plate_at(0, step * k - 0.002));
-      work += 0.5 * (before + b.out.wrench_device[2]) * step;
-      before = b.out.wrench_device[2];
-    }
-    return work;
-  };
-  Bench reference(body);
-  const double fine = pushed(reference, 2e-6);
-  EXPECT_GT(fine, strength_J);
-  for (const double rate : kRates_Hz) {
-    for (const double speed : kSpeeds) {
-      Bench b(body);
-      const double work = pushed(b, speed / rate);
-      EXPECT_NEAR(b.cut_J, strength_J, 0.001 * strength_J) << rate << " Hz " << speed << " m/s";
-      EXPECT_NEAR(b.out.wrench_device[2], 100 * 0.035, 0.01 * 3.5);  // friction of the whole length
-      if (speed / rate < 3e-4) {
-        EXPECT_NEAR(work, fine, 0.01 * fine) << rate << " Hz " << speed << " m/s";
-      }
-    }
-  }
-}
-
 // A needle that enters at 10 degrees and is pushed along its axis goes on at 10 degrees.
 TEST(CuttingFeel, TheHoleGuides) {
   for (const double clearance : {0.0, 5e-5}) {

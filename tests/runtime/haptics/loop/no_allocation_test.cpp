@@ -19,13 +19,9 @@
 #include <utility>
 
 #include "runtime/realtime/realtime_thread.h"
-#include "runtime/session/open_device.h"
-#include "runtime/session/session.h"
+#include "tests/runtime/session/test_session.h"
 #include "tests/support/counted_allocations.h"
-#include "tests/support/four_legs_session.h"
 #include "tests/support/loop_rig.h"
-#include "tests/support/sheet_fixture.h"
-#include "tests/support/temporary_folder.h"
 
 namespace trocar::runtime {
 namespace {
@@ -81,19 +77,14 @@ INSTANTIATE_TEST_SUITE_P(NoAllocation, Clocks, testing::Values(Clock::kVirtual, 
 
 /// A session of the simulated device that records and allocates nothing in its loop.
 SessionResult run_without_allocation(const Scene& scene, int slices, SessionOptions options) {
-  Remesher remesher(*place_slices(scene, test::square_asset(slices), "a"));
-  auto device = make_simulated_device(scene, default_device_description());
-  EXPECT_TRUE(device);
-  const test::TemporaryFolder folder;
-  options.record = folder / "r.csv";
-  if (options.recovery == RecoveryPolicy::kAuto) options.black_box = folder.path();
+  testing_support::TestSession session(scene, slices);
+  options.record = session.options.record;
+  if (options.recovery == RecoveryPolicy::kAuto) options.black_box = session.folder.path();
   options.limits.gap_max_s = 0;
-  auto report = run_session(
-      scene, default_device_description(), remesher, *device,
-      [&](double dt_s) { device->step(dt_s); }, options);
-  EXPECT_TRUE(report);
-  EXPECT_EQ(report->allocations_in_loop, std::optional<std::uint64_t>(0));
-  return std::move(*report);
+  session.options = options;
+  SessionResult report = session.run();
+  EXPECT_EQ(report.allocations_in_loop, std::optional<std::uint64_t>(0));
+  return report;
 }
 
 TEST_P(Clocks, ASessionWithPuncturesDoesNotAllocate) {
