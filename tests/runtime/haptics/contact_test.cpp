@@ -2,7 +2,6 @@
 // The contract of runtime/haptics/puncture.h, point by point.
 #include <gtest/gtest.h>
 
-#include <numbers>
 
 #include "runtime/haptics/puncture.h"
 #include "tests/runtime/haptics/contact_fixture.h"
@@ -265,37 +264,6 @@ TEST_F(ContactTest, Contract2NetworkUsesThePublishedResponse) {
   place({0.12, 0.11});
   tick(at(0, 0, 0.125));
   EXPECT_EQ(tick(at(0, 0, 0.1125)).prefetch.sheet, 1);
-}
-
-TEST_F(ContactTest, Contract6MovingAlongATiltedAxisKeepsTheOutline) {
-  SceneTool shape;
-  shape.tilt_deg = 40;
-  shape.tilt_azimuth_deg = 25;
-  model_.tool = make_tool(shape);
-  const Eigen::Vector3d axis = model_.tool.axis_plate;
-  EXPECT_NEAR(axis.z(), std::cos(40 * std::numbers::pi / 180), 1e-15);
-  const auto along = [&](double above_m) {
-    Pose pose;
-    pose.p_m = Eigen::Vector3d(0, 0, kTop_m) + above_m / axis.z() * axis;
-    return pose;
-  };
-  tick(along(0.005));
-  EXPECT_NEAR(tick(along(-0.003)).force_N, 15, 1e-9);
-  const ContactOutput puncture = tick(along(-0.0071));
-  ASSERT_TRUE(puncture.punctured_now);
-  const LatticeOutline above =
-      outline_on_lattice(model_.tool, along(0.005), sheets_[0]->transform, kTop_m);
-  ASSERT_EQ(puncture.cut.outline.size, above.size);
-  for (int k = 0; k < above.size; ++k) {  // up to rounding
-    EXPECT_LE(std::abs(puncture.cut.outline.points[k].x - above.points[k].x), 1);
-    EXPECT_LE(std::abs(puncture.cut.outline.points[k].y - above.points[k].y), 1);
-  }
-  // Stretched along the tilt by 1 / cos(tilt), unchanged across it.
-  const double stretch =
-      static_cast<double>(area(puncture.cut.outline)) /
-      static_cast<double>(area(outline_on_lattice(make_tool(SceneTool{}), at(0, 0, 0.1),
-                                                  sheets_[0]->transform, kTop_m)));
-  EXPECT_NEAR(stretch, 1 / axis.z(), 1e-3);
 }
 
 TEST_F(ContactTest, EachSheetHasItsTissueAndItsHoleActsOnTheShaft) {

@@ -5,7 +5,6 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
-#include <atomic>
 #include <chrono>
 #include <cmath>
 #include <cstddef>
@@ -74,40 +73,6 @@ TEST(TelemetrySession, AnEmergencyStopGivesZeroTorquesWithinTheRampAndATick) {
       EXPECT_LE(zero->t_s - changed_t_s, kRampMax_s + 1e-3 + 1e-12);
       EXPECT_TRUE(std::all_of(zero, stopped.rows.end(), is_zero));
       EXPECT_EQ(stopped.report.black_boxes.size(), 1U);
-      expect_whole(scene, stopped);
-    }
-  }
-}
-
-TEST(TelemetrySession, AnEmergencyStopHoldsUntilRecoveryIsAskedFor) {
-  const Scene scene = press_scene();
-  std::atomic<bool> signal{false};
-  for (const RecoveryPolicy recovery : {RecoveryPolicy::kOnRequest, RecoveryPolicy::kAuto}) {
-    for (const bool by_signal : {false, true}) {
-      if (by_signal && recovery == RecoveryPolicy::kAuto) continue;
-      Manner how;
-      how.recovery = recovery;
-      how.recover = &signal;
-      how.after_tick = [&, by_signal](std::uint64_t tick, Console& console) {
-        if (tick == 500) console.give(TelemetryCommand::kZero);
-        if (tick == 850) console.give(TelemetryCommand::kRecover);
-        if (tick == 950) console.give(TelemetryCommand::kEmergencyStop);  // in `recovering`
-        if (tick != 1250) return;
-        if (by_signal) {
-          signal = true;
-        } else {
-          console.give(TelemetryCommand::kRecover);
-        }
-      };
-      const LiveRun stopped = run(scene, how);
-      EXPECT_EQ(stopped.rows[940].safety, SafetyState::kRecovering);
-      for (std::size_t k = 950; k < 1250; ++k) {
-        ASSERT_TRUE(is_zero(stopped.rows[k])) << k;
-        ASSERT_EQ(stopped.rows[k].outside_fault, Fault::kEmergencyStop);
-        ASSERT_NE(stopped.rows[k].safety, SafetyState::kRunning);
-      }
-      EXPECT_EQ(stopped.rows[1250].outside_fault, Fault::kNone);
-      EXPECT_EQ(stopped.rows[1550].safety, SafetyState::kRunning);
       expect_whole(scene, stopped);
     }
   }

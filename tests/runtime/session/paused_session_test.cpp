@@ -120,27 +120,6 @@ TEST(TelemetrySession, APauseUnderLoadRampsDownAndWaitsForTheToolToBeFree) {
   expect_whole(scene, paused);
 }
 
-TEST(TelemetrySession, APauseDuringARecoveryBeginsTheQuietTimeAgain) {
-  const Scene scene = press_scene();
-  Manner how;
-  how.after_tick = at({{500, TelemetryCommand::kZero},
-                       {850, TelemetryCommand::kRecover},
-                       {1090, TelemetryCommand::kPause}});
-  how.meanwhile = resume_after(milliseconds(30));
-  const LiveRun paused = run(scene, how);
-  EXPECT_EQ(paused.rows[1089].safety, SafetyState::kRecovering) << "240 of the 250 ms had passed";
-  const auto resumed = std::find_if(
-      paused.events.begin(), paused.events.end(),
-      [](const TelemetryEvent& event) { return event.kind == TelemetryEventKind::kResumed; });
-  ASSERT_NE(resumed, paused.events.end());
-  const auto running =
-      std::find_if(paused.rows.begin() + 1090, paused.rows.end(),
-                   [](const RecordingRow& row) { return row.safety == SafetyState::kRunning; });
-  ASSERT_NE(running, paused.rows.end());
-  EXPECT_GE(running->t_s, resumed->t_s + 0.25 - 1e-9);
-  expect_whole(scene, paused);
-}
-
 /// A session of 0.5 s in real time, which is paused after 450 ticks and then resumed.
 /// `while_paused` is called in between, with the number of ticks.
 SessionResult run_paused(

@@ -63,40 +63,6 @@ TEST(CuttingFeel, ForceAtTicksIsTheQuasiStaticOne) {
   }
 }
 
-TEST(CuttingFeel, NoGapsDropsAndRisesOfTheBoneOnly) {
-  const std::vector<CuttingSlab> body = vertebra();
-  for (const double rate : kRates_Hz) {
-    for (const double speed : kSpeeds) {
-      Bench b(body);
-      const double series =
-          1 / (1 / b.options.coupling.translation_N_per_m + 1 / b.options.tip_N_per_m);
-      double before = 0, front_before = 0;
-      for (int k = 0; speed * k / rate < 0.07; ++k) {
-        const double x = speed * k / rate - 0.002;
-        b.tick(plate_at(0, x));
-        const double F = b.out.wrench_device[2], dx = speed / rate;
-        ASSERT_LE(F - before, series * dx + 1e-5);
-        const bool is_inside = x > 1e-4 && b.out.front_m < 0.035 - 1e-9;
-        if (is_inside) {
-          ASSERT_GT(F, 0);
-          if (b.out.cut_J > 0 && before > 0) {
-            // The force falls from the strength at its start to the strength at its end, and no lower.
-            const double was = std::max(strength_at(body, front_before - 1e-9),
-                                        strength_at(body, front_before + 1e-9)),
-                         is = std::min(strength_at(body, b.out.front_m - 1e-9),
-                                       strength_at(body, b.out.front_m + 1e-9));
-            ASSERT_GE(F, is - 1e-4);
-            ASSERT_LE(before - F, std::max(was - is, 0.0) + 1e-4);
-          }
-        }
-        before = F;
-        front_before = b.out.front_m;
-      }
-      EXPECT_NEAR(before, 0, 1e-9);
-    }
-  }
-}
-
 // A needle that enters at 10 degrees and is pushed along its axis goes on at 10 degrees.
 TEST(CuttingFeel, TheHoleGuides) {
   for (const double clearance : {0.0, 5e-5}) {

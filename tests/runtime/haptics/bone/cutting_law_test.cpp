@@ -7,7 +7,6 @@
 #include <array>
 #include <cmath>
 #include <cstdint>
-#include <numbers>
 #include <vector>
 
 #include "runtime/haptics/bone/bone_volume.h"
@@ -354,41 +353,6 @@ TEST(Hole, TheOldestIsForgotten) {
   EXPECT_LT(push_to(b, 0.005, 0.004), 1e-9);
   pull_from(b, 0.005, 0.004);
   EXPECT_NEAR(push_to(b, 0, 0.01), 20, 1e-6);
-}
-
-// A round tool of radius R beside an old hole of the same radius: the part of the tool outside it.
-double share(double R, double e) {
-  if (e >= 2 * R) return 1;
-  const double lens = 2 * R * R * std::acos(e / (2 * R)) - e / 2 * std::sqrt(4 * R * R - e * e);
-  return 1 - lens / (std::numbers::pi * R * R);
-}
-
-TEST(Hole, HalfOverAnOldOneCutsByItsShare) {
-  EXPECT_NEAR(share(1.525e-3, 5e-4), 0.21, 0.005);
-  EXPECT_NEAR(share(3e-3, 5e-4), 0.11, 0.005);
-  for (const double e : {2e-4, 5e-4, 1e-3, 2e-3, 4e-3}) {
-    Bench b = hole_bench();
-    push_to(b, 0, 0.013);
-    const double bottom = b.out.front_m;
-    pull_from(b, 0, 0.013);
-    const double before = b.cut_J;
-    for (CuttingSlab& slab : b.slabs) {
-      slab.share = share(1.525e-3, e);
-      slab.share_to_m = bottom;
-    }
-    double to_bottom = 0;
-    b.move(plate_at(e, -0.002), plate_at(e, 0.019), kHoleStep,
-           [&](const CuttingResult& out, const Pose&) {
-             if (out.front_m < bottom - 1e-9 && out.cut_J > 0) {
-               EXPECT_NEAR(out.tip_N, 20 * share(1.525e-3, e), 1e-5);
-               to_bottom = out.front_m;
-             }
-           });
-    EXPECT_GT(to_bottom, bottom - 0.001);
-    EXPECT_NEAR(b.out.tip_N, 20, 1e-5);
-    EXPECT_NEAR(b.cut_J - before, 20 * (share(1.525e-3, e) * bottom + b.out.front_m - bottom),
-                1e-8);
-  }
 }
 
 TEST(Hole, WithinTheReachOfAHoleTheToolGoesIntoIt) {
