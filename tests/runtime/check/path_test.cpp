@@ -6,7 +6,6 @@
 
 #include <Eigen/Geometry>
 #include <array>
-#include <cmath>
 #include <cstddef>
 #include <string>
 #include <utility>
@@ -237,36 +236,6 @@ struct Stack {
 
 bool near(const Vector3d& a, const Vector3d& b) {
   return (a - b).norm() < 1e-9;
-}
-
-TEST(NeedlePath, GoesStraightDownWithoutATarget) {
-  const Stack stack(10);
-  const auto path = stack.plan(stack.lps(75, 66, 18), {});
-  ASSERT_TRUE(path) << path.error().message;
-  EXPECT_TRUE(near(path->entry_mm, {75, 66, 18}));
-  EXPECT_TRUE(near(path->end_mm, {75, 66, 0}));
-  EXPECT_TRUE(near(path->direction, {0, 0, -1}));
-  EXPECT_EQ(tilt_deg(*path), 0);
-  EXPECT_EQ(path->first, 0U);
-  EXPECT_EQ(path->last, 9U);
-  EXPECT_NEAR(path->thickness_mm, 20, 1e-9);
-  EXPECT_FALSE(path->has_target);
-
-  const auto within = stack.plan(stack.lps(75, 66, 18), {}, {.height_mm = 7});
-  EXPECT_TRUE(within && near(within->end_mm, {75, 66, 12}));
-}
-
-TEST(NeedlePath, GoesFromEntryToTarget) {
-  const Stack stack(10);
-  const Vector3d entry(75, 66, 18), target(81, 58, 5);
-  const auto path = stack.plan(stack.lps(75, 66, 18), stack.lps(81, 58, 5));
-  ASSERT_TRUE(path) << path.error().message;
-  EXPECT_TRUE(near(path->entry_mm, entry));
-  EXPECT_TRUE(near(path->end_mm, target));
-  EXPECT_TRUE(near(path->direction, (target - entry).normalized()));
-  EXPECT_NEAR(tilt_deg(*path), std::atan2(10, 13) * 180 / M_PI, 1e-9);
-  EXPECT_EQ(path->last, 6U) << "the level at 6 mm is the last above the target";
-  EXPECT_TRUE(near(point_at(*path, 5), target));
 }
 
 TEST(NeedlePath, EntersWhereItMeetsTheBone) {

@@ -325,28 +325,6 @@ TEST_F(OverlapTest, OverlapOfAToolThatIsNotConvexIsTheSumOverItsParts) {
   EXPECT_GT(partial, 300);
 }
 
-TEST_F(OverlapTest, CentroidOfTheOverlapIsThatOfItsArea) {
-  // Over the edge x = 20 mm: the part over material is a rectangle, symmetric about y = 0.
-  SceneTool shape;
-  shape.outline_m = {{-0.004, -0.002}, {0.004, -0.002}, {0.004, 0.002}, {-0.004, 0.002}};
-  model_.tool = make_tool(shape);
-  const LatticeOutline outline =
-      outline_on_lattice(model_.tool, at(0.021, 0, 0.1), sheets_[0]->transform, kTop_m);
-  const Overlap part = overlap(*sheets_[0], model_.tool, outline, {});
-  EXPECT_NEAR(part.coverage, 3.0 / 8, 1e-9);
-  const Eigen::Vector2d centre_m = sheets_[0]->transform.to_scene(part.centroid_steps);
-  EXPECT_LT((centre_m - Eigen::Vector2d(0.0185, 0)).norm(), 1e-9);
-  // Wholly over material, and wholly beside it: the middle of the tool.
-  for (const double x_m : {0.0, 0.03}) {
-    const Overlap whole = overlap(
-        *sheets_[0], model_.tool,
-        outline_on_lattice(model_.tool, at(x_m, 0, 0.1), sheets_[0]->transform, kTop_m), {});
-    EXPECT_LT(
-        (sheets_[0]->transform.to_scene(whole.centroid_steps) - Eigen::Vector2d(x_m, 0)).norm(),
-        1e-9);
-  }
-}
-
 // The contract of runtime/haptics/tool.h.
 
 ShaftSection down_to(double inserted_m, double x_m = 0, double y_m = 0) {

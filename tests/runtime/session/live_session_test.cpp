@@ -78,19 +78,6 @@ TEST(TelemetrySession, AnEmergencyStopGivesZeroTorquesWithinTheRampAndATick) {
   }
 }
 
-TEST(TelemetrySession, StopEndsItWithTorquesAtZero) {
-  for (const Clock clock : {Clock::kVirtual, Clock::kReal}) {
-    Manner how;
-    how.clock = clock;
-    how.after_tick = at({{500, TelemetryCommand::kStop}});
-    const LiveRun stopped = run(press_scene(), how);
-    EXPECT_EQ(stopped.report.end, SessionEnd::kInterrupted);
-    EXPECT_EQ(stopped.report.ticks, 500U);
-    EXPECT_EQ(stopped.events.back().kind, TelemetryEventKind::kEnded);
-    EXPECT_EQ(stopped.events.back().end, TelemetryEnd::kInterrupted);
-  }
-}
-
 TEST(TelemetrySession, ShowsWhatTheSessionReportsAndChangesNothing) {
   Scene scene = test::descent_scene({0.12, 0.11, 0.1}, 0.13, 0.085, 0.05);
   scene.tissue.threshold_N = 10;

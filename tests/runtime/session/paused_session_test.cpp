@@ -106,20 +106,6 @@ TEST_P(Paused, HoldsTime) {
   expect_whole(scene, paused);
 }
 
-TEST(TelemetrySession, APauseUnderLoadRampsDownAndWaitsForTheToolToBeFree) {
-  const Scene scene = press_scene();
-  Manner how;
-  how.after_tick = at({{500, TelemetryCommand::kPause}});
-  how.meanwhile = resume_after(milliseconds(30));
-  const LiveRun paused = run(scene, how);
-  EXPECT_EQ(paused.report.end, SessionEnd::kDone);
-  ASSERT_EQ(paused.report.faults.size(), 1U);
-  EXPECT_GT(paused.report.faults[0].recovered_t_s, 0.7) << "the hand lifts the tool at 0.6 s";
-  EXPECT_FALSE(is_zero(paused.rows[499]));
-  EXPECT_TRUE(is_zero(paused.rows[503]));
-  expect_whole(scene, paused);
-}
-
 /// A session of 0.5 s in real time, which is paused after 450 ticks and then resumed.
 /// `while_paused` is called in between, with the number of ticks.
 SessionResult run_paused(

@@ -255,5 +255,42 @@ TEST(PoseSession, EnergyAccountCountsTheForceAloneIfTheMomentIsDropped) {
 INSTANTIATE_TEST_SUITE_P(SheetLaws, PoseSessionTest,
                          testing::Values(ForceLawKind::kHooke, ForceLawKind::kNetwork));
 
+// Devices by URI, and of which kind their description must be. Wrong URIs: tests/e2e/wrong_uses.json.
+
+struct Opened {
+  Scene scene;
+  AnyDeviceDescription description = default_device_description();
+  Opened() {
+    scene.tool.tip_in_plate_m = {0, 0, 0};
+    scene.hand.trajectory = {{0, {0, 0, 0.15}, {}}};
+  }
+  Result<OpenedDevice> open(std::string_view uri, const char* key_file = "") const {
+    return open_device(uri, {.scene = scene,
+                             .scene_name = "scene.json",
+                             .description = description,
+                             .key_file = key_file,
+                             .say = {}});
+  }
+};
+
+TEST(OpenDevice, DescriptionMustBeOfTheDevicesKind) {
+  Opened legs;
+  for (const char* uri : {"haply:", "haply:127.0.0.1:1", "forcedimension:"}) {
+    EXPECT_FALSE(built_in_description(uri).empty());
+    EXPECT_TRUE(may_have_motors(uri));
+    const auto opened = legs.open(uri);
+    ASSERT_FALSE(opened);
+    EXPECT_EQ(opened.error().code, ExitCode::kUsage);
+    EXPECT_NE(opened.error().message.find("measures its own pose"), std::string::npos);
+  }
+  Opened pose;
+  pose.description = *built_in_pose_device("haply_inverse3");
+  const auto drive = pose.open("udp:127.0.0.1:4840", "key");
+  ASSERT_FALSE(drive);
+  EXPECT_NE(drive.error().message.find("has encoders and motors"), std::string::npos);
+  EXPECT_TRUE(pose.open("inproc"));
+  EXPECT_TRUE(built_in_description("udp:127.0.0.1:4840").empty());
+}
+
 }  // namespace
 }  // namespace trocar::runtime

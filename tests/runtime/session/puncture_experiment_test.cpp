@@ -150,25 +150,5 @@ TEST_P(Rates, PuncturedSheetsAreValidAndLackExactlyTheHole) {
   EXPECT_EQ(run.rows().back().cuts_published, 3);
 }
 
-TEST(Session, ForcesAreTheSameOnTheRealClock) {
-  // Timing depends on the machine; the force at a position does not.
-  TestSession session(test::descent_scene({0.12}, 0.123, 0.105, 0.05));
-  session.options.clock = Clock::kReal;
-  session.options.rate_Hz = 500;
-  const SessionResult report = session.run();
-  EXPECT_EQ(report.end, SessionEnd::kDone);
-  EXPECT_EQ(report.ticks, tick_count(session.scene.duration_s, 500));
-  EXPECT_EQ(report.realtime.wake.samples(), report.ticks + 1);
-  const std::vector<RecordingRow> rows = session.rows();
-  expect_paper_force(rows, {0.12}, {0});
-  EXPECT_EQ(rows.size(), report.ticks);
-  ASSERT_EQ(session.remesher->records().size(), 1U);
-  EXPECT_FALSE(session.remesher->records()[0].error);
-
-  // The replay puts new meshes into use in the recorded ticks.
-  session.options.record.reset();
-  EXPECT_EQ(session.replay(rows).replay_first_difference, -1);
-}
-
 }  // namespace
 }  // namespace trocar::runtime

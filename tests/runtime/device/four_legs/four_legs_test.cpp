@@ -11,6 +11,7 @@
 
 #include "runtime/device/four_legs/kinematics.h"
 #include "runtime/device/four_legs/mechanism_limits.h"
+#include "runtime/device/symmetric_eigenvalues.h"
 #include "tests/support/device_workspace.h"
 
 namespace trocar::runtime {
@@ -213,6 +214,19 @@ TEST(FourLegsSpecification, StatesTheMarginsOfAPose) {
   EXPECT_EQ(specification.describe_fault(Fault::kPoseResidual, middle()), "");
   EXPECT_EQ(specification.describe_fault(Fault::kJointLimit, middle()), "");
   EXPECT_EQ(specification.describe_fault(Fault::kSingularity, middle()), "");
+}
+
+TEST(SymmetricEigenvalues, AreNoneForAMatrixThatIsNotFinite) {
+  constexpr double kInfinity = std::numeric_limits<double>::infinity();
+  for (const double wrong : {std::numeric_limits<double>::quiet_NaN(), kInfinity, -kInfinity}) {
+    for (int i = 0; i < 6; ++i) {
+      for (int j = 0; j <= i; ++j) {
+        Eigen::Matrix<double, 6, 6> symmetric = Eigen::Matrix<double, 6, 6>::Identity();
+        symmetric(i, j) = wrong;
+        EXPECT_FALSE(symmetric_eigenvalues(symmetric)) << wrong << " at " << i << ", " << j;
+      }
+    }
+  }
 }
 
 }  // namespace

@@ -120,22 +120,6 @@ TEST(Compensation, FrictionPartIsContinuousInTheRateAndBelowTheFriction) {
   EXPECT_EQ(torque(std::numeric_limits<double>::quiet_NaN()), 0);
 }
 
-TEST(Compensation, GravityPartHoldsThePlate) {
-  DeviceDescription device = default_device_description();
-  device.gravity_m_per_s2 = 9.81;
-  const MotorModel model = make_motor_model(device);
-  Random random(52);
-  for (int n = 0; n < 200; ++n) {
-    const Pose T = random_workspace_pose(random);
-    const Jacobian G = jacobian(device, T, inverse_kinematics(device, T).joints).G;
-    const Wrench held = G.transpose() * compensation_torques(device, model, G, MotorVector::Zero(),
-                                                             {.gravity = true});
-    Wrench expected = Wrench::Zero();
-    expected[2] = 0.35 * 9.81;
-    EXPECT_LT((held - expected).norm(), 1e-12);
-  }
-}
-
 // The rendered part keeps its direction, and the sum keeps the limits.
 TEST(Compensation, AllocationWithBiasKeepsDirectionAndLimits) {
   const DeviceDescription device = default_device_description();

@@ -57,19 +57,6 @@ class UdpDeviceTest : public testing::Test {
     }
     return status;
   }
-  /// Behaves like a recovering loop: calls restore() in each tick until read() returns kOk, for at
-  /// most five seconds. Returns the last status.
-  DeviceStatus restored() {
-    DeviceStatus status = DeviceStatus::kLinkLost;
-    for (int ms = 0; ms < 5000; ++ms) {
-      status = device_->read(state_);
-      if (status == DeviceStatus::kOk) break;
-      if (status != DeviceStatus::kNoData) device_->restore();
-      device_->write({});
-      sleep_ms(1);
-    }
-    return status;
-  }
   template <typename Link = UdpDevice>
   static void expect_refused(const UdpLinkOptions& options, ExitCode code, const char* words) {
     auto made = Link::make(options);
@@ -264,29 +251,6 @@ TEST_F(UdpDeviceTest, RestoreDoesNothingWhileTheLinkWorks) {
   EXPECT_EQ(device_->sessions(), 1U);
 }
 
-TEST_F(UdpDeviceTest, RestoreConnectsToARestartedDrive) {
-  start_with([](UdpLinkOptions& options) {
-    options.no_state_s = 0.05;
-    options.connect_timeout_s = 0.1;  // one attempt of many
-  });
-  ASSERT_EQ(device_->write({}), DeviceStatus::kOk);
-  peer_.reset();
-  ASSERT_EQ(read_until(DeviceStatus::kLinkLost, true), DeviceStatus::kLinkLost);
-  device_->restore();
-  for (int ms = 0; ms < 300; ms += 10) {  // no drive is running yet
-    ASSERT_EQ(device_->read(state_), DeviceStatus::kLinkLost);
-    ASSERT_EQ(device_->write({}), DeviceStatus::kLinkLost);
-    device_->restore();
-    sleep_ms(10);
-  }
-  restart(LinkClock::kReal);
-  EXPECT_EQ(restored(), DeviceStatus::kOk);
-  EXPECT_EQ(device_->sessions(), 2U);
-  EXPECT_LT(state_.t_s, 1) << "the simulated world did not start again";
-  ASSERT_EQ(device_->write({}), DeviceStatus::kOk);
-  EXPECT_EQ(next_state(), DeviceStatus::kOk);
-}
-
 TEST_F(UdpDeviceTest, RestoreRetriesWithPausesAndReportsAnotherClock) {
   start();
   peer_.reset();
@@ -341,17 +305,6 @@ TEST_F(UdpDeviceTest, InLockStepRestoreWaitsForARestartedDrive) {
     EXPECT_FALSE(device_->wait_for_answer());
   }
   EXPECT_LT(SteadyClock::now() - before, std::chrono::seconds(2)) << "later ticks wait";
-}
-
-TEST_F(UdpDeviceTest, AClosedPortIsReportedAtOnce) {
-  start_with([](UdpLinkOptions& options) { options.no_state_s = 1000; });
-  peer_.reset();
-  while (device_->read(state_) == DeviceStatus::kOk) {
-  }
-  device_->write({});
-  sleep_ms(20);
-  EXPECT_TRUE(device_->read(state_) == DeviceStatus::kLinkLost ||
-              device_->write({}) == DeviceStatus::kLinkLost);
 }
 
 }  // namespace

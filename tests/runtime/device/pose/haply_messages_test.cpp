@@ -14,36 +14,6 @@ namespace {
 using nlohmann::json;
 using Kind = HaplyAnswer::Kind;
 
-TEST(HaplyMessages, InventoryOf35) {
-  const auto inventory = parse_haply_inventory(kInventory35);
-  ASSERT_TRUE(inventory) << inventory.error().message;
-  ASSERT_EQ(inventory->arms.size(), 1U);
-  const HaplyArm& arm = inventory->arms[0];
-  EXPECT_EQ(arm.device, (HaplyDevice{"inverse3", "049D"}));
-  EXPECT_EQ(arm.spelling, HaplySpelling::kVector);
-  EXPECT_EQ(arm.handedness, "right");
-  EXPECT_TRUE(arm.has_default_frame);
-  EXPECT_EQ(arm.force_gate_gain, 0.3);
-  EXPECT_EQ(arm.problem, "");
-  ASSERT_EQ(inventory->grips.size(), 2U);
-  EXPECT_EQ(inventory->grips[0].device, (HaplyDevice{"verse_grip", "61548"}));
-  EXPECT_EQ(inventory->grips[0].problem, "");
-  EXPECT_EQ(inventory->grips[1].device, (HaplyDevice{"wireless_verse_grip", "W-7"}));
-  EXPECT_EQ(inventory->grips[1].problem, "is asleep; move it or press a button");
-}
-
-TEST(HaplyMessages, InventoryOf31) {
-  const auto inventory = parse_haply_inventory(kInventory31);
-  ASSERT_TRUE(inventory) << inventory.error().message;
-  ASSERT_EQ(inventory->arms.size(), 2U);
-  EXPECT_EQ(inventory->arms[0].device, (HaplyDevice{"inverse3", "04BA"}));
-  EXPECT_EQ(inventory->arms[0].spelling, HaplySpelling::kValues);
-  EXPECT_EQ(inventory->arms[0].handedness, "left");
-  EXPECT_EQ(inventory->arms[0].force_gate_gain, std::nullopt);
-  EXPECT_EQ(inventory->arms[1].device, (HaplyDevice{"minverse", "M1"}));
-  EXPECT_TRUE(inventory->grips.empty());
-}
-
 TEST(HaplyMessages, InventoriesWithoutDevices) {
   for (const char* const text :
        {"{}", R"({"session_id":3})", R"({"inverse3":[]})", R"({"verse_grip":[]})"}) {

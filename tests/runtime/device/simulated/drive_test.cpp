@@ -283,23 +283,6 @@ TEST_F(DriveLink, ASecondHostCannotTakeOverAnActiveSession) {
   EXPECT_EQ(drive.report().sessions, 2U);
 }
 
-TEST_F(DriveLink, AHelloForPosesIsDenied) {
-  Drive drive(options(LinkClock::kReal), slowly_lowered_device());
-  HelloPacket hello;
-  hello.host_nonce = random_nonce();
-  hello.period_s = 1e-3;
-  hello.contents = LinkContents::kPose;
-  Bytes bytes(kMaxPacketBytes);
-  bytes.resize(encode(hello, key_, bytes));
-  Drive::Answer answer;
-  bool from_host = true;
-  EXPECT_EQ(drive.receive(bytes, 0, answer, from_host), LinkRefusal::kContents);
-  EXPECT_FALSE(from_host);
-  DenialPacket denial;
-  ASSERT_EQ(decode(answer.view(), hello.host_nonce, denial), LinkRefusal::kNone);
-  EXPECT_EQ(denial.reason, DenialReason::kKind);
-}
-
 // No amplifier: rare, smaller than what caused it, and for hellos only.
 TEST_F(DriveLink, AHelloOfAnotherKeyIsDeniedAtMostTenTimesASecond) {
   Drive drive(options(LinkClock::kReal), slowly_lowered_device());
@@ -479,28 +462,6 @@ TEST_F(DriveLink, ALaterSessionReportsAStopThatNoHostHasAcknowledged) {
     ASSERT_EQ(host.command(CommandMode::kFree, 0, 2003 * kMs), LinkRefusal::kNone);
     drive.tick(2004 * kMs, 4, state);
     EXPECT_EQ(host.state_in(state).mode, DriveMode::kReady) << "acknowledged";
-  }
-}
-
-TEST_F(DriveLink, EncodersStickAndJumpAsPlanned) {
-  Drive drive(options(LinkClock::kLockStep, "stuck:0@0.01,jump:5:0.25@0.02"),
-              slowly_lowered_device());
-  Host host(drive, key_);
-  ASSERT_TRUE(host.handshake(0));
-  double stuck_rad = 0;
-  for (int tick = 0; tick < 40; ++tick) {
-    ASSERT_EQ(host.torque(0, 0), LinkRefusal::kNone);
-    const StatePacket state = host.state();
-    DeviceState truth;
-    SimulatedDevice(drive.model()).read(truth);
-    const double t_s = drive.session_time_s() + 1e-9;
-    if (t_s >= 0.01 && stuck_rad == 0) stuck_rad = truth.encoder_rad[0];
-    EXPECT_EQ(state.encoder_rad[0], t_s < 0.01 ? truth.encoder_rad[0] : stuck_rad) << tick;
-    EXPECT_EQ(state.encoder_rad[5], truth.encoder_rad[5] + (t_s < 0.02 ? 0 : 0.25)) << tick;
-    EXPECT_EQ(state.encoder_rad[1], truth.encoder_rad[1]);
-    if (tick == 39) {
-      EXPECT_NE(truth.encoder_rad[0], stuck_rad);
-    }
   }
 }
 

@@ -235,26 +235,6 @@ TEST(SimulatedDevice, StopsAtTheEndOfReach) {
   EXPECT_LT(work.stop_J, 0);
 }
 
-TEST(SimulatedDevice, MakeRefusesInvalidHandsAndStarts) {
-  const DeviceDescription device = default_device_description();
-  HandTrajectory hand;
-  hand.keyframes = {keyframe(0, 0.5)};
-  const auto out_of_reach = SimulatedDevice::make(device, hand, {});
-  ASSERT_FALSE(out_of_reach);
-  EXPECT_NE(out_of_reach.error().message.find("out of reach"), std::string::npos);
-  hand.keyframes = {keyframe(0, 0.15), keyframe(0, 0.14)};
-  EXPECT_FALSE(SimulatedDevice::make(device, hand, {}));
-  hand.keyframes = {keyframe(0, std::nan(""))};
-  EXPECT_FALSE(SimulatedDevice::make(device, hand, {}));
-  hand.keyframes = {keyframe(0, 0.15)};
-  hand.keyframes[0].T_device_tool.q.w() = 2;
-  EXPECT_FALSE(SimulatedDevice::make(device, hand, {}));
-  hand.keyframes = {keyframe(0, 0.15)};
-  HandImpedance pushing;
-  pushing.damping_Ns_per_m = -1;
-  EXPECT_FALSE(SimulatedDevice::make(device, hand, pushing));
-}
-
 // A hand of any damping that a scene may state pulls a deflected tool to its target. In the light
 // model, the described step of 0.1 ms is stable only below 8 N m s/rad and 7000 N s/m.
 TEST(SimulatedDevice, StronglyDampedHandsAreStable) {
@@ -310,6 +290,109 @@ TEST(Hand, TrajectoryPassesItsKeyframesAndTheTwistIsItsDerivative) {
       EXPECT_LT((difference - hand_target(hand, t).twist_device).norm(), 1e-8);
     }
   }
+}
+
+// The simulated pose device against exact solutions.
+
+PoseDeviceDescription simulated_arm(bool senses_rotation = false) {
+  PoseDeviceDescription device;
+  device.force_max_N = 10;
+  device.mass_kg = 0.4;
+  device.damping_N_s_per_m = 2;
+  device.senses_rotation = senses_rotation;
+  device.inertia_kg_m2 = {1e-3, 1e-3, 1e-3};
+  device.workspace_min_m = {-0.1, -0.1, -0.1};
+  device.workspace_max_m = {0.1, 0.1, 0.1};
+  return device;
+}
+
+HandTrajectory at_rest() {
+  HandTrajectory path;
+  path.keyframes = {{0, Pose{}}};
+  return path;
+}
+
+Result<SimulatedPoseDevice> make(const PoseDeviceDescription& device, const HandMotion& motion,
+                                 const HandImpedance& impedance) {
+  return SimulatedPoseDevice::make(device, PoseFrame(device, Pose{}), motion, impedance, Pose{});
+}
+
+TEST(SimulatedPoseDevice, OscillatesLikeADampedSpring) {
+  HandImpedance hand;
+  hand.stiffness_N_per_m = 500;
+  hand.damping_Ns_per_m = 2;
+  auto made = make(simulated_arm(), at_rest(), hand);
+  ASSERT_TRUE(made);
+  made->write({3, 0, 0, 0, 0, 0});
+  const double m = 0.4, d = 4, k = 500, decay = d / (2 * m),
+               rate = std::sqrt(k / m - decay * decay);
+  double worst_m = 0;
+  for (int i = 1; i <= 500; ++i) {
+    made->advance(1e-3);
+    const double t = i * 1e-3;
+    const double exact =
+        3 / k *
+        (1 - std::exp(-decay * t) * (std::cos(rate * t) + decay / rate * std::sin(rate * t)));
+    PoseReading reading;
+    made->read(reading);
+    worst_m = std::max(worst_m, std::abs(reading.p_m[0] - exact));
+  }
+  EXPECT_LT(worst_m, 0.01 * 3 / k);
+}
+
+TEST(SimulatedPoseDevice, MomentTurnsAHandleThatCanTurnOnly) {
+  for (const bool turns : {false, true}) {
+    auto made = make(simulated_arm(turns), at_rest(), {});
+    ASSERT_TRUE(made);
+    made->write({0, 0, 0, 0.2, 0, 0});
+    for (int i = 0; i < 2000; ++i)
+      made->advance(1e-3);
+    const double angle_rad = rotation_vector(made->T_device_plate().q).x();
+    EXPECT_NEAR(angle_rad, turns ? 0.2 / HandImpedance{}.rotational_stiffness_Nm_per_rad : 0, 1e-6);
+  }
+}
+
+TEST(SimulatedPoseDevice, StaysFiniteForAnyMassAndCommand) {
+  PoseDeviceDescription light = simulated_arm(true);
+  light.mass_kg = 1e-3;
+  light.inertia_kg_m2 = {1e-8, 1e-8, 1e-8};
+  auto made = make(light, at_rest(), stiff_grip());
+  ASSERT_TRUE(made);
+  made->write({NAN, 0, 0, 0, 0, 0});
+  made->advance(1e-3);
+  EXPECT_EQ(made->twist_device().norm(), 0);
+  made->write({5, -3, 8, 0.1, 0.1, -0.1});
+  for (int i = 0; i < 1000; ++i)
+    made->advance(1e-3);
+  EXPECT_NEAR(made->T_device_plate().p_m.x(), 5 / stiff_grip().stiffness_N_per_m, 1e-5);
+  made->advance(-1);
+  made->advance(NAN);
+  made->advance(100);
+  EXPECT_TRUE(is_finite(made->T_device_plate()));
+}
+
+TEST(SimulatedPoseDevice, StatesWholeCounts) {
+  PoseDeviceDescription device = simulated_arm(true);
+  device.position_resolution_m = 1e-4;
+  device.rotation_resolution_rad = 1e-2;
+  HandTrajectory path = at_rest();
+  path.keyframes.push_back({1, {{0.0333333, 0, 0}, from_rotation_vector({0, 0.3, 0})}});
+  auto made = make(device, path, {});
+  ASSERT_TRUE(made);
+  for (int i = 0; i < 900; ++i)
+    made->advance(1e-3);
+  PoseReading reading;
+  made->read(reading);
+  EXPECT_NEAR(std::remainder(reading.p_m[0], 1e-4), 0, 1e-12);
+  EXPECT_NEAR(
+      std::hypot(std::hypot(reading.q[0], reading.q[1]), std::hypot(reading.q[2], reading.q[3])), 1,
+      1e-12);
+}
+
+TEST(SimulatedPoseDevice, WrongHandIsRefused) {
+  HandImpedance wrong;
+  wrong.stiffness_N_per_m = -1;
+  EXPECT_FALSE(make(simulated_arm(), at_rest(), wrong));
 }
 
 }  // namespace

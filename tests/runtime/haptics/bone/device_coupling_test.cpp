@@ -147,29 +147,6 @@ TEST(DeviceCoupling, TheDampingShareIsTheLargestForWhichTheDampingSuffices) {
   }
 }
 
-// K <= 2 b / T: at the limit of a direction with damping b the share is 1.
-TEST(DeviceCoupling, TheLimitIsTwiceTheDampingOverTheTick) {
-  const DeviceDescription device = default_device_description();
-  const Matrix6 B = damping_of(device, upright());
-  const double b = smallest_eigenvalue(B);
-  ASSERT_GT(b, 0);
-  for (const double rate_Hz : {1000.0, 4000.0, 8000.0}) {
-    // All of translation's and rotation's stiffness at the same multiple of the damping.
-    const double share =
-        choose(bone_volume(), coupled(1000, 1000), device, upright(), rate_Hz).damping_share;
-    EXPECT_NEAR(share * 1000, 2 * b * rate_Hz, 1e-5 * share * 1000) << "at equal figures";
-  }
-  // Alone, as where rotation is next to free.
-  const double z = B(2, 2),
-               share = choose(bone_volume(), coupled(1000, 1e-9), device).damping_share;
-  EXPECT_LE(share * 1000, 2 * z * 1000 * (1 + 1e-6)) << "no direction holds more";
-  SceneForceLaw law = coupled(1000, 1000);
-  law.force_scale = 0.25;
-  EXPECT_NEAR(choose(bone_volume(), law, device).damping_share,
-              4 * choose(bone_volume(), coupled(1000, 1000), device).damping_share, 1e-9)
-      << "only the scaled stiffness acts on the hand";
-}
-
 TEST(DeviceCoupling, ItPredictsWhereTheDampingIsTooSmall) {
   DeviceDescription device = default_device_description();
   for (const double friction : {1e-4, 5.0}) {

@@ -730,13 +730,5 @@ TEST(EnergyInTheLoop, AWallThatDrivesTheHandIsAFaultAlsoWithoutTheController) {
   FAIL() << "no fault";
 }
 
-TEST(EnergyInTheLoop, WithTheControllerTheSameWallIsRendered) {
-  test::Rig rig(undamped_wall(true));
-  rig.model_.limits.energy_limit_J = 0.05;
-  rig.run_until(2);
-  EXPECT_EQ(rig.state_.safety.fault, Fault::kNone) << to_string(rig.state_.safety.fault);
-  EXPECT_NEAR(rig.result_.contact.force_N, 35, 1);
-}
-
 }  // namespace
 }  // namespace trocar::runtime

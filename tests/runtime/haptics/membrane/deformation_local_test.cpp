@@ -106,20 +106,6 @@ TEST(Network, IsTheMembraneOfLinearElements) {
   }
 }
 
-TEST(Network, ReactionIsTheGradientOfTheEnergy) {
-  const Network network = make_network(shaken_square(7, 0.24), kLattice, kMembrane);
-  std::mt19937_64 random(1);
-  std::vector<double> w(network.size());
-  for (double& w_i : w)
-    w_i = 1e-3 * test::uniform(random);
-  Eigen::Map<const Eigen::VectorXd> v(w.data(), static_cast<Eigen::Index>(w.size()));
-  const MatrixXd matrix = network_matrix(network, true);
-  EXPECT_NEAR(energy_J(network, w) / (0.5 * v.dot(matrix * v)), 1, 1e-12);
-  const Eigen::VectorXd force = matrix * v;
-  for (std::size_t i = 0; i < w.size(); ++i)
-    EXPECT_NEAR(reaction_N(network, w, i), force[static_cast<Eigen::Index>(i)], 1e-12);
-}
-
 // Law 3, compared with floating point, and where floating point cannot decide.
 TEST(Network, SignsAreExact) {
   std::uint32_t negative = 0;
