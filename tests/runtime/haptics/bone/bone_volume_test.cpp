@@ -545,8 +545,6 @@ TEST(Slabs, SpacingDoesNotShow) {
       EXPECT_GT(expected, 0.3);
     }
   }
-  RecordProperty("worst_force", std::to_string(worst_force));
-  RecordProperty("worst_work", std::to_string(worst_work));
   EXPECT_LE(worst_force, 0.03);
   EXPECT_GT(worst_force, 1e-3);  // or nothing was compared
   EXPECT_LE(worst_work, 0.015);
