@@ -198,27 +198,6 @@ double largest_rise(const MotorVector& from, const MotorVector& to) {
   return largest;
 }
 
-TEST(LimitRise, AReversalIsARise) {
-  const MotorVector up = MotorVector::Constant(5.94);
-  bool shortened = false;
-  MotorVector got = limit_rise(up, -up, 5, shortened);
-  EXPECT_TRUE(shortened);
-  EXPECT_NEAR((got + MotorVector::Constant(5)).norm(), 0, 1e-12) << "to zero free, then 5 N m";
-  got = limit_rise(up, -0.5 * up, 5, shortened);
-  EXPECT_FALSE(shortened) << "2.97 N m beyond zero";
-  EXPECT_EQ(got, MotorVector(-0.5 * up));
-  got = limit_rise(up, MotorVector::Zero(), 0.1, shortened);
-  EXPECT_FALSE(shortened) << "a puncture";
-  EXPECT_EQ(got, MotorVector(MotorVector::Zero()));
-  // One motor that reverses shortens the step of all, along its direction.
-  MotorVector wanted = 0.5 * up;
-  wanted[3] = -5.94;
-  got = limit_rise(up, wanted, 2, shortened);
-  EXPECT_TRUE(shortened);
-  EXPECT_NEAR(got[3], -2, 1e-12);
-  EXPECT_NEAR(got[0], 5.94 - 2.97 * (5.94 + 2) / (2 * 5.94), 1e-12);
-}
-
 // Random torques, among them reversals, releases and steps that end exactly at the limit. Within
 // the limit nothing changes; beyond it the step is shortened; what comes out is never beyond it.
 TEST(LimitRise, WithinItChangesNothingBeyondItActsAndItsResultIsWithinIt) {

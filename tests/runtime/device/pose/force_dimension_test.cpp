@@ -363,18 +363,6 @@ TEST_F(ForceDimensionTest, CommandThatIsNotFiniteIsNotSent) {
   EXPECT_EQ(rendered(), (std::vector<HandleWrench>{{}, {}}));  // of open() and of close()
 }
 
-TEST_F(ForceDimensionTest, ForceEndsWhenAPoseIsUnusable) {
-  set("TROCAR_DHD_FAULT", "nan@0.1");
-  ForceDimension device(options());
-  ASSERT_TRUE(device.open());
-  ASSERT_FALSE(exchange_until_error(device));
-  device.close();
-  const std::vector<HandleWrench> wrenches = rendered();
-  ASSERT_GE(wrenches.size(), 2U);
-  EXPECT_NE(wrenches[wrenches.size() - 2], HandleWrench{});
-  expect_closed_without_force();
-}
-
 TEST_F(ForceDimensionTest, AMeasurementThatIsGivenAgainHasItsTime) {
   set("TROCAR_DHD_FAULT", "same@0.1:0.5");
   ForceDimension device(options());

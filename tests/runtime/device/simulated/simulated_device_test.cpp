@@ -389,11 +389,5 @@ TEST(SimulatedPoseDevice, StatesWholeCounts) {
       1e-12);
 }
 
-TEST(SimulatedPoseDevice, WrongHandIsRefused) {
-  HandImpedance wrong;
-  wrong.stiffness_N_per_m = -1;
-  EXPECT_FALSE(make(simulated_arm(), at_rest(), wrong));
-}
-
 }  // namespace
 }  // namespace trocar::runtime
