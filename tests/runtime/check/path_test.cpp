@@ -6,9 +6,7 @@
 
 #include <Eigen/Geometry>
 #include <array>
-#include <cmath>
 #include <cstddef>
-#include <numbers>
 #include <string>
 #include <utility>
 #include <vector>
@@ -240,36 +238,6 @@ bool near(const Vector3d& a, const Vector3d& b) {
   return (a - b).norm() < 1e-9;
 }
 
-TEST(NeedlePath, GoesStraightDownWithoutATarget) {
-  const Stack stack(10);
-  const auto path = stack.plan(stack.lps(75, 66, 18), {});
-  ASSERT_TRUE(path) << path.error().message;
-  EXPECT_TRUE(near(path->entry_mm, {75, 66, 18}));
-  EXPECT_TRUE(near(path->end_mm, {75, 66, 0}));
-  EXPECT_TRUE(near(path->direction, {0, 0, -1}));
-  EXPECT_EQ(tilt_deg(*path), 0);
-  EXPECT_EQ(path->first, 0U);
-  EXPECT_EQ(path->last, 9U);
-  EXPECT_NEAR(path->thickness_mm, 20, 1e-9);
-  EXPECT_FALSE(path->has_target);
-
-  const auto within = stack.plan(stack.lps(75, 66, 18), {}, {.height_mm = 7});
-  EXPECT_TRUE(within && near(within->end_mm, {75, 66, 12}));
-}
-
-TEST(NeedlePath, GoesFromEntryToTarget) {
-  const Stack stack(10);
-  const Vector3d entry(75, 66, 18), target(81, 58, 5);
-  const auto path = stack.plan(stack.lps(75, 66, 18), stack.lps(81, 58, 5));
-  ASSERT_TRUE(path) << path.error().message;
-  EXPECT_TRUE(near(path->entry_mm, entry));
-  EXPECT_TRUE(near(path->end_mm, target));
-  EXPECT_TRUE(near(path->direction, (target - entry).normalized()));
-  EXPECT_NEAR(tilt_deg(*path), std::atan2(10, 13) * 180 / M_PI, 1e-9);
-  EXPECT_EQ(path->last, 6U) << "the level at 6 mm is the last above the target";
-  EXPECT_TRUE(near(point_at(*path, 5), target));
-}
-
 TEST(NeedlePath, EntersWhereItMeetsTheBone) {
   const Stack stack(10);
   // Chosen inside the bone, above it, and between two levels.
@@ -322,22 +290,6 @@ TEST(NeedlePath, KeepsASurfacePointBetweenLevels) {
   EXPECT_EQ(stack.levels[path->first].slice->index, 4);
 }
 
-TEST(NeedlePath, SaysWhyThereIsNone) {
-  Stack stack(10);
-  EXPECT_NE(
-      stack.refusal(stack.lps(80, 60, 5), stack.lps(80, 60, 8)).find("is not below the entry"),
-      std::string::npos);
-  EXPECT_NE(stack.refusal(stack.lps(20, 60, 18), {}).find("meets no bone"), std::string::npos);
-  EXPECT_NE(stack.refusal(stack.lps(80, 60, 40), stack.lps(80, 60, 30)).find("above the bone"),
-            std::string::npos);
-  // The slices from 5 to 7 have their material elsewhere, so the bone is in two pieces there.
-  for (std::size_t i = 5; i < 8; ++i)
-    stack.move(i, 60);
-  EXPECT_NE(stack.refusal(stack.lps(80, 60, 8), {}).find("through the bone of slice 9"),
-            std::string::npos);
-  EXPECT_TRUE(stack.plan(stack.lps(80, 60, 18), {}));
-}
-
 TEST(NeedlePath, EndsAtAGapThatIsTooWide) {
   const Stack stack(10, {4, 5});
   const auto path = stack.plan(stack.lps(80, 60, 18), {}, {.gap_mm = 3});
@@ -346,20 +298,6 @@ TEST(NeedlePath, EndsAtAGapThatIsTooWide) {
   EXPECT_EQ(path->max_gap_mm, 2);
   const auto through = stack.plan(stack.lps(80, 60, 18), stack.lps(80, 60, 1), {.gap_mm = 3});
   EXPECT_TRUE(through && through->max_gap_mm == 6);
-}
-
-TEST(NeedlePath, EndsAfterTheLargestNumberOfSlices) {
-  const Stack stack(10, {7});  // the empty slice counts
-  const std::pair<std::size_t, double> ends_mm[] = {{4, 12}, {3, 16}, {2, 16}};
-  for (const auto& [slices, end_mm] : ends_mm) {
-    const auto path = stack.plan(stack.lps(80, 60, 18), {}, {.slices = slices});
-    ASSERT_TRUE(path) << path.error().message;
-    EXPECT_TRUE(near(path->end_mm, {80, 60, end_mm})) << slices;
-  }
-  const auto path = stack.plan(stack.lps(80, 60, 18), stack.lps(80, 60, 1), {.slices = 4});
-  ASSERT_TRUE(path) << path.error().message;
-  EXPECT_EQ(slices_between(stack.levels[path->first], stack.levels[path->last]), 9U)
-      << "a target is not given up";
 }
 
 TEST(NeedlePath, AGapOfMoreThanThreeMillimetresEndsTheBone) {

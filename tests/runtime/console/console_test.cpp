@@ -124,45 +124,6 @@ TEST(ConsoleNames, StayInTheFolder) {
     EXPECT_FALSE(is_file_name(wrong)) << wrong;
 }
 
-TEST(ConsoleFiles, FindsRegularFilesOfTheFolderOnly) {
-  const test::TemporaryFolder outside, folder;
-  write(outside.path() / "secret.csv", "secret");
-  write(folder.path() / "a/b.csv", "x");
-  std::filesystem::create_symlink(outside.path() / "secret.csv", folder.path() / "link.csv");
-  std::filesystem::create_directory_symlink(outside.path(), folder.path() / "to");
-  const Result<Files> files = Files::of_folder(folder.path());
-  ASSERT_TRUE(files);
-  ASSERT_TRUE(files->find("a/b.csv"));
-  EXPECT_EQ(*files->find("a/b.csv"), std::filesystem::canonical(folder.path()) / "a/b.csv");
-  for (const char* wrong : {"link.csv", "to/secret.csv", "a", "a/c.csv", "a/../a/b.csv"})
-    EXPECT_FALSE(files->find(wrong)) << wrong;
-  EXPECT_FALSE(Files::of_folder(folder.path() / "none"));
-}
-
-TEST(ConsoleFiles, ListTellsWhatIsWrongWithAFileAndIsReadAnewOnceItChanges) {
-  const test::TemporaryFolder folder;
-  write(folder.path() / "bad.json", R"({"schema": "trocar.scene/1"})");
-  write(folder.path() / "other.json", R"({"schema": "trocar.summary/1"})");
-  write(folder.path() / "bad.glb", "glTF");
-  write(folder.path() / "one.csv", "t_s,x_m,y_m\n0,1,2\n0.5,1,2\n1,1,2\n");
-  write(folder.path() / "a/b/two.csv", "t_s,x_m,y_m\n0,1,2\n");
-  write(folder.path() / "a/b/c/deep.csv", "t_s,x_m,y_m\n0,1,2\n");
-  Result<Files> files = Files::of_folder(folder.path());
-  ASSERT_TRUE(files);
-  nlohmann::json list = nlohmann::json::parse(files->list());
-  ASSERT_EQ(list["scenes"].size(), 1U);
-  EXPECT_TRUE(list["scenes"][0].contains("error"));
-  ASSERT_EQ(list["assets"].size(), 1U);
-  EXPECT_TRUE(list["assets"][0].contains("error"));
-  ASSERT_EQ(list["recordings"].size(), 2U);
-  EXPECT_EQ(list["recordings"][0]["file"], "a/b/two.csv");
-  EXPECT_EQ(list["recordings"][1]["ticks"], 3);
-  EXPECT_EQ(list["recordings"][1]["duration_s"], 1.5);
-  write(folder.path() / "one.csv", "t_s,x_m,y_m\n0,1,2\n0.5,1,2\n1,1,2\n1.5,1,2\n");
-  list = nlohmann::json::parse(files->list());
-  EXPECT_EQ(list["recordings"][1]["ticks"], 4);
-}
-
 TEST(ConsoleFiles, ListHasTheRecordingOfASessionThatWasKilledButNotOfOneThatRuns) {
   const test::TemporaryFolder folder;
   const std::string rows = "t_s,x_m,y_m\n0,1,2\n0.5,1,2\n1,1,2\n";
@@ -423,21 +384,6 @@ struct TwoClients {
   int first = 0, second = 0;
   HandHolder::Clock::time_point now = HandHolder::Clock::time_point(std::chrono::hours(1));
 };
-
-TEST(HandHolder, TheFirstHoldsUntilItLetsGo) {
-  TwoClients t;
-  EXPECT_EQ(t.hand.share_of(&t.first), HandShare::kFree);
-  EXPECT_TRUE(t.hand.move(&t.first, 1, t.now));
-  EXPECT_EQ(t.hand.share_of(&t.first), HandShare::kYours);
-  EXPECT_EQ(t.hand.share_of(&t.second), HandShare::kOther);
-  EXPECT_FALSE(t.hand.move(&t.second, 1, t.now + milliseconds(20)));
-  EXPECT_FALSE(t.hand.let_go(&t.second));
-  EXPECT_TRUE(t.hand.move(&t.first, 2, t.now + milliseconds(20)));
-  EXPECT_TRUE(t.hand.let_go(&t.first));
-  EXPECT_EQ(t.hand.share_of(&t.second), HandShare::kFree);
-  EXPECT_TRUE(t.hand.move(&t.second, 1, t.now + milliseconds(40)));
-  EXPECT_EQ(t.hand.share_of(&t.first), HandShare::kOther);
-}
 
 TEST(HandHolder, SilenceOfASecondFreesIt) {
   TwoClients t;

@@ -213,16 +213,5 @@ TEST(Supervisor, ASessionThatAnotherConsoleStartedGoesOnWhenThisOneEnds) {
   EXPECT_TRUE(session.runs());
 }
 
-TEST(Supervisor, NoSessionIsStartedBesideThatOfAnotherConsole) {
-  const IdlePrograms console(kInProcess);
-  Supervisor supervisor(console.settings);
-  const fs::path link = console.settings.sessions / "live";
-  const OtherSession session(link, false);
-  ASSERT_TRUE(comes_true([&] { return bool(TelemetryReader::open(link)); }));
-  EXPECT_FALSE(supervisor.start(console.request));
-  EXPECT_EQ(supervisor.state(), RunState::kRunning) << "it is shown";
-  EXPECT_TRUE(session.runs());
-}
-
 }  // namespace
 }  // namespace trocar::runtime

@@ -2,8 +2,6 @@
 // The contract of runtime/haptics/puncture.h, point by point.
 #include <gtest/gtest.h>
 
-#include <numbers>
-
 #include "runtime/haptics/puncture.h"
 #include "tests/runtime/haptics/contact_fixture.h"
 
@@ -267,49 +265,6 @@ TEST_F(ContactTest, Contract2NetworkUsesThePublishedResponse) {
   EXPECT_EQ(tick(at(0, 0, 0.1125)).prefetch.sheet, 1);
 }
 
-TEST_F(ContactTest, Contract6MovingAlongATiltedAxisKeepsTheOutline) {
-  SceneTool shape;
-  shape.tilt_deg = 40;
-  shape.tilt_azimuth_deg = 25;
-  model_.tool = make_tool(shape);
-  const Eigen::Vector3d axis = model_.tool.axis_plate;
-  EXPECT_NEAR(axis.z(), std::cos(40 * std::numbers::pi / 180), 1e-15);
-  const auto along = [&](double above_m) {
-    Pose pose;
-    pose.p_m = Eigen::Vector3d(0, 0, kTop_m) + above_m / axis.z() * axis;
-    return pose;
-  };
-  tick(along(0.005));
-  EXPECT_NEAR(tick(along(-0.003)).force_N, 15, 1e-9);
-  const ContactOutput puncture = tick(along(-0.0071));
-  ASSERT_TRUE(puncture.punctured_now);
-  const LatticeOutline above =
-      outline_on_lattice(model_.tool, along(0.005), sheets_[0]->transform, kTop_m);
-  ASSERT_EQ(puncture.cut.outline.size, above.size);
-  for (int k = 0; k < above.size; ++k) {  // up to rounding
-    EXPECT_LE(std::abs(puncture.cut.outline.points[k].x - above.points[k].x), 1);
-    EXPECT_LE(std::abs(puncture.cut.outline.points[k].y - above.points[k].y), 1);
-  }
-  // Stretched along the tilt by 1 / cos(tilt), unchanged across it.
-  const double stretch =
-      static_cast<double>(area(puncture.cut.outline)) /
-      static_cast<double>(area(outline_on_lattice(make_tool(SceneTool{}), at(0, 0, 0.1),
-                                                  sheets_[0]->transform, kTop_m)));
-  EXPECT_NEAR(stretch, 1 / axis.z(), 1e-3);
-}
-
-TEST_F(ContactTest, BeyondTheLargestTiltTheToolIsNotUpright) {
-  SceneTool shape;
-  shape.tilt_deg = 45;
-  model_.tool = make_tool(shape);
-  EXPECT_FALSE(tick(at(0, 0, 0.125)).not_upright);
-  Pose tilted = at(0, 0, 0.125);
-  tilted.q = Eigen::AngleAxisd(0.01, Eigen::Vector3d::UnitY());
-  EXPECT_TRUE(tick(tilted).not_upright);
-  tilted.q = Eigen::AngleAxisd(-0.01, Eigen::Vector3d::UnitY());
-  EXPECT_FALSE(tick(tilted).not_upright);
-}
-
 TEST_F(ContactTest, EachSheetHasItsTissueAndItsHoleActsOnTheShaft) {
   place({0.12, 0.11});
   Tissue soft;
@@ -334,11 +289,6 @@ TEST_F(ContactTest, EachSheetHasItsTissueAndItsHoleActsOnTheShaft) {
   output = tick(at(0.001, 0, 0.108));
   EXPECT_NEAR(output.wrench_device[0], -2, 1e-9);
   EXPECT_NEAR(output.wrench_device[4], 0.012 * -2, 1e-4);
-  // Friction reverses while the tool is drawn out; once it is out there is none.
-  EXPECT_LT(tick(at(0, 0, 0.119)).wrench_device[2], 0);
-  EXPECT_EQ(tick(at(0, 0, 0.121)).wrench_device, Wrench::Zero());
-  EXPECT_EQ(tick(at(0, 0, 0.119)).wrench_device, Wrench::Zero()) << "back through its hole";
-  EXPECT_NEAR(tick(at(0, 0, 0.1185)).wrench_device[2], 3, 1e-12) << "from there on";
 }
 
 /// Sheets whose holes hold the shaft: 3 N of friction, and a rim.
@@ -391,14 +341,6 @@ TEST_F(HoleTest, Contract7AHoleKeepsItsFrictionAndItsRim) {
     // Beside the sheet there is no hole.
     EXPECT_EQ(again(0.024), Wrench::Zero());
   }
-}
-
-TEST_F(HoleTest, Contract7FrictionStartsAgainAfterTicksWithoutForce) {
-  puncture(0);
-  EXPECT_NEAR(again(0)[2], 3, 1e-12);
-  reset_motion(state_);
-  EXPECT_EQ(tick(at(0, 0, 0.115)).wrench_device, Wrench::Zero());
-  EXPECT_NEAR(tick(at(0, 0, 0.1145)).wrench_device[2], 3, 1e-12);
 }
 
 TEST_F(HoleTest, Contract7TheRimStartsAgainAfterTicksWithoutForce) {
@@ -472,17 +414,6 @@ TEST_F(HoleTest, Contract7ASheetRemembersItsLastHoles) {
   for (int k = 0; k < all; ++k) {
     EXPECT_NEAR(again(place_m(k).x(), place_m(k).y())[2], k < all - most ? 0 : 3, 1e-9) << k;
   }
-}
-
-TEST_F(ContactTest, TheToolRotatesWithThePlate) {
-  // A tip beside the plate's axis: rotating the plate moves it off the sheet.
-  model_.tool.tip_plate_m = {0.03, 0, 0};
-  for (Eigen::Vector3d& corner : model_.tool.corner_plate_m)
-    corner.x() += 0.03;
-  tick(at(-0.03, 0, 0.125));
-  EXPECT_EQ(tick(at(-0.03, 0, 0.119)).phase, ContactPhase::kContact);
-  tick(at(-0.03, 0, 0.125));
-  EXPECT_EQ(tick(at(-0.03, 0, 0.119, std::numbers::pi)).phase, ContactPhase::kMissed);
 }
 
 }  // namespace

@@ -5,7 +5,6 @@
 
 #include <gtest/gtest.h>
 
-#include <algorithm>
 #include <nlohmann/json.hpp>
 #include <string>
 #include <vector>
@@ -15,14 +14,9 @@
 #include "runtime/check/scene_check.h"
 #include "runtime/report/session_observer.h"
 #include "runtime/report/session_report.h"
-#include "runtime/session/open_device.h"
-#include "runtime/session/session.h"
 #include "tests/runtime/haptics/constant_layer.h"
+#include "tests/runtime/session/test_session.h"
 #include "tests/support/body_fixture.h"
-#include "tests/support/counted_allocations.h"
-#include "tests/support/four_legs_session.h"
-#include "tests/support/sheet_fixture.h"
-#include "tests/support/temporary_folder.h"
 
 namespace trocar::runtime {
 namespace {
@@ -42,20 +36,12 @@ struct Finished {
 };
 
 Finished run(const Scene& scene, const std::vector<RecordingRow>& replay = {}) {
-  const test::TemporaryFolder folder;
-  Remesher remesher(*place_slices(scene, test::square_asset(2), "a"));
-  const DeviceDescription description = default_device_description();
-  auto device = make_simulated_device(scene, description);
-  EXPECT_TRUE(device);
-  SessionOptions options;
-  options.clock = Clock::kVirtual;
+  testing_support::TestSession session(scene, 2);
+  SessionOptions& options = session.options;
   options.duration_s = 0.6;
-  options.record = folder / "r.csv";
   options.origin.entries = {{"force-law", to_string(scene.force_law.kind)}};
-  options.limits.gap_max_s = 0;
   options.replay = replay;
-  options.telemetry = TelemetryOptions{folder / "live", "scene.json", "x", "y", {}};
-  ReplayDevice replayed(replay);
+  options.telemetry = TelemetryOptions{session.folder / "live", "scene.json", "x", "y", {}};
   Finished out;
   options.on_tick = [&](const ObservedTick&) {
     if (!out.law_in_telemetry.empty()) return;
@@ -64,16 +50,14 @@ Finished run(const Scene& scene, const std::vector<RecordingRow>& replay = {}) {
     const auto about = nlohmann::json::parse((*reader)->about());
     out.law_in_telemetry = about["force_law"].get<std::string>();
   };
-  const auto advance = [&](double dt_s) {
-    if (replay.empty()) device->step(dt_s);
-  };
-  auto report =
-      run_session(scene, description, remesher,
-                  replay.empty() ? static_cast<Device&>(*device) : replayed, advance, options);
-  EXPECT_TRUE(report) << report.error().message;
-  out.report = std::move(*report);
-  out.summary = summarize(scene, options, out.report, remesher);
-  out.rows = std::move(*read_recording(folder / "r.csv"));
+  session.simulate();
+  ReplayDevice replayed(replay);
+  Device& device = replay.empty() ? static_cast<Device&>(*session.device) : replayed;
+  out.report = session.run(device, [&](double dt_s) {
+    if (replay.empty()) session.device->step(dt_s);
+  });
+  out.summary = summarize(scene, options, out.report, *session.remesher);
+  out.rows = session.rows();
   return out;
 }
 
@@ -153,16 +137,6 @@ TEST(ForceLawTable, AnAddedLawIsInTheSessionReportAndInTheCheck) {
       *sheets, choose_tissues(scene, test::square_asset(2)), {}, options);
   ASSERT_TRUE(checked) << checked.error().message;
   EXPECT_NE(checked->text.find("force law  constant\n"), std::string::npos);
-}
-
-TEST(ForceLawTable, TicksOfNoLawAllocate) {
-  TROCAR_NEEDS_COUNTED_ALLOCATIONS();
-  for (const ForceLawKind law : {ForceLawKind::kHooke, ForceLawKind::kNetwork,
-                                 ForceLawKind::kCutting, add_constant_layer()}) {
-    const Finished done = run(scene_of(law));
-    ASSERT_TRUE(done.report.allocations_in_loop);
-    EXPECT_EQ(*done.report.allocations_in_loop, 0U) << to_string(law);
-  }
 }
 
 }  // namespace

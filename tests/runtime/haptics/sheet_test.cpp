@@ -66,40 +66,6 @@ TEST(PlaceSlices, SortsTheTopmostFirstAndPlacesTheCentroid) {
   EXPECT_LT(((*placed)[0]->transform.anchor_mm - Eigen::Vector2d(80, 60)).norm(), 1e-9);
 }
 
-TEST(TissueChoice, ByNameThenByLabelOrHuThenTheSceneDefault) {
-  Scene scene;
-  scene.tissue.threshold_N = 1;
-  const auto add = [&](const char* name, double threshold_N) -> NamedTissue& {
-    NamedTissue tissue;
-    tissue.name = name;
-    tissue.tissue.threshold_N = threshold_N;
-    scene.tissues.push_back(tissue);
-    return scene.tissues.back();
-  };
-  add("named", 2);
-  add("label", 3).labels = {7, 22};
-  add("range", 4).hu = {300, 500};
-  Asset asset;
-  AssetSlice slice;
-  SceneSlice wanted;
-  const auto threshold = [&] {
-    return choose_tissue(scene, wanted, asset, slice).tissue.threshold_N;
-  };
-  EXPECT_EQ(threshold(), 1);
-  slice.measures_json = R"({"mean_hu":500})";
-  EXPECT_EQ(threshold(), 4);
-  slice.measures_json = R"({"mean_hu":501})";
-  EXPECT_EQ(threshold(), 1);
-  asset.parameters_json = R"({"labels":[5,22]})";
-  EXPECT_EQ(threshold(), 3);
-  wanted.tissue = "named";
-  EXPECT_EQ(threshold(), 2);
-  wanted.tissue.reset();
-  asset.parameters_json = R"({"labels":"22"})";  // not an array, as the pipeline writes
-  slice.measures_json = R"({"mean_hu":"400"})";
-  EXPECT_EQ(threshold(), 1);
-}
-
 // The raster of distances to an outline against the distance to each edge in turn.
 
 constexpr double kLattice_mm = 1.0 / 256, kReach_mm = EdgeDistance::kReach_mm;
@@ -198,21 +164,6 @@ TEST(EdgeDistance, AWideSliceHasACoarserRaster) {
   const int size = 500 * 256;
   const EdgeDistance edge({{{{0, 0}, {size, 0}, {size, size}, {0, size}}}}, Lattice{});
   EXPECT_NEAR(distance_mm(edge, PlanarTransform{}, {2, 250}), 2, 1e-4);
-}
-
-TEST(EdgeDistance, ReadsWithoutAllocation) {
-  TROCAR_NEEDS_COUNTED_ALLOCATIONS();
-  const EdgeDistance edge({{{{0, 0}, {2560, 0}, {2560, 2560}, {0, 2560}}}}, Lattice{});
-  const PlanarTransform plain;
-  const std::uint64_t before = allocations_in_scopes();
-  double sum = 0;
-  {
-    const NoAllocationScope scope;
-    for (int k = 0; k < 1000; ++k)
-      sum += edge.at(plain, {1e-5 * k, 0.002}).distance_m;
-  }
-  EXPECT_NE(sum, 0);
-  EXPECT_EQ(allocations_in_scopes(), before);
 }
 
 // The raster of a slice's material and HU against its triangles, point by point.
@@ -335,15 +286,6 @@ TEST(SliceField, ADiscsMeanIsThatOfItsArea) {
   const SliceField::Mean none = mean_at(of_ramp, plain(), 24, 0, 3e-3);
   EXPECT_EQ(none.share, 0);
   EXPECT_EQ(none.hu, 0);
-}
-
-TEST(SliceField, TheMeanHuIsThatOfAllMaterial) {
-  const SliceMesh mesh = test::square_mesh({0, 0}, 256, 40);
-  std::vector<float> hu;
-  for (const LatticePoint p : mesh.vertices)
-    hu.push_back(static_cast<float>(25.0 * p.x * kStep_mm));  // 0 to 1000
-  const SliceField field(mesh, hu, Lattice{});
-  EXPECT_NEAR(field.mean_hu(), 500, 0.5);
 }
 
 TEST(SliceField, AnEmptySliceHasNoMaterial) {

@@ -128,20 +128,6 @@ TEST(ToolOutline, PiecesTileTheCrossSection) {
   EXPECT_EQ(make_tool(comb).pieces, 0);
 }
 
-TEST(ToolOutline, TransformAndItsInverseCancel) {
-  PlanarTransform transform;
-  transform.at_m = {0.01, -0.02};
-  transform.anchor_mm = {80, 72};
-  transform.cosine = std::cos(0.7);
-  transform.sine = std::sin(0.7);
-  const Eigen::Vector2d p(0.013, 0.004);
-  EXPECT_LT((transform.to_scene(transform.to_lattice(p)) - p).norm(), 1e-15);
-  EXPECT_LT((transform.to_lattice(transform.at_m) - transform.anchor_mm * 256).norm(), 1e-9);
-  // x is u rotated by +0.7: one mm along u.
-  const Eigen::Vector2d u = transform.to_scene({256 * 81, 256 * 72}) - transform.at_m;
-  EXPECT_LT((u - Eigen::Vector2d(std::cos(0.7), std::sin(0.7)) * 1e-3).norm(), 1e-15);
-}
-
 // The shares of the tool outline of runtime/haptics/sheet.h, compared with areas
 // found by integration.
 
@@ -339,28 +325,6 @@ TEST_F(OverlapTest, OverlapOfAToolThatIsNotConvexIsTheSumOverItsParts) {
   EXPECT_GT(partial, 300);
 }
 
-TEST_F(OverlapTest, CentroidOfTheOverlapIsThatOfItsArea) {
-  // Over the edge x = 20 mm: the part over material is a rectangle, symmetric about y = 0.
-  SceneTool shape;
-  shape.outline_m = {{-0.004, -0.002}, {0.004, -0.002}, {0.004, 0.002}, {-0.004, 0.002}};
-  model_.tool = make_tool(shape);
-  const LatticeOutline outline =
-      outline_on_lattice(model_.tool, at(0.021, 0, 0.1), sheets_[0]->transform, kTop_m);
-  const Overlap part = overlap(*sheets_[0], model_.tool, outline, {});
-  EXPECT_NEAR(part.coverage, 3.0 / 8, 1e-9);
-  const Eigen::Vector2d centre_m = sheets_[0]->transform.to_scene(part.centroid_steps);
-  EXPECT_LT((centre_m - Eigen::Vector2d(0.0185, 0)).norm(), 1e-9);
-  // Wholly over material, and wholly beside it: the middle of the tool.
-  for (const double x_m : {0.0, 0.03}) {
-    const Overlap whole = overlap(
-        *sheets_[0], model_.tool,
-        outline_on_lattice(model_.tool, at(x_m, 0, 0.1), sheets_[0]->transform, kTop_m), {});
-    EXPECT_LT(
-        (sheets_[0]->transform.to_scene(whole.centroid_steps) - Eigen::Vector2d(x_m, 0)).norm(),
-        1e-9);
-  }
-}
-
 // The contract of runtime/haptics/tool.h.
 
 ShaftSection down_to(double inserted_m, double x_m = 0, double y_m = 0) {
@@ -374,14 +338,6 @@ ShaftTissue sticky() {
   ShaftTissue tissue;
   tissue.dry_friction_N = 2;
   return tissue;
-}
-
-TEST(Shaft, NoForceWithoutAHoleOrWithDefaultTissue) {
-  ShaftState state;
-  EXPECT_EQ(shaft_force(sticky(), down_to(0.01, 0.01), kTick_s, state), Eigen::Vector3d::Zero());
-  EXPECT_EQ(shaft_force(sticky(), down_to(0.02, 0.01), kTick_s, state), Eigen::Vector3d::Zero());
-  enter_hole(down_to(0.02), state);
-  EXPECT_EQ(shaft_force({}, down_to(0.03, 0.01), kTick_s, state), Eigen::Vector3d::Zero());
 }
 
 TEST(Shaft, DryFrictionRisesToItsValueAndReversesWithTheMotion) {
@@ -433,34 +389,6 @@ TEST(Shaft, FrictionIsBoundedAndDissipatesOverAClosedMotion) {
     go(0.02);
     ASSERT_GE(taken_J, -1e-9);
   }
-}
-
-TEST(Shaft, TheRimForceOpposesTheDisplacementInThePlane) {
-  ShaftTissue tissue;
-  tissue.rim_stiffness_N_per_m = 3000;
-  ShaftState state;
-  enter_hole(down_to(0.01, 0.005, -0.002), state);
-  EXPECT_LT((shaft_force(tissue, down_to(0.02, 0.006, -0.004), kTick_s, state) -
-             Eigen::Vector3d(-3, 6, 0))
-                .norm(),
-            1e-12);
-}
-
-TEST(Shaft, EnteringAHoleAgainTakesAndGivesNoEnergy) {
-  ShaftTissue tissue = sticky();
-  tissue.viscous_friction_N_s_per_m = 10;
-  tissue.rim_stiffness_N_per_m = 3000;
-  ShaftState state;
-  enter_hole(down_to(0.01), state);
-  EXPECT_GT(shaft_force(tissue, down_to(0.02, 0.004), kTick_s, state).norm(), 10);
-  state.in_hole = false;  // drawn out
-  const ShaftSection back = down_to(1e-4, 2e-4, -1e-4);
-  EXPECT_EQ(shaft_force(tissue, back, kTick_s, state), Eigen::Vector3d::Zero());
-  enter_hole(back, state);
-  EXPECT_EQ(shaft_force(tissue, back, kTick_s, state), Eigen::Vector3d::Zero());
-  // Friction and rim then act as after a puncture at this position.
-  const Eigen::Vector3d force_N = shaft_force(tissue, down_to(1e-2, 2e-4, 0), kTick_s, state);
-  EXPECT_LT((force_N - Eigen::Vector3d(0, -0.3, 2 + 10 * 9.9)).norm(), 1e-9);
 }
 
 }  // namespace

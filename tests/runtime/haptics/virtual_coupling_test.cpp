@@ -19,17 +19,6 @@ test::RigOptions coupled(double stiffness_N_per_m) {
   return options;
 }
 
-TEST(VirtualCoupling, InFreeSpaceTheProxyIsTheTool) {
-  CouplingOptions options;
-  CouplingState state;
-  for (int i = 0; i < 100; ++i) {
-    Pose pose;
-    pose.p_m = {1e-3 * i, 0, 0.1};
-    EXPECT_EQ(move_proxy(options, 1e-3, pose, state).p_m, pose.p_m);
-    EXPECT_EQ(coupling_wrench(options, Wrench::Zero(), {}, false, state).norm(), 0);
-  }
-}
-
 TEST(VirtualCoupling, AtRestTheForceIsThatOfSpringsInSeries) {
   for (const double sheet : {5000.0, 50000.0, 1e6}) {
     for (const double spring : {3000.0, 10000.0}) {
@@ -178,33 +167,6 @@ TEST(VirtualCoupling, ShaftAndRimAreRenderedAsTheyAre) {
       EXPECT_GT(felt_max_N, 3 * tissue.dry_friction_N);
     }
   }
-}
-
-// The tool at rest beside its hole: rim and coupling in series.
-TEST(VirtualCoupling, ARimIsInSeriesWithTheCoupling) {
-  const ShaftTissue tissue{1, 5, 2e-4, 2000};
-  CouplingOptions options;
-  CouplingState state;
-  ShaftState hole;
-  enter_hole({{0, 0, 0.1}, Eigen::Vector3d::UnitZ(), 0.01}, hole);
-  Eigen::Vector3d felt_N = Eigen::Vector3d::Zero();
-  for (int i = 0; i < 300; ++i) {
-    Pose tool;
-    tool.p_m = {1e-4 * std::min(i, 100), 0, 0.09};
-    const Eigen::Vector3d tip_m = move_proxy(options, 1e-3, tool, state).p_m;
-    const ShaftSection place{
-        {tip_m.x(), tip_m.y(), 0.1}, Eigen::Vector3d::UnitZ(), 0.1 - tip_m.z()};
-    LocalEnvironment local;
-    Wrench acts = Wrench::Zero();
-    acts.head<3>() = shaft_force(tissue, place, 1e-3, hole);
-    add_shaft(tissue, place, hole, local);
-    felt_N = coupling_wrench(options, acts, local, false, state).head<3>();
-    if (i > 50) {
-      ASSERT_GT(local.stored_J, 0);
-    }
-  }
-  EXPECT_NEAR(felt_N.x(), -0.01 / (1.0 / 2000 + 1.0 / 10000), 1e-6);
-  EXPECT_NEAR(felt_N.y(), 0, 1e-9);
 }
 
 // The hand presses through one sheet, with friction in its hole, and moves on: punctured once, and

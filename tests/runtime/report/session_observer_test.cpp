@@ -11,7 +11,6 @@
 #include <functional>
 #include <optional>
 #include <random>
-#include <string>
 #include <utility>
 #include <vector>
 
@@ -442,17 +441,6 @@ Tool tool_with_offset() {
   Tool tool;
   tool.tip_plate_m = {0.01, -0.02, -0.1};
   return tool;
-}
-
-TEST(BreakDamper, WithoutABreakThereIsNoForce) {
-  std::mt19937_64 random(1);
-  BreakDamperState state;
-  BreakInput input;
-  input.pose_interval_s = 1e-3;
-  for (int i = 0; i < 1000; ++i) {
-    input.T_device_plate.p_m.z() -= 1e-3 * uniform(random);
-    EXPECT_EQ(damp_break({}, kMass_kg, tool_with_offset(), input, state), Wrench::Zero());
-  }
 }
 
 TEST(BreakDamper, OnlyTakesEnergyAndActsAtTheTipAlongTheShaft) {

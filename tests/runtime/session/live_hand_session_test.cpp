@@ -1,25 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
 // Sessions whose hand another process moves, here in virtual time and therefore repeatable: events, a
-// replay, the path as a scripted hand, and no allocation on the haptic thread.
+// replay, and no allocation on the haptic thread.
 #include <gtest/gtest.h>
 
 #include <algorithm>
 #include <cmath>
-#include <fstream>
 #include <functional>
-#include <iterator>
 #include <nlohmann/json.hpp>
-#include <numbers>
 
 #include "formats/session/telemetry.h"
-#include "runtime/realtime/realtime_thread.h"
 #include "runtime/session/live_hand.h"
-#include "runtime/session/open_device.h"
-#include "runtime/session/session.h"
-#include "tests/support/counted_allocations.h"
-#include "tests/support/four_legs_session.h"
-#include "tests/support/sheet_fixture.h"
-#include "tests/support/temporary_folder.h"
+#include "tests/runtime/session/test_session.h"
 
 namespace trocar::runtime {
 namespace {
@@ -32,7 +23,6 @@ struct HandRun {
   std::vector<RecordingRow> rows;
   std::vector<TelemetryEventKind> events;
   nlohmann::json about;
-  HandTrajectory path;
 };
 
 /// A sheet that holds, and a live hand above it.
@@ -55,20 +45,14 @@ std::optional<std::array<double, 6>> press(std::uint64_t tick) {
   return std::array{0.004 * t_s, 0.0, 0.13 - std::min(0.015, 0.03 * t_s), 0.1 * t_s, 0.0, 0.0};
 }
 
-/// Runs a session: with a person, with the scene's keyframes (null), or of recorded rows.
+/// Runs a session: with a person, or of recorded rows (null).
 HandRun run_hand(const Scene& scene, const Person& person,
                  std::span<const RecordingRow> replay = {}) {
-  const test::TemporaryFolder folder;
-  const DeviceDescription description = default_device_description();
-  const FourLegsSpecification specification(description);
-  Remesher remesher(*place_slices(scene, test::square_asset(1), "a"));
-  SessionOptions options;
-  options.clock = Clock::kVirtual;
-  options.duration_s = scene.duration_s;
-  options.limits.gap_max_s = 0;
-  options.record = folder / "r.csv";
+  testing_support::TestSession session(scene);
+  SessionOptions& options = session.options;
   options.replay = replay;
-  options.telemetry = TelemetryOptions{folder / "live", "", "", "", {}};
+  options.telemetry = TelemetryOptions{session.folder / "live", "", "", "", {}};
+  const FourLegsSpecification specification(session.description);
   std::unique_ptr<LiveHand> hand;
   if (person) {
     const auto limits = live_hand_limits(scene, specification, options.limits);
@@ -77,46 +61,38 @@ HandRun run_hand(const Scene& scene, const Person& person,
                                       TargetPath(scene.duration_s));
     options.hand = hand.get();
     options.telemetry->hand = PublishedHand{*limits, hand_impedance(scene.hand)};
+    session.device.emplace(
+        std::move(*make_simulated_device(scene, session.description, *hand)));
   }
-  auto device = hand ? make_simulated_device(scene, description, *hand)
-                     : make_simulated_device(scene, description);
-  EXPECT_TRUE(device);
-  auto workers = test::make_workers(scene, remesher, options);
-  EXPECT_TRUE(workers);
+  session.prepare();
   auto reader = TelemetryReader::open(options.telemetry->file);
   EXPECT_TRUE(reader);
   std::uint64_t tick = 0;
-  const auto advance = [&](double dt_s) {
-    device->step(dt_s);
-    if (!person || ++tick % 16 != 0) return;  // about 60 messages a second
+  ReplayDevice recorded(replay);
+  Device& device = person ? static_cast<Device&>(*session.device) : recorded;
+  HandRun run;
+  run.report = session.run(device, [&](double dt_s) {
+    if (!person) return;
+    session.device->step(dt_s);
+    if (++tick % 16 != 0) return;  // about 60 messages a second
     const auto target = person(tick);
     (*reader)->hand({tick, target.has_value(), target.value_or(std::array<double, 6>{})});
-  };
-  HandRun run;
-  if (replay.empty()) {
-    run.report =
-        run_session(scene, description, remesher, *device, advance, options, std::move(*workers));
-  } else {
-    ReplayDevice recorded(replay);
-    run.report =
-        run_session(scene, description, remesher, recorded, advance, options, std::move(*workers));
-  }
+  });
   TelemetryEvent event;
   std::uint64_t lost = 0;
   while ((*reader)->next_event(event, lost) != TelemetryReader::Next::kNone)
     run.events.push_back(event.kind);
   run.about = nlohmann::json::parse((*reader)->about());
   EXPECT_EQ((*reader)->has_hand(), person != nullptr);
-  if (hand) run.path = hand->path().keyframes();
-  run.rows = *read_recording(*options.record);
-  std::ifstream file(*options.record, std::ios::binary);
-  run.recording.assign(std::istreambuf_iterator<char>(file), {});
+  run.rows = session.rows();
+  run.recording = session.recording();
   return run;
 }
 
 TEST(LiveHandSession, PushesAndLetsGo) {
   const HandRun run = run_hand(hand_scene(), press);
   EXPECT_EQ(run.report.end, SessionEnd::kDone);
+  EXPECT_EQ(run.report.allocations_in_loop.value_or(0), 0U) << "on the haptic thread";
   EXPECT_EQ(run.events, (std::vector{TelemetryEventKind::kHand, TelemetryEventKind::kHandLetGo,
                                      TelemetryEventKind::kEnded}));
   const auto force_N = [&](std::size_t tick) { return run.rows.at(tick).wrench_delivered[2]; };
@@ -137,31 +113,6 @@ TEST(LiveHandSession, AReplayNeedsNoHandAndHasTheSameBytes) {
   const HandRun again = run_hand(hand_scene(), nullptr, run.rows);
   EXPECT_EQ(again.report.replay_first_difference, -1);
   EXPECT_EQ(again.recording, run.recording);
-}
-
-TEST(LiveHandSession, ThePathIsAScriptedHandWithTheSameForce) {
-  const HandRun run = run_hand(hand_scene(), press);
-  Scene scripted = hand_scene();
-  scripted.hand.live = false;
-  scripted.hand.trajectory.clear();
-  for (const HandKeyframe& keyframe : run.path.keyframes) {
-    const Eigen::Vector3d& tip_m = keyframe.T_device_tool.p_m;
-    const Eigen::Vector3d turn_deg =
-        rotation_vector(keyframe.T_device_tool.q) * (180 / std::numbers::pi);
-    scripted.hand.trajectory.push_back({keyframe.t_s,
-                                        {tip_m.x(), tip_m.y(), tip_m.z()},
-                                        {turn_deg.x(), turn_deg.y(), turn_deg.z()}});
-  }
-  const HandRun again = run_hand(scripted, nullptr);
-  ASSERT_EQ(again.rows.size(), run.rows.size());
-  for (std::size_t tick = 0; tick < run.rows.size(); ++tick)
-    ASSERT_NEAR(again.rows[tick].wrench_delivered[2], run.rows[tick].wrench_delivered[2], 0.5)
-        << tick;
-}
-
-TEST(LiveHandSession, TheHapticThreadAllocatesNothing) {
-  TROCAR_NEEDS_COUNTED_ALLOCATIONS();
-  EXPECT_EQ(run_hand(hand_scene(), press).report.allocations_in_loop, 0U);
 }
 
 }  // namespace

@@ -287,21 +287,6 @@ TEST(LiveHand, ReturnsFromWhereAForceHasPushedTheTip) {
   EXPECT_LT((rig.follow(2000).T_device_tool.p_m - Vector3d(0, 0, 0.13)).norm(), 1e-6);
 }
 
-TEST(LiveHand, SameCallsSameBits) {
-  Rig a, b;
-  std::mt19937 random(9);
-  std::uniform_real_distribution<double> place(-0.1, 0.2);
-  for (int i = 0; i < 2000; ++i) {
-    const Vector3d to_m(place(random), place(random), place(random));
-    for (Rig* rig : {&a, &b}) {
-      rig->state(to_m, to_m);
-      rig->follow(1);
-    }
-    ASSERT_EQ(a.tip.p_m, b.tip.p_m);
-    ASSERT_EQ(a.tip.q.coeffs(), b.tip.q.coeffs());
-  }
-}
-
 TEST(TargetPath, RepeatsTheTargets) {
   Rig rig(10);
   std::mt19937 random(10);

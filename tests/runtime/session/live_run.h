@@ -9,9 +9,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <filesystem>
-#include <fstream>
 #include <functional>
-#include <iterator>
 #include <map>
 #include <memory>
 #include <nlohmann/json.hpp>
@@ -22,13 +20,8 @@
 #include <utility>
 #include <vector>
 
-#include "formats/session/recording.h"
 #include "formats/session/telemetry.h"
-#include "runtime/session/open_device.h"
-#include "runtime/session/session.h"
-#include "tests/support/four_legs_session.h"
-#include "tests/support/sheet_fixture.h"
-#include "tests/support/temporary_folder.h"
+#include "tests/runtime/session/test_session.h"
 
 namespace trocar::runtime::testing_support {
 
@@ -102,23 +95,16 @@ struct Manner {
 };
 
 inline LiveRun run(const Scene& scene, const Manner& how) {
-  const test::TemporaryFolder folder;
-  Remesher remesher(*place_slices(scene, test::square_asset(3), "a"));
-  auto device = make_simulated_device(scene, default_device_description());
-  EXPECT_TRUE(device);
-  SessionOptions options;
+  TestSession session(scene, 3);
+  SessionOptions& options = session.options;
   options.clock = how.clock;
   options.recovery = how.recovery;
   options.recover = how.recover;
-  options.duration_s = scene.duration_s;
-  options.limits.gap_max_s = 0;
-  options.record = folder / "r.csv";
   options.replay = how.replay;
-  options.black_box = folder.path();
+  options.black_box = session.folder.path();
   if (how.is_live)
-    options.telemetry = TelemetryOptions{folder / "live", "scene.json", "x", "y", {}};
-  auto workers = test::make_workers(scene, remesher, options);
-  EXPECT_TRUE(workers) << workers.error().message;
+    options.telemetry = TelemetryOptions{session.folder / "live", "scene.json", "x", "y", {}};
+  session.prepare();
   std::unique_ptr<Console> console, other;
   if (how.is_live) {
     console = std::make_unique<Console>(options.telemetry->file);
@@ -129,19 +115,14 @@ inline LiveRun run(const Scene& scene, const Manner& how) {
   });
   std::uint64_t tick = 0;
   LiveRun finished;
-  const auto advance = [&](double dt_s) {
-    device->step(dt_s);
+  session.simulate();
+  ReplayDevice replayed(how.replay);
+  Device& device = how.replay.empty() ? static_cast<Device&>(*session.device) : replayed;
+  finished.report = session.run(device, [&](double dt_s) {
+    session.device->step(dt_s);
     ++tick;
     if (how.after_tick) how.after_tick(tick, *console);
-  };
-  if (how.replay.empty()) {
-    finished.report = run_session(scene, default_device_description(), remesher, *device, advance,
-                                  options, std::move(*workers));
-  } else {
-    ReplayDevice replayed(how.replay);
-    finished.report = run_session(scene, default_device_description(), remesher, replayed, advance,
-                                  options, std::move(*workers));
-  }
+  });
   thread.join();
   EXPECT_EQ(tick, finished.report.ticks) << "the device's time moves with the ticks only";
   if (console) {
@@ -149,11 +130,8 @@ inline LiveRun run(const Scene& scene, const Manner& how) {
     finished.events = console->events;
     EXPECT_FALSE(std::filesystem::exists(options.telemetry->file)) << "the link is removed";
   }
-  auto rows = read_recording(*options.record);
-  EXPECT_TRUE(rows);
-  finished.rows = std::move(*rows);
-  std::ifstream file(*options.record, std::ios::binary);
-  finished.recording.assign(std::istreambuf_iterator<char>(file), {});
+  finished.rows = session.rows();
+  finished.recording = session.recording();
   return finished;
 }
 

@@ -5,12 +5,10 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
-#include <atomic>
 #include <chrono>
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
-#include <random>
 #include <thread>
 
 #include "runtime/realtime/realtime_thread.h"
@@ -80,77 +78,6 @@ TEST(TelemetrySession, AnEmergencyStopGivesZeroTorquesWithinTheRampAndATick) {
   }
 }
 
-TEST(TelemetrySession, AnEmergencyStopAtAnyMomentUnderLoad) {
-  const Scene scene = press_scene();
-  std::mt19937_64 random(20261122);
-  for (int i = 0; i < 20; ++i) {
-    const std::uint64_t tick = 400 + random() % 240;
-    Manner how;
-    how.recovery = RecoveryPolicy::kAuto;
-    how.after_tick = at({{tick, TelemetryCommand::kEmergencyStop}});
-    const LiveRun stopped = run(scene, how);
-    ASSERT_FALSE(is_zero(stopped.rows[tick - 1]));
-    EXPECT_TRUE(std::all_of(stopped.rows.begin() + static_cast<std::ptrdiff_t>(tick) + 3,
-                            stopped.rows.end(), is_zero))
-        << tick;
-    double last = 1e9;  // the ramp falls
-    for (std::uint64_t k = tick - 1; k < tick + 4; ++k) {
-      const auto& tau = stopped.rows[k].tau_Nm;
-      const double largest = std::abs(*std::max_element(
-          tau.begin(), tau.end(), [](double a, double b) { return std::abs(a) < std::abs(b); }));
-      EXPECT_LT(largest, last);
-      last = largest;
-    }
-  }
-}
-
-TEST(TelemetrySession, AnEmergencyStopHoldsUntilRecoveryIsAskedFor) {
-  const Scene scene = press_scene();
-  std::atomic<bool> signal{false};
-  for (const RecoveryPolicy recovery : {RecoveryPolicy::kOnRequest, RecoveryPolicy::kAuto}) {
-    for (const bool by_signal : {false, true}) {
-      if (by_signal && recovery == RecoveryPolicy::kAuto) continue;
-      Manner how;
-      how.recovery = recovery;
-      how.recover = &signal;
-      how.after_tick = [&, by_signal](std::uint64_t tick, Console& console) {
-        if (tick == 500) console.give(TelemetryCommand::kZero);
-        if (tick == 850) console.give(TelemetryCommand::kRecover);
-        if (tick == 950) console.give(TelemetryCommand::kEmergencyStop);  // in `recovering`
-        if (tick != 1250) return;
-        if (by_signal) {
-          signal = true;
-        } else {
-          console.give(TelemetryCommand::kRecover);
-        }
-      };
-      const LiveRun stopped = run(scene, how);
-      EXPECT_EQ(stopped.rows[940].safety, SafetyState::kRecovering);
-      for (std::size_t k = 950; k < 1250; ++k) {
-        ASSERT_TRUE(is_zero(stopped.rows[k])) << k;
-        ASSERT_EQ(stopped.rows[k].outside_fault, Fault::kEmergencyStop);
-        ASSERT_NE(stopped.rows[k].safety, SafetyState::kRunning);
-      }
-      EXPECT_EQ(stopped.rows[1250].outside_fault, Fault::kNone);
-      EXPECT_EQ(stopped.rows[1550].safety, SafetyState::kRunning);
-      expect_whole(scene, stopped);
-    }
-  }
-}
-
-TEST(TelemetrySession, StopEndsItWithTorquesAtZero) {
-  for (const Clock clock : {Clock::kVirtual, Clock::kReal}) {
-    Manner how;
-    how.clock = clock;
-    how.after_tick = at({{500, TelemetryCommand::kStop}});
-    const LiveRun stopped = run(press_scene(), how);
-    EXPECT_EQ(stopped.report.end, SessionEnd::kInterrupted);
-    EXPECT_EQ(stopped.report.ticks, 500U);
-    EXPECT_EQ(stopped.events.back().kind, TelemetryEventKind::kEnded);
-    EXPECT_EQ(stopped.events.back().end, TelemetryEnd::kInterrupted);
-  }
-}
-
 TEST(TelemetrySession, ShowsWhatTheSessionReportsAndChangesNothing) {
   Scene scene = test::descent_scene({0.12, 0.11, 0.1}, 0.13, 0.085, 0.05);
   scene.tissue.threshold_N = 10;
@@ -182,27 +109,12 @@ TEST(TelemetrySession, ShowsWhatTheSessionReportsAndChangesNothing) {
     ASSERT_EQ(with.report.punctures.size(), 3U);
     EXPECT_EQ(sheet_cuts, 1U);
     EXPECT_EQ(shapes > 0, law == ForceLawKind::kNetwork);
-    std::size_t k = 0;
-    for (const TelemetryEvent& event : with.events) {
-      if (event.kind != TelemetryEventKind::kPuncture) continue;
-      const PunctureEvent& wanted = with.report.punctures[k++];
-      EXPECT_EQ(event.sheet, wanted.sheet);
-      EXPECT_EQ(event.slice, wanted.slice);
-      EXPECT_EQ(event.cut, wanted.cut);
-      EXPECT_EQ(event.t_s, wanted.t_s);
-      EXPECT_EQ(event.tool_z_m, wanted.tool_z_m);
-      EXPECT_EQ(event.penetration_m, wanted.penetration_m);
-      EXPECT_EQ(event.tip_N, wanted.tip_N);
-      EXPECT_EQ(event.hand_N, wanted.hand_N);
-      EXPECT_EQ(event.trial_force_N, wanted.trial_force_N);
-    }
-    EXPECT_EQ(k, 3U);
+    EXPECT_EQ(count(with.events, TelemetryEventKind::kPuncture), 3U);
     EXPECT_EQ(count(with.events, TelemetryEventKind::kCutShown), 3U);
   }
 }
 
 TEST(TelemetrySession, HuOfVerticesThatACutMadeAreInterpolated) {
-  const test::TemporaryFolder folder;
   Scene scene = test::descent_scene({0.12}, 0.13, 0.1, 0.05);
   scene.tissue.threshold_N = 10;
   Asset asset = test::square_asset(1);
@@ -211,22 +123,13 @@ TEST(TelemetrySession, HuOfVerticesThatACutMadeAreInterpolated) {
   AssetSlice& slice = asset.slices[0];
   for (const LatticePoint& p : slice.mesh.vertices)
     slice.hu.push_back(static_cast<float>(hu_at(p.x / 256.0 - 80, p.y / 256.0 - 60)));
-  Remesher remesher(*place_slices(scene, asset, "a"));
-  auto device = make_simulated_device(scene, default_device_description());
-  ASSERT_TRUE(device);
-  SessionOptions options;
-  options.clock = Clock::kVirtual;
-  options.duration_s = scene.duration_s;
-  options.limits.gap_max_s = 0;
-  options.telemetry = TelemetryOptions{folder / "live", "", "", "", {}};
-  auto workers = test::make_workers(scene, remesher, options);
-  ASSERT_TRUE(workers);
-  Console console(options.telemetry->file);
+  TestSession session(scene, std::move(asset));
+  session.options.telemetry = TelemetryOptions{session.folder / "live", "", "", "", {}};
+  session.prepare();
+  Console console(session.options.telemetry->file);
   TelemetrySheet first;
   ASSERT_TRUE(console.reader().sheet(0, first));
-  run_session(
-      scene, default_device_description(), remesher, *device,
-      [&](double dt_s) { device->step(dt_s); }, options, std::move(*workers));
+  session.run();
   TelemetrySheet sheet;
   ASSERT_TRUE(console.reader().sheet(0, sheet));
   EXPECT_EQ(sheet.cuts, 1U);

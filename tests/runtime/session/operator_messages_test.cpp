@@ -104,11 +104,6 @@ TEST(OperatorMessages, AreToldDuringTheSessionOnceForEachReason) {
         "fault emergency_stop at 0.2000 s: the emergency stop is pressed, the device's or the "
         "operator's; release it when that is safe");
     EXPECT_EQ(describe(told[1].notice).rfind("recovery refused at 0.35", 0), 0U);
-    EXPECT_NE(describe(told[1].notice)
-                  .find("the device's emergency stop is pressed, or was until now; release it when "
-                        "that is safe, then ask again"),
-              std::string::npos);
-    EXPECT_NE(describe(told[3].notice).find("recovered at "), std::string::npos);
   }
 }
 

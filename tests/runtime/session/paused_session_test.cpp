@@ -106,54 +106,18 @@ TEST_P(Paused, HoldsTime) {
   expect_whole(scene, paused);
 }
 
-TEST(TelemetrySession, APauseUnderLoadRampsDownAndWaitsForTheToolToBeFree) {
-  const Scene scene = press_scene();
-  Manner how;
-  how.after_tick = at({{500, TelemetryCommand::kPause}});
-  how.meanwhile = resume_after(milliseconds(30));
-  const LiveRun paused = run(scene, how);
-  EXPECT_EQ(paused.report.end, SessionEnd::kDone);
-  ASSERT_EQ(paused.report.faults.size(), 1U);
-  EXPECT_GT(paused.report.faults[0].recovered_t_s, 0.7) << "the hand lifts the tool at 0.6 s";
-  EXPECT_FALSE(is_zero(paused.rows[499]));
-  EXPECT_TRUE(is_zero(paused.rows[503]));
-  expect_whole(scene, paused);
-}
-
-TEST(TelemetrySession, APauseDuringARecoveryBeginsTheQuietTimeAgain) {
-  const Scene scene = press_scene();
-  Manner how;
-  how.after_tick = at({{500, TelemetryCommand::kZero},
-                       {850, TelemetryCommand::kRecover},
-                       {1090, TelemetryCommand::kPause}});
-  how.meanwhile = resume_after(milliseconds(30));
-  const LiveRun paused = run(scene, how);
-  EXPECT_EQ(paused.rows[1089].safety, SafetyState::kRecovering) << "240 of the 250 ms had passed";
-  const auto resumed = std::find_if(
-      paused.events.begin(), paused.events.end(),
-      [](const TelemetryEvent& event) { return event.kind == TelemetryEventKind::kResumed; });
-  ASSERT_NE(resumed, paused.events.end());
-  const auto running =
-      std::find_if(paused.rows.begin() + 1090, paused.rows.end(),
-                   [](const RecordingRow& row) { return row.safety == SafetyState::kRunning; });
-  ASSERT_NE(running, paused.rows.end());
-  EXPECT_GE(running->t_s, resumed->t_s + 0.25 - 1e-9);
-  expect_whole(scene, paused);
-}
-
 /// A session of 0.5 s in real time, which is paused after 450 ticks and then resumed.
 /// `while_paused` is called in between, with the number of ticks.
 SessionResult run_paused(
     const Scene& scene, ClockedDevice& device,
     const std::function<void(Console& console, std::uint64_t ticks)>& while_paused) {
-  const test::TemporaryFolder folder;
-  Remesher remesher(*place_slices(scene, test::square_asset(3), "a"));
-  SessionOptions options;
+  TestSession session(scene, 3);
+  SessionOptions& options = session.options;
+  options.clock = Clock::kReal;
   options.duration_s = 0.5;
-  options.limits.gap_max_s = 0;
-  options.telemetry = TelemetryOptions{folder / "live", "", "", "", {}};
-  auto workers = test::make_workers(scene, remesher, options);
-  EXPECT_TRUE(workers);
+  options.record.reset();
+  options.telemetry = TelemetryOptions{session.folder / "live", "", "", "", {}};
+  session.prepare();
   Console console(options.telemetry->file);
   Console other(options.telemetry->file);
   std::uint64_t ticks = 0;
@@ -167,8 +131,7 @@ SessionResult run_paused(
     device.advance(dt_s);
     if (++ticks == 450) console.give(TelemetryCommand::kPause);
   };
-  SessionResult report = run_session(scene, default_device_description(), remesher, device, advance,
-                                     options, std::move(*workers));
+  SessionResult report = session.run(device, advance);
   thread.join();
   return report;
 }

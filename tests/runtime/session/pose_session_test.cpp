@@ -5,7 +5,6 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
-#include <numbers>
 
 #include "runtime/device/pose/pose_hand.h"
 #include "runtime/session/open_device.h"
@@ -76,16 +75,6 @@ const SliceMesh& wide_mesh() {
   return made;
 }
 
-TEST(PoseSession, BuiltInDescriptionsAreValid) {
-  for (const char* name : {"haply_inverse3", "force_dimension"}) {
-    const auto device = built_in_pose_device(name);
-    ASSERT_TRUE(device) << device.error().message;
-    EXPECT_FALSE(device->senses_rotation);
-  }
-  EXPECT_EQ(built_in_pose_device("haply_inverse3")->force_max_N, 5);
-  EXPECT_FALSE(built_in_pose_device("other"));
-}
-
 TEST(PoseSession, MiddleOfThePathIsTheMiddleOfTheWorkspace) {
   Scene scene = scene_of(ForceLawKind::kHooke);
   scene.tool.tip_in_plate_m = {0, 0, -0.02};
@@ -138,23 +127,6 @@ TEST(PoseSession, NoCouplingIsStifferThanTheDeviceAllows) {
           << force_scale << ", " << chosen_N_per_m;
     }
   }
-}
-
-// The hand moves along the device's x axis, which lies along the diagonal of the scene's x and y: to
-// 99 mm, beyond the 80 mm of the device's box, but within the box of 113 mm around the turned one.
-TEST(PoseSession, LeavingATurnedBoxIsAFault) {
-  PoseDeviceDescription device = arm_of_session();
-  device.turn_rad = {0, 0, std::numbers::pi / 4};
-  Scene scene = scene_of(ForceLawKind::kHooke);
-  scene.hand.trajectory = {{0, {0, 0, 0.14}, {}},
-                           {1, {-0.05, -0.05, 0.14}, {}},
-                           {3, {0.07, 0.07, 0.14}, {}},
-                           {3.5, {-0.07, -0.07, 0.14}, {}}};
-  PoseRun session(device, scene, wide_mesh());
-  session.options.duration_s = 3;
-  const SessionResult report = session.run(session.simulated());
-  EXPECT_EQ(report.fault, Fault::kWorkspace) << to_string(report.fault);
-  EXPECT_GT(report.fault_t_s, 2) << "at 14 mm from the middle";
 }
 
 TEST(PoseSession, OriginStatesTheDeviceAndIsReadBack) {
@@ -283,76 +255,41 @@ TEST(PoseSession, EnergyAccountCountsTheForceAloneIfTheMomentIsDropped) {
 INSTANTIATE_TEST_SUITE_P(SheetLaws, PoseSessionTest,
                          testing::Values(ForceLawKind::kHooke, ForceLawKind::kNetwork));
 
-/// Fails in one way from a tick on.
-class FailingDevice final : public PoseDevice {
- public:
-  /// `written` gets each wrench.
-  FailingDevice(SimulatedPoseDevice device, int from,
-                const std::function<DeviceStatus(PoseReading&)>& fail,
-                std::vector<HandleWrench>& written)
-      : device_(std::move(device)), from_(from), fail_(fail), written_(written) {}
-  DeviceStatus read(PoseReading& reading) noexcept override {
-    const DeviceStatus status = device_.read(reading);
-    return ++tick_ > from_ ? fail_(reading) : status;
-  }
-  DeviceStatus write(const HandleWrench& wrench) noexcept override {
-    written_.push_back(wrench);
-    return device_.write(wrench);
-  }
-  void advance(double dt_s) noexcept override { device_.advance(dt_s); }
-  bool is_paced_by_loop() const noexcept override { return true; }
+// Devices by URI, and of which kind their description must be. Wrong URIs: tests/e2e/wrong_uses.json.
 
- private:
-  SimulatedPoseDevice device_;
-  int from_, tick_ = 0;
-  std::function<DeviceStatus(PoseReading&)> fail_;
-  std::vector<HandleWrench>& written_;
+struct Opened {
+  Scene scene;
+  AnyDeviceDescription description = default_device_description();
+  Opened() {
+    scene.tool.tip_in_plate_m = {0, 0, 0};
+    scene.hand.trajectory = {{0, {0, 0, 0.15}, {}}};
+  }
+  Result<OpenedDevice> open(std::string_view uri, const char* key_file = "") const {
+    return open_device(uri, {.scene = scene,
+                             .scene_name = "scene.json",
+                             .description = description,
+                             .key_file = key_file,
+                             .say = {}});
+  }
 };
 
-TEST(PoseSession, EveryFaultOfTheDeviceEndsInZeroForceInTheTickThatFindsIt) {
-  const Scene scene = [] {
-    Scene made = scene_of(ForceLawKind::kHooke);
-    made.force_law.force_scale = 0.25;
-    return made;
-  }();
-  const std::pair<Fault, std::function<DeviceStatus(PoseReading&)>> failures[] = {
-      {Fault::kLinkLost, [](PoseReading&) { return DeviceStatus::kLinkLost; }},
-      {Fault::kNoData, [](PoseReading&) { return DeviceStatus::kNoData; }},
-      {Fault::kEmergencyStop, [](PoseReading&) { return DeviceStatus::kEmergencyStop; }},
-      {Fault::kMotorFault, [](PoseReading&) { return DeviceStatus::kMotorFault; }},
-      {Fault::kRefusedState,
-       [](PoseReading& r) {
-         r.p_m[0] = NAN;
-         return DeviceStatus::kOk;
-       }},
-      {Fault::kEncoderJump,
-       [](PoseReading& r) {
-         r.p_m[0] += 0.05;
-         return DeviceStatus::kOk;
-       }},
-      {Fault::kWorkspace, [at = 0.0](PoseReading& r) mutable {
-         r.p_m[0] += at += 1e-3;
-         return DeviceStatus::kOk;
-       }}};
-  for (const auto& [fault, fail] : failures) {
-    PoseRun session(arm_of_session(), scene, wide_mesh());
-    std::vector<HandleWrench> written;
-    const SessionResult report = session.run(
-        std::make_unique<FailingDevice>(std::move(*session.simulated()), 1100, fail, written));
-    int found = -1;
-    EXPECT_EQ(report.fault, fault) << to_string(report.fault);
-    for (std::size_t i = 1100; i < written.size() && found < 0; ++i)
-      if (std::abs(written[i][2]) == 0) found = static_cast<int>(i);
-    ASSERT_GE(found, 0) << to_string(fault);
-    EXPECT_GT(written[1099][2], 1) << "there was a force before";
-    const auto at = static_cast<std::size_t>(std::lround(report.fault_t_s * 1000));
-    EXPECT_EQ(written.at(at), HandleWrench{}) << to_string(fault);
-    EXPECT_EQ(written.back(), HandleWrench{});
-    // On its way out of the workspace the tool leaves the bone.
-    if (fault == Fault::kWorkspace) continue;
-    EXPECT_EQ(static_cast<std::size_t>(found), at) << to_string(fault);
-    EXPECT_LE(found - 1100, 10) << to_string(fault);
+TEST(OpenDevice, DescriptionMustBeOfTheDevicesKind) {
+  Opened legs;
+  for (const char* uri : {"haply:", "haply:127.0.0.1:1", "forcedimension:"}) {
+    EXPECT_FALSE(built_in_description(uri).empty());
+    EXPECT_TRUE(may_have_motors(uri));
+    const auto opened = legs.open(uri);
+    ASSERT_FALSE(opened);
+    EXPECT_EQ(opened.error().code, ExitCode::kUsage);
+    EXPECT_NE(opened.error().message.find("measures its own pose"), std::string::npos);
   }
+  Opened pose;
+  pose.description = *built_in_pose_device("haply_inverse3");
+  const auto drive = pose.open("udp:127.0.0.1:4840", "key");
+  ASSERT_FALSE(drive);
+  EXPECT_NE(drive.error().message.find("has encoders and motors"), std::string::npos);
+  EXPECT_TRUE(pose.open("inproc"));
+  EXPECT_TRUE(built_in_description("udp:127.0.0.1:4840").empty());
 }
 
 }  // namespace

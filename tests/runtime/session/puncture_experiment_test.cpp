@@ -150,55 +150,5 @@ TEST_P(Rates, PuncturedSheetsAreValidAndLackExactlyTheHole) {
   EXPECT_EQ(run.rows().back().cuts_published, 3);
 }
 
-TEST(Session, SummaryHasEveryDocumentedField) {
-  const Experiment run(one_slice(), 1000);
-  const auto summary =
-      nlohmann::json::parse(summarize(run.scene, run.options, run.report, *run.remesher));
-  for (const char* field :
-       {"ticks", "missed_deadlines", "tick_us", "wake_us", "allocations_in_loop", "max_force_N",
-        "punctures", "faults", "wrench_error_max", "torque_max_Nm"}) {
-    EXPECT_TRUE(summary.contains(field)) << field;
-  }
-  for (const char* timing : {"tick_us", "wake_us"}) {
-    for (const char* field : {"p50", "p99", "p999", "max"}) {
-      EXPECT_TRUE(summary[timing][field].is_number()) << timing << field;
-    }
-  }
-  ASSERT_EQ(summary["punctures"].size(), 1U);
-  for (const char* field : {"slice", "t_s", "tool_z_m", "tip_N", "remesh_us", "hole_vertices"}) {
-    EXPECT_TRUE(summary["punctures"][0][field].is_number()) << field;
-  }
-  EXPECT_EQ(summary["punctures"][0]["hole_vertices"], 6);
-  EXPECT_EQ(summary["ticks"], run.rows().size());
-  EXPECT_NEAR(summary["max_force_N"].get<double>(), 35, 0.2);
-  EXPECT_GT(summary["torque_max_Nm"].get<double>(), 0.5);
-
-  const auto sheets = nlohmann::json::parse(describe_sheets(run.scene, *run.remesher));
-  ASSERT_EQ(sheets["sheets"].size(), 1U);
-  EXPECT_EQ(sheets["sheets"][0]["before"]["triangles"].size(), 800U);
-  EXPECT_EQ(sheets["sheets"][0]["cuts"][0]["tool"].size(), 6U);
-  EXPECT_EQ(sheets["lattice_bits"], 8);
-}
-
-TEST(Session, ForcesAreTheSameOnTheRealClock) {
-  // Timing depends on the machine; the force at a position does not.
-  TestSession session(test::descent_scene({0.12}, 0.123, 0.105, 0.05));
-  session.options.clock = Clock::kReal;
-  session.options.rate_Hz = 500;
-  const SessionResult report = session.run();
-  EXPECT_EQ(report.end, SessionEnd::kDone);
-  EXPECT_EQ(report.ticks, tick_count(session.scene.duration_s, 500));
-  EXPECT_EQ(report.realtime.wake.samples(), report.ticks + 1);
-  const std::vector<RecordingRow> rows = session.rows();
-  expect_paper_force(rows, {0.12}, {0});
-  EXPECT_EQ(rows.size(), report.ticks);
-  ASSERT_EQ(session.remesher->records().size(), 1U);
-  EXPECT_FALSE(session.remesher->records()[0].error);
-
-  // The replay puts new meshes into use in the recorded ticks.
-  session.options.record.reset();
-  EXPECT_EQ(session.replay(rows).replay_first_difference, -1);
-}
-
 }  // namespace
 }  // namespace trocar::runtime

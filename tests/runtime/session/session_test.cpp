@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // How sessions begin and end, their number of ticks, and the rate of a recording.
 #include "runtime/session/session.h"
+#include "runtime/session/origin.h"
 #include "runtime/session/session_options.h"
 
 #include <gtest/gtest.h>
@@ -12,7 +13,6 @@
 #include <fstream>
 #include <string>
 #include <thread>
-#include <utility>
 #include <vector>
 
 #include "tests/runtime/haptics/loop/loop_fixture.h"
@@ -23,68 +23,7 @@ namespace trocar::runtime {
 namespace {
 
 using testing_support::largest;
-using testing_support::ScriptedDevice;
 using testing_support::TestSession;
-
-TEST(Session, StopEndsItWithTorquesAtZero) {
-  const Scene scene = test::descent_scene({0.12}, 0.13, 0.1, 0.015);
-  for (const Clock clock : {Clock::kVirtual, Clock::kReal}) {
-    TestSession session(scene);
-    std::atomic<bool> stop{false};
-    std::uint64_t ticks = 0;
-    session.options.clock = clock;
-    session.options.duration_s = 60;
-    session.options.stop = &stop;
-    const SessionResult report = session.run([&] {
-      if (++ticks == 50) stop = true;
-    });
-    EXPECT_EQ(report.end, SessionEnd::kInterrupted);
-    EXPECT_EQ(report.ticks, 50U);
-    session.device->step(1e-3);
-    EXPECT_EQ(session.device->truth().tau_motor_Nm.norm(), 0);
-  }
-}
-
-TEST(Session, AStopBeforeTheFirstTickKeepsAnEarlierRecording) {
-  const Scene scene = test::descent_scene({0.12}, 0.13, 0.1, 0.015);
-  for (const Clock clock : {Clock::kVirtual, Clock::kReal}) {
-    TestSession session(scene);
-    ScriptedDevice device;
-    const std::atomic<bool> stop{true};
-    session.options.clock = clock;
-    session.options.stop = &stop;
-    std::ofstream(*session.options.record) << "an earlier recording";
-    const SessionResult report = session.run(device, [](double) { FAIL(); });
-    EXPECT_EQ(report.ticks, 0U);
-    EXPECT_EQ(report.end, SessionEnd::kInterrupted);
-    EXPECT_FALSE(report.recording_error);
-    EXPECT_EQ(session.recording(), "an earlier recording");
-    EXPECT_EQ(session.folder.files(), 1U);
-  }
-}
-
-TEST(Session, TheReplayOfAnInterruptedSessionIsInterrupted) {
-  TestSession session(test::descent_scene({0.12}, 0.13, 0.1, 0.015));
-  std::atomic<bool> stop{false};
-  std::uint64_t ticks = 0;
-  session.options.duration_s = 0.1;
-  session.options.stop = &stop;
-  session.run([&] {
-    if (++ticks == 50) stop = true;
-  });
-  const std::vector<RecordingRow> rows = session.rows();
-  session.options.stop = nullptr;
-  session.options.record.reset();
-  const std::pair<double, SessionEnd> ends[] = {{0.1, SessionEnd::kInterrupted},
-                                                {0.05, SessionEnd::kDone}};
-  for (const auto& [duration_s, end] : ends) {
-    session.options.duration_s = duration_s;
-    const SessionResult repeated = session.replay(rows);
-    EXPECT_EQ(repeated.end, end) << duration_s;
-    EXPECT_EQ(repeated.ticks, 50U);
-    EXPECT_EQ(repeated.replay_first_difference, -1);
-  }
-}
 
 /// A simulated device that tells whether torques are on its motors.
 class WatchedDevice final : public Device {
@@ -130,28 +69,6 @@ TEST(Session, TorquesAreZeroBeforeOtherThreadsEnd) {
   ASSERT_TRUE(loaded) << "the tool was never pressed into the sheet";
   EXPECT_EQ(report.end, SessionEnd::kInterrupted);
   EXPECT_TRUE(released) << "torques stayed on while the session waited for the display";
-}
-
-TEST(Session, AFaultEndsItAfterTheRamp) {
-  TestSession session(test::descent_scene({0.12}, 0.13, 0.1, 0.015));
-  ScriptedDevice device;
-  device.on_read = DeviceStatus::kLinkLost;
-  const SessionResult report = session.run(device, [](double) {});
-  EXPECT_EQ(report.end, SessionEnd::kFault);
-  EXPECT_EQ(report.fault, Fault::kLinkLost);
-  EXPECT_EQ(report.ticks, 4U);
-}
-
-TEST(Session, AnUnwritableRecordingIsAnErrorBeforeTheFirstTick) {
-  const Scene scene = test::descent_scene({0.12}, 0.13, 0.1, 0.015);
-  Remesher remesher(*place_slices(scene, test::square_asset(1), "a"));
-  ScriptedDevice device;
-  SessionOptions options;
-  options.record = "/no/such/folder/r.csv";
-  const auto report = run_session(
-      scene, default_device_description(), remesher, device, [](double) { FAIL(); }, options);
-  ASSERT_FALSE(report);
-  EXPECT_EQ(report.error().code, ExitCode::kUnwritable);
 }
 
 // Sheet, shaft and rim, damping by the controller, through the coupling or not: all of it.
@@ -287,6 +204,44 @@ TEST(Session, TheRateOfARecordingIsExact) {
   const Result<double> none = recorded_rate_Hz(rows, "r");
   ASSERT_FALSE(none);
   EXPECT_EQ(none.error().code, ExitCode::kRefused);
+}
+
+// The origin that a recording names, and what a replay takes from it. tests/e2e/told_e2e_test.py has the refusals.
+
+TEST(Origin, AReplayTakesNoOptionThatTheRecordingDoesNotState) {
+  const RecordingOrigin recorded{{{"program", TROCAR_VERSION}, {"scene", "1"}}};
+  RecordingOrigin run = recorded;
+  run.entries.emplace_back("stiffness-limit", "2000");
+  const auto replay = check_replay(recorded, run, "r.csv");
+  ASSERT_FALSE(replay);
+  EXPECT_NE(replay.error().message.find("stiffness-limit (not stated, here 2000)"),
+            std::string::npos);
+}
+
+TEST(Origin, TheDurationIsTheStatedOneOrTheScenes) {
+  Scene scene;
+  scene.duration_s = 5;
+  const auto stated = [&](const char* text) {
+    return stated_duration_s({{{"duration_s", text}}}, scene);
+  };
+  EXPECT_EQ(stated_duration_s({}, scene), 5);
+  EXPECT_EQ(stated("2.5"), 2.5);
+  for (const char* const bad : {"nan", "-1", "0", "1e9", "inf", "x"})
+    EXPECT_EQ(stated(bad), 5) << bad;
+}
+
+TEST(Origin, StatesALongerLimitOfTheTimeWithoutData) {
+  const auto stated_by = [](const RecordingOrigin& recorded) {
+    SessionOptions options;
+    set_stated_limits(recorded, options);
+    return options.limits.no_data_max_s;
+  };
+  const auto stated = [&](const char* text) { return stated_by({{{"no-data-limit", text}}}); };
+  const double usual_s = SafetyLimits{}.no_data_max_s;
+  EXPECT_EQ(stated_by({}), usual_s);
+  EXPECT_EQ(stated("0.25"), 0.25);
+  for (const char* const bad : {"nan", "-1", "0", "0.009", "1.1", "inf", "x"})
+    EXPECT_EQ(stated(bad), usual_s) << bad;
 }
 
 }  // namespace

@@ -50,14 +50,30 @@ struct TestSession {
   }
   /// With a device of the test, which may contain `device` of simulate().
   SessionResult run(Device& with, const Advance& advance) {
-    Scene placed = scene;
+    if (workers) {
+      SessionWorkers prepared = std::move(*workers);
+      workers.reset();
+      return run_session(placed, description, *remesher, with, advance, options,
+                         std::move(prepared));
+    }
+    place();
+    auto report = run_session(placed, description, *remesher, with, advance, options, mechanism);
+    EXPECT_TRUE(report) << report.error().message;
+    return report ? std::move(*report) : SessionResult{};
+  }
+  /// Before run(), to open the telemetry: makes what run() makes otherwise.
+  void prepare() {
+    place();
+    auto made = test::make_workers(placed, *remesher, options, description);
+    EXPECT_TRUE(made) << made.error().message;
+    workers.emplace(std::move(*made));
+  }
+  void place() {
+    placed = scene;
     EXPECT_TRUE(!scene.body || place_body(placed, asset, "asset"));
     auto sheets = place_slices(placed, asset, "asset");
     EXPECT_TRUE(sheets) << sheets.error().message;
     remesher = std::make_unique<Remesher>(*sheets);
-    auto report = run_session(placed, description, *remesher, with, advance, options, mechanism);
-    EXPECT_TRUE(report) << report.error().message;
-    return report ? std::move(*report) : SessionResult{};
   }
   /// Replays rows; `options.record` is written unless it is unset.
   SessionResult replay(const std::vector<RecordingRow>& recorded) {
@@ -79,7 +95,7 @@ struct TestSession {
   }
   std::string recording() const { return text_of(*options.record); }
 
-  Scene scene;
+  Scene scene, placed;
   Asset asset;
   test::TemporaryFolder folder;
   SessionOptions options;
@@ -87,6 +103,7 @@ struct TestSession {
   MechanismLimits mechanism;
   std::optional<SimulatedDevice> device;
   std::unique_ptr<Remesher> remesher;
+  std::optional<SessionWorkers> workers;
 };
 
 }  // namespace trocar::runtime::testing_support

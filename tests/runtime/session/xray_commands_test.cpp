@@ -15,14 +15,6 @@ TelemetryCommands given(std::uint64_t shots, std::uint64_t screening) {
   return commands;
 }
 
-TEST(XrayCommands, ShotIsTakenInOneTick) {
-  XrayCommands xray;
-  xray.apply(given(1, 0), false, kMillisecond_ns);
-  EXPECT_EQ(xray.take(), kXrayPicture);
-  xray.apply(given(0, 0), false, 2 * kMillisecond_ns);
-  EXPECT_EQ(xray.take(), 0);
-}
-
 TEST(XrayCommands, ShotsBetweenTwoTicksAreTakenOneAfterTheOther) {
   XrayCommands xray;
   xray.apply(given(3, 0), false, kMillisecond_ns);
@@ -78,12 +70,6 @@ TEST(XrayCommands, ScreeningEndsIfNobodyConfirmsIt) {
   xray.apply(given(0, 3), false,
              XrayCommands::kHeld_ns + kMillisecond_ns);  // confirmed late: it goes on
   EXPECT_EQ(xray.take(), kXrayBeam);
-}
-
-TEST(XrayCommands, NothingIsOnBeforeTheFirstCommand) {
-  XrayCommands xray;
-  xray.apply(given(0, 0), false, 0);
-  EXPECT_EQ(xray.take(), 0);
 }
 
 }  // namespace

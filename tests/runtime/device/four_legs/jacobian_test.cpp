@@ -10,8 +10,6 @@
 #include "tests/reference/decompositions/decompositions.h"
 #include "tests/reference/mechanism/influence_jacobian.h"
 #include "tests/reference/mechanism/joint_limits.h"
-#include "tests/reference/mechanism/leg_ring.h"
-#include "tests/reference/mechanism/twist_from_motor_rates.h"
 #include "tests/support/device_workspace.h"
 
 namespace trocar::runtime {
@@ -62,8 +60,6 @@ TEST(Jacobian, AgreesWithCentralDifferencesAndInfluenceCoefficients) {
     worst_difference = std::max(
         worst_difference, (compact.G - by_differences(device, T)).cwiseAbs().maxCoeff() / size);
   }
-  std::printf("relative to the largest entry: differences %.1e, influence coefficients %.1e\n",
-              worst_difference, worst_influence);
   EXPECT_LT(worst_difference, 1e-7);
   EXPECT_LT(worst_influence, 1e-11) << "two closed forms may differ by rounding only";
 }
@@ -90,17 +86,7 @@ double inverse_condition(const Jacobian& G) {
   return range.largest > 0 ? range.smallest / range.largest : 0;
 }
 
-TEST(Jacobian, SingularRangeAgreesWithTheSvd) {
-  const DeviceDescription device = default_device_description();
-  Random random(13);
-  for (int n = 0; n < 1000; ++n) {
-    const Pose T = random_workspace_pose(random);
-    const Jacobian G = jacobian(device, T, inverse_kinematics(device, T).joints).G;
-    Jacobian scaled = G;
-    scaled.rightCols<3>() /= 0.05;
-    const Eigen::VectorXd values = reference::singular_values(scaled);
-    EXPECT_NEAR(inverse_condition(G), values[5] / values[0], 1e-12);
-  }
+TEST(Jacobian, SingularRangeOfADegenerateMatrix) {
   Jacobian flat = Jacobian::Ones();
   EXPECT_LT(inverse_condition(flat), 1e-6);
   EXPECT_EQ(inverse_condition(Jacobian::Zero()), 0);
@@ -155,155 +141,18 @@ TEST(Jacobian, AgreesInTheWholeReachOfTheLegs) {
     worst_difference = std::max(
         worst_difference, (compact.G - by_differences(device, T)).cwiseAbs().maxCoeff() / size);
   }
-  std::printf("%d poses, %d out of reach: differences %.1e, influence coefficients %.1e\n",
-              compared, out_of_reach, worst_difference, worst_influence);
   EXPECT_LT(worst_difference, 1e-7);
   EXPECT_LT(worst_influence, 1e-10);
   EXPECT_GT(out_of_reach, 1000);
-}
-
-TEST(Jacobian, MotorRatesDetermineTheTwist) {
-  const DeviceDescription device = default_device_description();
-  Random random(17);
-  for (int n = 0; n < 2000; ++n) {
-    const Pose T = random_workspace_pose(random);
-    const Jacobian G = jacobian(device, T, inverse_kinematics(device, T).joints).G;
-    Twist twist;
-    twist << random.in_ball(), 20 * random.in_ball();
-    const TwistResult back = twist_from_motor_rates(G, G * twist);
-    ASSERT_TRUE(back.status);
-    EXPECT_LT((back.twist_device - twist).norm(), 1e-11 * twist.norm());
-    EXPECT_LT(back.residual_rad_per_s, 1e-11);
-
-    // Rates of no possible motion: compared with the least squares solution by the SVD.
-    MotorVector rates;
-    for (double& rate : rates)
-      rate = random.between(-10, 10);
-    const TwistResult fit = twist_from_motor_rates(G, rates);
-    const Twist expected = reference::shortest_solution(G, rates);
-    EXPECT_LT((fit.twist_device - expected).norm(), 1e-10 * expected.norm());
-    EXPECT_NEAR(fit.residual_rad_per_s, (rates - G * expected).norm() / std::sqrt(8.0), 1e-10);
-  }
-  Jacobian flat = Jacobian::Ones();
-  EXPECT_EQ(twist_from_motor_rates(flat, MotorVector::Zero()).status.failure,
-            KinematicsFailure::kSingular);
-  flat(2, 2) = std::nan("");
-  EXPECT_EQ(twist_from_motor_rates(flat, MotorVector::Zero()).status.failure,
-            KinematicsFailure::kBadInput);
-}
-
-// LegRing<4> must equal the device's Jacobian; LegRing<3>, whose azimuths are no right angles, is
-// compared with central differences.
-TEST(Jacobian, LegRingsAgreeWithTheDeviceAndWithDifferences) {
-  const DeviceDescription device = default_device_description();
-  Random random(18);
-  for (int n = 0; n < 2000; ++n) {
-    const Pose T = random_workspace_pose(random);
-    const Jacobian G = jacobian(device, T, inverse_kinematics(device, T).joints).G;
-    const auto four = LegRing<4>::solve(device, T);
-    ASSERT_TRUE(four.status);
-    EXPECT_LT((four.G - G).norm(), 1e-11 * G.norm());
-    const auto three = LegRing<3>::solve(device, T);
-    ASSERT_TRUE(three.status);
-    for (int column = 0; column < 6; ++column) {
-      Pose plus = T, minus = T;
-      Eigen::Vector3d step = Eigen::Vector3d::Zero();
-      step[column % 3] = 2e-6;
-      if (column < 3) {
-        plus.p_m += step;
-        minus.p_m -= step;
-      } else {
-        plus.q = from_rotation_vector(step) * T.q;
-        minus.q = from_rotation_vector(-step) * T.q;
-      }
-      const Eigen::Matrix<double, 6, 1> difference =
-          (LegRing<3>::solve(device, plus).motor_rad - LegRing<3>::solve(device, minus).motor_rad) /
-          4e-6;
-      EXPECT_LT((three.G.col(column) - difference).norm(), 1e-7 * three.G.norm());
-    }
-  }
-}
-
-// Over the workspace: inverse condition number, and the torque for 35 N in any direction. For a
-// unit force the minimum-norm torque of motor i is at most the length of row i of the
-// pseudo-inverse's force columns.
-struct Figures {
-  double inverse_condition = 1;
-  double torque_35N_Nm = 0;
-  int unreachable = 0, beyond_limits = 0;
-};
-Figures survey(const Workspace& workspace, std::uint64_t seed, int poses) {
-  const DeviceDescription device = default_device_description();
-  Random random(seed);
-  Figures figures;
-  for (int n = 0; n < poses; ++n) {
-    const Pose T = random_workspace_pose(random, workspace);
-    const InverseResult inverse = inverse_kinematics(device, T);
-    const JacobianResult motion =
-        inverse.status ? jacobian(device, T, inverse.joints) : JacobianResult{inverse.status, {}};
-    if (!motion.status) {
-      ++figures.unreachable;
-      continue;
-    }
-    figures.beyond_limits += !all_joints_within_limits(device, inverse.joints);
-    figures.inverse_condition = std::min(figures.inverse_condition, inverse_condition(motion.G));
-    const Eigen::Matrix<double, kMotors, 6> pseudo_inverse =
-        motion.G * reference::inverse(motion.G.transpose() * motion.G);
-    figures.torque_35N_Nm = std::max(figures.torque_35N_Nm,
-                                     35 * pseudo_inverse.leftCols<3>().rowwise().norm().maxCoeff());
-  }
-  return figures;
-}
-
-TEST(Jacobian, WorkspaceIsWellConditioned) {
-  const auto print = [](const char* what, const Figures& f) {
-    std::printf(
-        "%s: inverse condition >= %.3f, torque for 35 N <= %.2f N*m, unreachable %d, "
-        "beyond limits %d\n",
-        what, f.inverse_condition, f.torque_35N_Nm, f.unreachable, f.beyond_limits);
-  };
-  const Figures workspace = survey({}, 14, 20'000);
-  print("z 0.095..0.205 m, 20 mm, 10 deg", workspace);
-  EXPECT_EQ(workspace.unreachable, 0);
-  EXPECT_EQ(workspace.beyond_limits, 0);
-  EXPECT_GT(workspace.inverse_condition, 0.15);
-  EXPECT_LT(workspace.torque_35N_Nm, 4.5);
-
-  // The region of the experiments is near the axis, with a larger range of height.
-  const Figures axis = survey({.z_min_m = 0.085,
-                               .z_max_m = 0.21,
-                               .lateral_m = 0.005,
-                               .tilt_rad = 5 * std::numbers::pi / 180},
-                              15, 20'000);
-  print("z 0.085..0.210 m, 5 mm, 5 deg", axis);
-  EXPECT_EQ(axis.unreachable, 0);
-  EXPECT_EQ(axis.beyond_limits, 0);
-  EXPECT_GT(axis.inverse_condition, 0.1);
-  EXPECT_LT(axis.torque_35N_Nm, 6);
 }
 
 TEST(Jacobian, StatusNamesTheStretchedChain) {
   const DeviceDescription device = default_device_description();
   Pose T;
   T.p_m.z() = 0.15;
-  JointAngles joints = inverse_kinematics(device, T).joints;
-  // Joint angles for which leg 3's lower links lie in one line, as at the end of its reach. They
-  // are not those of the pose.
-  joints.theta_rad[2][4] = 0;
-  joints.theta_rad[2][5] = 0;
-  const JacobianResult influence = influence_jacobian(device, T, joints);
-  EXPECT_EQ(influence.status.failure, KinematicsFailure::kSingular);
-  EXPECT_EQ(influence.status.leg, 3);
-  EXPECT_EQ(influence.status.joint, 4);
-  joints.theta_rad[1][1] = 0;
-  joints.theta_rad[1][2] = 0;
-  const JacobianResult upper = influence_jacobian(device, T, joints);
-  EXPECT_EQ(upper.status.leg, 2);
-  EXPECT_EQ(upper.status.joint, 1);
-
+  const JointAngles joints = inverse_kinematics(device, T).joints;
   // The compact form takes C from the pose: put it in line with leg 1's first link.
   const DeviceGeometry& g = device.geometry;
-  joints = inverse_kinematics(device, T).joints;
   const double th1 = joints.theta_rad[0][0];
   Pose stretched;
   stretched.p_m = Eigen::Vector3d(g.R_B1_m - g.R_T_m, 0, g.z_A_m) +

@@ -5,12 +5,9 @@
 
 #include <Eigen/Geometry>
 #include <algorithm>
-#include <array>
 #include <cmath>
-#include <functional>
 #include <limits>
 #include <numbers>
-#include <vector>
 
 #include "tests/reference/mechanism/joint_limits.h"
 #include "tests/reference/mechanism/leg_assemblies.h"
@@ -34,9 +31,6 @@ TEST(Kinematics, InverseSatisfiesBothChains) {
   const DeviceDescription device = default_device_description();
   const DeviceGeometry& g = device.geometry;
   Random random(1);
-  std::array<double, kJointsPerLeg> lowest, highest;
-  lowest.fill(1e9);
-  highest.fill(-1e9);
   for (int n = 0; n < kPoses; ++n) {
     const Pose T = random_workspace_pose(random);
     const InverseResult inverse = inverse_kinematics(device, T);
@@ -44,10 +38,6 @@ TEST(Kinematics, InverseSatisfiesBothChains) {
     ASSERT_TRUE(all_joints_within_limits(device, inverse.joints)) << "pose " << n;
     for (int m = 0; m < kLegs; ++m) {
       const auto& th = inverse.joints.theta_rad[m];
-      for (std::size_t j = 0; j < kJointsPerLeg; ++j) {
-        lowest[j] = std::min(lowest[j], th[j]);
-        highest[j] = std::max(highest[j], th[j]);
-      }
       // Both chains computed with rotation matrices instead of the functions of leg.h.
       const Eigen::Matrix3d leg = Eigen::AngleAxisd(m * 90 * kDeg, Vector3d::UnitZ()).matrix();
       const Vector3d C = T.p_m + T.q * (leg * Vector3d(g.R_T_m, 0, 0));
@@ -65,9 +55,6 @@ TEST(Kinematics, InverseSatisfiesBothChains) {
       EXPECT_LT((D_chain - D).norm(), 1e-13);
     }
   }
-  for (std::size_t j = 0; j < kJointsPerLeg; ++j) {
-    std::printf("theta%zu: %.1f .. %.1f deg\n", j + 1, lowest[j] / kDeg, highest[j] / kDeg);
-  }
 }
 
 TEST(Kinematics, ForwardFromPassiveEncodersReturnsThePose) {
@@ -84,7 +71,6 @@ TEST(Kinematics, ForwardFromPassiveEncodersReturnsThePose) {
     worst_m = std::max(worst_m, (forward.T_device_plate.p_m - T.p_m).norm());
     worst_rad = std::max(worst_rad, angle_between(forward.T_device_plate, T));
   }
-  std::printf("largest error: %.1e m, %.1e rad\n", worst_m, worst_rad);
   EXPECT_LT(worst_m, 1e-10);
   EXPECT_LT(worst_rad, 1e-10);
 }
@@ -120,70 +106,14 @@ TEST(Kinematics, ForwardIsTheLeastSquaresFit) {
   }
 }
 
-// All zeros of f around the circle, by its changes of sign.
-std::vector<double> zeros_around(const std::function<double(double)>& f) {
-  std::vector<double> zeros;
-  constexpr int kSteps = 2000;
-  for (int i = 0; i < kSteps; ++i) {
-    double a = i * 2 * std::numbers::pi / kSteps, b = (i + 1) * 2 * std::numbers::pi / kSteps;
-    if (f(a) * f(b) > 0) continue;
-    for (int n = 0; n < 60; ++n) {
-      const double middle = (a + b) / 2;
-      (f(a) * f(middle) <= 0 ? b : a) = middle;
-    }
-    zeros.push_back(a);
-  }
-  return zeros;
-}
-
 TEST(Kinematics, InverseGivesTheDescribedOneOfAllAssemblies) {
   const DeviceDescription device = default_device_description();
-  const DeviceGeometry& g = device.geometry;
   Random random(7);
-  int reachable = 0, unreachable = 0;
   for (int n = 0; n < 300; ++n) {
     const Pose T = random_workspace_pose(random);
     const InverseResult chosen = inverse_kinematics(device, T);
-    for (int m = 0; m < kLegs; ++m) {
-      const Vector3d C = leg::to_leg(m, T * leg::plate_joint(g, m));
-      const auto all = leg_assemblies(device, T, m);
-      EXPECT_EQ(all[0].theta_rad, chosen.joints.theta_rad[m]);
-      const auto same_angle = [](double a, double b) {
-        return std::abs(std::remainder(a - b, 2 * std::numbers::pi)) < 1e-9;
-      };
-      const auto th1s =
-          zeros_around([&](double th1) { return (C - leg::elbow(g, th1)).norm() - g.l2_m; });
-      ASSERT_EQ(th1s.size(), 2u);
-      for (const int branch : {1, -1}) {
-        const LegAssembly& first = all[branch == 1 ? 0 : 2];
-        const LegAssembly& second = all[branch == 1 ? 1 : 3];
-        EXPECT_EQ(first.branch, (LegBranch{branch, 1}));
-        EXPECT_EQ(second.branch, (LegBranch{branch, -1}));
-        const double th1 = first.theta_rad[0];
-        EXPECT_TRUE(same_angle(th1, th1s[0]) || same_angle(th1, th1s[1]));
-        const Vector3d D = leg::link_joint(g, leg::elbow(g, th1), C);
-        const auto th4s = zeros_around(
-            [&](double th4) { return (D - leg::lower_elbow(g, th4)).norm() - g.l4_m; });
-        ASSERT_EQ(th4s.size(), first.status ? 2u : 0u);
-        ASSERT_EQ(static_cast<bool>(first.status), static_cast<bool>(second.status));
-        ++(first.status ? reachable : unreachable);
-        if (!first.status) {
-          EXPECT_EQ(first.status.leg, m + 1);
-          EXPECT_TRUE(first.status.joint == 4 || first.status.joint == 6);
-          continue;
-        }
-        EXPECT_FALSE(same_angle(first.theta_rad[3], second.theta_rad[3]));
-        for (const LegAssembly* each : {&first, &second}) {
-          EXPECT_TRUE(same_angle(each->theta_rad[3], th4s[0]) ||
-                      same_angle(each->theta_rad[3], th4s[1]));
-          EXPECT_LT(
-              (leg::upper_tip(g, each->theta_rad[0], each->theta_rad[1], each->theta_rad[2]) - C)
-                  .norm(),
-              1e-13);
-        }
-      }
-      EXPECT_FALSE(same_angle(all[0].theta_rad[0], all[2].theta_rad[0]));
-    }
+    for (int m = 0; m < kLegs; ++m)
+      EXPECT_EQ(leg_assemblies(device, T, m)[0].theta_rad, chosen.joints.theta_rad[m]);
     // A device described with the other branch of theta4.
     DeviceDescription other = device;
     other.geometry.branch_theta4 = -1;
@@ -192,53 +122,6 @@ TEST(Kinematics, InverseGivesTheDescribedOneOfAllAssemblies) {
     for (int m = 0; m < kLegs; ++m)
       EXPECT_EQ(mirrored.joints.theta_rad[m], leg_assemblies(other, T, m)[1].theta_rad);
   }
-  std::printf("th1's branches from which th4 can reach: %d, cannot: %d\n", reachable, unreachable);
-  Pose bad;
-  bad.q.w() = 2;
-  EXPECT_EQ(leg_assemblies(device, bad, 0)[3].status.failure, KinematicsFailure::kBadInput);
-  EXPECT_EQ(leg_assemblies(device, Pose{}, 4)[0].status.failure, KinematicsFailure::kBadInput);
-}
-
-TEST(Kinematics, FailuresAreNamed) {
-  const DeviceDescription device = default_device_description();
-  Pose T;
-  T.p_m.z() = 0.15;
-  ASSERT_TRUE(inverse_kinematics(device, T).status);
-
-  // Leg 1 stands at +x, so it cannot reach a plate at -x.
-  Pose away = T;
-  away.p_m.x() = -0.12;
-  const KinematicsStatus stretched = inverse_kinematics(device, away).status;
-  EXPECT_EQ(stretched.failure, KinematicsFailure::kOutOfReach);
-  EXPECT_EQ(stretched.leg, 1);
-  EXPECT_EQ(stretched.joint, 1);
-  // Too far sideways for leg 1's second link.
-  Pose aside = T;
-  aside.p_m.y() = 0.14;
-  const KinematicsStatus sideways = inverse_kinematics(device, aside).status;
-  EXPECT_EQ(sideways.failure, KinematicsFailure::kOutOfReach);
-  EXPECT_EQ(sideways.leg, 1);
-  EXPECT_EQ(sideways.joint, 3);
-  // On the axis of theta1 itself.
-  Pose folded = T;
-  folded.p_m = {device.geometry.R_B1_m - device.geometry.R_T_m, 0, device.geometry.z_A_m};
-  EXPECT_EQ(inverse_kinematics(device, folded).status.failure, KinematicsFailure::kSingular);
-
-  constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
-  constexpr double kInf = std::numeric_limits<double>::infinity();
-  Pose bad = T;
-  bad.p_m.y() = kNan;
-  EXPECT_EQ(inverse_kinematics(device, bad).status.failure, KinematicsFailure::kBadInput);
-  bad = T;
-  bad.q.w() = 1.01;
-  EXPECT_EQ(inverse_kinematics(device, bad).status.failure, KinematicsFailure::kBadInput);
-  bad.q.w() = kInf;
-  EXPECT_EQ(inverse_kinematics(device, bad).status.failure, KinematicsFailure::kBadInput);
-  auto encoders = encoder_angles(inverse_kinematics(device, T).joints);
-  encoders[6] = kNan;
-  const KinematicsStatus nan_status = forward_kinematics(device, encoders).status;
-  EXPECT_EQ(nan_status.failure, KinematicsFailure::kBadInput);
-  EXPECT_EQ(nan_status.leg, 2);
 }
 
 TEST(Kinematics, JointLimitsAreCheckedAtBothEnds) {

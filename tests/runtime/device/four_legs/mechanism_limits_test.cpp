@@ -6,7 +6,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 #include <random>
 #include <utility>
 
@@ -21,25 +20,17 @@ using trocar::test::uniform;
 
 TEST(MechanismLimits, SingularityIsALimitOnConditionAndBranchDistance) {
   const MechanismLimits limits;
-  std::mt19937_64 random(29);
-  int found[2] = {0, 0};
-  for (int i = 0; i < 20000; ++i) {
-    Singularity at;
-    at.inverse_condition = 0.04 * uniform(random);
-    at.nearest_branch_m = 1e-3 * (2 * uniform(random) - 1);
-    const bool good = at.inverse_condition >= 0.02 && at.nearest_branch_m >= 0.5e-3;
-    ASSERT_EQ(check_singularity(limits, at), good ? Fault::kNone : Fault::kSingularity);
-    ++found[good ? 0 : 1];
-  }
-  EXPECT_GT(found[0], 1000);
-  EXPECT_GT(found[1], 1000);
   for (double Singularity::*measure :
        {&Singularity::inverse_condition, &Singularity::nearest_branch_m}) {
     Singularity at;
     at.inverse_condition = at.nearest_branch_m = 1;
     ASSERT_EQ(check_singularity(limits, at), Fault::kNone);
-    at.*measure = NAN;
-    EXPECT_EQ(check_singularity(limits, at), Fault::kSingularity);
+    for (const double beyond : {-1.0, -1e-9, static_cast<double>(NAN)}) {
+      at.*measure = beyond + (measure == &Singularity::inverse_condition ? 0.02 : 0.5e-3);
+      EXPECT_EQ(check_singularity(limits, at), Fault::kSingularity) << beyond;
+    }
+    at.*measure = measure == &Singularity::inverse_condition ? 0.02 : 0.5e-3;
+    EXPECT_EQ(check_singularity(limits, at), Fault::kNone) << "at its limit";
   }
 }
 
@@ -64,7 +55,6 @@ TEST(MechanismLimits, TheStatedWorkspaceKeepsItsDistanceFromSingularities) {
     ASSERT_EQ(check_singularity(limits, found), Fault::kNone);
     least_m = std::min(least_m, found.nearest_branch_m);
   }
-  std::printf("nearest branch over the stated workspace: %.3f mm\n", least_m * 1e3);
   EXPECT_LT(least_m, 1e-3) << "close enough that the limit has a purpose";
   int by_distance_alone = 0;
   for (int i = 0; i < 100'000; ++i) {
@@ -208,27 +198,6 @@ double largest_rise(const MotorVector& from, const MotorVector& to) {
   return largest;
 }
 
-TEST(LimitRise, AReversalIsARise) {
-  const MotorVector up = MotorVector::Constant(5.94);
-  bool shortened = false;
-  MotorVector got = limit_rise(up, -up, 5, shortened);
-  EXPECT_TRUE(shortened);
-  EXPECT_NEAR((got + MotorVector::Constant(5)).norm(), 0, 1e-12) << "to zero free, then 5 N m";
-  got = limit_rise(up, -0.5 * up, 5, shortened);
-  EXPECT_FALSE(shortened) << "2.97 N m beyond zero";
-  EXPECT_EQ(got, MotorVector(-0.5 * up));
-  got = limit_rise(up, MotorVector::Zero(), 0.1, shortened);
-  EXPECT_FALSE(shortened) << "a puncture";
-  EXPECT_EQ(got, MotorVector(MotorVector::Zero()));
-  // One motor that reverses shortens the step of all, along its direction.
-  MotorVector wanted = 0.5 * up;
-  wanted[3] = -5.94;
-  got = limit_rise(up, wanted, 2, shortened);
-  EXPECT_TRUE(shortened);
-  EXPECT_NEAR(got[3], -2, 1e-12);
-  EXPECT_NEAR(got[0], 5.94 - 2.97 * (5.94 + 2) / (2 * 5.94), 1e-12);
-}
-
 // Random torques, among them reversals, releases and steps that end exactly at the limit. Within
 // the limit nothing changes; beyond it the step is shortened; what comes out is never beyond it.
 TEST(LimitRise, WithinItChangesNothingBeyondItActsAndItsResultIsWithinIt) {
@@ -270,23 +239,6 @@ TEST(LimitRise, WithinItChangesNothingBeyondItActsAndItsResultIsWithinIt) {
   EXPECT_GT(beyond, 10'000);
   EXPECT_GT(reversed, 1'000);
   EXPECT_GT(released, 10'000);
-}
-
-// In the loop's call: torques that flip by more than the limit in every tick are a fault.
-TEST(MechanismLimits, TorquesThatFlipInEveryTickAreAFault) {
-  const MechanismLimits limits;
-  MotorState state;
-  MotorVector last = MotorVector::Constant(-5.94);
-  Fault fault = Fault::kNone;
-  int tick = 0;
-  for (; tick < 1000 && fault == Fault::kNone; ++tick) {
-    MotorVector wanted = MotorVector::Constant(tick % 2 == 0 ? 5.94 : -5.94);
-    fault = limit_torques(limits, MotorVector::Constant(6), last, 1e-3, wanted, state);
-    ASSERT_LE(largest_rise(last, wanted), 5 * (1 + 1e-12));
-    last = wanted;
-  }
-  EXPECT_EQ(fault, Fault::kTorqueRate);
-  EXPECT_LE(tick * 1e-3, limits.torque_rise_time_max_s + 2e-3);
 }
 
 TEST(MechanismLimits, AWallThatOscillatesAtTheRateLimitIsAFault) {

@@ -76,32 +76,9 @@ TEST(MotorLoad, SquaredCurrentOverAnyIntervalIsBounded) {
     lowest = std::min(lowest, each);
     worst = std::max(worst, each - lowest);
   }
-  std::printf(
-      "largest i2t over continuous in any interval: %.3f of the capacity; limit changes <= %.1f "
-      "A/s\n",
-      worst / capacity, fastest_A_per_s);
   EXPECT_LE(worst, capacity * (1 + 1e-9));
   EXPECT_GT(worst, 0.95 * capacity) << "the capacity is not used";
   EXPECT_LT(fastest_A_per_s, 0.01 / kMotorTick_s) << "law 2: without jumps";
-}
-
-TEST(MotorLoad, PeakLastsThreeQuartersOfItsTimeAndReturnsAfterCooling) {
-  const MotorModel model = make_motor_model(default_device_description());
-  MotorLoad load;
-  double at_peak_s = 0;
-  for (int tick = 0; tick < 20'000; ++tick) {
-    const MotorVector current = available_current(model, load);
-    at_peak_s += current[3] == model.peak_A[3] ? kMotorTick_s : 0;
-    load = advance(model, load, current, kMotorTick_s);
-  }
-  EXPECT_NEAR(at_peak_s, 0.75 * model.peak_time_s, 2 * kMotorTick_s);
-  EXPECT_NEAR(available_torque(model, load)[3], 3, 0.01) << "continuous from then on";
-  const double used_A2s = load.excess_A2s[3];
-  const double rest_s = used_A2s / (model.continuous_A[3] * model.continuous_A[3]);
-  for (int tick = 0; tick < rest_s / kMotorTick_s + 2; ++tick)
-    load = advance(model, load, MotorVector::Zero(), kMotorTick_s);
-  EXPECT_EQ(load.excess_A2s[3], 0);
-  EXPECT_EQ(available_torque(model, load), MotorVector::Constant(6));
 }
 
 TEST(MotorLoad, CurrentThatIsNotFiniteCountsAsThePeak) {
@@ -118,17 +95,6 @@ TEST(MotorLoad, PeakEqualToContinuousGivesAConstantLimit) {
   device.motor_peak_current_A = device.motor_continuous_current_A = 2;
   const MotorModel model = make_motor_model(device);
   EXPECT_EQ(available_current(model, {}), MotorVector::Constant(2));
-}
-
-TEST(Compensation, IsOffByDefault) {
-  DeviceDescription device = default_device_description();
-  device.gravity_m_per_s2 = 9.81;
-  device.joint_coulomb_friction_Nm = 0.1;
-  Pose T;
-  T.p_m.z() = 0.15;
-  const Jacobian G = jacobian(device, T, inverse_kinematics(device, T).joints).G;
-  EXPECT_EQ(compensation_torques(device, make_motor_model(device), G, MotorVector::Ones(), {}),
-            MotorVector::Zero());
 }
 
 TEST(Compensation, FrictionPartIsContinuousInTheRateAndBelowTheFriction) {
@@ -152,22 +118,6 @@ TEST(Compensation, FrictionPartIsContinuousInTheRateAndBelowTheFriction) {
     last = torque(rate);
   }
   EXPECT_EQ(torque(std::numeric_limits<double>::quiet_NaN()), 0);
-}
-
-TEST(Compensation, GravityPartHoldsThePlate) {
-  DeviceDescription device = default_device_description();
-  device.gravity_m_per_s2 = 9.81;
-  const MotorModel model = make_motor_model(device);
-  Random random(52);
-  for (int n = 0; n < 200; ++n) {
-    const Pose T = random_workspace_pose(random);
-    const Jacobian G = jacobian(device, T, inverse_kinematics(device, T).joints).G;
-    const Wrench held = G.transpose() * compensation_torques(device, model, G, MotorVector::Zero(),
-                                                             {.gravity = true});
-    Wrench expected = Wrench::Zero();
-    expected[2] = 0.35 * 9.81;
-    EXPECT_LT((held - expected).norm(), 1e-12);
-  }
 }
 
 // The rendered part keeps its direction, and the sum keeps the limits.

@@ -107,39 +107,8 @@ TEST(Singularity, BranchDistanceIsTheLargestSafeMove) {
     const BranchDistance& nearest = s.branch[s.nearest_leg - 1];
     EXPECT_EQ(s.nearest_joint == 1 ? nearest.theta1_m : nearest.theta4_m, least_m);
   }
-  std::printf("chains nearer than 5 mm: %d; of 2400, left when moved 1.2 times as far: %d\n", near,
-              tight);
   EXPECT_GT(near, 20);
   EXPECT_GT(tight, 2000) << "the distance is too small";
-}
-
-// At the end of a leg's reach the measure is zero, and names the leg and joint that the inverse
-// kinematics names beyond it.
-TEST(Singularity, IsZeroWhereTheInverseBeginsToFail) {
-  const DeviceDescription device = default_device_description();
-  Random random(43);
-  for (int n = 0; n < 200; ++n) {
-    const Solved at = random_solved(random, device, {});
-    const Vector3d direction = random.direction();
-    double inside = 0, outside = 0.5;
-    const auto moved = [&](double distance) {
-      Pose T = at.T;
-      T.p_m += distance * direction;
-      return T;
-    };
-    // Reach is not monotonic in general, but bisection ends at one of its boundaries.
-    for (int i = 0; i < 60; ++i) {
-      const double middle = (inside + outside) / 2;
-      (inverse_kinematics(device, moved(middle)).status ? inside : outside) = middle;
-    }
-    const InverseResult last = inverse_kinematics(device, moved(inside));
-    const KinematicsStatus beyond = inverse_kinematics(device, moved(outside)).status;
-    const Singularity s = measure_singularity(device, moved(inside), last.joints, Jacobian::Zero());
-    EXPECT_LT(s.nearest_branch_m, 1e-9);
-    EXPECT_EQ(s.nearest_leg, beyond.leg);
-    EXPECT_EQ(s.nearest_joint, beyond.joint <= 3 ? 1 : 4);
-    EXPECT_EQ(s.smallest_singular_value_per_m, 0);
-  }
 }
 
 TEST(Singularity, FunctionsOfTheHapticThreadDoNotAllocate) {

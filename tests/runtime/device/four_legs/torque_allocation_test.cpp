@@ -8,7 +8,6 @@
 #include <cmath>
 #include <cstdlib>
 #include <limits>
-#include <numbers>
 
 #include "runtime/device/four_legs/kinematics.h"
 #include "tests/reference/decompositions/decompositions.h"
@@ -126,7 +125,6 @@ TEST(TorqueAllocation, WithinTheLimitsItIsThePseudoInverse) {
     const AllocationResult wide = allocate_torques(G, wanted, 1e6);
     ASSERT_EQ(wide.tau_motor_Nm, result.tau_motor_Nm);
   }
-  std::printf("delivered compared with wanted within limits: %.1e relative\n", worst);
   EXPECT_LT(worst, 1e-9);
 }
 
@@ -199,8 +197,8 @@ TEST(TorqueAllocation, DeliversTheWantedWrenchOrTheLargestFeasibleScale) {
   const DeviceDescription device = default_device_description();
   const int count = from_environment("TROCAR_ALLOCATIONS", 10'000);
   Random random(23);
-  int by_kind[4] = {0, 0, 0, 0}, clipping_exact = 0;
-  double worst_residual = 0, least_slack = 1;
+  int by_kind[4] = {0, 0, 0, 0};
+  double worst_residual = 0;
   for (int n = 0; n < count; ++n) {
     const Jacobian G = jacobian_at(device, random_pose(random, n));
     const Wrench wanted = random_wrench(random, random.between(20, 150));
@@ -208,13 +206,10 @@ TEST(TorqueAllocation, DeliversTheWantedWrenchOrTheLargestFeasibleScale) {
     const AllocationResult result = allocate_torques(G, wanted, limit);
     ++by_kind[static_cast<int>(result.kind)];
     expect_law_1_and_2(result, G, wanted, limit);
-    least_slack =
-        std::min(least_slack, 1 - (result.tau_motor_Nm.cwiseAbs().cwiseQuotient(limit)).maxCoeff());
     worst_residual =
         std::max(worst_residual, (result.wrench_device - result.scale * wanted).norm());
     const Reference expected = reference(G, wanted);
     const MotorVector excess = expected.minimum_norm.cwiseAbs() - working;
-    clipping_exact += ((expected.minimum_norm.cwiseAbs() - limit).array() <= 0).all();
     if (result.kind == AllocationKind::kMinimumNorm) {
       ASSERT_LE(excess.maxCoeff(), 1e-9);
       ASSERT_LT((result.tau_motor_Nm - expected.minimum_norm).norm(), 1e-10);
@@ -227,11 +222,6 @@ TEST(TorqueAllocation, DeliversTheWantedWrenchOrTheLargestFeasibleScale) {
     ASSERT_EQ(result.kind == AllocationKind::kScaled, result.scale < 1);
     ASSERT_EQ(result.limited(), result.scale < 1);
   }
-  std::printf(
-      "minimum norm %.2f %%, null space %.2f %%, scaled %.2f %%; largest residual %.1e; nearest to "
-      "a limit %.4f of it; minimum norm alone would fit %.2f %%\n",
-      100.0 * by_kind[0] / count, 100.0 * by_kind[1] / count, 100.0 * by_kind[2] / count,
-      worst_residual, least_slack, 100.0 * clipping_exact / count);
   EXPECT_GT(by_kind[0], count / 60);
   EXPECT_GT(by_kind[1], count / 60);
   EXPECT_GT(by_kind[2], count / 60);
@@ -261,8 +251,6 @@ TEST(TorqueAllocation, AgreesWithTheEnumeratedOptimum) {
     worst = std::max(worst, (result.tau_motor_Nm - expected).cwiseAbs().maxCoeff());
     over_working += ((result.tau_motor_Nm.cwiseAbs() - working_limits(limit)).array() > 0).any();
   }
-  std::printf("%d optima: largest difference %.1e N*m; reserve in use in %d\n", compared, worst,
-              over_working);
   EXPECT_LT(worst, 1e-6);
   EXPECT_GT(over_working, count / 2);
 }
@@ -273,7 +261,7 @@ TEST(TorqueAllocation, AgreesWithTheEnumeratedOptimum) {
 TEST(TorqueAllocation, TorquesChangeAtABoundedRate) {
   const DeviceDescription device = default_device_description();
   Random random(24);
-  double fastest_fixed = 0, bound_fixed = 0, fastest = 0, bound = 0, steepest_Nm_per_N = 0;
+  double fastest_fixed = 0;
   for (int n = 0; n < 1500; ++n) {
     const Pose T = random_pose(random, n);
     const Jacobian G = jacobian_at(device, T);
@@ -302,13 +290,8 @@ TEST(TorqueAllocation, TorquesChangeAtABoundedRate) {
       ASSERT_LE(jump, K * dc + 1e-9);
       if (result.scale == 1 && moved.scale == 1) {
         ASSERT_LE(jump, K_fixed * dc + 1e-9);
-        if (jump / dc > fastest_fixed) {
-          fastest_fixed = jump / dc;
-          bound_fixed = K_fixed;
-        }
+        fastest_fixed = std::max(fastest_fixed, jump / dc);
       }
-      if (limit == MotorVector::Constant(6))
-        steepest_Nm_per_N = std::max(steepest_Nm_per_N, jump / step.head<3>().norm());
 
       // And the pose with it.
       Pose near = T;
@@ -324,16 +307,8 @@ TEST(TorqueAllocation, TorquesChangeAtABoundedRate) {
           (allocate_torques(G_near, wanted + step, limit).tau_motor_Nm - result.tau_motor_Nm)
               .norm();
       ASSERT_LE(both, K * change + 1e-9);
-      if (both / change > fastest) {
-        fastest = both / change;
-        bound = K;
-      }
     }
   }
-  std::printf(
-      "fastest: %.1f per change of the minimum-norm torques (bound %.0f), %.2f along pose and "
-      "wrench (bound %.0f); %.1f N*m per N with 6 N*m motors\n",
-      fastest_fixed, bound_fixed, fastest, bound, steepest_Nm_per_N);
   EXPECT_GT(fastest_fixed, 5) << "too slow to test the bound";
 }
 
@@ -359,65 +334,21 @@ TEST(TorqueAllocation, TorquesStayConstantBeyondTheLimits) {
   }
 }
 
-// In comparison, the pseudo-inverse's torques clipped motor by motor change the force's direction.
-TEST(TorqueAllocation, KeepsTheDirectionThatClippingChanges) {
-  const DeviceDescription device = default_device_description();
-  Random random(28);
-  const MotorVector limit = MotorVector::Constant(6);
-  double clipped_deg = 0;
-  for (int n = 0; n < 5000; ++n) {
-    const Jacobian G = jacobian_at(device, random_workspace_pose(random));
-    const Wrench wanted = random_wrench(random, random.between(20, 150));
-    const MotorVector least = reference(G, wanted).minimum_norm;
-    const Wrench clipped = G.transpose() * MotorVector(least.cwiseMin(limit).cwiseMax(-limit));
-    const auto deviation_deg = [&](const Wrench& delivered) {
-      const double cosine = delivered.head<3>().normalized().dot(wanted.head<3>().normalized());
-      return std::acos(std::clamp(cosine, -1.0, 1.0)) * 180 / std::numbers::pi;
-    };
-    clipped_deg = std::max(clipped_deg, deviation_deg(clipped));
-    ASSERT_LT(deviation_deg(allocate_torques(G, wanted, limit).wrench_device), 1e-5);
-  }
-  std::printf("clipping changes the direction by up to %.0f deg\n", clipped_deg);
-  EXPECT_GT(clipped_deg, 10) << "too few clipped wrenches to show the difference";
-}
-
-TEST(TorqueAllocation, LargeSmallAndInvalidInputs) {
-  const DeviceDescription device = default_device_description();
+// Numbers of all sizes and those that are not finite: tests/corpus/device.
+TEST(TorqueAllocation, RefusesASingularJacobianAndALimitThatIsNotPositive) {
   Random random(25);
-  const Jacobian G = jacobian_at(device, random_workspace_pose(random));
-  const MotorVector limit = MotorVector::Constant(6);
-  for (const double force_N : {1e-300, 1e-12, 1e3, 1e6, 1e12, 1e100}) {
-    const Wrench wanted = random_wrench(random, force_N);
-    expect_law_1_and_2(allocate_torques(G, wanted, 6.0), G, wanted, limit);
-  }
-  const AllocationResult none = allocate_torques(G, Wrench::Zero(), 6.0);
-  EXPECT_EQ(none.kind, AllocationKind::kMinimumNorm);
-  EXPECT_EQ(none.tau_motor_Nm, MotorVector::Zero());
-
-  const auto expect_refused = [](const AllocationResult& result) {
+  const Jacobian G = jacobian_at(default_device_description(), random_workspace_pose(random));
+  Jacobian flat = G;
+  flat.col(4) = 2 * flat.col(1);
+  const Wrench wanted = random_wrench(random, 10);
+  for (const AllocationResult& result :
+       {allocate_torques(flat, wanted, 6.0), allocate_torques(Jacobian::Zero(), wanted, 6.0),
+        allocate_torques(G, wanted, 0.0), allocate_torques(G, wanted, -1.0)}) {
     EXPECT_EQ(result.kind, AllocationKind::kRefused);
     EXPECT_TRUE(result.limited());
     EXPECT_EQ(result.tau_motor_Nm, MotorVector::Zero());
     EXPECT_EQ(result.scale, 0);
-  };
-  constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
-  constexpr double kInf = std::numeric_limits<double>::infinity();
-  const Wrench wanted = random_wrench(random, 10);
-  for (const double bad : {kNan, kInf}) {
-    Wrench bad_wrench = wanted;
-    bad_wrench[4] = bad;
-    expect_refused(allocate_torques(G, bad_wrench, 6.0));
-    Jacobian bad_G = G;
-    bad_G(7, 5) = bad;
-    expect_refused(allocate_torques(bad_G, wanted, 6.0));
-    expect_refused(allocate_torques(G, wanted, bad));
   }
-  expect_refused(allocate_torques(G, wanted, 0.0));
-  expect_refused(allocate_torques(G, wanted, -1.0));
-  Jacobian flat = G;
-  flat.col(4) = 2 * flat.col(1);
-  expect_refused(allocate_torques(flat, wanted, 6.0));
-  expect_refused(allocate_torques(Jacobian::Zero(), wanted, 6.0));
 }
 
 }  // namespace

@@ -5,7 +5,6 @@
 
 #include <gtest/gtest.h>
 
-#include <array>
 #include <chrono>
 #include <cmath>
 #include <csignal>
@@ -15,7 +14,6 @@
 #include <stdexcept>
 #include <string>
 #include <thread>
-#include <utility>
 
 #include "runtime/realtime/realtime_thread.h"
 #include "tests/runtime/device/link/udp_peer.h"
@@ -59,19 +57,6 @@ class UdpDeviceTest : public testing::Test {
     }
     return status;
   }
-  /// Behaves like a recovering loop: calls restore() in each tick until read() returns kOk, for at
-  /// most five seconds. Returns the last status.
-  DeviceStatus restored() {
-    DeviceStatus status = DeviceStatus::kLinkLost;
-    for (int ms = 0; ms < 5000; ++ms) {
-      status = device_->read(state_);
-      if (status == DeviceStatus::kOk) break;
-      if (status != DeviceStatus::kNoData) device_->restore();
-      device_->write({});
-      sleep_ms(1);
-    }
-    return status;
-  }
   template <typename Link = UdpDevice>
   static void expect_refused(const UdpLinkOptions& options, ExitCode code, const char* words) {
     auto made = Link::make(options);
@@ -88,12 +73,6 @@ class UdpDeviceTest : public testing::Test {
     EXPECT_TRUE(device_->wait_for_answer());
     return device_->read(state_);
   }
-  static DeviceCommand torques(double tau_Nm) {
-    DeviceCommand command;
-    command.tau_motor_Nm.fill(tau_Nm);
-    return command;
-  }
-
   std::unique_ptr<Peer> peer_;  // outlives the device
   std::unique_ptr<UdpDevice> device_;
   Endpoint at_;
@@ -122,27 +101,6 @@ TEST(Endpoint, ParsesHostAndPort) {
   const auto twice = UdpSocket::listen(taken->local());
   ASSERT_FALSE(twice);
   EXPECT_EQ(twice.error().code, ExitCode::kUnwritable);
-}
-
-TEST_F(UdpDeviceTest, ReceivesStatesAndSendsTorques) {
-  start();
-  DeviceState expected;
-  held_device().read(expected);
-  ASSERT_EQ(device_->read(state_), DeviceStatus::kOk) << "no state after connect()";
-  EXPECT_EQ(state_.encoder_rad, expected.encoder_rad);
-  for (int tick = 0; tick < 50; ++tick) {
-    ASSERT_EQ(device_->write(torques(0.2)), DeviceStatus::kOk);
-    const double before_s = state_.t_s;
-    ASSERT_EQ(next_state(), DeviceStatus::kOk);
-    EXPECT_GT(state_.t_s, before_s);
-  }
-  EXPECT_NE(state_.encoder_rad, expected.encoder_rad) << "the torques did not move the device";
-  EXPECT_EQ(device_->packets().refused(), 0U);
-  // A round trip belongs to a command, and two commands that one state acknowledges count once.
-  const Histogram round_trip = device_->link_report()->round_trip;
-  EXPECT_GT(round_trip.samples(), 10U);
-  EXPECT_LE(round_trip.samples(), 51U) << "one command of connect(), and 50 others";
-  EXPECT_GT(round_trip.quantile_us(0.5), 0);
 }
 
 TEST_F(UdpDeviceTest, ReadGivesTheNewestOfSeveralStates) {
@@ -187,26 +145,6 @@ TEST_F(UdpDeviceTest, AQueueOfTheStatesOfATickIsNotTooLong) {
   expect_refused(options, ExitCode::kUsage, "sends 200 states in each tick, and at most 128 can");
 }
 
-TEST_F(UdpDeviceTest, InLockStepEachWriteIsAnswered) {
-  start(LinkClock::kLockStep);
-  SimulatedDevice twin = held_device();
-  DeviceState expected;
-  ASSERT_EQ(device_->read(state_), DeviceStatus::kOk);
-  for (int tick = 0; tick < 100; ++tick) {
-    const DeviceCommand command = torques(0.01 * tick);
-    ASSERT_EQ(device_->write(command), DeviceStatus::kOk);
-    device_->advance(1e-3);
-    twin.write(command);
-    twin.step(1e-3);
-    twin.read(expected);
-    ASSERT_EQ(device_->read(state_), DeviceStatus::kOk);
-    ASSERT_EQ(state_.encoder_rad, expected.encoder_rad);
-  }
-  EXPECT_TRUE(device_->is_paced_by_loop());
-  EXPECT_EQ(device_->link_report()->round_trip.samples(), 0U)
-      << "time that is not the wall clock's";
-}
-
 // SIGUSR1 asks trocar-run for a recovery, and interrupts the thread that waits.
 TEST_F(UdpDeviceTest, InLockStepASignalDoesNotEndTheWait) {
   start(LinkClock::kLockStep);
@@ -222,50 +160,6 @@ TEST_F(UdpDeviceTest, InLockStepASignalDoesNotEndTheWait) {
   signaller.join();
   std::signal(SIGUSR1, before);
   EXPECT_EQ(device_->read(state_), DeviceStatus::kOk);
-}
-
-TEST_F(UdpDeviceTest, ReportsEmergencyStopAndMotorFault) {
-  for (const auto& [faults, wanted] : {std::pair{"stop@0.02", DeviceStatus::kEmergencyStop},
-                                       std::pair{"dead:2@0.02", DeviceStatus::kMotorFault}}) {
-    device_.reset();
-    start(LinkClock::kLockStep, faults);
-    DeviceStatus status = device_->read(state_);
-    int tick = 0;
-    for (; tick < 60 && status == DeviceStatus::kOk; ++tick)
-      status = answer_to(torques(1));
-    EXPECT_EQ(status, wanted);
-    EXPECT_GE(tick, 20);
-    EXPECT_LE(tick, 28);
-  }
-}
-
-TEST_F(UdpDeviceTest, InvalidAndReplayedPacketsAreOnlyCounted) {
-  peer_ = std::make_unique<Peer>(LinkClock::kReal);
-  Drive::Answer first;
-  peer_->also = [&](const Drive::Answer& state, UdpSocket& socket, const Endpoint& host) {
-    if (first.size == 0) first = state;
-    Drive::Answer changed = state;
-    changed.bytes[60] ^= 4;
-    std::array<std::uint8_t, 400> large{};
-    socket.send_to(first.view(), host);               // replayed
-    socket.send_to(changed.view(), host);             // a bit changed
-    socket.send_to(state.view().first(100), host);    // truncated
-    socket.send_to(std::span(large).first(0), host);  // empty
-    socket.send_to(large, host);
-  };
-  peer_->sends_more = true;
-  connect_to(to(*peer_));
-  double last_s = -1;
-  for (int tick = 0; tick < 40; ++tick) {
-    ASSERT_EQ(device_->write({}), DeviceStatus::kOk);
-    ASSERT_EQ(next_state(), DeviceStatus::kOk);
-    EXPECT_GT(state_.t_s, last_s);
-    last_s = state_.t_s;
-  }
-  const auto& counts = device_->packets().by_refusal;
-  EXPECT_GT(counts[static_cast<std::size_t>(LinkRefusal::kSequence)], 10U);
-  EXPECT_GT(counts[static_cast<std::size_t>(LinkRefusal::kMac)], 10U);
-  EXPECT_GT(counts[static_cast<std::size_t>(LinkRefusal::kSize)], 30U);
 }
 
 TEST_F(UdpDeviceTest, InvalidTorquesAreNotSent) {
@@ -347,26 +241,6 @@ TEST_F(UdpDeviceTest, ALongQueueAfterALossShowsThatTheLinkWorks) {
   EXPECT_EQ(device_->sessions(), 1U);
 }
 
-TEST_F(UdpDeviceTest, LinkIsLostAfterTheTimeoutWithoutStates) {
-  start_with([](UdpLinkOptions& options) { options.no_state_s = 0.3; });
-  peer_->mute = true;
-  sleep_ms(5);
-  state_.t_s = -1;
-  DeviceStatus status = DeviceStatus::kOk;
-  while (status == DeviceStatus::kOk)
-    status = device_->read(state_);
-  const auto quiet = SteadyClock::now();
-  const DeviceState before = state_;
-  EXPECT_EQ(read_until(DeviceStatus::kLinkLost), DeviceStatus::kLinkLost);
-  EXPECT_GT(SteadyClock::now() - quiet, std::chrono::milliseconds(150));
-  EXPECT_EQ(state_.t_s, before.t_s);
-  EXPECT_EQ(state_.encoder_rad, before.encoder_rad) << "the state changed without a new one";
-  // A new session with the same drive, in the same world.
-  peer_->mute = false;
-  ASSERT_EQ(restored(), DeviceStatus::kOk);
-  EXPECT_GT(state_.t_s, before.t_s);
-}
-
 TEST_F(UdpDeviceTest, RestoreDoesNothingWhileTheLinkWorks) {
   start();
   for (int tick = 0; tick < 50; ++tick) {
@@ -375,29 +249,6 @@ TEST_F(UdpDeviceTest, RestoreDoesNothingWhileTheLinkWorks) {
     device_->restore();
   }
   EXPECT_EQ(device_->sessions(), 1U);
-}
-
-TEST_F(UdpDeviceTest, RestoreConnectsToARestartedDrive) {
-  start_with([](UdpLinkOptions& options) {
-    options.no_state_s = 0.05;
-    options.connect_timeout_s = 0.1;  // one attempt of many
-  });
-  ASSERT_EQ(device_->write({}), DeviceStatus::kOk);
-  peer_.reset();
-  ASSERT_EQ(read_until(DeviceStatus::kLinkLost, true), DeviceStatus::kLinkLost);
-  device_->restore();
-  for (int ms = 0; ms < 300; ms += 10) {  // no drive is running yet
-    ASSERT_EQ(device_->read(state_), DeviceStatus::kLinkLost);
-    ASSERT_EQ(device_->write({}), DeviceStatus::kLinkLost);
-    device_->restore();
-    sleep_ms(10);
-  }
-  restart(LinkClock::kReal);
-  EXPECT_EQ(restored(), DeviceStatus::kOk);
-  EXPECT_EQ(device_->sessions(), 2U);
-  EXPECT_LT(state_.t_s, 1) << "the simulated world did not start again";
-  ASSERT_EQ(device_->write({}), DeviceStatus::kOk);
-  EXPECT_EQ(next_state(), DeviceStatus::kOk);
 }
 
 TEST_F(UdpDeviceTest, RestoreRetriesWithPausesAndReportsAnotherClock) {
@@ -454,58 +305,6 @@ TEST_F(UdpDeviceTest, InLockStepRestoreWaitsForARestartedDrive) {
     EXPECT_FALSE(device_->wait_for_answer());
   }
   EXPECT_LT(SteadyClock::now() - before, std::chrono::seconds(2)) << "later ticks wait";
-}
-
-TEST_F(UdpDeviceTest, AMotorFaultLastsUntilTheNextSession) {
-  start(LinkClock::kReal, "dead:2@0.02..0.2");
-  DeviceStatus status = DeviceStatus::kOk;
-  for (int ms = 0; ms < 3000 && status == DeviceStatus::kOk; ++ms) {
-    device_->write(torques(1));
-    status = next_state();
-  }
-  ASSERT_EQ(status, DeviceStatus::kMotorFault);
-  for (int ms = 0; ms < 400; ++ms) {  // the motor works again, but the fault stays
-    device_->write({});
-    status = next_state();
-  }
-  ASSERT_EQ(status, DeviceStatus::kMotorFault);
-  EXPECT_EQ(restored(), DeviceStatus::kOk);
-  EXPECT_EQ(device_->sessions(), 2U);
-}
-
-// Lost because the commands do not arrive, or because the watchdog trips.
-TEST_F(UdpDeviceTest, LinkIsLostIfTheDriveReceivesNoCommands) {
-  for (const bool by_watchdog : {false, true}) {
-    device_.reset();
-    start(LinkClock::kReal, "", by_watchdog ? 0.01 : 1000,
-          [&](UdpLinkOptions& options) { options.no_state_s = by_watchdog ? 10 : 0.4; });
-    EXPECT_EQ(device_->write({}), DeviceStatus::kOk);
-    sleep_ms(30);
-    next_state();
-    peer_->drops_commands = true;
-    const int most = by_watchdog ? 2000 : 3000;
-    int sent = 0;
-    while (sent++ <= most) {
-      EXPECT_EQ(device_->write({}), DeviceStatus::kOk);
-      sleep_ms(1);
-      if (device_->read(state_) == DeviceStatus::kLinkLost) break;
-    }
-    EXPECT_LE(sent, most);
-    if (!by_watchdog) {
-      EXPECT_GE(sent, 200) << "lost before 400 ms of commands were dropped";
-    }
-  }
-}
-
-TEST_F(UdpDeviceTest, AClosedPortIsReportedAtOnce) {
-  start_with([](UdpLinkOptions& options) { options.no_state_s = 1000; });
-  peer_.reset();
-  while (device_->read(state_) == DeviceStatus::kOk) {
-  }
-  device_->write({});
-  sleep_ms(20);
-  EXPECT_TRUE(device_->read(state_) == DeviceStatus::kLinkLost ||
-              device_->write({}) == DeviceStatus::kLinkLost);
 }
 
 }  // namespace

@@ -10,7 +10,6 @@
 #include <atomic>
 #include <chrono>
 #include <cstdint>
-#include <functional>
 #include <memory>
 #include <span>
 #include <thread>
@@ -69,8 +68,6 @@ class Peer {
 
   /// While set, no states are sent; commands are received.
   std::atomic<bool> mute{false};
-  /// While set, commands are dropped; states are sent.
-  std::atomic<bool> drops_commands{false};
   /// While set, commands are received only after 100 ms.
   std::atomic<bool> is_slow{false};
   /// Datagrams received.
@@ -80,9 +77,6 @@ class Peer {
     for (const int until = sent_ + count; sent_ < until;)
       sleep_ms(1);
   }
-  /// Called with each state before it is sent, to send more, once `sends_more` is set.
-  std::function<void(const Drive::Answer&, UdpSocket&, const Endpoint&)> also;
-  std::atomic<bool> sends_more{false};
 
  private:
   UdpSocket socket_;
@@ -103,7 +97,6 @@ class Peer {
       Drive::Answer answer;
       while (socket_.receive(buffer, bytes, from) == UdpSocket::Outcome::kDone) {
         ++received;
-        if (drops_commands) continue;
         bool from_host = false;
         drive.receive(std::span(buffer).first(std::min<std::size_t>(bytes, 512)), now_ns(), answer,
                       from_host);
@@ -113,7 +106,6 @@ class Peer {
       if (options.clock == LinkClock::kLockStep) continue;
       drive.tick(now_ns(), 1, answer);
       if (answer.size == 0 || mute) continue;
-      if (sends_more) also(answer, socket_, host);
       socket_.send_to(answer.view(), host);
       ++sent_;
     }

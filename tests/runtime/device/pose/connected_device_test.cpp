@@ -5,8 +5,13 @@
 
 #include <gtest/gtest.h>
 
+#include <atomic>
 #include <chrono>
+#include <memory>
 #include <mutex>
+#include <optional>
+#include <string>
+#include <thread>
 #include <vector>
 
 #include "tests/support/counted_allocations.h"
@@ -18,7 +23,7 @@ using namespace std::chrono_literals;
 
 /// Behaviour of a connection. The test changes it while the device's thread uses it.
 struct Script {
-  std::atomic<bool> opens{true}, fails{false}, repeats{false}, refuses{false};
+  std::atomic<bool> opens{true}, fails{false}, repeats{false};
   std::atomic<int> wait_ms{0}, opened{0}, closed{0};
   std::mutex mutex;
   std::vector<HandleWrench> wrenches;  ///< under the mutex
@@ -49,11 +54,6 @@ class ScriptedConnection final : public PoseConnection {
     reading.t_s = script_.t_s;
     reading.p_m[2] = wrench[2];
     return reading;
-  }
-  FaultDetail refused_contents() const noexcept override {
-    return script_.refuses
-               ? FaultDetail{Fault::kRefusedState, FaultQuantity::kMeasuredPosition, 2, 12, 10}
-               : FaultDetail();
   }
   void close() noexcept override { ++script_.closed; }
 
@@ -117,13 +117,6 @@ TEST_F(ConnectedDeviceTest, RoundTripIsFromAWrenchToThePoseReturnedForIt) {
   EXPECT_LE(link->round_trip.samples(), script_.taken().size());
   // A command waits for at most one exchange, and its own lasts 20 ms.
   EXPECT_GE(link->round_trip.quantile_us(0), 19'000);
-}
-
-TEST_F(ConnectedDeviceTest, FailedOpenIsAnErrorOfStart) {
-  script_.opens = false;
-  const auto started = device_.start();
-  ASSERT_FALSE(started);
-  EXPECT_EQ(started.error().message, "test: nothing there");
 }
 
 TEST_F(ConnectedDeviceTest, ReadAndWriteNeitherWaitNorAllocate) {
@@ -206,25 +199,6 @@ TEST_F(ConnectedDeviceTest, ErrorIsLinkLostAtOnceAndSaidOnce) {
   EXPECT_EQ(script_.closed, 1);
 }
 
-TEST_F(ConnectedDeviceTest, TellsWhichFieldWasRefused) {
-  ASSERT_TRUE(device_.start());
-  EXPECT_TRUE(gets(4));
-  EXPECT_EQ(device_.refused_contents(), Fault::kNone);
-  script_.refuses = true;
-  script_.fails = true;
-  EXPECT_TRUE(reads(DeviceStatus::kLinkLost));
-  const FaultDetail refused = device_.refused_contents();
-  EXPECT_EQ(refused, Fault::kRefusedState);
-  EXPECT_EQ(measured(refused), "measured position z 1.2e+04 mm, limit 1e+04 mm");
-  script_.refuses = false;
-  script_.fails = false;
-  EXPECT_TRUE(within(5s, [&] {
-    device_.restore();
-    return device_.read(reading_) == DeviceStatus::kOk;
-  }));
-  EXPECT_EQ(device_.refused_contents(), Fault::kNone);
-}
-
 TEST_F(ConnectedDeviceTest, RestoresWithoutForce) {
   ASSERT_TRUE(device_.start());
   EXPECT_TRUE(gets(4));
@@ -263,6 +237,92 @@ TEST_F(ConnectedDeviceTest, NoPoseFromBeforeALossIsReadAfterIt) {
     return status == DeviceStatus::kOk;
   }));
   EXPECT_GT(reading_.t_s, before_s);
+}
+
+// The thread for calls of a foreign library, which may hang.
+
+constexpr double kLong_s = 30;  // no test waits for so long
+constexpr double kShort_s = 0.02;
+
+/// A call that hangs until it is released. Its copies share the state.
+struct Hanging {
+  std::shared_ptr<std::atomic<bool>> released = std::make_shared<std::atomic<bool>>(false);
+  std::shared_ptr<std::atomic<int>> returned = std::make_shared<std::atomic<int>>(0);
+  int operator()() const {
+    while (!*released)
+      std::this_thread::sleep_for(std::chrono::milliseconds(1));
+    return ++*returned;
+  }
+};
+
+TEST(CallThread, ReturnsTheResultsOfOneThread) {
+  CallThread calls;
+  const auto first = calls.call([] { return std::this_thread::get_id(); }, kLong_s);
+  const auto second = calls.call([] { return std::this_thread::get_id(); }, kLong_s);
+  ASSERT_TRUE(first && second);
+  EXPECT_EQ(*first, *second);
+  EXPECT_NE(*first, std::this_thread::get_id());
+  EXPECT_EQ(calls.call([] { return std::string("text"); }, kLong_s), "text");
+}
+
+TEST(CallThread, GivesUpOnACallThatHangs) {
+  CallThread calls;
+  const Hanging hanging;
+  EXPECT_EQ(calls.call(hanging, kShort_s), std::nullopt);
+  EXPECT_EQ(*hanging.returned, 0);
+  std::atomic<bool> begun = false;
+  EXPECT_EQ(calls.call([&] { return begun = true; }, kShort_s), std::nullopt);
+  *hanging.released = true;
+  EXPECT_EQ(calls.call([] { return 5; }, kLong_s), 5);
+  EXPECT_EQ(*hanging.returned, 1);
+  EXPECT_FALSE(begun);  // a call that was given up before it began is never made
+}
+
+TEST(CallThread, LastCallFollowsTheOneThatHangs) {
+  CallThread calls;
+  const Hanging hanging;
+  EXPECT_EQ(calls.call(hanging, kShort_s), std::nullopt);
+  int replaced = 0;
+  int after = -1;
+  calls.call_at_last([&] { ++replaced; });
+  calls.call_at_last([&, hanging] { after = *hanging.returned; });
+  EXPECT_EQ(after, -1);
+  *hanging.released = true;
+  EXPECT_EQ(calls.call([&] { return after; }, kLong_s), 1);
+  EXPECT_EQ(replaced, 0);
+  calls.call_at_last([&] { after = 7; });  // waits for it, as nothing hangs
+  EXPECT_EQ(calls.call([&] { return after; }, kLong_s), 7);
+}
+
+TEST(CallThread, CanBeDestroyedWhileACallHangs) {
+  const Hanging hanging;
+  const auto last = std::make_shared<std::atomic<bool>>(false);
+  {
+    CallThread calls;
+    EXPECT_EQ(calls.call(hanging, kShort_s), std::nullopt);
+    calls.call_at_last([last] { *last = true; });
+  }
+  *hanging.released = true;
+  for (int i = 0; i < 10'000 && !*last; ++i) {
+    std::this_thread::sleep_for(std::chrono::milliseconds(1));
+  }
+  EXPECT_TRUE(*last);  // also the last call is still made
+}
+
+// Texts of a foreign library or service.
+
+TEST(ForeignText, BecomesOneShortLineOfPrintableCharacters) {
+  EXPECT_EQ(foreign_text("omega.3 ~"), "omega.3 ~");
+  EXPECT_EQ(foreign_text("a\nb\r\x1b[2J\x7f\xc3\xa9"), "a?b??[2J???");
+  EXPECT_EQ(foreign_text(std::string_view("a\0b", 3)), "a?b");
+  EXPECT_EQ(foreign_text("12345", 5), "12345");
+  EXPECT_EQ(foreign_text("123456", 5), "12345...");
+  EXPECT_EQ(foreign_text(std::string(100'000, 'x')).size(), 303U);
+}
+
+TEST(ForeignText, NoTextIsSaid) {
+  EXPECT_EQ(foreign_text(""), "(no text)");
+  EXPECT_EQ(foreign_text(static_cast<const char*>(nullptr)), "(no text)");
 }
 
 }  // namespace

@@ -151,16 +151,6 @@ TEST_F(ForceDimensionTest, MissingLibrarySaysWhatToInstall) {
       {"forcedimension: ", "libdhd.so.3", "install the SDK", kForceDimensionVariable});
 }
 
-TEST_F(ForceDimensionTest, NamedLibraryThatCannotBeLoadedIsNamed) {
-  const std::string missing = (folder_ / "libnone.so").string();
-  set(kForceDimensionVariable, missing);
-  expect_open_fails({kForceDimensionVariable, missing, "No such file"});
-  const std::string text = (folder_ / "libtext.so").string();
-  std::ofstream(text) << "no library";
-  set(kForceDimensionVariable, text);
-  expect_open_fails({kForceDimensionVariable, text});
-}
-
 TEST_F(ForceDimensionTest, DeviceThatCannotDoWhatItsDescriptionSaysIsRefused) {
   const auto open = [&](bool wants_rotation, bool wants_moment) {
     ForceDimensionOptions wanted = options();
@@ -373,56 +363,6 @@ TEST_F(ForceDimensionTest, CommandThatIsNotFiniteIsNotSent) {
   EXPECT_EQ(rendered(), (std::vector<HandleWrench>{{}, {}}));  // of open() and of close()
 }
 
-TEST_F(ForceDimensionTest, ForceEndsWhenAPoseIsUnusable) {
-  set("TROCAR_DHD_FAULT", "nan@0.1");
-  ForceDimension device(options());
-  ASSERT_TRUE(device.open());
-  ASSERT_FALSE(exchange_until_error(device));
-  device.close();
-  const std::vector<HandleWrench> wrenches = rendered();
-  ASSERT_GE(wrenches.size(), 2U);
-  EXPECT_NE(wrenches[wrenches.size() - 2], HandleWrench{});
-  expect_closed_without_force();
-}
-
-TEST_F(ForceDimensionTest, SilenceIsGivenUpAndEndsWithoutForce) {
-  set("TROCAR_DHD_FAULT", "silence@0.1:0.6");
-  ForceDimension device(options());
-  ASSERT_TRUE(device.open());
-  const Result<PoseReading> reading = exchange_until_error(device);
-  ASSERT_FALSE(reading);
-  expect_line(reading.error(), {"the SDK has not answered for 100 ms"});
-  device.close();
-  EXPECT_FALSE(device.exchange({}));
-  // open() waits for the call that hangs, and close() has followed it.
-  const Result<void> opened = device.open();
-  ASSERT_TRUE(opened) << opened.error().message;
-  const std::vector<Logged> entries = log();
-  std::size_t closed = 0;
-  while (closed < entries.size() && entries[closed].call != "close")
-    ++closed;
-  ASSERT_LT(closed, entries.size());
-  EXPECT_EQ(entries[closed - 1].call, "disable_force");
-  EXPECT_EQ(entries[closed - 2].wrench, HandleWrench{});
-  EXPECT_TRUE(device.exchange({}));
-}
-
-TEST_F(ForceDimensionTest, LateAndJumpingAndFrozenStatesPass) {
-  set("TROCAR_DHD_FAULT", "late@0.05:0.05,jump@0.2:0.1,frozen@0.4");
-  ForceDimension device(options());
-  ASSERT_TRUE(device.open());
-  bool jumped = false;
-  bool back = false;
-  for (int i = 0; i < 10'000 && !back; ++i) {
-    const Result<PoseReading> reading = device.exchange({0, 0, 1, 0, 0, 0});
-    ASSERT_TRUE(reading) << reading.error().message;
-    jumped = jumped || reading->p_m[0] == 0.05;
-    back = jumped && reading->p_m[0] == 0;
-    std::this_thread::sleep_for(milliseconds(1));
-  }
-  EXPECT_TRUE(back);
-}
-
 TEST_F(ForceDimensionTest, AMeasurementThatIsGivenAgainHasItsTime) {
   set("TROCAR_DHD_FAULT", "same@0.1:0.5");
   ForceDimension device(options());
@@ -465,25 +405,6 @@ TEST_F(ForceDimensionTest, OpensTheSameDeviceAgainAndNoOther) {
     device.close();
     expect_closed_without_force();
   }
-}
-
-TEST_F(ForceDimensionTest, OpensAgainAfterADisconnection) {
-  set("TROCAR_DHD_FAULT", "disconnect@0.1:0.2");
-  ForceDimension device(options());
-  ASSERT_TRUE(device.open());
-  const Result<PoseReading> lost = exchange_until_error(device);
-  ASSERT_FALSE(lost);
-  device.close();
-  Result<void> opened = device.open();
-  for (int i = 0; i < 10'000 && !opened; ++i) {
-    device.close();
-    std::this_thread::sleep_for(milliseconds(1));
-    opened = device.open();
-  }
-  ASSERT_TRUE(opened) << opened.error().message;
-  EXPECT_TRUE(device.exchange({0, 0, 1, 0, 0, 0}));
-  device.close();
-  expect_closed_without_force();
 }
 
 }  // namespace

@@ -5,10 +5,8 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstring>
 #include <limits>
 #include <numbers>
-#include <vector>
 
 #include "runtime/device/four_legs/kinematics.h"
 #include "runtime/device/four_legs/torque_allocation.h"
@@ -88,8 +86,6 @@ TEST(SimulatedDevice, FollowsTheExactOscillationToFirstOrder) {
   for (const bool rotation : {false, true}) {
     const double coarse = oscillation_error(rotation, 1e-4);
     const double fine = oscillation_error(rotation, 1e-5);
-    std::printf("%s: relative error %.1e at 0.1 ms, %.1e at 0.01 ms\n",
-                rotation ? "rotation" : "translation", coarse, fine);
     EXPECT_LT(coarse, 0.02);
     EXPECT_NEAR(coarse / fine, 10, 2) << "semi-implicit Euler is of first order";
   }
@@ -164,8 +160,6 @@ TEST(SimulatedDevice, EnergyBalanceCloses) {
   // Different friction of the legs rotates the plate slightly even in straight motion.
   EXPECT_LT(imbalance(1e-4, false), 1e-9);
   const double coarse = imbalance(1e-4, true), fine = imbalance(1e-5, true);
-  std::printf("energy imbalance with rotation: %.1e J at 0.1 ms, %.1e J at 0.01 ms\n", coarse,
-              fine);
   EXPECT_LT(coarse, 1e-5);
   EXPECT_LT(fine, coarse / 5);
 }
@@ -241,47 +235,6 @@ TEST(SimulatedDevice, StopsAtTheEndOfReach) {
   EXPECT_LT(work.stop_J, 0);
 }
 
-TEST(SimulatedDevice, TheSameCallsGiveTheSameBits) {
-  const DeviceDescription device = default_device_description();
-  const auto run = [&] {
-    HandTrajectory hand;
-    hand.keyframes = {keyframe(0, 0.15), keyframe(0.2, 0.12)};
-    hand.keyframes[1].T_device_tool.q = from_rotation_vector({0.1, 0, -0.05});
-    SimulatedDevice simulated = make(device, hand);
-    std::vector<double> all;
-    for (int tick = 0; tick < 200; ++tick) {
-      simulated.write({{1, -1, 0.5, 0.25, 0, 1, 0, 0.125}});
-      EXPECT_TRUE(simulated.step(1e-3));
-      DeviceState state;
-      simulated.read(state);
-      all.insert(all.end(), state.encoder_rad.begin(), state.encoder_rad.end());
-    }
-    return all;
-  };
-  const std::vector<double> first = run(), second = run();
-  EXPECT_EQ(std::memcmp(first.data(), second.data(), first.size() * sizeof(double)), 0);
-}
-
-TEST(SimulatedDevice, MakeRefusesInvalidHandsAndStarts) {
-  const DeviceDescription device = default_device_description();
-  HandTrajectory hand;
-  hand.keyframes = {keyframe(0, 0.5)};
-  const auto out_of_reach = SimulatedDevice::make(device, hand, {});
-  ASSERT_FALSE(out_of_reach);
-  EXPECT_NE(out_of_reach.error().message.find("out of reach"), std::string::npos);
-  hand.keyframes = {keyframe(0, 0.15), keyframe(0, 0.14)};
-  EXPECT_FALSE(SimulatedDevice::make(device, hand, {}));
-  hand.keyframes = {keyframe(0, std::nan(""))};
-  EXPECT_FALSE(SimulatedDevice::make(device, hand, {}));
-  hand.keyframes = {keyframe(0, 0.15)};
-  hand.keyframes[0].T_device_tool.q.w() = 2;
-  EXPECT_FALSE(SimulatedDevice::make(device, hand, {}));
-  hand.keyframes = {keyframe(0, 0.15)};
-  HandImpedance pushing;
-  pushing.damping_Ns_per_m = -1;
-  EXPECT_FALSE(SimulatedDevice::make(device, hand, pushing));
-}
-
 // A hand of any damping that a scene may state pulls a deflected tool to its target. In the light
 // model, the described step of 0.1 ms is stable only below 8 N m s/rad and 7000 N s/m.
 TEST(SimulatedDevice, StronglyDampedHandsAreStable) {
@@ -339,81 +292,101 @@ TEST(Hand, TrajectoryPassesItsKeyframesAndTheTwistIsItsDerivative) {
   }
 }
 
-// A loop with a wall of the paper's stiffness: encoders -> pose -> F = K dx -> torques, held for a
-// tick.
-struct WallRun {
-  std::vector<double> force_N;  // a tick each
-  double largest_drop_N = 0;    // from tick to tick while in contact, before puncture
-  double peak_N = 0;
-  double puncture_depth_m = 0;
-};
-WallRun push_through_wall(const DeviceDescription& device, const HandImpedance& impedance,
-                          const HandTrajectory& hand, double rate_Hz, double duration_s,
-                          double threshold_N) {
-  constexpr double kWall_m = 0.12, kStiffness_N_per_m = 5000;
-  SimulatedDevice simulated = make(device, hand, impedance);
-  WallRun run;
-  bool punctured = false;
-  const int ticks = static_cast<int>(duration_s * rate_Hz);
-  double last_N = 0;
-  for (int tick = 0; tick < ticks; ++tick) {
-    DeviceState state;
-    simulated.read(state);
-    const ForwardResult forward = forward_kinematics(device, state.encoder_rad);
-    EXPECT_TRUE(forward.status);
-    const double depth_m = kWall_m - forward.T_device_plate.p_m.z();
-    double force_N = !punctured && depth_m > 0 ? kStiffness_N_per_m * depth_m : 0;
-    if (force_N > threshold_N) {
-      punctured = true;
-      run.puncture_depth_m = depth_m;
-      force_N = 0;
-    }
-    if (!punctured) run.largest_drop_N = std::max(run.largest_drop_N, last_N - force_N);
-    run.peak_N = std::max(run.peak_N, force_N);
-    run.force_N.push_back(force_N);
-    last_N = force_N;
-    Wrench wanted = Wrench::Zero();
-    wanted[2] = force_N;
-    simulated.write(command_for(device, forward.T_device_plate, wanted));
-    EXPECT_TRUE(simulated.step(1 / rate_Hz));
-  }
-  return run;
+// The simulated pose device against exact solutions.
+
+PoseDeviceDescription simulated_arm(bool senses_rotation = false) {
+  PoseDeviceDescription device;
+  device.force_max_N = 10;
+  device.mass_kg = 0.4;
+  device.damping_N_s_per_m = 2;
+  device.senses_rotation = senses_rotation;
+  device.inertia_kg_m2 = {1e-3, 1e-3, 1e-3};
+  device.workspace_min_m = {-0.1, -0.1, -0.1};
+  device.workspace_max_m = {0.1, 0.1, 0.1};
+  return device;
 }
 
-TEST(SimulatedDevice, DefaultHandPushesThroughTheWallWithoutChatter) {
-  const DeviceDescription device = default_device_description();
-  HandTrajectory hand;
-  hand.keyframes = {keyframe(0, 0.13), keyframe(0.1, 0.13), keyframe(2.1, 0.09)};  // 20 mm/s
-  for (const double rate_Hz : {500.0, 1000.0, 8000.0}) {
-    const WallRun run = push_through_wall(device, {}, hand, rate_Hz, 2.3, 35);
-    std::printf("%.0f Hz: peak %.3f N, puncture at %.4f mm, largest drop %.1e N\n", rate_Hz,
-                run.peak_N, run.puncture_depth_m * 1e3, run.largest_drop_N);
-    // 20 mm/s times 5 kN/m is 100 N/s, shared by hand and wall.
-    EXPECT_GT(run.peak_N, 35 - 100 / rate_Hz);
-    EXPECT_LE(run.peak_N, 35);
-    EXPECT_NEAR(run.puncture_depth_m, 0.007, 0.02 / rate_Hz);
-    EXPECT_LT(run.largest_drop_N, 1e-6) << "the force fell before the puncture";
-  }
-  // Without damping the same test does detect chatter: an undamped grip, no friction.
-  DeviceDescription frictionless = device;
-  frictionless.joint_viscous_friction_Nms_per_rad = 0;
-  const HandImpedance undamped = {4000, 0, 20, 0.3};
-  EXPECT_GT(push_through_wall(frictionless, undamped, hand, 500, 2.3, 35).largest_drop_N, 0.1);
+HandTrajectory at_rest() {
+  HandTrajectory path;
+  path.keyframes = {{0, Pose{}}};
+  return path;
 }
 
-TEST(SimulatedDevice, ForceOnTheWallSettlesAtTheExactBalance) {
-  const DeviceDescription device = default_device_description();
-  const HandImpedance impedance;
-  HandTrajectory hand;
-  hand.keyframes = {keyframe(0, 0.13), keyframe(0.5, 0.11)};  // 10 mm into the wall
-  const double balance_N = 0.01 / (1 / impedance.stiffness_N_per_m + 1 / 5000.0);
-  for (const double rate_Hz : {500.0, 1000.0}) {
-    const WallRun run = push_through_wall(device, impedance, hand, rate_Hz, 2, 1000);
-    const auto last_half_second =
-        std::minmax_element(run.force_N.end() - static_cast<int>(rate_Hz / 2), run.force_N.end());
-    EXPECT_NEAR(*last_half_second.first, balance_N, 1e-6);
-    EXPECT_NEAR(*last_half_second.second, balance_N, 1e-6);
+Result<SimulatedPoseDevice> make(const PoseDeviceDescription& device, const HandMotion& motion,
+                                 const HandImpedance& impedance) {
+  return SimulatedPoseDevice::make(device, PoseFrame(device, Pose{}), motion, impedance, Pose{});
+}
+
+TEST(SimulatedPoseDevice, OscillatesLikeADampedSpring) {
+  HandImpedance hand;
+  hand.stiffness_N_per_m = 500;
+  hand.damping_Ns_per_m = 2;
+  auto made = make(simulated_arm(), at_rest(), hand);
+  ASSERT_TRUE(made);
+  made->write({3, 0, 0, 0, 0, 0});
+  const double m = 0.4, d = 4, k = 500, decay = d / (2 * m),
+               rate = std::sqrt(k / m - decay * decay);
+  double worst_m = 0;
+  for (int i = 1; i <= 500; ++i) {
+    made->advance(1e-3);
+    const double t = i * 1e-3;
+    const double exact =
+        3 / k *
+        (1 - std::exp(-decay * t) * (std::cos(rate * t) + decay / rate * std::sin(rate * t)));
+    PoseReading reading;
+    made->read(reading);
+    worst_m = std::max(worst_m, std::abs(reading.p_m[0] - exact));
   }
+  EXPECT_LT(worst_m, 0.01 * 3 / k);
+}
+
+TEST(SimulatedPoseDevice, MomentTurnsAHandleThatCanTurnOnly) {
+  for (const bool turns : {false, true}) {
+    auto made = make(simulated_arm(turns), at_rest(), {});
+    ASSERT_TRUE(made);
+    made->write({0, 0, 0, 0.2, 0, 0});
+    for (int i = 0; i < 2000; ++i)
+      made->advance(1e-3);
+    const double angle_rad = rotation_vector(made->T_device_plate().q).x();
+    EXPECT_NEAR(angle_rad, turns ? 0.2 / HandImpedance{}.rotational_stiffness_Nm_per_rad : 0, 1e-6);
+  }
+}
+
+TEST(SimulatedPoseDevice, StaysFiniteForAnyMassAndCommand) {
+  PoseDeviceDescription light = simulated_arm(true);
+  light.mass_kg = 1e-3;
+  light.inertia_kg_m2 = {1e-8, 1e-8, 1e-8};
+  auto made = make(light, at_rest(), stiff_grip());
+  ASSERT_TRUE(made);
+  made->write({NAN, 0, 0, 0, 0, 0});
+  made->advance(1e-3);
+  EXPECT_EQ(made->twist_device().norm(), 0);
+  made->write({5, -3, 8, 0.1, 0.1, -0.1});
+  for (int i = 0; i < 1000; ++i)
+    made->advance(1e-3);
+  EXPECT_NEAR(made->T_device_plate().p_m.x(), 5 / stiff_grip().stiffness_N_per_m, 1e-5);
+  made->advance(-1);
+  made->advance(NAN);
+  made->advance(100);
+  EXPECT_TRUE(is_finite(made->T_device_plate()));
+}
+
+TEST(SimulatedPoseDevice, StatesWholeCounts) {
+  PoseDeviceDescription device = simulated_arm(true);
+  device.position_resolution_m = 1e-4;
+  device.rotation_resolution_rad = 1e-2;
+  HandTrajectory path = at_rest();
+  path.keyframes.push_back({1, {{0.0333333, 0, 0}, from_rotation_vector({0, 0.3, 0})}});
+  auto made = make(device, path, {});
+  ASSERT_TRUE(made);
+  for (int i = 0; i < 900; ++i)
+    made->advance(1e-3);
+  PoseReading reading;
+  made->read(reading);
+  EXPECT_NEAR(std::remainder(reading.p_m[0], 1e-4), 0, 1e-12);
+  EXPECT_NEAR(
+      std::hypot(std::hypot(reading.q[0], reading.q[1]), std::hypot(reading.q[2], reading.q[3])), 1,
+      1e-12);
 }
 
 }  // namespace

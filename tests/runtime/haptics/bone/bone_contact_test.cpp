@@ -6,7 +6,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 #include <functional>
 #include <limits>
 #include <memory>
@@ -174,26 +173,6 @@ double share_beside(double off_mm) {
 }
 
 // --- contract 1: share and HU ---
-
-TEST(BodyContact, ARimBreaksAtItsShareOfTheThreshold) {
-  for (const double x_mm : {10.0, 17.5, 19.0, 20.0, 21.5, 22.6}) {
-    Polygon over = hexagon(x_mm);
-    over = clip(over, {20, -40}, {20, 40});
-    const double share = area_mm2(over) / area_mm2(hexagon(0));
-    DryRun trial(cutting_scene({0.12}), square_asset(1));
-    trial.move(x_mm * 1e-3, 0.121, x_mm * 1e-3, 0.11);
-    EXPECT_EQ(trial.fronts_, 1) << x_mm;
-    // The peak of a tick: at most a step's force below.
-    EXPECT_LE(trial.peak_N_, 35 * share * 1.002 + 1e-9) << x_mm;
-    EXPECT_GE(trial.peak_N_, 35 * share * 0.998 - 5000 * 20e-6) << x_mm;
-    EXPECT_EQ(trial.force_N(), 0) << "punctured";
-  }
-  DryRun beside(cutting_scene({0.12}), square_asset(1));
-  beside.move(0.0231, 0.121, 0.0231, 0.11);
-  EXPECT_EQ(beside.peak_N_, 0);
-  EXPECT_EQ(beside.fronts_ + beside.sides_, 0);
-  EXPECT_EQ(beside.out_.phase, ContactPhase::kMissed);
-}
 
 TEST(BodyContact, TheStrengthIsThatOfTheHuUnderTheTool) {
   Scene scene = body_scene(0, 9, 0.12);
@@ -365,27 +344,6 @@ TEST(BodyContact, WhatIsCutIsFreeOnReEntryAndElsewhereItIsTheShare) {
       EXPECT_GE(trial.peak_N_, 35 * share - 0.2 - 5000 * 20e-6) << off_mm;
     }
   }
-}
-
-TEST(BodyContact, InABodyAHoleIsEnteredAgainWithoutWork) {
-  Scene scene = body_scene(0, 9, 0.12);
-  scene.tissue.threshold_N = 10;
-  scene.tissue.stiffness_N_per_m = 50'000;
-  DryRun trial(scene, spaced_asset(10, 1));
-  trial.move(0, 0.121, 0, 0.1153);
-  const int before = trial.fronts_;
-  EXPECT_EQ(before, 5);
-  trial.publish();
-  const double cut_J = trial.state_.energy.cut_J;
-  trial.move(0, 0.1153, 0, 0.121);
-  trial.peak_N_ = 0;
-  trial.move(0, 0.121, 0, 0.1156);
-  EXPECT_EQ(trial.peak_N_, 0) << "to where it was cut";
-  EXPECT_EQ(trial.state_.energy.cut_J, cut_J);
-  trial.move(0, 0.1156, 0, 0.113);
-  EXPECT_NEAR(trial.peak_N_, 10, 1e-6) << "and on from there";
-  EXPECT_EQ(trial.fronts_, 7);
-  EXPECT_EQ(trial.sides_, 0);
 }
 
 // --- contract 3: walls ---
@@ -659,8 +617,6 @@ TEST(WallContact, AWallHasItsStrengthInSlicesThatAreThickerThanTheWall) {
       }
       const std::string where =
           std::to_string(wall_mm) + " mm in slices of " + std::to_string(spacing_mm);
-      std::printf("wall of %s: entry %.3f, exit %.3f, plateau %.3f, least %.3f of the truth\n",
-                  where.c_str(), entry_N / N(1200), exit_N / N(1200), plateau_N / inside, least_N);
       EXPECT_NEAR(entry_N / N(1200), 1, 0.08) << where;
       EXPECT_NEAR(exit_N / N(1200), 1, 0.08) << where;
       EXPECT_NEAR(plateau_N / inside, 1, 0.03) << where;
@@ -797,22 +753,6 @@ TEST(HoleContact, ACoupledToolBesideTheBoneIsNotStoppedByTheBoneUnderThePlate) {
   trial.peak_N_ = 0;
   trial.move(17e-3, 0.117, 17e-3, 0.113);
   EXPECT_LT(trial.peak_N_, 0.5) << "a corner of the tool is over the edge";
-}
-
-// Slices at 0, 1 and 4 mm: the bone of the slices is 1, 2 and 3 mm thick, and the shell below ends
-// in the middle one.
-TEST(HoleContact, AShellIsAsThickInSlicesOfUnevenSpacing) {
-  Asset asset = spaced_asset(3, 1);
-  asset.slices[2].z_mm = 4;
-  Scene scene = body_scene(0, 2, 0.12);
-  scene.body->shell_m = 1.25e-3;
-  scene.body->shell_factor = 3;
-  scene.tissue.threshold_N = 10;
-  scene.tissue.stiffness_N_per_m = 50'000;
-  DryRun trial(scene, asset);
-  trial.move(0, 0.1225, 0, 0.114);
-  EXPECT_NEAR(trial.peak_N_, 30, 1e-6);
-  EXPECT_NEAR(trial.state_.energy.cut_J, 2 * 30 * 1.25e-3 + 10 * (6e-3 - 2 * 1.25e-3), 1e-6);
 }
 
 // The slope under a tip on bodies whose surface is known.

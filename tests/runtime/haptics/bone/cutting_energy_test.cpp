@@ -6,7 +6,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 #include <cstdlib>
 #include <optional>
 #include <random>
@@ -262,9 +261,8 @@ double strength_above(const Session& s, const CuttingState& was, double front_m)
 
 TEST(CuttingEnergy, NoTickGivesMoreThanHoldingLeaks) {
   Draws random(11), layers(12), tips(13), holds(14), slopes(15), twists(16), bevels(17), walls(18);
-  double worst = -1;
-  long ticks = 0, cutting = 0, stopped = 0, too_far = 0, unconverged = 0, capped = 0, rigid = 0,
-       gained = 0, torn = 0, slipped = 0, held = 0, sloped = 0, twisted = 0, bevelled = 0;
+  long ticks = 0, cutting = 0, stopped = 0, too_far = 0, unconverged = 0, gained = 0, torn = 0,
+       slipped = 0, held = 0, sloped = 0, twisted = 0, bevelled = 0;
   const char* more = std::getenv("TROCAR_SESSIONS");  // NOLINT(concurrency-mt-unsafe)
   const int sessions = more == nullptr ? 1500 : std::atoi(more);
   for (int n = 0; n < sessions; ++n) {
@@ -366,7 +364,6 @@ TEST(CuttingEnergy, NoTickGivesMoreThanHoldingLeaks) {
         if (s.options.coupling.is_rigid) leak = rigid_leak(s, was, s.state, before, X);
         const double gain = out.stored_J - stored + out.cut_J + out.layer_cut_J + w.dot(dx);
         gained += gain > 0;
-        worst = std::max(worst, gain - leak);
         ASSERT_LE(gain - leak, 1e-12) << "session " << n << " tick " << k << " kind " << aim.kind
                                       << " rigid " << s.options.coupling.is_rigid;
       }
@@ -375,19 +372,10 @@ TEST(CuttingEnergy, NoTickGivesMoreThanHoldingLeaks) {
       stored = out.stored_J;
       ++ticks;
       cutting += out.cut_J > 0;
-      rigid += s.options.coupling.is_rigid;
       unconverged += !out.has_converged && s.options.max_steps >= 12;
-      capped += s.options.max_steps < 12;
       if (in_hand) hand.move(aim.at(k * dt, s.options.tool.tip_plate_m), w, dt);
     }
   }
-  RecordProperty("worst_J", std::to_string(worst));
-  std::printf(
-      "worst %.3g J; %ld ticks, %ld cut, %ld rigid, %ld capped, %ld not converged, %ld gain "
-      "energy at all, %ld of %ld fronts too far, %ld cut soft layers, %ld slips of the tip, %ld "
-      "holds of it, %ld on a slope, %ld turned, %ld bevelled in bone\n",
-      worst, ticks, cutting, rigid, capped, unconverged, gained, too_far, stopped, torn, slipped,
-      held, sloped, twisted, bevelled);
   EXPECT_GT(cutting, ticks / 50);
   EXPECT_GT(torn, ticks / 1000);
   EXPECT_GT(slipped, ticks / 50);

@@ -63,73 +63,6 @@ TEST(CuttingFeel, ForceAtTicksIsTheQuasiStaticOne) {
   }
 }
 
-TEST(CuttingFeel, NoGapsDropsAndRisesOfTheBoneOnly) {
-  const std::vector<CuttingSlab> body = vertebra();
-  for (const double rate : kRates_Hz) {
-    for (const double speed : kSpeeds) {
-      Bench b(body);
-      const double series =
-          1 / (1 / b.options.coupling.translation_N_per_m + 1 / b.options.tip_N_per_m);
-      double before = 0, front_before = 0;
-      for (int k = 0; speed * k / rate < 0.07; ++k) {
-        const double x = speed * k / rate - 0.002;
-        b.tick(plate_at(0, x));
-        const double F = b.out.wrench_device[2], dx = speed / rate;
-        ASSERT_LE(F - before, series * dx + 1e-5);
-        const bool is_inside = x > 1e-4 && b.out.front_m < 0.035 - 1e-9;
-        if (is_inside) {
-          ASSERT_GT(F, 0);
-          if (b.out.cut_J > 0 && before > 0) {
-            // The force falls from the strength at its start to the strength at its end, and no lower.
-            const double was = std::max(strength_at(body, front_before - 1e-9),
-                                        strength_at(body, front_before + 1e-9)),
-                         is = std::min(strength_at(body, b.out.front_m - 1e-9),
-                                       strength_at(body, b.out.front_m + 1e-9));
-            ASSERT_GE(F, is - 1e-4);
-            ASSERT_LE(before - F, std::max(was - is, 0.0) + 1e-4);
-          }
-        }
-        before = F;
-        front_before = b.out.front_m;
-      }
-      EXPECT_NEAR(before, 0, 1e-9);
-    }
-  }
-}
-
-TEST(CuttingFeel, WorkAtEveryRateWithFriction) {
-  std::vector<CuttingSlab> body = vertebra();
-  double strength_J = 0;
-  for (CuttingSlab& slab : body) {
-    slab.friction_N_per_m = 100;
-    strength_J += 0.5 * (slab.strength_top_N + slab.strength_bottom_N) * 1e-3;
-  }
-  // The hand's work, in steps so small that its trapezoids do not show.
-  const auto pushed = [&](Bench& b, double step) {
-    double work = 0, before = 0;
-    for (int k = 0; step * k < 0.062; ++k) {
-      b.tick(plate_at(0, step * k - 0.002));
-      work += 0.5 * (before + b.out.wrench_device[2]) * step;
-      before = b.out.wrench_device[2];
-    }
-    return work;
-  };
-  Bench reference(body);
-  const double fine = pushed(reference, 2e-6);
-  EXPECT_GT(fine, strength_J);
-  for (const double rate : kRates_Hz) {
-    for (const double speed : kSpeeds) {
-      Bench b(body);
-      const double work = pushed(b, speed / rate);
-      EXPECT_NEAR(b.cut_J, strength_J, 0.001 * strength_J) << rate << " Hz " << speed << " m/s";
-      EXPECT_NEAR(b.out.wrench_device[2], 100 * 0.035, 0.01 * 3.5);  // friction of the whole length
-      if (speed / rate < 3e-4) {
-        EXPECT_NEAR(work, fine, 0.01 * fine) << rate << " Hz " << speed << " m/s";
-      }
-    }
-  }
-}
-
 // A needle that enters at 10 degrees and is pushed along its axis goes on at 10 degrees.
 TEST(CuttingFeel, TheHoleGuides) {
   for (const double clearance : {0.0, 5e-5}) {
@@ -150,24 +83,6 @@ TEST(CuttingFeel, TheHoleGuides) {
     EXPECT_GT(deepest, 0.03);
     EXPECT_LT(worst * 180 / std::numbers::pi, 0.05) << clearance;
   }
-}
-
-// Pushed sideways the hole holds the tool; the wall yields at its strength and is then wider.
-TEST(CuttingFeel, TheWallYieldsAndStaysWide) {
-  Bench b(even_slabs(12, 1e-3, 5));
-  b.options.coupling.translation_N_per_m = 1e5;
-  b.options.coupling.rotation_Nm_per_rad = 1e4;
-  b.hold_shaft(0, 1e7, 2000);
-  b.push(-0.001, 0.01, 1e-4);
-  const double embedded = b.out.embedded_m;
-  ASSERT_GT(embedded, 0.0095);
-  b.move(plate_at(0, 0.01), plate_at(0.002, 0.01), 1e-5);
-  EXPECT_NEAR(-b.out.wrench_device[0], 2000 * embedded, 0.02 * 2000 * embedded);
-  // Back: no force from the side that was pushed away until the other side is met.
-  b.move(plate_at(0.002, 0.01), plate_at(0.001, 0.01), 1e-5);
-  EXPECT_NEAR(b.out.wrench_device[0], 0, 1e-3);
-  b.move(plate_at(0.001, 0.01), plate_at(-0.001, 0.01), 1e-5);
-  EXPECT_GT(b.out.wrench_device[0], 0.9 * 2000 * embedded);
 }
 
 // A device in a hand, with the force held over the tick. Its own damping b >= K T / 2 takes what

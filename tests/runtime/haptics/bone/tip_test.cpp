@@ -110,34 +110,6 @@ TEST(TipFriction, HoldsAtASmallTilt) {
   }
 }
 
-// Sliding under load: per tick no more than holding the wrench leaks, and the work of a round trip
-// is what friction takes.
-TEST(TipFriction, TakesItsWork) {
-  Bench b = friction_bench(0.4);
-  const double depth = depth_for(25), K = b.options.coupling.translation_N_per_m;
-  b.push(-0.001, depth, 1e-5);
-  double stored = b.out.stored_J, work = 0;
-  const double start = stored;
-  Pose before = plate_at(0, depth);
-  Wrench w = b.out.wrench_device;
-  double travelled = 0;
-  for (int k = 1; k <= 4000; ++k) {
-    const Pose X = plate_at(0.02 * std::sin(2 * 3.14159265358979 * k / 4000), depth);
-    b.tick(X);
-    const Twist dx = displacement(before, X);
-    EXPECT_LE(b.out.stored_J - stored + w.dot(dx), 0.5 * K * dx.head<3>().squaredNorm() + 1e-12);
-    work -= 0.5 * (w + b.out.wrench_device).dot(dx);
-    travelled += dx.head<3>().norm();
-    before = X;
-    w = b.out.wrench_device;
-    stored = b.out.stored_J;
-  }
-  // Less at each turn what the elastic part takes back.
-  const double slides_at = 0.4 * 25 / 4000.0 + 1e-4;
-  EXPECT_NEAR(work - (stored - start), 0.4 * 25 * (travelled - 5 * slides_at), 1e-4);
-  EXPECT_GT(work, 0.5);
-}
-
 // Crushed bone holds the tip when it is pulled back. The hold's energy is in cutting_energy_test.
 
 constexpr double kRadius_m = 1.5e-3, kPresliding_m = 1e-4;
@@ -212,19 +184,6 @@ TEST(TipHold, ATipThatHasBrokenThroughIsNotHeld) {
   }
   EXPECT_NEAR(most_N, 60, 1e-3);
   EXPECT_GE(least_N, -1e-5);
-}
-
-// Pushing again after a short withdrawal needs the whole force again, and the front goes on where
-// it was.
-TEST(TipHold, PushingAgainGoesOnFromTheSamePlace) {
-  Bench b = hold_bench(0.25, even_slabs(10, 1e-3, 60));
-  b.push(-0.001, 0.005, 1e-6);
-  const double front_m = b.out.front_m, cut_J = b.cut_J;
-  b.push(0.005, 0.004, 1e-6);
-  b.push(0.004, 0.005, 1e-6);
-  EXPECT_NEAR(b.out.front_m, front_m, 1e-8);
-  EXPECT_NEAR(b.cut_J, cut_J, 1e-6);
-  EXPECT_NEAR(pull_N(b), 60, 1e-3);
 }
 
 // The tip on a sloping surface that it does not break. Its energy is in cutting_energy_test.

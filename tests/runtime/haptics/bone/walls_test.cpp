@@ -19,29 +19,6 @@ namespace {
 using Eigen::Vector2d;
 using Eigen::Vector3d;
 
-TEST(Slot, PointAndClearance) {
-  Slot slot;
-  EXPECT_FALSE(slot.is_open());
-  slot.open({1, 2}, 0.25);
-  EXPECT_EQ(slot.reach({1.2, 2}).distance_m, 0);
-  const Slot::Reach r = slot.reach({1, 3});
-  EXPECT_NEAR(r.distance_m, 0.75, 1e-15);
-  EXPECT_NEAR((r.away - Vector2d(0, 1)).norm(), 0, 1e-15);
-  EXPECT_NEAR(r.bend, 0.75, 1e-15);
-}
-
-TEST(Slot, SegmentHasFlatSides) {
-  Slot slot;
-  slot.open({0, 0}, 0);
-  slot.include({2, 0});
-  EXPECT_EQ(slot.corners(), 2);
-  const Slot::Reach beside = slot.reach({1, -0.5});
-  EXPECT_NEAR(beside.distance_m, 0.5, 1e-15);
-  EXPECT_EQ(beside.bend, 0);
-  EXPECT_NEAR(slot.reach({3, 0}).bend, 1, 1e-15);
-  EXPECT_EQ(slot.reach({0.5, 0}).distance_m, 0);
-}
-
 // The second corner would be the first one by rounding.
 TEST(Slot, SegmentOfNoLength) {
   Slot slot;

@@ -7,7 +7,6 @@
 #include <cmath>
 #include <functional>
 #include <limits>
-#include <memory>
 #include <numbers>
 #include <random>
 #include <vector>
@@ -87,19 +86,6 @@ class DeviceTime : public testing_support::LoopFixture {
   }
 };
 
-// At 50 mm/s 40 N s/m give 2 N, however late the host is.
-TEST_F(DeviceTime, DampingIsTakenOverTheTimeBetweenStates) {
-  double z_m = 0.1168;
-  go_to(z_m);
-  tick();
-  for (const double interval_s : {1e-3, 3e-3, 2.5e-4, 7e-3, 1e-3, 1e-3, 4e-3}) {
-    go_to(z_m -= 0.05 * interval_s);
-    tick_after(interval_s);
-    ASSERT_EQ(state_.safety.fault, Fault::kNone);
-    EXPECT_NEAR(felt_N(), 5000 * (0.12 - z_m) + 2, 1e-6) << interval_s;
-  }
-}
-
 TEST_F(DeviceTime, ShaftFrictionIsTakenOverTheTimeBetweenStates) {
   allow_jumps(true);
   double z_m = 0.112;
@@ -126,16 +112,6 @@ TEST_F(DeviceTime, ACouplingTakesItToo) {
     tick_after(interval_s);
     EXPECT_NEAR(felt_N() - 5000 * (0.12 - z_m) * 10 / 15, on_time_N, 0.02) << interval_s;
   }
-}
-
-// 20,000 counts a revolution: a difference over one tick is wrong by up to the 50 mm/s themselves.
-TEST_F(DeviceTime, CoarseEncodersGiveASteadyForce) {
-  go_to(0.1168);
-  tick();
-  const Range damping_N = descend_by_counts(
-      [&] { return result_.contact.force_N - 5000 * result_.contact.penetration_m; });
-  EXPECT_GT(damping_N.low, 0.9 * 2);
-  EXPECT_LT(damping_N.high, 1.1 * 2);
 }
 
 TEST_F(DeviceTime, CoarseEncodersGiveASteadyFrictionOfTheShaft) {

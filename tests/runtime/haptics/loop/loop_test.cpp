@@ -22,17 +22,6 @@ using testing_support::largest;
 
 using Loop = testing_support::LoopFixture;
 
-TEST_F(Loop, AGoodTickHasNoFault) {
-  go_to(0.1158);
-  tick();
-  EXPECT_EQ(result_.row.fault, Fault::kNone);
-  EXPECT_NEAR(result_.row.wrench_delivered[2], 21, 1e-8);
-  EXPECT_EQ(result_.row.t_s, 0.003);
-  EXPECT_EQ(result_.found.fault, Fault::kNone);
-  EXPECT_EQ(quantity_name(result_.found), "");
-  EXPECT_NEAR(result_.retract_distance_m, 0.0042, 1e-9) << "the tool stands in the sheet";
-}
-
 constexpr double kAny = HUGE_VAL, kAbove = 1e200, kBelow = -1e200;  // the limit
 
 /// What the tick says of its fault: which sensor or quantity (none: not looked at; with '_' at its end: what it begins
@@ -295,39 +284,6 @@ TEST_F(Loop, EncoderNotFiniteInTheFirstTick) {
   EXPECT_EQ(largest(device_.written), 0);
 }
 
-TEST_F(Loop, EncoderRateIsTakenOverTheTimeSinceTheLastData) {
-  device_.on_read = DeviceStatus::kNoData;
-  tick();
-  tick();
-  device_.on_read = DeviceStatus::kOk;
-  go_to(0.107);  // above the limit of one tick, below that of three; 13 mm deep: punctured
-  tick();
-  EXPECT_EQ(state_.safety.fault, Fault::kNone) << to_string(state_.safety.fault);
-}
-
-TEST_F(Loop, AFaultOfTheCaller) {
-  tick_with(Fault::kEmergencyStop);
-  EXPECT_EQ(result_.row.outside_fault, Fault::kEmergencyStop);
-  EXPECT_EQ(state_.safety.fault, Fault::kEmergencyStop);
-}
-
-TEST_F(Loop, Speed) {
-  model_.limits.speed_max_m_per_s = 0.2;
-  double z_m = 0.116;
-  for (int i = 0; i < 40; ++i) {  // at 0.19 m/s
-    go_to(z_m += 0.19e-3);
-    tick();
-    ASSERT_EQ(state_.safety.fault, Fault::kNone) << i;
-  }
-  int ticks = 0;
-  for (; state_.safety.fault == Fault::kNone && ticks < 20; ++ticks) {
-    go_to(z_m += 0.3e-3);
-    tick();
-  }
-  EXPECT_EQ(state_.safety.fault, Fault::kSpeed);
-  EXPECT_LE(ticks, 2);
-}
-
 TEST_F(Loop, RecoveryNeedsARequestAndATimeInFreeSpace) {
   device_.next.encoder_rad[4] += 0.061;
   expect_fault(Fault::kEncoderJump);  // the tool stands in the sheet
@@ -467,26 +423,6 @@ TEST_F(Loop, AStopDuringAnotherFaultIsReported) {
   EXPECT_EQ(state_.safety.faults, 3U);
 }
 
-TEST_F(Loop, ARequestForRecoveryHasNoEffectInOtherStates) {
-  recover_ = true;
-  ticks(3);
-  EXPECT_EQ(state_.safety.state, SafetyState::kRunning);
-  device_.next.encoder_rad[7] = NAN;
-  tick();
-  tick();
-  EXPECT_EQ(state_.safety.state, SafetyState::kFault) << "not while torques are ramped down";
-  EXPECT_GT(largest(device_.written), 0);
-}
-
-TEST_F(Loop, TheFirstFaultIsKept) {
-  device_.next.encoder_rad[7] = NAN;
-  tick();
-  device_.on_read = DeviceStatus::kLinkLost;
-  tick();
-  EXPECT_EQ(state_.safety.fault, Fault::kEncoderNotFinite);
-  EXPECT_EQ(state_.safety.fault_t_s, 0.003);
-}
-
 TEST_F(Loop, TheEndOfTheDataDoesNotCountAsATick) {
   device_.on_read = DeviceStatus::kEndOfData;
   const std::uint64_t ticks = state_.tick;
@@ -494,20 +430,6 @@ TEST_F(Loop, TheEndOfTheDataDoesNotCountAsATick) {
   EXPECT_TRUE(result_.end_of_data);
   EXPECT_EQ(state_.tick, ticks);
   EXPECT_EQ(state_.safety.fault, Fault::kNone);
-}
-
-TEST_F(Loop, TorquesStayBelowThePeakAndTheWrenchKeepsItsDirection) {
-  description_.motor_peak_torque_Nm = description_.motor_continuous_torque_Nm = 0.3;
-  renew_device();
-  tick();
-  EXPECT_EQ(state_.safety.fault, Fault::kNone);
-  EXPECT_LE(largest(device_.written), 0.3);
-  EXPECT_GT(largest(device_.written), 0.29);
-  EXPECT_LT(result_.row.wrench_scale, 1);
-  for (int i = 0; i < 6; ++i) {
-    EXPECT_NEAR(result_.row.wrench_delivered[i],
-                result_.row.wrench_scale * result_.row.wrench_wanted[i], 1e-9);
-  }
 }
 
 TEST_F(Loop, ARisingForceIsLimitedAndAReleaseIsNot) {

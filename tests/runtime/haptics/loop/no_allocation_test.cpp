@@ -16,17 +16,12 @@
 #include <functional>
 #include <new>
 #include <string>
-#include <thread>
-#include <vector>
+#include <utility>
 
 #include "runtime/realtime/realtime_thread.h"
-#include "runtime/session/open_device.h"
-#include "runtime/session/session.h"
+#include "tests/runtime/session/test_session.h"
 #include "tests/support/counted_allocations.h"
-#include "tests/support/four_legs_session.h"
 #include "tests/support/loop_rig.h"
-#include "tests/support/sheet_fixture.h"
-#include "tests/support/temporary_folder.h"
 
 namespace trocar::runtime {
 namespace {
@@ -50,65 +45,31 @@ class NoAllocation : public testing::Test {
 };
 
 TEST_F(NoAllocation, EveryAllocationFunctionIsCounted) {
-  EXPECT_EQ(counted([] {}), 0U);
-  EXPECT_EQ(counted([] {
-              kept_block = std::malloc(10);
-              std::free(kept_block);
-            }),
-            2U);
-  EXPECT_EQ(counted([] {
-              kept_block = std::calloc(3, 7);
-              kept_block = std::realloc(kept_block, 5000);
-              std::free(kept_block);
-            }),
-            3U);
-  EXPECT_EQ(counted([] {
-              kept_block = std::aligned_alloc(64, 128);
-              std::free(kept_block);
-            }),
-            2U);
-  EXPECT_EQ(counted([] {
-              void* block = nullptr;
-              ASSERT_EQ(::posix_memalign(&block, 64, 100), 0);
-              kept_block = block;
-              std::free(kept_block);
-            }),
-            2U);
+  const std::pair<std::uint64_t, std::function<void*()>> functions[] = {
+      {2, [] { return std::malloc(10); }},
+      {2, [] { return std::calloc(3, 7); }},
+      {3, [] { return std::realloc(std::malloc(10), 5000); }},
+      {2, [] { return std::aligned_alloc(64, 128); }},
+      {2,
+       [] {
+         void* block = nullptr;
+         EXPECT_EQ(::posix_memalign(&block, 64, 100), 0);
+         return block;
+       }},
+      {0, [] { return static_cast<void*>(nullptr); }},
+  };
+  for (const auto& [calls, allocate] : functions) {
+    EXPECT_EQ(counted([&] {
+                kept_block = allocate();
+                std::free(kept_block);
+              }),
+              calls);
+  }
   EXPECT_EQ(counted([] {
               int* volatile one = new int(7);
               delete one;
             }),
             2U);
-  EXPECT_EQ(counted([] {
-              std::vector<double> numbers(100);
-              kept_block = numbers.data();
-            }),
-            2U);
-  EXPECT_EQ(counted([] { std::free(nullptr); }), 0U);
-}
-
-TEST_F(NoAllocation, OnlyTheScopesOwnThreadAndDurationAreCounted) {
-  const std::uint64_t before = allocations_in_scopes();
-  kept_block = std::malloc(10);
-  std::free(kept_block);
-  {
-    std::atomic<bool> go{false}, done{false};
-    std::thread other([&] {
-      while (!go) {
-      }
-      kept_block = std::malloc(10);
-      std::free(kept_block);
-      done = true;
-    });
-    {
-      const NoAllocationScope scope;
-      go = true;
-      while (!done) {
-      }
-    }
-    other.join();
-  }
-  EXPECT_EQ(allocations_in_scopes(), before);
 }
 
 class Clocks : public NoAllocation, public testing::WithParamInterface<Clock> {};
@@ -116,19 +77,14 @@ INSTANTIATE_TEST_SUITE_P(NoAllocation, Clocks, testing::Values(Clock::kVirtual, 
 
 /// A session of the simulated device that records and allocates nothing in its loop.
 SessionResult run_without_allocation(const Scene& scene, int slices, SessionOptions options) {
-  Remesher remesher(*place_slices(scene, test::square_asset(slices), "a"));
-  auto device = make_simulated_device(scene, default_device_description());
-  EXPECT_TRUE(device);
-  const test::TemporaryFolder folder;
-  options.record = folder / "r.csv";
-  if (options.recovery == RecoveryPolicy::kAuto) options.black_box = folder.path();
+  testing_support::TestSession session(scene, slices);
+  options.record = session.options.record;
+  if (options.recovery == RecoveryPolicy::kAuto) options.black_box = session.folder.path();
   options.limits.gap_max_s = 0;
-  auto report = run_session(
-      scene, default_device_description(), remesher, *device,
-      [&](double dt_s) { device->step(dt_s); }, options);
-  EXPECT_TRUE(report);
-  EXPECT_EQ(report->allocations_in_loop, std::optional<std::uint64_t>(0));
-  return std::move(*report);
+  session.options = options;
+  SessionResult report = session.run();
+  EXPECT_EQ(report.allocations_in_loop, std::optional<std::uint64_t>(0));
+  return report;
 }
 
 TEST_P(Clocks, ASessionWithPuncturesDoesNotAllocate) {

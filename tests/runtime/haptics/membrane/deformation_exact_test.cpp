@@ -26,66 +26,6 @@ std::vector<Vector2d> regular(int sides, double circumradius, double turn = 0.1)
   return out;
 }
 
-// Solution by shooting inwards: (r w')' = r w / lambda^2 by the Runge-Kutta method in t = ln r, starting at
-// 40 lambda with the decaying solution's slope -w / lambda (1 + lambda / 2 r).
-double slope_by_integration(double a, double lambda) {
-  const double far = a + 40 * lambda;
-  double w = 1, u = -far / lambda * (1 + lambda / (2 * far));  // u = dw / d ln r
-  const int steps = 200000;
-  const double dt = (std::log(a) - std::log(far)) / steps;
-  double t = std::log(far);
-  const auto second = [&](double at, double value) {
-    return std::exp(2 * at) * value / (lambda * lambda);
-  };
-  for (int i = 0; i < steps; ++i, t += dt) {
-    const double w1 = u, u1 = second(t, w);
-    const double w2 = u + dt / 2 * u1, u2 = second(t + dt / 2, w + dt / 2 * w1);
-    const double w3 = u + dt / 2 * u2, u3 = second(t + dt / 2, w + dt / 2 * w2);
-    const double w4 = u + dt * u3, u4 = second(t + dt, w + dt * w3);
-    w += dt / 6 * (w1 + 2 * w2 + 2 * w3 + w4);
-    u += dt / 6 * (u1 + 2 * u2 + 2 * u3 + u4);
-    const double scale = 1 / w;
-    u *= scale;
-    w = 1;
-  }
-  return -u / a;  // -w' / w at a
-}
-
-TEST(Disc, IsTheSolutionOfItsEquation) {
-  for (const double lambda : {0.001, 0.005, 0.02}) {
-    const double a = 0.003, f = 1e7;
-    const Membrane membrane{f * lambda * lambda, f};
-    const double expected =
-        kPi * a * a * f + 2 * kPi * a * membrane.tension_N_per_m * slope_by_integration(a, lambda);
-    EXPECT_NEAR(disc_stiffness_N_per_m(membrane, a) / expected, 1, 1e-6) << lambda;
-  }
-}
-
-TEST(Disc, SlopeOfTheShapeMatchesTheStiffness) {
-  const Membrane membrane{250, 1e7};
-  const double a = 0.003, h = 1e-7;
-  EXPECT_DOUBLE_EQ(disc_shape(membrane, a, a), 1);
-  const double slope = (1 - disc_shape(membrane, a, a + h)) / h;
-  const double expected = disc_stiffness_N_per_m(membrane, a);
-  EXPECT_NEAR((kPi * a * a * membrane.foundation_N_per_m3 +
-               2 * kPi * a * membrane.tension_N_per_m * slope) /
-                  expected,
-              1, 1e-4);
-}
-
-TEST(Disc, MembraneForDiscHasTheStiffness) {
-  for (const double a_over_lambda : {1e-3, 0.1, 1.0, 10.0, 499.0, 501.0, 1e5}) {
-    const double lambda = 0.01;
-    const Membrane membrane = membrane_for_disc(5000, lambda, a_over_lambda * lambda);
-    EXPECT_NEAR(disc_stiffness_N_per_m(membrane, a_over_lambda * lambda), 5000, 1e-6);
-    EXPECT_NEAR(decay_length_m(membrane), lambda, 1e-12);
-  }
-  // No step where the ratio of Bessel functions is replaced by its asymptote.
-  const Membrane unit{1, 1};
-  EXPECT_NEAR(disc_stiffness_N_per_m(unit, 500.001) / disc_stiffness_N_per_m(unit, 499.999), 1,
-              1e-5);
-}
-
 double stiffness(const std::vector<Vector2d>& outline, double lambda, int panels = 16) {
   const auto found = unbounded_stiffness_per_foundation_m2(outline, lambda, panels);
   EXPECT_TRUE(found) << found.error().message;

@@ -106,20 +106,6 @@ TEST(Network, IsTheMembraneOfLinearElements) {
   }
 }
 
-TEST(Network, ReactionIsTheGradientOfTheEnergy) {
-  const Network network = make_network(shaken_square(7, 0.24), kLattice, kMembrane);
-  std::mt19937_64 random(1);
-  std::vector<double> w(network.size());
-  for (double& w_i : w)
-    w_i = 1e-3 * test::uniform(random);
-  Eigen::Map<const Eigen::VectorXd> v(w.data(), static_cast<Eigen::Index>(w.size()));
-  const MatrixXd matrix = network_matrix(network, true);
-  EXPECT_NEAR(energy_J(network, w) / (0.5 * v.dot(matrix * v)), 1, 1e-12);
-  const Eigen::VectorXd force = matrix * v;
-  for (std::size_t i = 0; i < w.size(); ++i)
-    EXPECT_NEAR(reaction_N(network, w, i), force[static_cast<Eigen::Index>(i)], 1e-12);
-}
-
 // Law 3, compared with floating point, and where floating point cannot decide.
 TEST(Network, SignsAreExact) {
   std::uint32_t negative = 0;
@@ -253,9 +239,6 @@ struct Rings {
       test::polar_mesh(inner_mm / kFine.step_mm(), outer_mm / kFine.step_mm(), sides, rings);
   Network network = make_network(mesh, kFine, membrane);
 
-  double radius_mm(int ring) const {
-    return inner_mm * std::pow(outer_mm / inner_mm, static_cast<double>(ring) / rings);
-  }
   /// Free between the tool and circle `ring`.
   std::vector<NodeKind> kind(int ring) const {
     std::vector<NodeKind> out(network.size(), NodeKind::kBorder);
@@ -277,19 +260,6 @@ double largest_difference(const std::vector<double>& a, const std::vector<double
   return most;
 }
 
-/// Least squares: the slope of y over x.
-double slope(const std::vector<double>& x, const std::vector<double>& y) {
-  double sx = 0, sy = 0, sxx = 0, sxy = 0;
-  for (std::size_t i = 0; i < x.size(); ++i) {
-    sx += x[i];
-    sy += y[i];
-    sxx += x[i] * x[i];
-    sxy += x[i] * y[i];
-  }
-  const auto n = static_cast<double>(x.size());
-  return (n * sxy - sx * sy) / (n * sxx - sx * sx);
-}
-
 TEST(Local, WithoutARingIsTheGlobalSolution) {
   const Rings r;
   LocalSolution local;
@@ -302,53 +272,6 @@ TEST(Local, WithoutARingIsTheGlobalSolution) {
   EXPECT_EQ(local.bounds.displacement, 0);
   // The reaction is twice the energy.
   EXPECT_NEAR(2 * energy_J(r.network, local.w) / local.stiffness_N_per_m, 1, 1e-10);
-}
-
-// w decays as K0(r / lambda), about exp(-r / lambda), and the displacement error at the ring is w
-// there. The force error is K0(R / lambda) / I0(R / lambda), about exp(-2 R / lambda): from the
-// tool to the ring and back. Both are compared with the annulus in closed form, and as slopes.
-TEST(Local, ErrorFallsExponentiallyWithTheRadius) {
-  for (const double lambda_mm : {5.0, 8.0, 12.0}) {
-    Rings r;
-    r.lambda_mm = lambda_mm;
-    r.membrane = membrane_for_disc(5000, lambda_mm * 1e-3, r.inner_mm * 1e-3);
-    r.network = make_network(r.mesh, kFine, r.membrane);
-    const auto global = solve_global(r.network, r.whole());
-    ASSERT_TRUE(global);
-    std::vector<double> x, force, displacement;
-    for (int ring = 1; ring < r.rings; ++ring) {
-      const double radius = r.radius_mm(ring) / lambda_mm;
-      if (radius < 2 || radius > 7) continue;
-      LocalSolution local;
-      ASSERT_TRUE(solve_local(r.network, r.kind(ring), local));
-      const double force_error = local.stiffness_N_per_m / global->stiffness_N_per_m - 1;
-      const double displacement_error = largest_difference(local.w, global->w);
-      x.push_back(radius);
-      force.push_back(std::log(force_error));
-      displacement.push_back(std::log(displacement_error));
-      // v = A K0 + B I0 with v(a) = 1, v(R) = 0.
-      const double a = r.inner_mm / lambda_mm;
-      const double ratio = std::cyl_bessel_k(0.0, radius) / std::cyl_bessel_i(0.0, radius);
-      const double shape = 1 / (std::cyl_bessel_k(0.0, a) - ratio * std::cyl_bessel_i(0.0, a));
-      const double edge = shape * (std::cyl_bessel_k(1.0, a) + ratio * std::cyl_bessel_i(1.0, a));
-      const double free_edge = std::cyl_bessel_k(1.0, a) / std::cyl_bessel_k(0.0, a);
-      EXPECT_NEAR(force_error / (edge / free_edge - 1), 1, 0.1) << lambda_mm << ", " << radius;
-      EXPECT_NEAR(displacement_error / (std::cyl_bessel_k(0.0, radius) / std::cyl_bessel_k(0.0, a)),
-                  1, 0.1)
-          << lambda_mm << ", " << radius;
-      // The bounds.
-      EXPECT_TRUE(local.bounds.proved);
-      EXPECT_GE(local.bounds.force, force_error / (1 + force_error));
-      EXPECT_GE(local.bounds.displacement, displacement_error);
-      EXPECT_LT(local.bounds.force, 6 * force_error);
-      EXPECT_LT(local.bounds.displacement, 3 * displacement_error);
-    }
-    ASSERT_GT(x.size(), 10U);
-    EXPECT_NEAR(slope(x, force), -2, 0.1) << lambda_mm;
-    EXPECT_NEAR(slope(x, displacement), -1.12, 0.06) << lambda_mm;  // -1 - lambda / 2 R on average
-    printf("lambda %g mm: ln(force error) falls %.3f, ln(displacement error) %.3f per lambda\n",
-           lambda_mm, -slope(x, force), -slope(x, displacement));
-  }
 }
 
 // Random triangulations with a ring at a random place. Law 1 on all, laws 2 and 3 where no spring
@@ -438,69 +361,6 @@ TEST(Local, SolvesForAnyLoadAndHeldDisplacements) {
   }
 }
 
-// The network under a fine polygon in a large sheet converges to the exact disc with the
-// theoretical order.
-
-const Lattice kVeryFine{14};  // rounding error far below the discretisation error
-constexpr double kRadius_mm = 3;
-constexpr double kFar_mm = 200;
-
-struct Solved {
-  double error = 0;        ///< error of the stiffness relative to the disc's
-  double shape_error = 0;  ///< largest of w, in depths
-};
-
-Solved solve_polar(double lambda_mm, int sides) {
-  const Membrane membrane = membrane_for_disc(5000, lambda_mm * 1e-3, kRadius_mm * 1e-3);
-  const double step_per_mm = 1 / kVeryFine.step_mm();
-  // Rings of nearly equilateral triangles.
-  const int rings = static_cast<int>(std::lround(sides * std::log(kFar_mm / kRadius_mm) /
-                                                 (2 * std::numbers::pi) * 2 / std::sqrt(3)));
-  const SliceMesh mesh =
-      test::polar_mesh(kRadius_mm * step_per_mm, kFar_mm * step_per_mm, sides, rings);
-  EXPECT_TRUE(check_mesh(mesh));
-  const Network network = make_network(mesh, kVeryFine, membrane);
-  EXPECT_EQ(network.signs.negative(), 0U);
-  std::vector<NodeKind> kind(network.size(), NodeKind::kFree);
-  std::fill(kind.begin(), kind.begin() + sides, NodeKind::kTool);
-  const auto solution = solve_global(network, kind);
-  EXPECT_TRUE(solution);
-  const double under_tool_m2 =
-      0.5 * sides * std::sin(2 * std::numbers::pi / sides) * std::pow(kRadius_mm * 1e-3, 2);
-  Solved out;
-  out.error =
-      (solution->stiffness_N_per_m + membrane.foundation_N_per_m3 * under_tool_m2) / 5000 - 1;
-  for (std::size_t i = 0; i < network.size(); ++i) {
-    const double r_m = std::hypot(mesh.vertices[i].x, mesh.vertices[i].y) * kVeryFine.step_m();
-    const double exact =
-        r_m <= kRadius_mm * 1e-3 ? 1 : disc_shape(membrane, kRadius_mm * 1e-3, r_m);
-    out.shape_error = std::max(out.shape_error, std::abs(solution->w[i] - exact));
-  }
-  return out;
-}
-
-// Linear elements: the energy, and so the stiffness, converges with the square of the mesh size;
-// so does the polygon to the disc. Halving the size divides the error by four.
-TEST(Convergence, StiffnessTendsToTheDiscWithTheSquareOfTheMeshSize) {
-  for (const double lambda_mm : {5.0, 8.0, 20.0}) {
-    double last = 0, last_shape = 0;
-    for (const int sides : {12, 24, 48, 96}) {
-      const Solved now = solve_polar(lambda_mm, sides);
-      printf("lambda %g mm, %d sides: stiffness %.3e shape %.3e order %.2f %.2f\n", lambda_mm,
-             sides, now.error, now.shape_error, std::log2(last / now.error),
-             std::log2(last_shape / now.shape_error));
-      if (last != 0) {
-        EXPECT_GT(std::log2(last / now.error), 1.7) << lambda_mm << " mm, " << sides;
-        EXPECT_LT(std::log2(last / now.error), 2.3) << lambda_mm << " mm, " << sides;
-      }
-      last = now.error;
-      last_shape = now.shape_error;
-    }
-    EXPECT_LT(std::abs(last), 2e-3);
-    EXPECT_LT(last_shape, 2e-3);
-  }
-}
-
 // Force propagation (runtime/haptics/membrane/region.h) compared with the equilibrium.
 
 struct Net {
@@ -577,32 +437,6 @@ TEST(Propagation, SettlesAtTheDepthLimitedEquilibrium) {
       EXPECT_NEAR(propagate(net.network, plan, 0.5, state) / force, 0.5, 1e-9);
     }
   }
-}
-
-TEST(Propagation, ErrorFallsWithTheDepth) {
-  const Net net;
-  const auto global = solve_global(net.network, net.kind);
-  ASSERT_TRUE(global);
-  double last = 1e9;
-  for (int depth = 1; depth <= 12; ++depth) {
-    const PropagationPlan plan = plan_propagation(net.network, net.kind, {.depth = depth});
-    PropagationState state = make_propagation_state(net.network, plan);
-    const double error = settle(net, plan, state, 300) / global->stiffness_N_per_m - 1;
-    EXPECT_GT(error, -1e-9);
-    EXPECT_LT(error, last);
-    last = error;
-  }
-  EXPECT_LT(last, 0.1);
-}
-
-// One tick moves every ring, as nodes are updated in the order of activation.
-TEST(Propagation, OneTickReachesTheWholeDepth) {
-  const Net net;
-  const PropagationPlan plan = plan_propagation(net.network, net.kind, {.depth = 7, .sweeps = 1});
-  PropagationState state = make_propagation_state(net.network, plan);
-  propagate(net.network, plan, 1e-3, state);
-  for (std::uint32_t i : plan.active)
-    EXPECT_GT(state.w_m[i], 0);
 }
 
 TEST(Propagation, WithoutAToolNothingMoves) {

@@ -99,22 +99,6 @@ TEST(Region, HasAllTrianglesNearTheToolLessTheTool) {
   }
 }
 
-// Wholly over material: the area under the tool is the tool's, its moment that of the tool's
-// centroid.
-TEST(Region, BorneAreaIsTheToolOverMaterial) {
-  Case c({100, -300});
-  const auto region = c.region();
-  ASSERT_TRUE(region);
-  EXPECT_DOUBLE_EQ(region->under_tool.area_steps2, static_cast<double>(doubled_area(c.tool)) / 2);
-  const Eigen::Vector2d centroid =
-      region->under_tool.moment_steps3 / region->under_tool.area_steps2 +
-      Eigen::Vector2d(region->origin.x, region->origin.y);
-  EXPECT_NEAR(centroid.x(), 100, 0.5);
-  EXPECT_NEAR(centroid.y(), -300, 0.5);
-  for (NodeKind kind : region->kind)
-    EXPECT_NE(kind, NodeKind::kBorder);
-}
-
 // Over the sheet's straight border at x = -5120: half of the tool, and the centroid of that half.
 TEST(Region, BorneAreaIsTheMaterialUnderAToolOverTheRim) {
   Case c({-5120, 0}, 0);
