@@ -1,19 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
-"""console_clients_test.py SOURCE PROGRAMS ASSET WORK: ten clients of a session in real time, one of which stalls and connects again.
-Each client gets every event, and the console's memory is bounded. The test prints the time from a tick to its receipt, the time until
-data arrives after a stall, and how loaded the machine was; TROCAR_JUDGE_TIMES=1 checks the times against their bounds. It takes a minute,
-or TROCAR_LONG seconds."""
+"""Ten clients of a session in real time, one of which stalls and connects again. Each client gets every event, and the console's memory is bounded.
+The test prints the time from a tick to its receipt, the time until data arrives after a stall, and how loaded the machine was;
+TROCAR_JUDGE_TIMES=1 checks the times against their bounds. It takes a minute, or TROCAR_LONG seconds."""
 import json
 import multiprocessing
 import os
-import pathlib
 import statistics
-import sys
 import time
 
+from chromium_page import PAGE
 from console_client import SNAPSHOT, Closed, Console
-from console_server_test import make_folder, start
-from e2e import check, outcome
+from console_server_test import CONSOLE, make_folder, start
+from e2e import check
 from machine_stalls import MachineStalls, share_of_processors
 
 CLIENTS, WINDOWS = 10, 3
@@ -74,12 +72,11 @@ class PortOnly:
         self.port = port
 
 
-def main():
-    source, programs, asset, work = map(pathlib.Path, sys.argv[1:])
+def test_clients():
     seconds = float(os.environ.get("TROCAR_LONG", "60"))
     free = share_of_processors()
-    folder = make_folder(source, asset, work)
-    console = Console(programs / "trocar-console", folder, page=source / "runtime/console/page")
+    folder = make_folder()
+    console = Console(CONSOLE, folder, page=PAGE)
     live = console.live()
     # The hand stays above the bone, where each recovery is granted.
     scene = json.loads((folder / "scenes/one_slice.json").read_text())
@@ -136,8 +133,3 @@ def main():
     print(f"console: {warm} kB after a quarter of the time, {memory[-1]} kB at the end, {max(memory)} kB at most; {len(expected)} events")
     check(memory[-1] - warm <= MOST_GROWTH_kB, f"the console grew from {warm} to {memory[-1]} kB")
     console.stop()
-    return outcome()
-
-
-if __name__ == "__main__":
-    sys.exit(main())
