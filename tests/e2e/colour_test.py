@@ -28,7 +28,7 @@ def colour_map():
 
 def make(name, *options):
     asset = WORK / f"{name}.glb"
-    run(MESH, SCAN / "dicom", "-o", asset, "--quiet", *SLICES, *options)
+    run(MESH, SCAN / "dicom", "-o", asset, "--report", asset.with_suffix(".json"), "--quiet", *SLICES, *options)
     run(MESH, "verify", "--private", asset)
     return asset
 
@@ -55,6 +55,8 @@ def check_colours(plain, coloured):
 def test_colour():
     plain, coloured = make("plain"), make("coloured", "--colour")
     make("bare", "--no-hu")
+    for entry in json.loads((WORK / "coloured.json").read_text())["slices"]:
+        assert abs(entry["hu_bias"]) <= 5 and entry["hu_rms"] > 0 and entry["hu_pixels"] > 0, f"the field of HU: {entry}"
     info = [json.loads(run(MESH, "info", file, "--json").stdout)["slices"] for file in (plain, coloured)]
     assert info[0] == info[1], "info tells other slices with --colour"
     if (LOAD.parent / "node_modules" / "three").is_dir() and shutil.which("node"):

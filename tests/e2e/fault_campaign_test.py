@@ -28,7 +28,7 @@ import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
 
-from e2e import run
+from programs import run
 from machine_stalls import MachineStalls
 
 RATE_HZ = 1000

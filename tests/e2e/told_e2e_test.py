@@ -1,84 +1,20 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the operator is told, and when.
-
- 1. A fault is a line in a redirected log while the session goes on: name, sensor, value, limit, what to do. The summary has them.
- 2. A recovery that is not granted says why, and a granted one says so.
- 3. Another program in place of a device, and a name without an address, are different messages. (udp_device_test.cpp has the others.)
- 4. A replay on another scene, asset, device or option is refused and names it; torques that differ are exit code 3. A replay of an
-    interrupted session is interrupted.
- 5. A session that is interrupted before its first tick leaves the files of an earlier session as they were. One whose recording may become
-    too large to be read is warned of at its start.
+"""What the operator is told. (Lines of faults and recoveries: operator_messages_test; inputs that a replay needs: origin_test.)
+ 1. Another program in place of a device, and a name without an address, are different messages. (udp_device_test.cpp has the others.)
+ 2. Torques of a replay that differ are exit code 3. A replay of an interrupted session is interrupted, and that of a black box has its fault.
+ 3. A session whose recording may become too large to be read is warned of at its start.
 """
 import contextlib
 import json
-import re
 import signal
 import socket
 import subprocess
 import threading
-import time
 
-from device_link_e2e_test import Simulator
 from exported import rows_of
 from programs import run
 
 READY_S = 20  # a limit for a hanging program, not a bound
-
-
-def at_reach_end(source, asset):
-    """The hand lifts the plate to the end of its reach, a fault, and stays there for the rest of a long session."""
-    scene = json.loads((source / "runtime" / "scenes" / "one_slice.json").read_text())
-    scene.update(asset=str(asset), duration_s=60)
-    scene["hand"] = {"trajectory": [{"t_s": t, "tip_m": [0, 0, z]} for t, z in ((0, 0.148), (0.1, 0.148), (0.8, 0.245))]}
-    return scene
-
-
-def wait_for(log, words):
-    """The first line of the log with the words, or None."""
-    end = time.monotonic() + READY_S
-    while time.monotonic() < end:
-        for line in log.read_text().splitlines():
-            if words in line:
-                return line
-        time.sleep(0.01)
-    return None
-
-
-def faults_at_once(programs, work, scene):
-    """In real time, with the recovery left to the operator: the session would last a minute."""
-    log, summary = work / "log", work / "told.json"
-    with log.open("w") as stream:
-        process = subprocess.Popen([programs / "trocar-run", scene, "--rate", "500", "--recover", "signal", "--summary", summary, "--quiet"],
-                                   stdout=stream, stderr=stream, cwd=work)
-        line = wait_for(log, "fault joint_limit")
-        assert line is not None, f"the fault is not in the log: {log.read_text()!r}"
-        assert process.poll() is None and not summary.exists(), "the fault was told after the session only"
-        process.send_signal(10)  # SIGUSR1
-        waiting = wait_for(log, "no recovery yet")
-        assert process.poll() is None and waiting is not None and "still outside its limits" in waiting, f"the recovery is not explained: {waiting!r}"
-        process.terminate()
-        process.wait(timeout=READY_S)
-    shape = (r"trocar-run: fault joint_limit at \d+\.\d{4} s: a joint is outside its limits "
-             r"\(angle theta \d of leg \d -?[\d.]+ deg, (limit|at least) -?[\d.]+ deg\); move the tool back towards the middle; "
-             r"then request recovery: kill -USR1 \d+")
-    assert line is None or re.fullmatch(shape, line) is not None, f"the line is {line!r}"
-    fault, = json.loads(summary.read_text())["faults"]
-    assert re.fullmatch(r"th_\d_\d_rad", str(fault.get("quantity"))) is not None, fault
-    assert 0 < abs(fault.get("value", 0) - fault.get("limit", 0)) < 0.1, fault
-    message = fault.get("message")
-    assert line is None or f"trocar-run: fault {message};" in line, f"{message!r} in the summary, {line!r} in the log"
-
-
-def a_granted_recovery(source, programs, work, asset):
-    scene = source / "runtime" / "scenes" / "one_slice.json"
-    lifted = work / "lifted.json"
-    up = json.loads(scene.read_text())
-    up["hand"] = {"trajectory": [{"t_s": t, "tip_m": [0, 0, z]} for t, z in ((0, 0.148), (0.1, 0.148), (0.8, 0.245), (1.4, 0.148))]}
-    up.update(asset=str(asset), duration_s=2.5)
-    lifted.write_text(json.dumps(up))
-    done = run(programs / "trocar-run", lifted, "--clock", "virtual", "--recover", "auto", "--quiet", cwd=work)
-    lines = done.stderr.splitlines()
-    assert len(lines) == 4 and "fault joint_limit" in lines[0] and "no recovery yet" in lines[1] and "recovered at" in lines[2] and "black box" in lines[3], f"a recovery: {lines}"
 
 
 def outcome_of(process):
@@ -87,7 +23,7 @@ def outcome_of(process):
     return process.returncode, stderr
 
 
-def connections(source, programs, work, asset):
+def test_connections(source, programs, work, asset):
     key = work / "other.key"
     key.touch(mode=0o600)
     key.write_text("1" * 64 + "\n")
@@ -106,7 +42,7 @@ def connections(source, programs, work, asset):
             assert returncode == code and len(stderr.splitlines()) == 1 and words in stderr, f"{address}: {returncode}, {stderr!r}"
 
 
-def replays(source, programs, work, asset, scan):
+def test_replays(source, programs, work, asset):
     scene_file, recording = work / "replayed.json", work / "replayed.csv"
     scene = json.loads((source / "runtime" / "scenes" / "one_slice.json").read_text())
     scene.update(asset=str(asset), duration_s=0.8)
@@ -114,37 +50,8 @@ def replays(source, programs, work, asset, scan):
     scene_file.write_text(json.dumps(scene))
     trocar_run, virtual = programs / "trocar-run", ("--clock", "virtual", "--quiet")
     run(trocar_run, scene_file, *virtual, "--record", recording)
-    replay = ("replay", scene_file, recording, "--quiet")
-    assert run(trocar_run, *replay).stderr == "", "the same session: something was said"
-
-    # The column: last, full in the first row only, and any reader of CSV gets the other columns.
     rows = rows_of(recording)
     assert list(rows[0])[-1] == "origin" and all(None not in row and None not in row.values() for row in rows), "the columns"
-    stated = rows[0].get("origin", "")
-    assert stated.startswith("program=") and all(row["origin"] == "" for row in rows[1:]), f"{stated!r}"
-    origin = dict(entry.partition("=")[::2] for entry in stated.split(";")) if stated else {"program": "", "scene": "", "asset": ""}
-    for key, file in (("scene", scene_file), ("asset", asset)):
-        digest = subprocess.run(["b2sum", "-l", "256", file], capture_output=True, text=True, check=True).stdout.split()[0]
-        assert origin[key] == digest, f"{key}: {origin[key]}, b2sum {digest}"
-
-    def refused(name, *words, arguments=(), file=scene_file, of=recording):
-        done = run(trocar_run, "replay", file, of, "--quiet", *arguments, expect=3)
-        lines = done.stderr.splitlines()
-        assert len(lines) == 1 and lines[0].startswith(f"trocar-run: {of}: ") and all(word in lines[0] for word in words), f"{name}: {done.stderr!r}"
-
-    other = work / "other.json"
-    other.write_text(json.dumps({**scene, "tissue": {"stiffness_N_per_m": 5000, "threshold_N": 20}}))
-    refused("another scene", "the scene", origin["scene"][:12], file=other)
-    other_asset = work / "other.glb"
-    run(programs / "trocar-mesh", scan / "dicom", "-o", other_asset, "--threshold", "300", "--quiet")
-    refused("another asset", "the asset", origin["asset"][:12], arguments=("--asset", other_asset))
-    description = json.loads((source / "formats" / "session" / "four_legs.json").read_text())
-    same_device, other_device = work / "same_device.json", work / "other_device.json"
-    same_device.write_text(json.dumps(description))
-    description["plate"]["mass_kg"] *= 1.1
-    other_device.write_text(json.dumps(description))
-    refused("another device", "the device (built-in", arguments=("--device-description", other_device))
-    run(trocar_run, *replay, "--device-description", same_device)
     # Torques that differ.
     lines = recording.read_text().splitlines(keepends=True)
     changed = work / "changed.csv"
@@ -170,39 +77,16 @@ def replays(source, programs, work, asset, scan):
 
     # A black box names its origin too, and the replay of a fault has the fault's exit code.
     reach = work / "reach.json"
-    reach.write_text(json.dumps({**at_reach_end(source, asset), "duration_s": 1}))
+    up = [{"t_s": t, "tip_m": [0, 0, z]} for t, z in ((0, 0.148), (0.1, 0.148), (0.8, 0.245))]
+    reach.write_text(json.dumps({**scene, "hand": {"trajectory": up}, "duration_s": 1}))
     boxes = work / "boxes"
     boxes.mkdir()
     run(trocar_run, reach, *virtual, "--black-box", boxes, expect=5)
     box, = boxes.iterdir()
     run(trocar_run, "replay", reach, box, "--quiet", expect=5)
-    refused("a black box on another scene", "the scene", file=other, of=box)
 
 
-def interrupted_at_once(source, programs, work, asset):
-    """Ctrl-C while the session waits for its device, whose process stands still."""
-    scene = source / "runtime" / "scenes" / "one_slice.json"
-    record = work / "kept.csv"
-    summary = work / "kept.summary.json"
-    record.write_text("of an earlier session")
-    with Simulator(programs, work, scene, "--rate", "1000") as simulator:
-        simulator.process.send_signal(signal.SIGSTOP)
-        command = (programs / "trocar-run", scene, "--asset", asset, *simulator.link(), "--simulated", "--record", record,
-                   "--summary", summary, "--quiet")
-        process = subprocess.Popen([str(word) for word in command], stderr=subprocess.PIPE, text=True)
-        partial, end = record.with_name("kept.csv.partial"), time.monotonic() + READY_S
-        while not partial.exists() and time.monotonic() < end:  # it is made before the device is reached
-            time.sleep(0.01)
-        process.send_signal(signal.SIGINT)
-        simulator.process.send_signal(signal.SIGCONT)
-        code, stderr = outcome_of(process)
-    assert (code, stderr) == (0, ""), f"{code}: {stderr!r}"
-    assert json.loads(summary.read_text())["end"] == "interrupted"
-    assert record.read_text() == "of an earlier session", "the recording was replaced"
-    assert not partial.exists()
-
-
-def too_long(source, programs, work, asset):
+def test_too_long(source, programs, work, asset):
     """A warning at the start, if the recording of the whole session would be too large to be read."""
     scene = source / "runtime" / "scenes" / "one_slice.json"
     command = (programs / "trocar-run", scene, "--asset", asset, "--duration", "7200", "--record", work / "long.csv")
@@ -214,14 +98,3 @@ def too_long(source, programs, work, asset):
     done = run(programs / "trocar-run", scene, "--asset", asset, "--duration", "0.1", "--clock", "virtual",
                "--record", work / "brief.csv")
     assert "GiB" not in done.stderr, f"0.1 s: {done.stderr!r}"
-
-
-def test_told(source, programs, asset, scan, work):
-    scene = work / "reach_end.json"
-    scene.write_text(json.dumps(at_reach_end(source, asset)))
-    faults_at_once(programs, work, scene)
-    a_granted_recovery(source, programs, work, asset)
-    connections(source, programs, work, asset)
-    replays(source, programs, work, asset, scan)
-    interrupted_at_once(source, programs, work, asset)
-    too_long(source, programs, work, asset)
