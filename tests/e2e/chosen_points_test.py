@@ -120,23 +120,6 @@ def test_slices_far_apart_are_sheets(folder):
     assert np.allclose(scene["goals"]["target"]["at_m"], target, atol=1.1e-5), f"{scene['goals']}, {target}"
 
 
-def test_a_volume_has_at_most_64_slices(folder):
-    """The path without a target ends with the 64th slice. A way to a target through more slices has no volume, and the reason is said."""
-    spacing = (1, 1, 1)
-    run(MESH, column(folder / "thin.nii", 100, 1), "-o", folder / "thin.glb", "--quiet")
-    scene, said = made(folder / "thin.glb", folder / "thin.json", "--entry", words_of(lps(24, 24, 99, spacing)))
-    assert scene["force_law"]["kind"] == "cutting" and "within slices 36 to 99" in said, said
-    assert (scene["body"]["from"], scene["body"]["to"]) == (36, 99), scene["body"]
-    run(RUN, "check", folder / "thin.json", "--quiet")
-
-    spacing = (1, 1, 0.5)
-    run(MESH, column(folder / "thinner.nii", 150, 0.5), "-o", folder / "thinner.glb", "--quiet")
-    points = [word for option, k in (("--entry", 149), ("--target", 82.6)) for word in (option, words_of(lps(24, 24, k, spacing)))]
-    scene, said = made(folder / "thinner.glb", folder / "thinner.json", *points)
-    assert scene["force_law"]["kind"] == "hooke", scene["force_law"]
-    assert "the path to the target goes through 67 slices, and a bone volume has at most 64" in said, said
-
-
 def test_what_no_needle_can_do(bone, folder):
     y, x = np.mgrid[0:48, 0:48]
     disc = np.hypot(x - 24, y - 24) < 12

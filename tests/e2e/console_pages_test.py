@@ -133,7 +133,7 @@ def test_hand_page():
         result = drive("drive_hand.mjs", {**given, "slices": slices, "bone": bone})
     for name, session in result["sessions"].items():
         recording = folder / session["recording"]
-        if session["samples"]:
+        if name in ("keys", "gamepad"):
             check_bar(name, recording, session["samples"])
         check_replay(folder / (bone if name == "bone" else slices), recording, expect=5 if name == "keys" else 0)  # 5: it ends by an emergency stop
     check(set(result["sessions"]) == {"keys", "mouse", "gamepad", "bone", "pages", "touch"}, f"recordings of {set(result['sessions'])}")

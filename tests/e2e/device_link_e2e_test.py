@@ -5,12 +5,9 @@
     with the device in the process, 35 N within 2 % on the simulated hand, with both models.
  2. The same in real time. If the machine stalls the processes for so long that the safety layer stops
     the session, it is tried again, and skipped after four attempts.
- 3. A host of another implementation (device_link.py) is served. (What a drive refuses, and its watchdog: drive_test.cpp.)
- 4. A host begins a session only after its preparation, however long that takes.
- 5. A clean end by Ctrl-C, and in lock-step an end some seconds after its last host has died,
-    but not in a pause.
-
-Injected faults: fault_campaign_test.py.
+ 3. A host begins a session only after its preparation, however long that takes.
+ 4. In lock-step a drive ends some seconds after its last host has died, but not in a pause.
+Injected faults: fault_campaign_test.py. Hosts of another implementation: pose_drive_test.py.
 """
 import json
 import signal
@@ -151,25 +148,6 @@ def test_slow_preparation(source, programs, asset, work):
     assert any(row["device_read"] == "ok" for row in rows), f"no data after a long preparation: {code} {stderr}"
 
 
-def test_other_implementation(source, programs, work):
-    scene = source / "runtime" / "scenes" / "one_slice.json"
-    with Simulator(programs, work, scene, "--rate", "1000") as simulator:
-        host = link.Host(simulator.socket(), simulator.key())
-        host.command(link.HOLD)
-        first = host.state()
-        assert first is not None and first["mode"] == link.READY, f"the first state: {first}"
-        modes = set()
-        end = time.monotonic() + 0.3
-        while time.monotonic() < end:
-            host.command(link.TORQUE, [0.1] * 8)
-            state = host.state()
-            if state is not None:
-                modes.add(state["mode"])
-        assert link.TORQUE_ON in modes, f"modes under torque: {modes}"
-        host.command(link.STOP)
-        assert simulator.summary()["sessions"] == 1
-
-
 def test_host_that_dies(source, programs, work):
     scene = source / "runtime" / "scenes" / "one_slice.json"
     with Simulator(programs, work, scene, "--clock", "lock-step", "--sessions", "1") as simulator:
@@ -194,15 +172,3 @@ def test_host_that_pauses(source, programs, work):
         assert host.state() is not None, "not served after the pause"
         host.command(link.STOP)
         assert simulator.process.wait(timeout=120) == 0
-
-
-def test_contract(source, programs, asset, work):
-    simulator, scene = programs / "trocar-device-sim", source / "runtime" / "scenes" / "one_slice.json"
-    assert "--faults" in run(simulator, "--help").stdout, "--help"
-    assert "libsodium" in run(simulator, "--version").stdout, "--version"
-    with Simulator(programs, work, scene, "--clock", "lock-step") as running:
-        assert oct(running.key_file.stat().st_mode & 0o777) == "0o600", "the key's mode"
-        code, stderr = running.session(programs / "trocar-run", scene, asset)
-        assert code == 2 and stderr.count("\n") == 1 and "--clock virtual" in stderr, stderr
-        assert running.end(signal.SIGINT) == 0, "Ctrl-C was no clean end"
-        assert running.summary_file.exists(), "no summary after Ctrl-C"

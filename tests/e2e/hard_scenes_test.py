@@ -2,22 +2,18 @@
 """The scenes of hard_scenes/, on the sample's asset.
 
 For each scene: what is right in it, as a sentence, and its figures from recording and summary, by each force law that can show it.
-The scene `late_tick` runs in real time over the device link (`-k late_tick`), the others in virtual time.
+They run in virtual time. (Late ticks: link_time_test, device_time_test, stalled_machine_test.py.)
 """
 import json
 import math
-import os
-import signal
 import subprocess
-import time
 from typing import Callable, NamedTuple
 
 import pytest
-from device_link_e2e_test import STALLS, Simulator
 from exported import rows_of
 from programs import ASSETS
 
-# The demo's tissue, which all scenes but unstable_shaft and late_tick use.
+# The demo's tissue, which all scenes but unstable_shaft use.
 STIFFNESS_N_PER_M, THRESHOLD_N = 5000.0, 35.0
 BREAKS_M = THRESHOLD_N / STIFFNESS_N_PER_M
 BUDGET_J = 0.05  # given to the hand within 0.1 s above what the sheets stored
@@ -255,64 +251,6 @@ def sideways(bench):
     return wrong
 
 
-def stop_often(process):
-    """Stops the process for 2 ms every 137 ms until it ends."""
-    while process.poll() is None:
-        time.sleep(0.137)
-        if process.poll() is not None:
-            return
-        os.kill(process.pid, signal.SIGSTOP)
-        time.sleep(0.002)
-        os.kill(process.pid, signal.SIGCONT)
-
-
-def damping_N(session, stiffness_N_per_m):
-    """(smallest, largest) after the first push, which is the only fast one."""
-    forces = [float(row["fz_wanted_N"]) - stiffness_N_per_m * float(row["penetration_m"])
-              for row in session.rows if row["state"] == "contact" and float(row["t_s"]) > 0.65]
-    return min(forces, default=0.0), max(forces, default=0.0)
-
-
-def late_tick(bench):
-    calm = bench.session("late_tick")  # nothing is late in virtual time
-    stiffness = bench.scene("late_tick")["tissue"]["stiffness_N_per_m"]
-    record, summary, scene = bench.work / "late.csv", bench.work / "late.json", bench.scenes / "late_tick.json"
-    for attempt in range(20):
-        summary.unlink(missing_ok=True)
-        with Simulator(bench.programs, bench.work, scene) as simulator:
-            command = [bench.programs / "trocar-run", scene, "--asset", bench.asset, *simulator.link(),
-                       "--force-law", bench.law, "--late-ticks-in-row", "3", "--record", record, "--summary", summary,
-                       "--quiet"]
-            with subprocess.Popen([str(word) for word in command], stderr=subprocess.PIPE, text=True) as process:
-                stop_often(process)
-                stderr = process.stderr.read()
-        if process.returncode not in (0, 5) or not summary.exists():
-            return [f"ended with {process.returncode}: {stderr}"]
-        session = Session(process.returncode, record, summary)
-        if session.punctures():  # also of a session that a stall ended later
-            puncture = session.punctures()[0]
-            return [f"the sheet was punctured at {1e3 * puncture['penetration_m']:.2f} mm by a computed force of "
-                    f"{puncture['trial_force_N']:.1f} N; the largest true force is {max(calm.column('fz_wanted_N')):.1f} N"]
-        late = session.summary["missed_deadlines"]
-        stalled = session.code == 5 and {fault["fault"] for fault in session.summary["faults"]} <= STALLS
-        if stalled and late < 20:  # a fault is right then, and there is too little to judge
-            print(f"late_tick, attempt {attempt + 1}: {stderr.strip()}")
-            continue
-        wrong = [] if stalled else done_without_fault(session)
-        if late < 10:
-            wrong.append(f"{late} deadlines were missed: the stops did not reach the loop")
-        # 20 % is what damping may be off by over a link.
-        largest, true = max(session.column("fz_wanted_N")), max(calm.column("fz_wanted_N"))
-        if largest > 1.2 * true:
-            wrong.append(f"{largest:.1f} N; the largest true force is {true:.1f} N")
-        # Over a stop of 2 ms the tool moves as far as in three ticks.
-        for rendered, real in zip(damping_N(session, stiffness), damping_N(calm, stiffness)):
-            if abs(rendered) > 1.5 * abs(real):
-                wrong.append(f"{rendered:.1f} N of damping; the largest true one is {real:.1f} N")
-        return wrong
-    pytest.skip("this machine stalls for longer than the stops")
-
-
 SHEETS_TOO = ("hooke", "network", "cutting")
 ONE_BODY = ("cutting",)  # sheets do not act on each other, and have no walls beside their holes
 
@@ -336,7 +274,6 @@ SCENES = [
     Scene(coupling, "with --coupling 10000 and friction of the shaft a sheet is punctured once"),
     Scene(twice, "the hole keeps its friction: the same on the second way through it"),
     Scene(sideways, "the energy of the rim, an elastic spring, is stored: none is reported as given, nothing brakes"),
-    Scene(late_tick, "a late tick knows that it is late: the sheet holds, since the true force is below its threshold"),
 ]
 
 

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Folders as hospitals and CDs have them: sub-folders, several series, a DICOMDIR, stray
-files. What trocar-mesh takes from them and says of it, `trocar-mesh list`, --series, and --axis for DICOM."""
+files. What trocar-mesh takes from them and says of it, `trocar-mesh list` and --series."""
 import json
 import os
 import pathlib
@@ -8,7 +8,6 @@ import re
 import shutil
 import subprocess
 
-import numpy as np
 import pytest
 from exported import schema_of
 from programs import run
@@ -417,55 +416,3 @@ def test_takes_the_series_that_is_named(s):
     s.series(study / "scout", 1, "Topogram", range(1), ImageType=["ORIGINAL", "PRIMARY", "LOCALIZER"])
     s.refuses(3, ("scout/IM000000", "localiser"), study, "--series", "1", *out)
     assert b"glTF" in s.asset(study, "--series", "topo", "--any-modality", "--threshold", "0"), "a localiser by its description"
-
-
-def test_slices_along_an_axis(s):
-    """A DICOM volume gives the same slices by --axis as the equal NIfTI."""
-    def slices(scan, axis):
-        file, folder = s.work / "axis.glb", s.work / "axis"
-        shutil.rmtree(folder, ignore_errors=True)
-        file.unlink(missing_ok=True)
-        s.run(scan, "-o", file, *axis, "--quiet")
-        if not file.exists():
-            return None
-        info = json.loads(s.run("info", file, "--json").stdout)
-        s.run("export", file, "-o", folder)
-        return ([(x["index"], x["z_mm"], x["triangles"], x["area_mm2"], x["measures"]) for x in info["slices"]],
-                {f.name: f.read_bytes() for f in folder.iterdir()})
-
-    for axis in ("coronal", "sagittal", "transverse"):
-        dicom, nifti = slices(s.scan / "dicom", ("--axis", axis)), slices(s.scan / "sample.nii.gz", ("--axis", axis))
-        assert dicom is not None and dicom == nifti, f"{axis}: DICOM and NIfTI differ"
-        assert dicom is None or sum(x[2] for x in dicom[0]) > 100, f"{axis}: no mesh"
-    one = s.asset(s.scan / "dicom", "--axis", "coronal", "--jobs", "1")
-    assert one == s.asset(s.scan / "dicom", "--axis", "coronal", "--jobs", "2"), "threads change it"
-    assert json.loads(s.run("info", s.work / "out.glb", "--json").stdout)["parameters"].get("axis") == "coronal", "the axis is not stored"
-    # Stored as coronal slices: as stored without --axis, transverse with it.
-    stored = s.work / "stored"
-    stored.mkdir()
-    whole = [pydicom.dcmread(file) for file in sorted((s.scan / "dicom").iterdir())]
-    voxels = np.stack([np.frombuffer(ds.PixelData, "<u2").reshape(SIZE, SIZE) for ds in whole])
-    x, y, z = (float(v) for v in whole[0].ImagePositionPatient)
-    pixel = float(whole[0].PixelSpacing[0])
-    for j in range(SIZE):
-        ds = whole[0]
-        ds.SOPInstanceUID = ds.file_meta.MediaStorageSOPInstanceUID = generate_uid(entropy_srcs=[f"coronal {j}"])
-        ds.Rows, ds.ImageOrientationPatient = SLICES, [1, 0, 0, 0, 0, -1]
-        ds.ImagePositionPatient, ds.PixelSpacing = [x, y + pixel * j, z + SLICES - 1], [1, pixel]
-        ds.PixelData = voxels[::-1, j, :].tobytes()
-        ds.save_as(stored / f"{j}")
-    assert slices(stored, ("--axis", "transverse")) == slices(s.scan / "sample.nii.gz", ()), "transverse slices of a coronal series"
-    assert len(slices(stored, ())[0]) == SIZE, "without --axis the slices are not as stored"
-    # What has no such slices: a tilted or uneven volume, a single slice, images.
-    out = ("-o", s.work / "none.glb", "--axis", "coronal")
-
-    def move(dy, dz):
-        def edit(ds, k):
-            x, y, z = ds.ImagePositionPatient
-            ds.ImagePositionPatient = [x, float(y) + dy * k, float(z) + (dz if k > 4 else 0)]
-        return edit
-
-    s.refuses(3, ("tilted", "14.0 degrees", "--axis"), s.series(s.work / "tilted", 2, "T", range(SLICES), move(0.25, 0)), *out)
-    s.refuses(3, ("evenly", "IM000004", "IM000005", "--axis"), s.series(s.work / "uneven", 2, "U", range(SLICES), move(0, 0.5)), *out)
-    s.refuses(3, ("one slice", "--axis"), s.series(s.work / "single", 2, "S", range(1)), *out)
-    s.refuses(2, ("--axis", "images"), s.scan / "png", *out, "--spacing", "1,1,1", "--threshold", "95")

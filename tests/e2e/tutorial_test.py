@@ -211,26 +211,6 @@ def run_page(page, runner):
     return wrong
 
 
-def test_mistake_is_noticed(programs, tmp_path):
-    """Pages with one mistake each must not pass; the same pages without it must."""
-    runner = Runner(programs, tmp_path, HEAD_CT, 1)
-    pages = [
-        # (right, wrong)
-        ("```sh\ntrue\n```\n", "```sh\nfalse\n```\n"),
-        ("```sh\nexit 3  # exit code 3\n```\n", "```sh\nexit 4  # exit code 3\n```\n"),
-        ("```sh\necho ok  # exit code 0 or 5\n```\n", "```sh\nexit 5  # exit code 0 or 5\n```\n"),
-        ("```sh\necho 12 N\n```\n```text\n... N\n```\n", "```sh\necho 12 N\n```\n```text\n... mm\n```\n"),
-        ("```json a.json\n{}\n```\n```sh\ngrep '{}' a.json\n```\n",
-         "```json b.json\n[]\n```\n```sh\ngrep '{}' b.json\n```\n"),
-        ("```sh\n(sleep 0.1; echo done) &\n```\n```sh\ntrue\n```\n```text\ndone\n```\n",
-         "```sh\n(sleep 0.1; exit 5) &\n```\n```sh\ntrue\n```\n"),
-    ]
-    for right, wrong in pages:
-        for page, passes in ((right, True), (wrong, False)):
-            found = run_page(page, runner)
-            assert not found if passes else found, f"self-check: {page!r}: {found}"
-
-
 def test_page(source):
     page = (source / "TUTORIAL.md").read_text(encoding="utf-8")
     shown = [line for part in parse(page) if isinstance(part, Block) for line in part.expected]
