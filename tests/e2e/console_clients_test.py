@@ -12,7 +12,7 @@ from chromium_page import PAGE
 from console_client import SNAPSHOT, Closed, Console
 from console_server_test import CONSOLE, make_folder, start
 from e2e import check
-from machine_stalls import MachineStalls, share_of_processors
+from machine_stalls import MachineStalls
 
 CLIENTS, WINDOWS = 10, 3
 P99_MS, FRESH_S, STALL_S = 10, 0.1, 8  # the console closes a page that acks nothing for 6 s
@@ -74,7 +74,6 @@ class PortOnly:
 
 def test_clients():
     seconds = float(os.environ.get("TROCAR_LONG", "60"))
-    free = share_of_processors()
     folder = make_folder()
     console = Console(CONSOLE, folder, page=PAGE)
     live = console.live()
@@ -108,11 +107,8 @@ def test_clients():
     for process, _ in clients:
         process.join()
     expected = list(range(1, live.events[-1]["seq"] + 1))
-    free = min(free, share_of_processors())
     are_judged = bool(os.environ.get("TROCAR_JUDGE_TIMES"))
-    print(f"two programs got {free:.2f} of 1 s; {machine}")
-    print("the machine alone, p99 of a moment's wait: " + ", ".join(f"{1e3 * x:.2f}" for x in [*machine.waits_s(1), *machine.waits_s(WINDOWS)])
-          + " ms (whole, thirds)")
+    print(machine)
     check([e["seq"] for e in live.events] == expected and len(expected) > seconds * (2 if are_judged else 1), f"{len(expected)} events")
     fresh, numbers, missed, connections = answers[0]
     check(numbers == expected and missed == 0, f"the stalled client got {len(numbers)} of {len(expected)} events, missed {missed}")

@@ -22,7 +22,7 @@ from device_link_e2e_test import Simulator
 from e2e import check
 from exported import rows_of
 from html_pages import embedded_json
-from machine_stalls import MachineStalls, share_of_processors
+from machine_stalls import MachineStalls
 from programs import HEAD_CT, PROGRAMS, SCAN, SOURCE, WORK, run
 from review_page import large_store, queries, small_stores
 from session_report_test import goals
@@ -90,11 +90,10 @@ def test_sessions_page():
               "waiting": three | {"name": "Waiting", "duration_s": 60, "hand": hand}, hostile: {"schema": "trocar.scene/1", "name": "<b>bold</b>"}}
     for name, scene in scenes.items():
         write(folder / f"{name}.json", scene)
-    share = share_of_processors()
     with page_of(PROGRAMS, folder, WORK, "--device", "inproc", "--device", "sim") as (console, given):
         with MachineStalls() as machine:
             figures = drive("drive.mjs", {**given, "console_pid": console.process.pid, "scenes": [f"{name}.json" for name in scenes]})["figures"]
-    print(f"two programs got {min(share, share_of_processors()):.2f} of 1 s; {machine};", json.dumps(figures))
+    print(machine, json.dumps(figures))
     check(figures["fps_surface"] > 0 and figures["fps_slices"] > 0, "no frame was drawn while frames were counted")
     if JUDGES_TIMES:
         check(figures["bone_shown_ms"] <= BONE_ms, f"the bone was shown after {figures['bone_shown_ms']} ms")

@@ -18,9 +18,7 @@ import pytest
 
 from console_client import Console
 from hu_volume_test import Volume, segments_of
-from exported import nifti
 from programs import HEAD_CT, L3_SCAN, PROGRAMS, SCAN, SOURCE, WORK, run
-from torso_phantom import SPACING_MM, torso
 
 nibabel, pydicom = pytest.importorskip("nibabel"), pytest.importorskip("pydicom")
 
@@ -179,12 +177,9 @@ def test_bone_alone(console, name):
         assert r >= LEAST_CORRELATION, (name, view)
 
 
-@pytest.mark.parametrize("name, context_mm", [("sample", 2), ("l3", 2), ("torso", 4)])
+@pytest.mark.parametrize("name, context_mm", [("sample", 2), ("l3", 2)])
 def test_context(console, name, context_mm):
-    if name == "torso":
-        arguments, keys = (nifti(WORK / "torso.nii", torso(), SPACING_MM), (0, 1, 2), (True, True, False), ()), {"width_mm": 380}
-    else:
-        arguments, keys = CASES[name]
+    arguments, keys = CASES[name]
     if not arguments[0].is_file():
         pytest.skip(f"no scan {arguments[0]}")
     padded = list(arguments) + [(0, 1, 2), (False, False, False), ()][len(arguments) - 1:]

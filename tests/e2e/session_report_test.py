@@ -119,7 +119,7 @@ class Sessions:
         report, summed = json.loads(page.with_suffix(".json").read_text()), json.loads(summary.read_text())
         rows = read_rows(record)
         found = layer_punctures(rows) if layer_punctures else ()
-        compare(name, expected(scene, rows, self.planes, summed["rate_Hz"], json.loads(meshes.read_text()), found), report)
+        compare(name, expected(scene, rows, self.planes, summed["rate_Hz"], json.loads(meshes.read_text()), report["plunge_max_m"], found), report)
         check(report["trainee"] == summed["trainee"], f"{name}: trainee: {report['trainee']}, summary: {summed['trainee']}")
         check_csv(name, report, page.with_suffix(".figures.csv"))
         self.schema.check(name, report)
