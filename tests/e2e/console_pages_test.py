@@ -337,9 +337,6 @@ def test_tutorial_page():
     run(PROGRAMS / "trocar-mesh", HEAD_CT, *words, "-o", folder / "head.glb", "--quiet")
     scene = re.search(r"^```json puncture\.json\n(.*?)^```$", text, re.M | re.S)[1]
     (folder / "puncture.json").write_text(scene, encoding="utf-8")
-    stay = json.loads(scene) | {"name": "The tool stays above the bone", "duration_s": 600}
-    stay["hand"]["trajectory"] = stay["hand"]["trajectory"][:2]
-    write(folder / "stay.json", stay)
     with page_of(PROGRAMS, folder, WORK) as (_, given):
         drive("drive_tutorial.mjs", given)
 

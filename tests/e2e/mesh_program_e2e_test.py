@@ -200,13 +200,6 @@ def test_files_and_parameters(programs, scan, work):
     run(mesh, *slices, "-o", good, *grey)
     asset = good.read_bytes()
 
-    # An input is not overwritten under a name that does not say what it is.
-    mask = label_map(scan, work / "mask.nii", ((1, 2), (1,)))
-    os.link(mask, work / "mask.json")  # a name that does not say it is a scan
-    kept = mask.read_bytes()
-    refuses(2, f"would write over the input {mask}", mesh, scan / "sample.nii.gz", "-o", good, "--mask", f"{mask}:1", "--report", work / "mask.json")
-    assert mask.read_bytes() == kept and good.read_bytes() == asset, "the mask or the asset was overwritten"
-
     # File names of any bytes, for input and output.
     odd = os.fsdecode(os.fsencode(work) + b"/Sch\xe4del.png")
     shutil.copy(slices[0], odd)
@@ -216,20 +209,6 @@ def test_files_and_parameters(programs, scan, work):
     shutil.copy(work / "odd.glb", os.fsdecode(os.fsencode(work) + b"/\xff.glb"))
     answer = run(mesh, "verify", os.fsdecode(os.fsencode(work) + b"/\xff.glb"), "--json")
     assert json.loads(answer.stdout)["valid"], "verify of an odd name: " + answer.stdout
-
-    # Options before and after the input; labels as a list, a range, all, and one by one.
-    labelled, made = label_map(scan, work / "order.nii", ((20, 21, 22), (23, 24, 41), (42,))), set()
-    for words in (("20,21,22,23,24,41,42",), ("20-24,41-42",), ("all",), ("20-24", "--labels", "41,42")):
-        for order in ((labelled, "--labels", *words), ("--labels", *words, labelled)):
-            run(mesh, *order, "-o", work / "labels.glb", "--quiet")
-            made.add((work / "labels.glb").read_bytes())
-    assert len(made) == 1, "different assets of the same labels"
-
-    # The parameters in the asset include those of the input.
-    run(mesh, scan / "sample.nii.gz", "-o", work / "coronal.glb", "--axis", "coronal", "--slices", "250:252", "--quiet")
-    for file, key, value in ((good, "spacing_mm", [0.3125, 0.3125, 1.0]), (work / "coronal.glb", "axis", "coronal")):
-        info = json.loads(run(mesh, "info", file, "--json").stdout)
-        assert info["parameters"].get(key) == value, f"{file.name}: {info['parameters']}"
 
     # The same folder, now with the asset in it.
     folder = work / "dicom"
