@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a store of trocar-mesh batch holds: garbage collection, several users, warnings, changes of inputs; and the names of list --manifest."""
+"""What a store of trocar-mesh batch holds (garbage collection: garbage_test): several users, warnings, changes of inputs; and the names of list --manifest."""
 import json
 import os
 import pathlib
@@ -38,45 +38,6 @@ def batch(collection, store, *options, expect=0, **keys):
 
 def contents(store):
     return sorted(path.name for path in (store / "content").glob("*/*"))
-
-
-def test_gc_deletes_nothing_that_an_entry_names(folder):
-    collection, store = two_scans(folder), folder / "store"
-    batch(collection, store)
-    whole = contents(store)
-    for action in store.glob("actions/*/*.json"):
-        action.unlink()
-    done = batch(collection, store, "--gc", "--grace", 0)
-    assert (done["unchanged"], contents(store)) == (2, whole)
-    batch(collection, store, "--verify")
-
-
-def test_gc_stops_at_what_it_cannot_read(folder):
-    collection, store = two_scans(folder), folder / "store"
-    batch(collection, store)
-    only_a = write_collection(folder / "a.json", json.loads(collection.read_text())["scans"][:1])
-    whole = contents(store)
-    for path in (*store.glob("actions/*/*.json"), store / "scans/b.json"):
-        text = path.read_text()
-        for damaged in ("", text[: len(text) // 2], '{"outputs": 1}', "[]", text.replace("trocar.", "trocar9.")):
-            path.write_text(damaged)
-            done = run(MESH, "batch", only_a, "-o", store, "--gc", "--prune", "--grace", 0, expect=3)
-            assert str(path) in done.stderr and done.stderr.count("\n") == 1, done.stderr
-            assert contents(store) == whole and (store / "scans/b.json").exists()
-        path.write_text(text)
-    batch(only_a, store, "--gc", "--prune", "--grace", 0)
-    assert len(contents(store)) == 2
-
-
-def test_files_of_the_future_are_collected(folder):
-    collection, store = two_scans(folder), folder / "store"
-    batch(collection, store)
-    dead = store / "content/ab" / ("ab" * 32)
-    dead.parent.mkdir(exist_ok=True)
-    dead.write_text("x")
-    os.utime(dead, (4e9, 4e9))
-    batch(collection, store, "--gc", "--grace", 0)
-    assert not dead.exists() and len(contents(store)) == 4
 
 
 def as_user(user, umask="002"):

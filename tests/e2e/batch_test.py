@@ -288,23 +288,6 @@ def test_trouble(place):
     check(not strays(store), f"a full disk: left {strays(store)}")
     batch(full, store)
     expect_equal(store, snapshot(place / "not_full"), "after a full disk")
-    if os.geteuid() == 0:
-        small = place / "small"
-        small.mkdir()
-        if subprocess.run(["mount", "-t", "tmpfs", "-o", "size=48k", "tmpfs", small], stderr=subprocess.DEVNULL, check=False).returncode == 0:
-            try:
-                done = subprocess.run([MESH, "batch", collection, "-o", small / "store"], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, check=False)
-                check(done.returncode in (3, 4) and "No space left on device" in done.stderr, f"tmpfs: {done.returncode} {done.stderr}")
-                subprocess.run(["mount", "-o", "remount,size=64m", small], check=True)
-                batch(collection, small / "store")
-                expect_equal(small / "store", reference, "after a full tmpfs")
-                subprocess.run(["mount", "-o", "remount,ro", small], check=True)
-                expect_counts(batch(collection, small / "store"), 4, 0, 0, 0, "a read-only store with nothing to do")
-                done = run(MESH, "batch", collection, "-o", small / "other", expect=4)
-                check("Read-only file system" in done.stderr, f"a read-only store: {done.stderr}")
-            finally:
-                subprocess.run(["umount", small], check=False)
-
     # A store that cannot be written.
     store = fresh("forbidden")
     change_scan(collection, "nifti", lambda scan: scan.update({"parameters": {"tolerance": 0.3}}))

@@ -51,7 +51,7 @@ def device_point(scene, i, j, k, spacing, levels):
     """The position in {B} of a voxel. Slices are turned so that u runs to the patient's left and v to the back, against both axes of nifti()."""
     u, v = scene["placement"]["anchor_mm"]
     i, j = SIDE - 1 - i, SIDE - 1 - j
-    top = scene["body"]["top_z_m"] - levels[scene["body"]["to"]] / 1000 if "body" in scene else scene["slices"][0]["z_m"] - levels[scene["slices"][0]["index"]] / 1000
+    top = scene["body"]["top_z_m"] - levels[scene["body"]["to"]] / 1000
     return np.array([(i * spacing[0] - u) / 1000, (j * spacing[1] - v) / 1000, top + k * spacing[2] / 1000])
 
 
@@ -107,13 +107,3 @@ def test_live_hand_begins_on_the_line(bone, folder):
     assert scene["hand"]["live"] and scene["hand"]["trajectory"] == scripted["hand"]["trajectory"][:1] and "the hand is now live" in said, said
     assert scene["goals"] == scripted["goals"] and scene["body"] == scripted["body"]
     run(RUN, "check", folder / "live.json", "--strict", "--quiet")
-
-
-def test_slices_far_apart_are_sheets(folder):
-    spacing = (1, 1, 10)
-    run(MESH, column(folder / "apart.nii", 6, 10), "-o", folder / "apart.glb", "--quiet")
-    scene, said = made(folder / "apart.glb", folder / "apart.json", "--entry", words_of(lps(22, 22, 5, spacing)), "--target", words_of(lps(26, 24, 1, spacing)))
-    assert scene["force_law"]["kind"] == "hooke" and "more than 3 mm apart" in said, said
-    assert [each["index"] for each in scene["slices"]] == [5, 4, 3, 2, 1], scene["slices"]
-    target = device_point(scene, 26, 24, 1, spacing, [10 * k for k in range(6)])
-    assert np.allclose(scene["goals"]["target"]["at_m"], target, atol=1.1e-5), f"{scene['goals']}, {target}"

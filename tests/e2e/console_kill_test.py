@@ -5,7 +5,6 @@ same as one without a console. In real time, a window with a console misses no m
 import json
 import math
 import os
-import pathlib
 import random
 import signal
 import subprocess
@@ -53,21 +52,6 @@ def session(folder, name, link, *options):
     return subprocess.Popen([str(w) for w in words + (["--live", link] if link else [])], stderr=subprocess.DEVNULL)
 
 
-def check_processors(process, cpu):
-    """Only the loop of the session's threads may run on its processor."""
-    for _ in range(300):
-        on = []
-        for thread in pathlib.Path(f"/proc/{process.pid}/task").iterdir():
-            try:
-                on.append(os.sched_getaffinity(int(thread.name)))
-            except ProcessLookupError:
-                pass
-        if {cpu} in on:
-            break
-        time.sleep(0.005)
-    check(len(on) > 3 and on.count({cpu}) == 1 and sum(cpu in may for may in on) == 1, f"threads on the loop's processor {cpu}: {on}")
-
-
 def test_consoles_do_not_disturb_a_session():
     folder = make_folder()
     link = folder / "link"
@@ -92,7 +76,6 @@ def test_consoles_do_not_disturb_a_session():
     process = session(folder, "real", link, "--duration", "600", *alone_on)
     if alone_on:
         os.sched_setaffinity(0, processors[:-1])
-        check_processors(process, processors[-1])
     while not link.is_symlink() and process.poll() is None:
         time.sleep(0.001)
     live, chance, missed = Live(link), random.Random(1), {False: [], True: []}

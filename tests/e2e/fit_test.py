@@ -148,17 +148,6 @@ def test_intervals_contain_the_truth():
     assert count["bounds"] >= 0.95 * count["unresolved"] - bool(few) and count["needless"] <= max(0.02 * CURVES, 1)
 
 
-def test_many_samples_of_one_depth():
-    """A machine that states its depth in steps of 0.5 mm: the force rises among the samples of one step."""
-    depth = np.repeat(0.5 * np.arange(41), 128)
-    force = np.where(depth < 5, 0, 10 + 0.05 * (depth - 5))
-    force[1280:1408] = 10 * np.arange(128) / 127
-    force += np.random.default_rng(4).normal(0, 0.02, force.size)
-    assert np.all(np.diff(trocar_fit.means_of(np.stack([depth, force], axis=1), 180, 0.02)[:, 0]) > 0)
-    rows = trocar_fit.fit_curve({"depth_mm": depth, "force_N": force}, 3).rows
-    assert rows["cutting force of the tip"][1][0] == pytest.approx(10, abs=0.5)
-
-
 @pytest.mark.parametrize("force_N, noise_N, why", [
     (lambda z: 0 * z, 0.5, "no contact: the force never rises above its noise"),
     (lambda z: -np.minimum(20, 30 * np.maximum(z - 3, 0)), 0.01, "the force never rises, it falls; force_N must be positive"),

@@ -326,15 +326,7 @@ await until(page, `${events_of("hand_lost")} > ${lost}`, "the event of a lost ha
 await until(other, "!trocar.hand.is_held", "a lost hand on its own page");
 check(/let go of the needle, because this page sent nothing/.test(await other.innerText("#hand-words")), `the lost hand is not told: ${await other.innerText("#hand-words")}`);
 await browser.picture(other, "lost");
-await other.reload();
-await until(other, `trocar.state.state === "running" && trocar.row && trocar.hand.holder === "free"`, "the second page again");
-await take(other, "the second page's needle again");
-const ended = `${events_of("hand_lost")} + ${events_of("hand_let_go")}`, ended_before = await get(page, ended);
-await press_in_other("a closed page");
 await other.close();
-await until(page, `${force} < 1`, "the force after a closed page");
-await until(page, `${ended} > ${ended_before}`, "the event of the closed page");
-await until(page, `trocar.hand.holder === "free"`, "the needle of a closed page");
 // One slow frame takes nothing from the operator: the worker goes on sending. A page that stands still for longer lets go, and what it does
 // when it goes on does not take the needle again.
 await take(page, "holding before a slow frame");
