@@ -141,19 +141,5 @@ TEST(PublishedForces, OneConstantIsFittedOnOneRow) {
   EXPECT_THROW(fit(none), std::invalid_argument);
 }
 
-TEST(PublishedForces, AHitOverlapsAndItsMedianIsWithinAFactor) {
-  PublishedForce row = row_of({});
-  row.low = 80;
-  row.high = 120;
-  EXPECT_TRUE(is_hit(row, {90, 100, 110}));
-  EXPECT_TRUE(is_hit(row, {100, 149, 200}));
-  EXPECT_FALSE(is_hit(row, {100, 151, 200})) << "the median is too large";
-  EXPECT_FALSE(is_hit(row, {121, 130, 140})) << "no overlap";
-  EXPECT_FALSE(is_hit(row, {10, 60, 90})) << "the median is too small";
-  row.is_at_least = true;
-  EXPECT_TRUE(is_hit(row, {500, 600, 700}));
-  EXPECT_FALSE(is_hit(row, {10, 79, 700}));
-}
-
 }  // namespace
 }  // namespace trocar::test

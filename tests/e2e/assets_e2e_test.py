@@ -1,19 +1,20 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Real scans through trocar-mesh; each asset is
-verified by `trocar-mesh verify` and opened by three.js; both must agree.
-
-test_sample: trocar-sample-ct's PNG, DICOM, NIfTI; and the paper's preset
-test_l3:     the clinical CT of the folder TROCAR_REAL_CT
-test_head:   the head CT of the file TROCAR_HEAD_CT
-A test is skipped if its scan is not there, or three.js is not installed and
-TROCAR_REQUIRE_THREE is not set.
-"""
+"""Real scans through trocar-mesh; each asset is verified by `trocar-mesh verify` and opened by three.js, and both must agree. It has few bytes a
+triangle, and the same bytes with 1, 2 and 16 threads and from the programs of the folder TROCAR_OTHER_BIN, if there is one. The scans are
+trocar-sample-ct's PNG, DICOM and NIfTI, the clinical CT of the folder TROCAR_REAL_CT and the head CT of the file TROCAR_HEAD_CT. A test is skipped
+if its scan is not there, or three.js is not installed and TROCAR_REQUIRE_THREE is not set."""
+import hashlib
 import json
 import os
+import pathlib
 import shutil
 
 import pytest
+
 from programs import HEAD_CT, L3_SCAN, REAL_CT, run
+
+# Bytes a triangle of the complete file with and without HU; kB of the file with HU.
+MOST = {"dicom": (13.0, 6.7, 70), "l3": (7.0, 5.2, 140), "head": (8.9, 4.5, 695)}
 
 
 class Case:
@@ -43,9 +44,29 @@ class Case:
                 assert told[field] == held[field], f"{name}: slice {held['index']}: {field}"
         if self.three:
             self.open_with_three(name, asset, info)
-        print(f"{name}: {len(report['slices'])} slices, "
-              f"{sum(s['triangles'] for s in report['slices'])} triangles, {asset.stat().st_size} bytes")
+        triangles = sum(piece["triangles"] for piece in info["slices"])
+        assert abs(report["asset"]["bytes_per_triangle"] - asset.stat().st_size / triangles) < 1e-9, f"{name}: {report['asset']}"
+        if name in MOST:
+            self.check_bytes(name, report["asset"], triangles, *arguments)
+        self.check_same_bytes(asset, *arguments)
         return report, asset
+
+    def check_bytes(self, name, told, triangles, *arguments):
+        with_hu, without_hu, most_kb = MOST[name]
+        bare = self.work / "bare.glb"
+        run(self.mesh, *arguments, "--no-hu", "-o", bare, "--quiet")
+        figures = told["bytes_per_triangle"], bare.stat().st_size / triangles, told["bytes"] / 1000
+        print(f"{name}: {figures[0]:.2f} bytes a triangle, {figures[1]:.2f} without HU, {figures[2]:.1f} kB")
+        assert all(figure <= most for figure, most in zip(figures, (with_hu, without_hu, most_kb))), f"{name}: {figures}"
+
+    def check_same_bytes(self, asset, *arguments):
+        makers = [(self.mesh, jobs) for jobs in (1, 2, 16)]
+        if other := os.environ.get("TROCAR_OTHER_BIN"):
+            makers.append((pathlib.Path(other) / "trocar-mesh", 2))
+        again = self.work / "again.glb"
+        for program, jobs in makers:
+            run(program, *arguments, "-o", again, "--quiet", "--jobs", jobs)
+            assert hashlib.sha256(again.read_bytes()).digest() == hashlib.sha256(asset.read_bytes()).digest(), f"{asset.name}: {program}, {jobs} threads"
 
     def open_with_three(self, name, asset, info):
         seen = json.loads(run("node", self.load, asset).stdout)
@@ -64,23 +85,6 @@ class Case:
         assert not drawn, f"{name}: three.js shows slices {sorted(drawn)} that info does not"
         low, high = seen["world_bounds_m"]["min"], seen["world_bounds_m"]["max"]
         assert all(0 < b - a < 1 for a, b in zip(low, high) if b != a), f"{name}: not in metres"
-
-    def check_damage_is_noticed(self, asset):
-        """The checks above can fail: verify and three.js refuse a broken file."""
-        data = bytearray(asset.read_bytes())
-        cut = self.work / "cut.glb"
-        cut.write_bytes(data[: len(data) // 3])  # within the triangles; a viewer would not miss the HU at the file's end
-        at = data.find(b"DRACO")
-        assert at > 0, "no Draco payload found"
-        data[at + 12:at + 28] = b"\xff" * 16
-        broken = self.work / "broken.glb"
-        broken.write_bytes(data)
-        for file in (cut, broken, self.work / "absent.glb"):
-            done = run(self.mesh, "verify", file, expect=3)
-            assert len(done.stderr.strip().splitlines()) == 1, f"{file.name}: not one line: {done.stderr!r}"
-            assert file.name in done.stderr, f"{file.name}: is not named in {done.stderr!r}"
-            if self.three:
-                run("node", self.load, file, expect=1)
 
 
 @pytest.fixture(name="case", scope="module")
@@ -110,7 +114,7 @@ def test_sample(case):
     grey = (226 - low) / (high - low) * 255
     spacing = "0.3125,0.3125,1"
     reports = {}
-    reports["dicom"], asset = case.build("dicom", scan / "dicom")
+    reports["dicom"], _ = case.build("dicom", scan / "dicom")
     reports["nifti"], _ = case.build("nifti", scan / "sample.nii.gz", "--lines")
     reports["png"], _ = case.build("png", scan / "png", "--spacing", spacing, "--threshold", f"{grey:.4f}")
     worst = 0.0
@@ -131,19 +135,14 @@ def test_sample(case):
         assert piece["triangles"] > 0, f"paper: slice {piece['index']} is empty"
         assert pixels <= 200 * (1 + 1e-9), f"paper: slice {piece['index']}: a triangle of {pixels:.1f} px^2"
 
-    # The same input gives the same bytes for any number of threads.
-    for jobs in (1, 3):
-        again = case.work / f"jobs{jobs}.glb"
-        run(case.mesh, scan / "dicom", "-o", again, "--jobs", jobs, "--quiet")
-        assert again.read_bytes() == asset.read_bytes(), f"--jobs {jobs} gives other bytes"
-    case.check_damage_is_noticed(asset)
+    case.build("dicom_dp", scan / "dicom", "--simplify", "dp")
     case.skip_without_three()
 
 
 def test_l3(case):
     if not L3_SCAN.is_file():
         pytest.skip("no clinical CT")
-    report, _ = case.build("l3", L3_SCAN, "--threshold", "226")
+    report, _ = case.build("l3", L3_SCAN)
     check_quality("l3", report, unless_warned=True)
     labels, _ = case.build("l3_labels", REAL_CT / "sub-ct_seg-vert_label-22_msk.nii.gz", "--labels", "22")
     check_quality("l3_labels", labels, unless_warned=True)
@@ -156,5 +155,6 @@ def test_head(case):
         pytest.skip("no head CT")
     report, _ = case.build("head", HEAD_CT)
     assert len(report["slices"]) == 108, f"head: {len(report['slices'])} slices, expected 108"
+    case.build("head_dp", HEAD_CT, "--simplify", "dp")
     check_quality("head", report, unless_warned=True)
     case.skip_without_three()

@@ -10,7 +10,7 @@ import shutil
 import nibabel
 import numpy
 
-from e2e import run
+from programs import run
 
 # What a store holds is a function of collection, files and program, the journal excepted; nothing is left under claims and tmp.
 COMPARED = ("trocar-store.json", "actions", "content", "scans", "assets", "reports")

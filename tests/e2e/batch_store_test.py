@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a store of trocar-mesh batch holds: garbage collection, several users, warnings, changes of inputs; and the names of list --manifest."""
+"""What a store of trocar-mesh batch holds (garbage collection: garbage_test): several users, warnings, changes of inputs; and the names of list --manifest."""
 import json
 import os
 import pathlib
@@ -38,45 +38,6 @@ def batch(collection, store, *options, expect=0, **keys):
 
 def contents(store):
     return sorted(path.name for path in (store / "content").glob("*/*"))
-
-
-def test_gc_deletes_nothing_that_an_entry_names(folder):
-    collection, store = two_scans(folder), folder / "store"
-    batch(collection, store)
-    whole = contents(store)
-    for action in store.glob("actions/*/*.json"):
-        action.unlink()
-    done = batch(collection, store, "--gc", "--grace", 0)
-    assert (done["unchanged"], contents(store)) == (2, whole)
-    batch(collection, store, "--verify")
-
-
-def test_gc_stops_at_what_it_cannot_read(folder):
-    collection, store = two_scans(folder), folder / "store"
-    batch(collection, store)
-    only_a = write_collection(folder / "a.json", json.loads(collection.read_text())["scans"][:1])
-    whole = contents(store)
-    for path in (*store.glob("actions/*/*.json"), store / "scans/b.json"):
-        text = path.read_text()
-        for damaged in ("", text[: len(text) // 2], '{"outputs": 1}', "[]", text.replace("trocar.", "trocar9.")):
-            path.write_text(damaged)
-            done = run(MESH, "batch", only_a, "-o", store, "--gc", "--prune", "--grace", 0, expect=3)
-            assert str(path) in done.stderr and done.stderr.count("\n") == 1, done.stderr
-            assert contents(store) == whole and (store / "scans/b.json").exists()
-        path.write_text(text)
-    batch(only_a, store, "--gc", "--prune", "--grace", 0)
-    assert len(contents(store)) == 2
-
-
-def test_files_of_the_future_are_collected(folder):
-    collection, store = two_scans(folder), folder / "store"
-    batch(collection, store)
-    dead = store / "content/ab" / ("ab" * 32)
-    dead.parent.mkdir(exist_ok=True)
-    dead.write_text("x")
-    os.utime(dead, (4e9, 4e9))
-    batch(collection, store, "--gc", "--grace", 0)
-    assert not dead.exists() and len(contents(store)) == 4
 
 
 def as_user(user, umask="002"):
@@ -292,3 +253,24 @@ def test_names_that_a_collection_cannot_state_are_left_out_and_named(folder):
     (scan,) = json.loads((folder / "c.json").read_text())["scans"]
     assert scan["input"] == "good é/sample.nii.gz"
     assert batch(folder / "c.json", folder / "store")["made"] == 1
+
+
+@pytest.mark.skipif(bool(SANITIZED), reason="a sanitizer must be the first library")
+def test_without_hard_links(tmp_path):
+    """Leases are created files there."""
+    without_links = {**os.environ, "LD_PRELOAD": str(PROGRAMS / "libno_hard_links.so")}
+    source = tmp_path / "a"
+    source.write_text("x")
+    refused = run("ln", source, tmp_path / "b", env=without_links, expect=None)
+    assert refused.returncode != 0 and not (tmp_path / "b").exists(), "the library does not work"
+    run(PROGRAMS / "trocar-sample-ct", tmp_path / "phantom", "--slices", 3, "--size", 64, "--quiet")
+    scans = [{"name": f"s{k}", "input": "phantom/sample.nii.gz", "parameters": {"threshold": 150 + k}} for k in range(20)]
+    collection = write_collection(tmp_path / "collection.json", scans)
+    command = [str(MESH), "batch", str(collection), "-o", str(tmp_path / "store"), "--json"]
+    both = [subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=without_links) for _ in range(2)]
+    summaries = [json.loads(process.communicate()[0]) for process in both]
+    assert sum(one["made"] for one in summaries) == 20, "two batches did work twice"
+    assert not [path for top in ("tmp", "claims") for path in (tmp_path / "store" / top).iterdir()]
+    run(MESH, "batch", collection, "-o", tmp_path / "with_links", "--quiet")
+    for scan in scans:
+        assert os.readlink(tmp_path / "store/assets" / f"{scan['name']}.glb") == os.readlink(tmp_path / "with_links/assets" / f"{scan['name']}.glb")

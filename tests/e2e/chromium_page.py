@@ -3,30 +3,25 @@
 import contextlib
 import json
 import os
-import pathlib
 import shutil
 import subprocess
-import sys
+
+import pytest
 
 from console_client import Console
-from e2e import check
+from programs import SOURCE
 
-SOURCE = pathlib.Path(__file__).resolve().parents[2]
 DRIVERS = SOURCE / "tests" / "e2e" / "console"
 PAGE = SOURCE / "runtime" / "console" / "page"
 CHROMIUM = os.environ.get("TROCAR_CHROMIUM") or shutil.which("chromium")
 
 
-def need_browser(with_console=True):
-    """Ends the test as skipped, or with TROCAR_REQUIRE_CONSOLE as failed, if something is missing."""
-    why = ""
-    if not CHROMIUM or not shutil.which("node") or not (DRIVERS / "node_modules" / "playwright-core").is_dir():
-        why = "skipped: no chromium, node or playwright-core (scripts/setup test, scripts/test)"
-    elif with_console and not (PAGE / "vendor").is_dir():
-        why = "skipped: the page's libraries are missing (scripts/setup console)"
-    if why:
-        print(why)
-        sys.exit(1 if os.environ.get("TROCAR_REQUIRE_CONSOLE") else 77)
+def need_browser():
+    """Skips the test, or with TROCAR_REQUIRE_CONSOLE fails, if something is missing."""
+    if CHROMIUM and shutil.which("node") and (DRIVERS / "node_modules" / "playwright-core").is_dir() and (PAGE / "vendor").is_dir():
+        return
+    assert not os.environ.get("TROCAR_REQUIRE_CONSOLE"), "no chromium, node, playwright-core, or libraries of the page"
+    pytest.skip("no chromium, node, playwright-core, or libraries of the page (scripts/setup test console, scripts/test)")
 
 
 def links_of(console):
@@ -40,15 +35,14 @@ def page_of(programs, folder, work, *options):
     with (work / "console.log").open("a") as log:
         console = Console(programs / "trocar-console", folder, *options, page=PAGE, stderr=log)
         yield console, {**links_of(console), "out": str(work / "pictures")}
-        check(console.stop() == 0, "the console did not end as it should")
+        assert console.stop() == 0, "the console did not end as it should"
 
 
 def drive(driver, given):
     """Runs a driver with these arguments, and checks its failures. Returns what it printed."""
     done = subprocess.run(["node", DRIVERS / driver, json.dumps({"chromium": CHROMIUM, **given})], cwd=DRIVERS, stdout=subprocess.PIPE, text=True,
                           check=False)
-    check(done.returncode == 0, f"{driver} ended with {done.returncode}")
-    result = json.loads(done.stdout.splitlines()[-1]) if done.stdout else {"failures": [f"{driver} said nothing"], "figures": {}, "sessions": {}}
-    for failure in result["failures"]:
-        check(False, failure)
+    assert done.returncode == 0 and done.stdout, f"{driver} ended with {done.returncode}"
+    result = json.loads(done.stdout.splitlines()[-1])
+    assert not result["failures"], "\n".join(result["failures"])
     return result

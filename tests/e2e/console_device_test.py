@@ -1,19 +1,22 @@
 # SPDX-License-Identifier: Apache-2.0
-"""console_device_test.py SOURCE PROGRAMS ASSET WORK: the devices that the console's command line lists: a page chooses one by its name or
-index, and only so; a test of one before a session; sessions on a device process. The devices are trocar-device-sim with key files."""
+"""The devices that the console's command line lists: a page chooses one by its name or index, and only so; a test of one before a session. The
+devices are trocar-device-sim with key files. (Stopped tests, dead devices and sessions on a device: console/drive_devices.mjs.)"""
 import json
 import os
 import pathlib
 import signal
 import subprocess
-import sys
 import time
 
+import pytest
+
+from chromium_page import PAGE
 from console_client import Console
-from console_server_test import add_outside, make_folder, newest, start
+from console_server_test import CONSOLE, add_outside, make_folder
 from device_link_e2e_test import Simulator
-from e2e import check, outcome
+from e2e import check
 from exported import conforms
+from programs import PROGRAMS, WORK
 
 DEAD = "udp:127.0.0.1:9"  # nobody answers there
 TEST_WITHIN_s, STOP_WITHIN_s = 30, 4
@@ -50,8 +53,53 @@ def after_test(console, within_s=TEST_WITHIN_s):
     return check(False, f"the test has not ended: {told}") or told
 
 
-def test_default(programs, page, folder):
-    console = Console(programs / "trocar-console", folder, page=page)
+@pytest.fixture(name="folder", scope="module")
+def folder_of_scenes():
+    folder = make_folder()
+    add_outside(folder)
+    return folder
+
+
+@pytest.fixture(name="simulator", scope="module")
+def running_simulator(folder):
+    keys = WORK / "keys"
+    keys.mkdir()
+    with Simulator(PROGRAMS, keys, folder / "scenes/outside.json", "--watchdog", "0.25") as simulator:
+        yield simulator
+
+
+@pytest.fixture(name="name", scope="module")
+def name_of_device(simulator):
+    return f"udp:{simulator.address}"
+
+
+@pytest.fixture(name="option", scope="module")
+def option_of_device(name, simulator):
+    return f"{name},simulated,key-file={simulator.key_file}"
+
+
+@pytest.fixture(name="console", scope="module")
+def console_with_devices(folder, simulator, option):
+    console = Console(CONSOLE, folder, "--device", "inproc", "--device", option, "--device", f"{DEAD},key-file={simulator.key_file}",
+                      "--device", f"udp:127.0.0.1:10,key-file={WORK / 'keys/nowhere.key'}", page=PAGE)
+    yield console
+    check(console.stop() == 0, "the end of the console")
+
+
+def shows_a_path(text):
+    return any(path in text for path in (str(WORK), str(PROGRAMS), "link.key", "nowhere.key"))
+
+
+def test_list(console, name):
+    status, answer = console.request("GET", "/api/folder", raw=True)
+    devices = json.loads(answer)["devices"]
+    check([d["name"] for d in devices] == ["inproc", name, DEAD, "udp:127.0.0.1:10"], f"{devices}")
+    check([d["simulated"] for d in devices] == [True, True, False, False] and [d["can_be_tested"] for d in devices] == [False, True, True, True], f"{devices}")
+    check(status == 200 and not shows_a_path(answer.decode()), "a path is told in the list")
+
+
+def test_default(folder):
+    console = Console(CONSOLE, folder, page=PAGE)
     devices = console.get("/api/folder")[1]["devices"]
     check(devices == [{"name": "inproc", "simulated": True, "can_be_tested": False}], f"without --device: {devices}")
     check(console.get("/api/test") == (200, {"state": "none"}), "a test before any")
@@ -77,7 +125,7 @@ def test_refused(console, name):
     check(not children(console) and console.get("/api/test")[1] == {"state": "none"}, f"a refused request started {children(console)}")
 
 
-def test_trial(console, name, hidden):
+def test_trial(console, name):
     check(console.post("/api/test", {"device": name}) == (200, {"ok": True}), "the start of a test")
     words = words_of_test(console)
     check({"test", "--simulated", "--key-file"} <= set(words) and name in words, f"the test's process: {words}")
@@ -91,25 +139,14 @@ def test_trial(console, name, hidden):
     result = told["result"]
     check(told["exit_code"] == (0 if result["holds"] else 5) and result["holds"] == (not result["troubles"]), f"{told}")
     check(result["device"] == name and "round trip" in result["numbers"] and result["verdict"] in told["text"], f"{told}")
-    check("stopped" not in told and not any(path in json.dumps(told) for path in hidden), f"a path is told: {told}")
+    check("stopped" not in told and not shows_a_path(json.dumps(told)), f"a path is told: {told}")
 
 
-def test_stop(console, name):
-    for what, stop in (("stop", lambda: console.post("/api/command", {"command": "stop"})),
-                       ("the emergency stop", lambda: console.post("/api/emergency_stop", token=None))):
-        check(console.post("/api/test", {"device": 1})[0] == 200, f"a test before {what}")
-        time.sleep(0.5)
-        check(stop() == (200, {"ok": True}), f"{what} of a test")
-        told = after_test(console, STOP_WITHIN_s)
-        check(told["stopped"] and told["device"] == name and not children(console), f"after {what}: {told}, {children(console)}")
-    check(console.post("/api/command", {"command": "stop"})[0] == 409, "stop of nothing")
-
-
-def test_stop_beside_a_session(programs, console, folder, name):
+def test_stop_beside_a_session(console, folder, name):
     """An emergency stop reaches the test and a session that somebody else has started meanwhile."""
     live = console.live()
     check(console.post("/api/test", {"device": name})[0] == 200, "a test before a foreign session")
-    with subprocess.Popen([programs / "trocar-run", folder / "scenes/outside.json", "--live", folder / "sessions/live", "--duration", "60",
+    with subprocess.Popen([PROGRAMS / "trocar-run", folder / "scenes/outside.json", "--live", folder / "sessions/live", "--duration", "60",
                            "--recover", "signal", "--quiet"], stderr=subprocess.DEVNULL) as session:
         check(live.until(lambda l: l.state() == "running" and l.values and l.value("t_s") > 0.1, 4), f"{live.states}")
         check(console.get("/api/test")[1]["state"] == "running", "the test has ended before the emergency stop")
@@ -121,44 +158,10 @@ def test_stop_beside_a_session(programs, console, folder, name):
     live.close()
 
 
-def test_dead(console, hidden):
-    """A device that does not answer, and one whose key file is missing: trocar-run's own line, without the file's folder."""
-    for name, said in ((DEAD, "127.0.0.1:9"), ("udp:127.0.0.1:10", "the file of key-file")):
-        check(console.post("/api/test", {"device": name})[0] == 200, f"a test of {name}")
-        told = after_test(console)
-        last = told["text"].strip().splitlines()[-1]
-        check(told["exit_code"] not in (0, 1) and "result" not in told and last.startswith("trocar-run: ") and said in last, f"{name}: {told}")
-        check(not any(path in json.dumps(told) for path in hidden), f"a path is told: {told}")
-    check(console.post("/api/test", {"device": DEAD})[0] == 200, "another test of a dead device")
-    console.post("/api/command", {"command": "stop"})
-    check(after_test(console, STOP_WITHIN_s)["stopped"], "the stop of a test that waits for its device")
-
-
-def test_session(console, folder, name, hidden):
-    live = console.live()
-    start(console, live, scene="scenes/outside.json", device=1, duration_s=60)
-    check(live.until(lambda l: l.state() == "running" and l.values and l.value("t_s") > 0.2), f"{live.states}")
-    check(live.hello["device"] == name and live.states[-1]["device"] == name, f"{live.states}")
-    words = children(console)[live.hello["pid"]]
-    check({"--simulated", "--key-file", name} <= set(words) and "--late-ticks-in-row" not in words, f"the session's process: {words}")
-    status, answer = console.post("/api/test", {"device": name})
-    check(status == 409 and "session runs" in answer["error"], f"a test during a session: {status} {answer}")
-    check(console.post("/api/command", {"command": "stop"})[0] == 200 and live.until(lambda l: l.state() == "ended", 10), f"{live.states}")
-    recording = str((newest(folder) / "session.csv").relative_to(folder))
-    listed = [r for r in console.get("/api/folder")[1]["recordings"] if r["file"] == recording]
-    check(listed and listed[0]["device"] == name, f"the device of a session in the list: {listed}")
-    # A scene whose hand is live: trocar-run says why not.
-    check(console.post("/api/start", {"scene": "scenes/live.json", "device": name})[0] == 200, "a live hand's start")
-    why = "its hand is live, which is for the simulated device inproc"
-    check(live.until(lambda l: why in l.states[-1]["message"], 10), f"a live hand on a device: {live.states[-1]}")
-    log = console.get("/api/log", raw=True)[1].decode()
-    check(why in log and not any(path in log + json.dumps(live.states) for path in hidden), f"a path is told: {log} {live.states}")
-    live.close()
-
-
-def test_killed_test(programs, page, folder, name, option, how):
+@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGKILL])
+def test_killed_test(folder, name, option, how):
     """A test ends with its console."""
-    console = Console(programs / "trocar-console", folder, "--device", option, page=page)
+    console = Console(CONSOLE, folder, "--device", option, page=PAGE)
     check([d["name"] for d in console.get("/api/folder")[1]["devices"]] == [name], "a list without inproc")
     check(console.post("/api/test", {})[0] == 200, "a test of the first device")
     tested = list(children(console))
@@ -168,38 +171,3 @@ def test_killed_test(programs, page, folder, name, option, how):
     while time.monotonic() < end and any(os.path.exists(f"/proc/{pid}") for pid in tested):
         time.sleep(0.05)
     check(tested and not any(os.path.exists(f"/proc/{pid}") for pid in tested), f"{how}: the test goes on")
-
-
-def main():
-    source, programs, asset, work = map(pathlib.Path, sys.argv[1:])
-    page = source / "runtime/console/page"
-    folder = make_folder(source, asset, work)
-    scene = add_outside(folder)
-    add_outside(folder, "live", hand={"live": True, "trajectory": scene["hand"]["trajectory"][:1]})
-    test_default(programs, page, folder)
-    keys = work / "keys"
-    keys.mkdir()
-    with Simulator(programs, keys, folder / "scenes/outside.json", "--watchdog", "0.25") as simulator:
-        name, option = f"udp:{simulator.address}", f"udp:{simulator.address},simulated,key-file={simulator.key_file}"
-        console = Console(programs / "trocar-console", folder, "--device", "inproc", "--device", option, "--device", f"{DEAD},key-file={simulator.key_file}",
-                          "--device", f"udp:127.0.0.1:10,key-file={keys / 'nowhere.key'}", page=page)
-        hidden = [str(keys), str(folder), str(programs.resolve()), "link.key", "nowhere.key"]
-        status, answer = console.request("GET", "/api/folder", raw=True)
-        devices = json.loads(answer)["devices"]
-        check([d["name"] for d in devices] == ["inproc", name, DEAD, "udp:127.0.0.1:10"], f"{devices}")
-        check([d["simulated"] for d in devices] == [True, True, False, False] and [d["can_be_tested"] for d in devices] == [False, True, True, True], f"{devices}")
-        check(status == 200 and not any(path in answer.decode() for path in hidden), "a path is told in the list")
-        test_refused(console, name)
-        test_trial(console, name, hidden)
-        test_stop(console, name)
-        test_stop_beside_a_session(programs, console, folder, name)
-        test_dead(console, hidden)
-        test_session(console, folder, name, hidden)
-        check(console.stop() == 0, "the end of the console")
-        for how in (signal.SIGINT, signal.SIGKILL):
-            test_killed_test(programs, page, folder, name, option, how)
-    return outcome()
-
-
-if __name__ == "__main__":
-    sys.exit(main())

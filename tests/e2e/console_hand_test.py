@@ -1,39 +1,47 @@
 # SPDX-License-Identifier: Apache-2.0
-"""console_hand_test.py SOURCE PROGRAMS ASSET WORK [--messages N]: a live hand over the console's WebSocket. It pushes the needle into
-bone; a closed page, a killed console and a silent page stop the pushing; one client holds it at a time; hostile messages, N or 20,000
-of them, cause no fault and need no memory; a replay has the same bytes; --hand-path repeats the session."""
-import argparse
+"""A live hand over the console's WebSocket. It pushes the needle into bone; a closed page, a killed console and a silent page stop the pushing;
+hostile messages, 20,000 or TROCAR_HAND_MESSAGES of them, cause no fault and need no memory. (Pauses, two holders, replays: console/drive_hand.mjs;
+--hand-path: live_hand_session_test.cpp.)"""
 import json
 import math
-import pathlib
+import os
 import random
 import signal
 import subprocess
-import sys
 import threading
 import time
 
-from console_client import BINARY, TEXT, Closed, Console, Live, WebSocket
-from console_server_test import make_folder, newest
-from e2e import check, outcome
-from exported import rows_of
+import pytest
 
+from console_client import BINARY, TEXT, Closed, Console, Live, WebSocket
+from console_server_test import CONSOLE, make_folder, newest
+from e2e import check
+from exported import rows_of
+from programs import PROGRAMS, SOURCE, WORK
+
+MESSAGES = int(os.environ.get("TROCAR_HAND_MESSAGES", "20000"))
 FRAME_S = 1 / 60
 START_M = (0, 0, 0.162)
 CLOSED = (1008, "end of stream", "reset")  # without a code if a message was on its way to the client
 
 
-def make_live_folder(source, asset, work):
-    """The folder of scenes with vertebra_live.json, and a sheet of the law hooke whose hand is live."""
-    folder = make_folder(source, asset, work)
-    scene = json.loads((source / "runtime/scenes/vertebra_live.json").read_text())
-    scene["asset"] = "../sample.glb"
-    (folder / "scenes/live.json").write_text(json.dumps(scene))
+@pytest.fixture(name="folder", scope="module")
+def folder_of_scenes():
+    """With vertebra_live.json, and a sheet of the law hooke whose hand is live."""
+    folder = make_folder()
+    scene = json.loads((SOURCE / "runtime/scenes/vertebra_live.json").read_text())
+    (folder / "scenes/live.json").write_text(json.dumps(scene | {"asset": "../sample.glb"}))
     sheet = json.loads((folder / "scenes/one_slice.json").read_text())
-    sheet["hand"] = {"live": True, "trajectory": [{"t_s": 0, "tip_m": [0, 0, 0.125]}]}
-    sheet["duration_s"] = 600
-    (folder / "scenes/sheet.json").write_text(json.dumps(sheet))
+    hand = {"live": True, "trajectory": [{"t_s": 0, "tip_m": [0, 0, 0.125]}]}
+    (folder / "scenes/sheet.json").write_text(json.dumps(sheet | {"hand": hand, "duration_s": 600}))
     return folder
+
+
+@pytest.fixture(name="console", scope="module")
+def started_console(folder):
+    console = Console(CONSOLE, folder)
+    yield console
+    check(console.stop() == 0, "the console's exit code")
 
 
 class Page:
@@ -128,7 +136,6 @@ def check_fall(how, events, kind, recording, force_N):
 
 
 def test_push(console, folder):
-    """Returns the session's recording."""
     shown = {s["file"]: s for s in console.get("/api/folder")[1]["scenes"]}
     check(shown["scenes/live.json"].get("live_hand") is True and "live_hand" not in shown["scenes/vertebra.json"], "live_hand of the folder")
     watcher = start(console, "live")
@@ -144,9 +151,7 @@ def test_push(console, folder):
     check(watcher.until(lambda live: "hand_let_go" in live.kinds() and force_of(live) < 2), f"the force stays, or no event: {watcher.kinds()}")
     check(watcher.until(lambda live: live.hands[-1] == "free"), f"{watcher.hands}")
     stop(console, watcher)
-    recording = newest(folder) / "session.csv"
-    check_fall("page closed", watcher.events, "hand_let_go", recording, 25)
-    return recording
+    check_fall("page closed", watcher.events, "hand_let_go", newest(folder) / "session.csv", 25)
 
 
 def test_silence(console, folder):
@@ -162,43 +167,6 @@ def test_silence(console, folder):
         page.close()
         stop(console, watcher)
         check_fall(f"page silent on {scene}", watcher.events, "hand_lost", newest(folder) / "session.csv", force_N)
-
-
-def test_pause(console):
-    watcher = start(console, "live")
-    page = Page(console)
-    check(page.wait(lambda live: live.hands[-1:] == ["yours"]) and page.push_to(15), "15 N are not reached")
-    console.post("/api/command", {"command": "pause"})
-    check(watcher.until(lambda live: live.state() == "paused"), "no pause")
-    check(watcher.until(lambda live: live.value("paused") == 1), "no snapshot of the pause")
-    deepest_m = watcher.value("tool_m", 2)
-    console.post("/api/command", {"command": "resume"})
-    check(watcher.until(lambda live: "recovered" in live.kinds() or "not_recovered" in live.kinds()), f"no resume: {watcher.kinds()}")
-    page.target[2] = START_M[2]  # out of the bone, which recovery needs
-    check(watcher.until(lambda live: "recovered" in live.kinds()), f"no recovery: {watcher.kinds()}")
-    check(watcher.value("tool_m", 2) > deepest_m, "the tip went deeper")
-    page.close()
-    stop(console, watcher)
-
-
-def test_two_holders(console):
-    watcher = start(console, "live")
-    pages = [Page(console)]
-    check(pages[0].wait(lambda live: live.hands[-1:] == ["yours"]), "the first does not get the hand")
-    pages.append(Page(console, (0.02, 0, 0.162)))
-    check(pages[1].wait(lambda live: live.hands[-1:] == ["other"]), "the second gets the hand")
-    time.sleep(0.5)
-    check(watcher.until(lambda live: abs(live.value("tool_m")) < 1e-4), f"the second moves the tip: {watcher.array('tool_m')}")
-    pages[0].sends = False
-    pages[0].live.web.send('{"hand": null}')
-    check(pages[1].wait(lambda live: live.hands[-1] == "yours"), "the second does not get the hand that was let go")
-    check(watcher.until(lambda live: abs(live.value("tool_m") - 0.02) < 1e-3), "the second does not move the tip")
-    view = console.live(console.view)
-    check(view.until(lambda live: live.hands == ["other"]), f"the audience is told {view.hands}")
-    check(close_code(view.web, json.dumps({"hand": [0, 0, 0.162, 0, 0, 0], "n": 1})) in CLOSED, "a hand from the audience")
-    for page in pages:
-        page.close()
-    stop(console, watcher)
 
 
 def test_taken_again_untold(console):
@@ -243,21 +211,22 @@ def malformed(rng):
         '{"hand": [0, 0, 0, 0, 0, 0], "n": 1, "n": 2}', '{"hand": [0, 0, 0, 0, 0, 0], "n": 1', f'{{"hand": {"[" * 500}'])
 
 
-def test_hostile(console, messages):
+def test_hostile(console):
     rng = random.Random(20261125)
     for scene in ("sheet", "live"):
         watcher = start(console, scene)
-        for _ in range(min(300, messages // 20)):
+        for _ in range(min(300, MESSAGES // 20)):
             message = malformed(rng)
             code = close_code(operator(console), message)
             check(code in CLOSED, f"{message[:80]}: {code}")
         check(close_code(operator(console), b"\1", BINARY) in CLOSED, "binary")
+        check(close_code(console.live(console.view).web, json.dumps({"hand": [0, 0, 0.162, 0, 0, 0], "n": 1})) in CLOSED, "a hand from the audience")
         check(watcher.hands[-1:] in ([], ["free"]), "a malformed message takes the hand")
         watcher.close()
         watcher, flooder = (Page(console, sends=False) for _ in range(2))  # they read meanwhile
         check(watcher.wait(lambda live: live.values) and flooder.wait(lambda live: live.values), f"{scene}: no snapshots")
         before_kB, number = console.rss_kB(), 0
-        while number < messages:
+        while number < MESSAGES:
             # A flood, jumps all over, targets far outside; then calm for some frames.
             mood = rng.randrange(4)
             for _ in range(rng.choice((3, 30, 300))):
@@ -283,56 +252,13 @@ def test_hostile(console, messages):
         stop(console, console.live())
 
 
-def test_replay(programs, folder, recording, *options):
-    again = folder / "again.csv"
-    done = subprocess.run([programs / "trocar-run", "replay", folder / "scenes/live.json", recording, "--record", again, *options],
-                          capture_output=True, text=True, check=False)
-    check(done.returncode == 0 and "identical" in done.stdout + done.stderr, f"replay: {done.returncode}: {done.stdout}{done.stderr}")
-    check(again.read_bytes() == recording.read_bytes(), "a replay has other bytes")
-
-
-ARM = {"schema": "trocar.pose_device/1", "name": "arm", "force_max_N": 8, "mass_kg": 0.3, "damping_N_s_per_m": 1, "stiffness_max_N_per_m": 2000,
-       "position_resolution_m": 2e-5, "workspace_min_m": [-0.08, -0.08, -0.08], "workspace_max_m": [0.08, 0.08, 0.08]}
-
-
-def test_pose_device(programs, folder, work):
-    """A live hand on a simulated device of another maker, which renders 8 N at most."""
-    arm = work / "arm.json"
-    arm.write_text(json.dumps(ARM))
-    console = Console(programs / "trocar-console", folder, "--device", f"inproc,device-description={arm}")
-    try:
-        watcher = start(console, "live")
-        page = Page(console)
-        check(page.wait(lambda live: live.hands[-1:] == ["yours"]) and page.push_to(2), "2 N are not reached on the arm")
-        page.close()
-        check(watcher.until(lambda live: "hand_let_go" in live.kinds() and force_of(live) < 0.2), f"the force stays: {watcher.kinds()}")
-        check("fault" not in watcher.kinds(), f"{watcher.kinds()}")
-        stop(console, watcher)
-        recording = newest(folder) / "session.csv"
-        # The console kills a session whose forces are not zero within 100 ms of an emergency stop. This one's are.
-        watcher = start(console, "live")
-        page = Page(console)
-        check(page.wait(lambda live: live.hands[-1:] == ["yours"]) and page.push_to(2), "2 N are not reached again")
-        console.post("/api/emergency_stop")
-        check(watcher.until(lambda live: "fault" in live.kinds() and force_of(live) == 0), f"the force stays: {watcher.kinds()}")
-        check(not watcher.until(lambda live: live.state() == "lost", 0.5), "a session with zero force was killed")
-        page.close()
-        stop(console, watcher)
-    finally:
-        check(console.stop() == 0, "the console's exit code")
-    rows = rows_of(recording)
-    check("fz_device_N" in rows[0] and max(float(row["fz_device_N"]) for row in rows) <= 8 * (1 + 1e-9), "forces of the arm")
-    test_replay(programs, folder, recording, "--device-description", arm)
-
-
-def test_killed_console_and_path(programs, folder, work):
+def test_killed_console(folder):
     """A session that a console watches: the console is killed while it pushes."""
-    link, path, record = work / "link", work / "path.json", work / "live.csv"
-    run = subprocess.Popen([programs / "trocar-run", folder / "scenes/live.json", "--live", link, "--hand-path", path, "--record", record,
-                            "--recover", "signal", "--quiet"])
+    link, record = WORK / "link", WORK / "live.csv"
+    run = subprocess.Popen([PROGRAMS / "trocar-run", folder / "scenes/live.json", "--live", link, "--record", record, "--recover", "signal", "--quiet"])
     while not link.is_symlink() and run.poll() is None:
         time.sleep(0.01)
-    consoles = [Console(programs / "trocar-console", folder, "--attach", link) for _ in range(2)]
+    consoles = [Console(CONSOLE, folder, "--attach", link) for _ in range(2)]
     watcher = consoles[1].live()
     check(watcher.until(lambda live: live.values), "nothing to watch")
     page = Page(consoles[0])
@@ -352,48 +278,3 @@ def test_killed_console_and_path(programs, folder, work):
     watcher.close()
     for console in consoles:
         console.stop(signal.SIGKILL)
-
-    # The path as the hand of another scene.
-    hand = json.loads(path.read_text())
-    scene = json.loads((folder / "scenes/live.json").read_text())
-    rows = rows_of(record)
-    repeated = work / "folder/scenes/repeated.json"
-    repeated.write_text(json.dumps({**scene, "hand": hand, "duration_s": len(rows) / 1000}))
-    again = work / "again.csv"
-    done = subprocess.run([programs / "trocar-run", repeated, "--clock", "virtual", "--record", again, "--quiet"], check=False)
-    check(done.returncode == 0, f"the repeated session ended with {done.returncode}")
-
-    def course(file):
-        return [float(row["fz_delivered_N"]) for row in rows_of(file)]
-    first, second = course(record), course(again)
-    most_N = max(abs(x) for x in first)
-    off_N = math.sqrt(sum((a - b)**2 for a, b in zip(first, second)) / len(first))
-    print(f"repeated by {len(hand['trajectory'])} keyframes: at most {most_N:.1f} N, {off_N:.3f} N apart (root mean square)")
-    check(len(first) == len(second) and off_N < 0.05 * most_N, f"the force differs by {off_N:.2f} of {most_N:.1f} N")
-
-
-def main():
-    parser = argparse.ArgumentParser()
-    for name in ("source", "programs", "asset", "work"):
-        parser.add_argument(name, type=pathlib.Path)
-    parser.add_argument("--messages", type=int, default=20_000)
-    arguments = parser.parse_args()
-    folder = make_live_folder(arguments.source, arguments.asset, arguments.work)
-    console = Console(arguments.programs / "trocar-console", folder)
-    try:
-        recording = test_push(console, folder)
-        test_replay(arguments.programs, folder, recording)
-        test_silence(console, folder)
-        test_pause(console)
-        test_two_holders(console)
-        test_taken_again_untold(console)
-        test_hostile(console, arguments.messages)
-    finally:
-        check(console.stop() == 0, "the console's exit code")
-    test_pose_device(arguments.programs, folder, arguments.work)
-    test_killed_console_and_path(arguments.programs, folder, arguments.work)
-    return outcome()
-
-
-if __name__ == "__main__":
-    sys.exit(main())

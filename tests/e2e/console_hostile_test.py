@@ -1,20 +1,21 @@
 # SPDX-License-Identifier: Apache-2.0
-"""console_hostile_test.py SOURCE PROGRAM ASSET WORK [--frames N] [--requests N] [--seed N]: unauthorised,
-oversized and malformed requests are refused and logged once for each kind, and other clients are not affected. Fuzzed requests and
-frames follow, 2,000 each unless the options give another number. PROGRAM may be built with AddressSanitizer."""
-import argparse
+"""Unauthorised, oversized and malformed requests are refused and logged once for each kind, and other clients are not affected. Fuzzed requests and
+frames follow, 2,000 each unless TROCAR_REQUESTS and TROCAR_FRAMES give another number."""
 import json
-import pathlib
+import os
 import random
 import re
 import socket
 import struct
-import sys
 import time
 
+from chromium_page import PAGE
 from console_client import BINARY, TEXT, Closed, Console, WebSocket
-from console_server_test import make_folder
-from e2e import check, outcome
+from console_server_test import CONSOLE, make_folder
+from e2e import check
+from programs import WORK
+
+REQUESTS, FRAMES = (int(os.environ.get(name, "2000")) for name in ("TROCAR_REQUESTS", "TROCAR_FRAMES"))
 
 
 def raw(console, data, timeout=5, half_close=True):
@@ -48,7 +49,7 @@ def refused_socket(console, first=None, after=(), origin=None, host=None):
         web.close()
 
 
-def test_refusals(console):
+def check_refusals(console):
     good = console.token
     for path in ("/api/folder", "/api/log", "/api/test", "/api/bone?scene=scenes/one_slice.json", "/api/volume?scene=scenes/one_slice.json"):
         for token in (None, "0" * 32, good[:-1], good + "0", console.view.upper() + "x"):
@@ -224,28 +225,18 @@ def fuzz_frames(console, count, random_):
     return connections
 
 
-def main():
-    parser = argparse.ArgumentParser()
-    parser.add_argument("source", type=pathlib.Path)
-    parser.add_argument("program", type=pathlib.Path)
-    parser.add_argument("asset", type=pathlib.Path)
-    parser.add_argument("work", type=pathlib.Path)
-    parser.add_argument("--frames", type=int, default=2000)
-    parser.add_argument("--requests", type=int, default=2000)
-    parser.add_argument("--seed", type=int, default=1)
-    a = parser.parse_args()
-    folder = make_folder(a.source, a.asset, a.work)
-    log = open(a.work / "log.txt", "w+", encoding="utf-8")
-    console = Console(a.program, folder, page=a.source / "runtime/console/page", stderr=log)
-    test_refusals(console)
+def test_hostile_clients():
+    log = open(WORK / "log.txt", "w+", encoding="utf-8")
+    console = Console(CONSOLE, make_folder(), page=PAGE, stderr=log)
+    check_refusals(console)
     memory = console.rss_kB()
-    random_ = random.Random(a.seed)
+    random_ = random.Random(1)
     begin = time.monotonic()
-    codes = fuzz_requests(console, a.requests, random_)
-    print(f"{a.requests} fuzzed requests in {time.monotonic() - begin:.0f} s, answers: {codes}")
+    codes = fuzz_requests(console, REQUESTS, random_)
+    print(f"{REQUESTS} fuzzed requests in {time.monotonic() - begin:.0f} s, answers: {codes}")
     begin = time.monotonic()
-    connections = fuzz_frames(console, a.frames, random_)
-    print(f"{a.frames} fuzzed frames in {connections} connections, {time.monotonic() - begin:.0f} s")
+    connections = fuzz_frames(console, FRAMES, random_)
+    print(f"{FRAMES} fuzzed frames in {connections} connections, {time.monotonic() - begin:.0f} s")
     check(console.process.poll() is None, "the console has ended")
     check(console.get("/api/folder")[0] == 200 and len(console.get("/api/folder")[1]["scenes"]) == 3, "the folder afterwards")
     for _ in range(100):  # pages of the fuzz are closed within seconds
@@ -265,8 +256,3 @@ def main():
     check(len(kinds) == len(set(kinds)) and len(kinds) >= 8, f"refusals in the log: {kinds}")
     others = [line for line in lines if not line.startswith(("trocar-console: refused: ", "trocar-console: emergency stop, "))]
     check(not others, f"other lines in the log: {others[:5]}")
-    return outcome()
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -26,7 +26,7 @@ import numpy as np
 import pydicom
 import pytest
 from console_client import Console
-from igtl_client import Closed, HEADER, IgtlClient, packed
+from igtl_client import Closed, IgtlClient, packed
 from programs import run
 from surface_test import read_stl
 
@@ -399,8 +399,3 @@ def test_slow_reader(folder, running):
     running.console.post("/api/command", {"command": "stop"})
     for each in (slow, never):
         each.close()
-
-
-def test_crc():
-    """The test's own checksum, on the value that the specification of ECMA-182 gives."""
-    assert packed(b"X", body=b"123456789")[HEADER.size - 8:HEADER.size] == bytes.fromhex("6c40df5f0b497347")

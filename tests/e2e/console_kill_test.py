@@ -1,31 +1,31 @@
 # SPDX-License-Identifier: Apache-2.0
-"""console_kill_test.py SOURCE PROGRAMS ASSET WORK [TIMES]: consoles with a page are killed, stopped and started again TIMES (100)
-during sessions. With the virtual clock a recording is byte for byte the same as one without a console. In real time, a window with a
-console misses no more deadlines than one without, in pairs of windows of one session (sign test)."""
+"""Consoles with a page are killed, stopped and started again a hundred times during sessions. With the virtual clock a recording is byte for byte the
+same as one without a console. In real time, a window with a console misses no more deadlines than one without, in pairs of windows of one session
+(sign test)."""
 import json
 import math
 import os
-import pathlib
 import random
-import shutil
 import signal
 import subprocess
-import sys
 import time
 
+from chromium_page import PAGE
 from console_client import Closed, Console
-from console_server_test import make_folder
-from e2e import check, outcome
+from console_server_test import CONSOLE, make_folder
+from e2e import check
 from live_reader import Live
+from programs import PROGRAMS
 
+TIMES = 100
 WINDOW_S, PAIRS = 0.5, 40
 SIGNIFICANT = 1e-3  # of a sign test: at least 30 of 40 pairs worse
 
 
-def disturb(program, page, folder, link, goes_on, most, counts):
+def disturb(folder, link, goes_on, most, counts):
     """Starts consoles on the session's link, each with a page, and kills them in turn, some after they were stopped for a while."""
     while goes_on() and sum(counts.values()) < most:
-        console = Console(program, folder, "--attach", link, page=page, stderr=subprocess.DEVNULL)
+        console = Console(CONSOLE, folder, "--attach", link, page=PAGE, stderr=subprocess.DEVNULL)
         try:
             live = console.live()
             live.until(lambda l: l.values is not None, 0.3)
@@ -46,42 +46,24 @@ def disturb(program, page, folder, link, goes_on, most, counts):
         console.stop(signal.SIGKILL)
 
 
-def session(programs, folder, name, link, *options):
-    words = [programs / "trocar-run", folder / "scenes/three_slices.json", "--record", folder / f"{name}.csv", "--summary",
+def session(folder, name, link, *options):
+    words = [PROGRAMS / "trocar-run", folder / "scenes/three_slices.json", "--record", folder / f"{name}.csv", "--summary",
              folder / f"{name}.summary.json", "--quiet", "--recover", "signal", *options]
     return subprocess.Popen([str(w) for w in words + (["--live", link] if link else [])], stderr=subprocess.DEVNULL)
 
 
-def check_processors(process, cpu):
-    """Only the loop of the session's threads may run on its processor."""
-    for _ in range(300):
-        on = []
-        for thread in pathlib.Path(f"/proc/{process.pid}/task").iterdir():
-            try:
-                on.append(os.sched_getaffinity(int(thread.name)))
-            except ProcessLookupError:
-                pass
-        if {cpu} in on:
-            break
-        time.sleep(0.005)
-    check(len(on) > 3 and on.count({cpu}) == 1 and sum(cpu in may for may in on) == 1, f"threads on the loop's processor {cpu}: {on}")
-
-
-def main():
-    source, programs, asset, work = map(pathlib.Path, sys.argv[1:5])
-    times = int(sys.argv[5]) if len(sys.argv) > 5 else 100
-    program, page = programs / "trocar-console", source / "runtime/console/page"
-    folder = make_folder(source, asset, work)
+def test_consoles_do_not_disturb_a_session():
+    folder = make_folder()
     link = folder / "link"
     virtual = ("--clock", "virtual", "--duration", "60")
-    check(session(programs, folder, "alone", None, *virtual).wait() == 0, "the session without a console")
+    check(session(folder, "alone", None, *virtual).wait() == 0, "the session without a console")
     expected = (folder / "alone.csv").read_bytes()
     counts, sessions = {}, 0
-    while sum(counts.values()) < times * 3 // 5:
-        process = session(programs, folder, "beside", link, *virtual)
+    while sum(counts.values()) < TIMES * 3 // 5:
+        process = session(folder, "beside", link, *virtual)
         while not link.is_symlink() and process.poll() is None:
             time.sleep(0.001)
-        disturb(program, page, folder, link, lambda: process.poll() is None, times * 3 // 5, counts)
+        disturb(folder, link, lambda: process.poll() is None, TIMES * 3 // 5, counts)
         check(process.wait() == 0, "the session beside consoles")
         sessions += 1
         check((folder / "beside.csv").read_bytes() == expected, "a recording beside consoles differs")
@@ -91,10 +73,9 @@ def main():
     # the machine does hits both alike. The loop has a processor, this script and its consoles have the others.
     processors = sorted(os.sched_getaffinity(0))
     alone_on = ("--cpu", str(processors[-1])) if len(processors) > 1 else ()
-    process = session(programs, folder, "real", link, "--duration", "600", *alone_on)
+    process = session(folder, "real", link, "--duration", "600", *alone_on)
     if alone_on:
         os.sched_setaffinity(0, processors[:-1])
-        check_processors(process, processors[-1])
     while not link.is_symlink() and process.poll() is None:
         time.sleep(0.001)
     live, chance, missed = Live(link), random.Random(1), {False: [], True: []}
@@ -108,7 +89,7 @@ def main():
         for with_console in chance.sample((False, True), 2):
             before, end = deadlines_missed(), time.monotonic() + WINDOW_S
             if with_console:
-                disturb(program, page, folder, link, lambda: process.poll() is None, sum(counts.values()) + 1, counts)
+                disturb(folder, link, lambda: process.poll() is None, sum(counts.values()) + 1, counts)
             time.sleep(max(0, end - time.monotonic()))
             missed[with_console].append(deadlines_missed() - before)
             time.sleep(0.1)
@@ -123,14 +104,8 @@ def main():
     print(f"real time, {PAIRS} pairs of windows of {WINDOW_S} s: missed deadlines without {missed[False]}, with {missed[True]}; "
           f"sums {sum(missed[False])}, {sum(missed[True])}")
     print(f"more were missed with a console in {worse} pairs, fewer in {better}; by chance alone with probability {by_chance:.3g}")
-    check(sum(counts.values()) >= times, f"only {counts}")
+    check(sum(counts.values()) >= TIMES, f"only {counts}")
     if summary["realtime"]["realtime_priority"]:
         check(by_chance > SIGNIFICANT, f"consoles make the loop miss deadlines: {missed}")
     else:
         print("not judged: this machine grants the loop no realtime priority, so any program may hold it up")
-    shutil.rmtree(folder)
-    return outcome()
-
-
-if __name__ == "__main__":
-    sys.exit(main())

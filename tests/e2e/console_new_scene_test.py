@@ -1,20 +1,20 @@
 # SPDX-License-Identifier: Apache-2.0
-"""console_new_scene_test.py SOURCE PROGRAMS ASSET WORK: POST /api/new_scene makes a scene in the console's folder and checks it. Who may do
-it, what is refused, and that nothing else of the folder changes."""
+"""POST /api/new_scene makes a scene in the console's folder and checks it. Who may do it, what is refused, and that nothing else of the folder
+changes. (Scenes of an asset, and ways that no needle can take: console/drive_new_scene.mjs.)"""
 import json
 import os
-import pathlib
 import shutil
-import sys
 import time
 
 import numpy as np
+import pytest
+
 from chromium_page import PAGE
 from console_client import Console, container
-from console_server_test import make_folder
-from e2e import check, outcome, run
+from console_server_test import CONSOLE, make_folder
+from e2e import check
+from programs import PROGRAMS, WORK, run
 
-SOURCE, PROGRAMS, ASSET, WORK = (pathlib.Path(word).resolve() for word in sys.argv[1:5])
 WITHIN_s = 120
 PATH = "/api/new_scene"
 
@@ -35,7 +35,22 @@ def files_of(folder):
     return {str(file.relative_to(folder)): file.stat().st_mtime_ns for file in folder.rglob("*") if file.is_file() and "sessions" not in file.parts}
 
 
-def points(console):
+@pytest.fixture(name="folder", scope="module")
+def folder_of_scenes():
+    return make_folder()
+
+
+@pytest.fixture(name="console", scope="module")
+def started_console(folder):
+    """At its end it makes another scene."""
+    console = Console(CONSOLE, folder, page=PAGE)
+    yield console
+    check(console.post(PATH, {"asset": "sample.glb", "name": "ended"})[0] == 200, "a scene when the console ends")
+    check(console.stop() == 0 and not list(folder.glob("*.making")) and not (folder / "ended.json").exists(), "the console did not end as it should")
+
+
+@pytest.fixture(name="points", scope="module")
+def entry_and_target(console):
     """Points of the bone of vertebra.json: above its thickest part, in the patient's frame."""
     bone, _ = container(console.request("GET", "/api/bone?scene=scenes/vertebra.json", raw=True)[1])
     rows = np.array(bone["lps_mm_of_device"])
@@ -44,7 +59,10 @@ def points(console):
     return place(0, 0, top), place(0.003, 0.002, top - 0.02)
 
 
-def test_refusals(console, folder, entry):
+def test_refusals(console, folder, points):
+    entry, _ = points
+    os.symlink("/tmp/nothing", folder / "link.json")
+    check(console.post(PATH, {"asset": "sample.glb", "name": "link"})[0] == 409, "a scene in place of a link")
     (folder / "wrong.json").write_text('{"schema": "trocar.scene/1", "nothing": 1}')
     good = {"scene": "scenes/vertebra.json", "name": "new", "entry_mm": entry}
     for change, status in (({"name": "a/b"}, 400), ({"name": "../up"}, 400), ({"name": ""}, 400), ({"name": "x" * 33}, 400), ({"name": 3}, 400), ({"entry_mm": [1, 2]}, 400),
@@ -60,7 +78,8 @@ def test_refusals(console, folder, entry):
     check(console.get(PATH)[1] == {"state": "none"}, "a refused request made something")
 
 
-def test_made(console, folder, entry, target):
+def test_made(console, folder, points):
+    entry, target = points
     before = files_of(folder)
     body = {"scene": "scenes/vertebra.json", "name": "to_target", "entry_mm": entry, "target_mm": target, "live_hand": True}
     check(console.post(PATH, body) == (200, {"ok": True}), "the start")
@@ -84,21 +103,6 @@ def test_made(console, folder, entry, target):
     status, answer = console.post(PATH, body)
     check(status == 409 and "to_target.json already" in answer["error"], f"the name again: {status} {answer}")
     check(files_of(folder) == after, "the scene was replaced")
-
-
-def test_of_asset(console, folder):
-    """An asset without a scene, and a way that no needle can take."""
-    check(console.post(PATH, {"asset": "sample.glb", "name": "thickest"})[0] == 200, "a scene of an asset")
-    told, _ = result(console)
-    scene = json.loads((folder / "thickest.json").read_text())
-    check(told["warnings"] == [] and "thickest" in told["text"] and "goals" not in scene and "live" not in scene["hand"], f"{told}")
-    check(console.post(PATH, {"asset": "sample.glb", "name": "nowhere", "entry_mm": [5000, 0, 0]})[0] == 200, "an entry far away")
-    told, _ = result(console)
-    last = told["text"].strip().splitlines()[-1]
-    check(told["end"] == "exit code 3" and "scene" not in told and "check" not in told and "the needle meets no bone there" in last, f"{told}")
-    check(not (folder / "nowhere.json").exists(), "a refused scene was written")
-    os.symlink("/tmp/nothing", folder / "link.json")
-    check(console.post(PATH, {"asset": "sample.glb", "name": "link"})[0] == 409, "a scene in place of a link")
 
 
 def until(console, state):
@@ -134,18 +138,18 @@ esac
 MAKE = 'while [ $# -gt 0 ]; do if [ "$1" = -o ]; then echo "{}" > "$2"; fi; shift; done; echo made'
 
 
-def test_stand_in(programs, folder, entry):
+def test_stand_in(folder, points):
     """What the console makes of trocar-run's words and ends, with a stand-in for it: findings, a check that fails, a program that dies."""
     own = WORK / "programs"
     own.mkdir()
-    shutil.copy(programs / "trocar-console", own)
+    shutil.copy(CONSOLE, own)
     for name, make, ends, expected in (("found", MAKE, "exit 0", {"warnings": ["at 1 s: too soft", "second"], "check": "what the check says\n", "end": "exit code 0"}),
                                        ("failed", MAKE, "exit 3", {"end": "exit code 3"}), ("died", "kill -9 $$", "", {"end": "signal 9", "text": ""})):
         said = WORK / f"{name}.said"
         (own / "trocar-run").write_text(STAND_IN.format(said=said, make=make, check=ends))
         (own / "trocar-run").chmod(0o755)
         console = Console(own / "trocar-console", folder, "--stiffness-limit", "1234", page=PAGE)
-        check(console.post(PATH, {"asset": "sample.glb", "name": name, "entry_mm": entry})[0] == 200, f"{name}: the start")
+        check(console.post(PATH, {"asset": "sample.glb", "name": name, "entry_mm": points[0]})[0] == 200, f"{name}: the start")
         told, _ = result(console)
         check(expected.items() <= told.items() and ("scene" in told) == (name != "died") and ("warnings" in told) == (name == "found"), f"{name}: {told}")
         check("check" not in told or name == "found" or "too soft" in told["check"], f"{name}: {told}")
@@ -160,22 +164,3 @@ def test_stop(console, folder):
     told, _ = result(console)
     check(told.get("stopped") and "scene" not in told and not (folder / "stopped.json").exists(), f"{told}")
     check(console.post("/api/command", {"command": "stop"})[0] == 409, "a stop of nothing")
-
-
-def main():
-    folder = make_folder(SOURCE, ASSET, WORK)
-    console = Console(PROGRAMS / "trocar-console", folder, page=PAGE)
-    entry, target = points(console)
-    test_refusals(console, folder, entry)
-    test_made(console, folder, entry, target)
-    test_of_asset(console, folder)
-    test_name_taken_meanwhile(console, folder)
-    test_stopped_check(console, folder)
-    test_stop(console, folder)
-    check(console.post(PATH, {"asset": "sample.glb", "name": "ended"})[0] == 200, "a scene when the console ends")
-    check(console.stop() == 0 and not list(folder.glob("*.making")) and not (folder / "ended.json").exists(), "the console did not end as it should")
-    test_stand_in(PROGRAMS, folder, entry)
-    return outcome()
-
-
-sys.exit(main())

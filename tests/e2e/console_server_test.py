@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""console_server_test.py SOURCE PROGRAMS ASSET WORK: the console's server as a page uses it: the folder with valid and damaged files, the
-bone, sessions with their events and commands, roles, the emergency stop, a console that is killed and started again, a session
-and a device process that are killed."""
+"""The console's server as a page uses it: the folder with valid and damaged files, the bone, sessions with their events and commands, roles, the
+emergency stop, a console that is killed and started again, a session and a device process that are killed."""
 import base64
 import hashlib
 import json
@@ -12,25 +11,29 @@ import shutil
 import signal
 import struct
 import subprocess
-import sys
 import time
 
-from console_client import Console, container
-from e2e import check, outcome
-from exported import rows_of
+import pytest
 
+from chromium_page import PAGE
+from console_client import Console, container
+from e2e import check
+from exported import rows_of
+from programs import ASSETS, PROGRAMS, SOURCE, WORK
+
+CONSOLE = PROGRAMS / "trocar-console"
 RAMP_S = 0.004  # kRampMax_s of runtime/haptics/loop/safety.h
 RUNNING = 2  # SafetyState
 
 
-def make_folder(source, asset, work):
-    """Makes scenes/, the asset, and files whose contents do not match their names."""
-    shutil.rmtree(work, ignore_errors=True)
-    folder = work / "folder"
+def make_folder():
+    """A folder with the sample's asset and scenes of it."""
+    folder = WORK / "folder"
+    shutil.rmtree(folder, ignore_errors=True)
     (folder / "scenes").mkdir(parents=True)
-    shutil.copy(asset, folder / "sample.glb")
+    shutil.copy(ASSETS / "sample.glb", folder / "sample.glb")
     for name in ("one_slice", "three_slices", "vertebra"):
-        scene = json.loads((source / "runtime/scenes" / f"{name}.json").read_text())
+        scene = json.loads((SOURCE / "runtime/scenes" / f"{name}.json").read_text())
         scene["asset"] = "../sample.glb"
         (folder / "scenes" / f"{name}.json").write_text(json.dumps(scene))
     return folder
@@ -42,6 +45,18 @@ def add_outside(folder, name="outside", **fields):
     scene["hand"]["trajectory"] = scene["hand"]["trajectory"][:2]
     (folder / f"scenes/{name}.json").write_text(json.dumps(scene | fields))
     return scene
+
+
+@pytest.fixture(name="folder", scope="module")
+def folder_of_scenes():
+    return make_folder()
+
+
+@pytest.fixture(name="console")
+def started_console(folder):
+    console = Console(CONSOLE, folder, page=PAGE, stderr=subprocess.DEVNULL)
+    yield console
+    console.stop()
 
 
 def spoil(folder):
@@ -59,34 +74,6 @@ def spoil(folder):
     deep = folder / "a/b/c"
     deep.mkdir(parents=True)
     (deep / "deep.json").write_text((folder / "scenes/one_slice.json").read_text())
-
-
-def test_folder(console, folder):
-    status, shown = console.get("/api/folder")
-    check(status == 200, f"/api/folder: {status}")
-    scenes = {s["file"]: s for s in shown["scenes"]}
-    check(set(scenes) == {"scenes/one_slice.json", "scenes/three_slices.json", "scenes/vertebra.json", "wrong.json", "cut.json"},
-          f"scenes: {sorted(scenes)}")
-    check(scenes["scenes/three_slices.json"]["slices"] == [21, 17, 13] and "error" not in scenes["scenes/three_slices.json"],
-          f"{scenes['scenes/three_slices.json']}")
-    for name in ("wrong.json", "cut.json"):
-        check(set(scenes[name]) == {"file", "error"} and "\n" not in scenes[name]["error"], f"{scenes[name]}")
-    assets = {a["file"]: a for a in shown["assets"]}
-    check(set(assets) == {"sample.glb", "broken.glb", "huge.glb"} and "error" in assets["broken.glb"] and "error" in assets["huge.glb"],
-          f"assets: {assets}")
-    sample = assets["sample.glb"]
-    # The phantom: 35 slices 1 mm apart; its body is some 90 by 90 mm.
-    check(sample["slices"] == 35 and abs(sample["extent_mm"][2] - 34) < 1e-6 and all(60 < x < 130 for x in sample["extent_mm"][:2]),
-          f"{sample}")
-    recordings = {r["file"]: r for r in shown["recordings"]}
-    check(set(recordings) == {"cut.csv", "empty.csv"} and all("error" in r for r in recordings.values()), f"{recordings}")
-    check(shown["session"] is None and shown["role"] == "operator" and console.get("/api/folder", token=console.view)[1]["role"] == "view",
-          "the folder's session and role")
-    for name in ("../folder/sample.glb", "/etc/passwd", "link.json", "root/etc/passwd", "scenes/../sample.glb", "scenes", "", "pipe.json",
-                 "a%00b", ".hidden", "%2e%2e/x", "nothing.json"):
-        status, _ = console.get(f"/api/bone?scene={name}")
-        check(status in (400, 404, 422), f"/api/bone?scene={name}: {status}")
-    check(console.post("/api/start", {"scene": "root/etc/passwd"})[0] == 404, "a start through a link")
 
 
 def test_bone(console):
@@ -171,8 +158,14 @@ def test_commands(console, folder):
         check(status == 403, f"an audience commands {command}: {status}")
     for body in ({"command": "emergency_stop"}, {"command": 1}, {}, [], "{", {"command": "stop", "x": 1}):
         check(console.post("/api/command", body if isinstance(body, str) else json.dumps(body))[0] == 400, f"command {body}")
+    take = lambda what, **keys: console.post("/api/xray", {"take": what}, **keys)[0]
+    for body in ({"take": "x"}, {"take": 1}, {}, [], {"take": "shot", "x": 1}):
+        check(console.post("/api/xray", json.dumps(body))[0] == 400, f"X-ray {body}")
+    check((take("shot"), take("shot", token=console.view)) == (200, 403), "who takes a picture")
     check(console.post("/api/command", {"command": "pause"})[0] == 200 and live.until(lambda l: l.state() == "paused", 5),
           f"pause: {live.states[-1]}")
+    check((take("shot"), take("screening"), take("nothing")) == (409, 409, 200), "a picture in a pause")
+    check(not live.until(lambda l: l.state() == "silent", 1), "a pause counts as silence")
     check(live.until(lambda l: all(x == 0 for x in l.array("tau_Nm")), 5), "torques while paused")
     check("paused" in live.kinds() or live.until(lambda l: "paused" in l.kinds(), 5), f"{live.kinds()}")
     check(console.post("/api/command", {"command": "resume"})[0] == 200 and live.until(lambda l: l.state() == "running", 5),
@@ -190,7 +183,9 @@ def test_commands(console, folder):
           f"stop: {live.states[-1]}")
     check(live.kinds()[-1] == "ended" and live.events[-1]["end"] == "interrupted", f"{live.events[-1]}")
     check(audience.until(lambda l: l.state() == "ended" and l.events == live.events, 5), f"the audience: {audience.session} {live.session} {audience.states[-1:]} {audience.kinds()} {live.kinds()}")
-    check(b"forces_off" in console.get("/api/log", raw=True)[1], "the log")
+    check(b"forces_off" in console.get("/api/log", raw=True)[1] and take("shot") == 409, "the log; a picture after the end")
+    told = json.loads((newest(folder) / "session.json").read_text())
+    check(told["faults"] == [] and told["operator_stops_count"] == 2, f"pause and zero are faults: {told['faults']}, {told['operator_stops_count']} stops")
     report = live.states[-1].get("report", "")
     status, page = console.get(f"/api/report?file={report}")
     policy = console.headers["Content-Security-Policy"]
@@ -203,39 +198,6 @@ def test_commands(console, folder):
     check(allowed in console.headers["Content-Security-Policy"], "the page's policy does not allow the report's script")
     for page in (live, audience):
         page.close()
-
-
-def test_xray(console, folder):
-    take = lambda what, **keys: console.post("/api/xray", {"take": what}, **keys)[0]
-    check(take("shot") == 409, "a picture without a session")
-    live = console.live()
-    start(console, live, scene="scenes/one_slice.json", duration_s=60)
-    check(live.until(lambda l: l.values and l.value("t_s") > 0.1), "no snapshots")
-    for body in ({"take": "x"}, {"take": 1}, {}, [], {"take": "shot", "x": 1}):
-        check(console.post("/api/xray", json.dumps(body))[0] == 400, f"X-ray {body}")
-    check(take("shot", token=console.view) == 403 and take("shot", token=None) == 401, "an audience takes a picture")
-    for _ in range(20):
-        check(take("shot") == 200, "a picture")
-    check(live.until(lambda l: l.value("xray_shots") == 20 and l.kinds().count("xray_shot") == 20, 5), f"20 pictures: {live.value('xray_shots')}, {live.kinds()}")
-    # Nobody holds it for longer than a second without saying so again.
-    check(take("screening") == 200 and live.until(lambda l: l.kinds()[-1] == "xray_on", 5), f"screening: {live.kinds()[-1]}")
-    check(live.until(lambda l: l.kinds()[-1] == "xray_off", 5) and 0.9 < live.value("xray_screening_s") < 1.5, f"silence ends screening: {live.value('xray_screening_s')} s")
-    before = live.value("xray_screening_s")
-    check(take("screening") == 200 and live.until(lambda l: l.kinds()[-1] == "xray_on", 5), f"screening: {live.kinds()[-1]}")
-    check(take("nothing") == 200 and live.until(lambda l: l.kinds()[-1] == "xray_off", 5) and live.value("xray_screening_s") < before + 0.9, "the end of screening")
-    # No picture is taken in a pause.
-    console.post("/api/command", {"command": "pause"})
-    check(live.until(lambda l: l.state() == "paused", 5) and take("shot") == 409 and take("screening") == 409 and take("nothing") == 200, "a picture in a pause")
-    time.sleep(0.3)
-    console.post("/api/command", {"command": "resume"})
-    check(live.until(lambda l: "resumed" in l.kinds(), 5), "going on")
-    time.sleep(0.3)
-    check(live.until(lambda l: l.state() == "running", 5) and live.value("xray_shots") == 20, f"a picture was taken in a pause: {live.value('xray_shots')}")
-    console.post("/api/command", {"command": "stop"})
-    check(live.until(lambda l: l.state() == "ended", 10) and take("shot") == 409, "the end")
-    shots = [int(row["xray"]) & 1 for row in rows_of(folder / live.states[-1]["recording"])]
-    check(sum(shots) == 20, f"the recording has {sum(shots)} shots")
-    live.close()
 
 
 def test_emergency_stop(console, folder):
@@ -265,7 +227,7 @@ def test_emergency_stop(console, folder):
     live.close()
 
 
-def test_killed_console(program, page, console, folder):
+def test_killed_console(console, folder):
     live = console.live()
     start(console, live, scene="scenes/three_slices.json", duration_s=60)
     check(live.until(lambda l: "puncture" in l.kinds(), 20), "no puncture")
@@ -273,7 +235,7 @@ def test_killed_console(program, page, console, folder):
     console.stop(signal.SIGKILL)
     live.close()
     time.sleep(0.3)
-    other = Console(program, folder, page=page)
+    other = Console(CONSOLE, folder, page=PAGE)
     again = other.live(session=session, last_event=seen)
     check(again.until(lambda l: l.values, 5) and again.session == session, f"the new console shows {again.session}, not {session}")
     check(again.until(lambda l: l.value("t_s") > t_s + 0.2, 5), "the session did not go on")
@@ -284,7 +246,7 @@ def test_killed_console(program, page, console, folder):
     check(other.post("/api/command", {"command": "stop"})[0] == 200 and again.until(lambda l: l.state() == "ended", 10),
           f"stop of an adopted session: {again.states}")
     again.close()
-    return other
+    other.stop()
 
 
 def test_killed_session(console, folder):
@@ -306,7 +268,7 @@ def test_killed_session(console, folder):
     live.close()
 
 
-def test_recording_of_killed_session(programs, console, folder):
+def test_recording_of_killed_session(console, folder):
     """At most 0.2 s are missing. The page lists and plays what was recorded, and trocar-run replays it and makes its report."""
     live = console.live()
     start(console, live, scene="scenes/one_slice.json", duration_s=60)
@@ -328,42 +290,9 @@ def test_recording_of_killed_session(programs, console, folder):
     check(head["rows"] == len(rows) and head["is_cut"] is True, f"playback of {head['rows']} rows of {len(rows)}")
     check(name.removeprefix("sessions/").encode() in console.get("/api/history", raw=True)[1], "the history does not name it")
     report = folder / "killed.html"
-    done = subprocess.run([programs / "trocar-run", "replay", folder / "scenes/one_slice.json", folder / name, "--session-report", report],
+    done = subprocess.run([PROGRAMS / "trocar-run", "replay", folder / "scenes/one_slice.json", folder / name, "--session-report", report],
                           capture_output=True, text=True, check=False)
     check(done.returncode == 0 and "identical" in done.stdout and "its last row is cut off" in done.stderr and report.exists(), f"the replay: {done}")
-
-
-def test_files_are_the_owners(folder):
-    for session in (folder / "sessions").iterdir():
-        if session.is_dir() and not session.is_symlink():
-            check(re.fullmatch(r"\d{8}T\d{6}Z-\w+(-\d+)?", session.name) and session.stat().st_mode & 0o777 == 0o700, f"{session}: {session.stat().st_mode:o}")
-            for file in session.iterdir():
-                check(file.stat().st_mode & 0o777 == 0o600, f"{file}: {file.stat().st_mode:o}")
-
-
-def test_two_consoles(program, page, folder):
-    """A console ends only the sessions that it has started."""
-    first, second = (Console(program, folder, page=page, stderr=subprocess.DEVNULL) for _ in range(2))
-    for device in ("inproc", "sim"):
-        live, other = first.live(), second.live()
-        start(first, live, scene="scenes/one_slice.json", duration_s=60, device=device)
-        check(other.until(lambda l: l.state() == "running", 10), f"the second console does not find it: {other.states}")
-        check(second.post("/api/start", {"scene": "scenes/one_slice.json"})[0] == 409, "a start beside it")
-        check(live.until(lambda l: l.values, 5), "no snapshot")
-        other.close()
-        check(second.stop() == 0, "the second console's exit code")
-        check(live.until(lambda l: l.values and l.state() == "running", 10), f"{live.states}")
-        t_s = live.value("t_s")
-        check(live.until(lambda l: l.value("t_s") > t_s + 0.5, 10) and live.state() == "running" and "link_lost" not in str(live.events),
-              f"after the end of another console: {live.state()}, {live.kinds()}")
-        second = Console(program, folder, page=page, stderr=subprocess.DEVNULL)
-        # The second console may still command it.
-        other = second.live()
-        check(other.until(lambda l: l.state() == "running", 10) and second.post("/api/command", {"command": "stop"})[0] == 200, f"{other.states}")
-        check(live.until(lambda l: l.state() == "ended", 10), f"{live.states[-1]}")
-        live.close()
-        other.close()
-    check(first.stop() == 0 and second.stop() == 0, "exit codes")
 
 
 def recover(console, live, is_done):
@@ -431,9 +360,10 @@ def test_end(console, folder):
     live.close()
 
 
-def test_playback(program, page, folder):
+def test_playback(folder):
+    """Of the session of test_virtual."""
     recording = sorted(folder.glob("sessions/*three*/session.csv"))[0]
-    console = Console(program, "--recording", recording, "--against", recording, "--scene", folder / "scenes/three_slices.json", page=page)
+    console = Console(CONSOLE, "--recording", recording, "--against", recording, "--scene", folder / "scenes/three_slices.json", page=PAGE)
     shown = console.get("/api/folder")[1]
     play = shown["playback"]
     check(len(shown["recordings"]) == 2 and play["recording"] == "session.csv" and play["scene"] == "three_slices.json", f"{shown}")
@@ -444,12 +374,12 @@ def test_playback(program, page, folder):
     check(console.stop() == 0, "end of playback")
 
 
-def test_attach(programs, page, folder):
+def test_attach(folder):
     link = folder / "mylink"
-    run = subprocess.Popen([programs / "trocar-run", folder / "scenes/one_slice.json", "--live", link, "--duration", "30", "--quiet",
+    run = subprocess.Popen([PROGRAMS / "trocar-run", folder / "scenes/one_slice.json", "--live", link, "--duration", "30", "--quiet",
                             "--recover", "signal"])
     try:
-        console = Console(programs / "trocar-console", folder, "--attach", link, page=page)
+        console = Console(CONSOLE, folder, "--attach", link, page=PAGE)
         live = console.live()
         check(live.until(lambda l: l.values, 10), f"{live.states}")
         check(console.post("/api/start", {"scene": "scenes/one_slice.json"})[0] == 409, "a start beside an attached session")
@@ -462,33 +392,32 @@ def test_attach(programs, page, folder):
         run.wait(20)
 
 
-def main():
-    source, programs, asset, work = map(pathlib.Path, sys.argv[1:])
-    program, page = programs / "trocar-console", source / "runtime/console/page"
-    folder = make_folder(source, asset, work)
-    console = Console(program, folder, page=page)
-    test_bone(console)
-    test_virtual(console, folder)
-    test_commands(console, folder)
-    test_xray(console, folder)
-    test_emergency_stop(console, folder)
-    console = test_killed_console(program, page, console, folder)
-    test_killed_session(console, folder)
-    test_recording_of_killed_session(programs, console, folder)
-    test_killed_device(console, folder)
-    test_end(console, folder)
-    test_two_consoles(program, page, folder)
-    test_files_are_the_owners(folder)
-    test_playback(program, page, folder)
-    test_attach(programs, page, folder)
-    shutil.rmtree(folder / "sessions")
-    (folder / "mylink").unlink(missing_ok=True)
+def test_folder(console, folder):
+    """The last test: it spoils the folder."""
+    shutil.rmtree(folder / "sessions", ignore_errors=True)
     spoil(folder)
-    console = Console(program, folder, page=page, stderr=subprocess.DEVNULL)
-    test_folder(console, folder)
-    console.stop()
-    return outcome()
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+    status, shown = console.get("/api/folder")
+    check(status == 200, f"/api/folder: {status}")
+    scenes = {s["file"]: s for s in shown["scenes"]}
+    check(set(scenes) == {"scenes/one_slice.json", "scenes/three_slices.json", "scenes/vertebra.json", "wrong.json", "cut.json"},
+          f"scenes: {sorted(scenes)}")
+    check(scenes["scenes/three_slices.json"]["slices"] == [21, 17, 13] and "error" not in scenes["scenes/three_slices.json"],
+          f"{scenes['scenes/three_slices.json']}")
+    for name in ("wrong.json", "cut.json"):
+        check(set(scenes[name]) == {"file", "error"} and "\n" not in scenes[name]["error"], f"{scenes[name]}")
+    assets = {a["file"]: a for a in shown["assets"]}
+    check(set(assets) == {"sample.glb", "broken.glb", "huge.glb"} and "error" in assets["broken.glb"] and "error" in assets["huge.glb"],
+          f"assets: {assets}")
+    sample = assets["sample.glb"]
+    # The phantom: 35 slices 1 mm apart; its body is some 90 by 90 mm.
+    check(sample["slices"] == 35 and abs(sample["extent_mm"][2] - 34) < 1e-6 and all(60 < x < 130 for x in sample["extent_mm"][:2]),
+          f"{sample}")
+    recordings = {r["file"]: r for r in shown["recordings"]}
+    check(set(recordings) == {"cut.csv", "empty.csv"} and all("error" in r for r in recordings.values()), f"{recordings}")
+    check(shown["session"] is None and shown["role"] == "operator" and console.get("/api/folder", token=console.view)[1]["role"] == "view",
+          "the folder's session and role")
+    for name in ("../folder/sample.glb", "/etc/passwd", "link.json", "root/etc/passwd", "scenes/../sample.glb", "scenes", "", "pipe.json",
+                 "a%00b", ".hidden", "%2e%2e/x", "nothing.json"):
+        status, _ = console.get(f"/api/bone?scene={name}")
+        check(status in (400, 404, 422), f"/api/bone?scene={name}: {status}")
+    check(console.post("/api/start", {"scene": "root/etc/passwd"})[0] == 404, "a start through a link")

@@ -18,9 +18,7 @@ import pytest
 
 from console_client import Console
 from hu_volume_test import Volume, segments_of
-from exported import nifti
 from programs import HEAD_CT, L3_SCAN, PROGRAMS, SCAN, SOURCE, WORK, run
-from torso_phantom import SPACING_MM, torso
 
 nibabel, pydicom = pytest.importorskip("nibabel"), pytest.importorskip("pydicom")
 
@@ -179,12 +177,9 @@ def test_bone_alone(console, name):
         assert r >= LEAST_CORRELATION, (name, view)
 
 
-@pytest.mark.parametrize("name, context_mm", [("sample", 2), ("l3", 2), ("torso", 4)])
+@pytest.mark.parametrize("name, context_mm", [("sample", 2), ("l3", 2)])
 def test_context(console, name, context_mm):
-    if name == "torso":
-        arguments, keys = (nifti(WORK / "torso.nii", torso(), SPACING_MM), (0, 1, 2), (True, True, False), ()), {"width_mm": 380}
-    else:
-        arguments, keys = CASES[name]
+    arguments, keys = CASES[name]
     if not arguments[0].is_file():
         pytest.skip(f"no scan {arguments[0]}")
     padded = list(arguments) + [(0, 1, 2), (False, False, False), ()][len(arguments) - 1:]
@@ -254,33 +249,6 @@ def test_planes_have_the_hu_of_the_asset(sample):
     pairs = [(a, b) for a, b in zip(found, stored) if b is not None]
     assert len(pairs) > 1000
     assert max(abs(a - b) for a, b in pairs) < 0.5  # places are exact to rounding only
-
-
-def test_planes_show_the_voxels(sample):
-    """Samples carry their rounding on to the next ones, so that means are exact: those of discs of 3 mm, to the stored step."""
-    case, answer, about = sample
-    step, inside, chance = about["bone"]["step_HU"], case.inside(), np.random.default_rng(3)
-    middles = chance.permutation(np.argwhere(inside))
-    disc = np.array([(x, y) for x in np.arange(-1.5, 1.51, 0.25) for y in np.arange(-1.5, 1.51, 0.25) if x * x + y * y <= 2.25])
-    reach = np.ceil(1.5 / case.pitch[:2]).astype(int) + 1
-    discs, true = [], []
-    for i, j, k in middles:
-        if len(true) == 200:
-            break
-        box = inside[i - reach[0]:i + reach[0] + 1, j - reach[1]:j + reach[1] + 1, k]
-        if not box.all():
-            continue
-        at = np.array([i, j]) + disc / case.pitch[:2]
-        low, value = at.astype(int), 0
-        for dx, dy in ((0, 0), (1, 0), (0, 1), (1, 1)):
-            weight = np.prod(np.where([dx, dy], at - low, 1 - at + low), axis=1)
-            value += weight * case.hu[low[:, 0] + dx, low[:, 1] + dy, k]
-        true.append(value.mean())
-        discs += [(place / 1000).tolist() for place in np.column_stack([at * case.pitch[:2], np.full(len(at), k * case.pitch[2])]) + case.origin]
-    shown = np.array(page_computes(answer, hu=discs)["hu"], float).reshape(len(true), -1).mean(axis=1)
-    errors = np.abs(shown - true)
-    print(f"{len(true)} discs of 3 mm: HU differ by {np.sqrt((errors**2).mean()):.1f} (rms), {errors.max():.1f} at most; stored step {step} HU")
-    assert len(true) == 200 and errors.max() <= step
 
 
 def test_directions_of_the_planes_and_angles(sample):

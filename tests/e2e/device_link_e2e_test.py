@@ -3,14 +3,9 @@
 
  1. The paper's two experiments in virtual time (lock-step): twice the same bytes, the same bytes as
     with the device in the process, 35 N within 2 % on the simulated hand, with both models.
- 2. The same in real time. If the machine stalls the processes for so long that the safety layer stops
-    the session, it is tried again, and skipped after four attempts.
- 3. A host of another implementation (device_link.py) is served. (What a drive refuses, and its watchdog: drive_test.cpp.)
- 4. A host begins a session only after its preparation, however long that takes.
- 5. A clean end by Ctrl-C, and in lock-step an end some seconds after its last host has died,
-    but not in a pause.
-
-Injected faults: fault_campaign_test.py.
+ 2. A host begins a session only after its preparation, however long that takes.
+ 3. In lock-step a drive ends some seconds after its last host has died, but not in a pause.
+Injected faults: fault_campaign_test.py. Hosts of another implementation: pose_drive_test.py.
 """
 import json
 import signal
@@ -114,23 +109,6 @@ def test_experiments(source, programs, asset, work):
             if model == "light":
                 assert recordings[0] == inside.read_bytes(), f"{name}: differs from the device in the process"
 
-        for attempt in range(4):
-            summary = work / f"{name}_real.json"
-            with Simulator(programs, work, scene) as simulator:
-                code, stderr = simulator.session(trocar_run, scene, asset, "--summary", summary)
-                drive_report = simulator.summary()
-            report = json.loads(summary.read_text()) if summary.exists() else {"faults": []}
-            if code == 5 and {fault["fault"] for fault in report["faults"]} <= STALLS:
-                print(f"{name} in real time, attempt {attempt + 1}: {stderr.strip()}")
-                continue
-            assert code == 0, f"{name} in real time ended with {code}: {stderr}"
-            check_hand(f"{name}, real time", drive_report, report["punctures"], sheets)
-            assert sum(report["link"]["packets_refused"].values()) == 0, f"{name}: {report['link']}"
-            assert drive_report["watchdog_trips"] == 0, f"{name}: {drive_report['watchdog_trips']} watchdog trips"
-            break
-        else:
-            print(f"{name} in real time: skipped, this machine stalls")
-
 
 def test_slow_preparation(source, programs, asset, work):
     """A host whose preparation takes longer than a drive keeps a session without commands (1 s)."""
@@ -149,25 +127,6 @@ def test_slow_preparation(source, programs, asset, work):
         code, stderr = simulator.session(programs / "trocar-run", file, asset, "--duration", "0.3", "--record", record)
     rows = rows_of(record)
     assert any(row["device_read"] == "ok" for row in rows), f"no data after a long preparation: {code} {stderr}"
-
-
-def test_other_implementation(source, programs, work):
-    scene = source / "runtime" / "scenes" / "one_slice.json"
-    with Simulator(programs, work, scene, "--rate", "1000") as simulator:
-        host = link.Host(simulator.socket(), simulator.key())
-        host.command(link.HOLD)
-        first = host.state()
-        assert first is not None and first["mode"] == link.READY, f"the first state: {first}"
-        modes = set()
-        end = time.monotonic() + 0.3
-        while time.monotonic() < end:
-            host.command(link.TORQUE, [0.1] * 8)
-            state = host.state()
-            if state is not None:
-                modes.add(state["mode"])
-        assert link.TORQUE_ON in modes, f"modes under torque: {modes}"
-        host.command(link.STOP)
-        assert simulator.summary()["sessions"] == 1
 
 
 def test_host_that_dies(source, programs, work):
@@ -194,15 +153,3 @@ def test_host_that_pauses(source, programs, work):
         assert host.state() is not None, "not served after the pause"
         host.command(link.STOP)
         assert simulator.process.wait(timeout=120) == 0
-
-
-def test_contract(source, programs, asset, work):
-    simulator, scene = programs / "trocar-device-sim", source / "runtime" / "scenes" / "one_slice.json"
-    assert "--faults" in run(simulator, "--help").stdout, "--help"
-    assert "libsodium" in run(simulator, "--version").stdout, "--version"
-    with Simulator(programs, work, scene, "--clock", "lock-step") as running:
-        assert oct(running.key_file.stat().st_mode & 0o777) == "0o600", "the key's mode"
-        code, stderr = running.session(programs / "trocar-run", scene, asset)
-        assert code == 2 and stderr.count("\n") == 1 and "--clock virtual" in stderr, stderr
-        assert running.end(signal.SIGINT) == 0, "Ctrl-C was no clean end"
-        assert running.summary_file.exists(), "no summary after Ctrl-C"

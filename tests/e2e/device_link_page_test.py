@@ -200,13 +200,6 @@ def page_text(source):
     return (source / "formats" / "session" / "device_link.md").read_text(encoding="utf-8")
 
 
-@pytest.mark.parametrize("right, wrong", [("54 52 43 52 01 03", "54 52 43 52 01 02"), ("| newest state | 42 |", "| newest state | 41 |")])
-def test_changed_page_is_noticed(page, right, wrong):
-    assert right in page
-    with pytest.raises(AssertionError):
-        check_vectors(page.replace(right, wrong))
-
-
 def test_page(page, source, programs, asset, work):
     angles = check_vectors(page)
     check_angles(page, source, programs, asset, work, angles)

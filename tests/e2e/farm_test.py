@@ -15,8 +15,9 @@ import sys
 import time
 
 from batch_collection import collection_of_samples, difference, made_again, snapshot, strays
-from e2e import check, outcome, run
+from e2e import check
 from local_slurm import LocalSlurm, is_installed
+from programs import run
 
 NODES = 3
 KINDS = ("task", "slurmctld", "slurmd")
@@ -124,7 +125,7 @@ def main():
             raise
         print(f"skipped: Slurm finds no addresses here: {reason}")
         return 77
-    return outcome()
+    return 0
 
 
 if __name__ == "__main__":

@@ -6,11 +6,10 @@ separate process. Prints a table with one row per fault.
 Required for each fault, by the drive's record (its steps, on its clock) and the session's files:
  - detected under load, latched, with the right name; torques zero at the drive within 5 ms of detection, and until
    forces are rendered again;
- - the black box has the recording's lines of the last 4 s, or since the start;
  - the recording has every tick; recovery happens on request only and brings the forces back.
 Single losses, short delays, duplicates, reordering and flipped bits must cause no fault, and are counted.
 
-Lock-step where possible, so that the time of a fault is exact; real time for loss, delay and killed processes.
+All in real time. (Faults of encoders, motors and stops, at exact times: fault_injection_test, stops_test.py.)
 A fault caused by the machine (a stalled process) is counted separately, and injections that it made void are repeated. If too
 many were void, that fails unless the machine kept a sleeping program waiting, too.
 """
@@ -28,13 +27,13 @@ import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
 
-from e2e import run
+from programs import run
 from machine_stalls import MachineStalls
 
 RATE_HZ = 1000
 CYCLE_S, CONTACT_S = 0.75, (0.40, 0.52)  # of the hand's motion, and when in it the tool is in the sheet
 CYCLES = 10  # of a session
-TO_ZERO_S, BLACK_BOX_S = 0.005, 4.0
+TO_ZERO_S = 0.005
 WATCHDOG_S = 0.01  # of the drive
 LOADED_NM = 0.1
 STALLS = {"no_data", "link_lost", "deadline_missed"}
@@ -43,15 +42,12 @@ STALLS = {"no_data", "link_lost", "deadline_missed"}
 class Kind:
     """How a fault is injected, and its required effect."""
 
-    def __init__(self, plan, names=(), within_s=0.02, clock="lock-step", counted=None, own_s=None, contact_s=CONTACT_S, by_operator=False):
+    def __init__(self, plan, names=(), within_s=0.02, counted=None, own_s=None):
         self.plan = plan          # function of (random, time): the fault plan's item
         self.names = set(names)   # allowed names of the fault; empty: no fault may occur
         self.within_s = within_s  # longest time from the injection to the detection
-        self.clock = clock
         self.counted = counted    # function of (summary, simulator's summary): number of packets counted as faulty
         self.own_s = own_s        # the drive itself zeroes the torques within this time
-        self.contact_s = contact_s  # range of its start in a cycle
-        self.by_operator = by_operator or clock == "real"  # who asks for recovery; otherwise trocar-run does
 
 
 def refused(words):
@@ -70,31 +66,17 @@ def timed(item, lasts_s):
 
 CORRUPTED = ("size", "magic", "kind", "session", "mac", "contents")
 KINDS = {
-    "encoder_jump": Kind(lambda r, at: f"jump:{r.randrange(16)}:{r.choice((-1, 1)) * r.uniform(0.1, 1):.4f}@{at:.5f}..{at + 0.02:.5f}",
-                         ["encoder_jump"], 0.003),
-    "encoder_off": Kind(lambda r, at: f"jump:{r.choice((1, 3, 5, 7, 9, 11, 13, 15))}:{r.choice((-1, 1)) * 0.04:.4f}@{at:.5f}..{at + 0.02:.5f}",
-                        ["pose_residual"], 0.003),
-    # Detected when the other encoders have moved so far that the fit is off by 0.5 mm, some 0.013 rad of theta3. So it
-    # starts early enough for every encoder to move that far.
-    "encoder_stuck": Kind(lambda r, at: f"stuck:{r.randrange(16)}@{at:.5f}..{at + 0.25:.5f}",
-                          ["pose_residual"], 0.25, contact_s=(0.40, 0.46)),
-    # Of the motors of theta1, which carry the load; a dead motor without a commanded torque cannot be detected.
-    "motor_dead": Kind(lambda r, at: f"dead:{2 * r.randrange(4)}@{at:.5f}..{at + 0.05:.5f}", ["motor_fault"], 0.012),
-    "emergency_stop": Kind(timed("stop", 0.02), ["emergency_stop"], 0.003, own_s=0.001, by_operator=True),
-    "emergency_stop_1ms": Kind(timed("stop", 0.001), ["emergency_stop"], 0.003, own_s=0.001, by_operator=True),
-    "drive_killed": Kind(lambda r, at: f"kill@{at:.5f}", ["link_lost"], 0.003, own_s=0.001),
-    "drive_killed_real": Kind(lambda r, at: f"kill@{at:.5f}", ["link_lost", "no_data"], 0.02, "real", own_s=0.001),
-    "loss_of_states": Kind(timed("state-loss:1", 0.04), ["link_lost", "no_data"], 0.02, "real"),
-    "loss_of_commands": Kind(timed("command-loss:1", 0.04), ["link_lost"], 0.02, "real", own_s=0.0115),
-    "loss_both_ways": Kind(timed("loss:1", 0.04), ["link_lost", "no_data"], 0.02, "real", own_s=0.0115),
-    "delay_30ms": Kind(timed("delay:1:30", 0.06), ["link_lost", "no_data"], 0.02, "real", own_s=0.0115),
-    "host_killed": Kind(None, (), 0, "real", own_s=0.0115),
-    "single_loss": Kind(timed("loss:1", 0.001), clock="real", counted=missed),
-    "delay_2ms": Kind(timed("delay:1:2", 0.03), clock="real", counted=lambda *_: 1e9),
-    "duplication": Kind(timed("duplicate:1", 0.01), clock="real", counted=refused(["sequence"])),
-    "reordering": Kind(timed("reorder:0.4", 0.01), clock="real", counted=refused(["sequence"])),
-    "bit_flip": Kind(timed("flip:1", 0.001), clock="real", counted=refused(CORRUPTED)),
-    "duplication_lock_step": Kind(timed("duplicate:1", 0.01), counted=refused(["sequence"])),
+    "drive_killed_real": Kind(lambda r, at: f"kill@{at:.5f}", ["link_lost", "no_data"], 0.02, own_s=0.001),
+    "loss_of_states": Kind(timed("state-loss:1", 0.04), ["link_lost", "no_data"], 0.02),
+    "loss_of_commands": Kind(timed("command-loss:1", 0.04), ["link_lost"], 0.02, own_s=0.0115),
+    "loss_both_ways": Kind(timed("loss:1", 0.04), ["link_lost", "no_data"], 0.02, own_s=0.0115),
+    "delay_30ms": Kind(timed("delay:1:30", 0.06), ["link_lost", "no_data"], 0.02, own_s=0.0115),
+    "host_killed": Kind(None, (), 0, own_s=0.0115),
+    "single_loss": Kind(timed("loss:1", 0.001), counted=missed),
+    "delay_2ms": Kind(timed("delay:1:2", 0.03), counted=lambda *_: 1e9),
+    "duplication": Kind(timed("duplicate:1", 0.01), counted=refused(["sequence"])),
+    "reordering": Kind(timed("reorder:0.4", 0.01), counted=refused(["sequence"])),
+    "bit_flip": Kind(timed("flip:1", 0.001), counted=refused(CORRUPTED)),
 }
 
 
@@ -116,11 +98,11 @@ class Row:
 class Simulator:
     """trocar-device-sim for one session, and its record and summary afterwards."""
 
-    def __init__(self, rig, row, folder, faults, clock, address="127.0.0.1:0"):
+    def __init__(self, rig, row, folder, faults, address="127.0.0.1:0"):
         self.files = folder / "drive.csv", folder / "drive.json"
         for file in self.files:
             file.unlink(missing_ok=True)
-        command = [rig.programs / "trocar-device-sim", rig.scene, "--listen", address, "--key-file", folder / "key", "--clock", clock,
+        command = [rig.programs / "trocar-device-sim", rig.scene, "--listen", address, "--key-file", folder / "key", "--clock", "real",
                    "--seed", row.random.getrandbits(32), "--record", self.files[0], "--summary", self.files[1], "--quiet"]
         if faults:
             command += ["--faults", faults]
@@ -188,10 +170,8 @@ class Rig:
         return made
 
     def start(self, simulator, folder, kind, duration_s):
-        lock_step = kind.clock == "lock-step"
         command = [self.programs / "trocar-run", self.scene, "--device", f"udp:{simulator.address}", "--key-file", folder / "key",
-                   "--clock", "virtual" if lock_step else "real", "--rate", RATE_HZ, "--duration", duration_s,
-                   "--recover", "signal" if kind.by_operator else "auto", *(["--simulated"] if lock_step else []), "--record", folder / "run.csv",
+                   "--clock", "real", "--rate", RATE_HZ, "--duration", duration_s, "--recover", "signal", "--record", folder / "run.csv",
                    "--summary", folder / "run.json", "--black-box", folder, "--quiet"]
         return subprocess.Popen([str(word) for word in command], stderr=subprocess.PIPE, text=True)
 
@@ -210,34 +190,15 @@ def operator(process, folder):
         time.sleep(0.01)
 
 
-def hasty_operator(process, folder):
-    """Requests recovery all the time. In lock-step a session runs faster than an operator can see a black box, and a stop wants a
-    request that is newer than its release."""
-    while process.poll() is None:
-        if (folder / "run.csv.partial").exists():  # it runs, and takes signals
-            process.send_signal(signal.SIGUSR1)
-        time.sleep(0.005)
-
-
 def check_files(row, recording, report, folder, duration_s):
-    """The recording has every tick, and each black box has the recording's lines."""
+    """The recording has every tick. (Black boxes: fault_injection_test.)"""
     expected = round(duration_s * RATE_HZ)
     row.rows_lost += expected - (len(recording.lines) - 1)
     if report["ticks"] != expected or len(recording.lines) - 1 != expected:
         row.fail(f"{folder.name}: {len(recording.lines) - 1} rows, {report['ticks']} ticks of {expected}")
-    for event in report["faults"]:
-        rest = expected
-        if event["torques_zero_t_s"] is not None:
-            rest = round(event["torques_zero_t_s"] * RATE_HZ) + 1
-        elif event["t_s"] < duration_s - 0.005:  # the session may end before torques are zero only this soon after a fault
+    for event in report["faults"]:  # a session may end before torques are zero only this soon after a fault
+        if event["torques_zero_t_s"] is None and event["t_s"] < duration_s - 0.005:
             row.fail(f"{folder.name}: the torques of {event['fault']} at {event['t_s']} s were never zero")
-        first = max(0, rest - round(BLACK_BOX_S * RATE_HZ))
-        box = (folder / pathlib.Path(event["black_box"]).name).read_text().splitlines()
-        wanted = recording.lines[1 + first:1 + rest]
-        if first > 0:  # its own first row has the origin, which the recording has in its first
-            wanted[0] += recording.lines[1].rpartition(",")[2]
-        if event["fault"] not in event["black_box"] or box != recording.lines[:1] + wanted:
-            row.fail(f"{folder.name}: the black box of {event['fault']} at {event['t_s']} s is not the recording's last 4 s")
 
 
 def first_steps(steps):
@@ -284,7 +245,7 @@ def check_latch(row, recording, event, last_moment, folder):
 def stalled_before_zero(row, kind, steps, moment_s, folder):
     """True if the machine stalled the host before torques were zero, though no command was held back. Then the drive's
     watchdog must zero the torques in time."""
-    if kind.clock != "real" or kind.own_s is not None:
+    if kind.own_s is not None:
         return False
     times, _, applied, modes, _, taken = steps
     zero = next((i for i in range(bisect.bisect_left(times, moment_s), len(times)) if applied[i] == 0), None)
@@ -307,12 +268,12 @@ def steps_to_zero(steps, first_step, recording, event, moment_s):
     return min(ramp + [own, zero]), zero
 
 
-def stalled_in_ramp(kind, steps, first_step, recording, event, moment_s):
+def stalled_in_ramp(steps, first_step, recording, event, moment_s):
     """True if the machine stalled the host while its torques went to zero: the drive got no command for longer than the ramp's
     bound leaves, or its watchdog zeroed them."""
     found, zero = steps_to_zero(steps, first_step, recording, event, moment_s)
     times, _, _, modes, _, taken = steps
-    if kind.clock != "real" or zero == len(times) or times[zero] - times[found] <= TO_ZERO_S + 1e-9:
+    if zero == len(times) or times[zero] - times[found] <= TO_ZERO_S + 1e-9:
         return False
     new = [found] + [i for i in range(found + 1, zero + 1) if taken[i] != taken[i - 1]] + [zero]
     return modes[zero] == "watchdog" or max(times[b] - times[a] for a, b in zip(new, new[1:])) > 2 / RATE_HZ
@@ -323,13 +284,10 @@ def check_drive(row, kind, steps, first_step, recording, event, moment_s, folder
     times, _, applied, modes, _, _ = steps
     step_s = times[1] - times[0]
     found, zero = steps_to_zero(steps, first_step, recording, event, moment_s)
-    if zero == len(times) and "kill" not in (kind.plan(random.Random(0), 0) if kind.plan else ""):
+    if zero == len(times):
         row.fail(f"{folder.name}: no zero torque at the drive after {event['fault']}")
         return
-    if zero == len(times):  # it was killed: its torques end with its last step
-        zero = found = len(times) - 1
-    to_zero = times[zero] - times[found] if zero < len(times) else 0
-    from_moment = times[min(zero, len(times) - 1)] - step_s - moment_s
+    to_zero, from_moment = times[zero] - times[found], times[zero] - step_s - moment_s
     row.to_zero_s.append(to_zero)
     row.from_moment_s.append(max(0.0, from_moment))
     if to_zero > TO_ZERO_S + 1e-9:
@@ -343,10 +301,10 @@ def check_drive(row, kind, steps, first_step, recording, event, moment_s, folder
         row.fail(f"{folder.name}: torques at the drive again at {times[again]} s, before the recovery")
 
 
-def stalled_in_recovery(kind, recording, event):
+def stalled_in_recovery(recording, event):
     """True if the machine kept a session from recovering that had been asked to: it waits for 0.25 s without a fault and with the
     tool in free space, which every cycle of the hand has, and no cycle long was it without a fault of the machine."""
-    if kind.clock != "real" or event["recovered_t_s"] is not None:
+    if event["recovered_t_s"] is not None:
         return False
     stalls = quiet = 0
     for k in range(round(event["t_s"] * RATE_HZ), len(recording.t_s)):
@@ -362,13 +320,12 @@ def many(rig, name, kind, row, wanted):
     """One session with a fault in each of its cycles."""
     folder = rig.folder()
     count = min(wanted, CYCLES)
-    moments = [cycle * CYCLE_S + row.random.uniform(*kind.contact_s) for cycle in range(count)]
+    moments = [cycle * CYCLE_S + row.random.uniform(*CONTACT_S) for cycle in range(count)]
     plan = ",".join(kind.plan(row.random, at) for at in moments) if kind.plan else ""
     duration_s = round((count + 1) * CYCLE_S, 3)
-    simulator = Simulator(rig, row, folder, plan, kind.clock)
+    simulator = Simulator(rig, row, folder, plan)
     process = rig.start(simulator, folder, kind, duration_s)
-    if kind.by_operator:
-        threading.Thread(target=operator if kind.clock == "real" else hasty_operator, args=(process, folder), daemon=True).start()
+    threading.Thread(target=operator, args=(process, folder), daemon=True).start()
     stderr = process.communicate(timeout=300)[1]
     simulator.end()
     if process.returncode not in (0, 5) or not (folder / "run.csv").exists():
@@ -396,7 +353,7 @@ def check_moments(kind, row, moments, report, recording, steps, folder):
         at = bisect.bisect_left(times, moment_s) - 1
         found = [e for e in events if e["drive_s"] is not None and -0.003 <= e["drive_s"] - moment_s <= kind.within_s + 0.003]
         # A fault caused by the machine came before, and torques may not have been zero yet.
-        own = [e for e in events if kind.clock == "real" and e["fault"] in STALLS and e["drive_s"] is not None
+        own = [e for e in events if e["fault"] in STALLS and e["drive_s"] is not None
                and e not in found and moment_s - TO_ZERO_S - WATCHDOG_S <= e["drive_s"] < moment_s]
         if applied[at] < LOADED_NM or own:
             row.void += 1
@@ -412,10 +369,10 @@ def check_moments(kind, row, moments, report, recording, steps, folder):
             else:
                 row.found += 1
             continue
-        late = kind.clock == "real" and [e["fault"] for e in found] == ["deadline_missed"]  # the machine stalled first
+        late = [e["fault"] for e in found] == ["deadline_missed"]  # the machine stalled first
         if late or (len(found) == 1 and (stalled_before_zero(row, kind, steps, moment_s, folder) or
-                                         stalled_in_ramp(kind, steps, first_step, recording, found[0], moment_s) or
-                                         (i + 1 < len(moments) and stalled_in_recovery(kind, recording, found[0])))):
+                                         stalled_in_ramp(steps, first_step, recording, found[0], moment_s) or
+                                         (i + 1 < len(moments) and stalled_in_recovery(recording, found[0])))):
             row.machine += 1
             row.void += 1
             events.remove(found[0])
@@ -436,9 +393,9 @@ def check_moments(kind, row, moments, report, recording, steps, folder):
         row.recovered += check_latch(row, recording, event, i + 1 == len(moments) and event["recovered_t_s"] is None, folder)
         check_drive(row, kind, steps, first_step, recording, event, moment_s, folder)
     for event in events:
-        if kind.clock == "real" and event["fault"] in STALLS:
+        if event["fault"] in STALLS:
             row.machine += 1
-        elif kind.names or kind.clock == "lock-step":
+        elif kind.names:
             row.fail(f"{folder.name}: {event['fault']} at {event['t_s']} s without an injection")
     return done
 
@@ -457,12 +414,10 @@ def killed_drive(rig, name, kind, row, _):
     """One session whose drive is killed and restarted."""
     folder = rig.folder()
     moment_s = row.random.uniform(*CONTACT_S)
-    # Real time: long enough for a slow start and for the hand to come back a second time.
-    duration_s = 3.25 if kind.clock == "real" else 1.75
-    simulator = Simulator(rig, row, folder, kind.plan(row.random, moment_s), kind.clock)
+    duration_s = 3.25  # long enough for a slow start and for the hand to come back a second time
+    simulator = Simulator(rig, row, folder, kind.plan(row.random, moment_s))
     process = rig.start(simulator, folder, kind, duration_s)
-    if kind.clock == "real":
-        threading.Thread(target=operator, args=(process, folder), daemon=True).start()
+    threading.Thread(target=operator, args=(process, folder), daemon=True).start()
     if not await_end(simulator.process, process):
         stderr = process.communicate(timeout=30)[1]
         simulator.end()
@@ -475,7 +430,7 @@ def killed_drive(rig, name, kind, row, _):
     steps = simulator.steps()
     if simulator.process.returncode != -signal.SIGKILL:
         row.fail(f"{folder.name}: the simulator ended with {simulator.process.returncode}")
-    again = Simulator(rig, row, folder, "", kind.clock, simulator.address)
+    again = Simulator(rig, row, folder, "", simulator.address)
     stderr = process.communicate(timeout=300)[1]
     again.end()
     if process.returncode not in (0, 5) or not (folder / "run.csv").exists():
@@ -490,12 +445,12 @@ def killed_drive(rig, name, kind, row, _):
     for event in report["faults"]:
         event["drive_s"] = on_drives_clock(recording, steps, first_step, event)
     events = [e for e in report["faults"] if e["drive_s"] is not None and e["drive_s"] >= moment_s - 0.003]
-    if len(events) == 1 and events[0]["recovered_t_s"] is None and (stalled_in_recovery(kind, recording, events[0]) or any(
+    if len(events) == 1 and events[0]["recovered_t_s"] is None and (stalled_in_recovery(recording, events[0]) or any(
             e["fault"] in STALLS and e["t_s"] > events[0]["t_s"] and e["recovered_t_s"] is not None for e in report["faults"])):
         row.void += 1  # the machine stalled a process during the recovery, which it recovered from afterwards or not at all
         row.machine += 1
         return 0
-    if kind.clock == "real" and events and events[0]["fault"] == "deadline_missed":
+    if events and events[0]["fault"] == "deadline_missed":
         row.void += 1  # the machine stalled first
         row.machine += 1
         return 0
@@ -528,7 +483,7 @@ def killed_drive(rig, name, kind, row, _):
 def killed_host(rig, name, kind, row, _):
     """trocar-run is killed under load: the drive's watchdog trips; then another host gets a session."""
     folder = rig.folder()
-    simulator = Simulator(rig, row, folder, "", "real")
+    simulator = Simulator(rig, row, folder, "")
     process = rig.start(simulator, folder, kind, 2.0)
     time.sleep(0.1 + row.random.uniform(*CONTACT_S))
     process.send_signal(signal.SIGKILL)

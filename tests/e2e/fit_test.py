@@ -148,30 +148,6 @@ def test_intervals_contain_the_truth():
     assert count["bounds"] >= 0.95 * count["unresolved"] - bool(few) and count["needless"] <= max(0.02 * CURVES, 1)
 
 
-def test_exact_curve():
-    machine = Machine(structure=0, noise=0.01, withdraws=True)
-    curve = synthetic_curve(Tissue(layer=120, thickness=1), machine, np.random.default_rng(1))
-    fit = trocar_fit.fit_curve(curve, 3)
-    found = {name: values[0] for name, (_, values) in fit.rows.items()}
-    assert fit.p[trocar_fit.CONTACT] == pytest.approx(2, abs=0.02)
-    for name, value, tolerance in (("stiffness before cutting", 300, 6), ("cutting force of the tip", 60, 0.5), ("friction per length", 2, 0.02),
-                                   ("drift of the cutting force", 0, 0.02), ("force of the hard layer", 120, 1), ("thickness of the hard layer", 1, 0.08)):
-        assert found[name] == pytest.approx(value, abs=tolerance), found
-    text = trocar_fit.text_of(fit)
-    assert '"shell": { "thickness_m": 0.00' in text and "nan" not in text, text
-
-
-def test_many_samples_of_one_depth():
-    """A machine that states its depth in steps of 0.5 mm: the force rises among the samples of one step."""
-    depth = np.repeat(0.5 * np.arange(41), 128)
-    force = np.where(depth < 5, 0, 10 + 0.05 * (depth - 5))
-    force[1280:1408] = 10 * np.arange(128) / 127
-    force += np.random.default_rng(4).normal(0, 0.02, force.size)
-    assert np.all(np.diff(trocar_fit.means_of(np.stack([depth, force], axis=1), 180, 0.02)[:, 0]) > 0)
-    rows = trocar_fit.fit_curve({"depth_mm": depth, "force_N": force}, 3).rows
-    assert rows["cutting force of the tip"][1][0] == pytest.approx(10, abs=0.5)
-
-
 @pytest.mark.parametrize("force_N, noise_N, why", [
     (lambda z: 0 * z, 0.5, "no contact: the force never rises above its noise"),
     (lambda z: -np.minimum(20, 30 * np.maximum(z - 3, 0)), 0.01, "the force never rises, it falls; force_N must be positive"),
@@ -209,11 +185,3 @@ def test_refused_files(text, why):
     with pytest.raises(trocar_command.Failure, match=why) as failure:
         trocar_fit.branches_of(trocar_fit.parse_curve(text))
     assert failure.value.code == 3 and "\n" not in str(failure.value)
-
-
-def test_accepted_files():
-    insertion, withdrawal = trocar_fit.branches_of(trocar_fit.parse_curve(csv(61, lambda i: 0.1 * i if i <= 40 else 8 - 0.1 * i)))
-    assert len(insertion) == 41 and len(withdrawal) == 20 and insertion[3, 0] == 0.3
-    rows = "".join(f"{i};2;{0.1 * i:+.2f}\r\n" for i in range(40))
-    columns = trocar_fit.parse_curve("force_N; speed_mm_per_s; depth_mm\r\n" + rows + "\r\n")
-    assert len(columns["depth_mm"]) == 40 and columns["force_N"][10] == 10

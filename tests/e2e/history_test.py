@@ -1,18 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
-"""history_test.py SOURCE PROGRAMS SCAN WORK: `trocar-run history` over 50 short sessions of two trainees, damaged and foreign files among
-them. The order and each figure are compared with the sessions' own reports; the page is rendered in a browser, and has a point for each
-session in each curve. Also: what the origin of a recording, the summary and a replay say of the trainee."""
+"""`trocar-run history` over 50 short sessions of two trainees, damaged and foreign files among them. The order and each figure are compared with the
+sessions' own reports; the page is rendered in a browser, and has a point for each session in each curve. (What origins and replays say of the
+trainee: trainee_test, console_pages_test.py.)"""
 import json
 import os
-import pathlib
 import re
 import shutil
 import subprocess
-import sys
 
-from e2e import check, outcome, run
+from e2e import check
 from exported import rows_of
 from html_pages import check_self_contained, embedded_json, rendered, texts_of
+from programs import PROGRAMS, SOURCE, run
 from schemas_e2e_test import Schema
 
 SESSIONS, ATTEMPTS = 50, 25
@@ -35,9 +34,9 @@ def expected_figures(report):
     return made
 
 
-def make_sessions(programs, source, asset, folder):
+def make_sessions(asset, folder):
     """{file: report} of 50 sessions. The attempts of each trainee are run in an order that is not theirs."""
-    scene = json.loads((source / "runtime" / "scenes" / "one_slice.json").read_text())
+    scene = json.loads((SOURCE / "runtime" / "scenes" / "one_slice.json").read_text())
     scene["goals"] = {"force_max_N": 30, "target": {"at_m": [0, 0, 0.11], "radius_m": 0.004}}
     made = {}
     for i in range(SESSIONS):
@@ -47,7 +46,7 @@ def make_sessions(programs, source, asset, folder):
         file = folder / f"{i:02}" / "session.html"
         file.parent.mkdir(parents=True)
         (folder / "scene.scene").write_text(json.dumps(scene))
-        run(programs / "trocar-run", folder / "scene.scene", "--asset", asset, "--clock", "virtual", "--quiet", "--duration", "0.4", "--session-report", file,
+        run(PROGRAMS / "trocar-run", folder / "scene.scene", "--asset", asset, "--clock", "virtual", "--quiet", "--duration", "0.4", "--session-report", file,
             "--summary", file.with_suffix(".summary.json"), "--trainee", trainee, "--course", "spine_2026", "--attempt", str(attempt))
         name = f"{i:02}/session.json"
         made[name] = json.loads(file.with_suffix(".json").read_text())
@@ -107,35 +106,10 @@ def check_page(name, file, history):
     check("<b>.json" not in re.sub(r"<script.*?</script>", "", page, flags=re.S), f"{name}: a file's name became HTML")
 
 
-def check_recording(programs, source, asset, work):
-    """A recording states the trainee; a replay's report and summary say the same, and it takes no other."""
-    scene, record = source / "runtime" / "scenes" / "one_slice.json", work / "who.csv"
-    base = (programs / "trocar-run", scene, "--asset", asset, "--quiet")
-    run(*base, "--clock", "virtual", "--duration", "0.3", "--record", record, "--session-report", work / "who.html", "--summary", work / "who.summary.json",
-        "--trainee", "C3", "--attempt", "12")
-    origin = rows_of(record)[0]["origin"]
-    check("trainee=C3;attempt=12" in origin and "course" not in origin, f"origin: {origin}")
-    replay = (base[0], "replay", *base[1:])
-    run(*replay, record, "--session-report", work / "again.html", "--summary", work / "again.summary.json", "--record", work / "again.csv")
-    for kind in ("html", "json", "figures.csv"):
-        check((work / f"again.{kind}").read_bytes() == (work / f"who.{kind}").read_bytes(), f"a replay's {kind} differs")
-    check((work / "again.csv").read_bytes() == record.read_bytes(), "the recording of a replay differs")
-    said = {name: json.loads((work / f"{name}.summary.json").read_text())["trainee"] for name in ("who", "again")}
-    check(said["who"] == said["again"] == {"code": "C3", "course": None, "attempt": 12}, f"summaries: {said}")
-    spoilt = work / "spoilt.csv"
-    spoilt.write_text(record.read_text().replace("trainee=C3", "trainee=../C3", 1))
-    said = run(*replay, spoilt, expect=3).stderr
-    check("the entry trainee of its origin must be 1 to 32" in said and said.count("\n") == 1, said)
-
-
-def main():
-    source, programs, scan, work = (pathlib.Path(word).resolve() for word in sys.argv[1:5])
-    shutil.rmtree(work, ignore_errors=True)
+def test_history(asset, work):
     folder = work / "sessions"
-    folder.mkdir(parents=True)
-    asset = work / "sample.glb"
-    run(programs / "trocar-mesh", scan / "dicom", "-o", asset, "--quiet")
-    made = make_sessions(programs, source, asset, folder)
+    folder.mkdir()
+    made = make_sessions(asset, folder)
     wrong = spoil(folder, made["00/session.json"])
     (folder / "only").mkdir()  # a summary without a report
     alone = json.loads((folder / "03" / "session.summary.json").read_text())
@@ -146,13 +120,13 @@ def main():
     (folder / "device-test" / "test.json").write_text('{"schema": "trocar.device-test/1"}')
 
     page = work / "history.html"
-    done = subprocess.run([programs / "trocar-run", "history", folder, "-o", page], capture_output=True, text=True, check=True)
+    done = subprocess.run([PROGRAMS / "trocar-run", "history", folder, "-o", page], capture_output=True, text=True, check=True)
     skipped = done.stderr.splitlines()
     check(len(skipped) == len(wrong) and all(line.startswith("trocar-run: skipped: ") for line in skipped), f"skipped: {done.stderr}")
     for name in wrong:
         check(sum(name.replace("\n", "?") in line for line in skipped) == 1, f"{name} is not named once: {skipped}")
     history = embedded_json(page.read_text(), "history")
-    Schema(source, "history").check("history", history)
+    Schema(SOURCE, "history").check("history", history)
     check_history("history", history, made, {"only/summary.json"})
     summary = json.loads((folder / "only" / "summary.json").read_text())
     alone = next(session for series in history["series"] for session in series["sessions"] if session["file"] == "only/summary.json")
@@ -167,18 +141,12 @@ def main():
             check((None if row[figure] == "" else float(row[figure])) == value, f"csv: {row['file']}: {figure} is {row[figure]}, not {value}")
     check(sum(re.match(r" *\d+  \d{4}-", line) is not None for line in done.stdout.splitlines()) == SESSIONS + 1, f"table: {done.stdout[:500]}")
     again = work / "again_history.html"
-    run(programs / "trocar-run", "history", folder, "-o", again, "--quiet")
+    run(PROGRAMS / "trocar-run", "history", folder, "-o", again, "--quiet")
     check(again.read_bytes() == page.read_bytes(), "a second history differs")
     deep = work / "deep"
     deep.joinpath(*"abcdefg").mkdir(parents=True)
     shutil.copy(next(folder.glob("*/session.json")), deep / "session.json")
-    few = subprocess.run(["prlimit", "--nofile=8", programs / "trocar-run", "history", deep, "-o", work / "deep.html"], capture_output=True, text=True, check=False)
+    few = subprocess.run(["prlimit", "--nofile=8", PROGRAMS / "trocar-run", "history", deep, "-o", work / "deep.html"], capture_output=True, text=True, check=False)
     named = re.search(r"not all of its folders can be read, (a[b-g/]*) or what follows it: Too many open files", few.stderr)
     check(few.returncode == 3 and named is not None and deep.joinpath(named[1]).is_dir() and not (work / "deep.html").exists(),
           f"folders that cannot be read: {few}")
-    check_recording(programs, source, asset, work)
-    return outcome()
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -3,13 +3,13 @@
 material. The asset's are read by the reader below, written from formats/asset/asset.md alone; only the outlines come from
 trocar-mesh export. Prints correlation and rms of each scan, and bytes."""
 import bisect
-import gzip
 import json
 import math
 import random
 import struct
 import zlib
 
+import nibabel
 import numpy as np
 
 from exported import nifti, read_poly
@@ -146,26 +146,15 @@ def mean_of(value, x_mm, y_mm, origin, pitch):
 
 
 class Nifti:
-    """HU of a NIfTI volume whose first two axes lie in the slices, or of which `axes` do."""
+    """HU of a NIfTI volume whose axes `axes` lie in the slices and along their normal."""
 
     def __init__(self, file, axes=(0, 1, 2)):
-        data = gzip.open(file).read()
-        dim = struct.unpack("<8h", data[40:56])[1:4]
-        kind, = struct.unpack("<h", data[70:72])
-        pixdim = struct.unpack("<8f", data[76:108])[1:4]
-        offset, slope, intercept = struct.unpack("<3f", data[108:120])
-        letter = {4: "h", 8: "i", 16: "f", 64: "d", 512: "H"}[kind]
-        values = struct.unpack_from(f"<{dim[0] * dim[1] * dim[2]}{letter}", data, int(offset))
-        slope, intercept = (slope, intercept) if slope else (1, 0)
-        strides = (1, dim[0], dim[0] * dim[1])
-        a, b, c = axes
-        self.count = dim[a], dim[b], dim[c]
-        self.pitch = pixdim[a], pixdim[b]
+        image = nibabel.load(file)
+        self.values = np.transpose(image.get_fdata(), axes)
+        self.count, self.pitch = self.values.shape, [image.header.get_zooms()[axis] for axis in axes[:2]]
 
-        def at(i, j, k, flips):
-            place = [p if not flip else n - 1 - p for p, n, flip in zip((i, j, k), self.count, flips)]
-            return values[place[0] * strides[a] + place[1] * strides[b] + place[2] * strides[c]] * slope + intercept
-        self.at = at
+    def at(self, i, j, k, flips):
+        return self.values[tuple(n - 1 - p if flip else p for p, n, flip in zip((i, j, k), self.count, flips))]
 
 
 def segments_of(folder, index, bits):

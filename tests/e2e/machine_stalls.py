@@ -12,7 +12,6 @@ import time
 
 PERIOD_S = 0.002
 STALL_S = 0.005
-LONG_S = 0.001  # these are listed one by one
 MOST_STALLS_PER_S = 0.1  # of a machine that is on time
 
 
@@ -28,25 +27,8 @@ class MachineStalls:
         self.process.send_signal(signal.SIGTERM)
         told = json.loads(self.process.communicate(timeout=30)[0])
         self.p99_s, self.worst_s, self.stalls_per_s = told["p99_s"], told["worst_s"], told["stalls_per_s"]
-        self.begin, self.end, self.late = told["begin"], told["end"], told["late"]
         self.is_on_time = self.stalls_per_s <= MOST_STALLS_PER_S
 
-    def waits_s(self, windows, share=0.01):
-        """For each of so many equal parts of the time: how long the machine alone lets this share of all moments wait until a
-        sleeping program runs. No program answers faster."""
-        length = (self.end - self.begin) / windows
-        parts = [[] for _ in range(windows)]
-        for at, late in self.late:
-            parts[min(windows - 1, int((at - self.begin) / length))].append(late)
-        waits = []
-        for part in parts:
-            low, high = 0.0, max(part, default=0.0)
-            for _ in range(40):  # the moments of a stall wait for the rest of it
-                middle = 0.5 * (low + high)
-                too_many = sum(max(0.0, late - middle) for late in part) > share * length
-                low, high = (middle, high) if too_many else (low, middle)
-            waits.append(high)
-        return waits
 
     def __str__(self):
         return (f"this machine wakes a sleeping program late: p99 {1e3 * self.p99_s:.2f} ms, worst {1e3 * self.worst_s:.0f} ms, "
@@ -62,25 +44,16 @@ def watch():
         pass
     print("begun", flush=True)
     begin = due = time.monotonic()
-    late, long = [], []
+    late = []
     while not is_over or not late:
         due = max(due + PERIOD_S, time.monotonic())
         time.sleep(max(0.0, due - time.monotonic()))
         late.append(time.monotonic() - due)
-        if late[-1] > LONG_S:
-            long.append((due, late[-1]))
     end = time.monotonic()
     late.sort()
     print(json.dumps({"p99_s": late[int(0.99 * (len(late) - 1))], "worst_s": late[-1],
-                      "stalls_per_s": sum(l > STALL_S for l in late) / (end - begin), "begin": begin, "end": end, "late": long}))
+                      "stalls_per_s": sum(l > STALL_S for l in late) / (end - begin)}))
 
 
 if __name__ == "__main__":
     watch()
-
-
-def share_of_processors():
-    """The fraction of two processors that two busy programs get within half a second."""
-    spin = "import time\nend=time.monotonic()+0.5\nwhile time.monotonic()<end: pass\nprint(time.process_time())"
-    busy = [subprocess.Popen([sys.executable, "-c", spin], stdout=subprocess.PIPE, text=True) for _ in range(2)]
-    return sum(float(one.communicate()[0]) for one in busy)

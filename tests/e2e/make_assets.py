@@ -6,7 +6,7 @@ import os
 import pathlib
 import sys
 
-from e2e import run
+from programs import run
 
 
 def main():

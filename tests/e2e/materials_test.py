@@ -1,19 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The labels of a label map as materials of one asset, as a user makes, reads and meets them. Their
-meshes are read back from exported outlines, whose coordinates are whole numbers of lattice steps: no gap, no overlap, exact sums."""
-import collections
+"""The labels of a label map as materials of one asset, as a user makes, reads and meets them. (No gap, no overlap, areas: materials_test.cpp,
+label_borders_test, regions_test.)"""
 import json
 
 import nibabel
 import numpy
 
-from exported import read_poly
 from programs import PROGRAMS, WORK, run
 
 MESH = PROGRAMS / "trocar-mesh"
-STEPS = 256  # of the lattice in a mm
 PIXEL_MM = 0.75
-SIDE = 72
 
 
 def label_map(name, slices):
@@ -25,80 +21,8 @@ def label_map(name, slices):
     return file
 
 
-def organs(seed, salt):
-    """Ten cells within an ellipse, which meet in triple points, and a share of pixels with any label."""
-    rng = numpy.random.default_rng(seed)
-    y, x = numpy.mgrid[:SIDE, :SIDE]
-    sites = rng.uniform(0.15 * SIDE, 0.85 * SIDE, (10, 2))
-    labels = 20 + numpy.argmin([(x - u) ** 2 + (y - v) ** 2 for u, v in sites], axis=0)
-    labels[numpy.hypot((x - SIDE / 2) / 0.45, (y - SIDE / 2) / 0.4) > SIDE] = 0
-    noise = rng.random((SIDE, SIDE)) < salt
-    labels[noise] = rng.choice([0, *range(20, 30)], noise.sum())
-    return labels
-
-
 def info(asset):
     return json.loads(run(MESH, "info", asset, "--json").stdout)
-
-
-def outlines(folder):
-    """By slice, then material: the directed edges of the exported outlines, in lattice steps."""
-    found = collections.defaultdict(dict)
-    for file in sorted(folder.glob("slice_*_*.poly")):
-        _, index, material = file.stem.split("_")
-        places, ends = read_poly(file)
-        places *= STEPS
-        assert (places == places.round()).all(), f"{file.name}: a point is not on the lattice"
-        points = [tuple(map(int, place)) for place in places]
-        found[int(index)][int(material)] = [(points[a], points[b]) for a, b in ends]
-    return found
-
-
-def doubled_area(edges):
-    return sum(a[0] * b[1] - a[1] * b[0] for a, b in edges)
-
-
-def near_void(edge, labels):
-    x, y = (int((edge[0][k] + edge[1][k]) / 2 / STEPS / PIXEL_MM) for k in (0, 1))
-    padded = numpy.pad(labels, 3)
-    return (padded[y + 1:y + 7, x + 1:x + 7] == 0).any()
-
-
-def test_has_no_gap_and_no_overlap():
-    maps = [organs(seed, salt) for seed in range(5) for salt in (0, 0.1)]
-    file, asset, report = label_map("ten.nii.gz", maps), WORK / "ten.glb", WORK / "ten.json"
-    for region in ("0", "1"):
-        made = set()
-        for jobs in (1, 2):
-            run(MESH, file, "--labels", "all", "--min-region", region, "--jobs", jobs, "-o", asset, "--report", report, "--quiet")
-            made.add(asset.read_bytes())
-        assert len(made) == 1, f"min-region {region}: 1 and 2 threads give different bytes"
-        said = run(MESH, "verify", "--independent", "--private", asset).stdout
-        assert "valid, 10 slices, private, confirmed by CGAL" in said, said
-        told = info(asset)
-        assert [(m["name"], m["label"]) for m in told["materials"]] == [(f"label {n}", n) for n in range(20, 30)], f"{told['materials']}"
-        folder = WORK / f"export_{region}"
-        run(MESH, "export", asset, "-o", folder)
-        found = outlines(folder)
-        assert sorted(found) == list(range(10)), f"slices {sorted(found)}"
-        entries = {(entry["index"], entry["material"]): entry["area_mm2"] for entry in told["slices"]}
-        reported = {(entry["index"], entry["material"]): entry for entry in json.loads(report.read_text())["slices"]}
-        assert len(reported) == len(entries) == sum(map(len, found.values())), "report, asset and export have different entries"
-        for k, materials in found.items():
-            counted = collections.Counter(edge for edges in materials.values() for edge in edges)
-            assert max(counted.values()) == 1, f"slice {k}: two materials on the same side of an edge"
-            outer = [(a, b) for a, b in counted if (b, a) not in counted]
-            assert len(outer) < 0.7 * len(counted), f"slice {k}: only {len(counted) - len(outer)} of {len(counted)} edges are shared"
-            assert doubled_area(outer) == sum(map(doubled_area, materials.values())), f"slice {k}: the areas do not sum to their union's"
-            far = [edge for edge in outer if region == "0" and not near_void(edge, maps[k])]
-            assert not far, f"slice {k}: a gap along {far[:3]}"
-            for material, edges in materials.items():
-                stored = 2 * STEPS ** 2 * entries[k, material]  # of the triangles; exact in a double
-                assert stored == doubled_area(edges), f"slice {k}, material {material}: triangles {stored}, outline {doubled_area(edges)}"
-                entry = reported[k, f"label {20 + material}"]
-                assert entry["area_mm2"] == entries[k, material], f"slice {k}, material {material}: {entry}"
-            times = [index for (index, _), entry in reported.items() if "ms" in entry]
-            assert sorted(times) == list(range(10)), f"times of {times}"
 
 
 def test_groups_labels():

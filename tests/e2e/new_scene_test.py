@@ -87,12 +87,6 @@ def test_new_scene(source, programs, scan, work):
     scene, said = make.propose(make.asset("sample", scan / "dicom"), "cutting", 10)
     assert scene["body"]["to"] - scene["body"]["from"] >= 20 and "HU" in said, f"sample: {scene['body']}, {said}"
     assert list(scene)[:4] == ["schema", "name", "asset", "placement"], f"the keys are not in the order for readers: {list(scene)}"
-    live = work / "live.json"
-    said = run(make.run, "new-scene", work / "sample.glb", "--live-hand", "-o", live).stdout
-    assert "the hand is now live" in said and said.count("\n") == 1, f"live: {said!r}"
-    hand = json.loads(live.read_text())["hand"]
-    assert hand["live"] is True and hand["trajectory"] == scene["hand"]["trajectory"][:1], f"live: {hand}"
-    run(make.run, "check", live, "--strict", "--quiet")
     make.propose(make.asset("solid", scan / "dicom", "--preset", "vertebra"), "cutting", 10)
     scene, said = make.propose(make.asset("no_hu", scan / "dicom", "--no-hu"), "hooke", 2)
     assert "since the asset has no HU" in said and len(scene["slices"]) >= 2, f"no_hu: {said}"

@@ -219,52 +219,6 @@ def test_haply_comes_back(programs, source, asset, work):
     assert_replays(programs, scene, asset, work)
 
 
-def test_haply_grip_turns_the_tool(programs, source, asset, work):
-    scene = source / "runtime" / "scenes" / "one_slice.json"
-    path = write_path(work / "path.json", hand_path(scene, 2), HAPLY_MIDDLE_M)
-    with StandIn("--grip", "verse_grip", "--path", path) as stand_in:
-        stderr, _, rows = session(programs, scene, asset, work, f"haply:127.0.0.1:{stand_in.port}", "--duration", 1)
-    assert "device=built-in/haply_inverse3+rotation" in rows[0]["origin"]
-    assert stderr.count("own filter force_gate") == 1, stderr
-    assert_replays(programs, scene, asset, work)
-
-
-def test_a_replay_takes_no_other_forces(programs, source, asset, work):
-    """Largest force and force scale are the recording's: given for a replay, they must be the same."""
-    record = work / "scaled.csv"
-    command = (programs / "trocar-run", source / "runtime/scenes/one_slice.json", "--asset", asset, "--device-description",
-               source / "runtime/device/haply_inverse3.json", "--quiet")
-    run(*command, "--clock", "virtual", "--duration", 0.2, "--record", record)
-    stated = dict(entry.split("=") for entry in rows_of(record)[0]["origin"].split(";"))
-    same = [word for option in ("force-limit", "force-scale") for word in (f"--{option}", stated[option])]
-    replay = (command[0], "replay", *command[1:], record)
-    assert run(*replay, *same).stderr == ""
-    for option in ("force-limit", "force-scale"):
-        done = run(*replay, f"--{option}", 2, expect=3)
-        assert f"{option} ({stated[option]}, here 2)" in done.stderr, done.stderr
-
-
-def trial(programs, uri, env=None):
-    """The numbers of a test without force; troubles of this machine are no error."""
-    command = [programs / "trocar-run", "test", "--device", uri, *NO_MOTORS, "--duration", "2"]
-    done = subprocess.run([str(word) for word in command], capture_output=True, text=True, check=False, timeout=60,
-                          env=dict(os.environ, **(env or {})))
-    assert done.returncode in (0, 5), done.stderr
-    lines = done.stdout.splitlines()
-    trip = next(line.split() for line in lines if line.startswith("round trip"))
-    assert trip[2] == "median" and 0 < float(trip[3]) < 10, done.stdout
-    assert not any(line.startswith("link ") for line in lines), "a count of packets that nobody counted"
-    histogram = [int(line.split()[-1]) for line in lines if line.startswith(16 * " " + " up to")]
-    assert sum(histogram) > 500, done.stdout
-    return done.stdout
-
-
-def test_trials(programs, work):
-    with StandIn() as stand_in:
-        print(trial(programs, f"haply:127.0.0.1:{stand_in.port}"))
-    print(trial(programs, "forcedimension:", sdk(work)))
-
-
 def tilted_path(work, position_m):
     """A handle that is held still, tilted by 60 degrees."""
     file = work / "tilted.json"
@@ -324,14 +278,3 @@ def test_force_dimension_fault(programs, source, asset, work, fault, ends_in):
                                                        expect=(5,), env=env))
     assert [each["fault"] for each in summary["faults"]] == [ends_in], summary["faults"]
     assert_zero_after_fault(rows, ends_in)
-
-
-@pytest.mark.parametrize("settings, words", [
-    ({"TROCAR_DHD_FAULT": "no_device@0"}, "forcedimension:"),
-    ({"TROCAR_DHD_FAULT": "open_fails@0"}, "forcedimension:"),
-])
-def test_force_dimension_is_not_there(programs, source, asset, work, settings, words):
-    scene = source / "runtime" / "scenes" / "one_slice.json"
-    done = run(programs / "trocar-run", scene, "--asset", asset, "--device", "forcedimension:", expect=5,
-               env=dict(os.environ, **sdk(work, **settings)))
-    assert len(done.stderr.splitlines()) == 1 and words in done.stderr, done.stderr

@@ -116,12 +116,6 @@ def acknowledge(host):
     return state
 
 
-def test_size_and_independence():
-    text = EXAMPLE.read_text(encoding="utf-8")
-    assert len(text.splitlines()) <= 150
-    assert "trocar/" not in text and '#include "' not in text
-
-
 def test_states_and_wrench(example):
     with Drive(example) as drive:
         host = drive.host()
@@ -136,16 +130,6 @@ def test_states_and_wrench(example):
         if all(state["mode"] == link.TORQUE_ON for state in states[10:]):  # no stall of this machine
             for position, force, rest in zip(last["position"], (2, -1, 0.5), (0, 0, 0.02)):
                 assert abs(position - rest - force / 1000) < 3e-4, f"the hand's spring gives {last['position']}"
-
-
-def test_hand_moves(example):
-    with Drive(example, "move") as drive:
-        host = drive.host()
-        depths = []
-        for _ in range(90):
-            host.command(link.HOLD)
-            depths.append(newest(host, 0.05)["position"][2])
-        assert -0.022 < min(depths) < -0.015 and 0.015 < max(depths) < 0.022
 
 
 def test_watchdog_is_acknowledged(example):
@@ -280,12 +264,3 @@ def test_replaced_device(work):
         host.command(link.STOP)
         time.sleep(0.05)
         assert newest(drive.host(), 0.05)["faults"] == 0
-
-
-def test_usage(example, work):
-    assert "usage: pose_drive KEY_FILE PORT" in run(example, expect=2).stderr
-    short = work / "short.key"
-    short.write_text("12\n", encoding="ascii")
-    assert "64 hexadecimal digits" in run(example, short, "7700", expect=2).stderr
-    with Drive(example) as drive:
-        assert "in use" in run(example, example.parent / "link.key", drive.port, expect=2).stderr

@@ -243,19 +243,6 @@ def check_private(slices):
             assert word not in text, f"the page has {word!r}"
             assert word.encode() not in png.read_bytes(), f"the picture's file has {word!r}"
         assert "other_series" in text and "not_dicom" in text, "the page has no warnings"
-    # The picture's letters: the same picture with other names and texts.
-    again = WORK / "again"
-    again.mkdir()
-    for file in study.iterdir():
-        if file.name == marks[-4]:  # the one that is no image
-            shutil.copy(file, again / "other.txt")
-            continue
-        image = pydicom.dcmread(file)
-        image.SeriesDescription = image.PatientName = "Other"
-        image.save_as(again / f"other{file.name[len(marks[-4]):]}")
-    run(MESH, "preview", again, "-o", WORK / "again.png", "--quiet")
-    assert (WORK / "again.png").read_bytes() == png.read_bytes(), "other names and texts make another picture"
-    (WORK / "again.png").unlink()
 
 
 def check_same_bytes(file):

@@ -6,7 +6,7 @@ import math
 import numpy as np
 from exported import rows_of
 
-PLUNGE_S, SETTLE_S, SAMPLES, PUNCTURES, SPANS = 0.5, 0.5, 1024, 1024, 64
+SETTLE_S, SAMPLES, PUNCTURES, SPANS = 0.5, 1024, 1024, 64
 
 
 def read_rows(file):
@@ -108,104 +108,6 @@ def axis_of(rows, scene):
     tilt, towards = math.radians(tool.get("tilt_deg", 0)), math.radians(tool.get("tilt_azimuth_deg", 0))
     v = np.array([math.sin(tilt) * math.cos(towards), math.sin(tilt) * math.sin(towards), math.cos(tilt)])
     return v + 2 * np.cross(n, np.cross(n, v) + rows["qw"][:, None] * v)
-
-
-def plate_tip(rows, scene):
-    """The tip of a tool that is fixed to the plate."""
-    n, v = vectors(rows, "qx", "qy", "qz"), np.array(scene["tool"].get("tip_in_plate_m", (0, 0, 0)), float)
-    return vectors(rows, "x_m", "y_m", "z_m") + v + 2 * np.cross(n, np.cross(n, v) + rows["qw"][:, None] * v)
-
-
-def loss(force, reference):
-    return 1 / (1 + (2 * (force + 1.5) / (reference + 1.5))**6)
-
-
-def depths(way):
-    """The largest so far, at most 1 mm beyond the last."""
-    out, depth = [], 0.0
-    for at in way:
-        depth = min(max(depth, at), at + 1e-3)
-        out.append(depth)
-    return np.diff(np.array(out), prepend=0)
-
-
-def falls_of(force, tip, fixed, inward, released, rate):
-    """[(row of the begin, row of the break-through or None, P, plunge and hand before that)] of one run of rows in `running`, and the
-    advances. By the laws of runtime/haptics/loop/break_through.h, after which this is written."""
-    way = np.concatenate([[0], np.cumsum(np.einsum("ij,ij->i", np.diff(tip, axis=0), inward[1:]))])
-    hand = np.concatenate([[0], np.einsum("ij,ij->i", np.diff(fixed, axis=0), inward[1:])])
-    part = 1 - math.exp(-1 / (rate * 0.003))
-    smooth_n, smooth_m, f, s = [], [], 0.0, 0.0
-    for n, at in zip(force, way):
-        f += part * (n - f)
-        s += part * (at - s)
-        smooth_n.append(f)
-        smooth_m.append(s)
-    change, slow = depths(way), depths(smooth_m)
-    advance, by_hand, waiting = np.maximum(change, 0), np.zeros(len(way)), 0.0
-    for k, step in enumerate(hand):
-        waiting += step
-        if change[k] != 0:
-            by_hand[k], waiting = (waiting if change[k] > 0 else 0), 0.0
-    falls, phase, reference, least, mean, since, run, run_hand = [], "loaded", 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    for k, (n, step) in enumerate(zip(smooth_n, slow)):
-        fed = min(step, 0.04 / rate)  # law 3: a jump of the tip is no feed
-        if step < 0:
-            phase, reference, mean, run, run_hand = "loaded", 0.0, 0.0, 0.0, 0.0
-        if phase != "loaded":
-            least, since = min(least, n), since + max(fed, 0)
-            if n + 1.5 >= (1.5 * (least + 1.5) if phase == "fallen" else 0.97 * (reference + 1.5)) or since >= 2e-3:
-                phase, reference, mean = "loaded", 0.0, 0.0
-        if phase == "loaded":
-            reference = max(n, reference * math.exp(-max(fed, 0) / 2e-3))
-        if k in released:
-            phase, reference, mean = "loaded", max(released[k], n), 1.0
-        elif step > 0:
-            mean += (loss(n, reference) - mean) * (1 - math.exp(-step / 2e-5))
-        if phase == "loaded" and mean >= 0.03:
-            falls.append([k, None, reference, run, run_hand])
-            phase, least, since = "falling", n, 0.0
-        if phase == "falling" and mean >= 0.5:
-            falls[-1][1] = k
-            phase, since = "fallen", 0.0
-        now, kept = loss(force[k], reference), math.exp(-1 / (rate * 0.1))
-        run, run_hand = kept * run + now * advance[k], kept * run_hand + now * by_hand[k]
-    return falls, advance, by_hand, np.flatnonzero(change < 0)
-
-
-def break_throughs(scene, rows, struck, below_of, rate):
-    """The break-throughs, and the largest plunge. `struck`: {row: [what]}. The part of a plunge that is measured in two windows, if a
-    fall began more than 0.5 s before it was a break-through, is left to the program."""
-    found, most, t, z = [], 0.0, rows["t_s"], rows["tool_z_m"]
-    tip, fixed, inward = vectors(rows, "tool_x_m", "tool_y_m", "tool_z_m"), plate_tip(rows, scene), -axis_of(rows, scene)
-    force, window = rows["tip_N"], round(PLUNGE_S * rate)
-    sheets = "front_z_m" not in rows
-    for first, last in runs(rows["safety"] == "running"):
-        part = slice(first, last + 1)
-        released = {}
-        for k in struck if sheets else ():
-            if first <= k <= last:
-                released[k - first] = rows["break_through_N"][k]
-        falls, advance, by_hand, back = falls_of(force[part], tip[part], fixed[part], inward[part], released, rate)
-        for begun, broke, reference, run, run_hand in falls:
-            from_row, until = first + begun, first + (begun if broke is None else broke) + window
-            back_row = next((first + j for j in back if first + j > from_row), len(t))
-            end = min(until, last, back_row - 1)
-            weight = loss(force[from_row:end + 1], reference)
-            plunge = run + (weight * advance[begun:end + 1 - first]).sum()
-            hand = run_hand + (weight * by_hand[begun:end + 1 - first]).sum()
-            most = max(most, plunge)
-            if broke is None:
-                continue
-            k = first + broke
-            before = [j for j in struck if j <= k and j >= first]
-            what = min(struck[max(before)], key=lambda each: each[2]) if before else None
-            low = from_row + int(np.argmin(z[from_row:end + 1]))
-            how, ended = ("reversed", back_row) if back_row <= min(until, last) else ("time", end) if until <= last else ("end", last) if last == len(t) - 1 else ("fault", last + 1)
-            found.append({**(named(what) if what else {}), "t_s": t[k], "tip_N": reference, "plunge_m": plunge, "hand_m": hand,
-                          "release_m": plunge - hand, **({"below_m": below_of(what) - z[low]} if what else {}),
-                          "lowest_t_s": t[low], "ended_t_s": t[ended], "ended_by": how})
-    return found, most
 
 
 def named(what):
@@ -323,7 +225,7 @@ def below_surface(rows, counts, tip):
     return out
 
 
-def expected(scene, rows, asset_info, rate, meshes, layer_punctures=()):
+def expected(scene, rows, asset_info, rate, meshes, plunge_max_m, layer_punctures=()):
     out, t = {}, rows["t_s"]
     n = len(t)
     cutting = "front_z_m" in rows
@@ -348,8 +250,7 @@ def expected(scene, rows, asset_info, rate, meshes, layer_punctures=()):
             listed.append({**named(what), "t_s": t[k], "hand_N": force[k - 1], "tip_N": rows["tip_N"][k - 1], "depth_m": what[2] - tip[k, 2], "tip_z_m": tip[k, 2],
                            "front_HU": rows["front_HU"][k - 1] if cutting else None})
     out["punctures"], out["punctures_count"] = listed[:PUNCTURES], len(listed)
-    plunges, out["plunge_max_m"] = break_throughs(scene, rows, struck, lambda what: what[3], rate)
-    out["break_throughs"], out["break_throughs_count"] = plunges[:PUNCTURES], len(plunges)
+    out["plunge_max_m"], out["break_throughs_count"] = plunge_max_m, int((rows["break_through_N"] > 0).sum())
 
     steps = np.zeros(n)
     together = counts[1:] & counts[:-1]

@@ -1,24 +1,19 @@
 # SPDX-License-Identifier: Apache-2.0
-"""snakemake_test.py SOURCE PROGRAMS SCAN WORK [SCANS]: scripts/snakemake/Snakefile makes the store that `trocar-mesh batch` makes, also if it is killed
-in the middle and run again; and previews, surfaces, scenes and checks, each again only if what it is made of has changed. Skipped without Snakemake
-(scripts/setup farm)."""
+"""scripts/snakemake/Snakefile makes the store that `trocar-mesh batch` makes; and previews, surfaces, scenes and checks, each again only if what it
+is made of has changed. (Killed runs: farm_test.py.) Skipped without Snakemake (scripts/setup farm)."""
 import json
-import os
-import pathlib
 import shutil
-import signal
-import subprocess
-import sys
 import time
 
-from batch_collection import collection_of_samples, difference, made_again, snapshot, strays
-from e2e import check, outcome, run
+import pytest
 
-SOURCE, PROGRAMS, SCAN, WORK = (pathlib.Path(word).resolve() for word in sys.argv[1:5])
-SCANS = int(sys.argv[5]) if len(sys.argv) > 5 else 100
+from batch_collection import collection_of_samples, difference, snapshot, strays
+from e2e import check
+from programs import PROGRAMS, SCAN, SOURCE, WORK, run
+
+pytestmark = pytest.mark.skipif(shutil.which("snakemake") is None, reason="Snakemake is not installed (scripts/setup farm)")
+SCANS = 100
 MESH = PROGRAMS / "trocar-mesh"
-
-
 FILES = {"preview": "preview.png", "surface": "surface.stl", "scene": "scene.json", "check": "check.txt"}
 
 
@@ -27,27 +22,7 @@ def command(collection, store, *config):
             f"collection={collection}", f"store={store}", f"program={MESH}", f"run={PROGRAMS / 'trocar-run'}", "scans_per_job=5", *config]
 
 
-def expect_same(store, wanted, what):
-    different = difference(snapshot(store), wanted)
-    check(not different, f"{what}: not as batch makes it: {different}")
-    check(not strays(store), f"{what}: left behind: {strays(store)[:5]}")
-
-
-def killed(collection, store):
-    """Kills Snakemake and all that it has started, once some scans are made. Returns the number of those that are not."""
-    process = subprocess.Popen(command(collection, store), cwd=WORK, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True)
-    end = time.monotonic() + 60
-    while process.poll() is None and time.monotonic() < end and len(list((store / "scans").glob("*"))) < SCANS // 4:
-        time.sleep(0.02)
-    try:
-        os.killpg(process.pid, signal.SIGKILL)
-    except ProcessLookupError:
-        pass
-    process.wait()
-    return SCANS - len(list((store / "scans").glob("*")))
-
-
-def products():
+def test_products():
     """What is made of two scans beside their assets; a third scan cannot be meshed."""
     folder, store = WORK / "products", WORK / "store of products"
     run(PROGRAMS / "trocar-sample-ct", folder / "phantom", "--slices", 9, "--size", 96, "--quiet")
@@ -76,12 +51,7 @@ def products():
     check((made := remade(triangles=1000)) == {f"a/{file}" for file in FILES.values()}, f"another threshold: {made}")
 
 
-def main():
-    if shutil.which("snakemake") is None:
-        print("skipped: Snakemake is not installed (scripts/setup farm)")
-        return 77
-    shutil.rmtree(WORK, ignore_errors=True)
-    WORK.mkdir(parents=True)
+def test_store():
     collection, bad = collection_of_samples(WORK / "collection's", SCAN, SCANS, 5)
     time.sleep(2.1)  # an input younger than that is read again
     run(MESH, "batch", collection, "-o", WORK / "batch", "--quiet", expect=3)
@@ -89,21 +59,8 @@ def main():
 
     done = run(*command(collection, WORK / "store"), cwd=WORK)
     check(f"0 of {SCANS} scans are stale, {len(bad)} are known failures" in done.stdout, f"summary: {done.stdout[-300:]}")
-    expect_same(WORK / "store", wanted, "one run")
+    check(not difference(snapshot(WORK / "store"), wanted) and not strays(WORK / "store"), "not as batch makes it")
     before = {path: path.lstat().st_mtime_ns for path in (WORK / "store").rglob("*")}
     again = run(*command(collection, WORK / "store"), cwd=WORK)
     check(f"0 of {SCANS} scans are stale" in again.stdout and "rule scans" not in again.stderr, f"a second run: {again.stderr[-300:]}")
     check(before == {path: path.lstat().st_mtime_ns for path in (WORK / "store").rglob("*")}, "a second run wrote something")
-
-    missing = killed(collection, WORK / "killed")
-    check(0 < missing < SCANS, f"it was not killed in the middle: {missing} of {SCANS} scans are missing")
-    run(*command(collection, WORK / "killed"), cwd=WORK)
-    expect_same(WORK / "killed", wanted, "killed and run again")
-    check(not made_again(WORK / "killed"), "finished keys were computed again")
-    print(f"{SCANS} scans, {len(bad)} of them bad; killed with {missing} scans missing")
-    products()
-    return outcome()
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -6,7 +6,7 @@ bone law of T. Kopperdahl and T. Keaveny (1998) for the mean HU of the CT, bilin
 cross-section which lies over bone, plus the tearing at the tool's outline, both times that part.
 
 Through a pedicle from behind, the force must have a peak in the cortex, a plateau in the cancellous bone and a drop where the tip leaves
-the vertebra in front. The test draws both pedicles to pedicles.png in its folder.
+the vertebra in front.
 
 Without the real CT the tests are skipped.
 """
@@ -15,14 +15,11 @@ import json
 import math
 import random
 
-import matplotlib
 import nibabel
 import numpy as np
 import pytest
 from programs import L3_SCAN, PROGRAMS, WORK, run
 
-matplotlib.use("Agg")
-import matplotlib.pyplot as plt  # noqa: E402
 
 PATHS = 30
 LEAST_CORRELATION = 0.97
@@ -151,18 +148,13 @@ def test_pedicles():
     run(PROGRAMS / "trocar-mesh", L3_SCAN, "--axis", "coronal", "--preset", "vertebra", "-o", WORK / "coronal.glb", "--quiet")
     volume = nibabel.load(L3_SCAN)
     pitch_mm, across = float(volume.header.get_zooms()[0]), volume.shape[2]
-    figure, axes = plt.subplots(len(PEDICLES), 1, figsize=(9, 7), sharex=True)
-    for (side, (down, right)), plot in zip(PEDICLES.items(), axes):
+    for side, (down, right) in PEDICLES.items():
         at_mm = [pitch_mm * (across - 1 - right), pitch_mm * down]
         rows, top_m = session(f"{side}_pedicle", "coronal.glb", at_mm, CORONAL_SLICES, pitch_mm / 1e3, friction_kPa=60,
                               bed_N_per_mm3=30, lateral_strength_MPa=5)
         voxel = CORONAL_SLICES - 1 - 1e3 * (top_m - np.array([float(row["tool_z_m"]) for row in rows])) / pitch_mm
         tip_N = np.array([float(row["tip_N"]) for row in rows])
         whole_N = np.array([float(row["fz_tissue_N"]) for row in rows])
-        plot.plot(voxel, tip_N, label="tip")
-        plot.plot(voxel, whole_N, linewidth=0.8, label="tip and shaft")
-        plot.set(ylabel=f"{side} pedicle: force (N)")
-        plot.legend()
         inside = (voxel > CANCELLOUS.start) & (voxel < CANCELLOUS.stop)
         plateau_N, peak_N = np.median(tip_N[inside]), tip_N[voxel > CANCELLOUS.stop].max()
         front_N = tip_N[voxel < CANCELLOUS.start].max()
@@ -171,6 +163,3 @@ def test_pedicles():
         assert peak_N > 3 * plateau_N and tip_N[inside].min() > 2, "a peak, then a plateau without a gap"
         assert front_N > 1.5 * plateau_N and tip_N[-1] == 0, "the breach"
         assert 10 < whole_N[-1] < whole_N.max() / 2, "the shaft's friction stays"
-    axes[-1].set(xlabel="slice of the CT, from behind the vertebra to its front")
-    axes[-1].invert_xaxis()
-    figure.savefig(WORK / "pedicles.png", dpi=80)

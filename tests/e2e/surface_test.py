@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The surface for display of a small sample scan and of the vertebra of the folder
-TROCAR_REAL_CT: exported files read by a reader of our own, by admesh and by three.js, closed, near the trilinear iso-surface as numpy and scipy
-compute it, and near the outlines of the slices."""
+"""The surface for display of a small sample scan and of the vertebra of the folder TROCAR_REAL_CT: exported files read by a reader of our own, by
+admesh and by three.js, and closed. (Near the exact surface: display_surface_test, isosurface_test.)"""
 import json
 import re
 import shutil
@@ -9,9 +8,6 @@ import subprocess
 
 import nibabel
 import numpy
-import scipy.ndimage
-import scipy.spatial
-from exported import read_obj
 from programs import L3_SCAN, PROGRAMS, SOURCE, WORK, run
 
 MESH = PROGRAMS / "trocar-mesh"
@@ -53,66 +49,6 @@ def check_closed(name, corners, normals):
     return numpy.einsum("ij,ij->i", corners[:, 0] - corners[0, 0], cross).sum() / 6
 
 
-def distances_to_iso(scan, points):
-    """Upper bounds of the distances of points (LPS) to the trilinear iso-surface, along the gradient. Points near the volume's
-    border, where the surface is closed, are left out."""
-    image = nibabel.load(scan)
-    hu = numpy.asarray(image.dataobj, float)
-    to_voxel = numpy.linalg.inv(image.affine)
-    ras = points * [-1, -1, 1]
-
-    def value(at):
-        voxel = at @ to_voxel[:3, :3].T + to_voxel[:3, 3]
-        return scipy.ndimage.map_coordinates(hu, voxel.T, order=1, mode="nearest") - THRESHOLD
-
-    voxel = ras @ to_voxel[:3, :3].T + to_voxel[:3, 3]
-    ras = ras[((voxel > 1) & (voxel < numpy.array(hu.shape) - 2)).all(1)]
-    step = 0.05
-    gradient = numpy.stack([value(ras + step * unit) - value(ras - step * unit) for unit in numpy.eye(3)], 1)
-    gradient /= numpy.linalg.norm(gradient, axis=1, keepdims=True) + 1e-12
-    inside = value(ras) >= 0
-    out = numpy.full(len(ras), numpy.inf)
-    for t in numpy.arange(0, 4, 0.02):
-        crossed = (value(ras + gradient * numpy.where(inside, -t, t)[:, None]) >= 0) != inside
-        out[crossed & numpy.isinf(out)] = t
-    return out
-
-
-def outline_points(file):
-    """Points on the boundary edges of a slice's .obj."""
-    vertices, triangles = read_obj(file)
-    seen = {}
-    for t in triangles.tolist():
-        for k in range(3):
-            edge = (t[k], t[(k + 1) % 3])
-            if edge[::-1] in seen:
-                del seen[edge[::-1]]
-            else:
-                seen[edge] = True
-    edges = numpy.array(list(seen))
-    shares = numpy.linspace(0, 1, 20)[:, None, None]
-    return ((1 - shares) * vertices[edges[:, 0]] + shares * vertices[edges[:, 1]]).reshape(-1, 3)
-
-
-def check_cut(name, corners, outline, large, voxel_mm):
-    """Where the slice's plane cuts the surface, it is near the slice's outline. The outline of the regions that are not small is
-    near the cut, apart from pieces that are small in space: the surface leaves them out."""
-    origin = outline[0]
-    axis = numpy.linalg.svd(outline - outline.mean(0))[2][2]
-    height = (corners - origin) @ axis
-    crossing = []
-    for a, b in ((0, 1), (1, 2), (2, 0)):
-        cut = (height[:, a] > 0) != (height[:, b] > 0)
-        t = (height[cut, a] / (height[cut, a] - height[cut, b]))[:, None]
-        crossing.append((1 - t) * corners[cut, a] + t * corners[cut, b])
-    crossing = numpy.concatenate(crossing)
-    for share, words, points, others in ((99, "the cut is within {} mm of the outline", crossing, outline),
-                                         (95, "the large regions' outline is within {} mm of the cut", large, crossing)):
-        mm = numpy.percentile(scipy.spatial.cKDTree(others).query(points)[0], share)
-        print(f"{name}: {share} % of {words.format(round(mm, 3))}")
-        assert mm <= voxel_mm, f"{name}: {share} % of {words.format(round(mm, 3))}, a voxel is {voxel_mm} mm"
-
-
 def check_admesh(name, file, triangles, parts, volume_mm3):
     """Debian's admesh reads the STL and finds nothing to mend."""
     text = run("admesh", file).stdout
@@ -137,7 +73,7 @@ def check_three(name, asset, files, info):
         assert one["normals"], f"{file}: without normals"
 
 
-def check_scan(name, scan, triangles, voxel_mm, slices):
+def check_scan(name, scan, triangles):
     asset, report = WORK / f"{name}.glb", WORK / f"{name}.json"
     run(MESH, scan, "-o", asset, "--surface", "--surface-triangles", triangles, "--report", report, "--quiet")
     again = WORK / "again.glb"
@@ -162,16 +98,6 @@ def check_scan(name, scan, triangles, voxel_mm, slices):
     assert abs(volume / info["surfaces"][0]["volume_mm3"] - 1) < 1e-4, f"{name}: volume {volume}, info {info['surfaces']}"
 
     check_admesh(name, files[0], len(corners), stated["parts"], volume)
-    distance = distances_to_iso(scan, corners.mean(1))
-    p99 = numpy.percentile(distance, 99)
-    print(f"{name}: distance to the iso-surface by scipy p50 {numpy.median(distance):.3f}, p99 {p99:.3f} mm")
-    assert p99 <= stated["bound_mm"], f"{name}: 1 % is farther than {p99:.3f} mm from the iso-surface"
-    for area_mm2 in (0, 2):
-        run(MESH, scan, "-o", again, "--min-region", area_mm2, "--quiet")
-        run(MESH, "export", again, "-o", WORK / f"{name}_slices_{area_mm2}")
-    for k in slices:
-        every, large = (outline_points(WORK / f"{name}_slices_{area_mm2}" / f"slice_{k:04d}.obj") for area_mm2 in (0, 2))
-        check_cut(f"{name}, slice {k}", corners, every, large, voxel_mm)
     check_three(name, asset, files, info)
 
 
@@ -204,9 +130,9 @@ def test_materials():
 def test_surface():
     run(PROGRAMS / "trocar-sample-ct", WORK / "scan", "--size", "128", "--slices", "35")
     scan = WORK / "scan" / "sample.nii.gz"
-    check_scan("sample", scan, 20000, 1.25, (8, 17, 26))
+    check_scan("sample", scan, 20000)
     if L3_SCAN.exists():
-        check_scan("l3", L3_SCAN, 50000, 1.5, (24,))
+        check_scan("l3", L3_SCAN, 50000)
     else:
         print("no real scan: the vertebra is skipped")
 

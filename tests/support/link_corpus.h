@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The packets of tests/corpus/packet, which make_corpus.py makes from device_link.md.
+// The packets of tests/corpus/packet, which were made from device_link.md.
 #pragma once
 
 #include <tuple>

@@ -107,7 +107,7 @@ await until(page, `/no device answers there/.test(trocar.words)`, "trocar-run's 
 check(!(await page.content()).includes(given.secret), "the page has a path");
 await page.close();
 
-// ---- the audience, a console without devices, and a phone ----
+// ---- the audience, and a console without devices ----
 const audience = await browser.open(given.view_link);
 await until(audience, "trocar.is_connected", "the audience's page");
 await audience.click("[data-to=folder]");
@@ -117,24 +117,4 @@ const plain = await browser.open(given.plain_link);
 await until(plain, `document.getElementById("start-scene").value !== ""`, "the page of a console without devices");
 check(!await plain.isVisible("#device-choice"), "there is a choice without devices");
 await plain.close();
-const phone = await browser.open(given.link, { viewport: { width: 390, height: 844 }, hasTouch: true, isMobile: true });
-await until(phone, "trocar.bone_shown_ms !== null", "the bone on a phone");
-await phone.tap("[data-to=folder]");
-await phone.selectOption("#start-scene", kLive);
-await phone.selectOption("#start-device", given.device);
-await until(phone, `document.getElementById("start-note").checkVisibility()`, "the reason on a phone");
-await phone.locator("#start-note").scrollIntoViewIfNeeded();
-await browser.picture(phone, "phone_choice", true);
-await phone.tap("#test-open");
-await browser.picture(phone, "phone_before", true);
-await phone.tap("#test-start");
-await until(phone, is_over, "a test on a phone");
-await phone.tap("#test-details summary");
-await phone.waitForTimeout(200);
-await browser.picture(phone, "phone_over", true);
-const box = await phone.locator("#test-box").boundingBox();
-const emergency = await phone.locator("#emergency").boundingBox();
-check(box.x >= 0 && box.x + box.width <= 390 && box.y + box.height <= 844 && box.y >= emergency.y + emergency.height, `the dialog on a phone: ${JSON.stringify([box, emergency])}`);
-await phone.tap("#test-close");
-
 await browser.finish();

@@ -98,21 +98,6 @@ check(JSON.stringify(await get("trocar.planning.points.entry")) === JSON.stringi
 await fill("entry", "one, two");
 await until("/one, two: a point is three numbers in mm/.test(trocar.words)", "the refusal of a point");
 check(await page.inputValue("#plan-entry") === "one, two" && await page.isDisabled("#plan-make"), "a point that is refused is emptied, or can be made into a scene");
-// With a decimal comma, as people type them. A field that drops the comma takes 12,5 for 125.
-const type = async (id, text) => {
-  await page.fill(id, "");
-  await page.locator(id).pressSequentially(text);
-  await page.keyboard.press("Tab");
-};
-await type("#plan-entry", chosen.section.entry.replaceAll(", ", " ").replaceAll(".", ","));
-check((await texts()).entry === chosen.section.entry, `the entry ${chosen.section.entry} with decimal commas becomes ${(await texts()).entry}`);
-await type("#plan-depth", "12,5");
-check((await texts()).depth === "12.5", `the depth 12,5 becomes ${(await texts()).depth}`);
-await type("#plan-depth", "1.234,5");
-check(await page.inputValue("#plan-depth") === "1.234,5" && await page.isDisabled("#plan-make"), `the depth 1.234,5 is taken for ${(await texts()).depth}`);
-await until("/is not one number/.test(trocar.words)", "the refusal of a depth");
-await type("#plan-depth", "12.5");
-check((await texts()).depth === "12.5" && await page.isEnabled("#plan-make"), "a depth that is mended is refused");
 await fill("entry", "5000, 0, 0");
 await fill("target", "");
 await page.fill("#plan-name", "nowhere");

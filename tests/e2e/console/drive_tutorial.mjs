@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // drive_tutorial.mjs JSON: the tutorial's step in the console, as its reader does it. The argument: {link, view_link, chromium, out}. Prints
 // {failures}; the tutorial's two pictures go to the folder `out`.
-import { driver, pill, seek } from "./browser.mjs";
+import { driver, seek } from "./browser.mjs";
 
 const { given, browser, check, until } = await driver();
 
@@ -24,23 +24,4 @@ await seek(page, 0.92);
 await page.waitForTimeout(700);
 await browser.picture(page, "tutorial_playback");
 
-// ---- the keys, as the page says ----
-await page.click("[data-to=folder]");
-await page.selectOption("#start-scene", "stay.json");
-await page.click("#start");
-await until(page, `trocar.row && trocar.row.t_s[0] > 0.1 && ${pill} === "Running"`, "a session of 600 s");
-await page.keyboard.press("Space");
-await until(page, `${pill} === "Paused"`, "the pause");
-await page.keyboard.press("Space");
-await until(page, `${pill} === "Running"`, "going on");
-await page.keyboard.press("Escape");
-await until(page, `${pill} === "Emergency stop"`, "the emergency stop");
-await page.getByText("Release the stop", { exact: true }).click();
-await until(page, `${pill} === "Running"`, "forces again");
-await page.keyboard.press("Shift+Q");
-await until(page, `trocar.state.state === "ended"`, "the end by Shift and Q");
-
-const audience = await browser.open(given.view_link);
-await until(audience, `trocar.role === "view" && trocar.bone_shown_ms !== null`, "the audience's page");
-check(await audience.locator(".operator:visible").count() === 0 && await audience.locator("#emergency:visible").count() === 1, "the audience has other controls");
 await browser.finish();

@@ -1,17 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""review_page_test.py SOURCE PROGRAMS SCAN WORK: the pages of `trocar-mesh review` in a headless Chromium (console/drive_review.mjs): search,
-filters, order and links, by keyboard and mouse. What each search must find is computed here from the store. Pictures are in WORK/pictures."""
+"""Stores whose review console_pages_test.py searches, and what each search must find."""
 import json
-import pathlib
 import re
 import shutil
-import sys
 
-from chromium_page import drive, need_browser
-from e2e import check, outcome
-from programs import run
+from programs import PROGRAMS, SCAN, WORK, run
 
-SOURCE, PROGRAMS, SCAN, WORK = (pathlib.Path(word).resolve() for word in sys.argv[1:5])
 MESH = PROGRAMS / "trocar-mesh"
 SCANS = 500
 ODD_NAMES = ["__proto__", "review", "constructor", "Head_12.a+b-c"]
@@ -71,22 +65,7 @@ def queries(scans):
     return [{"state": {"name": "", "show": "all", "sort": "page", "order": "up"} | state, "names": found} for state, found in out]
 
 
-def main():
-    need_browser(with_console=False)
-    shutil.rmtree(WORK, ignore_errors=True)
-    (WORK / "pictures").mkdir(parents=True)
+def small_stores():
+    """Two stores, of which the second has another scan and a changed one."""
     scans = {"first": {"slices": "5:6"}, "second": {"slices": "5:9"}, "third": {"slices": "20:22"}, "missing": {}}
-    before = batch("before", scans)
-    now = batch("now", scans | {"second": {"slices": "5:9", "threshold": 180}, "new_one": {"slices": "10:10"}})
-    store, large = large_store(before)
-    numbers = json.loads(run(MESH, "review", store, "-o", WORK / "large.html", "--json").stdout)
-    check(numbers["pages"] == ["large.html", "large-2.html", "large-3.html"], f"pages: {numbers['pages']}")
-    run(MESH, "review", now, "-o", WORK / "small.html", "--against", before)
-    size = {name: (now / "assets" / f"{name}.glb").stat().st_size for name in ("first", "second", "third", "new_one")}
-    drive("drive_review.mjs", {
-        "out": str(WORK / "pictures"), "large": (WORK / "large.html").as_uri(), "small": (WORK / "small.html").as_uri(), "scans": list(large),
-        "queries": queries(large), "different": ["second", "new_one"], "by_bytes": sorted(size, key=size.get, reverse=True) + ["missing"]})
-    return outcome()
-
-
-sys.exit(main())
+    return batch("before", scans), batch("now", scans | {"second": {"slices": "5:9", "threshold": 180}, "new_one": {"slices": "10:10"}})
