@@ -403,56 +403,6 @@ TEST(LocalRefinement, DoesNotAllocate) {
 
 // ---- after cuts in real slices ----
 
-// The folder TROCAR_ASSETS may hold sample.glb, l3.glb and head.glb; TROCAR_CASES says how many
-// cuts to make in each.
-TEST(LocalRefinement, ContractHoldsAfterCutsInRealSlices) {
-  const char* const folder = std::getenv("TROCAR_ASSETS");  // NOLINT(concurrency-mt-unsafe)
-  if (folder == nullptr) GTEST_SKIP() << "TROCAR_ASSETS is not set";
-  Random random(31);
-  for (const char* const name : {"sample", "l3", "head"}) {
-    const std::filesystem::path file = std::filesystem::path(folder) / (std::string(name) + ".glb");
-    if (!std::filesystem::exists(file)) {
-      EXPECT_STRNE(name, "sample") << "the tests always make this asset";
-      continue;
-    }
-    const Result<Asset> asset = read_asset(file);
-    ASSERT_TRUE(asset) << name;
-    std::vector<const AssetSlice*> slices;
-    for (const AssetSlice& slice : asset->slices) {
-      if (!slice.mesh.triangles.empty()) slices.push_back(&slice);
-    }
-    std::uint32_t cuts = 0, added = 0, removed = 0, before = 0, sharp = 0;
-    for (int i = 0; i < cases(100) && !testing::Test::HasFailure(); ++i) {
-      const SliceMesh& slice = slices[static_cast<std::size_t>(i) % slices.size()]->mesh;
-      const auto at =
-          static_cast<std::size_t>(random.between(0, static_cast<int>(slice.vertices.size()) - 1));
-      const Result<CutResult> hole =
-          cut(slice, hexagon(slice.vertices[at], random.between(100, 1500), random.unit()));
-      ASSERT_TRUE(hole);
-      SheetMesh mesh = *make_sheet_mesh(hole->mesh, 300, 600);
-      const std::vector<Points> was = points_of(*make_sheet_mesh(slice, 0, 0));
-      std::vector<std::uint32_t> seeds;
-      for (const std::uint32_t t : all_triangles(mesh)) {
-        if (!std::binary_search(was.begin(), was.end(), points_of(mesh, t))) seeds.push_back(t);
-      }
-      for (const std::uint32_t t : seeds)
-        before += smallest_angle_deg(corners(mesh, t)) < 20 ? 1 : 0;
-      LocalRefinementOptions options;
-      options.split_outline = random.between(0, 3) == 0;
-      const LocalRefinementResult result =
-          refine_and_check(mesh, seeds, options, name + (", cut " + std::to_string(i)));
-      EXPECT_EQ(result.sharp, result.sharp_at_outline + result.sharp_at_lattice);
-      ++cuts;
-      added += result.vertices_added;
-      removed += result.vertices_removed;
-      sharp += result.sharp;
-    }
-    std::printf(
-        "%s: %u cuts, %u vertices added, %u removed, triangles below 20 degrees: %u -> %u\n", name,
-        cuts, added, removed, before, sharp);
-  }
-}
-
 // Four points on a circle have several Delaunay triangulations.
 bool is_unique(const SheetMesh& mesh) {
   for (const std::uint32_t t : all_triangles(mesh)) {

@@ -195,15 +195,6 @@ TEST(Refinement, GivesValidMeshesOnNoise) {
   }
 }
 
-TEST(Refinement, GivesValidMeshesOnPixelChains) {
-  for (std::uint64_t seed = 0; seed < 15; ++seed) {
-    const Pslg full = drop_small_rings(
-        contours(noise_field(64, 3, seed), kGrid, ContourKind::kPixel), 0.25, kLattice);
-    expect_valid_refinement(simplify(full, kLattice, {0.4}), {},
-                            "chains, seed " + std::to_string(seed));
-  }
-}
-
 // The same triangles, origins and segments under other numbers; neighbours have numbers that are
 // near each other.
 TEST(PlaceOrder, OnlyNumbersAnew) {
@@ -325,34 +316,6 @@ TEST(Refinement, StopsAtItsVertexBudget) {
   }
 }
 
-TEST(Refinement, EndsAtSmallInputAngles) {
-  for (const double degrees : {45.0, 29.0, 10.0, 1.0, 0.1}) {
-    const double a = degrees * std::numbers::pi / 180;
-    const Pslg needle{{{{0, 0},
-                        {100'000, 0},
-                        {static_cast<std::int32_t>(100'000 * std::cos(a)),
-                         static_cast<std::int32_t>(std::ceil(100'000 * std::sin(a)))}}}};
-    expect_valid_refinement(needle, {}, "needle of " + std::to_string(degrees));
-  }
-}
-
-TEST(Refinement, RefinesNestedAndTouchingRings) {
-  Pslg nested;
-  for (std::int32_t k = 0; k < 6; ++k) {
-    const std::int32_t d = k * 700;
-    Ring ring = {{d, d}, {10'000 - d, d}, {10'000 - d, 10'000 - d}, {d, 10'000 - d}};
-    if (k % 2 == 1) std::reverse(ring.begin(), ring.end());
-    nested.rings.push_back(ring);
-  }
-  expect_valid_refinement(nested, {}, "nested");
-  expect_valid_refinement(
-      {{{{0, 0}, {8000, 0}, {8000, 8000}, {0, 8000}}, {{0, 0}, {2000, 4000}, {4000, 2000}}}}, {},
-      "touching hole");
-  expect_valid_refinement({{{{0, 0}, {4000, 0}, {4000, 4000}, {0, 4000}},
-                            {{4000, 4000}, {8000, 4000}, {8000, 8000}, {4000, 8000}}}},
-                          {}, "touching islands");
-}
-
 // Compared with cotangents in floating point; an unrefined mesh has such edges.
 TEST(MeshQuality, CountsEdgesOfNegativeStiffness) {
   EXPECT_EQ(count_negative_stiffness_edges({{{0, 0}, {8, 0}, {4, 3}}, {{0, 1, 2}}}), 1U);
@@ -460,15 +423,6 @@ TEST(Triangulation, AgreesWithCgalOnVerticalsTouchesAndCocircularPoints) {
   const std::int32_t m = kMaxCoordinate;
   expect_as_cgal({{{{-m, -m}, {m, -m}, {m, m}, {-m, m}}, {{-1, 0}, {0, 1}, {1, 0}, {0, -1}}}},
                  "the lattice's corners");
-}
-
-TEST(Triangulation, RefusesInvalidOutlines) {
-  EXPECT_FALSE(triangulate({{{{0, 0}, {10, 10}, {10, 0}, {0, 10}}}}));  // crosses itself
-  EXPECT_FALSE(triangulate({{{{0, 0}, {0, 10}, {10, 10}, {10, 0}}}}));  // clockwise
-  EXPECT_FALSE(triangulate(
-      {{{{0, 0}, {10, 0}, {10, 10}, {0, 10}}, {{5, 5}, {15, 5}, {15, 8}}}}));  // rings cross
-  EXPECT_FALSE(triangulate({{{{0, 0}, {10, 0}, {10, 10}, {0, 10}},
-                             {{4, 4}, {6, 4}, {6, 6}, {4, 6}}}}));  // island in material
 }
 
 }  // namespace

@@ -178,19 +178,6 @@ TEST_F(Recording, ThoseOfTheCuttingLawHaveItsColumnsBitForBit) {
   }
 }
 
-TEST_F(Recording, TheCuttingLawsColumnsComeBeforeTheOrigin) {
-  const std::string columns =
-      ",motor_heat_max,fx_tissue_N,fy_tissue_N,fz_tissue_N,tx_tissue_Nm,ty_tissue_Nm,tz_tissue_Nm,"
-      "front_z_m,front_HU,tip_N,embedded_m,cut_J,absorbed_J,tissue_stored_J,steps,break_through_N,"
-      "break_through_at,origin";
-  const std::string with = recording_header({.has_cutting = true}), without = recording_header();
-  ASSERT_GT(with.size(), columns.size());
-  EXPECT_EQ(with.substr(with.size() - columns.size()), columns);
-  EXPECT_EQ(with.substr(0, with.size() - columns.size()) +
-                ",motor_heat_max,tip_N,break_through_N,break_through_at,origin",
-            without);
-}
-
 TEST_F(Recording, OtherLawsRecordNothingOfTheCuttingLaw) {
   const std::vector<RecordingRow> rows = any_cutting_rows(20);
   for (const RecordingOrigin& origin :

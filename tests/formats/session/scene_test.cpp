@@ -325,16 +325,6 @@ TEST(Scene, SlicesExactlyTheLeastGapApartAreTakenAtEveryHeight) {
   }
 }
 
-TEST(Scene, ShippedScenesLoad) {
-  for (const char* name : {"one_slice.json", "three_slices.json"}) {
-    const auto scene = read_scene(std::filesystem::path(TROCAR_SCENES) / name);
-    ASSERT_TRUE(scene) << scene.error().message;
-    EXPECT_EQ(scene->asset.filename(), "sample.glb");
-    EXPECT_EQ(scene->tissue.stiffness_N_per_m, 5000);
-    EXPECT_EQ(scene->tissue.threshold_N, 35);
-  }
-}
-
 struct Refusal {
   const char* pointer;  ///< JSON pointer at which the value is set
   json value;
@@ -583,13 +573,6 @@ TEST(Scene, BrokenTextIsRefused) {
   const auto result = parse_scene(twice, "s", "");
   ASSERT_FALSE(result);
   EXPECT_NE(result.error().message.find("\"name\" occurs twice"), std::string::npos);
-}
-
-TEST(Scene, AMissingFileIsRefused) {
-  const auto result = read_scene("/no/such/scene.json");
-  ASSERT_FALSE(result);
-  EXPECT_EQ(result.error().code, ExitCode::kRefused);
-  EXPECT_NE(result.error().message.find("/no/such/scene.json"), std::string::npos);
 }
 
 }  // namespace

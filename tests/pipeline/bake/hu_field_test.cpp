@@ -368,46 +368,5 @@ TEST(HuField, ExtremeValues) {
   }
 }
 
-void expect_unbiased(const SliceMesh& mesh, const Image& hu, const PixelGrid& grid) {
-  const HuField field = fit_hu_field(mesh, hu, grid);
-  EXPECT_LE(std::abs(field.bias_hu), 0.3);
-  EXPECT_GT(field.rms_hu, 0);
-  const HuField again = fit_hu_field(mesh, hu, grid);
-  EXPECT_EQ(field.values, again.values);
-}
-
-TEST(HuField, UnbiasedOnThePhantom) {
-  const sample::PhantomOptions phantom;
-  const sample::ScanGeometry scan = *sample::sample_geometry(256, 35);
-  const PixelGrid grid{scan.pixel_mm, scan.pixel_mm, 0, 0, kLattice};
-  for (int k = 0; k < 35; k += 6) {
-    Image hu{scan.columns, scan.rows, {}};
-    for (const double value : sample::render_slice(phantom, scan, k))
-      hu.values.push_back(static_cast<float>(value));
-    Field field{hu, 226};
-    const Pslg outline =
-        simplify(drop_small_rings(contours(field, grid, ContourKind::kSubpixel), 1, kLattice),
-                 kLattice, {0.2, SimplificationMethod::kArea});
-    expect_unbiased(meshed(outline, 50), hu, grid);
-  }
-}
-
-TEST(HuField, UnbiasedOnL3) {
-  const char* folder = std::getenv("TROCAR_REAL_CT");  // NOLINT(concurrency-mt-unsafe)
-  const std::filesystem::path file =
-      std::filesystem::path(folder == nullptr ? "" : folder) / "l3" / "sub-ct_label-22_ct.nii.gz";
-  if (!std::filesystem::exists(file)) GTEST_SKIP() << "no real CT";
-  const auto stack = test::take(open_stack({file}, {}));
-  MeshOptions options;
-  options.simplification = {0.2, SimplificationMethod::kArea};
-  for (int k = 0; k < stack->size(); ++k) {
-    const auto slice = test::take(mesh_slice(*stack, k, options));
-    const auto hu = stack->read(k);
-    const SlicePlane& plane = stack->plane(k);
-    const PixelGrid grid{plane.spacing_u_mm, plane.spacing_v_mm, 0, 0, kLattice};
-    expect_unbiased(slice.materials[0].refined.mesh, *hu, grid);
-  }
-}
-
 }  // namespace
 }  // namespace trocar::pipeline

@@ -334,30 +334,5 @@ TEST(Materials, CannotFollowPixelCentresOrBeFilled) {
   EXPECT_EQ(made.error().code, ExitCode::kUsage);
 }
 
-// The whole path of a slice, to its bytes: ten organs, and all of them as one, in turns. Ten labels
-// should cost at most twice their union, which is printed and not asked for: other programs run.
-TEST(Materials, CostLittleMoreThanTheirUnion) {
-  const Image ten = organs(512, 5);
-  const MemoryStack of_ten({ten}),
-      of_one({each_pixel(ten, [](float v) { return v == 0 ? 0.0F : 1.0F; })});
-  std::vector<double> times[2];
-  std::size_t triangles[2] = {};
-  for (int run = 0; run < 7; ++run) {
-    for (const bool several : {false, true}) {
-      const std::clock_t start = std::clock();
-      const auto made = mesh_stack(several ? of_ten : of_one, all_labels(), {});
-      times[several].push_back(static_cast<double>(std::clock() - start) / CLOCKS_PER_SEC);
-      ASSERT_TRUE(made);
-      triangles[several] = made->report["asset"]["triangles"];
-      if (run == 6) std::printf("  %s\n", made->report["slices"][0]["ms"].dump().c_str());
-    }
-  }
-  for (auto& t : times)
-    std::sort(t.begin(), t.end());
-  std::printf(
-      "  ten labels %.1f ms, %zu triangles; their union %.1f ms, %zu triangles: %.2f times\n",
-      1e3 * times[1][3], triangles[1], 1e3 * times[0][3], triangles[0], times[1][3] / times[0][3]);
-}
-
 }  // namespace
 }  // namespace trocar::pipeline

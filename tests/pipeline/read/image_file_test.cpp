@@ -236,25 +236,6 @@ class LabelImages : public testing::Test {
 };
 fs::path LabelImages::folder_;
 
-TEST_F(LabelImages, Of16BitsAreReadUnscaled) {
-  cv::Mat labels(2, 3, CV_16UC1);
-  for (int i = 0; i < 6; ++i)
-    labels.at<std::uint16_t>(i / 3, i % 3) =
-        std::array<std::uint16_t, 6>{0, 1, 22, 257, 4000, 65535}[static_cast<std::size_t>(i)];
-  for (const char* name : {"labels.png", "labels.tif"}) {
-    const fs::path file = folder_ / name;
-    ASSERT_TRUE(cv::imwrite(file.string(), labels));
-    OpenOptions options;
-    options.spacing_mm = {1, 1, 1};
-    options.as_labels = true;
-    EXPECT_EQ((*open_stack({file}, options))->read(0)->values,
-              (std::vector<float>{0, 1, 22, 257, 4000, 65535}))
-        << name;
-    options.as_labels = false;
-    EXPECT_FLOAT_EQ((*open_stack({file}, options))->read(0)->values[3], 1.0F) << name;
-  }
-}
-
 // The expected indices are taken from the BMP's bytes: the lowest row first, rows padded to words.
 TEST_F(LabelImages, OfFewBitsOrAPaletteAreReadUnscaled) {
   const fs::path corpus = fs::path(TROCAR_CORPUS) / "image";

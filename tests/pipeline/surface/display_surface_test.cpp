@@ -127,12 +127,6 @@ TEST(DisplaySurface, OfATiltedStackIsWhereTheBallsAre) {
   EXPECT_NEAR(volume / expected, 1, 0.07);  // corners on the balls, triangles within them
 }
 
-TEST(DisplaySurface, IsClosedWhereTheScanEnds) {
-  const Synthetic stack({30, 30, 20}, {1, 1, 1}, 0, [](const Vector3d&) { return 500.0; });
-  const DisplaySurface made = proved_surface(stack, {}, 5000);
-  EXPECT_EQ(made.parts, 1U);
-}
-
 TEST(DisplaySurface, HasThinWalls) {
   // A shell of 0.8 voxels, and one voxel between two halves of a ball.
   const Synthetic frame({1, 1, 60}, {1, 1, 1}, 0, [](const Vector3d&) { return 0.0; });
