@@ -135,17 +135,6 @@ TEST(Asset, LabelsAndMeanHuComeFromTheJsonText) {
   EXPECT_EQ(labels_of(mixed), (std::vector<int>{8, -3}));
 }
 
-TEST(Asset, ParametersAndMeasuresThatAreNotJsonAreABug) {
-  Asset asset = make_asset(8);
-  asset.parameters_json = "{";
-  ASSERT_FALSE(encode_asset(asset));
-  EXPECT_EQ(encode_asset(asset).error().code, ExitCode::kBug);
-  asset = make_asset(8);
-  asset.slices[1].measures_json = "not JSON";
-  ASSERT_FALSE(encode_asset(asset));
-  EXPECT_EQ(encode_asset(asset).error().message, "slice 3: its measures are not a JSON object");
-}
-
 // HU by place, so that they can be compared after Draco's reordering.
 float hu_at(LatticePoint p) {
   return static_cast<float>(0.37 * p.x - 0.21 * p.y + 300);

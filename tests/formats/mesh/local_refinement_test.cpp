@@ -85,89 +85,6 @@ TEST(LocalRefinement, WritesOnlyTheNeighbourhoodOfTheSeeds) {
 
 // ---- a graded region around a hole ----
 
-// Edges of 8 mm in a hexagonal pattern, 128 mm wide; the hole's radius is 3 mm.
-SheetMesh sheet_with_hole(LatticePoint centre, double turn_rad) {
-  constexpr int kCells = 16, kHalf = 8, kEdge = 2048;
-  SliceMesh mesh;
-  for (int j = 0; j <= kCells; ++j) {
-    for (int i = 0; i <= kCells; ++i)
-      mesh.vertices.push_back({(i - kHalf) * kEdge + (j % 2) * kEdge / 2,
-                               static_cast<int>(std::lround((j - kHalf) * 0.8660254 * kEdge))});
-  }
-  for (std::uint32_t j = 0; j < kCells; ++j) {
-    for (std::uint32_t i = 0; i < kCells; ++i) {
-      const std::uint32_t a = j * (kCells + 1) + i, b = a + 1, c = a + kCells + 1, d = c + 1;
-      mesh.triangles.push_back(j % 2 == 0 ? Triangle{a, b, c} : Triangle{a, b, d});
-      mesh.triangles.push_back(j % 2 == 0 ? Triangle{b, d, c} : Triangle{a, d, c});
-    }
-  }
-  const Result<CutResult> hole = cut(mesh, hexagon(centre, 3 * kStepsPerMm, turn_rad));
-  EXPECT_TRUE(hole);
-  SheetMesh sheet = *make_sheet_mesh(hole->mesh, 3000, 6000);
-  flip_all(sheet);
-  return sheet;
-}
-
-TEST(LocalRefinement, AGradedRegionIsFineAtTheHoleAndCoarseFarAway) {
-  Random random(3);
-  for (int round = 0; round < 40; ++round) {
-    const LatticePoint centre = random.point(-3000, 3000);
-    SheetMesh mesh = sheet_with_hole(centre, random.unit());
-    GradedSize size;
-    size.centre = centre;
-    size.radius = 3 * kStepsPerMm;
-    size.at_radius = kStepsPerMm;
-    size.growth = 0.4;
-    size.largest = 8 * kStepsPerMm;
-    LocalRefinementOptions options;
-    options.size = size;
-    options.split_outline = true;
-    options.max_new_vertices = 2000;
-    const auto is_far = [centre](LatticePoint p) {
-      return std::hypot(p.x - centre.x, p.y - centre.y) > 40 * kStepsPerMm;
-    };
-    const auto keep = [&](std::uint32_t from, std::uint32_t to) {
-      return is_far(mesh.vertices[from]) && is_far(mesh.vertices[to]);
-    };
-    options.keep_edge = keep;
-    const std::vector<BoundaryEdge> before = boundary(mesh);
-    const LocalRefinementResult result =
-        refine_and_check(mesh, all_triangles(mesh), options, "round " + std::to_string(round));
-
-    EXPECT_EQ(result.outcome, LocalRefinementOutcome::kDone);
-    EXPECT_EQ(result.too_large, 0U);
-    int near = 0;
-    std::vector<bool> seen(mesh.vertices.size(), false);
-    for (const std::uint32_t t : all_triangles(mesh)) {
-      const std::array<LatticePoint, 3> v = corners(mesh, t);
-      EXPECT_GE(smallest_angle_deg(v), 20);
-      const double x = (v[0].x + v[1].x + v[2].x) / 3.0, y = (v[0].y + v[1].y + v[2].y) / 3.0;
-      // In a circle of radius 0.8 h no edge is longer than 1.6 h.
-      EXPECT_LE(longest_edge(v), 2 * kMaxRadius * size(x, y));
-      for (const std::uint32_t c : mesh.triangles[t]) {
-        const LatticePoint p = mesh.vertices[c];
-        if (!seen[c] && std::hypot(p.x - centre.x, p.y - centre.y) < 20 * kStepsPerMm) ++near;
-        seen[c] = true;
-      }
-    }
-    EXPECT_GE(near, 80);
-    EXPECT_LE(near, 160);
-    // The kept outer outline is as it was; the hole's edges are about 1 mm long.
-    const std::vector<BoundaryEdge> after = boundary(mesh);
-    for (const BoundaryEdge& s : before) {
-      if (!is_far(s.from) || !is_far(s.to)) continue;
-      EXPECT_TRUE(std::any_of(after.begin(), after.end(), [&s](const BoundaryEdge& o) {
-        return o.from == s.from && o.to == s.to;
-      }));
-    }
-    for (const BoundaryEdge& s : after) {
-      if (is_far(s.from)) continue;
-      EXPECT_LE(length(s.from, s.to), 1.5 * kStepsPerMm + 1);
-      EXPECT_FALSE(s.is_obtuse());
-    }
-  }
-}
-
 // ---- stress cases ----
 
 TEST(LocalRefinement, EndsOnFansOfNeedles) {
@@ -471,21 +388,6 @@ TEST(PointInsertion, InsertionAndRemovalRestoreTheSheet) {
   }
   EXPECT_GT(inserted, cases(300) / 2);
   EXPECT_GT(compared, cases(300) / 10);
-}
-
-TEST(PointInsertion, WithoutFreeSlotsNothingChanges) {
-  Random random(5);
-  for (const auto& [vertices, triangles] : {std::array<std::size_t, 2>{0, 9}, {9, 1}}) {
-    SheetMesh mesh = *make_sheet_mesh(test::square_mesh({0, 0}, 100, 2), vertices, triangles);
-    flip_all(mesh);
-    const SheetMesh before = mesh;
-    SheetEdit edit(mesh);
-    edit.begin(mesh);
-    PointInsertion insertion(mesh.vertices.size(), mesh.triangles.size());
-    ASSERT_TRUE(insertion.find(mesh, 0, {60, 20}));
-    EXPECT_EQ(insertion.insert(mesh, edit, {60, 20}, kNoSlot), InsertionOutcome::kCapacity);
-    EXPECT_TRUE(same(mesh, before));
-  }
 }
 
 TEST(PointInsertion, PointsOnOrBeyondTheOutlineAreNotVisible) {

@@ -350,29 +350,6 @@ TEST(Regions, StayValidWhereTheLatticeIsTooCoarse) {
   }
 }
 
-TEST(Regions, NestedAndTouching) {
-  // One in the hole of another, in four layers.
-  Regions nested;
-  for (std::int32_t k = 0; k < 4; ++k) {
-    nested.push_back({{box(k * 900, k * 900, 9000 - k * 900, 9000 - k * 900)}});
-    if (k < 3)
-      nested.back().rings.push_back(
-          hole(box(k * 900 + 900, k * 900 + 900, 8100 - k * 900, 8100 - k * 900)));
-  }
-  expect_conforming(nested, {}, "nested");
-  // Two in one hole, which share an edge; one of them has an island at the corner of a third, which
-  // shares an edge with the first; and the first touches itself in a pinch.
-  const Ring left = {{1000, 1000}, {3000, 2000}, {3000, 4000}, {2000, 3000}},
-             right = {{3000, 2000}, {5000, 3000}, {3000, 4000}};
-  expect_conforming({{{box(0, 0, 6000, 6000),
-                       hole({{1000, 1000}, {3000, 2000}, {5000, 3000}, {3000, 4000}, {2000, 3000}}),
-                       hole({{1000, 1000}, {2000, 300}, {2500, 1000}}),
-                       {{0, 6000}, {-1000, 8000}, {-2000, 7000}}}},
-                     {{left, {{6000, 6000}, {8000, 7000}, {7000, 8000}}}},
-                     {{right, box(6000, 0, 9000, 6000)}}},
-                    {}, "touching");
-}
-
 // The border of a seven-cornered material in another: its points are rounded to either side, so
 // that the area within stays but for one rounding.
 TEST(Regions, KeepTheAreaWithinSharedBorders) {

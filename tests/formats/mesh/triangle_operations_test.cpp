@@ -42,17 +42,6 @@ LatticePoint quarter_rotation(LatticePoint p) {
   return {-p.y, p.x};
 }
 
-TEST(TriangleEdge, EdgeIStartsAtCornerI) {
-  const Triangle t{7, 9, 4};
-  for (std::uint32_t i = 0; i < 3; ++i) {
-    EXPECT_EQ(next_corner(i), (i + 1) % 3);
-    EXPECT_EQ(previous_corner(i), (i + 2) % 3);
-    EXPECT_EQ(corner_of(t, t[i]), i);
-    EXPECT_EQ(triangle_of(edge_id(5, i)), 5U);
-    EXPECT_EQ(index_of(edge_id(5, i)), i);
-  }
-}
-
 TEST(EdgePredicates, LocallyDelaunayAgreesWithInCircle) {
   RandomTriangles points(6);  // small, so that four points on a circle are frequent
   int convex = 0;

@@ -79,6 +79,7 @@ std::vector<RecordingRow> any_rows(std::size_t count) {
                       &row.motor_heat_max, &row.tip_N, &row.break_through_N})
       *x = any_double(random);
     row.break_through_at = static_cast<std::int32_t>(random() % 40) - 5;
+    row.xray = static_cast<std::uint8_t>(random() % 4);
   }
   rows[0].p_m = {std::numeric_limits<double>::denorm_min(), -0.0,
                  std::numeric_limits<double>::max()};
@@ -125,14 +126,18 @@ std::string csv_of(const fs::path& folder, std::span<const RecordingRow> rows,
   return text_of(folder / "r.csv");
 }
 
+const RecordingOrigin kCountsXray{{{"program", "x"}, {kOriginXray, "counted"}}};
+
 TEST_F(Recording, ReadingGivesTheWrittenValuesBitForBit) {
   const std::vector<RecordingRow> rows = any_rows(5000);
-  csv_of(folder_, rows);
+  csv_of(folder_, rows, kCountsXray);
   const auto read = read_recording(folder_ / "r.csv");
   ASSERT_TRUE(read) << read.error().message;
   ASSERT_EQ(read->size(), rows.size());
-  for (std::size_t i = 0; i < rows.size(); ++i)
+  for (std::size_t i = 0; i < rows.size(); ++i) {
     ASSERT_TRUE(same(rows[i], (*read)[i])) << i;
+    ASSERT_EQ(rows[i].xray, (*read)[i].xray) << i;
+  }
   EXPECT_EQ(files(), 1U) << "no temporary file is left";
 }
 
@@ -191,6 +196,7 @@ TEST_F(Recording, OtherLawsRecordNothingOfTheCuttingLaw) {
     for (std::size_t i = 0; i < rows.size(); ++i) {
       EXPECT_TRUE(same(rows[i], (*read)[i]));
       EXPECT_TRUE(same_cutting({}, (*read)[i].cutting));
+      EXPECT_EQ((*read)[i].xray, 0) << "only recordings that count have the column";
     }
   }
 }
@@ -257,6 +263,18 @@ TEST_F(Recording, TheSchemasNameEveryFaultAndState) {
   EXPECT_EQ(schema("summary").at(of_faults).get<std::set<std::string>>(), faults);
   const Pointer of_states("/$defs/frame/properties/state/enum");
   EXPECT_EQ(schema("frames").at(of_states).get<std::set<std::string>>(), states);
+}
+
+TEST_F(Recording, AnUnknownNumberOfXraysIsRefused) {
+  std::vector<RecordingRow> rows(1);
+  rows[0].xray = 3;
+  std::string csv = csv_of(folder_, rows, kCountsXray);
+  const std::size_t at = csv.rfind(",3,");
+  ASSERT_NE(at, std::string::npos);
+  csv[at + 1] = '4';
+  const auto read = parse_recording(csv, "r.csv");
+  ASSERT_FALSE(read);
+  EXPECT_NE(read.error().message.find("is an unknown number"), std::string::npos);
 }
 
 TEST_F(Recording, EncodersThatAreNotFiniteCanBeRecorded) {
@@ -405,13 +423,6 @@ TEST_F(Recording, TwoWritersOfOneFileAreRefused) {
   EXPECT_NE(second.error().message.find("another program is recording there"), std::string::npos);
   EXPECT_TRUE(first->append(any_rows(1)));
   EXPECT_TRUE(first->commit());
-}
-
-TEST_F(Recording, AFolderInThePlaceOfThePartialFileIsRefused) {
-  fs::create_directory(folder_ / "r.csv.partial");
-  const auto writer = RecordingWriter::open(folder_ / "r.csv");
-  ASSERT_FALSE(writer);
-  EXPECT_EQ(writer.error().code, ExitCode::kUnwritable);
 }
 
 // A limit of the file size fails like a full disk: after the bytes that fit.
@@ -563,15 +574,16 @@ TEST_F(Recording, WithoutARowAnExistingFileStays) {
 
 TEST_F(Recording, OnlyARegularFileIsReplaced) {
   fs::create_directory(folder_ / "folder");
+  fs::create_directory(folder_ / "r.csv.partial");
   ASSERT_EQ(::mkfifo((folder_ / "pipe").c_str(), 0600), 0);
   fs::create_symlink(folder_ / "pipe", folder_ / "link");
-  for (const char* name : {"folder", "pipe", "link"}) {
+  for (const char* name : {"folder", "pipe", "link", "r.csv"}) {
     const auto writer = RecordingWriter::open(folder_ / name);
     ASSERT_FALSE(writer) << name;
     EXPECT_EQ(writer.error().code, ExitCode::kUnwritable);
   }
   EXPECT_TRUE(fs::is_fifo(folder_ / "pipe"));
-  EXPECT_EQ(files(), 3U);
+  EXPECT_EQ(files(), 4U);
 }
 
 TEST_F(Recording, WriteFailuresAreReported) {

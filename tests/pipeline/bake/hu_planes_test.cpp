@@ -235,23 +235,6 @@ std::vector<double> jumping_values(std::size_t count) {
   return out;
 }
 
-TEST(HuContext, AGapSeparatesWhatLiesBesideIt) {
-  std::vector<double> z_mm, hu;
-  for (int k = 0; k < 20; ++k) {
-    z_mm.push_back(k < 10 ? k : 20 + k);
-    hu.push_back(k < 10 ? 0 : 1600);
-  }
-  const std::map<int, double> means = plane_means(context_of(FlatStack(z_mm, hu), 4));
-  ASSERT_EQ(means.size(), 10U);  // every other slice
-  for (const auto& [index, mean] : means)
-    EXPECT_NEAR(mean,
-                index == 10  ? 1600 * 1.5 / (1.5 + 1.0 / 22)
-                : index < 10 ? 0
-                             : 1600,
-                16)
-        << index;
-}
-
 // Each slice counts as in linear interpolation between the planes.
 TEST(HuContext, WeightsAreLinearInMillimetres) {
   const std::vector<double> z_mm = {0, 1, 2, 3, 4, 7, 8, 9, 20, 21, 22, 23, 24, 26, 28, 30};

@@ -1,13 +1,11 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // Simplification by both methods: validity and distance of 10,000 random slices; of the one that
-// keeps areas also the areas, as stored after refinement, of scans too.
+// keeps areas also the areas, as stored after refinement.
 #include <gtest/gtest.h>
 
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <cstdlib>
-#include <filesystem>
 #include <limits>
 #include <numbers>
 #include <random>
@@ -16,12 +14,8 @@
 #include "formats/mesh/mesh_validity.h"
 #include "formats/mesh/refinement_outline.h"
 #include "formats/mesh/triangulation.h"
-#include "pipeline/bake/mesh_slice.h"
 #include "pipeline/contour/contour.h"
 #include "pipeline/contour/simplification.h"
-#include "pipeline/open/open_stack.h"
-#include "sample_ct/render.h"
-#include "tests/support/memory_stack.h"
 #include "tests/support/synthetic_fields.h"
 #include "tests/support/take.h"
 #include "tests/support/test_lattice.h"
@@ -85,10 +79,6 @@ double sampled_distance(const Ring& from, const Ring& to_ring) {
     worst = std::max(worst, to.distance(a.x, a.y));
   }
   return worst;
-}
-
-double area_mm2(std::int64_t doubled) {
-  return 0.5 * static_cast<double>(doubled) * kStep_mm * kStep_mm;
 }
 
 double longest_edge(const Ring& ring) {
@@ -171,107 +161,8 @@ TEST(AreaCollapse, TenThousandRandomSlices) {
         expect_sound(full, stored, tolerance_mm, seed % 20 == 0, "stored");
       });
   if (HasFatalFailure()) return;
-  std::printf(
-      "  %zu rings, %.2f %% within half a step times the longest edge; %zu vertices, %zu by dp\n",
-      rings, 100.0 * static_cast<double>(kept) / static_cast<double>(rings), vertices, vertices_dp);
   EXPECT_GE(static_cast<double>(kept), 0.99 * static_cast<double>(rings));
   EXPECT_LT(vertices, vertices_dp);
-}
-
-// A slice's contours and the outline that its mesh stores.
-struct Slice {
-  Pslg full, stored;
-};
-
-class Scans : public testing::Test {
- protected:
-  // Calls visit(slice) for the slices of the phantom and of each scan that there is.
-  template <typename Visit>
-  void for_slices(const MeshOptions& options, const Visit& visit) {
-    const sample::PhantomOptions phantom;
-    const sample::ScanGeometry geometry = *sample::sample_geometry(512, 35);
-    const SampleStack sample(phantom, geometry);
-    visit_slices("phantom", sample, options, visit);
-    // NOLINTNEXTLINE(concurrency-mt-unsafe): nothing sets the environment
-    const char* const folder = std::getenv("TROCAR_REAL_CT");
-    // NOLINTNEXTLINE(concurrency-mt-unsafe)
-    const char* const head = std::getenv("TROCAR_HEAD_CT");
-    std::vector<std::string> scans;
-    if (folder != nullptr) scans.push_back(std::string(folder) + "/l3/sub-ct_label-22_ct.nii.gz");
-    if (head != nullptr) scans.emplace_back(head);
-    for (const std::string& scan : scans) {
-      if (!std::filesystem::exists(scan)) continue;
-      const auto stack = test::take(open_stack({scan}, {}));
-      visit_slices(scan, *stack, options, visit);
-    }
-  }
-
- private:
-  // Renders its slices when they are read.
-  class SampleStack final : public MemoryStack {
-   public:
-    SampleStack(const sample::PhantomOptions& phantom, const sample::ScanGeometry& geometry)
-        : phantom_(phantom), geometry_(geometry) {
-      planes.assign(35, axial_plane(geometry.pixel_mm, 0));
-    }
-    int size() const override { return 35; }
-    int width() const override { return geometry_.columns; }
-    int height() const override { return geometry_.rows; }
-    Result<Image> read(int slice) const override {
-      const auto noise = sample::noise_slice(geometry_, 7, 12, slice);
-      const auto values = sample::render_slice(phantom_, geometry_, slice);
-      return image_of(width(), height(), [&, i = std::size_t{0}](int, int) mutable {
-        const double hu = std::rint(values[i] + noise[i]);
-        ++i;
-        return hu;
-      });
-    }
-
-   private:
-    const sample::PhantomOptions& phantom_;
-    const sample::ScanGeometry& geometry_;
-  };
-
-  template <typename Visit>
-  static void visit_slices(const std::string& name, const SliceStack& stack,
-                           const MeshOptions& options, const Visit& visit) {
-    for (int k = 0; k < stack.size(); ++k) {
-      const auto meshed = test::take(mesh_slice(stack, k, options));
-      visit(name + " slice " + std::to_string(k), meshed.materials[0]);
-      if (HasFatalFailure()) return;
-    }
-  }
-};
-
-TEST_F(Scans, KeepTheirAreasAndTheToleranceAsStored) {
-  MeshOptions options;
-  double worst_slice = 0, worst_ring = 0, worst_mm = 0;
-  std::size_t rings = 0;
-  for_slices(options, [&](const std::string& what, const MeshedMaterial& slice) {
-    const Pslg stored = refined_rings(slice.refined, slice.pslg);
-    EXPECT_EQ(doubled_area(stored), doubled_area(slice.refined.mesh)) << what;
-    EXPECT_LE(slice.simplification_error_mm, options.simplification.tolerance_mm) << what;
-    EXPECT_EQ(slice.simplification_error_mm, hausdorff_mm(slice.contours, stored, kLattice));
-    worst_mm = std::max(worst_mm, slice.simplification_error_mm);
-    if (slice.contours.rings.empty()) return;
-    const double full_mm2 = area_mm2(doubled_area(slice.contours));
-    const double off = std::abs(area_mm2(doubled_area(stored)) / full_mm2 - 1);
-    EXPECT_LE(off, 0.0005) << what << " of " << full_mm2 << " mm^2";
-    worst_slice = std::max(worst_slice, off);
-    for (std::size_t r = 0; r < stored.rings.size(); ++r) {
-      const double ring_mm2 = area_mm2(doubled_area(slice.contours.rings[r]));
-      if (std::abs(ring_mm2) <= 10) continue;
-      ++rings;
-      const double ring_off = std::abs(area_mm2(doubled_area(stored.rings[r])) / ring_mm2 - 1);
-      EXPECT_LE(ring_off, 0.001) << what << ", a ring of " << ring_mm2 << " mm^2, simplified "
-                                 << area_mm2(doubled_area(slice.pslg.rings[r])) << ", stored "
-                                 << area_mm2(doubled_area(stored.rings[r])) << ", vertices "
-                                 << slice.pslg.rings[r].size() << ", " << stored.rings[r].size();
-      worst_ring = std::max(worst_ring, ring_off);
-    }
-  });
-  std::printf("  worst slice %.4f %%, worst of %zu rings %.4f %%, farthest %.4f mm\n",
-              100 * worst_slice, rings, 100 * worst_ring, worst_mm);
 }
 
 // A ring is simplified part by part; all of it is, and alike.

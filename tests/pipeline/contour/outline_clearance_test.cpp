@@ -230,28 +230,6 @@ TEST(OutlineClearance, CountsTightSpotsAsByBruteForce) {
   }
 }
 
-// A hole whose corner is 3 steps from the outer edge: the wall gets the clearance, and the area
-// stays.
-TEST(OutlineClearance, WidensAWallOfThreeSteps) {
-  const Pslg outline{
-      {{{0, 0}, {3000, 0}, {3000, 2500}, {0, 2000}}, {{1400, 3}, {1000, 900}, {2000, 1000}}}};
-  EXPECT_EQ(count_tight_spots(outline, {}, kClearance_steps), 2U);
-  EXPECT_GT(free_angles({outline}, kByArea), 0U);
-  const Pslg clear = cleared(outline);
-  EXPECT_EQ(count_tight_spots(clear, {}, kClearance_steps), 0U);
-  EXPECT_EQ(free_angles({clear}, kByArea), 0U);
-  EXPECT_LE(relative_change(outline, clear), 2e-5);
-}
-
-// The tip of a spike is 4 steps wide: its end edge becomes a corner.
-TEST(OutlineClearance, EndsASpikeInACorner) {
-  const Pslg outline{{{{0, 0}, {2000, 0}, {4000, 998}, {4000, 1002}, {2000, 2000}, {0, 2000}}}};
-  const Pslg clear = cleared(outline);
-  EXPECT_EQ(clear.rings[0].size(), 5U);
-  EXPECT_EQ(count_tight_spots(clear, {}, kClearance_steps), 0U);
-  EXPECT_LE(relative_change(outline, clear), 2e-5);
-}
-
 // The scan forces what is wider than the clearance, and what the tolerance does not let go.
 TEST(OutlineClearance, KeepsWhatTheScanForces) {
   const Pslg wide{
