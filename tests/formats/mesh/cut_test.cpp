@@ -202,6 +202,13 @@ TEST(Cut, RefusesInvalidTools) {
     ASSERT_FALSE(r);
     EXPECT_EQ(r.error().code, ExitCode::kRefused);
   }
+  // At most 32 vertices.
+  Ring arch;
+  for (std::int32_t i = 0; i < 33; ++i)
+    arch.push_back({i, i * i});
+  EXPECT_FALSE(cut(sheet, arch));
+  arch.pop_back();
+  EXPECT_TRUE(cut(sheet, arch));
 }
 
 TEST(Cut, RefusesASheetWithInvalidIndices) {

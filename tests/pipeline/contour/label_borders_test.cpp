@@ -119,41 +119,6 @@ TEST(LabelBorder, DiscsAreRound) {
   }
 }
 
-TEST(LabelBorder, ThinWallsKeepTopologyAndArea) {
-  std::mt19937_64 rng(8);
-  constexpr int kSize = 64, kWalls = 200;
-  double sum_rms = 0, worst_area = 0;
-  for (int k = 0; k < kWalls; ++k) {
-    const double angle = std::numbers::pi * uniform(rng), nx = std::cos(angle),
-                 ny = std::sin(angle), offset = 4 * uniform(rng) - 2;
-    const auto distance = [&](double x, double y) {
-      return (x - 31.5) * nx + (y - 31.5) * ny - offset;
-    };
-    const auto along = [&](double x, double y) { return (y - 31.5) * nx - (x - 31.5) * ny; };
-    const Image image = image_of(kSize, kSize, [&](int x, int y) {
-      return std::abs(distance(x, y)) <= 1 && std::abs(along(x, y)) <= 26;
-    });
-    const auto deviation = [&](const Pslg& outline) {
-      Deviation out;
-      for_pieces(outline, [&](double x, double y, double length) {
-        if (std::abs(along(x, y)) > 22) return;  // the ends
-        const double d = std::abs(distance(x, y)) - 1;
-        out.length += length;
-        out.squares += d * d * length;
-      });
-      return out;
-    };
-    const Pslg outline = smooth_outline(image), half_way = half_way_outline(image);
-    ASSERT_EQ(outline.rings.size(), half_way.rings.size()) << k;
-    ASSERT_EQ(outline.rings.size(), 1U) << k;
-    worst_area =
-        std::max(worst_area, std::abs(outline_area_px(outline) / outline_area_px(half_way) - 1));
-    sum_rms += deviation(outline).rms();
-  }
-  EXPECT_LE(sum_rms / kWalls, 0.13);
-  EXPECT_LE(worst_area, 0.002);
-}
-
 using Edge = std::pair<LatticePoint, LatticePoint>;
 
 // How often the outline winds around a point off the lattice.

@@ -186,22 +186,6 @@ TEST(OutlineClearance, RandomOutlinesHaveNoFreeAngles) {
   }
 }
 
-// The clearing alone, without simplification: far more tight spots, and a few of them stay.
-TEST(OutlineClearance, RandomOutlinesAreClearedWithoutSimplification) {
-  std::mt19937_64 random(34);
-  int with_free_angles = 0;
-  for (int n = 0; n < wanted_outlines() / 4; ++n) {
-    const std::string name = "outline " + std::to_string(n);
-    const Pslg outline = random_outline(random), clear = cleared(outline);
-    expect_same_topology(outline, clear, name);
-    if (HasFatalFailure()) return;
-    EXPECT_LE(hausdorff_mm(outline, clear, kLattice), kTolerance_mm) << name;
-    EXPECT_LE(relative_change(outline, clear), 5e-4) << name;
-    with_free_angles += free_angles({clear}, kByDouglasPeucker) > 0 ? 1 : 0;
-  }
-  EXPECT_LE(with_free_angles, wanted_outlines() / 4 / 1000);
-}
-
 // Counted over all pairs of edges.
 TEST(OutlineClearance, CountsTightSpotsAsByBruteForce) {
   std::mt19937_64 random(35);
