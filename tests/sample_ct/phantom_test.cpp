@@ -215,52 +215,6 @@ TEST(CrossSection, OfARingIsExact) {
   }
 }
 
-TEST(CrossSection, AtAnIsoValueAgreesWithCountedSamples) {
-  const PhantomOptions phantom;
-  const ScanGeometry scan;
-  const double z = 2.0, iso_hu = 226;
-  const Result<CrossSection> section = iso_section(phantom, scan, z, iso_hu);
-  ASSERT_TRUE(section) << section.error().message;
-  for (const auto& ring : section->rings)
-    for (std::size_t i = 0; i < ring.size(); i += 10)
-      ASSERT_NEAR(scanner_hu(phantom, scan, {ring[i].x, ring[i].y, z}), iso_hu, 1e-5);
-
-  // Area by counting samples of a jittered grid; far from the edge only one in 64.
-  constexpr double kStep = 0.125;
-  std::mt19937_64 bits(22);
-  double area = 0;
-  const double sure = aperture_radius_mm(scan) + blur_radius_mm(phantom);
-  static_assert(8 * kStep == 1);
-  for (int y = -30; y < 85; ++y)
-    for (int x = -60; x < 60; ++x) {
-      const Vec3 middle{x + 4 * kStep, y + 4 * kStep, z};
-      const double d = bone_distance_mm(phantom, middle);
-      if (d > sure + 6 * kStep) continue;
-      if (d < -sure - 6 * kStep) {
-        area += 64 * kStep * kStep;
-        continue;
-      }
-      for (int b = 0; b < 8; ++b)
-        for (int a = 0; a < 8; ++a) {
-          const Vec3 p{x + (a + uniform(bits, 0, 1)) * kStep, y + (b + uniform(bits, 0, 1)) * kStep,
-                       z};
-          area += scanner_hu(phantom, scan, p) >= iso_hu ? kStep * kStep : 0;
-        }
-    }
-  // A cell on the edge is right on average; 3,500 of them err by 0.5 * step^2 each.
-  EXPECT_NEAR(section->area_mm2, area, 5 * 0.5 * kStep * kStep * std::sqrt(3500.0));
-  // The threshold's bias is outward: outside the anatomy by less than 0.5 mm.
-  const Result<CrossSection> anatomy = surface_section(phantom, z);
-  ASSERT_TRUE(anatomy);
-  const SectionDistance distance(*anatomy);
-  double mean = 0, count = 0;
-  for (const auto& ring : section->rings)
-    for (const Vec2 p : ring)
-      mean += distance(p), ++count;
-  EXPECT_GT(mean / count, 0.1);
-  EXPECT_LT(mean / count, 0.5);
-}
-
 // --- The scanner -----------------------------------------------------------
 
 TEST(PartialVolume, OfASharpFlatEdgeIsTheCoveredShare) {

@@ -316,29 +316,6 @@ TEST(Asset, LinesAreTheOutlineAndChangeNothingElse) {
   EXPECT_FALSE(decode_asset(moved, "test"));
 }
 
-// A slice costs at most 360 bytes beside its triangles and HU.
-TEST(Asset, ASliceCostsLittleJson) {
-  const auto overhead = [](int slices, bool hu) {
-    Asset asset = make_asset(8);
-    const AssetSlice one = asset.slices[0];
-    asset.slices.assign(static_cast<std::size_t>(slices), one);
-    for (int i = 0; i < slices; ++i) {
-      asset.slices[static_cast<std::size_t>(i)].index = i;
-      asset.slices[static_cast<std::size_t>(i)].T_lps_plane =
-          Eigen::Translation3d(-79.84375, -54.84375, -17 + 1.5 * i);
-      asset.slices[static_cast<std::size_t>(i)].z_mm = -17 + 1.5 * i;
-      asset.slices[static_cast<std::size_t>(i)].measures_json = "{}";
-    }
-    if (hu) asset = with_hu(asset);
-    AssetSizes sizes;
-    const std::size_t bytes = encode_asset(asset, &sizes)->size();
-    return bytes - sizes.triangle_bytes;
-  };
-  EXPECT_LE(overhead(40, false) - overhead(10, false), 30U * 360);
-  EXPECT_LE(overhead(40, true) - overhead(10, true), 30U * 430);
-  EXPECT_LE(overhead(1, false), 420U + 1100);
-}
-
 // Seventy slices above each other, and two more after a gap; without HU, so that nodes hold means.
 Asset tower() {
   Asset asset = make_asset(8);

@@ -4,9 +4,11 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <csignal>
 #include <cstdio>
 #include <optional>
 #include <regex>
+#include <stdexcept>
 #include <string>
 #include <utility>
 #include <vector>
@@ -225,6 +227,20 @@ TEST(CommandLine, AnOptionMayBeGivenWithoutItsValue) {
 
 TEST(CommandLine, NamesItsLibraryWithTheVersion) {
   EXPECT_TRUE(std::regex_match(command_line_library(), std::regex("CLI11 [0-9]+\\.[0-9.]+")));
+}
+
+TEST(Program, ReportsAnExceptionAsABug) {
+  EXPECT_EQ(run_program("program", [] { return 3; }), 3);
+  testing::internal::CaptureStderr();
+  EXPECT_EQ(run_program("program", []() -> int { throw std::runtime_error("broken"); }), 1);
+  EXPECT_EQ(testing::internal::GetCapturedStderr(), "program: internal error: broken\n");
+}
+
+TEST(Program, SignalsRequestAStop) {
+  stop_on_signals();
+  EXPECT_FALSE(stop_requested);
+  std::raise(SIGTERM);
+  EXPECT_TRUE(stop_requested);
 }
 
 }  // namespace

@@ -303,26 +303,6 @@ TEST(MeshQuality, CountsEdgesOfNegativeStiffness) {
   EXPECT_GT(in_all, 100U);
 }
 
-TEST(IsAngleBelow, AgreesWithTheAngleItself) {
-  std::mt19937_64 rng(3);
-  const double sine = std::sin(30 * std::numbers::pi / 180);
-  for (int i = 0; i < 20'000; ++i) {
-    LatticePoint p[3];
-    for (LatticePoint& q : p)
-      q = {static_cast<std::int32_t>(rng() % 2000), static_cast<std::int32_t>(rng() % 2000)};
-    if (orient2d(p[0], p[1], p[2]) <= 0) continue;
-    double smallest = 10;
-    for (int k = 0; k < 3; ++k) {
-      const LatticePoint a = p[k], b = p[(k + 1) % 3], c = p[(k + 2) % 3];
-      smallest = std::min(smallest, std::atan2(static_cast<double>(orient2d(a, b, c)),
-                                               static_cast<double>(diametral_dot(b, c, a))));
-    }
-    if (std::abs(smallest - 30 * std::numbers::pi / 180) < 1e-9) continue;
-    ASSERT_EQ(is_angle_below(p[0], p[1], p[2], sine * sine),
-              smallest < 30 * std::numbers::pi / 180);
-  }
-}
-
 // Equal except where four points lie on one circle and both diagonals are Delaunay.
 void expect_as_cgal(const Pslg& pslg, const std::string& what) {
   const auto triangulation = triangulate(pslg);

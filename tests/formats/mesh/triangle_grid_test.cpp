@@ -125,10 +125,5 @@ TEST(TriangleGrid, TheGridOfTheBoundaryFindsTheTrianglesWithAnOpenEdge) {
   EXPECT_GT(found, 1000U);
 }
 
-TEST(TriangleGrid, EmptyFindsNothing) {
-  TriangleGrid().for_each({}, {}, [](std::uint32_t) { FAIL(); });
-  TriangleGrid(SheetMesh{}).for_each({}, {}, [](std::uint32_t) { FAIL(); });
-}
-
 }  // namespace
 }  // namespace trocar::runtime

@@ -149,10 +149,6 @@ TEST(Scene, TheCuttingLawHasItsDefaults) {
   const CutTissue& cut = *read->tissue.cut;
   EXPECT_EQ(*cut.bone, (BoneByHu{"kopperdahl-power", "qct", 8e-4, 0, false}))
       << "a calibration that is not given is said to be assumed";
-  EXPECT_EQ(cut.tearing_N_per_m, 0);
-  EXPECT_EQ(cut.friction_kPa, 0);
-  EXPECT_EQ(cut.foundation_N_per_mm3, 0);
-  EXPECT_EQ(cut.lateral_strength_MPa, 0);
   for (const char* one : {"g_per_cm3_per_HU", "g_per_cm3_at_0_HU"}) {
     json given = scene;
     given["tissue"]["cut"]["bone"][one] = 0.001;
