@@ -167,7 +167,7 @@ struct SheetView {
 };
 
 /// Everything from which the text and the warnings of a check are made.
-struct Evaluation {
+struct SceneEvaluation {
   const Scene& scene;
   const DeviceSpecification& device;
   const std::vector<std::unique_ptr<const Sheet>>& sheets;
@@ -193,7 +193,7 @@ struct Evaluation {
 
 /// Returns the force at which a sheet is punctured, as the device renders it. None: the force law
 /// `cutting` cuts the sheet's tissue (Tissue::cut), which breaks at the strength under the tool.
-std::optional<double> rendered_threshold_N(const Evaluation& e, std::size_t index) {
+std::optional<double> rendered_threshold_N(const SceneEvaluation& e, std::size_t index) {
   const Tissue& tissue = e.sheets[index]->tissue;
   if (e.scene.force_law.kind == ForceLawKind::kCutting && tissue.cut) return std::nullopt;
   return e.scene.force_law.force_scale * tissue.threshold_N;
@@ -219,7 +219,7 @@ Pose plate_at(const RecordingRow& row) {
 }
 
 /// Returns advice on a pose that exceeds a limit.
-std::string advise_on_workspace(const Evaluation& e, const Eigen::Vector3d& tip_m) {
+std::string advise_on_workspace(const SceneEvaluation& e, const Eigen::Vector3d& tip_m) {
   const SafetyLimits& limits = e.options.limits;
   if (const auto r = workspace_rectangle(e.device, limits, e.tool, tip_m.z())) {
     const bool inside = (tip_m.head<2>().array() >= r->min_m.array()).all() &&
@@ -233,7 +233,7 @@ std::string advise_on_workspace(const Evaluation& e, const Eigen::Vector3d& tip_
                  : "choose another device description: this one reaches nothing";
 }
 
-std::string advise(const Evaluation& e, Fault fault, const Eigen::Vector3d& tip_m) {
+std::string advise(const SceneEvaluation& e, Fault fault, const Eigen::Vector3d& tip_m) {
   switch (fault) {
     case Fault::kWorkspace:
     case Fault::kJointLimit:
@@ -261,7 +261,7 @@ std::string at_time(double t_s) {
 }
 
 /// Returns the warning that a fault ends the session, if it does.
-std::optional<std::string> warn_of_end(const Evaluation& e) {
+std::optional<std::string> warn_of_end(const SceneEvaluation& e) {
   if (!e.dry_run) {
     const HandKeyframe& start = e.path.keyframes.front();
     const Eigen::Vector3d& tip_m = start.T_device_tool.p_m;
@@ -283,7 +283,7 @@ std::optional<std::string> warn_of_end(const Evaluation& e) {
 }
 
 /// Returns a text such as "slices 3-5 at 0.1200 to 0.1400 m". `sheets`: the topmost first.
-std::string name_sheets(const Evaluation& e, const std::vector<std::size_t>& sheets) {
+std::string name_sheets(const SceneEvaluation& e, const std::vector<std::size_t>& sheets) {
   std::vector<int> slices;
   slices.reserve(sheets.size());
   for (const std::size_t i : sheets)
@@ -328,7 +328,7 @@ std::optional<std::size_t> find_loaded_sheet(const DryRun& dry_run, std::size_t 
 }
 
 /// Returns the reason why a sheet was not touched although the path crosses its material.
-std::string describe_held(const Evaluation& e, std::size_t index) {
+std::string describe_held(const SceneEvaluation& e, std::size_t index) {
   const DryRun& dry_run = *e.dry_run;
   if (dry_run.sheets[index].missed) {
     return "the tool does not stay on the path and misses the material: use a stiffer hand "
@@ -347,7 +347,7 @@ std::string describe_held(const Evaluation& e, std::size_t index) {
 }
 
 /// Describes the first of several sheets whose material the path misses.
-std::string describe_missed(const Evaluation& e, const std::vector<std::size_t>& sheets) {
+std::string describe_missed(const SceneEvaluation& e, const std::vector<std::size_t>& sheets) {
   const SheetCrossing& crossing = *e.views[sheets.front()].crossing;
   const Sheet& sheet = *e.sheets[sheets.front()];
   return (sheets.size() == 1 ? "" : name_slices({sheet.slice_index}) + ": ") +
@@ -359,7 +359,8 @@ std::string describe_missed(const Evaluation& e, const std::vector<std::size_t>&
          describe_material(sheet, crossing.tip_m.head<2>()) + ": move the path or the placement";
 }
 
-std::string warn_of_miss(const Evaluation& e, Miss miss, const std::vector<std::size_t>& sheets) {
+std::string warn_of_miss(const SceneEvaluation& e, Miss miss,
+                         const std::vector<std::size_t>& sheets) {
   const std::optional<SheetCrossing>& crossing = e.views[sheets.front()].crossing;
   std::string text = name_sheets(e, sheets) + ": never touched: ";
   switch (miss) {
@@ -395,7 +396,7 @@ std::string warn_of_miss(const Evaluation& e, Miss miss, const std::vector<std::
   return text;
 }
 
-void warn_of_misses(const Evaluation& e, std::vector<std::string>& warnings) {
+void warn_of_misses(const SceneEvaluation& e, std::vector<std::string>& warnings) {
   for (const Miss miss : {Miss::kBeginsBelow, Miss::kStaysAbove, Miss::kTooLate, Miss::kLetGo,
                           Miss::kMissed, Miss::kHeld}) {
     std::vector<std::size_t> sheets;
@@ -407,7 +408,7 @@ void warn_of_misses(const Evaluation& e, std::vector<std::string>& warnings) {
 }
 
 /// Warns of contact that does not feel like bone.
-void warn_of_feel(const Evaluation& e, std::vector<std::string>& warnings) {
+void warn_of_feel(const SceneEvaluation& e, std::vector<std::string>& warnings) {
   if (!e.dry_run) return;
   const ContactFeel& feel = e.dry_run->feel;
   if (feel.past_front.value > kMaxPastFront_m)
@@ -444,7 +445,7 @@ void warn_of_feel(const Evaluation& e, std::vector<std::string>& warnings) {
 }
 
 /// Returns the warning about a target that the tip cannot reach, if it cannot.
-std::optional<std::string> warn_of_target(const Evaluation& e) {
+std::optional<std::string> warn_of_target(const SceneEvaluation& e) {
   if (!e.scene.goals || !e.scene.goals->target) return std::nullopt;
   const Eigen::Vector3d at_m(e.scene.goals->target->at_m.data());
   const double radius_m = e.scene.goals->target->radius_m;
@@ -458,7 +459,7 @@ std::optional<std::string> warn_of_target(const Evaluation& e) {
 }
 
 /// Warns of what the hand's path and the dry run show.
-void warn_of_session(const Evaluation& e, std::vector<std::string>& warnings) {
+void warn_of_session(const SceneEvaluation& e, std::vector<std::string>& warnings) {
   const std::optional<std::string> end = warn_of_end(e);
   if (end) warnings.push_back(*end);
   // A path that ends within a bone volume does not cross all of its slices.
@@ -484,7 +485,7 @@ void warn_of_session(const Evaluation& e, std::vector<std::string>& warnings) {
   warn_of_feel(e, warnings);
 }
 
-void warn_of_live_hand(const Evaluation& e, const Result<LiveHandLimits>& hand,
+void warn_of_live_hand(const SceneEvaluation& e, const Result<LiveHandLimits>& hand,
                        std::vector<std::string>& warnings) {
   std::vector<std::size_t> outside;
   if (!hand) warnings.push_back(hand.error().message);
@@ -499,7 +500,7 @@ void warn_of_live_hand(const Evaluation& e, const Result<LiveHandLimits>& hand,
                                  hand->min_m.z(), hand->max_m.z()));
 }
 
-SheetView view_sheet(const Evaluation& e, std::size_t index) {
+SheetView view_sheet(const SceneEvaluation& e, std::size_t index) {
   const ContactModel contact;
   const Sheet& sheet = *e.sheets[index];
   const std::vector<SheetCrossing> crossings = sheet_crossings(e.path, e.tool, sheet);
@@ -530,10 +531,10 @@ SheetView view_sheet(const Evaluation& e, std::size_t index) {
 /// Follows the path and does a dry run. With a live hand there is no dry run, and SheetView::miss
 /// is kTouched for every sheet. If the device cannot reach the hand's first pose, this is no error,
 /// but the result has no dry run.
-Result<Evaluation> evaluate(const Scene& scene, const DeviceToCheck& device,
-                            const std::vector<std::unique_ptr<const Sheet>>& sheets,
-                            const SessionOptions& options) {
-  Evaluation e{
+Result<SceneEvaluation> evaluate(const Scene& scene, const DeviceToCheck& device,
+                                 const std::vector<std::unique_ptr<const Sheet>>& sheets,
+                                 const SessionOptions& options) {
+  SceneEvaluation e{
       .scene = scene, .device = device.specification, .sheets = sheets, .options = options};
   const std::uint64_t ticks = tick_count(options.duration_s, options.rate_Hz);
   e.end_s = static_cast<double>(ticks - 1) / options.rate_Hz;
@@ -564,7 +565,7 @@ Result<Evaluation> evaluate(const Scene& scene, const DeviceToCheck& device,
 
 constexpr std::size_t kMaxListedHeights = 5;
 
-std::string describe_path(const Evaluation& e) {
+std::string describe_path(const SceneEvaluation& e) {
   const PathReport& r = e.report;
   std::string out = text_line(
       "path       %.6g s, tip x %.4f to %.4f, y %.4f to %.4f, z %.4f to %.4f m; speed at most %.3g "
@@ -586,7 +587,7 @@ std::string describe_path(const Evaluation& e) {
                    r.breach->t_s, r.breach->what.c_str());
 }
 
-std::string describe_workspace(const Evaluation& e) {
+std::string describe_workspace(const SceneEvaluation& e) {
   const SafetyLimits& limits = e.options.limits;
   const auto heights = workspace_heights(e.device, limits, e.tool);
   if (!heights) return "workspace  nothing with the plate upright\n";
@@ -628,7 +629,7 @@ std::string describe_live_hand(const LiveHandLimits& hand) {
       hand.min_m.z(), hand.max_m.z(), hand.speed_max_m_per_s);
 }
 
-std::string describe_feel(const Evaluation& e) {
+std::string describe_feel(const SceneEvaluation& e) {
   const ContactFeel& feel = e.dry_run->feel;
   std::string out = text_line(
       "           the law wants %.2f to %.2f N along z; at most %.2f N alternate from "
@@ -646,7 +647,7 @@ std::string describe_feel(const Evaluation& e) {
   return out;
 }
 
-std::string describe_dry_run(const Evaluation& e) {
+std::string describe_dry_run(const SceneEvaluation& e) {
   if (!e.dry_run) return "dry run    none: the session cannot start\n";
   const DryRun& dry_run = *e.dry_run;
   const auto touched = std::count_if(dry_run.sheets.begin(), dry_run.sheets.end(),
@@ -673,7 +674,7 @@ std::string describe_dry_run(const Evaluation& e) {
 }
 
 /// Describes what the scene, without its slices, takes: bytes that are loaded and kept, ticks and tool.
-std::string describe_scene(const Evaluation& e, const LoadedBytes& bytes) {
+std::string describe_scene(const SceneEvaluation& e, const LoadedBytes& bytes) {
   // A sheet needs memory for its mesh and for two grids in which triangles are searched. The sheet's replicas
   // (runtime/session/remesher.h) share it. If holes change the mesh, a replica needs more bytes, which are not counted.
   std::uint64_t kept = 0;
@@ -693,7 +694,7 @@ std::string describe_scene(const Evaluation& e, const LoadedBytes& bytes) {
                          (e.tool.corner_plate_m[0] - e.tool.tip_plate_m).norm() * 1e3);
 }
 
-std::string describe_slice(const Evaluation& e, std::size_t index, ForceLaw& law,
+std::string describe_slice(const SceneEvaluation& e, std::size_t index, ForceLaw& law,
                            const TissueChoice& choice) {
   const Sheet& sheet = *e.sheets[index];
   const std::optional<SheetCrossing>& crossing = e.views[index].crossing;
@@ -737,9 +738,9 @@ Result<SceneCheck> check_scene(const Scene& scene, const DeviceToCheck& device,
                                const std::vector<std::unique_ptr<const Sheet>>& sheets,
                                const std::vector<SliceTissue>& tissues, const LoadedBytes& bytes,
                                const SessionOptions& options) {
-  Result<Evaluation> evaluated = evaluate(scene, device, sheets, options);
+  Result<SceneEvaluation> evaluated = evaluate(scene, device, sheets, options);
   if (!evaluated) return evaluated.error();
-  Evaluation& e = *evaluated;
+  SceneEvaluation& e = *evaluated;
   std::vector<const Sheet*> all;
   for (const auto& sheet : sheets)
     all.push_back(sheet.get());

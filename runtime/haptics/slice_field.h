@@ -39,6 +39,7 @@ class SliceField {
 
   bool has_hu() const noexcept { return has_hu_; }
   double mean_hu() const noexcept { return mean_hu_; }  ///< mean HU of all material
+  std::size_t pixels() const noexcept { return hu_.size(); }
 
   struct Mean {
     double share = 0;  ///< coverage: fraction of the disc's sample points that lie over material

@@ -302,11 +302,11 @@ TEST(SliceField, PixelsAreLargerOnlyWhereThereWouldBeTooMany) {
     return SliceField(test::square_mesh({0, 0}, cell, 4), {}, Lattice{});
   };
   // 100 mm in pixels of a quarter: 400 of them, and one that begins at the far edge.
-  EXPECT_EQ(field_of(100).bytes(), 401U * 401U * sizeof(float));
-  EXPECT_EQ(field_of(25).bytes(), 101U * 101U * sizeof(float));
+  EXPECT_EQ(field_of(100).pixels(), 401U * 401U);
+  EXPECT_EQ(field_of(25).pixels(), 101U * 101U);
   const SliceField wide = field_of(400);
-  EXPECT_GT(wide.bytes(), 0.9 * SliceField::kMaxPixels * sizeof(float));
-  EXPECT_LT(wide.bytes(), 1.01 * SliceField::kMaxPixels * sizeof(float));
+  EXPECT_GT(wide.pixels(), 0.9 * SliceField::kMaxPixels);
+  EXPECT_LT(wide.pixels(), 1.01 * SliceField::kMaxPixels);
   EXPECT_EQ(mean_at(wide, plain(), 399, 399).share, 1);
   EXPECT_EQ(mean_at(wide, plain(), 401, 200).share, 0);
 }
