@@ -72,32 +72,6 @@ TEST(BoneDistance, IsOneLipschitz) {
   }
 }
 
-TEST(BoneDistance, IsTightOnTheSurface) {
-  // The gradient at the surface is never above 1 and mostly near 1, so that the shell
-  // has its stated thickness.
-  std::mt19937_64 bits(12);
-  int found = 0, tight = 0;
-  double least = 1;
-  for (int n = 0; n < 3000; ++n) {
-    const Vec3 p = random_point(bits), direction = random_direction(bits);
-    for (const double t : surface_crossings(p, direction, 40)) {
-      const Vec3 s = p + t * direction;
-      constexpr double h = 1e-4;
-      const Vec3 gradient{
-          (bone_distance_mm(s + Vec3{h, 0, 0}) - bone_distance_mm(s - Vec3{h, 0, 0})) / (2 * h),
-          (bone_distance_mm(s + Vec3{0, h, 0}) - bone_distance_mm(s - Vec3{0, h, 0})) / (2 * h),
-          (bone_distance_mm(s + Vec3{0, 0, h}) - bone_distance_mm(s - Vec3{0, 0, h})) / (2 * h)};
-      ++found;
-      tight += norm(gradient) > 0.9;
-      least = std::min(least, norm(gradient));
-      ASSERT_LE(norm(gradient), 1 + 1e-6);
-    }
-  }
-  EXPECT_GT(found, 500);
-  EXPECT_GT(tight, 0.75 * found);
-  EXPECT_GT(least, 0.4) << tight << ' ' << found;
-}
-
 TEST(BoneDistance, HasTheSignAndNeverExceedsThePlanarDistance) {
   const PhantomOptions phantom;
   std::mt19937_64 bits(13);
@@ -318,20 +292,6 @@ TEST(Scan, AddsTheNoiseAndRoundsOnce) {
                   std::clamp<long>(std::lround(clean[at] + noise[at]), kMinHu, kMaxHu));
       }
   }
-}
-
-TEST(Geometry, RefusesSizesOutsideItsLimits) {
-  for (const auto& [size, slices] :
-       {std::pair{31, 35}, {1025, 35}, {512, 0}, {512, 62}, {-1, -1}}) {
-    const Result<ScanGeometry> scan = sample_geometry(size, slices);
-    ASSERT_FALSE(scan);
-    EXPECT_EQ(scan.error().code, ExitCode::kUsage);
-  }
-  const Result<ScanGeometry> scan = sample_geometry(512, 35);
-  ASSERT_TRUE(scan);
-  EXPECT_EQ(scan->pixel_mm, 0.3125);
-  EXPECT_EQ(scan->first_pixel_mm.x, -79.84375);
-  EXPECT_EQ(scan->first_pixel_mm.z, -17.0);
 }
 
 }  // namespace

@@ -154,22 +154,6 @@ TEST(CommandLine, SaysWhatIsGivenTwiceOrInTheWrongPlace) {
             "program: info: is a command of its own; leave FILE out\n");
 }
 
-TEST(CommandLine, RefusesTheSpellingsOfFormerVersions) {
-  const auto said = [](std::vector<std::string> arguments) {
-    CLI::App app("", "trocar-run");
-    std::string scene;
-    app.add_option("SCENE", scene);
-    return outcome_of(app, std::move(arguments));
-  };
-  EXPECT_EQ(said({"scene.json", "--check"}).err,
-            "trocar-run: --check: is now trocar-run check SCENE\n");
-  EXPECT_EQ(said({"scene.json", "--replay=r.csv"}).err,
-            "trocar-run: --replay: is now trocar-run replay SCENE RECORDING\n");
-  EXPECT_EQ(said({"scene.json", "--check"}).code, 2);
-  EXPECT_FALSE(said({"--", "--check"}).code);
-  EXPECT_EQ(parse({"--check"}).err, "program: not expected: --check (see program --help)\n");
-}
-
 TEST(CommandLine, FindsAMistypedCommand) {
   const Program program;
   EXPECT_EQ(check_command(program.app, "ino").error().message,

@@ -96,17 +96,6 @@ TEST(Cut, EdgeThroughAVertex) {
   EXPECT_EQ(fans_at(r.mesh, {20, 20}), 0U);  // covered by the tool's edge, and not needed
 }
 
-TEST(Cut, LeavesTheSheetUnchangedWithoutMaterialUnderTheTool) {
-  const SliceMesh sheet = grid(3, 3, 10);
-  for (const Ring& tool : {box(100, 100, 110, 110), box(31, 0, 40, 10), box(-20, -20, -1, -1)}) {
-    const CutResult r = good_cut(sheet, tool);
-    EXPECT_EQ(r.mesh.vertices, sheet.vertices);
-    EXPECT_EQ(r.mesh.triangles, sheet.triangles);
-    EXPECT_TRUE(r.hole.empty());
-    EXPECT_EQ(r.triangles_removed + r.triangles_created, 0U);
-  }
-}
-
 TEST(Cut, LeavesTheSheetUnchangedWhereTheToolOnlyTouches) {
   const SliceMesh sheet = grid(3, 3, 10);
   // Along an edge, at a corner, with a vertex inside a boundary edge.

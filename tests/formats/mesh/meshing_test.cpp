@@ -22,6 +22,7 @@
 #include "pipeline/contour/simplification.h"
 #include "tests/support/cgal_sheets.h"
 #include "tests/support/cut_checks.h"
+#include "tests/support/motions.h"
 #include "tests/support/synthetic_fields.h"
 #include "tests/support/take.h"
 #include "tests/support/test_lattice.h"
@@ -187,14 +188,7 @@ TEST(PlaceOrder, OnlyNumbersAnew) {
   Refined after = before;
   sort_by_position(after);
   const auto at = [](const Refined& r, std::uint32_t v) { return r.mesh.vertices[v]; };
-  const auto triangles = [&](const Refined& r) {
-    std::vector<std::array<LatticePoint, 3>> out;
-    for (const Triangle& t : r.mesh.triangles)
-      out.push_back({at(r, t[0]), at(r, t[1]), at(r, t[2])});
-    std::sort(out.begin(), out.end());
-    return out;
-  };
-  EXPECT_EQ(triangles(after), triangles(before));
+  EXPECT_EQ(test::canonical(after.mesh), test::canonical(before.mesh));
   const auto origins = [&](const Refined& r) {
     std::vector<std::pair<LatticePoint, std::int32_t>> out;
     for (std::uint32_t v = 0; v < r.origins.size(); ++v)
