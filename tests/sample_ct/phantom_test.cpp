@@ -1,11 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// The laws of the phantom's distances, its anatomy, the exact cross-sections against
-// independent measurements, and the scanner's apertures and noise.
+// The laws of the phantom's distances, its anatomy, and the scanner's apertures and noise.
 #include <gtest/gtest.h>
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
 #include <numbers>
 #include <random>
 #include <tuple>
@@ -20,16 +18,6 @@ namespace trocar::sample {
 namespace {
 
 constexpr double kPi = std::numbers::pi;
-
-/// The anatomy without rotation, shift and texture.
-PhantomOptions plain_phantom() {
-  PhantomOptions phantom;
-  phantom.rotation_rad = 0;
-  phantom.shift_mm = {0, 0};
-  phantom.tissue.cancellous_texture = 0;
-  phantom.tissue.soft_texture = 0;
-  return phantom;
-}
 
 double uniform(std::mt19937_64& bits, double low, double high) {
   return low + (high - low) * 0.5 * (1 + signed_unit(bits()));
@@ -148,45 +136,6 @@ TEST(Field, CoreReadsAbove270AndSoftTissueBelowTheThreshold) {
   }
   EXPECT_GT(core, 10000);
   EXPECT_GT(soft, 100000);
-}
-
-// --- Exact cross-sections --------------------------------------------------
-
-TEST(CrossSection, OfARingIsExact) {
-  // Between two circles: the area, the orientation of the rings, the distance.
-  constexpr double kOuter = 17.3, kInner = 6.1;
-  const Vec2 centre{1.23, -4.56};
-  const auto inside = [&](Vec2 p) {
-    const double r = norm(p - centre);
-    return std::min(kOuter - r, r - kInner);
-  };
-  const PlaneField field{inside, [&](Vec2 p) { return std::abs(inside(p)); }};
-  for (const double tolerance : {1e-2, 1e-3, 1e-5}) {
-    const Result<CrossSection> section = trace_section(field, {-30, -30}, {30, 30}, 5.0,
-                                                       {.cell_mm = 0.5, .tolerance_mm = tolerance});
-    ASSERT_TRUE(section) << section.error().message;
-    ASSERT_EQ(section->rings.size(), 2u);
-    EXPECT_NEAR(section->area_mm2, kPi * (kOuter * kOuter - kInner * kInner),
-                section->area_error_mm2);
-    EXPECT_LE(section->area_error_mm2, 2 * kPi * (kOuter + kInner) * tolerance);
-    for (const auto& ring : section->rings) {
-      double doubled_area = 0;
-      for (std::size_t i = 0; i < ring.size(); ++i) {
-        const Vec2 a = ring[i], b = ring[(i + 1) % ring.size()];
-        doubled_area += cross(a - centre, b - centre);
-        EXPECT_NEAR(inside(a), 0, 1e-9);
-        EXPECT_LE(std::abs(inside(0.5 * (a + b))), tolerance * 1.01);
-      }
-      const bool outer = norm(ring[0] - centre) > 10;
-      EXPECT_EQ(doubled_area > 0, outer);
-    }
-    const SectionDistance distance(*section);
-    std::mt19937_64 bits(21);
-    for (int n = 0; n < 20000; ++n) {
-      const Vec2 p{uniform(bits, -45, 45), uniform(bits, -45, 45)};
-      ASSERT_NEAR(distance(p), -inside(p), tolerance) << p.x << " " << p.y;
-    }
-  }
 }
 
 // --- The scanner -----------------------------------------------------------
