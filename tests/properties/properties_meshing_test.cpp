@@ -31,49 +31,6 @@ using test::Motion;
 
 using trocar::test::kLattice;
 
-struct Shape {
-  bool is_needle = false, has_near_points = false;
-};
-Shape shape_of(const Pslg& pslg) {
-  Shape out;
-  std::set<LatticePoint> points;
-  for (const Ring& ring : pslg.rings) {
-    points.insert(ring.begin(), ring.end());
-    for (std::size_t i = 0; i < ring.size(); ++i) {
-      const LatticePoint a = ring[i], b = ring[(i + 1) % ring.size()],
-                         c = ring[(i + 2) % ring.size()];
-      const double angle = std::atan2(static_cast<double>(orient2d(a, b, c)),
-                                      static_cast<double>(diametral_dot(a, c, b)));
-      out.is_needle = out.is_needle || (angle > 0 && angle < std::numbers::pi / 180);
-    }
-  }
-  for (const LatticePoint p : points) {
-    for (const LatticePoint d : {LatticePoint{1, 0}, {0, 1}, {1, 1}, {1, -1}})
-      out.has_near_points = out.has_near_points || points.contains({p.x + d.x, p.y + d.y});
-  }
-  return out;
-}
-
-// At least a tenth of 400 random outlines is degenerate in each way.
-TEST(AnyOutline, EachDegeneracyIsFrequent) {
-  int needles = 0, near = 0, tied = 0, drawn = 0;
-  const auto outlines = rc::gen::resize(rc::kNominalSize, rc::gen::exec(any_outline));
-  for (std::uint64_t seed = 0; seed < 400; ++seed, ++drawn) {
-    const Pslg pslg = outlines(rc::Random(seed), rc::kNominalSize).value();
-    const Shape shape = shape_of(pslg);
-    needles += shape.is_needle ? 1 : 0;
-    near += shape.has_near_points ? 1 : 0;
-    tied += has_ties(triangulate(pslg)->mesh) ? 1 : 0;
-  }
-  std::printf(
-      "  of %d: %d with an angle below 1 degree, %d with corners a step apart, %d with four "
-      "corners on one circle\n",
-      drawn, needles, near, tied);
-  EXPECT_GE(needles, drawn / 10);
-  EXPECT_GE(near, drawn / 10);
-  EXPECT_GE(tied, drawn / 10);
-}
-
 double any_tolerance_mm() {
   return test::any_in(0, 40) / 20.0;
 }

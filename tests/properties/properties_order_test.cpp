@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // DICOM files carry their position: the order in which they are given and their names do not change
 // the stack.
-#include <unistd.h>
-
 #include <filesystem>
 #include <random>
 #include <string>
@@ -12,6 +10,7 @@
 #include "pipeline/read/slice_stack.h"
 #include "sample_ct/write_dicom.h"
 #include "tests/properties/property_fixture.h"
+#include "tests/support/temporary_folder.h"
 
 namespace trocar::pipeline {
 namespace {
@@ -21,28 +20,22 @@ namespace fs = std::filesystem;
 /// A folder with seven DICOM slices of noise.
 class Folder {
  public:
-  Folder() : path_(fs::temp_directory_path() / ("trocar_order_" + std::to_string(::getpid()))) {
+  Folder() {
     sample::Scan scan;
     scan.geometry = *sample::sample_geometry(32, 7);
     for (int i = 0; i < 32 * scan.geometry.rows * 7; ++i)
       scan.hu.push_back(static_cast<std::int16_t>((i * 7919) % 3000 - 1000));
-    fs::create_directories(path_ / "scan");
-    if (!sample::write_dicom(scan, path_ / "scan")) std::abort();
-    for (const auto& entry : fs::directory_iterator(path_ / "scan"))
+    fs::create_directories(path() / "scan");
+    if (!sample::write_dicom(scan, path() / "scan")) std::abort();
+    for (const auto& entry : fs::directory_iterator(path() / "scan"))
       files_.push_back(entry.path());
     std::sort(files_.begin(), files_.end());
   }
-  Folder(const Folder&) = delete;
-  Folder& operator=(const Folder&) = delete;
-  ~Folder() {
-    std::error_code none;
-    fs::remove_all(path_, none);
-  }
-  const fs::path& path() const { return path_; }
+  const fs::path& path() const { return folder_.path(); }
   const std::vector<fs::path>& files() const { return files_; }
 
  private:
-  fs::path path_;
+  test::TemporaryFolder folder_;
   std::vector<fs::path> files_;
 };
 

@@ -229,8 +229,6 @@ struct Outcome {
   double exceeded_for_s = 0;  ///< longest time beyond the budget until a fault or the end
   double rise_max = 0;        ///< over its limit
   bool touched = false;
-  std::size_t ticks = 0;
-  int punctures = 0;
 };
 
 /// W(s) + S(s) of the window.
@@ -277,7 +275,6 @@ Outcome run(const Setting& setting, std::uint64_t seed, std::vector<Sheet>& pool
     inputs.sheets = sheets;
     if (setting.recovers) inputs.recover = RecoveryRequest::kByOperator;
     haptic_tick(setting.model, inputs, four_legs, law, state, result);
-    ++out.ticks;
     for (std::size_t i = 0; i < last_Nm.size(); ++i)
       out.rise_max =
           std::max(out.rise_max, rise_of(last_Nm[i], result.row.tau_Nm[i]) / rise_max_Nm);
@@ -290,7 +287,6 @@ Outcome run(const Setting& setting, std::uint64_t seed, std::vector<Sheet>& pool
       out.exceeded_for_s = std::max(out.exceeded_for_s, device.t_s - exceeded_at_s);
     if (result.row.safety == SafetyState::kRunning) {
       out.touched = out.touched || result.row.phase == ContactPhase::kContact;
-      out.punctures += result.contact.punctured_now ? 1 : 0;
       // Without a new pose S would be that of an earlier place than W; at a puncture the sheet
       // below may take over what the punctured one had stored.
       const bool counts =
@@ -321,12 +317,10 @@ TEST(RandomSessions, ArePassiveWithinTheBudgetOrStoppedAndNeverStepTooFar) {
   base.tool = make_tool(scene.tool);
 
   std::map<std::string, int> ended;
-  int kept = 0, tame = 0, touched = 0, over = 0, punctures = 0;
-  std::size_t ticks = 0;
+  int kept = 0, tame = 0, touched = 0;
   for (std::uint64_t seed = 0; seed < kSessions; ++seed) {
     const Setting setting = draw_setting(seed, base);
     const Outcome outcome = run(setting, seed, pool);
-    ticks += outcome.ticks;
     const std::string first =
         outcome.faults.empty() ? "no fault" : to_string(outcome.faults.front());
     ++ended[first];
@@ -347,13 +341,7 @@ TEST(RandomSessions, ArePassiveWithinTheBudgetOrStoppedAndNeverStepTooFar) {
     kept += outcome.faults.empty() ? 1 : 0;
     tame += tamed ? 1 : 0;
     touched += outcome.touched ? 1 : 0;
-    over += outcome.excess_J > kBudget_J ? 1 : 0;
-    punctures += outcome.punctures;
   }
-  for (const auto& [name, count] : ended)
-    std::printf("%6d %s\n", count, name.c_str());
-  std::printf("%d tame, %d touched a sheet, %d exceeded the budget, %d punctures, %zu ticks\n",
-              tame, touched, over, punctures, ticks);
   EXPECT_GT(touched, kSessions * 9 / 10);
   EXPECT_GT(tame, kSessions / 4);
   EXPECT_GT(kept, kSessions * 9 / 10) << "faults are no substitute for rendering";

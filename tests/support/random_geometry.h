@@ -185,4 +185,22 @@ inline Real rounding_bound(const std::vector<Ring>& outline, const Ring& tool) {
   return bound;
 }
 
+/// Twice the area that a triangle and a tool, given by its own triangles, have in common.
+inline Real common_area(const std::array<LatticePoint, 3>& triangle, const SliceMesh& tool) {
+  Real sum = 0;
+  for (const Triangle& knife : tool.triangles) {
+    Polygon polygon;
+    for (const LatticePoint q : triangle)
+      polygon.push_back({Real(q.x), Real(q.y)});
+    for (std::size_t i = 0; i < 3 && !polygon.empty(); ++i)
+      polygon = clip(polygon, tool.vertices[knife[i]], tool.vertices[knife[(i + 1) % 3]]);
+    for (std::size_t i = 0; i < polygon.size(); ++i) {
+      const auto &q = polygon[i], &r = polygon[(i + 1) % polygon.size()];
+      sum += (q[0] - triangle[0].x) * (r[1] - triangle[0].y) -
+             (q[1] - triangle[0].y) * (r[0] - triangle[0].x);
+    }
+  }
+  return sum;
+}
+
 }  // namespace trocar::runtime

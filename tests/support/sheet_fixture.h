@@ -37,33 +37,6 @@ inline SliceMesh square_mesh(LatticePoint origin, std::int32_t cell, int cells) 
   return mesh;
 }
 
-/// A disc of `sides` sides around `centre`, as a fan of rings of triangles.
-inline SliceMesh disc_mesh(LatticePoint centre, std::int32_t radius, int sides, int rings) {
-  SliceMesh mesh;
-  mesh.vertices.push_back(centre);
-  for (int r = 1; r <= rings; ++r) {
-    for (int k = 0; k < sides; ++k) {
-      const double angle = 2 * std::numbers::pi * k / sides;
-      const double length = static_cast<double>(radius) * r / rings;
-      mesh.vertices.push_back(
-          {centre.x + static_cast<std::int32_t>(std::lrint(length * std::cos(angle))),
-           centre.y + static_cast<std::int32_t>(std::lrint(length * std::sin(angle)))});
-    }
-  }
-  const auto at = [&](int r, int k) {
-    return static_cast<std::uint32_t>(r == 0 ? 0 : 1 + (r - 1) * sides + k % sides);
-  };
-  for (int k = 0; k < sides; ++k)
-    mesh.triangles.push_back({0, at(1, k), at(1, k + 1)});
-  for (int r = 1; r < rings; ++r) {
-    for (int k = 0; k < sides; ++k) {
-      mesh.triangles.push_back({at(r, k), at(r + 1, k), at(r + 1, k + 1)});
-      mesh.triangles.push_back({at(r, k), at(r + 1, k + 1), at(r, k + 1)});
-    }
-  }
-  return mesh;
-}
-
 /// `slices` slices of index 0, 1, ..., each the same mesh, lattice of 2^-8 mm.
 inline Asset asset_of(const SliceMesh& mesh, int slices) {
   Asset asset;

@@ -2,7 +2,6 @@
 // Slices of an asset without the rest: the contract of formats/asset/asset_index.h, and that the
 // bytes read depend on the requested slices only.
 #include <gtest/gtest.h>
-#include <unistd.h>
 
 #include <cstring>
 #include <filesystem>
@@ -15,6 +14,7 @@
 #include "formats/base/files.h"
 #include "tests/support/glb_bytes.h"
 #include "tests/support/take.h"
+#include "tests/support/temporary_folder.h"
 
 namespace trocar {
 namespace {
@@ -133,8 +133,8 @@ TEST(AssetPart, ReadsOnlyTheRequestedSlices) {
 }
 
 TEST(AssetPart, FromAFileEqualsFromMemory) {
-  const std::filesystem::path file = std::filesystem::temp_directory_path() /
-                                     ("trocar_asset_part_" + std::to_string(::getpid()) + ".glb");
+  const test::TemporaryFolder folder;
+  const std::filesystem::path file = folder / "a.glb";
   const Bytes glb = *encode_asset(discs(20, 5));
   ASSERT_TRUE(write_file_atomically(file, glb));
   const auto from_file = read_asset_part(file, {9});

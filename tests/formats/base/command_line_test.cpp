@@ -4,9 +4,11 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <csignal>
 #include <cstdio>
 #include <optional>
 #include <regex>
+#include <stdexcept>
 #include <string>
 #include <utility>
 #include <vector>
@@ -152,22 +154,6 @@ TEST(CommandLine, SaysWhatIsGivenTwiceOrInTheWrongPlace) {
             "program: info: is a command of its own; leave FILE out\n");
 }
 
-TEST(CommandLine, RefusesTheSpellingsOfFormerVersions) {
-  const auto said = [](std::vector<std::string> arguments) {
-    CLI::App app("", "trocar-run");
-    std::string scene;
-    app.add_option("SCENE", scene);
-    return outcome_of(app, std::move(arguments));
-  };
-  EXPECT_EQ(said({"scene.json", "--check"}).err,
-            "trocar-run: --check: is now trocar-run check SCENE\n");
-  EXPECT_EQ(said({"scene.json", "--replay=r.csv"}).err,
-            "trocar-run: --replay: is now trocar-run replay SCENE RECORDING\n");
-  EXPECT_EQ(said({"scene.json", "--check"}).code, 2);
-  EXPECT_FALSE(said({"--", "--check"}).code);
-  EXPECT_EQ(parse({"--check"}).err, "program: not expected: --check (see program --help)\n");
-}
-
 TEST(CommandLine, FindsAMistypedCommand) {
   const Program program;
   EXPECT_EQ(check_command(program.app, "ino").error().message,
@@ -225,6 +211,20 @@ TEST(CommandLine, AnOptionMayBeGivenWithoutItsValue) {
 
 TEST(CommandLine, NamesItsLibraryWithTheVersion) {
   EXPECT_TRUE(std::regex_match(command_line_library(), std::regex("CLI11 [0-9]+\\.[0-9.]+")));
+}
+
+TEST(Program, ReportsAnExceptionAsABug) {
+  EXPECT_EQ(run_program("program", [] { return 3; }), 3);
+  testing::internal::CaptureStderr();
+  EXPECT_EQ(run_program("program", []() -> int { throw std::runtime_error("broken"); }), 1);
+  EXPECT_EQ(testing::internal::GetCapturedStderr(), "program: internal error: broken\n");
+}
+
+TEST(Program, SignalsRequestAStop) {
+  stop_on_signals();
+  EXPECT_FALSE(stop_requested);
+  std::raise(SIGTERM);
+  EXPECT_TRUE(stop_requested);
 }
 
 }  // namespace

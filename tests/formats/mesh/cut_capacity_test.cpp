@@ -109,32 +109,6 @@ TEST_F(Outcomes, TooFewFreeSlotsAreReportedAndLeaveTheSheetUnchanged) {
   }
 }
 
-TEST_F(Outcomes, InvalidToolsAndToolsBesideTheSheetLeaveItUnchanged) {
-  const SheetMesh start = sheet(60, 120);
-  const CutCapacity enough = capacity_for(start.vertices.size(), start.triangles.size());
-  EXPECT_EQ(cut_with(enough, start, {{3000, 0}, {3100, 0}, {3050, 90}}).outcome,
-            CutOutcome::kNoOverlap);
-  EXPECT_TRUE(same(mesh_, start));
-  EXPECT_EQ(cut_with(enough, start, {{2000, 0}, {2100, 0}, {2050, 90}}).outcome,
-            CutOutcome::kNoOverlap)
-      << "touches";
-  EXPECT_TRUE(same(mesh_, start));
-  Random random(3);
-  Ring ring_33;
-  do {
-    ring_33 = star(random, {1000, 1000}, 300, 500, 33);
-  } while (ring_33.size() != 33);
-  for (const Ring& tool :
-       {Ring{}, Ring{{0, 0}, {10, 0}}, Ring{{0, 0}, {0, 10}, {10, 0}}, ring_33}) {
-    EXPECT_EQ(cut_with(enough, start, tool).outcome, CutOutcome::kInvalidTool);
-    EXPECT_TRUE(same(mesh_, start));
-  }
-  ring_33.pop_back();
-  if (is_tool(ring_33)) {
-    EXPECT_EQ(cut_with(enough, start, ring_33).outcome, CutOutcome::kCut);
-  }
-}
-
 // --- allocations ---
 
 TEST(CutAllocations, NoOutcomeAllocates) {

@@ -51,15 +51,8 @@ Real common_area(const SliceMesh& sheet, const Ring& tool) {
 }
 
 struct Count {
-  int cuts = 0, empty = 0, inside = 0, crossing = 0, outline_broken = 0, points = 0;
+  int cuts = 0, inside = 0, crossing = 0, outline_broken = 0;
 };
-
-void report(const Count& n) {
-  std::printf(
-      "           %d cuts: %d found no material, %d lay inside, %d crossed a boundary; "
-      "%d outlines not simple; %d points\n",
-      n.cuts, n.empty, n.inside, n.crossing, n.outline_broken, n.points);
-}
 
 // Outlines cross themselves only where bent boundaries crossed, which is rare.
 void expect_simple_outlines(const Count& n) {
@@ -82,7 +75,6 @@ void checked_cut(const SliceMesh& sheet, const Ring& tool, Random& random, Count
   ASSERT_NEAR(static_cast<double>(r->doubled_area_removed), static_cast<double>(common),
               static_cast<double>(bound) + 1e-6);
   if (common < 1e-6L) {
-    ++n.empty;
     ASSERT_EQ(r->mesh.triangles, sheet.triangles);
   } else if (bound == 0 && std::abs(common - static_cast<Real>(doubled_area(tool))) < 1e-6L) {
     ++n.inside;
@@ -96,7 +88,6 @@ void checked_cut(const SliceMesh& sheet, const Ring& tool, Random& random, Count
     const LatticePoint near = random.pick(tool);
     const Real x = near.x + 60 * (random.unit() - 0.5), y = near.y + 60 * (random.unit() - 0.5);
     if (nearest_edge(x, y, old_rings) < 3 || nearest_edge(x, y, {tool}) < 3) continue;
-    ++n.points;
     const int expected = winding(x, y, old_rings) == 1 && winding(x, y, {tool}) == 0 ? 1 : 0;
     ASSERT_EQ(winding(x, y, new_rings), expected) << "at " << x << ", " << y;
   }
@@ -111,18 +102,10 @@ void small_cut(SliceMesh& sheet, const Ring& tool, int size, Random& random, Cou
   ASSERT_EQ(contract_violation(sheet, *r), "");
   if (!outline_violation(*r).empty()) ++n.outline_broken;
   ++n.cuts;
-  if (r->triangles_removed == 0) {
-    ++n.empty;
-  } else if (r->hole == std::vector<Ring>{from_smallest(tool)}) {
-    ++n.inside;
-  } else {
-    ++n.crossing;
-  }
   const std::vector<Ring> rings = boundary_rings(r->mesh).rings;
   for (int i = 0; i < 4; ++i) {
     const Real x = (2 * random.unit() - 1) * size, y = (2 * random.unit() - 1) * size;
     if (nearest_edge(x, y, rings) < 1e-9L) continue;
-    ++n.points;
     const int w = winding(x, y, rings);
     ASSERT_TRUE(w == 0 || w == 1) << w;
   }
@@ -146,7 +129,6 @@ TEST(CutProperty, RandomToolsOnRandomSheets) {
       OR_RETURN;
     }
   }
-  report(n);
   EXPECT_GT(n.inside, 200);
   EXPECT_GT(n.crossing, 200);
 }
@@ -163,7 +145,6 @@ TEST(CutProperty, ManyCutsInOneSheet) {
       OR_RETURN;
     }
   }
-  report(n);
 }
 
 TEST(CutProperty, ToolsMovedByOneStep) {
@@ -186,7 +167,6 @@ TEST(CutProperty, ToolsMovedByOneStep) {
       OR_RETURN;
     }
   }
-  report(n);
   expect_simple_outlines(n);
 }
 
@@ -204,7 +184,6 @@ TEST(CutProperty, CoarseLattice) {
       OR_RETURN;
     }
   }
-  report(n);
   expect_simple_outlines(n);
 }
 
@@ -234,7 +213,6 @@ TEST(CutProperty, NeedlesInNeedles) {
       OR_RETURN;
     }
   }
-  report(n);
   expect_simple_outlines(n);
 }
 
@@ -256,7 +234,6 @@ TEST(CutProperty, SheetsOverTheWholeLattice) {
                   1e-6 * static_cast<double>(doubled_area(tool)));
     }
   }
-  report(n);
   expect_simple_outlines(n);
 }
 

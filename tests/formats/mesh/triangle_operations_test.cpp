@@ -38,21 +38,6 @@ class RandomTriangles {
   std::int32_t extent_;
 };
 
-LatticePoint quarter_rotation(LatticePoint p) {
-  return {-p.y, p.x};
-}
-
-TEST(TriangleEdge, EdgeIStartsAtCornerI) {
-  const Triangle t{7, 9, 4};
-  for (std::uint32_t i = 0; i < 3; ++i) {
-    EXPECT_EQ(next_corner(i), (i + 1) % 3);
-    EXPECT_EQ(previous_corner(i), (i + 2) % 3);
-    EXPECT_EQ(corner_of(t, t[i]), i);
-    EXPECT_EQ(triangle_of(edge_id(5, i)), 5U);
-    EXPECT_EQ(index_of(edge_id(5, i)), i);
-  }
-}
-
 TEST(EdgePredicates, LocallyDelaunayAgreesWithInCircle) {
   RandomTriangles points(6);  // small, so that four points on a circle are frequent
   int convex = 0;
@@ -73,45 +58,6 @@ TEST(EdgePredicates, PointsOnSegments) {
   EXPECT_TRUE(is_on_segment(a, b, a));
   EXPECT_FALSE(is_on_segment(a, b, {6, 3}));
   EXPECT_FALSE(is_on_segment(a, b, {2, 2}));
-}
-
-TEST(CanonicalRotation, RotatedAndTranslatedPointsGetTheSameOrientation) {
-  RandomTriangles random(50);
-  for (int k = 0; k < 2000; ++k) {
-    std::vector<LatticePoint> points(3 + k % 4);
-    for (LatticePoint& p : points)
-      p = random.next();
-    const auto canonical = [](const std::vector<LatticePoint>& in,
-                              const CanonicalRotation& rotate) {
-      std::vector<LatticePoint> out;
-      out.reserve(in.size());
-      for (const LatticePoint p : in) {
-        EXPECT_EQ(rotate.back(rotate(p)), p);
-        out.push_back(rotate(p));
-      }
-      const LatticePoint low = box_around(out).low;
-      for (LatticePoint& p : out)
-        p = {p.x - low.x, p.y - low.y};
-      std::sort(out.begin(), out.end());
-      return out;
-    };
-    const auto by_moments = [](const std::vector<LatticePoint>& in) {
-      return rotation_by_moments([&in](auto&& visit) {
-        for (const LatticePoint p : in)
-          visit(p);
-      });
-    };
-    CentroidOffset offset;
-    for (const LatticePoint p : points)
-      offset.add(p);
-    if (offset.x() == 0 && offset.y() == 0) continue;
-    std::vector<LatticePoint> moved = points;
-    for (LatticePoint& p : moved)
-      p = quarter_rotation({p.x + 17, p.y - 5});
-    ASSERT_EQ(canonical(points, rotation_by_centroid(points)),
-              canonical(moved, rotation_by_centroid(moved)));
-    ASSERT_EQ(canonical(points, by_moments(points)), canonical(moved, by_moments(moved)));
-  }
 }
 
 TEST(TriangleShape, BothTestsOfTheSmallestAngleAgree) {

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The device link's packets: their bytes are those of formats/session/device_link.md (written here
-// a second time, with libsodium alone), and only unchanged, new packets are accepted.
+// a second time, with libsodium alone; the page's vectors are read by e2e/device_link_page_test.py),
+// and only unchanged, new packets are accepted.
 #include "formats/session/device_protocol.h"
 
 #include <gtest/gtest.h>
@@ -10,13 +11,10 @@
 #include <array>
 #include <cmath>
 #include <cstdint>
-#include <cstdlib>
 #include <cstring>
 #include <fstream>
 #include <iterator>
 #include <limits>
-#include <random>
-#include <sstream>
 #include <string>
 #include <tuple>
 #include <utility>
@@ -127,71 +125,6 @@ struct Page {
   }
 };
 
-/// The test vectors of device_link.md: blocks "```hex NAME" of bytes, and for each kind of packet a
-/// table of fields.
-class VectorsOfThePage {
- public:
-  VectorsOfThePage() {
-    std::ifstream file(TROCAR_LINK_PAGE);
-    text_.assign(std::istreambuf_iterator<char>(file), {});
-  }
-  Bytes bytes(const std::string& name) const {
-    std::istringstream in(between("```hex " + name + "\n", "```"));
-    Bytes out;
-    for (unsigned value = 0; in >> std::hex >> value;)
-      out.push_back(static_cast<std::uint8_t>(value));
-    return out;
-  }
-  LinkKey key(const std::string& name) const {
-    LinkKey out;
-    const Bytes all = bytes(name);
-    EXPECT_EQ(all.size(), out.bytes.size()) << name;
-    std::copy_n(all.begin(), std::min(all.size(), out.bytes.size()), out.bytes.begin());
-    return out;
-  }
-  std::string field(const std::string& kind, const std::string& name) const {
-    const std::string table = between("### " + kind + "\n", "```");
-    const std::string row = "\n| " + name + " | ";
-    const std::size_t at = table.find(row);
-    EXPECT_NE(at, std::string::npos) << kind << ": " << name;
-    if (at == std::string::npos) return {};
-    const std::size_t from = at + row.size();
-    return table.substr(from, table.find(" |", from) - from);
-  }
-  std::uint64_t whole(const std::string& kind, const std::string& name) const {
-    return std::strtoull(field(kind, name).c_str(), nullptr, 10);
-  }
-  std::int64_t time_ns(const std::string& kind) const {
-    return static_cast<std::int64_t>(whole(kind, "time"));
-  }
-  template <std::size_t N>
-  std::array<double, N> reals(const std::string& kind, const std::string& name) const {
-    std::istringstream in(field(kind, name));
-    std::array<double, N> out{};
-    std::string word;
-    for (std::size_t i = 0; i < N && std::getline(in, word, ','); ++i)
-      out[i] = std::strtod(word.c_str(), nullptr);
-    return out;
-  }
-  LinkNonce nonce(const std::string& kind, const std::string& name) const {
-    const std::string text = field(kind, name);  // `HEX`
-    LinkNonce out{};
-    for (std::size_t i = 0; i < out.size() && 2 * i + 3 < text.size(); ++i)
-      out[i] = static_cast<std::uint8_t>(std::stoul(text.substr(2 * i + 1, 2), nullptr, 16));
-    return out;
-  }
-
- private:
-  std::string between(const std::string& before, const std::string& after) const {
-    const std::size_t at = text_.find(before);
-    EXPECT_NE(at, std::string::npos) << before;
-    if (at == std::string::npos) return {};
-    const std::size_t from = at + before.size();
-    return text_.substr(from, text_.find(after, from) - from);
-  }
-  std::string text_;
-};
-
 /// A number of a packet, and a value just beyond what is accepted.
 using Numbers = std::vector<std::pair<double*, double>>;
 template <std::size_t N>
@@ -200,7 +133,7 @@ void add(Numbers& numbers, std::array<double, N>& values, double beyond) {
     numbers.emplace_back(&value, beyond);
 }
 
-/// Name, size and a sample of each kind of packet; its layout; its fields on the page; its numbers.
+/// Name, size and a sample of each kind of packet; its layout; its numbers.
 template <typename Packet>
 struct Of;
 
@@ -218,10 +151,6 @@ struct Of<HelloPacket> {
         .number(h.resets_world ? 1 : 0, 1)
         .number(static_cast<std::uint64_t>(h.contents), 7);
     return page;
-  }
-  static HelloPacket on(const VectorsOfThePage& page) {
-    return {page.time_ns(kName), page.nonce(kName, "host's nonce"),
-            page.reals<1>(kName, "period")[0], page.whole(kName, "starts again") == 1};
   }
   static Numbers numbers(HelloPacket& h) { return {{&h.period_s, 0.1001}}; }
   static std::vector<std::size_t> zeros() { return {58, 59, 60, 61, 62, 63}; }
@@ -241,11 +170,6 @@ struct Of<WelcomePacket> {
         .number(static_cast<std::uint64_t>(w.clock), 8);
     return page;
   }
-  static WelcomePacket on(const VectorsOfThePage& page) {
-    return {page.time_ns(kName), page.nonce("hello", "host's nonce"),
-            page.nonce(kName, "drive's nonce"), page.reals<1>(kName, "period")[0],
-            static_cast<LinkClock>(page.whole(kName, "clock"))};
-  }
   static Numbers numbers(WelcomePacket& w) { return {{&w.period_s, 0.1001}}; }
   static std::vector<std::size_t> zeros() { return {73, 74, 75, 76, 77, 78, 79}; }
 };
@@ -262,14 +186,6 @@ struct Of<CommandPacket> {
         .number(c.state_seen, 8)
         .reals(c.tau_motor_Nm);
     return page;
-  }
-  static CommandPacket on(const VectorsOfThePage& page) {
-    return {page.whole(kName, "session"),
-            page.whole(kName, "sequence"),
-            page.time_ns(kName),
-            static_cast<CommandMode>(page.whole(kName, "mode")),
-            page.whole(kName, "newest state"),
-            page.reals<kLinkMotors>(kName, "torques")};
   }
   static Numbers numbers(CommandPacket& c) {
     Numbers out;
@@ -293,15 +209,6 @@ struct Of<StatePacket> {
         .reals(s.encoder_rad);
     return page;
   }
-  static StatePacket on(const VectorsOfThePage& page) {
-    return {page.whole(kName, "session"),
-            page.whole(kName, "sequence"),
-            page.time_ns(kName),
-            static_cast<DriveMode>(page.whole(kName, "mode")),
-            static_cast<std::uint8_t>(page.whole(kName, "motor faults")),
-            page.whole(kName, "newest command"),
-            page.reals<kLinkEncoders>(kName, "angles")};
-  }
   static Numbers numbers(StatePacket& s) {
     Numbers out;
     add(out, s.encoder_rad, 1000.1);
@@ -323,15 +230,6 @@ struct Of<WrenchCommandPacket> {
         .reals(c.force_N)
         .reals(c.moment_Nm);
     return page;
-  }
-  static WrenchCommandPacket on(const VectorsOfThePage& page) {
-    return {page.whole(kName, "session"),
-            page.whole(kName, "sequence"),
-            page.time_ns(kName),
-            static_cast<CommandMode>(page.whole(kName, "mode")),
-            page.whole(kName, "newest state"),
-            page.reals<3>(kName, "force"),
-            page.reals<3>(kName, "moment")};
   }
   static Numbers numbers(WrenchCommandPacket& c) {
     Numbers out;
@@ -357,17 +255,6 @@ struct Of<PoseStatePacket> {
         .reals(s.p_m)
         .reals(s.q);
     return page;
-  }
-  static PoseStatePacket on(const VectorsOfThePage& page) {
-    return {page.whole(kName, "session"),
-            page.whole(kName, "sequence"),
-            page.time_ns(kName),
-            static_cast<DriveMode>(page.whole(kName, "mode")),
-            static_cast<std::uint8_t>(page.whole(kName, "fault")),
-            static_cast<std::uint32_t>(page.whole(kName, "buttons")),
-            page.whole(kName, "newest command"),
-            page.reals<3>(kName, "position"),
-            page.reals<4>(kName, "orientation")};
   }
   static Numbers numbers(PoseStatePacket& s) {
     Numbers out;
@@ -441,19 +328,6 @@ TYPED_TEST(EachPacket, HasTheBytesOfTheDocumentation) {
   Bytes small(This::kBytes - 1, 0xaa);
   EXPECT_EQ(encode(packet, kKey, small), 0U);
   EXPECT_EQ(small, Bytes(This::kBytes - 1, 0xaa)) << "a too short buffer is not written to";
-}
-
-TYPED_TEST(EachPacket, HasTheBytesOfThePagesVector) {
-  using This = Of<TypeParam>;
-  const VectorsOfThePage page;
-  const LinkKey key = page.key(kIsOfSession<TypeParam> ? "session key" : "key");
-  const TypeParam packet = This::on(page);
-  EXPECT_EQ(encoded(packet, key), page.bytes(This::kName));
-  TypeParam read;
-  EXPECT_EQ(open(page.bytes(This::kName), read, key, page.nonce("hello", "host's nonce"),
-                 page.whole("command", "session")),
-            LinkRefusal::kNone);
-  EXPECT_EQ(read, packet);
 }
 
 // The corpus was made from device_link.md by a Python program.
@@ -558,11 +432,6 @@ TEST_F(DeviceProtocol, SessionKeyAndNumberFollowFromTheNonces) {
   const LinkKey of_welcome = session_key(kKey, welcome().host_nonce, welcome().drive_nonce);
   EXPECT_TRUE(std::equal(of_welcome.bytes.begin(), of_welcome.bytes.end(), sealed.end() - 32));
   EXPECT_EQ(session_number(welcome().drive_nonce), 0x0807060504030201U);
-  const VectorsOfThePage page;
-  const LinkNonce drive = page.nonce("welcome", "drive's nonce");
-  EXPECT_EQ(session_key(page.key("key"), page.nonce("hello", "host's nonce"), drive).bytes,
-            page.key("session key").bytes);
-  EXPECT_EQ(session_number(drive), page.whole("command", "session"));
   // Every byte of both nonces changes the session key.
   const LinkKey key = session_key(kKey, {}, {});
   for (std::size_t i = 0; i < kLinkNonceBytes; ++i) {
@@ -620,18 +489,6 @@ TEST_F(DeviceProtocol, ADenialIsSmallerThanTheHelloAndIsForItsHostOnly) {
   for (const Bytes& other : {encoded(welcome()), encoded(command()), encoded(state()), Bytes(96),
                              Bytes(), Bytes(5, 'T')})
     EXPECT_FALSE(hello_nonce(other, nonce));
-}
-
-TEST_F(DeviceProtocol, ThePageHasTheBytesOfADenial) {
-  const VectorsOfThePage page;
-  const DenialPacket denial{page.time_ns("denial"), page.nonce("denial", "host's nonce"),
-                            static_cast<DenialReason>(page.whole("denial", "reason"))};
-  Bytes bytes(kDenialBytes);
-  ASSERT_EQ(encode(denial, bytes), kDenialBytes);
-  EXPECT_EQ(bytes, page.bytes("denial"));
-  DenialPacket read;
-  EXPECT_EQ(decode(page.bytes("denial"), denial.host_nonce, read), LinkRefusal::kNone);
-  EXPECT_EQ(read, denial);
 }
 
 TEST_F(DeviceProtocol, TheLargestNumbersAreAccepted) {
@@ -696,12 +553,6 @@ TEST_F(DeviceProtocol, AHelloNamesTheContents) {
   asked.contents = LinkContents::kPose;
   EXPECT_EQ(encoded(asked)[57], 1);
   expect_round_trip(asked);
-  const VectorsOfThePage page;
-  const HelloPacket on_page{page.time_ns("hello for poses"),
-                            page.nonce("hello for poses", "host's nonce"),
-                            page.reals<1>("hello for poses", "period")[0], true,
-                            static_cast<LinkContents>(page.whole("hello for poses", "contents"))};
-  EXPECT_EQ(encoded(on_page, page.key("key")), page.bytes("hello for poses"));
   std::ifstream stream(TROCAR_CORPUS "/packet/hello_pose.bin", std::ios::binary);
   const Bytes file(std::istreambuf_iterator<char>(stream), {});
   EXPECT_EQ(encoded(link_corpus::hello_for_poses(), link_corpus::shared_key()), file);
@@ -747,77 +598,6 @@ TEST_F(DeviceProtocol, ARefusalNamesTheField) {
   EXPECT_EQ(decode(good, kKey, pose.session, last, read, refused), LinkRefusal::kNone);
   EXPECT_EQ(decode(good, kKey, pose.session, last, read, refused), LinkRefusal::kSequence);
   EXPECT_EQ(refused.fault, Fault::kNone);
-}
-
-// Random bytes and mutated packets are never accepted. TROCAR_PACKETS sets their number.
-TEST_F(DeviceProtocol, RandomAndMutatedPacketsAreNeverAccepted) {
-  const char* wanted = std::getenv("TROCAR_PACKETS");  // NOLINT(concurrency-mt-unsafe)
-  const long packets = wanted != nullptr ? std::atol(wanted) : 1'000'000;
-  std::mt19937_64 random(20);
-  const auto below = [&](std::size_t n) { return static_cast<std::size_t>(random() % n); };
-  const std::vector<Bytes> true_ones = {encoded(hello()),          encoded(welcome()),
-                                        encoded(command()),        encoded(state()),
-                                        encoded(wrench_command()), encoded(pose_state())};
-  LinkCounts counts;
-  for (long n = 0; n < packets; ++n) {
-    Bytes bytes;
-    if (n % 4 == 0) {
-      bytes.resize(below(300));
-      for (std::uint8_t& b : bytes)
-        b = static_cast<std::uint8_t>(random());
-      if (n % 8 == 0 && bytes.size() >= 8) {  // a plausible header
-        std::copy_n(true_ones[below(true_ones.size())].begin(), 8, bytes.begin());
-      }
-    } else {
-      bytes = true_ones[below(true_ones.size())];
-      const Bytes before = bytes;
-      for (std::size_t changes = 1 + below(4); changes > 0; --changes) {
-        switch (below(5)) {
-          case 0:
-            bytes[below(bytes.size())] ^= static_cast<std::uint8_t>(1U << below(8));
-            break;
-          case 1:
-            bytes[below(bytes.size())] = static_cast<std::uint8_t>(random());
-            break;
-          case 2: {  // a number
-            const std::size_t at = 8 * below(bytes.size() / 8);
-            const std::uint64_t value = below(2) == 0 ? random() : below(3);
-            std::memcpy(&bytes[at], &value, 8);
-            break;
-          }
-          case 3: {  // the tail of another packet: its MAC
-            const Bytes& other = true_ones[below(true_ones.size())];
-            std::copy(other.end() - 32, other.end(), bytes.end() - 32);
-            break;
-          }
-          default:
-            std::swap(bytes[below(bytes.size())], bytes[below(bytes.size())]);
-        }
-      }
-      if (below(8) == 0) bytes.resize(32 + below(bytes.size() - 32));
-      if (bytes == before) continue;
-    }
-    HelloPacket h;
-    WelcomePacket w;
-    CommandPacket c;
-    StatePacket s;
-    WrenchCommandPacket wrench;
-    PoseStatePacket pose;
-    for (const LinkRefusal refusal : {open(bytes, h), open(bytes, w), open(bytes, c),
-                                      open(bytes, s), open(bytes, wrench), open(bytes, pose)}) {
-      ASSERT_NE(refusal, LinkRefusal::kNone) << "packet " << n;
-      counts.add(refusal);
-    }
-  }
-  EXPECT_EQ(counts.accepted(), 0U);
-  std::printf("%ld packets, by six readers each:", packets);
-  for (std::size_t i = 1; i < kLinkRefusals; ++i) {
-    std::printf(" %s %llu", to_string(static_cast<LinkRefusal>(i)),
-                static_cast<unsigned long long>(counts.by_refusal[i]));
-  }
-  std::printf("\n");
-  EXPECT_GT(counts.by_refusal[static_cast<std::size_t>(LinkRefusal::kMac)],
-            100'000U * packets / 1'000'000);
 }
 
 }  // namespace

@@ -79,6 +79,7 @@ std::vector<RecordingRow> any_rows(std::size_t count) {
                       &row.motor_heat_max, &row.tip_N, &row.break_through_N})
       *x = any_double(random);
     row.break_through_at = static_cast<std::int32_t>(random() % 40) - 5;
+    row.xray = static_cast<std::uint8_t>(random() % 4);
   }
   rows[0].p_m = {std::numeric_limits<double>::denorm_min(), -0.0,
                  std::numeric_limits<double>::max()};
@@ -125,14 +126,18 @@ std::string csv_of(const fs::path& folder, std::span<const RecordingRow> rows,
   return text_of(folder / "r.csv");
 }
 
+const RecordingOrigin kCountsXray{{{"program", "x"}, {kOriginXray, "counted"}}};
+
 TEST_F(Recording, ReadingGivesTheWrittenValuesBitForBit) {
   const std::vector<RecordingRow> rows = any_rows(5000);
-  csv_of(folder_, rows);
+  csv_of(folder_, rows, kCountsXray);
   const auto read = read_recording(folder_ / "r.csv");
   ASSERT_TRUE(read) << read.error().message;
   ASSERT_EQ(read->size(), rows.size());
-  for (std::size_t i = 0; i < rows.size(); ++i)
+  for (std::size_t i = 0; i < rows.size(); ++i) {
     ASSERT_TRUE(same(rows[i], (*read)[i])) << i;
+    ASSERT_EQ(rows[i].xray, (*read)[i].xray) << i;
+  }
   EXPECT_EQ(files(), 1U) << "no temporary file is left";
 }
 
@@ -178,19 +183,6 @@ TEST_F(Recording, ThoseOfTheCuttingLawHaveItsColumnsBitForBit) {
   }
 }
 
-TEST_F(Recording, TheCuttingLawsColumnsComeBeforeTheOrigin) {
-  const std::string columns =
-      ",motor_heat_max,fx_tissue_N,fy_tissue_N,fz_tissue_N,tx_tissue_Nm,ty_tissue_Nm,tz_tissue_Nm,"
-      "front_z_m,front_HU,tip_N,embedded_m,cut_J,absorbed_J,tissue_stored_J,steps,break_through_N,"
-      "break_through_at,origin";
-  const std::string with = recording_header({.has_cutting = true}), without = recording_header();
-  ASSERT_GT(with.size(), columns.size());
-  EXPECT_EQ(with.substr(with.size() - columns.size()), columns);
-  EXPECT_EQ(with.substr(0, with.size() - columns.size()) +
-                ",motor_heat_max,tip_N,break_through_N,break_through_at,origin",
-            without);
-}
-
 TEST_F(Recording, OtherLawsRecordNothingOfTheCuttingLaw) {
   const std::vector<RecordingRow> rows = any_cutting_rows(20);
   for (const RecordingOrigin& origin :
@@ -204,6 +196,7 @@ TEST_F(Recording, OtherLawsRecordNothingOfTheCuttingLaw) {
     for (std::size_t i = 0; i < rows.size(); ++i) {
       EXPECT_TRUE(same(rows[i], (*read)[i]));
       EXPECT_TRUE(same_cutting({}, (*read)[i].cutting));
+      EXPECT_EQ((*read)[i].xray, 0) << "only recordings that count have the column";
     }
   }
 }
@@ -242,19 +235,6 @@ TEST_F(Recording, CorruptedColumnsOfTheCuttingLawAreRefused) {
   }
 }
 
-TEST_F(Recording, TheFirstColumnsAreFixed) {
-  EXPECT_EQ(recording_header().rfind(
-                "t_s,x_m,y_m,z_m,qw,qx,qy,qz,tool_x_m,tool_y_m,tool_z_m,"
-                "fx_wanted_N,fy_wanted_N,fz_wanted_N,tx_wanted_Nm,ty_wanted_Nm,tz_wanted_Nm,"
-                "fx_delivered_N,fy_delivered_N,fz_delivered_N,tx_delivered_Nm,ty_delivered_Nm,"
-                "tz_delivered_Nm,tau_1_1_Nm,tau_1_4_Nm,tau_2_1_Nm,tau_2_4_Nm,tau_3_1_Nm,"
-                "tau_3_4_Nm,tau_4_1_Nm,tau_4_4_Nm,th_1_1_rad,th_1_2_rad,th_1_3_rad,th_1_4_rad,",
-                0),
-            0U);
-  EXPECT_NE(recording_header().find(",th_4_4_rad,state,active_slice,penetration_m,"),
-            std::string::npos);
-}
-
 TEST_F(Recording, TheSchemasNameEveryFaultAndState) {
   const auto schema = [](const std::string& name) {
     std::ifstream file(TROCAR_SCHEMAS "/" + name + ".schema.json");
@@ -270,6 +250,18 @@ TEST_F(Recording, TheSchemasNameEveryFaultAndState) {
   EXPECT_EQ(schema("summary").at(of_faults).get<std::set<std::string>>(), faults);
   const Pointer of_states("/$defs/frame/properties/state/enum");
   EXPECT_EQ(schema("frames").at(of_states).get<std::set<std::string>>(), states);
+}
+
+TEST_F(Recording, AnUnknownNumberOfXraysIsRefused) {
+  std::vector<RecordingRow> rows(1);
+  rows[0].xray = 3;
+  std::string csv = csv_of(folder_, rows, kCountsXray);
+  const std::size_t at = csv.rfind(",3,");
+  ASSERT_NE(at, std::string::npos);
+  csv[at + 1] = '4';
+  const auto read = parse_recording(csv, "r.csv");
+  ASSERT_FALSE(read);
+  EXPECT_NE(read.error().message.find("is an unknown number"), std::string::npos);
 }
 
 TEST_F(Recording, EncodersThatAreNotFiniteCanBeRecorded) {
@@ -420,13 +412,6 @@ TEST_F(Recording, TwoWritersOfOneFileAreRefused) {
   EXPECT_TRUE(first->commit());
 }
 
-TEST_F(Recording, AFolderInThePlaceOfThePartialFileIsRefused) {
-  fs::create_directory(folder_ / "r.csv.partial");
-  const auto writer = RecordingWriter::open(folder_ / "r.csv");
-  ASSERT_FALSE(writer);
-  EXPECT_EQ(writer.error().code, ExitCode::kUnwritable);
-}
-
 // A limit of the file size fails like a full disk: after the bytes that fit.
 TEST_F(Recording, AFullDiskKeepsTheWholeRowsThatFit) {
   const std::vector<RecordingRow> rows = any_rows(5000);
@@ -555,36 +540,33 @@ TEST_F(Recording, OnlyTheOwnerMayReadThem) {
   ::umask(mask);
 }
 
-TEST_F(Recording, AnExistingFileStaysUntilCommit) {
-  const std::string old = csv_of(folder_, any_rows(1));
-  {
-    auto writer = RecordingWriter::open(folder_ / "r.csv");
-    ASSERT_TRUE(writer);
-    ASSERT_TRUE(writer->append(any_rows(10)));
-  }
-  EXPECT_EQ(text_of(folder_ / "r.csv"), old);
-}
-
-TEST_F(Recording, WithoutARowAnExistingFileStays) {
+TEST_F(Recording, AnExistingFileStaysWithoutACommitOrARow) {
   const std::string old = csv_of(folder_, any_rows(1));
   auto writer = RecordingWriter::open(folder_ / "r.csv");
   ASSERT_TRUE(writer);
   EXPECT_TRUE(writer->commit());
   EXPECT_EQ(text_of(folder_ / "r.csv"), old);
   EXPECT_EQ(files(), 1U) << "no partial file is left";
+  {
+    auto other = RecordingWriter::open(folder_ / "r.csv");
+    ASSERT_TRUE(other);
+    ASSERT_TRUE(other->append(any_rows(10)));
+  }
+  EXPECT_EQ(text_of(folder_ / "r.csv"), old);
 }
 
 TEST_F(Recording, OnlyARegularFileIsReplaced) {
   fs::create_directory(folder_ / "folder");
+  fs::create_directory(folder_ / "r.csv.partial");
   ASSERT_EQ(::mkfifo((folder_ / "pipe").c_str(), 0600), 0);
   fs::create_symlink(folder_ / "pipe", folder_ / "link");
-  for (const char* name : {"folder", "pipe", "link"}) {
+  for (const char* name : {"folder", "pipe", "link", "r.csv"}) {
     const auto writer = RecordingWriter::open(folder_ / name);
     ASSERT_FALSE(writer) << name;
     EXPECT_EQ(writer.error().code, ExitCode::kUnwritable);
   }
   EXPECT_TRUE(fs::is_fifo(folder_ / "pipe"));
-  EXPECT_EQ(files(), 3U);
+  EXPECT_EQ(files(), 4U);
 }
 
 TEST_F(Recording, WriteFailuresAreReported) {

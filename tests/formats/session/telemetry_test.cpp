@@ -168,31 +168,6 @@ TEST(TelemetryMemory, ThreadsReadNothingTornAndNothingBackwards) {
     EXPECT_EQ(text, "");
 }
 
-TEST(TelemetryMemory, ProcessesReadNothingTornAndNothingBackwards) {
-  const TemporaryFolder folder;
-  const auto writer = make_writer();
-  ASSERT_TRUE(writer->link(folder / "live"));
-  std::vector<pid_t> children;
-  for (int i = 0; i < 6; ++i) {
-    const pid_t child = ::fork();
-    if (child == 0) {
-      const auto reader = TelemetryReader::open(folder / "live");
-      if (!reader) ::_exit(9);
-      const auto end = steady_clock::now() + std::chrono::milliseconds(1500);
-      const std::string wrong = watch(**reader, [&] { return steady_clock::now() < end; });
-      if (!wrong.empty()) std::fprintf(stderr, "%s\n", wrong.c_str());
-      ::_exit(wrong.empty() ? 0 : 1);
-    }
-    children.push_back(child);
-  }
-  write_for(*writer, std::chrono::milliseconds(2000));
-  for (const pid_t child : children) {
-    int status = 0;
-    ASSERT_EQ(::waitpid(child, &status, 0), child);
-    EXPECT_EQ(status, 0);
-  }
-}
-
 TEST(TelemetryMemory, EventsThatAreOverwrittenMeanwhileAreNotTorn) {
   const auto writer = make_writer();
   std::atomic<bool> done{false};

@@ -54,6 +54,19 @@ TEST(TraineeTest, IsWrittenAsJson) {
   EXPECT_EQ(to_json({"", "c", {}}), R"({"code":null,"course":"c","attempt":null})");
 }
 
+TEST(XrayUseTest, CountsShotsAndTicksOfScreening) {
+  XrayUse use;
+  for (const int xray : {0, 1, 0, 2, 2, 3, 2, 0, 1, 1}) {
+    RecordingRow row;
+    row.xray = static_cast<std::uint8_t>(xray);
+    use.add(row);
+  }
+  EXPECT_EQ(use.shots, 4U);
+  EXPECT_EQ(use.screening_ticks, 4U);
+  EXPECT_DOUBLE_EQ(use.screening_s(500), 0.008);
+  EXPECT_FALSE(use.is_screening);
+}
+
 TEST(CsvFieldTest, QuotesAndFormulas) {
   EXPECT_EQ(csv_field("plain"), "plain");
   EXPECT_EQ(csv_field(""), "");

@@ -159,40 +159,6 @@ TEST(HuSamples, TakePixelsWithoutDataAsAir) {
   EXPECT_TRUE(std::isfinite(samples[41]));
 }
 
-TEST(EncodeHu, KeepsMeansOverDiscs) {
-  const Image image = noise_image(240, 200, 11);
-  for (const double spacing_mm : {0.3, 0.7, 1.1}) {
-    const HuSampling sampling = sampling_of(spacing_mm, 240, 200);
-    const auto at = [&](double x, double y) {
-      return LatticePoint{kLattice.snap_mm(x * spacing_mm), kLattice.snap_mm(y * spacing_mm)};
-    };
-    const Pslg outline{{{at(40, 30), at(200, 40), at(190, 160), at(60, 170)}}};
-    const Pslg* const outlines[] = {&outline};
-    const auto encoded = test::take(encode_hu(4, image, sampling, kLattice, outlines));
-    EXPECT_EQ(encoded.index, 4);
-    const auto plane =
-        test::take(decode_hu_plane(encoded.bytes, sampling.grid, kLattice, outlines));
-    HuPlane pixels;
-    pixels.pitch_mm = {spacing_mm, spacing_mm};
-    pixels.columns = image.width, pixels.rows = image.height;
-    pixels.hu = image.values;
-    std::mt19937 random(2);
-    std::uniform_real_distribution<double> x(60, 180), y(50, 150);
-    double sum2 = 0;
-    for (int i = 0; i < 400; ++i) {
-      const double x_mm = x(random) * spacing_mm, y_mm = y(random) * spacing_mm;
-      const auto error =
-          static_cast<double>(plane.mean(x_mm, y_mm, 1.524) - pixels.mean(x_mm, y_mm, 1.524));
-      sum2 += error * error;
-    }
-    // White noise of 200 HU is worse than any scan.
-    EXPECT_LT(std::sqrt(sum2 / 400), 25) << spacing_mm;
-  }
-  const HuSampling sampling = sampling_of(0.5, 240, 200);
-  const auto none = test::take(encode_hu(0, image, sampling, kLattice, {}));
-  EXPECT_TRUE(none.bytes.empty());
-}
-
 // Slices of 8 x 8 pixels of 1 mm, each of one value.
 class FlatStack final : public MemoryStack {
  public:
@@ -233,23 +199,6 @@ std::vector<double> jumping_values(std::size_t count) {
   for (std::size_t k = 0; k < count; ++k)
     out.push_back(1600.0 * static_cast<double>(k * k % 7));
   return out;
-}
-
-TEST(HuContext, AGapSeparatesWhatLiesBesideIt) {
-  std::vector<double> z_mm, hu;
-  for (int k = 0; k < 20; ++k) {
-    z_mm.push_back(k < 10 ? k : 20 + k);
-    hu.push_back(k < 10 ? 0 : 1600);
-  }
-  const std::map<int, double> means = plane_means(context_of(FlatStack(z_mm, hu), 4));
-  ASSERT_EQ(means.size(), 10U);  // every other slice
-  for (const auto& [index, mean] : means)
-    EXPECT_NEAR(mean,
-                index == 10  ? 1600 * 1.5 / (1.5 + 1.0 / 22)
-                : index < 10 ? 0
-                             : 1600,
-                16)
-        << index;
 }
 
 // Each slice counts as in linear interpolation between the planes.

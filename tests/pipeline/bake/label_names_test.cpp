@@ -40,29 +40,18 @@ class Names : public testing::Test {
 TEST_F(Names, TablesNameTheirLabels) {
   const auto verse = LabelNames::named("verse"), total = LabelNames::named("totalsegmentator");
   ASSERT_TRUE(verse && total);
-  // The first and the last of each group of VerSe's labels.
   for (const auto& [label, name] : std::map<int, std::string>{{1, "C1"},
-                                                              {7, "C7"},
                                                               {8, "T1"},
-                                                              {19, "T12"},
-                                                              {20, "L1"},
                                                               {25, "L6"},
                                                               {26, "sacrum"},
-                                                              {27, "coccyx"},
                                                               {28, "T13"},
                                                               {29, "label 29"},
                                                               {0, "label 0"},
                                                               {-1, "label -1"}})
     EXPECT_EQ(verse->name_of(label), name);
   for (const auto& [label, name] : std::map<int, std::string>{{1, "spleen"},
-                                                              {25, "sacrum"},
                                                               {26, "vertebrae_S1"},
                                                               {29, "vertebrae_L3"},
-                                                              {43, "vertebrae_T1"},
-                                                              {50, "vertebrae_C1"},
-                                                              {77, "hip_left"},
-                                                              {91, "skull"},
-                                                              {92, "rib_left_1"},
                                                               {115, "rib_right_12"},
                                                               {117, "costal_cartilages"},
                                                               {118, "label 118"}})

@@ -4,8 +4,6 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
-#include <cstdio>
-#include <ctime>
 #include <map>
 #include <set>
 #include <string>
@@ -44,43 +42,6 @@ StackOptions all_labels(double min_region_mm2 = 1) {
 
 Asset asset_of(const Result<StackResult>& made) {
   return test::take(decode_asset(test::take(made).glb, "made.glb"));
-}
-
-using Edge = std::pair<LatticePoint, LatticePoint>;
-
-// In plain sets, without the code under test: the boundary edges of all meshes that no other mesh
-// has in the opposite direction. None may be there twice in one direction.
-std::vector<Edge> outer_edges(std::span<const AssetSlice> materials, const std::string& what) {
-  std::set<Edge> all;
-  for (const AssetSlice& one : materials) {
-    std::set<Edge> edges;
-    for (const Triangle& t : one.mesh.triangles) {
-      for (std::size_t i = 0; i < 3; ++i)
-        edges.insert({one.mesh.vertices[t[i]], one.mesh.vertices[t[(i + 1) % 3]]});
-    }
-    for (const Edge& e : edges) {
-      if (edges.contains({e.second, e.first})) continue;
-      EXPECT_TRUE(all.insert(e).second) << what << ": two materials on one side of an edge";
-    }
-  }
-  std::vector<Edge> out;
-  for (const Edge& e : all) {
-    if (!all.contains({e.second, e.first})) out.push_back(e);
-  }
-  return out;
-}
-
-// Does an edge lie within two pixels of a pixel without material, or of the image's border? Where
-// two materials that touch in the map had a gap, its edges would not, but for noise.
-bool is_near_void(const Edge& e, const Image& map, double pixel_steps) {
-  const double x = 0.5 * (e.first.x + e.second.x) / pixel_steps,
-               y = 0.5 * (e.first.y + e.second.y) / pixel_steps;
-  for (int j = static_cast<int>(y) - 2; j <= static_cast<int>(y) + 3; ++j) {
-    for (int i = static_cast<int>(x) - 2; i <= static_cast<int>(x) + 3; ++i) {
-      if (i < 0 || j < 0 || i >= map.width || j >= map.height || map.at(i, j) == 0) return true;
-    }
-  }
-  return false;
 }
 
 TEST(Materials, TenMapsHaveNoGapAndNoOverlap) {
@@ -122,13 +83,7 @@ TEST(Materials, TenMapsHaveNoGapAndNoOverlap) {
           outlines.push_back(one.pslg);
           entries += 1;
         }
-        // Gap and overlap: in plain sets, and by the proof. The areas sum exactly.
-        std::int64_t around = 0;
-        for (const Edge& e : outer_edges(materials, what)) {
-          around += std::int64_t{e.first.x} * e.second.y - std::int64_t{e.first.y} * e.second.x;
-          EXPECT_TRUE(min_region_mm2 > 0 || is_near_void(e, map, 0.7 * 256)) << what;
-        }
-        EXPECT_EQ(around, sum) << what;
+        // Gap and overlap. The areas sum exactly.
         const auto outline = check_shared_borders(outlines, outlines);
         ASSERT_TRUE(outline) << what << ": " << outline.error().message;
         EXPECT_EQ(doubled_area(*outline), sum) << what;
@@ -332,31 +287,6 @@ TEST(Materials, CannotFollowPixelCentresOrBeFilled) {
   const auto made = mesh_stack(three_slices(organs(96, 1)), options, {});
   ASSERT_FALSE(made);
   EXPECT_EQ(made.error().code, ExitCode::kUsage);
-}
-
-// The whole path of a slice, to its bytes: ten organs, and all of them as one, in turns. Ten labels
-// should cost at most twice their union, which is printed and not asked for: other programs run.
-TEST(Materials, CostLittleMoreThanTheirUnion) {
-  const Image ten = organs(512, 5);
-  const MemoryStack of_ten({ten}),
-      of_one({each_pixel(ten, [](float v) { return v == 0 ? 0.0F : 1.0F; })});
-  std::vector<double> times[2];
-  std::size_t triangles[2] = {};
-  for (int run = 0; run < 7; ++run) {
-    for (const bool several : {false, true}) {
-      const std::clock_t start = std::clock();
-      const auto made = mesh_stack(several ? of_ten : of_one, all_labels(), {});
-      times[several].push_back(static_cast<double>(std::clock() - start) / CLOCKS_PER_SEC);
-      ASSERT_TRUE(made);
-      triangles[several] = made->report["asset"]["triangles"];
-      if (run == 6) std::printf("  %s\n", made->report["slices"][0]["ms"].dump().c_str());
-    }
-  }
-  for (auto& t : times)
-    std::sort(t.begin(), t.end());
-  std::printf(
-      "  ten labels %.1f ms, %zu triangles; their union %.1f ms, %zu triangles: %.2f times\n",
-      1e3 * times[1][3], triangles[1], 1e3 * times[0][3], triangles[0], times[1][3] / times[0][3]);
 }
 
 }  // namespace

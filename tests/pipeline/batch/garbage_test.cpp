@@ -111,15 +111,10 @@ TEST_F(GarbageTest, KeepsWhatEntriesNameThoughAllActionsAreGone) {
     EXPECT_TRUE(store.has(*store.entry(name)->outputs)) << name;
 }
 
+// The message names the file. More damages: NoDamageCostsAnAssetThatAnEntryNames.
 TEST_F(GarbageTest, WhatCannotBeReadStopsIt) {
-  const std::string torn[] = {"",
-                              "{",
-                              "[]",
-                              "7",
-                              R"({"outputs": 1})",
-                              R"({"action": {}, "outputs": 1})",
-                              R"({"schema": "trocar.scan/2"})"};
-  for (const std::string& text : torn) {
+  for (const char* text :
+       {"", "7", R"({"action": {}, "outputs": 1})", R"({"schema": "trocar.scan/2"})"}) {
     Store store = copy();
     std::ofstream(store.entry_file("b")) << text;
     expect_refusal(store, store.entry_file("b").string());
@@ -128,35 +123,10 @@ TEST_F(GarbageTest, WhatCannotBeReadStopsIt) {
     std::ofstream(action) << text;
     expect_refusal(store, action.string());
   }
-  // An action with other outputs than those of this version.
-  Store store = copy();
-  const auto change = [](const fs::path& file, const std::function<void(json&)>& how) {
-    json value = json::parse(text_in(file));
-    how(value);
-    std::ofstream(file) << value.dump();
-  };
-  const fs::path action = store.action_file(store.entry("c")->key);
-  for (const json& outputs : {json(1), json::array(), json::object(), json{{"asset", 1}},
-                              json{{"asset", {{"sha256", "../x"}, {"bytes", 1}}}}}) {
-    change(action, [&](json& value) { value["outputs"] = outputs; });
-    expect_refusal(store, action.string());
-  }
-  for (const char* part : {"actions", "content", "scans"}) {
-    store = copy();
-    fs::remove_all(store.folder() / part);
-    std::ofstream(store.folder() / part) << "no folder";
-    expect_refusal(store, (store.folder() / part).string());
-  }
-  store = copy();
-  for (const fs::path& file : {store.entry_file("a"), store.action_file(store.entry("a")->key)}) {
-    store = copy();
-    fs::remove(file);
-    fs::create_directory(file);
-    expect_refusal(store, file.string());
-    fs::remove(file);
-    fs::create_symlink("nowhere", file);
-    expect_refusal(store, file.string());
-  }
+  const Store store = copy();
+  fs::remove_all(store.folder() / "actions");
+  std::ofstream(store.folder() / "actions") << "no folder";
+  expect_refusal(store, (store.folder() / "actions").string());
 }
 
 TEST_F(GarbageTest, DropsNoScanIfItRemovesNothing) {

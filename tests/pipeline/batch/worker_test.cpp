@@ -15,6 +15,7 @@
 #include "formats/asset/asset.h"
 #include "pipeline/batch/batch_run.h"
 #include "pipeline/batch/garbage.h"
+#include "tests/pipeline/batch/store_fixture.h"
 #include "tests/support/take.h"
 #include "tests/support/temporary_folder.h"
 
@@ -61,8 +62,7 @@ class TestScan : public OpenedScan {
     ScanOutputs out;
     out.asset = small_asset();
     if (what == "damage") out.asset.resize(out.asset.size() / 2);
-    std::ifstream in(inputs_[0]);
-    out.report = std::string(std::istreambuf_iterator<char>(in), {}) + given_.dump();
+    out.report = text_in(inputs_[0]) + given_.dump();
     return out;
   }
 
@@ -104,15 +104,15 @@ class BatchTest : public testing::Test {
     collection_.scans.push_back({name, {file.string()}, "", "", parameters});
     return file.string();
   }
-  BatchSummary run(const std::string& store = "store", int jobs = 2, bool verify = false) {
-    BatchSettings settings = settings_of(store);
-    settings.jobs = jobs;
+  BatchSummary run(bool verify = false) {
+    BatchSettings settings = settings_of();
+    settings.jobs = 2;
     settings.verify = verify;
     return run(settings);
   }
-  BatchSettings settings_of(const std::string& store = "store") const {
+  BatchSettings settings_of() const {
     BatchSettings settings;
-    settings.store = folder_ / store;
+    settings.store = folder_ / "store";
     return settings;
   }
   BatchSummary run(const BatchSettings& settings) {
@@ -246,9 +246,7 @@ TEST_F(BatchTest, AnEntryThatCannotBeReadEndsTheRunAndADamagedOneIsMadeAgain) {
       collect_garbage(*Store::open_for_writing(folder_ / "store"), std::chrono::seconds(0)));
   fs::remove(entry);
   fs::create_symlink(entry, entry);
-  BatchSettings settings = settings_of();
-  const auto batch = Batch::plan(collection_, program_, settings)->run();
-  EXPECT_FALSE(batch);
+  EXPECT_FALSE(Batch::plan(collection_, program_, settings_of())->run());
 }
 
 TEST_F(BatchTest, ATouchedInputWithTheSameBytesIsTheSameFailure) {
@@ -430,16 +428,14 @@ TEST_F(BatchTest, ADamagedAssetIsFoundByVerifyAndMadeAgain) {
   add("a", {{"n", 1}});
   run();
   const fs::path asset = fs::canonical(folder_ / "store/assets/a.glb");
-  std::ifstream in(asset, std::ios::binary);
-  const std::string good(std::istreambuf_iterator<char>(in), {});
+  const std::string good = text_in(asset);
   std::string bad = good;
   bad[bad.size() / 2] ^= 1;
   std::ofstream(asset, std::ios::binary) << bad;
   EXPECT_EQ(run().unchanged, 1u);  // its size is as it was
-  EXPECT_EQ(run("store", 2, true).made_again, Names{"a"});
-  std::ifstream again(asset, std::ios::binary);
-  EXPECT_EQ(std::string(std::istreambuf_iterator<char>(again), {}), good);
-  EXPECT_TRUE(run("store", 2, true).made_again.empty());
+  EXPECT_EQ(run(true).made_again, Names{"a"});
+  EXPECT_EQ(text_in(asset), good);
+  EXPECT_TRUE(run(true).made_again.empty());
 }
 
 TEST_F(BatchTest, ShardsAreTheCollectionAndNoScanIsInTwo) {

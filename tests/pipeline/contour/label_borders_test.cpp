@@ -85,7 +85,7 @@ TEST(LabelBorder, DiscsAreRound) {
     std::mt19937_64 rng(7);
     constexpr int kDiscs = 300;
     const int size = static_cast<int>(2 * c.radius) + 8;
-    double sum_rms = 0, worst_rms = 0, half_way_rms = 0, perimeters = 0, worst_perimeter = 0;
+    double sum_rms = 0, worst_rms = 0, perimeters = 0, worst_perimeter = 0;
     for (int k = 0; k < kDiscs; ++k) {
       const double cx = c.radius + 3 + uniform(rng), cy = c.radius + 3 + uniform(rng);
       const Image image = image_of(
@@ -105,18 +105,11 @@ TEST(LabelBorder, DiscsAreRound) {
       const Deviation found = deviation(outline);
       sum_rms += found.rms();
       worst_rms = std::max(worst_rms, found.rms());
-      half_way_rms += deviation(half_way).rms();
       perimeters += found.length;
       const double of_area = 2 * std::sqrt(std::numbers::pi * outline_area_px(outline));
       worst_perimeter = std::max(worst_perimeter, std::abs(found.length / of_area - 1));
     }
     const double perimeter = perimeters / (kDiscs * 2 * std::numbers::pi * c.radius) - 1;
-    std::printf(
-        "  radius %g px: rms mean %.3f, worst %.3f (half-way mean %.3f); perimeter %+.3f %%, "
-        "against "
-        "the disc of the same area at most %.3f %%\n",
-        c.radius, sum_rms / kDiscs, worst_rms, half_way_rms / kDiscs, 100 * perimeter,
-        100 * worst_perimeter);
     EXPECT_LE(sum_rms / kDiscs, c.mean_rms);
     EXPECT_LE(worst_rms, c.worst_rms);
     if (c.radius > 10) {
@@ -124,44 +117,6 @@ TEST(LabelBorder, DiscsAreRound) {
       EXPECT_LE(worst_perimeter, 0.003);
     }
   }
-}
-
-TEST(LabelBorder, ThinWallsKeepTopologyAndArea) {
-  std::mt19937_64 rng(8);
-  constexpr int kSize = 64, kWalls = 200;
-  double sum_rms = 0, sum_half_way = 0, worst_area = 0;
-  for (int k = 0; k < kWalls; ++k) {
-    const double angle = std::numbers::pi * uniform(rng), nx = std::cos(angle),
-                 ny = std::sin(angle), offset = 4 * uniform(rng) - 2;
-    const auto distance = [&](double x, double y) {
-      return (x - 31.5) * nx + (y - 31.5) * ny - offset;
-    };
-    const auto along = [&](double x, double y) { return (y - 31.5) * nx - (x - 31.5) * ny; };
-    const Image image = image_of(kSize, kSize, [&](int x, int y) {
-      return std::abs(distance(x, y)) <= 1 && std::abs(along(x, y)) <= 26;
-    });
-    const auto deviation = [&](const Pslg& outline) {
-      Deviation out;
-      for_pieces(outline, [&](double x, double y, double length) {
-        if (std::abs(along(x, y)) > 22) return;  // the ends
-        const double d = std::abs(distance(x, y)) - 1;
-        out.length += length;
-        out.squares += d * d * length;
-      });
-      return out;
-    };
-    const Pslg outline = smooth_outline(image), half_way = half_way_outline(image);
-    ASSERT_EQ(outline.rings.size(), half_way.rings.size()) << k;
-    ASSERT_EQ(outline.rings.size(), 1U) << k;
-    worst_area =
-        std::max(worst_area, std::abs(outline_area_px(outline) / outline_area_px(half_way) - 1));
-    sum_rms += deviation(outline).rms();
-    sum_half_way += deviation(half_way).rms();
-  }
-  std::printf("  wall: rms %.3f (half-way %.3f), area off by at most %.3f %%\n", sum_rms / kWalls,
-              sum_half_way / kWalls, 100 * worst_area);
-  EXPECT_LE(sum_rms / kWalls, 0.13);
-  EXPECT_LE(worst_area, 0.002);
 }
 
 using Edge = std::pair<LatticePoint, LatticePoint>;
@@ -247,85 +202,12 @@ TEST(LabelBorders, TenMapsAreTiledAndKeepEveryPixel) {
   }
 }
 
-double distance_to_line(double x, double y, const BorderChain& line) {
-  runtime::Real best = 1e300;
-  const std::size_t n = line.points.size();
-  for (std::size_t i = 0; i + (line.is_closed ? 0 : 1) < n; ++i)
-    best = std::min(best, runtime::distance(x, y, line.points[i], line.points[(i + 1) % n]));
-  return static_cast<double>(best);
-}
-
-double farthest(const BorderChain& from, const BorderChain& to) {
-  double worst = 0;
-  const std::size_t n = from.points.size();
-  for (std::size_t i = 0; i + (from.is_closed ? 0 : 1) < n; ++i) {
-    const LatticePoint a = from.points[i], b = from.points[(i + 1) % n];
-    const int pieces = 1 + static_cast<int>(std::sqrt(static_cast<double>(distance2(a, b))) / 16);
-    for (int k = 0; k <= pieces; ++k) {
-      const double t = static_cast<double>(k) / pieces;
-      worst = std::max(worst, distance_to_line(a.x + t * (b.x - a.x), a.y + t * (b.y - a.y), to));
-    }
-  }
-  return worst;
-}
-
 double longest_edge(const BorderChain& chain) {
   std::int64_t longest2 = 0;
   for (std::size_t i = 0; i < chain.points.size(); ++i)
     longest2 =
         std::max(longest2, distance2(chain.points[i], chain.points[(i + 1) % chain.points.size()]));
   return std::sqrt(static_cast<double>(longest2));
-}
-
-TEST(LabelBorders, SimplifiedMapsAreTiledWithinTheTolerance) {
-  const PixelGrid grid{0.5, 0.5, 3, 7, kLattice};
-  for (const auto method : {SimplificationMethod::kArea, SimplificationMethod::kDouglasPeucker}) {
-    const std::string name = method == SimplificationMethod::kArea ? "area" : "dp";
-    std::size_t chains = 0, kept = 0;
-    for (const LabelMap& map : ten_label_maps()) {
-      const LabelBorders full = label_borders(material_image(map.image, each_label()), grid);
-      for (const double tolerance_px : {0.0, 0.2, 0.5, 1.0, 3.0}) {
-        const double tolerance_mm = tolerance_px * grid.spacing_u_mm;
-        const std::string what =
-            map.name + " by " + name + " at " + std::to_string(tolerance_px) + " px";
-        const LabelBorders simple = simplify(full, kLattice, {tolerance_mm, method});
-        expect_tiling(simple, what);
-        if (HasFatalFailure()) return;
-        ASSERT_EQ(simple.chains.size(), full.chains.size());
-        double worst = 0;
-        for (std::size_t c = 0; c < full.chains.size(); ++c) {
-          const BorderChain &before = full.chains[c], &after = simple.chains[c];
-          ASSERT_EQ(after.left, before.left);
-          ASSERT_EQ(after.right, before.right);
-          if (!before.is_closed) {
-            ASSERT_EQ(after.points.front(), before.points.front()) << what;
-            ASSERT_EQ(after.points.back(), before.points.back()) << what;
-          }
-          worst = std::max({worst, farthest(before, after), farthest(after, before)});
-          const std::int64_t off = doubled_area(after.points) - doubled_area(before.points);
-          if (tolerance_px == 0) {
-            ASSERT_EQ(off, 0) << what;
-          }
-          ++chains;
-          kept += std::abs(static_cast<double>(off)) <= longest_edge(after) ? 1U : 0U;
-        }
-        ASSERT_LE(worst * kLattice.step_mm(), tolerance_mm * (1 + 1e-12) + 1e-9) << what;
-        const double stated = hausdorff_mm(full, simple, kLattice);
-        ASSERT_LE(stated, tolerance_mm * (1 + 1e-12) + 1e-9) << what;
-        ASSERT_GE(stated, worst * kLattice.step_mm() - 1e-9) << what;
-        // The number of rings is unchanged.
-        const std::vector<Pslg> outlines = material_outlines(full), now = material_outlines(simple);
-        for (std::size_t m = 0; m < now.size(); ++m)
-          ASSERT_EQ(now[m].rings.size(), outlines[m].rings.size()) << what;
-      }
-    }
-    std::printf("  %s: %zu chains, %.2f %% within half a step times the longest edge\n",
-                name.c_str(), chains,
-                100.0 * static_cast<double>(kept) / static_cast<double>(chains));
-    if (method == SimplificationMethod::kArea) {
-      EXPECT_GE(static_cast<double>(kept), 0.99 * static_cast<double>(chains));
-    }
-  }
 }
 
 // Small maps of smoothed noise, at tolerances of up to eight pixels, where every border blocks
@@ -336,7 +218,8 @@ TEST(LabelBorders, RandomMapsAreTiledWhenSimplified) {
 #else
   constexpr std::uint64_t kMaps = 1000;
 #endif
-  constexpr double kTolerances_px[] = {0.3, 1.0, 2.0, 4.0, 8.0};
+  constexpr double kTolerances_px[] = {0.0, 0.3, 1.0, 2.0, 4.0, 8.0};
+  std::size_t chains = 0, kept = 0;
   for (std::uint64_t seed = 0; seed < kMaps; ++seed) {
     const int size = 12 + static_cast<int>(seed % 17), labels = 1 + static_cast<int>(seed % 4);
     std::vector<Field> noise;
@@ -352,7 +235,7 @@ TEST(LabelBorders, RandomMapsAreTiledWhenSimplified) {
     // Every other lattice is so coarse that points often coincide.
     const PixelGrid grid = seed % 2 == 0 ? kUnitPixels : PixelGrid{8.0, 8.0, 0, 0, Lattice{0}};
     const LabelBorders full = label_borders(material_image(image, each_label(labels)), grid);
-    const double tolerance_mm = kTolerances_px[seed % 5] * grid.spacing_u_mm;
+    const double tolerance_mm = kTolerances_px[seed % 6] * grid.spacing_u_mm;
     for (const auto method : {SimplificationMethod::kArea, SimplificationMethod::kDouglasPeucker}) {
       const LabelBorders simple = simplify(full, grid.lattice, {tolerance_mm, method});
       const auto proved = check_label_borders(simple);
@@ -361,8 +244,28 @@ TEST(LabelBorders, RandomMapsAreTiledWhenSimplified) {
       const std::vector<Pslg> before = material_outlines(full), after = material_outlines(simple);
       for (std::size_t m = 0; m < after.size(); ++m)
         ASSERT_EQ(after[m].rings.size(), before[m].rings.size()) << seed;
+      ASSERT_EQ(simple.chains.size(), full.chains.size());
+      for (std::size_t c = 0; c < full.chains.size(); ++c) {
+        const BorderChain &was = full.chains[c], &is = simple.chains[c];
+        ASSERT_EQ(is.left, was.left);
+        ASSERT_EQ(is.right, was.right);
+        if (!was.is_closed) {
+          ASSERT_EQ(is.points.front(), was.points.front()) << seed;
+          ASSERT_EQ(is.points.back(), was.points.back()) << seed;
+        }
+        const std::int64_t off = doubled_area(is.points) - doubled_area(was.points);
+        if (tolerance_mm == 0) {
+          ASSERT_EQ(off, 0) << seed;
+        }
+        if (method != SimplificationMethod::kArea) continue;
+        ++chains;
+        kept += std::abs(static_cast<double>(off)) <= longest_edge(is) ? 1U : 0U;
+      }
+      if (seed % 10 == 0) expect_tiling(simple, std::to_string(seed));
+      if (HasFatalFailure()) return;
     }
   }
+  EXPECT_GE(static_cast<double>(kept), 0.99 * static_cast<double>(chains));
 }
 
 // The points that would replace the first line's middle edge are ends of other lines, at which no
@@ -451,7 +354,7 @@ double now_ms() {
 }
 
 struct BordersCost {
-  std::vector<double> borders_ms, slice_ms;  // one for each round
+  std::vector<double> slice_ms;  // one for each round
 
   void measure(const Image& image, const std::vector<Labels>& materials) {
     const PixelGrid grid{0.5, 0.5, 0, 0, kLattice};
@@ -462,7 +365,6 @@ struct BordersCost {
     const LabelBorders simple = simplify(full, kLattice, {0.25, SimplificationMethod::kArea});
     EXPECT_TRUE(check_label_borders(simple));
     EXPECT_LE(hausdorff_mm(full, simple, kLattice), 0.25);
-    borders_ms.push_back(now_ms() - start);
     for (const Pslg& outline : material_outlines(simple)) {
       const Refined refined = refine(*triangulate(outline), kLattice, {});
       EXPECT_TRUE(check_mesh(refined.mesh));
@@ -493,11 +395,7 @@ TEST(LabelBorders, TenLabelsCostAtMostTwiceTheirUnion) {
       ten.measure(image, each_label());
       one.measure(image, all);
     }
-    const double ratio = median(ten.slice_ms) / median(one.slice_ms);
-    std::printf("  ten labels %.2f ms (borders %.2f), their union %.2f (%.2f): %.2f times\n",
-                median(ten.slice_ms), median(ten.borders_ms), median(one.slice_ms),
-                median(one.borders_ms), ratio);
-    ratios += ratio / 3;
+    ratios += median(ten.slice_ms) / median(one.slice_ms) / 3;
   }
   EXPECT_LE(ratios, 2);
 }

@@ -186,22 +186,6 @@ TEST(OutlineClearance, RandomOutlinesHaveNoFreeAngles) {
   }
 }
 
-// The clearing alone, without simplification: far more tight spots, and a few of them stay.
-TEST(OutlineClearance, RandomOutlinesAreClearedWithoutSimplification) {
-  std::mt19937_64 random(34);
-  int with_free_angles = 0;
-  for (int n = 0; n < wanted_outlines() / 4; ++n) {
-    const std::string name = "outline " + std::to_string(n);
-    const Pslg outline = random_outline(random), clear = cleared(outline);
-    expect_same_topology(outline, clear, name);
-    if (HasFatalFailure()) return;
-    EXPECT_LE(hausdorff_mm(outline, clear, kLattice), kTolerance_mm) << name;
-    EXPECT_LE(relative_change(outline, clear), 5e-4) << name;
-    with_free_angles += free_angles({clear}, kByDouglasPeucker) > 0 ? 1 : 0;
-  }
-  EXPECT_LE(with_free_angles, wanted_outlines() / 4 / 1000);
-}
-
 // Counted over all pairs of edges.
 TEST(OutlineClearance, CountsTightSpotsAsByBruteForce) {
   std::mt19937_64 random(35);
@@ -228,28 +212,6 @@ TEST(OutlineClearance, CountsTightSpotsAsByBruteForce) {
     }
     EXPECT_EQ(count_tight_spots(outline, {}, 12), spots);
   }
-}
-
-// A hole whose corner is 3 steps from the outer edge: the wall gets the clearance, and the area
-// stays.
-TEST(OutlineClearance, WidensAWallOfThreeSteps) {
-  const Pslg outline{
-      {{{0, 0}, {3000, 0}, {3000, 2500}, {0, 2000}}, {{1400, 3}, {1000, 900}, {2000, 1000}}}};
-  EXPECT_EQ(count_tight_spots(outline, {}, kClearance_steps), 2U);
-  EXPECT_GT(free_angles({outline}, kByArea), 0U);
-  const Pslg clear = cleared(outline);
-  EXPECT_EQ(count_tight_spots(clear, {}, kClearance_steps), 0U);
-  EXPECT_EQ(free_angles({clear}, kByArea), 0U);
-  EXPECT_LE(relative_change(outline, clear), 2e-5);
-}
-
-// The tip of a spike is 4 steps wide: its end edge becomes a corner.
-TEST(OutlineClearance, EndsASpikeInACorner) {
-  const Pslg outline{{{{0, 0}, {2000, 0}, {4000, 998}, {4000, 1002}, {2000, 2000}, {0, 2000}}}};
-  const Pslg clear = cleared(outline);
-  EXPECT_EQ(clear.rings[0].size(), 5U);
-  EXPECT_EQ(count_tight_spots(clear, {}, kClearance_steps), 0U);
-  EXPECT_LE(relative_change(outline, clear), 2e-5);
 }
 
 // The scan forces what is wider than the clearance, and what the tolerance does not let go.

@@ -6,11 +6,9 @@
 #include <gtest/gtest.h>
 
 #include <spng.h>
-#include <unistd.h>
 #include <zlib.h>
 #include <algorithm>
 #include <array>
-#include <filesystem>
 #include <memory>
 #include <opencv2/imgcodecs.hpp>
 #include <optional>
@@ -23,6 +21,7 @@
 #include "pipeline/open/open_stack.h"
 #include "pipeline/read/slice_stack.h"
 #include "tests/support/take.h"
+#include "tests/support/temporary_folder.h"
 
 namespace trocar::pipeline {
 namespace {
@@ -218,42 +217,15 @@ namespace fs = std::filesystem;
 
 class LabelImages : public testing::Test {
  protected:
-  static void SetUpTestSuite() {
-    folder_ = fs::temp_directory_path() / ("trocar_label_images_" + std::to_string(::getpid()));
-    fs::create_directories(folder_);
-  }
-  static void TearDownTestSuite() { fs::remove_all(folder_); }
-
-  template <class T>
-  static void expect_error(const Result<T>& result, ExitCode code, const std::string& text) {
+  static void expect_refused(const Result<Image>& result, const std::string& text) {
     ASSERT_FALSE(result);
-    EXPECT_EQ(result.error().code, code) << result.error().message;
+    EXPECT_EQ(result.error().code, ExitCode::kRefused) << result.error().message;
     EXPECT_NE(result.error().message.find(text), std::string::npos) << result.error().message;
     EXPECT_EQ(result.error().message.find('\n'), std::string::npos);
   }
 
-  static fs::path folder_;
+  test::TemporaryFolder folder_;
 };
-fs::path LabelImages::folder_;
-
-TEST_F(LabelImages, Of16BitsAreReadUnscaled) {
-  cv::Mat labels(2, 3, CV_16UC1);
-  for (int i = 0; i < 6; ++i)
-    labels.at<std::uint16_t>(i / 3, i % 3) =
-        std::array<std::uint16_t, 6>{0, 1, 22, 257, 4000, 65535}[static_cast<std::size_t>(i)];
-  for (const char* name : {"labels.png", "labels.tif"}) {
-    const fs::path file = folder_ / name;
-    ASSERT_TRUE(cv::imwrite(file.string(), labels));
-    OpenOptions options;
-    options.spacing_mm = {1, 1, 1};
-    options.as_labels = true;
-    EXPECT_EQ((*open_stack({file}, options))->read(0)->values,
-              (std::vector<float>{0, 1, 22, 257, 4000, 65535}))
-        << name;
-    options.as_labels = false;
-    EXPECT_FLOAT_EQ((*open_stack({file}, options))->read(0)->values[3], 1.0F) << name;
-  }
-}
 
 // The expected indices are taken from the BMP's bytes: the lowest row first, rows padded to words.
 TEST_F(LabelImages, OfFewBitsOrAPaletteAreReadUnscaled) {
@@ -284,15 +256,15 @@ TEST_F(LabelImages, OfFewBitsOrAPaletteAreReadUnscaled) {
     EXPECT_EQ(as_labels(corpus / (std::string("grey") + kind))->values,
               read_image_file(corpus / (std::string("grey") + kind))->values);
     for (const char* name : {"colour", "alpha"})
-      expect_error(as_labels(corpus / (std::string(name) + kind)), ExitCode::kRefused, "colours");
+      expect_refused(as_labels(corpus / (std::string(name) + kind)), "colours");
   }
   // The reused buffer has no effect: an image of as many bytes was decoded before.
   const fs::path white = folder_ / "white.png";
   ASSERT_TRUE(cv::imwrite(white.string(), cv::Mat(kHeight, (kWidth + 1) / 2, CV_8UC1, 255.0)));
   ASSERT_TRUE(as_labels(white));
   EXPECT_EQ(as_labels(corpus / "palette_interlaced.png")->values, indices);
-  expect_error(as_labels(corpus / "colour.bmp"), ExitCode::kRefused, "colours");
-  expect_error(as_labels(corpus / "grey.jpg"), ExitCode::kRefused, "JPEG");
+  expect_refused(as_labels(corpus / "colour.bmp"), "colours");
+  expect_refused(as_labels(corpus / "grey.jpg"), "JPEG");
   EXPECT_EQ(as_labels(corpus / "grey.bmp")->values, read_image_file(corpus / "grey.bmp")->values);
 }
 
@@ -318,10 +290,10 @@ TEST_F(LabelImages, OfABmpAreTheIndicesOfItsPalette) {
   for (int y = 0; y < same.height; ++y)
     for (int x = 0; x < same.width; ++x)
       ASSERT_EQ(upside_down.at(x, y), same.at(x, same.height - 1 - y)) << x << ", " << y;
-  expect_error(changed(0, 'B', bmp.size() - 1), ExitCode::kRefused, "broken BMP");
-  expect_error(changed(0, 'B', 50), ExitCode::kRefused, "broken BMP");
-  expect_error(changed(30, 1, bmp.size()), ExitCode::kRefused, "compressed");
-  expect_error(changed(13, 0x80, bmp.size()), ExitCode::kRefused, "broken BMP");
+  expect_refused(changed(0, 'B', bmp.size() - 1), "broken BMP");
+  expect_refused(changed(0, 'B', 50), "broken BMP");
+  expect_refused(changed(30, 1, bmp.size()), "compressed");
+  expect_refused(changed(13, 0x80, bmp.size()), "broken BMP");
 }
 
 }  // namespace

@@ -71,31 +71,6 @@ class Readers : public testing::Test {
 };
 fs::path Readers::folder_;
 
-TEST_F(Readers, DicomAndNiftiGiveEveryVoxelAndItsPlace) {
-  const sample::Scan scan = make_scan();
-  for (const fs::path& input : {folder_ / "scan" / "dicom", folder_ / "scan" / "sample.nii.gz"}) {
-    const auto stack = test::take(open_stack({input}, {}));
-    EXPECT_TRUE(stack->warnings.empty());
-    EXPECT_EQ(stack->pixel_unit(), PixelUnit::kHounsfield);
-    ASSERT_EQ(stack->size(), 4);
-    ASSERT_EQ(stack->width(), 32);
-    ASSERT_EQ(stack->height(), 24);
-    for (int k = 0; k < 4; ++k) {
-      const auto image = test::take(stack->read(k));
-      for (int y = 0; y < 24; ++y) {
-        for (int x = 0; x < 32; ++x)
-          ASSERT_EQ(image.at(x, y), scan.slice(k)[y * 32 + x]) << x << ' ' << y << ' ' << k;
-      }
-      const SlicePlane& plane = stack->plane(k);
-      const sample::Vec3 want = sample::pixel_centre_mm(scan.geometry, 31, 23, k);
-      const Eigen::Vector3d got =
-          plane.T_lps_plane * Eigen::Vector3d(31 * plane.spacing_u_mm, 23 * plane.spacing_v_mm, 0);
-      EXPECT_NEAR((got - Eigen::Vector3d(want.x, want.y, want.z)).norm(), 0, 1e-4) << input;
-      EXPECT_NEAR(plane.T_lps_plane.linear().determinant(), 1, 1e-6);
-    }
-  }
-}
-
 TEST_F(Readers, ImagesGiveGreyLevelsAndNeedASpacing) {
   expect_error(open_stack({folder_ / "scan" / "png"}, {}), ExitCode::kUsage, "--spacing");
   const OpenOptions options = with_spacing({0.5, 0.25, 2.0});

@@ -11,7 +11,7 @@ import zlib
 import nibabel
 import numpy as np
 import pytest
-from programs import PROGRAMS, SCAN, run
+from programs import PROGRAMS, run
 
 MESH = PROGRAMS / "trocar-mesh"
 SIZE = (40, 32, 5)
@@ -516,14 +516,3 @@ def run_raw(*command):
     import os
     import subprocess
     return subprocess.run([os.fsencode(str(word)) for word in command], stdout=subprocess.PIPE, stderr=subprocess.PIPE, check=False, timeout=60)
-
-
-def test_the_sample_as_nrrd(place):
-    """The sample's voxels, with the areas and mean HU of its NIfTI."""
-    image = nibabel.load(SCAN / "sample.nii.gz")
-    affine = np.diag([-1.0, -1, 1, 1]) @ image.affine
-    column = [",".join(map(repr, map(float, affine[:3, k]))) for k in range(4)]
-    fields = ["space: LPS", "space directions: " + " ".join(f"({c})" for c in column[:3]), f"space origin: ({column[3]})"]
-    want, _, _ = mesh(place, SCAN / "sample.nii.gz", "--slices", "3:6")
-    report, _, _ = mesh(place, nrrd(place / "sample.nrrd", np.asanyarray(image.dataobj), fields, packed=True), "--slices", "3:6")
-    assert [(s["area_mm2"], s["mean_hu"], s["z_mm"]) for s in report["slices"]] == [(s["area_mm2"], s["mean_hu"], s["z_mm"]) for s in want["slices"]]

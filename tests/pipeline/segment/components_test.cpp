@@ -348,27 +348,5 @@ TEST(PlaneFlood, DistancesOfAFloodAreRightAsFarAsTheyAreAskedFor) {
   }
 }
 
-// A square ring with a gap: closed by discs wider than the gap only, whatever the inside's size.
-TEST(PlaneFlood, AGapIsClosedByADiscThatDoesNotPassIt) {
-  Case c;
-  for (int i = 0; i < 60; ++i)
-    c.u_mm.push_back(i);
-  c.v_mm = c.u_mm;
-  c.solid.assign(3600, 0);
-  for (std::size_t k = 10; k < 50; ++k)
-    for (const std::size_t i : {10 * 60 + k, 49 * 60 + k, k * 60 + 10, k * 60 + 49})
-      c.solid[i] = 1;
-  for (std::size_t x = 28; x <= 32; ++x)  // solid pixels at 27 and 33: a disc of radius < 3 passes
-    c.solid[10 * 60 + x] = 0;
-  const std::size_t middle = 30 * 60 + 30;
-  Bytes enclosed;
-  find_enclosed(c.grid(), c.solid, 2.9, 1e9, enclosed);
-  EXPECT_EQ(enclosed[middle], 0);
-  find_enclosed(c.grid(), c.solid, 3, 1e9, enclosed);
-  EXPECT_EQ(enclosed[middle], kBehindGap);
-  find_enclosed(c.grid(), c.solid, 3, 1000, enclosed);  // 38 x 38 mm^2 and the gap
-  EXPECT_EQ(enclosed[middle], 0);
-}
-
 }  // namespace
 }  // namespace trocar::pipeline

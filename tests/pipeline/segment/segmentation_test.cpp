@@ -3,7 +3,12 @@
 
 #include <gtest/gtest.h>
 
+#include <cmath>
+#include <limits>
 #include <random>
+
+#include "pipeline/read/slice_stack.h"
+#include "tests/support/take.h"
 
 namespace trocar::pipeline {
 namespace {
@@ -45,28 +50,38 @@ TEST(Segmentation, MeanOfAnotherImagesValuesOverTheMaterial) {
   EXPECT_EQ(*mean_of_material(field, image_with(13, 1, hu)), 1400.0 / 3);
 }
 
-TEST(Segmentation, MeanOfMaterialFindsASinglePixelAnywhere) {
-  for (std::size_t i = 0; i < 200; ++i) {
-    std::vector<float> values(200, 99);
-    values[i] = 100;  // the threshold itself is material
-    const Field field = segment(image_with(200, 1, values), PixelUnit::kHounsfield, Threshold{100});
-    ASSERT_TRUE(mean_of_material(field)) << i;
-    EXPECT_EQ(*mean_of_material(field), 100) << i;
-  }
-}
-
-TEST(Segmentation, MeanOfMaterialIsEmptyWithoutMaterial) {
-  const Field field =
-      segment(image_with(2, 2, {1, 2, 3, 4}), PixelUnit::kHounsfield, Threshold{100});
-  EXPECT_FALSE(mean_of_material(field));
-}
-
 TEST(Segmentation, LabelsThatFloatsWouldMergeAreDifferent) {
   const LabelImage image{4, 1, {614454277, 614454280, kMaxLabel, kMaxLabel - 1}};
   const Field field = segment(image, PixelUnit::kHounsfield, Labels{{614454280, kMaxLabel}});
   EXPECT_EQ(field.image.values, (std::vector<float>{0, 1, 1, 0}));
   EXPECT_EQ(field.iso, 0.5F);
   EXPECT_EQ(field.labels, (std::set<int>{614454280, kMaxLabel}));
+}
+
+std::string said(const Result<LabelImage>& result) {
+  return result ? "" : result.error().message;
+}
+
+TEST(LabelValues, NearlyWholeNumbersAreRoundedAndCounted) {
+  const std::vector<double> values{3.0000457, 2.9991, 3, 1e-3, -1e-3, 2147483647.0005};
+  const auto labels = test::take(to_labels(values, 3, 2, "a"));
+  EXPECT_EQ(labels.values, (std::vector<std::int32_t>{3, 3, 3, 0, 0, kMaxLabel}));
+  EXPECT_EQ(labels.rounded, 5U);
+  EXPECT_EQ(labels.largest_rounding, 1e-3);
+}
+
+// Floats above 2^24 may have been other numbers.
+TEST(LabelValues, OfFloatsAreRefusedWhereTheyMayHaveMerged) {
+  EXPECT_EQ(to_labels(Image{2, 1, {16777216.0F, 5}}, "a")->values,
+            (std::vector<std::int32_t>{16777216, 5}));
+  EXPECT_NE(said(to_labels(Image{2, 1, {5, 614454272.0F}}, "a")).find("voxel 1, 0 is 614454272"),
+            std::string::npos);
+}
+
+TEST(LabelValues, PaddingOfFloatsIsBackground) {
+  const Image image{3, 1, {kNoData_HU, 5, 0}};
+  EXPECT_EQ(to_labels(image, "a", kNoData_HU)->values, (std::vector<std::int32_t>{0, 5, 0}));
+  EXPECT_FALSE(to_labels(image, "a"));
 }
 
 }  // namespace

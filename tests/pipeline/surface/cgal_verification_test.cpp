@@ -193,17 +193,6 @@ TEST(SecondOpinion, TakesEveryTriangulationOfCocircularPoints) {
   EXPECT_TRUE(confirmed(slice));
 }
 
-// Two squares that touch in a corner: one point, two vertices of the mesh.
-TEST(SecondOpinion, TakesAPinch) {
-  AssetSlice slice;
-  slice.pslg.rings = {box(0, 100, false), box(100, 200, false)};
-  slice.mesh.vertices = slice.pslg.rings[0];
-  slice.mesh.vertices.insert(slice.mesh.vertices.end(), slice.pslg.rings[1].begin(),
-                             slice.pslg.rings[1].end());
-  slice.mesh.triangles = {{0, 1, 2}, {0, 2, 3}, {4, 5, 6}, {4, 6, 7}};
-  EXPECT_TRUE(confirmed(slice)) << confirmed(slice).error().message;
-}
-
 TEST(SecondOpinion, FindsEachKindOfDamage) {
   ASSERT_GE(damages().size(), 20U);
   for (const Damage& damage : damages()) {

@@ -1,17 +1,14 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Surfaces for display against shapes whose surface is known: balls, the phantom, labels.
+// Surfaces for display against shapes whose surface is known: balls, labels.
 #include "pipeline/surface/display_surface.h"
-#include "pipeline/open/open_stack.h"
 #include "pipeline/surface/cgal_verification.h"
 #include "pipeline/surface/isosurface.h"
-#include "sample_ct/render.h"
 #include "tests/support/memory_stack.h"
 #include "tests/support/take.h"
 
 #include <gtest/gtest.h>
 
 #include <cmath>
-#include <cstdlib>
 #include <functional>
 #include <stdexcept>
 
@@ -145,8 +142,6 @@ TEST(DisplaySurface, HasThinWalls) {
   };
   const Synthetic stack({41, 41, 44}, {1, 1, 1}, 0, hu);
   const DisplaySurface made = proved_surface(stack, {}, 50'000);
-  std::printf("thin walls: p99 %.3f mm, left out p99 %.3f mm, bound %.3f mm\n",
-              made.distance.p99_mm, made.left_out.p99_mm, made.bound_mm);
   EXPECT_LT(made.distance.p99_mm, made.bound_mm);
   EXPECT_LT(made.left_out.p99_mm, made.bound_mm);
 }
@@ -257,60 +252,6 @@ TEST(DisplaySurface, OfLabelsStaysWithinHalfAVoxel) {
     if (q.x() < 25) ball.push_back(std::abs((q - Vector3d(14, 14, 14)).norm() - 9));
   }
   EXPECT_LT(percentile(ball, 0.99), 0.75);  // half a voxel and half a voxel of the mask's steps
-}
-
-TEST(DisplaySurface, OfThePhantomIsWithinItsBoundOfTheExactSurface) {
-  const sample::PhantomOptions phantom;
-  const sample::ScanGeometry scan = *sample::sample_geometry(160, 35);
-  const sample::Scan rendered = sample::render_scan(phantom, scan, 0);
-  std::size_t i = 0;
-  const Eigen::Affine3d origin(
-      Eigen::Translation3d(scan.first_pixel_mm.x, scan.first_pixel_mm.y, scan.first_pixel_mm.z));
-  MemoryStack stack;
-  for (int k = 0; k < scan.slices; ++k) {
-    stack.images.push_back(
-        image_of(scan.columns, scan.rows, [&](int, int) { return rendered.hu[i++]; }));
-    SlicePlane plane{scan.pixel_mm, scan.pixel_mm, origin, k * scan.slice_step_mm};
-    plane.T_lps_plane.translation().z() += k * scan.slice_step_mm;
-    stack.planes.push_back(plane);
-  }
-  const DisplaySurface made = proved_surface(stack, {}, 50'000);
-  // The points at which a noiseless scanner reads 226 HU, along the gradient. Caps at the first and
-  // last slice are no part of the exact surface.
-  const auto hu = [&](const Vector3d& p) {
-    return sample::scanner_hu(phantom, scan, {p.x(), p.y(), p.z()}) - 226;
-  };
-  std::vector<double> off;
-  const auto all = samples(made.surface);
-  const std::size_t stride = all.size() / 3000;
-  for (std::size_t k = 0; k < all.size(); k += stride) {
-    const Vector3d& p = all[k];
-    if (std::abs(p.z()) > 16.5) continue;
-    const double here = hu(p), h = 0.05;
-    const Vector3d up = Vector3d(hu(p + Vector3d(h, 0, 0)) - hu(p - Vector3d(h, 0, 0)),
-                                 hu(p + Vector3d(0, h, 0)) - hu(p - Vector3d(0, h, 0)),
-                                 hu(p + Vector3d(0, 0, h)) - hu(p - Vector3d(0, 0, h)))
-                            .normalized();
-    double t = 0;
-    while (t < 3 && (hu(p + (here > 0 ? -t : t) * up) > 0) == (here > 0))
-      t += 0.02;
-    off.push_back(t);
-  }
-  std::printf("phantom: to the exact surface p50 %.3f p99 %.3f mm, stated %.3f, bound %.3f mm\n",
-              percentile(off, 0.5), percentile(off, 0.99), made.distance.p99_mm, made.bound_mm);
-  EXPECT_LT(percentile(off, 0.99), made.bound_mm);
-  EXPECT_LT(made.distance.p99_mm, made.bound_mm);
-}
-
-TEST(DisplaySurface, OfARealVertebra) {
-  const char* folder = std::getenv("TROCAR_REAL_CT");  // NOLINT(concurrency-mt-unsafe)
-  const auto file =
-      std::filesystem::path(folder == nullptr ? "" : folder) / "l3" / "sub-ct_label-22_ct.nii.gz";
-  if (!std::filesystem::exists(file)) GTEST_SKIP() << "no real scan";
-  const auto stack = test::take(open_stack({file}, {}));
-  const DisplaySurface made = proved_surface(*stack, {}, 50'000);
-  EXPECT_LE(made.surface.triangles.size(), 50'000U);
-  EXPECT_LT(made.distance.p99_mm, made.bound_mm);
 }
 
 // CGAL leaves such a triangle out, so that nothing would be proved of it.

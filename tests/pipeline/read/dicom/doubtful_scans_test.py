@@ -133,23 +133,6 @@ def test_a_tilt_that_the_planes_do_not_have(t):
         assert code == 0 and any("(tilt_contradiction)" in line for line in lines) == warned, (stated, orientation, lines)
 
 
-def test_slices_that_are_there_twice(t):
-    folder, expected = series(t.folder()), None
-    expected = t.run(folder)
-    series(folder, names="again")  # the same pixels under other instances
-    edit_again = sorted(folder.glob("again*.dcm"))
-    for k, file in enumerate(edit_again):
-        ds = pydicom.dcmread(file)
-        ds.SOPInstanceUID = ds.file_meta.MediaStorageSOPInstanceUID = f"1.2.77.{k}"
-        ds.save_as(file)
-    made = t.run(folder)
-    assert made[0] == 0 and made[4] == expected[4] and "equal pixels" in only_line(made[1], "copied_slice"), made[1]
-    ds = pydicom.dcmread(edit_again[1])
-    ds.PixelData = stored_block(501, -1000)
-    ds.save_as(edit_again[1])
-    t.refused(folder, "at the same position as")
-
-
 def test_lossy_compression(t):
     """Whether the file states it, or its transfer syntax alone."""
     def stated(**keys):

@@ -6,11 +6,11 @@ import nibabel
 import numpy as np
 from mesh_runs import MeshRuns
 
-from dicom_variants_test import COLUMNS, CT, ENHANCED_CT, ROWS, item, make_enhanced, make_slice  # skipped without pydicom
+from dicom_variants_test import COLUMNS, CT, ENHANCED_CT, ROWS, make_slice  # skipped without pydicom
 
 import pytest
 
-MR, PT, SEG = "1.2.840.10008.5.1.4.1.1.4", "1.2.840.10008.5.1.4.1.1.128", "1.2.840.10008.5.1.4.1.1.66.4"
+MR, PT = "1.2.840.10008.5.1.4.1.1.4", "1.2.840.10008.5.1.4.1.1.128"
 ENHANCED_MR, CAPTURE = "1.2.840.10008.5.1.4.1.1.4.1", "1.2.840.10008.5.1.4.1.1.7"
 AXIAL = ["ORIGINAL", "PRIMARY", "AXIAL"]
 SLICES = 3
@@ -31,21 +31,6 @@ def series(folder, uid="1.2.3.4", names="slice", count=SLICES, first=0, value=50
                 setattr(ds, key, what)
         ds.file_meta.MediaStorageSOPClassUID = ds.get("SOPClassUID", CT)
         ds.save_as(folder / f"{names}{k}.dcm", write_like_original=False)
-    return folder
-
-
-def segmentation(folder):
-    """A DICOM segmentation: one bit a pixel, several frames."""
-    ds = make_enhanced(8, False, 8, per_frame_rescale=False)
-    ds.Modality, ds.SOPClassUID, ds.SegmentationType = "SEG", SEG, "BINARY"
-    ds.ImageType = ["DERIVED", "PRIMARY"]
-    ds.file_meta.MediaStorageSOPClassUID = SEG
-    ds.BitsAllocated = ds.BitsStored = 1
-    ds.HighBit = 0
-    ds.SegmentSequence = [item(SegmentNumber=1)]
-    ds.SharedFunctionalGroupsSequence[0].SegmentIdentificationSequence = [item(ReferencedSegmentNumber=1)]
-    ds.PixelData = bytes(COLUMNS * ROWS * ds.NumberOfFrames // 8)
-    ds.save_as(folder / "seg.dcm", write_like_original=False)
     return folder
 
 
@@ -97,13 +82,6 @@ def test_other_modalities(t):
     t.refused(folder, "M?", "--any-modality")
     code, _, _, asset, _ = t.run(folder, "--any-modality")
     assert code == 0 and asset["extras"]["trocar"]["parameters"]["modality"] == "OT", f"{folder}: exit {code}"
-
-
-def test_segmentations(t):
-    """What they need is said: they are label maps."""
-    folder = segmentation(t.folder())
-    t.refused(folder, "seg.dcm: ", "SEG (segmentation)", "--labels")
-    t.refused(folder, "seg.dcm: ", "SEG (segmentation)", "--labels", words=("--any-modality",))
 
 
 def ct_is_ct(t):
