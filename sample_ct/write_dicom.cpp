@@ -165,9 +165,10 @@ Result<void> write_dicom(const Scan& scan, const std::filesystem::path& folder) 
       errno = 0;
       if (outcome.good()) outcome = format.saveFile(file.c_str(), EXS_LittleEndianExplicit);
       const int reason = errno;  // DCMTK's own message for a full disk is about suspended streams
-      if (outcome.bad())
+      if (outcome.bad()) {
         return unwritable(file.string() + ": " +
                           (reason != 0 ? system_message(reason) : outcome.text()));
+      }
     } catch (const std::exception& e) {
       return unwritable(file.string() + ": " + e.what());
     }

@@ -491,8 +491,9 @@ Result<Asset> decode_asset(std::span<const std::uint8_t> glb, const std::string&
           return refused(where + ok.error().message);
       }
       if (before != nullptr &&
-          std::pair(before->index, before->material) >= std::pair(slice.index, slice.material))
+          std::pair(before->index, before->material) >= std::pair(slice.index, slice.material)) {
         return refused(name + ": slice indices do not ascend");
+      }
       asset.lines = asset.lines || stated.has_lines;
       asset.colours = asset.colours || stated.has_colours;
       asset.slices.push_back(std::move(slice));
@@ -504,8 +505,9 @@ Result<Asset> decode_asset(std::span<const std::uint8_t> glb, const std::string&
                    std::to_string(*stated_slices));
   if (*index && !asset.slices.empty() &&
       ((*index)->header.first_index != asset.slices.front().index ||
-       (*index)->header.last_index != asset.slices.back().index))
+       (*index)->header.last_index != asset.slices.back().index)) {
     return refused(name + ": its slice index and its JSON differ");
+  }
   if (auto ok = decode_hu_volumes(*document, index->has_value(), options, asset); !ok)
     return refused(name + ": " + ok.error().message);
   if (options.all) {

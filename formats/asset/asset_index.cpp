@@ -104,16 +104,18 @@ Result<std::optional<IndexedFile>> find_index(ByteSource& source) {
   if (!is_current) return std::optional<IndexedFile>();
   if (h.entries > kMaxSlices || !lies_within(0, file.bytes(), h.binary_bytes) ||
       !lies_within(h.extras_offset, h.extras_bytes, h.json_bytes) ||
-      !lies_within(h.frame_offset, h.frame_bytes, h.json_bytes))
+      !lies_within(h.frame_offset, h.frame_bytes, h.json_bytes)) {
     return refused("its slice index does not fit in the file");
+  }
   return std::optional(file);
 }
 
 Result<EntryRecord> read_record(ByteSource& source, const IndexedFile& file, std::uint32_t i) {
   auto record = read_as<EntryRecord>(source, record_at(file, i));
-  if (record && !is_consistent(*record, file))
+  if (record && !is_consistent(*record, file)) {
     return refused("slice " + std::to_string(record->index) +
                    ": the slice index points outside the file");
+  }
   return record;
 }
 

@@ -16,8 +16,9 @@ constexpr std::uint64_t kMaxTrianglesPerByte = 64, kAlwaysAllowedTriangles = 1 <
 Result<std::vector<float>> decode_hu(const draco::Mesh& in) {
   const draco::PointAttribute* hu = in.GetAttributeByUniqueId(kDracoHuId);
   if (hu == nullptr || hu->attribute_type() != draco::GeometryAttribute::GENERIC ||
-      hu->data_type() != draco::DT_INT16 || hu->num_components() != 1)
+      hu->data_type() != draco::DT_INT16 || hu->num_components() != 1) {
     return refused("Draco: its second attribute is not HU");
+  }
   std::vector<float> out(in.num_points());
   for (std::uint32_t v = 0; v < in.num_points(); ++v) {
     const draco::AttributeValueIndex at = hu->mapped_index(draco::PointIndex(v));
@@ -59,8 +60,9 @@ Result<void> check_draco_counts(std::span<const std::uint8_t> bytes, std::uint64
   constexpr std::string_view kStart("DRACO\2\2\1\1\0\0", 11);
   if (bytes.size() < kStart.size() + 1 ||
       !std::equal(kStart.begin(), kStart.end(), bytes.begin(),
-                  [](char a, std::uint8_t b) { return static_cast<std::uint8_t>(a) == b; }))
+                  [](char a, std::uint8_t b) { return static_cast<std::uint8_t>(a) == b; })) {
     return refused("Draco: not an Edgebreaker mesh of bitstream 2.2");
+  }
   std::size_t at = kStart.size() + 1;
   const auto varint = [&bytes, &at] {
     std::uint64_t value = 0;
@@ -175,8 +177,9 @@ Result<DracoSlice> decode_draco(std::span<const std::uint8_t> bytes, std::uint64
   const draco::Mesh* const in = decoded->get();
   const draco::PointAttribute* position = in->GetNamedAttribute(draco::GeometryAttribute::POSITION);
   if (position == nullptr || position->data_type() != draco::DT_FLOAT32 ||
-      position->num_components() != 3)
+      position->num_components() != 3) {
     return refused("Draco: no float position");
+  }
   if (in->num_points() > max_vertices || in->num_faces() > max_triangles)
     return refused("Draco: more vertices or triangles than stated");
   const int attributes = in->num_attributes();
@@ -192,8 +195,9 @@ Result<DracoSlice> decode_draco(std::span<const std::uint8_t> bytes, std::uint64
     for (const float c : position->GetValue<float, 3>(at)) {
       const double stored = c;
       if (!(std::abs(stored) <= kMaxCoordinate) ||
-          stored != (whole[i] = static_cast<std::int32_t>(stored)))
+          stored != (whole[i] = static_cast<std::int32_t>(stored))) {
         return refused("Draco: vertex " + std::to_string(v) + " is off the lattice");
+      }
       ++i;
     }
     if (v == 0) out.z = whole[2];

@@ -143,10 +143,11 @@ json gltf_materials(const Asset& head) {
     if (head.materials.size() > 1) one["name"] = material.name;
     out.push_back(std::move(one));
   }
-  if (head.lines)
+  if (head.lines) {
     out.push_back({{"name", "outline"},
                    {"pbrMetallicRoughness", {{"baseColorFactor", {0.55, 0.1, 0.1, 1}}}},
                    {"extensions", {{kUnlitExtension, json::object()}}}});
+  }
   return out;
 }
 

@@ -84,8 +84,9 @@ Result<void> state_lines(const tinygltf::Model& model, const tinygltf::Primitive
   const tinygltf::Accessor* index = element_at(model.accessors, primitive.indices);
   if (position == nullptr || index == nullptr ||
       position->componentType != TINYGLTF_COMPONENT_TYPE_FLOAT ||
-      position->type != TINYGLTF_TYPE_VEC3 || index->type != TINYGLTF_TYPE_SCALAR)
+      position->type != TINYGLTF_TYPE_VEC3 || index->type != TINYGLTF_TYPE_SCALAR) {
     return refused("outline without positions or indices");
+  }
   const bool narrow = index->componentType == TINYGLTF_COMPONENT_TYPE_UNSIGNED_SHORT;
   const bool wide = index->componentType == TINYGLTF_COMPONENT_TYPE_UNSIGNED_INT;
   stated.segment_index_bytes = narrow ? 2 : 4;
@@ -128,8 +129,9 @@ Result<Pslg> decode_lines(const StatedEntry& stated, std::span<const std::uint8_
   for (std::size_t i = 0; i < count; ++i) {
     const double x = xyz[3 * i], y = xyz[3 * i + 1];
     if (!(std::abs(x) <= kMaxCoordinate && std::abs(y) <= kMaxCoordinate) || x != std::rint(x) ||
-        y != std::rint(y) || xyz[3 * i + 2] != static_cast<float>(stated.z))
+        y != std::rint(y) || xyz[3 * i + 2] != static_cast<float>(stated.z)) {
       return refused("outline vertex " + std::to_string(i) + " is off the lattice");
+    }
     ring.push_back({static_cast<std::int32_t>(x), static_cast<std::int32_t>(y)});
     const std::uint32_t to = indices[2 * i + 1];
     if (indices[2 * i] != i || (to != i + 1 && to != first) || (to == first && ring.size() < 3))
@@ -349,8 +351,9 @@ std::vector<int> labels_of(const Asset& asset) {
     if (!label.is_number()) continue;
     const double number = label.get<double>();
     if (number == std::rint(number) && number >= std::numeric_limits<int>::min() &&
-        number <= std::numeric_limits<int>::max())
+        number <= std::numeric_limits<int>::max()) {
       out.push_back(static_cast<int>(number));
+    }
   }
   return out;
 }
@@ -423,8 +426,9 @@ Result<Eigen::Affine3d> transform_of_node(const nlohmann::json& node, const Latt
   const bool has_matrix = node.contains("matrix"), moves = node.contains("translation");
   if ((has_matrix && (moves || !are_finite_numbers(node["matrix"], 16))) ||
       (moves && !are_finite_numbers(node["translation"], 3)) || node.contains("rotation") ||
-      node.contains("scale"))
+      node.contains("scale")) {
     return refused("a node without a finite translation or matrix");
+  }
   if (has_matrix) {
     out.matrix() = matrix_of(node["matrix"]);
   } else if (moves) {
@@ -570,8 +574,9 @@ Result<EncodedSlice> encode_slice(const AssetSlice& slice, const ProvedOutline& 
     return bug(where + "the bytes that Draco wrote do not decode: " + ok.error().message);
   const auto& [vertices, triangles] = decoded.mesh;
   if (vertices.size() != slice.mesh.vertices.size() ||
-      triangles.size() != slice.mesh.triangles.size() || decoded.hu.size() != slice.hu.size())
+      triangles.size() != slice.mesh.triangles.size() || decoded.hu.size() != slice.hu.size()) {
     return bug(where + "Draco did not keep every vertex and triangle");
+  }
   if (auto ok = check_mesh_against_outline(decoded.mesh, outline); !ok)
     return bug(where + ok.error().message);
   out.pslg = std::move(decoded.pslg);
@@ -637,8 +642,9 @@ Result<TriangleSurface> decode_surface(std::span<const std::uint8_t> bytes, std:
   if (in->num_attributes() != 2 || position == nullptr || normal == nullptr ||
       position->attribute_type() != draco::GeometryAttribute::POSITION ||
       normal->attribute_type() != draco::GeometryAttribute::NORMAL ||
-      position->data_type() != draco::DT_FLOAT32 || position->num_components() != 3)
+      position->data_type() != draco::DT_FLOAT32 || position->num_components() != 3) {
     return refused("Draco: not the positions and normals of a surface");
+  }
   if (in->num_points() != vertices || in->num_faces() != triangles)
     return refused("Draco: other numbers of vertices or triangles than stated");
   TriangleSurface out;

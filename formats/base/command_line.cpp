@@ -177,9 +177,10 @@ std::vector<CLI::Option*> diagnostics_of(CLI::App& app) {
 
 void add_help(CLI::App& app, const std::string& version) {
   app.set_help_flag("-h,--help", "print this help");
-  if (!version.empty())
+  if (!version.empty()) {
     app.set_version_flag("--version", version,
                          "print the versions of the program and its libraries");
+  }
   app.require_subcommand(0, 1);
 }
 

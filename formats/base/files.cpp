@@ -110,9 +110,10 @@ Result<void> check_writable(const std::filesystem::path& file) {
     return unwritable(file.string() + ": exists and is not a regular file");
   if (!std::filesystem::is_directory(folder, ignored))
     return unwritable(file.string() + ": there is no folder " + folder.string());
-  if (::access(folder.c_str(), W_OK) != 0)
+  if (::access(folder.c_str(), W_OK) != 0) {
     return unwritable(file.string() +
                       ": its folder cannot be written to: " + system_message(errno));
+  }
   return {};
 }
 
@@ -129,8 +130,9 @@ Result<void> check_outputs(std::span<const OutputFile> outputs,
     }
     for (const OutputFile& other : outputs) {
       if (&other != &output && !other.file.empty() &&
-          canonical_path(other.file) == canonical_path(output.file))
+          canonical_path(other.file) == canonical_path(output.file)) {
         return usage(said + ": is also the file of " + other.option);
+      }
     }
   }
   return {};
@@ -155,8 +157,9 @@ Result<void> write_file_atomically(const std::filesystem::path& file,
   if (!write_all(fd.get(), {reinterpret_cast<const char*>(bytes.data()), bytes.size()}))
     return fail();
   if (::fchmod(fd.get(), mode_of(file, readers)) != 0 || ::fsync(fd.get()) != 0 || !fd.close() ||
-      ::rename(temporary.c_str(), file.c_str()) != 0)
+      ::rename(temporary.c_str(), file.c_str()) != 0) {
     return fail();
+  }
   const std::filesystem::path folder = file.has_parent_path() ? file.parent_path() : ".";
   const FileDescriptor directory(::open(folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC));
   if (directory.get() >= 0) ::fsync(directory.get());

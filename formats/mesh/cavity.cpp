@@ -56,9 +56,10 @@ ToolIntersection intersect_tool(const std::array<LatticePoint, 3>& triangle,
   }
   // No tool edge enters the open triangle, so the triangle lies entirely inside or
   // outside the tool.
-  if (!touches)
+  if (!touches) {
     return inside(triangle[0].x, triangle[0].y, 1, tool) ? ToolIntersection::kOverlaps
                                                          : ToolIntersection::kApart;
+  }
   const std::int64_t x3 = std::int64_t{triangle[0].x} + triangle[1].x + triangle[2].x;
   const std::int64_t y3 = std::int64_t{triangle[0].y} + triangle[1].y + triangle[2].y;
   return inside(x3, y3, 3, tool) ? ToolIntersection::kOverlaps : ToolIntersection::kTouches;

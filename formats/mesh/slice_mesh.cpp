@@ -107,9 +107,10 @@ std::int64_t doubled_area(const Pslg& pslg) {
 
 std::int64_t doubled_area(const SliceMesh& mesh) {
   std::uint64_t sum = 0;
-  for (const Triangle& t : mesh.triangles)
+  for (const Triangle& t : mesh.triangles) {
     sum += static_cast<std::uint64_t>(
         orient2d(mesh.vertices[t[0]], mesh.vertices[t[1]], mesh.vertices[t[2]]));
+  }
   return static_cast<std::int64_t>(sum);
 }
 

@@ -104,11 +104,12 @@ class Sweep {
     vertex_of_corner_.resize(total);
     points_.reserve(total);
     for (std::size_t i = 0; i < total; ++i) {
-      if (i == 0 || items[i].key != items[i - 1].key)
+      if (i == 0 || items[i].key != items[i - 1].key) {
         points_.push_back(
             {static_cast<std::int32_t>(static_cast<std::uint32_t>(items[i].key >> 32) ^
                                        0x80000000U),
              static_cast<std::int32_t>(static_cast<std::uint32_t>(items[i].key) ^ 0x80000000U)});
+      }
       vertex_of_corner_[items[i].corner] = static_cast<std::uint32_t>(points_.size() - 1);
     }
     has_pinches_ = points_.size() != total;

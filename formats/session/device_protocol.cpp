@@ -131,8 +131,10 @@ void mac_of(Bytes bytes, const LinkKey& key, std::uint8_t* out) noexcept {
 template <typename Packet>
 LinkRefusal open_header(Bytes bytes, Header& header) noexcept {
   if (bytes.size() < kHeaderBytes || bytes.size() > kMaxPacketBytes) return LinkRefusal::kSize;
-  if (!std::equal(kLinkMagic.begin(), kLinkMagic.end(), bytes.begin()) || bytes[4] != kLinkVersion)
+  if (!std::equal(kLinkMagic.begin(), kLinkMagic.end(), bytes.begin()) ||
+      bytes[4] != kLinkVersion) {
     return LinkRefusal::kMagic;
+  }
   if (bytes[5] != static_cast<std::uint8_t>(Format<Packet>::kKind)) return LinkRefusal::kKind;
   Reader reader(bytes.data() + 6);
   std::uint16_t size = 0;

@@ -519,9 +519,10 @@ std::string values_text(const Values& found, const SliceStack& stack, bool as_la
   out += found.tally.low == found.tally.high
              ? "all " + text_of(found.tally.low, 10)
              : text_of(found.tally.low, 10) + " to " + text_of(found.tally.high, 10);
-  if (as_labels)
+  if (as_labels) {
     return out + (found.labels().empty() ? ", so there is no label"
                                          : ", the " + names.list(found.labels()));
+  }
   if (stack.pixel_unit() == PixelUnit::kUncalibrated) return out + " (" + stack.modality + ")";
   return out + (stack.pixel_unit() == PixelUnit::kHounsfield ? " HU" : " (grey levels)");
 }
@@ -540,11 +541,12 @@ std::string advice(const Values& found, const SliceStack& stack, bool as_labels,
     return "--labels " + number_ranges(found.labels(), ",") + " or some of these";
   if (std::holds_alternative<Equalize>(options.segmentation) && found.tally.low < found.tally.high)
     return "a lower --equalize";
-  if (found.tally.low < found.tally.high && !as_labels)
+  if (found.tally.low < found.tally.high && !as_labels) {
     return is_hu && found.tally.low < kBone && kBone <= found.tally.high
                ? "--threshold " + text_of(kBone)
                : "a --threshold from " + text_of(found.tally.low) + " to " +
                      text_of(found.tally.high);
+  }
   return "";
 }
 

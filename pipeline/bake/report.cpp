@@ -172,9 +172,10 @@ std::vector<SliceWarning> slice_warnings(int index, const MeshedSlice& meshed,
   for (const MeshedMaterial& material : meshed.materials) {
     if (material.quality.below_unexplained == 0) continue;
     std::string which;
-    if (meshed.materials.size() > 1)
+    if (meshed.materials.size() > 1) {
       which = " of " + json_text(json(material_name(names, std::get<Labels>(segmentation),
                                                     material.first_label)));
+    }
     out.push_back({"angle_not_reached", index,
                    "# triangles" + which +
                        " are below the wanted angle although the input has no such small "
@@ -257,14 +258,16 @@ json run_warnings(const SliceStack& stack, const Segmentation& segmentation,
                   const std::vector<SliceWarning>& of_slices) {
   std::vector<Warning> out = stack.warnings;
   const std::string input = input_name(stack);
-  if (stack.voxel_conflict)
+  if (stack.voxel_conflict) {
     out.push_back(voxel_volume_warning(*stack.voxel_conflict,
                                        material_volumes(*stack.voxel_conflict, area_mm2), input));
+  }
   const auto* threshold = std::get_if<Threshold>(&segmentation);
   if (threshold != nullptr && stack.pixel_unit() == PixelUnit::kHounsfield &&
-      threshold->value < kSkin_HU)
+      threshold->value < kSkin_HU) {
     out.push_back({"face", "--threshold",
                    "below 100 HU the skin is material: a face can be recognised in the asset"});
+  }
   if (auto doubt = value_warning(values, stack.pixel_unit(), segmentation, input))
     out.push_back(std::move(*doubt));
   if (auto rounded = rounding_warning(values, input)) out.push_back(std::move(*rounded));

@@ -311,9 +311,10 @@ Pslg pixel_chains(const Field& field, const PixelGrid& grid) {
   std::vector<DirectedEdge> edges;
   for (std::size_t c = 0; c < chains.size(); ++c) {
     Ring ring;
-    for (const cv::Point& p : chains[c])
+    for (const cv::Point& p : chains[c]) {
       ring.push_back({grid.lattice.snap_mm((p.x + grid.offset_x) * grid.spacing_u_mm),
                       grid.lattice.snap_mm((p.y + grid.offset_y) * grid.spacing_v_mm)});
+    }
     // OpenCV orients outer and hole chains oppositely. Here outer chains are counter-clockwise.
     const bool hole = hierarchy[c][3] >= 0;
     if ((doubled_area(ring) < 0) != hole) std::reverse(ring.begin(), ring.end());

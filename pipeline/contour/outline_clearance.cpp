@@ -38,9 +38,10 @@ class Clearing {
       const bool open = !is_open.empty() && is_open[r];
       rings_.push_back(
           {first, n, open ? first + n - 1 : kNone, doubled_area(ring), simplified.area_errors[r]});
-      for (std::uint32_t k = 0; k < n; ++k)
+      for (std::uint32_t k = 0; k < n; ++k) {
         nodes_.push_back({ring[k], first + (k > 0 ? k : n) - 1, first + (k + 1 < n ? k + 1 : 0), r,
                           simplified.positions[r][k]});
+      }
       // position_within() reads a copy of the first point after the last one.
       Ring closed = contours.rings[r];
       closed.push_back(closed[0]);

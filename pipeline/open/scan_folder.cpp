@@ -589,11 +589,12 @@ Result<json> list_scans(const fs::path& input, std::vector<Warning>& warnings) {
     scans.back()["taken"] = taken == ScanFolder::Kind::kImages && &files == &found->images[0] &&
                             (found->has_own_images() || found->images.size() == 1);
   }
-  if (scans.empty())
+  if (scans.empty()) {
     return refused(input.string() +
                    ": contains no DICOM images, NIfTI (.nii, .nii.gz) or NRRD files (.nrrd, .nhdr) "
                    "or images (.png, .tif, "
                    ".bmp, .jpg)");
+  }
   const auto others =
       std::count_if(found->dicom.begin(), found->dicom.end(),
                     [](const DicomFile& file) { return file.kind == DicomFile::Kind::kNotImage; });

@@ -332,9 +332,10 @@ class Maker {
     out_.slices = stack_.size();
     out_.width = stack_.width();
     out_.height = stack_.height();
-    if (stack_.size() > 1)
+    if (stack_.size() > 1) {
       out_.step_mm = std::abs(stack_.plane(stack_.size() - 1).z_mm - stack_.plane(0).z_mm) /
                      (stack_.size() - 1);
+    }
     out_.has_solid = options_.solid.any();
     out_.has_table = options_.mesh.table != nullptr && !options_.mesh.table->runs().empty();
     out_.is_filled = options_.solid.fill_mm2.has_value();

@@ -224,12 +224,13 @@ void draw_table(cv::Mat& sheet, const std::vector<std::vector<std::string>>& row
   }
   for (std::size_t r = 0; r < rows.size(); ++r) {
     const int line = y + static_cast<int>(r) * 24;
-    for (std::size_t c = 0; c < rows[r].size(); ++c)
+    for (std::size_t c = 0; c < rows[r].size(); ++c) {
       draw_text(sheet, rows[r][c], right[c], line, kSmall,
                 r == 0        ? kFaint
                 : r == marked ? kThreshold
                               : kText,
                 Align::kRight);
+    }
     if (r == 0) cv::line(sheet, {x, line + 8}, {right.back(), line + 8}, kLine, 1);
   }
 }
@@ -254,10 +255,11 @@ void draw_changes(cv::Mat& sheet, const Preview& preview, int x, int y) {
   draw_text(sheet, "Another " + what, x, y + 16, kNormal, kText);
   std::vector<std::vector<std::string>> rows{
       {"change", what, "area mm2", "difference", "outlines"}};
-  for (const Change& c : preview.changes)
+  for (const Change& c : preview.changes) {
     rows.push_back({signed_text(c.change), number_text(c.threshold), number_text(c.area_mm2, 6),
                     percent_text(c.area_mm2, preview.changes[2].area_mm2),
                     std::to_string(c.outlines)});
+  }
   draw_table(sheet, rows, x, y + 52, 3);
   draw_lines(sheet, wrapped(changes_text(preview), 0.42, kWidth - kMargin - x), x,
              y + 52 + 24 * 6 + 8, 0.42, kFaint, 18);
@@ -571,11 +573,12 @@ json numbers_of(const Preview& preview, const Sheet& sheet, const std::string& k
                       {"bin_width", preview.histogram.width},
                       {"counts", preview.histogram.counts}};
   out["changes"] = json::array();
-  for (const Change& c : preview.changes)
+  for (const Change& c : preview.changes) {
     out["changes"].push_back({{"change", c.change},
                               {"threshold", c.threshold},
                               {"area_mm2", c.area_mm2},
                               {"outlines", c.outlines}});
+  }
   return out;
 }
 
@@ -673,10 +676,11 @@ Sheet draw_sheet(const Preview& preview, const SheetText& text) {
   draw_lines(sheet, lines, kMargin, below, kNormal, kFaint, 24);
   const int used = grid.columns * grid.cell_width + (grid.columns - 1) * kGap;
   const int left = kMargin + (inner - used) / 2;
-  for (int i = 0; i < slices; ++i)
+  for (int i = 0; i < slices; ++i) {
     out.tiles.push_back({left + i % grid.columns * (grid.cell_width + kGap),
                          head + i / grid.columns * (grid.tile_height + kCaption + kGap),
                          grid.tile_width, grid.tile_height});
+  }
   // Each thread draws into a different region of the picture.
   parallel_for(slices, [&](int i) {
     const auto k = static_cast<std::size_t>(i);

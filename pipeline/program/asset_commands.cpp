@@ -496,10 +496,11 @@ void print_description(const fs::path& file, const json& out) {
           volume["planes"].get<std::size_t>(), volume["pitch_mm"][0].get<double>(),
           volume["step_hu"].get<int>(), is_context ? "; a head's can show a face" : "");
   }
-  for (const json& s : out["surfaces"])
+  for (const json& s : out["surfaces"]) {
     std::printf("  surface of material %d: %zu triangles, 99 %% of it within %.3f mm\n",
                 s["material"].get<int>(), s["triangles"].get<std::size_t>(),
                 s["distance_p99_mm"].get<double>());
+  }
 }
 
 // The results of the checks of an asset. The last two checks are made only if they are wanted and
@@ -583,11 +584,12 @@ int run_export(const ExportArguments& a) {
   }
   const auto others = export_asset(*asset, folder, &stop_requested);
   if (!others) return fail(others.error());
-  if (!others->empty())
+  if (!others->empty()) {
     print(
         stderr, "%s: warning: %s: still holds %s%s of another export\n", kProgram, folder.string(),
         others->front(),
         others->size() == 1 ? "" : (" and " + std::to_string(others->size() - 1) + " more files"));
+  }
   return 0;
 }
 

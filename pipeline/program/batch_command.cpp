@@ -284,12 +284,13 @@ std::function<void(std::size_t, std::size_t, std::size_t)> scan_progress() {
 
 json failures_json(const std::vector<farm::FailedScan>& failed) {
   json out = json::array();
-  for (const auto& [scan, outcome] : failed)
+  for (const auto& [scan, outcome] : failed) {
     out.push_back({{"scan", scan},
                    {"status", "failed"},
                    {"reason", outcome.reason},
                    {"exit_code", outcome.exit_code},
                    {"signal", outcome.signal == 0 ? json() : json(outcome.signal)}});
+  }
   return out;
 }
 
@@ -299,9 +300,10 @@ void print_failures(const std::vector<farm::FailedScan>& failed) {
   for (const auto& [scan, outcome] : failed)
     width = std::max(width, scan.size());
   print(stderr, "%-*s  exit  reason\n", static_cast<int>(width), "scan");
-  for (const auto& [scan, outcome] : failed)
+  for (const auto& [scan, outcome] : failed) {
     print(stderr, "%-*s  %4d  %s\n", static_cast<int>(width), scan, outcome.exit_code,
           outcome.reason);
+  }
 }
 
 json warnings_json(const std::vector<farm::WarnedScan>& warned) {

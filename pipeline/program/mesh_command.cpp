@@ -238,13 +238,15 @@ Result<void> check_input(const Arguments& a, SliceStack& stack) {
     }
     return {};
   }
-  if (!a.preset.empty())
+  if (!a.preset.empty()) {
     return usage("--preset " + a.preset +
                  " is for HU, which images do not carry: give --equalize "
                  "LEVEL, or --threshold with a grey level of 0..255");
-  if (!a.threshold)
+  }
+  if (!a.threshold) {
     return usage(
         "images carry no HU: give --equalize LEVEL, or --threshold with a grey level of 0..255");
+  }
   if (!(*a.threshold >= 0 && *a.threshold <= 255)) {
     stack.warnings.push_back({"threshold_out_of_range", "--threshold",
                               "images have grey levels of 0..255, whatever their depth; with this "

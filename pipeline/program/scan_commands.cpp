@@ -94,12 +94,13 @@ void print_summary(const ReviewArguments& a, const json& numbers) {
   for (std::size_t k = 0; k < std::min(kMax, differences.size()); ++k) {
     const json& d = differences[k];
     print(stdout, "  %-9s %s", d["kind"].get<std::string>(), d["scan"].get<std::string>());
-    if (d.contains("hausdorff_mm"))
+    if (d.contains("hausdorff_mm")) {
       std::printf(": %.3f mm, area %+.2f mm2, %+lld triangles, %+lld bytes",
                   d["hausdorff_mm"].get<double>(),
                   d["area_mm2"].get<double>() - d["area_mm2_before"].get<double>(),
                   d["triangles"].get<long long>() - d["triangles_before"].get<long long>(),
                   d["bytes"].get<long long>() - d["bytes_before"].get<long long>());
+    }
     std::printf("\n");
   }
   if (differences.size() > kMax)

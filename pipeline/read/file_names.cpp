@@ -107,9 +107,10 @@ Result<std::string> digest_file(const std::filesystem::path& file) {
   std::ifstream in(file, std::ios::binary);
   if (!in) return refused_by_system(file.string(), errno);
   std::vector<char> block(1 << 16);
-  while (in.read(block.data(), static_cast<std::streamsize>(block.size())), in.gcount() > 0)
+  while (in.read(block.data(), static_cast<std::streamsize>(block.size())), in.gcount() > 0) {
     crypto_generichash_update(&state, reinterpret_cast<const unsigned char*>(block.data()),
                               static_cast<unsigned long long>(in.gcount()));
+  }
   if (in.bad()) return refused_for_now(file.string() + ": cannot be read");
   return hex_digest(state);
 }
@@ -120,9 +121,10 @@ std::string digest_input(const std::vector<std::string>& file_digests,
                 kMaxKeyBytes == crypto_generichash_KEYBYTES_MAX);
   crypto_generichash_state state;
   crypto_generichash_init(&state, key.data(), key.size(), crypto_generichash_BYTES);
-  for (const std::string& digest : file_digests)
+  for (const std::string& digest : file_digests) {
     crypto_generichash_update(&state, reinterpret_cast<const unsigned char*>(digest.data()),
                               digest.size());
+  }
   return hex_digest(state);
 }
 

@@ -16,9 +16,10 @@ namespace {
 
 Result<void> check_size(std::int64_t width, std::int64_t height, const std::string& name) {
   if (width < 1 || height < 1 || width > kMaxImageSide || height > kMaxImageSide ||
-      width * height > kMaxSlicePixels)
+      width * height > kMaxSlicePixels) {
     return refused(name + ": " + std::to_string(width) + " x " + std::to_string(height) +
                    " pixels");
+  }
   return {};
 }
 
@@ -163,8 +164,9 @@ Result<Image> read_jpeg(const std::vector<std::uint8_t>& bytes, const std::strin
   // number of scans (passes of a progressive JPEG) is limited.
   if (tjDecompress2(jpeg.get(), bytes.data(), bytes.size(), pixels.data, width,
                     static_cast<int>(pixels.step[0]), height, grey ? TJPF_GRAY : TJPF_BGR,
-                    TJFLAG_ACCURATEDCT | TJFLAG_STOPONWARNING | TJFLAG_LIMITSCANS) != 0)
+                    TJFLAG_ACCURATEDCT | TJFLAG_STOPONWARNING | TJFLAG_LIMITSCANS) != 0) {
     return broken();
+  }
   return to_image(pixels, cv::COLOR_BGR2GRAY, Levels::kTo255, name);
 }
 
@@ -213,9 +215,10 @@ Result<Image> read_tiff_rows(TIFF* tiff, int width, int height, const TiffSample
   std::uint16_t planar = PLANARCONFIG_CONTIG;
   TIFFGetFieldDefaulted(tiff, TIFFTAG_PLANARCONFIG, &planar);
   if (TIFFIsTiled(tiff) != 0 || planar != PLANARCONFIG_CONTIG || is.channels > is.colours() + 1 ||
-      (is.bits == 1 && is.channels > 1))
+      (is.bits == 1 && is.channels > 1)) {
     return refused(name + ": a TIFF of " + std::to_string(is.bits) + " bits in tiles, planes or " +
                    std::to_string(is.channels) + " channels");
+  }
   cv::Mat pixels = decode_buffer(height, is.bits == 1 ? (width + 7) / 8 : width,
                                  CV_MAKETYPE(is.bits == 16 ? CV_16U : CV_8U, is.channels));
   if (TIFFScanlineSize64(tiff) != pixels.step[0])
@@ -257,8 +260,9 @@ Result<Image> read_tiff(const std::filesystem::path& file, const std::string& na
                                                     TIFFClose);
   std::uint32_t width = 0, height = 0;
   if (!tiff || TIFFGetField(tiff.get(), TIFFTAG_IMAGEWIDTH, &width) != 1 ||
-      TIFFGetField(tiff.get(), TIFFTAG_IMAGELENGTH, &height) != 1)
+      TIFFGetField(tiff.get(), TIFFTAG_IMAGELENGTH, &height) != 1) {
     return refused(name + ": broken TIFF");
+  }
   if (TIFFLastDirectory(tiff.get()) == 0) {
     return refused(name +
                    ": a TIFF of several pages; only files of one image are read (tiffsplit "
@@ -288,8 +292,9 @@ Result<Image> read_tiff(const std::filesystem::path& file, const std::string& na
   const cv::Mat pixels = decode_buffer(h, w, CV_8UC4);
   if (TIFFReadRGBAImageOriented(tiff.get(), width, height,
                                 reinterpret_cast<std::uint32_t*>(pixels.data), ORIENTATION_TOPLEFT,
-                                1) != 1)
+                                1) != 1) {
     return refused(name + ": broken TIFF");
+  }
   return to_image(pixels, cv::COLOR_RGBA2GRAY, wanted, name);
 }
 
@@ -512,9 +517,10 @@ Result<Image> read_image_file(const std::filesystem::path& file, Levels wanted) 
 
 Result<Jpeg2000> decode_jpeg2000(std::span<const std::uint8_t> codestream, int width, int height,
                                  const std::string& name) {
-  if (!has_expected_size(codestream, width, height))
+  if (!has_expected_size(codestream, width, height)) {
     return refused(name + ": not a JPEG 2000 codestream of one component of " +
                    std::to_string(width) + " x " + std::to_string(height));
+  }
   const std::unique_ptr<opj_codec_t, void (*)(opj_codec_t*)> codec(
       opj_create_decompress(OPJ_CODEC_J2K), opj_destroy_codec);
   Memory memory{codestream};
@@ -540,8 +546,10 @@ Result<Jpeg2000> decode_jpeg2000(std::span<const std::uint8_t> codestream, int w
   if (!has_header || !image || !fits())
     return refused(name + ": its JPEG 2000 header is damaged or of more than 16 bits");
   if (!opj_decode(codec.get(), stream.get(), image.get()) ||
-      !opj_end_decompress(codec.get(), stream.get()) || !fits() || image->comps[0].data == nullptr)
+      !opj_end_decompress(codec.get(), stream.get()) || !fits() ||
+      image->comps[0].data == nullptr) {
     return refused(name + ": its JPEG 2000 data is damaged or truncated");
+  }
   const opj_image_comp_t& samples = image->comps[0];
   Jpeg2000 out;
   out.samples.assign(samples.data, samples.data + static_cast<std::size_t>(width) * height);

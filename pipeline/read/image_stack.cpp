@@ -21,10 +21,11 @@ class ImageStack final : public SliceStack {
   Result<Image> read(int slice) const override {
     if (slice == 0) return first_;
     auto image = read_image_file(files_[slice], levels_);
-    if (image && (image->width != width() || image->height != height()))
+    if (image && (image->width != width() || image->height != height())) {
       return refused(name(slice) + ": " + std::to_string(image->width) + " x " +
                      std::to_string(image->height) + " pixels, the first image has " +
                      std::to_string(width()) + " x " + std::to_string(height()));
+    }
     return image;
   }
 

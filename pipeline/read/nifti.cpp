@@ -87,14 +87,16 @@ Result<NiftiImage> convert(const std::vector<std::uint8_t>& head, bool swapped,
   const auto start = static_cast<double>(h.vox_offset);
   if (start != 0 && !(start >= static_cast<double>(sizeof(Header)) && start < 1e12))
     return refused(file + ": voxels at byte " + std::to_string(start));
-  if (bytes_of(h.datatype) == 0 || h.bitpix != 8 * bytes_of(h.datatype))
+  if (bytes_of(h.datatype) == 0 || h.bitpix != 8 * bytes_of(h.datatype)) {
     return refused(file + ": voxel type " + std::string(nifti_datatype_string(h.datatype)) +
                    " of " + std::to_string(h.bitpix) + " bits is not a real number");
+  }
   out.has_voxel_size = has_voxel_size(h);
   out.states_qform = states_qform(h);
-  if (h.sform_code > 0)
+  if (h.sform_code > 0) {
     out.pixdim_beside_sform_mm = {std::abs(h.pixdim[1]), std::abs(h.pixdim[2]),
                                   h.dim[0] < 3 ? 0 : std::abs(h.pixdim[3])};
+  }
   if constexpr (kFirst) {
     return NiftiImage(nifti_convert_n1hdr2nim(h, file.c_str()), nifti_image_free);
   } else {

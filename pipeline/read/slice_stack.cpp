@@ -207,17 +207,19 @@ std::optional<std::string> plane_difference(const SlicePlane& plane, const Slice
     return !(std::abs(a - b) * across <= kSameVoxel * b);
   };
   if (spacing_differs(plane.spacing_u_mm, other.spacing_u_mm) ||
-      spacing_differs(plane.spacing_v_mm, other.spacing_v_mm))
+      spacing_differs(plane.spacing_v_mm, other.spacing_v_mm)) {
     return "spacing is " + text_of(plane.spacing_u_mm) + " x " + text_of(plane.spacing_v_mm) +
            " mm, not " + text_of(other.spacing_u_mm) + " x " + text_of(other.spacing_v_mm);
+  }
   for (const int axis : {0, 1}) {
     const Eigen::Vector3d a = plane.T_lps_plane.linear().col(axis),
                           b = other.T_lps_plane.linear().col(axis);
     const double length_mm =
         axis == 0 ? (width - 1) * plane.spacing_u_mm : (height - 1) * plane.spacing_v_mm;
-    if (!(in_voxels((a - b) * length_mm, other, step_mm) <= kSameVoxel))
+    if (!(in_voxels((a - b) * length_mm, other, step_mm) <= kSameVoxel)) {
       return std::string("orientation differs: its ") + (axis == 0 ? "rows" : "columns") +
              " run along " + point_text(a) + ", not " + point_text(b);
+    }
   }
   const Eigen::Vector3d a = plane.T_lps_plane.translation(), b = other.T_lps_plane.translation();
   if (!(in_voxels(a - b, other, step_mm) <= kSameVoxel))

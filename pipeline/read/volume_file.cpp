@@ -260,9 +260,10 @@ Result<VolumeFile> VolumeFile::open_part(const std::filesystem::path& file, std:
   }
   if (!GzipReader::is_gzip(packed.descriptor_.get(), from))
     return refused(name + ": its data are not packed by gzip as its header says");
-  if ((start + size) / kDeflateLimit > on_disk)
+  if ((start + size) / kDeflateLimit > on_disk) {
     return refused(name + ": truncated: its header declares " + std::to_string(start + size) +
                    " bytes, more than " + std::to_string(on_disk) + " bytes of gzip can hold");
+  }
   const auto out = open_nameless(file);
   if (!out) return out.error();
   VolumeFile unpacked;

@@ -18,9 +18,10 @@ void equalize(Image& image, PixelUnit unit) {
   const float scale = unit == PixelUnit::kGrey ? 1.0F : 255.0F / std::max(*high - *low, 1e-6F);
   cv::Mat levels(image.height, image.width, CV_8U);
   for (int y = 0; y < image.height; ++y) {
-    for (int x = 0; x < image.width; ++x)
+    for (int x = 0; x < image.width; ++x) {
       levels.at<std::uint8_t>(y, x) =
           cv::saturate_cast<std::uint8_t>((image.at(x, y) - offset) * scale);
+    }
   }
   cv::equalizeHist(levels, levels);
   std::copy(levels.begin<std::uint8_t>(), levels.end<std::uint8_t>(), image.values.begin());

@@ -177,10 +177,11 @@ Result<void> check_edges(const SliceMesh& mesh, const std::map<Edge, std::uint32
     const LatticePoint &a = mesh.vertices[edge.first], &b = mesh.vertices[edge.second];
     const auto other = opposite.find({edge.second, edge.first});
     const bool outline = triangulated.is_outline_edge(a, b);
-    if (outline != (other == opposite.end()))
+    if (outline != (other == opposite.end())) {
       return refused("the edge from " + text_of(a) + " to " + text_of(b) +
                      (outline ? " is the outline's, and has triangles on both sides"
                               : " has a triangle on one side only, and is not the outline's"));
+    }
     if (outline) continue;
     const CGAL::Oriented_side side =
         CGAL::side_of_oriented_circle(point_of(a), point_of(b), point_of(mesh.vertices[corner]),
@@ -285,9 +286,10 @@ Result<void> confirm_together(std::span<const AssetSlice> materials) {
 
 Result<void> confirm_by_cgal(const Asset& asset, const std::string& name) {
   for (const AssetSlice& slice : asset.slices) {
-    if (auto ok = confirm(slice); !ok)
+    if (auto ok = confirm(slice); !ok) {
       return refused(name + ", slice " + std::to_string(slice.index) +
                      ": CGAL does not confirm it: " + ok.error().message);
+    }
   }
   for (std::size_t i = 0; i < asset.slices.size(); i += materials_of_slice(asset, i).size()) {
     const auto materials = materials_of_slice(asset, i);

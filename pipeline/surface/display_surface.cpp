@@ -69,11 +69,13 @@ json percentiles(const SurfaceDistance& d) {
 }
 
 void warn_of_surface(const DisplaySurface& made, const SurfaceOptions& wanted, json& warnings) {
-  if (wanted.at_most && made.surface.triangles.size() > static_cast<std::size_t>(wanted.triangles))
+  if (wanted.at_most &&
+      made.surface.triangles.size() > static_cast<std::size_t>(wanted.triangles)) {
     warnings.push_back({{"code", "surface_triangles"},
                         {"where", "--surface"},
                         {"sentence", std::to_string(made.surface.triangles.size()) +
                                          " triangles: with fewer it would intersect itself"}});
+  }
   const bool is_far = made.distance.p99_mm > made.bound_mm;
   if (!is_far && made.left_out.p99_mm <= made.bound_mm) return;
   const char* const advice = wanted.at_most ? "; give more --surface-triangles" : "";

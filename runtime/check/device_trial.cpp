@@ -210,13 +210,14 @@ void add_time_troubles(const DeviceTrial& trial, const SessionOptions& options,
                        std::vector<std::string>& troubles) {
   const double period_ms = 1e3 / options.rate_Hz;
   const double no_data_ms = 1e3 * no_data_limit_s(options.limits.no_data_max_s, options.rate_Hz);
-  if (trial.realtime.missed_in_row_max > options.limits.missed_deadlines_max)
+  if (trial.realtime.missed_in_row_max > options.limits.missed_deadlines_max) {
     troubles.push_back(
         text_line("this machine came up to %d ticks late in a row (longest waking %.1f ms), and "
                   "%d end a session (deadline_missed): give "
                   "the program realtime priority, end other programs, or lower --rate",
                   trial.realtime.missed_in_row_max, trial.realtime.wake.max_us() * 1e-3,
                   options.limits.missed_deadlines_max + 1));
+  }
   const double interval_ms = trial.state_interval.quantile_us(0.5) * 1e-3;
   if (interval_ms > 1.5 * period_ms) {
     troubles.push_back(

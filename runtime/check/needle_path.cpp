@@ -306,9 +306,10 @@ PlateSpeed plate_speed(const HandTarget& target, const Pose& T_device_plate) noe
 }
 
 std::string describe_speed(const SafetyLimits& limits, const PlateSpeed& speed) {
-  if (speed.m_per_s > limits.speed_max_m_per_s)
+  if (speed.m_per_s > limits.speed_max_m_per_s) {
     return describe_beyond("the plate moves at", speed.m_per_s, limits.speed_max_m_per_s, " m/s",
                            2);
+  }
   if (!(speed.rad_per_s > limits.rotation_rate_max_rad_per_s)) return {};
   return describe_beyond("the plate turns at", speed.rad_per_s, limits.rotation_rate_max_rad_per_s,
                          " rad/s", 1);

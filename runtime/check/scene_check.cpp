@@ -246,9 +246,10 @@ std::optional<std::size_t> find_loaded_sheet(const DryRun& dry_run, std::size_t 
 /// Returns the reason why a sheet was not touched although the path crosses its material.
 std::string describe_held(const SceneEvaluation& e, std::size_t index) {
   const DryRun& dry_run = *e.dry_run;
-  if (dry_run.sheets[index].missed)
+  if (dry_run.sheets[index].missed) {
     return "the tool does not stay on the path and misses the material: use a stiffer hand "
            "or a slower path";
+  }
   const std::string lowest = text_line("the tool gets no lower than %.4f m", dry_run.tip_lowest_m);
   const std::optional<std::size_t> bearing = find_loaded_sheet(dry_run, index);
   if (!bearing) return lowest + ": use a stiffer hand, or give the path more time";

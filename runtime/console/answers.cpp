@@ -368,7 +368,7 @@ json events_of(const std::vector<RecordingRow>& rows, bool with_punctures) {
     const bool is_punctured =
         with_punctures && row.phase == ContactPhase::kPunctured &&
         (before.phase != ContactPhase::kPunctured || before.active_slice != row.active_slice);
-    if (is_punctured)
+    if (is_punctured) {
       events.push_back({{"kind", "puncture"},
                         {"t_s", row.t_s},
                         {"slice", row.active_slice},
@@ -376,7 +376,8 @@ json events_of(const std::vector<RecordingRow>& rows, bool with_punctures) {
                         {"penetration_m", row.penetration_m},
                         {"text", text_line("slice %d punctured at %.3f s: depth %.2f mm",
                                            row.active_slice, row.t_s, row.penetration_m * 1e3)}});
-    if (row.break_through_N > 0)
+    }
+    if (row.break_through_N > 0) {
       events.push_back(
           {{"kind", "break_through"},
            {"t_s", row.t_s},
@@ -384,6 +385,7 @@ json events_of(const std::vector<RecordingRow>& rows, bool with_punctures) {
            {"tool_z_m", row.tool_m[2]},
            {"tip_N", row.break_through_N},
            {"text", describe_break_through(row.break_through_at, row.t_s, row.break_through_N)}});
+    }
     if (faults.take(row)) {
       const FaultWords& words = words_of(row.fault);
       events.push_back({{"kind", "fault"},
@@ -393,16 +395,18 @@ json events_of(const std::vector<RecordingRow>& rows, bool with_punctures) {
                         {"advice", words.advice},
                         {"text", describe(FaultDetail(row.fault), row.t_s)}});
     }
-    if (row.fault != before.fault && row.fault == Fault::kNone)
+    if (row.fault != before.fault && row.fault == Fault::kNone) {
       events.push_back(
           {{"kind", "recovered"},
            {"t_s", row.t_s},
            {"fault", to_string(before.fault)},
            {"text", text_line("recovered from %s at %.3f s", to_string(before.fault), row.t_s)}});
+    }
     if ((row.xray & kXrayPicture) != 0) add_xray("xray_shot", "X-ray shot", row.t_s);
-    if (const int is_on = row.xray & kXrayBeam; is_on != (before.xray & kXrayBeam))
+    if (const int is_on = row.xray & kXrayBeam; is_on != (before.xray & kXrayBeam)) {
       add_xray(is_on != 0 ? "xray_on" : "xray_off",
                is_on != 0 ? "X-ray screening began" : "X-ray screening ended", row.t_s);
+    }
     before = row;
   }
   return events;

@@ -233,9 +233,10 @@ void update_contact(const ContactModel& model, std::span<const Sheet* const> she
     const ShaftTissue tissue = scaled_tissue(sheet.tissue.shaft, track.hole_coverage);
     const double previous_m = sheet.z_m - previous_tip_z_m;
     PreviousShaft previous_shaft;
-    if (track.shaft.in_hole && previous.ago_s > 0)
+    if (track.shaft.in_hole && previous.ago_s > 0) {
       previous_shaft = {shaft_section(model, sheet, previous.T_device_plate, previous_m).inserted_m,
                         previous.ago_s};
+    }
     const Eigen::Vector3d hole_force_N =
         shaft_force(tissue, section.shaft, pose_interval_s, track.shaft, previous_shaft);
     output.wrench_device += wrench_at(hole_force_N, section.shaft.at_m, T_device_plate);

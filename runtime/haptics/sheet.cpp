@@ -284,12 +284,13 @@ Result<std::vector<std::unique_ptr<const Sheet>>> place_slices(const Scene& scen
   for (const SceneSlice& wanted : scene.slices) {
     const std::string where = name + ": slice " + std::to_string(wanted.index);
     const AssetSlice* slice = find_slice(asset, wanted.index);
-    if (slice == nullptr)
+    if (slice == nullptr) {
       return refused(where + ": the asset has no such slice" +
                      (asset.slices.empty()
                           ? std::string(" (it has none)")
                           : " (it has " + std::to_string(asset.slices.front().index) + " to " +
                                 std::to_string(asset.slices.back().index) + ")"));
+    }
     if (slice->mesh.triangles.empty()) return refused(where + ": has no material");
     if (const Result<void> valid = check_mesh(slice->mesh); !valid)
       return refused(where + ": " + valid.error().message);
@@ -309,12 +310,14 @@ Result<std::vector<std::unique_ptr<const Sheet>>> place_slices(const Scene& scen
 
   // The tool's outlines must be simple polygons even after rounding to the lattice.
   const Tool tool = make_tool(scene.tool);
-  if (smallest_clearance_m(tool) < kMinClearance * asset.lattice.step_m())
+  if (smallest_clearance_m(tool) < kMinClearance * asset.lattice.step_m()) {
     return refused(name + ": the scene's tool has corners too close for the asset's lattice of " +
                    std::to_string(asset.lattice.step_mm()) + " mm");
-  if (tool.pieces == 0)
+  }
+  if (tool.pieces == 0) {
     return refused(name + ": the scene's tool has more than " + std::to_string(kMaxToolPieces) +
                    " convex parts");
+  }
 
   std::vector<std::unique_ptr<const Sheet>> sheets;
   for (std::size_t i = 0; i < slices.size(); ++i) {

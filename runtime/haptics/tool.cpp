@@ -117,9 +117,10 @@ Tool make_tool(const SceneTool& scene_tool) {
   const double rotation_rad = scene_tool.rotation_deg * std::numbers::pi / 180;
   tool.side_plate =
       q_plate_tool * Eigen::Vector3d(std::cos(rotation_rad), std::sin(rotation_rad), 0);
-  for (std::size_t i = 0; i < section.size(); ++i)
+  for (std::size_t i = 0; i < section.size(); ++i) {
     tool.corner_plate_m[i] =
         tool.tip_plate_m + q_plate_tool * Eigen::Vector3d(section[i].x(), section[i].y(), 0);
+  }
   const std::vector<Piece> pieces = convex_pieces(section);
   if (pieces.size() > kMaxToolPieces) return tool;
   for (const Piece& piece : pieces) {
@@ -220,10 +221,11 @@ Eigen::Vector3d shaft_force(const ShaftTissue& tissue, const ShaftSection& secti
   state.has_last = true;
   state.last_m = section.inserted_m;
   state.spring_m = std::clamp(state.spring_m + moved_m, -tissue.presliding_m, tissue.presliding_m);
-  if (pose_interval_s > 0)
+  if (pose_interval_s > 0) {
     state.viscous_N = is_steady ? tissue.viscous_friction_N_s_per_m *
                                       (section.inserted_m - previous.inserted_m) / previous.ago_s
                                 : tissue.viscous_friction_N_s_per_m * moved_m / pose_interval_s;
+  }
   const double along_N =
       tissue.dry_friction_N * state.spring_m / tissue.presliding_m + state.viscous_N;
   Eigen::Vector3d force_N = along_N * section.axis;

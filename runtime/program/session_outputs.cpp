@@ -168,18 +168,20 @@ void print_outcome(const SessionResult& report, const SessionOptions& options) {
   constexpr double kMinShown_N = 5e-4;
   if (report.max_force_N < kMinShown_N && report.punctures.empty() && report.fault == Fault::kNone)
     std::printf("the tool touched nothing; trocar-run check says why\n");
-  for (const PunctureEvent& event : report.punctures)
+  for (const PunctureEvent& event : report.punctures) {
     std::printf(
         "slice %d was punctured at %.4f s: %.3f N at the tip, %.3f N on the hand, depth %.3f mm, "
         "tip at %.5f m\n",
         event.slice, event.t_s, event.tip_N, event.hand_N, event.penetration_m * 1e3,
         event.tool_z_m);
+  }
   for (const BreakThroughEvent& found : report.break_throughs)
     std::printf("the tip %s\n",
                 describe_break_through(found.at, found.t_s, found.resistance_N).c_str());
   if (!options.replay.empty() && report.replay_first_difference < 0 &&
-      report.ticks == options.replay.size())
+      report.ticks == options.replay.size()) {
     std::printf("replay: all torques identical to the recording's\n");
+  }
 }
 
 int conclude(const SessionResult& report, std::vector<Error> errors, const Remesher& remesher) {
@@ -191,12 +193,14 @@ int conclude(const SessionResult& report, std::vector<Error> errors, const Remes
     if (code == 0) code = error_code;
   }
   const bool has_failed = report.end == SessionEnd::kFault;
-  if (has_failed)
+  if (has_failed) {
     print(stderr, "trocar-run: stopped at %.4f s by the fault %s\n", report.fault_t_s,
           to_string(report.fault));
-  if (report.replay_first_difference >= 0)
+  }
+  if (report.replay_first_difference >= 0) {
     return fail(refused("the torques differ from the recording's from row " +
                         std::to_string(report.replay_first_difference + 1) + " on"));
+  }
   if (!has_failed) return code;
   return static_cast<int>(ExitCode::kDeviceFault);
 }

@@ -84,9 +84,10 @@ void ask_for_cpu(const RealtimeOptions& options, RealtimeReport& report) {
   if (options.cpu >= 0 && options.cpu < CPU_SETSIZE) {
     CPU_SET(options.cpu, &set);
     const int error = ::pthread_setaffinity_np(::pthread_self(), sizeof set, &set);
-    if (error != 0)
+    if (error != 0) {
       add_note(report.note,
                "not on processor " + std::to_string(options.cpu) + ": " + system_message(error));
+    }
   }
   if (::pthread_getaffinity_np(::pthread_self(), sizeof set, &set) == 0) report.cpus = list_of(set);
 }

@@ -170,10 +170,11 @@ json describe_goals(const Scene& scene, const SessionFigures& f) {
       out["line"]["entry_m"] = f.line_entry_m;
     }
   }
-  if (scene.goals->target)
+  if (scene.goals->target) {
     out["target"] = {{"closest_m", or_null(f.target_m)},
                      {"closest_t_s", f.target_m ? json(f.target_t_s) : json(nullptr)},
                      {"reached_t_s", or_null(f.target_reached_s)}};
+  }
   for (std::size_t i = 0; i < f.zones.size(); ++i) {
     const ZoneFigures& zone = f.zones[i];
     json breaches = json::array();

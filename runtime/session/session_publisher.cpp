@@ -369,11 +369,12 @@ std::string session_facts(const Scene& scene, const DeviceSpecification& device,
       {"safety_states", names_of<SafetyState>(kSafetyStates)},
   };
   about.update(describe_device(device, options.limits));
-  for (const SceneLayer& layer : scene.layers)
+  for (const SceneLayer& layer : scene.layers) {
     about["layers"].push_back({{"name", layer.name},
                                {"top_z_m", layer.top_z_m},
                                {"thickness_m", layer.thickness_m},
                                {"puncture_N", layer.puncture_N}});
+  }
   for (const Column& column : kColumns)
     about["columns"].push_back({{"name", column.name}, {"count", column.count}});
   json edges = json::array();

@@ -104,8 +104,9 @@ struct AttributeItems {
     for (DcmItem* group : {per_frame, shared}) {
       DcmItem* item = nullptr;
       if (group != nullptr && group->findAndGetSequenceItem(macro, item).good() &&
-          item != nullptr && item->tagExists(attribute))
+          item != nullptr && item->tagExists(attribute)) {
         return item;
+      }
     }
     return dataset;
   }
@@ -223,19 +224,22 @@ std::optional<std::string> read_geometry(const AttributeItems& at, const GivenSp
                                          DicomFrame& h) {
   double position[3], orientation[6];
   if (!dicom_numbers(at.find(DCM_PlanePositionSequence, DCM_ImagePositionPatient),
-                     DCM_ImagePositionPatient, position, 3))
+                     DCM_ImagePositionPatient, position, 3)) {
     return "no image position (ImagePositionPatient)";
+  }
   if (!dicom_numbers(at.find(DCM_PlaneOrientationSequence, DCM_ImageOrientationPatient),
-                     DCM_ImageOrientationPatient, orientation, 6))
+                     DCM_ImageOrientationPatient, orientation, 6)) {
     return "no image orientation (ImageOrientationPatient)";
+  }
   if (auto wrong = read_spacing(at, given, h)) return wrong;
   h.position = Eigen::Vector3d(position[0], position[1], position[2]);
   h.u = Eigen::Vector3d(orientation[0], orientation[1], orientation[2]);
   h.v = Eigen::Vector3d(orientation[3], orientation[4], orientation[5]);
   if (!(h.position.cwiseAbs().maxCoeff() < 1e7)) return "its image position is out of range";
   if (!(std::abs(h.u.norm() - 1) <= 1e-3) || !(std::abs(h.v.norm() - 1) <= 1e-3) ||
-      !(std::abs(h.u.dot(h.v)) <= 1e-3))
+      !(std::abs(h.u.dot(h.v)) <= 1e-3)) {
     return "its orientation is not two unit vectors at right angles";
+  }
   h.u.normalize();
   h.v = (h.v - h.u * h.u.dot(h.v)).normalized();
   return read_rescale(at, h);
@@ -267,8 +271,9 @@ std::optional<std::string> read_format(DcmItem& data, bool is_binary, DicomFrame
            " in " + std::to_string(h.bits_allocated) + "; 8 and 16 bits allocated are read";
   }
   if (h.rows < 2 || h.columns < 2 || h.rows > kMaxImageSide || h.columns > kMaxImageSide ||
-      static_cast<long>(h.rows) * h.columns > kMaxSlicePixels)
+      static_cast<long>(h.rows) * h.columns > kMaxSlicePixels) {
     return std::to_string(h.columns) + " x " + std::to_string(h.rows) + " pixels";
+  }
   return {};
 }
 
@@ -305,9 +310,10 @@ std::optional<std::string> check_length(DcmFileFormat& format, const DicomFrame&
   const double have = pixels->getLength(syntax);
   if (const std::string uid = unknown_syntax(format); have < want && !uid.empty())
     return "no decoder for its transfer syntax (" + uid.substr(0, 64) + ")";
-  if (have < want)
+  if (have < want) {
     return "truncated: " + std::to_string(static_cast<long>(have)) +
            " bytes of pixels, its header declares " + std::to_string(static_cast<long>(want));
+  }
   // Some faulty programs pad each frame. Then only the first frame would be at the position where
   // it is read.
   if (h.bits_allocated == 1 && have > want + 1) {
@@ -497,16 +503,18 @@ std::optional<std::string> read_frames(DcmFileFormat& format, const GivenSpacing
     return "a BINARY segmentation of " + std::to_string(common.bits_allocated) + " bits a pixel";
   Sint32 frames = 1;
   if (data.tagExists(DCM_NumberOfFrames) &&
-      (data.findAndGetSint32(DCM_NumberOfFrames, frames).bad() || frames < 1))
+      (data.findAndGetSint32(DCM_NumberOfFrames, frames).bad() || frames < 1)) {
     return "its number of frames is not a positive number";
+  }
   common.frames = frames;
   DcmSequenceOfItems* groups = nullptr;
   data.findAndGetSequence(DCM_PerFrameFunctionalGroupsSequence, groups);
   const bool has_one_position = groups == nullptr && frames != 1 && !is_segmentation;
   if (!has_one_position &&
-      (groups == nullptr ? frames != 1 : groups->card() != static_cast<unsigned long>(frames)))
+      (groups == nullptr ? frames != 1 : groups->card() != static_cast<unsigned long>(frames))) {
     return std::to_string(frames) + " frames, but per-frame functional groups for " +
            std::to_string(groups == nullptr ? 0 : groups->card());
+  }
   AttributeItems at{nullptr, nullptr, &data};
   data.findAndGetSequenceItem(DCM_SharedFunctionalGroupsSequence, at.shared);
   FrameOffsets offsets;

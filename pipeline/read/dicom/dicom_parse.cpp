@@ -198,8 +198,9 @@ std::string dicom_utf8(DcmDataset& data, const DcmTagKey& tag, DcmItem* item) {
   data.findAndGetOFStringArray(DCM_SpecificCharacterSet, set);
   DcmSpecificCharacterSet charset;
   if (!set.empty() && charset.selectCharacterSet(set).good() &&
-      charset.convertString(value, converted).good())
+      charset.convertString(value, converted).good()) {
     value = converted;
+  }
   std::string out = without_control(value.c_str());
   out.erase(0, out.find_first_not_of(' '));
   out.erase(out.find_last_not_of(' ') + 1);

@@ -137,13 +137,15 @@ Result<void> check_jpeg(const DicomFrame& h, std::span<const std::uint8_t> jpeg)
   const JpegFrame frame = jpeg_frame(jpeg);
   const int precision = frame.precision;
   if (precision < 2 || precision > 16) return refused(h.name() + ": its JPEG pixels are damaged");
-  if ((precision <= 8) != (h.bits_allocated == 8))
+  if ((precision <= 8) != (h.bits_allocated == 8)) {
     return refused(h.name() + ": its JPEG has " + std::to_string(precision) +
                    " bits a sample, its header allocates " + std::to_string(h.bits_allocated));
-  if (frame.columns != h.columns || frame.rows != h.rows)
+  }
+  if (frame.columns != h.columns || frame.rows != h.rows) {
     return refused(h.name() + ": its JPEG has " + std::to_string(frame.columns) + " x " +
                    std::to_string(frame.rows) + " pixels, its header " + std::to_string(h.columns) +
                    " x " + std::to_string(h.rows));
+  }
   return {};
 }
 
@@ -304,11 +306,12 @@ Result<std::vector<FragmentRange>> frame_fragments(DcmFileFormat& format, int fr
     starts = starts_by_table(*sequence, fragments, count);
     if (starts.empty()) starts = starts_by_markers(fragments);
   }
-  if (starts.size() != count || fragments.empty())
+  if (starts.size() != count || fragments.empty()) {
     return refused("the " + std::to_string(fragments.size()) +
                    " fragments of its pixels cannot be assigned to " + std::to_string(frames) +
                    (frames == 1 ? " frame" : " frames") +
                    ", neither by its offset table nor by markers in them");
+  }
   std::vector<FragmentRange> out;
   for (std::size_t i = 0; i < count; ++i)
     out.emplace_back(starts[i], i + 1 < count ? starts[i + 1] : end);

@@ -129,9 +129,10 @@ std::string why_chosen(const std::vector<const DicomSeries*>& all,
   });
   const bool is_ct = rank(best) == 0;
   const std::string what = is_ct ? " CT series" : " series";
-  if (equal > 1)
+  if (equal > 1) {
     return std::string("the ") + (best.info.number ? "lowest number" : "first UID") + " of the " +
            std::to_string(equal) + what + " with most slices";
+  }
   if (alike > 1) return "most slices of the " + std::to_string(alike) + what;
   const bool has_others = std::any_of(
       all.begin(), all.end(), [](const auto* s) { return !s->is_localiser() && rank(*s) == 2; });
@@ -146,10 +147,11 @@ Result<void> check_rescale(const std::vector<DicomFrame>& slices, std::vector<Wa
   const auto first = std::find_if(slices.begin(), slices.end(), lacks);
   if (first == slices.end()) return {};
   const auto without = static_cast<std::size_t>(std::count_if(first, slices.end(), lacks));
-  if (without < slices.size())
+  if (without < slices.size()) {
     return refused(first->name() + ": no rescale slope or intercept, which " +
                    std::to_string(slices.size() - without) + " of the series' " +
                    std::to_string(slices.size()) + " slices have");
+  }
   warnings.push_back({"no_rescale", first->name(),
                       std::to_string(without) +
                           " slices lack a rescale slope or intercept (this is the first); 1 and 0 "
@@ -354,10 +356,11 @@ std::vector<DicomSeries> group_series(const std::vector<DicomFile>& files,
                             " files have no SeriesInstanceUID (this is the first); they are "
                             "grouped by frame of reference, orientation and size"});
   }
-  if (sop_count > 0)
+  if (sop_count > 0) {
     warnings.push_back(
         {"no_sop_uid", without_sop,
          std::to_string(sop_count) + " files have no SOPInstanceUID (this is the first)"});
+  }
   std::vector<DicomSeries> out;
   out.reserve(by_uid.size());
   for (auto& [uid, series] : by_uid)
@@ -409,10 +412,11 @@ Result<ChosenSeries> choose_series(const std::vector<DicomSeries>& series, const
   if (candidates.empty()) {  // captures, or localisers only
     const auto other = std::find_if_not(all.begin(), all.end(),
                                         [](const DicomSeries* s) { return s->is_localiser(); });
-    if (other == all.end())
+    if (other == all.end()) {
       return refused(where + ": contains no slices, only " +
                      (all.size() == 1 ? "the localiser " : "localisers, the first ") +
                      series_name(all[0]->info));
+    }
     candidates = {*other};
   }
   const auto best = *std::min_element(
@@ -459,13 +463,14 @@ Result<std::vector<DicomFrame>> slices_of(const std::vector<DicomSeries>& series
                         : " (and " + std::to_string(out.unusable - 1) + " more files like it)") +
                    (chosen.why.empty() ? "" : "; --series chooses another"));
   }
-  if (!out.joined_uids.empty())
+  if (!out.joined_uids.empty()) {
     warnings.push_back(
         {"joined_series", where,
          std::to_string(out.joined_uids.size()) + " series are joined to one scan of " +
              plural(out.slices.size(), "slice") +
              ": their study, frame of reference, orientation, grid of pixels and modality agree, "
              "and their slices form one stack"});
+  }
   if (auto ok = check_rescale(out.slices, warnings); !ok) return ok.error();
   return out.slices;
 }

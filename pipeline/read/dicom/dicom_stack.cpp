@@ -79,10 +79,11 @@ bool warn_of_placement(const std::vector<DicomFile>& files,
 }
 
 Error no_dicom(const std::vector<DicomFile>& files, const std::string& where) {
-  if (files.size() == 1)
+  if (files.size() == 1) {
     return refused(files[0].file.string() +
                    ": not a DICOM image, and its name is not that of a NIfTI (.nii, .nii.gz), NRRD "
                    "(.nrrd, .nhdr) or image (.png, .tif, .bmp, .jpg)");
+  }
   return refused(where + ": contains no DICOM images (" + files[0].file.filename().string() +
                  " is not one)");
 }
@@ -203,9 +204,10 @@ class SegmentationStack final : public SliceStack {
       const auto most = static_cast<float>(file_.segments.max_fraction);
       for (std::size_t i = 0; i < count; ++i) {
         const float value = image->values[i];
-        if (value > most)
+        if (value > most) {
           return refused(frame.name() + ": a value above its MaximumFractionalValue of " +
                          std::to_string(file_.segments.max_fraction));
+        }
         if (2 * value >= most) out.push_back(i);
       }
       return out;
@@ -218,8 +220,9 @@ class SegmentationStack final : public SliceStack {
     if (data == nullptr || to > std::numeric_limits<Uint32>::max() ||
         data->getPartialValue(bytes.data(), static_cast<Uint32>(from),
                               static_cast<Uint32>(bytes.size()), nullptr, EBO_LittleEndian)
-            .bad())
+            .bad()) {
       return refused(frame.name() + ": its pixels cannot be read");
+    }
     for (std::size_t k = 0; k < bytes.size(); ++k) {
       if (bytes[k] == 0) continue;  // like most bytes
       for (std::size_t j = 0; j < 8; ++j) {
@@ -311,10 +314,11 @@ Result<void> use_slices_of_frames(std::vector<SliceFrames> slices, SegmentationS
   std::int64_t count = 1;
   for (const int n : steps)
     count += n;
-  if (count > kMaxSlices)
+  if (count > kMaxSlices) {
     return refused(stack.file_.file.string() + ": its frames are spread over " +
                    std::to_string(count) + " slices, at most " + std::to_string(kMaxSlices) +
                    " are read");
+  }
   for (std::size_t i = 0; i < slices.size(); ++i) {
     const Eigen::Vector3d here = slices[i][0].position;
     const int n = i < steps.size() ? steps[i] : 1;
@@ -334,10 +338,11 @@ Result<void> use_slices_of_ct(const SliceStack& ct, std::vector<SliceFrames> sli
                               SegmentationStack& stack) {
   stack.frames_.resize(static_cast<std::size_t>(ct.size()));
   const DicomFrame& any = stack.file_.frames[0];
-  if (ct.width() != any.columns || ct.height() != any.rows)
+  if (ct.width() != any.columns || ct.height() != any.rows) {
     return refused(stack.file_.file.string() + ": has " + std::to_string(any.columns) + " x " +
                    std::to_string(any.rows) + " pixels, the slices of the CT of --hu " +
                    std::to_string(ct.width()) + " x " + std::to_string(ct.height()));
+  }
   int k = 0;
   for (SliceFrames& slice : slices) {
     const DicomFrame& h = slice[0];
@@ -349,9 +354,10 @@ Result<void> use_slices_of_ct(const SliceStack& ct, std::vector<SliceFrames> sli
     while (k + 1 < ct.size() && distance(k + 1) <= distance(k))
       ++k;
     if (const auto differs =
-            plane_difference(plane, ct.plane(k), ct.width(), ct.height(), slice_step_mm(ct, k)))
+            plane_difference(plane, ct.plane(k), ct.width(), ct.height(), slice_step_mm(ct, k))) {
       return refused(h.name() + ": is on no slice of the CT of --hu: compared with " + ct.name(k) +
                      ", its " + *differs);
+    }
     // Frames that are apart by rounding can be on one slice of the CT.
     SliceFrames& there = stack.frames_[static_cast<std::size_t>(k)];
     for (DicomFrame& frame : slice) {

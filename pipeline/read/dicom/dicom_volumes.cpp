@@ -428,9 +428,10 @@ Result<std::size_t> chosen_volume(const std::vector<DicomVolume>& volumes,
   if (wanted) return usage(name + ": --volume " + std::to_string(*wanted) + " is outside " + range);
   constexpr std::size_t kMax = 8;
   std::string text;
-  for (std::size_t i = 0; i < std::min(volumes.size(), kMax); ++i)
+  for (std::size_t i = 0; i < std::min(volumes.size(), kMax); ++i) {
     text += (i == 0 ? "" : ", ") + std::to_string(i) + " (" + volumes[i].name + ", " +
             slices_text(volumes[i].slices.size()) + ")";
+  }
   if (volumes.size() > kMax) text += " and more, see trocar-mesh list";
   return usage(name + ": holds " + std::to_string(volumes.size()) +
                " volumes at the same positions: " + text + "; choose one of " + range +

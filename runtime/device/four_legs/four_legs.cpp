@@ -174,9 +174,10 @@ FaultDetail FourLegs::check_encoders(const ReadingInterval& interval) const noex
   constexpr double kAnyFinite = std::numeric_limits<double>::quiet_NaN();
   const std::array<double, kEncoders>& encoder_rad = reading_.value;
   for (int i = 0; i < kEncoders; ++i) {
-    if (!std::isfinite(encoder_rad[i]))
+    if (!std::isfinite(encoder_rad[i])) {
       return {Fault::kEncoderNotFinite, FaultQuantity::kEncoderAngle, i, encoder_rad[i],
               kAnyFinite};
+    }
   }
   if (interval.has_last) {
     // At rest two readings may still differ by a count.
@@ -202,21 +203,24 @@ FaultDetail FourLegs::find_pose(const ReadingInterval& interval, PlatePose& pose
   const DeviceDescription& device = description();
   const ForwardResult forward = forward_kinematics(device, reading_.value);
   if (!forward.status) return Fault::kPoseResidual;
-  if (!(forward.residual_m <= limits_.pose_residual_max_m))
+  if (!(forward.residual_m <= limits_.pose_residual_max_m)) {
     return {Fault::kPoseResidual, FaultQuantity::kPoseResidual, -1, forward.residual_m,
             limits_.pose_residual_max_m};
+  }
   const InverseResult inverse = inverse_kinematics(device, forward.T_device_plate);
   if (!inverse.status) return Fault::kPoseResidual;
   const MotorVector difference = motor_angles(inverse.joints) - motor_angles(reading_.value);
   for (int motor = 1; motor < kMotors; motor += 2) {
-    if (!(std::abs(difference[motor]) <= limits_.theta4_residual_max_rad))
+    if (!(std::abs(difference[motor]) <= limits_.theta4_residual_max_rad)) {
       return {Fault::kPoseResidual, FaultQuantity::kEncoderResidual, 2 * motor + 1,
               std::abs(difference[motor]), limits_.theta4_residual_max_rad};
+    }
   }
   const JacobianResult motion = jacobian(device, forward.T_device_plate, inverse.joints);
-  if (!motion.status)
+  if (!motion.status) {
     return {Fault::kSingularity, FaultQuantity::kBranchDistance, motion.status.leg - 1, 0,
             limits_.branch_distance_min_m};
+  }
   const Singularity singularity =
       measure_singularity(device, forward.T_device_plate, inverse.joints, motion.G);
   if (const FaultDetail f = check_singularity(limits_, singularity); f != Fault::kNone) return f;
@@ -252,9 +256,10 @@ FaultDetail FourLegs::render(const RenderInput& input, double& scale) noexcept {
   const bool compensates = input.compensation.friction || input.compensation.gravity;
   const MotorVector compensation_Nm = compensates ? compensation(input) : MotorVector::Zero();
   int weakest = 0;
-  if (!((limit_Nm - compensation_Nm.cwiseAbs()).minCoeff(&weakest) > 0))
+  if (!((limit_Nm - compensation_Nm.cwiseAbs()).minCoeff(&weakest) > 0)) {
     return {Fault::kMotorOverload, FaultQuantity::kCompensationTorque, weakest,
             std::abs(compensation_Nm[weakest]), limit_Nm[weakest]};
+  }
   const AllocationResult allocation =
       compensates ? allocate_torques_with_bias(G_, input.wanted, limit_Nm, compensation_Nm)
                   : allocate_torques(G_, input.wanted, limit_Nm);

@@ -149,12 +149,14 @@ AllocationResult allocate_torques_with_bias(const Jacobian& G, const Wrench& wre
 
 FaultDetail check_singularity(const MechanismLimits& limits,
                               const Singularity& singularity) noexcept {
-  if (!(singularity.inverse_condition >= limits.inverse_condition_min))
+  if (!(singularity.inverse_condition >= limits.inverse_condition_min)) {
     return {Fault::kSingularity, FaultQuantity::kInverseCondition, -1,
             singularity.inverse_condition, limits.inverse_condition_min};
-  if (!(singularity.nearest_branch_m >= limits.branch_distance_min_m))
+  }
+  if (!(singularity.nearest_branch_m >= limits.branch_distance_min_m)) {
     return {Fault::kSingularity, FaultQuantity::kBranchDistance, singularity.nearest_leg - 1,
             singularity.nearest_branch_m, limits.branch_distance_min_m};
+  }
   return {};
 }
 
@@ -208,9 +210,10 @@ FaultDetail limit_torques(const MechanismLimits& limits, const MotorVector& limi
                                      ? MotorVector(limit_Nm * (1 + 1e-9))
                                      : MotorVector::Constant(limits.torque_max_Nm);
   for (int i = 0; i < kMotors; ++i) {
-    if (!(std::abs(wanted_Nm[i]) <= largest_Nm[i]))
+    if (!(std::abs(wanted_Nm[i]) <= largest_Nm[i])) {
       return {Fault::kTorqueLimit, FaultQuantity::kMotorTorque, i, std::abs(wanted_Nm[i]),
               largest_Nm[i]};
+    }
   }
   const double rise_max_Nm = limits.torque_rise_max_Nm_per_s * dt_s;
   if (!(rise_max_Nm >= 0)) return Fault::kTorqueRate;

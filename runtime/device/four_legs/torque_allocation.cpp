@@ -124,8 +124,9 @@ AllocationResult allocate_torques(const Jacobian& G, const Wrench& wrench_device
                                   const MotorVector& limit_Nm) noexcept {
   AllocationResult result;
   if (!G.allFinite() || !wrench_device.allFinite() || !limit_Nm.allFinite() ||
-      !(limit_Nm.minCoeff() > 0))
+      !(limit_Nm.minCoeff() > 0)) {
     return result;
+  }
 
   // S scales the columns of rotation to metres, which affects only the rounding, not the result. G
   // S = Q [R; 0] gives both parts of Eq. 18: the pseudo-inverse solution Q1 R^-T S w and, in Q's

@@ -151,9 +151,10 @@ Result<Endpoint> parse_endpoint(std::string_view text, int lowest_port) {
   int port = -1;
   const auto [end, error] = std::from_chars(digits.data(), digits.data() + digits.size(), port);
   if (error != std::errc{} || end != digits.data() + digits.size() || port < lowest_port ||
-      port > 65535)
+      port > 65535) {
     return usage(quoted + ": the port must be within " + std::to_string(lowest_port) +
                  " and 65535");
+  }
   addrinfo hints{};
   hints.ai_family = AF_INET;
   hints.ai_socktype = SOCK_DGRAM;
@@ -174,8 +175,9 @@ Result<UdpSocket> UdpSocket::listen(const Endpoint& local) {
   UdpSocket made(make_socket());
   const sockaddr_in address = to_system(local);
   if (made.fd_.get() < 0 ||
-      ::bind(made.fd_.get(), reinterpret_cast<const sockaddr*>(&address), sizeof address) != 0)
+      ::bind(made.fd_.get(), reinterpret_cast<const sockaddr*>(&address), sizeof address) != 0) {
     return unwritable(to_string(local) + ": cannot listen: " + system_message(errno));
+  }
   return made;
 }
 
@@ -183,8 +185,9 @@ Result<UdpSocket> UdpSocket::connect(const Endpoint& peer) {
   UdpSocket made(make_socket());
   const sockaddr_in address = to_system(peer);
   if (made.fd_.get() < 0 ||
-      ::connect(made.fd_.get(), reinterpret_cast<const sockaddr*>(&address), sizeof address) != 0)
+      ::connect(made.fd_.get(), reinterpret_cast<const sockaddr*>(&address), sizeof address) != 0) {
     return Error{ExitCode::kDeviceFault, to_string(peer) + ": " + system_message(errno)};
+  }
   return made;
 }
 

@@ -79,9 +79,10 @@ Result<LoadedLibrary> find_library() {
     if (void* const handle = load_library(name)) return LoadedLibrary{handle, name};
     // A library that is there but cannot be loaded, for example without libusb, is worth its message.
     const std::string why = load_error();
-    if (!why.starts_with(std::string(name) + ": cannot open shared object file"))
+    if (!why.starts_with(std::string(name) + ": cannot open shared object file")) {
       return sdk_error("Force Dimension's library " + std::string(name) +
                        " cannot be loaded: " + why);
+    }
   }
   return sdk_error(
       "Force Dimension's library (libdhd.so.3) was not found; install the SDK from "
@@ -339,10 +340,11 @@ Result<int> parse_force_dimension_address(std::string_view address) {
   int id = -1;
   const char* const end = address.data() + address.size();
   const auto [stop, error] = std::from_chars(address.data(), end, id);
-  if (error != std::errc() || stop != end || address.front() == '-' || id > kMaxDeviceIndex)
+  if (error != std::errc() || stop != end || address.front() == '-' || id > kMaxDeviceIndex) {
     return usage("forcedimension:" + foreign_text(address, 40) +
                  ": after the colon stands nothing, or the index of a device, 0 to " +
                  std::to_string(kMaxDeviceIndex));
+  }
   return id;
 }
 
@@ -376,12 +378,13 @@ Result<void> ForceDimension::open() {
     if (options_.say) options_.say(uri_ + " " + line);
   }
   const bool lacks_rotation = options_.wants_rotation && !senses_rotation_;
-  if (options_.needs_all && (lacks_rotation || (options_.wants_moment && !renders_moment_)))
+  if (options_.needs_all && (lacks_rotation || (options_.wants_moment && !renders_moment_))) {
     return fault(lacks_rotation
                      ? "the device does not measure the orientation of its handle, and its "
                        "description says that it does (senses_rotation)"
                      : "the device renders no moment, and its description says that it does "
                        "(moment_max_Nm)");
+  }
   return {};
 }
 

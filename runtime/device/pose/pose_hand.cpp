@@ -124,9 +124,10 @@ std::optional<WorkspaceBox> PoseSpecification::workspace() const noexcept {
 DeviceMargins PoseSpecification::margins(const Pose& T_device_plate) const noexcept {
   DeviceMargins out;
   const PoseReading at = frame_.reading(T_device_plate);
-  for (std::size_t i = 0; i < 3; ++i)
+  for (std::size_t i = 0; i < 3; ++i) {
     out.box_m = std::min({out.box_m, at.p_m[i] - description_.workspace_min_m[i],
                           description_.workspace_max_m[i] - at.p_m[i]});
+  }
   out.box_m += kBoxRounding_m;
   return out;
 }
@@ -294,9 +295,10 @@ void PoseHand::describe(RecordingRow& row, DeviceReadout& readout) const noexcep
   row.pose_device = {reading_.p_m, reading_.q, reading_.buttons, written_};
   row.state_t_s = reading_.t_s;
   readout.margin = std::numeric_limits<double>::infinity();
-  for (std::size_t i = 0; i < 3; ++i)
+  for (std::size_t i = 0; i < 3; ++i) {
     readout.margin = std::min({readout.margin, reading_.p_m[i] - description().workspace_min_m[i],
                                description().workspace_max_m[i] - reading_.p_m[i]});
+  }
 }
 
 }  // namespace trocar::runtime

@@ -118,10 +118,11 @@ Result<PlannedFault> read_item(std::string_view item) {
   const auto* const known =
       std::find_if(std::begin(kGrammar), std::end(kGrammar),
                    [&](const Grammar& grammar) { return name == grammar.name; });
-  if (known == std::end(kGrammar))
+  if (known == std::end(kGrammar)) {
     return usage(quote(item) +
                  "must be one of loss, delay, duplicate, reorder, flip, stuck, "
                  "jump, dead, stop, kill");
+  }
   fault.kind = known->kind;
   if (!is_of_packets(fault.kind) && !(fault.on_commands && fault.on_states))
     return usage(quote(item) + "command- and state- are for faults of packets only");

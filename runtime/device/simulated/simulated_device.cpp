@@ -38,10 +38,11 @@ Result<void> check_mechanics(const SimulatedDeviceOptions& options) {
   if (!std::all_of(m.link_mass_kg.begin(), m.link_mass_kg.end(), good) ||
       !good(m.rotor_inertia_kg_m2) || !good(m.coulomb_friction_Nm) || !good(m.presliding_rad) ||
       !(m.presliding_rad > 0) || !good(m.presliding_damping_s) || !good(m.current_lag_s) ||
-      !good(m.encoder_noise_rad))
+      !good(m.encoder_noise_rad)) {
     return refused(
         "simulated device: masses, friction, lag and noise must be finite and not "
         "negative, the presliding angle positive");
+  }
   return {};
 }
 
@@ -95,11 +96,12 @@ Result<SimulatedDevice> SimulatedDevice::make(const DeviceDescription& device,
   else
     T.p_m.z() = kSimulatedHomeHeight_m;
   const InverseResult start = inverse_kinematics(device, T);
-  if (!start.status)
+  if (!start.status) {
     return refused("simulated device: the start pose is " +
                    std::string(to_string(start.status.failure)) + " (leg " +
                    std::to_string(start.status.leg) + ", theta" +
                    std::to_string(start.status.joint) + ")");
+  }
   simulated.truth_.joints = start.joints;
   simulated.hand_mass_attached_ = hand_holds(motion, impedance, 0);
   const Vector3d& lever_m = options.T_plate_tool.p_m;
@@ -182,9 +184,10 @@ void SimulatedDevice::substep(double t_s, double h_s) noexcept {
   const Wrench friction =
       -device_.joint_viscous_friction_Nms_per_rad * (G.transpose() * (G * before));
   truth_.wrench_hand.setZero();
-  if (hand_holds(motion_, impedance_, t_s))
+  if (hand_holds(motion_, impedance_, t_s)) {
     truth_.wrench_hand = hand_wrench(impedance_, hand_target(motion_, t_s),
                                      T * options_.T_plate_tool, moved_to(before, lever_m));
+  }
   const Wrench hand = moved_by(truth_.wrench_hand, lever_m);
   Wrench gravity = Wrench::Zero();
   gravity[2] = -device_.plate_mass_kg * device_.gravity_m_per_s2;

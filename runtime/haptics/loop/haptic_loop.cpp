@@ -102,8 +102,9 @@ FaultDetail check_health(const LoopModel& model, HandDevice& device, bool fresh,
                          TickResult& result) noexcept {
   PlatePose pose;
   if (const FaultDetail f = device.find_pose(reading_interval(model, state), pose);
-      f != Fault::kNone)
+      f != Fault::kNone) {
     return f;
+  }
   state.T_device_plate = pose.T_device_plate;
   result.row.pose_residual_m = pose.residual_m;
   if (fresh) {
@@ -113,8 +114,10 @@ FaultDetail check_health(const LoopModel& model, HandDevice& device, bool fresh,
         check_speed(model.limits, state.T_device_plate, interval_s, state.speed);
     if (speed != Fault::kNone) return speed;
   }
-  if (const FaultDetail f = check_workspace(model.limits, state.T_device_plate); f != Fault::kNone)
+  if (const FaultDetail f = check_workspace(model.limits, state.T_device_plate);
+      f != Fault::kNone) {
     return f;
+  }
   if (const FaultDetail f = device.check_own_workspace(); f != Fault::kNone) return f;
   return is_upright(model.tool, state.T_device_plate) ? FaultDetail()
                                                       : tool_tilt(model.tool, state.T_device_plate);
@@ -134,9 +137,10 @@ FaultDetail wanted_wrench(const LoopModel& model, const TickInputs& inputs, doub
   const FaultDetail refused = law.update(input, contact);
   if (refused != Fault::kNone) return refused;
   if (contact.not_upright) return tool_tilt(model.tool, contact.T_device_evaluated);
-  if (contact.backlog)
+  if (contact.backlog) {
     return {Fault::kRemeshBacklog, FaultQuantity::kWaitingHoles, -1, kMaxPendingHoles + 1,
             kMaxPendingHoles};
+  }
   const FaultDetail energy = state.energy.check(
       model.limits, model.rate_Hz,
       {state.T_device_plate, state.pose_interval_s > 0, contact.stored_J, contact.is_released});

@@ -135,9 +135,10 @@ Wrench keep_passive(const PassivityOptions& options, double plate_mass_kg, doubl
 FaultDetail EnergyAccount::check(const SafetyLimits& limits, double rate_Hz,
                                  const EnergyInput& input) noexcept {
   if (input.new_pose) {
-    if (has_last_ && delivered_ticks_ > 0)
+    if (has_last_ && delivered_ticks_ > 0) {
       work_J_ +=
           delivered_.dot(displacement(T_device_plate_, input.T_device_plate)) / delivered_ticks_;
+    }
     T_device_plate_ = input.T_device_plate;
     has_last_ = true;
     delivered_.setZero();

@@ -48,9 +48,10 @@ FaultDetail check_workspace(const SafetyLimits& limits, const Pose& T_device_pla
     const double at_m = T_device_plate.p_m[i];
     const auto k = static_cast<std::size_t>(i);
     const bool above = at_m >= limits.workspace_min_m[k];
-    if (!(above && at_m <= limits.workspace_max_m[k]))
+    if (!(above && at_m <= limits.workspace_max_m[k])) {
       return {Fault::kWorkspace, FaultQuantity::kPlatePosition, i, at_m,
               above ? limits.workspace_max_m[k] : limits.workspace_min_m[k]};
+    }
   }
   const double upright = (T_device_plate.q * Eigen::Vector3d::UnitZ()).z();
   const bool good =
@@ -80,9 +81,10 @@ FaultDetail check_speed(const SafetyLimits& limits, const Pose& T_device_plate, 
   if (!state.twist_device.allFinite()) state.has_pose = false;
   if (!(limits.speed_window_s >= 0 && speed_m_per_s <= limits.speed_max_m_per_s))
     return {Fault::kSpeed, FaultQuantity::kPlateSpeed, -1, speed_m_per_s, limits.speed_max_m_per_s};
-  if (!(rotation_rad_per_s <= limits.rotation_rate_max_rad_per_s))
+  if (!(rotation_rad_per_s <= limits.rotation_rate_max_rad_per_s)) {
     return {Fault::kSpeed, FaultQuantity::kPlateRotation, -1, rotation_rad_per_s,
             limits.rotation_rate_max_rad_per_s};
+  }
   return {};
 }
 

@@ -391,9 +391,10 @@ SheetPart part_around(const SheetMesh& sheet, std::span<const std::uint32_t> see
     for (std::size_t i = 0; i < 3; ++i) {
       const std::uint32_t u = sheet.across[t][i];
       across[k][i] = u == kNoSlot ? kNoSlot : taken.find(u);
-      if (u != kNoSlot && across[k][i] == kNoSlot)
+      if (u != kNoSlot && across[k][i] == kNoSlot) {
         part.outer.push_back({sheet.vertices[sheet.triangles[t][i]],
                               sheet.vertices[sheet.triangles[t][(i + 1) % 3]]});
+      }
     }
   }
   for (std::uint32_t k = 0; k < n; ++k) {

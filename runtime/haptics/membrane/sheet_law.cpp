@@ -331,9 +331,10 @@ std::shared_ptr<const SheetShape> NetworkPrefetch::shape() const {
 
 FaultDetail SheetLaw::update(const ForceLawInput& input, ContactOutput& output) noexcept {
   // A stiffness that is not finite would spread into later ticks, since stiffnesses are blended.
-  if (model_.uses_prefetched_stiffness && !is_finite(input.prefetched))
+  if (model_.uses_prefetched_stiffness && !is_finite(input.prefetched)) {
     return {Fault::kTorqueNotFinite, FaultQuantity::kPrefetchedStiffness, -1,
             input.prefetched.stiffness_N_per_m, std::numeric_limits<double>::quiet_NaN()};
+  }
   const bool is_coupled = coupling_options_.on;
   const Pose T_device_tool = is_coupled
                                  ? move_proxy(coupling_options_, input.pose_interval_s,

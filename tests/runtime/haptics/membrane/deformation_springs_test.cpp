@@ -2,7 +2,6 @@
 // Refinement makes all springs of a slice's mesh non-negative; and what a cut changes.
 #include <gtest/gtest.h>
 
-
 #include "formats/mesh/cut.h"
 #include "formats/mesh/mesh_validity.h"
 #include "formats/mesh/triangulation.h"
