@@ -143,7 +143,7 @@ bool is_word(std::string_view text) {
   return !text.empty() && text.find_first_not_of(kCharacters) == std::string_view::npos;
 }
 
-bool is_file(std::string_view key) {
+bool names_file(std::string_view key) {
   return key == kOriginScene || key == kOriginAsset || key == kOriginDevice;
 }
 
@@ -434,7 +434,7 @@ std::string differences(const RecordingOrigin& recorded, const RecordingOrigin& 
     const bool is_same = there != nullptr && here != nullptr && *there == *here;
     if (key == kOriginProgram || is_same) return;
     if (!text.empty()) text += ", ";
-    if (is_file(key)) text += "the ";
+    if (names_file(key)) text += "the ";
     text += key + " (" + shown(there) + ", here " + shown(here) + ")";
   };
   for (const auto& [key, value] : recorded.entries)

@@ -92,14 +92,14 @@ double count_within(double pitch_mm, double own_mm, double most) {
   return std::clamp(std::floor(kTolerance * pitch_mm / own_mm), 1.0, most);
 }
 
-struct Blocks {
+struct HuBlocks {
   int columns_each = 1, rows_each = 1;  // pixels of a block
   HuGrid grid;
 };
 
-Blocks blocks_of(const SlicePlane& plane, int width, int height, double pitch_mm,
-                 const MeshOptions& options) {
-  Blocks out;
+HuBlocks blocks_of(const SlicePlane& plane, int width, int height, double pitch_mm,
+                   const MeshOptions& options) {
+  HuBlocks out;
   const auto each = [pitch_mm](double spacing_mm, int pixels) {
     const double wanted = count_within(pitch_mm, spacing_mm, kMaxHuSide);
     return std::max(static_cast<int>(wanted), 1 + (pixels - 1) / 4096);  // kMaxHuSamples in a plane
@@ -164,7 +164,7 @@ std::vector<SliceWeight> weights_near(const PlaneSpacing& planes, int index) {
 }
 
 // Adds the blocks' means, times the weight.
-void add_means(const Image& hu, const Blocks& blocks, double weight, std::vector<double>& sums) {
+void add_means(const Image& hu, const HuBlocks& blocks, double weight, std::vector<double>& sums) {
   const auto columns = static_cast<std::size_t>(blocks.grid.columns);
   std::vector<double> row(columns);
   for (int r = 0; r < blocks.grid.rows; ++r) {
@@ -272,7 +272,7 @@ Result<EncodedHuVolume> encode_context(const SliceStack& stack, int first, int l
   const int each = static_cast<int>(count_within(pitch_mm, std::max(thick_mm, 1e-6), slices));
   const int width = options.crop ? options.crop->x1 - options.crop->x0 + 1 : stack.width(),
             height = options.crop ? options.crop->y1 - options.crop->y0 + 1 : stack.height();
-  const Blocks blocks = blocks_of(stack.plane(first), width, height, pitch_mm, options);
+  const HuBlocks blocks = blocks_of(stack.plane(first), width, height, pitch_mm, options);
   EncodedHuVolume out{blocks.grid, {}};
   // The first plane is so placed that as many slices lie beyond it as beyond the last one.
   for (int index = first + (slices - 1) % each / 2; index <= last; index += each)

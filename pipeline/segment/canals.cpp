@@ -32,7 +32,7 @@ struct Section {
   std::size_t tube = 0;
 };
 
-struct Run {
+struct PlaneRun {
   std::size_t begin = 0, end = 0;  // pixels of a plane
   std::size_t section = 0;
 };
@@ -132,7 +132,7 @@ class Finder {
       }
     });
     for (std::size_t k = 0; k < found.size(); ++k) {
-      for (Run& run : runs_[k])
+      for (PlaneRun& run : runs_[k])
         run.section += sections_.size();
       for (Section& section : found[k]) {
         section.is_soft = section.area_mm2 >= kMinSection_mm2 &&
@@ -147,7 +147,7 @@ class Finder {
   std::map<std::pair<std::size_t, std::size_t>, double> overlaps(std::size_t k) const {
     std::map<std::pair<std::size_t, std::size_t>, double> out;
     const std::size_t width = planes_.width();
-    const std::vector<Run>&a = runs_[k], &b = runs_[k + 1];
+    const std::vector<PlaneRun>&a = runs_[k], &b = runs_[k + 1];
     for (std::size_t i = 0, j = 0; i < a.size() && j < b.size();) {
       const std::size_t from = std::max(a[i].begin, b[j].begin), to = std::min(a[i].end, b[j].end);
       if (from < to && sections_[a[i].section].is_soft && sections_[b[j].section].is_soft) {
@@ -218,7 +218,7 @@ class Finder {
   // A plane's sections of one tube.
   template <typename Visit>
   void each_pixel(std::size_t plane, std::size_t tube, const Visit& visit) const {
-    for (const Run& run : runs_[plane]) {
+    for (const PlaneRun& run : runs_[plane]) {
       const Section& section = sections_[run.section];
       if (!section.is_soft || section.tube != tube) continue;
       for (std::size_t i = run.begin; i < run.end; ++i)
@@ -304,7 +304,7 @@ class Finder {
   bool join_met(std::size_t t, const Followed& now, double area) {
     std::map<std::size_t, double> met;
     const Window& w = now.window;
-    for (const Run& run : runs_[now.plane]) {
+    for (const PlaneRun& run : runs_[now.plane]) {
       if (!sections_[run.section].is_soft) continue;
       const std::size_t y = run.begin / planes_.width();
       if (y < w.y0 || y >= w.y1) continue;
@@ -434,7 +434,7 @@ class Finder {
   const VoxelPlanes& planes_;
   std::span<const std::uint8_t> material_, hu_;
   Bytes& flags_;
-  std::vector<std::vector<Run>> runs_;  // of each plane, in ascending order
+  std::vector<std::vector<PlaneRun>> runs_;  // of each plane, in ascending order
   std::vector<Section> sections_;
   std::vector<Tube> tubes_;
   DisjointSets groups_;  // of tubes that are parts of the same canal

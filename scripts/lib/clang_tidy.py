@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """clang_tidy.py ROOT BUILD [--since COMMIT] [REGEX]: clang-tidy over the compile database of batches (CMake's unity build)."""
-# Headers that eight sources share are parsed and checked once, which takes a quarter of the time of one source at a time.
+# A batch is all sources of a library or program, so that headers are parsed and checked once.
 # With --since only the batches with a source that differs from the commit, and for each header that differs at least one batch that
 # includes it. If the commit is not in this clone, all.
 # A batch that passes leaves a stamp in the user's cache folder and is skipped while its digest
