@@ -206,7 +206,7 @@ TEST(Session, TheRateOfARecordingIsExact) {
   EXPECT_EQ(none.error().code, ExitCode::kRefused);
 }
 
-// The origin that a recording names, and what a replay takes from it. tests/e2e/told_e2e_test.py has the refusals.
+// The origin that a recording names, and what a replay takes from it. tests/e2e/sessions_e2e_test.py has the refusals.
 
 TEST(Origin, AReplayTakesNoOptionThatTheRecordingDoesNotState) {
   const RecordingOrigin recorded{{{"program", TROCAR_VERSION}, {"scene", "1"}}};

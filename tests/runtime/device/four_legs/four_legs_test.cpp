@@ -174,7 +174,7 @@ TEST(FourLegsSpecification, IsThatOfTheJacobian) {
             "out of the device's reach");
 }
 
-// hand_path_test.cpp compares the faults with those of the loop.
+// path_test.cpp compares the faults with those of the loop.
 TEST(FourLegsSpecification, StatesTheMarginsOfAPose) {
   const DeviceDescription description = default_device_description();
   const FourLegsSpecification specification(description);
