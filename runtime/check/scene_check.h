@@ -22,7 +22,7 @@
 //     the plate moves by at most 3 mm, at no more than 0.25 m/s.
 //  7. With the law `cutting`, ForceLaw::stability_warning() has no reason to warn: the
 //     rate of the loop is so high that the loop is known to give no energy to the hand. (If the
-//     rendered stiffness is too large for the rate, there is no check: is_passive() is an error.)
+//     rendered stiffness is too large for the rate, there is no check: may_start() is false: an error.)
 //
 // If the scene has a live hand, the person's motion is not known, and there is no dry run. There
 // is then no warning if and only if a session can start, the live hand can reach the height of

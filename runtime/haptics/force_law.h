@@ -69,11 +69,9 @@ class PrefetchWorker {
 // Interface of a force law, which computes how tissue acts on the tool during a session. The
 // shipped laws are `hooke` and `network` (runtime/haptics/membrane/sheet_law.h) and `cutting`
 // (runtime/haptics/bone/cutting_force_law.h). A session creates one law before its loop starts
-// (runtime/session/force_law_table.h). The loop, the recording and the reports use only this
-// interface.
+// (runtime/session/force_law_table.h). The tick uses only this interface.
 //
-// To add a law to the product, follow the four steps of ARCHITECTURE.md, "A force law": the class,
-// its kind and traits, its factory, and its entry in the schema of scenes. A test needs only one
+// To add a law to the product, follow ARCHITECTURE.md, "A force law". A test needs only one
 // file with the class, and one call of add_force_law(). tests/runtime/haptics/constant_layer.h is
 // an example of such a file.
 //
@@ -82,6 +80,9 @@ class PrefetchWorker {
 //     not allocate, lock or throw, and they take a bounded time.
 //  2. The result depends only on the construction arguments and on the sequence of calls, so that a
 //     replay gives the same bits.
+//  3. The law multiplies wrench_plate and stored_J by SceneForceLaw::force_scale and states it in
+//     tip_force(). It applies ForceLawSetup::coupling and StiffnessLimits itself; nothing outside it
+//     does.
 
 /// Limits of the stiffness that a law renders, in addition to the limits that follow from the
 /// scene, the device and the rate.

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The table of force laws, from which a session creates the law that its scene names. To add a law
-// to the program, follow README.md of this folder. A test calls add_force_law() instead.
+// to the program, follow ARCHITECTURE.md, "A force law". A test calls add_force_law() instead.
 #pragma once
 
 #include <memory>

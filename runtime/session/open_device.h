@@ -100,9 +100,8 @@ Result<SimulatedPoseDevice> make_simulated_pose_device(const Scene& scene,
                                                        const PoseDeviceDescription& description,
                                                        UnscriptedHand* hand);
 
-// Opens the devices that a session can use. A URI names a device. To add a device, write one class
-// derived from PoseConnection, PoseDevice or HandDevice in a new file, and add one entry to the
-// table of open_device.cpp.
+// Opens the devices that a session can use. A URI names a device. To add a device, follow
+// ARCHITECTURE.md, "A device".
 
 inline constexpr std::string_view kDefaultDevice = "inproc";
 

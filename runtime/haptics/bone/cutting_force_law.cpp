@@ -40,7 +40,7 @@ constexpr double kBreakShare = 0.5;
 double lowest_passive_rate_Hz(const BoneVolume& bone, const ForceLawSetup& setup,
                               const Pose& T_device_plate) {
   const auto is_enough = [&](double rate_Hz) {
-    return runtime::is_passive(choose_coupling(bone, setup.scene.force_law, setup.device,
+    return may_start(choose_coupling(bone, setup.scene.force_law, setup.device,
                                                T_device_plate, rate_Hz, setup.stiffness));
   };
   double low_Hz = std::floor(setup.rate_Hz), high_Hz = kMaxRate_Hz;
@@ -144,7 +144,7 @@ std::string describe(const DeviceCoupling& chosen, const SceneForceLaw& law) {
              chosen.predicts_pose ? "evaluated a tick ahead" : "evaluated where the plate is");
 }
 
-bool is_passive(const DeviceCoupling& chosen) {
+bool may_start(const DeviceCoupling& chosen) {
   constexpr double kRounding = 1e-9;
   const bool damping_suffices = !chosen.predicts_pose && chosen.damping_share >= 1;
   return damping_suffices ||
@@ -189,7 +189,7 @@ Result<std::unique_ptr<CuttingForceLaw>> CuttingForceLaw::make(const ForceLawSet
   const Pose T_device_plate = over_anchor(*setup.sheets.front(), bone->tool);
   const DeviceCoupling coupling = choose_coupling(*bone, setup.scene.force_law, setup.device,
                                                   T_device_plate, setup.rate_Hz, setup.stiffness);
-  if (!runtime::is_passive(coupling))
+  if (!may_start(coupling))
     return refused(why_not_passive(coupling, lowest_passive_rate_Hz(*bone, setup, T_device_plate)));
   bone->options.coupling = coupling.coupling;
   return std::unique_ptr<CuttingForceLaw>(new CuttingForceLaw(setup, std::move(*bone), coupling));

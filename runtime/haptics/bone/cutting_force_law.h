@@ -49,7 +49,7 @@ namespace trocar::runtime {
 //     a coupling even if the scene declares it rigid.
 //  4. A rigid tool, and a coupling spring without prediction, can render a stiffness above 0.5 M /
 //     T^2, divided by StiffnessLimits::margin. Then `inertia_share` exceeds `inertia_limit`. Unless
-//     the device's damping suffices without prediction (contract 2), is_passive() is then false, and
+//     the device's damping suffices without prediction (contract 2), may_start() is then false, and
 //     a session refuses to start. In rotation, `inertia_share` and contract 1 use two levers: the
 //     lever of contract 2 for the stiffness of the walls, and the distance of the tool's axis from
 //     the plate's origin for the stiffness along this axis. (A force along an axis through the
@@ -104,14 +104,14 @@ DeviceCoupling choose_coupling(const BoneVolume& bone, const SceneForceLaw& law,
 std::string describe(const DeviceCoupling& chosen, const SceneForceLaw& law);
 
 /// False if the rendered stiffness is too large for the plate's inertia and the rate (contract 4).
-bool is_passive(const DeviceCoupling& chosen);
+bool may_start(const DeviceCoupling& chosen);
 
-/// Returns one line that says why is_passive() is false, and which stiffness or rate would do.
+/// Returns one line that says why may_start() is false, and which stiffness or rate would do.
 /// `enough_Hz`: lowest rate of the loop at which it would be true; 0: no rate would do.
 std::string why_not_passive(const DeviceCoupling& chosen, double enough_Hz);
 
 /// Returns a text that says why, with this choice, the loop may oscillate or release energy to the
-/// hand, and what helps. The text is empty if there is no such reason. Precondition: is_passive().
+/// hand, and what helps. The text is empty if there is no such reason. Precondition: may_start().
 std::string stability_warning(const DeviceCoupling& chosen);
 
 // The force law `cutting`. The tool cuts through one bone volume (bone_volume.h). The tool
@@ -137,7 +137,7 @@ class CuttingForceLaw final : public ForceLaw {
   /// Creates the law. The coupling is chosen for one pose of the plate: the plate is level, and the
   /// tip is on the topmost sheet at the scene's anchor (over_anchor() in runtime/haptics/sheet.h).
   /// Errors: those of make_bone_volume(), with the asset's path before each message; kRefused if
-  /// the coupling is not passive at the rate (is_passive()).
+  /// the coupling is not passive at the rate (may_start()).
   static Result<std::unique_ptr<CuttingForceLaw>> make(const ForceLawSetup& setup);
 
   FaultDetail update(const ForceLawInput& input, ContactOutput& output) noexcept override;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// A force law for tests, and the example of how to add one: below the topmost slice, tissue pushes the tip
-// up with a constant force, like friction on the way in. One file and one call of add_force_law().
+// A force law for tests, and the example of how to write one: below the topmost slice, tissue pushes the
+// tip up with a constant force, in and out alike. One file and one call of add_force_law().
 #pragma once
 
 #include <algorithm>
@@ -17,7 +17,9 @@ class ConstantLayerLaw final : public ForceLaw {
   static constexpr double kForce_N = 2;
 
   explicit ConstantLayerLaw(const ForceLawSetup& setup)
-      : tool_(make_tool(setup.scene.tool)), top_z_m_(setup.sheets.front()->z_m) {}
+      : tool_(make_tool(setup.scene.tool)),
+        top_z_m_(setup.sheets.front()->z_m),
+        scale_(setup.scene.force_law.force_scale) {}
 
   FaultDetail update(const ForceLawInput& input, ContactOutput& output) noexcept override {
     output = ContactOutput{};
@@ -30,8 +32,8 @@ class ConstantLayerLaw final : public ForceLaw {
     output.penetration_m = depth_m;
     output.force_N = kForce_N;
     output.wrench_device = wrench_at({0, 0, kForce_N}, output.tip_device_m, input.T_device_plate);
-    output.wrench_plate = output.wrench_device;
-    output.stored_J = 0;  // the layer resists like friction and returns nothing
+    output.wrench_plate = scale_ * output.wrench_device;
+    output.stored_J = scale_ * kForce_N * depth_m;  // given back on the way out
     deepest_m_ = std::max(deepest_m_, depth_m);
     return {};
   }
@@ -47,7 +49,7 @@ class ConstantLayerLaw final : public ForceLaw {
 
  private:
   Tool tool_;
-  double top_z_m_;
+  double top_z_m_, scale_;
   double deepest_m_ = 0;
 };
 

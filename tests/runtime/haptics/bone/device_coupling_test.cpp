@@ -228,8 +228,8 @@ TEST(DeviceCoupling, AMarginDividesWhatTheMassAllows) {
   BoneVolume bone = bone_volume();
   bone.along_N_per_m = 0.4 * device.plate_mass_kg * 1e6;
   bone.across_N_per_m = 0;
-  EXPECT_TRUE(is_passive(choose(bone, rigid, device)));
-  EXPECT_FALSE(is_passive(choose(bone, rigid, device, upright(), 1000, {.margin = 2})));
+  EXPECT_TRUE(may_start(choose(bone, rigid, device)));
+  EXPECT_FALSE(may_start(choose(bone, rigid, device, upright(), 1000, {.margin = 2})));
 }
 
 TEST(DeviceCoupling, NeverStifferThanTheDeviceStatesOrTheOperatorAllows) {
@@ -318,7 +318,7 @@ TEST(DeviceCoupling, ARigidAxisThatIsTooStiffForItsRateIsRefused) {
       const double share = scale * 50'000 / (rate_Hz * rate_Hz * device.plate_mass_kg);
       ASSERT_TRUE(chosen.predicts_pose);
       EXPECT_NEAR(chosen.inertia_share, share, 1e-9 * share) << "a sheet has no walls";
-      EXPECT_EQ(is_passive(chosen), share <= 0.5) << share;
+      EXPECT_EQ(may_start(chosen), share <= 0.5) << share;
       if (share <= 0.5) continue;
       const std::string why = why_not_passive(chosen, 600);
       for (const std::string& part :
@@ -328,7 +328,7 @@ TEST(DeviceCoupling, ARigidAxisThatIsTooStiffForItsRateIsRefused) {
       const std::size_t at = why.find("at most ", why.find("instead of a stiffness")) + 8;
       Scene softer = scene;
       softer.tissue.stiffness_N_per_m = 0.999 * std::stod(why.substr(at));
-      EXPECT_TRUE(is_passive(choose(test::bone_volume_of(softer, test::square_asset(1)), law,
+      EXPECT_TRUE(may_start(choose(test::bone_volume_of(softer, test::square_asset(1)), law,
                                     device, upright(), rate_Hz)))
           << why;
     }
@@ -340,20 +340,20 @@ TEST(DeviceCoupling, ACouplingThatIsTooStiffForItsRateIsRefusedToo) {
   DeviceDescription device = default_device_description();
   SceneForceLaw law = coupled(1e6, 10);
   law.prediction = PosePrediction::kOff;
-  EXPECT_FALSE(is_passive(choose(bone_volume(), law, device, upright(), 250)));
+  EXPECT_FALSE(may_start(choose(bone_volume(), law, device, upright(), 250)));
   EXPECT_NE(why_not_passive(choose(bone_volume(), law, device, upright(), 250), 0)
                 .find("lower coupling_N_per_m"),
             std::string::npos);
   law.prediction = PosePrediction::kAuto;
-  EXPECT_TRUE(is_passive(choose(bone_volume(), law, device, upright(), 250)))
+  EXPECT_TRUE(may_start(choose(bone_volume(), law, device, upright(), 250)))
       << "with prediction the spring is within the limit";
   law = coupled(100, 0.1);
   law.prediction = PosePrediction::kOff;
-  EXPECT_TRUE(is_passive(choose(bone_volume(), law, device)));
+  EXPECT_TRUE(may_start(choose(bone_volume(), law, device)));
   device.joint_viscous_friction_Nms_per_rad = 1e4;
   law = coupled(1e6, 10);
   law.prediction = PosePrediction::kOff;
-  EXPECT_TRUE(is_passive(choose(bone_volume(), law, device, upright(), 250)))
+  EXPECT_TRUE(may_start(choose(bone_volume(), law, device, upright(), 250)))
       << "its damping suffices";
 }
 
