@@ -107,11 +107,13 @@ Object object_from(const json& value) {
 // because a store is not trusted more than other files. Errors: kRefused if the file is there, but
 // cannot be read.
 Result<std::optional<std::string>> text_of(const fs::path& file) {
-  const auto bytes = read_file(file, kMaxJsonBytes);
-  if (bytes) return std::optional(std::string(bytes->begin(), bytes->end()));
+  auto bytes = read_file(file, kMaxJsonBytes);
   struct stat status {};
-  if (::lstat(file.c_str(), &status) != 0 && errno == ENOENT) return std::optional<std::string>();
-  return refused_for_now(bytes.error().message);
+  if (!bytes && ::lstat(file.c_str(), &status) != 0 && errno == ENOENT)
+    return std::optional<std::string>();
+  if (!bytes) bytes = read_file(file, kMaxJsonBytes);  // it may have come since
+  if (!bytes) return refused_for_now(bytes.error().message);
+  return std::optional(std::string(bytes->begin(), bytes->end()));
 }
 
 Error damaged(const fs::path& file) {
