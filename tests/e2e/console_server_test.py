@@ -96,7 +96,7 @@ def test_bone(console):
 
 
 def newest(folder):
-    return max(p for p in (folder / "sessions").iterdir() if p.is_dir())
+    return max((p for p in (folder / "sessions").iterdir() if p.is_dir()), key=lambda p: p.stat().st_mtime_ns)
 
 
 def start(console, live, **what):
