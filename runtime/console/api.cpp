@@ -65,14 +65,10 @@ json as_json(const TelemetryEvent& event) {
                   {"advice", words.advice},
                   {"retract_distance_m", event.retract_distance_m}});
       text = "not recovered" + at + ": ";
-      if (event.found.fault == Fault::kNone) {
-        text += text_line("the tool is in material; lift it by %.2f mm",
-                          event.retract_distance_m * 1e3);
-      } else {
-        const std::string found = measured(event.found);
-        text += words.meaning_in_recovery + (found.empty() ? "" : " (" + found + ")") + "; " +
-                words.advice;
-      }
+      text += event.found.fault == Fault::kNone
+                  ? text_line("the tool is in material; lift it by %.2f mm",
+                              event.retract_distance_m * 1e3)
+                  : with_advice(words.meaning_in_recovery, event.found);
       break;
     case TelemetryEventKind::kRecovered:
       out["fault"] = words.name;
