@@ -157,6 +157,20 @@ double arch(Vec3 p) {
 }
 constexpr double kArchFront_mm = 6.0;  // the arch lies behind this y
 
+// Signed distance from the vertebral canal, negative inside. The canal has the same cross-section
+// at every height, 23 mm wide and 16 mm deep.
+double canal_distance_mm(Vec3 p) {
+  constexpr std::array<Vec2, 5> kCanal{
+      {{-6.0, 20.3}, {6.0, 20.3}, {7.7, 23.0}, {0, 28.9}, {-7.7, 23.0}}};
+  return polygon_distance({std::abs(p.x), p.y}, kCanal) - 3.8;
+}
+
+// Signed distance from the column of vertebral bodies and discs, positive outside. At every
+// height, the column has the outline of the body, grown by 1 mm, because the discs bulge.
+double disc_column_distance_mm(Vec3 p) {
+  return body_outline({p.x, p.y}) - 1.0;
+}
+
 BoneSample sample_vertebra(Vec3 p) {
   const Vec3 q{std::abs(p.x), p.y, p.z};
   const BodySample body = sample_body(p);
@@ -215,16 +229,6 @@ constexpr EllipseColumn kAorta{{9, -30}, {9.5, 9.5}};
 constexpr EllipseColumn kVenaCava{{-16, -27}, {12.5, 8.5}, {0.980, 0.199}};
 
 }  // namespace
-
-double canal_distance_mm(Vec3 p) {
-  constexpr std::array<Vec2, 5> kCanal{
-      {{-6.0, 20.3}, {6.0, 20.3}, {7.7, 23.0}, {0, 28.9}, {-7.7, 23.0}}};
-  return polygon_distance({std::abs(p.x), p.y}, kCanal) - 3.8;
-}
-
-double disc_column_distance_mm(Vec3 p) {
-  return body_outline({p.x, p.y}) - 1.0;
-}
 
 BoneSample sample_bone(Vec3 p) {
   // Evaluate the nearest vertebra first, and another one only if its bound is nearer.

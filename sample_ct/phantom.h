@@ -150,14 +150,6 @@ struct BoneSample {
 /// exact distance. At the side walls of a vertebral body the magnitude is at most 4 % too small.
 BoneSample sample_bone(Vec3 p);
 
-/// Signed distance from the vertebral canal, negative inside. The canal has the same cross-section
-/// at every height, 23 mm wide and 16 mm deep.
-double canal_distance_mm(Vec3 p);
-
-/// Signed distance from the column of vertebral bodies and discs, positive outside. At every
-/// height, the column has the outline of the body, grown by 1 mm, because the discs bulge.
-double disc_column_distance_mm(Vec3 p);
-
 // The phantom: tissue and radio-density (HU) at any point in space. Formulas describe the shape of
 // the bone (above); soft tissue is made of simple solids. Bone and soft tissue have a faint
 // random texture, which depends on a seed. render.h computes pixels and slices and adds noise.

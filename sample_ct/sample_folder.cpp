@@ -132,6 +132,34 @@ Result<void> move_or_exchange(const fs::path& made, const fs::path& target) {
   return failed(target, reason);
 }
 
+// The text of sample.json: the scan's parameters, every length with its unit.
+std::string describe_scan(const Scan& scan, const GreyWindow& window) {
+  const ScanGeometry& g = scan.geometry;
+  const TissueHu tissue;
+  const nlohmann::ordered_json json{
+      {"program", "trocar-sample-ct " TROCAR_VERSION},
+      {"seed", scan.seed},
+      {"slices", g.slices},
+      {"columns", g.columns},
+      {"rows", g.rows},
+      {"frame",
+       "LPS, z up; pixel (column, row) of slice k lies at first_pixel_mm + (column * "
+       "spacing[0], row * spacing[1], k * spacing[2])"},
+      {"spacing_mm", {g.pixel_mm, g.pixel_mm, g.slice_step_mm}},
+      {"first_pixel_mm", {g.first_pixel_mm.x, g.first_pixel_mm.y, g.first_pixel_mm.z}},
+      {"slice_thickness_mm", g.slice_thickness_mm},
+      {"noise_HU", scan.noise_hu},
+      {"png_window_HU", {window.low_hu, window.high_hu}},
+      {"cortical_HU", tissue.cortical},
+      {"cancellous_HU", tissue.cancellous},
+      {"files",
+       {{"png", png_name(0) + " .. " + png_name(g.slices - 1)},
+        {"dicom", dicom_name(0) + " .. " + dicom_name(g.slices - 1)},
+        {"nifti", "sample.nii.gz"}}},
+  };
+  return json_text(json, 2) + "\n";
+}
+
 }  // namespace
 
 Result<void> write_png(const Scan& scan, const GreyWindow& window,
@@ -162,34 +190,6 @@ Result<void> write_png(const Scan& scan, const GreyWindow& window,
 std::string png_library_version() {
   return std::string("libspng ") + spng_version_string();
 }
-
-std::string describe_scan(const Scan& scan, const GreyWindow& window) {
-  const ScanGeometry& g = scan.geometry;
-  const TissueHu tissue;
-  const nlohmann::ordered_json json{
-      {"program", "trocar-sample-ct " TROCAR_VERSION},
-      {"seed", scan.seed},
-      {"slices", g.slices},
-      {"columns", g.columns},
-      {"rows", g.rows},
-      {"frame",
-       "LPS, z up; pixel (column, row) of slice k lies at first_pixel_mm + (column * "
-       "spacing[0], row * spacing[1], k * spacing[2])"},
-      {"spacing_mm", {g.pixel_mm, g.pixel_mm, g.slice_step_mm}},
-      {"first_pixel_mm", {g.first_pixel_mm.x, g.first_pixel_mm.y, g.first_pixel_mm.z}},
-      {"slice_thickness_mm", g.slice_thickness_mm},
-      {"noise_HU", scan.noise_hu},
-      {"png_window_HU", {window.low_hu, window.high_hu}},
-      {"cortical_HU", tissue.cortical},
-      {"cancellous_HU", tissue.cancellous},
-      {"files",
-       {{"png", png_name(0) + " .. " + png_name(g.slices - 1)},
-        {"dicom", dicom_name(0) + " .. " + dicom_name(g.slices - 1)},
-        {"nifti", "sample.nii.gz"}}},
-  };
-  return json_text(json, 2) + "\n";
-}
-
 Result<void> check_sample_folder(const fs::path& folder) {
   std::error_code error;
   if (fs::exists(folder, error) && !fs::is_directory(folder, error))

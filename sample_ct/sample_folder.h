@@ -51,7 +51,4 @@ Result<void> write_sample_folder(const Scan& scan, const GreyWindow& window,
                                  const std::function<void(const std::string&)>& progress = {},
                                  const std::atomic<bool>* stop = nullptr);
 
-/// The text of sample.json: the scan's parameters, every length with its unit.
-std::string describe_scan(const Scan& scan, const GreyWindow& window);
-
 }  // namespace trocar::sample

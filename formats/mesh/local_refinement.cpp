@@ -63,27 +63,17 @@ std::uint32_t edge_towards(const SheetMesh& mesh, std::uint32_t t, std::uint32_t
   return mesh.across[t][0] == from ? 0 : mesh.across[t][1] == from ? 1 : 2;
 }
 
-// Returns the start of the boundary edge that ends where e starts. It is found by turning
-// around that vertex.
-std::uint32_t previous_on_boundary(const SheetMesh& mesh, TriangleEdge e) noexcept {
-  std::uint32_t t = e.triangle, back = previous_corner(e.edge);  // the edge that ends there
-  while (mesh.across[t][back] != kNoSlot) {
-    const std::uint32_t next = mesh.across[t][back];
-    back = previous_corner(edge_towards(mesh, next, t));
-    t = next;
-  }
-  return mesh.triangles[t][back];
-}
-
-// Returns the end of the boundary edge that starts where e ends.
-std::uint32_t next_on_boundary(const SheetMesh& mesh, TriangleEdge e) noexcept {
-  std::uint32_t t = e.triangle, on = next_corner(e.edge);
+// Returns the boundary edge that ends where the boundary edge e starts (`turn` is previous_corner), or
+// that starts where e ends (next_corner). It is found by turning around that vertex.
+template <typename Turn>
+TriangleEdge next_to(const SheetMesh& mesh, TriangleEdge e, const Turn& turn) noexcept {
+  std::uint32_t t = e.triangle, on = turn(e.edge);
   while (mesh.across[t][on] != kNoSlot) {
     const std::uint32_t next = mesh.across[t][on];
-    on = next_corner(edge_towards(mesh, next, t));
+    on = turn(edge_towards(mesh, next, t));
     t = next;
   }
-  return mesh.triangles[t][next_corner(on)];
+  return {t, on};
 }
 
 }  // namespace
@@ -588,8 +578,9 @@ InsertionOutcome PointInsertion::insert(SheetMesh& mesh, SheetEdit& edit, Lattic
 SplitAim aim_split(const SheetMesh& mesh, TriangleEdge e, int parts) noexcept {
   const LatticePoint a = mesh.vertices[mesh.triangles[e.triangle][e.edge]];
   const LatticePoint b = mesh.vertices[mesh.triangles[e.triangle][next_corner(e.edge)]];
-  const LatticePoint before = mesh.vertices[previous_on_boundary(mesh, e)];
-  const LatticePoint after = mesh.vertices[next_on_boundary(mesh, e)];
+  const TriangleEdge back = next_to(mesh, e, previous_corner), on = next_to(mesh, e, next_corner);
+  const LatticePoint before = mesh.vertices[mesh.triangles[back.triangle][back.edge]];
+  const LatticePoint after = mesh.vertices[mesh.triangles[on.triangle][next_corner(on.edge)]];
   const bool acute_at_a = is_acute(a, b, before), acute_at_b = is_acute(b, after, a);
   if (acute_at_a == acute_at_b) {
     const int before_it = parts / 2;

@@ -301,11 +301,15 @@ std::string measured(const FaultDetail& detail) {
   return text;
 }
 
+std::string with_advice(const char* meaning, const FaultDetail& detail) {
+  const std::string found = measured(detail);
+  return meaning + (found.empty() ? "" : " (" + found + ")") + "; " + words_of(detail.fault).advice;
+}
+
 std::string describe(const FaultDetail& detail, double t_s) {
   const FaultWords& words = words_of(detail.fault);
-  const std::string found = measured(detail);
-  return std::string(words.name) + " at " + text_line("%.4f", t_s) + " s: " + words.meaning +
-         (found.empty() ? "" : " (" + found + ")") + "; " + words.advice;
+  return std::string(words.name) + " at " + text_line("%.4f", t_s) +
+         " s: " + with_advice(words.meaning, detail);
 }
 
 }  // namespace trocar

@@ -170,6 +170,10 @@ std::string measured(const FaultDetail& detail);
 /// cannot tell that its stop was released, otherwise another fault.
 const char* refusal_words(Fault found);
 
+/// Returns the meaning of a fault (FaultWords::meaning or meaning_in_recovery) with what was measured
+/// and the advice.
+std::string with_advice(const char* meaning, const FaultDetail& detail);
+
 /// "NAME at T s: MEANING (MEASURED); ADVICE"
 std::string describe(const FaultDetail& detail, double t_s);
 

@@ -157,10 +157,9 @@ void read_tissues(StrictObject& scene, std::vector<NamedTissue>& tissues) {
 
 void read_layers(StrictObject& scene, std::vector<SceneLayer>& layers) {
   scene.elements("layers", 1, kMaxLayers, [&](StrictObject& object) {
-    SceneLayer layer;
-    layer.name = object.string("name");
-    layer.top_z_m = object.number("top_z_m", -kMaxPosition_m, kMaxPosition_m);
-    layer.thickness_m = object.number("thickness_m", 1e-5, 0.2);
+    SceneLayer layer{.name = object.string("name"),
+                     .top_z_m = object.number("top_z_m", -kMaxPosition_m, kMaxPosition_m),
+                     .thickness_m = object.number("thickness_m", 1e-5, 0.2)};
     object.read("stiffness_N_per_m", layer.stiffness_N_per_m, 0.0, 1e5);
     object.read("stiffening_N_per_m2", layer.stiffening_N_per_m2, 0.0, 1e9);
     if (object.has("toughness_J_per_m2")) {

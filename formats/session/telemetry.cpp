@@ -368,12 +368,11 @@ TelemetryReader::Next TelemetryReader::next_event(TelemetryEvent& event, std::ui
   if (values[0] != 2 * number || slot[0].load(std::memory_order_acquire) != 2 * number)
     return lapped(last_event());
   const auto kind = static_cast<TelemetryEventKind>(values[1]);
-  TelemetryEvent found;
-  found.number = number;
-  found.kind = kind;
-  found.t_s = number_in(values[2]);
-  found.sheet = int_in(values[3]);
-  found.slice = int_in(values[4]);
+  TelemetryEvent found{.number = number,
+                       .kind = kind,
+                       .t_s = number_in(values[2]),
+                       .sheet = int_in(values[3]),
+                       .slice = int_in(values[4])};
   const bool has_end = kind == TelemetryEventKind::kEnded;
   if (has_end)
     found.end = static_cast<TelemetryEnd>(values[5]);

@@ -102,7 +102,7 @@ struct TelemetryEvent {
   /// tick.
   double tool_z_m = 0, penetration_m = 0, tip_N = 0, trial_force_N = 0;
   double hand_N = 0;              ///< kPuncture: force on the hand in the tick before the puncture
-  FaultDetail found;              ///< fault and measured value, for the kinds that name `found`
+  FaultDetail found{};            ///< fault and measured value, for the kinds that name `found`
   double retract_distance_m = 0;  ///< kNotRecovered: distance by which to retract the tool
 };
 
@@ -148,7 +148,7 @@ struct TelemetrySizes {
   std::size_t columns = 0;  ///< number of values in a snapshot; a snapshot shows one tick
   /// Sizes of the sheets' initial meshes. The region of a sheet has space for twice its initial
   /// mesh plus 64 KiB.
-  std::vector<Mesh> sheets;
+  std::vector<Mesh> sheets{};
   bool has_shape = false;
   bool has_hand = false;  ///< the session has a live hand
 };

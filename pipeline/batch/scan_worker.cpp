@@ -536,52 +536,44 @@ std::string cause_text(const json& cause) {
 
 Processes::~Processes() {
   signal_all(SIGKILL);
-  for (const Running& one : running_) {
-    ::close(one.fd);
+  for (const Running& one : running_)
     ::waitpid(one.pid, nullptr, 0);
-  }
 }
 
 Result<void> Processes::start(std::size_t task, const std::function<std::string()>& work) {
   std::array<int, 2> ends{};
   if (::pipe2(ends.data(), O_CLOEXEC) != 0)
     return bug("cannot create a pipe for a scan's process: " + system_message(errno));
+  FileDescriptor from(ends[0]), to(ends[1]);
   std::fflush(nullptr);
   const pid_t pid = fork_with_signal(SIGKILL);
-  if (pid < 0) {
-    const int error = errno;
-    ::close(ends[0]);
-    ::close(ends[1]);
-    return bug("cannot create a process for a scan: " + system_message(error));
-  }
+  if (pid < 0) return bug("cannot create a process for a scan: " + system_message(errno));
   if (pid == 0) {
-    ::close(ends[0]);
-    for (const Running& other : running_)
-      ::close(other.fd);
-    write_all(ends[1], work());
+    from.close();
+    running_.clear();
+    write_all(to.get(), work());
     std::fflush(nullptr);
     ::_exit(0);  // without the destructors of the parent's objects
   }
-  ::close(ends[1]);
-  running_.push_back({task, pid, ends[0], {}, std::chrono::steady_clock::now()});
+  running_.push_back({task, pid, std::move(from), {}, std::chrono::steady_clock::now()});
   return {};
 }
 
 std::optional<Ended> Processes::wait(std::chrono::milliseconds most) {
   std::vector<pollfd> waiting;
   for (const Running& one : running_)
-    waiting.push_back({one.fd, POLLIN, 0});
+    waiting.push_back({one.fd.get(), POLLIN, 0});
   if (::poll(waiting.data(), waiting.size(), static_cast<int>(most.count())) <= 0)
     return std::nullopt;
   for (std::size_t k = 0; k < waiting.size(); ++k) {
     if (waiting[k].revents == 0) continue;
     std::array<char, 4096> block{};
-    const ssize_t got = ::read(running_[k].fd, block.data(), block.size());
+    const ssize_t got = ::read(running_[k].fd.get(), block.data(), block.size());
     if (got > 0) running_[k].text.append(block.data(), static_cast<std::size_t>(got));
     if (got > 0 || (got < 0 && errno == EINTR)) continue;
-    const Running one = std::move(running_[k]);
+    Running one = std::move(running_[k]);
     running_.erase(running_.begin() + static_cast<std::ptrdiff_t>(k));
-    ::close(one.fd);
+    one.fd.close();
     int status = 0;
     rusage used{};
     while (::wait4(one.pid, &status, 0, &used) < 0 && errno == EINTR) {

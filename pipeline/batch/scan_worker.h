@@ -99,7 +99,7 @@ class Processes {
   struct Running {
     std::size_t task = 0;
     pid_t pid = 0;
-    int fd = -1;
+    FileDescriptor fd;  ///< the pipe from the process
     std::string text;
     std::chrono::steady_clock::time_point start;
   };

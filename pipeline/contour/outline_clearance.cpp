@@ -6,6 +6,12 @@
 namespace trocar::pipeline {
 namespace {
 
+// The clearance for a tolerance: kClearance_steps, but at most half of the tolerance, because
+// features above that size may be wanted. Result and `tolerance` are in lattice steps.
+double clearance_steps(double tolerance) {
+  return std::min(kClearance_steps, tolerance / 2);
+}
+
 using namespace collapse;  // collapse_geometry.h
 
 constexpr int kSpotRounds = 8;            // rounds over all tight spots
@@ -412,10 +418,6 @@ bool lacks_area(const SimplifiedOutline& outline) {
 }
 
 }  // namespace
-
-double clearance_steps(double tolerance) {
-  return std::min(kClearance_steps, tolerance / 2);
-}
 
 void clear_outline(const Pslg& contours, const std::vector<bool>& is_open, double tolerance,
                    SimplifiedOutline& simplified) {

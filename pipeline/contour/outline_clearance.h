@@ -50,10 +50,6 @@ struct SimplifiedOutline {
   std::vector<std::int64_t> area_errors;
 };
 
-/// The clearance for a tolerance: kClearance_steps, but at most half of the tolerance, because
-/// features above that size may be wanted. Result and `tolerance` are in lattice steps.
-double clearance_steps(double tolerance);
-
 /// Removes from `simplified.outline` the tight spots that the scan does not force. A change merges
 /// two vertices into one or moves one vertex. It is made only if four conditions hold:
 ///  - The new edges cross nothing.

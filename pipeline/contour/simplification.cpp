@@ -489,18 +489,6 @@ class Embedding {
   std::vector<Boxed> boxes_;
 };
 
-}  // namespace
-
-double left_for_refinement_steps(const Lattice& lattice, const SimplificationOptions& options) {
-  return options.method == SimplificationMethod::kArea && options.tolerance_mm > 0
-             ? left_for_refinement(options.tolerance_mm / lattice.step_mm())
-             : std::numeric_limits<double>::infinity();
-}
-
-Pslg simplify(const Pslg& contours, const Lattice& lattice, const SimplificationOptions& options) {
-  return simplify_lines(contours, {}, lattice, options, {});
-}
-
 Pslg simplify_lines(const Pslg& lines, const std::vector<bool>& is_open, const Lattice& lattice,
                     const SimplificationOptions& options, const MarkMisplaced& mark_misplaced) {
   const double tolerance = options.tolerance_mm / lattice.step_mm();
@@ -514,6 +502,17 @@ Pslg simplify_lines(const Pslg& lines, const std::vector<bool>& is_open, const L
   return std::move(out.outline);
 }
 
+}  // namespace
+
+double left_for_refinement_steps(const Lattice& lattice, const SimplificationOptions& options) {
+  return options.method == SimplificationMethod::kArea && options.tolerance_mm > 0
+             ? left_for_refinement(options.tolerance_mm / lattice.step_mm())
+             : std::numeric_limits<double>::infinity();
+}
+
+Pslg simplify(const Pslg& contours, const Lattice& lattice, const SimplificationOptions& options) {
+  return simplify_lines(contours, {}, lattice, options, {});
+}
 // Implements simplify() of label_borders.h.
 
 LabelBorders simplify(const LabelBorders& borders, const Lattice& lattice,

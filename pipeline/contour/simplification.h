@@ -40,9 +40,6 @@ Pslg simplify(const Pslg& contours, const Lattice& lattice, const Simplification
 /// changes the topology, so it does not call `mark_misplaced` at all.
 using MarkMisplaced =
     std::function<void(const std::vector<Ring>& simplified, std::vector<char>& marks)>;
-Pslg simplify_lines(const Pslg& lines, const std::vector<bool>& is_open, const Lattice& lattice,
-                    const SimplificationOptions& options, const MarkMisplaced& mark_misplaced);
-
 /// Refinement adds points to the edges of the outline and rounds them to the lattice. Returns how
 /// far, in lattice steps, rounding may move a point away from its edge if the outline is to stay
 /// within the tolerance. Douglas-Peucker, and any method with a tolerance of 0, reserve no part of

@@ -525,9 +525,7 @@ int run_batch(const BatchArguments& a) {
   settings.stop = &stop_requested;
   if (!a.quiet && ::isatty(STDERR_FILENO) != 0) settings.progress = scan_progress();
   if (!a.only.empty()) {
-    auto names = names_in(a.only);
-    if (!names) return fail(names.error());
-    settings.only = std::move(*names);
+    if (const auto ok = names_in(a.only).into(settings.only); !ok) return fail(ok.error());
   }
   const auto collection = farm::read_collection(a.collection);
   if (!collection) return fail(collection.error());

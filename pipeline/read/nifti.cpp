@@ -442,8 +442,75 @@ Result<void> check_volume(const SliceStack& stack, const std::string& where) {
   return {};
 }
 
-}  // namespace
+// Describes how `qform` places an array of `n` voxels compared with `sform`: mirrored, rotated (in
+// degrees), shifted (in mm, at the array's centre), with other voxel sizes, and how far a voxel
+// moves at most. Empty if the two have the same handedness and no corner of the array moves by more
+// than half a voxel along an axis of the array. Both matrices map voxel indices to LPS, mm.
+// Precondition: their determinants are not 0.
+std::string form_difference(const Eigen::Matrix4d& qform, const Eigen::Matrix4d& sform,
+                            const std::array<std::int64_t, 3>& n) {
+  constexpr double kMaxVoxels = 0.5;
+  const Eigen::Array3d last(static_cast<double>(n[0] - 1), static_cast<double>(n[1] - 1),
+                            static_cast<double>(n[2] - 1));
+  const auto apart_mm = [&](const Eigen::Array3d& voxel) -> Eigen::Vector3d {
+    return ((qform - sform) * voxel.matrix().homogeneous()).head<3>();
+  };
+  const Eigen::Matrix3d to_voxels = sform.topLeftCorner<3, 3>().inverse();
+  double most_mm = 0, most_voxels = 0;
+  for (int corner = 0; corner < 8; ++corner) {
+    const Eigen::Vector3d apart =
+        apart_mm(last * Eigen::Array3d(corner & 1, corner >> 1 & 1, corner >> 2));
+    most_mm = std::max(most_mm, apart.norm());
+    most_voxels = std::max(most_voxels, (to_voxels * apart).cwiseAbs().maxCoeff());
+  }
+  const Eigen::Matrix3d from = directions(sform), to = directions(qform);
+  Eigen::Matrix3d turn = to * from.transpose();
+  const bool is_mirrored = turn.determinant() < 0;
+  if (!is_mirrored && !(most_voxels > kMaxVoxels)) return {};
 
+  std::string out;
+  const auto add = [&out](const std::string& text) { out += (out.empty() ? "" : ", ") + text; };
+  if (is_mirrored) {
+    // The mirror that leaves the smallest rotation.
+    constexpr std::array<const char*, 3> kAxes{"from left to right", "from front to back",
+                                               "from head to feet"};
+    int best = 0;
+    Eigen::Matrix3d left = turn;
+    for (int k = 0; k < 3; ++k) {
+      Eigen::Matrix3d mirror = Eigen::Matrix3d::Identity();
+      mirror(k, k) = -1;
+      const Eigen::Matrix3d rest = turn * mirror;
+      if (k > 0 && !(angle_deg(rest) < angle_deg(left) - 1e-6)) continue;
+      best = k;
+      left = rest;
+    }
+    turn = left;
+    add(std::string("mirrored ") + kAxes[static_cast<std::size_t>(best)]);
+  }
+  if (const double angle = angle_deg(turn); angle > 0.01)
+    add("rotated by " + text_of(angle, 4) + " degrees");
+  if (const double shift = apart_mm(last / 2).norm(); shift > 0.001)
+    add("shifted by " + text_of(shift, 4) + " mm");
+  for (int k = 0; k < 3; ++k) {
+    const double by_sform = sform.col(k).head<3>().norm();
+    if (!(std::abs(qform.col(k).head<3>().norm() - by_sform) > 1e-3 * by_sform)) continue;
+    add("has voxels of " + sides_text(qform) + " instead of " + sides_text(sform));
+    break;
+  }
+  add("a voxel moves by up to " + text_of(most_mm, 4) + " mm");
+  return out;
+}
+
+// Parses `head`, the first kNiftiHeadBytes bytes of a file or all if it has fewer. `file` is the
+// file's name in error messages. A file with more than three dimensions may hold several volumes.
+// Volumes are numbered from 0 in the order of the file, and `volume` is the number of the wanted
+// volume.
+//
+// Errors: kRefused if the file is not NIfTI or is one of a pair of files (.hdr and .img), if the
+// voxels are not real scalars, if a side or the voxels' offset is out of range, if the unit of
+// length is unknown, or if the matrix from voxels to the patient is not finite or out of range;
+// kUsage if the file has several volumes and `volume` is missing, or if there is no volume of that
+// number. Warnings: no_orientation, qform_differs.
 Result<NiftiHeader> parse_nifti_header(const std::vector<std::uint8_t>& head,
                                        const std::string& file, std::optional<int> volume,
                                        std::vector<Warning>& warnings) {
@@ -504,6 +571,21 @@ Result<NiftiHeader> parse_nifti_header(const std::vector<std::uint8_t>& head,
   return out;
 }
 
+// Makes a stack with slices along `axis` from an array of voxels: `header` describes the array,
+// and `voxels` has its values. Slices are stacked along the array axis that is nearest to `axis`.
+// `name` is the input's name in error messages. Errors: kRefused if the axes of the array span no
+// volume, if rows and columns of a slice are not at right angles, or if a slice is too small or
+// too large.
+Result<std::unique_ptr<SliceStack>> open_voxels(const std::string& name, const NiftiHeader& header,
+                                                VolumeFile voxels, SliceAxis axis) {
+  auto stack = without_voxels(name, header, axis);
+  if (!stack) return stack.error();
+  (*stack)->voxels_ = std::move(voxels);
+  return std::unique_ptr<SliceStack>(std::move(*stack));
+}
+
+}  // namespace
+
 Result<void> choose_volume(const std::string& file, std::optional<int> volume,
                            NiftiHeader& header) {
   constexpr double kMaxBytes = 0x1p60;
@@ -520,61 +602,6 @@ Result<void> choose_volume(const std::string& file, std::optional<int> volume,
   header.data_start += volume.value_or(0) * header.data_bytes();
   return {};
 }
-
-std::string form_difference(const Eigen::Matrix4d& qform, const Eigen::Matrix4d& sform,
-                            const std::array<std::int64_t, 3>& n) {
-  constexpr double kMaxVoxels = 0.5;
-  const Eigen::Array3d last(static_cast<double>(n[0] - 1), static_cast<double>(n[1] - 1),
-                            static_cast<double>(n[2] - 1));
-  const auto apart_mm = [&](const Eigen::Array3d& voxel) -> Eigen::Vector3d {
-    return ((qform - sform) * voxel.matrix().homogeneous()).head<3>();
-  };
-  const Eigen::Matrix3d to_voxels = sform.topLeftCorner<3, 3>().inverse();
-  double most_mm = 0, most_voxels = 0;
-  for (int corner = 0; corner < 8; ++corner) {
-    const Eigen::Vector3d apart =
-        apart_mm(last * Eigen::Array3d(corner & 1, corner >> 1 & 1, corner >> 2));
-    most_mm = std::max(most_mm, apart.norm());
-    most_voxels = std::max(most_voxels, (to_voxels * apart).cwiseAbs().maxCoeff());
-  }
-  const Eigen::Matrix3d from = directions(sform), to = directions(qform);
-  Eigen::Matrix3d turn = to * from.transpose();
-  const bool is_mirrored = turn.determinant() < 0;
-  if (!is_mirrored && !(most_voxels > kMaxVoxels)) return {};
-
-  std::string out;
-  const auto add = [&out](const std::string& text) { out += (out.empty() ? "" : ", ") + text; };
-  if (is_mirrored) {
-    // The mirror that leaves the smallest rotation.
-    constexpr std::array<const char*, 3> kAxes{"from left to right", "from front to back",
-                                               "from head to feet"};
-    int best = 0;
-    Eigen::Matrix3d left = turn;
-    for (int k = 0; k < 3; ++k) {
-      Eigen::Matrix3d mirror = Eigen::Matrix3d::Identity();
-      mirror(k, k) = -1;
-      const Eigen::Matrix3d rest = turn * mirror;
-      if (k > 0 && !(angle_deg(rest) < angle_deg(left) - 1e-6)) continue;
-      best = k;
-      left = rest;
-    }
-    turn = left;
-    add(std::string("mirrored ") + kAxes[static_cast<std::size_t>(best)]);
-  }
-  if (const double angle = angle_deg(turn); angle > 0.01)
-    add("rotated by " + text_of(angle, 4) + " degrees");
-  if (const double shift = apart_mm(last / 2).norm(); shift > 0.001)
-    add("shifted by " + text_of(shift, 4) + " mm");
-  for (int k = 0; k < 3; ++k) {
-    const double by_sform = sform.col(k).head<3>().norm();
-    if (!(std::abs(qform.col(k).head<3>().norm() - by_sform) > 1e-3 * by_sform)) continue;
-    add("has voxels of " + sides_text(qform) + " instead of " + sides_text(sform));
-    break;
-  }
-  add("a voxel moves by up to " + text_of(most_mm, 4) + " mm");
-  return out;
-}
-
 Result<std::unique_ptr<SliceStack>> open_array(const std::string& file, NiftiHeader header,
                                                const OpenOptions& options,
                                                std::vector<Warning> warnings,
@@ -627,15 +654,6 @@ Result<std::unique_ptr<SliceStack>> open_nifti(const std::filesystem::path& path
   return open_array(file, *header, options, std::move(warnings),
                     header_only ? std::function<Result<VolumeFile>()>() : open);
 }
-
-Result<std::unique_ptr<SliceStack>> open_voxels(const std::string& name, const NiftiHeader& header,
-                                                VolumeFile voxels, SliceAxis axis) {
-  auto stack = without_voxels(name, header, axis);
-  if (!stack) return stack.error();
-  (*stack)->voxels_ = std::move(voxels);
-  return std::unique_ptr<SliceStack>(std::move(*stack));
-}
-
 Result<std::unique_ptr<SliceStack>> resliced(std::unique_ptr<SliceStack> stack, SliceAxis axis,
                                              const std::string& where, bool as_labels) {
   if (auto ok = check_volume(*stack, where); !ok) return ok.error();

@@ -43,20 +43,6 @@ struct NiftiHeader {
   std::int64_t data_bytes() const { return n[0] * n[1] * n[2] * bytes_per_voxel; }
 };
 
-/// Parses `head`, the first kNiftiHeadBytes bytes of a file or all if it has fewer. `file` is the
-/// file's name in error messages. A file with more than three dimensions may hold several volumes.
-/// Volumes are numbered from 0 in the order of the file, and `volume` is the number of the wanted
-/// volume.
-///
-/// Errors: kRefused if the file is not NIfTI or is one of a pair of files (.hdr and .img), if the
-/// voxels are not real scalars, if a side or the voxels' offset is out of range, if the unit of
-/// length is unknown, or if the matrix from voxels to the patient is not finite or out of range;
-/// kUsage if the file has several volumes and `volume` is missing, or if there is no volume of that
-/// number. Warnings: no_orientation, qform_differs.
-Result<NiftiHeader> parse_nifti_header(const std::vector<std::uint8_t>& head,
-                                       const std::string& file, std::optional<int> volume,
-                                       std::vector<Warning>& warnings);
-
 inline constexpr std::size_t kNiftiHeadBytes = 540;
 
 /// A file with more volumes is refused.
@@ -70,14 +56,6 @@ Result<void> choose_volume(const std::string& file, std::optional<int> volume, N
 // A NIfTI file can place its array in the patient twice: by its sform, which trocar-mesh uses, and
 // by its qform. If the two differ, one of them is wrong: programs that use the other show the scan
 // mirrored, rotated or elsewhere.
-
-/// Describes how `qform` places an array of `n` voxels compared with `sform`: mirrored, rotated (in
-/// degrees), shifted (in mm, at the array's centre), with other voxel sizes, and how far a voxel
-/// moves at most. Empty if the two have the same handedness and no corner of the array moves by more
-/// than half a voxel along an axis of the array. Both matrices map voxel indices to LPS, mm.
-/// Precondition: their determinants are not 0.
-std::string form_difference(const Eigen::Matrix4d& qform, const Eigen::Matrix4d& sform,
-                            const std::array<std::int64_t, 3>& n);
 
 // Opens a NIfTI volume as a stack of slices along one of its axes.
 
@@ -97,14 +75,6 @@ Result<std::unique_ptr<SliceStack>> open_array(const std::string& file, NiftiHea
                                                const OpenOptions& options,
                                                std::vector<Warning> warnings,
                                                const std::function<Result<VolumeFile>()>& open);
-
-/// Makes a stack with slices along `axis` from an array of voxels: `header` describes the array,
-/// and `voxels` has its values. Slices are stacked along the array axis that is nearest to `axis`.
-/// `name` is the input's name in error messages. Errors: kRefused if the axes of the array span no
-/// volume, if rows and columns of a slice are not at right angles, or if a slice is too small or
-/// too large.
-Result<std::unique_ptr<SliceStack>> open_voxels(const std::string& name, const NiftiHeader& header,
-                                                VolumeFile voxels, SliceAxis axis);
 
 // Slices a stack along another axis of its volume.
 

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <map>
 #include <nlohmann/json.hpp>
+#include <set>
 #include <span>
 
 #include "formats/asset/asset.h"
@@ -26,12 +27,6 @@ constexpr std::uint64_t kMaxAssetBytes = std::uint64_t{1} << 30,
                         kMaxGlbJson = std::uint64_t{64} << 20;
 // Two slices lie relative to each other as in the scan if they differ from it by no more than this.
 constexpr double kMaxAside_mm = 0.02, kMaxApart_m = 2e-5, kMaxTurned = 1e-4;
-
-bool is_of_scene(const Scene& scene, int index) {
-  return (scene.body && index >= scene.body->from && index <= scene.body->to) ||
-         std::any_of(scene.slices.begin(), scene.slices.end(),
-                     [index](const SceneSlice& slice) { return slice.index == index; });
-}
 
 /// Returns true if the asset with this JSON text has a surface for display.
 bool has_surface(std::string_view glb_json) {
@@ -75,17 +70,12 @@ Result<PlacedBone> load_bone(const std::filesystem::path& scene_file,
     loaded.asset = std::move(*whole);
     if (parts == BoneParts::kForView) add_hu_at_vertices(loaded.asset);
     loaded.all = loaded.asset.slices;
+    const std::vector<int> indices = used_slices(loaded.scene);
+    const std::set<int> used(indices.begin(), indices.end());
     std::erase_if(loaded.asset.slices,
-                  [&](const AssetSlice& slice) { return !is_of_scene(loaded.scene, slice.index); });
+                  [&used](const AssetSlice& slice) { return !used.contains(slice.index); });
   } else {
-    std::vector<int> indices;
-    for (const SceneSlice& slice : loaded.scene.slices)
-      indices.push_back(slice.index);
-    if (const auto& body = loaded.scene.body) {
-      for (int index = body->from; index <= body->to; ++index)
-        indices.push_back(index);
-    }
-    Result<AssetPart> part = read_asset_part(loaded.scene.asset, std::move(indices));
+    Result<AssetPart> part = read_asset_part(loaded.scene.asset, used_slices(loaded.scene));
     if (!part) return part.error();
     loaded.asset = std::move(part->asset);
     add_hu_at_vertices(loaded.asset);

@@ -65,14 +65,10 @@ json as_json(const TelemetryEvent& event) {
                   {"advice", words.advice},
                   {"retract_distance_m", event.retract_distance_m}});
       text = "not recovered" + at + ": ";
-      if (event.found.fault == Fault::kNone) {
-        text += text_line("the tool is in material; lift it by %.2f mm",
-                          event.retract_distance_m * 1e3);
-      } else {
-        const std::string found = measured(event.found);
-        text += words.meaning_in_recovery + (found.empty() ? "" : " (" + found + ")") + "; " +
-                words.advice;
-      }
+      text += event.found.fault == Fault::kNone
+                  ? text_line("the tool is in material; lift it by %.2f mm",
+                              event.retract_distance_m * 1e3)
+                  : with_advice(words.meaning_in_recovery, event.found);
       break;
     case TelemetryEventKind::kRecovered:
       out["fault"] = words.name;
@@ -212,11 +208,10 @@ Answer new_scene(ConsoleState& console, StrictObject& object, const JsonErrors& 
     return failure(kBadRequest, "body: /live_hand: is for the device inproc");
   if (request.target_mm && !request.entry_mm)
     return failure(kBadRequest, "body: /target_mm: needs entry_mm");
-  const auto file = console.files.find(asset.empty() ? scene : asset);
-  if (!file) return failure(kNotFound, console.supervisor.hidden().hide(file.error().message));
-  request.asset = *file;
+  if (const auto ok = console.files.find(asset.empty() ? scene : asset).into(request.asset); !ok)
+    return failure(kNotFound, console.supervisor.hidden().hide(ok.error().message));
   if (asset.empty()) {
-    const Result<Scene> read = read_scene(*file);
+    const Result<Scene> read = read_scene(request.asset);
     if (!read) return failure(kBadRequest, console.supervisor.hidden().hide(read.error().message));
     request.asset = read->asset;
   }
@@ -233,6 +228,13 @@ Trainee trainee(StrictObject& object) {
   }
   if (object.has("attempt")) out.attempt = object.integer("attempt", 1, kMaxAttempt);
   return out;
+}
+
+/// Finds the files of a scene and, if its name is not empty, of an asset.
+Result<void> find_files(const Files& files, const std::string& scene, const std::string& asset,
+                        std::filesystem::path& scene_file, std::filesystem::path& asset_file) {
+  if (auto ok = files.find(scene).into(scene_file); !ok || asset.empty()) return ok;
+  return files.find(asset).into(asset_file);
 }
 
 Answer start(ConsoleState& console, StrictObject& object, const JsonErrors& errors) {
@@ -253,14 +255,8 @@ Answer start(ConsoleState& console, StrictObject& object, const JsonErrors& erro
     return failure(kBadRequest, "body: /clock: must be real or virtual");
   if (!request.force_law.empty() && !force_law_from_string(request.force_law))
     return failure(kBadRequest, "body: /force_law: must be " + force_law_names());
-  const auto scene_file = console.files.find(scene);
-  if (!scene_file) return failure(kNotFound, scene_file.error().message);
-  request.scene = *scene_file;
-  if (!asset.empty()) {
-    const auto asset_file = console.files.find(asset);
-    if (!asset_file) return failure(kNotFound, asset_file.error().message);
-    request.asset = *asset_file;
-  }
+  if (const auto ok = find_files(console.files, scene, asset, request.scene, request.asset); !ok)
+    return failure(kNotFound, ok.error().message);
   return result_of(console, console.supervisor.start(request));
 }
 
@@ -318,14 +314,10 @@ Reply get_bone(ConsoleState& console, const RequestTarget& target, BoneCache& ca
     asset = console.supervisor.asset_file();
     if (scene.empty()) return failure(kConflict, "there is no session");
   } else {
-    const auto found = console.files.find(target.parameter("scene"));
-    if (!found) return failure(kNotFound, found.error().message);
-    scene = *found;
-    if (const std::string name = target.parameter("asset"); !name.empty()) {
-      const auto found_asset = console.files.find(name);
-      if (!found_asset) return failure(kNotFound, found_asset.error().message);
-      asset = *found_asset;
-    }
+    if (const auto ok = find_files(console.files, target.parameter("scene"),
+                                   target.parameter("asset"), scene, asset);
+        !ok)
+      return failure(kNotFound, ok.error().message);
   }
   return [&cache, make, hidden = console.supervisor.hidden(), scene, asset] {
     return bone(cache, make, hidden, scene, asset);

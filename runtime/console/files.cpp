@@ -26,6 +26,7 @@
 #include "runtime/console/access.h"
 #include "runtime/console/answers.h"
 #include "runtime/console/session_files.h"
+#include "runtime/session/origin.h"
 
 namespace trocar::runtime {
 namespace {
@@ -73,13 +74,6 @@ constexpr std::size_t kHeadBytes = std::size_t{64} << 10, kTailBytes = std::size
 
 json failed(const std::string& name, const std::string& message) {
   return {{"file", name}, {"error", message}};
-}
-
-std::string digest_of(const std::vector<std::uint8_t>& bytes) {
-  std::array<unsigned char, crypto_generichash_BYTES> hash{};
-  ::crypto_generichash(hash.data(), hash.size(), bytes.data(), bytes.size(), nullptr, 0);
-  std::array<char, 2 * hash.size() + 1> hex{};
-  return ::sodium_bin2hex(hex.data(), hex.size(), hash.data(), hash.size());
 }
 
 json describe(const Scene& scene, const std::string& name) {
@@ -393,7 +387,7 @@ Files::Known Files::read(const std::filesystem::path& file, const std::string& n
         shown("scenes", failed(name, read.error().message));
       return known;
     }
-    known.digest = digest_of(*bytes);
+    if (const auto digest = digest_of(file)) known.digest = *digest;
     const Result<Scene> scene = parse_scene(text, name, file.parent_path());
     shown("scenes", scene ? describe(*scene, name) : failed(name, scene.error().message));
     if (scene) known.asset = scene->asset;

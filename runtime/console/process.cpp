@@ -16,8 +16,6 @@ extern "C" {  // glibc 2.36 leaves it to who includes it
 #include <sys/pidfd.h>
 }
 
-#include "formats/base/files.h"
-
 namespace trocar::runtime {
 
 Result<Process> Process::start(const std::vector<std::string>& arguments,
@@ -71,24 +69,6 @@ std::optional<Process> Process::adopt(pid_t pid, std::optional<std::uint64_t> st
   return process;
 }
 
-Process::Process(Process&& other) noexcept {
-  *this = std::move(other);
-}
-
-Process& Process::operator=(Process&& other) noexcept {
-  std::swap(pid_, other.pid_);
-  std::swap(fd_, other.fd_);
-  std::swap(is_child_, other.is_child_);
-  std::swap(has_ended_, other.has_ended_);
-  std::swap(status_, other.status_);
-  std::swap(signal_, other.signal_);
-  return *this;
-}
-
-Process::~Process() {
-  if (fd_ >= 0) ::close(fd_);
-}
-
 std::uint64_t Process::start_ticks() const {
   constexpr int kFieldsBetween = 19;  // number of fields between the name and field 22
   std::ifstream in("/proc/" + std::to_string(pid_) + "/stat");
@@ -108,12 +88,12 @@ std::uint64_t Process::start_ticks() const {
 
 bool Process::has_ended() {
   if (has_ended_) return true;
-  pollfd ready{fd_, POLLIN, 0};
+  pollfd ready{fd_.get(), POLLIN, 0};
   if (::poll(&ready, 1, 0) != 1) return false;
   has_ended_ = true;
   if (!is_child_) return true;
   siginfo_t info{};
-  if (::waitid(P_PIDFD, static_cast<id_t>(fd_), &info, WEXITED | WNOHANG) == 0) {
+  if (::waitid(P_PIDFD, static_cast<id_t>(fd_.get()), &info, WEXITED | WNOHANG) == 0) {
     if (info.si_code == CLD_EXITED)
       status_ = info.si_status;
     else
@@ -132,7 +112,7 @@ std::optional<int> Process::exit_code() const {
 }
 
 void Process::signal(int number) const noexcept {
-  if (!has_ended_) ::pidfd_send_signal(fd_, number, nullptr, 0);
+  if (!has_ended_) ::pidfd_send_signal(fd_.get(), number, nullptr, 0);
 }
 
 Result<void> BriefRun::start(const std::vector<std::string>& words,

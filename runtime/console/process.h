@@ -10,6 +10,7 @@
 #include <string>
 #include <vector>
 
+#include "formats/base/files.h"
 #include "formats/base/result.h"
 
 namespace trocar::runtime {
@@ -33,10 +34,6 @@ class Process {
   /// nullopt if no process with this number runs, or if the start time differs.
   static std::optional<Process> adopt(pid_t pid, std::optional<std::uint64_t> start_ticks = {});
 
-  Process(Process&& other) noexcept;
-  Process& operator=(Process&& other) noexcept;
-  ~Process();
-
   pid_t pid() const noexcept { return pid_; }
   /// Start time in clock ticks since the system's start (field 22 of /proc/PID/stat); 0: unknown.
   std::uint64_t start_ticks() const;
@@ -55,7 +52,7 @@ class Process {
   Process(pid_t pid, int fd, bool is_child) : pid_(pid), fd_(fd), is_child_(is_child) {}
 
   pid_t pid_ = 0;
-  int fd_ = -1;
+  FileDescriptor fd_;
   bool is_child_ = false, has_ended_ = false;
   int status_ = -1;  ///< exit code; -1: no exit code is known
   int signal_ = 0;   ///< signal that ended the process; 0: none

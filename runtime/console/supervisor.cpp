@@ -172,26 +172,19 @@ Result<void> Supervisor::start_device(const std::string& endpoint) {
 
 Result<void> Supervisor::start_run() {
   const auto& file = session_folder_;
-  std::vector<std::string> words = {settings_.programs / "trocar-run",
-                                    scene_file_.string(),
-                                    "--live",
-                                    live_link(),
-                                    "--recover",
-                                    "signal",
-                                    "--clock",
-                                    request_.clock,
-                                    "--record",
-                                    file / "session.csv",
-                                    "--summary",
-                                    file / "session.summary.json",
-                                    "--session-report",
-                                    file / "session.html",
+  std::vector<std::string> words = {settings_.programs / "trocar-run", scene_file_.string(),
                                     "--quiet"};
-  // Its operator's seconds would be many more of a session that runs faster than they do.
-  if (request_.clock == "real") words.emplace_back("--xray");
   const auto add = [&words](const char* option, const std::string& value) {
     words.insert(words.end(), {option, value});
   };
+  add("--live", live_link());
+  add("--recover", "signal");
+  add("--clock", request_.clock);
+  add("--record", file / "session.csv");
+  add("--summary", file / "session.summary.json");
+  add("--session-report", file / "session.html");
+  // Its operator's seconds would be many more of a session that runs faster than they do.
+  if (request_.clock == "real") words.emplace_back("--xray");
   if (!asset_file_.empty()) add("--asset", asset_file_.string());
   if (request_.duration_s) add("--duration", text_line("%.9g", *request_.duration_s));
   if (!request_.force_law.empty()) add("--force-law", request_.force_law);

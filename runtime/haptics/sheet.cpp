@@ -240,6 +240,17 @@ void Sheet::index_mesh() {
   boundary_grid = TriangleGrid(mesh, GridTriangles::kBoundary);
 }
 
+std::vector<int> used_slices(const Scene& scene) {
+  std::vector<int> indices;
+  for (const SceneSlice& slice : scene.slices)
+    indices.push_back(slice.index);
+  if (const auto& body = scene.body) {
+    for (int index = body->from; index <= body->to; ++index)
+      indices.push_back(index);
+  }
+  return indices;
+}
+
 Result<void> place_body(Scene& scene, const Asset& asset, const std::string& name) {
   if (!scene.body) return {};
   const SceneBody& body = *scene.body;

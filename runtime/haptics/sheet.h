@@ -88,6 +88,9 @@ struct Sheet {
   void index_mesh();
 };
 
+/// Returns the slice indices of the scene's slices and of its `body`.
+std::vector<int> used_slices(const Scene& scene);
+
 /// If the scene has a `body` (a bone volume made of a range of slices), replaces the scene's slices
 /// by the slices of this range that have material, at their true spacing. `name`: the asset's name,
 /// which messages contain. Errors: kRefused if fewer than two slices have material, if two

@@ -31,14 +31,7 @@ Result<Scene> load_scene(const RunArguments& arguments) {
 
 /// Loads the slices of the asset that the scene uses.
 Result<AssetPart> load_asset(const RunArguments& arguments, const Scene& scene) {
-  std::vector<int> slice_indices;
-  for (const SceneSlice& slice : scene.slices)
-    slice_indices.push_back(slice.index);
-  if (const auto& body = scene.body) {
-    for (int index = body->from; index <= body->to; ++index)
-      slice_indices.push_back(index);
-  }
-  Result<AssetPart> part = read_asset_part(scene.asset, std::move(slice_indices));
+  Result<AssetPart> part = read_asset_part(scene.asset, used_slices(scene));
   if (part) return part;
   std::error_code ignored;
   const bool is_missing = arguments.asset.empty() && !std::filesystem::exists(scene.asset, ignored);

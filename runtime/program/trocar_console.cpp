@@ -172,20 +172,17 @@ int run_command_line(int argc, char** argv) {
     return fail(usage("FOLDER is missing; or name a recording by --recording"));
   ServerSettings& settings = arguments.server;
   if (!arguments.public_url.empty()) {
-    Result<std::string> url = public_url_of(arguments.public_url);
-    if (!url) return fail(url.error());
-    settings.public_url = std::move(*url);
+    if (const auto ok = public_url_of(arguments.public_url).into(settings.public_url); !ok)
+      return fail(ok.error());
   }
   if (!arguments.igtl.empty()) {
-    Result<IgtlAddress> address = parse_igtl_address(arguments.igtl);
-    if (!address) return fail(address.error());
-    settings.igtl = std::move(*address);
+    if (const auto ok = parse_igtl_address(arguments.igtl).into(settings.igtl); !ok)
+      return fail(ok.error());
   }
   std::error_code error;
   settings.session.programs = std::filesystem::read_symlink("/proc/self/exe", error).parent_path();
-  Result<std::vector<DeviceChoice>> devices = devices_of(arguments);
-  if (!devices) return fail(devices.error());
-  settings.session.devices = std::move(*devices);
+  if (const auto ok = devices_of(arguments).into(settings.session.devices); !ok)
+    return fail(ok.error());
   const bool plays = !arguments.recording.empty();
   Result<Files> files =
       plays ? Files::of_recording(arguments.recording, arguments.against, arguments.scene)

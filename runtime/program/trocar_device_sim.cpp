@@ -142,7 +142,7 @@ Result<SimulatedDevice> load_model(const Arguments& arguments) {
       return ok.error();
   }
   if (scene) {
-    Result<SimulatedDevice> made = make_simulated_device(*scene, description, mechanics);
+    Result<SimulatedDevice> made = make_simulated_device(*scene, description, nullptr, mechanics);
     if (!made) return made.error().after(arguments.scene + ": ");
     return made;
   }
@@ -317,16 +317,13 @@ int serve(const Arguments& arguments) {
   DriveOptions options = arguments.drive;
   options.period_s = 1 / arguments.rate_Hz;
   options.record_steps = arguments.record.empty() ? 0 : kMaxRecordedSteps;
-  Result<FaultPlan> faults = parse_fault_plan(arguments.faults);
-  if (!faults) return fail(faults.error());
-  options.faults = std::move(*faults);
+  if (const auto ok = parse_fault_plan(arguments.faults).into(options.faults); !ok)
+    return fail(ok.error());
   const Result<Endpoint> local = parse_endpoint(arguments.listen, 0);
   if (!local) return fail(usage("--listen " + local.error().message));
   Result<SimulatedDevice> model = load_model(arguments);
   if (!model) return fail(model.error());
-  const Result<LinkKey> key = load_key(arguments, *local);
-  if (!key) return fail(key.error());
-  options.key = *key;
+  if (const auto ok = load_key(arguments, *local).into(options.key); !ok) return fail(ok.error());
   Result<UdpSocket> socket = UdpSocket::listen(*local);
   if (!socket) return fail(socket.error());
 

@@ -40,32 +40,23 @@ HandImpedance hand_impedance(const SceneHand& hand) {
 
 namespace {
 
-Result<SimulatedDevice> make(const Scene& scene, const DeviceDescription& description,
-                             const HandMotion& motion,
-                             const std::optional<MechanicsOptions>& mechanics) {
-  SimulatedDeviceOptions options;
-  options.mechanics = mechanics;
-  options.T_plate_tool.p_m = Eigen::Vector3d(scene.tool.tip_in_plate_m.data());
-  return SimulatedDevice::make(description, motion, hand_impedance(scene.hand), options);
+/// The targets of `hand`, or of the scene's keyframes if it is null.
+HandMotion hand_motion(const Scene& scene, UnscriptedHand* hand) {
+  return hand != nullptr ? HandMotion(std::ref(*hand)) : HandMotion(hand_trajectory(scene));
 }
 
 Result<OpenedDevice> open_simulated(std::string_view, const OpenDeviceOptions& options) {
   if (options.scene.hand.live != (options.hand != nullptr))
     return bug("the simulated device needs exactly one hand");
-  const auto in_scene = [&](const Error& error) {
-    return Error{error.code, options.scene_name + ": " + error.message};
-  };
   if (const auto* device = std::get_if<PoseDeviceDescription>(&options.description)) {
     auto made = make_simulated_pose_device(options.scene, *device, options.hand);
-    if (!made) return in_scene(made.error());
+    if (!made) return made.error().after(options.scene_name + ": ");
     return make_pose_hand(*device, options.scene,
                           std::make_unique<SimulatedPoseDevice>(std::move(*made)));
   }
   const auto& description = *std::get_if<DeviceDescription>(&options.description);
-  Result<SimulatedDevice> made =
-      options.hand == nullptr ? make_simulated_device(options.scene, description)
-                              : make_simulated_device(options.scene, description, *options.hand);
-  if (!made) return in_scene(made.error());
+  auto made = make_simulated_device(options.scene, description, options.hand);
+  if (!made) return made.error().after(options.scene_name + ": ");
   return make_four_legs(description, std::make_unique<SimulatedDevice>(std::move(*made)));
 }
 
@@ -73,9 +64,7 @@ Result<OpenedDevice> open_simulated(std::string_view, const OpenDeviceOptions& o
 Result<UdpLinkOptions> link_options(const char* scheme, std::string_view address,
                                     const OpenDeviceOptions& options) {
   const Result<Endpoint> peer = parse_endpoint(address, 1);
-  if (!peer)
-    return Error{peer.error().code,
-                 std::string("--device ") + scheme + ": " + peer.error().message};
+  if (!peer) return peer.error().after(std::string("--device ") + scheme + ": ");
   const Result<LinkKey> key = read_link_key(options.key_file);
   if (!key) return key.error();
   UdpLinkOptions link;
@@ -239,14 +228,13 @@ std::string uris(Choose&& choose) {
 
 Result<SimulatedDevice> make_simulated_device(const Scene& scene,
                                               const DeviceDescription& description,
+                                              UnscriptedHand* hand,
                                               const std::optional<MechanicsOptions>& mechanics) {
-  return make(scene, description, hand_trajectory(scene), mechanics);
-}
-
-Result<SimulatedDevice> make_simulated_device(const Scene& scene,
-                                              const DeviceDescription& description,
-                                              UnscriptedHand& hand) {
-  return make(scene, description, std::ref(hand), std::nullopt);
+  SimulatedDeviceOptions options;
+  options.mechanics = mechanics;
+  options.T_plate_tool.p_m = Eigen::Vector3d(scene.tool.tip_in_plate_m.data());
+  return SimulatedDevice::make(description, hand_motion(scene, hand), hand_impedance(scene.hand),
+                               options);
 }
 
 PoseFrame pose_frame(const PoseDeviceDescription& description, const Scene& scene) {
@@ -264,10 +252,9 @@ Result<SimulatedPoseDevice> make_simulated_pose_device(const Scene& scene,
                                                        UnscriptedHand* hand) {
   Pose T_plate_tool;
   T_plate_tool.p_m = Eigen::Vector3d(scene.tool.tip_in_plate_m.data());
-  const HandMotion motion =
-      hand != nullptr ? HandMotion(std::ref(*hand)) : HandMotion(hand_trajectory(scene));
-  return SimulatedPoseDevice::make(description, pose_frame(description, scene), motion,
-                                   hand_impedance(scene.hand), T_plate_tool);
+  return SimulatedPoseDevice::make(description, pose_frame(description, scene),
+                                   hand_motion(scene, hand), hand_impedance(scene.hand),
+                                   T_plate_tool);
 }
 
 bool may_have_motors(std::string_view uri) {

@@ -74,18 +74,14 @@ HandImpedance hand_impedance(const SceneHand& hand);
 // Makes simulated devices. A scene describes a simulated hand (SceneHand), which holds and moves
 // such a device.
 
-/// Makes a simulated four-legged device. The scene's hand holds the device, beginning at the hand's
-/// first keyframe. If `mechanics` is nullopt, the device is the light model of simulated_device.h,
-/// in which only the plate has mass. Errors: those of SimulatedDevice::make().
+/// Makes a simulated four-legged device, which the scene's hand holds, beginning at its first
+/// keyframe. If `hand` is not null, the targets of the hand come from `hand` instead of the scene's
+/// keyframes, and `hand` must outlive the device. If `mechanics` is nullopt, the device is the light
+/// model of simulated_device.h, in which only the plate has mass. Errors: those of
+/// SimulatedDevice::make().
 Result<SimulatedDevice> make_simulated_device(
-    const Scene& scene, const DeviceDescription& description,
+    const Scene& scene, const DeviceDescription& description, UnscriptedHand* hand = nullptr,
     const std::optional<MechanicsOptions>& mechanics = std::nullopt);
-
-/// Like the function above, but the targets of the hand come from `hand` instead of the scene's
-/// keyframes, and the device is always the light model. `hand` must outlive the device.
-Result<SimulatedDevice> make_simulated_device(const Scene& scene,
-                                              const DeviceDescription& description,
-                                              UnscriptedHand& hand);
 
 /// Returns the frame that places a pose device in a scene. The keyframes of the scene's hand give
 /// positions of the plate (of a pose device, the plate is its handle). The frame is chosen so that

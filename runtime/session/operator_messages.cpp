@@ -46,10 +46,7 @@ std::string reason(const OperatorMessage& message) {
     const auto up_mm = static_cast<long long>(std::ceil(message.retract_distance_m * 1e3 - 1e-6));
     return "the tool is in material: lift it " + std::to_string(std::max(1LL, up_mm)) + " mm";
   }
-  const FaultWords& words = words_of(message.detail.fault);
-  const std::string found = measured(message.detail);
-  return std::string(words.meaning_in_recovery) + (found.empty() ? "" : " (" + found + ")") + "; " +
-         words.advice;
+  return with_advice(words_of(message.detail.fault).meaning_in_recovery, message.detail);
 }
 
 }  // namespace

@@ -114,10 +114,7 @@ std::filesystem::path BlackBox::name_of(const Request& request) const {
 }
 
 void BlackBox::serve_one(const Request& request) {
-  BlackBoxFile made;
-  made.fault = request.fault;
-  made.t_s = request.t_s;
-  made.file = name_of(request);
+  BlackBoxFile made{.fault = request.fault, .t_s = request.t_s, .file = name_of(request)};
   const std::uint64_t first = request.end - std::min<std::uint64_t>(request.end, rows_of_file_);
   std::vector<RecordingRow> rows;
   const bool kept = ring_.copy(first, request.end, rows);

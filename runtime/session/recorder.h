@@ -230,7 +230,7 @@ struct BlackBoxFile {
   std::filesystem::path file;
   /// None: the file is complete. Otherwise: the reason why there is no file, and where the rows are
   /// that could be written.
-  std::optional<Error> error;
+  std::optional<Error> error{};
 };
 
 class BlackBox final : public TickObserver {

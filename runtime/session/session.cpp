@@ -350,11 +350,10 @@ TickInputs SessionLoop::inputs(const TickTiming& timing) noexcept {
 void SessionLoop::request_hole(const CutRequest& cut) noexcept {
   if (!remesher_.request(cut)) outside_ = Fault::kRemeshBacklog;
   if (!cut.is_puncture) return;
-  PunctureEvent event;
-  event.sheet = cut.sheet;
-  event.slice = sheets_[cut.sheet]->slice_index;
-  event.cut = cut.cut;
-  event.t_s = result_.row.t_s;
+  PunctureEvent event{.sheet = cut.sheet,
+                      .slice = sheets_[cut.sheet]->slice_index,
+                      .cut = cut.cut,
+                      .t_s = result_.row.t_s};
   event.tool_z_m = result_.row.tool_m[2];  // as in the recording, from which reports are made
   event.penetration_m = result_.contact.penetration_m;
   event.tip_N = result_.contact.force_before_N;

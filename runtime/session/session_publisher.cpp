@@ -395,11 +395,10 @@ Result<std::unique_ptr<SessionPublisher>> SessionPublisher::make(
   made->rate_Hz_ = options.rate_Hz;
   made->tool_ = make_tool(scene.tool);
   made->values_.resize(snapshot_size());
-  TelemetrySizes sizes;
-  sizes.about = session_facts(scene, device, remesher, options);
-  sizes.columns = snapshot_size();
-  sizes.has_shape = prefetch != nullptr;
-  sizes.has_hand = options.telemetry->hand.has_value();
+  TelemetrySizes sizes{.about = session_facts(scene, device, remesher, options),
+                       .columns = snapshot_size(),
+                       .has_shape = prefetch != nullptr,
+                       .has_hand = options.telemetry->hand.has_value()};
   for (std::size_t i = 0; i < remesher.size(); ++i) {
     const Sheet& sheet = remesher.first_version(i);
     const FirstSheet& first = made->first_.emplace_back(sheet);
@@ -439,52 +438,43 @@ void SessionPublisher::push(const TelemetryEvent& event) noexcept {
 }
 
 void SessionPublisher::push_event(TelemetryEventKind kind, double t_s) noexcept {
-  TelemetryEvent event;
-  event.kind = kind;
-  event.t_s = t_s;
-  push(event);
+  push({.kind = kind, .t_s = t_s});
 }
 
 void SessionPublisher::on_puncture(const PunctureEvent& puncture) noexcept {
   ++tick_.punctures;
   tick_.sheets_punctured |= std::uint64_t{1} << static_cast<unsigned>(puncture.sheet);
-  TelemetryEvent event;
-  event.kind = TelemetryEventKind::kPuncture;
-  event.t_s = puncture.t_s;
-  event.sheet = puncture.sheet;
-  event.slice = puncture.slice;
-  event.cut = puncture.cut;
-  event.tool_z_m = puncture.tool_z_m;
-  event.penetration_m = puncture.penetration_m;
-  event.tip_N = puncture.tip_N;
-  event.hand_N = puncture.hand_N;
-  event.trial_force_N = puncture.trial_force_N;
-  push(event);
+  push({.kind = TelemetryEventKind::kPuncture,
+        .t_s = puncture.t_s,
+        .sheet = puncture.sheet,
+        .slice = puncture.slice,
+        .cut = puncture.cut,
+        .tool_z_m = puncture.tool_z_m,
+        .penetration_m = puncture.penetration_m,
+        .tip_N = puncture.tip_N,
+        .trial_force_N = puncture.trial_force_N,
+        .hand_N = puncture.hand_N});
 }
 
 void SessionPublisher::on_break_through(const BreakThroughEvent& found) noexcept {
   ++tick_.break_throughs;
-  TelemetryEvent event;
-  event.kind = TelemetryEventKind::kBreakThrough;
-  event.t_s = found.t_s;
-  event.sheet = found.sheet;
-  event.slice = found.at;
-  event.tool_z_m = found.tool_z_m;
-  event.tip_N = found.resistance_N;
-  push(event);
+  push({.kind = TelemetryEventKind::kBreakThrough,
+        .t_s = found.t_s,
+        .sheet = found.sheet,
+        .slice = found.at,
+        .tool_z_m = found.tool_z_m,
+        .tip_N = found.resistance_N});
 }
 
 void SessionPublisher::on_message(const OperatorMessage& message) noexcept {
   using Kind = OperatorMessage::Kind;
-  TelemetryEvent event;
-  event.kind = message.kind == Kind::kFault       ? TelemetryEventKind::kFault
-               : message.kind == Kind::kRecovered ? TelemetryEventKind::kRecovered
-               : message.kind == Kind::kRefused   ? TelemetryEventKind::kRecoveryRefused
-                                                  : TelemetryEventKind::kNotRecovered;
-  event.t_s = message.t_s;
-  event.found = message.detail;
-  event.retract_distance_m = message.retract_distance_m;
-  push(event);
+  push({.kind = message.kind == Kind::kFault       ? TelemetryEventKind::kFault
+                : message.kind == Kind::kRecovered ? TelemetryEventKind::kRecovered
+                : message.kind == Kind::kRefused   ? TelemetryEventKind::kRecoveryRefused
+                                                   : TelemetryEventKind::kNotRecovered,
+        .t_s = message.t_s,
+        .found = message.detail,
+        .retract_distance_m = message.retract_distance_m});
 }
 
 void SessionPublisher::count_xray(const RecordingRow& row) noexcept {
@@ -538,12 +528,11 @@ void SessionPublisher::publish_sheets(const Remesher& remesher) {
     writer_->sheet(i, first_[i].published(sheet));
     published_cuts_[i] = sheet.cuts;
     if (sheet.cuts == 0) continue;
-    TelemetryEvent event;
-    event.kind = TelemetryEventKind::kCutShown;
-    event.t_s = last_t_s_.load(std::memory_order_relaxed);
-    event.sheet = static_cast<std::int32_t>(i);
-    event.slice = sheet.slice_index;
-    event.cut = sheet.cuts;
+    TelemetryEvent event{.kind = TelemetryEventKind::kCutShown,
+                         .t_s = last_t_s_.load(std::memory_order_relaxed),
+                         .sheet = static_cast<std::int32_t>(i),
+                         .slice = sheet.slice_index,
+                         .cut = sheet.cuts};
     if (!sheet_events_.push(event)) lost_events_.fetch_add(1, std::memory_order_relaxed);
   }
 }
@@ -584,12 +573,7 @@ void SessionPublisher::end(TelemetryEnd end, Fault fault, const Remesher& remesh
   publish_sheets(remesher);
   end_screening();
   stop();  // so that kEnded is the last event
-  TelemetryEvent event;
-  event.kind = TelemetryEventKind::kEnded;
-  event.t_s = tick_.row.t_s;
-  event.end = end;
-  event.found.fault = fault;
-  push(event);
+  push({.kind = TelemetryEventKind::kEnded, .end = end, .t_s = tick_.row.t_s, .found = fault});
   tick_.is_paused = false;
   tick_.has_ended = true;
   for (std::size_t i = 0; i < remesher.size(); ++i)

@@ -62,11 +62,8 @@ void SessionStatistics::count_faults(const TickView& tick) noexcept {
   if (tick.result.new_fault != Fault::kNone) {
     last = nullptr;
     if (++report_.faults_count <= kMaxListedFaults) {
-      FaultEvent event;
-      event.fault = tick.result.new_fault;
-      event.detail = tick.result.found;
-      event.t_s = row.t_s;
-      last = &report_.faults.emplace_back(event);
+      last = &report_.faults.emplace_back(
+          FaultEvent{tick.result.new_fault, tick.result.found, row.t_s});
     }
   }
   if (last == nullptr) return;

@@ -559,8 +559,7 @@ std::optional<std::string> read_frames(DcmFileFormat& format, const GivenSpacing
   return {};
 }
 
-}  // namespace
-
+// The kind and the name of the images of a dataset.
 ImageContent image_content(DcmItem& data) {
   using Kind = ImageContent::Kind;
   ImageContent out{Kind::kUnknown, modality_of(data)};
@@ -583,6 +582,8 @@ ImageContent image_content(DcmItem& data) {
   if (!out.name.empty()) out.kind = out.name == "CT" ? Kind::kCt : Kind::kOther;
   return out;
 }
+
+}  // namespace
 
 std::string why_not_ct(const ImageContent& content) {
   constexpr const char* kAsItIs = ", or --any-modality to mesh it as it is";

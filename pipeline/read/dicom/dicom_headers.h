@@ -46,9 +46,6 @@ struct ImageContent {
   bool is_segmentation() const { return kind == Kind::kOther && name == "SEG"; }
 };
 
-/// The kind and the name of the images of a dataset.
-ImageContent image_content(DcmItem& data);
-
 /// The reason why images of kind kLocaliser or kOther are not meshed, and what to do. The text does
 /// not name the file.
 std::string why_not_ct(const ImageContent& content);

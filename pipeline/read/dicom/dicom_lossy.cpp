@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "pipeline/read/dicom/dicom_lossy.h"
 
-#include <dcmtk/dcmdata/dcpixseq.h>
-#include <dcmtk/dcmdata/dcpxitem.h>
 #include <algorithm>
 #include <cstdlib>
 #include <sstream>
@@ -125,17 +123,10 @@ struct Fragments {
 Fragments look_at_fragments(DcmFileFormat& format) {
   constexpr Uint32 kHead = 4096;
   Fragments out;
-  DcmPixelSequence* sequence = nullptr;
-  DcmPixelData* const pixels = dicom_pixel_data(format);
-  if (pixels == nullptr ||
-      pixels
-          ->getEncapsulatedRepresentation(format.getDataset()->getOriginalXfer(), nullptr, sequence)
-          .bad() ||
-      sequence == nullptr)
-    return out;
-  DcmObject* at = sequence->nextInContainer(nullptr);  // the offset table
-  while (at != nullptr && (at = sequence->nextInContainer(at)) != nullptr) {
-    auto* const item = dynamic_cast<DcmPixelItem*>(at);
+  DcmPixelSequence* const sequence =
+      fragments_of(dicom_pixel_data(format), format.getDataset()->getOriginalXfer());
+  if (sequence == nullptr) return out;
+  for (DcmPixelItem* const item : fragments_in(*sequence)) {
     if (item == nullptr) continue;
     const Uint32 size = item->getLength();
     if (out.bytes == 0 && size > 0) {

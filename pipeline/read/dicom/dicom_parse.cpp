@@ -234,6 +234,22 @@ bool dicom_encapsulated(E_TransferSyntax syntax) {
 #endif
 }
 
+DcmPixelSequence* fragments_of(DcmPixelData* pixels, E_TransferSyntax syntax) {
+  DcmPixelSequence* out = nullptr;
+  if (pixels == nullptr || !dicom_encapsulated(syntax) ||
+      pixels->getEncapsulatedRepresentation(syntax, nullptr, out).bad())
+    return nullptr;
+  return out;
+}
+
+std::vector<DcmPixelItem*> fragments_in(DcmPixelSequence& sequence) {
+  std::vector<DcmPixelItem*> out;
+  DcmObject* item = sequence.nextInContainer(nullptr);  // the offset table
+  while (item != nullptr && (item = sequence.nextInContainer(item)) != nullptr)
+    out.push_back(dynamic_cast<DcmPixelItem*>(item));
+  return out;
+}
+
 Uint32 dicom_frame_bytes(const DcmPixelData& pixels, DcmDataset& data, bool compressed) {
   Uint32 bytes = 0;
 #if PACKAGE_VERSION_NUMBER >= 369

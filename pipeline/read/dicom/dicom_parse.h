@@ -3,6 +3,7 @@
 #pragma once
 
 #include <dcmtk/config/osconfig.h>
+#include <dcmtk/dcmdata/dcpxitem.h>
 #include <dcmtk/dcmdata/dctk.h>
 #include <filesystem>
 #include <memory>
@@ -48,6 +49,11 @@ DcmPixelData* dicom_pixel_data(DcmFileFormat& format);
 
 /// Does this transfer syntax store pixels in fragments, as syntaxes for compressed pixels do?
 bool dicom_encapsulated(E_TransferSyntax syntax);
+
+/// The fragments of compressed pixels; null if there are none, or if they cannot be read.
+DcmPixelSequence* fragments_of(DcmPixelData* pixels, E_TransferSyntax syntax);
+/// The fragments after the offset table, in their order.
+std::vector<DcmPixelItem*> fragments_in(DcmPixelSequence& sequence);
 
 /// The size in bytes of one frame after decompression, without padding bytes; 0 if the dataset does
 /// not state it. `compressed` tells DCMTK whether the file stores the pixels in compressed form.

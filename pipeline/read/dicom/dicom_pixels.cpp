@@ -3,8 +3,6 @@
 
 #include <dcmtk/dcmdata/dccodec.h>
 #include <dcmtk/dcmdata/dcfcache.h>
-#include <dcmtk/dcmdata/dcpixseq.h>
-#include <dcmtk/dcmdata/dcpxitem.h>
 #include <dcmtk/dcmdata/dcrledec.h>
 #include <algorithm>
 
@@ -29,15 +27,6 @@ std::span<const std::uint8_t> fragment_of(DcmPixelSequence& sequence, Uint32 ind
       bytes == nullptr)
     return {};
   return {bytes, item->getLength()};
-}
-
-// The fragments after the offset table, in their order.
-std::vector<DcmPixelItem*> fragments_in(DcmPixelSequence& sequence) {
-  std::vector<DcmPixelItem*> out;
-  DcmObject* item = sequence.nextInContainer(nullptr);  // the offset table
-  while (item != nullptr && (item = sequence.nextInContainer(item)) != nullptr)
-    out.push_back(dynamic_cast<DcmPixelItem*>(item));
-  return out;
 }
 
 // The indices at which the frames begin according to the offset table; empty if it does not fit the
@@ -194,15 +183,6 @@ Result<std::vector<std::uint16_t>> decode_rle(const DicomFrame& h,
       words[i] = static_cast<std::uint16_t>(words[i] << 8 | plane[i]);
   }
   return words;
-}
-
-// The fragments of compressed pixels; null if there are none, or if they cannot be read.
-DcmPixelSequence* fragments_of(DcmPixelData* pixels, E_TransferSyntax syntax) {
-  DcmPixelSequence* out = nullptr;
-  if (pixels == nullptr || !dicom_encapsulated(syntax) ||
-      pixels->getEncapsulatedRepresentation(syntax, nullptr, out).bad())
-    return nullptr;
-  return out;
 }
 
 // Decodes the frame `index` of `pixels`, an element of `data`.

@@ -35,6 +35,15 @@ std::string description(const DicomSeries& s) {
   return modality + plural(s.slices.size(), "slice");
 }
 
+// The name of a series in messages, such as "3 'Bone H60s'"; its UID if it has neither number nor
+// description.
+std::string series_name(const SeriesInfo& series) {
+  if (!series.number && series.description.empty()) return series.uid;
+  std::string number = series.number ? std::to_string(*series.number) : "";
+  if (series.description.empty()) return number;
+  return number + (number.empty() ? "'" : " '") + series.description + "'";
+}
+
 std::string name_and_description(const DicomSeries& s) {
   return series_name(s.info) + " (" + description(s) + ")";
 }
@@ -302,14 +311,51 @@ bool is_broken_part(const DicomSeries& s, const DicomSeries& of) {
          s.info.modality == of.info.modality;
 }
 
-}  // namespace
-
-std::string series_name(const SeriesInfo& series) {
-  if (!series.number && series.description.empty()) return series.uid;
-  std::string number = series.number ? std::to_string(*series.number) : "";
-  if (series.description.empty()) return number;
-  return number + (number.empty() ? "'" : " '") + series.description + "'";
+// Joins the parts of scans, as group_series() describes. A joined series takes the place of its
+// first part. A broken file that is alone in its series and has the same study, description and
+// modality becomes a part, too, so that the scan is not taken without it.
+void join_parts(std::vector<DicomSeries>& series) {
+  for (const auto& group : alike(series)) {
+    std::vector<const DicomSeries*> members;
+    members.reserve(group.size());
+    for (const std::size_t i : group)
+      members.push_back(&series[i]);
+    if (!are_parts(members)) continue;
+    DicomSeries& first = series[group[0]];
+    for (std::size_t k = 1; k < group.size(); ++k)
+      append(first, std::move(series[group[k]]));
+    for (DicomSeries& s : series) {
+      if (is_broken_part(s, first)) append(first, std::move(s));
+    }
+  }
+  std::erase_if(series, [](const DicomSeries& s) { return s.files.empty(); });
 }
+
+// If series[index] has a single slice, and at least two other series of its study and size have,
+// too: the attribute in which they differ, or what else keeps them from being joined. Otherwise
+// empty.
+std::string why_not_joined(const std::vector<DicomSeries>& series, std::size_t index) {
+  const DicomSeries& one = series[index];
+  const auto is_single = [](const DicomSeries& s) { return is_intact(s) && s.slices.size() == 1; };
+  if (!is_single(one)) return {};
+  std::size_t count = 0;
+  std::string reason;
+  for (const DicomSeries& other : series) {
+    if (&other == &one || !is_single(other)) continue;
+    const auto traits = compared(one, other);
+    constexpr std::ptrdiff_t kMustAgree = 3;  // study, modality and size
+    const auto differs =
+        std::find_if(traits.begin(), traits.end(), [](const Trait& t) { return !t.agree; });
+    if (differs - traits.begin() < kMustAgree) continue;
+    const std::string what = differs == traits.end()
+                                 ? "positions, which do not form one evenly spaced stack"
+                                 : std::string(differs->name);
+    if (count++ == 0 || differs != traits.end()) reason = what;
+  }
+  return count < 2 ? std::string() : reason;
+}
+
+}  // namespace
 
 std::vector<DicomSeries> group_series(const std::vector<DicomFile>& files,
                                       std::vector<Warning>& warnings) {
@@ -474,43 +520,4 @@ Result<std::vector<DicomFrame>> slices_of(const std::vector<DicomSeries>& series
   if (auto ok = check_rescale(out.slices, warnings); !ok) return ok.error();
   return out.slices;
 }
-
-void join_parts(std::vector<DicomSeries>& series) {
-  for (const auto& group : alike(series)) {
-    std::vector<const DicomSeries*> members;
-    members.reserve(group.size());
-    for (const std::size_t i : group)
-      members.push_back(&series[i]);
-    if (!are_parts(members)) continue;
-    DicomSeries& first = series[group[0]];
-    for (std::size_t k = 1; k < group.size(); ++k)
-      append(first, std::move(series[group[k]]));
-    for (DicomSeries& s : series) {
-      if (is_broken_part(s, first)) append(first, std::move(s));
-    }
-  }
-  std::erase_if(series, [](const DicomSeries& s) { return s.files.empty(); });
-}
-
-std::string why_not_joined(const std::vector<DicomSeries>& series, std::size_t index) {
-  const DicomSeries& one = series[index];
-  const auto is_single = [](const DicomSeries& s) { return is_intact(s) && s.slices.size() == 1; };
-  if (!is_single(one)) return {};
-  std::size_t count = 0;
-  std::string reason;
-  for (const DicomSeries& other : series) {
-    if (&other == &one || !is_single(other)) continue;
-    const auto traits = compared(one, other);
-    constexpr std::ptrdiff_t kMustAgree = 3;  // study, modality and size
-    const auto differs =
-        std::find_if(traits.begin(), traits.end(), [](const Trait& t) { return !t.agree; });
-    if (differs - traits.begin() < kMustAgree) continue;
-    const std::string what = differs == traits.end()
-                                 ? "positions, which do not form one evenly spaced stack"
-                                 : std::string(differs->name);
-    if (count++ == 0 || differs != traits.end()) reason = what;
-  }
-  return count < 2 ? std::string() : reason;
-}
-
 }  // namespace trocar::pipeline

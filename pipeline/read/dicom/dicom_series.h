@@ -69,10 +69,6 @@ struct ChosenSeries {
 Result<ChosenSeries> choose_series(const std::vector<DicomSeries>& series, const std::string& uid,
                                    const std::string& where);
 
-/// The name of a series in messages, such as "3 'Bone H60s'"; its UID if it has neither number nor
-/// description.
-std::string series_name(const SeriesInfo& series);
-
 /// The slices of the chosen series, not yet sorted. `where` names the input in messages. Warnings:
 /// other_series, joined_series, no_rescale. Errors: kRefused if a file of the series cannot be used, or if a slice
 /// lacks the rescale that other slices of the series have.
@@ -81,15 +77,5 @@ Result<std::vector<DicomFrame>> slices_of(const std::vector<DicomSeries>& series
                                           std::vector<Warning>& warnings);
 
 // Joins series that have a part of one scan each.
-
-/// Joins the parts of scans, as group_series() describes. A joined series takes the place of its
-/// first part. A broken file that is alone in its series and has the same study, description and
-/// modality becomes a part, too, so that the scan is not taken without it.
-void join_parts(std::vector<DicomSeries>& series);
-
-/// If series[index] has a single slice, and at least two other series of its study and size have,
-/// too: the attribute in which they differ, or what else keeps them from being joined. Otherwise
-/// empty.
-std::string why_not_joined(const std::vector<DicomSeries>& series, std::size_t index);
 
 }  // namespace trocar::pipeline

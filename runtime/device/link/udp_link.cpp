@@ -333,11 +333,10 @@ Result<void> UdpLink<Kind>::shake_hands(bool resets_world) {
   // End an old session, or an earlier attempt at a new one.
   if (session_ != 0) send(CommandMode::kStop, {});
   const std::int64_t start_ns = monotonic_ns();
-  HelloPacket hello;
-  hello.host_nonce = random_nonce();
-  hello.period_s = options_.period_s;
-  hello.resets_world = resets_world;
-  hello.contents = Kind::kContents;
+  HelloPacket hello{.host_nonce = random_nonce(),
+                    .period_s = options_.period_s,
+                    .resets_world = resets_world,
+                    .contents = Kind::kContents};
   std::array<std::uint8_t, kMaxPacketBytes> buffer{};
   WelcomePacket welcome;
   LinkAttempt attempt;

@@ -332,12 +332,11 @@ void Drive::offer(const HelloPacket& hello, std::int64_t now_ns, Answer& answer)
     made.resets_world = hello.resets_world;
     offered = made;
   }
-  WelcomePacket welcome;
-  welcome.time_ns = now_ns;
-  welcome.host_nonce = offered->host_nonce;
-  welcome.drive_nonce = offered->drive_nonce;
-  welcome.period_s = options_.period_s;
-  welcome.clock = options_.clock;
+  WelcomePacket welcome{.time_ns = now_ns,
+                        .host_nonce = offered->host_nonce,
+                        .drive_nonce = offered->drive_nonce,
+                        .period_s = options_.period_s,
+                        .clock = options_.clock};
   answer.size = encode(welcome, options_.key, answer.bytes);
 }
 
@@ -453,13 +452,12 @@ void Drive::advance(double dt_s) noexcept {
 
 void Drive::record_step(bool fault) noexcept {
   if (report_.steps.size() >= options_.record_steps) return;
-  DriveStep step;
-  step.session = report_.sessions;
-  step.t_s = session_time_s();
-  step.mode = mode_;
-  step.motor_faults = motor_faults_;
-  step.fault = fault;
-  step.command_taken = session_ ? session_->last_command : 0;
+  DriveStep step{.session = report_.sessions,
+                 .t_s = session_time_s(),
+                 .mode = mode_,
+                 .motor_faults = motor_faults_,
+                 .fault = fault,
+                 .command_taken = session_ ? session_->last_command : 0};
   for (const double tau : command_.tau_motor_Nm)
     step.commanded_max_Nm = std::max(step.commanded_max_Nm, std::abs(tau));
   step.applied_max_Nm = model_.truth().tau_applied_Nm.cwiseAbs().maxCoeff();
@@ -505,13 +503,12 @@ void Drive::record_hand_force() noexcept {
 void Drive::send_state(Answer& answer) noexcept {
   DeviceState read;
   model_.read(read);
-  StatePacket state;
-  state.session = session_->number;
-  state.sequence = ++session_->last_state;
-  state.time_ns = std::llround(read.t_s * 1e9);
-  state.mode = mode_;
-  state.motor_faults = motor_faults_;
-  state.command_taken = session_->last_command;
+  StatePacket state{.session = session_->number,
+                    .sequence = ++session_->last_state,
+                    .time_ns = std::llround(read.t_s * 1e9),
+                    .mode = mode_,
+                    .motor_faults = motor_faults_,
+                    .command_taken = session_->last_command};
   std::array<bool, kEncoders> stuck{};
   for (const PlannedFault& fault : options_.faults) {
     const auto i = static_cast<std::size_t>(fault.channel);

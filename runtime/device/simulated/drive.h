@@ -188,7 +188,7 @@ struct DriveStep {
   double commanded_max_Nm = 0;        ///< largest commanded torque of a motor
   double applied_max_Nm = 0;          ///< largest applied torque of a motor
   std::uint64_t packets_refused = 0;  ///< packets refused so far
-  TrueTip tip;                        ///< tip at the end of the step
+  TrueTip tip{};                      ///< tip at the end of the step
 };
 
 /// A maximum of the force on the hand. It is at least 10 N, and the force then fell to less than

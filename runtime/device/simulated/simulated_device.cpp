@@ -72,8 +72,6 @@ Twist moved_to(const Twist& twist, const Vector3d& lever_m) noexcept {
 }
 
 constexpr double kLongestSubstep_s = 1e-4;
-/// A longer step would only follow from a stopped process; the rest of its time is lost.
-constexpr double kLongestStep_s = 0.1;
 
 double rounded_to(double value, double resolution) noexcept {
   return resolution > 0 ? std::round(value / resolution) * resolution : value;
@@ -377,14 +375,14 @@ Wrench SimulatedPoseDevice::hand(double t_s) const noexcept {
   if (!hand_holds(motion_, impedance_, t_s)) return Wrench::Zero();
   const HandTarget target = hand_target(motion_, t_s);
   const Eigen::Vector3d lever_m = T_.q * T_plate_tool_.p_m;
-  Twist tip = twist_;
-  tip.head<3>() += Eigen::Vector3d(twist_.tail<3>()).cross(lever_m);
-  return moved_by(hand_wrench(impedance_, target, T_ * T_plate_tool_, tip), lever_m);
+  return moved_by(hand_wrench(impedance_, target, T_ * T_plate_tool_, moved_to(twist_, lever_m)),
+                  lever_m);
 }
 
 void SimulatedPoseDevice::advance(double dt_s) noexcept {
   if (!(dt_s > 0)) return;
-  const double step_s = std::min(dt_s, kLongestStep_s);
+  // A longer step would only follow from a stopped process; the rest of its time is lost.
+  const double step_s = std::min(dt_s, kMaxStep_s);
   const int substeps = std::max(1, static_cast<int>(std::ceil(step_s / kLongestSubstep_s - 1e-9)));
   if (const auto* const unscripted = std::get_if<1>(&motion_))
     unscripted->get().begin_step(t_s_, step_s, T_ * T_plate_tool_);

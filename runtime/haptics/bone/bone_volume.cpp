@@ -6,6 +6,16 @@ namespace {
 
 constexpr double kPi = std::numbers::pi;
 
+// True if the tip is flat or hollow, so that it stamps its outline out of the material.
+bool is_flat(const ToolShape& tool) noexcept {
+  return tool.inner_radius_m > 0 || tool.half_angle_rad >= kPi / 2;
+}
+
+// Returns the density, which is at least 0. Its kind is the one that the calibration names.
+double density_of(const HuCalibration& calibration, double HU) noexcept {
+  return std::max(0.0, calibration.at_0_HU + calibration.per_HU * HU);
+}
+
 constexpr std::array<std::pair<ToolKind, std::string_view>, 5> kNames{{
     {ToolKind::kNeedleBevel, "needle-bevel"},
     {ToolKind::kNeedleConical, "needle-conical"},
@@ -292,6 +302,29 @@ CuttingOptions options_of(const Scene& scene, const BoneVolume& bone, const Tiss
 // A slab's ends exceed its own and its neighbour's strength by at most this fraction of its own.
 constexpr double kBeyondNeighbours = 0.05;
 
+// Returns the shape of a scene's tool. Errors: kRefused if the tool's kind does not exist, or if
+// the shape is not valid (error_of()).
+Result<ToolShape> tool_shape(const SceneTool& tool) {
+  ToolShape shape;
+  shape.outer_radius_m = radius_of(make_tool(tool));
+  shape.inner_radius_m = tool.inner_radius_m;
+  shape.half_angle_rad =
+      tool.kind.empty() ? std::numbers::pi / 2 : tool.half_angle_deg * std::numbers::pi / 180;
+  if (!tool.kind.empty()) {
+    const std::optional<ToolKind> kind = find_tool_kind(tool.kind);
+    if (!kind) {
+      std::string names;
+      for (const ToolKind each : {ToolKind::kNeedleBevel, ToolKind::kNeedleConical,
+                                  ToolKind::kNeedleDiamond, ToolKind::kTrocar, ToolKind::kJamshidi})
+        names.append(names.empty() ? "" : ", ").append(name_of(each));
+      return refused("/tool/kind: no tool is called \"" + tool.kind + "\"; there are " + names);
+    }
+    shape.kind = *kind;
+  }
+  if (const auto error = error_of(shape)) return refused("/tool: " + std::string(*error));
+  return shape;
+}
+
 }  // namespace
 
 std::string_view name_of(ToolKind kind) noexcept {
@@ -327,11 +360,6 @@ double slice_push(const ToolShape& tool, double twist_rad_per_s, double feed_m_p
   const double along = std::max(feed_m_per_s, 0.0);
   return across >= kMaxSlicePush * along ? kMaxSlicePush : across / along;
 }
-
-bool is_flat(const ToolShape& tool) noexcept {
-  return tool.inner_radius_m > 0 || tool.half_angle_rad >= kPi / 2;
-}
-
 double displaced_area_m2(const ToolShape& tool) noexcept {
   return kPi *
          (tool.outer_radius_m * tool.outer_radius_m - tool.inner_radius_m * tool.inner_radius_m);
@@ -372,11 +400,6 @@ std::string_view name_of(DensityKind kind) noexcept {
   constexpr std::string_view kNames[] = {"QCT mineral density", "ash density", "apparent density"};
   return kNames[static_cast<std::size_t>(kind)];
 }
-
-double density_of(const HuCalibration& calibration, double HU) noexcept {
-  return std::max(0.0, calibration.at_0_HU + calibration.per_HU * HU);
-}
-
 std::span<const BoneLaw> bone_laws() noexcept {
   return kLaws;
 }
@@ -427,28 +450,6 @@ double BoneSheet::strength_N(const ToolShape& shape, double hu, double slice_pus
 double BoneSheet::torsion_Nm(const ToolShape& shape, double hu, double slice_push) const noexcept {
   return states_tool_forces ? 0 : tool_in_tissue(shape, material_at(hu), 1, slice_push).torsion_Nm;
 }
-
-Result<ToolShape> tool_shape(const SceneTool& tool) {
-  ToolShape shape;
-  shape.outer_radius_m = radius_of(make_tool(tool));
-  shape.inner_radius_m = tool.inner_radius_m;
-  shape.half_angle_rad =
-      tool.kind.empty() ? std::numbers::pi / 2 : tool.half_angle_deg * std::numbers::pi / 180;
-  if (!tool.kind.empty()) {
-    const std::optional<ToolKind> kind = find_tool_kind(tool.kind);
-    if (!kind) {
-      std::string names;
-      for (const ToolKind each : {ToolKind::kNeedleBevel, ToolKind::kNeedleConical,
-                                  ToolKind::kNeedleDiamond, ToolKind::kTrocar, ToolKind::kJamshidi})
-        names.append(names.empty() ? "" : ", ").append(name_of(each));
-      return refused("/tool/kind: no tool is called \"" + tool.kind + "\"; there are " + names);
-    }
-    shape.kind = *kind;
-  }
-  if (const auto error = error_of(shape)) return refused("/tool: " + std::string(*error));
-  return shape;
-}
-
 Result<void> resolve_layers(Scene& scene) {
   const Result<ToolShape> shape = tool_shape(scene.tool);
   if (!shape) return shape.error();

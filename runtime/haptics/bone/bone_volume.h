@@ -87,8 +87,6 @@ inline constexpr double kMaxSlicePush = 10;
 /// without twist.
 double slice_push(const ToolShape& tool, double twist_rad_per_s, double feed_m_per_s) noexcept;
 
-/// True if the tip is flat or hollow, so that it stamps its outline out of the material.
-bool is_flat(const ToolShape& tool) noexcept;
 double displaced_area_m2(const ToolShape& tool) noexcept;
 double torn_length_m(const ToolShape& tool) noexcept;
 
@@ -147,9 +145,6 @@ struct HuCalibration {
   DensityKind kind = DensityKind::kQct;
   bool is_assumed = true;
 };
-/// Returns the density, which is at least 0. Its kind is the one that the calibration names.
-double density_of(const HuCalibration& calibration, double HU) noexcept;
-
 /// value = constant + factor * density^exponent
 struct DensityLaw {
   double constant = 0, factor = 0, exponent = 1;
@@ -276,10 +271,6 @@ struct BoneVolume {
   double yielding_N_per_m = 0;
   double viscous_N_s_per_m = 0;  ///< viscous friction along the shaft, summed over all slabs
 };
-
-/// Returns the shape of a scene's tool. Errors: kRefused if the tool's kind does not exist, or if
-/// the shape is not valid (error_of()).
-Result<ToolShape> tool_shape(const SceneTool& tool);
 
 /// Computes the forces of those soft layers of the scene whose fracture toughness is given. Errors:
 /// those of tool_shape().

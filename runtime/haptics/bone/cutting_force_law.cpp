@@ -184,8 +184,7 @@ std::string stability_warning(const DeviceCoupling& chosen) {
 
 Result<std::unique_ptr<CuttingForceLaw>> CuttingForceLaw::make(const ForceLawSetup& setup) {
   Result<BoneVolume> bone = make_bone_volume(setup.scene, setup.sheets);
-  if (!bone)
-    return Error{bone.error().code, setup.scene.asset.string() + ": " + bone.error().message};
+  if (!bone) return bone.error().after(setup.scene.asset.string() + ": ");
   const Pose T_device_plate = over_anchor(*setup.sheets.front(), bone->tool);
   const DeviceCoupling coupling = choose_coupling(*bone, setup.scene.force_law, setup.device,
                                                   T_device_plate, setup.rate_Hz, setup.stiffness);

@@ -61,7 +61,8 @@ HandRun run_hand(const Scene& scene, const Person& person,
                                       TargetPath(scene.duration_s));
     options.hand = hand.get();
     options.telemetry->hand = PublishedHand{*limits, hand_impedance(scene.hand)};
-    session.device.emplace(std::move(*make_simulated_device(scene, session.description, *hand)));
+    session.device.emplace(
+        std::move(*make_simulated_device(scene, session.description, hand.get())));
   }
   session.prepare();
   auto reader = TelemetryReader::open(options.telemetry->file);
