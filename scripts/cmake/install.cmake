@@ -165,8 +165,10 @@ install(FILES ${CMAKE_BINARY_DIR}/TrocarConfig.cmake ${CMAKE_BINARY_DIR}/TrocarC
 # --- Debian packages ----------------------------------------------------------------------------------
 set(CPACK_GENERATOR DEB)
 set(CPACK_PACKAGE_VENDOR "Trocar")
-include(maintainer)
-default_maintainer(maintainer "${CMAKE_SOURCE_DIR}")
+set(maintainer "The Trocar developers <trocar@example.org>")
+if(DEFINED ENV{DEBFULLNAME} AND DEFINED ENV{DEBEMAIL})
+  set(maintainer "$ENV{DEBFULLNAME} <$ENV{DEBEMAIL}>")
+endif()
 set(CPACK_PACKAGE_CONTACT "${maintainer}" CACHE STRING "Who maintains the packages: NAME <ADDRESS>")
 set(TROCAR_HOMEPAGE "" CACHE STRING "The packages' address on the web; empty: none")
 # Packages for different releases of Debian depend on different libraries, so their versions differ.

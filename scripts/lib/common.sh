@@ -53,16 +53,6 @@ quietly() {
   return "$code"
 }
 
-# expected_time STEPS: what the build will take, in words. A step takes 2.5 to 4 seconds of one core, as measured on virtual machines with two cores.
-expected_time() {
-  local minutes=$((($1 * 4 / $(nproc) + 59) / 60))
-  if (($1 < 10)); then
-    echo "$1 steps"
-  else
-    echo "$1 steps on $(nproc) cores, about $minutes minutes if nothing of it is in ccache"
-  fi
-}
-
 # jobs: how many files to compile at once: one per core, but each can take 2.5 GB of memory.
 jobs() {
   local by_memory
@@ -80,7 +70,8 @@ configure_and_build() {
     die 1 "the build could not be configured"
   if (($# > 0)); then targets=(--target "$@"); fi
   steps=$(cmake --build "$build" "${targets[@]}" -- -n | sed -n 's|^\[[0-9]*/\([0-9]*\)\].*|\1|p' | tail -n 1)
-  say "building in ${build#"$root"/}: $(expected_time "${steps:-0}")"
+  # A step takes about nine seconds of one core.
+  say "building in ${build#"$root"/}: ${steps:-0} steps on $(nproc) cores, about $((${steps:-0} * 9 / $(nproc) / 60 + 1)) minutes if nothing of it is in ccache"
   env -u LC_ALL -u LC_CTYPE -u LC_MESSAGES LANG=C.UTF-8 cmake --build "$build" --parallel "$(jobs)" "${targets[@]}" || die 1 "the build failed"
 }
 

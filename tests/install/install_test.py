@@ -133,21 +133,6 @@ def test_headers(usr, work):
         assert done.returncode == 0, f"{header} does not compile by itself: {done.stderr[:500]}"
 
 
-def test_maintainer(source, work):
-    """Packages always have a maintainer with an address, also those that somebody without a git user builds."""
-    script = work / "maintainer.cmake"
-    script.write_text(f'include("{source}/scripts/cmake/maintainer.cmake")\ndefault_maintainer(found "{work}")\nmessage("${{found}}")\n')
-    nobody = {"PATH": os.environ["PATH"], "HOME": str(work), "GIT_CONFIG_NOSYSTEM": "1", "GIT_CEILING_DIRECTORIES": str(work.parent)}
-    debian = {"DEBFULLNAME": "A Debian Builder", "DEBEMAIL": "builder@example.net"}
-    git = {"GIT_CONFIG_COUNT": "2", "GIT_CONFIG_KEY_0": "user.name", "GIT_CONFIG_VALUE_0": "A Git User",
-           "GIT_CONFIG_KEY_1": "user.email", "GIT_CONFIG_VALUE_1": "user@example.net"}
-    for more, wanted in ((debian | git, "A Debian Builder <builder@example.net>"), (git, "A Git User <user@example.net>"),
-                         ({"DEBEMAIL": "half@example.net"}, "The Trocar developers <trocar@example.org>"),
-                         ({}, "The Trocar developers <trocar@example.org>")):
-        said = run("cmake", "-P", script, env=nobody | more).stderr.strip()
-        assert said == wanted, f"{more}: {said}"
-
-
 def test_versions(source, version):
     """One version everywhere."""
     assert f"\nversion: {version}\n" in (source / "CITATION.cff").read_text(), f"CITATION.cff is not of {version}"
