@@ -40,8 +40,8 @@ constexpr double kBreakShare = 0.5;
 double lowest_passive_rate_Hz(const BoneVolume& bone, const ForceLawSetup& setup,
                               const Pose& T_device_plate) {
   const auto is_enough = [&](double rate_Hz) {
-    return may_start(choose_coupling(bone, setup.scene.force_law, setup.device,
-                                               T_device_plate, rate_Hz, setup.stiffness));
+    return may_start(choose_coupling(bone, setup.scene.force_law, setup.device, T_device_plate,
+                                     rate_Hz, setup.stiffness));
   };
   double low_Hz = std::floor(setup.rate_Hz), high_Hz = kMaxRate_Hz;
   if (!is_enough(high_Hz)) return 0;

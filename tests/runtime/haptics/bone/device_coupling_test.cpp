@@ -328,8 +328,8 @@ TEST(DeviceCoupling, ARigidAxisThatIsTooStiffForItsRateIsRefused) {
       const std::size_t at = why.find("at most ", why.find("instead of a stiffness")) + 8;
       Scene softer = scene;
       softer.tissue.stiffness_N_per_m = 0.999 * std::stod(why.substr(at));
-      EXPECT_TRUE(may_start(choose(test::bone_volume_of(softer, test::square_asset(1)), law,
-                                    device, upright(), rate_Hz)))
+      EXPECT_TRUE(may_start(choose(test::bone_volume_of(softer, test::square_asset(1)), law, device,
+                                   upright(), rate_Hz)))
           << why;
     }
   }
