@@ -474,15 +474,15 @@ std::string describe_pose_fault(Fault fault, const DeviceSpecification& device,
 }
 
 PathReport evaluate_path(const HandTrajectory& path, const DeviceSpecification& device,
-                         const SafetyLimits& limits, const Tool& tool, double rate_Hz,
-                         double to_s) {
+                         const SafetyLimits& limits, const Tool& tool, double rate_Hz, double to_s,
+                         double from_s) {
   PathReport report;
   report.tip_min_m.setConstant(kEndless);
   report.tip_max_m.setConstant(-kEndless);
   report.box_min_m = kEndless;
   const double end_s = std::min(to_s, path.keyframes.back().t_s + 1 / rate_Hz);
-  for (std::uint64_t tick = 0; static_cast<double>(tick) / rate_Hz <= end_s; ++tick) {
-    const double t_s = static_cast<double>(tick) / rate_Hz;
+  for (std::uint64_t tick = 0; from_s + static_cast<double>(tick) / rate_Hz <= end_s; ++tick) {
+    const double t_s = from_s + static_cast<double>(tick) / rate_Hz;
     const HandTarget target = hand_target(path, t_s);
     const Pose T_device_plate = plate_of(target.T_device_tool, tool);
     const Eigen::Vector3d& tip_m = target.T_device_tool.p_m;

@@ -159,9 +159,10 @@ struct PathReport {
   std::optional<PathBreach> breach;  ///< the first one
 };
 
-/// Evaluates the path at each tick up to `to_s`, as far as the hand moves.
+/// Evaluates the path `rate_Hz` times a second from `from_s` to `to_s`, as far as the hand moves.
 PathReport evaluate_path(const HandTrajectory& path, const DeviceSpecification& device,
-                         const SafetyLimits& limits, const Tool& tool, double rate_Hz, double to_s);
+                         const SafetyLimits& limits, const Tool& tool, double rate_Hz, double to_s,
+                         double from_s = 0);
 
 /// A point of the path at which the tip goes from above a sheet to below it.
 struct SheetCrossing {

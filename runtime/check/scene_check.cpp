@@ -195,7 +195,17 @@ std::optional<std::string> warn_of_end(const SceneEvaluation& e) {
            to_string(Fault{dry_run.fault}) + (what.empty() ? "" : ": " + what) + ": " +
            advise(e, dry_run.fault, T_device_plate * e.tool.tip_plate_m);
   }
-  return std::nullopt;
+  // The rest of a long session is judged by its path, at as many places as the dry run has ticks.
+  const double rest_s = e.let_go_s - e.dry_run_end_s();
+  if (!(rest_s > 0)) return std::nullopt;
+  const double rate_Hz = std::min(e.options.rate_Hz, static_cast<double>(kMaxDryRunTicks) / rest_s);
+  const auto breach = evaluate_path(e.path, e.device, e.options.limits, e.tool, rate_Hz, e.let_go_s,
+                                    e.dry_run_end_s())
+                          .breach;
+  if (!breach) return std::nullopt;
+  return at_time(breach->t_s) + "the path leads to the fault " + to_string(breach->fault) + ": " +
+         breach->what + ": " +
+         advise(e, breach->fault, hand_target(e.path, breach->t_s).T_device_tool.p_m);
 }
 
 /// Returns a text such as "slices 3-5 at 0.1200 to 0.1400 m". `sheets`: the topmost first.
@@ -572,8 +582,8 @@ std::string describe_dry_run(const SceneEvaluation& e) {
   std::string out = text_line("dry run    %llu ticks in virtual time",  //
                               static_cast<unsigned long long>(dry_run.ticks));
   if (dry_run.is_shortened()) {
-    out += text_line(", %.6g of %.6g s; what comes after that is not checked", e.dry_run_end_s(),
-                     e.options.duration_s);
+    out += text_line(", %.6g of %.6g s; what comes after that is judged by the path alone",
+                     e.dry_run_end_s(), e.options.duration_s);
   }
   out +=
       dry_run.fault == Fault::kNone
