@@ -565,7 +565,7 @@ Result<void> keep_near_mask(const SliceStack& stack, const VoxelGrid& grid,
   return {};
 }
 
-std::string text_of(const Eigen::Vector3d& p) {
+std::string point_text(const Eigen::Vector3d& p) {
   char out[96];
   std::snprintf(out, sizeof out, "%g,%g,%g", p.x(), p.y(), p.z());
   return out;
@@ -597,7 +597,7 @@ Result<std::vector<std::size_t>> seed_voxels(const SliceStack& stack, const Voxe
       }
     }
     if (!nearest) {
-      return refused("--seed " + text_of(seed) + ": no material within " +
+      return refused("--seed " + point_text(seed) + ": no material within " +
                      std::to_string(static_cast<int>(kMaxSeedDistance_mm)) +
                      " mm; seeds are patient coordinates (left, back, up) in mm");
     }
