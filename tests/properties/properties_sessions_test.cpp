@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// 10,000 random sessions: tissues, shafts, rims, couplings, rates, hands that hold, hammer or
+// Random sessions: tissues, shafts, rims, couplings, rates, hands that hold, hammer or
 // shake, lost data and recoveries. Each gives the hand at most the budget beyond what the sheets
 // stored within 0.1 s, or a named fault ends it within 0.1 s of that; and no motor's torque rises
 // by more than its limit in a tick. Energies are computed here, from the delivered wrench and the
@@ -19,17 +19,14 @@
 
 #include "runtime/device/four_legs/four_legs.h"
 #include "runtime/haptics/loop/haptic_loop.h"
+#include "tests/support/campaign.h"
 #include "tests/support/sheet_fixture.h"
 #include "tests/support/sheet_law_fixture.h"
 
 namespace trocar::runtime {
 namespace {
 
-#ifdef TROCAR_SANITIZED
-constexpr int kSessions = 500;  // slow there
-#else
-constexpr int kSessions = 10'000;
-#endif
+const int kSessions = test::campaign(500);
 constexpr double kBudget_J = 0.05, kWindow_s = 0.1;
 constexpr double kSurface_m = 0.15;  // the topmost sheet
 constexpr std::size_t kSheets = 6;
@@ -318,7 +315,7 @@ TEST(RandomSessions, ArePassiveWithinTheBudgetOrStoppedAndNeverStepTooFar) {
 
   std::map<std::string, int> ended;
   int kept = 0, tame = 0, touched = 0;
-  for (std::uint64_t seed = 0; seed < kSessions; ++seed) {
+  for (std::uint64_t seed = 0; seed < static_cast<std::uint64_t>(kSessions); ++seed) {
     const Setting setting = draw_setting(seed, base);
     const Outcome outcome = run(setting, seed, pool);
     const std::string first =

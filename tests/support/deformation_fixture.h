@@ -113,12 +113,6 @@ inline std::vector<ScanAsset> scan_assets(const std::string& suffix = "") {
   return out;
 }
 
-/// How many cases a test runs: `usual`, or the environment's TROCAR_CASES for a long run.
-inline int cases(int usual) {
-  const char* wanted = std::getenv("TROCAR_CASES");  // NOLINT(concurrency-mt-unsafe)
-  return wanted == nullptr ? usual : std::max(1, std::atoi(wanted));
-}
-
 /// A place over material: in a random triangle of the slice, so that thin parts and places near
 /// boundaries and holes are frequent.
 inline LatticePoint place_in(const SliceMesh& mesh, std::mt19937_64& random) {

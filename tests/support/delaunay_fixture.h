@@ -94,12 +94,6 @@ inline std::vector<Points> points_of(const SheetMesh& mesh) {
   return test::canonical(to_slice_mesh(mesh));
 }
 
-/// How many cases a test runs: `usual`, or the environment's TROCAR_CASES for a long run.
-inline int cases(int usual) {
-  const char* const wanted = std::getenv("TROCAR_CASES");  // NOLINT(concurrency-mt-unsafe)
-  return wanted == nullptr ? usual : std::max(1, std::atoi(wanted));
-}
-
 /// A regular hexagon, rounded to the lattice.
 inline Ring hexagon(LatticePoint centre, double radius, double turn_rad) {
   Ring ring;

@@ -18,6 +18,7 @@
 
 #include "formats/mesh/mesh_validity.h"
 #include "runtime/realtime/realtime_thread.h"
+#include "tests/support/campaign.h"
 #include "tests/support/check_sheet_mesh.h"
 #include "tests/support/counted_allocations.h"
 #include "tests/support/delaunay_fixture.h"
@@ -198,7 +199,7 @@ void refine_all_and_check(SheetMesh& mesh, const LocalRefinementOptions& options
 }
 
 TEST(LocalRefinement, ContractHoldsOnRandomSheets) {
-  for (int seed = 1; seed <= cases(250) && !testing::Test::HasFailure(); ++seed) {
+  for (int seed = 1; seed <= test::campaign(250) && !testing::Test::HasFailure(); ++seed) {
     Random random(static_cast<std::uint64_t>(seed));
     for (const bool split_outline : {false, true}) {
       SheetMesh mesh = random_sheet(random, 400, 800);
@@ -311,7 +312,7 @@ TEST(LocalRefinement, AcuteCornersTakeFewPoints) {
 }
 
 TEST(LocalRefinement, KeptEdgesStay) {
-  for (int seed = 1; seed <= cases(60); ++seed) {
+  for (int seed = 1; seed <= test::campaign(60); ++seed) {
     Random random(static_cast<std::uint64_t>(seed));
     SheetMesh mesh = random_sheet(random, 400, 800);
     // About every third boundary edge of the start.
@@ -516,7 +517,7 @@ bool is_inside(const SheetMesh& mesh, std::uint32_t t, LatticePoint p) {
 
 TEST(PointInsertion, InsertionAndRemovalRestoreTheSheet) {
   int inserted = 0, compared = 0;
-  for (int seed = 1; seed <= cases(300); ++seed) {
+  for (int seed = 1; seed <= test::campaign(300); ++seed) {
     Random random(static_cast<std::uint64_t>(seed));
     SheetMesh mesh = random_sheet(random, 40, 80);
     SheetEdit edit(mesh);
@@ -553,8 +554,8 @@ TEST(PointInsertion, InsertionAndRemovalRestoreTheSheet) {
       ++compared;
     }
   }
-  EXPECT_GT(inserted, cases(300) / 2);
-  EXPECT_GT(compared, cases(300) / 10);
+  EXPECT_GT(inserted, test::campaign(300) / 2);
+  EXPECT_GT(compared, test::campaign(300) / 10);
 }
 
 TEST(PointInsertion, PointsOnOrBeyondTheOutlineAreNotVisible) {

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Garbage collection of damaged stores. TROCAR_DAMAGES sets the number of random damages (nightly:
-// 1000).
+// Garbage collection of damaged stores.
 #include "pipeline/batch/garbage.h"
 
 #include <gtest/gtest.h>
@@ -8,13 +7,13 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
-#include <cstdlib>
 #include <fstream>
 #include <functional>
 #include <map>
 #include <random>
 
 #include "tests/pipeline/batch/store_fixture.h"
+#include "tests/support/campaign.h"
 #include "tests/support/take.h"
 #include "tests/support/temporary_folder.h"
 
@@ -258,8 +257,7 @@ void unlock(const fs::path& folder) {
 }
 
 TEST_F(GarbageTest, NoDamageCostsAnAssetThatAnEntryNames) {
-  const char* const given = std::getenv("TROCAR_DAMAGES");  // NOLINT(concurrency-mt-unsafe)
-  const int rounds = given == nullptr ? 40 : std::atoi(given);
+  const int rounds = test::campaign(40);
   Damage damage(70);
   std::mt19937 random(71);
   int collected = 0, stopped = 0;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Simplification by both methods: validity and distance of 10,000 random slices; of the one that
+// Simplification by both methods: validity and distance of random slices; of the one that
 // keeps areas also the areas, as stored after refinement.
 #include <gtest/gtest.h>
 
@@ -16,6 +16,7 @@
 #include "formats/mesh/triangulation.h"
 #include "pipeline/contour/contour.h"
 #include "pipeline/contour/simplification.h"
+#include "tests/support/campaign.h"
 #include "tests/support/synthetic_fields.h"
 #include "tests/support/take.h"
 #include "tests/support/test_lattice.h"
@@ -25,11 +26,7 @@ namespace {
 
 using trocar::test::kLattice;
 constexpr double kStep_mm = 1.0 / 256;
-#ifdef TROCAR_SANITIZED
-constexpr std::uint64_t kNoiseSlices = 500;
-#else
-constexpr std::uint64_t kNoiseSlices = 10'000;
-#endif
+const auto kNoiseSlices = static_cast<std::uint64_t>(test::campaign(500));
 
 SimplificationOptions area_to(double tolerance_mm) {
   return {tolerance_mm, SimplificationMethod::kArea};
@@ -125,16 +122,17 @@ void for_random_slices(std::uint64_t count, std::uint64_t first_seed, const Visi
   }
 }
 
-TEST(DouglasPeucker, TenThousandRandomSlices) {
-  for_random_slices(10'000, 50'000, [](const Pslg& full, double tolerance_mm, std::uint64_t seed) {
-    const Pslg simple =
-        simplify(full, kLattice, {tolerance_mm, SimplificationMethod::kDouglasPeucker});
-    expect_sound(full, simple, tolerance_mm * (1 + 1e-12), seed % 20 == 0, "");
-  });
+TEST(DouglasPeucker, RandomSlices) {
+  for_random_slices(
+      kNoiseSlices, 50'000, [](const Pslg& full, double tolerance_mm, std::uint64_t seed) {
+        const Pslg simple =
+            simplify(full, kLattice, {tolerance_mm, SimplificationMethod::kDouglasPeucker});
+        expect_sound(full, simple, tolerance_mm * (1 + 1e-12), seed % 20 == 0, "");
+      });
 }
 
 // Each slice is simplified, triangulated and refined; what is stored is compared with the contour.
-TEST(AreaCollapse, TenThousandRandomSlices) {
+TEST(AreaCollapse, RandomSlices) {
   std::size_t vertices = 0, vertices_dp = 0, rings = 0, kept = 0;
   for_random_slices(
       kNoiseSlices, 90'000, [&](const Pslg& full, double tolerance_mm, std::uint64_t seed) {

@@ -18,6 +18,7 @@
 #include "formats/mesh/refinement.h"
 #include "formats/mesh/triangulation.h"
 #include "pipeline/contour/area_collapse.h"
+#include "tests/support/campaign.h"
 #include "tests/support/label_border_checks.h"
 #include "tests/support/label_maps.h"
 #include "tests/support/random_geometry.h"
@@ -270,11 +271,7 @@ TEST(LabelBorders, SimplifiedMapsKeepAreasWithinTheTolerance) {
 // Small maps of smoothed noise, at tolerances of up to eight pixels, where every border blocks
 // another.
 TEST(LabelBorders, RandomMapsAreTiledWhenSimplified) {
-#ifdef TROCAR_SANITIZED
-  constexpr std::uint64_t kMaps = 100;
-#else
-  constexpr std::uint64_t kMaps = 1000;
-#endif
+  const auto kMaps = static_cast<std::uint64_t>(test::campaign(100));
   constexpr double kTolerances_px[] = {0.0, 0.3, 1.0, 2.0, 4.0, 8.0};
   for (std::uint64_t seed = 0; seed < kMaps; ++seed) {
     const int size = 12 + static_cast<int>(seed % 17), labels = 1 + static_cast<int>(seed % 4);

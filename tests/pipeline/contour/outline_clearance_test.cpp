@@ -24,6 +24,7 @@
 #include "pipeline/contour/label_borders.h"
 #include "pipeline/contour/simplification.h"
 #include "tests/cases/pslg_case.h"
+#include "tests/support/campaign.h"
 #include "tests/support/label_border_checks.h"
 #include "tests/support/label_maps.h"
 #include "tests/support/motions.h"
@@ -110,12 +111,6 @@ Pslg random_outline(std::mt19937_64& random) {
   }
 }
 
-int wanted_outlines() {
-  // NOLINTNEXTLINE(concurrency-mt-unsafe): nothing sets the environment
-  const char* const wanted = std::getenv("TROCAR_OUTLINES");
-  return wanted == nullptr ? 1000 : std::atoi(wanted);  // NOLINT(cert-err34-c)
-}
-
 std::vector<Refined> refined(const std::vector<Pslg>& outlines,
                              const SimplificationOptions& simplification, double max_area_mm2) {
   RefinementOptions options;
@@ -170,7 +165,7 @@ Pslg cleared(const Pslg& outline) {
 
 TEST(OutlineClearance, RandomOutlinesHaveNoFreeAngles) {
   std::mt19937_64 random(33);
-  for (int n = 0; n < wanted_outlines(); ++n) {
+  for (int n = 0; n < test::campaign(1000); ++n) {
     const std::string name = "outline " + std::to_string(n);
     const Pslg outline = random_outline(random);
     for (const SimplificationOptions& options : {kByArea, kByDouglasPeucker}) {

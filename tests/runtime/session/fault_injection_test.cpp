@@ -3,7 +3,7 @@
 // while the tool is pressed into a sheet, in whole sessions: torques are zero in time, the fault is
 // latched and named, the black box is complete, the loop recovers, the recording is complete and
 // replays to the last bit. A fault that is not injected here is listed with the reason
-// (kNotInjected). TROCAR_FAULT_RUNS: runs of each fault (5).
+// (kNotInjected).
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -17,6 +17,7 @@
 #include "runtime/session/session_options.h"
 #include "tests/runtime/session/fault_cases.h"
 #include "tests/runtime/session/test_session.h"
+#include "tests/support/campaign.h"
 #include "tests/support/uniform.h"
 
 namespace trocar::runtime {
@@ -73,11 +74,6 @@ Scene pressing() {
                            {1.15, {0, 0, 0.112}, {}}, {1.3, {0, 0, 0.112}, {}}};
   scene.duration_s = 1.3;
   return scene;
-}
-
-int runs_of_each() {
-  const char* wanted = std::getenv("TROCAR_FAULT_RUNS");  // NOLINT(concurrency-mt-unsafe)
-  return wanted != nullptr ? std::max(1, std::atoi(wanted)) : 5;
 }
 
 /// A limit that was lowered for the test may be exceeded again in the second press.
@@ -207,7 +203,7 @@ INSTANTIATE_TEST_SUITE_P(Injected, Faults, testing::ValuesIn(testing_support::al
                          [](const auto& test) { return std::string(test.param.name); });
 
 TEST_P(Faults, AtRandomMomentsUnderLoad) {
-  for (int i = 0; i < runs_of_each(); ++i) {
+  for (int i = 0; i < trocar::test::campaign(2); ++i) {
     run(GetParam(), i);
     ASSERT_FALSE(HasFatalFailure()) << "run " << i;
   }

@@ -2,14 +2,12 @@
 // No entry into `running` without a request that is newer than the last release of every stop, in
 // whole sessions in virtual time, over random sequences of device stops, operator's stops, pauses,
 // faults, link losses and recoveries. The witness keeps its own record of presses, releases and
-// requests, and takes nothing but the state from the session. TROCAR_STOP_ENTRIES: number of entries
-// (100; scripts/nightly: 10,000).
+// requests, and takes nothing but the state from the session.
 #include <gtest/gtest.h>
 
 #include <algorithm>
 #include <atomic>
 #include <cstdint>
-#include <cstdlib>
 #include <limits>
 #include <memory>
 #include <optional>
@@ -23,6 +21,7 @@
 #include "runtime/session/session.h"
 #include "tests/runtime/device/link/udp_peer.h"
 #include "tests/support/body_fixture.h"
+#include "tests/support/campaign.h"
 #include "tests/support/sheet_fixture.h"
 #include "tests/support/temporary_folder.h"
 
@@ -342,11 +341,6 @@ int run(const Combination& what, std::uint64_t seed, int wanted) {
   return counter.entries;
 }
 
-int wanted_entries() {
-  const char* wanted = std::getenv("TROCAR_STOP_ENTRIES");  // NOLINT(concurrency-mt-unsafe)
-  return wanted != nullptr ? std::max(1, std::atoi(wanted)) : 100;
-}
-
 TEST(Stops, ForcesReturnOnlyAfterARequestNewerThanEveryRelease) {
   std::vector<Combination> all;
   for (const RecoveryPolicy policy :
@@ -356,7 +350,7 @@ TEST(Stops, ForcesReturnOnlyAfterARequestNewerThanEveryRelease) {
            {ForceLawKind::kHooke, ForceLawKind::kNetwork, ForceLawKind::kCutting})
         all.push_back({policy, kind, law});
   const int of_each =
-      (wanted_entries() + static_cast<int>(all.size()) - 1) / static_cast<int>(all.size());
+      (test::campaign(100) + static_cast<int>(all.size()) - 1) / static_cast<int>(all.size());
   std::uint64_t seed = 70'000;
   for (const Combination& each : all) {
     int entries = 0;

@@ -11,6 +11,7 @@
 
 #include "runtime/device/four_legs/kinematics.h"
 #include "tests/reference/decompositions/decompositions.h"
+#include "tests/support/campaign.h"
 #include "tests/support/device_workspace.h"
 
 namespace trocar::runtime {
@@ -96,12 +97,6 @@ void expect_law_1_and_2(const AllocationResult& result, const Jacobian& G, const
   const Wrench delivered = G.transpose() * result.tau_motor_Nm;
   ASSERT_LE((delivered - result.scale * wanted).norm(), 1e-9 * result.scale * wanted.norm());
   ASSERT_EQ(delivered, result.wrench_device);
-}
-
-int from_environment(const char* name, int otherwise) {
-  // NOLINTNEXTLINE(concurrency-mt-unsafe): nothing sets the environment
-  const char* const text = std::getenv(name);
-  return text == nullptr ? otherwise : std::atoi(text);
 }
 
 TEST(TorqueAllocation, WithinTheLimitsItIsThePseudoInverse) {
@@ -192,10 +187,10 @@ Pose random_pose(Random& random, int n) {
   return T;
 }
 
-// Laws 1 to 4 at random poses, wrenches and limits; TROCAR_ALLOCATIONS sets how many.
+// Laws 1 to 4 at random poses, wrenches and limits.
 TEST(TorqueAllocation, DeliversTheWantedWrenchOrTheLargestFeasibleScale) {
   const DeviceDescription device = default_device_description();
-  const int count = from_environment("TROCAR_ALLOCATIONS", 10'000);
+  const int count = test::campaign(10'000);
   Random random(23);
   int by_kind[4] = {0, 0, 0, 0};
   double worst_residual = 0;
@@ -229,10 +224,10 @@ TEST(TorqueAllocation, DeliversTheWantedWrenchOrTheLargestFeasibleScale) {
   EXPECT_LT(worst_residual, 1e-9);
 }
 
-// Law 5; TROCAR_ENUMERATIONS sets how many.
+// Law 5.
 TEST(TorqueAllocation, AgreesWithTheEnumeratedOptimum) {
   const DeviceDescription device = default_device_description();
-  const int count = from_environment("TROCAR_ENUMERATIONS", 300);
+  const int count = test::campaign(300);
   Random random(26);
   int compared = 0, over_working = 0;
   double worst = 0;

@@ -8,15 +8,16 @@
 
 #include <array>
 #include <cmath>
-#include <cstdlib>
 #include <optional>
 #include <random>
 #include <vector>
 
+#include "tests/support/campaign.h"
+
 namespace trocar::runtime {
 namespace {
 
-constexpr std::int64_t kMs = 1'000'000;
+constexpr std::int64_t kMs = 200'000;
 using Bytes = std::vector<std::uint8_t>;
 
 SimulatedDevice slowly_lowered_device() {
@@ -382,8 +383,7 @@ TEST_F(DriveLink, OnlyAFreshSessionRestartsTheWorld) {
 }
 
 TEST_F(DriveLink, InvalidPacketsChangeNothingUnderLoad) {
-  const char* wanted = std::getenv("TROCAR_PACKETS");  // NOLINT(concurrency-mt-unsafe)
-  const long packets = wanted != nullptr ? std::atol(wanted) : 1'000'000;
+  const long packets = test::campaign(200'000);
   Drive drive(options(LinkClock::kReal), slowly_lowered_device());
   Host host(drive, key_);
   Drive::Answer state;

@@ -12,6 +12,7 @@
 #include <vector>
 
 #include "runtime/haptics/bone/cutting_law.h"
+#include "tests/support/campaign.h"
 
 namespace trocar::runtime {
 namespace {
@@ -263,8 +264,7 @@ TEST(CuttingEnergy, NoTickGivesMoreThanHoldingLeaks) {
   Draws random(11), layers(12), tips(13), holds(14), slopes(15), twists(16), bevels(17), walls(18);
   long ticks = 0, cutting = 0, stopped = 0, too_far = 0, unconverged = 0, gained = 0, torn = 0,
        slipped = 0, held = 0, sloped = 0, twisted = 0, bevelled = 0;
-  const char* more = std::getenv("TROCAR_SESSIONS");  // NOLINT(concurrency-mt-unsafe)
-  const int sessions = more == nullptr ? 1500 : std::atoi(more);
+  const int sessions = test::campaign(1500);
   for (int n = 0; n < sessions; ++n) {
     Session s = random_session(random);
     if (layers.chance(0.4)) add_layers(layers, s);

@@ -8,6 +8,7 @@
 #include "runtime/haptics/membrane/network.h"
 #include "runtime/haptics/membrane/sheet_law.h"
 #include "tests/reference/deformation/region_part.h"
+#include "tests/support/campaign.h"
 #include "tests/support/deformation_fixture.h"
 #include "tests/support/sheet_fixture.h"
 
@@ -79,7 +80,7 @@ TEST(Accuracy, AnUndamagedSheetFarFromAnyEdgeHasStiffnessK) {
     EXPECT_LT(calibration->spread, 0.004);
     std::mt19937_64 random(17);
     double worst = 0;
-    for (int i = 0; i < test::cases(40); ++i) {
+    for (int i = 0; i < test::campaign(40); ++i) {
       const LatticePoint centre{static_cast<std::int32_t>(4096 * test::uniform(random)),
                                 static_cast<std::int32_t>(4096 * test::uniform(random))};
       const auto region = respond(*sheet, hexagon(lattice, centre, test::uniform(random)), lattice,
@@ -162,7 +163,7 @@ TEST(Accuracy, HoldsOnRealSlicesAgainstAVeryFineMesh) {
       std::mt19937_64 random(8);
       std::vector<double> errors;
       constexpr std::size_t kUsual = 300;
-      for (int i = 0; i < test::cases(kUsual); ++i) {
+      for (int i = 0; i < test::campaign(kUsual); ++i) {
         const AssetSlice& slice = *scan.slices[random() % scan.slices.size()];
         const auto sheet = make_sheet_mesh(slice.mesh, 0, 0);
         ASSERT_TRUE(sheet);

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The solver `auto` on the phantom, L3 and the head, at random places, some of them near rims and
 // holes: the error of the chosen region is within the given bounds, compared with the whole slice
-// on the same triangles. TROCAR_CASES=1000: number of places on each scan.
+// on the same triangles.
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -14,6 +14,7 @@
 #include "runtime/haptics/membrane/sheet_law.h"
 #include "tests/reference/deformation/global_solver.h"
 #include "tests/reference/deformation/region_part.h"
+#include "tests/support/campaign.h"
 #include "tests/support/deformation_fixture.h"
 #include "tests/support/sheet_fixture.h"
 #include "tests/support/whole_cut.h"
@@ -87,7 +88,7 @@ INSTANTIATE_TEST_SUITE_P(Bounds, Auto, testing::Values(0.1, 0.01, 0.001), [](con
 TEST_P(Auto, ErrorAgainstTheWholeSliceIsWithinTheBound) {
   const std::vector<test::ScanAsset> scans = test::scan_assets();
   if (scans.empty()) GTEST_SKIP() << "no assets: TROCAR_ASSETS names their folder";
-  const int places = test::cases(60);
+  const int places = test::campaign(60);
   for (const test::ScanAsset& scan : scans) {
     const Lattice lattice = scan.asset.lattice;
     const double radius_m = 0.003, circumradius = radius_m / lattice.step_m();

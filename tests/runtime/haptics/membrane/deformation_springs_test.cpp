@@ -8,6 +8,7 @@
 #include "runtime/haptics/membrane/region.h"
 #include "tests/reference/deformation/global_solver.h"
 #include "tests/reference/deformation/network_checks.h"
+#include "tests/support/campaign.h"
 #include "tests/support/deformation_fixture.h"
 #include "tests/support/whole_cut.h"
 
@@ -43,7 +44,7 @@ TEST(Springs, NegativeSpringsAfterACutAreCountedAndTheEnergyIsDefinite) {
   for (const test::ScanAsset& scan : scans) {
     std::mt19937_64 random(5);
     std::size_t negative = 0;
-    for (int i = 0; i < test::cases(60); ++i) {
+    for (int i = 0; i < test::campaign(60); ++i) {
       const AssetSlice& slice = *scan.slices[random() % scan.slices.size()];
       const double size = (1 + 5 * test::uniform(random)) / scan.asset.lattice.step_mm();
       const auto result = cut(slice.mesh, test::regular_polygon(test::place_in(slice.mesh, random),
