@@ -216,7 +216,7 @@ CLI::Option* within(CLI::Option* option, const NumberRange& range) {
 }
 
 CLI::Option* checked_by(CLI::Option* option,
-                        std::function<std::string(const std::string&)> why_wrong) {
+                        const std::function<std::string(const std::string&)>& why_wrong) {
   return option->check([name = name_of(*option), why_wrong](const std::string& text) {
     const std::string why = why_wrong(text);
     return why.empty() ? why : refuse(name, text, why);

@@ -51,7 +51,7 @@ CLI::Option* add_number(CLI::App& app, const std::string& names, Number& value,
 
 /// Refuses values for which `why_wrong` returns a text, with the message "NAME VALUE: TEXT".
 CLI::Option* checked_by(CLI::Option* option,
-                        std::function<std::string(const std::string&)> why_wrong);
+                        const std::function<std::string(const std::string&)>& why_wrong);
 
 /// Refuses values that are not one of `words`, which the help shows.
 CLI::Option* one_of(CLI::Option* option, const std::vector<std::string>& words);
@@ -62,6 +62,7 @@ CLI::Option* add_choice(CLI::App& app, const std::string& names, T& variable,
                         const std::vector<std::pair<std::string, T>>& words,
                         const std::string& help) {
   std::vector<std::string> all;
+  all.reserve(words.size());
   for (const auto& [word, value] : words)
     all.push_back(word);
   const auto set = [&variable, words](const std::string& given) {

@@ -95,10 +95,10 @@ std::string read_labels(const std::string& list, std::set<int>& labels,
   const auto is_outside = [](std::errc error, int label) {
     return error == std::errc::result_out_of_range || (error == std::errc() && label < 0);
   };
-  const std::string wrong =
+  std::string wrong =
       std::string("must be all, or labels L and ranges A-B with commas between them") +
       (joined == nullptr ? "" : ", or with + to join them");
-  const std::string outside = "labels are 0 to " + std::to_string(kMaxLabel);
+  std::string outside = "labels are 0 to " + std::to_string(kMaxLabel);
   const char *at = list.data(), *const end = at + list.size();
   bool after_plus = false;
   while (true) {

@@ -159,6 +159,19 @@ def test_half_a_study_waits_for_the_other_half(pair, place):
     assert asset_of(place, "2.25.3") == (by_hand(place / "sent"), SLICES, False)
 
 
+def test_a_series_that_waited_is_asked_about_again(pair, place):
+    archive, receiver = pair
+    files = study(place / "sent", "2.25.8")
+    archive.take(files[:7], "SCANNER")
+    receiver.take(files, "ARCHIVE")
+    receiver.wait_until_stable(SLICES)
+    assert f"waits; {SLICES} of 7 instances" in hook(receiver, place)
+    archive.take(files, "SCANNER")
+    archive.wait_until_stable(SLICES)
+    hook(receiver, place)
+    assert asset_of(place, "2.25.8") == (by_hand(place / "sent"), SLICES, False)
+
+
 def test_a_correction_with_the_same_uids_replaces(pair, place):
     archive, receiver = pair
     made = []

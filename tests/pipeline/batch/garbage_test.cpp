@@ -169,7 +169,7 @@ class Damage {
     const char* const part = pick({"scans", "scans", "actions", "actions", "content", "journal"});
     const std::vector<fs::path> files = paths_below(store / part);
     if (files.empty()) return "nothing";
-    const fs::path file = files[below(files.size())];
+    const fs::path& file = files[below(files.size())];
     const std::string bytes = text_in(file);
     const std::string where = file.lexically_relative(store).string();
     std::error_code ignored;
@@ -263,7 +263,7 @@ TEST_F(GarbageTest, NoDamageCostsAnAssetThatAnEntryNames) {
   int collected = 0, stopped = 0;
   for (int round = 0; round < rounds; ++round) {
     const Store store = copy();
-    const fs::path root = store.folder();
+    const fs::path& root = store.folder();
     if (::geteuid() == 0) {
       ASSERT_EQ(::chown(root.c_str(), kNobody, kNobody), 0);
       for (const auto& one : fs::recursive_directory_iterator(root))
