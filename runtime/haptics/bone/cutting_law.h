@@ -257,11 +257,16 @@ struct CuttingHole {
 };
 
 struct CuttingState {
+  bool has_begun = false;  ///< false: in the next tick the proxy starts at the plate
   Pose T_device_proxy;
   /// Distance along the shaft from the front down to the tip, negative if the tip is above the
   /// front. A positive stretch loads the tip's spring. The stretch is carried from tick to tick and
   /// must not be recomputed from the geometry, because this would add energy.
   double stretch_m = 0;
+  /// Index of the slab of thickness 0 on which the front rests; -1: none. Until the front cuts this
+  /// slab, the front stays at the slab's depth. The depth is not recomputed from the stretch, even
+  /// if the tool tilts.
+  int bearing = -1;
   double front_m = 0;                    ///< depth of the front at the end of the last tick
   std::optional<Eigen::Vector2d> slope;  ///< CuttingOptions::slope of the last tick
   /// Depth by which the front has moved down because the tip slid down a slope. No bone surrounds
@@ -283,12 +288,7 @@ struct CuttingState {
   double hold_slip_m = 0;
   double torsion_N_per_m = 0;  ///< stiffness against the tip's rotation in the last tick
   double torsion_slip_m = 0;   ///< elastic slip of this rotation, at the tool's radius
-  bool has_begun = false;      ///< false: in the next tick the proxy starts at the plate
-  /// Index of the slab of thickness 0 on which the front rests; -1: none. Until the front cuts this
-  /// slab, the front stays at the slab's depth. The depth is not recomputed from the stretch, even
-  /// if the tool tilts.
-  int bearing = -1;
-  int hole = -1;                           ///< index of the hole that the tool is in; -1: none
+  int hole = -1;               ///< index of the hole that the tool is in; -1: none
   int embedded_from = 0, embedded_to = 0;  ///< slabs that the shaft fills, [from, to)
   std::uint64_t tick = 0;                  ///< number of ticks so far
   std::vector<CuttingHole> holes;  ///< fixed size; a new hole replaces the least recently used one

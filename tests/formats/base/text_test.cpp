@@ -134,12 +134,12 @@ TEST(TextPattern, RefusesAWrongPattern) {
 
 TEST(UtcTime, DoesNotDependOnTheTimeZone) {
   for (const char* zone : {"UTC", "Asia/Tokyo", "America/New_York", "XXX-5:30"}) {
-    ::setenv("TZ", zone, 1);
+    ::setenv("TZ", zone, 1);  // NOLINT(concurrency-mt-unsafe)
     ::tzset();
     EXPECT_EQ(utc_text(1'796'016'878), "2026-11-30T05:34:38Z") << zone;
     EXPECT_EQ(utc_name(1'796'016'878), "20261130T053438Z") << zone;
   }
-  ::unsetenv("TZ");
+  ::unsetenv("TZ");  // NOLINT(concurrency-mt-unsafe)
   ::tzset();
 }
 

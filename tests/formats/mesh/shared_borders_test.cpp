@@ -155,7 +155,7 @@ WeldedRegions expect_welded(const std::vector<SliceMesh>& regions, std::size_t v
     outlines.push_back(boundary_rings(region));
     area += doubled_area(region);
   }
-  const WeldedRegions welded = test::take(weld_regions(meshes));
+  WeldedRegions welded = test::take(weld_regions(meshes));
   const Pslg outline = test::take(check_shared_borders(outlines, outlines));
   const auto ok = check_mesh_against_pslg(welded.mesh, outline);
   EXPECT_TRUE(ok) << ok.error().message;

@@ -153,14 +153,14 @@ TEST(ConsoleFiles, ListHasTheRecordingOfASessionThatWasKilledButNotOfOneThatRuns
 
 TEST(ConsoleSessions, OnlyTheOwnerMayReadTheirFoldersWhoseNamesBeginWithTheTimeInUtc) {
   const test::TemporaryFolder folder;
-  ::setenv("TZ", "Asia/Tokyo", 1);
+  ::setenv("TZ", "Asia/Tokyo", 1);  // NOLINT(concurrency-mt-unsafe)
   const mode_t mask = ::umask(0);
   const auto before = utc_name(std::time(nullptr));
   const auto first = create_session_folder(folder / "new/sessions", "a/three slices.json"),
              second = create_session_folder(folder / "new/sessions", "a/three slices.json");
   const auto after = utc_name(std::time(nullptr));
   ::umask(mask);
-  ::unsetenv("TZ");
+  ::unsetenv("TZ");  // NOLINT(concurrency-mt-unsafe)
   ASSERT_TRUE(first && second);
   EXPECT_NE(*first, *second);
   const std::string name = first->filename().string();

@@ -299,7 +299,8 @@ SessionFigures dive(double part, int fall_ticks, double rate_Hz = 1000) {
 
 TEST(BreakThrough, TwoDivesThatDifferByOnePercentHaveTheSamePlunge) {
   double last_m = 0;
-  for (double part = 0.25; part < 0.75; part *= 1.01) {
+  for (int n = 0; n < 110; ++n) {
+    const double part = 0.25 * std::pow(1.01, n);
     const double plunge_m = dive(part, 1).plunge_max_m;
     if (last_m > 0) {
       EXPECT_NEAR(plunge_m / last_m, 1, 0.1) << part;
@@ -422,9 +423,10 @@ TEST(BreakThrough, EachPunctureOfASheetIsOne) {
   // Sheets of 5 N, 2 mm apart; the next bears at once. The proxy jumps by 1 mm at each.
   const SessionFigures found = figures_of(2000, 1000, [](double t_s) {
     const auto tick = std::lround(1000 * t_s);
-    const auto sheet = static_cast<double>(tick / 400),
-               in_s = static_cast<double>(tick % 400) / 1000;
-    return Met{5 * in_s / 0.4, 5e-3 * t_s + 1e-3 * sheet, false, tick >= 400 && tick % 400 == 0};
+    const auto sheet = tick / 400;
+    const auto in_s = static_cast<double>(tick % 400) / 1000;
+    return Met{5 * in_s / 0.4, 5e-3 * t_s + 1e-3 * static_cast<double>(sheet), false,
+               tick >= 400 && tick % 400 == 0};
   });
   ASSERT_EQ(found.break_throughs.count, 4U);
   for (const BreakThrough& made : found.break_throughs.list) {

@@ -87,7 +87,7 @@ TEST(CuttingFeel, TheHoleGuides) {
 
 // A device in a hand, with the force held over the tick. Its own damping b >= K T / 2 takes what
 // holding leaks, so that the hand never has more back than it and the damping put in.
-struct Device {
+struct SimpleDevice {
   double mass, inertia, b_m, b_r;
   Pose X;
   Twist v = Twist::Zero();
@@ -138,11 +138,11 @@ double most_given(std::mt19937& random, double damping_share, double ahead = 0, 
     b.state = make_cutting_state(b.slabs.size(), 4, layers.size());
   }
   const double T = 1 / power(2.7, 3.9);
-  Device d{.mass = power(-1, 0.7),
-           .inertia = 0,
-           .b_m = damping_share * b.options.coupling.translation_N_per_m * T / 2,
-           .b_r = damping_share * b.options.coupling.rotation_Nm_per_rad * T / 2,
-           .X = plate_at(0, -0.105)};
+  SimpleDevice d{.mass = power(-1, 0.7),
+                 .inertia = 0,
+                 .b_m = damping_share * b.options.coupling.translation_N_per_m * T / 2,
+                 .b_r = damping_share * b.options.coupling.rotation_Nm_per_rad * T / 2,
+                 .X = plate_at(0, -0.105)};
   d.inertia = 2e-3 * (1 + d.mass);
   if (uniform(0, 1) < 0.3) d.v[2] = -uniform(0.3, 3);
   if (ahead > 0) {  // K T^2 / M up to 0.5, for translation and rotation

@@ -58,12 +58,12 @@ TEST_F(NoAllocation, EveryAllocationFunctionIsCounted) {
        }},
       {0, [] { return static_cast<void*>(nullptr); }},
   };
-  for (const auto& [calls, allocate] : functions) {
+  for (const auto& each : functions) {
     EXPECT_EQ(counted([&] {
-                kept_block = allocate();
+                kept_block = each.second();
                 std::free(kept_block);
               }),
-              calls);
+              each.first);
   }
   EXPECT_EQ(counted([] {
               int* volatile one = new int(7);
