@@ -326,8 +326,8 @@ def test_trouble_page():
 
 
 def test_tutorial_page():
-    """TUTORIAL.md's step in the console, with its asset and scene. It leaves the step's pictures in WORK/pictures; copied to scripts/plots they
-    are the tutorial's."""
+    """TUTORIAL.md's step in the console, with its asset and scene. With TROCAR_PICTURES it leaves the step's pictures in WORK/pictures;
+    copied to scripts/plots they are the tutorial's."""
     if not HEAD_CT.is_file():
         pytest.skip("TROCAR_HEAD_CT does not name the head CT (scripts/head-ct head.nii.gz fetches it)")
     text = (SOURCE / "TUTORIAL.md").read_text(encoding="utf-8")

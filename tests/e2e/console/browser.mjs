@@ -6,6 +6,8 @@ import { layout_faults } from "./layout.mjs";
 
 const kArguments = ["--no-sandbox", "--use-gl=angle", "--use-angle=gl-egl", "--ignore-gpu-blocklist", "--disable-background-timer-throttling"];
 
+/// Pictures are for people: without TROCAR_PICTURES none are taken, and only what they would show is checked.
+const kTakesPictures = Boolean(process.env.TROCAR_PICTURES);
 const kSizes = [[390, 844], [844, 390], [1024, 768], [1280, 720], [1920, 1080], [3840, 2160]];
 
 export class Browser {
@@ -69,9 +71,17 @@ export class Browser {
     await this.until(page, `trocar.session !== ${JSON.stringify(before)} && ${begun}`, `the start of ${scene}`);
   }
 
+  async shot(page, name, options = {}) {
+    if (kTakesPictures) await page.screenshot({ path: `${this.given.out}/${name}.png`, ...options });
+  }
+  /// Lets motions of the view end before a picture; without pictures only the layout.
+  settle(page, ms) {
+    return kTakesPictures ? page.waitForTimeout(ms) : page.evaluate(() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done))));
+  }
+
   /// Takes a picture, and checks that no text is cut off or covered. `is_scrolled`: a small window in which panels are below its edge.
   async picture(page, name, is_scrolled = false) {
-    await page.screenshot({ path: `${this.given.out}/${name}.png` });
+    await this.shot(page, name);
     for (const fault of await page.evaluate(layout_faults)) if (!is_scrolled || !/not to be seen|outside of the window/.test(fault)) this.fail(`${name}: ${fault}`);
   }
 
@@ -92,8 +102,8 @@ export class Browser {
     const before = page.viewportSize(), size_of_text = await page.evaluate("getComputedStyle(document.body).fontSize");
     for (const [width, height] of kSizes) {
       await page.setViewportSize({ width, height });
-      await page.waitForTimeout(300);
-      await page.screenshot({ path: `${this.given.out}/${name}_${width}x${height}.png` });
+      await this.settle(page, 300);
+      await this.shot(page, `${name}_${width}x${height}`);
       const found = await page.evaluate(() => {
         const { left, right, top, bottom } = document.getElementById("emergency").getBoundingClientRect();
         return { is_there: left >= 0 && top >= 0 && right <= innerWidth && bottom <= innerHeight && right > left, wide: document.documentElement.scrollWidth - innerWidth,
@@ -105,6 +115,7 @@ export class Browser {
       for (const fault of await page.evaluate(layout_faults)) if (!/outside of the window/.test(fault)) this.fail(`${name} at ${width} x ${height}: ${fault}`);
     }
     await page.setViewportSize(before);
+    if (!kTakesPictures) return;
     const session = await page.context().newCDPSession(page);
     for (const type of ["deuteranopia", "tritanopia"]) {
       await session.send("Emulation.setEmulatedVisionDeficiency", { type });

@@ -173,15 +173,15 @@ for (const [name, viewport] of Object.entries(size)) {
   for (const theme of ["dark", "light"]) {
     for (const view of ["perspective", "tool", "section"]) {
       await page.click(`[data-view=${view}]`);
-      await page.waitForTimeout(700);
+      await browser.settle(page, 700);
       await picture(page, `playback_${view}_${theme}_${name}`);
     }
     await page.click("[data-to=folder]");
     await page.click("[data-view=perspective]");
-    await page.waitForTimeout(900);
+    await browser.settle(page, 900);
     await picture(page, `folder_${theme}_${name}`);
     await page.click("[data-to=session]");
-    await page.waitForTimeout(900);
+    await browser.settle(page, 900);
     await picture(page, `session_${theme}_${name}`);
     await page.click("[data-to=playback]");
     await page.click("#theme");
@@ -194,7 +194,7 @@ await page.waitForTimeout(800);
 const inside = page.frames().find((frame) => frame !== page.mainFrame());
 const report = inside ? await inside.evaluate(() => document.body?.innerText ?? "").catch(() => "") : "";
 check(/\bN\b/.test(report) && /Times, path and force/.test(report) && report.length > 1000, `the report did not open: "${report.slice(0, 80)}", ${await get(page, "trocar.words")}`);
-await page.screenshot({ path: `${given.out}/report.png` });
+await browser.shot(page, "report");
 await browser.accessible(page, "report");
 await browser.sizes(page, "report");
 

@@ -346,12 +346,12 @@ await take(page, "holding before the picture is lost");
 await page.waitForTimeout(600);
 await page.evaluate(() => { (window.lost_context = document.getElementById("canvas").getContext("webgl2").getExtension("WEBGL_lose_context")).loseContext(); });
 await until(page, `/view is blank/.test(trocar.words) && !trocar.hand.is_held`, "the words about a lost picture");
-await page.screenshot({ path: `${given.out}/lost_picture.png` });
+await browser.shot(page, "lost_picture");
 check(await get(page, `document.getElementById("hand-take").disabled || !trocar.hand.is_held`), "the needle is held without a picture");
 await page.evaluate("window.lost_context.restoreContext()");
 await until(page, `!/view is blank/.test(trocar.words)`, "the picture again");
 await page.waitForTimeout(500);
-await page.screenshot({ path: `${given.out}/picture_again.png` });
+await browser.shot(page, "picture_again");
 // A connection that drops.
 await take(page, "holding before the connection drops");
 await link_of(page).evaluate(() => {

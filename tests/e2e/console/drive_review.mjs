@@ -46,7 +46,7 @@ const page = await browser.open(given.large);
 browser.check(await count(page) === `${given.scans.length} scans`, `the bar says ${await count(page)}`);
 same(await cards(page), given.scans.slice(0, kPerPage), "the first page's cards");
 browser.check(!(await page.locator("table").isVisible()), "a table before a search");
-await page.screenshot({ path: `${given.out}/first_page.png` });
+await browser.shot(page, "first_page");
 
 for (const { state, names } of given.queries) {
   const what = JSON.stringify(state);
@@ -71,7 +71,7 @@ await page.keyboard.press("ArrowDown");
 const wanted = given.queries.find(({ state }) => state.show === "done").names.filter(name => name.includes("head_4")).reverse();
 same(await rows(page), wanted.slice(0, kRows), "by keyboard");
 await page.keyboard.press("Enter");
-await page.screenshot({ path: `${given.out}/search.png` });
+await browser.shot(page, "search");
 await accessible(page, "search");
 const address = page.url();
 browser.check(address === `${given.large}#?name=head_4&show=done&order=down`, `the address is ${address}`);
@@ -98,7 +98,7 @@ browser.check(await control(page, "Show").inputValue() === "all" && await contro
 const small = await browser.open(given.small);
 same(await cards(small).then(found => found.slice(0, 2)), given.different, "those that differ come first");
 await accessible(small, "small review");
-await small.screenshot({ path: `${given.out}/small.png`, fullPage: true });
+await browser.shot(small, "small", { fullPage: true });
 await control(small, "Show").selectOption("different");
 same(await cards(small), given.different, "those that differ");
 await choose(small, { name: "", show: "all", sort: "bytes", order: "down" });

@@ -17,7 +17,7 @@
 namespace trocar::runtime {
 namespace {
 
-constexpr std::int64_t kMs = 200'000;
+constexpr std::int64_t kMs = 1'000'000;
 using Bytes = std::vector<std::uint8_t>;
 
 SimulatedDevice slowly_lowered_device() {
