@@ -17,7 +17,7 @@ namespace {
 
 std::atomic<bool> hooked{false};
 std::atomic<std::uint64_t> counted{0};
-thread_local constinit bool inside = false;
+thread_local constinit bool in_realtime_scope = false;
 
 constexpr std::int64_t kSecond_ns = 1'000'000'000;
 constexpr std::size_t kStackTouched = std::size_t{256} << 10;
@@ -168,17 +168,17 @@ std::uint64_t allocations_in_scopes() noexcept {
 }
 
 NoAllocationScope::NoAllocationScope() noexcept {
-  inside = true;
+  in_realtime_scope = true;
 }
 NoAllocationScope::~NoAllocationScope() {
-  inside = false;
+  in_realtime_scope = false;
 }
 
 bool in_no_allocation_scope() noexcept {
-  return inside;
+  return in_realtime_scope;
 }
 void note_allocation() noexcept {
-  if (inside) counted.fetch_add(1, std::memory_order_relaxed);
+  if (in_realtime_scope) counted.fetch_add(1, std::memory_order_relaxed);
 }
 void announce_allocation_hooks() noexcept {
   hooked.store(true, std::memory_order_relaxed);
