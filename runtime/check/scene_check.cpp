@@ -740,6 +740,7 @@ Result<SceneCheck> check_scene(const Scene& scene, const DeviceToCheck& device,
   if (!evaluated) return evaluated.error();
   SceneEvaluation& e = *evaluated;
   std::vector<const Sheet*> all;
+  all.reserve(sheets.size());
   for (const auto& sheet : sheets)
     all.push_back(sheet.get());
   const auto law = make_force_law({scene, e.device, all, options.rate_Hz, {}, options.stiffness});

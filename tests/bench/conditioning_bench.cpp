@@ -309,6 +309,7 @@ template <typename Make>
 void add_jacobian(const std::string& kind, int count, const Make& make) {
   Random random(50);
   std::vector<Pose> poses;
+  poses.reserve(static_cast<std::size_t>(count));
   for (int n = 0; n < count; ++n)
     poses.push_back(make(random));
   const std::string name = "conditioning/jacobian/" + kind;
@@ -470,6 +471,7 @@ template <typename Make>
 void add_allocation(const std::string& kind, int count, const Make& make) {
   Random random(60);
   std::vector<Task> tasks;
+  tasks.reserve(static_cast<std::size_t>(count));
   for (int n = 0; n < count; ++n)
     tasks.push_back(make(random));
   const auto allocate = [](const Task& t) { return allocate_torques(t.G, t.wanted, t.limit); };
@@ -536,7 +538,7 @@ void add_all(const std::vector<Input>& /*inputs*/) {
     const testing_support::Workspace wide{
         .z_min_m = 0.05, .z_max_m = 0.24, .lateral_m = 0.08, .tilt_rad = 0.8};
     for (;;) {
-      const Pose T = random_workspace_pose(random, wide);
+      Pose T = random_workspace_pose(random, wide);
       if (branch_distance(T) > 0.002) return T;
     }
   });

@@ -48,7 +48,7 @@ Ring box(int x0, int y0, int x1, int y1) {
   return {{x0, y0}, {x1, y0}, {x1, y1}, {x0, y1}};
 }
 
-Ring hexagon(int x, int y, int r) {
+Ring hexagon_at(int x, int y, int r) {
   const int h = static_cast<int>((std::int64_t{r} * 866 + 500) / 1000);
   return {{x + r, y}, {x + r / 2, y + h}, {x - r / 2, y + h},
           {x - r, y}, {x - r / 2, y - h}, {x + r / 2, y - h}};
@@ -68,7 +68,7 @@ std::size_t fans_at(const SliceMesh& mesh, LatticePoint p) {
 // Cuts, checks the result and returns it.
 CutResult good_cut(const SliceMesh& sheet, const Ring& tool) {
   EXPECT_TRUE(check_mesh(sheet)) << "the test's sheet is not valid";
-  const CutResult result = test::take(cut(sheet, tool));
+  CutResult result = test::take(cut(sheet, tool));
   EXPECT_EQ(contract_violation(sheet, result), "");
   EXPECT_EQ(outline_violation(result), "");
   return result;
@@ -112,7 +112,7 @@ TEST(Cut, LeavesTheSheetUnchangedWhereTheToolOnlyTouches) {
 }
 
 TEST(Cut, RemovesASheetUnderTheTool) {
-  for (const Ring& tool : {box(-5, -5, 35, 35), box(0, 0, 30, 30), hexagon(15, 15, 100)}) {
+  for (const Ring& tool : {box(-5, -5, 35, 35), box(0, 0, 30, 30), hexagon_at(15, 15, 100)}) {
     const CutResult r = good_cut(grid(3, 3, 10), tool);
     EXPECT_TRUE(r.mesh.triangles.empty());
     EXPECT_TRUE(r.mesh.vertices.empty());
@@ -166,7 +166,7 @@ TEST(Cut, PinchesAtTheSheetsEdge) {
 TEST(Cut, AtTheLatticesLimit) {
   const std::int32_t m = kMaxCoordinate;
   const SliceMesh sheet{{{-m, -m}, {m, -m}, {m, m}, {-m, m}}, {{0, 1, 2}, {0, 2, 3}}};
-  whole_cut(sheet, hexagon(12345, -54321, 100000000));
+  whole_cut(sheet, hexagon_at(12345, -54321, 100000000));
   const CutResult all = good_cut(sheet, {{-m, -m}, {m, -m}, {m, m}, {-m, m}});
   EXPECT_TRUE(all.mesh.triangles.empty());
   good_cut(sheet, {{-m, -m + 1}, {m, m - 1}, {m, m}});  // a needle from corner to corner

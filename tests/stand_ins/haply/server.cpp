@@ -275,6 +275,7 @@ void run(CommandLine& line) {
   service.path = {{0, {0, -0.12, 0.15}, Eigen::Vector3d::Zero(), 0}};
   if (!line.path.empty()) service.path = read_path(line.path);
   std::vector<std::string_view> kinds;
+  kinds.reserve(std::size(kFaultKinds));
   for (const auto& kind : kFaultKinds)
     kinds.push_back(kind[0]);
   service.faults = parse_faults(line.faults, kinds);
