@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""clang_tidy.py ROOT BUILD [--since COMMIT] [--most N] [REGEX]: clang-tidy over the compile database of batches (CMake's unity build)."""
+"""clang_tidy.py ROOT BUILD [--since COMMIT] [REGEX]: clang-tidy over the compile database of batches (CMake's unity build)."""
 # A batch is all sources of a library or program, so that headers are parsed and checked once.
 # With --since only the batches with a source that differs from the commit, and for each header that differs at least one batch that
 # includes it. If the commit is not in this clone, all.
 # A batch that passes leaves a stamp in the user's cache folder and is skipped while its digest
 # stays the same, in any clone on this machine. The digest is of its sources, the project's headers
 # that they include, .clang-tidy, the version of clang-tidy and the compile command, with paths relative to the clone.
-# Exit 0 if all pass, 1 otherwise. With --most, if more than N batches would have to be checked, none is, and the last line says so.
+# Exit 0 if all pass, 1 otherwise.
 import argparse
 import concurrent.futures
 import hashlib
@@ -83,7 +83,6 @@ def main():
     parser.add_argument("root", type=pathlib.Path)
     parser.add_argument("build", type=pathlib.Path)
     parser.add_argument("--since", default="")
-    parser.add_argument("--most", type=int, default=1000)
     parser.add_argument("regex", nargs="?", default="")
     options = parser.parse_intermixed_args()  # the expression may follow the options
     root, build, wanted = options.root, options.build, re.compile(options.regex)
@@ -97,9 +96,6 @@ def main():
     stamps = pathlib.Path(os.environ.get("XDG_CACHE_HOME") or pathlib.Path.home() / ".cache") / "trocar-clang-tidy"
     stamps.mkdir(parents=True, exist_ok=True)
     todo = [batch for batch in batches if not (stamps / batch.digest(root, build, version)).exists()]
-    if len(todo) > options.most:
-        print(f"clang-tidy: NOT CHECKED: {len(todo)} batches, more than {options.most}; scripts/nightly lint checks them")
-        return 0
     # Largest first, so that no core works alone on a large one at the end.
     todo.sort(key=lambda batch: -sum(path.stat().st_size for path in batch.sources))
     failed = 0
