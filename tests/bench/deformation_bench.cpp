@@ -166,7 +166,7 @@ void add_solver(const std::string& name, const std::shared_ptr<const Places>& pl
     displacement.push_back(made.displacement_error);
     nodes.push_back(made.nodes);
   }
-  const Counters counters{
+  Counters counters{
       {"error_force", median(force)},
       {"error_force_max", *std::max_element(force.begin(), force.end())},
       {"error_displacement", median(displacement)},
@@ -201,7 +201,7 @@ void add_scan(const Input& input) {
     options.error_bound = bound;
     const std::string setting = short_text(100 * bound) + "-percent";
     add_solver(
-        stage + "auto/" + setting, places,
+        std::string(stage).append("auto/").append(setting), places,
         [=](const Place& place) {
           return local(*places, place, region_at(place, options).response.radius_m);
         },

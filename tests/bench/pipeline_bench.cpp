@@ -137,11 +137,12 @@ struct Directed {
         const Vec2 a = ring[i], ab = ring[(i + 1) % ring.size()] - a;
         const double length = std::sqrt(dot(ab, ab));
         most_mm = std::max(most_mm, std::abs(to(a)));
-        for (; next < length; next += step_mm) {
+        while (next < length) {
           const double d = std::abs(to(a + (next / length) * ab));
           sum_mm += d;
           most_mm = std::max(most_mm, d);
           ++samples;
+          next += step_mm;
         }
         next -= length;
       }
