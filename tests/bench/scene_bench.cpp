@@ -206,18 +206,19 @@ void add_asset(const Input& input) {
       const auto c = std::make_shared<const Case>(
           make_case(file, first + scene_slices > asset_slices ? 0 : first, scene_slices,
                     anchor_mm(asset.slices.front(), asset.lattice)));
-      const Counters counters = figures(*c);
+      Counters counters = figures(*c);
       if (alone.empty()) alone = counters;
       const std::string name = std::to_string(scene_slices) + "-of-" + std::to_string(asset_slices);
       for (const char* what : {"read_bytes", "peak_bytes", "kept_bytes"})
-        check(counters.at(what) <= kBound * alone.at(what), stage + name + ": " + what);
+        check(counters.at(what) <= kBound * alone.at(what),
+              std::string(name).append(": ").append(what));
       for (const char* what : {"decoded_triangles", "factored_nodes"})
-        check(counters.at(what) == alone.at(what), stage + name + ": " + what);
+        check(counters.at(what) == alone.at(what), std::string(name).append(": ").append(what));
       add(
-          stage + "trocar/" + name, benchmark::kMicrosecond,
+          std::string(stage).append("trocar/").append(name), benchmark::kMicrosecond,
           [c] { benchmark::DoNotOptimize(c->load()); }, [counters] { return counters; });
       if (scene_slices > 1) continue;
-      add(stage + "peer-whole-file/" + name, benchmark::kMicrosecond,
+      add(std::string(stage).append("peer-whole-file/").append(name), benchmark::kMicrosecond,
           [file] { benchmark::DoNotOptimize(read_asset(file)); });
     }
   }
