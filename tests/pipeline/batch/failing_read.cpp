@@ -12,7 +12,7 @@
 namespace {
 
 bool must_fail(int fd) {
-  const char* const file = std::getenv("TROCAR_FAIL_READ");
+  const char* const file = std::getenv("TROCAR_FAIL_READ");  // NOLINT(concurrency-mt-unsafe)
   if (file == nullptr) return false;
   char path[4096];
   const std::string link = "/proc/self/fd/" + std::to_string(fd);
