@@ -190,7 +190,6 @@ struct IgtlState {
 };
 
 namespace net = boost::asio;
-using tcp = net::ip::tcp;
 using ErrorCode = boost::system::error_code;
 using SteadyClock = IgtlServer::Clock;
 
@@ -208,14 +207,14 @@ constexpr auto kIgtlStalled = std::chrono::seconds(6);
 constexpr auto kAcceptAgainAfter = std::chrono::milliseconds(100);
 
 // An IPv6 address stands in brackets.
-std::string address_of(const tcp::endpoint& endpoint) {
+std::string address_of(const net::ip::tcp::endpoint& endpoint) {
   return (std::ostringstream() << endpoint).str();
 }
 
 /// One client.
 class Client : public std::enable_shared_from_this<Client> {
  public:
-  Client(tcp::socket socket, std::string from, RefusalLog& log)
+  Client(net::ip::tcp::socket socket, std::string from, RefusalLog& log)
       : socket_(std::move(socket)), from_(std::move(from)), log_(log) {}
 
   void read_header() {
@@ -326,7 +325,7 @@ class Client : public std::enable_shared_from_this<Client> {
         });
   }
 
-  tcp::socket socket_;
+  net::ip::tcp::socket socket_;
   std::string from_;
   RefusalLog& log_;
   bool is_closed_ = false, wants_surface_ = true;
@@ -394,7 +393,7 @@ Eigen::Affine3d tool_pose(const SessionTelemetry& telemetry) {
 
 class TcpServer : public IgtlServer {
  public:
-  TcpServer(ConsoleState& console, tcp::acceptor acceptor)
+  TcpServer(ConsoleState& console, net::ip::tcp::acceptor acceptor)
       : console_(console), acceptor_(std::move(acceptor)), retry_(acceptor_.get_executor()) {
     accept();
   }
@@ -493,7 +492,7 @@ class TcpServer : public IgtlServer {
   }
 
   void accept() {
-    acceptor_.async_accept([this](ErrorCode error, tcp::socket socket) {
+    acceptor_.async_accept([this](ErrorCode error, net::ip::tcp::socket socket) {
       if (error == net::error::operation_aborted) return;
       if (!error) {
         open(std::move(socket));
@@ -507,14 +506,14 @@ class TcpServer : public IgtlServer {
     });
   }
 
-  void open(tcp::socket socket) {
+  void open(net::ip::tcp::socket socket) {
     ErrorCode error;
-    const tcp::endpoint peer = socket.remote_endpoint(error);
+    const net::ip::tcp::endpoint peer = socket.remote_endpoint(error);
     if (error) return;
     remove_closed();
     if (clients_.size() >= kMaxClients)
       return console_.log.refused("an OpenIGTLink client beyond 8", address_of(peer));
-    socket.set_option(tcp::no_delay(true), error);
+    socket.set_option(net::ip::tcp::no_delay(true), error);
     socket.set_option(net::socket_base::send_buffer_size(kIgtlSendBuffer), error);
     clients_.push_back(std::make_shared<Client>(std::move(socket), address_of(peer), console_.log));
     clients_.back()->read_header();
@@ -525,7 +524,7 @@ class TcpServer : public IgtlServer {
   }
 
   ConsoleState& console_;
-  tcp::acceptor acceptor_;
+  net::ip::tcp::acceptor acceptor_;
   net::steady_timer retry_;
   std::vector<std::shared_ptr<Client>> clients_;
   IgtlState state_;
@@ -540,8 +539,9 @@ class TcpServer : public IgtlServer {
 Result<std::unique_ptr<IgtlServer>> IgtlServer::listen(ConsoleState& console,
                                                        const IgtlAddress& address) {
   ErrorCode error;
-  const tcp::endpoint endpoint(net::ip::make_address(address.address, error), address.port);
-  tcp::acceptor acceptor(console.context);
+  const net::ip::tcp::endpoint endpoint(net::ip::make_address(address.address, error),
+                                        address.port);
+  net::ip::tcp::acceptor acceptor(console.context);
   if (!error) acceptor.open(endpoint.protocol(), error);
   if (!error) acceptor.set_option(net::socket_base::reuse_address(true), error);
   if (!error) acceptor.bind(endpoint, error);

@@ -397,8 +397,9 @@ ToolInTissue tool_in_tissue(const ToolShape& tool, const CutMaterial& tissue, do
 }
 
 std::string_view name_of(DensityKind kind) noexcept {
-  constexpr std::string_view kNames[] = {"QCT mineral density", "ash density", "apparent density"};
-  return kNames[static_cast<std::size_t>(kind)];
+  constexpr std::string_view kDensities[] = {"QCT mineral density", "ash density",
+                                             "apparent density"};
+  return kDensities[static_cast<std::size_t>(kind)];
 }
 std::span<const BoneLaw> bone_laws() noexcept {
   return kLaws;
