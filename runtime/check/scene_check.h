@@ -29,8 +29,8 @@
 // every slice (LiveHandLimits), and items 4, 5 and 7 hold.
 //
 // If the session has more than kMaxDryRunTicks ticks, the dry run ends after that number of ticks
-// (dry_run.h), and later times are judged by the path alone. Item 2 then holds for a slice, too, if the path
-// first crosses the slice's material after the end of the dry run.
+// (dry_run.h), and later times are judged by the path alone. Item 2 then holds for a slice, too, if
+// the path first crosses the slice's material after the end of the dry run.
 #pragma once
 
 #include <cstddef>

@@ -6,7 +6,7 @@
 namespace trocar::test {
 
 /// How many random cases a test runs: `usual`, or that times TROCAR_CAMPAIGN (`scripts/nightly
-/// campaigns`: 100). The seeds are fixed, so a longer run begins with the cases of a shorter one.
+/// random`: 100).
 inline int campaign(int usual) {
   const char* const times = std::getenv("TROCAR_CAMPAIGN");  // NOLINT(concurrency-mt-unsafe)
   return times == nullptr ? usual : usual * std::max(1, std::atoi(times));
