@@ -33,7 +33,7 @@ function(trocar_test path label)
   target_link_libraries(${program} PRIVATE ${ARGN})
   get_filename_component(name ${path} NAME)
   add_test(NAME ${name} COMMAND ${program} ${name}.cpp)
-  set_tests_properties(${name} PROPERTIES LABELS ${label} TIMEOUT 600)
+  set_tests_properties(${name} PROPERTIES LABELS ${label} TIMEOUT 600 PROCESSORS 2)
 endfunction()
 
 # trocar_asset_test(NAME LABEL LIBS...): as trocar_test, with the assets of the scans in the folder of the
@@ -64,15 +64,23 @@ function(trocar_plain_script_test name label script)
 endfunction()
 
 function(trocar_script_properties name label)
-  set_tests_properties(${name} PROPERTIES LABELS ${label} TIMEOUT 600 SKIP_RETURN_CODE 77 ENVIRONMENT
+  set_tests_properties(${name} PROPERTIES LABELS ${label} TIMEOUT 600 PROCESSORS 2 SKIP_RETURN_CODE 77 ENVIRONMENT
     "TROCAR_REAL_CT=${TROCAR_REAL_CT};TROCAR_SANITIZE=${TROCAR_SANITIZE};TROCAR_BUILD=${CMAKE_BINARY_DIR};TROCAR_WORK=${TROCAR_E2E}/${name}")
 endfunction()
 
+# PROCESSORS counts half cores, and scripts/test gives ctest two of them for each core: most tests use a core.
+# trocar_waits(NAMES...): tests of this folder that mostly wait, for a session in real time or for another program, and use at most
+# half a core.
+function(trocar_waits)
+  set_tests_properties(${ARGN} PROPERTIES PROCESSORS 1)
+endfunction()
+
 # trocar_long(NAMES...): labels tests of this folder that take more than half a minute, which scripts/test leaves to
-# scripts/test --all and so to CI.
+# scripts/test --all and so to CI. They begin first.
 function(trocar_long)
   foreach(name ${ARGN})
     set_property(TEST ${name} APPEND PROPERTY LABELS long)
+    set_tests_properties(${name} PROPERTIES COST 100)
   endforeach()
 endfunction()
 

@@ -187,7 +187,7 @@ Result<DryRun> run_dry_run(const Scene& scene, const DeviceToCheck& device,
 Result<std::optional<LetGoTrial>> try_letting_go(
     const Scene& scene, const DeviceToCheck& device,
     const std::vector<std::unique_ptr<const Sheet>>& sheets, const SessionOptions& options,
-    const DryRun& dry_run) {
+    const DryRun& dry_run, const std::function<bool(const LetGoTrial&)>& is_enough) {
   const double from_s = dry_run.feel.contact_from_s,
                to_s = std::min(dry_run.feel.contact_to_s,
                                scene.hand.let_go_t_s.value_or(dry_run.feel.contact_to_s));
@@ -205,9 +205,11 @@ Result<std::optional<LetGoTrial>> try_letting_go(
     ++worst.moments;
     if (worst.fault == Fault::kNone) worst.fault = tried->fault;
     worst.distance_m = std::max(worst.distance_m, tried->feel.let_go_distance_m);
-    if (tried->feel.let_go_speed_m_per_s <= worst.speed_m_per_s) continue;
-    worst.speed_m_per_s = tried->feel.let_go_speed_m_per_s;
-    worst.t_s = t_s;
+    if (tried->feel.let_go_speed_m_per_s > worst.speed_m_per_s) {
+      worst.speed_m_per_s = tried->feel.let_go_speed_m_per_s;
+      worst.t_s = t_s;
+    }
+    if (is_enough && is_enough(worst)) break;
   }
   return std::optional(worst);
 }

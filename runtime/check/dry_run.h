@@ -149,12 +149,13 @@ inline constexpr double kLetGoAfter_s = 0.4;
 /// the first run the hand lets go at the largest force along z. In the other runs the hand lets go
 /// at evenly spaced times of the contact. Each run ends kLetGoAfter_s after the hand has let go, or
 /// at the session's end if that is earlier. Returns none if `dry_run` has a fault, or if `dry_run`
-/// has no contact before the scene's hand lets go. Errors: those of run_dry_run(); kRefused if
+/// has no contact before the scene's hand lets go. `is_enough`: if given, no further runs are done
+/// once it is true of the result so far. Errors: those of run_dry_run(); kRefused if
 /// SessionOptions::stop was set.
 Result<std::optional<LetGoTrial>> try_letting_go(
     const Scene& scene, const DeviceToCheck& device,
     const std::vector<std::unique_ptr<const Sheet>>& sheets, const SessionOptions& options,
-    const DryRun& dry_run);
+    const DryRun& dry_run, const std::function<bool(const LetGoTrial&)>& is_enough = {});
 
 /// Runs a dry run. `options`: the options of the session. Errors: those of DeviceToCheck::simulate
 /// and of make_force_law().

@@ -481,8 +481,9 @@ struct Proposal {
   Result<SceneCheck> check(const std::string& json) const {
     const Result<Placed> placed = place(json);
     if (!placed) return placed.error();
-    auto checked = check_scene(placed->scene, device, placed->sheets,
-                               choose_tissues(placed->scene, asset), {}, placed->options);
+    auto checked =
+        check_scene(placed->scene, device, placed->sheets, choose_tissues(placed->scene, asset), {},
+                    placed->options, is_chosen() ? CheckExtent::kWhole : CheckExtent::kUntilWarned);
     if (checked && !checked->warnings.empty() && !is_chosen())
       return refused(checked->warnings.front());
     return checked;

@@ -333,6 +333,11 @@ void warn_of_misses(const SceneEvaluation& e, std::vector<std::string>& warnings
   }
 }
 
+bool is_pushed_away(const LetGoTrial& trial) {
+  return trial.fault != Fault::kNone || trial.speed_m_per_s > kMaxLetGo_m_per_s ||
+         trial.distance_m > kMaxLetGo_m;
+}
+
 /// Warns of contact that does not feel like bone.
 void warn_of_feel(const SceneEvaluation& e, std::vector<std::string>& warnings) {
   if (!e.dry_run) return;
@@ -361,7 +366,7 @@ void warn_of_feel(const SceneEvaluation& e, std::vector<std::string>& warnings) 
     warnings.push_back(std::string("a hand that lets go in the bone causes the fault ") +
                        to_string(trial.fault) +
                        ": lower force_scale or the tissue's strength, or raise --rate");
-  else if (trial.speed_m_per_s > kMaxLetGo_m_per_s || trial.distance_m > kMaxLetGo_m)
+  else if (is_pushed_away(trial))
     warnings.push_back(
         at_time(trial.t_s) +
         text_line("a hand that lets go is pushed away by up to %.1f mm at %.2f m/s, more than %.1f "
@@ -458,7 +463,7 @@ SheetView view_sheet(const SceneEvaluation& e, std::size_t index) {
 /// but the result has no dry run.
 Result<SceneEvaluation> evaluate(const Scene& scene, const DeviceToCheck& device,
                                  const std::vector<std::unique_ptr<const Sheet>>& sheets,
-                                 const SessionOptions& options) {
+                                 const SessionOptions& options, CheckExtent extent) {
   SceneEvaluation e{
       .scene = scene, .device = device.specification, .sheets = sheets, .options = options};
   const std::uint64_t ticks = tick_count(options.duration_s, options.rate_Hz);
@@ -476,14 +481,18 @@ Result<SceneEvaluation> evaluate(const Scene& scene, const DeviceToCheck& device
   if (first) {  // otherwise the session cannot start
     if (const auto ok = run_dry_run(scene, device, sheets, options).into(e.dry_run); !ok)
       return ok.error();
-    if (scene.force_law.kind == ForceLawKind::kCutting) {
-      auto let_go = try_letting_go(scene, device, sheets, options, *e.dry_run);
-      if (!let_go) return let_go.error();
-      e.let_go = *let_go;
-    }
   }
   for (std::size_t i = 0; i < sheets.size(); ++i)
     e.views.push_back(view_sheet(e, i));
+  std::vector<std::string> warnings;
+  if (extent == CheckExtent::kUntilWarned) warn_of_session(e, warnings);
+  if (e.dry_run && scene.force_law.kind == ForceLawKind::kCutting && warnings.empty()) {
+    auto let_go = extent == CheckExtent::kWhole
+                      ? try_letting_go(scene, device, sheets, options, *e.dry_run)
+                      : try_letting_go(scene, device, sheets, options, *e.dry_run, is_pushed_away);
+    if (!let_go) return let_go.error();
+    e.let_go = *let_go;
+  }
   return e;
 }
 
@@ -735,8 +744,8 @@ std::optional<std::string> warn_of_unfitting(const Scene& scene,
 Result<SceneCheck> check_scene(const Scene& scene, const DeviceToCheck& device,
                                const std::vector<std::unique_ptr<const Sheet>>& sheets,
                                const std::vector<SliceTissue>& tissues, const LoadedBytes& bytes,
-                               const SessionOptions& options) {
-  Result<SceneEvaluation> evaluated = evaluate(scene, device, sheets, options);
+                               const SessionOptions& options, CheckExtent extent) {
+  Result<SceneEvaluation> evaluated = evaluate(scene, device, sheets, options, extent);
   if (!evaluated) return evaluated.error();
   SceneEvaluation& e = *evaluated;
   std::vector<const Sheet*> all;

@@ -84,6 +84,11 @@ struct SceneCheck {
   std::optional<DryRun> dry_run;      ///< none: the session cannot start, or the hand is live
 };
 
+/// kUntilWarned: if the dry run gives a warning, the hand's letting go, which takes several times as
+/// long, is not tried; and it is tried only until it gives one. Whether there is a warning is as
+/// with kWhole.
+enum class CheckExtent { kWhole, kUntilWarned };
+
 /// Checks a scene. `sheets`: result of place_slices(). `tissues`: result of choose_tissues().
 /// `options`: the options of the session. If the device cannot reach the hand's first pose, this is
 /// a warning and no error. Errors: those of run_dry_run(); kDeviceFault if SessionOptions::stop is
@@ -91,6 +96,7 @@ struct SceneCheck {
 Result<SceneCheck> check_scene(const Scene& scene, const DeviceToCheck& device,
                                const std::vector<std::unique_ptr<const Sheet>>& sheets,
                                const std::vector<SliceTissue>& tissues, const LoadedBytes& bytes,
-                               const SessionOptions& options);
+                               const SessionOptions& options,
+                               CheckExtent extent = CheckExtent::kWhole);
 
 }  // namespace trocar::runtime

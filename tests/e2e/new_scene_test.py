@@ -46,10 +46,12 @@ class Maker:
         run(self.run, file, "--clock", "virtual", "--quiet", "--summary", summary)
         told = json.loads(summary.read_text())
         assert told["end"] == "done" and len(told["punctures"]) >= least_punctures and told["max_force_N"] > 1, f"{name}: {told['end']}, {len(told['punctures'])} punctures"
-        again = folder / "again.json"
-        run(self.run, "new-scene", asset, "-o", again, "--quiet")
-        assert {**json.loads(again.read_text()), "asset": 0} == {**scene, "asset": 0}, f"{name}: the second proposal is another"
         return scene, done.stdout
+
+    def check_again(self, asset, scene):
+        again = self.work / "again.json"
+        run(self.run, "new-scene", asset, "-o", again, "--quiet")
+        assert {**json.loads(again.read_text()), "asset": 0} == {**scene, "asset": 0}, f"{asset}: the second proposal is another"
 
     def check_places(self, name, scene, info):
         planes = {each["index"]: each for each in info["slices"] if each["triangles"] > 0}
@@ -84,7 +86,8 @@ def column(file, slices, spacing_mm, radius_mm=12, hu=400):
 def test_new_scene(source, programs, scan, work):
     make = Maker(programs, work)
 
-    scene, said = make.propose(make.asset("sample", scan / "dicom"), "cutting", 10)
+    scene, said = make.propose(sample := make.asset("sample", scan / "dicom"), "cutting", 10)
+    make.check_again(sample, scene)
     assert scene["body"]["to"] - scene["body"]["from"] >= 20 and "HU" in said, f"sample: {scene['body']}, {said}"
     assert list(scene)[:4] == ["schema", "name", "asset", "placement"], f"the keys are not in the order for readers: {list(scene)}"
     make.propose(make.asset("solid", scan / "dicom", "--preset", "vertebra"), "cutting", 10)

