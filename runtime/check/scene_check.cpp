@@ -487,9 +487,10 @@ Result<SceneEvaluation> evaluate(const Scene& scene, const DeviceToCheck& device
   std::vector<std::string> warnings;
   if (extent == CheckExtent::kUntilWarned) warn_of_session(e, warnings);
   if (e.dry_run && scene.force_law.kind == ForceLawKind::kCutting && warnings.empty()) {
-    auto let_go = extent == CheckExtent::kWhole
-                      ? try_letting_go(scene, device, sheets, options, *e.dry_run)
-                      : try_letting_go(scene, device, sheets, options, *e.dry_run, is_pushed_away);
+    auto let_go =
+        try_letting_go(scene, device, sheets, options, *e.dry_run, [&](const auto& trial) {
+          return extent == CheckExtent::kUntilWarned && is_pushed_away(trial);
+        });
     if (!let_go) return let_go.error();
     e.let_go = *let_go;
   }

@@ -24,8 +24,8 @@ HandTrajectory hand_trajectory(const Scene& scene) {
 }
 
 HandImpedance hand_impedance(const SceneHand& hand) {
-  HandImpedance impedance = hand.grip == HandGrip::kLight   ? light_grip()
-                            : hand.grip == HandGrip::kStiff ? stiff_grip()
+  HandImpedance impedance = hand.grip == HandGrip::kLight   ? kLightGrip
+                            : hand.grip == HandGrip::kStiff ? kStiffGrip
                                                             : HandImpedance{};
   impedance.stiffness_N_per_m = hand.stiffness_N_per_m.value_or(impedance.stiffness_N_per_m);
   impedance.damping_Ns_per_m = hand.damping_N_s_per_m.value_or(impedance.damping_Ns_per_m);

@@ -53,12 +53,8 @@ struct HandImpedance {
 
 /// Two further grips. Their values are assumptions within the ranges that the literature gives for
 /// fingers and for a tensed arm.
-constexpr HandImpedance light_grip() noexcept {
-  return {300, 3, 2, 0.02, 0.05};
-}
-constexpr HandImpedance stiff_grip() noexcept {
-  return {20000, 300, 60, 0.6, 0.5};
-}
+inline constexpr HandImpedance kLightGrip{300, 3, 2, 0.02, 0.05};
+inline constexpr HandImpedance kStiffGrip{20000, 300, 60, 0.6, 0.5};
 
 struct HandTarget {
   Pose T_device_tool;

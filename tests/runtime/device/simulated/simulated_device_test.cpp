@@ -356,7 +356,7 @@ TEST(SimulatedPoseDevice, StaysFiniteForAnyMassAndCommand) {
   PoseDeviceDescription light = simulated_arm(true);
   light.mass_kg = 1e-3;
   light.inertia_kg_m2 = {1e-8, 1e-8, 1e-8};
-  auto made = make(light, at_rest(), stiff_grip());
+  auto made = make(light, at_rest(), kStiffGrip);
   ASSERT_TRUE(made);
   made->write({NAN, 0, 0, 0, 0, 0});
   made->advance(1e-3);
@@ -364,7 +364,7 @@ TEST(SimulatedPoseDevice, StaysFiniteForAnyMassAndCommand) {
   made->write({5, -3, 8, 0.1, 0.1, -0.1});
   for (int i = 0; i < 1000; ++i)
     made->advance(1e-3);
-  EXPECT_NEAR(made->T_device_plate().p_m.x(), 5 / stiff_grip().stiffness_N_per_m, 1e-5);
+  EXPECT_NEAR(made->T_device_plate().p_m.x(), 5 / kStiffGrip.stiffness_N_per_m, 1e-5);
   made->advance(-1);
   made->advance(NAN);
   made->advance(100);
