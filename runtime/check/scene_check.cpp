@@ -391,8 +391,7 @@ std::optional<std::string> warn_of_target(const SceneEvaluation& e) {
 
 /// Warns of what the hand's path and the dry run show.
 void warn_of_session(const SceneEvaluation& e, std::vector<std::string>& warnings) {
-  const std::optional<std::string> end = warn_of_end(e);
-  if (end) warnings.push_back(*end);
+  if (const auto end = warn_of_end(e)) warnings.push_back(*end);
   // A path that ends within a bone volume does not cross all of its slices.
   const bool ends_in_volume =
       e.scene.body && std::any_of(e.views.begin(), e.views.end(), [](const SheetView& view) {
