@@ -88,10 +88,10 @@ def check_forces_of(rows, device):
         check(all(row["device_read"] == row["device_write"] == "ok" for row in rows[first - 1:]), "the device did not answer at the end")
 
 
-@pytest.mark.parametrize("device", ["inproc", "sim"])
-def test_full_disk(folder, device):
+@pytest.mark.parametrize("device, size", [("inproc", "4m"), ("sim", "8m"), ("sim", "64m")])
+def test_full_disk(folder, device, size):
     """The log is on the full disk, too. The page warns, then has the reason within a second of the last free byte, and the recording is whole."""
-    made = console_on_small_disk(folder, "8m")
+    made = console_on_small_disk(folder, size)
     if made is None:
         return
     console, disk = made
