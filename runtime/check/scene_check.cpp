@@ -333,7 +333,7 @@ void warn_of_misses(const SceneEvaluation& e, std::vector<std::string>& warnings
   }
 }
 
-bool is_pushed_away(const LetGoTrial& trial) {
+bool gives_warning(const LetGoTrial& trial) {
   return trial.fault != Fault::kNone || trial.speed_m_per_s > kMaxLetGo_m_per_s ||
          trial.distance_m > kMaxLetGo_m;
 }
@@ -366,7 +366,7 @@ void warn_of_feel(const SceneEvaluation& e, std::vector<std::string>& warnings) 
     warnings.push_back(std::string("a hand that lets go in the bone causes the fault ") +
                        to_string(trial.fault) +
                        ": lower force_scale or the tissue's strength, or raise --rate");
-  else if (is_pushed_away(trial))
+  else if (gives_warning(trial))
     warnings.push_back(
         at_time(trial.t_s) +
         text_line("a hand that lets go is pushed away by up to %.1f mm at %.2f m/s, more than %.1f "
@@ -488,7 +488,7 @@ Result<SceneEvaluation> evaluate(const Scene& scene, const DeviceToCheck& device
   if (e.dry_run && scene.force_law.kind == ForceLawKind::kCutting && warnings.empty()) {
     auto let_go =
         try_letting_go(scene, device, sheets, options, *e.dry_run, [&](const auto& trial) {
-          return extent == CheckExtent::kUntilWarned && is_pushed_away(trial);
+          return extent == CheckExtent::kUntilWarned && gives_warning(trial);
         });
     if (!let_go) return let_go.error();
     e.let_go = *let_go;

@@ -111,7 +111,6 @@ class Case:
             passes = (enters <= t) & (t <= leaves)
             total[passes] += scipy.ndimage.map_coordinates(padded, (start + t * along[passes]).T, order=1)
         return total.reshape(SIZE, SIZE) * step / 1000
-        return total * step / 1000
 
 
 def correlation(a, b):

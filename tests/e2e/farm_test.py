@@ -48,7 +48,7 @@ class Runs:
             process = subprocess.Popen([str(word) for word in command_of(self.part, self.collection, store)], cwd=WORK, env=self.environment,
                                        stdout=out, stderr=subprocess.STDOUT, start_new_session=True)
             while process.poll() is None:
-                time.sleep(self.random.uniform(0.05, 0.4))  # a job of ten scans takes about a second
+                time.sleep(self.random.uniform(0.05, 0.4))
                 victims = self.cluster.victims(KINDS[self.killed % len(KINDS)]) if kills > 0 and (store / "journal").exists() else []
                 if victims and self.cluster.victims("task"):
                     with contextlib.suppress(ProcessLookupError):
