@@ -38,6 +38,15 @@ TEST(Segmentation, MeanOfMaterialIsOverValuesAtOrAboveTheThreshold) {
   }
 }
 
+TEST(Segmentation, MeanOfMaterialFindsASinglePixelAnywhere) {
+  for (std::size_t i = 0; i < 200; ++i) {
+    std::vector<float> values(200, 0);
+    values[i] = 300;
+    const Field field = segment(image_with(200, 1, values), PixelUnit::kHounsfield, Threshold{100});
+    EXPECT_EQ(mean_of_material(field), 300) << i;
+  }
+}
+
 TEST(Segmentation, MeanOfAnotherImagesValuesOverTheMaterial) {
   std::vector<std::int32_t> labels(13, 0);
   std::vector<float> hu(13, -500);

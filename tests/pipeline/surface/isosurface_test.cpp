@@ -74,6 +74,16 @@ void expect_proved(const TriangleSurface& surface, const char* name, int i) {
   EXPECT_TRUE(bad && bad->empty()) << name << " " << i;
 }
 
+TEST(SurfaceVolume, IsTrilinearBetweenItsVoxels) {
+  const auto at = [](double x, double y, double z) { return 3 + x - 2 * y + 0.5 * x * y * z; };
+  const SurfaceVolume volume = volume_of({9, 8, 7}, evenly, at);
+  Random random(1);
+  for (int i = 0; i < 100; ++i) {
+    const double x = 1 + 6 * random(), y = 1 + 5 * random(), z = 1 + 4 * random();
+    EXPECT_NEAR(volume.at({0.9 * x, 1.1 * y, z}), at(x, y, z), 1e-4);
+  }
+}
+
 TEST(Isosurface, OfNoiseIsProved) {
   Random random(1);
   const std::array<std::pair<const char*, std::function<double()>>, 5> kinds{{

@@ -107,6 +107,16 @@ TEST(OperatorMessages, AreToldDuringTheSessionOnceForEachReason) {
   }
 }
 
+TEST(OperatorCommands, ASessionWaitsAfterAPauseButNotAfterAFaultOrAStop) {
+  OperatorCommands commands(RecoveryPolicy::kNever, nullptr);
+  EXPECT_TRUE(commands.waits_for_operator(Fault::kPaused));
+  EXPECT_FALSE(commands.waits_for_operator(Fault::kMotorOverload));
+  TelemetryCommands stop;
+  stop.emergency_stop = true;
+  commands.apply(stop, Fault::kPaused);
+  EXPECT_FALSE(commands.waits_for_operator(Fault::kPaused));
+}
+
 TEST(OperatorMessages, TheToolIsToBeLiftedByWholeMillimetresThatAreEnough) {
   OperatorMessage notice{OperatorMessage::Kind::kNotRecovered, 1, {}, 0.0142};
   EXPECT_EQ(describe(notice),

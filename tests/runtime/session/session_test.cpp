@@ -137,6 +137,7 @@ TEST(Session, OneThatCannotBeRecordedEndsAsByAnOperatorsStopAfterARampOfTheForce
     const auto failed =
         std::find(observed.faults.begin(), observed.faults.end(), Fault::kRecordingFailed);
     const auto first = static_cast<std::size_t>(failed - observed.faults.begin());
+    EXPECT_NEAR(report.fault_t_s, static_cast<double>(first) * 1e-3, 1e-9);
     ASSERT_LE(first + 4, forces.size());
     EXPECT_LE(forces.size(), first + 5);
     const double before_N = forces[first - 1];
