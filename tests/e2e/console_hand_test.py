@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A live hand over the console's WebSocket. It pushes the needle into bone; a closed page, a killed console and a silent page stop the pushing;
-hostile messages, 20,000 or TROCAR_HAND_MESSAGES of them, cause no fault and need no memory. (Pauses, two holders, replays: console/drive_hand.mjs;
---hand-path: live_hand_session_test.cpp.)"""
+hostile messages, 20,000 or TROCAR_HAND_MESSAGES of them, cause no fault and need no memory; --hand-path repeats a session. (Pauses, two
+holders, replays: console/drive_hand.mjs.)"""
 import json
 import math
 import os
@@ -253,9 +253,10 @@ def test_hostile(console):
 
 
 def test_killed_console(folder):
-    """A session that a console watches: the console is killed while it pushes."""
-    link, record = WORK / "link", WORK / "live.csv"
-    run = subprocess.Popen([PROGRAMS / "trocar-run", folder / "scenes/live.json", "--live", link, "--record", record, "--recover", "signal", "--quiet"])
+    """A session that a console watches: the console is killed while it pushes. The hand's path repeats the session."""
+    link, record, path, again = WORK / "link", WORK / "live.csv", WORK / "path.json", WORK / "again.csv"
+    run = subprocess.Popen([PROGRAMS / "trocar-run", folder / "scenes/live.json", "--live", link, "--record", record, "--hand-path", path,
+                            "--recover", "signal", "--quiet"])
     while not link.is_symlink() and run.poll() is None:
         time.sleep(0.01)
     consoles = [Console(CONSOLE, folder, "--attach", link) for _ in range(2)]
@@ -278,3 +279,10 @@ def test_killed_console(folder):
     watcher.close()
     for console in consoles:
         console.stop(signal.SIGKILL)
+
+    scene, forces = json.loads((folder / "scenes/live.json").read_text()), [float(row["fz_delivered_N"]) for row in rows_of(record)]
+    repeated = folder / "scenes/repeated.json"
+    repeated.write_text(json.dumps(scene | {"hand": json.loads(path.read_text()), "duration_s": len(forces) / 1000}))
+    subprocess.run([PROGRAMS / "trocar-run", repeated, "--clock", "virtual", "--record", again, "--quiet"], check=True)
+    off_N = [float(row["fz_delivered_N"]) - force_N for row, force_N in zip(rows_of(again), forces, strict=True)]
+    check(math.hypot(*off_N) < 0.05 * max(forces) * math.sqrt(len(off_N)), f"repeated, the force differs by {math.hypot(*off_N)} N")

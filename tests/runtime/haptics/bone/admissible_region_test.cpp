@@ -10,6 +10,7 @@
 
 #include "formats/mesh/cut.h"
 #include "tests/support/body_fixture.h"
+#include "tests/support/deformation_fixture.h"
 #include "tests/support/random_geometry.h"
 #include "tests/support/whole_cut.h"
 
@@ -229,6 +230,24 @@ TEST(AdmissibleRegion, InMaterialItIsTheAxisAlone) {
     ASSERT_EQ(region.corners(), 1);
     EXPECT_EQ(region.corner(0), at_m);
     EXPECT_EQ(region.clearance_m(), 0);
+  }
+}
+
+TEST(AdmissibleRegion, WithinAHoleItsEdgesAreTheWalls) {
+  Random random(35);
+  for (const int sides : {3, 6, 30}) {
+    for (const double hole_mm : {3.0, 7.0}) {
+      const Place place({test::regular_polygon({0, 0}, 256 * hole_mm, sides)});
+      const std::string where = std::to_string(sides) + " sides, " + std::to_string(hole_mm);
+      for (const double off_mm : {0.0, 0.1}) {
+        const Vector2d at_m = place.scene_of(off_mm, 0.3 * off_mm);
+        const Slot region = admissible_region(place.sheet(), at_m, 1.2e-3);
+        ASSERT_GT(region.corners(), 2) << where;
+        expect_free(place, region, at_m, 1.2e-3, random, where);
+      }
+      const Slot full = admissible_region(place.sheet(), place.scene_of(0, 0), hole_mm * 1e-3);
+      EXPECT_EQ(full.corners(), 1) << where << ": the tool is as large as the hole";
+    }
   }
 }
 
