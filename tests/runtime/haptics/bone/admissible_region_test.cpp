@@ -6,6 +6,7 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <numbers>
 #include <vector>
 
 #include "formats/mesh/cut.h"
@@ -235,15 +236,17 @@ TEST(AdmissibleRegion, InMaterialItIsTheAxisAlone) {
 
 TEST(AdmissibleRegion, WithinAHoleItsEdgesAreTheWalls) {
   Random random(35);
-  for (const int sides : {3, 6, 30}) {
-    for (const double hole_mm : {3.0, 7.0}) {
+  for (const int sides : {3, 6, 12, 30}) {
+    for (const double hole_mm : {3.0, 4.0, 7.0}) {
       const Place place({test::regular_polygon({0, 0}, 256 * hole_mm, sides)});
       const std::string where = std::to_string(sides) + " sides, " + std::to_string(hole_mm);
-      for (const double off_mm : {0.0, 0.1}) {
+      const double inner_mm = hole_mm * std::cos(std::numbers::pi / sides);
+      for (const double off_mm : {0.0, 0.25 * (inner_mm - 0.5)}) {
         const Vector2d at_m = place.scene_of(off_mm, 0.3 * off_mm);
-        const Slot region = admissible_region(place.sheet(), at_m, 1.2e-3);
+        const Slot region = admissible_region(place.sheet(), at_m, 0.5e-3);
         ASSERT_GT(region.corners(), 2) << where;
-        expect_free(place, region, at_m, 1.2e-3, random, where);
+        expect_free(place, region, at_m, 0.5e-3, random, where);
+        EXPECT_TRUE(has(region, at_m)) << where;
       }
       const Slot full = admissible_region(place.sheet(), place.scene_of(0, 0), hole_mm * 1e-3);
       EXPECT_EQ(full.corners(), 1) << where << ": the tool is as large as the hole";
