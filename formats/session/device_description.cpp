@@ -87,6 +87,7 @@ void read_simulation(StrictObject& object, DeviceDescription& device) {
       object.number("joint_viscous_friction_Nms_per_rad", 0, 10);
   device.encoder_counts_per_revolution =
       static_cast<int>(object.integer("encoder_counts_per_revolution", 0, 1 << 30));
+  object.read("encoder_noise_rad", device.encoder_noise_rad, 0, 0.1);
   device.gravity_m_per_s2 = object.number("gravity_m_per_s2", 0, 100);
   device.minimum_substeps = static_cast<int>(object.integer("minimum_substeps", 10, 1000));
   device.maximum_substep_s = object.number("maximum_substep_s", 1e-6, 1e-2);
@@ -163,6 +164,7 @@ Result<DeviceDescription> parse_device_description(std::string_view json_text,
                           [&](StrictObject& o) { read_joint_limits(o, device); });
     root.required_section("plate", [&](StrictObject& o) { read_plate(o, device); });
     root.required_section("simulation", [&](StrictObject& o) { read_simulation(o, device); });
+    root.read("delay_s", device.delay_s, 0, kLongestDelay_s);
   };
   return parse_description<DeviceDescription>(json_text, source, kSchema, true, read);
 }
@@ -187,6 +189,10 @@ Result<PoseDeviceDescription> parse_pose_device_description(std::string_view jso
     root.read("rotation_damping_Nm_s_per_rad", device.rotation_damping_Nm_s_per_rad, 0, 1e3);
     root.read("position_resolution_m", device.position_resolution_m, 0, 0.01);
     root.read("rotation_resolution_rad", device.rotation_resolution_rad, 0, 0.1);
+    root.read("position_noise_m", device.position_noise_m, 0, 0.01);
+    root.read("rotation_noise_rad", device.rotation_noise_rad, 0, 0.1);
+    root.read("coulomb_friction_N", device.coulomb_friction_N, 0, 100);
+    root.read("delay_s", device.delay_s, 0, kLongestDelay_s);
     read_workspace(root, device);
     root.numbers("turn_deg", device.turn_rad, -180, 180, false);
     for (double& angle : device.turn_rad)

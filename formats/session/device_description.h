@@ -8,6 +8,7 @@
 
 #include <array>
 #include <cstddef>
+#include <optional>
 #include <string>
 #include <string_view>
 #include <variant>
@@ -49,6 +50,9 @@ struct JointLimit {
 };
 inline constexpr std::size_t kJointsPerLeg = 6;
 
+/// Longest delay that a description may state.
+inline constexpr double kLongestDelay_s = 0.1;
+
 struct DeviceDescription {
   std::string name;
   DeviceGeometry geometry;
@@ -68,13 +72,17 @@ struct DeviceDescription {
   /// Principal moments of inertia about the origin and the axes of {T}, the plate's frame.
   std::array<double, 3> plate_inertia_kg_m2{};
   double plate_stiffness_max_N_per_m = 0;  ///< largest stiffness to render; 0: not given
+  /// Time from a motion to the force that answers it, without the zero-order hold: of reading,
+  /// transport and drive. Nullopt: not given.
+  std::optional<double> delay_s;
 
   // The members below describe the simulated device. The haptic loop also uses the first three: the
-  // friction for the device's damping and for the torques that compensate friction, the encoder
-  // counts for the velocity filter, and gravity for the torques that compensate the weight.
+  // friction for the device's damping and for the torques that compensate friction, the encoders'
+  // counts and noise for the estimator, and gravity for the torques that compensate the weight.
   double joint_viscous_friction_Nms_per_rad = 0;  ///< at each of the eight motor joints
   /// Counts per revolution of a joint; 0: exact encoders.
   int encoder_counts_per_revolution = 0;
+  double encoder_noise_rad = 0;  ///< standard deviation of an encoder's reading
   double gravity_m_per_s2 = 0;   ///< gravity along -z; 0: the mechanism is balanced
   int minimum_substeps = 0;      ///< smallest number of integration steps in one simulated tick
   double maximum_substep_s = 0;  ///< largest duration of an integration step
@@ -111,8 +119,11 @@ struct PoseDeviceDescription {
   std::array<double, 3> inertia_kg_m2{1e-4, 1e-4, 1e-4};  ///< moments of inertia of the handle
   double damping_N_s_per_m = 0;  ///< viscous friction of the device at the handle
   double rotation_damping_Nm_s_per_rad = 0;
-  double position_resolution_m = 0;    ///< 0: exact positions
-  double rotation_resolution_rad = 0;  ///< 0: exact orientations
+  double coulomb_friction_N = 0;  ///< dry friction of the device at the handle
+  /// Smallest step of a reading; 0: exact; nullopt: not given.
+  std::optional<double> position_resolution_m, rotation_resolution_rad;
+  double position_noise_m = 0, rotation_noise_rad = 0;  ///< standard deviations of a reading
+  std::optional<double> delay_s;                        ///< as DeviceDescription::delay_s
   /// Box of the positions that the handle can reach, in the device's frame. A second box surrounds
   /// the positions that the handle has at the keyframes of the scene's hand
   /// (SceneHand::trajectory). A session places the device in the scene's frame {B} so that the

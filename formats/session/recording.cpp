@@ -86,6 +86,7 @@ void visit_fields(Row& row, const RecordingKind& kind, Visitor& visitor) {
   visitor.finite("authority", row.authority);
   visitor.finite("passivity_J", row.passivity_J);
   visitor.finite("passivity_N_s_per_m", row.passivity_N_s_per_m);
+  if (kind.has_guard) visitor.finite("guard", row.guard);
   visitor.finite("motor_heat_max", row.motor_heat_max);
   if (kind.has_xray) visitor.bits("xray", row.xray, kXrayPicture | kXrayBeam);
   if (kind.has_cutting) {
@@ -119,8 +120,8 @@ struct HeaderWriter {
 
 /// The kind of recording that has this header line, if any.
 std::optional<RecordingKind> kind_of_header(std::string_view header) {
-  for (unsigned bits = 0; bits < 8; ++bits) {
-    const RecordingKind kind{(bits & 1) != 0, (bits & 2) != 0, (bits & 4) != 0};
+  for (unsigned bits = 0; bits < 16; ++bits) {
+    const RecordingKind kind{(bits & 1) != 0, (bits & 2) != 0, (bits & 4) != 0, (bits & 8) != 0};
     if (header == recording_header(kind)) return kind;
   }
   return std::nullopt;
@@ -348,7 +349,8 @@ RecordingKind recording_kind(const RecordingOrigin& origin) {
                                                                origin.find(kOriginDeviceKind);
   return {.has_cutting = law != nullptr && *law == "cutting",
           .has_pose_device = device != nullptr && *device == kPoseDeviceKind,
-          .has_xray = origin.find(kOriginXray) != nullptr};
+          .has_xray = origin.find(kOriginXray) != nullptr,
+          .has_guard = origin.find(kOriginEstimator) != nullptr};
 }
 
 const char* to_string(ContactPhase phase) {

@@ -47,6 +47,10 @@ inline constexpr const char* kPoseDeviceKind = "pose";
 /// Key of an entry that only recordings with the operator's X-ray have. The value "counted" means
 /// that the rows have the column `xray`, from which pictures and screening time are counted.
 inline constexpr const char* kOriginXray = "xray";
+/// Bandwidth (1/s) and lead (s) of the estimator in translation, then in rotation, by slashes; and
+/// the device's delay (s). Recordings of versions before 0.4.0 have neither.
+inline constexpr const char* kOriginEstimator = "estimator";
+inline constexpr const char* kOriginDelay = "delay";
 
 struct RecordingOrigin {
   std::vector<std::pair<std::string, std::string>> entries;  ///< key, value; no entries if unknown
@@ -189,9 +193,10 @@ struct RecordingRow {
   // Results of the tick.
   SafetyState safety = SafetyState::kIdle;
   double authority = 1;    ///< factor on the force law's wrench; rises from 0 to 1 after a recovery
-  double passivity_J = 0;  ///< energy balance of the passivity controller; < 0: the hand received
+  double passivity_J = 0;  ///< energy balance of the passivity observer; < 0: the hand received
                            ///< more energy than it gave
-  double passivity_N_s_per_m = 0;  ///< damping added by the passivity controller
+  double guard = 1;  ///< the guard's factor on the law's wrench (runtime/haptics/loop/guard.h)
+  double passivity_N_s_per_m = 0;  ///< 0: of a controller that versions before 0.4.0 had
   double motor_heat_max = 0;       ///< largest i2t thermal state of a motor; 1 is its limit
   /// Force of the tissue on the tip (bone, sheets and soft layers), before the scene's force scale:
   /// along the shaft, with the laws `hooke` and `network` along z.
@@ -235,9 +240,10 @@ struct RecordingKind {
   bool has_cutting = false;      ///< columns of the force law `cutting`
   bool has_pose_device = false;  ///< columns of a pose device instead of torques and encoder angles
   bool has_xray = false;         ///< the column of the operator's X-ray
+  bool has_guard = false;        ///< the column of the guard; false: of a version before 0.4.0
 };
 /// Derives the kind from the origin: has_cutting from `force-law=cutting`, has_pose_device from
-/// `device-kind=pose`, and has_xray from any entry `xray`.
+/// `device-kind=pose`, has_xray from any entry `xray`, and has_guard from any entry `estimator`.
 RecordingKind recording_kind(const RecordingOrigin& origin);
 
 /// The header line without its line feed: t_s,x_m,y_m,z_m,qw,qx,qy,qz,tool_x_m,...,
@@ -245,9 +251,9 @@ RecordingKind recording_kind(const RecordingOrigin& origin);
 /// th_1_1_rad,th_1_2_rad,... (leg, joint),state,active_slice,penetration_m,wrench_scale,
 /// pose_residual_m,cuts_published,response_sheet,response_stiffness_N_per_m,response_x_m,
 /// response_y_m,fault,device_read,state_t_s,device_write,outside_fault,recovery_asked,safety,
-/// authority,passivity_J,passivity_N_s_per_m,motor_heat_max,tip_N,break_through_N,
-/// break_through_at,origin. The column origin holds
-/// to_text() of the RecordingOrigin in the first row and is empty in all other rows. With
+/// authority,passivity_J,passivity_N_s_per_m,guard
+/// (has_guard),motor_heat_max,tip_N,break_through_N, break_through_at,origin. The column origin
+/// holds to_text() of the RecordingOrigin in the first row and is empty in all other rows. With
 /// has_cutting, these columns take the place of tip_N: fx_tissue_N,...,tz_tissue_Nm,front_z_m,
 /// front_HU,tip_N,embedded_m,cut_J,absorbed_J,tissue_stored_J,steps. With has_xray, the column xray
 /// follows motor_heat_max. With has_pose_device, the columns device_x_m,device_y_m,device_z_m,

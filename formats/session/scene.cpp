@@ -195,8 +195,7 @@ void read_cutting(StrictObject& object, SceneForceLaw& law) {
   law.axis = static_cast<ToolAxis>(object.choice("axis", std::array{"auto", "rigid", "coupled"}));
   object.read("coupling_N_per_m", law.coupling_N_per_m, 100.0, 1e6);
   object.read("coupling_Nm_per_rad", law.coupling_Nm_per_rad, 0.1, 1e4);
-  law.prediction =
-      static_cast<PosePrediction>(object.choice("prediction", std::array{"auto", "on", "off"}));
+  object.choice("prediction", std::array{"auto", "on", "off"});  // of versions before 0.4.0
   object.read("tip_friction", law.tip_friction, 0.0, 2.0);
   object.read("tip_hold", law.tip_hold, 0.0, 1.0);
   law.twist = object.boolean("twist");

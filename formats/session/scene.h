@@ -178,13 +178,6 @@ enum class ToolAxis : std::uint8_t {
   kRigid,
   kCoupled,  ///< springs connect tool and plate: SceneForceLaw::coupling_N_per_m
 };
-/// The pose at which the law `cutting` is evaluated. kOn: the pose predicted for the next tick.
-/// kOff: the measured pose.
-enum class PosePrediction : std::uint8_t {
-  kAuto,  ///< kOn if the device's damping cannot keep the rendered stiffness stable, otherwise kOff
-  kOn,
-  kOff,
-};
 
 struct SceneForceLaw {
   ForceLawKind kind = ForceLawKind::kHooke;
@@ -200,7 +193,6 @@ struct SceneForceLaw {
   /// Stiffness of the coupling, the springs between tool and plate. 0: the largest stiffness that
   /// the device can render stably (runtime/haptics/bone/cutting_force_law.h).
   double coupling_N_per_m = 0, coupling_Nm_per_rad = 0;
-  PosePrediction prediction = PosePrediction::kAuto;
   double tip_friction = 0.3;  ///< friction coefficient of a tip that slides on bone without cutting
   /// Crushed bone holds the tip against withdrawal with this fraction of the force that
   /// crushed the bone.

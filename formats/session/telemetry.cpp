@@ -214,10 +214,10 @@ const char* to_string(TelemetryCommand command) {
 }
 
 const char* to_string(TelemetryEventKind kind) {
-  constexpr std::array kNames{"puncture",  "fault",       "not_recovered", "recovered",
-                              "cut_shown", "paused",      "resumed",       "ended",
-                              "hand",      "hand_let_go", "hand_lost",     "xray_shot",
-                              "xray_on",   "xray_off",    "break_through", "recovery_refused"};
+  constexpr std::array kNames{
+      "puncture", "fault",    "not_recovered", "recovered",        "cut_shown", "paused",
+      "resumed",  "ended",    "hand",          "hand_let_go",      "hand_lost", "xray_shot",
+      "xray_on",  "xray_off", "break_through", "recovery_refused", "softened"};
   static_assert(kNames.size() == kTelemetryEventKinds);
   return kNames.at(static_cast<std::size_t>(kind) - 1);
 }

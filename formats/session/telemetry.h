@@ -78,11 +78,12 @@ enum class TelemetryEventKind : std::uint8_t {
                   ///< tip_N: RecordingRow::break_through_N)
   kRecoveryRefused,  ///< a request was refused and is not kept, because the device's stop is held
                      ///< (found: kEmergencyStop, or kLinkLost if it cannot tell its release)
+  kSoftened,         ///< the guard softens the force, because the contact oscillates by itself
 };
-inline constexpr std::size_t kTelemetryEventKinds = 16;
+inline constexpr std::size_t kTelemetryEventKinds = 17;
 /// "puncture", "fault", "not_recovered", "recovered", "cut_shown", "paused", "resumed", "ended",
 /// "hand", "hand_let_go", "hand_lost", "xray_shot", "xray_on", "xray_off", "break_through",
-/// "recovery_refused".
+/// "recovery_refused", "softened".
 const char* to_string(TelemetryEventKind kind);
 
 enum class TelemetryEnd : std::uint8_t { kDone, kInterrupted, kFault };

@@ -13,11 +13,19 @@ constexpr double kContact_N_per_m = 10'000;
 constexpr double kRough_N = 0.2;
 constexpr double kLostShare = 0.005;
 
+/// A device that measures joint angles; another one measures a pose, of which the first three
+/// values are a position.
+bool has_encoders(const DeviceSpecification& specification) {
+  return !specification.motors_and_joints().joint_limits_rad.empty();
+}
+
 /// Measures tick by tick, on the haptic thread.
 class TrialLoop {
  public:
-  TrialLoop(HandDevice& device, const SessionOptions& options)
+  TrialLoop(HandDevice& device, const SessionOptions& options, double push_N)
       : device_(device),
+        push_N_(push_N),
+        push_(push_N, 1 / options.rate_Hz),
         period_s_(1 / options.rate_Hz),
         ticks_(static_cast<std::uint64_t>(std::llround(options.duration_s * options.rate_Hz))) {}
 
@@ -34,14 +42,19 @@ class TrialLoop {
       device_.use_last_reading();
       if (status != DeviceStatus::kOk && status != DeviceStatus::kNoData) ++out.lost_ticks;
     }
-    device_.write_zero();
+    if (out.ticks < ticks_)
+      device_.write_zero();
+    else
+      push();
     ++out.ticks;
     late_.spend(TickPart::kDevice, monotonic_ns() - begin_ns);
     device_.advance(period_s_);
     return true;
   }
 
-  bool is_complete() const noexcept { return out.ticks == ticks_; }
+  bool is_complete() const noexcept {
+    return out.ticks >= ticks_ && (!(push_N_ > 0) || push_.is_done() || has_failed_);
+  }
 
   DeviceTrial finish(RealtimeReport realtime) {
     out.realtime = std::move(realtime);
@@ -50,12 +63,34 @@ class TrialLoop {
       out.value_noise = std::max(out.value_noise, meter.deviation());
     for (const NoiseMeter& meter : position_)
       out.position_noise_m = std::max(out.position_noise_m, meter.deviation());
+    if (out.was_pushed && !has_failed_) out.response = fit_response(push_.samples());
     return std::move(out);
   }
 
   DeviceTrial out;
 
  private:
+  /// Gives the force of this tick to the device; none after any fault, or while no reading comes.
+  void push() noexcept {
+    constexpr double kLongestSilence_s = 0.01;
+    silent_s_ += period_s_;
+    has_failed_ = has_failed_ || out.fault != Fault::kNone || out.lost_ticks > 0 ||
+                  !out.last_T_device_plate || silent_s_ > kLongestSilence_s + 1.5 * period_s_ ||
+                  device_.check_own_workspace() != Fault::kNone;
+    RenderInput input;
+    if (!has_failed_) {
+      out.was_pushed = true;
+      input.wanted[0] = push_.take(out.last_T_device_plate->p_m.x());
+    }
+    input.dt_s = period_s_;
+    double scale = 0;
+    has_failed_ = has_failed_ || device_.render(input, scale) != Fault::kNone;
+    if (has_failed_)
+      device_.write_zero();
+    else
+      has_failed_ = device_.write() != DeviceStatus::kOk;
+  }
+
   void take(double t_s, std::int64_t now_ns) noexcept {
     ++out.readings;
     PlatePose pose;
@@ -70,11 +105,13 @@ class TrialLoop {
       // A time in which the loop itself came late says nothing about the device.
       if (!is_late_) out.without_state.add(now_ns - last_ns_);
     }
+    silent_s_ = 0;
     note_values(device_.measured());
     if (found == Fault::kNone) {
       out.last_T_device_plate = pose.T_device_plate;
-      for (std::size_t i = 0; i < position_.size(); ++i)
-        position_[i].add(pose.T_device_plate.p_m[static_cast<Eigen::Index>(i)]);
+      if (out.ticks < ticks_)
+        for (std::size_t i = 0; i < position_.size(); ++i)
+          position_[i].add(pose.T_device_plate.p_m[static_cast<Eigen::Index>(i)]);
     }
     if (!device_.keep_reading()) return;
     has_reading_ = true;
@@ -87,15 +124,20 @@ class TrialLoop {
     for (std::size_t i = 0; i < static_cast<std::size_t>(now.count); ++i) {
       const double value = now.value.at(i);
       if (!std::isfinite(value)) continue;
-      values_.at(i).add(value);
+      if (out.ticks < ticks_) values_.at(i).add(value);
       const double step = has_reading_ ? std::abs(value - last_.value.at(i)) : 0;
-      if (step > 0 && (out.smallest_step == 0 || step < out.smallest_step))
+      const bool counts = i < 3 || has_encoders(device_.specification());  // no quaternion
+      if (counts && step > 0 && (out.smallest_step == 0 || step < out.smallest_step))
         out.smallest_step = step;
     }
     last_ = now;
   }
 
   HandDevice& device_;
+  double push_N_;
+  ResponsePush push_;
+  bool has_failed_ = false;
+  double silent_s_ = 0;
   double period_s_;
   std::uint64_t ticks_;
   LateTicks late_;
@@ -171,6 +213,13 @@ void add_pose_troubles(const Pose& T_device_plate, const DeviceSpecification& sp
                   tilt * kDegreesPerRadian, most * kDegreesPerRadian));
 }
 
+const char* noise_key(const DeviceSpecification& specification) {
+  return has_encoders(specification) ? "encoder_noise_rad" : "position_noise_m";
+}
+double noise_at_rest(const DeviceTrial& trial, const DeviceSpecification& specification) {
+  return has_encoders(specification) ? trial.value_noise : trial.position_noise_m;
+}
+
 std::string describe_numbers(const DeviceTrial& trial, const SessionOptions& options,
                              const DeviceSpecification& specification) {
   std::string out =
@@ -198,12 +247,60 @@ std::string describe_numbers(const DeviceTrial& trial, const SessionOptions& opt
   out += text_line("%-16s %.3g in the measured values' unit, %.3g mm in the plate's position\n",
                    "noise at rest", trial.value_noise, trial.position_noise_m * 1e3);
   if (trial.last_T_device_plate) out += describe_pose(*trial.last_T_device_plate, specification);
-  out += specification.resolution() > 0
-             ? text_line("%-16s %.3g as stated, smallest step seen %.3g\n", "resolution",
-                         specification.resolution(), trial.smallest_step)
-             : text_line("%-16s exact as stated, smallest step seen %.3g\n", "resolution",
-                         trial.smallest_step);
-  return out;
+  const DeviceReadings stated = specification.readings();
+  out += text_line("%-16s %.3g um%s, smallest step seen %.3g in the measured values' unit\n",
+                   "resolution", 1e6 * stated.resolution_m,
+                   stated.is_assumed ? " assumed" : " as stated", trial.smallest_step);
+  // Lines for a description.
+  out += text_line("%-16s \"%s\": %.2g", "measured", noise_key(specification),
+                   noise_at_rest(trial, specification));
+  if (trial.smallest_step > 0)
+    out += has_encoders(specification)
+               ? text_line(", \"encoder_counts_per_revolution\": %.0f",
+                           2 * std::numbers::pi / trial.smallest_step)
+               : text_line(", \"position_resolution_m\": %.2g", trial.smallest_step);
+  out += '\n';
+  if (!trial.response) return out;
+  const DeviceResponse& r = *trial.response;
+  out += text_line("%-16s \"delay_s\": %.2g", "", r.delay_s);
+  const char* const format =
+      has_encoders(specification)
+          ? "; at the plate mass %.3g kg, friction %.3g N s/m and %.2g N"
+          : ", \"mass_kg\": %.3g, \"damping_N_s_per_m\": %.3g, \"coulomb_friction_N\": %.2g";
+  out += text_line(format, r.mass_kg, r.damping_N_s_per_m, r.coulomb_N);
+  return out + text_line(" (fitted to %.2g um)\n", 1e6 * r.misfit_m);
+}
+
+/// Readings that are rounded tremble by up to a step.
+bool understates_noise(const DeviceTrial& trial, const DeviceSpecification& specification) {
+  constexpr double kMuch = 1.5;
+  const DeviceReadings stated = specification.readings();
+  return trial.position_noise_m > kMuch * stated.noise_m + stated.resolution_m;
+}
+
+/// Adds what the description understates.
+void add_description_troubles(const DeviceTrial& trial, const SessionOptions& options,
+                              const DeviceSpecification& specification,
+                              std::vector<std::string>& troubles) {
+  const DeviceReadings stated = specification.readings();
+  constexpr double kTolerance_ticks = 0.3;
+  if (trial.was_pushed && !trial.response)
+    troubles.emplace_back(
+        "the device did not answer the push as a free mass with friction: let go of the handle, "
+        "keep "
+        "it off its stops, or push with more force");
+  if (trial.response &&
+      trial.response->delay_s > stated.delay_s + kTolerance_ticks / options.rate_Hz)
+    troubles.push_back(text_line(
+        "the device answers a force after %.2f ms, and its description has %.2f ms: a stiff "
+        "contact would oscillate; state \"delay_s\": %.4f",
+        1e3 * trial.response->delay_s, 1e3 * stated.delay_s, trial.response->delay_s));
+  if (understates_noise(trial, specification))
+    troubles.push_back(text_line(
+        "the position trembles by %.3g um at rest, and the description has %.3g um: state \"%s\": "
+        "%.2g",
+        1e6 * trial.position_noise_m, 1e6 * stated.noise_m, noise_key(specification),
+        noise_at_rest(trial, specification)));
 }
 
 void add_time_troubles(const DeviceTrial& trial, const SessionOptions& options,
@@ -259,9 +356,9 @@ double NoiseMeter::deviation() const noexcept {
   return count_ > 2 ? std::sqrt(sum_ / static_cast<double>(count_ - 2) / 6) : 0;
 }
 
-Result<DeviceTrial> try_device(HandDevice& device, const SessionOptions& options) {
+Result<DeviceTrial> try_device(HandDevice& device, const SessionOptions& options, double push_N) {
   if (Result<void> started = device.start(); !started) return started.error();
-  const auto loop = std::make_unique<TrialLoop>(device, options);
+  const auto loop = std::make_unique<TrialLoop>(device, options, push_N);
   RealtimeReport report = run_realtime(
       options.realtime(), [&loop](const TickTiming& timing) { return loop->tick(timing); },
       [&device] { device.write_zero(); });
@@ -290,6 +387,7 @@ DeviceVerdict describe(const DeviceTrial& trial, const SessionOptions& options,
     troubles.push_back(text_line("the link was lost, or the device reported a fault, in %llu ticks",
                                  static_cast<unsigned long long>(trial.lost_ticks)));
   add_time_troubles(trial, options, troubles);
+  add_description_troubles(trial, options, specification, troubles);
   if (lost_share(trial) > kLostShare)
     troubles.push_back(
         text_line("%.1f %% of the device's states were lost on the way: use a direct cable, or end "
@@ -298,7 +396,7 @@ DeviceVerdict describe(const DeviceTrial& trial, const SessionOptions& options,
   if (trial.last_T_device_plate)
     add_pose_troubles(*trial.last_T_device_plate, specification, troubles);
   const double rough_N = trial.position_noise_m * kContact_N_per_m;
-  if (rough_N > kRough_N)
+  if (rough_N > kRough_N && !understates_noise(trial, specification))
     troubles.push_back(
         text_line("the pose trembles by %.3g mm at rest, which is %.2g N at a contact of %.0f "
                   "kN/m: shield the encoders' cables, "

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // Tries a device without force: reads the device at the rate of a session and commands zero
 // torques. The trial measures the times from each new device state to the next, lost data, and the
-// resolution and noise of the measured values. It also keeps the last pose.
+// resolution and noise of the measured values. It also keeps the last pose. On request it then
+// pushes the free device with a small force, and measures delay, mass and friction by its answer.
 // describe() says in words whether a session at this rate would run undisturbed.
 #pragma once
 
@@ -12,6 +13,7 @@
 
 #include "formats/base/result.h"
 #include "formats/session/faults.h"
+#include "runtime/check/device_response.h"
 #include "runtime/device/device.h"
 #include "runtime/device/hand_device.h"
 #include "runtime/realtime/histogram.h"
@@ -56,8 +58,10 @@ struct DeviceTrial {
   FaultDetail fault;             ///< the first fault that the device's own checks found
   double fault_t_s = 0;          ///< time of this fault, from the start of the trial
   double value_noise = 0;        ///< largest noise of a measured value, in the value's unit
-  double smallest_step = 0;      ///< smallest change of a measured value; 0: no value changed
+  double smallest_step = 0;      ///< smallest change of an angle or a position; 0: none changed
   double position_noise_m = 0;   ///< largest noise of the plate's position along an axis
+  bool was_pushed = false;
+  std::optional<DeviceResponse> response;   ///< nullopt: not pushed, or no answer could be fitted
   std::optional<Pose> last_T_device_plate;  ///< the last pose that the device's own checks accepted
   std::optional<LinkReport> link;           ///< packets and round trips of the link; none: no link
 };
@@ -65,8 +69,11 @@ struct DeviceTrial {
 /// Runs a trial: starts the device, reads it for the trial's duration, and closes it. Blocks until
 /// the end. `options`: those of the session with this device; its rate, duration, processor and
 /// stop are the trial's. Errors: those of HandDevice::start(); kRefused if `options.stop` has ended
-/// the trial, because too short a trial does not show whether a session would run.
-Result<DeviceTrial> try_device(HandDevice& device, const SessionOptions& options);
+/// the trial, because too short a trial does not show whether a session would run. `push_N`: force
+/// along x of {B} with which the device is pushed to and fro by some millimetres, after the time
+/// without force; 0: not pushed.
+Result<DeviceTrial> try_device(HandDevice& device, const SessionOptions& options,
+                               double push_N = 0);
 
 /// A description of a trial in words.
 struct DeviceVerdict {

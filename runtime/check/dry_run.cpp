@@ -147,7 +147,7 @@ Result<DryRun> run_dry_run(const Scene& scene, const DeviceToCheck& device,
       static_cast<double>(std::min(dry_run.session_ticks, kMaxDryRunTicks)) / options.rate_Hz;
   silent.limits = options.limits;
   silent.limits.gap_max_s = 0;
-  silent.passivity = options.passivity;
+  silent.guards = options.guards;
   silent.coupling = options.coupling;
   silent.stiffness = options.stiffness;
   silent.compensation = options.compensation;

@@ -752,7 +752,8 @@ Result<SceneCheck> check_scene(const Scene& scene, const DeviceToCheck& device,
   all.reserve(sheets.size());
   for (const auto& sheet : sheets)
     all.push_back(sheet.get());
-  const auto law = make_force_law({scene, e.device, all, options.rate_Hz, {}, options.stiffness});
+  const auto law =
+      make_force_law({scene, e.device, all, options.rate_Hz, options.coupling, options.stiffness});
   if (!law) return law.error();
   SceneCheck check;
   check.text = describe_scene(e, bytes) + (*law)->describe() + describe_workspace(e);
@@ -770,7 +771,7 @@ Result<SceneCheck> check_scene(const Scene& scene, const DeviceToCheck& device,
   for (std::size_t i = 0; i < sheets.size(); ++i)
     check.text += describe_slice(e, i, **law, tissues[i].choice);
   if (options.is_stopped()) return interrupted();
-  if (const std::string unstable = (*law)->stability_warning(); !unstable.empty())
+  if (const std::string unstable = (*law)->contact_warning(); !unstable.empty())
     check.warnings.push_back(unstable);
   check.dry_run = std::move(e.dry_run);
   return check;

@@ -20,9 +20,8 @@
 //     ContactFeel::past_front) is at most 3 mm below the front. The front moves by at most 1.5 mm
 //     in a tick. If the hand lets go, at any of ten moments of the contact, no fault follows, and
 //     the plate moves by at most 3 mm, at no more than 0.25 m/s.
-//  7. With the law `cutting`, ForceLaw::stability_warning() has no reason to warn: the
-//     rate of the loop is so high that the loop is known to give no energy to the hand. (If the
-//     rendered stiffness is too large for the rate, there is no check: may_start() is false: an error.)
+//  7. ForceLaw::contact_warning() has no reason to warn: a contact at rest is quiet. (A stiffness that
+//     the device cannot hold is an error.)
 //
 // If the scene has a live hand, the person's motion is not known, and there is no dry run. There
 // is then no warning if and only if a session can start, the live hand can reach the height of

@@ -326,6 +326,7 @@ void visit_columns(const RecordingRow& row, const RecordingKind& kind, const Xra
   one("fault", row.fault);
   one("safety", row.safety);
   one("authority", row.authority);
+  if (kind.has_guard) one("guard", row.guard);
   one("passivity_J", row.passivity_J);
   one("motor_heat_max", row.motor_heat_max);
   one("tip_N", row.tip_N);

@@ -8,6 +8,7 @@
 #include "formats/session/scene.h"
 #include "runtime/console/answers.h"
 #include "runtime/report/history.h"
+#include "runtime/session/operator_messages.h"
 
 namespace trocar::runtime {
 namespace {
@@ -80,6 +81,10 @@ json as_json(const TelemetryEvent& event) {
       text = "recovery refused" + at + ": " + why;
       break;
     }
+    case TelemetryEventKind::kSoftened:
+      out["why"] = kSoftenedWords;
+      text = "force softened" + at + ": " + kSoftenedWords;
+      break;
     case TelemetryEventKind::kCutShown:
       out.update({{"sheet", event.sheet}, {"slice", event.slice}, {"cut", event.cut}});
       text = text_line("slice %d has %u %s%s", event.slice, event.cut,

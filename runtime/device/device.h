@@ -38,8 +38,7 @@ struct Pose {
 };
 
 /// An earlier pose from which the present velocity is computed. The velocity is the displacement
-/// from the earlier pose to the present one, divided by `ago_s`. runtime/haptics/loop/passivity.h
-/// chooses the earlier pose.
+/// from the earlier pose to the present one, divided by `ago_s`.
 struct PreviousPose {
   Pose T_device_plate;
   /// Time since T_device_plate. 0 means that no pose was chosen; use the pose of the last new
@@ -98,6 +97,11 @@ inline Eigen::Quaterniond from_rotation_vector(const Eigen::Vector3d& r) noexcep
   q.w() = std::cos(angle / 2);
   q.vec() = factor * r;
   return q.normalized();
+}
+
+/// Returns the pose after a motion by `step`, the inverse of displacement().
+inline Pose moved(const Pose& T, const Twist& step) noexcept {
+  return {T.p_m + step.head<3>(), (from_rotation_vector(step.tail<3>()) * T.q).normalized()};
 }
 
 /// Returns the same wrench with its moment taken about a new point. `lever_m` points from the new

@@ -61,6 +61,15 @@ struct DeviceMargins {
   double inverse_condition = 1;
 };
 
+/// Noise (standard deviation) and smallest step of the plate's measured position and orientation.
+/// 0: exact.
+struct DeviceReadings {
+  double noise_m = 0, resolution_m = 0, noise_rad = 0, resolution_rad = 0;
+  double delay_s = 0;       ///< from a motion to the force that answers it, without the hold
+  bool is_assumed = false;  ///< resolution_m is kAssumedResolution_m, since none is stated
+};
+inline constexpr double kAssumedResolution_m = 50e-6, kAssumedResolution_rad = 1e-3;
+
 /// A box in {B}, for positions of the plate's origin.
 struct WorkspaceBox {
   std::array<double, 3> min_m{}, max_m{};
@@ -98,9 +107,7 @@ class DeviceSpecification {
   virtual std::array<double, 3> inertia_kg_m2() const noexcept = 0;
   /// Largest stiffness at the tip that the maker states; 0 if the maker states none.
   virtual double stiffness_max_N_per_m() const noexcept = 0;
-  /// Smallest step by which a value of a Measurement can change, in the unit of the value; the same
-  /// for all values. 0 if the values are exact.
-  virtual double resolution() const noexcept = 0;
+  virtual DeviceReadings readings() const noexcept = 0;
   /// Damping that the device's own friction gives the plate at a pose: the matrix that maps the
   /// plate's twist to the wrench that opposes this twist. Nullopt if the pose is unreachable.
   virtual std::optional<Eigen::Matrix<double, 6, 6>> damping(const Pose& T_device_plate) const = 0;

@@ -6,7 +6,6 @@
 #include <cstddef>
 #include <cstdint>
 #include <functional>
-#include <limits>
 #include <memory>
 #include <optional>
 #include <span>
@@ -17,6 +16,7 @@
 #include "formats/session/recording.h"
 #include "formats/session/scene.h"
 #include "runtime/device/hand_device.h"
+#include "runtime/haptics/contact_design.h"
 #include "runtime/haptics/puncture.h"
 #include "runtime/haptics/virtual_coupling.h"
 
@@ -83,19 +83,9 @@ class PrefetchWorker {
 //  3. The law multiplies wrench_plate and stored_J by SceneForceLaw::force_scale and states it in
 //     tip_force(). It applies ForceLawSetup::coupling and StiffnessLimits itself; nothing outside it
 //     does.
-
-/// Limits of the stiffness that a law renders, in addition to the limits that follow from the
-/// scene, the device and the rate.
-struct StiffnessLimits {
-  /// Two limits are divided by this margin: the stiffness limit that follows from the plate's mass,
-  /// and the largest stiffness in the description of a device that measures its own pose
-  /// (set_pose_device_options()). The margin is 1 for a simulated device, whose description is
-  /// exact, and kHardwareMargin for a device that is assumed to have motors.
-  double margin = 1;
-  /// Largest stiffness at the tip that the operator or the device's description allows.
-  double max_N_per_m = std::numeric_limits<double>::infinity();
-};
-inline constexpr double kHardwareMargin = 2;
+//  4. It keeps its contact stable: its factory refuses a stiffness that design_contact() refuses,
+//     and estimator() returns that design's. The default estimator is for laws that render no
+//     stiffness.
 
 /// Arguments of a law's factory. `sheets` are the sheets without holes, topmost first. The
 /// references and pointers are valid only during the call of the factory.
@@ -106,15 +96,21 @@ struct ForceLawSetup {
   double rate_Hz = 1000;
   CouplingOptions coupling;  ///< virtual coupling between plate and proxy, if the law supports it
   StiffnessLimits stiffness;
+
+  /// Of `rate_Hz` and of the device's delay.
+  LoopTiming timing() const noexcept { return {1 / rate_Hz, device.readings().delay_s}; }
 };
 
 /// Inputs of one tick.
 struct ForceLawInput {
   std::span<const Sheet* const> sheets;  ///< sheets with the meshes in use, topmost first
   PrefetchedStiffness prefetched;        ///< latest result of the law's prefetch worker
-  Pose T_device_plate;                   ///< latest pose of the plate
-  double pose_interval_s = 0;            ///< time since the previous new pose; 0: pose is not new
-  PreviousPose previous;  ///< earlier pose for velocities; age 0: use the previous new pose
+  /// Pose at which the law acts: estimated, and led by the lead of ForceLaw::estimator().
+  Pose T_device_plate;
+  double pose_interval_s = 0;          ///< time since the previous new pose; 0: pose is not new
+  PreviousPose previous;               ///< T_device_plate a tick earlier, by the estimated twist
+  Twist twist_device = Twist::Zero();  ///< estimated
+  Pose T_device_measured;              ///< the reading, for accounts of the plate's real work
 };
 
 /// Stiffness and threshold of a sheet at the tip, for checks before a session and for
@@ -141,27 +137,26 @@ class ForceLaw {
   /// without load, velocity and friction. Holes are kept.
   virtual void reset_motion() noexcept = 0;
   /// The loop calls this at the end of every tick. The function writes the law's own columns of the
-  /// recording, if the law has any. A coupling displaces the tool on which the tissue acts from the
-  /// tool on the plate. A law with a coupling adds this displacement to RecordingRow::tool_m.
+  /// recording, if the law has any, and RecordingRow::tool_m, the tip on which the tissue acts: a
+  /// lead and a coupling hold it away from the tip of the tool on the plate.
   virtual void finish_tick(RecordingRow& /*row*/) noexcept {}
   /// Height by which the tip must be raised before the state `running` can begin. If the tip
   /// were not raised, the tissue would push the tool as soon as the session runs. 0: the tip
   /// need not be raised.
   virtual double retract_distance_m(std::span<const Sheet* const> sheets,
                                     const Pose& T_device_plate) const noexcept = 0;
-  /// True if the law itself guarantees passivity. The loop then only observes the energy, and the
-  /// passivity controller stays off.
-  virtual bool is_passive() const noexcept { return false; }
 
   // These functions are called before the loop starts.
 
+  /// The estimator that was designed for the stiffness which the law renders.
+  virtual PoseEstimator estimator() const noexcept { return {}; }
   /// The law's prefetch worker, which the session runs; null: the law needs none.
   virtual PrefetchWorker* prefetch_worker() noexcept { return nullptr; }
   /// The law's lines in the output of `check`. Each line ends with a line feed.
   virtual std::string describe() const = 0;
-  /// One line that says why, with this law at this rate, the loop may oscillate or give energy to
-  /// the hand, and what helps. The line is empty if no such reason is known.
-  virtual std::string stability_warning() const { return {}; }
+  /// One line that says what a hand will feel of the device's readings and delay with this law, and
+  /// what helps; empty: nothing.
+  virtual std::string contact_warning() const { return {}; }
   /// Stiffness and threshold of the sheet with this index.
   virtual TipForce tip_force(std::size_t /*index*/, const Sheet& sheet) const {
     return {sheet.tissue.stiffness_N_per_m, sheet.tissue.threshold_N, 1};

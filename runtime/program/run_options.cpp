@@ -129,8 +129,8 @@ void add_loop(CLI::App& app, RunArguments& a) {
              "cutting. The lowest of all limits counts")
       ->default_str("");
   set_heading(app, "Safety");
-  add_choice<bool>(app, "--passivity", session.passivity.on, {{"on", true}, {"off", false}},
-                   "off: the loop adds no damping (default: on)")
+  add_choice<bool>(app, "--passivity", session.guards, {{"on", true}, {"off", false}},
+                   "off: no guard against oscillation, no damping after a break (default: on)")
       ->group(kDiagnostics);
   const auto set_coupling = [&coupling = session.coupling](double stiffness_N_per_m) {
     const CouplingOptions usual;
@@ -308,6 +308,11 @@ void declare_test(CLI::App& app, RunArguments& a) {
   add_device(app, a);
   add_rate(app, a);
   add_duration(app, a, "duration in s (default: 5)");
+  add_number(app, "--push", a.push_N, {0.1, 5, "N", "N"},
+             "then push the free device with this force, 0.1 to 5 N, to measure its delay, mass\n"
+             "and friction (default: no force)")
+      ->default_str("");
+  set_heading(app, "Device");
   add_file(app, "--summary", a.summary, "write the result as JSON");
   set_heading(app, "Recording");
   add_realtime(app, a);

@@ -47,6 +47,7 @@ struct RunArguments {
   bool quiet = false, is_strict = false;
   // Of new-scene, history and procedures.
   std::string input, output;
+  double push_N = 0;                                         ///< of test
   std::optional<std::array<double, 3>> entry_mm, target_mm;  ///< in the patient's frame (LPS)
   bool has_live_hand = false;
 };

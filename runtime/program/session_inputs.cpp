@@ -83,6 +83,24 @@ Result<void> load_device(const RunArguments& arguments, SessionInputs& inputs) {
   return {};
 }
 
+/// Gives a description without a delay that of the recording which is replayed, or that of a device
+/// outside this process: a tick.
+void set_delay(const RunArguments& arguments, SessionInputs& inputs) {
+  std::optional<double>& delay_s =
+      inputs.pose_device ? inputs.pose_device->delay_s : inputs.description.delay_s;
+  if (delay_s) return;
+  if (!arguments.replay.empty()) {
+    delay_s = inputs.replay_origin.number(kOriginDelay);
+    // A recording is not trusted.
+    if (delay_s && !(*delay_s >= 0 && *delay_s <= kLongestDelay_s)) delay_s.reset();
+    return;
+  }
+  AnyDeviceDescription device = inputs.device();
+  assume_delay(arguments.device,
+               arguments.rate_Hz.value_or(inputs.scene.rate_Hz.value_or(kDefaultRate_Hz)), device);
+  delay_s = std::visit([](const auto& each) { return each.delay_s; }, device);
+}
+
 /// Sets the largest force and the force scale: those of the command line, those of a recording that
 /// is replayed, or what fits the device. If a replay's differ from the recording's, check_replay()
 /// refuses them.
@@ -136,6 +154,12 @@ Result<AnyDeviceDescription> read_description(const std::filesystem::path& file,
   return AnyDeviceDescription(std::move(*made));
 }
 
+void assume_delay(std::string_view uri, double rate_Hz, AnyDeviceDescription& description) {
+  if (uri == kDefaultDevice) return;
+  std::visit([&](auto& device) { device.delay_s = device.delay_s.value_or(1 / rate_Hz); },
+             description);
+}
+
 Result<SessionInputs> load_inputs(const RunArguments& arguments) {
   SessionInputs inputs;
   if (const auto ok = load_scene(arguments).into(inputs.scene); !ok) return ok.error();
@@ -149,6 +173,7 @@ Result<SessionInputs> load_inputs(const RunArguments& arguments) {
     inputs.replay = std::move(*rows);
   }
   if (const auto loaded = load_device(arguments, inputs); !loaded) return loaded.error();
+  set_delay(arguments, inputs);
 
   Result<AssetPart> part = load_asset(arguments, inputs.scene);
   if (!part) return part.error();

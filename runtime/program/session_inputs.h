@@ -53,6 +53,9 @@ enum class HandleOrientation : std::uint8_t { kAsked, kAssumed };
 Result<AnyDeviceDescription> read_description(const std::filesystem::path& file,
                                               std::string_view uri, HandleOrientation orientation);
 
+/// Gives a description without a delay that of a device outside this process: a tick.
+void assume_delay(std::string_view uri, double rate_Hz, AnyDeviceDescription& description);
+
 /// Loads the inputs that the arguments name. Errors: kRefused if an input is not acceptable; kUsage
 /// if an option does not fit the device; those of find_built_in_description() (open_device.h).
 Result<SessionInputs> load_inputs(const RunArguments& arguments);

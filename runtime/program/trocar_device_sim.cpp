@@ -141,6 +141,7 @@ Result<SimulatedDevice> load_model(const Arguments& arguments) {
     if (const auto ok = read_device_description(description_file).into(description); !ok)
       return ok.error();
   }
+  description.delay_s.reset();  // the link's comes by itself
   if (scene) {
     Result<SimulatedDevice> made = make_simulated_device(*scene, description, nullptr, mechanics);
     if (!made) return made.error().after(arguments.scene + ": ");

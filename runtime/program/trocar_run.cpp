@@ -312,6 +312,13 @@ Result<void> set_origin(const RunArguments& arguments, const SessionInputs& inpu
                              options.origin);
   else if (arguments.force_scale)
     options.origin.entries.emplace_back("force-scale", origin_number(*arguments.force_scale));
+  const std::optional<double> delay_s =
+      inputs.pose_device ? inputs.pose_device->delay_s : inputs.description.delay_s;
+  if (delay_s && *delay_s > 0)
+    options.origin.entries.emplace_back(kOriginDelay, origin_number(*delay_s));
+  // The session takes it from there.
+  if (const std::string* const estimator = inputs.replay_origin.find(kOriginEstimator))
+    options.origin.entries.emplace_back(kOriginEstimator, *estimator);
   const Result<Trainee> trainee = inputs.replay.empty() ? Result<Trainee>(arguments.trainee)
                                                         : stated_trainee(inputs.replay_origin);
   if (!trainee) return refused(arguments.replay + ": " + trainee.error().message);
@@ -459,9 +466,10 @@ int test_device(const RunArguments& arguments) {
   const OutputFile outputs[] = {{"--summary", arguments.summary}};
   const std::filesystem::path inputs[] = {arguments.key_file, arguments.description};
   if (const Result<void> good = check_outputs(outputs, inputs); !good) return fail(good.error());
-  const Result<AnyDeviceDescription> description =
+  Result<AnyDeviceDescription> description =
       read_description(arguments.description, arguments.device, HandleOrientation::kAsked);
   if (!description) return fail(description.error());
+  assume_delay(arguments.device, arguments.rate_Hz.value_or(kDefaultRate_Hz), *description);
   SessionOptions options = session_options(arguments);
   options.duration_s = arguments.duration_s.value_or(kTrial_s);
   options.stop = &stop_requested;
@@ -478,8 +486,11 @@ int test_device(const RunArguments& arguments) {
   std::printf(
       "The device gets no force for %.3g s. Hold the tool if the device does not carry itself.\n",
       options.duration_s);
+  if (arguments.push_N > 0)
+    std::printf("Then it is pushed with %.3g N, to and fro by some millimetres: let go of it.\n",
+                arguments.push_N);
   std::fflush(stdout);
-  const Result<DeviceTrial> trial = try_device(*opened->device, options);
+  const Result<DeviceTrial> trial = try_device(*opened->device, options, arguments.push_N);
   if (!trial) return fail(trial.error());
   const DeviceVerdict verdict = describe(*trial, options, opened->device->specification());
   const std::string sentence = verdict.troubles.empty()
@@ -502,9 +513,10 @@ int make_new_scene(const RunArguments& arguments) {
   const OutputFile outputs[] = {{"-o", arguments.output}};
   const std::filesystem::path inputs[] = {arguments.input, arguments.description};
   if (const Result<void> good = check_outputs(outputs, inputs); !good) return fail(good.error());
-  const Result<AnyDeviceDescription> description =
+  Result<AnyDeviceDescription> description =
       read_description(arguments.description, arguments.device, HandleOrientation::kAssumed);
   if (!description) return fail(description.error());
+  assume_delay(arguments.device, arguments.rate_Hz.value_or(kDefaultRate_Hz), *description);
   Result<Asset> asset = read_asset(arguments.input);
   if (!asset) return fail(asset.error());
   if (const auto ok = weld_materials(*asset, arguments.input); !ok) return fail(ok.error());

@@ -19,10 +19,6 @@ constexpr double kMaxStated_m = 1, kMaxStated_rad = 7;
 constexpr std::size_t kMaxTargets = std::size_t{1} << 18;
 constexpr double kPathTolerance_m = 5e-6, kPathTolerance_rad = 5e-5;
 
-Pose moved(const Pose& T, const Twist& step) noexcept {
-  return {T.p_m + step.head<3>(), (from_rotation_vector(step.tail<3>()) * T.q).normalized()};
-}
-
 Vector3d shortened(const Vector3d& v, double longest) noexcept {
   const double length = v.norm();
   return length > longest ? Vector3d(v * (longest / length)) : v;

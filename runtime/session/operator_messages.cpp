@@ -63,6 +63,8 @@ std::string describe(const OperatorMessage& message) {
     case OperatorMessage::Kind::kRefused:
       return "recovery refused at " + seconds(message.t_s) + ": " +
              refusal_words(message.detail.fault);
+    case OperatorMessage::Kind::kSoftened:
+      return "force softened at " + seconds(message.t_s) + ": " + kSoftenedWords;
   }
   return {};
 }
@@ -95,6 +97,10 @@ bool RecoveryWatch::should_report(bool waiting, double t_s, const FaultDetail& f
 std::span<const OperatorMessage> MessageSource::update(const TickResult& result) noexcept {
   using Kind = OperatorMessage::Kind;
   count_ = 0;
+  if (result.guard_acted && result.row.t_s - softened_t_s_ >= kSoftenedPause_s) {
+    softened_t_s_ = result.row.t_s;
+    add(Kind::kSoftened, result, {});
+  }
   if (result.new_fault != Fault::kNone) {
     stopped_by_ = result.new_fault;
     watch_.fault_latched();

@@ -109,6 +109,11 @@ class OperatorCommands {
 // recovery, or the reason why a requested recovery has not happened yet. The haptic thread pushes messages into a queue. Another
 // thread passes each message to the program's function. describe() puts a message into words.
 
+inline constexpr const char* kSoftenedWords =
+    "the contact oscillates by itself, because the device is slower or noisier than its "
+    "description "
+    "says: measure it with trocar-run test";
+
 /// Returns the message as one line, without the program's name.
 std::string describe(const OperatorMessage& message);
 
@@ -153,8 +158,8 @@ class RecoveryWatch {
 /// Makes the messages of each tick, on the haptic thread.
 class MessageSource {
  public:
-  /// Shortest time between two messages kRefused.
-  static constexpr double kRefusalPause_s = 0.1;
+  /// Shortest time between two messages kRefused, and between two kSoftened.
+  static constexpr double kRefusalPause_s = 0.1, kSoftenedPause_s = 1;
 
   /// Returns the messages of this tick. They are valid until the next call.
   std::span<const OperatorMessage> update(const TickResult& result) noexcept;
@@ -166,7 +171,8 @@ class MessageSource {
   RecoveryWatch watch_;
   Fault stopped_by_ = Fault::kNone;  ///< latest latched fault; none once `running` begins again
   double refused_t_s_ = -kRefusalPause_s;  ///< time of the last message kRefused
-  std::array<OperatorMessage, 3> messages_;
+  double softened_t_s_ = -kSoftenedPause_s;
+  std::array<OperatorMessage, 4> messages_;
   std::size_t count_ = 0;
 };
 

@@ -57,7 +57,7 @@ Result<RecordingOrigin> make_origin(const std::filesystem::path& scene_file, con
       {kOriginDevice, device},
       {kRate, origin_number(options.rate_Hz)},
       {"force-law", std::string(to_string(scene.force_law.kind))},
-      {"passivity", options.passivity.on ? "on" : "off"},
+      {"passivity", options.guards ? "on" : "off"},
       {"coupling",
        options.coupling.on ? origin_number(options.coupling.stiffness_N_per_m) : "none"},
       {"compensate", name_of(options.compensation)},

@@ -4,6 +4,7 @@
 #include "embedded/runtime/device/force_dimension.json.h"
 #include "embedded/runtime/device/haply_inverse3.json.h"
 #include "runtime/device/pose/pose_hand.h"
+#include "runtime/haptics/contact_design.h"
 #include "runtime/session/force_law_table.h"
 #include "runtime/session/open_device.h"
 
@@ -161,8 +162,17 @@ void set_pose_device_options(const PoseDeviceDescription& description, const Sce
   const double rendered_N_per_m =
       is_limited ? stiffness.max_N_per_m
                  : std::min(stiffness.max_N_per_m, coupling.stiffness_N_per_m / stiffness.margin);
+  const Pose centre = pose_frame(description, scene).plate({});
+  const PoseSpecification specification(description, pose_frame(description, scene));
+  const double stable_N_per_m =
+      stable_stiffness({1 / options.rate_Hz, specification.readings().delay_s},
+                       plate_axes(specification, centre).translation, stiffness.margin);
   coupling.on = true;
-  coupling.stiffness_N_per_m = std::min(rendered_N_per_m / force_scale, kMaxCoupling_N_per_m);
+  // If none is stable, the law refuses.
+  coupling.stiffness_N_per_m = std::min(
+      (stable_N_per_m > 0 ? std::min(rendered_N_per_m, stable_N_per_m) : rendered_N_per_m) /
+          force_scale,
+      kMaxCoupling_N_per_m);
   coupling.damping_N_s_per_m = kCouplingDamping_s * coupling.stiffness_N_per_m;
 }
 
@@ -175,7 +185,8 @@ Result<double> fitting_force_scale(const PoseDeviceDescription& description, con
   const PoseSpecification specification(description, pose_frame(description, scene));
   // The forces do not depend on the coupling. A soft one is passive, whatever the force scale is.
   const StiffnessLimits soft{.max_N_per_m = 1};
-  const auto law = make_force_law({scene, specification, all, rate_Hz, {}, soft});
+  const CouplingOptions coupling{.on = true, .stiffness_N_per_m = 1, .damping_N_s_per_m = 0};
+  const auto law = make_force_law({scene, specification, all, rate_Hz, coupling, soft});
   if (!law) return law.error();
   double max_N = 0;
   for (std::size_t i = 0; i < all.size(); ++i)

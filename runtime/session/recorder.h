@@ -75,6 +75,7 @@ struct OperatorMessage {
     kRecovered,     ///< forces rise again; `detail.fault` is the fault that has ended
     kRefused,       ///< a request for recovery was refused, because the device's stop is held;
                     ///< `detail.fault` is kLinkLost if the device cannot tell its release
+    kSoftened,      ///< the guard softens the force, because the contact oscillates by itself
   };
   Kind kind = Kind::kFault;
   double t_s = 0;

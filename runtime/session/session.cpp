@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "runtime/session/session.h"
 
+#include <charconv>
 #include <deque>
 
 #include "runtime/session/force_law_table.h"
@@ -155,6 +156,62 @@ Result<std::unique_ptr<ForceLaw>> make_law(const Scene& scene, const DeviceSpeci
       {scene, device, sheets, options.rate_Hz, options.coupling, options.stiffness});
 }
 
+std::string text_of(const PoseEstimator& estimator) {
+  std::string text;
+  for (const AxisEstimator* axis : {&estimator.translation, &estimator.rotation})
+    text += (text.empty() ? "" : "/") + origin_number(axis->bandwidth_per_s) + '/' +
+            origin_number(axis->lead_s);
+  return text;
+}
+
+/// The estimator that an origin states, which is not trusted.
+std::optional<PoseEstimator> read_estimator(const std::string& text) {
+  PoseEstimator out;
+  const char *at = text.data(), *const end = at + text.size();
+  for (AxisEstimator* axis : {&out.translation, &out.rotation}) {
+    for (double* value : {&axis->bandwidth_per_s, &axis->lead_s}) {
+      const auto [stop, error] = std::from_chars(at, end, *value);
+      const bool is_last = value == &out.rotation.lead_s;
+      if (error != std::errc() || (is_last ? stop != end : stop == end || *stop != '/'))
+        return std::nullopt;
+      at = is_last ? end : stop + 1;
+    }
+    if (!(axis->bandwidth_per_s > 0 && axis->lead_s >= 0 && axis->lead_s <= 1)) return std::nullopt;
+  }
+  return out;
+}
+
+/// The session's estimator: the one of a recording that is replayed, so that it has the same bits,
+/// or the law's, which is put into an origin that states anything.
+Result<PoseEstimator> session_estimator(const ForceLaw& law, RecordingOrigin& origin) {
+  if (const std::string* const stated = origin.find(kOriginEstimator)) {
+    const auto read = read_estimator(*stated);
+    if (!read) return refused("the recording states no estimator: " + *stated);
+    return *read;
+  }
+  if (!origin.entries.empty())
+    origin.entries.emplace_back(kOriginEstimator, text_of(law.estimator()));
+  return law.estimator();
+}
+
+/// Speeds that noise, or a motion of two steps of the readings in a tick, can show.
+void set_guard_bands(const DeviceSpecification& device, LoopModel& model) {
+  constexpr double kSigmas = 5, kSteps = 2, kWaySteps = 3;
+  const DeviceReadings of = device.readings();
+  const double period_s = 1 / model.rate_Hz;
+  const auto band = [&](const AxisEstimator& estimator, double noise, double resolution) {
+    const PlateAxis axis{.noise_m = noise, .resolution_m = resolution};
+    return kSigmas * speed_noise(estimator, period_s, axis) +
+           kSteps * resolution * filter_gains(estimator.bandwidth_per_s, period_s).beta / period_s;
+  };
+  model.band_m_per_s =
+      std::max(model.band_m_per_s, band(model.estimator.translation, of.noise_m, of.resolution_m));
+  model.band_rad_per_s = std::max(model.band_rad_per_s,
+                                  band(model.estimator.rotation, of.noise_rad, of.resolution_rad));
+  model.way_m = kWaySteps * of.resolution_m;
+  model.way_rad = kWaySteps * of.resolution_rad;
+}
+
 }  // namespace
 
 std::unique_ptr<SessionClock> make_clock(const SessionOptions& options, Remesher& remesher,
@@ -178,19 +235,21 @@ std::vector<TickObserver*> SessionWorkers::observers() const {
 Result<SessionWorkers> make_workers(const Scene& scene, const DeviceSpecification& device,
                                     const Remesher& remesher, const SessionOptions& options) {
   SessionWorkers workers;
+  if (const auto ok = make_law(scene, device, remesher, options).into(workers.law); !ok)
+    return ok.error();
+  RecordingOrigin origin = options.origin;
+  if (const auto ok = session_estimator(*workers.law, origin).into(workers.estimator); !ok)
+    return ok.error();
   if (options.record) {
-    auto made =
-        Recorder::make(*options.record, options.origin, options.rate_Hz, options.on_low_space);
+    auto made = Recorder::make(*options.record, origin, options.rate_Hz, options.on_low_space);
     if (!made) return made.error();
     workers.recorder = std::move(*made);
   }
   if (options.black_box) {
-    auto made = BlackBox::make(*options.black_box, options.rate_Hz, options.origin);
+    auto made = BlackBox::make(*options.black_box, options.rate_Hz, origin);
     if (!made) return made.error();
     workers.black_box = std::move(*made);
   }
-  if (const auto ok = make_law(scene, device, remesher, options).into(workers.law); !ok)
-    return ok.error();
   const PrefetchWorker* const prefetch = workers.law->prefetch_worker();
   if (options.on_message) workers.messages = std::make_unique<OperatorMessages>(options.on_message);
   if (options.on_frame)
@@ -212,7 +271,8 @@ SessionLoop::SessionLoop(const Scene& scene, Remesher& remesher, HandDevice& dev
                          const SessionWorkers& workers, SessionClock& clock)
     : model_{.tool = make_tool(scene.tool),
              .limits = options.limits,
-             .passivity = options.passivity,
+             .estimator = workers.estimator,
+             .guards = options.guards,
              .compensation = options.compensation,
              .rate_Hz = options.rate_Hz},
       remesher_(remesher),
@@ -227,6 +287,7 @@ SessionLoop::SessionLoop(const Scene& scene, Remesher& remesher, HandDevice& dev
       statistics_(options.replay),
       observers_(workers.observers()),
       sheets_(remesher.size()) {
+  set_guard_bands(device.specification(), model_);
   observers_.insert(observers_.end(), options.observers.begin(), options.observers.end());
   observers_.push_back(&statistics_);
   state_.safety.recovered = model_.limits.timing.ramps_at_start;

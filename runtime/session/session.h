@@ -80,6 +80,7 @@ std::unique_ptr<SessionClock> make_clock(const SessionOptions& options, Remesher
 /// worker, and the recorder after the publisher, which reads it.
 struct SessionWorkers {
   std::shared_ptr<ForceLaw> law;                ///< never null
+  PoseEstimator estimator;                      ///< the law's, or that of the recording in a replay
   std::unique_ptr<Recorder> recorder;           ///< SessionOptions::record
   std::unique_ptr<BlackBox> black_box;          ///< SessionOptions::black_box
   std::unique_ptr<OperatorMessages> messages;   ///< SessionOptions::on_message

@@ -92,7 +92,7 @@ struct SessionOptions {
   /// same rows (runtime/session/open_device.h).
   std::span<const RecordingRow> replay;
   SafetyLimits limits;
-  PassivityOptions passivity;
+  bool guards = true;  ///< LoopModel::guards
   CouplingOptions coupling;
   StiffnessLimits stiffness;
   CompensationOptions compensation;

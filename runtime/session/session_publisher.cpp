@@ -293,6 +293,7 @@ constexpr Column kColumns[] = {
     one("fault", [](const S& s) { return s.tick.row.fault; }),
     one("safety", [](const S& s) { return s.tick.row.safety; }),
     one("authority", [](const S& s) { return s.tick.row.authority; }),
+    one("guard", [](const S& s) { return s.tick.row.guard; }),
     one("passivity_J", [](const S& s) { return s.tick.row.passivity_J; }),
     one("motor_heat_max", [](const S& s) { return s.tick.row.motor_heat_max; }),
     one("ticks", [](const S& s) { return s.tick.ticks; }),
@@ -471,6 +472,7 @@ void SessionPublisher::on_message(const OperatorMessage& message) noexcept {
   push({.kind = message.kind == Kind::kFault       ? TelemetryEventKind::kFault
                 : message.kind == Kind::kRecovered ? TelemetryEventKind::kRecovered
                 : message.kind == Kind::kRefused   ? TelemetryEventKind::kRecoveryRefused
+                : message.kind == Kind::kSoftened  ? TelemetryEventKind::kSoftened
                                                    : TelemetryEventKind::kNotRecovered,
         .t_s = message.t_s,
         .found = message.detail,

@@ -45,8 +45,8 @@ void SessionStatistics::on_tick(const TickView& tick) noexcept {
   count_faults(tick);
   compare_with_replay(tick);
   report_.xray.add(row);
-  report_.damping_max_N_s_per_m = std::max(report_.damping_max_N_s_per_m, row.passivity_N_s_per_m);
-  if (row.passivity_N_s_per_m > 0) ++report_.damped_ticks;
+  report_.guard_least = std::min(report_.guard_least, row.guard);
+  if (row.guard < 1) ++report_.guarded_ticks;
   for (const double tau : row.tau_Nm)
     report_.torque_max_Nm = std::max(report_.torque_max_Nm, std::abs(tau));
   const std::array<double, 6>& felt = row.wrench_delivered;

@@ -49,8 +49,8 @@ struct SessionResult {
   std::vector<BlackBoxFile> black_boxes;
   std::uint64_t black_boxes_lost = 0;  ///< requests for a black box lost because a queue was full
   double energy_released_max_J = 0;    ///< largest net energy that the hand received in a contact
-  double damping_max_N_s_per_m = 0;    ///< largest damping of the passivity controller
-  std::uint64_t damped_ticks = 0;      ///< ticks in which the passivity controller added damping
+  double guard_least = 1;              ///< smallest factor of the guard
+  std::uint64_t guarded_ticks = 0;     ///< ticks in which the guard had softened the force
   RealtimeReport realtime;             ///< empty with a virtual clock
   LateTicks::Counts late_ticks{};      ///< missed deadlines that each part of the tick has caused
   Histogram tick;                      ///< wall time of a tick, without simulating the device

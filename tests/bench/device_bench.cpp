@@ -192,11 +192,11 @@ void add_allocation(double force_N) {
 // ---- the loop ----
 
 /// A hand without damping presses within 0.5 s and holds. Time: of the simulation.
-void add_loop(double rate_Hz, double stiffness_N_per_m, bool passivity) {
+void add_loop(double rate_Hz, double stiffness_N_per_m, bool is_led) {
   test::RigOptions options;
   options.rate_Hz = rate_Hz;
   options.tissue.stiffness_N_per_m = stiffness_N_per_m;
-  options.passivity = passivity;
+  options.is_led = is_led;
   const auto oscillation_m = [options] {
     test::Rig rig(options);
     rig.run_until(1.5);
@@ -204,12 +204,11 @@ void add_loop(double rate_Hz, double stiffness_N_per_m, bool passivity) {
   };
   add(
       "loop/" + std::to_string(int(stiffness_N_per_m / 1000)) + "kN-per-m-" +
-          std::to_string(int(rate_Hz)) + "Hz/" + (passivity ? "trocar" : "peer-uncontrolled"),
+          std::to_string(int(rate_Hz)) + "Hz/" + (is_led ? "trocar" : "peer-uncontrolled"),
       benchmark::kMillisecond, [oscillation_m] { benchmark::DoNotOptimize(oscillation_m()); },
-      [oscillation_m, passivity] {
+      [oscillation_m, is_led] {
         const double mm = 1e3 * oscillation_m();
-        check(passivity ? mm < 0.1 : mm > 1,
-              "the controller does not decide about the oscillation");
+        check(is_led ? mm < 0.1 : mm > 1, "the controller does not decide about the oscillation");
         return Counters{{"error_oscillation_mm", mm}};
       });
 }
@@ -222,10 +221,10 @@ void add_all(const std::vector<Input>& /*inputs*/) {
   add_kinematics();
   for (const double force_N : {10.0, 35.0, 60.0, 140.0})
     add_allocation(force_N);
-  for (const bool passivity : {true, false}) {
-    add_loop(500, 5000, passivity);
-    add_loop(1000, 5000, passivity);
-    add_loop(1000, 30'000, passivity);
+  for (const bool is_led : {true, false}) {
+    add_loop(500, 5000, is_led);
+    add_loop(1000, 5000, is_led);
+    add_loop(1000, 30'000, is_led);
   }
 }
 

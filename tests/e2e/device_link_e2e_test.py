@@ -85,19 +85,27 @@ def check_hand(name, drive_report, punctures, sheets):
     print(f"{name}: on the hand {', '.join(f'{p:.3f} N' for p in peaks)}")
 
 
+def prompt_device(source, work):
+    """The built-in device, stating that it has no delay: in lock-step it has none, and by default a link counts a tick."""
+    device = json.loads((source / "formats/session/four_legs.json").read_text())
+    (work / "prompt.json").write_text(json.dumps({**device, "delay_s": 0}))
+    return work / "prompt.json"
+
+
 def test_experiments(source, programs, asset, work):
     trocar_run = programs / COUNTED_RUN
+    prompt = prompt_device(source, work)
     for name, sheets in (("one_slice", 1), ("three_slices", 3)):
         scene = source / "runtime" / "scenes" / f"{name}.json"
         inside = work / f"{name}.inproc.csv"
-        run(trocar_run, scene, "--asset", asset, "--clock", "virtual", "--quiet", "--record", inside)
+        run(trocar_run, scene, "--asset", asset, "--clock", "virtual", "--quiet", "--record", inside, "--device-description", prompt)
         for model in ("light", "full"):
             recordings = []
             for repeat in (1, 2) if (name, model) != ("three_slices", "full") else (1,):
                 record, summary = work / f"{name}_{model}_{repeat}.csv", work / "run.json"
                 with Simulator(programs, work, scene, "--clock", "lock-step", "--model", model) as simulator:
                     code, stderr = simulator.session(trocar_run, scene, asset, "--clock", "virtual",
-                                                     "--record", record, "--summary", summary)
+                                                     "--record", record, "--summary", summary, "--device-description", prompt)
                     assert code == 0, f"{name} {model} in lock-step ended with {code}: {stderr}"
                     drive_report = simulator.summary()
                 recordings.append(record.read_bytes())

@@ -17,7 +17,7 @@ import numpy as np
 import device_link as link
 import pytest
 from exported import rows_of
-from programs import run
+from programs import SOURCE, run
 
 KINDS = {"hello": link.HELLO, "welcome": link.WELCOME, "command": link.COMMAND, "state": link.STATE, "hello for poses": link.HELLO,
          "wrench command": link.WRENCH_COMMAND, "pose state": link.POSE_STATE}
@@ -130,11 +130,14 @@ class Session:
     """A recorded session: angles, poses, torques and delivered wrenches as arrays, a row for each tick."""
 
     def __init__(self, programs, asset, work, trajectory):
-        scene, record = work / "scene.json", work / "r.csv"
+        scene, record, exact = work / "scene.json", work / "r.csv", work / "exact.json"
+        device = json.loads((SOURCE / "formats/session/four_legs.json").read_text())
+        device["simulation"]["encoder_counts_per_revolution"] = 0
+        exact.write_text(json.dumps(device))
         scene.write_text(json.dumps({
             "schema": "trocar.scene/1", "name": "sign", "asset": str(asset), "duration_s": 1,
             "placement": {"anchor_mm": [81.5, 53.6]}, "slices": [{"index": 17, "z_m": 0.12}], "hand": {"trajectory": trajectory}}))
-        run(programs / "trocar-run", scene, "--clock", "virtual", "--record", record, "--quiet")
+        run(programs / "trocar-run", scene, "--clock", "virtual", "--record", record, "--quiet", "--device-description", exact)
         rows = rows_of(record)
         legs = range(1, 5)
         self.angles = self.columns(rows, [f"th_{leg}_{joint}_rad" for leg in legs for joint in range(1, 5)])

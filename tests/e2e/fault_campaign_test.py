@@ -103,7 +103,7 @@ class Simulator:
         for file in self.files:
             file.unlink(missing_ok=True)
         command = [rig.programs / "trocar-device-sim", rig.scene, "--listen", address, "--key-file", folder / "key", "--clock", "real",
-                   "--seed", row.random.getrandbits(32), "--record", self.files[0], "--summary", self.files[1], "--quiet"]
+                   "--seed", row.random.getrandbits(32), "--record", self.files[0], "--summary", self.files[1], "--quiet", *rig.device]
         if faults:
             command += ["--faults", faults]
         self.process = subprocess.Popen([str(word) for word in command], stdout=subprocess.PIPE, text=True)
@@ -161,6 +161,11 @@ class Rig:
         scene["hand"] = {"trajectory": [{"t_s": 0, "tip_m": keys[0]["tip_m"]}] + keys}
         self.scene = work / "scene.json"
         self.scene.write_text(json.dumps(scene))
+        # Exact encoders: rounded ones repeat torques, by which the drive's steps are told apart.
+        device = json.loads((source / "formats/session/four_legs.json").read_text())
+        device["simulation"]["encoder_counts_per_revolution"] = 0
+        self.device = ("--device-description", work / "exact.json")
+        self.device[1].write_text(json.dumps(device))
 
     def folder(self):
         with self.lock:
@@ -172,7 +177,7 @@ class Rig:
     def start(self, simulator, folder, kind, duration_s):
         command = [self.programs / "trocar-run", self.scene, "--device", f"udp:{simulator.address}", "--key-file", folder / "key",
                    "--clock", "real", "--rate", RATE_HZ, "--duration", duration_s, "--recover", "signal", "--record", folder / "run.csv",
-                   "--summary", folder / "run.json", "--black-box", folder, "--quiet"]
+                   "--summary", folder / "run.json", "--black-box", folder, "--quiet", *self.device]
         return subprocess.Popen([str(word) for word in command], stderr=subprocess.PIPE, text=True)
 
 

@@ -130,15 +130,15 @@ def sliver(bench):
 def stack(bench):
     session = bench.session("stack")
     force = session.column("fz_wanted_N")
-    touched = [i for i, f in enumerate(force) if f > 1e-12]  # below the body a wall of the hole may give 1e-27 N
-    zeros = sum(f <= 1e-12 for f in force[touched[0]:touched[-1] + 1])
+    touched = [i for i, f in enumerate(force) if f > 1e-6]  # below the body a wall of the hole may give the solver's tolerance
+    zeros = sum(f <= 1e-6 for f in force[touched[0]:touched[-1] + 1])
     wrong = done_without_fault(session) + ([f"no force in {zeros} ticks between layers"] if zeros else [])
     # Within the body the tissue's one strength is felt, and the front's work is its integral.
     work = session.column("cut_J")
     inside = [f for f, done in zip(force, work) if 0 < done < work[-1]]
     slices = len(session.punctures())  # of 1 mm
     bench.tell(f"{min(inside):.3f} to {max(inside):.3f} N within the body; front work {1e3 * work[-1]:.2f} mJ for {slices} slices")
-    if max(inside) > THRESHOLD_N * (1 + 1e-9) or min(inside) < 0.99 * THRESHOLD_N:
+    if max(inside) > THRESHOLD_N * (1 + 1e-6) or min(inside) < 0.99 * THRESHOLD_N:
         wrong.append(f"{min(inside):.4g} to {max(inside):.4g} N within the body")
     if slices < 25 or abs(work[-1] - slices * 1e-3 * THRESHOLD_N) > 1e-3 * work[-1]:
         wrong.append(f"front work of {work[-1]:.5g} J for {slices} slices")
@@ -146,17 +146,19 @@ def stack(bench):
 
 
 def fast_stack(bench):
-    taken, cut, wrong = [], [], []
+    taken, cut, leads, wrong = [], [], [], []
     for rate in (500, 1000, 2000, 4000, 8000):
         session = bench.session("fast_stack", "--rate", rate)
         wrong += done_without_fault(session)
         taken.append(-work_on_hand_J(session)[-1])
         cut.append(session.column("cut_J")[-1])
+        leads.append(session.summary["cutting"]["lead_s"])
     bench.tell("the bone takes " + ", ".join(f"{1e3 * energy:.0f}" for energy in taken) + " mJ at 0.5, 1, 2, 4, 8 kHz, "
                f"of it front work {1e3 * min(cut):.2f} to {1e3 * max(cut):.2f} mJ")
     if max(cut) - min(cut) > 1e-3 * max(cut):
         wrong.append(f"front work of {min(cut):.5g} to {max(cut):.5g} J at the same way")
-    if max(taken) - min(taken) > 0.05 * max(taken):
+    # The estimator's lead is a way at 1 m/s, over which the tissue resists longer when the hand stops behind it.
+    if max(taken) - min(taken) > 0.05 * max(taken) + THRESHOLD_N * max(leads):
         wrong.append("the bone takes " + ", ".join(f"{1e3 * energy:.0f}" for energy in taken) + " mJ at 0.5, 1, 2, 4, 8 kHz")
     return wrong
 

@@ -47,6 +47,7 @@ class Drive:
         for name in ("stop", "fault"):
             (folder / name).unlink(missing_ok=True)
         (folder / "link.key").write_text(self.key.hex() + "\n", encoding="ascii")
+        (folder / "link.key").chmod(0o600)
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
             free.bind(("127.0.0.1", 0))
             self.port = free.getsockname()[1]

@@ -177,7 +177,7 @@ def descent(scene, *points, **fields):
 
 def soft_layers(scene):
     """Two layers over the body, far apart, so that each is punctured on its own. At 5 kHz the rigid tool is passive in the bone below."""
-    law = dict(scene["force_law"], axis="rigid", prediction="off")
+    law = dict(scene["force_law"], axis="rigid")
     layers = [{"name": "skin <&\"'>", "top_z_m": 0.18, "thickness_m": 0.002, "stiffness_N_per_m": 400, "stiffening_N_per_m2": 50000,
                "puncture_N": 3, "cutting_N": 0.5},
               {"name": "fascia", "top_z_m": 0.168, "thickness_m": 0.001, "stiffness_N_per_m": 1000, "puncture_N": 4, "cutting_N": 0.2}]
@@ -246,8 +246,8 @@ def test_session_report(source, programs, asset, work):
     report, _ = sessions.run("coupled", three, "--coupling", "5000")
     released_m = [each["release_m"] for each in report["break_throughs"]]
     check(len(released_m) >= 2 and all(abs(each - 0.007) < 5e-4 for each in released_m), f"coupled: 35 N relax by {released_m} m")
-    # A slice that breaks 2 um deep, and a tip that moves by 0.3 mm in a tick.
-    thin = {"tissue": {"stiffness_N_per_m": 50000, "threshold_N": 0.1}, "goals": {"time_max_s": 1}, "duration_s": 0.6}
+    # A slice that breaks 20 um deep, and a tip that moves by 0.3 mm in a tick.
+    thin = {"tissue": {"stiffness_N_per_m": 500, "threshold_N": 0.01}, "goals": {"time_max_s": 1}, "duration_s": 0.6}
     report, _ = sessions.run("at_once", descent(scenes["one_slice"], (0, 0, 0, 0.132), (0.4, 0, 0, 0.108), **thin), "--rate", "200")
     check([each["t_s"] for each in report["punctures"]] == [report["time"]["first_contact_s"]] and report["time"]["contact_s"] == 0 and
           report["path"]["straightness"] is not None and report["goals_met"] == 1, f"at once: {report['time']}, {report['goals']}")
@@ -279,7 +279,7 @@ def test_session_report(source, programs, asset, work):
     report, _ = sessions.run("walls", descent(weak, *tilted, duration_s=6))
     check(report["walls"]["side_cuts_count"] > 0, f"walls: {report['walls']}")
     long = [(0, 0, 0, 0.124), (1, 0, 0, 0.124), (60, 0, 0, 0.1), (89, 0, 0, 0.13)]
-    report, _ = sessions.run("long", descent({**scenes["one_slice"], "hand": three["hand"]}, *long, duration_s=90), "--rate", "200")
+    report, _ = sessions.run("long", descent({**scenes["one_slice"], "hand": three["hand"]}, *long, duration_s=90), "--rate", "500")
     check(report["samples"]["stride"] > 8, f"long: {report['samples']['stride']}")
 
     made = work / "met.json.scene"

@@ -379,15 +379,21 @@ def test_stiffness_limit(programs, asset, work):
     run(trocar_run, scene, *fast, "--device-description", work / "soft.json", "--stiffness-limit", limit)
     assert abs(rendered(summary) / min(limit, 5000) - 1) < 1e-6
 
-    # Over the link.
+    # Over the link, with a device that is exact and prompt, for which the margin of the mass is all that differs.
+    device = json.loads((SOURCE / "formats/session/four_legs.json").read_text())
+    device["simulation"]["encoder_counts_per_revolution"], device["delay_s"] = 0, 0
+    (work / "exact.json").write_text(json.dumps(device))
+    exact = ("--device-description", work / "exact.json")
+    run(trocar_run, scene, *fast, *exact)
+    full = rendered(summary)
     for words, part in (((), 0.5), (("--simulated",), 1)):
         record = work / f"link{part}.csv"
         with Simulator(programs, work, scene, "--clock", "lock-step", "--sessions", "1") as drive:
-            run(trocar_run, scene, *fast, *drive.link(), "--record", record, *words)
+            run(trocar_run, scene, *fast, *drive.link(), *exact, "--record", record, *words)
             assert drive.process.wait(60) == 0
         assert abs(rendered(summary) / full / part - 1) < 1e-6
         assert ("stiffness-margin=2" in record.read_text()) == (part == 0.5)
-        run(trocar_run, "replay", scene, "--quiet", record)
+        run(trocar_run, "replay", scene, "--quiet", record, *exact)
 
 
 # ---- sessions shown in memory: snapshots are rows, events and sheets those of the summary and of --meshes ----

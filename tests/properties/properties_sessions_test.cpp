@@ -118,7 +118,7 @@ Hand draw_hand(Draw& draw, Demand demand) {
 /// The loop beyond its defaults: controller off, coupling, rise limit, lost data, recovery.
 void draw_loop(Draw& draw, Setting& setting) {
   LoopModel& model = setting.model;
-  model.passivity.on = !draw.one_in(setting.demand == Demand::kHard ? 2 : 6);
+  model.guards = !draw.one_in(setting.demand == Demand::kHard ? 2 : 6);
   setting.coupling.on = draw.one_in(5);
   setting.coupling.stiffness_N_per_m = draw.decades(1000, 30'000);
   setting.mechanism.torque_rise_max_Nm_per_s = draw.decades(200, 5000);

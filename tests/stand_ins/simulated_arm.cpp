@@ -3,10 +3,13 @@
 
 #include <algorithm>
 #include <array>
+#include <cmath>
 #include <fstream>
 #include <nlohmann/json.hpp>
 #include <stdexcept>
 #include <utility>
+
+#include "tests/stand_ins/faults.h"
 
 namespace stand_in {
 namespace {
@@ -47,6 +50,24 @@ std::vector<Keyframe> read_path(const std::string& file) {
     throw std::runtime_error(file + ": " + error.what());
   }
   return path;
+}
+
+Readings::Readings(std::string_view text) {
+  const auto [noise, rest] = split(text, ':');
+  const auto [step, late] = split(rest, ':');
+  noise_m_ = number_of<double>(noise).value_or(-1);
+  step_m_ = number_of<double>(step).value_or(-1);
+  late_s_ = number_of<double>(late).value_or(-1);
+  if (!(noise_m_ >= 0) || !(step_m_ >= 0) || !(late_s_ >= 0))
+    throw std::runtime_error(std::string(text) + " is not NOISE:STEP:LATE");
+}
+
+Eigen::Vector3d Readings::of(Eigen::Vector3d position_m) {
+  for (double& x : position_m) {
+    if (noise_m_ > 0) x += noise_m_ * normal_(random_);
+    if (step_m_ > 0) x = step_m_ * std::round(x / step_m_);
+  }
+  return position_m;
 }
 
 SimulatedArm::SimulatedArm(std::vector<Keyframe> path, const ArmSettings& settings)

@@ -6,7 +6,9 @@
 #include <Eigen/Core>
 #include <Eigen/Geometry>
 #include <cstdint>
+#include <random>
 #include <string>
+#include <string_view>
 #include <vector>
 
 namespace stand_in {
@@ -31,6 +33,24 @@ struct ArmSettings {
   double inertia_kg_m2 = 2e-4;
   double hand_stiffness_Nm_per_rad = 3;
   double hand_damping_Nm_s_per_rad = 0.03;
+};
+
+/// How a device reads a position, always with the same noise.
+class Readings {
+ public:
+  Readings() = default;
+  /// "NOISE:STEP:LATE": standard deviation and smallest step (m), and the longest time (s) by which
+  /// a reading comes late; each is late by another time. Throws std::runtime_error with one line.
+  explicit Readings(std::string_view text);
+
+  Eigen::Vector3d of(Eigen::Vector3d position_m);
+  double late_s() { return late_s_ * uniform_(random_); }
+
+ private:
+  double noise_m_ = 0, step_m_ = 0, late_s_ = 0;
+  std::mt19937_64 random_{1};
+  std::normal_distribution<double> normal_;
+  std::uniform_real_distribution<double> uniform_;
 };
 
 class SimulatedArm {

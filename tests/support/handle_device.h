@@ -24,7 +24,7 @@ class HandleSpecification final : public runtime::DeviceSpecification {
   double mass_kg() const noexcept override { return 0.2; }
   std::array<double, 3> inertia_kg_m2() const noexcept override { return {1e-4, 1e-4, 1e-4}; }
   double stiffness_max_N_per_m() const noexcept override { return 3000; }
-  double resolution() const noexcept override { return 0; }
+  runtime::DeviceReadings readings() const noexcept override { return {}; }
   std::optional<Eigen::Matrix<double, 6, 6>> damping(const runtime::Pose&) const override {
     return Eigen::Matrix<double, 6, 6>::Zero();
   }

@@ -11,6 +11,7 @@
 
 #include "runtime/device/four_legs/four_legs.h"
 #include "runtime/device/simulated/simulated_device.h"
+#include "runtime/haptics/contact_design.h"
 #include "runtime/haptics/loop/haptic_loop.h"
 #include "runtime/session/open_device.h"
 #include "runtime/session/session.h"
@@ -27,7 +28,7 @@ struct RigOptions {
   double pressed_N = 35;      ///< force of the hand at the end of its way down
   double going_down_s = 0.5;  ///< duration of the way down from the surface, at constant speed
   double lifted_at_s = 0;     ///< time at which the hand begins to move up at that speed; 0: never
-  bool passivity = true;
+  bool is_led = true;         ///< with the estimator and the guard
   double joint_friction_Nms_per_rad = 0.005;
   runtime::CouplingOptions coupling;
 };
@@ -69,8 +70,20 @@ class Rig {
     four_legs_.emplace(description_, *device_, limits);
     model_.tool = runtime::make_tool(scene.tool);
     model_.rate_Hz = options.rate_Hz;
-    model_.passivity.on = options.passivity;
+    model_.guards = options.is_led;
     law_ = hooke_law(model_, options.coupling);
+    if (options.is_led) {
+      const runtime::FourLegsSpecification specification(description_);
+      const runtime::CouplingOptions& coupling = options.coupling;
+      const double own = options.tissue.stiffness_N_per_m, spring = coupling.stiffness_N_per_m,
+                   K = coupling.on ? own * spring / (own + spring) : own;
+      const auto design = runtime::design_contact(
+          specification, runtime::plate_axes(specification, device_->truth().T_device_plate),
+          {1 / options.rate_Hz, 0},
+          {.translation_N_per_m = K,
+           .damping_N_s_per_m = coupling.on ? coupling.damping_N_s_per_m : 0});
+      model_.estimator = design->estimator;
+    }
     // Limits are off: these tests are about the loop's stability.
     model_.limits.speed_max_m_per_s = model_.limits.rotation_rate_max_rad_per_s = 1e6;
     model_.limits.energy_limit_J = 1e9;
@@ -92,7 +105,6 @@ class Rig {
       low_m = std::min(low_m, z_m);
       high_m = std::max(high_m, z_m);
       largest_N_ = std::max(largest_N_, result_.contact.force_N);
-      damping_max_ = std::max(damping_max_, result_.row.passivity_N_s_per_m);
     }
     return high_m - low_m;
   }
@@ -108,7 +120,7 @@ class Rig {
   runtime::TickResult result_;
   std::unique_ptr<runtime::SimulatedDevice> device_;
   std::optional<runtime::FourLegs> four_legs_;
-  double largest_N_ = 0, damping_max_ = 0;
+  double largest_N_ = 0;
 
  private:
   RigOptions options_;

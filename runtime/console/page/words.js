@@ -92,6 +92,8 @@ function describe_state({ has_begun, shown, state, is_connected, is_refused, is_
     return { level: "bad", state: name, words: `${fault_words(event)} Torques are zero.${event?.fault === "recording_failed" ? "" : " Then press Recover."}` };
   }
   if (safety !== kRunning) return { level: "wait", state: "Ready", words: "Torques are zero; nothing has been rendered yet." };
+  const guard = shown.value("guard", 1);
+  if (guard < 1) return { level: "wait", state: "Softened", words: `The contact oscillated by itself: forces are at ${(100 * guard).toFixed(0)} % until the tool is free. The device is slower or noisier than its description says; measure it with trocar-run test.` };
   const authority = shown.value("authority", 1);
   const words = authority < 1 ? `Forces return after the recovery: ${(100 * authority).toFixed(0)} % now.` : contact_words(shown);
   return { level: "good", state: "Running", words };

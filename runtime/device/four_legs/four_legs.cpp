@@ -68,9 +68,17 @@ MotorsAndJoints FourLegsSpecification::motors_and_joints() const {
   return out;
 }
 
-double FourLegsSpecification::resolution() const noexcept {
+double FourLegsSpecification::encoder_count_rad() const noexcept {
   const int counts = description_.encoder_counts_per_revolution;
   return counts > 0 ? 2 * std::numbers::pi / counts : 0;
+}
+
+DeviceReadings FourLegsSpecification::readings() const noexcept {
+  const double link_m = description_.geometry.l1_m, radius_m = description_.geometry.R_T_m;
+  const double noise_m = description_.encoder_noise_rad * link_m,
+               resolution_m = encoder_count_rad() * link_m;
+  return {noise_m, resolution_m, noise_m / radius_m, resolution_m / radius_m,
+          description_.delay_s.value_or(0)};
 }
 
 std::optional<Eigen::Matrix<double, 6, 6>> FourLegsSpecification::damping(
@@ -182,7 +190,7 @@ FaultDetail FourLegs::check_encoders(const ReadingInterval& interval) const noex
   if (interval.has_last) {
     // At rest two readings may still differ by a count.
     const double step_max_rad =
-        limits_.encoder_rate_max_rad_per_s * interval.step_s + specification_.resolution();
+        limits_.encoder_rate_max_rad_per_s * interval.step_s + specification_.encoder_count_rad();
     for (int i = 0; i < kEncoders; ++i) {
       const double step_rad = std::abs(encoder_rad[i] - last_.value[i]);
       if (!(step_rad <= step_max_rad)) {  // negated so that a limit of nan always trips

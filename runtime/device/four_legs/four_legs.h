@@ -33,8 +33,9 @@ class FourLegsSpecification final : public DeviceSpecification {
   double stiffness_max_N_per_m() const noexcept override {
     return description_.plate_stiffness_max_N_per_m;
   }
-  /// Angle of one encoder count in rad; 0 if the encoders are exact.
-  double resolution() const noexcept override;
+  /// Of an encoder at the length of the upper motor's link, and about the plate's radius.
+  DeviceReadings readings() const noexcept override;
+  double encoder_count_rad() const noexcept;  ///< 0: the encoders are exact
   std::optional<Eigen::Matrix<double, 6, 6>> damping(const Pose& T_device_plate) const override;
   double renderable_fraction(const Pose& T_device_plate,
                              const Wrench& wrench_device) const override;

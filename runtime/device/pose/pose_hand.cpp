@@ -35,6 +35,9 @@ constexpr double kAnyFinite = std::numeric_limits<double>::quiet_NaN();
 /// Largest speed and rotation rate of a hand. If two successive readings show a faster motion,
 /// find_pose() returns kEncoderJump, the fault for measurements that jump.
 constexpr double kMaxHandSpeed_m_per_s = 5, kMaxHandRate_rad_per_s = 60;
+/// Two readings at rest differ by at most this many steps of the resolution and deviations of the
+/// noise.
+constexpr double kMostCounts = 2, kMostSigmas = 10;
 /// Largest deviation of a measured quaternion's length from 1.
 constexpr double kQuaternionTolerance = 1e-3;
 
@@ -147,10 +150,15 @@ std::optional<Pose> PoseSpecification::pose_of(const RecordingRow& row) const {
   return is_finite(T) ? std::optional(T) : std::nullopt;
 }
 
-double PoseSpecification::resolution() const noexcept {
-  const bool is_exact = description_.position_resolution_m == 0 ||
-                        (description_.senses_rotation && description_.rotation_resolution_rad == 0);
-  return is_exact ? 0 : 1;
+DeviceReadings PoseSpecification::readings() const noexcept {
+  const bool turns = description_.senses_rotation;
+  return {.noise_m = description_.position_noise_m,
+          .resolution_m = description_.position_resolution_m.value_or(kAssumedResolution_m),
+          .noise_rad = turns ? description_.rotation_noise_rad : 0,
+          .resolution_rad =
+              turns ? description_.rotation_resolution_rad.value_or(kAssumedResolution_rad) : 0,
+          .delay_s = description_.delay_s.value_or(0),
+          .is_assumed = !description_.position_resolution_m};
 }
 
 std::optional<Eigen::Matrix<double, 6, 6>> PoseSpecification::damping(const Pose&) const {
@@ -216,37 +224,33 @@ FaultDetail PoseHand::check(const ReadingInterval& interval) const noexcept {
   if (!(std::abs(size - 1) <= kQuaternionTolerance))
     return {Fault::kRefusedState, FaultQuantity::kMeasuredRotation, -1, size, 1};
   if (!interval.has_last) return {};
+  const DeviceReadings stated = specification_.readings();
   const double step_m = std::hypot(reading_.p_m[0] - last_.p_m[0], reading_.p_m[1] - last_.p_m[1],
                                    reading_.p_m[2] - last_.p_m[2]);
-  const double step_max_m =
-      kMaxHandSpeed_m_per_s * interval.step_s + 2 * description().position_resolution_m;
+  const double step_max_m = kMaxHandSpeed_m_per_s * interval.step_s +
+                            kMostCounts * stated.resolution_m + kMostSigmas * stated.noise_m;
   if (!(step_m <= step_max_m))
     return {Fault::kEncoderJump, FaultQuantity::kPositionStep, -1, step_m, step_max_m};
   const double turn_rad = turns ? angle_between(last_.q, reading_.q) : 0;
-  const double turn_max_rad =
-      kMaxHandRate_rad_per_s * interval.step_s + 2 * description().rotation_resolution_rad;
+  const double turn_max_rad = kMaxHandRate_rad_per_s * interval.step_s +
+                              kMostCounts * stated.resolution_rad + kMostSigmas * stated.noise_rad;
   if (!(turn_rad <= turn_max_rad))
     return {Fault::kEncoderJump, FaultQuantity::kRotationStep, -1, turn_rad, turn_max_rad};
   return {};
 }
 
 FaultDetail PoseHand::find_pose(const ReadingInterval& interval, PlatePose& pose) noexcept {
-  // Velocities are computed from values whose unit is their resolution, so that one count is 1 for all of them.
-  const bool is_exact = specification_.resolution() == 0;
-  const double count_m = is_exact ? 1 : description().position_resolution_m;
-  // A rotation by an angle changes a quaternion by half the angle.
-  const double count_q = is_exact ? 1 : description().rotation_resolution_rad / 2;
   measured_.t_s = reading_.t_s;
   measured_.count = description().senses_rotation ? 7 : 3;
   for (std::size_t i = 0; i < 3; ++i)
-    measured_.value[i] = reading_.p_m[i] / count_m;
+    measured_.value[i] = reading_.p_m[i];
   if (description().senses_rotation) {
     double product = 0;
     for (std::size_t i = 0; i < 4; ++i)
       product += reading_.q[i] * measured_.value[3 + i];
     const double sign = product < 0 ? -1 : 1;
     for (std::size_t i = 0; i < 4; ++i)
-      measured_.value[3 + i] = sign * reading_.q[i] / count_q;
+      measured_.value[3 + i] = sign * reading_.q[i];
   }
   if (const FaultDetail f = check(interval); f != Fault::kNone) return f;
   pose = {frame().plate(reading_), 0};

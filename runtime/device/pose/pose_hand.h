@@ -70,9 +70,7 @@ class PoseSpecification final : public DeviceSpecification {
   double stiffness_max_N_per_m() const noexcept override {
     return description_.stiffness_max_N_per_m;
   }
-  /// Returns 0 if the description states a resolution of 0 (exact readings). Otherwise returns 1,
-  /// because PoseHand::measured() is then in multiples of the device's resolution.
-  double resolution() const noexcept override;
+  DeviceReadings readings() const noexcept override;
   std::optional<Eigen::Matrix<double, 6, 6>> damping(const Pose& T_device_plate) const override;
   double renderable_fraction(const Pose& T_device_plate,
                              const Wrench& wrench_device) const override;

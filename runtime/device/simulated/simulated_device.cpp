@@ -114,9 +114,11 @@ Result<SimulatedDevice> SimulatedDevice::make(const DeviceDescription& device,
 DeviceStatus SimulatedDevice::read(DeviceState& state) noexcept {
   state.t_s = std::round(truth_.t_s * 1e9) / 1e9;
   state.encoder_rad = encoder_angles(truth_.joints);
-  if (options_.mechanics && options_.mechanics->encoder_noise_rad > 0) {
+  const double own_rad = options_.mechanics ? options_.mechanics->encoder_noise_rad : 0,
+               noise_rad = own_rad > 0 ? own_rad : device_.encoder_noise_rad;
+  if (noise_rad > 0) {
     for (double& angle : state.encoder_rad)
-      angle += options_.mechanics->encoder_noise_rad * approximately_normal(noise_());
+      angle += noise_rad * approximately_normal(noise_());
   }
   if (device_.encoder_counts_per_revolution > 0) {
     const double count_rad = 2 * std::numbers::pi / device_.encoder_counts_per_revolution;
@@ -130,7 +132,9 @@ DeviceStatus SimulatedDevice::write(const DeviceCommand& command) noexcept {
   MotorVector tau(command.tau_motor_Nm.data());
   if (!tau.allFinite()) tau.setZero();
   const double peak = device_.motor_peak_torque_Nm;
-  truth_.tau_motor_Nm = tau.cwiseMin(peak).cwiseMax(-peak);
+  tau = tau.cwiseMin(peak).cwiseMax(-peak);
+  std::copy(tau.data(), tau.data() + kMotors, command_Nm_.begin());
+  if (!device_.delay_s) truth_.tau_motor_Nm = tau;
   return DeviceStatus::kOk;
 }
 
@@ -152,6 +156,8 @@ bool SimulatedDevice::step(double dt_s) noexcept {
   if (growth >= 4)
     substeps = static_cast<int>(std::min<double>(substeps * std::ceil(growth / 2), kMaxSubsteps));
   const double h_s = dt_s / substeps;
+  if (device_.delay_s)
+    truth_.tau_motor_Nm = MotorVector(delayed_.after(*device_.delay_s, dt_s, command_Nm_).data());
   truth_.at_stop = false;
   if (const auto* const unscripted = std::get_if<1>(&motion_))
     unscripted->get().begin_step(truth_.t_s, dt_s, truth_.T_device_plate * options_.T_plate_tool);
@@ -279,10 +285,6 @@ SimulatedDevice::Forces SimulatedDevice::forces(const Pose& T, const JointAngles
 void SimulatedDevice::midpoint_substep(double t_s, double h_s) noexcept {
   const Pose T = truth_.T_device_plate;
   const Twist before = truth_.twist_device;
-  const auto moved = [&](const Twist& twist, double dt_s) {
-    return Pose{T.p_m + dt_s * twist.head<3>(),
-                (from_rotation_vector(dt_s * twist.tail<3>()) * T.q).normalized()};
-  };
   const auto stop = [&] {
     truth_.work.stop_J -= kinetic_energy();
     truth_.twist_device.setZero();
@@ -291,11 +293,11 @@ void SimulatedDevice::midpoint_substep(double t_s, double h_s) noexcept {
 
   const Forces first = forces(T, truth_.joints, before, t_s, 0);
   const Twist middle = before + h_s / 2 * first.acceleration;
-  const Pose T_middle = moved(before, h_s / 2);
+  const Pose T_middle = moved(T, h_s / 2 * before);
   const InverseResult joints_middle = inverse_kinematics(device_, T_middle);
   if (!first.mechanics.status || !joints_middle.status) return stop();
   const Forces half = forces(T_middle, joints_middle.joints, middle, t_s + h_s / 2, h_s / 2);
-  const Pose T_after = moved(middle, h_s);
+  const Pose T_after = moved(T, h_s * middle);
   const InverseResult joints_after = inverse_kinematics(device_, T_after);
 
   EnergyBalance& work = truth_.work;
@@ -351,22 +353,36 @@ Result<SimulatedPoseDevice> SimulatedPoseDevice::make(const PoseDeviceDescriptio
 DeviceStatus SimulatedPoseDevice::read(PoseReading& reading) noexcept {
   reading = frame_.reading(T_);
   reading.t_s = std::round(t_s_ * 1e9) / 1e9;
-  for (double& at_m : reading.p_m)
-    at_m = rounded_to(at_m, description_.position_resolution_m);
-  if (!description_.senses_rotation || description_.rotation_resolution_rad == 0)
-    return DeviceStatus::kOk;
+  for (double& at_m : reading.p_m) {
+    if (description_.position_noise_m > 0)
+      at_m += description_.position_noise_m * approximately_normal(noise_());
+    at_m = rounded_to(at_m, description_.position_resolution_m.value_or(0));
+  }
+  const double step_rad = description_.rotation_resolution_rad.value_or(0),
+               noise_rad = description_.rotation_noise_rad;
+  if (!description_.senses_rotation || (step_rad == 0 && noise_rad == 0)) return DeviceStatus::kOk;
   Eigen::Vector4d q;
   for (int i = 0; i < 4; ++i)
-    q[i] = rounded_to(reading.q[static_cast<std::size_t>(i)],
-                      description_.rotation_resolution_rad / 2);
+    q[i] = reading.q[static_cast<std::size_t>(i)];
+  if (noise_rad > 0) {
+    Eigen::Vector3d turn;
+    for (double& angle : turn)
+      angle = noise_rad * approximately_normal(noise_());
+    const Eigen::Quaterniond turned =
+        from_rotation_vector(turn) * Eigen::Quaterniond(q[0], q[1], q[2], q[3]);
+    q << turned.w(), turned.vec();
+  }
+  for (double& each : q)
+    each = rounded_to(each, step_rad / 2);
   q.normalize();
   reading.q = {q[0], q[1], q[2], q[3]};
   return DeviceStatus::kOk;
 }
 
 DeviceStatus SimulatedPoseDevice::write(const HandleWrench& wrench) noexcept {
-  command_ = frame_.from_device(wrench);
-  if (!command_.allFinite()) command_.setZero();
+  Wrench command = frame_.from_device(wrench);
+  if (!command.allFinite()) command.setZero();
+  std::copy(command.data(), command.data() + 6, command_.begin());
   return DeviceStatus::kOk;
 }
 
@@ -386,6 +402,7 @@ void SimulatedPoseDevice::advance(double dt_s) noexcept {
   const int substeps = std::max(1, static_cast<int>(std::ceil(step_s / kLongestSubstep_s - 1e-9)));
   if (const auto* const unscripted = std::get_if<1>(&motion_))
     unscripted->get().begin_step(t_s_, step_s, T_ * T_plate_tool_);
+  applied_ = Wrench(delayed_.after(description_.delay_s.value_or(0), dt_s, command_).data());
   for (int i = 0; i < substeps; ++i)
     substep(t_s_ + i * step_s / substeps, step_s / substeps);
   t_s_ += dt_s;
@@ -396,12 +413,16 @@ void SimulatedPoseDevice::substep(double t_s, double h_s) noexcept {
   const bool holds = hand_holds(motion_, impedance_, t_s);
   const double hand_N_s_per_m = holds ? impedance_.damping_Ns_per_m : 0;
   const double hand_Nm_s_per_rad = holds ? impedance_.rotational_damping_Nms_per_rad : 0;
-  Wrench total = command_ + hand(t_s);
+  Wrench total = applied_ + hand(t_s);
   total.head<3>() += hand_N_s_per_m * twist_.head<3>();
   total.tail<3>() += hand_Nm_s_per_rad * twist_.tail<3>();
   const double rate = h_s / description_.mass_kg;
   twist_.head<3>() = (twist_.head<3>() + rate * total.head<3>()) /
                      (1 + rate * (description_.damping_N_s_per_m + hand_N_s_per_m));
+  if (description_.coulomb_friction_N > 0) {
+    const double speed = twist_.head<3>().norm(), less = rate * description_.coulomb_friction_N;
+    twist_.head<3>() *= speed > less ? 1 - less / speed : 0;
+  }
   T_.p_m += h_s * twist_.head<3>();
   if (!description_.senses_rotation) return;
   for (int i = 0; i < 3; ++i) {

@@ -65,6 +65,25 @@ struct TrueTip {
   Eigen::Vector3d at_m = Eigen::Vector3d::Zero(), velocity_m_per_s = Eigen::Vector3d::Zero();
 };
 
+/// Holds commands back for a time, in whole steps: the delay of a device.
+template <typename Command>
+class DelayedCommands {
+ public:
+  /// Returns the command to apply in a step of `dt_s`.
+  const Command& after(double delay_s, double dt_s, const Command& latest) noexcept {
+    const auto steps = static_cast<std::size_t>(
+        std::clamp<double>(std::round(delay_s / dt_s), 0, static_cast<double>(kMost)));
+    next_ = (next_ + 1) % ring_.size();
+    ring_[next_] = latest;
+    return ring_[(next_ + ring_.size() - steps) % ring_.size()];
+  }
+
+ private:
+  static constexpr std::size_t kMost = 800;  ///< 0.1 s at 8 kHz
+  std::array<Command, kMost + 1> ring_{};
+  std::size_t next_ = 0;
+};
+
 class SimulatedDevice final : public Device {
  public:
   /// Makes a device. Errors: kRefused if check_hand() refuses the hand, if a value of the mechanics
@@ -75,11 +94,11 @@ class SimulatedDevice final : public Device {
                                       const SimulatedDeviceOptions& options = {});
 
   /// Reads the time and the encoder angles of the true pose. The time is rounded to nanoseconds, as
-  /// on the link. The angles contain the encoder noise of MechanicsOptions, with new random numbers
-  /// in each call, and are quantised as the description says.
+  /// on the link. The angles contain the encoder noise of MechanicsOptions, or else of the
+  /// description, with new random numbers in each call, and are quantised as the description says.
   DeviceStatus read(DeviceState& state) noexcept override;
-  /// Sets the torques that are held in the following steps, and limits them to the motors' peak
-  /// torque. If a torque is not finite, all torques become zero.
+  /// Sets the torques that are held in the following steps, after the description's delay, and
+  /// limits them to the motors' peak torque. If a torque is not finite, all torques become zero.
   DeviceStatus write(const DeviceCommand& command) noexcept override;
 
   /// Calls step().
@@ -123,7 +142,9 @@ class SimulatedDevice final : public Device {
          stiffness_rate_per_s2_ = 0;  ///< largest rates of the hand (max_rate())
   bool hand_mass_attached_ = false;
   MotorVector presliding_rad_ = MotorVector::Zero();  ///< deflection of dry friction's springs
-  std::mt19937_64 noise_;
+  std::mt19937_64 noise_{1};
+  std::array<double, kMotors> command_Nm_{};
+  DelayedCommands<std::array<double, kMotors>> delayed_;
 };
 
 inline constexpr double kMaxStep_s = 0.1;
@@ -142,10 +163,11 @@ class SimulatedPoseDevice final : public PoseDevice {
                                           const PoseFrame& frame, const HandMotion& motion,
                                           const HandImpedance& impedance, const Pose& T_plate_tool);
 
-  /// Reads the pose, rounded to the description's resolution, and its time, rounded to nanoseconds.
+  /// Reads the pose, with the description's noise and rounded to its resolution, and its time,
+  /// rounded to nanoseconds.
   DeviceStatus read(PoseReading& reading) noexcept override;
-  /// Sets the wrench that is held in the following steps. If a value is not finite, the wrench
-  /// becomes zero.
+  /// Sets the wrench that is held in the following steps, after the description's delay. If a value
+  /// is not finite, the wrench becomes zero.
   DeviceStatus write(const HandleWrench& wrench) noexcept override;
   /// Advances time by dt_s. The integrator is semi-implicit Euler with substeps of at most 0.1 ms.
   /// If dt_s is above 0.1 s, the handle moves for 0.1 s only. Does not allocate.
@@ -174,7 +196,10 @@ class SimulatedPoseDevice final : public PoseDevice {
   Pose T_plate_tool_;
   Pose T_;  ///< pose of the plate
   Twist twist_ = Twist::Zero();
-  Wrench command_ = Wrench::Zero();  ///< commanded wrench on the plate, in {B}
+  std::array<double, 6> command_{};  ///< commanded wrench on the plate, in {B}
+  Wrench applied_ = Wrench::Zero();
+  DelayedCommands<std::array<double, 6>> delayed_;
+  std::mt19937_64 noise_{1};
   double t_s_ = 0;
 };
 

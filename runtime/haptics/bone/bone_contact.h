@@ -150,11 +150,10 @@ struct BoneContactState {
 BoneContactState make_bone_contact_state(const BoneVolume& bone);
 
 /// Runs one tick. `T_device_plate`: the measured pose. `T_device_evaluated`: the pose at which the
-/// law is evaluated (the predicted pose if DeviceCoupling::predicts_pose is true, otherwise the
-/// measured pose). `tracks`: requested and pending holes of the sheets. `pose_interval_s`: time
-/// since the previous new pose; 0: the pose is not new. Fills `output`; ContactOutput says what its
-/// members mean with the law `cutting`. The wrench and the stored energy are those of the tissue,
-/// before multiplication by SceneForceLaw::force_scale.
+/// law is evaluated, estimated and led. `tracks`: requested and pending holes of the sheets.
+/// `pose_interval_s`: time since the previous new pose; 0: the pose is not new. Fills `output`;
+/// ContactOutput says what its members mean with the law `cutting`. The wrench and the stored
+/// energy are those of the tissue, before multiplication by SceneForceLaw::force_scale.
 void update_bone_contact(const BoneVolume& bone, std::span<const Sheet* const> sheets,
                          const Pose& T_device_plate, const Pose& T_device_evaluated,
                          double pose_interval_s, std::span<SheetTrack> tracks,

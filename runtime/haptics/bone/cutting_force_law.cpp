@@ -5,7 +5,6 @@
 
 #include "formats/base/json.h"
 #include "formats/base/text.h"
-#include "runtime/device/symmetric_eigenvalues.h"
 
 namespace trocar::runtime {
 namespace {
@@ -14,34 +13,87 @@ constexpr double kMuch_N = 1e4, kMuch_Nm = 1e3;
 constexpr double kMinLever_m = 0.05;
 constexpr double kUnlimited = std::numeric_limits<double>::infinity();
 
+/// A cut is a break if less than this fraction of the force on the tip is left.
+constexpr double kBreakShare = 0.5;
+/// Force up to which quiet_N() is constant.
+constexpr double kKnee_N = kQuiet_N / kQuietShare;
+/// Extension at 20 N, or at the device's largest force, above which a user is told.
+constexpr double kMostExtension_m = 3e-3;
+/// Largest tangents that are tried, as parts of the stable one.
+constexpr int kTangents = 28;
+constexpr double kLeastTangent = 3e-3;
+
+double lever_of(const BoneVolume& bone) noexcept {
+  return std::max(bone.tool.tip_plate_m.norm(), kMinLever_m);
+}
+
+/// The stiffening spring in translation with a largest tangent and the led position's step s.
+StiffeningSpring quiet_spring(double stiff_N_per_m, double step_m) noexcept {
+  const double soft = step_m > 0 ? std::min(quiet_N(0) / step_m, stiff_N_per_m) : stiff_N_per_m;
+  return {soft, stiff_N_per_m, kKnee_N};
+}
+
+/// Largest step of the led position at rest.
+double step_of(const AxisEstimator& estimator, const LoopTiming& timing, PlateAxis axis) {
+  axis.resolution_m *= kSeveral;
+  return step_gain(estimator, timing.period_s).alternation_m(axis);
+}
+
+/// The quiet spring with the least extension at kPress_N, with a tangent of at most `most_N_per_m`.
+StiffeningSpring best_spring(const LoopTiming& timing, const PlateAxis& axis, double most_N_per_m) {
+  StiffeningSpring best;
+  double least_m = kUnlimited;
+  const bool is_exact = !(axis.noise_m > 0 || axis.resolution_m > 0);
+  for (int i = 0; i < (is_exact ? 1 : kTangents); ++i) {
+    const double stiff = most_N_per_m * std::pow(kLeastTangent, i / (kTangents - 1.0));
+    const auto estimator = design_estimator(timing, axis, stiff);
+    if (!estimator) continue;
+    const StiffeningSpring spring = quiet_spring(stiff, step_of(*estimator, timing, axis));
+    const double extension_m = length_at(spring, kPress_N);
+    if (!(extension_m < least_m)) continue;
+    least_m = extension_m;
+    best = spring;
+  }
+  return best;
+}
+
+/// Stiffness of the tissue at the plate, an upper bound.
 struct Stiffness {
   double translation_N_per_m = 0, rotation_Nm_per_rad = 0;
 };
-
-bool is_softer(const Stiffness& tissue, const CuttingCoupling& coupling) {
-  return tissue.translation_N_per_m <= coupling.translation_N_per_m &&
-         tissue.rotation_Nm_per_rad <= coupling.rotation_Nm_per_rad;
+Stiffness tissue_of(const BoneVolume& bone, double period_s) {
+  const double along_N_per_m = std::max(bone.along_N_per_m, bone.viscous_N_s_per_m / period_s);
+  const double translation_N_per_m = std::max(along_N_per_m, bone.across_N_per_m);
+  const double lever_m = bone.tool.tip_plate_m.norm() + 0.05;
+  const double offset2_m2 = bone.tool.tip_plate_m.cross(bone.tool.axis_plate).squaredNorm();
+  return {translation_N_per_m,
+          bone.across_N_per_m * lever_m * lever_m + along_N_per_m * offset2_m2};
 }
 
-// Returns 0, as for a device without damping, if the eigenvalues cannot be computed.
-double damping_share(const Eigen::Matrix<double, 6, 6>& B, const Stiffness& K, double T_s) {
-  Eigen::Matrix<double, 6, 1> per;
-  per << Eigen::Vector3d::Constant(1 / std::sqrt(K.translation_N_per_m * T_s / 2)),
-      Eigen::Vector3d::Constant(1 / std::sqrt(K.rotation_Nm_per_rad * T_s / 2));
-  const Eigen::Matrix<double, 6, 6> scaled = per.asDiagonal() * B * per.asDiagonal();
-  const auto eigenvalues = symmetric_eigenvalues(scaled);
-  return eigenvalues ? (*eigenvalues)[0] : 0;
+void limit_force(const BoneVolume& bone, const DeviceSpecification& device,
+                 const Pose& T_device_plate, DeviceCoupling& out) {
+  if (!device.damping(T_device_plate)) return;
+  const auto given = [&](const Wrench& wrench) {
+    return device.renderable_fraction(T_device_plate, wrench);
+  };
+  Wrench wrench = Wrench::Zero();
+  wrench.head<3>() = kMuch_N * (T_device_plate.q * bone.tool.axis_plate);
+  out.max_N = kMuch_N * given(wrench) / out.force_scale;
+  out.coupling.max_force_N = out.max_N;
+  for (int i = 0; i < 3; ++i) {
+    wrench.setZero();
+    wrench[3 + i] = kMuch_Nm;
+    out.coupling.max_moment_Nm =
+        std::min(out.coupling.max_moment_Nm, kMuch_Nm * given(wrench) / out.force_scale);
+  }
 }
 
-/// A cut is a break if less than this fraction of the force on the tip is left.
-constexpr double kBreakShare = 0.5;
-
-/// Returns the lowest whole rate above `rate_Hz` at which the chosen coupling is passive; 0 if there is none.
-double lowest_passive_rate_Hz(const BoneVolume& bone, const ForceLawSetup& setup,
-                              const Pose& T_device_plate) {
+/// Returns the lowest whole rate above `rate_Hz` at which there is a coupling; 0 if there is none.
+double lowest_rate_Hz(const BoneVolume& bone, const ForceLawSetup& setup,
+                      const Pose& T_device_plate) {
   const auto is_enough = [&](double rate_Hz) {
-    return may_start(choose_coupling(bone, setup.scene.force_law, setup.device, T_device_plate,
-                                     rate_Hz, setup.stiffness));
+    return static_cast<bool>(choose_coupling(bone, setup.scene.force_law, setup.device,
+                                             T_device_plate, rate_Hz, setup.stiffness));
   };
   double low_Hz = std::floor(setup.rate_Hz), high_Hz = kMaxRate_Hz;
   if (!is_enough(high_Hz)) return 0;
@@ -54,144 +106,110 @@ double lowest_passive_rate_Hz(const BoneVolume& bone, const ForceLawSetup& setup
 
 }  // namespace
 
-DeviceCoupling choose_coupling(const BoneVolume& bone, const SceneForceLaw& law,
-                               const DeviceSpecification& device, const Pose& T_device_plate,
-                               double rate_Hz, const StiffnessLimits& limits) {
+double DeviceCoupling::extension_m(double force_N) const noexcept {
+  return coupling.is_rigid ? 0 : length_at(coupling.translation(), force_N / force_scale);
+}
+
+Result<DeviceCoupling> choose_coupling(const BoneVolume& bone, const SceneForceLaw& law,
+                                       const DeviceSpecification& device,
+                                       const Pose& T_device_plate, double rate_Hz,
+                                       const StiffnessLimits& limits) {
   DeviceCoupling out;
-  out.rate_Hz = rate_Hz;
-  CuttingCoupling& coupling = out.coupling;
-  coupling = bone.options.coupling;
-  const double T_s = 1 / rate_Hz, scale = law.force_scale;
-  const double along_N_per_m = std::max(bone.along_N_per_m, bone.viscous_N_s_per_m / T_s);
-  const double tissue_N_per_m = std::max(along_N_per_m, bone.across_N_per_m);
-  const double lever_m = bone.tool.tip_plate_m.norm() + 0.05;
-  const double offset2_m2 = bone.tool.tip_plate_m.cross(bone.tool.axis_plate).squaredNorm();
-  const Stiffness tissue{tissue_N_per_m,
-                         bone.across_N_per_m * lever_m * lever_m + along_N_per_m * offset2_m2};
-  const double per_inertia = kMaxInertiaShare / (T_s * T_s * scale * limits.margin);
-  const std::array<double, 3> inertia_kg_m2 = device.inertia_kg_m2();
-  const Stiffness most{per_inertia * device.mass_kg(),
-                       per_inertia * *std::min_element(inertia_kg_m2.begin(), inertia_kg_m2.end())};
-  const double stated_N_per_m =
-      device.stiffness_max_N_per_m() > 0 ? device.stiffness_max_N_per_m() : kUnlimited;
-  out.ceiling_N_per_m = std::min(stated_N_per_m, limits.max_N_per_m) / scale;
-  if (!(law.coupling_N_per_m > 0)) coupling.translation_N_per_m = most.translation_N_per_m;
-  if (!(law.coupling_Nm_per_rad > 0)) coupling.rotation_Nm_per_rad = most.rotation_Nm_per_rad;
-  if (coupling.translation_N_per_m > out.ceiling_N_per_m) {
-    // Rotation at the plate moves the tip, so its stiffness is limited likewise.
-    const double tip_m = std::max(bone.tool.tip_plate_m.norm(), kMinLever_m);
-    coupling.translation_N_per_m = out.ceiling_N_per_m;
-    coupling.rotation_Nm_per_rad =
-        std::min(coupling.rotation_Nm_per_rad, out.ceiling_N_per_m * tip_m * tip_m);
-    out.is_at_ceiling = true;
-  }
-  const bool may_be_rigid = tissue_N_per_m + bone.yielding_N_per_m <= out.ceiling_N_per_m;
+  const double scale = out.force_scale = law.force_scale, lever_m = lever_of(bone);
+  const LoopTiming timing{1 / rate_Hz, device.readings().delay_s};
+  const PlateAxes axes = plate_axes(device, T_device_plate);
+  const double ceiling_N_per_m = limits.most_N_per_m(device);
+
+  // The spring in rendered units.
+  StiffeningSpring spring, turning;
+  const double stable = stable_stiffness(timing, axes.translation, limits.margin),
+               most = std::min(stable, ceiling_N_per_m), stated = scale * law.coupling_N_per_m;
+  spring = stated > 0 ? StiffeningSpring{std::min(stated, most), std::min(stated, most), kKnee_N}
+                      : best_spring(timing, axes.translation, most);
+  out.is_at_ceiling = ceiling_N_per_m < (stated > 0 ? std::min(stated, stable) : stable);
+  const double lever2_m2 = lever_m * lever_m, stated_turn = scale * law.coupling_Nm_per_rad,
+               most_turn = std::min(stable_stiffness(timing, axes.rotation, limits.margin),
+                                    ceiling_N_per_m * lever2_m2);
+  turning.stiff = std::min(stated_turn > 0 ? stated_turn : spring.stiff * lever2_m2, most_turn);
+  turning.soft = stated_turn > 0 ? turning.stiff : std::min(spring.soft * lever2_m2, turning.stiff);
+  turning.knee = spring.knee * lever_m;
+  CuttingCoupling& coupling = out.coupling = bone.options.coupling;
+  coupling.translation_N_per_m = spring.stiff / scale;
+  coupling.soft_N_per_m = spring.soft / scale;
+  coupling.knee_N = spring.knee / scale;
+  coupling.rotation_Nm_per_rad = turning.stiff / scale;
+  coupling.soft_Nm_per_rad = turning.soft / scale;
+  coupling.knee_Nm = turning.knee / scale;
+
+  const Stiffness tissue = tissue_of(bone, timing.period_s);
+  const double lag2_s2 = timing.lag_s() * timing.lag_s();
+  const double share = scale * lag2_s2 *
+                       std::max(tissue.translation_N_per_m / axes.translation.mass_kg,
+                                tissue.rotation_Nm_per_rad / axes.rotation.mass_kg);
+  const bool may_be_rigid =
+      scale * (tissue.translation_N_per_m + bone.yielding_N_per_m) <= ceiling_N_per_m;
+  const bool is_softer = tissue.translation_N_per_m <= coupling.soft_N_per_m &&
+                         tissue.rotation_Nm_per_rad <= coupling.soft_Nm_per_rad;
   coupling.is_rigid =
       may_be_rigid && (law.axis == ToolAxis::kRigid ||
-                       (law.axis == ToolAxis::kAuto && is_softer(tissue, coupling)));
-  const Stiffness K =
-      coupling.is_rigid
-          ? Stiffness{scale * tissue_N_per_m, scale * tissue_N_per_m * lever_m * lever_m}
-          : Stiffness{scale * coupling.translation_N_per_m, scale * coupling.rotation_Nm_per_rad};
-
-  if (const auto damping = device.damping(T_device_plate)) {
-    out.damping_share = damping_share(*damping, K, T_s);
-    const auto given = [&](const Wrench& wrench) {
-      return device.renderable_fraction(T_device_plate, wrench);
-    };
-    const Eigen::Vector3d up = T_device_plate.q * bone.tool.axis_plate;
-    Wrench wrench = Wrench::Zero();
-    wrench.head<3>() = kMuch_N * up;
-    out.max_N = kMuch_N * given(wrench) / scale;
-    coupling.max_force_N = out.max_N;
-    for (int i = 0; i < 3; ++i) {
-      wrench.setZero();
-      wrench[3 + i] = kMuch_Nm;
-      coupling.max_moment_Nm = std::min(coupling.max_moment_Nm, kMuch_Nm * given(wrench) / scale);
-    }
+                       (law.axis == ToolAxis::kAuto && is_softer && share <= kMaxRigidShare));
+  if (coupling.is_rigid && !(share <= kMaxRigidShare))
+    return refused(text_line(
+        "force_law: the tissue is too stiff for a rigid axis at %.6g Hz: K tau^2 / M is %.3g, with "
+        "the stiffness K, the age tau of the force and the plate's inertia M, and at most %.3g is "
+        "stable: leave out \"axis\", lower the force scale, or raise --rate",
+        rate_Hz, share, kMaxRigidShare));
+  limit_force(bone, device, T_device_plate, out);
+  const RenderedStiffness rendered = coupling.is_rigid
+                                         ? RenderedStiffness{scale * tissue.translation_N_per_m,
+                                                             scale * tissue.rotation_Nm_per_rad}
+                                         : RenderedStiffness{spring.stiff, turning.stiff};
+  if (const auto ok = design_contact(device, axes, timing, rendered, limits,
+                                     coupling.is_rigid ? kQuietTarget_N : 0)
+                          .into(out.design);
+      !ok)
+    return ok.error().after("force_law: ");
+  if (!coupling.is_rigid) {
+    out.design.rest_N_per_m = spring.soft;
+    out.design.alternation_m = step_of(out.design.estimator.translation, timing, axes.translation);
   }
-  out.predicts_pose = law.prediction == PosePrediction::kOn ||
-                      (law.prediction == PosePrediction::kAuto && out.damping_share < 1);
-  if (out.predicts_pose) {
-    coupling.translation_N_per_m = std::min(coupling.translation_N_per_m, most.translation_N_per_m);
-    coupling.rotation_Nm_per_rad = std::min(coupling.rotation_Nm_per_rad, most.rotation_Nm_per_rad);
-    // The tissue must be softer than the coupling after this limit, too.
-    if (law.axis != ToolAxis::kRigid && !is_softer(tissue, coupling)) coupling.is_rigid = false;
-  }
-  const Stiffness rendered =
-      coupling.is_rigid ? tissue
-                        : Stiffness{coupling.translation_N_per_m, coupling.rotation_Nm_per_rad};
-  out.rendered_N_per_m = rendered.translation_N_per_m;
-  out.inertia_limit = kMaxInertiaShare / limits.margin;
-  out.inertia_share =
-      out.inertia_limit * std::max(rendered.translation_N_per_m / most.translation_N_per_m,
-                                   rendered.rotation_Nm_per_rad / most.rotation_Nm_per_rad);
   return out;
 }
 
 std::string describe(const DeviceCoupling& chosen, const SceneForceLaw& law) {
-  std::string out = "tool axis rigid";
-  if (!chosen.coupling.is_rigid) {
-    out = text_line("tool axis coupled, %.4g N/m and %.4g Nm/rad",
-                    chosen.coupling.translation_N_per_m, chosen.coupling.rotation_Nm_per_rad);
+  const CuttingCoupling& coupling = chosen.coupling;
+  const double scale = chosen.force_scale;
+  std::string out = "coupling   tool axis rigid";
+  if (!coupling.is_rigid) {
+    out = text_line(
+        "coupling   spring of %.4g N/m, above %.3g N stiffer up to %.4g N/m; %.4g to "
+        "%.4g Nm/rad",
+        scale * coupling.soft_N_per_m, scale * coupling.knee_N,
+        scale * coupling.translation_N_per_m, scale * coupling.soft_Nm_per_rad,
+        scale * coupling.rotation_Nm_per_rad);
     if (chosen.is_at_ceiling) out += " (the limit that the device or the operator states)";
+    out += text_line("\n           extended by %.2g mm at 20 N and %.2g mm at 50 N on the hand",
+                     1e3 * chosen.extension_m(20), 1e3 * chosen.extension_m(50));
   }
   return out +
-         text_line(
-             ", at most %.4g N of tissue at force scale %.4g"
-             "; the device's damping holds %.3g of that stiffness: %s",
-             chosen.max_N, law.force_scale, chosen.damping_share,
-             chosen.predicts_pose ? "evaluated a tick ahead" : "evaluated where the plate is");
-}
-
-bool may_start(const DeviceCoupling& chosen) {
-  constexpr double kRounding = 1e-9;
-  const bool damping_suffices = !chosen.predicts_pose && chosen.damping_share >= 1;
-  return damping_suffices ||
-         chosen.inertia_share <= chosen.inertia_limit * (1 + kRounding);  // false for nan
-}
-
-std::string why_not_passive(const DeviceCoupling& chosen, double enough_Hz) {
-  std::string out = text_line(
-      "force_law: the stiffness K that is rendered is not passive at %.6g Hz: for the plate's "
-      "inertia M and the tick T, K T^2 / M is %.3g, and at most %.3g is known to be passive: ",
-      chosen.rate_Hz, chosen.inertia_share, chosen.inertia_limit);
-  if (enough_Hz > 0) out += text_line("use a --rate of at least %.0f Hz, or ", enough_Hz);
-  // A thousandth less, because the text rounds.
-  const double most_N_per_m =
-      0.999 * chosen.rendered_N_per_m * chosen.inertia_limit / chosen.inertia_share;
-  out += text_line("instead of a stiffness of %.4g N/m at most %.4g N/m, or ",
-                   chosen.rendered_N_per_m, most_N_per_m);
-  return out + (chosen.coupling.is_rigid ? "leave out \"axis\""
-                                         : "leave out \"prediction\" or lower coupling_N_per_m and "
-                                           "coupling_Nm_per_rad");
-}
-
-std::string stability_warning(const DeviceCoupling& chosen) {
-  if (!chosen.predicts_pose) {
-    if (chosen.damping_share >= 1) return {};
-    return text_line(
-        "without prediction, the device's damping holds only %.3g of the stiffness that is "
-        "rendered: leave out \"prediction\", or lower coupling_N_per_m and coupling_Nm_per_rad",
-        chosen.damping_share);
-  }
-  if (chosen.rate_Hz >= kMinPredictedRate_Hz) return {};
-  return text_line(
-      "at this rate the predicted pose gives energy to motions faster than %.3g Hz, and "
-      "a hand moves at up to %.0f Hz: raise --rate to at least %.0f",
-      chosen.rate_Hz / 6, kHandMotion_Hz, kMinPredictedRate_Hz);
+         text_line("; at most %.4g N of tissue at force scale %.4g\n", chosen.max_N,
+                   law.force_scale) +
+         runtime::describe(chosen.design);
 }
 
 Result<std::unique_ptr<CuttingForceLaw>> CuttingForceLaw::make(const ForceLawSetup& setup) {
   Result<BoneVolume> bone = make_bone_volume(setup.scene, setup.sheets);
   if (!bone) return bone.error().after(setup.scene.asset.string() + ": ");
   const Pose T_device_plate = over_anchor(*setup.sheets.front(), bone->tool);
-  const DeviceCoupling coupling = choose_coupling(*bone, setup.scene.force_law, setup.device,
-                                                  T_device_plate, setup.rate_Hz, setup.stiffness);
-  if (!may_start(coupling))
-    return refused(why_not_passive(coupling, lowest_passive_rate_Hz(*bone, setup, T_device_plate)));
-  bone->options.coupling = coupling.coupling;
-  return std::unique_ptr<CuttingForceLaw>(new CuttingForceLaw(setup, std::move(*bone), coupling));
+  const Result<DeviceCoupling> coupling = choose_coupling(
+      *bone, setup.scene.force_law, setup.device, T_device_plate, setup.rate_Hz, setup.stiffness);
+  if (!coupling) {
+    const double enough_Hz = lowest_rate_Hz(*bone, setup, T_device_plate);
+    return refused(coupling.error().message +
+                   (enough_Hz > 0 ? text_line(" (at least %.0f Hz would do)", enough_Hz) : ""));
+  }
+  bone->options.coupling = coupling->coupling;
+  return std::unique_ptr<CuttingForceLaw>(new CuttingForceLaw(setup, std::move(*bone), *coupling));
 }
 
 CuttingForceLaw::CuttingForceLaw(const ForceLawSetup& setup, BoneVolume bone,
@@ -199,36 +217,34 @@ CuttingForceLaw::CuttingForceLaw(const ForceLawSetup& setup, BoneVolume bone,
     : bone_(std::move(bone)),
       state_(make_bone_contact_state(bone_)),
       law_(setup.scene.force_law),
-      rate_Hz_(setup.rate_Hz),
       has_unused_damping_(
           std::any_of(setup.sheets.begin(), setup.sheets.end(),
                       [](const Sheet* sheet) { return sheet->tissue.damping_N_s_per_m > 0; })) {
   report_.coupling = coupling;
-  report_.force_scale = law_.force_scale;
+  const ContactDesign& design = coupling.design;
+  escape_m_per_s_ = kEscape_m_per_s + kEscapeSigmas * speed_noise(design.estimator.translation,
+                                                                  design.timing.period_s,
+                                                                  design.axes.translation);
 }
 
-/// Returns the pose that the plate has one tick later if it keeps its velocity. Without a new pose,
-/// returns the pose at which the law was evaluated last.
-Pose CuttingForceLaw::predicted_pose(const ForceLawInput& input) const noexcept {
-  const Pose& plate = input.T_device_plate;
-  if (!state_.has_plate) return plate;
-  if (!(input.pose_interval_s > 0)) return state_.T_device_evaluated;
-  const bool is_steady = input.previous.ago_s > 0;
-  const double ticks_ahead =
-      1 / (rate_Hz_ * (is_steady ? input.previous.ago_s : input.pose_interval_s));
-  const Twist step =
-      ticks_ahead *
-      displacement(is_steady ? input.previous.T_device_plate : state_.T_device_plate, plate);
-  return {plate.p_m + step.head<3>(),
-          (from_rotation_vector(step.tail<3>()) * plate.q).normalized()};
+/// Fades the wrench while the plate is thrown back along the force, so that a hand that lets go is
+/// not pushed away. It only takes away force that works on the hand.
+void CuttingForceLaw::damp_escape(const Twist& twist_device, ContactOutput& output) noexcept {
+  const Eigen::Vector3d force_N = output.wrench_device.head<3>();
+  const double size_N = force_N.norm();
+  if (!(size_N > 0)) return;
+  const double outward = twist_device.head<3>().dot(force_N) / size_N;
+  const double left = 1 - std::clamp((outward - escape_m_per_s_) / kEscapeWidth_m_per_s, 0.0, 1.0);
+  if (!(left < 1)) return;
+  output.wrench_device *= left;
+  state_.wrench_device *= left;
 }
 
 FaultDetail CuttingForceLaw::update(const ForceLawInput& input, ContactOutput& output) noexcept {
-  const Pose evaluated =
-      report_.coupling.predicts_pose ? predicted_pose(input) : input.T_device_plate;
-  update_bone_contact(bone_, input.sheets, input.T_device_plate, evaluated, input.pose_interval_s,
-                      contact_.tracks, state_, output);
-  output.T_device_evaluated = evaluated;
+  update_bone_contact(bone_, input.sheets, input.T_device_measured, input.T_device_plate,
+                      input.pose_interval_s, contact_.tracks, state_, output);
+  output.T_device_evaluated = input.T_device_plate;
+  damp_escape(input.twist_device, output);
   for (const CutRequest& cut : output.cut_list)
     report_.side_cuts += cut.is_puncture ? 0 : 1;
   if (output.not_upright) return {};
@@ -253,18 +269,11 @@ void CuttingForceLaw::reset_motion() noexcept {
   last_force_N_ = 0;
 }
 
-/// Returns how far the coupling holds the tip of the tool in the tissue away from the tip of the
-/// plate's tool.
-Eigen::Vector3d CuttingForceLaw::tip_from_plate_m() const noexcept {
-  if (!state_.law.has_begun) return Eigen::Vector3d::Zero();
-  const Eigen::Vector3d& tip_plate_m = bone_.tool.tip_plate_m;
-  return state_.law.T_device_proxy * tip_plate_m - state_.T_device_evaluated * tip_plate_m;
-}
-
 void CuttingForceLaw::finish_tick(RecordingRow& row) noexcept {
-  const Eigen::Vector3d deflection_m = tip_from_plate_m();
-  for (int i = 0; i < 3; ++i)
-    row.tool_m[static_cast<std::size_t>(i)] += deflection_m[i];
+  if (state_.law.has_begun) {
+    const Eigen::Vector3d tip_m = state_.law.T_device_proxy * bone_.tool.tip_plate_m;
+    row.tool_m = {tip_m.x(), tip_m.y(), tip_m.z()};
+  }
   const CuttingResult& result = state_.result;
   RecordingRow::Cutting& columns = row.cutting;
   std::copy(state_.wrench_device.data(), state_.wrench_device.data() + 6,
@@ -301,7 +310,7 @@ std::string CuttingForceLaw::describe() const {
       joined, bone_.slabs.size() - shells, shells);
   if (bone_.shell_m > 0)
     out += text_line("           cortical shell of %.3g mm\n", 1e3 * bone_.shell_m);
-  out += "coupling   " + runtime::describe(report_.coupling, law_) + '\n';
+  out += runtime::describe(report_.coupling, law_);
   const auto by_hu = std::find_if(bone_.sheets.begin(), bone_.sheets.end(),
                                   [](const BoneSheet& sheet) { return sheet.law != nullptr; });
   if (by_hu != bone_.sheets.end()) {
@@ -320,27 +329,54 @@ TipForce CuttingForceLaw::tip_force(std::size_t index, const Sheet& /*sheet*/) c
   return {bone_.sheets[index].tip_N_per_m, bone_.sheets[index].nominal_N, law_.force_scale};
 }
 
+std::string CuttingForceLaw::contact_warning() const {
+  const DeviceCoupling& chosen = report_.coupling;
+  if (std::string warning = runtime::contact_warning(chosen.design); !warning.empty())
+    return warning;
+  const double force_N = std::min(20.0, chosen.force_scale * chosen.max_N);
+  const double extension_m = chosen.extension_m(force_N);
+  if (!(extension_m > kMostExtension_m)) return {};
+  return text_line(
+      "the readings' noise and resolution, or the delay, allow only a soft coupling, which gives "
+      "way "
+      "by %.1f mm at %.3g N: the tool stays behind the hand and walls stay uncut; raise --rate or "
+      "lower the force scale",
+      1e3 * extension_m, force_N);
+}
+
 SummarySection CuttingForceLaw::summary() const {
   const CuttingCoupling& coupling = report_.coupling.coupling;
-  nlohmann::json section = {{"axis", coupling.is_rigid ? "rigid" : "coupled"},
-                            {"coupling_N_per_m", nullptr},
-                            {"coupling_Nm_per_rad", nullptr},
-                            {"device_damping_share", report_.coupling.damping_share},
-                            {"inertia_share", report_.coupling.inertia_share},
-                            {"pose_is_predicted", report_.coupling.predicts_pose},
-                            {"force_scale", report_.force_scale},
-                            {"tissue_max_N", report_.tissue_max_N},
-                            {"tip_max_N", report_.tip_max_N},
-                            {"front_work_J", report_.energy.cut_J},
-                            {"absorbed_J", report_.energy.absorbed_J},
-                            {"stored_J", report_.energy.stored_J},
-                            {"given_max_J", report_.energy.released_max_J},
-                            {"newton_steps_max", report_.steps_max},
-                            {"unconverged_ticks", report_.unconverged_ticks},
-                            {"side_cuts", report_.side_cuts}};
+  const ContactDesign& design = report_.coupling.design;
+  const PlateAxes& axes = design.axes;
+  const double T_s = design.timing.period_s, K = design.rendered.translation_N_per_m,
+               turn = design.rendered.rotation_Nm_per_rad;
+  nlohmann::json section = {
+      {"axis", coupling.is_rigid ? "rigid" : "coupled"},
+      {"coupling_N_per_m", nullptr},
+      {"coupling_Nm_per_rad", nullptr},
+      {"coupling_soft_N_per_m", nullptr},
+      {"stable_N_per_m", design.stable_N_per_m},
+      {"lead_s", design.estimator.translation.lead_s},
+      {"pose_is_predicted", design.estimator.translation.lead_s > 0},
+      {"inertia_share",
+       T_s * T_s * std::max(K / axes.translation.mass_kg, turn / axes.rotation.mass_kg)},
+      {"device_damping_share", 2 / T_s *
+                                   std::min(axes.translation.damping_N_s_per_m / K,
+                                            axes.rotation.damping_N_s_per_m / turn)},
+      {"force_scale", report_.coupling.force_scale},
+      {"tissue_max_N", report_.tissue_max_N},
+      {"tip_max_N", report_.tip_max_N},
+      {"front_work_J", report_.energy.cut_J},
+      {"absorbed_J", report_.energy.absorbed_J},
+      {"stored_J", report_.energy.stored_J},
+      {"given_max_J", report_.energy.released_max_J},
+      {"newton_steps_max", report_.steps_max},
+      {"unconverged_ticks", report_.unconverged_ticks},
+      {"side_cuts", report_.side_cuts}};
   if (!coupling.is_rigid) {
     section["coupling_N_per_m"] = coupling.translation_N_per_m;
     section["coupling_Nm_per_rad"] = coupling.rotation_Nm_per_rad;
+    section["coupling_soft_N_per_m"] = coupling.soft_N_per_m;
   }
   return {"cutting", json_text(section)};
 }

@@ -83,13 +83,16 @@ class BlockInverse {
 //     the coupling. Let E0 and E1 be the stored energies before and after this tick, and cut_J the
 //     work of cutting in this tick. Then every tick satisfies
 //       E1 - E0 + cut_J <= -w . dx + dx^T K dx / 2
+//     with the largest tangent of a coupling that stiffens,
 //     for any stiffness, any friction and any number of Newton steps. There are two reasons: no
 //     Newton step raises the potential, and an element that appears or gets stiffer gains no stored
 //     energy. If the coupling is rigid, K is the stiffness of all other elements, expressed at the
 //     plate. If the plate rotates, this K has an additional geometric term, because the points at
 //     which the elements act move on curved paths.
 //  2. The work of cutting is the integral of the strength over the cut depth. The front never moves
-//     back. The front cuts bone only while the tip's force exceeds the strength at the front.
+//     back. The front cuts bone only while the tip's force exceeds the strength at the front, and
+//     at most most_cut_m() of bone in a tick, so that a soft coupling does not let it leap; the
+//     rest waits in the springs. Gaps do not count.
 //  3. A wall that has yielded stays where it was pushed (walls.h). Uncut material beside the tool is
 //     a wall as well (CuttingSlab::free).
 //  4. A hole remains after the tool is withdrawn. If the tool's axis comes within `same_hole_m` of
@@ -132,16 +135,33 @@ struct CuttingTool {
 /// Spring from the plate to the proxy, acting about the plate's origin.
 struct CuttingCoupling {
   bool is_rigid = false;  ///< there is no spring: the proxy has the plate's pose
-  double translation_N_per_m = 4000, rotation_Nm_per_rad = 20;
+  double translation_N_per_m = 4000, rotation_Nm_per_rad = 20;  ///< largest tangents
+  /// Tangents and force up to which the springs are linear (StiffeningSpring); 0: linear springs.
+  double soft_N_per_m = 0, knee_N = 0, soft_Nm_per_rad = 0, knee_Nm = 0;
   /// Largest force and moment of the coupling, chosen so that the device can render them. A spring
   /// that is stretched beyond its limit keeps this force or moment (walls.h).
   double max_force_N = std::numeric_limits<double>::infinity();
   double max_moment_Nm = std::numeric_limits<double>::infinity();
+
+  StiffeningSpring translation() const noexcept {
+    return {soft_N_per_m > 0 ? soft_N_per_m : translation_N_per_m, translation_N_per_m, knee_N};
+  }
+  StiffeningSpring rotation() const noexcept {
+    return {soft_Nm_per_rad > 0 ? soft_Nm_per_rad : rotation_Nm_per_rad, rotation_Nm_per_rad,
+            knee_Nm};
+  }
 };
 
 /// Largest tangent of the angle between the shaft and the normal of the surface under the tip: the
 /// tangent of 60 degrees.
 inline constexpr double kMaxSlope = 1.7320508075688772;
+
+inline constexpr double kMostCut_m = 1.4e-3, kMostCut_m_per_s = 1.4;
+/// Largest length of bone that is cut in a tick: the larger of the two, so that at low rates the
+/// front keeps up with a fast hand.
+inline double most_cut_m(double interval_s) noexcept {
+  return std::max(kMostCut_m, kMostCut_m_per_s * interval_s);
+}
 
 /// Largest number of Gauss points of a hole's wall in each slab. The wall acts on the shaft at
 /// these points.
@@ -190,7 +210,7 @@ struct CuttingOptions {
   /// Largest residual force of Newton's method, relative to the larger of 1 N and the coupling
   /// force.
   double tolerance = 1e-6;
-  int max_steps = 12;  ///< largest number of Newton steps in a tick
+  int max_steps = 24;  ///< largest number of Newton steps in a tick
   /// Number of Gauss points of a hole's wall in each slab, constant during a session. Two points
   /// are exact, because the displacement of a rigid shaft is linear in depth. The value 1 exists
   /// only for the benchmark that compares one point with two (tests/bench/cutting_bench.cpp).

@@ -93,7 +93,8 @@ void find_front(Tick& tick) noexcept {
 
 Advance scan(const Tick& tick, double R, double K_s) noexcept {
   Advance a;
-  double at = tick.front_m;
+  double at = tick.front_m,
+         left_m = std::max(0.0, most_cut_m(tick.options.interval_s) - tick.cut_m);
   // If the front is at the boundary of two slabs, the lower slab counts.
   for (int i = tick.slab_at(tick.front_m); i < tick.slab_count(); ++i) {
     const CuttingSlab& slab = tick.slab(i);
@@ -127,10 +128,14 @@ Advance scan(const Tick& tick, double R, double K_s) noexcept {
       const double length = (bottom - at) / tick.down;
       double dl = length;
       if (K_s + slope > 0) dl = std::min(excess / (K_s + slope), length);
+      const bool must_wait = dl >= left_m;
+      dl = std::min(dl, left_m);
+      left_m -= dl;
       a.work_J += dl * (Y + 0.5 * slope * dl);
       a.strength_N = Y + slope * dl;
       a.length_m += dl;
-      if (dl < length) return a;
+      a.cut_m += dl;
+      if (dl < length || must_wait) return a;
       at = bottom;
     } while (bottom < slab.bottom_m);
   }
@@ -147,18 +152,20 @@ int bearing_slab(const Tick& tick) noexcept {
 
 void take(Tick& tick, const Advance& a, CuttingResult& out) noexcept {
   out.cut_J += a.work_J;
+  tick.cut_m += a.cut_m;
   tick.state.stretch_m -= a.length_m;
   tick.front_m += a.length_m * tick.down;
   tick.is_free = a.ends_free;
 }
 
 FrontMemory remember(const Tick& tick, const CuttingResult& out) noexcept {
-  return {tick.state.stretch_m, tick.front_m, out.cut_J, tick.is_free};
+  return {tick.state.stretch_m, tick.front_m, tick.cut_m, out.cut_J, tick.is_free};
 }
 
 void take_back(Tick& tick, const FrontMemory& was, CuttingResult& out) noexcept {
   tick.state.stretch_m = was.stretch_m;
   tick.front_m = was.front_m;
+  tick.cut_m = was.cut_m;
   out.cut_J = was.cut_J;
   tick.is_free = was.is_free;
 }

@@ -19,6 +19,7 @@ void find_front(Tick& tick) noexcept;
 struct Advance {
   /// Length and work of the advance, and strength of the material at its lower end.
   double length_m = 0, work_J = 0, strength_N = 0;
+  double cut_m = 0;  ///< part of the length that goes through bone
   /// The advance ends where no bone holds the tip: in already cut bone, in a gap between slabs, or
   /// below all bone. In this case strength_N is 0.
   bool ends_free = false;
@@ -38,7 +39,7 @@ void take(Tick& tick, const Advance& advance, CuttingResult& out) noexcept;
 /// Copy of the values that take() changes, to undo an advance that went too far or raised the
 /// potential. remember() makes the copy, and take_back() restores the values.
 struct FrontMemory {
-  double stretch_m, front_m, cut_J;
+  double stretch_m, front_m, cut_m, cut_J;
   bool is_free;
 };
 FrontMemory remember(const Tick& tick, const CuttingResult& out) noexcept;

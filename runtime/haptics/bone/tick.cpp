@@ -15,26 +15,28 @@ void add_coupling(const Tick& tick, bool majorise, Evaluation& e) noexcept {
   e.is_saturated = false;
   e.coupling.setZero();
   if (tick.options.coupling.is_rigid) return;
-  const auto add = [&](int at, const Vector3d& v, double k, double most) {
+  const auto add = [&](int at, const Vector3d& v, const StiffeningSpring& spring, double most) {
     const double length = v.norm();
-    const YieldSpring h = yield_spring(k, most, length, majorise);
+    const StiffeningForce h = stiffening_force(spring, most, length);
     e.coupling_J += h.energy;
-    e.is_saturated = e.is_saturated || k * length > most;
+    e.is_saturated = e.is_saturated || h.yields;
     // A small stiffness is kept where the force is constant, so that H has an inverse.
+    const double least = 1e-6 * spring.stiff,
+                 across = majorise ? h.bound : std::max(h.across, least);
     for (int i = 0; i < 3; ++i)
-      e.H(at + i, at + i) += std::max(h.across, 1e-6 * k);
+      e.H(at + i, at + i) += across;
     if (length > 0) {
       const Vector3d unit = v / length;
       e.coupling.segment<3>(at) = -h.force * unit;
-      const double less = h.across - std::max(h.along, 1e-6 * k);
-      if (less > 0) e.H.block<3, 3>(at, at) -= less * unit * unit.transpose();
+      if (!majorise)
+        e.H.block<3, 3>(at, at) += (std::max(h.along, least) - across) * unit * unit.transpose();
     }
     return h.force;
   };
-  e.coupling_N = add(0, tick.plate.p_m - e.X.p_m, tick.options.coupling.translation_N_per_m,
-                     tick.options.coupling.max_force_N);
-  add(3, rotation_vector(tick.plate.q * e.X.q.conjugate()),
-      tick.options.coupling.rotation_Nm_per_rad, tick.options.coupling.max_moment_Nm);
+  const CuttingCoupling& coupling = tick.options.coupling;
+  e.coupling_N = add(0, tick.plate.p_m - e.X.p_m, coupling.translation(), coupling.max_force_N);
+  add(3, rotation_vector(tick.plate.q * e.X.q.conjugate()), coupling.rotation(),
+      coupling.max_moment_Nm);
   e.g += e.coupling;
 }
 
@@ -171,10 +173,6 @@ using Vector6 = Evaluation::Vector6;
 using Matrix6 = Evaluation::Matrix6;
 
 constexpr double kRounding_J = 1e-15;
-
-Pose moved(const Pose& X, const Vector6& step) noexcept {
-  return {X.p_m + step.head<3>(), (from_rotation_vector(step.tail<3>()) * X.q).normalized()};
-}
 
 double size_of(const Vector6& g) noexcept {
   // A moment is converted to a force by a lever of 0.1 m.

@@ -40,6 +40,7 @@ struct Tick {
 
   int hole = -1;  ///< index of the hole that the tool is in or would enter; -1: none
   double front_m = 0, first_front_m = 0;  ///< depth of the front now, and at the tick's start
+  double cut_m = 0;                       ///< length of bone that was cut in this tick
   bool is_free = false;                   ///< after the front's last move, no bone holds the tip
   double embedded_m = 0;                  ///< embedded length of the shaft in all slabs
   double friction_N = 0;                  ///< friction force at which the shaft slides

@@ -61,6 +61,43 @@ int hull_of(std::array<Eigen::Vector2d, N>& points, int count,
 
 }  // namespace
 
+double length_at(const StiffeningSpring& spring, double force) noexcept {
+  if (!(spring.soft < spring.stiff) || !(force > spring.knee))
+    return force / std::max(spring.soft < spring.stiff ? spring.soft : spring.stiff, 1e-300);
+  const double scale = spring.knee / spring.soft, turn = spring.stiff * scale;
+  const double length = scale * (1 + std::log(std::min(force, turn) / spring.knee));
+  return length + std::max(0.0, force - turn) / spring.stiff;
+}
+
+StiffeningForce stiffening_force(const StiffeningSpring& spring, double most,
+                                 double length) noexcept {
+  const bool is_linear = !(spring.soft < spring.stiff);
+  const double soft = is_linear ? spring.stiff : spring.soft;
+  // `scale`: length at the knee; `turn`: force at which the spring becomes linear again.
+  const double scale = is_linear ? 0 : spring.knee / soft, turn = spring.stiff * scale;
+  const auto energy_at = [&](double r, double force) {
+    if (is_linear || force <= spring.knee) return 0.5 * force * r;
+    const double to = std::min(force, turn);
+    const double curved = 0.5 * spring.knee * scale + scale * (to - spring.knee);
+    return curved + 0.5 * (force * force - to * to) / spring.stiff;
+  };
+  double force = soft * length, along = soft;
+  if (!is_linear && length > scale) {
+    force = spring.knee * std::exp(length / scale - 1);
+    along = force / scale;
+    if (!(force < turn)) {
+      force = turn + spring.stiff * (length - scale * (1 + std::log(turn / spring.knee)));
+      along = spring.stiff;
+    }
+  }
+  if (force <= most)
+    return {energy_at(length, force),           force,        along,
+            length > 0 ? force / length : soft, spring.stiff, false};
+  const double yield = length_at(spring, most);
+  return {energy_at(yield, most) + most * (length - yield), most, 0, most / length,
+          most / (length - yield + most / spring.stiff),    true};
+}
+
 WallSums WallModel::at(const Tick& tick, const ShaftLine& line) noexcept {
   double& reach_m = tick.state.wall_radius_m;
   if (is_known_) {

@@ -31,6 +31,27 @@ inline YieldSpring yield_spring(double stiffness, double most, double length,
   return {most * length - 0.5 * most * most / stiffness, most, majorise ? across : 0, across};
 }
 
+// A spring that stiffens with its force, for the coupling between plate and proxy: a large force
+// hides more noise, so it may be stiffer. The force is soft * r up to `knee`; beyond, it grows
+// exponentially, with the tangent soft * F / knee, until the tangent is `stiff`; then it grows
+// linearly with `stiff`; at the limit force it yields. The energy is the integral of the force.
+
+struct StiffeningSpring {
+  double soft = 0, stiff = 0;  ///< smallest and largest tangent; equal: a linear spring
+  double knee = 0;             ///< force
+};
+
+/// As YieldSpring. `bound`: second derivative of a parabola that touches the energy at `length` and
+/// lies above it everywhere else.
+struct StiffeningForce {
+  double energy = 0, force = 0, along = 0, across = 0, bound = 0;
+  bool yields = false;
+};
+StiffeningForce stiffening_force(const StiffeningSpring& spring, double most,
+                                 double length) noexcept;
+/// Length at which the spring has a force, without a limit.
+double length_at(const StiffeningSpring& spring, double force) noexcept;
+
 // Layers of soft tissue over the bone, such as skin, a ligament or the dura. Before its puncture a
 // layer is a stiffening spring. After the puncture the layer is cut at a constant force, and there
 // is friction between the layer and the shaft (Okamura, Simone and O'Leary, IEEE Trans. Biomed.

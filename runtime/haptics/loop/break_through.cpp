@@ -62,10 +62,10 @@ void follow_reference(double change_m, BreakThroughState& state) noexcept {
       state.filtered_N, state.reference_N * std::exp(-std::max(0.0, change_m) / kBreakReach_m));
 }
 
-/// Returns the coefficient now.
-double coefficient(const BreakDamperState& state) noexcept {
+/// Fraction of the coefficient and of the lost force now.
+double course(const BreakDamperState& state) noexcept {
   const double left = state.left_s / kBreakDamping_s;
-  return state.start_N_s_per_m * left * (2 - left);
+  return left * (2 - left);
 }
 
 }  // namespace
@@ -123,32 +123,30 @@ BreakThroughTick find_break_through(const BreakThroughInput& input,
   return out;
 }
 
-Wrench damp_break(const PassivityOptions& options, double plate_mass_kg, const Tool& tool,
-                  const BreakInput& input, BreakDamperState& state) noexcept {
-  const Pose& plate = input.T_device_plate;
-  const Eigen::Vector3d tip_m = plate * tool.tip_plate_m;
-  const Eigen::Vector3d outward = plate.q * tool.axis_plate;
-  state.left_s = std::max(0.0, state.left_s - input.pose_interval_s);
-  if (const double after_N_s_per_m = input.lost_force_N / kBreakSpeed_m_per_s;
-      after_N_s_per_m > coefficient(state)) {
-    state.start_N_s_per_m = after_N_s_per_m;
+double damping_max(double plate_mass_kg, double interval_s) noexcept {
+  constexpr double kShare = 0.25, kMost_N_s_per_m = 100;
+  return std::min(kMost_N_s_per_m, kShare * plate_mass_kg / interval_s);
+}
+
+Wrench damp_break(double plate_mass_kg, const Tool& tool, const BreakInput& input,
+                  BreakDamperState& state) noexcept {
+  state.left_s = std::max(0.0, state.left_s - input.interval_s);
+  if (input.lost_force_N > course(state) * state.lost_N) {
+    state.lost_N = input.lost_force_N;
     state.left_s = kBreakDamping_s;
   }
-  if (input.pose_interval_s > 0) {
-    const bool is_steady = input.previous.ago_s > 0;
-    const Pose& start = is_steady ? input.previous.T_device_plate : state.T_device_plate;
-    const double moved_s = is_steady ? input.previous.ago_s : input.pose_interval_s;
-    const double inward_m =
-        state.has_last ? std::max(0.0, outward.dot(start * tool.tip_plate_m - tip_m)) : 0;
-    state.target_N = std::min(coefficient(state), damping_max(options, plate_mass_kg, moved_s)) *
-                     std::min(inward_m / moved_s, kBreakSpeed_m_per_s);
-    state.has_last = true;
-    state.T_device_plate = plate;
-  }
-  const double lost_N = kBreakSpeed_m_per_s * state.start_N_s_per_m, step_N = kBreakStep * lost_N;
+  const Pose& plate = input.T_device_plate;
+  const Eigen::Vector3d lever_m = plate.q * tool.tip_plate_m, outward = plate.q * tool.axis_plate;
+  const Eigen::Vector3d velocity =
+      input.twist_device.head<3>() + input.twist_device.tail<3>().cross(lever_m);
+  const double most_N = course(state) * state.lost_N;
+  const double damping =
+      std::min(most_N / kBreakSpeed_m_per_s, damping_max(plate_mass_kg, input.interval_s));
+  const double wanted_N = std::min(damping * std::max(0.0, -outward.dot(velocity)), most_N);
+  const double step_N = state.lost_N * input.interval_s / kBreakSlew_s;
   state.force_N =
-      std::clamp(state.target_N, std::max(0.0, state.force_N - step_N), state.force_N + step_N);
-  return wrench_at(state.force_N * outward, tip_m, plate);
+      std::min(std::clamp(wanted_N, state.force_N - step_N, state.force_N + step_N), most_N);
+  return wrench_at(state.force_N * outward, plate.p_m + lever_m, plate);
 }
 
 }  // namespace trocar::runtime

@@ -7,7 +7,6 @@
 #include <optional>
 
 #include "runtime/device/device.h"
-#include "runtime/haptics/loop/passivity.h"
 #include "runtime/haptics/puncture.h"
 #include "runtime/haptics/tool.h"
 
@@ -111,57 +110,45 @@ BreakThroughTick find_break_through(const BreakThroughInput& input,
 // Damps the plunge of the tool after a break. When the tip breaks through bone, nothing supports
 // the tip any more, and the hand that pressed accelerates the plate inwards. If the hand lets go at
 // that moment, only the friction of the shaft stops the plate. With the damper the plate stops
-// sooner. A hand that holds on hardly feels the damper, because the damper's force is then a small
-// part of the force that was lost.
+// after a few millimetres.
 //
+// A break is a tick in which the force law reports a lost force (ContactOutput::lost_force_N).
 // Contract:
-//  1. The damper's force acts at the tip along the shaft, outwards. It tends to a target that is
-//     not 0 only while the measured velocity of the tip points inwards. The velocity is a mean over
-//     the interval that `previous` gives. While the tip moves inwards, the force takes energy from
-//     the plate. The force can give energy to the plate only after the tip has turned back. This
-//     lasts at most as long as the interval, plus the time until the next new pose, plus the ticks
-//     in which the force falls (item 3).
-//  2. Right after a break the damping coefficient is the lost force divided by
-//     kBreakSpeed_m_per_s. At the time t after the break this value is multiplied by
-//     1 - (t / kBreakDamping_s)^2, so it is 0 after kBreakDamping_s. A later break starts this
-//     course anew if that raises the coefficient; otherwise it changes nothing. The damper never
-//     uses a coefficient above damping_max() (passivity.h), up to which a sampled damper is stable.
-//  3. Whatever the poses and their times are: from tick to tick the force changes by at most
-//     kBreakStep times the lost force, and the force never exceeds the lost force. A velocity above
-//     kBreakSpeed_m_per_s therefore counts as this one.
+//  1. The force acts on the tip along the shaft, outwards. It is a coefficient times the inward
+//     speed of the tip by the estimated twist (estimator.h), and zero if the tip moves outwards.
+//  2. Right after a break the coefficient is the lost force divided by kBreakSpeed_m_per_s; then it
+//     is multiplied by the course 1 - (t / kBreakDamping_s)^2. A later break starts the course anew
+//     if that raises the coefficient. It is never above damping_max().
+//  3. Whatever the speeds are: the force is at most the lost force times the course, and it changes
+//     by at most the lost force in kBreakSlew_s.
 //  4. Without a break the damper has no force.
 
 /// Speed of the tip at which the damper's force right after a break equals the lost force.
 inline constexpr double kBreakSpeed_m_per_s = 1.5;
 inline constexpr double kBreakDamping_s = 0.1;
-/// Largest change of the damper's force in a tick, as a part of the lost force. At 100 Hz a change
-/// of this size is that of a plate which is accelerated by 30 m/s^2, more than a hand can do.
-inline constexpr double kBreakStep = 0.2;
+inline constexpr double kBreakSlew_s = 5e-3;
+
+/// Largest coefficient: damping * interval / plate mass is below 2 with a large reserve, so that
+/// the sampled damper is stable.
+double damping_max(double plate_mass_kg, double interval_s) noexcept;
 
 /// Inputs of a tick.
 struct BreakInput {
   Pose T_device_plate = {};
-  /// Time since the previous new pose, on the device's clock; 0 if the pose is not new. The target
-  /// of the damper's force then stays as it is.
-  double pose_interval_s = 0;
-  /// Start of the interval for the tip's velocity; age 0: the interval starts at the
-  /// previous new pose.
-  PreviousPose previous = {};
-  double lost_force_N = 0;  ///< ContactOutput::lost_force_N
+  Twist twist_device = Twist::Zero();  ///< estimated
+  double interval_s = 1e-3;            ///< duration of a tick
+  double lost_force_N = 0;             ///< ContactOutput::lost_force_N
 };
 
 /// State kept between ticks.
 struct BreakDamperState {
-  bool has_last = false;
-  Pose T_device_plate;         ///< the last new pose
-  double start_N_s_per_m = 0;  ///< coefficient right after the break
-  double left_s = 0;           ///< time until the coefficient is 0
-  double target_N = 0;         ///< force that the last new pose asks for
-  double force_N = 0;          ///< force of this tick, along the shaft outwards
+  double lost_N = 0;   ///< of the break that began the course
+  double left_s = 0;   ///< time until the course ends
+  double force_N = 0;  ///< force of this tick, along the shaft outwards
 };
 
 /// Returns the damper's wrench on the plate, in {B}.
-Wrench damp_break(const PassivityOptions& options, double plate_mass_kg, const Tool& tool,
-                  const BreakInput& input, BreakDamperState& state) noexcept;
+Wrench damp_break(double plate_mass_kg, const Tool& tool, const BreakInput& input,
+                  BreakDamperState& state) noexcept;
 
 }  // namespace trocar::runtime

@@ -38,7 +38,7 @@ bool take_time(const LoopModel& model, double t_s, LoopState& state, FaultDetail
   // The hand may have moved anywhere meanwhile, so the kept reading shows no jump.
   state.has_reading = false;
   state.speed.has_pose = false;
-  state.window.clear();
+  state.estimate.reset();
   state.ahead_s = 0;
   return true;
 }
@@ -91,6 +91,14 @@ ReadingInterval reading_interval(const LoopModel& model, const LoopState& state)
   return {state.has_reading, step_s};
 }
 
+/// Contract 6.
+double estimate_interval_s(const LoopModel& model, const LoopState& state) noexcept {
+  constexpr double kOnTime = 0.01;
+  const double ticks = state.pose_interval_s * model.rate_Hz;
+  const bool is_on_time = !(ticks > 0) || std::abs(ticks - 1) < kOnTime;
+  return is_on_time ? 1 / model.rate_Hz : state.pose_interval_s;
+}
+
 FaultDetail tool_tilt(const Tool& tool, const Pose& T_device_plate) noexcept {
   const double upright = (T_device_plate.q * tool.axis_plate).z();
   return {Fault::kToolTilt, FaultQuantity::kToolTilt, -1, std::acos(std::clamp(upright, -1.0, 1.0)),
@@ -127,13 +135,22 @@ void put_wrench(const Wrench& wrench, std::array<double, 6>& out) noexcept {
   std::copy(wrench.data(), wrench.data() + 6, out.begin());
 }
 
-/// Computes the wrench to render: the force law's wrench, multiplied by Safety::authority and made
-/// passive.
+/// Computes the wrench to render: the force law's wrench, multiplied by Safety::authority and by
+/// the guard's factor, and the damping after a break.
 FaultDetail wanted_wrench(const LoopModel& model, const TickInputs& inputs, double mass_kg,
-                          ForceLaw& law, LoopState& state, ContactOutput& contact,
+                          ForceLaw& law, LoopState& state, TickResult& result,
                           Wrench& wanted) noexcept {
-  const ForceLawInput input{inputs.sheets, inputs.prefetched, state.T_device_plate,
-                            state.pose_interval_s, state.previous};
+  ContactOutput& contact = result.contact;
+  const double dt_s = 1 / model.rate_Hz;
+  const Twist& twist = state.estimate.twist_device();
+  const Pose led = state.estimate.ahead(model.estimator);
+  const ForceLawInput input{.sheets = inputs.sheets,
+                            .prefetched = inputs.prefetched,
+                            .T_device_plate = led,
+                            .pose_interval_s = state.estimate_interval_s,
+                            .previous = {moved(led, -dt_s * twist), dt_s},
+                            .twist_device = twist,
+                            .T_device_measured = state.T_device_plate};
   const FaultDetail refused = law.update(input, contact);
   if (refused != Fault::kNone) return refused;
   if (contact.not_upright) return tool_tilt(model.tool, contact.T_device_evaluated);
@@ -146,23 +163,30 @@ FaultDetail wanted_wrench(const LoopModel& model, const TickInputs& inputs, doub
       {state.T_device_plate, state.pose_interval_s > 0, contact.stored_J, contact.is_released});
   if (energy != Fault::kNone) return energy;
 
-  PassivityOptions passivity = model.passivity;
-  if (law.is_passive()) {  // the energy is only observed
-    passivity.on = false;
-    passivity.credit_max_J = std::numeric_limits<double>::infinity();
+  double factor = state.safety.authority;
+  if (model.guards) {
+    const std::uint32_t acted = state.guard.acted;
+    guard_contact({.interval_s = dt_s,
+                   .twist_device = twist,
+                   .wrench_device = contact.wrench_plate,
+                   .band_m_per_s = model.band_m_per_s,
+                   .band_rad_per_s = model.band_rad_per_s,
+                   .way_m = model.way_m,
+                   .way_rad = model.way_rad},
+                  state.guard);
+    result.guard_acted = state.guard.acted != acted;
+    factor *= state.guard.factor;
   }
-  PassivityInput rendered;
-  rendered.T_device_plate = state.T_device_plate;
-  rendered.previous = state.previous;
-  rendered.wrench_device = state.safety.authority * contact.wrench_plate;
-  rendered.stored_J = state.safety.authority * contact.stored_J;
-  rendered.planned_release = contact.is_released;
-  wanted = keep_passive(passivity, mass_kg, state.pose_interval_s, rendered, state.passivity);
-  if (!model.passivity.on) return Fault::kNone;
-  const Wrench damping = damp_break(model.passivity, mass_kg, model.tool,
-                                    {state.T_device_plate, state.pose_interval_s, state.previous,
-                                     state.safety.authority * contact.lost_force_N},
-                                    state.break_damper);
+  wanted = factor * contact.wrench_plate;
+  observe_passivity({.T_device_plate = state.T_device_plate,
+                     .wrench_device = wanted,
+                     .stored_J = factor * contact.stored_J,
+                     .planned_release = contact.is_released},
+                    state.passivity);
+  if (!model.guards) return Fault::kNone;
+  const Wrench damping = damp_break(
+      mass_kg, model.tool, {state.T_device_plate, twist, dt_s, factor * contact.lost_force_N},
+      state.break_damper);
   // Adding a zero could change the sign of a zero.
   if (state.break_damper.force_N > 0) wanted += damping;
   return Fault::kNone;
@@ -174,8 +198,7 @@ FaultDetail render(const LoopModel& model, const TickInputs& inputs, HandDevice&
   RecordingRow& row = result.row;
   RenderInput input;
   const double mass_kg = device.specification().mass_kg();
-  const FaultDetail found =
-      wanted_wrench(model, inputs, mass_kg, law, state, result.contact, input.wanted);
+  const FaultDetail found = wanted_wrench(model, inputs, mass_kg, law, state, result, input.wanted);
   if (found != Fault::kNone) return found;
   input.twist_device = state.speed.twist_device;
   input.dt_s = 1 / model.rate_Hz;
@@ -212,7 +235,7 @@ void describe(const LoopModel& model, const HandDevice& device, const LoopState&
   row.authority = is_running ? state.safety.authority : 0;
   row.tip_N = is_running ? result.contact.force_N : 0;
   row.passivity_J = state.passivity.balance_J;
-  row.passivity_N_s_per_m = state.passivity.damping_N_s_per_m;
+  row.guard = state.guard.factor;
 }
 
 /// Resets contact and energy accounts. Called in each tick in which the state is not `running`.
@@ -221,6 +244,7 @@ void reset_contact(ForceLaw& law, LoopState& state) noexcept {
   state.passivity = {};
   state.passivity.released_max_J = released_max_J;
   state.break_damper = {};
+  state.guard = {};
   state.energy.reset();
   law.reset_motion();
 }
@@ -255,13 +279,14 @@ TickReading read_and_check(const LoopModel& model, const TickInputs& inputs, Han
   out.is_known = state.has_reading || out.is_fresh;
   if (out.fault == Fault::kNone && out.is_known)
     out.fault = check_health(model, device, out.is_fresh, state, result);
-  state.previous = {};
+  state.estimate_interval_s = 0;
   if (out.fault != Fault::kNone) {
     state.speed.has_pose = false;
-    state.window.clear();
+    state.estimate.reset();
   } else if (out.is_fresh) {
-    state.window.add(device.measured(), state.T_device_plate);
-    state.previous = state.window.begin(device.specification().resolution(), 1 / model.rate_Hz);
+    const double interval_s = estimate_interval_s(model, state);
+    state.estimate.follow(model.estimator, state.T_device_plate, interval_s, 1 / model.rate_Hz);
+    if (state.pose_interval_s > 0) state.estimate_interval_s = interval_s;
   }
   if (out.is_fresh && device.keep_reading()) {
     state.reading_t_s = t_s;

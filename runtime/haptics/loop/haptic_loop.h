@@ -15,23 +15,25 @@
 //  3. The row holds every input of the tick, so replaying the rows gives the same commands.
 //  4. The device gives each reading (a device state) a time stamp of the device's clock. The
 //     differences of these time stamps determine four durations: the interval between two poses,
-//     the interval over which a velocity is computed, the time in which the device can have moved
-//     since the last reading, and the additional time for which the motors hold a command if a tick
-//     is late. The differences are rounded to nanoseconds, except in passivity.h. In
-//     `running`, a device state counts as new if its time stamp is finite and at least
-//     kLeastInterval ticks later than that of the last new state, so no velocity is a quotient over
-//     less. After no_data_limit_s() without a new device state, the fault kNoData is raised, or
-//     kRefusedState if states arrive but are refused because of their contents. If a time stamp
-//     lies more than state_gap_max_s after the previous one, kNoData is raised immediately. If late
-//     ticks are no fault (gap_max_s is 0), the time that passed on this computer is added to
-//     state_gap_max_s, so that only a leap of the device's clock is a fault. In all other states of
-//     the safety state machine, the device's clock may restart, for example after the link was
-//     restored, or leap, for example over a pause. The velocity estimation then restarts too, and
-//     the reading is not compared with the one before.
+//     the interval between two readings of the estimator (item 6), the time in which the device can
+//     have moved since the last reading, and the additional time for which the motors hold a
+//     command if a tick is late. The differences are rounded to nanoseconds. In `running`, a device
+//     state counts as new if its time stamp is finite and at least kLeastInterval ticks later than
+//     that of the last new state, so no velocity is a quotient over less. After no_data_limit_s()
+//     without a new device state, the fault kNoData is raised, or kRefusedState if states arrive
+//     but are refused because of their contents. If a time stamp lies more than state_gap_max_s
+//     after the previous one, kNoData is raised immediately. If late ticks are no fault (gap_max_s
+//     is 0), the time that passed on this computer is added to state_gap_max_s, so that only a leap
+//     of the device's clock is a fault. In all other states of the safety state machine, the
+//     device's clock may restart, for example after the link was restored, or leap, for example
+//     over a pause. The estimator then restarts too, and the reading is not compared with the one
+//     before.
 //  5. Some changes take a fixed number of ticks, so late ticks make these changes slower. They are
 //     the ramp after a fault, the rise of two factors after a recovery (the factor on the force,
 //     and the factor on the compensation of friction and weight), and the change from one
 //     prefetched stiffness to the next.
+//  6. A reading whose stamp is within a hundredth of a tick of a tick after the last one counts as
+//     on time.
 #pragma once
 
 #include <cstdint>
@@ -40,26 +42,27 @@
 #include "formats/session/faults.h"
 #include "formats/session/recording.h"
 #include "runtime/device/hand_device.h"
+#include "runtime/haptics/estimator.h"
 #include "runtime/haptics/force_law.h"
 #include "runtime/haptics/loop/break_through.h"
+#include "runtime/haptics/loop/guard.h"
 #include "runtime/haptics/loop/passivity.h"
 #include "runtime/haptics/loop/safety.h"
 
 namespace trocar::runtime {
 
 /// Shortest time between two device states that both count as new, in ticks. If time stamps are
-/// off, a difference of two of them can be arbitrarily small. A velocity over a fifth of a tick is
-/// at most five times that over a tick; and a damping that damping_max() (passivity.h) allows for
-/// it is at most 0.25 / 0.2 = 1.25 plate masses a tick, below the 2 up to which a damper is stable.
+/// off, a difference of two of them can be arbitrarily small.
 inline constexpr double kLeastInterval = 0.2;
 
 /// Parameters of the loop, constant during a session.
 struct LoopModel {
   Tool tool;
   SafetyLimits limits;
-  /// If the force law is passive, these options affect only the damping after a break
-  /// (break_through.h).
-  PassivityOptions passivity;
+  PoseEstimator estimator;  ///< ForceLaw::estimator()
+  /// What the guard takes for noise (GuardInput).
+  double band_m_per_s = 5e-3, band_rad_per_s = 0.1, way_m = 0, way_rad = 0;
+  bool guards = true;  ///< false: neither the guard (guard.h) nor the damping after a break
   CompensationOptions compensation;  ///< compensation of friction and weight, in `running`
   double rate_Hz = 1000;
 };
@@ -67,11 +70,10 @@ struct LoopModel {
 /// State of the loop that is kept between ticks. The force law keeps its own state (force_law.h).
 struct LoopState {
   Pose T_device_plate;  ///< pose of the last tick whose checks passed
-  VelocityWindow window;
-  /// The earlier pose from which velocities are computed. If PreviousPose::ago_s is 0, no earlier
-  /// pose was chosen, and the pose of the last new reading is used instead.
-  PreviousPose previous;
+  EstimatedPose estimate;
+  double estimate_interval_s = 0;  ///< contract 6; 0: the pose of this tick is not new
   SpeedState speed;
+  GuardState guard;
   PassivityState passivity;
   BreakDamperState break_damper;
   BreakThroughState break_through;
@@ -114,6 +116,7 @@ struct TickResult {
   std::int64_t device_ns = 0, law_ns = 0;
   bool end_of_data = false;          ///< the replayed recording has ended, so there is no row
   Fault new_fault = Fault::kNone;    ///< fault latched in this tick
+  bool guard_acted = false;          ///< the guard begins to soften the force further
   bool recovery_is_refused = false;  ///< RecoveryAnswer::kRefused
   bool torques_are_zero = false;     ///< the ramp after a fault has ended, so the force is zero
 };

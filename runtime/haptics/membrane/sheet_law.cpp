@@ -340,7 +340,6 @@ FaultDetail SheetLaw::update(const ForceLawInput& input, ContactOutput& output) 
                                  ? move_proxy(coupling_options_, input.pose_interval_s,
                                               input.T_device_plate, coupling_, input.previous)
                                  : input.T_device_plate;
-  proxy_shift_m_ = coupling_.offset_m;  // coupling_wrench() may let the proxy jump afterwards
   const PreviousPose previous =
       is_coupled ? previous_proxy(input.pose_interval_s, input.previous, coupling_)
                  : input.previous;
@@ -348,6 +347,7 @@ FaultDetail SheetLaw::update(const ForceLawInput& input, ContactOutput& output) 
                  contact_, output, previous);
   output.T_device_evaluated = T_device_tool;
   if (output.not_upright || output.backlog) return {};
+  tip_m_ = output.tip_device_m;
   if (output.punctured_now && last_active_sheet_ == output.cut.sheet)
     output.force_before_N = last_force_N_;
   last_force_N_ = output.force_N;
@@ -372,15 +372,13 @@ FaultDetail SheetLaw::update(const ForceLawInput& input, ContactOutput& output) 
 void SheetLaw::reset_motion() noexcept {
   runtime::reset_motion(contact_);
   coupling_ = {};
-  proxy_shift_m_.setZero();
+  tip_m_.reset();
   last_force_N_ = 0;
   last_active_sheet_ = -1;
 }
 
 void SheetLaw::finish_tick(RecordingRow& row) noexcept {
-  if (!coupling_options_.on) return;
-  for (int i = 0; i < 3; ++i)
-    row.tool_m[static_cast<std::size_t>(i)] += proxy_shift_m_[i];
+  if (tip_m_) row.tool_m = {tip_m_->x(), tip_m_->y(), tip_m_->z()};
 }
 
 double SheetLaw::retract_distance_m(std::span<const Sheet* const> sheets,
@@ -399,7 +397,8 @@ double SheetLaw::retract_distance_m(std::span<const Sheet* const> sheets,
 std::string NetworkLaw::describe() const {
   return text_line("force law  network, solver %s, reach %.3g mm\n",
                    kSolverNames.at(static_cast<std::size_t>(law_.solver)),
-                   law_.decay_length_m * 1e3);
+                   law_.decay_length_m * 1e3) +
+         runtime::describe(design());
 }
 
 std::string NetworkLaw::describe_sheet(std::size_t index, const Sheet& sheet,
@@ -434,12 +433,49 @@ SummarySection NetworkLaw::summary() const {
   return {"network", json_text(section)};
 }
 
+Result<ContactDesign> design_sheets(const ForceLawSetup& setup) {
+  const Tool tool = make_tool(setup.scene.tool);
+  double along_N_per_m = 0, across_N_per_m = 0, friction_N_per_m = 0, damping_N_s_per_m = 0,
+         viscous_N_s_per_m = 0;
+  for (const Sheet* sheet : setup.sheets) {
+    const Tissue& tissue = sheet->tissue;
+    along_N_per_m = std::max(along_N_per_m, tissue.stiffness_N_per_m + friction_N_per_m);
+    friction_N_per_m += tissue.shaft.dry_friction_N / tissue.shaft.presliding_m;
+    across_N_per_m += tissue.shaft.rim_stiffness_N_per_m;
+    damping_N_s_per_m = std::max(damping_N_s_per_m, tissue.damping_N_s_per_m + viscous_N_s_per_m);
+    viscous_N_s_per_m += tissue.shaft.viscous_friction_N_s_per_m;
+  }
+  damping_N_s_per_m = std::max(damping_N_s_per_m, viscous_N_s_per_m);
+  along_N_per_m = std::max(along_N_per_m, friction_N_per_m);
+  const CouplingOptions& coupling = setup.coupling;
+  const auto rendered = [&](double K) {
+    const double limited = coupling.on && K > 0
+                               ? K * coupling.stiffness_N_per_m / (K + coupling.stiffness_N_per_m)
+                               : K;
+    return setup.scene.force_law.force_scale * limited;
+  };
+  if (coupling.on) damping_N_s_per_m += coupling.damping_N_s_per_m;
+  const double length2_m2 = tool.tip_plate_m.squaredNorm(),
+               aside2_m2 = tool.tip_plate_m.cross(tool.axis_plate).squaredNorm();
+  const RenderedStiffness stiffness{
+      std::max(rendered(along_N_per_m), rendered(across_N_per_m)),
+      rendered(along_N_per_m) * aside2_m2 + rendered(across_N_per_m) * length2_m2,
+      setup.scene.force_law.force_scale * damping_N_s_per_m, std::sqrt(aside2_m2)};
+  const Pose T_device_plate = over_anchor(*setup.sheets.front(), tool);
+  return design_contact(setup.device, plate_axes(setup.device, T_device_plate), setup.timing(),
+                        stiffness, setup.stiffness);
+}
+
 Result<std::unique_ptr<ForceLaw>> make_hooke_law(const ForceLawSetup& setup) {
-  return std::unique_ptr<ForceLaw>(std::make_unique<SheetLaw>(contact_model(setup), setup.coupling,
-                                                              setup.scene.force_law.force_scale));
+  const Result<ContactDesign> design = design_sheets(setup);
+  if (!design) return design.error();
+  return std::unique_ptr<ForceLaw>(std::make_unique<SheetLaw>(
+      contact_model(setup), setup.coupling, setup.scene.force_law.force_scale, *design));
 }
 
 Result<std::unique_ptr<ForceLaw>> make_network_law(const ForceLawSetup& setup) {
+  const Result<ContactDesign> design = design_sheets(setup);
+  if (!design) return design.error();
   std::vector<Tissue> tissues;
   for (const Sheet* sheet : setup.sheets)
     tissues.push_back(sheet->tissue);
@@ -449,7 +485,7 @@ Result<std::unique_ptr<ForceLaw>> make_network_law(const ForceLawSetup& setup) {
   ContactModel model = contact_model(setup);
   model.uses_prefetched_stiffness = true;
   return std::unique_ptr<ForceLaw>(std::make_unique<NetworkLaw>(
-      model, setup.coupling, setup.scene.force_law, std::move(*prefetch)));
+      model, setup.coupling, setup.scene.force_law, std::move(*prefetch), *design));
 }
 
 }  // namespace trocar::runtime

@@ -14,6 +14,7 @@
 
 #include "formats/base/result.h"
 #include "formats/session/scene.h"
+#include "runtime/haptics/contact_design.h"
 #include "runtime/haptics/force_law.h"
 #include "runtime/haptics/membrane/region.h"
 #include "runtime/realtime/histogram.h"
@@ -170,25 +171,35 @@ class NetworkPrefetch final : public PrefetchWorker {
 // laws are the same: runtime/haptics/puncture.h defines contact and puncture, and a virtual
 // coupling (runtime/haptics/virtual_coupling.h) can connect the tool to the plate.
 
+/// The rule for stiffness on the stiffest contact that the sheets can give: the stiffest sheet,
+/// with the dry friction and the rims of the holes in all sheets above it, in series with the
+/// coupling. Errors: those of design_contact().
+Result<ContactDesign> design_sheets(const ForceLawSetup& setup);
+
 /// The force law `hooke`, and the common part of `hooke` and `network`.
 class SheetLaw : public ForceLaw {
  public:
   /// `force_scale`: SceneForceLaw::force_scale.
   explicit SheetLaw(const ContactModel& model, const CouplingOptions& coupling = {},
-                    double force_scale = 1)
-      : model_(model), coupling_options_(coupling), force_scale_(force_scale) {}
+                    double force_scale = 1, const ContactDesign& design = {})
+      : model_(model), coupling_options_(coupling), force_scale_(force_scale), design_(design) {}
 
   FaultDetail update(const ForceLawInput& input, ContactOutput& output) noexcept override;
   void reset_motion() noexcept override;
   void finish_tick(RecordingRow& row) noexcept override;
   double retract_distance_m(std::span<const Sheet* const> sheets,
                             const Pose& T_device_plate) const noexcept override;
-  std::string describe() const override { return "force law  hooke\n"; }
+  std::string describe() const override {
+    return "force law  hooke\n" + runtime::describe(design_);
+  }
+  PoseEstimator estimator() const noexcept override { return design_.estimator; }
+  std::string contact_warning() const override { return runtime::contact_warning(design_); }
   TipForce tip_force(std::size_t /*index*/, const Sheet& sheet) const override {
     return {sheet.tissue.stiffness_N_per_m, sheet.tissue.threshold_N, force_scale_};
   }
 
   ContactModel& model() noexcept { return model_; }
+  const ContactDesign& design() const noexcept { return design_; }
   CouplingOptions& coupling_options() noexcept { return coupling_options_; }
   ContactState& contact() noexcept { return contact_; }
   const ContactState& contact() const noexcept { return contact_; }
@@ -197,11 +208,11 @@ class SheetLaw : public ForceLaw {
   ContactModel model_;
   CouplingOptions coupling_options_;
   double force_scale_;
+  ContactDesign design_;
   ContactState contact_;
   CouplingState coupling_;
-  /// Position of the proxy minus that of the tool on the plate, in the contact of the last update();
-  /// zero after reset_motion().
-  Eigen::Vector3d proxy_shift_m_ = Eigen::Vector3d::Zero();
+  /// Tip on which the tissue acted in the last update(); nullopt after reset_motion().
+  std::optional<Eigen::Vector3d> tip_m_;
   double last_force_N_ = 0;              ///< tip force in the previous tick
   std::int32_t last_active_sheet_ = -1;  ///< index of the sheet that exerted last_force_N_
 };
@@ -210,8 +221,10 @@ class SheetLaw : public ForceLaw {
 class NetworkLaw final : public SheetLaw {
  public:
   NetworkLaw(const ContactModel& model, const CouplingOptions& coupling, const SceneForceLaw& law,
-             std::unique_ptr<NetworkPrefetch> prefetch)
-      : SheetLaw(model, coupling, law.force_scale), law_(law), prefetch_(std::move(prefetch)) {}
+             std::unique_ptr<NetworkPrefetch> prefetch, const ContactDesign& design = {})
+      : SheetLaw(model, coupling, law.force_scale, design),
+        law_(law),
+        prefetch_(std::move(prefetch)) {}
 
   PrefetchWorker* prefetch_worker() noexcept override { return prefetch_.get(); }
   std::string describe() const override;
@@ -224,9 +237,9 @@ class NetworkLaw final : public SheetLaw {
   std::unique_ptr<NetworkPrefetch> prefetch_;
 };
 
+/// Errors of both: those of design_sheets(); of the second, those of NetworkPrefetch::make().
 Result<std::unique_ptr<ForceLaw>> make_hooke_law(const ForceLawSetup& setup);
 
-/// Errors: those of NetworkPrefetch::make().
 Result<std::unique_ptr<ForceLaw>> make_network_law(const ForceLawSetup& setup);
 
 }  // namespace trocar::runtime

@@ -128,7 +128,6 @@ TEST(Scene, EveryFieldOfTheCuttingLawIsRead) {
   EXPECT_EQ(law.axis, ToolAxis::kCoupled);
   EXPECT_EQ(law.coupling_N_per_m, 8000);
   EXPECT_EQ(law.coupling_Nm_per_rad, 30);
-  EXPECT_EQ(law.prediction, PosePrediction::kOff);
   EXPECT_EQ(law.force_scale, 0.25);
 }
 
@@ -144,7 +143,6 @@ TEST(Scene, TheCuttingLawHasItsDefaults) {
   EXPECT_EQ(read->force_law.coupling_N_per_m, 0) << "as stiff as the device holds";
   EXPECT_EQ(read->force_law.coupling_Nm_per_rad, 0);
   EXPECT_EQ(read->force_law.tip_hold, 0.25);
-  EXPECT_EQ(read->force_law.prediction, PosePrediction::kAuto);
   EXPECT_EQ(read->force_law.force_scale, 1);
   const CutTissue& cut = *read->tissue.cut;
   EXPECT_EQ(*cut.bone, (BoneByHu{"kopperdahl-power", "qct", 8e-4, 0, false}))
@@ -179,13 +177,6 @@ TEST(Scene, EveryChoiceOfTheCuttingLawIsRead) {
   EXPECT_EQ(axis("auto"), ToolAxis::kAuto);
   EXPECT_EQ(axis("rigid"), ToolAxis::kRigid);
   EXPECT_EQ(axis("coupled"), ToolAxis::kCoupled);
-  const auto prediction = [&](const char* name) {
-    scene["force_law"]["prediction"] = name;
-    return parse(scene)->force_law.prediction;
-  };
-  EXPECT_EQ(prediction("auto"), PosePrediction::kAuto);
-  EXPECT_EQ(prediction("on"), PosePrediction::kOn);
-  EXPECT_EQ(prediction("off"), PosePrediction::kOff);
   for (const char* other : {"hooke", "network"}) {
     json mixed = smallest();
     mixed["force_law"] = {{"kind", other}, {"tip_hold", 0.5}};

@@ -14,6 +14,7 @@
 
 #include "runtime/device/four_legs/four_legs.h"
 #include "runtime/device/pose/pose_hand.h"
+#include "runtime/device/simulated/simulated_device.h"
 #include "tests/support/uniform.h"
 
 namespace trocar::runtime {
@@ -34,7 +35,7 @@ DeviceTrial good_trial() {
     trial.link->round_trip.add(kMs / 2);
     trial.link->packets->counts.add(LinkRefusal::kNone);
   }
-  trial.position_noise_m = 2e-6;
+  trial.position_noise_m = 1e-6;
   return trial;
 }
 
@@ -82,8 +83,7 @@ TEST(DeviceVerdict, NamesEachTroubleAndNoOther) {
        }},
       {"2.0 % of the device's states were lost",
        [](DeviceTrial& t) { t.link->packets->states_missed = 102; }},
-      {"trembles by 0.05 mm at rest, which is 0.5 N",
-       [](DeviceTrial& t) { t.position_noise_m = 5e-5; }},
+      {"the position trembles by 50 um at rest", [](DeviceTrial& t) { t.position_noise_m = 5e-5; }},
       {"joint_limit", [](DeviceTrial& t) { t.fault = Fault::kJointLimit; }},
       {"in 7 ticks", [](DeviceTrial& t) { t.lost_ticks = 7; }},
   };
@@ -223,6 +223,92 @@ class StillDevice final : public Device {
   double t_s_ = 0;
   int ticks_ = 0;
 };
+
+// The answers of simulated devices whose description is known.
+TEST(DeviceResponse, IsThatOfTheSimulatedDevice) {
+  for (const double delay_s : {0.0, 1e-3, 3e-3}) {
+    for (const double coulomb_N : {0.0, 0.1}) {
+      PoseDeviceDescription device;
+      device.name = "arm";
+      device.force_max_N = 5;
+      device.mass_kg = 0.3;
+      device.damping_N_s_per_m = 1.5;
+      device.coulomb_friction_N = coulomb_N;
+      device.position_resolution_m = 5e-6;
+      device.position_noise_m = 2e-6;
+      device.delay_s = delay_s;
+      device.workspace_min_m = {-0.1, -0.1, -0.1};
+      device.workspace_max_m = {0.1, 0.1, 0.1};
+      auto made = SimulatedPoseDevice::make(device, PoseFrame(device, Pose{}), HandTrajectory{},
+                                            HandImpedance{}, Pose{});
+      ASSERT_TRUE(made) << made.error().message;
+      PoseHand hand(device, PoseFrame(device, Pose{}), *made);
+      ResponsePush push(1, 1e-3);
+      double t_s = 0, scale = 0, last_m = 0;
+      while (!push.is_done()) {
+        PlatePose pose;
+        ASSERT_EQ(hand.read(t_s), DeviceStatus::kOk);
+        ASSERT_EQ(hand.find_pose({}, pose), Fault::kNone);
+        last_m = pose.T_device_plate.p_m.x();
+        ASSERT_LE(std::abs(last_m), 2 * ResponsePush::kFarthest_m);
+        RenderInput input;
+        input.wanted[0] = push.take(last_m);
+        ASSERT_LE(std::abs(input.wanted[0]), 1);
+        ASSERT_EQ(hand.render(input, scale), Fault::kNone);
+        hand.write();
+        hand.advance(1e-3);
+      }
+      const auto found = fit_response(push.samples());
+      ASSERT_TRUE(found);
+      EXPECT_NEAR(found->mass_kg, 0.3, 0.01);
+      EXPECT_NEAR(found->damping_N_s_per_m, 1.5, 0.15);
+      EXPECT_NEAR(found->coulomb_N, coulomb_N, 0.02);
+      EXPECT_NEAR(found->delay_s, delay_s, 1e-4);
+      EXPECT_LT(found->misfit_m, 2e-5);
+    }
+  }
+}
+
+// A device without friction would coast away.
+TEST(DeviceResponse, TheFreestDeviceStaysNearAndIsBraked) {
+  for (const double mass_kg : {0.1, 0.3, 1.2}) {
+    for (const double force_N : {1.0, 5.0}) {
+      for (const double damping : {0.0, 1.0}) {
+        ResponsePush push(force_N, 1e-3);
+        double x_m = 0, v_m_per_s = 0, most_m_per_s = 0;
+        while (!push.is_done()) {
+          const double force_now_N = push.take(x_m);
+          v_m_per_s += 1e-3 * (force_now_N - damping * v_m_per_s) / mass_kg;
+          x_m += 1e-3 * v_m_per_s;
+          most_m_per_s = std::max(most_m_per_s, std::abs(v_m_per_s));
+          ASSERT_LE(std::abs(x_m), ResponsePush::kFarthest_m) << mass_kg << " " << force_N;
+        }
+        EXPECT_LT(std::abs(v_m_per_s), 0.35 * most_m_per_s)
+            << mass_kg << " " << force_N << " " << damping;
+      }
+    }
+  }
+}
+
+TEST(DeviceResponse, NoMotionIsNoAnswer) {
+  ResponsePush push(1, 1e-3);
+  while (!push.is_done())
+    push.take(0.01);
+  EXPECT_FALSE(fit_response(push.samples()));
+}
+
+TEST(DeviceVerdict, ADelayThatIsStatedTooShortIsATrouble) {
+  DeviceTrial trial = good_trial();
+  trial.was_pushed = true;
+  expect_has(trouble_of(trial), "let go of the handle");
+  trial.response = DeviceResponse{0.35, 1.9, 0, 2e-4, 1e-6};
+  EXPECT_EQ(trouble_of(trial), "");
+  trial.response->delay_s = 2e-3;
+  expect_has(trouble_of(trial), "\"delay_s\": 0.0020");
+  DeviceDescription honest = default_device_description();
+  honest.delay_s = 2e-3;
+  EXPECT_EQ(trouble_of(trial, {}, FourLegsSpecification(honest)), "");
+}
 
 TEST(DeviceTrial, CommandsNoForceAndCountsWhatTheDeviceSends) {
   const DeviceDescription description = default_device_description();

@@ -71,7 +71,6 @@ TEST(ForceLawTable, MakesTheShippedLaws) {
     const std::string name = kForceLaws.at(i).name;
     EXPECT_EQ((*law)->describe().rfind("force law  " + name, 0), 0U) << (*law)->describe();
     EXPECT_EQ((*law)->prefetch_worker() != nullptr, name == "network");
-    EXPECT_EQ((*law)->is_passive(), name == "cutting");
     EXPECT_EQ((*law)->retract_distance_m(placed.sheets, Pose{}), 0);
   }
 }

@@ -56,7 +56,7 @@ TEST(RunOptions, AreThoseOfTheSession) {
   ASSERT_TRUE(options) << options.error().message;
   EXPECT_EQ(options->clock, Clock::kVirtual);
   EXPECT_EQ(options->recovery, RecoveryPolicy::kOnRequest);
-  EXPECT_FALSE(options->passivity.on || options->compensation.friction);
+  EXPECT_FALSE(options->guards || options->compensation.friction);
   EXPECT_TRUE(options->compensation.gravity && options->counts_xray);
   EXPECT_EQ(options->limits.energy_limit_J, 0.2);
   EXPECT_EQ(options->stiffness.max_N_per_m, 500);

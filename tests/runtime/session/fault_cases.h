@@ -123,7 +123,7 @@ inline std::vector<FaultCase> cases() {
       {"energy_limit", Fault::kEnergyLimit,
        [](Generator& random, Options& options, MechanismLimits&) {
          options.limits.energy_limit_J = 2e-5 * (1 + uniform(random));
-         options.passivity.on = false;
+         options.guards = false;
          return Injection{};
        },
        0, false, false},

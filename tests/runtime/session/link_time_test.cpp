@@ -12,6 +12,7 @@
 #include <vector>
 
 #include "runtime/device/four_legs/four_legs.h"
+#include "runtime/haptics/contact_design.h"
 #include "runtime/haptics/loop/haptic_loop.h"
 #include "runtime/session/open_device.h"
 #include "runtime/session/session.h"
@@ -99,17 +100,26 @@ DeviceDescription description_with(int counts) {
   return device;
 }
 
-LoopModel loop_model(const Scene& scene) {
+/// The loop with the estimator that a session would have.
+LoopModel loop_model(const Scene& scene, int counts = 0) {
   LoopModel model;
   model.tool = make_tool(scene.tool);
   model.rate_Hz = kRate_Hz;
-  model.passivity.on = false;  // its damping would come on top
+  model.guards = false;  // its damping would come on top
+  const FourLegsSpecification specification(description_with(counts));
+  Pose T_device_plate;
+  T_device_plate.p_m.z() = kSheet_m;
+  model.estimator =
+      design_contact(specification, plate_axes(specification, T_device_plate), {1 / kRate_Hz, 0},
+                     {.translation_N_per_m = scene.tissue.stiffness_N_per_m,
+                      .damping_N_s_per_m = scene.tissue.damping_N_s_per_m})
+          ->estimator;
   return model;
 }
 
 /// Runs the hand's path and compares what is rendered with the truth at the state used.
 FeltThroughLink feel(const Scene& scene, const test::DelayedLinkOptions& link, int counts = 0) {
-  const LoopModel model = loop_model(scene);
+  const LoopModel model = loop_model(scene, counts);
   const DeviceDescription description = description_with(counts);
   const Sheets sheets(scene);
   test::DelayedLink device(link, std::move(*make_simulated_device(scene, description)));
@@ -195,7 +205,7 @@ TEST(LinkTime, ASessionOverABadLinkReplaysToTheLastBit) {
   const FeltThroughLink felt = feel(scene, bad_link(3), 20'000);
   ReplayDevice recorded(felt.rows);
   FourLegs replay(description_with(20'000), recorded);
-  const LoopModel model = loop_model(scene);
+  const LoopModel model = loop_model(scene, 20'000);
   const Sheets sheets(scene);
   LoopState state;
   SheetLaw law = test::hooke_law(model);

@@ -78,6 +78,7 @@ struct Settings {
   std::vector<Keyframe> path;
   std::string log;
   std::vector<Fault> faults;
+  Readings readings;
   std::string error;  ///< names the setting that cannot be read; empty if there is none
 };
 
@@ -90,7 +91,7 @@ std::string variable(const char* name) {
 std::string environment() {
   std::string all;
   for (const char* const name : {"TROCAR_DHD_MODEL", "TROCAR_DHD_PATH", "TROCAR_DHD_LOG",
-                                 "TROCAR_DHD_FAULT", "TROCAR_DHD_SERIALS"}) {
+                                 "TROCAR_DHD_FAULT", "TROCAR_DHD_SERIALS", "TROCAR_DHD_READINGS"}) {
     all += variable(name) + "\n";
   }
   return all;
@@ -117,6 +118,8 @@ Settings read_settings() {
       settings.serials.push_back(*serial);
       text = rest;
     }
+    if (const std::string readings = variable("TROCAR_DHD_READINGS"); !readings.empty())
+      settings.readings = Readings(readings);
     settings.faults = parse_faults(variable("TROCAR_DHD_FAULT"), kFaultKinds);
   } catch (const std::exception& error) {
     settings.error = error.what();
@@ -267,7 +270,7 @@ struct Pose {
 Pose measure(bool is_same) {
   device.move();
   if (!is_same && device.fault("frozen") == nullptr) {
-    device.last_position = device.arm.position_m();
+    device.last_position = device.settings.readings.of(device.arm.position_m());
     device.last_orientation = device.arm.orientation();
   }
   Pose pose{device.last_position, Eigen::Matrix3d::Identity()};
@@ -288,7 +291,7 @@ bool flag_of(char id, bool Settings::*flag) {
 int get(char id, double* x, double* y, double* z, double (*frame)[3]) {
   wait(false);
   if (x == nullptr || y == nullptr || z == nullptr) return fail(kErrorNull);
-  const std::lock_guard lock(mutex);
+  std::unique_lock lock(mutex);
   if (const int error = error_of(id)) return fail(error);
   if (device.fault("read_error") != nullptr) return fail(kErrorCom);
   const bool is_same = device.fault("same") != nullptr;
@@ -300,6 +303,9 @@ int get(char id, double* x, double* y, double* z, double (*frame)[3]) {
     for (int column = 0; column < 3; ++column)
       frame[row][column] = pose.frame(row, column);
   }
+  const double late_s = device.settings.readings.late_s();
+  lock.unlock();
+  if (late_s > 0) std::this_thread::sleep_for(std::chrono::duration<double>(late_s));
   return is_same ? kSameMeasurement : 0;
 }
 

@@ -229,7 +229,7 @@ struct CommandLine {
   std::uint16_t port = 10001;
   double duration_s = 1e6;
   std::optional<double> force_gate;
-  std::string grip = "none", path, faults;
+  std::string grip = "none", path, faults, readings;
 };
 
 void declare(CLI::App& app, CommandLine& line) {
@@ -254,6 +254,9 @@ void declare(CLI::App& app, CommandLine& line) {
   app.add_option("--hand-damping", service.arm.hand_damping_N_s_per_m, "N*s/m")
       ->check(CLI::Range(0.0, 1e4))
       ->capture_default_str();
+  app.add_option("--readings", line.readings,
+                 "NOISE:STEP:LATE in m, m and s: standard deviation and step of positions, and the "
+                 "longest time by which an answer is late");
   app.add_option("--log", service.log, "Write all forces to this CSV file");
   app.add_option("--summary", service.summary, "Write counts to this JSON file at the end");
   app.add_option("--fault", line.faults,
@@ -274,6 +277,7 @@ void run(CommandLine& line) {
   service.has_grip = line.grip == "verse_grip";
   service.path = {{0, {0, -0.12, 0.15}, Eigen::Vector3d::Zero(), 0}};
   if (!line.path.empty()) service.path = read_path(line.path);
+  if (!line.readings.empty()) service.readings = Readings(line.readings);
   std::vector<std::string_view> kinds;
   kinds.reserve(std::size(kFaultKinds));
   for (const auto& kind : kFaultKinds)

@@ -139,14 +139,18 @@ void Service::end_session(int session) {
   force_session_ = 0;
 }
 
-StateMessage Service::state() const {
+StateMessage Service::state() {
   StateMessage message;
   message.protocol = settings_.protocol;
   message.force_gate_gain = settings_.force_gate_gain;
   message.in_use = has_started_;
   message.has_grip = settings_.has_grip;
-  message.measured = {arm_.position_m(),   arm_.velocity_m_per_s(), applied_N_,
-                      force_session_ == 0, arm_.orientation(),      arm_.buttons()};
+  message.measured = {settings_.readings.of(arm_.position_m()),
+                      arm_.velocity_m_per_s(),
+                      applied_N_,
+                      force_session_ == 0,
+                      arm_.orientation(),
+                      arm_.buttons()};
   return message;
 }
 
@@ -168,6 +172,7 @@ Answer Service::answer(StateMessage message) {
   if (fault && fault->kind == "frozen") message.measured = shown_;
   shown_ = message.measured;
   Answer answer;
+  answer.delay_s = settings_.readings.late_s();
   if (fault) spoil_state(fault->kind, message);
   answer.bytes = text_of(message);
   if (fault) {

@@ -46,6 +46,7 @@ struct ServiceSettings {
   ArmSettings arm{0.2, 1, 300, 8};
   std::vector<Keyframe> path;
   std::vector<Fault> faults;
+  Readings readings;
   bool has_grip = false;
   double force_gate_gain = 0;
   std::string log, summary;  ///< files; empty: none
@@ -83,7 +84,7 @@ class Service {
   void advance();
   void apply(int session, const CommandMessage& message);
   void keep(const CommandMessage& message);
-  StateMessage state() const;
+  StateMessage state();
   Answer answer(StateMessage message);
   Fault* take_fault(double now_s);
 

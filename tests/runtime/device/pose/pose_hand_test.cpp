@@ -39,6 +39,7 @@ PoseDeviceDescription arm(double moment_max_Nm = 0, bool senses_rotation = true)
   device.moment_max_Nm = moment_max_Nm;
   device.senses_rotation = senses_rotation;
   device.mass_kg = 0.3;
+  device.position_resolution_m = device.rotation_resolution_rad = 0;
   device.workspace_min_m = {-0.1, -0.2, 0};
   device.workspace_max_m = {0.1, 0, 0.2};
   device.turn_rad = {0, 0, std::numbers::pi / 2};
@@ -270,35 +271,40 @@ TEST_F(PoseHandTest, RandomWrenchesNeverExceedTheDevice) {
   }
 }
 
-TEST_F(PoseHandTest, MeasuredValuesAreCountsOfTheirResolution) {
+TEST_F(PoseHandTest, ReadingsAreAsStatedOrAssumed) {
   PoseDeviceDescription device = arm();
-  device.position_resolution_m = 1e-5;
+  device.position_resolution_m.reset();
+  device.rotation_resolution_rad.reset();
+  device.position_noise_m = 2e-6;
+  device.delay_s = 1e-3;
+  const auto readings = [&] {
+    return PoseSpecification(device, PoseFrame(device, kStart)).readings();
+  };
+  EXPECT_TRUE(readings().is_assumed);
+  EXPECT_EQ(readings().resolution_m, 50e-6);
+  EXPECT_EQ(readings().noise_m, 2e-6);
+  EXPECT_EQ(readings().delay_s, 1e-3);
+  device.position_resolution_m = 0;
+  EXPECT_FALSE(readings().is_assumed) << "of positions; that of the rotation is missing";
+  EXPECT_EQ(readings().resolution_rad, 1e-3);
   device.rotation_resolution_rad = 2e-3;
-  use(device);
-  EXPECT_EQ(hand_->specification().resolution(), 1);
-  PoseReading reading;
-  reading.p_m = {1e-5, 0, 0.02};
-  EXPECT_EQ(see(reading), Fault::kNone);
-  EXPECT_NEAR(hand_->measured().value[0], 1, 1e-12);
-  EXPECT_NEAR(hand_->measured().value[2], 2000, 1e-9);
-  EXPECT_NEAR(hand_->measured().value[3], 1000, 1e-9);  // half an angle of 2 mrad is 1 mrad
-  EXPECT_EQ(hand_->measured().count, 7);
-  device.rotation_resolution_rad = 0;
-  EXPECT_EQ(PoseSpecification(device, PoseFrame(device, kStart)).resolution(), 0)
-      << "one value is exact";
+  EXPECT_FALSE(readings().is_assumed);
+  EXPECT_EQ(readings().resolution_m, 0) << "exact, as stated";
+  EXPECT_EQ(readings().resolution_rad, 2e-3);
+  device.senses_rotation = false;
+  device.rotation_resolution_rad.reset();
+  EXPECT_FALSE(readings().is_assumed);
 }
 
 TEST_F(PoseHandTest, AQuaternionThatChangesItsSignIsMeasuredAsAtRest) {
   PoseDeviceDescription device = arm();
-  device.position_resolution_m = 1e-5;
-  device.rotation_resolution_rad = 2e-3;
   use(device);
   PoseReading reading;
   reading.p_m = {0, -0.1, 0.1};
   reading.q = {-0.6, 0, 0.8, 0};
   EXPECT_EQ(see(reading), Fault::kNone);
   const Measurement first = hand_->measured();
-  EXPECT_NEAR(first.value[3], -600, 1e-9) << "the sign of the first one";
+  EXPECT_NEAR(first.value[3], -0.6, 1e-9) << "the sign of the first one";
   for (int i = 0; i < 3; ++i) {
     for (double& value : reading.q)
       value = -value;

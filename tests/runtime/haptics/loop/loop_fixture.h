@@ -13,6 +13,7 @@
 
 #include "runtime/device/four_legs/four_legs.h"
 #include "runtime/haptics/loop/haptic_loop.h"
+#include "tests/support/exact_device.h"
 #include "tests/support/sheet_fixture.h"
 #include "tests/support/sheet_law_fixture.h"
 
@@ -190,7 +191,7 @@ class LoopFixture : public testing::Test {
 
   std::vector<std::unique_ptr<const Sheet>> sheets_;
   std::vector<const Sheet*> current_;
-  DeviceDescription description_ = default_device_description();
+  DeviceDescription description_ = test::exact_device();
   MechanismLimits mechanism_;
   LoopModel model_;
   SheetLaw law_{ContactModel{}};
