@@ -251,10 +251,10 @@ RecordingKind recording_kind(const RecordingOrigin& origin);
 /// th_1_1_rad,th_1_2_rad,... (leg, joint),state,active_slice,penetration_m,wrench_scale,
 /// pose_residual_m,cuts_published,response_sheet,response_stiffness_N_per_m,response_x_m,
 /// response_y_m,fault,device_read,state_t_s,device_write,outside_fault,recovery_asked,safety,
-/// authority,passivity_J,passivity_N_s_per_m,guard
-/// (has_guard),motor_heat_max,tip_N,break_through_N, break_through_at,origin. The column origin
-/// holds to_text() of the RecordingOrigin in the first row and is empty in all other rows. With
-/// has_cutting, these columns take the place of tip_N: fx_tissue_N,...,tz_tissue_Nm,front_z_m,
+/// authority,passivity_J,passivity_N_s_per_m,motor_heat_max,tip_N,break_through_N,
+/// break_through_at,origin. The column origin holds to_text() of the RecordingOrigin in the first
+/// row and is empty in all other rows. With has_guard, the column guard follows passivity_N_s_per_m.
+/// With has_cutting, these columns take the place of tip_N: fx_tissue_N,...,tz_tissue_Nm,front_z_m,
 /// front_HU,tip_N,embedded_m,cut_J,absorbed_J,tissue_stored_J,steps. With has_xray, the column xray
 /// follows motor_heat_max. With has_pose_device, the columns device_x_m,device_y_m,device_z_m,
 /// device_qw,...,device_qz,buttons,fx_device_N,...,tz_device_Nm take the place of tau_* and th_*.

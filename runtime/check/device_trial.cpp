@@ -287,8 +287,7 @@ void add_description_troubles(const DeviceTrial& trial, const SessionOptions& op
   if (trial.was_pushed && !trial.response)
     troubles.emplace_back(
         "the device did not answer the push as a free mass with friction: let go of the handle, "
-        "keep "
-        "it off its stops, or push with more force");
+        "keep it off its stops, or push with more force");
   if (trial.response &&
       trial.response->delay_s > stated.delay_s + kTolerance_ticks / options.rate_Hz)
     troubles.push_back(text_line(

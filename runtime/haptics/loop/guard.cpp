@@ -11,7 +11,7 @@ namespace {
 
 constexpr double kHalfCycle_s = 0.5 / kGuardFrom_Hz;
 
-/// Returns true if the axis has oscillated for kHalfCycles half-cycles (law 1).
+/// Returns true if the axis has oscillated for kGuardHalfCycles half-cycles (law 1).
 bool oscillates(double speed, double band, double way, bool touches, double interval_s,
                 GuardState::Axis& axis) noexcept {
   axis.since_s += interval_s;
